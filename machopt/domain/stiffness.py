@@ -42,6 +42,7 @@ class Discrepancy:
 
     They are ``shift`` off the file's numbers (zero for what is not in it) in the mean, and scatter about that with the
     covariance Σ mᵀ m over ``modes``. Joints are among them: where this stands, it says all that ``covariance`` says.
+    ``counted``: what is predicted counts ``shift`` in; otherwise it is the file's numbers alone, which are off by it.
     """
 
     parts: tuple[str, ...]  # K names
@@ -52,6 +53,7 @@ class Discrepancy:
     noise: float  # m a coordinate, what replicates and statements make of it
     misfit: bool = True  # readings show that something is missing
     local: float = 0.0  # m/N, 1 sigma of a coordinate's compliance that each pose has for itself beside all that
+    counted: bool = True
 
 
 @dataclass(frozen=True)

@@ -38,6 +38,9 @@ class _Discrepancy(Strict):
     noise_mm: float = Field(ge=0, description="what replicates make of it")
     misfit: bool = Field(description="true: the readings show that something is missing")
     local_m_per_N: float = Field(default=0.0, ge=0, description="1 sigma of a compliance that is one pose's own")
+    counted: bool = Field(
+        default=True, description="predictions count shift in; false: they are of the file's own numbers, which are off"
+    )
     torques_Nm: list[float] = Field(min_length=6, max_length=6, description="the joints' typical torque in the tests")
     parts: list[str] = Field(min_length=1, description="what may be otherwise, or be missing: joint 1, base rz, …")
     shift: list[float] = Field(min_length=1, description="by how much, in the mean; SI, one number a part")
@@ -122,6 +125,7 @@ def _doubt(d: Discrepancy) -> dict[str, object]:
         "noise_mm": float(f"{1e3 * d.noise:.5g}"),
         "misfit": d.misfit,
         "local_m_per_N": float(f"{d.local:.5g}"),
+        "counted": d.counted,
         "torques_Nm": short(d.torque),
         "parts": list(d.parts),
         "shift": short(d.shift),
@@ -149,6 +153,7 @@ def _discrepancy(document: Document, given: _Discrepancy) -> Discrepancy:
         given.noise_mm / 1e3,
         given.misfit,
         given.local_m_per_N,
+        given.counted,
     )
 
 

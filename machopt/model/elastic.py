@@ -22,6 +22,7 @@ from machopt.errors import InputError
 from machopt.model.gravity import gravity_torque
 from machopt.model.kinetostatic import geometric_stiffness
 from machopt.model.robot import ArmState, Masses, Robot
+from machopt.model.shifted import Shift
 from machopt.model.terms.against import Against, against_load, within_reach
 from machopt.model.terms.base import LinearTerm
 from machopt.model.terms.body import BodySpring
@@ -30,6 +31,7 @@ from machopt.model.terms.compiled import compile_terms
 from machopt.model.terms.joint import JointTerm
 
 TOOL = 6  # the body that also carries the tool, whose mass is known without those of the links
+LEAST = 0.1  # of a compliance that stays, however stiff the readings say the arm is where none was taken
 FACE_TOLERANCE = 1e-6  # m; a TCP this near a face, edge or corner of the grid belongs to all its cells
 
 
@@ -132,7 +134,7 @@ class Elastic:
 
     state: ArmState  # with bodies where there are terms
     k: Array  # (M, 6) N·m/rad; with a gravity compensator, gear and spring together
-    terms: tuple[LinearTerm, ...] = ()  # with their values; body springs as one matrix; a compensator is in k
+    terms: tuple[LinearTerm | Shift, ...] = ()  # with values; body springs as one matrix; a compensator is in k
     geometric: bool = False  # count K_C of the load itself (dumas2011 eqs. 8–10)
     weight: Array | None = None  # (M, 6) N·m, torque of links and tool at the joints; None: zero
     gears: Array | None = None  # (M, 6) N·m/rad of the gears alone where a spring stands beside one; None: k
@@ -167,7 +169,8 @@ class Elastic:
         bare = directional_compliance(self.state.J, self.k, direction)
         for term in self.terms:
             twist = self.twist_of(term, _as_wrench(direction), small=True)
-            bare = bare + np.einsum("...c,...c->...", twist[..., :3], direction)
+            more = np.einsum("...c,...c->...", twist[..., :3], direction)
+            bare = np.maximum(bare + more, LEAST * bare) if isinstance(term, Shift) else bare + more
         return np.asarray(bare)
 
     def compliance(self) -> Array:
@@ -231,11 +234,13 @@ class Elastic:
         on_e, on_Se, on_SSe, on_SSSe = (np.einsum("...ci,...c->...i", turned, v) for v in (direction, Se, SSe, SSSe))
         return np.asarray(0.5 * size**-1.5 * (on_SSe * on_Se + on_SSSe * on_e))
 
-    def twist_of(self, term: LinearTerm, wrench: Array, *, small: bool = False) -> Array:
+    def twist_of(self, term: LinearTerm | Shift, wrench: Array, *, small: bool = False) -> Array:
         """Twist (M, 6) in m and rad that one of the terms adds under a wrench (M, 6) in N and N·m on top of weight.
 
         ``small``: as if the wrench were so small that the tangent under weight holds.
         """
+        if isinstance(term, Shift):
+            return term.twist(self.state, self.k if self.gears is None else self.gears, wrench, small=small)
         if not isinstance(term, JointTerm):
             return np.asarray(term.response(self.state, wrench) @ term.values)
         law = term.small if small else term.response
@@ -251,6 +256,7 @@ class ArmElasticity:
         limits: lower and upper (6,) rad, where springs that change with their angle must hold; None: at any angle.
         masses: of links and tool, for terms that depend on the whole torque of a joint; None: weight counts as zero.
             ``warnings`` says so where it matters.
+        counted: what the file's readings show beyond it counts, in the mean, where the file has it so.
 
     Raises:
         InputError: a term of the stiffness that does not exist, does not fit the arm or gives way against the load.
@@ -263,6 +269,8 @@ class ArmElasticity:
         stiffness: Stiffness,
         limits: tuple[Array, Array] | None = None,
         masses: Masses | None = None,
+        *,
+        counted: bool = False,
     ) -> None:
         self.robot, self.T_flange_tcp, self.stiffness = robot, T_flange_tcp, stiffness
         file = stiffness.file
@@ -285,9 +293,14 @@ class ArmElasticity:
         if wrong is not None:
             raise InputError(wrong.said, file=file, where="terms")
         self.terms = tuple(replace(t, gear=self._gears) if isinstance(t, GravityCompensator) else t for t in compiled)
-        self._known = tuple(
+        self._known: tuple[LinearTerm | Shift, ...] = tuple(
             t.folded() if isinstance(t, BodySpring) else t for t in self.terms if not isinstance(t, GravityCompensator)
         )
+        self.shift: Shift | None = None
+        found = stiffness.discrepancy
+        if counted and found is not None and found.counted:
+            self.shift = Shift.of(found, robot, T_flange_tcp, self.terms, masses)
+            self._known = (*self._known, self.shift)
         self._balancers = tuple(t for t in self.terms if isinstance(t, GravityCompensator))
         weighed = [t for t in self.terms if isinstance(t, JointTerm) and t.weighs]
         self.masses = masses
@@ -302,7 +315,7 @@ class ArmElasticity:
 
     def at(self, q: Array, k: Array | None = None) -> Elastic:
         """Elasticity at configurations q (M, 6) rad; ``k`` (M, 6) saves looking the joint stiffness up again."""
-        state = self.robot.state(q, self.T_flange_tcp, bodies=bool(self.terms))
+        state = self.robot.state(q, self.T_flange_tcp, bodies=bool(self.terms or self._known))
         if k is None:
             k = self._gears(state)
         weight = None if self._masses is None else gravity_torque(self.robot, self._masses, state)[0]

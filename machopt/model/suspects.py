@@ -146,7 +146,7 @@ class Suspects:
         """(M, 6) twist of the TCP where one body gives way along or about one of its axes at q = 0."""
         if state.R_bodies is None or state.p_bodies is None:
             raise ValueError("an ArmState with bodies is needed")
-        body, at = _place(self.robot, place)
+        body, at = place_of(self.robot, place)
         R = state.R_bodies[:, body]
         r = state.T_base_tool[:, :3, 3] - state.p_bodies[:, body] - R @ at
         a = R[:, :, axis % 3]
@@ -162,12 +162,12 @@ def lever(robot: Robot, T_base_tool: Array, state: ArmState, place: str) -> floa
     """m, typical distance of the TCP from where a body gives way."""
     if state.R_bodies is None or state.p_bodies is None:
         raise ValueError("an ArmState with bodies is needed")
-    body, at = _place(robot, place)
+    body, at = place_of(robot, place)
     r = T_base_tool[:, :3, 3] - state.p_bodies[:, body] - state.R_bodies[:, body] @ at
     return float(np.sqrt(np.mean(np.sum(r**2, axis=1))))
 
 
-def _place(robot: Robot, place: str) -> tuple[int, Array]:
+def place_of(robot: Robot, place: str) -> tuple[int, Array]:
     """Body index, and where it gives way in base_link at q = 0."""
     if place == "base":
         return 0, np.zeros(3)
@@ -206,7 +206,7 @@ def scales(s: Suspects, state: ArmState, k: Array, names: Sequence[str]) -> Arra
         elif word == LOADED:
             out.append(1.0)
         else:
-            near = _place(s.robot, word)[0]
+            near = place_of(s.robot, word)[0]
             soft = float(np.mean(c[:3])) if near == 0 else float(np.mean(c[near - 1 : near + 1]))
             long = lever(s.robot, state.T_base_tool, state, word)
             out.append(soft if rest in TURNS else soft * (0.3 * long) ** 2)

@@ -1,5 +1,7 @@
 """What the file says of its own misfit (``discrepancy``), carried to a plan: how far a deflection may be from the said.
 
+Where the mean is counted in (``counted`` of the file), a number scatters about what is said, and 1 σ is that. Else:
+
 A model's errors (x, u) have mean μ and covariance Σ mᵀ m (:mod:`machopt.identify.discrepancy`). A result y changes by
 b = g·μ in the mean and scatters by s² = Σ (g·m)², g its gradient. Around the number of the model, which is off by b
 itself, the interval that holds the truth with 90 % has the half-width h with
@@ -39,7 +41,8 @@ HALVINGS = 60  # of the bracket of h
 
 @dataclass(frozen=True)
 class Doubt:
-    """Ways in which the arm may differ from its stiffness: row 0 by how much in the mean, the others 1 σ each."""
+    """Ways in which the arm may differ from its stiffness: row 0 by how much in the mean (zero where that
+    is counted in), the others 1 σ each."""
 
     suspects: Suspects
     ways: Array  # (1 + R, K)
@@ -54,7 +57,8 @@ class Doubt:
         suspects = Suspects(
             elasticity.robot, elasticity.T_flange_tcp, d.parts, d.torque, elasticity.terms, elasticity.masses
         )
-        return cls(suspects, np.concatenate([d.shift[None], d.modes]), d.local)
+        off = d.shift if elasticity.shift is None else np.zeros_like(d.shift)  # else it is counted in
+        return cls(suspects, np.concatenate([off[None], d.modes]), d.local)
 
     @classmethod
     def of_springs(cls, elasticity: ArmElasticity) -> Doubt | None:

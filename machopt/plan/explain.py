@@ -202,10 +202,15 @@ def misfit_words(plan: Plan) -> str:
     if d is None or not d.misfit:
         return ""
     times = d.left / d.noise if d.noise > 0 else np.inf
+    mean = "Gain, deflection and compensation are of the springs alone (discrepancy.counted: false)."
+    if d.counted:
+        mean = (
+            "Gain, deflection and compensation count in, in the mean, what the readings show beyond the file's springs."
+        )
     return (
         f"The stiffness leaves {1e3 * d.left:.3g} mm of the readings it comes from, {times:.1f} times their noise of "
-        f"{1e3 * d.noise:.3g} mm: physics is missing in it. Gain, deflection and compensation are only as sure as "
-        "their intervals say; machopt diagnose looks for what is missing."
+        f"{1e3 * d.noise:.3g} mm: physics is missing in it. {mean} They are only as sure as their intervals say; "
+        "machopt diagnose looks for what is missing."
     )
 
 

@@ -2,8 +2,11 @@
 
 The shift is −d of the model; the arm bends by d + δ, and δ is what the file says of its own error
 (:mod:`machopt.plan.doubt`; a covariance alone counts as that). What is left at a place is |offset + d + δ|, no linear
-function of δ, so its distribution is drawn: DRAWS sets of normal numbers, the same in every run, and the 5th and 95th
-percentile of each figure over them. Without δ the model's own figure stands there, and no interval.
+function of δ, so its distribution is drawn: DRAWS sets of normal numbers, the same in every run. An interval reaches
+from what the model itself leaves to the 95th percentile over them: δ can hardly leave less than none at all would, and
+how little it leaves at best depends on how large it may be at most, which is known less well than that it may be none.
+(Where the 5th percentile is below the model's own figure, as where that is mainly what corners leave, it stands
+there.) Without δ the model's own figure stands there, and no interval.
 """
 
 from __future__ import annotations
@@ -112,9 +115,13 @@ def _removal(label: str, left: Array, bent: Array, worst: Array) -> Removal:
     if len(left) == 1:
         return out
     share = 1.0 - left[1:] / np.maximum(bent[1:], np.finfo(float).tiny)
-    return replace(out, left90=_ninety(left[1:]), worst90=_ninety(worst[1:]), removed90=_ninety(share))
+    low, high = _ninety(-share, -out.removed)
+    return replace(
+        out, left90=_ninety(left[1:], out.left), worst90=_ninety(worst[1:], out.worst), removed90=(-high, -low)
+    )
 
 
-def _ninety(values: Array) -> Interval:
+def _ninety(values: Array, own: float) -> Interval:
+    """Of what is the better the less of it there is."""
     low, high = np.quantile(values, [0.05, 0.95])
-    return float(low), float(high)
+    return min(float(low), own), float(high)

@@ -122,7 +122,12 @@ def prepare(cell: Cell, options: PlanOptions) -> Setup:
     _refuse_tilting(cell, machine)
     arm = Arm.of(driven, solver_for(robot), machine, options)
     elasticity = ArmElasticity(
-        robot, cell.tool.T_flange_tcp, cell.stiffness, (cell.limits.lower[:6], cell.limits.upper[:6]), load_masses(cell)
+        robot,
+        cell.tool.T_flange_tcp,
+        cell.stiffness,
+        (cell.limits.lower[:6], cell.limits.upper[:6]),
+        load_masses(cell),
+        counted=True,
     )
     collision = CollisionModel(driven, robot, shapes, options.clearance) if options.collision else None
     return Setup(cell, robot, arm, elasticity, collision, correction)

@@ -42,7 +42,7 @@ def setting_of(cell: Cell, robot: Robot, options: MapOptions) -> Setting:
     lower, upper = cell.limits.lower[:6], cell.limits.upper[:6]
     elasticity = None
     if cell.stiffness is not None:
-        elasticity = ArmElasticity(robot, tool, cell.stiffness, (lower, upper), load_masses(cell))
+        elasticity = ArmElasticity(robot, tool, cell.stiffness, (lower, upper), load_masses(cell), counted=True)
     length = options.length or characteristic_length(robot, tool).length
     return Setting(robot, tool, elasticity, length, lower, upper, options.T_base_frame[:3, :3], options.load)
 

@@ -322,6 +322,9 @@ def _carrier(plan: Plan, row: int) -> str:
     for term in elasticity.terms:
         twist = elastic.twist_of(term, wrench, small=not plan.options.force.given)[0, :3]
         part[f"{term.effect.replace('_', ' ')} of {term.location.replace(':', ' ')}"] = float(direction @ twist)
+    if elasticity.shift is not None:
+        twist = elastic.twist_of(elasticity.shift, wrench, small=not plan.options.force.given)[0, :3]
+        part["what the readings show beyond the stiffness file"] = float(direction @ twist)
     most = max(part, key=lambda name: part[name])
     along = "the force" if plan.options.force.given else "the tool axis"
     return f"{most} causes {100 * part[most] / sum(part.values()):.0f} % of the deflection along {along}"

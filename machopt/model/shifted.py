@@ -1,0 +1,114 @@
+"""What readings show beyond a stiffness file, in the mean, as part of the model: the ``shift`` of its ``discrepancy``.
+
+A file whose springs leave their readings says by how much it is off in the mean (:mod:`machopt.model.suspects`,
+:mod:`machopt.identify.discrepancy`). Counted in, that mean is one more part of the elasticity: a search scores with it,
+a deflection is told with it, and the path is shifted against it. It is the sum of :class:`~machopt.model.suspects.
+Suspects`' columns, folded into a few matrices so that a search can afford it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.domain.stiffness import Discrepancy
+from machopt.model.gravity import gravity_torque
+from machopt.model.robot import ArmState, Masses, Robot
+from machopt.model.suspects import AXES, BENDS, LOADED, Suspects, place_of
+from machopt.model.terms.base import LinearTerm
+from machopt.model.terms.body import cross
+
+
+@dataclass(frozen=True)
+class Shift:
+    """The twist that a discrepancy's mean adds to a model's."""
+
+    joints: Array  # (6, 6) rad/(N·m), whatever the angles
+    cosines: Array  # (6,) rad/(N·m) times the cosine of the joint's own angle
+    sines: Array  # (6,)
+    gears: tuple[tuple[int, float, float], ...]  # joint, N·m and rad of each tanh of its torque
+    bodies: tuple[tuple[int, Array, Array], ...]  # body, place (3,) in base_link at q = 0, compliances (6,) in its axes
+    rest: Suspects  # what has no matrix: the file's terms, and what weight and load do to posture
+    by: Array  # (K,) of ``rest``
+
+    @classmethod
+    def of(
+        cls,
+        found: Discrepancy,
+        robot: Robot,
+        T_flange_tcp: Array,
+        terms: tuple[LinearTerm, ...],
+        masses: Masses | None,
+    ) -> Shift:
+        """Args: terms: of the file, with their values; masses: None where weight counts as zero."""
+        whole = Suspects(robot, T_flange_tcp, found.parts, found.torque, terms, masses)
+        joints, cosines, sines = np.zeros((6, 6)), np.zeros(6), np.zeros(6)
+        gears: list[tuple[int, float, float]] = []
+        bodies: dict[str, Array] = {}
+        rest: dict[str, float] = {}
+        for name, value in zip(found.parts, found.shift.tolist(), strict=True):
+            word, _, where = name.partition(" ")
+            if value == 0.0:
+                continue
+            if word == "joint":
+                joints[int(where) - 1, int(where) - 1] += value
+            elif word == "coupling":
+                i, j = (int(part) - 1 for part in where.split("-"))
+                joints[i, j] += value
+                joints[j, i] += value
+            elif word in ("cos", "sin"):
+                (cosines if word == "cos" else sines)[int(where) - 1] += value
+            elif word in BENDS:
+                j = int(where) - 1
+                gears.append((j, float(BENDS[word] * found.torque[j]), value))
+            elif word in ("term", LOADED):
+                rest[name] = value
+            else:
+                bodies.setdefault(word, np.zeros(6))[AXES.index(where)] += value
+        places = [(*place_of(robot, word), soft) for word, soft in bodies.items()]
+        left = replace(whole, names=tuple(rest))
+        return cls(joints, cosines, sines, tuple(gears), tuple(places), left, np.array([*rest.values()]))
+
+    def twist(self, state: ArmState, k: Array, wrench: Array, *, small: bool) -> Array:
+        """(M, 6) m and rad under wrenches (M, 6) at the TCP in base_link axes.
+
+        Args:
+            state: with bodies.
+            k: (M, 6) N·m/rad of the gears.
+            small: the tangent under weight, as for a load that is next to nothing.
+        """
+        J, q = state.J, state.q
+        load = np.einsum("mci,mc->mi", J, wrench)
+        turn = load @ self.joints + (np.cos(q) * self.cosines + np.sin(q) * self.sines) * load
+        if self.gears:
+            weight = np.zeros_like(load)
+            if self.rest.masses is not None:
+                weight = gravity_torque(self.rest.robot, self.rest.masses, state)[0]
+            for j, scale, size in self.gears:
+                before = np.tanh(weight[:, j] / scale)
+                if small:
+                    turn[:, j] += size * (1.0 - before**2) / scale * load[:, j]
+                else:
+                    turn[:, j] += size * (np.tanh((weight[:, j] + load[:, j]) / scale) - before)
+        out = np.einsum("mci,mi->mc", J, turn)
+        for body, at, soft in self.bodies:
+            out += _given(state, body, at, soft, wrench)
+        if len(self.by):
+            out += self.rest.response(state, np.broadcast_to(k, load.shape), wrench, small=small) @ self.by
+        return np.asarray(out)
+
+
+def _given(state: ArmState, body: int, at: Array, soft: Array, wrench: Array) -> Array:
+    """(M, 6) twist of the TCP where a body gives way at one place."""
+    assert state.R_bodies is not None
+    assert state.p_bodies is not None
+    R = state.R_bodies[:, body]
+    r = state.T_base_tool[:, :3, 3] - state.p_bodies[:, body] - R @ at
+    force, moment = wrench[:, :3], wrench[:, 3:] + cross(r, wrench[:, :3])
+    shift, turn = (
+        np.einsum("mij,mj->mi", R, c * np.einsum("mji,mj->mi", R, v))
+        for c, v in ((soft[:3], force), (soft[3:], moment))
+    )
+    return np.concatenate([shift + cross(turn, r), turn], axis=1)

@@ -1,0 +1,87 @@
+"""What readings show beyond a stiffness file, counted in: the same as the suspects' columns, and what a plan says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import made_up_load_tests as made
+import numpy as np
+from test_compensate import corner
+from test_path import toolpath as made_path
+from test_pipeline import FORCE, FREE, K, small_job
+
+from machopt.domain.stiffness import Discrepancy, Stiffness, Term
+from machopt.formats.stiffness import load_stiffness, write_stiffness
+from machopt.model.elastic import ArmElasticity
+from machopt.model.robot import Masses
+from machopt.model.suspects import LOADED, elastic_names, gear_names
+from machopt.plan.compensate import residual
+from machopt.plan.doubt import Doubt
+from machopt.plan.explain import misfit_words
+from machopt.plan.refine import compensate
+
+LINK = Term("link_compliance", "link:2", {"EI_Nm2": 2e6, "GJ_Nm2": 1e6})
+MASSES = Masses(np.array([2, 3, 6]), np.array([80.0, 60.0, 20.0]), np.full((3, 3), 0.2), np.array([0.0, 0.0, -9.8]))
+NAMES = (*(f"joint {j}" for j in range(1, 7)), "term 0 0", "term 0 1", *elastic_names(), *gear_names(), LOADED)
+
+
+def doubt(*, counted: bool = True) -> Discrepancy:
+    """A little of everything."""
+    rng = np.random.default_rng(3)
+    size = np.where([n.split(" ")[0] in ("play", "knee") for n in NAMES], 1e-4, 3e-8)
+    size[[" x" in n or " y" in n or " z" in n for n in NAMES]] = 1e-9
+    size[-1] = 0.7
+    shift = size * rng.uniform(-1.0, 1.0, len(NAMES))
+    return Discrepancy(NAMES, np.full(6, 400.0), shift, 0.1 * size[None], 3e-4, 3e-5, counted=counted)
+
+
+def test_the_shift_is_the_sum_of_the_suspects_columns() -> None:
+    _, robot, T = made.cell()
+    rng = np.random.default_rng(5)
+    q, w = made.CENTRE + rng.normal(0, 0.4, (7, 6)), np.hstack([rng.normal(0, 500, (7, 3)), rng.normal(0, 50, (7, 3))])
+    stiffness = Stiffness(made.TRUE_K, terms=(LINK,), discrepancy=doubt())
+    alone = ArmElasticity(robot, T, stiffness, masses=MASSES)
+    counted = ArmElasticity(robot, T, stiffness, masses=MASSES, counted=True)
+    suspects = Doubt.of(alone)
+    assert suspects is not None
+    state, k = robot.state(q, T, bodies=True), np.tile(made.TRUE_K, (7, 1))
+    more = suspects.suspects.response(state, k, w) @ doubt().shift
+    np.testing.assert_allclose(counted.at(q).respond(w) - alone.at(q).respond(w), more, rtol=1e-9, atol=1e-14)
+    small = suspects.suspects.response(state, k, w, small=True) @ doubt().shift
+    C = counted.at(q).compliance() - alone.at(q).compliance()
+    np.testing.assert_allclose(np.einsum("mij,mj->mi", C, w), small, rtol=1e-7, atol=1e-13)
+    about = Doubt.of(counted)
+    assert about is not None
+    assert not about.ways[0].any()  # what is said is the mean
+    assert suspects.ways[0].any()
+
+
+def test_a_file_may_keep_it_out(tmp_path: Path) -> None:
+    write_stiffness(
+        tmp_path / "stiffness.yaml", Stiffness(made.TRUE_K, terms=(LINK,), discrepancy=doubt(counted=False))
+    )
+    read = load_stiffness(tmp_path / "stiffness.yaml")
+    assert read.discrepancy is not None
+    assert not read.discrepancy.counted
+    _, robot, T = made.cell()
+    assert ArmElasticity(robot, T, read, counted=True).shift is None
+
+
+def test_what_is_counted_in_is_compensated_and_said(tmp_path: Path) -> None:
+    options = replace(FREE, force=FORCE, rotation_step=np.radians(15.0), compensation_max=0.01)
+    found = Discrepancy(("base ry",), np.full(6, 500.0), np.array([2e-7]), np.array([[5e-9]]), 3e-4, 3e-5)
+    left = {}
+    for counted in (False, True):
+        stiffness = Stiffness(np.asarray(K), discrepancy=replace(found, counted=counted))
+        p = compensate(small_job(tmp_path, corner(), options, stiffness=stiffness), made_path(corner()))
+        true = ArmElasticity(
+            p.setup.robot, p.setup.arm.T_flange_tcp, replace(stiffness, discrepancy=found), counted=True
+        )
+        rows = np.flatnonzero(p.path.counted)
+        d = true.at(p.chosen.assignment.q[rows]).deflection(p.directions.force[rows])
+        assert p.compensation is not None
+        left[counted] = np.linalg.norm(p.compensation.offset[rows] + d, axis=1)
+        assert residual(p) is not None
+        assert ("count in" in misfit_words(p)) is counted
+    assert np.median(left[True]) < 0.2 * np.median(left[False])  # corners leave what they leave
