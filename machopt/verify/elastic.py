@@ -30,7 +30,9 @@ from machopt.domain.cell import Cell
 from machopt.domain.stiffness import Stiffness, StiffnessGrid
 from machopt.verify import springs
 from machopt.verify.arm import Arm, Stance
+from machopt.verify.missing import Lack, Lacking
 
+LEAST = 0.1  # of a compliance, whatever the file says it lacks
 TOUCH = 1e-6  # m; a point this near a face of the stiffness grid belongs to the cells on both sides
 
 
@@ -47,10 +49,16 @@ class Softness:
     bodies: Array  # (N, 6, 6) compliance of base, links and tool at the TCP
     geometric: bool
     holds: tuple[tuple[NDArray[np.int64], Array], ...]  # of each row: cells of the grid, ∂c/∂c_cell (cells, 6)
+    lacking: Lacking | None = None  # what the file says it lacks
 
     @cached_property
     def small(self) -> Array:
         """(N, 6, 6) compliance at the TCP for a small load."""
+        return self._stated if self.lacking is None else np.asarray(self._stated + self.lacking.small)
+
+    @cached_property
+    def _stated(self) -> Array:
+        """The same of the file's own numbers."""
         A = self.linear + (1.0 / self.k)[:, :, None] * np.eye(6)
         for curve in self.curves:
             weight = self.weight[:, curve.joint] * curve.feels_weight
@@ -59,7 +67,8 @@ class Softness:
 
     def along(self, e: Array) -> Array:
         """(N,) N/m, stiffness along unit vectors (N, 3)."""
-        return np.asarray(1.0 / np.einsum("ni,nij,nj->n", e, self.small[:, :3, :3], e))
+        whole, stated = (np.einsum("ni,nij,nj->n", e, C[:, :3, :3], e) for C in (self.small, self._stated))
+        return np.asarray(1.0 / np.maximum(whole, LEAST * stated))
 
     def held(self, e: Array) -> Array:
         """(N,) N/m, k_x of jiao2022 along unit vectors (N, 3)."""
@@ -75,7 +84,8 @@ class Softness:
             before = self.weight[:, curve.joint] * curve.feels_weight
             turn[:, curve.joint] += curve.turn(before + tau[:, curve.joint]) - curve.turn(before)
         given = np.einsum("nij,nj->ni", self.bodies[:, :3, :3], force)
-        return np.asarray(np.einsum("nci,ni->nc", self.J[:, :3], turn) + given)
+        moved = np.einsum("nci,ni->nc", self.J[:, :3], turn) + given
+        return np.asarray(moved if self.lacking is None else moved + self.lacking.shift(force))
 
     def axial_gradient(self, e: Array) -> Array:
         """(N, 6) how eᵀ C e follows each gear's compliance."""
@@ -119,6 +129,8 @@ class Elasticity:
         self._curves = tuple(springs.curves(stiffness.terms, every, cell.limits.lower[:6], cell.limits.upper[:6]))
         zero = arm.stance(np.zeros((1, 6)), np.zeros((1, len(cell.external_joints))))
         self._zero = zero.frames[0]
+        found = stiffness.discrepancy
+        self._lack = None if found is None else Lack(found, stiffness.terms, arm, zero, cell.tool.T_flange_tcp)
         self._springs = springs.body_springs(stiffness.terms, zero.origin[0], zero.flange[0], cell.tool.T_flange_tcp)
 
     def at(self, stance: Stance, position: Array) -> Softness:
@@ -126,7 +138,7 @@ class Elasticity:
         gear, holds = self.gears(position)
         k = gear.copy()
         k[:, 1] += springs.balancer(self.stiffness.terms, stance.q[:, 1])
-        weighs = any(c.feels_weight for c in self._curves)
+        weighs = self._lack is not None or any(c.feels_weight for c in self._curves)
         weight = self.arm.gravity(stance.q, stance.external) if weighs else np.zeros((len(gear), 6))
         bodies = np.zeros((len(gear), 6, 6))
         for body, S, C in self._springs:
@@ -142,6 +154,7 @@ class Elasticity:
             bodies,
             any(t.effect == "geometric_stiffness" for t in self.stiffness.terms),
             holds,
+            None if self._lack is None else self._lack.at(stance, gear, weight),
         )
 
     def gears(self, position: Array) -> tuple[Array, tuple[tuple[NDArray[np.int64], Array], ...]]:
@@ -161,19 +174,43 @@ class Elasticity:
     def std(self, softness: Softness, gradient: Array) -> Array:
         """(N,) 1σ of what follows the compliances with a gradient (N, 6); NaN where the file does not say."""
         grid, out = self.stiffness.grid, np.full(len(gradient), np.nan)
+        if self._lack is not None:  # it says of the constant model's springs all that there is to say
+            out[:] = 0.0
         for n, (cells, share) in enumerate(softness.holds):
-            if not len(cells) and self.stiffness.covariance is not None:
+            if not len(cells) and self.stiffness.covariance is not None and self._lack is None:
                 out[n] = np.sqrt(max(gradient[n] @ self.stiffness.covariance @ gradient[n], 0.0))
             elif len(cells) and grid is not None and grid.std is not None:
                 sigma = grid.std[cells] / grid.joints[cells] ** 2
                 out[n] = np.linalg.norm(share * gradient[n] * sigma)
+            elif len(cells):
+                out[n] = np.nan
         return out
+
+    def axial_std(self, soft: Softness, e: Array) -> Array:
+        """(N,) 1σ in N/m of the stiffness along unit vectors (N, 3)."""
+        own = self.std(soft, soft.axial_gradient(e))
+        if soft.lacking is not None:
+            own = soft.lacking.told(e, e, own, small=True)
+        return np.asarray(own * soft.along(e) ** 2)
+
+    def bend_std(self, soft: Softness, force: Array) -> Array:
+        """(N,) 1σ in m of the deflection under forces (N, 3) N."""
+        own = self.std(soft, soft.bend_gradient(force))
+        if soft.lacking is None:
+            return own
+        d = soft.displacement(force)
+        e = d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), np.finfo(float).tiny)
+        return soft.lacking.told(e, force, own, small=False)
 
     @property
     def scatters(self) -> bool:
         """The file says how sure its stiffness is."""
         grid = self.stiffness.grid
-        return self.stiffness.covariance is not None or (grid is not None and grid.std is not None)
+        return (
+            self._lack is not None
+            or self.stiffness.covariance is not None
+            or (grid is not None and grid.std is not None)
+        )
 
 
 def cells_holding(grid: StiffnessGrid, position: Array) -> list[NDArray[np.int64]]:

@@ -1,0 +1,263 @@
+"""What a stiffness file says it lacks (``discrepancy``), read again: how it moves the TCP, how unsure it is.
+
+Each of ``parts`` is one thing that may give way by a coefficient x (SI), τ = Jᵀw of the process, g of the weight:
+
+* ``joint j``: x τ_j; ``coupling i-j``: x τ_j and x τ_i; ``cos j``, ``sin j``: x cos(q_j) τ_j, x sin(q_j) τ_j;
+* ``play j``, ``knee j``: x (tanh((g + τ)/s) − tanh(g/s)), s = 0.05 and 0.35 of the joint's entry of ``torques_Nm``;
+* ``base``, ``link:i``, ``tool`` with an axis: one compliance on the diagonal, axes of the body at q = 0, where link i
+  ends (base: its frame, tool: the flange);
+* ``term n p``: coefficient p of the n-th term of the file;
+* ``loaded``: the share x of J'(1/k + 1/k (∂g/∂q + K_C) 1/k) J'ᵀw − J (1/k) Jᵀw, J' and ∂g/∂q where weight has bent the
+  springs to, K_C of the process force; a small load has none.
+
+``shift`` is their mean, and part of what is predicted where ``counted``; the rows of ``modes`` are 1 σ each, and
+``local_m_per_N`` is another on every coordinate. Where the mean is not counted, ± 1.645 of the told σ holds 90 % about
+a number that is off by it: (1.645 σ)² is the 90 % quantile of s² χ'²(1, b²/s²).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.domain.stiffness import Discrepancy, Term
+from machopt.verify import springs
+from machopt.verify.arm import Arm, Stance
+
+NINETY = 1.6448536269514722  # σ on either side
+FAR = 30.0  # b/s from which only the nearer end of the interval counts
+AXES = ("x", "y", "z", "rx", "ry", "rz")
+STEP = 1e-4  # rad, of ∂g/∂q
+SMOOTH = {"play": 0.05, "knee": 0.35}
+BARS = ("EI_Nm2", "EI_across_Nm2", "GJ_Nm2", "EA_N")
+ARCMIN = 10800.0 / np.pi  # a rad
+SIZES = {
+    "joint_coupling": ("compliance_rad_per_Nm", 1.0),
+    "joint_creep": ("extra_rad_per_Nm", 1.0),
+    "joint_backlash": ("width_arcmin", ARCMIN),
+}
+
+
+@dataclass(frozen=True)
+class Moves:
+    """What a coefficient of a term of the file does, per unit: a matrix in the joints, a curve, or one at a body."""
+
+    term: Term | None = None
+    curve: springs.Curve | None = None
+    body: tuple[int, Array, Array] | None = None
+
+
+class Lack:
+    """The discrepancy of a stiffness file.
+
+    Raises:
+        UnknownTermError: a part that nothing here has a law for.
+    """
+
+    def __init__(self, found: Discrepancy, terms: Sequence[Term], arm: Arm, zero: Stance, T_flange_tcp: Array) -> None:
+        self.found, self.arm = found, arm
+        compiled = [t for t in terms if t.effect != "geometric_stiffness"]
+        self.units: dict[str, Moves] = {}
+        asked = [name for name in found.parts if name.startswith("term ")]
+        for name in asked:
+            n, p = (int(word) for word in name.split()[1:])
+            if n >= len(compiled):
+                raise springs.UnknownTermError(f"{name!r} of its discrepancy")
+            if compiled[n].effect != "gravity_compensator":  # what it adds is in the joint's own part
+                self.units[name] = _unit(compiled[n], p, zero, T_flange_tcp)
+        self.places = {"base": (0, np.zeros(3)), "tool": (6, zero.flange[0, :3, 3])}
+        ends = [*zero.origin[0, 1:], zero.flange[0, :3, 3]]
+        self.places |= {f"link:{i + 1}": (i + 1, end) for i, end in enumerate(ends)}
+        self.zero = zero.frames[0]
+
+    def at(self, stance: Stance, k: Array, weight: Array) -> Lacking:
+        """Args: k (N, 6) N·m/rad of the gears; weight (N, 6) N·m."""
+        return Lacking(self, stance, k, weight)
+
+
+@dataclass(frozen=True)
+class Lacking:
+    """It at N configurations, base_link axes."""
+
+    lack: Lack
+    stance: Stance
+    k: Array
+    weight: Array
+
+    def columns(self, wrench: Array, *, small: bool) -> Array:
+        """(N, 6, K) twist of the TCP per unit of each part under wrenches (N, 6) at it."""
+        tau = np.einsum("nci,nc->ni", self.stance.J, wrench)
+        out = np.zeros((*wrench.shape, len(self.lack.found.parts)))
+        for n, name in enumerate(self.lack.found.parts):
+            word, _, where = name.partition(" ")
+            if word in self.lack.places:
+                out[:, :, n] = np.einsum("nij,nj->ni", self._body(word, where), wrench)
+            elif word == "term":
+                out[:, :, n] = self._term(self.lack.units.get(name), wrench, tau, small=small)
+            elif word == "loaded":
+                out[:, :, n] = self._loaded(wrench, small=small)
+            else:
+                out[:, :, n] = np.einsum("nci,ni->nc", self.stance.J, self._turn(word, where, tau, small=small))
+        return out
+
+    def shift(self, force: Array) -> Array:
+        """(N, 3) m that the mean adds under forces (N, 3)."""
+        return np.asarray(self.columns(_wrench(force), small=False)[:, :3] @ self._mean)
+
+    @cached_property
+    def small(self) -> Array:
+        """(N, 6, 6) that the mean adds to the compliance for a small load."""
+        unit = [self.columns(np.tile(row, (len(self.k), 1)), small=True) @ self._mean for row in np.eye(6)]
+        return np.stack(unit, axis=2)
+
+    @property
+    def _mean(self) -> Array:
+        d = self.lack.found
+        return d.shift if d.counted else np.zeros_like(d.shift)
+
+    def told(self, along: Array, force: Array, beside: Array, *, small: bool) -> Array:
+        """(N,) 1 σ as told of the displacement along unit vectors (N, 3) under forces (N, 3).
+
+        Args:
+            beside: (N,) 1 σ of what else is unsure.
+        """
+        from scipy.stats import ncx2, norm
+
+        d = self.lack.found
+        each = np.einsum("nc,nck->nk", along, self.columns(_wrench(force), small=small)[:, :3])
+        own = d.local * np.linalg.norm(force, axis=1)
+        s = np.sqrt(np.sum((each @ d.modes.T) ** 2, axis=1) + beside**2 + own**2)
+        if d.counted:
+            return np.asarray(s)
+        b = np.abs(each @ d.shift)
+        safe = np.maximum(s, np.finfo(float).tiny)
+        near = np.minimum(b / safe, FAR)
+        half = np.where(b > FAR * s, b + norm.ppf(0.9) * s, safe * np.sqrt(ncx2.ppf(0.9, 1, near**2)))
+        return np.asarray(half / NINETY)
+
+    def _turn(self, word: str, where: str, tau: Array, *, small: bool) -> Array:
+        """(N, 6) rad of the joints."""
+        out = np.zeros_like(tau)
+        i, *other = (int(n) - 1 for n in where.split("-"))
+        if word == "coupling":
+            j = other[0]
+            out[:, i], out[:, j] = tau[:, j], tau[:, i]
+        elif word in SMOOTH:
+            s = SMOOTH[word] * self.lack.found.torque[i]
+            g = self.weight[:, i]
+            if small:
+                out[:, i] = tau[:, i] / (s * np.cosh(np.minimum(np.abs(g / s), 300.0)) ** 2)
+            else:
+                out[:, i] = np.tanh((g + tau[:, i]) / s) - np.tanh(g / s)
+        else:
+            q = self.stance.q[:, i]
+            out[:, i] = {"joint": np.ones_like(q), "cos": np.cos(q), "sin": np.sin(q)}[word] * tau[:, i]
+        return out
+
+    def _body(self, place: str, axis: str) -> Array:
+        """(N, 6, 6) compliance at the TCP."""
+        body, end = self.lack.places[place]
+        C = np.zeros((6, 6))
+        n = AXES.index(axis)
+        C[n, n] = 1.0
+        S = np.eye(4)
+        S[:3, 3] = end
+        return self._seen(body, S, C)
+
+    def _seen(self, body: int, S: Array, C: Array) -> Array:
+        now = self.stance.frames[:, body] @ np.linalg.inv(self.lack.zero[body]) @ S
+        return springs.carried(springs.turned(C, now[:, :3, :3]), self.stance.tcp[:, :3, 3] - now[:, :3, 3])
+
+    def _term(self, unit: Moves | None, wrench: Array, tau: Array, *, small: bool) -> Array:
+        if unit is None:
+            return np.zeros_like(wrench)
+        if unit.body is not None:
+            return np.asarray(np.einsum("nij,nj->ni", self._seen(*unit.body), wrench))
+        turn = np.zeros_like(tau)
+        if unit.curve is not None:
+            i, before = unit.curve.joint, self.weight[:, unit.curve.joint] * unit.curve.feels_weight
+            more = unit.curve.turn(before + tau[:, i]) - unit.curve.turn(before)
+            turn[:, i] = unit.curve.slope(before) * tau[:, i] if small else more
+        elif unit.term is not None:
+            turn = np.einsum("nij,nj->ni", springs.joint_compliance([unit.term], self.stance.q), tau)
+        return np.asarray(np.einsum("nci,ni->nc", self.stance.J, turn))
+
+    @cached_property
+    def _bent(self) -> tuple[Array, Array]:
+        """(N, 6, 6) J and ∂g/∂q where weight has bent the springs to."""
+        q, external = self.stance.q + self.weight / self.k, self.stance.external
+        slope = np.empty((len(q), 6, 6))
+        for j in range(6):
+            step = STEP * np.eye(6)[j]
+            slope[:, :, j] = self.lack.arm.gravity(q + step, external) - self.lack.arm.gravity(q - step, external)
+        return self.lack.arm.stance(q, external).J, slope / (2.0 * STEP)
+
+    def _loaded(self, wrench: Array, *, small: bool) -> Array:
+        J, H = self._bent
+        if not small:
+            z, moved = np.swapaxes(J[:, 3:], 1, 2), np.swapaxes(J[:, :3], 1, 2)
+            low, high = np.minimum.outer(range(6), range(6)), np.maximum.outer(range(6), range(6))
+            H = H + np.einsum("nijc,nc->nij", np.cross(z[:, low], moved[:, high]), wrench[:, :3])
+        turn = np.einsum("nci,nc->ni", J, wrench) / self.k
+        turn += np.einsum("nij,nj->ni", H, turn) / self.k
+        alone = np.einsum("nci,nc->ni", self.stance.J, wrench) / self.k
+        bare = np.einsum("nci,ni->nc", self.stance.J, alone)
+        return np.asarray(np.einsum("nci,ni->nc", J, turn) - bare)
+
+
+def _unit(term: Term, p: int, zero: Stance, T_flange_tcp: Array) -> Moves:
+    """Coefficient p of a term alone, at 1 SI."""
+    alone = Term(term.effect, term.location, {**term.parameters, **_one(term, p)})
+    if term.effect.endswith(("base_compliance", "link_compliance", "tool_compliance")):
+        kept = {key: v for key, v in alone.parameters.items() if key not in BARS or np.isfinite(v)}
+        made = springs.body_springs(
+            [Term(term.effect, term.location, kept)], zero.origin[0], zero.flange[0], T_flange_tcp
+        )
+        return Moves(body=made[0])
+    if term.effect in ("joint_coupling", springs.BY_ANGLE, "joint_creep"):
+        return Moves(term=alone)
+    limits = np.full(6, -1.0), np.full(6, 1.0)
+    return Moves(curve=springs.curves([alone], np.ones((1, 6)), *limits)[0])
+
+
+def _one(term: Term, p: int) -> Mapping[str, Any]:
+    """The parameters of a term that say its coefficients, with the p-th at 1 SI and the others at nothing."""
+    has, effect = term.parameters, term.effect
+    key, factor = SIZES.get(effect, ("", 1.0))
+    if effect == springs.BY_ANGLE and has.get("law") == "sector":
+        key = "extra_rad_per_Nm"
+    elif effect == springs.BY_ANGLE:
+        pairs = [pair for pair in (springs.HARMONICS[:2], springs.HARMONICS[2:]) if set(pair) & set(has)]
+        names = [name for pair in pairs for name in pair]
+        return {name: float(n == p) for n, name in enumerate(names)}
+    elif effect == "joint_nonlinear_stiffness" and has["law"] != "cubic":
+        key = "extra_rad_per_Nm"
+    elif effect == "joint_hysteresis":
+        key = {"bouc_wen": "drag_arcmin", "used_up": "half_clearance_arcmin"}.get(
+            has.get("law", ""), "weights_rad_per_Nm"
+        )
+        factor = 1.0 if key == "weights_rad_per_Nm" else ARCMIN
+    elif "compliance_diagonal" in has:
+        return {"compliance_diagonal": np.eye(6)[p].tolist()}
+    elif "compliance" in has:
+        i, j = (int(rows[p]) for rows in np.triu_indices(6))
+        C = np.zeros((6, 6))
+        C[i, j] = C[j, i] = 1.0
+        return {"compliance": C.tolist()}
+    elif not key and any(bar in has for bar in BARS):
+        bars = [bar for bar in BARS if bar in has]
+        return {bar: 1.0 if n == p else np.inf for n, bar in enumerate(bars)}
+    if not key or key not in has:
+        raise springs.UnknownTermError(f"what {effect} at {term.location} may lack")
+    size = np.zeros(np.size(has[key]))
+    size[p] = factor
+    return {key: size.tolist() if isinstance(has[key], list | tuple) else float(size[0])}
+
+
+def _wrench(force: Array) -> Array:
+    return np.hstack([force, np.zeros_like(force)])
