@@ -220,6 +220,21 @@ def test_a_similar_arm_half_the_size_is_an_eighth_as_stiff() -> None:
     assert np.array(estimated_stiffness(REFERENCE_SPAN_M / 2)) * 8 == pytest.approx(REFERENCE_NM_PER_RAD, rel=5e-3)
 
 
+def test_a_path_that_does_not_say_its_unit_or_feed_is_asked_for_and_taken(
+    robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The options that the refusal names are those of every other command that reads toolpaths."""
+    file = tmp_path / "path.csv"
+    file.write_text("x,y,z\n" + "".join(f"{0.5 * k},0,0\n" for k in range(4)))
+    asked = ["init", str(robot), "-o", str(tmp_path / "a b"), "--toolpath", str(file)]
+    assert main(asked) == 2
+    assert "--unit" in capsys.readouterr().err
+    assert main([*asked, "--unit", "inch"]) == 2
+    assert "--feed" in capsys.readouterr().err
+    assert main([*asked, "--unit", "inch", "--feed", "600"]) == 0
+    assert capsys.readouterr().out.endswith(f"next: machopt validate '{tmp_path / 'a b'}'\n")
+
+
 def test_the_command_refuses_what_it_would_overwrite_and_what_it_cannot_know(
     robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -26,6 +28,7 @@ class Request:
     workpiece_rpy_deg: tuple[float, ...] = (0.0, 0.0, 0.0)
     workpiece_mesh: Path | None = None
     toolpath: Path | None = None  # that must be reached
+    reading: Mapping[str, Any] = field(default_factory=dict)  # keywords of formats.toolpath.read_toolpath
     stiffness: Path | None = None  # a stiffness.yaml; an estimate
     velocity_deg_s: tuple[float, ...] | None = None  # the URDF's
     post: str = ""

@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import shlex
 import sys
 from pathlib import Path
 from typing import Any
 
 from machopt.cli.display import finite
 from machopt.cli.measure import _floats
+from machopt.cli.readingoptions import reading, reading_parser
 from machopt.cli.shared import share
 
 Commands = Any  # argparse keeps its subparsers' type private
@@ -29,7 +31,9 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     """Add the commands to the parser."""
     from machopt.cells.asked import Request
 
-    p = commands.add_parser("init", parents=[common], help="a new cell from a robot's URDF or xacro file")
+    p = commands.add_parser(
+        "init", parents=[common, reading_parser()], help="a new cell from a robot's URDF or xacro file"
+    )
     p.add_argument("robot", type=Path, help="URDF or xacro file; its packages beside it or above it")
     share(p, "--out", metavar="CELL", help="folder of the new cell")
     p.add_argument("--ask", action="store_true", help="ask for the tool on the terminal; without it nothing is asked")
@@ -74,7 +78,8 @@ def _init(args: argparse.Namespace) -> int:
 
     if args.ask:
         _ask(args)
-    done = run_init(Request(**{f.name: getattr(args, f.name) for f in fields(Request)}))
+    given = {f.name: getattr(args, f.name) for f in fields(Request) if f.name != "reading"}
+    done = run_init(Request(**given, reading=reading(args)))
     cell = done.cell
     if args.json:
         told = {"cell": str(done.folder), "joints": cell.arm_joints, "flange_link": cell.flange_link}
@@ -82,7 +87,7 @@ def _init(args: argparse.Namespace) -> int:
     elif not args.quiet:
         print(f"{done.folder / 'cell.yaml'}: {cell.base_link} to {cell.flange_link} by {', '.join(cell.arm_joints)}")
         print("\n".join(f"  put in your own: {g}" for g in done.guesses))
-        print(f"next: machopt validate {done.folder}")
+        print(f"next: machopt validate {shlex.quote(str(done.folder))}")
     return 0
 
 

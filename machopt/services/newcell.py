@@ -87,7 +87,7 @@ def _placed(new: NewCell, request: Request, cell: Cell, span: float) -> tuple[Ne
         return not bodies.check(x, np.ones(len(q), bool)).any
 
     if request.toolpath is not None:
-        path = read_toolpath(request.toolpath)
+        path = read_toolpath(request.toolpath, **request.reading)
         position, axis, of = path.position, path.axis, request.toolpath.name
     else:
         position, axis = sample_path(span)
