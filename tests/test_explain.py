@@ -1,0 +1,101 @@
+"""What is said of a plan that was made, word by word: one small plan, its answers changed by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_path import Rows
+from test_pipeline import UP, C, R, small_job
+
+from machopt.domain.options import PlanOptions
+from machopt.domain.reason import Reason
+from machopt.plan.explain import all_breaks, explain_points, help_of, hints
+from machopt.plan.made import Plan
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+    """Two passes over the block, a rapid move between them, in reach and free."""
+    rows: Rows = []
+    for y in (-0.1, 0.1):
+        rows.append(((-0.1, y, 0.08), UP, R))
+        rows += [((-0.1 + 0.05 * k, y, 0.01), UP, C) for k in range(4)]
+    p = small_job(tmp_path_factory.mktemp("explained"), rows, PlanOptions(rotation_step=np.radians(30.0)))
+    assert len(p.missing) == 0
+    return p
+
+
+def answered(plan: Plan, **changes: np.ndarray) -> Plan:
+    """The plan with another answer."""
+    assignment = replace(plan.chosen.assignment, **changes)
+    return replace(plan, chosen=replace(plan.chosen, assignment=assignment))
+
+
+def lost(plan: Plan, row: int, why: Reason) -> Plan:
+    reason = plan.chosen.assignment.reason.copy()
+    reason[row] = why
+    return answered(plan, reason=reason)
+
+
+def test_a_change_of_configuration_between_runs_is_told(made: Plan) -> None:
+    assert not any("changes its configuration" in h for h in hints(made))
+    first, last = made.path.runs[1]
+    branch, q = made.chosen.assignment.branch.copy(), made.chosen.assignment.q.copy()
+    was = int(branch[first])
+    branch[first : last + 1] = was + 1
+    at = f"before point {made.path.index[first]:g}"
+    assert any(f"branch {was} → {was + 1} {at}" in h for h in hints(answered(made, branch=branch)))
+    q[first : last + 1, 5] += 2 * np.pi
+    turned = 360.0 + np.degrees(made.chosen.assignment.q[first, 5] - made.chosen.assignment.q[made.path.runs[0][1], 5])
+    assert any(f"joint 6 unwinds {turned:.0f}° {at}" in h for h in hints(answered(made, q=q)))
+
+
+def test_a_force_that_bends_the_arm_beyond_linear_elasticity_is_doubted(made: Plan) -> None:
+    bent = replace(made.chosen, cost=np.full(len(made.path.index), 0.05))
+    other = replace(made, chosen=bent, scores=replace(made.scores, index="deflection"))
+    (said,) = (h for h in hints(other) if "bends the arm" in h)
+    assert "by up to 50 mm, beyond linear elasticity" in said
+    assert "is force_N in N" in said
+    small = replace(other, chosen=replace(bent, cost=bent.cost / 1e3))
+    assert not any("bends the arm" in h for h in hints(small))
+
+
+def test_what_would_help_follows_the_reason(made: Plan) -> None:
+    row = made.path.runs[0][1]
+    assert "what helps at the gap" in help_of(lost(made, row, Reason.GAP), row)
+    assert "another path in the CAM file would help" in help_of(lost(made, row, Reason.GOUGING), row)
+    assert "compensation_max_mm" in help_of(lost(made, row, Reason.SHIFT), row)
+
+
+def test_rotations_that_work_but_cannot_be_reached_are_counted(made: Plan) -> None:
+    row = made.path.runs[0][1]
+    s = min(int(np.searchsorted(made.path.stations, row)), len(made.path.stations) - 1)
+    working = int((made.candidates.reason_of_rotation()[s] == Reason.OK).sum())
+    assert working > 0
+    said = explain_points(lost(made, row, Reason.NO_PATH))[row]
+    assert said.startswith(f"{working} of {len(made.candidates.phi)} rotations work here, but none can be reached")
+
+
+def test_what_a_point_touches_is_named(made: Plan) -> None:
+    assert made.check is not None
+    assert made.setup.collision is not None
+    row, pair = made.path.runs[0][1], made.check.pair.copy()
+    pair[row] = 0
+    touching = lost(replace(made, check=replace(made.check, pair=pair)), row, Reason.COLLIDING)
+    name = made.setup.collision.pairs[0].name
+    assert explain_points(touching)[row] == f"{name} touch or come nearer than the clearance"
+
+
+def test_a_place_between_two_points_is_a_break_of_its_own(made: Plan) -> None:
+    between = np.flatnonzero(~made.path.is_point)
+    assert len(between)
+    row = int(between[0])
+    (one,) = all_breaks(lost(made, row, Reason.LIMIT))
+    assert one.code == "no_pose"
+    assert (one.before, one.after) == (np.floor(made.path.index[row]), np.ceil(made.path.index[row]))
+    assert one.text.startswith(f"at {made.path.index[row]:.2f} between them: ")
+    point = int(np.searchsorted(made.path.index, one.after))
+    both = lost(lost(made, row, Reason.LIMIT), point, Reason.LIMIT)
+    assert all_breaks(both) == ()  # the point itself tells
