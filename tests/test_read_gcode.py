@@ -42,6 +42,15 @@ def test_modal_words_blanks_and_odd_numbers(tmp_path: Path) -> None:
     assert any("after the program end" in w.word for w in t.ignored)
 
 
+def test_a_speed_in_the_block_that_starts_the_spindle_starts_it_once(tmp_path: Path) -> None:
+    found = read(tmp_path, "G21 G90 G17\nS6000 M3\nG0 X0 Y0 Z5\nG1 Z-1 F300\nS8000\nG1 X20\nM5\nM30\n")
+    assert [(e.text, e.value) for e in found.events if e.kind == "spindle"] == [
+        ("M3", 6000.0),
+        ("S8000", 8000.0),
+        ("M5", 0.0),
+    ]
+
+
 def test_arcs_full_circle_helix_radius_and_planes(tmp_path: Path) -> None:
     head = "G21 G90\nG0 X10 Y0 Z0\nG1 F100 X10\n"
     full = mm(read(tmp_path, head + "G3 I-10\n"))[1:]

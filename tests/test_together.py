@@ -12,10 +12,11 @@ from small_cell import small_cell
 from machopt.domain.options import PlanOptions, Weights
 from machopt.domain.stiffness import Stiffness
 from machopt.formats.toolpath import read_toolpath
+from machopt.plan.breaks import Break
 from machopt.plan.certificate import certificate
 from machopt.plan.choose import Grid
 from machopt.plan.compensate import rescored
-from machopt.plan.joined import Stretch, joined, shares_of
+from machopt.plan.joined import Stretch, joined, shares_of, shifted_break
 from machopt.plan.made import Plan
 from machopt.plan.pipeline import plan
 from machopt.plan.setup import Timings
@@ -109,3 +110,17 @@ def test_what_has_gaps_is_left_as_it_is(alone: list[Plan]) -> None:
     plans, bound = together([alone[0], replace(alone[1], found=None)], shares_of(alone), Timings())
     assert bound is None
     assert plans[0] is alone[0]
+
+
+def test_a_break_of_a_stretch_names_where_the_stretch_begins_and_ends(alone: list[Plan]) -> None:
+    change = np.zeros(6)
+    told = Break(np.nan, 3.0, "rapid_blocked", "no free way", "another pose")
+    assert told.where == "from home to point 3"
+    assert shifted_break(told, Stretch(alone[0], 10, "b")).where == "from home to point 13"
+    after = Stretch(replace(alone[0], begin=change), 10, "b")
+    assert shifted_break(told, after).where == "from the tool change to point 13"
+    back = replace(told, before=5.0, after=np.nan)
+    assert (
+        shifted_break(back, Stretch(replace(alone[0], end=change), 10, "b")).where == "from point 15 to the tool change"
+    )
+    assert shifted_break(back, after).where == "from point 15 to home"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from small_cell import small_cell
 from test_cell_format import change, expect, folder, refusal  # noqa: F401 the fixture
 from test_verify import sound, toolpath, verified
 
@@ -14,7 +15,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.toolpath import Operation, Toolpath
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
-from machopt.formats.toolchoice import tools_of, with_tool
+from machopt.formats.toolchoice import tool_of, tools_of, with_tool
 from machopt.formats.toolpath import read_toolpath
 
 TABLE = """tools:
@@ -138,3 +139,13 @@ def test_the_exported_table_names_the_tool(cell: Cell, tmp_path: Path) -> None:
     table["tool"][40] = "5"
     (failed,) = verified(small, table, tmp_path).failed
     assert "data row 41, tool: '5' is not the tool '3'; the toolpath wants another" in failed.where
+
+
+def test_a_word_that_no_name_has_is_the_number_in_the_controller(tmp_path: Path) -> None:
+    cell = small_cell(tmp_path)
+    tools = {"MILL": replace(cell.tool, number=5), "DRILL": replace(cell.tool, number=7)}
+    assert tool_of(Operation("a", "trajectory", "5"), tools) == "MILL"
+    assert tool_of(Operation("a", "trajectory", "T07"), tools) == "DRILL"
+    assert tool_of(Operation("a", "trajectory", "5"), {"5": cell.tool, **tools}) == "5"  # a name comes first
+    both = {**tools, "MILL2": replace(cell.tool, number=5)}
+    assert tool_of(Operation("a", "trajectory", "5"), both) is None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -16,17 +16,29 @@ from machopt.errors import InputError, nearest
 _NUMBER = re.compile(r"T?0*(\d+)(?:\.0*)?", re.IGNORECASE)  # T03, 3 and 3.0 are one tool
 
 
-def tool_of(operation: Operation, names: Iterable[str]) -> str | None:
-    """The name in the table that an operation's tool words mean: the same text, else the same number; else None."""
-    names = list(names)
+def tool_of(operation: Operation, tools: Mapping[str, Tool]) -> str | None:
+    """The name in the table that an operation's tool words mean.
+
+    The same text, else the same number as a name, else as the number that one tool of the table has in the controller;
+    else None.
+    """
+    names = list(tools)
     same = next((word for word in operation.tools if word in names), None)
     if same is not None:
         return same
     known = {_plain(name): name for name in names}
-    return next((known[_plain(word)] for word in operation.tools if _plain(word) in known), None)
+    named = next((known[_plain(word)] for word in operation.tools if _plain(word) in known), None)
+    if named is not None:
+        return named
+    numbers: dict[str, list[str]] = {}
+    for name, tool in tools.items():
+        if tool.number is not None:
+            numbers.setdefault(str(tool.number), []).append(name)
+    held = [numbers.get(_plain(word), []) for word in operation.tools]
+    return next((found[0] for found in held if len(found) == 1), None)
 
 
-def tools_of(toolpath: Toolpath, names: Iterable[str]) -> tuple[str | None, ...]:
+def tools_of(toolpath: Toolpath, tools: Mapping[str, Tool]) -> tuple[str | None, ...]:
     """The tool of each operation (None where it has no points and no tool of the table).
 
     An operation without a word has the tool of the one before; a table of one tool needs no words.
@@ -34,13 +46,13 @@ def tools_of(toolpath: Toolpath, names: Iterable[str]) -> tuple[str | None, ...]
     Raises:
         InputError: a tool that is not in the table, or no word where the table has several.
     """
-    names = list(names)
+    names = list(tools)
     used = set(toolpath.operation.tolist())
     out: list[str | None] = []
     last: str | None = names[0] if len(names) == 1 else None
     for k, operation in enumerate(toolpath.operations):
         if operation.tools:
-            found = tool_of(operation, names)
+            found = tool_of(operation, tools)
             if found is None and k in used:
                 words = " or ".join(repr(w) for w in operation.tools)
                 raise InputError(

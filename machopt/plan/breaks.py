@@ -40,6 +40,8 @@ Code = Literal[
     "not_driven",
 ]
 
+HOME, CHANGE = "home", "the tool change"  # where a motion begins or ends
+
 
 @dataclass(frozen=True)
 class Break:
@@ -54,19 +56,26 @@ class Break:
     value: float = float("nan")  # deg
     limit: float = float("nan")  # deg
     pair: str = ""  # the bodies, "a ~ b"
+    begin: str = HOME  # where the motion begins and ends, if that is not at home
+    end: str = HOME
+
+    @property
+    def ends(self) -> tuple[str, str]:
+        """Both places in words."""
+        return place(self.before, self.begin), place(self.after, self.end)
 
     @property
     def where(self) -> str:
-        return f"from {place(self.before)} to {place(self.after)}"
+        return "from {} to {}".format(*self.ends)
 
 
 def _help(code: Code) -> str:
     return f"{_HELP[code]} would help; --allow-gaps leaves the cut out"
 
 
-def place(index: float) -> str:
-    """A place along the toolpath, in words."""
-    return "home" if not np.isfinite(index) else f"point {index:g}"
+def place(index: float, elsewhere: str = HOME) -> str:
+    """A place along the toolpath, in words; ``elsewhere`` where it has no index."""
+    return elsewhere if not np.isfinite(index) else f"point {index:g}"
 
 
 _HELP: dict[str, str] = {

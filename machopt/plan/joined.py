@@ -19,7 +19,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.domain.options import PlanOptions
-from machopt.plan.breaks import Break
+from machopt.plan.breaks import CHANGE, HOME, Break
 from machopt.plan.candidates import Candidates
 from machopt.plan.choose import Choice
 from machopt.plan.made import Compensation, Part, Plan
@@ -90,9 +90,11 @@ def joined(stretches: Sequence[Stretch], bound: float | None = None) -> Plan:
     )
 
 
-def shifted_break(b: Break, by: int, tool: str) -> Break:
+def shifted_break(b: Break, s: Stretch) -> Break:
     """A break of a stretch with the toolpath indices of the whole job."""
-    return replace(b, before=b.before + by, after=b.after + by, text=f"with tool {tool}: {b.text}")
+    begin, end = (HOME if at is None else CHANGE for at in (s.plan.begin, s.plan.end))
+    text = f"with tool {s.tool}: {b.text}"
+    return replace(b, before=b.before + s.first, after=b.after + s.first, text=text, begin=begin, end=end)
 
 
 def _in_the_whole(s: Stretch) -> Plan:
@@ -101,7 +103,7 @@ def _in_the_whole(s: Stretch) -> Plan:
     return replace(
         s.plan,
         path=replace(s.plan.path, index=s.plan.path.index + s.first),
-        breaks=tuple(shifted_break(b, s.first, s.tool) for b in s.plan.breaks),
+        breaks=tuple(shifted_break(b, s) for b in s.plan.breaks),
         notes=notes if s.first else s.plan.notes,
         conflict=f"With tool {s.tool}, points counted from {s.first}: {s.plan.conflict}" if s.plan.conflict else "",
     )

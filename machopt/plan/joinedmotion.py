@@ -53,9 +53,7 @@ def joined_timeline(parts: Sequence[Done]) -> Timeline | None:
     found = [(p, p.timeline) for p in parts if p.timeline is not None]
     if not found:
         return None
-    obstructions = tuple(
-        shifted_break(b, p.stretch.first, p.stretch.tool) for p, one in found for b in one.obstructions
-    )
+    obstructions = tuple(shifted_break(b, p.stretch) for p, one in found for b in one.obstructions)
     driven = [one.trajectory for _, one in found if one.trajectory is not None]
     whole = len(driven) == len(parts)
     if not whole and not obstructions:

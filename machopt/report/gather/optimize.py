@@ -12,7 +12,6 @@ from machopt.arrays import Array
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.formats.options import without_effect
-from machopt.plan.breaks import place
 from machopt.plan.certificate import certificate
 from machopt.plan.compensate import residual
 from machopt.plan.explain import all_breaks, gamma, help_of, hints, misfit_words, shortfall_of
@@ -120,8 +119,7 @@ def report_data(
             *((f"rapid move {d}" for d in timeline.detours) if timeline else ()),
         ),
         breaks=tuple(
-            page.Break(place(b.before), place(b.after), b.text, b.help)
-            for b in all_breaks(plan, timeline.obstructions if timeline else ())
+            page.Break(*b.ends, b.text, b.help) for b in all_breaks(plan, timeline.obstructions if timeline else ())
         ),
         excluded_pairs=_once(page.ExcludedPair(e.a, e.b, e.reason) for model in models for e in model.excluded),
         adjacent_pairs=_once(page.ExcludedPair(e.a, e.b, e.reason) for model in models for e in model.adjacent),

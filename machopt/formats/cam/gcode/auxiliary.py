@@ -43,12 +43,18 @@ class AuxiliaryReader(CallReader):
             )
         self.feed, self.feed_scale = feed, self.feed_unit
 
-    def numbers(self, words: dict[str, float], b: Block) -> None:
+    def numbers(self, words: dict[str, float], b: Block, *, started: bool) -> None:
+        """F, S, T and the words that only lines of a machine's own need.
+
+        Args:
+            started: the block starts the spindle too, which says the speed.
+        """
         if "F" in words:
             self.take_feed(words.pop("F"), b.line)
         if "S" in words:
             self.rpm = words.pop("S")
-            self.out.event("spindle", f"S{self.rpm:g}", self.rpm)
+            if not started:
+                self.out.event("spindle", f"S{self.rpm:g}", self.rpm)
         if "T" in words:
             self.next_tool, self.next_name = words.pop("T"), ""
             self.out.ignore("T", b.line, understood=True)

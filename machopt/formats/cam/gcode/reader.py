@@ -240,7 +240,7 @@ class ProgramReader(AuxiliaryReader):
         machine_frame = self.g_words(g_words, words, b)
         if any(name == "SUPA" for name, _ in b.calls) or 91 in m_words:
             machine_frame = "SUPA" if 91 not in m_words else "M91"
-        self.numbers(words, b)
+        self.numbers(words, b, started=bool({3, 4, 13, 14} & set(m_words)))
         self.m_words(m_words, words, b.line)
         if "T" in twice:
             self.next_tool, self.next_name = twice["T"], ""
