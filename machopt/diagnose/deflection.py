@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
-from machopt.diagnose import at_beside, at_body, at_heat, at_joint, at_sensor, calibrated, loads
+from machopt.diagnose import at_beside, at_body, at_heat, at_joint, at_sensor, calibrated, loads, unnamed
 from machopt.diagnose.problem import Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
 from machopt.diagnose.readings import History, Readings
 from machopt.domain.parameters import joint_spring
@@ -97,7 +97,8 @@ def build(
         known=known if curved is not None else None,
         weight_known=masses is not None,
     )
-    return problem, catalogue(readings, curved), readings
+    tried = catalogue(readings, curved)
+    return problem, replace(tried, hypotheses=(*tried.hypotheses, *unnamed.hypotheses(readings))), readings
 
 
 def readings_of(

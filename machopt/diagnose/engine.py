@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
-from machopt.diagnose import aside, calibrated, heldout, instruments, limits, mismatch, noise, words
+from machopt.diagnose import aside, calibrated, heldout, instruments, limits, mismatch, noise, unnamed, words
 from machopt.diagnose.anotherday import comes_again
 from machopt.diagnose.findings import estimates, rivals
 from machopt.diagnose.grams import base_model, sandwich, tried
@@ -143,7 +143,9 @@ def _robust(problem: Problem) -> tuple[Array, Flags]:
 
 def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagnosis:
     problem, used, floor_noise = state.problem, state.used, state.noise
-    plain, final = state.fitted(()), state.fitted(state.chosen)
+    named = [k for k, c in enumerate(state.chosen) if c.tried.hypothesis.named]
+    nameless = [c for c in state.chosen if not c.tried.hypothesis.named]
+    plain, final = state.fitted(()), state.fitted([state.chosen[k] for k in named])
     before, after = plain.heldout(), final.heldout()
     known = geometric_finding(state)
     if known is not None:  # K_C was counted from the start: without it the mismatch would have been larger
@@ -159,9 +161,12 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
         or state.base.spread > 1.0 + _restless(state)
     )
     real = bool(sure and np.sqrt(power) > calibrated.PROOF.matters * unit_noise)
-    findings = [_finding(state, k) for k in range(len(state.chosen))]
+    findings = [_finding(state, k) for k in named]
     withdrawn: list[Finding] = []
-    if state.chosen and real and not heldout.better(problem, before, after, used):
+    both = (before, after)
+    if nameless:  # beside what has no name
+        both = (state.fitted(nameless).heldout(), state.fitted(state.chosen).heldout())
+    if findings and real and not heldout.better(problem, *both, used):
         findings, withdrawn = [], findings
         after, final, explained = before, plain, 0.0
         rest = there
@@ -177,7 +182,7 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
     if left is not None:
         verdict = left.verdict(verdict)
     apart = _one_day(state)
-    if apart:
+    if apart or nameless:
         verdict = instruments.less(verdict)
     scored = score(state.base, state.tried)
     beyond = max(state.base.rss - len(state.base.y) + state.base.X.shape[1], 1.0)
@@ -192,7 +197,8 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
         machine = [lasts, *(s for s in machine if s.axis != "environment")]
     shares = _shares(state, findings, machine) + data[:3]
     options.progress("detection limits")
-    seen = _limits(state, () if withdrawn else state.chosen, rng)
+    kept = nameless if withdrawn else state.chosen
+    seen = _limits(state, kept, rng)
     options.progress("proof on readings that no step saw")
     proof = prove(state, options.most, rng) if findings or withdrawn else None
     by_group, groups = heldout.by_group(problem, (before, after), used)
@@ -215,7 +221,7 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
         tuple(shares),
         tuple(seen),
         state.catalogue.untestable,
-        tuple(_coefficients(state, () if withdrawn else state.chosen)),
+        tuple(_coefficients(state, kept)),
         Errors(before, after, by_group, groups),
         proof,
         used,
@@ -225,7 +231,8 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
         notes=tuple(words.withdrawn(withdrawn))
         + words.noise_note(floor_noise)
         + (() if left is None else (left.words,))
-        + words.one_day(apart),
+        + words.one_day(apart)
+        + unnamed.said([c.tried.hypothesis for c in nameless]),
     )
     return replace(result, sentence=words.sentence(result), next_experiment=words.next_experiment(result))
 
@@ -242,7 +249,7 @@ def _one_day(state: State) -> tuple[tuple[str, str], ...]:
     """Effects that would be named by one session and are contradicted by another: the best of them, if any."""
     model = with_chosen(state.base, state.chosen)
     taken = {c.tried.hypothesis.name for c in state.chosen}
-    scored = score(model, [t for t in state.tried if t.hypothesis.name not in taken])
+    scored = score(model, [t for t in state.named if t.hypothesis.name not in taken])
     for s in sorted(scored, key=lambda s: -s.total):
         if stands(model, s) and not comes_again(model, s):
             return (s.tried.hypothesis.name,)
@@ -252,12 +259,12 @@ def _one_day(state: State) -> tuple[tuple[str, str], ...]:
 def _limits(state: State, chosen: Sequence[Chosen], rng: np.random.Generator) -> list[Limit]:
     """Limits beside what was found; of what was found, beside the rest of it."""
     found = {c.tried.hypothesis.name for c in chosen}
-    rest = {t.hypothesis.name for t in state.tried} - found
-    others = [t for t in state.tried if t.hypothesis.name in rest]
+    rest = {t.hypothesis.name for t in state.named} - found
+    others = [t for t in state.named if t.hypothesis.name in rest]
     out = limits.limits(with_chosen(state.base, chosen), others, rng, rest)
     for c in chosen:
         beside = with_chosen(state.base, [o for o in chosen if o is not c])
-        out += limits.limits(beside, state.tried, rng, {c.tried.hypothesis.name})
+        out += limits.limits(beside, state.named, rng, {c.tried.hypothesis.name})
     return out
 
 
@@ -267,7 +274,7 @@ def _finding(state: State, k: int) -> Finding:
     x = c.scored.x * c.tried.unit[c.scored.shape]
     without = state.fitted([o for i, o in enumerate(state.chosen) if i != k]).heldout()
     full = state.fitted(state.chosen)
-    others, names = rivals(state.base, state.chosen, k, state.tried)
+    others, names = rivals(state.base, state.chosen, k, state.named)
     curve = None if h.curve is None else h.curve(x, shape)
     left = None if curve is None else _along(full.residual, h.columns(shape), x, curve.per_reading)
     return Finding(
@@ -303,7 +310,9 @@ def _shares(state: State, findings: Sequence[Finding], machine: list[Share]) -> 
     whole = sum(total.values())
     beyond = max(state.base.rss - len(state.base.y) + state.base.X.shape[1], whole, 1e-9)
     out = [Share(f.location, float(np.clip(total.get(f.location, 0.0) / beyond, 0.0, 1.0)), f.note) for f in findings]
-    named = {f.location for f in findings}
+    for h in (c.tried.hypothesis for c in state.chosen if not c.tried.hypothesis.named):
+        out.append(Share(h.location, float(np.clip(total[h.location] / beyond, 0.0, 1.0)), h.note))
+    named = {s.axis for s in out}
     return out + [s for s in machine if s.axis not in named][:6]
 
 

@@ -23,6 +23,7 @@ from machopt.effects.protocol import Shape as Shape  # noqa: PLC0414 - with it
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 Channel = Literal["deflection", "position", "torque"]
+UNNAMED = "unnamed"  # family of what no word of the catalogue means
 
 
 @dataclass(frozen=True)
@@ -132,6 +133,11 @@ class Hypothesis:
     @property
     def name(self) -> tuple[str, str]:
         return self.effect, self.location
+
+    @property
+    def named(self) -> bool:
+        """Whether a finding may be made of it; else it says where something is, and keeps others from its place."""
+        return self.family != UNNAMED
 
 
 @dataclass(frozen=True)

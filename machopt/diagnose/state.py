@@ -33,6 +33,11 @@ class State:
     tried: tuple[Tried, ...]
     chosen: tuple[Chosen, ...]
 
+    @property
+    def named(self) -> tuple[Tried, ...]:
+        """What findings are made of."""
+        return tuple(t for t in self.tried if t.hypothesis.named)
+
     def fitted(self, chosen: Sequence[Chosen]) -> Fitted:
         """Base and some effects with their columns in SI."""
         columns, unit = [self.problem.base], [self.unit]

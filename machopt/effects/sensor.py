@@ -75,6 +75,29 @@ class Gain(_Law):
 
 
 @dataclass(frozen=True)
+class Bent(_Law):
+    """The line of one axis of the force is none: what it reads too much grows with the load."""
+
+    name = "gain that grows with the load"
+    equation = "f_k recorded = f_k (1 + g f_k), or f_k (1 + g |f_k|) where both sides bend alike"
+    coefficients = (Parameter(key="too_much_per_N", unit="1/N"),)
+    shape = (Parameter(key="axis", unit="1"), Parameter(key="alike", unit="1"))  # 0, 1, 2; 0 or 1
+
+    def columns(self, shape: Array, seen: Recorded) -> Array:
+        e = seen.axes[:, :, int(shape[0])]
+        f = np.einsum("nc,nc->n", e, seen.wrench[:, :3])
+        part = -e * (f * (np.abs(f) if shape[1] else f))[:, None]
+        return np.concatenate([part, np.zeros_like(part)], axis=1)[:, :, None]
+
+    def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        gain = 1e5 * abs(float(values[0]))  # % a kN, to first order
+        return {"gain_growth": Quantity(gain, "%/kN"), "axis": Quantity(float(shape[0]) + 1.0, "")}
+
+    def grid(self) -> tuple[Shape, ...]:
+        return tuple((axis, alike) for alike in (0.0, 1.0) for axis in (0.0, 1.0, 2.0))
+
+
+@dataclass(frozen=True)
 class Turned(_Law):
     """The axes of the force or of the displacement are turned against those that the record states."""
 
@@ -183,7 +206,7 @@ GAIN = Effect(
     sentence="The force sensor reads a share too much or too little.",
     port="record",
     places=(FORCE,),
-    recorded=(Gain(),),
+    recorded=(Gain(), Bent()),
     plausible={"%": 60.0},
 )
 
