@@ -82,6 +82,16 @@ def test_gear_memory_closes_its_loop() -> None:
     assert np.ptp(angle[-400:]) == pytest.approx(1e-3, rel=1e-6)
 
 
+@pytest.mark.parametrize("gear", [gears.dahl(1e-3, 50.0, "kept"), gears.preisach(1e-3, 1000.0, "kept")])
+def test_gears_with_memory_take_energy_up(gear: arm.Gear) -> None:
+    """Over a closed loop ∮ τ dφ > 0: an angle that ran ahead of its torque would drive a motor."""
+    torque = 1000.0 * np.tile(np.r_[np.linspace(-1, 1, 200), np.linspace(1, -1, 200)], 2)
+    n = len(torque)
+    script = arm.Script(np.zeros((n, 6)), np.zeros((n, 6)), np.arange(n) * 1.0, *(np.zeros(n, dtype=int),) * 3)
+    angle = gear(torque, script)[-401:]
+    assert np.sum(0.5 * (torque[-401:][1:] + torque[-401:][:-1]) * np.diff(angle)) > 0.0
+
+
 @pytest.mark.parametrize("lab", ["plain", "through_tcp_6", "weights"])
 def test_springs_explain_a_null(lab: str) -> None:
     rng = np.random.default_rng(11)

@@ -241,7 +241,28 @@ def test_load_columns_of_noise_count_as_zero_and_no_others() -> None:
     assert heard.wrench is not None
     assert heard.wrench[:, 3].any()
     unstated = replace(noisy, uncertainty=StandardUncertainty())
-    assert loads.heard(unstated)[0] is unstated
+    heard, _ = loads.heard(unstated)  # its repeats tell what nobody stated
+    assert heard.wrench is not None
+    assert not heard.wrench[:, 3:].any()
+    once = replace(unstated, pose=np.arange(len(unstated)))
+    assert loads.heard(once)[0] is once
+    loaded = replace(r, uncertainty=StandardUncertainty())
+    assert loads.heard(loaded)[0] is loaded
+
+
+def test_a_hung_weight_s_sideways_noise_is_no_load() -> None:
+    """Without a stated uncertainty the repeats of a pose show that nothing but noise stands in a column."""
+    rng = np.random.default_rng(2)
+    r = sound()
+    assert r.wrench is not None
+    w = np.zeros_like(r.wrench)
+    w[:, 2] = -np.abs(r.wrench[:, 2]).max() * (0.5 + 0.5 * (np.arange(len(r)) % 2))
+    w[:, :2] = 1e-3 * w[:, 2].min() * rng.standard_normal((len(r), 2))
+    hung = replace(r, wrench=w, uncertainty=StandardUncertainty())
+    heard, _ = loads.heard(hung)
+    assert heard.wrench is not None
+    assert not heard.wrench[:, :2].any()
+    assert heard.wrench[:, 2].all()
 
 
 def test_loads_that_the_sensor_cannot_tell_apart_are_the_same() -> None:

@@ -291,3 +291,13 @@ def test_the_nearest_body_is_nearest_as_the_readings_count() -> None:
         assert cost(np.array([(L @ L.T)[i, j] for i, j in pairs])) > cost(near) * (1 - 1e-6)
     possible = np.array([3e-8, 0.0, 0.0, 2e-8, 0.0, 1e-8])
     np.testing.assert_array_equal(nearest_definite(possible, pairs, metric), possible)
+
+
+def test_what_no_reading_shows_is_the_least_that_what_it_is_coupled_to_needs() -> None:
+    """A tool pulled through its tip shows shift and the tilt that comes with it, never a tilt by a moment."""
+    pairs, metric = ((0, 0), (1, 1), (0, 1)), np.diag([2e15, 3e-18, 2e14])
+    shift, both = 4e-7, 6e-6
+    for tilt in (0.0, 9e8):  # anything fits
+        near = nearest_definite(np.array([shift, tilt, both]), pairs, metric)
+        np.testing.assert_allclose(near[[0, 2]], [shift, both], rtol=1e-6)
+        assert near[1] == pytest.approx(both**2 / shift, rel=1e-3)

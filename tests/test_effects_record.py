@@ -70,6 +70,11 @@ def test_laws_are_the_errors_that_a_sensor_makes() -> None:
             (),
             s.wrench + np.concatenate([zero, np.cross(size * s.tool[:, :, 0], force)], axis=1),
         ),
+        ("force_sensor_gain", "gain that grows with the load"): (
+            0,
+            (2.0, 0.0),
+            np.concatenate([force - size * e * np.einsum("nc,nc->n", e, force)[:, None] ** 2, moment], axis=1),
+        ),
     }
     for name, (k, shape, truth) in acting.items():
         found = s.wrench + size * effects[name].columns(np.array(shape), s)[:, :, k]

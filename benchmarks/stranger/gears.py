@@ -45,6 +45,7 @@ def starts(script: Script, memory: str) -> Array:
 def dahl(width: float, reach: float, memory: str) -> Gear:
     """Loop ``width`` rad wide at its full opening, which needs about ``reach`` N·m of torque to turn over.
 
+    What friction holds back of the twist: it follows every change of the torque, against it, and takes up energy.
     z' = (1 - z sign(τ') 2/width) width/reach; a fresh start is wound from no torque to the one on arrival (wound) or
     begins at rest (cycle).
     """
@@ -60,7 +61,7 @@ def dahl(width: float, reach: float, memory: str) -> Gear:
             change = now - last
             goal = half if change > 0 else -half
             z = goal + (z - goal) * np.exp(-2.0 * abs(change) / reach)
-            out[k], last = z, now
+            out[k], last = -z, now
         return out
 
     return law

@@ -10,6 +10,7 @@ from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.domain.recording import Recording, StandardUncertainty
 
+LEVER = 0.1  # m, at which a moment counts as a force
 COLUMNS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 
 
@@ -28,9 +29,12 @@ def heard(recording: Recording) -> tuple[Recording, list[str]]:
         return recording, []
     stated = [recording.uncertainty.force] * 3 + [recording.uncertainty.moment] * 3
     quiet = []
-    for k, sigma in enumerate(stated):
+    for k, told in enumerate(stated):
         w = np.abs(recording.wrench[:, k])
-        if not sigma or not w.any():
+        if not w.any():
+            continue
+        sigma = told or _scatter(recording, k)
+        if not sigma:
             continue
         loud = w > calibrated.NOISE.silent_peak * sigma
         rest = w[~loud]
@@ -41,7 +45,32 @@ def heard(recording: Recording) -> tuple[Recording, list[str]]:
     wrench = recording.wrench.copy()
     wrench[:, quiet] = 0.0
     names = ", ".join(COLUMNS[k] for k in quiet)
-    return replace(recording, wrench=wrench), [f"{names}: nothing beyond the stated uncertainty; counted as zero"]
+    return replace(recording, wrench=wrench), [f"{names}: nothing beyond its uncertainty; counted as zero"]
+
+
+def _scatter(recording: Recording, k: int) -> float:
+    """1 sigma of a small component by its readings in one pose while the other forces are alike; 0: not to be told.
+
+    A load that the robot bears comes back with its repeats: of such a component these readings scatter by far less than
+    it is large. A component that is large beside the force is none of these, however it scatters.
+    """
+    assert recording.wrench is not None  # kind deflection
+    force = recording.wrench[:, :3]
+    largest = float(np.linalg.norm(force, axis=1).max(initial=0.0))
+    small = calibrated.NOISE.silent_small * largest * (1.0 if k < 3 else LEVER)
+    value = recording.wrench[:, k]
+    if recording.pose is None or not largest or float(np.sqrt(np.mean(value**2))) > small:
+        return 0.0
+    others = np.delete(force, k, axis=1) if k < 3 else force
+    level = np.round(others / (calibrated.NOISE.silent_step * largest))
+    labels = np.column_stack([recording.pose, level])
+    _, group, count = np.unique(labels, axis=0, return_inverse=True, return_counts=True)
+    group = group.reshape(-1)
+    free = int((count - 1).sum())
+    if free < calibrated.NOISE.least_freedom:
+        return 0.0
+    mean = np.bincount(group, value) / count
+    return float(np.sqrt(np.sum((value - mean[group]) ** 2) / free))
 
 
 def same(largest: Array, share: float, stated: StandardUncertainty) -> Array:

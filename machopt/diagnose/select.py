@@ -64,9 +64,15 @@ def stands(model: Model, s: Scored) -> bool:
     return (
         s.total > calibrated.DETECTION.generalises * s.gain
         and possible(model, s.tried, s.shape, s.x)[1] <= (1.0 - calibrated.DETECTION.possible) * s.gain
-        and s.total - float(s.heldout.max()) > calibrated.DETECTION.without_best * s.total
+        and _not_alone(model, s)
         and not unproven(model.with_columns(s.tried.at(s.shape)), [(s.tried, s.shape)])
     )
+
+
+def _not_alone(model: Model, s: Scored) -> bool:
+    """Whether a law does not hang on one group: the others bear their share, or would be enough by themselves."""
+    others = s.total - float(s.heldout.max())
+    return others > calibrated.DETECTION.without_best * s.total or others / model.spread >= least_gain(model, s)
 
 
 def _plausible(s: Scored) -> bool:

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machopt.arrays import Array
 
 ROUNDS, MOST = 60, 2000
+FAR = 1e3  # rad/(N·m) per 1/N: a lever of a millimetre
+HOLDS = 1e-6  # relative eigenvalue of what is seen, from which on it bears what is coupled to it
 TIGHT = 1e-9  # relative
 
 
@@ -21,7 +24,8 @@ def nearest_definite(values: Array, pairs: Sequence[tuple[int, int]], metric: Ar
     Args:
         values: (p,) entries of a symmetric matrix, SI; those that it does not name are zero.
         pairs: where each stands.
-        metric: (p, p) how the sum of squares grows with a change of ``values``.
+        metric: (p, p) how the sum of squares grows with a change of ``values``. An entry of the diagonal that no
+            reading shows is the least that what is coupled to it needs.
 
     Returns:
         (p,) the same ones where they are possible already.
@@ -33,11 +37,19 @@ def nearest_definite(values: Array, pairs: Sequence[tuple[int, int]], metric: Ar
     twice = np.where(rows == columns, 1.0, 2.0)
     unit = 1.0 / np.sqrt(np.maximum(np.diag(metric), np.finfo(float).tiny))
     size = np.ones(n)  # of each direction, so that metres and radians weigh alike
+    unseen = _unseen(values, pairs, np.diag(metric), n)
     for v, u, (i, j) in zip(values, unit, pairs, strict=True):
-        if i == j:
+        if i == j and not unseen[i]:
             size[i] = np.sqrt(max(float(v), float(u)))
+    for i in np.flatnonzero(unseen).tolist():
+        with_seen = [
+            abs(float(v)) / size[a + b - i]
+            for v, (a, b) in zip(values, pairs, strict=True)
+            if i in (a, b) and not unseen[a + b - i]
+        ]
+        size[i] = max(with_seen)
     scale = size[rows] * size[columns]
-    x0 = values / scale
+    x0 = np.where((rows == columns) & unseen[rows], 1.0, values / scale)
     eigen, axes = np.linalg.eigh(metric * np.outer(scale, scale))
     root = np.sqrt(np.maximum(eigen, TIGHT * eigen[-1]))
     back = axes / root  # of z = root axesᵀ (x − x0), whose length is what is lost
@@ -59,8 +71,24 @@ def nearest_definite(values: Array, pairs: Sequence[tuple[int, int]], metric: Ar
         u, _ = nnls(np.concatenate([(G / long[:, None]).T, (h / long)[None]]), np.eye(len(pairs) + 1)[-1], maxiter=MOST)
         r = np.concatenate([(G / long[:, None]).T @ u, [(h / long) @ u - 1.0]])
         x = x0 - back @ (r[:-1] / r[-1])
-    if x is x0:
+    if x is x0 and not unseen.any():
         return values
     w, V = np.linalg.eigh(matrix(x))
     C = (V * np.maximum(w, 0.0)) @ V.T
+    if unseen.any():
+        B = C[np.ix_(~unseen, unseen)]
+        C[np.ix_(unseen, unseen)] = B.T @ np.linalg.pinv(C[np.ix_(~unseen, ~unseen)], rcond=HOLDS, hermitian=True) @ B
     return np.asarray(C[rows, columns] * scale)
+
+
+def _unseen(values: Array, pairs: Sequence[tuple[int, int]], metric: Array, n: int) -> NDArray[np.bool_]:
+    """(n,) directions whose own entry would not show were it far larger than what couples it to the others."""
+    coupled = np.zeros(n)
+    for v, (i, j) in zip(values, pairs, strict=True):
+        if i != j:
+            coupled[[i, j]] = np.maximum(coupled[[i, j]], abs(float(v)))
+    out = np.zeros(n, bool)
+    for m, (i, j) in zip(metric, pairs, strict=True):
+        if i == j:
+            out[i] = coupled[i] > 0.0 and m * (FAR * coupled[i]) ** 2 < TIGHT
+    return out

@@ -56,7 +56,7 @@ class TipSpring(Entries):
         return {"lateral_compliance": Quantity(1e6 * float(np.max(np.abs(values[:3]))), "µm/N")}
 
     def seen(self, dimensions: int, *, turning: bool) -> BodyLaw:
-        return self if dimensions == 6 else replace(self, pairs=DIAGONAL[:3])
+        return self if dimensions == 6 and turning else replace(self, pairs=DIAGONAL[:3])
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,8 @@ class TipMatrix(Entries):
         return {"lateral_compliance": Quantity(1e6 * max(sideways), "µm/N"), **tilt}
 
     def seen(self, dimensions: int, *, turning: bool) -> BodyLaw:
-        if dimensions == 6 or turning:
+        # where moments or turning are missing no reading holds the tilts, and any of them makes any coupling possible
+        if dimensions == 6 and turning:
             return self
         return replace(self, pairs=tuple(p for p in self.pairs if max(p) < 3))
 

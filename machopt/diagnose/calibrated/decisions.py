@@ -95,6 +95,10 @@ class NoiseLevels:
     )
     silent_peak: float = _set(4.0, "times the stated 1 sigma that a reading of such a component may reach", STATISTICS)
     silent_share: float = _set(0.01, "of the readings that may exceed it: gross errors", JUDGED)
+    silent_small: float = _set(
+        0.03, "rms per largest force up to which a component without a stated 1 sigma may be noise alone", JUDGED
+    )
+    silent_step: float = _set(0.05, "of the largest force: readings under forces so alike are repeats of it", JUDGED)
     same: float = _set(
         4.24, "times the stated 1 sigma: loads that differ less are the same: three of a difference", STATISTICS
     )
