@@ -11,7 +11,18 @@ from pathlib import Path
 import branches
 import pytest
 from branches import Counted
-from conftest import LONG, LONG_MODULE, NOTED, PROFILE, seconds_list, seconds_of, slow_list, unexpected_skips
+from conftest import (
+    LONG,
+    LONG_MODULE,
+    NOTED,
+    PROFILE,
+    SECONDS,
+    SLOW,
+    seconds_list,
+    seconds_of,
+    slow_list,
+    unexpected_skips,
+)
 from examples import NIGHTLY, examples
 from hypothesis import settings
 
@@ -46,6 +57,18 @@ def test_seconds_are_recorded_for_modules_that_ran_and_the_longest_comes_first()
     lines = seconds_list(known, {"tests/test_tiers.py": NOTED / 2, "tests/test_damages.py": 90.0})
     assert seconds_of("\n".join(lines)) == {"tests/test_damages.py": 90.0, "tests/test_cli.py": 50.0}
     assert lines[0].endswith("tests/test_damages.py")
+
+
+def test_what_is_recorded_is_there() -> None:
+    """A test that took another name would run in `make quick` again, however long it takes."""
+    names = [*SLOW.read_text(encoding="utf-8").split(), *seconds_of(SECONDS.read_text(encoding="utf-8"))]
+    gone = []
+    for name in names:
+        file, _, test = name.partition("::")
+        here = (ROOT / file).read_text(encoding="utf-8") if (ROOT / file).exists() else ""
+        if not here or (test and f"def {test}(" not in here):
+            gone.append(name)
+    assert gone == []
 
 
 def test_examples_are_the_same_in_ci_and_many_at_night() -> None:
