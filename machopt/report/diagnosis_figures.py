@@ -296,7 +296,7 @@ def job_charts(job: JobEffect) -> list[Spec]:
             "d-gamma",
             "Chosen rotation of the tool",
             "γ (deg)",
-            [("before", job.gamma_before, BEFORE, "5 4"), ("with what was found", job.gamma_after, AFTER, "none")],
+            [("before", job.gamma_before, BEFORE, "5 4"), ("with what was found", job.gamma_after, AFTER, "")],
         ),
         (
             "d-deflection",
@@ -305,7 +305,7 @@ def job_charts(job: JobEffect) -> list[Spec]:
             [
                 ("old choice, old model", job.deflection_before, GREY, "2 3"),
                 ("old choice, new model", job.deflection_unchanged, BEFORE, "5 4"),
-                ("new choice, new model", job.deflection_after, AFTER, "none"),
+                ("new choice, new model", job.deflection_after, AFTER, ""),
             ],
         ),
     ]

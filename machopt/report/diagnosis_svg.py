@@ -105,7 +105,7 @@ def share_bars(shares: Sequence[Share], label: str) -> Markup | str:
     for n, s in enumerate(rows):
         y = 6 + line * n
         out.append(_text(left - 10, y + 15, axis_words(s.axis), "end", "label"))
-        out.append(shape("rect", x=left, y=y + 3, width=room, height=15, fill="#eef1f4"))
+        out.append(shape("rect", x=left, y=y + 3, width=room, height=15, class_="trough"))
         width = room * min(max(s.share, 0.0), 1.0)
         out.append(shape("rect", x=left, y=y + 3, width=width, height=15, fill=BLUE, fill_opacity=0.8))
         out.append(_text(left + room + 44, y + 15, percent(s.share), "end", "label"))

@@ -5,15 +5,15 @@ const PLOTS = [];
 
 // Colours of the page's style sheet; on a dark screen lines go over to lighter tones of their own colour.
 const screenDark = window.matchMedia("(prefers-color-scheme: dark)");
-let dark = false, TICK, RULE, AXIS, BOX, BAND, LIMIT;
-const LIGHTER = { "#1552b8": "#74a9ff", "#d9730d": "#f59a45", "#7a8490": "#a3aebb", "#2c8a57": "#55bd8b", "#b3261e": "#ff7b72", "#1b2430": "#dfe5ec", "#222": "#dfe5ec" };
+let dark = false, TICK, RULE, AXIS, BOX, BAND, PAPER, LIMIT;
+const LIGHTER = { "#1552b8": "#74a9ff", "#d9730d": "#f59a45", "#7a8490": "#a3aebb", "#2c8a57": "#55bd8b", "#b3261e": "#ff7b72", "#1b2430": "#dfe5ec", "#222": "#dfe5ec", "#8a3fb0": "#c792ea", "#8e44ad": "#c792ea", "#5b6673": "#a3aebb" };
 const tone = color => dark && LIGHTER[color] || color;
 
 function readColors(paper = false) {
   dark = screenDark.matches && !paper;
   document.documentElement.classList.toggle("dark", dark);
   const style = getComputedStyle(document.documentElement), of = name => style.getPropertyValue(name).trim();
-  [TICK, RULE, AXIS, BOX, BAND] = ["--tick", "--grid", "--axis", "--box", "--band"].map(of);
+  [TICK, RULE, AXIS, BOX, BAND, PAPER] = ["--tick", "--grid", "--axis", "--box", "--band", "--paper"].map(of);
   LIMIT = tone(LIMIT_COLOR);
 }
 

@@ -30,13 +30,13 @@ function xyChart(host, spec) {
       const p = new Path2D();
       l.x.forEach((x, k) => p.lineTo(X(x), Y(l.hi[k])));
       for (let k = l.x.length - 1; k >= 0; k--) p.lineTo(X(l.x[k]), Y(l.lo[k]));
-      ctx.fillStyle = l.color; ctx.globalAlpha = 0.16; ctx.fill(p); ctx.globalAlpha = 1;
+      ctx.fillStyle = tone(l.color); ctx.globalAlpha = 0.16; ctx.fill(p); ctx.globalAlpha = 1;
     },
     line(ctx, l, X, Y) {
       const p = new Path2D();
       let pen = false;
       l.x.forEach((x, k) => { if (known(l, k)) p[pen ? "lineTo" : "moveTo"](X(x), Y(l.y[k])); pen = known(l, k); });
-      stroke(ctx, p, l.color, l.width || 1.5, 1, dashes(l.dash));
+      stroke(ctx, p, tone(l.color), l.width || 1.5, 1, dashes(l.dash));
     },
     points(ctx, l, X, Y) {
       const bars = new Path2D(), marks = new Path2D(), r = l.size || 3;
@@ -49,9 +49,9 @@ function xyChart(host, spec) {
         if (l.mark === "diamond") { p.moveTo(x, y - r - 1); p.lineTo(x + r + 1, y); p.lineTo(x, y + r + 1); p.lineTo(x - r - 1, y); p.closePath(); } else p.arc(x, y, r, 0, 2 * Math.PI);
         marks.addPath(p);
       });
-      stroke(ctx, bars, l.color, l.bar || 1, l.bar ? 1 : 0.45);
-      ctx.fillStyle = l.hollow ? "#fff" : l.color; ctx.globalAlpha = l.mark === "diamond" ? 1 : l.hollow ? 0.6 : 0.75; ctx.fill(marks, "nonzero");
-      stroke(ctx, marks, l.color, 1);
+      stroke(ctx, bars, tone(l.color), l.bar || 1, l.bar ? 1 : 0.45);
+      ctx.fillStyle = l.hollow ? PAPER : tone(l.color); ctx.globalAlpha = l.mark === "diamond" ? 1 : l.hollow ? 0.6 : 0.75; ctx.fill(marks, "nonzero");
+      stroke(ctx, marks, tone(l.color), 1);
     },
   };
   const levels = u => paint(u, (ctx, b, X, Y) => {
@@ -64,7 +64,7 @@ function xyChart(host, spec) {
     cursor: { drag: { x: true, y: true, uni: 20 }, points: { show: false }, y: false, x: false },
     scales: { x: { time: false, distr: spec.xlog ? 3 : 1, range: u => span(u).x }, y: { distr: spec.ylog ? 3 : 1, range: u => span(u).y } },
     axes: [axis(2, spec.xlabel, { grid: false, log: spec.xlog, names: spec.xcats }), axis(3, spec.ylabel, { log: spec.ylog, names: spec.ycats, size: spec.left ? spec.left : 46 })],
-    series: [{}, ...named.map(l => ({ label: l.name, class: l.name ? l.type : "unnamed", stroke: l.color, paths: () => null, points: { show: false } }))],
+    series: [{}, ...named.map(l => ({ label: l.name, class: l.name ? l.type : "unnamed", tint: l.color, stroke: () => tone(l.color), paths: () => null, points: { show: false } }))],
     hooks: { drawAxes: [levels], drawSeries: [(u, i) => { const l = spec.layers[i - 1]; paint(u, (ctx, b, X, Y) => draw[l.type](ctx, l, X, Y)); }], draw: [edge] },
   }, [[0, 1], ...named.map(() => [null, null])]);
   const ring = document.createElement("div");
@@ -86,7 +86,7 @@ function xyChart(host, spec) {
     if (!best) return hide();
     const [x, y, l, k] = best;
     ring.style.cssText = `display:block;left:${x}px;top:${y}px`;
-    const rows = [[l.name, "", l.color], ...(l.labels && l.labels[k] || [])];
+    const rows = [[l.name, "", tone(l.color)], ...(l.labels && l.labels[k] || [])];
     if (!spec.xcats) rows.push([spec.xname || spec.xlabel || "x", +l.x[k].toPrecision(5)]);
     if (!spec.ycats) rows.push([spec.yname || spec.ylabel || "y", +l.y[k].toPrecision(5)]);
     showTip(evt, rows);
