@@ -43,8 +43,13 @@ FILES: tuple[tuple[str, str, type[BaseModel]], ...] = (
         "kinematics.yaml",
         "Named by `kinematics:` of cell.yaml; `diagnose` writes it. "
         + " ".join(
-            f"`{effect}` has {', '.join(f'`{p}`' for p in names)}." for effect, names in kinematics.PARAMETERS.items()
-        ),
+            f"`{effect}` has {', '.join(f'`{p}`' for p in names)}"
+            + "".join(f", optionally `{p}`" for p in kinematics.OPTIONAL.get(effect, ()))
+            + "."
+            for effect, names in kinematics.PARAMETERS.items()
+        )
+        + " `range_deg`: the encoder angles, lower and upper, that it was measured over; beyond them it fades out "
+        "within 5 degrees and is not applied, without the key it is applied everywhere.",
         kinematics._KinematicsFile,
     ),
     ("recording.yaml", "Beside the data files of a recording folder.", recording._RecordingFile),

@@ -14,6 +14,7 @@ from test_cli import KR500, PASS, changed_cell, optimize, toolpath
 from machopt.domain.cell import JointLimits
 from machopt.domain.kinematics import KinematicCorrection, Kinematics
 from machopt.effects.corrections import extended
+from machopt.effects.within import measured
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.kinematics import load_kinematics, write_kinematics
@@ -22,7 +23,7 @@ from machopt.formats.toolpath import read_toolpath
 from machopt.model.correction import Correction, correction_of
 from machopt.model.robot import load_robot
 from machopt.verify import verify_output
-from machopt.verify.encoder import true_angles
+from machopt.verify.encoder import outside, true_angles
 
 OFFSET = KinematicCorrection("joint_zero_offset", "joint:3", {"offset_deg": 0.2})
 WAVES = KinematicCorrection(
@@ -78,6 +79,15 @@ REFUSED = [
         entry("transmission_error", "joint:2", "per_turn: 200, cos_arcsec: 600, sin_arcsec: 0"),
         ["joint 2", "0.58 rad per rad", "0.5"],
     ),
+    (
+        entry("transmission_error", "joint:2", "per_turn: 2, cos_arcsec: 6, sin_arcsec: 0, range_deg: [10, -5]"),
+        ["range_deg", "[10, -5]", "the lower first"],
+    ),
+    (entry("joint_zero_offset", "joint:1", "offset_deg: 1, range_deg: [1, 2]"), ["unknown key 'range_deg'"]),
+    (
+        entry("transmission_error", "joint:2", "per_turn: 1, cos_arcsec: 4000, sin_arcsec: 0, range_deg: [-5, 10]"),
+        ["joint 2", "0.51 rad per rad"],  # 0.02 of the wave, 35 / 16 of it over 5 degrees
+    ),
     (2 * entry("joint_zero_offset", "joint:1", "offset_deg: 1"), ["line 4", "stands twice"]),
     ("  - {effect: joint_zero_offset}\n", ["required key is missing"]),
 ]
@@ -113,6 +123,68 @@ def test_what_is_found_comes_on_top_of_what_is_known() -> None:
     )
     np.testing.assert_allclose(correction(both).delta(q), parts, atol=1e-15)
     assert extended(None, ()) == Kinematics()
+
+
+RANGED = Kinematics(
+    (
+        OFFSET,
+        *(
+            KinematicCorrection(c.effect, c.location, {**c.parameters, "range_deg": ends})
+            for c, ends in ((WAVES, [-40.0, 25.5]), (WAVE, [-90.0, 10.0]))
+        ),
+    )
+)
+
+
+def test_waves_are_applied_where_they_were_measured_and_fade_out_beyond() -> None:
+    q = np.radians(np.linspace(-60.0, 60.0, 2401))[:, None] * np.ones(6)
+    ranged, whole = correction(RANGED), correction(Kinematics((OFFSET, WAVES, WAVE)))
+    np.testing.assert_allclose(true_angles(RANGED, q), ranged.true_angles(q), atol=2e-15)  # the verifier's own code
+    inside = np.abs(np.degrees(q[:, 0]) + 7.25) <= 32.75
+    np.testing.assert_array_equal(ranged.delta(q)[inside, 0], whole.delta(q)[inside, 0])
+    gone = (np.degrees(q[:, 0]) < -45.0) | (np.degrees(q[:, 0]) > 30.5)
+    assert not ranged.delta(q)[gone, 0].any()
+    assert (ranged.delta(q)[gone, 2] == np.radians(0.2)).all()  # an offset holds everywhere
+    np.testing.assert_allclose(ranged.encoder_angles(ranged.true_angles(q)), q, atol=2e-15)
+    h = 1e-5
+    for part in ranged.parts:  # its first three derivatives, all over the fading ends
+        for order in (1, 2, 3):
+            slope = (part.angle(q + h, order - 1) - part.angle(q - h, order - 1)) / (2.0 * h)
+            size = max(float(np.abs(slope).max()), 1e-9)
+            np.testing.assert_allclose(part.angle(q, order), slope, atol=1e-3 * size)  # the fourth jumps
+
+
+def test_who_goes_beyond_the_measured_range_is_told_by_both_programs(tmp_path: Path) -> None:
+    q = np.radians(np.array([[-30.0] * 6, [20.0] * 6]))
+    (said,) = correction(RANGED).beyond(q)
+    assert "joint 5" in said
+    assert "-90.0° to 10.0°" in said
+    assert "-30.0° to 20.0°" in said
+    (check,) = outside(RANGED, q)
+    assert check.passed is None  # told; nothing is broken
+    assert "joint:5" in check.name
+    assert "1 of 2 samples" in check.where
+    assert correction(ALL).beyond(q) == []
+    assert outside(ALL, q) == []
+    write_kinematics(tmp_path / "k.yaml", RANGED)
+    assert load_kinematics(tmp_path / "k.yaml") == RANGED
+
+
+def test_waves_of_another_range_stand_beside_those_that_are_known() -> None:
+    both = extended(ALL, RANGED.corrections[1:])
+    assert len(both.corrections) == len(ALL.corrections) + 2
+    q = np.random.default_rng(4).uniform(-2, 2, (5, 6))
+    parts = correction().delta(q) + correction(Kinematics(RANGED.corrections[1:])).delta(q)
+    np.testing.assert_allclose(correction(both).delta(q), parts, atol=1e-15)
+    again = extended(RANGED, RANGED.corrections[1:])  # the same range adds up
+    assert [c.parameters.get("range_deg") for c in again.corrections] == [None, [-40.0, 25.5], [-90.0, 10.0]]
+    assert again.corrections[2].parameters["cos_arcsec"] == 120.0
+
+
+def test_a_range_leaves_out_ends_that_stand_alone() -> None:
+    q = np.radians(np.r_[-90.0, np.linspace(-180.0, -122.0, 50)])
+    assert measured(q) == [-180.0, -122.0]
+    assert measured(np.radians([0.0, 120.0])) == [0.0, 120.0]  # of two nobody knows which
 
 
 # the map --------------------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.at_joint import pair
 from machopt.diagnose.problem import Curve, Hypothesis, Shape
 from machopt.diagnose.readings import Readings
-from machopt.effects import coupling, kinematic
+from machopt.effects import coupling, kinematic, within
 from machopt.effects.corrections import entry
 from machopt.effects.protocol import DEGREE, Effect, joints_of
 from machopt.effects.waves import ARCSEC
@@ -123,6 +123,7 @@ def _unloaded(
     own, (by, moved) = effect.unloaded, joints_of(where)
     assert own is not None  # port angle
     q = r.state.q[:, by]
+    over = {within.KEY: within.measured(q)} if effect is kinematic.WAVES else {}
     return Hypothesis(
         effect.called,
         where,
@@ -131,7 +132,7 @@ def _unloaded(
         lambda s: r.lift(moved, own.columns(np.array(s), q)),
         lambda x, s: own.sizes(x, np.array(s)),
         shapes,
-        correction=lambda x, s: entry(effect, where, x, np.array(s)),
+        correction=lambda x, s: entry(effect, where, x, np.array(s), over),
         family="kinematic",
         note=note,
         curve=curve,

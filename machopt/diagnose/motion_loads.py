@@ -10,7 +10,7 @@ from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.motion_frame import Scene, curve, joint_law
 from machopt.diagnose.problem import Correction, Curve, Hypothesis, Quantity, RecordCorrection, Shape
-from machopt.effects import registry
+from machopt.effects import registry, within
 from machopt.effects.corrections import entry
 from machopt.effects.kinematic import WAVES, Waves
 from machopt.effects.protocol import Effect, Swinging, SwingLaw
@@ -62,7 +62,8 @@ def ripple(scene: Scene, joint: int, unit: str, factor: float, *, torque: bool) 
                 return RecordCorrection(
                     "transmission_error", where, {"order": s[0], "cos_Nm": float(x[0]), "sin_Nm": float(x[1])}
                 )
-            return entry(WAVES, where, x, np.array(multiples(s, harmonics)))
+            over = {within.KEY: within.measured(q)}
+            return entry(WAVES, where, x, np.array(multiples(s, harmonics)), over)
 
         def line(x: Array, s: Shape) -> Curve:
             return curve(

@@ -5,14 +5,17 @@
     machopt_kinematics: 1
     corrections:
       - {effect: joint_zero_offset, location: "joint:3", parameters: {offset_deg: 0.02}}
-      - {effect: transmission_error, location: "joint:1", parameters: {per_turn: 3, cos_arcsec: 8.1, sin_arcsec: -2.5}}
+      - {effect: transmission_error, location: "joint:1",
+         parameters: {per_turn: 3, cos_arcsec: 8.1, sin_arcsec: -2.5, range_deg: [-90, 75]}}
       - {effect: joint_coupling, location: "joint:4-5", parameters: {ratio: 2.5e-5}}
       - {effect: geometry, location: "joint:2", parameters: {xyz_mm: [0.2, 0, -0.1], turn_mrad: [0, 0.3, 0]}}
 
 The true angle of a joint is q + Δ(q), q what its encoder says. The joints of trajectory.csv, points.csv and of robot
-programs are encoder angles: with this file those that bring the arm to the programmed path. A
-geometry moves the joint's frame in the link before it (``base``: the whole arm in base_link; ``tool``: what the flange
-carries): shifted, and turned about its own origin, in axes of base_link with all joints at zero.
+programs are encoder angles: with this file those that bring the arm to the programmed path. A transmission error is
+applied at encoder angles of its ``range_deg``, where it was measured, and fades out within 5 degrees beyond; without
+one everywhere. A geometry moves the joint's frame in the link before it (``base``: the whole arm in base_link;
+``tool``: what the flange carries): shifted, and turned about its own origin, in axes of base_link with all joints at
+zero.
 """
 
 from __future__ import annotations
@@ -21,10 +24,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 from pydantic import Field
 
 from machopt.domain.kinematics import KinematicCorrection, Kinematics
-from machopt.effects import files, geometry, registry
+from machopt.effects import files, geometry, registry, within
 from machopt.effects.given import Parameters
 from machopt.effects.protocol import Parameter, Unloaded, joints_of
 from machopt.errors import nearest
@@ -33,6 +37,8 @@ from machopt.formats.yamlstrict import Document, Loc, Strict, read_yaml, show, v
 PARAMETERS = {
     word: tuple(p.key for p in (*law.shape, *law.coefficients)) for word, (_, law) in registry.without_load().items()
 } | {geometry.EFFECT.name: (geometry.SHIFT, geometry.TURN)}
+OPTIONAL = {within.WORD: (within.KEY,)}
+_MOST_DEG = 3600.0
 _STEEPEST = 0.5  # |Δ'|: beyond it encoder and true angle are hardly one to one, and the file is in another unit
 
 
@@ -57,16 +63,17 @@ def load_kinematics(path: Path | str) -> Kinematics:
     """
     document = read_yaml(Path(path))
     data = validate(_KinematicsFile, document)
-    seen: dict[tuple[str, str], int] = {}
+    seen: set[tuple[str, str, str]] = set()
     out = []
     for n, c in enumerate(data.corrections):
         loc: Loc = ("corrections", n)
         _check_place(document, loc, c.effect, c.location)
-        if (c.effect, c.location) in seen:
+        key = c.effect, c.location, str(c.parameters.get(within.KEY, ""))
+        if key in seen:
             raise document.error(
                 loc, f"{c.effect} at {c.location} stands twice; keep one (waves of a transmission error stand in lists)"
             )
-        seen[(c.effect, c.location)] = n
+        seen.add(key)
         out.append(KinematicCorrection(c.effect, c.location, _parameters(document, (*loc, "parameters"), c)))
     found = Kinematics(tuple(out), Path(path))
     for joint, slope in enumerate(_slopes(found), start=1):
@@ -126,10 +133,12 @@ def _parameters(document: Document, loc: Loc, c: _Correction) -> Mapping[str, An
     if c.effect == geometry.EFFECT.name:
         return _vectors(document, loc, c)
     law = registry.without_load()[c.effect][1]
-    wanted = PARAMETERS[c.effect]
+    wanted, more = PARAMETERS[c.effect], OPTIONAL.get(c.effect, ())
     for key in c.parameters:
-        if key not in wanted:
-            raise document.error((*loc, key), f"unknown key {key!r}; {nearest(key, list(wanted))}")
+        if key not in (*wanted, *more):
+            raise document.error((*loc, key), f"unknown key {key!r}; {nearest(key, [*wanted, *more])}")
+    if within.KEY in c.parameters:
+        _check_range(document, (*loc, within.KEY), c.parameters[within.KEY])
     for key in wanted:
         if key not in c.parameters:
             raise document.error(loc, f"{key} is missing; {c.effect} needs {', '.join(wanted)}")
@@ -156,6 +165,15 @@ def _parameters(document: Document, loc: Loc, c: _Correction) -> Mapping[str, An
     return dict(c.parameters)
 
 
+def _check_range(document: Document, loc: Loc, value: object) -> None:
+    numbers = value if isinstance(value, list) else []
+    right = [v for v in numbers if isinstance(v, int | float) and not isinstance(v, bool) and abs(v) <= _MOST_DEG]
+    if len(numbers) != 2 or len(right) != 2 or not right[0] < right[1]:
+        raise document.error(
+            loc, f"found {show(value)}; expected two encoder angles in degrees, the lower first, e.g. [-90, 75]"
+        )
+
+
 def _check_number(document: Document, loc: Loc, p: Parameter, value: object) -> None:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise document.error(loc, f"found {show(value)}; expected a number ({p.said})")
@@ -173,7 +191,11 @@ def _slopes(kinematics: Kinematics) -> list[float]:
             continue
         law: Unloaded = registry.without_load()[c.effect][1]
         values, shape, _ = files.read(law, Parameters(c.parameters, c.effect))
-        slope[joints_of(c.location)[1]] += law.steepest(values, shape)
+        at = joints_of(c.location)[1]
+        slope[at] += law.steepest(values, shape)
+        if within.stated(c.parameters) is not None:  # all of it fades out
+            most = float(np.sum(np.hypot(values[0::2], values[1::2])))
+            slope[at] += within.STEEPEST * most / within.FADE
     return slope
 
 

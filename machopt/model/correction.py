@@ -14,7 +14,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.domain.cell import JointLimits
 from machopt.domain.kinematics import Kinematics
-from machopt.effects import files, geometry, registry
+from machopt.effects import files, geometry, registry, within
 from machopt.effects.given import Parameters
 from machopt.effects.protocol import Unloaded, joints_of
 
@@ -32,10 +32,18 @@ class Part:
     law: Unloaded
     values: Array  # (P,) SI
     shape: Array  # (S,) SI
+    within: within.Range | None = None  # angles of joint ``by`` that it is applied at; None: everywhere
 
     def angle(self, q: Array, derivative: int = 0) -> Array:
         """(...,) rad at encoder angles q (..., 6) rad, or a derivative by the joint's angle."""
-        return np.asarray(self.law.columns(self.shape, q[..., self.by], derivative) @ self.values)
+        at = q[..., self.by]
+        if self.within is None:
+            return self._everywhere(at, derivative)
+        whole = [self._everywhere(at, k) for k in range(derivative + 1)]
+        return within.product(self.within, at, whole, derivative)
+
+    def _everywhere(self, at: Array, derivative: int) -> Array:
+        return np.asarray(self.law.columns(self.shape, at, derivative) @ self.values)
 
 
 @dataclass(frozen=True)
@@ -111,6 +119,21 @@ class Correction:
             bound[:6] += sign * away
         return JointLimits(low, high, limits.velocity, limits.acceleration, limits.jerk)
 
+    def beyond(self, q: Array) -> list[str]:
+        """What is not applied somewhere at encoder angles q (N, 6) rad, in words."""
+        out = []
+        for part in self.parts:
+            at = np.degrees(q[:, part.by])
+            low, high = float(np.nanmin(at, initial=np.inf)), float(np.nanmax(at, initial=-np.inf))
+            if part.within is None or (low >= np.degrees(part.within.low) and high <= np.degrees(part.within.high)):
+                continue
+            ends = " to ".join(f"{np.degrees(v):.1f}°" for v in (part.within.low, part.within.high))
+            out.append(
+                f"The transmission error of joint {part.by + 1} was measured from {ends}; the joint goes from "
+                f"{low:.1f}° to {high:.1f}°, and outside what was measured it is not applied."
+            )
+        return out
+
     def _by_angles(self, q: Array, order: int) -> Array:
         """(M, 6, 6) derivative of what moves a joint (row) by the angle of another (column)."""
         out = np.zeros((*np.shape(q), 6))
@@ -132,7 +155,7 @@ def correction_of(kinematics: Kinematics | None) -> Correction | None:
             raise ValueError(f"{c.effect!r} is no kinematic correction")
         law = laws[c.effect][1]
         values, shape, _ = files.read(law, Parameters(c.parameters, c.effect))
-        parts.append(Part(*joints_of(c.location), law, values, shape))
+        parts.append(Part(*joints_of(c.location), law, values, shape, within.stated(c.parameters)))
     return Correction(tuple(parts)) if parts else None
 
 

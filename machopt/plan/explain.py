@@ -250,6 +250,8 @@ def hints(plan: Plan) -> tuple[str, ...]:
             "is force_N in N, and the stiffness in N·m/rad?"
         )
     out += plan.setup.elasticity.warnings
+    if plan.setup.correction is not None:
+        out += plan.setup.correction.beyond(plan.chosen.assignment.q)
     out += _where_external(plan)
     changes = _changes(plan)
     if changes:

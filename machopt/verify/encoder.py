@@ -8,10 +8,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.special import betainc
 
 from machopt.arrays import Array
 from machopt.domain.kinematics import Kinematics
 from machopt.verify.built import WORD
+from machopt.verify.check import Check, not_run
+
+FADE_DEG = 5.0  # beyond its range a transmission error is gone
+RANGE = "range_deg"
 
 
 def true_angles(kinematics: Kinematics | None, q: Array) -> Array:
@@ -38,10 +43,40 @@ def true_angles(kinematics: Kinematics | None, q: Array) -> Array:
         elif entry.effect == "joint_coupling":
             stands[:, joints[1]] += p["ratio"] * q[:, joints[0]]
         elif entry.effect == "transmission_error":
+            counts = _counts(p.get(RANGE), q[:, joints[0]])
             rows = zip(*(np.atleast_1d(p[key]) for key in ("per_turn", "cos_arcsec", "sin_arcsec")), strict=True)
             for order, cos, sin in rows:  # as one sine: amplitude and phase
                 phase, size = math.atan2(cos, sin), math.hypot(cos, sin)
-                stands[:, joints[0]] += math.radians(size / 3600.0) * np.sin(order * q[:, joints[0]] + phase)
+                wave = np.sin(order * q[:, joints[0]] + phase)
+                stands[:, joints[0]] += math.radians(size / 3600.0) * wave * counts
         else:
             raise ValueError(f"{entry.effect!r} is no kinematic correction")
     return stands
+
+
+def outside(kinematics: Kinematics | None, q: Array) -> list[Check]:
+    """Corrections that a motion (S, 6) rad by encoder goes beyond the measured range of: told, nothing broken."""
+    out = []
+    for entry in kinematics.corrections if kinematics is not None else ():
+        if RANGE not in entry.parameters:
+            continue
+        low, high = entry.parameters[RANGE]
+        at = np.degrees(q[:, int(entry.location.split(":")[1]) - 1])
+        beyond = (at < low) | (at > high)
+        if beyond.any():
+            out.append(
+                not_run(
+                    f"kinematics.yaml {entry.effect} at {entry.location}",
+                    f"{beyond.sum()} of {len(at)} samples lie outside {RANGE} {low:g} … {high:g}, at "
+                    f"{at[beyond].min():.1f} … {at[beyond].max():.1f}; it is not applied there",
+                )
+            )
+    return out
+
+
+def _counts(limits: tuple[float, float] | None, angle: Array) -> Array:
+    """(S,) share that is applied: the regularised incomplete beta function of order (4, 4) at either end."""
+    if limits is None:
+        return np.ones(len(angle))
+    away = np.maximum(limits[0] - np.degrees(angle), np.degrees(angle) - limits[1])
+    return np.asarray(1.0 - betainc(4.0, 4.0, np.clip(away / FADE_DEG, 0.0, 1.0)))
