@@ -30,7 +30,7 @@ from machopt.domain.steering import kept, steered
 from machopt.domain.toolpath import Toolpath
 from machopt.plan.axes import axes_of
 from machopt.plan.candidates import enumerate_candidates
-from machopt.plan.choose import choose
+from machopt.plan.glimpse import free_choice
 from machopt.plan.groups import Group, groups_of
 from machopt.plan.made import Plan
 from machopt.plan.moving import Range, curve
@@ -61,7 +61,7 @@ class Judged:
     """What a value comes to for one group, at some stations."""
 
     value: Array  # (E,) m or rad
-    lost: float  # share of the stations without a pose, or behind a break
+    lost: float  # share of the stations without a free pose, or behind a break
     mean: float  # over the length the group cuts, in the unit of the index
     worst: float  # the same
     motion: float  # what J counts beside them, within the group
@@ -309,13 +309,13 @@ class _Search:
             return
         scores = score_candidates(part, candidates, setup.elasticity, d, self.options)
         self.medians.append(scores.scale)
-        choice = choose(part, candidates, scores, setup.cell.limits.velocity[:6], self.options)
+        choice, colliding = free_choice(part, candidates, scores, setup, self.options)
         there, w = np.flatnonzero(~choice.dropped), self.options.weights
         cost = scores.cost[there, choice.rotation[there], choice.branch[there]]
         share, counted = part.station_weight[there], part.counted[part.stations[there]]
         mean, worst = float(share @ cost), float(cost[counted].max(initial=0.0))
         motion = choice.total - (w.mean * mean + w.worst * worst) / scores.scale
-        lost = (int(choice.dropped.sum()) + len(choice.broken)) / len(choice.rotation)
+        lost = (int(choice.dropped.sum()) + len(choice.broken) + colliding) / len(choice.rotation)
         self.judged[n].append(Judged(value, lost, mean, worst, motion))
 
     def _rank(self, j: Judged) -> float:

@@ -1,0 +1,54 @@
+"""Values of external joints are judged by poses that are free of contacts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from external_cell import external_cell
+from small_cell import pose
+
+from machopt.domain.cell import Shape
+from machopt.domain.options import ExternalAxis, PlanOptions
+from machopt.domain.stiffness import Stiffness
+from machopt.formats.toolpath import read_toolpath
+from machopt.plan.candidates import enumerate_candidates
+from machopt.plan.external import best_plan
+from machopt.plan.glimpse import free_choice
+from machopt.plan.path import build_path
+from machopt.plan.score import directions, score_candidates
+from machopt.plan.setup import prepare, standing
+
+
+def test_a_value_in_the_way_of_a_post_is_lost_and_another_is_taken(tmp_path: Path) -> None:
+    cell = replace(
+        external_cell(tmp_path, rail=True), stiffness=Stiffness(np.array([2.0, 2.0, 1.5, 0.5, 0.4, 0.3]) * 1e6)
+    )
+    file = tmp_path / "hole.csv"
+    file.write_text(
+        "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min\n0,0,80,0,0,1,rapid,\n0,0,-2,0,0,1,cut,300\n0,0,80,0,0,1,retract,3000\n"
+    )
+    path, options = read_toolpath(file), PlanOptions(rotation_step=np.radians(30.0))
+    own = replace(options, external=(ExternalAxis("rail", mode="operation"),))
+    free = best_plan(cell, path, own)
+    at = float(free.path.external[0, 0])
+    base = cell.T_world_base[:3, 3]
+    # a post where the arm stood
+    cell = replace(cell, obstacles=(Shape("post", "box", (0.5, 0.5, 3.0), None, pose(base[0] + 0.55, at, 1.5)),))
+    setup = prepare(cell, options)
+
+    def colliding(value: float) -> tuple[int, int]:
+        part = standing(build_path(path), np.array([value]))
+        candidates = enumerate_candidates(part, setup.arm, options)
+        d = directions(part, setup.arm, setup.elasticity, options.force)
+        scores = score_candidates(part, candidates, setup.elasticity, d, options)
+        choice, hits = free_choice(part, candidates, scores, setup, options)
+        return int(choice.dropped.sum()) + hits, int(candidates.feasible.sum())
+
+    assert colliding(at)[0] > 0
+    found = best_plan(cell, path, own)
+    assert not len(found.missing)
+    assert not found.breaks
+    assert abs(float(found.path.external[0, 0]) - at) > 0.05
+    assert colliding(float(found.path.external[0, 0]))[0] == 0
