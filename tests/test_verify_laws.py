@@ -279,6 +279,28 @@ def test_a_plunge_along_which_the_axis_turns_is_read_as_the_planner_reads_it() -
     assert np.degrees(np.nanmin(apart, axis=1)[path.index > 0].max()) < 1.0  # the rest is the axis' own turn sideways
 
 
+def test_between_points_the_file_s_reference_is_that_of_the_point_that_was_left() -> None:
+    """A long move between two rows with directions of their own, as robot programs give them."""
+    base = some_path("travel")
+    toolpath = replace(
+        base,
+        **{k: getattr(base, k)[:4] for k in ("operation", "tolerance", "line")},
+        position=np.array([[0, 0, 0.05], [0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0.0]]),
+        axis=np.tile([0.0, 0.0, 1.0], (4, 1)),
+        move=np.array([Move.RAPID] + 3 * [Move.CUT], np.int8),
+        feed=np.array([np.nan, 0.02, 0.02, 0.02]),
+        reference=np.array([[1, 0, 0], [1, 0, 0], [0.8, 0.6, 0], [0, 1, 0.0]]),
+    )
+    path, known = build_path(toolpath), reference.at_points(toolpath)
+    inside = ~path.is_point
+    assert inside.sum() > 4
+    there = reference.between(toolpath, known, path.index, leaving=True)
+    tcp = np.zeros((len(path.index), 4, 4))
+    tcp[:, :3, 0], tcp[:, :3, 2] = path.reference, -path.axis
+    apart = np.abs((there.gamma(tcp)[:, 0] - path.offset + np.pi) % (2 * np.pi) - np.pi)
+    assert apart[inside].max() < 1e-9
+
+
 def test_a_body_or_a_mass_that_vanished_is_named(cell: Cell, tmp_path: Path) -> None:
     """Whatever a parser drops: the file itself is counted."""
 

@@ -152,7 +152,10 @@ def build_path(toolpath: Toolpath, keep: tuple[int, ...] = (), *, corners: float
     along = np.abs(np.sum(np.diff(position, axis=0, prepend=position[:1]) * axis, axis=1))
     length = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)]
     plunge = joined & (length > 0) & (along >= PARALLEL * length)
-    natural = _natural_reference(toolpath.reference[high], travel, axis, drilling)
+    # what the file gives at a point holds for the move that leaves it, as the direction of travel does
+    left = np.floor(index).astype(int)
+    of_left = np.array([o.kind == "point" for o in toolpath.operations])[toolpath.operation[left]]
+    natural = _natural_reference(toolpath.reference[left], travel, axis, of_left)
     reference = carried(natural, axis, runs)
     return Path(
         index=index,
