@@ -14,7 +14,6 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.domain.stiffness import Discrepancy
-from machopt.model.gravity import gravity_torque
 from machopt.model.robot import ArmState, Masses, Robot
 from machopt.model.suspects import AXES, BENDS, LOADED, Suspects, place_of
 from machopt.model.terms.base import LinearTerm
@@ -82,10 +81,8 @@ class Shift:
         J, q = state.J, state.q
         load = np.einsum("mci,mc->mi", J, wrench)
         turn = load @ self.joints + (np.cos(q) * self.cosines + np.sin(q) * self.sines) * load
+        weight = self.rest.weight(state) if self.gears or len(self.by) else np.zeros_like(load)
         if self.gears:
-            weight = np.zeros_like(load)
-            if self.rest.masses is not None:
-                weight = gravity_torque(self.rest.robot, self.rest.masses, state)[0]
             for j, scale, size in self.gears:
                 before = np.tanh(weight[:, j] / scale)
                 if small:
@@ -96,7 +93,9 @@ class Shift:
         for body, at, soft in self.bodies:
             out += _given(state, body, at, soft, wrench)
         if len(self.by):
-            out += self.rest.response(state, np.broadcast_to(k, load.shape), wrench, small=small) @ self.by
+            out += (
+                self.rest.response(state, np.broadcast_to(k, load.shape), wrench, small=small, weight=weight) @ self.by
+            )
         return np.asarray(out)
 
 

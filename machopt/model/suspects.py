@@ -28,7 +28,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.errors import InputError
-from machopt.model.gravity import gravity_torque
+from machopt.model.gravity import gravity_torque, weight_torque
 from machopt.model.kinetostatic import geometric_stiffness
 from machopt.model.robot import ArmState, Masses, Robot
 from machopt.model.terms.base import LinearTerm
@@ -78,19 +78,21 @@ class Suspects:
         if wrong:
             raise InputError(f"found {wrong[0]!r}; no such part of this arm may be missing", where="discrepancy.parts")
 
-    def response(self, state: ArmState, k: Array, wrench: Array, *, small: bool = False) -> Array:
+    def response(
+        self, state: ArmState, k: Array, wrench: Array, *, small: bool = False, weight: Array | None = None
+    ) -> Array:
         """(M, 6, K) twist of the TCP in base_link axes per unit of each suspect, under wrenches (M, 6) at the TCP.
 
         Args:
             state: with bodies.
             k: (M, 6) N·m/rad of the model.
             small: the tangent under weight, as for a load that is next to nothing.
+            weight: (M, 6) N·m where it is known already.
         """
         J = state.J
         load = np.einsum("mci,mc->mi", J, wrench)
-        weight = np.zeros_like(load)
-        if self.masses is not None:
-            weight = gravity_torque(self.robot, self.masses, state)[0]
+        if weight is None:
+            weight = self.weight(state)
         out = np.empty((len(load), 6, len(self.names)))
         held: dict[int, Array] = {}
         for n, name in enumerate(self.names):
@@ -111,6 +113,12 @@ class Suspects:
             else:
                 out[:, :, n] = self._body(word, AXES.index(rest), state, wrench)
         return out
+
+    def weight(self, state: ArmState) -> Array:
+        """(M, 6) N·m of weight at the joints; zero where no mass is known."""
+        if self.masses is None:
+            return np.zeros(state.q.shape)
+        return weight_torque(self.robot, self.masses, state)
 
     def _loaded(self, state: ArmState, k: Array, wrench: Array, weight: Array, *, small: bool) -> Array:
         """(M, 6) twist that the load adds because the arm stands bent under its weight, and because it turns levers.
