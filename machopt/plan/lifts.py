@@ -64,10 +64,11 @@ class Lifts:
         """Way points that lift the tool off at either end, or both."""
         for height in LIFTS:
             up_a, up_b = (self.lifted(row, height) if row >= 0 else None for row in (row_a, row_b))
-            for pair in ((up_a, up_b), (up_a, None), (None, up_b)):
-                way = [w for w in pair if w is not None]
-                if way and len(way) == sum(p is not None for p in pair):
-                    yield np.array(way)
+            if up_a is not None and up_b is not None:
+                yield np.array([up_a, up_b])
+            for up in (up_a, up_b):
+                if up is not None:
+                    yield np.array([up])
 
     def lifted(self, row: int, height: float) -> Array | None:
         """(6 + E,) the tool drawn back along its axis by the arm, or None where there is no configuration nearby."""
