@@ -162,14 +162,18 @@ def test_mistakes_in_the_robot_are_told_with_all_others(good: Path, changed: Mak
     assert validate(folder).exit_code == 2
 
 
-def test_beside_a_robot_that_cannot_be_read_its_files_are_looked_at(changed: Make) -> None:
-    folder = changed(("obstacles: []", "obstacles: [{name: b, mesh: gone.stl}]"))
-    (folder / "robot.urdf").write_text("<robot")
+def test_beside_a_robot_that_cannot_be_read_its_files_are_looked_at(good: Path, changed: Make) -> None:
+    jerk = line_of(good, "jerk_deg_s3:")
+    folder = changed(
+        ("obstacles: []", "obstacles: [{name: b, mesh: gone.stl}]"), (jerk, "    jerk_deg_s3: [1, 2, 3, 4, 5, 6, 7]")
+    )
+    (folder / "robot.urdf").write_text('<robot name="r">\n<link name="l">\n</robot>')
     changed(("joints_Nm_per_rad", "joint_Nm_per_rad"), file="stiffness.yaml")
     read = read_all(folder)
     assert read.cell is None
     said = "\n".join(map(str, read.problems))
-    assert "robot.urdf: " in said
+    assert "robot.urdf: line 3, column 3: is not XML: mismatched tag; expected </link>, which line 2 opens" in said
+    assert "robot.limits.jerk_deg_s3: found 7 values, expected 6" in said
     assert "no such file: gone.stl" in said
     assert "did you mean 'joints_Nm_per_rad'" in said
 

@@ -65,6 +65,7 @@ def alone(document: Document, told: set[str]) -> Iterator[InputError]:
         told: messages that stand already.
     """
     folder = Path(document.file).resolve().parent
+    yield from _counted(document)
     named: list[tuple[Loc, str]] = []
     for key in ("stiffness", "kinematics"):
         if isinstance(name := _at(document.value, (key,)), str):
@@ -85,6 +86,21 @@ def alone(document: Document, told: set[str]) -> Iterator[InputError]:
                 problem = refused
         if problem is not None and str(problem) not in told:
             yield problem
+
+
+def _counted(document: Document) -> Iterator[InputError]:
+    """Lists of one value a joint that have another length than the arm's six and the external joints named."""
+    external = _at(document.value, ("robot", "external_joints")) or []
+    n = 6 + len(external)
+    limits = _at(document.value, ("robot", "limits"))
+    keys: list[Loc] = [("robot", "home_deg")]
+    keys += [("robot", "limits", str(key)) for key in (limits if isinstance(limits, dict) else ())]
+    for loc in keys:
+        values = _at(document.value, loc)
+        if isinstance(values, list) and len(values) != n:
+            yield document.error(
+                loc, f"found {len(values)} values, expected {n}: six axes and {len(external)} external"
+            )
 
 
 def _renamed(document: Document, loc: Loc, valid: Sequence[str]) -> Iterator[Mend]:

@@ -55,7 +55,8 @@ def parse_markup(text: str, path: Path, expected: str) -> Element:
         builder.parser.Parse(text.encode("utf-8"), True)
     except expat.ExpatError as problem:
         where = f"line {problem.lineno}, column {problem.offset + 1}"
-        raise InputError(f"is not XML: {expat.ErrorString(problem.code)}", file=path, where=where) from None
+        said = f"is not XML: {expat.ErrorString(problem.code)}{builder.expected()}"
+        raise InputError(said, file=path, where=where) from None
     assert builder.root is not None  # a document without a root is an ExpatError
     return builder.root
 
@@ -87,6 +88,13 @@ class _Builder:
         else:
             self.root = element
         self._open.append(element)
+
+    def expected(self) -> str:
+        """What would close the element that stands open, for messages; nothing where none does."""
+        if not self._open:
+            return ""
+        last = self._open[-1]
+        return f"; expected </{last.tag}>, which line {last.line} opens"
 
     def _end(self, _: str) -> None:
         done = self._open.pop()
