@@ -32,7 +32,7 @@ def test_what_has_no_name_is_said_with_its_place_and_not_named(law: str) -> None
 def test_a_law_of_the_catalogue_is_named_beside_it() -> None:
     r, _, _ = timed()
     turned = next(h for h in at_sensor.hypotheses(r) if h.effect == "force_sensor_offset")
-    slips = unnamed.hypotheses(r)[0]
+    slips = next(h for h in unnamed.hypotheses(r) if h.law == unnamed.SLIPS)
     moved = turned.columns(turned.shapes[0]) @ np.full(3, 60.0) + slips.columns((0.6,)) @ np.full(1, 8e-5)
     found = engine.diagnose(problem(r, moved), catalogue(r), engine.Options(), np.random.default_rng(0))
     assert [f.effect for f in found.findings] == ["force_sensor_offset"]
@@ -44,3 +44,8 @@ def test_a_slip_begins_beyond_its_load_and_stays_for_the_cycle() -> None:
     share = np.array([0.3, 0.8, 1.0, 0.2, 0.3, 0.5, 0.2])
     slipped = unnamed._slipped(along, share, np.array([0, 0, 0, 0, 1, 1, 1]), 0.6)
     np.testing.assert_array_equal(slipped, [[0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 0, 0], *np.zeros((3, 3))])
+
+
+def test_friction_of_a_jack_holds_back_until_the_load_falls() -> None:
+    share, cycle = np.array([0.5, 1.0, 0.5, 1.0, 0.4]), np.array([0, 0, 0, 1, 1])
+    np.testing.assert_array_equal(unnamed._risen(share, cycle), [-1, -1, 1, -1, 1])

@@ -20,7 +20,7 @@ from machopt.diagnose.readings import Readings
 Ints = NDArray[np.int64]
 SHARES: tuple[Shape, ...] = tuple((s,) for s in (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9))  # of the largest load
 BENT = (0.0,)  # no threshold: with the square of the load
-SLIPS, JUMPS = "slips and stays", "moves by the load's direction"
+SLIPS, JUMPS, RUBS = "slips and stays", "moves by the load's direction", "holds some of the load back"
 
 
 def hypotheses(r: Readings) -> list[Hypothesis]:
@@ -57,7 +57,11 @@ def hypotheses(r: Readings) -> list[Hypothesis]:
 
         return columns
 
+    def rubs(shape: Shape) -> Array:
+        return r.through(r.wrench * _risen(share, cycle)[:, None])[:, :, None]
+
     return [
+        _law("sensor:force", RUBS, "takes a share of the load either way, as a jack or a pulley rubs", rubs, ((),)),
         _law("tool", SLIPS, "slips along the load, from a share of it on, until the cycle ends", slipped, SHARES),
         _law("sensor:displacement", JUMPS, _moves("base_link"), jumps(base), (BENT, *SHARES)),
         _law("tool", JUMPS, _moves("the tool"), jumps(tool), (BENT, *SHARES)),
@@ -84,6 +88,15 @@ def _slipped(along: Array, share: Array, cycle: Ints, limit: float) -> Array:
         over = np.flatnonzero(share[rows] > limit)
         if len(over):
             out[rows[over[0] :]] = along[rows[over[0]]]
+    return out
+
+
+def _risen(share: Array, cycle: Ints) -> Array:
+    """(N,) −1 up to a cycle's largest load and +1 once it falls: what friction leaves of it is less, then more."""
+    out = np.ones(len(share))
+    for label in np.unique(cycle):
+        rows = np.flatnonzero(cycle == label)
+        out[rows[: int(share[rows].argmax()) + 1]] = -1.0
     return out
 
 
