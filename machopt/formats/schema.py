@@ -10,12 +10,12 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
-from machopt.formats import cell_schema, joblist, kinematics, options, recording, stiffness
+from machopt.formats import cell_schema, joblist, kinematics, option_keys, recording, stiffness
 
 FOLDER = Path(__file__).with_name("schemas")
 FILES: dict[str, type[BaseModel]] = {
     "cell.yaml": cell_schema.CellKeys,
-    "plan.yaml": options.OptionKeys,
+    "plan.yaml": option_keys.OptionKeys,
     "stiffness.yaml": stiffness._StiffnessFile,
     "kinematics.yaml": kinematics._KinematicsFile,
     "recording.yaml": recording._RecordingFile,
