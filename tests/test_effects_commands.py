@@ -1,0 +1,94 @@
+"""An effect that is one file, through every command that knows effects: found, written, planned with, mapped, known."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_effects_own import JELLY
+
+from machopt.cli import main
+from machopt.domain.recording import Recording
+from machopt.effects import own, registry
+from machopt.effects.protocol import Drive
+from machopt.formats.cell import load_cell
+from machopt.formats.recording import write_recording
+from machopt.formats.stiffness import load_stiffness
+from machopt.identify.equilibrium import Equilibrium
+from machopt.identify.experiment import experiment
+from machopt.model.gravity import gravity_torque
+from machopt.model.robot import load_masses, load_robot
+
+CELL = Path(__file__).resolve().parent.parent / "cells" / "kr240_drilling"
+BEND, HALF = 2e-6, 0.3  # rad/(N·m) more at no torque; of the largest torque at the joint
+QUIET = ["--quiet", "-o"]
+
+
+def load_test(jelly: Path) -> Recording:
+    """Twenty poses, two loads of up to 300 N and back, twice, 5 µm, µrad of noise; joint 3 gives as the file says."""
+    cell = load_cell(CELL)
+    robot, tool, masses = load_robot(cell), cell.tool.T_flange_tcp, load_masses(cell)
+    assert cell.stiffness is not None
+    rng = np.random.default_rng(4)
+    poses = np.radians([0, -90, 100, 0, 60, 0]) + rng.uniform(-0.5, 0.5, (20, 6))
+    q = np.tile(np.repeat(poses, 6, axis=0), (2, 1))
+    way = rng.uniform(-1.0, 1.0, (40, 6)) * np.repeat([300.0, 60.0], 3)
+    w = np.tile(np.repeat(way, 3, axis=0) * np.tile([0.5, 1.0, 0.5], 40)[:, None], (2, 1))
+    state = robot.state(q, tool, bodies=True)
+    tau = np.einsum("nci,nc->ni", state.J, w)
+    weight = gravity_torque(robot, masses, state)[0]
+    rows, pose = np.arange(len(q)), np.tile(np.repeat(np.arange(20), 6), 2)
+    cycle, session = rows // 3, rows // 120
+    still = Recording(
+        "deflection", "made up", q, pose, cycle, session, rows + 2, wrench=w, displacement=np.zeros_like(w)
+    )
+    springs, _ = Equilibrium(experiment(still, robot, tool), robot, tool, masses).predict(1.0 / cell.stiffness.joints)
+    with own.in_use(own.run((jelly,))):
+        law = registry.EFFECTS["joint_jelly"].laws[0]
+        half = np.array([HALF * np.abs(tau + weight)[:, 2].max()])
+        with_load, without = (law.columns(half, Drive(t[:, 2])) for t in (tau + weight, weight))
+    gives = BEND * (with_load - without) * state.J[:, :, 2]
+    return replace(still, displacement=springs + gives + 5e-6 * rng.normal(size=w.shape))
+
+
+@pytest.mark.slow
+def test_one_file_goes_through_every_command(tmp_path: Path) -> None:
+    jelly, cell, rec, out = (tmp_path / n for n in ("jelly.py", "cell", "rec", "out"))
+    jelly.write_text(JELLY)
+    write_recording(rec, load_test(jelly))
+    assert main(["diagnose", str(CELL), str(rec), "--terms", str(jelly), *QUIET, str(out)]) == 0
+    result = json.loads((out / "diagnosis.json").read_text())
+    named = [(f["effect"], f["location"]) for f in result["findings"] if f["effect"] != "geometric_stiffness"]
+    assert named == [("joint_jelly", "joint:3")]  # K_C is counted in any case, and named where it is worth it
+    assert {"joint:1", "joint:2"} <= {x["location"] for x in result["detection_limits"] if x["effect"] == "joint_jelly"}
+    assert "jelly of joint 3" in result["sentence"]
+    page = (out / "report.html").read_text()
+    assert "jelly of joint 3" in page
+    assert "The joint gives as jelly does." in page
+
+    shutil.copytree(CELL, cell)
+    shutil.copy(out / "stiffness.yaml", cell / "stiffness.yaml")
+    with own.in_use(own.run((jelly,))):
+        written = {(t.effect, t.location) for t in load_stiffness(cell / "stiffness.yaml").terms}
+    assert ("joint_jelly", "joint:3") in written
+
+    path = tmp_path / "path.csv"
+    path.write_text(
+        "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation\n"
+        "0,0,60,0,0,1,rapid,,a\n0,0,0,0,0,1,approach,900,a\n40,0,0,0,0,1,cut,900,a\n40,0,60,0,0,1,retract,900,a\n"
+    )
+    mine = ["--effects", str(jelly)]
+    wanted = ["--set", "rotation_step_deg=20", "--set", "collision=false"]
+    assert main(["optimize", str(cell), str(path), *mine, *wanted, *QUIET, str(tmp_path / "plan")]) == 0
+    grid = ["--step", "700", "--collision", "none"]
+    assert main(["map", str(cell), *mine, *grid, *QUIET, str(tmp_path / "map")]) == 0
+    assert main(["map", str(cell), "--step", "700", *QUIET, str(tmp_path / "unknown")]) == 2  # without its file
+
+    known = [str(cell), str(rec), "--terms", str(jelly), *QUIET, str(tmp_path / "again")]
+    assert main(["diagnose", *known]) == 0
+    again = json.loads((tmp_path / "again" / "diagnosis.json").read_text())
+    assert "joint_jelly" not in {f["effect"] for f in again["findings"]}
