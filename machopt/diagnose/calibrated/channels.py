@@ -43,7 +43,11 @@ class Resting:
     least_turn: float = _set(
         float(np.radians(15.0)), "rad, range of a joint below which a torque by its angle does not show", JUDGED
     )
-    doubt_of_maker: float = _set(4.0, "times what a maker holds, which a frame that was found may be off by", JUDGED)
+    doubt_of_maker: float = _set(
+        1.0,
+        "times what a maker holds, 1 sigma of a frame: what poses hardly tell apart stays near the drawing",
+        JUDGED,
+    )
     aside: float = _set(
         8.0,
         "gain on unseen groups by which base and joint 1 must beat the tracker's frame, which the robot has no part in",
