@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 
 import numba
 from numba.core import event
-from numba.core.caching import NullCache
+from numba.core.caching import FunctionCache, NullCache
 from numba.core.compiler import CompileResult
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps
@@ -60,11 +60,11 @@ def when_compiling(told: Told) -> Iterator[None]:
 
 def compiled(function: F) -> F:
     """``numba.njit``, cached where a folder may be written: a read-only installation and home are none."""
+    made = numba.njit(nogil=True)(function)
     try:
-        made = numba.njit(cache=True, nogil=True)(function)
+        made._cache = _Stored(function)
     except RuntimeError:  # numba finds no folder it may write to
         _LISTENER.stored = False
-        made = numba.njit(nogil=True)(function)
     if BROUGHT.is_dir():
         made._cache = _Brought(made.py_func, made._cache, BROUGHT)
     return made  # type: ignore[no-any-return]
@@ -75,11 +75,18 @@ def store(kernel: Any, folder: Path) -> None:
     kernel._cache = _Bringing(kernel.py_func, NullCache(), folder)
 
 
+class _Stored(FunctionCache):  # type: ignore[misc]
+    """numba's own store, which looks at the source of the function alone: here those it calls must be the same too."""
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        return (*super()._index_key(sig, codegen), tuple(sources(self._py_func)))
+
+
 class _Brought(NullCache):  # type: ignore[misc]
     """What an installation brought of a function, and behind it where numba itself stores. Nothing is written here.
 
     A file is found by all that its machine code depends on: types, numba, Python, the processor, and the source of the
-    function and of those it calls. (numba's own looks at the source of the function alone.)
+    function and of those it calls.
     """
 
     def __init__(self, function: Any, behind: Any, folder: Path) -> None:

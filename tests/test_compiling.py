@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import subprocess
 import sys
@@ -41,6 +42,31 @@ def test_a_kernel_that_the_installation_brought_is_not_compiled_again(
     other = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
     other._cache = module._Brought(other.py_func, other._cache, tmp_path)
     assert other(3.0) == 9.0
+
+
+def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """numba looks at the caller's own file: with the callee in another it would go on with the old machine code."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "numba"))
+    monkeypatch.syspath_prepend(tmp_path)
+    head = "from machopt.compiled import compiled\n"
+    (tmp_path / "outer_kernel.py").write_text(
+        f"{head}from inner_kernel import inner\n\n@compiled\ndef outer(x):\n    return inner(x)\n"
+    )
+    said = []
+    for factor in ("2.0", "2.0", "-3.25"):  # lengths differ: a module's bytecode is found by time and size
+        (tmp_path / "inner_kernel.py").write_text(f"{head}\n@compiled\ndef inner(x):\n    return {factor} * x\n")
+        importlib.invalidate_caches()
+        module._hash.cache_clear()  # as in a new process
+        for name in ("outer_kernel", "inner_kernel"):
+            sys.modules.pop(name, None)
+        outer = importlib.import_module("outer_kernel").outer
+        said.append((outer(1.0), len(outer.stats.cache_hits)))
+    for name in ("outer_kernel", "inner_kernel"):
+        sys.modules.pop(name)
+    module._hash.cache_clear()
+    assert said == [(2.0, 0), (2.0, 1), (-3.25, 0)]
 
 
 def test_what_is_compiled_ahead_is_stored_where_a_call_looks() -> None:
