@@ -17,6 +17,7 @@ from typing import Any
 _F1, _F2, _F3, _I1, _S1 = "f8[::1]", "f8[:,::1]", "f8[:,:,::1]", "i8[::1]", "i4[::1]"
 _FIXED = "Array(float64, 1, 'C', readonly=True)"
 _P = f"{_F2},{_I1},{_F1},{_F1},{_F2},{_F2}"  # convex parts of a body
+_C = f"{_F3},{_F1},f8,{_I1},{_I1},{_I1}"  # triangles by the cells of a grid
 KERNELS = (  # in the order in which a plan needs them: module, function, types of its arguments
     ("model.chain", "poses", f"{_F2},{_F2},{_F2},{_F2},{_F3}"),
     ("model.boxes", "_divide", f"{_F3},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F1}"),
@@ -69,11 +70,12 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
 )
 
 
-MORE = (  # what only some plans need: other arms, external joints, gouges
+MORE = (  # what only some plans need: other arms, arms as they are built, external joints, gouges
     ("model.ik_parallel", "_solve_all", f"UniTuple(UniTuple(f8,3),13),UniTuple(f8,9),{_F3},{_F3}"),
     ("model.ik_newton", "newton", f"{_F2},{_F2},{_F2},{_F3},{_I1},{_F2},i8"),
     ("model.ik_newton", "unique", f"{_F2},{_I1},{_F1},i8,i8,f8"),
     ("model.ik_newton", "track", f"{_F2},{_F2},{_F2},{_F3},{_I1},{_I1},{_F2}"),
+    ("model.ik_built", "led", f"{_F2},{_F2},{_F2},{_F3},{_F3}"),
     ("model.ik_grid", "_label", "f8[:,:,:,::1],f8[:,:,:,::1],f8"),
     ("model.chain", "moved_links", f"{_F2},{_F2},b1[::1],{_F2},f8[:,:,:,::1],{_F3}"),
     (
@@ -83,6 +85,7 @@ MORE = (  # what only some plans need: other arms, external joints, gouges
     ),
     ("plan.stairs", "walk", f"{_F2},f4[:,:,::1],i8[:,::1],{_F3},i8,i8,b1[::1],{_F1}"),
     ("model.depth", "_rows", f"{_F2},{_F3},{_F3},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F2},f8"),
+    ("verify.gouge", "_candidates", f"{_F2},{_F3},{_F2},{_F1},{_F1},{_C},{_C},{_C},f8"),
 )
 
 
