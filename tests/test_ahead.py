@@ -1,0 +1,99 @@
+"""Looking ahead from contacts: what is struck out touches, and how far it looks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from machopt.arrays import Array, Bools
+from machopt.domain.reason import Reason
+from machopt.plan.ahead import Ahead
+
+S, R, B = 30, 12, 2
+
+
+@dataclass
+class Bodies:
+    """Touches where it is told to; the joints of a vertex are its indices."""
+
+    truth: Bools  # (P, S, R, B)
+    asked: list[tuple[int, int, int, int]] = field(default_factory=list)
+    pairs: list[Any] = field(default_factory=lambda: [SimpleNamespace(unless_cutting=k == 1) for k in range(2)])
+
+    def touching(self, q: Array, pair: Any) -> Bools:
+        s, r, b = q[:, :3].astype(int).T
+        self.asked += list(zip(pair.tolist(), s.tolist(), r.tolist(), b.tolist(), strict=True))
+        return self.truth[pair, s, r, b]
+
+
+def ahead_of(truth: Bools, may_touch: Bools | None = None) -> Ahead:
+    q = np.stack(np.meshgrid(np.arange(S), np.arange(R), np.arange(B), indexing="ij"), axis=-1).astype(float)
+    candidates = SimpleNamespace(
+        q=np.concatenate([q, np.zeros((S, R, B, 3))], axis=-1),
+        feasible=np.ones((S, R, B, 1), bool),
+        reason=np.full((S, R, B), Reason.OK, np.int8),
+    )
+    touch = np.zeros(S, bool) if may_touch is None else may_touch
+    pairs = np.full((S, R, B), -1, np.int32)
+    return Ahead(candidates, Bodies(truth), touch, np.zeros((S, 0)), pairs)  # type: ignore[arg-type]
+
+
+def block(pair: int = 0) -> Bools:
+    truth = np.zeros((2, S, R, B), bool)
+    truth[pair, 5:15, [11, 0, 1, 2], 0] = True  # across the seam of the rotation
+    truth[pair, 25:28, 6, 0] = True  # another one, that nothing leads to
+    return truth
+
+
+def begin(ahead: Ahead, s: int, r: int, b: int, pair: int, budget: int) -> int:
+    vertex = np.array([np.ravel_multi_index((s, r, b), (S, R, B))])
+    pairs = np.array([pair], np.int32)
+    ahead.strike(vertex, pairs)
+    return ahead.look(vertex, pairs, budget)
+
+
+def test_all_that_touches_around_a_contact_is_struck_out_and_nothing_else() -> None:
+    ahead = ahead_of(block())
+    begin(ahead, 8, 0, 0, 0, 10_000)
+    gone = ~ahead.candidates.feasible[..., 0]
+    assert gone[5:15][:, [11, 0, 1, 2], 0].all()
+    assert gone.sum() == 40
+    assert (ahead.pairs[gone] == 0).all()
+    assert (ahead.candidates.reason[gone] == Reason.COLLIDING).all()
+    assert (ahead.pairs[~gone] == -1).all()
+    asked = ahead.model.asked  # type: ignore[attr-defined]
+    assert len(set(asked)) == len(asked)  # nothing twice
+
+
+def test_no_ring_is_begun_beyond_the_budget() -> None:
+    """The next round goes on from where this one ended, with a larger one."""
+    ahead = ahead_of(np.ones((2, S, R, B), bool))
+    looked = begin(ahead, 15, 6, 0, 0, 20)
+    widest = 4 * R + 2 * S  # a ring around one vertex is no longer than that
+    assert 20 <= looked < 20 + widest
+    assert (~ahead.candidates.feasible).sum() == looked + 1
+    assert begin(ahead_of(np.ones((2, S, R, B), bool)), 15, 6, 0, 0, 10_000) == S * R * B - 1
+
+
+def test_pairs_share_the_budget_as_their_contacts_do() -> None:
+    ahead = ahead_of(np.ones((2, S, R, B), bool))
+    vertices = np.array([np.ravel_multi_index((s, 6, 0), (S, R, B)) for s in (2, 4, 6, 8, 27)])
+    pair = np.array([0, 0, 0, 0, 1], np.int32)
+    ahead.strike(vertices, pair)
+    ahead.look(vertices, pair, 40)
+    told = [sum(p == which for p, *_ in ahead.model.asked) for which in (0, 1)]  # type: ignore[attr-defined]
+    assert told[0] >= 32
+    assert told[0] > 2 * told[1] > 0
+
+
+def test_a_cutter_may_touch_what_it_cuts() -> None:
+    may = np.zeros(S, bool)
+    may[10:] = True
+    ahead = ahead_of(block(1), may)
+    begin(ahead, 8, 0, 0, 1, 10_000)
+    gone = ~ahead.candidates.feasible[..., 0]
+    assert gone[5:10][:, [11, 0, 1, 2], 0].all()
+    assert not gone[10:].any()
