@@ -58,6 +58,7 @@ def grid_of(
         price_r=rng.uniform(0, 1, S),
         price_t=rng.uniform(0, 1, S),
         nudged=np.zeros(S),
+        hidden=np.zeros(S, bool),
         worst=1.0,
     )
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from machopt.plan.made import Plan
 from machopt.plan.objective import Terms
+from machopt.plan.swing import hiding, worst_index
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,4 @@ def _of_all(plan: Plan) -> Certificate | None:
 def _worst_of_sequence(plan: Plan) -> float:
     """The worst index of the sequence over the grid, in units of c₀."""
     c, path = plan.choice, plan.path
-    there = np.flatnonzero(~c.dropped & path.counted[path.stations])
-    cost = plan.scores.cost[there, c.rotation[there], c.branch[there]]
-    return float(cost.max(initial=0.0) / plan.scores.scale)
+    return worst_index(plan.scores.raw, path.counted[path.stations], hiding(path), c.rotation, c.branch)

@@ -23,6 +23,7 @@ from machopt.plan.objective import AXIS_SPEED, Terms, node_price
 from machopt.plan.path import Path
 from machopt.plan.score import Scores
 from machopt.plan.sequence import cheapest_sequence
+from machopt.plan.swing import hiding, worst_index
 from machopt.plan.winding import fitting, joined, whole
 
 Ints = NDArray[np.int32]
@@ -92,6 +93,7 @@ class Grid:
     price_r: Array  # (S,) 1/rad
     price_t: Array  # (S,) 1/s
     nudged: Array  # (S,) rad, how far its grid is turned against that of the station before
+    hidden: Bools  # (S,) planning points that are no stations lie on the way there
     worst: float  # price of the worst index
     elsewhere: float = 0.0  # worst index beside this grid, in units of the scale
 
@@ -116,12 +118,13 @@ class Grid:
             seconds=seconds,
             shift=_same_direction(path, len(candidates.phi)),
             node=_node_price(terms, candidates, scores),
-            raw=np.where(np.isfinite(scores.cost), scores.cost / scores.scale, np.inf),
+            raw=scores.raw,
             slowness=terms.slowness,
             price_q=w.travel * terms.travel,
             price_r=w.rotation * terms.rotation,
             price_t=w.feed * terms.lost,
             nudged=np.diff(nudge, prepend=nudge[:1]),
+            hidden=hiding(path),
             worst=options.weights.worst,
             elsewhere=scores.elsewhere,
         )
@@ -183,8 +186,8 @@ class Grid:
         vertex, value = found
         elsewhere = np.ones(S, bool)
         elsewhere[rows] = False
-        at = np.flatnonzero(elsewhere & self.counted & ~choice.dropped)
-        beside = float(self.raw[at, choice.rotation[at], choice.branch[at]].max(initial=0.0))
+        others = np.where(elsewhere, choice.rotation, -1).astype(np.int32)
+        beside = worst_index(self.raw, self.counted, self.hidden, others, choice.branch)
         part.worst_elsewhere = max(beside, self.elsewhere)
         part.value_elsewhere = choice.total - self.worst * self._worst(choice) - before
         traded = part.traded(mask, Capped(vertex, value + part.value_elsewhere, part.most(vertex)), gap)
@@ -192,8 +195,8 @@ class Grid:
         return self._made(old, (), traded.total, choice.bound, choice.reached)
 
     def _worst(self, choice: Choice) -> float:
-        at = np.flatnonzero(self.counted & ~choice.dropped)
-        return max(float(self.raw[at, choice.rotation[at], choice.branch[at]].max(initial=0.0)), self.elsewhere)
+        here = worst_index(self.raw, self.counted, self.hidden, choice.rotation, choice.branch)
+        return max(here, self.elsewhere)
 
     def _made(
         self, vertex: Ints, broken: tuple[int, ...], total: float, bound: float, reached: NDArray[np.bool_] | None
@@ -217,12 +220,22 @@ class _Part:
     def __post_init__(self) -> None:
         self.window = self.grid.window[self.rows].copy()
         self.raw, self.counted = self.grid.raw[self.rows], self.grid.counted[self.rows]
+        self.there = np.asarray(self.grid.candidates.feasible[self.rows].any(axis=3))
         self.worst_elsewhere = max(self.worst_elsewhere, self.grid.elsewhere)
 
     def solve(
-        self, mask: NDArray[np.bool_], limit: float = np.inf, edges: Edges | None = None, loose: bool = False
+        self,
+        mask: NDArray[np.bool_],
+        limit: float = np.inf,
+        edges: Edges | None = None,
+        loose: bool = False,
+        allowed: Bools | None = None,
     ) -> tuple[Ints, float, int, NDArray[np.bool_], NDArray[np.bool_]]:
-        """As :func:`machopt.plan.sequence.cheapest_sequence` says; ``limit`` is on the value of the stretch."""
+        """As :func:`machopt.plan.sequence.cheapest_sequence` says; ``limit`` is on the value of the stretch.
+
+        Args:
+            allowed: (S, R, B) what may be crossed between stations, where there is something to cross; None: all.
+        """
         g, rows = self.grid, self.rows
         edges = self.edges if edges is None else edges
         before = np.searchsorted(edges.station, np.arange(rows.start, rows.stop + 1)).astype(np.int64)
@@ -244,6 +257,8 @@ class _Part:
             before,
             edges.source,
             edges.target,
+            g.hidden[rows],
+            self.there if allowed is None else self.there & allowed,
             loose,
         )
         return answer
@@ -256,7 +271,11 @@ class _Part:
         """
         if mask.shape[3] > 1:
             vertex, value, stop, *_ = self.solve(
-                (some & allowed)[..., None], limit, self.edges.in_every_turn(self.grid.candidates.feasible), loose=True
+                (some & allowed)[..., None],
+                limit,
+                self.edges.in_every_turn(self.grid.candidates.feasible),
+                loose=True,
+                allowed=allowed,
             )
             if stop >= 0:
                 return None
@@ -270,7 +289,7 @@ class _Part:
             )
             if turned is not None:
                 return turned, value
-        vertex, value, stop, *_ = self.solve(mask & allowed[..., None], limit)
+        vertex, value, stop, *_ = self.solve(mask & allowed[..., None], limit, allowed=allowed)
         return None if stop >= 0 else (vertex, value)
 
     def near_zero(self, vertex: Ints) -> Ints:
@@ -310,8 +329,8 @@ class _Part:
 
     def most(self, vertex: Ints) -> float:
         """Worst index of a sequence, here or elsewhere."""
-        at = np.flatnonzero((vertex[:, 0] >= 0) & self.counted)
-        return max(float(self.raw[at, vertex[at, 0], vertex[at, 1]].max(initial=0.0)), self.worst_elsewhere)
+        here = worst_index(self.raw, self.counted, self.grid.hidden[self.rows], vertex[:, 0], vertex[:, 1])
+        return max(here, self.worst_elsewhere)
 
 
 def widest(rotations: int) -> int:

@@ -38,6 +38,7 @@ from machopt.plan.score import Directions, Scores, configuration_cost, direction
 from machopt.plan.search import Found, Search
 from machopt.plan.setup import Scored, Setup, Timings, prepare, standing
 from machopt.plan.smooth import follow_grid
+from machopt.plan.swing import hiding, worst_index
 from machopt.se3 import wrap
 
 BOUND_SLACK = np.radians(0.05)  # of the user's rotation bounds, where a yardstick is asked whether it keeps them
@@ -207,8 +208,7 @@ def _searched(
     """The global choice, smoothed and free of contacts as far as that can be had; ``before``: an earlier search."""
 
     def prefer_grid(choice: Choice, curve: Assignment, plain: Assignment) -> bool:
-        grid = _grid_objective(path, choice, candidates, scores, setup, options)
-        return scored(curve).objective.total > grid.total * (1 + 1e-9)
+        return scored(curve).objective.total > scored(plain).objective.total * (1 + 1e-9)
 
     search = Search(path, candidates, scores, setup.cell.limits.velocity[:6], options, checker, clock.switch)
     if before is not None:
@@ -292,4 +292,8 @@ def _grid_objective(
         crowded = np.interp(np.arange(len(path.index)), st, near)
     x = setup.in_rad(path, plain.seed)
     v = setup.velocity
-    return objective(path, cost, x, plain.phi, scores.scale, v, options, crowded, scores.elsewhere)
+    told = objective(path, cost, x, plain.phi, scores.scale, v, options, crowded, scores.elsewhere)
+    across = worst_index(scores.raw, path.counted[st], hiding(path), choice.rotation, choice.branch) - told.worst
+    if across <= 0:
+        return told
+    return replace(told, worst=told.worst + across, total=told.total + options.weights.worst * across)

@@ -57,6 +57,11 @@ class Scores:
     crowded: Array | None = None  # (S, R, B) :func:`machopt.plan.objective.crowding`; None: it does not count
     elsewhere: float = 0.0  # worst index of what is planned beside this, in units of c₀: below it a worst one is free
 
+    @property
+    def raw(self) -> Array:
+        """(S, R, B) cost in units of the scale, inf where there is none."""
+        return np.where(np.isfinite(self.cost), self.cost / self.scale, np.inf)
+
 
 def resolve_index(options: PlanOptions) -> Index:
     """The index "auto" stands for: deflection where a force is given, else directional stiffness."""

@@ -119,6 +119,8 @@ def cheapest_sequence(
     ban: Any,
     ban_u: Any,
     ban_v: Any,
+    hidden: Any,
+    crossed: Any,
     loose: bool,
 ) -> Any:  # numba infers
     """Cheapest sequence; returns (S, 3) rotation, branch, turn (−1 where dropped), its value, where it stopped, breaks
@@ -128,8 +130,11 @@ def cheapest_sequence(
     (S,) rad is how far its grid is turned against that of the station before. A break is a station inside a run that
     no vertex of the station before reaches continuously; the sequence goes on there as after a rapid move. With a
     finite ``limit`` only sequences below it are looked for, without breaks, and ``stop`` ≥ 0 is where the last of them
-    ends. ``ban[s]`` … ``ban[s + 1]`` are the forbidden edges into s. ``loose``, with one turn only: whole turns cost
-    nothing and have no limits, so that the value is at most that with the turns told apart.
+    ends. ``ban[s]`` … ``ban[s + 1]`` are the forbidden edges into s. ``hidden`` (S,): on the way into s, in one
+    branch, the rotation crosses only what one of the stations has in ``crossed`` (S, R, B)
+    (:mod:`machopt.plan.swing`). ``loose``, with one
+    turn only: whole turns cost nothing and have no limits, so that the value is at most that with the turns told
+    apart.
     """
     S, R, B, T = feasible.shape
     inf = np.inf
@@ -239,10 +244,18 @@ def cheapest_sequence(
                         values[t], sources[t] = value, source
                 else:
                     highest = most  # of the values found so far: what cannot beat it is of no use to any turn
+                    up, down = True, True  # nothing else was crossed so far
                     for k in range(2 * window[s] + 1):
                         dr = (k + 1) // 2 if k % 2 else -(k // 2)
                         ru = (r + dr) % R
+                        if hidden[s] and abs(dr) > 1:
+                            across = (ru - 1) % R if dr > 0 else (ru + 1) % R
+                            open_ = crossed[s, across, b] or crossed[last, across, b]
+                            up = up and (dr < 0 or open_)
+                            down = down and (dr > 0 or open_)
                         for bu in range(b if stable else 0, b + 1 if stable else B):
+                            if bu == b and not (up if dr > 0 else down):
+                                continue
                             turn = abs(nudged[s] - dr * step_r)
                             if not (least[ru, bu] + price_r[s] * turn < highest):
                                 continue
