@@ -293,7 +293,7 @@ def _grid_objective(
     x = setup.in_rad(path, plain.seed)
     v = setup.velocity
     told = objective(path, cost, x, plain.phi, scores.scale, v, options, crowded, scores.elsewhere)
-    across = worst_index(scores.raw, path.counted[st], hiding(path), choice.rotation, choice.branch) - told.worst
-    if across <= 0:
-        return told
-    return replace(told, worst=told.worst + across, total=told.total + options.weights.worst * across)
+    crossed = worst_index(scores.raw, path.counted[st], hiding(path), choice.rotation, choice.branch)
+    worst, beside = max(told.worst, crossed), scores.elsewhere
+    more = max(worst, beside) - max(told.worst, beside)
+    return replace(told, worst=worst, total=told.total + options.weights.worst * more)
