@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.special import betainc
 
 from machopt.arrays import Array
 from machopt.domain.kinematics import Kinematics
@@ -79,4 +78,6 @@ def _counts(limits: tuple[float, float] | None, angle: Array) -> Array:
     if limits is None:
         return np.ones(len(angle))
     away = np.maximum(limits[0] - np.degrees(angle), np.degrees(angle) - limits[1])
+    from scipy.special import betainc  # here: kernels beside it are compiled where scipy is not installed
+
     return np.asarray(1.0 - betainc(4.0, 4.0, np.clip(away / FADE_DEG, 0.0, 1.0)))
