@@ -18,7 +18,7 @@ from pydantic_core import PydanticUndefined
 
 from machopt.domain.options import PlanOptions
 from machopt.domain.results.schema import write_schemas
-from machopt.formats import cell_schema, joblist, kinematics, options, recording, schema, stiffness
+from machopt.formats import cell_schema, joblist, kinematics, option_keys, options, recording, schema, stiffness
 
 PAGE = Path(__file__).with_name("reference.md")
 FILES: tuple[tuple[str, str, type[BaseModel]], ...] = (
@@ -32,7 +32,7 @@ FILES: tuple[tuple[str, str, type[BaseModel]], ...] = (
         "Planning options",
         "In `plan:` of cell.yaml, a `--plan` file, `options:` of a batch list, or `--set key=value`; "
         "the later one wins.",
-        options.OptionKeys,
+        option_keys.OptionKeys,
     ),
     (
         "stiffness.yaml",
@@ -73,7 +73,7 @@ def keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, FieldI
     for name, info in model.model_fields.items():
         yield f"{prefix}{name}", info
         inner, mark = _inside(info.annotation)
-        if inner is options.OptionKeys and model is not options.OptionKeys:
+        if inner is option_keys.OptionKeys and model is not option_keys.OptionKeys:
             continue  # they have a section of their own
         if inner is not None:
             yield from keys(inner, f"{prefix}{name}{mark}.")
@@ -81,7 +81,7 @@ def keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, FieldI
 
 def _section(title: str, text: str, model: type[BaseModel]) -> Iterator[str]:
     yield f"## {title}\n{text}\n\n| key | value | default | what |\n|---|---|---|---|"
-    defaults = options.options_as_user(PlanOptions()) if model is options.OptionKeys else {}
+    defaults = options.options_as_user(PlanOptions()) if model is option_keys.OptionKeys else {}
     for name, info in keys(model):
         shown = f"**`{name}`**" if info.is_required() else f"`{name}`"
         default = _default(info, _reach(defaults, name))
