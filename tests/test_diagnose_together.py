@@ -12,6 +12,7 @@ from machopt.diagnose import together
 from machopt.diagnose.grams import Model, Tried, base_model, tried
 from machopt.diagnose.noise import Noise
 from machopt.diagnose.problem import Family, Hypothesis, Problem, Quantity, Unknown
+from machopt.diagnose.screen import fitted, score
 from machopt.diagnose.select import settled, with_chosen
 from machopt.diagnose.whitening import whitening
 
@@ -169,3 +170,15 @@ def test_laws_of_weight_that_do_not_gain_clearly_more_take_no_place_among_the_le
     sums = together._sums(base, tried(base, [*(t.hypothesis for t in among), *crowd]))
     found = {g.law.hypothesis.name for g in together._pursue(sums, 1.0)}
     assert found >= {name for name in MANY if name[0] != "payload"}
+
+
+def test_the_fit_that_chance_is_judged_by_is_the_one_that_unseen_folds_are_held_against() -> None:
+    base, laws = model({("geometry", "joint:3"): (), ("transmission_error", "joint:2"): (5.0,)}, 3)
+    for alone, whole in zip(fitted(base, laws), score(base, laws), strict=True):
+        assert (alone.tried, alone.shape, alone.gain, alone.visible) == (
+            whole.tried,
+            whole.shape,
+            whole.gain,
+            whole.visible,
+        )
+        np.testing.assert_array_equal(alone.x, whole.x)

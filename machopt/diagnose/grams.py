@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,7 @@ NOTHING = 1e-3  # whitened square of a column that moves nothing
 
 @dataclass(frozen=True)
 class Model:
-    """Columns that are fitted together, whitened."""
+    """Columns that are fitted together, whitened; what follows of them is worked out once and never written to."""
 
     w: Whitening
     X: Array  # (M, P)
@@ -39,30 +40,30 @@ class Model:
     prior: Array  # (P,) precision of what is known beforehand, zero for what is not
     rows: Rows  # of each fold
 
-    @property
+    @cached_property
     def normal(self) -> Array:
         """(P, P) of all readings and of what is known beforehand."""
         return np.asarray(self.XX.sum(axis=0) + np.diag(self.prior))
 
-    @property
+    @cached_property
     def inverse(self) -> Array:
         return ridged_inverse(self.normal)
 
-    @property
+    @cached_property
     def coefficients(self) -> Array:
         """(P,) of all readings."""
         return np.asarray(self.inverse @ self.Xy.sum(axis=0))
 
-    @property
+    @cached_property
     def residual(self) -> Array:
         """(M,) whitened, of the fit to all readings."""
         return np.asarray(self.y - self.X @ self.coefficients)
 
-    @property
+    @cached_property
     def rss(self) -> float:
         return float(np.sum(self.residual**2))
 
-    @property
+    @cached_property
     def spread(self) -> float:
         """Variance of a whitened residual, at least 1: what the noise model leaves out makes every test stricter."""
         return float(max(1.0, self.rss / max(len(self.y) - self.X.shape[1], 1)))

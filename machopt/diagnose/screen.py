@@ -21,15 +21,21 @@ FLIPS = 499
 
 
 @dataclass(frozen=True)
-class Scored:
-    """One hypothesis beside one model."""
+class Fitted:
+    """One hypothesis beside one model, on all readings."""
 
     tried: Tried
     shape: int  # best on all readings
     x: Array  # (p,) scaled coefficients, bounds kept
     gain: float  # taken off the whitened sum of squares
-    heldout: Array  # (F,) gain per fold, model and shape chosen without it
     visible: float  # share of the columns' square that the model does not explain itself, best shape
+
+
+@dataclass(frozen=True)
+class Scored(Fitted):
+    """The same with what unseen folds say of it."""
+
+    heldout: Array  # (F,) gain per fold, model and shape chosen without it
 
     @property
     def total(self) -> float:
@@ -39,23 +45,43 @@ class Scored:
 def score(model: Model, tried: Sequence[Tried]) -> list[Scored]:
     """Score hypotheses beside a model."""
     H, h = model.normal, model.Xy.sum(axis=0)
-    M = ridged_inverse(H)
+    M = model.inverse
     XX, Xy, yy = model.XX, model.Xy, model.yy
     M_fold = ridged_inverse(H - XX)
     x_fold = np.einsum("fij,fj->fi", M_fold, h - Xy)
     loss = yy - 2 * np.einsum("fi,fi->f", x_fold, Xy) + np.einsum("fi,fij,fj->f", x_fold, XX, x_fold)
-    return [_one(model, t, H, h, M, (XX, Xy, yy, M_fold, x_fold, loss)) for t in tried]
+    return [_one(model, t, h, M, (XX, Xy, yy, M_fold, x_fold, loss)) for t in tried]
 
 
-def _one(model: Model, t: Tried, H: Array, h: Array, M: Array, folds: tuple[Array, ...]) -> Scored:
-    mixed = np.stack([cross(t.X[r], model.X[r]) for r in model.rows])
-    C, XXc, Xyc = mixed.sum(axis=0), t.XX.sum(axis=0), t.Xy.sum(axis=0)
-    S, u = XXc - np.einsum("sip,pq,sjq->sij", C, M, C), Xyc - C @ (M @ h)
-    S, visible = _regular(S, XXc)
-    known = np.stack([np.diag(t.precision(s)) for s in range(len(t.shapes))])
-    S = S + known
-    x, gain = bounded(S, u, t.hypothesis.lower)
+def fitted(model: Model, tried: Sequence[Tried]) -> list[Fitted]:
+    """Hypotheses beside a model on all readings: what chance is judged by, at a fraction of what unseen folds cost."""
+    h = model.Xy.sum(axis=0)
+    return [_whole(t, _mixed(model, t), h, model.inverse) for t in tried]
+
+
+def _mixed(model: Model, t: Tried) -> Array:
+    """(F, S, p, P) products of a hypothesis' columns with the model's, by fold."""
+    return np.stack([cross(t.X[r], model.X[r]) for r in model.rows])
+
+
+def _known(t: Tried) -> Array:
+    """(S, p, p) precision of what is known of the coefficients beforehand."""
+    return np.stack([np.diag(t.precision(s)) for s in range(len(t.shapes))])
+
+
+def _whole(t: Tried, mixed: Array, h: Array, M: Array) -> Fitted:
+    C, XX, Xy = mixed.sum(axis=0), t.XX.sum(axis=0), t.Xy.sum(axis=0)
+    S, u = XX - np.einsum("sip,pq,sjq->sij", C, M, C), Xy - C @ (M @ h)
+    S, visible = _regular(S, XX)
+    x, gain = bounded(S + _known(t), u, t.hypothesis.lower)
     best = int(np.argmax(gain))
+    return Fitted(t, best, x[best], float(gain[best]), float(visible[best]))
+
+
+def _one(model: Model, t: Tried, h: Array, M: Array, folds: tuple[Array, ...]) -> Scored:
+    mixed, known = _mixed(model, t), _known(t)
+    whole = _whole(t, mixed, h, M)
+    C, XXc, Xyc = mixed.sum(axis=0), t.XX.sum(axis=0), t.Xy.sum(axis=0)
     # the same without each fold
     XX, Xy, yy, M_fold, x_fold, loss = folds
     C_f, XX_f, Xy_f = mixed, t.XX, t.Xy
@@ -79,7 +105,7 @@ def _one(model: Model, t: Tried, H: Array, h: Array, M: Array, folds: tuple[Arra
         + np.einsum("fi,fij,fj->f", xc, XX_p, xc)
         + 2 * np.einsum("fi,fip,fp->f", xc, C_p, xb)
     )
-    return Scored(t, best, x[best], float(gain[best]), loss - new, float(visible[best]))
+    return Scored(t, whole.shape, whole.x, whole.gain, whole.visible, loss - new)
 
 
 def bounded(S: Array, u: Array, lower: tuple[float, ...]) -> tuple[Array, Array]:
@@ -109,7 +135,7 @@ def bounded(S: Array, u: Array, lower: tuple[float, ...]) -> tuple[Array, Array]
 
 
 def by_chance(
-    model: Model, scored: Sequence[Scored], residual: Array, rng: np.random.Generator, flips: int = FLIPS
+    model: Model, scored: Sequence[Fitted], residual: Array, rng: np.random.Generator, flips: int = FLIPS
 ) -> Array:
     """(K,) probability that the largest gain of the whole search reaches a hypothesis' own by chance.
 

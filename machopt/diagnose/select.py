@@ -17,7 +17,7 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.anotherday import comes_again
 from machopt.diagnose.grams import Model, Tried
 from machopt.diagnose.problem import Hypothesis
-from machopt.diagnose.screen import Scored, by_chance, score
+from machopt.diagnose.screen import Scored, by_chance, fitted, score
 from machopt.diagnose.unproven import possible, unproven
 from machopt.effects import registry
 
@@ -163,7 +163,7 @@ def _of_the_sum(model: Model, chosen: Sequence[Chosen]) -> list[Chosen]:
 def _judged(model: Model, chosen: Sequence[Chosen], tried: Sequence[Tried], rng: np.random.Generator) -> list[Chosen]:
     """Each with the chance that the largest gain among all laws beside the whole sum reaches its own."""
     whole = with_chosen(model, chosen)
-    chance = by_chance(whole, [*(c.scored for c in chosen), *score(whole, tried)], whole.residual, rng)
+    chance = by_chance(whole, [*(c.scored for c in chosen), *fitted(whole, tried)], whole.residual, rng)
     return [replace(c, p_value=float(p)) for c, p in zip(chosen, chance, strict=False)]
 
 
