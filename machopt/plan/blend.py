@@ -8,8 +8,8 @@ polyline; each vertex k is rounded on its own:
 
 e is a ramp mollified with the kernel 15/16 (1 − x²)² minus the ramp itself: it vanishes for |x| ≥ L, its peak is
 0.15625 L, and the sum stays three times differentiable however the windows overlap. L_k is as large as the
-tolerance, the ends of the run and the feed allow. Where the path turns back on itself the run is split: such a
-vertex is driven through exactly, from rest to rest.
+tolerance, the ends of the run and the feed allow. Where the path turns back on itself, and where the file dwells or
+stops, the run is split: such a vertex is driven through exactly, from rest to rest.
 """
 
 from __future__ import annotations
@@ -122,8 +122,9 @@ def build_curves(
     phi_curve: Callable[[Array], Array] | None,
     path_tolerance: float,
     axis_tolerance: float,
+    rests: tuple[int, ...] = (),
 ) -> list[Curve] | int:
-    """Split a run where it turns back, and round the parts.
+    """Split a run where it turns back, and at the points to come to rest at; round the parts.
 
     Returns:
         The parts in order; none where the run has no length. Or the point up to which the tool axis flips.
@@ -144,7 +145,7 @@ def build_curves(
     slope = np.diff(X * np.r_[1, 1, 1, np.full(7, ARM)], axis=0) / np.diff(u)[:, None]
     size = np.linalg.norm(slope, axis=1)
     back = np.sum(slope[1:] * slope[:-1], axis=1) < TURN_BACK * size[1:] * size[:-1]
-    stops = np.r_[0, 1 + np.flatnonzero(back), len(u) - 1]
+    stops = np.unique(np.r_[0, 1 + np.flatnonzero(back), np.searchsorted(last, rests), len(u) - 1].astype(np.int64))
     wide = np.minimum(feed[last[:-1] + 1], np.r_[np.inf, feed[last[:-2] + 1]]) * TIME
     curves = []
     for a, b in pairwise(stops):

@@ -33,7 +33,7 @@ NO_FEED = 1e3  # m/s: stands for "no feed limit" where the TCP does not travel
 NEAR = 1e-5  # m of path: points nearer than this say nothing of how external joints move between them
 Limit = Literal["velocity", "acceleration", "jerk"]
 LIMITS: tuple[Limit, ...] = ("velocity", "acceleration", "jerk")
-Where = Literal["path", "start", "stop", "reversal", "reorientation"]
+Where = Literal["path", "start", "stop", "reversal", "reorientation", "rest"]
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,7 @@ class RunInput:
     limit_scale: float = 0.97
     phi_curve: Callable[[Array], Array] | None = None  # phi as a smooth function of blend.path_parameter
     correction: Correction | None = None  # limits hold for encoder angles; None: those are the true ones
+    rests: tuple[int, ...] = ()  # points to come to rest at, rising
 
     @cached_property
     def moves(self) -> bool:
@@ -135,6 +136,7 @@ class RunTrajectory:
     external: Array  # (S, E) m or rad
     duration: float  # s
     held_share: float  # of the duration
+    rests: tuple[int, ...] = ()  # sample at which the run is at rest for each of the points it was to rest at
 
 
 @dataclass(frozen=True)
@@ -164,7 +166,15 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
     if n and not (np.isfinite(run.feed[1:]).all() and (run.feed[1:] > 0).all()):
         raise ValueError("every move of a run needs a feed above zero")
     curves = build_curves(
-        run.position, run.axis, run.reference, run.phi, run.feed, run.phi_curve, run.path_tolerance, run.axis_tolerance
+        run.position,
+        run.axis,
+        run.reference,
+        run.phi,
+        run.feed,
+        run.phi_curve,
+        run.path_tolerance,
+        run.axis_tolerance,
+        run.rests,
     )
     if isinstance(curves, int):
         return RunFailure(curves, f"the tool axis turns by more than 170° between points {curves - 1} and {curves}")
@@ -181,10 +191,15 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
             run.external[ends],
             run.sample,
             0.0,
+            (1,) * len(run.rests),
         )
     parts: list[_Part] = []
+    ends = [int(curves[0].last[0]), *(int(curve.last[-1]) for curve in curves)]  # the last point of each stop's vertex
+    stop_of = [int(np.searchsorted(ends, k)) for k in run.rests]  # 0: where the run begins
+    why: list[Where] = ["rest" if k in stop_of else "reversal" for k in range(len(ends))]
+    why[0], why[-1] = "start", "stop"
     for k, curve in enumerate(curves):
-        part = _drive(run, curve, "start" if k == 0 else "reversal", "stop" if k == len(curves) - 1 else "reversal")
+        part = _drive(run, curve, why[k], why[k + 1])
         if isinstance(part, RunFailure):
             return part
         parts.append(part)
@@ -196,6 +211,7 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
     point[0], point[-1] = 0.0, n - 1.0
     held = np.nan_to_num(join("ratio")) >= HELD
     dips = tuple(dip for part in parts for dip in part.dips)
+    sample_of = np.cumsum([0, *(len(part.q) - 1 for part in parts)]).tolist()
     return RunTrajectory(
         q,
         point,
@@ -206,6 +222,7 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
         join("external"),
         (len(q) - 1) * run.sample,
         float(held[1:].mean()),
+        tuple(sample_of[k] for k in stop_of),
     )
 
 

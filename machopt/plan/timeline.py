@@ -4,7 +4,8 @@ Runs are retimed at the programmed feed (:mod:`machopt.plan.retime`), rapid move
 space (:mod:`machopt.plan.rapids`) and are checked for collisions like everything else. Where points were dropped
 (``allow_gaps``) the tool lifts along its axis, goes over by a rapid move and comes down again. Where the CAM file
 leaves or enters the workpiece in a rapid move (a drill drawn out, a cut without approach), the tool goes straight
-along its axis at a feed until it is out, and only then in rapid.
+along its axis at a feed until it is out, and only then in rapid. Where the file dwells or stops, the machine comes to
+rest at that very point and stands there as long as the file says.
 
 Where the cell has kinematic corrections, the plan's configurations are true angles and everything in the result is told
 to the robot, so in encoder angles: runs are timed in them, rapid moves are straight in them. Rapid moves were checked
@@ -26,6 +27,7 @@ from machopt.domain.toolpath import Move, Toolpath
 from machopt.domain.trajectory import Trajectory
 from machopt.plan.breaks import Break, not_driven, place
 from machopt.plan.gaps import Stretch, stretches, uncut, worth
+from machopt.plan.legs import BEFORE_ALL, Leg, every_cut_shown, needed, rests
 from machopt.plan.lifts import Lifts, rests_of
 from machopt.plan.made import Plan
 from machopt.plan.path import Path
@@ -33,27 +35,8 @@ from machopt.plan.rapids import Blocked, plan_rapid, time_legs
 from machopt.plan.retime import Dip, RunFailure, RunInput, RunTrajectory, retime_run
 from machopt.plan.straight import Way, way_between
 
-BEND = np.radians(0.1)  # rotation that a straight move between two toolpath points may miss before a point is added
-BOW = 2e-6  # m, the same of a shifted path; unshifted it is straight between toolpath points to rounding
 SEARCH = 2000  # extensions of the random tree for a rapid move that nothing simpler frees
 SEARCH_IN_VAIN = 100  # the same once another move is known to be stuck
-
-
-@dataclass(frozen=True)
-class Leg:
-    """A stretch of the motion from rest to rest."""
-
-    name: str  # "rapid", "run", "lift"
-    q: Array  # (S, 6) rad by encoder
-    index: Array  # (S,) fractional toolpath index, NaN from and to home
-    move: NDArray[np.int8]  # (S,)
-    operation: NDArray[np.int32]  # (S,)
-    gamma: Array  # (S,) rad, NaN in rapid moves
-    waypoints: Array  # (W, 6) rad by encoder, targets in order, without the start
-    waypoint_index: Array  # (W,) fractional toolpath index
-    waypoint_feed: Array  # (W,) m/s of the straight move that ends there, NaN in rapid moves
-    external: Array  # (S, E) m or rad
-    waypoint_external: Array  # (W, E)
 
 
 @dataclass(frozen=True)
@@ -109,6 +92,7 @@ class _Builder:
         self.given_up: dict[Stretch, str] = {}
         self.in_the_way: list[Break] = []  # what stretches were given up for
         self.cut_time = self.held_time = 0.0
+        self.rests = rests(toolpath, self.options.sample)
         self.rng = np.random.default_rng(self.options.seed)
         self.lifts = Lifts(plan)
         self.free: frozenset[Way] = frozenset()  # straight rapid moves known to be free
@@ -129,6 +113,8 @@ class _Builder:
             self.obstructions.append(back)
         else:
             self.legs.append(back)
+        if self.legs:
+            self.legs[0] = self.legs[0].standing(0, self.rests.get(BEFORE_ALL, 0))
         if self.withdrawn:
             places = ", ".join(f"{index:g}" for index, _ in self.withdrawn[:8]) + (
                 " …" if len(self.withdrawn) > 8 else ""
@@ -215,7 +201,15 @@ class _Builder:
             run = self._touch(first, last)
         if isinstance(run, Break):
             return run
-        return [leg for leg in (to, down, run, up) if leg is not None], _Place(end, float(index[last]), last)
+        legs = [leg for leg in (to, down, run) if leg is not None]
+        if run is not None and last > first:  # where it begins, the machine stands before
+            legs[-2] = legs[-2].standing(-1, self._samples_at(first))
+        legs[-1] = legs[-1].standing(-1, self._samples_at(last))
+        return legs + ([] if up is None else [up]), _Place(end, float(index[last]), last)
+
+    def _samples_at(self, row: int) -> int:
+        """How many samples the machine stands at a planning point."""
+        return self.rests.get(round(float(self.path.index[row])), 0) if self.path.is_point[row] else 0
 
     def _no_room(self, before: float, after: float) -> Break:
         return Break(
@@ -332,8 +326,12 @@ class _Builder:
     def _run(self, first: int, last: int) -> Leg | Break:
         rows = np.arange(first, last + 1, dtype=np.int32)
         feed = np.where(self.path.feed[rows] > 0, self.path.feed[rows], self.options.approach_feed)
-        done = self._retime(self.path.position[rows], rows, self.q[rows], feed)
         index = self.path.index[rows]
+        rests = [
+            n for n in np.searchsorted(index, np.array(sorted(self.rests)) - 1e-9).tolist() if 0 < n < len(rows) - 1
+        ]
+        rests = [n for n in rests if round(float(index[n])) in self.rests and self.path.is_point[rows[n]]]
+        done = self._retime(self.path.position[rows], rows, self.q[rows], feed, tuple(rests))
         if isinstance(done, RunFailure):
             at = float(np.interp(done.point, np.arange(len(rows)), index))
             return not_driven(at, at, done.reason)
@@ -341,11 +339,11 @@ class _Builder:
         segment = np.clip(np.ceil(local - 1e-9).astype(int), 1, len(rows) - 1)  # the segment a sample lies on
         move = self.path.move[rows][segment]
         below = np.clip(np.floor(local + 1e-9).astype(int), 0, len(rows) - 1)
-        move = _every_cut_shown(move, local, index, rows, self.path)
+        move = every_cut_shown(move, local, index, rows, self.path)
         gamma = done.phi + self.path.offset[rows][below]
         self.phi[rows] = np.interp(np.arange(len(rows)), local, done.phi)
         phi = self.plan.chosen.assignment.phi[rows]
-        told = _needed(phi, self.path.is_point[rows], index, self.path.position[rows])
+        told = needed(phi, self.path.is_point[rows], index, self.path.position[rows])
         if np.ptp(self.path.external[rows], axis=0).any():
             told[:] = True  # between two targets the controller moves them on the line
         told[0] = False  # the move starts there
@@ -353,7 +351,7 @@ class _Builder:
         self.cut_time += float(cutting.sum()) * self.options.sample
         self.held_time += float((cutting & done.held).sum()) * self.options.sample
         self.dips += [dip.at(np.interp([dip.first, dip.last], np.arange(len(rows)), index)) for dip in done.dips]
-        return Leg(
+        leg = Leg(
             "run",
             done.q,
             np.interp(local, np.arange(len(rows)), index),
@@ -366,8 +364,13 @@ class _Builder:
             done.external,
             self.path.external[rows][told],
         )
+        for n, row in reversed(list(zip(rests, done.rests, strict=True))):
+            leg = leg.standing(row, self._samples_at(first + n))
+        return leg
 
-    def _retime(self, position: Array, rows: NDArray[np.int32], q: Array, feed: Array) -> RunTrajectory | RunFailure:
+    def _retime(
+        self, position: Array, rows: NDArray[np.int32], q: Array, feed: Array, rests: tuple[int, ...] = ()
+    ) -> RunTrajectory | RunFailure:
         setup = self.plan.setup
         return retime_run(
             RunInput(
@@ -387,6 +390,7 @@ class _Builder:
                 axis_tolerance=self.options.axis_tolerance,
                 limit_scale=self.options.limit_scale,
                 correction=setup.correction,
+                rests=rests,
             )
         )
 
@@ -428,37 +432,6 @@ class _Builder:
             gamma=join("gamma"),
             feed=speed,
         )
-
-
-def _every_cut_shown(
-    move: NDArray[np.int8], local: Array, index: Array, rows: NDArray[np.int32], path: Path
-) -> NDArray[np.int8]:
-    """(S,) moves of the samples, so that each cut point lies between two samples of a cut, or near one.
-
-    Where points are denser than samples, the last points of a cut lie before a sample that already belongs to the
-    retract (and the first ones behind a sample of the approach); such samples count to the cut they complete.
-    """
-    out = move.copy()
-    place = np.interp(local, np.arange(len(rows)), index)
-    points = 1 + np.flatnonzero((path.move[rows] == Move.CUT)[1:] & path.is_point[rows][1:])
-    after = np.clip(np.searchsorted(local, points - 1e-9), 1, len(local) - 1) if len(local) > 1 else points[:0]
-    pair = after[:, None] + np.array([-1, 0])  # the samples before and behind each
-    near = (np.abs(place[pair] - index[points[: len(after)], None]) <= 0.5) & (move[pair] == Move.CUT)
-    out[pair[~near.any(axis=1)]] = Move.CUT
-    return out
-
-
-def _needed(phi: Array, is_point: NDArray[np.bool_], index: Array, position: Array) -> NDArray[np.bool_]:
-    """(n,) planning points a program needs: toolpath points, and those where rotation or path leave the straight line.
-
-    The path does so only where it is shifted against a deflection that changes along it.
-    """
-    keep = is_point.copy()
-    keep[[0, -1]] = True
-    at = np.flatnonzero(keep)
-    line = np.column_stack([np.interp(index, index[at], position[at, c]) for c in range(3)])
-    bowed = np.linalg.norm(position - line, axis=1) > BOW
-    return np.asarray(keep | bowed | (np.abs(phi - np.interp(np.arange(len(phi)), at, phi[at])) > BEND))
 
 
 def _blocked(move: Blocked, a: _Place, b: _Place) -> Break:

@@ -14,8 +14,9 @@ from machopt.domain.trajectory import Trajectory
 from machopt.formats.posts.densify import Tolerance, densify
 from machopt.model.machine import load_machine
 from machopt.model.posture import posture_of
+from machopt.plan.legs import Leg
 from machopt.plan.made import Plan
-from machopt.plan.timeline import Leg, Timeline
+from machopt.plan.timeline import Timeline
 from machopt.recheck.posts import carried_part, external_axes, standing_part
 
 
@@ -45,6 +46,7 @@ def robot_program(plan: Plan, toolpath: Toolpath, timeline: Timeline, tolerance:
     index = np.concatenate([[np.nan], *(leg.waypoint_index for leg in legs)])
     feed = np.concatenate([[np.nan], *(leg.waypoint_feed for leg in legs)])
     move = np.concatenate([[np.int8(Move.RAPID)], *(_moves(leg, toolpath) for leg in legs)]).astype(np.int8)
+    drawn = np.concatenate([[False], *(np.full(len(leg.waypoints), _draws(leg)) for leg in legs)])
     at = _rows(legs)
     driven = np.hstack([trajectory.q, trajectory.external])
     external = (trajectory.external, X[:, 6:]) if cell.external_joints else None
@@ -54,9 +56,10 @@ def robot_program(plan: Plan, toolpath: Toolpath, timeline: Timeline, tolerance:
         X = np.insert(X, place, driven[added], axis=0)
         index, feed = np.insert(index, place, trajectory.point[added]), np.insert(feed, place, feed[place])
         move, at = np.insert(move, place, move[place]), np.insert(at, place, added)
+        drawn = np.insert(drawn, place, drawn[place])
     kind = np.where(np.isfinite(feed), LIN, PTP).astype(np.int8)
     operation = np.where(np.isfinite(index), toolpath.operation[_point(index)], -1).astype(np.int32)
-    made = _base(plan, toolpath, X, kind, feed, move, operation, index)
+    made = _base(plan, X, kind, feed, move, operation, toolpath, _events(toolpath, index, drawn))
     return Programmed(replace(made, blend=(tolerance or Tolerance()).position), at, len(added))
 
 
@@ -71,7 +74,9 @@ def sampled_program(plan: Plan, toolpath: Toolpath, timeline: Timeline) -> Progr
     kind[0] = PTP
     feed = np.where(kind == LIN, np.maximum(trajectory.feed, LEAST_FEED), np.nan)
     driven = np.hstack([trajectory.q, trajectory.external])
-    made = _base(plan, toolpath, driven, kind, feed, trajectory.move, trajectory.operation, trajectory.point)
+    drawn = np.concatenate([[False], *(np.full(len(leg.q) - 1, _draws(leg)) for leg in timeline.legs)])
+    events = _events(toolpath, trajectory.point, drawn)
+    made = _base(plan, driven, kind, feed, trajectory.move, trajectory.operation, toolpath, events)
     return Programmed(replace(made, time=trajectory.time), np.arange(len(trajectory.time), dtype=float), 0)
 
 
@@ -100,13 +105,13 @@ def _rows(legs: tuple[Leg, ...]) -> Array:
 
 def _base(
     plan: Plan,
-    toolpath: Toolpath,
     x: Array,
     kind: NDArray[np.int8],
     feed: Array,
     move: NDArray[np.int8],
     operation: NDArray[np.int32],
-    at: Array,
+    toolpath: Toolpath,
+    events: tuple[Event, ...],
 ) -> RobotProgram:
     cell, robot, q = plan.setup.cell, plan.setup.robot, x[:, :6]
     standing = posture_of(robot, q, cell.controller)
@@ -125,7 +130,7 @@ def _base(
         external_axes=external_axes(cell),
         T_carrier_workpiece=carried_part(cell),
         ptp_speed=plan.options.rapid_scale,
-        events=_events(toolpath, at),
+        events=events,
         source=f"{cell.name}; {toolpath.source}",
         joint_names=cell.arm_joints,
         behind=None if standing is None else standing[0],
@@ -168,10 +173,28 @@ def _point(at: Array) -> NDArray[np.intp]:
     return np.where(np.isfinite(at), np.ceil(at - 1e-9), 0).astype(np.intp)
 
 
-def _events(toolpath: Toolpath, index: Array) -> tuple[Event, ...]:
-    """Each event before the first move from the point before its own; what comes after the last point at the end."""
+def _draws(leg: Leg) -> bool:
+    """The tool is drawn out of a point along its axis: a lift that the file has no move for."""
+    return leg.name == "lift" and leg.move[0] == Move.RETRACT
+
+
+def _events(toolpath: Toolpath, index: Array, drawn: NDArray[np.bool_]) -> tuple[Event, ...]:
+    """Each event before the first move from the point before its own; what comes after the last point at the end.
+
+    Where the tool is drawn out of that point, it is drawn out first (with the spindle still on), but the file's dwell
+    is at the point itself, and so is what the file says before it.
+
+    Args:
+        toolpath: with its events.
+        index: (M,) fractional toolpath index where each move ends, NaN from and to home.
+        drawn: (M,) the move draws the tool out of a point.
+    """
     out = []
-    for event in toolpath.events:
-        later = np.flatnonzero(np.isfinite(index) & (index > event.index - 1 + 1e-9))
-        out.append(replace(event, index=int(later[0]) if len(later) else len(index) - 1))
+    last = {event.index: k for k, event in enumerate(toolpath.events) if event.kind == "dwell"}
+    for k, event in enumerate(toolpath.events):
+        later = index > event.index - 1 + 1e-9
+        if k <= last.get(event.index, -1):
+            later |= drawn & (np.abs(index - (event.index - 1)) <= 1e-9)
+        rows = np.flatnonzero(later)
+        out.append(replace(event, index=int(rows[0]) if len(rows) else len(index) - 1))
     return tuple(out)

@@ -26,7 +26,7 @@ from machopt.model.posture import posture_of
 from machopt.model.robot import Robot, load_robot
 from machopt.output.hashes import sha256_of
 from machopt.plan.blend import SPIN_TOLERANCE
-from machopt.plan.timeline import BEND
+from machopt.plan.legs import BEND
 
 TOLERANCE_MM = 0.05
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
+from machopt.arrays import Array, Bools
 from machopt.domain.cell import Cell
 from machopt.domain.manifest import Manifest, ManifestFile, with_scope
 from machopt.domain.options import PlanOptions
@@ -232,6 +233,7 @@ def _feed(t: Told) -> Iterable[str]:
     number = {k: t.motion.numbers(k, empty=True) for k in ("point", "feed_mm_min")}
     move = np.array(t.motion.words("move"))
     fed = (move != Move.RAPID.word) & np.isfinite(number["point"])  # dips begin in approaches too
+    fed &= ~_dwelling(t, number["point"])
     cut, at = (move == Move.CUT.word)[fed], number["point"][fed]
     programmed = np.where(np.isfinite(t.toolpath.feed), t.toolpath.feed, t.options.approach_feed)
     ends = np.clip(np.ceil(at - ON_POINT).astype(int), 0, len(t.toolpath) - 1)
@@ -255,6 +257,17 @@ def _feed(t: Told) -> Iterable[str]:
     missed = int((cut & (ratio[1] < HELD - FEED) & ~inside).sum())
     if missed > 2 * runs:
         yield f"{missed} samples below {HELD:g} of the programmed feed are in no feed_dips"
+
+
+def _dwelling(t: Told, point: Array) -> Bools:
+    """(S,) rows that stand where the one before stood, at a point where the file dwells: no feed is asked for there."""
+    at = [min(e.index, len(t.toolpath)) - 1 for e in t.toolpath.events if e.kind == "dwell"]
+    if not at:
+        return np.zeros(len(point), bool)
+    axes = [name for name in t.motion.names if name[:1] in "qe" and name[1:2].isdigit()]
+    moved = [np.append(True, np.diff(t.motion.numbers(name)) != 0.0) for name in axes]
+    there = np.isin(np.round(np.nan_to_num(point, nan=-2.0)), at)
+    return np.asarray(there & ~np.any(moved, axis=0))
 
 
 def _verification(t: Told) -> Iterable[str]:

@@ -60,6 +60,12 @@ def unchecked(cell: Cell, options: PlanOptions, toolpath: Toolpath | None = None
         out.append("gaps allowed")
     if toolpath is not None and toolpath.meta.get("incomplete"):
         out.append("what stands behind the end of the CAM file NOT done (it seems cut off)")
+    if toolpath is not None:
+        unknown = sum(
+            e.kind == "dwell" and not e.value >= 0.0 for e in toolpath.events
+        )  # turns of a spindle, or nothing
+        if unknown:
+            out.append(f"{unknown} {'dwell' if unknown == 1 else 'dwells'} of unknown length NOT done")
     return tuple(out)
 
 
@@ -72,6 +78,7 @@ def checked(options: PlanOptions) -> tuple[Covered, ...]:
         Covered("tool axis", f"every sample at a feed within {max(AXIS_DEG, degrees(options.axis_tolerance)):.4g} deg"),
         Covered("joint limits", "position, velocity, acceleration and jerk, by differences of all samples"),
         Covered("feed", "every sample against the CAM file"),
+        Covered("dwells and stops", "at rest at the very point, and standing there as long as the CAM file says"),
         Covered("robot programs", "every target against motion and CAM file, every other word as the post writes it"),
     ]
     if options.collision:

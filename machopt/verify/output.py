@@ -26,6 +26,7 @@ from machopt.verify.limits import check_limits
 from machopt.verify.material import level, outside_cuts, told_contacts
 from machopt.verify.path import check_path
 from machopt.verify.points import ROWS, PointsCheck
+from machopt.verify.rests import check_rests
 from machopt.verify.ride import ride
 from machopt.verify.shift import Found, compare_shift, corners
 from machopt.verify.table import Motion, Points, Shift, read_motion, read_points, read_shift
@@ -103,6 +104,7 @@ def with_one_tool(cell: Cell, toolpath: Toolpath, tables: Tables, options: PlanO
         *check_path(motion, toolpath, points, on, options.allow_gaps),
         *check_labels(motion, toolpath, points, on, options.allow_gaps),
         *check_feed(motion, toolpath, on, options),
+        *check_rests(motion, toolpath, points, on, (index, position), cell),
     ]
     bodies = all_bodies(cell, arm)
     wanted = pairs(cell, arm, bodies)

@@ -221,7 +221,8 @@ def _events(said: ReadProgram, cuts: Cuts, reached: NDArray[np.int64], at_index:
     if len(finite):  # on the way from home as to the first point; on the way home behind all
         known[: finite[0]], known[finite[-1] + 1 :] = at_index[finite[0]], np.inf
         known[0] = at_index[0] if np.isfinite(at_index[0]) else -np.inf  # home itself is ahead of all
-    for read, event in zip(said.events, events, strict=True):
+    dwelt = {e.index: n for n, e in enumerate(events) if e.kind == "dwell"}
+    for n, (read, event) in enumerate(zip(said.events, events, strict=True)):
         text, back = _kept(event.text), _kept(read.text)
         if not text.startswith(back) or bool(text) != bool(back):
             wrong.append(f"{read.text[:30]!r} instead of {event.text[:30]!r}")
@@ -232,9 +233,10 @@ def _events(said: ReadProgram, cuts: Cuts, reached: NDArray[np.int64], at_index:
         late = nth < len(points) and read.index > reached[points[nth]]
         if len(finite) and 0 < read.index < len(known):
             slack = _beside(cuts, event.index, 0.0 if said.streamed else BESIDE + said.place_step)
-            early |= bool(known[read.index] <= event.index - 1 + slack) and not _stands(
-                said, cuts, event.index, read.index, known
-            )
+            first = bool(known[read.index] <= event.index - 1 + slack)
+            if n <= dwelt.get(event.index, -1):  # at the point itself, though the tool is then drawn out of it
+                first = first and not _at_point(said, cuts, event.index, read.index, known)
+            early |= first and not _stands(said, cuts, event.index, read.index, known)
             settled = finite[0] < read.index and event.index < len(cuts.position)  # the ways from and to home have none
             late |= settled and bool(known[read.index - 1] > event.index - 1 + slack)
         if early or late:
@@ -260,6 +262,16 @@ def _stands(said: ReadProgram, cuts: Cuts, index: int, move: int, known: Array) 
         return False
     away = float(np.linalg.norm(said.T_workpiece_tcp[move - 1, :3, 3] + cuts.offset[move - 1] - cuts.position[first]))
     return away <= BESIDE + said.place_step and bool(known[move - 1] > first - 0.5)
+
+
+def _at_point(said: ReadProgram, cuts: Cuts, index: int, move: int, known: Array) -> bool:
+    """Whether the move before ``move`` ends at point ``index`` − 1, and is not on its way to an earlier one."""
+    if not 0 < index <= len(cuts.position) or not known[move - 1] > index - 1.5:
+        return False
+    away = float(
+        np.linalg.norm(said.T_workpiece_tcp[move - 1, :3, 3] + cuts.offset[move - 1] - cuts.position[index - 1])
+    )
+    return away <= BESIDE + said.place_step
 
 
 def _first_missing(said: ReadProgram, cuts: Cuts) -> str:

@@ -285,6 +285,8 @@ class Engine:
 
         own = self._own.get(kind)
         template = items.get(kind)
+        if kind == "dwell" and self.post.keys.samples:  # the samples stand there; a line that waits would do so twice
+            own, template = None, None
         if own is not None or not usable(template):
             template = items.get("comment")
         if template is None:

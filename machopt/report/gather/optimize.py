@@ -242,7 +242,8 @@ def _dips(plan: Plan, timeline: Timeline | None, s: Array) -> tuple[page.FeedDip
     cut = np.flatnonzero((t.move != Move.RAPID) & np.isfinite(t.point))
     out = []
     for dip in timeline.dips:
-        at = cut[np.searchsorted(t.point[cut], dip.first)] if len(cut) and dip.first <= t.point[cut[-1]] else None
+        known = len(cut) > 0 and dip.first <= t.point[cut[-1]]  # where the machine stood before: the last row of that
+        at = cut[max(int(np.searchsorted(t.point[cut], dip.first + 1e-9, side="right")) - 1, 0)] if known else None
         end = cut[min(int(np.searchsorted(t.point[cut], dip.last)), len(cut) - 1)] if len(cut) else 0
         programmed = float(
             plan.path.feed[min(int(np.searchsorted(plan.path.index, dip.last)), len(plan.path.feed) - 1)]
@@ -269,6 +270,7 @@ def cause(dip: Dip) -> str:
         "stop": " while stopping",
         "reversal": " at a reversal",
         "reorientation": " while the tool turns on the spot",
+        "rest": " at a dwell or stop of the file",
     }[dip.where]
     return f"axis {dip.joint} {dip.limit}{where}"
 
