@@ -33,6 +33,7 @@ SHORT = 1e-4  # m: on a shorter line the place does not tell how far the tool ha
 RAPID_DEG = 0.1  # deg: between rapid way points joints go straight; corners there are rounded in time only
 EXTERNAL = 0.05  # mm or deg of an external axis at a target
 PRINTED = 2.0  # of the step that a program prints places in: how far from a target the tool may be said to stand on it
+SAME_PLACE = 1e-8  # m: what the decimals of trajectory.csv's joints leave of a place where the tool stands
 BRANCH = 3.0  # of the orientation's tolerance: joints of a pose that has been compared only tell which branch it is
 AT_ONCE = 50_000  # samples
 
@@ -370,7 +371,7 @@ def _kinds(
     k = ends[nth]
     tip = said.T_workpiece_tcp[:, :3, 3]
     apart = np.minimum(*(np.linalg.norm(p[rows] - tip[n], axis=1) for n in (k - 1, k)))
-    tells = apart > np.where(linear[k] & linear[k - 1], place, PRINTED * said.place_step)
+    tells = apart > np.where(linear[k] & linear[k - 1], place, PRINTED * said.place_step + SAME_PLACE)
     n, moves = len(at), motion.move[rows[tells]]
     seen, cuts, led = (
         np.bincount(k[tells][which], minlength=n) > 0 for which in (slice(None), moves == Move.CUT, moves != Move.RAPID)
