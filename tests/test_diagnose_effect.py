@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from machopt.diagnose.onjob import TEST_FORCE, effect_on_job
+from machopt.diagnose.onjob import TEST_FORCE, _sentence, effect_on_job
 from machopt.domain.results.diagnosis import EffectOnJob
 from machopt.domain.stiffness import Stiffness, Term
 from machopt.errors import InputError
@@ -167,3 +167,21 @@ def test_points_that_are_out_of_reach_are_left_out_and_counted(tmp_path: Path) -
 def test_a_toolpath_that_cannot_be_read_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.csv"):
         effect_on_job(CELL, OLD, NEW, read_toolpath(tmp_path / "none.csv"), OPTIONS)
+
+
+def test_a_new_choice_that_bends_more_is_not_called_less() -> None:
+    def said(after: float) -> str:
+        point = {"before": 1.0, "unchanged": 1.0, "after": 1.0}
+        return _sentence(
+            {"before": 1.04, "unchanged": 1.144, "after": after},
+            {"before": 1.4, "unchanged": 1.543, "after": 1.543},
+            point,
+            4.0,
+            1.0,
+            "1000 N",
+            0,
+            60,
+        )
+
+    assert said(1.149).endswith("no less in the mean.")
+    assert said(1.143).endswith("hardly less.")

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from machopt.domain.options import PlanOptions
 from machopt.errors import InputError
 from machopt.plan.front import Point, left_out, refuse, variants, weighed
+from machopt.report.data import FrontPoint
+from machopt.report.front import front_section
 from machopt.services.front import HEAD, write_front
 
 A = Point("a", "", 0.4, 0.5, 10.0, 1000.0, 20.0)
@@ -60,3 +63,12 @@ def test_a_plan_that_could_not_be_driven_is_told() -> None:
     (told,) = left_out(every[:-1], PlanOptions())
     assert names[-1] in told
     assert names[0] not in told
+
+
+def test_picture_of_the_front_has_axes_even_where_all_plans_are_one() -> None:
+    point = FrontPoint("as asked", "", 0.4, 0.5, 10.0, 1000.0, None, False)
+    for points in ((point,), (point, replace(point, name="less travel", mean=0.42, cycle=11.0, dominated=True))):
+        page = str(front_section(SimpleNamespace(front=points, summary=SimpleNamespace(quantity="deflection"))))  # type: ignore[arg-type]
+        assert "cycle time (s)" in page
+        assert "mean deflection mm</text>" in page
+        assert "nan" not in page

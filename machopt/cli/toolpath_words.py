@@ -43,6 +43,8 @@ def summary(result: OptimizeResult, report: Path) -> list[str]:
     if result.front:
         free = [p.plan for p in result.front if not p.dominated]
         lines.append(f"  front of {len(free)} plans in front.csv: {', '.join(free)}")
+        if any(p.dominated and p.plan == "as asked" for p in result.front):
+            lines.append("  another of them is nowhere worse than the plan as asked")
     soft = result.worst_point
     if soft:
         bend = "" if soft.deflection_mm is None else f", deflection {soft.deflection_mm:.3f} mm"

@@ -168,7 +168,7 @@ def _sentence(
             f"over all) and leaves {mean['after']:.3f} mm in the mean and {worst['after']:.3f} mm at worst"
         )
         if mean["after"] > (1.0 - WORTH) * mean["unchanged"] and worst["after"] > (1.0 - WORTH) * worst["unchanged"]:
-            out += ", hardly less"
+            out += ", hardly less" if mean["after"] < mean["unchanged"] else ", no less in the mean"
     else:
         out += "; the rotation stays as it is"
     return out + (f". {lost} of {cut} planning points that are cut cannot be compared." if lost else ".")

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from machopt.report.contours import round_levels
 from machopt.report.data import ReportData
 from machopt.report.shell import section
-from machopt.report.svg import Style, drawn, shape
+from machopt.report.svg import Shape, Style, drawn, shape
 from machopt.report.tables import Column, table
 
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-WIDTH, HEIGHT, EDGE = 560, 260, 46
+WIDTH, HEIGHT, EDGE = 640.0, 320.0, 74.0
 
 
 def front_section(data: ReportData) -> Markup | str:
@@ -45,44 +46,51 @@ def front_section(data: ReportData) -> Markup | str:
     ]
     lead = (
         "Whole plans with other weights or another clearance, each driven and checked. A plan is dominated where "
-        "another is nowhere worse in mean, time, travel and clearance."
+        "another is nowhere worse in mean, time, travel and clearance (hollow in the picture). Names say what counted "
+        "more, not what came of it."
     )
     return section("front", "Trade-off front", lead, _picture(data, unit) + table(columns, rows))
 
 
 def _picture(data: ReportData, unit: str) -> Markup:
-    time, mean = [p.cycle for p in data.front], [p.mean for p in data.front]
-
-    def at(value: float, values: list[float], size: int) -> float:
-        low, high = min(values), max(values)
-        return EDGE + (size - 2 * EDGE) * ((value - low) / (high - low) if high > low else 0.5)
-
-    ink = "currentColor"
-    small: Style = {"font_size": 11, "fill": ink}
-    marks = []
+    x0, y0, wide, high = (EDGE, 14.0, WIDTH - EDGE - 14.0, HEIGHT - 62.0)
+    (left, right), (least, most) = _span([p.cycle for p in data.front]), _span([p.mean for p in data.front])
+    inside: list[Shape] = []
+    for v in round_levels(least, most, 6).tolist():
+        y = y0 + high * (most - v) / (most - least)
+        inside.append(shape("path", class_="grid", d=f"M{x0:.1f} {y:.1f}h{wide:.1f}"))
+        inside.append(shape("text", f"{v:.6g}", class_="tick", x=x0 - 7, y=y + 4, text_anchor="end"))
+    for v in round_levels(left, right, 8).tolist():
+        x = x0 + wide * (v - left) / (right - left)
+        inside.append(shape("path", class_="grid", d=f"M{x:.1f} {y0:.1f}v{high:.1f}"))
+        inside.append(shape("text", f"{v:.6g}", class_="tick", x=x, y=y0 + high + 16, text_anchor="middle"))
+    middle: Style = {"class_": "label", "text_anchor": "middle"}
+    inside.append(shape("text", "cycle time (s)", x=x0 + wide / 2, y=y0 + high + 36, **middle))
+    turned = f"translate(14 {y0 + high / 2:.1f}) rotate(-90)"
+    inside.append(shape("text", f"mean {unit}", transform=turned, **middle))
     for p in data.front:
-        x, y = at(p.cycle, time, WIDTH), HEIGHT - at(p.mean, mean, HEIGHT)
-        marks.append(shape("circle", cx=x, cy=y, r=5, fill="none" if p.dominated else ink, stroke=ink))
-        marks.append(shape("text", p.name, x=x + 8, y=y - 6, **small))
-    words = [
-        shape(
-            "text",
-            f"cycle {min(time):.2f} to {max(time):.2f} s",
-            x=WIDTH / 2,
-            y=HEIGHT - 8,
-            text_anchor="middle",
-            **small,
-        ),
-        shape("text", f"mean {unit}, {min(mean):.4g} to {max(mean):.4g}", x=6, y=14, **small),
-    ]
+        x = x0 + wide * (p.cycle - left) / (right - left)
+        y = y0 + high * (most - p.mean) / (most - least)
+        late = x > x0 + 0.75 * wide  # its words would leave the picture
+        colour: Style = {"fill": "none" if p.dominated else "currentColor", "stroke": "currentColor"}
+        inside.append(shape("circle", cx=x, cy=y, r=5, title=p.name, **colour))
+        inside.append(
+            shape("text", p.name, class_="tick", x=x - 8 if late else x + 8, y=y - 6, text_anchor="end" if late else "")
+        )
     return drawn(
         shape(
             "svg",
-            viewBox=f"0 0 {WIDTH + 90} {HEIGHT}",
+            viewBox=f"0 0 {WIDTH} {HEIGHT}",
             width="100%",
-            style=f"max-width:{WIDTH + 90}px",
+            style=f"max-width:{WIDTH}px",
             role="img",
-            aria_label="mean over cycle time",
-            inside=[*words, *marks],
+            aria_label=f"mean {unit} over cycle time of each plan",
+            inside=inside,
         )
     )
+
+
+def _span(values: list[float]) -> tuple[float, float]:
+    """Ends of an axis that holds all values and has a length where they are one."""
+    room = 0.12 * (max(values) - min(values)) or 0.05 * abs(max(values)) or 1.0
+    return min(values) - room, max(values) + room

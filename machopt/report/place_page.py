@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from machopt.domain.results.place import NearTold, PlaceResult, PlaceTold
+from machopt.report.display import fixed
 from machopt.report.shell import page_html, section
 from machopt.report.still import colours
 from machopt.report.svg import Shape, Style, drawn, shape
@@ -208,8 +209,8 @@ def _row(name: str, p: PlaceTold) -> tuple[str, ...]:
     gain = _n(p.gain_percent, ".1f")
     return (
         name,
-        *(f"{v:+.0f}" for v in (x, y, z)),
-        f"{p.turn_deg:+.1f}",
+        *(fixed(v, 0, signed=True) for v in (x, y, z)),
+        fixed(p.turn_deg, 1, signed=True),
         _n(p.worst),
         _n(p.mean),
         gain,
@@ -231,7 +232,7 @@ def _around(r: PlaceResult) -> Body:
 def _near(near: NearTold) -> str:
     if near.refused or near.change_percent is None:
         return near.refused or "no way"
-    return f"{near.change_percent:+.1f} %"
+    return f"{fixed(near.change_percent, 1, signed=True)} %"
 
 
 def _rules(r: PlaceResult) -> Body:
@@ -244,7 +245,7 @@ def _rules(r: PlaceResult) -> Body:
         *(Column(f"Joint {j} (%)", "n") for j in range(1, 7)),
     ]
     rows = [
-        (str(k), p.worst_toolpath or "", _n(p.worst_point, "g"), *(f"{s:.0f}" for s in p.joint_share_percent))
+        (str(k), p.worst_toolpath or "", _n(p.worst_point, "g"), *(fixed(s, 0) for s in p.joint_share_percent))
         for k, p in enumerate(r.best, 1)
     ]
     lead = "The point with the worst index, and how much of it would go if one joint were rigid."

@@ -52,11 +52,20 @@ function stage3d(canvas, scene) {
   });
 
   const meshes = []; // [mesh, kind] of everything that is looked at for collisions
+  // A robot without bodies is drawn as lines from joint to joint: pairs of places, the tip last.
+  const bare = !shapes.some(s => s.kind === "link" && s.joint >= 0);
+  function skeleton(M) {
+    const way = [FK.origin(FK.tool(scene, M))];
+    for (let i = scene.tool_joint; i >= 0; i = scene.joints[i].parent) way.unshift(FK.place(M[i], scene.joints[i].point));
+    return way.slice(1).flatMap((p, i) => [way[i], p]);
+  }
+
   // One robot: all bodies that some joint carries. Several may stand in one picture.
   function arm({ opacity = 1, color = "", leads = opacity === 1 } = {}) {
     const group = new THREE.Group(), held = [];
     for (const s of shapes) if (s.joint >= 0) { const mesh = new THREE.Mesh(s.geometry, skin(s.kind, opacity, color)); held.push([mesh, s.joint, s.tools]); meshes.push([mesh, s.kind]); group.add(mesh); }
     root.add(group);
+    let bones = null;
     const hold = n => { for (const [mesh, , tools] of held) mesh.visible = !tools.length || tools.includes(n); };
     hold(0);
     return {
@@ -64,7 +73,13 @@ function stage3d(canvas, scene) {
       hold, // which of the scene's tools is on
       stand(q) {
         group.visible = Boolean(q);
-        if (q) { const M = FK.motions(scene, q); for (const [mesh, joint] of held) moved(mesh, M[joint]); if (leads) moved(onPart, FK.part(scene, M)); }
+        if (!q) return;
+        const M = FK.motions(scene, q);
+        for (const [mesh, joint] of held) moved(mesh, M[joint]);
+        if (leads) moved(onPart, FK.part(scene, M));
+        if (!bare || opacity < 1) return;
+        if (bones) bones.removeFromParent();
+        bones = lines(skeleton(M).flat(), null, 4, group);
       },
     };
   }
@@ -126,6 +141,7 @@ function stage3d(canvas, scene) {
   function include(q) {
     const M = FK.motions(scene, q);
     moved(onPart, FK.part(scene, M));
+    if (bare) skeleton(M).forEach(grow); // else there is no box, and nothing to measure arrows by
     for (const s of shapes) if (s.joint >= 0 || s.kind === "workpiece") {
       const { min, max } = s.geometry.boundingBox;
       for (let i = 0; i < 8; i++) { const p = [i & 1 ? max.x : min.x, i & 2 ? max.y : min.y, i & 4 ? max.z : min.z]; grow(s.joint < 0 ? p : FK.place(M[s.joint], p)); }
