@@ -309,7 +309,7 @@ class _Builder:
         """Points without any way between them: the tool stands there for a sample each."""
         rows = np.r_[first, first, np.arange(first, last + 1)]
         n = len(rows)
-        return Leg(
+        leg = Leg(
             name="run",
             q=np.repeat(self._told(self.q[first][None]), n, axis=0),
             index=self.path.index[rows],
@@ -322,6 +322,9 @@ class _Builder:
             external=np.repeat(self.path.external[[first]], n, axis=0),
             waypoint_external=self.path.external[[last]],
         )
+        for k in range(last - 1, first, -1):  # the file dwells between two of them
+            leg = leg.standing(2 + k - first, self._samples_at(k))
+        return leg
 
     def _run(self, first: int, last: int) -> Leg | Break:
         rows = np.arange(first, last + 1, dtype=np.int32)
