@@ -173,6 +173,8 @@ def _summary(
     figures = {name: _figures(plan, scored) for name, scored in _assignments(plan)}
     clearance = points.table.clearance
     nearest = int(np.nanargmin(clearance)) if np.isfinite(clearance).any() else -1
+    if nearest >= 0 and not points.nearest_pair[nearest]:
+        nearest = -1  # what is told there is how far was looked, and nobody stands within it
     trajectory = timeline.trajectory if timeline else None
     feasible = trajectory is not None
     outcome = (
