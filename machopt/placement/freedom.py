@@ -24,6 +24,7 @@ from machopt.domain.reason import Reason
 from machopt.placement.outlook import Outlook, furthest
 from machopt.plan.candidates import Arm, enumerate_candidates
 from machopt.plan.choose import choose
+from machopt.plan.engage import sideways
 from machopt.plan.groups import Group
 from machopt.plan.part import part_of
 from machopt.plan.path import Path
@@ -92,12 +93,13 @@ def _least(setup: Setup, arm: Arm, part: Path, options: PlanOptions, values: Arr
     """(G, S) the least cost of each station at values (G, E), inf where there is none; and why."""
     least = np.full((len(values), len(part.stations)), np.inf)
     reason = np.zeros(least.shape, np.int64)
+    across = sideways(part)
     for k, value in enumerate(values):
         there = standing(part, value)
         candidates = enumerate_candidates(there, arm, options)
         reason[k] = [int(furthest(candidates, s)) for s in range(len(part.stations))]
         if candidates.feasible.any():
-            d = directions(there, arm, setup.elasticity, options.force)
+            d = directions(there, arm, setup.elasticity, options.force, across)
             cost = score_candidates(there, candidates, setup.elasticity, d, options).cost
             least[k] = np.where(np.isfinite(cost), cost, np.inf).min(axis=(1, 2))
     return least, reason

@@ -30,6 +30,7 @@ from machopt.domain.steering import kept, steered
 from machopt.domain.toolpath import Toolpath
 from machopt.plan.axes import axes_of
 from machopt.plan.candidates import enumerate_candidates
+from machopt.plan.engage import sideways
 from machopt.plan.glimpse import free_choice
 from machopt.plan.groups import Group, groups_of
 from machopt.plan.made import Plan
@@ -251,6 +252,7 @@ class _Search:
         self.options = replace(options, rotation_step=max(options.rotation_step, STEP))
         self.home = setup.cell.external_home
         self.parts = [part_of(path, g.runs, STATIONS) for g in groups]
+        self.across = [sideways(part) for part in self.parts]
         self.judged: list[list[Judged]] = [[] for _ in groups]
         self.per = setup.per_rad[6:]
         self.weight = np.array([axis.weight for axis in axes])
@@ -302,7 +304,7 @@ class _Search:
         if any(np.array_equal(j.value, value) for j in self.judged[n]):
             return
         part, setup = standing(self.parts[n], value), self.setup
-        d = directions(part, setup.arm, setup.elasticity, self.options.force)
+        d = directions(part, setup.arm, setup.elasticity, self.options.force, self.across[n])
         candidates = enumerate_candidates(part, setup.arm, self.options)
         if not candidates.feasible.any():
             self.judged[n].append(Judged(value, 1.0, 0.0, 0.0, 0.0))

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from machopt.arrays import Array, Bools
 from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import enumerate_candidates
+from machopt.plan.engage import sideways
 from machopt.plan.objective import Terms
 from machopt.plan.part import part_of
 from machopt.plan.path import Path
@@ -147,12 +148,12 @@ def _best_way(
     """What the best way through the grid of values (S, G, E) costs, and its values (S, E)."""
     S, G = values.shape[:2]
     station_of = np.minimum(np.searchsorted(part.stations, np.arange(len(part.index))), S - 1)
-    cost, q = [], []
+    cost, q, across = [], [], sideways(part)
     stable = True
     for g in range(G):
         there = replace(part, external=values[station_of, g])
         candidates = enumerate_candidates(there, setup.arm, options)
-        d = directions(there, setup.arm, setup.elasticity, options.force)
+        d = directions(there, setup.arm, setup.elasticity, options.force, across)
         cost.append(score_candidates(there, candidates, setup.elasticity, d, options).cost)
         q.append(np.where(np.asarray(candidates.feasible.any(axis=3))[..., None], candidates.q, np.nan))
         stable = candidates.stable

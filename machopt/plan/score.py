@@ -70,12 +70,18 @@ def resolve_index(options: PlanOptions) -> Index:
     return "deflection" if options.force.given else "stiffness"
 
 
-def directions(path: Path, arm: Arm, elasticity: ArmElasticity, force: ProcessForce) -> Directions:
-    """Of a path, where the external joints stand along it."""
+def directions(
+    path: Path, arm: Arm, elasticity: ArmElasticity, force: ProcessForce, across: Array | None = None
+) -> Directions:
+    """Of a path, where the external joints stand along it.
+
+    Args:
+        across: (P, 3) :func:`machopt.plan.engage.sideways` of it, which no external joint changes; None: not known.
+    """
     e = path.external
     axial, travel = arm.directions(e, path.axis), arm.directions(e, path.travel)
     normal = np.cross(axial, travel)
-    f = arm.directions(e, process_force(path.axis, sideways(path), force))
+    f = arm.directions(e, process_force(path.axis, sideways(path) if across is None else across, force))
     joint = joint_stiffness(elasticity.stiffness, arm.places(e, path.position))
     return Directions(axial, normal, f, joint.k, joint.in_grid, path.is_drilling)
 
