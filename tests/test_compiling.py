@@ -54,16 +54,16 @@ def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(
     (tmp_path / "outer_kernel.py").write_text(
         f"{head}from inner_kernel import inner\n\n@compiled\ndef outer(x):\n    return inner(x)\n"
     )
-    said = []
+    made, said = ("outer_kernel", "inner_kernel"), []
     for factor in ("2.0", "2.0", "-3.25"):  # lengths differ: a module's bytecode is found by time and size
         (tmp_path / "inner_kernel.py").write_text(f"{head}\n@compiled\ndef inner(x):\n    return {factor} * x\n")
         importlib.invalidate_caches()
         module._hash.cache_clear()  # as in a new process
-        for name in ("outer_kernel", "inner_kernel"):
+        for name in made:
             sys.modules.pop(name, None)
-        outer = importlib.import_module("outer_kernel").outer
+        outer = importlib.import_module(made[0]).outer
         said.append((outer(1.0), len(outer.stats.cache_hits)))
-    for name in ("outer_kernel", "inner_kernel"):
+    for name in made:
         sys.modules.pop(name)
     module._hash.cache_clear()
     assert said == [(2.0, 0), (2.0, 1), (-3.25, 0)]
