@@ -44,9 +44,9 @@ FILES: tuple[tuple[str, str, type[BaseModel]], ...] = (
         "Named by `kinematics:` of cell.yaml; `diagnose` writes it. "
         + " ".join(
             f"`{effect}` has {', '.join(f'`{p}`' for p in names)}"
-            + "".join(f", optionally `{p}`" for p in kinematics.OPTIONAL.get(effect, ()))
+            + "".join(f", optionally `{p}`" for p in kinematics.optional(effect))
             + "."
-            for effect, names in kinematics.PARAMETERS.items()
+            for effect, names in kinematics.parameters().items()
         )
         + " `range_deg`: the encoder angles, lower and upper, that it was measured over; beyond them it fades out "
         "within 5 degrees and is not applied, without the key it is applied everywhere.",

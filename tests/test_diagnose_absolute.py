@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 
 from machopt.diagnose import absolute, at_body, engine
 from machopt.diagnose.absolute_catalogue import left, spanned
-from machopt.diagnose.laws_kinematic import wave_orders
+from machopt.diagnose.at_angle import swept
 from machopt.diagnose.problem import Catalogue, Hypothesis, Problem
 from machopt.diagnose.readings import Readings
 from machopt.domain.cell import Cell
 from machopt.domain.kinematics import KinematicCorrection, Kinematics
 from machopt.domain.recording import Recording
+from machopt.effects.kinematic import wave_orders
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.model.gravity import gravity_torque
@@ -291,7 +292,7 @@ def test_orders_follow_what_the_angles_can_show() -> None:
             none,
             none,
         )
-        return wave_orders(r, 3)
+        return wave_orders(swept(r, 3))
 
     many = orders(q)
     assert many[:12] == tuple(float(n) for n in range(1, 13))

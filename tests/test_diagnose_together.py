@@ -45,7 +45,7 @@ def hypotheses(rng: np.random.Generator) -> list[Hypothesis]:
             parts = [f(n * q[:, None, j]) * lever[:, :, j] for n in shape for f in (np.cos, np.sin)]
             return again(np.stack(parts, axis=2))
 
-        return made("transmission_error", f"joint:{j + 1}", columns, ORDERS, "kinematic")
+        return replace(made("transmission_error", f"joint:{j + 1}", columns, ORDERS, "kinematic"), summed="waves")
 
     found = [waves(j) for j in range(6)]
     found += [made("geometry", f"joint:{j + 1}", lambda s, j=j: again(frames[j]), ((),), "kinematic") for j in range(6)]

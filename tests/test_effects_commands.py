@@ -26,6 +26,10 @@ from machopt.model.robot import load_masses, load_robot
 CELL = Path(__file__).resolve().parent.parent / "cells" / "kr240_drilling"
 BEND, HALF = 2e-6, 0.3  # rad/(N·m) more at no torque; of the largest torque at the joint
 QUIET = ["--quiet", "-o"]
+PATH = (
+    "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation\n"
+    "0,0,60,0,0,1,rapid,,a\n0,0,0,0,0,1,approach,900,a\n40,0,0,0,0,1,cut,900,a\n40,0,60,0,0,1,retract,900,a\n"
+)
 
 
 def load_test(jelly: Path) -> Recording:
@@ -77,10 +81,7 @@ def test_one_file_goes_through_every_command(tmp_path: Path) -> None:
     assert ("joint_jelly", "joint:3") in written
 
     path = tmp_path / "path.csv"
-    path.write_text(
-        "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation\n"
-        "0,0,60,0,0,1,rapid,,a\n0,0,0,0,0,1,approach,900,a\n40,0,0,0,0,1,cut,900,a\n40,0,60,0,0,1,retract,900,a\n"
-    )
+    path.write_text(PATH)
     mine = ["--effects", str(jelly)]
     wanted = ["--set", "rotation_step_deg=20", "--set", "collision=false"]
     assert main(["optimize", str(cell), str(path), *mine, *wanted, *QUIET, str(tmp_path / "plan")]) == 0
@@ -92,3 +93,110 @@ def test_one_file_goes_through_every_command(tmp_path: Path) -> None:
     assert main(["diagnose", *known]) == 0
     again = json.loads((tmp_path / "again" / "diagnosis.json").read_text())
     assert "joint_jelly" not in {f["effect"] for f in again["findings"]}
+
+
+SCALE = '''
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.effects.protocol import JOINTS, Effect, Free, Parameter, Quantity
+
+
+@dataclass(frozen=True)
+class Linear(Free):
+    """delta = kappa q"""
+
+    name = "grows with the angle"
+    equation = "Δ_j = κ q_j"
+    note = "without load, farther out the more"
+    prior = 1e-2
+    coefficients = (Parameter(key="per_mille", unit="rad/rad", factor=1e-3, required=True, most=50.0, said="mrad/rad"),)
+
+    def columns(self, shape, angle, derivative=0):
+        of = angle if derivative == 0 else np.full(np.shape(angle), float(derivative == 1))
+        return np.asarray(of, float)[..., None]
+
+    def steepest(self, values, shape):
+        return abs(float(values[0]))
+
+    def largest(self, values, shape):
+        return np.inf
+
+    def sizes(self, values, shape):
+        return {"scale": Quantity(1e3 * float(values[0]), "mrad/rad")}
+
+
+EFFECTS = [
+    Effect(
+        name="encoder_scale", noun="wrong scale", sentence="The encoder counts more or less than it turns.",
+        port="angle", places=JOINTS, unloaded=(Linear(),),
+    )
+]
+'''
+
+
+def tracked() -> Recording:
+    """Forty poses, twice, as a tracker sees them, 10 µm of noise; joint 1 turns 2 ‰ more than its encoder says."""
+    cell = load_cell(CELL)
+    robot, tool = load_robot(cell), cell.tool.T_flange_tcp
+    assert cell.stiffness is not None
+    rng = np.random.default_rng(8)
+    q = np.radians([0, -90, 100, 0, 60, 0]) + rng.uniform(-0.6, 0.6, (40, 6)) * [2.2, 0.6, 0.6, 2.0, 1.0, 2.0]
+    q = np.tile(q, (2, 1))
+    stands = q * [1.002, 1.0, 1.0, 1.0, 1.0, 1.0]
+    for _ in range(8):
+        tau = gravity_torque(robot, load_masses(cell), robot.state(stands, tool, bodies=True))[0]
+        stands = q * [1.002, 1.0, 1.0, 1.0, 1.0, 1.0] + tau / cell.stiffness.joints
+    position = robot.state(stands, tool).T_base_tool[:, :3, 3] + 1e-5 * rng.normal(size=(len(q), 3))
+    visit, rows = np.repeat([0, 1], 40), np.arange(len(q))
+    return Recording(
+        "absolute", "made up", q, np.tile(np.arange(40), 2), visit, visit, rows + 2, position=position,
+        registration="fit",
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_one_file_without_load_goes_through_every_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Diagnosed, written to kinematics.yaml, driven and verified with, mapped, and then known."""
+    scale, cell, rec, out = (tmp_path / n for n in ("scale.py", "cell", "rec", "out"))
+    scale.write_text(SCALE)
+    write_recording(rec, tracked())
+    assert main(["diagnose", str(CELL), str(rec), "--terms", str(scale), *QUIET, str(out)]) == 0
+    result = json.loads((out / "diagnosis.json").read_text())
+    assert [(f["effect"], f["location"]) for f in result["findings"]] == [("encoder_scale", "joint:1")]
+    size = result["findings"][0]["parameters"]["scale"]
+    assert size["unit"] == "mrad/rad"
+    assert size["ci95"][0] < 2.0 < size["ci95"][1]
+    assert {"joint:2", "joint:3"} <= {
+        x["location"] for x in result["detection_limits"] if x["effect"] == "encoder_scale"
+    }
+    assert "wrong scale of joint 1" in result["sentence"]
+    page = (out / "report.html").read_text()
+    assert "The encoder counts more or less than it turns." in page
+    assert "Goes into kinematics.yaml" in page
+
+    shutil.copytree(CELL, cell)
+    shutil.copy(out / "kinematics.yaml", cell / "kinematics.yaml")
+    text = (cell / "cell.yaml").read_text()
+    (cell / "cell.yaml").write_text(text.replace("stiffness:", "kinematics: kinematics.yaml\nstiffness:", 1))
+    path = tmp_path / "path.csv"
+    path.write_text(PATH)
+    mine = ["--effects", str(scale)]
+    wanted = ["--set", "rotation_step_deg=20", "--set", "collision=false"]
+    assert main(["optimize", str(cell), str(path), *mine, *wanted, *QUIET, str(tmp_path / "plan")]) == 0
+    verdict = json.loads((tmp_path / "plan" / "manifest.json").read_text())["verdict"]
+    assert "kinematics.yaml encoder_scale at joint:1" in verdict
+    capsys.readouterr()
+    assert main(["verify", str(cell), str(path), str(tmp_path / "plan"), *mine]) == 0
+    assert "no second law is written for 'encoder_scale'" in capsys.readouterr().out
+    grid = ["--step", "700", "--collision", "none"]
+    assert main(["map", str(cell), *mine, *grid, *QUIET, str(tmp_path / "map")]) == 0
+    assert main(["map", str(cell), *grid, *QUIET, str(tmp_path / "unknown")]) == 2  # without its file
+    assert "'encoder_scale'" in (told := capsys.readouterr().err)
+    assert "where its file is given" in told
+
+    known = [str(cell), str(rec), "--terms", str(scale), *QUIET, str(tmp_path / "again")]
+    assert main(["diagnose", *known]) == 0
+    again = json.loads((tmp_path / "again" / "diagnosis.json").read_text())
+    assert again["findings"] == []

@@ -15,9 +15,8 @@ def add_effects(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE.py",
-        help="effects of your own that stiffness.yaml holds, as machopt diagnose --terms FILE.py found them, or that "
-        "EFFECT@LOCATION names; runs the "
-        "code in that file; may be repeated",
+        help="effects of your own that stiffness.yaml or kinematics.yaml holds, as machopt diagnose --terms FILE.py "
+        "found them, or that EFFECT@LOCATION names; runs the code in that file; may be repeated",
     )
 
 

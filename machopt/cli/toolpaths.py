@@ -91,6 +91,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     share(check, "cell", help=None)
     share(check, "toolpath", help=None)
     check.add_argument("out", type=Path, help="output folder of optimize")
+    add_effects(check)
     check.set_defaults(run=_verify)
 
 
@@ -199,6 +200,7 @@ def _verify(args: argparse.Namespace) -> int:
     from machopt.recheck.inforce import Request
     from machopt.services.verify import verify
 
+    told_of_effects(args)
     done = verify(
         Request(
             cell=args.cell,
@@ -208,6 +210,7 @@ def _verify(args: argparse.Namespace) -> int:
             overrides=tuple(args.set),
             reading=reading(args),
             allow_external=args.allow_external,
+            effects=tuple(args.effects),
         )
     )
     found = done.verification

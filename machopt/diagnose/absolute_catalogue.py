@@ -13,6 +13,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.diagnose import (
+    at_angle,
     at_beside,
     at_body,
     at_flange,
@@ -21,7 +22,6 @@ from machopt.diagnose import (
     at_sensor,
     calibrated,
     laws_geometry,
-    laws_kinematic,
 )
 from machopt.diagnose.problem import Catalogue, Hypothesis, Problem, Untestable
 from machopt.diagnose.readings import Readings
@@ -35,9 +35,8 @@ ROUNDING = 1e-8  # of a column's length: what is left of one that the base holds
 def catalogue(r: Readings, problem: Problem) -> Catalogue:
     """Every effect that measured poses can show, without those that the base takes up altogether."""
     offered: list[Hypothesis] = [
-        *laws_kinematic.zero_offsets(r),
-        *laws_kinematic.transmission_errors(r),
-        *laws_kinematic.couplings(r),
+        *at_angle.hypotheses(r),
+        *at_joint.couplings_at_rest(r),
         *laws_geometry.hypotheses(r, problem.base),
         *at_flange.at_rest(r),
         *at_beside.in_poses(r),

@@ -22,7 +22,7 @@ from machopt.effects.protocol import ARCMIN, MEMORIES, Drive, Effect, Law, Scale
 LEAST_SOFT = 1e-9  # rad/(N·m), that sizes in percent are of
 ENDS = (0.02, 0.98)  # quantiles that a joint's range of angles lies between
 LARGE = 0.98  # quantile of the torques that counts as the largest
-COUPLED = ((2, 3), (4, 5), (4, 6), (5, 6), (1, 2), (3, 4))  # joints whose gears share a shaft or a casting
+WRIST = 3  # its first joint, 0-based
 AT_ONCE = "cycle"  # forgotten between two cycles, which nothing is that fades by the clock
 FINE = 60  # points of a loop's branch, for the picture
 
@@ -123,7 +123,17 @@ def couplings(r: Readings) -> list[Hypothesis]:
         "out of what the joints' torques explain",
         "Δq_i = c_ij τ_j, Δq_j = c_ij τ_i (wrist gears on one shaft)",
     )
-    return [pair(r, e, f"joint:{i}-{j}", note, said) for e in registry.of_joint_pairs() for i, j in COUPLED]
+    return [pair(r, e, where, note, said) for e in registry.of_joint_pairs() for where in e.tried]
+
+
+def couplings_at_rest(r: Readings) -> list[Hypothesis]:
+    """The same in measured poses, where weight or load turns either: of the wrist, whose joints weight turns freely."""
+    return [
+        pair(r, e, where, "with the torque of the other joint", f"{e.laws[0].equation} under weight and load")
+        for e in registry.of_joint_pairs()
+        for where in e.tried
+        if min(joints_of(where)) >= WRIST and np.abs(r.torque[:, joints_of(where)]).max() > 0.0
+    ]
 
 
 def lived_through(r: Readings, terms: Sequence[Term]) -> tuple[Array, tuple[Term, ...]]:

@@ -60,7 +60,7 @@ def ripple(scene: Scene, joint: int, unit: str, factor: float, *, torque: bool) 
         def fix(x: Array, s: Shape) -> Correction:
             if torque:
                 return RecordCorrection(
-                    "transmission_error", where, {"order": s[0], "cos_Nm": float(x[0]), "sin_Nm": float(x[1])}
+                    WAVES.called, where, {"order": s[0], "cos_Nm": float(x[0]), "sin_Nm": float(x[1])}
                 )
             over = {within.KEY: within.measured(q)}
             return entry(WAVES, where, x, np.array(multiples(s, harmonics)), over)
@@ -78,7 +78,7 @@ def ripple(scene: Scene, joint: int, unit: str, factor: float, *, torque: bool) 
         return joint_law(
             scene,
             joint,
-            "transmission_error",
+            WAVES.called,
             words,
             "A sin(Nq + φ)" + (" + B sin(2Nq + ψ)" if harmonics > 1 else ""),
             lambda s: over(s, harmonics),

@@ -128,6 +128,7 @@ class Hypothesis:
     # coefficients (p,) that something built can have, nearest to the given ones by how the misfit grows (p, p)
     possible: Callable[[Array, Array], Array] | None = None
     held: float | None = None  # 1 sigma about zero of every coefficient, of what makers hold; None: nothing is known
+    summed: str = ""  # several of its shapes at one place are one law again, so called ("waves"); empty: they are not
     exact: bool = False  # the law leaves nothing of its effect (a clock, a measured lag), however large that is
 
     @property

@@ -18,7 +18,7 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.grams import NOTHING, Model, Tried, ridged_inverse, tried
 from machopt.diagnose.problem import Hypothesis
 from machopt.diagnose.select import Chosen, select, settled
-from machopt.effects import geometry, kinematic
+from machopt.effects import geometry
 
 FEW = 3  # effects that a search one by one is asked for as a rule
 RIVALS = 24  # shapes of a law that is held against what was found together
@@ -97,11 +97,12 @@ def many(model: Model, laws: Sequence[Tried], fits: float) -> list[Tried]:
 
 def _sums(model: Model, laws: Sequence[Tried]) -> _Sums:
     groups, at = [], model.X.shape[1]
+    summed = {t.hypothesis.name for t in laws if t.hypothesis.summed}
     for t in laws:
-        if t.hypothesis.effect == kinematic.WAVES.name and t.X.shape[2] > 2:
+        if t.hypothesis.name in summed and not t.hypothesis.summed:
             continue  # an order and its double: the pursuit takes them one by one
         p, count = t.X.shape[2], len(t.shapes)
-        most = count if t.hypothesis.effect == kinematic.WAVES.name else min(count, MOST_SHAPES)
+        most = count if t.hypothesis.summed else min(count, MOST_SHAPES)
         for s in np.linspace(0, count - 1, most).astype(int).tolist():
             groups.append(_Group(t, s, slice(at, at + p)))
             at += p
@@ -160,7 +161,7 @@ def _pursue(sums: _Sums, fits: float) -> list[_Group]:
         own = list(range(g.columns.start, g.columns.stop))
         columns += own
         left = _swept(left, np.array(own))
-        exact = g.law.hypothesis.exact or g.law.hypothesis.effect == kinematic.WAVES.name  # a sum of waves is any wave
+        exact = g.law.hypothesis.exact or bool(g.law.hypothesis.summed)  # a sum of waves is any wave
         share = calibrated.DETECTION.beside_exact if exact else calibrated.DETECTION.beside
         largest = max(largest, share * gains[n])
     return taken
@@ -213,11 +214,11 @@ def _waves(picked: Sequence[_Group]) -> list[Hypothesis]:
     laws: dict[tuple[str, str], Hypothesis] = {}
     for g in picked:
         h = g.law.hypothesis
-        if h.effect == kinematic.WAVES.name:
+        if h.summed:
             orders.setdefault(h.name, []).extend(h.shapes[g.shape])
             laws[h.name] = h
     return [
-        replace(laws[name], law=f"{len(n)} waves" if len(n) > 1 else laws[name].law, shapes=(tuple(n),))
+        replace(laws[name], law=f"{len(n)} {laws[name].summed}" if len(n) > 1 else laws[name].law, shapes=(tuple(n),))
         for name, n in orders.items()
     ]
 
@@ -226,6 +227,6 @@ def _others(picked: Sequence[_Group]) -> list[Hypothesis]:
     out: dict[tuple[str, str], Hypothesis] = {}
     for g in picked:
         h = g.law.hypothesis
-        if h.effect != kinematic.WAVES.name:
+        if not h.summed:
             out.setdefault(h.name, replace(h, shapes=(h.shapes[g.shape],)))
     return list(out.values())

@@ -6,10 +6,12 @@ and verification make their own code of these entries; here they stand as kinema
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+from machopt.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -21,6 +23,8 @@ class KinematicCorrection:
     effect: str
     location: str
     parameters: Mapping[str, Any] = field(default_factory=dict)
+    # of an effect of the user's own: (S,) rad that it turns its joint by at angles (S,) rad; nobody has a second law
+    own: Callable[[Array], Array] | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,9 @@ def entry(
     effect: Effect, location: str, values: Array, shape: Array, more: Mapping[str, Any] | None = None
 ) -> KinematicCorrection:
     """What kinematics.yaml states of an effect of port angle, with keys that are no numbers of its law."""
-    assert effect.unloaded is not None  # port angle
-    stated = files.write(effect.unloaded, values, shape)
-    keys = [p.key for p in (*effect.unloaded.shape, *effect.unloaded.coefficients)]
+    law = effect.unloaded[0]
+    stated = files.write(law, values, shape)
+    keys = [p.key for p in (*law.shape, *law.coefficients)]
     return KinematicCorrection(effect.called, location, {key: stated[key] for key in keys} | dict(more or {}))
 
 

@@ -12,10 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.effects.protocol import COMPLIANCE, Drive, Effect, Law, Parameter, Quantity, Scale, Settled, Shape
+from machopt.effects.protocol import COMPLIANCE, Drive, Effect, Free, Law, Parameter, Quantity, Scale, Settled, Shape
 
 WORD = "joint_coupling"
 PLACES = tuple(f"joint:{i}-{j}" for i in range(1, 7) for j in range(i + 1, 7))
+WRIST = ("joint:4-5", "joint:4-6", "joint:5-6")
+CASTINGS = ("joint:2-3", *WRIST, "joint:1-2", "joint:3-4")  # joints whose gears share a shaft or a casting
 
 
 @dataclass(frozen=True)
@@ -44,14 +46,14 @@ class Elastic(Settled):
 
 
 @dataclass(frozen=True)
-class Dragged:
+class Dragged(Free):
     """Δ_j = κ q_i: the shaft of joint j runs through joint i (hollow wrists)."""
 
-    word = ""
-    remembers = False
-    equation = "Δ_j = κ q_i"
+    name = "gears drag the next joint"
+    equation = "Δ_j = κ q_i (hollow wrist: the shaft of joint j runs through joint i)"
+    note = "the second joint without load, in proportion to the first"
+    prior = 1e-3  # of the size that wrists without compensation in the controller have
     coefficients = (Parameter(key="ratio", unit="rad/rad", required=True, most=0.1, said="rad/rad"),)
-    shape: tuple[Parameter, ...] = ()
 
     def columns(self, shape: Array, angle: Array, derivative: int = 0) -> Array:
         of = angle if derivative == 0 else np.full(np.shape(angle), 1.0 if derivative == 1 else 0.0)
@@ -59,6 +61,9 @@ class Dragged:
 
     def steepest(self, values: Array, shape: Array) -> float:
         return abs(float(values[0]))
+
+    def largest(self, values: Array, shape: Array) -> float:
+        return np.inf
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
         return {"ratio": Quantity(abs(float(values[0])), "rad/rad")}
@@ -71,6 +76,7 @@ ELASTIC = Effect(
     sentence="What one joint does turns or twists the other one too.",
     port="twist",
     places=PLACES,
+    likely=CASTINGS,
     laws=(Elastic(),),
     elastic=True,
 )
@@ -82,5 +88,6 @@ KINEMATIC = Effect(
     sentence=ELASTIC.sentence,
     port="angle",
     places=PLACES,
-    unloaded=Dragged(),
+    likely=WRIST,
+    unloaded=(Dragged(),),
 )

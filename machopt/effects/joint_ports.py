@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.effects.nouns import Ints, Quantity, Shape, Stated
+from machopt.effects.nouns import Ints, Parameter, Quantity, Shape, Stated
 
 
 @dataclass(frozen=True)
@@ -111,12 +111,52 @@ def percent(value: float, compliance: float) -> Quantity:
     return Quantity(100.0 * value / compliance, "%")
 
 
+@dataclass(frozen=True)
+class Swept:
+    """The angles of a joint that readings were taken at: what shapes of laws without load are of."""
+
+    low: float  # rad by encoder
+    high: float
+    most: int  # shapes that as many distinct angles can tell from noise
+    lowest: float = 1.0  # per turn of the joint: slower waves are another effect's (those of a balancer)
+
+
 class Unloaded(Stated, Protocol):
     """An angle Δ(q) that a joint is off by without any load, by its own angle or another joint's. Stateless; SI."""
 
     @property
+    def name(self) -> str:
+        """In reports: "constant angle"."""
+        ...
+
+    @property
     def equation(self) -> str:
         """With its source."""
+        ...
+
+    @property
+    def note(self) -> str:
+        """Where it shows."""
+        ...
+
+    @property
+    def penalty(self) -> float:
+        """Gain beyond that of its coefficients that it must bring."""
+        ...
+
+    @property
+    def prior(self) -> float | None:
+        """1 sigma of each coefficient about zero, of what makers hold; None: nothing is known."""
+        ...
+
+    @property
+    def summed(self) -> str:
+        """What several of its shapes at one place are called, one law again: "waves"; empty: they are none."""
+        ...
+
+    @property
+    def ranged(self) -> bool:
+        """It holds at the angles it was measured over, and fades out beyond; else everywhere."""
         ...
 
     def columns(self, shape: Array, angle: Array, derivative: int = 0) -> Array:
@@ -127,9 +167,38 @@ class Unloaded(Stated, Protocol):
         """The most that Δ changes, rad per rad of the angle."""
         ...
 
+    def largest(self, values: Array, shape: Array) -> float:
+        """The most that Δ is to either side, rad; infinite where angles bound it alone."""
+        ...
+
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
         """Numbers of the trade; the first is the effect's size and grows in proportion to the coefficients."""
         ...
+
+    def grid(self, swept: Swept) -> tuple[Shape, ...]:
+        """Shapes that a search tries; none where these angles cannot show it."""
+        ...
+
+
+class Free:
+    """What most laws without load answer: at once, everywhere, and nothing is known of their size."""
+
+    word = ""
+    remembers = False
+    prior: float | None = None
+    ranged = False
+    shape: tuple[Parameter, ...] = ()
+
+    @property
+    def penalty(self) -> float:
+        return 0.0
+
+    @property
+    def summed(self) -> str:
+        return ""
+
+    def grid(self, swept: Swept) -> tuple[Shape, ...]:
+        return ((),)
 
 
 class Beside(Stated, Protocol):

@@ -11,23 +11,27 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.effects.protocol import DEGREE, JOINTS, Effect, Parameter, Quantity
+from machopt.effects.protocol import DEGREE, JOINTS, Effect, Free, Parameter, Quantity, Shape, Swept
 from machopt.effects.waves import ARCSEC, waves
+
+LOW_ORDERS = 12  # per turn of the joint: what turns with the output (rings, pins, bearings) comes round a few times
+HIGH_ORDER = 200.0  # per turn: about the largest ratio of a robot's reducer, what turns with the motor
+LOSS = 0.7  # rad, half the phase that neighbouring orders may part by at the ends of the range: 8 % of amplitude
+MOST_HIGH = 48  # orders above the low ones
 
 
 @dataclass(frozen=True)
-class Constant:
+class Constant(Free):
     """Δ_j = δ."""
 
-    word = ""
-    remembers = False
-    equation = "Δ_j = δ"
+    name = "constant angle"
+    equation = "Δ_j = δ, at the TCP J_j δ (Mooring, Roth & Driels 1991, Fundamentals of Manipulator Calibration)"
+    note = "without load, smooth over the poses"
     coefficients = (
         Parameter(
             key="offset_deg", unit="rad", factor=DEGREE, positive=False, required=True, most=10.0, said="degrees"
         ),
     )
-    shape: tuple[Parameter, ...] = ()
 
     def columns(self, shape: Array, angle: Array, derivative: int = 0) -> Array:
         return np.full((*np.shape(angle), 1), 0.0 if derivative else 1.0)
@@ -35,17 +39,22 @@ class Constant:
     def steepest(self, values: Array, shape: Array) -> float:
         return 0.0
 
+    def largest(self, values: Array, shape: Array) -> float:
+        return abs(float(values[0]))
+
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
         return {"offset": Quantity(float(values[0] / DEGREE), "deg")}
 
 
 @dataclass(frozen=True)
-class Waves:
+class Waves(Free):
     """Δ_j = Σ a_n cos n q_j + b_n sin n q_j; values a and b of each order in turn."""
 
-    word = ""
-    remembers = False
-    equation = "Δ_j = Σ a_n cos nq_j + b_n sin nq_j"
+    harmonics: int = 1  # that a search tries together
+
+    note = "without load, periodic over the joint's angle"
+    prior = 3e-4  # rad: a robot's gears run a minute of arc ahead and behind, strain wave gears more
+    ranged = True
     coefficients = tuple(
         Parameter(
             key=f"{f}_arcsec",
@@ -72,17 +81,61 @@ class Waves:
         ),
     )
 
+    @property
+    def name(self) -> str:
+        return "one wave" if self.harmonics == 1 else "a wave and its double"
+
+    @property
+    def summed(self) -> str:
+        return "waves" if self.harmonics == 1 else ""
+
+    @property
+    def equation(self) -> str:
+        law = "a cos Nq_j + b sin Nq_j" if self.harmonics == 1 else "Σ_{n = N, 2N} a_n cos nq_j + b_n sin nq_j"
+        return f"Δ_j = {law}, at the TCP J_j Δ_j (Whitney, Lozinski & Rourke 1986)"
+
+    @property
+    def penalty(self) -> float:
+        return 2.0 * (self.harmonics - 1)
+
     def columns(self, shape: Array, angle: Array, derivative: int = 0) -> Array:
         return waves(angle, shape, derivative)
 
     def steepest(self, values: Array, shape: Array) -> float:
         return float(shape @ np.hypot(values[0::2], values[1::2]))
 
+    def largest(self, values: Array, shape: Array) -> float:
+        return float(np.sum(np.hypot(values[0::2], values[1::2])))
+
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
         each = [Quantity(float(v), "arcsec") for v in np.hypot(values[0::2], values[1::2]) / ARCSEC]
         # the first number must vanish with the coefficients only: the largest of the waves
         out = {"amplitude": max(each, key=lambda v: v.value), "order": Quantity(float(shape[0]), "1/rev")}
         return out | ({"second_amplitude": each[1]} if len(each) > 1 else {})
+
+    def grid(self, swept: Swept) -> tuple[Shape, ...]:
+        orders = wave_orders(swept)
+        together = tuple(tuple(k * n for k in range(1, self.harmonics + 1)) for n in orders)
+        return tuple(shape for shape in together if shape[-1] <= orders[-1])
+
+
+def wave_orders(swept: Swept) -> tuple[float, ...]:
+    """Orders per turn that angles of a joint can show and tell apart; none where they tell nothing from noise.
+
+    Whole orders up to LOW_ORDERS (parts that turn with the output). Above, a grid as fine as the range asks for, up
+    to as many as there are angles for: with fewer, some order among many fits any noise.
+    """
+    span = swept.high - swept.low
+    if not swept.most:
+        return ()
+    step = 2.0 * LOSS / (0.5 * span)
+    first = max(swept.lowest, np.ceil(0.5 * np.pi / span))  # a quarter of a wave is an offset and a slope
+    low = np.arange(first, LOW_ORDERS + 0.5)
+    budget = swept.most - len(low)
+    if budget > MOST_HIGH:  # whole orders of a joint that turns far: a finer grid only takes longer
+        budget, step = MOST_HIGH, max(step, 1.0)
+    high = LOW_ORDERS + step * np.arange(1, max(budget, 0) + 1)
+    return tuple(float(n) for n in np.concatenate([low, high[high <= HIGH_ORDER]]))
 
 
 ZERO = Effect(
@@ -91,7 +144,7 @@ ZERO = Effect(
     sentence="The mastering of the joint is off by a constant angle.",
     port="angle",
     places=JOINTS,
-    unloaded=Constant(),
+    unloaded=(Constant(),),
     plausible={"deg": 10.0},
 )
 
@@ -101,7 +154,7 @@ WAVES = Effect(
     sentence="The gear runs ahead and behind periodically, with no load at all.",
     port="angle",
     places=JOINTS,
-    unloaded=Waves(),
+    unloaded=(Waves(), Waves(2)),
     form=0.1,
     plausible={"arcsec": 3600.0},
 )

@@ -21,10 +21,11 @@ from typing import Any
 import numpy as np
 
 from machopt.effects import registry
-from machopt.effects.protocol import JOINTS, Body, BodyLaw, Drive, Effect, Scale
+from machopt.effects.protocol import JOINTS, Body, BodyLaw, Drive, Effect, Scale, Swept, Unloaded
 from machopt.errors import InputError
 
 GROUP = "machopt.effects"
+PAIRS = tuple(f"joint:{i}-{j}" for i in range(1, 7) for j in range(i + 1, 7))
 BODIES = (*(f"link:{i}" for i in range(1, 7)), "base", "tool")
 BROKEN = (Exception, SystemExit)  # what code of a user's own may raise; sys.exit would end the command as if done
 
@@ -140,17 +141,21 @@ def _checked(offered: object, source: str) -> list[Effect]:
             raise InputError(f"EFFECTS holds {type(e).__name__}; Effect objects would work", file=source)
         of_joint = e.laws and not e.gives and e.port == "twist" and set(e.places) <= set(JOINTS)
         of_body = e.gives and not e.laws and e.port == "body" and set(e.places) <= set(BODIES)
-        if not (e.elastic and e.places and (of_joint or of_body)):
+        of_angle = e.unloaded and not e.elastic and e.port == "angle" and set(e.places) <= {*JOINTS, *PAIRS}
+        if not (e.places and ((e.elastic and (of_joint or of_body)) or of_angle)):
             raise InputError(
                 f"{e.name}: an elastic effect with laws, port twist and places joint:1 … joint:6 would work, or one "
-                "that gives, port body and places link:1 … link:6, base, tool would work; for anything else "
-                "hypotheses(readings) of machopt diagnose",
+                "that gives, port body and places link:1 … link:6, base, tool, or one that is not elastic, unloaded, "
+                "port angle and places joint:1 … joint:6 or joint:4-5; for anything else hypotheses(readings) of "
+                "machopt diagnose",
                 file=source,
             )
         for law in e.laws:
             _try(e, law, source)
         for body in e.gives:
             _try_body(e, body, source)
+        for angle in e.unloaded:
+            _try_angle(e, angle, source)
     return list(offered)
 
 
@@ -172,6 +177,31 @@ def _try_body(e: Effect, law: BodyLaw, source: str) -> None:
             f"{name}: matrices have the shape {answer.shape} (or NaN); finite ({max(count, 1)}, 6, 6) would work",
             file=source,
         )
+
+
+def _try_angle(e: Effect, law: Unloaded, source: str) -> None:
+    """The same of a law without load, with the three derivatives that a path asks for."""
+    q = np.array([-0.5, 0.1, 0.7])
+    name = f"{e.name}: law {getattr(law, 'name', type(law).__name__)!r}"
+    try:
+        shape = np.array((law.grid(Swept(-1.0, 1.0, 20)) or (tuple(p.factor for p in law.shape),))[0], float)
+        answers = [np.asarray(law.columns(shape, q, n), float) for n in range(4)]
+        values = np.ones(answers[0].shape[-1])
+        law.sizes(values, shape)
+        bounds = float(law.steepest(values, shape)), float(law.largest(values, shape))
+        texts = (law.name, law.equation, law.note, law.word, law.summed)
+        certain = float(law.penalty), law.prior is None or float(law.prior)
+    except BROKEN as problem:
+        raise InputError(f"{name} does not run: {type(problem).__name__}: {problem}", file=source) from problem
+    if not all(isinstance(text, str) for text in texts) or np.isnan((*bounds, *certain)).any():
+        raise InputError(f"{name}: texts, and bounds and penalty that are numbers, would work", file=source)
+    for n, answer in enumerate(answers):
+        if answer.ndim != 2 or len(answer) != len(q) or not answer.shape[1] or not np.isfinite(answer).all():
+            raise InputError(
+                f"{name}: columns of derivative {n} at {len(q)} angles have the shape {answer.shape} (or NaN); finite "
+                f"({len(q)}, p) would work",
+                file=source,
+            )
 
 
 def _try(e: Effect, law: Any, source: str) -> None:

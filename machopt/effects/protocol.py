@@ -8,12 +8,14 @@ from dataclasses import dataclass, field
 from machopt.effects.joint_ports import (
     Beside,
     Drive,
+    Free,
     FrictionLaw,
     Law,
     Pace,
     Rubbing,
     Scale,
     Settled,
+    Swept,
     Swinging,
     SwingLaw,
     Unloaded,
@@ -65,6 +67,7 @@ __all__ = [
     "DriftLaw",
     "Drive",
     "Effect",
+    "Free",
     "FrictionLaw",
     "Ints",
     "Law",
@@ -80,6 +83,7 @@ __all__ = [
     "Settled",
     "Shape",
     "Stated",
+    "Swept",
     "SwingLaw",
     "Swinging",
     "Unloaded",
@@ -100,8 +104,9 @@ class Effect:
     sentence: str  # for the reader of a report
     port: Port
     places: tuple[str, ...]  # of an arm; empty: not listed, e.g. columns of a recording
+    likely: tuple[str, ...] = ()  # those of its places that a search tries; empty: all
     laws: tuple[Law, ...] = ()  # in the order in which they are tried
-    unloaded: Unloaded | None = None  # the law of port angle
+    unloaded: tuple[Unloaded, ...] = ()  # those of port angle; the first is the one that files state
     beside: tuple[Beside, ...] = ()  # those of port torque; the first is the one that files state
     gives: tuple[BodyLaw, ...] = ()  # those of port body
     recorded: tuple[RecordLaw, ...] = ()  # those of port record, on forces and displacements
@@ -126,6 +131,11 @@ class Effect:
     def paired(self) -> bool:
         """Between two joints: its law, which is linear, turns each by the torque of the other."""
         return bool(self.places) and "-" in self.places[0]
+
+    @property
+    def tried(self) -> tuple[str, ...]:
+        """Places that a search tries."""
+        return self.likely or self.places
 
     @property
     def called(self) -> str:

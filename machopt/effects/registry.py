@@ -94,7 +94,12 @@ def elastic(word: str) -> Effect:
 
 def without_load() -> Mapping[str, tuple[Effect, Unloaded]]:
     """What kinematics.yaml can hold, by the words it uses."""
-    return {e.called: (e, e.unloaded) for e in EFFECTS.values() if e.unloaded is not None}
+    return {e.called: (e, e.unloaded[0]) for e in EFFECTS.values() if e.unloaded}
+
+
+def of_angles(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
+    """Those that a joint is off by without any load, in the order in which a search tries them."""
+    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.unloaded)
 
 
 def of_joint_torque(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:

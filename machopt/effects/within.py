@@ -15,11 +15,9 @@ from typing import Any
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.effects import kinematic
-from machopt.effects.protocol import DEGREE
+from machopt.effects.nouns import DEGREE
 
 KEY = "range_deg"
-WORD = kinematic.WAVES.called
 FADE = 5.0 * DEGREE
 STEEPEST = 35.0 / 16.0  # w' in the middle
 APART = 20.0 * DEGREE  # poses whose joint stands so far from all others show nothing of the way there

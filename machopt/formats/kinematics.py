@@ -20,13 +20,14 @@ zero.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field
 
+from machopt.arrays import Array
 from machopt.domain.kinematics import KinematicCorrection, Kinematics
 from machopt.effects import files, geometry, registry, within
 from machopt.effects.given import Parameters
@@ -34,16 +35,27 @@ from machopt.effects.protocol import Parameter, Unloaded, joints_of
 from machopt.errors import nearest
 from machopt.formats.yamlstrict import Document, Loc, Strict, read_yaml, show, validate
 
-PARAMETERS = {
-    word: tuple(p.key for p in (*law.shape, *law.coefficients)) for word, (_, law) in registry.without_load().items()
-} | {geometry.EFFECT.name: (geometry.SHIFT, geometry.TURN)}
-OPTIONAL = {within.WORD: (within.KEY,)}
 _MOST_DEG = 3600.0
 _STEEPEST = 0.5  # |Δ'|: beyond it encoder and true angle are hardly one to one, and the file is in another unit
 
 
+def parameters() -> Mapping[str, tuple[str, ...]]:
+    """The keys that every effect in use needs, by its word; of a geometry those it may have."""
+    angles = {
+        word: tuple(p.key for p in (*law.shape, *law.coefficients))
+        for word, (_, law) in registry.without_load().items()
+    }
+    return angles | {geometry.EFFECT.name: (geometry.SHIFT, geometry.TURN)}
+
+
+def optional(effect: str) -> tuple[str, ...]:
+    """Keys that it may have beside those."""
+    _, law = registry.without_load().get(effect, (None, None))
+    return (within.KEY,) if law is not None and law.ranged else ()
+
+
 class _Correction(Strict):
-    effect: str = Field(min_length=1, description=", ".join(PARAMETERS))
+    effect: str = Field(min_length=1, description=", ".join(parameters()))
     location: str = Field(
         min_length=1, description="joint:1 … joint:6, joint:4-5 of a coupling, base or tool of a geometry"
     )
@@ -74,7 +86,8 @@ def load_kinematics(path: Path | str) -> Kinematics:
                 loc, f"{c.effect} at {c.location} stands twice; keep one (waves of a transmission error stand in lists)"
             )
         seen.add(key)
-        out.append(KinematicCorrection(c.effect, c.location, _parameters(document, (*loc, "parameters"), c)))
+        stated = _parameters(document, (*loc, "parameters"), c)
+        out.append(KinematicCorrection(c.effect, c.location, stated, _own(c.effect, stated)))
     found = Kinematics(tuple(out), Path(path))
     for joint, slope in enumerate(_slopes(found), start=1):
         if slope >= _STEEPEST:
@@ -96,15 +109,26 @@ def write_kinematics(path: Path | str, kinematics: Kinematics) -> None:
 
 
 def _check_place(document: Document, loc: Loc, effect: str, location: str) -> None:
-    if effect not in PARAMETERS:
+    known = list(parameters())
+    if effect not in known:
         raise document.error(
             (*loc, "effect"),
-            f"found {effect!r}; {nearest(effect, list(PARAMETERS))} (what is elastic belongs into stiffness.yaml)",
+            f"found {effect!r}; {nearest(effect, known)} (what is elastic belongs into stiffness.yaml; an effect of "
+            "your own is known where its file is given)",
         )
     places = registry.EFFECTS[effect].places if effect == geometry.EFFECT.name else _places(effect)
     if location not in places:
         wanted = "joint:i-j, i < j, e.g. joint:4-5" if "-" in places[0] else f"{places[0]} … {places[-1]}"
         raise document.error((*loc, "location"), f"found {location!r}; expected {wanted}")
+
+
+def _own(effect: str, stated: Mapping[str, Any]) -> Callable[[Array], Array] | None:
+    """Δ of an effect of the user's own by the angle of its joint; None of those that the verifier has laws of."""
+    of, law = registry.without_load().get(effect, (None, None))
+    if law is None or of in registry.LISTED:
+        return None
+    values, shape, _ = files.read(law, Parameters(stated, effect))
+    return lambda angle: np.asarray(law.columns(shape, angle) @ values)
 
 
 def _places(effect: str) -> tuple[str, ...]:
@@ -117,8 +141,9 @@ def _vectors(document: Document, loc: Loc, c: _Correction) -> Mapping[str, Any]:
         raise document.error(loc, f"{c.effect} needs {geometry.SHIFT} or {geometry.TURN}, three numbers each")
     for key, value in c.parameters.items():
         most, unit = (geometry.MOST_MM, "mm") if key == geometry.SHIFT else (geometry.MOST_MRAD, "mrad")
-        if key not in PARAMETERS[c.effect]:
-            raise document.error((*loc, key), f"unknown key {key!r}; {nearest(key, list(PARAMETERS[c.effect]))}")
+        wanted = parameters()[c.effect]
+        if key not in wanted:
+            raise document.error((*loc, key), f"unknown key {key!r}; {nearest(key, list(wanted))}")
         if not isinstance(value, list) or len(value) != 3:
             raise document.error((*loc, key), f"found {show(value)}; expected three numbers in {unit}")
         for n, v in enumerate(value):
@@ -133,7 +158,7 @@ def _parameters(document: Document, loc: Loc, c: _Correction) -> Mapping[str, An
     if c.effect == geometry.EFFECT.name:
         return _vectors(document, loc, c)
     law = registry.without_load()[c.effect][1]
-    wanted, more = PARAMETERS[c.effect], OPTIONAL.get(c.effect, ())
+    wanted, more = parameters()[c.effect], optional(c.effect)
     for key in c.parameters:
         if key not in (*wanted, *more):
             raise document.error((*loc, key), f"unknown key {key!r}; {nearest(key, [*wanted, *more])}")
@@ -194,8 +219,7 @@ def _slopes(kinematics: Kinematics) -> list[float]:
         at = joints_of(c.location)[1]
         slope[at] += law.steepest(values, shape)
         if within.stated(c.parameters) is not None:  # all of it fades out
-            most = float(np.sum(np.hypot(values[0::2], values[1::2])))
-            slope[at] += within.STEEPEST * most / within.FADE
+            slope[at] += within.STEEPEST * law.largest(values, shape) / within.FADE
     return slope
 
 

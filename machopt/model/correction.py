@@ -17,6 +17,7 @@ from machopt.domain.kinematics import Kinematics
 from machopt.effects import files, geometry, registry, within
 from machopt.effects.given import Parameters
 from machopt.effects.protocol import Unloaded, joints_of
+from machopt.effects.words import named
 
 SETTLED = 1e-15  # rad, round-off of an angle
 AT = 2001  # angles of a joint's range at which what it does to another one is looked at, its ends among them
@@ -33,6 +34,7 @@ class Part:
     values: Array  # (P,) SI
     shape: Array  # (S,) SI
     within: within.Range | None = None  # angles of joint ``by`` that it is applied at; None: everywhere
+    said: str = ""  # "transmission error of joint 2"
 
     def angle(self, q: Array, derivative: int = 0) -> Array:
         """(...,) rad at encoder angles q (..., 6) rad, or a derivative by the joint's angle."""
@@ -129,7 +131,7 @@ class Correction:
                 continue
             ends = " to ".join(f"{np.degrees(v):.1f}°" for v in (part.within.low, part.within.high))
             out.append(
-                f"The transmission error of joint {part.by + 1} was measured from {ends}; the joint goes from "
+                f"The {part.said} was measured from {ends}; the joint goes from "
                 f"{low:.1f}° to {high:.1f}°, and outside what was measured it is not applied."
             )
         return out
@@ -155,7 +157,8 @@ def correction_of(kinematics: Kinematics | None) -> Correction | None:
             raise ValueError(f"{c.effect!r} is no kinematic correction")
         law = laws[c.effect][1]
         values, shape, _ = files.read(law, Parameters(c.parameters, c.effect))
-        parts.append(Part(*joints_of(c.location), law, values, shape, within.stated(c.parameters)))
+        said = named(c.effect, c.location)
+        parts.append(Part(*joints_of(c.location), law, values, shape, within.stated(c.parameters), said))
     return Correction(tuple(parts)) if parts else None
 
 

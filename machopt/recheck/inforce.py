@@ -33,6 +33,7 @@ class Request:
     overrides: tuple[str, ...] = ()
     reading: dict[str, Any] = field(default_factory=dict)  # keywords of read_toolpath that were given
     allow_external: bool = False
+    effects: tuple[Path, ...] = ()  # Python files with effects of the user's own
 
 
 @dataclass(frozen=True)

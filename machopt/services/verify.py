@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from machopt.domain.manifest import Manifest, with_scope
+from machopt.effects.own import in_use, with_effects
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.toolchoice import with_tools
@@ -31,8 +32,13 @@ def verify(request: Request) -> Verified:
     """Check an output folder of optimize against cell and toolpath.
 
     Raises:
-        InputError: cell, toolpath or an option is wrong, or ``out`` is no folder.
+        InputError: cell, toolpath, an option or a file with effects is wrong, or ``out`` is no folder.
     """
+    with in_use(with_effects(request.effects)):
+        return _verified(request)
+
+
+def _verified(request: Request) -> Verified:
     if not request.out.is_dir():
         raise InputError("is not a folder; give the output folder of optimize", file=request.out)
     cell = load_cell(request.cell, allow_external=request.allow_external)

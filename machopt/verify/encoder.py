@@ -48,9 +48,23 @@ def true_angles(kinematics: Kinematics | None, q: Array) -> Array:
                 phase, size = math.atan2(cos, sin), math.hypot(cos, sin)
                 wave = np.sin(order * q[:, joints[0]] + phase)
                 stands[:, joints[0]] += math.radians(size / 3600.0) * wave * counts
+        elif entry.own is not None:
+            stands[:, joints[1 if len(joints) > 1 else 0]] += entry.own(q[:, joints[0]])
         else:
             raise ValueError(f"{entry.effect!r} is no kinematic correction")
     return stands
+
+
+def unchecked(kinematics: Kinematics | None) -> list[Check]:
+    """Corrections that no second law is written for: the user's own law, as it is, says where the arm stands."""
+    return [
+        not_run(
+            f"kinematics.yaml {entry.effect} at {entry.location}",
+            f"no second law is written for {entry.effect!r}; where the arm stands follows from the user's own",
+        )
+        for entry in (kinematics.corrections if kinematics is not None else ())
+        if entry.own is not None
+    ]
 
 
 def outside(kinematics: Kinematics | None, q: Array) -> list[Check]:

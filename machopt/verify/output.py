@@ -17,7 +17,7 @@ from machopt.verify.bodies import Body, all_bodies, pairs
 from machopt.verify.check import Check, Verification, not_run, worst
 from machopt.verify.clearance import TOLERANCE, check_clearances, may_cut
 from machopt.verify.contact import Scene, contacts
-from machopt.verify.encoder import outside, true_angles
+from machopt.verify.encoder import outside, true_angles, unchecked
 from machopt.verify.feed import check_feed
 from machopt.verify.gouge import check_gouges
 from machopt.verify.inventory import check_inventory
@@ -111,7 +111,7 @@ def with_one_tool(cell: Cell, toolpath: Toolpath, tables: Tables, options: PlanO
     table = PointsCheck(cell, toolpath, points, arm, np.nan_to_num(stood.q), options)
     checks += [*table.all(motion, on), *_clearance(table, stood, bodies, wanted, options)]
     checks += check_asked(toolpath, points, np.flatnonzero(table.live), options)
-    checks += outside(cell.kinematics, motion.q)
+    checks += [*outside(cell.kinematics, motion.q), *unchecked(cell.kinematics)]
     if shift is not None:
         checks += [_shift_check(f) for f in compare_shift(cell, toolpath, stands, stood, shift, arm, options)]
     checks += check_inventory(cell, arm, bodies, wanted)

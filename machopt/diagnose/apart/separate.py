@@ -36,6 +36,7 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.apart.disputes import HIDDEN, MOST, NOTHING, PLACES, Diagnosed, Dispute, Stand
 from machopt.diagnose.apart.predicted import Law, Predicted, law_of, load_tests, noise_of_cases, standing, steps_for
 from machopt.domain.cell import Cell
+from machopt.effects import registry
 from machopt.effects.words import spoken
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import Masses, Robot
@@ -356,18 +357,14 @@ def described(pair: Pair) -> str:
     return f"{_words(pair.one)} | {_words(pair.two)}"
 
 
-_SENSOR = ("force_sensor_offset", "force_sensor_gain", "force_sensor_frame", "load_geometry")
-_UNLOADED = ("joint_zero_offset", "transmission_error", "thermal_drift")
-
-
 def _advice(one: Stand, two: Stand) -> str:
     """What would split two laws that poses and loads cannot."""
     effects = {one.effect, two.effect}
-    if effects & set(_SENSOR):
+    if effects & {e.name for e in registry.of_records() if any(law.moves == "wrench" for law in e.recorded)}:
         return "known weights hung where the load acts, or a second force sensor, instead of the one in doubt"
     if "displacement_frame" in effects:
         return "register the displacement's axes anew, with the arm moved along base_link's axes"
-    if effects & set(_UNLOADED):
+    if effects & {e.called for e in registry.EFFECTS.values() if e.drifts or (e.unloaded and not e.paired)}:
         return "the same poses without load and with one, and a record of temperature over a day"
     if NOTHING in (one, two):
         return "larger loads or a quieter gauge; at this size it moves the tool by less than readings scatter"

@@ -1,0 +1,79 @@
+"""Where the arm stands without any load, as measured poses see it: the laws of port angle of the registry.
+
+Each is an extra angle Δ_j of one joint at encoder angles q, by its own angle or another joint's, lifted by J_j;
+compensated in the exported joints.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.diagnose import calibrated
+from machopt.diagnose.problem import Curve, Hypothesis, Shape
+from machopt.diagnose.readings import Readings
+from machopt.effects import registry, within
+from machopt.effects.corrections import entry
+from machopt.effects.protocol import DEGREE, Effect, Swept, Unloaded, joints_of
+from machopt.effects.waves import ARCSEC
+
+FEWEST = 8  # distinct angles: what is drawn through fewer is any line
+APART = 3  # decimals of a radian: poses that are returned to differ by less
+BALANCER = 3.0  # per turn of its joint, the lowest order that is not a balancer's
+FINE = 400  # points of a law's line over the range
+
+
+def hypotheses(r: Readings) -> list[Hypothesis]:
+    """Every law at every place that its effect is likely at, where these angles can show one."""
+    out = []
+    for effect in registry.of_angles():
+        for where in effect.tried:
+            by, _ = joints_of(where)
+            for law in effect.unloaded:
+                grid = law.grid(swept(r, by))
+                if grid:
+                    out.append(_hypothesis(r, effect, where, law, grid))
+    return out
+
+
+def swept(r: Readings, j: int) -> Swept:
+    """What these angles of joint j (0-based) can show.
+
+    One shape for every few distinct angles (``poses_per_order``). A balancer's torque has the first two orders of its
+    joint's angle: there these are offered as that alone.
+    """
+    q = r.state.q[:, j]
+    low, high = float(q.min()), float(q.max())
+    distinct = len(np.unique(np.round(q, APART)))
+    shown = high - low >= calibrated.RESTING.least_wave and distinct >= FEWEST
+    balanced = any(f"joint:{j + 1}" in e.places for e in registry.of_beside())
+    most = int(distinct / calibrated.RESTING.poses_per_order) if shown else 0
+    return Swept(low, high, most, BALANCER if balanced else 1.0)
+
+
+def _hypothesis(r: Readings, effect: Effect, where: str, law: Unloaded, grid: tuple[Shape, ...]) -> Hypothesis:
+    by, moved = joints_of(where)
+    q = r.state.q[:, by]
+    over = {within.KEY: within.measured(q)} if law.ranged else {}
+
+    def curve(x: Array, shape: Shape) -> Curve:
+        at = np.linspace(q.min(), q.max(), FINE)
+        line, each = (law.columns(np.array(shape), a) @ x / ARCSEC for a in (at, q))
+        return Curve(at / DEGREE, line, f"joint {by + 1} in deg", "angle in arcsec", q / DEGREE, each)
+
+    return Hypothesis(
+        effect.called,
+        where,
+        law.name,
+        law.equation,
+        lambda s: r.lift(moved, law.columns(np.array(s), q)),
+        lambda x, s: law.sizes(x, np.array(s)),
+        grid,
+        correction=lambda x, s: entry(effect, where, x, np.array(s), over),
+        family="kinematic",
+        note=law.note,
+        curve=curve if law.shape else None,
+        penalty=law.penalty,
+        held=law.prior,
+        summed=law.summed,
+    )
