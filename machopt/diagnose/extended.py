@@ -114,7 +114,8 @@ def _made(
             out.append(float(prior[j]))
         else:
             out.append(float(np.clip(1.0 / max(value, 1.0 / STIFFEST), SOFTEST, STIFFEST)))
-    return Stiffness(np.array(out), terms=terms)
+    external = () if cell.stiffness is None else cell.stiffness.external
+    return Stiffness(np.array(out), terms=terms, external=external)
 
 
 def _shown(c: Coefficient, value: float) -> bool:

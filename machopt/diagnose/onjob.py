@@ -100,7 +100,7 @@ def _deflection(choice: Plan, model: Plan) -> Array:
     a, d = choice.chosen.assignment, model.directions
     ok = np.flatnonzero(a.reason == Reason.OK)
     force = d.force[ok] if model.options.force.given else TEST_FORCE * d.axial[ok]
-    out[ok] = np.linalg.norm(model.setup.elasticity.at(a.q[ok], d.k[ok]).deflection(force), axis=-1)
+    out[ok] = np.linalg.norm(d.elastic(model.setup.elasticity, a.q[ok], ok).deflection(force), axis=-1)
     return out
 
 

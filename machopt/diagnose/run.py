@@ -17,7 +17,7 @@ from machopt.diagnose.result import Diagnosis, Finding
 from machopt.diagnose.words import sentence
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
-from machopt.domain.stiffness import Stiffness, Term
+from machopt.domain.stiffness import Stiffness, Term, held_over
 from machopt.errors import InputError
 from machopt.identify.experiment import experiment
 from machopt.model.elastic import ArmElasticity
@@ -107,6 +107,7 @@ def at_rest(
         d, problem = held.diagnosed(terms, poses, held.in_poses)
     gross = record.outliers(recording, d, copies, problem, elsewhere)
     said += cellvalues.far_off(d, prior)
+    said += () if cell.stiffness is None else held_over(cell.stiffness.external)
     return Examined(_with_record(d, mended, gross, notes, tuple(said)), problem, recording)
 
 

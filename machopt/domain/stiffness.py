@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from machopt.arrays import Array
 
 SOFTEST, STIFFEST = 1e2, 1e10  # N·m/rad of a joint; beyond these it is another unit, not another robot
@@ -57,8 +59,29 @@ class Discrepancy:
 
 
 @dataclass(frozen=True)
+class ExternalSpring:
+    """An external joint that gives way, and the body that it moves: a rail's carriage, a positioner's table.
+
+    The body's frame is the URDF link that the joint moves.
+    """
+
+    joint: str
+    stiffness: float  # N·m/rad where it turns, N/m where it slides; inf: it does not give way
+    slides: bool | None  # what the unit of its stiffness says; None: none is stated
+    compliance: Array  # (6, 6) SI, of the body at ``at``, in the body's axes
+    at: Array  # (3,) m, in the body
+    mass: float = 0.0  # kg of the body and what is bolted to it, the robot not among it
+    com: Array | None = None  # (3,) m, in the body; None: its origin
+
+    @property
+    def gives(self) -> bool:
+        """It gives way under a load."""
+        return bool(np.isfinite(self.stiffness) or self.compliance.any())
+
+
+@dataclass(frozen=True)
 class Stiffness:
-    """Stiffness of the arm.
+    """Stiffness of the arm, and of what moves its base or the part.
 
     Outside ``grid`` the constant values hold (flagged in the results).
     """
@@ -70,3 +93,16 @@ class Stiffness:
     file: Path | None = field(default=None, compare=False)  # it was read from, for messages
     estimated: bool = False  # by a rule, from no measurement of this arm
     discrepancy: Discrepancy | None = None  # what it may lack; None: no reading was held against it
+    external: tuple[ExternalSpring, ...] = ()  # of the external joints that are not rigid or weigh something
+
+
+def held_over(external: tuple[ExternalSpring, ...]) -> tuple[str, ...]:
+    """What to say where measurements of an arm are read and the file speaks of external joints: none, or a sentence."""
+    names = ", ".join(s.joint for s in external if s.gives)
+    if not names:
+        return ()
+    return (
+        f"external_joints of stiffness.yaml ({names}): not fitted, not counted in what is predicted here, and kept as "
+        "they are in a file that is written. A tracker or gauge that stands on the floor sees the carriage give way "
+        "too, which looks like base_compliance; such a finding and external_joints would count twice",
+    )

@@ -28,6 +28,7 @@ from machopt.formats.chain import (
     read_limits,
     standing,
 )
+from machopt.formats.external_springs import resolved
 from machopt.formats.kinematics import load_kinematics
 from machopt.formats.linkage import followers, narrowed
 from machopt.formats.maytouch import PairReader
@@ -141,6 +142,9 @@ class _Reader:
             self.files.append(other.resolve())
         if keys.stiffness is not None or other is not None:
             stiffness = load_stiffness(other or self.file(("stiffness",), str(keys.stiffness)))
+            prismatic = tuple(j.kind == "prismatic" for j in chain.external)
+            external = resolved(stiffness.external, tuple(j.name for j in chain.external), prismatic, stiffness.file)
+            stiffness = replace(stiffness, external=external)
             check_stiffness(stiffness, keys, self.reach, self.document, self.warnings)
             if stiffness.estimated:
                 self.warnings.append(

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from machopt.arrays import Array
 from machopt.domain.stiffness import SOFTEST, STIFFEST, Discrepancy, Stiffness, StiffnessGrid, Term
+from machopt.formats.external_springs import ExternalKeys, external_springs, stated
 from machopt.formats.yamlstrict import Document, Loc, Strict, read_yaml, show, validate
 
 _ROW = "six joint stiffnesses in N·m/rad, joint 1 first"
@@ -58,6 +59,9 @@ class _StiffnessFile(Strict):
     discrepancy: _Discrepancy | None = Field(
         default=None, description="how far the arm may be from this file; identify and diagnose write it"
     )
+    external_joints: dict[str, ExternalKeys] = Field(
+        default={}, description="of rails and positioners, by the joint's name; one that is left out is rigid"
+    )
     estimated: bool = Field(
         default=False, description="true: by a rule (machopt init writes such), from no measurement of this arm"
     )
@@ -76,7 +80,8 @@ def load_stiffness(path: Path | str) -> Stiffness:
     grid = None if data.grid is None else _grid(document, data.grid)
     terms = tuple(Term(t.effect, t.location, t.parameters) for t in data.terms)
     doubt = None if data.discrepancy is None else _discrepancy(document, data.discrepancy)
-    return Stiffness(joints, covariance, grid, terms, Path(path), data.estimated, doubt)
+    external = external_springs(document, data.external_joints)
+    return Stiffness(joints, covariance, grid, terms, Path(path), data.estimated, doubt, external)
 
 
 def write_stiffness(path: Path | str, stiffness: Stiffness) -> None:
@@ -102,6 +107,8 @@ def write_stiffness(path: Path | str, stiffness: Stiffness) -> None:
         data["terms"] = [
             {"effect": t.effect, "location": t.location, "parameters": _plain(t.parameters)} for t in stiffness.terms
         ]
+    if stiffness.external:
+        data["external_joints"] = stated(stiffness.external)
     if stiffness.discrepancy is not None:
         data["discrepancy"] = _doubt(stiffness.discrepancy)
     yaml = YAML(typ="safe", pure=True)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 from machopt.domain.stiffness import Stiffness, StiffnessGrid
 from machopt.errors import InputError
+from machopt.model.beside import Response
 from machopt.model.gravity import gravity_torque
 from machopt.model.kinetostatic import geometric_stiffness
 from machopt.model.robot import ArmState, Masses, Robot
@@ -134,7 +135,8 @@ class Elastic:
 
     state: ArmState  # with bodies where there are terms
     k: Array  # (M, 6) N·m/rad; with a gravity compensator, gear and spring together
-    terms: tuple[LinearTerm | Shift, ...] = ()  # with values; body springs as one matrix; a compensator is in k
+    # with values; body springs as one matrix; a compensator is in k; what external joints do is known as a matrix
+    terms: tuple[LinearTerm | Shift | Response, ...] = ()
     geometric: bool = False  # count K_C of the load itself (dumas2011 eqs. 8–10)
     weight: Array | None = None  # (M, 6) N·m, torque of links and tool at the joints; None: zero
     gears: Array | None = None  # (M, 6) N·m/rad of the gears alone where a spring stands beside one; None: k
@@ -234,11 +236,13 @@ class Elastic:
         on_e, on_Se, on_SSe, on_SSSe = (np.einsum("...ci,...c->...i", turned, v) for v in (direction, Se, SSe, SSSe))
         return np.asarray(0.5 * size**-1.5 * (on_SSe * on_Se + on_SSSe * on_e))
 
-    def twist_of(self, term: LinearTerm | Shift, wrench: Array, *, small: bool = False) -> Array:
+    def twist_of(self, term: LinearTerm | Shift | Response, wrench: Array, *, small: bool = False) -> Array:
         """Twist (M, 6) in m and rad that one of the terms adds under a wrench (M, 6) in N and N·m on top of weight.
 
         ``small``: as if the wrench were so small that the tangent under weight holds.
         """
+        if isinstance(term, Response):
+            return term.twist(wrench)
         if isinstance(term, Shift):
             return term.twist(self.state, self.k if self.gears is None else self.gears, wrench, small=small)
         if not isinstance(term, JointTerm):
@@ -313,15 +317,21 @@ class ArmElasticity:
                 "counts as zero (an <inertial> in each link of the URDF would tell).",
             )
 
-    def at(self, q: Array, k: Array | None = None) -> Elastic:
-        """Elasticity at configurations q (M, 6) rad; ``k`` (M, 6) saves looking the joint stiffness up again."""
+    def at(self, q: Array, k: Array | None = None, beside: Array | None = None) -> Elastic:
+        """Elasticity at configurations q (M, 6) rad.
+
+        Args:
+            k: (M, 6) N·m/rad saves looking the joint stiffness up again.
+            beside: (M, 6, 6) compliance at the TCP of what stands beside the arm (:mod:`machopt.model.beside`).
+        """
         state = self.robot.state(q, self.T_flange_tcp, bodies=bool(self.terms or self._known))
         if k is None:
             k = self._gears(state)
         weight = None if self._masses is None else gravity_torque(self.robot, self._masses, state)[0]
+        terms = self._known if beside is None else (*self._known, Response(beside))
         if not self._balancers:
-            return Elastic(state, k, self._known, self.geometric, weight)
-        return Elastic(state, self._balanced(k, q), self._known, self.geometric, weight, k)
+            return Elastic(state, k, terms, self.geometric, weight)
+        return Elastic(state, self._balanced(k, q), terms, self.geometric, weight, k)
 
     def _gears(self, state: ArmState) -> Array:
         """(..., 6) N·m/rad of the joints' own springs at the TCP's position."""

@@ -48,6 +48,8 @@ class Machine:
     rail: int  # L, joints that carry the base
     T_base_workpiece_zero: Array  # (4, 4)
     T_world_base_zero: Array  # (4, 4)
+    names: tuple[str, ...] = ()  # (E,) of the external joints, in the order of the chain
+    bodies: Array | None = None  # (E, 4, 4) the URDF links that these move, in base_link where all joints are zero
 
     @classmethod
     def alone(cls, robot: Robot, T_base_workpiece: Array) -> Machine:
@@ -241,21 +243,32 @@ def load_machine(cell: Cell, robot: Robot) -> Machine:
     columns = [6 + cell.external_joints.index(name) for name in order]
     return Machine(
         robot=robot,
-        axis=np.array([*(lines[name][0] for name in order), *robot.axis]).reshape(-1, 3),
-        point=np.array([*(lines[name][1] for name in order), *robot.point]).reshape(-1, 3),
-        slides=np.array([*(lines[name][2] for name in order), *([False] * 6)]),
+        axis=np.array([*(lines[name].axis for name in order), *robot.axis]).reshape(-1, 3),
+        point=np.array([*(lines[name].T_base_link[:3, 3] for name in order), *robot.point]).reshape(-1, 3),
+        slides=np.array([*(lines[name].slides for name in order), *([False] * 6)]),
         column=np.array([*columns, *range(6)], np.intp),
         sign=np.array([-1.0] * P + [1.0] * (L + 6)),
         positioner=P,
         rail=L,
         T_base_workpiece_zero=T_base_part,
         T_world_base_zero=cell.T_world_base,
+        names=tuple(order),
+        bodies=np.array([lines[name].T_base_link for name in order]).reshape(-1, 4, 4),
     )
 
 
-def _external(cell: Cell) -> tuple[list[str], list[str], Array, dict[str, tuple[Array, Array, bool]]]:
+@dataclass(frozen=True)
+class _Line:
+    """An external joint, in base_link where all joints are zero."""
+
+    axis: Array  # (3,) unit
+    T_base_link: Array  # (4, 4) the link it moves, whose origin is on the line
+    slides: bool
+
+
+def _external(cell: Cell) -> tuple[list[str], list[str], Array, dict[str, _Line]]:
     """External joints that carry the part and those that carry the base, root first; ``T_base_workpiece`` at zero; the
-    line of each (axis, point, whether it slides) in base_link at zero."""
+    line of each."""
     if not cell.external_joints and cell.workpiece.link == "world":  # no URDF need be read
         return [], [], np.asarray(inverse(cell.T_world_base) @ cell.workpiece.T_link_workpiece), {}
     import pinocchio as pin
@@ -304,13 +317,13 @@ def _carrying(model: Any, joint: int) -> list[str]:
     return out[::-1]
 
 
-def _line(model: Any, data: Any, joint: int, T_base_root: Array) -> tuple[Array, Array, bool]:
+def _line(model: Any, data: Any, joint: int, T_base_root: Array) -> _Line:
     import pinocchio as pin
 
     own = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)[:, model.idx_vs[joint]]
     T = T_base_root @ data.oMi[joint].homogeneous
     slides = bool(np.linalg.norm(own[3:]) < 0.5)
-    return T[:3, :3] @ (own[:3] if slides else own[3:]), T[:3, 3], slides
+    return _Line(T[:3, :3] @ (own[:3] if slides else own[3:]), np.asarray(T), slides)
 
 
 def _own(array: Array) -> Array:

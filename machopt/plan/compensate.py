@@ -70,7 +70,7 @@ def shifted(plan: Plan, length: float) -> Plan:
     for _ in range(PASSES):
         q = np.where(np.isfinite(after.q), after.q, before.q)[known]  # where the first pass leads nowhere, so be it
         push = setup.arm.directions(path.external[known], force[known])
-        bent = plan.setup.elasticity.at(q, plan.directions.k[known]).deflection(push)
+        bent = plan.directions.elastic(plan.setup.elasticity, q, known).deflection(push)
         offset[known] = -setup.arm.back(path.external[known], bent)
         offset = _filled(path, offset, before.reason == Reason.OK)
         moved = replace(path, position=path.position + offset)
@@ -129,7 +129,7 @@ def _nearby(path: Path, plan: Plan, length: float) -> Array:
     bent = np.zeros(len(q))
     rows = np.flatnonzero(ok)
     bent[rows] = np.linalg.norm(
-        plan.setup.elasticity.at(q[rows], plan.directions.k[rows]).deflection(plan.directions.force[rows]), axis=1
+        plan.directions.elastic(plan.setup.elasticity, q[rows], rows).deflection(plan.directions.force[rows]), axis=1
     )
     out = np.zeros(len(q))
     way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(path.position, axis=0), axis=1))]
@@ -196,7 +196,7 @@ def residual(plan: Plan) -> Residual | None:
         offset = plan.compensation.offset[end - 1] + f * (
             plan.compensation.offset[end] - plan.compensation.offset[end - 1]
         )
-        elastic = plan.setup.elasticity.at(between, plan.directions.k[end - 1])
+        elastic = plan.directions.elastic(plan.setup.elasticity, between, end - 1)
         d = arm.back(path.external[end - 1], elastic.deflection(plan.directions.force[end - 1]))
         left[row], bent[row] = np.linalg.norm(offset + d, axis=1), np.linalg.norm(d, axis=1)
     rule = np.array([0.125, 0.25, 0.25, 0.25, 0.125])  # trapezoids

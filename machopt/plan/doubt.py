@@ -86,7 +86,7 @@ class Doubt:
         self, elasticity: ArmElasticity, d: Directions, points: NDArray[np.integer[Any]], q: Array, index: Index
     ) -> Array:
         """(M, 1 + R) by how much each way changes a configuration's cost, to first order."""
-        elastic = elasticity.at(q, d.k[points])
+        elastic = d.elastic(elasticity, q, points)
         if index == "deflection":
             bend = elastic.deflection(d.force[points])
             size = np.linalg.norm(bend, axis=-1, keepdims=True)

@@ -9,6 +9,7 @@ from machopt.domain.reason import Reason
 from machopt.plan.breaks import Break
 from machopt.plan.carried import carried
 from machopt.plan.made import Plan
+from machopt.plan.settled import settled_words
 from machopt.plan.wrongunit import reach_of
 from machopt.se3 import wrap
 
@@ -253,6 +254,7 @@ def hints(plan: Plan) -> tuple[str, ...]:
     if plan.setup.correction is not None:
         out += plan.setup.correction.beyond(plan.chosen.assignment.q)
     out += _where_external(plan)
+    out += settled_words(plan)
     changes = _changes(plan)
     if changes:
         more = f"; and {len(changes) - 6} more" if len(changes) > 6 else ""

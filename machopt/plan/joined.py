@@ -136,7 +136,9 @@ def _summed(parts: Sequence[Objective], share: Array, options: PlanOptions) -> O
 
 
 def _stacked(arrays: Sequence[Array]) -> Any:
-    """Arrays of whatever numbers or flags, one behind the other."""
+    """Arrays of whatever numbers or flags, one behind the other; None where no stretch has any."""
+    if arrays[0] is None:
+        return None
     return np.concatenate(arrays)
 
 

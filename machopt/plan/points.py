@@ -54,7 +54,7 @@ def point_results(plan: Plan, toolpath: Toolpath) -> PointResults:
     elasticity, d = plan.setup.elasticity, plan.directions
     for some in _blocks(ok):
         at = rows[some]
-        elastic = elasticity.at(q[some], d.k[at])
+        elastic = d.elastic(elasticity, q[some], at)
         axial[some], normal[some] = 1.0 / elastic.along(d.axial[at]), 1.0 / elastic.along(d.normal[at])
         paper[some] = elastic.jiao_index(d.axial[at])
         if plan.options.force.given:
@@ -130,7 +130,7 @@ def _uncertainty(
     moved: Array | None = None if doubt is None else np.zeros((P, len(doubt.ways)))
     for some in _blocks(ok):
         along = plan.directions.axial[rows[some]]
-        elastic = elasticity.at(q[some], plan.directions.k[rows[some]])
+        elastic = plan.directions.elastic(elasticity, q[some], rows[some])
         by_point[rows[some]] = elastic.sensitivity(along, along, small=True)
         if doubt is not None and moved is not None:
             moved[rows[some]] = doubt.axial(elastic, q[some], along)

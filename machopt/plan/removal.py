@@ -99,7 +99,7 @@ def _drawn(plan: Plan, end: NDArray[np.intp], share: float) -> tuple[Array, Arra
     offset = plan.compensation.offset
     shift = arm.directions(path.external[end - 1], offset[end - 1] + share * (offset[end] - offset[end - 1]))
     force = plan.directions.force[end - 1]
-    elastic = plan.setup.elasticity.at(between, plan.directions.k[end - 1])
+    elastic = plan.directions.elastic(plan.setup.elasticity, between, end - 1)
     d = elastic.deflection(force)[..., None]
     if doubt is None:
         return shift, d

@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 from machopt.domain.options import Index, PlanOptions, ProcessForce
 from machopt.errors import InputError
-from machopt.model.elastic import ArmElasticity, joint_stiffness
+from machopt.model.beside import Beside
+from machopt.model.elastic import ArmElasticity, Elastic, joint_stiffness
 from machopt.model.threads import side_by_side
 from machopt.plan.candidates import Arm, Candidates
 from machopt.plan.engage import process_force, sideways
@@ -45,6 +46,11 @@ class Directions:
     k: Array  # (P, 6) N·m/rad, joint stiffness at the TCP position
     in_grid: NDArray[np.bool_]  # (P,)
     drilling: NDArray[np.bool_]  # (P,)
+    beside: Array | None = None  # (P, 6, 6) compliance at the TCP of what external joints give; None: they are rigid
+
+    def elastic(self, elasticity: ArmElasticity, q: Array, points: NDArray[np.integer[Any]]) -> Elastic:
+        """The elasticity of configurations q (M, 6) rad at planning points (M,) where external joints are as there."""
+        return elasticity.at(q, self.k[points], None if self.beside is None else self.beside[points])
 
 
 @dataclass(frozen=True)
@@ -82,8 +88,11 @@ def directions(
     axial, travel = arm.directions(e, path.axis), arm.directions(e, path.travel)
     normal = np.cross(axial, travel)
     f = arm.directions(e, process_force(path.axis, sideways(path) if across is None else across, force))
-    joint = joint_stiffness(elasticity.stiffness, arm.places(e, path.position))
-    return Directions(axial, normal, f, joint.k, joint.in_grid, path.is_drilling)
+    place = arm.places(e, path.position)
+    joint = joint_stiffness(elasticity.stiffness, place)
+    carried = Beside.of(arm.machine, elasticity.stiffness.external)
+    beside = None if carried is None else carried.compliance(e, place)
+    return Directions(axial, normal, f, joint.k, joint.in_grid, path.is_drilling, beside)
 
 
 def configuration_cost(
@@ -97,7 +106,7 @@ def configuration_cost(
 
     def cost(a: int) -> Array:
         p = points[a : a + CHUNK]
-        elastic = elasticity.at(q[a : a + CHUNK], d.k[p])
+        elastic = d.elastic(elasticity, q[a : a + CHUNK], p)
         if index == "deflection":
             out = np.asarray(np.linalg.norm(elastic.deflection(d.force[p]), axis=-1))
             if not np.isfinite(out).all():

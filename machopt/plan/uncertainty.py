@@ -120,7 +120,7 @@ def cost_gradient(
     elasticity: ArmElasticity, d: Directions, points: NDArray[np.integer[Any]], q: Array, index: Index
 ) -> Array:
     """∂cost/∂c (M, 6) in the joints' effective compliances, of :func:`machopt.plan.score.configuration_cost`."""
-    elastic = elasticity.at(q, d.k[points])
+    elastic = d.elastic(elasticity, q, points)
     if index == "deflection":
         bend = elastic.deflection(d.force[points])
         size = np.linalg.norm(bend, axis=-1, keepdims=True)

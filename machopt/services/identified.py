@@ -11,7 +11,7 @@ import numpy as np
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
 from machopt.domain.results.identification import IdentificationResult
-from machopt.domain.stiffness import Discrepancy
+from machopt.domain.stiffness import Discrepancy, held_over
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.recording import load_recording, load_recordings
@@ -64,7 +64,12 @@ def identified(request: Request, progress: Callable[[str], None], cell: Cell | N
     progress("identifying")
     random = np.random.default_rng(options.seed)
     found = identify(tests, robot, cell.tool.T_flange_tcp, cell.stiffness, options, random, masses)
-    found = replace(found, stiffness=replace(found.stiffness, discrepancy=_misfit(cell, robot, tests, found)))
+    kept = () if cell.stiffness is None else cell.stiffness.external
+    found = replace(
+        found,
+        stiffness=replace(found.stiffness, discrepancy=_misfit(cell, robot, tests, found), external=kept),
+        warnings=(*found.warnings, *held_over(kept)),
+    )
     result = result_of(request, cell, recording, found, input_hashes(cell, request.recordings))
     return Identified(request, cell, recording, tests, found, result)
 

@@ -21,6 +21,7 @@ from machopt.domain.manifest import with_scope
 from machopt.domain.poses import PosesTable
 from machopt.domain.recording import Recording
 from machopt.domain.results.poses import PosesResult
+from machopt.domain.stiffness import held_over
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.model.linkage import refuse_linked
@@ -76,7 +77,8 @@ def planned(request: Request, progress: Callable[[str], None], cell: Cell | None
     m = measurement(request, cell, found, progress)
     said = cautions(request, m.pool, m.cases, m.plan, m.noise, m.ways)
     stands = standing_of(cell)
-    warnings = (*unchecked_poses(request), *([stands] if stands else []), *cell.warnings, *m.warnings, *said)
+    rigid = () if cell.stiffness is None else held_over(cell.stiffness.external)
+    warnings = (*unchecked_poses(request), *([stands] if stands else []), *rigid, *cell.warnings, *m.warnings, *said)
     progress("order of work, clearances, tables")
     hashes = input_hashes(cell)
     told = None if m.apart is None else apart_told(m.apart)

@@ -297,6 +297,15 @@ class Arm:
                 linked[:, :, source] += multiplier * column[:, :, 0]
         return Stance(q, external, axis, frames[:, 1:, :3, 3], tcp, frames, flange, linked)
 
+    def carrier(self, name: str, stance: Stance) -> tuple[Array, Array, bool]:
+        """An external joint as it stands: (N, 4, 4) the link it moves and (N, 3) its axis, both in base_link, and
+        whether it slides."""
+        joint = self._external[self.cell.external_joints.index(name)]
+        joints = self._joint_frames(stance.q, stance.external)
+        link = np.linalg.inv(self._carried(joints, self._base)) @ joints[:, joint]
+        _, shift, turn = self._steps[joint]
+        return link, np.asarray(link[:, :3, :3] @ (shift + turn)), bool(shift.any())
+
     def as_drawn(self, stance: Stance) -> Stance:
         """The arm of the drawing with its flange where this one's is: postures are told of that one."""
         if self._drawn or not is_rebuilt(self.cell):

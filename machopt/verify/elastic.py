@@ -30,6 +30,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.stiffness import Stiffness, StiffnessGrid
 from machopt.verify import springs
 from machopt.verify.arm import Arm, Stance
+from machopt.verify.carriers import given_way
 from machopt.verify.missing import Lack, Lacking
 
 LEAST = 0.1  # of a compliance, whatever the file says it lacks
@@ -46,7 +47,7 @@ class Softness:
     linear: Array  # (N, 6, 6) rad/(N·m) of terms in the joints
     curves: tuple[springs.Curve, ...]
     weight: Array  # (N, 6) N·m
-    bodies: Array  # (N, 6, 6) compliance of base, links and tool at the TCP
+    bodies: Array  # (N, 6, 6) compliance of base, links, tool and external joints at the TCP
     geometric: bool
     holds: tuple[tuple[NDArray[np.int64], Array], ...]  # of each row: cells of the grid, ∂c/∂c_cell (cells, 6)
     lacking: Lacking | None = None  # what the file says it lacks
@@ -144,6 +145,7 @@ class Elasticity:
         for body, S, C in self._springs:
             now = stance.frames[:, body] @ np.linalg.inv(self._zero[body]) @ S
             bodies += springs.carried(springs.turned(C, now[:, :3, :3]), stance.tcp[:, :3, 3] - now[:, :3, 3])
+        bodies += given_way(self.arm, stance, self.stiffness.external)
         return Softness(
             stance.J,
             gear,

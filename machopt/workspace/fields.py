@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
+from machopt.model.beside import Beside
 from machopt.model.elastic import ArmElasticity, Elastic, joint_stiffness, translational_compliance
 from machopt.model.kinetostatic import geometric_stiffness, influence_of_geometric, kci, stiffness_along
 from machopt.model.robot import ArmState, Robot
@@ -39,12 +40,19 @@ class Setting:
     upper: Array  # (6,)
     R_base_frame: Array  # (3, 3) columns: the map's x, y, z in base_link
     load: Load | None = None
+    beside: Beside | None = None  # what external joints give; None: they are rigid
+    external: Array | None = None  # (E,) rad or m, where these stand
 
     def at(self, q: Array) -> Situation:
         """The situation at postures q (M, 6) rad."""
         if self.elasticity is None:
             return Situation(self, self.robot.state(q, self.T_flange_tcp), None)
-        elastic = self.elasticity.at(q)
+        if self.beside is None or self.external is None:
+            elastic = self.elasticity.at(q)
+        else:
+            place = self.robot.fk(q, self.T_flange_tcp)[..., :3, 3]
+            stands = np.tile(self.external, (len(q), 1))
+            elastic = self.elasticity.at(q, beside=self.beside.compliance(stands, place))
         return Situation(self, elastic.state, elastic)
 
 

@@ -11,10 +11,12 @@ from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.errors import InputError
+from machopt.model.beside import Beside
 from machopt.model.collision import CollisionModel
 from machopt.model.elastic import ArmElasticity
 from machopt.model.ik import Margins, solver_for
 from machopt.model.kinetostatic import characteristic_length
+from machopt.model.machine import load_machine
 from machopt.model.robot import LinkShape, Robot, load_masses
 from machopt.workspace.along import follow
 from machopt.workspace.asked import MapOptions
@@ -44,7 +46,9 @@ def setting_of(cell: Cell, robot: Robot, options: MapOptions) -> Setting:
     if cell.stiffness is not None:
         elasticity = ArmElasticity(robot, tool, cell.stiffness, (lower, upper), load_masses(cell), counted=True)
     length = options.length or characteristic_length(robot, tool).length
-    return Setting(robot, tool, elasticity, length, lower, upper, options.T_base_frame[:3, :3], options.load)
+    frame, springs = options.T_base_frame[:3, :3], () if cell.stiffness is None else cell.stiffness.external
+    beside = Beside.of(load_machine(cell, robot), springs) if springs else None
+    return Setting(robot, tool, elasticity, length, lower, upper, frame, options.load, beside, cell.external_home)
 
 
 def criterion_of(options: MapOptions, setting: Setting) -> Field:

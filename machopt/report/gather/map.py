@@ -175,7 +175,10 @@ def _options(result: MapResult, setting: Setting) -> tuple[tuple[str, str], ...]
         for name, value in result.options.plain().items()
         if value is not None
     ]
-    terms = [] if setting.elasticity is None else [f"{t.effect} at {t.location}" for t in setting.elasticity.terms]
+    terms: list[str] = []
+    if setting.elasticity is not None:
+        terms = [f"{t.effect} at {t.location}" for t in setting.elasticity.terms]
+        terms += [f"external joint {s.joint} (at home)" for s in setting.elasticity.stiffness.external if s.gives]
     rows.append(("characteristic length", f"{setting.length * MM:.1f} mm"))
     rows.append(("terms beside the joint springs", ", ".join(terms) or "none"))
     return tuple(rows)

@@ -12,6 +12,7 @@ from machopt.arrays import Array
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.formats.options import without_effect
+from machopt.model.beside import Beside
 from machopt.plan.certificate import certificate
 from machopt.plan.compensate import residual
 from machopt.plan.explain import all_breaks, gamma, help_of, hints, misfit_words, shortfall_of
@@ -315,7 +316,7 @@ def _carrier(plan: Plan, row: int) -> str:
     """The joint or term that carries most of the compliance along the force or the tool axis, and how much of it."""
     plan, row = plan.at(row)
     elasticity, d = plan.setup.elasticity, plan.directions
-    elastic = elasticity.at(plan.chosen.assignment.q[row][None], d.k[row][None])
+    elastic = d.elastic(elasticity, plan.chosen.assignment.q[row][None], np.array([row]))
     direction = d.force[row] if plan.options.force.given else d.axial[row]
     wrench = np.concatenate([direction, np.zeros(3)])[None]
     part = dict(
@@ -327,6 +328,11 @@ def _carrier(plan: Plan, row: int) -> str:
     if elasticity.shift is not None:
         twist = elastic.twist_of(elasticity.shift, wrench, small=not plan.options.force.given)[0, :3]
         part["what the readings show beyond the stiffness file"] = float(direction @ twist)
+    carried = Beside.of(plan.setup.arm.machine, elasticity.stiffness.external)
+    if carried is not None:
+        e, place = plan.path.external[row][None], plan.path.position[row][None]
+        for own in carried.parts(e, plan.setup.arm.places(e, place)):
+            part[own.name] = float(wrench[0] @ own.matrix[0] @ wrench[0])
     most = max(part, key=lambda name: part[name])
     along = "the force" if plan.options.force.given else "the tool axis"
     return f"{most} causes {100 * part[most] / sum(part.values()):.0f} % of the deflection along {along}"

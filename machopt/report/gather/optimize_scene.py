@@ -103,10 +103,11 @@ def _stations(plan: Plan, points: PointResults, shown: Mapped) -> Stations | Non
     terms: list[str] = []
     for own, mine in plan.among(rows):
         terms += [f"{t.effect} at {t.location}" for t in own.setup.elasticity.terms]
+        terms += [f"external joint {s.joint}" for s in own.setup.elasticity.stiffness.external if s.gives]
         some = mine[a.reason[rows[mine]] == Reason.OK]
         if not len(some):
             continue
-        elastic = own.setup.elasticity.at(a.q[rows[some]], d.k[rows[some]])
+        elastic = d.elastic(own.setup.elasticity, a.q[rows[some]], rows[some])
         full = elastic.compliance()
         C[some] = full[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         if given:

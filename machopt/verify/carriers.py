@@ -1,0 +1,34 @@
+"""What rails and positioners give, written a second time: stiffness.yaml's ``external_joints`` on pinocchio's frames.
+
+A wrench on the tool at the TCP works back on the part. Per unit of an external joint the TCP moves by s *against the
+part*; the joint bears sᵀw and moves by sᵀw/k. A body's own compliance C stands in its link's frame at a point of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.domain.stiffness import ExternalSpring
+from machopt.verify import springs
+from machopt.verify.arm import Arm, Stance
+
+
+def given_way(arm: Arm, stance: Stance, known: Sequence[ExternalSpring]) -> Array:
+    """(N, 6, 6) compliance at the TCP in base_link axes, of all external joints."""
+    out = np.zeros((len(stance.q), 6, 6))
+    if not known:
+        return out
+    tcp = stance.tcp[:, :3, 3]
+    for spring in known:
+        link, axis, slides = arm.carrier(spring.joint, stance)
+        if np.isfinite(spring.stiffness):
+            s = np.zeros((len(out), 6))
+            s[:, :3] = axis if slides else np.cross(axis, tcp - link[:, :3, 3])
+            s[:, 3:] = 0.0 if slides else axis
+            out += np.einsum("ni,nj->nij", s, s) / spring.stiffness
+        at = link[:, :3, 3] + np.einsum("nij,j->ni", link[:, :3, :3], spring.at)
+        out += springs.carried(springs.turned(spring.compliance, link[:, :3, :3]), tcp - at)
+    return out
