@@ -18,6 +18,7 @@ from machopt.domain.parameters import joint_spring
 from machopt.domain.recording import Recording
 from machopt.formats.cell import load_cell
 from machopt.identify.experiment import experiment
+from machopt.identify.finding import Finding as Problem
 from machopt.model.robot import Robot, load_masses, load_robot
 
 CELL = "kr240_drilling"
@@ -214,3 +215,49 @@ def test_a_spring_that_the_cell_misses_by_far_is_said() -> None:
     assert "softer" in said[0]
     assert "stiffer" in said[1]
     assert far_off(SimpleNamespace(coefficients=found), None) == []  # type: ignore[arg-type]
+
+
+def test_every_word_of_the_check_has_its_mend_or_none() -> None:
+    """What a check says goes through :func:`record._mended`; what it has no rule for is left and said."""
+    arm_, T, _ = robot()
+    r = sound(rotations=True)
+    assert r.wrench is not None
+    at_base = r.wrench.copy()
+    p = arm_.fk(r.q, T)[:, :3, 3]
+    at_base[:, 3:] += np.cross(p, at_base[:, :3])
+
+    def put_right(code: str, wrong: Recording, column: str = "", factor: float = 1.0) -> Recording | None:
+        return record._mended(wrong, Problem(code, "error", "said", column=column, factor=factor), arm_, T)
+
+    both = put_right("frames", replace(r, wrench_frame="tool", displacement_frame="tool"))
+    assert both is not None
+    assert (both.wrench_frame, both.displacement_frame) == ("base", "base")
+    lever = put_right("moment_at_base", replace(r, wrench=at_base))
+    assert lever is not None
+    np.testing.assert_allclose(lever.wrench, r.wrench, atol=1e-9)
+    assert put_right("moment_at_base", replace(r, wrench=at_base, wrench_frame="tool")) is None
+    assert put_right("units", r) is None  # no column to scale
+    assert put_right("something new", r) is None
+    scaled_back = put_right("moment_units", scaled(r, "mx_Nm", 1e3), "mx_Nm", 1e-3)
+    assert scaled_back is not None
+    np.testing.assert_allclose(scaled_back.wrench, r.wrench, rtol=1e-12)
+
+
+def test_an_error_that_nothing_mends_is_said_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm_, T, prior = robot()
+    odd = Problem("something new", "error", "nobody has seen this before")
+    monkeypatch.setattr(record, "check_experiment", lambda *_: [odd])
+    r = sound()
+    mended, findings, warnings = record.mend(r, arm_, T, prior)
+    assert mended is r
+    assert findings == []
+    assert warnings == ["nobody has seen this before"]
+    assert record.mend(r, arm_, T, prior, accept=("something new",))[2] == ["nobody has seen this before"]
+
+
+def test_nothing_was_measured_nothing_is_a_copy() -> None:
+    r = sound()
+    assert not record.copied(replace(r, displacement=None)).any()
+    arm_, T, _ = robot()
+    poses = replace(r, kind="absolute", displacement=None, wrench=None, position=None)
+    assert record._poses(poses, arm_, T, ()) == (poses, [], [])

@@ -17,9 +17,9 @@ from machopt.design.loadcases import LoadCases, LoadCriteria, load_cases
 from machopt.design.loads import load_ways
 from machopt.design.maximin import Contest, best_readings, by_pose, left_of_all, needed_noncentrality, power
 from machopt.design.measurement import ReadingNoise
-from machopt.diagnose.apart.disputes import NOTHING, Diagnosed, Dispute, Stand
+from machopt.diagnose.apart.disputes import HIDDEN, MOST, NOTHING, PLACES, Diagnosed, Dispute, Stand
 from machopt.diagnose.apart.predicted import Predicted, law_of, load_tests, noise_of_cases, steps_for
-from machopt.diagnose.apart.separate import _contests
+from machopt.diagnose.apart.separate import Asked, _advice, _contests, _laws, _words, noise_for
 from machopt.domain.cell import Cell
 from machopt.domain.parameters import joint_spring
 from machopt.domain.stiffness import Stiffness
@@ -168,6 +168,84 @@ def test_twist_of_the_forearm_is_joint_4_for_every_experiment(cell: Cell, tests:
     possible, impossible, _ = _contests(open_(LINK_3, LINK_4), at, own + shared, 3)
     assert len(possible) == 1
     assert not impossible
+
+
+def test_the_noise_of_a_plan_is_what_the_diagnosis_saw_or_what_was_typed() -> None:
+    typed = ReadingNoise(3e-5, targets=0.4)
+    asked = Asked(typed, stated=False, targets=0.2)
+    three, six = open_(), replace(open_(), coordinates=6, turn=1e-4)
+    seen = noise_for(asked, three, 4)
+    assert seen.shared()[0, 0] ** 0.5 == pytest.approx(0.5e-5)  # what a visit shares is new in each of four rounds
+    assert seen.targets is None
+    assert noise_for(asked, six, 1).targets == pytest.approx(0.2)  # 20 µm and 100 µrad
+    assert noise_for(asked, replace(six, turn=None), 1).targets == asked.targets
+    for found in (replace(asked, stated=True), asked):
+        by = replace(six, scatter=None) if found is asked else six
+        assert noise_for(found, by, 2) == replace(typed, cycles=2)
+        assert noise_for(found, replace(by, coordinates=3), 2).targets is None
+
+
+def test_what_would_split_two_laws_is_said_by_what_they_are() -> None:
+    for one, two, said in (
+        ("force_sensor_gain", "link_compliance", "second force sensor"),
+        ("displacement_frame", "base_compliance", "register the displacement's axes"),
+        ("joint_zero_offset", "geometry", "the same poses without load"),
+        ("thermal_drift", "geometry", "the same poses without load"),
+        ("link_compliance", "base_compliance", "a second target on the arm between here and there"),
+    ):
+        assert said in _advice(Stand(one, "here"), Stand(two, "there"))
+    assert "larger loads" in _advice(NOTHING, Stand("link_compliance", "link:3"))
+    assert _words(Stand("", "link:3")) == "something at link:3"
+
+
+def test_a_law_of_which_only_the_size_is_known_moves_the_tool_by_it(
+    cell: Cell, tests: tuple[LoadCases, np.ndarray]
+) -> None:
+    cases, q = tests
+    at = predicted(cell, cases, q, (1.0,))
+    unsized = Stand("link_compliance", "link:3")
+    assert law_of(unsized, at, 1.0) is None
+    assert law_of(Stand("no_such_effect", "link:3"), at, 1.0) is None
+    h = next(h for h in at.hypotheses if h.name == unsized.name)
+    one, two = (law_of(replace(unsized, size=s), at, 1.0) for s in (1.0, 2.0))
+    assert one is not None
+    assert two is not None
+    np.testing.assert_allclose(two.signal, 2.0 * one.signal)
+    x, *_ = np.linalg.lstsq(one.columns[0].reshape(-1, one.columns[0].shape[2]), one.signal.reshape(-1), rcond=None)
+    assert abs(next(iter(h.quantities(x, h.shapes[len(h.shapes) // 2]).values())).value) == pytest.approx(1.0)
+    moved = law_of(Stand("", "link:3", rms=1e-4), at, 1.0)
+    assert moved is not None
+    assert np.sqrt(np.mean(moved.signal**2)) == pytest.approx(1e-4)
+    nothing = law_of(NOTHING, at, 1.0)
+    assert nothing is not None
+    assert not nothing.signal.any()
+    still = replace(at, hypotheses=tuple(replace(h, columns=lambda s, h=h: 0.0 * h.columns(s)) for h in at.hypotheses))
+    assert law_of(replace(unsized, size=1.0), still, 1.0) is None  # it shows nowhere in these poses
+
+
+def test_of_many_laws_only_the_nearest_are_told_apart_at_once(cell: Cell, tests: tuple[LoadCases, np.ndarray]) -> None:
+    cases, q = tests
+    at = predicted(cell, cases, q, (1.0,))
+    own, shared = noise_of_cases(cases, ReadingNoise(1e-5), (1.0,))
+    names = list(dict.fromkeys(h.name for h in at.hypotheses))[: MOST + 2]
+    assert len(names) == MOST + 2
+    gone = Stand("link_compliance", "link:9", "bends", (1e-8,))
+    known = []
+    for effect, where in names:
+        h = next(h for h in at.hypotheses if h.name == (effect, where))
+        shape = h.shapes[0]
+        known.append(Stand(effect, where, h.law, tuple(np.full(h.columns(shape).shape[2], 1e-9)), shape))
+    notes: list[str] = []
+    laws, _ = _laws(Dispute("many", (*known, gone), ()), at, own + shared, 1.0, notes)
+    assert len(laws) == MOST
+    assert sum("the nearest" in n for n in notes) == 2
+    assert any("cannot be predicted at these poses" in n for n in notes)
+    sized = tuple(Stand(e, w, size=1.0) for e, w in names)
+    laws, _ = _laws(Dispute("hidden", (NOTHING, *sized), ()), at, own + shared, 1.0, notes)
+    assert len(laws) == min(HIDDEN, len(sized)) + 1
+    places = tuple(Stand("", w, rms=1e-4) for w in ("link:1", "link:2", "link:3", "link:4", "base", "tool"))
+    laws, _ = _laws(Dispute("places", places, ()), at, own + shared, 1.0, notes)
+    assert len(laws) == PLACES
 
 
 def diagnosis(folder: Path, findings: list[dict[str, Any]], **changes: Any) -> Path:
