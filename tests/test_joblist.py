@@ -92,10 +92,10 @@ def test_a_list_may_be_parquet(tmp_path: Path) -> None:
     assert not is_job_table(file)
 
 
-def test_the_list_in_the_readme_is_one(tmp_path: Path) -> None:
-    readme = (Path(__file__).resolve().parents[1] / "README.md").read_text(encoding="utf-8")
+def test_the_list_in_the_docs_is_one(tmp_path: Path) -> None:
+    page = (Path(__file__).resolve().parents[1] / "docs" / "batch.md").read_text(encoding="utf-8")
     listed = tmp_path / "jobs.yaml"
-    listed.write_text(next(t for t in readme.split("```yaml\n")[1:] if "machopt_batch" in t).partition("```")[0])
+    listed.write_text(next(t for t in page.split("```yaml\n")[1:] if "machopt_batch" in t).partition("```")[0])
     for file in ("cells/a/cell.yaml", "cells/b/cell.yaml", "parts/x.cls", "old/flange.src"):
         (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / file).touch()

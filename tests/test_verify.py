@@ -446,6 +446,21 @@ def test_without_a_mesh_the_cuts_tell_the_level(cell: Cell, table: dict[str, lis
     assert level(motion, path, on, cell) == []  # the mesh tells it
 
 
+def test_a_shifted_cut_is_left_from_where_it_ends(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
+    """Compensated by 0.6 mm downwards, a path without a mesh failed at the first sample of the way out."""
+    bare = replace(cell, workpiece=replace(cell.workpiece, geometry=()))
+    write(tmp_path / "trajectory.csv", table)
+    motion, path = read_motion(tmp_path / "trajectory.csv", cell), toolpath()
+    tcp = Arm(cell).tcp_in_workpiece(motion.q, motion.external)
+    n = int(np.flatnonzero(np.isfinite(motion.point))[0])
+    tcp[n, :3, 3] = path.position[path.cutting][0] - 0.6e-3 * path.axis[path.cutting][0]
+    every = np.arange(len(path), dtype=float)
+    on = ride(motion, path, every, path.position, tcp, PlanOptions())
+    shifted = every, path.position - np.where(path.cutting, 0.6e-3, 0.0)[:, None] * path.axis
+    assert [c.passed for c in level(motion, path, on, bare)][0] is False
+    assert [c.passed for c in level(motion, path, on, bare, shifted)][0] is True
+
+
 def test_shares_nothing_with_the_planner() -> None:
     import machopt.verify as package
 

@@ -2,7 +2,7 @@
 
 A file or entry point (group ``machopt.diagnose``) offers ``hypotheses(readings)``, a function that takes the
 :class:`~machopt.diagnose.readings.Readings` of a load test or of poses and yields
-:class:`~machopt.diagnose.problem.Hypothesis` objects. The README has one in twenty lines.
+:class:`~machopt.diagnose.problem.Hypothesis` objects. docs/diagnose.md has one in twenty lines.
 
 A file may offer ``EFFECTS`` instead or beside it (:mod:`machopt.effects.own`): laws of joints, which every
 channel then tries and stiffness.yaml holds.

@@ -97,9 +97,14 @@ def outside_cuts(motion: Motion, toolpath: Toolpath, ride: Ride, arm: Arm, bodie
     return [Check(name, True, 1e3 * depth, DEEPEST * 1e3, "mm", f"{motion.at(at)}: {why}")]
 
 
-def level(motion: Motion, toolpath: Toolpath, ride: Ride, cell: Cell) -> list[Check]:
+def level(
+    motion: Motion, toolpath: Toolpath, ride: Ride, cell: Cell, commanded: tuple[Array, Array] | None = None
+) -> list[Check]:
     """Without a workpiece mesh: a free tip must not be under what is cut right above it, and is told where it is under
     the level of the nearest cut.
+
+    A path shifted against the deflection is cut at the level where it is ``commanded``, (P,) index and (P, 3) m: a free
+    move begins where the shifted cut ends.
 
     Right above is a place of a cut less than the cutter's radius aside of the tip (of the tip alone without a cutter),
     seen along the cut's axis. The tip may be below one cut where another one near by goes as deep.
@@ -112,7 +117,8 @@ def level(motion: Motion, toolpath: Toolpath, ride: Ride, cell: Cell) -> list[Ch
     if not len(rows) or not len(cuts):
         return [Check(name, True, 0.0, 1e3 * BELOW, "mm", "no free move near a cut")]
     radius = cell.tool.cutter.diameter / 2.0 if cell.tool.cutter is not None else 1e-3
-    place, axis = _along(toolpath, cuts, max(radius, 1e-3))
+    line = commanded or (np.arange(len(toolpath), dtype=float), toolpath.position)
+    place, axis = _along(toolpath, line, cuts, max(radius, 1e-3))
     under, beside = np.zeros(len(rows)), np.zeros(len(rows))
     for i, n in enumerate(rows):
         x, shank = ride.tcp[n, :3, 3], -ride.tcp[n, :3, 2]
@@ -141,13 +147,13 @@ def level(motion: Motion, toolpath: Toolpath, ride: Ride, cell: Cell) -> list[Ch
     return out
 
 
-def _along(toolpath: Toolpath, cuts: NDArray[np.intp], step: float) -> tuple[Array, Array]:
-    """Places (M, 3) and axes (M, 3) along the cuts, at most ``step`` m apart (20 a cut)."""
+def _along(toolpath: Toolpath, line: tuple[Array, Array], cuts: NDArray[np.intp], step: float) -> tuple[Array, Array]:
+    """Places (M, 3) on ``line`` and axes (M, 3) along the cuts, at most ``step`` m apart (20 a cut)."""
     places, axes = [], []
     for k in cuts:
         a, b = toolpath.position[k - 1], toolpath.position[k]
         count = int(np.clip(np.ceil(np.linalg.norm(b - a) / step), 1, 20))
         f = np.linspace(0.0, 1.0, count + 1)[:, None]
-        places.append(a + f * (b - a))
+        places.append(np.column_stack([np.interp(k - 1 + f[:, 0], line[0], line[1][:, c]) for c in range(3)]))
         axes.append((1.0 - f) * toolpath.axis[k - 1] + f * toolpath.axis[k])
     return np.concatenate(places), np.concatenate(axes)

@@ -118,7 +118,10 @@ def with_one_tool(cell: Cell, toolpath: Toolpath, tables: Tables, options: PlanO
     checks += check_gouges(stands, toolpath, on, arm, bodies, options, shift is not None)
     if options.collision:
         checks.append(told_contacts(contacts(arm, wanted, stands.q, stands.external, on.free), stands, arm, bodies))
-        checks += [*outside_cuts(stands, toolpath, on, arm, bodies), *level(stands, toolpath, on, cell)]
+        checks += [
+            *outside_cuts(stands, toolpath, on, arm, bodies),
+            *level(stands, toolpath, on, cell, (index, position)),
+        ]
     else:
         checks.append(not_run(SWITCHED_OFF, OFF))
     return checks

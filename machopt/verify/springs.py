@@ -1,6 +1,6 @@
 """The terms of a stiffness file read a second time: what each makes of the joints or of the bodies.
 
-Every law is written from its description in the README and in the stiffness file, on pinocchio's frames:
+Every law is written from its description in docs/measure.md and in the stiffness file, on pinocchio's frames:
 
 * in the joints, linear: coupling, springs by angle (harmonics or a sector), creep fully relaxed → a 6×6 compliance;
 * in one joint, along a curve φ of its torque: knees and the cubic over weight and process together, backlash likewise,

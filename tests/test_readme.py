@@ -1,0 +1,122 @@
+"""The README and the pages it leads to: short, no link leads nowhere, its commands run as they stand, in its order."""
+
+from __future__ import annotations
+
+import csv
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import pytest
+from small_cell import urdf_text
+
+from machopt import Cell, Plan, Toolpath
+from machopt.cli import _parser, main
+from machopt.formats.poses import read_poses_csv
+
+ROOT = Path(__file__).resolve().parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "docs" / "install" / "README.md"]
+MOST_LINES = 300
+PART = """TOOL PATH/DECK,TOOL,MILL
+UNITS/MM
+LOADTL/1
+FROM/0,0,60,0,0,1
+RAPID
+GOTO/0,0,20
+FEDRAT/MMPM,600
+GOTO/0,0,-1
+GOTO/40,0,-1
+GOTO/40,30,-1
+RAPID
+GOTO/40,30,60
+END-OF-PATH
+FINI
+"""
+
+
+def test_the_front_page_is_short_and_its_pages_are_there() -> None:
+    assert len(README.splitlines()) <= MOST_LINES
+    missing = [
+        f"{page.relative_to(ROOT)}: {to}"
+        for page in PAGES
+        for to in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
+        if not to.startswith(("http:", "https:")) and not (page.parent / to).exists()
+    ]
+    assert missing == []
+    unlinked = {p.name for p in (ROOT / "docs").glob("*.md")} - set(re.findall(r"docs/([\w-]+\.md)", README))
+    assert unlinked == set()
+
+
+def test_every_command_of_the_pages_is_one_that_there_is() -> None:
+    """Options and commands by the parser itself; what a command does with them, the test below and others say."""
+    parser, refused = _parser(), []
+    for page in PAGES:
+        for line in commands(page.read_text(encoding="utf-8")):
+            try:
+                parser.parse_args(shlex.split(line)[1:])
+            except (SystemExit, ValueError) as why:
+                refused.append(f"{page.name}: {line}: {why}")
+    assert refused == []
+
+
+@pytest.mark.slow
+def test_the_commands_run_in_their_own_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On an arm and a part that a newcomer may have; ``view`` waits for a browser and is tested by itself."""
+    monkeypatch.chdir(tmp_path)
+    Path("robot.urdf").write_text(urdf_text(), encoding="utf-8")
+    Path("part.cls").write_text(PART, encoding="utf-8")
+    Path("out").mkdir()
+    ended = {}
+    for line in commands(README, "machopt|cp"):
+        words = shlex.split(line)
+        if words[:2] == ["machopt", "view"]:
+            continue
+        if words[0] == "cp":
+            shutil.copy(words[1], words[2])
+            continue
+        if words[1] == "identify":
+            fill_in(Path("out/plan"))
+        ended[line] = main([*words[1:], "--quiet"])
+    assert len(ended) > 10
+    assert {line: code for line, code in ended.items() if code} == {}
+    for file in ("mycell.svg", "out/part/report.html", "out/front/front.csv", "out/posts/rapid", "out/diagnosis"):
+        assert Path(file).exists(), file
+
+
+@pytest.mark.slow
+def test_the_library_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("robot.urdf").write_text(urdf_text(), encoding="utf-8")
+    Path("part.cls").write_text(PART, encoding="utf-8")
+    Cell.new("robot.urdf", "mycell", toolpath="part.cls")
+    code = re.search(r"```python\n(import machopt\n.*?)```", README, re.S)
+    assert code is not None
+    names: dict[str, object] = {}
+    exec(compile(code.group(1), "README.md", "exec"), names)
+    assert isinstance(names["plan"], Plan)
+    assert isinstance(names["path"], Toolpath)
+    assert Path("map.svg").stat().st_size > 1000
+    assert Path("out/part/report.html").is_file()
+
+
+def commands(page: str, begins: str = "machopt") -> list[str]:
+    """The command lines of a page's shell blocks, without the remarks behind them."""
+    blocks = re.findall(r"```(?:sh|bash)?\n(.*?)```", page, re.S)
+    lines = [line.split("  #")[0].strip() for block in blocks for line in block.splitlines()]
+    return [line for line in lines if re.match(rf"(?:{begins}) ", line)]
+
+
+def fill_in(plan: Path) -> None:
+    """Write into the empty recording what the model says these loads move, as somebody who measures would."""
+    moved = read_poses_csv(plan / "poses.csv").displacement  # m
+    file = plan / "recording_template" / "data.csv"
+    with file.open(newline="", encoding="utf-8") as text:
+        header, *rows = csv.reader(text)
+    columns = [header.index(c) for c in ("dx_mm", "dy_mm", "dz_mm")]
+    for row, d in zip(rows, moved, strict=True):
+        for c, value in zip(columns, d[:3], strict=True):
+            row[c] = repr(1e3 * float(value))
+    with file.open("w", newline="", encoding="utf-8") as out:
+        csv.writer(out).writerows([header, *rows])
