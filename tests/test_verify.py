@@ -457,8 +457,8 @@ def test_a_shifted_cut_is_left_from_where_it_ends(cell: Cell, table: dict[str, l
     every = np.arange(len(path), dtype=float)
     on = ride(motion, path, every, path.position, tcp, PlanOptions())
     shifted = every, path.position - np.where(path.cutting, 0.6e-3, 0.0)[:, None] * path.axis
-    assert [c.passed for c in level(motion, path, on, bare)][0] is False
-    assert [c.passed for c in level(motion, path, on, bare, shifted)][0] is True
+    assert not level(motion, path, on, bare)[0].passed
+    assert level(motion, path, on, bare, shifted)[0].passed
 
 
 def test_shares_nothing_with_the_planner() -> None:
