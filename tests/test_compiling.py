@@ -15,6 +15,7 @@ from machopt import compiled as module
 from machopt.cli import compiling
 from machopt.cli.compiling import NOT_STORED, STORED
 from machopt.cli.display import Display
+from machopt.plan import kernels
 from machopt.plan.kernels import KERNELS, MORE, compile_all
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -126,6 +127,44 @@ def test_what_is_compiled_after_the_plan_starts_no_process(monkeypatch: pytest.M
     with Display(show=False) as display, compiling.compiling(display):
         pass
     module._LISTENER.on_start(None)
+
+
+def test_a_second_process_compiles_where_there_is_a_core_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[list[str]] = []
+
+    def start(words: list[str], **_: object) -> str:
+        started.append(words)
+        return "process"
+
+    monkeypatch.setattr(subprocess, "Popen", start)
+    for cores, answer in ((None, None), (1, None), (2, "process")):
+        monkeypatch.setattr(os, "cpu_count", lambda cores=cores: cores)
+        assert kernels.compile_beside() == answer
+    assert started == [[sys.executable, "-m", "machopt.plan.kernels"]]
+
+    def none(*_: object, **__: object) -> None:
+        raise OSError("no process to be had")
+
+    monkeypatch.setattr(subprocess, "Popen", none)
+    assert kernels.compile_beside() is None
+
+
+def test_an_installation_compiles_what_no_other_process_has_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each module once, whoever comes first; all are stored in the folder."""
+    made: list[str] = []
+    stored: list[str] = []
+    monkeypatch.setattr(kernels, "compile_all", lambda some: made.extend(module for module, *_ in some))
+    monkeypatch.setattr(module, "store", lambda kernel, folder: stored.append(kernel.__name__))
+    (tmp_path / "plan.stairs.claimed").touch()
+    kernels.compile_into(tmp_path)
+    wanted = [name for name, *_ in KERNELS + MORE]
+    assert sorted(made) == sorted(name for name in wanted if name != "plan.stairs")
+    assert next(iter(dict.fromkeys(made))) == kernels.LONGEST[0]
+    assert len(stored) == len(wanted)
+    kernels.compile_into(tmp_path)
+    assert len(made) == len([name for name in wanted if name != "plan.stairs"])
 
 
 def test_without_a_place_to_store_it_says_what_would_help(

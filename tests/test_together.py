@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -12,7 +14,9 @@ from small_cell import small_cell
 from machopt.domain.options import PlanOptions, Weights
 from machopt.domain.stiffness import Stiffness
 from machopt.formats.toolpath import read_toolpath
+from machopt.plan import together as module
 from machopt.plan.breaks import Break
+from machopt.plan.caps import Capped
 from machopt.plan.certificate import certificate
 from machopt.plan.choose import Grid
 from machopt.plan.compensate import rescored
@@ -124,3 +128,42 @@ def test_a_break_of_a_stretch_names_where_the_stretch_begins_and_ends(alone: lis
         shifted_break(back, Stretch(replace(alone[0], end=change), 10, "b")).where == "from point 15 to the tool change"
     )
     assert shifted_break(back, after).where == "from point 15 to home"
+
+
+def told(total: float, worst: float) -> Plan:
+    """As much of a plan as its price."""
+    objective = SimpleNamespace(total=total, worst=worst)
+    return cast(Plan, SimpleNamespace(chosen=SimpleNamespace(objective=objective)))
+
+
+def test_the_better_ones_are_taken_all_at_once_or_one_by_one() -> None:
+    """J = Σ share (total − w worst) + w max worst; by hand."""
+    share, w = np.array([0.5, 0.5]), 1.0
+    best = [told(2.0, 1.0), told(2.0, 1.0)]
+    assert module._whole([p.chosen.objective for p in best], share, w) == pytest.approx(2.0)
+    both = [told(1.5, 0.5), told(1.5, 0.5)]
+    assert module._better(best, both, share, w) == both  # 1 + 0.5
+    first = [told(1.5, 1.0), told(3.0, 1.0)]
+    assert module._better(best, first, share, w) == [first[0], best[1]]
+    worse = [told(3.0, 1.0), told(2.5, 1.5)]
+    assert module._better(best, worse, share, w) is best
+
+
+def test_a_stretch_under_a_cap_is_solved_once_and_never_twice() -> None:
+    asked: list[float] = []
+
+    def solve(cap: float, limit: float) -> Capped | None:
+        asked.append(cap)
+        return Capped(np.empty((0, 3), np.int32), 7.0, 0.8 * cap) if limit > 7.0 else None
+
+    one = module._Stretch(Capped(np.empty((0, 3), np.int32), 5.0, 2.0), 0.5, solve)
+    assert one.under(2.5, 6.0) is one.free
+    assert one.under(2.5, 5.0) is None  # no better than what is known
+    assert one.under(0.4, 99.0) is None  # below what any sequence has
+    assert one.under(1.0, 6.0) is None
+    found = one.under(1.0, 8.0)
+    assert found is not None
+    assert found.value == 7.0
+    assert one.under(0.9, 8.0) is found  # 0.8 ≤ 0.9 ≤ 1
+    assert one.under(0.9, 7.0) is None
+    assert asked == [1.0, 1.0]
