@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from made_up_loads import ARCMIN, CELLS, Dirt, Truth, arm, clicking, load_tests, planned
 
-from machopt.diagnose import record
+from machopt.diagnose import gross, record
 from machopt.diagnose.cellvalues import far_off
 from machopt.diagnose.problem import Unknown
 from machopt.diagnose.result import Coefficient, Finding
@@ -167,13 +167,13 @@ def test_moments_about_the_flange_are_named_and_put_right() -> None:
 def test_copies_are_told_from_repeats() -> None:
     r = sound()
     assert r.displacement is not None
-    assert not record.copied(r).any()
+    assert not gross.copied(r).any()
     d = r.displacement.copy()
     for n in (12, 33, 51):
         d[n] = d[n - 1]
-    assert np.flatnonzero(record.copied(replace(r, displacement=d))).tolist() == [12, 33, 51]
+    assert np.flatnonzero(gross.copied(replace(r, displacement=d))).tolist() == [12, 33, 51]
     coarse = replace(r, displacement=np.round(d, 5))  # read to 0.01 mm: equal neighbours mean nothing
-    assert not record.copied(coarse).any()
+    assert not gross.copied(coarse).any()
 
 
 def test_a_wrench_in_tool_axes_turns_with_the_sagging_tool() -> None:
@@ -257,7 +257,7 @@ def test_an_error_that_nothing_mends_is_said_first(monkeypatch: pytest.MonkeyPat
 
 def test_nothing_was_measured_nothing_is_a_copy() -> None:
     r = sound()
-    assert not record.copied(replace(r, displacement=None)).any()
+    assert not gross.copied(replace(r, displacement=None)).any()
     arm_, T, _ = robot()
     poses = replace(r, kind="absolute", displacement=None, wrench=None, position=None)
     assert record._poses(poses, arm_, T, ()) == (poses, [], [])

@@ -8,16 +8,16 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
-from machopt.diagnose.problem import RecordCorrection
-from machopt.diagnose.result import Estimate, Finding
+from machopt.diagnose.repaired import exact, repaired
+from machopt.diagnose.result import Finding
 from machopt.domain.recording import Recording
+from machopt.effects.sensor import DISPLACEMENT, LOAD
 from machopt.identify.experiment import experiment
 from machopt.identify.rivals import bounded_absolute
 from machopt.model.robot import Robot
 from machopt.se3 import skew
 
 STEPS = 40  # of reweighting
-WORD = "the record, read as stated"
 
 
 def contradictions(recording: Recording, robot: Robot, T_flange_tcp: Array) -> tuple[Recording, list[Finding]]:
@@ -59,8 +59,8 @@ def contradictions(recording: Recording, robot: Robot, T_flange_tcp: Array) -> t
     )
     if load == "hung":
         out.append(
-            _finding(
-                "load_geometry",
+            repaired(
+                LOAD.name,
                 "sensor:force",
                 f"{said}Displacements fit a weight of the recorded size that hangs straight down, not the recorded "
                 "directions",
@@ -73,8 +73,8 @@ def contradictions(recording: Recording, robot: Robot, T_flange_tcp: Array) -> t
     if axis >= 0:
         name = "xyz"[axis]
         out.append(
-            _finding(
-                "displacement_frame",
+            repaired(
+                DISPLACEMENT.name,
                 "sensor:displacement",
                 f"{said}d{name} counts against {name} of the stated axes",
                 before,
@@ -123,33 +123,16 @@ def _one_lever(recording: Recording, robot: Robot, T_flange_tcp: Array) -> tuple
         f"force plus a constant, in postures that turn the tool by {np.degrees(spread):.0f}°: no load at the tool "
         f"gives that; {'they were left out' if without < stated else 'they were kept'}"
     )
-    found = _finding(
-        "load_geometry",
+    found = repaired(
+        LOAD.name,
         "sensor:force",
         words,
         typical * stated,
         typical * min(stated, without),
         0.5 ** len(np.unique(tests.pose)),
+        {"lever": exact(size, "mm")},
     )
-    exact = Estimate(size, "mm", (size, size), (size, size))
-    return (forces if without < stated else recording), [replace(found, parameters={"lever": exact})]
-
-
-def _finding(effect: str, where: str, words: str, before: float, after: float, p_value: float) -> Finding:
-    return Finding(
-        effect,
-        where,
-        WORD,
-        "",
-        words,
-        ((effect, where),),
-        {},
-        before,
-        after,
-        p_value,
-        correction=RecordCorrection(effect, where, {"message": words}),
-        record=True,
-    )
+    return (forces if without < stated else recording), [found]
 
 
 def _unexplained(recording: Recording, robot: Robot, T_flange_tcp: Array) -> float:

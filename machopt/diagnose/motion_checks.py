@@ -17,8 +17,11 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.motion_friction import rest_of
 from machopt.diagnose.motion_signals import Motion
 from machopt.diagnose.problem import RecordCorrection
+from machopt.diagnose.repaired import exact, repaired
 from machopt.diagnose.result import Estimate, Finding
 from machopt.domain.recording import Recording
+from machopt.effects.record import UNITS
+from machopt.effects.record import column as place
 from machopt.errors import InputError
 
 COLUMNS = {
@@ -302,18 +305,15 @@ def _sure(value: float, unit: str, sigma: float) -> Estimate:
 
 
 def _units(name: str, factor: float, words: str, p_value: float) -> Finding:
-    where = f"column:{name}"
-    return Finding(
-        "units",
-        where,
-        words,
-        "column = factor × what its name says",
+    return repaired(
+        UNITS.name,
+        place(name),
         "in the record, not in the robot",
-        (("units", where),),
-        {"factor": _sure(factor, "1", 0.0)},
         float("nan"),
         float("nan"),
         p_value,
-        correction=RecordCorrection("units", where, {"factor": factor}),
-        record=True,
+        {"factor": exact(factor)},
+        law=words,
+        equation="column = factor × what its name says",
+        stated={"factor": factor},
     )

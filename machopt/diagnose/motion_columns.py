@@ -16,12 +16,12 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.motion_checks import by_stretch, column, sign_test, slope
 from machopt.diagnose.motion_friction import rest_of
 from machopt.diagnose.motion_signals import Motion
-from machopt.diagnose.problem import RecordCorrection
+from machopt.diagnose.repaired import repaired
 from machopt.diagnose.result import Finding
 from machopt.domain.recording import Recording
+from machopt.effects.record import COLUMNS
+from machopt.effects.record import column as place
 from machopt.errors import InputError
-
-WORD = "the record, read as stated"
 
 
 def mended(recording: Recording, motion: Motion, predicted: Array) -> tuple[Recording, list[Finding]]:
@@ -83,23 +83,14 @@ def _exchanged(recording: Recording, motion: Motion, tau: Array, predicted: Arra
         np.sqrt(np.mean([by_stretch(_off(x[:, k] - predicted[:, k])) ** 2 for k in of], axis=0)) for x in (tau, now)
     )
     one, two = (column(recording, "torque", k) for k in of)
-    where, words = (
-        f"column:{one}",
+    return repaired(
+        COLUMNS.name,
+        place(one),
         f"{one} and {two} stand under each other's names: each is what the other joint needs",
-    )
-    return Finding(
-        "columns",
-        where,
-        WORD,
-        "",
-        words,
-        (("columns", where), ("columns", f"column:{two}")),
-        {},
         float(np.median(before)),
         float(np.median(after)),
         sign_test(before, after),
-        correction=RecordCorrection("columns", where, {"message": words}),
-        record=True,
+        beside=(place(two),),
     )
 
 

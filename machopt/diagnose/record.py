@@ -11,21 +11,19 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import bdtrc, ndtr
+from scipy.special import bdtrc
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated, loads, sessions, throughout
-from machopt.diagnose.aside import comes_back
 from machopt.diagnose.contradiction import contradictions
-from machopt.diagnose.pasted import coarse
-from machopt.diagnose.problem import Problem as Equations
-from machopt.diagnose.problem import RecordCorrection
-from machopt.diagnose.result import Diagnosis, Estimate, Finding
+from machopt.diagnose.repaired import exact, repaired
+from machopt.diagnose.result import Estimate, Finding
 from machopt.domain.recording import Axes, Recording
+from machopt.effects.record import FORCES, LENGTHS, UNITS, column
+from machopt.effects.sensor import DISPLACEMENT, FRAME, LOAD
 from machopt.identify.check import check_experiment
 from machopt.identify.experiment import Experiment, experiment
 from machopt.identify.finding import Finding as Problem
-from machopt.identify.rivals import FORCE_UNITS
 from machopt.identify.robust import start
 from machopt.identify.units import reach_of
 from machopt.model.gravity import gravity_torque
@@ -33,22 +31,18 @@ from machopt.model.robot import Masses, Robot
 
 Flags = NDArray[np.bool_]
 MOST_REPAIRS = 3
-SLIP = (10.0, 100.0, 1000.0)
-LENGTHS = {"metres": 1e3, "centimetres": 10.0, "inches": 25.4, "micrometres": 1e-3}
 SOFTEST, MOST_TURN = 1e-4, 0.05  # rad/(N·m) of a joint, rad of its twist: more is no arm
 SIZES = (  # displacement per load as read, per what it is; thousands show against any robot and are checked first
-    ("inches", 1 / 25.4, "dx_mm", 25.4),
-    ("centimetres", 0.1, "dx_mm", 10.0),
-    ("kilograms", 9.80665, "fx_N", 9.80665),
-    ("pounds", 4.44822, "fx_N", 4.44822),
+    *((name, 1.0 / LENGTHS[name], "dx_mm", LENGTHS[name]) for name in ("inches", "centimetres")),
+    *((name, FORCES[name], "fx_N", FORCES[name]) for name in ("kilograms", "pounds")),
 )
 FRAMES = {
-    "displacement_frame": ("displacement_frame", "sensor:displacement"),
-    "wrench_frame": ("force_sensor_frame", "sensor:force"),
-    "frames": ("displacement_frame", "sensor:displacement"),
-    "load_sign": ("load_geometry", "sensor:force"),
-    "moment_at_base": ("load_geometry", "sensor:force"),
-    "moment_at_flange": ("load_geometry", "sensor:force"),
+    "displacement_frame": (DISPLACEMENT, DISPLACEMENT.places[0]),
+    "wrench_frame": (FRAME, FRAME.places[0]),
+    "frames": (DISPLACEMENT, DISPLACEMENT.places[0]),
+    "load_sign": (LOAD, LOAD.places[0]),
+    "moment_at_base": (LOAD, LOAD.places[0]),
+    "moment_at_flange": (LOAD, LOAD.places[0]),
 }
 
 
@@ -140,80 +134,6 @@ def _misfit_by_size(tests: Experiment) -> float:
     return float(np.mean(np.abs(tests.measured[:, :3] - A @ start(A, tests.measured[:, :3], load))))
 
 
-def outliers(
-    recording: Recording, diagnosis: Diagnosis, copies: Flags, problem: Equations, certain: Flags | None = None
-) -> Finding | None:
-    """Gross rows as a finding, where they are more than a tracker makes, or plainly a clerk's.
-
-    Args:
-        recording: as diagnosed.
-        diagnosis: with the readings put aside.
-        copies: (N,) rows that repeat the displacement of the row before under another load.
-        problem: which readings are twins.
-        certain: (N,) rows of these that hold another pose's reading, which are said however few they are.
-    """
-    out = ~diagnosis.used
-    aside = out & ~comes_back(problem, diagnosis.errors.final, out)
-    if not aside.any():
-        return None
-    measured = recording.displacement if recording.kind == "deflection" else recording.position
-    slips = np.zeros(len(aside), bool)
-    if measured is not None:
-        d = measured[:, :3]
-        predicted = d - diagnosis.errors.final[:, :3]
-        noise = calibrated.RECORD.fits * 1e-3 * diagnosis.noise_floor
-        for f in SLIP:
-            large = (np.abs(d / f - predicted) < noise) & (np.abs(predicted) > 2.0 * noise)
-            small = (np.abs(d - predicted / f) < noise) & (np.abs(predicted) > 5.0 * noise)
-            slips |= aside & (large | small).any(axis=1)
-    clerical = int((slips | (copies & aside)).sum())
-    share = float(aside.mean())
-    if share <= calibrated.RECORD.ordinary and (
-        clerical < calibrated.RECORD.clerical or clerical < calibrated.RECORD.mostly * aside.sum()
-    ):
-        aside = aside & (np.zeros(len(aside), bool) if certain is None else certain)
-        clerical = int(aside.sum())
-    if not aside.any():
-        return None
-    rows = ",".join(str(r) for r in problem.row[aside])
-    count = float(aside.sum())
-    # that Gaussian noise makes even one of these rows
-    by_noise = float(min(2.0 * ndtr(-calibrated.NOISE.gross) * diagnosis.errors.final.size, 1.0))
-    return Finding(
-        "outliers",
-        f"rows:{rows}",
-        "gross errors",
-        "residual beyond six robust standard deviations",
-        f"{clerical} look like slipped decimals or copied rows" if clerical else "",
-        (("outliers", f"rows:{rows}"),),
-        {"count": Estimate(count, "1", (count, count), (count, count))},
-        diagnosis.heldout_before,
-        diagnosis.heldout_after,
-        by_noise,
-        correction=RecordCorrection("outliers", f"rows:{rows}", {"rows": rows}),
-        record=True,
-    )
-
-
-def copied(recording: Recording) -> Flags:
-    """(N,) rows that repeat the measured values of the row before although the load or the pose is another."""
-    values = recording.displacement if recording.kind == "deflection" else recording.position
-    out = np.zeros(len(recording), bool)
-    if values is None:
-        return out
-    v = values[:, :3]
-    if coarse(v):
-        return out
-    same = (v[1:] == v[:-1]).all(axis=1) & v[1:].any(axis=1)
-    moved = (recording.q[1:] != recording.q[:-1]).any(axis=1) & (recording.pose[1:] != recording.pose[:-1])
-    if recording.wrench is not None:
-        size = max(float(np.linalg.norm(recording.wrench[:, :3], axis=1).max()), 1e-9)
-        change = np.linalg.norm(np.diff(recording.wrench[:, :3], axis=0), axis=1)
-        moved |= change > calibrated.RECORD.different_load * size
-    out[1:] = same & moved
-    return out
-
-
 def _mended(recording: Recording, error: Problem, robot: Robot, T_flange_tcp: Array) -> Recording | None:
     """The recording read the way the check says; None where that is not known."""
     if error.code == "joint_units":
@@ -257,26 +177,11 @@ def _mended(recording: Recording, error: Problem, robot: Robot, T_flange_tcp: Ar
 def _said(error: Problem, before: float, after: float, p_value: float) -> Finding:
     if error.code in FRAMES:
         effect, where = FRAMES[error.code]
-        parameters: dict[str, Estimate] = {}
-    else:
-        column = "q1_deg" if error.code == "joint_units" else error.column
-        effect, where = "units", f"column:{column}"
-        factor = float(np.degrees(1.0)) if error.code == "joint_units" else error.factor
-        parameters = {"factor": Estimate(1.0 / factor, "1", (1.0 / factor,) * 2, (1.0 / factor,) * 2)}
-    return Finding(
-        effect,
-        where,
-        "the record, read as stated",
-        "",
-        error.message,
-        ((effect, where),),
-        parameters,
-        1e3 * before,
-        1e3 * after,
-        p_value,
-        correction=RecordCorrection(effect, where, {"message": error.message}),
-        record=True,
-    )
+        return repaired(effect.name, where, error.message, 1e3 * before, 1e3 * after, p_value)
+    radians = error.code == "joint_units"
+    where = column("q1_deg" if radians else error.column)
+    factor = {"factor": exact(1.0 / (float(np.degrees(1.0)) if radians else error.factor))}
+    return repaired(UNITS.name, where, error.message, 1e3 * before, 1e3 * after, p_value, factor)
 
 
 def _by_size(tests: Experiment, prior: Array | None, reach: float) -> Problem | None:
@@ -302,7 +207,7 @@ def _by_size(tests: Experiment, prior: Array | None, reach: float) -> Problem | 
     ):
         return None
     usual, _ = ratio(_usual(None, reach))
-    for name, value, column, factor in sorted(SIZES, key=lambda s: abs(np.log(seen / s[1]))):
+    for name, value, head, factor in sorted(SIZES, key=lambda s: abs(np.log(seen / s[1]))):
         as_stated = np.inf if alike else abs(np.log(max(usual, 1e-300)))
         nearer = abs(np.log(max(usual, 1e-300) / value)) < min(as_stated, np.log(calibrated.RECORD.unusual))
         if abs(np.log(seen / value)) < np.log(calibrated.RECORD.near) and nearer:
@@ -310,8 +215,8 @@ def _by_size(tests: Experiment, prior: Array | None, reach: float) -> Problem | 
                 "units",
                 "error",
                 f"displacement per load is {seen:.3g} times what the cell's stiffness gives: the "
-                f"columns {column} … seem to hold {name}",
-                column=column,
+                f"columns {head} … seem to hold {name}",
+                column=head,
                 factor=factor,
             )
     return None
@@ -335,7 +240,7 @@ def _force_unit(error: Problem, recording: Recording, robot: Robot, T_flange_tcp
         w[:, :3] *= factor
         return _misfit(experiment(replace(recording, wrench=w), robot, T_flange_tcp))
 
-    return replace(error, column="fx_N", factor=min(FORCE_UNITS.values(), key=misfit))
+    return replace(error, column="fx_N", factor=min(FORCES.values(), key=misfit))
 
 
 def _joined(findings: list[Finding], new: Finding) -> list[Finding]:
@@ -399,7 +304,7 @@ def _poses(
     ways = {("x_mm", name): (recording.q, recording.position * f, f) for name, f in LENGTHS.items()}
     if np.abs(np.degrees(recording.q)).max() < 2.1 * np.pi:
         ways["q1_deg", "radians"] = (np.degrees(recording.q), recording.position, float(np.degrees(1.0)))
-    (column, name), (q, x, factor) = min(ways.items(), key=lambda w: misfit(w[1][0], w[1][1]))
+    (head, name), (q, x, factor) = min(ways.items(), key=lambda w: misfit(w[1][0], w[1][1]))
     best = misfit(q, x)
     if best > calibrated.RECORD.clearly * stated:
         return recording, [], []
@@ -412,19 +317,14 @@ def _poses(
         )
         for q_, x_ in ((recording.q, recording.position), (q, x))
     )
-    said = Finding(
-        "units",
-        f"column:{column}",
-        "the record, read as stated",
-        "",
-        f"the columns {column} … seem to hold {name}",
-        (("units", f"column:{column}"),),
-        {"factor": Estimate(1 / factor, "1", (1 / factor,) * 2, (1 / factor,) * 2)},
+    said = repaired(
+        UNITS.name,
+        column(head),
+        f"the columns {head} … seem to hold {name}",
         1e3 * stated,
         1e3 * best,
         _votes(recording.pose, before, after),
-        record=True,
-        correction=RecordCorrection("units", f"column:{column}", {"message": f"{column} … seem to hold {name}"}),
+        {"factor": exact(1 / factor)},
     )
     return replace(recording, q=q, position=x), [said], []
 

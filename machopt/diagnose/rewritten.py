@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.domain.recording import Recording
-from machopt.identify.rivals import FORCE_UNITS
+from machopt.effects.record import COLUMNS, FORCES, LENGTHS, UNITS
 
 Flags = NDArray[np.bool_]
-LENGTHS = {"inches": 25.4, "centimetres": 10.0, "metres": 1e3, "micrometres": 1e-3}  # millimetres in one
 HEADS = {"displacement": "dx_mm", "position": "x_mm"}
 
 
@@ -23,7 +22,7 @@ HEADS = {"displacement": "dx_mm", "position": "x_mm"}
 class Way:
     """One way to read a part, put right."""
 
-    effect: str  # "units" or "columns"
+    effect: str  # of UNITS or of COLUMNS
     column: str  # first of the group
     words: str  # what was written
     read: Callable[[Recording], Recording]
@@ -41,7 +40,7 @@ def ways(part: Recording) -> Iterator[Way]:
     head = HEADS[kind]
     for name, f in LENGTHS.items():
         yield Way(
-            "units",
+            UNITS.name,
             head,
             f"the columns {head} … hold {name}",
             lambda r, f=f: _changed(r, kind, f * np.eye(3)),  # type: ignore[misc]
@@ -49,17 +48,17 @@ def ways(part: Recording) -> Iterator[Way]:
             max(1.0, 1.0 / f),
         )
     for M, words in _axes():
-        yield Way("columns", head, f"{head} … hold {words}", lambda r, M=M: _changed(r, kind, M))  # type: ignore[misc]
+        yield Way(COLUMNS.name, head, f"{head} … hold {words}", lambda r, M=M: _changed(r, kind, M))  # type: ignore[misc]
     for by in (-1, 1):
         yield Way(
-            "columns",
+            COLUMNS.name,
             head,
             f"the rows of {head} … stand one too {'low' if by < 0 else 'high'}",
             lambda r, by=by: _slipped(r, kind, by),  # type: ignore[misc]
         )
     for j in range(part.q.shape[1]):
         yield Way(
-            "columns",
+            COLUMNS.name,
             f"q{j + 1}_deg",
             f"q{j + 1}_deg has the other sign",
             lambda r, j=j: _turned_back(r, j),  # type: ignore[misc]
@@ -71,9 +70,9 @@ def ways(part: Recording) -> Iterator[Way]:
 def _of_loads(moments: bool) -> Iterator[Way]:
     for together in (False, True) if moments else (False,):
         beside = " and mx_Nm …" if together else ""
-        for name, f in FORCE_UNITS.items():
+        for name, f in FORCES.items():
             yield Way(
-                "units",
+                UNITS.name,
                 "fx_N",
                 f"the columns fx_N …{beside} hold {name}",
                 lambda r, f=f, t=together: _loaded(r, f * np.eye(3), t),  # type: ignore[misc]
@@ -81,7 +80,7 @@ def _of_loads(moments: bool) -> Iterator[Way]:
             )
         for M, words in _axes():
             yield Way(
-                "columns",
+                COLUMNS.name,
                 "fx_N",
                 f"fx_N …{beside} hold {words}",
                 lambda r, M=M, t=together: _loaded(r, M, t),  # type: ignore[misc]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
-from machopt.diagnose import absolute, at_joint, cellvalues, deflection, engine, held, motion, record, userterms
+from machopt.diagnose import absolute, at_joint, cellvalues, deflection, engine, gross, held, motion, record, userterms
 from machopt.diagnose.pasted import pasted
 from machopt.diagnose.problem import Catalogue, Problem
 from machopt.diagnose.readings import History
@@ -72,7 +72,7 @@ def at_rest(
     options.progress("checking the record")
     recording, mended, warnings = record.mend(recording, robot, T, prior, accept)
     elsewhere = pasted(recording, robot, T)
-    copies = record.copied(recording) | elsewhere
+    copies = gross.copied(recording) | elsewhere
     said = [*recording.warnings, *warnings]
     notes: tuple[str, ...] = ()
 
@@ -105,10 +105,10 @@ def at_rest(
         d, problem = held.diagnosed(terms, load_tests)
     else:
         d, problem = held.diagnosed(terms, poses, held.in_poses)
-    gross = record.outliers(recording, d, copies, problem, elsewhere)
+    aside = gross.outliers(recording, d, copies, problem, elsewhere)
     said += cellvalues.far_off(d, prior)
     said += () if cell.stiffness is None else held_over(cell.stiffness.external)
-    return Examined(_with_record(d, mended, gross, notes, tuple(said)), problem, recording)
+    return Examined(_with_record(d, mended, aside, notes, tuple(said)), problem, recording)
 
 
 def _held(cell: Cell, robot: Robot, masses: Masses | None) -> tuple[Term, ...]:
@@ -243,10 +243,10 @@ def in_motion(
 
 
 def _with_record(
-    d: Diagnosis, mended: list[Finding], gross: Finding | None, notes: tuple[str, ...], warnings: tuple[str, ...]
+    d: Diagnosis, mended: list[Finding], aside: Finding | None, notes: tuple[str, ...], warnings: tuple[str, ...]
 ) -> Diagnosis:
     """The diagnosis with what was wrong with the record: mended things first, gross rows last."""
-    findings = (*mended, *d.findings, *(() if gross is None else (gross,)))
+    findings = (*mended, *d.findings, *(() if aside is None else (aside,)))
     before, explained, verdict = d.heldout_before, d.explained, d.verdict
     if mended:  # the record was part of the mismatch: counted from what it left as it was
         before = max([before, *(f.before for f in mended if np.isfinite(f.before))])

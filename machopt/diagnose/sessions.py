@@ -17,10 +17,11 @@ from scipy.special import bdtrc
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
-from machopt.diagnose.problem import RecordCorrection
-from machopt.diagnose.result import Estimate, Finding
+from machopt.diagnose.repaired import exact, repaired
+from machopt.diagnose.result import Finding
 from machopt.diagnose.rewritten import Way, put, taken, ways
 from machopt.domain.recording import Recording
+from machopt.effects.record import column
 from machopt.identify.experiment import experiment
 from machopt.identify.rivals import bounded_absolute
 from machopt.identify.robust import start
@@ -30,7 +31,6 @@ from machopt.se3 import skew
 Flags = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 MOST_REPAIRS = 4  # parts of one record
-WORD = "the record, read as stated"
 
 
 @dataclass(frozen=True)
@@ -228,23 +228,15 @@ def chance(pose: Ints, before: Array, after: Array) -> float:
 
 
 def _said(r: _Repair, level: str, name: int) -> Finding:
-    where = f"column:{r.way.column}"
     words = f"{level} {name}: {r.way.words}; the other {level}s say so, and it was read that way"
-    exact = {
-        key: Estimate(value, "1", (value, value), (value, value))
-        for key, value in ((("factor", 1.0 / r.way.factor),) if r.way.factor != 1.0 else ()) + ((level, float(name)),)
-    }
-    return Finding(
+    factor = {"factor": exact(1.0 / r.way.factor)} if r.way.factor != 1.0 else {}
+    return repaired(
         r.way.effect,
-        where,
-        WORD,
-        "",
+        column(r.way.column),
         words,
-        ((r.way.effect, where),),
-        exact,
         1e3 * r.before,
         1e3 * r.after,
         r.p_value,
-        correction=RecordCorrection(r.way.effect, where, {"message": words, level: name}),
-        record=True,
+        {**factor, level: exact(float(name))},
+        stated={"message": words, level: name},
     )

@@ -13,11 +13,12 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
-from machopt.diagnose.problem import RecordCorrection
+from machopt.diagnose.repaired import repaired
 from machopt.diagnose.result import Finding
 from machopt.diagnose.rewritten import Way, ways
-from machopt.diagnose.sessions import WORD, Equations, chance, equations, typical
+from machopt.diagnose.sessions import Equations, chance, equations, typical
 from machopt.domain.recording import Recording
+from machopt.effects.record import COLUMNS, column
 from machopt.model.robot import Robot
 
 ALIGNMENTS = 12  # steps to the frame of least absolute deviations
@@ -58,23 +59,16 @@ def mended(
         _, _, way, changed, after = as_good[0]  # a free frame: every mirror is the same one, turned
     elif len(as_good) > 1:  # which of them it is cannot be told: nothing is mended on a guess
         return recording, []
-    where = f"column:{way.column}"
     words = f"{way.words}, in the whole record: so read the model leaves {100 * least / left:.2g} % of what it left"
     sizes = [np.linalg.norm(e, axis=1) for e in (before, after)]
     return changed, [
-        Finding(
+        repaired(
             way.effect,
-            where,
-            WORD,
-            "",
+            column(way.column),
             words,
-            ((way.effect, where),),
-            {},
             1e3 * typical(before),
             1e3 * typical(after),
             chance(stated.pose, *sizes),
-            correction=RecordCorrection(way.effect, where, {"message": words}),
-            record=True,
         )
     ]
 
@@ -99,12 +93,12 @@ def registered(recording: Recording, robot: Robot, T_flange_tcp: Array) -> Recor
 def _ways(recording: Recording) -> Iterator[Way]:
     """Without units, which have their own check, and without what turns the load as a whole."""
     for way in ways(recording):
-        if way.effect == "columns":
+        if way.effect == COLUMNS.name:
             yield way
     n = recording.q.shape[1]
     for a, b in combinations(range(n), 2):
         yield Way(
-            "columns",
+            COLUMNS.name,
             f"q{a + 1}_deg",
             f"q{a + 1}_deg and q{b + 1}_deg are exchanged",
             lambda r, a=a, b=b: _exchanged(r, a, b),  # type: ignore[misc]

@@ -1,11 +1,18 @@
 """What is wrong with a recording and not with the arm: units, columns, single rows.
 
-Sensors: :mod:`sensor`; clocks: :mod:`delay`.
+Words, places and the units that clerks write instead of the right ones; what puts a record right uses them
+(:mod:`machopt.diagnose.rewritten`, :mod:`machopt.diagnose.record`, :mod:`machopt.identify.units`). Sensors:
+:mod:`sensor`; clocks: :mod:`delay`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from machopt.effects.protocol import Effect
+
+LENGTHS = {"inches": 25.4, "centimetres": 10.0, "metres": 1e3, "micrometres": 1e-3}  # millimetres in one
+FORCES = {"kilograms": 9.80665, "pounds": 4.44822, "kilonewtons": 1e3}  # newtons in one
 
 UNITS = Effect(
     name="units",
@@ -36,3 +43,13 @@ OUTLIERS = Effect(
     places=(),
     of="in",
 )
+
+
+def column(name: str) -> str:
+    """The place of units and columns: the first column of the group."""
+    return f"column:{name}"
+
+
+def rows(numbers: Iterable[int]) -> str:
+    """The place of outliers: 1-based data rows."""
+    return f"rows:{','.join(str(n) for n in numbers)}"

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
+from machopt.effects.record import FORCES
 from machopt.identify.bounded import minimise
 from machopt.identify.experiment import Experiment
 from machopt.identify.robust import scale, start
 from machopt.model.robot import Robot
 
 STEPS = 12
-FORCE_UNITS = {"kilograms": 9.80665, "pounds": 4.44822, "kilonewtons": 1e3}  # newtons in one
 MOST_RADIANS = 6.3  # a turn; degrees within it would be an arm that hardly moved
 MOST_READINGS = 600  # enough to tell frames apart; more only cost time
 
@@ -93,7 +93,7 @@ def readings(experiment: Experiment, robot: Robot, T_flange_tcp: Array) -> list[
                 e.measured,
             ),
         ]
-        for unit, newtons in FORCE_UNITS.items():  # forces and moments that do not belong together
+        for unit, newtons in FORCES.items():  # forces and moments that do not belong together
             as_newtons = np.concatenate([force * newtons, moment + (newtons - 1.0) * np.cross(e.lever, force)], axis=1)
             what = f"the columns fx_N … seem to hold {unit}" + (" (or mx_Nm … N·mm)" if newtons == 1e3 else "")
             cases.append(

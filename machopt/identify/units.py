@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.effects.record import FORCES, LENGTHS
 from machopt.identify.experiment import Experiment
 from machopt.identify.finding import Finding, places
 from machopt.identify.rivals import Reading
@@ -24,14 +25,9 @@ LEAST_MOMENT = 1.0  # N·m
 READ_AS = {"rad": 1e-3, "degrees": float(np.degrees(1e-3)), "µrad": 1e3}  # number read per number meant, for mrad
 NEAR_UNIT = 3.0  # factor within which a rotation's size names its unit
 SUSPECTS = {  # displacement per load as read, per what it is
-    "displacements in metres": 1e-3,
-    "displacements in inches": 1 / 25.4,
-    "displacements in centimetres": 0.1,
+    **{f"displacements in {name}": 1.0 / mm for name, mm in LENGTHS.items()},
     "displacements in hundredths of a millimetre": 100.0,
-    "displacements in micrometres": 1e3,
-    "loads in kilograms": 9.80665,
-    "loads in pounds": 4.44822,
-    "loads in kilonewtons": 1e3,
+    **{f"loads in {name}": newtons for name, newtons in FORCES.items()},
 }
 THOUSANDS = ("displacements in metres", "displacements in micrometres", "loads in kilonewtons")
 ALIKE, LEAST_ALIKE = 1.2, 3  # factor between joints, and from a unit's; joints that say so
