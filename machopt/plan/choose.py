@@ -44,7 +44,7 @@ class Choice:
     broken: tuple[int, ...]  # stations that no continuous way leads to from the station before
     total: float = np.nan  # what the sequence costs, by the prices of the grid
     bound: float = np.nan  # no sequence over the grid costs less
-    reached: NDArray[np.bool_] | None = None  # (S, R·B·T) vertices a continuous way leads to from the last break
+    reached: NDArray[np.bool_] | None = None  # (S, R·B·T) what a continuous way leads to; None: nothing is broken
 
     @property
     def dropped(self) -> NDArray[np.bool_]:
@@ -132,9 +132,9 @@ class Grid:
     def choose(self, edges: Edges | None = None) -> Choice:
         """The best sequence of the whole path."""
         part = _Part(self, Edges.none() if edges is None else edges, slice(0, len(self.window)))
-        vertex, value, _, broken, reached = part.solve(self.candidates.feasible)
+        free, broken, reached = part.free(self.candidates.feasible)
         part.window[broken] = LIFT  # a cap may add no further break
-        traded = part.traded(self.candidates.feasible, Capped(vertex, value, part.most(vertex)))
+        traded = part.traded(self.candidates.feasible, free)
         return self._made(
             part.near_zero(traded.best.vertex),
             tuple(np.flatnonzero(broken).tolist()),
@@ -146,10 +146,9 @@ class Grid:
     def capped(self, edges: Edges) -> tuple[Capped, float, Callable[[float, float], Capped | None]] | None:
         """The cheapest sequence, and under caps: :meth:`_Part.capped`. None where the path has breaks or gaps."""
         part = _Part(self, edges, slice(0, len(self.window)))
-        vertex, value, _, broken, _ = part.solve(self.candidates.feasible)
-        if broken.any() or (vertex[:, 0] < 0).any():
+        free, broken, _ = part.free(self.candidates.feasible)
+        if broken.any() or (free.vertex[:, 0] < 0).any():
             return None
-        free = Capped(vertex, value, part.most(vertex))
         return (free, *part.capped(self.candidates.feasible, free))
 
     def again(self, choice: Choice, first: int, last: int, edges: Edges, gap: float = GAP) -> Choice | None:
@@ -263,6 +262,19 @@ class _Part:
         )
         return answer
 
+    def free(self, mask: Bools) -> tuple[Capped, Bools, Bools | None]:
+        """The cheapest sequence without a cap, its breaks (S,), and what is reached where it has some, else None.
+
+        Looked for without turns first, as in :meth:`below`: with tens of turns that is tens of times less.
+        """
+        if mask.shape[3] > 1:
+            vertex, value, stop, broken = self._turnless(np.asarray(mask.any(axis=3)), np.inf)
+            turned = None if stop >= 0 or broken.any() else self._turned(vertex, mask)
+            if turned is not None:
+                return Capped(turned, value, self.most(turned)), broken, None
+        vertex, value, _, broken, reached = self.solve(mask)
+        return Capped(vertex, value, self.most(vertex)), broken, reached
+
     def below(self, mask: Bools, some: Bools, allowed: Bools, limit: float) -> tuple[Ints, float] | None:
         """The cheapest sequence over allowed (S, R, B) vertices, and its value; None where none is below ``limit``.
 
@@ -270,27 +282,24 @@ class _Part:
         its turns do, as they mostly do, no other sequence is cheaper. ``some`` (S, R, B) is mask.any(axis=3).
         """
         if mask.shape[3] > 1:
-            vertex, value, stop, *_ = self.solve(
-                (some & allowed)[..., None],
-                limit,
-                self.edges.in_every_turn(self.grid.candidates.feasible),
-                loose=True,
-                allowed=allowed,
-            )
+            vertex, value, stop, _ = self._turnless(some & allowed, limit, allowed)
             if stop >= 0:
                 return None
-            turned = fitting(
-                self.grid.candidates,
-                self.rows,
-                vertex,
-                joined(self.grid.candidates, self.rows, vertex),
-                mask,
-                self.edges,
-            )
+            turned = self._turned(vertex, mask)
             if turned is not None:
                 return turned, value
         vertex, value, stop, *_ = self.solve(mask & allowed[..., None], limit, allowed=allowed)
         return None if stop >= 0 else (vertex, value)
+
+    def _turnless(self, some: Bools, limit: float, allowed: Bools | None = None) -> tuple[Ints, float, int, Bools]:
+        """The cheapest sequence over some (S, R, B) as if every turn fitted, its value, where it stopped, breaks."""
+        edges = self.edges.in_every_turn(self.grid.candidates.feasible)
+        return self.solve(some[..., None], limit, edges, loose=True, allowed=allowed)[:4]
+
+    def _turned(self, vertex: Ints, mask: Bools) -> Ints | None:
+        """The sequence with turns that lead on from station to station; None where these do not fit the mask."""
+        c, rows = self.grid.candidates, self.rows
+        return fitting(c, rows, vertex, joined(c, rows, vertex), mask, self.edges)
 
     def near_zero(self, vertex: Ints) -> Ints:
         """The sequence (S, 3) by whole turns nearer to zero at its end, where all of it can be, at the same price."""

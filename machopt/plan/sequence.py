@@ -139,7 +139,7 @@ def cheapest_sequence(
     S, R, B, T = feasible.shape
     inf = np.inf
     V = R * B * T
-    back = np.full((S, V), -1, np.int32)
+    back = np.empty((S, V), np.int32)  # read only where it was written: with tens of turns most never is
     reached = np.zeros((S, V), np.bool_)
     broken, exists_at = np.zeros(S, np.bool_), np.zeros(S, np.bool_)
     before = np.full(V, inf)  # cost to come at the last kept station
