@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -11,8 +13,11 @@ from test_pipeline import UP, C, R, small_job
 
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
-from machopt.plan.explain import all_breaks, explain_points, help_of, hints
-from machopt.plan.made import Plan
+from machopt.domain.stiffness import Discrepancy
+from machopt.model.elastic import ArmElasticity
+from machopt.plan.explain import _lost_by_shift, all_breaks, explain_points, help_of, hints, misfit_words
+from machopt.plan.made import Compensation, Plan
+from machopt.plan.points import reason_of
 
 
 @pytest.fixture(scope="module")
@@ -99,3 +104,52 @@ def test_a_place_between_two_points_is_a_break_of_its_own(made: Plan) -> None:
     point = int(np.searchsorted(made.path.index, one.after))
     both = lost(lost(made, row, Reason.LIMIT), point, Reason.LIMIT)
     assert all_breaks(both) == ()  # the point itself tells
+
+
+def test_a_misfit_of_the_stiffness_is_said_with_what_it_counts_for(made: Plan) -> None:
+    stiffness = made.setup.elasticity.stiffness
+    none = np.zeros((1, 6))
+    for counted, words in (
+        (True, "count in, in the mean"),
+        (False, "of the springs alone (discrepancy.counted: false)"),
+    ):
+        told = Discrepancy(
+            parts=tuple(f"joint {j}" for j in range(1, 7)), torque=np.ones(6), shift=none[0], modes=none, local=0.0,
+            left=6e-5, noise=2e-5, misfit=True, counted=counted,
+        )  # fmt: skip
+        other = ArmElasticity(
+            made.setup.robot, made.setup.arm.T_flange_tcp, replace(stiffness, discrepancy=told), None, None
+        )
+        said = misfit_words(replace(made, setup=replace(made.setup, elasticity=other)))
+        assert "0.06 mm of the readings it comes from, 3.0 times their noise of 0.02 mm" in said
+        assert words in said
+    assert misfit_words(made) == ""
+
+
+def test_what_a_shift_takes_away_is_said_with_its_size(made: Plan) -> None:
+    assert made.check is not None
+    assert made.setup.collision is not None
+    row, pair = made.path.runs[0][1], made.check.pair.copy()
+    offset = np.zeros((len(made.path.index), 3))
+    offset[row] = [0.0, 0.0, 3e-4]
+    shifted = replace(made, compensation=cast(Compensation, SimpleNamespace(offset=offset)))
+    for named, words in ((0, made.setup.collision.pairs[0].name), (-1, "0.300 mm")):
+        pair[row] = named
+        said = _lost_by_shift(replace(shifted, check=replace(made.check, pair=pair)), Reason.COLLIDING, row)
+        assert said.startswith("possible as programmed, but not with the compensation of 0.300 mm: ")
+        assert words in said
+
+
+def test_a_point_that_lost_its_way_has_the_reason_of_what_came_farthest(made: Plan) -> None:
+    row = made.path.runs[0][1]
+    s = min(int(np.searchsorted(made.path.stations, row)), len(made.path.stations) - 1)
+    no_path, reason = lost(made, row, Reason.NO_PATH), made.candidates.reason.copy()
+    assert reason_of(no_path, row) is Reason.NO_PATH  # some rotation works
+    assert reason_of(lost(made, row, Reason.LIMIT), row) is Reason.LIMIT
+    feasible = made.candidates.feasible.copy()
+    feasible[s] = False
+    for given, told in (((Reason.BOUNDS, Reason.LIMIT), Reason.LIMIT), ((Reason.BOUNDS,), Reason.BOUNDS)):
+        reason[s] = Reason.BOUNDS
+        reason[s, 0] = given[-1]
+        stopped = replace(no_path, candidates=replace(made.candidates, reason=reason.copy(), feasible=feasible))
+        assert reason_of(stopped, row) is told

@@ -6,6 +6,7 @@ import io
 import tokenize
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ import machopt
 from machopt.domain.cell import Shape
 from machopt.model.collision import CollisionModel
 from machopt.model.robot import load_chain
+from machopt.plan import rapids
 from machopt.plan.rapids import Blocked, RapidMove, plan_rapid, time_legs
 
 STEP, SAMPLE = np.deg2rad(1.0), 0.012
@@ -159,3 +161,17 @@ def test_ruckig_stays_offline() -> None:
     for file in Path(machopt.__file__).parent.rglob("*.py"):
         names = {t.string for t in tokenize.generate_tokens(io.StringIO(file.read_text()).readline)}
         assert word not in names, file
+
+
+def test_corners_that_chance_left_are_cut_where_the_line_is_free(monkeypatch: pytest.MonkeyPatch) -> None:
+    path, rng = np.random.default_rng(1).normal(size=(9, 6)), np.random.default_rng(2)
+    nobody = cast(CollisionModel, None)
+    monkeypatch.setattr(rapids, "_free", lambda *_: True)
+    np.testing.assert_array_equal(rapids._shortcut(nobody, path, STEP, rng), path[[0, -1]])
+    monkeypatch.setattr(rapids, "_free", lambda *_: False)
+    np.testing.assert_array_equal(rapids._shortcut(nobody, path, STEP, rng), path)
+    # only lines that stay on one side of the middle are free
+    side = np.arange(9) >= 4
+    at = {row.tobytes(): bool(s) for row, s in zip(path, side, strict=True)}
+    monkeypatch.setattr(rapids, "_free", lambda _, ends, __: at[ends[0].tobytes()] == at[ends[1].tobytes()])
+    np.testing.assert_array_equal(rapids._shortcut(nobody, path, STEP, rng), path[[0, 3, 4, 8]])

@@ -19,10 +19,11 @@ from machopt.domain.stiffness import Stiffness, StiffnessGrid, Term
 from machopt.formats.stiffness import load_stiffness
 from machopt.formats.toolpath import read_toolpath
 from machopt.model.elastic import ArmElasticity, joint_stiffness
+from machopt.plan.doubt import Doubt
 from machopt.plan.made import Plan
 from machopt.plan.points import point_results
 from machopt.plan.score import configuration_cost
-from machopt.plan.uncertainty import NINETY, Gain, Spread, cost_gradient, gains
+from machopt.plan.uncertainty import NINETY, Gain, Spread, bends, cost_gradient, gains
 
 ROOT = FilePath(__file__).resolve().parent.parent
 TERMS = (Term("link_compliance", "link:4", {"EI_Nm2": 3e6, "GJ_Nm2": 2e6}), Term("geometric_stiffness", "arm"))
@@ -243,3 +244,47 @@ def test_a_difference_in_the_last_digits_is_no_gain() -> None:
     assert not Gain("jiao2022", -4e-16, 7e-19).distinguishable
     assert not Gain("jiao2022", 5e-5, float("nan")).distinguishable
     assert Gain("jiao2022", 0.02, float("nan")).distinguishable
+
+
+@pytest.mark.parametrize("index", ["deflection", "stiffness", "jiao2022"])
+def test_ways_that_springs_may_be_off_change_the_cost_as_other_springs_do(index: Index) -> None:
+    """One standard deviation along each principal axis of the covariance, and nothing in the mean."""
+    p = planned("kr500 force")
+    rows = np.flatnonzero(p.path.counted)[::29]
+    q, k = p.chosen.assignment.q[rows], p.setup.elasticity.stiffness.joints
+    elasticity = ArmElasticity(p.setup.robot, p.setup.arm.T_flange_tcp, Stiffness(k, covariance(k, 0.1)))
+    doubt = Doubt.of_springs(elasticity)
+    assert doubt is not None
+    changed = doubt.cost(elasticity, p.directions, rows, q, index)
+    values, vectors = np.linalg.eigh(covariance(k, 0.1))
+    assert not changed[:, 0].any()
+    for n in range(6):
+        h, away = 1e-4, np.sqrt(values[n]) * vectors[:, n]
+        sides = [
+            configuration_cost(
+                elasticity, replace(p.directions, k=1.0 / (1.0 / p.directions.k + s * h * away)), rows, q, index
+            )
+            for s in (1.0, -1.0)
+        ]
+        slope = (sides[0] - sides[1]) / (2 * h)
+        np.testing.assert_allclose(changed[:, 1 + n], slope, rtol=1e-5, atol=1e-6 * np.abs(changed).max())
+    assert (doubt.own(p.directions, rows, index) == 0.0).all()  # a covariance says nothing of single poses
+    assert Doubt.of_springs(replace_stiffness(elasticity, Stiffness(k))) is None
+
+
+def replace_stiffness(e: ArmElasticity, stiffness: Stiffness) -> ArmElasticity:
+    return ArmElasticity(e.robot, e.T_flange_tcp, stiffness)
+
+
+def test_how_sure_a_deflection_is_follows_the_file() -> None:
+    """NaN without a covariance; with one that scales all springs alike, the same share of mean and of each point."""
+    p = planned("kr500 force")
+    k = p.setup.elasticity.stiffness.joints
+    mean, each = bends(with_stiffness(p, Stiffness(k)))
+    assert np.isnan(mean)
+    assert np.isnan(each).all()
+    judged = with_stiffness(p, Stiffness(k, np.outer(0.2 / k, 0.2 / k)))
+    mean, each = bends(judged)
+    rows = p.path.counted
+    assert mean == pytest.approx(0.2 * float(p.path.weight[rows] @ judged.chosen.cost[rows]), rel=1e-6)
+    np.testing.assert_allclose(each[rows], 0.2 * judged.chosen.cost[rows], rtol=1e-6)
