@@ -19,12 +19,14 @@ from machopt.version import __version__
 # Objects made between two looks for circles (Python's own: 700). Loading libraries makes a million that all stay, and
 # looking through them again and again takes a tenth of a short command.
 CIRCLES = 1_000_000
+BLAS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code of contracts: 0 done, 1 bug, 2 bad input, 3 infeasible, 4 verification."""
     gc.set_threshold(CIRCLES, *gc.get_threshold()[1:])
     _open_streams()
+    _one_blas_thread()
     args = _parser().parse_args(argv)
     try:
         code = int(args.run(args))
@@ -55,6 +57,15 @@ def main(argv: Sequence[str] | None = None) -> int:
             file=sys.stderr,
         )
         return 1
+
+
+def _one_blas_thread() -> None:
+    """BLAS on one thread, unless the user says otherwise: small matrices make its threads wait for each other.
+
+    On a machine that is not idle they made a diagnosis three times as dear. Work is spread by ``model.threads``.
+    """
+    if "numpy" not in sys.modules and not any(name in os.environ for name in ("OMP_NUM_THREADS", *BLAS)):
+        os.environ.update(dict.fromkeys(BLAS, "1"))
 
 
 def _open_streams() -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import binom
+from scipy.special import bdtrc
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
@@ -54,7 +54,7 @@ def column(recording: Recording, field: str, joint: int) -> str:
 def sign_test(before: Array, after: Array) -> float:
     """One-sided chance that a coin wins on as many stretches (S,) as ``after`` is below ``before``."""
     wins = int(np.sum(after < before))
-    return float(binom.sf(wins - 1, len(before), 0.5))
+    return float(bdtrc(wins - 1, len(before), 0.5))
 
 
 def by_stretch(x: Array) -> Array:

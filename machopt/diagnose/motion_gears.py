@@ -9,10 +9,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
+from machopt.diagnose.lowpass import zero_phase
 from machopt.diagnose.motion_frame import ARCMIN, Fit, Scene, curve, joint_law, one_joint
 from machopt.diagnose.motion_torque import gear_load
 from machopt.diagnose.problem import Curve, Hypothesis, Quantity, Shape
@@ -169,7 +169,6 @@ def drive(scene: Scene) -> tuple[Array, str] | None:
         return None
     tau = scene.recording.torque[m.index, : scene.joints]
     smooth = np.empty_like(tau)
-    sos = butter(2, min(2.0 * m.cutoff, 0.4 * m.rate), fs=m.rate, output="sos")
     for s in m.segments():
-        smooth[s] = sosfiltfilt(sos, tau[s], axis=0)
+        smooth[s] = zero_phase(tau[s], 2, min(2.0 * m.cutoff, 0.4 * m.rate), m.rate)
     return -smooth, "recorded torque, smoothed"

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfiltfilt, welch
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
+from machopt.diagnose.lowpass import zero_phase
 from machopt.diagnose.problem import Ints
 from machopt.domain.recording import Recording
 from machopt.errors import InputError
@@ -159,10 +159,10 @@ def signals(recording: Recording, joints: int, readings: int = READINGS, *, repe
     grid, on_grid = _even(time[longest], known[longest], dt if uneven > calibrated.MOTION.uneven else 0.0)
     cutoff = _cutoff(on_grid, rate, window)
     v, a = np.empty_like(q), np.empty_like(q)
-    sos = butter(4, min(cutoff, 0.45 * rate), fs=rate, output="sos")
     for s in spans:
         grid, on_grid = _even(time[s], speed[s], dt if uneven > calibrated.MOTION.uneven else 0.0)
-        smooth = sosfiltfilt(sos, on_grid, axis=0, padlen=min(len(grid) - 1, 3 * round(rate / cutoff)))
+        padding = min(len(grid) - 1, 3 * round(rate / cutoff))
+        smooth = zero_phase(on_grid, 4, min(cutoff, 0.45 * rate), rate, padding)
         v[s] = _at(time[s], grid, smooth)
         a[s] = _at(time[s], grid, np.gradient(smooth, grid, axis=0))
     period, length = np.full(len(q), -1, np.int64), 0.0
@@ -229,6 +229,8 @@ def _cutoff(x: Array, rate: float, window: str) -> float:
 
     Of encoders alone their positions (M, n) tell: noise is even there, but grows with frequency in their derivative.
     """
+    from scipy.signal import welch  # takes seconds to import
+
     f, power = welch(x, rate, window=window, nperseg=min(len(x), 1024), axis=0)
     floor = np.median(power[2 * len(f) // 3 :], axis=0)
     above = np.flatnonzero((power > 10.0 * floor).any(axis=1) & (f > 0))
