@@ -9,9 +9,11 @@ import shutil
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from external_cell import external_folder
 
 from machopt.domain.reason import Reason
 from machopt.domain.stiffness import Term
@@ -27,6 +29,7 @@ from machopt.verify.arm import Arm as PinocchioArm
 from machopt.workspace.along import JUMP, follow
 from machopt.workspace.fields import FIELDS, Load, Setting, evaluate, offered
 from machopt.workspace.idw import inside_hull, interpolate_idw, joint_from_tip_stiffness, leave_one_out
+from machopt.workspace.mapping import setting_of
 from machopt.workspace.postures import Arm, candidates, choose_postures, place_turns, tool_poses
 from machopt.workspace.samples import even, farthest_reach, straight_line, trimmed
 
@@ -689,3 +692,29 @@ def test_an_earlier_map_is_replaced_whole(tmp_path: Path) -> None:
     make_map(tmp_path / "m", fixed_rotation=True, **SMALL)
     assert not (tmp_path / "m" / "map_free.csv").exists()
     assert [p.name for p in tmp_path.iterdir()] == ["m"]
+
+
+def test_what_the_stiffness_file_counts_in_is_said(tmp_path: Path) -> None:
+    """A misfit, and axes beside the arm that give: in map.json and on the page."""
+    folder = external_folder(tmp_path, rail=True)
+    file = folder / "stiffness.yaml"
+    file.write_text(
+        file.read_text() + "external_joints: {rail: {stiffness_N_mm: 2.0e+3}}\n"
+        "discrepancy: {left_mm: 0.3, noise_mm: 0.03, misfit: true, torques_Nm: [500, 500, 500, 500, 500, 500], "
+        "parts: [base ry], shift: [2.0e-8], modes: [[5.0e-9]]}\n"
+    )
+    out = tmp_path / "out"
+    asked = {"ranges": ("x=900:1200", "z=500:900"), "steps": ("300",), "collision": "none"}
+    done = run_map(Request(cell=folder, out=out, **asked))
+    said = " ".join(done.result.warnings)
+    assert "leaves 0.3 mm of the readings it comes from, 10.0 times their noise" in said
+    assert "Stiffness and deflection count in, in the mean, what the readings show" in said
+    assert "what rail give there counts in" in said
+    assert "leaves 0.3 mm of the readings" in (out / "report.html").read_text()
+    asked_for = SimpleNamespace(length=0.5, T_base_frame=np.eye(4), load=None)
+    setting = setting_of(load_cell(folder), load_robot(load_cell(folder)), asked_for)
+    assert setting.beside is not None
+    rigid = replace(setting, beside=None)
+    q = np.array([[0.2, -1.0, 1.1, 0.1, 0.8, 0.0]])
+    more = setting.at(q).tip[0] - rigid.at(q).tip[0]
+    assert np.allclose(more, np.diag([0.0, 1.0 / 2e6, 0.0]), rtol=1e-9, atol=1e-15)  # the rail slides along y

@@ -317,3 +317,10 @@ def test_a_shift_before_the_first_move_moves_every_point(tmp_path: Path, name: s
     (tmp_path / name).write_text(head + tail)
     t = read_toolpath(tmp_path / name)
     assert np.allclose(mm(t), [[10, -4, 5], [10, -4, -1], [30, -4, -1]])
+
+
+@pytest.mark.parametrize("between", ["", "T2 M6\n", "M8\n"])
+def test_a_speed_on_a_line_of_its_own_starts_the_spindle_once(tmp_path: Path, between: str) -> None:
+    found = read(tmp_path, f"G21 G90 G17\nS6000\n{between}M3\nG0 X0 Y0 Z5\nG1 Z-1 F300\nS8000\nG1 X20\nM5\nM30\n")
+    spindle = [(e.text, e.value) for e in found.events if e.kind == "spindle"]
+    assert spindle == [("M3", 6000.0), ("S8000", 8000.0), ("M5", 0.0)]

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from external_cell import external_folder
 from test_retime import make
 
+from machopt.cli import main
 from machopt.domain.toolpath import Event, Move, Operation, Toolpath
 from machopt.errors import InputError
 from machopt.plan.legs import BEFORE_ALL, Leg, rests
@@ -150,3 +153,13 @@ def test_nothing_is_asked_where_the_file_neither_dwells_nor_stops() -> None:
     t = toolpath(Event(2, "spindle", "M3", 100.0))
     none: Any = None
     assert check_rests(none, t, none, none, none, none) == []
+
+
+def test_a_dwell_between_moves_to_where_the_tool_stands(tmp_path: Path) -> None:
+    """G0, G1 to the same place, a dwell, again such a move, and on: where it stands is told."""
+    folder, job = external_folder(tmp_path, rail=True), tmp_path / "job.nc"
+    job.write_text("G21 G90 G17\nG0 X60 Y0 Z0\nG1 X60 F1200\nG4 P0.5\nG1 X60\nG1 X90\nG0 Z20\nM30\n")
+    asked = ["optimize", str(folder), str(job), "-o", str(tmp_path / "out"), "--quiet", "--post", "krl"]
+    assert main([*asked, "--set", "external.e1.mode=locked"]) == 0
+    program = (tmp_path / "out" / "job_nc.src").read_text()
+    assert program.index("WAIT SEC 0.5") < program.index("LIN {X 90.0000")

@@ -19,6 +19,7 @@ from machopt.domain.stiffness import Stiffness
 from machopt.errors import InputError
 from machopt.formats.options import load_options, without_effect
 from machopt.model.bodies import Body, inside, tool_bodies, triangles_of
+from machopt.model.collision import remedy
 from machopt.model.ik import branch_reasons
 from machopt.plan.axes import axes_of
 from machopt.plan.drive import refuse_fixed_elsewhere
@@ -74,12 +75,12 @@ def review(cell: Cell) -> Iterator[Finding]:
     if setup.collision is not None:
         hit = setup.collision.check(_home(cell), np.zeros(1, bool))
         if hit.any:
-            pair = setup.collision.pairs[int(hit.pair[0])].name
+            pair, near = setup.collision.pairs[int(hit.pair[0])], 1e3 * options.clearance
             yield Finding(
                 "error",
                 "robot.home_deg",
-                f"{pair} touch at home, or are nearer than {1e3 * options.clearance:g} mm; no motion begins there. "
-                "Another home would work, or, where they are built so, ignore_pairs",
+                f"{pair.name} touch at home, or are nearer than {near:g} mm; no motion begins there. "
+                f"Another home would work{remedy(pair)}",
             )
     yield from _reach(cell, setup)
 

@@ -57,6 +57,25 @@ class Discrepancy:
     local: float = 0.0  # m/N, 1 sigma of a coordinate's compliance that each pose has for itself beside all that
     counted: bool = True
 
+    def told(self, what: str, sure: str = "") -> str:
+        """What it says of its own misfit, and whether ``what`` (a plural) counts that in; empty where there is neither.
+
+        Args:
+            sure: a sentence on how sure these then are.
+        """
+        counts = self.counted and bool(self.shift.any())
+        mean = f"{what} count in, in the mean, what the readings show beyond the file's springs."
+        if not self.misfit:
+            return f"{mean} (discrepancy of the stiffness file)" if counts and not sure else ""
+        times = self.left / self.noise if self.noise > 0 else np.inf
+        if not self.counted:
+            mean = f"{what} are of the springs alone (discrepancy.counted: false)."
+        return (
+            f"The stiffness leaves {1e3 * self.left:.3g} mm of the readings it comes from, {times:.1f} times their "
+            f"noise of {1e3 * self.noise:.3g} mm: physics is missing in it. {mean} {sure}machopt diagnose looks for "
+            "what is missing."
+        )
+
 
 @dataclass(frozen=True)
 class ExternalSpring:

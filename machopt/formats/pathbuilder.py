@@ -191,6 +191,16 @@ class PathBuilder:
         """Something that happens before the move to the next point starts."""
         self._events.append(Event(len(self), kind, text.strip()[:MAX_EVENT_TEXT], value))  # type: ignore[arg-type]
 
+    def take_back(self, kind: str, text: str) -> None:
+        """Drop the last event of its kind, if it is this one and stands here: what follows says it all (S8000, M3)."""
+        for k in range(len(self._events) - 1, -1, -1):
+            event = self._events[k]
+            if event.index != len(self) or (event.kind == kind and event.text != text):
+                return
+            if event.kind == kind:
+                del self._events[k]
+                return
+
     def ignore(self, word: str, line: int, *, understood: bool) -> None:
         """Count a word without effect here; with ``strict`` the first not understood one is refused."""
         key = (word, understood)

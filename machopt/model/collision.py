@@ -162,7 +162,7 @@ class CollisionModel:
         self.excluded: tuple[Excluded, ...] = (*self._exclude(wanted), *told)
         at_home = self._touching(np.append(cell.home, cell.external_home)[None, : self._lines.columns])
         self.suspicious: tuple[str, ...] = tuple(
-            f"{p.name} touch or are nearer than the clearance at the home pose{_remedy(p)}"
+            f"{p.name} touch or are nearer than the clearance at the home pose{remedy(p)}"
             for p, hit in zip(self.pairs, at_home[0], strict=True)
             if hit
         )
@@ -432,7 +432,7 @@ def _none(count: int) -> Contacts:
     return Contacts(np.zeros(count, bool), np.full(count, -1, np.int32), np.full(count, np.nan))
 
 
-def _remedy(pair: Pair) -> str:
+def remedy(pair: Pair) -> str:
     """What would let two bodies touch that the robot itself is built of."""
     if not set(pair.kinds) <= {"link", "tool"}:
         return ""

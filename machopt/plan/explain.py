@@ -6,8 +6,10 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.domain.reason import Reason
+from machopt.model.collision import Pair, remedy
 from machopt.plan.breaks import Break
 from machopt.plan.carried import carried
+from machopt.plan.intoreach import into_reach
 from machopt.plan.made import Plan
 from machopt.plan.settled import settled_words
 from machopt.plan.wrongunit import reach_of
@@ -77,19 +79,22 @@ def _towards(plan: Plan, point: int) -> str:
     at = arm.places(plan.path.external[[point]], plan.path.position[[point]])[0]
     middle = plan.setup.robot.point[1]  # axis 2, the shoulder
     way = middle - at
-    size, short = float(np.linalg.norm(way)), 1e3 * shortfall_of(plan, point)
-    x, y, z = short * way / size if size > 0 else np.zeros(3)
+    size = float(np.linalg.norm(way))
+    moved = into_reach(plan, point)
     far = f"the tip is {1e3 * size:,.0f} mm from the shoulder"
     extent = float(np.linalg.norm(np.ptp(plan.path.position, axis=0)))
     unit = "; is the workpiece frame in mm?" if size > FAR else ""
     if extent > reach_of(plan.setup.robot, plan.setup.arm.T_flange_tcp):
         unit += f"; the path is {extent:.3g} m long: does --unit have to say another unit?"
+    x, y, z = 1e3 * moved.by
+    part = f"moving the part by about ({x:.0f}, {y:.0f}, {z:.0f}) mm in the robot's base"
+    whom = "" if moved.points == 1 else f" all {moved.points} points out of reach"
+    if not moved.all:
+        whom = f" this point, not all {moved.points} out of reach"
     option = carried(plan, point, out_of_reach=True).help
     if option:
-        return (
-            f"{option} would help; so would moving the part by about ({x:.0f}, {y:.0f}, {z:.0f}) mm in the robot's base"
-        )
-    return f"moving the part by about ({x:.0f}, {y:.0f}, {z:.0f}) mm in the robot's base would help ({far}{unit})"
+        return f"{option} would help; so would {part}{' for' if whom else ''}{whom}"
+    return f"{part} would help{whom} ({far}{unit})"
 
 
 def shortfall_of(plan: Plan, point: int) -> float:
@@ -110,7 +115,7 @@ def _sentence(plan: Plan, s: int, reason: Reason, point: int) -> str:
     if reason == Reason.COLLIDING and plan.check is not None and plan.setup.collision is not None:
         k = int(plan.check.pair[point])
         if k >= 0:
-            return f"{plan.setup.collision.pairs[k].name} touch or come nearer than the clearance"
+            return _too_near(plan.setup.collision.pairs[k])
     if feasible:
         return (
             f"{feasible} of {len(rotations)} rotations work here, but none can be reached from the neighbouring "
@@ -150,7 +155,7 @@ def _lost_by_shift(plan: Plan, reason: Reason, point: int) -> str:
     if reason == Reason.COLLIDING and plan.check is not None and plan.setup.collision is not None:
         k = int(plan.check.pair[point])
         if k >= 0:
-            return f"{what}{plan.setup.collision.pairs[k].name} touch or come nearer than the clearance"
+            return f"{what}{_too_near(plan.setup.collision.pairs[k])}"
     return what + _SHIFTED.get(reason, "no configuration of the same branch is there")
 
 
@@ -185,6 +190,11 @@ _HELP = {
 }
 
 
+def _too_near(pair: Pair) -> str:
+    own = remedy(pair) if set(pair.kinds) == {"link"} else ""  # a spindle at a link is no matter of how an arm is built
+    return f"{pair.name} touch or come nearer than the clearance{own}"
+
+
 def _limiting_joint(plan: Plan, s: int) -> str:
     """The joint whose limit is missed by least, and by how much."""
     arm = plan.setup.arm
@@ -197,22 +207,13 @@ def _limiting_joint(plan: Plan, s: int) -> str:
     return f" (nearest: joint {joint + 1} by {np.degrees(over[best][joint]):.1f}°)"
 
 
+SURE = "They are only as sure as their intervals say; "
+
+
 def misfit_words(plan: Plan) -> str:
     """What the stiffness file says of its own misfit; empty where its readings say nothing against it."""
     d = plan.setup.elasticity.stiffness.discrepancy
-    if d is None or not d.misfit:
-        return ""
-    times = d.left / d.noise if d.noise > 0 else np.inf
-    mean = "Gain, deflection and compensation are of the springs alone (discrepancy.counted: false)."
-    if d.counted:
-        mean = (
-            "Gain, deflection and compensation count in, in the mean, what the readings show beyond the file's springs."
-        )
-    return (
-        f"The stiffness leaves {1e3 * d.left:.3g} mm of the readings it comes from, {times:.1f} times their noise of "
-        f"{1e3 * d.noise:.3g} mm: physics is missing in it. {mean} They are only as sure as their intervals say; "
-        "machopt diagnose looks for what is missing."
-    )
+    return "" if d is None else d.told("Gain, deflection and compensation", SURE)
 
 
 def hints(plan: Plan) -> tuple[str, ...]:

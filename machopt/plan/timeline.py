@@ -193,19 +193,34 @@ class _Builder:
         down = self._straight(start, self.x[first], first, Move.APPROACH, lift_in) if lift_in else None
         up = self._straight(self.x[last], end, last, Move.RETRACT, lift_out) if lift_out else None
         run: Leg | Break | None = None
+        held: Leg | None = None
         if isinstance(down, Break) or isinstance(up, Break):
             return down if isinstance(down, Break) else up  # type: ignore[return-value]  # one of them is a break
         if last > first and np.ptp(self.path.s[first : last + 1]) > 0:
-            run = self._run(first, last)
+            begin = self._stood_until(first, last)
+            held = self._touch(first, begin) if begin > first else None
+            run = self._run(begin, last)
         elif last > first or self.path.move[first] != Move.RAPID:
             run = self._touch(first, last)
         if isinstance(run, Break):
             return run
-        legs = [leg for leg in (to, down, run) if leg is not None]
+        legs = [leg for leg in (to, down) if leg is not None]
         if run is not None and last > first:  # where it begins, the machine stands before
-            legs[-2] = legs[-2].standing(-1, self._samples_at(first))
+            legs[-1] = legs[-1].standing(-1, self._samples_at(first))
+        if held is not None:
+            legs.append(held.standing(-1, self._samples_at(begin)))
+        legs += [] if run is None else [run]
         legs[-1] = legs[-1].standing(-1, self._samples_at(last))
         return legs + ([] if up is None else [up]), _Place(end, float(index[last]), last)
+
+    def _stood_until(self, first: int, last: int) -> int:
+        """The last planning point at the place where a stretch begins, if the file rests there behind its first one.
+
+        A motion along the path passes such points all at once, and could not say where it stands.
+        """
+        there = first + int(np.searchsorted(self.path.s[first : last + 1] - self.path.s[first], 0.0, side="right")) - 1
+        index = self.path.index[first + 1 : there + 1]
+        return there if any(round(float(i)) in self.rests for i in index) else first
 
     def _samples_at(self, row: int) -> int:
         """How many samples the machine stands at a planning point."""
@@ -318,7 +333,9 @@ class _Builder:
             gamma=np.full(n, np.nan),
             waypoints=self._told(self.q[[last]]),
             waypoint_index=self.path.index[[last]],
-            waypoint_feed=np.array([self.options.approach_feed]),
+            waypoint_feed=self.path.feed[[last]]
+            if self.path.feed[last] > 0
+            else np.array([self.options.approach_feed]),
             external=np.repeat(self.path.external[[first]], n, axis=0),
             waypoint_external=self.path.external[[last]],
         )

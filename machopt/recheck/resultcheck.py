@@ -29,7 +29,7 @@ from machopt.output.jsonfile import plain, read_json
 from machopt.output.manifest import MANIFEST, listed
 from machopt.output.roles import BATCH_ROLES
 from machopt.recheck.resultform import wrong_parts
-from machopt.recheck.resultnumbers import BETWEEN, PRINTED, compensation, front, objective
+from machopt.recheck.resultnumbers import PRINTED, between, compensation, front, objective
 from machopt.recheck.resultprograms import programs
 from machopt.recheck.scope import checked, done, not_run, unchecked
 from machopt.recheck.told import AGREE, DIGITS, Points, Told, known, near, same, same_items, short
@@ -173,7 +173,7 @@ def _tools(t: Told) -> Iterable[str]:
         own = cost[s.first : s.stop]
         if p.worst_index is not None and np.isfinite(own).any() and scale > 0:
             most = float(np.nanmax(own))
-            if not most * (1 - PRINTED) <= p.worst_index <= most * BETWEEN:
+            if not most * (1 - PRINTED) <= p.worst_index <= most * between(t):
                 yield f"tools: the worst index with {s.tool} is {p.worst_index:.6g}, points.csv has {most:.6g}"
 
 

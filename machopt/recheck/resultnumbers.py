@@ -11,10 +11,19 @@ from machopt.recheck.told import DIGITS, Points, Told, known, near, same, short
 from machopt.verify.table import read_columns
 
 PRINTED = 2e-6  # relative: tables print seven significant digits
-BETWEEN = 1.5  # a planning point between toolpath points is no softer than this times the worst of them
+BETWEEN = 1.5  # a planning point between near toolpath points is no softer than this times the worst of them
 NINETY = 1.6448536269514722  # standard deviations of a 90 % interval
 CROWDED = 0.2  # of the nearness: places between two points may be nearer or farther than both
 NONE_PERCENT = 0.01  # a smaller difference of the means is no gain
+
+
+def between(t: Told) -> float:
+    """How many times the worst of the points what lies between them may be.
+
+    Compliance goes with the square of the lever, which a move of L m changes by no more than L; arms reach a metre.
+    """
+    step = np.linalg.norm(np.diff(t.toolpath.position, axis=0), axis=1)[t.toolpath.cutting[1:]]
+    return float(BETWEEN * (1.0 + step.max(initial=0.0)) ** 2)
 
 
 def objective(t: Told) -> Iterable[str]:
@@ -53,7 +62,7 @@ def objective(t: Told) -> Iterable[str]:
     cost = Points.read(t).cost(t)
     if own.worst is not None and np.isfinite(cost).any():
         told, most = own.worst * known("index_scale", t.result.index_scale), float(np.nanmax(cost))
-        if not most * (1 - PRINTED) <= told <= most * BETWEEN:
+        if not most * (1 - PRINTED) <= told <= most * between(t):
             yield f"objective.chosen.worst is {told:.6g} in the index's unit, points.csv has {most:.6g}"
         if not 0.0 < known("chosen.mean", own.mean) <= own.worst:
             yield "objective.chosen.mean is not between nothing and the worst"

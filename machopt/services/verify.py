@@ -10,6 +10,7 @@ from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.toolchoice import with_tools
 from machopt.output.manifest import read_manifest
+from machopt.recheck.age import made_otherwise
 from machopt.recheck.folder import verify_folder
 from machopt.recheck.inforce import Request, in_force
 from machopt.recheck.scope import not_run, unchecked
@@ -58,7 +59,8 @@ def _verified(request: Request) -> Verified:
     found = replace(found, checks=(*used.checks, *found.checks))
     missing = (*unchecked(cell, used.options, used.toolpath), *not_run(found.checks))
     if not found.ok:
-        return Verified(found, 4, with_scope("verification failed", missing), used.notes)
+        older = made_otherwise(request.out, manifest)
+        return Verified(found, 4, with_scope("verification failed", missing), (*used.notes, *older))
     if not found.samples:
         words = "intact, but without a motion: there was no feasible answer"
         return Verified(found, 3, with_scope(words, missing), used.notes)

@@ -110,26 +110,27 @@ def _cut_moves(said: ReadProgram, place: Array, cuts: Cuts, reached: NDArray[np.
     count = j - first + 1
     nth = np.repeat(np.arange(len(k)), count)  # of each move: which point's cut it belongs to
     move = first[nth] + np.arange(len(nth)) - np.repeat(np.cumsum(count) - count, count)
+    step = np.abs(np.diff(np.hstack([path.position, path.axis]), axis=0)).max(axis=1)
+    still = np.append(False, step < 1e-9)[k]  # nothing moves to what is reached already
+    T = said.T_workpiece_tcp
+    same = np.append(False, np.abs(np.diff(T, axis=0)).max(axis=(1, 2)) < 1e-9)
     bent = np.zeros(len(k), bool)
     if not said.streamed:
         bent[nth[said.kind[move] != LIN]] = True
+        bent &= ~still
     joint = [name(n) for n in np.flatnonzero(bent).tolist()]
     fast, worst_feed = [], 0.0
     if not said.streamed:
         want = path.feed[k]
         off = np.abs(said.feed[move] - want[nth])
         off[np.isnan(off)] = np.inf
-        step = np.abs(np.diff(np.hstack([path.position, path.axis]), axis=0)).max(axis=1)
-        still = np.append(False, step < 1e-9)[k]  # nothing moves to what is reached already
-        asked = (np.isfinite(want) & ~bent & ~still)[nth]
+        asked = (np.isfinite(want) & ~bent & ~still)[nth] & ~same[move]
         worst_feed = float(off[asked].max(initial=0.0))
         wrong = asked & ~(off <= said.feed_step + FEED_SHARE * want[nth])
         for n in np.unique(nth[wrong])[:MOST_NAMED].tolist():
             m = move[nth == n][int(np.argmax(off[nth == n]))]
             fast.append(f"{name(n)}: {6e4 * said.feed[m]:g} instead of {6e4 * want[n]:g} mm/min")
     off_line, double, worst_line = [], [], 0.0
-    T = said.T_workpiece_tcp
-    same = np.append(False, np.abs(np.diff(T, axis=0)).max(axis=(1, 2)) < 1e-9)
     repeats = np.append(0, np.cumsum(same))
     far = np.append(False, np.linalg.norm(np.diff(path.position, axis=0), axis=1) > 1e-6)
     for n in np.flatnonzero((k > 0) & (first < j) & ~bent).tolist():  # where moves lead on between two points
@@ -191,6 +192,14 @@ def _repeats(path: Toolpath, k: int) -> int:
     return count
 
 
+def _repeated(path: Toolpath, k: int) -> int:
+    """How many points from k on are the place of the point before with its axis."""
+    count = 0
+    while k > 0 and k + count < len(path) and _repeats(path, k + count) > count:
+        count += 1
+    return count
+
+
 def _arrives(place: Array, point: Array, before: int, limit: float) -> int:
     """The last move ahead of ``before`` that ends at ``point``, among the few before it; −1 for none."""
     rows = place[max(before - 64, 0) : before]
@@ -227,10 +236,12 @@ def _events(said: ReadProgram, cuts: Cuts, reached: NDArray[np.int64], at_index:
         if not text.startswith(back) or bool(text) != bool(back):
             wrong.append(f"{read.text[:30]!r} instead of {event.text[:30]!r}")
             continue
+        beyond = event.index + _repeated(cuts.toolpath, event.index)  # points that nothing moves to tell no order
         nth = int(np.searchsorted(points, event.index))  # points before the event
         # of a streamed program the sample nearest to the point may lie behind it; its index, below, tells
         early = nth > 0 and read.index <= reached[points[nth - 1]] - int(said.streamed)
-        late = nth < len(points) and read.index > reached[points[nth]]
+        behind = int(np.searchsorted(points, beyond))
+        late = behind < len(points) and read.index > reached[points[behind]]
         if len(finite) and 0 < read.index < len(known):
             slack = _beside(cuts, event.index, 0.0 if said.streamed else BESIDE + said.place_step)
             first = bool(known[read.index] <= event.index - 1 + slack)
@@ -238,7 +249,8 @@ def _events(said: ReadProgram, cuts: Cuts, reached: NDArray[np.int64], at_index:
                 first = first and not _at_point(said, cuts, event.index, read.index, known)
             early |= first and not _stands(said, cuts, event.index, read.index, known)
             settled = finite[0] < read.index and event.index < len(cuts.position)  # the ways from and to home have none
-            late |= settled and bool(known[read.index - 1] > event.index - 1 + slack)
+            slack = slack if beyond == event.index else _beside(cuts, beyond, 0.0 if said.streamed else BESIDE)
+            late |= settled and bool(known[read.index - 1] > beyond - 1 + slack)
         if early or late:
             wrong.append(f"{event.text[:30]!r} stands too {'early' if early else 'late'}: before move {read.index + 1}")
     return [Check(name, not wrong, float(len(wrong)), 0.0, "events", "; ".join(wrong[:MOST_NAMED]) or "all in place")]

@@ -233,12 +233,25 @@ def _limits(setting: Setting) -> str:
     return ", ".join(f"{name} {low:.4g} to {high:.4g}" for name, low, high in pairs) + " deg"
 
 
+def _external(setting: Setting) -> list[str]:
+    names = [s.joint for s in setting.elasticity.stiffness.external if s.gives] if setting.elasticity else []
+    if not names:
+        return []
+    return [
+        f"external joints stand at home, and what {', '.join(names)} give there counts in at every place, as if the "
+        "part were there"
+    ]
+
+
 def _hints(samples: Samples, layers: list[Layer], setting: Setting) -> list[str]:
     out = []
     if setting.elasticity is None:
         out.append("the cell has no stiffness: only dexterity and distance from the limits are mapped")
     else:
         out += setting.elasticity.warnings
+        d = setting.elasticity.stiffness.discrepancy
+        out += [said] if d is not None and (said := d.told("Stiffness and deflection")) else []
+        out += _external(setting)
     for layer in layers:
         if "deflection" not in layer.values.value:
             break

@@ -77,6 +77,8 @@ class AuxiliaryReader(CallReader):
     def m_words(self, m_words: list[int], words: dict[str, float], line: int) -> None:
         for m in m_words:
             if m in (3, 4, 5):
+                if m != 5:
+                    self.out.take_back("spindle", f"S{self.rpm:g}")
                 self.out.event("spindle", f"M{m}", 0.0 if m == 5 else self.rpm)
             elif m in (7, 8, 9):
                 self.out.event("coolant", f"M{m}")
@@ -100,6 +102,7 @@ class AuxiliaryReader(CallReader):
             elif m in (129, 429, 430):
                 self.use_tcp(None, line)
             elif m in (13, 14):  # spindle and coolant in one word
+                self.out.take_back("spindle", f"S{self.rpm:g}")
                 self.out.event("spindle", f"M{m}", self.rpm)
                 self.out.event("coolant", f"M{m}")
             elif m not in PROGRAM_END and m != 91 and not (m == 17 and self.siemens):
