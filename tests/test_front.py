@@ -70,5 +70,5 @@ def test_picture_of_the_front_has_axes_even_where_all_plans_are_one() -> None:
     for points in ((point,), (point, replace(point, name="less travel", mean=0.42, cycle=11.0, dominated=True))):
         page = str(front_section(SimpleNamespace(front=points, summary=SimpleNamespace(quantity="deflection"))))  # type: ignore[arg-type]
         assert "cycle time (s)" in page
-        assert "mean deflection mm</text>" in page
+        assert "mean deflection (mm)</text>" in page
         assert "nan" not in page

@@ -199,6 +199,7 @@ def evil_identification() -> str:
             compliances=np.full(6, 1e-6),
             covariance=1e-16 * np.eye(6),
             rmse=1e-5,
+            explained=0.99,
             heldout_rmse=1e-5,
             displacement=1e-3,
             condition_number=3.0,

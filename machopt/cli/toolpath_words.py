@@ -99,7 +99,8 @@ def _gain_lines(result: OptimizeResult) -> list[str]:
         if gain.mean_percent is None or gain.over == result.chosen_from:
             continue
         share, std = gain.mean_percent, gain.std_percent
-        if std is None and not gain.distinguishable:
+        nothing = not gain.distinguishable and abs(share) < 0.05 and (std or 0.0) < 0.05  # no digit of it would show
+        if nothing or (std is None and not gain.distinguishable):
             lines.append(f"  no gain over {gain.over}: the same {what}")
             continue
         decimals = int(abs(share) < 10 if std is None else std < 1.5)
@@ -109,7 +110,8 @@ def _gain_lines(result: OptimizeResult) -> list[str]:
             continue
         low, high = sorted(_nan(v) if share >= 0 else -_nan(v) for v in gain.ci90 or ())
         text += f" ± {std:.{decimals}f} % {'less' if share >= 0 else 'more'}"
-        lines.append(f"{text} (90 %: {low:.{decimals}f} to {high:.{decimals}f} %)")
+        low, high = (round(v, decimals) + 0.0 for v in (low, high))  # no −0.0
+        lines.append(f"{text} (90 %: {low:.{decimals}f} to {high:.{decimals}f} %)".replace("-", "−"))
         if not gain.distinguishable:
             lines.append("    less than rounding or the stiffness model's own uncertainty: not distinguishable")
     return lines

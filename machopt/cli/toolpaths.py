@@ -186,7 +186,11 @@ def _inspect_robot(args: argparse.Namespace) -> int:
     from machopt.services.look import look
 
     if args.html is not None:
-        raise InputError("pictures are drawn of toolpaths; a cell is told without --html", where="--html")
+        raise InputError(
+            "found a cell, --html draws toolpaths; 'machopt view CELL' shows a cell in a browser, "
+            "'machopt validate CELL --picture FILE.svg' draws it",
+            where="--html",
+        )
     found = look(args.file, allow_external=args.allow_external)
     if args.json:
         print(json.dumps(finite(found), ensure_ascii=False))

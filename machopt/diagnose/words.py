@@ -102,4 +102,6 @@ def _size(value: float, unit: str) -> str:
 
 
 def _number(value: float) -> str:
-    return f"{value:.3g}"
+    return (
+        f"{value:.3g}" if abs(value) < 1e3 or abs(value) >= 1e5 else f"{float(f'{value:.3g}'):.0f}"
+    )  # 1980, no 1.98e+03

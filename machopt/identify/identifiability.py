@@ -158,7 +158,7 @@ def _judge(
             reason = f"no reading puts {'any torque' if none else f'more than {torque:.3g} N·m'} on {unknown.name}"
             if np.isfinite(one) and scale > 0 and not none:
                 reason += (
-                    f", which moves the TCP by at most {1e6 * _most_moved(fit, j, scale):.2g} µm at "
+                    f", which moves the TCP by at most {1e6 * _most_moved(fit, j, scale):.0f} µm at "
                     f"{1 / scale:.3g} N·m/rad; a load with a longer lever arm about its axis would show it"
                 )
     elif not np.isfinite(uncertainty.sigma[j]) and not partner:

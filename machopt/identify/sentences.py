@@ -51,7 +51,7 @@ def warnings(
         )
     if own.explained < EXPLAINS_LITTLE:
         out.append(
-            f"the model explains only {100 * own.explained:.0f} % of the displacements"
+            f"the model explains only {100 * own.explained:.0f} % of the squared displacements"
             if own.explained > 0
             else "the model explains none of the displacements"
         )

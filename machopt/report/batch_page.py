@@ -139,7 +139,7 @@ def _ranking(data: BatchData) -> Body:
         Column("Toolpath", "html"),
         Column("Variant"),
         Column("Verdict", "html"),
-        Column("Gain (%)", "html"),
+        Column("Gain over the CAM default (%)", "html"),
         Column("Gain over jiao2022 (%)", "n"),
         Column("Mean", "n"),
         Column("Worst", "n"),

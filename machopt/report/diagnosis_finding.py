@@ -60,7 +60,7 @@ def goes_into(correction: Correction | None) -> str:
     """Where what was found is written."""
     if correction is None:
         return "No correction is written for it: the planner's model has no such law."
-    values = ", ".join(f"{k} {_value(v)}" for k, v in correction.parameters.items())
+    values = ", ".join(f"{k} {_value(v)}" for k, v in correction.parameters.items() if k != "message")
     which = f"{correction.effect} {correction.location}{f' ({values})' if values else ''}"
     if isinstance(correction, RecordCorrection):
         return f"Stays in the diagnosis, the robot's model is not touched by it: {which}."
@@ -71,10 +71,12 @@ def goes_into(correction: Correction | None) -> str:
 
 def _cards(f: Finding, unit: str) -> list[tuple[str, str, str]]:
     gain = 1.0 - (f.after / f.before) ** 2 if f.before > 0.0 else math.nan
+    held = "error of the record's own fit" if f.record else "held-out error"
+    without = held if f.record else f"{held}, other findings in"
     return [
-        ("Without it", sized(f.before, unit), "held-out error, other findings in"),
-        ("With it", sized(f.after, unit), "held-out error"),
-        ("Closes", percent(gain), "of the held-out power"),
+        ("Without it", sized(f.before, unit), without),
+        ("With it", sized(f.after, unit), held),
+        ("Closes", percent(gain), "of its square"),
         ("p", chance(f.p_value), "of the whole search"),
     ]
 

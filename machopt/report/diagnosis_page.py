@@ -127,10 +127,11 @@ def _where(data: DiagnosisPage) -> Body:
         body += part("heading", "In the data")
         body += part("lead", "How much of it sits in which part of the readings.")
         body += share_bars(places, "Share of the mismatch by part of the data")
+    by_chance = f" (p {chance(d.mismatch_p)} that noise alone does this)" if math.isfinite(d.mismatch_p) else ""
     lead = (
-        f"Repeatable mismatch of the refitted model: {sized(d.repeatable, d.unit)} rms (p {chance(d.mismatch_p)} that "
-        "noise alone does this). A bar says how much of it that part could take up, driven by its own load. Parts "
-        "compete for the same mismatch, so bars need not add up to 100 %."
+        f"Repeatable mismatch of the refitted model: {sized(d.repeatable, d.unit)} rms{by_chance}. A bar says how "
+        "much of it that part could take up, driven by its own load. Parts compete for the same mismatch, so bars need "
+        "not add up to 100 %."
     )
     return section("where", "Where the mismatch lives", lead, body)
 

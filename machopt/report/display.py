@@ -14,6 +14,17 @@ def fixed(value: float, decimals: int, *, signed: bool = False) -> str:
     return f"{rounded:{'+' if signed and rounded else ''}.{decimals}f}".replace("-", "−")
 
 
+def in_words(value: object) -> str:
+    """An option's value as a reader takes it: yes, no, none, a list without brackets."""
+    if value is None or (isinstance(value, list | tuple | dict) and not value):
+        return "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list | tuple):
+        return ", ".join(in_words(v) for v in value)
+    return str(value)
+
+
 @dataclass(frozen=True)
 class Unit:
     """A displayed unit: shown = SI · factor."""

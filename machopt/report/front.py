@@ -20,26 +20,26 @@ def front_section(data: ReportData) -> Markup | str:
     """The section; empty where no front was asked for."""
     if not data.front:
         return ""
-    unit = "deflection mm" if data.summary.quantity == "deflection" else "compliance mm/N"
+    unit = "deflection (mm)" if data.summary.quantity == "deflection" else "compliance (mm/N)"
     columns = [
         Column("plan"),
         Column("changed"),
         Column(f"mean {unit}", "n"),
         Column(f"worst {unit}", "n"),
-        Column("cycle s", "n"),
-        Column("joint travel deg", "n"),
-        Column("clearance mm", "n"),
+        Column("cycle (s)", "n"),
+        Column("joint travel (deg)", "n"),
+        Column("clearance (mm)", "n"),
         Column("note"),
     ]
     rows = [
         (
             p.name,
             p.changed,
-            f"{p.mean:.4g}",
-            f"{p.worst:.4g}",
-            f"{p.cycle:.2f}",
+            f"{p.mean:.3g}",
+            f"{p.worst:.3g}",
+            f"{p.cycle:.1f}",
             f"{p.travel:.0f}",
-            "–" if p.clearance is None else f"{p.clearance:.2f}",
+            "–" if p.clearance is None else f"{p.clearance:.1f}",
             "dominated" if p.dominated else "",
         )
         for p in data.front
@@ -68,15 +68,21 @@ def _picture(data: ReportData, unit: str) -> Markup:
     inside.append(shape("text", "cycle time (s)", x=x0 + wide / 2, y=y0 + high + 36, **middle))
     turned = f"translate(14 {y0 + high / 2:.1f}) rotate(-90)"
     inside.append(shape("text", f"mean {unit}", transform=turned, **middle))
+    words: dict[tuple[int, int], tuple[float, float, str]] = {}
+    named: dict[tuple[int, int], list[str]] = {}  # plans that are one dot have one line of names
     for p in data.front:
         x = x0 + wide * (p.cycle - left) / (right - left)
         y = y0 + high * (most - p.mean) / (most - least)
         late = x > x0 + 0.75 * wide  # its words would leave the picture
         colour: Style = {"fill": "none" if p.dominated else "currentColor", "stroke": "currentColor"}
         inside.append(shape("circle", cx=x, cy=y, r=5, title=p.name, **colour))
-        inside.append(
-            shape("text", p.name, class_="tick", x=x - 8 if late else x + 8, y=y - 6, text_anchor="end" if late else "")
-        )
+        names = named.setdefault((round(x / 6), round(y / 6)), [])
+        names.append(p.name)
+        if len(names) > 1:
+            continue
+        words[(round(x / 6), round(y / 6))] = (x - 8 if late else x + 8, y - 6, "end" if late else "")
+    for at, (x, y, anchor) in words.items():
+        inside.append(shape("text", ", ".join(named[at]), class_="tick", x=x, y=y, text_anchor=anchor))
     return drawn(
         shape(
             "svg",

@@ -84,6 +84,7 @@ class IdentificationPage:
     covariance: Array  # (6, 6) (rad/(N·m))²
     rmse: float  # m
     heldout_rmse: float  # m
+    explained: float  # share of the squared displacements that the fit explains where it saw them
     displacement: float  # m, rms of what was measured
     condition_number: float
     level: float = 0.9  # of the intervals

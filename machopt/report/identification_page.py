@@ -71,12 +71,13 @@ def stiffness_text(k: float, digits: int = 3) -> str:
 
 
 def _verdict(data: IdentificationPage) -> Body:
-    explained = 1.0 - (data.heldout_rmse / data.displacement) ** 2 if data.displacement > 0 else math.nan
+    unseen = 1.0 - (data.heldout_rmse / data.displacement) ** 2 if data.displacement > 0 else math.nan
+    seen = f"of the squared displacements; {100 * max(data.explained, 0.0):.1f} % where the fit saw them"
     cards = [
         ("Held-out error", f"{data.heldout_rmse * 1e3:.3f}", "mm", "rms per axis, poses the fit did not see"),
         ("Fit error", f"{data.rmse * 1e3:.3f}", "mm", "rms per axis"),
         ("Measured", f"{data.displacement * 1e3:.3f}", "mm", "rms displacement per axis"),
-        ("Explained", f"{100 * explained:.1f}" if math.isfinite(explained) else "–", "%", "of the held-out power"),
+        ("Explained at unseen poses", f"{100 * max(unseen, 0.0):.1f}" if math.isfinite(unseen) else "–", "%", seen),
         ("Condition number", f"{data.condition_number:.1f}", "", "of the scaled design"),
         ("Readings", str(len(data.measured)), "", f"{len(np.unique(data.pose))} poses"),
     ]
@@ -86,7 +87,7 @@ def _verdict(data: IdentificationPage) -> Body:
 def _coefficient_rows(rows: tuple[Coefficient, ...], *, arcmin: bool) -> list[list[Body]]:
     out = []
     for c in rows:
-        spread = f"{stiffness_text(c.low, 4)} … {stiffness_text(c.high, 4)}"
+        spread = f"{stiffness_text(c.low)} … {stiffness_text(c.high)}"
         half = 50.0 * (c.high - c.low) / c.value if math.isfinite(c.high) and c.value else math.nan
         half = half if half <= MOST_HALF else math.nan  # so wide that the two sides are nothing alike
         name = c.name.replace(" ", "\u00a0", 1)  # "joint 1" on one line
@@ -151,6 +152,11 @@ def _uncertainty(data: IdentificationPage, have: set[str]) -> Body:
             for c, s in zip(data.joints, data.monte_carlo, strict=True)
         ]
         body += part("heading", "Repeated with measurement errors drawn anew: one standard deviation of the stiffness")
+        body += part(
+            "lead",
+            "Errors as the recording states them, and the same fit: what the model lacks is not in it. Where the "
+            "readings scatter more than stated, the intervals above are the ones to trust.",
+        )
         body += table([Column("Joint"), Column("Spread", "n")], rows)
     return section("uncertainty", "Uncertainty", "What other readings of the same quality would have given.", body)
 

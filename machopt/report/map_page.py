@@ -54,6 +54,7 @@ def map_page_html(data: MapData) -> str:
     )
 
 
+SMALL = 0.01  # of the shown unit; below that three decimals say nothing
 _DRAWN = {False: ("heatmap.js",), True: (*STILL_SCENE, "mapstand.js")}  # without and with three dimensions
 _CURVES = {
     True: "The tool keeps its orientation and the arm its branch; a gap is a place that cannot be reached that way.",
@@ -200,7 +201,11 @@ def _row(data: MapData, f: MapField, layer: MapLayer) -> list[list[str]]:
     if not np.isfinite(value).any():
         return []
     low, high = int(np.nanargmin(value)), int(np.nanargmax(value))
-    text = f.shown.text
+    small = abs(float(value[high]) * f.shown.factor) < SMALL  # of what is small by nature, digits that mean something
+
+    def text(v: float) -> str:
+        return f"{v * f.shown.factor:.3g}".replace("-", "−") if small else f.shown.text(v)
+
     return [
         [
             f.name,

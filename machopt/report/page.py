@@ -204,7 +204,7 @@ def _axes(data: ReportData, charts: set[str]) -> Body:
     key += ["jerk (green)"] if data.motion.jerk_ratio is not None else []
     body = part("heading", "Positions and their limits") + part("grid", 3, positions)
     body += part("heading", f"Peak shares of the limits: {', '.join(key)}") + part("grid", 3, ratios)
-    return section("axes", "Axes over time", "Dashed lines are the limits.", body)
+    return section("axes", "Axes over time", "Over time in seconds; dashed lines are the limits.", body)
 
 
 def _verification(data: ReportData) -> Body:
@@ -222,12 +222,14 @@ def _verification(data: ReportData) -> Body:
 
 def _source(data: ReportData) -> Body:
     body: Body = ""
-    for title, words in (("Warnings", data.warnings), ("In the cell's files, without effect", data.notes)):
+    for title, words in (("Warnings", data.warnings), ("From the cell's files", data.notes)):
         body += part("heading", title) + part("bullets", words[: tables.MOST_ROWS]) if words else ""
     unknown = any(not w.understood for w in data.ignored)
     body += tables.part(len(data.ignored), "Words without effect", tables.cam_words, data, opened=unknown)
     body += tables.part(len(data.events), "Events on the way", tables.events, data)
-    return section("source", "CAM file", f"What {data.toolpath} holds beside its points.", body)
+    return section(
+        "source", "CAM file", f"What {data.toolpath} holds beside its points, and what the cell leaves open.", body
+    )
 
 
 def _run(data: ReportData) -> Body:

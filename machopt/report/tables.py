@@ -30,8 +30,9 @@ class Column:
 def table(columns: Sequence[Column], rows: Iterable[Sequence[object]]) -> Markup:
     """A scrolling table; at most MOST_ROWS rows."""
     rows = list(rows)
-    used = [n for n, c in enumerate(columns) if c.kind != "n" or not rows or any(row[n] != "–" for row in rows)]
-    columns, rows = [columns[n] for n in used], [[row[n] for n in used] for row in rows]  # no column of dashes
+    nothing = {"n": "–", "": ""}  # no column of dashes, none of empty words
+    used = [n for n, c in enumerate(columns) if not rows or any(row[n] != nothing.get(c.kind) for row in rows)]
+    columns, rows = [columns[n] for n in used], [[row[n] for n in used] for row in rows]
     return piece("table", columns, rows[:MOST_ROWS], max(len(rows) - MOST_ROWS, 0))
 
 
@@ -48,7 +49,7 @@ def worst_points(data: ReportData) -> Markup:
         Column("Point", "n"),
         Column("Operation"),
         Column(f"{what} ({unit.name})", "n"),
-        Column("CAM default", "n"),
+        Column(f"CAM default ({unit.name})", "n"),
         Column("Change", "n"),
         *([] if own else [Column("Deflection (mm)", "n")]),
         Column("± 1 σ (mm)", "n"),

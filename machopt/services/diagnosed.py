@@ -21,6 +21,7 @@ from machopt.effects.own import Own
 from machopt.formats.cell import load_cell
 from machopt.formats.recording import load_recording, load_recordings
 from machopt.report.diagnosis import DiagnosisPage
+from machopt.report.display import in_words
 from machopt.report.gather.cell import cell_scene
 from machopt.report.gather.diagnose import page_of
 from machopt.services.diagnose_files import (
@@ -97,7 +98,7 @@ def diagnosed(request: Request, own: tuple[Own, ...], progress: Progress, cell: 
         inputs=inputs,
     )
     scene = None if moving else cell_scene(cell)[0]
-    facts = tuple((k, str(v)) for k, v in (said | inputs).items())
+    facts = tuple((k, in_words(v)) for k, v in (said | inputs).items())
     return Diagnosed(
         request=request,
         cell=cell,

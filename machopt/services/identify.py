@@ -13,6 +13,7 @@ from machopt.formats.stiffness import write_stiffness
 from machopt.identify.asked import Request
 from machopt.identify.result import Identification
 from machopt.output import output_folder, write_result
+from machopt.report.display import in_words
 from machopt.report.gather.identify import page_of
 from machopt.report.identification_page import write_identification
 from machopt.services.identified import Identified, identified
@@ -70,7 +71,7 @@ def write(done: Identified, folder: Path, progress: Callable[[str], None] = lamb
 
 def _facts(result: IdentificationResult) -> tuple[tuple[str, str], ...]:
     noise: dict[str, float | None] = result.noise_mm.plain()
-    rows = [(name, str(value)) for name, value in result.options.plain().items()]
+    rows = [(name, in_words(value)) for name, value in result.options.plain().items()]
     rows += [
         (f"noise shared by a {name}" if name != "reading" else "noise of a reading", f"{value:.4f} mm")
         for name, value in noise.items()

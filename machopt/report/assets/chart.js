@@ -81,7 +81,7 @@ function showTip(evt, rows) {
 }
 
 const hideTip = () => { tip.style.display = "none"; };
-const minus = text => text.replace("-", "−");
+const minus = text => text.replaceAll("-", "−");
 
 // Numbers of an axis with as many decimals as its steps need.
 function plain(u, values, axis, space, step) {

@@ -6,7 +6,7 @@ function valuesOf(v) {
 }
 
 const LUT = Array.from({ length: 256 }, (_, i) => ramp(i / 255).map(Math.round));
-const shown = (v, digits) => v === null ? "–" : String(+v.toPrecision(digits || 4)).replace("-", "−");
+const shown = (v, digits) => v === null ? "–" : String(Math.abs(v) < 1e-9 ? 0 : +v.toPrecision(digits || 4)).replaceAll("-", "−"); // below that it is rounding
 
 function fieldMap(host, spec, onPlace) {
   const shape = spec.axes.map(a => a.values.length), volume = shape.length === 3, place = spec.kind !== "joints";

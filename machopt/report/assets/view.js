@@ -69,8 +69,8 @@ function robotView(host, data) {
       make("div", "bar", scale).style.background = `linear-gradient(to right, ${RAMP.map(c => `rgb(${c.join(",")})`).join(",")})`;
       make("span", "", scale, `stiff ${+ends[1].toPrecision(3)}: ${path.label}`);
     }
-    if (soft) make("span", "", box, "blue body: where a unit force from each side would push the tip (compliance)");
-    if (force) make("span", "", box, "red arrow: deflection under the process force, enlarged");
+    if (soft && chosen && firstRow(chosen)) make("span", "", box, "blue body: where a unit force from each side would push the tip (compliance)");
+    if (force && chosen && firstRow(chosen)) make("span", "", box, "red arrow: deflection under the process force, enlarged");
     make("span", "", box, `bodies as they are checked for collisions, drawn with ${scene.bodies.reduce((n, b) => n + bytes(b.faces).length / (b.wide ? 12 : 6), 0).toLocaleString("en")} of their ${scene.triangles.toLocaleString("en")} triangles`);
   }
 
@@ -115,9 +115,9 @@ function robotView(host, data) {
   }
 
   function atPoint(point) {
-    const t = move ? timeOf(point) : null;
-    if (t !== null) return atTime(t);
-    const k = nearestStation(point);
+    const t = move ? timeOf(point) : null, k = nearestStation(point);
+    const planned = k >= 0 && Math.abs(map.point[k] - point) < 1e-3 && chosenPhi(k) !== null ? chosen.row(k) : null; // as the tables have it
+    if (t !== null) return planned ? { ...atTime(t), q: planned, point, phi: chosenPhi(k), gamma: wrap(chosenPhi(k) + map.offset[k]) } : atTime(t);
     if (k < 0) return shown;
     const phi = chosenPhi(k), q = chosen.row(k);
     if (q) return { q, t: null, k, r: -1, point, s: map.s[k], phi: phi ?? NaN, gamma: phi === null ? NaN : wrap(phi + map.offset[k]), chosen: true };
@@ -143,7 +143,8 @@ function robotView(host, data) {
     if (scene.tools.length) scene.tool = scene.tools[tool].at;
     const M = place.q && FK.motions(scene, place.q), tip = M && FK.origin(FK.tool(scene, M));
     const own = place.k >= 0 && soft && place.chosen ? Array.from(soft.slice(6 * place.k, 6 * place.k + 6)) : null;
-    const exact = own && Number.isFinite(own[0]) && cuttingNow(place);
+    const atStation = place.k >= 0 && Math.abs(map.point[place.k] - place.point) < 1.01, known = own && Number.isFinite(own[0]) && cuttingNow(place);
+    const exact = known && (atStation || stations.terms.length > 0); // between stations the joints' springs tell it, unless they are not all
     const k6 = place.k >= 0 && springs ? Array.from(springs.slice(6 * place.k, 6 * place.k + 6)) : null;
     const base = M && FK.baseOf(scene, M), three = (values, k) => FK.turn(base, Array.from(values.slice(3 * k, 3 * k + 3)));
     const C = exact ? FK.spread(base, [own[0], own[3], own[4], own[3], own[1], own[5], own[4], own[5], own[2]]) : M && k6 && cuttingNow(place) ? FK.compliance(scene, M, k6) : null;
@@ -168,8 +169,22 @@ function robotView(host, data) {
   }
 
   const worstBend = (() => { let most = 0; for (let k = 0; bend && k < bend.length; k += 3) { const v = Math.hypot(bend[k], bend[k + 1], bend[k + 2]); if (v > most) most = v; } return most || 1e-4; })();
-  // A place between the cuts has no station of its own.
-  const cuttingNow = place => place.k >= 0 && Math.abs(map.point[place.k] - place.point) < 1.01;
+  // In a cut: at a station, or between two of them where every point of the path between cuts.
+  const cutting = bytes(path.cutting), pathValue = unpack(path.value, Float32Array);
+  const pathRow = point => { let k = 0; while (k < P - 1 && pathPoint[k] < point - 1e-3) k++; return k; };
+  const cuttingNow = place => {
+    if (place.k < 0 || !Number.isFinite(place.point)) return false;
+    const from = map.point[place.k], to = place.point;
+    if (Math.abs(from - to) < 1.01) return true;
+    for (let k = pathRow(Math.min(from, to)) + 1; k <= pathRow(Math.max(from, to)); k++) if (!(cutting[k >> 3] >> (k & 7) & 1)) return false;
+    return true;
+  };
+  // The deflection that points.csv has at a toolpath point of the chosen plan, mm.
+  const toldBend = place => {
+    if (!place.chosen || !path.label.startsWith("predicted deflection") || !cuttingNow(place)) return NaN;
+    const k = pathRow(place.point);
+    return Math.abs(pathPoint[k] - place.point) < 1e-3 ? pathValue[k] : NaN;
+  };
 
   // Which of the scene's tools is on: as the motion says, else as the nearest place of the map.
   const toolOf = place => place.tool ?? (stations && stations.tool && place.k >= 0 ? stations.tool[place.k] : 0);
@@ -220,7 +235,8 @@ function robotView(host, data) {
     }
     if (!place.q) { row("Axes", "no posture of the arm reaches this place with this rotation", "fail"); }
     const same = cell >= 0 && indexAt(cell) !== null && map.label === "deflection"; // told above, with all terms
-    if (d && !same) row("Deflection", `${(1e3 * Math.hypot(...d)).toFixed(3)} mm${exact || !stations.terms.length ? "" : " by the joints' springs alone"}`);
+    if (Number.isFinite(toldBend(place))) row("Deflection", `${toldBend(place).toFixed(3)} mm`);
+    else if (d && !same) row("Deflection", `${(1e3 * Math.hypot(...d)).toFixed(3)} mm${exact || !stations.terms.length ? "" : " by the joints' springs alone"}`);
     if (C) {
       const [most, , least] = FK.eigenvalues(C);
       row("Stiffness", `${(1e-6 / most).toPrecision(3)} N/µm softest, ${(1e-6 / least).toPrecision(3)} N/µm stiffest way`);

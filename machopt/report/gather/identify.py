@@ -58,6 +58,7 @@ def page_of(
         covariance=np.zeros((6, 6)) if found.stiffness.covariance is None else found.stiffness.covariance,
         rmse=found.errors.rmse,
         heldout_rmse=heldout_rmse,
+        explained=found.errors.explained,
         displacement=float(np.sqrt(np.mean(t.measured[:, :3] ** 2))),
         condition_number=found.condition_number,
         level=found.uncertainty.level,
@@ -74,8 +75,9 @@ def _sentence(found: Identification, heldout: float) -> str:
     blind = [j for j in found.joints if not j.identified]
     if found.errors.explained < MOSTLY:
         return (
-            f"These readings do not follow an arm of elastic joints: {max(100 * found.errors.explained, 0.0):.0f} % of "
-            "the displacements are explained. Do not plan with this stiffness; check loads, frames and units first."
+            "These readings do not follow an arm of elastic joints: the fit explains "
+            f"{max(100 * found.errors.explained, 0.0):.0f} % of the squared displacements. Do not plan with this "
+            "stiffness; check loads, frames and units first."
         )
     if not known:
         return "These readings identify no joint by itself; the reasons stand beside each joint."

@@ -160,7 +160,7 @@ def _axes(samples: Samples, options: MapOptions) -> tuple[MapAxis, ...]:
 def _place(samples: Samples, options: MapOptions) -> str:
     axes = samples.axes
     scale, unit = (DEG, "deg") if samples.kind == "joints" else (MM, "mm")
-    spans = ", ".join(f"{a.name} {a.values[0] * scale:g} to {a.values[-1] * scale:g}" for a in axes)
+    spans = ", ".join(f"{a.name} {a.values[0] * scale:g} to {a.values[-1] * scale:g}" for a in axes).replace("-", "−")
     if samples.kind == "line":
         return f"Straight line of {axes[0].values[-1] * MM:g} mm, tool not turning"
     if samples.kind == "slice":

@@ -353,7 +353,10 @@ def _operations(
 
         def worst(name: str, cut: NDArray[np.bool_] = cut) -> float:
             values = series[name][cut]
-            return float(worst_of(values)) if np.isfinite(values).any() else float("nan")
+            whole = np.isfinite(values).all() or (name == "chosen" and np.isfinite(values).any())
+            return (
+                float(worst_of(values)) if len(values) and whole else float("nan")
+            )  # of one path, not of its good half
 
         miss = points.table.clearance[mine]
         bad = int((np.array(points.table.status)[mine] != "ok").sum())
