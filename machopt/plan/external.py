@@ -1,16 +1,12 @@
 """Where the external joints stand: at home, at one value for each operation, or moving along the path.
 
 A run cannot be left to move a rail, so operations that share a run share a value. For each such group a grid of values
-is laid over the ranges of its joints, coarse first and then finer around the best:
-
-    value g ─► candidates and scores at some stations, 15° of rotation ─► the best sequence: mean m, worst w, motion
-
-c₀, the unit of the index, is the median over the candidates of all values. Groups hang together by the worst index and
-by the way between their values: with a cap on the worst the cheapest chain of values is exact, and every cap that
-matters is tried. The best few are then planned in full (:func:`machopt.plan.pipeline.plan`), with home among them, and
-the best plan is taken: fewest points lost, then least J. Joints that may move along the path are first held at such
-values too; the way of :mod:`machopt.plan.moving`, of all of them or of some, is planned in full beside them, and never
-taken where it is worse.
+is laid over the ranges of its joints, coarse first and then finer around the best, and each is judged by some stations
+(:mod:`machopt.plan.values`), where the best sequence has the mean m, the worst w and motion. c₀, the unit of the index,
+is the median over the candidates of all values. The best few are then planned in full
+(:func:`machopt.plan.pipeline.plan`), with home among them, and the best plan is taken: fewest points lost, then least
+J. Joints that may move along the path are first held at such values too; the way of :mod:`machopt.plan.moving`, of all
+of them or of some, is planned in full beside them, and never taken where it is worse.
 
     J = Σ share·(m + motion) + w_worst·max w + Σ price·|Δe|
 """
@@ -19,7 +15,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -29,43 +25,21 @@ from machopt.domain.options import ExternalAxis, PlanOptions
 from machopt.domain.steering import kept, steered
 from machopt.domain.toolpath import Toolpath
 from machopt.plan.axes import axes_of
-from machopt.plan.candidates import enumerate_candidates
-from machopt.plan.engage import sideways
-from machopt.plan.glimpse import free_choice
 from machopt.plan.groups import Group, groups_of
 from machopt.plan.made import Plan
 from machopt.plan.moving import Range, curve
-from machopt.plan.part import part_of, rows_of
+from machopt.plan.part import rows_of
 from machopt.plan.path import Path, build_path
 from machopt.plan.pipeline import plan
-from machopt.plan.score import directions, score_candidates
-from machopt.plan.setup import Setup, Timings, prepare, standing
+from machopt.plan.setup import Setup, Timings, prepare
 from machopt.plan.timeline import build_timeline
+from machopt.plan.values import STEP, Values
 
-COARSE = {1: 9, 2: 5, 3: 4}  # values of each joint in the first grid, by how many are free
-FINER = 3  # times the grid is halved around the best value of each group
-STATIONS = 160  # at which a value is judged
-STEP = np.radians(15.0)  # of rotation, there
 PLANNED = 3  # values planned in full where all can be driven
 TRIED = 8  # where the first ones cannot
 AS_GOOD = 1.15  # times the best estimate: home is planned in full below that
-LOST = 1e3  # of J for all stations lost: a value that loses fewer is better
 ROOM = 0.01  # of a range, kept from its ends by a joint that moves: a curve through points may pass beyond them
 MOVES_TRIED = 2  # the same where the joints may move along the path
-CAPS = 48  # on the worst index that are tried at most
-RAPID = 1.5  # times a travel counts on the way to another value (:mod:`machopt.plan.objective`, b)
-PREFERRED = 0.1  # of J, price of a rad (or LENGTH) from a preferred value
-
-
-@dataclass(frozen=True)
-class Judged:
-    """What a value comes to for one group, at some stations."""
-
-    value: Array  # (E,) m or rad
-    lost: float  # share of the stations without a free pose, or behind a break
-    mean: float  # over the length the group cuts, in the unit of the index
-    worst: float  # the same
-    motion: float  # what J counts beside them, within the group
 
 
 def best_plan(
@@ -99,7 +73,7 @@ def best_plan(
         at = _spread(path, groups, [g.low for g in groups])
         return plan(cell, toolpath, options, clock, setup=setup, external=at, before=before, scale=scale)
     with clock.stage("external"):
-        search = _Search(setup, options, path, groups, axes, scale)
+        search = Values(setup, options, path, groups, axes, scale)
         search.judge()
     best: tuple[tuple[float, float], Plan] | None = None
     seen: list[list[Array]] = []
@@ -233,166 +207,3 @@ def _spread(path: Path, groups: Sequence[Group], values: Sequence[Array]) -> Arr
     for group, value in zip(groups, values, strict=True):
         out[rows_of(path, group.runs)] = value
     return out
-
-
-class _Search:
-    """The values of all groups; ``scale`` is c₀."""
-
-    def __init__(
-        self,
-        setup: Setup,
-        options: PlanOptions,
-        path: Path,
-        groups: list[Group],
-        axes: Sequence[ExternalAxis],
-        scale: float | None,
-    ) -> None:
-        self.asked = scale
-        self.setup, self.path, self.groups, self.axes = setup, path, groups, axes
-        self.options = replace(options, rotation_step=max(options.rotation_step, STEP))
-        self.home = setup.cell.external_home
-        self.parts = [part_of(path, g.runs, STATIONS) for g in groups]
-        self.across = [sideways(part) for part in self.parts]
-        self.judged: list[list[Judged]] = [[] for _ in groups]
-        self.per = setup.per_rad[6:]
-        self.weight = np.array([axis.weight for axis in axes])
-        self.medians: list[float] = []
-        self._every: list[list[Judged]] = []
-
-    @property
-    def scale(self) -> float:
-        """c₀: where it is not given, the median over groups and values of the median cost over the candidates."""
-        return self.asked or (float(np.median(self.medians)) if self.medians else 1.0)
-
-    def judge(self) -> None:
-        """Judge the coarse grid of every group, then finer ones around its best."""
-        for n, group in enumerate(self.groups):
-            free = np.flatnonzero(group.high > group.low)
-            count = COARSE.get(len(free), 4)
-            step = (group.high - group.low) / (count - 1)
-            grid = [np.linspace(a, b, count if b > a else 1) for a, b in zip(group.low, group.high, strict=True)]
-            inside = np.clip(self.home, group.low, group.high)
-            for value in [inside, *map(np.array, itertools.product(*grid))]:
-                self._judge(n, value)
-            if len(free) > 1:  # each joint alone as finely as if the others were locked: no freedom makes it worse
-                for k in free:
-                    self._along_one(n, int(k), inside)
-            for _ in range(FINER):
-                step = 0.5 * step
-                centre = min(self.judged[n], key=self._rank).value
-                around = [(-1.0, 0.0, 1.0) if k in free else (0.0,) for k in range(len(step))]
-                for side in itertools.product(*around):
-                    self._judge(n, np.clip(centre + np.array(side) * step, group.low, group.high))
-        self._every = [list(own) for own in self.judged]
-
-    def _along_one(self, n: int, k: int, inside: Array) -> None:
-        """Judge the values of joint ``k`` with the others at home: the grid of one joint, and finer around its best."""
-        group = self.groups[n]
-        off = np.arange(len(inside)) == k
-        for v in np.linspace(group.low[k], group.high[k], COARSE[1]):
-            self._judge(n, np.where(off, v, inside))
-        step = (group.high[k] - group.low[k]) / (COARSE[1] - 1)
-        for _ in range(FINER):
-            step = 0.5 * step
-            own = [j for j in self.judged[n] if np.array_equal(j.value[~off], inside[~off])]
-            centre = min(own, key=self._rank).value
-            for side in (-step, step):
-                self._judge(n, np.clip(centre + side * off, group.low, group.high))
-
-    def _judge(self, n: int, value: Array) -> None:
-        """What a value comes to for a group; once."""
-        if any(np.array_equal(j.value, value) for j in self.judged[n]):
-            return
-        part, setup = standing(self.parts[n], value), self.setup
-        d = directions(part, setup.arm, setup.elasticity, self.options.force, self.across[n])
-        candidates = enumerate_candidates(part, setup.arm, self.options)
-        if not candidates.feasible.any():
-            self.judged[n].append(Judged(value, 1.0, 0.0, 0.0, 0.0))
-            return
-        scores = score_candidates(part, candidates, setup.elasticity, d, self.options)
-        self.medians.append(scores.scale)
-        choice, colliding = free_choice(part, candidates, scores, setup, self.options)
-        there, w = np.flatnonzero(~choice.dropped), self.options.weights
-        cost = scores.cost[there, choice.rotation[there], choice.branch[there]]
-        share, counted = part.station_weight[there], part.counted[part.stations[there]]
-        mean, worst = float(share @ cost), float(cost[counted].max(initial=0.0))
-        motion = choice.total - (w.mean * mean + w.worst * worst) / scores.scale
-        lost = (int(choice.dropped.sum()) + len(choice.broken) + colliding) / len(choice.rotation)
-        self.judged[n].append(Judged(value, lost, mean, worst, motion))
-
-    def _rank(self, j: Judged) -> float:
-        """J of a group by itself."""
-        return self._alone(j) + self.options.weights.worst * j.worst / self.scale
-
-    def _alone(self, j: Judged) -> float:
-        return LOST * j.lost + self.options.weights.mean * j.mean / self.scale + j.motion + self._liked(j.value)
-
-    def _liked(self, value: Array) -> float:
-        """Price of leaving the preferred values: of the square of how far."""
-        asked = np.array([np.nan if axis.preferred is None else axis.preferred for axis in self.axes])
-        return float(PREFERRED * np.nansum(((value - asked) * self.per) ** 2))
-
-    def liking(self, values: Sequence[Array]) -> float:
-        """Σ share · price of leaving the preferred values."""
-        return sum(g.share * self._liked(v) for g, v in zip(self.groups, values, strict=True))
-
-    def liking_along(self, external: Array) -> float:
-        """The same of joints (P, E) that move."""
-        return float(self.path.weight @ np.array([self._liked(e) for e in external]))
-
-    def at_home(self) -> list[Array]:
-        """Home, or what is nearest to it, for every group."""
-        return [np.clip(self.home, g.low, g.high) for g in self.groups]
-
-    def exclude(self, n: int, value: Array, share: float) -> None:
-        """Take values of a group away that lie within ``share`` of a coarse step of one."""
-        group = self.groups[n]
-        step = (group.high - group.low) / max(COARSE.get(int((group.high > group.low).sum()), 4) - 1, 1)
-        self.judged[n] = [j for j in self.judged[n] if (np.abs(j.value - value) > share * step + 1e-12).any()]
-
-    def estimate(self, values: Sequence[Array]) -> float:
-        """J of values that were judged, by the stations."""
-        chosen = [next(j for j in self._every[n] if np.array_equal(j.value, value)) for n, value in enumerate(values)]
-        worst = max(j.worst for j in chosen) / self.scale
-        return sum(g.share * self._alone(j) for g, j in zip(self.groups, chosen, strict=True)) + (
-            self.options.weights.worst * worst + self._travel(values)
-        )
-
-    def _travel(self, values: Sequence[Array]) -> float:
-        ways = np.abs(np.diff([self.home, *values, self.home], axis=0)) @ (self.weight * self.per)
-        shares = np.array([g.share for g in self.groups])
-        return float(self._price * np.r_[shares, shares[-1]] @ ways)
-
-    @property
-    def _price(self) -> float:
-        return self.options.weights.travel * RAPID / np.pi
-
-    def chain(self) -> list[Array] | None:
-        """The cheapest values of all groups, of those that are left; None where a group has none."""
-        if not all(self.judged):
-            return None
-        worsts = np.unique([j.worst for own in self.judged for j in own])
-        floor = max(min(j.worst for j in own) for own in self.judged)
-        caps = worsts[worsts >= floor]
-        caps = caps[np.unique(np.linspace(0, len(caps) - 1, min(len(caps), CAPS)).round().astype(int))]
-        found = [(total, values) for cap in caps for total, values in [self._under(float(cap))]]
-        return min(found, key=lambda f: f[0])[1]
-
-    def _under(self, cap: float) -> tuple[float, list[Array]]:
-        """The cheapest chain whose worst index is at most ``cap``, and its J."""
-        before, at, back = np.zeros(1), self.home[None], []
-        for n, group in enumerate(self.groups):
-            allowed = [j for j in self.judged[n] if j.worst <= cap]
-            here = np.array([j.value for j in allowed])
-            ways = np.abs(here[:, None] - at[None]) @ (self.weight * self.per)
-            every = before[None] + self._price * group.share * ways
-            back.append((every.argmin(axis=1), here))
-            own = np.array([group.share * self._alone(j) for j in allowed])
-            before, at = every.min(axis=1) + own, here
-        last = before + self._price * self.groups[-1].share * (np.abs(at - self.home) @ (self.weight * self.per))
-        k, values = int(last.argmin()), []
-        total = float(last[k]) + self.options.weights.worst * cap / self.scale
-        for source, here in reversed(back):
-            values.append(here[k])
-            k = int(source[k])
-        return total, values[::-1]

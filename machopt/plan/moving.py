@@ -241,7 +241,14 @@ def _smooth(part: Path, stairs: Array, group: Range, wave: float) -> Array:
 
 def _whittaker(values: Array, wave: float) -> Array:
     """The columns (n, E) without waves shorter than so many samples (half of such a wave is left)."""
+    from scipy.linalg import solveh_banded
+
     n = len(values)
-    third = np.diff(np.eye(n), 3, axis=0)
     stiff = (2.0 * np.sin(np.pi / max(wave, 2.0))) ** -6.0
-    return np.asarray(np.linalg.solve(np.eye(n) + stiff * third.T @ third, values))
+    third = np.array([-1.0, 3.0, -3.0, 1.0])
+    upper = np.zeros((4, n))  # of 1 + stiff · DᵀD, D the third differences: row 3 − k is the k-th diagonal above
+    upper[3] = 1.0
+    for a in range(4):
+        for b in range(a, 4):
+            upper[3 - (b - a), b : n - 3 + b] += stiff * third[a] * third[b]
+    return np.asarray(solveh_banded(upper, values))
