@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,8 +11,8 @@ from test_diagnose_drift import timed
 from machopt.arrays import Array
 from machopt.diagnose import at_heat, deflection
 from machopt.effects import files, registry
-from machopt.effects.protocol import DriftLaw, Effect, Parameter, Warming
-from machopt.effects.thermal import Evenly, Shifts
+from machopt.effects.protocol import DriftLaw, Effect, Parameter, Quantity, Warming
+from machopt.effects.thermal import Drift, Evenly
 
 LAWS = [pytest.param(e, law, id=f"{e.name} {law.name}") for e in registry.of_drifts() for law in e.drifts]
 
@@ -73,21 +73,27 @@ def test_what_a_recording_cannot_show_is_not_offered() -> None:
     }
 
 
-@dataclass(frozen=True)
-class Settles(Shifts):
-    """The floor sinks with the square root of time."""
+class Sinks:
+    """The floor gives way straight down."""
 
-    ways = "the floor sinks with the root of time,"
-    tilts: bool = False
-    coefficients = (Parameter(key="sunk_m", unit="m"),)
+    words = "the floor sinks"
+    penalty = 0.0
+
+    def coefficients(self, least: float) -> tuple[Parameter, ...]:
+        return (Parameter(key="sunk_m", unit="m"),)
 
     def patterns(self, seen: Warming) -> Array:
-        assert seen.since is not None  # its grid is that of an even drift
-        return np.sqrt(seen.since)[:, None, None] * seen.stand[:, :, 2:3]
+        return seen.stand[:, :, 2:3]
+
+    def shown(self, seen: Warming) -> bool:
+        return True
+
+    def warmed(self, values: Array, course: Array) -> dict[str, Quantity]:
+        return {}
 
 
 def test_one_file_and_one_line_add_a_drift(monkeypatch: pytest.MonkeyPatch) -> None:
-    toy = replace(registry.EFFECTS["thermal_drift"], name="floor", drifts=(Settles(Evenly()),))
+    toy = replace(registry.EFFECTS["thermal_drift"], name="floor", drifts=(Drift(Sinks(), Evenly()),))
     monkeypatch.setattr(registry, "EFFECTS", registry.registry((*registry.LISTED, toy)))
     r, *_ = timed()
     (h,) = (h for h in at_heat.hypotheses(r) if h.effect == toy.name)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -72,29 +73,131 @@ class Evenly:
         return ((),) if seen.longest > LEAST_SPAN else ()
 
 
-Course = Temperature | AfterStart | Evenly
+class Course(Protocol):
+    """What heat follows."""
+
+    @property
+    def words(self) -> str:
+        """After which way it moves: "with the temperature"."""
+        ...
+
+    @property
+    def equation(self) -> str: ...
+
+    @property
+    def shape(self) -> tuple[Parameter, ...]: ...
+
+    @property
+    def warms(self) -> bool:
+        """Castings only grow; else they may as well shrink."""
+        ...
+
+    def course(self, shape: Array, seen: Warming) -> Array:
+        """(N,) since the state that a reading counts from."""
+        ...
+
+    def grid(self, seen: Warming) -> tuple[Shape, ...]: ...
+
+
+class Way(Protocol):
+    """Which way heat moves the TCP."""
+
+    @property
+    def words(self) -> str:
+        """ "the stand shifts"."""
+        ...
+
+    @property
+    def penalty(self) -> float: ...
+
+    def coefficients(self, least: float) -> tuple[Parameter, ...]:
+        """Of strains none below ``least``."""
+        ...
+
+    def patterns(self, seen: Warming) -> Array:
+        """(N, D, P) m, rad of the TCP per unit of each coefficient, where the course is 1."""
+        ...
+
+    def shown(self, seen: Warming) -> bool:
+        """Whether such readings can tell it from others."""
+        ...
+
+    def warmed(self, values: Array, course: Array) -> Mapping[str, Quantity]:
+        """How much warmer castings would be, of what tells that."""
+        ...
 
 
 @dataclass(frozen=True)
-class _Drift:
-    """What both ways of moving share."""
+class Grows:
+    """Castings are longer by a strain, alike or each by itself."""
 
+    each: bool = False
+    penalty = 0.0
+
+    @property
+    def words(self) -> str:
+        return "links grow each by itself" if self.each else "the arm grows"
+
+    def coefficients(self, least: float) -> tuple[Parameter, ...]:
+        parts = ("carousel", "upper_arm", "forearm") if self.each else ("arm",)
+        return tuple(Parameter(key=f"strain_{p}", unit="1", least=least) for p in parts)
+
+    def patterns(self, seen: Warming) -> Array:
+        return seen.castings if self.each else seen.castings.sum(axis=2, keepdims=True)
+
+    def shown(self, seen: Warming) -> bool:
+        return True
+
+    def warmed(self, values: Array, course: Array) -> Mapping[str, Quantity]:
+        """If they are of iron or steel."""
+        return {"rise": Quantity(float(np.abs(course).max() * np.abs(values).max()) / STEEL, "K")}
+
+
+@dataclass(frozen=True)
+class Shifts:
+    """The stand moves, and tilts."""
+
+    tilts: bool = True
+
+    @property
+    def words(self) -> str:
+        return "the stand shifts and tilts" if self.tilts else "the stand shifts"
+
+    @property
+    def penalty(self) -> float:
+        return 6.0 if self.tilts else 0.0
+
+    def coefficients(self, least: float) -> tuple[Parameter, ...]:
+        turns = tuple(Parameter(key=f"turn_{a}", unit="rad") for a in "xyz") if self.tilts else ()
+        return (*(Parameter(key=f"shift_{a}", unit="m") for a in "xyz"), *turns)
+
+    def patterns(self, seen: Warming) -> Array:
+        return seen.stand if self.tilts else seen.stand[:, :, :3]
+
+    def shown(self, seen: Warming) -> bool:
+        # measured poses have a frame that is fitted: what shifts alone is hardly told from a stand that also tilts
+        return self.tilts or seen.counted
+
+    def warmed(self, values: Array, course: Array) -> Mapping[str, Quantity]:
+        return {}
+
+
+@dataclass(frozen=True)
+class Drift:
+    """One way of moving by one course of heat."""
+
+    way: Way
     course: Course
     word = ""
     remembers = False
 
     @property
-    def ways(self) -> str:
-        """Which way it moves, in words."""
-        raise NotImplementedError
-
-    @property
     def penalty(self) -> float:
-        return 0.0
+        return self.way.penalty
 
     @property
     def name(self) -> str:
-        return f"{self.ways} {self.course.words}"
+        return f"{self.way.words} {self.course.words}"
 
     @property
     def equation(self) -> str:
@@ -104,75 +207,22 @@ class _Drift:
     def shape(self) -> tuple[Parameter, ...]:
         return self.course.shape
 
-    def patterns(self, seen: Warming) -> Array:
-        """(N, D, P) m, rad of the TCP per unit of each coefficient, where the course is 1."""
-        raise NotImplementedError
+    @property
+    def coefficients(self) -> tuple[Parameter, ...]:
+        return self.way.coefficients(0.0 if self.course.warms else -np.inf)
 
     def columns(self, shape: Array, seen: Warming) -> Array:
-        return np.asarray(self.patterns(seen) * self.course.course(shape, seen)[:, None, None])
+        return np.asarray(self.way.patterns(seen) * self.course.course(shape, seen)[:, None, None])
 
     def sizes(self, values: Array, shape: Array, seen: Warming) -> Mapping[str, Quantity]:
         moved = np.linalg.norm((self.columns(shape, seen) @ values)[:, :3], axis=1)
-        size = {"drift": Quantity(1e3 * float(moved.max()), "mm")} | self.more(values, shape, seen)
-        return size | ({"time_constant": Quantity(float(shape[0]), "s")} if len(shape) else {})
-
-    def more(self, values: Array, shape: Array, seen: Warming) -> dict[str, Quantity]:
-        return {}
-
-    def grid(self, seen: Warming) -> tuple[Shape, ...]:
-        return self.course.grid(seen)
-
-
-@dataclass(frozen=True)
-class Grows(_Drift):
-    """Castings are longer by a strain, alike or each by itself."""
-
-    each: bool = False
-
-    @property
-    def ways(self) -> str:
-        return "links grow each by itself" if self.each else "the arm grows"
-
-    @property
-    def coefficients(self) -> tuple[Parameter, ...]:
-        least = 0.0 if self.course.warms else -np.inf
-        parts = ("carousel", "upper_arm", "forearm") if self.each else ("arm",)
-        return tuple(Parameter(key=f"strain_{p}", unit="1", least=least) for p in parts)
-
-    def patterns(self, seen: Warming) -> Array:
-        return seen.castings if self.each else seen.castings.sum(axis=2, keepdims=True)
-
-    def more(self, values: Array, shape: Array, seen: Warming) -> dict[str, Quantity]:
-        """How much warmer castings are, if they are of iron or steel."""
-        warmed = float(np.abs(self.course.course(shape, seen)).max() * np.abs(values).max()) / STEEL
-        return {"rise": Quantity(warmed, "K")}
-
-
-@dataclass(frozen=True)
-class Shifts(_Drift):
-    """The stand moves, and tilts."""
-
-    tilts: bool = True
-
-    @property
-    def ways(self) -> str:
-        return "the stand shifts and tilts" if self.tilts else "the stand shifts"
-
-    @property
-    def penalty(self) -> float:
-        return 6.0 if self.tilts else 0.0
-
-    @property
-    def coefficients(self) -> tuple[Parameter, ...]:
-        turns = tuple(Parameter(key=f"turn_{a}", unit="rad") for a in "xyz") if self.tilts else ()
-        return (*(Parameter(key=f"shift_{a}", unit="m") for a in "xyz"), *turns)
-
-    def patterns(self, seen: Warming) -> Array:
-        return seen.stand if self.tilts else seen.stand[:, :, :3]
+        size = {"drift": Quantity(1e3 * float(moved.max()), "mm")}
+        warmed = self.way.warmed(values, self.course.course(shape, seen))
+        slow = {"time_constant": Quantity(float(shape[0]), "s")} if len(shape) else {}
+        return {**size, **warmed, **slow}
 
     def grid(self, seen: Warming) -> tuple[Shape, ...]:
-        # measured poses have a frame that is fitted: what shifts alone is hardly told from a stand that also tilts
-        return self.course.grid(seen) if self.tilts or seen.counted else ()
+        return self.course.grid(seen) if self.way.shown(seen) else ()
 
 
 def _counted(seen: Warming, law: Callable[[Array], Array]) -> Array:
@@ -182,7 +232,7 @@ def _counted(seen: Warming, law: Callable[[Array], Array]) -> Array:
 
 
 def _laws(course: Course) -> tuple[DriftLaw, ...]:
-    return Grows(course), Grows(course, each=True), Shifts(course), Shifts(course, tilts=False)
+    return tuple(Drift(way, course) for way in (Grows(), Grows(each=True), Shifts(), Shifts(tilts=False)))
 
 
 THERMAL = Effect(
