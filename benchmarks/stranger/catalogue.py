@@ -148,7 +148,18 @@ def pose_cases() -> list[Case]:
         # the registration would take in what the whole record shares
         lab = "fixed" if fault.name in ("pose_tracker_reseated", "pose_swapped_yz") else ("fixed", "fit")[len(out) % 2]
         out.append(Case("record", "poses", lab, fault=fault.name))
-    return out
+    return out + reflector_cases()
+
+
+def reflector_cases() -> list[Case]:
+    """Several nests on the flange, a tracker anywhere in the hall, moved or not."""
+    labs = ("reflectors", "reflectors_moved")
+    out = [Case("null", "poses", lab, number=k) for lab in labs for k in range(4)]
+    names = ("geometry", "joint_zero_offset", "transmission_error", "payload", "link_compliance")
+    for k, name in enumerate(names):
+        out += [Case("single", "poses", labs[(k + m) % 2], ((name, loud),)) for m, loud in enumerate((1.0, 3.0))]
+    out.append(Case("pair", "poses", "reflectors", (("geometry", 2.0), ("transmission_error", 2.0))))
+    return out + [Case("record", "poses", lab, fault=f.name) for lab in labs for f in faults.NEST_FAULTS]
 
 
 MOTION_EFFECTS = {

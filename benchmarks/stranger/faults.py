@@ -202,6 +202,26 @@ POSE_FAULTS = [
 ]
 
 
+def _misplaced(table: Table, rng: np.random.Generator) -> Accepted:
+    """One nest was measured from another edge of the plate."""
+    places = table.about["targets_mm"]
+    k = int(rng.choice(list(places)))
+    way = rng.normal(size=3)
+    places[k] = np.round(np.array(places[k]) + rng.uniform(8, 40) * way / np.linalg.norm(way), 2).tolist()
+    return [("columns", "column:target")]
+
+
+def _other_nest(table: Table, rng: np.random.Generator) -> Accepted:
+    """Two nests change their names."""
+    places = table.about["targets_mm"]
+    a, b = (int(k) for k in rng.choice(list(places), 2, replace=False))
+    places[a], places[b] = places[b], places[a]
+    return [("columns", "column:target")]
+
+
+NEST_FAULTS = [Fault("nest_misplaced", _misplaced), Fault("nests_exchanged", _other_nest)]
+
+
 def _torques(number: int, change: str) -> Callable[[Table, np.random.Generator], Accepted]:
     """A torque channel of joint ``number`` with another sign, unit or owner."""
 

@@ -35,6 +35,8 @@ class PoseLab:
     rotation: float = 0.03  # mrad
     temperature: bool = True
     stated: bool = True
+    reflectors: int = 0  # nests on the flange, read one after the other at each arrival; none: a ball at the TCP
+    stands: int = 1  # of the tracker, one session after the other
 
 
 POSE_LABS = {
@@ -46,6 +48,8 @@ POSE_LABS = {
         PoseLab("fixed_once", fit=False, sessions=1, poses=110, temperature=False),
         PoseLab("fit_crude", poses=90, reading=Instrument(0.045, tails=4.0, step=0.01), stated=False),
         PoseLab("fixed_few", fit=False, poses=14, sessions=3),
+        PoseLab("reflectors", poses=40, reflectors=3),
+        PoseLab("reflectors_moved", poses=40, reflectors=4, stands=2),
     )
 }
 
@@ -61,8 +65,12 @@ class PoseSet:
         spread = 1.2 * np.radians(SPREAD)
         poses = np.round(nominal.home + rng.uniform(-1, 1, (lab.poses, 6)) * spread, 6)
         order = np.concatenate([rng.permutation(lab.poses) for _ in range(lab.sessions)])
+        each = max(lab.reflectors, 1)
+        order = np.repeat(order, each)
         n = len(order)
-        session = np.repeat(np.arange(lab.sessions), lab.poses)
+        session = np.repeat(np.arange(lab.sessions), lab.poses * each)
+        self.target = np.tile(np.arange(each), n // each)
+        self.arrival = np.repeat(np.arange(n // each), each)
         time = 40.0 * np.arange(n) * rng.uniform(0.95, 1.05, n) + 60000.0 * session
         self.pose = order
         self.script = arm.Script(poses[order], np.zeros((n, 6)), time, np.arange(n), np.arange(n), session)
@@ -72,6 +80,31 @@ class PoseSet:
         # where the tracker stands, and where its reflector really sits: 0.4 mm from the drawing
         self.tracker = dq.twist(np.r_[rng.uniform(-3, 3, 3), rng.normal(0, 0.6, 3)])
         self.nest = rng.normal(0, 2.5e-4, 3) if lab.fit else np.zeros(3)
+        self.stand = session % lab.stands
+        self.trackers = [self.tracker]
+        if (
+            lab.reflectors
+        ):  # a tracker somewhere in the hall, in its own axes; nests on a plate, 0.3 mm from the drawing
+            self.trackers = [
+                dq.twist(np.r_[rng.uniform(-4, 4, 3), rng.uniform(0.5, 3.0) * _unit(rng)]) for _ in range(lab.stands)
+            ]
+            turn = 2 * np.pi * (np.arange(each) + rng.uniform(-0.2, 0.2, each)) / each
+            radius = rng.uniform(0.08, 0.2, each)
+            self.drawn = np.stack([radius * np.cos(turn), radius * np.sin(turn), rng.uniform(0.01, 0.08, each)], axis=1)
+            self.nests = self.drawn + rng.normal(0, 3e-4, (each, 3))
+
+    def seen(self, frames: dict[str, Array]) -> Array:
+        """(N, 3) where what is read is, in base axes."""
+        if not self.lab.reflectors:
+            return _seen(frames, self.nest)
+        return dq.place(frames["flange"]) + np.einsum(
+            "nij,nj->ni", dq.matrix(frames["flange"]), self.nests[self.target]
+        )
+
+    def axes(self) -> tuple[Array, Array]:
+        """(N, 3, 3) axes and (N, 3) places of the tracker that each row's base stands in."""
+        R, p = (np.stack([f(t) for t in self.trackers]) for f in (dq.matrix, dq.place))
+        return R[self.stand], p[self.stand]
 
     def clean(self, effects: list[Effect]) -> Clean:
         build = arm.Build(self.built)
@@ -79,15 +112,27 @@ class PoseSet:
             _put(e, build, self)
         frames, _ = arm.rest(build, self.script)
         R = dq.matrix(self.rigid["tcp"])
-        at = _seen(frames, self.nest)
+        at = self.seen(frames)
         turned = dq.turning(frames["tcp"], self.quiet["tcp"])
         for e in effects:
             at = _read(e, at, self)
-        y = at - _seen(self.quiet, self.nest)
+        y = at - self.seen(self.quiet)
         motion, sight = joint_columns(self.nominal, self.rigid)
+        if self.lab.reflectors:
+            motion = motion + np.cross(sight, (self.seen(self.rigid) - dq.place(self.rigid["tcp"]))[:, None])
         J = np.concatenate([motion, sight], axis=2)
         columns = [J[:, j] * self.torque[:, j, None] for j in range(6)]
-        if self.lab.fit:
+        if self.lab.reflectors:
+            none, F = np.zeros_like(y), dq.matrix(self.rigid["flange"])
+            for k in range(self.lab.stands):
+                for e_ in np.eye(3):
+                    axis = np.where((self.stand == k)[:, None], e_, 0.0)
+                    columns.append(np.concatenate([axis, none], axis=1))
+                    columns.append(np.concatenate([np.cross(axis, self.seen(self.rigid)), axis], axis=1))
+            for k in range(self.lab.reflectors):
+                for e_ in np.eye(3):
+                    columns.append(np.concatenate([(self.target == k)[:, None] * (F @ e_), none], axis=1))
+        elif self.lab.fit:
             n, none = len(y), np.zeros_like(y)
             for e_ in np.eye(3):
                 axis = np.broadcast_to(e_, (n, 3))
@@ -109,7 +154,9 @@ class PoseSet:
         robot, rigid, q, torque = self.nominal, self.rigid, self.script.q, self.torque
         motion, sight = joint_columns(robot, rigid)
         J = np.concatenate([motion, sight], axis=2)
-        tip, n = dq.place(rigid["tcp"]), len(q)
+        tip, n = self.seen(rigid) if self.lab.reflectors else dq.place(rigid["tcp"]), len(q)
+        if self.lab.reflectors:
+            J[:, :, :3] += np.cross(sight, (tip - dq.place(rigid["tcp"]))[:, None])
         out: dict[Named, list[Array]] = {}
 
         def add(effect: str, where: str, *columns: Array) -> None:
@@ -328,11 +375,18 @@ def pose_table(scene: PoseSet, clean: Clean, rng: np.random.Generator) -> Table:
     noise = 1e-3 * errors(lab.reading, np.arange(n), 3, rng)
     at = clean.columns["at"] + noise
     R = clean.columns["R"] @ dq.matrix(dq.turned(1e-3 * lab.rotation * rng.normal(size=(n, 3))))
-    if lab.fit:
+    if lab.reflectors:
+        axes, stood = scene.axes()
+        at = stood + np.einsum("nij,nj->ni", axes, at)
+    elif lab.fit:
         at = dq.place(scene.tracker) + at @ dq.matrix(scene.tracker).T
         R = dq.matrix(scene.tracker) @ R
     s = scene.script
-    out: dict[str, Array] = {"pose": scene.pose + 1, "cycle": np.arange(n) + 1, "session": s.session + 1}
+    out: dict[str, Array] = {"pose": scene.pose + 1, "cycle": scene.arrival + 1, "session": s.session + 1}
+    if lab.reflectors:
+        out["target"] = scene.target + 1
+    if lab.stands > 1:
+        out["frame"] = scene.stand + 1
     out["time_s"] = np.round(s.time - s.time[0], 1)
     if lab.temperature:
         out["temperature_C"] = np.round(21.0 + rng.normal(0, 0.2, n), 2)
@@ -344,6 +398,8 @@ def pose_table(scene: PoseSet, clean: Clean, rng: np.random.Generator) -> Table:
         out |= {name: np.round(w[:, k], 8) for k, name in enumerate(("qw", "qx", "qy", "qz"))}
     about: dict[str, Any] = {"machopt_recording": 1, "kind": "absolute", "data": "data.csv"}
     about["registration"] = "fit" if lab.fit else "fixed"
+    if lab.reflectors:
+        about["targets_mm"] = {k + 1: np.round(1e3 * p, 2).tolist() for k, p in enumerate(scene.drawn)}
     if lab.stated:
         stated = {"displacement_mm": lab.reading.reading, "joint_deg": 0.0005}
         if lab.turning:
@@ -369,9 +425,12 @@ def _quaternions(R: Array) -> Array:
 def pose_measured(scene: PoseSet, table: Table) -> Array:
     """(N, 3) position read minus that of the arm with nothing concealed, in base axes, m."""
     at = 1e-3 * np.stack([table.columns[f"{a}_mm"] for a in "xyz"], axis=1)
-    if scene.lab.fit:
+    if scene.lab.reflectors:
+        axes, stood = scene.axes()
+        at = np.einsum("nji,nj->ni", axes, at - stood)
+    elif scene.lab.fit:
         at = (at - dq.place(scene.tracker)) @ dq.matrix(scene.tracker)
-    return np.asarray(at - _seen(scene.quiet, scene.nest))
+    return np.asarray(at - scene.seen(scene.quiet))
 
 
 def _seen(frames: dict[str, Array], nest: Array) -> Array:
