@@ -10,9 +10,13 @@ import pytest
 from test_compensate import corner
 from test_pipeline import FREE, K, small_job
 
+from machopt.domain.cell import Cell
 from machopt.domain.stiffness import Discrepancy, Stiffness, Term
+from machopt.model.elastic import ArmElasticity
+from machopt.model.robot import load_masses, load_robot
 from machopt.model.suspects import LOADED, elastic_names, gear_names
 from machopt.plan.doubt import Doubt, told_std
+from machopt.se3 import rotation_from_vector, transform
 from machopt.verify.arm import Arm
 from machopt.verify.elastic import Elasticity
 from machopt.verify.springs import UnknownTermError
@@ -76,9 +80,48 @@ def test_both_laws_say_the_same(tmp_path: Path, *, counted: bool) -> None:
     np.testing.assert_allclose(law.axial_std(soft, e), axial, rtol=1e-6)
 
 
-def test_a_term_without_a_second_law_is_said(tmp_path: Path) -> None:
-    tool = Term("tool_compliance", "tool", {"cylinders": [{"diameter_mm": 40, "length_mm": 90, "youngs_GPa": 210}]})
-    lacks = Discrepancy(("term 0 0",), np.full(6, 400.0), np.array([0.1]), np.array([[0.1]]), 3e-4, 3e-5)
-    setup = small_job(tmp_path, corner(), FREE).setup
-    with pytest.raises(UnknownTermError, match="tool_compliance"):
-        Elasticity(setup.cell, Arm(setup.cell), replace(stiffness(counted=True), terms=(tool,), discrepancy=lacks))
+STACK = {"cylinders": [{"diameter_mm": 40, "length_mm": 90, "youngs_GPa": 210}], "sensor_N_per_mm": [9e4, 9e4, 2e5]}
+ALONE = (
+    Term("tool_compliance", "tool", {**STACK, "scale": 1.3}),
+    Term("tool_compliance", "tool", {"compliance_diagonal": [1e-9, 2e-9, 3e-9, 1e-7, 2e-7, 1e-7]}),
+    Term("joint_nonlinear_stiffness", "joint:2", {"law": "cubic", "cubic_rad_per_Nm3": -1e-12}),
+    Term("joint_nonlinear_stiffness", "joint:3", {"law": "cubic", "cubic_rad_per_Nm3": 1e-13}),
+)
+
+
+@pytest.fixture(scope="module")
+def tilted_cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
+    """A spindle at an angle to the flange."""
+    cell = small_job(tmp_path_factory.mktemp("tilted"), corner(), FREE).setup.cell
+    T = transform(rotation_from_vector(np.array([0.3, -0.5, 0.2])), np.array([0.05, 0.02, 0.25]))
+    return replace(cell, tool=replace(cell.tool, T_flange_tcp=T))
+
+
+@pytest.mark.parametrize("term", ALONE, ids=lambda t: "-".join([t.effect, *t.parameters]))
+def test_what_a_term_itself_may_lack_is_the_same_by_both(tilted_cell: Cell, term: Term) -> None:
+    cell, rng = tilted_cell, np.random.default_rng(0)
+    robot, T = load_robot(cell), cell.tool.T_flange_tcp
+    limits = cell.limits.lower[:6], cell.limits.upper[:6]
+    own = ArmElasticity(robot, T, Stiffness(np.asarray(K), terms=(term,)), limits, load_masses(cell)).terms[0]
+    size = np.r_[1e-7, 0.2 * np.abs(own.values), 1e-8]
+    parts = ("joint 1", *(f"term 0 {p}" for p in range(len(own.values))), "tool rx")
+    found = Discrepancy(parts, np.full(6, 400.0), 0.3 * size, size * rng.normal(size=(3, len(size))), 3e-4, 3e-5)
+    stiffness = Stiffness(np.asarray(K), terms=(term,), discrepancy=found)
+    elasticity = ArmElasticity(robot, T, stiffness, limits, load_masses(cell), counted=True)
+    q, force = cell.home[:6] + rng.normal(0, 0.4, (20, 6)), rng.normal(0, 500, (20, 3))
+    arm = Arm(cell)
+    stance = arm.stance(q)
+    law = Elasticity(cell, arm, stiffness)
+    soft, elastic, doubt = law.at(stance, stance.tcp[:, :3, 3]), elasticity.at(q), Doubt.of(elasticity)
+    assert doubt is not None
+    d = elastic.deflection(force)
+    np.testing.assert_allclose(soft.displacement(force), d, rtol=1e-7, atol=1e-12)
+    along = d / np.linalg.norm(d, axis=1, keepdims=True)
+    ways = np.einsum("mc,mcr->mr", along, doubt.moves(elastic, q, force))
+    np.testing.assert_allclose(law.bend_std(soft, force), told_std(ways), rtol=1e-6)
+
+
+def test_a_part_without_a_term_is_said(tilted_cell: Cell) -> None:
+    lacks = Discrepancy(("term 4 0",), np.full(6, 400.0), np.array([0.1]), np.array([[0.1]]), 3e-4, 3e-5)
+    with pytest.raises(UnknownTermError, match="term 4 0"):
+        Elasticity(tilted_cell, Arm(tilted_cell), replace(stiffness(counted=True), terms=ALONE, discrepancy=lacks))

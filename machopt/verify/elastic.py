@@ -131,7 +131,8 @@ class Elasticity:
         zero = arm.stance(np.zeros((1, 6)), np.zeros((1, len(cell.external_joints))))
         self._zero = zero.frames[0]
         found = stiffness.discrepancy
-        self._lack = None if found is None else Lack(found, stiffness.terms, arm, zero, cell.tool.T_flange_tcp)
+        T = cell.tool.T_flange_tcp
+        self._lack = None if found is None else Lack(found, stiffness.terms, arm, zero, T, self._curves)
         self._springs = springs.body_springs(stiffness.terms, zero.origin[0], zero.flange[0], cell.tool.T_flange_tcp)
 
     def at(self, stance: Stance, position: Array) -> Softness:

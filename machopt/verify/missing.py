@@ -18,7 +18,7 @@ a number that is off by it: (1.645 σ)² is the 90 % quantile of s² χ'²(1, b�
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -59,7 +59,16 @@ class Lack:
         UnknownTermError: a part that nothing here has a law for.
     """
 
-    def __init__(self, found: Discrepancy, terms: Sequence[Term], arm: Arm, zero: Stance, T_flange_tcp: Array) -> None:
+    def __init__(
+        self,
+        found: Discrepancy,
+        terms: Sequence[Term],
+        arm: Arm,
+        zero: Stance,
+        T_flange_tcp: Array,
+        curves: Sequence[springs.Curve],
+    ) -> None:
+        """``curves``: of all terms, as they bend; the tangent of a cubic that hardens begins where they say."""
         self.found, self.arm = found, arm
         compiled = [t for t in terms if t.effect != "geometric_stiffness"]
         self.units: dict[str, Moves] = {}
@@ -69,7 +78,7 @@ class Lack:
             if n >= len(compiled):
                 raise springs.UnknownTermError(f"{name!r} of its discrepancy")
             if compiled[n].effect != "gravity_compensator":  # what it adds is in the joint's own part
-                self.units[name] = _unit(compiled[n], p, zero, T_flange_tcp)
+                self.units[name] = _unit(compiled[n], p, zero, T_flange_tcp, curves)
         self.places = {"base": (0, np.zeros(3)), "tool": (6, zero.flange[0, :3, 3])}
         ends = [*zero.origin[0, 1:], zero.flange[0, :3, 3]]
         self.places |= {f"link:{i + 1}": (i + 1, end) for i, end in enumerate(ends)}
@@ -210,8 +219,12 @@ class Lacking:
         return np.asarray(np.einsum("nci,ni->nc", J, turn) - bare)
 
 
-def _unit(term: Term, p: int, zero: Stance, T_flange_tcp: Array) -> Moves:
+def _unit(term: Term, p: int, zero: Stance, T_flange_tcp: Array, curves: Sequence[springs.Curve]) -> Moves:
     """Coefficient p of a term alone, at 1 SI."""
+    if term.effect == "joint_nonlinear_stiffness" and term.parameters["law"] == "cubic":
+        joint, size = int(term.location.removeprefix("joint:")) - 1, float(term.parameters["cubic_rad_per_Nm3"])
+        own = next(c for c in curves if c.form == "cubic" and c.joint == joint and float(c.size[0]) == size)
+        return Moves(curve=replace(own, size=np.ones(1)))
     alone = Term(term.effect, term.location, {**term.parameters, **_one(term, p)})
     if term.effect.endswith(("base_compliance", "link_compliance", "tool_compliance")):
         kept = {key: v for key, v in alone.parameters.items() if key not in BARS or np.isfinite(v)}
@@ -242,6 +255,8 @@ def _one(term: Term, p: int) -> Mapping[str, Any]:
             has.get("law", ""), "weights_rad_per_Nm"
         )
         factor = 1.0 if key == "weights_rad_per_Nm" else ARCMIN
+    elif "cylinders" in has:
+        return {"scale": 1.0}
     elif "compliance_diagonal" in has:
         return {"compliance_diagonal": np.eye(6)[p].tolist()}
     elif "compliance" in has:
