@@ -40,7 +40,7 @@ def readings(terms: tuple[Term, ...], seed: int = 1) -> tuple[Experiment, np.nda
     return replace(tests, measured=true[:, : tests.dimensions] + noise), tests.state.q
 
 
-def doubt_of(tests: Experiment) -> tuple[Stiffness, Discrepancy | None]:
+def doubt_of(tests: Experiment) -> tuple[Stiffness, Discrepancy]:
     _, robot, T = made.cell()
     found = fit(tests)
     stiffness = Stiffness(1.0 / found.x[:6])
@@ -48,7 +48,10 @@ def doubt_of(tests: Experiment) -> tuple[Stiffness, Discrepancy | None]:
 
 
 def test_springs_alone_lack_nothing() -> None:
-    assert doubt_of(readings(())[0])[1] is None
+    _, doubt = doubt_of(readings(())[0])
+    assert doubt.parts == tuple(f"joint {j}" for j in range(1, 7))
+    assert not doubt.misfit
+    assert doubt.local == 0.0
 
 
 def test_what_is_concealed_is_foreseen_at_other_poses_and_its_interval_holds() -> None:

@@ -78,7 +78,8 @@ def _of_load_tests(cell: Cell, found: Examined, stiffness: Stiffness) -> Discrep
         tuple(Components(max(1.0, float(np.mean(_white(residual[used], V, c, used))))) for c in range(len(V))),
         stated[: len(V)],
     )
-    return discrepancy(suspects_of(arm, tests, masses), tests.state, stiffness.joints, readings)
+    suspects = suspects_of(arm, tests, masses)
+    return discrepancy(suspects, tests.state, stiffness.joints, readings, geometric=arm.geometric)
 
 
 def _lived(

@@ -16,7 +16,10 @@ Two things keep S honest where the suspects are no exact law of what is missing:
 robust (one cluster a pose, as in :mod:`machopt.identify.uncertainty`, where that is larger), and what regions of
 poses that are left out show beyond S and noise counts as ``local``, a compliance that any other pose has for itself.
 
-Where springs explain the readings (twice the log-likelihood rises by less than CERTAIN) no suspect stays.
+Where springs explain the readings (twice the log-likelihood rises by less than CERTAIN) no suspect stays, but one: what
+weight and load do to posture and lever arms (``loaded``) is no suspicion. It is there in every arm, to first order as
+written down, and small loads hide it from the readings without making it any smaller. Where masses are known it counts
+in full, 1 ± PRIOR_LOADED before the readings are asked, and the springs' own errors with what it took from them.
 """
 
 from __future__ import annotations
@@ -37,11 +40,11 @@ from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import ArmState, Masses, Robot
 from machopt.model.suspects import LOADED, Suspects, elastic_names, gear_names, scales
 
-JOINTS = 6
 GRID = np.concatenate([[0.0], np.logspace(-2.5, 0.5, 13)])  # λ; 1: as soft as the joints beside it
 CERTAIN = 8.0  # twice the log-likelihood; χ² of two bounded components passes 6 in one of fifty
 UNKNOWN = 1.0  # 1 sigma of a joint's compliance that no reading shows, as a share of the file's
 FREE = 3.0  # the same of a coefficient that was found: next to nothing is known before
+PRIOR_LOADED = 0.25  # 1 sigma of ``loaded``, known to be 1: masses in a URDF are good to 15 %, and it is of first order
 KEPT = 1e-3  # of the variance over the readings' poses that the modes left out may have
 ENOUGH = 3.0  # equations per column, from which replicates are judged beside all columns
 BLOCKS = 4  # regions along either direction
@@ -64,42 +67,47 @@ class Readings:
     stated: tuple[bool, ...]  # one a channel
 
 
-def discrepancy(suspects: Suspects, state: ArmState, k: Array, readings: Readings) -> Discrepancy | None:
-    """What a model may lack; None where readings say nothing against it and nothing about it.
+def discrepancy(
+    suspects: Suspects, state: ArmState, k: Array, readings: Readings, *, geometric: bool = False
+) -> Discrepancy:
+    """What a model may lack; of the model's own coefficients alone where readings say nothing against it.
 
     Args:
         suspects: its ``names`` are those of the model's own coefficients.
         state: ArmState of the readings, with bodies.
         k: (6,) N·m/rad of the model.
         readings: what it left.
+        geometric: the model counts what weight and load do to the lever arms.
     """
     own = len(suspects.names)
-    more = (*elastic_names(), *gear_names(), *([LOADED] if suspects.masses is not None else []))
+    weighed = suspects.masses is not None and not geometric
+    more = (*elastic_names(), *gear_names(), *([LOADED] if weighed else []))
     whole = replace(suspects, names=(*suspects.names, *more))
     N, D = readings.residual.shape
     Z = whole.response(state, np.broadcast_to(k, (N, 6)), readings.wrench)[:, :D]
     size = scales(whole, state, k, more)
     unit = np.concatenate([_unit(suspects, k), size])
     Z = Z * unit
+    known = np.zeros(len(unit))
+    known[own + len(more) - 1] = float(weighed)
+    readings = replace(
+        readings, residual=readings.residual - Z @ known
+    )  # from here on the deviation from what is known
     group = np.array([0] * own + [{True: 2}.get(n in gear_names(), 3 if n == LOADED else 1) for n in more])
     equations, noise, scatter = _equations(Z, readings)
     H, h = equations.total()
     best: list[Found] = []
-    for loaded in (0.0, 1.0)[: 2 if LOADED in more else 1]:
-        for elastic, gears in product(GRID, GRID):
-            spread = np.array([UNKNOWN, elastic, gears, loaded])[group]
-            use = np.flatnonzero(spread > 0)
-            P = H[np.ix_(use, use)] + np.diag(spread[use] ** -2.0)
-            L = np.linalg.cholesky(P)
-            half = np.linalg.solve(L, h[use])
-            likelihood = -float(np.log(np.diag(L)).sum() + np.log(spread[use]).sum()) + 0.5 * float(half @ half)
-            best.append((likelihood, use, P, elastic + gears))
-    springs = [b for b in best if b[3] == 0.0]  # by themselves, and with the load's own doing
-    plain = springs[-1] if 2.0 * (springs[-1][0] - springs[0][0]) > CERTAIN else springs[0]
-    if 2.0 * (max(b[0] for b in best) - max(b[0] for b in springs)) < CERTAIN:
+    for elastic, gears in product(GRID, GRID):
+        spread = np.array([UNKNOWN, elastic, gears, PRIOR_LOADED])[group]
+        use = np.flatnonzero(spread > 0)
+        P = H[np.ix_(use, use)] + np.diag(spread[use] ** -2.0)
+        L = np.linalg.cholesky(P)
+        half = np.linalg.solve(L, h[use])
+        likelihood = -float(np.log(np.diag(L)).sum() + np.log(spread[use]).sum()) + 0.5 * float(half @ half)
+        best.append((likelihood, use, P, elastic + gears))
+    plain = next(b for b in best if b[3] == 0.0)  # springs, and the load's own doing
+    if 2.0 * (max(b[0] for b in best) - plain[0]) < CERTAIN:
         best = [plain]
-        if plain is springs[0] and own == JOINTS:  # their covariance says how sure they are
-            return None
     top = max(b[0] for b in best)
     near = [b for b in best if b[0] > top + np.log(LEAST_WEIGHT)]
     share = np.exp(np.array([b[0] for b in near]) - top)
@@ -120,7 +128,7 @@ def discrepancy(suspects: Suspects, state: ArmState, k: Array, readings: Reading
     return Discrepancy(
         parts=tuple(n for n, used in zip(whole.names, keep, strict=True) if used),
         torque=suspects.torque,
-        shift=(mean * unit)[keep],
+        shift=((mean + known) * unit)[keep],
         modes=(modes * unit)[:, keep],
         left=float(np.sqrt(np.mean(left**2))) if left.size else 0.0,
         noise=noise,
@@ -219,7 +227,7 @@ def _modes(covariance: Array, metric: Array) -> Array:
 
 def of_identified(
     fit: Fit, tests: Experiment, robot: Robot, T_flange_tcp: Array, stiffness: Stiffness, masses: Masses | None
-) -> Discrepancy | None:
+) -> Discrepancy:
     """What an identified stiffness may lack.
 
     Args:
@@ -243,7 +251,7 @@ def of_identified(
         w.components,
         (told.displacement is not None, told.rotation is not None)[: len(w.covariance)],
     )
-    return discrepancy(suspects, tests.state, stiffness.joints, readings)
+    return discrepancy(suspects, tests.state, stiffness.joints, readings, geometric=arm.geometric)
 
 
 def suspects_of(arm: ArmElasticity, tests: Experiment, masses: Masses | None) -> Suspects:

@@ -212,7 +212,14 @@ SURE = "They are only as sure as their intervals say; "
 
 def misfit_words(plan: Plan) -> str:
     """What the stiffness file says of its own misfit; empty where its readings say nothing against it."""
-    d = plan.setup.elasticity.stiffness.discrepancy
+    stiffness = plan.setup.elasticity.stiffness
+    d = stiffness.discrepancy
+    if d is None and stiffness.covariance is not None and stiffness.grid is None:
+        return (
+            "The stiffness states how unsure its springs are (covariance), but not what it may lack (discrepancy): "
+            "intervals of deflection, gain and compensation hold only if nothing else gives way. Springs from measured "
+            "poses or motions are such; identify or diagnose of load tests (kind deflection) would say the rest."
+        )
     return "" if d is None else d.told("Gain, deflection and compensation", SURE)
 
 
