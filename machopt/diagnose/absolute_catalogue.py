@@ -41,7 +41,7 @@ def catalogue(r: Readings, problem: Problem) -> Catalogue:
         *at_flange.at_rest(r),
         *at_beside.in_poses(r),
         *at_heat.hypotheses(r),
-        *at_body.hypotheses(r),
+        *(h for h in at_body.hypotheses(r) if not (r.recording.targets and h.location == "tool")),
     ]
     missing = list(_untestable(r))
     Q = spanned(problem.base)
@@ -136,6 +136,8 @@ def _untestable(r: Readings) -> list[Untestable]:
             Untestable("payload", "tool", "the URDF has no masses; with them weight would show it"),
             Untestable("gravity_compensator", "joint:2", "the URDF has no masses to tell its torque from weight"),
         ]
+    if r.recording.targets:
+        out.append(Untestable("tool_compliance", "tool", "the reflectors sit on the flange, before the tool gives way"))
     if r.recording.time is None and r.recording.temperature is None:
         out.append(Untestable("thermal_drift", "environment", "the recording has neither time_s nor temperature_C"))
     return out
@@ -144,6 +146,8 @@ def _untestable(r: Readings) -> list[Untestable]:
 def _taken_up(h: Hypothesis, r: Readings) -> str:
     if h.effect in ("joint_zero_offset", "joint_coupling") and h.location == "joint:1":
         return "it turns everything about an axis that stands still: the fitted tracker frame takes it up"
-    if h.effect == "joint_zero_offset" and h.location == "joint:6" and r.dimensions == 3:
+    if h.effect == "joint_zero_offset" and h.location == "joint:6" and r.dimensions == 3 and not r.recording.targets:
         return "it shifts the target in the flange, which is fitted; measured orientations would show it"
+    if h.effect == "joint_zero_offset" and h.location == "joint:6":
+        return "it turns all reflectors about one axis, and their places in the flange are fitted"
     return "what is refitted in any case takes it up altogether in these poses"

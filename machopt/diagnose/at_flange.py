@@ -89,9 +89,12 @@ def _hypothesis(
 def _weight(r: Readings) -> Array:
     """(N, D, 4) m, rad per kg at the flange's origin and per kg·m along its axes."""
     assert r.masses is not None  # at_rest asks
+    assert r.state.R_bodies is not None  # readings come with bodies
+    assert r.state.p_bodies is not None
     T = r.state.T_base_tool
     R = T[:, :3, :3] @ r.T_flange_tcp[:3, :3].T
-    arm = -np.einsum("nij,j->ni", R, r.T_flange_tcp[:3, 3])  # flange as seen from the TCP
+    flange = r.state.R_bodies[:, 6] @ r.robot.T_base_flange_zero[:3, 3] + r.state.p_bodies[:, 6]
+    arm = flange - T[:, :3, 3]  # as seen from the TCP, or from the reflector that was measured
     g = np.broadcast_to(r.masses.gravity, arm.shape)
     zero = np.zeros_like(arm)
     parts = [np.concatenate([g, np.cross(arm, g)], axis=1)]

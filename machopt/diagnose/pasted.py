@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
+from machopt.diagnose.reflectors import points, registered
 from machopt.diagnose.sessions import equations, typical
-from machopt.diagnose.throughout import registered
 from machopt.domain.recording import Recording
 from machopt.model.robot import Robot
 
@@ -37,7 +37,7 @@ def pasted(recording: Recording, robot: Robot, T_flange_tcp: Array) -> Flags:
         return out
     whole = equations(registered(recording, robot, T_flange_tcp), robot, T_flange_tcp)
     error = whole.error(whole.fit())
-    there = robot.fk(recording.q, T_flange_tcp)[:, :3, 3]
+    there, _ = points(recording, robot, T_flange_tcp)
     most = calibrated.RECORD.apart * typical(error)
     off = np.linalg.norm(error, axis=1)
     for k in twice:

@@ -16,6 +16,7 @@ from scipy.special import bdtrc
 from machopt.arrays import Array
 from machopt.diagnose import calibrated, loads, sessions, throughout
 from machopt.diagnose.contradiction import contradictions
+from machopt.diagnose.reflectors import points
 from machopt.diagnose.repaired import exact, repaired
 from machopt.diagnose.result import Estimate, Finding
 from machopt.domain.recording import Axes, Recording
@@ -296,9 +297,11 @@ def _poses(
     if recording.position is None or "units" in accept:
         return recording, [], []
 
+    def off(q: Array, x: Array) -> Array:
+        return np.asarray(np.linalg.norm(x - points(replace(recording, q=q), robot, T_flange_tcp)[0], axis=1))
+
     def misfit(q: Array, x: Array) -> float:
-        p = robot.fk(q, T_flange_tcp)[:, :3, 3]
-        return float(np.median(np.linalg.norm(x - p, axis=1)))
+        return float(np.median(off(q, x)))
 
     stated = misfit(recording.q, recording.position)
     ways = {("x_mm", name): (recording.q, recording.position * f, f) for name, f in LENGTHS.items()}
@@ -309,12 +312,7 @@ def _poses(
     if best > calibrated.RECORD.clearly * stated:
         return recording, [], []
     before, after = (
-        np.array(
-            [
-                np.median(np.linalg.norm(x_ - robot.fk(q_, T_flange_tcp)[:, :3, 3], axis=1)[recording.pose == g])
-                for g in np.unique(recording.pose)
-            ]
-        )
+        np.array([np.median(off(q_, x_)[recording.pose == g]) for g in np.unique(recording.pose)])
         for q_, x_ in ((recording.q, recording.position), (q, x))
     )
     said = repaired(

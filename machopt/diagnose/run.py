@@ -9,7 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
-from machopt.diagnose import absolute, at_joint, cellvalues, deflection, engine, gross, held, motion, record, userterms
+from machopt.diagnose import (
+    absolute,
+    at_joint,
+    cellvalues,
+    deflection,
+    engine,
+    gross,
+    held,
+    motion,
+    nests,
+    record,
+    reflectors,
+    userterms,
+)
 from machopt.diagnose.pasted import pasted
 from machopt.diagnose.problem import Catalogue, Problem
 from machopt.diagnose.readings import History
@@ -70,7 +83,11 @@ def at_rest(
             "laws of your own are tried on load tests (kind deflection) only", where="--terms", file=recording.source
         )
     options.progress("checking the record")
+    recording, stood = reflectors.brought(recording, robot, T)
     recording, mended, warnings = record.mend(recording, robot, T, prior, accept)
+    if recording.kind == "absolute" and "columns" not in accept:
+        recording, sitting = nests.mended(recording, cell, robot, masses)
+        mended = [*mended, *sitting]
     elsewhere = pasted(recording, robot, T)
     copies = gross.copied(recording) | elsewhere
     said = [*recording.warnings, *warnings]
@@ -108,7 +125,7 @@ def at_rest(
     aside = gross.outliers(recording, d, copies, problem, elsewhere)
     said += cellvalues.far_off(d, prior)
     said += () if cell.stiffness is None else held_over(cell.stiffness.external)
-    return Examined(_with_record(d, mended, aside, notes, tuple(said)), problem, recording)
+    return Examined(_with_record(d, mended, aside, (*stood, *notes), tuple(said)), problem, recording)
 
 
 def _held(cell: Cell, robot: Robot, masses: Masses | None) -> tuple[Term, ...]:
@@ -210,7 +227,7 @@ def in_motion(
             "nothing that was recorded can be predicted: joint torque with inertias in the URDF, link-side encoders "
             "(qse1_deg …) or a tracked TCP (x_mm …) would work"
             + (
-                "; of current1_A … nothing says the torque: times torque constant and gear ratio it is tau1_Nm"
+                "; of current1_A … nothing says the torque: motor_gain_Nm_per_A and gear_ratio in recording.yaml do"
                 if recording.current is not None
                 else ""
             ),

@@ -17,6 +17,7 @@ from scipy.special import bdtrc
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
+from machopt.diagnose.reflectors import nuisance, points
 from machopt.diagnose.repaired import exact, repaired
 from machopt.diagnose.result import Finding
 from machopt.diagnose.rewritten import Way, put, taken, ways
@@ -26,7 +27,6 @@ from machopt.identify.experiment import experiment
 from machopt.identify.rivals import bounded_absolute
 from machopt.identify.robust import start
 from machopt.model.robot import Robot
-from machopt.se3 import skew
 
 Flags = NDArray[np.bool_]
 Ints = NDArray[np.int64]
@@ -47,9 +47,12 @@ class Equations:
 
     def fit(self) -> Array:
         """(P,) by least absolute deviations."""
-        if not self.A.shape[2]:
-            return np.zeros(0)
-        return bounded_absolute(self.A, self.y, self.load) if self.springs else start(self.A, self.y, self.load)
+        if self.springs:
+            return bounded_absolute(self.A, self.y, self.load)
+        out, seen = np.zeros(self.A.shape[2]), self.A.any(axis=(0, 1))  # not a frame that no reading is in
+        if seen.any():
+            out[seen] = start(self.A[:, :, seen], self.y, self.load)
+        return out
 
     def error(self, x: Array) -> Array:
         """(N, 3) m."""
@@ -117,11 +120,8 @@ def equations(recording: Recording, robot: Robot, T_flange_tcp: Array) -> Equati
         load = np.linalg.norm(w[:, :3], axis=1) + np.linalg.norm(w[:, 3:], axis=1)
         return Equations(y, tests.response()[:, :3], load, w, np.abs(y).sum(axis=1), recording.pose, True)
     assert recording.position is not None  # mended checks it
-    there = robot.fk(recording.q, T_flange_tcp)
-    p, R = there[:, :3, 3], there[:, :3, :3] @ T_flange_tcp[:3, :3].T
-    A = np.zeros((len(p), 3, 0))
-    if recording.registration == "fit":  # tracker frame and target
-        A = np.concatenate([np.broadcast_to(np.eye(3), R.shape), -skew(p), R], axis=2)
+    p, R = points(recording, robot, T_flange_tcp)
+    A = nuisance(recording, p, R)
     w = np.zeros((len(p), 6)) if recording.wrench is None else recording.wrench
     return Equations(recording.position - p, A, np.ones(len(p)), w, np.abs(p).sum(axis=1), recording.pose, False)
 
@@ -151,12 +151,16 @@ def _repairs(
         falls = limits.session_falls if level == "session" else limits.pose_falls
         for way in ways(part):
             changed = way.read(part)
-            now = equations(changed, robot, T)
+            whole_again = put(recording, changed, rows)
+            now = (
+                equations(changed, robot, T)
+                if recording.kind == "deflection"
+                else _rows(equations(whole_again, robot, T), rows)  # with the frames and reflectors of the others too
+            )
             e, twins = _misfit(now, x, *known)
             after = typical(e) * way.scale
             if after > falls * before or typical(e) > limits.part_level * level_of_others:
                 continue
-            whole_again = put(recording, changed, rows)
             every = equations(whole_again, robot, T)
             left = _left(every, label)
             if left > limits.session_falls**0.5 * _left(whole, label):

@@ -13,6 +13,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
+from machopt.diagnose.reflectors import registered
 from machopt.diagnose.repaired import repaired
 from machopt.diagnose.result import Finding
 from machopt.diagnose.rewritten import Way, ways
@@ -20,8 +21,6 @@ from machopt.diagnose.sessions import Equations, chance, equations, typical
 from machopt.domain.recording import Recording
 from machopt.effects.record import COLUMNS, column
 from machopt.model.robot import Robot
-
-ALIGNMENTS = 12  # steps to the frame of least absolute deviations
 
 
 def mended(
@@ -71,23 +70,6 @@ def mended(
             chance(stated.pose, *sizes),
         )
     ]
-
-
-def registered(recording: Recording, robot: Robot, T_flange_tcp: Array) -> Recording:
-    """Positions brought to base_link where the tracker's frame is free, however far it is turned (Kabsch, robust)."""
-    if recording.kind != "absolute" or recording.registration != "fit" or recording.position is None:
-        return recording
-    p, x = robot.fk(recording.q, T_flange_tcp)[:, :3, 3], recording.position
-    weight, out = np.ones(len(p)), x
-    for _ in range(ALIGNMENTS):
-        w = weight[:, None] / weight.sum()
-        a, b = (w * x).sum(axis=0), (w * p).sum(axis=0)
-        U, _, Vt = np.linalg.svd((w * (x - a)).T @ (p - b))
-        turn = Vt.T @ np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))]) @ U.T
-        out = (x - a) @ turn.T + b
-        size = np.linalg.norm(out - p, axis=1)
-        weight = 1.0 / np.maximum(size, max(0.1 * float(np.median(size)), 1e-9))
-    return replace(recording, position=out)
 
 
 def _ways(recording: Recording) -> Iterator[Way]:

@@ -27,6 +27,15 @@ class StandardUncertainty:
     force: float | None = None  # N
     moment: float | None = None  # N·m
     joint: float | None = None  # rad
+    target: float | None = None  # m, of a coordinate of a reflector's nominal place
+
+
+@dataclass(frozen=True)
+class Target:
+    """A reflector that a tracker looks at."""
+
+    name: str  # as the column ``target`` says
+    place: tuple[float, float, float]  # m in flange, by the drawing
 
 
 @dataclass(frozen=True)
@@ -45,7 +54,7 @@ class Recording:
     wrench_point: Array | None = None  # (3,) m in flange; None: the TCP
     displacement: Array | None = None  # (N, 3) m, or (N, 6) m and rad; TCP against the unloaded state of its cycle
     displacement_frame: Axes = "base"
-    position: Array | None = None  # (N, 3) m, measured TCP in base_link
+    position: Array | None = None  # (N, 3) m, measured TCP (or reflector, see targets) in base_link
     quaternion: Array | None = None  # (N, 4) w x y z, measured TCP orientation in base_link, unit length
     time: Array | None = None  # (N,) s
     temperature: Array | None = None  # (N,) °C
@@ -57,6 +66,9 @@ class Recording:
     current: Array | None = None  # (N, n) A
     prismatic: tuple[bool, ...] = ()  # which joints slide; empty: all turn
     registration: Literal["fixed", "fit"] = "fixed"  # "fit": tracker-to-base pose and target position are nominal
+    targets: tuple[Target, ...] = ()  # reflectors that were measured; empty: the TCP itself
+    target: Ints | None = None  # (N,) index into targets; None: all readings are of the first, or of the TCP
+    frame: Ints | None = None  # (N,) same label: same stand of the tracker; None: it never moved
     uncertainty: StandardUncertainty = field(default_factory=StandardUncertainty)
     notes: str = ""
     labelled: frozenset[str] = frozenset()  # which of "pose", "cycle", "session" the file itself states

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import secrets
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from os.path import exists, isdir
 from pathlib import Path
@@ -14,8 +14,9 @@ import numpy as np
 from pydantic import Field
 
 from machopt.arrays import Ints
-from machopt.domain.recording import Recording, StandardUncertainty
+from machopt.domain.recording import Recording, StandardUncertainty, Target
 from machopt.errors import InputError
+from machopt.formats import recording_motors, recording_targets
 from machopt.formats.recording_columns import BRANCHES, CHANNELS, LABELS, branches, chain, channels, labels, vocabulary
 from machopt.formats.recording_join import join, number_poses, separate_cycles, wide_poses
 from machopt.formats.recording_table import DataTable, read_table
@@ -28,6 +29,7 @@ _UNCERTAINTY = {
     "force_N": ("force", 1.0),
     "moment_Nm": ("moment", 1.0),
     "joint_deg": ("joint", np.pi / 180.0),
+    "target_mm": ("target", 1e-3),
 }
 _RADIANS_LOOK = 6.3  # every joint of every reading within a turn in rad: degrees would be a straight arm, hardly moved
 _ROWS_AT_ONCE = 4096
@@ -39,6 +41,7 @@ class _Uncertainty(Strict):
     force_N: float | None = Field(default=None, ge=0, description="1 sigma of a force in N")
     moment_Nm: float | None = Field(default=None, ge=0, description="1 sigma of a moment in N·m")
     joint_deg: float | None = Field(default=None, ge=0, description="1 sigma of a joint position in degrees")
+    target_mm: float | None = Field(default=None, gt=0, description="1 sigma of a coordinate of targets_mm in mm")
 
 
 class _RecordingFile(Strict):
@@ -53,6 +56,12 @@ class _RecordingFile(Strict):
     registration: Literal["fixed", "fit"] = Field(
         default="fixed", description="whether the instrument's frame is the base or is fitted"
     )
+    targets_mm: Any = Field(
+        default=None, description="of each reflector its nominal place x, y, z in flange, by its name in column target"
+    )
+    motor_gain_Nm_per_A: Any = Field(default=None, description="of each motor, torque at its shaft per current")
+    gear_ratio: Any = Field(default=None, description="of each joint, turns of its motor per turn of the joint")
+    coupling_matrix: Any = Field(default=None, description="joint angles per motor angles, a row a joint")
     standard_uncertainty: _Uncertainty = Field(default=_Uncertainty(), description="of the readings, 1 sigma")
     notes: str = Field(default="", description="free text")
 
@@ -74,7 +83,12 @@ def load_recording(path: Path | str) -> Recording:
     document = read_yaml(file)
     keys = validate(_RecordingFile, document)
     data = _data_files(document, keys.data, file.parent)
-    runs = [_read_run(read_table(p, vocabulary(keys.kind)), keys, file.parent) for p in data]
+    targets = recording_targets.stated(document, keys.targets_mm, keys.kind)
+    motors = recording_motors.stated(
+        document, keys.motor_gain_Nm_per_A, keys.gear_ratio, keys.coupling_matrix, keys.kind
+    )
+    runs = [_read_run(read_table(p, vocabulary(keys.kind)), keys, file.parent, targets, motors) for p in data]
+    _refuse_moved(document, keys, runs)
     for other, p in zip(runs[1:], data[1:], strict=True):
         if other.labelled != runs[0].labelled:
             name = next(n for n in LABELS if (n in other.labelled) != (n in runs[0].labelled))
@@ -89,6 +103,7 @@ def load_recording(path: Path | str) -> Recording:
         *recording.warnings,
         *wide_poses(recording),
         *_radians(recording),
+        *recording_targets.unseen(recording),
     )
     return replace(recording, warnings=warnings)
 
@@ -181,10 +196,40 @@ def _data_files(document: Document, value: object, folder: Path) -> list[Path]:
     return out
 
 
-def _read_run(table: DataTable, keys: _RecordingFile, folder: Path) -> Recording:
+def _refuse_moved(document: Document, keys: _RecordingFile, runs: Sequence[Recording]) -> None:
+    moved = any(r.frame is not None and len(np.unique(r.frame)) > 1 for r in runs)
+    if moved and keys.registration == "fixed":
+        raise document.error(
+            ("registration",),
+            "is fixed, but column frame says that the tracker was moved; expected registration: fit, which fits one "
+            "frame a stand",
+        )
+
+
+def _read_run(
+    table: DataTable,
+    keys: _RecordingFile,
+    folder: Path,
+    targets: Mapping[str, Target],
+    motors: recording_motors.Motors,
+) -> Recording:
     """One data file as a recording of its own."""
+    reflectors, target = recording_targets.seen(table, targets, isinstance(keys.targets_mm, list))
+    frame = recording_targets.stands(table)
     prismatic = chain(table, keys.kind)
-    found, warnings = channels(table, keys.kind, prismatic)
+    by_motors = recording_motors.angles(table, motors, prismatic)
+    found, warnings = channels(table, keys.kind, prismatic, {} if by_motors is None else {"q": by_motors})
+    if found["q"] is not by_motors:
+        warnings += recording_motors.checked(table, found["q"], by_motors)
+    made = recording_motors.torque(table, motors, found.get("current"), prismatic)
+    if made is not None and "torque" not in found:
+        found["torque"] = made
+        warnings.append(
+            f"{table.path.name}: joint torque is current × {recording_motors.GAIN} × ratio; a gain that is off passes "
+            "for a payload"
+        )
+    elif made is not None:
+        warnings.append(f"{table.path.name}: tau1_Nm … stand too and are used; current1_A … are not")
     n = len(table)
     given = {name: labels(table, name) for name in LABELS if name in table.numbers}
     pose = given.get("pose")
@@ -193,7 +238,7 @@ def _read_run(table: DataTable, keys: _RecordingFile, folder: Path) -> Recording
     session = given.get("session", np.zeros(n, dtype=np.int64))
     cycle = separate_cycles(pose, given["cycle"], session) if "cycle" in given else np.arange(n, dtype=np.int64)
     branch = branches(table) if "branch" in table.words else None
-    for array in (pose, session, cycle, branch, table.lines, *found.values()):
+    for array in (pose, session, cycle, branch, target, frame, table.lines, *found.values()):
         if array is not None:
             array.setflags(write=False)
     return Recording(
@@ -221,6 +266,9 @@ def _read_run(table: DataTable, keys: _RecordingFile, folder: Path) -> Recording
         current=found.get("current"),
         prismatic=prismatic if any(prismatic) else (),
         registration=keys.registration,
+        targets=reflectors,
+        target=target,
+        frame=frame,
         uncertainty=_uncertainty(keys.standard_uncertainty),
         notes=keys.notes,
         labelled=frozenset(given),
@@ -289,6 +337,10 @@ def _columns(recording: Recording, folder: Path) -> dict[str, Sequence[str]]:
     if recording.branch is not None:
         word = {code: name for name, code in BRANCHES.items()}
         out["branch"] = [word[b] for b in recording.branch.tolist()]
+    if recording.target is not None:
+        out["target"] = [recording.targets[n].name for n in recording.target.tolist()]
+    if recording.frame is not None:
+        out["frame"] = [str(v) for v in recording.frame.tolist()]
     for channel in CHANNELS:
         array = getattr(recording, channel.field)
         if array is None:
@@ -320,6 +372,8 @@ def _write_yaml(path: Path, recording: Recording) -> None:
     if recording.displacement is not None:
         data["displacement_frame"] = recording.displacement_frame
     data["registration"] = recording.registration
+    if recording.targets:
+        data[recording_targets.KEY] = {t.name: [_printed(1e3 * v) for v in t.place] for t in recording.targets}
     sigma = {k: getattr(recording.uncertainty, name) for k, (name, _) in _UNCERTAINTY.items()}
     stated = {k: _printed(v / _UNCERTAINTY[k][1]) for k, v in sigma.items() if v is not None}
     if stated:

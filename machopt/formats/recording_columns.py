@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -13,6 +13,7 @@ from machopt.domain.recording import Kind
 from machopt.formats.recording_table import DataTable, Vocabulary
 
 LABELS = ("pose", "cycle", "session")
+SEEN = ("target", "frame")  # of measured poses: which reflector, and from which stand of the tracker
 BRANCHES = {"load": 1, "unload": -1, "": 0}  # an empty cell: not stated
 
 MOST_JOINTS = 12  # of a chain in motion
@@ -96,6 +97,21 @@ _AT_REST = Vocabulary(
         for i in range(1, 7)
     },
 )
+_POSES_ONLY = {
+    name: f"column {name} belongs to recordings of kind absolute, where a tracker measures reflectors" for name in SEEN
+}
+_TILTS = {
+    name: f"column {name}: no law compares the tilt of a link yet; leave tilt_x_mrad, tilt_y_mrad and tilt_link out"
+    for name in ("tilt_x_mrad", "tilt_y_mrad")
+}
+_AT_POSES = Vocabulary(
+    numbers=(*_AT_REST.numbers, "frame"),
+    words=(*_AT_REST.words, "target"),
+    listed=f"{_AT_REST.listed}, target, frame",
+    refused={**_AT_REST.refused, **_TILTS},
+    names=("target",),
+)
+_AT_LOADS = replace(_AT_REST, refused={**_AT_REST.refused, **_POSES_ONLY, **_TILTS})
 _ANY_JOINT = [
     pattern.format(i)
     for channel in CHANNELS
@@ -103,17 +119,20 @@ _ANY_JOINT = [
     for pattern in dict.fromkeys((channel.turns, channel.slides))
     if pattern
 ]
+_MOTORS = tuple(f"motor{i}_deg" for i in range(1, MOST_JOINTS + 1))
 _IN_MOTION = Vocabulary(
-    numbers=tuple(dict.fromkeys((*_AT_REST.numbers, *_ANY_JOINT))),
+    numbers=tuple(dict.fromkeys((*_AT_REST.numbers, *_ANY_JOINT, *_MOTORS))),
     words=_AT_REST.words,
-    listed=f"{_AT_REST.listed}; of a joint that slides q1_mm, qcmd1_mm, qse1_mm, qd1_mm_s, tau1_N",
-    refused={},
+    listed=f"{_AT_REST.listed}, motor1_deg …; of a joint that slides q1_mm, qcmd1_mm, qse1_mm, qd1_mm_s, tau1_N",
+    refused={**_POSES_ONLY, **_TILTS},
 )
 
 
 def vocabulary(kind: Kind) -> Vocabulary:
     """The columns that a recording of this kind may have: in motion any chain of joints, else an arm of six."""
-    return _IN_MOTION if kind == "motion" else _AT_REST
+    if kind == "motion":
+        return _IN_MOTION
+    return _AT_POSES if kind == "absolute" else _AT_LOADS
 
 
 def chain(table: DataTable, kind: Kind) -> Prismatic:
@@ -138,19 +157,23 @@ def chain(table: DataTable, kind: Kind) -> Prismatic:
     return tuple(i in slides for i in there) or (False,) * 6
 
 
-def channels(table: DataTable, kind: Kind, prismatic: Prismatic) -> tuple[dict[str, Array], list[str]]:
+def channels(
+    table: DataTable, kind: Kind, prismatic: Prismatic, given: dict[str, Array] | None = None
+) -> tuple[dict[str, Array], list[str]]:
     """The arrays of a table in SI by field of :class:`~machopt.domain.recording.Recording`, and warnings.
 
     Args:
         table: as read with :func:`vocabulary`.
         kind: of the recording.
         prismatic: which joints slide, see :func:`chain`.
+        given: arrays that stand for columns that are not there.
 
     Raises:
         InputError: columns that this kind needs are missing, a group is incomplete, a column is of a joint that is
             not there or moves otherwise, a quaternion is not unit.
     """
     out = {c.field: array for c in CHANNELS if (array := _channel(table, c, prismatic)) is not None}
+    out |= {name: array for name, array in (given or {}).items() if name not in out}
     columns = {c.field: c.columns[: c.needed or 6] for c in CHANNELS}
     missing = [name for field in NEEDED[kind] if field not in out for name in columns[field]]
     if missing:

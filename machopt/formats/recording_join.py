@@ -17,7 +17,8 @@ SAME_Q = np.radians(0.02)  # readings without pose labels: encoders return to a 
 SAME_LABEL = np.radians(0.05)  # files that mean the same pose by a label differ by less
 _MOTION_Q = np.radians(1e-3)  # in motion a "pose" is only a place that is passed again
 
-_SAME = ("kind", "prismatic", "wrench_frame", "displacement_frame", "registration", "wrench_point")
+_SAME = ("kind", "prismatic", "wrench_frame", "displacement_frame", "registration", "wrench_point", "targets")
+_BESIDE = ("branch", "target", "frame")  # columns that are no channel
 
 
 def number_poses(q: Array, kind: Kind) -> Ints:
@@ -116,9 +117,16 @@ def join(recordings: Sequence[Recording], *, new_sessions: bool) -> Recording:
         if any("pose" in r.labelled for r in recordings):
             warnings.append("not every recording has a column pose, so all poses are numbered by joint position")
     joined: dict[str, Any] = {"q": q, "line": np.concatenate([r.line for r in recordings])}
-    for name in (*(c.field for c in CHANNELS[1:]), "branch"):
+    for name in (*(c.field for c in CHANNELS[1:]), *_BESIDE):
         parts = [getattr(r, name) for r in recordings]
         joined[name] = None if parts[0] is None else np.concatenate(parts)
+    if (
+        new_sessions and first.frame is not None
+    ):  # the tracker of another folder stood elsewhere, whatever it was called
+        whose = np.repeat(np.arange(len(recordings)), [len(r) for r in recordings])
+        joined["frame"] = np.unique(np.column_stack([whose, joined["frame"]]), axis=0, return_inverse=True)[1].reshape(
+            -1
+        )
     if "cycle" in labelled:
         cycle = separate_cycles(pose, np.concatenate([r.cycle for r in recordings]), session)
     else:
@@ -151,7 +159,7 @@ def _refuse_different(first: Recording, rest: Sequence[Recording]) -> None:
                 raise InputError(
                     f"{name} is {b} but {a} in {_name(first)}; recordings read together must agree", file=_name(other)
                 )
-        for name in (*(c.field for c in CHANNELS), "branch"):
+        for name in (*(c.field for c in CHANNELS), *_BESIDE):
             a, b = getattr(first, name), getattr(other, name)
             if (a is None) != (b is None) or (a is not None and a.shape[1:] != b.shape[1:]):
                 raise InputError(

@@ -34,6 +34,7 @@ class Vocabulary:
     words: tuple[str, ...]  # names of columns of words
     listed: str  # all names in short, for messages
     refused: dict[str, str]  # known names that cannot be taken, and why
+    names: tuple[str, ...] = ()  # columns of words that may be whole numbers too
 
 
 @dataclass(frozen=True)
@@ -237,7 +238,11 @@ def _read_parquet(path: Path, data: bytes, vocabulary: Vocabulary) -> DataTable:
     if not len(table):
         raise table.error("holds no rows; expected one row a reading")
     numbers = {n: _arrow_numbers(table, n, columns.column(n), pyarrow) for n in header if n not in vocabulary.words}
-    words = {n: _arrow_words(table, n, columns.column(n)) for n in header if n in vocabulary.words}
+    words = {
+        n: _arrow_words(table, n, columns.column(n), number=n in vocabulary.names)
+        for n in header
+        if n in vocabulary.words
+    }
     return DataTable(path, numbers, words, table.lines, 0)
 
 
@@ -254,10 +259,11 @@ def _arrow_numbers(table: DataTable, name: str, column: Any, pyarrow: Any) -> Ar
     return values
 
 
-def _arrow_words(table: DataTable, name: str, column: Any) -> list[str]:
+def _arrow_words(table: DataTable, name: str, column: Any, *, number: bool) -> list[str]:
     out: list[str] = []
     for k, value in enumerate(column.to_pylist()):
-        if value is not None and not isinstance(value, str):
+        known = isinstance(value, str) or (number and isinstance(value, int) and not isinstance(value, bool))
+        if value is not None and not known:
             raise table.error(f"found {value!r}; expected a word", k, name)
-        out.append(value or "")
+        out.append("" if value is None else str(value))
     return out

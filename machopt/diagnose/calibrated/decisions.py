@@ -121,6 +121,10 @@ class Recorded:
     apart: float = _set(
         10.0, "times the typical misfit that two poses lie apart whose readings cannot agree to the last digit", JUDGED
     )
+    misplaced: float = _set(
+        3.0, "1 sigma of a reflector's nominal place, beyond which it was written down wrong", JUDGED
+    )
+    nest: float = _set(0.001, "m, that 1 sigma where the recording states none", JUDGED)
     different_load: float = _set(
         0.05, "of the largest load: readings under loads so unlike do not agree to the last digit", JUDGED
     )

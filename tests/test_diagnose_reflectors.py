@@ -1,0 +1,177 @@
+"""Measured poses of several reflectors, from a tracker that stands anywhere and is moved.
+
+Each reflector is measured as :func:`test_diagnose_absolute.measure` does a TCP that sits where it does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from test_diagnose_absolute import arm, measure, poses
+
+from machopt.diagnose import absolute, laws_geometry, nests, reflectors
+from machopt.diagnose.nominal_poses import Nominal
+from machopt.domain.recording import Recording, Target
+from machopt.errors import InputError
+from machopt.se3 import rotation_from_vector
+
+Array = NDArray[np.float64]
+PLACES = np.array([[0.15, 0.01, 0.02], [-0.06, 0.13, 0.05], [-0.08, -0.12, 0.03]])  # m in flange
+BESIDE = 1e-4 * np.array([[2.0, -3.0, 1.0], [-1.0, 2.0, 4.0], [3.0, 1.0, -2.0]])
+STANDS = (
+    (np.array([0.4, 2.0, -1.1]), np.array([2.5, -1.0, 0.7])),
+    (np.array([-0.2, 0.3, 2.9]), np.array([-2.0, 3.0, 0.2])),
+)
+
+
+def recorded(*, wrong: Array | None = None, noise: float = 0.0, stands: int = 2) -> Recording:
+    """Three reflectors at each visit, BESIDE their nominal places; the tracker moved before the last session."""
+    cell = arm()[0]
+    tip = cell.tool.T_flange_tcp[:3, 3]
+    none = np.zeros(3)
+    parts = [measure(frame=(none, none, at - tip)) for at in PLACES + BESIDE]
+    one = parts[0]
+    N = len(one)
+    order = np.arange(3 * N).reshape(3, N).T.reshape(-1)  # reflector by reflector at each visit
+
+    def all_of(values: Array) -> Array:
+        return np.asarray(np.concatenate([values] * 3)[order])
+
+    position = np.concatenate([r.position for r in parts if r.position is not None])[order]
+    position += noise * np.random.default_rng(3).normal(size=position.shape)
+    session = all_of(one.session)
+    frame = np.minimum(session, stands - 1)
+    for n, (turn, shift) in enumerate(STANDS[:stands]):
+        rows = frame == n
+        position[rows] = position[rows] @ rotation_from_vector(turn).T + shift
+    said = PLACES if wrong is None else PLACES + wrong
+    return replace(
+        one,
+        q=all_of(one.q),
+        pose=all_of(one.pose),
+        cycle=all_of(one.cycle),
+        session=session,
+        line=np.arange(2, 3 * N + 2),
+        time=None,
+        temperature=None,
+        position=position,
+        targets=tuple(Target(str(n + 1), (float(x), float(y), float(z))) for n, (x, y, z) in enumerate(said)),
+        target=np.tile(np.arange(3), N),
+        frame=frame,
+        labelled=frozenset({"cycle", "pose", "session"}),
+    )
+
+
+def first(recording: Recording) -> tuple[Nominal, Array]:
+    cell, robot, masses = arm()
+    brought, _ = reflectors.brought(recording, robot, cell.tool.T_flange_tcp)
+    model = Nominal(brought, cell, robot, masses, frozenset())
+    frame = model.first_fit()
+    _, p, R = model.predict(frame)
+    return model, np.concatenate([frame.target, [model.residual(frame, p, R).std(axis=0)]])
+
+
+def test_stands_and_places_come_out_where_they_are() -> None:
+    _, found = first(recorded())
+    np.testing.assert_allclose(found[:3], BESIDE, atol=2e-6)  # the prior of nominal places holds next to nothing
+    assert found[3].max() < 1e-6  # m: nothing else is left
+
+
+def test_base_and_notes_hold_every_frame_and_place() -> None:
+    cell, robot, masses = arm()
+    recording, said = reflectors.brought(recorded(), robot, cell.tool.T_flange_tcp)
+    problem, catalogue, notes = absolute.build(recording, cell, robot, masses, np.random.default_rng(0))
+    names = [u.name for u in problem.unknowns if u.location in ("registration", "tool")]
+    assert len(names) == len(set(names)) == 2 * 6 + 3 * 3
+    assert all(u.prior is not None for u in problem.unknowns if u.location == "tool")
+    assert len(said) == 2  # where the tracker stood
+    assert any("1 by (" in n for n in notes)
+    assert np.bincount(problem.visit).tolist() == [3] * 180  # the reflectors of one arrival
+    assert ("tool_compliance", "tool") in {(u.effect, u.location) for u in catalogue.untestable}
+    assert np.abs(problem.y - problem.base @ _fit(problem)).max() < 1e-6
+
+
+def _fit(problem: absolute.Problem) -> Array:
+    A = problem.base.reshape(-1, problem.base.shape[2])
+    size = np.linalg.norm(A, axis=0)
+    return np.asarray(np.linalg.lstsq(A / size, problem.y.reshape(-1), rcond=1e-12)[0] / size)
+
+
+def test_twelve_poses_of_three_reflectors_see_turned_axes_far_sharper_than_those_of_one() -> None:
+    """1 sigma of each joint's turn, all frames of joints fitted beside the base, maker's priors on them."""
+    cell, robot, masses = arm()
+    whole, _ = reflectors.brought(recorded(stands=1), robot, cell.tool.T_flange_tcp)
+    assert whole.target is not None
+    few = (whole.pose < 12) & (whole.session == 0)
+    three, one = _of(whole, few), replace(_of(whole, few & (whole.target == 0)), targets=whole.targets[:1])
+    sigma = []
+    for recording in (one, three):
+        model = Nominal(recording, cell, robot, masses, frozenset())
+        frame = model.first_fit()
+        state, p, _ = model.predict(frame)
+        base, unknowns = model.columns(state, p)
+        readings = model.readings(state, frame, model.nominal)
+        twists = [laws_geometry.twists(readings, f"joint:{j}") * laws_geometry.HELD for j in range(1, 7)]
+        A = np.concatenate([base, *twists], axis=2).reshape(3 * len(recording), -1)
+        scale = np.r_[1.0 / np.linalg.norm(A[:, : len(unknowns)], axis=0), np.ones(36)]
+        known = np.r_[np.full(len(unknowns), 1e-12), np.ones(36)]
+        A = A * scale / 2.5e-5
+        covariance = np.linalg.inv(A.T @ A + np.diag(known))[-36:, -36:]
+        sigma.append(np.sqrt(np.diag(covariance)).reshape(6, 6)[:, 3:])
+    seen = sigma[1] < 0.3  # beside the maker's
+    assert np.median(sigma[0][seen] / sigma[1][seen]) > 2.5  # readings three times as many alone: 1.7
+    assert (sigma[1] < 1.001 * sigma[0]).all()
+
+
+def _of(recording: Recording, rows: NDArray[np.bool_]) -> Recording:
+    names = ("q", "pose", "cycle", "session", "line", "position", "target", "frame")
+    return replace(recording, **{name: getattr(recording, name)[rows] for name in names})
+
+
+def test_a_wrong_place_is_a_fault_of_the_record() -> None:
+    cell, robot, masses = arm()
+    wrong = np.zeros((3, 3))
+    wrong[1] = [0.02, -0.01, 0.015]
+    recording, _ = reflectors.brought(recorded(wrong=wrong), robot, cell.tool.T_flange_tcp)
+    mended, (finding,) = nests.mended(recording, cell, robot, masses)
+    assert (finding.effect, finding.location, finding.record) == ("columns", "column:target", True)
+    assert "target 2" in finding.note
+    np.testing.assert_allclose([finding.parameters[f"shift {a}"].value for a in "xyz"], -1e3 * wrong[1], atol=0.6)
+    np.testing.assert_allclose(mended.targets[1].place, PLACES[1], atol=6e-4)
+    assert finding.after < 0.1 * finding.before
+
+
+def test_exchanged_names_are_put_right() -> None:
+    cell, robot, masses = arm()
+    wrong = PLACES[[1, 0, 2]] - PLACES
+    recording, _ = reflectors.brought(recorded(wrong=wrong), robot, cell.tool.T_flange_tcp)
+    mended, (finding,) = nests.mended(recording, cell, robot, masses)
+    assert "exchanged" in finding.note
+    np.testing.assert_allclose([t.place for t in mended.targets], PLACES)
+
+
+def test_a_plate_that_is_turned_as_a_whole_is_none() -> None:
+    cell, robot, masses = arm()
+    turned = PLACES @ rotation_from_vector(np.array([0.0, 0.0, 0.3])).T
+    recording, _ = reflectors.brought(recorded(wrong=turned - PLACES), robot, cell.tool.T_flange_tcp)
+    assert nests.mended(recording, cell, robot, masses)[1] == []
+
+
+def test_a_stand_without_points_enough_is_refused() -> None:
+    cell, robot, _ = arm()
+    recording = recorded()
+    assert recording.frame is not None
+    frame = recording.frame.copy()
+    frame[:2] = 7
+    with pytest.raises(InputError, match="frame 7 has 2 readings"):
+        reflectors.brought(replace(recording, frame=frame), robot, cell.tool.T_flange_tcp)
+
+
+def test_one_frame_near_the_base_is_left_to_the_fit() -> None:
+    cell, robot, _ = arm()
+    recording = measure()
+    assert reflectors.brought(recording, robot, cell.tool.T_flange_tcp) == (recording, ())
+    assert len(poses())
