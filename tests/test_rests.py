@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import json
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -163,3 +165,6 @@ def test_a_dwell_between_moves_to_where_the_tool_stands(tmp_path: Path) -> None:
     assert main([*asked, "--set", "external.e1.mode=locked"]) == 0
     program = (tmp_path / "out" / "job_nc.src").read_text()
     assert program.index("WAIT SEC 0.5") < program.index("LIN {X 90.0000")
+    with (tmp_path / "out" / "points.csv").open() as file:
+        assert [float(row["dwell_s"]) for row in csv.DictReader(file)] == [0.0, 0.5, 0.0, 0.0, 0.0]
+    assert json.loads((tmp_path / "out" / "result.json").read_text())["dwell_s"] == 0.5

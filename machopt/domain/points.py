@@ -38,6 +38,7 @@ class PointsTable:
     in_grid: NDArray[np.bool_] | None = None  # (N,) False: outside the stiffness grid, the constant values were used
     deflection_std: Array | None = None  # (N,) m, 1 sigma of ``deflection`` from the stiffness's own uncertainty
     k_axial_std: Array | None = None  # (N,) N/m, the same of ``k_axial``
+    dwell: Array | None = None  # (N,) s that the file waits at the point; None: it waits nowhere
     compensation: Array | None = None  # (N, 3) m in workpiece, added to the commanded path
 
     def __len__(self) -> int:

@@ -97,6 +97,16 @@ class Toolpath:
         return len(self.position)
 
     @property
+    def dwells(self) -> Array:
+        """(N + 1,) s that the file waits: entry 0 before the first point, k + 1 at point k; a wait of no told length
+        is none."""
+        out = np.zeros(len(self) + 1)
+        for event in self.events:
+            if event.kind == "dwell" and event.value > 0.0:
+                out[min(event.index, len(self))] += event.value
+        return out
+
+    @property
     def cutting(self) -> NDArray[np.bool_]:
         """(N,) True where the move to the point cuts."""
         return np.asarray(self.move == Move.CUT)

@@ -246,6 +246,8 @@ def _points(table: PointsTable) -> list[_Column]:
         columns.append(_optional("deflection_std_mm", table.deflection_std * MM_PER_M, 7))
     if table.k_axial_std is not None:
         columns.append(_optional("k_axial_std_N_mm", table.k_axial_std * N_MM_PER_N_M, 4))
+    if table.dwell is not None:
+        columns.append(_optional("dwell_s", table.dwell, 3))
     if table.compensation is not None:
         shift = table.compensation * MM_PER_M
         columns += [_optional(f"comp_d{c}_mm", shift[:, i], 6) for i, c in enumerate("xyz")]

@@ -12,7 +12,7 @@ from machopt.domain.points import PointsTable
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.domain.trajectory import Trajectory
 from machopt.plan.joined import Stretch, shifted_break
-from machopt.plan.points import PointResults
+from machopt.plan.points import PointResults, dwells_of
 from machopt.plan.timeline import Timeline
 
 
@@ -43,6 +43,7 @@ def joined_points(parts: Sequence[Done], toolpath: Toolpath) -> PointResults:
         else:
             columns[f.name] = None
     columns["position"], columns["axis"] = toolpath.position, toolpath.axis
+    columns["dwell"] = dwells_of(toolpath)  # one before a change of tools stands at the last point of what is before
     before = np.cumsum([0, *(len(p.stretch.plan.path.index) for p in parts)])
     rows = np.concatenate([p.points.rows + n for p, n in zip(parts, before, strict=False)])
     return PointResults(PointsTable(**columns), rows, tuple(name for p in parts for name in p.points.nearest_pair))

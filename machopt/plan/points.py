@@ -97,9 +97,16 @@ def point_results(plan: Plan, toolpath: Toolpath) -> PointResults:
         in_grid=None if plan.setup.elasticity.stiffness.grid is None else plan.directions.in_grid[rows],
         deflection_std=bend_std,
         k_axial_std=axial_std,
+        dwell=dwells_of(toolpath),
         compensation=None if plan.compensation is None else plan.compensation.offset[rows],
     )
     return PointResults(table, rows, tuple(pairs))
+
+
+def dwells_of(toolpath: Toolpath) -> Array | None:
+    """(N,) s that the file waits at its points; None where it waits at none."""
+    out = toolpath.dwells[1:]
+    return out if out.any() else None
 
 
 def _blocks(rows: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:

@@ -216,7 +216,10 @@ def _infeasible(t: Told) -> Iterable[str]:
 def _times(t: Told) -> Iterable[str]:
     if t.contents is None:
         yield from same("cycle_time_s", t.result.cycle_time_s, None)
+        yield from same("dwell_s", t.result.dwell_s, None)
         return
+    waits = t.toolpath.dwells
+    yield from near("dwell_s", t.result.dwell_s, float(waits[0] + waits[1:][Points.read(t).ok].sum()), DIGITS, 1e-9)
     yield from near("cycle_time_s", t.result.cycle_time_s, float(t.motion.numbers("time_s")[-1]), 0.0, 1e-5)
     for name, seconds in t.result.timings_s.items():
         if not (isinstance(seconds, float | int) and math.isfinite(seconds) and seconds >= 0):

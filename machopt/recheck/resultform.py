@@ -22,6 +22,7 @@ _PART_OF = {
     "breaks": "infeasible points",
     "obstructions": "infeasible points",
     "cycle_time_s": "times",
+    "dwell_s": "times",
     "timings_s": "times",
     "rapid_detours": "times",
     "feed_held_share": "feed",

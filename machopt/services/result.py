@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from machopt.domain.results import optimize as told
 from machopt.domain.toolpath import Toolpath
 from machopt.formats.options import options_as_user, without_effect
@@ -12,6 +14,7 @@ from machopt.output.manifest import listed
 from machopt.plan.explain import all_breaks, hints
 from machopt.plan.front import left_out
 from machopt.plan.made import Plan
+from machopt.plan.points import PointResults
 from machopt.plan.told import (
     break_told,
     compensation_told,
@@ -58,6 +61,7 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> told.Optim
         infeasible_points=tuple(infeasible_told(the_plan, points)),
         breaks=tuple(break_told(b) for b in all_breaks(the_plan, stopped)),
         cycle_time_s=float(trajectory.time[-1]) if trajectory else None,
+        dwell_s=_dwelt(toolpath, points) if trajectory else None,
         feed_held_share=timeline.held_share if trajectory and timeline else None,
         feed_dips=tuple(dip_told(d) for d in (timeline.dips if timeline else ())),
         rapid_detours=timeline.detours if timeline else (),
@@ -78,6 +82,12 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> told.Optim
         ),
         timings_s={name: round(value, 3) for name, value in seconds.items()},
     )
+
+
+def _dwelt(toolpath: Toolpath, points: PointResults) -> float:
+    """s that the file waits before its first point and at those that are driven."""
+    waits, driven = toolpath.dwells, np.array([word == "ok" for word in points.table.status])
+    return float(waits[0] + waits[1:][driven].sum())
 
 
 def objectives_of(the_plan: Plan) -> told.Objectives:

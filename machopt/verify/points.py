@@ -49,6 +49,7 @@ ANGLE_DEG = 2e-5  # five decimals
 RELATIVE = 5e-6  # of stiffness and deflection: 5e-8 rad in all joints, squared levers
 STIFF_N_MM, BEND_MM = 1e-4, 2e-7  # four and seven decimals
 JOINT_DEG = 0.1  # of the samples around the point: corners are rounded by up to 15 µm, over a short lever
+DWELL_S = 6e-4  # printed to a millisecond
 
 
 def turned(T: Array, v: Array) -> Array:
@@ -163,6 +164,12 @@ class PointsCheck:
                 ],
             ),
         ]
+        waits = np.zeros(len(t))
+        for event in t.events:
+            if event.kind == "dwell" and event.index > 0 and event.value > 0:
+                waits[min(event.index, len(t)) - 1] += event.value
+        if waits.any() or "dwell_s" in self.points.numbers:
+            out.append(self.column("dwell_s", waits[k], every, "s", DWELL_S))
         if "feed_mm_min" in self.points.numbers:
             out.append(self.column("feed_mm_min", 6e4 * t.feed[k], every, "mm/min", FEED_MM_MIN))
         return out

@@ -45,7 +45,15 @@ POINTS = (
     "status",
     "reason",
 )
-FURTHER = ("feed_mm_min", "k_jiao_x_N_mm", "nearest_pair", "stiffness_from", "deflection_std_mm", "k_axial_std_N_mm")
+FURTHER = (
+    "feed_mm_min",
+    "k_jiao_x_N_mm",
+    "nearest_pair",
+    "stiffness_from",
+    "deflection_std_mm",
+    "k_axial_std_N_mm",
+    "dwell_s",
+)
 TEXT = frozenset(
     {"operation", "move", "status", "reason", "nearest_pair", "stiffness_from", "tool"}
 )  # columns of words

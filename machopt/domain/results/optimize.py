@@ -264,6 +264,7 @@ class OptimizeResult(Part):
     infeasible_points: tuple[InfeasiblePoint, ...]
     breaks: tuple[BreakTold, ...]
     cycle_time_s: Known
+    dwell_s: Known  # of it, what the file waits at the points that are driven and before the first
     feed_held_share: Known
     feed_dips: tuple[FeedDip, ...]
     rapid_detours: tuple[Text, ...]
