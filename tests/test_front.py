@@ -45,9 +45,29 @@ def test_what_makes_no_sense_is_refused_with_what_works(options: PlanOptions, wo
     refuse(PlanOptions())
 
 
+def test_differences_that_nobody_could_measure_are_none() -> None:
+    slower = replace(A, plan="slower", cycle_time_s=10.2, clearance_mm=20.0007)  # 0.2 s for 0.7 µm
+    assert [p.dominated for p in weighed([A, slower])] == [False, True]
+    assert [p.dominated for p in weighed([slower, A])] == [True, False]
+    for other in (
+        replace(A, cycle_time_s=9.8, clearance_mm=19.98),
+        replace(A, mean_index=0.4 * 1.002, joint_travel_deg=998.0),
+    ):
+        assert not any(p.dominated for p in weighed([A, other]))
+    # alike pair by pair, yet the last is better than the first by what counts: one of them stays, not the first
+    steps = [replace(A, plan=str(k), cycle_time_s=10.0 - 0.06 * k) for k in range(3)]
+    assert [p.dominated for p in weighed(steps)] == [True, False, True]
+    # each better than the next in one thing: in a ring, not all may go
+    ring = [(0.0, 0.6, 1.2), (1.2, 0.0, 0.6), (0.6, 1.2, 0.0)]
+    round_about = [
+        replace(A, cycle_time_s=10 + 0.1 * a, joint_travel_deg=1e3 + b, clearance_mm=20 - 0.01 * c) for a, b, c in ring
+    ]
+    assert not all(p.dominated for p in weighed(round_about))
+
+
 def test_clearance_is_asked_for_only_where_it_is_checked() -> None:
-    assert "more clearance" in [name for name, _, _ in variants(PlanOptions())]
-    assert "more clearance" not in [name for name, _, _ in variants(PlanOptions(collision=False))]
+    assert "wider clearance" in [name for name, _, _ in variants(PlanOptions())]
+    assert "wider clearance" not in [name for name, _, _ in variants(PlanOptions(collision=False))]
 
 
 def test_file_holds_what_is_not_dominated(tmp_path: Path) -> None:
@@ -67,7 +87,7 @@ def test_a_plan_that_could_not_be_driven_is_told() -> None:
 
 def test_picture_of_the_front_has_axes_even_where_all_plans_are_one() -> None:
     point = FrontPoint("as asked", "", 0.4, 0.5, 10.0, 1000.0, None, False)
-    for points in ((point,), (point, replace(point, name="less travel", mean=0.42, cycle=11.0, dominated=True))):
+    for points in ((point,), (point, replace(point, name="travel counts more", mean=0.42, cycle=11.0, dominated=True))):
         page = str(front_section(SimpleNamespace(front=points, summary=SimpleNamespace(quantity="deflection"))))  # type: ignore[arg-type]
         assert "cycle time (s)" in page
         assert "mean deflection (mm)</text>" in page

@@ -9,11 +9,16 @@ import numpy as np
 
 from machopt.domain.options import PlanOptions
 from machopt.errors import InputError
+from machopt.plan.caps import GAP
 from machopt.plan.made import Plan
 from machopt.plan.points import PointResults
 from machopt.plan.timeline import Timeline
 
-SAME = 1e-6  # relative: nearer than this two plans are alike in what is compared
+INDEX = GAP  # relative: the choice claims its objective no nearer than this, so no difference below it is one
+TIME = 0.1  # s: eight control samples; what a controller adds at stops differs by more from one run to the next
+TRAVEL = 1.0  # deg of all axes together: below the rotation grid, and nothing that wears or heats an axis
+CLEARANCE = 0.01  # mm: clearance is kept before corners are rounded, by up to path_tolerance_mm (0.015)
+SAME = 1.0 + 1e-6  # of such a difference: round-off of a plain 0.1 s
 
 
 @dataclass(frozen=True)
@@ -29,10 +34,17 @@ class Point:
     clearance_mm: float | None  # least at the points; None where collisions are not checked
     dominated: bool = False  # another plan is better in one of these, worst_index aside, and worse in none
 
-    def criteria(self) -> tuple[float, ...]:
-        """What is compared, less is better."""
-        room = () if self.clearance_mm is None else (-self.clearance_mm,)
-        return (self.mean_index, self.cycle_time_s, self.joint_travel_deg, *room)
+    def worse(self, other: Point) -> tuple[float, ...]:
+        """By how many times what counts as a difference this plan is worse than another, criterion by criterion."""
+        least = INDEX * max(abs(self.mean_index), abs(other.mean_index))
+        pairs = [
+            (self.mean_index, other.mean_index, least),
+            (self.cycle_time_s, other.cycle_time_s, TIME),
+            (self.joint_travel_deg, other.joint_travel_deg, TRAVEL),
+        ]
+        if self.clearance_mm is not None and other.clearance_mm is not None:
+            pairs.append((other.clearance_mm, self.clearance_mm, CLEARANCE))
+        return tuple((a - b) / unit if unit else 0.0 for a, b, unit in pairs)
 
 
 def refuse(options: PlanOptions) -> None:
@@ -57,21 +69,21 @@ def variants(options: PlanOptions) -> list[tuple[str, str, PlanOptions]]:
     w = options.weights
     out = [
         (
-            "stiffness alone",
+            "stiffness counts more",
             "weights.travel, rotation and feed / 10",
             replace(options, weights=replace(w, travel=w.travel / 10, rotation=w.rotation / 10, feed=w.feed / 10)),
         ),
-        ("less travel", "weights.travel × 4", replace(options, weights=replace(w, travel=4 * w.travel))),
-        ("least travel", "weights.travel × 20", replace(options, weights=replace(w, travel=20 * w.travel))),
+        ("travel counts more", "weights.travel × 4", replace(options, weights=replace(w, travel=4 * w.travel))),
+        ("travel counts most", "weights.travel × 20", replace(options, weights=replace(w, travel=20 * w.travel))),
         (
-            "less time",
+            "time counts more",
             "weights.feed and travel × 10",
             replace(options, weights=replace(w, feed=10 * w.feed, travel=10 * w.travel)),
         ),
     ]
     if options.collision:
         wide = options.clearance + 0.01
-        out.append(("more clearance", f"clearance_mm {1e3 * wide:g}", replace(options, clearance=wide)))
+        out.append(("wider clearance", f"clearance_mm {1e3 * wide:g}", replace(options, clearance=wide)))
     return out
 
 
@@ -103,13 +115,21 @@ def measured(name: str, changed: str, the_plan: Plan, timeline: Timeline, points
 
 
 def weighed(points: list[Point]) -> list[Point]:
-    """The points with ``dominated`` told; of two alike the later is."""
+    """The points with ``dominated`` told, by differences that count (INDEX, TIME, TRAVEL, CLEARANCE).
 
-    def beats(a: int, b: int) -> bool:
-        pairs = list(zip(points[a].criteria(), points[b].criteria(), strict=True))
-        if any(x > y + SAME * abs(y) for x, y in pairs):
-            return False
-        return a < b or any(x < y - SAME * abs(y) for x, y in pairs)
+    A plan is dominated by one that is worse in nothing and better in something; of two alike the later is. Being alike
+    does not carry over from one pair to the next, so the dominated are taken away one by one, the last first, and
+    compared with what is left: some plan always is.
+    """
+    left = list(range(len(points)))
 
-    every = range(len(points))
-    return [replace(p, dominated=any(beats(a, b) for a in every if a != b)) for b, p in enumerate(points)]
+    def beaten(a: int, b: int, *, alike: bool) -> bool:
+        """Plan b by plan a."""
+        loss = points[a].worse(points[b])
+        return max(loss) <= SAME and (min(loss) < -SAME or alike and a < b)
+
+    for alike in (False, True):
+        for b in reversed(range(len(points))):
+            if b in left and any(beaten(a, b, alike=alike) for a in left if a != b):
+                left.remove(b)
+    return [replace(p, dominated=k not in left) for k, p in enumerate(points)]
