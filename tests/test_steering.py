@@ -8,27 +8,33 @@ from pathlib import Path
 import numpy as np
 import pytest
 from external_cell import external_cell
+from pydantic import ValidationError
 from small_cell import small_cell
+from test_external import long_slot
 from test_path import Rows, toolpath
 from test_pipeline import FREE, UP, K, pass_over_block
 
-from machopt.domain.options import ExternalAxis, FixedRotation, PlanOptions, Steer
+from machopt.domain.options import ExternalAxis, ExternalMode, FixedRotation, PlanOptions, ProcessForce, Steer
 from machopt.domain.reason import Reason
 from machopt.domain.steering import inside, kept, refuse_narrow, said, steered
 from machopt.domain.stiffness import Stiffness
 from machopt.domain.toolpath import Move, Operation, Toolpath
 from machopt.errors import InputError
+from machopt.formats.steering import SteerKeys, steer_as_user, steer_of
 from machopt.plan.axes import axes_of
 from machopt.plan.certificate import certificate
 from machopt.plan.conflict import minimal, whole, wishes_of, with_conflict
 from machopt.plan.explain import gamma, hints
+from machopt.plan.external import best_plan
 from machopt.plan.groups import Group, groups_of
 from machopt.plan.made import Plan
 from machopt.plan.path import build_path
 from machopt.plan.pipeline import plan
 from machopt.plan.setup import Timings
+from machopt.plan.timeline import build_timeline
 from machopt.verify.asked import check_asked
-from machopt.verify.table import Points
+from machopt.verify.check import Check
+from machopt.verify.table import Motion, Points
 
 EXACT = 1e-5  # rad; the solver's tolerance
 C, R, A = Move.CUT, Move.RAPID, Move.APPROACH
@@ -194,20 +200,60 @@ def test_preferences_are_never_in_a_conflict() -> None:
     assert said(wishes[1]) == "the rotation 11.4592° for operation 'a'"
 
 
-def test_the_verifier_sees_a_zone_and_a_branch_that_are_not_kept() -> None:
+def still(external: np.ndarray) -> Motion:
+    """A motion with one sample at each point of :func:`two_operations`."""
+    path, n = two_operations(), len(external)
+    labels = tuple(path.operations[k].label for k in path.operation)
+    zero = np.zeros(n)
+    return Motion(zero, np.arange(n, dtype=float), path.move, np.zeros((n, 6)), external, labels, zero, zero)
+
+
+def test_the_verifier_sees_an_external_joint_that_stands_elsewhere(tmp_path: Path) -> None:
+    cell, path = external_cell(tmp_path, rail=True), two_operations()
+    n = len(path)
+    numbers = {"gamma_deg": np.zeros(n), "branch": np.full(n, 4.0), "limit_margin_deg": np.full(n, 9.0)}
+    at = np.full((n, 1), 0.3)
+    points = Points(np.arange(n), np.zeros((n, 6)), at.copy(), ("ok",) * n, numbers, {})
+    pin = Steer(points=(2, 4), joint="e1", at=0.3, unit="mm")
+    zone = Steer("b", joint="rail", away=(0.31, 0.5), unit="mm")
+    for options in (
+        PlanOptions(collision=False, steer=(pin, zone)),
+        PlanOptions(collision=False, external=(ExternalAxis("rail", at_operations=(("a", 0.3),), unit="mm"),)),
+        PlanOptions(collision=False, external=(ExternalAxis("rail", mode="locked", at=0.3, unit="mm"),)),
+    ):
+        (told,) = (c for c in check_asked(cell, path, points, np.arange(n), options, still(at)) if "external" in c.name)
+        assert told.passed
+        between = at.copy()
+        between[3] += 0.0002  # on the way from one pinned point to another
+        (told,) = (
+            c for c in check_asked(cell, path, points, np.arange(n), options, still(between)) if "external" in c.name
+        )
+        assert (told.passed, told.unit, told.value) == (False, "mm off", pytest.approx(0.2))
+        assert "point 3" in told.where
+    points.external[6] = 0.33
+    options = PlanOptions(collision=False, steer=(pin, zone))
+    (told,) = (c for c in check_asked(cell, path, points, np.arange(n), options, still(at)) if "external" in c.name)
+    assert (told.passed, told.value, told.where) == (False, pytest.approx(20.0), "point 6")
+
+
+def test_the_verifier_sees_a_zone_and_a_branch_that_are_not_kept(tmp_path: Path) -> None:
     path = two_operations()
     n = len(path)
     numbers = {"gamma_deg": np.zeros(n), "branch": np.full(n, 4.0), "limit_margin_deg": np.full(n, 9.0)}
     points = Points(np.arange(n), np.zeros((n, 6)), np.zeros((n, 0)), ("ok",) * n, numbers, {})
     wishes = (Steer("a", forbid=(deg(-3), deg(40))), Steer("b", branch=4), Steer("b", gamma=0.0))
-    found = check_asked(path, points, np.arange(n), PlanOptions(collision=False, steer=wishes))
-    by_name = {c.name: c for c in found}
+    cell, options = external_cell(tmp_path), PlanOptions(collision=False, steer=wishes)
+
+    def checks() -> dict[str, Check]:
+        return {c.name: c for c in check_asked(cell, path, points, np.arange(n), options, still(np.zeros((n, 0))))}
+
+    by_name = checks()
     assert not by_name["as asked: forbidden rotations"].passed
     assert by_name["as asked: forbidden rotations"].value == pytest.approx(3.0)
     assert by_name["as asked: branch"].passed
     assert by_name["as asked: fixed rotations"].passed
     numbers["branch"][7] = 5.0
-    wrong = {c.name: c for c in check_asked(path, points, np.arange(n), PlanOptions(collision=False, steer=wishes))}
+    wrong = checks()
     assert not wrong["as asked: branch"].passed
     assert wrong["as asked: branch"].where == "point 7"
 
@@ -242,3 +288,85 @@ def test_a_point_of_its_own_divides_a_pin() -> None:
     laid = steered(options, toolpath(pass_over_block()))
     assert laid.steer == (Steer(points=(2, 4), gamma=0.5), Steer(points=(6, 8), gamma=0.5))
     assert steered(laid, toolpath(pass_over_block())) == laid
+
+
+PIN = Steer(points=(3, 3), joint="rail", at=0.4, unit="mm")
+
+
+def on_rail(folder: Path, *wishes: Steer, mode: ExternalMode | None = None, before: Plan | None = None) -> Plan:
+    """A slot of 2 m along the rail, 24 points from −1 m to 1 m."""
+    cell = replace(external_cell(folder, rail=True), stiffness=Stiffness(K))
+    force = ProcessForce(normal=200.0, axial=100.0)
+    options = PlanOptions(collision=False, rotation_step=deg(30), force=force, sample=0.02, steer=wishes)
+    options = replace(options, external=() if mode is None else (ExternalAxis("rail", mode),))
+    return best_plan(cell, long_slot(1.0), options, before=before)
+
+
+def test_a_pinned_rail_is_there_at_that_point_and_moves_elsewhere(tmp_path: Path) -> None:
+    """Two places and a zone on one run: no one place would keep them."""
+    zone = Steer(points=(18, 21), joint="rail", away=(0.2, 2.5), unit="mm")
+    p = on_rail(tmp_path, PIN, Steer(points=(12, 14), joint="e1", at=-0.2, unit="mm"), zone)
+    assert whole(p)
+    rail = p.path.external[:, 0]
+    at = rail[p.path.is_point]
+    assert at[3] == pytest.approx(0.4, abs=1e-12)
+    between = (p.path.index >= 12) & (p.path.index <= 14)
+    assert rail[between] == pytest.approx(-0.2, abs=1e-12)
+    assert (rail[(p.path.index >= 18) & (p.path.index <= 21)] <= 0.2 + 1e-12).all()
+    motion = build_timeline(p, long_slot(1.0)).trajectory
+    assert motion is not None  # within the limits of every axis
+    on = (motion.point >= 12) & (motion.point <= 14)
+    assert np.abs(motion.external[on, 0] + 0.2).max() < 2e-5  # between the points of one wish, too
+    assert np.interp(3.0, motion.point, motion.external[:, 0]) == pytest.approx(0.4, abs=1e-4)
+
+
+def test_a_rail_that_keeps_one_place_keeps_the_pinned_one(tmp_path: Path) -> None:
+    p = on_rail(tmp_path, PIN, mode="operation")
+    assert (p.path.external == 0.4).all()
+    zoned = on_rail(tmp_path, Steer(joint="rail", away=(-0.5, 0.6), unit="mm"), mode="operation")
+    assert not ((zoned.path.external > -0.5) & (zoned.path.external < 0.6)).any()
+    with pytest.raises(InputError, match=r"rail at 400 mm at point 3 and rail at -200 mm at point 12.* mode: moving"):
+        on_rail(tmp_path, PIN, Steer(points=(12, 12), joint="rail", at=-0.2, unit="mm"), mode="operation")
+
+
+@pytest.mark.parametrize(
+    ("wish", "told"),
+    [
+        ({"joint": "tabel", "at": 0.1, "unit": "mm"}, "'tabel' is no external joint"),
+        ({"joint": "rail", "at": 0.1, "unit": "deg"}, "'rail' slides; a place in mm would work"),
+        ({"joint": "rail", "at": 9.0, "unit": "mm"}, "rail at 9000 mm at point 3: the range of 'rail' is"),
+        ({"joint": "rail", "away": (0.3, 0.5), "unit": "mm"}, "rail at 400 mm at point 3 and rail not between 300 mm"),
+    ],
+)
+def test_a_place_that_no_joint_could_take_is_refused(tmp_path: Path, wish: dict[str, object], told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        on_rail(tmp_path, PIN, Steer(points=(3, 3), **wish))  # type: ignore[arg-type]
+
+
+def test_a_pinned_rail_that_leaves_points_out_of_reach_is_named(tmp_path: Path) -> None:
+    cell = replace(external_cell(tmp_path, rail=True), stiffness=Stiffness(K))
+    far = Steer(points=(3, 3), joint="rail", at=2.4, unit="mm")
+    near = Steer(points=(20, 20), joint="rail", at=0.5, unit="mm")
+    options = PlanOptions(collision=False, rotation_step=deg(30), sample=0.02, steer=(far, near))
+    p = best_plan(cell, long_slot(1.0), options)
+    assert not whole(p)
+    told = with_conflict(p, cell, long_slot(1.0), options, Timings()).conflict
+    assert "rail at 2400 mm at point 3" in told
+    assert "500 mm" not in told
+
+
+def test_a_place_comes_back_as_it_was_written() -> None:
+    given = [
+        {"point": 7, "external": "rail", "at_mm": 400.0},
+        {"operation": "a", "external": "e2", "forbid_deg": [-20.0, 30.0]},
+    ]
+    assert [steer_as_user(steer_of(SteerKeys.model_validate(entry))) for entry in given] == given
+    for bad, told in (
+        ({"point": 7, "at_mm": 1.0}, "external: names"),
+        ({"point": 7, "external": "rail"}, "no place"),
+        ({"external": "rail", "at_mm": 1.0, "at_deg": 2.0}, "at_mm and at_deg"),
+        ({"external": "rail", "at_mm": 1.0, "gamma_deg": 2.0}, "two entries"),
+        ({"external": "rail", "forbid_mm": [3.0, 1.0]}, "from < to"),
+    ):
+        with pytest.raises(ValidationError, match=told):
+            SteerKeys.model_validate(bad)

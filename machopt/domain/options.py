@@ -29,6 +29,15 @@ class Steer:
     prefer: float | None = None  # rad; deviation from it is priced with ``weight``
     weight: float = 0.1
     branch: int | None = None  # the only branch to use
+    joint: str = ""  # an external joint, by its name or as e1, e2 …; then the wish is about it alone
+    at: float | None = None  # m or rad, where it stands there
+    away: tuple[float, float] | None = None  # m or rad, it stands nowhere between these
+    unit: Literal["mm", "deg", ""] = ""  # of ``at`` and ``away``
+
+    @property
+    def forbids(self) -> bool:
+        """It may keep a plan from being one; a preference does not."""
+        return any(v is not None for v in (self.gamma, self.forbid, self.branch, self.at, self.away))
 
 
 @dataclass(frozen=True)

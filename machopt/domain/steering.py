@@ -6,7 +6,7 @@ without sharing more than this.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from math import degrees, pi
 
@@ -47,7 +47,9 @@ def steered(options: PlanOptions, toolpath: Toolpath) -> PlanOptions:
                     _agree(pins, point, wish.gamma, said(wish))
                     pins[point] = wish.gamma, said(wish)
                 laid += [Steer(points=part, gamma=wish.gamma) for part in _unbroken(own, first, last, wish.gamma)]
-            if wish.forbid is not None or wish.prefer is not None or wish.branch is not None:
+            if wish.joint:
+                laid.append(replace(wish, operation="", points=(first, last)))
+            elif wish.forbid is not None or wish.prefer is not None or wish.branch is not None:
                 laid.append(replace(wish, operation="", points=(first, last), gamma=None))
     fixed = [*options.fixed, *(FixedRotation(p, gamma) for p, (gamma, _) in sorted(pins.items()) if p not in own)]
     return replace(options, fixed=tuple(fixed), steer=tuple(laid))
@@ -112,7 +114,25 @@ def said(wish: Steer) -> str:
         what.append(f"rather {_deg(wish.prefer)}")
     if wish.branch is not None:
         what.append(f"branch {wish.branch}")
+    if wish.at is not None:
+        what.append(f"{wish.joint} at {in_unit(wish.at, wish.unit)}")
+    if wish.away is not None:
+        low, high = (in_unit(v, wish.unit) for v in wish.away)
+        what.append(f"{wish.joint} not between {low} and {high}")
     return f"{' and '.join(what)} {_where(wish)}"
+
+
+def numbered(name: str, names: Sequence[str]) -> int | None:
+    """Which of a cell's external joints a name means, its own or e1, e2 …; None: none of them."""
+    if name in names:
+        return list(names).index(name)
+    counts = name[:1] == "e" and name[1:].isdigit() and 1 <= int(name[1:]) <= len(names)
+    return int(name[1:]) - 1 if counts else None
+
+
+def in_unit(value: float, unit: str) -> str:
+    """A place of an external joint, m or rad, as the user says it."""
+    return f"{float(f'{value * 1e3:.9g}'):g} mm" if unit == "mm" else _deg(value)
 
 
 def _where(wish: Steer) -> str:

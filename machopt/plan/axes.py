@@ -9,6 +9,7 @@ import numpy as np
 
 from machopt.domain.cell import Cell
 from machopt.domain.options import ExternalAxis, PlanOptions
+from machopt.domain.steering import numbered
 from machopt.errors import InputError, nearest
 
 
@@ -56,17 +57,15 @@ def range_of(cell: Cell, k: int, axis: ExternalAxis, *, locked: bool) -> tuple[f
 
 def _name(axis: ExternalAxis, names: Sequence[str]) -> str:
     """The joint's own name, where it is called e1, e2 … too."""
-    name = axis.joint
-    if name not in names and name.startswith("e") and name[1:].isdigit() and 1 <= int(name[1:]) <= len(names):
-        return names[int(name[1:]) - 1]
-    if name not in names:
+    k = numbered(axis.joint, names)
+    if k is None:
         what = nearest(axis.joint, [*names, *(f"e{k + 1}" for k in range(len(names)))])
         raise InputError(
             f"{axis.joint!r} is no external joint of the cell; {what if names else 'it has none'}",
             file="options",
             where=f"external.{axis.joint}",
         )
-    return name
+    return names[k]
 
 
 def _within(cell: Cell, k: int, axis: ExternalAxis) -> None:

@@ -18,7 +18,7 @@ from machopt.se3 import inverse
 VALUES = 13  # of one joint that are tried, over its whole range
 TOGETHER = 5  # of each of several
 ROTATIONS = np.radians(np.arange(0.0, 360.0, 45.0))
-AT_END = 0.02  # of a range: a joint that moves along the path keeps half of it (:data:`machopt.plan.external.ROOM`)
+AT_END = 0.02  # of a range: a joint that moves along the path keeps half of it (:data:`machopt.plan.along.ROOM`)
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,7 @@ def whole(plan: Plan) -> bool:
 
 def wishes_of(options: PlanOptions) -> tuple[Wish, ...]:
     """Everything the user decided that may forbid a plan."""
-    steer = [w for w in options.steer if w.gamma is not None or w.forbid is not None or w.branch is not None]
+    steer = [w for w in options.steer if w.forbids]
     stands = [At(a.joint, label, value, a.unit) for a in options.external for label, value in a.at_operations]
     return (*options.fixed, *steer, *stands)
 

@@ -13,32 +13,31 @@ of them or of some, is planned in full beside them, and never taken where it is 
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from machopt.arrays import Array, Bools
+from machopt.arrays import Array
 from machopt.domain.cell import Cell
-from machopt.domain.options import ExternalAxis, PlanOptions
+from machopt.domain.options import PlanOptions
 from machopt.domain.steering import kept, steered
 from machopt.domain.toolpath import Toolpath
+from machopt.plan.along import fewer, moved
 from machopt.plan.axes import axes_of
 from machopt.plan.groups import Group, groups_of
 from machopt.plan.made import Plan
-from machopt.plan.moving import Range, curve
 from machopt.plan.part import rows_of
 from machopt.plan.path import Path, build_path
 from machopt.plan.pipeline import plan
-from machopt.plan.setup import Setup, Timings, prepare
+from machopt.plan.setup import Timings, prepare
+from machopt.plan.stands import refuse_strangers
 from machopt.plan.timeline import build_timeline
 from machopt.plan.values import STEP, Values
 
 PLANNED = 3  # values planned in full where all can be driven
 TRIED = 8  # where the first ones cannot
 AS_GOOD = 1.15  # times the best estimate: home is planned in full below that
-ROOM = 0.01  # of a range, kept from its ends by a joint that moves: a curve through points may pass beyond them
 MOVES_TRIED = 2  # the same where the joints may move along the path
 
 
@@ -62,14 +61,15 @@ def best_plan(
     """
     clock = timings or Timings()
     axes = axes_of(cell, options)
+    refuse_strangers(cell, options.steer)
     if not cell.external_joints:
         return plan(cell, toolpath, options, clock, before=before, scale=scale)
     options = steered(options, toolpath)
     with clock.stage("prepare"):
         setup = prepare(cell, options) if before is None else before.setup
         path = build_path(toolpath, kept(options))
-        groups = groups_of(cell, toolpath, path, axes)
-    if all((g.low == g.high).all() for g in groups):
+        groups = groups_of(cell, toolpath, path, axes, options.steer)
+    if all((g.low == g.high).all() and not g.moves.any() for g in groups):
         at = _spread(path, groups, [g.low for g in groups])
         return plan(cell, toolpath, options, clock, setup=setup, external=at, before=before, scale=scale)
     with clock.stage("external"):
@@ -88,7 +88,7 @@ def best_plan(
             best = key, found
         return found
 
-    moves = any((g.moving & (g.high > g.low)).any() for g in groups)
+    moves, must = any(g.moves.any() for g in groups), any(g.must.any() for g in groups)
     whole, tried = 0, MOVES_TRIED if moves else TRIED
     while len(seen) < tried and whole < PLANNED:
         values = search.chain()
@@ -114,8 +114,8 @@ def best_plan(
         fixed = best[1].path.external
         stands = [fixed[rows_of(path, g.runs)[0]] for g in groups]
         ways = [
-            _moved(setup, options, path, some, axes, stands, search.scale)
-            for some in _fewer(groups, stands, cell.external_home)
+            moved(setup, options, path, some, axes, stands, search.scale)
+            for some in fewer(groups, stands, cell.external_home)
         ]
     looks = replace(options, rotation_step=max(options.rotation_step, STEP)) if len(ways) > 1 else options
 
@@ -126,6 +126,8 @@ def best_plan(
     looked = [along(at, looks) for at in ways]
     k = min(range(len(ways)), key=lambda k: looked[k][0])
     key, found = looked[k] if looks.rotation_step == options.rotation_step else along(ways[k])
+    if must:  # no place keeps what was asked
+        return found
     if not key < best[0]:
         return best[1]
     if best[0][0] == 0:  # there is another answer, should this one not be driven
@@ -134,55 +136,6 @@ def best_plan(
         if timeline.trajectory is None:
             return best[1]
     return found
-
-
-def _fewer(groups: Sequence[Group], stands: Sequence[Array], home: Array) -> list[list[Group]]:
-    """The groups with all their joints moving, and with fewer, the others at home or where they stand in the best plan.
-
-    More joints have a coarser grid, so that by itself more freedom could end in a worse plan.
-    """
-    free = np.flatnonzero(np.any([g.moving & (g.high > g.low) for g in groups], axis=0))
-    out = [list(groups)]
-    for n in range(len(free) - 1, 0, -1):
-        for some in itertools.combinations(free, n):
-            rests = np.isin(np.arange(len(home)), free) & ~np.isin(np.arange(len(home)), some)
-            at_home, as_best = [np.clip(home, g.low, g.high) for g in groups], list(stands)
-            same = all(np.array_equal(a[rests], b[rests]) for a, b in zip(at_home, as_best, strict=True))
-            for values in [at_home] if same else [at_home, as_best]:
-                out.append([_resting(g, rests & g.moving, v) for g, v in zip(groups, values, strict=True)])
-    return out
-
-
-def _resting(group: Group, rests: Bools, value: Array) -> Group:
-    """The group with some joints locked at a value."""
-    low, high = (np.where(rests, value, bound) for bound in (group.low, group.high))
-    return replace(group, moving=group.moving & ~rests, low=low, high=high)
-
-
-def _moved(
-    setup: Setup,
-    options: PlanOptions,
-    path: Path,
-    groups: Sequence[Group],
-    axes: Sequence[ExternalAxis],
-    stands: Sequence[Array],
-    scale: float,
-) -> Array:
-    """(P, E) the external joints along the path where they may move, elsewhere at the values (E,) of their group."""
-    stands = [np.clip(value, g.low, g.high) for g, value in zip(groups, stands, strict=True)]
-    out = _spread(path, groups, stands)
-    weight = np.array([axis.weight for axis in axes])
-    for g, value in zip(groups, stands, strict=True):
-        if (g.moving & (g.high > g.low)).any():
-            rows = rows_of(path, g.runs)
-            room = ROOM * (g.high - g.low)
-            low, high = (
-                np.where(g.moving, bound + side * room, bound) for bound, side in ((g.low, 1.0), (g.high, -1.0))
-            )
-            home = np.clip(setup.cell.external_home, g.low, g.high)
-            group = Range(g.runs, g.moving, value, home, low, high, g.share)
-            out[rows] = curve(setup, options, path, group, scale, weight)
-    return out
 
 
 def _lost_groups(found: Plan, groups: Sequence[Group]) -> list[int]:

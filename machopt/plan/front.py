@@ -126,7 +126,7 @@ def weighed(points: list[Point]) -> list[Point]:
     def beaten(a: int, b: int, *, alike: bool) -> bool:
         """Plan b by plan a."""
         loss = points[a].worse(points[b])
-        return max(loss) <= SAME and (min(loss) < -SAME or alike and a < b)
+        return max(loss) <= SAME and (min(loss) < -SAME or (alike and a < b))
 
     for alike in (False, True):
         for b in reversed(range(len(points))):

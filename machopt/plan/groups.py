@@ -9,12 +9,13 @@ import numpy as np
 
 from machopt.arrays import Array, Bools
 from machopt.domain.cell import Cell
-from machopt.domain.options import ExternalAxis
+from machopt.domain.options import ExternalAxis, Steer
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError, nearest
 from machopt.plan.axes import range_of
 from machopt.plan.part import rows_of
 from machopt.plan.path import Path
+from machopt.plan.stands import Interval, Stand, left_by, nearest_in, refuse_crossed, stands_of
 
 MOVING = "moving"
 
@@ -26,13 +27,37 @@ class Group:
     runs: tuple[int, ...]
     operations: tuple[int, ...]
     moving: Bools  # (E,) the joint may move along the path
-    low: Array  # (E,) m or rad; equal to ``high`` where the joint is locked
+    low: Array  # (E,) m or rad where it stands in one place; equal to ``high`` where that is given
     high: Array  # (E,)
     share: float  # of the length cut
+    least: Array  # (E,) m or rad where it moves
+    most: Array  # (E,)
+    allowed: tuple[tuple[Interval, ...], ...]  # (E,) of ``low`` … ``high``, what zones leave
+    must: Bools  # (E,) no one place is what the user wants: it has to move
+    stands: tuple[Stand, ...] = ()  # the user's wishes about its joints
+
+    @property
+    def moves(self) -> Bools:
+        """(E,) the joint can move along the path."""
+        return self.moving & (self.most > self.least)
+
+    def snapped(self, value: Array) -> Array:
+        """The allowed places (E,) that are next to some."""
+        return np.array([nearest_in(own, float(v)) for own, v in zip(self.allowed, value, strict=True)])
 
 
-def groups_of(cell: Cell, toolpath: Toolpath, path: Path, axes: Sequence[ExternalAxis]) -> list[Group]:
-    """Operations joined by runs that they share, in the order of the path."""
+def groups_of(
+    cell: Cell, toolpath: Toolpath, path: Path, axes: Sequence[ExternalAxis], wishes: Sequence[Steer] = ()
+) -> list[Group]:
+    """Operations joined by runs that they share, in the order of the path.
+
+    Args:
+        wishes: of options that are laid down; those about external joints count.
+
+    Raises:
+        InputError: operations that share a run and are to have two modes or places, or wishes that no place keeps.
+    """
+    stands = stands_of(cell, path, wishes)
     labels = [o.label for o in toolpath.operations]
     for axis in axes:
         for label, _ in (*axis.operations, *axis.at_operations):
@@ -52,6 +77,11 @@ def groups_of(cell: Cell, toolpath: Toolpath, path: Path, axes: Sequence[Externa
         operations = np.flatnonzero(group == g)
         runs = tuple(k for k, (first, _) in enumerate(path.runs) if group[of_row[first]] == g)
         low, high, moving = np.empty(len(axes)), np.empty(len(axes)), np.zeros(len(axes), bool)
+        mine = tuple(
+            s for s in stands if any(s.rows[0] <= path.runs[r][1] and path.runs[r][0] <= s.rows[1] for r in runs)
+        )
+        least, most, must = low.copy(), high.copy(), moving.copy()
+        allowed: list[tuple[Interval, ...]] = []
         for k, axis in enumerate(axes):
             modes = {dict(axis.operations).get(labels[o], axis.mode or MOVING): labels[o] for o in operations}
             if len(modes) > 1:
@@ -67,10 +97,40 @@ def groups_of(cell: Cell, toolpath: Toolpath, path: Path, axes: Sequence[Externa
             asked = axis if given is None else replace(axis, at=given)
             locked = mode == "locked" or given is not None
             moving[k] &= given is None
-            low[k], high[k] = range_of(cell, k, asked, locked=locked)
+            left = _room(cell, k, asked, [s for s in mine if s.joint == k], locked=locked, moves=bool(moving[k]))
+            must[k], allowed_here, (least[k], most[k]) = left
+            allowed.append(allowed_here)
+            low[k], high[k] = allowed_here[0][0], allowed_here[-1][1]
         share = float(path.weight[rows_of(path, runs)].sum())
-        out.append(Group(runs, tuple(operations.tolist()), moving, low, high, share))
+        some = tuple(operations.tolist())
+        out.append(Group(runs, some, moving, low, high, share, least, most, tuple(allowed), must, mine))
     return out
+
+
+def _room(
+    cell: Cell, k: int, axis: ExternalAxis, stands: Sequence[Stand], *, locked: bool, moves: bool
+) -> tuple[bool, tuple[Interval, ...], Interval]:
+    """Whether joint ``k`` has to move, the places allowed where it does not, and its range where it does.
+
+    A pin goes before the place of a locked joint, and before the range the user gave for all.
+    """
+    low, high = range_of(cell, k, axis, locked=locked)
+    pins = [s.at for s in stands if s.at is not None]
+    base = (min([low, *pins]), max([high, *pins]))
+    refuse_crossed(stands, base)
+    whole = (low, high) if not pins or not locked else (min(pins), max(pins))
+    left = left_by(stands, (base if pins else whole,))
+    if left:
+        return False, left, base
+    if moves:
+        return True, (whole,), base
+    told = " and ".join(s.said for s in stands) or f"{axis.joint!r} locked"
+    raise InputError(
+        f"{told}: they are in operations that share a run without a rapid move, where {cell.external_joints[k]!r} "
+        "stands in one place, and none keeps all of that; one of them, or mode: moving, would work",
+        file="options",
+        where="steer",
+    )
 
 
 def _given(axis: ExternalAxis, labels: Sequence[str]) -> float | None:

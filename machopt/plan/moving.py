@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,7 @@ from machopt.plan.score import directions, score_candidates
 from machopt.plan.sequence import jump
 from machopt.plan.setup import Setup
 from machopt.plan.stairs import steps, walk
+from machopt.plan.stands import Bound, Interval, nearest_in, room_along
 
 COARSE = {1: 9, 2: 7, 3: 4}  # most values of each joint, by how many move
 APART = 0.8  # rad, or as much as counts so: coarse values need not lie closer
@@ -61,6 +63,8 @@ class Range:
     low: Array  # (E,) what may be used; equal to ``high`` where a joint is locked
     high: Array  # (E,)
     share: float  # of the length cut
+    bounds: tuple[Bound, ...] = ()  # what the user wants of those that move
+    allowed: tuple[tuple[Interval, ...], ...] = ()  # (E,) of those that keep one value; empty: all of it
 
 
 def curve(setup: Setup, options: PlanOptions, path: Path, group: Range, scale: float, weight: Array) -> Array:
@@ -83,8 +87,17 @@ def curve(setup: Setup, options: PlanOptions, path: Path, group: Range, scale: f
     of_each = [np.linspace(group.low[k], group.high[k], n) for k, n in ends]
     near = _neighbours(counts)
 
-    def way(values: Array) -> tuple[float, Array]:
-        return _best_way(setup, opts, part, values, near, scale, weight, group.share)
+    least, most = room_along(part, group.low, group.high, group.bounds, [_near(part, run) for run in part.runs])
+    span = np.where(group.high > group.low, group.high - group.low, 1.0)
+
+    def stood(u: Array, rows: NDArray[np.integer[Any]] | slice) -> Array:
+        """Values u (…, E) over the whole range as shares of the room at some planning points."""
+        a, b = (room[rows].reshape(-1, *(1,) * (u.ndim - 2), u.shape[-1]) for room in (least, most))
+        return np.where(group.moving, a + (u - group.low) / span * (b - a), u) if group.bounds else u
+
+    def way(u: Array) -> tuple[float, Array]:
+        cost, at = _best_way(setup, opts, part, stood(u, part.stations), near, scale, weight, group.share)
+        return cost, np.asarray(u[np.arange(len(u)), at])
 
     def coarse(held: Array) -> tuple[float, Array]:
         grid = _offsets(free, of_each, held)
@@ -103,7 +116,7 @@ def curve(setup: Setup, options: PlanOptions, path: Path, group: Range, scale: f
         near = _neighbours([2 * side + 1] * len(free))
         _, stairs = way(np.where(group.moving, np.clip(around, group.low, group.high), held))
         found = _smooth(part, stairs, group, WAVE / 1.5**level)
-    return np.where(group.moving, found, held)
+    return np.where(group.moving, stood(found, slice(None)), held)
 
 
 def _held(group: Range) -> list[Array]:
@@ -111,10 +124,16 @@ def _held(group: Range) -> list[Array]:
     choices = [
         [group.fixed[k]]
         if group.moving[k] or a == b
-        else list(dict.fromkeys([group.fixed[k], group.home[k], *np.linspace(a, b, HELD)]))
+        else list(
+            dict.fromkeys([group.fixed[k], group.home[k], *(_next(group, k, v) for v in np.linspace(a, b, HELD))])
+        )
         for k, (a, b) in enumerate(zip(group.low, group.high, strict=True))
     ]
     return [np.array(values) for values in itertools.product(*choices)]
+
+
+def _next(group: Range, k: int, value: float) -> float:
+    return nearest_in(group.allowed[k], value) if group.allowed else value
 
 
 def _offsets(free: NDArray[np.intp], of_each: list[Array], fixed: Array) -> Array:
@@ -144,8 +163,8 @@ def _best_way(
     scale: float,
     weight: Array,
     share: float,
-) -> tuple[float, Array]:
-    """What the best way through the grid of values (S, G, E) costs, and its values (S, E)."""
+) -> tuple[float, NDArray[np.int64]]:
+    """What the best way through the grid of values (S, G, E) costs, and which of G it takes (S,)."""
     S, G = values.shape[:2]
     station_of = np.minimum(np.searchsorted(part.stations, np.arange(len(part.index))), S - 1)
     cost, q, across = [], [], sideways(part)
@@ -202,7 +221,7 @@ def _best_way(
         if most > least:
             found = under(least + t * (most - least))
             best = min(best, found, key=lambda f: f[0])
-    return best[0], np.asarray(values[np.arange(S), best[2] // (R * B)])
+    return best[0], best[2] // (R * B)
 
 
 def _smooth(part: Path, stairs: Array, group: Range, wave: float) -> Array:
@@ -214,10 +233,8 @@ def _smooth(part: Path, stairs: Array, group: Range, wave: float) -> Array:
         own = np.flatnonzero((part.stations >= first) & (part.stations <= last))
         s, steps = part.s[part.stations[own]] - part.s[first], stairs[own]
         rows = slice(first, last + 1)
-        length = float(part.s[last] - part.s[first])
-        seconds = float(part.time[last] - part.time[first])
-        shortest = max(SHORTEST[0], SHORTEST[1] * length / max(seconds, 1e-9))
-        if part.is_drilling[first : last + 1].any() or length < shortest or len(own) < 3:
+        length, shortest = float(part.s[last] - part.s[first]), _shortest(part, (first, last))
+        if _keeps_one(part, (first, last)):
             out[rows] = np.median(steps, axis=0)
             continue
         n = int(np.clip(length / SAMPLE, 16, SAMPLES))
@@ -237,6 +254,28 @@ def _smooth(part: Path, stairs: Array, group: Range, wave: float) -> Array:
         curve = middle + room * (curve - middle)
         out[rows] = np.clip(CubicSpline(at, curve)(part.s[rows] - part.s[first]), group.low, group.high)
     return out
+
+
+def _shortest(part: Path, run: tuple[int, int]) -> float:
+    """m of path over which an external joint may at least move, in a run."""
+    first, last = run
+    length, seconds = float(part.s[last] - part.s[first]), float(part.time[last] - part.time[first])
+    return max(SHORTEST[0], SHORTEST[1] * length / max(seconds, 1e-9))
+
+
+def _keeps_one(part: Path, run: tuple[int, int]) -> bool:
+    """A run in which external joints stand still: of point operations, or too short for a curve."""
+    first, last = run
+    stations = int(((part.stations >= first) & (part.stations <= last)).sum())
+    length = float(part.s[last] - part.s[first])
+    return bool(part.is_drilling[first : last + 1].any()) or length < _shortest(part, run) or stations < 3
+
+
+def _near(part: Path, run: tuple[int, int]) -> float:
+    """m of path over which the room narrows towards a wish; infinite in a run that keeps one value."""
+    if _keeps_one(part, run):
+        return np.inf
+    return max(WAVE * float(part.s[run[1]] - part.s[run[0]]), _shortest(part, run))
 
 
 def _whittaker(values: Array, wave: float) -> Array:

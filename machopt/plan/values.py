@@ -94,7 +94,7 @@ class Values:
             count = COARSE.get(len(free), 4)
             step = (group.high - group.low) / (count - 1)
             grid = [np.linspace(a, b, count if b > a else 1) for a, b in zip(group.low, group.high, strict=True)]
-            inside = np.clip(self.home, group.low, group.high)
+            inside = group.snapped(self.home)
             self._judge(n, [inside, *map(np.array, itertools.product(*grid))])
             if len(free) > 1:  # each joint alone as finely as if the others were locked: no freedom makes it worse
                 for k in free:
@@ -122,8 +122,9 @@ class Values:
     # --- judging -----------------------------------------------------------------------------------------------------
 
     def _judge(self, n: int, values: Sequence[Array]) -> None:
-        """Judge values of a group by the least index of each station, those that are not judged yet."""
-        new = {v.tobytes(): v for v in values if v.tobytes() not in self.judged[n]}
+        """Judge the allowed values next to some by the least index of each station, where they are not judged yet."""
+        allowed = [self.groups[n].snapped(v) for v in values]
+        new = {v.tobytes(): v for v in allowed if v.tobytes() not in self.judged[n]}
         for (key, _), (judged, median) in zip(
             new.items(), side_by_side(lambda v: self._least(n, v), new.values()), strict=True
         ):
@@ -207,7 +208,7 @@ class Values:
 
     def at_home(self) -> list[Array]:
         """Home, or what is nearest to it, for every group."""
-        return [np.clip(self.home, g.low, g.high) for g in self.groups]
+        return [g.snapped(self.home) for g in self.groups]
 
     def exclude(self, n: int, value: Array, share: float) -> None:
         """Take values of a group away that lie within ``share`` of a coarse step of one."""

@@ -46,7 +46,7 @@ def front_section(data: ReportData) -> Markup | str:
     ]
     lead = (
         "Whole plans with other weights or another clearance, each driven and checked. A plan is dominated where "
-        "another is nowhere worse in mean, time, travel and clearance (hollow in the picture), where 0.1 % of the mean, "
+        "another is nowhere worse in mean, time, travel and clearance (hollow in the picture); 0.1 % of the mean, "
         "0.1 s, 1 deg and 0.01 mm are no difference. Names say what counted more, not what came of it."
     )
     return section("front", "Trade-off front", lead, _picture(data, unit) + table(columns, rows))

@@ -10,22 +10,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
+from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.steering import among, steered
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.verify.check import Check, worst
-from machopt.verify.table import Points
+from machopt.verify.stands import check_stands
+from machopt.verify.table import Motion, Points
 
 ROTATION_DEG = 0.25  # rotations are rounded at corners, as the path is
 MARGIN_DEG = 2e-5  # five decimals
 CLEARANCE_MM = 0.05  # the planner keeps it before corners are rounded (path_tolerance_mm)
 
 
-def check_asked(toolpath: Toolpath, points: Points, rows: NDArray[np.intp], options: PlanOptions) -> list[Check]:
+def check_asked(
+    cell: Cell, toolpath: Toolpath, points: Points, rows: NDArray[np.intp], options: PlanOptions, motion: Motion
+) -> list[Check]:
     """How far the rows fall outside what was asked, one check for each wish.
 
     Args:
         rows: those that are driven (status ``ok``).
+        motion: where external joints stand between the points, too.
         options: as for the plan; its rotations bind where the method chooses them.
     """
     if not len(rows):
@@ -40,6 +45,7 @@ def check_asked(toolpath: Toolpath, points: Points, rows: NDArray[np.intp], opti
     if options.collision:
         short = 1e3 * options.clearance - points.numbers["clearance_mm"][rows]
         out.append(worst("as asked: clearance_mm", "mm too near", np.maximum(short, 0.0), CLEARANCE_MM, where))
+    out += check_stands(cell, toolpath, points, rows, options, motion)
     if options.method == "global":
         laid = steered(options, toolpath)
         out += _rotations(toolpath, points, rows, laid) + _wishes(points, rows, laid)

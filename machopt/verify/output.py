@@ -110,7 +110,7 @@ def with_one_tool(cell: Cell, toolpath: Toolpath, tables: Tables, options: PlanO
     wanted = pairs(cell, arm, bodies)
     table = PointsCheck(cell, toolpath, points, arm, np.nan_to_num(stood.q), options)
     checks += [*table.all(motion, on), *_clearance(table, stood, bodies, wanted, options)]
-    checks += check_asked(toolpath, points, np.flatnonzero(table.live), options)
+    checks += check_asked(cell, toolpath, points, np.flatnonzero(table.live), options, motion)
     checks += [*outside(cell.kinematics, motion.q), *unchecked(cell.kinematics)]
     if shift is not None:
         checks += [_shift_check(f) for f in compare_shift(cell, toolpath, stands, stood, shift, arm, options)]

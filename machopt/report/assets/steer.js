@@ -19,7 +19,9 @@ function steerPlan(data) {
   // ---- words ----------------------------------------------------------------------------------------------------------
   const angle = v => minus(`${v}°`);
   const place = w => w.operation ? `operation “${w.operation}”` : w.points ? `points ${w.points[0]} to ${w.points[1]}` : w.point !== undefined ? `point ${w.point}` : "whole path";
-  const words = w => w.gamma_deg !== undefined ? `γ ${angle(w.gamma_deg)}` : w.forbid_deg ? `no γ from ${angle(w.forbid_deg[0])} to ${angle(w.forbid_deg[1])}` : w.prefer_deg !== undefined ? `rather γ ${angle(w.prefer_deg)} (weight ${w.weight ?? 0.1})` : `branch ${w.branch}`;
+  const joint = w => w.at_mm !== undefined ? `${w.external} at ${minus(String(w.at_mm))} mm` : w.at_deg !== undefined ? `${w.external} at ${angle(w.at_deg)}`
+    : `${w.external} not between ${(w.forbid_mm || w.forbid_deg).map(v => minus(String(v))).join(" and ")} ${w.forbid_mm ? "mm" : "deg"}`;
+  const words = w => w.external ? joint(w) : w.gamma_deg !== undefined ? `γ ${angle(w.gamma_deg)}` : w.forbid_deg ? `no γ from ${angle(w.forbid_deg[0])} to ${angle(w.forbid_deg[1])}` : w.prefer_deg !== undefined ? `rather γ ${angle(w.prefer_deg)} (weight ${w.weight ?? 0.1})` : `branch ${w.branch}`;
 
   // Every wish as [place, words, how it is taken away].
   function listed() {
@@ -70,7 +72,7 @@ function steerPlan(data) {
   option(where, "points", "points");
   option(where, "path", "whole path");
   for (const [value, text] of [["pin", "pin γ"], ["forbid", "forbid γ"], ["prefer", "prefer γ"], ["branch", "branch"]]) option(what, value, text);
-  spec.axes.forEach((a, n) => option(what, `a${n}`, `${a.name} stands at`));
+  spec.axes.forEach((a, n) => { option(what, `a${n}`, `${a.name} stands at`); option(what, `z${n}`, `${a.name} keeps out of`); });
   by("first").max = by("last").max = spec.points - 1;
 
   function field(name, label, { min = -180, max = 180, step = 0.1, value = 0 } = {}) {
@@ -78,14 +80,17 @@ function steerPlan(data) {
     Object.assign(input, { type: "number", name, min, max, step, value, required: true });
   }
 
+  const axisMeant = () => /^[az]\d/.test(what.value) ? spec.axes[+what.value.slice(1)] : null;
+
   function fields() {
     values.replaceChildren();
     by("range").hidden = where.value !== "points";
-    const axis = what.value[0] === "a" && spec.axes[+what.value.slice(1)];
+    const axis = axisMeant();
     if (what.value === "pin") field("gamma", "γ (deg)");
     else if (what.value === "forbid") { field("from", "from (deg)", { value: -30 }); field("to", "to (deg)", { value: 30 }); }
     else if (what.value === "prefer") { field("gamma", "γ (deg)"); field("weight", "weight", { min: 0, max: 1000, value: 0.1 }); }
     else if (what.value === "branch") field("branch", "number", { min: 0, max: spec.branches - 1, step: 1 });
+    else if (what.value[0] === "z") { const ends = { min: axis.lower, max: axis.upper }; field("from", `from (${axis.unit})`, { ...ends, value: axis.lower }); field("to", `to (${axis.unit})`, { ...ends, value: Math.round((axis.lower + axis.upper) / 2) }); }
     else if (axis) field("at", axis.unit, { min: axis.lower, max: axis.upper, value: Math.round((axis.lower + axis.upper) / 2) });
   }
   where.onchange = what.onchange = fields;
@@ -94,9 +99,12 @@ function steerPlan(data) {
     evt.preventDefault();
     const v = name => +values.querySelector(`[name=${name}]`).value, op = where.value[0] === "o" ? spec.operations[+where.value.slice(1)].label : null;
     const at = op !== null ? { operation: op } : where.value === "path" ? {} : { points: [Math.min(+by("first").value, +by("last").value), Math.max(+by("first").value, +by("last").value)] };
-    const axis = what.value[0] === "a" && spec.axes[+what.value.slice(1)];
-    if (axis) {
-      if (op === null) { say(`${axis.name} stands in one place for an operation; choose one.`, false); return; }
+    const axis = axisMeant();
+    if (axis && what.value[0] === "z") {
+      if (v("from") >= v("to")) { say(`${axis.name} keeps out of a zone from a lower to a higher place.`, false); return; }
+      state.steer.push({ ...at, external: axis.name, [`forbid_${axis.unit}`]: [v("from"), v("to")] });
+    } else if (axis && op === null) state.steer.push({ ...at, external: axis.name, [`at_${axis.unit}`]: v("at") });
+    else if (axis) {
       const own = state.external[axis.name] ||= {}, key = `at_operations_${axis.unit}`;
       (own[key] ||= {})[op] = v("at");
     } else if (what.value === "pin" && at.points && at.points[0] === at.points[1]) pin(at.points[0], v("gamma"));
@@ -161,7 +169,7 @@ function steerPlan(data) {
   const overlay = u => paint(u, (ctx, b, X, Y) => {
     const edge = k => [k > 0 ? (xs[k] + xs[k - 1]) / 2 : xs[k], k < map.stations - 1 ? (xs[k] + xs[k + 1]) / 2 : xs[k]].map(X);
     const wide = Y(0) - Y(1); // pixels a degree
-    for (const w of state.steer) for (const [first, last] of stretches(w)) for (let k = 0; k < map.stations; k++) {
+    for (const w of state.steer.filter(w => !w.external)) for (const [first, last] of stretches(w)) for (let k = 0; k < map.stations; k++) {
       if (map.point[k] < first - 1e-6 || map.point[k] > last + 1e-6) continue;
       const [x0, x1] = edge(k), width = Math.max(x1 - x0, 1.5);
       if (w.forbid_deg) {
