@@ -23,6 +23,7 @@ from machopt.cli import _parser
 from machopt.design.asked import Request as PosesRequest
 from machopt.diagnose.asked import Request as DiagnoseRequest
 from machopt.identify.asked import Request as IdentifyRequest
+from machopt.recheck.folder import check_copies
 from machopt.workspace.asked import Request as MapRequest
 
 KR500 = CELLS / "kr500_milling"
@@ -140,6 +141,11 @@ def test_pictures_are_svg(tmp_path: Path) -> None:
         figure.save(tmp_path / "a.png")
 
 
+def verified_copies(folder: Path) -> list[tuple[str, bool | None]]:
+    """What verify says of a folder's Parquet tables."""
+    return [(c.name, c.passed) for c in check_copies(folder)]
+
+
 @pytest.mark.slow
 def test_what_is_saved_is_what_the_command_writes(
     tmp_path: Path, shipped_plan: Callable[..., Path], capsys: pytest.CaptureFixture[str]
@@ -151,7 +157,7 @@ def test_what_is_saved_is_what_the_command_writes(
     by_command = shipped_plan(KR500, toolpath, "--post", "krl", "--set", "rotation_step_deg=10")
     capsys.readouterr()
     cell = machopt.Cell.load(str(KR500))
-    plan = machopt.optimize(cell, toolpath, posts=["krl"], rotation_step_deg=10)
+    plan = machopt.optimize(cell, toolpath, posts=["krl"], rotation_step_deg=10, tables="parquet")
     assert plan.feasible
     assert plan.points.rows == len(plan.toolpath) == len(plan.joints) == len(plan.deflection)
     assert plan.trajectory is not None
@@ -162,12 +168,21 @@ def test_what_is_saved_is_what_the_command_writes(
     assert capsys.readouterr() == ("", "")
     assert result.exit_code == 0
     timed = {"result.json", "report.html", "manifest.json"}
+    copies = {"points.parquet", "trajectory.parquet"}
+    table = pytest.importorskip("pyarrow.parquet").read_table(tmp_path / "out" / "points.parquet")
+    for name in ("x_mm", "q3_deg", "deflection_mm"):
+        np.testing.assert_array_equal(np.array(table[name], float), plan.points[name])
+    assert verified_copies(tmp_path / "out") == [("Parquet tables", True)]
+    (tmp_path / "out" / "points.parquet").write_bytes((tmp_path / "out" / "trajectory.parquet").read_bytes())
+    assert verified_copies(tmp_path / "out") == [("Parquet tables", False)]
     files = {p.relative_to(by_command).as_posix() for p in by_command.rglob("*") if p.is_file()}
-    assert files == {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*") if p.is_file()}
+    made = {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*") if p.is_file()}
+    assert made == files | copies
     assert len(files - timed) > 2
     for name in files - timed:
         assert (tmp_path / "out" / name).read_bytes() == (by_command / name).read_bytes(), name
     told, expected = (json.loads((f / "result.json").read_text()) for f in (tmp_path / "out", by_command))
+    assert all(told["outputs"].pop(name) for name in copies)
     for value in (told, expected):
         del value["timings_s"], value["outputs"]["report.html"]
     assert told == expected

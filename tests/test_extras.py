@@ -12,6 +12,7 @@ import pytest
 
 import machopt
 from machopt.errors import InputError
+from machopt.formats.parquet import difference, refuse_without_pyarrow, write_beside
 from machopt.formats.toolpath import read_toolpath
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -35,6 +36,32 @@ def test_importing_the_library_and_the_planner_loads_no_extra() -> None:
     assert done.stdout.strip() == "[]"
 
 
+def test_a_parquet_copy_says_what_the_csv_says(tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is an optional dependency")
+    table = tmp_path / "points.csv"
+    table.write_text('point,operation,x_mm,reason\n0,1,0.1,\n1,2,,"a, b"\n', encoding="utf-8")
+    assert write_beside([table]) == ["points.parquet"]
+    copy = tmp_path / "points.parquet"
+    assert parquet.read_table(copy).to_pydict() == {
+        "point": [0.0, 1.0],
+        "operation": ["1", "2"],  # labels, whatever they look like
+        "x_mm": [0.1, None],
+        "reason": ["", "a, b"],
+    }
+    assert difference(table, copy) == ""
+    whole = table.read_text(encoding="utf-8")
+    for old, new, told in (
+        ("0.1", "0.11", "x_mm, row 1: 0.1, where points.csv has 0.11"),
+        ("a, b", "a", "reason, row 2"),
+        ("x_mm", "y_mm", "has the columns"),
+        ('1,2,,"a, b"\n', "", "has 2 rows; points.csv has 1"),
+    ):
+        table.write_text(whole.replace(old, new), encoding="utf-8")
+        assert told in difference(table, copy)
+    copy.write_bytes(b"PAR1xxxxPAR1")
+    assert "is not readable" in difference(table, copy)
+
+
 @pytest.mark.usefixtures("without")
 def test_what_is_missing_is_named_with_its_extra(tmp_path: Path) -> None:
     parquet = tmp_path / "part.parquet"
@@ -42,12 +69,14 @@ def test_what_is_missing_is_named_with_its_extra(tmp_path: Path) -> None:
     wanted = {
         "batch": lambda: machopt.batch(ROOT / "toolpaths" / "plain.csv", tmp_path / "out", cell="cell"),
         "parquet": lambda: read_toolpath(parquet),
+        "parquet too": lambda: refuse_without_pyarrow("parquet"),
         "frames": lambda: machopt.Table({"x": np.zeros(2)}).frame(),
     }
     for extra, ask in wanted.items():
-        with pytest.raises(InputError, match=rf"machopt\[{extra}\]"):
+        name = extra.split()[0]
+        with pytest.raises(InputError, match=rf"machopt\[{name}\]"):
             ask()
-        assert extra in EXTRAS
+        assert name in EXTRAS
     assert not (tmp_path / "out").exists()
 
 

@@ -20,6 +20,7 @@ from machopt.arrays import Array
 from machopt.domain.results.optimize import Objectives, OptimizeResult
 from machopt.errors import InputError
 from machopt.formats.tables import points_columns, trajectory_columns
+from machopt.plan.explain import all_breaks
 from machopt.plan.mapped import mapped
 from machopt.plan.setup import Timings
 from machopt.report.data import Quantity
@@ -60,8 +61,8 @@ class PlanFigures:
 class Plan:
     """How the robot holds itself along a toolpath of N points. :func:`optimize` makes one.
 
-    A plan without a feasible answer is a plan too: ``feasible`` is False, and ``points["reason"]`` says why,
-    point by point.
+    A plan without a feasible answer is a plan too: ``feasible`` is False, ``why`` says what is in the way, and
+    ``points["reason"]`` the same point by point.
     """
 
     cell: Cell
@@ -77,6 +78,20 @@ class Plan:
     def verdict(self) -> str:
         """The answer in words, with what was not checked."""
         return self._made.made.verdict
+
+    @property
+    def why(self) -> str:
+        """Why there is no motion: wishes that cannot be kept together, else the first break or point; "" with one."""
+        made = self._made.made
+        if made.timeline is not None and made.timeline.trajectory is not None:
+            return ""
+        if made.plan.conflict:
+            return made.plan.conflict
+        breaks = all_breaks(made.plan, made.timeline.obstructions if made.timeline else ())
+        if breaks:
+            return f"No continuous motion {breaks[0].where}: {breaks[0].text}."
+        lost = [k for k, text in enumerate(self.points["reason"].tolist()) if text]
+        return f"Point {lost[0]}: {self.points['reason'][lost[0]]}" if lost else self.verdict
 
     @cached_property
     def points(self) -> Table:
@@ -120,6 +135,7 @@ class Plan:
 
     @property
     def figures(self) -> PlanFigures:
+        """Pictures: ``figures.map()`` is the rotation map of the report."""
         return PlanFigures(self._made)
 
     def verify(self) -> Verification:
@@ -171,6 +187,7 @@ def optimize(
     program_tolerance_mm: float | None = None,
     front: bool = False,
     map_collisions: Literal["chosen", "full"] = "chosen",
+    tables: Literal["csv", "parquet"] = "csv",
     progress: Progress = silent,
     **options: Any,
 ) -> Plan:
@@ -186,6 +203,7 @@ def optimize(
             (``--program-tolerance-mm``).
         front: plan further trade-offs when the plan is saved (``--front``).
         map_collisions: ``full`` looks for the collisions of every configuration, for the map (``--map-collisions``).
+        tables: ``parquet``: :meth:`Plan.save` writes every table as Parquet, too (``--tables``).
         progress: told the stage at work.
         options: planning options as in cell.yaml's ``plan:`` and ``--set``, e.g. ``method="jiao2022"``,
             ``rotation_step_deg=2.5``, ``force_N={"axial": 200}``; docs/reference.md lists them with their defaults.
@@ -213,6 +231,7 @@ def optimize(
         program_tolerance_mm=program_tolerance_mm,
         effects=tuple(own.file for own in a_cell.effects),
         map_all=map_collisions == "full",
+        tables=tables,
     )
     with effects_of(a_cell):
         timings = Timings(progress=progress)

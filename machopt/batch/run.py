@@ -17,13 +17,14 @@ from machopt.batch.find import Job, find_jobs
 from machopt.batch.key import Keys, Ready, Refused, program_version, sha256
 from machopt.batch.line import Line
 from machopt.batch.request import Outcome, Progress, Request
-from machopt.batch.store import MAIN, Store, is_batch, open_store
+from machopt.batch.store import MAIN, SUMMARY, TIMINGS, Store, is_batch, open_store
 from machopt.batch.summary import exit_code_of, result_of, write_summary
 from machopt.batch.supervise import Ended, Spec, log_tail, signal_name
 from machopt.domain.manifest import Manifest, ManifestFile
 from machopt.domain.results.batch import BatchRecord, BatchResult, BatchRow
 from machopt.effects.own import in_use, with_effects
 from machopt.errors import InputError
+from machopt.formats.parquet import refuse_without_pyarrow
 from machopt.formats.reading import reading_as_user
 from machopt.output import read_result
 from machopt.services.manifest import versions
@@ -48,6 +49,7 @@ def run_batch(request: Request, progress: Callable[[Progress], None] = lambda _:
             or no job at all could start; nothing was started then.
     """
     _check(request)
+    refuse_without_pyarrow(str(request.extra.get("tables", "csv")))
     found = find_jobs(request)
     keys = Keys(request, request.version or program_version())
     plans = [keys.of(job) for job in found.jobs]
@@ -79,6 +81,10 @@ def run_batch(request: Request, progress: Callable[[Progress], None] = lambda _:
             found, lines, keys.version, complete=not stopped, others=store.others(_labels(plans)), compared=compared
         )
         write_summary(store, lines, result, compared)
+        if request.extra.get("tables") == "parquet":
+            store.copy(
+                name for name in (*SUMMARY, *TIMINGS) if name.endswith(".csv") and (store.folder / name).is_file()
+            )
         code = STOPPED if stopped else exit_code_of(lines)
         store.write_manifest(_manifest(request, plans, "stopped" if stopped else "complete", code))
     return Outcome(code, result, request.out / "summary.html", clock.done, clock.kept)

@@ -12,7 +12,7 @@ import contextlib
 import json
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from machopt.batch.task import DISK
 from machopt.domain.manifest import Manifest
 from machopt.domain.results.batch import BatchRecord, BatchResult
 from machopt.errors import InputError
+from machopt.formats.parquet import write_beside
 from machopt.output import MANIFEST, read_manifest, read_result, write_json, write_manifest, write_result
 from machopt.output.jsonfile import read_json
 from machopt.output.lock import locked
@@ -32,8 +33,8 @@ from machopt.output.swap import exchange, sync_folder, sync_tree
 JOBS, WORK, LOCK = "jobs", ".work", ".lock"
 RECORD, TIMING = "job.json", "timing.json"  # both and the log are in BATCH_ROLES
 MAIN = "batch.json"
-SUMMARY = ("summary.csv", "summary.html", "compare.csv")
-TIMINGS = ("timings.csv", "timings.js")
+SUMMARY = ("summary.csv", "summary.html", "compare.csv", "summary.parquet", "compare.parquet")
+TIMINGS = ("timings.csv", "timings.js", "timings.parquet")
 
 
 class Store:
@@ -122,6 +123,11 @@ class Store:
         new = self.work / name
         new.write_text(text, encoding="utf-8", newline="\n")
         self._put(new)
+
+    def copy(self, names: Iterable[str]) -> None:
+        """Tables of the summary as Parquet, too, each in one step."""
+        for name in write_beside([self.folder / name for name in names], self.work):
+            self._put(self.work / name)
 
     def begin(self, value: BatchResult) -> None:
         """Say in batch.json that the batch is not complete, and take away the summary of an earlier run."""

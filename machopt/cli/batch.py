@@ -44,6 +44,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         "(the job's own post in a list, else this, else the cell's controller.post; without any no program)",
     )
     share(job, "--program-tolerance-mm")
+    share(job, "--tables")
     share(job, "--plan", help="planning options for all jobs as YAML")
     share(job, "--set", help="a planning option for all jobs")
     share(job, "--seed", type=int, default=None, help="of the random search around obstacles, for all jobs")
@@ -73,7 +74,7 @@ def _batch(args: argparse.Namespace) -> int:
         compare=args.compare,
         posts=tuple(args.post),
         effects=tuple(args.effects),
-        extra={} if args.program_tolerance_mm is None else {"program_tolerance_mm": args.program_tolerance_mm},
+        extra=_extra(args),
         memory_limit=None if args.memory_limit_mib is None else int(args.memory_limit_mib * 2**20),
     )
     with _Bar(show=not (args.quiet or args.json)) as bar:
@@ -91,6 +92,12 @@ def _batch(args: argparse.Namespace) -> int:
         bad = ", ".join(f"{n} {state}" for state, n in counts.items() if state != "done")
         print(f"machopt: {bad}; {outcome.report} says why", file=sys.stderr)
     return outcome.exit_code
+
+
+def _extra(args: argparse.Namespace) -> dict[str, Any]:
+    """What every job is asked beside its options, where it is asked: it is part of what a finished job is known by."""
+    given = {"program_tolerance_mm": args.program_tolerance_mm, "tables": args.tables}
+    return {k: v for k, v in given.items() if v not in (None, "csv")}
 
 
 class _Bar:

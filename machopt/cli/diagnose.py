@@ -60,6 +60,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     share(p, "--allow-external")
     share(p, "--seed")
     share(p, "--jobs")
+    share(p, "--tables")
     p.set_defaults(run=_diagnose)
 
 
@@ -78,6 +79,7 @@ def _diagnose(args: argparse.Namespace) -> int:
         accept=tuple(args.accept),
         seed=args.seed,
         allow_external=args.allow_external,
+        tables=args.tables,
     )
     if not args.quiet:
         for file in args.terms:

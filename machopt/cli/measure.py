@@ -27,6 +27,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     share(cell, "--allow-external")
     share(cell, "--seed")
     share(cell, "--jobs")
+    share(cell, "--tables")
     parents = [common, cell]
     _add_identify(
         commands.add_parser("identify", parents=parents, help="joint stiffness from load–deflection readings")
@@ -91,6 +92,7 @@ def _identify(args: argparse.Namespace) -> int:
         seed=args.seed,
         allow_external=args.allow_external,
         effects=tuple(args.effects),
+        tables=args.tables,
     )
     with Display(show=_shown(args)) as display:
         done = run_identify(request, display.stage)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from machopt.cli.display import natural, positive
+from machopt.formats.parquet import KINDS
 
 _ONE_PROCESS = "accepted for scripts; one process runs"
 SHARED: dict[str, dict[str, Any]] = {
@@ -23,6 +24,11 @@ SHARED: dict[str, dict[str, Any]] = {
         "type": float,
         "metavar": "MM",
         "help": "how far straight lines between a program's points may leave the motion before a point is added (0.05)",
+    },
+    "--tables": {
+        "choices": KINDS,
+        "default": "csv",
+        "help": "parquet: every table as Parquet, too, beside its CSV (csv)",
     },
     "--accept": {
         "action": "append",

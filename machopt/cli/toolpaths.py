@@ -65,6 +65,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="plan up to five times more, with other weights and clearance: stiffness against cycle time, joint "
         "travel and clearance: front.csv, and a section of the report",
     )
+    share(job, "--tables")
     job.add_argument("--sample-ms", type=float, help="time between exported samples (12)")
     share(job, "--seed", default=None, help="of the random search around obstacles")
     share(job, "--jobs", help="accepted for scripts; one plan runs in one process")
@@ -119,6 +120,7 @@ def _optimize(args: argparse.Namespace) -> int:
         posts=tuple(args.post),
         program_tolerance_mm=args.program_tolerance_mm,
         front=args.front,
+        tables=args.tables,
         map_all=args.map_collisions == "full",
         effects=tuple(args.effects),
     )

@@ -75,6 +75,7 @@ class Request:
     candidates: int = 2000
     starts: int = 2
     seed: int = 0
+    tables: str = "csv"  # parquet: every table as Parquet, too
     external: tuple[str, ...] = ()  # name=value of external joints that do not stand at home, mm or degrees
     allow_external: bool = False
     effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which --terms may name

@@ -22,6 +22,7 @@ class Request:
     max_findings: int = 3  # more may be named together, in measured poses, unless it is 1 or 2
     accept: tuple[str, ...] = ()
     seed: int = 0
+    tables: str = "csv"  # parquet: every table as Parquet, too
     allow_external: bool = False
 
 

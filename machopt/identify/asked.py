@@ -33,6 +33,7 @@ class Request:
     seed: int = 0
     allow_external: bool = False
     effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which --fit may name
+    tables: str = "csv"  # parquet: every table as Parquet, too
 
 
 def check(request: Request) -> None:

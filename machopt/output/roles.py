@@ -30,5 +30,7 @@ ROLES = {
     "timings.csv": "table",
 }
 
+TABLES = tuple(name for name in ROLES if name.endswith(".csv"))
+ROLES |= {name.removesuffix("csv") + "parquet": ROLES[name] for name in TABLES}  # copies, with --tables parquet
 
 BATCH_ROLES = {"job.json": "record", "timing.json": "timing", "log.txt": "log"}  # beside each result of a batch

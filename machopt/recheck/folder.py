@@ -15,6 +15,7 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.stint import Stint
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
+from machopt.formats.parquet import difference
 from machopt.formats.toolchoice import stints_of
 from machopt.output.manifest import MANIFEST, differences, read_manifest
 from machopt.output.roles import BATCH_ROLES, ROLES
@@ -25,13 +26,15 @@ from machopt.recheck.readback import check_programs, strays
 from machopt.recheck.resultcheck import result_checks
 from machopt.verify import Check, Verification, verify_stints
 from machopt.verify.changes import CHANGES, slices
+from machopt.verify.check import not_run
 from machopt.verify.output import Tables, read_tables
 from machopt.verify.table import Motion, read_motion
 
 NAN = float("nan")
 
 
-_RESULTS = ("points.csv", "trajectory.csv", "compensation.csv", "front.csv", "result.json", "report.html")
+_COPIES = ("points.parquet", "trajectory.parquet", "compensation.parquet", "front.parquet")
+_RESULTS = (*_COPIES, "points.csv", "trajectory.csv", "compensation.csv", "front.csv", "result.json", "report.html")
 
 
 OPTIMIZE_ROLES = {name: ROLES[name] for name in _RESULTS} | BATCH_ROLES
@@ -65,8 +68,19 @@ def verify_folder(
         contents, found = None, Verification((), 0, 0.0)
     else:
         contents = found = contents or content_checks(cell, toolpath, folder, options=options, manifest=manifest)
+    checks += check_copies(folder)
     told = result_checks(folder, cell, toolpath, options, inputs, manifest, contents)
     return replace(found, checks=(*checks, *found.checks, *told))
+
+
+def check_copies(folder: Path) -> list[Check]:
+    """Parquet tables beside the CSV ones, which say the same."""
+    there = [folder / name for name in _COPIES if (folder / name).exists()]
+    try:
+        odd = [(copy, difference(copy.with_suffix(".csv"), copy)) for copy in there]
+    except InputError as problem:
+        return [not_run("Parquet tables", problem.reason)]
+    return [_check("Parquet tables", [f"{copy.name} {text}" for copy, text in odd if text])] if there else []
 
 
 def content_checks(

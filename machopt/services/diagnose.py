@@ -10,6 +10,7 @@ from machopt.diagnose.asked import Request
 from machopt.diagnose.result import Diagnosis
 from machopt.domain.results.diagnosis import DiagnosisResult
 from machopt.effects.own import in_use, run
+from machopt.formats.parquet import refuse_without_pyarrow
 from machopt.output import output_folder, write_result
 from machopt.report.diagnosis_page import write_diagnosis
 from machopt.services.diagnose_files import (
@@ -41,6 +42,7 @@ def run_diagnose(request: Request, progress: Progress = lambda _: None) -> Outco
     """
     own = run(request.terms)
     with in_use(own), output_folder(request.out) as folder:
+        refuse_without_pyarrow(request.tables)
         done = diagnosed(request, own, progress)
         write(done, folder, progress)
     return Outcome(done.diagnosis, done.result, request.out / "report.html")

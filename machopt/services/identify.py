@@ -8,6 +8,7 @@ from pathlib import Path
 
 from machopt.domain.results.identification import IdentificationResult
 from machopt.effects.own import in_use, with_effects
+from machopt.formats.parquet import refuse_without_pyarrow
 from machopt.formats.readings import write_readings_csv
 from machopt.formats.stiffness import write_stiffness
 from machopt.identify.asked import Request
@@ -37,6 +38,7 @@ def run_identify(request: Request, progress: Callable[[str], None] = lambda _: N
         InputError: bad cell, recording, options or output folder; a record that cannot be right.
     """
     with in_use(with_effects(request.effects)), output_folder(request.out) as folder:
+        refuse_without_pyarrow(request.tables)
         done = identified(request, progress)
         write(done, folder, progress)
     return Outcome(done.identification, done.result, request.out / "report.html")

@@ -14,6 +14,7 @@ from machopt.domain.stint import Stint
 from machopt.domain.toolpath import Toolpath
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
+from machopt.formats.parquet import refuse_without_pyarrow
 from machopt.formats.posts.densify import Tolerance
 from machopt.formats.setups import placed
 from machopt.formats.toolchoice import stints_of, with_tools
@@ -42,6 +43,7 @@ class Request:
     front: bool = False  # further plans with other weights, for the trade-off
     program_tolerance_mm: float | None = None  # 0.05, or twice path_tolerance_mm where that is more
     effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which stiffness.yaml may hold
+    tables: str = "csv"  # parquet: every table as Parquet, too
     map_all: bool = False  # look for the collisions of every configuration, for the report's map
 
 
@@ -58,6 +60,7 @@ class Loaded:
     manifest: Manifest  # without files
     front: bool
     map_all: bool
+    tables: str = "csv"
 
 
 def load(request: Request) -> Loaded:
@@ -81,6 +84,7 @@ def prepared(cell: Cell, read: Callable[[], Toolpath], request: Request) -> Load
     Raises:
         InputError: bad options, toolpath or post.
     """
+    refuse_without_pyarrow(request.tables)
     options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
     posts, tolerance = wanted_posts(cell, request.posts), tolerance_of(request.program_tolerance_mm, options)
     toolpath = placed(read(), cell)
@@ -112,4 +116,5 @@ def prepared(cell: Cell, read: Callable[[], Toolpath], request: Request) -> Load
         manifest=manifest,
         front=request.front,
         map_all=request.map_all,
+        tables=request.tables,
     )

@@ -14,6 +14,7 @@ from machopt.domain.manifest import Covered, Manifest, ManifestFile, with_scope
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.formats.options import options_as_user
+from machopt.formats.parquet import write_beside
 from machopt.formats.posts.densify import Tolerance
 from machopt.formats.reading import reading_as_user
 from machopt.output import write_manifest
@@ -33,7 +34,8 @@ _PLACES = (
     "plan_file",
     "discriminate",
     "effects",
-)  # inputs, by hash
+    "tables",
+)  # inputs, by hash; and how tables are written, which the files show
 _LIBRARIES = ("numpy", "scipy", "numba", "pin", "coal", "python-fcl", "trimesh")  # whose numbers are in the output
 
 
@@ -91,6 +93,8 @@ def write_command_manifest(
         request: the command's own dataclass; its fields but the paths named here are the options.
         inputs: what it read beside the cell.
     """
+    if getattr(request, "tables", "csv") == "parquet":
+        write_beside(folder.glob("*.csv"))
     asked = {f.name: getattr(request, f.name) for f in fields(request) if f.name not in _PLACES}  # type: ignore[arg-type]
     manifest = Manifest(
         command=command,

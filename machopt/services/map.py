@@ -9,6 +9,7 @@ from pathlib import Path
 from machopt.domain.results.maps import MapResult
 from machopt.effects.own import in_use, with_effects
 from machopt.formats.fields import write_map_csv
+from machopt.formats.parquet import refuse_without_pyarrow
 from machopt.output import output_folder, write_result
 from machopt.report.map_page import write_map_page
 from machopt.report.map_svg import write_map_svg
@@ -41,6 +42,7 @@ def run_map(request: Request, progress: Callable[[str], None] = lambda _: None) 
         InputError: bad cell, options, measured table or output folder.
     """
     with in_use(with_effects(request.effects)), output_folder(request.out) as folder:
+        refuse_without_pyarrow(request.tables)
         done = mapped(request, progress)
         write(done, folder, progress)
     return Outcome(done.exit_code, done.result, request.out / "report.html", done.message)

@@ -13,6 +13,7 @@ from machopt.design.asked import (
 from machopt.domain.manifest import ManifestFile
 from machopt.domain.results.poses import PosesResult
 from machopt.effects.own import in_use, with_effects
+from machopt.formats.parquet import refuse_without_pyarrow
 from machopt.formats.poses import write_poses_csv, write_recording_template
 from machopt.output import output_folder, write_result
 from machopt.report.poses_page import write_poses_page
@@ -48,6 +49,7 @@ def run_plan_poses(request: Request, progress: Callable[[str], None] = lambda _:
         InputError: bad cell, option or output folder.
     """
     with in_use(with_effects(request.effects)), output_folder(request.out) as folder:
+        refuse_without_pyarrow(request.tables)
         done = planned(request, progress)
         write(done, folder, progress)
     return Outcome(done.exit_code, done.result, request.out / "report.html", done.message)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from machopt.domain.results.optimize import OptimizeResult
 from machopt.effects.own import in_use, with_effects
+from machopt.formats.parquet import write_beside
 from machopt.output import output_folder
 from machopt.plan.front import measured
 from machopt.plan.mapped import mapped
@@ -76,6 +77,9 @@ def write(the_plan: Planned, folder: Path) -> Written:
             own = measured("as asked", "", made.plan, timeline, made.points)
             made = replace(made, front=tuple(front(given, own)))
             write_front(folder / FRONT, list(made.front))
+    if given.tables == "parquet":
+        with timings.stage("export"):
+            write_beside(folder.glob("*.csv"))
     with timings.stage("map"):
         shown = mapped(made.plan, given.map_all)
     result = tell(made, folder, timings, shown)

@@ -56,6 +56,7 @@ class Request:
     overrides: tuple[str, ...] = ()
     allow_external: bool = False
     effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which stiffness.yaml may hold
+    tables: str = "csv"  # parquet: every table as Parquet, too
 
 
 @dataclass(frozen=True)

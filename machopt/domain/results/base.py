@@ -75,6 +75,9 @@ class Part(BaseModel):
         whole = isinstance(verdict, str) and "version" in type(self).model_fields
         return f"<{type(self).__name__}: {verdict}>" if whole else super().__repr__()
 
+    def __str__(self) -> str:
+        return repr(self)
+
     def plain(self) -> dict[str, Any]:
         """As the file has it, in JSON's own types and in the order of the fields; what was not given is left out."""
         return self.model_dump(mode="json", by_alias=True, exclude_unset=True)
