@@ -13,6 +13,7 @@ from machopt.model.collision import CollisionModel
 from machopt.model.ik import refine
 from machopt.model.robot import Robot
 from machopt.plan.candidates import Arm
+from machopt.plan.kept import recalled
 from machopt.plan.path import Path
 from machopt.plan.realise import CONVERGED, SAME_BRANCH
 from machopt.se3 import normalise, tool_rotation, transform
@@ -64,8 +65,18 @@ class Checker:
             rows = np.arange(first, last + 1)[known[first : last + 1]]
             for part in np.split(rows, np.flatnonzero((np.diff(rows) != 1) | begins[rows[1:]]) + 1):
                 if len(part):
-                    hit[part], pair[part], lost[part] = self.stretch(part, phi[part], q[part])
+                    hit[part], pair[part], lost[part] = self._known(part, phi[part], q[part])
         return PathCheck(hit, pair, lost)
+
+    def _known(self, rows: NDArray[np.intp], phi: Array, q: Array) -> tuple[Bools, NDArray[np.int32], Bools]:
+        """The same as :meth:`stretch`, of an earlier plan where there is one that came this very way."""
+
+        def inputs() -> tuple[object, ...]:
+            p = self.path
+            where = (p.position[rows], p.axis[rows], p.reference[rows], p.external[rows], bool(p.may_touch[rows[0]]))
+            return self.model, self.robot, self.arm, self.step, where, phi, q
+
+        return recalled("contacts", inputs, lambda: self.stretch(rows, phi, q))
 
     def stretch(self, rows: NDArray[np.intp], phi: Array, q: Array) -> tuple[Bools, NDArray[np.int32], Bools]:
         """(n,) hit, pair and lost of successive planning points ``rows`` (n,) at phi (n,) rad and q (n, 6) rad."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from machopt.arrays import Array
 from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import Candidates
 from machopt.plan.choose import Choice
+from machopt.plan.kept import recalled
 from machopt.plan.objective import Terms
 from machopt.plan.path import Path
 from machopt.plan.pinned import pinned
@@ -132,13 +133,34 @@ class Stretch:
 
 def corridor(candidates: Candidates, scores: Scores, choice: Choice, rows: NDArray[np.intp]) -> Corridor:
     """Walk from the chosen vertex to both sides while the same branch and turn stay feasible."""
+    b, tables = choice.branch[rows], [scores.cost] if scores.crowded is None else [scores.cost, scores.crowded]
+
+    def inputs() -> tuple[object, ...]:
+        of_branch = [table[rows, :, b] for table in (candidates.q, candidates.feasible, *tables)]
+        r = choice.rotation[rows]
+        return (
+            candidates.phi,
+            candidates.phi_at(np.maximum(choice.rotation, 0))[rows],
+            candidates.turns,
+            r,
+            b,
+            *of_branch,
+        )
+
+    walked = recalled(
+        "corridor", lambda: (*inputs(), choice.q[rows]), lambda: _walked(candidates, tables, choice, rows)
+    )
+    return replace(walked, cost=walked.cost / scores.scale)
+
+
+def _walked(candidates: Candidates, tables: list[Array], choice: Choice, rows: NDArray[np.intp]) -> Corridor:
+    """The corridor with its cost in the unit of the table."""
     R = len(candidates.phi)
     grid = 2 * np.pi / R
     stride = max(1, round(STEP / grid))  # a finer grid is walked step by step, so that its corridor is as wide
     r, b = choice.rotation[rows], choice.branch[rows]
     phi = np.unwrap(candidates.phi_at(np.maximum(choice.rotation, 0))[rows])
     n = len(rows)
-    tables = [scores.cost] if scores.crowded is None else [scores.cost, scores.crowded]
     found = np.empty((len(tables), n, 2 * REACH + 1))
     found[:, :, REACH] = [table[rows, r, b] for table in tables]
     limit, reached = np.zeros((n, 2)), np.zeros((n, 2))
@@ -167,7 +189,7 @@ def corridor(candidates: Candidates, scores: Scores, choice: Choice, rows: NDArr
         phi=phi,
         low=limit[:, 0],
         high=limit[:, 1],
-        cost=found[0] / scores.scale,
+        cost=found[0],
         slope=(neighbour[1] - neighbour[0]) / span,
         step=stride * grid,
         q=choice.q[rows],

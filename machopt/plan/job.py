@@ -38,7 +38,7 @@ def plan_job(
     toolpath: Toolpath,
     options: PlanOptions,
     timings: Timings,
-    before: Plan | None = None,
+    before: Sequence[Plan] = (),
 ) -> Job:
     """Plan a job, and drive it where nothing is missing.
 
@@ -47,17 +47,19 @@ def plan_job(
         toolpath: the whole of it.
         options: for the whole job.
         timings: what the stages take, of all tools together.
-        before: a plan of the same but for the user's wishes; of a job that changes tools nothing is taken from it.
+        before: the plans of the same stints but for the user's wishes, which lend what these do not change; or none.
 
     Raises:
         InputError: an option asks for what is not planned.
     """
-    plans = [_planned(s, options, timings, len(stints), before) for s in stints[:1]]
+    lent = before if len(before) == len(stints) else (None,) * len(stints)
+    plans = [_planned(stints[0], options, timings, len(stints), lent[0])]
     if len(stints) == 1:
         done = _done(stints[0], plans[0], options, timings)
         return Job(done.stretch.plan, done.points, done.timeline, (done,))
     scale = plans[0].scores.scale  # of all: the worst index is that of the whole job
-    plans += [_planned(s, options, timings, len(stints), scale=scale) for s in stints[1:]]
+    rest = zip(stints[1:], lent[1:], strict=True)
+    plans += [_planned(s, options, timings, len(stints), one, scale=scale) for s, one in rest]
     plans, bound = together(plans, shares_of(plans), timings)
     parts = [_done(s, one, options, timings) for s, one in zip(stints, plans, strict=True)]
     whole = replace(joined([p.stretch for p in parts], bound), options=options)
@@ -74,7 +76,6 @@ def _planned(
 ) -> Plan:
     """One tool's plan, for its own worst index."""
     toolpath, options = stint.toolpath, stint.of(whole)
-    before = before if count == 1 else None
     the_plan = best_plan(stint.cell, toolpath, options, timings, before, scale=scale)
     the_plan = with_conflict(the_plan, stint.cell, toolpath, options, timings)
     begin, end = (stint.begin if stint.number > 1 else None), (stint.end if stint.number < count else None)

@@ -13,6 +13,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.model.collision import CollisionModel
+from machopt.plan.kept import recalled
 
 Way = tuple[bytes, bytes]
 
@@ -46,11 +47,22 @@ def free_ways(model: CollisionModel, ends: Sequence[tuple[Array, Array]], step: 
         ends: in the order in which they are driven, so that one begins near where the last one ended.
         step: rad, as for :meth:`CollisionModel.check_motion`.
     """
-    if not ends:
-        return frozenset()
+    known = known_ways(model, step)
+    every = {way_between(a, b): (a, b) for a, b in ends}
+    if new := [pair for way, pair in every.items() if way not in known]:
+        known |= _asked(model, new, step)
+    return frozenset(way for way in every if known[way])
+
+
+def known_ways(model: CollisionModel, step: float) -> dict[Way, bool]:
+    """Whether straight moves are free, of those that were asked for; a store of earlier plans adds to it in place."""
+    return recalled("ways", lambda: (model, step), dict)
+
+
+def _asked(model: CollisionModel, ends: Sequence[tuple[Array, Array]], step: float) -> dict[Way, bool]:
     rows = np.array([row for pair in ends for row in pair], float)
     starts = np.arange(len(rows)) % 2 == 0
     begun = model.check(rows[starts], np.zeros(len(ends), bool)).hit
     # What the model says of a start is of the way to it, which nobody drives straight: the cutter may be in the part.
     driven = model.check_motion(rows, starts, step).hit[~starts]
-    return frozenset(way_between(a, b) for (a, b), blocked in zip(ends, begun | driven, strict=True) if not blocked)
+    return {way_between(a, b): not blocked for (a, b), blocked in zip(ends, (begun | driven).tolist(), strict=True)}

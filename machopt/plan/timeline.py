@@ -15,7 +15,7 @@ for collisions straight in true angles, which differ by how much the corrections
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from machopt.domain.toolpath import Move, Toolpath
 from machopt.domain.trajectory import Trajectory
 from machopt.plan.breaks import Break, not_driven, place
 from machopt.plan.gaps import Stretch, stretches, uncut, worth
+from machopt.plan.kept import recalled
 from machopt.plan.legs import BEFORE_ALL, Leg, every_cut_shown, needed, rests
 from machopt.plan.lifts import Lifts, rests_of
 from machopt.plan.made import Plan
@@ -392,27 +393,27 @@ class _Builder:
         self, position: Array, rows: NDArray[np.int32], q: Array, feed: Array, rests: tuple[int, ...] = ()
     ) -> RunTrajectory | RunFailure:
         setup = self.plan.setup
-        return retime_run(
-            RunInput(
-                position=position,
-                axis=self.path.axis[rows],
-                reference=self.path.reference[rows],
-                phi=self.plan.chosen.assignment.phi[rows],
-                q=q,
-                feed=feed,
-                machine=setup.arm.machine,
-                external=self.path.external[rows],
-                T_flange_tcp=setup.arm.T_flange_tcp,
-                robot=setup.robot,
-                limits=self.cell.limits,
-                sample=self.options.sample,
-                path_tolerance=self.options.path_tolerance,
-                axis_tolerance=self.options.axis_tolerance,
-                limit_scale=self.options.limit_scale,
-                correction=setup.correction,
-                rests=rests,
-            )
+        run = RunInput(
+            position=position,
+            axis=self.path.axis[rows],
+            reference=self.path.reference[rows],
+            phi=self.plan.chosen.assignment.phi[rows],
+            q=q,
+            feed=feed,
+            machine=setup.arm.machine,
+            external=self.path.external[rows],
+            T_flange_tcp=setup.arm.T_flange_tcp,
+            robot=setup.robot,
+            limits=self.cell.limits,
+            sample=self.options.sample,
+            path_tolerance=self.options.path_tolerance,
+            axis_tolerance=self.options.axis_tolerance,
+            limit_scale=self.options.limit_scale,
+            correction=setup.correction,
+            rests=rests,
         )
+        values = tuple(getattr(run, f.name) for f in fields(run))
+        return recalled("retime", lambda: values, lambda: retime_run(run))
 
     def _told(self, q: Array) -> Array:
         """(W, 6 or more) with encoder angles of true angles; what follows the arm's joints is left as it is."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from machopt.plan.job import plan_job
@@ -21,11 +22,11 @@ class Planned:
     timings: Timings
 
 
-def planned(given: Loaded, timings: Timings, before: Plan | None = None) -> Planned:
+def planned(given: Loaded, timings: Timings, before: Sequence[Plan] = ()) -> Planned:
     """The plan, and its motion where there is one; tool after tool where the job changes it.
 
     Args:
-        before: a plan of the same but for pins, zones, preferences and branches, which lends what they do not change.
+        before: the plans of the same stints but for the user's wishes, which lend what these do not change; or none.
     """
     job = plan_job(given.stints, given.toolpath, given.options, timings, before)
     made = Made(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -18,6 +18,7 @@ from machopt.formats.options import load_options, options_as_user
 from machopt.plan.axes import axes_of
 from machopt.plan.conflict import whole
 from machopt.plan.explain import all_breaks
+from machopt.plan.kept import Store, keeping
 from machopt.plan.mapped import mapped
 from machopt.plan.setup import Progress, Timings
 from machopt.report.gather.optimize import measured, report_data
@@ -45,13 +46,16 @@ class Session:
     before: Planned | None = None
     told: str = ""
     good: bool = True
+    kept: Store = field(default_factory=Store)  # what the steps of earlier plans came to
 
     @classmethod
     def begun(cls, given: Loaded, file: Path, words: tuple[str, ...], progress: Progress) -> Session:
         """Plan as asked."""
-        made = planned(given, Timings(progress=progress))
+        store = Store()
+        with keeping(store):
+            made = planned(given, Timings(progress=progress))
         told, good = _outcome(made)
-        return cls(given, file, words, made, told=told, good=good)
+        return cls(given, file, words, made, told=told, good=good, kept=store)
 
     def wishes(self) -> dict[str, Any]:
         """What the plan shown was steered by, under the keys of a plan file."""
@@ -69,11 +73,12 @@ class Session:
             InputError: a wish that cannot be meant; the plan shown stays.
         """
         options = self._options(wishes)
-        old = self.now.made.plan
-        lends = old if old.compensation is None else None  # its path is another one
+        old = [stint.plan for stint in self.now.made.stints]
+        lends = old if all(p.compensation is None for p in old) else ()  # its path is another one
         given = self.given
         manifest = replace(given.manifest, **under(given.cell, options, given.toolpath))
-        made = planned(replace(given, options=options, manifest=manifest), Timings(progress=progress), lends)
+        with keeping(self.kept):
+            made = planned(replace(given, options=options, manifest=manifest), Timings(progress=progress), lends)
         told, good = _outcome(made)
         if self.good and not good:
             return told, False

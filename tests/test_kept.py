@@ -1,0 +1,85 @@
+"""What is taken from an earlier plan is what would be computed now, to the last bit, and only that."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from external_cell import external_cell
+from small_cell import small_cell
+from test_external import VALUES, apart, ring, slots
+from test_external import K as SPRINGS
+from test_path import toolpath
+
+from machopt.domain.options import FixedRotation, PlanOptions
+from machopt.domain.toolpath import Operation, Toolpath
+from machopt.plan.external import best_plan
+from machopt.plan.kept import Store, keeping, recalled
+from machopt.plan.timeline import build_timeline
+
+
+def test_a_step_is_done_again_only_where_an_input_differs() -> None:
+    made: list[float] = []
+
+    def of(values: np.ndarray, options: PlanOptions, model: object) -> np.ndarray:
+        def make() -> np.ndarray:
+            made.append(float(values.sum()))
+            return values * 2
+
+        return recalled("double", lambda: (values, options, model), make)
+
+    x, model = np.arange(4.0), object()
+    of(x, PlanOptions(), model)
+    of(x, PlanOptions(), model)
+    assert len(made) == 2  # nobody keeps anything
+    store = Store()
+    with keeping(store):
+        first = of(x, PlanOptions(), model)
+        again = of(x.copy(), PlanOptions(), model)
+        assert again is first
+        with pytest.raises(ValueError, match="read-only"):
+            first[0] = 1.0
+        of(x, PlanOptions(seed=1), model)
+        of(x.reshape(2, 2), PlanOptions(), model)
+        of(x, PlanOptions(), object())  # another: nothing says that it is like the first
+        assert (store.found, store.made) == ({"double": 1}, {"double": 4})
+    for _ in range(3):
+        with keeping(store):
+            of(x, PlanOptions(), model)
+    assert len(store.results) == 1  # what nobody asked for again is forgotten
+    assert len(made) == 6
+
+
+def drilled(path: Toolpath) -> Toolpath:
+    return replace(path, operations=(Operation("holes", "point"),))
+
+
+@pytest.mark.parametrize("rail", [False, True])
+def test_a_plan_from_kept_results_is_the_plan_made_alone(tmp_path: Path, *, rail: bool) -> None:
+    """A pin in one of six holes, or of four slots: with a rail, places of the other slots are not judged again."""
+    path = apart(toolpath(slots(-0.3, -0.1, 0.1, 0.3), feed=0.05)) if rail else drilled(ring(holes=6))
+    options = replace(VALUES, collision=not rail, external=VALUES.external if rail else ())
+    pinned = replace(options, fixed=(FixedRotation(8, 0.7),))
+    cell = replace(external_cell(tmp_path, rail=True) if rail else small_cell(tmp_path), stiffness=SPRINGS)
+    store = Store()
+    with keeping(store):
+        free = best_plan(cell, path, options)
+        build_timeline(free, path)
+    for again in (False, True):  # the second time everything is there: arrays that are read-only do as well
+        with keeping(store):
+            kept = best_plan(cell, path, pinned, before=free)
+            driven = build_timeline(kept, path)
+        assert not rail or store.found["places"] > store.made.get("places", 0)
+        assert not again or (store.found["retime"] > 0 and not store.made)
+    alone = best_plan(cell, path, pinned)
+    timeline = build_timeline(alone, path)
+    for name in ("phi", "q", "branch", "reason"):
+        np.testing.assert_array_equal(getattr(kept.chosen.assignment, name), getattr(alone.chosen.assignment, name))
+    np.testing.assert_array_equal(kept.path.external, alone.path.external)
+    assert kept.chosen.objective == alone.chosen.objective
+    assert driven.trajectory is not None
+    assert timeline.trajectory is not None
+    for name in ("q", "external", "gamma", "point"):
+        np.testing.assert_array_equal(getattr(driven.trajectory, name), getattr(timeline.trajectory, name))
