@@ -302,6 +302,7 @@ def on_rail(folder: Path, *wishes: Steer, mode: ExternalMode | None = None, befo
     return best_plan(cell, long_slot(1.0), options, before=before)
 
 
+@pytest.mark.slow
 def test_a_pinned_rail_is_there_at_that_point_and_moves_elsewhere(tmp_path: Path) -> None:
     """Two places and a zone on one run: no one place would keep them."""
     zone = Steer(points=(18, 21), joint="rail", away=(0.2, 2.5), unit="mm")
@@ -320,6 +321,7 @@ def test_a_pinned_rail_is_there_at_that_point_and_moves_elsewhere(tmp_path: Path
     assert np.interp(3.0, motion.point, motion.external[:, 0]) == pytest.approx(0.4, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_a_rail_that_keeps_one_place_keeps_the_pinned_one(tmp_path: Path) -> None:
     p = on_rail(tmp_path, PIN, mode="operation")
     assert (p.path.external == 0.4).all()
@@ -343,6 +345,7 @@ def test_a_place_that_no_joint_could_take_is_refused(tmp_path: Path, wish: dict[
         on_rail(tmp_path, PIN, Steer(points=(3, 3), **wish))  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_a_pinned_rail_that_leaves_points_out_of_reach_is_named(tmp_path: Path) -> None:
     cell = replace(external_cell(tmp_path, rail=True), stiffness=Stiffness(K))
     far = Steer(points=(3, 3), joint="rail", at=2.4, unit="mm")
