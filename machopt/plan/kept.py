@@ -87,7 +87,7 @@ def _key(value: object) -> Hashable:
     if isinstance(value, tuple | list):
         return tuple(_key(v) for v in value)
     if value is None or isinstance(value, bool | int | float | str | bytes | np.generic):
-        return type(value).__name__, value  # type: ignore[return-value]  # all of these are hashable
+        return type(value).__name__, value
     if type(value).__module__.startswith("machopt.domain.options"):
         return value  # frozen, of numbers and words
     return _Very(value, id(value))
