@@ -15,18 +15,20 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from machopt.arrays import Array
 from machopt.domain.options import ExternalAxis, PlanOptions
+from machopt.domain.steering import among
 from machopt.model.threads import side_by_side
 from machopt.plan.candidates import Candidates, enumerate_candidates
 from machopt.plan.choose import Choice, choose
 from machopt.plan.engage import sideways
 from machopt.plan.glimpse import free_choice
 from machopt.plan.groups import Group
+from machopt.plan.kept import recalled
 from machopt.plan.part import part_of
 from machopt.plan.path import Path
 from machopt.plan.score import Scores, directions, score_candidates
@@ -125,9 +127,12 @@ class Values:
         """Judge the allowed values next to some by the least index of each station, where they are not judged yet."""
         allowed = [self.groups[n].snapped(v) for v in values]
         new = {v.tobytes(): v for v in allowed if v.tobytes() not in self.judged[n]}
-        for (key, _), (judged, median) in zip(
-            new.items(), side_by_side(lambda v: self._least(n, v), new.values()), strict=True
-        ):
+        every = list(new.values())
+
+        def judge() -> tuple[tuple[Judged, float | None], ...]:
+            return tuple(side_by_side(lambda v: self._least(n, v), every))
+
+        for key, (judged, median) in zip(new, recalled("places", lambda: self._follows(n, every), judge), strict=True):
             self.judged[n][key] = judged
             if median is not None:
                 self.medians.append(median)
@@ -152,9 +157,23 @@ class Values:
         worst = float(least[there & part.counted[part.stations]].max(initial=0.0))
         return Judged(value, 1.0 - float(there.mean()), mean, worst, 0.0, LEAST), scores.scale
 
+    def _follows(self, n: int, values: Sequence[Array]) -> tuple[object, ...]:
+        """What the judgement of some values of a group follows from: of the user's wishes those about its points."""
+        part, options = self.parts[n], self.options
+        points = set(part.index.tolist())
+        fixed = tuple(f for f in options.fixed if f.point in points)
+        steer = tuple(w for w in options.steer if not w.joint and len(among(w, part.index)))
+        own = replace(options, fixed=fixed, steer=steer)
+        return self.setup, own, self.across[n], tuple(getattr(part, f.name) for f in fields(part)), tuple(values)
+
     def _further(self, n: int, key: bytes) -> None:
         """Judge a value by the next stage."""
         j = self.judged[n][key]
+        self.judged[n][key] = recalled(
+            "places", lambda: (*self._follows(n, [j.value]), j.by), lambda: self._by_next(n, j)
+        )
+
+    def _by_next(self, n: int, j: Judged) -> Judged:
         found = self._candidates(n, j.value)
         if found is None:
             raise AssertionError("what is out of reach is judged to the end")
@@ -164,7 +183,7 @@ class Values:
             colliding = 0
         else:
             choice, colliding = free_choice(part, candidates, scores, self.setup, self.options)
-        self.judged[n][key] = self._of_choice(j, part, scores, choice, colliding)
+        return self._of_choice(j, part, scores, choice, colliding)
 
     def _of_choice(self, j: Judged, part: Path, scores: Scores, choice: Choice, colliding: int) -> Judged:
         there, w = np.flatnonzero(~choice.dropped), self.options.weights
