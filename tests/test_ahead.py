@@ -68,6 +68,13 @@ def test_all_that_touches_around_a_contact_is_struck_out_and_nothing_else() -> N
     assert len(set(asked)) == len(asked)  # nothing twice
 
 
+def test_from_no_contact_nothing_is_looked_at() -> None:
+    ahead = ahead_of(block())
+    none = np.zeros(0, np.intp)
+    assert ahead.look(none, none.astype(np.int32), 100) == 0  # and it warns of nothing, as --map-collisions full did
+    assert ahead.candidates.feasible.all()
+
+
 def test_no_ring_is_begun_beyond_the_budget() -> None:
     """The next round goes on from where this one ended, with a larger one."""
     ahead = ahead_of(np.ones((2, S, R, B), bool))

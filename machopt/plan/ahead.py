@@ -56,6 +56,8 @@ class Ahead:
         Returns:
             how many were looked at.
         """
+        if not len(vertices):
+            return 0
         share = np.bincount(pair, minlength=len(self.model.pairs)) / len(pair)
         left = np.ceil(budget * share).astype(int)  # (P,) a pair is followed as far as it is in the way
         looked = 0
