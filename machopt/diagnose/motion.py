@@ -21,7 +21,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Term
 from machopt.errors import InputError
-from machopt.model.rigid import Dynamics, load_dynamics
+from machopt.model.rigid import Dynamics, NoInertiaError, load_dynamics
 
 Predicted = Literal["link", "tip", "torque"]
 WORDS: dict[Predicted, str] = {
@@ -176,7 +176,5 @@ def _dynamics(cell: Cell) -> Dynamics | None:
     """The arm's dynamics; None where the URDF has no inertias."""
     try:
         return load_dynamics(cell)
-    except InputError as error:
-        if "inertial" in error.reason:
-            return None
-        raise
+    except NoInertiaError:
+        return None

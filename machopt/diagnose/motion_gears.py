@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -156,19 +156,33 @@ def _vibration(
     ]
 
 
-def drive(scene: Scene) -> tuple[Array, str] | None:
-    """The torque (M, n) that bends the joints forward: by rigid bodies where they describe the recorded torque, which
+@dataclass(frozen=True)
+class Driven:
+    """What bends the joints of a motion."""
+
+    load: Array  # (M, n) N·m forward
+    by_bodies: bool  # by rigid bodies, so without friction; else as recorded
+
+    @property
+    def words(self) -> str:
+        if self.by_bodies:
+            return "torque by rigid-body dynamics from the URDF's inertias"
+        return "recorded torque, smoothed"
+
+
+def drive(scene: Scene) -> Driven | None:
+    """The torque that bends the joints forward: by rigid bodies where they describe the recorded torque, which
     also holds friction and noise; else as recorded; None where neither is known.
     """
     # as many coordinates as joints, whatever the channel has
     load = gear_load(replace(scene, dimensions=scene.joints, lift=one_joint(scene.motion, scene.joints)))
     m = scene.motion
     if load is not None:
-        return -load, "torque by rigid-body dynamics from the URDF's inertias"
+        return Driven(-load, True)
     if scene.recording.torque is None:
         return None
     tau = scene.recording.torque[m.index, : scene.joints]
     smooth = np.empty_like(tau)
     for s in m.segments():
         smooth[s] = zero_phase(tau[s], 2, min(2.0 * m.cutoff, 0.4 * m.rate), m.rate)
-    return -smooth, "recorded torque, smoothed"
+    return Driven(-smooth, False)

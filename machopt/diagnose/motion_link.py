@@ -61,14 +61,13 @@ def build(scene: Scene, joints: list[int]) -> tuple[Problem, Catalogue]:
             for effect in (e.name for e in registry.of_joint_torque() if any(law.grid(MOVING) for law in e.laws))
         ]
     else:
-        load, words = found
-        by_bodies = words.startswith("torque by")
-        scene.notes.append(f"gears are loaded by the {words}")
+        load = found.load
+        scene.notes.append(f"gears are loaded by the {found.words}")
         base = np.concatenate([offset, *(scene.column(j, load[:, j]) for j in joints)], axis=2)
         unknowns += [
             Unknown(f"compliance {j + 1}", "rad/(N·m)", 0.0, f"joint:{j + 1}", key=joint_spring(j + 1)) for j in joints
         ]
-        if not by_bodies:
+        if not found.by_bodies:
             for j in joints:  # the motor's torque holds friction that never reaches the gear
                 way = np.stack([np.sign(m.v[:, j]), m.v[:, j]], axis=1)
                 base = np.concatenate([base, scene.column(j, way)], axis=2)
@@ -78,12 +77,12 @@ def build(scene: Scene, joints: list[int]) -> tuple[Problem, Catalogue]:
                 ]
     if found is not None:
         for j in joints if scene.known else ():
-            y = y - scene.column(j, known(scene, j, found[0][:, j]))[:, :, 0]
+            y = y - scene.column(j, known(scene, j, found.load[:, j]))[:, :, 0]
     # encoders of one kind have one noise, whatever the joints leave
     fit = Fit(y, base, np.ones(len(joints)))
     for j in joints:
         if found is not None:
-            out += gear_laws(scene, j, found[0][:, j], None if inertia is None else inertia[:, j], fit)
+            out += gear_laws(scene, j, found.load[:, j], None if inertia is None else inertia[:, j], fit)
         out += ripple(scene, j, "arcsec", 1.0 / ARCSEC, torque=False)
     problem = Problem(
         channel="position",

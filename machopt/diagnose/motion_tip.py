@@ -59,14 +59,14 @@ def build(scene: Scene, robot: Robot) -> tuple[Problem, Catalogue, list[Finding]
     followed = pose.p - tip  # what the encoders say about following the command
 
     found = drive(scene)
-    load = None if found is None else found[0]
+    load = None if found is None else found.load
     unknowns = [Unknown(f"registration {a}", "m", location="sensor:position") for a in "xyz"]
     unknowns += [Unknown(f"registration turn {a}", "rad", location="sensor:position") for a in "xyz"]
     unknowns += [Unknown(f"target {a}", "m", location="tool") for a in "xyz"]
     untestable: list[Untestable] = []
     y_fine = measured - tip
     if found is not None and load is not None:
-        scene.notes.append(f"gears are loaded by the {found[1]}")
+        scene.notes.append(f"gears are loaded by the {found.words}")
         unknowns += [
             Unknown(f"compliance {j}", "rad/(N·m)", 0.0, f"joint:{j}", key=joint_spring(j)) for j in range(1, 7)
         ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -24,12 +25,33 @@ EXPLAINS = 0.9  # unexplained share beyond which a record says nothing about uni
 LEAST_MOMENT = 1.0  # N·m
 READ_AS = {"rad": 1e-3, "degrees": float(np.degrees(1e-3)), "µrad": 1e3}  # number read per number meant, for mrad
 NEAR_UNIT = 3.0  # factor within which a rotation's size names its unit
-SUSPECTS = {  # displacement per load as read, per what it is
-    **{f"displacements in {name}": 1.0 / mm for name, mm in LENGTHS.items()},
-    "displacements in hundredths of a millimetre": 100.0,
-    **{f"loads in {name}": newtons for name, newtons in FORCES.items()},
-}
-THOUSANDS = ("displacements in metres", "displacements in micrometres", "loads in kilonewtons")
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """A unit that columns may be in."""
+
+    words: str  # "displacements in inches"
+    column: str  # first of the group
+    factor: float  # what its values have to be multiplied by
+
+    @property
+    def ratio(self) -> float:
+        """Displacement per load as read, per what it is."""
+        return self.factor if self.column == FORCE else 1.0 / self.factor
+
+    @property
+    def thousands(self) -> bool:
+        """Off by a thousand, which shows against any robot."""
+        return self.factor in (1e3, 1e-3)
+
+
+DISPLACEMENT, FORCE = "dx_mm", "fx_N"
+SUSPECTS = (
+    *(Suspect(f"displacements in {name}", DISPLACEMENT, mm) for name, mm in LENGTHS.items()),
+    Suspect("displacements in hundredths of a millimetre", DISPLACEMENT, 0.01),
+    *(Suspect(f"loads in {name}", FORCE, newtons) for name, newtons in FORCES.items()),
+)
 ALIKE, LEAST_ALIKE = 1.2, 3  # factor between joints, and from a unit's; joints that say so
 NEAR_SUSPECT = 2.2  # factor: stiffness is rarely known better beforehand
 
@@ -56,12 +78,10 @@ def unit_findings(e: Experiment, stated: Reading, reach: float, prior: Array | N
         wrong = _off(nominal, MOST_NOMINAL) and _off(s, MOST_GENERIC_TOO)
         doubtful, against, seen = _off(nominal, DOUBTFUL_NOMINAL), "what the cell's stiffness gives", nominal
     if wrong:
-        near = [name for name in _near(seen) if name in _near(s)]  # by the cell's stiffness and by the robot's size
-        other = near and not set(near) & set(THOUSANDS)
-        if other:
-            cause = f"{' or '.join(near)} would make it so; mm and N would work"
-            column = "dx_mm" if near[0].startswith("displacements") else "fx_N"
-            factor = 1.0 / SUSPECTS[near[0]] if column == "dx_mm" else SUSPECTS[near[0]]
+        near = [u for u in _near(seen) if u in _near(s)]  # by the cell's stiffness and by the robot's size
+        if near and not any(u.thousands for u in near):
+            cause = f"{' or '.join(u.words for u in near)} would make it so; mm and N would work"
+            column, factor = near[0].column, near[0].factor
         else:
             cause, column, factor = _culprit(e, s)
         message = f"displacement per load is {_times(seen)} {against}: {cause}"
@@ -186,7 +206,7 @@ def same_factor(found: Array, prior: Array) -> str | None:
     ratio = float(np.exp(np.median(logs)))
     if float(np.abs(logs - np.median(logs)).max()) > np.log(ALIKE):
         return None
-    units = [name for name, value in SUSPECTS.items() if abs(float(np.log(ratio / value))) < np.log(ALIKE)]
+    units = [u.words for u in SUSPECTS if abs(float(np.log(ratio / u.ratio))) < np.log(ALIKE)]
     if not units:
         return None
     return (
@@ -199,14 +219,14 @@ def _off(ratio: float, factor: float) -> bool:
     return not 1 / factor < ratio < factor
 
 
-def _near(ratio: float) -> list[str]:
+def _near(ratio: float) -> list[Suspect]:
     """What could make that ratio, the nearest first."""
-    off = {name: abs(float(np.log(ratio / value))) for name, value in SUSPECTS.items()}
-    return [name for name in sorted(off, key=lambda n: off[n]) if off[name] < np.log(NEAR_SUSPECT)]
+    off = {u: abs(float(np.log(ratio / u.ratio))) for u in SUSPECTS}
+    return [u for u in sorted(off, key=lambda u: off[u]) if off[u] < np.log(NEAR_SUSPECT)]
 
 
 def _suspects(ratio: float) -> str:
-    near = _near(ratio)
+    near = [u.words for u in _near(ratio)]
     return f", as {' or '.join(near)} would make it" if near else ""
 
 

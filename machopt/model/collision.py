@@ -46,8 +46,7 @@ from machopt.model.robot import LinkShape, Robot
 from machopt.model.surfaces import Surfaces
 from machopt.model.threads import side_by_side
 from machopt.model.touching import nearer, outline_of
-from machopt.model.triangles import distance
-from machopt.se3 import inverse
+from machopt.model.walk import Walk
 
 Bools = NDArray[np.bool_]
 
@@ -56,7 +55,6 @@ ALWAYS = 0.95  # share of poses in touch from which a pair is taken to be built 
 COARSE = 0.50  # the same for links two apart, whose meshes often overlap where the real links do not
 LONGEST = 0.1  # rad, joint step above which the motion bound is of no use
 STRIP = np.radians(2.0)  # of a joint, in which poses are taken in the order of the next one
-FINE = 1e-4  # m, motion below which a segment between two free rows is not halved any more
 MOST = 50_000  # rows of a motion that are looked at together, for the sake of memory (some 5 kB each)
 AT_ONCE = 2_000_000  # rows × pairs whose bounds are compared in one array
 
@@ -218,7 +216,7 @@ class CollisionModel:
         """Fill in the contacts of some dense rows (D, n); owner, at (D,) as :func:`densify` tells them."""
         rows = Rows(self.stack, dense)
         for p, doubt in self._doubtful(rows, cutting[owner]):
-            walk = _Walk(self, rows, p)
+            walk = self._walk(rows, p)
             for m in np.flatnonzero(doubt):
                 n = owner[m]
                 if contacts.hit[n]:
@@ -230,6 +228,11 @@ class CollisionModel:
                     contacts.hit[n], contacts.pair[n], contacts.at[n] = True, p, place
                     if first_only:
                         return
+
+    def _walk(self, rows: Rows, p: int) -> Walk:
+        i, j = self.stack.index[p]
+        meshes = self.outlines[i].mesh, self.outlines[j].mesh
+        return Walk(rows, p, (i, j), meshes, self.pairs[p].clearance, self.surfaces, self._memory[p])
 
     def _doubtful(self, rows: Rows, cutting: Bools) -> Iterator[tuple[int, Bools]]:
         """Pairs whose bounds do not prove every row and way free, each with the rows (M,) that they leave in doubt."""
@@ -343,91 +346,6 @@ class CollisionModel:
         return out
 
 
-@dataclass
-class _Walk:
-    """One pair followed along the rows: an exact distance and how far the bodies have moved since."""
-
-    model: CollisionModel
-    rows: Rows
-    p: int
-    last: int = -1
-    known: float = 0.0  # m, exact distance at row ``last``
-
-    def __post_init__(self) -> None:
-        self.clearance = self.model.pairs[self.p].clearance
-        self._way: Array | None = None
-        self._near = 0, 0  # triangles, one of each body
-
-    def moved(self, n: int) -> float:
-        """m, bound on the relative motion between row ``last`` and row n."""
-        if self._way is None:
-            self._way = np.append(0.0, np.cumsum(self.rows.travel(self.p)))
-        return float(abs(self._way[n] - self._way[self.last]))
-
-    def bound(self, n: int) -> float:
-        """m, what is known of the distance at row n without measuring it."""
-        since = -np.inf if self.last < 0 else self.known - self.moved(n)
-        memory = self.model._memory[self.p]
-        return since if memory is None or since > self.clearance else max(since, memory.bound(self.rows.q[n]))
-
-    def distance(self, n: int) -> float:
-        """Exact distance (m) at row n; 0 where one body is inside the other."""
-        if n != self.last:
-            at = self.model.stack.index[self.p], self.rows.relative(self.p)[n]
-            d = self._measured(at[1])
-            # Surfaces apart by more than the way since a row known to be outside cannot have been crossed.
-            fresh = self.last < 0 or self.known <= 0.0 or max(d, self.known) <= self.moved(n)
-            if d > 0.0 and fresh and self.model.surfaces.contained(*at):
-                d = 0.0
-            self.last, self.known = n, d
-            memory = self.model._memory[self.p]
-            if memory is not None and d > self.clearance:
-                memory.add(self.rows.q[n], d)
-        return self.known
-
-    def _measured(self, T: Array) -> float:
-        """m between the surfaces with the second body moved by T (4, 4); what is too near is so by fcl's word."""
-        pair = self.model.stack.index[self.p]
-        a, b = (self.model.outlines[k].mesh for k in pair)
-        d, self._near = distance(a, b, T, self._near)
-        return self.model.surfaces.distance(pair, T) if _too_near(d, self.clearance) else d
-
-    def hits(self, n: int) -> bool:
-        return _too_near(self.distance(n), self.clearance)
-
-    def motion(self, m: int) -> float:
-        """Fractional row of a contact in row m or on the way to it, NaN if free."""
-        if m == 0:
-            return 0.0 if self.hits(0) else np.nan
-        way = float(self.rows.travel(self.p)[m - 1])
-        if not _too_near(self.bound(m - 1) - way, self.clearance):
-            return np.nan
-        before = self.distance(m - 1)
-        if _too_near(before, self.clearance):
-            return m - 1.0
-        if before - way >= self.clearance:
-            return np.nan
-        after = self.distance(m)
-        if _too_near(after, self.clearance):
-            return float(m)
-        inner = self._between(self.rows.q[m - 1], self.rows.q[m], before, after, way)
-        return m - 1.0 + inner
-
-    def _between(self, qa: Array, qb: Array, da: float, db: float, way: float) -> float:
-        """Fraction of the way from qa to qb where a contact is, NaN if there is none."""
-        if way < FINE or da + db - 2.0 * self.clearance >= way:
-            return np.nan
-        middle = 0.5 * (qa + qb)
-        i, j = self.rows.pairs.links[self.p]
-        poses = self.rows.pairs.lines.link_poses(middle)
-        d = self._measured(inverse(poses[i]) @ poses[j])
-        if _too_near(d, self.clearance):
-            return 0.5
-        # The bound is a sum over joints of |Δq| times the lever, so half the joint step is half the bound.
-        inner = 0.5 * self._between(qa, middle, da, d, 0.5 * way)
-        return inner if not np.isnan(inner) else 0.5 + 0.5 * self._between(middle, qb, d, db, 0.5 * way)
-
-
 def _none(count: int) -> Contacts:
     return Contacts(np.zeros(count, bool), np.full(count, -1, np.int32), np.full(count, np.nan))
 
@@ -437,7 +355,3 @@ def remedy(pair: Pair) -> str:
     if not set(pair.kinds) <= {"link", "tool"}:
         return ""
     return f" (if they are built so, `ignore_pairs: [[{pair.a}, {pair.b}]]` in cell.yaml would let them)"
-
-
-def _too_near(distance: float, clearance: float) -> bool:
-    return distance <= 0.0 or distance < clearance

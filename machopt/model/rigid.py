@@ -109,6 +109,10 @@ class Dynamics:
         return P, T, L
 
 
+class NoInertiaError(InputError):
+    """The URDF states no masses and inertias of what moves."""
+
+
 def load_dynamics(cell: Cell) -> Dynamics:
     """The chain of the cell's arm joints with its inertias, gravity along −z of world, tool as a point mass.
 
@@ -140,7 +144,7 @@ def load_dynamics(cell: Cell) -> Dynamics:
         )
     bodies = tuple(i for i in range(model.nv) if model.inertias[i + 1].mass > 0.0)
     if not bodies:
-        raise InputError("no moving link has an <inertial>; joint torques need masses and inertias", file=cell.urdf)
+        raise NoInertiaError("no moving link has an <inertial>; joint torques need masses and inertias", file=cell.urdf)
     for name in (cell.base_link, cell.flange_link):
         if not model.existFrame(name):
             raise InputError(f"link {name!r} is not in the URDF", file=cell.urdf)
