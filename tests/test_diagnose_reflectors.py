@@ -90,6 +90,7 @@ def test_base_and_notes_hold_every_frame_and_place() -> None:
     assert len(said) == 2  # where the tracker stood
     assert any("1 by (" in n for n in notes)
     assert np.bincount(problem.visit).tolist() == [3] * 180  # the reflectors of one arrival
+    assert np.bincount(problem.replicate).tolist() == [3] * 180  # each reflector at each pose, from either stand
     assert ("tool_compliance", "tool") in {(u.effect, u.location) for u in catalogue.untestable}
     assert np.abs(problem.y - problem.base @ _fit(problem)).max() < 1e-6
 

@@ -127,7 +127,8 @@ def _labels(recording: Recording, wrench: Array) -> tuple[Ints, Ints]:
         w = np.zeros_like(wrench)
     replicate = np.full(len(recording), -1, np.int64)
     n = 0
-    seen = np.unique(np.stack([recording.pose, stand, target], axis=1), axis=0, return_inverse=True)[1].reshape(-1)
+    # from another stand too: its frame is fitted, and what differs then is the reading
+    seen = np.unique(np.stack([recording.pose, target], axis=1), axis=0, return_inverse=True)[1].reshape(-1)
     for pose in range(int(seen.max()) + 1):
         rows = np.flatnonzero(seen == pose)
         while len(rows):
