@@ -268,3 +268,18 @@ def test_a_post_that_needs_more_than_a_new_cell_says_gives_way_to_its_kin(robot:
     with pytest.raises(InputError, match="krll"):
         run_init(Request(robot, tmp_path / "other", workpiece_mm=(1000.0, 0.0, 500.0), post="krll"))
     assert not (tmp_path / "other").exists()
+
+
+def test_a_program_of_joint_positions_is_reached_by_the_robot_it_is_for(robot: Path, tmp_path: Path) -> None:
+    program = tmp_path / "job.src"
+    lines = "".join(f"LIN {{A1 {a},A2 -80,A3 100,A4 0,A5 45,A6 0}}\n" for a in (5, 8, 10))
+    program.write_text(f"DEF job()\n$VEL.CP=0.02\nPTP {{A1 0,A2 -90,A3 90,A4 0,A5 45,A6 0}}\n{lines}END\n")
+    done = run_init(Request(robot=robot, out=tmp_path / "cell", toolpath=program))
+    assert not any("no place" in guess for guess in done.guesses)
+
+
+def test_a_program_in_place_of_the_robot_is_told_what_was_expected(tmp_path: Path) -> None:
+    program = tmp_path / "job.src"
+    program.write_text("DEF job()\nEND\n")
+    with pytest.raises(InputError, match=r"is not XML.*expected a URDF"):
+        run_init(Request(robot=program, out=tmp_path / "cell"))

@@ -25,6 +25,7 @@ from machopt.model.collision import CollisionModel
 from machopt.model.machine import load_machine
 from machopt.model.robot import load_chain, load_robot
 from machopt.se3 import rpy_matrix
+from machopt.services.knownrobot import reading_of
 from machopt.workspace.mapping import arm_of
 
 
@@ -87,7 +88,7 @@ def _placed(new: NewCell, request: Request, cell: Cell, span: float) -> tuple[Ne
         return not bodies.check(x, np.ones(len(q), bool)).any
 
     if request.toolpath is not None:
-        path = read_toolpath(request.toolpath, **request.reading)
+        path = read_toolpath(request.toolpath, **reading_of(cell), **request.reading)
         position, axis, of = path.position, path.axis, request.toolpath.name
     else:
         position, axis = sample_path(span)

@@ -45,7 +45,7 @@ def _status(job: Job) -> Array | NDArray[np.int64]:
 
 
 def _notes(job: Job, used: frozenset[str]) -> Sequence[str]:
-    notes = ["lengths mm, angles deg, $VEL.CP m/s"]
+    notes, c = ["lengths mm, angles deg, $VEL.CP m/s"], job.controller
     if "status" in used and job.program.behind is None:
         notes.append("S is left out: the arm's posture is not known (LIN does not read it)")
     if np.isfinite(job.program.tool_mass):
@@ -54,6 +54,10 @@ def _notes(job: Job, used: frozenset[str]) -> Sequence[str]:
     if rails:
         axes = ", ".join(f"E{d.number}" for d in rails)
         notes.append(f"$ROBROOT rides on {axes}: its $ERSYSROOT and coupling in the machine data must say so")
+    stored = [f"BASE_DATA[{c.base_number}] what MO_BASE says"] if c.base_number is not None else []
+    stored += [f"TOOL_DATA[{c.tool_number}] what MO_TOOL says"] if c.tool_number is not None else []
+    if stored:
+        notes.append(f"to be stored in the controller: {', '.join(stored)} (at the end of the .dat)")
     notes.append("first run in T1")
     return notes
 
