@@ -30,10 +30,11 @@ from machopt.plan.made import Plan
 from machopt.plan.part import rows_of
 from machopt.plan.path import Path, build_path
 from machopt.plan.pipeline import plan
+from machopt.plan.refine_external import refined
 from machopt.plan.setup import Timings, prepare
 from machopt.plan.stands import refuse_strangers
 from machopt.plan.timeline import build_timeline
-from machopt.plan.values import STEP, Values
+from machopt.plan.values import PREFERRED, STEP, Values
 
 PLANNED = 3  # values planned in full where all can be driven
 TRIED = 8  # where the first ones cannot
@@ -64,6 +65,25 @@ def best_plan(
     refuse_strangers(cell, options.steer)
     if not cell.external_joints:
         return plan(cell, toolpath, options, clock, before=before, scale=scale)
+    found = _coarse_to_fine(cell, toolpath, options, clock, before, axes, scale)
+    if any(wish.joint for wish in options.steer):  # where such a wish holds a joint only the curves of the search know
+        return found
+    groups = groups_of(cell, toolpath, found.path, axes, found.options.steer)
+    if all((g.low == g.high).all() for g in groups):
+        return found
+    return refined(found, toolpath, groups, axes, clock, PREFERRED, before)
+
+
+def _coarse_to_fine(
+    cell: Cell,
+    toolpath: Toolpath,
+    options: PlanOptions,
+    clock: Timings,
+    before: Plan | None,
+    axes: Sequence[ExternalAxis],
+    scale: float | None,
+) -> Plan:
+    """The best plan over grids of values, and along a curve between them where the joints may move."""
     options = steered(options, toolpath)
     with clock.stage("prepare"):
         setup = prepare(cell, options) if before is None else before.setup

@@ -104,7 +104,7 @@ def plan(
         chosen, source, from_search = scored(found.assignment), found.source, True
         with stage("compare"):
             for other, name in ((paper, "jiao2022"), (default, "cam default")) if same else ():
-                wanted = _as_asked(other.assignment.phi, path, options)
+                wanted = as_asked(other.assignment.phi, path, options)
                 if wanted and other.objective.total < chosen.objective.total and _whole(other, path):
                     chosen, source, check, from_search = other, name, None, False
     else:
@@ -237,7 +237,7 @@ def as_driven(plan: Plan, phi: Array) -> Plan:
     return rescored(plan, after)
 
 
-def _as_asked(phi: Array, path: Path, options: PlanOptions) -> bool:
+def as_asked(phi: Array, path: Path, options: PlanOptions) -> bool:
     """The rotation keeps the user's range and fixed values, which the yardsticks know nothing of."""
     if options.steer:
         return False

@@ -1,0 +1,427 @@
+"""Rotation and external joints made better together, along the path and continuously, once both are chosen.
+
+The choice takes the external joints coarse to fine and rotation after them (:mod:`machopt.plan.external`). Here both
+move at once: with z_k = (Δφ, Δe) at station k the joints of the arm and their margins are linear in z_k and the index
+is quadratic, from differences of exact poses, and J (:mod:`machopt.plan.objective`) of that model is lessened inside a
+region of trust that every station has for itself (:mod:`machopt.plan.jointly`). Then the poses are solved for: a step
+is taken where J itself has become less and no station has lost its pose or touches anything; else the regions of the
+stations that did, or of all, become smaller. This is sequential quadratic programming with the merit J (Nocedal &
+Wright 2006, chapter 18).
+
+What z may be is a curve: a cubic spline along each run for what may move there, one value where nothing may, one value
+for all of a group for a joint that keeps one for an operation. The rotation that is found serves only to find e: the
+plan in full chooses it again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.interpolate import BSpline
+
+from machopt.arrays import Array, Bools
+from machopt.domain.options import ExternalAxis
+from machopt.domain.reason import Reason
+from machopt.domain.toolpath import Toolpath
+from machopt.plan.check import Checker
+from machopt.plan.compensate import rescored
+from machopt.plan.corridor import turning_length
+from machopt.plan.engage import sideways
+from machopt.plan.groups import Group
+from machopt.plan.jointly import Bounds, Local, Steps, lessened
+from machopt.plan.made import Plan
+from machopt.plan.moving import SHORTEST
+from machopt.plan.objective import Terms
+from machopt.plan.part import part_of
+from machopt.plan.path import Path
+from machopt.plan.pinned import pinned
+from machopt.plan.pipeline import as_asked
+from machopt.plan.pipeline import plan as planned
+from machopt.plan.realise import Assignment, between_stations, realise
+from machopt.plan.score import configuration_cost, directions
+from machopt.plan.setup import Timings
+from machopt.plan.timeline import build_timeline
+from machopt.se3 import wrap
+
+STATIONS = 200  # about as many as the stairs of :mod:`machopt.plan.moving` have
+KNOTS = 40  # most spline intervals in a run
+STENCIL = np.radians(1.0)  # of rotation and of external joints as they count, for the derivatives
+TRUST = np.radians(12.0)  # rad of each at first
+LEAST_TRUST = np.radians(0.1)
+ROUNDS = 8  # of the model
+TRIES = 4  # of its region
+ENOUGH = 2e-4  # of J: less is not worth another round
+NEAR = 4  # stations to either side of one that lost its pose, which are trusted less as well
+SPARE = 0.02  # rad of the limits, and share of the margins, kept from where poses end: the model is a line there
+PASSES = 2  # of a plan in full after a refinement
+WORTH = 1e-3  # of J: less is not worth a plan in full
+ROOM = 0.01  # of a range, kept from its ends by a joint that moves: a curve may pass beyond its stations
+
+
+@dataclass(frozen=True)
+class Curves:
+    """What the offsets at the stations and at all points may be, linear in m coefficients."""
+
+    at_stations: sparse.csr_matrix  # (n·d, m), d = 1 + E: rotation, then external joints as they count
+    at_points: sparse.csr_matrix  # (P·d, m) likewise
+
+    @classmethod
+    def of(cls, path: Path, groups: Sequence[Group]) -> Curves:
+        """Along a path that has all runs of the groups."""
+        P, E = len(path.index), path.external.shape[1]
+        blocks: list[tuple[NDArray[np.intp], int, Array]] = []  # points, variable, values (points, k)
+        for group in groups:
+            free = np.flatnonzero(group.high > group.low)
+            rows = [np.arange(path.runs[r][0], path.runs[r][1] + 1) for r in group.runs]
+            blocks += [
+                (np.concatenate(rows), 1 + int(k), np.ones((sum(map(len, rows)), 1)))
+                for k in free
+                if not group.moving[k]
+            ]
+            for points in rows:
+                turning = turning_length(path, points[0], points[-1])
+                blocks.append((points, 0, _basis(turning, _intervals(path, points, points[-1] - points[0], 0.0))))
+                length = path.s[points] - path.s[points[0]]
+                for k in free[group.moving[free]]:
+                    blocks.append((points, 1 + int(k), _basis(length, _intervals(path, points, 0, 0.5))))
+        values, i, j, column = [], [], [], 0
+        for points, variable, basis in blocks:
+            row, own = np.nonzero(basis)
+            values.append(basis[row, own])
+            i.append(points[row] * (1 + E) + variable)
+            j.append(column + own)
+            column += basis.shape[1]
+        entries = np.concatenate(values), (np.concatenate(i), np.concatenate(j))
+        every = sparse.csr_matrix(entries, shape=(P * (1 + E), column))
+        rows = (path.stations[:, None] * (1 + E) + np.arange(1 + E)).ravel()
+        return cls(every[rows], every)
+
+
+def _intervals(path: Path, points: NDArray[np.intp], most: int, shortest: float) -> int:
+    """Of a run's spline, 0 where it keeps one value; ``shortest``: share of the shortest wave of external joints."""
+    stations = int(np.isin(path.stations, points).sum())
+    length = float(path.s[points[-1]] - path.s[points[0]])
+    if path.is_drilling[points].any() or length <= 0.0 or stations < 3:
+        return 0
+    count = min(KNOTS, stations // 2)
+    if shortest:
+        seconds = float(path.time[points[-1]] - path.time[points[0]])
+        wave = max(SHORTEST[0], SHORTEST[1] * length / max(seconds, 1e-9))
+        if length < wave:
+            return 0
+        count = min(count, int(length / (shortest * wave)))
+    return max(count, 1)
+
+
+def _basis(along: Array, intervals: int) -> Array:
+    """(n, k) cubic B-splines at places along a run; one value where there are no intervals."""
+    length = float(along[-1])
+    if intervals == 0 or length <= 0.0:
+        return np.ones((len(along), 1))
+    knots = np.r_[[0.0] * 3, np.linspace(0.0, length, intervals + 1), [length] * 3]
+    return np.asarray(BSpline.design_matrix(np.clip(along, 0.0, length), knots, 3).toarray())
+
+
+@dataclass(frozen=True)
+class State:
+    """Where everything stands at the stations."""
+
+    phi: Array  # (n,) rad
+    e: Array  # (n, E) m or rad
+    found: Assignment  # at all points of the path, known at the stations
+    q: Array  # (n, 6) rad
+    cost: Array  # (n,) in units of c₀
+    merit: float  # J, and what the user's wishes about external joints cost
+
+    @property
+    def margins(self) -> Array:
+        """(n, 3) of shoulder, elbow and wrist."""
+        return np.column_stack([self.found.shoulder, self.found.elbow, self.found.wrist])
+
+
+@dataclass(frozen=True)
+class Refined:
+    """What is proposed, at all planning points."""
+
+    phi: Array  # (P,) rad
+    external: Array  # (P, E) m or rad
+    seed: Array  # (P, 6) rad, for the joints
+    saved: float  # of J at the stations
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What the user asks of external joints, beside J."""
+
+    weight: Array  # (E,) of their travel
+    preferred: Array  # (E,) as they count, NaN where none is
+    price: float  # of the square of a rad (or as much as counts so) from it
+
+
+class Refinement:
+    """Of one plan without gaps or breaks."""
+
+    def __init__(self, plan: Plan, groups: Sequence[Group], axes: Sequence[ExternalAxis], price: float) -> None:
+        """
+        Args:
+            price: of the square of how far an external joint is from a preferred value (rad, or as much as counts so).
+        """
+        self.plan, self.setup, self.options = plan, plan.setup, plan.options
+        self.path = part_of(plan.path, range(len(plan.path.runs)), STATIONS)
+        self.rows = self.path.stations
+        self.curves = Curves.of(self.path, groups)
+        self.terms = Terms.at_stations(self.path, plan.setup.velocity, plan.options)
+        self.across = sideways(self.path)
+        self.per = plan.setup.per_rad[6:]
+        asked = np.array([np.nan if axis.preferred is None else axis.preferred for axis in axes])
+        self.wishes = Wishes(np.array([axis.weight for axis in axes]), asked * self.per, price)
+        self.range = np.empty_like(plan.path.external), np.empty_like(plan.path.external)  # (P, E) each, m or rad
+        room = np.zeros_like(plan.path.external)
+        for group in groups:
+            own = np.isin(self.path.run, group.runs)
+            self.range[0][own], self.range[1][own] = group.low, group.high
+            room[own] = np.where(group.moving, ROOM, 0.0) * (group.high - group.low)
+        self.low, self.high = (self.range[0] + room)[self.rows], (self.range[1] - room)[self.rows]
+
+    def found(self) -> Refined | None:
+        """What lessens J at the stations; None where nothing does."""
+        plan, rows = self.plan, self.rows
+        phi = plan.chosen.assignment.phi
+        here = self._state(phi[rows], plan.path.external[rows], plan.chosen.assignment.q[rows])
+        if here is None:
+            return None
+        first, trust = here.merit, np.full((len(rows), 1 + len(self.per)), TRUST)
+        coefficients = np.zeros(self.curves.at_points.shape[1])
+        for _ in range(ROUNDS):
+            local = self._local(here)
+            there = None
+            for _ in range(TRIES):
+                step = lessened(
+                    local, self._steps(here, local), self._bounds(here, local, trust), self.curves.at_stations
+                )
+                there = self._tried(here, step, trust)
+                if there is not None or trust.max() < LEAST_TRUST:
+                    break
+            if there is None:
+                break
+            gained, here, coefficients = here.merit - there.merit, there, coefficients + step
+            trust = np.minimum(1.5 * trust, TRUST)
+            if gained < ENOUGH * abs(here.merit):
+                break
+        if here.merit == first:
+            return None
+        moved = (self.curves.at_points @ coefficients).reshape(len(phi), -1)
+        external = np.clip(plan.path.external + moved[:, 1:] / self.per, *self.range)
+        return Refined(phi + moved[:, 0], external, between_stations(self.path, here.q), first - here.merit)
+
+    def worth(self, plan: Plan) -> float:
+        """J of a whole plan, and what the user's wishes about external joints cost."""
+        x = plan.path.external * self.per
+        terms, w = Terms.of(plan.path, plan.setup.velocity, plan.options), plan.options.weights
+        return plan.chosen.objective.total + self._wished(x, terms, w.travel)
+
+    def _wished(self, x: Array, terms: Terms, travel: float) -> float:
+        """Price of external joints x (n, E), as they count, beyond J."""
+        wishes = self.wishes
+        more = float(terms.travel[1:] @ (np.abs(np.diff(x, axis=0)) @ (wishes.weight - 1.0)))
+        return travel * more + wishes.price * float(terms.share @ np.nansum((x - wishes.preferred) ** 2, axis=1))
+
+    # --- exact --------------------------------------------------------------------------------------------------------
+
+    def _solved(self, phi: Array, e: Array, seed: Array) -> tuple[Assignment, Array]:
+        """Poses at the stations, and their index in units of c₀, NaN where there is none."""
+        rows, setup = self.rows, self.setup
+        external = self.path.external.copy()
+        external[rows] = e
+        path = replace(self.path, external=external)
+        at, near = np.full(len(path.index), np.nan), np.full((len(path.index), 6), np.nan)
+        at[rows], near[rows] = phi, seed
+        a = realise(path, setup.arm, setup.robot, at, near)
+        d = directions(path, setup.arm, setup.elasticity, self.options.force, self.across)
+        known = rows[np.isfinite(a.q[rows]).all(axis=1)]
+        cost = np.full(len(path.index), np.nan)
+        cost[known] = configuration_cost(setup.elasticity, d, known, a.q[known], self.plan.scores.index)
+        few = {name: getattr(a, name)[rows] for name in vars(a)}
+        return Assignment(**few), cost[rows] / self.plan.scores.scale
+
+    def _state(self, phi: Array, e: Array, seed: Array) -> State | None:
+        """Where all stations have a pose that touches nothing; None elsewhere."""
+        found, cost = self._solved(phi, e, seed)
+        if self._lost(found, e).any() or not np.isfinite(cost).all():
+            return None
+        return State(phi, e, found, found.q, cost, self._merit(phi, e, found.q, cost))
+
+    def _lost(self, found: Assignment, e: Array) -> Bools:
+        """(n,) stations without a pose, or whose pose touches what it must not."""
+        lost = np.asarray(found.reason != Reason.OK)
+        if self.setup.collision is not None and not lost.all():
+            there = np.flatnonzero(~lost)
+            x = np.hstack([found.q[there], e[there]])
+            lost[there] |= self.setup.collision.check(x, self.path.may_touch[self.rows][there]).hit
+        return lost
+
+    def _merit(self, phi: Array, e: Array, q: Array, cost: Array) -> float:
+        terms, w = self.terms, self.options.weights
+        x = np.hstack([q, e * self.per])
+        total = terms.nodes(cost, phi).sum() + terms.steps(x, phi).sum()
+        total += w.worst * float(cost[terms.counted].max(initial=0.0))
+        return float(total) + self._wished(x[:, 6:], terms, w.travel)
+
+    # --- the model ----------------------------------------------------------------------------------------------------
+
+    def _local(self, here: State) -> Local:
+        """Joints and margins to first order, the index to second, from differences around the poses."""
+        n, d = len(here.phi), 1 + len(self.per)
+        free = np.flatnonzero(np.r_[True, (self.high > self.low).any(axis=0)])
+
+        def at(z: Array) -> tuple[Array, Array, Array]:
+            found, cost = self._solved(here.phi + z[0], here.e + z[1:] / self.per, here.q)
+            margins = np.column_stack([found.shoulder, found.elbow, found.wrist])
+            return found.q, margins, cost
+
+        h, unit = STENCIL, np.eye(d)
+        q, margins, cost = (np.zeros((n, k, d)) for k in (6, 3, 1))
+        hessian = np.zeros((n, d, d))
+        ahead = {}
+        for i in free:
+            (qa, ma, ca), (qb, mb, cb) = at(h * unit[i]), at(-h * unit[i])
+            ahead[i] = ca
+            q[:, :, i], margins[:, :, i], cost[:, 0, i] = (qa - qb) / (2 * h), (ma - mb) / (2 * h), (ca - cb) / (2 * h)
+            hessian[:, i, i] = (ca + cb - 2 * here.cost) / h**2
+        for i in free:
+            for j in free[free > i]:
+                both = at(h * (unit[i] + unit[j]))[2]
+                hessian[:, i, j] = hessian[:, j, i] = (both - ahead[i] - ahead[j] + here.cost) / h**2
+        every = np.concatenate([q, margins, cost, hessian], axis=1)
+        known: Bools = np.isfinite(every.sum(axis=(1, 2)))
+        q[~known], margins[~known], cost[~known], hessian[~known] = 0.0, 0.0, 0.0, 0.0
+        value, turned = np.linalg.eigh(hessian)
+        hessian = (turned * np.maximum(value, 0.0)[:, None]) @ np.swapaxes(turned, 1, 2)
+        wishes, w, share = self.wishes, self.options.weights, self.terms.share
+        gradient, own = w.mean * share[:, None] * cost[:, 0], w.mean * share[:, None, None] * hessian
+        away = np.nan_to_num(here.e * self.per - wishes.preferred)
+        wanted = np.isfinite(wishes.preferred)
+        gradient[:, 1:] += 2 * wishes.price * share[:, None] * away
+        own[:, 1:, 1:] += 2 * wishes.price * share[:, None, None] * np.diag(wanted.astype(float))
+        if self.terms.liking is not None:
+            off = here.phi + self.terms.offset - self.terms.liking.rotation
+            half = 0.5 * self.terms.liking.weight * share
+            gradient[:, 0] += half * np.sin(off)
+            own[:, 0, 0] += half * np.maximum(np.cos(off), 0.0)
+        return Local(
+            q=q, margins=margins, known=known, gradient=gradient, hessian=own, cost=here.cost, slope=cost[:, 0],
+            bend=hessian, counted=self.terms.counted, worst=w.worst,
+        )  # fmt: skip
+
+    def _steps(self, here: State, local: Local) -> Steps:
+        """All absolute values along the stations: joints, external ones and rotation."""
+        n, d = local.gradient.shape
+        terms, w, E = self.terms, self.options.weights, d - 1
+        lean = np.zeros((n, 7 + E, d))
+        lean[:, :6] = local.q
+        lean[:, 6:] = np.r_[np.eye(d)[1:], np.eye(d)[:1]]
+        x = np.hstack([here.q, here.e * self.per, here.phi[:, None]])
+        price = np.tile(w.travel * terms.travel[1:, None], (1, 7 + E))
+        price[:, 6 : 6 + E] *= self.wishes.weight
+        price[:, -1] = w.rotation * terms.rotation[1:]
+        slowness = np.r_[terms.slowness, 0.0]
+        return Steps(np.diff(x, axis=0), lean, price, w.feed * terms.lost[1:], terms.seconds[1:], slowness)
+
+    def _bounds(self, here: State, local: Local, trust: Array) -> Bounds:
+        """What z must keep: the region of trust, ranges, the arm's limits and its margins to singularities."""
+        arm, low, high = self.setup.arm, -trust.copy(), trust.copy()
+        low[~local.known] = high[~local.known] = 0.0
+        low[:, 1:] = np.maximum(low[:, 1:], (self.low - here.e) * self.per)
+        high[:, 1:] = np.minimum(high[:, 1:], (self.high - here.e) * self.per)
+        gamma = np.asarray(wrap(here.phi + self.path.offset[self.rows]))
+        first, last = self.options.rotation_range
+        if last - first < 2 * np.pi - 1e-6:
+            low[:, 0], high[:, 0] = np.maximum(low[:, 0], first - gamma), np.minimum(high[:, 0], last - gamma)
+        fixed = np.isin(self.rows, list(pinned(self.plan.path, self.options)))
+        low[fixed, 0] = high[fixed, 0] = 0.0
+        m = arm.margins
+        least = (1.0 + SPARE) * np.array([m.shoulder, m.elbow, m.wrist])
+        lean = np.concatenate([local.q, local.margins], axis=1)
+        under = np.hstack([arm.lower + SPARE - here.q, least - here.margins])
+        over = np.hstack([arm.upper - SPARE - here.q, np.full((len(gamma), 3), np.inf)])
+        return Bounds(np.minimum(low, 0.0), np.maximum(high, 0.0), lean, np.minimum(under, 0.0), np.maximum(over, 0.0))
+
+    def _tried(self, here: State, step: Array, trust: Array) -> State | None:
+        """Where a step leads, if J is less there; else None, and ``trust`` is less where that failed."""
+        z = (self.curves.at_stations @ step).reshape(trust.shape)
+        low, high = (bound[self.rows] for bound in self.range)
+        phi, e = here.phi + z[:, 0], np.clip(here.e + z[:, 1:] / self.per, low, high)
+        found, cost = self._solved(phi, e, here.q)
+        lost = self._lost(found, e) | ~np.isfinite(cost)
+        if lost.any():
+            run = self.path.run[self.rows]
+            for k in np.flatnonzero(lost):
+                beside = slice(max(k - NEAR, 0), k + NEAR + 1)
+                rows = np.arange(len(run))[beside][run[beside] == run[k]]
+                trust[rows] = np.minimum(trust[rows], 0.3 * np.abs(z[rows]).max(initial=LEAST_TRUST))
+            return None
+        merit = self._merit(phi, e, found.q, cost)
+        if merit < here.merit:
+            return State(phi, e, found, found.q, cost, merit)
+        trust *= 0.3
+        return None
+
+
+def refined(
+    plan: Plan,
+    toolpath: Toolpath,
+    groups: Sequence[Group],
+    axes: Sequence[ExternalAxis],
+    clock: Timings,
+    price: float,
+    before: Plan | None = None,
+) -> Plan:
+    """The plan with its external joints refined where that makes it better, else the plan itself.
+
+    Args:
+        price: as for :class:`Refinement`.
+        before: as for :func:`machopt.plan.pipeline.plan`.
+    """
+    best = plan
+    for _ in range(PASSES):
+        if best.found is None or best.breaks or len(best.missing):
+            break
+        refinement = Refinement(best, groups, axes, price)
+        with clock.stage("external"):
+            better = refinement.found()
+        if better is None or better.saved < WORTH * best.chosen.objective.total:
+            break
+        found = planned(
+            best.setup.cell, toolpath, best.options, clock,
+            setup=best.setup, external=better.external, scale=best.scores.scale, before=before,
+        )  # fmt: skip
+        with clock.stage("external"):
+            found = _turned(found, better)
+        if found.breaks or len(found.missing) or not refinement.worth(found) < refinement.worth(best):
+            break
+        with clock.stage("external"):
+            if build_timeline(found, toolpath).trajectory is None:
+                break
+        best = found
+    return best
+
+
+def _turned(found: Plan, better: Refined) -> Plan:
+    """The plan with the rotation that was refined with its external joints, where that can be driven and is better."""
+    if found.found is None or not as_asked(better.phi, found.path, found.options):
+        return found
+    setup, options = found.setup, found.options
+    a = realise(found.path, setup.arm, setup.robot, better.phi, better.seed)
+    if (a.reason != Reason.OK).any():
+        return found
+    there = rescored(found, a)
+    if len(found.missing) == 0 and not there.chosen.objective.total < found.chosen.objective.total:
+        return found
+    check = Checker.of(found.path, setup.arm, setup.robot, setup.collision, options).whole(a.phi, a.q)
+    if not check.free:
+        return found
+    return replace(there, chosen_from="smooth", check=check, breaks=())

@@ -1,0 +1,174 @@
+"""Rotation and external joints refined together: the model's order, its least place, and never a worse plan."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path as FilePath
+
+import numpy as np
+import pytest
+from examples import examples
+from external_cell import external_cell
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy import sparse
+from test_external import OPTIONS, UP, K, apart, slots
+from test_path import Rows, toolpath
+
+from machopt.domain.options import ExternalAxis, PlanOptions
+from machopt.domain.toolpath import Move, Toolpath
+from machopt.plan.axes import axes_of
+from machopt.plan.external import PREFERRED, _coarse_to_fine
+from machopt.plan.groups import Group, groups_of
+from machopt.plan.jointly import Bounds, Local, Steps, _Model, lessened
+from machopt.plan.made import Plan
+from machopt.plan.refine_external import Curves, Refinement, refined
+from machopt.plan.setup import Timings
+
+MOVING = replace(OPTIONS, rotation_step=np.radians(15.0))
+
+
+def chosen(
+    folder: FilePath, path: Toolpath, options: PlanOptions, **kind: bool
+) -> tuple[Plan, list[Group], tuple[ExternalAxis, ...]]:
+    """What the search by grids comes to."""
+    cell = replace(external_cell(folder, **kind), stiffness=K)
+    axes = axes_of(cell, options)
+    plan = _coarse_to_fine(cell, path, options, Timings(), None, axes, None)
+    return plan, groups_of(cell, path, plan.path, axes), axes
+
+
+@pytest.fixture(scope="module")
+def along(tmp_path_factory: pytest.TempPathFactory) -> tuple[Plan, list[Group], tuple[ExternalAxis, ...], Toolpath]:
+    """A slot that weaves, cut along a rail that moves."""
+    y = np.linspace(-0.6, 0.6, 20)
+    rows: Rows = [((0.0, y[0], 0.05), UP, Move.RAPID)]
+    rows += [((0.25 * float(np.sin(7.0 * v)), float(v), 0.0), UP, Move.CUT) for v in y]
+    path = toolpath(rows, feed=0.05)
+    return (*chosen(tmp_path_factory.mktemp("rail"), path, MOVING, rail=True), path)
+
+
+def test_the_model_is_j_to_second_order(
+    along: tuple[Plan, list[Group], tuple[ExternalAxis, ...], Toolpath],
+) -> None:
+    """Half the step, a quarter of what is wrong: joints are lines in z, and their steps have no kink nearby."""
+    plan, groups, axes, _ = along
+    r = Refinement(plan, groups, axes, PREFERRED)
+    rows = r.rows
+    here = r._state(plan.chosen.assignment.phi[rows], plan.path.external[rows], plan.chosen.assignment.q[rows])
+    assert here is not None
+    assert here.merit == pytest.approx(plan.chosen.objective.total, rel=1e-9)  # every planning point is a station
+    local = r._local(here)
+    assert local.known.all()
+    trust = np.full((len(rows), 2), 0.2)
+    model = _Model(local, r._steps(here, local), r._bounds(here, local, trust), r.curves.at_stations)
+    rng = np.random.default_rng(2)
+    c = rng.uniform(-1.0, 1.0, r.curves.at_stations.shape[1])
+    wrong = []
+    for size in (0.04, 0.02):
+        z = (r.curves.at_stations @ (size * c)).reshape(trust.shape)
+        found, cost = r._solved(here.phi + z[:, 0], here.e + z[:, 1:] / r.per, here.q)
+        told = model.terms(size * c, 1e-9, 0.0)[0] - model.terms(0.0 * c, 1e-9, 0.0)[0]
+        merit = r._merit(here.phi + z[:, 0], here.e + z[:, 1:] / r.per, found.q, cost)
+        wrong.append(abs(told - (merit - here.merit)))
+    assert wrong[0] < 0.05 * abs(merit - here.merit) + 1e-4
+    assert wrong[1] < 0.45 * wrong[0] + 1e-7
+
+
+def small_problem(seed: int) -> tuple[Local, Steps, Bounds]:
+    """Three stations, two offsets each, everything convex."""
+    rng = np.random.default_rng(seed)
+    n, d, k = 3, 2, 3
+    half = rng.normal(size=(2, n, d, d))
+    H, B = 0.3 * half @ np.swapaxes(half, -1, -2)
+    local = Local(
+        q=np.zeros((n, 6, d)),
+        margins=np.zeros((n, 3, d)),
+        known=np.ones(n, bool),
+        gradient=0.3 * rng.normal(size=(n, d)),
+        hessian=H,
+        cost=rng.uniform(0.5, 1.0, n),
+        slope=rng.normal(size=(n, d)),
+        bend=B,
+        counted=rng.uniform(size=n) < 0.8,
+        worst=0.5,
+    )
+    steps = Steps(
+        jump=0.2 * rng.normal(size=(n - 1, k)),
+        lean=rng.normal(size=(n, k, d)),
+        price=rng.uniform(0.0, 0.2, (n - 1, k)),
+        lost=rng.uniform(0.0, 0.5, n - 1),
+        seconds=rng.uniform(0.0, 0.3, n - 1),
+        slowness=rng.uniform(0.0, 1.0, k),
+    )
+    box = rng.uniform(0.05, 0.5, (2, n, d))
+    lean = rng.normal(size=(n, 1, d))
+    room = rng.uniform(0.02, 0.3, (n, 1))
+    return local, steps, Bounds(-box[0], box[1], lean, -room, np.full((n, 1), np.inf))
+
+
+@given(st.integers(0, 10**6))
+@settings(max_examples=examples(20), deadline=None)
+def test_the_least_place_against_many_others(seed: int) -> None:
+    local, steps, bounds = small_problem(seed)
+    n, d = local.gradient.shape
+    curves = sparse.identity(n * d, format="csr")
+    c = lessened(local, steps, bounds, curves)
+    model = _Model(local, steps, bounds, curves)
+
+    def price(c: np.ndarray) -> float:
+        return model.terms(c, 1e-9, 0.0)[0]
+
+    z = c.reshape(n, d)
+    beyond = max(float((bounds.low - z).max()), float((z - bounds.high).max()))
+    assert max(beyond, float((bounds.under - np.einsum("nij,nj->ni", bounds.lean, z)).max())) < 1e-4
+    rng = np.random.default_rng(seed)
+    others = [c * rng.uniform(0.0, 1.0) + s * rng.normal(size=n * d) for s in (0.001, 0.01, 0.1) for _ in range(150)]
+    for other in [0.0 * c, *others]:
+        y = np.clip(other.reshape(n, d), bounds.low, bounds.high)
+        if (np.einsum("nij,nj->ni", bounds.lean, y) >= bounds.under).all():
+            assert price(c) <= price(y.ravel()) + 0.02 * (price(0.0 * c) - price(c)) + 1e-3  # kinks are rounded
+
+
+def test_curves_are_one_value_where_nothing_may_move(tmp_path: FilePath) -> None:
+    """A slot moves, a hole does not; a joint that keeps a value for an operation has one coefficient for it."""
+    cell = replace(external_cell(tmp_path, rail=True, table=True), stiffness=K)
+    path_in = apart(toolpath([*slots(0.0), *slots(0.3)]))
+    options = replace(OPTIONS, external=(ExternalAxis("rail", "moving"), ExternalAxis("turn", "operation")))
+    plan = _coarse_to_fine(
+        cell, path_in, replace(options, rotation_step=np.radians(45.0)), Timings(), None, axes_of(cell, options), None
+    )
+    groups = groups_of(cell, path_in, plan.path, axes_of(cell, options))
+    curves = Curves.of(plan.path, groups)
+    c = np.random.default_rng(0).normal(size=curves.at_points.shape[1])
+    z = (curves.at_points @ c).reshape(len(plan.path.index), 3)
+    for first, last in plan.path.runs:
+        assert np.ptp(z[first : last + 1, 2]) == 0.0
+    assert len(np.unique(z[:, 2])) == 2
+
+
+@pytest.mark.slow
+def test_a_rail_that_moves_is_refined(
+    along: tuple[Plan, list[Group], tuple[ExternalAxis, ...], Toolpath],
+) -> None:
+    plan, groups, axes, path = along
+    better = refined(plan, path, groups, axes, Timings(), PREFERRED)
+    assert better.chosen.objective.total < 0.999 * plan.chosen.objective.total
+    low, high = plan.setup.cell.limits.lower[6], plan.setup.cell.limits.upper[6]
+    assert low <= better.path.external.min() <= better.path.external.max() <= high
+    assert not len(better.missing)
+
+
+@pytest.mark.slow
+@given(st.floats(-0.4, 0.4), st.floats(0.05, 0.4), st.sampled_from(["moving", "operation", "mixed"]))
+@settings(max_examples=examples(4), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_refining_never_makes_a_plan_worse(tmp_path: FilePath, y: float, half: float, mode: str) -> None:
+    modes = {"mixed": ("moving", "operation")}.get(mode, (mode, mode))
+    axes = tuple(ExternalAxis(n, m, weight=2.0) for n, m in zip(("rail", "turn"), modes, strict=True))  # type: ignore[arg-type]
+    options = replace(OPTIONS, external=axes)
+    path = toolpath(slots(y, y + half))
+    plan, groups, own = chosen(tmp_path, path, options, rail=True, table=True)
+    better = refined(plan, path, groups, own, Timings(), PREFERRED)
+    r = Refinement(plan, groups, own, PREFERRED)
+    assert better is plan or r.worth(better) < r.worth(plan)
+    assert len(better.missing) <= len(plan.missing)
