@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING
 from machopt.domain.manifest import with_scope
 
 if TYPE_CHECKING:
-    from machopt.domain.results.optimize import BreakTold, CheckTold, ChoiceObjective, CompensationTold, OptimizeResult
+    from machopt.domain.results.optimize import (
+        BreakTold,
+        CheckTold,
+        ChoiceObjective,
+        CompensationTold,
+        ExternalSearchBound,
+        OptimizeResult,
+    )
     from machopt.verify import Check
 
 
@@ -126,7 +133,22 @@ def _certificate_lines(result: OptimizeResult) -> list[str]:
     return [
         f"  objective {total:.4f}; no sequence on the {step:g}° grid is below {search.lower_bound:.4f} (found "
         f"{search.sequence:.4f}, gap {search.gap_percent:.2f} %), the smooth curve off the "
-        f"grid {abs(beyond):.2f} % {'below' if beyond >= 0 else 'above'} that sequence"
+        f"grid {abs(beyond):.2f} % {'below' if beyond >= 0 else 'above'} that sequence",
+        *_external_lines(search.external),
+    ]
+
+
+def _external_lines(e: ExternalSearchBound | None) -> list[str]:
+    """Whether that holds for other values of the external joints too."""
+    if e is None:
+        return []
+    if e.why_none:
+        return [f"    with the external joints as chosen; no bound over their values: {e.why_none}"]
+    gap = _nan(e.gap_percent)
+    return [
+        f"    with the external joints as chosen; over {e.values} values of theirs and the plan's own, every "
+        f"{_nan(e.rotation_step_deg):g}° at {e.stations} stations, no sequence is below {_nan(e.lower_bound):.4f}: the "
+        f"plan has {_nan(e.plan):.4f} there, {f'gap {gap:.2f} %' if gap >= 0 else 'less than all of them'}"
     ]
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from machopt.plan.made import Plan
+from machopt.plan.made import ExternalBound, Plan
 from machopt.plan.objective import Terms
 from machopt.plan.swing import hiding, worst_index
 
@@ -16,7 +16,7 @@ class Certificate:
     """Values of J (:mod:`machopt.plan.objective`).
 
     The bound holds for every sequence over the grid of rotations, branches and turns, with the external joints where
-    the plan has them, by the prices of the search:
+    the plan has them (:func:`with_external` tells what holds over their values), by the prices of the search:
     where stations lie closer in time than a grid step of rotation takes, a step has the time since the last one. The
     smooth curve lies between the grid's steps and may be below it.
     """
@@ -80,3 +80,24 @@ def _worst_of_sequence(plan: Plan) -> float:
     """The worst index of the sequence over the grid, in units of c₀."""
     c, path = plan.choice, plan.path
     return worst_index(plan.scores.raw, path.counted[path.stations], hiding(path), c.rotation, c.branch)
+
+
+def with_external(plan: Plan) -> ExternalBound | None:
+    """What no sequence undercuts that chooses the external joints too; None where none of them was free.
+
+    Of a job that changes tools J is at least Σ share·bound, as each stretch's bound prices its own worst index and the
+    shares are 1 in all.
+    """
+    if not plan.parts:
+        return plan.over_external
+    own = [part.plan.over_external for part in plan.parts]
+    known = [found for found in own if found is not None]
+    if not known:
+        return None
+    why = next((found.why for found in known if found.why), "")
+    if why or len(known) < len(own):
+        return ExternalBound(why=why or "a tool's stretch has none, as its external joints are locked")
+    total = float(sum(part.share * found.bound for part, found in zip(plan.parts, known, strict=True)))
+    least = min(known, key=lambda found: found.values)
+    stations = sum(found.stations for found in known)
+    return replace(least, bound=total, sequence=np.nan, plan=plan.chosen.objective.total, stations=stations)

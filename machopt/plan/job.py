@@ -15,6 +15,7 @@ from machopt.plan.gaps import told
 from machopt.plan.joined import Stretch, joined, shares_of
 from machopt.plan.joinedmotion import Done, joined_points, joined_timeline
 from machopt.plan.made import Plan
+from machopt.plan.overexternal import over_external
 from machopt.plan.pipeline import as_driven
 from machopt.plan.points import PointResults, point_results
 from machopt.plan.refine import compensate
@@ -78,6 +79,7 @@ def _planned(
     toolpath, options = stint.toolpath, stint.of(whole)
     the_plan = best_plan(stint.cell, toolpath, options, timings, before, scale=scale)
     the_plan = with_conflict(the_plan, stint.cell, toolpath, options, timings)
+    the_plan = replace(the_plan, over_external=over_external(the_plan, toolpath, timings))
     begin, end = (stint.begin if stint.number > 1 else None), (stint.end if stint.number < count else None)
     return replace(the_plan, begin=begin, end=end) if count > 1 else the_plan
 

@@ -33,6 +33,27 @@ class Compensation:
 
 
 @dataclass(frozen=True)
+class ExternalBound:
+    """What no sequence undercuts that chooses the external joints too (:mod:`machopt.plan.overexternal`); values of J.
+
+    All of them at the stations of the bound, which may be fewer than those of the plan.
+    """
+
+    why: str = ""  # why there is none; the figures are NaN then
+    bound: float = np.nan  # no sequence over the grid of values, rotations and branches has less
+    sequence: float = np.nan  # the best one found
+    plan: float = np.nan  # of the plan as it was chosen
+    values: int = 0  # of the external joints in the grid, beside the plan's own
+    stations: int = 0
+    step: float = np.nan  # rad, of rotation
+
+    @property
+    def gap(self) -> float:
+        """Share of the plan's J that a sequence could save at most; negative where the plan is below all of them."""
+        return 1.0 - self.bound / self.plan if self.plan > 0 else 0.0
+
+
+@dataclass(frozen=True)
 class Plan:
     """Everything the plan found out, step by step."""
 
@@ -58,6 +79,7 @@ class Plan:
     begin: Array | None = None  # (6 + E,) rad or m by encoder, where the motion begins; None: at home
     end: Array | None = None  # likewise, where it ends
     parts: tuple[Part, ...] = ()  # one a tool that is on, of a job that changes tools; empty: it has one tool
+    over_external: ExternalBound | None = None  # None: no external joint was free, or nobody asked
     bound: float | None = None  # of such a job: no sequences over the grids of its parts have less J; None: not known
 
     def at(self, point: int) -> tuple[Plan, int]:

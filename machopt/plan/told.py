@@ -10,7 +10,7 @@ from machopt.domain.results import optimize as told
 from machopt.domain.stint import Stint
 from machopt.domain.toolpath import Toolpath
 from machopt.plan.breaks import Break
-from machopt.plan.certificate import certificate
+from machopt.plan.certificate import certificate, with_external
 from machopt.plan.compensate import residual
 from machopt.plan.explain import help_of
 from machopt.plan.made import Plan
@@ -69,6 +69,24 @@ def search_told(the_plan: Plan) -> told.SearchBound | None:
         lower_bound=found.bound,
         gap_percent=100.0 * found.gap,
         beyond_grid_percent=100.0 * found.beyond,
+        external=_external_told(the_plan),
+    )
+
+
+def _external_told(the_plan: Plan) -> told.ExternalSearchBound | None:
+    """What holds when the values of the external joints are free too, or why nothing is known of that."""
+    found = with_external(the_plan)
+    if found is None:
+        return None
+    return told.ExternalSearchBound(
+        why_none=found.why,
+        values=found.values,
+        stations=found.stations,
+        rotation_step_deg=round(float(np.degrees(found.step)), 9),
+        sequence=found.sequence,
+        lower_bound=found.bound,
+        plan=found.plan,
+        gap_percent=100.0 * found.gap if not found.why else None,
     )
 
 

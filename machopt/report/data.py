@@ -60,6 +60,7 @@ class Certificate:
     bound: float  # no sequence over the grid has less
     gap: float  # share that a better sequence over the grid could save at most
     beyond: float  # share saved by leaving the grid; negative: lost
+    external: str = ""  # what holds over the values of the external joints, in words
 
 
 @dataclass(frozen=True)

@@ -110,6 +110,7 @@ def cards(data: ReportData) -> list[Card]:
         more = (
             f"no sequence on the grid below {c.bound:.4f}: gap {100 * c.gap:.2f} %; "
             f"the smooth curve {100 * abs(c.beyond):.2f} % {side} the sequence"
+            f"{f'; {c.external}' if c.external else ''}"
         )
         out.append(Card("objective", f"{c.objective:.4f}", "", more))
     if math.isfinite(s.feed_held):

@@ -44,13 +44,31 @@ class ChoiceObjective(ObjectiveParts):
     feasible_share: Number
 
 
+class ExternalSearchBound(Part):
+    """How good the plan is at least when the values of the external joints are free too.
+
+    Over all sequences of a grid of values (and the plan's own), rotations and branches at some stations; ``plan`` is
+    the plan's J there. The figures are null where there is no bound, and ``why_none`` says why.
+    """
+
+    why_none: Text
+    values: Count
+    stations: Count
+    rotation_step_deg: Known
+    sequence: Known
+    lower_bound: Known
+    plan: Known
+    gap_percent: Known
+
+
 class SearchBound(Part):
-    """How good the plan is at least, against the grid of rotations."""
+    """How good the plan is at least, against the grid of rotations, with the external joints as chosen."""
 
     sequence: Number
     lower_bound: Number
     gap_percent: Number
     beyond_grid_percent: Number
+    external: ExternalSearchBound | None = None  # None: no external joint was free
 
 
 class MeanGain(Part):

@@ -13,7 +13,7 @@ from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.formats.options import without_effect
 from machopt.model.beside import Beside
-from machopt.plan.certificate import certificate
+from machopt.plan.certificate import certificate, with_external
 from machopt.plan.compensate import residual
 from machopt.plan.explain import all_breaks, gamma, help_of, hints, misfit_words, shortfall_of
 from machopt.plan.front import Point
@@ -213,7 +213,23 @@ def _summary(
 
 def _certificate(plan: Plan) -> page.Certificate | None:
     found = certificate(plan)
-    return None if found is None else page.Certificate(found.objective, found.bound, found.gap, found.beyond)
+    if found is None:
+        return None
+    return page.Certificate(found.objective, found.bound, found.gap, found.beyond, _over_external(plan))
+
+
+def _over_external(plan: Plan) -> str:
+    """What holds when the values of the external joints are free too, in words; empty where none was."""
+    found = with_external(plan)
+    if found is None:
+        return ""
+    if found.why:
+        return f"with the external joints as chosen: no bound over their values, {found.why}"
+    gap = f"gap {100 * found.gap:.2f} %" if found.gap >= 0.0 else "the plan has less than all of them"
+    return (
+        f"with the external joints as chosen; over {found.values} values of theirs and the plan's own, every "
+        f"{np.degrees(found.step):g}° at {found.stations} stations, no sequence below {found.bound:.4f}: {gap}"
+    )
 
 
 def _shift(plan: Plan, toolpath: Toolpath) -> page.Shift | None:

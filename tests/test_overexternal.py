@@ -1,0 +1,172 @@
+"""The bound over external joints, rotations and branches: against every sequence, and in the objective's own prices."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from pathlib import Path as FilePath
+
+import numpy as np
+import pytest
+from examples import examples
+from external_cell import external_cell
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_external import OPTIONS, UP, K, apart, slots
+from test_path import Rows, toolpath
+
+from machopt.domain.options import ExternalAxis
+from machopt.domain.toolpath import Move
+from machopt.plan.axes import axes_of
+from machopt.plan.caps import GAP
+from machopt.plan.groups import groups_of
+from machopt.plan.objective import objective
+from machopt.plan.overexternal import VALUES, Lattice, _values, lattice_of, over_external
+from machopt.plan.path import build_path
+from machopt.plan.pipeline import plan
+from machopt.plan.setup import Timings, prepare, standing
+
+EXACT = 1e-9  # of J: rounding
+
+
+def random_lattice(seed: int, priced: tuple[float, float, float, float], flags: int, stable: bool) -> Lattice:
+    """Four stations, two values of two joints, two rotations, two branches; any kind of step."""
+    rng = np.random.default_rng(seed)
+    S, G, R, B, E = 4, 2, 2, 2, 2
+    V = G * R * B
+    cost = rng.uniform(0.5, 2.0, (S, V))
+    missing = rng.uniform(size=(S, V)) < 0.2
+    worst, *prices = priced
+    bits = np.array([(flags >> k) & 1 for k in range(9)], bool).reshape(3, 3)
+    kind = np.vstack([np.zeros((1, 3), bool), bits])
+    kind[:, 2] &= kind[:, 1]  # nothing plunges over a rapid move
+    counted = rng.uniform(size=(S, 1)) < 0.8
+    return Lattice(
+        node=np.where(missing, np.inf, 0.25 * cost),
+        raw=np.where(counted & ~missing, cost, 0.0),
+        q=rng.uniform(-3.0, 3.0, (S, V, 6)),
+        e=rng.uniform(-1.0, 1.0, (S, G, E)),
+        phi=np.tile([-np.pi, 0.5], (S, 1)),
+        held=rng.integers(0, 2, (S, G)),
+        branches=B,
+        stable=stable,
+        kind=kind,
+        priced=np.column_stack([rng.uniform(0.0, 2.0, S), *(p * rng.uniform(0.2, 1.0, S) for p in prices)]),
+        slowness=rng.uniform(0.3, 1.0, 6 + E),
+        worst=worst,
+    )
+
+
+def every_price(x: Lattice) -> np.ndarray:
+    """J of every sequence, by the words of the module; infinite where one is none."""
+    S, V = x.node.shape
+    R, B = x.phi.shape[1], x.branches
+
+    def step(s: int, u: int, v: int) -> float:
+        (g, r, b), (h, p, a) = (np.unravel_index(w, (V // (R * B), R, B)) for w in (v, u))
+        same, joined, kept = x.kind[s]
+        if same and x.held[s, g] != x.held[s - 1, h]:
+            return np.inf
+        if (joined and x.stable and a != b) or (kept and u != v):
+            return np.inf
+        way = np.abs(np.angle(np.exp(1j * (x.q[s, v] - x.q[s - 1, u]))))
+        way = np.r_[way, np.abs(x.e[s, g] - x.e[s - 1, h])]
+        turn = abs(np.angle(np.exp(1j * (x.phi[s, r] - x.phi[s - 1, p]))))
+        seconds, travel, rotation, feed = x.priced[s]
+        return float(travel * way.sum() + rotation * turn + feed * max(float((way * x.slowness).max()) - seconds, 0.0))
+
+    steps = np.array([[[step(s, u, v) for v in range(V)] for u in range(V)] for s in range(1, S)])
+    all_ = np.array(list(itertools.product(range(V), repeat=S)))
+    rows = np.arange(S)
+    total = x.node[rows, all_].sum(axis=1) + sum(steps[s, all_[:, s], all_[:, s + 1]] for s in range(S - 1))
+    return np.asarray(total + x.worst * x.raw[rows, all_].max(axis=1))
+
+
+prices = st.tuples(st.floats(0.0, 4.0), st.floats(0.0, 0.4), st.floats(0.0, 0.4), st.floats(0.0, 2.0))
+
+
+@given(st.integers(0, 10**6), prices, st.integers(0, 511), st.booleans())
+@settings(max_examples=examples(60), deadline=None)
+def test_bound_and_best_against_every_sequence(
+    seed: int, priced: tuple[float, float, float, float], flags: int, stable: bool
+) -> None:
+    problem = random_lattice(seed, priced, flags, stable)
+    ideal, found = float(every_price(problem).min()), problem.best()
+    if not np.isfinite(ideal):
+        assert found is None
+        return
+    assert found is not None
+    total, bound, vertex = found
+    assert bound <= ideal * (1 + EXACT)
+    assert bound >= ideal * (1 - 1.01 * GAP)
+    assert ideal * (1 - EXACT) <= total <= ideal * (1 + 1.01 * GAP)
+    told = every_price(problem)[int(np.ravel_multi_index(tuple(vertex), (problem.node.shape[1],) * len(vertex)))]
+    assert told == pytest.approx(total, rel=EXACT)
+
+
+def hole_and_slot() -> Rows:
+    return [*slots(-0.3, x=0.0), ((0.1, 0.3, 0.05), UP, Move.RAPID), ((0.1, 0.3, 0.0), UP, Move.CUT)]
+
+
+@pytest.mark.parametrize("modes", [("moving", "moving"), ("moving", "operation"), ("operation", "operation")])
+def test_its_prices_are_those_of_the_objective(tmp_path: FilePath, modes: tuple[str, str]) -> None:
+    """The best sequence of the lattice, put together as a path that is driven, has its J; others have no less."""
+    cell = replace(external_cell(tmp_path, rail=True, table=True), stiffness=K)
+    path_in = apart(toolpath(hole_and_slot()))
+    free = tuple(ExternalAxis(n, m, range=(-0.4, 0.4)) for n, m in zip(("rail", "turn"), modes, strict=True))
+    options = replace(OPTIONS, external=free, rotation_step=np.radians(45.0))
+    setup, path = prepare(cell, options), standing(build_path(path_in), cell.external_home)
+    groups = groups_of(cell, path_in, path, axes_of(cell, options))
+    grids = [_values(g, path, {2: 2}) for g in groups]
+    lattice = lattice_of(setup, options, path, groups, grids, 1e-6)
+    found = lattice.best(1e-6)
+    assert found is not None
+    total, bound, vertex = found
+    R, B, S = lattice.phi.shape[1], lattice.branches, len(vertex)
+    rng = np.random.default_rng(1)
+
+    def price(vertex: np.ndarray) -> float:
+        rows, g = np.arange(S), vertex // (R * B)
+        q = np.unwrap(lattice.q[rows, vertex], axis=0)
+        x = np.hstack([q, lattice.e[rows, g]])
+        phi = np.unwrap(lattice.phi[rows, vertex // B % R])
+        w, share = options.weights, path.weight
+        cost = np.zeros(S)
+        cost[share > 0] = 1e-6 * lattice.node[rows, vertex][share > 0] / (w.mean * share[share > 0])
+        return objective(path, cost, x, phi, 1e-6, setup.velocity, options).total
+
+    assert price(vertex) == pytest.approx(total, rel=1e-9)
+    assert bound <= total
+    if "operation" in modes:
+        run = path.run
+        for n, (name, mode) in enumerate(zip(("rail", "turn"), modes, strict=True)):
+            value = lattice.e[np.arange(S), vertex // (R * B), n]
+            assert mode == "moving" or all(np.ptp(value[run == k]) == 0 for k in range(run[-1] + 1)), name
+    still = np.isfinite(lattice.node).all(axis=0)
+    for v in rng.choice(np.flatnonzero(still), 20):  # one vertex throughout is a sequence
+        assert price(np.full(S, v)) >= bound * (1 - 1e-12)
+
+
+def test_a_plan_is_told_against_all_values_and_where_none_is_known_why(tmp_path: FilePath) -> None:
+    cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
+    path = toolpath(slots(0.15))
+    options = replace(OPTIONS, external=(ExternalAxis("rail", "operation"),))
+    found = over_external(plan(cell, path, options), path, Timings())
+    assert found is not None
+    assert not found.why
+    assert found.bound <= found.sequence
+    assert found.bound < found.plan
+    assert found.values == len(np.unique([*np.linspace(-2.5, 2.5, VALUES[1]), 0.0]))
+    finer = over_external(plan(cell, path, options), path, Timings(), {1: 2 * VALUES[1] - 1})
+    assert finer is not None
+    assert finer.bound <= found.sequence * (1 + EXACT)  # every value of the coarser grid is one of the finer
+    many = over_external(plan(cell, path, options), path, Timings(), {1: 2000})
+    assert many is not None
+    assert "2002 values" in many.why
+    assert not np.isfinite(many.bound)
+    locked = replace(OPTIONS, external=(ExternalAxis("rail", "locked"),))
+    assert over_external(plan(cell, path, locked), path, Timings()) is None
+    beyond = toolpath(slots(9.0))
+    none = over_external(plan(cell, beyond, options), beyond, Timings())
+    assert none is not None
+    assert "gaps" in none.why
