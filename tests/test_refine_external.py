@@ -18,12 +18,13 @@ from test_path import Rows, toolpath
 from machopt.domain.options import ExternalAxis, PlanOptions
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.plan.axes import axes_of
-from machopt.plan.external import PREFERRED, _coarse_to_fine
+from machopt.plan.external import _coarse_to_fine
 from machopt.plan.groups import Group, groups_of
 from machopt.plan.jointly import Bounds, Local, Steps, _Model, lessened
 from machopt.plan.made import Plan
 from machopt.plan.refine_external import Curves, Refinement, refined
 from machopt.plan.setup import Timings
+from machopt.plan.values import PREFERRED
 
 MOVING = replace(OPTIONS, rotation_step=np.radians(15.0))
 
