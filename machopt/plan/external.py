@@ -20,7 +20,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.domain.cell import Cell
-from machopt.domain.options import PlanOptions
+from machopt.domain.options import ExternalAxis, PlanOptions
 from machopt.domain.steering import kept, steered
 from machopt.domain.toolpath import Toolpath
 from machopt.plan.along import fewer, moved
