@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.effects.nouns import Ints, Parameter, Quantity, Shape, Stated
+from machopt.effects.nouns import Ints, Named, Parameter, Quantity, Shape
 
 
 @dataclass(frozen=True)
@@ -40,18 +40,8 @@ class Scale:
     sampled: bool = False  # a motion in many samples; else settled readings, some a cycle
 
 
-class Law(Stated, Protocol):
+class Law(Named, Protocol):
     """One law of an effect. Stateless; SI."""
-
-    @property
-    def name(self) -> str:
-        """In reports: "play"."""
-        ...
-
-    @property
-    def equation(self) -> str:
-        """With its source."""
-        ...
 
     @property
     def weighs(self) -> bool:
@@ -121,18 +111,8 @@ class Swept:
     lowest: float = 1.0  # per turn of the joint: slower waves are another effect's (those of a balancer)
 
 
-class Unloaded(Stated, Protocol):
+class Unloaded(Named, Protocol):
     """An angle Δ(q) that a joint is off by without any load, by its own angle or another joint's. Stateless; SI."""
-
-    @property
-    def name(self) -> str:
-        """In reports: "constant angle"."""
-        ...
-
-    @property
-    def equation(self) -> str:
-        """With its source."""
-        ...
 
     @property
     def note(self) -> str:
@@ -201,16 +181,8 @@ class Free:
         return ((),)
 
 
-class Beside(Stated, Protocol):
+class Beside(Named, Protocol):
     """A torque that a spring puts on a joint beside its gear, by the joint's own angle. Stateless; SI."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def equation(self) -> str:
-        """With its source."""
-        ...
 
     @property
     def penalty(self) -> float:
@@ -256,16 +228,8 @@ class Pace:
     warming: tuple[float, ...] = ()  # s, time constants that the recording can show
 
 
-class FrictionLaw(Stated, Protocol):
+class FrictionLaw(Named, Protocol):
     """A torque of the motor beyond Coulomb and viscous friction, linear in its coefficients. Stateless; SI."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def equation(self) -> str:
-        """With its source."""
-        ...
 
     @property
     def note(self) -> str:
@@ -300,16 +264,8 @@ class Swinging:
     first: Ints  # (K,) 1 where a segment begins, at rest under its load
 
 
-class SwingLaw(Stated, Protocol):
+class SwingLaw(Named, Protocol):
     """A joint's spring with what swings on it, linear in a compliance. Stateless; SI."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def equation(self) -> str:
-        """With its source."""
-        ...
 
     def stiffness(self, shape: Array, seen: Swinging) -> float:
         """N·m/rad that a shape means here."""

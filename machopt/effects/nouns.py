@@ -71,3 +71,17 @@ class Stated(Protocol):
     def remembers(self) -> bool:
         """How a torque came there, or since when it has been there, makes a difference."""
         ...
+
+
+class Named(Stated, Protocol):
+    """What a report says of a law beside that."""
+
+    @property
+    def name(self) -> str:
+        """ "play", "bends and twists", "constant angle"."""
+        ...
+
+    @property
+    def equation(self) -> str:
+        """With its source."""
+        ...

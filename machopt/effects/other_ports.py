@@ -10,7 +10,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.effects.given import Parameters
-from machopt.effects.nouns import Quantity, Shape, Stated
+from machopt.effects.nouns import Named, Quantity, Shape, Stated
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,18 +24,8 @@ class Body:
     turned: bool = False  # what is no beam is stated in axes of S; else in base_link's
 
 
-class BodyLaw(Stated, Protocol):
+class BodyLaw(Named, Protocol):
     """How a body gives way under what it bears, linear in that: a twist of S by the wrench there. Stateless; SI."""
-
-    @property
-    def name(self) -> str:
-        """In reports: "bends and twists"."""
-        ...
-
-    @property
-    def equation(self) -> str:
-        """With its source."""
-        ...
 
     @property
     def note(self) -> str:
@@ -109,16 +99,8 @@ class Recorded:
     position: Array | None = None  # (K, 3) m of the TCP in measured poses; None: a load test
 
 
-class RecordLaw(Stated, Protocol):
+class RecordLaw(Named, Protocol):
     """What acts beyond what is recorded, linear in its coefficients. Stateless; SI."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def equation(self) -> str:
-        """With its source."""
-        ...
 
     @property
     def moves(self) -> str:
@@ -155,16 +137,8 @@ class Warming:
         return 0.0 if self.since is None else float(self.since.max())
 
 
-class DriftLaw(Stated, Protocol):
+class DriftLaw(Named, Protocol):
     """What moves with time or temperature, linear in its coefficients. Stateless; SI."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def equation(self) -> str:
-        """With its source."""
-        ...
 
     @property
     def penalty(self) -> float:
@@ -236,14 +210,8 @@ class Delayed:
         return float(np.mean(behind)) if behind else 0.0
 
 
-class DelayLaw(Stated, Protocol):
+class DelayLaw(Named, Protocol):
     """Something that comes late, linear in its coefficient about the delay of its shape. Stateless; SI."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def equation(self) -> str: ...
 
     @property
     def exact(self) -> bool:
