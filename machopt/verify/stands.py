@@ -48,7 +48,7 @@ def check_stands(
         if k is not None:
             _look(wish, k, points, rows, motion, seen["mm" if cell.external_prismatic[k] else "deg"])
     return [
-        worst("as asked: external joints", f"{unit} off", np.array(s.off), PLACE[unit], s.where)
+        worst(f"as asked: external joints, {unit}", f"{unit} off", np.array(s.off), PLACE[unit], s.where)
         for unit, s in seen.items()
         if s.off
     ]
