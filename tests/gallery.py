@@ -8,6 +8,7 @@ from pathlib import Path
 
 import made_up_diagnosis
 import numpy as np
+from made_up_place import placed
 from made_up_report import infeasible_result
 from made_up_view import with_view
 from small_cell import small_cell
@@ -15,16 +16,19 @@ from test_diagnosis_page import page as diagnosis_of
 from test_map_page import made_up as made_up_map
 from test_templates import evil_batch, evil_identification, evil_toolpath
 
+from machopt.cli import main
 from machopt.report.cell_page import cell_html
 from machopt.report.diagnosis_page import diagnosis_html
 from machopt.report.gather.cell import cell_scene
 from machopt.report.map_data import MapScene
 from machopt.report.map_page import map_page_html
 from machopt.report.page import report_html
+from machopt.report.place_page import place_html
 from machopt.report.poses_data import PosesPage
 from machopt.report.poses_page import poses_html
 from machopt.report.steering import Axis, Compared, Steering
 
+CELL = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
 STEERING = Steering(
     operations=(("rim", ((0, 20),)), ("holes", ((25, 50),))),
     points=60,
@@ -58,4 +62,13 @@ def pages(folder: Path) -> Iterator[tuple[str, str]]:
     yield "diagnosis of a motion", diagnosis_html(diagnosis_of("torque"))
     yield "identification", evil_identification()
     yield "batch", evil_batch()
-    yield "poses", poses_html(PosesPage("p", "c", "0", 9, 0, 0, (("x", 9),), (), (), (), (), reason="none"))
+    yield "place", place_html(placed())
+    yield "poses", planned_poses(folder)
+    yield "no poses", poses_html(PosesPage("p", "c", "0", 9, 0, 0, (("x", 9),), (), (), (), (), reason="none"))
+
+
+def planned_poses(folder: Path) -> str:
+    """The page of a plan of few poses, of the command itself: it has a scene, curves and an order of work."""
+    words = ["--poses", "3", "--candidates", "60", "--starts", "1", "--weights-kg", "50", "--no-collision", "--quiet"]
+    assert main(["plan-poses", str(CELL), "-o", str(folder / "poses"), *words]) == 0
+    return (folder / "poses" / "report.html").read_text(encoding="utf-8")

@@ -88,7 +88,7 @@ def _verdict(data: PlacePage) -> Body:
         if r.gain_percent is not None:
             cards.append(("Gain", f"{r.gain_percent:.1f}", "%", "of the worst index over all toolpaths"))
         cards.append(("Places", f"{r.within_reach}", "", f"within reach of {r.looked_at}, {r.planned} planned wholly"))
-    said = f"{r.verdict[0].upper()}{r.verdict[1:]}."
+    said = f"{r.verdict[0].upper()}{r.verdict[1:]}.".replace(" -", " −")
     return part("verdict", "verdict", tone, badge, said, r.warnings, cards)
 
 
@@ -153,8 +153,10 @@ def _picture(data: PlacePage, marks: Sequence[Mark]) -> Markup:
         shapes.append(shape("text", "★", x=bx, y=by + 6, text_anchor="middle", font_size=18, fill="#fff"))
     for k in range(5):
         vx, vy = low + (high - low) * k / 4
-        shapes.append(shape("text", f"{vx:.0f}", x=at(vx, 0)[0], y=TOP + tall + 16, text_anchor="middle", **small))
-        shapes.append(shape("text", f"{vy:.0f}", x=LEFT - 8, y=at(0, vy)[1] + 4, text_anchor="end", **small))
+        shapes.append(
+            shape("text", _n(float(vx), ".0f"), x=at(vx, 0)[0], y=TOP + tall + 16, text_anchor="middle", **small)
+        )
+        shapes.append(shape("text", _n(float(vy), ".0f"), x=LEFT - 8, y=at(0, vy)[1] + 4, text_anchor="end", **small))
     shapes.append(shape("text", "x (mm)", x=LEFT + wide / 2, y=TOP + tall + 34, text_anchor="middle", **small))
     shapes.append(shape("text", "y (mm)", x=2.0, y=TOP + tall / 2, **small))
     for k in range(24):
@@ -223,7 +225,7 @@ def _around(r: PlaceResult) -> Body:
     moved = [n.moved for n in r.best[0].around] if r.best else []
     if not moved:
         return ""
-    columns = [Column("Place"), *(Column(m, "n") for m in moved)]
+    columns = [Column("Place"), *(Column(m.replace(" -", " −"), "n") for m in moved)]
     rows = [(str(k), *(_near(n) for n in p.around)) for k, p in enumerate(r.best, 1)]
     lead = "Change of the worst index when the place is missed by so much; collisions are not looked at."
     return section("around", "If the place is missed", lead, table(columns, rows))
@@ -275,13 +277,13 @@ def _run(r: PlaceResult) -> Body:
         ),
         ("stopped", r.stopped or "when no place left could be better"),
     ]
-    return section("run", "This run", "", table([Column(""), Column("")], rows))
+    return section("run", "This run", "", table([Column("What"), Column("Value")], rows))
 
 
 def _range(values: Sequence[float]) -> str:
     low, high = values
-    return f"{low:.0f}" if low == high else f"{low:.0f} to {high:.0f}"
+    return _n(low, ".0f") if low == high else f"{_n(low, '.0f')} to {_n(high, '.0f')}"
 
 
-def _n(value: float | None, form: str = ".4g") -> str:
-    return "–" if value is None or not math.isfinite(value) else f"{value:{form}}"
+def _n(value: float | None, form: str = "#.4g") -> str:
+    return "–" if value is None or not math.isfinite(value) else f"{value:{form}}".replace("-", "−")
