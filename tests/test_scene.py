@@ -20,6 +20,7 @@ from test_map_page import made_up as made_up_map
 
 from machopt.domain.cell import Cell
 from machopt.model.robot import load_chain
+from machopt.report.data import Check
 from machopt.report.decimate import decimated
 from machopt.report.gather.scene import bodies_of, scene_of
 from machopt.report.map_data import MapScene
@@ -137,6 +138,8 @@ def test_slider_map_curves_and_tables_move_one_robot(tmp_path: Path) -> None:
     assert len(marks) > 10  # every picture over path or time, the map among them
     assert min(marks) >= 0
     assert found["slider"][0] != found["slider"][1]
+    bend = data.path.deflection[round(found["linked"])] if data.path is not None else np.nan
+    assert f"Deflection{1e3 * bend:.3f} mm" in found["at"]  # as the tables and curves have it
     assert found["link"] == [pytest.approx(found["linked"], abs=0.1), "#scene"]
     assert "φ, γ" in found["tip"]
     assert found["keyboard"]
@@ -157,7 +160,9 @@ def test_without_webgl_the_page_says_so_and_goes_on(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_report_is_three_sheets_of_paper(tmp_path: Path) -> None:
+    """With eighty checks, as plans have them: what failed is printed, of what passed the first."""
     data, _ = with_view(small_cell(tmp_path))
+    data = replace(data, checks=tuple(Check(f"check {n}", n != 70, "0.1 mm", "1 mm", "point 3") for n in range(80)))
     page, sheets = tmp_path / "page.html", tmp_path / "page.pdf"
     page.write_text(report_html(data), encoding="utf-8")
     browse(tmp_path, page, "--no-pdf-header-footer", f"--print-to-pdf={sheets}", draws=True)

@@ -47,6 +47,7 @@ found.slider = [one, at()];
 const link = document.querySelector("#points a[data-point]");
 link.click();
 found.linked = +link.dataset.point;
+found.at = told();
 found.link = [VIEW.shown.point, link.getAttribute("href")];
 found.keyboard = [...document.querySelectorAll("#view canvas, #view button, #view select, #view input")].every(e => e.tabIndex >= 0 && (e.tagName !== "INPUT" || e.labels.length) && (e.tagName !== "BUTTON" || e.textContent));
 found.asked = performance.getEntriesByType("resource").length;

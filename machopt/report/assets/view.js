@@ -179,9 +179,9 @@ function robotView(host, data) {
     for (let k = pathRow(Math.min(from, to)) + 1; k <= pathRow(Math.max(from, to)); k++) if (!(cutting[k >> 3] >> (k & 7) & 1)) return false;
     return true;
   };
-  // The deflection that points.csv has at a toolpath point of the chosen plan, mm.
+  // The deflection that points.csv has at a toolpath point of the chosen plan, mm; where a path is coloured otherwise, more is better.
   const toldBend = place => {
-    if (!place.chosen || !path.label.startsWith("predicted deflection") || !cuttingNow(place)) return NaN;
+    if (!place.chosen || path.large_is_good || !cuttingNow(place)) return NaN;
     const k = pathRow(place.point);
     return Math.abs(pathPoint[k] - place.point) < 1e-3 ? pathValue[k] : NaN;
   };
