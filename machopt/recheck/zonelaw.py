@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from machopt.arrays import Bools
 from machopt.domain.program import LIN, Controller, RobotProgram
 from machopt.formats.posts.feedmodel import acceleration
-from machopt.formats.posts.rounding import HALF, LEAST, Rounding
+from machopt.formats.posts.rounding import HALF, LEAST, SHORTEST, STRAIGHT, Rounding
 from machopt.formats.programs import ParsedProgram
 from machopt.verify.check import Check
 
@@ -69,7 +70,8 @@ def _distances(parsed: ParsedProgram, program: RobotProgram, law: Rounding, own:
     most = np.where(inside, law.room / HALF * 0.5 + PRINTED, 0.0)
     passed = np.where(inside, d * np.tan(np.nan_to_num(law.turn) / 4.0), 0.0)
     unknown = np.isnan(d) & (not own)
-    for k in np.flatnonzero(unknown | (d > most) | (passed > BEYOND * program.blend) | (d * STEP**2 < law.distance)):
+    brakes = (d * STEP**2 < law.distance) & ~((d == 0.0) & _barely(program.blend, law))
+    for k in np.flatnonzero(unknown | (d > most) | (passed > BEYOND * program.blend) | brakes):
         if unknown[k]:
             text = "no distance is known of its zone"
         elif not inside[k] or d[k] > most[k]:
@@ -80,6 +82,12 @@ def _distances(parsed: ParsedProgram, program: RobotProgram, law: Rounding, own:
             text = f"brakes: rounded over {1e3 * d[k]:.3f} mm where {1e3 * law.distance[k]:.3f} would keep to it"
         out.append((int(k), text))
     return out
+
+
+def _barely(tolerance: float, law: Rounding) -> Bools:
+    """(M,) the least zone of all fits, but for less than what coordinates are printed with: a stop is its neighbour."""
+    reach = tolerance / np.tan(np.maximum(np.nan_to_num(law.turn), STRAIGHT) / 4.0)
+    return np.asarray(np.minimum(reach, law.room) < SHORTEST + PRINTED)
 
 
 def _continuous(parsed: ParsedProgram, program: RobotProgram, law: Rounding) -> list[tuple[int, str]]:

@@ -29,6 +29,7 @@ from machopt.domain.program import LIN, RobotProgram
 
 LADDER_MM = np.array([a * 10.0**b for b in (-2, -1, 0, 1) for a in (1.0, 1.6, 2.5, 4.0, 6.3)])[1:]  # 0.016 … 63 mm
 LEAST = 2e-5  # m; a shorter zone is a stop in all but name
+SHORTEST = 1e-3 * float(LADDER_MM[1e-3 * LADDER_MM >= LEAST][0])  # m, the least zone that is one
 HALF = 0.49  # of a line
 STRAIGHT = 1e-9  # rad
 SHARP = np.radians(120.0)  # a turn beyond, such as the bottom of a hole, is a stop: rounding it would buy no speed
