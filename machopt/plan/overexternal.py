@@ -7,8 +7,8 @@ on the grid is one of the sequences. A joint that moves may take any of them at 
 for an operation takes one wherever that operation goes on without another in between; while the tool drills or plunges
 nothing moves. J is that of :mod:`~.objective` at these stations, the worst index traded exactly (:mod:`~.caps`).
 
-What makes a plan dearer and is left out can only raise J: contacts, whole turns of the arm's joints, and what lies
-between the stations. So the bound holds for what can be driven as well.
+Contacts, crowding and whole turns of the arm's joints are left out. They can only raise J, so the bound holds for
+what can be driven as well. What lies between the stations counts as the stations beside it do.
 """
 
 from __future__ import annotations
