@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from machopt.cli import main
+from machopt.domain.stiffness import ExternalSpring
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.recording import write_recording
@@ -20,6 +21,7 @@ from machopt.formats.termtext import term_from_text
 from machopt.identify.asked import Request
 from machopt.identify.simulate import Simulated, SmoothField, TrueArm, random_loads, record, scattered_poses
 from machopt.model.robot import load_robot
+from machopt.services.identified import identified
 from machopt.services.identify import Outcome, run_identify
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -327,3 +329,15 @@ def test_a_page_of_few_readings_has_no_nan(simulated: Simulated, tmp_path: Path)
     page = done.report.read_text(encoding="utf-8")
     assert "nan %" not in page
     assert "nan mm" not in page
+
+
+def test_what_the_file_says_of_external_joints_is_kept_and_told(simulated: Simulated, tmp_path: Path) -> None:
+    write_recording(tmp_path / "recording", simulated.recording)
+    rail = ExternalSpring("rail", 4e7, True, np.zeros((6, 6)), np.zeros(3))
+    cell = load_cell(CELL)
+    assert cell.stiffness is not None
+    cell = replace(cell, stiffness=replace(cell.stiffness, external=(rail,)))
+    request = Request(CELL, (tmp_path / "recording",), tmp_path / "out", studies=False)
+    found = identified(request, lambda _: None, cell)
+    assert found.identification.stiffness.external == (rail,)
+    assert any("external_joints of stiffness.yaml (rail): not fitted" in said for said in found.result.warnings)
