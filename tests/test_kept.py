@@ -56,6 +56,7 @@ def drilled(path: Toolpath) -> Toolpath:
     return replace(path, operations=(Operation("holes", "point"),))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rail", [False, True])
 def test_a_plan_from_kept_results_is_the_plan_made_alone(tmp_path: Path, *, rail: bool) -> None:
     """A pin in one of six holes, or of four slots: with a rail, places of the other slots are not judged again."""
