@@ -5,8 +5,9 @@ is laid over the ranges of its joints, coarse first and then finer around the be
 (:mod:`machopt.plan.values`), where the best sequence has the mean m, the worst w and motion. c₀, the unit of the index,
 is the median over the candidates of all values. The best few are then planned in full
 (:func:`machopt.plan.pipeline.plan`), with home among them, and the best plan is taken: fewest points lost, then least
-J. Joints that may move along the path are first held at such values too; the way of :mod:`machopt.plan.moving`, of all
-of them or of some, is planned in full beside them, and never taken where it is worse.
+J. Joints that may move along the path are first held at such values too, where any reaches all of it; the way of
+:mod:`machopt.plan.moving`, of all of them or of some, is planned in full beside them, and never taken where it is
+worse.
 
     J = Σ share·(m + motion) + w_worst·max w + Σ price·|Δe|
 """
@@ -14,7 +15,7 @@ of them or of some, is planned in full beside them, and never taken where it is 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,7 +32,7 @@ from machopt.plan.part import rows_of
 from machopt.plan.path import Path, build_path
 from machopt.plan.pipeline import plan
 from machopt.plan.refine_external import refined
-from machopt.plan.setup import Timings, prepare
+from machopt.plan.setup import Setup, Timings, prepare
 from machopt.plan.stands import refuse_strangers
 from machopt.plan.timeline import build_timeline
 from machopt.plan.values import PREFERRED, STEP, Values
@@ -40,6 +41,7 @@ PLANNED = 3  # values planned in full where all can be driven
 TRIED = 8  # where the first ones cannot
 AS_GOOD = 1.15  # times the best estimate: home is planned in full below that
 MOVES_TRIED = 2  # the same where the joints may move along the path
+AS_NEAR = 1.5  # times the least estimate: a way of joints that move is planned below that
 
 
 def best_plan(
@@ -95,67 +97,116 @@ def _coarse_to_fine(
     with clock.stage("external"):
         search = Values(setup, options, path, groups, axes, scale)
         search.judge()
-    best: tuple[tuple[float, float], Plan] | None = None
-    seen: list[list[Array]] = []
+    tries = _Tries(cell, toolpath, options, clock, before, setup, path, groups, axes, search)
+    moves = any(g.moves.any() for g in groups)
+    return tries.moving() if moves else tries.fixed(TRIED)[1]
 
-    def planned(values: list[Array]) -> Plan:
-        nonlocal best
-        seen.append(values)
-        at = _spread(path, groups, values)
-        found = plan(cell, toolpath, options, clock, setup=setup, external=at, scale=search.scale, before=before)
-        key = _lost(found), found.chosen.objective.total + search.liking(values)
-        if best is None or key < best[0]:
-            best = key, found
-        return found
 
-    moves, must = any(g.moves.any() for g in groups), any(g.must.any() for g in groups)
-    whole, tried = 0, MOVES_TRIED if moves else TRIED
-    while len(seen) < tried and whole < PLANNED:
-        values = search.chain()
-        if values is None:
-            break
-        bad = [
-            n for n in _lost_groups(planned(values), groups) if np.ptp([groups[n].low, groups[n].high], axis=0).any()
-        ]
-        whole += not bad
-        for n in bad or ([0] if len(groups) == 1 else []):
-            search.exclude(n, values[n], 0.5 if bad else 0.25)
-        if not bad and len(groups) > 1:
-            break
-    home = search.at_home()
-    new = not any(np.array_equal(home, values) for values in seen)
-    if new and (best is None or best[0][0] or search.estimate(home) <= AS_GOOD * search.estimate(seen[0])):
-        planned(home)
-    if best is None:
-        raise AssertionError("home has been planned")
-    if not moves:
-        return best[1]
-    with clock.stage("external"):
-        fixed = best[1].path.external
-        stands = [fixed[rows_of(path, g.runs)[0]] for g in groups]
-        ways = [
-            moved(setup, options, path, some, axes, stands, search.scale)
-            for some in fewer(groups, stands, cell.external_home)
-        ]
-    looks = replace(options, rotation_step=max(options.rotation_step, STEP)) if len(ways) > 1 else options
+Key = tuple[float, float]  # points lost and breaks; J: less is better
 
-    def along(at: Array, options: PlanOptions = options) -> tuple[tuple[float, float], Plan]:
-        found = plan(cell, toolpath, options, clock, setup=setup, external=at, scale=search.scale, before=before)
-        return (_lost(found), found.chosen.objective.total + search.liking_along(at)), found
 
-    looked = [along(at, looks) for at in ways]
-    k = min(range(len(ways)), key=lambda k: looked[k][0])
-    key, found = looked[k] if looks.rotation_step == options.rotation_step else along(ways[k])
-    if must:  # no place keeps what was asked
-        return found
-    if not key < best[0]:
-        return best[1]
-    if best[0][0] == 0:  # there is another answer, should this one not be driven
-        with clock.stage("external"):
-            timeline = build_timeline(found, toolpath)
-        if timeline.trajectory is None:
+@dataclass(frozen=True)
+class _Tries:
+    """What is planned in full, and which of it is taken."""
+
+    cell: Cell
+    toolpath: Toolpath
+    options: PlanOptions
+    clock: Timings
+    before: Plan | None
+    setup: Setup
+    path: Path
+    groups: list[Group]
+    axes: Sequence[ExternalAxis]
+    search: Values
+
+    def _planned(self, external: Array, liking: float, options: PlanOptions) -> tuple[Key, Plan]:
+        found = plan(
+            self.cell,
+            self.toolpath,
+            options,
+            self.clock,
+            setup=self.setup,
+            external=external,
+            scale=self.search.scale,
+            before=self.before,
+        )
+        return (_lost(found), found.chosen.objective.total + liking), found
+
+    def fixed(self, tried: int) -> tuple[Key, Plan]:
+        """The best plan with one value for each group, of the best few by the stations and home."""
+        search, groups = self.search, self.groups
+        every: list[tuple[Key, Plan]] = []
+        seen: list[list[Array]] = []
+        whole = 0
+        while len(seen) < tried and whole < PLANNED:
+            values = search.chain()
+            if values is None:
+                break
+            seen.append(values)
+            every.append(self._planned(_spread(self.path, groups, values), search.liking(values), self.options))
+            lost = _lost_groups(every[-1][1], groups)
+            bad = [n for n in lost if np.ptp([groups[n].low, groups[n].high], axis=0).any()]
+            whole += not bad
+            for n in bad or ([0] if len(groups) == 1 else []):
+                search.exclude(n, values[n], 0.5 if bad else 0.25)
+            if not bad and len(groups) > 1:
+                break
+        home = search.at_home()
+        if not any(np.array_equal(home, values) for values in seen):
+            best = min((key for key, _ in every), default=None)
+            if best is None or best[0] or search.estimate(home) <= AS_GOOD * search.estimate(seen[0]):
+                every.append(self._planned(_spread(self.path, groups, home), search.liking(home), self.options))
+        return min(every, key=lambda one: one[0])
+
+    def moving(self) -> Plan:
+        """The best plan with the joints moving where they may; with fixed values where these are better.
+
+        Where no fixed value reaches all stations, fixed values are planned only if the joints cannot do it by moving.
+        """
+        search = self.search
+        best = None if search.out_of_reach else self.fixed(MOVES_TRIED)
+        if best is None:
+            with self.clock.stage("external"):
+                stands = search.chain() or search.at_home()
+        else:
+            stands = [best[1].path.external[rows_of(self.path, g.runs)[0]] for g in self.groups]
+        key, found = self._along(stands)
+        if any(g.must.any() for g in self.groups) or (best is None and not key[0]):
+            return found  # no place keeps what was asked, or reaches all of it
+        best = best or self.fixed(MOVES_TRIED)
+        if not key < best[0]:
             return best[1]
-    return found
+        if best[0][0] == 0:  # there is another answer, should this one not be driven
+            with self.clock.stage("external"):
+                timeline = build_timeline(found, self.toolpath)
+            if timeline.trajectory is None:
+                return best[1]
+        return found
+
+    def _along(self, stands: list[Array]) -> tuple[Key, Plan]:
+        """The best plan with the joints moving where they may, all of them or some (:func:`machopt.plan.along.fewer`).
+
+        Ways that are far from the best one by the stations are not looked at further, the others at 15°.
+        """
+        search = self.search
+        with self.clock.stage("external"):
+            ways = [
+                moved(self.setup, self.options, self.path, some, self.axes, stands, search.scale)
+                for some in fewer(self.groups, stands, self.cell.external_home)
+            ]
+            if len(ways) > 1:
+                estimates = [search.estimate_along(at) for at in ways]
+                near = AS_NEAR * min(estimates)
+                ways = [at for at, estimate in zip(ways, estimates, strict=True) if estimate <= near]
+        looks = replace(self.options, rotation_step=max(self.options.rotation_step, STEP))
+        if len(ways) > 1:
+            looked = [self._planned(at, search.liking_along(at), looks) for at in ways]
+            k = min(range(len(ways)), key=lambda k: looked[k][0])
+            if looks.rotation_step == self.options.rotation_step:
+                return looked[k]
+            ways = [ways[k]]
+        return self._planned(ways[0], search.liking_along(ways[0]), self.options)
 
 
 def _lost_groups(found: Plan, groups: Sequence[Group]) -> list[int]:

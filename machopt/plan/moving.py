@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array, Bools
 from machopt.domain.options import PlanOptions
+from machopt.model.threads import side_by_side
 from machopt.plan.candidates import enumerate_candidates
 from machopt.plan.engage import sideways
 from machopt.plan.objective import Terms
@@ -167,15 +168,17 @@ def _best_way(
     """What the best way through the grid of values (S, G, E) costs, and which of G it takes (S,)."""
     S, G = values.shape[:2]
     station_of = np.minimum(np.searchsorted(part.stations, np.arange(len(part.index))), S - 1)
-    cost, q, across = [], [], sideways(part)
-    stable = True
-    for g in range(G):
+    across = sideways(part)
+
+    def at(g: int) -> tuple[Array, Array, bool]:
         there = replace(part, external=values[station_of, g])
         candidates = enumerate_candidates(there, setup.arm, options)
         d = directions(there, setup.arm, setup.elasticity, options.force, across)
-        cost.append(score_candidates(there, candidates, setup.elasticity, d, options).cost)
-        q.append(np.where(np.asarray(candidates.feasible.any(axis=3))[..., None], candidates.q, np.nan))
-        stable = candidates.stable
+        cost = score_candidates(there, candidates, setup.elasticity, d, options).cost
+        return cost, np.where(np.isfinite(cost)[..., None], candidates.q, np.nan), candidates.stable
+
+    found_at = side_by_side(at, range(G))
+    cost, q, stable = [c for c, _, _ in found_at], [x for _, x, _ in found_at], found_at[0][2]
     c = np.stack(cost, axis=1) / scale  # (S, G, R, B)
     R, B = c.shape[2:]
     terms, w = Terms.at_stations(part, setup.velocity, options), options.weights
@@ -217,10 +220,9 @@ def _best_way(
     most = best[1]
     reached = np.where(np.isfinite(c.reshape(S, -1)), c.reshape(S, -1), np.inf).min(axis=1)[counted]
     least = float(reached[np.isfinite(reached)].max(initial=0.0))
-    for t in CAPS:
-        if most > least:
-            found = under(least + t * (most - least))
-            best = min(best, found, key=lambda f: f[0])
+    if most > least:
+        capped = side_by_side(under, [least + t * (most - least) for t in CAPS])
+        best = min([best, *capped], key=lambda f: f[0])
     return best[0], best[2] // (R * B)
 
 

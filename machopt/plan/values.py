@@ -29,7 +29,8 @@ from machopt.plan.engage import sideways
 from machopt.plan.glimpse import free_choice
 from machopt.plan.groups import Group
 from machopt.plan.kept import recalled
-from machopt.plan.part import part_of
+from machopt.plan.objective import Terms
+from machopt.plan.part import part_of, rows_of
 from machopt.plan.path import Path
 from machopt.plan.score import Scores, directions, score_candidates
 from machopt.plan.setup import Setup, standing
@@ -81,11 +82,17 @@ class Values:
         self.per = setup.per_rad[6:]
         self.weight = np.array([axis.weight for axis in axes])
         self.medians: list[float] = []
+        self.short = np.ones(len(groups))  # least share of the stations of each that a value does not reach
 
     @property
     def scale(self) -> float:
         """c₀: where it is not given, the median over groups and values of the median cost over the candidates."""
         return self.asked or (float(np.median(self.medians)) if self.medians else 1.0)
+
+    @property
+    def out_of_reach(self) -> bool:
+        """Some group has no value that reaches all of its stations."""
+        return bool((self.short > 0).any())
 
     # --- which values are judged -------------------------------------------------------------------------------------
 
@@ -134,11 +141,12 @@ class Values:
 
         for key, (judged, median) in zip(new, recalled("places", lambda: self._follows(n, every), judge), strict=True):
             self.judged[n][key] = judged
+            self.short[n] = min(self.short[n], judged.lost)
             if median is not None:
                 self.medians.append(median)
 
     def _candidates(self, n: int, value: Array) -> tuple[Path, Candidates, Scores] | None:
-        """What there is at a value, and what it costs; None where no pose is in reach."""
+        """What there is at a value (E,), or along (n, E), and what it costs; None where no pose is in reach."""
         part, setup = standing(self.parts[n], value), self.setup
         candidates = enumerate_candidates(part, setup.arm, self.options)
         if not candidates.feasible.any():
@@ -183,16 +191,16 @@ class Values:
             colliding = 0
         else:
             choice, colliding = free_choice(part, candidates, scores, self.setup, self.options)
-        return self._of_choice(j, part, scores, choice, colliding)
+        return self._of_choice(j.value, part, scores, choice, colliding, j.by + 1)
 
-    def _of_choice(self, j: Judged, part: Path, scores: Scores, choice: Choice, colliding: int) -> Judged:
+    def _of_choice(self, value: Array, part: Path, scores: Scores, choice: Choice, colliding: int, by: int) -> Judged:
         there, w = np.flatnonzero(~choice.dropped), self.options.weights
         cost = scores.cost[there, choice.rotation[there], choice.branch[there]]
         share, counted = part.station_weight[there], part.counted[part.stations[there]]
         mean, worst = float(share @ cost), float(cost[counted].max(initial=0.0))
         motion = choice.total - (w.mean * mean + w.worst * worst) / scores.scale
         lost = (int(choice.dropped.sum()) + len(choice.broken) + colliding) / len(choice.rotation)
-        return Judged(j.value, lost, mean, worst, motion, j.by + 1)
+        return Judged(value, lost, mean, worst, motion, by)
 
     def _best(self, n: int, keys: Iterable[bytes]) -> Judged:
         """The best of some values of a group by itself, judged to the end."""
@@ -243,6 +251,26 @@ class Values:
         return sum(g.share * self._alone(j) for g, j in zip(self.groups, chosen, strict=True)) + (
             self.options.weights.worst * worst + self._travel(values)
         )
+
+    def estimate_along(self, external: Array) -> float:
+        """J of joints (P, E) that move, by the stations."""
+        w, worst = self.options.weights, 0.0
+        total = self.liking_along(external)
+        for n, group in enumerate(self.groups):
+            own = external[rows_of(self.path, group.runs)]
+            found = self._candidates(n, own)
+            if found is None:
+                total += group.share * LOST
+                continue
+            part, candidates, scores = found
+            scores = replace(scores, scale=self.scale)
+            choice, colliding = free_choice(part, candidates, scores, self.setup, self.options)
+            j = self._of_choice(own, part, scores, choice, colliding, FREE)
+            total += group.share * (LOST * j.lost + w.mean * j.mean / self.scale + j.motion)
+            worst = max(worst, j.worst)
+        terms = Terms.of(self.path, self.setup.velocity, self.options)
+        ways = np.abs(np.diff(external * self.per, axis=0)).sum(axis=1)
+        return total + w.worst * worst / self.scale + w.travel * float(terms.travel[1:] @ ways)
 
     def _travel(self, values: Sequence[Array]) -> float:
         ways = np.abs(np.diff([self.home, *values, self.home], axis=0)) @ (self.weight * self.per)
