@@ -485,7 +485,7 @@ def test_command_passes_its_options_on_and_every_verdict_is_success(
         2,
         ("units",),
         7,
-        True,
+        allow_external=True,
     )
     assert seen == [expected]
     assert len(fields(Request)) == 10  # no option is dropped on the way
