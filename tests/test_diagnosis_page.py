@@ -468,7 +468,7 @@ def test_command_passes_its_options_on_and_every_verdict_is_success(
     command.add_commands(parser.add_subparsers(), common)
     typed = (
         "diagnose cell mon tue -o out --channel torque --toolpath t.apt --terms a.py --terms b.py --max-findings 2 "
-        "--accept units --seed 7 --allow-external --jobs 2"
+        "--accept units --seed 7 --tables parquet --allow-external --jobs 2"
     )
     args = parser.parse_args(typed.split())
     assert args.run(args) == 0
@@ -485,10 +485,11 @@ def test_command_passes_its_options_on_and_every_verdict_is_success(
         2,
         ("units",),
         7,
-        allow_external=True,
+        "parquet",
+        True,
     )
     assert seen == [expected]
-    assert len(fields(Request)) == 10  # no option is dropped on the way
+    assert len(fields(Request)) == 11  # no option is dropped on the way
     args = parser.parse_args([*typed.split(), "--json"])
     assert args.run(args) == 0
     assert json.loads(capsys.readouterr().out)["verdict"] == getattr(made_up, verdict)().verdict
