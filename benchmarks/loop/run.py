@@ -44,7 +44,7 @@ from machopt.plan.pipeline import plan
 from machopt.plan.refine import compensate
 from machopt.plan.removal import removals
 from machopt.plan.uncertainty import NINETY, bends, gains
-from machopt.services.diagnosed import diagnosed
+from machopt.services.diagnose import diagnosed
 from machopt.services.identified import identified
 from machopt.services.poses_planned import planned
 

@@ -16,8 +16,8 @@ from machopt.domain.results.diagnosis import DiagnosisResult, FindingTold
 from machopt.effects.own import Own, in_use, run
 from machopt.output import output_folder
 from machopt.report.diagnosis_svg import machine_strip
-from machopt.services.diagnose import write
-from machopt.services.diagnosed import Diagnosed, diagnosed
+from machopt.services.diagnose import diagnosed
+from machopt.services.diagnosed import Diagnosed, write
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,16 @@ class Request:
     tables: str = "csv"  # parquet: every table as Parquet, too
     allow_external: bool = False
 
+    def said(self) -> dict[str, str | int | list[str]]:
+        """The options that decide the answer, as result and page tell them."""
+        return {
+            "channel": self.channel,
+            "max_findings": self.max_findings,
+            "seed": self.seed,
+            "accept": list(self.accept),
+            "terms": [p.name for p in self.terms],
+        }
+
 
 def check(request: Request, kind: str) -> None:
     """Refuse what cannot be diagnosed of a recording of this kind, before minutes of work.

@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from machopt.diagnose.asked import Request
+from machopt.diagnose import engine, userterms
+from machopt.diagnose.asked import Request, check
+from machopt.diagnose.doubt import with_doubt
+from machopt.diagnose.extended import beside, stiffness_of
 from machopt.diagnose.result import Diagnosis
+from machopt.diagnose.run import at_rest, in_motion
+from machopt.diagnose.told import result_of
+from machopt.domain.cell import Cell
 from machopt.domain.results.diagnosis import DiagnosisResult
-from machopt.effects.own import in_use, run
+from machopt.effects.own import Own, in_use, run
+from machopt.formats.cell import load_cell
 from machopt.formats.parquet import refuse_without_pyarrow
-from machopt.output import output_folder, write_result
-from machopt.report.diagnosis_page import write_diagnosis
-from machopt.services.diagnose_files import (
-    write_corrections,
-    write_model,
-    write_residuals,
-)
-from machopt.services.diagnosed import Diagnosed, diagnosed
-from machopt.services.inputs import recording_inputs, single
-from machopt.services.manifest import write_command_manifest
+from machopt.formats.recording import load_recording, load_recordings
+from machopt.output import output_folder
+from machopt.report.display import in_words
+from machopt.report.gather.cell import cell_scene
+from machopt.report.gather.diagnose import page_of
+from machopt.services.diagnose_files import KINEMATICS, STIFFNESS, corrections_of, effect_of
+from machopt.services.diagnosed import Diagnosed, write
+from machopt.services.inputs import input_hashes
 
 Progress = Callable[[str], None]
 
@@ -48,23 +53,57 @@ def run_diagnose(request: Request, progress: Progress = lambda _: None) -> Outco
     return Outcome(done.diagnosis, done.result, request.out / "report.html")
 
 
-def write(done: Diagnosed, folder: Path, progress: Progress = lambda _: None) -> None:
-    """Write its files into an empty folder."""
-    request = done.request
-    progress("writing the model and tables")
-    write_model(folder, done.model)
-    write_corrections(folder, done.cell, done.diagnosis)
-    write_residuals(folder / "residuals.csv", done.recording, done.diagnosis, done.problem)
-    progress("report")
-    write_diagnosis(folder / "report.html", done.page)
-    write_result(folder / "diagnosis.json", done.result)
-    read = [single(f, "terms") for f in request.terms]
-    read += [] if request.toolpath is None else [single(request.toolpath, "toolpath")]
-    write_command_manifest(
-        folder,
-        "diagnose",
-        request,
-        done.cell,
-        verdict=done.result.verdict,
-        inputs=(*recording_inputs(request.recordings), *read),
+def diagnosed(request: Request, own: tuple[Own, ...], progress: Progress, cell: Cell | None = None) -> Diagnosed:
+    """What the model leaves out.
+
+    Args:
+        request: what was asked; its ``out`` is not looked at.
+        own: the files of ``request.terms``, run and in use.
+        cell: where it has been read already.
+    """
+    progress("reading cell and recording")
+    paths = request.recordings
+    recording = load_recording(paths[0]) if len(paths) == 1 else load_recordings(paths)
+    moving = recording.kind == "motion"
+    if cell is None:
+        cell = load_cell(request.cell, allow_external=request.allow_external, any_chain=moving)
+    laws = userterms.load(own)
+    check(request, recording.kind)
+    options = engine.Options(most=request.max_findings, progress=progress)
+    if moving:
+        asked, job = request.channel, request.toolpath is not None
+        found = in_motion(cell, recording, options, asked=asked, seed=request.seed, toolpath=job)
+    else:
+        found = at_rest(cell, recording, options, laws, accept=request.accept, seed=request.seed)
+    made = stiffness_of(cell, found.diagnosis, weight_alone=found.weight_alone)
+    if not moving:
+        progress("what the model may still lack")
+    made = replace(made, after=with_doubt(cell, found, made.after))
+    d = beside(replace(found.diagnosis, warnings=(*cell.warnings, *found.diagnosis.warnings)), made)
+    if request.toolpath is not None and made.after is not None and made.before is not None:
+        progress("what it changes for the toolpath")
+    effect = effect_of(cell, request.toolpath, made.before, made.after)
+    inputs = input_hashes(cell, request.recordings)
+    said = request.said()
+    result = result_of(
+        cell,
+        found.recording,
+        d,
+        model=None if made.after is None else STIFFNESS,
+        kinematics=KINEMATICS if corrections_of(d) else None,
+        effect_on_job=effect,
+        options=said,
+        inputs=inputs,
+    )
+    scene = None if moving else cell_scene(cell)[0]
+    facts = tuple((k, in_words(v)) for k, v in (said | inputs).items())
+    return Diagnosed(
+        request=request,
+        cell=cell,
+        recording=found.recording,
+        problem=found.problem,
+        diagnosis=d,
+        model=made.after,
+        page=page_of(cell, found.recording, d, facts, effect, problem=found.problem, scene=scene),
+        result=result,
     )
