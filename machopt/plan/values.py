@@ -2,9 +2,10 @@
 
     value g ─► candidates and scores at some stations, 15° of rotation ─► the best sequence: mean m, worst w, motion
 
-Most values are no good, which takes little to see. So each is first judged by the least index of every station, which
+Each is first judged by the least index of every station, which
 no sequence is below; only where that may be the best by the best sequence; only where that may be, by the best one
-whose poses are free of contacts (:mod:`machopt.plan.glimpse`). Each stage asks for more than the one before, so the
+whose poses are free of contacts (:mod:`machopt.plan.glimpse`). That saves work only where some value loses no
+station to contacts: else all are judged to the end. Each stage asks for more than the one before, so the
 values that come out are those of judging all of them in full.
 
 Groups hang together by the worst index and by the way between their values: with a cap on the worst the cheapest chain
