@@ -2,11 +2,9 @@
 
     value g ─► candidates and scores at some stations, 15° of rotation ─► the best sequence: mean m, worst w, motion
 
-Each is first judged by the least index of every station, which
-no sequence is below; only where that may be the best by the best sequence; only where that may be, by the best one
-whose poses are free of contacts (:mod:`machopt.plan.glimpse`). That saves work only where some value loses no
-station to contacts: else all are judged to the end. Each stage asks for more than the one before, so the
-values that come out are those of judging all of them in full.
+Each is first judged by the least index of every station, which no sequence is below, and only where that may be the
+best by the best sequence whose poses are free of contacts (:mod:`machopt.plan.glimpse`). The values that come out are
+those of judging all of them in full. It saves work only where some value loses no station to contacts.
 
 Groups hang together by the worst index and by the way between their values: with a cap on the worst the cheapest chain
 of values is exact, and every cap that matters is tried.
@@ -25,7 +23,7 @@ from machopt.domain.options import ExternalAxis, PlanOptions
 from machopt.domain.steering import among
 from machopt.model.threads import side_by_side
 from machopt.plan.candidates import Candidates, enumerate_candidates
-from machopt.plan.choose import Choice, choose
+from machopt.plan.choose import Choice
 from machopt.plan.engage import sideways
 from machopt.plan.glimpse import free_choice
 from machopt.plan.groups import Group
@@ -45,7 +43,7 @@ CAPS = 48  # on the worst index that are tried at most
 RAPID = 1.5  # times a travel counts on the way to another value (:mod:`machopt.plan.objective`, b)
 PREFERRED = 0.1  # of J, price of a rad (or LENGTH) from a preferred value
 
-LEAST, SEQUENCE, FREE = range(3)  # what a value has been judged by
+LEAST, FREE = range(2)  # what a value has been judged by
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ class Judged:
     mean: float  # over the length the group cuts, in the unit of the index
     worst: float  # the same
     motion: float  # what J counts beside them, within the group
-    by: int  # LEAST, SEQUENCE or FREE
+    by: int  # LEAST or FREE
 
 
 class Values:
@@ -187,21 +185,17 @@ class Values:
         if found is None:
             raise AssertionError("what is out of reach is judged to the end")
         part, candidates, scores = found
-        if j.by == LEAST:
-            choice = choose(part, candidates, scores, self.setup.cell.limits.velocity[:6], self.options)
-            colliding = 0
-        else:
-            choice, colliding = free_choice(part, candidates, scores, self.setup, self.options)
-        return self._of_choice(j.value, part, scores, choice, colliding, j.by + 1)
+        choice, colliding = free_choice(part, candidates, scores, self.setup, self.options)
+        return self._of_choice(j.value, part, scores, choice, colliding)
 
-    def _of_choice(self, value: Array, part: Path, scores: Scores, choice: Choice, colliding: int, by: int) -> Judged:
+    def _of_choice(self, value: Array, part: Path, scores: Scores, choice: Choice, colliding: int) -> Judged:
         there, w = np.flatnonzero(~choice.dropped), self.options.weights
         cost = scores.cost[there, choice.rotation[there], choice.branch[there]]
         share, counted = part.station_weight[there], part.counted[part.stations[there]]
         mean, worst = float(share @ cost), float(cost[counted].max(initial=0.0))
         motion = choice.total - (w.mean * mean + w.worst * worst) / scores.scale
         lost = (int(choice.dropped.sum()) + len(choice.broken) + colliding) / len(choice.rotation)
-        return Judged(value, lost, mean, worst, motion, by)
+        return Judged(value, lost, mean, worst, motion, FREE)
 
     def _best(self, n: int, keys: Iterable[bytes]) -> Judged:
         """The best of some values of a group by itself, judged to the end."""
@@ -266,7 +260,7 @@ class Values:
             part, candidates, scores = found
             scores = replace(scores, scale=self.scale)
             choice, colliding = free_choice(part, candidates, scores, self.setup, self.options)
-            j = self._of_choice(own, part, scores, choice, colliding, FREE)
+            j = self._of_choice(own, part, scores, choice, colliding)
             total += group.share * (LOST * j.lost + w.mean * j.mean / self.scale + j.motion)
             worst = max(worst, j.worst)
         terms = Terms.of(self.path, self.setup.velocity, self.options)
