@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from test_effects_own import JELLY
 
+from machopt.api import Cell
 from machopt.cli import main
 from machopt.domain.recording import Recording
 from machopt.effects import own, registry
@@ -134,6 +135,41 @@ EFFECTS = [
     )
 ]
 '''
+
+
+@pytest.fixture
+def scaled(tmp_path: Path) -> tuple[Path, Path]:
+    """A cell whose kinematics.yaml holds an effect of the user's own, and its file."""
+    scale, cell = tmp_path / "scale.py", tmp_path / "cell"
+    scale.write_text(SCALE)
+    shutil.copytree(CELL, cell)
+    (cell / "kinematics.yaml").write_text(
+        "machopt_kinematics: 1\ncorrections:\n"
+        '  - {effect: encoder_scale, location: "joint:1", parameters: {per_mille: 2.0}}\n'
+    )
+    text = (cell / "cell.yaml").read_text()
+    (cell / "cell.yaml").write_text(text.replace("stiffness:", "kinematics: kinematics.yaml\nstiffness:", 1))
+    return scale, cell
+
+
+def test_what_only_looks_at_a_cell_knows_its_effects(
+    scaled: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scale, cell = scaled
+    path = tmp_path / "path.csv"
+    path.write_text(PATH)
+    for words in (["validate", str(cell)], ["inspect", str(cell)], ["inspect", str(path), "--cell", str(cell)]):
+        assert main(words) == 2
+        assert "where its file is given" in capsys.readouterr().err
+        assert main([*words, "--effects", str(scale), "--json"]) == 0
+        told = capsys.readouterr()
+        assert "encoder_scale" not in told.err
+        assert f"--effects runs the code in {scale} with your rights" in told.err
+        assert "cannot_be_planned" not in json.loads(told.out)
+    assert "encoder_scale" not in registry.EFFECTS  # nothing of it stays
+    assert main(["inspect", str(path), "--effects", str(scale)]) == 2
+    assert "--effects: found a toolpath and no cell" in capsys.readouterr().err
+    assert Cell.load(cell, effects=[scale]).validate() == ()
 
 
 def tracked() -> Recording:

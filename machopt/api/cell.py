@@ -93,7 +93,8 @@ class Cell:
         from machopt.services.validate import validate
 
         file = None if picture is None else Path(picture)
-        return validate(self.path, allow_external=self.allow_external, picture_file=file).findings
+        effects = [own.file for own in self.effects]
+        return validate(self.path, allow_external=self.allow_external, picture_file=file, effects=effects).findings
 
     def with_stiffness(self, file: str | os.PathLike[str]) -> Cell:
         """The same cell with another stiffness.yaml, e.g. the one that ``identify`` or ``diagnose`` saved.

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from machopt.cli.display import finite
-from machopt.cli.effects import add_effects, told_of_effects
+from machopt.cli.effects import told_of_effects
 from machopt.cli.readingoptions import reading, reading_parser
 from machopt.cli.shared import share
 
@@ -49,7 +49,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     share(job, "--set", help="a planning option for all jobs")
     share(job, "--seed", type=int, default=None, help="of the random search around obstacles, for all jobs")
     share(job, "--allow-external", help="let cells use files outside their folders")
-    add_effects(job)
+    share(job, "--effects")
     job.set_defaults(run=_batch)
 
 

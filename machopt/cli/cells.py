@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from machopt.cli.display import finite
+from machopt.cli.effects import told_of_effects
 from machopt.cli.measure import _floats
 from machopt.cli.readingoptions import reading, reading_parser
 from machopt.cli.shared import share
@@ -63,6 +64,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     share(look, "cell")
     share(look, "--allow-external")
     look.add_argument("--picture", type=Path, metavar="FILE.svg", help="draw the cell at home from three sides")
+    share(look, "--effects")
     look.set_defaults(run=_validate)
 
 
@@ -94,7 +96,10 @@ def _init(args: argparse.Namespace) -> int:
 def _validate(args: argparse.Namespace) -> int:
     from machopt.services.validate import validate
 
-    done = validate(args.cell, allow_external=args.allow_external, picture_file=args.picture)
+    told_of_effects(args)
+    done = validate(
+        args.cell, allow_external=args.allow_external, picture_file=args.picture, effects=tuple(args.effects)
+    )
     warnings = len(done.findings) - len(done.errors)
     if args.json:
         findings = [vars(f) for f in done.findings]

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from machopt.cli.display import Display, finite
-from machopt.cli.effects import add_effects, told_of_effects
+from machopt.cli.effects import told_of_effects
 from machopt.cli.shared import share
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def _add_identify(p: argparse.ArgumentParser) -> None:
     p.add_argument("--level", type=float, default=90.0, metavar="PERCENT", help="of the intervals (90)")
     p.add_argument("--no-studies", action="store_true", help="leave out subsets and repeated measurement errors")
     share(p, "--accept")
-    add_effects(p)
+    share(p, "--effects")
     p.set_defaults(run=_identify)
 
 
@@ -210,7 +210,7 @@ def _add_poses(p: argparse.ArgumentParser) -> None:
     search.add_argument("--prior-factor", type=real, default=1.0, help="the prior may be wrong by this factor (1)")
     search.add_argument("--candidates", type=n, default=2000, help="poses to choose from (2000)")
     search.add_argument("--starts", type=n, default=2, help="starts of the search (2)")
-    add_effects(p)
+    share(p, "--effects")
     p.set_defaults(run=_plan_poses)
 
 
@@ -265,7 +265,7 @@ def _add_map(p: argparse.ArgumentParser) -> None:
     load.add_argument("--neighbours", type=int, help="of inverse distance weighting (all)")
     share(p, "--plan", dest="plan_file")
     share(p, "--set", dest="overrides")
-    add_effects(p)
+    share(p, "--effects")
     p.set_defaults(run=_map)
 
 

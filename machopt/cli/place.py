@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from machopt.cli.compiling import compiling
 from machopt.cli.display import Display, finite, positive
-from machopt.cli.effects import add_effects, told_of_effects
+from machopt.cli.effects import told_of_effects
 from machopt.cli.readingoptions import reading, reading_parser
 from machopt.cli.shared import share
 
@@ -63,7 +63,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     share(job, "--plan")
     share(job, "--set")
     share(job, "--post", help="robot program for the best places; may be repeated (the cell's controller.post)")
-    add_effects(job)
+    share(job, "--effects")
     job.set_defaults(run=_place)
 
 

@@ -30,6 +30,14 @@ SHARED: dict[str, dict[str, Any]] = {
         "default": "csv",
         "help": "parquet: every table as Parquet, too, beside its CSV (csv)",
     },
+    "--effects": {
+        "type": Path,
+        "action": "append",
+        "default": [],
+        "metavar": "FILE.py",
+        "help": "effects of your own that stiffness.yaml or kinematics.yaml holds, as machopt diagnose --terms FILE.py "
+        "found them, or that EFFECT@LOCATION names; runs the code in that file; may be repeated",
+    },
     "--accept": {
         "action": "append",
         "default": [],

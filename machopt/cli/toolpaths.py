@@ -10,7 +10,7 @@ from typing import Any
 
 from machopt.cli.compiling import compiling
 from machopt.cli.display import Display, finite, tree
-from machopt.cli.effects import add_effects, told_of_effects
+from machopt.cli.effects import told_of_effects
 from machopt.cli.readingoptions import reading, reading_parser
 from machopt.cli.shared import share
 from machopt.cli.toolpath_words import check_line, failed, first_reason, summary
@@ -69,7 +69,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     job.add_argument("--sample-ms", type=float, help="time between exported samples (12)")
     share(job, "--seed", default=None, help="of the random search around obstacles")
     share(job, "--jobs", help="accepted for scripts; one plan runs in one process")
-    add_effects(job)
+    share(job, "--effects")
     job.set_defaults(run=_optimize)
 
     look = commands.add_parser(
@@ -82,6 +82,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     look.add_argument("--html", type=Path, metavar="OUT.html", help="write a page with pictures of the path")
     look.add_argument("--cell", type=Path, help="cell whose robot a program with joint positions was written for")
     share(look, "--allow-external")
+    share(look, "--effects")
     look.set_defaults(run=_inspect)
 
     check = commands.add_parser(
@@ -92,7 +93,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     share(check, "cell", help=None)
     share(check, "toolpath", help=None)
     check.add_argument("out", type=Path, help="output folder of optimize")
-    add_effects(check)
+    share(check, "--effects")
     check.set_defaults(run=_verify)
 
 
@@ -149,17 +150,24 @@ def _inspect(args: argparse.Namespace) -> int:
     from machopt.formats.inspect import summarise
     from machopt.formats.toolpath import read_toolpath
 
+    told_of_effects(args)
     if _is_robot(args.file):
         return _inspect_robot(args)
+    if args.effects and args.cell is None:
+        raise InputError(
+            "found a toolpath and no cell whose files could hold effects; --cell CELL would work", where="--effects"
+        )
     if args.cell is None:
         toolpath = read_toolpath(args.file, **reading(args))
     else:
+        from machopt.effects.own import in_use, with_effects
         from machopt.formats.cell import load_cell
         from machopt.formats.setups import placed
         from machopt.services.knownrobot import reading_of
 
-        cell = load_cell(args.cell, allow_external=args.allow_external)
-        toolpath = placed(read_toolpath(args.file, **reading_of(cell), **reading(args)), cell)
+        with in_use(with_effects(args.effects)):
+            cell = load_cell(args.cell, allow_external=args.allow_external)
+            toolpath = placed(read_toolpath(args.file, **reading_of(cell), **reading(args)), cell)
     summary = summarise(toolpath)
     if args.html is not None:
         from machopt.report.toolpath_page import write_toolpath_page
@@ -193,7 +201,7 @@ def _inspect_robot(args: argparse.Namespace) -> int:
             "'machopt validate CELL --picture FILE.svg' draws it",
             where="--html",
         )
-    found = look(args.file, allow_external=args.allow_external)
+    found = look(args.file, allow_external=args.allow_external, effects=tuple(args.effects))
     if args.json:
         print(json.dumps(finite(found), ensure_ascii=False))
     elif not args.quiet:

@@ -9,7 +9,7 @@ from typing import Any
 
 from machopt.cli.compiling import compiling
 from machopt.cli.display import Display, natural
-from machopt.cli.effects import add_effects, told_of_effects
+from machopt.cli.effects import told_of_effects
 from machopt.cli.readingoptions import reading, reading_parser
 from machopt.cli.shared import share
 
@@ -40,7 +40,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     )
     p.add_argument("--open", action="store_true", help="open the page in the browser of the system")
     p.add_argument("--as-it-is", action="store_true", help="of OUT: show the report, plan nothing")
-    add_effects(p)
+    share(p, "--effects")
     p.set_defaults(run=_view)
 
 

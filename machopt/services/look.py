@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from machopt.domain.cell import Cell
+from machopt.effects.own import in_use, with_effects
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
@@ -21,16 +23,22 @@ from machopt.model.robot import load_chain, load_masses
 _LEVEL = math.radians(0.5)  # a robot nearer to upright counts as upright
 
 
-def look(path: Path, *, allow_external: bool = False) -> dict[str, Any]:
+def look(path: Path, *, allow_external: bool = False, effects: Sequence[Path] = ()) -> dict[str, Any]:
     """Everything worth a line, JSON-able; mm and degrees.
+
+    Args:
+        allow_external: let the cell use files outside its folder.
+        effects: Python files with effects of the user's own that the cell's files hold; runs the code in them.
 
     Raises:
         InputError: it cannot be planned with, and why.
     """
-    if path.suffix.lower() in (".urdf", ".xacro"):
-        return _robot(path)
-    cell = load_cell(path, allow_external=allow_external)
-    return {"cell": cell.name, "robot": cell.urdf.name, "mounting": _mounting(cell), **_joints(cell), **_model(cell)}
+    with in_use(with_effects(effects)):
+        if path.suffix.lower() in (".urdf", ".xacro"):
+            return _robot(path)
+        cell = load_cell(path, allow_external=allow_external)
+        stands = {"cell": cell.name, "robot": cell.urdf.name, "mounting": _mounting(cell)}
+        return {**stands, **_joints(cell), **_model(cell)}
 
 
 def _robot(path: Path) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from machopt.cells.picture import picture
 from machopt.cells.problems import read_all
 from machopt.cells.review import Finding, review
 from machopt.domain.cell import Cell
+from machopt.effects.own import in_use, with_effects
 from machopt.errors import InputError
 from machopt.formats.cell import cell_file
 
@@ -31,21 +33,29 @@ class Validated:
         return 2 if self.errors else 0
 
 
-def validate(path: Path, *, allow_external: bool = False, picture_file: Path | None = None) -> Validated:
+def validate(
+    path: Path, *, allow_external: bool = False, picture_file: Path | None = None, effects: Sequence[Path] = ()
+) -> Validated:
     """Look at a cell.
 
     Args:
         path: the cell folder, or its cell.yaml.
         allow_external: let the cell use files outside its folder.
         picture_file: where to draw it, .svg.
+        effects: Python files with effects of the user's own that the cell's files hold; runs the code in them.
 
     Raises:
-        InputError: there is no such cell, or the picture cannot be written.
+        InputError: there is no such cell, the picture cannot be written, or a file with effects is wrong.
     """
     if picture_file is not None and picture_file.suffix.lower() != ".svg":
         raise InputError(f"pictures are SVG; {picture_file.stem}.svg would work", file=picture_file)
     if not cell_file(path).is_file():
         raise InputError("there is no such file; a cell folder or its cell.yaml would work", file=path)
+    with in_use(with_effects(effects)):
+        return _validated(path, allow_external, picture_file)
+
+
+def _validated(path: Path, allow_external: bool, picture_file: Path | None) -> Validated:
     read = read_all(path, allow_external=allow_external)
     found = [Finding("error", "", str(p)) for p in read.problems]
     drawn = None
