@@ -76,9 +76,8 @@ def _mounting(cell: Cell) -> dict[str, Any]:
 
 
 def _joints(cell: Cell) -> dict[str, Any]:
-    n = len(cell.arm_joints)
     names = (*cell.arm_joints, *cell.external_joints)
-    slides = (*(cell.arm_prismatic or (False,) * n), *cell.external_prismatic)
+    slides = (*(cell.arm_prismatic or (False,) * len(cell.arm_joints)), *cell.external_prismatic)
     home = np.concatenate([cell.home, cell.external_home])
     rows = []
     for k, (name, slide) in enumerate(zip(names, slides, strict=True)):
@@ -105,8 +104,7 @@ def _model(cell: Cell) -> dict[str, Any]:
         solver = solver_for(robot)
         closed = "closed form (spherical wrist)" if SphericalWristSolver.fits(robot) else "general"
         out["inverse_kinematics"] = f"{closed}, up to {solver.branches} branches"
-        masses = load_masses(cell)
-        out["moving_mass_kg"] = round(float(masses.mass.sum()), 3)
+        out["moving_mass_kg"] = round(float(load_masses(cell).mass.sum()), 3)
         options = load_options(cell.plan, None, [])
         if options.collision:
             model = CollisionModel(cell, robot, shapes, options.clearance)
