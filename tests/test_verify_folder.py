@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from damages.damage import CELLS, HEADER, PASS, Job, copy_of, plan_table
 
@@ -22,10 +23,13 @@ from machopt.recheck.resultcheck import result_checks
 from machopt.services.load import Request
 from machopt.services.run import optimize
 from machopt.verify import Check, Verification, verify_stints
+from machopt.verify.along import softest
+from machopt.verify.table import read_motion
 
 PATHS = Path(__file__).resolve().parents[1] / "toolpaths"
 KR500 = CELLS / "kr500_milling"
 NOT_CHECKED = "collisions NOT checked"
+SAMPLED = ("time", "point", "move", "q", "external", "gamma", "feed")  # arrays of a motion, a row a sample
 
 
 @pytest.fixture(scope="module")
@@ -251,3 +255,39 @@ def test_no_part_of_a_result_goes_unlooked_at(plain: Job, tmp_path: Path) -> Non
     for key in whole:
         (job.out / "result.json").write_text(json.dumps({k: v for k, v in whole.items() if k != key}))
         assert told(job.out), key
+
+
+LONG: tuple[tuple[float, float, float, str, str], ...] = (
+    (-300, 0, 60, "rapid", ""),
+    (-300, 0, 5, "approach", "3000"),
+    (-300, 0, 1, "cut", "3000"),
+    (300, 0, 1, "cut", "9000"),
+    (300, 0, 60, "rapid", ""),
+)
+
+
+def test_a_worst_index_that_no_place_of_a_long_move_has_is_seen(tmp_path: Path) -> None:
+    """What lies between two points 0.6 m apart is recomputed: 5 % more than the softest place is too much."""
+    job = plan_table(tmp_path, KR500, LONG)
+    cell, toolpath = load_cell(job.cell), read_toolpath(job.toolpath)
+    manifest, _ = read_manifest(job.out)
+    assert manifest is not None
+    options = load_options(dict(manifest.options))
+    told = json.loads((job.out / "result.json").read_text())
+    motion = read_motion(job.out / "trajectory.csv", cell)
+    along = softest(cell, toolpath, motion, "deflection", options)
+    own = told["objective"]["chosen"]
+    assert along == pytest.approx(own["worst"] * told["index_scale"], rel=0.01)  # an end is the softest place here
+    middle = np.abs(motion.point - 2.5) < 0.1
+    rows = {f.name: getattr(motion, f.name)[middle] for f in fields(motion) if f.name in SAMPLED}
+    assert softest(cell, toolpath, replace(motion, **rows), "deflection", options) < along
+
+    def failing(factor: float) -> list[str]:
+        more = (factor - 1.0) * own["worst"]
+        chosen = {**own, "worst": own["worst"] + more, "total": own["total"] + options.weights.worst * more}
+        (job.out / "result.json").write_text(json.dumps({**told, "objective": {**told["objective"], "chosen": chosen}}))
+        found = result_checks(job.out, cell, toolpath, options, manifest.inputs, manifest, Verification((), 0, 0.0))
+        return [c.where for c in found if not c.passed and "chosen.worst" in c.where]
+
+    assert not failing(1.0)
+    assert failing(1.05)

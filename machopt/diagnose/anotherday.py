@@ -14,7 +14,9 @@ BY_DAY = ("environment",)  # families that may well be another each day
 def transferred(model: Model, s: Scored) -> float:
     """Gain of a law on each session with model and coefficients from the others, per gain on all; NaN: not to be told.
 
-    It cannot be told of a single session, nor where one has too few groups to fit anything by.
+    It cannot be told of a single session, nor where one has too few groups to fit anything by. What of the base only
+    the session itself can tell, as the stand of a tracker that was moved for it, is fitted to it with and without the
+    law alike: the others say nothing of it.
     """
     w = model.w
     days, day = np.unique(w.session, return_inverse=True)
@@ -28,10 +30,14 @@ def transferred(model: Model, s: Scored) -> float:
         here = np.repeat(day == d, np.diff(w.visit_starts))
         X, y = full.X[here], full.y[here]
         XX, Xy = X.T @ X, X.T @ y
+        own = X[:, :P].any(axis=0) & ~full.X[~here, :P].any(axis=0)
+        Q = np.linalg.qr(X[:, :P][:, own])[0]  # what is left of a session beside what it alone can tell
+        rest, left = X - Q @ (Q.T @ X), y - Q @ (Q.T @ y)
+        SS, Sy = rest.T @ rest, rest.T @ left
         losses = []
         for k in (P, len(h)):
             x = ridged_inverse((H - XX)[:k, :k]) @ (h - Xy)[:k]
-            losses.append(float(x @ XX[:k, :k] @ x - 2.0 * x @ Xy[:k]))
+            losses.append(float(x @ SS[:k, :k] @ x - 2.0 * x @ Sy[:k]))
         total += losses[0] - losses[1]
     return total / s.gain
 

@@ -29,7 +29,7 @@ from machopt.output.jsonfile import plain, read_json
 from machopt.output.manifest import MANIFEST, listed
 from machopt.output.roles import BATCH_ROLES
 from machopt.recheck.resultform import wrong_parts
-from machopt.recheck.resultnumbers import PRINTED, between, compensation, front, objective
+from machopt.recheck.resultnumbers import PRINTED, compensation, front, not_beyond, objective
 from machopt.recheck.resultprograms import programs
 from machopt.recheck.scope import checked, done, not_run, unchecked
 from machopt.recheck.told import AGREE, DIGITS, Points, Told, known, near, same, same_items, short
@@ -169,11 +169,11 @@ def _tools(t: Told) -> Iterable[str]:
     yield from same("tools", found, expected)
     points, scale = Points.read(t), known("index_scale", t.result.index_scale)
     cost = points.cost(t)
-    for s, p in zip(stints, told or (), strict=False):
+    for s, p, along in zip(stints, told or (), t.along, strict=False):
         own = cost[s.first : s.stop]
         if p.worst_index is not None and np.isfinite(own).any() and scale > 0:
             most = float(np.nanmax(own))
-            if not most * (1 - PRINTED) <= p.worst_index <= most * between(t):
+            if not most * (1 - PRINTED) <= p.worst_index <= not_beyond(t, most, along):
                 yield f"tools: the worst index with {s.tool} is {p.worst_index:.6g}, points.csv has {most:.6g}"
 
 

@@ -11,19 +11,25 @@ from machopt.recheck.told import DIGITS, Points, Told, known, near, same, short
 from machopt.verify.table import read_columns
 
 PRINTED = 2e-6  # relative: tables print seven significant digits
-BETWEEN = 1.5  # a planning point between near toolpath points is no softer than this times the worst of them
+BESIDE = 1.03  # a planning point is no softer than this times the worst sample, half a degree of joint travel away
+BETWEEN = 1.5  # nor than this times the worst of near toolpath points, where no sample tells
 NINETY = 1.6448536269514722  # standard deviations of a 90 % interval
 CROWDED = 0.2  # of the nearness: places between two points may be nearer or farther than both
 NONE_PERCENT = 0.01  # a smaller difference of the means is no gain
 
 
-def between(t: Told) -> float:
-    """How many times the worst of the points what lies between them may be.
+def not_beyond(t: Told, most: float, along: float) -> float:
+    """The worst index that may be told, in SI.
 
-    Compliance goes with the square of the lever, which a move of L m changes by no more than L; arms reach a metre.
+    Args:
+        most: of the points in points.csv.
+        along: of the samples between them, of the same stretch; NaN: not known. What is left then: compliance goes
+            with the square of the lever, which a move of L m changes by no more than L, and arms reach a metre.
     """
+    if np.isfinite(along):
+        return max(most, along) * BESIDE
     step = np.linalg.norm(np.diff(t.toolpath.position, axis=0), axis=1)[t.toolpath.cutting[1:]]
-    return float(BETWEEN * (1.0 + step.max(initial=0.0)) ** 2)
+    return float(most * BETWEEN * (1.0 + step.max(initial=0.0)) ** 2)
 
 
 def objective(t: Told) -> Iterable[str]:
@@ -62,7 +68,7 @@ def objective(t: Told) -> Iterable[str]:
     cost = Points.read(t).cost(t)
     if own.worst is not None and np.isfinite(cost).any():
         told, most = own.worst * known("index_scale", t.result.index_scale), float(np.nanmax(cost))
-        if not most * (1 - PRINTED) <= told <= most * between(t):
+        if not most * (1 - PRINTED) <= told <= not_beyond(t, most, float(np.max(t.along))):
             yield f"objective.chosen.worst is {told:.6g} in the index's unit, points.csv has {most:.6g}"
         if not 0.0 < known("chosen.mean", own.mean) <= own.worst:
             yield "objective.chosen.mean is not between nothing and the worst"

@@ -21,8 +21,13 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.results.base import Part
 from machopt.domain.results.optimize import OptimizeResult
 from machopt.domain.toolpath import Toolpath
+from machopt.formats.toolchoice import stints_of
 from machopt.output.manifest import listed
 from machopt.verify import Verification
+from machopt.verify.along import softest
+from machopt.verify.changes import CHANGES, slices
+from machopt.verify.output import read_tables
+from machopt.verify.springs import UnknownTermError
 from machopt.verify.table import Table, read_table
 
 AGREE = 1e-2  # of a check's limit: between two runs, and machines, a measured value moves by rounding only
@@ -51,6 +56,29 @@ class Told:
     def points(self) -> Table:
         """points.csv."""
         return read_table(self.folder / "points.csv")
+
+    @cached_property
+    def along(self) -> tuple[float, ...]:
+        """The worst index along the cuts of each tool, between points too, by the verifier's laws, in SI.
+
+        NaN where it is not known: no motion, points left out of it, a law that is not written twice.
+        """
+        stints = stints_of(self.cell, self.toolpath)
+        unknown = (math.nan,) * len(stints)
+        lacks = self.contents is None or any(c.name == CHANGES for c in self.contents.failed)
+        if lacks or not Points.read(self).ok.all():
+            return unknown
+        tables = read_tables(stints[0].cell, self.folder)
+        if isinstance(tables, Verification):
+            return unknown
+        parts = [tables] if len(stints) == 1 else slices(tables, stints)
+        try:
+            return tuple(
+                softest(s.cell, s.toolpath, part.motion, self.result.index, s.of(self.options))
+                for s, part in zip(stints, parts, strict=True)
+            )
+        except UnknownTermError:
+            return unknown
 
 
 @dataclass(frozen=True)
