@@ -5,23 +5,28 @@ from __future__ import annotations
 import hashlib
 import html as entities
 import json
+import math
 import os
 import re
 import shutil
 import signal
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from gallery import STEERING
 from made_up_diagnosis import explained
 from made_up_report import full_result
 from test_diagnosis_page import page as diagnosis_of
 from test_map_page import made_up as made_up_map
 
+from machopt.formats.options import load_options, options_as_user
 from machopt.report.diagnosis_page import diagnosis_html
 from machopt.report.map_page import map_page_html
 from machopt.report.page import report_html
+from machopt.report.steering import Axis
 
 ASSETS = Path(__file__).resolve().parents[1] / "machopt" / "report" / "assets"
 LIVE = Path(__file__).with_name("live")
@@ -152,3 +157,34 @@ def test_map_is_drawn_with_isolines_and_answers_the_pointer(kind: str, tmp_path:
     assert "kept" in found["kept"]
     assert "Deflection under the load" in found["here"]
     assert ("level" in found) == (kind == "volume")
+
+
+@pytest.mark.slow
+def test_the_form_of_view_sends_places_of_external_joints_as_a_plan_file_has_them(tmp_path: Path) -> None:
+    """At a point, for an operation, a zone; a table's limits of ±3.2 rad are no round number of degrees."""
+    axes = (Axis("rail", "mm", -1000.0, 1000.0), Axis("table", "deg", -math.degrees(3.2), math.degrees(3.2)))
+    page = report_html(full_result(points=60, samples=100), replace(STEERING, axes=axes))
+    spot, some = {"first": 5, "last": 5}, {"first": 9, "last": 7}
+    wishes = [
+        ("points", "rail stands at", {**spot, "at": 250.5}),
+        ("points", "table stands at", {**spot, "at": -30.25}),
+        ("points", "rail keeps out of", {**some, "from": -100, "to": 40}),
+        ("whole path", "table keeps out of", {"from": -183, "to": -90}),
+        ("operation rim", "table stands at", {"at": 12}),
+        ("whole path", "rail keeps out of", {"from": 40, "to": 40}),  # no zone: said, and not added
+    ]
+    found = in_browser(page, "steer", tmp_path, {"wishes": wishes})
+    assert found["failed"] == []
+    assert found["refused"] == []
+    assert found["told"] == "rail keeps out of a zone from a lower to a higher place."
+    assert "point 5: table at −30.25°" in [" ".join(words.split()) for words in found["listed"]]
+    [[what, asked]] = found["sent"]
+    assert what == "plan"
+    assert asked["steer"][1:] == [
+        {"points": [5, 5], "external": "rail", "at_mm": 250.5},
+        {"points": [5, 5], "external": "table", "at_deg": -30.25},
+        {"points": [7, 9], "external": "rail", "forbid_mm": [-100, 40]},
+        {"external": "table", "forbid_deg": [-183, -90]},
+    ]
+    assert asked["external"] == {"table": {"at_operations_deg": {"rim": 12}}}
+    assert options_as_user(load_options(asked))["steer"][3]["forbid_mm"] == [-100.0, 40.0]  # understood as it is

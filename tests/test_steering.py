@@ -22,8 +22,9 @@ from machopt.domain.toolpath import Move, Operation, Toolpath
 from machopt.errors import InputError
 from machopt.formats.steering import SteerKeys, steer_as_user, steer_of
 from machopt.plan.axes import axes_of
+from machopt.plan.breaks import Break
 from machopt.plan.certificate import certificate
-from machopt.plan.conflict import minimal, whole, wishes_of, with_conflict
+from machopt.plan.conflict import minimal, undriven, whole, wishes_of, with_conflict
 from machopt.plan.explain import gamma, hints
 from machopt.plan.external import best_plan
 from machopt.plan.groups import Group, groups_of
@@ -170,6 +171,22 @@ def test_the_pins_that_cannot_be_kept_together_are_named(tmp_path: Path) -> None
     assert whole(job(tmp_path, fixed=pins[:2]))
     fine = job(tmp_path, fixed=pins[:2])
     assert with_conflict(fine, p.setup.cell, path, held, Timings()) is fine
+
+
+def test_what_was_asked_beside_a_place_that_cannot_be_driven_is_told(tmp_path: Path) -> None:
+    """The points are whole there, so nobody but the motion in time knows; wishes far away come last, three are told."""
+    path = toolpath(pass_over_block())
+    pins = (FixedRotation(0, deg(20)), FixedRotation(4, deg(20)), FixedRotation(5, deg(22)))
+    zone = Steer(points=(8, 9), forbid=(deg(100), deg(120)))
+    p = job(tmp_path, fixed=pins[:1])
+    stop = Break(4.25, 4.25, "no_pose", "the pose cannot be reached", "")
+    told = undriven(p, (stop,), path, replace(FREE, fixed=pins, steer=(zone,))).conflict
+    assert "cannot be driven at point 4.25: the pose cannot be reached." in told
+    near = "Asked nearest to there: the rotation 20° at point 4, the rotation 22° at point 5, no rotation from 100°"
+    assert near in told
+    assert "point 0" not in told
+    assert undriven(p, (stop,), path, FREE) is p  # nothing was asked
+    assert undriven(p, (), path, replace(FREE, fixed=pins)) is p
 
 
 def test_two_rotations_along_one_plunge_are_a_conflict(tmp_path: Path) -> None:

@@ -41,7 +41,8 @@ def summary(result: OptimizeResult, report: Path) -> list[str]:
     for name in ("cam_default", "jiao2022", "chosen"):
         o: ChoiceObjective = getattr(objective, name)
         if o.total is None:
-            lines.append(f"  {name:12} not feasible throughout ({100 * o.feasible_share:.0f} % of the points)")
+            share = math.floor(1e3 * o.feasible_share) / 10  # never "100 %" of what is not feasible throughout
+            lines.append(f"  {name:12} not feasible throughout (at {share:g} % of the stations only)")
         else:
             mean, worst = (_in_words(result, cost) for cost in (o.mean, o.worst))
             lines.append(f"  {name:12} mean {mean}, worst {worst}   (objective {o.total:.3f})")
@@ -49,7 +50,7 @@ def summary(result: OptimizeResult, report: Path) -> list[str]:
     lines += _certificate_lines(result)
     if result.front:
         free = [p.plan for p in result.front if not p.dominated]
-        lines.append(f"  front of {len(free)} plans in front.csv: {', '.join(free)}")
+        lines.append(f"  front of {len(free)} plan{'s' * (len(free) > 1)} in front.csv: {', '.join(free)}")
         if any(p.dominated and p.plan == "as asked" for p in result.front):
             lines.append("  another of them is nowhere worse than the plan as asked")
     soft = result.worst_point

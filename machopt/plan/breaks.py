@@ -66,7 +66,8 @@ class Break:
 
     @property
     def where(self) -> str:
-        return "from {} to {}".format(*self.ends)
+        begin, end = self.ends
+        return f"at {begin}" if begin == end else f"from {begin} to {end}"
 
 
 def _help(code: Code) -> str:

@@ -12,14 +12,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import degrees
 
+import numpy as np
+
 from machopt.domain.cell import Cell
 from machopt.domain.options import ExternalAxis, FixedRotation, PlanOptions, Steer
-from machopt.domain.steering import said
+from machopt.domain.steering import said, stretches
 from machopt.domain.toolpath import Toolpath
+from machopt.plan.breaks import Break
 from machopt.plan.external import best_plan
 from machopt.plan.made import Plan
 from machopt.plan.setup import Timings
 
+NEAREST = 3  # wishes told beside a place that cannot be driven
 MOST = 60  # plans that are made for it; with more wishes the set told may not be the least
 
 
@@ -57,6 +61,39 @@ def with_conflict(plan: Plan, cell: Cell, toolpath: Toolpath, options: PlanOptio
     alone = "No plan keeps" if len(least) == 1 else "No plan keeps together:"
     end = "without it there is one." if len(least) == 1 else "without any one of them this conflict ends."
     return replace(plan, conflict=f"{alone} {told}; {end}")
+
+
+def undriven(plan: Plan, stops: Sequence[Break], toolpath: Toolpath, options: PlanOptions) -> Plan:
+    """The plan with the wishes nearest to where its motion cannot be driven; the same where it can, or none is given.
+
+    Its points are whole, so no set of wishes is known to be in conflict: what lies between them is found in time only.
+
+    Args:
+        stops: what keeps the motion from being driven.
+        options: as the user gave them.
+    """
+    if not stops or plan.conflict:
+        return plan
+    stop = stops[0]
+    ends = [v for v in (stop.before, stop.after) if np.isfinite(v)]
+    wishes = sorted(wishes_of(options), key=lambda w: _distance(w, ends, toolpath))[:NEAREST]
+    if not wishes:
+        return plan
+    return replace(
+        plan,
+        conflict=f"The points can be cut as asked, the motion between them cannot be driven {stop.where}: {stop.text}. "
+        f"Asked nearest to there: {', '.join(words(w) for w in wishes)}; without one of them, or with more points "
+        "between them, it may be driven.",
+    )
+
+
+def _distance(wish: Wish, ends: Sequence[float], toolpath: Toolpath) -> float:
+    """How many toolpath points a wish is from a place."""
+    if isinstance(wish, FixedRotation):
+        parts = [(wish.point, wish.point)]
+    else:
+        parts = list(stretches(wish if isinstance(wish, Steer) else Steer(wish.operation), toolpath))
+    return min((max(a - at, at - b, 0.0) for a, b in parts for at in ends), default=0.0)
 
 
 def whole(plan: Plan) -> bool:

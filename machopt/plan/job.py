@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from machopt.domain.options import PlanOptions
 from machopt.domain.stint import Stint
 from machopt.domain.toolpath import Toolpath
-from machopt.plan.conflict import with_conflict
+from machopt.plan.conflict import undriven, with_conflict
 from machopt.plan.drive import motion_of
 from machopt.plan.external import best_plan
 from machopt.plan.gaps import told
@@ -93,6 +93,8 @@ def _done(stint: Stint, the_plan: Plan, whole: PlanOptions, timings: Timings) ->
     timeline = motion_of(the_plan, toolpath, options, timings)
     if timeline is not None and timeline.trajectory is not None:
         the_plan = told(as_driven(the_plan, timeline.phi), list(timeline.driven), timeline.given_up)
+    elif timeline is not None:
+        the_plan = undriven(the_plan, timeline.obstructions, toolpath, options)
     with timings.stage("points"):
         points = point_results(the_plan, toolpath)
     return Done(Stretch(the_plan, stint.first, stint.tool), points, timeline)

@@ -18,7 +18,7 @@ function steerPlan(data) {
 
   // ---- words ----------------------------------------------------------------------------------------------------------
   const angle = v => minus(`${v}°`);
-  const place = w => w.operation ? `operation “${w.operation}”` : w.points ? `points ${w.points[0]} to ${w.points[1]}` : w.point !== undefined ? `point ${w.point}` : "whole path";
+  const place = w => w.operation ? `operation “${w.operation}”` : w.points && w.points[0] < w.points[1] ? `points ${w.points[0]} to ${w.points[1]}` : w.points ? `point ${w.points[0]}` : w.point !== undefined ? `point ${w.point}` : "whole path";
   const joint = w => w.at_mm !== undefined ? `${w.external} at ${minus(String(w.at_mm))} mm` : w.at_deg !== undefined ? `${w.external} at ${angle(w.at_deg)}`
     : `${w.external} not between ${(w.forbid_mm || w.forbid_deg).map(v => minus(String(v))).join(" and ")} ${w.forbid_mm ? "mm" : "deg"}`;
   const words = w => w.external ? joint(w) : w.gamma_deg !== undefined ? `γ ${angle(w.gamma_deg)}` : w.forbid_deg ? `no γ from ${angle(w.forbid_deg[0])} to ${angle(w.forbid_deg[1])}` : w.prefer_deg !== undefined ? `rather γ ${angle(w.prefer_deg)} (weight ${w.weight ?? 0.1})` : `branch ${w.branch}`;
@@ -90,8 +90,12 @@ function steerPlan(data) {
     else if (what.value === "forbid") { field("from", "from (deg)", { value: -30 }); field("to", "to (deg)", { value: 30 }); }
     else if (what.value === "prefer") { field("gamma", "γ (deg)"); field("weight", "weight", { min: 0, max: 1000, value: 0.1 }); }
     else if (what.value === "branch") field("branch", "number", { min: 0, max: spec.branches - 1, step: 1 });
-    else if (what.value[0] === "z") { const ends = { min: axis.lower, max: axis.upper }; field("from", `from (${axis.unit})`, { ...ends, value: axis.lower }); field("to", `to (${axis.unit})`, { ...ends, value: Math.round((axis.lower + axis.upper) / 2) }); }
-    else if (axis) field("at", axis.unit, { min: axis.lower, max: axis.upper, value: Math.round((axis.lower + axis.upper) / 2) });
+    else if (axis) {
+      // Any step: browsers count steps from ``min``, and a limit given in rad is no round number of degrees.
+      const ends = { min: axis.lower, max: axis.upper, step: "any" }, middle = Math.round((axis.lower + axis.upper) / 2);
+      if (what.value[0] === "z") { field("from", `from (${axis.unit})`, { ...ends, value: Math.ceil(10 * axis.lower) / 10 }); field("to", `to (${axis.unit})`, { ...ends, value: middle }); }
+      else field("at", axis.unit, { ...ends, value: middle });
+    }
   }
   where.onchange = what.onchange = fields;
 
