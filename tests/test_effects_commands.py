@@ -9,19 +9,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_diagnose_motion import arm, diagnosed, excited, recorded
 from test_effects_own import JELLY
 
 from machopt.api import Cell
 from machopt.cli import main
+from machopt.diagnose import motion
+from machopt.domain.kinematics import KinematicCorrection
 from machopt.domain.recording import Recording
 from machopt.effects import own, registry
-from machopt.effects.protocol import Drive
+from machopt.effects.protocol import JOINTS, Drive
 from machopt.formats.cell import load_cell
 from machopt.formats.recording import write_recording
 from machopt.formats.stiffness import load_stiffness
 from machopt.identify.equilibrium import Equilibrium
 from machopt.identify.experiment import experiment
 from machopt.model.gravity import gravity_torque
+from machopt.model.rigid import load_dynamics
 from machopt.model.robot import load_masses, load_robot
 
 CELL = Path(__file__).resolve().parent.parent / "cells" / "kr240_drilling"
@@ -170,6 +174,40 @@ def test_what_only_looks_at_a_cell_knows_its_effects(
     assert main(["inspect", str(path), "--effects", str(scale)]) == 2
     assert "--effects: found a toolpath and no cell" in capsys.readouterr().err
     assert Cell.load(cell, effects=[scale]).validate() == ()
+
+
+def test_an_angle_of_ones_own_is_found_in_motions(tmp_path: Path) -> None:
+    """Link-side encoders name it, the tip is searched for it; what the channel refits is said to be taken up."""
+    scale = tmp_path / "scale.py"
+    scale.write_text(SCALE)
+    rng, bench = np.random.default_rng(6), arm(tmp_path)
+    t, q, v, a = excited(1, rng)
+    tau = load_dynamics(bench).torque(q, v, a) + 0.1 * rng.normal(size=q.shape)
+    other = 1.002 * q + 2e-5 * rng.normal(size=q.shape)
+    with own.in_use(own.run((scale,))):
+        found, _, _ = diagnosed(recorded(t, q, v, tau, q_secondary=other), bench, "link")
+        cell = load_cell(CELL)
+        t, q, v, _ = excited(6, rng, periods=2, rate=20.0)
+        q = np.radians([0, -90, 100, 0, 60, 0]) + 0.5 * q
+        tip = load_robot(cell).state(q, cell.tool.T_flange_tcp).T_base_tool[:, :3, 3]
+        _, searched, _, _ = motion.build(recorded(t, q, v, position=tip), cell, "tip", rng)
+    assert [(f.effect, f.location) for f in found.findings] == [("encoder_scale", "joint:1")]
+    size = found.findings[0].parameters["scale"]
+    assert size.value == pytest.approx(2.0, rel=0.02)
+    written = found.findings[0].correction
+    assert isinstance(written, KinematicCorrection)
+    assert written.parameters["per_mille"] == pytest.approx(size.value)
+    assert {h.location for h in searched.hypotheses if h.effect == "encoder_scale"} == set(JOINTS)
+
+    whole = SCALE.replace("encoder_scale", "encoder_zero").replace("np.asarray(of, float)", "np.ones_like(of)")
+    scale.write_text(whole)
+    with own.in_use(own.run((scale,))):
+        t, q, v, _ = excited(1, rng)
+        _, searched, _, _ = motion.build(recorded(t, q, v, q_secondary=q + 1e-5), bench, "link", rng)
+    assert [(u.effect, u.location) for u in searched.untestable if u.effect == "encoder_zero"] == [
+        ("encoder_zero", "joint:1")
+    ]
+    assert "encoder_zero" not in {h.effect for h in searched.hypotheses}
 
 
 def tracked() -> Recording:

@@ -6,6 +6,9 @@ compensated in the exported joints.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 
 from machopt.arrays import Array
@@ -54,26 +57,45 @@ def swept(r: Readings, j: int) -> Swept:
 def _hypothesis(r: Readings, effect: Effect, where: str, law: Unloaded, grid: tuple[Shape, ...]) -> Hypothesis:
     by, moved = joints_of(where)
     q = r.state.q[:, by]
+    bare = hypothesis(effect, where, law, grid, q, lambda columns: r.lift(moved, columns), q)
+    return replace(bare, penalty=law.penalty, held=law.prior, summed=law.summed)
+
+
+def hypothesis(
+    effect: Effect,
+    where: str,
+    law: Unloaded,
+    grid: tuple[Shape, ...],
+    q: Array,
+    lift: Callable[[Array], Array],
+    read: Array,
+) -> Hypothesis:
+    """A law at a place.
+
+    Args:
+        effect, where, law, grid: of the law, and the shapes that are tried.
+        q: (M,) rad by encoder of the joint that drives it.
+        lift: (M, p) rad of the joint that is moved → (N, D, p) of the readings.
+        read: (N,) rad the same angles by reading, for the picture.
+    """
+    by, _ = joints_of(where)
     over = {within.KEY: within.measured(q)} if law.ranged else {}
 
     def curve(x: Array, shape: Shape) -> Curve:
         at = np.linspace(q.min(), q.max(), FINE)
-        line, each = (law.columns(np.array(shape), a) @ x / ARCSEC for a in (at, q))
-        return Curve(at / DEGREE, line, f"joint {by + 1} in deg", "angle in arcsec", q / DEGREE, each)
+        line, each = (law.columns(np.array(shape), a) @ x / ARCSEC for a in (at, read))
+        return Curve(at / DEGREE, line, f"joint {by + 1} in deg", "angle in arcsec", read / DEGREE, each)
 
     return Hypothesis(
         effect.called,
         where,
         law.name,
         law.equation,
-        lambda s: r.lift(moved, law.columns(np.array(s), q)),
+        lambda s: lift(law.columns(np.array(s), q)),
         lambda x, s: law.sizes(x, np.array(s)),
         grid,
         correction=lambda x, s: entry(effect, where, x, np.array(s), over),
         family="kinematic",
         note=law.note,
         curve=curve if law.shape else None,
-        penalty=law.penalty,
-        held=law.prior,
-        summed=law.summed,
     )

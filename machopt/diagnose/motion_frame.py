@@ -83,6 +83,12 @@ class Fit:
     def _without(self, x: Array) -> Array:
         return np.asarray(x - self.Q @ (self.Q.T @ x))
 
+    def left_of(self, column: Array) -> float:
+        """Share of the length of (N, D, p) that the base cannot make up."""
+        flat = (column * self.weight[:, None]).reshape(-1, column.shape[2])
+        left = np.stack([self._without(x) for x in flat.T], axis=1)
+        return float(np.linalg.norm(left) / max(np.linalg.norm(flat), np.finfo(float).tiny))
+
     def misfit(self, change: Array) -> float:
         """Power left by (N, D) taken as it is."""
         left = self.left - self._without((change * self.weight).reshape(-1))

@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.diagnose import motion_angles
 from machopt.diagnose.motion_clock import clocks, valley
-from machopt.diagnose.motion_frame import ARCSEC, Fit, Scene
+from machopt.diagnose.motion_frame import Fit, Scene
 from machopt.diagnose.motion_gears import drive, gear_laws, known
-from machopt.diagnose.motion_loads import ripple
 from machopt.diagnose.motion_torque import motion_axes
 from machopt.diagnose.problem import Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
 from machopt.domain.parameters import joint_spring
@@ -83,7 +83,9 @@ def build(scene: Scene, joints: list[int]) -> tuple[Problem, Catalogue]:
     for j in joints:
         if found is not None:
             out += gear_laws(scene, j, found.load[:, j], None if inertia is None else inertia[:, j], fit)
-        out += ripple(scene, j, "arcsec", 1.0 / ARCSEC, torque=False)
+        angles, taken_up = motion_angles.hypotheses(scene, j, fit)
+        out += angles
+        untestable += taken_up
     problem = Problem(
         channel="position",
         y=y,

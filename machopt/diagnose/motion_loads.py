@@ -7,90 +7,56 @@ from collections.abc import Mapping
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.diagnose import calibrated
+from machopt.diagnose.motion_angles import swept
 from machopt.diagnose.motion_frame import Scene, curve, joint_law
 from machopt.diagnose.problem import Correction, Curve, Hypothesis, Quantity, RecordCorrection, Shape
-from machopt.effects import registry, within
-from machopt.effects.corrections import entry
-from machopt.effects.kinematic import WAVES, Waves
+from machopt.effects import registry
+from machopt.effects.kinematic import WAVES, wave_orders
 from machopt.effects.protocol import Effect, Swinging, SwingLaw
 from machopt.effects.waves import waves
 
-ORDERS = 60  # highest gear order per turn of a joint that is looked for
 
-
-def orders(scene: Scene, joint: int) -> tuple[Shape, ...]:
-    """Gear orders per turn that this range of a joint can show."""
-    spread = float(np.ptp(scene.motion.q[:, joint]))
-    least = max(2, int(np.ceil(calibrated.MOTION.turns * 2.0 * np.pi / max(spread, 1e-9))))
-    return tuple((float(n),) for n in range(least, ORDERS + 1))
-
-
-def ripple(scene: Scene, joint: int, unit: str, factor: float, *, torque: bool) -> list[Hypothesis]:
-    """A sin(Nq + φ) of one joint, with and without its second harmonic.
-
-    Args:
-        scene: any channel.
-        joint: 0-based.
-        unit, factor: of the amplitude, report unit per SI unit.
-        torque: of torques; else of angles, which the controller can compensate.
-    """
+def ripple(scene: Scene, joint: int) -> list[Hypothesis]:
+    """A torque A sin(Nq + φ) of one joint (0-based), with and without its second harmonic: what uneven gears ask."""
     if not scene.moves(joint) or scene.prismatic[joint]:
         return []
+    shapes = tuple((n,) for n in wave_orders(swept(scene, joint)))
+    return [_ripple(scene, joint, shapes, harmonics) for harmonics in (1, 2)] if shapes else []
+
+
+def _ripple(scene: Scene, joint: int, shapes: tuple[Shape, ...], harmonics: int) -> Hypothesis:
     q, where = scene.motion.q[:, joint], f"joint:{joint + 1}"
-    shapes = orders(scene, joint)
-    if not shapes:
-        return []
 
-    def over(s: Shape, harmonics: int) -> Array:
-        return waves(q, multiples(s, harmonics))
+    def over(s: Shape) -> Array:
+        return waves(q, [s[0] * k for k in range(1, harmonics + 1)])
 
-    def multiples(s: Shape, harmonics: int) -> list[float]:
-        return [s[0] * k for k in range(1, harmonics + 1)]
+    def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
+        out = {"amplitude": Quantity(float(np.hypot(x[0], x[1])), "N·m"), "order": Quantity(s[0], "1/rev")}
+        if harmonics > 1:
+            out["second"] = Quantity(float(np.hypot(x[2], x[3])), "N·m")
+        return out
 
-    def law(harmonics: int) -> Hypothesis:
-        def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
-            if not torque:
-                return Waves().sizes(x, np.array(multiples(s, harmonics)))
-            out = {"amplitude": Quantity(float(np.hypot(x[0], x[1])) * factor, unit), "order": Quantity(s[0], "1/rev")}
-            if harmonics > 1:
-                out["second"] = Quantity(float(np.hypot(x[2], x[3])) * factor, unit)
-            return out
+    def fix(x: Array, s: Shape) -> Correction:
+        return RecordCorrection(WAVES.called, where, {"order": s[0], "cos_Nm": float(x[0]), "sin_Nm": float(x[1])})
 
-        def fix(x: Array, s: Shape) -> Correction:
-            if torque:
-                return RecordCorrection(
-                    WAVES.called, where, {"order": s[0], "cos_Nm": float(x[0]), "sin_Nm": float(x[1])}
-                )
-            over = {within.KEY: within.measured(q)}
-            return entry(WAVES, where, x, np.array(multiples(s, harmonics)), over)
+    def line(x: Array, s: Shape) -> Curve:
+        label = f"joint {joint + 1} within one of {s[0]:g} waves a turn in degrees"
+        return curve(scene, np.degrees(np.mod(q, 2 * np.pi / s[0])), over(s) @ x, label, "in N·m")
 
-        def line(x: Array, s: Shape) -> Curve:
-            return curve(
-                scene,
-                np.degrees(np.mod(q, 2 * np.pi / s[0])),
-                over(s, harmonics) @ x * factor,
-                f"joint {joint + 1} within one of {s[0]:g} waves a turn in degrees",
-                f"in {unit}",
-            )
-
-        words = "one wave" if harmonics == 1 else "wave and its second harmonic"
-        return joint_law(
-            scene,
-            joint,
-            WAVES.called,
-            words,
-            "A sin(Nq + φ)" + (" + B sin(2Nq + ψ)" if harmonics > 1 else ""),
-            lambda s: over(s, harmonics),
-            sizes,
-            shapes,
-            family="kinematic",
-            curve=line,
-            correction=fix,
-            note="periodic with the gear",
-        )
-
-    return [law(1), law(2)]
+    return joint_law(
+        scene,
+        joint,
+        WAVES.called,
+        "one wave" if harmonics == 1 else "wave and its second harmonic",
+        "A sin(Nq + φ)" + (" + B sin(2Nq + ψ)" if harmonics > 1 else ""),
+        over,
+        sizes,
+        shapes,
+        family="kinematic",
+        curve=line,
+        correction=fix,
+        note="periodic with the gear",
+    )
 
 
 def springy(scene: Scene, joint: int) -> list[Hypothesis]:

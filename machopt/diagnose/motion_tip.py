@@ -12,12 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.diagnose import calibrated
+from machopt.diagnose import calibrated, motion_angles
 from machopt.diagnose.motion_checks import sign_test
 from machopt.diagnose.motion_clock import clocks, followers, valley
-from machopt.diagnose.motion_frame import ARCSEC, Fit, Scene
+from machopt.diagnose.motion_frame import Fit, Scene
 from machopt.diagnose.motion_gears import drive, gear_laws, known
-from machopt.diagnose.motion_loads import ripple
 from machopt.diagnose.motion_torque import heldout, motion_axes
 from machopt.diagnose.problem import (
     Catalogue,
@@ -102,7 +101,9 @@ def build(scene: Scene, robot: Robot) -> tuple[Problem, Catalogue, list[Finding]
     for j in range(6):
         if load is not None:
             out += gear_laws(scene, j, load[:, j], None if inertia is None else inertia[:, j], fit)
-        out += ripple(scene, j, "arcsec", 1.0 / ARCSEC, torque=False)
+        angles, taken_up = motion_angles.hypotheses(scene, j, fit)
+        out += angles
+        untestable += taken_up
 
     def late(d: float) -> Array:
         return m.within(m.mean(m.late(tip, d) - tip))

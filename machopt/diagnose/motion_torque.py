@@ -218,7 +218,7 @@ def _catalogue(scene: Scene, P: Array, paths: list[Turn], best: float, rough: Ca
     out: list[Hypothesis] = []
     for j in range(n):
         out += friction(scene, j, paths[j])
-        out += ripple(scene, j, "N·m", 1.0, torque=True)
+        out += ripple(scene, j)
         out += springy(scene, j)
     untestable: list[Untestable] = []
     if n > 1:

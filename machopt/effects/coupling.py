@@ -52,6 +52,7 @@ class Dragged(Free):
     name = "gears drag the next joint"
     equation = "Δ_j = κ q_i (hollow wrist: the shaft of joint j runs through joint i)"
     note = "the second joint without load, in proportion to the first"
+    at_rest_only = True  # proven in settled poses
     prior = 1e-3  # of the size that wrists without compensation in the controller have
     coefficients = (Parameter(key="ratio", unit="rad/rad", required=True, most=0.1, said="rad/rad"),)
 

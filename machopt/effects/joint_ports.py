@@ -109,6 +109,7 @@ class Swept:
     high: float
     most: int  # shapes that as many distinct angles can tell from noise
     lowest: float = 1.0  # per turn of the joint: slower waves are another effect's (those of a balancer)
+    sampled: bool = False  # a motion in many samples; else settled poses
 
 
 class Unloaded(Named, Protocol):
@@ -121,12 +122,12 @@ class Unloaded(Named, Protocol):
 
     @property
     def penalty(self) -> float:
-        """Gain beyond that of its coefficients that it must bring."""
+        """Gain beyond that of its coefficients that it must bring of settled poses: few, for what fits much."""
         ...
 
     @property
     def prior(self) -> float | None:
-        """1 sigma of each coefficient about zero, of what makers hold; None: nothing is known."""
+        """1 sigma of each coefficient about zero in settled poses, of what makers hold; None: nothing is known."""
         ...
 
     @property
@@ -167,6 +168,7 @@ class Free:
     remembers = False
     prior: float | None = None
     ranged = False
+    at_rest_only = False  # no motion is searched for it
     shape: tuple[Parameter, ...] = ()
 
     @property
@@ -178,7 +180,7 @@ class Free:
         return ""
 
     def grid(self, swept: Swept) -> tuple[Shape, ...]:
-        return ((),)
+        return () if self.at_rest_only and swept.sampled else ((),)
 
 
 class Beside(Named, Protocol):

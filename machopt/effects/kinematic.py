@@ -27,6 +27,7 @@ class Constant(Free):
     name = "constant angle"
     equation = "Δ_j = δ, at the TCP J_j δ (Mooring, Roth & Driels 1991, Fundamentals of Manipulator Calibration)"
     note = "without load, smooth over the poses"
+    at_rest_only = True  # a motion's channels refit offsets of encoders, or of what is tracked
     coefficients = (
         Parameter(
             key="offset_deg", unit="rad", factor=DEGREE, positive=False, required=True, most=10.0, said="degrees"
@@ -116,18 +117,21 @@ class Waves(Free):
     def grid(self, swept: Swept) -> tuple[Shape, ...]:
         orders = wave_orders(swept)
         together = tuple(tuple(k * n for k in range(1, self.harmonics + 1)) for n in orders)
-        return tuple(shape for shape in together if shape[-1] <= orders[-1])
+        return tuple(shape for shape in together if swept.sampled or shape[-1] <= orders[-1])
 
 
 def wave_orders(swept: Swept) -> tuple[float, ...]:
     """Orders per turn that angles of a joint can show and tell apart; none where they tell nothing from noise.
 
     Whole orders up to LOW_ORDERS (parts that turn with the output). Above, a grid as fine as the range asks for, up
-    to as many as there are angles for: with fewer, some order among many fits any noise.
+    to as many as there are angles for: with fewer, some order among many fits any noise. A motion passes all angles
+    between: whole orders, as many.
     """
     span = swept.high - swept.low
     if not swept.most:
         return ()
+    if swept.sampled:
+        return tuple(float(n) for n in range(int(np.ceil(swept.lowest)), LOW_ORDERS + MOST_HIGH + 1))
     step = 2.0 * LOSS / (0.5 * span)
     first = max(swept.lowest, np.ceil(0.5 * np.pi / span))  # a quarter of a wave is an offset and a slope
     low = np.arange(first, LOW_ORDERS + 0.5)
