@@ -133,9 +133,11 @@ class _Model:
         dyad = self.curves.T @ (p[:, None] * slope).ravel() * np.sqrt(x.worst / width)
         g = self.curves.T @ gradient.ravel() + self.walk.T @ pull + 2.0 * stiff * (self.kept.T @ out) + self.ridge @ c
         H = self.curves.T @ (_blocks(blocks, n * d) @ self.curves)
-        H += self.walk.T @ self.walk.multiply(curved[:, None])
-        beyond = np.flatnonzero(out)
-        H += 2.0 * stiff * (self.kept[beyond].T @ self.kept[beyond])
+        curved_walk = self.walk.copy()
+        curved_walk.data *= np.repeat(curved, np.diff(curved_walk.indptr))
+        H += self.walk.T @ curved_walk
+        beyond = self.kept[np.flatnonzero(out)]
+        H += 2.0 * stiff * (beyond.T @ beyond)
         H = (H + self.ridge + RIDGE * (1.0 + abs(H).max()) * sparse.identity(len(c))).tocsc()
         return np.asarray(g), H, np.asarray(dyad)
 

@@ -80,13 +80,15 @@ class Values:
         self.excluded: list[set[bytes]] = [set() for _ in groups]
         self.per = setup.per_rad[6:]
         self.weight = np.array([axis.weight for axis in axes])
+        self.preferred = np.array([np.nan if axis.preferred is None else axis.preferred for axis in axes])
         self.medians: list[float] = []
+        self.median = 1.0  # of them, as they grow: asked for tens of thousands of times
         self.short = np.ones(len(groups))  # least share of the stations of each that a value does not reach
 
     @property
     def scale(self) -> float:
         """c₀: where it is not given, the median over groups and values of the median cost over the candidates."""
-        return self.asked or (float(np.median(self.medians)) if self.medians else 1.0)
+        return self.asked or self.median
 
     @property
     def out_of_reach(self) -> bool:
@@ -143,6 +145,7 @@ class Values:
             self.short[n] = min(self.short[n], judged.lost)
             if median is not None:
                 self.medians.append(median)
+        self.median = float(np.median(self.medians)) if self.medians else 1.0
 
     def _candidates(self, n: int, value: Array) -> tuple[Path, Candidates, Scores] | None:
         """What there is at a value (E,), or along (n, E), and what it costs; None where no pose is in reach."""
@@ -215,8 +218,9 @@ class Values:
 
     def _liked(self, value: Array) -> float:
         """Price of leaving the preferred values: of the square of how far."""
-        asked = np.array([np.nan if axis.preferred is None else axis.preferred for axis in self.axes])
-        return float(PREFERRED * np.nansum(((value - asked) * self.per) ** 2))
+        if np.isnan(self.preferred).all():
+            return 0.0
+        return float(PREFERRED * np.nansum(((value - self.preferred) * self.per) ** 2))
 
     def liking(self, values: Sequence[Array]) -> float:
         """Σ share · price of leaving the preferred values."""
