@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
 WIDTH, HEIGHT, EDGE = 640.0, 320.0, 74.0
+LETTER, LINE = 6.5, 13.0  # px, of a tick's words: the most that a letter takes on average, and a line
 
 
 def front_section(data: ReportData) -> Markup | str:
@@ -81,8 +82,9 @@ def _picture(data: ReportData, unit: str) -> Markup:
         if len(names) > 1:
             continue
         words[(round(x / 6), round(y / 6))] = (x - 8 if late else x + 8, y - 6, "end" if late else "")
-    for at, (x, y, anchor) in words.items():
-        inside.append(shape("text", ", ".join(named[at]), class_="tick", x=x, y=y, text_anchor=anchor))
+    lines = [(x, y, anchor, ", ".join(named[at])) for at, (x, y, anchor) in words.items()]
+    for x, y, anchor, text in _apart(lines):
+        inside.append(shape("text", text, class_="tick", x=x, y=y, text_anchor=anchor))
     return drawn(
         shape(
             "svg",
@@ -94,6 +96,27 @@ def _picture(data: ReportData, unit: str) -> Markup:
             inside=inside,
         )
     )
+
+
+def _apart(lines: list[tuple[float, float, str, str]]) -> list[tuple[float, float, str, str]]:
+    """Lines of words (x, y, anchor, text), those that would lie on an earlier one moved up, or down from the top."""
+    put: list[tuple[float, float, str, str]] = []
+
+    def ends(x: float, anchor: str, text: str) -> tuple[float, float]:
+        return (x - LETTER * len(text), x) if anchor == "end" else (x, x + LETTER * len(text))
+
+    def free(x: float, y: float, anchor: str, text: str) -> bool:
+        left, right = ends(x, anchor, text)
+        return all(
+            abs(y - other) >= LINE or right < least or most < left
+            for (least, most), other in ((ends(a, b, c), v) for a, v, b, c in put)
+        )
+
+    for x, y, anchor, text in lines:
+        steps = (n * way for n in range(len(lines) + 1) for way in (-LINE, LINE))
+        spots = (y + step for step in steps if y + step > LINE)
+        put.append((x, next((v for v in spots if free(x, v, anchor, text)), y), anchor, text))
+    return put
 
 
 def _span(values: list[float]) -> tuple[float, float]:
