@@ -4,27 +4,23 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import gc
 import io
 import os
 import sys
 from collections.abc import Sequence
 
 import machopt
-from machopt.cli import batch, cells, completion, diagnose, measure, place, toolpaths, view
+from machopt.cli import batch, cells, circles, completion, diagnose, measure, place, toolpaths, view
 from machopt.cli.parser import Parser
 from machopt.errors import MachoptError
 from machopt.version import __version__
 
-# Objects made between two looks for circles (Python's own: 700). Loading libraries makes a million that all stay, and
-# looking through them again and again takes a tenth of a short command.
-CIRCLES = 1_000_000
 BLAS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code of contracts: 0 done, 1 bug, 2 bad input, 3 infeasible, 4 verification."""
-    gc.set_threshold(CIRCLES, *gc.get_threshold()[1:])
+    circles.loading()
     _open_streams()
     _one_blas_thread()
     args = _parser().parse_args(argv)

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from machopt.cli import circles
 from machopt.cli.compiling import compiling
 from machopt.cli.display import Display, finite, tree
 from machopt.cli.effects import told_of_effects
@@ -101,6 +102,7 @@ def _optimize(args: argparse.Namespace) -> int:
     from machopt.services.load import Request
     from machopt.services.run import optimize
 
+    circles.loaded()
     direct = {
         "method": args.method,
         "index": args.index,

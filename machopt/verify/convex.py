@@ -43,8 +43,9 @@ def parts_of(shape: Any) -> Parts | None:
         ends = np.array([[0.0, 0.0, -shape.halfLength], [0.0, 0.0, shape.halfLength]])
         return _tree(ends, [2], *((shape.radius, 0.0) if kind == "Cylinder" else (0.0, shape.radius)))
     if kind.startswith("BVH"):
-        triangles = [shape.tri_indices(n) for n in range(int(shape.num_tris))]
-        corner = np.array([(t[0], t[1], t[2]) for t in triangles], np.int64).reshape(-1, 3)
+        count = int(shape.num_tris)  # one after another: as a list of objects they would take more than the mesh
+        told = (t[k] for t in map(shape.tri_indices, range(count)) for k in (0, 1, 2))
+        corner = np.fromiter(told, np.int64, 3 * count).reshape(-1, 3)
         return _tree(*shells(np.asarray(shape.vertices(), float).reshape(-1, 3), corner), 0.0, 0.0)
     return None
 

@@ -1,0 +1,25 @@
+"""The search for circles of objects: put off while libraries are loaded, then without what they made."""
+
+from __future__ import annotations
+
+import gc
+
+from machopt.cli import circles
+
+
+def test_what_is_loaded_is_left_out_once() -> None:
+    before, frozen = gc.get_threshold(), gc.get_freeze_count()
+    try:
+        circles.loading()
+        assert gc.get_threshold()[0] == circles.LOADING
+        circles.loaded()
+        first = gc.get_freeze_count()
+        assert first > 0
+        assert gc.get_threshold()[0] == circles.WORKING
+        more: list[list[int]] = [[] for _ in range(10_000)]
+        circles.loaded()
+        assert gc.get_freeze_count() - first < len(more)
+    finally:
+        gc.set_threshold(*before)
+        if not frozen:
+            gc.unfreeze()
