@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from os.path import exists, isdir
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.domain.cell import Cell, Cutter, JointLimits, Shape, Tool, Workpiece
-from machopt.domain.program import Controller, ExternalDrive
-from machopt.errors import InputError, nearest
+from machopt.domain.cell import Cell, Cutter, Shape, Tool, Workpiece
+from machopt.errors import InputError
 from machopt.formats.cell_schema import AnyChainKeys, CellKeys, PoseKeys, ShapeKeys, ToolKeys
-from machopt.formats.cellparts import any_of, first_taken, frozen, joint_map_of, of_file, unused_words, xacro_word
+from machopt.formats.cellparts import (
+    any_of,
+    different_names,
+    first_taken,
+    frozen,
+    frozen_limits,
+    given_solid,
+    missing_bodies,
+    of_file,
+    unseen_links,
+    unused_words,
+    xacro_word,
+)
 from machopt.formats.chain import (
     Chain,
     check_carrier,
@@ -28,6 +37,7 @@ from machopt.formats.chain import (
     read_limits,
     standing,
 )
+from machopt.formats.controller import controller_of
 from machopt.formats.external_springs import resolved
 from machopt.formats.kinematics import load_kinematics
 from machopt.formats.linkage import followers, narrowed
@@ -156,8 +166,8 @@ class _Reader:
             kinematics = load_kinematics(self.file(("kinematics",), keys.kinematics))
         obstacles = (*self.obstacles(urdf, chain), *setups.fixtures)
         for other_tool in tools.values():
-            self.different_names(*other_tool.geometry, *workpiece.geometry, *obstacles)
-        self.missing_bodies(tool, workpiece)
+            different_names(self.document, *other_tool.geometry, *workpiece.geometry, *obstacles)
+        self.warnings += missing_bodies(tool, workpiece)
         self.warnings += open_surfaces(self.surfaces)
         pairs = PairReader(urdf, robot.flange_link, any_of(tools), workpiece, obstacles, self.document)
         may_touch = pairs.pairs(keys.ignore_pairs, self.file)
@@ -181,12 +191,7 @@ class _Reader:
             external_home=frozen(home[len(chain.arm) :]),
             T_world_base=self.base(urdf, bool(chain.external)),
             change=change if change is None else frozen(change),
-            limits=JointLimits(
-                *(
-                    frozen(row)
-                    for row in (limits.lower, limits.upper, limits.velocity, limits.acceleration, limits.jerk)
-                )
-            ),
+            limits=frozen_limits(limits),
             tool=tool,
             tools=tools if keys.tools else {},
             tool_name=name if keys.tools else None,
@@ -196,7 +201,7 @@ class _Reader:
             obstacles=obstacles,
             stiffness=stiffness,
             plan={} if keys.plan is None else keys.plan.given(),
-            controller=self.controller(chain),
+            controller=controller_of(self.document, keys.controller, chain, self.file, self.pose),
             kinematics=kinematics,
             files=tuple(dict.fromkeys(self.files)),
             warnings=tuple(self.warnings),
@@ -266,15 +271,7 @@ class _Reader:
 
     def urdf_meshes(self, urdf: Urdf, packages: dict[str, Path]) -> dict[str, Path]:
         """Check every collision mesh; returns all packages, the map's and those found beside the URDF."""
-        self.warnings += urdf.warnings
-        if not urdf.has_collision:
-            self.warnings.append(f"{urdf.path.name} has no collision geometry, so the arm's own body is not checked")
-        drawn = [p.name for p in urdf.parts if p.visuals and not p.collisions]
-        if urdf.has_collision and drawn:
-            self.warnings.append(
-                f"{urdf.path.name} has no collision geometry for the links {', '.join(drawn)}: what "
-                "touches them is not seen"
-            )
+        self.warnings += [*urdf.warnings, *unseen_links(urdf)]
         found = dict(packages)
         for mesh in urdf.meshes:
 
@@ -354,64 +351,6 @@ class _Reader:
             T = T @ transform(rpy_matrix(np.array(joint.rpy)), np.array(joint.xyz))
         return frozen(T)
 
-    def drives(self, chain: Chain) -> dict[str, ExternalDrive]:
-        """How the controller counts external joints."""
-        out: dict[str, ExternalDrive] = {}
-        names = [j.name for j in chain.external]
-        given = {} if self.keys.controller is None else self.keys.controller.external
-        for name, keys in given.items():
-            if name not in names:
-                raise self.document.error(
-                    ("controller", "external", name),
-                    f"{name!r} is no external joint of this cell; {nearest(name, names) if names else 'it has none'}",
-                )
-            if keys.pulses == 0.0:
-                raise self.document.error(
-                    ("controller", "external", name, "pulses"), "found 0; expected another number"
-                )
-            out[name] = ExternalDrive(keys.number, keys.sign, keys.offset, keys.unit, keys.machine, keys.pulses)
-        numbers = [out.get(n, ExternalDrive()).number or k for k, n in enumerate(names, start=1)]
-        if len(set(numbers)) != len(numbers):
-            raise self.document.error(
-                ("controller", "external"),
-                f"the numbers of {', '.join(names)} are {numbers}; expected one number of its own for each axis",
-            )
-        return out
-
-    def controller(self, chain: Chain) -> Controller:
-        """The controller; what the cell does not say stays unknown."""
-        keys = self.keys.controller
-        if keys is None:
-            return Controller()
-        post = keys.post
-        if post is not None and post.endswith(".toml"):
-            post = str(self.file(("controller", "post"), post))
-        pulses = keys.pulses_per_deg
-        if pulses is not None and 0.0 in pulses:
-            raise self.document.error(
-                ("controller", "pulses_per_deg"), f"found {pulses}; expected numbers other than 0"
-            )
-        levels = keys.position_levels_mm
-        if levels is not None and not (levels[0] > 0.0 and all(a < b for a, b in itertools.pairwise(levels))):
-            raise self.document.error(
-                ("controller", "position_levels_mm"), f"found {levels}; expected eight rising distances of PL=1 … 8"
-            )
-        return Controller(
-            post=post,
-            joint_map=None if keys.joint_map is None else joint_map_of(keys.joint_map),
-            T_base_root=None if keys.root is None else self.pose(("controller", "root"), keys.root),
-            T_world_root=None if keys.world is None else self.pose(("controller", "world"), keys.world),
-            external=self.drives(chain),
-            T_flange_mount=None if keys.flange is None else self.pose(("controller", "flange"), keys.flange),
-            tool_number=keys.tool_number,
-            base_number=keys.base_number,
-            pulses_per_deg=None if pulses is None else frozen(np.array(pulses)),
-            position_levels=None if levels is None else frozen(np.array(levels) / 1e3),
-            moves_per_part=keys.moves_per_part,
-            nonflip_j5=keys.nonflip_j5,
-            lines={name: line for name, line in keys.lines.model_dump().items() if line is not None},
-        )
-
     def obstacles(self, urdf: Urdf, chain: Chain) -> tuple[Shape, ...]:
         rows = self.keys.obstacles
         bodies = self.shapes(("obstacles",), rows)
@@ -441,13 +380,7 @@ class _Reader:
 
     def solid(self, loc: Loc, name: str, role: Role, keys: ShapeKeys, T: Array) -> Shape:
         """A box, cylinder or sphere; the schema lets exactly one through."""
-        kind: Literal["box", "cylinder", "sphere"]
-        if keys.box_mm is not None:
-            kind, given = "box", keys.box_mm
-        elif keys.cylinder_mm is not None:
-            kind, given = "cylinder", keys.cylinder_mm
-        else:
-            kind, given = "sphere", [keys.sphere_mm or 0.0]
+        kind, given = given_solid(keys)
         size = tuple(v / 1e3 for v in given)
         body = Sized(
             f"{kind}_mm {given}",
@@ -457,25 +390,6 @@ class _Reader:
         )
         self.warn(judge_size(body, self.scene, partial(self.document.error, (*loc, f"{kind}_mm"))))
         return Shape(name, kind, size, None, T)
-
-    def different_names(self, *shapes: Shape) -> None:
-        seen: set[str] = set()
-        for s in shapes:
-            if s.name in seen:
-                raise InputError(
-                    f"two bodies are named {s.name!r}; all names of shapes must differ",
-                    file=self.document.file,
-                    where="obstacles",
-                )
-            seen.add(s.name)
-
-    def missing_bodies(self, tool: Tool, workpiece: Workpiece) -> None:
-        """What is not described cannot be checked for collisions; the user should know."""
-        for key, there in (("tool.geometry", tool.geometry), ("workpiece.geometry", workpiece.geometry)):
-            if not there:
-                self.warnings.append(
-                    f"the cell has no {key}, so collisions with the {key.split('.')[0]} are not checked"
-                )
 
     def warn(self, message: str | None) -> None:
         if message is not None:
