@@ -138,7 +138,7 @@ def test_the_extended_stiffness_is_a_cell_s(link: Diagnosed, tmp_path: Path) -> 
     assert again["final"]["heldout_rmse"] < 1.2 * again["baseline"]["noise_floor"]
 
 
-def test_a_zero_offset_goes_into_kinematics(tmp_path: Path) -> None:
+def test_a_zero_offset_goes_into_kinematics(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rng = np.random.default_rng(5)
     a = arm(CELL.name)
     zero = np.zeros(6)
@@ -148,24 +148,27 @@ def test_a_zero_offset_goes_into_kinematics(tmp_path: Path) -> None:
     p, _, _, _ = stand(a, Truth(a.nominal * 1.1, zero=zero), plan)
     keep = plan.loaded
     N = int(keep.sum())
-    write_recording(
-        tmp_path / "rec",
-        Recording(
-            kind="absolute",
-            source="made up",
-            q=plan.q[keep],
-            pose=plan.pose[keep],
-            cycle=plan.cycle[keep],
-            session=plan.session[keep],
-            line=np.arange(2, N + 2),
-            position=p[keep] + 20e-6 * rng.standard_normal((N, 3)),
-            time=plan.time[keep],
-            registration="fit",
-            labelled=frozenset({"pose", "cycle", "session"}),
-        ),
+    r = Recording(
+        kind="absolute",
+        source="made up",
+        q=plan.q[keep],
+        pose=plan.pose[keep],
+        cycle=plan.cycle[keep],
+        session=plan.session[keep],
+        line=np.arange(2, N + 2),
+        position=p[keep] + 20e-6 * rng.standard_normal((N, 3)),
+        time=plan.time[keep],
+        registration="fit",
+        labelled=frozenset({"pose", "cycle", "session"}),
     )
+    run(tmp_path / "out", _first(tmp_path, r, 1), code=2)
+    assert "found 1 reading; ten poses" in capsys.readouterr().err
+    write_recording(tmp_path / "rec", r)
     result = run(tmp_path / "out", tmp_path / "rec")
     assert [(f["effect"], f["location"]) for f in result["findings"]] == [("joint_zero_offset", "joint:3")]
+    same = [u["location"] for u in result["not_testable"] if u["reason"].endswith("it is a zero offset")]
+    assert "joint:3" in same  # weight pulls it to one side in all these poses, and play is then an offset
+    assert ["joint_backlash", "joint:3"] in result["findings"][0]["one_of"]
     size = next(iter(result["findings"][0]["parameters"].values()))
     assert size["value"] == pytest.approx(np.degrees(3e-4), rel=0.15)
     written = load_kinematics(tmp_path / "out" / "kinematics.yaml")
@@ -260,9 +263,13 @@ def test_records_that_say_nothing_are_refused(tmp_path: Path, capsys: pytest.Cap
         run(tmp_path / "out", _written(tmp_path, r, **changes), code=2)
         assert said in capsys.readouterr().err
     for count in (1, 3):
-        parts = {k: v[:count] for k, v in vars(r).items() if isinstance(v, np.ndarray) and len(v) == len(r)}
-        run(tmp_path / "out", _written(tmp_path, r, **parts), code=2)
+        run(tmp_path / "out", _first(tmp_path, r, count), code=2)
         assert "cannot be held against a model" in capsys.readouterr().err
+
+
+def _first(folder: Path, r: Recording, count: int) -> Path:
+    parts = {k: v[:count] for k, v in vars(r).items() if isinstance(v, np.ndarray) and len(v) == len(r)}
+    return _written(folder, r, **parts)
 
 
 @pytest.mark.parametrize("poses", [2, 3, 4])

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from test_diagnose_absolute import arm, measure, poses
 
-from machopt.diagnose import absolute, laws_geometry, nests, reflectors
+from machopt.diagnose import absolute, engine, laws_geometry, nests, reflectors, run
 from machopt.diagnose.nominal_poses import Nominal
 from machopt.domain.recording import Recording, Target
 from machopt.errors import InputError
@@ -176,3 +176,14 @@ def test_one_frame_near_the_base_is_left_to_the_fit() -> None:
     recording = measure()
     assert reflectors.brought(recording, robot, cell.tool.T_flange_tcp) == (recording, ())
     assert len(poses())
+
+
+def test_three_poses_of_three_reflectors_are_no_twelve_poses() -> None:
+    """Their places are refitted too: nine readings of three poses hold them and the frame, and nothing else."""
+    cell, _, _ = arm()
+    few = recorded(stands=1)
+    rows = few.session == few.session[0]
+    rows[np.flatnonzero(rows)[9:]] = False
+    parts = {k: v[rows] for k, v in vars(few).items() if isinstance(v, np.ndarray) and len(v) == len(few)}
+    with pytest.raises(InputError, match=r"9 readings of 3 coordinates in 3 poses .* refits 15 numbers"):
+        run.at_rest(cell, replace(few, **parts), engine.Options(), [], accept=(), seed=0)

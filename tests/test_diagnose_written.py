@@ -15,7 +15,7 @@ from machopt.diagnose.extended import Extended, beside, stiffness_of
 from machopt.diagnose.problem import RecordCorrection, Unknown
 from machopt.diagnose.result import Coefficient, Diagnosis, Finding
 from machopt.domain.parameters import ParameterKey, joint_spring
-from machopt.domain.stiffness import Stiffness, Term
+from machopt.domain.stiffness import ExternalSpring, Stiffness, Term
 from machopt.formats.cell import load_cell
 from machopt.formats.stiffness import load_stiffness, write_stiffness
 from machopt.model.elastic import ArmElasticity
@@ -56,6 +56,17 @@ def test_joints_that_are_shown_are_written_and_the_others_are_the_cell_s() -> No
     unsure = stiffness_of(CELL, diagnosed({2: 1e-6}, (), sigma=0.9)).after
     assert unsure is not None
     np.testing.assert_array_equal(unsure.joints, CELL.stiffness.joints)
+
+
+@pytest.mark.parametrize("joints", [{2: 1e-6}, {}])
+def test_what_the_file_says_of_external_joints_is_kept(joints: dict[int, float]) -> None:
+    assert CELL.stiffness is not None
+    rail = ExternalSpring("rail", 4e7, True, np.zeros((6, 6)), np.zeros(3), 900.0)
+    cell = replace(CELL, stiffness=replace(CELL.stiffness, external=(rail,)))
+    made = stiffness_of(cell, diagnosed(joints, (LINK,)))
+    assert made.after is not None
+    assert made.after.external == (rail,)
+    assert made.before is None or made.before.external == (rail,)
 
 
 def test_a_term_is_written_where_no_joint_is_shown_and_replaces_its_own() -> None:

@@ -14,10 +14,11 @@ from machopt.design.asked import Request, without_workpiece
 from machopt.design.held import based, held_at, standing_of
 from machopt.diagnose.apart.measure import Measurement, measurement
 from machopt.domain.cell import Cell
-from machopt.domain.stiffness import Stiffness
+from machopt.domain.stiffness import ExternalSpring, Stiffness
 from machopt.errors import InputError
 from machopt.model.machine import load_machine
 from machopt.model.robot import load_robot
+from machopt.services.poses_planned import planned
 
 K = Stiffness(np.array([1.4e6, 1.2e6, 9.4e5, 3.6e5, 3.7e5, 3.8e5]))
 FEW = Request(
@@ -47,6 +48,13 @@ def test_values_are_held_by_name_and_told(tmp_path: Path) -> None:
 def test_what_cannot_be_held_is_refused(tmp_path: Path, word: str) -> None:
     with pytest.raises(InputError, match=r"--external: .*rail"):
         held_at(external_cell(tmp_path, rail=True), (word,))
+
+
+def test_a_plan_says_that_the_rail_counts_as_rigid(tmp_path: Path) -> None:
+    rail = ExternalSpring("rail", 4e7, True, np.zeros((6, 6)), np.zeros(3))
+    cell = replace(external_cell(tmp_path, rail=True), stiffness=replace(K, external=(rail,)))
+    made = planned(FEW, lambda _: None, cell)
+    assert any("external_joints of stiffness.yaml (rail): not fitted" in said for said in made.result.warnings)
 
 
 @pytest.mark.slow

@@ -25,7 +25,7 @@ from machopt.diagnose import (
 )
 from machopt.diagnose.problem import Catalogue, Hypothesis, Problem, Untestable
 from machopt.diagnose.readings import Readings
-from machopt.effects import by_angle, registry
+from machopt.effects import by_angle, kinematic, registry
 from machopt.effects.protocol import timed
 
 LEVER = 0.5  # m: an error of rotation counts as the shift it makes this far away, while nothing is known of the noise
@@ -63,7 +63,7 @@ def catalogue(r: Readings, problem: Problem) -> Catalogue:
                     offered.append(replace(h, shapes=shapes))
                 else:
                     why = "weight keeps its torque on one side: it is a zero offset"
-                    missing.append(Untestable(effect.name, where, why))
+                    missing.append(Untestable(effect.name, where, why, (kinematic.ZERO.name, where)))
     if r.recording.registration == "fixed":
         offered += at_sensor.in_poses(r)
     kept = []

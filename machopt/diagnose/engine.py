@@ -275,6 +275,7 @@ def _finding(state: State, k: int) -> Finding:
     without = state.fitted([o for i, o in enumerate(state.chosen) if i != k]).heldout()
     full = state.fitted(state.chosen)
     others, names = rivals(state.base, state.chosen, k, state.named)
+    names = [*names, *(u.name for u in state.catalogue.untestable if u.same_as in names)]
     curve = None if h.curve is None else h.curve(x, shape)
     left = None if curve is None else _along(full.residual, h.columns(shape), x, curve.per_reading)
     return Finding(

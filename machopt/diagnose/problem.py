@@ -160,6 +160,11 @@ class Untestable:
     effect: str
     location: str
     reason: str
+    same_as: tuple[str, str] | None = None  # the effect and place that it cannot be told from in this recording
+
+    @property
+    def name(self) -> tuple[str, str]:
+        return self.effect, self.location
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,8 @@ from machopt.model.elastic import ArmElasticity
 from machopt.model.linkage import refuse_linked
 from machopt.model.robot import Masses, Robot, load_masses, load_robot
 
+FEWEST = 3  # points that fix a frame: fewer poses are nothing to look at
+
 
 @dataclass(frozen=True)
 class Examined:
@@ -83,6 +85,12 @@ def at_rest(
             "laws of your own are tried on load tests (kind deflection) only", where="--terms", file=recording.source
         )
     options.progress("checking the record")
+    if recording.kind == "absolute" and len(recording) < FEWEST:
+        raise InputError(
+            f"found {len(recording)} reading{'' if len(recording) == 1 else 's'}; ten poses or more would work "
+            "(machopt plan-poses chooses them)",
+            file=recording.source,
+        )
     recording, stood = reflectors.brought(recording, robot, T)
     recording, mended, warnings = record.mend(recording, robot, T, prior, accept)
     if recording.kind == "absolute" and "columns" not in accept:
@@ -175,7 +183,7 @@ def _load_tests(
 
 def _refuse_too_few(problem: Problem, recording: Recording) -> None:
     """Raise where what is refitted in any case could make up every reading."""
-    unknowns = sum(u.prior is None for u in problem.unknowns)
+    unknowns = sum(u.prior is None or u.location == "tool" for u in problem.unknowns)  # places of reflectors too
     distinct = min(len(problem), 2 * len(np.unique(problem.group)))  # more repeats of one posture tell no more
     if distinct * problem.dimensions > unknowns and problem.y.size >= 2 * unknowns:
         return

@@ -138,11 +138,11 @@ def _disputes(data: DiagnosisResult, file: Path) -> tuple[list[Dispute], list[st
 def _about(f: FindingTold, others: Sequence[FindingTold]) -> Dispute:
     """A finding against the rivals left; where none is left, against the nearest that were rejected and nothing."""
     own = _stand(f)
-    names = f.one_of[1:]
     rivals = [_stand(r) for r in f.rivals if r.fit is not None]
+    left = [s for s in rivals if s.name in f.one_of[1:]]  # the same under this load, as play is, has no fit of its own
     beside = tuple(_stand(o) for o in others)
-    if names:
-        stands = (own, *(s for s in rivals if s.name in names))
+    if left:
+        stands = (own, *left)
         why = f"{own.effect} {own.location} was found, these could not be excluded"
         return Dispute(why, stands, tuple(combinations(range(len(stands)), 2)), beside)
     stands = (own, *rivals[:REJECTED], NOTHING)
