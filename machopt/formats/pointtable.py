@@ -1,4 +1,4 @@
-"""Point tables: CSV and Parquet with the contract's columns, robot poses, and headerless XYZWPR lists (RoboDK)."""
+"""Point tables: CSV and Parquet with the contract's columns, robot poses; headerless lists are ``xyzwpr.py``'s."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from machopt.formats.attitude import ATTITUDES, UNIT_QUATERNION, rotations
 from machopt.formats.csvcolumns import Columns, Words, cells_of, data_lines, is_number, number_cell, read_columns
 from machopt.formats.pathbuilder import PathBuilder
 from machopt.formats.source import TOOL_AXES, UNIT_NAMES, ReadOptions, Source, offset_key
+from machopt.formats.xyzwpr import across, read_xyzwpr
 
 _UNIT_ENDINGS = {"_mm": "mm", "_inch": "inch", "_in": "inch", "": None}
 _POINT = ("x", "y", "z")
@@ -26,7 +27,6 @@ _WORDS = ("move", "operation", "tool", "offset")
 _PLAIN = (*_AXIS, *_WORDS, *_REFERENCE)
 _OPTIONAL = ("feed", "tolerance", *_REFERENCE)
 _MOVES = {m.word: m for m in Move}
-_XYZWPR = (6, 7)  # columns of a headerless list: x, y, z, w, p, r and maybe a running number
 
 
 def looks_like_table(source: Source) -> bool:
@@ -50,7 +50,7 @@ def read_csv(source: Source, options: ReadOptions) -> Toolpath:
         raise source.error("holds no rows; expected a header line and one row a point")
     header = [c.strip() for c in cells_of(text)]
     if all(map(is_number, header)):
-        return _read_xyzwpr(source, options)
+        return read_xyzwpr(source, options)
     if len(header) == 1 and ";" in header[0]:
         raise source.error("columns are separated by semicolons; expected commas", line)
     if next(data, None) is None:
@@ -237,7 +237,7 @@ class _Table:
         if self.attitude is not None:
             R = self.attitudes()
             column, sign = TOOL_AXES[self.options.tool_axis]
-            table[:, 3:6], reference = sign * R[:, :, column], R[:, :, _across(column)].copy()
+            table[:, 3:6], reference = sign * R[:, :, column], R[:, :, across(column)].copy()
         if "rx" in self.names:
             reference = self.reference(self.block(*_REFERENCE))
         if "feed" in self.names:
@@ -361,49 +361,3 @@ def _split_unit(column: str) -> tuple[str | None, str | None]:
         if column == "feed" + ending:
             return "feed", unit
     return None, None
-
-
-def _read_xyzwpr(source: Source, options: ReadOptions) -> Toolpath:
-    """x, y, z in mm and w, p, r in degrees about fixed X, Y, Z: R = Rz(r) Ry(p) Rx(w) is the TCP's attitude.
-
-    Every row is a cut at the given feed.
-    """
-    rows = [(line, cells_of(text)) for line, text in data_lines(source)]
-    first, width = rows[0][0], len(rows[0][1])
-    if width not in _XYZWPR:
-        raise source.error(
-            f"rows of {width} numbers without a header; expected a header with x_mm, y_mm, z_mm, or six or seven "
-            "numbers x, y, z, w, p, r (mm, degrees)",
-            first,
-        )
-    if options.unit == "inch":
-        raise source.error("a list of x, y, z, w, p, r is in mm but --unit inch was given")
-    table = np.empty((len(rows), width))
-    for k, (line, row) in enumerate(rows):
-        if len(row) != width:
-            raise source.error(f"{len(row)} columns; expected {width}", line)
-        table[k] = [number_cell(source, str(c + 1), cell, line, False) for c, cell in enumerate(row)]
-    if np.abs(np.linalg.norm(table[:, 3:6], axis=1) - 1.0).max() < 1e-3:
-        raise source.error(
-            "no header, and columns 4 to 6 have length 1 in every row: a tool axis i, j, k rather than angles w, p, r; "
-            "write a header (x_mm,y_mm,z_mm,i,j,k)",
-            first,
-        )
-    R = rotations("wpr", np.radians(table[:, 3:6]))
-    out = PathBuilder(source, options, "csv/xyzwpr")
-    column, sign = TOOL_AXES[options.tool_axis]
-    out.meta.update(unit="mm", attitude=f"R = Rz(r) Ry(p) Rx(w), degrees; tool axis {options.tool_axis}")
-    out.warn("no header: rows are read as x, y, z (mm), w, p, r (degrees about fixed X, Y, Z), all of them cuts")
-    if width == 7:
-        out.ignore("column 7 (running number)", first, understood=True)
-    if options.default_feed is None:
-        raise source.error("a list of x, y, z, w, p, r has no feeds; give one with --feed", first)
-    numbers = np.column_stack([table[:, :3], sign * R[:, :, column], np.full(len(rows), options.default_feed * 60e3)])
-    move = np.full(len(rows), int(Move.CUT), dtype=np.int32)
-    out.add_table(numbers, move, np.array([line for line, _ in rows], dtype=np.int32), [])
-    return out.build(reference=R[:, :, _across(column)].copy())
-
-
-def _across(column: int) -> int:
-    """The column of the tool frame that gives the reference direction: x, or y where x is the tool's axis."""
-    return 0 if column != 0 else 1

@@ -1,0 +1,62 @@
+"""Headerless lists of x, y, z in mm and w, p, r in degrees, as RoboDK writes them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machopt.domain.toolpath import Move, Toolpath
+from machopt.formats.attitude import rotations
+from machopt.formats.csvcolumns import cells_of, data_lines, number_cell
+from machopt.formats.pathbuilder import PathBuilder
+from machopt.formats.source import TOOL_AXES, ReadOptions, Source
+
+_WIDTHS = (6, 7)  # columns: x, y, z, w, p, r and maybe a running number
+
+
+def read_xyzwpr(source: Source, options: ReadOptions) -> Toolpath:
+    """x, y, z in mm and w, p, r in degrees about fixed X, Y, Z: R = Rz(r) Ry(p) Rx(w) is the TCP's attitude.
+
+    Every row is a cut at the given feed.
+
+    Raises:
+        InputError: see :func:`machopt.formats.toolpath.read_toolpath`.
+    """
+    rows = [(line, cells_of(text)) for line, text in data_lines(source)]
+    first, width = rows[0][0], len(rows[0][1])
+    if width not in _WIDTHS:
+        raise source.error(
+            f"rows of {width} numbers without a header; expected a header with x_mm, y_mm, z_mm, or six or seven "
+            "numbers x, y, z, w, p, r (mm, degrees)",
+            first,
+        )
+    if options.unit == "inch":
+        raise source.error("a list of x, y, z, w, p, r is in mm but --unit inch was given")
+    table = np.empty((len(rows), width))
+    for k, (line, row) in enumerate(rows):
+        if len(row) != width:
+            raise source.error(f"{len(row)} columns; expected {width}", line)
+        table[k] = [number_cell(source, str(c + 1), cell, line, False) for c, cell in enumerate(row)]
+    if np.abs(np.linalg.norm(table[:, 3:6], axis=1) - 1.0).max() < 1e-3:
+        raise source.error(
+            "no header, and columns 4 to 6 have length 1 in every row: a tool axis i, j, k rather than angles w, p, r; "
+            "write a header (x_mm,y_mm,z_mm,i,j,k)",
+            first,
+        )
+    R = rotations("wpr", np.radians(table[:, 3:6]))
+    out = PathBuilder(source, options, "csv/xyzwpr")
+    column, sign = TOOL_AXES[options.tool_axis]
+    out.meta.update(unit="mm", attitude=f"R = Rz(r) Ry(p) Rx(w), degrees; tool axis {options.tool_axis}")
+    out.warn("no header: rows are read as x, y, z (mm), w, p, r (degrees about fixed X, Y, Z), all of them cuts")
+    if width == 7:
+        out.ignore("column 7 (running number)", first, understood=True)
+    if options.default_feed is None:
+        raise source.error("a list of x, y, z, w, p, r has no feeds; give one with --feed", first)
+    numbers = np.column_stack([table[:, :3], sign * R[:, :, column], np.full(len(rows), options.default_feed * 60e3)])
+    move = np.full(len(rows), int(Move.CUT), dtype=np.int32)
+    out.add_table(numbers, move, np.array([line for line, _ in rows], dtype=np.int32), [])
+    return out.build(reference=R[:, :, across(column)].copy())
+
+
+def across(column: int) -> int:
+    """The column of the tool frame that gives the reference direction: x, or y where x is the tool's axis."""
+    return 0 if column != 0 else 1
