@@ -86,13 +86,15 @@ def cell_file(path: Path | str) -> Path:
     """cell.yaml of a cell folder, or the file itself.
 
     Raises:
-        InputError: there is none in the folder.
+        InputError: there is none in the folder, or neither file nor folder.
     """
     file = Path(path)
     if isdir(file):
         file = file / "cell.yaml"
         if not exists(file):
             raise InputError("no cell.yaml in this folder", file=path)
+    if not exists(file):
+        raise InputError("there is no such file; a cell folder or its cell.yaml would work", file=path)
     return file
 
 

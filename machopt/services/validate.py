@@ -49,8 +49,7 @@ def validate(
     """
     if picture_file is not None and picture_file.suffix.lower() != ".svg":
         raise InputError(f"pictures are SVG; {picture_file.stem}.svg would work", file=picture_file)
-    if not cell_file(path).is_file():
-        raise InputError("there is no such file; a cell folder or its cell.yaml would work", file=path)
+    cell_file(path)  # none there is no finding about a cell
     with in_use(with_effects(effects)):
         return _validated(path, allow_external, picture_file)
 
