@@ -323,7 +323,9 @@ def test_several_problems_are_listed_in_one_message(folder: Path) -> None:
 
 def test_missing_and_empty_and_binary_files(folder: Path, tmp_path: Path) -> None:
     expect(refusal(tmp_path), str(tmp_path), "no cell.yaml in this folder")
-    expect(refusal(tmp_path / "nowhere.yaml"), "nowhere.yaml", "no such file; a cell folder or its cell.yaml would work")
+    expect(
+        refusal(tmp_path / "nowhere.yaml"), "nowhere.yaml", "no such file; a cell folder or its cell.yaml would work"
+    )
     (folder / "cell.yaml").write_text("")
     expect(refusal(folder), "is empty", "machopt_cell")
     (folder / "cell.yaml").write_bytes(b"name: \xff\xfe")

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -29,11 +30,12 @@ from machopt.formats.cell import load_cell
 from machopt.formats.movedcell import write_moved_cell
 from machopt.formats.toolpath import read_toolpath
 from machopt.placement.asked import HERE, LEVER, Search, Shift, inside, shifts, steps
-from machopt.placement.found import Place, Planned
+from machopt.placement.found import Place, Planned, Siting
 from machopt.placement.journal import Journal
 from machopt.placement.moved import Carried, centre_of, moved, named, refuse
 from machopt.placement.search import Site, find
 from machopt.placement.standing import Standing
+from machopt.report.gather.place import _verdict
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 HOLES = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min\n" + "".join(
@@ -421,3 +423,23 @@ def test_places_weigh_turns_as_shifts() -> None:
     found = steps(Search(x=(0, 0.3), y=(0, 0), turn=(0, 1.0), places=16))
     assert found.x == pytest.approx(0.1)
     assert found.turn == pytest.approx(0.1 / LEVER)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "open_bound", "says"),
+    [
+        (
+            [0],
+            1.6,
+            "no place was planned but the one where the cell has it; stopped after 10 min, a place left out may",
+        ),
+        ([0, 3], 1.6, "the best place of the 2 that were planned is where the cell has it; stopped after 10 min"),
+        ([0], 2.0, "the best place is where the cell has it; no other of the 5 places can be better"),
+    ],
+)
+def test_a_search_that_was_stopped_calls_nothing_best_that_it_did_not_compare(
+    numbers: list[int], open_bound: float, says: str
+) -> None:
+    planned = [SimpleNamespace(place=SimpleNamespace(number=n), worst=2.0 + n, mean=1.0, refused="") for n in numbers]
+    siting = Siting(None, (None,) * 5, tuple(planned), {}, open_bound, "" if open_bound == 2.0 else "after 10 min")  # type: ignore[arg-type]
+    assert _verdict(siting, 0.0, 0, (), of_grid=False).startswith(says)

@@ -118,11 +118,14 @@ def _verdict(siting: Siting, gain: float, code: int, edge: tuple[str, ...], of_g
     if code:
         return "verification failed at one of the best places"
     top = siting.best[0]
+    tried = "" if siting.proven else f" of the {len(siting.planned)} that were planned"  # others may be better
     if top.place.number == 0:
-        text = "the best place is where the cell has it"
+        text = f"the best place{tried} is where the cell has it"
+        if len(siting.planned) == 1 and not siting.proven:
+            text = "no place was planned but the one where the cell has it"
     else:
         less = f", worst index {gain:.1f} % less" if np.isfinite(gain) else "; where the cell has it nothing is planned"
-        text = f"best place: {top.place.shift.words}{less}"
+        text = f"best place{tried}: {top.place.shift.words}{less}"
     if siting.proven:
         text += f"; no other of the {len(siting.places)} places can be better"
         text += ", by a grid of values of the external joints" if of_grid else ""
