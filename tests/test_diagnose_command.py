@@ -20,7 +20,7 @@ from made_up_loads import ARCMIN, CELLS, Truth, arm, clicking, load_tests, plann
 from machopt.cli import main
 from machopt.domain.recording import Recording
 from machopt.formats.kinematics import load_kinematics
-from machopt.formats.recording import write_recording
+from machopt.formats.recording import load_recording, write_recording
 from machopt.formats.stiffness import load_stiffness
 
 CELL = CELLS / "kr240_drilling"
@@ -148,22 +148,22 @@ def test_a_zero_offset_goes_into_kinematics(tmp_path: Path, capsys: pytest.Captu
     p, _, _, _ = stand(a, Truth(a.nominal * 1.1, zero=zero), plan)
     keep = plan.loaded
     N = int(keep.sum())
-    r = Recording(
-        kind="absolute",
-        source="made up",
-        q=plan.q[keep],
-        pose=plan.pose[keep],
-        cycle=plan.cycle[keep],
-        session=plan.session[keep],
-        line=np.arange(2, N + 2),
-        position=p[keep] + 20e-6 * rng.standard_normal((N, 3)),
-        time=plan.time[keep],
-        registration="fit",
-        labelled=frozenset({"pose", "cycle", "session"}),
+    write_recording(
+        tmp_path / "rec",
+        Recording(
+            kind="absolute",
+            source="made up",
+            q=plan.q[keep],
+            pose=plan.pose[keep],
+            cycle=plan.cycle[keep],
+            session=plan.session[keep],
+            line=np.arange(2, N + 2),
+            position=p[keep] + 20e-6 * rng.standard_normal((N, 3)),
+            time=plan.time[keep],
+            registration="fit",
+            labelled=frozenset({"pose", "cycle", "session"}),
+        ),
     )
-    run(tmp_path / "out", _first(tmp_path, r, 1), code=2)
-    assert "found 1 reading; ten poses" in capsys.readouterr().err
-    write_recording(tmp_path / "rec", r)
     result = run(tmp_path / "out", tmp_path / "rec")
     assert [(f["effect"], f["location"]) for f in result["findings"]] == [("joint_zero_offset", "joint:3")]
     same = [u["location"] for u in result["not_testable"] if u["reason"].endswith("it is a zero offset")]
@@ -173,6 +173,8 @@ def test_a_zero_offset_goes_into_kinematics(tmp_path: Path, capsys: pytest.Captu
     assert size["value"] == pytest.approx(np.degrees(3e-4), rel=0.15)
     written = load_kinematics(tmp_path / "out" / "kinematics.yaml")
     assert written is not None
+    run(tmp_path / "none", _first(tmp_path, load_recording(tmp_path / "rec"), 1), code=2)
+    assert "found 1 reading; ten poses" in capsys.readouterr().err
 
 
 def test_a_law_of_one_s_own_is_named_where_it_is_true_and_nowhere_else(tmp_path: Path) -> None:

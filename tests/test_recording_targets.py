@@ -17,6 +17,9 @@ PLACES = "targets_mm: {1: [60, 0, 15], 2: [-30.5, 52, 15], nest: [0, 0, 40]}\n"
 SEEN = (("1", 7), ("2", 7), ("nest", 7), ("1", 9), ("2", 9))
 ROWS = "\n".join(f"10,20,30,40,{50 + n},60,{100 * n},{n * n},5,{t},{f}" for n, (t, f) in enumerate(SEEN))
 TABLE = f"{Q},x_mm,y_mm,z_mm,target,frame\n{ROWS}\n"
+TILTED = (
+    TABLE.replace("frame\n", "frame,tilt_x_mrad,tilt_y_mrad\n").replace("7\n", "7,0.25,0\n").replace("9\n", "9,0.5,0\n")
+)
 MOTION = "machopt_recording: 1\nkind: motion\ndata: data.csv\n"
 RATIOS = "gear_ratio: [100, -120, 100, 80, 80, 50]\n"
 
@@ -34,6 +37,11 @@ def test_each_row_is_of_a_target_and_a_stand_and_comes_back(tmp_path: Path) -> N
     assert again.targets == found.targets
     np.testing.assert_array_equal(again.target, found.target)
     np.testing.assert_array_equal(again.frame, found.frame)
+
+
+def test_the_tilt_of_a_link_is_read_and_not_used_with_a_word(tmp_path: Path) -> None:
+    found = load_recording(folder(tmp_path, TILTED, ABSOLUTE + PLACES + "tilt_link: link:2\n"))
+    assert any("tilt_x_mrad, tilt_y_mrad of link:2 are not used" in said for said in found.warnings)
 
 
 def test_a_list_of_places_is_called_by_numbers_from_1_or_from_0(tmp_path: Path) -> None:
@@ -67,7 +75,10 @@ def test_the_stands_of_two_folders_are_others(tmp_path: Path) -> None:
         (ABSOLUTE.replace("fit", "fixed") + PLACES, TABLE, ("registration", "frame", "fit")),
         (ABSOLUTE + PLACES, TABLE.replace(",target", ",temperature_C").replace("nest", "3"), ("target is missing",)),
         (ABSOLUTE + "gear_ratio: [1]\n", TABLE, ("gear_ratio", "kind motion")),
-        (ABSOLUTE + PLACES, TABLE.replace("x_mm,", "tilt_x_mrad,"), ("tilt_x_mrad", "leave")),
+        (ABSOLUTE + PLACES, TILTED, ("tilt_x_mrad", "needs tilt_link")),
+        (ABSOLUTE + PLACES + "tilt_link: link:2\n", TILTED.replace("0.25", "nan"), ("tilt_x_mrad", "'nan'")),
+        (ABSOLUTE + PLACES + "tilt_link: link:9\n", TABLE, ("tilt_link", "link:6")),
+        (MOTION, TABLE.replace("x_mm,", "tilt_x_mrad,"), ("tilt_x_mrad", "kind absolute")),
         (MOTION + PLACES, TABLE, ("targets_mm", "kind absolute")),
     ],
 )

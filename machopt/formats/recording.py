@@ -62,6 +62,9 @@ class _RecordingFile(Strict):
     motor_gain_Nm_per_A: Any = Field(default=None, description="of each motor, torque at its shaft per current")
     gear_ratio: Any = Field(default=None, description="of each joint, turns of its motor per turn of the joint")
     coupling_matrix: Any = Field(default=None, description="joint angles per motor angles, a row a joint")
+    tilt_link: Literal["link:1", "link:2", "link:3", "link:4", "link:5", "link:6"] | None = Field(
+        default=None, description="the link that columns tilt_x_mrad, tilt_y_mrad are of; not used yet, which is told"
+    )
     standard_uncertainty: _Uncertainty = Field(default=_Uncertainty(), description="of the readings, 1 sigma")
     notes: str = Field(default="", description="free text")
 
@@ -219,6 +222,7 @@ def _read_run(
     prismatic = chain(table, keys.kind)
     by_motors = recording_motors.angles(table, motors, prismatic)
     found, warnings = channels(table, keys.kind, prismatic, {} if by_motors is None else {"q": by_motors})
+    warnings += recording_targets.tilts(table, keys.tilt_link)
     if found["q"] is not by_motors:
         warnings += recording_motors.checked(table, found["q"], by_motors)
     made = recording_motors.torque(table, motors, found.get("current"), prismatic)

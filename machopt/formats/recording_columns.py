@@ -100,15 +100,13 @@ _AT_REST = Vocabulary(
 _POSES_ONLY = {
     name: f"column {name} belongs to recordings of kind absolute, where a tracker measures reflectors" for name in SEEN
 }
-_TILTS = {
-    name: f"column {name}: no law compares the tilt of a link yet; leave tilt_x_mrad, tilt_y_mrad and tilt_link out"
-    for name in ("tilt_x_mrad", "tilt_y_mrad")
-}
+TILTS = ("tilt_x_mrad", "tilt_y_mrad")
+_TILTS = {name: f"column {name} belongs to recordings of kind absolute; leave it and tilt_link out" for name in TILTS}
 _AT_POSES = Vocabulary(
-    numbers=(*_AT_REST.numbers, "frame"),
+    numbers=(*_AT_REST.numbers, "frame", *TILTS),
     words=(*_AT_REST.words, "target"),
-    listed=f"{_AT_REST.listed}, target, frame",
-    refused={**_AT_REST.refused, **_TILTS},
+    listed=f"{_AT_REST.listed}, target, frame, {', '.join(TILTS)}",
+    refused=_AT_REST.refused,
     names=("target",),
 )
 _AT_LOADS = replace(_AT_REST, refused={**_AT_REST.refused, **_POSES_ONLY, **_TILTS})
