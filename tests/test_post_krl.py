@@ -19,7 +19,7 @@ from machopt.formats.posts.krl import status_bits, turn_bits
 from machopt.formats.posts.orientation import abc_deg, quaternion, rotation_vector, xyz_deg
 from machopt.formats.programs import read_program
 from machopt.formats.programs.rotations import fixed_xyz, from_quaternion, from_vector, moving_xyz
-from machopt.model.posture import posture
+from machopt.model.posture import posture, posture_of
 from machopt.model.robot import Robot
 
 X = np.array([1.0, 0.0, 0.0])
@@ -77,6 +77,19 @@ def test_a_robot_that_faces_elsewhere_at_zero_stands_the_same() -> None:
     assert standing is not None
     assert standing[0].tolist() == [False, False]
     assert standing[1].tolist() == [True, True]
+
+
+def test_postures_of_many_rows_are_those_of_all_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    q = np.random.default_rng(5).uniform(-2.0, 2.0, (23, 6))
+    whole = posture(KR, q, X)
+    monkeypatch.setattr("machopt.model.posture.ROWS", 5)
+    for rows in (q, q[:0]):
+        by_parts = posture_of(KR, rows, Controller())
+        assert whole is not None
+        assert by_parts is not None
+        for one, other in zip(by_parts, whole, strict=True):
+            assert 0 < other.sum() < len(q)
+            assert (one == other[: len(rows)]).all()
 
 
 def test_an_arm_without_wrist_root_has_no_posture() -> None:

@@ -102,6 +102,13 @@ def test_no_rows(tmp_path: Path) -> None:
     assert arm.placements(np.empty((0, 6)), np.empty((0, 0))).shape == (0, arm.model.njoints + 2, 4, 4)
 
 
+def test_a_part_that_nothing_moves_stands_in_all_rows_where_it_stands_in_one() -> None:
+    arm = Arm(load_cell(CELLS / "kr500_milling"))
+    rows = arm.T_base_workpiece(np.empty((3, 0)))
+    assert rows.shape == (3, 4, 4)
+    assert (rows == arm.T_base_workpiece(np.empty((1, 0)))).all()
+
+
 def test_what_stands_where_says_so_or_is_refused(tmp_path: Path) -> None:
     arm = Arm(external_cell(tmp_path, rail=True))
     with pytest.raises(ValueError, match="say where they stand"):

@@ -11,6 +11,8 @@ from machopt.model.ik_spherical import SphericalWristSolver, wrist_centre
 from machopt.model.robot import Robot
 from machopt.se3 import axis_rotation
 
+ROWS = 20_000  # looked at together; poses of all links along a million points would be a gigabyte
+
 
 def posture(
     robot: Robot, q: Array, front: Array, q1_zero: float = 0.0
@@ -53,8 +55,12 @@ def posture(
 
 
 def posture_of(robot: Robot, q: Array, controller: Controller) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
-    """Front is the x axis of the controller's own robot system, at its axis 1 at zero."""
+    """Of rows q (N, 6) rad. Front is the x axis of the controller's own robot system, at its axis 1 at zero."""
     front = np.array([1.0, 0.0, 0.0]) if controller.T_base_root is None else controller.T_base_root[:3, 0]
     joints = controller.joint_map
     zero = 0.0 if joints is None else float(np.radians(-joints.offset_deg[0] * joints.sign[0]))
-    return posture(robot.drawn, q, front, zero)  # as the controller reckons
+    found = [  # as the controller reckons
+        posture(robot.drawn, q[first : first + ROWS], front, zero) for first in range(0, max(len(q), 1), ROWS)
+    ]
+    sides = [both for both in found if both is not None]  # all or none: the arm decides
+    return (np.concatenate([b for b, _ in sides]), np.concatenate([up for _, up in sides])) if sides else None

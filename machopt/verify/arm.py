@@ -261,7 +261,9 @@ class Arm:
         return to_world
 
     def T_base_workpiece(self, external: Array) -> Array:
-        """(N, 4, 4) the CAM frame in base_link with external joints at (N, E) rad or m."""
+        """(N, 4, 4) the CAM frame in base_link with external joints at (N, E) rad or m; one for all rows if E = 0."""
+        if external.shape[1] == 0 and len(external) > 1:
+            return np.broadcast_to(self.T_base_workpiece(external[:1]), (len(external), 4, 4))
         values = np.zeros((len(external), 6)), external
         base = self._carried(self._joint_frames(*values), self._base)
         return np.asarray(np.linalg.inv(self._to_world @ base) @ self.placements(*values)[:, -1])
