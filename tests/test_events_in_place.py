@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from machopt.arrays import Array
@@ -88,6 +90,20 @@ def test_an_event_between_two_moves_to_one_place_is_in_place() -> None:
         said = program(place, [PTP, PTP, PTP, PTP, LIN], (event,), place_step=5e-6)
         (check,) = _events(said, cuts(toolpath), reached, at)
         assert check.passed is passed, (index, check.where)
+
+
+def test_an_event_where_a_free_way_sets_out_from_rest_is_in_place() -> None:
+    """The index of the way to point 2 runs with time: it is 1.0002 while the tool is still at point 1."""
+    rapid = Move.RAPID
+    toolpath = path([[0, 0, 50], [9, 0, 50], [1400, 0, 50], [1400, 0, 60]], [rapid] * 4, ())
+    reached = np.full(4, -1)
+    for x, index, passed in ((9.0, 1.0002, True), (9.5, 1.0002, False), (9.0, 1.9, False)):
+        place = np.array([[0, 0, 99], [0, 0, 50], [x, 0, 50], [1400, 0, 50], [1400, 0, 60.0]])
+        event = Event(2, "comment", "SLOT B")
+        toolpath = replace(toolpath, events=(event,))
+        said = program(place, [PTP] * 5, (replace(event, index=3),), place_step=5e-6)
+        (check,) = _events(said, cuts(toolpath), reached, np.array([np.nan, 0.0, index, 2.0, 3.0]))
+        assert check.passed is passed, (x, index, check.where)
 
 
 def test_where_the_tool_comes_to_rest_samples_within_the_printed_decimals_tell_nothing_of_a_joint_move() -> None:

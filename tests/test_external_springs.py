@@ -251,3 +251,24 @@ def test_the_whole_command_counts_them(tmp_path: Path) -> None:
     more = given_way(Arm(cell), stance, cell.stiffness.external)[:, 2, 2]
     assert np.allclose(told, alone + more, rtol=1e-5)
     assert (more > 1e-3 * alone).all()
+
+
+def test_a_path_that_is_shifted_against_them_is_judged_at_its_programmed_place(tmp_path: Path) -> None:
+    """The tool comes to the programmed place under load; columns judged at the shifted one failed their check."""
+    folder = external_folder(tmp_path, rail=True)
+    job = tmp_path / "job.csv"
+    job.write_text(
+        "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min\n-60,-80,60,0,0,1,rapid,\n-60,-80,0,0,0,1,approach,600\n"
+        "0,0,0,0,0,1,cut,900\n60,80,0,0,0,1,cut,900\n60,80,60,0,0,1,retract,3000\n"
+    )
+    soft = (
+        "external_joints: {rail: {stiffness_N_mm: 3000, at_mm: [0, 0, -40],"
+        " compliance_diagonal: [1e-7, 1e-7, 1e-7, 2e-6, 2e-6, 2e-6]}}\n"
+    )
+    (folder / "stiffness.yaml").write_text((folder / "stiffness.yaml").read_text() + soft)
+    asked = ["--compensate", "--set", "external.rail.mode=locked", "--set", "rotation_step_deg=30"]
+    force = ["--set", "force_N.normal=120", "--set", "force_N.axial=80"]
+    assert main(["optimize", str(folder), str(job), "-o", str(tmp_path / "out"), "--quiet", *asked, *force]) == 0
+    with (tmp_path / "out" / "compensation.csv").open() as file:
+        most = max(abs(float(v)) for row in csv.DictReader(file) for k, v in row.items() if k.startswith("d"))
+    assert most > 0.05  # mm; otherwise this shows nothing

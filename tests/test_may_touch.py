@@ -20,7 +20,7 @@ from machopt.model.collision import CollisionModel
 from machopt.model.robot import load_chain
 from machopt.recheck.scope import unchecked
 from machopt.verify.arm import Arm
-from machopt.verify.bodies import all_bodies, pairs
+from machopt.verify.bodies import all_bodies, distance, pairs
 from machopt.verify.inventory import check_inventory
 
 SRDF = """<robot name="small">
@@ -102,6 +102,27 @@ def test_srdf_defaults_and_exceptions(cell: Cell, tmp_path: Path) -> None:
     path.write_text("<urdf/>")
     with pytest.raises(InputError, match="an SRDF starts with <robot>"):
         read_srdf(path, ("a",))
+
+
+def test_what_no_plan_can_keep_farther_apart_is_left_out_by_both(cell: Cell) -> None:
+    """A disc about axis 6 is as far from link 5 in every pose: where that is too near, right plans failed."""
+    disc = Shape("disc", "cylinder", (0.02, 0.004), None, np.eye(4))
+    round_tool = replace(cell, tool=replace(cell.tool, geometry=(disc,)))
+    arm = Arm(round_tool)
+    bodies = all_bodies(round_tool, arm)
+    link, plate = (next(b for b in bodies if b.name == name) for name in ("link_5_0", "disc"))
+    far = []
+    for q in np.random.default_rng(1).uniform(-1.0, 1.0, (3, 6)):
+        T = arm.placements(q[None], np.zeros((1, 0)))[0]
+        far.append(distance(link, plate, np.linalg.inv(T[link.carrier]) @ T[plate.carrier]))
+    assert far[0] > 1e-3
+    assert np.ptp(far) < 1e-6
+    robot, shapes = load_chain(round_tool)
+    for clearance, kept in ((far[0] - 5e-4, True), (far[0] + 5e-4, False)):
+        model = CollisionModel(round_tool, robot, shapes, clearance)
+        assert ("link_5_0 ~ disc" in {p.name for p in model.pairs}) is kept
+        named = {f"{a.name} ~ {b.name}" for a, b in pairs(round_tool, arm, bodies, clearance)}
+        assert ("link_5_0 ~ disc" in named) is kept
 
 
 def test_planner_and_verification_leave_out_the_same_pairs_and_say_so(cell: Cell) -> None:

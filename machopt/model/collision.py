@@ -298,14 +298,19 @@ class CollisionModel:
         asked = [n for n, share in zip(asked, quick, strict=True) if share > COARSE / 2]
         share = self._touching(q, asked).mean(axis=0)
         dropped: dict[int, str] = {}
-        poses = f"in touch in {{:.0%}} of {SAMPLES} random poses"
+        near = f"in touch or nearer than {1e3 * self.clearance:g} mm in {{:.0%}} of {SAMPLES} random poses"
+        two_apart = [n for n in asked if links_apart(*(bodies[k] for k in wanted[n][:2])) == 2]
+        some = [n for n in two_apart if COARSE < share[n] <= ALWAYS]
+        if some:  # a large clearance is no coarse mesh: only true touch lets two links be near all along
+            self._take([(i, j) for i, j, _ in wanted], [True] * len(wanted))
+            share[some] = self._touching(q, some)[:, some].mean(axis=0)
         for n in asked:
             a, b = (bodies[k] for k in wanted[n][:2])
             of_one = a.link >= lines.machine.hall or b.link <= lines.machine.hall  # the positioner, or arm and rail
             if share[n] > ALWAYS:
-                dropped[n] = poses.format(share[n])
+                dropped[n] = near.format(share[n])
             elif of_one and links_apart(a, b) == 2 and share[n] > COARSE:
-                dropped[n] = f"links two apart with coarse meshes: {poses.format(share[n])}"
+                dropped[n] = f"links two apart with coarse meshes: in touch in {share[n]:.0%} of {SAMPLES} random poses"
         out = tuple(
             Excluded(bodies[wanted[n][0]].name, bodies[wanted[n][1]].name, reason, float(share[n]))
             for n, reason in dropped.items()

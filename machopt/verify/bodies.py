@@ -86,14 +86,14 @@ def _gap(T: Array, turned: bool, back: Array, middle: Array, half: Array, balls:
     return out
 
 
-def pairs(cell: Cell, arm: Arm, bodies: list[Body]) -> list[tuple[Body, Body]]:
+def pairs(cell: Cell, arm: Arm, bodies: list[Body], clearance: float = 0.0) -> list[tuple[Body, Body]]:
     """What must not touch: (still or lower, moving or higher).
 
     Everything on the robot from link 2 on against workpiece and obstacles; links and tool against links at least two
     apart; the cutter against obstacles and links 0 … 5, drawn in against the workpiece. Where external joints move base
     or workpiece, further what moves against each other by them: :func:`_by_external_joints`. Pairs of links that touch
-    in most random poses are built touching and left out, like link 1 and what the robot stands on. What the cell lets
-    touch is left out too.
+    in most random poses are built touching and left out, like link 1 and what the robot stands on, and so are those
+    that are nearer than ``clearance`` m in them: no plan could keep it. What the cell lets touch is left out too.
     """
     may = may_touch(cell)
     out: list[tuple[Body, Body]] = []
@@ -120,9 +120,9 @@ def pairs(cell: Cell, arm: Arm, bodies: list[Body]) -> list[tuple[Body, Body]]:
     world = arm.placements(x[:, :6], x[:, 6:])
     for a, b in robot:
         T = world[:, b.carrier] if a.carrier < 0 else inverse(world[:, a.carrier]) @ world[:, b.carrier]
-        share = np.mean([near(a, b, x) for x in T])
+        share, close = (np.mean([near(a, b, x, margin) for x in T]) for margin in (0.0, clearance))
         coarse = a.kind == "link" and a.link >= 0 and b.link - a.link == 2 and b.kind != "cutter" and share > COARSE
-        if share <= TOUCHING and not coarse:
+        if close <= TOUCHING and not coarse:
             out.append((a, b))
     return out
 

@@ -16,12 +16,17 @@ from machopt.verify import springs
 from machopt.verify.arm import Arm, Stance
 
 
-def given_way(arm: Arm, stance: Stance, known: Sequence[ExternalSpring]) -> Array:
-    """(N, 6, 6) compliance at the TCP in base_link axes, of all external joints."""
+def given_way(arm: Arm, stance: Stance, known: Sequence[ExternalSpring], programmed: Array | None = None) -> Array:
+    """(N, 6, 6) compliance at the TCP in base_link axes, of all external joints.
+
+    Args:
+        programmed: (N, 3) m, the TCP's programmed place in base_link, which it comes to under load where the commanded
+            path is shifted against the deflection; None: it is where the joints put it.
+    """
     out = np.zeros((len(stance.q), 6, 6))
     if not known:
         return out
-    tcp = stance.tcp[:, :3, 3]
+    tcp = stance.tcp[:, :3, 3] if programmed is None else programmed
     for spring in known:
         link, axis, slides = arm.carrier(spring.joint, stance)
         if np.isfinite(spring.stiffness):

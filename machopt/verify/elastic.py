@@ -146,7 +146,7 @@ class Elasticity:
         for body, S, C in self._springs:
             now = stance.frames[:, body] @ np.linalg.inv(self._zero[body]) @ S
             bodies += springs.carried(springs.turned(C, now[:, :3, :3]), stance.tcp[:, :3, 3] - now[:, :3, 3])
-        bodies += given_way(self.arm, stance, self.stiffness.external)
+        bodies += given_way(self.arm, stance, self.stiffness.external, position)
         return Softness(
             stance.J,
             gear,

@@ -109,7 +109,8 @@ def with_one_tool(cell: Cell, toolpath: Toolpath, tables: Tables, options: PlanO
     bodies = all_bodies(cell, arm)
     wanted = pairs(cell, arm, bodies)
     table = PointsCheck(cell, toolpath, points, arm, np.nan_to_num(stood.q), options)
-    checks += [*table.all(motion, on), *_clearance(table, stood, bodies, wanted, options)]
+    kept = pairs(cell, arm, bodies, options.clearance)  # that a plan can be asked to keep apart by so much
+    checks += [*table.all(motion, on), *_clearance(table, stood, bodies, kept, options)]
     checks += check_asked(cell, toolpath, points, np.flatnonzero(table.live), options, motion)
     checks += [*outside(cell.kinematics, motion.q), *unchecked(cell.kinematics)]
     if shift is not None:
