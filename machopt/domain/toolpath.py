@@ -110,3 +110,8 @@ class Toolpath:
     def cutting(self) -> NDArray[np.bool_]:
         """(N,) True where the move to the point cuts."""
         return np.asarray(self.move == Move.CUT)
+
+
+def cut_off_words(reason: str) -> str:
+    """The warning of a toolpath whose file seems to end too early, from ``meta["incomplete"]``."""
+    return f"INCOMPLETE FILE? {reason}"

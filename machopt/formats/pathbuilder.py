@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
-from machopt.domain.toolpath import Event, IgnoredWord, Move, Operation, Toolpath
+from machopt.domain.toolpath import Event, IgnoredWord, Move, Operation, Toolpath, cut_off_words
 from machopt.formats.arcs import RADIUS_FAULT, RADIUS_WARN, Arc, ArcError
 from machopt.formats.pathchecks import ArcSpan, arc_directions, check_extent, check_numbers, with_kinds
 from machopt.formats.source import ReadOptions, Source
@@ -284,7 +284,7 @@ class PathBuilder:
             if self.options.strict:
                 raise self.source.error(f"the file seems incomplete, and strict reading was asked for: {self.cut_off}")
             self.meta["incomplete"] = self.cut_off
-            self.warnings.insert(0, f"INCOMPLETE FILE? {self.cut_off}")
+            self.warnings.insert(0, cut_off_words(self.cut_off))
         return Toolpath(
             position=p * 1e-3,
             axis=axis,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from machopt.domain.toolpath import Move, Toolpath
+from machopt.domain.toolpath import Move, Toolpath, cut_off_words
 from machopt.report.display import LENGTH
 from machopt.report.scene import Path3D
 from machopt.report.scene_spec import bare_scene, posture_view
@@ -79,7 +79,7 @@ def _line(toolpath: Toolpath) -> Path3D:
 
 def _verdict(summary: Mapping[str, Any], unknown: Sequence[Mapping[str, Any]]) -> Body:
     incomplete = summary.get("incomplete")
-    warnings = [w for w in summary["warnings"] if not str(w).startswith("INCOMPLETE")]
+    warnings = [w for w in summary["warnings"] if not incomplete or w != cut_off_words(incomplete)]
     tone, badge = (
         ("bad", "INCOMPLETE FILE?") if incomplete else ("warn", "READ, WITH NOTES") if warnings else ("", "READ")
     )
