@@ -110,7 +110,7 @@ def test_only_what_the_base_leaves_is_offered() -> None:
     for h in offered:
         A = h.columns(()).reshape(len(Q), -1)
         whole, left = (np.linalg.svd(M, compute_uv=False) for M in (A, A - Q @ (Q.T @ A)))
-        assert left[-1] > laws_geometry.WEAK * laws_geometry.SHOWN * whole[0]
+        assert left[-1] > calibrated.RESTING.weak_geometry * calibrated.RESTING.shown_geometry * whole[0]
     assert laws_geometry.shown(base[:, :, :6], base).shape[1] == 0
     r = readings_of(arm()[2], np.zeros((60, 6)), angles())
     fixed = replace(r, recording=measure(registration="fixed"))

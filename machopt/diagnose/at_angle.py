@@ -20,9 +20,7 @@ from machopt.effects.corrections import entry
 from machopt.effects.protocol import DEGREE, Effect, Swept, Unloaded, joints_of
 from machopt.effects.waves import ARCSEC
 
-FEWEST = 8  # distinct angles: what is drawn through fewer is any line
 APART = 3  # decimals of a radian: poses that are returned to differ by less
-BALANCER = 3.0  # per turn of its joint, the lowest order that is not a balancer's
 FINE = 400  # points of a law's line over the range
 
 
@@ -48,10 +46,10 @@ def swept(r: Readings, j: int) -> Swept:
     q = r.state.q[:, j]
     low, high = float(q.min()), float(q.max())
     distinct = len(np.unique(np.round(q, APART)))
-    shown = high - low >= calibrated.RESTING.least_wave and distinct >= FEWEST
+    shown = high - low >= calibrated.RESTING.least_wave and distinct >= calibrated.RESTING.fewest_angles
     balanced = any(f"joint:{j + 1}" in e.places for e in registry.of_beside())
     most = int(distinct / calibrated.RESTING.poses_per_order) if shown else 0
-    return Swept(low, high, most, BALANCER if balanced else 1.0)
+    return Swept(low, high, most, calibrated.RESTING.above_balancer if balanced else 1.0)
 
 
 def _hypothesis(r: Readings, effect: Effect, where: str, law: Unloaded, grid: tuple[Shape, ...]) -> Hypothesis:

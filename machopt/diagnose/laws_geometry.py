@@ -20,8 +20,6 @@ from machopt.effects import geometry
 from machopt.effects.protocol import DEGREE, JOINTS, Quantity
 
 HELD = np.r_[[5e-4] * 3, [0.05 * DEGREE] * 3]  # m, rad: 1 sigma of what a maker holds
-SHOWN = 0.03  # of a direction's own size that the base must leave
-WEAK = 0.02  # of the strongest direction that is shown: weaker ones would need millimetres to be seen
 WHOLE = ("base", "joint:1")  # move everything alike, as a tracker does that stands elsewhere than the recording says
 
 
@@ -69,7 +67,9 @@ def shown(columns: Array, base: Array) -> Array:
     Q = np.linalg.qr(B)[0] if B.shape[1] else B
     _, s, Vt = np.linalg.svd(np.linalg.qr(A - Q @ (Q.T @ A))[1])
     whole = np.linalg.norm(A @ Vt.T, axis=0)
-    return np.asarray(Vt[(s > SHOWN * whole) & (s > WEAK * s[0])].T)
+    return np.asarray(
+        Vt[(s > calibrated.RESTING.shown_geometry * whole) & (s > calibrated.RESTING.weak_geometry * s[0])].T
+    )
 
 
 def _hypothesis(place: str, columns: Array, V: Array, penalty: float) -> Hypothesis:

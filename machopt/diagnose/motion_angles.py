@@ -17,13 +17,13 @@ from machopt.diagnose.problem import Hypothesis, Shape, Untestable
 from machopt.effects import registry
 from machopt.effects.protocol import Effect, Swept, Unloaded, joints_of
 
-SLOWEST = 2.0  # per turn: the first order of a joint's angle is that of weight and of how a reflector is mounted
-
 
 def lowest_order(scene: Scene, joint: int) -> float:
     """The slowest gear order per turn that this range of a joint (0-based) can show."""
     spread = float(np.ptp(scene.motion.q[:, joint]))
-    return max(SLOWEST, float(np.ceil(calibrated.MOTION.turns * 2.0 * np.pi / max(spread, 1e-9))))
+    return max(
+        calibrated.MOTION.slowest_order, float(np.ceil(calibrated.MOTION.turns * 2.0 * np.pi / max(spread, 1e-9)))
+    )
 
 
 def hypotheses(scene: Scene, joint: int, fit: Fit) -> tuple[list[Hypothesis], list[Untestable]]:

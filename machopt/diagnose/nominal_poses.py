@@ -31,10 +31,7 @@ SETTLED = 4  # fixed-point steps to the loaded equilibrium; each is a thousand t
 STEPS = 5  # of the robust first fit
 PRIOR = 1.0  # relative 1 sigma of the cell's stiffness, which the first fit leans on where weight says nothing
 PLACED = 2e-3  # m, 1 sigma of a reflector's nominal place where the recording states none
-STIFFEST = 0.2  # times the cell's compliance: less, or a spring that pushes back, is what frames and waves make of it
-SEEN = 0.02  # of what the first fit leaves: a spring that gives less beside all frames would take up anything else
 SOFT = 1e-6  # rad/(N·m), where the cell has no stiffness
-APART = 1e-3  # of the best seen direction of frames and reflectors together: less is held by nominal places alone
 
 
 @dataclass(frozen=True)
@@ -99,7 +96,7 @@ class Nominal:
         rest = columns[:, :, [u.spring is None for u in unknowns]]
         frames = [laws_geometry.twists(readings, where) for where in JOINTS]
         Q = spanned(np.concatenate([rest, *frames], axis=2))
-        least = SEEN * spread(self.residual(frame, p, R)[:, :3])
+        least = calibrated.RESTING.seen_spring * spread(self.residual(frame, p, R)[:, :3])
         bend = state.J[:, : self.D] * (self.nominal * self.torque(state))[:, None, :]
         shown = [left(bend[:, :, j : j + 1], Q) * float(np.sqrt(np.mean(bend[:, :3, j] ** 2))) for j in range(6)]
         return frozenset(j + 1 for j in range(6) if shown[j] < least)
@@ -151,7 +148,7 @@ class Nominal:
                 known = calibrated.RESTING.rubber * self.nominal[j] if self.cell.stiffness is not None else None
                 where, key = f"joint:{j + 1}", joint_spring(j + 1)
                 built = (
-                    (STIFFEST * self.nominal[j], calibrated.RESTING.rubber * self.nominal[j])
+                    (calibrated.RESTING.stiffest * self.nominal[j], calibrated.RESTING.rubber * self.nominal[j])
                     if self.weight_alone
                     else None
                 )
@@ -202,7 +199,7 @@ class Nominal:
         if not rest.shape[1]:
             return 0
         s = np.linalg.svd(rest / np.maximum(size, 1e-300), compute_uv=False)
-        return int(np.sum(s < APART * s[0]))
+        return int(np.sum(s < calibrated.RESTING.seen_apart * s[0]))
 
     def readings(self, state: ArmState, frame: First, springs: Array) -> Readings:
         """For the laws: bodies and Jacobian where the loaded arm stands, joints as the encoders say.

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array, Ints
+from machopt.diagnose import calibrated
 from machopt.domain.recording import Recording
 from machopt.effects.record import LENGTHS
 from machopt.errors import InputError
@@ -22,7 +23,6 @@ ALIGNMENTS = 12  # steps to the frame of least absolute deviations
 TURNED, SHIFTED = 0.1, 0.3  # rad, m of a tracker's own frame against base_link: beyond, it is brought there first
 SCALE = 0.03  # relative: within, the points of a stand spread as the arm's do
 FEWEST = 3  # points not on one line fix a frame
-FLAT = 0.02  # of the longest extent of a stand's points: less to any other side is a line
 
 
 def stands(recording: Recording) -> Ints:
@@ -140,7 +140,7 @@ def _scale(x: Array, p: Array) -> float:
 
 def _refuse_unfixed(recording: Recording, x: Array, name: str) -> None:
     extent = np.linalg.svd(x - x.mean(axis=0), compute_uv=False) if len(x) >= FEWEST else np.zeros(3)
-    if extent[1] <= FLAT * extent[0]:
+    if extent[1] <= calibrated.RESTING.flat * extent[0]:
         raise InputError(
             f"frame {name} has {len(x)} reading{'' if len(x) == 1 else 's'}"
             f"{', all on one line' if len(x) >= FEWEST else ''}, which do not fix where the tracker stood; expected "

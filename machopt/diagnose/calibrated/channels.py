@@ -39,6 +39,8 @@ class Resting:
     least_wave: float = _set(
         float(np.radians(10.0)), "rad, range of a joint below which a wave is a zero offset and a slope", JUDGED
     )
+    fewest_angles: int = _set(8, "distinct angles: what is drawn through fewer is any line", JUDGED)
+    above_balancer: float = _set(3.0, "per turn of its joint, the lowest order that is not a balancer's", JUDGED)
     poses_per_order: float = _set(3.0, "distinct angles that each order of a wave asks for", JUDGED)
     least_turn: float = _set(
         float(np.radians(15.0)), "rad, range of a joint below which a torque by its angle does not show", JUDGED
@@ -73,6 +75,24 @@ class Resting:
         JUDGED,
     )
     fine: float = _set(5e-06, "m; readings rounded more coarsely agree by chance", JUDGED)
+    stiffest: float = _set(
+        0.2,
+        "times the cell's compliance: less, or a spring that pushes back, is what frames and waves make of it",
+        JUDGED,
+    )
+    seen_spring: float = _set(
+        0.02,
+        "of what the first fit leaves: a spring that gives less beside all frames would take up anything else",
+        JUDGED,
+    )
+    seen_apart: float = _set(
+        1e-3, "of the best seen direction of frames and reflectors: less is held by nominal places alone", JUDGED
+    )
+    shown_geometry: float = _set(0.03, "of a direction's own size that the base must leave", JUDGED)
+    weak_geometry: float = _set(
+        0.02, "of the strongest direction that is shown: weaker ones would need millimetres to be seen", JUDGED
+    )
+    flat: float = _set(0.02, "of the longest extent of a stand's points: less to any other side is a line", JUDGED)
     turned_by_load: float = _set(
         0.001, "of the torque of the most loaded joint: a joint that bears less shows nothing", JUDGED
     )
@@ -89,6 +109,9 @@ class Motion:
     few_millimetres: float = _set(5.0, "mm; a range within it is rather of metres", JUDGED)
     loaded: float = _set(
         0.05, "of the largest load: one that changes by less shows no friction that grows with it", JUDGED
+    )
+    slowest_order: float = _set(
+        2.0, "per turn: a joint's first order is that of weight and of how a reflector is mounted", JUDGED
     )
     turns: float = _set(1.5, "waves within the range of the joint, at least: fewer are no ripple", JUDGED)
     late_s: float = _set(
