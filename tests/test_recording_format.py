@@ -605,3 +605,10 @@ def test_long_recordings_load_and_still_name_the_cell(tmp_path: Path) -> None:
     refused(
         folder(tmp_path, "\n".join([head, *rows, ""]), plain("motion")), "line 90002, column q1_deg: found '12.34567S'"
     )
+
+
+@pytest.mark.parametrize("end", ["\x85", "\u2028", "\u2029"])
+def test_line_ends_of_other_tables_come_back_in_notes(tmp_path: Path, end: str) -> None:
+    found = load_recording(folder(tmp_path))
+    write_recording(tmp_path / "again", replace(found, notes=f"one{end}two"))
+    assert load_recording(tmp_path / "again").notes == f"one{end}two"

@@ -23,6 +23,7 @@ from machopt.formats.recording_table import DataTable, read_table
 from machopt.formats.yamlstrict import Document, Strict, read_yaml, show, validate
 
 _YAML, _DATA = "recording.yaml", "data.csv"
+_ENDS = frozenset("\x85\u2028\u2029")  # line ends of YAML 1.1, which a reader folds away
 _UNCERTAINTY = {
     "displacement_mm": ("displacement", 1e-3),
     "rotation_mrad": ("rotation", 1e-3),
@@ -386,7 +387,7 @@ def _write_yaml(path: Path, recording: Recording) -> None:
         data["notes"] = recording.notes
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = False
-    yaml.allow_unicode = True
+    yaml.allow_unicode = not _ENDS.intersection(recording.notes)  # else they are written as \N and come back
     yaml.representer.sort_base_mapping_type_on_output = False
     with path.open("w", encoding="utf-8", newline="\n") as out:
         yaml.dump(data, out)
