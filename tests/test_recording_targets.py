@@ -17,9 +17,7 @@ PLACES = "targets_mm: {1: [60, 0, 15], 2: [-30.5, 52, 15], nest: [0, 0, 40]}\n"
 SEEN = (("1", 7), ("2", 7), ("nest", 7), ("1", 9), ("2", 9))
 ROWS = "\n".join(f"10,20,30,40,{50 + n},60,{100 * n},{n * n},5,{t},{f}" for n, (t, f) in enumerate(SEEN))
 TABLE = f"{Q},x_mm,y_mm,z_mm,target,frame\n{ROWS}\n"
-TILTED = (
-    TABLE.replace("frame\n", "frame,tilt_x_mrad,tilt_y_mrad\n").replace("7\n", "7,0.25,0\n").replace("9\n", "9,0.5,0\n")
-)
+TILTED = "tilt_link: 3\n"
 MOTION = "machopt_recording: 1\nkind: motion\ndata: data.csv\n"
 RATIOS = "gear_ratio: [100, -120, 100, 80, 80, 50]\n"
 
@@ -37,11 +35,6 @@ def test_each_row_is_of_a_target_and_a_stand_and_comes_back(tmp_path: Path) -> N
     assert again.targets == found.targets
     np.testing.assert_array_equal(again.target, found.target)
     np.testing.assert_array_equal(again.frame, found.frame)
-
-
-def test_the_tilt_of_a_link_is_read_and_not_used_with_a_word(tmp_path: Path) -> None:
-    found = load_recording(folder(tmp_path, TILTED, ABSOLUTE + PLACES + "tilt_link: link:2\n"))
-    assert any("tilt_x_mrad, tilt_y_mrad of link:2 are not used" in said for said in found.warnings)
 
 
 def test_a_list_of_places_is_called_by_numbers_from_1_or_from_0(tmp_path: Path) -> None:
@@ -75,10 +68,12 @@ def test_the_stands_of_two_folders_are_others(tmp_path: Path) -> None:
         (ABSOLUTE.replace("fit", "fixed") + PLACES, TABLE, ("registration", "frame", "fit")),
         (ABSOLUTE + PLACES, TABLE.replace(",target", ",temperature_C").replace("nest", "3"), ("target is missing",)),
         (ABSOLUTE + "gear_ratio: [1]\n", TABLE, ("gear_ratio", "kind motion")),
-        (ABSOLUTE + PLACES, TILTED, ("tilt_x_mrad", "needs tilt_link")),
-        (ABSOLUTE + PLACES + "tilt_link: link:2\n", TILTED.replace("0.25", "nan"), ("tilt_x_mrad", "'nan'")),
-        (ABSOLUTE + PLACES + "tilt_link: link:9\n", TABLE, ("tilt_link", "link:6")),
+        (ABSOLUTE + PLACES, TABLE.replace("x_mm,", "tilt_x_mrad,"), ("tilt_x_mrad", "tilt_link")),
+        (ABSOLUTE + PLACES + "tilt_link: link_3\n", TABLE, ("tilt_x_mrad", "missing", "tilt_link link_3")),
         (MOTION, TABLE.replace("x_mm,", "tilt_x_mrad,"), ("tilt_x_mrad", "kind absolute")),
+        (ABSOLUTE + PLACES + "tilt_link: [3]\n", TABLE, ("tilt_link", "link of the URDF")),
+        (ABSOLUTE + PLACES + TILTED, TABLE.replace("frame", "tilt_x_mrad"), ("tilt_y_mrad is missing",)),
+        (MOTION + "tilt_link: 3\n", TABLE, ("tilt_link", "kind absolute")),
         (MOTION + PLACES, TABLE, ("targets_mm", "kind absolute")),
     ],
 )
@@ -140,3 +135,21 @@ def test_a_coupling_matrix_brings_motors_and_currents_to_the_joints(tmp_path: Pa
 )
 def test_motors_that_cannot_be_are_refused(tmp_path: Path, yaml: str, table: str, parts: tuple[str, ...]) -> None:
     refused(folder(tmp_path, table, yaml), *parts)
+
+
+def test_tilts_of_a_link_may_be_left_empty_and_come_back(tmp_path: Path) -> None:
+    lines = TABLE.splitlines()
+    cells = ("tilt_x_mrad,tilt_y_mrad", "0.5,-0.25", ",", "nan,NaN", "1,2", "0,0")
+    table = "\n".join(f"{line},{cell}" for line, cell in zip(lines, cells, strict=True)) + "\n"
+    yaml = ABSOLUTE + PLACES + TILTED + "standard_uncertainty: {tilt_mrad: 0.02}\n"
+    found = load_recording(folder(tmp_path, table, yaml))
+    nan = [np.nan, np.nan]
+    np.testing.assert_allclose(found.tilt, 1e-3 * np.array([[0.5, -0.25], nan, nan, [1, 2], [0, 0]]))
+    assert (found.tilt_link, found.uncertainty.tilt) == ("3", pytest.approx(2e-5))
+    write_recording(tmp_path / "again", found)
+    again = load_recording(tmp_path / "again")
+    np.testing.assert_array_equal(again.tilt, found.tilt)
+    assert (again.tilt_link, again.uncertainty) == (found.tilt_link, found.uncertainty)
+    refused(folder(tmp_path, table.replace("0.5,-0.25", "0.5,x"), yaml, "b"), "line 2", "tilt_y_mrad", "'x'")
+    empty = "\n".join(f"{line},{'tilt_x_mrad,tilt_y_mrad' if n == 0 else ','}" for n, line in enumerate(lines)) + "\n"
+    refused(folder(tmp_path, empty, yaml, "c"), "tilt_x_mrad", "holds no number")

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
-from machopt.diagnose import calibrated, held, loads, reflectors
+from machopt.diagnose import calibrated, held, inclinometer, loads, reflectors
 from machopt.diagnose.absolute_catalogue import catalogue
 from machopt.diagnose.nominal_poses import Nominal
 from machopt.diagnose.problem import Catalogue, Family, Problem, Unknown
@@ -57,7 +57,8 @@ def build(
         kept: joints, from 1, whose springs are the cell's and not refitted.
 
     Returns:
-        Problem (D = 3, or 6 with rotation vectors in base axes where quaternions are recorded), catalogue, notes.
+        Problem (D = 3, or 6 with rotation vectors in base axes where quaternions are recorded; 2 more where a tilt is),
+        catalogue, notes.
 
     Raises:
         InputError: another kind of recording, or one without measured positions.
@@ -85,13 +86,21 @@ def build(
     for joint, compliance in (found or {}).items():
         if joint not in model.kept:
             springs[joint - 1] = compliance
-    readings = model.readings(state, frame, springs)
-    y = y - held.at_rest(readings, terms)[:, : model.D]
+    readings = replace(model.readings(state, frame, springs), inclined=inclinometer.where(recording, cell))
+    apart = _apart(model, base, unknowns)
+    if readings.inclined is not None:
+        more = inclinometer.equations(model, frame, state, readings.inclined, unknowns)
+        y = np.concatenate([y, more.y], axis=1)
+        base = more.beside(base)
+        unknowns += more.unknowns
+    y = y - held.at_rest(readings, terms)
     visit, replicate = _labels(recording, readings.wrench)
     stated = recording.uncertainty
     families = [Family("translation", (0, 1, 2), "mm", 1e3, stated.displacement)]
     if model.D == 6:
         families.append(Family("rotation", (3, 4, 5), "mrad", 1e3, stated.rotation))
+    if readings.inclined is not None:
+        families.append(Family(inclinometer.FAMILY, (model.D, model.D + 1), "mrad", 1e3, stated.tilt, beside=True))
     loaded = bool(np.abs(readings.wrench).max() > 0.0)
     problem = Problem(
         "position",
@@ -108,9 +117,10 @@ def build(
         np.arange(1, len(recording) + 1),
         scale=readings.through(readings.wrench) if loaded else None,
         time=recording.time,
+        present=None if readings.inclined is None else inclinometer.present(model.D, readings.inclined),
     )
     readings = replace(readings, visit=visit, cycle=visit)
-    return problem, catalogue(readings, problem), (*model.notes(frame), *_apart(model, base, unknowns))
+    return problem, catalogue(readings, problem), (*model.notes(frame), *apart)
 
 
 def _labels(recording: Recording, wrench: Array) -> tuple[Ints, Ints]:

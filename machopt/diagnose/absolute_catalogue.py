@@ -100,7 +100,7 @@ def left(columns: Array, Q: Array) -> float:
 
 
 def _flat(columns: Array) -> Array:
-    weight = np.array([1.0] * 3 + [LEVER] * 3)[: columns.shape[1], None]
+    weight = np.r_[np.ones(3), np.full(columns.shape[1] - 3, LEVER)][:, None]
     return np.asarray((columns * weight).reshape(columns.shape[0] * columns.shape[1], columns.shape[2]))
 
 

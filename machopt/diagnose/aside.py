@@ -23,7 +23,9 @@ def good(problem: Problem, residual: Array) -> Flags:
     off = np.zeros(len(residual), bool)
     for family in problem.families:
         e = residual[:, list(family.columns)]
-        typical = max(noise.robust_sigma(e), family.stated or 0.0, float(np.finfo(float).tiny))
+        typical = max(
+            noise.robust_sigma(e[problem.measured(family)]), family.stated or 0.0, float(np.finfo(float).tiny)
+        )
         off |= (np.abs(e) > calibrated.NOISE.gross * typical).any(axis=1)
     if problem.channel == "torque" or not off.any():
         return np.asarray(~off)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.diagnose.problem import Hypothesis, Quantity, Shape
-from machopt.diagnose.readings import Readings
+from machopt.diagnose.readings import BEHIND, Readings
 from machopt.domain.stiffness import Term
 from machopt.effects import files, registry
 from machopt.effects.protocol import BodyLaw, Effect
@@ -66,10 +66,15 @@ def weight_wrench(r: Readings, carried: NDArray[np.bool_]) -> Array:
 
 
 def moved(r: Readings, term: Term) -> Array:
-    """(N, 6) m, rad at the TCP, what a term of a body in stiffness.yaml makes of these readings."""
+    """(N, D) m, rad, what a term of a body in stiffness.yaml makes of these readings."""
     made = term_of(term.effect, term.location, r.robot, r.T_flange_tcp, **dict(term.parameters))
     assert isinstance(made, BodySpring)  # of a body
-    return np.asarray(_twist(r, made, borne(r, made.place)) @ made.values)
+    return r.seen(_twist(r, made, borne(r, made.place)) @ made.values, first(made.place))
+
+
+def first(place: Place) -> int:
+    """The first body that moves where this one gives way; a link that bends moves itself (:meth:`Readings.seen`)."""
+    return BEHIND if place.location == "tool" else place.body
 
 
 def _twist(r: Readings, made: BodySpring, load: Array) -> Array:
@@ -103,7 +108,7 @@ def _hypothesis(
     lower = least if law.bounded else ()
 
     def columns(shape: Shape) -> Array:
-        return _twist(r, made(np.zeros(count), shape), load)[:, : r.dimensions]
+        return r.seen(_twist(r, made(np.zeros(count), shape), load), first(place))
 
     def sizes(x: Array, shape: Shape) -> Mapping[str, Quantity]:
         return law.sizes(x, np.array(shape))

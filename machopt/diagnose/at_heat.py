@@ -11,7 +11,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.diagnose.problem import Hypothesis, Quantity, Shape
-from machopt.diagnose.readings import Readings
+from machopt.diagnose.readings import BEHIND, Readings
 from machopt.effects import files, registry
 from machopt.effects.protocol import DriftLaw, Effect, Warming
 from machopt.se3 import moved_frame
@@ -87,14 +87,14 @@ def growth(r: Readings) -> Array:
     points = [*r.robot.point, r.robot.T_base_flange_zero[:3, 3]]
     parts = []
     for group in ((1,), (2,), FOREARM):
-        moved = np.zeros((len(r), r.dimensions))
+        moved = np.zeros((len(r), 6))
         for i in group:
             moved[:, :3] += R[:, i] @ (points[i] - points[i - 1])
-        parts.append(moved)
+        parts.append(r.seen(moved, BEHIND))  # a link that grows turns nothing
     return np.stack(parts, axis=2)
 
 
 def stand(r: Readings) -> Array:
     """(N, D, 6) shift in m and turn in rad of the stand about the middle of the points."""
     p = r.state.T_base_tool[:, :3, 3]
-    return moved_frame(p, p.mean(axis=0))[:, : r.dimensions]
+    return r.seen(moved_frame(p, p.mean(axis=0)), BEHIND)  # the tracker's: an inclinometer on the arm sees none of it

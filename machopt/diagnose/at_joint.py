@@ -165,15 +165,15 @@ def lived_through(r: Readings, terms: Sequence[Term]) -> tuple[Array, tuple[Term
 
 
 def moved(r: Readings, term: Term) -> Array:
-    """(N, 6) m, rad at the TCP, what a term of a joint, or between two, makes of measured poses; see held.at_rest."""
+    """(N, D) m, rad, what a term of a joint, or between two, makes of measured poses; see held.at_rest."""
     effect = registry.elastic(term.effect)
     given = Parameters(term.parameters, term.effect)
     law = files.law_of(effect, given)
     values, shape, _ = files.read(law, given)
     i, j = joints_of(term.location)
     by_j, by_i = (law.columns(shape, Drive(r.torque[:, k], r.state.q[:, k])) @ values for k in (j, i))
-    J = r.state.J
-    return np.asarray(J[:, :, i] * by_j[:, None] + (J[:, :, j] * by_i[:, None] if effect.paired else 0.0))
+    own, other = (r.seen(r.state.J[:, :, k] * by[:, None], k + 1) for k, by in ((i, by_j), (j, by_i)))
+    return np.asarray(own + (other if effect.paired else 0.0))
 
 
 def twist(r: Readings, j: int, law: Law, shape: Array, memory: str) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.diagnose.problem import Hypothesis, Quantity, RecordCorrection, Shape
-from machopt.diagnose.readings import Readings
+from machopt.diagnose.readings import BEHIND, Readings
 from machopt.effects import registry
 from machopt.effects.protocol import Effect, Recorded, RecordLaw
 
@@ -36,7 +36,7 @@ def in_poses(r: Readings) -> list[Hypothesis]:
     axes = np.broadcast_to(np.eye(3), (len(r), 3, 3))
     seen = Recorded(
         r.wrench,
-        np.zeros((len(r), r.dimensions)),
+        np.zeros((len(r), 6)),
         axes,
         r.state.T_base_tool[:, :3, :3],
         r.state.T_base_tool[:, :3, 3],
@@ -53,6 +53,8 @@ def _hypothesis(r: Readings, effect: Effect, law: RecordLaw, seen: Recorded) -> 
 
     def columns(shape: Shape) -> Array:
         more = law.columns(np.array(shape), seen)
+        if law.moves == "position":
+            return r.seen(more, BEHIND)  # no inclinometer tells where the tracker stands
         if law.moves != "wrench":
             return more
         return np.stack([r.through(w) for w in np.moveaxis(more, 2, 0)], axis=2)

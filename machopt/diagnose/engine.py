@@ -123,7 +123,7 @@ def _robust(problem: Problem) -> tuple[Array, Flags]:
     scale = np.ones(problem.dimensions)
     for family in problem.families:
         columns = list(family.columns)
-        scale[columns] = 1.0 / max(noise.robust_sigma(problem.y[used][:, columns]), 1e-12)
+        scale[columns] = 1.0 / max(noise.robust_sigma(problem.y[used & problem.measured(family)][:, columns]), 1e-12)
     prior = np.array([0.0 if u.prior is None else 1.0 / u.prior for u in problem.unknowns])
     residual = problem.y
     for _ in range(CLIPS):
@@ -177,6 +177,8 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
         verdict = "explained" if _nothing_left(state, rest, after) else "partly_explained"
     else:
         verdict = "unexplained" if real or withdrawn else "consistent"
+    if mismatch.comes_back_beside(problem, after, used, floor_noise, rng):
+        verdict = instruments.less(verdict)
     few = len(np.unique(problem.group)) < calibrated.PROOF.fewest_groups  # predicting one from the rest goes too far
     left = instruments.beyond(problem, final.residual if few else after, floor_noise, used)
     if left is not None:
@@ -222,7 +224,7 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
         tuple(seen),
         state.catalogue.untestable,
         tuple(_coefficients(state, kept)),
-        Errors(before, after, by_group, groups),
+        Errors(problem.blanked(before), problem.blanked(after), by_group, groups),
         proof,
         used,
         rows,
@@ -230,6 +232,7 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
         sum(len(t.shapes) for t in state.tried),
         notes=tuple(words.withdrawn(withdrawn))
         + words.noise_note(floor_noise)
+        + heldout.said(problem, before, after, floor_noise, used)
         + (() if left is None else (left.words,))
         + words.one_day(apart)
         + unnamed.said([c.tried.hypothesis for c in nameless]),

@@ -13,7 +13,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.diagnose import at_body, at_joint
 from machopt.diagnose.problem import Problem
-from machopt.diagnose.readings import Readings
+from machopt.diagnose.readings import BEHIND, Readings
 from machopt.diagnose.result import Diagnosis
 from machopt.domain.stiffness import Term
 from machopt.effects import registry
@@ -28,12 +28,12 @@ def terms_of(terms: tuple[Term, ...]) -> tuple[Term, ...]:
 
 
 def at_rest(r: Readings, terms: tuple[Term, ...]) -> Array:
-    """(N, 6) m, rad at the TCP, what terms make of measured poses under weight and load.
+    """(N, D) m, rad, what terms make of measured poses under weight and load.
 
     Each pose is one of a gear at rest, as a plan takes it: poses do not say how a torque came there. The balancer's
     torque is not counted, nor is what it mostly cancels.
     """
-    out = np.zeros((len(r), 6))
+    out = r.seen(np.zeros((len(r), 6)), BEHIND)
     for term in terms:
         known = registry.elastic(term.effect)
         if known.gives:

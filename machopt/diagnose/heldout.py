@@ -13,7 +13,7 @@ from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.grams import Model, ridged_inverse
 from machopt.diagnose.noise import Noise
-from machopt.diagnose.problem import Problem
+from machopt.diagnose.problem import Family, Problem
 from machopt.diagnose.result import rms
 
 Flags = NDArray[np.bool_]
@@ -45,9 +45,9 @@ class Fitted:
         if m.folds < 2:  # without its only group no fit is left to hold against it
             return out
         x = np.einsum("fij,fj->fi", ridged_inverse(m.normal - m.XX), m.Xy.sum(axis=0) - m.Xy) * self.unit
-        D = self.y.shape[1]
         for f, of in enumerate(m.rows):
-            rows = m.w.index[of[::D] // D]
+            rows = m.w.reading[of]
+            rows = rows[np.flatnonzero(np.diff(rows, prepend=-1))]
             out[rows] = self.y[rows] - self.columns[rows] @ x[f]
         return np.asarray(out)
 
@@ -68,8 +68,44 @@ def floor(problem: Problem, noise: Noise, used: Flags) -> float:
 
 
 def better(problem: Problem, before: Array, after: Array, used: Flags) -> bool:
-    """Whether groups are predicted better than before by more than chance: paired, each group counting the same."""
-    errors, _ = by_group(problem, (before, after), used)
+    """Whether groups are predicted better than before by more than chance, by any instrument of its own."""
+    if _better(problem, before, after, used, problem.families[0]):
+        return True
+    return any(
+        _better(problem, _only(f, before), _only(f, after), used & problem.measured(f), f)
+        for f in problem.families
+        if f.beside
+    )
+
+
+def said(problem: Problem, before: Array, after: Array, noise: Noise, used: Flags) -> tuple[str, ...]:
+    """What instruments of their own say of readings that no fit saw, without and with what was found.
+
+    Args:
+        before, after: (N, D) held-out residuals, SI.
+        noise: as found.
+        used: (N,) readings that took part.
+    """
+    out = []
+    for n, f in enumerate(problem.families):
+        if not f.beside:
+            continue
+        rows = used & problem.measured(f)
+        least, most = (f.factor * rms(r[rows][:, list(f.columns)]) for r in (after, before))
+        out.append(
+            f"{f.name}, {int(rows.sum())} readings held out: {most:.4f} {f.unit} by the base model, {least:.4f} "
+            f"{f.unit} with what was found, noise {f.factor * noise.together(n):.4f} {f.unit}"
+        )
+    return tuple(out)
+
+
+def _only(family: Family, residual: Array) -> Array:
+    return np.where(np.isin(np.arange(residual.shape[1]), family.columns), residual, np.nan)
+
+
+def _better(problem: Problem, before: Array, after: Array, used: Flags, family: Family) -> bool:
+    """Paired, each group counting the same."""
+    errors, _ = by_group(problem, (before, after), used, family)
     power = errors[np.isfinite(errors).all(axis=1)] ** 2
     if len(power) < 2:  # nothing to compare with
         return bool(np.sum(power[:, 1]) < np.sum(power[:, 0]))
@@ -79,9 +115,11 @@ def better(problem: Problem, before: Array, after: Array, used: Flags) -> bool:
     return chance <= calibrated.PROOF.surely_better or rms(after[used]) < calibrated.PROOF.half * rms(before[used])
 
 
-def by_group(problem: Problem, residuals: Sequence[Array], used: Flags) -> tuple[Array, NDArray[np.int64]]:
-    """(G, K) rmse of the first family for each of K residuals, and the labels (G,)."""
-    family = problem.families[0]
+def by_group(
+    problem: Problem, residuals: Sequence[Array], used: Flags, family: Family | None = None
+) -> tuple[Array, NDArray[np.int64]]:
+    """(G, K) rmse of a family (the first) for each of K residuals, and the labels (G,)."""
+    family = family or problem.families[0]
     groups, of = np.unique(problem.group[used], return_inverse=True)
     every = np.unique(problem.group)
     out = np.full((len(every), len(residuals)), np.nan)

@@ -14,7 +14,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.problem import Hypothesis, Quantities, Shape
-from machopt.diagnose.readings import Readings
+from machopt.diagnose.readings import BEHIND, Readings
 from machopt.domain.kinematics import KinematicCorrection
 from machopt.effects import geometry
 from machopt.effects.protocol import DEGREE, JOINTS, Quantity
@@ -37,7 +37,7 @@ def twists(r: Readings, place: str) -> Array:
     out[:, :3, :3] = out[:, 3:, 3:] = R
     lever = r.state.T_base_tool[:, :3, 3] - at
     out[:, :3, 3:] = np.swapaxes(np.cross(np.swapaxes(R, 1, 2), lever[:, None]), 1, 2)
-    return out[:, : r.dimensions]
+    return r.seen(out, BEHIND if place == geometry.TOOL else link + 1 if place in JOINTS else 0)
 
 
 def hypotheses(r: Readings, base: Array) -> list[Hypothesis]:

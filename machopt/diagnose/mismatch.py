@@ -82,7 +82,27 @@ def _twins(problem: Problem, e: Array, used: Flags, noise: Noise, rng: np.random
     sums, weight = _products(problem, e, used)
     if weight <= 0:
         return Repeatable(float(np.mean(e[used] ** 2)) - _allowed(problem, used, noise), float("nan"))
-    pairs, products = sums
+    return _chance(*sums, weight, rng)
+
+
+def comes_back_beside(problem: Problem, residual: Array, used: Flags, noise: Noise, rng: np.random.Generator) -> bool:
+    """Whether an instrument of its own shows something that comes back, beyond its noise."""
+    for n, family in enumerate(problem.families):
+        if not family.beside:
+            continue
+        rows = used & problem.measured(family)
+        sums, weight = _products(problem, residual[:, list(family.columns)], rows)
+        if weight <= 0:
+            continue
+        found = _chance(*sums, weight, rng)
+        least = calibrated.PROOF.matters * noise.together(n)
+        if found.p_value <= calibrated.PROOF.certain and np.sqrt(max(found.power, 0.0)) > least:
+            return True
+    return False
+
+
+def _chance(pairs: Array, products: Array, weight: float, rng: np.random.Generator) -> Repeatable:
+    """Mean product, and its chance by flipping the signs of whole visits."""
     power = float(products.sum() / weight)
     visits, label = np.unique(pairs, return_inverse=True)
     label = label.reshape(pairs.shape)

@@ -45,11 +45,16 @@ def estimate(problem: Problem, residual: Array, used: Flags) -> Noise:
     """
     contrast, twins = twin_contrast(problem, residual, used)
     replicated = int(twins.sum()) >= calibrated.NOISE.least_twins
-    e, rows = (contrast, twins) if replicated else (residual, used)
     own, cycle, visit = (np.zeros(len(problem.families)) for _ in range(3))
     gain = 0.0
     for f, family in enumerate(problem.families):
+        there = problem.measured(family)
+        repeated = replicated and int((twins & there).sum()) >= calibrated.NOISE.least_twins
+        e, rows = (contrast, twins & there) if repeated else (residual, used & there)
         own[f], cycle[f], visit[f], found = _split(problem, family, e, rows)
+        if family.beside and family.stated:  # repeats do not show what errs alike each time
+            own[f] = max(own[f], family.stated) if repeated else family.stated
+            cycle[f], visit[f] = (cycle[f], visit[f]) if repeated else (0.0, 0.0)
         if f == 0:
             gain = found
     return Noise(own, cycle, visit, gain, replicated)

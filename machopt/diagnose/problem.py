@@ -57,6 +57,7 @@ class Family:
     unit: str  # of reports, e.g. "mm"
     factor: float  # report unit per SI unit, e.g. 1e3
     stated: float | None = None  # 1 sigma of a reading as the recording states it, SI
+    beside: bool = False  # of an instrument of its own: told beside, and good for no more than is stated
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,7 @@ class Problem:
     excluded: Flags | None = None  # (N,) rows that the record checks put aside
     known: Array | None = None  # (N, D) K_C of load and weight, already taken off y; a base unknown holds its doubt
     time: Array | None = None  # (N,) s, where readings of one hour may share an error that those of another do not
+    present: Flags | None = None  # (N, D) what was measured; None: all. Elsewhere y and all columns are zero
     weight_known: bool = True  # masses of links and tool are stated
 
     def __len__(self) -> int:
@@ -87,6 +89,16 @@ class Problem:
     @property
     def dimensions(self) -> int:
         return int(self.y.shape[1])
+
+    def blanked(self, residual: Array) -> Array:
+        """(N, D) residuals, NaN where nothing was measured."""
+        return residual if self.present is None else np.where(self.present, residual, np.nan)
+
+    def measured(self, family: Family) -> Flags:
+        """(N,) readings that have every coordinate of a family."""
+        if self.present is None:
+            return np.ones(len(self), bool)
+        return np.asarray(self.present[:, list(family.columns)].all(axis=1))
 
 
 Quantities = Callable[[Array, Shape], Mapping[str, Quantity]]

@@ -20,6 +20,7 @@ from machopt.model.robot import ArmState, Masses, Robot
 from machopt.model.terms import LinearTerm
 
 Ints = NDArray[np.int64]
+BEHIND = 7  # the first body of what is behind the flange
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,14 @@ class History:
 
 
 @dataclass(frozen=True)
+class Inclined:
+    """An inclinometer on a link."""
+
+    link: int  # the joint that moves it; 0: base_link
+    present: NDArray[np.bool_]  # (N, 2) where it was read
+
+
+@dataclass(frozen=True)
 class Readings:
     """N readings of an arm at rest, base_link axes, SI."""
 
@@ -61,6 +70,7 @@ class Readings:
     visit: Ints  # (N,)
     cycle: Ints  # (N,) unique over poses and sessions
     memo: dict[str, History] = field(default_factory=dict, compare=False)  # histories by memory, found before
+    inclined: Inclined | None = None  # two more coordinates: rotation of a link about base x and y
 
     def __len__(self) -> int:
         return len(self.wrench)
@@ -96,6 +106,24 @@ class Readings:
         starts = np.flatnonzero(np.diff(label, prepend=label[0] - 1))
         return tuple(np.split(self.order, starts[1:]))
 
+    def seen(self, twist: Array, first: int) -> Array:
+        """What is recorded of twists that begin somewhere in the arm.
+
+        Args:
+            twist: (N, 6, …) m, rad at the TCP.
+            first: the first body that they move: 0 base_link, i link i, BEHIND what is behind the flange. A link that
+                bends counts as moved: the inclinometer is taken to sit at its far end.
+
+        Returns:
+            (N, D, …) m, rad; zero where an inclinometer sits before that, or was not read.
+        """
+        own = twist[:, : self.dimensions]
+        if self.inclined is None:
+            return own
+        there = self.inclined.present & (first <= self.inclined.link)
+        tilt = twist[:, 3:5] * there.reshape(there.shape + (1,) * (twist.ndim - 2))
+        return np.concatenate([own, tilt], axis=1)
+
     def lift(self, joint: int, twist: Array) -> Array:
         """What a twist of one joint does to the reading.
 
@@ -107,13 +135,19 @@ class Readings:
             (N, D, p) m, rad.
         """
         t = twist[:, None] if twist.ndim == 1 else twist
-        return np.asarray(self.state.J[:, : self.dimensions, joint][:, :, None] * t[:, None, :])
+        return np.asarray(self.seen(self.state.J[:, :, joint], joint + 1)[:, :, None] * t[:, None, :])
 
     def through(self, wrench: Array) -> Array:
         """(N, D) displacement that a wrench (N, 6) at the TCP causes through the joints' compliance so far."""
         J = self.state.J
         tau = np.einsum("nci,nc->ni", J, wrench)
-        return np.asarray(np.einsum("nci,ni->nc", J, tau * self.compliance))[:, : self.dimensions]
+        twist = np.asarray(np.einsum("nci,ni->nc", J, tau * self.compliance))
+        if self.inclined is None:
+            return twist[:, : self.dimensions]
+        k = self.inclined.link  # the joints behind it do not turn it
+        twist[:, 3:] = np.einsum("nci,ni->nc", J[:, 3:, :k], (tau * self.compliance)[:, :k])
+        rotation = np.einsum("nci,ni->nc", J[:, 3:], tau * self.compliance)[:, : self.dimensions - 3]
+        return np.concatenate([twist[:, :3], rotation, twist[:, 3:5] * self.inclined.present], axis=1)
 
     def elastic(self, term: LinearTerm) -> Array:
         """(N, D, P) of a linear elastic term under the recorded wrench (weight apart)."""

@@ -32,7 +32,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Whitening:
-    """Turns (N, D, …) columns into (M, …) rows with independent unit errors; M = used readings × D."""
+    """Turns (N, D, …) columns into (M, …) rows with independent unit errors; M = what the used readings measured."""
 
     index: Ints  # (n,) used readings, sorted by group and visit
     sigma: Array  # (D,) own 1 sigma of each coordinate, SI
@@ -41,13 +41,15 @@ class Whitening:
     group_of_visit: Ints  # (V,) index of its group, ascending
     groups: Ints  # (G,) labels
     session: Ints  # (V,) of each visit
+    reading: Ints  # (M,) reading of each row
+    kept: Ints | None = None  # (M,) of the n D coordinates of used readings, those that were measured; None: all
 
     def apply(self, x: Array) -> Array:
         """(N, D) or (N, D, p) → (M,) or (M, p)."""
         flat = (x[self.index] / (self.sigma if x.ndim == 2 else self.sigma[:, None])).reshape(
             len(self.index) * len(self.sigma), *x.shape[2:]
         )
-        out = np.ascontiguousarray(flat)
+        out = np.ascontiguousarray(flat if self.kept is None else flat[self.kept])
         for b in self.blocks:
             part = out[b.rows]
             along = b.Q.T @ part
@@ -81,21 +83,31 @@ def whitening(problem: Problem, noise: Noise, used: Flags) -> Whitening:
     visit = problem.visit[index]
     starts = np.flatnonzero(np.r_[True, (np.diff(visit) != 0) | (np.diff(group) != 0)])
     ends = np.r_[starts[1:], len(index)]
+    kept = None if problem.present is None else np.flatnonzero(problem.present[index].reshape(-1))
+    bounds = np.r_[starts, len(index)] * D
+    if kept is not None:
+        bounds = np.searchsorted(kept, bounds)
     blocks = []
-    for a, b in zip(starts, ends, strict=True):
+    for n, (a, b) in enumerate(zip(starts, ends, strict=True)):
         U = _shared(problem, noise, family, sigma, index[a:b])
+        if kept is not None:
+            U = U[kept[bounds[n] : bounds[n + 1]] - a * D]
         if U.shape[1]:
             Q, s, _ = np.linalg.svd(U, full_matrices=False)
             keep = s > 1e-6
-            blocks.append(Block(slice(a * D, b * D), Q[:, keep], 1.0 - 1.0 / np.sqrt(1.0 + s[keep] ** 2)))
+            blocks.append(
+                Block(slice(int(bounds[n]), int(bounds[n + 1])), Q[:, keep], 1.0 - 1.0 / np.sqrt(1.0 + s[keep] ** 2))
+            )
     return Whitening(
         index,
         sigma,
         tuple(blocks),
-        np.r_[starts, len(index)] * D,
+        bounds,
         group[starts].astype(np.int64),
         groups,
         problem.session[index[starts]].astype(np.int64),
+        np.repeat(index, D) if kept is None else index[kept // D],
+        kept,
     )
 
 

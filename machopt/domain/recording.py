@@ -28,6 +28,7 @@ class StandardUncertainty:
     moment: float | None = None  # N·m
     joint: float | None = None  # rad
     target: float | None = None  # m, of a coordinate of a reflector's nominal place
+    tilt: float | None = None  # rad, of an inclinometer
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,10 @@ class Recording:
     targets: tuple[Target, ...] = ()  # reflectors that were measured; empty: the TCP itself
     target: Ints | None = None  # (N,) index into targets; None: all readings are of the first, or of the TCP
     frame: Ints | None = None  # (N,) same label: same stand of the tracker; None: it never moved
+    tilt: Array | None = (
+        None  # (N, 2) rad, rotation of tilt_link about base x and y beyond the encoders' word; NaN: not read
+    )
+    tilt_link: str = ""  # a link of the URDF, or its number of moved joints ("3", "link:3"); empty: no tilts
     uncertainty: StandardUncertainty = field(default_factory=StandardUncertainty)
     notes: str = ""
     labelled: frozenset[str] = frozenset()  # which of "pose", "cycle", "session" the file itself states

@@ -16,7 +16,7 @@ from pydantic import Field
 from machopt.arrays import Ints
 from machopt.domain.recording import Recording, StandardUncertainty, Target
 from machopt.errors import InputError
-from machopt.formats import recording_motors, recording_targets
+from machopt.formats import recording_motors, recording_targets, recording_tilt
 from machopt.formats.recording_columns import BRANCHES, CHANNELS, LABELS, branches, chain, channels, labels, vocabulary
 from machopt.formats.recording_join import join, number_poses, separate_cycles, wide_poses
 from machopt.formats.recording_table import DataTable, read_table
@@ -31,6 +31,7 @@ _UNCERTAINTY = {
     "moment_Nm": ("moment", 1.0),
     "joint_deg": ("joint", np.pi / 180.0),
     "target_mm": ("target", 1e-3),
+    "tilt_mrad": ("tilt", 1e-3),
 }
 _RADIANS_LOOK = 6.3  # every joint of every reading within a turn in rad: degrees would be a straight arm, hardly moved
 _ROWS_AT_ONCE = 4096
@@ -43,6 +44,7 @@ class _Uncertainty(Strict):
     moment_Nm: float | None = Field(default=None, ge=0, description="1 sigma of a moment in N·m")
     joint_deg: float | None = Field(default=None, ge=0, description="1 sigma of a joint position in degrees")
     target_mm: float | None = Field(default=None, gt=0, description="1 sigma of a coordinate of targets_mm in mm")
+    tilt_mrad: float | None = Field(default=None, gt=0, description="1 sigma of an inclinometer in mrad")
 
 
 class _RecordingFile(Strict):
@@ -60,12 +62,13 @@ class _RecordingFile(Strict):
     targets_mm: Any = Field(
         default=None, description="of each reflector its nominal place x, y, z in flange, by its name in column target"
     )
+    tilt_link: Any = Field(
+        default=None,
+        description="link whose tilt_x_mrad, tilt_y_mrad are: its name in the URDF, or the joint that moves it",
+    )
     motor_gain_Nm_per_A: Any = Field(default=None, description="of each motor, torque at its shaft per current")
     gear_ratio: Any = Field(default=None, description="of each joint, turns of its motor per turn of the joint")
     coupling_matrix: Any = Field(default=None, description="joint angles per motor angles, a row a joint")
-    tilt_link: Literal["link:1", "link:2", "link:3", "link:4", "link:5", "link:6"] | None = Field(
-        default=None, description="the link that columns tilt_x_mrad, tilt_y_mrad are of; not used yet, which is told"
-    )
     standard_uncertainty: _Uncertainty = Field(default=_Uncertainty(), description="of the readings, 1 sigma")
     notes: str = Field(default="", description="free text")
 
@@ -88,10 +91,11 @@ def load_recording(path: Path | str) -> Recording:
     keys = validate(_RecordingFile, document)
     data = _data_files(document, keys.data, file.parent)
     targets = recording_targets.stated(document, keys.targets_mm, keys.kind)
+    tilted = recording_tilt.stated(document, keys.tilt_link, keys.kind)
     motors = recording_motors.stated(
         document, keys.motor_gain_Nm_per_A, keys.gear_ratio, keys.coupling_matrix, keys.kind
     )
-    runs = [_read_run(read_table(p, vocabulary(keys.kind)), keys, file.parent, targets, motors) for p in data]
+    runs = [_read_run(read_table(p, vocabulary(keys.kind)), keys, file.parent, targets, motors, tilted) for p in data]
     _refuse_moved(document, keys, runs)
     for other, p in zip(runs[1:], data[1:], strict=True):
         if other.labelled != runs[0].labelled:
@@ -216,14 +220,15 @@ def _read_run(
     folder: Path,
     targets: Mapping[str, Target],
     motors: recording_motors.Motors,
+    tilted: str,
 ) -> Recording:
     """One data file as a recording of its own."""
     reflectors, target = recording_targets.seen(table, targets, isinstance(keys.targets_mm, list))
     frame = recording_targets.stands(table)
     prismatic = chain(table, keys.kind)
+    recording_tilt.check(table, tilted)
     by_motors = recording_motors.angles(table, motors, prismatic)
     found, warnings = channels(table, keys.kind, prismatic, {} if by_motors is None else {"q": by_motors})
-    warnings += recording_targets.tilts(table, keys.tilt_link)
     if found["q"] is not by_motors:
         warnings += recording_motors.checked(table, found["q"], by_motors)
     made = recording_motors.torque(table, motors, found.get("current"), prismatic)
@@ -274,6 +279,8 @@ def _read_run(
         targets=reflectors,
         target=target,
         frame=frame,
+        tilt=found.get("tilt"),
+        tilt_link=tilted,
         uncertainty=_uncertainty(keys.standard_uncertainty),
         notes=keys.notes,
         labelled=frozenset(given),
@@ -357,12 +364,13 @@ def _columns(recording: Recording, folder: Path) -> dict[str, Sequence[str]]:
         for name, unit, column in zip(names, units, array.T, strict=False):
             if channel.rest == "nan" and np.isnan(column).all():
                 continue
-            bad = np.flatnonzero(~np.isfinite(column))
+            bad = np.flatnonzero(np.isinf(column) if channel.sparse else ~np.isfinite(column))
             if bad.size:
                 found = f"reading {bad[0] + 1} of {name} is {column[bad[0]]}"
                 raise InputError(f"{found}; a recording holds finite numbers", file=folder)
             # shortest text of the rounded number; adding zero turns -0.0 into 0.0
-            out[name] = list(map(repr, (np.round(column / unit, channel.decimals) + 0.0).tolist()))
+            cells = map(repr, (np.round(column / unit, channel.decimals) + 0.0).tolist())
+            out[name] = ["" if channel.sparse and c == "nan" else c for c in cells]
     return out
 
 
@@ -379,6 +387,8 @@ def _write_yaml(path: Path, recording: Recording) -> None:
     data["registration"] = recording.registration
     if recording.targets:
         data[recording_targets.KEY] = {t.name: [_printed(1e3 * v) for v in t.place] for t in recording.targets}
+    if recording.tilt_link:
+        data[recording_tilt.KEY] = recording.tilt_link
     sigma = {k: getattr(recording.uncertainty, name) for k, (name, _) in _UNCERTAINTY.items()}
     stated = {k: _printed(v / _UNCERTAINTY[k][1]) for k, v in sigma.items() if v is not None}
     if stated:

@@ -13,6 +13,7 @@ from machopt.domain.recording import Kind
 from machopt.formats.recording_table import DataTable, Vocabulary
 
 LABELS = ("pose", "cycle", "session")
+TILTS = ("tilt_x_mrad", "tilt_y_mrad")  # of measured poses: an inclinometer on a link
 SEEN = ("target", "frame")  # of measured poses: which reflector, and from which stand of the tracker
 BRANCHES = {"load": 1, "unload": -1, "": 0}  # an empty cell: not stated
 
@@ -36,6 +37,7 @@ class Channel:
     rest: Literal["all", "zero", "nan"] = "all"  # what the others are where not all of them stand
     turns: str = ""  # name at joint {} that turns; empty: not one column a joint
     slides: str = ""  # name at joint {} that slides; empty: the same
+    sparse: bool = False  # a cell may be empty: NaN
 
     def names(self, prismatic: Prismatic) -> tuple[str, ...]:
         """The columns for a chain of joints."""
@@ -66,6 +68,7 @@ CHANNELS = (
     Channel("quaternion", ("qw", "qx", "qy", "qz"), 1.0, 12, 4),
     Channel("time", ("time_s",), 1.0, 9, 1),
     Channel("temperature", ("temperature_C",), 1.0, 5, 1),
+    Channel("tilt", TILTS, 1e-3, 7, 2, sparse=True),
     _joints("q_command", "qcmd{}_deg", "qcmd{}_mm", _DEG, 9),
     _joints("q_secondary", "qse{}_deg", "qse{}_mm", _DEG, 9, 0),
     _joints("velocity", "qd{}_deg_s", "qd{}_mm_s", _DEG, 8),
@@ -90,7 +93,11 @@ _AT_REST = Vocabulary(
     numbers=(*LABELS, *(name for channel in CHANNELS for name in channel.columns)),
     words=("branch",),
     listed="pose, cycle, session, branch, "
-    + ", ".join(f"{c.columns[0]} … {c.columns[-1]}" if len(c.columns) > 4 else ", ".join(c.columns) for c in CHANNELS),
+    + ", ".join(
+        f"{c.columns[0]} … {c.columns[-1]}" if len(c.columns) > 4 else ", ".join(c.columns)
+        for c in CHANNELS
+        if not c.sparse
+    ),
     refused={
         f"q{i}_mm": "prismatic joints are not read yet but in recordings of kind motion; an arm has six revolute "
         "joints, q1_deg … q6_deg"
@@ -100,14 +107,17 @@ _AT_REST = Vocabulary(
 _POSES_ONLY = {
     name: f"column {name} belongs to recordings of kind absolute, where a tracker measures reflectors" for name in SEEN
 }
-TILTS = ("tilt_x_mrad", "tilt_y_mrad")
-_TILTS = {name: f"column {name} belongs to recordings of kind absolute; leave it and tilt_link out" for name in TILTS}
+_TILTS = {
+    name: f"column {name} belongs to recordings of kind absolute, where an inclinometer sits on a link"
+    for name in TILTS
+}
 _AT_POSES = Vocabulary(
-    numbers=(*_AT_REST.numbers, "frame", *TILTS),
+    numbers=(*_AT_REST.numbers, "frame"),
     words=(*_AT_REST.words, "target"),
     listed=f"{_AT_REST.listed}, target, frame, {', '.join(TILTS)}",
     refused=_AT_REST.refused,
     names=("target",),
+    sparse=TILTS,
 )
 _AT_LOADS = replace(_AT_REST, refused={**_AT_REST.refused, **_POSES_ONLY, **_TILTS})
 _ANY_JOINT = [

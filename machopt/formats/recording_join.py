@@ -17,7 +17,16 @@ SAME_Q = np.radians(0.02)  # readings without pose labels: encoders return to a 
 SAME_LABEL = np.radians(0.05)  # files that mean the same pose by a label differ by less
 _MOTION_Q = np.radians(1e-3)  # in motion a "pose" is only a place that is passed again
 
-_SAME = ("kind", "prismatic", "wrench_frame", "displacement_frame", "registration", "wrench_point", "targets")
+_SAME = (
+    "kind",
+    "prismatic",
+    "wrench_frame",
+    "displacement_frame",
+    "registration",
+    "wrench_point",
+    "targets",
+    "tilt_link",
+)
 _BESIDE = ("branch", "target", "frame")  # columns that are no channel
 
 

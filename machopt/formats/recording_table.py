@@ -23,6 +23,7 @@ _MOST = {"_Nm": 1e7, "_N": 1e7, "_mm": 1e7, "_mrad": 1e5, "_deg": 1e8, "_deg_s":
 """By the unit a column's name ends in: a hundred times the largest press, plant, fever or gear, and more."""
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+", re.ASCII)
+_NOT_READ = ("", "nan")
 _NOT_FINITE = re.compile(r"[-+]?(?:nan|inf|infinity)", re.IGNORECASE)
 
 
@@ -35,6 +36,7 @@ class Vocabulary:
     listed: str  # all names in short, for messages
     refused: dict[str, str]  # known names that cannot be taken, and why
     names: tuple[str, ...] = ()  # columns of words that may be whole numbers too
+    sparse: tuple[str, ...] = ()  # columns of numbers that may be empty or nan: not read there
 
 
 @dataclass(frozen=True)
@@ -122,14 +124,19 @@ def _read_csv(path: Path, data: bytes, vocabulary: Vocabulary) -> DataTable:
         if name in at
     }
     names = [name for name in header if name not in words]
-    values = _parse(table, body, fields, names, at)
+    values = _parse(table, body, fields, names, at, vocabulary.sparse)
     return DataTable(path, dict(zip(names, values.T, strict=True)), words, table.lines, table.header_line)
 
 
 def _parse(
-    table: DataTable, body: list[str], fields: list[list[str]] | None, names: list[str], at: dict[str, int]
+    table: DataTable,
+    body: list[str],
+    fields: list[list[str]] | None,
+    names: list[str],
+    at: dict[str, int],
+    sparse: Sequence[str],
 ) -> Array:
-    """(N, len(names)) numbers, all finite."""
+    """(N, len(names)) numbers, all finite but NaN where a cell of a sparse column is empty."""
     out = np.empty((len(body), len(names)))
     use = [at[name] for name in names]
     for start in range(0, len(body) if names else 0, _ROWS_AT_ONCE):
@@ -147,7 +154,7 @@ def _parse(
             for c, name in enumerate(names):
                 cell = cells[at[name]].strip()
                 out[k, c] = float(cell) if _NUMBER.fullmatch(cell) else np.nan
-                if not np.isfinite(out[k, c]):
+                if not np.isfinite(out[k, c]) and not (name in sparse and cell.lower() in _NOT_READ):
                     raise table.error(f"found {_shown(cell)}; expected {_wanted(cell)}", k, name)
     return out
 
@@ -237,7 +244,11 @@ def _read_parquet(path: Path, data: bytes, vocabulary: Vocabulary) -> DataTable:
         raise InputError(f"is not readable as Parquet: {problem}", file=path) from problem
     if not len(table):
         raise table.error("holds no rows; expected one row a reading")
-    numbers = {n: _arrow_numbers(table, n, columns.column(n), pyarrow) for n in header if n not in vocabulary.words}
+    numbers = {
+        n: _arrow_numbers(table, n, columns.column(n), pyarrow, sparse=n in vocabulary.sparse)
+        for n in header
+        if n not in vocabulary.words
+    }
     words = {
         n: _arrow_words(table, n, columns.column(n), number=n in vocabulary.names)
         for n in header
@@ -246,14 +257,14 @@ def _read_parquet(path: Path, data: bytes, vocabulary: Vocabulary) -> DataTable:
     return DataTable(path, numbers, words, table.lines, 0)
 
 
-def _arrow_numbers(table: DataTable, name: str, column: Any, pyarrow: Any) -> Array:
+def _arrow_numbers(table: DataTable, name: str, column: Any, pyarrow: Any, *, sparse: bool) -> Array:
     kind = column.type
     if not (pyarrow.types.is_integer(kind) or pyarrow.types.is_floating(kind)):
         raise table.error(f"is of type {kind}; expected numbers", column=name)
-    if column.null_count:
+    if column.null_count and not sparse:
         raise table.error("found an empty cell; expected a number", column.is_null().to_pylist().index(True), name)
     values = np.asarray(column.to_numpy(), dtype=np.float64)
-    bad = np.flatnonzero(~np.isfinite(values))
+    bad = np.flatnonzero(np.isinf(values) if sparse else ~np.isfinite(values))
     if bad.size:
         raise table.error(f"found {values[bad[0]]}; expected {_wanted(str(values[bad[0]]))}", int(bad[0]), name)
     return values

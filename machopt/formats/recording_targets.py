@@ -9,7 +9,7 @@ import numpy as np
 
 from machopt.arrays import Ints
 from machopt.domain.recording import Kind, Recording, Target
-from machopt.formats.recording_columns import TILTS, labels
+from machopt.formats.recording_columns import labels
 from machopt.formats.recording_table import DataTable
 from machopt.formats.yamlstrict import Document, show
 
@@ -95,20 +95,6 @@ def seen(table: DataTable, known: Mapping[str, Target], numbered: bool) -> tuple
 def stands(table: DataTable) -> Ints | None:
     """(N,) labels of the column ``frame``; None where there is none."""
     return labels(table, "frame") if "frame" in table.numbers else None
-
-
-def tilts(table: DataTable, link: str | None) -> list[str]:
-    """A warning where the tilt of a link is recorded, which is read and looked at by no law.
-
-    Raises:
-        InputError: columns of tilt and no ``tilt_link`` that says of which link.
-    """
-    have = [name for name in TILTS if name in table.numbers]
-    if not have:
-        return []
-    if link is None:
-        raise table.error(f"column {have[0]} needs tilt_link in recording.yaml, the link it is of: link:1 … link:6")
-    return [f"{table.path.name}: {', '.join(have)} of {link} are not used: no law compares the tilt of a link yet"]
 
 
 def unseen(recording: Recording) -> list[str]:

@@ -129,6 +129,8 @@ def _coordinates(d: Diagnosis, problem: Problem | None) -> tuple[Coordinate, ...
         for place, c in enumerate(family.columns):
             if family.name in ("translation", "rotation"):
                 name = ("" if family.name == "translation" else "r") + _AXES[place]
+            elif family.beside:
+                name = f"{family.name}_{_AXES[place]}"
             else:
                 name = family.name if len(family.columns) == 1 else f"{family.name} {place + 1}"
             main = family.unit == problem.families[0].unit
