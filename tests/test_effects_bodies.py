@@ -245,7 +245,7 @@ def test_one_file_and_one_line_add_a_body(monkeypatch: pytest.MonkeyPatch, tmp_p
 def test_a_users_body_is_taken_and_a_bad_one_named() -> None:
     own._checked([TOY], "mine.py")
     for bad, said in (
-        (replace(TOY, places=("wall",)), "link:1 … link:6, base, tool would work"),
+        (replace(TOY, places=("wall",)), "port body and places link:1 … link:6, base, tool"),
         (replace(TOY, gives=(Flat(),)), r"law 'shears': matrices have the shape"),
         (replace(TOY, gives=(Broken(),)), r"does not run: ZeroDivisionError"),
     ):
