@@ -258,3 +258,20 @@ def test_a_rapid_move_takes_the_rail_along(tmp_path: FilePath) -> None:
     assert (np.abs(v).max(axis=0) <= 0.8 * cell.limits.velocity * 1.001).all()
     assert np.abs(v[:, 6]).max() > 0.75 * cell.limits.velocity[6]  # the rail goes farthest, and rules
     np.testing.assert_allclose(move.q[-1], ends[1], atol=1e-12)
+
+
+def test_a_shaft_that_turns_more_than_once_is_followed(tmp_path: FilePath) -> None:
+    """Three turns of a helix: values of a shaft that makes four were too far apart for a way."""
+    cell = replace(external_cell(tmp_path, table=True), stiffness=K)
+    k = cell.external_joints.index("turn")
+    low, high = cell.limits.lower.copy(), cell.limits.upper.copy()
+    low[6 + k], high[6 + k] = -4 * np.pi, 4 * np.pi
+    cell = replace(cell, limits=replace(cell.limits, lower=low, upper=high))
+    at = np.linspace(0.0, 6.0 * np.pi, 120)
+    away = np.column_stack([np.cos(at), np.sin(at), np.ones(120)]) / np.sqrt(2.0)
+    rows: Rows = [(tuple(0.1 * away[0] * (1, 1, 0) + 0.1 * away[0]), tuple(away[0]), Move.RAPID)]
+    rows += [((0.1 * a[0], 0.1 * a[1], 0.05 + 0.01 * t), tuple(a), Move.CUT) for a, t in zip(away, at, strict=True)]
+    found = best_plan(cell, toolpath(rows), OPTIONS)
+    assert not len(found.missing)
+    assert not found.breaks
+    assert np.ptp(found.path.external[:, k]) > 4.0 * np.pi
