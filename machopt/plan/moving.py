@@ -77,12 +77,12 @@ def curve(setup: Setup, options: PlanOptions, path: Path, group: Range, scale: f
     """
     free = np.flatnonzero(group.moving & (group.high > group.low))
     size = (group.high - group.low)[free] * setup.per_rad[6:][free]
-    most = COARSE[len(free)]
+    finest = COARSE[len(free)]
     if (
         len(free) == 1 and not setup.cell.external_prismatic[free[0]]
     ):  # a shaft that turns several times: so many a turn
-        most = int(np.ceil(most * max(float(size[0]) / (2 * np.pi), 1.0)))
-    counts = [int(np.clip(np.ceil(way / APART) + 1, 3, most)) for way in size]
+        finest = int(np.ceil(finest * max(float(size[0]) / (2 * np.pi), 1.0)))
+    counts = [int(np.clip(np.ceil(way / APART) + 1, 3, finest)) for way in size]
     whole = round(2 * np.pi / max(options.rotation_step, STEP)) * setup.arm.solver.branches
     stations = int(np.clip(VERTICES / (whole * int(np.prod(counts))), LEAST, MOST))
     part = part_of(path, group.runs, stations)
