@@ -77,10 +77,15 @@ def cut(text: str, before: str) -> str:
     return text.replace(line, head + tail.lstrip("-.0123456789"), 1)
 
 
+def turned(text: str, before: str) -> str:
+    """Every number behind a word with the other sign, whichever it has."""
+    return text.replace(before, before + "-").replace(before + "--", before)
+
+
 DAMAGES: list[tuple[str, str, Callable[[str], str], str]] = [
     ("krl", "no E2 in a line", lambda t: cut(t, ",E2 "), "does not say where the external axes stand"),
     ("krl", "a rail 0.2 mm off", lambda t: grown(t, ",E2 ", 0.2), "external axes at targets"),
-    ("krl", "another direction", lambda t: t.replace(",E1 ", ",E1 -"), "targets on the motion"),
+    ("krl", "another direction", lambda t: turned(t, ",E1 "), "targets on the motion"),
 ]
 
 
