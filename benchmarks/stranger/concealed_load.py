@@ -54,6 +54,8 @@ def draw(name: str, scene: LoadTest, rng: np.random.Generator, loud: float) -> l
             out.append(one)
     elif name == "link_compliance":
         for i in rng.permutation([0, 1, 2, 3]):
+            if np.linalg.norm(scene.built.ends()[i, :3]) < 0.01:  # axes that meet: nothing to bend
+                continue
             out.append(
                 Effect(name, f"link:{i + 1}", 0.3, 1.5, detail={"link": int(i), "taper": rng.uniform(0.55, 0.85)})
             )
