@@ -224,12 +224,9 @@ def _over_external(plan: Plan) -> str:
     if found is None:
         return ""
     if found.why:
-        return f"with the external joints as chosen: no bound over their values, {found.why}"
-    gap = f"gap {100 * found.gap:.2f} %" if found.gap >= 0.0 else "the plan has less than all of them"
-    return (
-        f"with the external joints as chosen; over {found.values} values of theirs and the plan's own, every "
-        f"{np.degrees(found.step):g}° at {found.stations} stations, no sequence below {found.bound:.4f}: {gap}"
-    )
+        return f"no bound over external joints: {found.why}"
+    over = f"{found.values} values of the external joints, too"
+    return f"gap {100 * found.gap:.2f} % over {over}" if found.gap >= 0.0 else f"less than any over {over}"
 
 
 def _shift(plan: Plan, toolpath: Toolpath) -> page.Shift | None:
