@@ -9,8 +9,8 @@ from machopt.formats.posts import program_name, write_program
 from machopt.formats.posts.densify import Tolerance
 from machopt.formats.tables import write_points_csv, write_trajectory_csv
 from machopt.plan.made import Plan
-from machopt.plan.pipeline import as_driven
 from machopt.plan.points import point_results
+from machopt.plan.spared import as_driven
 from machopt.plan.timeline import Timeline
 from machopt.postprocess.moves import Programmed
 from machopt.recheck.compared import Compared, Posted

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from machopt.domain.options import PlanOptions
 from machopt.domain.stint import Stint
 from machopt.domain.toolpath import Toolpath
 from machopt.plan.conflict import undriven, with_conflict
+from machopt.plan.conflict import whole as is_whole
 from machopt.plan.drive import motion_of
 from machopt.plan.external import best_plan
 from machopt.plan.gaps import told
@@ -16,12 +17,14 @@ from machopt.plan.joined import Stretch, joined, shares_of
 from machopt.plan.joinedmotion import Done, joined_points, joined_timeline
 from machopt.plan.made import Plan
 from machopt.plan.overexternal import over_external
-from machopt.plan.pipeline import as_driven
 from machopt.plan.points import PointResults, point_results
 from machopt.plan.refine import compensate
 from machopt.plan.setup import Timings
+from machopt.plan.spared import as_driven, asked_again, lost, with_spare
 from machopt.plan.timeline import Timeline
 from machopt.plan.together import together
+
+SPARES = 2  # plans made again where driving one takes of the margins it keeps
 
 
 @dataclass(frozen=True)
@@ -56,13 +59,17 @@ def plan_job(
     lent = before if len(before) == len(stints) else (None,) * len(stints)
     plans = [_planned(stints[0], options, timings, len(stints), lent[0])]
     if len(stints) == 1:
-        done = _done(stints[0], plans[0], options, timings)
+        done = _done(stints[0], plans[0], options, timings, lambda o: _planned(stints[0], o, timings, 1))
         return Job(done.stretch.plan, done.points, done.timeline, (done,))
     scale = plans[0].scores.scale  # of all: the worst index is that of the whole job
     rest = zip(stints[1:], lent[1:], strict=True)
     plans += [_planned(s, options, timings, len(stints), one, scale=scale) for s, one in rest]
     plans, bound = together(plans, shares_of(plans), timings)
-    parts = [_done(s, one, options, timings) for s, one in zip(stints, plans, strict=True)]
+
+    def again(stint: Stint) -> Callable[[PlanOptions], Plan]:
+        return lambda other: _planned(stint, other, timings, len(stints), scale=scale)
+
+    parts = [_done(s, one, options, timings, again(s)) for s, one in zip(stints, plans, strict=True)]
     whole = replace(joined([p.stretch for p in parts], bound), options=options)
     return Job(whole, joined_points(parts, toolpath), joined_timeline(parts), tuple(parts))
 
@@ -84,17 +91,44 @@ def _planned(
     return replace(the_plan, begin=begin, end=end) if count > 1 else the_plan
 
 
-def _done(stint: Stint, the_plan: Plan, whole: PlanOptions, timings: Timings) -> Done:
-    """One tool's plan with its points, and its motion where there is one."""
+def _done(
+    stint: Stint, the_plan: Plan, whole: PlanOptions, timings: Timings, again: Callable[[PlanOptions], Plan]
+) -> Done:
+    """One tool's plan with its points, and its motion where there is one.
+
+    Args:
+        again: plans the same with other options for the whole job.
+    """
     toolpath, options = stint.toolpath, stint.of(whole)
-    if options.compensate:
-        with timings.stage("compensate"):
-            the_plan = compensate(the_plan, toolpath)
-    timeline = motion_of(the_plan, toolpath, options, timings)
+    the_plan, driven, timeline = _driven(stint, the_plan, whole, timings, again)
     if timeline is not None and timeline.trajectory is not None:
-        the_plan = told(as_driven(the_plan, timeline.phi), list(timeline.driven), timeline.given_up)
+        the_plan = told(driven, list(timeline.driven), timeline.given_up)
     elif timeline is not None:
         the_plan = undriven(the_plan, timeline.obstructions, toolpath, options)
     with timings.stage("points"):
         points = point_results(the_plan, toolpath)
     return Done(Stretch(the_plan, stint.first, stint.tool), points, timeline)
+
+
+def _driven(
+    stint: Stint, the_plan: Plan, whole: PlanOptions, timings: Timings, again: Callable[[PlanOptions], Plan]
+) -> tuple[Plan, Plan, Timeline | None]:
+    """The plan, what is driven of it, and the motion; made again with spare where driving takes of the margins."""
+    toolpath, options, spared, arm = stint.toolpath, stint.of(whole), whole, the_plan.setup.arm
+    for tries_left in range(SPARES, -1, -1):
+        if options.compensate:
+            with timings.stage("compensate"):
+                the_plan = compensate(the_plan, toolpath)
+        timeline = motion_of(the_plan, toolpath, options, timings)
+        if timeline is None or timeline.trajectory is None:
+            return the_plan, the_plan, timeline
+        driven = as_driven(the_plan, timeline.phi)
+        stop = lost(the_plan, driven)
+        if stop is None:
+            return the_plan, driven, timeline
+        spared = with_spare(spared, the_plan, driven)
+        other = again(spared) if tries_left else None
+        if other is None or not (is_whole(other) or options.allow_gaps):
+            return the_plan, the_plan, replace(timeline, trajectory=None, obstructions=(stop,))
+        the_plan = asked_again(other, options, arm)
+    raise AssertionError("the last try returns")

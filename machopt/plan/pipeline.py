@@ -26,14 +26,13 @@ from machopt.plan.breaks import breaks_of_choice, jumps
 from machopt.plan.candidates import Candidates, enumerate_candidates
 from machopt.plan.check import Checker, PathCheck
 from machopt.plan.choose import Choice, choose
-from machopt.plan.compensate import rescored
 from machopt.plan.gouge import gouges_of
 from machopt.plan.made import Plan
 from machopt.plan.nearness import along, over_grid
 from machopt.plan.nested import best_of_nested
 from machopt.plan.objective import Objective, objective
 from machopt.plan.path import Path, build_path
-from machopt.plan.realise import Assignment, realise
+from machopt.plan.realise import Assignment
 from machopt.plan.score import Directions, Scores, configuration_cost, directions, score_candidates
 from machopt.plan.search import Found, Search
 from machopt.plan.setup import Scored, Setup, Timings, prepare, standing
@@ -226,15 +225,6 @@ def _name_dropped(path: Path, choice: Choice, candidates: Candidates, assignment
     known = np.where(candidates.reason == Reason.BOUNDS, 0, candidates.reason).max(axis=(1, 2))
     furthest = np.where(known == Reason.OK, Reason.BOUNDS, known)  # the user's bounds, where they alone are in the way
     assignment.reason[dropped] = furthest[at[dropped]]
-
-
-def as_driven(plan: Plan, phi: Array) -> Plan:
-    """The plan with the rotation the retimed motion really takes at the planning points, (P,) rad."""
-    before = plan.chosen.assignment
-    after = realise(plan.path, plan.setup.arm, plan.setup.robot, phi, before.q)
-    keep = before.reason != Reason.OK  # what was ruled out stays so
-    after.reason[keep] = before.reason[keep]
-    return rescored(plan, after)
 
 
 def as_asked(phi: Array, path: Path, options: PlanOptions) -> bool:

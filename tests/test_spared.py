@@ -1,0 +1,85 @@
+"""Margins hold for what is driven: the rotation is rounded where it bends, and a pose on a margin would fall short."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_cell import limits, pose, small_cell
+from test_path import Rows, toolpath
+from test_pipeline import UP, C, K, R
+
+from machopt.domain.cell import Cell, Cutter, Tool
+from machopt.domain.options import FixedRotation, PlanOptions
+from machopt.domain.reason import Reason
+from machopt.domain.stiffness import Stiffness
+from machopt.domain.stint import Stint
+from machopt.plan.drive import motion_of
+from machopt.plan.job import Job, plan_job
+from machopt.plan.made import Plan
+from machopt.plan.pipeline import plan
+from machopt.plan.setup import Timings
+from machopt.plan.spared import as_driven, lost
+from machopt.verify.asked import MARGIN_DEG
+
+# down, then along x, where the rotation turns at once: the arm's first joint stands farthest out at the corner
+ROWS: Rows = [((-0.1, -0.1, z), UP, R if z == 0.08 else C) for z in (0.08, 0.03, 0.0105, 0.01)]
+ROWS += [((-0.1 + 0.01 * k, -0.1, 0.01), UP, C) for k in (1, 2, 3)]
+PINS = tuple(FixedRotation(n, g) for n, g in zip(range(3, 7), (-1.6, -1.8, -1.95, -2.1), strict=True))
+OPTIONS = PlanOptions(collision=False, fixed=PINS)
+TOOL = Tool(pose(0.1, 0, 0.3, 0.7), 20.0, np.zeros(3), (), Cutter(0.012, 0.06))
+ON_IT = np.radians(1e-5)  # so near the margin the planned pose stands
+
+
+@pytest.fixture(scope="module")
+def on_the_margin(tmp_path_factory: pytest.TempPathFactory) -> tuple[Cell, Plan]:
+    """A cell whose joint limit the plan stands at, and the plan."""
+    cell = small_cell(tmp_path_factory.mktemp("cell"), stiffness=Stiffness(K), tool=TOOL)
+    path = toolpath(ROWS)
+    least = plan(cell, path, OPTIONS).chosen.assignment.q[:, 0].min()
+    near = replace(cell, limits=replace(limits(), lower=limits().lower.copy()))
+    near.limits.lower[0] = least - OPTIONS.limit_margin - ON_IT
+    return near, plan(near, path, OPTIONS)
+
+
+def job(cell: Cell, options: PlanOptions) -> Job:
+    path, home = toolpath(ROWS), cell.stands_at_home
+    return plan_job((Stint(cell, path, path, 0, home, home),), path, options, Timings())
+
+
+def test_driving_takes_more_of_the_margin_than_verify_allows(on_the_margin: tuple[Cell, Plan]) -> None:
+    cell, planned = on_the_margin
+    timeline = motion_of(planned, toolpath(ROWS), OPTIONS, Timings())
+    assert timeline is not None
+    driven = as_driven(planned, timeline.phi)
+    assert not len(planned.missing)
+    stop = lost(planned, driven)
+    assert stop is not None
+    assert stop.after == 2.0
+    short = cell.limits.lower[0] + OPTIONS.limit_margin - driven.chosen.assignment.q[:, 0].min()
+    assert np.degrees(short) > 10 * MARGIN_DEG
+
+
+def test_such_a_plan_is_made_again_and_keeps_the_margin_as_driven(on_the_margin: tuple[Cell, Plan]) -> None:
+    cell, _ = on_the_margin
+    done = job(cell, OPTIONS)
+    assert done.timeline is not None
+    assert done.timeline.trajectory is not None
+    assert (done.plan.chosen.assignment.reason == Reason.OK).all()
+    assert done.plan.options == OPTIONS  # what was asked, not what was kept beside it
+    margin = np.degrees(done.points.table.limit_margin)
+    assert margin.min() > np.degrees(OPTIONS.limit_margin) - MARGIN_DEG
+
+
+def test_one_that_cannot_be_made_again_is_no_plan_and_says_why(
+    on_the_margin: tuple[Cell, Plan], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell, _ = on_the_margin
+    monkeypatch.setattr("machopt.plan.job.SPARES", 0)
+    done = job(cell, OPTIONS)
+    assert done.timeline is not None
+    assert done.timeline.trajectory is None
+    (stop,) = done.timeline.obstructions
+    assert "limit_margin_deg" in stop.text
+    assert "point 3" in done.plan.conflict
