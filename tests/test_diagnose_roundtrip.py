@@ -19,8 +19,9 @@ from test_effects import TOY, toy
 from machopt.arrays import Array
 from machopt.cli import main
 from machopt.diagnose import absolute_catalogue, engine, held, motion
-from machopt.diagnose.problem import Problem
+from machopt.diagnose.problem import Catalogue, Problem, RecordCorrection
 from machopt.diagnose.result import Finding
+from machopt.domain.kinematics import Kinematics
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Term
 from machopt.effects import registry
@@ -30,9 +31,10 @@ from machopt.formats.recording import write_recording
 from machopt.formats.stiffness import load_stiffness
 from machopt.model.gravity import gravity_torque
 from machopt.model.rigid import load_dynamics
-from machopt.model.robot import load_masses
+from machopt.model.robot import load_masses, load_robot
 
 __all__ = ["toy"]  # a fixture
+NO_FILE = {"payload", "joint_friction", "joint_elasticity", "time_skew", "servo_lag", "transmission_error"}
 ROOT = Path(__file__).resolve().parent.parent
 CELL = ROOT / "cells" / "kr240_drilling"
 TRACKED = six_joints()[0].folder
@@ -138,12 +140,16 @@ def test_an_effect_of_one_file_and_one_line_is_found_in_a_motion(toy: object, tm
 
 
 def test_terms_that_a_channel_does_not_count_are_said_apart() -> None:
-    """A link's term in a motion, a balancer's in poses: nobody may read that they were taken off."""
+    """A link's term in a motion, a balancer's in poses: nobody may read that they were taken off.
+
+    What a balancer carries no gear and no motor of a motion does.
+    """
     play = Term("joint_backlash", "joint:2", {"half_gap_arcmin": 1.0})
     link = Term("link_compliance", "link:3", {"EI_Nm2": 1e7})
     across = Term("joint_coupling", "joint:4-5", {})
     balancer = Term("gravity_compensator", "joint:2", {})
-    assert [held.in_motions(t) for t in (play, link, across, balancer)] == [True, False, False, False]
+    assert [held.in_motions(t) for t in (play, link, across, balancer)] == [True, False, False, True]
+    assert [held.in_torques(t) for t in (play, link, across, balancer)] == [False, False, False, True]
     assert [held.in_poses(t) for t in (play, link, balancer)] == [True, True, False]
     d = cast("engine.Diagnosis", Noted())
     known: list[tuple[Term, ...]] = []
@@ -159,6 +165,52 @@ def test_terms_that_a_channel_does_not_count_are_said_apart() -> None:
         "the cell's own terms that this kind of recording does not count: link_compliance link:3",
         "the cell's own terms count as known: joint_backlash joint:2",
     )
+
+
+def moving() -> Recording:
+    """All that a motion can show of the shipped arm, without any effect: joints, their far sides, torques, the TCP."""
+    cell, rng = load_cell(CELL), np.random.default_rng(11)
+    assert cell.stiffness is not None
+    t, q, v, a = excited(6, rng, periods=2, rate=50.0)
+    q, v, a = 0.9 * q + np.radians([0, -90, 100, 0, 60, 0]), 0.9 * v, 0.9 * a
+    tau = load_dynamics(cell).torque(q, v, a)
+    bent = q - tau / cell.stiffness.joints
+    tip = load_robot(cell).fk(bent, cell.tool.T_flange_tcp)[:, :3, 3]
+    noisy = tau + 0.01 * np.abs(tau).max(axis=0) * rng.normal(size=tau.shape)
+    return recorded(t, q, v, noisy, q_secondary=bent, position=tip)
+
+
+@pytest.mark.parametrize("channel", ["link", "tip", "torque"])
+def test_what_any_motion_names_is_taken_off_where_the_cell_holds_it(channel: motion.Predicted) -> None:
+    """Over the registry: what goes into a file moves the readings of a cell that holds it as the law's columns do."""
+    cell, recording = load_cell(CELL), moving()
+    assert cell.stiffness is not None
+    cell = replace(cell, stiffness=replace(cell.stiffness, terms=()))
+
+    def made(terms: tuple[Term, ...], kinematics: Kinematics | None = None) -> tuple[Problem, Catalogue]:
+        rng, holding = np.random.default_rng(0), replace(cell, kinematics=kinematics)
+        return motion.build(recording, holding, channel, rng, terms=terms)[:2]
+
+    problem, catalogue = made(())
+    seen: dict[str, str] = {}
+    for h in catalogue.hypotheses:
+        if (h.effect, h.law) in seen.items():
+            continue  # one joint a law
+        columns = h.columns(h.shapes[-1])
+        size = 30.0 if channel == "torque" else 1e-5  # N·m; rad or m
+        x = size / np.abs(columns).max(axis=(0, 1)) * np.arange(1.0, columns.shape[2] + 1.0)
+        found = h.correction(x, h.shapes[-1])
+        if found is None or isinstance(found, RecordCorrection):
+            assert h.effect in NO_FILE, h.name
+            continue
+        elastic = isinstance(found, Term)
+        less, _ = made((found,) if elastic else (), None if elastic else Kinematics((found,)))
+        off, moved = problem.y - less.y, columns @ x
+        # of the tip springs are fitted first, and torques are weighted by a noise that is estimated anew
+        assert np.abs(off - moved).max() < (0.05 if channel != "link" else 1e-6) * np.abs(moved).max(), h.law
+        seen[h.effect] = h.law
+    wanted = {"torque": {"gravity_compensator"}}.get(channel, {"joint_backlash", "joint_creep", "transmission_error"})
+    assert wanted <= set(seen)
 
 
 # --- whole commands -----------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ stiffness, and the lever arms that the bend at rest moves. A motor carries the t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -17,10 +17,13 @@ from machopt.diagnose.problem import Curve, Hypothesis, Quantity, RecordCorrecti
 from machopt.diagnose.readings import Readings
 from machopt.domain.stiffness import Term
 from machopt.effects import files, registry
+from machopt.effects.compensator import in_file
+from machopt.effects.given import Parameters
 from machopt.effects.protocol import Beside, Effect, joints_of
 from machopt.identify.noise import joint_sensitivity
 
 SUBSCRIPTS = "₁₂₃₄₅₆"
+ARM = 6  # joints that a stiffness.yaml is of
 FINE = 90  # points of a line over the joint's range
 
 
@@ -44,6 +47,18 @@ def in_torques(scene: Scene) -> list[Hypothesis]:
         if _moves(scene, joints_of(where)[0])
         for law in sorted(effect.beside, key=lambda law: len(law.shape))
     ]
+
+
+def known(terms: Sequence[Term], q: Array) -> Array:
+    """(M, n) N·m that the cell's own terms put on joints at angles q (M, n): motors and gears carry so much less."""
+    out = np.zeros_like(q)
+    for term in terms:
+        effect = registry.elastic(term.effect)
+        if effect.beside and (j := joints_of(term.location)[0]) < q.shape[1]:
+            law = effect.beside[0]
+            values, shape, _ = files.read(law, Parameters(term.parameters, term.effect))
+            out[:, j] += law.torque(shape, q[:, j]) @ values
+    return out
 
 
 def _places() -> list[tuple[Effect, str]]:
@@ -131,6 +146,7 @@ def _stiffens(r: Readings, effect: Effect, where: str, law: Beside) -> Hypothesi
 def _carried(scene: Scene, effect: Effect, where: str, law: Beside) -> Hypothesis:
     j = joints_of(where)[0]
     q = scene.motion.q[:, j]
+    planned = scene.joints == ARM and not any(scene.prismatic)  # else no stiffness.yaml is there to hold it
 
     def signal(s: Shape) -> Array:
         return law.torque(np.array(s), q)
@@ -143,17 +159,22 @@ def _carried(scene: Scene, effect: Effect, where: str, law: Beside) -> Hypothesi
             "peak_torque": Quantity(float(np.abs(pull).max()), "N·m"),
         }
 
+    def stated(x: Array, s: Shape) -> Term | RecordCorrection:
+        # on the joint, so that its motor carries less
+        parameters = files.write(effect.beside[0], *in_file(law, -x, np.array(s)))
+        return (Term if planned else RecordCorrection)(effect.called, where, parameters)
+
     return joint_law(
         scene,
         j,
         effect.called,
         law.name,
-        f"τ{SUBSCRIPTS[j]} += τ, {law.equation}",
+        f"τ{SUBSCRIPTS[j]} −= τ, {law.equation}",
         signal,
         sizes,
         law.grid(),
         family="compensator",
         curve=lambda x, s: curve(scene, np.degrees(q), signal(s) @ x, f"joint {j + 1} in degrees", "torque in N·m"),
         note=f"with the angle of joint {j + 1}",
-        correction=lambda x, s: RecordCorrection(effect.called, where, files.write(law, x, np.array(s))),
+        correction=stated,
     )

@@ -50,9 +50,14 @@ def in_poses(term: Term) -> bool:
 
 
 def in_motions(term: Term) -> bool:
-    """What a motion counts where it tells the torque: laws of single joints."""
+    """What a motion counts where gears twist and it tells the torque: laws of single joints, torques beside gears."""
     first, last = joints_of(term.location) if term.location.startswith("joint:") else (0, 1)
-    return first == last and bool(registry.elastic(term.effect).laws)
+    return (first == last and bool(registry.elastic(term.effect).laws)) or in_torques(term)
+
+
+def in_torques(term: Term) -> bool:
+    """What joint torques of a motion count: torques beside gears."""
+    return bool(registry.elastic(term.effect).beside)
 
 
 def diagnosed(

@@ -12,7 +12,15 @@ from typing import Literal
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.diagnose import calibrated, motion_checks, motion_columns, motion_link, motion_tip, motion_torque
+from machopt.diagnose import (
+    at_beside,
+    calibrated,
+    motion_checks,
+    motion_columns,
+    motion_link,
+    motion_tip,
+    motion_torque,
+)
 from machopt.diagnose.motion_frame import Scene, one_joint
 from machopt.diagnose.motion_signals import Motion, signals
 from machopt.diagnose.problem import Catalogue, Problem, Untestable
@@ -21,6 +29,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Term
 from machopt.errors import InputError
+from machopt.model.correction import correction_of
 from machopt.model.rigid import Dynamics, NoInertiaError, load_dynamics
 
 Predicted = Literal["link", "tip", "torque"]
@@ -80,7 +89,7 @@ def build(
         cell: with the URDF; of its chain only the arm joints count.
         channel: one of :func:`channels`.
         rng: not used by these channels, which leave nothing to chance.
-        terms: of the cell's stiffness, that count as known: those of single joints.
+        terms: of the cell's stiffness, that count as known: those of single joints, and balancers.
         repeats: hold a phase of a motion that repeats out of all periods at once; False: stretches of time alone.
 
     Returns:
@@ -94,18 +103,24 @@ def build(
     mended, warnings = motion_checks.quality(mended, n)
     motion = signals(mended, n, repeats=repeats)
     dynamics = _dynamics(cell)
-    predicted: Array | None = None if dynamics is None else dynamics.torque(motion.q, motion.v, motion.a)
+    predicted = _predicted(dynamics, motion, terms)
     if predicted is not None and channel == "torque":
         mended, exchanged = motion_columns.mended(mended, motion, predicted)
         mended, of_torque = motion_checks.torque_side(mended, motion, predicted)
         found += [*exchanged, *of_torque]
     scene = replace(_scene(mended, cell, motion, dynamics, predicted), known=terms)
     scene.notes.extend(warnings)
+    if scene.correction is not None and channel != "torque":
+        corrected = ", ".join(dict.fromkeys(part.said for part in scene.correction.parts))
+        scene.notes.append(f"corrections of the cell's kinematics.yaml count as known: {corrected}")
     problem, catalogue, more = _equations(scene, channel)
     if channel != "tip":
         found += motion_checks.servo_lag(mended, motion)
     if found:
-        errors = _errors(problem), _as_stated(recording, cell, channel, repeats) if mended is not recording else None
+        errors = (
+            _errors(problem),
+            _as_stated(recording, cell, channel, repeats, terms) if mended is not recording else None,
+        )
         found = [_weighed(f, *errors) for f in found]
     missing = [*catalogue.untestable]
     if float(np.ptp(motion.time)) < calibrated.MOTION.long_s:
@@ -124,7 +139,16 @@ def _scene(
     n = motion.q.shape[1]
     prismatic = tuple(dynamics is not None and dynamics.prismatic(j) for j in range(n))
     return Scene(
-        recording, cell, motion, dynamics, predicted, n, one_joint(motion, n), prismatic, notes=[*motion.notes]
+        recording,
+        cell,
+        motion,
+        dynamics,
+        predicted,
+        n,
+        one_joint(motion, n),
+        prismatic,
+        correction=correction_of(cell.kinematics),
+        notes=[*motion.notes],
     )
 
 
@@ -144,12 +168,13 @@ def _equations(scene: Scene, channel: Predicted) -> tuple[Problem, Catalogue, li
     return motion_tip.build(scene, load_robot(scene.cell))
 
 
-def _as_stated(recording: Recording, cell: Cell, channel: Predicted, repeats: bool) -> Array | None:
+def _as_stated(
+    recording: Recording, cell: Cell, channel: Predicted, repeats: bool, terms: tuple[Term, ...]
+) -> Array | None:
     """Errors of the record as it stands; None where no equations can be made of it."""
     motion = signals(recording, min(len(cell.arm_joints), recording.q.shape[1]), repeats=repeats)
     dynamics = _dynamics(cell)
-    predicted = None if dynamics is None else dynamics.torque(motion.q, motion.v, motion.a)
-    scene = _scene(recording, cell, motion, dynamics, predicted)
+    scene = _scene(recording, cell, motion, dynamics, _predicted(dynamics, motion, terms))
     if channel == "link" and not motion_link.seen(scene):
         return None  # joints that seem to stand still
     return _errors(_equations(scene, channel)[0])
@@ -170,6 +195,13 @@ def _weighed(found: Finding, errors: Array, stated: Array | None) -> Finding:
     after = float(np.median(errors))
     before = after if stated is None or not found.record else float(np.median(stated))
     return replace(found, before=before, after=after)
+
+
+def _predicted(dynamics: Dynamics | None, motion: Motion, terms: tuple[Term, ...]) -> Array | None:
+    """(M, n) N·m that motors and gears carry by rigid bodies and the balancers that the cell knows of."""
+    if dynamics is None:
+        return None
+    return dynamics.torque(motion.q, motion.v, motion.a) - at_beside.known(terms, motion.q)
 
 
 def _dynamics(cell: Cell) -> Dynamics | None:

@@ -15,6 +15,7 @@ from machopt.diagnose.problem import Curve, Hypothesis, Ints, Quantities, Shape,
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Term
+from machopt.model.correction import Correction
 from machopt.model.rigid import Dynamics
 
 ARCMIN, ARCSEC, MRAD = np.pi / 10800.0, np.pi / 648000.0, 1e-3
@@ -34,6 +35,7 @@ class Scene:
     prismatic: tuple[bool, ...]
     scale: Array | None = None  # (D,) of the problem's coordinates; None: 1
     known: tuple[Term, ...] = ()  # of the cell's stiffness
+    correction: Correction | None = None  # of the cell's kinematics: true angles by those of the encoders
     notes: list[str] = field(default_factory=list)
     untestable: list[Untestable] = field(default_factory=list)
 
@@ -52,6 +54,10 @@ class Scene:
     @property
     def joints(self) -> int:
         return int(self.motion.q.shape[1])
+
+    def true_angles(self, q: Array) -> Array:
+        """(M, n) rad that the arm stands at without load where encoders (or commands) say q (M, n)."""
+        return q if self.correction is None else self.correction.true_angles(q)
 
     def column(self, joint: int, x: Array) -> Array:
         """(N, D, p) of a signal (M,) or (M, p) of one joint."""

@@ -1,4 +1,6 @@
-"""Link-side encoders against motor-side ones: y = q_secondary − q, the twist of the gear itself.
+"""Link-side encoders against motor-side ones: y = q_secondary − q − Δ(q), the twist of the gear itself.
+
+Δ is what the cell's kinematics.yaml holds: a gear's wave that is known is not found again.
 
 Refitted in any case, for each joint that has a second encoder: an offset (mounting and zero) and the compliance under
 the torque that the gear carries.
@@ -46,7 +48,7 @@ def build(scene: Scene, joints: list[int]) -> tuple[Problem, Catalogue]:
     m, rec = scene.motion, scene.recording
     if not joints or rec.q_secondary is None:
         raise InputError(f"{rec.source}: no link-side encoder moves; qse1_deg … are needed for the channel link")
-    y = m.within(m.mean(rec.q_secondary[m.index][:, joints] - m.q[:, joints]))
+    y = m.within(m.mean((rec.q_secondary[m.index][:, : scene.joints] - scene.true_angles(m.q))[:, joints]))
     offset = np.concatenate([scene.column(j, np.ones(len(m.q))) for j in joints], axis=2)
     found = drive(scene)
     base, unknowns = offset, [Unknown(f"offset {j + 1}", "rad", location=f"joint:{j + 1}") for j in joints]

@@ -52,8 +52,9 @@ def build(scene: Scene, robot: Robot) -> tuple[Problem, Catalogue, list[Finding]
     scene.notes.append("the TCP is predicted from the " + ("commanded joints" if commanded else "encoders"))
     measured = rec.position[m.index]
     lag = delays(scene, asked) if commanded else np.zeros(6)
+    asked = scene.true_angles(asked)
     # Jacobians and attitudes where the arm really was: at the encoders' joints
-    pose = _Pose(robot, T_tool, m.q, np.zeros_like(m.q))
+    pose = _Pose(robot, T_tool, scene.true_angles(m.q), np.zeros_like(m.q))
     tip = robot.fk(asked, T_tool)[:, :3, 3]
     followed = pose.p - tip  # what the encoders say about following the command
 

@@ -259,9 +259,9 @@ def in_motion(
         problem, catalogue, notes, found = motion.build(recording, cell, channel, rng, terms=terms)
         return engine.diagnose(problem, catalogue, replace(options, predicted=words[channel]), rng), problem
 
-    six = len(cell.arm_joints) == 6 and not cell.arm_prismatic and channel != "torque"
+    six = len(cell.arm_joints) == 6 and not cell.arm_prismatic
     terms = _held(cell, load_robot(cell), known_masses(cell)) if six else ()
-    d, problem = held.diagnosed(terms, stretches, held.in_motions)
+    d, problem = held.diagnosed(terms, stretches, held.in_torques if channel == "torque" else held.in_motions)
     # what leaves the record as it is, like a lag behind the command, changes no error of this channel
     beside = [f if f.record else replace(f, before=d.heldout_before, after=d.heldout_before) for f in found]
     return Examined(_with_record(d, beside, None, notes, recording.warnings), problem, recording)

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.effects.protocol import DEGREE, Effect, Parameter, Quantity, Shape
+from machopt.effects.protocol import DEGREE, Beside, Effect, Parameter, Quantity, Shape
 from machopt.effects.waves import waves
 
 RATIOS = (0.15, 0.35, 0.7)  # a/L that are tried
+FAR = 1e-3  # a/L of a spring whose far pivot does not show
 ANGLES = tuple(np.radians(np.arange(0.0, 360.0, 30.0)).tolist())  # rad, α that are tried
 
 
@@ -76,6 +77,18 @@ class Harmonic:
 
 
 LINKAGE, HARMONIC = Linkage(), Harmonic()
+
+
+def in_file(law: Beside, values: Array, shape: Array) -> tuple[Array, Array]:
+    """Values and shape by the law that files state, the first of an effect; of any other law they stay as they are.
+
+    A cos q + B sin q = C sin(α + q) is a spring whose far pivot is very far: −F₀ L s' = F₀ L (a/L) sin(α + q) to a
+    share a/L.
+    """
+    if law is not HARMONIC:
+        return values, shape
+    cos, sin = (float(v) for v in values)
+    return np.array([np.hypot(cos, sin) / FAR, 0.0]), np.array([FAR, np.arctan2(cos, sin)])
 
 
 def _distance(shape: Array, angle: Array) -> tuple[Array, Array, Array]:
