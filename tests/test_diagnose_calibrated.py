@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import subprocess
 import sys
 from pathlib import Path
@@ -34,3 +35,49 @@ def test_the_script_prints_the_table_again() -> None:
     ).stdout
     for row in calibrated.every():
         assert f"{row.concern.lower()}.{row.name}" in said
+
+
+NO_DECISION = {  # constants beside the computation: guards against rounding, units, ends of grids, a stated load
+    "absolute_catalogue.ROUNDING",
+    "apart.predicted.REST",
+    "apart.predicted.SAME",
+    "at_joint.LEAST_SOFT",
+    "grams.NOTHING",
+    "grams.RIDGE",
+    "motion_clock.LONGEST",
+    "motion_frame.ARCMIN",
+    "motion_frame.ARCSEC",
+    "motion_frame.MRAD",
+    "motion_link.MOVING",
+    "nests.LOOSE",
+    "noise.LEAST_SIGMA",
+    "onjob.TEST_FORCE",
+}
+
+
+def test_a_number_that_decides_stands_in_the_table() -> None:
+    """A float of a module is a threshold, of ``diagnose/calibrated``, unless this list says that it decides nothing."""
+    folder = ROOT / "machopt" / "diagnose"
+    found = set()
+    for path in sorted(folder.rglob("*.py")):
+        where = path.relative_to(folder).with_suffix("")
+        if where.parts[0] == "calibrated":
+            continue
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.Assign) and len(node.targets) == 1:
+                pairs = _pairs(node.targets[0], node.value)
+                found |= {".".join((*where.parts, name)) for name, value in pairs if _float(value)}
+    assert found == NO_DECISION
+
+
+def _pairs(target: ast.expr, value: ast.expr) -> list[tuple[str, ast.expr]]:
+    if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
+        return [p for t, v in zip(target.elts, value.elts, strict=True) for p in _pairs(t, v)]
+    return [(target.id, value)] if isinstance(target, ast.Name) else []
+
+
+def _float(value: ast.expr) -> bool:
+    """A number with a point, alone, negative, or inside a call or a product: ``np.radians(1.0)``."""
+    if isinstance(value, ast.Tuple | ast.List | ast.Dict):
+        return False  # grids and tables
+    return any(isinstance(n, ast.Constant) and isinstance(n.value, float) for n in ast.walk(value))

@@ -115,7 +115,7 @@ def test_twelve_poses_of_three_reflectors_see_turned_axes_far_sharper_than_those
         state, p, _ = model.predict(frame)
         base, unknowns = model.columns(state, p)
         readings = model.readings(state, frame, model.nominal)
-        twists = [laws_geometry.twists(readings, f"joint:{j}") * laws_geometry.HELD for j in range(1, 7)]
+        twists = [laws_geometry.twists(readings, f"joint:{j}") * laws_geometry.held() for j in range(1, 7)]
         A = np.concatenate([base, *twists], axis=2).reshape(3 * len(recording), -1)
         scale = np.r_[1.0 / np.linalg.norm(A[:, : len(unknowns)], axis=0), np.ones(36)]
         known = np.r_[np.full(len(unknowns), 1e-12), np.ones(36)]

@@ -10,11 +10,11 @@ from made_up_load_tests import TRUE_K, WHITE, cell, draw, measured, planned
 from scipy.linalg import block_diag, sqrtm
 
 from machopt.domain.recording import StandardUncertainty
-from machopt.domain.stiffness import Stiffness, Term
+from machopt.domain.stiffness import LEAST_STIFFNESS, Stiffness, Term
 from machopt.identify.experiment import Experiment, experiment
 from machopt.identify.fit import fit
 from machopt.identify.heldout import errors, folds, heldout
-from machopt.identify.identifiability import LEAST_STIFFNESS, settle
+from machopt.identify.identifiability import settle
 from machopt.identify.influence import influence, outliers
 from machopt.identify.options import IdentifyOptions
 from machopt.identify.pipeline import identify

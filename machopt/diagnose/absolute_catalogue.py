@@ -28,7 +28,6 @@ from machopt.diagnose.readings import Readings
 from machopt.effects import by_angle, kinematic, registry
 from machopt.effects.protocol import timed
 
-LEVER = 0.5  # m: an error of rotation counts as the shift it makes this far away, while nothing is known of the noise
 ROUNDING = 1e-8  # of a column's length: what is left of one that the base holds
 
 
@@ -85,7 +84,7 @@ def catalogue(r: Readings, problem: Problem) -> Catalogue:
 
 
 def spanned(columns: Array) -> Array:
-    """(N D, K) orthonormal columns of what (N, D, P) can make up, rotations counted by :data:`LEVER`."""
+    """(N D, K) orthonormal columns of what (N, D, P) can make up, rotations counted by ``calibrated.RESTING.lever``."""
     B = _flat(columns)
     sizes = np.linalg.norm(B, axis=0)
     U, s, _ = np.linalg.svd(B[:, sizes > 0] / sizes[sizes > 0], full_matrices=False)
@@ -100,7 +99,7 @@ def left(columns: Array, Q: Array) -> float:
 
 
 def _flat(columns: Array) -> Array:
-    weight = np.r_[np.ones(3), np.full(columns.shape[1] - 3, LEVER)][:, None]
+    weight = np.r_[np.ones(3), np.full(columns.shape[1] - 3, calibrated.RESTING.lever)][:, None]
     return np.asarray((columns * weight).reshape(columns.shape[0] * columns.shape[1], columns.shape[2]))
 
 

@@ -20,7 +20,6 @@ from machopt.effects.corrections import entry
 from machopt.effects.protocol import DEGREE, Effect, Swept, Unloaded, joints_of
 from machopt.effects.waves import ARCSEC
 
-APART = 3  # decimals of a radian: poses that are returned to differ by less
 FINE = 400  # points of a law's line over the range
 
 
@@ -45,7 +44,7 @@ def swept(r: Readings, j: int) -> Swept:
     """
     q = r.state.q[:, j]
     low, high = float(q.min()), float(q.max())
-    distinct = len(np.unique(np.round(q, APART)))
+    distinct = len(np.unique(np.round(q, calibrated.RESTING.angle_decimals)))
     shown = high - low >= calibrated.RESTING.least_wave and distinct >= calibrated.RESTING.fewest_angles
     balanced = any(f"joint:{j + 1}" in e.places for e in registry.of_beside())
     most = int(distinct / calibrated.RESTING.poses_per_order) if shown else 0

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.diagnose import calibrated
 from machopt.diagnose.history import history
 from machopt.diagnose.problem import Curve, Hypothesis, Quantity, Shape
 from machopt.diagnose.readings import Readings
@@ -20,8 +21,6 @@ from machopt.effects.given import Parameters
 from machopt.effects.protocol import ARCMIN, MEMORIES, Drive, Effect, Law, Scale, joints_of, timed
 
 LEAST_SOFT = 1e-9  # rad/(N·m), that sizes in percent are of
-ENDS = (0.02, 0.98)  # quantiles that a joint's range of angles lies between
-LARGE = 0.98  # quantile of the torques that counts as the largest
 WRIST = 3  # its first joint, 0-based
 AT_ONCE = "cycle"  # forgotten between two cycles, which nothing is that fades by the clock
 FINE = 60  # points of a loop's branch, for the picture
@@ -47,7 +46,8 @@ def hypotheses(r: Readings, j: int, effect: Effect) -> tuple[list[Hypothesis], s
 
 def scale_of(r: Readings, j: int, law: Law) -> Scale:
     """What shares and sizes of a law at joint j are of."""
-    low, high = np.quantile(r.state.q[:, j], ENDS)
+    rare = calibrated.RESTING.rare
+    low, high = np.quantile(r.state.q[:, j], (rare, 1.0 - rare))
     torque = r.torque[:, j] if law.weighs or not r.differences else r.load_torque[:, j]
     return Scale(_largest(torque), max(float(r.compliance[j]), LEAST_SOFT), float(low), float(high))
 
@@ -218,4 +218,4 @@ def _loop(r: Readings, j: int, law: Law, shape: Array, x: Array, memory: str, sc
 
 
 def _largest(tau: Array) -> float:
-    return max(float(np.quantile(np.abs(tau), LARGE)), float(np.finfo(float).tiny))
+    return max(float(np.quantile(np.abs(tau), 1.0 - calibrated.RESTING.rare)), float(np.finfo(float).tiny))

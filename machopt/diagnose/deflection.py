@@ -18,6 +18,7 @@ from machopt.diagnose.problem import Catalogue, Family, Hypothesis, Problem, Unk
 from machopt.diagnose.readings import History, Readings
 from machopt.domain.parameters import joint_spring
 from machopt.domain.recording import Recording
+from machopt.domain.stiffness import LEAST_STIFFNESS
 from machopt.effects import registry
 from machopt.errors import InputError
 from machopt.identify.clusters import clusters
@@ -28,7 +29,6 @@ from machopt.model.robot import Masses, Robot
 
 Ints = NDArray[np.int64]
 GEOMETRIC = "K_C"
-MOST_COMPLIANCE = 1e-4  # rad/(N·m)
 
 
 def build(
@@ -60,9 +60,9 @@ def build(
     load = np.linalg.norm(tests.wrench[:, :3], axis=1) + np.linalg.norm(tests.wrench[:, 3:], axis=1)
     A = tests.response()
     c = start(A, tests.measured, load) if compliance is None else compliance
-    known, curved = _known(tests, robot, T_flange_tcp, masses, np.clip(c, 0.0, MOST_COMPLIANCE))
+    known, curved = _known(tests, robot, T_flange_tcp, masses, np.clip(c, 0.0, 1.0 / LEAST_STIFFNESS))
     y = tests.measured - known
-    c = np.clip(start(A, y, load) if compliance is None else compliance, 0.0, MOST_COMPLIANCE)
+    c = np.clip(start(A, y, load) if compliance is None else compliance, 0.0, 1.0 / LEAST_STIFFNESS)
     labels = clusters(tests)
     readings = readings_of(recording, tests, robot, T_flange_tcp, masses, c, memo)
     predicted = A @ c

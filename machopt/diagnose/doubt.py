@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.diagnose import at_joint, deflection
+from machopt.diagnose import at_joint, calibrated, deflection
 from machopt.diagnose.problem import Flags
 from machopt.diagnose.result import Diagnosis
 from machopt.diagnose.run import Examined, known_masses
@@ -21,7 +21,6 @@ from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import Masses, Robot, load_robot
 
 JOINTS = 6
-LEAST_NOISE = 1e-6  # m, rad; no instrument of a load test is better
 
 
 def with_doubt(cell: Cell, found: Examined, stiffness: Stiffness | None) -> Stiffness | None:
@@ -99,4 +98,4 @@ def _white(residual: Array, V: Array, channel: int, used: Flags) -> Array:
 
 
 def _typical(residual: Array) -> float:
-    return max(float(1.4826 * np.median(np.abs(residual))), LEAST_NOISE)
+    return max(float(1.4826 * np.median(np.abs(residual))), calibrated.NOISE.least)

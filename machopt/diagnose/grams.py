@@ -20,7 +20,6 @@ from machopt.diagnose.whitening import Whitening
 Ints = NDArray[np.int64]
 Rows = tuple[Ints, ...]
 RIDGE = 1e-9  # of each column's own square: keeps directions that no reading shows from exploding
-ABSORBED = 1e-4  # of a column's square left beside the base; less cannot be told from the base
 MOST_FOLDS = 40
 NOTHING = 1e-3  # whitened square of a column that moves nothing
 

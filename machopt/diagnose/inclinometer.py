@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.diagnose import calibrated
 from machopt.diagnose.nominal_poses import First, Nominal
 from machopt.diagnose.problem import Flags, Unknown
 from machopt.diagnose.readings import Inclined
@@ -27,8 +28,6 @@ from machopt.se3 import rotation_vector
 
 FAMILY = "tilt"
 AXES = "xy"
-FEWEST = 8  # readings: fewer agree with any axes
-LIKE, WRONG = 0.2, 0.7  # relative to the sag of a nominal arm: what the right axes leave, and wrong ones; judgement
 UNITS = {"degrees": 180e-3 / np.pi, "rad": 1e-3, "arcsec": 648.0 / np.pi}  # numbers of these taken for mrad
 
 
@@ -115,7 +114,7 @@ def _refuse_otherwise(recording: Recording, inclined: Inclined, sag: Array, stat
         mean = np.stack([np.bincount(session, v) for v in values.T], axis=1) / np.bincount(session)[:, None]
         return np.asarray(values - mean[session])
 
-    if rows.sum() < FEWEST:
+    if rows.sum() < calibrated.RECORD.tilt_readings:
         return
     R = state.R_bodies[rows, inclined.link]
     seen, there = apart(recording.tilt[rows]), apart(sag[rows, :2])
@@ -127,7 +126,7 @@ def _refuse_otherwise(recording: Recording, inclined: Inclined, sag: Array, stat
     ways |= {f"in {unit}": there * factor for unit, factor in UNITS.items()}
     left = {words: rms(seen - values) / rms(values) if values.any() else np.inf for words, values in ways.items()}
     right, best = next(iter(left)), min(left, key=lambda words: left[words])
-    if left[right] > WRONG and left[best] < LIKE:
+    if left[right] > calibrated.RECORD.tilt_wrong and left[best] < calibrated.RECORD.tilt_like:
         raise InputError(
             f"tilt_x_mrad, tilt_y_mrad are what weight does to link {recording.tilt_link} {best} (it leaves "
             f"{100 * left[best]:.0f} %); expected rotations about x and y of base_link, in mrad, beyond the encoders",

@@ -17,9 +17,8 @@ from machopt.diagnose.problem import Hypothesis, Quantities, Shape
 from machopt.diagnose.readings import BEHIND, Readings
 from machopt.domain.kinematics import KinematicCorrection
 from machopt.effects import geometry
-from machopt.effects.protocol import DEGREE, JOINTS, Quantity
+from machopt.effects.protocol import JOINTS, Quantity
 
-HELD = np.r_[[5e-4] * 3, [0.05 * DEGREE] * 3]  # m, rad: 1 sigma of what a maker holds
 WHOLE = ("base", "joint:1")  # move everything alike, as a tracker does that stands elsewhere than the recording says
 
 
@@ -50,7 +49,7 @@ def hypotheses(r: Readings, base: Array) -> list[Hypothesis]:
     places = JOINTS if r.recording.registration == "fit" else geometry.EFFECT.places
     out = []
     for place in places:
-        columns = twists(r, place) * HELD
+        columns = twists(r, place) * held()
         V = shown(columns, base)
         if V.shape[1]:
             beside_frame = place in WHOLE and r.recording.registration == "fixed"
@@ -95,15 +94,20 @@ def _hypothesis(place: str, columns: Array, V: Array, penalty: float) -> Hypothe
 
 
 def _placed(V: Array, x: Array) -> geometry.Placed:
-    twist = HELD * (V @ x)
+    twist = held() * (V @ x)
     return geometry.Placed(twist[:3], twist[3:])
 
 
 def _quantities(V: Array) -> Quantities:
     def quantities(x: Array, shape: Shape) -> dict[str, Quantity]:
         p = _placed(V, x)
-        out = {"size": Quantity(float(np.linalg.norm(V @ x) * 1e3 * HELD[0]), "mm")}
+        out = {"size": Quantity(float(np.linalg.norm(V @ x) * 1e3 * calibrated.RESTING.held_by_maker), "mm")}
         out |= {f"shift {a}": Quantity(float(v), "mm") for a, v in zip("xyz", 1e3 * p.shift, strict=True)}
         return out | {f"turn {a}": Quantity(float(v), "mrad") for a, v in zip("xyz", 1e3 * p.turn, strict=True)}
 
     return quantities
+
+
+def held() -> Array:
+    """(6,) m, rad, 1 sigma of what a maker holds of a frame."""
+    return np.repeat([calibrated.RESTING.held_by_maker, calibrated.RESTING.turned_by_maker], 3)

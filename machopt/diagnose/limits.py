@@ -12,7 +12,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
-from machopt.diagnose.grams import ABSORBED, NOTHING, Model, Tried, ridged_inverse
+from machopt.diagnose.grams import NOTHING, Model, Tried, ridged_inverse
 from machopt.diagnose.result import Limit, Name
 from machopt.diagnose.screen import bounded
 
@@ -55,7 +55,7 @@ def limits(model: Model, tried: Sequence[Tried], rng: np.random.Generator, of: C
             rest = X - model.X @ (M @ (model.X.T @ X))
             S = rest.T @ rest
             whole = np.einsum("mi,mi->i", X, X)
-            if np.all(np.diag(S) < ABSORBED * whole):
+            if np.all(np.diag(S) < calibrated.DETECTION.absorbed * whole):
                 continue
             for x in _directions(p, t.hypothesis.lower, rng):
                 n = float(np.sqrt(max(x @ S @ x, 0.0)))

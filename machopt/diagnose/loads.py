@@ -10,7 +10,6 @@ from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.domain.recording import Recording, StandardUncertainty
 
-LEVER = 0.1  # m, at which a moment counts as a force
 COLUMNS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 
 
@@ -57,7 +56,7 @@ def _scatter(recording: Recording, k: int) -> float:
     assert recording.wrench is not None  # kind deflection
     force = recording.wrench[:, :3]
     largest = float(np.linalg.norm(force, axis=1).max(initial=0.0))
-    small = calibrated.NOISE.silent_small * largest * (1.0 if k < 3 else LEVER)
+    small = calibrated.NOISE.silent_small * largest * (1.0 if k < 3 else calibrated.NOISE.moment_lever)
     value = recording.wrench[:, k]
     if recording.pose is None or not largest or float(np.sqrt(np.mean(value**2))) > small:
         return 0.0

@@ -20,12 +20,7 @@ from machopt.domain.recording import Recording
 from machopt.errors import InputError
 
 READINGS = 6000  # rows that a problem has at most
-GAP, PAUSE = 3.0, 0.03  # sampling intervals and s; a longer pause than both starts a new segment
-STRETCH = 1.0  # s that are held out together, at least
 STRETCHES = 24  # so many where the record is long enough
-SHORT_CYCLE = 0.25  # s whose errors may be correlated
-TOP = 80.0  # Hz, no drive of an arm is asked for more
-RATE = 50.0  # Hz of readings at least, where the record has so many; faster is mostly noise of the drives
 
 
 @dataclass(frozen=True)
@@ -130,7 +125,7 @@ def signals(recording: Recording, joints: int, readings: int = READINGS, *, repe
             "every sample needs its own time_s"
         )
     dt = float(np.median(steps[same]))
-    breaks = ~same | (steps > max(GAP * dt, PAUSE))
+    breaks = ~same | (steps > max(calibrated.MOTION.gap * dt, calibrated.MOTION.pause_s))
     segment = np.r_[0, np.cumsum(breaks)].astype(np.int64)
     notes = []
     gaps = int(np.sum(breaks & same))
@@ -168,7 +163,7 @@ def signals(recording: Recording, joints: int, readings: int = READINGS, *, repe
     period, length = np.full(len(q), -1, np.int64), 0.0
     if repeats:
         period, length = _periods(recording, index, time, session, q, spans, rate)
-    step = max(1, -(-len(q) // readings), int(rate / RATE))
+    step = max(1, -(-len(q) // readings), int(rate / calibrated.MOTION.rate_hz))
     starts = _blocks(segment, period, step)
     ends = np.r_[starts[1:], len(q)]
     edge = 0.5 / cutoff
@@ -234,8 +229,8 @@ def _cutoff(x: Array, rate: float, window: str) -> float:
     f, power = welch(x, rate, window=window, nperseg=min(len(x), 1024), axis=0)
     floor = np.median(power[2 * len(f) // 3 :], axis=0)
     above = np.flatnonzero((power > 10.0 * floor).any(axis=1) & (f > 0))
-    highest = float(f[above[-1]]) if len(above) else TOP
-    return float(np.clip(1.5 * highest, 3.0, min(TOP, 0.4 * rate)))
+    highest = float(f[above[-1]]) if len(above) else calibrated.MOTION.top_hz
+    return float(np.clip(1.5 * highest, 3.0, min(calibrated.MOTION.top_hz, 0.4 * rate)))
 
 
 def _periods(
@@ -317,7 +312,8 @@ def _labels(
         zero[period[change]] = time[change]
         phase = time[at] - zero[period[at]]
         per_session = max(-(-STRETCHES // sessions), 2)
-        bins = max(min(per_session, int(length / STRETCH)), min(-(-12 // sessions), int(length / 0.25)), 1)
+        wanted = min(per_session, int(length / calibrated.MOTION.stretch_s))
+        bins = max(wanted, min(-(-12 // sessions), int(length / 0.25)), 1)
         place = np.minimum((phase / length * bins).astype(np.int64), bins - 1)
         group = session[at] * bins + place
         visit = period[at] * bins + place
@@ -330,7 +326,7 @@ def _labels(
         )
     else:
         total = float(sum(time[s][-1] - time[s][0] for s in _spans(segment)))
-        width = float(np.clip(total / STRETCHES, STRETCH, 4.0))
+        width = float(np.clip(total / STRETCHES, calibrated.MOTION.stretch_s, 4.0))
         begin = {int(segment[s.start]): float(time[s.start]) for s in _spans(segment)}
         local = time[at] - np.array([begin[int(k)] for k in segment[at]])
         place = (local / width).astype(np.int64)
@@ -341,6 +337,6 @@ def _labels(
         notes.append(
             f"no repeats are used; held out together: {width:.2g} s at a time ({len(np.unique(group))} groups)"
         )
-    part = (phase / max(SHORT_CYCLE, 4.0 * block)).astype(np.int64)
+    part = (phase / max(calibrated.MOTION.cycle_s, 4.0 * block)).astype(np.int64)
     cycle = np.unique(np.stack([visit, part]), axis=1, return_inverse=True)[1].reshape(-1).astype(np.int64)
     return group.astype(np.int64), visit.astype(np.int64), cycle, replicate.astype(np.int64)

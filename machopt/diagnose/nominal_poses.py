@@ -15,7 +15,7 @@ from scipy.optimize import lsq_linear
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated, laws_geometry, reflectors
-from machopt.diagnose.absolute_catalogue import LEVER, left, spanned
+from machopt.diagnose.absolute_catalogue import left, spanned
 from machopt.diagnose.problem import Unknown
 from machopt.diagnose.readings import Readings
 from machopt.domain.cell import Cell
@@ -29,9 +29,6 @@ from machopt.se3 import quaternion_matrix, rotation_from_vector, rotation_vector
 
 SETTLED = 4  # fixed-point steps to the loaded equilibrium; each is a thousand times nearer than the one before
 STEPS = 5  # of the robust first fit
-PRIOR = 1.0  # relative 1 sigma of the cell's stiffness, which the first fit leans on where weight says nothing
-PLACED = 2e-3  # m, 1 sigma of a reflector's nominal place where the recording states none
-SOFT = 1e-6  # rad/(N·m), where the cell has no stiffness
 
 
 @dataclass(frozen=True)
@@ -77,7 +74,7 @@ class Nominal:
         self.wrench = _in_base(recording, robot, T, self.angles, state)  # about the TCP
         self.middle = state.T_base_tool[:, :3, 3].mean(axis=0)
         nominal = None if cell.stiffness is None else 1.0 / cell.stiffness.joints
-        self.nominal = np.full(6, SOFT) if nominal is None else nominal
+        self.nominal = np.full(6, calibrated.RESTING.usual_joint) if nominal is None else nominal
         # weight alone turns a joint by what its angles fix, as frames and waves do: a fit of these bends any spring
         self.weight_alone = cell.stiffness is not None and float(np.abs(self.wrench).max()) == 0.0
 
@@ -289,7 +286,7 @@ class Nominal:
     def _of_nests(self) -> list[Unknown]:
         if not self.recording.targets:
             return [Unknown(f"target {a}", "m", location="tool") for a in "xyz"]
-        sigma = self.recording.uncertainty.target or PLACED
+        sigma = self.recording.uncertainty.target or calibrated.RESTING.nest_placed
         return [
             Unknown(f"target {t.name} {a}", "m", location="tool", prior=sigma)
             for t in self.recording.targets
@@ -297,13 +294,14 @@ class Nominal:
         ]
 
     def _robust(self, y: Array, B: Array, unknowns: Sequence[Unknown], totals: Array, loose: float) -> Array:
-        scale = np.array([1.0] * 3 + [LEVER] * 3)[: self.D]
+        scale = np.array([1.0] * 3 + [calibrated.RESTING.lever] * 3)[: self.D]
         A, b = (B * scale[:, None]).reshape(y.size, B.shape[2]), (y * scale).reshape(-1)
         spring = np.array([u.spring is not None for u in unknowns], bool)
         size = np.array([1.0 if u.spring is None else self.nominal[u.spring - 1] for u in unknowns])
         nest = np.array([u.spring is None and u.prior is not None for u in unknowns], bool)
-        lean = np.where(spring, 1.0 / PRIOR, 0.0)
-        lean[nest] = [1.0 / (loose * (u.prior or PLACED)) for u, is_nest in zip(unknowns, nest, strict=True) if is_nest]
+        lean = np.where(spring, 1.0 / calibrated.RESTING.spring_prior, 0.0)
+        placed = [unknowns[k].prior or calibrated.RESTING.nest_placed for k in np.flatnonzero(nest).tolist()]
+        lean[nest] = 1.0 / (loose * np.array(placed))
         to = np.where(nest, -lean * totals, 0.0)  # steps that lead back to nominal places
         lower = np.array([u.lower for u in unknowns])
         weight, x = np.ones(len(y)), np.zeros(len(unknowns))

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
+from machopt.diagnose import calibrated
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
@@ -28,8 +29,6 @@ from machopt.plan.made import Plan
 from machopt.plan.pipeline import plan
 from machopt.se3 import wrap
 
-CHANGED = np.radians(1.0)  # a rotation that differs by less is the same choice
-WORTH = 0.01  # share of the deflection; to turn the tool for less is of no use
 TEST_FORCE = 1000.0  # N along the tool axis, where the cell's plan states no process force
 
 
@@ -107,7 +106,7 @@ def _deflection(choice: Plan, model: Plan) -> Array:
 def _block(name: str, c: _Compared, old: Plan, new: Plan) -> EffectOnJob:
     path, rows = old.path, np.flatnonzero(old.path.is_point)
     angle = np.degrees(np.abs(c.turned[c.both]))
-    share = float((angle > np.degrees(CHANGED)).mean())
+    share = float((angle > np.degrees(calibrated.RESTING.same_rotation)).mean())
     cases = {"before": c.before, "unchanged": c.unchanged, "after": c.after}
     mean = {case: 1e3 * c.mean(value) for case, value in cases.items()}
     place = {case: c.worst(value) for case, value in cases.items()}
@@ -167,7 +166,8 @@ def _sentence(
             f"; chosen anew, the rotation differs at {100.0 * share:.0f} % of the points (by {turned:.0f}° in the mean "
             f"over all) and leaves {mean['after']:.3f} mm in the mean and {worst['after']:.3f} mm at worst"
         )
-        if mean["after"] > (1.0 - WORTH) * mean["unchanged"] and worst["after"] > (1.0 - WORTH) * worst["unchanged"]:
+        kept = 1.0 - calibrated.RESTING.worth_turning
+        if mean["after"] > kept * mean["unchanged"] and worst["after"] > kept * worst["unchanged"]:
             out += ", hardly less" if mean["after"] < mean["unchanged"] else ", no less in the mean"
     else:
         out += "; the rotation stays as it is"

@@ -20,6 +20,7 @@ from machopt.diagnose.reflectors import points
 from machopt.diagnose.repaired import exact, repaired
 from machopt.diagnose.result import Estimate, Finding
 from machopt.domain.recording import Axes, Recording
+from machopt.domain.stiffness import LEAST_STIFFNESS
 from machopt.effects.record import FORCES, LENGTHS, UNITS, column
 from machopt.effects.sensor import DISPLACEMENT, FRAME, LOAD
 from machopt.identify.check import check_experiment
@@ -32,7 +33,6 @@ from machopt.model.robot import Masses, Robot
 
 Flags = NDArray[np.bool_]
 MOST_REPAIRS = 3
-SOFTEST, MOST_TURN = 1e-4, 0.05  # rad/(N·m) of a joint, rad of its twist: more is no arm
 SIZES = (  # displacement per load as read, per what it is; thousands show against any robot and are checked first
     *((name, 1.0 / LENGTHS[name], "dx_mm", LENGTHS[name]) for name in ("inches", "centimetres")),
     *((name, FORCES[name], "fx_N", FORCES[name]) for name in ("kilograms", "pounds")),
@@ -117,11 +117,11 @@ def where_it_stands(
     if recording.wrench_frame != "tool":
         return tests
     load = np.linalg.norm(tests.wrench[:, :3], axis=1) + np.linalg.norm(tests.wrench[:, 3:], axis=1)
-    c = np.clip(start(tests.response(), tests.measured, load), 0.0, SOFTEST)
+    c = np.clip(start(tests.response(), tests.measured, load), 0.0, 1.0 / LEAST_STIFFNESS)
     tau = np.einsum("nci,nc->ni", tests.state.J, tests.wrench)
     if masses is not None:
         tau = tau + gravity_torque(robot, masses, tests.state)[0]
-    bend = np.clip(c * tau, -MOST_TURN, MOST_TURN)
+    bend = np.clip(c * tau, -calibrated.RECORD.most_twist, calibrated.RECORD.most_twist)
     turned = robot.fk(recording.q + bend, T_flange_tcp)[:, :3, :3] @ np.swapaxes(tests.T_base_tcp[:, :3, :3], 1, 2)
     wrench = np.einsum("nij,nbj->nbi", turned, tests.wrench.reshape(len(tests), -1, 3)).reshape(tests.wrench.shape)
     stands = replace(tests, wrench=wrench)

@@ -20,8 +20,6 @@ from machopt.se3 import quaternion, quaternion_matrix, rotation_vector, skew
 
 Flags = NDArray[np.bool_]
 ALIGNMENTS = 12  # steps to the frame of least absolute deviations
-TURNED, SHIFTED = 0.1, 0.3  # rad, m of a tracker's own frame against base_link: beyond, it is brought there first
-SCALE = 0.03  # relative: within, the points of a stand spread as the arm's do
 FEWEST = 3  # points not on one line fix a frame
 
 
@@ -91,8 +89,9 @@ def brought(recording: Recording, robot: Robot, T_flange_tcp: Array) -> tuple[Re
             _refuse_unfixed(recording, x[rows], names[n])
         scale = _scale(x[rows], p[rows])
         turn, shift = aligned(scale * x[rows], p[rows])
-        angle = float(np.linalg.norm(rotation_vector(turn)))
-        if not several and angle < TURNED and float(np.linalg.norm(shift)) < SHIFTED:
+        angle, way = float(np.linalg.norm(rotation_vector(turn))), float(np.linalg.norm(shift))
+        near = angle < calibrated.RESTING.stand_turned and way < calibrated.RESTING.stand_shifted
+        if near and not several:
             return recording, ()
         out[rows] = (scale * x[rows] @ turn.T + shift) / scale
         if turned is not None:
@@ -135,7 +134,7 @@ def _scale(x: Array, p: Array) -> float:
     """The factor of length that makes points spread as the arm's do; 1 where none does."""
     spread = [float(np.median(np.linalg.norm(v - np.median(v, axis=0), axis=1))) for v in (x, p)]
     ratio = spread[1] / max(spread[0], 1e-300)
-    return next((f for f in (1.0, *LENGTHS.values()) if abs(ratio / f - 1.0) < SCALE), 1.0)
+    return next((f for f in (1.0, *LENGTHS.values()) if abs(ratio / f - 1.0) < calibrated.RESTING.same_spread), 1.0)
 
 
 def _refuse_unfixed(recording: Recording, x: Array, name: str) -> None:

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
-from machopt.diagnose.grams import ABSORBED, NOTHING, Model, Tried, cross, ridged_inverse
+from machopt.diagnose import calibrated
+from machopt.diagnose.grams import NOTHING, Model, Tried, cross, ridged_inverse
 
 Ints = NDArray[np.int64]
 FLIPS = 499
@@ -181,6 +182,6 @@ def _regular(S: Array, whole: Array) -> tuple[Array, Array]:
     """S with directions that the model absorbs made heavy, and the visible share (B,) of the best column."""
     d = np.maximum(np.diagonal(whole, axis1=-2, axis2=-1), NOTHING)
     left = np.maximum(np.diagonal(S, axis1=-2, axis2=-1), 0.0) / d
-    heavy = np.maximum(ABSORBED - left, 0.0) * d
+    heavy = np.maximum(calibrated.DETECTION.absorbed - left, 0.0) * d
     p = S.shape[-1]
     return S + np.einsum("bi,ij->bij", heavy + 1e-6 * d, np.eye(p)), left.max(axis=1)

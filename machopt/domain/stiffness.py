@@ -12,6 +12,7 @@ import numpy as np
 from machopt.arrays import Array
 
 SOFTEST, STIFFEST = 1e2, 1e10  # N·m/rad of a joint; beyond these it is another unit, not another robot
+LEAST_STIFFNESS = 1e4  # N·m/rad, the bottom of the range of robot joints: fits look for none below it
 
 
 @dataclass(frozen=True)

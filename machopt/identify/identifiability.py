@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from machopt.arrays import Array
+from machopt.domain.stiffness import LEAST_STIFFNESS
 from machopt.identify.admissible import FittedMatrix, fitted_matrices, gives_way, nearest
 from machopt.identify.bounded import minimise
 from machopt.identify.fit import Fit, Unknown
@@ -32,7 +33,6 @@ TOLD_APART = 0.95  # correlation of two estimates beyond which they are named to
 PULL = 0.1  # standard deviation per value of the pull towards the cell's compliance
 FIXED = 1e-6  # the same for what is taken as zero, in units of a typical effect
 LEAST_TORQUE = 1e-3  # N·m; rounding in what should be none
-LEAST_STIFFNESS = 1e4  # N·m/rad, the bottom of the range of robot joints; no bound below it is worth stating
 
 
 @dataclass(frozen=True)

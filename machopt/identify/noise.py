@@ -13,10 +13,10 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.domain.recording import StandardUncertainty
+from machopt.domain.stiffness import LEAST_STIFFNESS
 from machopt.identify.experiment import Experiment
 from machopt.model.terms import LinearTerm
 
-MOST_COMPLIANCE = 1e-4  # rad/(N·m)
 LEAST_SHARE = 1e-3  # of a channel's typical displacement: no reading is taken for more exact than that
 
 
@@ -85,7 +85,7 @@ def joint_sensitivity(J: Array, wrench: Array, compliance: Array) -> Array:
 
 def _plausible(compliance: Array) -> Array:
     """Within what joints can have: one that the readings do not see must not blow up the noise."""
-    return np.asarray(np.clip(compliance, 0.0, MOST_COMPLIANCE))
+    return np.asarray(np.clip(compliance, 0.0, 1.0 / LEAST_STIFFNESS))
 
 
 def _compliance(experiment: Experiment, compliance: Array, terms: Sequence[LinearTerm]) -> Array:

@@ -45,7 +45,6 @@ Ints = NDArray[np.int64]
 
 ROWS = 60_000  # numbers × cases looked at: more take minutes and change nothing
 FEWEST = 200  # poses looked at; rather fewer loads at each
-LEFT = 1e-3  # of a law's own square that no rival imitates, over all candidates; less is the same by mechanics
 MOST_CYCLES = 10  # that a plan asks for by itself
 LOOKED = 50  # cycles counted up to
 DRAWS = 30  # random designs beside
@@ -219,7 +218,7 @@ def _contests(
                         made[key] = np.concatenate([base, columns], axis=2)
                     contests.append(Contest(t, r, made[key], laws[t].signal))
             left = [left_of_all(c, covariance) for c in contests]
-            if min(rest / max(whole, 1e-300) for rest, whole in left) < LEFT:
+            if min(rest / max(whole, 1e-300) for rest, whole in left) < calibrated.DETECTION.left_apart:
                 closed.append(replace(pair, advice=_advice(one.stand, two.stand)))
             else:
                 open_.append((pair, contests))

@@ -26,6 +26,14 @@ class Resting:
     near_cell: float = _set(
         2.0, "factor around the cell's compliance within which springs stay that weights are seen through", JUDGED
     )
+    spring_prior: float = _set(
+        1.0, "relative 1 sigma of the cell's stiffness, which the first fit leans on where weight says nothing", JUDGED
+    )
+    usual_joint: float = _set(1e-06, "rad/(N·m), where the cell has no stiffness", JUDGED)
+    lever: float = _set(
+        0.5, "m: an error of rotation counts as the shift it makes so far away, while the noise is not known", JUDGED
+    )
+    rare: float = _set(0.02, "of the readings that lie beyond what counts as a joint's range or largest torque", JUDGED)
     rigid: float = _set(0.05, "of the cell's compliance: what sizes of torque are stated through is never less", JUDGED)
     least_bend: float = _set(
         1e-07, "m at the cell's own stiffness: a joint whose torque moves the TCP less has no column", JUDGED
@@ -40,11 +48,14 @@ class Resting:
         float(np.radians(10.0)), "rad, range of a joint below which a wave is a zero offset and a slope", JUDGED
     )
     fewest_angles: int = _set(8, "distinct angles: what is drawn through fewer is any line", JUDGED)
+    angle_decimals: int = _set(3, "decimals of a radian: poses that are returned to differ by less", JUDGED)
     above_balancer: float = _set(3.0, "per turn of its joint, the lowest order that is not a balancer's", JUDGED)
     poses_per_order: float = _set(3.0, "distinct angles that each order of a wave asks for", JUDGED)
     least_turn: float = _set(
         float(np.radians(15.0)), "rad, range of a joint below which a torque by its angle does not show", JUDGED
     )
+    held_by_maker: float = _set(0.0005, "m, 1 sigma of an axis beside its drawing", JUDGED)
+    turned_by_maker: float = _set(float(np.radians(0.05)), "rad, the same of its direction", JUDGED)
     doubt_of_maker: float = _set(
         1.0,
         "times what a maker holds, 1 sigma of a frame: what poses hardly tell apart stays near the drawing",
@@ -92,6 +103,18 @@ class Resting:
     weak_geometry: float = _set(
         0.02, "of the strongest direction that is shown: weaker ones would need millimetres to be seen", JUDGED
     )
+    nest_placed: float = _set(
+        0.002, "m, 1 sigma of a reflector's nominal place in the first fit, where the recording states none", JUDGED
+    )
+    stand_turned: float = _set(
+        0.1, "rad of a tracker's own frame against base_link: beyond, it is brought there first", JUDGED
+    )
+    stand_shifted: float = _set(0.3, "m, the same of its place", JUDGED)
+    same_spread: float = _set(0.03, "relative: within, the points of a stand spread as the arm's do", JUDGED)
+    same_rotation: float = _set(
+        float(np.radians(1.0)), "rad: rotations on a job that differ by less are the same choice", JUDGED
+    )
+    worth_turning: float = _set(0.01, "of the deflection on a job: to turn the tool for less is of no use", JUDGED)
     flat: float = _set(0.02, "of the longest extent of a stand's points: less to any other side is a line", JUDGED)
     turned_by_load: float = _set(
         0.001, "of the torque of the most loaded joint: a joint that bears less shows nothing", JUDGED
@@ -126,6 +149,14 @@ class Motion:
     link_scale: float = _set(0.15, "1 sigma of what a URDF states of a link", JUDGED)
     links_gain: float = _set(
         0.02, "share of the held-out error that scales of link masses must take beyond what a payload takes", JUDGED
+    )
+    gap: float = _set(3.0, "sampling intervals; a longer pause starts a new segment", JUDGED)
+    pause_s: float = _set(0.03, "s that such a pause lasts at least", JUDGED)
+    stretch_s: float = _set(1.0, "s that are held out together, at least", JUDGED)
+    cycle_s: float = _set(0.25, "s whose errors may be correlated", JUDGED)
+    top_hz: float = _set(80.0, "Hz; no drive of an arm is asked for more", JUDGED)
+    rate_hz: float = _set(
+        50.0, "Hz of readings at least, where the record has so many; faster is mostly noise of the drives", JUDGED
     )
     uneven: float = _set(0.05, "mean scatter of the sampling intervals from which on filters need an even grid", JUDGED)
     shortest_s: float = _set(0.5, "s; shorter segments are left out", JUDGED)

@@ -42,6 +42,10 @@ class Detection:
     most_of: float = _set(
         0.6, "of the gain on unseen groups that a rival must reach; an effect in few groups alone pairs badly", JUDGED
     )
+    absorbed: float = _set(1e-4, "of a column's square left beside the base; less cannot be told from the base", JUDGED)
+    left_apart: float = _set(
+        1e-3, "of a law's own square that no rival imitates in any cycle: less is the same by mechanics", JUDGED
+    )
     near_shape: float = _set(
         3.84, "loss of gain within which another shape is as likely: χ² of one number at 95 %", STATISTICS
     )
@@ -102,6 +106,8 @@ class NoiseLevels:
     same: float = _set(
         4.24, "times the stated 1 sigma: loads that differ less are the same: three of a difference", STATISTICS
     )
+    moment_lever: float = _set(0.1, "m, at which a moment counts as a force", JUDGED)
+    least: float = _set(1e-6, "m, rad; no instrument of a load test is better", JUDGED)
     least_twins: int = _set(12, "readings with a twin in another visit; with fewer, residuals have to serve", JUDGED)
     least_freedom: int = _set(20, "degrees of freedom that a cycle's own errors ask for", JUDGED)
 
@@ -176,6 +182,10 @@ class Recorded:
     )
     loaded: float = _set(0.02, "of the largest torque: a joint that needs less tells nothing of its channel", JUDGED)
     clipped: float = _set(0.01, "share of samples at the very largest value", JUDGED)
+    most_twist: float = _set(0.05, "rad of a joint under its load; more is no arm", JUDGED)
+    tilt_readings: int = _set(8, "readings of an inclinometer: fewer agree with any axes", JUDGED)
+    tilt_like: float = _set(0.2, "of the sag of a nominal arm, that the right axes leave at most", JUDGED)
+    tilt_wrong: float = _set(0.7, "of it, that wrong axes leave at least", JUDGED)
     lag_worth_s: float = _set(
         0.001, "s; encoders that follow their command closer than this have no lag worth a word", JUDGED
     )
