@@ -18,6 +18,7 @@ from test_path import Rows, toolpath
 from machopt.domain.options import ExternalAxis, PlanOptions
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.plan.axes import axes_of
+from machopt.plan.bordered import Bordered
 from machopt.plan.external import _coarse_to_fine
 from machopt.plan.groups import Group, groups_of
 from machopt.plan.jointly import Bounds, Local, Steps, _Model, lessened
@@ -63,14 +64,14 @@ def test_the_model_is_j_to_second_order(
     local = r._local(here)
     assert local.known.all()
     trust = np.full((len(rows), 2), 0.2)
-    model = _Model(local, r._steps(here, local), r._bounds(here, local, trust), r.curves.at_stations)
+    model = _Model(local, r._steps(here, local), r._bounds(here, local, trust), r.tied)
     rng = np.random.default_rng(2)
     c = rng.uniform(-1.0, 1.0, r.curves.at_stations.shape[1])
     wrong = []
     for size in (0.04, 0.02):
         z = (r.curves.at_stations @ (size * c)).reshape(trust.shape)
         found, cost = r._solved(here.phi + z[:, 0], here.e + z[:, 1:] / r.per, here.q)
-        told = model.terms(size * c, 1e-9, 0.0)[0] - model.terms(0.0 * c, 1e-9, 0.0)[0]
+        told = model.terms(size * c, 1e-9, 0.0).value - model.terms(0.0 * c, 1e-9, 0.0).value
         merit = r._merit(here.phi + z[:, 0], here.e + z[:, 1:] / r.per, found.q, cost)
         wrong.append(abs(told - (merit - here.merit)))
     assert wrong[0] < 0.05 * abs(merit - here.merit) + 1e-4
@@ -114,12 +115,12 @@ def small_problem(seed: int) -> tuple[Local, Steps, Bounds]:
 def test_the_least_place_against_many_others(seed: int) -> None:
     local, steps, bounds = small_problem(seed)
     n, d = local.gradient.shape
-    curves = sparse.identity(n * d, format="csr")
+    curves = Bordered(sparse.identity(n * d, format="csr"), d, np.zeros(n * d, bool))
     c = lessened(local, steps, bounds, curves)
     model = _Model(local, steps, bounds, curves)
 
     def price(c: np.ndarray) -> float:
-        return model.terms(c, 1e-9, 0.0)[0]
+        return model.terms(c, 1e-9, 0.0).value
 
     z = c.reshape(n, d)
     beyond = max(float((bounds.low - z).max()), float((z - bounds.high).max()))
@@ -130,6 +131,34 @@ def test_the_least_place_against_many_others(seed: int) -> None:
         y = np.clip(other.reshape(n, d), bounds.low, bounds.high)
         if (np.einsum("nij,nj->ni", bounds.lean, y) >= bounds.under).all():
             assert price(c) <= price(y.ravel()) + 0.02 * (price(0.0 * c) - price(c)) + 1e-3  # kinks are rounded
+
+
+@given(st.integers(0, 10**6), st.integers(1, 3), st.integers(0, 3))
+@settings(max_examples=examples(12), deadline=None)
+def test_a_band_with_a_border_is_solved_as_the_whole_matrix_is(seed: int, d: int, shared: int) -> None:
+    """Against the dense matrix MᵀKM, coefficients in any order, none to three of them everywhere."""
+    rng = np.random.default_rng(seed)
+    n, own = 7, 5 * d
+    M = np.zeros((n * d, own + shared))
+    for k in range(own):  # each touches two stations that follow one another
+        first = int(rng.integers(n - 1)) * d
+        M[first : first + 2 * d, k] = rng.normal(size=2 * d)
+    M[:, own:] = rng.normal(size=(n * d, shared))
+    half = rng.normal(size=(n - 1, 2 * d, 2 * d))
+    K, blocks, on = np.zeros((n * d, n * d)), np.zeros((n, d, d)), np.zeros((n - 1, d, d))
+    for k, one in enumerate(half @ np.swapaxes(half, 1, 2)):
+        K[k * d : (k + 2) * d, k * d : (k + 2) * d] += one
+        blocks[k] += one[:d, :d]
+        blocks[k + 1] += one[d:, d:]
+        on[k] = one[d:, :d]
+    mixed = rng.permutation(own + shared)
+    curves = Bordered(sparse.csr_matrix(M[:, mixed]), d, mixed >= own)
+    right = rng.normal(size=(own + shared, 2))
+    found = curves.solved(blocks, on, 1e-3, 0.0, right)
+    assert found is not None
+    H = M[:, mixed].T @ K @ M[:, mixed] + 1e-3 * np.eye(own + shared)
+    np.testing.assert_allclose(H @ found, right, atol=1e-7 * np.abs(H).max())
+    assert curves.border == shared
 
 
 def test_curves_are_one_value_where_nothing_may_move(tmp_path: FilePath) -> None:

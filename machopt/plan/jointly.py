@@ -17,10 +17,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from machopt.arrays import Array, Bools
+from machopt.plan.bordered import Bordered
 
 WIDTHS = np.geomspace(2e-2, 2e-5, 7)  # ε in rad, and in c₀ for the worst index
 STIFF = np.geomspace(1e3, 1e6, 7)  # price per rad² beyond the bounds, at each width
@@ -71,107 +70,121 @@ class Bounds:
     over: Array  # (n, m) or exceed
 
 
-def _blocks(blocks: Array, columns: int, offset: int = 0) -> sparse.csr_matrix:
-    """(n·k, columns) with blocks (n, k, d) one below the other, each d columns on from the last."""
-    n, k, d = blocks.shape
-    rows = np.arange(n * k).reshape(n, k, 1)
-    across = (np.arange(n)[:, None, None] + offset) * d + np.arange(d)
-    i, j = np.broadcast_arrays(rows, across)
-    return sparse.csr_matrix((blocks.ravel(), (i.ravel(), j.ravel())), shape=(n * k, columns))
+@dataclass(frozen=True)
+class _Terms:
+    """The model at some coefficients, and what its derivatives are made of."""
+
+    value: float
+    c: Array  # (m,)
+    slope: Array  # (n, d) of the index
+    gradient: Array  # (n, d) of the smooth terms
+    pull: Array  # (n − 1, k) slope of the steps' prices
+    curved: Array  # (n − 1, k) their curvature, that of the parabolas
+    p: Array  # (n,) shares of the worst index
+    out: Array  # (n, d) beyond ``low`` and ``high``
+    beyond: Array  # (n, m) beyond ``under`` and ``over``
+
+
+@dataclass(frozen=True)
+class _Newton:
+    """Gradient in the coefficients, and the Hessian in the offsets, block tridiagonal but for a dyad to take away."""
+
+    gradient: Array  # (m,)
+    own: Array  # (n, d, d) blocks on the diagonal
+    on: Array  # (n − 1, d, d) blocks below it
+    dyad: Array  # (m,)
 
 
 class _Model:
-    def __init__(self, local: Local, steps: Steps, bounds: Bounds, curves: sparse.csr_matrix) -> None:
-        n, d = local.gradient.shape
-        self.local, self.curves, self.shape = local, curves, (n, d)
-        lean = _blocks(steps.lean[1:], n * d, 1) - _blocks(steps.lean[:-1], n * d)
-        k = steps.jump.shape[1]
-        self.jump, self.price = steps.jump.ravel(), steps.price.ravel()
-        self.walk = (lean @ curves).tocsr()
-        self.late = np.repeat(steps.lost, k), np.tile(steps.slowness, n - 1), np.repeat(steps.seconds, k)
-        self.kept = sparse.vstack([curves, _blocks(bounds.lean, n * d) @ curves]).tocsr()
-        self.low = np.r_[bounds.low.ravel(), bounds.under.ravel()]
-        self.high = np.r_[bounds.high.ravel(), bounds.over.ravel()]
-        wide = np.maximum(bounds.high - bounds.low, 1e-6).ravel()
-        self.damping = curves.T @ sparse.diags(4.0 / (n * wide * wide)) @ curves
-        m = curves.shape[1]
-        self.ridge = SMOOTH * sparse.identity(m) / m
+    def __init__(self, local: Local, steps: Steps, bounds: Bounds, curves: Bordered) -> None:
+        self.local, self.steps, self.bounds, self.curves = local, steps, bounds, curves
+        n = len(local.gradient)
+        wide = np.maximum(bounds.high - bounds.low, 1e-6)
+        self.damping = (4.0 / (n * wide * wide))[:, :, None] * np.eye(wide.shape[1])
+        self.ridge = SMOOTH / max(curves.curves.shape[1], 1)
+        self.narrow = max(float(steps.slowness.max()), 1e-12)
 
-    def terms(self, c: Array, width: float, stiff: float) -> tuple[float, Array, Array, Array, Array, Array]:
-        """Value; for the derivatives z, the steps' slope and curvature, the worst's shares, what is beyond bounds."""
-        x = self.local
-        z = (self.curves @ c).reshape(self.shape)
-        Bz = np.einsum("nij,nj->ni", x.bend, z)
+    def terms(self, c: Array, width: float, stiff: float) -> _Terms:
+        """The model at some coefficients (m,)."""
+        x, walk, kept = self.local, self.steps, self.bounds
+        z = self.curves.along(c).reshape(x.gradient.shape)
+        Bz, Hz = _times(x.bend, z), _times(x.hessian, z)
         cost = np.where(x.counted, x.cost + (x.slope * z).sum(axis=1) + 0.5 * (Bz * z).sum(axis=1), -np.inf)
         top = float(cost.max()) if x.counted.any() else 0.0
         p = np.exp((cost - top) / width)
         total = max(float(p.sum()), 1e-300)
         value = x.worst * (top + width * np.log(total)) if x.counted.any() else 0.0
-        value += float((x.gradient * z).sum() + 0.5 * np.einsum("ni,nij,nj->", z, x.hessian, z))
-        v = self.jump + self.walk @ c
+        value += float(((x.gradient + 0.5 * Hz) * z).sum())
+        v = walk.jump + np.diff(_times(walk.lean, z), axis=0)
         s = np.sqrt(v * v + width * width)
-        lost, slowness, seconds = self.late
-        over = s * slowness - seconds
-        narrow = width * max(float(slowness.max()), 1e-12)
-        root = np.sqrt(over * over + narrow * narrow)
-        value += float(self.price @ s + 0.5 * lost @ (over + root))
-        rise = self.price + 0.5 * lost * slowness * (1.0 + over / root)
-        y = self.kept @ c
-        out = np.minimum(y - self.low, 0.0) + np.maximum(y - self.high, 0.0)
-        value += stiff * float(out @ out) + 0.5 * float(c @ (self.ridge @ c))
-        return value, z, rise * v / s, rise / s, p / total, out
+        over = s * walk.slowness - walk.seconds[:, None]
+        root = np.sqrt(over * over + (width * self.narrow) ** 2)
+        value += float((walk.price * s + 0.5 * walk.lost[:, None] * (over + root)).sum())
+        rise = walk.price + 0.5 * walk.lost[:, None] * walk.slowness * (1.0 + over / root)
+        y = _times(kept.lean, z)
+        out = np.minimum(z - kept.low, 0.0) + np.maximum(z - kept.high, 0.0)
+        beyond = np.minimum(y - kept.under, 0.0) + np.maximum(y - kept.over, 0.0)
+        value += stiff * float((out * out).sum() + (beyond * beyond).sum()) + 0.5 * self.ridge * float(c @ c)
+        return _Terms(value, c, x.slope + Bz, x.gradient + Hz, rise * v / s, rise / s, p / total, out, beyond)
 
-    def newton(
-        self, c: Array, width: float, stiff: float, at: tuple[float, Array, Array, Array, Array, Array]
-    ) -> tuple[Array, sparse.csc_matrix, Array]:
-        """Gradient, and Hessian but for a dyad, both in the coefficients; that of the parabolas."""
-        x, (n, d) = self.local, self.shape
-        _, z, pull, curved, p, out = at
-        slope = x.slope + np.einsum("nij,nj->ni", x.bend, z)
-        gradient = x.gradient + np.einsum("nij,nj->ni", x.hessian, z) + x.worst * p[:, None] * slope
-        blocks = x.hessian + x.worst * p[:, None, None] * (x.bend + slope[:, :, None] * slope[:, None] / width)
-        dyad = self.curves.T @ (p[:, None] * slope).ravel() * np.sqrt(x.worst / width)
-        g = self.curves.T @ gradient.ravel() + self.walk.T @ pull + 2.0 * stiff * (self.kept.T @ out) + self.ridge @ c
-        H = self.curves.T @ (_blocks(blocks, n * d) @ self.curves)
-        curved_walk = self.walk.copy()
-        curved_walk.data *= np.repeat(curved, np.diff(curved_walk.indptr))
-        H += self.walk.T @ curved_walk
-        beyond = self.kept[np.flatnonzero(out)]
-        H += 2.0 * stiff * (beyond.T @ beyond)
-        H = (H + self.ridge + RIDGE * (1.0 + abs(H).max()) * sparse.identity(len(c))).tocsc()
-        return np.asarray(g), H, np.asarray(dyad)
+    def newton(self, at: _Terms, width: float, stiff: float) -> _Newton:
+        """Gradient and Hessian, that of the parabolas."""
+        x, lean, room = self.local, self.steps.lean, self.bounds.lean
+        p, slope = x.worst * at.p, at.slope
+        gradient = at.gradient + p[:, None] * slope + 2.0 * stiff * (at.out + _times(_turned(room), at.beyond))
+        gradient[1:] += _times(_turned(lean[1:]), at.pull)
+        gradient[:-1] -= _times(_turned(lean[:-1]), at.pull)
+        own = x.hessian + p[:, None, None] * (x.bend + slope[:, :, None] * slope[:, None] / width)
+        after, before = _turned(lean[1:]) * at.curved[:, None], _turned(lean[:-1]) * at.curved[:, None]
+        own[1:] += after @ lean[1:]
+        own[:-1] += before @ lean[:-1]
+        own += 2.0 * stiff * (at.out != 0.0)[:, :, None] * np.eye(own.shape[1])
+        own += 2.0 * stiff * ((_turned(room) * (at.beyond != 0.0)[:, None]) @ room)
+        dyad = self.curves.summed((at.p[:, None] * slope).ravel()) * np.sqrt(x.worst / width)
+        return _Newton(self.curves.summed(gradient.ravel()) + self.ridge * at.c, own, -after @ lean[:-1], dyad)
 
-    def step(self, newton: tuple[Array, sparse.csc_matrix, Array], damped: float) -> Array:
-        """Levenberg and Marquardt's."""
-        gradient, H, dyad = newton
-        solver = splu((H + damped * self.damping).tocsc())
-        step, along = -solver.solve(gradient), solver.solve(dyad)
-        left = 1.0 - float(dyad @ along)  # Sherman & Morrison
-        if left > 1e-6:
-            step += along * (float(dyad @ step) / left)
-        return np.asarray(step)
+    def step(self, newton: _Newton, damped: float) -> Array | None:
+        """Levenberg and Marquardt's (m,); None where rounding leaves none."""
+        right = np.column_stack([-newton.gradient, newton.dyad])
+        found = self.curves.solved(newton.own + damped * self.damping, newton.on, self.ridge, RIDGE, right)
+        if found is None:
+            return None
+        step, along = found.T
+        left = 1.0 - float(newton.dyad @ along)  # Sherman & Morrison
+        return np.asarray(step + along * (float(newton.dyad @ step) / left) if left > 1e-6 else step)
 
 
-def lessened(local: Local, steps: Steps, bounds: Bounds, curves: sparse.csr_matrix) -> Array:
+def _times(blocks: Array, z: Array) -> Array:
+    """(n, k) of (n, k, d) and (n, d)."""
+    return np.asarray((blocks @ z[:, :, None])[:, :, 0])
+
+
+def _turned(blocks: Array) -> Array:
+    return np.swapaxes(blocks, 1, 2)
+
+
+def lessened(local: Local, steps: Steps, bounds: Bounds, curves: Bordered) -> Array:
     """(m,) coefficients at which the model is least, from 0 on.
 
     Args:
-        curves: (n·d, m) the offsets, station by station, of coefficients.
+        curves: the offsets, station by station, of coefficients.
     """
-    model, c = _Model(local, steps, bounds, curves), np.zeros(curves.shape[1])
+    model, c = _Model(local, steps, bounds, curves), np.zeros(curves.curves.shape[1])
     for width, stiff in zip(WIDTHS, STIFF, strict=True):
         here, damped = model.terms(c, width, stiff), DAMPED
         for _ in range(STEPS):
-            newton = model.newton(c, width, stiff, here)
+            newton = model.newton(here, width, stiff)
             for _ in range(TRIES):
                 step = model.step(newton, damped)
-                there = model.terms(c + step, width, stiff)
-                if there[0] < here[0]:
+                there = None if step is None else model.terms(c + step, width, stiff)
+                if there is not None and there.value < here.value:
                     break
                 damped *= 10.0
             else:
                 break
-            gained, c, here, damped = here[0] - there[0], c + step, there, 0.2 * damped
-            if gained < ENOUGH * (1.0 + abs(here[0])):
+            if there is None:
+                raise AssertionError("a step that leads down was found")
+            gained, c, here, damped = here.value - there.value, there.c, there, 0.2 * damped
+            if gained < ENOUGH * (1.0 + abs(here.value)):
                 break
     return c

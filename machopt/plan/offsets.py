@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.interpolate import BSpline
 
-from machopt.arrays import Array
+from machopt.arrays import Array, Bools
 from machopt.plan.corridor import turning_length
 from machopt.plan.groups import Group
 from machopt.plan.moving import SHORTEST
@@ -29,6 +29,7 @@ class Curves:
 
     at_stations: sparse.csr_matrix  # (n·d, m), d = 1 + E: rotation, then external joints as they count
     at_points: sparse.csr_matrix  # (P·d, m) likewise
+    shared: Bools  # (m,) several runs have the coefficient
 
     @classmethod
     def of(cls, path: Path, groups: Sequence[Group]) -> Curves:
@@ -49,17 +50,18 @@ class Curves:
                 length = path.s[points] - path.s[points[0]]
                 for k in free[group.moving[free]]:
                     blocks.append((points, 1 + int(k), _basis(length, _intervals(path, points, 0, 0.5))))
-        values, i, j, column = [], [], [], 0
+        values, i, j, shared, column = [], [], [], [], 0
         for points, variable, basis in blocks:
             row, own = np.nonzero(basis)
             values.append(basis[row, own])
             i.append(points[row] * (1 + E) + variable)
             j.append(column + own)
             column += basis.shape[1]
+            shared += [len(np.unique(path.run[points])) > 1] * basis.shape[1]
         entries = np.concatenate(values), (np.concatenate(i), np.concatenate(j))
         every = sparse.csr_matrix(entries, shape=(P * (1 + E), column))
         rows = (path.stations[:, None] * (1 + E) + np.arange(1 + E)).ravel()
-        return cls(every[rows], every)
+        return cls(every[rows], every, np.array(shared, bool))
 
 
 def _intervals(path: Path, points: NDArray[np.intp], most: int, shortest: float) -> int:

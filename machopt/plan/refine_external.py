@@ -24,6 +24,7 @@ from machopt.arrays import Array, Bools
 from machopt.domain.options import ExternalAxis
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Toolpath
+from machopt.plan.bordered import Bordered
 from machopt.plan.check import Checker
 from machopt.plan.compensate import rescored
 from machopt.plan.engage import sideways
@@ -104,6 +105,7 @@ class Refinement:
         self.path = part_of(plan.path, range(len(plan.path.runs)), STATIONS)
         self.rows = self.path.stations
         self.curves = Curves.of(self.path, groups)
+        self.tied = Bordered(self.curves.at_stations, 1 + plan.path.external.shape[1], self.curves.shared)
         self.terms = Terms.at_stations(self.path, plan.setup.velocity, plan.options)
         self.across = sideways(self.path)
         self.per = plan.setup.per_rad[6:]
@@ -130,9 +132,7 @@ class Refinement:
             local = self._local(here)
             there = None
             for _ in range(TRIES):
-                step = lessened(
-                    local, self._steps(here, local), self._bounds(here, local, trust), self.curves.at_stations
-                )
+                step = lessened(local, self._steps(here, local), self._bounds(here, local, trust), self.tied)
                 there = self._tried(here, step, trust)
                 if there is not None or trust.max() < LEAST_TRUST:
                     break
