@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
 # Make the three lock files anew from pyproject.toml; needs `uv` (pip install uv). Then run the tests, and say in the
-# changelog what moved.
+# changelog what moved. `benchmarks/lock.sh --keep` moves nothing that is locked: it adds and drops what pyproject.toml does.
 #   .requirements.lock         what `make run` installs         .requirements-test.lock   what `make test` installs
 #   .requirements-lowest.lock  what `make lowest` installs: the lowest version of all that pyproject.toml names
 set -euo pipefail
 cd "$(dirname "$0")/.."
+keep=${1:-}
 made=$(mktemp -d)
 trap 'rm -rf "$made"' EXIT
 python3 -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"], sep="\n")' \
@@ -13,6 +14,7 @@ python3 -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["b
 lock() {  # FILE WHAT OPTIONS…
   local file=$1 what=$2
   shift 2
+  test "$keep" != --keep || cp "$file" "$made/lock"  # what stands in the output holds for uv
   uv pip compile --quiet pyproject.toml "$made/build.in" "$@" --universal --python-version 3.11 --generate-hashes \
     --no-header --no-annotate --no-emit-index-url --no-strip-extras --output-file "$made/lock"
   { echo "# $what: versions that were tried together, with hashes. Made by benchmarks/lock.sh"; cat "$made/lock"; } > "$file"

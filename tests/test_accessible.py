@@ -30,15 +30,14 @@ def test_the_rules_are_those_that_were_published() -> None:
 @pytest.mark.parametrize(("width", "dark"), [(1440, False), (420, True)])
 def test_every_page_keeps_the_rules_fits_and_asks_for_nothing(width: int, dark: bool, tmp_path: Path) -> None:
     rules = (AXE / "axe.min.js").read_text(encoding="utf-8")
-    browser = Browser(tmp_path, width, 900, dark=dark)
     broken: dict[str, object] = {}
-    try:
+    with Browser(width, 900, dark=dark) as browser:
         for name, html in pages(tmp_path):
             file = tmp_path / "page.html"
             file.write_text(html, encoding="utf-8")
             browser.complaints.clear()
             browser.requests.clear()
-            browser.open(file.as_uri())
+            browser.open(file)
             browser.script(f"{rules};0")
             found = {
                 "rules": browser.script(RULES),
@@ -52,6 +51,4 @@ def test_every_page_keeps_the_rules_fits_and_asks_for_nothing(width: int, dark: 
                 ],
             }
             broken |= {f"{name}: {what}": told for what, told in found.items() if told}
-    finally:
-        browser.close()
     assert broken == {}

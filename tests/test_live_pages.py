@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-import html as entities
 import json
 import math
-import os
-import re
-import shutil
-import signal
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from browser import Browser, program
 from gallery import STEERING
 from made_up_diagnosis import explained
 from made_up_report import full_result
@@ -30,70 +25,32 @@ from machopt.report.steering import Axis
 
 ASSETS = Path(__file__).resolve().parents[1] / "machopt" / "report" / "assets"
 LIVE = Path(__file__).with_name("live")
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-TIMEOUT = 90.0  # s; a page takes two or three
-WATCH = (
-    "<script>window.failed = []; window.addEventListener('error', e => failed.push(e.message)); "
-    "for (const kind of ['error', 'warn']) console[kind] = (...words) => failed.push(words.join(' '));</script>"
-)
 
 
-def in_browser(
-    page: str, script: str, folder: Path, given: dict[str, Any] | None = None, *, draws: bool = False
-) -> dict[str, Any]:
-    """What a script of ``live`` finds on a page once that is drawn; ``failed`` lists the errors of the page.
+def in_browser(page: str, script: str, folder: Path, given: dict[str, Any] | None = None) -> dict[str, Any]:
+    """What a script of ``live`` finds on a page once that is drawn; ``failed`` lists the complaints of the page.
 
     Args:
         given: what the script finds as ``GIVEN``.
-        draws: the page draws in three dimensions, which the browser then does by its own rasteriser.
     """
     tools, own = ((LIVE / f"{name}.js").read_text(encoding="utf-8") for name in ("tools", script))
-    end = f"""<script>"use strict";const GIVEN = {json.dumps(given or {})};{tools}
-    window.addEventListener("load", async () => {{
-      await wait(200);
-      const found = {{}};
-      try {{ {own} }} catch (e) {{ failed.push("test: " + e.stack); }}
-      const pre = document.createElement("pre");
-      pre.id = "found"; pre.textContent = JSON.stringify({{ ...found, failed }});
-      document.body.appendChild(pre);
-    }});</script>"""
     file = folder / "page.html"
-    file.write_text(page.replace("<head>", "<head>" + WATCH).replace("</body>", end + "</body>"), encoding="utf-8")
-    dom = browse(folder, file, "--virtual-time-budget=8000", "--dump-dom", draws=draws)
-    if "<html" not in dom:
-        pytest.skip("a browser that starts is absent: the pages' scripts are not exercised")
-    written = re.search(r'<pre id="found">(.*?)</pre>', dom, re.S)
-    assert written is not None, "the page came to no end"
-    return dict(json.loads(entities.unescape(written[1])))
+    file.write_text(page, encoding="utf-8")
+    with Browser() as browser:
+        browser.open(file)
+        begun = f"const GIVEN = {json.dumps(given or {})};{tools}\nawait wait(200); const found = {{}};"
+        found: dict[str, Any] = browser.script(f"(async () => {{ {begun}\n{{ {own}\n}} return found; }})()")
+        return {**found, "failed": browser.complaints}
 
 
-def browse(folder: Path, file: Path, *asked: str, draws: bool = False) -> str:
-    """What a browser prints when it opens a page; empty where it does not come to an end."""
-    browser = next((path for name in BROWSERS if (path := shutil.which(name))), None)
-    if browser is None:
-        pytest.skip(f"a browser is absent (none of {', '.join(BROWSERS)}): the pages' scripts are not exercised")
-    command = [
-        browser,
-        "--headless",
-        "--no-sandbox",
-        *(("--use-angle=swiftshader", "--enable-unsafe-swiftshader") if draws else ("--disable-gpu",)),
-        "--window-size=1200,900",
-        "--no-first-run",
-        f"--user-data-dir={folder / 'profile'}",
-        *asked,
-        file.as_uri(),
-    ]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, start_new_session=True
-    ) as process:
-        try:
-            dom, _ = process.communicate(timeout=TIMEOUT)
-        except subprocess.TimeoutExpired:
-            dom = ""
-        finally:
-            if process.poll() is None:
-                os.killpg(process.pid, signal.SIGKILL)
-    return dom
+def test_in_ci_a_missing_browser_fails_and_elsewhere_skips(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setenv("CI", "true")
+    with pytest.raises(pytest.fail.Exception, match="no browser"):
+        program()
+    monkeypatch.delenv("CI")
+    with pytest.raises(pytest.skip.Exception, match="not exercised"):
+        program()
 
 
 def test_the_chart_library_is_the_one_that_was_published() -> None:
@@ -130,7 +87,7 @@ def test_report_is_drawn_and_answers_the_pointer(tmp_path: Path) -> None:
     assert found["other"] != found["zoomed"][0]
     assert found["back"] == found["full"]
     assert found["hidden"] == 1
-    assert found["less"]
+    assert found["less"][0] < found["less"][1]
     assert (found["flip"], found["flipped"]) == ("show by station", ["show over path length", 0, 59])
 
 
@@ -141,7 +98,7 @@ def test_diagnosis_is_drawn_and_names_the_nearest_point(tmp_path: Path) -> None:
     assert min(colours for _, colours in found["drawn"]) > 5
     assert "fitted law: play operator on the joint torque" in found["legend"]
     assert all(words in found["tip"] for words in found["expected"])
-    assert found["less"]
+    assert found["less"][0] < found["less"][1]
 
 
 @pytest.mark.slow

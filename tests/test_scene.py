@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from browser import Browser
 from external_cell import external_cell
 from made_up_view import with_view
 from palletiser import full, linked_urdf, mimics
 from small_cell import small_cell
-from test_live_pages import ASSETS, browse, in_browser
+from test_live_pages import ASSETS, in_browser
 from test_machine import by_pinocchio
 from test_map_page import made_up as made_up_map
 
@@ -102,7 +103,7 @@ def test_the_page_stands_the_arm_where_pinocchio_does(kind: str, tmp_path: Path)
     assert data.view is not None
     assert scene_spec(data.view.scene)["joints"][1]["unit"] == "°"
     x = np.random.default_rng(3).uniform(-1.0, 1.0, (8, 6 + len(cell.external_joints)))
-    found = in_browser(report_html(data), "kinematics", tmp_path, {"q": x.tolist()}, draws=True)
+    found = in_browser(report_html(data), "kinematics", tmp_path, {"q": x.tolist()})
     assert found["failed"] == []
     model = pin.buildModelFromXML(cell.urdf_text)
     work = model.createData()
@@ -123,7 +124,7 @@ def test_the_page_stands_the_arm_where_pinocchio_does(kind: str, tmp_path: Path)
 @pytest.mark.slow
 def test_slider_map_curves_and_tables_move_one_robot(tmp_path: Path) -> None:
     data, _ = with_view(small_cell(tmp_path))
-    found = in_browser(report_html(data), "view", tmp_path, draws=True)
+    found = in_browser(report_html(data), "view", tmp_path)
     assert found["failed"] == []
     assert found["asked"] == 0  # of the network or of other files
     assert found["colours"] > 200
@@ -163,12 +164,12 @@ def test_a_report_is_three_sheets_of_paper(tmp_path: Path) -> None:
     """With eighty checks, as plans have them: what failed is printed, of what passed the first."""
     data, _ = with_view(small_cell(tmp_path))
     data = replace(data, checks=tuple(Check(f"check {n}", n != 70, "0.1 mm", "1 mm", "point 3") for n in range(80)))
-    page, sheets = tmp_path / "page.html", tmp_path / "page.pdf"
+    page = tmp_path / "page.html"
     page.write_text(report_html(data), encoding="utf-8")
-    browse(tmp_path, page, "--no-pdf-header-footer", f"--print-to-pdf={sheets}", draws=True)
-    if not sheets.is_file():
-        pytest.skip("a browser that prints is absent: the sheets are not counted")
-    assert 1 <= len(re.findall(rb"/Type\s*/Page\b(?!s)", sheets.read_bytes())) <= 3
+    with Browser() as browser:
+        browser.open(page)
+        sheets = browser.page.pdf(format="A4")
+    assert 1 <= len(re.findall(rb"/Type\s*/Page\b(?!s)", sheets)) <= 3
 
 
 @pytest.mark.slow
@@ -186,7 +187,7 @@ def test_postures_are_stepped_through_with_their_vectors(tmp_path: Path) -> None
     view = posture_view("Poses", scene_of(cell, robot, bodies_of(cell, robot, shapes)), postures)
     body = section("poses", "Poses", "", fragment("report.html", "view"))
     html = page_html("Poses", (), [("poses", "Poses", body)], {"view": view}, scripts=POSTURE, footer="")
-    found = in_browser(html, "posture", tmp_path, draws=True)
+    found = in_browser(html, "posture", tmp_path)
     assert found["failed"] == []
     assert found["colours"] > 100
     assert found["moved"] > 300
@@ -203,7 +204,7 @@ def test_the_arm_stands_at_the_place_of_the_map_that_is_clicked(kind: str, tmp_p
     space = MapScene(scene_of(cell, robot, bodies_of(cell, robot, shapes)), np.eye(4), cell.external_home)
     html = map_page_html(made_up_map(kind, space=space))
     assert html.count("var THREE=") == 1
-    found = in_browser(html, "mapstand", tmp_path, draws=True)
+    found = in_browser(html, "mapstand", tmp_path)
     assert found["failed"] == []
     assert found["colours"] > 100
     assert found["moved"] > 300

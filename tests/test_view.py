@@ -85,14 +85,16 @@ def test_a_plan_that_cannot_be_is_told_and_the_old_one_stays(tmp_path: Path) -> 
     assert session.now is old
 
 
-def driven(server: Server, drive: Callable[[], None]) -> None:
-    """Do what the page asks while ``drive`` plays the user; what it found wrong is raised here."""
+def driven(server: Server, drive: Callable[[Browser], None]) -> None:
+    """Do what the page asks while ``drive`` plays the user in a browser; what it found wrong is raised here."""
     failed: list[BaseException] = []
     over = threading.Event()
 
     def user() -> None:
         try:
-            drive()
+            with Browser() as browser:
+                browser.open(server.url)
+                drive(browser)
         except BaseException as problem:  # noqa: BLE001 — raised again by who waits
             failed.append(problem)
         finally:
@@ -119,11 +121,9 @@ CURVE = "DATA.map.lines.find(l => l.name === 'chosen').y"
 def test_a_point_dragged_on_the_map_is_pinned_planned_and_saved(tmp_path: Path) -> None:
     request = job(tmp_path, "rotation_step_deg=10")
     server = serve(Asked((request.cell, request.toolpath), request, tmp_path / "plan.yaml"), quiet, quiet)
-    browser = Browser(tmp_path)
     pinned: dict[str, float] = {}
 
-    def user() -> None:
-        browser.open(server.url)
+    def user(browser: Browser) -> None:
         browser.script("document.getElementById('rotation').scrollIntoView()")
         dots = browser.script(DOTS)
         assert len(dots) >= 8
@@ -133,9 +133,8 @@ def test_a_point_dragged_on_the_map_is_pinned_planned_and_saved(tmp_path: Path) 
         assert told.startswith(f"point {point}: γ ")
         assert browser.script("document.getElementById('save').disabled")  # it would not be what is shown
         before = browser.script(CURVE)
-        seen = browser.loads
-        browser.script("document.getElementById('replan').click()")
-        browser.loaded(seen)
+        with browser.loading():
+            browser.page.click("#replan")
         wish = browser.script("DATA.steering.wishes.fixed[0]")
         pinned.update(wish)
         k = browser.script(f"DATA.map.point.indexOf({point})")
@@ -146,7 +145,7 @@ def test_a_point_dragged_on_the_map_is_pinned_planned_and_saved(tmp_path: Path) 
         rows = browser.script("[...document.querySelectorAll('#steering tbody tr')].map(r => r.innerText.split('\\t'))")
         assert [r[0] for r in rows][:1] == ["Objective"]
         assert all(r[1] != "–" and r[2] != "–" for r in rows)
-        browser.script("document.getElementById('save').click()")
+        browser.page.click("#save")
         end = time.monotonic() + 30
         while not (tmp_path / "plan.yaml").is_file():
             assert time.monotonic() < end
@@ -164,10 +163,7 @@ def test_a_point_dragged_on_the_map_is_pinned_planned_and_saved(tmp_path: Path) 
             f"127.0.0.1:{server.port}"
         }
 
-    try:
-        driven(server, user)
-    finally:
-        browser.close()
+    driven(server, user)
     out = tmp_path / "out"
     assert optimized(KR500, request.toolpath, out, "--plan", str(tmp_path / "plan.yaml")) == 0
     result = json.loads((out / "result.json").read_text())

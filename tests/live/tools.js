@@ -10,3 +10,11 @@ const ink = u => {
 const total = u => Object.values(ink(u)).reduce((a, b) => a + b, 0);
 const of = id => PLOTS.find(u => u.root.parentNode.id === id);
 const span = u => [u.scales.x.min, u.scales.x.max];
+const gone = u => u.series.findIndex((s, i) => i && !s.show);
+const ofColour = (u, i) => {  // pixels in the very colour of a series: axes are drawn anew without it, so all ink may grow
+  const s = u.series[i], c = u.ctx;
+  if (!s.stroke) return 0;
+  c.save(); c.fillStyle = typeof s.stroke === "function" ? s.stroke(u, i) : s.stroke;
+  const hex = c.fillStyle; c.restore();
+  return ink(u)[[1, 3, 5].map(k => parseInt(hex.slice(k, k + 2), 16))] || 0;
+};
