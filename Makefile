@@ -2,9 +2,10 @@
 # make quick   unit tests, a minute  make test    all tests     (JOBS=n processes; the cores of this machine)
 # make proofs  statistics over many records, torture by kills: some minutes more
 # make lint    format, lint, imports, types
-# make check   lint, test, proofs   make clean   remove .venv, .venv-lowest and out/
+# make check   lint, test, proofs   make clean   remove .venv, .venv-lowest, .venv-docs and out/
 # make coverage  all tests, counting branches: fails where a package of tests/branches.py falls below its floor
 # make lowest  the quick tests on the lowest versions that pyproject.toml allows, in .venv-lowest
+# make docs    the documentation as pages in out/docs, every link checked; built in .venv-docs, without machopt
 # make nightly all tests with twenty times as many examples of each property, drawn anew
 # make slow    all tests once, one process, to write tests/slow.txt and seconds.txt anew: what `quick` leaves out, what
 #              goes first
@@ -24,7 +25,7 @@ PYTEST := $(BIN)/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reor
 # the tests start hundreds of processes; each would compile the package anew
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: run quick test proofs coverage lowest nightly slow lint check clean
+.PHONY: run quick test proofs coverage lowest docs nightly slow lint check clean
 .DELETE_ON_ERROR:
 
 run: $(VENV)/.installed
@@ -52,6 +53,10 @@ slow: $(VENV)/.compiled
 lowest:
 	$(MAKE) quick VENV=.venv-lowest TEST_LOCK=.requirements-lowest.lock
 
+docs: .venv-docs/.installed
+	.venv-docs/bin/sphinx-build --quiet --nitpicky --fail-on-warning --keep-going -c docs/site . out/docs
+	@echo "out/docs/index.html"
+
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
@@ -61,7 +66,7 @@ lint: $(VENV)/.installed-dev
 check: lint test proofs
 
 clean:
-	rm -rf $(VENV) .venv-lowest out .coverage
+	rm -rf $(VENV) .venv-lowest .venv-docs out .coverage
 
 $(VENV)/.python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -81,6 +86,11 @@ $(VENV)/.installed: $(VENV)/.python .requirements.lock $(SOURCES)
 $(VENV)/.installed-dev: $(VENV)/.python $(TEST_LOCK) pyproject.toml
 	$(PIP) --require-hashes -r $(TEST_LOCK)
 	$(SELF) -e .
+	@touch $@
+
+.venv-docs/.installed: .requirements-docs.lock
+	$(PYTHON) -m venv .venv-docs
+	.venv-docs/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r $<
 	@touch $@
 
 # Kernels, once: two processes begin at either end and find what the other one stored. Left to the tests, each of their

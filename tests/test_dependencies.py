@@ -16,7 +16,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 LOCK, TEST_LOCK = ROOT / ".requirements.lock", ROOT / ".requirements-test.lock"
-LOWEST = ROOT / ".requirements-lowest.lock"
+LOWEST, DOCS = ROOT / ".requirements-lowest.lock", ROOT / ".requirements-docs.lock"
 DISTRIBUTION = {"pinocchio": "pin", "coal": "coal", "eaik": "eaik", "hppfcl": "coal"}
 """Import name → distribution, of what installs outside the usual folder or need not be there."""
 TOOLS = {
@@ -134,6 +134,15 @@ def test_a_lock_holds_all_that_is_declared_with_hashes_and_no_place(lock: Path, 
     assert all("--hash=sha256:" in entry for entry in entries)
     told = re.sub(r"#.*", "", text)
     assert not re.search(r"/|^-|--(?!hash=)", told, re.MULTILINE)  # no host, no path, no option of an installer
+
+
+def test_the_pages_are_built_by_what_is_pinned_and_by_nothing_of_machopt() -> None:
+    wanted = {name_of(r) for r in PROJECT["optional-dependencies"]["docs"]}
+    text = DOCS.read_text(encoding="utf-8")
+    assert wanted <= set(pins(DOCS))
+    assert not {"numpy", "scipy", "pin", "numba"} & set(pins(DOCS))
+    entries = re.split(r"^(?=[A-Za-z0-9])", text, flags=re.MULTILINE)[1:]
+    assert all("--hash=sha256:" in entry for entry in entries)
 
 
 def test_the_job_runs_on_the_versions_that_are_tested() -> None:

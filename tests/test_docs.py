@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
-DOCS = Path(__file__).resolve().parents[1] / "docs"
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+PLACES = ("docs", "cells", "toolpaths", "benchmarks", "machopt", "tests")  # of the repository, that hold pages
 
 
 @pytest.fixture(scope="module")
@@ -33,3 +36,14 @@ def test_every_key_says_what_it_is(reference: ModuleType) -> None:
         if not info.description
     ]
     assert silent == []
+
+
+def test_every_page_is_listed_once_where_the_pages_are_built_from() -> None:
+    """`make docs` fails on the same, and on anchors too; here it takes no Sphinx."""
+    folder = DOCS / "site"
+    listed: list[Path] = []
+    for block in re.findall(r"```\{toctree\}\n(.*?)```", (folder / "index.md").read_text(encoding="utf-8"), re.DOTALL):
+        lines = [line for line in block.splitlines() if line and not line.startswith(":")]
+        listed += [(folder / (re.sub(r".*<(.*)>", r"\1", line) + ".md")).resolve() for line in lines]
+    there = [p for place in PLACES for p in (ROOT / place).rglob("*.md")] + [ROOT / "README.md", ROOT / "CHANGELOG.md"]
+    assert sorted(listed) == sorted(p for p in there if p != folder / "index.md")
