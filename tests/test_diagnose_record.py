@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from made_up_loads import ARCMIN, CELLS, Dirt, Truth, arm, clicking, load_tests, planned
 
-from machopt.diagnose import gross, record
+from machopt.diagnose import gross, pose_units, record
 from machopt.diagnose.cellvalues import far_off
 from machopt.diagnose.problem import Unknown
 from machopt.diagnose.result import Coefficient, Finding
@@ -260,4 +260,4 @@ def test_nothing_was_measured_nothing_is_a_copy() -> None:
     assert not gross.copied(replace(r, displacement=None)).any()
     arm_, T, _ = robot()
     poses = replace(r, kind="absolute", displacement=None, wrench=None, position=None)
-    assert record._poses(poses, arm_, T, ()) == (poses, [], [])
+    assert pose_units.mended(poses, arm_, T) == (poses, [])

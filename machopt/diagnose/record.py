@@ -16,7 +16,6 @@ from scipy.special import bdtrc
 from machopt.arrays import Array
 from machopt.diagnose import calibrated, loads, sessions, throughout
 from machopt.diagnose.contradiction import contradictions
-from machopt.diagnose.reflectors import points
 from machopt.diagnose.repaired import exact, repaired
 from machopt.diagnose.result import Estimate, Finding
 from machopt.domain.recording import Axes, Recording
@@ -66,11 +65,10 @@ def mend(
     """
     recording, odd = sessions.mended(recording, robot, T_flange_tcp, prior, accept)
     if recording.kind == "absolute":
-        recording, findings, warnings = _poses(recording, robot, T_flange_tcp, accept)
         recording, more = throughout.mended(recording, robot, T_flange_tcp, accept)
-        return recording, [*odd, *findings, *more], warnings
-    findings = []
-    warnings = []
+        return recording, [*odd, *more], []
+    findings: list[Finding] = []
+    warnings: list[str] = []
     recording, silent = loads.heard(recording)
     for _ in range(MOST_REPAIRS):
         tests = experiment(recording, robot, T_flange_tcp)
@@ -288,43 +286,6 @@ def _misfit(tests: Experiment) -> float:
     A = tests.response()[:, :3]
     e = tests.measured[:, :3] - A @ start(A, tests.measured[:, :3], load)
     return float(1.4826 * np.median(np.abs(e)))
-
-
-def _poses(
-    recording: Recording, robot: Robot, T_flange_tcp: Array, accept: Collection[str]
-) -> tuple[Recording, list[Finding], list[str]]:
-    """Length of the position columns and angle of the joint columns, against forward kinematics."""
-    if recording.position is None or "units" in accept:
-        return recording, [], []
-
-    def off(q: Array, x: Array) -> Array:
-        return np.asarray(np.linalg.norm(x - points(replace(recording, q=q), robot, T_flange_tcp)[0], axis=1))
-
-    def misfit(q: Array, x: Array) -> float:
-        return float(np.median(off(q, x)))
-
-    stated = misfit(recording.q, recording.position)
-    ways = {("x_mm", name): (recording.q, recording.position * f, f) for name, f in LENGTHS.items()}
-    if np.abs(np.degrees(recording.q)).max() < 2.1 * np.pi:
-        ways["q1_deg", "radians"] = (np.degrees(recording.q), recording.position, float(np.degrees(1.0)))
-    (head, name), (q, x, factor) = min(ways.items(), key=lambda w: misfit(w[1][0], w[1][1]))
-    best = misfit(q, x)
-    if best > calibrated.RECORD.clearly * stated:
-        return recording, [], []
-    before, after = (
-        np.array([np.median(off(q_, x_)[recording.pose == g]) for g in np.unique(recording.pose)])
-        for q_, x_ in ((recording.q, recording.position), (q, x))
-    )
-    said = repaired(
-        UNITS.name,
-        column(head),
-        f"the columns {head} … seem to hold {name}",
-        1e3 * stated,
-        1e3 * best,
-        _votes(recording.pose, before, after),
-        {"factor": exact(1 / factor)},
-    )
-    return replace(recording, q=q, position=x), [said], []
 
 
 def _other(frame: Axes) -> Axes:

@@ -18,7 +18,9 @@ from machopt.diagnose import (
     gross,
     held,
     motion,
+    moved,
     nests,
+    pose_units,
     record,
     reflectors,
     userterms,
@@ -91,11 +93,16 @@ def at_rest(
             "(machopt plan-poses chooses them)",
             file=recording.source,
         )
+    recording, rewritten = pose_units.mended(recording, robot, T, accept)
     recording, stood = reflectors.brought(recording, robot, T)
     recording, mended, warnings = record.mend(recording, robot, T, prior, accept)
+    mended = [*rewritten, *mended]
     if recording.kind == "absolute" and "columns" not in accept:
         recording, sitting = nests.mended(recording, cell, robot, masses)
         mended = [*mended, *sitting]
+    if recording.kind == "absolute":
+        recording, put_down = moved.mended(recording, robot, T, accept)
+        mended = [*mended, *put_down]
     elsewhere = pasted(recording, robot, T)
     copies = gross.copied(recording) | elsewhere
     said = [*recording.warnings, *warnings]

@@ -173,6 +173,11 @@ class Recorded:
     part_readings: int = _set(6, "readings, below which no session or pose is read otherwise", JUDGED)
     part_as_good: float = _set(1.3, "ratio of misfits between which replicates and the cell decide", JUDGED)
     poses_to_compare: int = _set(6, "poses, below which none is held against the others", JUDGED)
+    moved_falls: float = _set(
+        0.5, "of what a session differs by at the same poses, what a thing moved in between may leave", JUDGED
+    )
+    moved_as_good: float = _set(1.2, "ratio of such rests between which the one with fewer numbers is taken", JUDGED)
+    moved_warmer: float = _set(1.0, "K between sessions, from which on a shift alone may be warmth", JUDGED)
     same_force: float = _set(0.08, "of the largest force of a pose: replicates across sessions", JUDGED)
     motor_side: float = _set(
         0.2, "torque below this share of what the arm needs, joint by joint another: before the gear", JUDGED

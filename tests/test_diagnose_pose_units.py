@@ -1,0 +1,83 @@
+"""Units of measured poses: of all sessions, of one, of angles and lengths at once; what is sound stays as it is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+from test_diagnose_absolute import arm, measure
+
+from machopt.diagnose import pose_units
+from machopt.diagnose.doubt import of_poses
+from machopt.diagnose.run import Examined
+from machopt.domain.recording import Recording
+from machopt.se3 import rotation_from_vector
+
+ANGLES = {"radians": np.degrees(1.0), "turns": 360.0, "gon": 0.9}
+LENGTHS = {"metres": 1e3, "inches": 25.4}
+
+
+def sound(*, fit: bool) -> Recording:
+    """From a tracker somewhere in the hall, or in base_link; 30 µm, links longer than drawn."""
+    r = measure(noise=3e-5, grow=np.full((180, 3), 5e-4), registration="fit" if fit else "fixed")
+    if not fit:
+        return r
+    assert r.position is not None
+    return replace(r, position=r.position @ rotation_from_vector(np.array([0.3, -1.9, 1.0])).T + [2.0, -3.0, 0.4])
+
+
+@pytest.mark.parametrize("fit", [True, False])
+@pytest.mark.parametrize("hit", [(0, 1, 2), (1,)])
+@pytest.mark.parametrize(
+    ("angle", "length"), [*((a, "") for a in ANGLES), *(("", n) for n in LENGTHS), ("turns", "inches")]
+)
+def test_a_unit_is_known_by_what_fits_the_arm(fit: bool, hit: tuple[int, ...], angle: str, length: str) -> None:
+    cell, robot, _ = arm()
+    T = cell.tool.T_flange_tcp
+    right = sound(fit=fit)
+    rows = np.isin(right.session, hit)
+    q, x = right.q.copy(), np.array(right.position)
+    q[rows] /= ANGLES.get(angle, 1.0)
+    x[rows] /= LENGTHS.get(length, 1.0)
+    read, findings = pose_units.mended(replace(right, q=q, position=x), robot, T)
+    np.testing.assert_allclose(read.q, right.q, rtol=1e-12)
+    np.testing.assert_allclose(np.array(read.position), np.array(right.position), rtol=1e-12)
+    columns = (["column:q1_deg"] if angle else []) + (["column:x_mm"] if length else [])
+    assert [f.location for f in findings] == columns
+    assert all(f.record and f.effect == "units" for f in findings)
+    for f, factor in zip(findings, [v for v in (ANGLES.get(angle), LENGTHS.get(length)) if v], strict=True):
+        assert f.parameters["factor"].value == pytest.approx(1.0 / factor)
+        assert ("session" in f.parameters) == (len(hit) == 1)
+        assert f.after < 0.5 * f.before
+    kept, none = pose_units.mended(replace(right, q=q, position=x), robot, T, ("units",))
+    assert not none
+    assert kept.q is q
+
+
+def test_a_sound_record_and_a_wrong_tcp_are_left_alone() -> None:
+    cell, robot, _ = arm()
+    T = cell.tool.T_flange_tcp.copy()
+    for wrong in (0.0, 0.15):
+        T[:3, 3] += wrong
+        right = sound(fit=True)
+        assert pose_units.mended(right, robot, T) == (right, [])
+
+
+def test_what_poses_leave_is_written_with_the_angles_it_holds_for() -> None:
+    """Of readings that took part; a coordinate; nothing of too few poses."""
+    r = sound(fit=False)
+    used = np.arange(len(r)) != 7
+    left = np.full((len(r), 3), 2e-5)
+    left[7] = 1.0
+    errors = SimpleNamespace(residual=10 * left, final=left)
+    d = SimpleNamespace(errors=errors, used=used, noise_floor=0.015)
+    found = of_poses(cast("Examined", SimpleNamespace(diagnosis=d, recording=r)))
+    assert found is not None
+    assert (found.std, found.plain, found.noise) == pytest.approx((2e-5, 2e-4, 1.5e-5))
+    assert found.poses == 60
+    np.testing.assert_array_equal(found.joints, np.stack([r.q[used].min(axis=0), r.q[used].max(axis=0)], axis=1))
+    d.used = r.pose < 5
+    assert of_poses(cast("Examined", SimpleNamespace(diagnosis=d, recording=r))) is None
