@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from small_cell import robot_folder
 
 from machopt.domain.cell import Cell
-from machopt.domain.stiffness import Stiffness, StiffnessGrid, Term
+from machopt.domain.stiffness import PositionError, Stiffness, StiffnessGrid, Term
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.stiffness import load_stiffness, write_stiffness
@@ -617,6 +617,22 @@ def test_stiffness_round_trip(seed: int, tmp_path_factory: pytest.TempPathFactor
     assert after.terms[0].parameters == {"c": 1e-7, "n": [1, 2]}
     # a YAML 1.1 reader takes every number for a number, too
     assert other_yaml.safe_load(file.read_text())["terms"][0]["parameters"]["c"] == 1e-7
+
+
+def test_what_poses_left_is_read_as_it_was_written(tmp_path: Path) -> None:
+    joints = np.radians([[-120.0, 90.5], *[[-10.0, 10.0]] * 5])
+    before = Stiffness(np.full(6, 1e6), position=PositionError(5.2e-5, 3.11e-4, 2e-5, 632, joints))
+    file = tmp_path / "stiffness.yaml"
+    write_stiffness(file, before)
+    after = load_stiffness(file).position
+    assert after is not None
+    assert before.position is not None
+    np.testing.assert_allclose([after.std, after.plain, after.noise], [5.2e-5, 3.11e-4, 2e-5], rtol=1e-12)
+    np.testing.assert_allclose(after.joints, joints, rtol=1e-12)
+    assert after.poses == 632
+    file.write_text(file.read_text().replace("[-120.0, 90.5]", "[90.5, -120.0]"))
+    with pytest.raises(InputError, match="the lower first"):
+        load_stiffness(file)
 
 
 # YAML 1.2 -----------------------------------------------------------------------------------------------------

@@ -11,13 +11,15 @@ import pytest
 from test_path import Rows
 from test_pipeline import UP, C, R, small_job
 
+from machopt.domain.kinematics import KinematicCorrection, Kinematics
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
-from machopt.domain.stiffness import Discrepancy
+from machopt.domain.stiffness import Discrepancy, PositionError
 from machopt.model.elastic import ArmElasticity
 from machopt.plan.explain import _lost_by_shift, all_breaks, explain_points, help_of, hints, misfit_words
 from machopt.plan.made import Compensation, Plan
 from machopt.plan.points import reason_of
+from machopt.plan.position import predicted
 
 
 @pytest.fixture(scope="module")
@@ -156,3 +158,36 @@ def test_a_point_that_lost_its_way_has_the_reason_of_what_came_farthest(made: Pl
         reason[s, 0] = given[-1]
         stopped = replace(no_path, candidates=replace(made.candidates, reason=reason.copy(), feasible=feasible))
         assert reason_of(stopped, row) is told
+
+
+def test_what_poses_left_of_the_position_is_said_and_moves_nothing(made: Plan) -> None:
+    """Where the plan's joints are covered, with and without the corrections, and where one is not."""
+    q = made.chosen.assignment.q[made.path.counted]
+    whole = np.stack([q.min(axis=0), q.max(axis=0)], axis=1)
+    elasticity = made.setup.elasticity
+
+    def told(joints: np.ndarray, *, corrected: bool) -> Plan:
+        error = PositionError(5e-5, 3e-4, 2e-5, 40, joints)
+        stiffness = replace(elasticity.stiffness, position=error)
+        known = Kinematics((KinematicCorrection("joint_zero_offset", "joint:1", {"offset_deg": 0.01}),))
+        cell = replace(made.setup.cell, kinematics=known if corrected else None)
+        springs = ArmElasticity(elasticity.robot, elasticity.T_flange_tcp, stiffness)
+        return replace(made, setup=replace(made.setup, cell=cell, elasticity=springs))
+
+    assert predicted(made) is None
+    found = predicted(told(whole, corrected=True))
+    assert found is not None
+    assert (found.std, found.uncovered, found.joints) == (5e-5, 0.0, ())
+    assert "± 0.05 mm" in misfit_words(told(whole, corrected=True))
+    plain = predicted(told(whole, corrected=False))
+    assert plain is not None
+    assert plain.std == 3e-4
+    assert "kinematics.yaml that was found with it" in plain.words()
+    narrow = whole.copy()
+    narrow[3] = np.median(q[:, 3]) + np.radians([-0.5, 0.5])
+    outside = predicted(told(narrow, corrected=True))
+    assert outside is not None
+    beyond = np.abs(q[:, 3] - np.median(q[:, 3])) > np.radians(1.5)
+    assert outside.joints == ((4,) if beyond.any() else ())
+    assert outside.uncovered == pytest.approx(beyond.mean())
+    assert beyond.any() == ("joint 4" in outside.words())

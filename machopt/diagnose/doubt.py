@@ -9,10 +9,10 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.diagnose import at_joint, calibrated, deflection
 from machopt.diagnose.problem import Flags
-from machopt.diagnose.result import Diagnosis
+from machopt.diagnose.result import Diagnosis, rms
 from machopt.diagnose.run import Examined, known_masses
 from machopt.domain.cell import Cell
-from machopt.domain.stiffness import Discrepancy, Stiffness
+from machopt.domain.stiffness import Discrepancy, PositionError, Stiffness
 from machopt.identify.clusters import Components, clusters
 from machopt.identify.discrepancy import UNKNOWN, Readings, discrepancy, suspects_of
 from machopt.identify.experiment import Experiment, experiment
@@ -25,13 +25,29 @@ JOINTS = 6
 
 def with_doubt(cell: Cell, found: Examined, stiffness: Stiffness | None) -> Stiffness | None:
     """The stiffness that a diagnosis makes of a cell's, with how sure it is."""
-    if stiffness is None or stiffness is cell.stiffness:
-        return stiffness
+    if stiffness is None:
+        return None
+    known = None if cell.stiffness is None else cell.stiffness.position
+    position = of_poses(found) if found.recording.kind == "absolute" else known
+    if stiffness is cell.stiffness:
+        return stiffness if position is known else replace(stiffness, position=position)
+    stiffness = replace(stiffness, position=position)
     out = replace(stiffness, covariance=_springs(cell, found.diagnosis, stiffness))
     if found.recording.kind != "deflection":
         return out
     doubt = _of_load_tests(cell, found, stiffness)
     return out if doubt is None else replace(out, covariance=_covariance(doubt), discrepancy=doubt)
+
+
+def of_poses(found: Examined) -> PositionError | None:
+    """How far the TCP is from the extended model on poses that no fit saw; None where these are too few to hold out."""
+    d, recording = found.diagnosis, found.recording
+    before, after = (rms(e[d.used][:, :3]) for e in (d.errors.residual, d.errors.final))
+    poses = len(np.unique(recording.pose[d.used]))
+    if poses < calibrated.PROOF.fewest_groups or not np.isfinite([before, after]).all():
+        return None
+    q = recording.q[d.used][:, :JOINTS]
+    return PositionError(after, before, d.noise_floor / 1e3, poses, np.stack([q.min(axis=0), q.max(axis=0)], axis=1))
 
 
 def _springs(cell: Cell, d: Diagnosis, stiffness: Stiffness) -> Array | None:

@@ -114,8 +114,10 @@ def _made(
             out.append(float(prior[j]))
         else:
             out.append(float(np.clip(1.0 / max(value, 1.0 / STIFFEST), SOFTEST, STIFFEST)))
-    external = () if cell.stiffness is None else cell.stiffness.external
-    return Stiffness(np.array(out), terms=terms, external=external)
+    known = cell.stiffness
+    if known is None:
+        return Stiffness(np.array(out), terms=terms)
+    return Stiffness(np.array(out), terms=terms, external=known.external, position=known.position)
 
 
 def _shown(c: Coefficient, value: float) -> bool:

@@ -13,6 +13,7 @@ from machopt.arrays import Array
 
 SOFTEST, STIFFEST = 1e2, 1e10  # N·m/rad of a joint; beyond these it is another unit, not another robot
 LEAST_STIFFNESS = 1e4  # N·m/rad, the bottom of the range of robot joints: fits look for none below it
+WITHIN = np.radians(1.0)  # beyond the last measured angle that still counts as covered: poses are rounded, and sag
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,25 @@ class Discrepancy:
 
 
 @dataclass(frozen=True)
+class PositionError:
+    """How far the TCP is from where the model says, by measured poses that no fit saw: a scatter, never a mean.
+
+    A coordinate, 1 sigma, the instrument's own noise in it; beside base_link and TCP as the poses' own fit set them.
+    It holds at joint angles between those that were measured.
+    """
+
+    std: float  # m, with the corrections that were found beside it (kinematics.yaml)
+    plain: float  # m, without them: springs alone
+    noise: float  # m, of it what repeats or statements make of the instrument and the arm's return
+    poses: int
+    joints: Array  # (6, 2) rad, lowest and highest encoder angle
+
+    def covers(self, q: Array) -> Array:
+        """(N, 6) bool, whether joints (N, 6) rad are within what was measured."""
+        return np.asarray((q >= self.joints[:, 0] - WITHIN) & (q <= self.joints[:, 1] + WITHIN))
+
+
+@dataclass(frozen=True)
 class ExternalSpring:
     """An external joint that gives way, and the body that it moves: a rail's carriage, a positioner's table.
 
@@ -114,6 +134,7 @@ class Stiffness:
     estimated: bool = False  # by a rule, from no measurement of this arm
     discrepancy: Discrepancy | None = None  # what it may lack; None: no reading was held against it
     external: tuple[ExternalSpring, ...] = ()  # of the external joints that are not rigid or weigh something
+    position: PositionError | None = None  # None: no measured pose was held against it
 
 
 def held_over(external: tuple[ExternalSpring, ...]) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from machopt.arrays import Array
-from machopt.domain.stiffness import SOFTEST, STIFFEST, Discrepancy, Stiffness, StiffnessGrid, Term
+from machopt.domain.stiffness import SOFTEST, STIFFEST, Discrepancy, PositionError, Stiffness, StiffnessGrid, Term
 from machopt.formats.external_springs import ExternalKeys, external_springs, stated
 from machopt.formats.yamlstrict import Document, Loc, Strict, read_yaml, show, validate
 
@@ -48,6 +48,16 @@ class _Discrepancy(Strict):
     modes: list[list[float]] = Field(min_length=1, description="rows whose Σ mᵀm is the covariance about that; SI")
 
 
+class _PositionError(Strict):
+    std_mm: float = Field(ge=0, description="1 sigma of a coordinate on poses that no fit saw, kinematics.yaml in use")
+    plain_mm: float = Field(ge=0, description="the same without the corrections that were found with it")
+    noise_mm: float = Field(ge=0, description="of it, what the instrument and the arm's return make")
+    poses: int = Field(ge=1, description="that were measured")
+    joints_deg: list[list[float]] = Field(
+        min_length=6, max_length=6, description="six rows: the lowest and the highest encoder angle measured"
+    )
+
+
 class _StiffnessFile(Strict):
     machopt_stiffness: Literal[1] = Field(description="the format, 1")
     joints_Nm_per_rad: list[float] = Field(min_length=6, max_length=6, description=_ROW)
@@ -58,6 +68,9 @@ class _StiffnessFile(Strict):
     terms: list[_Term] = Field(default=[], description="further physics, the terms that diagnose finds")
     discrepancy: _Discrepancy | None = Field(
         default=None, description="how far the arm may be from this file; identify and diagnose write it"
+    )
+    position_error: _PositionError | None = Field(
+        default=None, description="how far the TCP is from the model by measured poses; diagnose of poses writes it"
     )
     external_joints: dict[str, ExternalKeys] = Field(
         default={}, description="of rails and positioners, by the joint's name; one that is left out is rigid"
@@ -81,7 +94,8 @@ def load_stiffness(path: Path | str) -> Stiffness:
     terms = tuple(Term(t.effect, t.location, t.parameters) for t in data.terms)
     doubt = None if data.discrepancy is None else _discrepancy(document, data.discrepancy)
     external = external_springs(document, data.external_joints)
-    return Stiffness(joints, covariance, grid, terms, Path(path), data.estimated, doubt, external)
+    position = None if data.position_error is None else _position_error(document, data.position_error)
+    return Stiffness(joints, covariance, grid, terms, Path(path), data.estimated, doubt, external, position)
 
 
 def write_stiffness(path: Path | str, stiffness: Stiffness) -> None:
@@ -111,6 +125,8 @@ def write_stiffness(path: Path | str, stiffness: Stiffness) -> None:
         data["external_joints"] = stated(stiffness.external)
     if stiffness.discrepancy is not None:
         data["discrepancy"] = _doubt(stiffness.discrepancy)
+    if stiffness.position is not None:
+        data["position_error"] = _placed(stiffness.position)
     yaml = YAML(typ="safe", pure=True)
     yaml.representer.add_representer(float, _float)
     yaml.default_flow_style = None  # lists of numbers on one line
@@ -138,6 +154,32 @@ def _doubt(d: Discrepancy) -> dict[str, object]:
         "shift": short(d.shift),
         "modes": [short(row) for row in d.modes],
     }
+
+
+def _placed(p: PositionError) -> dict[str, object]:
+    """The block ``position_error``."""
+    mm = {"std_mm": p.std, "plain_mm": p.plain, "noise_mm": p.noise}
+    return {
+        **{key: float(f"{1e3 * v:.5g}") for key, v in mm.items()},
+        "poses": p.poses,
+        "joints_deg": [[round(float(v), 4) for v in row] for row in np.degrees(p.joints)],
+    }
+
+
+def _position_error(document: Document, given: _PositionError) -> PositionError:
+    for n, row in enumerate(given.joints_deg):
+        if len(row) != 2 or not row[0] <= row[1] or not np.isfinite(row).all():
+            raise document.error(
+                ("position_error", "joints_deg", n),
+                f"found {row}; expected two angles in degrees, the lower first, e.g. [-90, 75]",
+            )
+    return PositionError(
+        given.std_mm / 1e3,
+        given.plain_mm / 1e3,
+        given.noise_mm / 1e3,
+        given.poses,
+        np.radians(_frozen(given.joints_deg)),
+    )
 
 
 def _discrepancy(document: Document, given: _Discrepancy) -> Discrepancy:

@@ -11,6 +11,7 @@ from machopt.plan.breaks import Break
 from machopt.plan.carried import carried
 from machopt.plan.intoreach import into_reach
 from machopt.plan.made import Plan
+from machopt.plan.position import predicted
 from machopt.plan.settled import settled_words
 from machopt.plan.wrongunit import reach_of
 from machopt.se3 import wrap
@@ -212,6 +213,12 @@ SURE = "They are only as sure as their intervals say; "
 
 def misfit_words(plan: Plan) -> str:
     """What the stiffness file says of its own misfit; empty where its readings say nothing against it."""
+    position = predicted(plan)
+    return " ".join(w for w in (_springs_words(plan), "" if position is None else position.words()) if w)
+
+
+def _springs_words(plan: Plan) -> str:
+    """Of readings under load."""
     stiffness = plan.setup.elasticity.stiffness
     d = stiffness.discrepancy
     if d is None and stiffness.covariance is not None and stiffness.grid is None:

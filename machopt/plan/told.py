@@ -15,6 +15,7 @@ from machopt.plan.compensate import residual
 from machopt.plan.explain import help_of
 from machopt.plan.made import Plan
 from machopt.plan.points import PointResults, reason_of
+from machopt.plan.position import predicted
 from machopt.plan.removal import Removal, removals
 from machopt.plan.retime import Dip
 from machopt.plan.setup import Scored
@@ -121,6 +122,22 @@ def gain_told(gain: Gain) -> told.MeanGain:
         std_percent=100.0 * gain.std,
         ci90=(100.0 * low, 100.0 * high) if np.isfinite(gain.std) else None,
         distinguishable=gain.distinguishable if np.isfinite(gain.mean) else None,
+    )
+
+
+def position_told(the_plan: Plan) -> told.PositionErrorTold | None:
+    """How far the TCP is from where the plan says, by measured poses."""
+    found = predicted(the_plan)
+    if found is None:
+        return None
+    return told.PositionErrorTold(
+        std_mm=1e3 * found.std,
+        beyond_mm=1e3 * found.beyond,
+        outside_percent=100.0 * found.uncovered,
+        outside_joints=found.joints,
+        corrected=found.corrected,
+        noise_mm=1e3 * found.error.noise,
+        poses=found.error.poses,
     )
 
 

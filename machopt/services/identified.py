@@ -65,9 +65,11 @@ def identified(request: Request, progress: Callable[[str], None], cell: Cell | N
     random = np.random.default_rng(options.seed)
     found = identify(tests, robot, cell.tool.T_flange_tcp, cell.stiffness, options, random, masses)
     kept = () if cell.stiffness is None else cell.stiffness.external
+    placed = None if cell.stiffness is None else cell.stiffness.position
+    doubt = _misfit(cell, robot, tests, found)
     found = replace(
         found,
-        stiffness=replace(found.stiffness, discrepancy=_misfit(cell, robot, tests, found), external=kept),
+        stiffness=replace(found.stiffness, discrepancy=doubt, external=kept, position=placed),
         warnings=(*found.warnings, *held_over(kept)),
     )
     result = result_of(request, cell, recording, found, input_hashes(cell, request.recordings))

@@ -129,6 +129,18 @@ class Removed(Part):
     residual_max_ci90_mm: tuple[Number, Number] | None
 
 
+class PositionErrorTold(Part):
+    """How far the TCP is from where the plan says, 1 sigma of a coordinate, by measured poses; nothing counts it in."""
+
+    std_mm: Number
+    beyond_mm: Number  # outside the angles of the poses
+    outside_percent: Number  # of the cutting points
+    outside_joints: tuple[Count, ...]
+    corrected: Flag  # the kinematics that was found with it is in use
+    noise_mm: Number
+    poses: Count
+
+
 class CompensationTold(Part):
     """The shift and what it is predicted to leave: by the model, and with what is known of the model's error."""
 
@@ -279,6 +291,7 @@ class OptimizeResult(Part):
     tools: tuple[ToolTold, ...] | None  # where the job changes tools
     worst_point: WorstPoint | None
     compensation: CompensationTold | None
+    position_error: PositionErrorTold | None  # null where no measured pose stands behind the stiffness
     infeasible_points: tuple[InfeasiblePoint, ...]
     breaks: tuple[BreakTold, ...]
     cycle_time_s: Known
