@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from machopt.diagnose import deflection, engine
+from machopt.estimate.experiment import experiment
 from machopt.formats.cell import load_cell
-from machopt.identify.experiment import experiment
 from machopt.identify.simulate import TrueArm, random_loads, record, scattered_poses
 from machopt.model.robot import load_masses, load_robot
 

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from machopt.domain.stiffness import Stiffness
+from machopt.estimate.experiment import experiment
 from machopt.formats.cell import load_cell
-from machopt.identify.experiment import experiment
 from machopt.identify.fit import fit
 from machopt.identify.options import IdentifyOptions
 from machopt.identify.pipeline import identify

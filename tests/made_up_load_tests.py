@@ -15,8 +15,8 @@ import pinocchio as pin
 
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording, StandardUncertainty
+from machopt.estimate.experiment import Experiment, experiment
 from machopt.formats.cell import load_cell
-from machopt.identify.experiment import Experiment, experiment
 from machopt.model.robot import Robot, load_robot
 
 CELL = Path(__file__).resolve().parent.parent / "cells" / "kr240_drilling"

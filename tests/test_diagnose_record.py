@@ -16,8 +16,8 @@ from machopt.diagnose.problem import Unknown
 from machopt.diagnose.result import Coefficient, Finding
 from machopt.domain.parameters import joint_spring
 from machopt.domain.recording import Recording
+from machopt.estimate.experiment import experiment
 from machopt.formats.cell import load_cell
-from machopt.identify.experiment import experiment
 from machopt.identify.finding import Finding as Problem
 from machopt.model.robot import Robot, load_masses, load_robot
 

@@ -15,9 +15,9 @@ from test_pipeline import FORCE, FREE, K, small_job
 
 from machopt.domain.stiffness import Discrepancy, Stiffness, Term
 from machopt.errors import InputError
+from machopt.estimate.experiment import Experiment
 from machopt.formats.stiffness import load_stiffness, write_stiffness
 from machopt.identify.discrepancy import of_identified
-from machopt.identify.experiment import Experiment
 from machopt.identify.fit import fit
 from machopt.model.elastic import ArmElasticity
 from machopt.model.suspects import Suspects, elastic_names, gear_names

@@ -19,11 +19,11 @@ from machopt.domain.kinematics import KinematicCorrection
 from machopt.domain.recording import Recording
 from machopt.effects import own, registry
 from machopt.effects.protocol import JOINTS, Drive
+from machopt.estimate.experiment import experiment
 from machopt.formats.cell import load_cell
 from machopt.formats.recording import write_recording
 from machopt.formats.stiffness import load_stiffness
 from machopt.identify.equilibrium import Equilibrium
-from machopt.identify.experiment import experiment
 from machopt.model.gravity import gravity_torque
 from machopt.model.rigid import load_dynamics
 from machopt.model.robot import load_masses, load_robot

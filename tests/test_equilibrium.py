@@ -10,9 +10,9 @@ import pytest
 
 from machopt.domain.cell import Cell
 from machopt.errors import InputError
+from machopt.estimate.experiment import Experiment, experiment
 from machopt.formats.cell import load_cell
 from machopt.identify.equilibrium import Equilibrium, influence, least_squares, refine
-from machopt.identify.experiment import Experiment, experiment
 from machopt.identify.fit import fit
 from machopt.identify.simulate import Noise, SmoothField, SpringInBody, TrueArm, random_loads, record, scattered_poses
 from machopt.model.gravity import gravity_torque

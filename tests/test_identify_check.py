@@ -11,8 +11,8 @@ from made_up_load_tests import TRUE_K, cell, measured, planned
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Stiffness
 from machopt.errors import InputError
+from machopt.estimate.experiment import experiment
 from machopt.identify.check import CODES, check_experiment, refuse
-from machopt.identify.experiment import experiment
 from machopt.identify.finding import Finding
 from machopt.identify.options import IdentifyOptions
 from machopt.identify.pipeline import identify

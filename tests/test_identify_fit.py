@@ -11,12 +11,12 @@ from made_up_load_tests import CYCLE, POSE, TRUE_K, WHITE, cell, draw, measured,
 from machopt.domain.recording import Recording, StandardUncertainty
 from machopt.domain.stiffness import Stiffness, Term
 from machopt.errors import InputError
-from machopt.identify.bounded import minimise, profile
-from machopt.identify.clusters import Clusters, Components, clusters, normal, shifts, sums
-from machopt.identify.components import components
-from machopt.identify.experiment import Experiment, experiment
+from machopt.estimate.bounded import minimise, profile
+from machopt.estimate.clusters import Clusters, Components, clusters, normal, shifts, sums
+from machopt.estimate.components import components
+from machopt.estimate.experiment import Experiment, experiment
+from machopt.estimate.noise import joint_sensitivity, reading_covariance
 from machopt.identify.fit import Fit, fit
-from machopt.identify.noise import joint_sensitivity, reading_covariance
 from machopt.identify.options import IdentifyOptions
 from machopt.identify.pipeline import identify
 from machopt.identify.simulate import TrueArm

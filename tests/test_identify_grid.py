@@ -13,15 +13,15 @@ from machopt.domain.cell import Cell
 from machopt.domain.reason import Reason
 from machopt.domain.stiffness import Stiffness, StiffnessGrid
 from machopt.errors import InputError
+from machopt.estimate.experiment import experiment
+from machopt.estimate.tiled import product, spd_inverse, times
 from machopt.formats.cell import load_cell
-from machopt.identify.experiment import experiment
 from machopt.identify.fit import Fit, fit
 from machopt.identify.grid import ON_FACE, GridFit, _positions, fit_grid
 from machopt.identify.gridcells import Region, kriging, touched
 from machopt.identify.gridequations import GridEquations
 from machopt.identify.gridevidence import Prior
 from machopt.identify.simulate import Compliance, Noise, Simulated, SmoothField, TrueArm, random_loads, record
-from machopt.identify.tiled import product, spd_inverse, times
 from machopt.model.collision import CollisionModel
 from machopt.model.elastic import FACE_TOLERANCE, joint_stiffness
 from machopt.model.ik import Margins, Solver, solver_for

@@ -11,9 +11,9 @@ from made_up_load_tests import TRUE_K, cell, draw, measured, planned
 
 from machopt.domain.stiffness import Stiffness, Term
 from machopt.errors import InputError
+from machopt.estimate.experiment import Experiment, experiment
 from machopt.formats.stiffness import load_stiffness, write_stiffness
 from machopt.identify.admissible import fitted_matrices, gives_way, nearest
-from machopt.identify.experiment import Experiment, experiment
 from machopt.identify.fit import fit
 from machopt.identify.options import IdentifyOptions
 from machopt.identify.pipeline import identify

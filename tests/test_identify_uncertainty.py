@@ -11,7 +11,7 @@ from scipy.linalg import block_diag, sqrtm
 
 from machopt.domain.recording import StandardUncertainty
 from machopt.domain.stiffness import LEAST_STIFFNESS, Stiffness, Term
-from machopt.identify.experiment import Experiment, experiment
+from machopt.estimate.experiment import Experiment, experiment
 from machopt.identify.fit import fit
 from machopt.identify.heldout import errors, folds, heldout
 from machopt.identify.identifiability import settle

@@ -16,9 +16,9 @@ import pytest
 from grid_poses import grid_plan
 
 from machopt.domain.stiffness import Stiffness
+from machopt.estimate.experiment import experiment
 from machopt.formats.cell import load_cell
 from machopt.formats.stiffness import load_stiffness
-from machopt.identify.experiment import experiment
 from machopt.identify.fit import fit
 from machopt.identify.grid import fit_grid
 from machopt.identify.gridcells import Region

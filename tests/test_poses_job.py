@@ -12,10 +12,10 @@ import pytest
 
 from machopt.domain.poses import PosesTable
 from machopt.errors import InputError
+from machopt.estimate.experiment import experiment
 from machopt.formats.cell import load_cell
 from machopt.formats.poses import read_poses_csv, write_poses_csv
 from machopt.formats.recording import load_recording
-from machopt.identify.experiment import experiment
 from machopt.model.collision import CollisionModel
 from machopt.model.robot import load_chain
 from machopt.services.poses import Outcome, Request, run_plan_poses

@@ -20,7 +20,7 @@ from machopt.effects import files, registry
 from machopt.effects.compensator import in_file
 from machopt.effects.given import Parameters
 from machopt.effects.protocol import Beside, Effect, joints_of
-from machopt.identify.noise import joint_sensitivity
+from machopt.estimate.noise import joint_sensitivity
 
 SUBSCRIPTS = "₁₂₃₄₅₆"
 ARM = 6  # joints that a stiffness.yaml is of

@@ -12,7 +12,7 @@ from machopt.diagnose.repaired import exact, repaired
 from machopt.diagnose.result import Finding
 from machopt.domain.recording import Recording
 from machopt.effects.sensor import DISPLACEMENT, LOAD
-from machopt.identify.experiment import experiment
+from machopt.estimate.experiment import experiment
 from machopt.identify.rivals import bounded_absolute
 from machopt.model.robot import Robot
 from machopt.se3 import skew

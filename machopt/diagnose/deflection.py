@@ -21,10 +21,10 @@ from machopt.domain.recording import Recording
 from machopt.domain.stiffness import LEAST_STIFFNESS
 from machopt.effects import registry
 from machopt.errors import InputError
-from machopt.identify.clusters import clusters
+from machopt.estimate.clusters import clusters
+from machopt.estimate.experiment import Experiment
+from machopt.estimate.robust import start
 from machopt.identify.equilibrium import Equilibrium
-from machopt.identify.experiment import Experiment
-from machopt.identify.robust import start
 from machopt.model.robot import Masses, Robot
 
 Ints = NDArray[np.int64]

@@ -13,10 +13,10 @@ from machopt.diagnose.result import Diagnosis, rms
 from machopt.diagnose.run import Examined, known_masses
 from machopt.domain.cell import Cell
 from machopt.domain.stiffness import Discrepancy, PositionError, Stiffness
-from machopt.identify.clusters import Components, clusters
+from machopt.estimate.clusters import Components, clusters
+from machopt.estimate.experiment import Experiment, experiment
+from machopt.estimate.noise import reading_covariance
 from machopt.identify.discrepancy import UNKNOWN, Readings, discrepancy, suspects_of
-from machopt.identify.experiment import Experiment, experiment
-from machopt.identify.noise import reading_covariance
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import Masses, Robot, load_robot
 

@@ -26,7 +26,7 @@ from machopt.domain.recording import Recording
 from machopt.effects.record import COLUMNS, column
 from machopt.effects.sensor import DISPLACEMENT
 from machopt.effects.thermal import THERMAL
-from machopt.identify.robust import start
+from machopt.estimate.robust import start
 from machopt.model.robot import Robot
 from machopt.se3 import rotation_from_vector, skew
 

@@ -22,10 +22,10 @@ from machopt.domain.recording import Axes, Recording
 from machopt.domain.stiffness import LEAST_STIFFNESS
 from machopt.effects.record import FORCES, LENGTHS, UNITS, column
 from machopt.effects.sensor import DISPLACEMENT, FRAME, LOAD
+from machopt.estimate.experiment import Experiment, experiment
+from machopt.estimate.robust import start
 from machopt.identify.check import check_experiment
-from machopt.identify.experiment import Experiment, experiment
 from machopt.identify.finding import Finding as Problem
-from machopt.identify.robust import start
 from machopt.identify.units import reach_of
 from machopt.model.gravity import gravity_torque
 from machopt.model.robot import Masses, Robot

@@ -34,7 +34,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Stiffness, Term, held_over
 from machopt.errors import InputError
-from machopt.identify.experiment import experiment
+from machopt.estimate.experiment import experiment
 from machopt.model.elastic import ArmElasticity
 from machopt.model.linkage import refuse_linked
 from machopt.model.robot import Masses, Robot, load_masses, load_robot

@@ -23,9 +23,9 @@ from machopt.diagnose.result import Finding
 from machopt.diagnose.rewritten import Way, put, taken, ways
 from machopt.domain.recording import Recording
 from machopt.effects.record import column
-from machopt.identify.experiment import experiment
+from machopt.estimate.experiment import experiment
+from machopt.estimate.robust import start
 from machopt.identify.rivals import bounded_absolute
-from machopt.identify.robust import start
 from machopt.model.robot import Robot
 
 Flags = NDArray[np.bool_]

@@ -1,7 +1,7 @@
 """What was measured on a real robot: joint positions, loads, displacements or poses, as a recording folder holds them.
 
 Everything is in SI and in the frames the file states; turning it into base axes at the TCP needs kinematics and
-happens in :mod:`machopt.identify.experiment`.
+happens in :mod:`machopt.estimate.experiment`.
 """
 
 from __future__ import annotations

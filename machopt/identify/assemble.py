@@ -8,7 +8,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.domain.stiffness import Stiffness, Term
-from machopt.identify.experiment import Experiment
+from machopt.estimate.experiment import Experiment
 from machopt.identify.finding import Finding
 from machopt.identify.fit import Fit, with_values
 from machopt.identify.grid import GridFit

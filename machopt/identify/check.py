@@ -13,7 +13,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.errors import InputError
-from machopt.identify.experiment import Experiment
+from machopt.estimate.experiment import Experiment
 from machopt.identify.finding import Finding, places
 from machopt.identify.rivals import Reading, readings
 from machopt.identify.units import lever_findings, reach_of, unit_findings

@@ -32,9 +32,9 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.domain.stiffness import Discrepancy, Stiffness
-from machopt.identify.clusters import Clusters, Components, Normal, normal, sums
-from machopt.identify.components import components
-from machopt.identify.experiment import Experiment
+from machopt.estimate.clusters import Clusters, Components, Normal, normal, sums
+from machopt.estimate.components import components
+from machopt.estimate.experiment import Experiment
 from machopt.identify.fit import Fit
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import ArmState, Masses, Robot

@@ -5,7 +5,7 @@ reading is the difference of two such states, with the load and without it. Diff
 with H = ∂τ/∂θ, which is K_C of dumas2011 eqs. 8–10 and that of the weight beside it.
 
 A fit goes back and forth: :meth:`Equilibrium.linear` writes the readings as equations that are linear about the
-compliances so far, in the very form of :class:`~machopt.identify.experiment.Experiment`, so that every method for
+compliances so far, in the very form of :class:`~machopt.estimate.experiment.Experiment`, so that every method for
 linear equations (weights, bounds, covariance) serves here too, and the next solution is the next point.
 """
 
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array, Ints
 from machopt.errors import InputError
-from machopt.identify.experiment import Experiment
+from machopt.estimate.experiment import Experiment
 from machopt.model.gravity import gravity_torque
 from machopt.model.kinetostatic import geometric_stiffness
 from machopt.model.robot import ArmState, Masses, Robot

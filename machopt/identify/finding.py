@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.identify.experiment import Experiment
+from machopt.estimate.experiment import Experiment
 
 SHOWN = 6
 

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 from machopt.domain.recording import StandardUncertainty
 from machopt.errors import InputError
-from machopt.identify.bounded import minimise
-from machopt.identify.clusters import Clusters, Components, Normal, Sums, clusters, normal, shifts, sums
-from machopt.identify.components import Scatter, components
-from machopt.identify.experiment import Experiment
-from machopt.identify.noise import reading_covariance
-from machopt.identify.robust import scale, start, weights
+from machopt.estimate.bounded import minimise
+from machopt.estimate.clusters import Clusters, Components, Normal, Sums, clusters, normal, shifts, sums
+from machopt.estimate.components import Scatter, components
+from machopt.estimate.experiment import Experiment
+from machopt.estimate.noise import reading_covariance
+from machopt.estimate.robust import scale, start, weights
 from machopt.model.terms import LinearTerm
 
 ROUNDS = 8

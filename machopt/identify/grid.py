@@ -20,8 +20,8 @@ import numpy as np
 from machopt.arrays import Array, Bools, Ints
 from machopt.domain.stiffness import StiffnessGrid
 from machopt.errors import InputError
-from machopt.identify.bounded import minimise
-from machopt.identify.clusters import normal
+from machopt.estimate.bounded import minimise
+from machopt.estimate.clusters import normal
 from machopt.identify.fit import OUT, Fit, Weighting
 from machopt.identify.gridcells import Region, kriging, region_of, touched
 from machopt.identify.gridequations import GridEquations

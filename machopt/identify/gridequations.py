@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from machopt.arrays import Array, Bools
-from machopt.identify.clusters import Clusters, Components, clusters, shifts, sums
+from machopt.estimate.clusters import Clusters, Components, clusters, shifts, sums
+from machopt.estimate.robust import scale, weights
 from machopt.identify.fit import Fit, Weighting
 from machopt.identify.gridcells import Touched
 from machopt.identify.gridevidence import Evidence, Linear, Posterior, Prior
-from machopt.identify.robust import scale, weights
 
 SHIFT_START = 0.3  # variance of a shared shift per reading's: away from none, where the likelihood is flat
 

@@ -10,7 +10,7 @@ A cell is one value for a piece of space in which the joint varies too. What a s
 cell is a further random part, η s_j for all joints, integrated out site by site; without it many readings at few sites
 would make a cell look far better known than it is.
 
-Everything rests on sums by pose (:mod:`~machopt.identify.clusters`), so a step costs one dense factorisation of the
+Everything rests on sums by pose (:mod:`~machopt.estimate.clusters`), so a step costs one dense factorisation of the
 cells' unknowns and nothing that grows with the readings but those sums.
 """
 
@@ -24,9 +24,9 @@ from scipy.optimize import minimize
 from scipy.sparse import bsr_matrix, csr_matrix
 
 from machopt.arrays import Array, Ints
-from machopt.identify.clusters import Clusters, Components, Normal, Sums, normal
-from machopt.identify.components import LEAST, MOST, TRUST_IN_STATED
-from machopt.identify.tiled import product, spd_inverse, times
+from machopt.estimate.clusters import Clusters, Components, Normal, Sums, normal
+from machopt.estimate.components import LEAST, MOST, TRUST_IN_STATED
+from machopt.estimate.tiled import product, spd_inverse, times
 
 SPREADS = (1e-3, 1.0)  # least and largest s in log compliance: at a thousandth the cells are one
 WITHIN = (1e-3, 1.0)  # of a site about its cell: at most as much as cells differ
@@ -39,7 +39,7 @@ STEP = 1e-5  # of a logarithm, for differences of the noise's part: rounding is 
 
 @dataclass(frozen=True)
 class Prior:
-    """What the likelihood chooses. ``noise`` as in :class:`~machopt.identify.clusters.Components`."""
+    """What the likelihood chooses. ``noise`` as in :class:`~machopt.estimate.clusters.Components`."""
 
     spread: Array  # (F,) s of each varying joint, in log compliance
     range: float  # ℓ in cells

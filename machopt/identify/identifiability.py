@@ -22,8 +22,8 @@ from scipy.special import stdtrit
 
 from machopt.arrays import Array
 from machopt.domain.stiffness import LEAST_STIFFNESS
+from machopt.estimate.bounded import minimise
 from machopt.identify.admissible import FittedMatrix, fitted_matrices, gives_way, nearest
-from machopt.identify.bounded import minimise
 from machopt.identify.fit import Fit, Unknown
 from machopt.identify.uncertainty import NULL, Uncertainty
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.arrays import Array, Ints
-from machopt.identify.clusters import shifts
+from machopt.estimate.clusters import shifts
 from machopt.identify.fit import OUT, Fit
 from machopt.identify.identifiability import Settled
 

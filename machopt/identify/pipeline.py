@@ -17,10 +17,10 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.domain.stiffness import Stiffness
 from machopt.errors import InputError
+from machopt.estimate.experiment import Experiment
 from machopt.identify.assemble import Parts, assemble
 from machopt.identify.check import check_experiment, refuse
 from machopt.identify.equilibrium import Equilibrium, refine
-from machopt.identify.experiment import Experiment
 from machopt.identify.fit import Fit, fit, unknowns
 from machopt.identify.grid import GridFit, fit_grid
 from machopt.identify.heldout import heldout

@@ -9,7 +9,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.domain.stiffness import Stiffness
-from machopt.identify.components import Scatter
+from machopt.estimate.components import Scatter
 from machopt.identify.finding import Finding
 from machopt.identify.fit import Fit
 from machopt.identify.grid import GridFit

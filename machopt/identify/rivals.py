@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.effects.record import FORCES
-from machopt.identify.bounded import minimise
-from machopt.identify.experiment import Experiment
-from machopt.identify.robust import scale, start
+from machopt.estimate.bounded import minimise
+from machopt.estimate.experiment import Experiment
+from machopt.estimate.robust import scale, start
 from machopt.model.robot import Robot
 
 STEPS = 12

@@ -8,8 +8,8 @@ import numpy as np
 
 from machopt.arrays import Array, Ints
 from machopt.domain.recording import StandardUncertainty
-from machopt.identify.clusters import normal, sums
-from machopt.identify.experiment import Experiment
+from machopt.estimate.clusters import normal, sums
+from machopt.estimate.experiment import Experiment
 from machopt.identify.fit import Fit
 from machopt.identify.identifiability import Settled
 from machopt.model.robot import Robot

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import stdtrit  # scipy.stats would take a second to load
 
 from machopt.arrays import Array
-from machopt.identify.bounded import profile
+from machopt.estimate.bounded import profile
 from machopt.identify.fit import Fit
 
 NULL = 1e-10  # eigenvalue of the scaled normal matrix per largest one: no data in that direction

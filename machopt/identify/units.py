@@ -9,10 +9,10 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.effects.record import FORCES, LENGTHS
-from machopt.identify.experiment import Experiment
+from machopt.estimate.experiment import Experiment
+from machopt.estimate.robust import start
 from machopt.identify.finding import Finding, places
 from machopt.identify.rivals import Reading
-from machopt.identify.robust import start
 from machopt.model.robot import Robot
 
 GENERIC_STIFFNESS, GENERIC_REACH = 1e6, 2.5  # N·m/rad of a joint of an arm that reaches so far (m); grows with reach³

@@ -13,12 +13,12 @@ from machopt.domain.recording import Recording
 from machopt.domain.results.identification import IdentificationResult
 from machopt.domain.stiffness import Discrepancy, held_over
 from machopt.errors import InputError
+from machopt.estimate.experiment import Experiment, experiment
 from machopt.formats.cell import load_cell
 from machopt.formats.recording import load_recording, load_recordings
 from machopt.formats.termtext import term_from_text
 from machopt.identify.asked import Request, check, options_of
 from machopt.identify.discrepancy import of_identified
-from machopt.identify.experiment import Experiment, experiment
 from machopt.identify.pipeline import identify
 from machopt.identify.result import Identification
 from machopt.identify.told import result_of

@@ -9,7 +9,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
-from machopt.identify.experiment import Experiment
+from machopt.estimate.experiment import Experiment
 from machopt.identify.result import Identification, JointResult, TermResult
 from machopt.report.identification import Coefficient, Comparison, GridView, IdentificationPage, SubsetStudy
 from machopt.version import __version__

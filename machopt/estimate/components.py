@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from machopt.arrays import Array
-from machopt.identify.clusters import Clusters, Components, Sums, normal
+from machopt.estimate.clusters import Clusters, Components, Sums, normal
 
 LEAST, MOST = 1e-4, 1e4  # variance of a shift per variance of a reading; at the least end it counts as none
 NOTHING = 1e-20  # weight of a coefficient per the largest one; below it the readings say nothing of it

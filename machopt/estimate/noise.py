@@ -14,7 +14,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.domain.recording import StandardUncertainty
 from machopt.domain.stiffness import LEAST_STIFFNESS
-from machopt.identify.experiment import Experiment
+from machopt.estimate.experiment import Experiment
 from machopt.model.terms import LinearTerm
 
 LEAST_SHARE = 1e-3  # of a channel's typical displacement: no reading is taken for more exact than that

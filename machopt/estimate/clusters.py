@@ -15,7 +15,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from machopt.arrays import Array, Ints
-from machopt.identify.experiment import Experiment
+from machopt.estimate.experiment import Experiment
 
 LEAST_REPLICATES = 5  # degrees of freedom (readings beyond the first of their group) that show a component at all
 
