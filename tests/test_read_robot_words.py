@@ -10,6 +10,7 @@ import pytest
 
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.errors import InputError
+from machopt.formats.programs.urscript_values import ScriptError, _Parser, evaluate
 from machopt.formats.toolpath import read_toolpath
 
 HEAD = "DEF a()\n$VEL.CP=0.01\n"
@@ -263,3 +264,16 @@ def test_a_routine_ends_at_its_return(tmp_path: Path) -> None:
     t = read(tmp_path, "b.mod", MODULE % ("IF n<0 THEN\nRETURN;\nENDIF\n" + MOVE))
     assert len(t) == 1
     assert any("may end the routine early" in w for w in t.warnings)
+
+
+@pytest.mark.parametrize(
+    "text", ["1.5", " -2", "+.5e-3", "[1, -2.5,3.]", "p[0.1,-.2,3e-1, 0,-0.5 , 1]", "[]", "[1,]", "-0.0"]
+)
+def test_urscript_numbers_at_once_are_those_of_the_parser(text: str) -> None:
+    assert repr(evaluate(text, {})) == repr(_Parser(text, {}).expression())
+
+
+@pytest.mark.parametrize("text", ["1.5.2", "[1 2]", "p[1,2]", "1e999", "[1_0]", "1,2", "p[1,2,3,4,5,inf]", "p [", "--"])
+def test_urscript_what_is_no_number_is_refused(text: str) -> None:
+    with pytest.raises(ScriptError):
+        evaluate(text, {})

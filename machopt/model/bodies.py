@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from machopt.arrays import Array, Bools
 from machopt.domain.cell import Cell, Cutter, Shape
 from machopt.errors import InputError
+from machopt.model import triangulated
 from machopt.model.lines import Carriers
 from machopt.model.machine import Machine
 from machopt.model.robot import LinkShape
@@ -190,38 +191,43 @@ def triangles_of(shape: Shape) -> tuple[Array, NDArray[np.int64]]:
     Raises:
         InputError: a mesh cannot be read.
     """
-    import trimesh
-
     if shape.kind == "mesh":
         return _load(shape)
     if shape.kind == "box":
-        mesh = trimesh.creation.box(shape.size)
-    elif shape.kind == "cylinder":
+        return triangulated.box(shape.size)
+    if shape.kind == "cylinder":
         outer = shape.size[0] / np.cos(np.pi / CYLINDER_SIDES)
-        mesh = trimesh.creation.cylinder(radius=outer, height=shape.size[1], sections=CYLINDER_SIDES)
-    else:
-        mesh = trimesh.creation.icosphere(subdivisions=SPHERE_SUBDIVISIONS, radius=1.0)
-        depth = np.einsum("ij,ij->i", mesh.face_normals, mesh.vertices[mesh.faces[:, 0]]).min()
-        mesh.apply_scale(shape.size[0] / depth)
+        return triangulated.cylinder(outer, shape.size[1], CYLINDER_SIDES)
+    import trimesh  # late: few cells have spheres
+
+    mesh = trimesh.creation.icosphere(subdivisions=SPHERE_SUBDIVISIONS, radius=1.0)
+    depth = np.einsum("ij,ij->i", mesh.face_normals, mesh.vertices[mesh.faces[:, 0]]).min()
+    mesh.apply_scale(shape.size[0] / depth)
     return np.array(mesh.vertices, float), np.array(mesh.faces, np.int64)
 
 
 def _load(shape: Shape) -> tuple[Array, NDArray[np.int64]]:
-    import trimesh
-
     path = Path(shape.mesh) if shape.mesh is not None else Path("")
     if not path.is_file():
         raise InputError(f"mesh of {shape.name!r} is not a file", file=path)
+    plain = triangulated.binary_stl(path.read_bytes()) if path.suffix.lower() == ".stl" else None
+    vertices, faces = triangulated.merged(_other(shape, path) if plain is None else plain)
+    if not len(faces) or not np.isfinite(vertices).all():
+        raise InputError(f"mesh of {shape.name!r} holds no finite triangles", file=path)
+    return vertices * shape.size[0], faces
+
+
+def _other(shape: Shape, path: Path) -> triangulated.Triangles:
+    """Of any format that trimesh reads."""
+    import trimesh
+
     try:
         mesh = trimesh.load(path, force="mesh")
     except (ValueError, TypeError, KeyError, IndexError, NotImplementedError, ImportError) as error:
         raise InputError(
             f"mesh of {shape.name!r} cannot be read ({error}); STL, OBJ or PLY would work", file=path
         ) from error
-    vertices, faces = np.array(mesh.vertices, float), np.array(mesh.faces, np.int64)
-    if not len(faces) or not np.isfinite(vertices).all():
-        raise InputError(f"mesh of {shape.name!r} holds no finite triangles", file=path)
-    return vertices * shape.size[0], faces
+    return triangulated.Triangles(np.array(mesh.vertices, float), np.array(mesh.faces, np.int64))
 
 
 def _bounded(body: Body) -> Body:

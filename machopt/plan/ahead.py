@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.arrays import Array, Bools
+from machopt.arrays import Array, Bools, any_last
 from machopt.domain.reason import Reason
 from machopt.model.collision import CollisionModel
 from machopt.plan.candidates import Candidates
@@ -94,7 +94,7 @@ class Ahead:
             few = (s + r) % BRANCHES == 0
             near += [(s[few], r[few], (b[few] + k) % B) for k in range(1, B)]
             found = np.unique(np.concatenate([np.ravel_multi_index(v, (S, R, B)) for v in near]))
-            found = found[~asked[found] & feasible[found].any(axis=1)]
+            found = found[~asked[found] & any_last(feasible[found])]
             asked[found] = True
             if self.model.pairs[p].unless_cutting:
                 found = found[~self.may_touch[found // (R * B)]]

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.arrays import Array, Bools
+from machopt.arrays import Array, Bools, any_last
 from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import Candidates
 from machopt.plan.caps import GAP, Capped, Traded, trade
@@ -178,7 +178,7 @@ class Grid:
             mask[end] = only[end]
         if stop >= 0 or broken.any():
             return None
-        some = np.asarray(mask.any(axis=3))
+        some = any_last(mask)
         found = part.below(mask, some, some, _LARGE)
         if found is None or ((found[0][:, 0] >= 0) != (old[rows, 0] >= 0)).any():
             return None
@@ -219,7 +219,7 @@ class _Part:
     def __post_init__(self) -> None:
         self.window = self.grid.window[self.rows].copy()
         self.raw, self.counted = self.grid.raw[self.rows], self.grid.counted[self.rows]
-        self.there = np.asarray(self.grid.candidates.feasible[self.rows].any(axis=3))
+        self.there = any_last(self.grid.candidates.feasible[self.rows])
         self.worst_elsewhere = max(self.worst_elsewhere, self.grid.elsewhere)
 
     def solve(
@@ -268,7 +268,7 @@ class _Part:
         Looked for without turns first, as in :meth:`below`: with tens of turns that is tens of times less.
         """
         if mask.shape[3] > 1:
-            vertex, value, stop, broken = self._turnless(np.asarray(mask.any(axis=3)), np.inf)
+            vertex, value, stop, broken = self._turnless(any_last(mask), np.inf)
             turned = None if stop >= 0 or broken.any() else self._turned(vertex, mask)
             if turned is not None:
                 return Capped(turned, value, self.most(turned)), broken, None
@@ -322,7 +322,7 @@ class _Part:
         """Below which cap there is no sequence, and the cheapest one under a cap, as :func:`trade` asks for it."""
         kept = free.vertex[:, 0] >= 0
         at = np.flatnonzero(kept & self.counted)
-        some = np.asarray(mask.any(axis=3))
+        some = any_last(mask)
 
         def under(cap: float, limit: float) -> Capped | None:
             if cap < self.worst_elsewhere:

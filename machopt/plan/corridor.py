@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-from machopt.arrays import Array
+from machopt.arrays import Array, any_last
 from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import Candidates
 from machopt.plan.choose import Choice
@@ -173,7 +173,7 @@ def _walked(candidates: Candidates, tables: list[Array], choice: Choice, rows: N
             base = candidates.q[rows, rj, b]
             q = previous + wrap(base - previous)
             turn = (np.round((q - base)[:, None] / (2 * np.pi)) == np.round(candidates.turns / (2 * np.pi))).all(axis=2)
-            alive &= (candidates.feasible[rows, rj, b] & turn).any(axis=1)
+            alive &= any_last(candidates.feasible[rows, rj, b] & turn)
             alive &= np.abs(q - previous).max(axis=1) < SIDE_STEP
             limit[alive, side] = sign * j * grid
             seen = np.where(alive, [table[rows, rj, b] for table in tables], seen)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.arrays import Bools
+from machopt.arrays import Bools, any_last
 from machopt.domain.reason import Reason
 from machopt.plan.ahead import Ahead
 from machopt.plan.candidates import Candidates
@@ -35,7 +35,7 @@ class Mapped:
     @property
     def open(self) -> int:
         """Configurations within reach, limits and margins that were not looked at."""
-        return int((self.candidates.feasible.any(axis=3) & ~self.known).sum())
+        return int((self.candidates.usable & ~self.known).sum())
 
     @property
     def looked_at(self) -> int:
@@ -54,7 +54,7 @@ def mapped(plan: Plan, full: bool = False, seconds: float = SECONDS) -> Mapped:
         return _of_all(plan, [mapped(p.plan, full, seconds * p.share) for p in plan.parts])
     c = plan.candidates
     looked = np.zeros(c.reason.shape, bool) if plan.found is None else plan.found.looked
-    known = looked & c.feasible.any(axis=3)
+    known = looked & c.usable
     model = plan.setup.collision
     if not full or model is None:
         return Mapped(c, known, full)
@@ -66,7 +66,7 @@ def mapped(plan: Plan, full: bool = False, seconds: float = SECONDS) -> Mapped:
     pass_ = COARSE
     while pass_:
         every = np.flatnonzero(cut)[::pass_]
-        usable = c.feasible[every].any(axis=3) & ~known[every]
+        usable = any_last(c.feasible[every]) & ~known[every]
         r, b, n = np.nonzero(usable.transpose(1, 2, 0))  # along the path: the next pose is near
         rows = np.ravel_multi_index((every[n], r, b), known.shape)
         for k in range(0, len(rows), BLOCK):
@@ -81,7 +81,7 @@ def _of_all(plan: Plan, parts: list[Mapped]) -> Mapped:
     """What is known of a whole job from its stretches."""
     some = [p.candidates for p in parts]
     reason = np.concatenate([c.reason for c in some])
-    usable = np.concatenate([c.feasible.any(axis=3) for c in some])
+    usable = np.concatenate([c.usable for c in some])
     c = replace(plan.candidates, reason=reason, feasible=plan.candidates.feasible & usable[..., None])
     return Mapped(c, np.concatenate([p.known for p in parts]), parts[0].asked, sum(p.seconds for p in parts))
 
@@ -89,7 +89,7 @@ def _of_all(plan: Plan, parts: list[Mapped]) -> Mapped:
 def _look(ahead: Ahead, known: Bools, rows: NDArray[np.intp]) -> None:
     """Look at configurations (n,), flat over (S, R, B), that are not struck out by now, and on from what collides."""
     s, r, b = np.unravel_index(rows, known.shape)
-    left = ahead.candidates.feasible[s, r, b].any(axis=1)
+    left = any_last(ahead.candidates.feasible[s, r, b])
     s, r, b, rows = s[left], r[left], b[left], rows[left]
     found = ahead.model.check(ahead.whole(s, r, b), ahead.may_touch[s])
     free = ~found.hit

@@ -39,7 +39,7 @@ def over_grid(path: Path, model: CollisionModel | None, c: Candidates, options: 
     """(S, R, B) crowding of every configuration, 0 where nothing near it along the path is known; None: not counted."""
     if model is None or not wanted(model, options):
         return None
-    st, usable = path.stations, np.asarray(c.feasible.any(axis=3))
+    st, usable = path.stations, c.usable
     S = len(st)
     at = np.unique(np.linspace(0, S - 1, min(S, MEASURED)).round().astype(int))
     found = np.full((len(at), *usable.shape[1:]), np.nan)

@@ -130,11 +130,16 @@ def score_candidates(
 ) -> Scores:
     """Cost of every feasible candidate."""
     index = resolve_index(options)
-    usable = candidates.feasible.any(axis=-1)  # (S, R, B)
+    usable = candidates.usable
     cost = np.full(usable.shape, np.nan)
     station = np.nonzero(usable)[0]
-    # a spring that gives over a sector does not repeat every turn: it counts where the arm mostly stands
-    q = np.asarray(wrap(candidates.q[usable]))
+    q = candidates.q[usable]
+
+    def count(a: int) -> None:
+        # a spring that gives over a sector does not repeat every turn: it counts where the arm mostly stands
+        q[a : a + CHUNK] = wrap(q[a : a + CHUNK])
+
+    side_by_side(count, range(0, len(q), CHUNK))
     cost[usable] = configuration_cost(elasticity, d, path.stations[station], q, index)
     counted = usable & path.counted[path.stations][:, None, None]
     values = cost[counted if counted.any() else usable]

@@ -27,7 +27,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.arrays import Array
+from machopt.arrays import Array, any_last
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
 from machopt.plan.ahead import Ahead
@@ -268,7 +268,7 @@ class Search:
     def _look(self, s: Rows, r: Rows | NDArray[np.int32], b: NDArray[np.int32]) -> int:
         """Look at vertices not looked at before, and ahead from those that collide; how many are struck out."""
         ahead = self.ahead
-        usable = self.candidates.feasible[s, r, b].any(axis=-1) & ~self.looked[s, r, b]
+        usable = any_last(self.candidates.feasible[s, r, b]) & ~self.looked[s, r, b]
         if ahead is None or not usable.any():
             return 0
         s, r, b = s[usable], r[usable], b[usable]

@@ -120,9 +120,10 @@ def pairs(cell: Cell, arm: Arm, bodies: list[Body], clearance: float = 0.0) -> l
     world = arm.placements(x[:, :6], x[:, 6:])
     for a, b in robot:
         T = world[:, b.carrier] if a.carrier < 0 else inverse(world[:, a.carrier]) @ world[:, b.carrier]
-        share, close = (np.mean([near(a, b, x, margin) for x in T]) for margin in (0.0, clearance))
-        coarse = a.kind == "link" and a.link >= 0 and b.link - a.link == 2 and b.kind != "cutter" and share > COARSE
-        if close <= TOUCHING and not coarse:
+        if np.mean([near(a, b, x, clearance) for x in T]) > TOUCHING:
+            continue
+        two_apart = a.kind == "link" and a.link >= 0 and b.link - a.link == 2 and b.kind != "cutter"
+        if not (two_apart and np.mean([near(a, b, x) for x in T]) > COARSE):
             out.append((a, b))
     return out
 

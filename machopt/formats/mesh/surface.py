@@ -16,6 +16,8 @@ from machopt.arrays import Array
 from machopt.formats.mesh.fail import Fail
 from machopt.formats.mesh.integrity import whole_mesh
 from machopt.formats.mesh.second import check_same
+from machopt.model import triangulated
+from machopt.model.triangulated import Triangles
 
 _LEAST_TRIANGLES = 4  # a tetrahedron; fewer enclose nothing
 _FLAT = 1e-7  # thickness over width below which single precision cannot tell a body from a sheet
@@ -59,43 +61,47 @@ def read_surface(path: Path, fail: Fail) -> Surface:
             finite, fewer than four triangles, flat or without volume, or seen differently by the verifier.
     """
     data = whole_mesh(path, fail)
-    from trimesh import load_mesh
-    from trimesh.exchange.stl import HeaderError
-
-    try:
-        with np.errstate(all="ignore"):  # of numbers that are not finite, which are refused below
-            mesh: Any = load_mesh(io.BytesIO(data), file_type=path.suffix.lower()[1:], process=False)
-        vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64).reshape(-1, 3)
-        if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
-            raise fail(
-                f"mesh {path.name} names corners {faces.min()} to {faces.max()} of {len(vertices)}; it is damaged"
-            )
-        used = vertices[np.unique(faces)]
-    except ImportError:  # of a library that guesses encodings
-        raise fail(f"mesh {path.name} cannot be read: it holds bytes that are no text") from None
-    except (*_BROKEN, HeaderError) as err:
-        raise fail(f"mesh {path.name} cannot be read: {err or type(err).__name__}") from None
+    plain = triangulated.binary_stl(data) if path.suffix.lower() == ".stl" else None
+    surface = _other(path, data, fail) if plain is None else plain
+    used = surface.vertices[np.unique(surface.faces)]
     if not len(used):
         raise fail(f"mesh {path.name} holds no triangles")
     if not np.isfinite(used).all():
         raise fail(f"mesh {path.name} holds coordinates that are not finite")
-    if len(faces) < _LEAST_TRIANGLES:
+    if len(surface.faces) < _LEAST_TRIANGLES:
         raise fail(
-            f"mesh {path.name} holds {len(faces)} triangle{'s'[: len(faces) > 1]}, which enclose nothing; "
+            f"mesh {path.name} holds {len(surface.faces)} triangle{'s'[: len(surface.faces) > 1]}, which enclose nothing; "
             "a body, or a box in its place, would work"
         )
     box = np.ptp(used, axis=0)
     thickness = np.linalg.svd((used - used.mean(0)) / max(float(box.max()), 1e-300), compute_uv=False)
     if not box.max() > 0.0 or thickness[-1] <= _FLAT * thickness[0]:
         raise fail(f"mesh {path.name} is flat and encloses nothing; a body, or a box in its place, would work")
-    mesh.merge_vertices()
-    vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
+    vertices, faces = triangulated.merged(surface)
     check_same(path, vertices, faces, fail)
     open_edges = _open_edges(faces)
     volume = 0.0 if open_edges else _volume(vertices - used.mean(0), faces)
     if not open_edges and abs(volume) <= _HOLLOW * float(np.prod(box)):
         raise fail(f"mesh {path.name} has no volume: its triangles face each other; a body would work")
     return Surface(path.name, float(box.max()), open_edges, volume < 0.0)
+
+
+def _other(path: Path, data: bytes, fail: Fail) -> Triangles:
+    """The triangles of any format that trimesh reads."""
+    from trimesh import load_mesh
+    from trimesh.exchange.stl import HeaderError
+
+    try:
+        with np.errstate(all="ignore"):  # of numbers that are not finite, which the caller refuses
+            mesh: Any = load_mesh(io.BytesIO(data), file_type=path.suffix.lower()[1:], process=False)
+        vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64).reshape(-1, 3)
+    except ImportError:  # of a library that guesses encodings
+        raise fail(f"mesh {path.name} cannot be read: it holds bytes that are no text") from None
+    except (*_BROKEN, HeaderError) as err:
+        raise fail(f"mesh {path.name} cannot be read: {err or type(err).__name__}") from None
+    if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
+        raise fail(f"mesh {path.name} names corners {faces.min()} to {faces.max()} of {len(vertices)}; it is damaged")
+    return Triangles(vertices, faces)
 
 
 def open_surfaces(surfaces: Sequence[Surface]) -> list[str]:

@@ -16,6 +16,7 @@ from machopt.formats.programs.builder import number
 from machopt.formats.programs.rotations import Rows, from_vector, matrix
 
 MOST_DEPTH = 30  # brackets inside each other
+_SIGNED = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*")
 FARTHEST_TURN = 1e4  # rad of a rotation vector
 
 
@@ -47,6 +48,9 @@ def evaluate(text: str, memory: Mapping[str, object], quietly: bool = False) -> 
         ScriptError: it cannot be had.
     """
     try:
+        plain = _plain(text)
+        if plain is not None:
+            return plain
         parser = _Parser(text, memory)
         value = parser.expression()
         if parser.peek():
@@ -56,6 +60,27 @@ def evaluate(text: str, memory: Mapping[str, object], quietly: bool = False) -> 
         if quietly:
             return Unknown(text[:40])
         raise
+
+
+def _plain(text: str) -> float | list[object] | Pose | None:
+    """A number, or a list or a pose of numbers, at once: nearly all there is in a program of thousands of moves.
+
+    Raises:
+        ScriptError: a pose that is none.
+    """
+    text = text.strip()
+    if not text.endswith("]"):
+        return number(text) if _SIGNED.fullmatch(text) else None
+    pose = text.startswith("p[")
+    if not pose and not text.startswith("["):
+        return None
+    values: list[object] = []
+    for item in text[1 + pose : -1].split(","):
+        value = number(item) if _SIGNED.fullmatch(item) else None
+        if value is None:
+            return None
+        values.append(value)
+    return _pose(values) if pose else values
 
 
 def arguments(text: str, memory: Mapping[str, object], quietly: bool = False) -> tuple[list[object], dict[str, object]]:

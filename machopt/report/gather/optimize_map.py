@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.arrays import Array
+from machopt.arrays import Array, any_last
 from machopt.domain.reason import Reason
 from machopt.plan.made import Plan
 from machopt.plan.mapped import Mapped
@@ -63,7 +63,7 @@ def cut_stations(plan: Plan) -> NDArray[np.intp]:
 
 def best_branch(plan: Plan, shown: Mapped, st: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array]:
     """(N, R) the usable branch with the least cost, and that cost; infinite where none is usable."""
-    usable = shown.candidates.feasible[st].any(axis=-1)
+    usable = any_last(shown.candidates.feasible[st])
     rated = np.where(usable, plan.scores.cost[st], np.inf)
     first = rated.argmin(axis=2)
     return first, np.take_along_axis(rated, first[:, :, None], axis=2)[:, :, 0]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.arrays import Array, Bools
+from machopt.arrays import Array, Bools, any_last
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Toolpath
 from machopt.model.robot import load_chain
@@ -133,7 +133,7 @@ def _stations(plan: Plan, points: PointResults, shown: Mapped) -> Stations | Non
 def _postures(plan: Plan, shown: Mapped, st: NDArray[np.intp]) -> Array:
     """(N, R, 6) the posture whose index or reason the map shows, wound into the middle of the limits; NaN without."""
     c, limits = shown.candidates, plan.setup.driven.limits
-    usable: Bools = np.asarray(c.feasible[st].any(axis=-1))
+    usable: Bools = any_last(c.feasible[st])
     branch, _ = best_branch(plan, shown, st)
     farthest = np.where(np.isfinite(c.q[st, :, :, 0]), c.reason[st], 0).argmax(axis=2)
     pick = np.where(usable.any(axis=2), branch, farthest)

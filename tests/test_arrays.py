@@ -1,0 +1,14 @@
+"""Reductions that NumPy takes long for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from machopt.arrays import SHORT, any_last
+
+
+@pytest.mark.parametrize("shape", [(3, 5, 0), (0, 4), (7, 1), (6, 5, 4), (40, SHORT), (40, SHORT + 1), (3,)])
+def test_any_last_is_numpys(shape: tuple[int, ...]) -> None:
+    flags = np.random.default_rng(0).random(shape) < 0.2
+    assert np.array_equal(any_last(flags), flags.any(axis=-1))

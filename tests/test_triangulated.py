@@ -1,0 +1,75 @@
+"""Binary STL, boxes and cylinders against trimesh, which is loaded for every other format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from machopt.domain.cell import Shape
+from machopt.model.bodies import closed, triangles_of
+from machopt.model.triangulated import Triangles, binary_stl, box, cylinder, merged
+
+
+def same(ours: Triangles | None, theirs: trimesh.Trimesh) -> bool:
+    return (
+        ours is not None
+        and np.array_equal(ours.vertices, theirs.vertices)
+        and np.array_equal(ours.faces, theirs.faces)
+        and ours.faces.dtype == np.int64
+    )
+
+
+@pytest.mark.parametrize(
+    "solid",
+    [
+        trimesh.creation.icosphere(subdivisions=2, radius=0.21),
+        trimesh.creation.annulus(r_min=30.0, r_max=80.0, height=50.0, sections=17),  # in mm
+    ],
+)
+def test_binary_stl_is_read_as_trimesh_reads_it(solid: trimesh.Trimesh, tmp_path: Path) -> None:
+    file = tmp_path / "solid.stl"
+    solid.export(file)
+    raw = binary_stl(file.read_bytes())
+    assert raw is not None
+    assert same(raw, trimesh.load_mesh(file, process=False))
+    assert same(merged(raw), trimesh.load(file, force="mesh"))
+    assert binary_stl(file.read_bytes()[:-1]) is None
+    assert binary_stl(solid.export(file_type="stl_ascii").encode()) is None
+
+
+def test_corners_that_are_not_finite_are_left_out_with_their_triangles(tmp_path: Path) -> None:
+    solid = trimesh.creation.box((1.0, 2.0, 3.0))
+    raw = merged(Triangles(np.array(solid.vertices), np.array(solid.faces)))
+    vertices = np.vstack([raw.vertices, raw.vertices[:2], [[np.nan] * 3]])  # two corners twice, one that is none
+    faces = np.vstack([raw.faces, [[8, 9, 10], [8, 9, 3]]])
+    found = merged(Triangles(vertices, faces))
+    assert same(found, trimesh.Trimesh(vertices, faces))
+    assert len(found.faces) == len(raw.faces) + 1
+
+
+def test_boxes_and_cylinders_are_those_of_trimesh() -> None:
+    assert same(box((0.4, 0.3, 0.05)), trimesh.creation.box((0.4, 0.3, 0.05)))
+    for radius, height in ((0.005, 0.04), (0.3, 1.7)):
+        assert same(cylinder(radius, height, 48), trimesh.creation.cylinder(radius=radius, height=height, sections=48))
+
+
+def test_a_thin_cutter_keeps_its_end_faces() -> None:
+    """trimesh leaves out triangles below 1e-8 m²: those of a cutter of 0.5 mm."""
+    assert closed(cylinder(0.25e-3, 5e-3, 48).faces)
+
+
+def test_a_body_with_hard_edges_is_closed(tmp_path: Path) -> None:
+    """Its corners stand in an OBJ once for every normal."""
+    solid = trimesh.creation.box((0.1, 0.2, 0.3))
+    solid.unmerge_vertices()
+    lines = [f"v {' '.join(map(str, v))}" for v in solid.vertices.tolist()]
+    lines += [f"vn {' '.join(map(str, v))}" for v in np.repeat(solid.face_normals, 3, axis=0).tolist()]
+    lines += [f"f {a}//{a} {b}//{b} {c}//{c}" for a, b, c in (solid.faces + 1).tolist()]
+    file = tmp_path / "hard.obj"
+    file.write_text("\n".join(lines) + "\n")
+    vertices, faces = triangles_of(Shape(name="hard", kind="mesh", size=(1.0,), mesh=file, T_parent_shape=np.eye(4)))
+    assert len(vertices) == 8
+    assert closed(faces)
