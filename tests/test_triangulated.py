@@ -10,7 +10,7 @@ import trimesh
 
 from machopt.domain.cell import Shape
 from machopt.model.bodies import closed, triangles_of
-from machopt.model.triangulated import Triangles, binary_stl, box, cylinder, merged
+from machopt.triangulated import Triangles, binary_stl, box, cylinder, merged
 
 
 def same(ours: Triangles | None, theirs: trimesh.Trimesh) -> bool:

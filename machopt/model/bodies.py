@@ -16,10 +16,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt import triangulated
 from machopt.arrays import Array, Bools
 from machopt.domain.cell import Cell, Cutter, Shape
 from machopt.errors import InputError
-from machopt.model import triangulated
 from machopt.model.lines import Carriers
 from machopt.model.machine import Machine
 from machopt.model.robot import LinkShape

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt import triangulated
 from machopt.arrays import Array
 from machopt.formats.mesh.fail import Fail
 from machopt.formats.mesh.integrity import whole_mesh
 from machopt.formats.mesh.second import check_same
-from machopt.model import triangulated
-from machopt.model.triangulated import Triangles
+from machopt.triangulated import Triangles
 
 _LEAST_TRIANGLES = 4  # a tetrahedron; fewer enclose nothing
 _FLAT = 1e-7  # thickness over width below which single precision cannot tell a body from a sheet
@@ -70,8 +70,8 @@ def read_surface(path: Path, fail: Fail) -> Surface:
         raise fail(f"mesh {path.name} holds coordinates that are not finite")
     if len(surface.faces) < _LEAST_TRIANGLES:
         raise fail(
-            f"mesh {path.name} holds {len(surface.faces)} triangle{'s'[: len(surface.faces) > 1]}, which enclose nothing; "
-            "a body, or a box in its place, would work"
+            f"mesh {path.name} holds {len(surface.faces)} triangle{'s'[: len(surface.faces) > 1]}, which enclose "
+            "nothing; a body, or a box in its place, would work"
         )
     box = np.ptp(used, axis=0)
     thickness = np.linalg.svd((used - used.mean(0)) / max(float(box.max()), 1e-300), compute_uv=False)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.arrays import Array, Bools
+from machopt.arrays import Array
 
 SAME = 1e8  # per unit of the file: corners that round alike at this are one
 HEAD = 84  # bytes before the triangles of binary STL
@@ -41,7 +41,7 @@ def merged(surface: Triangles) -> Triangles:
     """The same with equal corners as one, in the order of their first; triangles with a corner that is not finite, and
     corners of no triangle, are left out."""
     vertices, faces = surface
-    finite: Bools = np.isfinite(vertices).all(axis=1)
+    finite = np.asarray(np.isfinite(vertices).all(axis=1))
     faces = faces[finite[faces].all(axis=1)]
     used = np.unique(faces)
     level = np.round(vertices[used] * SAME).astype(np.int64)
