@@ -308,6 +308,17 @@ def consistent() -> Diagnosis:
     )
 
 
+def insufficient() -> Diagnosis:
+    """Nothing is named, of too few readings."""
+    return replace(
+        consistent(),
+        verdict="insufficient",
+        mismatch_p=np.nan,
+        sentence="Not enough data: 23 µm are left on load tests that no fit saw, and nothing was measured twice.",
+        next_experiment="A second session over the same poses and loads would do.",
+    )
+
+
 def unexplained() -> Diagnosis:
     """Something is there that no term explains."""
     d = explained()

@@ -216,6 +216,9 @@ def test_few_rows_are_outliers_and_most_of_a_session_or_what_comes_back_is_none(
     again = e.copy()
     again[[4, 16]] += 1e-3  # the same pose in both sessions
     assert aside.good(p, again).all()
+    lean = e.copy()
+    lean[[12, 14, 15, 17, 20]] += np.array([0.0, 0.0, -1e-3])  # five of the second session, all one way: a floor
+    assert aside.good(p, lean).all()
 
 
 # loads ---------------------------------------------------------------------------------------------------------

@@ -37,7 +37,7 @@ from machopt.report.gather.diagnose import page_of
 from machopt.services.diagnose_files import write_residuals
 
 CELL = load_cell(Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling")
-CASES = ("explained", "consistent", "unexplained", "three", "torque")
+CASES = ("explained", "consistent", "unexplained", "three", "insufficient", "torque")
 VOID = {"meta", "hr", "br"}
 VOCABULARY = {
     "joint_nonlinear_stiffness",
@@ -442,7 +442,7 @@ def test_terminal_summary() -> None:
     assert "nan" not in quiet
 
 
-@pytest.mark.parametrize("verdict", CASES[:4])
+@pytest.mark.parametrize("verdict", CASES[:5])
 def test_command_passes_its_options_on_and_every_verdict_is_success(
     verdict: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

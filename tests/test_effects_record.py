@@ -117,3 +117,18 @@ def test_one_file_and_one_line_add_a_sensor_s_error(monkeypatch: pytest.MonkeyPa
     wrench[:, 2] = -np.linalg.norm(r.wrench[:, :2], axis=1)
     np.testing.assert_allclose(h.columns(())[:, :, 0], r.through(wrench), rtol=1e-12, atol=1e-18)
     assert h.correction(np.array([0.02]), ()) == RecordCorrection(toy.name, "sensor:force", {"crosstalk": 2.0})
+
+
+def test_a_tool_of_another_length_moves_load_and_target_alike() -> None:
+    """Held against the arm's compliance at the other point: J there, the same force there."""
+    r, _ = load_test()
+    (h,) = (h for h in at_sensor.hypotheses(r) if h.law == "TCP elsewhere in the tool")
+    columns, step = h.columns(()), 1e-6
+    for k in range(3):
+        off = step * r.state.T_base_tool[:, :3, k]
+        J = r.state.J.copy()
+        J[:, :3] += np.cross(J[:, 3:], off[:, :, None], axis=1)
+        lever = np.concatenate([J[:, :3], r.state.J[:, 3:]], axis=1)
+        tau = np.einsum("nci,nc->ni", lever, r.wrench)
+        there = np.einsum("nci,ni->nc", lever, tau * r.compliance)[:, : r.dimensions]
+        np.testing.assert_allclose((there - r.through(r.wrench)) / step, columns[:, :, k], rtol=1e-4, atol=1e-9)

@@ -33,8 +33,9 @@ class Case:
         """A folder that says nothing of what is in it."""
         return f"f{zlib.crc32(self.key.encode()):08x}"
 
-    def seed(self, which: str) -> list[int]:
-        return [SETS[which], zlib.crc32(self.key.encode())]
+    def seed(self, which: str, draw: int = 0) -> list[int]:
+        """Of the case in one draw of a set: each draw has other robots, places, sizes and noise."""
+        return [SETS[which], zlib.crc32(self.key.encode()), *([draw] if draw else [])]
 
 
 LOAD_EFFECTS = (

@@ -65,11 +65,11 @@ def told(scene: Scene, effect: Effect, quiet: Clean) -> dict[str, Any]:
     }
 
 
-def make(job: tuple[Case, str, Path]) -> tuple[str, str, int, float]:
+def make(job: tuple[Case, str, int, Path]) -> tuple[str, str, int, float]:
     """One case; returns folder, key, readings, seconds."""
-    case, which, out = job
+    case, which, draw, out = job
     start = perf_counter()
-    rng = np.random.default_rng(case.seed(which))
+    rng = np.random.default_rng(case.seed(which, draw))
     for left in reversed(range(DRAWN)):
         nominal = robots.draw(str(rng.choice(list(robots.CATALOGUE))), rng)
         scene = channels.scene(case.channel, case.lab, nominal, robots.as_built(nominal, rng), rng)
@@ -109,6 +109,7 @@ def make(job: tuple[Case, str, Path]) -> tuple[str, str, int, float]:
         "case": case.name,
         "key": case.key,
         "set": which,
+        "seed": draw,
         "group": case.group,
         "channel": scene.channel,
         "lab": case.lab,
@@ -150,6 +151,7 @@ def _own_refit(scene: Scene, table: tables.Table, clean: Clean) -> float:
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--set", choices=sorted(SETS), default="dev")
+    parser.add_argument("--seed", type=int, default=0, help="another draw of the whole set, from 1")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--only", nargs="*", default=[], metavar="PATTERN", help="keys or folders, e.g. 'null/*'")
     parser.add_argument("--fast", action="store_true", help="a subset of about thirty")
@@ -161,7 +163,7 @@ def main(arguments: list[str] | None = None) -> int:
         print("no case matches", file=sys.stderr)
         return 2
     options.out.mkdir(parents=True, exist_ok=True)
-    jobs = [(c, options.set, options.out) for c in listed]
+    jobs = [(c, options.set, options.seed, options.out) for c in listed]
     start = perf_counter()
     with ProcessPoolExecutor(options.jobs) as pool:
         for name, key, readings, seconds in pool.map(make, jobs):

@@ -57,6 +57,7 @@ def diagnose(case: Path, extra: list[str]) -> tuple[str, float, str]:
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--set", choices=sorted(SETS), default="dev")
+    parser.add_argument("--seed", type=int, default=0, help="another draw of the whole set, from 1")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--only", nargs="*", default=[], metavar="PATTERN")
     parser.add_argument("--fast", action="store_true", help="a subset of about thirty")
@@ -67,7 +68,16 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     names = [c.name for c in chosen(options.only, options.fast, options.share)]
     if not (options.keep and all((options.out / f"{n}.truth.json").is_file() for n in names)):
-        again = ["--set", options.set, "--out", str(options.out), "--share", str(options.share)]
+        again = [
+            "--set",
+            options.set,
+            "--seed",
+            str(options.seed),
+            "--out",
+            str(options.out),
+            "--share",
+            str(options.share),
+        ]
         again += ["--jobs", str(options.jobs)] + ["--fast"] * options.fast
         if code := make.main([*again, *(["--only", *options.only] if options.only else [])]):
             return code

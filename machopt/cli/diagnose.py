@@ -21,6 +21,7 @@ _VERDICTS = {
     "explained": "explained",
     "partly_explained": "explained in part",
     "unexplained": "not explained: a repeatable mismatch that no law of the catalogue predicts",
+    "insufficient": "insufficient: nothing is named, and too little was read to say that nothing is missing",
 }
 
 
@@ -51,10 +52,9 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--max-findings",
         type=natural,
-        default=3,
         metavar="N",
-        help="most effects named one by one (3); measured poses that show effects at more than four places at once "
-        "are explained by all that predict unseen poses, however many, unless N is 1 or 2",
+        help="most effects named one by one (load tests 6, others 3); measured poses that show effects at more than "
+        "four places at once are explained by all that predict unseen poses, however many, unless N is 1 or 2",
     )
     share(p, "--accept")
     share(p, "--allow-external")

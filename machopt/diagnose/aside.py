@@ -1,4 +1,4 @@
-"""Which readings are gross errors: few, alone, and not seen again; what most of a session does is no outlier."""
+"""Which readings are gross errors: few, alone, each its own way, and not seen again; what a session does is none."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ def good(problem: Problem, residual: Array) -> Flags:
         off |= (np.abs(e) > calibrated.NOISE.gross * typical).any(axis=1)
     if problem.channel == "torque" or not off.any():
         return np.asarray(~off)
-    return ~off | mostly(problem.session, off) | mostly(problem.group, off) | comes_back(problem, residual, off)
+    shared = mostly(problem.session, off) | mostly(problem.group, off) | one_way(problem.session, residual, off)
+    return ~off | shared | comes_back(problem, residual, off)
 
 
 def mostly(label: Ints, off: Flags) -> Flags:
@@ -39,6 +40,23 @@ def mostly(label: Ints, off: Flags) -> Flags:
     share = np.bincount(part.reshape(-1), off) / count
     odd = (share > calibrated.NOISE.mostly) & (count >= calibrated.NOISE.least_part)
     return np.asarray(off & odd[part.reshape(-1)])
+
+
+def one_way(label: Ints, residual: Array, off: Flags) -> Flags:
+    """(N,) readings of a session that are off by the same way in space, and too many of it for accidents.
+
+    A tracker's gross errors point anywhere; a floor that gives way or a stand that was touched moves all one way.
+    """
+    out = np.zeros(len(off), bool)
+    for one in np.unique(label[off]):
+        rows = off & (label == one)
+        if rows.sum() < max(calibrated.NOISE.least_part, calibrated.RECORD.ordinary * (label == one).sum()):
+            continue
+        e = residual[rows, :3]
+        way = e / np.maximum(np.linalg.norm(e, axis=1, keepdims=True), np.finfo(float).tiny)
+        if np.linalg.norm(way.mean(axis=0)) > calibrated.RECORD.alike:
+            out |= rows
+    return out
 
 
 def comes_back(problem: Problem, residual: Array, off: Flags) -> Flags:

@@ -8,6 +8,9 @@ from pathlib import Path
 
 from machopt.errors import InputError
 
+MOST = 3  # effects named one by one; many of poses are found together
+MOST_IN_LOAD_TESTS = 6  # a load and both its signs in many directions carry more
+
 
 @dataclass(frozen=True)
 class Request:
@@ -19,17 +22,23 @@ class Request:
     channel: str = "auto"
     toolpath: Path | None = None
     terms: tuple[Path, ...] = ()  # Python files with laws of the user's own
-    max_findings: int = 3  # more may be named together, in measured poses, unless it is 1 or 2
+    max_findings: int | None = None  # None: see most(); together, poses name more of them, unless it is 1 or 2
     accept: tuple[str, ...] = ()
     seed: int = 0
     tables: str = "csv"  # parquet: every table as Parquet, too
     allow_external: bool = False
 
-    def said(self) -> dict[str, str | int | list[str]]:
-        """The options that decide the answer, as result and page tell them."""
+    def most(self, kind: str) -> int:
+        """Effects that are named one by one in a recording of a kind."""
+        if self.max_findings is not None:
+            return self.max_findings
+        return MOST_IN_LOAD_TESTS if kind == "deflection" else MOST
+
+    def said(self, kind: str) -> dict[str, str | int | list[str]]:
+        """The options that decide the answer for a recording of a kind, as result and page tell them."""
         return {
             "channel": self.channel,
-            "max_findings": self.max_findings,
+            "max_findings": self.most(kind),
             "seed": self.seed,
             "accept": list(self.accept),
             "terms": [p.name for p in self.terms],

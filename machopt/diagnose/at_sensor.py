@@ -28,6 +28,7 @@ def hypotheses(r: Readings) -> list[Hypothesis]:
         moves: Recorded(r.wrench, r.through(r.wrench), tool if frame == "tool" else base, tool)
         for moves, frame in frames.items()
     }
+    seen["point"] = seen["wrench"]
     return [_hypothesis(r, e, law, seen[law.moves]) for e, law in _laws() if law.moves in seen]
 
 
@@ -44,6 +45,19 @@ def in_poses(r: Readings) -> list[Hypothesis]:
     return [_hypothesis(r, e, law, seen) for e, law in _laws() if law.moves == "position"]
 
 
+def _at_point(r: Readings, way: Array) -> Array:
+    """(N, D, P) m, rad, of load and displacement at points that lie (N, 3+, P) m from the TCP, to first order."""
+    tau = r.load_torque * r.compliance
+    turned = np.einsum("nci,ni->nc", r.state.J[:, 3:], tau)
+    out = []
+    for off in np.moveaxis(way[:, :3], 2, 0):
+        lever = np.concatenate([np.zeros_like(off), np.cross(off, r.wrench[:, :3])], axis=1)
+        own = r.through(lever)
+        own[:, :3] += np.cross(turned, off)
+        out.append(own)
+    return np.stack(out, axis=2)
+
+
 def _laws() -> list[tuple[Effect, RecordLaw]]:
     return [(e, law) for e in registry.of_records() for law in e.recorded]
 
@@ -55,6 +69,8 @@ def _hypothesis(r: Readings, effect: Effect, law: RecordLaw, seen: Recorded) -> 
         more = law.columns(np.array(shape), seen)
         if law.moves == "position":
             return r.seen(more, BEHIND)  # no inclinometer tells where the tracker stands
+        if law.moves == "point":
+            return _at_point(r, more)
         if law.moves != "wrench":
             return more
         return np.stack([r.through(w) for w in np.moveaxis(more, 2, 0)], axis=2)

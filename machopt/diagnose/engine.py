@@ -16,7 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
-from machopt.diagnose import aside, calibrated, heldout, instruments, limits, mismatch, noise, unnamed, words
+from machopt.diagnose import (
+    aside,
+    calibrated,
+    heldout,
+    instruments,
+    limits,
+    mismatch,
+    noise,
+    outweighed,
+    unnamed,
+    words,
+)
 from machopt.diagnose.anotherday import comes_again
 from machopt.diagnose.findings import estimates, rivals
 from machopt.diagnose.grams import base_model, sandwich, tried
@@ -62,6 +73,7 @@ def diagnose(
     """
     seed = int(rng.integers(2**31))
     state = _search(problem, catalogue, options, seed, rebuild)
+    state = outweighed.withheld(state, np.random.default_rng([seed, 4]))
     options.progress("rivals and intervals")
     return _assemble(state, options, np.random.default_rng([seed, 1]))
 

@@ -11,7 +11,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.diagnose.problem import Channel, Correction, Curve, Flags, Ints, Unknown, Untestable
 
-Verdict = Literal["consistent", "explained", "partly_explained", "unexplained"]
+Verdict = Literal["consistent", "explained", "partly_explained", "unexplained", "insufficient"]
 Name = tuple[str, str]  # effect, location
 
 

@@ -15,6 +15,7 @@ from machopt.diagnose import (
     cellvalues,
     deflection,
     engine,
+    enough,
     gross,
     held,
     motion,
@@ -140,7 +141,8 @@ def at_rest(
     aside = gross.outliers(recording, d, copies, problem, elsewhere)
     said += cellvalues.far_off(d, prior)
     said += () if cell.stiffness is None else held_over(cell.stiffness.external)
-    return Examined(_with_record(d, mended, aside, (*stood, *notes), tuple(said)), problem, recording)
+    whole = _with_record(d, mended, aside, (*stood, *notes), tuple(said))
+    return Examined(enough.judged(whole, problem), problem, recording)
 
 
 def _held(cell: Cell, robot: Robot, masses: Masses | None) -> tuple[Term, ...]:

@@ -12,17 +12,17 @@ from machopt.effects.words import spoken
 
 def sentence(d: Diagnosis) -> str:
     """How much, where, what, how sure, what is not excluded, what next."""
-    error = f"{_size(d.heldout_before, d.unit)} on {d.predicted or 'readings'} that no fit saw"
+    error = f"{size_of(d.heldout_before, d.unit)} on {d.predicted or 'readings'} that no fit saw"
     if d.verdict == "consistent":
-        after = f"{_size(d.heldout_after, d.unit)} on {d.predicted or 'readings'} that no fit saw"
+        after = f"{size_of(d.heldout_after, d.unit)} on {d.predicted or 'readings'} that no fit saw"
         put_right = "; ".join(f"{_found(f)}" for f in d.findings)
         return (
             f"Consistent{f' once the record is put right ({put_right})' if put_right else ''}: the refitted model "
-            f"leaves {after}, noise alone {_size(d.noise_floor, d.unit)}; nothing that comes back in repeats is left "
+            f"leaves {after}, noise alone {size_of(d.noise_floor, d.unit)}; nothing that comes back in repeats is left "
             "to explain."
         )
     twins = math.isfinite(d.mismatch_p)
-    left = f"{_size(d.repeatable, d.unit)} of it {'comes back in repeats' if twins else 'is more than the noise'}"
+    left = f"{size_of(d.repeatable, d.unit)} of it {'comes back in repeats' if twins else 'is more than the noise'}"
     if d.verdict == "unexplained":
         where = ", ".join(s.axis for s in d.mismatch if s.kind == "machine")[:60]
         data = next((f"; in the data it lives at {s.axis} {s.note}" for s in d.mismatch if s.kind == "data"), "")
@@ -34,8 +34,8 @@ def sentence(d: Diagnosis) -> str:
     head = "Explained" if d.verdict == "explained" else "Partly explained"
     open_ = sorted({spoken(*n) for f in d.findings for n in f.one_of[1:]})
     return (
-        f"{head}: {'; '.join(parts)}. Unseen {d.predicted or 'readings'}: {_size(d.heldout_before, d.unit)} → "
-        f"{_size(d.heldout_after, d.unit)} (noise {_size(d.noise_floor, d.unit)})"
+        f"{head}: {'; '.join(parts)}. Unseen {d.predicted or 'readings'}: {size_of(d.heldout_before, d.unit)} → "
+        f"{size_of(d.heldout_after, d.unit)} (noise {size_of(d.noise_floor, d.unit)})"
         + (f", {100 * d.explained:.0f} % of the mismatch closed. " if d.explained > 0 else ". ")
         + (
             f"These data cannot exclude {', '.join(open_[:4])}{' …' if len(open_) > 4 else ''}."
@@ -97,7 +97,8 @@ def _found(f: Finding) -> str:
     return f"{spoken(f.effect, f.location)}{size}{f' ({f.note})' if f.note else ''}"
 
 
-def _size(value: float, unit: str) -> str:
+def size_of(value: float, unit: str) -> str:
+    """An error as read: micrometres where it is small."""
     return f"{_number(1e3 * value)} µm" if unit == "mm" and abs(value) < 0.5 else f"{_number(value)} {unit}"
 
 

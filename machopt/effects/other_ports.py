@@ -104,11 +104,12 @@ class RecordLaw(Named, Protocol):
 
     @property
     def moves(self) -> str:
-        """What it changes: "wrench", which acts through the arm, "displacement", or "position" of measured poses."""
+        """What it changes: "wrench", which acts through the arm, "displacement", "position" of measured poses, or the
+        "point" of the tool at which load and displacement are recorded."""
         ...
 
     def columns(self, shape: Array, seen: Recorded) -> Array:
-        """(K, 6, P) N, N·m, of others (K, D, P) m, rad, per unit of each coefficient."""
+        """(K, 6, P) N, N·m, of others (K, D, P) m, rad, of a point m in the first three, per unit of a coefficient."""
         ...
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:

@@ -140,10 +140,23 @@ class Hook(_Law):
         return np.concatenate([np.zeros_like(moment), moment], axis=1)
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
-        return {
-            "offset": Quantity(1e3 * float(np.linalg.norm(values)), "mm"),
-            **_vector("offset", 1e3 * values, "mm"),
-        }
+        return _offset(values)
+
+
+@dataclass(frozen=True)
+class Elsewhere(_Law):
+    """Load and target sit at another point of the tool than the cell's TCP: its length is another one."""
+
+    name = "TCP elsewhere in the tool"
+    equation = "m = m_recorded + r × f and δ_recorded = δ + θ × r, r constant in the tool"
+    moves = "point"
+    coefficients = _along("offset", "m", 1e-3)
+
+    def columns(self, shape: Array, seen: Recorded) -> Array:
+        return np.concatenate([seen.tool, np.zeros_like(seen.tool)], axis=1)
+
+    def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        return _offset(values)
 
 
 @dataclass(frozen=True)
@@ -183,6 +196,11 @@ class Stands(_Law):
             "angle": Quantity(float(np.degrees(np.linalg.norm(values[3:]))), "deg"),
             "shift": Quantity(1e3 * float(np.linalg.norm(values[:3])), "mm"),
         }
+
+
+def _offset(values: Array) -> dict[str, Quantity]:
+    """Of metres."""
+    return {"offset": Quantity(1e3 * float(np.linalg.norm(values)), "mm"), **_vector("offset", 1e3 * values, "mm")}
 
 
 def _vector(name: str, x: Array, unit: str) -> dict[str, Quantity]:
@@ -239,7 +257,7 @@ LOAD = Effect(
     sentence="The load acted elsewhere, or in another direction, than recorded.",
     port="record",
     places=(FORCE,),
-    recorded=(Hook(), Askew()),
+    recorded=(Hook(), Askew(), Elsewhere()),
     plausible={"deg": 25.0, "mm": 1000.0},
     of="",
 )

@@ -95,7 +95,7 @@ def _verdict(data: DiagnosisPage) -> Body:
         ("Held-out error after", sized(d.heldout_after, d.unit), left),
         ("Noise floor", sized(d.noise_floor, d.unit), "what repeats of a reading scatter"),
     ]
-    if d.verdict == "consistent":
+    if d.verdict in ("consistent", "insufficient"):
         cards.append(("Repeatable mismatch", f"p {chance(d.mismatch_p)}", "chance that noise alone does this"))
     else:
         cards.append(("Closed", percent(d.explained), f"of the repeatable {sized(d.repeatable, d.unit)}"))
@@ -185,6 +185,8 @@ def _findings(data: DiagnosisPage, have: set[str]) -> Body:
             "Nothing is missing that these data could show: what is left does not come back when a reading is "
             "repeated. An effect below its detection limit may still be there; the limits are listed below."
         )
+    elif d.verdict == "insufficient":
+        said = "Nothing is named, and these readings are too few to say that nothing is missing."
     else:
         said = _open(d)
     return section(

@@ -32,6 +32,7 @@ VERDICTS = {  # badge, tone of the page
     "explained": ("EXPLAINED", "good"),
     "partly_explained": ("EXPLAINED IN PART", "warn"),
     "unexplained": ("NOT EXPLAINED", "bad"),
+    "insufficient": ("NOT ENOUGH DATA", "warn"),
 }
 
 

@@ -69,7 +69,7 @@ def diagnosed(request: Request, own: tuple[Own, ...], progress: Progress, cell: 
         cell = load_cell(request.cell, allow_external=request.allow_external, any_chain=moving)
     laws = userterms.load(own)
     check(request, recording.kind)
-    options = engine.Options(most=request.max_findings, progress=progress)
+    options = engine.Options(most=request.most(recording.kind), progress=progress)
     if moving:
         asked, job = request.channel, request.toolpath is not None
         found = in_motion(cell, recording, options, asked=asked, seed=request.seed, toolpath=job)
@@ -84,7 +84,7 @@ def diagnosed(request: Request, own: tuple[Own, ...], progress: Progress, cell: 
         progress("what it changes for the toolpath")
     effect = effect_of(cell, request.toolpath, made.before, made.after)
     inputs = input_hashes(cell, request.recordings)
-    said = request.said()
+    said = request.said(recording.kind)
     result = result_of(
         cell,
         found.recording,

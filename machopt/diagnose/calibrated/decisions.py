@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from machopt.diagnose.calibrated.origin import DEV, JUDGED, STATISTICS
+from machopt.diagnose.calibrated.origin import DEV, JUDGED, LOAD_TESTS, STATISTICS
 from machopt.diagnose.calibrated.origin import threshold as _set
 
 
@@ -66,6 +66,11 @@ class Proof:
     )
     matters: float = _set(0.3, "repeatable rmse per noise of one reading that matters", JUDGED)
     as_noise: float = _set(1.3, "times the noise that unseen readings may leave where findings explain it", JUDGED)
+    outweighs: float = _set(
+        0.5,
+        "of the error power that a law takes: where more than that comes back beside it, it is not named",
+        LOAD_TESTS,
+    )
     surely_better: float = _set(
         0.05,
         "chance that unseen groups are predicted better by accident, from which what was found is withdrawn",

@@ -1,0 +1,67 @@
+"""A name only for a law that explains more than what no law does; a verdict only where readings are enough."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_diagnose_engine import catalogue, law, made_up
+
+from machopt.diagnose import engine, enough
+from machopt.diagnose.problem import Catalogue
+from machopt.diagnose.result import Diagnosis
+
+
+def nearest(like: float, extra: float = 40e-6) -> Diagnosis:
+    """Of a mismatch that the only law of the catalogue is alike by a cosine."""
+    rng = np.random.default_rng(5)
+    problem, column = made_up(400, extra=extra)
+    other = rng.standard_normal((len(column) // 2, *column.shape[1:]))  # on both days alike
+    near = like * column + np.sqrt(1.0 - like**2) * np.concatenate([other, other])
+    return engine.diagnose(problem, Catalogue((law(near),)), engine.Options(), rng)
+
+
+@pytest.mark.parametrize(("like", "named"), [(0.97, True), (0.6, False)])
+def test_the_nearest_law_is_named_only_where_it_outweighs_what_is_left(like: float, named: bool) -> None:
+    d = nearest(like)
+    assert [f.effect for f in d.findings] == (["wind"] if named else [])
+    assert (d.verdict == "unexplained") is not named
+    assert any("something at arm looks like" in n for n in d.notes) is not named
+    if not named:  # the place is known, the law is not
+        assert next(s.axis for s in d.mismatch if s.kind == "machine") == "arm"
+        assert d.heldout_after == d.heldout_before
+
+
+def test_a_true_law_is_named_however_small_beside_the_noise() -> None:
+    problem, column = made_up(208, extra=6e-6)
+    rng = np.random.default_rng(3)
+    d = engine.diagnose(problem, catalogue(column, rng), engine.Options(), rng)
+    assert [f.effect for f in d.findings] == ["wind"]
+
+
+def test_readings_that_cannot_tell_noise_from_mismatch_are_not_consistent() -> None:
+    problem, column = made_up(300)
+    rng = np.random.default_rng(4)
+    alone = replace(problem, replicate=np.full(len(problem), -1))
+    stated = replace(alone, families=(replace(alone.families[0], stated=15e-6),))
+    few = replace(problem, excluded=problem.group > 5)
+    for p, verdict, words in (
+        (problem, "consistent", "Consistent"),
+        (alone, "insufficient", "a second session"),
+        (stated, "consistent", "Consistent"),
+        (few, "insufficient", "6 poses"),
+    ):
+        d = enough.judged(engine.diagnose(p, Catalogue((law(column),)), engine.Options(), rng), p)
+        assert (d.findings, d.verdict) == ((), verdict)
+        assert words in d.sentence
+
+
+def test_what_was_never_measured_twice_is_explained_in_part() -> None:
+    problem, column = made_up(400, extra=40e-6)
+    alone = replace(problem, replicate=np.full(len(problem), -1))
+    found = engine.diagnose(alone, Catalogue((law(column),)), engine.Options(), np.random.default_rng(5))
+    assert found.verdict == "explained"
+    told = enough.judged(found, alone)
+    assert (told.verdict, told.findings) == ("partly_explained", found.findings)
+    assert "nothing was measured twice" in told.notes[-1]
