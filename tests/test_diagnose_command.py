@@ -279,7 +279,7 @@ def test_few_poses_are_answered_without_a_claim(tmp_path: Path, poses: int) -> N
     recorded(tmp_path / "rec", poses=poses)
     result = run(tmp_path / "out", tmp_path / "rec")
     assert {f["effect"] for f in result["findings"]} <= {"geometric_stiffness"}
-    assert result["verdict"] in ("consistent", "explained")
+    assert result["verdict"] in ("insufficient", "explained")  # explained by K_C, which is always there
     if poses < 4:
         assert any("pose" in w for w in result["warnings"])
 
