@@ -9,7 +9,7 @@ What the nominal arm does counts exactly, finite rotations and corrections of ki
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,8 @@ from machopt.domain.recording import Recording
 from machopt.errors import InputError
 from machopt.model.robot import ArmState, frame_of, urdf_model
 from machopt.se3 import rotation_vector
+
+Way = Callable[[Array], Array]  # two columns (n, 2) read otherwise
 
 FAMILY = "tilt"
 AXES = "xy"
@@ -94,7 +96,7 @@ def link_of(name: str, cell: Cell, source: str = "") -> int:
     return 0
 
 
-def _turned(model: Nominal, state: ArmState, link: int) -> Array:
+def sagged(model: Nominal, state: ArmState, link: int) -> Array:
     """(N, 3) rad, how far the nominal arm's link is from where the encoders say: corrections and sag."""
     plain = model.robot.state(model.recording.q, model.cell.tool.T_flange_tcp, bodies=True)
     if state.R_bodies is None or plain.R_bodies is None:
@@ -157,7 +159,7 @@ def equations(
     turning, torque = state.J[:, 3:5, :k], model.torque(state)
     there = inclined.present.astype(float)
     columns = np.zeros((len(there), 2, len(unknowns)))
-    sag = _turned(model, state, k)
+    sag = sagged(model, state, k)
     _refuse_otherwise(recording, inclined, sag, state)
     y = np.nan_to_num(recording.tilt) - sag[:, :2]
     for n, u in enumerate(unknowns):

@@ -25,7 +25,6 @@ from machopt.model.robot import Robot
 
 Flags = NDArray[np.bool_]
 HEADS = {"q": "q1_deg", "position": "x_mm"}
-TINY = 1e-12  # m
 MOST = 400  # readings of a session that are looked at: a unit shows in a few
 
 
@@ -43,7 +42,7 @@ class _Way:
         return replace(r, q=q, position=r.position * self.factors["position"])
 
 
-STATED = _Way({"q": "", "position": ""}, {"q": 1.0, "position": 1.0})
+STATED = _Way(dict.fromkeys(HEADS, ""), dict.fromkeys(HEADS, 1))
 
 
 def mended(
@@ -114,12 +113,15 @@ def _ways() -> Iterator[_Way]:
 
 
 def _errors(part: Recording, way: _Way, robot: Robot, T: np.ndarray) -> tuple[NDArray[np.float64], float]:
-    """(n,) m, what frame and reflectors leave, and m that the points as read spread: tiny clouds fit each other."""
+    """(n,) m, what frame and reflectors leave, and m that the points as read spread: tiny clouds fit each other.
+
+    Points that do not spread tell nothing: inf.
+    """
     read = way.read(part)
     e = equations(registered(read, robot, T), robot, T)
     assert read.position is not None  # mended looks for it
     spread = float(np.median(np.linalg.norm(read.position - np.median(read.position, axis=0), axis=1)))
-    return np.asarray(np.linalg.norm(e.error(e.fit()), axis=1)), max(spread, TINY)
+    return np.asarray(np.linalg.norm(e.error(e.fit()), axis=1)), spread or np.inf
 
 
 def _said(

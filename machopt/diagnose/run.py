@@ -24,6 +24,7 @@ from machopt.diagnose import (
     pose_units,
     record,
     reflectors,
+    tilt_columns,
     userterms,
 )
 from machopt.diagnose.pasted import pasted
@@ -103,7 +104,8 @@ def at_rest(
         mended = [*mended, *sitting]
     if recording.kind == "absolute":
         recording, put_down = moved.mended(recording, robot, T, accept)
-        mended = [*mended, *put_down]
+        recording, assigned = tilt_columns.mended(recording, cell, robot, masses, accept)
+        mended = [*mended, *put_down, *assigned]
     elsewhere = pasted(recording, robot, T)
     copies = gross.copied(recording) | elsewhere
     said = [*recording.warnings, *warnings]

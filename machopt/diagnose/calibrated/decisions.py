@@ -183,6 +183,10 @@ class Recorded:
     )
     moved_as_good: float = _set(1.2, "ratio of such rests between which the one with fewer numbers is taken", JUDGED)
     moved_warmer: float = _set(1.0, "K between sessions, from which on a shift alone may be warmth", JUDGED)
+    tilt_doubted: float = _set(0.5, "share of tilts that no weight explains, from which on columns are doubted", JUDGED)
+    tilt_shown: float = _set(0.9, "rest of the points beside a base that rocks, which then shows in them", JUDGED)
+    tilt_least: float = _set(5e-6, "rad of tilt that joints and points predict, to tell a unit by", JUDGED)
+    tilt_alike: float = _set(0.7, "correlation of tilts with what joints and points predict", JUDGED)
     same_force: float = _set(0.08, "of the largest force of a pose: replicates across sessions", JUDGED)
     motor_side: float = _set(
         0.2, "torque below this share of what the arm needs, joint by joint another: before the gear", JUDGED
