@@ -19,14 +19,15 @@ from machopt.domain.options import ExternalAxis, PlanOptions
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.plan.axes import axes_of
 from machopt.plan.bordered import Bordered
-from machopt.plan.external import _coarse_to_fine
+from machopt.plan.external import _coarse_to_fine, best_plan
 from machopt.plan.groups import Group, groups_of
 from machopt.plan.jointly import Bounds, Local, Steps, _Model, lessened
 from machopt.plan.made import Plan
 from machopt.plan.offsets import Curves
-from machopt.plan.refine_external import Refinement, refined
+from machopt.plan.refine_external import Refinement
+from machopt.plan.refined import refined
 from machopt.plan.setup import Timings
-from machopt.plan.values import PREFERRED
+from machopt.plan.worth import Worth
 
 MOVING = replace(OPTIONS, rotation_step=np.radians(15.0))
 
@@ -37,7 +38,7 @@ def chosen(
     """What the search by grids comes to."""
     cell = replace(external_cell(folder, **kind), stiffness=K)
     axes = axes_of(cell, options)
-    plan = _coarse_to_fine(cell, path, options, Timings(), None, axes, None)
+    plan = _coarse_to_fine(cell, path, options, Timings(), None, axes, None)[0]
     return plan, groups_of(cell, path, plan.path, axes), axes
 
 
@@ -56,7 +57,7 @@ def test_the_model_is_j_to_second_order(
 ) -> None:
     """Half the step, a quarter of what is wrong: joints are lines in z, and their steps have no kink nearby."""
     plan, groups, axes, _ = along
-    r = Refinement(plan, groups, axes, PREFERRED)
+    r = Refinement(plan, groups, Worth.of(plan.setup, axes))
     rows = r.rows
     here = r._state(plan.chosen.assignment.phi[rows], plan.path.external[rows], plan.chosen.assignment.q[rows])
     assert here is not None
@@ -168,7 +169,7 @@ def test_curves_are_one_value_where_nothing_may_move(tmp_path: FilePath) -> None
     options = replace(OPTIONS, external=(ExternalAxis("rail", "moving"), ExternalAxis("turn", "operation")))
     plan = _coarse_to_fine(
         cell, path_in, replace(options, rotation_step=np.radians(45.0)), Timings(), None, axes_of(cell, options), None
-    )
+    )[0]
     groups = groups_of(cell, path_in, plan.path, axes_of(cell, options))
     curves = Curves.of(plan.path, groups)
     c = np.random.default_rng(0).normal(size=curves.at_points.shape[1])
@@ -183,7 +184,7 @@ def test_a_rail_that_moves_is_refined(
     along: tuple[Plan, list[Group], tuple[ExternalAxis, ...], Toolpath],
 ) -> None:
     plan, groups, axes, path = along
-    better = refined(plan, path, groups, axes, Timings(), PREFERRED)
+    better = refined(plan, path, groups, Worth.of(plan.setup, axes), Timings())
     assert better.chosen.objective.total < 0.999 * plan.chosen.objective.total
     low, high = plan.setup.cell.limits.lower[6], plan.setup.cell.limits.upper[6]
     assert low <= better.path.external.min() <= better.path.external.max() <= high
@@ -199,7 +200,32 @@ def test_refining_never_makes_a_plan_worse(tmp_path: FilePath, y: float, half: f
     options = replace(OPTIONS, external=axes)
     path = toolpath(slots(y, y + half))
     plan, groups, own = chosen(tmp_path, path, options, rail=True, table=True)
-    better = refined(plan, path, groups, own, Timings(), PREFERRED)
-    r = Refinement(plan, groups, own, PREFERRED)
-    assert better is plan or r.worth(better) < r.worth(plan)
+    worth = Worth.of(plan.setup, own)
+    better = refined(plan, path, groups, worth, Timings())
+    assert better is plan or worth.plan(better) < worth.plan(plan)
     assert len(better.missing) <= len(plan.missing)
+
+
+@pytest.mark.slow
+@given(st.floats(-0.3, 0.3), st.floats(0.1, 0.4))
+@settings(max_examples=examples(3), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_refined_plan_that_moves_is_no_worse_than_one_that_stands(tmp_path: FilePath, y: float, half: float) -> None:
+    """Each refined, as they are exported: the travel weighs three times, so that standing is a rival."""
+    cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
+    path = toolpath(slots(y, y + half))
+    plans = [
+        best_plan(cell, path, replace(OPTIONS, external=(ExternalAxis("rail", mode, weight=3.0),)))  # type: ignore[arg-type]
+        for mode in ("moving", "operation")
+    ]
+    assert plans[0].scores.scale == plans[1].scores.scale
+    worth = Worth.of(plans[0].setup, axes_of(cell, plans[0].options))
+    assert worth.plan(plans[0]) <= worth.plan(plans[1]) * (1.0 + 1e-9)
+
+
+@pytest.mark.slow
+def test_a_plan_far_behind_is_not_planned_again(
+    along: tuple[Plan, list[Group], tuple[ExternalAxis, ...], Toolpath],
+) -> None:
+    plan, groups, axes, path = along
+    worth = Worth.of(plan.setup, axes)
+    assert refined(plan, path, groups, worth, Timings(), below=0.5 * worth.plan(plan)) is plan

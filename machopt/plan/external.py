@@ -31,16 +31,17 @@ from machopt.plan.made import Plan
 from machopt.plan.part import rows_of
 from machopt.plan.path import Path, build_path
 from machopt.plan.pipeline import plan
-from machopt.plan.refine_external import refined
+from machopt.plan.refined import refined
 from machopt.plan.setup import Setup, Timings, prepare
 from machopt.plan.stands import refuse_strangers
 from machopt.plan.timeline import build_timeline
-from machopt.plan.values import PREFERRED, STEP, Values
+from machopt.plan.values import STEP, Values
+from machopt.plan.worth import Worth
 
 PLANNED = 3  # values planned in full where all can be driven
 TRIED = 8  # where the first ones cannot
-AS_GOOD = 1.15  # times the best estimate: home is planned in full below that
-MOVES_TRIED = 2  # the same where the joints may move along the path
+AS_GOOD = 1.15  # times the best estimate: home is planned in full below that, and what is refined a second time
+MOVES_TRIED = 3  # the same where the joints may move along the path
 AS_NEAR = 1.5  # times the least estimate: a way of joints that move is planned below that
 
 
@@ -67,13 +68,21 @@ def best_plan(
     refuse_strangers(cell, options.steer)
     if not cell.external_joints:
         return plan(cell, toolpath, options, clock, before=before, scale=scale)
-    found = _coarse_to_fine(cell, toolpath, options, clock, before, axes, scale)
+    starts = _coarse_to_fine(cell, toolpath, options, clock, before, axes, scale)
+    found = starts[0]
     if any(wish.joint for wish in options.steer):  # where such a wish holds a joint only the curves of the search know
         return found
     groups = groups_of(cell, toolpath, found.path, axes, found.options.steer)
     if all((g.low == g.high).all() for g in groups):
         return found
-    return refined(found, toolpath, groups, axes, clock, PREFERRED, before)
+    worth = Worth.of(found.setup, axes)
+    best = refined(found, toolpath, groups, worth, clock, before)
+    for other in starts[1:]:  # where the joints stand: a local best of its own, so that moving is no worse than that
+        still = [replace(g, moving=np.zeros_like(g.moving)) for g in groups]
+        rival = refined(other, toolpath, still, worth, clock, before, AS_GOOD * worth.plan(best))
+        if (_lost(rival), worth.plan(rival)) < (_lost(best), worth.plan(best)):
+            best = rival
+    return best
 
 
 def _coarse_to_fine(
@@ -84,8 +93,11 @@ def _coarse_to_fine(
     before: Plan | None,
     axes: Sequence[ExternalAxis],
     scale: float | None,
-) -> Plan:
-    """The best plan over grids of values, and along a curve between them where the joints may move."""
+) -> list[Plan]:
+    """The best plan over grids of values, and along a curve between them where the joints may move.
+
+    Behind it, where they may, the best plan in which they stand, which may be the same.
+    """
     options = steered(options, toolpath)
     with clock.stage("prepare"):
         setup = prepare(cell, options) if before is None else before.setup
@@ -93,16 +105,16 @@ def _coarse_to_fine(
         groups = groups_of(cell, toolpath, path, axes, options.steer)
     if all((g.low == g.high).all() and not g.moves.any() for g in groups):
         at = _spread(path, groups, [g.low for g in groups])
-        return plan(cell, toolpath, options, clock, setup=setup, external=at, before=before, scale=scale)
+        return [plan(cell, toolpath, options, clock, setup=setup, external=at, before=before, scale=scale)]
     with clock.stage("external"):
         search = Values(setup, options, path, groups, axes, scale)
         search.judge()
     tries = _Tries(cell, toolpath, options, clock, before, setup, path, groups, axes, search)
     moves = any(g.moves.any() for g in groups)
-    return tries.moving() if moves else tries.fixed(TRIED)[1]
+    return tries.moving() if moves else [tries.fixed(TRIED)[1]]
 
 
-Key = tuple[float, float]  # points lost and breaks; J: less is better
+Key = tuple[float, float]  # points lost and breaks; what it is worth: less is better
 
 
 @dataclass(frozen=True)
@@ -120,7 +132,7 @@ class _Tries:
     axes: Sequence[ExternalAxis]
     search: Values
 
-    def _planned(self, external: Array, liking: float, options: PlanOptions) -> tuple[Key, Plan]:
+    def _planned(self, external: Array, options: PlanOptions) -> tuple[Key, Plan]:
         found = plan(
             self.cell,
             self.toolpath,
@@ -131,7 +143,7 @@ class _Tries:
             scale=self.search.scale,
             before=self.before,
         )
-        return (_lost(found), found.chosen.objective.total + liking), found
+        return (_lost(found), self.search.worth.plan(found)), found
 
     def fixed(self, tried: int) -> tuple[Key, Plan]:
         """The best plan with one value for each group, of the best few by the stations and home."""
@@ -144,7 +156,7 @@ class _Tries:
             if values is None:
                 break
             seen.append(values)
-            every.append(self._planned(_spread(self.path, groups, values), search.liking(values), self.options))
+            every.append(self._planned(_spread(self.path, groups, values), self.options))
             lost = _lost_groups(every[-1][1], groups)
             bad = [n for n in lost if np.ptp([groups[n].low, groups[n].high], axis=0).any()]
             whole += not bad
@@ -156,13 +168,14 @@ class _Tries:
         if not any(np.array_equal(home, values) for values in seen):
             best = min((key for key, _ in every), default=None)
             if best is None or best[0] or search.estimate(home) <= AS_GOOD * search.estimate(seen[0]):
-                every.append(self._planned(_spread(self.path, groups, home), search.liking(home), self.options))
+                every.append(self._planned(_spread(self.path, groups, home), self.options))
         return min(every, key=lambda one: one[0])
 
-    def moving(self) -> Plan:
+    def moving(self) -> list[Plan]:
         """The best plan with the joints moving where they may; with fixed values where these are better.
 
         Where no fixed value reaches all stations, fixed values are planned only if the joints cannot do it by moving.
+        Behind it the best plan with fixed values, where there is one that lacks nothing.
         """
         search = self.search
         best = None if search.out_of_reach else self.fixed(MOVES_TRIED)
@@ -173,16 +186,17 @@ class _Tries:
             stands = [best[1].path.external[rows_of(self.path, g.runs)[0]] for g in self.groups]
         key, found = self._along(stands)
         if any(g.must.any() for g in self.groups) or (best is None and not key[0]):
-            return found  # no place keeps what was asked, or reaches all of it
+            return [found]  # no place keeps what was asked, or reaches all of it
         best = best or self.fixed(MOVES_TRIED)
+        fixed = [best[1]] if best[0][0] == 0 else []
         if not key < best[0]:
-            return best[1]
-        if best[0][0] == 0:  # there is another answer, should this one not be driven
+            return [best[1], *fixed]
+        if fixed:  # there is another answer, should this one not be driven
             with self.clock.stage("external"):
                 timeline = build_timeline(found, self.toolpath)
             if timeline.trajectory is None:
-                return best[1]
-        return found
+                return [best[1], *fixed]
+        return [found, *fixed]
 
     def _along(self, stands: list[Array]) -> tuple[Key, Plan]:
         """The best plan with the joints moving where they may, all of them or some (:func:`machopt.plan.along.fewer`).
@@ -201,12 +215,12 @@ class _Tries:
                 ways = [at for at, estimate in zip(ways, estimates, strict=True) if estimate <= near]
         looks = replace(self.options, rotation_step=max(self.options.rotation_step, STEP))
         if len(ways) > 1:
-            looked = [self._planned(at, search.liking_along(at), looks) for at in ways]
+            looked = [self._planned(at, looks) for at in ways]
             k = min(range(len(ways)), key=lambda k: looked[k][0])
             if looks.rotation_step == self.options.rotation_step:
                 return looked[k]
             ways = [ways[k]]
-        return self._planned(ways[0], search.liking_along(ways[0]), self.options)
+        return self._planned(ways[0], self.options)
 
 
 def _lost_groups(found: Plan, groups: Sequence[Group]) -> list[int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -15,6 +16,7 @@ from machopt.plan.external import best_plan
 from machopt.plan.gaps import told
 from machopt.plan.joined import Stretch, joined, shares_of
 from machopt.plan.joinedmotion import Done, joined_points, joined_timeline
+from machopt.plan.kept import kept_through
 from machopt.plan.made import Plan
 from machopt.plan.overexternal import over_external
 from machopt.plan.points import PointResults, point_results
@@ -56,6 +58,13 @@ def plan_job(
     Raises:
         InputError: an option asks for what is not planned.
     """
+    with kept_through() if stints[0].cell.external_joints else contextlib.nullcontext():
+        return _job(stints, toolpath, options, timings, before)
+
+
+def _job(
+    stints: Sequence[Stint], toolpath: Toolpath, options: PlanOptions, timings: Timings, before: Sequence[Plan]
+) -> Job:
     lent = before if len(before) == len(stints) else (None,) * len(stints)
     plans = [_planned(stints[0], options, timings, len(stints), lent[0])]
     if len(stints) == 1:

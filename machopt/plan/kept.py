@@ -2,8 +2,8 @@
 most of its runs as they were.
 
 A step asks for its result with the very inputs it hangs on, arrays by their bytes. So what is taken from an earlier
-plan is, to the last bit, what would be computed now; whoever plans without a store computes it. Only ``view`` keeps
-one: a single plan asks for nothing twice.
+plan is, to the last bit, what would be computed now; whoever plans without a store computes it. ``view`` keeps one from
+plan to plan; a job with external joints has one for itself, as a motion is tried before its plan is taken.
 """
 
 from __future__ import annotations
@@ -47,6 +47,13 @@ def keeping(store: Store) -> Iterator[None]:
         _AT_WORK.reset(token)
         for key in [k for k, plan in store.used.items() if plan < store.plan - UNUSED]:
             del store.results[key], store.used[key]
+
+
+@contextlib.contextmanager
+def kept_through() -> Iterator[None]:
+    """Plan with the store at work, or with one that is dropped afterwards."""
+    with contextlib.nullcontext() if _AT_WORK.get() is not None else keeping(Store()):
+        yield
 
 
 def recalled(step: str, inputs: Callable[[], tuple[object, ...]], make: Callable[[], T]) -> T:

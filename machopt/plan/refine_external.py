@@ -9,8 +9,8 @@ stations that did, or of all, become smaller. This is sequential quadratic progr
 Wright 2006, chapter 18).
 
 What z may be is a curve: a cubic spline along each run for what may move there, one value where nothing may, one value
-for all of a group for a joint that keeps one for an operation. The rotation that is found serves only to find e: the
-plan in full chooses it again.
+for all of a group for a joint that keeps one for an operation. What is found is a proposal
+(:mod:`machopt.plan.refined` tries it on the whole path).
 """
 
 from __future__ import annotations
@@ -21,12 +21,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from machopt.arrays import Array, Bools
-from machopt.domain.options import ExternalAxis
 from machopt.domain.reason import Reason
-from machopt.domain.toolpath import Toolpath
 from machopt.plan.bordered import Bordered
-from machopt.plan.check import Checker
-from machopt.plan.compensate import rescored
 from machopt.plan.engage import sideways
 from machopt.plan.groups import Group
 from machopt.plan.jointly import Bounds, Local, Steps, lessened
@@ -35,12 +31,9 @@ from machopt.plan.objective import Terms
 from machopt.plan.offsets import Curves
 from machopt.plan.part import part_of
 from machopt.plan.pinned import pinned
-from machopt.plan.pipeline import as_asked
-from machopt.plan.pipeline import plan as planned
 from machopt.plan.realise import Assignment, between_stations, realise
 from machopt.plan.score import configuration_cost, directions
-from machopt.plan.setup import Timings
-from machopt.plan.timeline import build_timeline
+from machopt.plan.worth import PREFERRED, Worth
 from machopt.se3 import wrap
 
 STATIONS = 200  # about as many as the stairs of :mod:`machopt.plan.moving` have
@@ -52,8 +45,6 @@ TRIES = 4  # of its region
 ENOUGH = 2e-4  # of J: less is not worth another round
 NEAR = 4  # stations to either side of one that lost its pose, which are trusted less as well
 SPARE = 0.02  # rad of the limits, and share of the margins, kept from where poses end: the model is a line there
-PASSES = 2  # of a plan in full after a refinement
-WORTH = 1e-3  # of J: less is not worth a plan in full
 ROOM = 0.01  # of a range, kept from its ends by a joint that moves: a curve may pass beyond its stations
 
 
@@ -84,23 +75,10 @@ class Refined:
     saved: float  # of J at the stations
 
 
-@dataclass(frozen=True)
-class Wishes:
-    """What the user asks of external joints, beside J."""
-
-    weight: Array  # (E,) of their travel
-    preferred: Array  # (E,) as they count, NaN where none is
-    price: float  # of the square of a rad (or as much as counts so) from it
-
-
 class Refinement:
     """Of one plan without gaps or breaks."""
 
-    def __init__(self, plan: Plan, groups: Sequence[Group], axes: Sequence[ExternalAxis], price: float) -> None:
-        """
-        Args:
-            price: of the square of how far an external joint is from a preferred value (rad, or as much as counts so).
-        """
+    def __init__(self, plan: Plan, groups: Sequence[Group], worth: Worth) -> None:
         self.plan, self.setup, self.options = plan, plan.setup, plan.options
         self.path = part_of(plan.path, range(len(plan.path.runs)), STATIONS)
         self.rows = self.path.stations
@@ -108,9 +86,7 @@ class Refinement:
         self.tied = Bordered(self.curves.at_stations, 1 + plan.path.external.shape[1], self.curves.shared)
         self.terms = Terms.at_stations(self.path, plan.setup.velocity, plan.options)
         self.across = sideways(self.path)
-        self.per = plan.setup.per_rad[6:]
-        asked = np.array([np.nan if axis.preferred is None else axis.preferred for axis in axes])
-        self.wishes = Wishes(np.array([axis.weight for axis in axes]), asked * self.per, price)
+        self.per, self.worth = plan.setup.per_rad[6:], worth
         self.range = np.empty_like(plan.path.external), np.empty_like(plan.path.external)  # (P, E) each, m or rad
         room = np.zeros_like(plan.path.external)
         for group in groups:
@@ -147,18 +123,6 @@ class Refinement:
         moved = (self.curves.at_points @ coefficients).reshape(len(phi), -1)
         external = np.clip(plan.path.external + moved[:, 1:] / self.per, *self.range)
         return Refined(phi + moved[:, 0], external, between_stations(self.path, here.q), first - here.merit)
-
-    def worth(self, plan: Plan) -> float:
-        """J of a whole plan, and what the user's wishes about external joints cost."""
-        x = plan.path.external * self.per
-        terms, w = Terms.of(plan.path, plan.setup.velocity, plan.options), plan.options.weights
-        return plan.chosen.objective.total + self._wished(x, terms, w.travel)
-
-    def _wished(self, x: Array, terms: Terms, travel: float) -> float:
-        """Price of external joints x (n, E), as they count, beyond J."""
-        wishes = self.wishes
-        more = float(terms.travel[1:] @ (np.abs(np.diff(x, axis=0)) @ (wishes.weight - 1.0)))
-        return travel * more + wishes.price * float(terms.share @ np.nansum((x - wishes.preferred) ** 2, axis=1))
 
     # --- exact --------------------------------------------------------------------------------------------------------
 
@@ -199,7 +163,7 @@ class Refinement:
         x = np.hstack([q, e * self.per])
         total = terms.nodes(cost, phi).sum() + terms.steps(x, phi).sum()
         total += w.worst * float(cost[terms.counted].max(initial=0.0))
-        return float(total) + self._wished(x[:, 6:], terms, w.travel)
+        return float(total) + self.worth.wished(x[:, 6:], terms)
 
     # --- the model ----------------------------------------------------------------------------------------------------
 
@@ -231,12 +195,12 @@ class Refinement:
         q[~known], margins[~known], cost[~known], hessian[~known] = 0.0, 0.0, 0.0, 0.0
         value, turned = np.linalg.eigh(hessian)
         hessian = (turned * np.maximum(value, 0.0)[:, None]) @ np.swapaxes(turned, 1, 2)
-        wishes, w, share = self.wishes, self.options.weights, self.terms.share
+        w, share, preferred = self.options.weights, self.terms.share, self.worth.preferred
         gradient, own = w.mean * share[:, None] * cost[:, 0], w.mean * share[:, None, None] * hessian
-        away = np.nan_to_num(here.e * self.per - wishes.preferred)
-        wanted = np.isfinite(wishes.preferred)
-        gradient[:, 1:] += 2 * wishes.price * share[:, None] * away
-        own[:, 1:, 1:] += 2 * wishes.price * share[:, None, None] * np.diag(wanted.astype(float))
+        away = np.nan_to_num(here.e * self.per - preferred)
+        wanted = np.isfinite(preferred).astype(float)
+        gradient[:, 1:] += 2 * PREFERRED * share[:, None] * away
+        own[:, 1:, 1:] += 2 * PREFERRED * share[:, None, None] * np.diag(wanted)
         if self.terms.liking is not None:
             off = here.phi + self.terms.offset - self.terms.liking.rotation
             half = 0.5 * self.terms.liking.weight * share
@@ -256,7 +220,7 @@ class Refinement:
         lean[:, 6:] = np.r_[np.eye(d)[1:], np.eye(d)[:1]]
         x = np.hstack([here.q, here.e * self.per, here.phi[:, None]])
         price = np.tile(w.travel * terms.travel[1:, None], (1, 7 + E))
-        price[:, 6 : 6 + E] *= self.wishes.weight
+        price[:, 6 : 6 + E] *= self.worth.weight
         price[:, -1] = w.rotation * terms.rotation[1:]
         slowness = np.r_[terms.slowness, 0.0]
         return Steps(np.diff(x, axis=0), lean, price, w.feed * terms.lost[1:], terms.seconds[1:], slowness)
@@ -299,59 +263,3 @@ class Refinement:
             return State(phi, e, found, found.q, cost, merit)
         trust *= 0.3
         return None
-
-
-def refined(
-    plan: Plan,
-    toolpath: Toolpath,
-    groups: Sequence[Group],
-    axes: Sequence[ExternalAxis],
-    clock: Timings,
-    price: float,
-    before: Plan | None = None,
-) -> Plan:
-    """The plan with its external joints refined where that makes it better, else the plan itself.
-
-    Args:
-        price: as for :class:`Refinement`.
-        before: as for :func:`machopt.plan.pipeline.plan`.
-    """
-    best = plan
-    for _ in range(PASSES):
-        if best.found is None or best.breaks or len(best.missing):
-            break
-        refinement = Refinement(best, groups, axes, price)
-        with clock.stage("external"):
-            better = refinement.found()
-        if better is None or better.saved < WORTH * best.chosen.objective.total:
-            break
-        found = planned(
-            best.setup.cell, toolpath, best.options, clock,
-            setup=best.setup, external=better.external, scale=best.scores.scale, before=before,
-        )  # fmt: skip
-        with clock.stage("external"):
-            found = _turned(found, better)
-        if found.breaks or len(found.missing) or not refinement.worth(found) < refinement.worth(best):
-            break
-        with clock.stage("external"):
-            if build_timeline(found, toolpath).trajectory is None:
-                break
-        best = found
-    return best
-
-
-def _turned(found: Plan, better: Refined) -> Plan:
-    """The plan with the rotation that was refined with its external joints, where that can be driven and is better."""
-    if found.found is None or not as_asked(better.phi, found.path, found.options):
-        return found
-    setup, options = found.setup, found.options
-    a = realise(found.path, setup.arm, setup.robot, better.phi, better.seed)
-    if (a.reason != Reason.OK).any():
-        return found
-    there = rescored(found, a)
-    if len(found.missing) == 0 and not there.chosen.objective.total < found.chosen.objective.total:
-        return found
-    check = Checker.of(found.path, setup.arm, setup.robot, setup.collision, options).whole(a.phi, a.q)
-    if not check.free:
-        return found
-    return replace(there, chosen_from="smooth", check=check, breaks=())

@@ -33,6 +33,7 @@ from machopt.plan.part import part_of, rows_of
 from machopt.plan.path import Path
 from machopt.plan.score import Scores, directions, score_candidates
 from machopt.plan.setup import Setup, standing
+from machopt.plan.worth import Worth
 
 COARSE = {1: 9, 2: 5, 3: 4}  # values of each joint in the first grid, by how many are free
 FINER = 3  # times the grid is halved around the best value of each group
@@ -41,7 +42,6 @@ STEP = np.radians(15.0)  # of rotation, there
 LOST = 1e3  # of J for all stations lost: a value that loses fewer is better
 CAPS = 48  # on the worst index that are tried at most
 RAPID = 1.5  # times a travel counts on the way to another value (:mod:`machopt.plan.objective`, b)
-PREFERRED = 0.1  # of J, price of a rad (or LENGTH) from a preferred value
 
 LEAST, FREE = range(2)  # what a value has been judged by
 
@@ -79,8 +79,8 @@ class Values:
         self.judged: list[dict[bytes, Judged]] = [{} for _ in groups]
         self.excluded: list[set[bytes]] = [set() for _ in groups]
         self.per = setup.per_rad[6:]
-        self.weight = np.array([axis.weight for axis in axes])
-        self.preferred = np.array([np.nan if axis.preferred is None else axis.preferred for axis in axes])
+        self.worth = Worth.of(setup, axes)
+        self.weight = self.worth.weight
         self.medians: list[float] = []
         self.median = 1.0  # of them, as they grow: asked for tens of thousands of times
         self.short = np.ones(len(groups))  # least share of the stations of each that a value does not reach
@@ -217,18 +217,8 @@ class Values:
         return LOST * j.lost + self.options.weights.mean * j.mean / self.scale + j.motion + self._liked(j.value)
 
     def _liked(self, value: Array) -> float:
-        """Price of leaving the preferred values: of the square of how far."""
-        if np.isnan(self.preferred).all():
-            return 0.0
-        return float(PREFERRED * np.nansum(((value - self.preferred) * self.per) ** 2))
-
-    def liking(self, values: Sequence[Array]) -> float:
-        """Σ share · price of leaving the preferred values."""
-        return sum(g.share * self._liked(v) for g, v in zip(self.groups, values, strict=True))
-
-    def liking_along(self, external: Array) -> float:
-        """The same of joints (P, E) that move."""
-        return float(self.path.weight @ np.array([self._liked(e) for e in external]))
+        """Price of leaving the preferred values."""
+        return float(self.worth.liked(value * self.per))
 
     # --- of all groups -----------------------------------------------------------------------------------------------
 
@@ -254,7 +244,7 @@ class Values:
     def estimate_along(self, external: Array) -> float:
         """J of joints (P, E) that move, by the stations."""
         w, worst = self.options.weights, 0.0
-        total = self.liking_along(external)
+        total = float(self.path.weight @ self.worth.liked(external * self.per))
         for n, group in enumerate(self.groups):
             own = external[rows_of(self.path, group.runs)]
             found = self._candidates(n, own)
@@ -268,7 +258,7 @@ class Values:
             total += group.share * (LOST * j.lost + w.mean * j.mean / self.scale + j.motion)
             worst = max(worst, j.worst)
         terms = Terms.of(self.path, self.setup.velocity, self.options)
-        ways = np.abs(np.diff(external * self.per, axis=0)).sum(axis=1)
+        ways = np.abs(np.diff(external * self.per, axis=0)) @ self.weight
         return total + w.worst * worst / self.scale + w.travel * float(terms.travel[1:] @ ways)
 
     def _travel(self, values: Sequence[Array]) -> float:

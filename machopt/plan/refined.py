@@ -1,0 +1,154 @@
+"""From a plan to the one that its refinement leads to: what is proposed at stations is tried on the whole path.
+
+:class:`machopt.plan.refine_external.Refinement` finds offsets at stations. Between these a pose may be lost or touch
+something, so the whole of the offsets is tried, and then less of them; from what can be driven and is better the
+refinement goes on. Only what comes out is planned in full, with its external joints, as the search may find a better
+rotation for them; where the offsets themselves lead nowhere, that is tried at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.domain.reason import Reason
+from machopt.domain.toolpath import Toolpath
+from machopt.plan.check import Checker
+from machopt.plan.compensate import rescored
+from machopt.plan.groups import Group
+from machopt.plan.made import Plan
+from machopt.plan.path import Path
+from machopt.plan.pipeline import as_asked
+from machopt.plan.pipeline import plan as planned
+from machopt.plan.realise import realise
+from machopt.plan.refine_external import Refined, Refinement
+from machopt.plan.score import Directions, directions
+from machopt.plan.setup import Timings, standing
+from machopt.plan.timeline import build_timeline
+from machopt.plan.worth import Worth
+
+PASSES = 3  # of the refinement at most
+SHARES = (1.0, 0.6, 0.3)  # of its offsets that are tried
+SEARCHES = 2  # a rotation that the search alone finds is a start of its own
+GAINS = 1e-3  # of the objective: less is not worth another pass, or a plan in full
+
+
+def refined(
+    plan: Plan,
+    toolpath: Toolpath,
+    groups: Sequence[Group],
+    worth: Worth,
+    clock: Timings,
+    before: Plan | None = None,
+    below: float = np.inf,
+) -> Plan:
+    """The plan with its external joints refined where that makes it better, else the plan itself.
+
+    Args:
+        before: as for :func:`machopt.plan.pipeline.plan`.
+        below: what is not worth less than that after the passes is not planned in full.
+    """
+    if plan.found is None or plan.breaks or len(plan.missing):
+        return plan
+    best = plan
+    for _ in range(SEARCHES):
+        found, searched = _Passes(best, toolpath, groups, worth, clock, before).best(below)
+        best, done = found, found is best or not searched
+        if done:
+            break
+    return best
+
+
+@dataclass(frozen=True)
+class _Passes:
+    """Of one plan without gaps or breaks."""
+
+    plan: Plan
+    toolpath: Toolpath
+    groups: Sequence[Group]
+    worth: Worth
+    clock: Timings
+    before: Plan | None
+
+    def best(self, below: float) -> tuple[Plan, bool]:
+        """What the passes lead to, else the plan itself; whether the search found a better rotation than they."""
+        stages = [self.plan]  # each better than the one before; what the search has not seen has its candidates stale
+        for _ in range(PASSES):
+            with self.clock.stage("external"):
+                proposed = Refinement(stages[-1], self.groups, self.worth).found()
+                if proposed is None or proposed.saved < GAINS * stages[-1].chosen.objective.total:
+                    break
+                better = self._part_of(stages[-1], proposed)
+            if better is None:
+                better = self._searched(stages[-1], proposed)
+            if better is None:
+                break
+            gained = self.worth.plan(stages[-1]) - self.worth.plan(better)
+            stages.append(better)
+            if gained < GAINS * better.chosen.objective.total:
+                break
+        for last in reversed(stages[1:]):
+            if self.worth.plan(last) >= min(below, self.worth.plan(self.plan)):
+                break
+            whole, searched = self._whole(last)
+            if self._better(whole, self.plan) and self._driven(whole):
+                return whole, searched
+        return self.plan, False
+
+    def _better(self, one: Plan, other: Plan) -> bool:
+        return not one.breaks and not len(one.missing) and self.worth.plan(one) < self.worth.plan(other)
+
+    def _driven(self, plan: Plan) -> bool:
+        with self.clock.stage("external"):
+            return build_timeline(plan, self.toolpath).trajectory is not None
+
+    def _part_of(self, plan: Plan, proposed: Refined) -> Plan | None:
+        """The plan with as much of the offsets as makes it better and can be driven; None where nothing does."""
+        a = plan.chosen.assignment
+        for share in SHARES:
+            external = plan.path.external + share * (proposed.external - plan.path.external)
+            phi = a.phi + share * (proposed.phi - a.phi)
+            seed = proposed.seed if share == 1.0 else a.q + share * (proposed.seed - a.q)
+            path = standing(plan.path, external)
+            there = replace(plan, path=path, directions=_directions(plan, path))
+            found = self._turned(there, phi, seed)
+            if found is not None and self._better(found, plan):
+                return found
+        return None
+
+    def _searched(self, plan: Plan, proposed: Refined) -> Plan | None:
+        found = self._planned(plan, standing(plan.path, proposed.external))
+        return found if self._better(found, plan) else None
+
+    def _whole(self, plan: Plan) -> tuple[Plan, bool]:
+        """The plan with all that a plan has, its own rotation or that of a search; whether the latter is the better."""
+        searched = self._planned(plan, plan.path)
+        with self.clock.stage("external"):
+            own = self._turned(searched, plan.chosen.assignment.phi, plan.chosen.assignment.q)
+        if own is not None and (searched.breaks or len(searched.missing) or self._better(own, searched)):
+            return own, False
+        return searched, True
+
+    def _planned(self, plan: Plan, path: Path) -> Plan:
+        return planned(
+            plan.setup.cell, self.toolpath, plan.options, self.clock,
+            setup=plan.setup, external=path.external, scale=plan.scores.scale, before=self.before,
+        )  # fmt: skip
+
+    def _turned(self, plan: Plan, phi: Array, seed: Array) -> Plan | None:
+        """The plan with another rotation (P,) rad, its poses next to some (P, 6) rad; None where it cannot be."""
+        path, setup = plan.path, plan.setup
+        if plan.found is None or not as_asked(phi, path, plan.options):
+            return None
+        a = realise(path, setup.arm, setup.robot, phi, seed)
+        if (a.reason != Reason.OK).any():
+            return None
+        check = Checker.of(path, setup.arm, setup.robot, setup.collision, plan.options).whole(a.phi, a.q)
+        return replace(rescored(plan, a), chosen_from="smooth", check=check, breaks=()) if check.free else None
+
+
+def _directions(plan: Plan, path: Path) -> Directions:
+    return directions(path, plan.setup.arm, plan.setup.elasticity, plan.options.force)
