@@ -34,6 +34,7 @@ from machopt.report.diagnosis_svg import machine_strip, share_bars
 from machopt.report.diagnosis_words import alternatives, axis_note, measured, numeral, sized
 from machopt.report.gather.cell import cell_scene
 from machopt.report.gather.diagnose import page_of
+from machopt.report.template import bound
 from machopt.services.diagnose_files import write_residuals
 
 CELL = load_cell(Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling")
@@ -132,7 +133,7 @@ def test_page_stands_alone(name: str, tmp_path: Path) -> None:
     assert drawn
     assert set(drawn) <= set(seen.ids)
     d = page(name).diagnosis
-    assert d.sentence in seen.text
+    assert bound(d.sentence) in seen.text
     for word in ("nan", "None", "inf "):
         assert not re.search(rf"\b{word}\b", seen.text)
 

@@ -123,7 +123,8 @@ def test_the_form_of_view_sends_places_of_external_joints_as_a_plan_file_has_the
     page = report_html(full_result(points=60, samples=100), replace(STEERING, axes=axes))
     spot, some = {"first": 5, "last": 5}, {"first": 9, "last": 7}
     wishes = [
-        ("points", "rail stands at", {**spot, "at": 250.5}),
+        ("points", "rail stands at", {**spot, "at": 100}),
+        ("points", "rail stands at", {**spot, "at": 250.5}),  # instead of the first
         ("points", "table stands at", {**spot, "at": -30.25}),
         ("points", "rail keeps out of", {**some, "from": -100, "to": 40}),
         ("whole path", "table keeps out of", {"from": -183, "to": -90}),

@@ -291,6 +291,8 @@ def test_the_command_writes_verified_plans_in_moved_cells(tmp_path: Path, capsys
             "2",
             "--set",
             "rotation_step_deg=15",
+            "--tables",
+            "parquet",
         ]
     )
     told = json.loads(capsys.readouterr().out)
@@ -302,6 +304,9 @@ def test_the_command_writes_verified_plans_in_moved_cells(tmp_path: Path, capsys
     assert json.loads((out / "best-1" / "holes" / "result.json").read_text())["verdict"].startswith("done")
     checked = ["verify", str(out / "best-1" / "cell"), str(tmp_path / "holes.csv"), str(out / "best-1" / "holes")]
     assert main([*checked, "--quiet", "--set", "rotation_step_deg=15"]) == 0
+    tables = {str(p.relative_to(out).with_suffix("")) for p in out.rglob("*.csv")}
+    assert tables >= {"places", "best-1/holes/points", "best-1/holes/trajectory"}
+    assert tables == {str(p.relative_to(out).with_suffix("")) for p in out.rglob("*.parquet")}
     rows = (out / "places.csv").read_text().splitlines()
     assert len(rows) == 1 + told["looked_at"]
     assert rows[1].startswith("0,0,0,0,,")

@@ -24,7 +24,7 @@ ELSEWHERE = {
     "--plan": {"optimize", "verify", "batch"},
     "--allow-external": READING,
     "--fit": {"identify"},
-    "--tables": {"optimize", "identify", "diagnose", "map", "plan-poses", "batch"},
+    "--tables": {"optimize", "identify", "diagnose", "map", "plan-poses", "place", "batch"},
 }
 
 

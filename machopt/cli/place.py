@@ -62,6 +62,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     )
     share(job, "--plan")
     share(job, "--set")
+    share(job, "--tables")
     share(job, "--post", help="robot program for the best places; may be repeated (the cell's controller.post)")
     share(job, "--effects")
     job.set_defaults(run=_place)
@@ -98,6 +99,7 @@ def _place(args: argparse.Namespace) -> int:
         readings=(reading(args),) * len(args.toolpaths),
         posts=tuple(str(there(Path(p))) if Path(p).is_file() else p for p in args.post),
         effects=tuple(there(f) for f in args.effects),
+        tables=args.tables,
     )
     jobs = args.jobs or cores()
     try:

@@ -167,6 +167,8 @@ def _errors(data: DiagnosisPage, have: set[str]) -> Body:
         f"Each {data.group_word} is predicted by fits that never saw it. Residuals at the noise floor cannot get "
         "smaller."
     )
+    if any(f.record for f in data.diagnosis.findings):
+        lead += " What was found of the record itself is put right in both."
     return section("errors", "Before and after", lead, body)
 
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     Body = Markup | str
 
+DARK = "#1a2330"  # round white marks, so that they stand out on every colour
 WIDTH, HEIGHT = 640.0, 460.0
 LEFT, TOP, RIGHT, BOTTOM = 84.0, 16.0, 120.0, 44.0
 
@@ -145,12 +146,16 @@ def _picture(data: PlacePage, marks: Sequence[Mark]) -> Markup:
         shapes.append(shape("rect", x=x - size / 2, y=y - size / 2, width=size, height=size, fill=fill, title=title))
         if m.planned:
             shapes.append(
+                shape("circle", cx=x, cy=y, r=0.3 * size, fill="none", stroke=DARK, stroke_width=4, title=title)
+            )
+            shapes.append(
                 shape("circle", cx=x, cy=y, r=0.3 * size, fill="none", stroke="#fff", stroke_width=2, title=title)
             )
-    shapes.append(shape("text", "◆", x=at(0, 0)[0], y=at(0, 0)[1] + 5, text_anchor="middle", font_size=15, fill="#fff"))
+    mark: Style = {"fill": "#fff", "stroke": DARK, "stroke_width": 3, "paint_order": "stroke", "text_anchor": "middle"}
+    shapes.append(shape("text", "◆", x=at(0, 0)[0], y=at(0, 0)[1] + 5, font_size=15, **mark))
     if data.result.best:
         bx, by = at(data.result.best[0].shift_mm[0], data.result.best[0].shift_mm[1])
-        shapes.append(shape("text", "★", x=bx, y=by + 6, text_anchor="middle", font_size=18, fill="#fff"))
+        shapes.append(shape("text", "★", x=bx, y=by + 6, font_size=18, **mark))
     for k in range(5):
         vx, vy = low + (high - low) * k / 4
         shapes.append(

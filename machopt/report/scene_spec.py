@@ -51,7 +51,7 @@ def scene_spec(scene: Scene) -> Spec:
                 "lower": _finite(j.lower),
                 "upper": _finite(j.upper),
                 "factor": (LENGTH if j.prismatic else ANGLE).factor,
-                "unit": "mm" if j.prismatic else "°",
+                "unit": "\u202fmm" if j.prismatic else "°",
             }
             for j in scene.joints
         ],

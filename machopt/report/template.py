@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def _environment() -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined  # late: commands without a page do without
 
-    return Environment(
+    made = Environment(
         loader=PackageLoader("machopt.report"),
         autoescape=True,
         undefined=StrictUndefined,
@@ -28,6 +28,13 @@ def _environment() -> Environment:
         cache_size=-1,
         auto_reload=False,
     )
+    made.filters["bound"] = bound
+    return made
+
+
+def bound(sentence: str) -> str:
+    """The same with its units on the line of their numbers: no line ends before a %, or behind a ±."""
+    return sentence.replace(" %", "\N{NO-BREAK SPACE}%").replace("± ", "±\N{NO-BREAK SPACE}")
 
 
 def render(template: str, /, **values: Any) -> str:

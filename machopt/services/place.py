@@ -10,6 +10,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.results.place import PlaceResult
 from machopt.domain.toolpath import Toolpath
 from machopt.effects.own import in_use, with_effects
+from machopt.formats.parquet import refuse_without_pyarrow
 from machopt.output import output_folder, write_result
 from machopt.placement.found import Siting
 from machopt.placement.hands import Hands
@@ -56,6 +57,7 @@ def place(request: Request, progress: Progress = lambda _: None, crew: Hands | N
     Raises:
         InputError: bad cell, toolpath, options, ranges or output folder.
     """
+    refuse_without_pyarrow(request.tables)
     with in_use(with_effects(request.effects)):
         progress("load")
         cell, toolpaths = read(request)

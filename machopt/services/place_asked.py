@@ -35,6 +35,7 @@ class Request:
     direct: dict[str, object] | None = None  # options by their user key
     posts: tuple[str, ...] = ()
     effects: tuple[Path, ...] = ()
+    tables: str = "csv"  # parquet: every table, those of the best plans too, as Parquet beside its CSV
 
 
 def refuse_options(options: PlanOptions) -> None:

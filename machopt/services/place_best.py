@@ -61,6 +61,7 @@ def _confirm(site: Site, wanted: _Wanted) -> Confirmed:
             reading=dict(reading),
             posts=request.posts,
             effects=request.effects,
+            tables=request.tables,
         )
         done = optimize(asked)
         verdicts.append(f"{file.name}: {done.result.verdict}")

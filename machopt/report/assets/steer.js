@@ -99,24 +99,29 @@ function steerPlan(data) {
   }
   where.onchange = what.onchange = fields;
 
+  // What a place can have but once: a second wish of the kind takes the first one's place. Different zones add up.
+  const once = w => JSON.stringify([place(w), w.external, w.forbid_mm || w.forbid_deg || (w.external ? "at" : w.gamma_deg !== undefined ? "pin" : w.prefer_deg !== undefined ? "prefer" : "branch")]);
+
   by("wish").onsubmit = evt => {
     evt.preventDefault();
     const v = name => +values.querySelector(`[name=${name}]`).value, op = where.value[0] === "o" ? spec.operations[+where.value.slice(1)].label : null;
     const at = op !== null ? { operation: op } : where.value === "path" ? {} : { points: [Math.min(+by("first").value, +by("last").value), Math.max(+by("first").value, +by("last").value)] };
-    const axis = axisMeant();
+    const axis = axisMeant(), instead = [];
+    const put = wish => { instead.push(...state.steer.filter(w => once(w) === once(wish))); state.steer = state.steer.filter(w => once(w) !== once(wish)); state.steer.push(wish); };
     if (axis && what.value[0] === "z") {
       if (v("from") >= v("to")) { say(`${axis.name} keeps out of a zone from a lower to a higher place.`, false); return; }
-      state.steer.push({ ...at, external: axis.name, [`forbid_${axis.unit}`]: [v("from"), v("to")] });
-    } else if (axis && op === null) state.steer.push({ ...at, external: axis.name, [`at_${axis.unit}`]: v("at") });
+      put({ ...at, external: axis.name, [`forbid_${axis.unit}`]: [v("from"), v("to")] });
+    } else if (axis && op === null) put({ ...at, external: axis.name, [`at_${axis.unit}`]: v("at") });
     else if (axis) {
       const own = state.external[axis.name] ||= {}, key = `at_operations_${axis.unit}`;
       (own[key] ||= {})[op] = v("at");
     } else if (what.value === "pin" && at.points && at.points[0] === at.points[1]) pin(at.points[0], v("gamma"));
-    else if (what.value === "pin") state.steer.push({ ...at, gamma_deg: v("gamma") });
-    else if (what.value === "forbid") state.steer.push({ ...at, forbid_deg: [v("from"), v("to")] });
-    else if (what.value === "prefer") state.steer.push({ ...at, prefer_deg: v("gamma"), weight: v("weight") });
-    else state.steer.push({ ...at, branch: v("branch") });
+    else if (what.value === "pin") put({ ...at, gamma_deg: v("gamma") });
+    else if (what.value === "forbid") put({ ...at, forbid_deg: [v("from"), v("to")] });
+    else if (what.value === "prefer") put({ ...at, prefer_deg: v("gamma"), weight: v("weight") });
+    else put({ ...at, branch: v("branch") });
     touch();
+    if (instead.length) say(`Changed, and not planned yet: instead of “${place(instead[0])}: ${words(instead[0])}”.`, null);
   };
 
   function pin(point, gamma) {
