@@ -30,6 +30,7 @@ from machopt.diagnose import (
 )
 from machopt.diagnose.anotherday import comes_again
 from machopt.diagnose.findings import estimates, rivals
+from machopt.diagnose.finer import settled
 from machopt.diagnose.grams import base_model, sandwich, tried
 from machopt.diagnose.known import geometric_finding
 from machopt.diagnose.problem import Catalogue, Problem
@@ -103,7 +104,7 @@ def _search(problem: Problem, catalogue: Catalogue, options: Options, seed: int,
         if rebuild is not None:
             problem, catalogue = rebuild(x, doubted)
     assert state is not None  # ROUNDS > 0
-    return state
+    return settled(state)
 
 
 def _doubted(problem: Problem, x: Array, chosen: Sequence[Chosen]) -> frozenset[int]:

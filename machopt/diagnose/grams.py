@@ -75,18 +75,33 @@ class Model:
 
 @dataclass(frozen=True)
 class Tried:
-    """One hypothesis, whitened, at all its shapes."""
+    """One hypothesis, whitened, at all its shapes; m = M, or fewer rows where it moves few coordinates of readings."""
 
     hypothesis: Hypothesis
-    X: Array  # (M, S, p)
+    X: Array  # (m, S, p)
     unit: Array  # (S, p) SI coefficient per fitted one: columns are scaled to a whitened rms of one
     XX: Array  # (F, S, p, p)
     Xy: Array  # (F, S, p)
+    size: int  # M
+    rows: Ints | None = None  # (m,) ascending, which of the M rows; None: all
     index: int = field(default=0, compare=False)
 
     def at(self, shape: int) -> Array:
         """(M, p) whitened columns of one shape."""
-        return np.asarray(self.X[:, shape])
+        if self.rows is None:
+            return np.asarray(self.X[:, shape])
+        out = np.zeros((self.size, self.X.shape[2]))
+        out[self.rows] = self.X[:, shape]
+        return out
+
+    def against(self, X: Array) -> Array:
+        """(S, p, P) products with whitened columns (M, P)."""
+        return cross(self.X, X if self.rows is None else X[self.rows])
+
+    def by_fold(self, model: Model) -> Array:
+        """(F, S, p, P) products with a model's columns."""
+        own, theirs = _own_rows(self.rows, self.size, model.rows), model.X
+        return np.stack([cross(self.X[k], theirs[r]) for k, r in own])
 
     def precision(self, shape: int) -> Array:
         """(p,) of what is known of the fitted coefficients beforehand, zero where nothing is."""
@@ -131,17 +146,45 @@ def tried(base: Model, hypotheses: Sequence[Hypothesis]) -> list[Tried]:
     w, y = base.w, base.y
     out: list[Tried] = []
     for h in hypotheses:
-        raw = np.stack([h.columns(s) for s in h.shapes], axis=2)  # (N, D, S, p)
-        N, D, S, p = raw.shape
-        X = w.apply(raw.reshape(N, D, S * p))
-        unit = _unit(X)
+        raw, moved = _raw(h, w)
+        S, p = raw.shape[2:]
+        flat = raw.reshape(*raw.shape[:2], S * p)
+        X, rows = (w.apply(flat), None) if moved is None else (w.apply_to(flat, moved), w.rows_of(moved))
+        del raw, flat
+        unit = _unit(X, len(y))
         if not np.isfinite(X).all() or not np.any(X):
             continue
-        X = (X * unit).reshape(-1, S, p)
-        XX = np.stack([own(X[r]) for r in base.rows])
-        Xy = np.stack([np.einsum("msp,m->sp", X[r], y[r]) for r in base.rows])
-        out.append(Tried(h, X, unit.reshape(S, p), XX, Xy, len(out)))
+        X *= unit
+        X = X.reshape(-1, S, p)
+        parts = _own_rows(rows, len(y), base.rows)
+        XX = np.stack([own(X[k]) for k, _ in parts])
+        Xy = np.stack([np.einsum("msp,m->sp", X[k], y[r]) for k, r in parts])
+        out.append(Tried(h, X, unit.reshape(S, p), XX, Xy, len(y), rows, len(out)))
     return out
+
+
+def _raw(h: Hypothesis, w: Whitening) -> tuple[Array, Ints | None]:
+    """Columns at all shapes, (N, D, S, p); or (N, d, S, p) of the few coordinates (d,) that they move, with these."""
+    first = h.columns(h.shapes[0])
+    N, D, p = first.shape
+    moved = np.flatnonzero(first.any(axis=(0, 2)))
+    alone = w.apart and 0 < 2 * len(moved) <= D
+    out = np.empty((N, len(moved) if alone else D, len(h.shapes), p))
+    for k, shape in enumerate(h.shapes):
+        columns = first if k == 0 else h.columns(shape)
+        if alone and np.count_nonzero(columns) > np.count_nonzero(columns[:, moved]):
+            return np.stack([h.columns(s) for s in h.shapes], axis=2), None  # other shapes move other coordinates
+        out[:, :, k] = columns[:, moved] if alone else columns
+    return out, moved if alone else None
+
+
+def _own_rows(rows: Ints | None, size: int, folds: Rows) -> list[tuple[Ints, Ints]]:
+    """Rows of each fold among ``rows`` of all ``size``, as numbers among these and among all."""
+    if rows is None:
+        return [(r, r) for r in folds]
+    place = np.full(size, -1, np.int64)
+    place[rows] = np.arange(len(rows))
+    return [(place[r][place[r] >= 0], r[place[r] >= 0]) for r in folds]
 
 
 def own(x: Array) -> Array:
@@ -171,8 +214,11 @@ def _folds(w: Whitening, rng: np.random.Generator) -> Ints:
     return rng.permutation(np.arange(groups) % MOST_FOLDS)[w.group_of_visit]
 
 
-def _unit(X: Array) -> Array:
+def _unit(X: Array, rows: int = 0) -> Array:
+    """(P,) that make the rms of each column over all rows one; ``rows`` where X has fewer, the others being zero."""
     size = np.sqrt(np.mean(X**2, axis=0))
+    if rows > len(X):
+        size = size * np.sqrt(len(X) / rows)
     return np.asarray(1.0 / np.where(size > 0, size, 1.0))
 
 

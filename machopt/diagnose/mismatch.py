@@ -12,6 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
@@ -107,7 +108,9 @@ def _chance(pairs: Array, products: Array, weight: float, rng: np.random.Generat
     visits, label = np.unique(pairs, return_inverse=True)
     label = label.reshape(pairs.shape)
     signs = rng.choice([-1.0, 1.0], (FLIPS, len(visits)))
-    drawn = (signs[:, label[0]] * signs[:, label[1]]) @ products / weight
+    # a long motion repeats so often that pairs × flips would fill the memory
+    of_pairs = coo_array((products, (label[0], label[1])), shape=(len(visits), len(visits))).tocsr()
+    drawn = np.sum(signs * (of_pairs @ signs.T).T, axis=1) / weight
     return Repeatable(power, float((1 + np.sum(drawn >= power)) / (FLIPS + 1)))
 
 

@@ -21,7 +21,7 @@ from machopt.diagnose import (
     motion_tip,
     motion_torque,
 )
-from machopt.diagnose.motion_frame import Scene, one_joint
+from machopt.diagnose.motion_frame import Scene, one_joint, remembered
 from machopt.diagnose.motion_signals import Motion, signals
 from machopt.diagnose.problem import Catalogue, Problem, Untestable
 from machopt.diagnose.result import Finding
@@ -129,7 +129,8 @@ def build(
         )
     if recording.q_command is None and channel != "tip":
         missing.append(Untestable("servo_lag", "controller", "the commanded joints are not recorded"))
-    catalogue = Catalogue(catalogue.hypotheses, tuple(missing), catalogue.axes)
+    kept = tuple(replace(h, columns=remembered(h.columns)) for h in catalogue.hypotheses)
+    catalogue = Catalogue(kept, tuple(missing), catalogue.axes)
     return problem, catalogue, tuple(scene.notes), (*found, *more)
 
 

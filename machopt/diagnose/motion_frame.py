@@ -10,6 +10,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
+from machopt.diagnose.finer import between
 from machopt.diagnose.motion_signals import Motion
 from machopt.diagnose.problem import Curve, Hypothesis, Ints, Quantities, Shape, Untestable
 from machopt.domain.cell import Cell
@@ -129,6 +130,23 @@ def one_joint(
     return lift
 
 
+def remembered(columns: Callable[[Shape], Array]) -> Callable[[Shape], Array]:
+    """The same columns (N, D, p), worked out once a shape: a search asks several times, and samples are many."""
+    known: dict[Shape, tuple[Ints, Array, tuple[int, ...]]] = {}
+
+    def of(shape: Shape) -> Array:
+        if shape not in known:
+            whole = columns(shape)
+            moved = np.flatnonzero(whole.any(axis=(0, 2)))
+            known[shape] = moved, whole[:, moved], whole.shape
+        moved, part, size = known[shape]
+        out = np.zeros(size)
+        out[:, moved] = part
+        return out
+
+    return of
+
+
 def joint_law(
     scene: Scene,
     joint: int,
@@ -150,6 +168,7 @@ def joint_law(
         quantities,
         shapes,
         family=more.pop("family", "joint"),
+        finer=more.pop("finer", between(shapes)),
         **more,
     )
 

@@ -7,15 +7,16 @@ is an offset and a Coulomb torque; it is told from a load that the model lacks b
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.motion_frame import Scene, curve, joint_law
 from machopt.diagnose.problem import Curve, Hypothesis, Quantity, Shape
-from machopt.effects import registry
+from machopt.effects import files, registry
 from machopt.effects.friction import presliding
 from machopt.effects.protocol import Effect, FrictionLaw, Pace, Rubbing
 
@@ -33,7 +34,9 @@ TURNS = (
     (0.0, 0.01),
     (0.0, 0.03),
     (0.0, 0.1),
+    (0.0, 0.3),
 )
+STEPS = 10  # between two of these
 WARM = (15.0, 60.0, 300.0)  # s
 
 
@@ -51,16 +54,41 @@ def turned(scene: Scene, v: Array, turn: Turn) -> Array:
 
 
 def breakaway(scene: Scene, joint: int, y: Array) -> Turn:
-    """The turn-over that suits a joint's torque (N,) best, Coulomb, viscous and inertia beside."""
+    """The turn-over that suits a joint's torque (N,) best, Coulomb, viscous and inertia beside.
+
+    Friction that turns over a little faster or slower than the base has it leaves what looks like a peak at low speed,
+    so the best of TURNS is refined between its neighbours.
+    """
     m = scene.motion
     rest = m.within(m.mean(np.stack([np.ones(len(m.q)), m.v[:, joint], m.a[:, joint]], axis=1)))
+
+    def power(turn: Turn) -> float:
+        z = m.within(m.mean(direction(scene, joint, turn)[:, None]))
+        return float(np.sum(rest_of(y, np.concatenate([rest, z], axis=1))[0] ** 2))
+
     best, found = np.inf, TURNS[0]
     for turn in TURNS:
-        z = m.within(m.mean(direction(scene, joint, turn)[:, None]))
-        power = float(np.sum(rest_of(y, np.concatenate([rest, z], axis=1))[0] ** 2))
-        if power < calibrated.MOTION.turn_over * best:
-            best, found = power, turn
-    return found
+        left = power(turn)
+        if left < calibrated.MOTION.turn_over * best:
+            best, found = left, turn
+    return min((found, *_refined(found, power)), key=power)
+
+
+def _refined(turn: Turn, power: Callable[[Turn], float]) -> tuple[Turn, ...]:
+    """The best turn-over near one of TURNS; none near friction that turns at once."""
+    kind = 0 if turn[0] > 0.0 else 1
+    if turn[kind] == 0.0:
+        return ()
+    grid = sorted(t[kind] for t in TURNS if t[kind] > 0.0)
+    n = grid.index(turn[kind])
+    ends = np.log([grid[max(n - 1, 0)], grid[n + 1] if n + 1 < len(grid) else 3.0 * grid[n]])
+
+    def made(log: float) -> Turn:
+        size = float(np.exp(log))
+        return (size, 0.0) if kind == 0 else (0.0, size)
+
+    least = minimize_scalar(lambda x: power(made(x)), bounds=ends, method="bounded", options={"maxiter": STEPS})
+    return (made(float(least.x)),)
 
 
 def rest_of(y: Array, X: Array) -> tuple[Array, Array]:
@@ -136,6 +164,7 @@ def _law(
             f"friction beyond Coulomb and viscous in {unit}",
         )
 
+    lower = tuple(least for _, _, least in files.named(law, len(law.coefficients)))
     return joint_law(
         scene,
         joint,
@@ -145,6 +174,7 @@ def _law(
         lambda s: law.columns(np.array(s), seen),
         sizes,
         grid,
+        lower=lower if np.isfinite(lower).any() else (),
         note=law.note,
         curve=line,
         family="friction",

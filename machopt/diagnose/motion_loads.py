@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.diagnose.motion_angles import swept
+from machopt.diagnose.motion_angles import orders, swept
 from machopt.diagnose.motion_frame import Scene, curve, joint_law
 from machopt.diagnose.problem import Correction, Curve, Hypothesis, Quantity, RecordCorrection, Shape
 from machopt.effects import registry
@@ -20,8 +20,9 @@ def ripple(scene: Scene, joint: int) -> list[Hypothesis]:
     """A torque A sin(Nq + φ) of one joint (0-based), with and without its second harmonic: what uneven gears ask."""
     if not scene.moves(joint) or scene.prismatic[joint]:
         return []
-    shapes = tuple((n,) for n in wave_orders(swept(scene, joint)))
-    return [_ripple(scene, joint, shapes, harmonics) for harmonics in (1, 2)] if shapes else []
+    orders_shown = wave_orders(swept(scene, joint))
+    shapes = {k: tuple((n,) for n in orders_shown if k * n <= orders_shown[-1]) for k in (1, 2)}
+    return [_ripple(scene, joint, shapes[k], k) for k in (1, 2) if shapes[k]]
 
 
 def _ripple(scene: Scene, joint: int, shapes: tuple[Shape, ...], harmonics: int) -> Hypothesis:
@@ -56,15 +57,22 @@ def _ripple(scene: Scene, joint: int, shapes: tuple[Shape, ...], harmonics: int)
         curve=line,
         correction=fix,
         note="periodic with the gear",
+        finer=orders(scene, joint),
     )
 
 
-def springy(scene: Scene, joint: int) -> list[Hypothesis]:
-    """Motor torque of an elastic joint: what is behind it moves by −τ/k more, M_j ẍ comes on top."""
-    if scene.dynamics is None or scene.predicted is None or scene.prismatic[joint] or not scene.moves(joint):
+def springy(scene: Scene, joint: int, inertia: Array) -> list[Hypothesis]:
+    """Motor torque of an elastic joint: what is behind it moves by −τ/k more, M_j ẍ comes on top.
+
+    Args:
+        scene: channel torque.
+        joint: 0-based.
+        inertia: (M, n) kg·m² behind each joint.
+    """
+    if scene.predicted is None or scene.prismatic[joint] or not scene.moves(joint):
         return []
     m = scene.motion
-    seen = Swinging(-scene.predicted[:, joint], scene.dynamics.own_inertia(m.q)[:, joint], scene.step, scene.first)
+    seen = Swinging(-scene.predicted[:, joint], inertia[:, joint], scene.step, scene.first)
     laws = ((e, law, law.grid(m.rate)) for e in registry.of_swings() for law in e.swings)
     return [_springy(scene, joint, e, law, seen, grid) for e, law, grid in laws if grid]
 

@@ -216,10 +216,12 @@ def _clock(scene: Scene, measured: Array) -> tuple[float, Callable[[float], Arra
 def _catalogue(scene: Scene, P: Array, paths: list[Turn], best: float, rough: Callable[[float], Array]) -> Catalogue:
     n = scene.joints
     out: list[Hypothesis] = []
+    assert scene.dynamics is not None  # build asks
+    inertia = scene.dynamics.own_inertia(scene.motion.q)
     for j in range(n):
         out += friction(scene, j, paths[j])
         out += ripple(scene, j)
-        out += springy(scene, j)
+        out += springy(scene, j, inertia)
     untestable: list[Untestable] = []
     if n > 1:
         out += at_flange.in_motion(scene, P)

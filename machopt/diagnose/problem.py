@@ -6,7 +6,7 @@ All in SI. N readings (rows of a recording, or samples of a motion), D coordinat
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -117,6 +117,16 @@ Correction = Term | KinematicCorrection | RecordCorrection
 
 
 @dataclass(frozen=True)
+class Finer:
+    """What a shape of a grid is settled by, once its law is chosen."""
+
+    # shapes around one, it among them, as far to either side as a share of the way to the grid's next
+    about: Callable[[Shape, float], tuple[Shape, ...]]
+    plain: Callable[[Shape], bool] = lambda _: False  # a shape that is taken where another is no better by the data
+    said: Callable[[Sequence[Shape]], str] = lambda _: ""  # of shapes that the data cannot tell apart; added to a note
+
+
+@dataclass(frozen=True)
 class Hypothesis:
     """One law of one effect at one place: columns that are fitted beside the base.
 
@@ -141,6 +151,7 @@ class Hypothesis:
     possible: Callable[[Array, Array], Array] | None = None
     held: float | None = None  # 1 sigma about zero of every coefficient, of what makers hold; None: nothing is known
     summed: str = ""  # several of its shapes at one place are one law again, so called ("waves"); empty: they are not
+    finer: Finer | None = None  # how its shape is settled once it is chosen; None: one of ``shapes``
     exact: bool = False  # the law leaves nothing of its effect (a clock, a measured lag), however large that is
 
     @property

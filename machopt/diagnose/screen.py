@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
-from machopt.diagnose.grams import NOTHING, Model, Tried, cross, ridged_inverse
+from machopt.diagnose.grams import NOTHING, Model, Tried, ridged_inverse
 
 Ints = NDArray[np.int64]
 FLIPS = 499
@@ -62,7 +62,7 @@ def fitted(model: Model, tried: Sequence[Tried]) -> list[Fitted]:
 
 def _mixed(model: Model, t: Tried) -> Array:
     """(F, S, p, P) products of a hypothesis' columns with the model's, by fold."""
-    return np.stack([cross(t.X[r], model.X[r]) for r in model.rows])
+    return t.by_fold(model)
 
 
 def _known(t: Tried) -> Array:
@@ -70,13 +70,24 @@ def _known(t: Tried) -> Array:
     return np.stack([np.diag(t.precision(s)) for s in range(len(t.shapes))])
 
 
+def profile(model: Model, t: Tried) -> Array:
+    """(S,) gain of each shape of a hypothesis beside a model, on all readings."""
+    return _each(t, t.against(model.X), model.Xy.sum(axis=0), model.inverse)[1]
+
+
 def _whole(t: Tried, mixed: Array, h: Array, M: Array) -> Fitted:
-    C, XX, Xy = mixed.sum(axis=0), t.XX.sum(axis=0), t.Xy.sum(axis=0)
+    x, gain, visible = _each(t, mixed.sum(axis=0), h, M)
+    best = int(np.argmax(gain))
+    return Fitted(t, best, x[best], float(gain[best]), float(visible[best]))
+
+
+def _each(t: Tried, C: Array, h: Array, M: Array) -> tuple[Array, Array, Array]:
+    """Of every shape its coefficients (S, p), gain (S,), and what is visible (S,)."""
+    XX, Xy = t.XX.sum(axis=0), t.Xy.sum(axis=0)
     S, u = XX - np.einsum("sip,pq,sjq->sij", C, M, C), Xy - C @ (M @ h)
     S, visible = _regular(S, XX)
     x, gain = bounded(S + _known(t), u, t.hypothesis.lower)
-    best = int(np.argmax(gain))
-    return Fitted(t, best, x[best], float(gain[best]), float(visible[best]))
+    return x, gain, visible
 
 
 def _one(model: Model, t: Tried, h: Array, M: Array, folds: tuple[Array, ...]) -> Scored:
@@ -157,10 +168,13 @@ def by_chance(
     own = np.empty(len(scored))
     for k, s in enumerate(scored):
         t = s.tried
-        C = cross(t.X, model.X)
+        C = t.against(model.X)
         XX = t.XX.sum(axis=0)
         S, _ = _regular(XX - np.einsum("sip,pq,sjq->sij", C, M, C), XX)
-        scores = model.w.by_cluster(t.X * r[:, None, None]) - np.einsum("sip,pq,vq->vsi", C, M, Xr, optimize=True)
+        own_r = r if t.rows is None else r[t.rows]
+        scores = model.w.by_cluster(t.X * own_r[:, None, None], t.rows) - np.einsum(
+            "sip,pq,vq->vsi", C, M, Xr, optimize=True
+        )
         L = np.linalg.inv(np.linalg.cholesky(S))
         along = np.einsum("sij,vsj->vsi", L, scores)
         p = along.shape[2]

@@ -109,7 +109,7 @@ def _sums(model: Model, laws: Sequence[Tried]) -> _Sums:
     total, parts = np.zeros((at + 1, at + 1)), []
     for some in np.array_split(np.arange(model.folds), min(FOLDS, model.folds)):
         rows = np.concatenate([model.rows[f] for f in some])
-        A = np.concatenate([model.X[rows], *(g.law.X[rows, g.shape] for g in groups), model.y[rows, None]], axis=1)
+        A = np.concatenate([model.X[rows], *(g.law.at(g.shape)[rows] for g in groups), model.y[rows, None]], axis=1)
         parts.append(A.T @ A)
         total += parts[-1]
     k = np.arange(model.X.shape[1])

@@ -7,6 +7,7 @@ W = (I − Q (1 − 1/√(1 + s²)) Qᵀ) D^(−½) exactly. Rows are sorted by 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,6 +44,7 @@ class Whitening:
     session: Ints  # (V,) of each visit
     reading: Ints  # (M,) reading of each row
     kept: Ints | None = None  # (M,) of the n D coordinates of used readings, those that were measured; None: all
+    apart: bool = False  # no error is shared by two coordinates: each is whitened by itself
 
     def apply(self, x: Array) -> Array:
         """(N, D) or (N, D, p) → (M,) or (M, p)."""
@@ -56,11 +58,45 @@ class Whitening:
             part -= b.Q @ (b.shrink[:, None] * along if out.ndim > 1 else b.shrink * along)
         return out
 
-    def by_cluster(self, values: Array) -> Array:
-        """(C, …) sums of whitened rows over groups; over neighbouring ones together where there are very many."""
+    def rows_of(self, coordinates: Ints) -> Ints:
+        """(m,) rows of some coordinates (d,) where all were measured."""
+        D = len(self.sigma)
+        return np.asarray((D * np.arange(len(self.index))[:, None] + coordinates).reshape(-1))
+
+    def apply_to(self, x: Array, coordinates: Ints) -> Array:
+        """(N, d, p) of some coordinates → (m, p), the rows of :meth:`rows_of`; where coordinates are whitened apart."""
+        d, D, p = len(coordinates), len(self.sigma), x.shape[2]
+        out = (x[self.index] / self.sigma[coordinates, None]).reshape(-1, p)
+        for rows, Q, shrink in self._alike(tuple(coordinates.tolist())):
+            at = (d * (rows // D)[:, :, None] + np.arange(d)).reshape(len(rows), -1)
+            part = out[at]
+            out[at] = part - Q @ (shrink[:, :, None] * (np.swapaxes(Q, 1, 2) @ part))
+        return np.asarray(out)
+
+    def _alike(self, coordinates: tuple[int, ...]) -> Iterator[tuple[Ints, Array, Array]]:
+        """Blocks of one size together: first row of each reading (B, n), Q (B, n d, r) of some coordinates, shrink."""
+        D = len(self.sigma)
+        sizes: dict[tuple[int, ...], list[Block]] = {}
+        for b in self.blocks:
+            sizes.setdefault(b.Q.shape, []).append(b)
+        for (rows, r), blocks in sizes.items():
+            Q = np.stack([b.Q for b in blocks]).reshape(len(blocks), rows // D, D, r)[:, :, list(coordinates)]
+            first = np.stack([np.arange(b.rows.start, b.rows.stop, D) for b in blocks])
+            yield first, Q.reshape(len(blocks), -1, r), np.stack([b.shrink for b in blocks])
+
+    def by_cluster(self, values: Array, rows: Ints | None = None) -> Array:
+        """(C, …) sums of whitened rows over groups; over neighbouring ones together where there are very many.
+
+        Args:
+            values: (M, …), or (m, …) of ``rows``.
+            rows: (m,) ascending, all others being zero; None: all.
+        """
         first = np.flatnonzero(np.diff(self.group_of_visit, prepend=-1))
         first = first[:: max(1, -(-len(first) // MOST_CLUSTERS))]
-        return np.asarray(np.add.reduceat(values, self.visit_starts[first], axis=0))
+        starts = self.visit_starts[first]
+        if rows is not None:
+            starts = np.searchsorted(rows, starts)
+        return np.asarray(np.add.reduceat(values, starts, axis=0))
 
 
 def whitening(problem: Problem, noise: Noise, used: Flags) -> Whitening:
@@ -108,6 +144,7 @@ def whitening(problem: Problem, noise: Noise, used: Flags) -> Whitening:
         problem.session[index[starts]].astype(np.int64),
         np.repeat(index, D) if kept is None else index[kept // D],
         kept,
+        kept is None and (problem.scale is None or noise.gain == 0.0),
     )
 
 

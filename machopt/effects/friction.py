@@ -96,7 +96,7 @@ class Stribeck(_Law):
     equation = "τ_f += z F_s exp(−|q̇|/v_s)" + SOURCE
     note = "at low speed"
     size = "stribeck"
-    coefficients = (Parameter(key="stribeck_Nm", unit="N·m"),)
+    coefficients = (Parameter(key="stribeck_Nm", unit="N·m", least=0.0),)
     shape = (Parameter(key="speed_rad_s", unit="rad/s", positive=True),)
 
     def columns(self, shape: Array, seen: Rubbing) -> Array:
@@ -114,7 +114,7 @@ class Loaded(_Law):
     name = "load-dependent"
     equation = "τ_f += μ z |τ|"
     note = "grows with the load"
-    coefficients = (Parameter(key="share", unit="1"),)
+    coefficients = (Parameter(key="share", unit="1", least=0.0),)
 
     def columns(self, shape: Array, seen: Rubbing) -> Array:
         return (seen.way * seen.load)[:, None]
@@ -201,7 +201,7 @@ class Dragged(_Law):
     equation = "τ_f += F z, dz = (sgn q̇ − z) |dq|/d with a long path d: cables, hoses, seals"
     note = "after reversals"
     by_angle = True
-    coefficients = (Parameter(key="drag_Nm", unit="N·m"),)
+    coefficients = (Parameter(key="drag_Nm", unit="N·m", least=0.0),)
     shape = (Parameter(key="path_rad", unit="rad", positive=True),)
 
     def columns(self, shape: Array, seen: Rubbing) -> Array:

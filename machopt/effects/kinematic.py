@@ -117,7 +117,7 @@ class Waves(Free):
     def grid(self, swept: Swept) -> tuple[Shape, ...]:
         orders = wave_orders(swept)
         together = tuple(tuple(k * n for k in range(1, self.harmonics + 1)) for n in orders)
-        return tuple(shape for shape in together if swept.sampled or shape[-1] <= orders[-1])
+        return tuple(shape for shape in together if shape[-1] <= orders[-1])
 
 
 def wave_orders(swept: Swept) -> tuple[float, ...]:
@@ -125,13 +125,13 @@ def wave_orders(swept: Swept) -> tuple[float, ...]:
 
     Whole orders up to LOW_ORDERS (parts that turn with the output). Above, a grid as fine as the range asks for, up
     to as many as there are angles for: with fewer, some order among many fits any noise. A motion passes all angles
-    between: whole orders, as many.
+    between: whole orders, up to the highest.
     """
     span = swept.high - swept.low
     if not swept.most:
         return ()
     if swept.sampled:
-        return tuple(float(n) for n in range(int(np.ceil(swept.lowest)), LOW_ORDERS + MOST_HIGH + 1))
+        return tuple(float(n) for n in range(int(np.ceil(swept.lowest)), int(HIGH_ORDER) + 1))
     step = 2.0 * LOSS / (0.5 * span)
     first = max(swept.lowest, np.ceil(0.5 * np.pi / span))  # a quarter of a wave is an offset and a slope
     low = np.arange(first, LOW_ORDERS + 0.5)

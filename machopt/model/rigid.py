@@ -66,7 +66,7 @@ class Dynamics:
         data = self.model.createData()
         out = np.empty_like(q)
         for k in range(len(q)):
-            out[k] = np.diag(pin.crba(self.model, data, q[k]))
+            out[k] = pin.crba(self.model, data, q[k]).diagonal()
         return out
 
     def regressors(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:

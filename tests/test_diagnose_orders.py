@@ -1,0 +1,120 @@
+"""Shapes of a motion's laws: orders that few waves show or that are not whole, friction that turns over smoothly; sums
+over columns that move one joint alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_diagnose_motion import arm, diagnosed, excited, recorded, shaken
+
+from machopt.arrays import Array
+from machopt.diagnose import engine, mismatch, motion, noise
+from machopt.diagnose.finer import between
+from machopt.diagnose.grams import base_model, tried
+from machopt.diagnose.result import Finding
+from machopt.diagnose.screen import by_chance, score
+from machopt.diagnose.whitening import whitening
+from machopt.domain.cell import Cell
+from machopt.domain.recording import Recording
+from machopt.model.rigid import load_dynamics
+
+SECOND = np.pi / 648000.0  # rad
+
+
+def far_side(folder: Path, order: float, arcsec: float, sigma: float, size: float) -> tuple[Cell, Recording]:
+    """Link-side encoder of one joint with a wave of its gear; it turns by ``size`` of 1.9 rad."""
+    rng = np.random.default_rng(5)
+    t, q, v, a = excited(1, rng)
+    q, v, a = size * q, size * v, size * a
+    cell = arm(folder, 1)
+    wave = arcsec * SECOND * np.sin(order * q + 0.4)
+    bent = q - load_dynamics(cell).torque(q, v, a) / 2e6
+    return cell, recorded(t, q, v, q_secondary=bent + wave + sigma * rng.normal(size=q.shape))
+
+
+def wave_of(found: engine.Diagnosis) -> Finding:
+    assert [(f.effect, f.location) for f in found.findings] == [("transmission_error", "joint:1")]
+    return found.findings[0]
+
+
+@pytest.mark.parametrize(("order", "size"), [(7.0, 0.4), (10.4, 1.0)])
+def test_an_order_is_settled_where_one_wave_shows_and_where_it_is_not_whole(
+    tmp_path: Path, order: float, size: float
+) -> None:
+    """Seven waves a turn of which 0.8 are seen; an order between two whole ones."""
+    cell, recording = far_side(tmp_path, order, 60.0, 2e-5, size)
+    found = wave_of(diagnosed(recording, cell, "link")[0]).parameters["order"]
+    assert found.value == pytest.approx(order, rel=0.02)
+    assert found.ci95[0] <= order <= found.ci95[1]
+    assert found.ci95[1] > found.ci95[0]
+
+
+def test_an_order_that_the_data_leave_open_is_said_as_between_two(tmp_path: Path) -> None:
+    """The same wave in noise three times its size."""
+    cell, recording = far_side(tmp_path, 7.0, 20.0, 1.5e-4, 0.4)
+    found = wave_of(diagnosed(recording, cell, "link")[0])
+    low, high = found.parameters["order"].ci95
+    assert low <= 7.0 <= high
+    assert high - low > 1.0
+    assert "order not resolved (between" in found.note
+
+
+@pytest.mark.parametrize("over", [0.02, 0.055])
+def test_friction_that_turns_over_smoothly_is_no_peak_at_low_speed(tmp_path: Path, over: float) -> None:
+    """Between the turn-overs of the grid; 0.25 N·m of noise under 6 N·m of friction."""
+    rng, cell, t, q, v, tau = shaken(tmp_path, 2, 6)
+    tau += 6.0 * (np.tanh(v / over) - np.sign(v))
+    found, _, _ = diagnosed(recorded(t, q, v, tau + 0.25 * rng.normal(size=q.shape)), cell, "torque")
+    assert not found.findings
+
+
+def test_columns_of_one_joint_are_summed_as_those_of_all(tmp_path: Path) -> None:
+    """Rows of other joints left out: the same sums, gains and chances."""
+    rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)
+    tau[:, 1] += 3.0 * np.sign(v[:, 1]) * np.exp(-np.abs(v[:, 1]) / 0.1)
+    recording = recorded(t, q, v, tau + rng.normal(size=q.shape))
+    problem, catalogue, _, _ = motion.build(recording, cell, "torque", np.random.default_rng(0))
+    used = np.ones(len(problem), bool)
+    w = whitening(problem, noise.estimate(problem, problem.y, used), used)
+    full = replace(w, apart=False)
+    assert w.apart
+    each = []
+    for one in (w, full):
+        base, _ = base_model(problem, one, np.random.default_rng(1))
+        laws = tried(base, [h for h in catalogue.hypotheses if h.effect in ("joint_friction", "payload")])
+        scored = score(base, laws)
+        chance = by_chance(base, scored, base.residual, np.random.default_rng(2))
+        each.append((laws, scored, chance))
+    (few, of_few, p_few), (whole, of_whole, p_whole) = each
+    assert {t.rows is None for t in few if t.hypothesis.effect == "joint_friction"} == {False}
+    assert all(t.rows is None for t in whole)
+    for a, b in zip(few, whole, strict=True):
+        np.testing.assert_allclose(a.at(0), b.at(0), rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(a.XX, b.XX, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose([s.total for s in of_few], [s.total for s in of_whole], rtol=1e-6, atol=1e-6)
+    np.testing.assert_array_equal(p_few, p_whole)
+
+
+def test_chance_of_twins_is_that_of_their_products() -> None:
+    """Signs of visits flipped, pair by pair."""
+    rng = np.random.default_rng(3)
+    pairs = np.array([(a, b) for a in range(9) for b in range(a + 1, 9)], float).T
+    products: Array = rng.normal(size=pairs.shape[1]) + 0.4
+    signs = np.random.default_rng(4).choice([-1.0, 1.0], (mismatch.FLIPS, 9))
+    drawn = (signs[:, pairs[0].astype(int)] * signs[:, pairs[1].astype(int)]) @ products / 5.0
+    expected = (1 + np.sum(drawn >= products.sum() / 5.0)) / (mismatch.FLIPS + 1)
+    assert mismatch._chance(pairs, products, 5.0, np.random.default_rng(4)).p_value == expected
+
+
+def test_shapes_are_taken_as_far_as_the_next_of_the_grid() -> None:
+    finer = between([(1.0,), (2.0,), (4.0,)])
+    assert finer is not None
+    wide, narrow = ([s[0] for s in finer.about((2.0,), share)] for share in (1.0, 0.5))
+    assert (min(wide), max(wide)) == pytest.approx((1.0, 4.0))
+    assert (min(narrow), max(narrow)) == pytest.approx((2.0**0.5, 2.0**1.5))
+    assert between([()]) is None
+    assert between([(1.0, 2.0), (2.0, 3.0)]) is None
