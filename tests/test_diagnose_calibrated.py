@@ -42,6 +42,8 @@ NO_DECISION = {  # constants beside the computation: guards against rounding, un
     "apart.predicted.REST",
     "apart.predicted.SAME",
     "at_joint.LEAST_SOFT",
+    "finer.NARROW",
+    "finer.NARROWER",
     "grams.NOTHING",
     "grams.RIDGE",
     "motion_clock.LONGEST",
