@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
 
 from machopt.arrays import Array, any_last
 from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import Candidates
 from machopt.plan.choose import Choice
+from machopt.plan.curves import Spline
 from machopt.plan.kept import recalled
 from machopt.plan.objective import Terms
 from machopt.plan.path import Path
@@ -35,7 +35,7 @@ class Ends:
     onward: float = 0.0  # price of the move after, per rad of any joint
 
 
-Merit = Callable[[BSpline, Ends, float], float]
+Merit = Callable[[Spline, Ends, float], float]
 """Worth of an answer, given what it is tied to, and the worst cost elsewhere."""
 
 
@@ -66,8 +66,8 @@ class Stretch:
     pins: dict[int, float]  # fixed offsets by row
     offset: Array  # (n,) rad, found so far
     turns: bool = False  # the rotation may change along it
-    spline: BSpline | None = None
-    answers: tuple[BSpline, ...] = ()  # what the rotation may be, from the programme's to the plainest
+    spline: Spline | None = None
+    answers: tuple[Spline, ...] = ()  # what the rotation may be, from the programme's to the plainest
     merit: Merit = lambda *_: float("inf")
 
     @classmethod

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from machopt.arrays import Array
+from machopt.plan.curves import through
 
 
 class CostTable:
@@ -15,7 +15,7 @@ class CostTable:
         """Of values (n, m) at offsets (−(m−1)/2 … (m−1)/2)·step rad, m odd and at least 5."""
         self.step, self.rows, self.middle = step, np.arange(len(values)), (values.shape[1] - 1) // 2
         offset = np.arange(-self.middle, self.middle + 1) * step
-        self.pieces = CubicSpline(offset, values.T).c  # (4, m − 1, n), highest power first
+        self.pieces = through(offset, values.T)  # (4, m − 1, n), highest power first
 
     def at(self, offset: Array) -> tuple[Array, Array, Array]:
         """Value, first and second derivative (n,) at offsets (n,) rad; beyond the table its last cubic goes on."""

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.interpolate import BSpline
 
 from machopt.arrays import Array, Bools
 from machopt.plan.corridor import turning_length
+from machopt.plan.curves import design_matrix
 from machopt.plan.groups import Group
 from machopt.plan.moving import SHORTEST
 from machopt.plan.path import Path
@@ -86,4 +86,4 @@ def _basis(along: Array, intervals: int) -> Array:
     if intervals == 0 or length <= 0.0:
         return np.ones((len(along), 1))
     knots = np.r_[[0.0] * 3, np.linspace(0.0, length, intervals + 1), [length] * 3]
-    return np.asarray(BSpline.design_matrix(np.clip(along, 0.0, length), knots, 3).toarray())
+    return np.asarray(design_matrix(knots, np.clip(along, 0.0, length)).toarray())

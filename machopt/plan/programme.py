@@ -18,12 +18,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import BSpline
 from scipy.linalg import LinAlgError, solveh_banded
 
 from machopt.arrays import Array
 from machopt.plan.corridor import Ends, Stretch
 from machopt.plan.costtable import CostTable
+from machopt.plan.curves import basis
 from machopt.plan.objective import disliked
 
 WIDTHS = np.r_[np.geomspace(3e-2, 3e-7, 16), 3e-7, 3e-7]  # ε in rad, and in c₀ for the worst cost
@@ -40,10 +40,8 @@ class Basis:
     """A cubic spline's basis at n places: four coefficients at each, which follow one another."""
 
     def __init__(self, knots: Array, places: Array) -> None:
-        matrix = BSpline.design_matrix(places, knots, 3).tocsr()
-        self.n, self.m = matrix.shape
-        self.columns = matrix.indices.reshape(self.n, 4).astype(np.intp)
-        self.weights = matrix.data.reshape(self.n, 4)
+        self.n, self.m = len(places), len(knots) - 4
+        self.columns, self.weights = basis(knots, places)
         # where products of two coefficients stand in a band: of one place, and of a place and the next
         a, b = np.tril_indices(4)
         own = self.columns[:, a], self.columns[:, b], self.weights[:, a] * self.weights[:, b]

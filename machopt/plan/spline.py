@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import BSpline, PchipInterpolator
 
 from machopt.arrays import Array
 from machopt.plan.corridor import Ends, Merit, Stretch
 from machopt.plan.costtable import CostTable
+from machopt.plan.curves import Spline, design_matrix, monotone
 from machopt.plan.path import Path
 from machopt.plan.programme import Basis, Programme
 
@@ -20,7 +20,7 @@ PINNED = 1e-6  # rad: nearer than this an answer meets a rotation that the user 
 CURVATURE = 2e-2  # price of the mean square angular acceleration of phi, per (rad/s²)²
 
 
-def spline_answers(path: Path, part: Stretch, elsewhere: float, ends: Ends) -> tuple[tuple[BSpline, ...], Merit]:
+def spline_answers(path: Path, part: Stretch, elsewhere: float, ends: Ends) -> tuple[tuple[Spline, ...], Merit]:
     """phi over turning length as cubic B-splines (C², bounded third derivative), and what each is worth.
 
     Raises nothing: wherever the programme ends, its last iterate is one of the answers and judged like any other.
@@ -34,7 +34,7 @@ def spline_answers(path: Path, part: Stretch, elsewhere: float, ends: Ends) -> t
     duration = max(float(path.time[part.points[-1]] - path.time[part.points[0]]), 1e-3)
     intervals = int(np.clip(duration / KNOT_SPACING, 1, min(KNOTS, max(len(part.rows) // 2, 1))))
     knots = np.r_[[0.0] * 3, np.linspace(0, length, intervals + 1), [length] * 3]
-    B = BSpline.design_matrix(np.clip(part.x, 0, length), knots, 3).tocsr()
+    B = design_matrix(knots, np.clip(part.x, 0, length))
     start = _least_squares(B, band.phi)
     treads = _least_squares(B, _through_plateaus(part.x, band.phi))
     low, high = part.bounds()
@@ -46,7 +46,7 @@ def spline_answers(path: Path, part: Stretch, elsewhere: float, ends: Ends) -> t
     nlp = Programme(part, table, Basis(knots, np.clip(part.x, 0, length)), bending, ends, elsewhere)
     found = np.full(m, np.nan) if tight else nlp.solve(start)
 
-    def merit(answer: BSpline, ends: Ends, elsewhere: float) -> float:
+    def merit(answer: Spline, ends: Ends, elsewhere: float) -> float:
         """The objective with true absolute values; infinite outside the corridor."""
         phi = B @ answer.c
         off = phi - band.phi
@@ -62,7 +62,7 @@ def spline_answers(path: Path, part: Stretch, elsewhere: float, ends: Ends) -> t
     if np.isfinite(found).all():  # on the way from the plain answers to the programme's
         tries = [found, *(base + f * (found - base) for base in (treads, still) for f in (0.75, 0.5, 0.25)), *tries]
     tries = [_through_pins(B, t, part) for t in tries] if part.pins else tries
-    return tuple(BSpline(knots, t, 3) for t in tries), merit
+    return tuple(Spline(knots, t) for t in tries), merit
 
 
 def _through_pins(B: Any, coefficients: Array, part: Stretch) -> Array:
@@ -88,7 +88,7 @@ def _through_plateaus(x: Array, phi: Array) -> Array:
     keep = np.r_[True, np.diff(middle) > 1e-9]
     if keep.sum() < 2:
         return phi
-    return np.asarray(PchipInterpolator(middle[keep], value[keep])(x))
+    return monotone(middle[keep], value[keep], x)
 
 
 def _least_squares(B: Any, values: Array) -> Array:

@@ -137,7 +137,7 @@ def _postures(plan: Plan, shown: Mapped, st: NDArray[np.intp]) -> Array:
     branch, _ = best_branch(plan, shown, st)
     farthest = np.where(np.isfinite(c.q[st, :, :, 0]), c.reason[st], 0).argmax(axis=2)
     pick = np.where(usable.any(axis=2), branch, farthest)
-    q = np.take_along_axis(c.q[st], pick[:, :, None, None], axis=2)[:, :, 0]
+    q = c.q[st[:, None], np.arange(pick.shape[1]), pick]
     middle = 0.5 * (limits.lower[:6] + limits.upper[:6])
     return np.asarray(q - 2 * np.pi * np.round((q - middle) / (2 * np.pi)), np.float32)
 
