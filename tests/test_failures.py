@@ -11,17 +11,32 @@ from machopt.cli.failures import causes_first, failures
 from machopt.domain.manifest import Covered
 from machopt.recheck.told import short
 from machopt.verify import Check
+from machopt.verify.check import Promise, of_file
 
 OK = Check("path", True, 0.006, 0.02, "mm", "sample 3")
-FILES = Check("files as listed", False, 1.0, 0.0, "differences", "points.csv is changed: 9 bytes, 8 were written")
-INPUTS = Check("made from these inputs", False, 1.0, 0.0, "differences", "another stiffness: stiffness.yaml is other")
-COLUMN = Check("points.csv k_axial_N_mm", False, 9618.0, 1.0, "of 1 N/mm", "point 7: 4 N/mm, 5 N/mm follows")
-LOST = Check("trajectory.csv can be read", False, math.nan, math.nan, "", "cannot be read: No such file or directory")
-PROGRAMS = Check("robot programs", False, math.nan, math.nan, "", "/out/trajectory.csv: cannot be read")
+FILES = Check(
+    Promise.FILES, False, 1.0, 0.0, "differences", "points.csv is changed: 9 bytes, 8 were written", file="points.csv"
+)
+INPUTS = Check(Promise.INPUTS, False, 1.0, 0.0, "differences", "another stiffness: stiffness.yaml is other")
+COLUMN = Check(
+    "points.csv k_axial_N_mm",
+    False,
+    9618.0,
+    1.0,
+    "of 1 N/mm",
+    "point 7: 4 N/mm, 5 N/mm follows",
+    file="points.csv",
+    what="k_axial_N_mm",
+    instead=True,
+)
+NOT_THERE = "cannot be read: No such file or directory"
+LOST = of_file("trajectory.csv", Promise.READABLE, False, math.nan, math.nan, "", NOT_THERE, of=" ")
+UNREAD = "/out/trajectory.csv: cannot be read"
+PROGRAMS = Check(Promise.PROGRAMS, False, math.nan, math.nan, "", UNREAD, because="trajectory.csv")
 SAID = "exit_code is 0, 4 follows"
-VERDICT = Check("result.json verdict", False, 1.0, 0.0, "differences", SAID)
-TIMES = Check("result.json times", False, 1.0, 0.0, "differences", "/out/trajectory.csv: cannot be read")
-JERK = Check("joint jerk", False, 2.577, 1.1, "of the limit", "axis 2, sample 775")
+VERDICT = of_file("result.json", Promise.VERDICT, False, 1.0, 0.0, "differences", SAID, of=" ")
+TIMES = of_file("result.json", "times", False, 1.0, 0.0, "differences", UNREAD, of=" ")
+JERK = Check(Promise.JERK, False, 2.577, 1.1, "of the limit", "axis 2, sample 775")
 INDEX = Check("index of the samples", False, 4.0, 0.02, "mm", "sample 766, point 8.000")
 
 

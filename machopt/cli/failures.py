@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from machopt.recheck.resultcheck import RESULT
 from machopt.verify import Check
+from machopt.verify.check import Promise
 
-_INPUTS, _MANIFEST, _FILES = "made from these inputs", "manifest.json", "files as listed"
-_UNREADABLE = "can be read"
-_FOLLOWS = ("result.json verdict", "result.json outputs", "result.json verification")  # tell of the other checks
-_FROM_PLACE = ("joint velocity", "joint acceleration", "joint jerk", "feed")  # a sample out of place breaks these too
+_FOLLOWS = (Promise.VERDICT, Promise.OUTPUTS, Promise.VERIFICATION)  # of result.json: tell of the other checks
+_FROM_PLACE = (Promise.VELOCITY, Promise.ACCELERATION, Promise.JERK, Promise.FEED)  # a sample out of place breaks these
+_OF_FOLDER = {Promise.FILES, Promise.INPUTS, Promise.MANIFEST, Promise.PROGRAMS, Promise.TABLES}
+_OF_FOLDER |= {Promise.PARQUET, Promise.OPTIONS, Promise.READING}
+_MOTION = "trajectory.csv"
 _CONSEQUENCE = 6  # rank of what follows from other failures
 MOST = 6  # failures that are told in full
 
@@ -28,9 +31,8 @@ def failures(checks: Sequence[Check]) -> str:
     follow = [c.name for c in failed if c not in causes]
     first, *others = causes or failed
     told = sentence(first)
-    if first.name == _FILES:  # what changed in it belongs on the same line
-        file = first.where.split(" ", maxsplit=1)[0]
-        inside = next((c for c in others if sentence(c).startswith(file)), None)
+    if first.promise == Promise.FILES and first.file:  # what changed in it belongs on the same line
+        inside = next((c for c in others if _file(c) == first.file), None)
         if inside is not None:
             others.remove(inside)
             told = f"{told}; {sentence(inside)}"
@@ -44,37 +46,37 @@ def failures(checks: Sequence[Check]) -> str:
 
 def sentence(c: Check) -> str:
     """File, what, how much, place."""
-    if c.name == _FILES:
+    if c.promise == Promise.FILES:
         return c.where
-    if c.name == _INPUTS:
+    if c.promise == Promise.INPUTS:
         return f"OUT was not made from these inputs: {c.where}"
-    name = c.name.removesuffix(_UNREADABLE).strip()
-    name = name if "." in name or c.name in ("robot programs", "tables") else f"trajectory.csv, {name}"
+    name = c.name if c.file or not _file(c) else f"{_MOTION}, {c.name}"
+    name = c.file if c.promise == Promise.READABLE else name
     if math.isnan(c.value) and math.isfinite(c.limit) and " " not in c.unit and c.limit:
         return f"{name}: no value where one belongs (or one where none does), {c.where}"
     counts = math.isnan(c.value) or c.limit == 0.0 or math.isnan(c.limit)  # so many places are wrong, the first named
-    if counts or " follows" in c.where:
+    if counts or c.instead:
         return f"{name}: {c.where}"
     place = c.where if c.where.startswith(("on ", "at ", "before ", "behind ", "between ")) else f"at {c.where}"
     return f"{name}: {c.value:.4g} {c.unit}, the limit is {c.limit:.4g}" + (f", {place}" if c.where else "")
 
 
+def _file(c: Check) -> str:
+    """The file that a check is about: trajectory.csv where none is named; empty where it is about the whole folder."""
+    return c.file or ("" if c.promise in _OF_FOLDER else _MOTION)
+
+
 def _rank(c: Check, checks: Sequence[Check]) -> int:
-    if c.name in (_INPUTS, _MANIFEST):
+    if c.promise in (Promise.INPUTS, Promise.MANIFEST):
         return 0
-    if c.name == _FILES:
+    if c.promise == Promise.FILES:
         return 1
-    if c.name.endswith(_UNREADABLE):
+    if c.promise == Promise.READABLE:
         return 2
-    unread = [
-        o.name.removesuffix(_UNREADABLE).strip() for o in checks if o.passed is False and o.name.endswith(_UNREADABLE)
-    ]
-    if (
-        c.name in _FOLLOWS
-        or (unread and c.name.startswith("result.json"))
-        or any(f"{name}: " in c.where or f"{name} lacks" in c.where for name in unread)
-    ):
+    unread = {o.file for o in checks if o.passed is False and o.promise == Promise.READABLE}
+    of_result = c.file == RESULT
+    if (of_result and (unread or c.promise in _FOLLOWS)) or c.because in unread:
         return _CONSEQUENCE
-    if c.name.startswith("result.json"):
+    if of_result:
         return 5
-    return 4 if c.name in _FROM_PLACE else 3
+    return 4 if c.promise in _FROM_PLACE else 3

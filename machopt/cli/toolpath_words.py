@@ -223,7 +223,7 @@ def failed(result: OptimizeResult) -> str:
 def _checked(c: CheckTold) -> Check:
     from machopt.verify import Check
 
-    return Check(c.name, c.passed, _nan(c.value), _nan(c.limit), c.unit, c.where)
+    return Check(c.name, c.passed, _nan(c.value), _nan(c.limit), c.unit, c.where, file=c.file)
 
 
 def _nan(value: float | None) -> float:

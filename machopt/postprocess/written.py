@@ -27,6 +27,7 @@ from machopt.recheck.compared import Compared, Posted
 from machopt.recheck.posts import controller_for
 from machopt.report import data as page
 from machopt.verify import Verification
+from machopt.verify.check import Promise
 
 OWN_FILES = ("points.csv", "trajectory.csv", "compensation.csv", "result.json", "manifest.json", "report.html")
 
@@ -97,16 +98,16 @@ class Written:
         return replace(
             said,
             moves=c.moves,
-            position_error=c.worst("CAM points") / 1e3,
-            angle_error=math.radians(c.worst("orientation at targets")),
-            joint_error=math.radians(c.worst("joints at targets")),
-            feed_error=c.worst("CAM feed") / 6e4,
-            path_error=c.worst("lines along the motion") / 1e3,
-            axis_error=math.radians(c.worst("tool axis along lines")),
-            turn_error=math.radians(c.worst("orientation along lines")),
-            events_equal=c.passed("events") is not False,
+            position_error=c.worst(Promise.CAM_POINTS) / 1e3,
+            angle_error=math.radians(c.worst(Promise.ORIENTATIONS)),
+            joint_error=math.radians(c.worst(Promise.JOINTS)),
+            feed_error=c.worst(Promise.CAM_FEED) / 6e4,
+            path_error=c.worst(Promise.LINES) / 1e3,
+            axis_error=math.radians(c.worst(Promise.LINES_AXIS)),
+            turn_error=math.radians(c.worst(Promise.LINES_TURN)),
+            events_equal=c.passed(Promise.EVENTS) is not False,
             differences=c.differences,
-            configuration_equal=c.passed("configuration"),
+            configuration_equal=c.passed(Promise.CONFIGURATION),
         )
 
 

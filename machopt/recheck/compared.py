@@ -9,9 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from machopt.domain.results.optimize import ReadBack
-from machopt.verify.check import Check
-
-MOVES, COMPARED = "moves read", "compared with motion and CAM file"
+from machopt.verify.check import Check, Promise
 
 
 @dataclass(frozen=True)
@@ -35,26 +33,26 @@ class Compared:
     @classmethod
     def of(cls, posted: Posted, checks: Sequence[Check]) -> Compared:
         """From the checks of a whole folder those of one program."""
-        mine = tuple(c for c in checks if c.name.startswith(f"{posted.files[0]}: "))
-        moves = next((c.value for c in mine if c.name.endswith(f": {MOVES}")), 0.0)
-        return cls(posted, int(moves), mine, not any(c.name.endswith(f": {COMPARED}") for c in mine))
+        mine = tuple(c for c in checks if c.file == posted.files[0])
+        moves = next((c.value for c in mine if c.promise == Promise.MOVES), 0.0)
+        return cls(posted, int(moves), mine, not any(c.promise == Promise.COMPARED for c in mine))
 
     @property
     def differences(self) -> tuple[str, ...]:
         """What is not as it should be, in words."""
         return tuple(
-            f"{c.name.partition(': ')[2]}: {c.where}" + (f" ({c.value:.4g} {c.unit})" if np.isfinite(c.value) else "")
+            f"{c.promise}: {c.where}" + (f" ({c.value:.4g} {c.unit})" if np.isfinite(c.value) else "")
             for c in self.checks
             if c.passed is False
         )
 
-    def worst(self, what: str) -> float:
-        """The value of a check by its name behind the file's; NaN where it was not made."""
-        return next((c.value for c in self.checks if c.name.partition(": ")[2] == what), float("nan"))
+    def worst(self, promise: str) -> float:
+        """The value of the check of a promise; NaN where it was not made."""
+        return next((c.value for c in self.checks if c.promise == promise), float("nan"))
 
-    def passed(self, what: str) -> bool | None:
+    def passed(self, promise: str) -> bool | None:
         """The same of its verdict; None where it was not made."""
-        return next((c.passed for c in self.checks if c.name.partition(": ")[2] == what), None)
+        return next((c.passed for c in self.checks if c.promise == promise), None)
 
     def as_result(self) -> ReadBack | None:
         """For result.json: mm, deg, mm/min; null where a post has no such thing, or nobody reads it."""
@@ -62,13 +60,13 @@ class Compared:
             return None
         return ReadBack(
             moves=self.moves,
-            positions_max_mm=self.worst("CAM points"),
-            orientations_max_deg=self.worst("orientation at targets"),
-            joints_max_deg=self.worst("joints at targets"),
-            feeds_max_mm_min=self.worst("CAM feed"),
-            path_max_mm=self.worst("lines along the motion"),
-            path_axis_max_deg=self.worst("tool axis along lines"),
-            path_turn_max_deg=self.worst("orientation along lines"),
-            configuration_equal=self.passed("configuration"),
-            events_equal=self.passed("events"),
+            positions_max_mm=self.worst(Promise.CAM_POINTS),
+            orientations_max_deg=self.worst(Promise.ORIENTATIONS),
+            joints_max_deg=self.worst(Promise.JOINTS),
+            feeds_max_mm_min=self.worst(Promise.CAM_FEED),
+            path_max_mm=self.worst(Promise.LINES),
+            path_axis_max_deg=self.worst(Promise.LINES_AXIS),
+            path_turn_max_deg=self.worst(Promise.LINES_TURN),
+            configuration_equal=self.passed(Promise.CONFIGURATION),
+            events_equal=self.passed(Promise.EVENTS),
         )

@@ -24,9 +24,10 @@ from machopt.recheck.inforce import failed
 from machopt.recheck.posts import post_of, tolerance_of
 from machopt.recheck.readback import check_programs, strays
 from machopt.recheck.resultcheck import result_checks
+from machopt.recheck.rewritten import failed_check
 from machopt.verify import Check, Verification, verify_stints
-from machopt.verify.changes import CHANGES, slices
-from machopt.verify.check import not_run
+from machopt.verify.changes import slices
+from machopt.verify.check import Promise, not_run
 from machopt.verify.output import Tables, read_tables
 from machopt.verify.table import Motion, read_motion
 
@@ -79,8 +80,8 @@ def check_copies(folder: Path) -> list[Check]:
     try:
         odd = [(copy, difference(copy.with_suffix(".csv"), copy)) for copy in there]
     except InputError as problem:
-        return [not_run("Parquet tables", problem.reason)]
-    return [_check("Parquet tables", [f"{copy.name} {text}" for copy, text in odd if text])] if there else []
+        return [not_run(Promise.PARQUET, problem.reason)]
+    return [_check(Promise.PARQUET, [f"{copy.name} {text}" for copy, text in odd if text])] if there else []
 
 
 def content_checks(
@@ -99,7 +100,7 @@ def content_checks(
         stints = stints_of(cell, toolpath)
         found = verify_stints(stints, folder, options=options, motion=motion)
     except InputError as problem:
-        return Verification((failed("tables", str(problem)),), 0, NAN)
+        return Verification((failed(Promise.TABLES, str(problem), because=problem),), 0, NAN)
     return replace(found, checks=(*found.checks, *_programs(stints, folder, options, manifest, motion, found)))
 
 
@@ -135,9 +136,9 @@ def _programs(
                 source=None if name is None else f"{cell.name}; {name}",
             )
     except InputError as problem:
-        return [failed("robot programs", str(problem))]
+        return [failed(Promise.PROGRAMS, str(problem), because=problem)]
     odd = [one.files[0] for number, one in every if number not in {s.number for s in stints}]
-    checks = [failed(f"{file}: of this job", "no tool of the job is its") for file in odd]
+    checks = [failed_check(file, "of this job", "no tool of the job is its") for file in odd]
     return [*checks, *(check for one in compared for check in one.checks)]
 
 
@@ -148,7 +149,7 @@ def _tables(
     if len(stints) == 1:
         return [(stints[0], None)]
     whole = None if motion is None else read_tables(stints[0].cell, folder, motion)
-    if whole is None or isinstance(whole, Verification) or any(c.name == CHANGES for c in found.failed):
+    if whole is None or isinstance(whole, Verification) or any(c.promise == Promise.CHANGES for c in found.failed):
         return []
     return list(zip(stints, slices(whole, stints), strict=True))
 
@@ -158,14 +159,21 @@ def manifest_checks(folder: Path, inputs: tuple[ManifestFile, ...]) -> tuple[Man
     try:
         manifest, sealed = read_manifest(folder)
     except InputError as problem:
-        return None, [failed(MANIFEST, _no_manifest(folder, problem))]
+        return None, [failed(Promise.MANIFEST, _no_manifest(folder, problem))]
     if manifest.command != "optimize":
-        return manifest, [failed(MANIFEST, f"is of machopt {manifest.command}; only what optimize wrote is verified")]
-    checks = [_check(MANIFEST, [] if sealed else ["was edited after it was written: its seal does not fit"])]
-    listed = [f"{d.name} {d.what}" for d in differences(folder, manifest)]
-    checks.append(_check("files as listed", [*listed, *_other_roles(manifest)]))
-    checks.append(_check("made from these inputs", input_differences(manifest.inputs, inputs)))
+        said = f"is of machopt {manifest.command}; only what optimize wrote is verified"
+        return manifest, [failed(Promise.MANIFEST, said)]
+    checks = [_check(Promise.MANIFEST, [] if sealed else ["was edited after it was written: its seal does not fit"])]
+    checks.append(_files(folder, manifest))
+    checks.append(_check(Promise.INPUTS, input_differences(manifest.inputs, inputs)))
     return manifest, checks
+
+
+def _files(folder: Path, manifest: Manifest) -> Check:
+    """What the folder holds, by name and hash, against what the manifest lists."""
+    changed = differences(folder, manifest)
+    check = _check(Promise.FILES, [*(f"{d.name} {d.what}" for d in changed), *_other_roles(manifest)])
+    return replace(check, file=changed[0].name, what=Promise.FILES) if changed else check
 
 
 def _other_roles(manifest: Manifest) -> list[str]:

@@ -18,6 +18,7 @@ from machopt.formats.setups import placed
 from machopt.formats.toolpath import read_toolpath
 from machopt.output.jsonfile import plain
 from machopt.verify import Check
+from machopt.verify.check import Promise
 
 NAN = float("nan")
 
@@ -61,14 +62,14 @@ def in_force(request: Request, cell: Cell, robot: KnownRobot | None, manifest: M
             load_options(dict(recorded))
             below = dict(recorded)
         except InputError as problem:
-            checks.append(failed("options", f"the manifest's cannot be used: {problem.reason}"))
+            checks.append(failed(Promise.OPTIONS, f"the manifest's cannot be used: {problem.reason}"))
         try:
             reading = reading_from_user(manifest.reading)
             toolpath = read_toolpath(
                 request.toolpath, robot=robot, cell_offsets=tuple(cell.offsets), **{**reading, **given}
             )
         except InputError as problem:
-            checks.append(failed("reading options", f"the toolpath cannot be read with the manifest's: {problem}"))
+            checks.append(failed(Promise.READING, f"the toolpath cannot be read with the manifest's: {problem}"))
             reading = {}
     if not reading:
         toolpath = read_toolpath(request.toolpath, robot=robot, cell_offsets=tuple(cell.offsets), **given)
@@ -78,9 +79,14 @@ def in_force(request: Request, cell: Cell, robot: KnownRobot | None, manifest: M
     return InForce(options, placed(toolpath, cell), tuple(notes), tuple(checks))
 
 
-def failed(name: str, why: str) -> Check:
-    """A check that failed without a number."""
-    return Check(name, False, NAN, NAN, "", why)
+def failed(name: str, why: str, *, because: InputError | None = None) -> Check:
+    """A check that failed without a number; ``because`` of a file that could not be read."""
+    return Check(name, False, NAN, NAN, "", why, because=file_of(because))
+
+
+def file_of(problem: InputError | None) -> str:
+    """Name of the file that a problem is about; empty where it is about none."""
+    return "" if problem is None or problem.file is None else Path(problem.file).name
 
 
 def _contradictions(used: dict[str, Any], recorded: dict[str, Any]) -> list[str]:

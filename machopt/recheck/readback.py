@@ -31,12 +31,12 @@ from machopt.formats.programs.toolpath import URDF_JOINTS
 from machopt.model.ik import refine
 from machopt.model.posture import posture_of
 from machopt.model.robot import Robot, load_robot
-from machopt.recheck.compared import COMPARED, MOVES, Compared, Posted
+from machopt.recheck.compared import Compared, Posted
 from machopt.recheck.posts import controller_for
 from machopt.recheck.rewritten import Rewritten, failed_check
 from machopt.recheck.terms import COUPLED, controller_axes, external_of, frame_given, index_at, wrong_frames
 from machopt.verify.arm import Arm
-from machopt.verify.check import Check
+from machopt.verify.check import Check, Promise, of_file
 from machopt.verify.encoder import true_angles
 from machopt.verify.output import Tables
 from machopt.verify.program import Allowed, along_motion
@@ -109,8 +109,9 @@ def strays(out: Path, posted: Sequence[Posted]) -> tuple[Compared, ...]:
         except InputError:
             program = False
         if program:
-            check = Check(
-                f"{name}: a program of this job",
+            check = of_file(
+                name,
+                "a program of this job",
                 False,
                 1.0,
                 0.0,
@@ -217,7 +218,7 @@ class _Ground:
             o.axis_tolerance,
             self.tolerance.external,
         )
-        read = Check(f"{name}: {MOVES}", True, float(len(said)), float(len(said)), "moves", f"{parsed.dialect}")
+        read = of_file(name, Promise.MOVES, True, float(len(said)), float(len(said)), "moves", f"{parsed.dialect}")
         checks, at = along_motion(said, self.motion, self.tcp, allowed)
         rows = np.clip(np.nan_to_num(at), 0, len(self.tcp) - 1)
         offset, tilt = (
@@ -232,7 +233,7 @@ class _Ground:
         checks += self._terms(name, parsed, said, controller, rows)
         if posted.post is None:
             checks.append(
-                Check(f"{name}: wording", None, np.nan, 0.0, "", "not checked: the post's template is not at hand")
+                of_file(name, "wording", None, np.nan, 0.0, "", "not checked: the post's template is not at hand")
             )
         else:
             job = Rewritten(self.cell, self.toolpath, self.out, self.options, self.tolerance, self.source)
@@ -297,8 +298,8 @@ class _Ground:
         _, spare = external_of(parsed, self.cell, self.arm, controller)
         wrong += [f"{spare} values of external axes that the cell has not"] if spare else []
         checks = [
-            Check(
-                f"{name}: tool and base", not wrong, float(len(wrong)), 0.0, "frames", "; ".join(wrong) or "the cell's"
+            of_file(
+                name, "tool and base", not wrong, float(len(wrong)), 0.0, "frames", "; ".join(wrong) or "the cell's"
             )
         ]
         robot = load_robot(self.cell).drawn
@@ -310,8 +311,9 @@ class _Ground:
         if told:
             where = "" if first is None else f"move {first + 1}, line {int(parsed.line[first])} names another one"
             checks.append(
-                Check(
-                    f"{name}: configuration",
+                of_file(
+                    name,
+                    Promise.CONFIGURATION,
                     first is None,
                     float(first is not None),
                     0.0,
@@ -329,8 +331,9 @@ class _Ground:
             gap = np.maximum(gap, np.linalg.norm(T[:, :3, :3] - said.T_workpiece_tcp[both, :3, :3], axis=(1, 2)))
             n = int(np.argmax(gap))
             checks.append(
-                Check(
-                    f"{name}: poses as the joints",
+                of_file(
+                    name,
+                    "poses as the joints",
                     bool(gap[n] <= TWICE),
                     1e3 * float(gap[n]),
                     1e3 * TWICE,
@@ -339,8 +342,9 @@ class _Ground:
                 )
             )
         checks.append(
-            Check(
-                f"{name}: every word understood",
+            of_file(
+                name,
+                "every word understood",
                 not strange,
                 float(len(strange)),
                 0.0,
@@ -378,8 +382,9 @@ class _Ground:
 
 
 def _unread(file: str) -> Check:
-    return Check(
-        f"{file}: {COMPARED}",
+    return of_file(
+        file,
+        Promise.COMPARED,
         None,
         float("nan"),
         0.0,

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,17 +29,20 @@ from machopt.output.hashes import sha256_of
 from machopt.output.jsonfile import plain, read_json
 from machopt.output.manifest import MANIFEST, listed
 from machopt.output.roles import BATCH_ROLES
+from machopt.recheck.inforce import file_of
 from machopt.recheck.resultform import wrong_parts
 from machopt.recheck.resultnumbers import PRINTED, compensation, front, not_beyond, objective
 from machopt.recheck.resultprograms import programs
 from machopt.recheck.scope import checked, done, not_run, unchecked
 from machopt.recheck.told import AGREE, DIGITS, Points, Told, known, near, same, same_items, short
 from machopt.verify import Check, Verification
+from machopt.verify.check import Promise, of_file
 
 LAST = {"k_axial_N_mm": 6e-5, "k_normal_N_mm": 6e-5, "k_jiao_x_N_mm": 6e-5, "deflection_mm": 1e-6, "gamma_deg": 1e-6}
 HELD = 0.95  # of the programmed feed: what counts as held
 ON_POINT = 1e-6  # of a point index: printed with six decimals or more
 FEED = 1e-4  # of the programmed feed: feeds are printed to 0.001 mm/min
+RESULT = "result.json"
 VERDICTS = {3: "infeasible", 4: "verification failed"}
 
 
@@ -52,27 +56,27 @@ def result_checks(
     contents: Verification | None,
 ) -> list[Check]:
     """One check for each part of result.json; a part that is missing or malformed fails its check."""
-    file = folder / "result.json"
+    file = folder / RESULT
     try:
         value = read_json(file)
     except InputError as problem:
-        return [_check("result.json", [str(problem)])]
+        return [_check("", [str(problem)])]
     try:
         result = OptimizeResult.model_validate(value)
     except ValidationError as problem:  # what somebody else wrote into the file may be of any shape
-        return [_check(f"result.json {part}", said) for part, said in wrong_parts(problem).items()]
+        return [_check(part, said) for part, said in wrong_parts(problem).items()]
     told = Told(result, folder, cell, toolpath, options, manifest.inputs if manifest else inputs, manifest, contents)
-    return [_check(f"result.json {name}", _tried(part, told)) for name, part in _PARTS.items()]
+    return [_tried(name, part, told) for name, part in _PARTS.items()]
 
 
-def _tried(part: Callable[[Told], Iterable[str]], told: Told) -> list[str]:
+def _tried(name: str, part: Callable[[Told], Iterable[str]], told: Told) -> Check:
     """The part's findings; numbers of a foreign file may fit the schema and yet lead nowhere."""
     try:
-        return list(part(told))
+        return _check(name, list(part(told)))
     except InputError as problem:
-        return [str(problem)]
+        return replace(_check(name, [str(problem)]), because=file_of(problem))
     except (KeyError, TypeError, ValueError, IndexError, OverflowError) as problem:
-        return [f"is not of the form that machopt writes: {_words(problem)}"]
+        return _check(name, [f"is not of the form that machopt writes: {_words(problem)}"])
 
 
 def _words(problem: Exception) -> str:
@@ -84,9 +88,10 @@ def _words(problem: Exception) -> str:
     return "a value is of another kind there"
 
 
-def _check(name: str, wrong: list[str]) -> Check:
+def _check(part: str, wrong: list[str]) -> Check:
     more = f"; and {len(wrong) - 3} more" if len(wrong) > 3 else ""
-    return Check(name, not wrong, float(len(wrong)), 0.0, "differences", "; ".join(wrong[:3]) + more)
+    said = "; ".join(wrong[:3]) + more
+    return of_file(RESULT, part, not wrong, float(len(wrong)), 0.0, "differences", said, of=" " if part else "")
 
 
 def _verdict(t: Told) -> Iterable[str]:
@@ -115,7 +120,7 @@ def _inputs(t: Told) -> Iterable[str]:
 
 
 def _outputs(t: Told) -> Iterable[str]:
-    later = {"result.json", MANIFEST, *BATCH_ROLES}
+    later = {RESULT, MANIFEST, *BATCH_ROLES}
     there = {name: sha256_of(t.folder / name) for name in listed(t.folder) - later}
     yield from same_items("outputs", t.result.outputs, there)
     for name in ("points.csv", "report.html", *(("trajectory.csv",) if t.contents is not None else ())):
@@ -294,6 +299,7 @@ def _verification(t: Told) -> Iterable[str]:
         e = expected[c.name]
         yield from same(f"{e.name}: passed", c.passed, e.passed)
         yield from same(f"{e.name}: unit", c.unit, e.unit)
+        yield from same(f"{e.name}: file", c.file, e.file)
         yield from near(f"{e.name}: limit", c.limit, e.limit, DIGITS, DIGITS)
         room = AGREE * abs(e.limit) if math.isfinite(e.limit) and e.limit else 1e-9
         yield from near(f"{e.name}: value", c.value, e.value, AGREE, room)
@@ -306,9 +312,9 @@ def _warnings(t: Told) -> Iterable[str]:
 
 
 _PARTS: dict[str, Callable[[Told], Iterable[str]]] = {
-    "verdict": _verdict,
+    Promise.VERDICT: _verdict,
     "inputs": _inputs,
-    "outputs": _outputs,
+    Promise.OUTPUTS: _outputs,
     "options": _options,
     "toolpath": _toolpath,
     "tools": _tools,
@@ -319,7 +325,7 @@ _PARTS: dict[str, Callable[[Told], Iterable[str]]] = {
     "objective": objective,
     "front": front,
     "compensation": compensation,
-    "verification": _verification,
+    Promise.VERIFICATION: _verification,
     "programs": programs,
     "warnings": _warnings,
 }

@@ -25,7 +25,7 @@ from machopt.model.posture import posture_of
 from machopt.model.robot import load_robot
 from machopt.recheck.posts import carried_part, external_axes, standing_part
 from machopt.recheck.zonelaw import zone_check
-from machopt.verify.check import Check
+from machopt.verify.check import Check, of_file
 
 
 @dataclass(frozen=True)
@@ -97,8 +97,9 @@ class Rewritten:
                 wrong.append(f"{file}, line {off.line}: {off.found[:70]!r} where the post writes {off.expected[:70]!r}")
         return [
             *checks,
-            Check(
-                f"{name}: wording",
+            of_file(
+                name,
+                "wording",
                 not wrong,
                 float(len(wrong)),
                 0.0,
@@ -156,7 +157,7 @@ class Rewritten:
 
 
 def failed_check(file: str, what: str, text: str) -> Check:
-    return Check(f"{file}: {what}", False, float("nan"), 0.0, "", text)
+    return of_file(file, what, False, float("nan"), 0.0, "", text)
 
 
 def _said_columns(parsed: ParsedProgram) -> dict[str, Sequence[object]]:

@@ -14,7 +14,7 @@ from machopt.domain.manifest import Covered
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.verify import Check
-from machopt.verify.output import SWITCHED_OFF
+from machopt.verify.check import Promise
 from machopt.verify.ride import AXIS_DEG, PATH_MM
 
 _NAMED = 3  # pairs that may touch are named in the verdict; all stand in the report
@@ -102,7 +102,7 @@ def done(not_cut: int, not_reached: int) -> str:
 
 def not_run(checks: Iterable[Check]) -> tuple[str, ...]:
     """Checks that had to be left out, in the same words; what the options switch off is worded by :func:`unchecked`."""
-    return tuple(f"{c.name} NOT checked" for c in checks if c.passed is None and c.name != SWITCHED_OFF)
+    return tuple(f"{c.name} NOT checked" for c in checks if c.passed is None and c.promise != Promise.CONTACTS)
 
 
 def _has_bodies(cell: Cell) -> bool:

@@ -25,7 +25,8 @@ from machopt.formats.toolchoice import stints_of
 from machopt.output.manifest import listed
 from machopt.verify import Verification
 from machopt.verify.along import softest
-from machopt.verify.changes import CHANGES, slices
+from machopt.verify.changes import slices
+from machopt.verify.check import Promise
 from machopt.verify.output import read_tables
 from machopt.verify.springs import UnknownTermError
 from machopt.verify.table import Table, read_table
@@ -65,7 +66,7 @@ class Told:
         """
         stints = stints_of(self.cell, self.toolpath)
         unknown = (math.nan,) * len(stints)
-        lacks = self.contents is None or any(c.name == CHANGES for c in self.contents.failed)
+        lacks = self.contents is None or any(c.promise == Promise.CHANGES for c in self.contents.failed)
         if lacks or not Points.read(self).ok.all():
             return unknown
         tables = read_tables(stints[0].cell, self.folder)

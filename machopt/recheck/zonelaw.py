@@ -12,7 +12,7 @@ from machopt.domain.program import LIN, Controller, RobotProgram
 from machopt.formats.posts.feedmodel import acceleration
 from machopt.formats.posts.rounding import HALF, LEAST, SHORTEST, STRAIGHT, Rounding
 from machopt.formats.programs import ParsedProgram
-from machopt.verify.check import Check
+from machopt.verify.check import Check, of_file
 
 STEP = 1.7  # between two preferred numbers: coordinates are printed, so a zone may fall to its neighbour
 BEYOND = 1.2  # of the tolerance, for the same reason
@@ -53,8 +53,9 @@ def zone_check(
         bad = _distances(parsed, program, law if zones else stops, own)
     named = [f"move {k + 1}, line {int(parsed.line[k])}: {text}" for k, text in bad]
     return [
-        Check(
-            f"{file}: zones",
+        of_file(
+            file,
+            "zones",
             not bad,
             float(len(bad)),
             0.0,

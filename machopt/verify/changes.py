@@ -15,12 +15,10 @@ import numpy as np
 
 from machopt.domain.options import PlanOptions
 from machopt.domain.stint import Stint
-from machopt.verify.check import Check, Verification, counted
+from machopt.verify.check import Check, Promise, Verification, counted
 from machopt.verify.limits import HOME_DEG, check_limits
 from machopt.verify.output import Tables, read_tables, verify_output, with_one_tool
 from machopt.verify.table import Motion, Points, Shift
-
-CHANGES = "tool changes"
 
 
 def verify_stints(
@@ -45,7 +43,7 @@ def verify_stints(
     motion = tables.motion
     checks = check_limits(motion, cell, options, (stints[0].begin, stints[-1].end))
     wrong = _changes(motion, stints) + _rows_of_points(tables.points, stints)
-    checks.append(counted(CHANGES, wrong, "places"))
+    checks.append(counted(Promise.CHANGES, wrong, "places"))
     if not wrong:
         parts = slices(tables, stints)
         found = [with_one_tool(s.cell, s.toolpath, part, s.of(options)) for s, part in zip(stints, parts, strict=True)]

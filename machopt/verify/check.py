@@ -1,25 +1,74 @@
-"""What a verification says: one row a promise, kept, broken or not looked at."""
+"""What a verification says: one row a promise, kept, broken or not looked at.
+
+A row's name is for readers. Code that asks for one asks by its promise, which :class:`Promise` writes down once.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 
 from machopt.arrays import Array
 
 
+class Promise(StrEnum):
+    """What is asked for by those who read checks; all other promises are only listed."""
+
+    MANIFEST = "manifest.json"
+    FILES = "files as listed"
+    INPUTS = "made from these inputs"
+    READABLE = "can be read"
+    TABLES = "tables"
+    PROGRAMS = "robot programs"
+    PARQUET = "Parquet tables"
+    OPTIONS = "options"
+    READING = "reading options"
+    CHANGES = "tool changes"
+    CONTACTS = "collisions"  # the row that says that contacts and clearances were not looked at
+    VELOCITY = "joint velocity"
+    ACCELERATION = "joint acceleration"
+    JERK = "joint jerk"
+    FEED = "feed"
+    # of result.json
+    VERDICT = "verdict"
+    OUTPUTS = "outputs"
+    VERIFICATION = "verification"
+    # of a robot program
+    MOVES = "moves read"
+    COMPARED = "compared with motion and CAM file"
+    CAM_POINTS = "CAM points"
+    CAM_FEED = "CAM feed"
+    ORIENTATIONS = "orientation at targets"
+    JOINTS = "joints at targets"
+    LINES = "lines along the motion"
+    LINES_AXIS = "tool axis along lines"
+    LINES_TURN = "orientation along lines"
+    CONFIGURATION = "configuration"
+    EVENTS = "events"
+
+
 @dataclass(frozen=True)
 class Check:
     """One promise and whether it is kept."""
 
-    name: str
+    name: str  # for readers; of a promise about one file, that one first
     passed: bool | None  # None: it could not be run, ``where`` says why
     value: float  # NaN where there was nothing to measure
     limit: float
     unit: str
     where: str  # sample, time and point of the worst value, or why nothing was measured
+    file: str = ""  # of the folder, where the promise is about one
+    what: str = ""  # the promise about it
+    because: str = ""  # another file of the folder, that could not be read for this
+    instead: bool = False  # ``where`` says what was found and what follows: value and limit add nothing
+
+    @property
+    def promise(self) -> str:
+        """What was promised, without the file that it is about: equal to a :class:`Promise` where that is one."""
+        return self.what or self.name
 
 
 @dataclass(frozen=True)
@@ -50,6 +99,13 @@ def worst(name: str, unit: str, values: Array, limit: float, where: Sequence[str
     n = int(np.argmax(np.where(np.isnan(values), np.inf, values)))
     told = where(n) if callable(where) else where[n]
     return Check(name, bool(values[n] <= limit), float(values[n]), limit, unit, told)
+
+
+def of_file(
+    file: str, what: str, passed: bool | None, value: float, limit: float, unit: str, where: str, *, of: str = ": "
+) -> Check:
+    """A promise about one file of the folder; ``of`` stands between both in its name."""
+    return Check(f"{file}{of}{what}", passed, value, limit, unit, where, file=file, what=what)
 
 
 def not_run(name: str, why: str, unit: str = "") -> Check:

@@ -8,7 +8,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
-from machopt.verify.check import Check, worst
+from machopt.verify.check import Check, Promise, worst
 from machopt.verify.reference import SAME
 from machopt.verify.ride import Ride
 from machopt.verify.table import Motion
@@ -50,4 +50,4 @@ def _speed(motion: Motion, toolpath: Toolpath, ride: Ride, speed: Array, options
     sinks = np.einsum("ij,ij->i", x[rows] - x[rows - 1], shank[rows]) < 0
     lift = np.where(sinks, np.minimum(options.approach_feed, after), options.approach_feed)
     most = np.where(ride.fed[rows], most, lift)
-    return worst("feed", "of the programmed feed", speed[rows] / most, FEED, lambda n: motion.at(rows[n]))
+    return worst(Promise.FEED, "of the programmed feed", speed[rows] / most, FEED, lambda n: motion.at(rows[n]))

@@ -7,7 +7,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
-from machopt.verify.check import Check, worst
+from machopt.verify.check import Check, Promise, worst
 from machopt.verify.table import Motion
 
 VELOCITY, ACCELERATION, JERK = 1.01, 1.03, 1.10  # differences over the limits: rounding grows with the order
@@ -54,16 +54,16 @@ def _limits(motion: Motion, cell: Cell) -> list[Check]:
     out = [Check("joint positions", bool(beyond[n, j] <= 1e-8), far, 0.0, unit, where)]
     x = np.vstack([np.repeat(q[:1], 3, axis=0), q, np.repeat(q[-1:], 3, axis=0)])
     orders = (
-        ("velocity", limits.velocity, VELOCITY),
-        ("acceleration", limits.acceleration, ACCELERATION),
-        ("jerk", limits.jerk, JERK),
+        (Promise.VELOCITY, limits.velocity, VELOCITY),
+        (Promise.ACCELERATION, limits.acceleration, ACCELERATION),
+        (Promise.JERK, limits.jerk, JERK),
     )
     for name, limit, most in orders:
         x = np.diff(x, axis=0) / motion.cycle
         ratio = np.abs(x) / limit
         n, j = np.unravel_index(np.argmax(ratio), ratio.shape)
         where = f"{_axis(int(j))}, {motion.at(int(np.clip(n - 2, 0, len(q) - 1)))}"
-        out.append(Check(f"joint {name}", bool(ratio[n, j] <= most), float(ratio[n, j]), most, "of the limit", where))
+        out.append(Check(name, bool(ratio[n, j] <= most), float(ratio[n, j]), most, "of the limit", where))
     return out
 
 

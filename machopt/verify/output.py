@@ -14,7 +14,7 @@ from machopt.errors import InputError
 from machopt.verify.arm import Arm
 from machopt.verify.asked import check_asked
 from machopt.verify.bodies import Body, all_bodies, pairs
-from machopt.verify.check import Check, Verification, not_run, worst
+from machopt.verify.check import Check, Promise, Verification, not_run, of_file, worst
 from machopt.verify.clearance import TOLERANCE, check_clearances, may_cut
 from machopt.verify.contact import Scene, contacts
 from machopt.verify.encoder import outside, true_angles, unchecked
@@ -31,7 +31,6 @@ from machopt.verify.ride import ride
 from machopt.verify.shift import Found, compare_shift, corners
 from machopt.verify.table import Motion, Points, Shift, read_motion, read_points, read_shift
 
-SWITCHED_OFF = "collisions"  # the row that says that contacts and clearances were not looked at
 OFF = "collision checks are switched off (collision: false)"
 
 
@@ -59,7 +58,7 @@ def read_tables(cell: Cell, out: Path, motion: Motion | None = None) -> Tables |
     except InputError as error:
         name = Path(str(error.file)).name if error.file is not None else "tables"
         place = f"{error.where}: " if error.where else ""
-        check = Check(f"{name} can be read", False, np.nan, np.nan, "", f"{place}{error.reason}")
+        check = of_file(name, Promise.READABLE, False, np.nan, np.nan, "", f"{place}{error.reason}", of=" ")
         return Verification((check,), 0, 0.0)
 
 
@@ -110,7 +109,8 @@ def with_one_tool(cell: Cell, toolpath: Toolpath, tables: Tables, options: PlanO
     wanted = pairs(cell, arm, bodies)
     table = PointsCheck(cell, toolpath, points, arm, np.nan_to_num(stood.q), options)
     kept = pairs(cell, arm, bodies, options.clearance)  # that a plan can be asked to keep apart by so much
-    checks += [*table.all(motion, on), *_clearance(table, stood, bodies, kept, options)]
+    of_points = [*table.all(motion, on), *_clearance(table, stood, bodies, kept, options)]
+    checks += [replace(c, file="points.csv") for c in of_points]
     checks += check_asked(cell, toolpath, points, np.flatnonzero(table.live), options, motion)
     checks += [*outside(cell.kinematics, motion.q), *unchecked(cell.kinematics)]
     if shift is not None:
@@ -124,7 +124,7 @@ def with_one_tool(cell: Cell, toolpath: Toolpath, tables: Tables, options: PlanO
             *level(stands, toolpath, on, cell, (index, position)),
         ]
     else:
-        checks.append(not_run(SWITCHED_OFF, OFF))
+        checks.append(not_run(Promise.CONTACTS, OFF))
     return checks
 
 
@@ -163,4 +163,4 @@ def _clearance(
 def _shift_check(found: Found) -> Check:
     if found.not_run:
         return not_run(found.name, found.not_run, found.unit)
-    return worst(found.name, found.unit, found.values, found.limit, found.where)
+    return replace(worst(found.name, found.unit, found.values, found.limit, found.where), file=found.file)

@@ -24,6 +24,7 @@ deg, six joints) makes of the column.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,10 +122,9 @@ class PointsCheck:
                 else f"{at}: none, {follows}"
             )
 
-        if not share:
-            return worst(f"points.csv {name}", unit, off, limit, told_and_wanted)
-        parts = off / (limit + share * np.abs(wanted))
-        return worst(f"points.csv {name}", f"of {limit:g} {unit} and {share:g} of it", parts, 1.0, told_and_wanted)
+        if share:
+            off, unit, limit = off / (limit + share * np.abs(wanted)), f"of {limit:g} {unit} and {share:g} of it", 1.0
+        return replace(worst(f"points.csv {name}", unit, off, limit, told_and_wanted), instead=True)
 
     def _complete(self) -> Check:
         have, n = self.points.point, len(self.toolpath)

@@ -19,7 +19,7 @@ from machopt.arrays import Array
 from machopt.domain.program import LIN
 from machopt.domain.readprogram import ReadProgram
 from machopt.domain.toolpath import Move
-from machopt.verify.check import Check
+from machopt.verify.check import Check, Promise, of_file
 from machopt.verify.inorder import targets_in_order
 from machopt.verify.points import JOINT_DEG
 from machopt.verify.ride import AXIS_DEG, PATH_MM
@@ -76,12 +76,10 @@ def along_motion(said: ReadProgram, motion: Motion, tcp: Array, allowed: Allowed
             max(AXIS_DEG, np.degrees(allowed.axis_corner)) + np.degrees(said.joint_step),
             where,
         ),
-        _worst(
-            said, "orientation at targets", "deg", np.degrees(turn), np.degrees(allowed.turn + said.joint_step), where
-        ),
+        _worst(said, Promise.ORIENTATIONS, "deg", np.degrees(turn), np.degrees(allowed.turn + said.joint_step), where),
     ]
     for rows, what, most in (
-        (np.isfinite(joints) & ~linear, "joints at targets", JOINT_DEG),
+        (np.isfinite(joints) & ~linear, Promise.JOINTS, JOINT_DEG),
         (np.isfinite(joints) & linear, "joints on lines", BRANCH * float(np.degrees(allowed.turn))),
     ):
         if rows.any():
@@ -106,7 +104,7 @@ def along_motion(said: ReadProgram, motion: Motion, tcp: Array, allowed: Allowed
 def _worst(said: ReadProgram, what: str, unit: str, values: Array, limit: float, where: Sequence[str]) -> Check:
     """The greatest of ``values``; a NaN is worse than all."""
     n = int(np.argmax(np.where(np.isnan(values), np.inf, values)))
-    return Check(f"{said.file}: {what}", bool(values[n] <= limit), float(values[n]), float(limit), unit, where[n])
+    return of_file(said.file, what, bool(values[n] <= limit), float(values[n]), float(limit), unit, where[n])
 
 
 def _matched(
@@ -178,7 +176,7 @@ def _external(
     missing = np.flatnonzero(~np.isfinite(said.external).all(axis=1))
     if len(missing):
         text = f"{where[int(missing[0])]} does not say where the external axes stand"
-        return Check(f"{said.file}: external axes at targets", False, np.nan, EXTERNAL, "mm or deg", text)
+        return of_file(said.file, "external axes at targets", False, np.nan, EXTERNAL, "mm or deg", text)
     return _worst(said, "external axes at targets", "mm or deg", np.nan_to_num(off), EXTERNAL, where)
 
 
@@ -229,7 +227,7 @@ def _whole(said: ReadProgram, motion: Motion, at: Array) -> Check:
     """The program begins where the motion does and leaves nothing of its end."""
     known = np.flatnonzero(np.isfinite(at))
     if not len(known):
-        return Check(f"{said.file}: whole motion", False, float(len(at)), 0.0, "targets off", "no target is on it")
+        return of_file(said.file, "whole motion", False, float(len(at)), 0.0, "targets off", "no target is on it")
     last = len(motion.time) - 1
     driven = np.hstack([motion.q, motion.external])
     moved = np.abs(driven - driven[-1]).max(axis=1) > NEAR_JOINT
@@ -237,8 +235,9 @@ def _whole(said: ReadProgram, motion: Motion, at: Array) -> Check:
     start = np.abs(motion.q[: int(at[known[0]]) + 1] - motion.q[0]).max() if at[known[0]] > 0 else 0.0
     left = [f"it ends at sample {at[known[-1]]:.0f} of {last}"] if at[known[-1]] < end - 1 else []
     left += [f"it begins at sample {at[known[0]]:.0f}"] if start > NEAR_JOINT else []
-    return Check(
-        f"{said.file}: whole motion",
+    return of_file(
+        said.file,
+        "whole motion",
         not left,
         float(len(left)),
         0.0,
@@ -275,9 +274,9 @@ def _lines(said: ReadProgram, motion: Motion, tcp: Array, at: Array, allowed: Al
         ways = [f"on the way to {where[k]}" for k in move[linear]]
         for column, (what, unit, limit, scale) in enumerate(
             (
-                ("lines along the motion", "mm", allowed.position + said.place_step, 1e3),
-                ("tool axis along lines", "deg", allowed.axis + said.joint_step, 180.0 / np.pi),
-                ("orientation along lines", "deg", allowed.turn + said.joint_step, 180.0 / np.pi),
+                (Promise.LINES, "mm", allowed.position + said.place_step, 1e3),
+                (Promise.LINES_AXIS, "deg", allowed.axis + said.joint_step, 180.0 / np.pi),
+                (Promise.LINES_TURN, "deg", allowed.turn + said.joint_step, 180.0 / np.pi),
             )
         ):
             checks.append(_worst(said, what, unit, scale * off[:, column], scale * limit, ways))
@@ -385,15 +384,16 @@ def _kinds(
         for m in np.flatnonzero(astray | called).tolist()
     ]
     text = "; ".join(wrong[:3]) or "all agree"
-    return Check(f"{said.file}: kinds of moves", not wrong, float(len(wrong)), 0.0, "moves", text)
+    return of_file(said.file, "kinds of moves", not wrong, float(len(wrong)), 0.0, "moves", text)
 
 
 def _timed(said: ReadProgram, motion: Motion, at: Array, where: list[str]) -> Check:
     """Streamed targets: one a control sample, each at its own time."""
     n = len(motion.time)
     if len(said) != n:
-        return Check(
-            f"{said.file}: one target a sample",
+        return of_file(
+            said.file,
+            "one target a sample",
             False,
             float(len(said)),
             float(n),

@@ -16,7 +16,7 @@ from machopt.arrays import Array
 from machopt.domain.program import LIN
 from machopt.domain.readprogram import ReadProgram
 from machopt.domain.toolpath import Toolpath
-from machopt.verify.check import Check
+from machopt.verify.check import Check, Promise, of_file
 from machopt.verify.inorder import lines_in_order
 from machopt.verify.ride import AXIS_DEG, PATH_MM
 
@@ -62,14 +62,15 @@ def against_cam(said: ReadProgram, cuts: Cuts, at_index: Array) -> list[Check]:
         if len(missing)
         else ("all reached in order")
     )
-    checks = [Check(f"{said.file}: CAM points", not len(missing), 1e3 * worst, 1e3 * limit, "mm", text)]
+    checks = [of_file(said.file, Promise.CAM_POINTS, not len(missing), 1e3 * worst, 1e3 * limit, "mm", text)]
     there = points[reached[points] >= 0]
     if len(there):
         tilted = int(there[np.argmax(tilt[there])])
         most = float(max(AXIS_DEG, np.degrees(cuts.corner / 1e-1))) + float(np.degrees(said.joint_step))
         checks.append(
-            Check(
-                f"{said.file}: CAM tool axis",
+            of_file(
+                said.file,
+                "CAM tool axis",
                 bool(np.degrees(tilt[tilted]) <= most),
                 float(np.degrees(tilt[tilted])),
                 most,
@@ -145,16 +146,18 @@ def _cut_moves(said: ReadProgram, place: Array, cuts: Cuts, reached: NDArray[np.
             double += [name(n)] if twice > _repeats(path, int(k[n]) - 1) else []
     return [
         _listed(said, "cuts are linear", joint, "cuts"),
-        Check(
-            f"{said.file}: CAM feed",
+        of_file(
+            said.file,
+            Promise.CAM_FEED,
             not fast,
             6e4 * worst_feed,
             6e4 * said.feed_step,
             "mm/min",
             "; ".join(fast[:MOST_NAMED]) or "all as in the file",
         ),
-        Check(
-            f"{said.file}: on the CAM lines",
+        of_file(
+            said.file,
+            "on the CAM lines",
             not off_line,
             1e3 * worst_line,
             1e3 * limit,
@@ -176,9 +179,7 @@ def _first_moves(
 
 
 def _listed(said: ReadProgram, what: str, wrong: list[str], unit: str) -> Check:
-    return Check(
-        f"{said.file}: {what}", not wrong, float(len(wrong)), 0.0, unit, "; ".join(wrong[:MOST_NAMED]) or "all"
-    )
+    return of_file(said.file, what, not wrong, float(len(wrong)), 0.0, unit, "; ".join(wrong[:MOST_NAMED]) or "all")
 
 
 def _repeats(path: Toolpath, k: int) -> int:
@@ -220,9 +221,10 @@ def _from_polyline(points: Array, corners: Array) -> Array:
 def _events(said: ReadProgram, cuts: Cuts, reached: NDArray[np.int64], at_index: Array) -> list[Check]:
     """The file's events, all and in order, each between the moves it belongs between."""
     events = cuts.toolpath.events
-    name = f"{said.file}: events"
     if len(said.events) != len(events):
-        return [Check(name, False, float(len(said.events)), float(len(events)), "events", _first_missing(said, cuts))]
+        missing = _first_missing(said, cuts)
+        have, need = float(len(said.events)), float(len(events))
+        return [of_file(said.file, Promise.EVENTS, False, have, need, "events", missing)]
     wrong: list[str] = []
     points = np.flatnonzero(cuts.wanted & (reached >= 0))
     finite = np.flatnonzero(np.isfinite(at_index))
@@ -257,7 +259,8 @@ def _events(said: ReadProgram, cuts: Cuts, reached: NDArray[np.int64], at_index:
             late |= settled and gone
         if early or late:
             wrong.append(f"{event.text[:30]!r} stands too {'early' if early else 'late'}: before move {read.index + 1}")
-    return [Check(name, not wrong, float(len(wrong)), 0.0, "events", "; ".join(wrong[:MOST_NAMED]) or "all in place")]
+    text = "; ".join(wrong[:MOST_NAMED]) or "all in place"
+    return [of_file(said.file, Promise.EVENTS, not wrong, float(len(wrong)), 0.0, "events", text)]
 
 
 def _beside(cuts: Cuts, index: int, way: float) -> float:

@@ -39,6 +39,7 @@ class Found:
     values: Array  # (n,)
     where: tuple[str, ...]  # (n,)
     not_run: str = ""
+    file: str = ""  # where it is about one other than the trajectory
 
 
 def corners(toolpath: Toolpath, shift: Shift) -> tuple[Array, Array]:
@@ -109,11 +110,12 @@ def _same(toolpath: Toolpath, points: Points, shift: Shift, row_of: dict[int, in
     name = "points.csv and compensation.csv"
     lacking = sorted(set(range(len(toolpath))) - set(row_of))
     if lacking or points.shift is None:
-        return Found(name, "mm", SAME_MM, np.array([np.inf]), (f"compensation.csv lacks point {lacking[:1]}",))
+        told = (f"compensation.csv lacks point {lacking[:1]}",)
+        return Found(name, "mm", SAME_MM, np.array([np.inf]), told, file="compensation.csv")
     known = [n for n, k in enumerate(points.point.tolist()) if k in row_of]
     at = [row_of[int(points.point[n])] for n in known]
     apart = 1e3 * np.linalg.norm(points.shift[known] - shift.offset[at], axis=1)
-    return Found(name, "mm", SAME_MM, apart, tuple(f"point {points.point[n]}" for n in known))
+    return Found(name, "mm", SAME_MM, apart, tuple(f"point {points.point[n]}" for n in known), file="points.csv")
 
 
 def _joints(motion: Motion, points: Points, shift: Shift, rows: NDArray[np.int64]) -> dict[int, Array]:

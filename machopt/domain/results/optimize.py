@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Self
+
 from machopt.domain.results.base import Count, First, Flag, Hashes, Known, Number, Numbers, Part, Settings, Text
 
 
@@ -205,6 +207,12 @@ class CheckTold(Part):
     limit: Known
     unit: Text
     where: Text
+    file: Text = ""  # of the folder, where the promise is about one other than trajectory.csv
+
+    @classmethod
+    def from_fields(cls, found: object) -> Self:
+        """Without the keys by which code asks for a check."""
+        return cls(**{key: getattr(found, key) for key in cls.model_fields})
 
 
 class VerificationTold(Part):
