@@ -53,6 +53,22 @@ def test_meshes_agree_with_the_solids_they_are_made_of(tmp_path: Path) -> None:
     np.testing.assert_allclose(a.place[a.depth > 0], b.place[a.depth > 0], atol=1e-7)
 
 
+@pytest.mark.parametrize(
+    ("shape", "mesh"),
+    [
+        (Shape("bar", "cylinder", (0.08, 0.15), None, np.eye(4)), trimesh.creation.cylinder(0.08, 0.15, sections=256)),
+        (Shape("ball", "sphere", (0.1,), None, np.eye(4)), trimesh.creation.icosphere(5, 0.1)),
+    ],
+)
+def test_round_solids_are_what_their_facets_come_near(shape: Shape, mesh: trimesh.Trimesh, tmp_path: Path) -> None:
+    points, T = cutter_points(Cutter(0.01, 0.04)), poses(60, 1, 0.12)
+    round_, faceted = (deepest((s,), points, T, LIMIT) for s in (shape, exported(mesh, tmp_path)))
+    inside = round_.depth > 0.0
+    assert 10 < inside.sum() < 60
+    # a facet lies up to r (1 − cos(π/256)) = 6 µm below the bar, a triangle of the ball (edge² / 6r) 50 µm
+    np.testing.assert_allclose(np.maximum(round_.depth, 0.0), np.maximum(faceted.depth, 0.0), atol=5e-5)
+
+
 def test_a_part_with_a_pocket_agrees_with_trimesh(tmp_path: Path) -> None:
     """Rows that follow one another, so that what is remembered of the row before is used; an independent distance."""
     ring = trimesh.creation.annulus(r_min=0.03, r_max=0.08, height=0.05, sections=16)
