@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from test_effects import load_test
+from test_effects import load_test, posed
 
 from machopt.arrays import Array
 from machopt.diagnose import at_heat, at_sensor, engine
-from machopt.diagnose.problem import Catalogue, Family, Problem, Unknown
+from machopt.diagnose.problem import Catalogue
 from machopt.diagnose.readings import Readings
-from machopt.effects.protocol import COMPLIANCE
 
 
 def timed() -> tuple[Readings, Array, Array]:
@@ -24,38 +23,17 @@ def timed() -> tuple[Readings, Array, Array]:
     return replace(r, recording=recording, cycle=cycle, memo={}), time, zero
 
 
-def problem(r: Readings, drift: Array) -> Problem:
-    base = r.state.J * r.load_torque[:, None, :]
-    noise = np.random.default_rng(1).normal(size=drift.shape) * np.repeat([5e-6, 5e-6], 3)
-    rows = np.arange(1, len(r) + 1)
-    return Problem(
-        "deflection",
-        base @ r.compliance + drift + noise,
-        base,
-        tuple(Unknown(f"joint {j}", COMPLIANCE, 0.0, f"joint:{j}") for j in range(1, 7)),
-        (Family("translation", (0, 1, 2), "mm", 1e3), Family("rotation", (3, 4, 5), "mrad", 1e3)),
-        r.recording.pose,
-        r.visit,
-        r.cycle,
-        r.session,
-        np.tile(np.arange(48), 2),
-        rows,
-        rows,
-        time=r.recording.time,
-    )
-
-
 def test_a_stand_that_drifts_is_named_and_not_an_instrument() -> None:
     r, time, zero = timed()
     start = np.where(r.session == 0, 0.0, zero[r.session == 1].min())
     way = np.array([0.4, -0.2, 0.9, 0.0, 0.0, 0.0])
     drift = 2e-4 * (np.exp(-(zero - start) / 1500.0) - np.exp(-(time - start) / 1500.0))[:, None] * way
     tried = Catalogue((*at_heat.hypotheses(r), *at_sensor.hypotheses(r)))
-    found = engine.diagnose(problem(r, drift), tried, engine.Options(), np.random.default_rng(0))
+    found = engine.diagnose(posed(r, drift), tried, engine.Options(), np.random.default_rng(0))
     assert [(f.effect, f.location) for f in found.findings] == [("thermal_drift", "environment")]
     size = found.findings[0].parameters["drift"].value
     assert 0.8 < size / (1e3 * float(np.linalg.norm(drift, axis=1).max())) < 1.25
-    still = engine.diagnose(problem(r, 0.0 * drift), tried, engine.Options(), np.random.default_rng(0))
+    still = engine.diagnose(posed(r, 0.0 * drift), tried, engine.Options(), np.random.default_rng(0))
     assert not still.findings
 
 

@@ -383,6 +383,27 @@ def load_test() -> tuple[Readings, Stiffness]:
     return Readings(recording, robot, tool, masses, state, w, 6, True, c, session, visit, rows), cell.stiffness
 
 
+def posed(r: Readings, beyond: Array) -> Problem:
+    """The load test with its joints' springs, something beyond them (N, 6) m, rad, and noise of 5 µm and 5 µrad."""
+    base = r.state.J * r.load_torque[:, None, :]
+    rows = np.arange(1, len(r) + 1)
+    return Problem(
+        "deflection",
+        base @ r.compliance + beyond + 5e-6 * np.random.default_rng(1).normal(size=beyond.shape),
+        base,
+        tuple(Unknown(f"joint {j}", COMPLIANCE, 0.0, f"joint:{j}") for j in range(1, 7)),
+        (Family("translation", (0, 1, 2), "mm", 1e3), Family("rotation", (3, 4, 5), "mrad", 1e3)),
+        r.recording.pose,
+        r.visit,
+        r.cycle,
+        r.session,
+        np.tile(np.arange(48), 2),
+        rows,
+        rows,
+        time=r.recording.time,
+    )
+
+
 def test_what_a_cell_holds_explains_what_diagnose_fitted_whatever_the_gear_remembers() -> None:
     """Every law at a joint that load tests offer, in every memory: finding → file → the same displacement."""
     r, _ = load_test()
@@ -413,24 +434,7 @@ def test_one_file_and_one_line_add_an_effect(toy: Effect, tmp_path: Path) -> Non
     tried = deflection.catalogue(r, None)
     found = [h for h in tried.hypotheses if h.effect == toy.name]
     assert [h.location for h in found] == list(JOINTS)
-    base = r.state.J * r.load_torque[:, None, :]
-    truth = base @ r.compliance + 2e-6 * found[2].columns(found[2].shapes[1])[:, :, 0]
-    truth += np.random.default_rng(1).normal(size=truth.shape) * np.repeat([5e-6, 5e-6], 3)
-    rows = np.arange(1, len(r) + 1)
-    problem = Problem(
-        "deflection",
-        truth,
-        base,
-        tuple(Unknown(f"joint {j}", COMPLIANCE, 0.0, f"joint:{j}") for j in range(1, 7)),
-        (Family("translation", (0, 1, 2), "mm", 1e3), Family("rotation", (3, 4, 5), "mrad", 1e3)),
-        r.recording.pose,
-        r.visit,
-        r.cycle,
-        r.session,
-        np.tile(np.arange(48), 2),
-        rows,
-        rows,
-    )
+    problem = posed(r, 2e-6 * found[2].columns(found[2].shapes[1])[:, :, 0])
     catalogue = Catalogue(tuple(h for h in tried.hypotheses if h.effect in (toy.name, hysteresis.EFFECT.name)))
     d = engine.diagnose(problem, catalogue, engine.Options(), np.random.default_rng(0))
     assert [(f.effect, f.location) for f in d.findings] == [(toy.name, "joint:3")]
@@ -447,7 +451,7 @@ def test_one_file_and_one_line_add_an_effect(toy: Effect, tmp_path: Path) -> Non
     more = with_toy.respond(r.wrench) - without.respond(r.wrench)
     axis = np.tile([0.0, 0.0, 1.0], (len(r), 1))
     assert (with_toy.along(axis) >= without.along(axis)).all()  # what optimize and map weigh
-    again = engine.diagnose(replace(problem, y=truth - more), catalogue, engine.Options(), np.random.default_rng(0))
+    again = engine.diagnose(replace(problem, y=problem.y - more), catalogue, engine.Options(), np.random.default_rng(0))
     assert again.verdict == "consistent"
     assert {x.location for x in again.limits if x.effect == toy.name} == set(JOINTS)
     assert toy.name in vocabulary()

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_effects import load_test
+from test_effects import load_test, posed
 
 from machopt.arrays import Array
 from machopt.diagnose import at_body, deflection, engine
-from machopt.diagnose.problem import Catalogue, Family, Problem, Unknown
+from machopt.diagnose.problem import Catalogue
 from machopt.domain.stiffness import Stiffness, Term
 from machopt.effects import bodies, own, registry
 from machopt.effects.definite import nearest_definite
-from machopt.effects.protocol import COMPLIANCE, Body, BodyLaw, Effect, Parameter, Quantity
+from machopt.effects.protocol import Body, BodyLaw, Effect, Parameter, Quantity
 from machopt.effects.words import named
 from machopt.formats.cell import load_cell
 from machopt.formats.stiffness import load_stiffness, write_stiffness
@@ -199,24 +199,7 @@ def test_one_file_and_one_line_add_a_body(monkeypatch: pytest.MonkeyPatch, tmp_p
     found = [h for h in at_body.hypotheses(r) if h.effect == TOY.name]
     assert [h.location for h in found] == list(TOY.places)
     tried = [h for h in deflection.catalogue(r, None).hypotheses if h.effect in (TOY.name, "link_compliance")]
-    base = r.state.J * r.load_torque[:, None, :]
-    truth = base @ r.compliance + 2e-7 * found[1].columns(())[:, :, 0]
-    truth += np.random.default_rng(1).normal(size=truth.shape) * 5e-6
-    rows = np.arange(1, len(r) + 1)
-    problem = Problem(
-        "deflection",
-        truth,
-        base,
-        tuple(Unknown(f"joint {j}", COMPLIANCE, 0.0, f"joint:{j}") for j in range(1, 7)),
-        (Family("translation", (0, 1, 2), "mm", 1e3), Family("rotation", (3, 4, 5), "mrad", 1e3)),
-        r.recording.pose,
-        r.visit,
-        r.cycle,
-        r.session,
-        np.tile(np.arange(48), 2),
-        rows,
-        rows,
-    )
+    problem = posed(r, 2e-7 * found[1].columns(())[:, :, 0])
     d = engine.diagnose(problem, Catalogue(tuple(tried)), engine.Options(), np.random.default_rng(0))
     assert [(f.effect, f.location) for f in d.findings] == [(TOY.name, "link:3")]
     assert named(TOY.name, "link:3") == "rubber of link 3"
@@ -233,7 +216,7 @@ def test_one_file_and_one_line_add_a_body(monkeypatch: pytest.MonkeyPatch, tmp_p
     axis = np.tile([0.0, 0.0, 1.0], (len(r), 1))
     assert (with_toy.along(axis) >= without.along(axis)).all()  # what optimize and map weigh
     again = engine.diagnose(
-        replace(problem, y=truth - more), Catalogue(tuple(tried)), engine.Options(), np.random.default_rng(0)
+        replace(problem, y=problem.y - more), Catalogue(tuple(tried)), engine.Options(), np.random.default_rng(0)
     )
     assert again.verdict == "consistent"
     assert {x.location for x in again.limits if x.effect == TOY.name} == set(TOY.places)
