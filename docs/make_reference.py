@@ -18,7 +18,8 @@ from pydantic_core import PydanticUndefined
 
 from machopt.domain.options import PlanOptions
 from machopt.domain.results.schema import write_schemas
-from machopt.formats import cell_schema, joblist, kinematics, option_keys, options, recording, schema, stiffness
+from machopt.formats import cell_schema, joblist, kinematics, option_keys, options, schema, stiffness
+from machopt.formats.recording import keys as recording_keys
 
 PAGE = Path(__file__).with_name("reference.md")
 FILES: tuple[tuple[str, str, type[BaseModel]], ...] = (
@@ -52,7 +53,7 @@ FILES: tuple[tuple[str, str, type[BaseModel]], ...] = (
         "within 5 degrees and is not applied, without the key it is applied everywhere.",
         kinematics._KinematicsFile,
     ),
-    ("recording.yaml", "Beside the data files of a recording folder.", recording._RecordingFile),
+    ("recording.yaml", "Beside the data files of a recording folder.", recording_keys.RecordingFile),
     ("Batch list", "The YAML file of `machopt batch LIST`.", joblist.ListKeys),
 )
 HEAD = """# Every key of every file

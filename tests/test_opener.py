@@ -14,7 +14,7 @@ from machopt.formats import opener
 from machopt.formats.kinematics import load_kinematics
 from machopt.formats.options import load_options
 from machopt.formats.posts import load_post
-from machopt.formats.recording_table import Vocabulary, read_table
+from machopt.formats.recording.table import Vocabulary, read_table
 from machopt.formats.stiffness import load_stiffness
 from machopt.formats.toolpath import read_toolpath
 from machopt.formats.urdf import read_urdf

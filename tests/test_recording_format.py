@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from machopt.domain.recording import Recording, StandardUncertainty
 from machopt.errors import InputError
 from machopt.formats.recording import load_recording, load_recordings, write_recording
-from machopt.formats.recording_columns import CHANNELS
-from machopt.formats.recording_join import number_poses
+from machopt.formats.recording.columns import CHANNELS
+from machopt.formats.recording.join import number_poses
 
 YAML = """machopt_recording: 1
 kind: deflection

@@ -12,7 +12,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.domain.measured import MeasuredStiffness
 from machopt.errors import InputError
-from machopt.formats.recording_table import Vocabulary, read_table
+from machopt.formats.recording.table import Vocabulary, read_table
 
 _PLACE = ("x_mm", "y_mm", "z_mm")
 _JOINTS = tuple(f"q{i}_deg" for i in range(1, 7))

@@ -10,7 +10,8 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
-from machopt.formats import cell_schema, joblist, kinematics, option_keys, recording, stiffness
+from machopt.formats import cell_schema, joblist, kinematics, option_keys, stiffness
+from machopt.formats.recording import keys as recording_keys
 
 FOLDER = Path(__file__).with_name("schemas")
 FILES: dict[str, type[BaseModel]] = {
@@ -18,7 +19,7 @@ FILES: dict[str, type[BaseModel]] = {
     "plan.yaml": option_keys.OptionKeys,
     "stiffness.yaml": stiffness._StiffnessFile,
     "kinematics.yaml": kinematics._KinematicsFile,
-    "recording.yaml": recording._RecordingFile,
+    "recording.yaml": recording_keys.RecordingFile,
     "jobs.yaml": joblist.ListKeys,
 }
 """What a file is usually called → its model."""

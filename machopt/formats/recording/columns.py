@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.domain.recording import Kind
-from machopt.formats.recording_table import DataTable, Vocabulary
+from machopt.formats.recording.table import DataTable, Vocabulary
 
 LABELS = ("pose", "cycle", "session")
 TILTS = ("tilt_x_mrad", "tilt_y_mrad")  # of measured poses: an inclinometer on a link

@@ -11,8 +11,8 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.domain.recording import Kind
-from machopt.formats.recording_columns import Prismatic
-from machopt.formats.recording_table import DataTable
+from machopt.formats.recording.columns import Prismatic
+from machopt.formats.recording.table import DataTable
 from machopt.formats.yamlstrict import Document
 
 GAIN, RATIO, COUPLING = "motor_gain_Nm_per_A", "gear_ratio", "coupling_matrix"

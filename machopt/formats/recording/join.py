@@ -11,7 +11,7 @@ import numpy as np
 from machopt.arrays import Array, Ints
 from machopt.domain.recording import Kind, Recording, StandardUncertainty
 from machopt.errors import InputError
-from machopt.formats.recording_columns import CHANNELS
+from machopt.formats.recording.columns import CHANNELS
 
 SAME_Q = np.radians(0.02)  # readings without pose labels: encoders return to a pose within a few millidegrees
 SAME_LABEL = np.radians(0.05)  # files that mean the same pose by a label differ by less

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.domain.recording import Kind
-from machopt.formats.recording_columns import TILTS
-from machopt.formats.recording_table import DataTable
+from machopt.formats.recording.columns import TILTS
+from machopt.formats.recording.table import DataTable
 from machopt.formats.yamlstrict import Document, show
 
 KEY = "tilt_link"

@@ -9,8 +9,8 @@ import numpy as np
 
 from machopt.arrays import Ints
 from machopt.domain.recording import Kind, Recording, Target
-from machopt.formats.recording_columns import labels
-from machopt.formats.recording_table import DataTable
+from machopt.formats.recording.columns import labels
+from machopt.formats.recording.table import DataTable
 from machopt.formats.yamlstrict import Document, show
 
 KEY = "targets_mm"
