@@ -15,16 +15,20 @@ from hypothesis import strategies as st
 from test_external import OPTIONS, UP, K, apart, slots
 from test_path import Rows, toolpath
 
+from machopt.cli.toolpath_words import _external_lines
 from machopt.domain.options import ExternalAxis
+from machopt.domain.results.optimize import ExternalSearchBound
 from machopt.domain.toolpath import Move
 from machopt.plan.axes import axes_of
 from machopt.plan.caps import GAP
 from machopt.plan.groups import groups_of
+from machopt.plan.made import ExternalBound
 from machopt.plan.objective import objective
 from machopt.plan.overexternal import VALUES, Lattice, _values, lattice_of, over_external
 from machopt.plan.path import build_path
 from machopt.plan.pipeline import plan
 from machopt.plan.setup import Timings, prepare, standing
+from machopt.recheck.resultnumbers import _over_external
 
 EXACT = 1e-9  # of J: rounding
 
@@ -170,3 +174,20 @@ def test_a_plan_is_told_against_all_values_and_where_none_is_known_why(tmp_path:
     none = over_external(plan(cell, beyond, options), beyond, Timings())
     assert none is not None
     assert "gaps" in none.why
+
+
+@pytest.mark.parametrize(("bound", "plan", "gap"), [(0.9, 1.0, 0.1), (1.0, 1.0, 0.0), (1.1, 1.0, None)])
+def test_a_plan_below_the_bound_has_no_gap(bound: float, plan: float, gap: float | None) -> None:
+    """It stands between the values of the grid, of which alone the bound holds; and whoever reads it back knows."""
+    found = ExternalBound(bound=bound, sequence=1.2, plan=plan, values=13, stations=9, step=0.2)
+    assert found.gap == (gap if gap is None else pytest.approx(gap, abs=1e-12))
+    told = ExternalSearchBound(
+        why_none="", values=13, stations=9, rotation_step_deg=15.0, sequence=1.2, lower_bound=bound, plan=plan,
+        gap_percent=None if found.gap is None else 100.0 * found.gap,
+    )  # fmt: skip
+    assert list(_over_external(told)) == []
+    wrong = told.model_copy(update={"gap_percent": 100.0 * (1.0 - bound / plan) if gap is None else None})
+    assert "gap_percent" in " ".join(_over_external(wrong))
+    words = " ".join(_external_lines(told))
+    assert ("below all of them" in words) == (gap is None)
+    assert "gap -" not in words

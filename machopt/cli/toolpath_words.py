@@ -145,11 +145,13 @@ def _external_lines(e: ExternalSearchBound | None) -> list[str]:
         return []
     if e.why_none:
         return [f"    with the external joints as chosen; no bound over their values: {e.why_none}"]
-    gap = _nan(e.gap_percent)
+    gap = "between these values and below all of them, so no bound holds for it"
+    if e.gap_percent is not None:
+        gap = f"gap {e.gap_percent:.2f} %"
     return [
         f"    with the external joints as chosen; over {e.values} values of theirs and the plan's own, every "
         f"{_nan(e.rotation_step_deg):g}° at {e.stations} stations, no sequence is below {_nan(e.lower_bound):.4f}: the "
-        f"plan has {_nan(e.plan):.4f} there, {f'gap {gap:.2f} %' if gap >= 0 else 'less than all of them'}"
+        f"plan has {_nan(e.plan):.4f} there, {gap}"
     ]
 
 

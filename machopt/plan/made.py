@@ -48,9 +48,15 @@ class ExternalBound:
     step: float = np.nan  # rad, of rotation
 
     @property
-    def gap(self) -> float:
-        """Share of the plan's J that a sequence could save at most; negative where the plan is below all of them."""
-        return 1.0 - self.bound / self.plan if self.plan > 0 else 0.0
+    def gap(self) -> float | None:
+        """Share of the plan's J that a sequence over the grid could save at most.
+
+        None where the plan is below all of them: it stands between the values of the grid, and nothing is proven of
+        what else stands there.
+        """
+        if not self.plan > 0 or not self.bound <= self.plan:
+            return None
+        return 1.0 - self.bound / self.plan
 
 
 @dataclass(frozen=True)

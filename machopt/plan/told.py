@@ -87,7 +87,7 @@ def _external_told(the_plan: Plan) -> told.ExternalSearchBound | None:
         sequence=found.sequence,
         lower_bound=found.bound,
         plan=found.plan,
-        gap_percent=100.0 * found.gap if not found.why else None,
+        gap_percent=None if found.gap is None else 100.0 * found.gap,
     )
 
 

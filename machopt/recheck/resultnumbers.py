@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from machopt.domain.results.optimize import ChoiceObjective, MeanGain, ObjectiveParts
+from machopt.domain.results.optimize import ChoiceObjective, ExternalSearchBound, MeanGain, ObjectiveParts
 from machopt.recheck.told import DIGITS, Points, Told, known, near, same, short
 from machopt.verify.table import read_columns
 
@@ -61,6 +61,7 @@ def objective(t: Told) -> Iterable[str]:
         yield from near("objective.search.gap_percent", search.gap_percent, gap, DIGITS, DIGITS)
         if not 0.0 <= search.lower_bound <= search.sequence * (1 + DIGITS):
             yield "objective.search.lower_bound is not between nothing and the sequence"
+        yield from _over_external(search.external)
         grid, total = known("grid.total", parts.grid.total), known("chosen.total", parts.chosen.total)
         beyond = 100.0 * (1.0 - total / grid) if grid > 0 else 0.0
         yield from near("objective.search.beyond_grid_percent", search.beyond_grid_percent, beyond, DIGITS, 1e-7)
@@ -76,6 +77,23 @@ def objective(t: Told) -> Iterable[str]:
     for gain in parts.gain:
         yield from _gain(gain, own, parts.cam_default if gain.over == "cam default" else parts.jiao2022)
     yield from same("objective.gain", [g.over for g in parts.gain], ["cam default", "jiao2022"])
+
+
+def _over_external(e: ExternalSearchBound | None) -> Iterable[str]:
+    """A gap over the values of external joints is stated where the plan is not below the bound, and nowhere else."""
+    if e is None or e.lower_bound is None or e.plan is None:
+        return
+    where = "objective.search.external"
+    if e.lower_bound <= e.plan:
+        gap = 100.0 * (1.0 - e.lower_bound / e.plan) if e.plan > 0 else None
+        if gap is None or e.gap_percent is None:
+            yield from same(f"{where}.gap_percent", e.gap_percent, gap)
+        else:
+            yield from near(f"{where}.gap_percent", e.gap_percent, gap, DIGITS, DIGITS)
+    else:
+        yield from same(f"{where}.gap_percent", e.gap_percent, None)
+    if e.sequence is not None and e.lower_bound > e.sequence * (1 + DIGITS):
+        yield f"{where}.lower_bound is above the sequence"
 
 
 def _crowding(t: Told, told: float) -> Iterable[str]:

@@ -50,7 +50,8 @@ class ExternalSearchBound(Part):
     """How good the plan is at least when the values of the external joints are free too.
 
     Over all sequences of a grid of values (and the plan's own), rotations and branches at some stations; ``plan`` is
-    the plan's J there. The figures are null where there is no bound, and ``why_none`` says why.
+    the plan's J there. The figures are null where there is no bound, and ``why_none`` says why. ``gap_percent`` is
+    null where ``plan`` is below ``lower_bound``, too: the plan stands between the values, where the bound says nothing.
     """
 
     why_none: Text

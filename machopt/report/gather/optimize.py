@@ -226,7 +226,9 @@ def _over_external(plan: Plan) -> str:
     if found.why:
         return f"no bound over external joints: {found.why}"
     over = f"{found.values} values of the external joints, too"
-    return f"gap {100 * found.gap:.2f} % over {over}" if found.gap >= 0.0 else f"less than any over {over}"
+    if found.gap is None:
+        return f"between these less than any over {over}; no bound over what lies between"
+    return f"gap {100 * found.gap:.2f} % over {over}"
 
 
 def _shift(plan: Plan, toolpath: Toolpath) -> page.Shift | None:
