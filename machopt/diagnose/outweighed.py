@@ -39,14 +39,17 @@ def withheld(state: State, rng: np.random.Generator) -> State:
             continue
         without = state.fitted([o for o in chosen if o is not c]).heldout()
         taken = _power(state, without) - _power(state, whole)
-        if left > calibrated.PROOF.outweighs * taken:
+        # a frame leaves nothing of itself: what is left is something else, and has to be clearly more
+        most = calibrated.PROOF.outweighs_exact if c.tried.hypothesis.exact else calibrated.PROOF.outweighs
+        if left > most * taken:
             out[k] = _nameless(c)
     return replace(state, chosen=tuple(out))
 
 
 def _judged(c: Chosen) -> bool:
-    """A clock or a lag is what it is, however much else is there."""
-    return c.tried.hypothesis.named and not c.tried.hypothesis.exact
+    """A clock or a lag is what it is, however much else is there; a frame takes in whatever moves with its joint."""
+    h = c.tried.hypothesis
+    return h.named and (not h.exact or h.family == "kinematic")
 
 
 def _crowded(state: State) -> bool:

@@ -71,6 +71,7 @@ class Proof:
         "of the error power that a law takes: where more than that comes back beside it, it is not named",
         LOAD_TESTS,
     )
+    outweighs_exact: float = _set(1.5, "the same of a frame, which leaves nothing of itself", LOAD_TESTS)
     surely_better: float = _set(
         0.05,
         "chance that unseen groups are predicted better by accident, from which what was found is withdrawn",
