@@ -58,8 +58,8 @@ def program(place: Array, kind: list[int], events: tuple[Event, ...], place_step
 
 def driven(point: Array, move: Array) -> Motion:
     n = len(point)
-    zeros = np.zeros((n, 6))
-    return Motion(0.012 * np.arange(n), point, move, zeros, zeros[:, :0], ("a",) * n, np.zeros(n), np.full(n, 0.05))
+    q = np.repeat(0.01 * np.arange(n)[:, None], 6, axis=1)
+    return Motion(0.012 * np.arange(n), point, move, q, q[:, :0], ("a",) * n, np.zeros(n), np.full(n, 0.05))
 
 
 def cuts(toolpath: Toolpath) -> Cuts:
@@ -117,4 +117,19 @@ def test_where_the_tool_comes_to_rest_samples_within_the_printed_decimals_tell_n
         at, linear = np.array([0.0, 1.2, 5.0]), np.array([True, True, False])
         motion = driven(np.array([0, 1, 1, 1, 1.5, 2.0]), move.astype(np.int64))
         check = _kinds(said, motion, p, at, linear, ["1", "2", "3"], 2e-5)
+        assert ("joint move" not in check.where) is passed, check.where
+
+
+def test_where_the_tool_stands_a_joint_move_to_or_from_there_is_none_on_the_path() -> None:
+    """One point that is cut to: the joint target's own decimals are 2 µm from where the tool stands for two samples."""
+    p = 1e-3 * np.array([[0, 0, 90.0], [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 90.0]])
+    move = np.array([Move.RAPID, Move.RAPID, Move.CUT, Move.CUT, Move.RAPID])
+    place = np.array([[0, 0, 90], [0, 0, 2e-3], [0, 0, 2e-3], [0, 0, 90.0]])
+    said = program(place, [PTP, PTP, LIN, PTP], ())
+    at, linear = np.array([0.0, 1.0, 1.0, 4.0]), np.array([False, False, True, False])
+    moving = driven(np.array([-1, 0, 0, 0, -1.0]), move.astype(np.int64))
+    q = moving.q.copy()
+    q[1:4] = q[1]
+    for motion, passed in ((replace(moving, q=q), True), (moving, False)):
+        check = _kinds(said, motion, p, at, linear, ["1", "2", "3", "4"], 2e-5)
         assert ("joint move" not in check.where) is passed, check.where

@@ -8,7 +8,7 @@ from typing import cast
 
 import numpy as np
 import pytest
-from test_path import Rows
+from test_path import Rows, toolpath
 from test_pipeline import UP, C, R, small_job
 
 from machopt.domain.kinematics import KinematicCorrection, Kinematics
@@ -18,18 +18,20 @@ from machopt.domain.stiffness import Discrepancy, PositionError
 from machopt.model.elastic import ArmElasticity
 from machopt.plan.explain import _lost_by_shift, all_breaks, explain_points, help_of, hints, misfit_words
 from machopt.plan.made import Compensation, Plan
-from machopt.plan.points import reason_of
+from machopt.plan.points import point_results, reason_of
 from machopt.plan.position import predicted
+from machopt.plan.told import worst_told
+
+ROWS: Rows = []
+for y in (-0.1, 0.1):
+    ROWS.append(((-0.1, y, 0.08), UP, R))
+    ROWS += [((-0.1 + 0.05 * k, y, 0.01), UP, C) for k in range(4)]
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     """Two passes over the block, a rapid move between them, in reach and free."""
-    rows: Rows = []
-    for y in (-0.1, 0.1):
-        rows.append(((-0.1, y, 0.08), UP, R))
-        rows += [((-0.1 + 0.05 * k, y, 0.01), UP, C) for k in range(4)]
-    p = small_job(tmp_path_factory.mktemp("explained"), rows, PlanOptions(rotation_step=np.radians(30.0)))
+    p = small_job(tmp_path_factory.mktemp("explained"), ROWS, PlanOptions(rotation_step=np.radians(30.0)))
     assert len(p.missing) == 0
     return p
 
@@ -143,6 +145,28 @@ def test_what_a_shift_takes_away_is_said_with_its_size(made: Plan) -> None:
         said = _lost_by_shift(replace(shifted, check=replace(made.check, pair=pair)), Reason.COLLIDING, row)
         assert said.startswith("possible as programmed, but not with the compensation of 0.300 mm: ")
         assert words in said
+    lacks = SimpleNamespace(offset=offset, lost=np.arange(len(offset)) == row)
+    for reason, key in ((Reason.COLLIDING, "clearance_mm"), (Reason.LIMIT, "a larger limit_margin_deg")):
+        help_there = help_of(replace(lost(made, row, reason), compensation=cast(Compensation, lacks)), row)
+        assert key in help_there
+        assert "no compensation would help; --allow-gaps" in help_there
+
+
+def test_a_method_that_takes_one_rotation_says_that_others_work(made: Plan) -> None:
+    row = made.path.runs[0][1]
+    stopped = lost(made, row, Reason.LIMIT)
+    for method, words in (("default", "the CAM file's own rotation"), ("jiao2022", "the rotation that jiao2022 takes")):
+        one = replace(stopped, options=replace(made.options, method=method))  # type: ignore[arg-type]
+        said = explain_points(one)[row]
+        assert said.startswith(f"{words} does not work here (a joint would leave its range); ")
+        assert "--method global" in help_of(one, row)
+
+
+def test_what_is_allowed_already_is_not_advised(made: Plan) -> None:
+    row = made.path.runs[0][1]
+    stopped = lost(made, row, Reason.LIMIT)
+    assert "--allow-gaps" in help_of(stopped, row)
+    assert "--allow-gaps" not in help_of(replace(stopped, options=replace(made.options, allow_gaps=True)), row)
 
 
 def test_a_point_that_lost_its_way_has_the_reason_of_what_came_farthest(made: Plan) -> None:
@@ -191,3 +215,14 @@ def test_what_poses_left_of_the_position_is_said_and_moves_nothing(made: Plan) -
     assert outside.joints == ((4,) if beyond.any() else ())
     assert outside.uncovered == pytest.approx(beyond.mean())
     assert beyond.any() == ("joint 4" in outside.words())
+
+
+def test_the_worst_point_is_one_that_the_plan_keeps(made: Plan) -> None:
+    """One that is ruled out by a contact has an index as well; it was told without a rotation: an internal error."""
+    path = toolpath(ROWS)
+    worst = worst_told(made, point_results(made, path))
+    assert worst is not None
+    stopped = lost(made, int(np.flatnonzero(made.path.is_point)[worst.point]), Reason.COLLIDING)
+    other = worst_told(stopped, point_results(stopped, path))
+    assert other is not None
+    assert other.point != worst.point

@@ -10,9 +10,11 @@ import numpy as np
 
 from machopt.arrays import Array, Bools
 from machopt.domain.options import ExternalAxis
+from machopt.domain.steering import numbered, said
 from machopt.plan.axes import axes_of, range_of
 from machopt.plan.made import Plan
 from machopt.plan.path import tcp_poses
+from machopt.plan.stands import MET
 from machopt.se3 import inverse
 
 VALUES = 13  # of one joint that are tried, over its whole range
@@ -56,6 +58,22 @@ def carried(plan: Plan, point: int, *, out_of_reach: bool) -> Carried:
     there = " and ".join(f"{cell.external_joints[k]} at {_value(plan, k, float(found[k]))}" for k in moved)
     held = [_option(plan, k, axes[k], float(found[k])) for k in moved]
     return Carried(stands, f"with {there} it would be in reach", " and ".join(dict.fromkeys(h for h in held if h)))
+
+
+def overruled(plan: Plan) -> list[str]:
+    """Pins that go before the place where the options lock their joint, or before the range they give it."""
+    cell, out = plan.setup.cell, []
+    axes = axes_of(cell, plan.options) if cell.external_joints else ()
+    for wish in plan.options.steer:
+        k = numbered(wish.joint, cell.external_joints) if wish.joint and wish.at is not None else None
+        if k is None or wish.at is None:
+            continue
+        low, high = range_of(cell, k, axes[k], locked=not axes[k].moves)
+        if not low - MET <= wish.at <= high + MET:
+            kept = f"the range {_value(plan, k, low)} to {_value(plan, k, high)}" if high > low else ""
+            kept = kept or f"its lock at {_value(plan, k, low)}"
+            out.append(f"The pin of {said(wish)} (steer) goes before {kept} (external.{cell.external_joints[k]}).")
+    return out
 
 
 def _stands(plan: Plan, k: int, axis: ExternalAxis, at: float) -> str:

@@ -8,7 +8,7 @@ from machopt.arrays import Array
 from machopt.domain.reason import Reason
 from machopt.model.collision import Pair, remedy
 from machopt.plan.breaks import Break
-from machopt.plan.carried import carried
+from machopt.plan.carried import carried, overruled
 from machopt.plan.intoreach import into_reach
 from machopt.plan.made import Plan
 from machopt.plan.position import predicted
@@ -55,23 +55,33 @@ def all_breaks(plan: Plan, obstructions: tuple[Break, ...] = ()) -> tuple[Break,
 def help_of(plan: Plan, point: int) -> str:
     """What would make planning point ``point`` possible."""
     plan, point = plan.at(point)
-    if plan.chosen.assignment.reason[point] == Reason.GAP:
+    reason = Reason(int(plan.chosen.assignment.reason[point]))
+    if reason == Reason.GAP:
         return "what helps at the gap it lies at brings this cut back too"
-    if plan.chosen.assignment.reason[point] == Reason.GOUGING:
+    if reason == Reason.GOUGING:
         return (
             "another tool axis, a smaller cutter or another path in the CAM file would help, no posture does; or "
             "tool.cutter.corner_mm, where the cutter has a corner radius"
         )
-    if plan.chosen.assignment.reason[point] == Reason.SHIFT:
+    if reason == Reason.SHIFT:
         return "a larger compensation_max_mm where the shift is meant, a stiffer pose, or no compensation would help"
+    if plan.compensation is not None and plan.compensation.lost[point]:
+        instead = _HELP_SHIFTED.get(reason, "another rotation there (steer)")
+        return f"{instead}, or no compensation would help{_left_out(plan)}"
     s = min(int(np.searchsorted(plan.path.stations, point)), len(plan.path.stations) - 1)
     rotations = plan.candidates.reason_of_rotation()[s]
+    if plan.options.method != "global" and (rotations == Reason.OK).any():
+        return f"--method global, which chooses among them, would help{_left_out(plan)}"
     if (plan.candidates.reason[s] == Reason.UNREACHABLE).all():
         return _towards(plan, point)
     words = [_HELP[r] for r in _HELP if (rotations == r).any()]
     if (rotations != Reason.UNREACHABLE).any():
         words.append(f"a finer rotation_step_deg than {np.degrees(plan.options.rotation_step):g}")
-    return f"{', '.join(dict.fromkeys(words))} would help; --allow-gaps leaves the cut out"
+    return f"{', '.join(dict.fromkeys(words))} would help{_left_out(plan)}"
+
+
+def _left_out(plan: Plan) -> str:
+    return "" if plan.options.allow_gaps else "; --allow-gaps leaves the cut out"
 
 
 def _towards(plan: Plan, point: int) -> str:
@@ -117,6 +127,10 @@ def _sentence(plan: Plan, s: int, reason: Reason, point: int) -> str:
         k = int(plan.check.pair[point])
         if k >= 0:
             return _too_near(plan.setup.collision.pairs[k])
+    if feasible and plan.options.method != "global":
+        known = (Reason.LIMIT, Reason.SINGULAR_WRIST, Reason.SINGULAR_ELBOW, Reason.SINGULAR_SHOULDER)
+        own = f" ({_SHIFTED[reason]})" if reason in known else ""
+        return f"{_OWN[plan.options.method]} does not work here{own}; {feasible} of {len(rotations)} rotations do"
     if feasible:
         return (
             f"{feasible} of {len(rotations)} rotations work here, but none can be reached from the neighbouring "
@@ -160,6 +174,7 @@ def _lost_by_shift(plan: Plan, reason: Reason, point: int) -> str:
     return what + _SHIFTED.get(reason, "no configuration of the same branch is there")
 
 
+_OWN = {"default": "the CAM file's own rotation", "jiao2022": "the rotation that jiao2022 takes"}
 _SHIFTED = {
     Reason.UNREACHABLE: "the shifted point is out of reach",
     Reason.LIMIT: "a joint would leave its range",
@@ -188,6 +203,16 @@ _HELP = {
     Reason.COLLIDING: "moving part, tool or what is in the way, a smaller clearance_mm",
     Reason.BOUNDS: "a wider rotation_range_deg, another fixed rotation or other wishes (steer)",
     Reason.NO_PATH: "a retract before it",
+}
+
+
+_HELP_SHIFTED = {
+    Reason.COLLIDING: "a smaller clearance_mm, another rotation there (steer), moving part, tool or what is in the way",
+    Reason.LIMIT: "a larger limit_margin_deg, so that the plan leaves the shift more room",
+    Reason.SINGULAR_WRIST: "a larger singularity_wrist_deg, so that the plan leaves the shift more room",
+    Reason.SINGULAR_ELBOW: "a larger singularity_elbow_deg, so that the plan leaves the shift more room",
+    Reason.SINGULAR_SHOULDER: "a larger singularity_shoulder_mm, so that the plan leaves the shift more room",
+    Reason.UNREACHABLE: "moving the part nearer to the robot",
 }
 
 
@@ -268,7 +293,7 @@ def hints(plan: Plan) -> tuple[str, ...]:
     out += plan.setup.elasticity.warnings
     if plan.setup.correction is not None:
         out += plan.setup.correction.beyond(plan.chosen.assignment.q)
-    out += _where_external(plan)
+    out += _where_external(plan) + overruled(plan)
     out += settled_words(plan)
     changes = _changes(plan)
     if changes:
@@ -285,7 +310,8 @@ def _where_external(plan: Plan) -> list[str]:
         value = plan.path.external[cut, k] * (1e3 if slides else np.degrees(1.0))
         if len(value):
             low, high, unit = float(value.min()), float(value.max()), "mm" if slides else "°"
-            span = f"at {low:.4g} {unit}" if high - low < 1e-6 else f"from {low:.4g} to {high:.4g} {unit}"
+            a, b = (f"{float(f'{v:.4g}'):g}" for v in (low, high))
+            span = f"at {a} {unit}" if high - low < 1e-6 else f"from {a} to {b} {unit}"
             out.append(f"External joint {name} (e{k + 1}) stands {span} while cutting.")
     return out
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from machopt.domain.reason import Reason
 from machopt.domain.results import optimize as told
 from machopt.domain.stint import Stint
 from machopt.domain.toolpath import Toolpath
@@ -177,7 +178,10 @@ def removed_told(r: Removal) -> told.Removed:
 
 
 def worst_told(the_plan: Plan, points: PointResults) -> told.WorstPoint | None:
-    cost = np.where(the_plan.path.counted, the_plan.chosen.cost, np.nan)[points.rows]
+    there = the_plan.path.counted & (
+        the_plan.chosen.assignment.reason == Reason.OK
+    )  # one that collides has a cost, too
+    cost = np.where(there, the_plan.chosen.cost, np.nan)[points.rows]
     if not np.isfinite(cost).any():
         return None
     i = int(np.nanargmax(cost))

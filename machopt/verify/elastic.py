@@ -67,9 +67,10 @@ class Softness:
         return np.asarray(self.J @ A @ np.swapaxes(self.J, 1, 2) + self.bodies)
 
     def along(self, e: Array) -> Array:
-        """(N,) N/m, stiffness along unit vectors (N, 3)."""
+        """(N,) N/m, stiffness along unit vectors (N, 3); infinite where one has no length."""
         whole, stated = (np.einsum("ni,nij,nj->n", e, C[:, :3, :3], e) for C in (self.small, self._stated))
-        return np.asarray(1.0 / np.maximum(whole, LEAST * stated))
+        with np.errstate(divide="ignore"):
+            return np.asarray(1.0 / np.maximum(whole, LEAST * stated))
 
     def held(self, e: Array) -> Array:
         """(N,) N/m, k_x of jiao2022 along unit vectors (N, 3)."""

@@ -359,8 +359,9 @@ def _kinds(
     """No joint move where the tool cuts, and what comments call a move is what the motion does there.
 
     Samples within ``place`` (m) of either target tell nothing: round a corner the tool dwells there, and it may stand
-    on a point before it leaves it. Beside a joint move it is the decimals that the program prints: where the tool
-    comes to rest many samples lie closer to the target than these.
+    on a point before it leaves it. Nor do samples at which the machine stands, of a joint move. Beside a joint move it
+    is the decimals that the program prints: where the tool comes to rest many samples lie closer to the target than
+    these.
     """
     ends = np.flatnonzero(np.isfinite(at[1:]) & np.isfinite(at[:-1])) + 1
     first = np.ceil(at[ends - 1] + 0.5).astype(np.int64)
@@ -371,6 +372,10 @@ def _kinds(
     tip = said.T_workpiece_tcp[:, :3, 3]
     apart = np.minimum(*(np.linalg.norm(p[rows] - tip[n], axis=1) for n in (k - 1, k)))
     tells = apart > np.where(linear[k] & linear[k - 1], place, PRINTED * said.place_step + SAME_PLACE)
+    x = np.hstack([motion.q, motion.external])
+    stands = np.r_[False, (np.diff(x, axis=0) == 0.0).all(axis=1)]
+    stands[:-1] |= stands[1:]
+    tells &= linear[k] | ~stands[rows]  # joint targets are printed coarser than the place where the tool stands
     n, moves = len(at), motion.move[rows[tells]]
     seen, cuts, led = (
         np.bincount(k[tells][which], minlength=n) > 0 for which in (slice(None), moves == Move.CUT, moves != Move.RAPID)

@@ -296,7 +296,8 @@ def cause(dip: Dip) -> str:
 def _worst_points(
     plan: Plan, toolpath: Toolpath, points: PointResults, series: dict[str, Array]
 ) -> tuple[page.WorstPoint, ...]:
-    values = np.where(plan.path.counted[points.rows], series["chosen"], np.nan)
+    there = plan.path.counted & (plan.chosen.assignment.reason == Reason.OK)
+    values = np.where(there[points.rows], series["chosen"], np.nan)
     known = np.flatnonzero(np.isfinite(values))
     order = known[np.argsort(values[known], kind="stable")]
     if plan.scores.index == "deflection":
