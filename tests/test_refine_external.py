@@ -24,6 +24,7 @@ from machopt.plan.groups import Group, groups_of
 from machopt.plan.jointly import Bounds, Local, Steps, _Model, lessened
 from machopt.plan.made import Plan
 from machopt.plan.offsets import Curves
+from machopt.plan.realise import Assignment
 from machopt.plan.refine_external import Refinement
 from machopt.plan.refined import refined
 from machopt.plan.setup import Timings
@@ -77,6 +78,33 @@ def test_the_model_is_j_to_second_order(
         wrong.append(abs(told - (merit - here.merit)))
     assert wrong[0] < 0.05 * abs(merit - here.merit) + 1e-4
     assert wrong[1] < 0.45 * wrong[0] + 1e-7
+
+
+def test_margins_that_an_arm_has_not_leave_its_model_whole(
+    along: tuple[Plan, list[Group], tuple[ExternalAxis, ...], Toolpath], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Arms with an offset wrist have theirs at infinity: all of their stations were held where they stood."""
+    plan, groups, axes, _ = along
+    r = Refinement(plan, groups, Worth.of(plan.setup, axes))
+    rows = r.rows
+    start = plan.chosen.assignment.phi[rows], plan.path.external[rows], plan.chosen.assignment.q[rows]
+    solved = r._solved
+
+    def without(*state: np.ndarray) -> tuple[Assignment, np.ndarray]:
+        found, cost = solved(*state)
+        none = np.full(len(rows), np.inf)
+        return replace(found, shoulder=none, elbow=none), cost
+
+    here = r._state(*start)
+    assert here is not None
+    plain = r._local(here)
+    monkeypatch.setattr(r, "_solved", without)
+    here = r._state(*start)
+    assert here is not None
+    local = r._local(here)
+    assert local.known.all()
+    np.testing.assert_array_equal(local.hessian, plain.hessian)
+    assert np.isfinite(r._bounds(here, local, np.full((len(rows), 2), 0.2)).under).all()
 
 
 def small_problem(seed: int) -> tuple[Local, Steps, Bounds]:

@@ -342,6 +342,10 @@ def test_a_pinned_rail_is_there_at_that_point_and_moves_elsewhere(tmp_path: Path
 def test_a_rail_that_keeps_one_place_keeps_the_pinned_one(tmp_path: Path) -> None:
     p = on_rail(tmp_path, PIN, mode="operation")
     assert (p.path.external == 0.4).all()
+    locked = on_rail(tmp_path, PIN, mode="locked")
+    assert (locked.path.external == 0.4).all()
+    assert any("rail at 400 mm at point 3 (steer) goes before its lock at 0 mm" in h for h in hints(locked))
+    assert not any("goes before" in h for h in hints(p))
     zoned = on_rail(tmp_path, Steer(joint="rail", away=(-0.5, 0.6), unit="mm"), mode="operation")
     assert not ((zoned.path.external > -0.5) & (zoned.path.external < 0.6)).any()
     with pytest.raises(InputError, match=r"rail at 400 mm at point 3 and rail at -200 mm at point 12.* mode: moving"):

@@ -44,6 +44,7 @@ ROUNDS = 8  # of the model
 TRIES = 4  # of its region
 ENOUGH = 2e-4  # of J: less is not worth another round
 NEAR = 4  # stations to either side of one that lost its pose, which are trusted less as well
+NEVER = 1e3  # m or rad: a margin that binds nowhere
 SPARE = 0.02  # rad of the limits, and share of the margins, kept from where poses end: the model is a line there
 ROOM = 0.01  # of a range, kept from its ends by a joint that moves: a curve may pass beyond its stations
 
@@ -62,7 +63,12 @@ class State:
     @property
     def margins(self) -> Array:
         """(n, 3) of shoulder, elbow and wrist."""
-        return np.column_stack([self.found.shoulder, self.found.elbow, self.found.wrist])
+        return _margins(self.found)
+
+
+def _margins(found: Assignment) -> Array:
+    """(n, 3) of shoulder, elbow and wrist, :data:`NEVER` where an arm without a spherical wrist has one at infinity."""
+    return np.minimum(np.column_stack([found.shoulder, found.elbow, found.wrist]), NEVER)
 
 
 @dataclass(frozen=True)
@@ -174,8 +180,7 @@ class Refinement:
 
         def at(z: Array) -> tuple[Array, Array, Array]:
             found, cost = self._solved(here.phi + z[0], here.e + z[1:] / self.per, here.q)
-            margins = np.column_stack([found.shoulder, found.elbow, found.wrist])
-            return found.q, margins, cost
+            return found.q, _margins(found), cost
 
         h, unit = STENCIL, np.eye(d)
         q, margins, cost = (np.zeros((n, k, d)) for k in (6, 3, 1))
