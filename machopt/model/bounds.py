@@ -22,9 +22,10 @@ from machopt.arrays import Array
 from machopt.model.bodies import Body
 from machopt.model.lines import Lines
 from machopt.model.robot import Robot
+from machopt.model.threads import side_by_side
 from machopt.se3 import inverse
 
-BLOCK = 1024  # rows bounded at once; keeps the work arrays in cache
+BLOCK = 512  # rows bounded at once, in one thread; keeps the work arrays in cache
 MEMORY = 3000  # distances remembered of one pair
 UNKNOWN = 1e3  # m, the motion bound of joint steps too large for one
 
@@ -93,12 +94,15 @@ class Rows:
             self._relative[g] = self.poses[:, j] if i == 0 else inverse(self.poses[:, i]) @ self.poses[:, j]
         self._travel: dict[tuple[int, int], Array] = {}
         self.bound = np.empty((len(self.q), len(pairs.index)))
-        for start in range(0, len(self.q), BLOCK):
-            self.bound[start : start + BLOCK] = self._bounds(slice(start, start + BLOCK))
+        side_by_side(self._fill, range(0, len(self.q), BLOCK))
         delta = np.abs(np.diff(self.q, axis=0))
         slides = pairs.lines.slides
         self._delta, self._turn = delta, (delta[:, ~slides] if slides.any() else delta).sum(axis=1)
         self.reach = _whole(delta @ pairs.reach, self._turn)
+
+    def _fill(self, start: int) -> None:
+        rows = slice(start, start + BLOCK)
+        self.bound[rows] = self._bounds(rows)
 
     def _bounds(self, rows: slice) -> Array:
         """(B, P): distance of spheres from boxes."""
