@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from machopt.cli import main
+from machopt.cli.measure import _identified
+from machopt.domain.results.identification import not_identified
 from machopt.domain.stiffness import ExternalSpring
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
@@ -244,6 +246,18 @@ def test_published_readings_that_no_arm_explains_are_called_so(tmp_path: Path) -
     done = run_identify(Request(cell, (cell / "recordings" / "zhang2025_table2",), tmp_path / "out"))
     assert done.result.plain()["explained_share"] < 0.5
     assert "do not follow an arm of elastic joints" in done.report.read_text(encoding="utf-8")
+
+
+def test_what_is_said_of_a_joint_is_not_taken_for_what_stands_beside_its_stiffness(done: Outcome) -> None:
+    """The summary left out every warning that began with "joint ", the cell's own among them."""
+    own, shown = "joint 'a6' is continuous; its range is taken as ±360°", not_identified(4, "no reading shows it")
+    joints = tuple(
+        j.model_copy(update={"identified": False, "reason": "no reading shows it"}) if j.joint == 4 else j
+        for j in done.result.joints
+    )
+    lines = _identified(done.result.model_copy(update={"warnings": (own, shown), "joints": joints}))
+    assert f"  note: {own}" in lines
+    assert sum("no reading shows it" in line for line in lines) == 1
 
 
 def test_command_prints_what_the_engineer_needs_first(

@@ -105,6 +105,8 @@ def _identify(args: argparse.Namespace) -> int:
 
 
 def _identified(result: IdentificationResult) -> list[str]:
+    from machopt.domain.results.identification import not_identified
+
     heldout = result.heldout_rmse_mm
     unseen = "no pose left to judge by" if heldout is None else f"{heldout:.4f} mm on unseen poses"
     lines = [
@@ -124,7 +126,8 @@ def _identified(result: IdentificationResult) -> list[str]:
         why = "" if term.identified else f": {term.reason}"
         lines.append(f"  {what}  {_nan(term.value):.4g} {term.unit}   {_number(low)} … {_number(high)}{why}")
     lines += [f"  {text}" for text in result.known_combinations]
-    lines += [f"  note: {w}" for w in result.warnings if not w.startswith("joint ")]
+    told = {not_identified(j.joint, j.reason) for j in result.joints}  # beside its stiffness above
+    lines += [f"  note: {w}" for w in result.warnings if w not in told]
     return lines
 
 

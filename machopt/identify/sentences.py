@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from machopt.domain.results.identification import not_identified
 from machopt.identify.fit import Fit
 from machopt.identify.heldout import Errors
 from machopt.identify.identifiability import Settled
@@ -27,9 +28,7 @@ def warnings(
             f"singular design: no reading tells {', '.join(names)} apart, or shows them at all; other poses and loads "
             "are needed"
         )
-    out += [
-        f"joint {j + 1} is not identified: {s.reason}" for j, s in enumerate(settled.standing[:6]) if not s.identified
-    ]
+    out += [not_identified(j + 1, s.reason) for j, s in enumerate(settled.standing[:6]) if not s.identified]
     for t, term in enumerate(fit.terms):
         own_ones = [s for u, s in zip(fit.unknowns, settled.standing, strict=True) if u.term == t]
         if not any(s.identified for s in own_ones):

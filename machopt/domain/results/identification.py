@@ -9,6 +9,11 @@ from pydantic import Field
 from machopt.domain.results.base import Count, First, Flag, Hashes, Known, Knowns, Number, Numbers, Part, Text
 
 
+def not_identified(joint: int, reason: str) -> str:
+    """The warning of a joint (from 1) whose stiffness the readings do not show."""
+    return f"joint {joint} is not identified: {reason}"
+
+
 class JointStiffness(Part):
     """One joint of the constant model; where it is not identified, the cell's value or a bound."""
 
