@@ -30,7 +30,7 @@ from machopt.diagnose import (
 from machopt.diagnose.pasted import pasted
 from machopt.diagnose.problem import Catalogue, Problem
 from machopt.diagnose.readings import History
-from machopt.diagnose.result import Diagnosis, Finding
+from machopt.diagnose.result import Diagnosis, Finding, Name
 from machopt.diagnose.words import sentence
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
@@ -66,6 +66,7 @@ def at_rest(
     *,
     accept: tuple[str, ...],
     seed: int,
+    barred: frozenset[Name] = frozenset(),
 ) -> Examined:
     """Load tests and poses.
 
@@ -76,6 +77,7 @@ def at_rest(
         laws: of the user's own.
         accept: findings about the record that are not to be mended.
         seed: of every random choice.
+        barred: explanations of measured poses that are not to be looked for.
 
     Raises:
         InputError: a recording that cannot be right, or is too small for any answer.
@@ -121,7 +123,9 @@ def at_rest(
         def build(found: Mapping[int, float] | None) -> tuple[Problem, Catalogue]:
             nonlocal notes
             problem, catalogue, notes = absolute.build(recording, cell, robot, masses, rng, terms, found, kept)
-            return replace(problem, time=recording.time, excluded=copies if copies.any() else None), catalogue
+            laws = tuple(h for h in catalogue.hypotheses if h.name not in barred)
+            problem = replace(problem, time=recording.time, excluded=copies if copies.any() else None)
+            return problem, replace(catalogue, hypotheses=laws)
 
         problem, catalogue = build(None)
         _refuse_too_few(problem, recording)

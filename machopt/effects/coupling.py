@@ -53,7 +53,7 @@ class Dragged(Free):
     equation = "Δ_j = κ q_i (hollow wrist: the shaft of joint j runs through joint i)"
     note = "the second joint without load, in proportion to the first"
     at_rest_only = True  # proven in settled poses
-    prior = 1e-3  # of the size that wrists without compensation in the controller have
+    prior = 3e-4  # wrists that no controller compensates drag 1e-4 to 1e-3; more is rather a turned axis
     coefficients = (Parameter(key="ratio", unit="rad/rad", required=True, most=0.1, said="rad/rad"),)
 
     def columns(self, shape: Array, angle: Array, derivative: int = 0) -> Array:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from machopt.diagnose import engine, userterms
 from machopt.diagnose.asked import Request, check
+from machopt.diagnose.built import built
 from machopt.diagnose.doubt import with_doubt
 from machopt.diagnose.extended import beside, stiffness_of
 from machopt.diagnose.result import Diagnosis
@@ -73,10 +74,12 @@ def diagnosed(request: Request, own: tuple[Own, ...], progress: Progress, cell: 
     if moving:
         asked, job = request.channel, request.toolpath is not None
         found = in_motion(cell, recording, options, asked=asked, seed=request.seed, toolpath=job)
+        made = stiffness_of(cell, found.diagnosis)
     else:
-        found = at_rest(cell, recording, options, laws, accept=request.accept, seed=request.seed)
-    made = stiffness_of(cell, found.diagnosis, weight_alone=found.weight_alone)
-    if not moving:
+        accept, seed = request.accept, request.seed
+        found, made = built(
+            cell, lambda barred: at_rest(cell, recording, options, laws, accept=accept, seed=seed, barred=barred)
+        )
         progress("what the model may still lack")
     made = replace(made, after=with_doubt(cell, found, made.after))
     d = beside(replace(found.diagnosis, warnings=(*cell.warnings, *found.diagnosis.warnings)), made)
