@@ -13,7 +13,7 @@ from machopt.arrays import Array
 
 
 class Move(enum.IntEnum):
-    """What the robot does on the way **to** a point. The names are the contract's words, in lower case."""
+    """What the robot does on the way **to** a point. The names are the tables' words, in lower case."""
 
     CUT = 0
     RAPID = 1

@@ -35,7 +35,7 @@ def what(effect: str) -> str:
 
 
 def place(location: str) -> str:
-    """A location of the contracts in words: ``joint:4-5`` is "joints 4 and 5"."""
+    """A location in words: ``joint:4-5`` is "joints 4 and 5"."""
     kind, _, which = location.partition(":")
     if kind == "joint" and "-" in which:
         return "joints " + " and ".join(which.split("-"))

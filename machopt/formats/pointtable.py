@@ -1,4 +1,4 @@
-"""Point tables: CSV and Parquet with the contract's columns, robot poses; headerless lists are ``xyzwpr.py``'s."""
+"""Point tables: CSV and Parquet with named columns, robot poses; headerless lists are ``xyzwpr.py``'s."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """``trajectory.csv`` and ``points.csv``: SI in, mm, degrees and mm/min out, the same bytes every time.
 
-The columns are the contract's, in its order; what is added stands after ``reason``. A number that does not
+The columns stand in one fixed order; what is added stands after ``reason``. A number that does not
 exist is an empty field.
 """
 

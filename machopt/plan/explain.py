@@ -335,5 +335,5 @@ def _changes(plan: Plan) -> list[str]:
 
 
 def gamma(plan: Plan) -> Array:
-    """(P,) rad, the contract's rotation at every planning point."""
+    """(P,) rad, gamma of the files at every planning point."""
     return np.asarray(wrap(plan.chosen.assignment.phi + plan.path.offset))

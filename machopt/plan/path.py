@@ -6,7 +6,7 @@ a stiffness valley) hides inside them; long paths are thinned to *stations*, as 
 detail asks for, and the choice is made there.
 
 Rotation is planned as ``phi`` about a reference direction carried along the run by minimal rotation, so
-that constant phi means "do not turn"; ``gamma = phi + offset`` is the contract's angle, measured from the
+that constant phi means "do not turn"; ``gamma = phi + offset`` is the angle of the files, measured from the
 direction of travel (trajectories) or the workpiece x axis (point operations).
 """
 

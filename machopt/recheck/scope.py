@@ -22,7 +22,7 @@ _ROUNDING = 1e-9  # of a limit: what the conversion from user units leaves
 
 
 def unchecked(cell: Cell, options: PlanOptions, toolpath: Toolpath | None = None) -> tuple[str, ...]:
-    """What is switched off, wider than the contract's or not there to be checked, in the words of the verdict.
+    """What is switched off, wider than the defaults or not there to be checked, in the words of the verdict.
 
     It follows from cell, options and toolpath alone, so that whoever verifies finds the same words as whoever planned.
 

@@ -25,7 +25,7 @@ from machopt.verify import Verification
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came out; ``exit_code`` follows the contract (0, 3 or 4)."""
+    """What came out; ``exit_code`` is 0, 3 or 4."""
 
     exit_code: int
     result: OptimizeResult

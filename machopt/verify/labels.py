@@ -4,7 +4,7 @@
 straight along its axis at a point; ``rapid`` from and to home and where points are given up. Where points lie closer
 than samples, a sample next to a cut counts as ``cut`` although it lies past its end, because no other sample shows
 that cut. ``operation`` is that of the point the move leads to; empty on the way home. ``gamma_deg`` is empty in rapid
-moves, lifts, and where points coincide; elsewhere it is the rotation of the contract (:mod:`machopt.verify.reference`).
+moves, lifts, and where points coincide; elsewhere as docs/conventions.md has it (:mod:`machopt.verify.reference`).
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ q1 … q6                                   forward kinematics of the true angle
 path
                                           is compensated) and along the axis; the motion passes them at the point's
                                           index
-gamma_deg                                 the contract's, :mod:`machopt.verify.reference`
+gamma_deg                                 as docs/conventions.md has it, :mod:`machopt.verify.reference`
 branch, singularity, limit_margin_deg     :mod:`machopt.verify.posture`
 k_*, deflection_*, stiffness_from         :mod:`machopt.verify.elastic`
 clearance_mm, nearest_pair                :mod:`machopt.verify.clearance`

@@ -1,4 +1,4 @@
-"""Where gamma is zero, by the contract's words, from the CAM file's points alone.
+"""Where gamma is zero, as docs/conventions.md has it, from the CAM file's points alone.
 
 gamma turns the TCP about its own z (which points out of the tool, so −z is the CAM axis), right-handed. gamma = 0 is,
 projected on the plane normal to the tool axis: the file's own reference direction where it gives one; workpiece x for

@@ -66,7 +66,7 @@ def ride(motion: Motion, toolpath: Toolpath, corners: Array, position: Array, tc
         toolpath's
             points, or those of the shifted path.
         tcp: (S, 4, 4) in workpiece.
-        options: tolerances the run was asked to keep, where wider than the contract's.
+        options: tolerances the run was asked to keep, where wider than the defaults.
     """
     path_limit = max(PATH_MM / 1e3, options.path_tolerance)
     axis_limit = max(np.radians(AXIS_DEG), options.axis_tolerance)

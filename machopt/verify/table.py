@@ -1,6 +1,6 @@
 """trajectory.csv, points.csv and compensation.csv as the verification reads them: by name, nothing assumed.
 
-Every column of the contract must be there once, every number be finite where the column has no right to be empty, and
+Every column that machopt writes must be there once, every number be finite where the column may not be empty, and
 no column may stand there that nothing here looks at.
 """
 
