@@ -12,13 +12,13 @@ import pytest
 from test_diagnose_motion import arm, diagnosed, excited, recorded, shaken
 
 from machopt.arrays import Array
-from machopt.diagnose import engine, mismatch, motion, noise
+from machopt.diagnose import engine, mismatch, motion, motion_next, noise
 from machopt.diagnose.finer import between
 from machopt.diagnose.grams import base_model, tried
 from machopt.diagnose.result import Finding
 from machopt.diagnose.screen import by_chance, score
 from machopt.diagnose.whitening import whitening
-from machopt.domain.cell import Cell
+from machopt.domain.cell import Cell, JointLimits
 from machopt.domain.recording import Recording
 from machopt.model.rigid import load_dynamics
 
@@ -70,6 +70,31 @@ def test_friction_that_turns_over_smoothly_is_no_peak_at_low_speed(tmp_path: Pat
     tau += 6.0 * (np.tanh(v / over) - np.sign(v))
     found, _, _ = diagnosed(recorded(t, q, v, tau + 0.25 * rng.normal(size=q.shape)), cell, "torque")
     assert not found.findings
+
+
+def test_the_next_motion_keeps_the_limits_and_parts_the_rivals(tmp_path: Path) -> None:
+    """A wave that might be play: of motions of that joint the one is told in which they differ; poses are none."""
+    cell, recording = far_side(tmp_path, 7.0, 60.0, 2e-5, 1.0)
+    found = diagnosed(recording, cell, "link")[0]
+    f = wave_of(found)
+    cell = replace(
+        cell, limits=JointLimits(np.array([-0.6]), np.array([0.9]), *(np.array([v]) for v in (0.8, 2.0, 9.0)))
+    )
+    tried_motions = list(motion_next.motions(cell, 0))
+    assert len(tried_motions) == 7
+    for one in tried_motions:
+        assert one.q.min() > -0.6
+        assert one.q.max() < 0.9
+        assert np.abs(one.v).max() < 0.8
+        assert np.abs(one.a).max() < 2.0 * (1.0 + 1e-9)
+        np.testing.assert_allclose(np.gradient(one.q[:, 0], one.time)[2:-2], one.v[2:-2, 0], atol=5e-3)
+    assert f.rivals
+    doubtful = replace(f, one_of=(("transmission_error", "joint:1"), ("joint_hysteresis", "joint:1")))
+    said = motion_next.suggested(cell, "link", replace(found, findings=(doubtful,)))
+    assert said.startswith("To tell transmission error of joint 1 from hysteresis of joint 1: drive ")
+    assert "standard deviations" in said
+    for other in (replace(found, findings=()), replace(found, findings=(), verdict="unexplained"), found):
+        assert "plan-poses" not in motion_next.suggested(cell, "link", other)
 
 
 def test_columns_of_one_joint_are_summed_as_those_of_all(tmp_path: Path) -> None:

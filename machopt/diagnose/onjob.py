@@ -2,9 +2,9 @@
 
 ::
 
-    stiffness as refitted alone ──plan──► old choice ──┬─► its deflection as the old model believes   (before)
+    the cell as it stands       ──plan──► old choice ──┬─► its deflection as the old model believes   (before)
                                                        └─► its deflection under the new model         (unchanged)
-    the same with what was found ──plan──► new choice ───► its deflection under the new model         (after)
+    refitted, with what was found ──plan──► new choice ───► its deflection under the new model         (after)
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def effect_on_job(
 
     Args:
         cell: the cell; its own stiffness is not used.
-        stiffness_before: joint springs refitted alone.
+        stiffness_before: of the cell as it stands; joint springs refitted alone where it states none.
         stiffness_after: joint springs refitted together with the terms found.
         toolpath: what is cut.
         options: of planning.

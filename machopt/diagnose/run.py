@@ -19,6 +19,7 @@ from machopt.diagnose import (
     gross,
     held,
     motion,
+    motion_next,
     moved,
     nests,
     pose_units,
@@ -277,6 +278,8 @@ def in_motion(
     six = len(cell.arm_joints) == 6 and not cell.arm_prismatic
     terms = _held(cell, load_robot(cell), known_masses(cell)) if six else ()
     d, problem = held.diagnosed(terms, stretches, held.in_torques if channel == "torque" else held.in_motions)
+    options.progress("the next motion")
+    d = replace(d, next_experiment=motion_next.suggested(cell, channel, d))
     # what leaves the record as it is, like a lag behind the command, changes no error of this channel
     beside = [f if f.record else replace(f, before=d.heldout_before, after=d.heldout_before) for f in found]
     return Examined(_with_record(d, beside, None, notes, recording.warnings), problem, recording)

@@ -77,7 +77,15 @@ def write_corrections(folder: Path, cell: Cell, d: Diagnosis) -> None:
 def effect_of(
     cell: Cell, toolpath: Path | None, before: Stiffness | None, after: Stiffness | None
 ) -> EffectOnJob | None:
-    """What the findings change for a toolpath; None without one, or without two models to compare."""
+    """What the findings change for a toolpath, against the cell as it stands; None without one or without two models.
+
+    Args:
+        cell: as it stands.
+        toolpath: its file.
+        before: springs refitted alone, of a cell that states none.
+        after: with what was found.
+    """
+    before = cell.stiffness or before
     if toolpath is None or after is None or before is None:
         return None
     from machopt.diagnose.onjob import effect_on_job  # the planner takes a second to load
