@@ -95,7 +95,7 @@ def _coefficient_rows(rows: tuple[Coefficient, ...], *, arcmin: bool) -> list[li
             [
                 name,
                 stiffness_text(c.value),
-                *([f"{c.value * ARCMIN:.0f}"] if arcmin else [c.unit]),
+                *([stiffness_text(c.value * ARCMIN)] if arcmin else [c.unit]),
                 spread,
                 f"± {half:.1f} %" if math.isfinite(half) else "–",
                 stiffness_text(c.prior),

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
 COLOURS = {
-    Move.CUT: "#1552b8",
+    Move.CUT: "var(--blue)",  # as the page's theme has it
     Move.RAPID: "#d9730d",
     Move.APPROACH: "#2c8a57",
     Move.RETRACT: "#7a8490",
@@ -184,7 +184,7 @@ def _scales(labels: tuple[str, str], low: Array, high: Array, scale: _Scale, hei
 
 
 def _tick(value: float, x: float, y: float, anchor: str) -> Shape:
-    return shape("text", f"{value:g}", class_="tick", x=x, y=y, text_anchor=anchor)
+    return shape("text", f"{value:g}".replace("-", "−"), class_="tick", x=x, y=y, text_anchor=anchor)
 
 
 def _apart(values: list[float], per_mm: float) -> list[float]:

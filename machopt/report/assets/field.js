@@ -236,9 +236,10 @@ function fieldMap(host, spec, onPlace) {
     }
     if (views && hasArm(k)) parts.push(views(postures, frameNow.outline));
     for (const l of layers) { const q = qOf(l, k); if (!q) continue;
-      const p = document.createElement("p"), gamma = l.gammaAt(k);
+      const p = document.createElement("p"), gamma = l.gammaAt(k);  // packed in 65,535 levels: a tenth of a degree is meant
+      const turn = g => { const v = Math.round(10 * g) / 10; return v - 360 * Math.ceil((v - 180) / 360); };  // as the table has it
       p.className = "joints";
-      p.textContent = `${layers.length > 1 ? l.title + (l.name === "free" && gamma !== null ? ` = ${shown(gamma, 4)}°` : "") + ": " : ""}${spec.arm.joints.map((n, j) => `${n} ${q[j].toFixed(1)}`).join("  ")}`.replaceAll("-", "−");
+      p.textContent = `${layers.length > 1 ? l.title + (l.name === "free" && gamma !== null ? ` = ${shown(turn(gamma), 4)}°` : "") + ": " : ""}${spec.arm.joints.map((n, j) => `${n} ${q[j].toFixed(1)}`).join("  ")}`.replaceAll("-", "−");
       parts.push(p);
     }
     const table = document.createElement("table"), head = table.insertRow();
