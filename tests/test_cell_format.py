@@ -630,6 +630,11 @@ def test_what_poses_left_is_read_as_it_was_written(tmp_path: Path) -> None:
     np.testing.assert_allclose([after.std, after.plain, after.noise], [5.2e-5, 3.11e-4, 2e-5], rtol=1e-12)
     np.testing.assert_allclose(after.joints, joints, rtol=1e-12)
     assert after.poses == 632
+    q = np.radians([[0.0, 0, 0, 0, 0, 0], [95.0, 0, 0, 0, 0, 10.9], [0.0, 0, 0, 0, 0, -12]])
+    np.testing.assert_array_equal(after.covers(q).all(axis=1), [True, False, False])
+    assert after.beyond(q[:1]) == ()
+    (said,) = after.beyond(q)
+    assert said.startswith("67 % of these poses lie outside the joint angles (joint 1, 6)")
     file.write_text(file.read_text().replace("[-120.0, 90.5]", "[90.5, -120.0]"))
     with pytest.raises(InputError, match="the lower first"):
         load_stiffness(file)

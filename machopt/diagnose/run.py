@@ -148,6 +148,8 @@ def at_rest(
     aside = gross.outliers(recording, d, copies, problem, elsewhere)
     said += cellvalues.far_off(d, prior)
     said += () if cell.stiffness is None else held_over(cell.stiffness.external)
+    if recording.kind == "absolute" and cell.stiffness is not None and cell.stiffness.position is not None:
+        said += cell.stiffness.position.beyond(recording.q)
     whole = _with_record(d, mended, aside, (*stood, *notes), tuple(said))
     return Examined(enough.judged(whole, problem), problem, recording)
 

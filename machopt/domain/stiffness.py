@@ -97,6 +97,18 @@ class PositionError:
         """(N, 6) bool, whether joints (N, 6) rad are within what was measured."""
         return np.asarray((q >= self.joints[:, 0] - WITHIN) & (q <= self.joints[:, 1] + WITHIN))
 
+    def beyond(self, q: Array) -> tuple[str, ...]:
+        """What to say of poses (N, 6) rad that go beyond what was measured; none, or a sentence."""
+        inside = self.covers(q)
+        if inside.all():
+            return ()
+        which = ", ".join(str(j + 1) for j in np.flatnonzero(~inside.all(axis=0)))
+        share = 100.0 * float(np.mean(~inside.all(axis=1)))
+        return (
+            f"{share:.0f} % of these poses lie outside the joint angles (joint {which}) that the cell's position_error "
+            "covers: corrections found with it are not known to hold there",
+        )
+
 
 @dataclass(frozen=True)
 class ExternalSpring:
