@@ -5,14 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from machopt.arrays import Array
 from machopt.domain.program import LIN, PTP
 from machopt.domain.readprogram import ReadProgram
 from machopt.domain.toolpath import Event, Move, Operation, Toolpath
 from machopt.recheck.terms import index_at
-from machopt.verify.program import _kinds
-from machopt.verify.programcam import Cuts, _events
+from machopt.verify.program import _kinds, _off_line, _on_the_spot
+from machopt.verify.programcam import Cuts, _events, _reached
 from machopt.verify.table import Motion
 
 
@@ -133,3 +134,49 @@ def test_where_the_tool_stands_a_joint_move_to_or_from_there_is_none_on_the_path
     for motion, passed in ((replace(moving, q=q), True), (moving, False)):
         check = _kinds(said, motion, p, at, linear, ["1", "2", "3", "4"], 2e-5)
         assert ("joint move" not in check.where) is passed, check.where
+
+
+def turned(T: Array, angle: float) -> Array:
+    """The pose (4, 4), its axis tilted about y."""
+    out = T.copy()
+    out[:3, :3] = Rotation.from_euler("y", angle).as_matrix() @ T[:3, :3]
+    return out
+
+
+def on_the_spot() -> tuple[Toolpath, ReadProgram]:
+    """A cut, the axis tilted by 0.5 rad where it ends, a cut."""
+    toolpath = path([[0, 0, 0], [30, 0, 0], [30, 0, 0], [60, 0, 0]], [Move.CUT] * 4, ())
+    axis = toolpath.axis.copy()
+    axis[2:] = [np.sin(0.5), 0.0, np.cos(0.5)]
+    toolpath = replace(toolpath, axis=axis)
+    said = program(np.array([[0, 0, 0], [30, 0, 0], [30, 0, 0], [60, 0, 0.0]]), [LIN] * 4, ())
+    for n in (2, 3):
+        said.T_workpiece_tcp[n] = turned(said.T_workpiece_tcp[n], 0.5)
+    return toolpath, said
+
+
+def test_an_axis_that_turns_on_the_spot_is_found_where_it_has_turned() -> None:
+    toolpath, said = on_the_spot()
+    T = said.T_workpiece_tcp
+    reached, gap, tilt = _reached(T[:, :3, 3], -T[:, :3, 2], cuts(toolpath), 2e-5)
+    assert reached.tolist()[1:] == [1, 2, 3]
+    assert np.nanmax(gap) < 1e-9
+    assert np.nanmax(tilt[1:]) < 1e-6
+    left_out = np.array([0, 1, 3])  # a program that turns the axis on the way instead
+    _, _, tilt = _reached(T[left_out, :3, 3], -T[left_out, :3, 2], cuts(toolpath), 2e-5)
+    assert tilt[2] > 0.4
+
+
+def test_a_sample_that_has_begun_to_turn_on_the_spot_is_on_that_move() -> None:
+    """The target before is found by its place, so up to a sample late."""
+    _, said = on_the_spot()
+    T = said.T_workpiece_tcp
+    tcp = np.stack([turned(T[1], 1e-3), T[1]])
+    tcp[1, 0, 3] -= 1e-4  # one on the way, which is left as it is
+    tcp[1, :3, :3] = tcp[0, :3, :3]
+    rows, move = np.arange(2), np.array([1, 1])
+    off = _off_line(tcp, T[move - 1], T[move])
+    assert off[:, 1].min() > 9e-4
+    _on_the_spot(off, said, tcp, rows, move)
+    assert off[0, 1] < 1e-9
+    assert off[1, 1] > 9e-4

@@ -33,6 +33,7 @@ SHORT = 1e-4  # m: on a shorter line the place does not tell how far the tool ha
 RAPID_DEG = 0.1  # deg: between rapid way points joints go straight; corners there are rounded in time only
 EXTERNAL = 0.05  # mm or deg of an external axis at a target
 PRINTED = 2.0  # of the step that a program prints places in: how far from a target the tool may be said to stand on it
+SPOT = 2e-6  # m: two prints of one place, to a thousandth of a millimetre
 SAME_PLACE = 1e-8  # m: what the decimals of trajectory.csv's joints leave of a place where the tool stands
 BRANCH = 3.0  # of the orientation's tolerance: joints of a pose that has been compared only tell which branch it is
 AT_ONCE = 50_000  # samples
@@ -271,6 +272,7 @@ def _lines(said: ReadProgram, motion: Motion, tcp: Array, at: Array, allowed: Al
                 for k in range(0, int(linear.sum()), AT_ONCE)
             ]
         )
+        _on_the_spot(off, said, tcp, rows[linear], move[linear])
         ways = [f"on the way to {where[k]}" for k in move[linear]]
         for column, (what, unit, limit, scale) in enumerate(
             (
@@ -294,6 +296,25 @@ def _lines(said: ReadProgram, motion: Motion, tcp: Array, at: Array, allowed: Al
         limit = RAPID_DEG + float(np.degrees(said.joint_step))
         checks.append(_worst(said, "joint moves along the motion", "deg", np.degrees(bow), limit, ways))
     return checks
+
+
+def _on_the_spot(off: Array, said: ReadProgram, tcp: Array, rows: NDArray[np.intp], move: NDArray[np.intp]) -> None:
+    """Samples at a target's place where only the orientation turns may be on the way before or after it: the better.
+
+    Args:
+        off: (K, 4) of samples ``rows`` (K,) against the ways to ``move`` (K,); changed in place.
+    """
+    T = said.T_workpiece_tcp
+    for end, other in ((move, move + 1), (move - 1, move - 1)):
+        there = (other >= 1) & (other < len(said))
+        there[there] &= said.kind[other[there]] == LIN
+        there &= np.linalg.norm(tcp[rows, :3, 3] - T[end, :3, 3], axis=1) < SPOT + said.place_step
+        k = np.flatnonzero(there)
+        k = k[np.linalg.norm(T[other[k], :3, 3] - T[other[k] - 1, :3, 3], axis=1) < SPOT]
+        if len(k):
+            second = _off_line(tcp[rows[k]], T[other[k] - 1], T[other[k]])
+            less = second[:, 1] < off[k, 1]
+            off[k[less]] = second[less]
 
 
 def _along(

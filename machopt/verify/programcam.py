@@ -18,6 +18,7 @@ from machopt.domain.readprogram import ReadProgram
 from machopt.domain.toolpath import Toolpath
 from machopt.verify.check import Check, Promise, of_file
 from machopt.verify.inorder import lines_in_order
+from machopt.verify.program import SPOT
 from machopt.verify.ride import AXIS_DEG, PATH_MM
 
 FEED_SHARE = 1e-4  # of the feed: what is left of a number printed to six digits
@@ -88,11 +89,32 @@ def _reached(place: Array, shank: Array, cuts: Cuts, limit: float) -> tuple[NDAr
     reached, share, gap = lines_in_order(
         np.ascontiguousarray(place), np.ascontiguousarray(cuts.position), cuts.wanted, limit, GIVEN_UP
     )
+    _turned_on_the_spot(reached, share, place, shank, cuts)
     tilt, on = np.full(len(reached), np.nan), np.flatnonzero(reached >= 0)
     f, j, wanted = share[on, None], reached[on], cuts.toolpath.axis[on]
     axis = (1.0 - f) * shank[j - 1] + f * shank[j]
     tilt[on] = np.arctan2(np.linalg.norm(np.cross(axis, wanted), axis=1), np.sum(axis * wanted, axis=1))
     return reached, gap, tilt
+
+
+def _turned_on_the_spot(reached: NDArray[np.int64], share: Array, place: Array, shank: Array, cuts: Cuts) -> None:
+    """Where the file turns the axis without a way, go on to the move that has turned it; its place alone tells nothing.
+
+    Args:
+        reached: (N,) moves as found by place, and ``share`` (N,) of them; changed in place.
+    """
+    path = cuts.toolpath
+    turned = np.abs(np.diff(path.axis, axis=0)).max(axis=1, initial=0.0) > 1e-9
+    here = np.abs(np.diff(path.position, axis=0)).max(axis=1, initial=0.0) < SPOT
+    for k in (1 + np.flatnonzero(turned & here)).tolist():
+        j = max(int(reached[k]), int(reached[k - 1])) if reached[k] >= 0 else -1
+        best, nearest = -1, float(path.axis[k] @ shank[j]) if j >= 0 else 1.0
+        while 0 <= j < len(place) - 1 and np.abs(place[j + 1] - place[j]).max() < SPOT:
+            j += 1
+            if float(path.axis[k] @ shank[j]) > nearest:
+                best, nearest = j, float(path.axis[k] @ shank[j])
+        if best >= 0:
+            reached[k], share[k] = best, 1.0
 
 
 def _cut_moves(said: ReadProgram, place: Array, cuts: Cuts, reached: NDArray[np.int64], limit: float) -> list[Check]:
