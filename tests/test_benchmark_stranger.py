@@ -178,3 +178,10 @@ def test_springs_alone_explain_a_null_set_of_poses() -> None:
         soft = soft * (1 + np.linalg.lstsq(A, read.ravel() - now, rcond=None)[0])
     left = read.ravel() - tips(soft)
     assert np.sqrt(np.mean(left**2)) < 1.15e-3 * scene.lab.reading.reading
+
+
+def test_every_draw_of_a_set_is_another_one_and_the_first_stays() -> None:
+    for case in catalogue.cases()[:3]:
+        seeds = [tuple(case.seed(which, draw)) for which in catalogue.SETS for draw in range(3)]
+        assert len(set(seeds)) == len(seeds)
+        assert case.seed("sealed") == case.seed("sealed", 0) == [97, case.seed("dev")[1]]
