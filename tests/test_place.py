@@ -329,6 +329,12 @@ def test_the_library_finds_what_the_command_finds(tmp_path: Path) -> None:
         machopt.place(CELLS / "kr240_drilling", tmp_path / "holes.csv", rotation_stp_deg=15.0)
 
 
+def test_an_unknown_word_of_the_library_is_held_against_its_own_words_first() -> None:
+    for word, meant in (("plcaes", "places"), ("rotation_stp_deg", "rotation_step_deg")):
+        with pytest.raises(InputError, match=f"unknown option '{word}'; did you mean '{meant}'. valid: x_mm, y_mm"):
+            machopt.place(CELLS / "kr240_drilling", "holes.csv", **{word: 3})  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("more", "says"),
     [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -15,7 +16,8 @@ from machopt.api.saved import Named, Progress, effects_of, saved, silent
 from machopt.api.table import Table
 from machopt.api.toolpath import Toolpath, toolpath_of
 from machopt.domain.results.place import PlaceResult
-from machopt.errors import InputError
+from machopt.errors import InputError, nearest
+from machopt.formats.option_keys import OptionKeys
 from machopt.placement.asked import Search
 from machopt.report.gather.place import columns_of, result_of
 from machopt.services.inputs import input_hashes
@@ -107,6 +109,11 @@ def place(
     Raises:
         InputError: cell, toolpath, range or an option is wrong; says which, and what would work.
     """
+    unknown = next((name for name in options if name not in OptionKeys.model_fields), None)
+    if unknown is not None:  # not the planner's list alone: this function's own words may be meant
+        own = [n for n, p in inspect.signature(place).parameters.items() if p.kind is inspect.Parameter.KEYWORD_ONLY]
+        words = nearest(unknown, [*own, *OptionKeys.model_fields])
+        raise InputError(f"unknown option {unknown!r}; {words}", where="place")
     a_cell = cell_of(cell)
     if move not in ("workpiece", "base"):
         raise InputError(f"found {move!r}; valid: workpiece, base", where="move")
