@@ -25,7 +25,7 @@ from machopt.model.robot import Robot
 from machopt.model.threads import side_by_side
 from machopt.se3 import inverse
 
-BLOCK = 512  # rows bounded at once, in one thread; keeps the work arrays in cache
+BLOCK = 256  # rows bounded at once, in one thread; keeps the work arrays in cache, and the threads' own memory small
 MEMORY = 3000  # distances remembered of one pair
 UNKNOWN = 1e3  # m, the motion bound of joint steps too large for one
 
