@@ -97,6 +97,16 @@ def test_the_next_motion_keeps_the_limits_and_parts_the_rivals(tmp_path: Path) -
         assert "plan-poses" not in motion_next.suggested(cell, "link", other)
 
 
+def test_a_load_that_nobody_states_is_no_clock(tmp_path: Path) -> None:
+    """Ten kilograms more at the flange of two links, torques in time."""
+    rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)
+    heavy = arm(tmp_path, 2, tool=10.0)
+    a = np.gradient(v, t, axis=0)
+    more = load_dynamics(heavy).torque(q, v, a) - load_dynamics(arm(tmp_path, 2)).torque(q, v, a)
+    found, _, _ = diagnosed(recorded(t, q, v, tau + more + rng.normal(size=q.shape)), cell, "torque")
+    assert [f.effect for f in found.findings] == ["payload"]
+
+
 def test_columns_of_one_joint_are_summed_as_those_of_all(tmp_path: Path) -> None:
     """Rows of other joints left out: the same sums, gains and chances."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)

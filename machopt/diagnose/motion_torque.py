@@ -23,6 +23,7 @@ from machopt.diagnose.problem import Catalogue, Family, Hypothesis, Ints, Proble
 from machopt.errors import InputError
 
 # late friction and a long breakaway path look alike at one joint
+APART = 1_000_000  # s between sessions, whose clocks may begin anew
 CLOCK_TURNS = ((0.0, 0.0), (5e-5, 0.0), (2e-4, 0.0), (0.0, 0.01), (0.0, 0.05))
 
 
@@ -38,7 +39,8 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
     n = scene.joints
     measured = rec.torque[m.index, :n]
     y = m.within(m.mean(measured - scene.predicted))
-    best, rough = _clock(scene, measured)
+    P, T, L = dynamics.regressors(m.q, m.v, m.a)
+    best, rough = _clock(scene, measured, m.mean(P))
     aligned = m.within(m.mean(m.late(measured, -best) - scene.predicted))
     paths = [breakaway(scene, j, aligned[:, j]) if scene.moves(j) else CLOCK_TURNS[0] for j in range(n)]
     base, unknowns = _base(scene, paths)
@@ -51,7 +53,7 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
             "torques are weighted by the noise of each joint: where only noise is left the error is the "
             "rms over joints in N·m; 1 N·m counts " + ", ".join(f"{s:.3g}" for s in scale) + " at joints 1 … " + str(n)
         )
-    P, T, L = (scene.everywhere(x) for x in dynamics.regressors(m.q, m.v, m.a))
+    P, T, L = (scene.everywhere(x) for x in (P, T, L))
     if np.abs(T).max() > 1e-9 and dynamics.tool_mass > 0:
         base = np.concatenate([base, T], axis=2)
         unknowns.append(Unknown("tool inertia", "kg·m²", location="tool"))
@@ -162,17 +164,24 @@ def heldout(y: Array, X: Array, group: Ints, weight: Array) -> Array:
     return out
 
 
-def _clock(scene: Scene, measured: Array) -> tuple[float, Callable[[float], Array]]:
+def _clock(scene: Scene, measured: Array, load: Array) -> tuple[float, Callable[[float], Array]]:
     """How late the torques are (s), each joint's friction and motor inertia refitted at every delay; and the torque
     (M, n) that they should have shown, late by any d.
 
-    Friction steps where a joint reverses, so it has to be late together with the rigid bodies.
+    Friction steps where a joint reverses, so it has to be late together with the rigid bodies. A load at the flange
+    that the cell does not state asks for torque out of step with what is predicted, as a clock does: ``load``
+    (N, n, 4), what it would ask for, is refitted beside.
     """
     m = scene.motion
     assert scene.predicted is not None
     predicted = scene.predicted
     moving = [j for j in range(scene.joints) if scene.moves(j)]
     tau = m.within(m.mean(measured))
+    at = m.mean(m.time + APART * m.session)
+
+    def carried(d: float, j: int) -> Array:
+        """(N, 4) of the load, late; it is smooth, so that averages will do."""
+        return m.within(np.stack([np.interp(at - d, at, x) for x in load[:, j].T], axis=1))
 
     def smooth(d: float) -> tuple[Array, Array, Array]:
         return m.late(predicted, d), m.late(m.v, d), m.late(m.a, d)
@@ -188,9 +197,9 @@ def _clock(scene: Scene, measured: Array) -> tuple[float, Callable[[float], Arra
         for j in moving:
             z = [turning(v, j, k) for k in range(len(CLOCK_TURNS))]
             X = m.within(m.mean(np.stack([body[:, j], np.ones(len(v)), v[:, j], a[:, j], *z], axis=1)))
-            fits = []
+            fits, beside = [], carried(d, j)
             for k in range(len(CLOCK_TURNS)):
-                r, x = rest_of(tau[:, j] - X[:, 0], X[:, [1, 2, 3, 4 + k]])
+                r, x = rest_of(tau[:, j] - X[:, 0], np.concatenate([X[:, [1, 2, 3, 4 + k]], beside], axis=1))
                 fits.append((r, x, k))
             out.append(min(fits, key=lambda f: float(f[0] @ f[0])))
         return out
