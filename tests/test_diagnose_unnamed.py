@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_diagnose_drift import problem, timed
+from test_diagnose_drift import timed
+from test_effects import posed
 
 from machopt.diagnose import at_sensor, engine, unnamed
 from machopt.diagnose.problem import Catalogue
@@ -21,7 +22,7 @@ def test_what_has_no_name_is_said_with_its_place_and_not_named(law: str) -> None
     true = next(h for h in unnamed.hypotheses(r) if h.law == law)
     size = np.eye(9)[2] if law == unnamed.JUMPS else np.ones(1)
     moved = true.columns((0.6,)) @ (8e-5 * size)
-    found = engine.diagnose(problem(r, moved), catalogue(r), engine.Options(), np.random.default_rng(0))
+    found = engine.diagnose(posed(r, moved), catalogue(r), engine.Options(), np.random.default_rng(0))
     assert not found.findings
     assert found.verdict == "unexplained"
     assert [n for n in found.notes if f"something at {true.location}" in n]
@@ -34,7 +35,7 @@ def test_a_law_of_the_catalogue_is_named_beside_it() -> None:
     turned = next(h for h in at_sensor.hypotheses(r) if h.effect == "force_sensor_offset")
     slips = next(h for h in unnamed.hypotheses(r) if h.law == unnamed.SLIPS)
     moved = turned.columns(turned.shapes[0]) @ np.full(3, 60.0) + slips.columns((0.6,)) @ np.full(1, 8e-5)
-    found = engine.diagnose(problem(r, moved), catalogue(r), engine.Options(), np.random.default_rng(0))
+    found = engine.diagnose(posed(r, moved), catalogue(r), engine.Options(), np.random.default_rng(0))
     assert [f.effect for f in found.findings] == ["force_sensor_offset"]
     assert found.verdict == "partly_explained"
 
