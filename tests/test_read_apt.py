@@ -275,6 +275,7 @@ def test_cut_off_files_are_told(tmp_path: Path) -> None:
         ("UNITS/MM\nFEDRAT/100\nGOTO/1,2,3e7\nFINI\n", "line 3.*1e\\+06"),
         ("UNITS/MM\nRAPID\nGOTO/1,2,3\nFINI\n", "no cutting move"),
         ("UNITS/MM\nFEDRAT/100,MMPR\nGOTO/1,2,3\nFINI\n", "--feed"),
+        ("UNITS/MM\nFEDRAT/INVERS,10\nGOTO/1,2,3\nFINI\n", "line 2.*INVERS is no speed"),
         (
             "UNITS/MM\nFEDRAT/100\nGOTO/1,2,3\nCIRCLE/0,0,0,0,0,1\nGOTO/900,2,3\nFINI\n",
             "line 5.*distance from the centre",

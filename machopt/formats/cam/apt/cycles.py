@@ -14,6 +14,7 @@ from machopt.formats.cam.apt.tokens import number
 from machopt.formats.holecycle import CycleError, HoleCycle
 from machopt.formats.pathbuilder import Vector
 
+NO_SPEED = frozenset(("INVERS", "INVERSE", "INVTIM", "DPM", "DEGPM"))  # inverse time, degrees a minute of a rotary axis
 FEED_UNITS = {  # word → (mm per length unit, None: the file's), per revolution
     "MMPM": (1.0, False),
     "MMPR": (1.0, True),

@@ -14,7 +14,7 @@ import numpy as np
 
 from machopt.domain.toolpath import Toolpath
 from machopt.formats.cam import reviewed
-from machopt.formats.cam.apt.cycles import FEED_UNITS, HsmCycle, hole_cycle, parse_cycle
+from machopt.formats.cam.apt.cycles import FEED_UNITS, NO_SPEED, HsmCycle, hole_cycle, parse_cycle
 from machopt.formats.cam.apt.dialect import Dialect, unit_of
 from machopt.formats.cam.apt.fast import plain_gotos, takes_plain_gotos
 from machopt.formats.cam.apt.systems import SystemReader
@@ -138,6 +138,9 @@ class _Reader(SystemReader):
 
     def feed_rate(self, word: str, rest: str, line: int) -> None:
         parts = fields(rest)
+        timed = next((p for p in parts if p in NO_SPEED), None)
+        if timed:
+            raise ValueError(f"{timed} is no speed of the tool tip; expected one per minute or revolution, e.g. MMPM")
         unit = next((p for p in parts if p in FEED_UNITS), None)
         value = next((v for p in parts if (v := number(p)) is not None), None)
         strange = [p for p in parts if p and p not in FEED_UNITS and number(p) is None]
