@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from made_up_loads import ARCMIN, CELLS, Dirt, Truth, arm, clicking, load_tests, planned
 
-from machopt.diagnose import gross, pose_units, record
+from machopt.diagnose import gross, loaded, pose_units, record
 from machopt.diagnose.cellvalues import far_off
 from machopt.diagnose.problem import Unknown
 from machopt.diagnose.result import Coefficient, Finding
@@ -184,11 +184,22 @@ def test_a_wrench_in_tool_axes_turns_with_the_sagging_tool() -> None:
     true = experiment(base, arm_, T).wrench
     tests = experiment(tool, arm_, T)
     straight = np.abs(tests.wrench - true).max()
-    turned = np.abs(record.where_it_stands(tests, tool, arm_, T, masses).wrench - true).max()
+    turned = np.abs(loaded.where_it_stands(tests, tool, arm_, T, masses).wrench - true).max()
     assert straight > 5.0  # N of 1500: 3 mrad
     assert turned < 0.2 * straight  # springs are known to some per cent, backlash and the load's own turn apart
     told = experiment(base, arm_, T)
-    assert record.where_it_stands(told, base, arm_, T, masses) is told
+    assert loaded.where_it_stands(told, base, arm_, T, masses) is told
+
+
+@pytest.mark.parametrize("offset_N", [(7.0, 19.0, -2.0), (48.0, 19.0, 31.0)])
+def test_a_zero_of_the_force_does_not_hide_that_the_tool_sags(offset_N: tuple[float, float, float]) -> None:
+    """K_C and a zero are as large as what the sag turns; a turned sensor was then named as axes of the tracker."""
+    arm_, T, _ = robot()
+    tool = sound(frame="tool")
+    assert tool.wrench is not None
+    off = replace(tool, wrench=tool.wrench + np.array([*offset_N, 0.0, 0.0, 0.0]))
+    tests = experiment(off, arm_, T)
+    assert loaded.where_it_stands(tests, off, arm_, T, load_masses(load_cell(CELLS / CELL))) is not tests
 
 
 def test_weights_turned_into_tool_axes_by_the_encoders_stay_where_these_say() -> None:
@@ -199,7 +210,7 @@ def test_weights_turned_into_tool_axes_by_the_encoders_stay_where_these_say() ->
     R = arm_.fk(base.q, T)[:, :3, :3]
     w = np.einsum("nji,nbj->nbi", R, base.wrench.reshape(-1, 2, 3)).reshape(-1, 6)
     told = experiment(replace(base, wrench=w, wrench_frame="tool"), arm_, T)
-    kept = record.where_it_stands(
+    kept = loaded.where_it_stands(
         told, replace(base, wrench=w, wrench_frame="tool"), arm_, T, load_masses(load_cell(CELLS / CELL))
     )
     assert kept is told

@@ -53,7 +53,7 @@ def made(robot: Robot, tool: Array, effect: Effect, law: BodyLaw, where: str) ->
     if not law.bounded:  # a matrix that is positive
         A = np.random.default_rng(1).normal(size=(6, 6))
         values = 1e-9 * np.array([(A @ A.T)[i, j] for i, j in bodies.EVERY])
-    elif len(values) == 3 and values.size > 2 and law.coefficients[2].least < 0.0:
+    elif len(values) > 2 and law.coefficients[2].key == "both":
         values[2] *= 0.1  # what couples shift and tilt is less than either
     return spring(effect.called, place, law, values, shape)
 

@@ -34,13 +34,14 @@ def hypotheses(r: Readings) -> list[Hypothesis]:
         for where in (p for p in effect.places if p != LAST):
             place = placed(r.robot, r.T_flange_tcp, where)
             load = borne(r, place)
-            for law in effect.gives:
-                if not (r.differences or law.weighs):
-                    continue
-                shown = law.seen(r.dimensions, turning=bool(r.wrench[:, 3:].any()))
-                grid = shown.grid(place.shape)
+            laws = [law for law in effect.gives if r.differences or law.weighs]
+            shown = [law.seen(r.dimensions, turning=bool(r.wrench[:, 3:].any())) for law in laws]
+            for law in {
+                one.name: one for one in shown
+            }.values():  # some are the same where moments or turning are missing
+                grid = law.grid(place.shape)
                 if grid:
-                    out.append(_hypothesis(r, effect, place, shown, load, grid))
+                    out.append(_hypothesis(r, effect, place, law, load, grid))
     return out if r.differences else [h for h in out if np.abs(h.columns(h.shapes[0])).max() > 0.0]
 
 

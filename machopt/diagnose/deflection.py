@@ -14,17 +14,16 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.diagnose import at_beside, at_body, at_heat, at_joint, at_sensor, calibrated, loads, unnamed
+from machopt.diagnose.loaded import beyond_linear
 from machopt.diagnose.problem import Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
 from machopt.diagnose.readings import History, Readings
 from machopt.domain.parameters import joint_spring
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import LEAST_STIFFNESS
 from machopt.effects import registry
-from machopt.errors import InputError
 from machopt.estimate.clusters import clusters
 from machopt.estimate.experiment import Experiment
 from machopt.estimate.robust import start
-from machopt.identify.equilibrium import Equilibrium
 from machopt.model.robot import Masses, Robot
 
 Ints = NDArray[np.int64]
@@ -60,7 +59,8 @@ def build(
     load = np.linalg.norm(tests.wrench[:, :3], axis=1) + np.linalg.norm(tests.wrench[:, 3:], axis=1)
     A = tests.response()
     c = start(A, tests.measured, load) if compliance is None else compliance
-    known, curved = _known(tests, robot, T_flange_tcp, masses, np.clip(c, 0.0, 1.0 / LEAST_STIFFNESS))
+    curved = beyond_linear(tests, robot, T_flange_tcp, masses, np.clip(c, 0.0, 1.0 / LEAST_STIFFNESS))
+    known = np.zeros_like(tests.measured) if curved is None else curved
     y = tests.measured - known
     c = np.clip(start(A, y, load) if compliance is None else compliance, 0.0, 1.0 / LEAST_STIFFNESS)
     labels = clusters(tests)
@@ -168,18 +168,6 @@ def catalogue(r: Readings, curved: Array | None) -> Catalogue:
         axes["time"] = r.recording.time
     axes |= {f"q{j + 1}": r.state.q[:, j] for j in range(6)}
     return Catalogue(tuple(out), tuple(missing), axes)
-
-
-def _known(
-    tests: Experiment, robot: Robot, T_flange_tcp: Array, masses: Masses | None, c: Array
-) -> tuple[Array, Array | None]:
-    """What the exact equilibrium adds to the linear law (K_C), and the same as a column; zero where nothing holds."""
-    try:
-        d, _ = Equilibrium(tests, robot, T_flange_tcp, masses).predict(c)
-    except InputError:
-        return np.zeros_like(tests.measured), None
-    more = d - tests.response() @ c
-    return more, more
 
 
 def replicates(tests: Experiment, recording: Recording) -> Ints:

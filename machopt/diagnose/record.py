@@ -19,7 +19,6 @@ from machopt.diagnose.contradiction import contradictions
 from machopt.diagnose.repaired import exact, repaired
 from machopt.diagnose.result import Estimate, Finding
 from machopt.domain.recording import Axes, Recording
-from machopt.domain.stiffness import LEAST_STIFFNESS
 from machopt.effects.record import FORCES, LENGTHS, UNITS, column
 from machopt.effects.sensor import DISPLACEMENT, FRAME, LOAD
 from machopt.estimate.experiment import Experiment, experiment
@@ -27,8 +26,7 @@ from machopt.estimate.robust import start
 from machopt.identify.check import check_experiment
 from machopt.identify.finding import Finding as Problem
 from machopt.identify.units import reach_of
-from machopt.model.gravity import gravity_torque
-from machopt.model.robot import Masses, Robot
+from machopt.model.robot import Robot
 
 Flags = NDArray[np.bool_]
 MOST_REPAIRS = 3
@@ -95,42 +93,6 @@ def mend(
     recording, more = contradictions(recording, robot, T_flange_tcp)
     recording, exchanged = throughout.mended(recording, robot, T_flange_tcp, accept)
     return recording, [*odd, *findings, *more, *exchanged], [*silent, *warnings]
-
-
-def where_it_stands(
-    tests: Experiment, recording: Recording, robot: Robot, T_flange_tcp: Array, masses: Masses | None
-) -> Experiment:
-    """A wrench read in tool axes, in base axes by where load and weight put the tool, or by where encoders say it is.
-
-    R(q + c τ) instead of R(q): springs that sag by 5 mrad turn a sensor by as much, and its axes would seem askew. A
-    load that is known in base axes, a weight, is turned into tool axes by the encoders alone. No recording says which;
-    the springs do, which have to fit either.
-
-    Args:
-        tests: of the recording.
-        recording: as mended.
-        robot, T_flange_tcp: the arm.
-        masses: of links and tool; None: unknown, the load alone turns the tool.
-    """
-    if recording.wrench_frame != "tool":
-        return tests
-    load = np.linalg.norm(tests.wrench[:, :3], axis=1) + np.linalg.norm(tests.wrench[:, 3:], axis=1)
-    c = np.clip(start(tests.response(), tests.measured, load), 0.0, 1.0 / LEAST_STIFFNESS)
-    tau = np.einsum("nci,nc->ni", tests.state.J, tests.wrench)
-    if masses is not None:
-        tau = tau + gravity_torque(robot, masses, tests.state)[0]
-    bend = np.clip(c * tau, -calibrated.RECORD.most_twist, calibrated.RECORD.most_twist)
-    turned = robot.fk(recording.q + bend, T_flange_tcp)[:, :3, :3] @ np.swapaxes(tests.T_base_tcp[:, :3, :3], 1, 2)
-    wrench = np.einsum("nij,nbj->nbi", turned, tests.wrench.reshape(len(tests), -1, 3)).reshape(tests.wrench.shape)
-    stands = replace(tests, wrench=wrench)
-    return stands if _misfit_by_size(stands) <= _misfit_by_size(tests) else tests
-
-
-def _misfit_by_size(tests: Experiment) -> float:
-    """m, mean of what refitted joints leave of the translations, so that many small differences count."""
-    load = np.linalg.norm(tests.wrench[:, :3], axis=1) + np.linalg.norm(tests.wrench[:, 3:], axis=1)
-    A = tests.response()[:, :3]
-    return float(np.mean(np.abs(tests.measured[:, :3] - A @ start(A, tests.measured[:, :3], load))))
 
 
 def _mended(recording: Recording, error: Problem, robot: Robot, T_flange_tcp: Array) -> Recording | None:

@@ -18,6 +18,7 @@ from machopt.diagnose import (
     enough,
     gross,
     held,
+    loaded,
     motion,
     motion_next,
     moved,
@@ -174,7 +175,7 @@ def _load_tests(
     copies: NDArray[np.bool_],
     options: engine.Options,
 ) -> tuple[Diagnosis, Problem]:
-    tests = record.where_it_stands(experiment(recording, robot, T), recording, robot, T, masses)
+    tests = loaded.where_it_stands(experiment(recording, robot, T), recording, robot, T, masses)
     memo: dict[str, History] = {}
     terms = None
     if known is not None and known.terms:  # what they add to the springs

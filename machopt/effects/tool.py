@@ -31,6 +31,10 @@ from machopt.se3 import normalise, skew
 ALONG = 0.999  # cosine between tool axis and line from the flange, from which on they are one
 NOTE = "constant in the tool frame"
 SENSOR = ("sensor_N_per_mm", "sensor_Nm_per_rad")
+SHIFT = Parameter(key="shift", unit=UNITS[0], least=0.0)  # of a body of revolution
+TILT = Parameter(key="tilt", unit=UNITS[2], least=0.0)
+BOTH = Parameter(key="both", unit=UNITS[1])
+TWIST = Parameter(key="twist", unit=UNITS[2], least=0.0)
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,10 @@ class TipBeam(Beam):
     @property
     def equation(self) -> str:
         return "cantilever from the flange to the TCP"
+
+    def seen(self, dimensions: int, *, turning: bool) -> BodyLaw:
+        """A force at its end does not twist it."""
+        return self if dimensions == 6 and turning else replace(self, keys=("EI_Nm2",))
 
 
 @dataclass(frozen=True)
@@ -81,30 +89,29 @@ class TipMatrix(Entries):
 
 @dataclass(frozen=True)
 class Round(Yields):
-    """A body of revolution seen from the TCP: lateral shift, tilt, and what couples them."""
+    """A body of revolution seen from the TCP: lateral shift, tilt, what couples them, and the twist about its axis."""
 
     line: bool  # about the line from the flange to the TCP; else about the tool's axis
     note = NOTE
     equation = "R C Rᵀ w at the TCP, C of a body of revolution"
-    coefficients: tuple[Parameter, ...] = (
-        Parameter(key="shift", unit=UNITS[0], least=0.0),
-        Parameter(key="tilt", unit=UNITS[2], least=0.0),
-        Parameter(key="both", unit=UNITS[1]),
-    )
+    coefficients: tuple[Parameter, ...] = (SHIFT, TILT, BOTH)
 
     @property
     def name(self) -> str:
-        return "bends about the line from flange to TCP" if self.line else "round, bends and tilts"
+        said = "bends about the line from flange to TCP" if self.line else "round, bends and tilts"
+        return f"{said}, twists" if TWIST in self.coefficients else said
 
     def seen(self, dimensions: int, *, turning: bool) -> BodyLaw:
-        """Places under forces show its shift alone."""
-        return self if dimensions == 6 or turning else replace(self, coefficients=self.coefficients[:1])
+        """Places under forces show its shift alone; a twist is turned by a moment."""
+        shown = 4 if dimensions == 6 and turning else 3 if dimensions == 6 or turning else 1
+        return replace(self, coefficients=self.coefficients[:shown])
 
     def matrices(self, shape: Array, body: Body) -> Array:
-        made = np.zeros((3, 6, 6))
+        made = np.zeros((4, 6, 6))
         made[0, 1, 1] = made[0, 2, 2] = made[1, 4, 4] = made[1, 5, 5] = 1.0
         made[2, 1, 5] = made[2, 5, 1] = 1.0
         made[2, 2, 4] = made[2, 4, 2] = -1.0
+        made[3, 3, 3] = 1.0
         made = made[: len(self.coefficients)]
         if not self.line:
             return made
@@ -119,7 +126,7 @@ class Round(Yields):
         return {"lateral_compliance": Quantity(1e6 * abs(float(values[0])), "µm/N"), **tilt}
 
     def nearest(self, values: Array, metric: Array) -> Array:
-        return nearest_definite(values, ((0, 0), (1, 1), (0, 1))[: len(values)], metric)
+        return nearest_definite(values, ((0, 0), (1, 1), (0, 1), (2, 2))[: len(values)], metric)
 
     def grid(self, body: Body) -> tuple[Shape, ...]:
         if not self.line:
@@ -211,7 +218,16 @@ EFFECT = Effect(
     sentence="Flange, force sensor, spindle or holder bend behind the tool tip.",
     port="body",
     places=("tool",),
-    gives=(TipBeam(), TipSpring(), Round(line=False), Round(line=True), TipMatrix()),
+    gives=(
+        TipBeam(),
+        TipBeam(("EI_Nm2", "GJ_Nm2")),
+        TipSpring(),
+        Round(line=False),
+        Round(line=True),
+        Round(line=False, coefficients=(SHIFT, TILT, BOTH, TWIST)),
+        Round(line=True, coefficients=(SHIFT, TILT, BOTH, TWIST)),
+        TipMatrix(),
+    ),
     reads=_reads,
     elastic=True,
 )
