@@ -13,18 +13,13 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from make_cells import (
-    HERE,
-    JERK_TIME,
-    CellFiles,
-    as_list,
-    block,
-    box,
-    cylinder,
-    kr240_drilling,
-    kr500_milling,
-    write_cell,
-)
+from making.cellfiles import CellFiles, as_list, block
+from making.kr240 import kr240_drilling
+from making.kr500 import kr500_milling
+from making.shapes import box, cylinder
+from making.written import JERK_TIME, write_cell
+
+HERE = Path(__file__).resolve().parent
 
 
 @dataclass(frozen=True)
@@ -125,10 +120,10 @@ def kr240_turntable() -> External:
     return External(cell, urdf, ("tilt", "turn"), (0.0, 0.0), speed, rate, "plate", (0, 0, 0), plan)
 
 
-def write(made: External) -> None:
-    """The cell of ``make_cells.py``, then what is added to it."""
-    write_cell(made.cell)
-    folder = HERE / made.cell.folder
+def write(made: External, cells: Path) -> None:
+    """The cell of ``make_cells.py``, then what is added to it, into its folder among ``cells``."""
+    write_cell(made.cell, cells)
+    folder = cells / made.cell.folder
     urdf = (folder / "robot.urdf").read_text(encoding="utf-8")
     urdf = urdf.replace("made by cells/make_cells.py", "made by cells/make_external_cells.py")
     (folder / "robot.urdf").write_text(urdf.replace("</robot>", f"{made.urdf}\n</robot>"), encoding="utf-8")
@@ -159,5 +154,5 @@ CELLS: dict[str, Callable[[], External]] = {"kr500_rail": kr500_rail, "kr240_tur
 
 if __name__ == "__main__":
     for wanted in sys.argv[1:] or CELLS:
-        write(CELLS[wanted]())
+        write(CELLS[wanted](), HERE)
         print(HERE / wanted)

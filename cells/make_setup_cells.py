@@ -12,7 +12,12 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from make_cells import HERE, block, box, kr240_drilling, write_cell
+from making.cellfiles import block
+from making.kr240 import kr240_drilling
+from making.shapes import box
+from making.written import write_cell
+
+HERE = Path(__file__).resolve().parent
 
 FOLDER = "kr240_setups"
 NOSE = 360.0  # of the spindle, in the flange
@@ -81,8 +86,8 @@ LINES = """\
 """
 
 
-def write() -> None:
-    """The cell of ``make_cells.py``, then its tools and setups."""
+def write(cells: Path) -> None:
+    """The cell of ``make_cells.py``, then its tools and setups, into its folder among ``cells``."""
     x = 1700.0
     write_cell(
         replace(
@@ -97,9 +102,10 @@ def write() -> None:
                 block("stand", (600, 900, TABLE - 201), (x, 0, (TABLE - 201) / 2)),
             ),
             extra={},
-        )
+        ),
+        cells,
     )
-    folder = HERE / FOLDER
+    folder = cells / FOLDER
     (folder / "meshes" / "workpiece.stl").unlink()
     for name in ("robot.urdf", "cell.yaml"):
         text = (folder / name).read_text(encoding="utf-8")
@@ -117,5 +123,5 @@ def write() -> None:
 
 
 if __name__ == "__main__":
-    write()
+    write(HERE)
     print(HERE / FOLDER)

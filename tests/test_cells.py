@@ -104,11 +104,10 @@ def test_holder_ends_above_the_cutter(name: str) -> None:
         assert z_tcp.max() < -stand_off + 1e-6
 
 
-def test_generator_makes_the_committed_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_generator_makes_the_committed_files(tmp_path: Path) -> None:
     make = script("cells/make_cells.py")
-    monkeypatch.setattr(make, "HERE", tmp_path)
     for build in make.CELLS.values():
-        make.write_cell(build())
+        make.write_cell(build(), tmp_path)
     made = sorted(p.relative_to(tmp_path) for p in tmp_path.rglob("*") if p.is_file())
     on_disk = (p for n in CELLS for p in (ROOT / "cells" / n).rglob("*") if p.is_file() and p.suffix != ".md")
     kept = sorted(p.relative_to(ROOT / "cells") for p in on_disk if "recordings" not in p.parts)
@@ -122,13 +121,10 @@ def test_generator_makes_the_committed_files(tmp_path: Path, monkeypatch: pytest
 
 
 @pytest.mark.parametrize("name", EXTERNAL)
-def test_cells_with_external_axes(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cells_with_external_axes(name: str, tmp_path: Path) -> None:
     """The generator makes the committed files; nothing touches at home."""
-    make = script("cells/make_cells.py")
     more = script("cells/make_external_cells.py")
-    for module in (make, more):
-        monkeypatch.setattr(module, "HERE", tmp_path)
-    more.write(more.CELLS[name]())
+    more.write(more.CELLS[name](), tmp_path)
     made = sorted(p.relative_to(tmp_path) for p in tmp_path.rglob("*") if p.is_file())
     on_disk = (p for p in (ROOT / "cells" / name).rglob("*") if p.is_file() and p.suffix != ".md")
     assert made == sorted(p.relative_to(ROOT / "cells") for p in on_disk)

@@ -1,7 +1,7 @@
 """Writes the example toolpaths for the cells of ``cells/``. Run ``python toolpaths/make_toolpaths.py``.
 
 Deterministic; the output is committed. Coordinates in mm in the CAM frame of the cell named in README.md; tool
-axes point from tip to shank. The workpiece surfaces are those of cells/make_cells.py: the cylinder head's deck
+axes point from tip to shank. The workpiece surfaces are those of cells/making/: the cylinder head's deck
 is z = 0 with a 28 mm wide rim, the panel is a cylinder of radius 1500 mm about a line parallel to y.
 """
 
