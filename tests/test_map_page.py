@@ -19,10 +19,12 @@ from machopt.domain.reason import Reason
 from machopt.formats.cell import load_cell
 from machopt.model.robot import load_robot
 from machopt.report.contours import isolines, round_levels
+from machopt.report.data import STATUS_NAMES
 from machopt.report.map_data import ArmLines, MapAxis, MapData, MapField, MapLayer, MeasuredView
 from machopt.report.map_figures import ANGLE_LEVEL, curves, field_spec, levels, map_specs
 from machopt.report.map_page import map_page_html, where
 from machopt.report.map_svg import map_svg, pair_svg
+from machopt.report.placecodes import PlaceCode, place_codes
 from machopt.report.still import VIRIDIS, colours, hatching, image
 from machopt.services.map import Request, run_map
 from machopt.workspace.told import REASONS
@@ -30,7 +32,7 @@ from machopt.workspace.told import REASONS
 KR240 = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
 ASSETS = Path(__file__).resolve().parents[1] / "machopt" / "report" / "assets"
 VOID = {"meta", "br", "link", "img", "input"}
-NAMES = tuple(REASONS.get(r, r.word) for r in Reason)
+NAMES = tuple(REASONS.get(c.reason, c.name.lower()) if c.reason is not None else "not checked" for c in PlaceCode)
 
 
 class Balanced(HTMLParser):
@@ -216,6 +218,22 @@ def test_packed_levels_keep_four_digits_and_the_holes() -> None:
     assert levels(np.full(3, np.nan))["level"] == ""
     assert np.unique(decoded(levels(np.full(3, 7.0)))).tolist() == [7.0]
     json.dumps(levels(np.full(3, np.nan)), allow_nan=False)
+
+
+def test_pages_index_by_codes_of_their_own() -> None:
+    """Numbers of Reason may move; the scripts' patterns and the words of both maps may not."""
+    script = (ASSETS / "heatmap.js").read_text(encoding="utf-8")
+    assert f"const NOT_CHECKED = {PlaceCode.NOT_CHECKED:d};" in script
+    drawn = {int(n) for n in re.findall(r"^  (\d+): \(", script, re.MULTILINE)} | {int(PlaceCode.NOT_CHECKED)}
+    assert drawn == set(range(1, len(STATUS_NAMES)))
+    assert STATUS_NAMES[PlaceCode.LIMIT] == "joint limit"
+    assert STATUS_NAMES[PlaceCode.SINGULAR_SHOULDER] == "shoulder singularity"
+    assert STATUS_NAMES[PlaceCode.COLLIDING] == "collision"
+    assert STATUS_NAMES[PlaceCode.NOT_CHECKED] == "not checked"
+    reasons = np.array([c.reason for c in PlaceCode if c.reason is not None], np.uint8)
+    assert [PlaceCode(c).reason for c in place_codes(reasons).tolist()] == [Reason(r) for r in reasons.tolist()]
+    with pytest.raises(ValueError, match="no place of a map can be gouging"):
+        place_codes(np.array([Reason.OK, Reason.GOUGING], np.uint8))
 
 
 def test_page_knows_joints_reasons_and_units_of_every_sample() -> None:

@@ -25,7 +25,7 @@ STATUS_NAMES = (
     "collision",
     "not checked",
 )
-"""Meaning of the codes in :attr:`RotationMap.status`, by position."""
+"""Meaning of the codes in :attr:`RotationMap.status`, by :class:`machopt.report.placecodes.PlaceCode`."""
 
 
 @dataclass(frozen=True)

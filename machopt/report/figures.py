@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 from machopt.report.data import STATUS_NAMES, FeedDip, MotionSeries, OperationRow, PathSeries, ReportData, RotationMap
 from machopt.report.display import ANGLE, FEED, FINE_LENGTH, LENGTH, QUANTITY, STIFFNESS, WORDS, Unit
+from machopt.report.placecodes import PlaceCode
 from machopt.report.scene import View
 from machopt.report.scene_spec import floats, motion_spec, path_spec, scene_spec, stations_spec
 from machopt.report.series import keep, numbers, packed, packed_codes
@@ -83,7 +84,7 @@ def _map_spec(data: ReportData, m: RotationMap) -> Spec:
     unit, words = QUANTITY[data.summary.quantity], WORDS[data.summary.quantity]
     pick = _stations_shown(m)
     status = m.status[pick]
-    index = np.where((status == 0) | (status == 7), m.index[pick] * unit.factor, np.nan)
+    index = np.where(np.isin(status, (PlaceCode.OK, PlaceCode.NOT_CHECKED)), m.index[pick] * unit.factor, np.nan)
     known = index[np.isfinite(index)]
     lowest, highest = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     # single places beside a singularity must not bleach the rest

@@ -60,7 +60,7 @@ class MapLayer:
     name: str
     title: str
     value: dict[str, Array]  # key of a field → (M,), NaN where there is none
-    reason: NDArray[np.uint8]  # (M,) codes into ``MapData.reasons``, 0: a posture was found
+    reason: NDArray[np.uint8]  # (M,) PlaceCode, which indexes ``MapData.reasons``; 0: a posture was found
     q: Array  # (M, 6) rad
     gamma: Array  # (M,) rad
     shortfall: Array  # (M,) m
@@ -122,7 +122,7 @@ class MapData:
     fields: tuple[MapField, ...]
     layers: tuple[MapLayer, ...]
     criterion: str  # key
-    reasons: tuple[str, ...]  # words by code
+    reasons: tuple[str, ...]  # words by PlaceCode
     arm: ArmLines
     verdict: str
     warnings: tuple[str, ...]

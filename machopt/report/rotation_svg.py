@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 from machopt.report.data import STATUS_NAMES, Quantity, RotationMap
 from machopt.report.display import ANGLE, LENGTH, QUANTITY, WORDS
+from machopt.report.placecodes import PlaceCode
 from machopt.report.still import (
     Box,
     Pixels,
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 
 _BOX: Box = (66.0, 44.0, 760.0, 300.0)
 _PIXEL = 2  # of the picture's raster a unit of length
-_NO_PATH = 7  # status of a place that is possible by itself; it has an index
+_WITH_INDEX = (PlaceCode.OK, PlaceCode.NOT_CHECKED)  # possible by themselves, so they have an index
 _LINES = (("CAM default", "cam_default", "#c81e1e", "5 4"), ("Jiao 2022", "jiao2022", "#d9730d", "9 3"))
 
 
@@ -47,7 +48,7 @@ def rotation_svg(data: RotationMap, quantity: Quantity, *, title: str) -> Markup
     """
     x, y, w, h = _BOX
     shown, words = QUANTITY[quantity], WORDS[quantity]
-    value = np.where((data.status == 0) | (data.status == _NO_PATH), data.index * shown.factor, np.nan)
+    value = np.where(np.isin(data.status, _WITH_INDEX), data.index * shown.factor, np.nan)
     known = value[np.isfinite(value)]
     low, high = (float(v) for v in np.percentile(known, [2, 98])) if known.size else (0.0, 1.0)
     high = high if high > low else low + 1.0
@@ -79,7 +80,7 @@ def rotation_svg(data: RotationMap, quantity: Quantity, *, title: str) -> Markup
         parts += [stroke(_path(px, py, h), **paint), stroke(f"M{at:.1f} {y + h + 58:.1f}h24", **paint)]
         parts.append(text(at + 30, y + h + 62, name, kind="t"))
         at += 130
-    codes = [int(c) for c in np.unique(data.status) if c not in (0, _NO_PATH)]
+    codes = [int(c) for c in np.unique(data.status) if c not in _WITH_INDEX]
     rows, columns = np.indices((28, 44))
     for n, code in enumerate(codes):
         place = (x + 190 * (n % 4), y + h + 74 + 22 * (n // 4), 22.0, 14.0)
@@ -105,7 +106,7 @@ def _pixels(
     out = colours(np.where(np.isfinite(t), t if large_is_good else 1.0 - t, 0.0))
     out[~np.isfinite(v)] = 255
     y, x = np.indices((h, w))
-    for c in np.unique(code[(code > 0) & (code != _NO_PATH)]).tolist():
+    for c in np.unique(code[~np.isin(code, _WITH_INDEX)]).tolist():
         here = code == c
         out[here] = hatching(c, x[here], y[here])
     return out

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.report.contours import round_levels
+from machopt.report.placecodes import PlaceCode
 from machopt.report.svg import Shape, Style, drawn, shape
 
 if TYPE_CHECKING:
@@ -106,17 +107,18 @@ def colours(t: Array) -> Pixels:
 
 
 def hatching(code: int, x: NDArray[np.intp], y: NDArray[np.intp]) -> Pixels:
-    """(..., 3) pixels that stand for a reason code; patterns differ so that they survive a grey print."""
+    """(..., 3) pixels that stand for a :class:`PlaceCode`; patterns differ so that they survive a grey print."""
     patterns = {
-        1: x < 0,
-        2: (x + y) % 12 < 3,
-        3: y % 9 < 2,
-        4: x % 9 < 2,
-        5: (x % 10 < 2) | (y % 10 < 2),
-        6: (x - y) % 10 < 4,
+        PlaceCode.UNREACHABLE: x < 0,
+        PlaceCode.LIMIT: (x + y) % 12 < 3,
+        PlaceCode.SINGULAR_WRIST: y % 9 < 2,
+        PlaceCode.SINGULAR_ELBOW: x % 9 < 2,
+        PlaceCode.SINGULAR_SHOULDER: (x % 10 < 2) | (y % 10 < 2),
+        PlaceCode.COLLIDING: (x - y) % 10 < 4,
     }
-    ink, pale = (np.array([126, 34, 40], np.uint8), np.array([222, 178, 178], np.uint8)) if code == 6 else (INK, PALE)
-    mark = patterns.get(code, (x % 12 < 2) & (y % 12 < 2))
+    red = (np.array([126, 34, 40], np.uint8), np.array([222, 178, 178], np.uint8))
+    ink, pale = red if code == PlaceCode.COLLIDING else (INK, PALE)
+    mark = patterns.get(PlaceCode(code), (x % 12 < 2) & (y % 12 < 2))
     return np.where(mark[..., None], ink, pale)
 
 

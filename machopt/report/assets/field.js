@@ -88,7 +88,7 @@ function fieldMap(host, spec, onPlace) {
       for (let x = 0; x < w; x++) {
         const a = (x + 0.5) / w * nu, i = Math.min(nu - 1, Math.floor(a)), k = cell(i, j), s = S.l.code[k], value = S.value(k);
         let rgb;
-        if (s !== 0) rgb = (PATTERN[s] || PATTERN[7])(x, y);
+        if (s !== 0) rgb = (PATTERN[s] || PATTERN[NOT_CHECKED])(x, y);
         else if (value === null) rgb = WHITE;
         else rgb = S.guess && S.guess[k] && x % 14 < 3 && (y + 7 * (Math.floor(x / 14) % 2)) % 14 < 3 ? WHITE : LUT[Math.round(255 * Math.min(1, Math.max(0, S.good(value))))];
         const i0 = Math.floor(a - 0.5), j0 = Math.floor(v - 0.5);
@@ -258,7 +258,7 @@ function fieldMap(host, spec, onPlace) {
   function key(S) {
     const box = document.createElement("div");
     box.className = "map-key";
-    for (const s of S.l.present) if (s !== 0) box.appendChild(swatch(spec.names[s], PATTERN[s] || PATTERN[7]));
+    for (const s of S.l.present) if (s !== 0) box.appendChild(swatch(spec.names[s], PATTERN[s] || PATTERN[NOT_CHECKED]));
     if (S.guess) box.appendChild(swatch("outside the measured places: a guess", (x, y) => x % 14 < 3 && (y + 7 * (Math.floor(x / 14) % 2)) % 14 < 3 ? WHITE : [38, 130, 142]));
     const note = document.createElement("span");
     note.textContent = S.f.note; note.style.color = "var(--soft)";

@@ -16,7 +16,8 @@ function ramp(t) {
 }
 
 const INK = [92, 98, 108], PALE = [226, 228, 231], WHITE = [255, 255, 255];
-// Colour of pixel (x, y) for each status code that is no answer; patterns differ so that they survive a grey print.
+const NOT_CHECKED = 7;
+// Colour of pixel (x, y) for each code of report/placecodes.py that is no answer; patterns differ so that they survive a grey print.
 const PATTERN = {
   1: () => PALE,
   2: (x, y) => ((x + y) % 12 < 3 ? INK : PALE),
@@ -24,7 +25,7 @@ const PATTERN = {
   4: (x, y) => (x % 9 < 2 ? INK : WHITE),
   5: (x, y) => (x % 10 < 2 || y % 10 < 2 ? INK : WHITE),
   6: (x, y) => ((x - y + 100000) % 10 < 4 ? [126, 34, 40] : [222, 178, 178]),
-  7: (x, y) => (x % 12 < 2 && y % 12 < 2 ? INK : WHITE),
+  [NOT_CHECKED]: (x, y) => (x % 12 < 2 && y % 12 < 2 ? INK : WHITE),
 };
 
 function bytes(text) {
@@ -71,10 +72,10 @@ function heatMap(host, spec) {
       for (let y = 0; y < h; y++) {
         const cell = k * R + rowOf[y], s = status[cell], value = valueOf(cell), at = 4 * (y * w + x);
         let rgb;
-        if (value !== null && (s === 0 || s === 7)) {
+        if (value !== null && (s === 0 || s === NOT_CHECKED)) {
           const i = 3 * Math.round(255 * Math.min(1, Math.max(0, goodness(value))));
-          rgb = s === 7 && x % 18 < 2 && (y + 9 * (Math.floor(x / 18) % 2)) % 18 < 2 ? WHITE : [lut[i], lut[i + 1], lut[i + 2]];
-        } else rgb = (PATTERN[s] || PATTERN[7])(x, y);
+          rgb = s === NOT_CHECKED && x % 18 < 2 && (y + 9 * (Math.floor(x / 18) % 2)) % 18 < 2 ? WHITE : [lut[i], lut[i + 1], lut[i + 2]];
+        } else rgb = (PATTERN[s] || PATTERN[NOT_CHECKED])(x, y);
         px[at] = rgb[0]; px[at + 1] = rgb[1]; px[at + 2] = rgb[2]; px[at + 3] = 255;
       }
     }
@@ -148,7 +149,7 @@ function heatMap(host, spec) {
     const scale = document.createElement("div");
     scale.className = "scale"; scale.append(left, bar, right);
     if (spec.known) box.appendChild(scale);
-    for (const s of spec.present) if (s !== 0) box.appendChild(swatch(s === 7 ? "collision not checked" : spec.names[s], (x, y) => s === 7 ? (x % 14 < 3 && y % 14 < 3 ? WHITE : [38, 130, 142]) : PATTERN[s](x, y)));
+    for (const s of spec.present) if (s !== 0) box.appendChild(swatch(s === NOT_CHECKED ? "collision not checked" : spec.names[s], (x, y) => s === NOT_CHECKED ? (x % 14 < 3 && y % 14 < 3 ? WHITE : [38, 130, 142]) : PATTERN[s](x, y)));
     for (const l of spec.lines) {
       const item = document.createElement("span"), k = el("svg", { viewBox: "0 0 34 10", width: 34, height: 10 });
       el("line", { x1: 1, x2: 33, y1: 5, y2: 5, stroke: l.casing, "stroke-width": l.width + 2.2 }, k);

@@ -224,7 +224,7 @@ function robotView(host, data) {
     const cell = place.r >= 0 ? place.k * R + place.r : -1;
     if (cell >= 0) {
       const code = status[cell], value = indexAt(cell);
-      row("State", code === 7 ? "feasible, collisions not checked" : map.names[code], code === 0 ? "pass" : code === 7 ? "" : "fail");
+      row("State", code === NOT_CHECKED ? "feasible, collisions not checked" : map.names[code], code === 0 ? "pass" : code === NOT_CHECKED ? "" : "fail");
       if (value !== null) row(map.label[0].toUpperCase() + map.label.slice(1), `${+value.toPrecision(4)} ${map.unit}`);
     }
     const why = (data.view.reasons || []).find(w => Math.abs(w.point - place.point) < 0.51);

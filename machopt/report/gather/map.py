@@ -8,9 +8,9 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.domain.cell import Cell
-from machopt.domain.reason import Reason
 from machopt.domain.results.maps import MapResult
 from machopt.report.map_data import ArmLines, MapAxis, MapData, MapField, MapLayer, MapScene, MeasuredView
+from machopt.report.placecodes import PlaceCode, place_codes
 from machopt.report.scene import Scene
 from machopt.se3 import inverse
 from machopt.version import __version__
@@ -95,7 +95,7 @@ def page_data(
         fields=tuple(fields),
         layers=tuple(shown),
         criterion=criterion.key,
-        reasons=tuple(REASONS.get(r, r.word.replace("_", " ")) for r in Reason),
+        reasons=tuple(_words(code) for code in PlaceCode),
         arm=ArmLines(
             robot.joints,
             robot.axis @ R.T,
@@ -127,6 +127,11 @@ def page_data(
     )
 
 
+def _words(code: PlaceCode) -> str:
+    """What a place of this code is called: as the map's sentences call its reason, where they speak of it."""
+    return (REASONS.get(code.reason) if code.reason is not None else None) or code.name.lower().replace("_", " ")
+
+
 def _layer(layer: Layer, options: MapOptions, criterion: Field) -> MapLayer:
     value = layer.values.value[criterion.key]
     best = -1
@@ -137,7 +142,7 @@ def _layer(layer: Layer, options: MapOptions, criterion: Field) -> MapLayer:
     else:
         title = f"rotation γ = {options.gamma[0] * DEG:g}°" if layer.name == "given" else "best rotation γ"
     p = layer.postures
-    return MapLayer(layer.name, title, dict(layer.values.value), p.reason, p.q, p.gamma, p.shortfall, best)
+    return MapLayer(layer.name, title, dict(layer.values.value), place_codes(p.reason), p.q, p.gamma, p.shortfall, best)
 
 
 def _gain(given: Array, free: Array, criterion: Field) -> Array:

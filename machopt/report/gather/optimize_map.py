@@ -12,9 +12,13 @@ from machopt.plan.mapped import Mapped
 from machopt.plan.setup import Scored
 from machopt.report import data as page
 from machopt.report.gather.optimize_series import along
+from machopt.report.placecodes import PlaceCode, place_codes
 from machopt.se3 import wrap
 
-_STATUS = {Reason.BOUNDS: 2, Reason.NO_PATH: 7}  # the page's codes where they differ from Reason's
+_SAID_AS = {
+    PlaceCode.BOUNDS: PlaceCode.LIMIT,
+    PlaceCode.NO_PATH: PlaceCode.NOT_CHECKED,
+}  # this map has no words for them
 
 
 def rotation_map(plan: Plan, shown: Mapped, s: Array, before: Plan | None = None) -> page.RotationMap | None:
@@ -32,10 +36,10 @@ def rotation_map(plan: Plan, shown: Mapped, s: Array, before: Plan | None = None
     value = np.where(np.isfinite(best), best, np.nan)
     if plan.scores.index != "deflection":
         value = 1.0 / value
-    status = c.reason_of_rotation()[cut].copy()
-    status[(status == Reason.OK) & ~known] = Reason.NO_PATH
-    for reason, code in _STATUS.items():
-        status[status == reason] = code
+    status = place_codes(c.reason_of_rotation()[cut])
+    status[(status == PlaceCode.OK) & ~known] = PlaceCode.NOT_CHECKED
+    for code, said_as in _SAID_AS.items():
+        status[status == code] = said_as
 
     def line(scored: Scored) -> Array:
         ok = scored.assignment.reason == Reason.OK
@@ -46,7 +50,7 @@ def rotation_map(plan: Plan, shown: Mapped, s: Array, before: Plan | None = None
         point=plan.path.index[st[cut]],
         rotation=c.phi,
         index=value,
-        status=status.astype(np.uint8),
+        status=status,
         chosen=line(plan.chosen),
         jiao2022=line(plan.jiao2022),
         cam_default=line(plan.cam_default),

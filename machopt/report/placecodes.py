@@ -1,0 +1,46 @@
+"""Codes of what stands at a place of a map: pages and pictures index their words and patterns by these numbers."""
+
+from __future__ import annotations
+
+import enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.domain.reason import Reason
+
+
+class PlaceCode(enum.IntEnum):
+    """A place's state; ``assets/heatmap.js`` and :func:`machopt.report.still.hatching` have a pattern a number."""
+
+    OK = 0
+    UNREACHABLE = 1
+    LIMIT = 2
+    SINGULAR_WRIST = 3
+    SINGULAR_ELBOW = 4
+    SINGULAR_SHOULDER = 5
+    COLLIDING = 6
+    NOT_CHECKED = 7  # possible by itself, but not looked at for collisions
+    BOUNDS = 8
+    NO_PATH = 9
+
+    @property
+    def reason(self) -> Reason | None:
+        """What it stands for; None: no reason, but a place that nobody looked at."""
+        return Reason.__members__.get(self.name)
+
+
+def place_codes(reasons: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The codes of an array of :class:`Reason`, in its shape.
+
+    Raises:
+        ValueError: a reason that no place of a map has.
+    """
+    out, known = np.zeros(reasons.shape, np.uint8), np.zeros(reasons.shape, bool)
+    for code in PlaceCode:
+        if code.reason is not None:
+            here = reasons == code.reason
+            out[here], known = code, known | here
+    if not known.all():
+        raise ValueError(f"no place of a map can be {Reason(int(reasons[~known][0])).word}")
+    return out
