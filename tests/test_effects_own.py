@@ -59,7 +59,7 @@ class Saturating(Settled):
         return {"slope": Quantity(1e6 * float(values[0]), "rad/(MN·m)")}
 
     def grid(self, scale):
-        return tuple((s * scale.reach,) for s in (0.2, 0.5))
+        return tuple((s * scale.reach,) for s in (0.15, 0.3, 0.6))
 
 
 JELLY = Effect(
