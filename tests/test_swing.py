@@ -11,6 +11,7 @@ from machopt.plan.candidates import Candidates
 from machopt.plan.caps import GAP
 from machopt.plan.choose import FREE, Grid
 from machopt.plan.edges import Edges
+from machopt.plan.priced import Priced
 
 S, R = 4, 8
 WORST, PRICE = 0.8, 0.1
@@ -30,10 +31,11 @@ def random_grid(seed: int) -> Grid:
         shortfall=np.zeros(S),
     )
     raw = np.where(feasible[..., 0], rng.uniform(0.2, 2.0, (S, R, 1)), np.inf)
+    window = np.array([FREE, 3, 3, 3], np.int32)
     return Grid(
         candidates=candidates,
         counted=rng.uniform(size=S) < 0.9,
-        window=np.array([FREE, 3, 3, 3], np.int32),
+        window=window,
         seconds=np.ones(S),
         shift=np.zeros(S, np.int32),
         node=rng.uniform(0, 0.3, (S, R, 1)),
@@ -45,6 +47,7 @@ def random_grid(seed: int) -> Grid:
         nudged=np.zeros(S),
         hidden=np.r_[False, rng.uniform(size=S - 1) < 0.7],
         worst=WORST,
+        priced=Priced.none_yet(window, R, 1, stable=True),
     )
 
 

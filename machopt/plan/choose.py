@@ -21,6 +21,7 @@ from machopt.plan.caps import GAP, Capped, Traded, trade
 from machopt.plan.edges import Edges
 from machopt.plan.objective import AXIS_SPEED, Terms, node_price
 from machopt.plan.path import Path
+from machopt.plan.priced import Priced
 from machopt.plan.score import Scores
 from machopt.plan.sequence import cheapest_sequence
 from machopt.plan.swing import hiding, worst_index
@@ -95,6 +96,7 @@ class Grid:
     nudged: Array  # (S,) rad, how far its grid is turned against that of the station before
     hidden: Bools  # (S,) planning points that are no stations lie on the way there
     worst: float  # price of the worst index
+    priced: Priced  # what the searches have found steps to cost so far
     elsewhere: float = 0.0  # worst index beside this grid, in units of the scale
 
     @classmethod
@@ -126,6 +128,7 @@ class Grid:
             nudged=np.diff(nudge, prepend=nudge[:1]),
             hidden=hiding(path),
             worst=options.weights.worst,
+            priced=Priced.none_yet(window, *candidates.feasible.shape[1:3], candidates.stable),
             elsewhere=scores.elsewhere,
         )
 
@@ -259,6 +262,9 @@ class _Part:
             g.hidden[rows],
             self.there if allowed is None else self.there & allowed,
             loose,
+            g.priced.start[rows],
+            g.priced.price,
+            g.priced.turns,
         )
         return answer
 

@@ -101,6 +101,28 @@ def _groups(before: Array, q: Array, turns: Array) -> Any:  # numba infers
 
 
 @compiled
+def _step(here: Array, before: Array, slowness: Array, largest: float) -> tuple[int, float, float]:
+    """Between two configurations (6,) rad, as near as whole turns bring them: the code of these turns, Σ|Δq| (rad) and
+    the time (s) of the slowest axis. The code is −1 where an axis turns by more than ``largest``, or where the branch
+    does not exist (NaN).
+    """
+    code, step, slow = 0, 0.0, 0.0
+    twopi = 2 * np.pi
+    for i in range(6):
+        apart = here[i] - before[i]
+        if not (abs(apart) < 1.5 * twopi):
+            return -1, step, slow
+        whole = round(apart / twopi)
+        d = abs(apart - twopi * whole)
+        if d > largest:
+            return -1, step, slow
+        step += d
+        slow = max(slow, d * slowness[i])
+        code = 3 * code + int(whole) + 1
+    return code, step, slow
+
+
+@compiled
 def cheapest_sequence(
     node: Any,
     q: Any,
@@ -122,6 +144,9 @@ def cheapest_sequence(
     hidden: Any,
     crossed: Any,
     loose: bool,
+    start: Any,
+    price: Any,
+    turned: Any,
 ) -> Any:  # numba infers
     """Cheapest sequence; returns (S, 3) rotation, branch, turn (−1 where dropped), its value, where it stopped, breaks
     (S,) and what is reached (S, V).
@@ -134,7 +159,8 @@ def cheapest_sequence(
     branch, the rotation crosses only what one of the stations has in ``crossed`` (S, R, B)
     (:mod:`machopt.plan.swing`). ``loose``, with one
     turn only: whole turns cost nothing and have no limits, so that the value is at most that with the turns told
-    apart.
+    apart. ``start`` (S,), ``price`` and ``turned`` (n,) are the grid's :class:`machopt.plan.priced.Priced`, filled in
+    here.
     """
     S, R, B, T = feasible.shape
     inf = np.inf
@@ -157,7 +183,9 @@ def cheapest_sequence(
         for r in range(R):
             for b in range(B):
                 for t in range(T):
-                    usable[s, r, b] = usable[s, r, b] or feasible[s, r, b, t]
+                    if feasible[s, r, b, t]:
+                        usable[s, r, b] = True
+                        break
                 if usable[s, r, b]:
                     low = min(low, node[s, r, b])
         to_go[s] = to_go[s + 1] + (low if low < inf else 0.0)
@@ -190,8 +218,6 @@ def cheapest_sequence(
         if not lift:
             s += 1
         any_here, exists = False, False
-        for v in range(V):
-            now[v] = inf
         fresh = last < 0
         free = window[s] < 0 or lift
         lift = False
@@ -259,26 +285,20 @@ def cheapest_sequence(
                             turn = abs(nudged[s] - dr * step_r)
                             if not (least[ru, bu] + price_r[s] * turn < highest):
                                 continue
-                            code = 0
-                            step = 0.0
-                            slow = 0.0
-                            for i in range(6):
-                                apart = q[s, r, b, i] - q[last, ru, bu, i]
-                                if not (abs(apart) < 1.5 * twopi):  # also a branch that does not exist there (NaN)
-                                    code = -1
-                                    break
-                                whole = round(apart / twopi)
-                                d = abs(apart - twopi * whole)
-                                if d > largest:
-                                    code = -1
-                                    break
-                                step += d
-                                slow = max(slow, d * slowness[i])
-                                code = 3 * code + int(whole) + 1
-                            if code < 0:
+                            at = -1
+                            if start[s] >= 0 and last == s - 1:  # no other station before than the table has
+                                at = ((r * B + b) * (2 * window[s] + 1) + k) * (1 if stable else B)
+                                at += start[s] + (0 if stable else bu)
+                            if at < 0 or turned[at] == 0:
+                                code, step, slow = _step(q[s, r, b], q[last, ru, bu], slowness, largest)
+                                late = late_compiled(slow, seconds[s])
+                                edge = edge_price_compiled(step, turn, late, price_q[s], price_r[s], price_t[s])
+                                if at >= 0:
+                                    turned[at], price[at] = code + 1 if code >= 0 else -1, edge
+                            else:
+                                code, edge = turned[at] - 1, price[at]
+                            if code < 0 or not (least[ru, bu] + edge < highest):
                                 continue
-                            late = late_compiled(slow, seconds[s])
-                            edge = edge_price_compiled(step, turn, late, price_q[s], price_r[s], price_t[s])
                             better = False
                             for t in range(T):
                                 tu = 0 if loose else source_turn[code, t]
@@ -299,6 +319,7 @@ def cheapest_sequence(
                                     if feasible[s, r, b, t]:
                                         highest = max(highest, values[t])
                 for t in range(T):
+                    now[(r * B + b) * T + t] = inf
                     if feasible[s, r, b, t] and (fresh or sources[t] >= 0) and values[t] < inf and values[t] <= most:
                         any_here = True
                         now[(r * B + b) * T + t] = values[t] + node[s, r, b]
@@ -314,10 +335,12 @@ def cheapest_sequence(
             continue
         for r in range(R):
             for b in range(B):
+                if not usable[s, r, b] and not (least[r, b] < inf):
+                    continue  # all infinite, as before
                 least[r, b] = inf
                 for v in range((r * B + b) * T, (r * B + b + 1) * T):
-                    before[v] = now[v]
-                    least[r, b] = min(least[r, b], now[v])
+                    before[v] = now[v] if usable[s, r, b] else inf
+                    least[r, b] = min(least[r, b], before[v])
         last = s
     if last < 0:
         return best, 0.0, -1, broken, reached
