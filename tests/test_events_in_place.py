@@ -12,8 +12,8 @@ from machopt.domain.program import LIN, PTP
 from machopt.domain.readprogram import ReadProgram
 from machopt.domain.toolpath import Event, Move, Operation, Toolpath
 from machopt.recheck.terms import index_at
-from machopt.verify.program import _kinds, _off_line, _on_the_spot
-from machopt.verify.programcam import Cuts, _events, _reached
+from machopt.verify.program import Allowed, _external, _kinds, _off_line, _on_the_spot
+from machopt.verify.programcam import Cuts, _events, _reached, against_cam
 from machopt.verify.table import Motion
 
 
@@ -63,11 +63,12 @@ def driven(point: Array, move: Array) -> Motion:
     return Motion(0.012 * np.arange(n), point, move, q, q[:, :0], ("a",) * n, np.zeros(n), np.full(n, 0.05))
 
 
-def cuts(toolpath: Toolpath) -> Cuts:
+def cuts(toolpath: Toolpath, axis_corner: float = 0.0) -> Cuts:
     n = len(toolpath)
     wanted = toolpath.cutting
     corners = (np.arange(float(n)), toolpath.position)
-    return Cuts(toolpath, toolpath.position, corners, wanted, 1.5e-5, 0.05, np.zeros((n, 3)), np.zeros((n, 3)))
+    none = np.zeros((n, 3))
+    return Cuts(toolpath, toolpath.position, corners, wanted, 1.5e-5, axis_corner, 0.05, none, none)
 
 
 def test_where_a_long_move_meets_a_short_one_the_index_goes_with_the_way() -> None:
@@ -165,6 +166,52 @@ def test_an_axis_that_turns_on_the_spot_is_found_where_it_has_turned() -> None:
     left_out = np.array([0, 1, 3])  # a program that turns the axis on the way instead
     _, _, tilt = _reached(T[left_out, :3, 3], -T[left_out, :3, 2], cuts(toolpath), 2e-5)
     assert tilt[2] > 0.4
+
+
+def test_of_a_streamed_motion_the_axis_turns_on_while_it_is_beside_the_point_by_as_much_as_it_may() -> None:
+    """Samples come to the point, turn, and go: the first that is near enough is 15 µm before it."""
+    toolpath, _ = on_the_spot()
+    x = np.array([0, 29.9, 29.985, 30, 30, 30, 30.01, 30.1, 60])
+    said = program(np.column_stack([x, 0 * x, 0 * x]), [LIN] * len(x), ())
+    T = said.T_workpiece_tcp
+    for n, angle in ((4, 0.25), (5, 0.4999), (6, 0.5), (7, 0.5), (8, 0.5)):
+        T[n] = turned(T[n], angle)
+    reached, _, tilt = _reached(T[:, :3, 3], -T[:, :3, 2], cuts(toolpath), 2e-5, streamed=True)
+    assert reached.tolist()[1:] == [2, 6, 8]
+    assert np.nanmax(tilt[1:]) < 1e-6
+    T[6:8] = turned(T[6], -0.5)  # turned back before it goes: it never was at 0.5 rad where it left
+    _, _, tilt = _reached(T[[0, 1, 2, 3, 7, 8], :3, 3], -T[[0, 1, 2, 3, 7, 8], :3, 2], cuts(toolpath), 2e-5, True)
+    assert tilt[2] > 0.4
+
+
+def test_a_streamed_motion_may_leave_the_axis_by_what_the_user_allowed_and_targets_may_not() -> None:
+    toolpath = path([[0, 0, 0], [30, 0, 0], [60, 0, 0]], [Move.CUT] * 3, ())
+    said = program(1e3 * toolpath.position, [LIN] * 3, ())
+    said.T_workpiece_tcp[1] = turned(said.T_workpiece_tcp[1], np.radians(0.5))
+    for streamed, most, passed in ((True, 1.0, True), (True, 0.4, False), (True, 0.0, False), (False, 1.0, False)):
+        wanted = cuts(toolpath, np.radians(most))
+        checks = against_cam(replace(said, streamed=streamed), wanted, np.arange(3.0))
+        (check,) = (c for c in checks if c.what == "CAM tool axis")
+        assert check.passed is passed, (streamed, most, check.value, check.limit)
+
+
+def test_a_rail_that_rounds_its_bend_is_beside_its_target_by_what_the_tolerance_makes_of_it() -> None:
+    """The tip goes on straight, 0.05 mm a sample, where the rail sets out: it does so 0.5 mm of way before."""
+    x = 0.05 * np.arange(-100, 101)
+    tcp = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (len(x), 1, 1))
+    tcp[:, 0, 3] = 1e-3 * x
+    rail = np.where(np.abs(x) < 0.5, 0.5 * (x + 0.5) ** 2, np.clip(x, 0.0, None))
+    moving = driven(x, np.zeros(len(x), np.int64))
+    said = program(np.zeros((1, 3)), [LIN], ())
+    for beside, corner, passed in ((0.0, 5e-4, True), (0.0, 0.0, False), (0.1, 5e-4, True), (0.3, 5e-4, False)):
+        motion = replace(moving, external=1e-3 * rail[:, None], slides=(True,))
+        said = replace(said, external=np.array([[1e-3 * -beside]]))
+        check = _external(said, motion, tcp, np.array([100.0]), Allowed(1e-3, 1e-3, 0.01, corner, 0.0), ["1"])
+        assert check.passed is passed, (beside, corner, check.value)
+    even = replace(moving, external=1e-3 * x[:, None], slides=(True,))
+    said = replace(said, external=np.array([[2e-4]]))
+    check = _external(said, even, tcp, np.array([100.0]), Allowed(1e-3, 1e-3, 0.01, 5e-4, 0.0), ["1"])
+    assert not check.passed
 
 
 def test_a_sample_that_has_begun_to_turn_on_the_spot_is_on_that_move() -> None:

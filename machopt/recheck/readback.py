@@ -228,7 +228,17 @@ class _Ground:
         position = np.column_stack(
             [np.interp(np.arange(len(self.toolpath)), self.corners[0], self.corners[1][:, c]) for c in range(3)]
         )
-        cuts = Cuts(self.toolpath, position, self.corners, self.wanted, o.path_tolerance, o.approach_feed, offset, tilt)
+        cuts = Cuts(
+            self.toolpath,
+            position,
+            self.corners,
+            self.wanted,
+            o.path_tolerance,
+            o.axis_tolerance,
+            o.approach_feed,
+            offset,
+            tilt,
+        )
         checks += against_cam(said, cuts, index_at(self.motion, at, self.toolpath))
         checks += self._terms(name, parsed, said, controller, rows)
         if posted.post is None:

@@ -162,7 +162,8 @@ def _external(
 ) -> Check:
     """Every target says where rails and positioners stand, and they stand there at that place of the motion.
 
-    Where the motion rounds a corner of the program, the place along it is known to as much.
+    Where the motion rounds a corner of the program, the place along it is known to as much, and they leave a bend
+    of their own to the same way before and after it.
     """
     off = np.full(len(said), np.nan)
     on = np.flatnonzero(np.isfinite(at))
@@ -170,8 +171,9 @@ def _external(
     b = np.minimum(a + 1, len(tcp) - 1)
     away = np.abs(_between(motion.external, at[on]) - said.external[on])
     way = np.linalg.norm(tcp[b, :3, 3] - tcp[a, :3, 3], axis=1)
-    loose = np.minimum(max(allowed.corner, 1e-6) / np.maximum(way, 1e-6), 1.0) * (said.kind[on] == LIN)
-    away = np.maximum(away - loose[:, None] * np.abs(motion.external[b] - motion.external[a]), 0.0)
+    share = np.minimum(max(allowed.corner, 1e-6) / np.maximum(way, 1e-6), 1.0)[:, None]
+    loose = np.maximum(share * np.abs(motion.external[b] - motion.external[a]), _rounded(at[on], motion, tcp, allowed))
+    away = np.maximum(away - loose * (said.kind[on] == LIN)[:, None], 0.0)
     unit = np.where(motion.slides, 1e3, 180.0 / np.pi)
     off[on] = (away * unit).max(axis=1)
     missing = np.flatnonzero(~np.isfinite(said.external).all(axis=1))
@@ -179,6 +181,20 @@ def _external(
         text = f"{where[int(missing[0])]} does not say where the external axes stand"
         return of_file(said.file, "external axes at targets", False, np.nan, EXTERNAL, "mm or deg", text)
     return _worst(said, "external axes at targets", "mm or deg", np.nan_to_num(off), EXTERNAL, where)
+
+
+def _rounded(at: Array, motion: Motion, tcp: Array, allowed: Allowed) -> Array:
+    """(K, n) m or rad by which external axes may pass beside a target at places (K,), rounding their own bend there.
+
+    Over ``allowed.corner`` before and after it, by half of what their slopes differ there; where they go evenly, none.
+    """
+    way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(tcp[:, :3, 3], axis=0), axis=1)))
+    here = np.interp(at, np.arange(len(way)), way)
+    bend = np.empty((len(at), motion.external.shape[1]))
+    for axis, value in enumerate(motion.external.T):
+        begin, start, stop, end = (np.interp(here + n * allowed.corner, way, value) for n in (-2, -1, 1, 2))
+        bend[:, axis] = 0.5 * np.abs((end - stop) - (start - begin))
+    return bend
 
 
 def _longest(step: Array) -> Array:

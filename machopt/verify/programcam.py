@@ -38,6 +38,7 @@ class Cuts:
     corners: tuple[Array, Array]  # (P,) toolpath index and (P, 3) m of the commanded path's corners
     wanted: NDArray[np.bool_]  # (N,) cutting points that the program must reach
     corner: float  # m, beyond 0.02 mm, that the user allowed
+    axis_corner: float  # rad, beyond 0.05°, the same of the tool axis
     approach_feed: float  # m/s where the CAM file has none
     offset: Array  # (M, 3) m from where a controller's nominal kinematics put the tool to where it truly is
     tilt: Array  # (M, 3) what is to be added to the tool axis (tip to shank) for the same reason
@@ -54,7 +55,7 @@ def against_cam(said: ReadProgram, cuts: Cuts, at_index: Array) -> list[Check]:
     place = said.T_workpiece_tcp[:, :3, 3] + cuts.offset
     shank = -said.T_workpiece_tcp[:, :3, 2] + cuts.tilt
     limit = max(PATH_MM * 1e-3, cuts.corner) + said.place_step
-    reached, gap, tilt = _reached(place, shank, cuts, limit)
+    reached, gap, tilt = _reached(place, shank, cuts, limit, said.streamed)
     points = np.flatnonzero(cuts.wanted)
     missing = points[reached[points] < 0]
     worst = float(gap[points].max(initial=0.0))
@@ -67,7 +68,8 @@ def against_cam(said: ReadProgram, cuts: Cuts, at_index: Array) -> list[Check]:
     there = points[reached[points] >= 0]
     if len(there):
         tilted = int(there[np.argmax(tilt[there])])
-        most = float(max(AXIS_DEG, np.degrees(cuts.corner / 1e-1))) + float(np.degrees(said.joint_step))
+        allowed = max(cuts.corner / 1e-1, cuts.axis_corner if said.streamed else 0.0)  # others say the point itself
+        most = max(AXIS_DEG, float(np.degrees(allowed))) + float(np.degrees(said.joint_step))
         checks.append(
             of_file(
                 said.file,
@@ -84,12 +86,14 @@ def against_cam(said: ReadProgram, cuts: Cuts, at_index: Array) -> list[Check]:
     return checks
 
 
-def _reached(place: Array, shank: Array, cuts: Cuts, limit: float) -> tuple[NDArray[np.int64], Array, Array]:
+def _reached(
+    place: Array, shank: Array, cuts: Cuts, limit: float, streamed: bool = False
+) -> tuple[NDArray[np.int64], Array, Array]:
     """(N,) the move on whose line each wanted point lies first, in order, −1 for none; m; rad between the axes."""
     reached, share, gap = lines_in_order(
         np.ascontiguousarray(place), np.ascontiguousarray(cuts.position), cuts.wanted, limit, GIVEN_UP
     )
-    _turned_on_the_spot(reached, share, place, shank, cuts)
+    _turned_on_the_spot(reached, share, place, shank, cuts, limit if streamed else 0.0)
     tilt, on = np.full(len(reached), np.nan), np.flatnonzero(reached >= 0)
     f, j, wanted = share[on, None], reached[on], cuts.toolpath.axis[on]
     axis = (1.0 - f) * shank[j - 1] + f * shank[j]
@@ -97,22 +101,32 @@ def _reached(place: Array, shank: Array, cuts: Cuts, limit: float) -> tuple[NDAr
     return reached, gap, tilt
 
 
-def _turned_on_the_spot(reached: NDArray[np.int64], share: Array, place: Array, shank: Array, cuts: Cuts) -> None:
+def _turned_on_the_spot(
+    reached: NDArray[np.int64], share: Array, place: Array, shank: Array, cuts: Cuts, rounded: float
+) -> None:
     """Where the file turns the axis without a way, go on to the move that has turned it; its place alone tells nothing.
 
     Args:
         reached: (N,) moves as found by place, and ``share`` (N,) of them; changed in place.
+        rounded: m from the point that samples of a streamed motion come and go by while it turns there; else 0.
     """
     path = cuts.toolpath
     turned = np.abs(np.diff(path.axis, axis=0)).max(axis=1, initial=0.0) > 1e-9
     here = np.abs(np.diff(path.position, axis=0)).max(axis=1, initial=0.0) < SPOT
+    there = np.cos(np.radians(AXIS_DEG))
     for k in (1 + np.flatnonzero(turned & here)).tolist():
         j = max(int(reached[k]), int(reached[k - 1])) if reached[k] >= 0 else -1
         best, nearest = -1, float(path.axis[k] @ shank[j]) if j >= 0 else 1.0
-        while 0 <= j < len(place) - 1 and np.abs(place[j + 1] - place[j]).max() < SPOT:
+        while 0 <= j < len(place) - 1:
+            stays = np.linalg.norm(place[j + 1] - cuts.position[k]) <= rounded
+            if not (stays or np.abs(place[j + 1] - place[j]).max() < SPOT):
+                break
             j += 1
-            if float(path.axis[k] @ shank[j]) > nearest:
-                best, nearest = j, float(path.axis[k] @ shank[j])
+            now = float(path.axis[k] @ shank[j])
+            if now > nearest:
+                best, nearest = j, now
+            elif best >= 0 and nearest > there:  # it has been there, and turns on to the next
+                break
         if best >= 0:
             reached[k], share[k] = best, 1.0
 
