@@ -12,8 +12,10 @@ from machopt.domain.program import LIN, PTP
 from machopt.domain.readprogram import ReadProgram
 from machopt.domain.toolpath import Event, Move, Operation, Toolpath
 from machopt.recheck.terms import index_at
-from machopt.verify.program import Allowed, _external, _kinds, _off_line, _on_the_spot
+from machopt.verify.program import _kinds
 from machopt.verify.programcam import Cuts, _events, _reached, against_cam
+from machopt.verify.programtargets import Allowed, external_axes
+from machopt.verify.programways import _off_line, _on_the_spot
 from machopt.verify.table import Motion
 
 
@@ -206,11 +208,11 @@ def test_a_rail_that_rounds_its_bend_is_beside_its_target_by_what_the_tolerance_
     for beside, corner, passed in ((0.0, 5e-4, True), (0.0, 0.0, False), (0.1, 5e-4, True), (0.3, 5e-4, False)):
         motion = replace(moving, external=1e-3 * rail[:, None], slides=(True,))
         said = replace(said, external=np.array([[1e-3 * -beside]]))
-        check = _external(said, motion, tcp, np.array([100.0]), Allowed(1e-3, 1e-3, 0.01, corner, 0.0), ["1"])
+        check = external_axes(said, motion, tcp, np.array([100.0]), Allowed(1e-3, 1e-3, 0.01, corner, 0.0), ["1"])
         assert check.passed is passed, (beside, corner, check.value)
     even = replace(moving, external=1e-3 * x[:, None], slides=(True,))
     said = replace(said, external=np.array([[2e-4]]))
-    check = _external(said, even, tcp, np.array([100.0]), Allowed(1e-3, 1e-3, 0.01, 5e-4, 0.0), ["1"])
+    check = external_axes(said, even, tcp, np.array([100.0]), Allowed(1e-3, 1e-3, 0.01, 5e-4, 0.0), ["1"])
     assert not check.passed
 
 

@@ -39,8 +39,9 @@ from machopt.verify.arm import Arm
 from machopt.verify.check import Check, Promise, of_file
 from machopt.verify.encoder import true_angles
 from machopt.verify.output import Tables
-from machopt.verify.program import Allowed, along_motion
+from machopt.verify.program import along_motion
 from machopt.verify.programcam import Cuts, against_cam
+from machopt.verify.programtargets import Allowed
 from machopt.verify.shift import corners
 from machopt.verify.table import Motion, read_motion, read_points, read_shift
 

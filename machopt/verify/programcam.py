@@ -18,7 +18,7 @@ from machopt.domain.readprogram import ReadProgram
 from machopt.domain.toolpath import Toolpath
 from machopt.verify.check import Check, Promise, of_file
 from machopt.verify.inorder import lines_in_order
-from machopt.verify.program import SPOT
+from machopt.verify.programways import SPOT
 from machopt.verify.ride import AXIS_DEG, PATH_MM
 
 FEED_SHARE = 1e-4  # of the feed: what is left of a number printed to six digits
