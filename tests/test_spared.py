@@ -15,6 +15,9 @@ from machopt.domain.options import FixedRotation, PlanOptions
 from machopt.domain.reason import Reason
 from machopt.domain.stiffness import Stiffness
 from machopt.domain.stint import Stint
+from machopt.placement.asked import HERE
+from machopt.placement.moved import Carried
+from machopt.placement.task import planned_at, stints_whole
 from machopt.plan.drive import motion_of
 from machopt.plan.job import Job, plan_job
 from machopt.plan.made import Plan
@@ -83,3 +86,20 @@ def test_one_that_cannot_be_made_again_is_no_plan_and_says_why(
     (stop,) = done.timeline.obstructions
     assert "limit_margin_deg" in stop.text
     assert "point 3" in done.plan.conflict
+
+
+def test_a_place_is_held_to_what_is_driven_too(
+    on_the_margin: tuple[Cell, Plan], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell, _ = on_the_margin
+    carried = Carried(False, frozenset(), np.zeros(3))
+    one, seconds, why = planned_at(stints_whole(cell, toolpath(ROWS)), carried, HERE, OPTIONS)
+    done = job(cell, OPTIONS)
+    assert done.timeline is not None
+    assert done.timeline.trajectory is not None
+    assert not why
+    assert seconds == done.timeline.trajectory.time[-1]  # as optimize drives it
+    assert one.options == OPTIONS
+    monkeypatch.setattr("machopt.plan.job.SPARES", 0)
+    _, _, why = planned_at(stints_whole(cell, toolpath(ROWS)), carried, HERE, OPTIONS)
+    assert "limit_margin_deg" in why

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,11 +17,12 @@ from machopt.placement.freedom import free_outlook
 from machopt.placement.moved import Carried, moved
 from machopt.placement.outlook import Outlook, outlook
 from machopt.plan.axes import axes_of
+from machopt.plan.breaks import Break
 from machopt.plan.candidates import Arm
-from machopt.plan.drive import motion_of
 from machopt.plan.explain import all_breaks, explain_points
 from machopt.plan.external import best_plan
 from machopt.plan.groups import Group, groups_of
+from machopt.plan.job import driven
 from machopt.plan.joined import Stretch, joined, shares_of
 from machopt.plan.made import Plan
 from machopt.plan.part import rows_of
@@ -83,28 +84,37 @@ def planned_at(
     stints: Sequence[Stint], carried: Carried, shift: Shift, options: PlanOptions
 ) -> tuple[Plan, float, str]:
     """A job planned at a place, to its motion: the plan, its time in s, and why there is no motion (else empty)."""
+    here = [replace(stint, cell=moved(stint.cell, carried, shift)) for stint in stints]
     plans: list[Plan] = []
-    for k, stint in enumerate(stints):
-        cell = moved(stint.cell, carried, shift)
-        scale = plans[0].scores.scale if plans else None  # of all: the worst index is that of the whole job
-        one = best_plan(cell, stint.toolpath, stint.of(options), Timings(), scale=scale)
-        begin, end = (stint.begin if k else None), (stint.end if k + 1 < len(stints) else None)
-        plans.append(replace(one, begin=begin, end=end))
-    bound = None
+    for stint in here:
+        plans.append(_planned(stint, len(here), plans[0].scores.scale if plans else None, options))
+    scale, bound = plans[0].scores.scale, None  # of all: the worst index is that of the whole job
     if len(plans) > 1:
         plans, bound = together(plans, shares_of(plans), Timings())
-    seconds, done = 0.0, [Stretch(one, s.first, s.tool) for one, s in zip(plans, stints, strict=True)]
-    whole = joined(done, bound) if len(done) > 1 else plans[0]
-    for stint, one in zip(stints, plans, strict=True):
-        timeline = motion_of(one, stint.toolpath, stint.of(options), Timings())
+
+    def again(stint: Stint) -> Callable[[PlanOptions], Plan]:
+        return lambda other: _planned(stint, len(here), scale if len(here) > 1 else None, other)
+
+    seconds, why = 0.0, ""
+    for k, stint in enumerate(here):
+        plans[k], _, timeline = driven(stint, plans[k], options, Timings(), again(stint))
         if timeline is None or timeline.trajectory is None:
-            return whole, seconds, _lost(whole)
+            why = _lost(plans[k], timeline.obstructions if timeline is not None else ())
+            break
         seconds += float(timeline.trajectory.time[-1])
-    return whole, seconds, ""
+    done = [Stretch(one, s.first, s.tool) for one, s in zip(plans, here, strict=True)]
+    return joined(done, bound) if len(done) > 1 else plans[0], seconds, why
 
 
-def _lost(one: Plan) -> str:
+def _planned(stint: Stint, count: int, scale: float | None, options: PlanOptions) -> Plan:
+    """One tool's plan; between others the machine stands where tools are changed."""
+    one = best_plan(stint.cell, stint.toolpath, stint.of(options), Timings(), scale=scale)
+    begin, end = (stint.begin if stint.number > 1 else None), (stint.end if stint.number < count else None)
+    return replace(one, begin=begin, end=end) if count > 1 else one
+
+
+def _lost(one: Plan, obstructions: Sequence[Break]) -> str:
     """The first reason why a plan is not driven."""
     points = [f"point {one.path.index[p]:g}: {sentence}" for p, sentence in explain_points(one).items()]
-    breaks = [f"{b.where}: {b.text}" for b in all_breaks(one)]
+    breaks = [f"{b.where}: {b.text}" for b in (*all_breaks(one), *obstructions)]
     return (*points, *breaks, "it could not be driven")[0]

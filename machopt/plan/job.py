@@ -109,9 +109,9 @@ def _done(
         again: plans the same with other options for the whole job.
     """
     toolpath, options = stint.toolpath, stint.of(whole)
-    the_plan, driven, timeline = _driven(stint, the_plan, whole, timings, again)
+    the_plan, as_told, timeline = driven(stint, the_plan, whole, timings, again)
     if timeline is not None and timeline.trajectory is not None:
-        the_plan = told(driven, list(timeline.driven), timeline.given_up)
+        the_plan = told(as_told, list(timeline.driven), timeline.given_up)
     elif timeline is not None:
         the_plan = undriven(the_plan, timeline.obstructions, toolpath, options)
     with timings.stage("points"):
@@ -119,10 +119,15 @@ def _done(
     return Done(Stretch(the_plan, stint.first, stint.tool), points, timeline)
 
 
-def _driven(
+def driven(
     stint: Stint, the_plan: Plan, whole: PlanOptions, timings: Timings, again: Callable[[PlanOptions], Plan]
 ) -> tuple[Plan, Plan, Timeline | None]:
-    """The plan, what is driven of it, and the motion; made again with spare where driving takes of the margins."""
+    """The plan, what is driven of it, and the motion; made again with spare where driving takes of the margins.
+
+    Args:
+        whole: options of the whole job.
+        again: plans the same with other options for the whole job.
+    """
     toolpath, options, spared, arm = stint.toolpath, stint.of(whole), whole, the_plan.setup.arm
     for tries_left in range(SPARES, -1, -1):
         if options.compensate:
@@ -131,11 +136,11 @@ def _driven(
         timeline = motion_of(the_plan, toolpath, options, timings)
         if timeline is None or timeline.trajectory is None:
             return the_plan, the_plan, timeline
-        driven = as_driven(the_plan, timeline.phi)
-        stop = lost(the_plan, driven)
+        taken = as_driven(the_plan, timeline.phi)
+        stop = lost(the_plan, taken)
         if stop is None:
-            return the_plan, driven, timeline
-        spared = with_spare(spared, the_plan, driven)
+            return the_plan, taken, timeline
+        spared = with_spare(spared, the_plan, taken)
         other = again(spared) if tries_left else None
         if other is None or not (is_whole(other) or options.allow_gaps):
             return the_plan, the_plan, replace(timeline, trajectory=None, obstructions=(stop,))
