@@ -49,7 +49,6 @@ NO_DECISION = {  # constants beside the computation: guards against rounding, un
     "motion_clock.LONGEST",
     "motion_frame.ARCMIN",
     "motion_frame.ARCSEC",
-    "motion_frame.MRAD",
     "motion_link.MOVING",
     "motion_next.RATE",
     "motion_next.ROOM",

@@ -81,7 +81,6 @@ class Problem:
     known: Array | None = None  # (N, D) K_C of load and weight, already taken off y; a base unknown holds its doubt
     time: Array | None = None  # (N,) s, where readings of one hour may share an error that those of another do not
     present: Flags | None = None  # (N, D) what was measured; None: all. Elsewhere y and all columns are zero
-    weight_known: bool = True  # masses of links and tool are stated
 
     def __len__(self) -> int:
         return len(self.y)

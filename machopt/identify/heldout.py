@@ -22,8 +22,6 @@ class Errors:
     axes: Array  # (D,) m, rad, base axes
     rotation: float  # rad, of the three rotations; NaN where not measured
     explained: float  # share of the translations' sum of squares that the model explains
-    explained_rotation: float  # NaN where not measured
-    with_outliers: float  # m, rmse of all readings
     by_pose: Array  # (G,) m, rmse of the translations of each pose; NaN where all are outliers
 
 
@@ -41,8 +39,6 @@ def errors(fit: Fit, residual: Array) -> Errors:
         axes=np.array([_rms(column) for column in kept.T]),
         rotation=_rms(kept[:, 3:]) if turned else np.nan,
         explained=_explained(kept[:, :3], total[:, :3]),
-        explained_rotation=_explained(kept[:, 3:], total[:, 3:]) if turned else np.nan,
-        with_outliers=_rms(residual[:, :3]),
         by_pose=by_pose,
     )
 

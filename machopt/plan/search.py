@@ -66,7 +66,6 @@ class Found:
     edges: Edges
     wide: NDArray[np.bool_]  # (S,) the rotation may turn there while the feed waits
     looked: NDArray[np.bool_]  # (S, R, B) vertices whose own pose was looked at, but for those struck out ahead
-    gave_up: bool  # after ROUNDS: what still collides is not proven to have no answer
 
 
 @dataclass
@@ -162,7 +161,6 @@ class Search:
             self.edges,
             self.chooser.wide,
             self.looked,
-            not check.free,
         )
 
     # --- choosing ------------------------------------------------------------------------------------------------

@@ -88,7 +88,6 @@ class Summary:
     worst_jiao2022: float  # with the source paper's method
     worst_chosen: float
     mean_default: float  # mean over the length cut; of a stiffness: the stiffness of the mean compliance
-    mean_jiao2022: float
     mean_chosen: float
     gains: tuple[Gain, ...] = ()  # of the mean, over each yardstick
     shift: Shift | None = None

@@ -26,7 +26,6 @@ MOST_NAMED = 3
 GIVEN_UP = 100  # points that no line leads to: enough to say so
 BESIDE = 9e-5  # m: points that are put in keep a tenth of a millimetre from others
 INDEX = 5e-5  # of a toolpath index: rounding of trajectory.csv's point column
-UNREADABLE = " ?<>&"  # characters that comments of some controllers cannot hold, and what stands for them
 
 
 @dataclass(frozen=True)

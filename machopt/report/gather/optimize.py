@@ -189,7 +189,6 @@ def _summary(
         worst_jiao2022=figures["jiao2022"][0],
         worst_chosen=figures["chosen"][0],
         mean_default=figures["default"][1],
-        mean_jiao2022=figures["jiao2022"][1],
         mean_chosen=figures["chosen"][1],
         feed_held=timeline.held_share if timeline and feasible else float("nan"),
         cycle_time=float(trajectory.time[-1]) if trajectory else float("nan"),
