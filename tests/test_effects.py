@@ -16,6 +16,7 @@ from machopt.diagnose.problem import Catalogue, Family, Problem, Unknown
 from machopt.diagnose.readings import Readings
 from machopt.diagnose.words import sentence
 from machopt.domain.kinematics import Kinematics
+from machopt.domain.location import joint_at, joints_of
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Stiffness, Term
 from machopt.effects import coupling, creep, files, hysteresis, registry
@@ -34,7 +35,6 @@ from machopt.effects.protocol import (
     Scale,
     Settled,
     Unloaded,
-    joints_of,
 )
 from machopt.effects.words import named
 from machopt.formats.cell import load_cell
@@ -391,7 +391,7 @@ def posed(r: Readings, beyond: Array) -> Problem:
         "deflection",
         base @ r.compliance + beyond + 5e-6 * np.random.default_rng(1).normal(size=beyond.shape),
         base,
-        tuple(Unknown(f"joint {j}", COMPLIANCE, 0.0, f"joint:{j}") for j in range(1, 7)),
+        tuple(Unknown(f"joint {j}", COMPLIANCE, 0.0, joint_at(j)) for j in range(1, 7)),
         (Family("translation", (0, 1, 2), "mm", 1e3), Family("rotation", (3, 4, 5), "mrad", 1e3)),
         r.recording.pose,
         r.visit,

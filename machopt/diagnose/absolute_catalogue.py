@@ -25,6 +25,7 @@ from machopt.diagnose import (
 )
 from machopt.diagnose.problem import Catalogue, Hypothesis, Problem, Untestable
 from machopt.diagnose.readings import Readings
+from machopt.domain.location import joint_at
 from machopt.effects import by_angle, kinematic, registry
 from machopt.effects.protocol import timed
 
@@ -47,7 +48,7 @@ def catalogue(r: Readings, problem: Problem) -> Catalogue:
     drives = np.quantile(np.abs(r.torque), 0.9, axis=0)
     kinds = [e for e in registry.of_joint_torque() if not e.remembers]
     for j in range(6):
-        where = f"joint:{j + 1}"
+        where = joint_at(j + 1)
         if drives[j] <= calibrated.RESTING.turned_by_load * max(drives.max(), 1e-12):
             missing.append(Untestable(by_angle.EFFECT.name, where, "neither weight nor load turns it"))
             continue

@@ -15,9 +15,10 @@ from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.problem import Curve, Hypothesis, Shape
 from machopt.diagnose.readings import Readings
+from machopt.domain.location import joint_at, joints_of
 from machopt.effects import registry, within
 from machopt.effects.corrections import entry
-from machopt.effects.protocol import DEGREE, Effect, Swept, Unloaded, joints_of
+from machopt.effects.protocol import DEGREE, Effect, Swept, Unloaded
 from machopt.effects.waves import ARCSEC
 
 FINE = 400  # points of a law's line over the range
@@ -46,7 +47,7 @@ def swept(r: Readings, j: int) -> Swept:
     low, high = float(q.min()), float(q.max())
     distinct = len(np.unique(np.round(q, calibrated.RESTING.angle_decimals)))
     shown = high - low >= calibrated.RESTING.least_wave and distinct >= calibrated.RESTING.fewest_angles
-    balanced = any(f"joint:{j + 1}" in e.places for e in registry.of_beside())
+    balanced = any(joint_at(j + 1) in e.places for e in registry.of_beside())
     most = int(distinct / calibrated.RESTING.poses_per_order) if shown else 0
     return Swept(low, high, most, calibrated.RESTING.above_balancer if balanced else 1.0)
 

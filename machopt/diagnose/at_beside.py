@@ -15,11 +15,12 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.motion_frame import Scene, curve, joint_law
 from machopt.diagnose.problem import Curve, Hypothesis, Quantity, RecordCorrection, Shape
 from machopt.diagnose.readings import Readings
+from machopt.domain.location import joints_of, located
 from machopt.domain.stiffness import Term
 from machopt.effects import files, registry
 from machopt.effects.compensator import in_file
 from machopt.effects.given import Parameters
-from machopt.effects.protocol import Beside, Effect, joints_of
+from machopt.effects.protocol import Beside, Effect
 from machopt.estimate.noise import joint_sensitivity
 
 SUBSCRIPTS = "₁₂₃₄₅₆"
@@ -75,7 +76,7 @@ def _moves(scene: Scene, j: int) -> bool:
 
 
 def _note(where: str) -> str:
-    return f"joint {where.removeprefix('joint:')} only, by its angle"
+    return f"joint {located(where).which} only, by its angle"
 
 
 def _bends(r: Readings, effect: Effect, where: str, law: Beside) -> Hypothesis:

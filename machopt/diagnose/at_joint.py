@@ -15,10 +15,11 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.history import history
 from machopt.diagnose.problem import Curve, Hypothesis, Quantity, Shape
 from machopt.diagnose.readings import Readings
+from machopt.domain.location import joint_at, joints_of
 from machopt.domain.stiffness import Term
 from machopt.effects import files, registry
 from machopt.effects.given import Parameters
-from machopt.effects.protocol import ARCMIN, MEMORIES, Drive, Effect, Law, Scale, joints_of, timed
+from machopt.effects.protocol import ARCMIN, MEMORIES, Drive, Effect, Law, Scale, timed
 
 LEAST_SOFT = 1e-9  # rad/(N·m), that sizes in percent are of
 WRIST = 3  # its first joint, 0-based
@@ -53,7 +54,7 @@ def scale_of(r: Readings, j: int, law: Law) -> Scale:
 
 
 def _hypothesis(r: Readings, j: int, effect: Effect, law: Law, scale: Scale, grid: tuple[Shape, ...]) -> Hypothesis:
-    where = f"joint:{j + 1}"
+    where = joint_at(j + 1)
     own = len(law.shape) and len(grid[0])  # numbers of a shape; what a gear remembers follows as its place in MEMORIES
 
     def memory(shape: Shape) -> str:

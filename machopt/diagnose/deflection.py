@@ -17,6 +17,7 @@ from machopt.diagnose import at_beside, at_body, at_heat, at_joint, at_sensor, c
 from machopt.diagnose.loaded import beyond_linear
 from machopt.diagnose.problem import Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
 from machopt.diagnose.readings import History, Readings
+from machopt.domain.location import joint_at
 from machopt.domain.parameters import joint_spring
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import LEAST_STIFFNESS
@@ -68,7 +69,7 @@ def build(
     predicted = A @ c
     gains = [predicted * (readings.session == s)[:, None] for s in range(1, int(readings.session.max()) + 1)]
     base = np.concatenate([A, *(g[:, :, None] for g in gains)], axis=2)
-    unknowns = [Unknown(f"joint {j}", "rad/(N·m)", 0.0, f"joint:{j}", key=joint_spring(j)) for j in range(1, 7)]
+    unknowns = [Unknown(f"joint {j}", "rad/(N·m)", 0.0, joint_at(j), key=joint_spring(j)) for j in range(1, 7)]
     unknowns += [
         Unknown(f"force gain, session {s + 1}", "1", location="sensor:force", prior=calibrated.RESTING.force_gain)
         for s in range(1, len(gains) + 1)
@@ -95,7 +96,6 @@ def build(
         np.arange(1, len(tests) + 1),
         scale=predicted,
         known=known if curved is not None else None,
-        weight_known=masses is not None,
     )
     tried = catalogue(readings, curved)
     return problem, replace(tried, hypotheses=(*tried.hypotheses, *unnamed.hypotheses(readings))), readings
@@ -137,13 +137,13 @@ def catalogue(r: Readings, curved: Array | None) -> Catalogue:
     drives = np.quantile(np.abs(r.load_torque), 0.9, axis=0)
     for j in range(6):
         if drives[j] < calibrated.RESTING.turned_by_load * drives.max():
-            missing.append(Untestable("joint_nonlinear_stiffness", f"joint:{j + 1}", "no load turns this joint"))
+            missing.append(Untestable("joint_nonlinear_stiffness", joint_at(j + 1), "no load turns this joint"))
             continue
         for kind in registry.of_joint_torque():
             laws, reason = at_joint.hypotheses(r, j, kind)
             out += laws
             if reason:
-                missing.append(Untestable(kind.name, f"joint:{j + 1}", reason))
+                missing.append(Untestable(kind.name, joint_at(j + 1), reason))
     out += at_beside.in_load_tests(r)
     out += [*at_joint.couplings(r), *at_body.hypotheses(r)]
     out += at_sensor.hypotheses(r)

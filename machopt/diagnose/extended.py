@@ -11,8 +11,8 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.problem import RecordCorrection
 from machopt.diagnose.result import Coefficient, Diagnosis
 from machopt.domain.cell import Cell
+from machopt.domain.location import joints_of, located
 from machopt.domain.stiffness import SOFTEST, STIFFEST, Stiffness, Term
-from machopt.effects.protocol import joints_of
 from machopt.effects.words import spoken
 from machopt.errors import InputError
 from machopt.model.elastic import against
@@ -21,7 +21,6 @@ from machopt.model.terms.against import Against
 from machopt.model.terms.compiled import compile_terms
 
 JOINTS = 6
-JOINT = "joint:"
 
 
 @dataclass(frozen=True)
@@ -155,7 +154,7 @@ def _culprit(terms: Sequence[Term], new: set[tuple[str, str]], wrong: Against) -
 
 
 def _joints(of: Term | Against) -> set[int]:
-    return {j + 1 for j in joints_of(of.location)} if of.location.startswith(JOINT) else set()
+    return {j + 1 for j in joints_of(of.location)} if located(of.location).of_joints else set()
 
 
 def _name(t: Term) -> tuple[str, str]:

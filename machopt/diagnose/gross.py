@@ -12,8 +12,9 @@ from machopt.diagnose.pasted import coarse
 from machopt.diagnose.problem import Problem as Equations
 from machopt.diagnose.repaired import exact, repaired
 from machopt.diagnose.result import Diagnosis, Finding
+from machopt.domain.location import rows_at
 from machopt.domain.recording import Recording
-from machopt.effects.record import OUTLIERS, rows
+from machopt.effects.record import OUTLIERS
 
 Flags = NDArray[np.bool_]
 SLIP = (10.0, 100.0, 1000.0)
@@ -54,7 +55,7 @@ def outliers(
         clerical = int(aside.sum())
     if not aside.any():
         return None
-    where = rows(problem.row[aside].tolist())
+    where = rows_at(problem.row[aside].tolist())
     count = float(aside.sum())
     # that Gaussian noise makes even one of these rows
     by_noise = float(min(2.0 * ndtr(-calibrated.NOISE.gross) * diagnosis.errors.final.size, 1.0))

@@ -15,9 +15,9 @@ from machopt.diagnose import at_body, at_joint
 from machopt.diagnose.problem import Problem
 from machopt.diagnose.readings import BEHIND, Readings
 from machopt.diagnose.result import Diagnosis
+from machopt.domain.location import joints_of, located
 from machopt.domain.stiffness import Term
 from machopt.effects import registry
-from machopt.effects.protocol import joints_of
 
 GEOMETRIC = "geometric_stiffness"  # counted in any case
 
@@ -51,7 +51,7 @@ def in_poses(term: Term) -> bool:
 
 def in_motions(term: Term) -> bool:
     """What a motion counts where gears twist and it tells the torque: laws of single joints, torques beside gears."""
-    first, last = joints_of(term.location) if term.location.startswith("joint:") else (0, 1)
+    first, last = joints_of(term.location) if located(term.location).of_joints else (0, 1)
     return (first == last and bool(registry.elastic(term.effect).laws)) or in_torques(term)
 
 

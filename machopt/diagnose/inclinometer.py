@@ -21,6 +21,7 @@ from machopt.diagnose.problem import Flags, Unknown
 from machopt.diagnose.readings import Inclined
 from machopt.diagnose.result import rms
 from machopt.domain.cell import Cell
+from machopt.domain.location import LINK, located
 from machopt.domain.recording import Recording
 from machopt.errors import InputError
 from machopt.model.robot import ArmState, frame_of, urdf_model
@@ -70,7 +71,8 @@ def link_of(name: str, cell: Cell, source: str = "") -> int:
     Raises:
         InputError: no such link, or one that neither the arm moves nor base_link holds.
     """
-    number = name.removeprefix("link:")
+    at = located(name)
+    number = at.which if at.kind == LINK else name
     if number.isdecimal() and int(number) <= len(cell.arm_joints):
         return int(number)
     model = urdf_model(cell)

@@ -16,8 +16,9 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.at_angle import hypothesis
 from machopt.diagnose.motion_frame import Fit, Scene
 from machopt.diagnose.problem import Finer, Hypothesis, Shape, Untestable
+from machopt.domain.location import joints_of
 from machopt.effects import registry
-from machopt.effects.protocol import Effect, Swept, Unloaded, joints_of
+from machopt.effects.protocol import Effect, Swept, Unloaded
 
 FINE = 31  # orders about one that are profiled
 

@@ -19,9 +19,9 @@ from machopt.diagnose.motion_signals import Motion
 from machopt.diagnose.problem import RecordCorrection
 from machopt.diagnose.repaired import exact, repaired
 from machopt.diagnose.result import Estimate, Finding
+from machopt.domain.location import column_at
 from machopt.domain.recording import Recording
 from machopt.effects.record import UNITS
-from machopt.effects.record import column as place
 from machopt.errors import InputError
 
 COLUMNS = {
@@ -307,7 +307,7 @@ def _sure(value: float, unit: str, sigma: float) -> Estimate:
 def _units(name: str, factor: float, words: str, p_value: float) -> Finding:
     return repaired(
         UNITS.name,
-        place(name),
+        column_at(name),
         "in the record, not in the robot",
         float("nan"),
         float("nan"),

@@ -9,6 +9,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.diagnose.motion_frame import Scene
 from machopt.diagnose.problem import Hypothesis, Quantity, RecordCorrection, Shape
+from machopt.domain.location import sensor_at
 from machopt.effects import files, registry
 from machopt.effects.protocol import Delayed, DelayLaw, Effect
 
@@ -48,7 +49,7 @@ def clocks(
         penalty: so that of two clocks that differ in name only the more ordinary one comes first.
     """
     seen = Delayed(change, best, 0.25 / scene.motion.rate, sign)
-    where = f"sensor:{sensor}"
+    where = sensor_at(sensor)
     return [_late(seen, e, law, where, "sensor", penalty) for e in registry.of_clocks() for law in e.delays]
 
 

@@ -18,9 +18,9 @@ from machopt.diagnose.motion_friction import rest_of
 from machopt.diagnose.motion_signals import Motion
 from machopt.diagnose.repaired import repaired
 from machopt.diagnose.result import Finding
+from machopt.domain.location import column_at
 from machopt.domain.recording import Recording
 from machopt.effects.record import COLUMNS
-from machopt.effects.record import column as place
 from machopt.errors import InputError
 
 
@@ -85,12 +85,12 @@ def _exchanged(recording: Recording, motion: Motion, tau: Array, predicted: Arra
     one, two = (column(recording, "torque", k) for k in of)
     return repaired(
         COLUMNS.name,
-        place(one),
+        column_at(one),
         f"{one} and {two} stand under each other's names: each is what the other joint needs",
         float(np.median(before)),
         float(np.median(after)),
         sign_test(before, after),
-        beside=(place(two),),
+        beside=(column_at(two),),
     )
 
 

@@ -14,12 +14,13 @@ from machopt.diagnose.finer import between
 from machopt.diagnose.motion_signals import Motion
 from machopt.diagnose.problem import Curve, Hypothesis, Ints, Quantities, Shape, Untestable
 from machopt.domain.cell import Cell
+from machopt.domain.location import joint_at
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Term
 from machopt.model.correction import Correction
 from machopt.model.rigid import Dynamics
 
-ARCMIN, ARCSEC, MRAD = np.pi / 10800.0, np.pi / 648000.0, 1e-3
+ARCMIN, ARCSEC = np.pi / 10800.0, np.pi / 648000.0
 
 
 @dataclass(frozen=True)
@@ -161,7 +162,7 @@ def joint_law(
     """A hypothesis at one joint from its signal (M,) or (M, p) at each shape."""
     return Hypothesis(
         effect,
-        f"joint:{joint + 1}",
+        joint_at(joint + 1),
         law,
         equation,
         lambda shape: scene.column(joint, signal(shape)),

@@ -16,6 +16,7 @@ from machopt.diagnose.lowpass import zero_phase
 from machopt.diagnose.motion_frame import ARCMIN, Fit, Scene, curve, joint_law, one_joint
 from machopt.diagnose.motion_torque import gear_load
 from machopt.diagnose.problem import Curve, Hypothesis, Quantity, Shape
+from machopt.domain.location import joint_at
 from machopt.domain.stiffness import Term
 from machopt.effects import files, registry
 from machopt.effects.given import Parameters
@@ -87,7 +88,7 @@ def _of_registry(
     memory = MEMORIES[-1] if law.remembers else ""
 
     def term(x: Array, s: Shape) -> Term:
-        return Term(effect.name, f"joint:{joint + 1}", files.write(law, x, np.array(s), memory))
+        return Term(effect.name, joint_at(joint + 1), files.write(law, x, np.array(s), memory))
 
     lower = tuple(least for _, _, least in files.named(law, law.columns(np.array(grid[0]), drive).shape[-1]))
     return _law(
@@ -111,7 +112,7 @@ def known(scene: Scene, joint: int, load: Array) -> Array:
     out = np.zeros(len(load))
     for term in scene.known:
         effect = registry.elastic(term.effect)
-        if term.location != f"joint:{joint + 1}" or not effect.laws:
+        if term.location != joint_at(joint + 1) or not effect.laws:
             continue
         given = Parameters(term.parameters, term.effect)
         law = files.law_of(effect, given)

@@ -17,6 +17,7 @@ from machopt.diagnose.motion_frame import Fit, Scene
 from machopt.diagnose.motion_gears import drive, gear_laws, known
 from machopt.diagnose.motion_torque import motion_axes
 from machopt.diagnose.problem import Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
+from machopt.domain.location import joint_at
 from machopt.domain.parameters import joint_spring
 from machopt.effects import registry
 from machopt.effects.protocol import Scale
@@ -51,14 +52,14 @@ def build(scene: Scene, joints: list[int]) -> tuple[Problem, Catalogue]:
     y = m.within(m.mean((rec.q_secondary[m.index][:, : scene.joints] - scene.true_angles(m.q))[:, joints]))
     offset = np.concatenate([scene.column(j, np.ones(len(m.q))) for j in joints], axis=2)
     found = drive(scene)
-    base, unknowns = offset, [Unknown(f"offset {j + 1}", "rad", location=f"joint:{j + 1}") for j in joints]
+    base, unknowns = offset, [Unknown(f"offset {j + 1}", "rad", location=joint_at(j + 1)) for j in joints]
     out: list[Hypothesis] = []
     untestable: list[Untestable] = []
     inertia = None if scene.dynamics is None else scene.dynamics.own_inertia(m.q)
     if found is None:
         reason = "neither torques are recorded nor does the URDF have inertias"
         untestable += [
-            Untestable(effect, f"joint:{j + 1}", reason)
+            Untestable(effect, joint_at(j + 1), reason)
             for j in joints
             for effect in (e.name for e in registry.of_joint_torque() if any(law.grid(MOVING) for law in e.laws))
         ]
@@ -67,14 +68,14 @@ def build(scene: Scene, joints: list[int]) -> tuple[Problem, Catalogue]:
         scene.notes.append(f"gears are loaded by the {found.words}")
         base = np.concatenate([offset, *(scene.column(j, load[:, j]) for j in joints)], axis=2)
         unknowns += [
-            Unknown(f"compliance {j + 1}", "rad/(N·m)", 0.0, f"joint:{j + 1}", key=joint_spring(j + 1)) for j in joints
+            Unknown(f"compliance {j + 1}", "rad/(N·m)", 0.0, joint_at(j + 1), key=joint_spring(j + 1)) for j in joints
         ]
         if not found.by_bodies:
             for j in joints:  # the motor's torque holds friction that never reaches the gear
                 way = np.stack([np.sign(m.v[:, j]), m.v[:, j]], axis=1)
                 base = np.concatenate([base, scene.column(j, way)], axis=2)
                 unknowns += [
-                    Unknown(f"friction in the torque {j + 1}, {k}", u, location=f"joint:{j + 1}")
+                    Unknown(f"friction in the torque {j + 1}, {k}", u, location=joint_at(j + 1))
                     for k, u in (("Coulomb", "rad"), ("viscous", "s"))
                 ]
     if found is not None:

@@ -10,6 +10,7 @@ from machopt.arrays import Array
 from machopt.diagnose.motion_angles import orders, swept
 from machopt.diagnose.motion_frame import Scene, curve, joint_law
 from machopt.diagnose.problem import Correction, Curve, Hypothesis, Quantity, RecordCorrection, Shape
+from machopt.domain.location import joint_at
 from machopt.effects import registry
 from machopt.effects.kinematic import WAVES, wave_orders
 from machopt.effects.protocol import Effect, Swinging, SwingLaw
@@ -26,7 +27,7 @@ def ripple(scene: Scene, joint: int) -> list[Hypothesis]:
 
 
 def _ripple(scene: Scene, joint: int, shapes: tuple[Shape, ...], harmonics: int) -> Hypothesis:
-    q, where = scene.motion.q[:, joint], f"joint:{joint + 1}"
+    q, where = scene.motion.q[:, joint], joint_at(joint + 1)
 
     def over(s: Shape) -> Array:
         return waves(q, [s[0] * k for k in range(1, harmonics + 1)])

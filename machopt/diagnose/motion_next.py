@@ -17,8 +17,8 @@ from machopt.diagnose.motion_friction import rest_of
 from machopt.diagnose.problem import Catalogue, Problem
 from machopt.diagnose.result import Diagnosis, Finding
 from machopt.domain.cell import Cell
+from machopt.domain.location import joints_of, located
 from machopt.domain.recording import Recording
-from machopt.effects.protocol import joints_of
 from machopt.effects.words import spoken
 from machopt.errors import InputError
 from machopt.model.rigid import NoInertiaError, load_dynamics
@@ -63,7 +63,7 @@ def _apart(cell: Cell, channel: motion.Predicted, d: Diagnosis, f: Finding) -> s
     others = ", ".join(spoken(*n) for n in f.one_of[1 : 1 + MOST_RIVALS])
     head = f"To tell {spoken(f.effect, f.location)} from {others}: "
     best: tuple[float, str] | None = None
-    for one in motions(cell, joints_of(f.location)[0] if f.location.startswith("joint:") else None):
+    for one in motions(cell, joints_of(f.location)[0] if located(f.location).of_joints else None):
         try:
             power = _parted(cell, channel, d, f, one)
         except (InputError, NoInertiaError):  # a channel that this motion does not feed

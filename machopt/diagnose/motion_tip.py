@@ -28,6 +28,7 @@ from machopt.diagnose.problem import (
     Untestable,
 )
 from machopt.diagnose.result import Estimate, Finding
+from machopt.domain.location import joint_at
 from machopt.domain.parameters import joint_spring
 from machopt.effects.delay import CLOCK, LAG
 from machopt.errors import InputError
@@ -68,7 +69,7 @@ def build(scene: Scene, robot: Robot) -> tuple[Problem, Catalogue, list[Finding]
     if found is not None and load is not None:
         scene.notes.append(f"gears are loaded by the {found.words}")
         unknowns += [
-            Unknown(f"compliance {j}", "rad/(N·m)", 0.0, f"joint:{j}", key=joint_spring(j)) for j in range(1, 7)
+            Unknown(f"compliance {j}", "rad/(N·m)", 0.0, joint_at(j), key=joint_spring(j)) for j in range(1, 7)
         ]
         y_fine, pose = _loaded(scene, pose, measured - tip, load, followed)
     else:

@@ -20,6 +20,7 @@ from machopt.diagnose.motion_frame import Scene, one_joint
 from machopt.diagnose.motion_friction import Turn, breakaway, direction, friction, rest_of, turned
 from machopt.diagnose.motion_loads import ripple, springy
 from machopt.diagnose.problem import Catalogue, Family, Hypothesis, Ints, Problem, Unknown, Untestable
+from machopt.domain.location import joint_at, link_at
 from machopt.errors import InputError
 
 # late friction and a long breakaway path look alike at one joint
@@ -61,9 +62,7 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
     if n > 1 and _links_off(y, base, rivals, L, m.group):
         base = np.concatenate([base, L], axis=2)
         unknowns += [
-            Unknown(
-                f"mass of link {b + 1}, relative", "1", location=f"link:{b + 1}", prior=calibrated.MOTION.link_scale
-            )
+            Unknown(f"mass of link {b + 1}, relative", "1", location=link_at(b + 1), prior=calibrated.MOTION.link_scale)
             for b in dynamics.bodies
         ]
         scene.notes.append(
@@ -91,7 +90,7 @@ def _base(scene: Scene, paths: list[Turn]) -> tuple[Array, list[Unknown]]:
     m, n = scene.motion, scene.joints
     parts, unknowns = [], []
     for j in range(n):
-        place, unit = f"joint:{j + 1}", "N" if scene.prismatic[j] else "N·m"
+        place, unit = joint_at(j + 1), "N" if scene.prismatic[j] else "N·m"
         speed, mass = ("N·s/m", "kg") if scene.prismatic[j] else ("N·m·s/rad", "kg·m²")
         signals = [np.ones(len(m.q))]
         unknowns.append(Unknown(f"offset {j + 1}", unit, location=place))

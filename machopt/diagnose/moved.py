@@ -22,8 +22,9 @@ from machopt.diagnose.reflectors import points, which
 from machopt.diagnose.repaired import exact, repaired
 from machopt.diagnose.result import Estimate, Finding
 from machopt.diagnose.sessions import chance, equations, typical
+from machopt.domain.location import column_at
 from machopt.domain.recording import Recording
-from machopt.effects.record import COLUMNS, column
+from machopt.effects.record import COLUMNS
 from machopt.effects.sensor import DISPLACEMENT
 from machopt.effects.thermal import THERMAL
 from machopt.estimate.robust import start
@@ -208,7 +209,7 @@ def _joint(t: _Taken) -> int:
 
 def _effect(name: str) -> tuple[str, str]:
     if name.startswith("q"):
-        return COLUMNS.name, column(name)
+        return COLUMNS.name, column_at(name)
     return DISPLACEMENT.name, DISPLACEMENT.places[0]
 
 

@@ -18,8 +18,9 @@ from machopt.diagnose.repaired import exact, repaired
 from machopt.diagnose.result import Estimate, Finding
 from machopt.diagnose.sessions import chance
 from machopt.domain.cell import Cell
+from machopt.domain.location import column_at
 from machopt.domain.recording import Recording, Target
-from machopt.effects.record import COLUMNS, column
+from machopt.effects.record import COLUMNS
 from machopt.model.robot import Masses, Robot
 
 Flags = NDArray[np.bool_]
@@ -93,7 +94,7 @@ def _said(model: Nominal, first: First, rows: Flags, words: str, sizes: dict[str
     before, after = (float(np.median(e)) for e in errors)
     return repaired(
         COLUMNS.name,
-        column("target"),
+        column_at("target"),
         words,
         1e3 * before,
         1e3 * after,

@@ -19,6 +19,7 @@ from machopt.diagnose.absolute_catalogue import left, spanned
 from machopt.diagnose.problem import Unknown
 from machopt.diagnose.readings import Readings
 from machopt.domain.cell import Cell
+from machopt.domain.location import joint_at
 from machopt.domain.parameters import joint_spring
 from machopt.domain.recording import Recording
 from machopt.effects.protocol import JOINTS
@@ -143,7 +144,7 @@ class Nominal:
             ):
                 parts.append(bend[:, : self.D, j : j + 1])
                 known = calibrated.RESTING.rubber * self.nominal[j] if self.cell.stiffness is not None else None
-                where, key = f"joint:{j + 1}", joint_spring(j + 1)
+                where, key = joint_at(j + 1), joint_spring(j + 1)
                 built = (
                     (calibrated.RESTING.stiffest * self.nominal[j], calibrated.RESTING.rubber * self.nominal[j])
                     if self.weight_alone

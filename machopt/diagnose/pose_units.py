@@ -19,8 +19,9 @@ from machopt.diagnose.repaired import exact, repaired
 from machopt.diagnose.result import Finding
 from machopt.diagnose.rewritten import put, taken
 from machopt.diagnose.sessions import chance, equations
+from machopt.domain.location import column_at
 from machopt.domain.recording import Recording
-from machopt.effects.record import ANGLES, LENGTHS, UNITS, column
+from machopt.effects.record import ANGLES, LENGTHS, UNITS
 from machopt.model.robot import Robot
 
 Flags = NDArray[np.bool_]
@@ -139,7 +140,7 @@ def _said(
     session = {"session": exact(float(hit[0]))} if some and len(hit) == 1 else {}
     return repaired(
         UNITS.name,
-        column(head),
+        column_at(head),
         words,
         1e3 * float(np.median(before)),
         1e3 * float(np.median(after)),

@@ -18,8 +18,9 @@ from machopt.diagnose import calibrated, loads, sessions, throughout
 from machopt.diagnose.contradiction import contradictions
 from machopt.diagnose.repaired import exact, repaired
 from machopt.diagnose.result import Estimate, Finding
+from machopt.domain.location import column_at
 from machopt.domain.recording import Axes, Recording
-from machopt.effects.record import FORCES, LENGTHS, UNITS, column
+from machopt.effects.record import FORCES, LENGTHS, UNITS
 from machopt.effects.sensor import DISPLACEMENT, FRAME, LOAD
 from machopt.estimate.experiment import Experiment, experiment
 from machopt.estimate.robust import start
@@ -140,7 +141,7 @@ def _said(error: Problem, before: float, after: float, p_value: float) -> Findin
         effect, where = FRAMES[error.code]
         return repaired(effect.name, where, error.message, 1e3 * before, 1e3 * after, p_value)
     radians = error.code == "joint_units"
-    where = column("q1_deg" if radians else error.column)
+    where = column_at("q1_deg" if radians else error.column)
     factor = {"factor": exact(1.0 / (float(np.degrees(1.0)) if radians else error.factor))}
     return repaired(UNITS.name, where, error.message, 1e3 * before, 1e3 * after, p_value, factor)
 

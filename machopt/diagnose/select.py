@@ -19,6 +19,7 @@ from machopt.diagnose.grams import Model, Tried
 from machopt.diagnose.problem import Hypothesis
 from machopt.diagnose.screen import Scored, by_chance, fitted, score
 from machopt.diagnose.unproven import possible, unproven
+from machopt.domain.location import link_at
 from machopt.effects import registry
 
 PAIRS_AMONG = 6
@@ -228,7 +229,7 @@ def _near(a: Hypothesis, b: Hypothesis) -> bool:
     """Whether what one law leaves of its effect looks like the other: the same place, or the next body."""
     if a.location == b.location:
         return True
-    bodies = {"base": 0, "tool": 6} | {f"link:{i}": i for i in range(1, 7)}
+    bodies = {"base": 0, "tool": 6} | {link_at(i): i for i in range(1, 7)}
     both = [bodies.get(h.location) for h in (a, b)]
     return both[0] is not None and both[1] is not None and abs(both[0] - both[1]) <= 1
 

@@ -21,8 +21,8 @@ from machopt.diagnose.reflectors import nuisance, points
 from machopt.diagnose.repaired import exact, repaired
 from machopt.diagnose.result import Finding
 from machopt.diagnose.rewritten import Way, put, taken, ways
+from machopt.domain.location import column_at
 from machopt.domain.recording import Recording
-from machopt.effects.record import column
 from machopt.estimate.experiment import experiment
 from machopt.estimate.robust import start
 from machopt.identify.rivals import bounded_absolute
@@ -236,7 +236,7 @@ def _said(r: _Repair, level: str, name: int) -> Finding:
     factor = {"factor": exact(1.0 / r.way.factor)} if r.way.factor != 1.0 else {}
     return repaired(
         r.way.effect,
-        column(r.way.column),
+        column_at(r.way.column),
         words,
         1e3 * r.before,
         1e3 * r.after,

@@ -18,8 +18,9 @@ from machopt.diagnose.repaired import repaired
 from machopt.diagnose.result import Finding
 from machopt.diagnose.rewritten import Way, ways
 from machopt.diagnose.sessions import Equations, chance, equations, typical
+from machopt.domain.location import column_at
 from machopt.domain.recording import Recording
-from machopt.effects.record import COLUMNS, column
+from machopt.effects.record import COLUMNS
 from machopt.model.robot import Robot
 
 
@@ -63,7 +64,7 @@ def mended(
     return changed, [
         repaired(
             way.effect,
-            column(way.column),
+            column_at(way.column),
             words,
             1e3 * typical(before),
             1e3 * typical(after),

@@ -23,8 +23,9 @@ from machopt.diagnose.repaired import exact, repaired
 from machopt.diagnose.result import Finding, rms
 from machopt.diagnose.sessions import chance
 from machopt.domain.cell import Cell
+from machopt.domain.location import column_at
 from machopt.domain.recording import Recording
-from machopt.effects.record import COLUMNS, UNITS, column
+from machopt.effects.record import COLUMNS, UNITS
 from machopt.model.robot import Masses, Robot
 
 Flags = NDArray[np.bool_]
@@ -187,7 +188,7 @@ def _said(seen: _Seen, read: Array, words: str, factor: float = 1.0) -> Finding:
     words = f"{words}; they were read right"
     return repaired(
         COLUMNS.name if factor == 1.0 else UNITS.name,
-        column(HEAD),
+        column_at(HEAD),
         words,
         np.nan,
         np.nan,

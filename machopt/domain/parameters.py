@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from machopt.domain.location import joint_at, located
+
 JOINT_SPRING = "joint_spring"  # the linear spring of each joint, which every model has
 
 
@@ -22,12 +24,12 @@ class ParameterKey:
         Raises:
             ValueError: another place.
         """
-        kind, _, number = self.location.partition(":")
-        if kind != "joint" or not number.isdigit():
+        place = located(self.location)
+        if not place.of_joints or len(place.numbers) != 1:
             raise ValueError(f"{self.location} is no single joint")
-        return int(number)
+        return place.numbers[0]
 
 
 def joint_spring(joint: int) -> ParameterKey:
     """The compliance of a joint, counted from 1."""
-    return ParameterKey(JOINT_SPRING, f"joint:{joint}", "compliance_rad_per_Nm")
+    return ParameterKey(JOINT_SPRING, joint_at(joint), "compliance_rad_per_Nm")

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.domain.location import joints_at
 from machopt.effects.protocol import COMPLIANCE, Drive, Effect, Free, Law, Parameter, Quantity, Scale, Settled, Shape
 
 WORD = "joint_coupling"
-PLACES = tuple(f"joint:{i}-{j}" for i in range(1, 7) for j in range(i + 1, 7))
+PLACES = tuple(joints_at(i, j) for i in range(1, 7) for j in range(i + 1, 7))
 WRIST = ("joint:4-5", "joint:4-6", "joint:5-6")
 CASTINGS = ("joint:2-3", *WRIST, "joint:1-2", "joint:3-4")  # joints whose gears share a shaft or a casting
 

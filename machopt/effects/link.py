@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from machopt.domain.location import link_at
 from machopt.effects.bodies import TWO_PLANES, Beam, stated_law
 from machopt.effects.protocol import Effect
 
@@ -11,7 +12,7 @@ EFFECT = Effect(
     spoken="link compliance",
     sentence="The link body bends or twists; the joint beside it does not.",
     port="body",
-    places=tuple(f"link:{i}" for i in range(1, 7)),
+    places=tuple(link_at(i) for i in range(1, 7)),
     gives=(Beam(("EI_Nm2",)), Beam(("GJ_Nm2",)), Beam(), TWO_PLANES),
     reads=stated_law,
     elastic=True,

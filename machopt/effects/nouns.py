@@ -8,6 +8,8 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.domain.location import joint_at
+
 Ints = NDArray[np.int64]
 Shape = tuple[float, ...]
 
@@ -15,7 +17,7 @@ ARCMIN = np.pi / 10800.0  # rad
 DEGREE = np.pi / 180.0  # rad
 COMPLIANCE = "rad/(N·m)"
 FORM = 0.08  # relative 1 sigma of a size for a law's own form: no gear, beam or loop is quite like its equation
-JOINTS = tuple(f"joint:{i}" for i in range(1, 7))
+JOINTS = tuple(joint_at(i) for i in range(1, 7))
 MEMORIES = ("cycle", "visit", "arrival", "session")  # what a gear remembers, in the order that searches number them
 
 Port = Literal["twist", "torque", "angle", "frame", "body", "record"]

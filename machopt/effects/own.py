@@ -20,13 +20,14 @@ from typing import Any
 
 import numpy as np
 
+from machopt.domain.location import joints_at, link_at
 from machopt.effects import registry
 from machopt.effects.protocol import JOINTS, Body, BodyLaw, Drive, Effect, Scale, Swept, Unloaded
 from machopt.errors import InputError
 
 GROUP = "machopt.effects"
-PAIRS = tuple(f"joint:{i}-{j}" for i in range(1, 7) for j in range(i + 1, 7))
-BODIES = (*(f"link:{i}" for i in range(1, 7)), "base", "tool")
+PAIRS = tuple(joints_at(i, j) for i in range(1, 7) for j in range(i + 1, 7))
+BODIES = (*(link_at(i) for i in range(1, 7)), "base", "tool")
 BROKEN = (Exception, SystemExit)  # what code of a user's own may raise; sys.exit would end the command as if done
 
 

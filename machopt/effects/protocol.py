@@ -88,7 +88,6 @@ __all__ = [
     "Swinging",
     "Unloaded",
     "Warming",
-    "joints_of",
     "percent",
     "timed",
 ]
@@ -157,9 +156,3 @@ class Effect:
     def words(self) -> tuple[str, ...]:
         """Of its laws, as files state them."""
         return tuple(dict.fromkeys(law.word for law in self.laws if law.word))
-
-
-def joints_of(location: str) -> tuple[int, int]:
-    """0-based, of ``joint:4-5``: the joint that drives and the one that is moved; of ``joint:3`` itself twice."""
-    numbers = [int(n) - 1 for n in location.removeprefix("joint:").split("-")]
-    return numbers[0], numbers[-1]

@@ -7,8 +7,6 @@ Words, places and the units that clerks write instead of the right ones; what pu
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from machopt.effects.protocol import Effect
 
 LENGTHS = {"inches": 25.4, "centimetres": 10.0, "metres": 1e3, "micrometres": 1e-3}  # millimetres in one
@@ -44,13 +42,3 @@ OUTLIERS = Effect(
     places=(),
     of="in",
 )
-
-
-def column(name: str) -> str:
-    """The place of units and columns: the first column of the group."""
-    return f"column:{name}"
-
-
-def rows(numbers: Iterable[int]) -> str:
-    """The place of outliers: 1-based data rows."""
-    return f"rows:{','.join(str(n) for n in numbers)}"

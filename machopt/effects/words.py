@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from machopt.domain.location import ARM, BASE, COLUMN, JOINT, LINK, ROWS, SENSOR, TOOL, located
 from machopt.effects import registry
 
 _SENSORS = {
@@ -36,17 +37,17 @@ def what(effect: str) -> str:
 
 def place(location: str) -> str:
     """A location in words: ``joint:4-5`` is "joints 4 and 5"."""
-    kind, _, which = location.partition(":")
-    if kind == "joint" and "-" in which:
-        return "joints " + " and ".join(which.split("-"))
-    if kind in ("joint", "link"):
-        return f"{kind} {which}"
-    if kind == "sensor":
-        return _SENSORS.get(which, f"channel {which}")
-    if kind == "column":
-        return f"column {which}"
-    if kind == "rows":
-        return _rows(which)
+    at = located(location)
+    if at.of_joints and len(at.numbers) > 1:
+        return "joints " + " and ".join(map(str, at.numbers))
+    if at.kind in (JOINT, LINK):
+        return f"{at.kind} {at.which}"
+    if at.kind == SENSOR:
+        return _SENSORS.get(at.which, f"channel {at.which}")
+    if at.kind == COLUMN:
+        return f"column {at.which}"
+    if at.kind == ROWS:
+        return _rows(at.which)
     return {"base": "base", "tool": "tool", "arm": "whole arm", "": "no particular place"}.get(location, location)
 
 
@@ -55,8 +56,7 @@ def named(effect: str, location: str) -> str:
     known, name = registry.known(effect), noun(effect)
     if not location or (known is not None and not known.of):
         return name
-    kind = location.partition(":")[0]
-    article = "the " if kind in ("base", "tool", "sensor", "arm") else ""
+    article = "the " if located(location).kind in (BASE, TOOL, SENSOR, ARM) else ""
     said = f"{article}{place(location)}" if known is None else known.at.get(location, f"{article}{place(location)}")
     return f"{name} {'of' if known is None else known.of} {said}"
 
@@ -65,10 +65,10 @@ def spoken(effect: str, location: str) -> str:
     """An effect in a running sentence, its place where it has several: "link compliance of link 3", "wrong payload"."""
     known = registry.known(effect)
     name = known.spoken or known.noun if known else effect.replace("_", " ")
-    kind = location.partition(":")[0]
-    if kind in ("joint", "link"):
+    at = located(location)
+    if at.kind in (JOINT, LINK):
         return f"{name} of {place(location)}"
-    return f"{name} ({location})" if kind in ("rows", "column") else name
+    return f"{name} ({location})" if at.of_rows else name
 
 
 def listed(words: Sequence[str], last: str = "or") -> str:

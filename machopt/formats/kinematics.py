@@ -29,9 +29,10 @@ from pydantic import Field
 
 from machopt.arrays import Array
 from machopt.domain.kinematics import KinematicCorrection, Kinematics
+from machopt.domain.location import joints_of
 from machopt.effects import files, geometry, registry, within
 from machopt.effects.given import Parameters
-from machopt.effects.protocol import Parameter, Unloaded, joints_of
+from machopt.effects.protocol import Parameter, Unloaded
 from machopt.errors import nearest
 from machopt.formats.yamlstrict import Document, Loc, Strict, read_yaml, show, validate
 

@@ -14,9 +14,10 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.domain.cell import JointLimits
 from machopt.domain.kinematics import Kinematics
+from machopt.domain.location import joints_of
 from machopt.effects import files, geometry, registry, within
 from machopt.effects.given import Parameters
-from machopt.effects.protocol import Unloaded, joints_of
+from machopt.effects.protocol import Unloaded
 from machopt.effects.words import named
 
 SETTLED = 1e-15  # rad, round-off of an angle

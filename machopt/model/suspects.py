@@ -27,6 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.domain.location import link_at, link_of
 from machopt.errors import InputError
 from machopt.model.gravity import gravity_torque, weight_torque
 from machopt.model.kinetostatic import geometric_stiffness
@@ -43,7 +44,7 @@ LOADED = "loaded"
 
 def elastic_names() -> tuple[str, ...]:
     """Suspects that a load of any size meets alike."""
-    bodies = [("base", AXES), *((f"link:{i}", TURNS) for i in range(1, 6)), ("tool", AXES)]
+    bodies = [("base", AXES), *((link_at(i), TURNS) for i in range(1, 6)), ("tool", AXES)]
     return (
         *(f"coupling {i}-{j}" for i, j in COUPLED),
         *(f"{word} {j}" for j in range(1, 7) for word in ("cos", "sin")),
@@ -181,7 +182,7 @@ def place_of(robot: Robot, place: str) -> tuple[int, Array]:
         return 0, np.zeros(3)
     if place == "tool":
         return 6, np.asarray(robot.T_base_flange_zero[:3, 3])
-    link = int(place.removeprefix("link:"))
+    link = link_of(place)
     return link, np.asarray([*robot.point, robot.T_base_flange_zero[:3, 3]][link])
 
 

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from machopt.diagnose.result import Diagnosis, Limit
+from machopt.domain.location import JOINT, LINK, joint_at, link_at, located
 from machopt.effects.words import listed, named, noun, place
 from machopt.report.diagnosis_words import digits, readable
 from machopt.report.tables import Column, folded, table
@@ -16,8 +17,8 @@ if TYPE_CHECKING:
 
     Body = Markup | str
 
-JOINTS = tuple(f"joint:{j}" for j in range(1, 7))
-LINKS = tuple(f"link:{j}" for j in range(1, 7))
+JOINTS = tuple(joint_at(j) for j in range(1, 7))
+LINKS = tuple(link_at(j) for j in range(1, 7))
 
 
 def limits_html(d: Diagnosis) -> Body:
@@ -77,9 +78,9 @@ def _gathered(names: list[tuple[str, str]]) -> str:
         if len(where) == 1:
             out.append(named(effect, where[0]))
             continue
-        kind = where[0].partition(":")[0]
-        if kind in ("joint", "link") and all(w.startswith(f"{kind}:") for w in where):
-            text = f"{kind}s {listed([w.partition(':')[2] for w in where], 'and')}"
+        kinds = {located(w).kind for w in where}
+        if kinds in ({JOINT}, {LINK}):
+            text = f"{kinds.pop()}s {listed([located(w).which for w in where], 'and')}"
         else:
             text = listed([place(w) for w in where], "and")
         out.append(f"{noun(effect)} ({text})")

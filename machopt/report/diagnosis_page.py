@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from machopt.diagnose.result import Coefficient, Diagnosis
+from machopt.domain.location import located
 from machopt.effects.words import listed, named, place
 from machopt.report.diagnosis import DiagnosisPage
 from machopt.report.diagnosis_figures import Spec, job_charts, law, over_axis, per_group
@@ -333,7 +334,7 @@ def _stiffness_row(c: Coefficient) -> list[str]:
 
 def _joint(c: Coefficient) -> str:
     where = c.unknown.location
-    return (place(where) if where.startswith("joint:") else c.unknown.name).replace(" ", "\u00a0", 1)
+    return (place(where) if located(where).of_joints else c.unknown.name).replace(" ", "\u00a0", 1)
 
 
 def _inverse(compliance: float) -> float:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from machopt.diagnose.result import Diagnosis, Share
+from machopt.domain.location import joint_at, link_at, located
 from machopt.effects.words import place
 from machopt.report.diagnosis_words import axis_note, axis_words, percent
 from machopt.report.svg import Shape, Style, drawn, shape
@@ -149,7 +150,7 @@ def _mark(x: float, y: float, number: int, *, full: bool) -> list[Shape]:
 
 
 def _chain() -> tuple[str, ...]:
-    return ("base", *(f"{kind}:{j}" for j in range(1, 7) for kind in ("joint", "link")), "tool")
+    return ("base", *(at(j) for j in range(1, 7) for at in (joint_at, link_at)), "tool")
 
 
 def _slots(d: Diagnosis) -> list[_Slot]:
@@ -164,8 +165,8 @@ def _slots(d: Diagnosis) -> list[_Slot]:
     step = (_WIDTH - _MARGIN - _GAP - 10) / (len(_chain()) + _WIDE * len(around))
     slots = []
     for n, location in enumerate(_chain()):
-        kind, _, which = location.partition(":")
-        label = f"{kind[0].upper()}{which}" if which else location
+        at = located(location)
+        label = f"{at.kind[0].upper()}{at.which}" if at.which else location
         slots.append(_Slot(location, (label,), _MARGIN + step * (n + 0.5)))
     start = _MARGIN + _GAP + step * len(_chain())
     for n, location in enumerate(around):
@@ -175,7 +176,7 @@ def _slots(d: Diagnosis) -> list[_Slot]:
 
 
 def _slot_of(location: str) -> str:
-    return "record" if location.startswith(("rows", "column")) else location
+    return "record" if located(location).of_rows else location
 
 
 def _lines(words: str) -> tuple[str, ...]:
@@ -194,7 +195,7 @@ def _arm(chain: Sequence[_Slot]) -> list[Shape]:
             out.append(shape("path", d=f"M{x - 17:.1f} {y + 13:.1f}l7 -26h20l7 26z", fill=METAL))
         elif slot.location == "tool":
             out.append(shape("path", d=f"M{x - 14:.1f} {y - 11:.1f}h16l15 11l-15 11h-16z", fill=METAL))
-        elif slot.location.startswith("joint"):
+        elif located(slot.location).of_joints:
             out.append(shape("circle", cx=x, cy=y, r=10.5, fill="#fff", stroke=METAL, stroke_width=4))
     return out
 

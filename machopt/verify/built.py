@@ -13,6 +13,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.domain.cell import Cell
+from machopt.domain.location import joints_of
 
 WORD = "geometry"
 
@@ -50,7 +51,7 @@ def rebuild(model: Any, cell: Cell, base: int, flange: int, rest: Array) -> None
             seen = _turned(there, there.translation, shift, turn)
             frame.placement = drawn[frame.parentJoint].actInv(foot.act(seen))
             continue
-        name = cell.arm_joints[0 if entry.location == "base" else int(entry.location.split(":")[1]) - 1]
+        name = cell.arm_joints[0 if entry.location == "base" else joints_of(entry.location)[0]]
         j = int(model.getJointId(name))
         parent = foot.actInv(drawn[model.parents[j]])  # in base_link, as drawn
         about = np.zeros(3) if entry.location == "base" else foot.actInv(drawn[j]).translation

@@ -11,6 +11,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.domain.kinematics import Kinematics
+from machopt.domain.location import joints_of
 from machopt.verify.built import WORD
 from machopt.verify.check import Check, not_run
 
@@ -35,7 +36,7 @@ def true_angles(kinematics: Kinematics | None, q: Array) -> Array:
     for entry in kinematics.corrections if kinematics is not None else ():
         if entry.effect == WORD:  # no angle: :mod:`machopt.verify.built`
             continue
-        joints = [int(word) - 1 for word in entry.location.split(":")[1].split("-")]
+        joints = joints_of(entry.location)
         p = entry.parameters
         if entry.effect == "joint_zero_offset":
             stands[:, joints[0]] += math.pi * p["offset_deg"] / 180.0
@@ -74,7 +75,7 @@ def outside(kinematics: Kinematics | None, q: Array) -> list[Check]:
         if RANGE not in entry.parameters:
             continue
         low, high = entry.parameters[RANGE]
-        at = np.degrees(q[:, int(entry.location.split(":")[1]) - 1])
+        at = np.degrees(q[:, joints_of(entry.location)[0]])
         beyond = (at < low) | (at > high)
         if beyond.any():
             out.append(

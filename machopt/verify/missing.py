@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.domain.location import joints_of, link_at
 from machopt.domain.stiffness import Discrepancy, Term
 from machopt.verify import springs
 from machopt.verify.arm import Arm, Stance
@@ -81,7 +82,7 @@ class Lack:
                 self.units[name] = _unit(compiled[n], p, zero, T_flange_tcp, curves)
         self.places = {"base": (0, np.zeros(3)), "tool": (6, zero.flange[0, :3, 3])}
         ends = [*zero.origin[0, 1:], zero.flange[0, :3, 3]]
-        self.places |= {f"link:{i + 1}": (i + 1, end) for i, end in enumerate(ends)}
+        self.places |= {link_at(i + 1): (i + 1, end) for i, end in enumerate(ends)}
         self.zero = zero.frames[0]
 
     def at(self, stance: Stance, k: Array, weight: Array) -> Lacking:
@@ -222,7 +223,7 @@ class Lacking:
 def _unit(term: Term, p: int, zero: Stance, T_flange_tcp: Array, curves: Sequence[springs.Curve]) -> Moves:
     """Coefficient p of a term alone, at 1 SI."""
     if term.effect == "joint_nonlinear_stiffness" and term.parameters["law"] == "cubic":
-        joint, size = int(term.location.removeprefix("joint:")) - 1, float(term.parameters["cubic_rad_per_Nm3"])
+        joint, size = joints_of(term.location)[0], float(term.parameters["cubic_rad_per_Nm3"])
         own = next(c for c in curves if c.form == "cubic" and c.joint == joint and float(c.size[0]) == size)
         return Moves(curve=replace(own, size=np.ones(1)))
     alone = Term(term.effect, term.location, {**term.parameters, **_one(term, p)})

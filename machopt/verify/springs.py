@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.domain.location import joints_of, link_of, located
 from machopt.domain.stiffness import Term
 
 BY_ANGLE = "joint_pose_dependent_stiffness"
@@ -82,7 +83,7 @@ def joint_compliance(terms: Sequence[Term], q: Array) -> Array:
     out = np.zeros((len(q), 6, 6))
     for term in terms:
         if term.effect == "joint_coupling":
-            i, j = (int(n) - 1 for n in term.location.split(":")[1].split("-"))
+            i, j = joints_of(term.location)
             out[:, i, j] += term.parameters["compliance_rad_per_Nm"]
             out[:, j, i] += term.parameters["compliance_rad_per_Nm"]
         elif term.effect in (BY_ANGLE, "joint_creep"):
@@ -178,7 +179,7 @@ def body_springs(
     for term in terms:
         p = term.parameters
         if term.effect == "link_compliance":
-            body = int(term.location.split(":")[1])
+            body = link_of(term.location)
             points = [*origin, flange[:3, 3]]
             start = np.asarray(p["from_mm"]) / 1e3 if "from_mm" in p else points[body - 1]
             end = np.asarray(p["to_mm"]) / 1e3 if "to_mm" in p else points[body]
@@ -311,8 +312,8 @@ def _frame(at: Array, along: Array | None) -> Array:
 
 
 def _joint(term: Term) -> int:
-    word = term.location.split(":")[-1].split("-")[0]
-    return int(word) - 1 if word.isdigit() else -1
+    numbers = located(term.location).numbers
+    return numbers[0] - 1 if numbers else -1
 
 
 def _row(p: Mapping[str, Any], key: str) -> Array:

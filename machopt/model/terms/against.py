@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.domain.location import joint_at, joints_at
 from machopt.model.terms.base import LinearTerm
 from machopt.model.terms.compensator import GravityCompensator
 from machopt.model.terms.joint import JointCoupling, JointTerm
@@ -70,7 +71,7 @@ def against_load(terms: Sequence[LinearTerm], k: Array, limits: Limits | None) -
             f"gravity_compensator takes up to {k[row, i] - weakest[row, i]:.3g} N·m/rad from joint {i + 1}, which has "
             f"{k[row, i]:.3g}; less than that would work"
         )
-        return Against("gravity_compensator", f"joint:{i + 1}", said)
+        return Against("gravity_compensator", joint_at(i + 1), said)
     own = 1.0 / (k + _beside(terms, limits, most=True))
     taken = _taken(terms, limits)
     least = sum((take for _, take, _ in taken), np.zeros(6))
@@ -83,7 +84,7 @@ def against_load(terms: Sequence[LinearTerm], k: Array, limits: Limits | None) -
             f"{effect} takes {-take[i]:.3g} rad/(N·m){together} from joint {i + 1}{where}, which has "
             f"{own[row, i]:.3g} (1/stiffness); less than that would work"
         )
-        return Against(effect, f"joint:{i + 1}", said)
+        return Against(effect, joint_at(i + 1), said)
     coupling = np.zeros((6, 6))
     for term in terms:
         if isinstance(term, JointCoupling):
@@ -97,7 +98,7 @@ def against_load(terms: Sequence[LinearTerm], k: Array, limits: Limits | None) -
     i, j = sorted(int(v) for v in np.unravel_index(int(share.argmax()), share.shape))
     return Against(
         "joint_coupling",
-        f"joint:{i + 1}-{j + 1}",
+        joints_at(i + 1, j + 1),
         f"with a joint_coupling of {coupling[i, j]:.3g} rad/(N·m) between joints {i + 1} and {j + 1} some load moves "
         f"the arm towards itself; at most √(c{i + 1} c{j + 1}) = {scale[row, i] * scale[row, j]:.3g} is possible",
     )

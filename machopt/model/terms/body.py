@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.domain.location import link_of
 from machopt.domain.stiffness import Term
 from machopt.effects import files, registry
 from machopt.effects.bodies import LEAST_LENGTH, form_of
@@ -155,7 +156,7 @@ class BodySpring:
 
 
 def _link(robot: Robot, parameters: Parameters, location: str) -> Place:
-    link = int(location.removeprefix("link:"))
+    link = link_of(location)
     points = [*robot.point, robot.T_base_flange_zero[:3, 3]]
     start = parameters.array("from_mm", (3,), points[link - 1] * 1e3) / 1e3
     end = parameters.array("to_mm", (3,), points[link] * 1e3) / 1e3

@@ -17,10 +17,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.domain.location import joints_of
 from machopt.domain.stiffness import Term
 from machopt.effects import files, registry
 from machopt.effects.given import Parameters
-from machopt.effects.protocol import Drive, Law, joints_of
+from machopt.effects.protocol import Drive, Law
 from machopt.errors import InputError
 from machopt.model.robot import ArmState
 from machopt.model.terms.base import Coefficient, LinearTerm
