@@ -113,6 +113,7 @@ class Grid:
         window, seconds = _windows(path, candidates, float(velocity.min()), wide)
         terms, w = Terms.at_stations(path, velocity, options), options.weights
         nudge = np.zeros(len(path.stations)) if candidates.nudge is None else candidates.nudge
+        rotations, branches = candidates.feasible.shape[1:3]
         return cls(
             candidates=candidates,
             counted=path.counted[path.stations],
@@ -128,7 +129,7 @@ class Grid:
             nudged=np.diff(nudge, prepend=nudge[:1]),
             hidden=hiding(path),
             worst=options.weights.worst,
-            priced=Priced.none_yet(window, *candidates.feasible.shape[1:3], candidates.stable),
+            priced=Priced.none_yet(window, rotations, branches, candidates.stable),
             elsewhere=scores.elsewhere,
         )
 
