@@ -229,6 +229,40 @@ def test_profile_of_an_unbounded_quadratic_is_the_straight_interval() -> None:
         assert profile(H, h, np.full(4, -np.inf), 1, 2.5**2, sign) == pytest.approx(best + sign * 2.5 * sigma, rel=1e-5)
 
 
+def test_what_no_reading_tells_stays_at_its_bound_and_has_no_end() -> None:
+    free, none = -np.inf, np.zeros((3, 3))
+    np.testing.assert_allclose(minimise(np.diag([4.0, 0.0]), np.array([2.0, 0.0]), np.array([free, 0.3])), [0.5, 0.3])
+    np.testing.assert_allclose(minimise(none, np.zeros(3), np.array([free, 0.0, 2.0])), [0.0, 0.0, 2.0])
+    alike = np.ones((2, 2))  # only the sum of both is seen: each may go anywhere
+    for sign in (-1, 1):
+        assert profile(np.diag([4.0, 0.0]), np.array([2.0, 0.0]), np.full(2, free), 1, 1.0, sign) == sign * np.inf
+        assert profile(alike, np.ones(2), np.full(2, free), 0, 1.0, sign) == sign * np.inf
+
+
+def test_profile_of_a_bounded_coefficient_ends_at_its_bound() -> None:
+    """(x − 1)² rises by 1 at 0 and 2, by 4 at −1 and 3: there the bound comes first."""
+    H, h, lower = np.eye(1), np.ones(1), np.zeros(1)
+    assert profile(H, h, lower, 0, 4.0, -1) == 0.0
+    assert profile(H, h, lower, 0, 0.25, -1) == pytest.approx(0.5, rel=1e-5)
+    assert profile(H, h, lower, 0, 4.0, 1) == pytest.approx(3.0, rel=1e-5)
+
+
+def test_noise_of_as_many_readings_as_unknowns_is_not_judged() -> None:
+    """Six coordinates for six compliances: nothing is left over, so what is stated stays."""
+    e = draw(np.random.default_rng(15), poses=2, loads=1, repeats=1)
+    groups, V = clusters(e), np.broadcast_to(WHITE**2 * np.eye(3), (2, 3, 3))
+    told = sums(groups, np.linalg.inv(V), e.response(), e.measured, 6.0)
+    assert components(groups, told, WHITE**2, stated=False) == Components()
+
+
+def test_only_readings_of_loads_and_displacements_become_equations() -> None:
+    record, _ = tilted_record()
+    _, robot, T = cell()
+    for wrong in ({"kind": "pose"}, {"wrench": None}, {"displacement": None}):
+        with pytest.raises(InputError, match="stiffness is identified from kind 'deflection'"):
+            experiment(replace(record, **wrong), robot, T)
+
+
 def test_refuses_too_few_readings_and_no_load() -> None:
     e = draw(np.random.default_rng(13), poses=1, loads=1, repeats=1)
     with pytest.raises(InputError, match=r"3 equations for 6 unknowns; at least 3 readings"):

@@ -22,6 +22,8 @@ def minimise(H: Array, h: Array, lower: Array) -> Array:
         h: (P,).
         lower: (P,), −inf where the sign is free.
     """
+    if not len(h):  # the others of a coefficient that stands alone
+        return np.zeros(0)
     diagonal = np.diag(H)
     unit = 1.0 / np.sqrt(np.where(diagonal > NOTHING * diagonal.max(), diagonal, 1.0))
     return np.asarray(unit * _minimise(H * np.outer(unit, unit), h * unit, lower / unit))
