@@ -9,6 +9,7 @@ from machopt.model.ik import count_from, fewest_turns
 from machopt.plan.candidates import Candidates
 from machopt.plan.choose import FREE, LIFT, Grid, _Part
 from machopt.plan.edges import Edges
+from machopt.plan.priced import Priced
 from machopt.se3 import wrap
 
 TURN = 2 * np.pi
@@ -60,6 +61,7 @@ def grid_of(
         nudged=np.zeros(S),
         hidden=np.zeros(S, bool),
         worst=1.0,
+        priced=Priced.none_yet(window, R, B, stable),
     )
 
 
