@@ -17,10 +17,10 @@ from machopt.domain.stiffness import Discrepancy, Stiffness, Term
 from machopt.errors import InputError
 from machopt.estimate.experiment import Experiment
 from machopt.formats.stiffness import load_stiffness, write_stiffness
-from machopt.identify.discrepancy import of_identified
+from machopt.identify.discrepancy import kept_modes, of_identified, own_variance
 from machopt.identify.fit import fit
 from machopt.model.elastic import ArmElasticity
-from machopt.model.suspects import Suspects, elastic_names, gear_names
+from machopt.model.suspects import BENDS, Suspects, elastic_names, gear_names
 from machopt.plan.doubt import NINETY, Doubt, half_width, told_std
 from machopt.plan.explain import hints
 from machopt.plan.refine import compensate
@@ -77,6 +77,35 @@ def test_what_is_concealed_is_foreseen_at_other_poses_and_its_interval_holds() -
     own = known.local * np.linalg.norm(force, axis=1)
     error = np.abs(np.einsum("mc,mc->m", along, true - said))
     assert np.mean(error <= NINETY * told_std(ways, own**2)) > 0.75
+
+
+def test_a_spread_that_readings_hardly_show_is_kept_for_a_job_that_meets_it() -> None:
+    """Six tenths of a job's variance lie where readings see a ten-thousandth of theirs."""
+    covariance = np.array([[4.0, 1.0, 0.0], [1.0, 2.0, 0.5], [0.0, 0.5, 3.0]])
+    modes = kept_modes(covariance, np.diag([1.0, 1.0, 1e-4]))
+    np.testing.assert_allclose(modes.T @ modes, covariance, rtol=1e-6, atol=1e-9)
+
+
+def test_what_a_pose_has_for_itself_counts_how_badly_few_regions_tell_it() -> None:
+    """Over recordings drawn anew, the mean of what is said is not below the truth, be that next to nothing."""
+    rng = np.random.default_rng(3)
+    expected, force = np.array([1.0, 1.3, 0.8, 40.0, 1.0, 0.9, 1.1, 1.2]), np.full(8, 2.0)
+    for true in (0.0, 0.1, 3.0):
+        drawn = (expected + true * force) * rng.chisquare(6.0, (300, 8)) / 6.0
+        said = np.array([own_variance(left, expected, force) for left in drawn])
+        assert (said >= 0.0).all()
+        assert true <= said.mean() < 1.3 * true + 0.25
+    assert own_variance(expected + 5.0 * force, expected, force) == pytest.approx(5.0)  # all agree: no doubt of it
+
+
+@pytest.mark.parametrize("at", [0.09, 0.2, 0.6])
+def test_a_gear_that_bends_between_the_laws_at_hand_is_near_their_sum(at: float) -> None:
+    """Soft starts (arc tangents) with knees anywhere: to 2 % of their whole over all torques that tests reach."""
+    torque = np.linspace(-1.2, 1.2, 201)
+    laws = np.stack([torque, *(np.tanh(torque / s) for s in BENDS.values())], axis=1)
+    law = np.arctan(torque / at)
+    rest = law - laws @ np.linalg.lstsq(laws, law, rcond=None)[0]
+    assert np.abs(rest).max() < 0.02 * np.abs(law).max()
 
 
 def test_suspects_are_derivatives_of_the_model() -> None:

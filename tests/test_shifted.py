@@ -15,7 +15,7 @@ from machopt.domain.stiffness import Discrepancy, Stiffness, Term
 from machopt.formats.stiffness import load_stiffness, write_stiffness
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import Masses
-from machopt.model.suspects import LOADED, elastic_names, gear_names
+from machopt.model.suspects import BENDS, LOADED, elastic_names, gear_names
 from machopt.plan.compensate import residual
 from machopt.plan.doubt import Doubt
 from machopt.plan.explain import misfit_words
@@ -29,7 +29,7 @@ NAMES = (*(f"joint {j}" for j in range(1, 7)), "term 0 0", "term 0 1", *elastic_
 def doubt(*, counted: bool = True) -> Discrepancy:
     """A little of everything."""
     rng = np.random.default_rng(3)
-    size = np.where([n.split(" ")[0] in ("play", "knee") for n in NAMES], 1e-4, 3e-8)
+    size = np.where([n.split(" ")[0] in BENDS for n in NAMES], 1e-4, 3e-8)
     size[[" x" in n or " y" in n or " z" in n for n in NAMES]] = 1e-9
     size[-1] = 0.7
     shift = size * rng.uniform(-1.0, 1.0, len(NAMES))

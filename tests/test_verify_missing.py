@@ -14,7 +14,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.stiffness import Discrepancy, Stiffness, Term
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import load_masses, load_robot
-from machopt.model.suspects import LOADED, elastic_names, gear_names
+from machopt.model.suspects import BENDS, LOADED, elastic_names, gear_names
 from machopt.plan.doubt import Doubt, told_std
 from machopt.se3 import rotation_from_vector, transform
 from machopt.verify.arm import Arm
@@ -45,7 +45,7 @@ def stiffness(*, counted: bool) -> Stiffness:
     names = (*(f"joint {j}" for j in range(1, 7)), *own, *elastic_names(), *gear_names(), LOADED)
     size = np.full(len(names), 3e-8)
     for n, name in enumerate(names):
-        if name.startswith(("play", "knee")) or name == "term 3 0":
+        if name.split(" ")[0] in BENDS or name == "term 3 0":
             size[n] = 1e-4
         elif name.endswith((" x", " y", " z")) or name in ("term 1 0", "term 1 1", "term 1 2"):
             size[n] = 1e-9

@@ -14,7 +14,8 @@ predicted from them is uncertain by μ and S.
 
 Two things keep S honest where the suspects are no exact law of what is missing: the readings' part of it is cluster-
 robust (one cluster a pose, as in :mod:`machopt.identify.uncertainty`, where that is larger), and what regions of
-poses that are left out show beyond S and noise counts as ``local``, a compliance that any other pose has for itself.
+poses that are left out show beyond S and noise counts as ``local``, a compliance that any other pose has for itself,
+with how badly a handful of regions tells it.
 
 Where springs explain the readings (twice the log-likelihood rises by less than CERTAIN) no suspect stays, but one: what
 weight and load do to posture and lever arms (``loaded``) is no suspicion. It is there in every arm, to first order as
@@ -29,6 +30,7 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import log_ndtr
 
 from machopt.arrays import Array
 from machopt.domain.stiffness import Discrepancy, Stiffness
@@ -45,8 +47,9 @@ CERTAIN = 8.0  # twice the log-likelihood; χ² of two bounded components passes
 UNKNOWN = 1.0  # 1 sigma of a joint's compliance that no reading shows, as a share of the file's
 FREE = 3.0  # the same of a coefficient that was found: next to nothing is known before
 PRIOR_LOADED = 0.25  # 1 sigma of ``loaded``, known to be 1: masses in a URDF are good to 15 %, and it is of first order
-KEPT = 1e-3  # of the variance over the readings' poses that the modes left out may have
+KEPT = 1e-6  # of the variance over the readings' poses that the modes left out may have; a job goes elsewhere
 ENOUGH = 3.0  # equations per column, from which replicates are judged beside all columns
+DIRECTIONS = 2  # along which poses are parted into regions: every pose is in one of each
 BLOCKS = 4  # regions along either direction
 LEAST_WEIGHT = 1e-3  # of a λ beside the best
 
@@ -121,7 +124,7 @@ def discrepancy(
         second[np.ix_(use, use)] += w * _robust(equations, use, S, x)
         second += w * np.outer(x, x)
     covariance = second - np.outer(mean, mean)
-    modes = _modes(covariance, H + 1e-12 * np.trace(H) * np.eye(len(H)))
+    modes = kept_modes(covariance, H + 1e-12 * np.trace(H) * np.eye(len(H)))
     keep = np.abs(covariance).sum(axis=0) > 0
     misfit = bool(max(best, key=lambda b: b[0])[3] > 0)
     left = readings.residual[:, :3][readings.robust[:, :3] > 0.5]
@@ -164,7 +167,7 @@ def _regions(r: Readings, q: Array) -> list[NDArray[np.intp]]:
     """Poses in blocks along the two directions in which their joints differ most, to be left out together."""
     at = np.array([q[r.clusters.readings(g)[0]] for g in range(r.clusters.poses)])
     at = at - at.mean(axis=0)
-    axes = np.linalg.svd(at, full_matrices=False)[2][:2]
+    axes = np.linalg.svd(at, full_matrices=False)[2][:DIRECTIONS]
     return [part for a in axes for part in np.array_split(np.argsort(at @ a, kind="stable"), BLOCKS) if len(part)]
 
 
@@ -177,7 +180,7 @@ def _local(Z: Array, q: Array, r: Readings, e: Normal, found: tuple[NDArray[np.i
     """
     use, P = found
     H, h = e.H[:, use][:, :, use], e.h[:, use]
-    beyond = force = 0.0
+    regions = []
     for region in _regions(r, q):
         rows = np.flatnonzero(np.isin(r.clusters.pose, region))
         rows = rows[(r.robust[rows, :3] > 0.5).all(axis=1)]
@@ -185,9 +188,38 @@ def _local(Z: Array, q: Array, r: Readings, e: Normal, found: tuple[NDArray[np.i
         X = Z[rows, :3][:, :, use]
         left = r.residual[rows, :3] - X @ (S @ (h.sum(axis=0) - h[region].sum(axis=0)))
         expected = np.einsum("nci,ij,ncj->n", X, S, X, optimize=True) + scatter[rows]
-        beyond += float(np.sum(left**2) - expected.sum())
-        force += 3.0 * float(np.sum(r.wrench[rows, :3] ** 2))
-    return float(np.sqrt(max(beyond, 0.0) / force)) if force > 0 else 0.0
+        regions.append([np.sum(left**2), expected.sum(), 3.0 * np.sum(r.wrench[rows, :3] ** 2)])
+    return float(np.sqrt(own_variance(*np.array(regions).T)))
+
+
+def own_variance(left: Array, expected: Array, force: Array) -> float:
+    """(m/N)² that a pose has for itself, by regions left out whose squares are ``expected`` + variance · ``force``.
+
+    A region counts by one over what is expected of it, else one of which the others know little drowns all others
+    (first step of Paule & Mandel 1982). A handful of regions tells a variance badly, and the likeliest value, often
+    zero, is what a job is least safe with: taken is the mean of all that are not negative, under the standard error
+    that the regions' own scatter shows.
+
+    Args:
+        left: (R,) m², sum of squares of a region's readings.
+        expected: (R,) m².
+        force: (R,) N².
+    """
+    told = (expected > 0) & (force > 0)
+    if not told.any():
+        return 0.0
+    beyond, per_newton = left[told] / expected[told] - 1.0, force[told] / expected[told]
+    found = float(beyond.sum() / per_newton.sum())
+    count = len(beyond)
+    if count < 2:
+        return max(found, 0.0)
+    off = float(np.sum((beyond - found * per_newton) ** 2)) * count / (count - 1)
+    error = float(np.sqrt(DIRECTIONS * off) / per_newton.sum())
+    if not error > 0:
+        return max(found, 0.0)
+    away = found / error
+    mean = found + error * float(np.exp(-0.5 * away**2 - log_ndtr(away)) / np.sqrt(2.0 * np.pi))
+    return max(mean, 0.0)  # rounding, far below zero
 
 
 def _equations(Z: Array, r: Readings) -> tuple[Normal, float, Array]:
@@ -213,7 +245,7 @@ def _equations(Z: Array, r: Readings) -> tuple[Normal, float, Array]:
     return out, noise, scatter
 
 
-def _modes(covariance: Array, metric: Array) -> Array:
+def kept_modes(covariance: Array, metric: Array) -> Array:
     """(R, K) with Σ mᵀm the covariance, those left out that hardly move anything at the readings' poses."""
     values, vectors = np.linalg.eigh(metric)
     root = (vectors * np.sqrt(np.maximum(values, 1e-15 * values[-1]))) @ vectors.T

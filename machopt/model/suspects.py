@@ -10,7 +10,7 @@ name               what it adds                                                 
 ``term n p``       another coefficient p of the file's n-th term                               SI
 ``coupling i-j``   the torque of one joint turns the other                                     rad/(N·m)
 ``cos j, sin j``   a compliance of joint j that changes with its angle                         rad/(N·m)
-``play j, knee j`` tanh of the joint's whole torque over 0.05 and 0.35 of ``torque`` j         rad
+``play j``, …      tanh of the joint's whole torque over 0.05 … 1 (BENDS) of ``torque`` j       rad
 ``base a``, …      the base, a link's end or the tool gives way along (x y z) or about (rx …)  m/N, rad/(N·m)
 ``loaded``         share of what weight and load do to posture and lever arms                  1
 =================  ==========================================================================  ===============
@@ -37,7 +37,9 @@ from machopt.model.terms.body import cross
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 TURNS = AXES[3:]
-BENDS = {"play": 0.05, "knee": 0.35}  # share of a joint's torque at which its tanh has gone over
+# Share of a joint's torque at which its tanh has gone over. Evenly apart (2.7 times), so that a law that bends anywhere
+# between lies near their sum: with two of them a knee between passed for known, and its interval for too narrow.
+BENDS = {"play": 0.05, "slack": 0.13, "knee": 0.35, "bow": 1.0}
 COUPLED = ((2, 3), (4, 5), (5, 6), (4, 6))
 LOADED = "loaded"
 

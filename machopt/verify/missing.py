@@ -3,7 +3,8 @@
 Each of ``parts`` is one thing that may give way by a coefficient x (SI), τ = Jᵀw of the process, g of the weight:
 
 * ``joint j``: x τ_j; ``coupling i-j``: x τ_j and x τ_i; ``cos j``, ``sin j``: x cos(q_j) τ_j, x sin(q_j) τ_j;
-* ``play j``, ``knee j``: x (tanh((g + τ)/s) − tanh(g/s)), s = 0.05 and 0.35 of the joint's entry of ``torques_Nm``;
+* ``play j``, ``slack j``, ``knee j``, ``bow j``: x (tanh((g + τ)/s) − tanh(g/s)), s = 0.05, 0.13, 0.35 and 1 of the
+  joint's entry of ``torques_Nm``;
 * ``base``, ``link:i``, ``tool`` with an axis: one compliance on the diagonal, axes of the body at q = 0, where link i
   ends (base: its frame, tool: the flange);
 * ``term n p``: coefficient p of the n-th term of the file;
@@ -34,7 +35,7 @@ NINETY = 1.6448536269514722  # σ on either side
 FAR = 30.0  # b/s from which only the nearer end of the interval counts
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 STEP = 1e-4  # rad, of ∂g/∂q
-SMOOTH = {"play": 0.05, "knee": 0.35}
+SMOOTH = {"play": 0.05, "slack": 0.13, "knee": 0.35, "bow": 1.0}
 BARS = ("EI_Nm2", "EI_across_Nm2", "GJ_Nm2", "EA_N")
 ARCMIN = 10800.0 / np.pi  # a rad
 SIZES = {
