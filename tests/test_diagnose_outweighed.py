@@ -65,3 +65,4 @@ def test_what_was_never_measured_twice_is_explained_in_part() -> None:
     told = enough.judged(found, alone)
     assert (told.verdict, told.findings) == ("partly_explained", found.findings)
     assert "nothing was measured twice" in told.notes[-1]
+    assert told.sentence.startswith("Partly explained: ")

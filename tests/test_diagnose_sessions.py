@@ -13,10 +13,11 @@ from made_up_loads import ARCMIN, CELLS, Dirt, Truth, arm, clicking, load_tests,
 from test_diagnose_absolute import arm as measured_arm
 from test_diagnose_absolute import measure
 
-from machopt.diagnose import aside, instruments, loads, sessions, throughout
+from machopt.diagnose import aside, engine, instruments, loads, sessions, throughout
 from machopt.diagnose.noise import Noise
 from machopt.diagnose.problem import Family, Problem
 from machopt.diagnose.result import Finding
+from machopt.diagnose.run import at_rest
 from machopt.domain.recording import Recording, StandardUncertainty
 from machopt.effects.bodies import pushing_back_nowhere
 from machopt.formats.cell import load_cell
@@ -81,6 +82,35 @@ def test_a_session_written_otherwise_is_read_like_the_other(name: str) -> None:
         assert findings[0].record
         assert findings[0].parameters["session"].value == 1.0
         assert findings[0].after < 0.3 * findings[0].before
+
+
+@pytest.mark.parametrize(("length", "force"), [(25.4, 4.44822), (10.0, 4.44822)])
+def test_a_session_in_other_lengths_and_other_forces_is_read_in_both(length: float, force: float) -> None:
+    """An imperial lab writes inches and pounds: neither alone brings the session to the others."""
+    r = sound(concealed=False)
+    rows = r.session == 1
+    bad = spoilt(spoilt(r, "displacement", lambda v: v / length, rows), "wrench", lambda v: forces(v, 1 / force), rows)
+    out, findings = mended(bad)
+    assert [(f.effect, f.location) for f in findings] == [("units", "column:dx_mm"), ("units", "column:fx_N")]
+    assert [f.parameters["factor"].value for f in findings] == pytest.approx([1 / length, 1 / force])
+    for name in ("displacement", "wrench"):
+        assert np.allclose(getattr(out, name), getattr(r, name), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize(("share", "said"), [(1.0, False), (1.02, False), (1.12, True), (0.9, True)])
+def test_a_session_whose_forces_are_off_is_told_with_the_share(share: float, said: bool) -> None:
+    """12 % passed for scatter of the force, in silence: "consistent", "explained"."""
+    cell = load_cell(CELLS / CELL)
+    r = sound(concealed=False)
+    bad = spoilt(r, "wrench", lambda v: forces(v, share), r.session == r.session.max())
+    d = at_rest(cell, bad, engine.Options(), [], accept=(), seed=0).diagnosis
+    found = [f for f in d.findings if f.effect == "force_sensor_gain"]
+    assert bool(found) is said
+    if said:
+        assert (found[0].location, found[0].record) == ("sensor:force", True)
+        assert found[0].parameters["gain"].value == pytest.approx(100.0 * (share - 1.0), abs=1.0)
+        assert found[0].parameters["session"].value == r.session.max()
+        assert "gain of the force sensor" in d.sentence
 
 
 @pytest.mark.parametrize("frame", ["base", "tool"])

@@ -210,7 +210,10 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
     if there.lasting and real:
         lasts = Share("environment", 1.0, "what one visit shows, the next one shows too, at another pose: it lasts")
         machine = [lasts, *(s for s in machine if s.axis != "environment")]
-    shares = _shares(state, findings, machine) + data[:3]
+    shares = _shares(state, findings, machine)
+    if known is not None:
+        shares = known.among(shares, heldout.floor(problem, floor_noise, used))
+    shares += data[:3]
     options.progress("detection limits")
     kept = nameless if withdrawn else state.chosen
     seen = _limits(state, kept, rng)

@@ -9,7 +9,7 @@ import numpy as np
 from machopt.diagnose import calibrated
 from machopt.diagnose.problem import Problem
 from machopt.diagnose.result import Diagnosis
-from machopt.diagnose.words import size_of
+from machopt.diagnose.words import sentence, size_of
 
 POSES = "ten poses or more would do (machopt plan-poses chooses them)"
 REPEATS = "a second session over the same poses and loads, or standard_uncertainty in recording.yaml, would do"
@@ -29,7 +29,8 @@ def judged(d: Diagnosis, problem: Problem) -> Diagnosis:
     unknown = bool(np.isnan(d.mismatch_p)) and not problem.families[0].stated
     if unknown and d.verdict == "explained":
         said = f"nothing was measured twice and no uncertainty is stated: what is left passes for noise; {REPEATS}"
-        return replace(d, verdict="partly_explained", notes=(*d.notes, said))
+        told = replace(d, verdict="partly_explained", notes=(*d.notes, said))
+        return replace(told, sentence=sentence(told))
     if d.verdict != "consistent":
         return d
     if poses < calibrated.PROOF.fewest_groups:

@@ -16,7 +16,7 @@ from machopt.diagnose.problem import Problem
 from machopt.diagnose.readings import BEHIND, Readings
 from machopt.diagnose.result import Diagnosis
 from machopt.domain.location import joints_of, located
-from machopt.domain.stiffness import Term
+from machopt.domain.stiffness import Stiffness, Term
 from machopt.effects import registry
 
 GEOMETRIC = "geometric_stiffness"  # counted in any case
@@ -25,6 +25,11 @@ GEOMETRIC = "geometric_stiffness"  # counted in any case
 def terms_of(terms: tuple[Term, ...]) -> tuple[Term, ...]:
     """Those that explain something; K_C is counted whether it stands in a file or not."""
     return tuple(t for t in terms if t.effect != GEOMETRIC)
+
+
+def geometric(stiffness: Stiffness | None) -> bool:
+    """Whether a cell's stiffness says that K_C counts, so that it is nothing to find."""
+    return stiffness is not None and any(t.effect == GEOMETRIC for t in stiffness.terms)
 
 
 def at_rest(r: Readings, terms: tuple[Term, ...]) -> Array:

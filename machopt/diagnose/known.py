@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from machopt.arrays import Array
 from machopt.diagnose import calibrated, heldout
 from machopt.diagnose.grams import base_model, regrouped
 from machopt.diagnose.heldout import Fitted
-from machopt.diagnose.result import Estimate, Finding
+from machopt.diagnose.result import Estimate, Finding, Share
 from machopt.diagnose.select import with_chosen
 from machopt.diagnose.state import State
 from machopt.domain.stiffness import Term
@@ -23,6 +24,19 @@ class Known:
 
     finding: Finding
     residual_without: Array  # (N, D) SI
+
+    def among(self, shares: Sequence[Share], floor: float) -> list[Share]:
+        """Shares of the whole mismatch: what K_C takes alone, and of the rest what the others take.
+
+        Args:
+            shares: of what is left beside K_C.
+            floor: noise, in the finding's unit.
+        """
+        power, left = (max(e**2 - floor**2, 0.0) for e in (self.finding.before, self.finding.after))
+        rest = min(left / power, 1.0) if power > 0.0 else 1.0
+        own = self.finding.location
+        scaled = [replace(s, share=1.0 - rest if s.axis == own else rest * s.share) for s in shares]
+        return [s for s in scaled if s.share > 0.0 or s.axis == own]
 
 
 def geometric_finding(state: State) -> Known | None:

@@ -27,6 +27,7 @@ class Way:
     words: str  # what was written
     read: Callable[[Recording], Recording]
     factor: float = 1.0  # on the columns
+    beside: tuple[Way, ...] = ()  # of other columns, taken in ``read`` too
     scale: float = 1.0  # a misfit after reading counts so many times: metres read as millimetres shrink any misfit
 
 
@@ -38,15 +39,8 @@ def ways(part: Recording) -> Iterator[Way]:
     """
     kind = "displacement" if part.kind == "deflection" else "position"
     head = HEADS[kind]
-    for name, f in LENGTHS.items():
-        yield Way(
-            UNITS.name,
-            head,
-            f"the columns {head} … hold {name}",
-            lambda r, f=f: _changed(r, kind, f * np.eye(3)),  # type: ignore[misc]
-            f,
-            max(1.0, 1.0 / f),
-        )
+    lengths = list(_lengths(kind, head))
+    yield from lengths
     for M, words in _axes():
         yield Way(COLUMNS.name, head, f"{head} … hold {words}", lambda r, M=M: _changed(r, kind, M))  # type: ignore[misc]
     for by in (-1, 1):
@@ -64,7 +58,22 @@ def ways(part: Recording) -> Iterator[Way]:
             lambda r, j=j: _turned_back(r, j),  # type: ignore[misc]
         )
     if part.kind == "deflection" and part.wrench is not None:
-        yield from _of_loads(bool(part.wrench[:, 3:].any()))
+        loads = list(_of_loads(bool(part.wrench[:, 3:].any())))
+        yield from loads
+        for a, b in product(lengths, (w for w in loads if w.effect == UNITS.name)):
+            yield replace(a, read=lambda r, a=a, b=b: b.read(a.read(r)), beside=(b,))  # type: ignore[misc]
+
+
+def _lengths(kind: str, head: str) -> Iterator[Way]:
+    for name, f in LENGTHS.items():
+        yield Way(
+            UNITS.name,
+            head,
+            f"the columns {head} … hold {name}",
+            lambda r, f=f: _changed(r, kind, f * np.eye(3)),  # type: ignore[misc]
+            f,
+            scale=max(1.0, 1.0 / f),
+        )
 
 
 def _of_loads(moments: bool) -> Iterator[Way]:

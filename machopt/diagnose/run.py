@@ -16,6 +16,7 @@ from machopt.diagnose import (
     deflection,
     engine,
     enough,
+    gains,
     gross,
     held,
     loaded,
@@ -110,6 +111,8 @@ def at_rest(
         recording, put_down = moved.mended(recording, robot, T, accept)
         recording, assigned = tilt_columns.mended(recording, cell, robot, masses, accept)
         mended = [*mended, *put_down, *assigned]
+    recording, louder = gains.mended(recording, robot, T, accept)
+    mended = [*mended, *louder]
     elsewhere = pasted(recording, robot, T)
     copies = gross.copied(recording) | elsewhere
     said = [*recording.warnings, *warnings]
@@ -117,7 +120,9 @@ def at_rest(
 
     def load_tests(terms: tuple[Term, ...]) -> tuple[Diagnosis, Problem]:
         known = None if cell.stiffness is None else Stiffness(cell.stiffness.joints, terms=terms)
-        return _load_tests(seed, recording, robot, T, masses, laws, known, copies, options)
+        return _load_tests(
+            seed, recording, robot, T, masses, laws, known, copies, options, stated=held.geometric(cell.stiffness)
+        )
 
     def poses(terms: tuple[Term, ...]) -> tuple[Diagnosis, Problem]:
         rng, kept = np.random.default_rng(seed), frozenset[int]()
@@ -174,7 +179,10 @@ def _load_tests(
     known: Stiffness | None,
     copies: NDArray[np.bool_],
     options: engine.Options,
+    *,
+    stated: bool,
 ) -> tuple[Diagnosis, Problem]:
+    """Of load tests; K_C is a finding unless it is ``stated`` by the cell."""
     tests = loaded.where_it_stands(experiment(recording, robot, T), recording, robot, T, masses)
     memo: dict[str, History] = {}
     terms = None
@@ -187,6 +195,8 @@ def _load_tests(
 
     def build(compliance: Array | None) -> tuple[Problem, Catalogue]:
         problem, catalogue, readings = deflection.build(recording, tests, robot, T, masses, compliance, memo, terms)
+        if stated:
+            problem = replace(problem, known=None)
         own = userterms.offered(laws, readings)
         return problem, replace(catalogue, hypotheses=(*catalogue.hypotheses, *own))
 

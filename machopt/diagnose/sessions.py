@@ -108,7 +108,7 @@ def mended(
             if best is None:
                 break
             recording = best.recording
-            out.append(_said(best, level, int(name[label == best.part][0])))
+            out += [_said(best, way, level, int(name[label == best.part][0])) for way in (best.way, *best.way.beside)]
     return recording, out
 
 
@@ -231,12 +231,12 @@ def chance(pose: Ints, before: Array, after: Array) -> float:
     return float(bdtrc(better - 1, len(each), 0.5)) if better > 0 else 1.0
 
 
-def _said(r: _Repair, level: str, name: int) -> Finding:
-    words = f"{level} {name}: {r.way.words}; the other {level}s say so, and it was read that way"
-    factor = {"factor": exact(1.0 / r.way.factor)} if r.way.factor != 1.0 else {}
+def _said(r: _Repair, way: Way, level: str, name: int) -> Finding:
+    words = f"{level} {name}: {way.words}; the other {level}s say so, and it was read that way"
+    factor = {"factor": exact(1.0 / way.factor)} if way.factor != 1.0 else {}
     return repaired(
-        r.way.effect,
-        column_at(r.way.column),
+        way.effect,
+        column_at(way.column),
         words,
         1e3 * r.before,
         1e3 * r.after,

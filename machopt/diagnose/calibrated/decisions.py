@@ -147,6 +147,9 @@ class Recorded:
         2.5, "ratio of the largest to the least factor between joints that are off alike", JUDGED
     )
     far_spring: float = _set(3.0, "factor by which a cell may miss a spring before it is worth a word", JUDGED)
+    gain_far: float = _set(
+        4.0, "times what forces scatter between sessions, from which on a session's gain is a fault", JUDGED
+    )
     sure_spring: float = _set(0.2, "standard error per compliance from which on a spring is known", JUDGED)
     near: float = _set(1.6, "factor around that of a unit", JUDGED)
     unusual: float = _set(10.0, "factor from a robot of this size", JUDGED)
