@@ -105,13 +105,6 @@ def test_page_is_self_contained_and_says_the_main_thing(done: Outcome) -> None:
         assert f'id="{chart}"' in html
 
 
-def test_same_input_same_bytes(done: Outcome, simulated: Simulated, tmp_path: Path) -> None:
-    write_recording(tmp_path / "recording", simulated.recording)
-    again = run_identify(Request(CELL, (tmp_path / "recording",), tmp_path / "out"))
-    for name in ("stiffness.yaml", "readings.csv", "identification.json"):
-        assert (again.report.parent / name).read_bytes() == (done.report.parent / name).read_bytes(), name
-
-
 def test_optimize_takes_what_identify_writes(done: Outcome, tmp_path: Path) -> None:
     shutil.copytree(CELL, tmp_path / "cell")
     shutil.copy(done.report.parent / "stiffness.yaml", tmp_path / "cell" / "stiffness.yaml")
@@ -260,13 +253,15 @@ def test_what_is_said_of_a_joint_is_not_taken_for_what_stands_beside_its_stiffne
     assert sum("no reading shows it" in line for line in lines) == 1
 
 
-def test_command_prints_what_the_engineer_needs_first(
+def test_command_writes_the_same_bytes_and_prints_what_the_engineer_needs_first(
     done: Outcome, simulated: Simulated, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     recording = tmp_path / "recording"
     write_recording(recording, simulated.recording)
     words = ["identify", str(CELL), str(recording), "-o", str(tmp_path / "out"), "--quiet"]
     assert main([*words[:-1]]) == 0
+    for name in ("stiffness.yaml", "readings.csv", "identification.json"):  # the same input, the same bytes
+        assert (tmp_path / "out" / name).read_bytes() == (done.report.parent / name).read_bytes(), name
     out = capsys.readouterr().out
     assert "128 readings, 16 poses, constant model" in out
     assert out.count("N·m/rad") == 6
