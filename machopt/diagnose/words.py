@@ -86,8 +86,8 @@ def noise_note(noise: Noise) -> tuple[str, ...]:
     if noise.replicated:
         return ("noise is taken from readings of the same thing on different visits",)
     return (
-        "nothing was measured twice: noise is taken from what the model leaves, so small effects pass for noise; a "
-        "second session over the same poses and loads would tell them apart",
+        "nothing, or too little, was measured twice: noise is taken from what the model leaves, so small effects pass "
+        "for noise; a second session over the same poses and loads would tell them apart",
     )
 
 

@@ -91,10 +91,12 @@ def _verdict(data: DiagnosisPage) -> Body:
     if tone == "good" and any(f.record for f in d.findings):
         badge, tone = f"{badge}: CHECK THE RECORD", "warn"
     left = "nothing was added" if not d.findings else f"with {len(d.findings)} found"
+    told = math.isfinite(d.mismatch_p)
+    scatter = "what repeats of a reading scatter" if told else "not repeated: what the model leaves"
     cards = [
         ("Held-out error before", sized(d.heldout_before, d.unit), "the nominal structure, refitted"),
         ("Held-out error after", sized(d.heldout_after, d.unit), left),
-        ("Noise floor", sized(d.noise_floor, d.unit), "what repeats of a reading scatter"),
+        ("Noise floor", sized(d.noise_floor, d.unit), scatter),
     ]
     if d.verdict in ("consistent", "insufficient"):
         cards.append(("Repeatable mismatch", f"p {chance(d.mismatch_p)}", "chance that noise alone does this"))
