@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_diagnose_drift import problem, timed
+from test_diagnose_drift import timed
+from test_effects import posed
 
 from machopt.diagnose import at_sensor, engine
 from machopt.diagnose.anotherday import transferred
@@ -24,7 +25,7 @@ def test_a_law_is_named_where_every_session_shows_it(days: tuple[int, ...]) -> N
     turned = next(h for h in laws if h.effect == "force_sensor_frame")
     moved = turned.columns(turned.shapes[0]) @ np.full(3, 0.01)
     moved[~np.isin(r.session, days)] = 0.0
-    found = engine.diagnose(problem(r, moved), Catalogue(laws), engine.Options(), np.random.default_rng(0))
+    found = engine.diagnose(posed(r, moved), Catalogue(laws), engine.Options(), np.random.default_rng(0))
     contradicted = [n for n in found.notes if "sessions differ" in n]
     if len(days) > 1:
         assert [f.effect for f in found.findings] == ["force_sensor_frame"]

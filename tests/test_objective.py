@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.interpolate import BSpline
 from test_choose import VELOCITY, random_problem
 from test_path import Rows, toolpath
 from test_smooth import valley
@@ -17,6 +16,7 @@ from machopt.plan.candidates import Candidates
 from machopt.plan.choose import Choice, choose
 from machopt.plan.corridor import REACH, Ends, Stretch
 from machopt.plan.costtable import CostTable
+from machopt.plan.curves import Spline
 from machopt.plan.objective import NEAR, Objective, Terms, crowding, objective
 from machopt.plan.path import Path, build_path
 from machopt.plan.programme import Basis, Programme
@@ -109,10 +109,10 @@ def test_programme_and_merit_are_the_objective_along_a_curve(crowds: bool) -> No
     """Where joints are linear in phi, merit and J are one number, and the rounded J is as wide as it is rounded."""
     path, part, ends = stretch(crowds)
     answers, merit = spline_answers(path, part, 0.0, ends)
-    table, basis = CostTable(part.band.cost, part.band.step), Basis(answers[0].t, part.x)
-    nlp = programme_of(part, answers[0].t, ends)
+    table, basis = CostTable(part.band.cost, part.band.step), Basis(answers[0].knots, part.x)
+    nlp = programme_of(part, answers[0].knots, ends)
     rng = np.random.default_rng(1)
-    for answer in (*answers, *(BSpline(a.t, a.c + rng.uniform(-0.05, 0.05, len(a.c)), 3) for a in answers[:3])):
+    for answer in (*answers, *(Spline(a.knots, a.c + rng.uniform(-0.05, 0.05, len(a.c))) for a in answers[:3])):
         phi = basis.values(answer.c)
         np.testing.assert_allclose(phi, answer(part.x), atol=1e-12)
         cost = table.at(phi - part.band.phi)[0]
@@ -137,7 +137,7 @@ def test_programme_and_merit_are_the_objective_along_a_curve(crowds: bool) -> No
 def test_gradient_and_hessian_of_the_programme_by_differences(width: float) -> None:
     path, part, ends = stretch(crowds=False)
     answers, _ = spline_answers(path, part, 0.0, ends)
-    knots, rng = answers[0].t, np.random.default_rng(2)
+    knots, rng = answers[0].knots, np.random.default_rng(2)
     nlp, basis, h = programme_of(part, knots, ends), Basis(knots, part.x), 1e-6
     for answer in answers[:2]:
         c = answer.c + rng.uniform(-0.03, 0.03, len(answer.c))
@@ -160,12 +160,12 @@ def test_nothing_near_the_programmes_answer_is_better() -> None:
     """In the exact J with the price of bending, for random changes of one coefficient, of neighbours and of all."""
     path, part, ends = stretch(crowds=False)
     answers, merit = spline_answers(path, part, 0.0, ends)
-    knots, rng = answers[0].t, np.random.default_rng(3)
+    knots, rng = answers[0].knots, np.random.default_rng(3)
     bending = 1e-4
     c = programme_of(part, knots, ends, bending).solve(answers[-2].c)
 
     def exact(c: np.ndarray) -> float:
-        return merit(BSpline(knots, c, 3), ends, 0.0) + bending * float(np.sum(np.diff(c, 2) ** 2))
+        return merit(Spline(knots, c), ends, 0.0) + bending * float(np.sum(np.diff(c, 2) ** 2))
 
     best = exact(c)
     assert np.isfinite(best)
