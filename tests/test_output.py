@@ -96,7 +96,9 @@ def test_a_killed_run_leaves_nothing(tmp_path: Path, number: signal.Signals, cod
         # a shell starts background jobs with SIGINT ignored, and children inherit that
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "with output_folder(sys.argv[1]) as f:\n (f / 'half').write_text('1')\n"
-        " print('in', flush=True)\n time.sleep(60)\n"
+        " print('in', flush=True)\n"
+        # in pieces: a signal between Python's last look and the system call waits until the sleep is over
+        " for _ in range(600):\n  time.sleep(0.1)\n"
     )
     env = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
     with subprocess.Popen(
