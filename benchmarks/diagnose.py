@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from machopt.diagnose import deflection, engine
+from machopt.diagnose.resting import deflection
+from machopt.diagnose.search import engine
 from machopt.estimate.experiment import experiment
 from machopt.formats.cell import load_cell
 from machopt.identify.simulate import TrueArm, random_loads, record, scattered_poses

@@ -6,8 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from machopt.diagnose.problem import Curve, Family, KinematicCorrection, Problem, RecordCorrection, Unknown, Untestable
-from machopt.diagnose.result import Coefficient, Diagnosis, Errors, Estimate, Finding, Limit, Proof, Rival, Share
+from machopt.diagnose.nouns.problem import (
+    Curve,
+    Family,
+    KinematicCorrection,
+    Problem,
+    RecordCorrection,
+    Unknown,
+    Untestable,
+)
+from machopt.diagnose.nouns.result import Coefficient, Diagnosis, Errors, Estimate, Finding, Limit, Proof, Rival, Share
 from machopt.domain.recording import Recording
 from machopt.domain.results.diagnosis import EffectOnJob
 from machopt.domain.stiffness import Term

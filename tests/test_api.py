@@ -21,7 +21,7 @@ import machopt.api
 from machopt.api.asked import GIVEN, asked, names_of
 from machopt.cli import _parser
 from machopt.design.asked import Request as PosesRequest
-from machopt.diagnose.asked import Request as DiagnoseRequest
+from machopt.diagnose.nouns.asked import Request as DiagnoseRequest
 from machopt.identify.asked import Request as IdentifyRequest
 from machopt.recheck.folder import check_copies
 from machopt.workspace.asked import Request as MapRequest
@@ -47,7 +47,7 @@ def test_the_names_that_stay_are_there_and_say_what_they_are() -> None:
 
 
 def test_packages_of_the_same_name_do_not_take_a_functions_place() -> None:
-    import machopt.diagnose.asked
+    import machopt.diagnose.nouns.asked
     import machopt.identify.fit
 
     assert inspect.isfunction(machopt.identify)

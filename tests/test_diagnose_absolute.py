@@ -15,11 +15,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from machopt.diagnose import absolute, at_body, engine
-from machopt.diagnose.absolute_catalogue import left, spanned
-from machopt.diagnose.at_angle import swept
-from machopt.diagnose.problem import Catalogue, Hypothesis, Problem
-from machopt.diagnose.readings import Readings
+from machopt.diagnose.laws import at_body
+from machopt.diagnose.laws.at_angle import swept
+from machopt.diagnose.nouns.problem import Catalogue, Hypothesis, Problem
+from machopt.diagnose.nouns.readings import Readings
+from machopt.diagnose.resting import absolute
+from machopt.diagnose.resting.absolute_catalogue import left, spanned
+from machopt.diagnose.search import engine
 from machopt.domain.cell import Cell
 from machopt.domain.kinematics import KinematicCorrection, Kinematics
 from machopt.domain.recording import Recording

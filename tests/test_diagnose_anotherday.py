@@ -10,10 +10,11 @@ import pytest
 from test_diagnose_drift import timed
 from test_effects import posed
 
-from machopt.diagnose import at_sensor, engine
-from machopt.diagnose.anotherday import transferred
-from machopt.diagnose.grams import model
-from machopt.diagnose.problem import Catalogue
+from machopt.diagnose.evidence.grams import model
+from machopt.diagnose.laws import at_sensor
+from machopt.diagnose.nouns.problem import Catalogue
+from machopt.diagnose.search import engine
+from machopt.diagnose.search.anotherday import transferred
 
 DAYS, VISITS, READINGS = 2, 10, 6
 

@@ -7,10 +7,10 @@ from typing import cast
 
 import pytest
 
-from machopt.diagnose import built
-from machopt.diagnose.extended import Extended
-from machopt.diagnose.result import Name
+from machopt.diagnose.nouns.result import Name
 from machopt.diagnose.run import Examined
+from machopt.diagnose.written import built
+from machopt.diagnose.written.extended import Extended
 from machopt.domain.cell import Cell
 from machopt.domain.kinematics import KinematicCorrection
 from machopt.domain.stiffness import Term

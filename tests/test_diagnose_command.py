@@ -30,7 +30,7 @@ SMALL = {"poses": 12, "sessions": 2, "loads": 3, "directions": 2}
 
 LAW = '''"""Joint 3 softens as joint 1 turns away from its middle: a bundle of cables that pulls."""
 import numpy as np
-from machopt.diagnose.problem import Hypothesis, Quantity
+from machopt.diagnose.nouns.problem import Hypothesis, Quantity
 
 
 def hypotheses(readings):

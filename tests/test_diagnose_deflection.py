@@ -24,7 +24,7 @@ from made_up_loads import (
     stand,
 )
 
-from machopt.diagnose.asked import Request
+from machopt.diagnose.nouns.asked import Request
 from machopt.domain.recording import Recording
 from machopt.formats.cell import load_cell
 from machopt.formats.recording import write_recording

@@ -8,9 +8,10 @@ import numpy as np
 from test_effects import load_test, posed
 
 from machopt.arrays import Array
-from machopt.diagnose import at_heat, at_sensor, engine
-from machopt.diagnose.problem import Catalogue
-from machopt.diagnose.readings import Readings
+from machopt.diagnose.laws import at_heat, at_sensor
+from machopt.diagnose.nouns.problem import Catalogue
+from machopt.diagnose.nouns.readings import Readings
+from machopt.diagnose.search import engine
 
 
 def timed() -> tuple[Readings, Array, Array]:

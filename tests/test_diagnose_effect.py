@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from machopt.diagnose.onjob import TEST_FORCE, _sentence, effect_on_job
+from machopt.diagnose.written.onjob import TEST_FORCE, _sentence, effect_on_job
 from machopt.domain.results.diagnosis import EffectOnJob
 from machopt.domain.stiffness import Stiffness, Term
 from machopt.errors import InputError

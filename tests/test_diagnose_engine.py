@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from machopt.diagnose import engine, heldout, mismatch, noise
-from machopt.diagnose.grams import base_model, tried
-from machopt.diagnose.heldout import Fitted
-from machopt.diagnose.noise import Noise
-from machopt.diagnose.problem import Catalogue, Family, Hypothesis, Problem, Quantity, Unknown
-from machopt.diagnose.screen import bounded, by_chance, score
-from machopt.diagnose.whitening import whitening
+from machopt.diagnose.evidence import heldout, noise
+from machopt.diagnose.evidence.grams import base_model, tried
+from machopt.diagnose.evidence.heldout import Fitted
+from machopt.diagnose.evidence.noise import Noise
+from machopt.diagnose.evidence.whitening import whitening
+from machopt.diagnose.nouns.problem import Catalogue, Family, Hypothesis, Problem, Quantity, Unknown
+from machopt.diagnose.search import engine, mismatch
+from machopt.diagnose.search.screen import bounded, by_chance, score
 
 GROUPS, SESSIONS, EACH = 24, 2, 6
 OWN, CYCLE, VISIT, GAIN = 15e-6, 10e-6, 12e-6, 0.005

@@ -14,8 +14,9 @@ from test_diagnose_absolute import arm, measure, poses
 from test_diagnose_absolute import readings as readings_of
 
 from machopt.arrays import Array
-from machopt.diagnose import calibrated, laws_geometry
-from machopt.diagnose.problem import Hypothesis
+from machopt.diagnose import calibrated
+from machopt.diagnose.laws import laws_geometry
+from machopt.diagnose.nouns.problem import Hypothesis
 from machopt.domain.kinematics import KinematicCorrection, Kinematics
 from machopt.se3 import rotation_vector, skew
 from machopt.verify.arm import Arm

@@ -10,9 +10,10 @@ import pytest
 from numpy.typing import NDArray
 from test_diagnose_absolute import SOFTER, arm, measure, poses
 
-from machopt.diagnose import absolute, engine, inclinometer
-from machopt.diagnose.problem import Hypothesis, Problem
-from machopt.diagnose.result import Diagnosis
+from machopt.diagnose.nouns.problem import Hypothesis, Problem
+from machopt.diagnose.nouns.result import Diagnosis
+from machopt.diagnose.resting import absolute, inclinometer
+from machopt.diagnose.search import engine
 from machopt.domain.recording import Recording
 from machopt.errors import InputError
 from machopt.model.gravity import gravity_torque

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from machopt.cli import main
-from machopt.diagnose import engine, motion, motion_checks
-from machopt.diagnose.motion_signals import signals
+from machopt.diagnose.moving import motion, motion_checks
+from machopt.diagnose.nouns.motion_signals import signals
+from machopt.diagnose.search import engine
 from machopt.domain.cell import Cell, JointLimits, Tool, Workpiece
 from machopt.domain.recording import Recording
 from machopt.effects.creep import lag

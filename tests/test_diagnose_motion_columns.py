@@ -9,8 +9,8 @@ import pytest
 from test_diagnose_motion import arm, excited, recorded
 
 from machopt.arrays import Array
-from machopt.diagnose import motion, motion_columns
-from machopt.diagnose.motion_signals import Motion, signals
+from machopt.diagnose.moving import motion, motion_columns
+from machopt.diagnose.nouns.motion_signals import Motion, signals
 from machopt.domain.recording import Recording
 from machopt.errors import InputError
 from machopt.model.rigid import load_dynamics

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from test_diagnose_absolute import arm, measure, unit
 
-from machopt.diagnose import moved
+from machopt.diagnose.record import moved
 from machopt.domain.recording import Recording
 from machopt.se3 import rotation_from_vector
 

@@ -12,12 +12,14 @@ import pytest
 from test_diagnose_motion import arm, diagnosed, excited, recorded, shaken
 
 from machopt.arrays import Array
-from machopt.diagnose import engine, mismatch, motion, motion_next, noise
-from machopt.diagnose.finer import between
-from machopt.diagnose.grams import base_model, tried
-from machopt.diagnose.result import Finding
-from machopt.diagnose.screen import by_chance, score
-from machopt.diagnose.whitening import whitening
+from machopt.diagnose.evidence import noise
+from machopt.diagnose.evidence.grams import base_model, tried
+from machopt.diagnose.evidence.whitening import whitening
+from machopt.diagnose.moving import motion, motion_next
+from machopt.diagnose.nouns.result import Finding
+from machopt.diagnose.search import engine, mismatch
+from machopt.diagnose.search.finer import between
+from machopt.diagnose.search.screen import by_chance, score
 from machopt.domain.cell import Cell, JointLimits
 from machopt.domain.recording import Recording
 from machopt.model.rigid import load_dynamics

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from test_diagnose_engine import catalogue, law, made_up
 
-from machopt.diagnose import engine, enough
-from machopt.diagnose.problem import Catalogue
-from machopt.diagnose.result import Diagnosis
+from machopt.diagnose.nouns.problem import Catalogue
+from machopt.diagnose.nouns.result import Diagnosis
+from machopt.diagnose.search import engine
+from machopt.diagnose.verdict import enough
 
 
 def nearest(like: float, extra: float = 40e-6) -> Diagnosis:

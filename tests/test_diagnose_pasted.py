@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from test_diagnose_absolute import arm, measure
 
-from machopt.diagnose.pasted import pasted
+from machopt.diagnose.record.pasted import pasted
 
 
 @pytest.mark.parametrize("turned", [0.0, 2.0])

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from test_diagnose_absolute import arm, measure
 
-from machopt.diagnose import pose_units
-from machopt.diagnose.doubt import of_poses
+from machopt.diagnose.record import pose_units
 from machopt.diagnose.run import Examined
+from machopt.diagnose.written.doubt import of_poses
 from machopt.domain.recording import Recording
 from machopt.se3 import rotation_from_vector
 

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from made_up_loads import ARCMIN, CELLS, Dirt, Truth, arm, clicking, load_tests, planned
 
-from machopt.diagnose import gross, loaded, pose_units, record
-from machopt.diagnose.cellvalues import far_off
-from machopt.diagnose.problem import Unknown
-from machopt.diagnose.result import Coefficient, Finding
+from machopt.diagnose.nouns.problem import Unknown
+from machopt.diagnose.nouns.result import Coefficient, Finding
+from machopt.diagnose.record import gross, pose_units, record
+from machopt.diagnose.resting import loaded
+from machopt.diagnose.verdict.cellvalues import far_off
 from machopt.domain.parameters import joint_spring
 from machopt.domain.recording import Recording
 from machopt.estimate.experiment import experiment

@@ -12,8 +12,13 @@ import pytest
 from numpy.typing import NDArray
 from test_diagnose_absolute import arm, measure, poses
 
-from machopt.diagnose import absolute, engine, laws_geometry, nests, reflectors, run
-from machopt.diagnose.nominal_poses import Nominal
+from machopt.diagnose import run
+from machopt.diagnose.laws import laws_geometry
+from machopt.diagnose.nouns import reflectors
+from machopt.diagnose.record import nests
+from machopt.diagnose.resting import absolute
+from machopt.diagnose.resting.nominal_poses import Nominal
+from machopt.diagnose.search import engine
 from machopt.domain.recording import Recording, Target
 from machopt.errors import InputError
 from machopt.se3 import rotation_from_vector

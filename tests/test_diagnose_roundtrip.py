@@ -18,9 +18,12 @@ from test_effects import TOY, toy
 
 from machopt.arrays import Array
 from machopt.cli import main
-from machopt.diagnose import absolute_catalogue, engine, held, motion
-from machopt.diagnose.problem import Catalogue, Problem, RecordCorrection
-from machopt.diagnose.result import Finding
+from machopt.diagnose.laws import held
+from machopt.diagnose.moving import motion
+from machopt.diagnose.nouns.problem import Catalogue, Problem, RecordCorrection
+from machopt.diagnose.nouns.result import Finding
+from machopt.diagnose.resting import absolute_catalogue
+from machopt.diagnose.search import engine
 from machopt.domain.kinematics import Kinematics
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Term

@@ -13,11 +13,14 @@ from made_up_loads import ARCMIN, CELLS, Dirt, Truth, arm, clicking, load_tests,
 from test_diagnose_absolute import arm as measured_arm
 from test_diagnose_absolute import measure
 
-from machopt.diagnose import aside, engine, instruments, loads, sessions, throughout
-from machopt.diagnose.noise import Noise
-from machopt.diagnose.problem import Family, Problem
-from machopt.diagnose.result import Finding
+from machopt.diagnose.evidence import aside, instruments
+from machopt.diagnose.evidence.noise import Noise
+from machopt.diagnose.nouns import loads
+from machopt.diagnose.nouns.problem import Family, Problem
+from machopt.diagnose.nouns.result import Finding
+from machopt.diagnose.record import sessions, throughout
 from machopt.diagnose.run import at_rest
+from machopt.diagnose.search import engine
 from machopt.domain.recording import Recording, StandardUncertainty
 from machopt.effects.bodies import pushing_back_nowhere
 from machopt.formats.cell import load_cell

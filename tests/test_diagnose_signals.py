@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from test_diagnose_motion import arm, excited, recorded
 
-from machopt.diagnose import motion, motion_columns, motion_friction, run
-from machopt.diagnose.engine import Options
-from machopt.diagnose.motion_checks import servo_lag, slope, torque_side
-from machopt.diagnose.motion_signals import signals
+from machopt.diagnose import run
+from machopt.diagnose.moving import motion, motion_columns, motion_friction
+from machopt.diagnose.moving.motion_checks import servo_lag, slope, torque_side
+from machopt.diagnose.nouns.motion_signals import signals
+from machopt.diagnose.search.engine import Options
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
 from machopt.effects import registry

@@ -8,8 +8,9 @@ import numpy as np
 from test_diagnose_absolute import arm, measure
 
 from machopt.arrays import Array
-from machopt.diagnose import absolute, engine
-from machopt.diagnose.problem import Problem, Unknown
+from machopt.diagnose.nouns.problem import Problem, Unknown
+from machopt.diagnose.resting import absolute
+from machopt.diagnose.search import engine
 from machopt.domain.recording import Recording
 
 NOISE = 1e-5

@@ -9,7 +9,8 @@ import pytest
 from test_diagnose_absolute import arm
 from test_diagnose_inclinometer import ROCKS, recorded
 
-from machopt.diagnose import inclinometer, tilt_columns
+from machopt.diagnose.record import tilt_columns
+from machopt.diagnose.resting import inclinometer
 from machopt.domain.recording import Recording
 
 

@@ -8,9 +8,9 @@ import long_motion
 import numpy as np
 import pytest
 
-from machopt.diagnose import motion
-from machopt.diagnose.problem import Catalogue, Hypothesis, Problem
-from machopt.diagnose.result import Finding
+from machopt.diagnose.moving import motion
+from machopt.diagnose.nouns.problem import Catalogue, Hypothesis, Problem
+from machopt.diagnose.nouns.result import Finding
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
 from machopt.errors import InputError

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from machopt.arrays import Array
-from machopt.diagnose import together
-from machopt.diagnose.grams import Model, Tried, base_model, tried
-from machopt.diagnose.noise import Noise
-from machopt.diagnose.problem import Family, Hypothesis, Problem, Quantity, Unknown
-from machopt.diagnose.screen import fitted, score
-from machopt.diagnose.select import settled, with_chosen
-from machopt.diagnose.whitening import whitening
+from machopt.diagnose.evidence.grams import Model, Tried, base_model, tried
+from machopt.diagnose.evidence.noise import Noise
+from machopt.diagnose.evidence.whitening import whitening
+from machopt.diagnose.nouns.problem import Family, Hypothesis, Problem, Quantity, Unknown
+from machopt.diagnose.search import together
+from machopt.diagnose.search.screen import fitted, score
+from machopt.diagnose.search.select import settled, with_chosen
 
 POSES, VISITS, ORDERS, SIGMA = 90, 2, tuple((float(n),) for n in range(1, 7)), 1e-5
 N = POSES * VISITS

@@ -7,9 +7,10 @@ import pytest
 from test_diagnose_drift import timed
 from test_effects import posed
 
-from machopt.diagnose import at_sensor, engine, unnamed
-from machopt.diagnose.problem import Catalogue
-from machopt.diagnose.readings import Readings
+from machopt.diagnose.laws import at_sensor
+from machopt.diagnose.nouns.problem import Catalogue
+from machopt.diagnose.nouns.readings import Readings
+from machopt.diagnose.search import engine, unnamed
 
 
 def catalogue(r: Readings) -> Catalogue:

@@ -11,9 +11,9 @@ from typing import cast
 import numpy as np
 import pytest
 
-from machopt.diagnose.extended import Extended, beside, stiffness_of
-from machopt.diagnose.problem import RecordCorrection, Unknown
-from machopt.diagnose.result import Coefficient, Diagnosis, Finding
+from machopt.diagnose.nouns.problem import RecordCorrection, Unknown
+from machopt.diagnose.nouns.result import Coefficient, Diagnosis, Finding
+from machopt.diagnose.written.extended import Extended, beside, stiffness_of
 from machopt.domain.parameters import ParameterKey, joint_spring
 from machopt.domain.stiffness import ExternalSpring, Stiffness, Term
 from machopt.formats.cell import load_cell

@@ -19,9 +19,9 @@ import numpy as np
 import pytest
 
 from machopt.cli import diagnose as command
-from machopt.diagnose.asked import Request
-from machopt.diagnose.result import Diagnosis, Estimate
-from machopt.diagnose.told import result_of, rows_location
+from machopt.diagnose.nouns.asked import Request
+from machopt.diagnose.nouns.result import Diagnosis, Estimate
+from machopt.diagnose.written.told import result_of, rows_location
 from machopt.effects import registry
 from machopt.effects.words import named, place
 from machopt.formats.cell import load_cell

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 
 from machopt.arrays import Array
-from machopt.diagnose import at_joint, deflection, engine
-from machopt.diagnose.history import history
-from machopt.diagnose.problem import Catalogue, Family, Problem, Unknown
-from machopt.diagnose.readings import Readings
-from machopt.diagnose.words import sentence
+from machopt.diagnose.laws import at_joint
+from machopt.diagnose.nouns.history import history
+from machopt.diagnose.nouns.problem import Catalogue, Family, Problem, Unknown
+from machopt.diagnose.nouns.readings import Readings
+from machopt.diagnose.resting import deflection
+from machopt.diagnose.search import engine
+from machopt.diagnose.verdict.words import sentence
 from machopt.domain.kinematics import Kinematics
 from machopt.domain.location import joint_at, joints_of
 from machopt.domain.recording import Recording

@@ -12,8 +12,9 @@ from test_diagnose_motion import arm, excited, recorded
 from test_effects import load_test
 
 from machopt.arrays import Array
-from machopt.diagnose import at_beside, motion
-from machopt.diagnose.readings import Readings
+from machopt.diagnose.laws import at_beside
+from machopt.diagnose.moving import motion
+from machopt.diagnose.nouns.readings import Readings
 from machopt.domain.stiffness import Term
 from machopt.effects import registry
 from machopt.effects.protocol import Parameter, Quantity, Shape

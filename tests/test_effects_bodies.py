@@ -11,8 +11,10 @@ import pytest
 from test_effects import load_test, posed
 
 from machopt.arrays import Array
-from machopt.diagnose import at_body, deflection, engine
-from machopt.diagnose.problem import Catalogue
+from machopt.diagnose.laws import at_body
+from machopt.diagnose.nouns.problem import Catalogue
+from machopt.diagnose.resting import deflection
+from machopt.diagnose.search import engine
 from machopt.domain.stiffness import Stiffness, Term
 from machopt.effects import bodies, own, registry
 from machopt.effects.definite import nearest_definite

@@ -14,7 +14,7 @@ from test_effects_own import JELLY
 
 from machopt.api import Cell
 from machopt.cli import main
-from machopt.diagnose import motion
+from machopt.diagnose.moving import motion
 from machopt.domain.kinematics import KinematicCorrection
 from machopt.domain.recording import Recording
 from machopt.effects import own, registry

@@ -9,7 +9,8 @@ import pytest
 from test_diagnose_drift import timed
 
 from machopt.arrays import Array
-from machopt.diagnose import at_heat, deflection
+from machopt.diagnose.laws import at_heat
+from machopt.diagnose.resting import deflection
 from machopt.effects import files, registry
 from machopt.effects.protocol import DriftLaw, Effect, Parameter, Quantity, Warming
 from machopt.effects.thermal import Drift, Evenly

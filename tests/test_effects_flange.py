@@ -11,9 +11,9 @@ import pytest
 from test_effects import ROOT, load_test
 
 from machopt.arrays import Array
-from machopt.diagnose import at_flange
-from machopt.diagnose.motion_frame import Scene
-from machopt.diagnose.readings import Readings
+from machopt.diagnose.laws import at_flange
+from machopt.diagnose.laws.motion_frame import Scene
+from machopt.diagnose.nouns.readings import Readings
 from machopt.effects import registry
 from machopt.effects.payload import Heavier
 from machopt.effects.protocol import Carried, CarriedLaw, Effect, Parameter, Quantity

@@ -10,7 +10,7 @@ import pytest
 from test_diagnose_motion import arm, excited, recorded
 
 from machopt.arrays import Array
-from machopt.diagnose import motion
+from machopt.diagnose.moving import motion
 from machopt.effects import friction, registry
 from machopt.effects.protocol import FrictionLaw, Pace, Parameter, Quantity, Rubbing
 from machopt.model.rigid import load_dynamics

@@ -11,8 +11,8 @@ import pytest
 from test_diagnose_motion import arm, excited, recorded
 
 from machopt.arrays import Array
-from machopt.diagnose import motion
-from machopt.diagnose.problem import RecordCorrection
+from machopt.diagnose.moving import motion
+from machopt.diagnose.nouns.problem import RecordCorrection
 from machopt.effects import registry
 from machopt.effects.delay import Clock
 from machopt.effects.protocol import (

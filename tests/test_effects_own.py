@@ -15,7 +15,8 @@ import pytest
 from machopt.batch import request as batch
 from machopt.batch.run import run_batch
 from machopt.cli import main
-from machopt.diagnose import deflection, userterms
+from machopt.diagnose.laws import userterms
+from machopt.diagnose.resting import deflection
 from machopt.domain.stiffness import Stiffness, Term
 from machopt.effects import files, own, registry
 from machopt.effects.given import Parameters

@@ -10,8 +10,9 @@ import pytest
 from test_effects import load_test
 
 from machopt.arrays import Array
-from machopt.diagnose import at_sensor, deflection
-from machopt.diagnose.problem import RecordCorrection
+from machopt.diagnose.laws import at_sensor
+from machopt.diagnose.nouns.problem import RecordCorrection
+from machopt.diagnose.resting import deflection
 from machopt.effects import registry
 from machopt.effects.protocol import Effect, Parameter, Quantity, Recorded, RecordLaw, Shape
 

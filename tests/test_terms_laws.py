@@ -16,9 +16,9 @@ import pinocchio as pin
 import pytest
 from test_cli import changed_cell, optimize, result
 
-from machopt.diagnose import at_beside, at_body, at_joint
-from machopt.diagnose.problem import Hypothesis
-from machopt.diagnose.readings import Readings
+from machopt.diagnose.laws import at_beside, at_body, at_joint
+from machopt.diagnose.nouns.problem import Hypothesis
+from machopt.diagnose.nouns.readings import Readings
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Stiffness, StiffnessGrid, Term
 from machopt.effects import compensator, registry

@@ -31,7 +31,7 @@ import robots
 import tables
 
 from machopt.design.asked import Request as PosesRequest
-from machopt.diagnose.asked import Request as DiagnoseRequest
+from machopt.diagnose.nouns.asked import Request as DiagnoseRequest
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions, ProcessForce
 from machopt.domain.stiffness import Stiffness

@@ -65,7 +65,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
 
 
 def _diagnose(args: argparse.Namespace) -> int:
-    from machopt.diagnose.asked import Request
+    from machopt.diagnose.nouns.asked import Request
     from machopt.services.diagnose import run_diagnose
 
     request = Request(

@@ -9,32 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
-from machopt.diagnose import (
-    absolute,
-    at_joint,
-    cellvalues,
-    deflection,
-    engine,
-    enough,
-    gains,
-    gross,
-    held,
-    loaded,
-    motion,
-    motion_next,
-    moved,
-    nests,
-    pose_units,
-    record,
-    reflectors,
-    tilt_columns,
-    userterms,
-)
-from machopt.diagnose.pasted import pasted
-from machopt.diagnose.problem import Catalogue, Problem
-from machopt.diagnose.readings import History
-from machopt.diagnose.result import Diagnosis, Finding, Name
-from machopt.diagnose.words import sentence
+from machopt.diagnose.laws import at_joint, held, userterms
+from machopt.diagnose.moving import motion, motion_next
+from machopt.diagnose.nouns import reflectors
+from machopt.diagnose.nouns.problem import Catalogue, Problem
+from machopt.diagnose.nouns.readings import History
+from machopt.diagnose.nouns.result import Diagnosis, Finding, Name
+from machopt.diagnose.record import gains, gross, moved, nests, pose_units, record, tilt_columns
+from machopt.diagnose.record.pasted import pasted
+from machopt.diagnose.resting import absolute, deflection, loaded
+from machopt.diagnose.search import engine
+from machopt.diagnose.verdict import cellvalues, enough
+from machopt.diagnose.verdict.words import sentence
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Stiffness, Term, held_over

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array, Ints
-from machopt.diagnose.result import Diagnosis
+from machopt.diagnose.nouns.result import Diagnosis
 from machopt.report.scene import Scene
 
 

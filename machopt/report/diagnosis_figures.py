@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
-from machopt.diagnose.result import Finding
+from machopt.diagnose.nouns.result import Finding
 from machopt.effects.words import place
 from machopt.report.diagnosis import DiagnosisPage, JobEffect
 from machopt.report.diagnosis_words import axis_unit, axis_value, axis_words, sized

@@ -7,8 +7,8 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from machopt.diagnose.problem import Correction, RecordCorrection
-from machopt.diagnose.result import Estimate, Finding, Rival
+from machopt.diagnose.nouns.problem import Correction, RecordCorrection
+from machopt.diagnose.nouns.result import Estimate, Finding, Rival
 from machopt.domain.kinematics import KinematicCorrection
 from machopt.effects.words import named, what
 from machopt.report.diagnosis_words import alternatives, chance, measured, numeral, percent, readable, sized

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from machopt.diagnose.result import Diagnosis, Limit
+from machopt.diagnose.nouns.result import Diagnosis, Limit
 from machopt.domain.location import JOINT, LINK, joint_at, link_at, located
 from machopt.effects.words import listed, named, noun, place
 from machopt.report.diagnosis_words import digits, readable

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from machopt.diagnose.result import Coefficient, Diagnosis
+from machopt.diagnose.nouns.result import Coefficient, Diagnosis
 from machopt.domain.location import located
 from machopt.effects.words import listed, named, place
 from machopt.report.diagnosis import DiagnosisPage

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from machopt.diagnose.result import Diagnosis, Share
+from machopt.diagnose.nouns.result import Diagnosis, Share
 from machopt.domain.location import joint_at, link_at, located
 from machopt.effects.words import place
 from machopt.report.diagnosis_words import axis_note, axis_words, percent

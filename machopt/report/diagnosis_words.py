@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Sequence
 
-from machopt.diagnose.result import Estimate
+from machopt.diagnose.nouns.result import Estimate
 from machopt.effects.words import listed, named
 
 HALF_MM = 0.5  # below it a length reads better in µm

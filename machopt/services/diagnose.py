@@ -6,14 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from machopt.diagnose import engine, userterms
-from machopt.diagnose.asked import Request, check
-from machopt.diagnose.built import built
-from machopt.diagnose.doubt import with_doubt
-from machopt.diagnose.extended import beside, stiffness_of
-from machopt.diagnose.result import Diagnosis
+from machopt.diagnose.laws import userterms
+from machopt.diagnose.nouns.asked import Request, check
+from machopt.diagnose.nouns.result import Diagnosis
 from machopt.diagnose.run import at_rest, in_motion
-from machopt.diagnose.told import result_of
+from machopt.diagnose.search import engine
+from machopt.diagnose.written.built import built
+from machopt.diagnose.written.doubt import with_doubt
+from machopt.diagnose.written.extended import beside, stiffness_of
+from machopt.diagnose.written.told import result_of
 from machopt.domain.cell import Cell
 from machopt.domain.results.diagnosis import DiagnosisResult
 from machopt.effects.own import Own, in_use, run

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from machopt.diagnose.problem import Problem
-from machopt.diagnose.result import Diagnosis
+from machopt.diagnose.nouns.problem import Problem
+from machopt.diagnose.nouns.result import Diagnosis
 from machopt.domain.cell import Cell
 from machopt.domain.kinematics import KinematicCorrection, Kinematics
 from machopt.domain.recording import Recording
@@ -88,7 +88,7 @@ def effect_of(
     before = cell.stiffness or before
     if toolpath is None or after is None or before is None:
         return None
-    from machopt.diagnose.onjob import effect_on_job  # the planner takes a second to load
+    from machopt.diagnose.written.onjob import effect_on_job  # the planner takes a second to load
 
     path = placed(read_toolpath(toolpath, **reading_of(cell)), cell)
     return effect_on_job(with_tool(cell, path), before, after, path, load_options(cell.plan))

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from machopt.diagnose.asked import Request
-from machopt.diagnose.problem import Problem
-from machopt.diagnose.result import Diagnosis
+from machopt.diagnose.nouns.asked import Request
+from machopt.diagnose.nouns.problem import Problem
+from machopt.diagnose.nouns.result import Diagnosis
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
 from machopt.domain.results.diagnosis import DiagnosisResult

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 from machopt.design.loadcases import LoadCases
 from machopt.design.measurement import HOLD, ReadingNoise
-from machopt.diagnose import absolute, deflection, userterms
 from machopt.diagnose.apart.disputes import NOTHING, Diagnosed, Stand
-from machopt.diagnose.problem import Hypothesis
-from machopt.diagnose.readings import Readings
+from machopt.diagnose.laws import userterms
+from machopt.diagnose.nouns.problem import Hypothesis
+from machopt.diagnose.nouns.readings import Readings
+from machopt.diagnose.resting import absolute, deflection
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
 from machopt.effects import registry

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.diagnose.problem import Problem
-from machopt.diagnose.result import Diagnosis
-from machopt.diagnose.told import parts_of, source_of
+from machopt.diagnose.nouns.problem import Problem
+from machopt.diagnose.nouns.result import Diagnosis
+from machopt.diagnose.written.told import parts_of, source_of
 from machopt.domain.cell import Cell
 from machopt.domain.recording import Recording
 from machopt.domain.results.diagnosis import EffectOnJob

@@ -1,0 +1,75 @@
+"""Which readings are gross errors: few, alone, each its own way, and not seen again; what a session does is none."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.arrays import Array
+from machopt.diagnose import calibrated
+from machopt.diagnose.evidence import noise
+from machopt.diagnose.nouns.problem import Problem
+
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+def good(problem: Problem, residual: Array) -> Flags:
+    """(N,) readings that take part: no coordinate off by many robust standard deviations, or not for itself alone.
+
+    Args:
+        problem: which readings are of one session, of one pose, of the same thing.
+        residual: (N, D) of a robust fit, SI.
+    """
+    off = np.zeros(len(residual), bool)
+    for family in problem.families:
+        e = residual[:, list(family.columns)]
+        typical = max(
+            noise.robust_sigma(e[problem.measured(family)]), family.stated or 0.0, float(np.finfo(float).tiny)
+        )
+        off |= (np.abs(e) > calibrated.NOISE.gross * typical).any(axis=1)
+    if problem.channel == "torque" or not off.any():
+        return np.asarray(~off)
+    shared = mostly(problem.session, off) | mostly(problem.group, off) | one_way(problem.session, residual, off)
+    return ~off | shared | comes_back(problem, residual, off)
+
+
+def mostly(label: Ints, off: Flags) -> Flags:
+    """(N,) readings of a session or pose most of whose readings are off: a fault or an effect, never outliers."""
+    _, part = np.unique(label, return_inverse=True)
+    count = np.bincount(part.reshape(-1))
+    share = np.bincount(part.reshape(-1), off) / count
+    odd = (share > calibrated.NOISE.mostly) & (count >= calibrated.NOISE.least_part)
+    return np.asarray(off & odd[part.reshape(-1)])
+
+
+def one_way(label: Ints, residual: Array, off: Flags) -> Flags:
+    """(N,) readings of a session that are off by the same way in space, and too many of it for accidents.
+
+    A tracker's gross errors point anywhere; a floor that gives way or a stand that was touched moves all one way.
+    """
+    out = np.zeros(len(off), bool)
+    for one in np.unique(label[off]):
+        rows = off & (label == one)
+        if rows.sum() < max(calibrated.NOISE.least_part, calibrated.RECORD.ordinary * (label == one).sum()):
+            continue
+        e = residual[rows, :3]
+        way = e / np.maximum(np.linalg.norm(e, axis=1, keepdims=True), np.finfo(float).tiny)
+        if np.linalg.norm(way.mean(axis=0)) > calibrated.RECORD.alike:
+            out |= rows
+    return out
+
+
+def comes_back(problem: Problem, residual: Array, off: Flags) -> Flags:
+    """(N,) readings off whose twins of another visit are off by the same."""
+    e, out = residual[:, :3], np.zeros(len(problem), bool)
+    for n in np.flatnonzero(off & (problem.replicate >= 0)):
+        twins = (problem.replicate == problem.replicate[n]) & (problem.visit != problem.visit[n])
+        if twins.any():
+            other = e[twins].mean(axis=0)
+            size = float(np.linalg.norm(e[n])), float(np.linalg.norm(other))
+            out[n] = (
+                float(e[n] @ other) > calibrated.RECORD.alike * size[0] * size[1]
+                and calibrated.RECORD.like_size * size[1] > size[0]
+            )
+    return out

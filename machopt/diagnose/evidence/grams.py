@@ -1,0 +1,233 @@
+"""Whitened equations summed up by fold: all that fits and what is held out of them need.
+
+A model is a set of whitened columns; its sums XᵀX, Xᵀy per fold are enough to refit it without any of them, and to hold
+that one against it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.arrays import Array
+from machopt.diagnose.evidence.whitening import Whitening
+from machopt.diagnose.nouns.problem import Hypothesis, Problem, Shape
+
+Ints = NDArray[np.int64]
+Rows = tuple[Ints, ...]
+RIDGE = 1e-9  # of each column's own square: keeps directions that no reading shows from exploding
+MOST_FOLDS = 40
+NOTHING = 1e-3  # whitened square of a column that moves nothing
+
+
+@dataclass(frozen=True)
+class Model:
+    """Columns that are fitted together, whitened; what follows of them is worked out once and never written to."""
+
+    w: Whitening
+    X: Array  # (M, P)
+    y: Array  # (M,)
+    fold: Ints  # (V,) which visits are held out together
+    folds: int
+    XX: Array  # (F, P, P)
+    Xy: Array  # (F, P)
+    yy: Array  # (F,)
+    prior: Array  # (P,) precision of what is known beforehand, zero for what is not
+    rows: Rows  # of each fold
+
+    @cached_property
+    def normal(self) -> Array:
+        """(P, P) of all readings and of what is known beforehand."""
+        return np.asarray(self.XX.sum(axis=0) + np.diag(self.prior))
+
+    @cached_property
+    def inverse(self) -> Array:
+        return ridged_inverse(self.normal)
+
+    @cached_property
+    def coefficients(self) -> Array:
+        """(P,) of all readings."""
+        return np.asarray(self.inverse @ self.Xy.sum(axis=0))
+
+    @cached_property
+    def residual(self) -> Array:
+        """(M,) whitened, of the fit to all readings."""
+        return np.asarray(self.y - self.X @ self.coefficients)
+
+    @cached_property
+    def rss(self) -> float:
+        return float(np.sum(self.residual**2))
+
+    @cached_property
+    def spread(self) -> float:
+        """Variance of a whitened residual, at least 1: what the noise model leaves out makes every test stricter."""
+        return float(max(1.0, self.rss / max(len(self.y) - self.X.shape[1], 1)))
+
+    def with_columns(self, more: Array, held: Array | None = None) -> Model:
+        """The model with further whitened columns (M, p), and the precision (p,) that they are known with."""
+        prior = np.concatenate([self.prior, np.zeros(more.shape[1]) if held is None else held])
+        return model(self.w, np.concatenate([self.X, more], axis=1), self.y, self.fold, prior, self.rows)
+
+
+@dataclass(frozen=True)
+class Tried:
+    """One hypothesis, whitened, at all its shapes; m = M, or fewer rows where it moves few coordinates of readings."""
+
+    hypothesis: Hypothesis
+    X: Array  # (m, S, p)
+    unit: Array  # (S, p) SI coefficient per fitted one: columns are scaled to a whitened rms of one
+    XX: Array  # (F, S, p, p)
+    Xy: Array  # (F, S, p)
+    size: int  # M
+    rows: Ints | None = None  # (m,) ascending, which of the M rows; None: all
+    index: int = field(default=0, compare=False)
+
+    def at(self, shape: int) -> Array:
+        """(M, p) whitened columns of one shape."""
+        if self.rows is None:
+            return np.asarray(self.X[:, shape])
+        out = np.zeros((self.size, self.X.shape[2]))
+        out[self.rows] = self.X[:, shape]
+        return out
+
+    def against(self, X: Array) -> Array:
+        """(S, p, P) products with whitened columns (M, P)."""
+        return cross(self.X, X if self.rows is None else X[self.rows])
+
+    def by_fold(self, model: Model) -> Array:
+        """(F, S, p, P) products with a model's columns."""
+        own, theirs = _own_rows(self.rows, self.size, model.rows), model.X
+        return np.stack([cross(self.X[k], theirs[r]) for k, r in own])
+
+    def precision(self, shape: int) -> Array:
+        """(p,) of what is known of the fitted coefficients beforehand, zero where nothing is."""
+        known = self.hypothesis.held
+        return np.zeros(self.X.shape[2]) if known is None else np.asarray((self.unit[shape] / known) ** 2)
+
+    @property
+    def shapes(self) -> tuple[Shape, ...]:
+        return self.hypothesis.shapes
+
+
+def model(w: Whitening, X: Array, y: Array, fold: Ints, prior: Array, rows: Rows | None = None) -> Model:
+    """Sum up whitened columns by fold."""
+    rows = rows_of(w, fold) if rows is None else rows
+    XX = np.stack([x.T @ x for x in (X[r] for r in rows)])
+    Xy = np.stack([X[r].T @ y[r] for r in rows])
+    return Model(w, X, y, fold, len(rows), XX, Xy, np.array([y[r] @ y[r] for r in rows]), prior, rows)
+
+
+def regrouped(one: Model, like: Model) -> Model:
+    """A model with the folds of another one."""
+    return model(one.w, one.X, one.y, like.fold, one.prior, like.rows)
+
+
+def rows_of(w: Whitening, fold: Ints) -> Rows:
+    """Rows of each fold, ascending."""
+    of = np.repeat(fold, np.diff(w.visit_starts))
+    order = np.argsort(of, kind="stable")
+    return tuple(np.split(order, np.searchsorted(of[order], np.arange(1, int(fold.max()) + 1))))
+
+
+def base_model(problem: Problem, w: Whitening, rng: np.random.Generator) -> tuple[Model, Array]:
+    """The base alone, and the SI value of each fitted unit (P,)."""
+    X = w.apply(problem.base)
+    unit = _unit(X)
+    known = np.array([np.inf if u.prior is None else u.prior for u in problem.unknowns])
+    return model(w, X * unit, w.apply(problem.y), _folds(w, rng), (unit / known) ** 2), unit
+
+
+def tried(base: Model, hypotheses: Sequence[Hypothesis]) -> list[Tried]:
+    """Whiten every hypothesis at every shape; those without any column that moves a reading are left out."""
+    w, y = base.w, base.y
+    out: list[Tried] = []
+    for h in hypotheses:
+        raw, moved = _raw(h, w)
+        S, p = raw.shape[2:]
+        flat = raw.reshape(*raw.shape[:2], S * p)
+        X, rows = (w.apply(flat), None) if moved is None else (w.apply_to(flat, moved), w.rows_of(moved))
+        del raw, flat
+        unit = _unit(X, len(y))
+        if not np.isfinite(X).all() or not np.any(X):
+            continue
+        X *= unit
+        X = X.reshape(-1, S, p)
+        parts = _own_rows(rows, len(y), base.rows)
+        XX = np.stack([own(X[k]) for k, _ in parts])
+        Xy = np.stack([np.einsum("msp,m->sp", X[k], y[r]) for k, r in parts])
+        out.append(Tried(h, X, unit.reshape(S, p), XX, Xy, len(y), rows, len(out)))
+    return out
+
+
+def _raw(h: Hypothesis, w: Whitening) -> tuple[Array, Ints | None]:
+    """Columns at all shapes, (N, D, S, p); or (N, d, S, p) of the few coordinates (d,) that they move, with these."""
+    first = h.columns(h.shapes[0])
+    N, D, p = first.shape
+    moved = np.flatnonzero(first.any(axis=(0, 2)))
+    alone = w.apart and 0 < 2 * len(moved) <= D
+    out = np.empty((N, len(moved) if alone else D, len(h.shapes), p))
+    for k, shape in enumerate(h.shapes):
+        columns = first if k == 0 else h.columns(shape)
+        if alone and np.count_nonzero(columns) > np.count_nonzero(columns[:, moved]):
+            return np.stack([h.columns(s) for s in h.shapes], axis=2), None  # other shapes move other coordinates
+        out[:, :, k] = columns[:, moved] if alone else columns
+    return out, moved if alone else None
+
+
+def _own_rows(rows: Ints | None, size: int, folds: Rows) -> list[tuple[Ints, Ints]]:
+    """Rows of each fold among ``rows`` of all ``size``, as numbers among these and among all."""
+    if rows is None:
+        return [(r, r) for r in folds]
+    place = np.full(size, -1, np.int64)
+    place[rows] = np.arange(len(rows))
+    return [(place[r][place[r] >= 0], r[place[r] >= 0]) for r in folds]
+
+
+def own(x: Array) -> Array:
+    """Σ_m x_msi x_msj of columns (m, S, p), (S, p, p); matmul, because einsum does not use BLAS here."""
+    t = x.transpose(1, 2, 0)
+    return np.asarray(t @ x.transpose(1, 0, 2))
+
+
+def cross(x: Array, y: Array) -> Array:
+    """Σ_m x_msi y_mp of columns (m, S, p) and (m, P), (S, p, P)."""
+    m, S, p = x.shape
+    return np.asarray(x.reshape(m, S * p).T @ y).reshape(S, p, -1)
+
+
+def ridged_inverse(H: Array) -> Array:
+    """Inverse of one or many normal matrices with a relative ridge."""
+    d = np.sqrt(np.maximum(np.diagonal(H, axis1=-2, axis2=-1), NOTHING))
+    scaled = H / (d[..., :, None] * d[..., None, :])
+    scaled = scaled + RIDGE * np.eye(H.shape[-1])
+    return np.asarray(np.linalg.inv(scaled) / (d[..., :, None] * d[..., None, :]))
+
+
+def _folds(w: Whitening, rng: np.random.Generator) -> Ints:
+    groups = len(w.groups)
+    if groups <= MOST_FOLDS:
+        return w.group_of_visit
+    return rng.permutation(np.arange(groups) % MOST_FOLDS)[w.group_of_visit]
+
+
+def _unit(X: Array, rows: int = 0) -> Array:
+    """(P,) that make the rms of each column over all rows one; ``rows`` where X has fewer, the others being zero."""
+    size = np.sqrt(np.mean(X**2, axis=0))
+    if rows > len(X):
+        size = size * np.sqrt(len(X) / rows)
+    return np.asarray(1.0 / np.where(size > 0, size, 1.0))
+
+
+def sandwich(model: Model) -> tuple[Array, Array, float]:
+    """Coefficients, cluster-robust covariance (folds as clusters) and degrees of freedom."""
+    M, x = ridged_inverse(model.normal), model.coefficients
+    u = model.Xy - np.einsum("fij,j->fi", model.XX, x)
+    G, P = model.folds, len(x)
+    robust = M @ (u.T @ u) @ M * G / max(G - 1, 1)
+    # few groups: the robust part alone is noisy, and too small as often as too large
+    grow = np.sqrt(np.maximum(np.diag(M) * model.spread / np.maximum(np.diag(robust), 1e-12 * np.diag(M)), 1.0))
+    return x, robust * np.outer(grow, grow), float(max(G - P // 2, 4))

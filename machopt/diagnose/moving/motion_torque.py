@@ -1,0 +1,285 @@
+"""Joint torques in motion against rigid-body dynamics from the URDF's inertias and the cell's tool.
+
+y = τ − RNEA(q, q̇, q̈). Refitted in any case, for each joint: offset, Coulomb and viscous friction and the inertia of
+its motor (no URDF states it), and one rotational inertia of the tool (no cell states it). The links' masses are the
+URDF's, or a payload could never show; where the data say plainly that several links are off, which no payload
+explains, a scale of each link's mass is refitted too and that is said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.diagnose import calibrated
+from machopt.diagnose.laws import at_beside, at_flange
+from machopt.diagnose.laws.motion_frame import Scene, one_joint
+from machopt.diagnose.moving.motion_clock import clocks, valley
+from machopt.diagnose.moving.motion_friction import Turn, breakaway, direction, friction, rest_of, turned
+from machopt.diagnose.moving.motion_loads import ripple, springy
+from machopt.diagnose.nouns.problem import Catalogue, Family, Hypothesis, Ints, Problem, Unknown, Untestable
+from machopt.domain.location import joint_at, link_at
+from machopt.errors import InputError
+
+# late friction and a long breakaway path look alike at one joint
+APART = 1_000_000  # s between sessions, whose clocks may begin anew
+CLOCK_TURNS = ((0.0, 0.0), (5e-5, 0.0), (2e-4, 0.0), (0.0, 0.01), (0.0, 0.05))
+
+
+def build(scene: Scene) -> tuple[Problem, Catalogue]:
+    """Equations and catalogue of the channel torque.
+
+    Raises:
+        InputError: no torque, or no inertias in the URDF.
+    """
+    m, dynamics, rec = scene.motion, scene.dynamics, scene.recording
+    if dynamics is None or scene.predicted is None or rec.torque is None:
+        raise InputError(f"{rec.source}: the channel torque needs tau1_Nm … and a URDF with inertias")
+    n = scene.joints
+    measured = rec.torque[m.index, :n]
+    y = m.within(m.mean(measured - scene.predicted))
+    P, T, L = dynamics.regressors(m.q, m.v, m.a)
+    best, rough = _clock(scene, measured, m.mean(P))
+    aligned = m.within(m.mean(m.late(measured, -best) - scene.predicted))
+    paths = [breakaway(scene, j, aligned[:, j]) if scene.moves(j) else CLOCK_TURNS[0] for j in range(n)]
+    base, unknowns = _base(scene, paths)
+    if n > 1:
+        scale = _alike(y, base, m.segment[m.starts][m.keep])
+        scene = replace(scene, scale=scale, lift=one_joint(m, n, scale=scale))
+        y = y * scale
+        base = base * scale[:, None]
+        scene.notes.append(
+            "torques are weighted by the noise of each joint: where only noise is left the error is the "
+            "rms over joints in N·m; 1 N·m counts " + ", ".join(f"{s:.3g}" for s in scale) + " at joints 1 … " + str(n)
+        )
+    P, T, L = (scene.everywhere(x) for x in (P, T, L))
+    if np.abs(T).max() > 1e-9 and dynamics.tool_mass > 0:
+        base = np.concatenate([base, T], axis=2)
+        unknowns.append(Unknown("tool inertia", "kg·m²", location="tool"))
+    rivals = np.concatenate([P, *(h.columns(h.shapes[0]) for h in at_beside.in_torques(scene)[:1])], axis=2)
+    if n > 1 and _links_off(y, base, rivals, L, m.group):
+        base = np.concatenate([base, L], axis=2)
+        unknowns += [
+            Unknown(f"mass of link {b + 1}, relative", "1", location=link_at(b + 1), prior=calibrated.MOTION.link_scale)
+            for b in dynamics.bodies
+        ]
+        scene.notes.append(
+            "masses of several links differ from the URDF's: a scale of each is refitted, so that a "
+            "payload shows only where no link could have it"
+        )
+    problem = Problem(
+        channel="torque",
+        y=y,
+        base=base,
+        unknowns=tuple(unknowns),
+        families=(Family("joint torque", tuple(range(n)), "N" if all(scene.prismatic) else "N·m", 1.0),),
+        group=m.group,
+        visit=m.visit,
+        cycle=m.cycle,
+        session=m.first(m.session),
+        replicate=m.replicate,
+        line=m.first(rec.line[m.index]),
+        row=m.first(m.index) + 1,
+    )
+    return problem, _catalogue(scene, P, paths, best, rough)
+
+
+def _base(scene: Scene, paths: list[Turn]) -> tuple[Array, list[Unknown]]:
+    m, n = scene.motion, scene.joints
+    parts, unknowns = [], []
+    for j in range(n):
+        place, unit = joint_at(j + 1), "N" if scene.prismatic[j] else "N·m"
+        speed, mass = ("N·s/m", "kg") if scene.prismatic[j] else ("N·m·s/rad", "kg·m²")
+        signals = [np.ones(len(m.q))]
+        unknowns.append(Unknown(f"offset {j + 1}", unit, location=place))
+        if scene.moves(j):
+            signals += [direction(scene, j, paths[j]), m.v[:, j], m.a[:, j]]
+            unknowns += [
+                Unknown(f"Coulomb friction {j + 1}", unit, location=place),
+                Unknown(f"viscous friction {j + 1}", speed, location=place),
+                Unknown(f"motor inertia {j + 1}", mass, location=place),
+            ]
+        parts.append(scene.column(j, np.stack(signals, axis=1)))
+    return np.concatenate(parts, axis=2), unknowns
+
+
+def _alike(y: Array, base: Array, segment: Ints) -> Array:
+    """(D,) factors that give every joint's torque the same noise, their rms kept: noise from neighbouring readings."""
+    sigma = np.empty(y.shape[1])
+    inside = np.diff(segment) == 0
+    for j in range(y.shape[1]):
+        step = np.diff(rest_of(y[:, j], base[:, j])[0])[inside]
+        sigma[j] = 1.4826 * float(np.median(np.abs(step - np.median(step)))) / np.sqrt(2.0)
+    sigma = np.maximum(sigma, 1e-6 * max(float(sigma.max()), 1e-12))
+    return np.asarray(np.sqrt(np.mean(sigma**2)) / sigma)
+
+
+def _links_off(y: Array, base: Array, rivals: Array, links: Array, group: Ints) -> bool:
+    """Whether scales of link masses predict unseen stretches clearly better than payload and compensator do."""
+    weight = 1.0 / np.maximum(_spread(y, base), 1e-12)
+    alone = heldout(y, base, group, weight)
+    loaded = heldout(y, np.concatenate([base, rivals], axis=2), group, weight)
+    both = heldout(y, np.concatenate([base, rivals, links], axis=2), group, weight)
+    gain = np.minimum(alone, loaded) - both
+    share = float(gain.sum() / np.minimum(alone, loaded).sum())
+    return bool(share > calibrated.MOTION.links_gain and np.mean(gain > 0) > calibrated.MOTION.links_groups)
+
+
+def _spread(y: Array, base: Array) -> Array:
+    """(D,) rms of what the base leaves of each coordinate."""
+    X = base.reshape(-1, base.shape[2])
+    scale = np.sqrt(np.mean(y**2, axis=0)) + 1e-12
+    for _ in range(2):
+        W = np.tile(1.0 / scale, len(y))
+        A = X * W[:, None]
+        size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+        x = np.linalg.lstsq(A / size, y.reshape(-1) * W, rcond=1e-10)[0] / size
+        scale = np.sqrt(np.mean((y - base @ x) ** 2, axis=0)) + 1e-12
+    return np.asarray(scale)
+
+
+def heldout(y: Array, X: Array, group: Ints, weight: Array) -> Array:
+    """(G,) weighted squares of each group's residual, fitted without it."""
+    P = X.shape[2]
+    A = X * weight[:, None]
+    b = y * weight
+    labels = np.unique(group)
+    size = np.maximum(np.sqrt(np.einsum("ndp,ndp->p", A, A)), 1e-300)
+    A = A / size
+    grams, sides = [], []
+    for g in labels:
+        rows = group == g
+        a = A[rows].reshape(-1, P)
+        grams.append(a.T @ a)
+        sides.append(a.T @ b[rows].reshape(-1))
+    G, s = np.sum(grams, axis=0), np.sum(sides, axis=0)
+    out = np.empty(len(labels))
+    for k, g in enumerate(labels):
+        x = np.linalg.lstsq(G - grams[k], s - sides[k], rcond=1e-10)[0]
+        rows = group == g
+        out[k] = float(np.sum((b[rows] - A[rows] @ x) ** 2))
+    return out
+
+
+def _clock(scene: Scene, measured: Array, load: Array) -> tuple[float, Callable[[float], Array]]:
+    """How late the torques are (s), each joint's friction and motor inertia refitted at every delay; and the torque
+    (M, n) that they should have shown, late by any d.
+
+    Friction steps where a joint reverses, so it has to be late together with the rigid bodies. A load at the flange
+    that the cell does not state asks for torque out of step with what is predicted, as a clock does: ``load``
+    (N, n, 4), what it would ask for, is refitted beside.
+    """
+    m = scene.motion
+    assert scene.predicted is not None
+    predicted = scene.predicted
+    moving = [j for j in range(scene.joints) if scene.moves(j)]
+    tau = m.within(m.mean(measured))
+    at = m.mean(m.time + APART * m.session)
+
+    def carried(d: float, j: int) -> Array:
+        """(N, 4) of the load, late; it is smooth, so that averages will do."""
+        return m.within(np.stack([np.interp(at - d, at, x) for x in load[:, j].T], axis=1))
+
+    def smooth(d: float) -> tuple[Array, Array, Array]:
+        return m.late(predicted, d), m.late(m.v, d), m.late(m.a, d)
+
+    def turning(v: Array, j: int, k: int) -> Array:
+        # from the late speed: a late step between two samples would come out as a ramp
+        return turned(scene, v[:, j], CLOCK_TURNS[k])
+
+    def left(d: float) -> list[tuple[Array, Array, int]]:
+        """Residual, coefficients and which breakaway path, for each moving joint."""
+        body, v, a = smooth(d)
+        out = []
+        for j in moving:
+            z = [turning(v, j, k) for k in range(len(CLOCK_TURNS))]
+            X = m.within(m.mean(np.stack([body[:, j], np.ones(len(v)), v[:, j], a[:, j], *z], axis=1)))
+            fits, beside = [], carried(d, j)
+            for k in range(len(CLOCK_TURNS)):
+                r, x = rest_of(tau[:, j] - X[:, 0], np.concatenate([X[:, [1, 2, 3, 4 + k]], beside], axis=1))
+                fits.append((r, x, k))
+            out.append(min(fits, key=lambda f: float(f[0] @ f[0])))
+        return out
+
+    power = np.array([float(np.mean(r**2)) for r, _, _ in left(0.0)])
+
+    def misfit(d: float) -> float:
+        return float(sum(np.log(np.mean(r**2) + 1e-6 * p) for (r, _, _), p in zip(left(d), power, strict=True)))
+
+    best = valley(misfit) if moving else 0.0
+    fitted = left(best)
+
+    def rough(d: float) -> Array:
+        body, v, a = smooth(d)
+        out = body.copy()
+        for j, (_, x, k) in zip(moving, fitted, strict=True):
+            out[:, j] += x[0] + x[1] * v[:, j] + x[2] * a[:, j] + x[3] * turning(v, j, k)
+        return out
+
+    return best, rough
+
+
+def _catalogue(scene: Scene, P: Array, paths: list[Turn], best: float, rough: Callable[[float], Array]) -> Catalogue:
+    n = scene.joints
+    out: list[Hypothesis] = []
+    assert scene.dynamics is not None  # build asks
+    inertia = scene.dynamics.own_inertia(scene.motion.q)
+    for j in range(n):
+        out += friction(scene, j, paths[j])
+        out += ripple(scene, j)
+        out += springy(scene, j, inertia)
+    untestable: list[Untestable] = []
+    if n > 1:
+        out += at_flange.in_motion(scene, P)
+        out += at_beside.in_torques(scene)
+    else:
+        untestable.append(Untestable("payload", "tool", "one joint cannot tell a payload from its own inertia"))
+
+    now = rough(0.0)
+
+    def late(d: float) -> Array:
+        return scene.everywhere(rough(d) - now)
+
+    out += clocks(scene, "tau", late, best)
+    out += clocks(scene, "q", late, best, sign=-1.0, penalty=2.0)
+    return Catalogue(tuple(out), tuple(untestable), motion_axes(scene))
+
+
+def gear_load(scene: Scene) -> Array | None:
+    """Torque (M, n) of the link side by rigid bodies, a payload refitted to the recorded torque where there is one.
+
+    None where that does not describe the recorded torque to a tenth, or the URDF has no inertias.
+    """
+    m, dynamics = scene.motion, scene.dynamics
+    if dynamics is None or scene.predicted is None:
+        return None
+    if scene.recording.torque is None:
+        return scene.predicted
+    measured = scene.recording.torque[m.index, : scene.joints]
+    y = m.within(m.mean(measured - scene.predicted))
+    base, unknowns = _base(scene, [CLOCK_TURNS[1]] * scene.joints)
+    P, T, _ = dynamics.regressors(m.q, m.v, m.a)
+    own = np.concatenate([P, T], axis=2)
+    X = np.concatenate([base, scene.everywhere(own)], axis=2)
+    weight = 1.0 / np.maximum(_spread(y, base), 1e-12)
+    A = (X * weight[:, None]).reshape(-1, X.shape[2])
+    left, x = rest_of((y * weight).reshape(-1), A)
+    error = np.std(left.reshape(y.shape) / weight, axis=0)
+    moving = [j for j in range(scene.joints) if scene.moves(j)]
+    if any(error[j] > calibrated.MOTION.describes * np.ptp(measured[:, j]) for j in moving):
+        return None
+    return np.asarray(scene.predicted + own @ x[len(unknowns) :])
+
+
+def motion_axes(scene: Scene) -> dict[str, Array]:
+    m = scene.motion
+    out = {"time": m.mean(m.time), "session": m.first(m.session).astype(float)}
+    for j in range(scene.joints):
+        out[f"q{j + 1}"] = m.mean(m.q[:, j])
+        out[f"speed {j + 1}"] = m.mean(m.v[:, j])
+    if scene.recording.temperature is not None:
+        out["temperature"] = m.mean(scene.recording.temperature[m.index])
+    return out

@@ -1,0 +1,76 @@
+"""In which order the torques of resting readings came to a gear, as far as it remembers them.
+
+Gears remember differently, and no recording says how: ``cycle``: each cycle starts relaxed; ``visit``: with what the
+cycle before left in the gear; ``arrival``: weight winds the gear up on arrival, from rest; ``session``: the same, from
+what the pose before left. Each is another drive over the same law.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.arrays import Array
+from machopt.diagnose.nouns.readings import History, Readings
+from machopt.effects.protocol import MEMORIES
+
+Ints = NDArray[np.int64]
+
+
+def history(r: Readings, memory: str) -> History:
+    """The states as a gear with this memory lives through them.
+
+    Loads change right after the last reading. The unloaded state of a cycle stands as long before its first reading as
+    its readings stand apart; of a lone reading that is not known.
+    """
+    if memory not in r.memo:
+        r.memo[memory] = _history(r, MEMORIES.index(memory))
+    return r.memo[memory]
+
+
+def _history(r: Readings, memory: int) -> History:
+    time = r.recording.time
+    torque: list[Array] = []
+    gap: list[Array] = []
+    first: list[int] = []
+    at, start = np.zeros(len(r), np.int64), np.zeros(len(r), np.int64)
+    visit, session, last, count = -1, -1, np.nan, 0
+    for rows in r.cycles:
+        here, now = int(r.visit[rows[0]]), int(r.session[rows[0]])
+        arrived, same = here != visit, now == session
+        weight = r.weight_torque[rows[0]] if memory > 1 else np.zeros(6)
+        first += [int(memory == 0 or (arrived and not (memory == 3 and same))), *(0 for _ in rows)]
+        torque += [weight[None], r.load_torque[rows] + weight]
+        if time is not None:
+            began = memory > 1 and not same
+            gap.append(_gaps(time[rows], last if same and (not arrived or memory > 1) else np.nan, began))
+            last = float(time[rows[-1]])
+        start[rows], at[rows] = count, count + 1 + np.arange(len(rows))
+        visit, session, count = here, now, count + 1 + len(rows)
+    return History(
+        np.concatenate(torque),
+        np.concatenate(gap) if gap else np.full(count, np.nan),
+        np.array(first, np.int64),
+        at,
+        start,
+    )
+
+
+def _gaps(time: Array, last: float, stood: bool = False) -> Array:
+    """Seconds before the unloaded state of a cycle and before each of its readings.
+
+    Args:
+        time: of the readings.
+        last: of the last reading that still counts; NaN: there is none.
+        stood: the arm has stood so, under its weight, for longer than anything in it lasts.
+    """
+    gaps = np.maximum(np.diff(time), 0.0)
+    wait = float(np.median(gaps)) if len(gaps) else np.nan
+    away = wait
+    if np.isfinite(last) and len(gaps):
+        away = max(float(time[0]) - wait - last, 0.0)
+    elif np.isfinite(last):  # a lone reading: how much of it was before the load came is the law's to say
+        away = -max(float(time[0]) - last, 0.0)
+    elif stood:
+        away = np.inf
+    return np.concatenate([[away, wait], gaps])

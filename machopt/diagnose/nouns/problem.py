@@ -1,0 +1,198 @@
+"""The nouns of a diagnosis: what was measured, what is refitted in any case, and what may explain the rest.
+
+All in SI. N readings (rows of a recording, or samples of a motion), D coordinates each, flattened nowhere but in
+:mod:`machopt.diagnose.evidence.whitening`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.arrays import Array
+from machopt.domain.kinematics import KinematicCorrection
+from machopt.domain.parameters import JOINT_SPRING, ParameterKey
+from machopt.domain.stiffness import Term
+from machopt.effects.protocol import Quantity as Quantity  # noqa: PLC0414 - laws of users take it from here
+from machopt.effects.protocol import Shape as Shape  # noqa: PLC0414 - with it
+
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+Channel = Literal["deflection", "position", "torque"]
+UNNAMED = "unnamed"  # family of what no word of the catalogue means
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One coefficient of the base model."""
+
+    name: str  # "joint 3", "registration x", "friction 2 viscous"
+    unit: str  # SI
+    lower: float = -np.inf
+    location: str = ""  # where in the machine: "joint:3", "base" …
+    prior: float | None = None  # 1 sigma about zero, SI, of what is known to be small; None: nothing is known
+    key: ParameterKey | None = None  # what it is of an arm; None: nothing that a model keeps
+    built: tuple[float, float] | None = None  # least and most that something built has, SI; None: anything
+
+    @property
+    def spring(self) -> int | None:
+        """The joint, from 1, whose spring it is."""
+        return self.key.joint if self.key is not None and self.key.effect == JOINT_SPRING else None
+
+    def possible(self, value: float) -> bool:
+        """Whether something built may have that value."""
+        return self.built is None or self.built[0] <= value <= self.built[1]
+
+
+@dataclass(frozen=True)
+class Family:
+    """Coordinates that share a unit and a level of noise."""
+
+    name: str  # "translation", "rotation", "joint 3"
+    columns: tuple[int, ...]  # indices in D
+    unit: str  # of reports, e.g. "mm"
+    factor: float  # report unit per SI unit, e.g. 1e3
+    stated: float | None = None  # 1 sigma of a reading as the recording states it, SI
+    beside: bool = False  # of an instrument of its own: told beside, and good for no more than is stated
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What was measured less what the nominal model predicts, as equations linear in the base unknowns."""
+
+    channel: Channel
+    y: Array  # (N, D) m, rad or N·m
+    base: Array  # (N, D, P) per unit of each base unknown
+    unknowns: tuple[Unknown, ...]
+    families: tuple[Family, ...]  # the first is the one that errors are reported in
+    group: Ints  # (N,) held out and resampled together: the pose; in motion a stretch of time
+    visit: Ints  # (N,) one arrival at a pose (pose in a session); inside a group
+    cycle: Ints  # (N,) one load cycle; inside a visit
+    session: Ints  # (N,)
+    replicate: Ints  # (N,) readings with the same label (≥ 0) measured the same thing; −1: no twin
+    line: Ints  # (N,) line of the data file
+    row: Ints  # (N,) 1-based data row
+    scale: Array | None = None  # (N, D) size of what a gain error acts on (predicted displacement); None: no such noise
+    excluded: Flags | None = None  # (N,) rows that the record checks put aside
+    known: Array | None = None  # (N, D) K_C of load and weight, already taken off y; a base unknown holds its doubt
+    time: Array | None = None  # (N,) s, where readings of one hour may share an error that those of another do not
+    present: Flags | None = None  # (N, D) what was measured; None: all. Elsewhere y and all columns are zero
+
+    def __len__(self) -> int:
+        return len(self.y)
+
+    @property
+    def dimensions(self) -> int:
+        return int(self.y.shape[1])
+
+    def blanked(self, residual: Array) -> Array:
+        """(N, D) residuals, NaN where nothing was measured."""
+        return residual if self.present is None else np.where(self.present, residual, np.nan)
+
+    def measured(self, family: Family) -> Flags:
+        """(N,) readings that have every coordinate of a family."""
+        if self.present is None:
+            return np.ones(len(self), bool)
+        return np.asarray(self.present[:, list(family.columns)].all(axis=1))
+
+
+Quantities = Callable[[Array, Shape], Mapping[str, Quantity]]
+
+
+@dataclass(frozen=True)
+class RecordCorrection:
+    """What is wrong with the record, never with the robot: stays in the diagnosis."""
+
+    effect: str
+    location: str
+    parameters: Mapping[str, Any]
+
+
+Correction = Term | KinematicCorrection | RecordCorrection
+
+
+@dataclass(frozen=True)
+class Finer:
+    """What a shape of a grid is settled by, once its law is chosen."""
+
+    # shapes around one, it among them, as far to either side as a share of the way to the grid's next
+    about: Callable[[Shape, float], tuple[Shape, ...]]
+    plain: Callable[[Shape], bool] = lambda _: False  # a shape that is taken where another is no better by the data
+    said: Callable[[Sequence[Shape]], str] = lambda _: ""  # of shapes that the data cannot tell apart; added to a note
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One law of one effect at one place: columns that are fitted beside the base.
+
+    The first entry of ``quantities`` is the effect's size: detection limits are stated in it, and it must grow with
+    the coefficients (twice the coefficients, twice the size).
+    """
+
+    effect: str  # a word of the vocabulary, or a user's own
+    location: str
+    law: str  # which of the rival laws, in words: "play", "dead zone on total torque"
+    equation: str  # with its source
+    columns: Callable[[Shape], Array]  # (N, D, p) per unit of each coefficient; SI
+    quantities: Quantities
+    shapes: tuple[Shape, ...] = ((),)  # grid of what is not linear: threshold, time constant, order …
+    lower: tuple[float, ...] = ()  # bounds of the coefficients; empty: free
+    correction: Callable[[Array, Shape], Correction | None] = lambda x, shape: None
+    note: str = ""  # where it shows, e.g. "on load reversal"
+    family: str = ""  # effects that are rivals of one kind: "joint", "body", "sensor", "kinematic", "environment"
+    curve: Callable[[Array, Shape], Curve] | None = None  # the law itself, for the report
+    penalty: float = 0.0  # beyond that of its coefficients; for laws that are flexible enough to fit anything
+    # coefficients (p,) that something built can have, nearest to the given ones by how the misfit grows (p, p)
+    possible: Callable[[Array, Array], Array] | None = None
+    held: float | None = None  # 1 sigma about zero of every coefficient, of what makers hold; None: nothing is known
+    summed: str = ""  # several of its shapes at one place are one law again, so called ("waves"); empty: they are not
+    finer: Finer | None = None  # how its shape is settled once it is chosen; None: one of ``shapes``
+    exact: bool = False  # the law leaves nothing of its effect (a clock, a measured lag), however large that is
+
+    @property
+    def name(self) -> tuple[str, str]:
+        return self.effect, self.location
+
+    @property
+    def named(self) -> bool:
+        """Whether a finding may be made of it; else it says where something is, and keeps others from its place."""
+        return self.family != UNNAMED
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A law as a line over what drives it, and each reading's place on that axis, for the report's picture."""
+
+    x: Array  # (M,) in report units
+    law: Array  # (M,)
+    x_label: str  # "torque at joint 3 in N·m"
+    y_label: str  # "twist in arcmin"
+    data_x: Array  # (N,)
+    per_reading: Array  # (N,) the law at each reading, y units; data = this + residual along the column
+
+
+@dataclass(frozen=True)
+class Untestable:
+    """An effect whose signals the recording does not have."""
+
+    effect: str
+    location: str
+    reason: str
+    same_as: tuple[str, str] | None = None  # the effect and place that it cannot be told from in this recording
+
+    @property
+    def name(self) -> tuple[str, str]:
+        return self.effect, self.location
+
+
+@dataclass(frozen=True)
+class Catalogue:
+    """Everything that is tried on a problem."""
+
+    hypotheses: tuple[Hypothesis, ...]
+    untestable: tuple[Untestable, ...] = ()
+    axes: Mapping[str, Array] = field(default_factory=dict)  # name → (N,) for locating a mismatch in the data

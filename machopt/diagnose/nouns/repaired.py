@@ -1,0 +1,59 @@
+"""What was wrong with a record as a finding: its place, what was done, what that did to the error."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from machopt.diagnose.nouns.problem import RecordCorrection
+from machopt.diagnose.nouns.result import Estimate, Finding
+
+WORD = "the record, read as stated"  # the law that the finding is held against
+
+
+def exact(value: float, unit: str = "1") -> Estimate:
+    """A number that is no estimate: a factor, a count, a length as computed."""
+    return Estimate(value, unit, (value, value), (value, value))
+
+
+def repaired(
+    effect: str,
+    where: str,
+    words: str,
+    before: float,
+    after: float,
+    p_value: float,
+    parameters: Mapping[str, Estimate] | None = None,
+    *,
+    law: str = WORD,
+    equation: str = "",
+    beside: tuple[str, ...] = (),
+    stated: Mapping[str, Any] | None = None,
+) -> Finding:
+    """The finding.
+
+    Args:
+        effect: of :mod:`machopt.effects.record`, or of a sensor.
+        where: its place.
+        words: what was found and done.
+        before, after: error in the channel's report unit, as stated and as put right; NaN: not known yet.
+        p_value: that it is chance.
+        parameters: the first is the size.
+        law, equation: where it is more than a record read otherwise.
+        beside: other places that are hit.
+        stated: what the correction holds instead of the words.
+    """
+    return Finding(
+        effect,
+        where,
+        law,
+        equation,
+        words,
+        tuple((effect, w) for w in (where, *beside)),
+        dict(parameters or {}),
+        before,
+        after,
+        p_value,
+        correction=RecordCorrection(effect, where, {"message": words} if stated is None else stated),
+        record=True,
+    )

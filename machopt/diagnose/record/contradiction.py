@@ -1,0 +1,144 @@
+"""Loads and displacements that no arm could have had together: computed moments, a hung weight recorded otherwise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.diagnose import calibrated
+from machopt.diagnose.nouns.repaired import exact, repaired
+from machopt.diagnose.nouns.result import Finding
+from machopt.domain.recording import Recording
+from machopt.effects.sensor import DISPLACEMENT, LOAD
+from machopt.estimate.experiment import experiment
+from machopt.identify.rivals import bounded_absolute
+from machopt.model.robot import Robot
+from machopt.se3 import skew
+
+STEPS = 40  # of reweighting
+
+
+def contradictions(recording: Recording, robot: Robot, T_flange_tcp: Array) -> tuple[Recording, list[Finding]]:
+    """Look for loads that were computed, or that acted otherwise than recorded, and mend what is certain.
+
+    Args:
+        recording: kind deflection, units and frames mended.
+        robot, T_flange_tcp: the arm.
+    """
+    out: list[Finding] = []
+    recording, lever = _one_lever(recording, robot, T_flange_tcp)
+    out += lever
+    stated = _unexplained(recording, robot, T_flange_tcp)
+    if stated < calibrated.RECORD.hopeless:
+        return recording, out
+    assert recording.wrench is not None  # kind deflection
+    assert recording.displacement is not None
+    w, d = recording.wrench, recording.displacement
+    hung = np.zeros_like(w)
+    hung[:, 2] = -np.linalg.norm(w[:, :3], axis=1)
+    ways: dict[tuple[str, int], Recording] = {}
+    for load, wrench, frame in (("recorded", w, recording.wrench_frame), ("hung", hung, "base")):
+        for axis in (-1, 0, 1, 2):
+            turned = d.copy()
+            if axis >= 0:
+                turned[:, axis] *= -1.0
+            ways[load, axis] = replace(recording, wrench=wrench, wrench_frame=frame, displacement=turned)
+    left = {k: _unexplained(r, robot, T_flange_tcp) for k, r in ways.items()}
+    load, axis = best = min(left, key=lambda k: left[k])
+    if left[best] > calibrated.RECORD.halved * stated:
+        return recording, out
+    before, after = (1e3 * v * float(np.mean(np.abs(d[:, :3]))) for v in (stated, left[best]))
+    against = float(np.mean(np.einsum("nc,nc->n", w[:, :3], d[:, :3]) < 0))
+    chance = 0.5 ** len(np.unique(recording.pose))  # that every pose agrees by accident
+    said = (
+        f"{100 * against:.0f} % of the readings move against their load. "
+        if against > calibrated.RECORD.against
+        else ""
+    )
+    if load == "hung":
+        out.append(
+            repaired(
+                LOAD.name,
+                "sensor:force",
+                f"{said}Displacements fit a weight of the recorded size that hangs straight down, not the recorded "
+                "directions",
+                before,
+                after,
+                chance,
+            )
+        )
+        said = ""
+    if axis >= 0:
+        name = "xyz"[axis]
+        out.append(
+            repaired(
+                DISPLACEMENT.name,
+                "sensor:displacement",
+                f"{said}d{name} counts against {name} of the stated axes",
+                before,
+                after,
+                chance,
+            )
+        )
+    return ways[best], out
+
+
+def _one_lever(recording: Recording, robot: Robot, T_flange_tcp: Array) -> tuple[Recording, list[Finding]]:
+    """Moments that are one lever in base axes times the force in every posture: computed, not measured at the TCP."""
+    w = recording.wrench
+    assert w is not None  # kind deflection
+    tests = experiment(recording, robot, T_flange_tcp)
+    f, m = tests.wrench[:, :3], w[:, 3:]
+    if (
+        recording.wrench_frame != "base"
+        or not m.any()
+        or len(np.unique(tests.pose)) < calibrated.RECORD.contradicting_poses
+    ):
+        return recording, []
+    R = tests.T_base_tcp[:, :3, :3]
+    spread = float(np.linalg.norm((R - R.mean(axis=0)).reshape(-1, 9), axis=1).mean() / np.sqrt(2.0))
+    if spread < calibrated.RESTING.turned:
+        return recording, []
+    A = np.concatenate([-skew(f), np.broadcast_to(np.eye(3), (len(f), 3, 3))], axis=2).reshape(-1, 6)
+    y, weight = m.reshape(-1), np.ones(m.size)
+    x: Array = np.zeros(6)
+    for _ in range(STEPS):  # least absolute deviations: a misprint must not hide it
+        x = np.asarray(np.linalg.lstsq(A * weight[:, None], y * weight, rcond=None)[0], float)
+        weight = 1.0 / np.sqrt(np.maximum(np.abs(y - A @ x), 1e-3))
+    share = 1.0 - float(np.median(np.abs(y - A @ x)) / max(np.median(np.abs(y)), 1e-9))
+    if share < calibrated.RECORD.one_lever:
+        return recording, []
+    bare = w.copy()
+    bare[:, 3:] = 0.0
+    forces = replace(recording, wrench=bare, wrench_point=None)
+    stated, without = _unexplained(recording, robot, T_flange_tcp), _unexplained(forces, robot, T_flange_tcp)
+    r = 1e3 * x[:3]
+    size = float(np.linalg.norm(r))
+    typical = 1e3 * float(np.mean(np.abs(tests.measured[:, :3])))
+    place = f"({r[0]:.0f}, {r[1]:.0f}, {r[2]:.0f} mm)"
+    words = (
+        f"the moments are, to {100 * (1 - share):.1g} % in the middle, one lever of base_link axes {place} times the "
+        f"force plus a constant, in postures that turn the tool by {np.degrees(spread):.0f}°: no load at the tool "
+        f"gives that; {'they were left out' if without < stated else 'they were kept'}"
+    )
+    found = repaired(
+        LOAD.name,
+        "sensor:force",
+        words,
+        typical * stated,
+        typical * min(stated, without),
+        0.5 ** len(np.unique(tests.pose)),
+        {"lever": exact(size, "mm")},
+    )
+    return (forces if without < stated else recording), [found]
+
+
+def _unexplained(recording: Recording, robot: Robot, T_flange_tcp: Array) -> float:
+    """Share of the translations that six joint compliances ≥ 0 leave, by absolute deviations."""
+    tests = experiment(recording, robot, T_flange_tcp)
+    A, y = tests.response()[:, :3], tests.measured[:, :3]
+    load = np.linalg.norm(tests.wrench[:, :3], axis=1) + np.linalg.norm(tests.wrench[:, 3:], axis=1)
+    x = bounded_absolute(A, y, load)
+    return float(np.abs(y - A @ x).sum() / max(np.abs(y).sum(), 1e-300))

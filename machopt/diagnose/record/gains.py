@@ -1,0 +1,103 @@
+"""Sessions whose forces read otherwise than the first one's by more than load cells do, put right.
+
+A gain of each session's force is fitted beside the springs, since load cells scatter by a percent or two. One far
+beyond that is no scatter but a label, a sensor or a setting, and would pass for noise of the force. Every pose that
+two sessions share says how much more the arm moves per force in the one; a gain is what all of them say alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import bdtrc
+
+from machopt.arrays import Array
+from machopt.diagnose import calibrated
+from machopt.diagnose.evidence.noise import robust_sigma
+from machopt.diagnose.nouns.repaired import exact, repaired
+from machopt.diagnose.nouns.result import Estimate, Finding
+from machopt.domain.recording import Recording
+from machopt.effects.sensor import GAIN
+from machopt.estimate.experiment import Experiment, experiment
+from machopt.estimate.robust import start
+from machopt.model.robot import Robot
+
+Ints = NDArray[np.int64]
+FEWEST = 5  # poses that two sessions share
+
+
+def mended(
+    recording: Recording, robot: Robot, T_flange_tcp: Array, accept: Collection[str] = ()
+) -> tuple[Recording, list[Finding]]:
+    """Read the forces of later sessions like those of the first, where they are far off.
+
+    Args:
+        recording: load tests, its units and axes right.
+        robot, T_flange_tcp: the arm.
+        accept: effects that the user says are none.
+
+    Returns:
+        the recording (itself where nothing is wrong), a finding for each session.
+    """
+    out: list[Finding] = []
+    sessions = np.unique(recording.session)
+    if recording.kind != "deflection" or recording.wrench is None or GAIN.name in accept or len(sessions) < 2:
+        return recording, out
+    share = _by_pose(experiment(recording, robot, T_flange_tcp), recording.session)
+    first = share[int(sessions[0])]
+    wrench = recording.wrench.copy()
+    for one in sessions[1:].tolist():
+        each = np.array([v / first[p] for p, v in share[one].items() if p in first])
+        if len(each) < FEWEST:
+            continue
+        gain = float(np.median(each))
+        spread = robust_sigma(each - gain)
+        if abs(gain - 1.0) < calibrated.RECORD.gain_far * max(calibrated.RESTING.force_gain, spread):
+            continue
+        wrench[recording.session == one] /= gain
+        out.append(_said(each, gain, float(np.sqrt(0.5 * np.pi / len(each))) * spread, one, int(sessions[0])))
+    return (replace(recording, wrench=wrench), out) if out else (recording, out)
+
+
+def _by_pose(tests: Experiment, session: Ints) -> dict[int, dict[int, float]]:
+    """What forces read per what the arm did, by session and pose: springs of all readings predict it."""
+    load = np.linalg.norm(tests.wrench[:, :3], axis=1) + np.linalg.norm(tests.wrench[:, 3:], axis=1)
+    y = tests.measured[:, :3]
+    predicted = tests.response()[:, :3] @ start(tests.response(), tests.measured, load)
+    out: dict[int, dict[int, float]] = {}
+    for one in np.unique(session).tolist():
+        out[one] = {}
+        for pose in np.unique(tests.pose[session == one]).tolist():
+            rows = (session == one) & (tests.pose == pose)
+            moved = float(np.sum(predicted[rows] * y[rows]))
+            if moved > 0.0:
+                out[one][pose] = float(np.sum(predicted[rows] ** 2)) / moved
+    return out
+
+
+def _said(each: Array, gain: float, sigma: float, session: int, first: int) -> Finding:
+    over, wide = 100.0 * (gain - 1.0), 100.0 * sigma
+    words = (
+        f"session {session}: forces read {abs(over):.3g} % too {'much' if over > 0 else 'little'} for what the arm "
+        f"does under those of session {first}, at every pose alike; they were read like those, though these data do "
+        "not say which of the two is right"
+    )
+    agree = int(np.sum((each > 1.0) == (gain > 1.0)))
+    return repaired(
+        GAIN.name,
+        GAIN.places[0],
+        words,
+        float("nan"),
+        float("nan"),
+        float(bdtrc(agree - 1, len(each), 0.5)) if agree else 1.0,
+        {
+            "gain": Estimate(
+                over, "%", (over - 1.645 * wide, over + 1.645 * wide), (over - 1.96 * wide, over + 1.96 * wide)
+            ),
+            "session": exact(float(session)),
+        },
+        stated={"message": words, "session": session},
+    )

@@ -1,0 +1,150 @@
+"""Units of measured poses, of the whole record or of single sessions: angles of joints, lengths of points.
+
+Each session is held against forward kinematics by itself, with a tracker frame (where that is free) and reflectors of
+its own, so that no session bends another and no frame has to be known: a cloud of points of the wrong size or shape
+fits no frame. Only units that clerks write are tried; one is taken where next to nothing of the misfit is left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.diagnose import calibrated
+from machopt.diagnose.nouns.reflectors import registered
+from machopt.diagnose.nouns.repaired import exact, repaired
+from machopt.diagnose.nouns.result import Finding
+from machopt.diagnose.record.rewritten import put, taken
+from machopt.diagnose.record.sessions import chance, equations
+from machopt.domain.location import column_at
+from machopt.domain.recording import Recording
+from machopt.effects.record import ANGLES, LENGTHS, UNITS
+from machopt.model.robot import Robot
+
+Flags = NDArray[np.bool_]
+HEADS = {"q": "q1_deg", "position": "x_mm"}
+MOST = 400  # readings of a session that are looked at: a unit shows in a few
+
+
+@dataclass(frozen=True)
+class _Way:
+    """Units that a part of a record is in; a factor of 1 is the stated one."""
+
+    names: dict[str, str]  # by field, "" where it is as stated
+    factors: dict[str, float]
+
+    def read(self, r: Recording) -> Recording:
+        assert r.position is not None  # mended looks for it
+        slides = np.array(r.prismatic or (False,) * r.q.shape[1])
+        q = np.where(slides, r.q, r.q * self.factors["q"])
+        return replace(r, q=q, position=r.position * self.factors["position"])
+
+
+STATED = _Way(dict.fromkeys(HEADS, ""), dict.fromkeys(HEADS, 1))
+
+
+def mended(
+    recording: Recording, robot: Robot, T_flange_tcp: np.ndarray, accept: Collection[str] = ()
+) -> tuple[Recording, list[Finding]]:
+    """Read sessions in the units that they were written in.
+
+    Args:
+        recording: of any kind; only measured poses are looked at.
+        robot, T_flange_tcp: the arm.
+        accept: effects that the user says are none.
+
+    Returns:
+        the recording in the stated units, a finding for each column group and each unit of it.
+    """
+    if recording.kind != "absolute" or recording.position is None or "units" in accept:
+        return recording, []
+    parts: dict[int, tuple[_Way, NDArray[np.float64], NDArray[np.float64]]] = {}
+    sessions = np.unique(recording.session)
+    for name in sessions:
+        found = _best(_few(taken(recording, recording.session == name)), robot, T_flange_tcp)
+        if found is not None:
+            parts[int(name)] = found
+    out, said = recording, []
+    for field in HEADS:
+        for unit in dict.fromkeys(way.names[field] for way, _, _ in parts.values() if way.names[field]):
+            hit = [n for n, (way, _, _) in parts.items() if way.names[field] == unit]
+            said.append(_said(field, unit, hit, len(sessions), parts))
+    for name, (way, _, _) in parts.items():
+        rows = recording.session == name
+        out = put(out, way.read(taken(out, rows)), rows)
+    return out, said
+
+
+def _few(part: Recording) -> Recording:
+    n = len(part)
+    if n <= MOST:
+        return part
+    rows = np.zeros(n, bool)
+    rows[np.linspace(0, n - 1, MOST).astype(int)] = True
+    return taken(part, rows)
+
+
+def _best(part: Recording, robot: Robot, T: np.ndarray) -> tuple[_Way, NDArray[np.float64], NDArray[np.float64]] | None:
+    """The units of a session, and (G,) misfits of its poses as stated and as mended; None: the stated ones stand."""
+    if len(np.unique(part.pose)) < calibrated.RECORD.part_readings:
+        return None
+    as_stated, spread = _errors(part, STATED, robot, T)
+    stated = float(np.median(as_stated)) / spread
+    if stated < calibrated.RECORD.whole_pose_off:
+        return None
+    tried = [(way, *_errors(part, way, robot, T)) for way in _ways()]
+    tried.sort(key=lambda w: float(np.median(w[1])) / w[2])
+    way, errors, _ = tried[0]
+    best, second = (float(np.median(e)) / s for _, e, s in tried[:2])
+    if best > calibrated.RECORD.clearly * stated or best > calibrated.RECORD.session_falls * second:
+        return None  # nothing that is sure
+    pose = np.unique(part.pose, return_inverse=True)[1].reshape(-1)
+    by_pose = [np.array([np.median(e[pose == g]) for g in range(int(pose.max()) + 1)]) for e in (as_stated, errors)]
+    return way, by_pose[0], by_pose[1]
+
+
+def _ways() -> Iterator[_Way]:
+    for angle, a in {"": 1.0, **ANGLES}.items():
+        for length, f in {"": 1.0, **LENGTHS}.items():
+            if angle or length:
+                yield _Way({"q": angle, "position": length}, {"q": a, "position": f})
+
+
+def _errors(part: Recording, way: _Way, robot: Robot, T: np.ndarray) -> tuple[NDArray[np.float64], float]:
+    """(n,) m, what frame and reflectors leave, and m that the points as read spread: tiny clouds fit each other.
+
+    Points that do not spread tell nothing: inf.
+    """
+    read = way.read(part)
+    e = equations(registered(read, robot, T), robot, T)
+    assert read.position is not None  # mended looks for it
+    spread = float(np.median(np.linalg.norm(read.position - np.median(read.position, axis=0), axis=1)))
+    return np.asarray(np.linalg.norm(e.error(e.fit()), axis=1)), spread or np.inf
+
+
+def _said(
+    field: str,
+    unit: str,
+    hit: list[int],
+    sessions: int,
+    parts: dict[int, tuple[_Way, NDArray[np.float64], NDArray[np.float64]]],
+) -> Finding:
+    before, after = (np.concatenate([parts[n][k] for n in hit]) for k in (1, 2))
+    head, factor = HEADS[field], parts[hit[0]][0].factors[field]
+    some = len(hit) < sessions
+    where = f"session{'s' if len(hit) > 1 else ''} {', '.join(str(n) for n in hit)}: " if some else ""
+    words = f"{where}the columns {head} … hold {unit}; so read they fit the arm, and they were read that way"
+    session = {"session": exact(float(hit[0]))} if some and len(hit) == 1 else {}
+    return repaired(
+        UNITS.name,
+        column_at(head),
+        words,
+        1e3 * float(np.median(before)),
+        1e3 * float(np.median(after)),
+        chance(np.arange(len(before)), before, after),
+        {"factor": exact(1.0 / factor), **session},
+        stated={"message": words, **({"session": hit[0]} if session else {})},
+    )

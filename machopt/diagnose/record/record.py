@@ -1,0 +1,257 @@
+"""The record before the robot: units, frames, signs, rows that cannot be; mended, and said like any other finding.
+
+A broken record explains more mismatches than exotic physics does. What a check is sure of is mended before any physics
+is tried; what it only suspects stays a warning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import bdtrc
+
+from machopt.arrays import Array
+from machopt.diagnose import calibrated
+from machopt.diagnose.nouns import loads
+from machopt.diagnose.nouns.repaired import exact, repaired
+from machopt.diagnose.nouns.result import Estimate, Finding
+from machopt.diagnose.record import sessions, throughout
+from machopt.diagnose.record.contradiction import contradictions
+from machopt.domain.location import column_at
+from machopt.domain.recording import Axes, Recording
+from machopt.effects.record import FORCES, LENGTHS, UNITS
+from machopt.effects.sensor import DISPLACEMENT, FRAME, LOAD
+from machopt.estimate.experiment import Experiment, experiment
+from machopt.estimate.robust import start
+from machopt.identify.check import check_experiment
+from machopt.identify.finding import Finding as Problem
+from machopt.identify.units import reach_of
+from machopt.model.robot import Robot
+
+Flags = NDArray[np.bool_]
+MOST_REPAIRS = 3
+SIZES = (  # displacement per load as read, per what it is; thousands show against any robot and are checked first
+    *((name, 1.0 / LENGTHS[name], "dx_mm", LENGTHS[name]) for name in ("inches", "centimetres")),
+    *((name, FORCES[name], "fx_N", FORCES[name]) for name in ("kilograms", "pounds")),
+)
+FRAMES = {
+    "displacement_frame": (DISPLACEMENT, DISPLACEMENT.places[0]),
+    "wrench_frame": (FRAME, FRAME.places[0]),
+    "frames": (DISPLACEMENT, DISPLACEMENT.places[0]),
+    "load_sign": (LOAD, LOAD.places[0]),
+    "moment_at_base": (LOAD, LOAD.places[0]),
+    "moment_at_flange": (LOAD, LOAD.places[0]),
+}
+
+
+def mend(
+    recording: Recording, robot: Robot, T_flange_tcp: Array, prior: Array | None, accept: Collection[str] = ()
+) -> tuple[Recording, list[Finding], list[str]]:
+    """Check and mend a recording of load tests or poses.
+
+    Args:
+        recording: as read.
+        robot, T_flange_tcp: the arm.
+        prior: (6,) N·m/rad of the cell; None where it has none.
+        accept: codes of errors that the user says are none.
+
+    Returns:
+        the recording as it should have been, what was mended, warnings.
+
+    Raises:
+        InputError: no load or no displacement at all.
+    """
+    recording, odd = sessions.mended(recording, robot, T_flange_tcp, prior, accept)
+    if recording.kind == "absolute":
+        recording, more = throughout.mended(recording, robot, T_flange_tcp, accept)
+        return recording, [*odd, *more], []
+    findings: list[Finding] = []
+    warnings: list[str] = []
+    recording, silent = loads.heard(recording)
+    for _ in range(MOST_REPAIRS):
+        tests = experiment(recording, robot, T_flange_tcp)
+        found = check_experiment(tests, robot, T_flange_tcp, prior)
+        error = next((f for f in found if f.severity == "error" and f.code not in accept), None)
+        size = None if "units" in accept else _by_size(tests, prior, reach_of(robot, T_flange_tcp))
+        if size is not None and (error is None or error.code == "rotation_units"):
+            error = size
+        elif error is not None and error.code == "force_units":
+            error = _force_unit(error, recording, robot, T_flange_tcp)
+        warnings = [f.message for f in found if f is not error]
+        if error is None:
+            break
+        before = _misfit(tests)
+        mended = _mended(recording, error, robot, T_flange_tcp)
+        if mended is None:
+            warnings.insert(0, error.message)
+            break
+        recording = mended
+        right = experiment(recording, robot, T_flange_tcp)
+        usual = _usual(prior, reach_of(robot, T_flange_tcp))
+        chance = _votes(tests.pose, _off_by_pose(tests, usual), _off_by_pose(right, usual))
+        findings = _joined(findings, _said(error, before, _misfit(right), chance))
+    recording, more = contradictions(recording, robot, T_flange_tcp)
+    recording, exchanged = throughout.mended(recording, robot, T_flange_tcp, accept)
+    return recording, [*odd, *findings, *more, *exchanged], [*silent, *warnings]
+
+
+def _mended(recording: Recording, error: Problem, robot: Robot, T_flange_tcp: Array) -> Recording | None:
+    """The recording read the way the check says; None where that is not known."""
+    if error.code == "joint_units":
+        return replace(recording, q=np.degrees(recording.q))
+    if error.code == "displacement_frame":
+        return replace(recording, displacement_frame=_other(recording.displacement_frame))
+    if error.code == "wrench_frame":
+        return replace(recording, wrench_frame=_other(recording.wrench_frame))
+    if error.code == "frames":
+        return replace(
+            recording,
+            wrench_frame=_other(recording.wrench_frame),
+            displacement_frame=_other(recording.displacement_frame),
+        )
+    assert recording.wrench is not None  # the check read them
+    assert recording.displacement is not None
+    if error.code == "load_sign":
+        return replace(recording, wrench=-recording.wrench)
+    if error.code == "moment_at_flange":
+        return replace(recording, wrench_point=np.zeros(3))
+    if error.code == "moment_at_base" and recording.wrench_frame == "base":
+        p = robot.fk(recording.q, T_flange_tcp)[:, :3, 3]
+        w = recording.wrench.copy()
+        w[:, 3:] -= np.cross(p, w[:, :3])
+        return replace(recording, wrench=w)
+    if error.code in ("units", "rotation_units", "moment_units", "force_units") and error.column:
+        w, d = recording.wrench.copy(), recording.displacement.copy()
+        target, columns = {
+            "fx_N": (w, slice(0, 3)),
+            "mx_Nm": (w, slice(3, 6)),
+            "dx_mm": (d, slice(0, 3)),
+            "rx_mrad": (d, slice(3, 6)),
+        }[error.column]
+        target[:, columns] *= error.factor
+        if error.code == "units" and error.column == "fx_N":  # forces and moments fit each other as they are
+            w[:, 3:] *= error.factor
+        return replace(recording, wrench=w, displacement=d)
+    return None
+
+
+def _said(error: Problem, before: float, after: float, p_value: float) -> Finding:
+    if error.code in FRAMES:
+        effect, where = FRAMES[error.code]
+        return repaired(effect.name, where, error.message, 1e3 * before, 1e3 * after, p_value)
+    radians = error.code == "joint_units"
+    where = column_at("q1_deg" if radians else error.column)
+    factor = {"factor": exact(1.0 / (float(np.degrees(1.0)) if radians else error.factor))}
+    return repaired(UNITS.name, where, error.message, 1e3 * before, 1e3 * after, p_value, factor)
+
+
+def _by_size(tests: Experiment, prior: Array | None, reach: float) -> Problem | None:
+    """Another unit that makes the whole arm as stiff as the cell says, and nearer to robots of its size; else None.
+
+    A common factor on all displacements, or on all loads, leaves no other trace where only forces are read.
+    """
+    if prior is None:
+        return None
+    y, load = tests.measured[:, :3], np.linalg.norm(tests.wrench, axis=1)
+
+    def ratio(stiffness: Array) -> tuple[float, Array]:
+        predicted = tests.response()[:, :3] @ (1.0 / stiffness)
+        return float(start(predicted[:, :, None], y, load)[0]), predicted
+
+    seen, predicted = ratio(prior)
+    alike = _alike(tests, prior)
+    far = calibrated.RECORD.far_alike if alike else calibrated.RECORD.far
+    if (
+        not seen > 0
+        or 1 / far < seen < far
+        or np.abs(y - seen * predicted).sum() > calibrated.RECORD.half * np.abs(y).sum()
+    ):
+        return None
+    usual, _ = ratio(_usual(None, reach))
+    for name, value, head, factor in sorted(SIZES, key=lambda s: abs(np.log(seen / s[1]))):
+        as_stated = np.inf if alike else abs(np.log(max(usual, 1e-300)))
+        nearer = abs(np.log(max(usual, 1e-300) / value)) < min(as_stated, np.log(calibrated.RECORD.unusual))
+        if abs(np.log(seen / value)) < np.log(calibrated.RECORD.near) and nearer:
+            return Problem(
+                "units",
+                "error",
+                f"displacement per load is {seen:.3g} times what the cell's stiffness gives: the "
+                f"columns {head} … seem to hold {name}",
+                column=head,
+                factor=factor,
+            )
+    return None
+
+
+def _alike(tests: Experiment, prior: Array) -> bool:
+    """Whether all joints that show are off by about the same factor, as a unit makes it and no robot."""
+    y, A = tests.measured[:, :3], tests.response()[:, :3]
+    c = start(A, y, np.linalg.norm(tests.wrench, axis=1))
+    moved = np.abs(A * c).sum(axis=(0, 1))
+    ratio = (c * prior)[moved > calibrated.RECORD.shown * moved.sum()]
+    return bool(len(ratio) > 2 and (ratio > 0).all() and ratio.max() < calibrated.RECORD.alike_factor * ratio.min())
+
+
+def _force_unit(error: Problem, recording: Recording, robot: Robot, T_flange_tcp: Array) -> Problem:
+    """The unit of forces that fits the moments best."""
+    assert recording.wrench is not None  # the check read it
+
+    def misfit(factor: float) -> float:
+        w = recording.wrench.copy()  # type: ignore[union-attr]
+        w[:, :3] *= factor
+        return _misfit(experiment(replace(recording, wrench=w), robot, T_flange_tcp))
+
+    return replace(error, column="fx_N", factor=min(FORCES.values(), key=misfit))
+
+
+def _joined(findings: list[Finding], new: Finding) -> list[Finding]:
+    """The same columns mended twice are one finding with one factor."""
+    old = next((f for f in findings if (f.effect, f.location) == (new.effect, new.location)), None)
+    if old is None:
+        return [*findings, new]
+    parameters = dict(new.parameters)
+    for name, p in old.parameters.items():
+        value = p.value * parameters[name].value
+        parameters[name] = Estimate(value, p.unit, (value, value), (value, value))
+    both = replace(new, parameters=parameters, before=old.before, note=f"{old.note}; then {new.note}")
+    return [both if f is old else f for f in findings]
+
+
+def _usual(prior: Array | None, reach: float) -> Array:
+    """(6,) N·m/rad of the cell, or of an arm of this reach (m); arms that we know lie within 3.3 of it."""
+    return np.full(6, 1e6 * (reach / 2.5) ** 3) if prior is None else prior
+
+
+def _off_by_pose(tests: Experiment, stiffness: Array) -> Array:
+    """(G,) how far the readings of each pose are from a stiffness, 0 … 1, translations and rotations alike."""
+    predicted = tests.response()[:, :, :6] @ (1.0 / stiffness)
+    poses = np.unique(tests.pose)
+    out = np.zeros(len(poses))
+    for c in range(0, tests.dimensions, 3):
+        y, p = tests.measured[:, c : c + 3], predicted[:, c : c + 3]
+        for g, pose in enumerate(poses):
+            rows = tests.pose == pose
+            whole = float(np.abs(y[rows]).sum() + np.abs(p[rows]).sum())
+            out[g] += float(np.abs(y[rows] - p[rows]).sum()) / max(whole, 1e-300)
+    return out
+
+
+def _votes(pose: NDArray[np.int64], before: Array, after: Array) -> float:
+    """Chance that so many poses come nearer by accident: a sign test of (G,) misfits before and after."""
+    better, n = int(np.sum(after < before)), len(np.unique(pose))
+    return float(bdtrc(better - 1, n, 0.5)) if better > 0 else 1.0
+
+
+def _misfit(tests: Experiment) -> float:
+    """m, robust rms of what refitted joints leave of the translations."""
+    load = np.linalg.norm(tests.wrench[:, :3], axis=1) + np.linalg.norm(tests.wrench[:, 3:], axis=1)
+    A = tests.response()[:, :3]
+    e = tests.measured[:, :3] - A @ start(A, tests.measured[:, :3], load)
+    return float(1.4826 * np.median(np.abs(e)))
+
+
+def _other(frame: Axes) -> Axes:
+    return "tool" if frame == "base" else "base"

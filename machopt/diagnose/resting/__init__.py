@@ -1,0 +1,1 @@
+"""Channels of an arm at rest: load tests, measured poses, inclinometers."""

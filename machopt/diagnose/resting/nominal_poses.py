@@ -1,0 +1,357 @@
+"""The nominal model of measured poses: encoders → corrected angles → equilibrium → what the tracker reads.
+
+A recording may be of several reflectors on the flange (each reading of one), and from several stands of the tracker: a
+reading's *point* is the reflector's place, or the TCP. States are at that point, and the recorded load is counted about
+it, so that every law sees the reading as it was taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from machopt.arrays import Array
+from machopt.diagnose import calibrated
+from machopt.diagnose.laws import laws_geometry
+from machopt.diagnose.nouns import reflectors
+from machopt.diagnose.nouns.problem import Unknown
+from machopt.diagnose.nouns.readings import Readings
+from machopt.diagnose.resting.absolute_catalogue import left, spanned
+from machopt.domain.cell import Cell
+from machopt.domain.location import joint_at
+from machopt.domain.parameters import joint_spring
+from machopt.domain.recording import Recording
+from machopt.effects.protocol import JOINTS
+from machopt.model.correction import correction_of
+from machopt.model.gravity import gravity_torque
+from machopt.model.robot import ArmState, Masses, Robot
+from machopt.se3 import quaternion_matrix, rotation_from_vector, rotation_vector, skew
+
+SETTLED = 4  # fixed-point steps to the loaded equilibrium; each is a thousand times nearer than the one before
+STEPS = 5  # of the robust first fit
+
+
+@dataclass(frozen=True)
+class First:
+    """What the first fit found: each tracker frame in base_link (about the middle of the points), each target."""
+
+    shift: Array  # (F, 3) m
+    turn: Array  # (F, 3) rad
+    target: Array  # (T, 3) m, in the flange's axes, beside its nominal place or the cell's TCP
+    compliance: Array  # (6,) rad/(N·m)
+
+
+@dataclass(frozen=True)
+class Step:
+    """One vector of unknowns of the base, in parts."""
+
+    springs: dict[int, float]  # by joint, from 0
+    shift: Array  # (F, 3); zeros where frames are known
+    turn: Array  # (F, 3)
+    target: Array  # (T, 3)
+
+
+class Nominal:
+    """The nominal model of a recording."""
+
+    def __init__(
+        self, recording: Recording, cell: Cell, robot: Robot, masses: Masses | None, kept: frozenset[int]
+    ) -> None:
+        assert recording.position is not None  # build checks it
+        self.recording, self.cell, self.robot, self.masses, self.kept = recording, cell, robot, masses, kept
+        known = correction_of(cell.kinematics)
+        self.angles = recording.q if known is None else known.true_angles(recording.q)
+        self.position = recording.position
+        self.rotation = None if recording.quaternion is None else quaternion_matrix(recording.quaternion)
+        self.D = 3 if self.rotation is None else 6
+        self.free = recording.registration == "fit"  # the frames
+        self.placed = self.free or bool(recording.targets)  # the targets' places are fitted
+        self.stand, self.which = reflectors.stands(recording), reflectors.which(recording)
+        self.stands, self.targets = int(self.stand.max()) + 1, max(len(recording.targets), 1)
+        T = cell.tool.T_flange_tcp
+        self.places = reflectors.places(recording, T) - T[:3, 3]  # (T, 3) m in flange, from the TCP
+        state = robot.state(self.angles, T)
+        self.wrench = _in_base(recording, robot, T, self.angles, state)  # about the TCP
+        self.middle = state.T_base_tool[:, :3, 3].mean(axis=0)
+        nominal = None if cell.stiffness is None else 1.0 / cell.stiffness.joints
+        self.nominal = np.full(6, calibrated.RESTING.usual_joint) if nominal is None else nominal
+        # weight alone turns a joint by what its angles fix, as frames and waves do: a fit of these bends any spring
+        self.weight_alone = cell.stiffness is not None and float(np.abs(self.wrench).max()) == 0.0
+
+    def unseen(self, frame: First) -> frozenset[int]:
+        """Joints, from 1, whose springs nothing but weight bends, by less than tells them from the frames.
+
+        What weight does to a joint follows from the joints' angles, as what a frame elsewhere does. A spring of which
+        the frames of all joints leave next to nothing is free to be rubber, or to push back, for the sake of gears'
+        waves; it stays the cell's.
+        """
+        if not self.weight_alone:
+            return frozenset()
+        state, p, R = self.predict(frame)
+        columns, unknowns = self.columns(state, p)
+        readings = self.readings(state, frame, frame.compliance)
+        rest = columns[:, :, [u.spring is None for u in unknowns]]
+        frames = [laws_geometry.twists(readings, where) for where in JOINTS]
+        Q = spanned(np.concatenate([rest, *frames], axis=2))
+        least = calibrated.RESTING.seen_spring * spread(self.residual(frame, p, R)[:, :3])
+        bend = state.J[:, : self.D] * (self.nominal * self.torque(state))[:, None, :]
+        shown = [left(bend[:, :, j : j + 1], Q) * float(np.sqrt(np.mean(bend[:, :3, j] ** 2))) for j in range(6)]
+        return frozenset(j + 1 for j in range(6) if shown[j] < least)
+
+    def load(self, state: ArmState) -> Array:
+        """(N, 6) recorded load about the points that are measured."""
+        if not self.recording.targets or not self.wrench.any():
+            return self.wrench
+        lever = -np.einsum("nij,nj->ni", self._flange(state), self.places[self.which])
+        return np.concatenate([self.wrench[:, :3], self.wrench[:, 3:] + np.cross(lever, self.wrench[:, :3])], axis=1)
+
+    def torque(self, state: ArmState) -> Array:
+        """(N, 6) N·m of load and weight."""
+        tau = np.einsum("nci,nc->ni", state.J, self.load(state))
+        return np.asarray(tau if self.masses is None else tau + gravity_torque(self.robot, self.masses, state)[0])
+
+    def predict(self, frame: First) -> tuple[ArmState, Array, Array]:
+        """State at the loaded equilibrium at the points, these (N, 3) and the TCP's rotation (N, 3, 3) in base_link."""
+        T = self.cell.tool.T_flange_tcp.copy()
+        if not self.recording.targets:
+            T[:3, 3] += frame.target[0]
+        theta = self.angles
+        for _ in range(SETTLED):
+            state = self._at(self.robot.state(theta, T, bodies=True), frame)
+            theta = self.angles + frame.compliance * self.torque(state)
+        state = self._at(self.robot.state(theta, T, bodies=True), frame)
+        return state, state.T_base_tool[:, :3, 3], state.T_base_tool[:, :3, :3]
+
+    def residual(self, frame: First, p: Array, R: Array) -> Array:
+        """(N, D) measured, brought to base_link, less predicted; m and rotation vectors in base axes."""
+        Q = rotation_from_vector(frame.turn)[self.stand]
+        away = self.position - frame.shift[self.stand] - self.middle
+        seen = self.middle + np.einsum("nji,nj->ni", Q, away)
+        if self.rotation is None:
+            return np.asarray(seen - p)
+        turned = np.swapaxes(Q, 1, 2) @ self.rotation @ np.swapaxes(R, -1, -2)
+        return np.concatenate([seen - p, rotation_vector(turned)], axis=1)
+
+    def columns(self, state: ArmState, p: Array) -> tuple[Array, list[Unknown]]:
+        """(N, D, P) of the base: springs, each frame's shift and turn, each target's place."""
+        parts, unknowns = [], []
+        bend = state.J * self.torque(state)[:, None, :]
+        for j in range(6):
+            if (
+                j + 1 not in self.kept
+                and np.sqrt(np.mean(bend[:, :3, j] ** 2)) * self.nominal[j] > calibrated.RESTING.least_bend
+            ):
+                parts.append(bend[:, : self.D, j : j + 1])
+                known = calibrated.RESTING.rubber * self.nominal[j] if self.cell.stiffness is not None else None
+                where, key = joint_at(j + 1), joint_spring(j + 1)
+                built = (
+                    (calibrated.RESTING.stiffest * self.nominal[j], calibrated.RESTING.rubber * self.nominal[j])
+                    if self.weight_alone
+                    else None
+                )
+                unknowns.append(Unknown(f"joint {j + 1}", "rad/(N·m)", 0.0, where, known, key, built))
+        parts += self._frames(p) if self.free else []
+        parts += self._nests(state) if self.placed else []
+        unknowns += self._of_frames() if self.free else []
+        unknowns += self._of_nests() if self.placed else []
+        return np.concatenate(parts, axis=2) if parts else np.zeros((len(p), self.D, 0)), unknowns
+
+    def split(self, unknowns: Sequence[Unknown], x: Array) -> Step:
+        """What each number of ``columns`` is."""
+        springs = {u.spring - 1: float(v) for u, v in zip(unknowns, x, strict=True) if u.spring is not None}
+        rest = x[len(springs) :]
+        frames = rest[: 6 * self.stands].reshape(-1, 6) if self.free else np.zeros((self.stands, 6))
+        target = rest[rest.size - 3 * self.targets :].reshape(-1, 3) if self.placed else np.zeros((self.targets, 3))
+        return Step(springs, frames[:, :3], frames[:, 3:], target)
+
+    def joined(self, unknowns: Sequence[Unknown], frame: First) -> Array:
+        """(P,) totals of what is fitted as such, springs and targets; zero for frames, which are fitted as steps."""
+        springs = [frame.compliance[u.spring - 1] for u in unknowns if u.spring is not None]
+        frames = np.zeros(6 * self.stands if self.free else 0)
+        return np.concatenate([springs, frames, frame.target.reshape(-1) if self.placed else []])
+
+    def first_fit(self, loose: float = 1.0) -> First:
+        """Compliances, tracker frames and targets by Gauss–Newton with Huber weights; where the rest starts from.
+
+        Args:
+            loose: nominal places of targets are taken so many times less sure than they are.
+        """
+        frame = First(
+            np.zeros((self.stands, 3)), np.zeros((self.stands, 3)), np.zeros((self.targets, 3)), self.nominal.copy()
+        )
+        for _ in range(STEPS):
+            state, p, R = self.predict(frame)
+            r = self.residual(frame, p, R)
+            B, unknowns = self.columns(state, p)
+            totals = self.joined(unknowns, frame)
+            now = np.where([u.spring is not None for u in unknowns], totals, 0.0)  # others as steps
+            x = self._robust(r + B @ now, B, unknowns, totals, loose)
+            frame = self._moved(frame, self.split(unknowns, x))
+        return frame
+
+    def together(self, columns: Array, unknowns: Sequence[Unknown]) -> int:
+        """Directions of frames and reflectors together that these poses do not show: what nominal places hold."""
+        rest = columns[:, :3, [u.spring is None for u in unknowns]].reshape(3 * len(columns), -1)
+        size = np.linalg.norm(rest, axis=0)
+        if not rest.shape[1]:
+            return 0
+        s = np.linalg.svd(rest / np.maximum(size, 1e-300), compute_uv=False)
+        return int(np.sum(s < calibrated.RESTING.seen_apart * s[0]))
+
+    def readings(self, state: ArmState, frame: First, springs: Array) -> Readings:
+        """For the laws: bodies and Jacobian where the loaded arm stands, joints as the encoders say.
+
+        Weights that nobody stated make springs soft in a fit that does not know of them, and what they do would then be
+        looked for through springs that are soft because of them. So none counts as far from the cell's.
+        """
+        near = calibrated.RESTING.near_cell if self.cell.stiffness is not None else 1.0 / calibrated.RESTING.rigid
+        _, session = np.unique(self.recording.session, return_inverse=True)
+        none = np.zeros(len(self.angles), np.int64)
+        T = self.cell.tool.T_flange_tcp.copy()
+        if not self.recording.targets:
+            T[:3, 3] += frame.target[0]
+        return Readings(
+            self.recording,
+            self.robot,
+            T,
+            self.masses,
+            replace(state, q=self.recording.q),
+            self.load(state),
+            self.D,
+            False,
+            np.clip(springs, self.nominal / near, np.inf if self.cell.stiffness is None else near * self.nominal),
+            session.reshape(-1).astype(np.int64),
+            none,
+            none,
+        )
+
+    def notes(self, frame: First) -> tuple[str, ...]:
+        """What was fitted in any case, and what could not be."""
+        out = []
+        for n, name in enumerate(reflectors.called(self.recording)) if self.free else ():
+            shift, turn = (", ".join(f"{1e3 * v:.3f}" for v in a[n]) for a in (frame.shift, frame.turn))
+            of = f"the tracker frame of stand {name}" if self.stands > 1 else "the tracker frame"
+            beside = "" if self.recording.targets else f" and the target by ({_mm(frame.target[0])}) mm in the flange"
+            out.append(
+                f"a first robust fit moved {of} by ({shift}) mm and ({turn}) mrad about the middle of the "
+                f"points{beside}; {'it is' if self.recording.targets else 'both are'} refitted with every explanation"
+            )
+        if self.recording.targets:
+            each = "; ".join(
+                f"{t.name} by ({_mm(at)})" for t, at in zip(self.recording.targets, frame.target, strict=True)
+            )
+            out.append(f"the reflectors sit beside their nominal places in flange, in mm: {each}; refitted likewise")
+        if self.masses is None:
+            out.append("the URDF has no masses, so the deflection under weight is not modelled")
+        if self.cell.kinematics is not None:
+            out.append("the cell's kinematic corrections are counted; what is found comes on top of them")
+        return tuple(out)
+
+    def _flange(self, state: ArmState) -> Array:
+        return np.asarray(state.T_base_tool[:, :3, :3] @ self.cell.tool.T_flange_tcp[:3, :3].T)
+
+    def _at(self, state: ArmState, frame: First) -> ArmState:
+        """A state of the TCP, at the points that are measured."""
+        if not self.recording.targets:
+            return state
+        beside = np.einsum("nij,nj->ni", self._flange(state), (self.places + frame.target)[self.which])
+        T, J = state.T_base_tool.copy(), state.J.copy()
+        T[:, :3, 3] += beside
+        J[:, :3] += np.swapaxes(np.cross(np.swapaxes(J[:, 3:], 1, 2), beside[:, None]), 1, 2)
+        return replace(state, T_base_tool=T, J=J)
+
+    def _frames(self, p: Array) -> list[Array]:
+        frame = np.zeros((len(p), 6, 6))
+        frame[:, :, :] = np.eye(6)
+        frame[:, :3, 3:] = -skew(p - self.middle)
+        if self.stands == 1:
+            return [frame[:, : self.D]]
+        return [frame[:, : self.D] * (self.stand == n)[:, None, None] for n in range(self.stands)]
+
+    def _nests(self, state: ArmState) -> list[Array]:
+        target = np.zeros((len(state.q), self.D, 3))
+        target[:, :3] = self._flange(state)
+        if self.targets == 1:
+            return [target]
+        return [target * (self.which == n)[:, None, None] for n in range(self.targets)]
+
+    def _of_frames(self) -> list[Unknown]:
+        out = []
+        for name in reflectors.called(self.recording):
+            of = f" of stand {name}" if self.stands > 1 else ""
+            out += [Unknown(f"registration {a}{of}", "m", location="registration") for a in "xyz"]
+            out += [Unknown(f"registration turn {a}{of}", "rad", location="registration") for a in "xyz"]
+        return out
+
+    def _of_nests(self) -> list[Unknown]:
+        if not self.recording.targets:
+            return [Unknown(f"target {a}", "m", location="tool") for a in "xyz"]
+        sigma = self.recording.uncertainty.target or calibrated.RESTING.nest_placed
+        return [
+            Unknown(f"target {t.name} {a}", "m", location="tool", prior=sigma)
+            for t in self.recording.targets
+            for a in "xyz"
+        ]
+
+    def _robust(self, y: Array, B: Array, unknowns: Sequence[Unknown], totals: Array, loose: float) -> Array:
+        scale = np.array([1.0] * 3 + [calibrated.RESTING.lever] * 3)[: self.D]
+        A, b = (B * scale[:, None]).reshape(y.size, B.shape[2]), (y * scale).reshape(-1)
+        spring = np.array([u.spring is not None for u in unknowns], bool)
+        size = np.array([1.0 if u.spring is None else self.nominal[u.spring - 1] for u in unknowns])
+        nest = np.array([u.spring is None and u.prior is not None for u in unknowns], bool)
+        lean = np.where(spring, 1.0 / calibrated.RESTING.spring_prior, 0.0)
+        placed = [unknowns[k].prior or calibrated.RESTING.nest_placed for k in np.flatnonzero(nest).tolist()]
+        lean[nest] = 1.0 / (loose * np.array(placed))
+        to = np.where(nest, -lean * totals, 0.0)  # steps that lead back to nominal places
+        lower = np.array([u.lower for u in unknowns])
+        weight, x = np.ones(len(y)), np.zeros(len(unknowns))
+        for _ in range(8):
+            rows = np.repeat(weight, self.D)
+            sigma = spread((b - A @ x).reshape(-1, self.D)) if x.any() else spread(y)
+            M = np.concatenate([A * size * rows[:, None] / sigma, np.diag(lean)])
+            whole = np.column_stack([M, np.concatenate([b * rows / sigma, to])])
+            small = np.asarray(np.linalg.qr(whole, mode="r"))  # the same least squares in a few rows
+            x = size * lsq_linear(small[:, :-1], small[:, -1], (lower / size, np.inf)).x
+            error = np.linalg.norm((b - A @ x).reshape(-1, self.D), axis=1)
+            limit = calibrated.RESTING.heavy * spread((b - A @ x).reshape(-1, self.D)) * np.sqrt(self.D)
+            weight = np.sqrt(np.minimum(1.0, limit / np.maximum(error, 1e-12)))
+        return x
+
+    def _moved(self, frame: First, step: Step) -> First:
+        compliance = frame.compliance.copy()
+        for j, value in step.springs.items():
+            compliance[j] = value
+        Q = rotation_from_vector(frame.turn)
+        return First(
+            frame.shift + np.einsum("fij,fj->fi", Q, step.shift),
+            rotation_vector(Q @ rotation_from_vector(step.turn)),
+            frame.target + step.target,
+            compliance,
+        )
+
+
+def spread(r: Array) -> float:
+    """Robust standard deviation of a coordinate of (N, D), m; never zero."""
+    return max(1.4826 * float(np.median(np.abs(r - np.median(r, axis=0)))), 1e-9)
+
+
+def _mm(at: Array) -> str:
+    return ", ".join(f"{1e3 * v:.3f}" for v in at)
+
+
+def _in_base(recording: Recording, robot: Robot, T_flange_tcp: Array, q: Array, state: ArmState) -> Array:
+    """(N, 6) recorded wrench at the TCP in base axes; zero where none is recorded."""
+    if recording.wrench is None:
+        return np.zeros((len(q), 6))
+    wrench = recording.wrench.copy()
+    R, p = state.T_base_tool[:, :3, :3], state.T_base_tool[:, :3, 3]
+    if recording.wrench_frame == "tool":
+        wrench = np.concatenate([np.einsum("nij,nj->ni", R, wrench[:, a : a + 3]) for a in (0, 3)], axis=1)
+    if recording.wrench_point is not None:
+        flange = robot.fk(q)
+        at = flange[:, :3, 3] + np.einsum("nij,j->ni", flange[:, :3, :3], recording.wrench_point)
+        wrench[:, 3:] += np.cross(at - p, wrench[:, :3])
+    return wrench

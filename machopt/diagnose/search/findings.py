@@ -1,0 +1,144 @@
+"""From a chosen law to a finding: its numbers with intervals, its rivals, and what these data cannot tell it from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.special import stdtr, stdtrit
+
+from machopt.arrays import Array
+from machopt.diagnose import calibrated
+from machopt.diagnose.evidence.grams import Model, Tried, sandwich
+from machopt.diagnose.nouns.problem import Shape
+from machopt.diagnose.nouns.result import Estimate, Fit, Name, Rival
+from machopt.diagnose.search.screen import Scored, score
+from machopt.diagnose.search.select import Chosen, with_chosen
+from machopt.effects import registry
+from machopt.effects.protocol import FORM
+
+SHOWN = 10
+
+
+def rivals(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tried]) -> tuple[list[Rival], list[Name]]:
+    """What else could stand in place of the k-th effect, the others being there.
+
+    Returns:
+        rivals, the closest first; names not excluded, the chosen one first.
+    """
+    others = [c for i, c in enumerate(chosen) if i != k]
+    beside = with_chosen(model, others)
+    taken = {c.tried.hypothesis.name for c in others}
+    mine = chosen[k].tried.hypothesis
+    scored = score(beside, [t for t in tried if t.hypothesis.name not in taken])
+    best: dict[Name, Scored] = {}
+    for s in scored:
+        name = s.tried.hypothesis.name
+        if name not in best or s.total > best[name].total:
+            best[name] = s
+    own = next(s for s in scored if s.tried is chosen[k].tried)
+
+    def fit(s: Scored) -> Fit:
+        x, shape = s.x * s.tried.unit[s.shape], s.tried.shapes[s.shape]
+        return Fit(tuple(float(v) for v in x), tuple(shape), s.tried.hypothesis.correction(x, shape))
+
+    named = fit(chosen[k].scored)
+    spread = with_chosen(model, chosen).spread
+    out: list[Rival] = []
+    names: list[Name] = [mine.name]
+    for name, s in sorted(best.items(), key=lambda item: -item[1].total):
+        if name == mine.name:
+            continue
+        h = s.tried.hypothesis
+        d = own.heldout - s.heldout
+        p = _paired(d)
+        close = (
+            float(d.sum()) / spread < calibrated.DETECTION.as_good
+            or (own.gain - s.gain) / spread < calibrated.DETECTION.as_good
+        )
+        maybe = s.total > 0 and (
+            close or (p > calibrated.DETECTION.paired and s.total > calibrated.DETECTION.most_of * own.total)
+        )
+        if maybe:
+            names.append(name)
+        out.append(
+            Rival(
+                h.effect,
+                h.location,
+                h.law,
+                float(np.clip(s.total / max(own.total, 1e-12), -1.0, 2.0)),
+                "not excluded" if maybe else "rejected",
+                p,
+                h.effect == mine.effect,
+                fit(s),
+                named,
+            )
+        )
+    return [r for n, r in enumerate(out) if n < SHOWN or r.standing == "not excluded"], names
+
+
+def estimates(model: Model, chosen: Sequence[Chosen], k: int) -> dict[str, Estimate]:
+    """The parameters of the k-th effect with 90 and 95 % intervals, over the shapes that are as likely."""
+    c = chosen[k]
+    beside = with_chosen(model, [o for i, o in enumerate(chosen) if i != k])
+    h, p = c.tried.hypothesis, c.tried.X.shape[2]
+    value = h.quantities(c.scored.x * c.tried.unit[c.scored.shape], c.tried.shapes[c.scored.shape])
+    ends: dict[str, list[Array]] = {name: [] for name in value}
+    for s in range(len(c.tried.shapes)):
+        m = beside.with_columns(c.tried.at(s), c.tried.precision(s))
+        if s != c.scored.shape and m.rss - _rss(beside, c) > calibrated.DETECTION.near_shape * m.spread:
+            continue
+        x, covariance, freedom = sandwich(m)
+        low_high = _quantity_intervals(c, x[-p:], covariance[-p:, -p:], freedom, c.tried.shapes[s], c.tried.unit[s])
+        for name, interval in low_high.items():
+            if name in ends:
+                ends[name].append(interval)
+    out = {}
+    for name, q in value.items():
+        both = np.array(ends[name]) if ends[name] else np.full((1, 2, 2), q.value)
+        low, high = both[:, :, 0].min(axis=0), both[:, :, 1].max(axis=0)
+        out[name] = Estimate(
+            q.value,
+            q.unit,
+            (min(float(low[0]), q.value), max(float(high[0]), q.value)),
+            (min(float(low[1]), q.value), max(float(high[1]), q.value)),
+        )
+    return out
+
+
+def _quantity_intervals(
+    c: Chosen, x: Array, covariance: Array, freedom: float, shape: Shape, unit: Array
+) -> dict[str, Array]:
+    """(2, 2) ends of the 90 and 95 % intervals of each quantity, by its slope in the coefficients."""
+    h = c.tried.hypothesis
+    centre = h.quantities(x * unit, shape)
+    slopes: dict[str, list[float]] = {name: [] for name in centre}
+    for i in range(len(x)):
+        step = np.zeros(len(x))
+        step[i] = 1e-3 * max(float(np.sqrt(max(covariance[i, i], 0.0))), abs(float(x[i])), 1e-12)
+        up, down = h.quantities((x + step) * unit, shape), h.quantities((x - step) * unit, shape)
+        for name in centre:
+            slopes[name].append((up[name].value - down[name].value) / (2 * step[i]))
+    out = {}
+    known = registry.known(h.effect)
+    form = FORM if known is None else known.form
+    for name, q in centre.items():
+        if not np.isfinite(q.value):  # a share of a compliance that was found to be zero
+            out[name] = np.full((2, 2), q.value)
+            continue
+        g = np.nan_to_num(np.array(slopes[name]), posinf=0.0, neginf=0.0)
+        sigma = float(np.hypot(np.sqrt(max(g @ covariance @ g, 0.0)), form * q.value if g.any() else 0.0))
+        t = stdtrit(freedom, np.array([0.95, 0.975]))
+        out[name] = np.stack([q.value - t * sigma, q.value + t * sigma], axis=1)
+    return out
+
+
+def _rss(beside: Model, c: Chosen) -> float:
+    return beside.with_columns(c.columns, c.tried.precision(c.scored.shape)).rss
+
+
+def _paired(d: Array) -> float:
+    """One-sided chance of a mean difference so large, Student's t over folds."""
+    n = len(d)
+    error = float(d.std(ddof=1)) / np.sqrt(n) if n > 1 else 0.0
+    return float(stdtr(n - 1, -float(d.mean()) / error)) if error > 0 else float(d.mean() <= 0)

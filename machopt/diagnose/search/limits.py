@@ -1,0 +1,118 @@
+"""The least size of each effect that this recording would have shown, and what it could not be told from.
+
+An effect is named from a gain of ``least_gain`` on; noncentrality √gain + 1.28 reaches that in nine of ten repeats. The
+design decides how large an effect that takes: its columns, with the base refitted beside them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.diagnose import calibrated
+from machopt.diagnose.evidence.grams import NOTHING, Model, Tried, ridged_inverse
+from machopt.diagnose.nouns.result import Limit, Name
+from machopt.diagnose.search.screen import bounded
+
+DIRECTIONS = 8
+MOST_SHAPES = 6
+
+
+def limits(model: Model, tried: Sequence[Tried], rng: np.random.Generator, of: Collection[Name]) -> list[Limit]:
+    """One limit per effect and place, of its first law.
+
+    Args:
+        model: the base (with what was found).
+        tried: every hypothesis.
+        rng: directions of laws with several coefficients.
+        of: effects and places that limits are wanted for; the others are what they may be confused with.
+    """
+    M = ridged_inverse(model.normal)
+    first: dict[Name, tuple[Tried, int]] = {}
+    values: dict[Name, float] = {}
+    units: dict[Name, str] = {}
+    signals: dict[Name, Array] = {}
+    out: list[Limit] = []
+    for t in tried:
+        name = t.hypothesis.name
+        if name in first or name not in of:
+            continue
+        first[name] = (t, 0)
+        p = t.X.shape[2]
+        need = np.sqrt(
+            max(
+                calibrated.DETECTION.gain + calibrated.DETECTION.per_coefficient * (p - 1) + t.hypothesis.penalty,
+                calibrated.DETECTION.share * len(model.y),
+            )
+            * model.spread
+        )
+        need += calibrated.DETECTION.nine_of_ten * np.sqrt(model.spread)
+        sizes: list[float] = []
+        for s in _some(len(t.shapes)):
+            X = t.at(s)
+            rest = X - model.X @ (M @ (model.X.T @ X))
+            S = rest.T @ rest
+            whole = np.einsum("mi,mi->i", X, X)
+            if np.all(np.diag(S) < calibrated.DETECTION.absorbed * whole):
+                continue
+            for x in _directions(p, t.hypothesis.lower, rng):
+                n = float(np.sqrt(max(x @ S @ x, 0.0)))
+                if n <= 1e-9 * float(np.sqrt(whole.max())):
+                    continue
+                least = x * need / n
+                quantity = next(iter(t.hypothesis.quantities(least * t.unit[s], t.shapes[s]).values()))
+                sizes.append(abs(quantity.value))
+                units[name] = quantity.unit
+                if name not in signals or len(sizes) == 1:
+                    signals[name] = rest @ least
+                    first[name] = (t, s)
+        if sizes and np.isfinite(np.median(sizes)):
+            values[name] = float(np.median(sizes))
+        else:
+            unit = next(iter(t.hypothesis.quantities(np.ones(p), t.shapes[0]).values())).unit
+            out.append(Limit(*name, float("nan"), unit, "not testable"))
+    if signals:
+        sets = _confused(model, M, tried, signals)
+        for name, value in values.items():
+            standing = "only as a set" if sets[name] else "testable"
+            out.append(Limit(*name, value, units[name], standing, tuple(sets[name])))  # type: ignore[arg-type]
+    return out
+
+
+def _confused(model: Model, M: Array, tried: Sequence[Tried], signals: dict[Name, Array]) -> dict[Name, list[Name]]:
+    """For each effect at twice its limit, the others that leave nothing of it."""
+    names = list(signals)
+    V = 2.0 * np.stack([signals[n] for n in names], axis=1)  # (M, K), orthogonal to the base
+    whole = np.einsum("mk,mk->k", V, V)
+    best: dict[Name, Array] = {}
+    for t in tried:
+        taken = np.zeros(len(names))
+        for s in _some(len(t.shapes)):
+            X = t.at(s)
+            B = model.X.T @ X
+            S = X.T @ X - B.T @ M @ B + np.diag(1e-6 * np.einsum("mi,mi->i", X, X) + NOTHING)
+            U = X.T @ V
+            _, gain = bounded(np.broadcast_to(S, (len(names), *S.shape)), U.T, t.hypothesis.lower)
+            _, other = bounded(np.broadcast_to(S, (len(names), *S.shape)), -U.T, t.hypothesis.lower)
+            taken = np.maximum(taken, np.maximum(gain, other))
+        name = t.hypothesis.name
+        best[name] = np.maximum(best.get(name, np.zeros(len(names))), taken)
+    return {
+        n: [o for o in best if o != n and whole[k] - best[o][k] < calibrated.DETECTION.apart * model.spread]
+        for k, n in enumerate(names)
+    }
+
+
+def _some(count: int) -> list[int]:
+    return list(range(count)) if count <= MOST_SHAPES else np.linspace(0, count - 1, MOST_SHAPES).astype(int).tolist()
+
+
+def _directions(p: int, lower: tuple[float, ...], rng: np.random.Generator) -> Array:
+    if p == 1:
+        return np.ones((1, 1))
+    x = rng.normal(size=(DIRECTIONS, p))
+    if lower:
+        x = np.where(np.isfinite(np.array(lower)), np.abs(x), x)
+    return np.asarray(x / np.linalg.norm(x, axis=1, keepdims=True))

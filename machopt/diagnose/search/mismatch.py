@@ -1,0 +1,203 @@
+"""Is there a mismatch that comes back, and where does it live.
+
+Repeatable power S = mean of r⁽¹⁾·r⁽²⁾ over pairs of readings of the same thing on two visits: independent noise
+cancels, what the model misses stays. Its chance is judged by flipping the signs of whole visits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+
+from machopt.arrays import Array
+from machopt.diagnose import calibrated
+from machopt.diagnose.evidence.noise import Noise
+from machopt.diagnose.nouns.problem import Problem
+from machopt.diagnose.nouns.result import Share
+from machopt.diagnose.search.screen import Scored
+
+Flags = NDArray[np.bool_]
+FLIPS = 999
+BINS = 3
+
+
+@dataclass(frozen=True)
+class Repeatable:
+    """What comes back in repeats."""
+
+    power: float  # SI², per coordinate of the first family; may be slightly negative by chance
+    p_value: float
+    lasting: bool = False  # what comes back does so over time, not over poses
+
+
+def repeatable(problem: Problem, residual: Array, used: Flags, noise: Noise, rng: np.random.Generator) -> Repeatable:
+    """Measure it.
+
+    Where time matters, what visits share with the next one (of another pose) comes back, too: heat, a tracker that
+    moved. Where nothing was measured twice, power is what exceeds the noise, and chance is not judged (NaN).
+    """
+    columns = list(problem.families[0].columns)
+    e = residual[:, columns]
+    again = _twins(problem, e, used, noise, rng)
+    if problem.time is None:
+        return again
+    lasting = _lasting(problem, e, used, problem.time, rng)
+    return lasting if lasting.power > again.power and lasting.p_value <= calibrated.PROOF.permitted else again
+
+
+def _lasting(problem: Problem, e: Array, used: Flags, time: Array, rng: np.random.Generator) -> Repeatable:
+    """Mean product of the mean residuals of visits that follow each other; chance by shuffling their order."""
+    rows = np.flatnonzero(used)
+    visits, label = np.unique(problem.visit[rows], return_inverse=True)
+    count = np.bincount(label).astype(float)
+    mean = np.stack([np.bincount(label, e[rows, d]) for d in range(e.shape[1])], axis=1) / count[:, None]
+    when = np.bincount(label, time[rows]) / count
+    session = np.zeros(len(visits))
+    session[label] = problem.session[rows]
+    order = np.lexsort((when, session))
+    if len(order) < calibrated.PROOF.least_visits:
+        return Repeatable(0.0, 1.0)
+    mean, session = mean[order], session[order]
+    spans = np.split(np.arange(len(order)), np.flatnonzero(np.diff(session)) + 1)
+    # a shift of a whole session is noise of the set-up
+    own = np.concatenate([mean[s] - mean[s].mean(axis=0) for s in spans])
+    inside = np.diff(session) == 0
+
+    def product(x: Array) -> float:
+        return float(np.mean(np.sum(x[1:] * x[:-1], axis=1)[inside]) / e.shape[1]) if inside.any() else 0.0
+
+    power = product(own)
+    drawn = np.empty(FLIPS)
+    for n in range(FLIPS):
+        drawn[n] = product(own[np.concatenate([rng.permutation(s) for s in spans])])
+    return Repeatable(power, float((1 + np.sum(drawn >= power)) / (FLIPS + 1)), True)
+
+
+def _twins(problem: Problem, e: Array, used: Flags, noise: Noise, rng: np.random.Generator) -> Repeatable:
+    """What twins on different visits share."""
+    sums, weight = _products(problem, e, used)
+    if weight <= 0:
+        return Repeatable(float(np.mean(e[used] ** 2)) - _allowed(problem, used, noise), float("nan"))
+    return _chance(*sums, weight, rng)
+
+
+def comes_back_beside(problem: Problem, residual: Array, used: Flags, noise: Noise, rng: np.random.Generator) -> bool:
+    """Whether an instrument of its own shows something that comes back, beyond its noise."""
+    for n, family in enumerate(problem.families):
+        if not family.beside:
+            continue
+        rows = used & problem.measured(family)
+        sums, weight = _products(problem, residual[:, list(family.columns)], rows)
+        if weight <= 0:
+            continue
+        found = _chance(*sums, weight, rng)
+        least = calibrated.PROOF.matters * noise.together(n)
+        if found.p_value <= calibrated.PROOF.certain and np.sqrt(max(found.power, 0.0)) > least:
+            return True
+    return False
+
+
+def _chance(pairs: Array, products: Array, weight: float, rng: np.random.Generator) -> Repeatable:
+    """Mean product, and its chance by flipping the signs of whole visits."""
+    power = float(products.sum() / weight)
+    visits, label = np.unique(pairs, return_inverse=True)
+    label = label.reshape(pairs.shape)
+    signs = rng.choice([-1.0, 1.0], (FLIPS, len(visits)))
+    # a long motion repeats so often that pairs × flips would fill the memory
+    of_pairs = coo_array((products, (label[0], label[1])), shape=(len(visits), len(visits))).tocsr()
+    drawn = np.sum(signs * (of_pairs @ signs.T).T, axis=1) / weight
+    return Repeatable(power, float((1 + np.sum(drawn >= power)) / (FLIPS + 1)))
+
+
+def _allowed(problem: Problem, used: Flags, noise: Noise) -> float:
+    """SI², what unseen readings may err by where nothing was measured twice.
+
+    Noise is then what the fit leaves, and says nothing against the model; unseen groups err by more, as there are few
+    of them for so many unknowns. Only what the recording itself states its readings to be good for speaks against it.
+    """
+    family = problem.families[0]
+    if family.stated is not None:
+        return (calibrated.PROOF.trusted * family.stated) ** 2
+    groups = len(np.unique(problem.group[used])) * len(family.columns)
+    free = max(groups - problem.base.shape[2], 1)
+    gain = 0.0 if problem.scale is None else noise.gain**2 * float(np.mean(problem.scale[used][:, family.columns] ** 2))
+    return float(calibrated.PROOF.unsure * (noise.together(0) ** 2 + gain) * (groups / free) ** 2)
+
+
+def _products(problem: Problem, e: Array, used: Flags) -> tuple[tuple[Array, Array], float]:
+    """Sums of products by pair of visits ((2, K), (K,)), and the number of coordinates behind them."""
+    rows = np.flatnonzero(used & (problem.replicate >= 0))
+    order = rows[np.argsort(problem.replicate[rows], kind="stable")]
+    found: dict[tuple[int, int], float] = {}
+    weight = 0.0
+    starts = np.flatnonzero(np.diff(problem.replicate[order], prepend=-2)) if len(order) else np.zeros(0, int)
+    for block in np.split(order, starts[1:]) if len(order) else []:
+        visits = problem.visit[block]
+        if len(np.unique(visits)) < 2:
+            continue
+        means = {int(v): e[block[visits == v]].mean(axis=0) for v in np.unique(visits)}
+        names = sorted(means)
+        share = 1.0 / (len(names) - 1)  # each kind counts with its number of visits
+        for a, one in enumerate(names):
+            for two in names[a + 1 :]:
+                found[one, two] = found.get((one, two), 0.0) + share * float(means[one] @ means[two])
+                weight += share * e.shape[1]
+    pairs = np.array(list(found), dtype=float).reshape(-1, 2).T
+    return (pairs, np.array(list(found.values()))), weight
+
+
+def in_the_machine(scored: Sequence[Scored], power: float) -> list[Share]:
+    """Share of the whitened mismatch that each place can explain by itself, best law, on unseen groups.
+
+    Args:
+        scored: every hypothesis beside the base.
+        power: whitened sum of squares beyond the noise.
+    """
+    best: dict[str, Scored] = {}
+    for s in scored:
+        place = s.tried.hypothesis.location
+        if place not in best or s.total > best[place].total:
+            best[place] = s
+    out = [
+        Share(place, float(np.clip(s.total / max(power, 1e-12), 0.0, 1.0)), s.tried.hypothesis.note)
+        for place, s in best.items()
+        if s.total > 0
+    ]
+    return sorted(out, key=lambda s: -s.share)
+
+
+def in_the_data(problem: Problem, residual: Array, used: Flags, noise: Noise, axes: Mapping[str, Array]) -> list[Share]:
+    """Where along load, branch, time, joints … the power beyond the noise is higher than on average."""
+    columns = list(problem.families[0].columns)
+    power = np.mean(residual[:, columns] ** 2, axis=1) - noise.together(0) ** 2
+    total = float(power[used].sum())
+    if total <= 0:
+        return []
+    out = []
+    for name, given in axes.items():
+        values = np.asarray(given, float)
+        levels = np.unique(values[used])
+        if len(levels) < 2:
+            continue
+        if len(levels) <= BINS:
+            parts = [(f"{v:g}", values == v) for v in levels]
+        else:
+            edges = np.quantile(values[used], np.linspace(0, 1, BINS + 1))
+            parts = [
+                (f"{a:.4g} … {b:.4g}", (values >= a) & (values <= b if k == BINS - 1 else values < b))
+                for k, (a, b) in enumerate(pairwise(edges))
+            ]
+        found = [
+            (float(power[used & m].sum()) / total, words, float((used & m).sum()) / used.sum()) for words, m in parts
+        ]
+        share, words, fair = max(found, key=lambda f: f[0] - f[2])
+        if share > calibrated.PROOF.concentrated * fair:
+            out.append(
+                Share(name, float(np.clip(share, 0.0, 1.0)), f"{words}: {100 * fair:.0f} % of the readings", "data")
+            )
+    return sorted(out, key=lambda s: -s.share)

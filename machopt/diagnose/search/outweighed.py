@@ -1,0 +1,84 @@
+"""A name only for a law that explains more than what nothing explains.
+
+The best of a catalogue is the nearest shape to whatever is there, and takes much of it. Where the noise is known, so is
+what the whole sum leaves beyond it; a law that takes little more than that may well be one more side of the very thing
+that is not understood. It stays in the fit, so that no other takes its place, and is said with its place, not named.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.diagnose import calibrated
+from machopt.diagnose.evidence import heldout
+from machopt.diagnose.nouns.problem import UNNAMED, Hypothesis
+from machopt.diagnose.search import mismatch
+from machopt.diagnose.search.select import Chosen
+from machopt.diagnose.search.state import State
+from machopt.effects.words import spoken
+
+
+def withheld(state: State, rng: np.random.Generator) -> State:
+    """The state, with the laws that what is left outweighs as things without a name.
+
+    Args:
+        state: of the search.
+        rng: of the sign flips that judge what is left.
+    """
+    chosen = state.chosen
+    if not any(_judged(c) for c in chosen) or _crowded(state):
+        return state
+    whole = state.fitted(chosen).heldout()
+    left = _left(state, whole, rng)
+    if left <= 0.0:
+        return state
+    out = list(chosen)
+    for k, c in enumerate(chosen):
+        if not _judged(c):
+            continue
+        without = state.fitted([o for o in chosen if o is not c]).heldout()
+        taken = _power(state, without) - _power(state, whole)
+        # a frame leaves nothing of itself: what is left is something else, and has to be clearly more
+        most = calibrated.PROOF.outweighs_exact if c.tried.hypothesis.exact else calibrated.PROOF.outweighs
+        if left > most * taken:
+            out[k] = _nameless(c)
+    return replace(state, chosen=tuple(out))
+
+
+def _judged(c: Chosen) -> bool:
+    """A clock or a lag is what it is, however much else is there; a frame takes in whatever moves with its joint."""
+    h = c.tried.hypothesis
+    return h.named and (not h.exact or h.family == "kinematic")
+
+
+def _crowded(state: State) -> bool:
+    """Whether poses show so many waves and frames that each of them is a small part of the whole."""
+    return state.problem.channel == "position" and len(state.chosen) > calibrated.RESTING.crowded
+
+
+def _left(state: State, residual: Array, rng: np.random.Generator) -> float:
+    """What comes back of held-out residuals (N, D) and lies above the noise, SI² per coordinate; 0: nothing for sure.
+
+    The one needs no level of noise, the other no repeats of the same thing; a name is kept back where both say so.
+    """
+    problem = state.problem
+    rest = mismatch.repeatable(problem, residual, state.used, state.noise, rng)
+    if rest.p_value > calibrated.PROOF.certain:  # not a number where nothing was repeated
+        return 0.0
+    floor = heldout.floor(problem, state.noise, state.used) / problem.families[0].factor
+    return max(min(rest.power, _power(state, residual) - floor**2), 0.0)
+
+
+def _power(state: State, residual: Array) -> float:
+    problem = state.problem
+    return (heldout.rmse(problem, residual, state.used) / problem.families[0].factor) ** 2
+
+
+def _nameless(c: Chosen) -> Chosen:
+    h = c.tried.hypothesis
+    note = f"looks like {spoken(*h.name)} ({h.law}) and explains little more than what is left beside it"
+    unnamed: Hypothesis = replace(h, family=UNNAMED, note=note)
+    return replace(c, scored=replace(c.scored, tried=replace(c.tried, hypothesis=unnamed)))

@@ -1,0 +1,232 @@
+"""Many effects at once: a sparse sum over every joint's waves, every frame and every other law.
+
+A calibrated arm with a tracker in front of it shows more than a search one by one gets through: waves of several orders
+in each gear, and frames a tenth of a millimetre off. Here the normal equations of all laws are summed up once, and
+groups of columns are taken one after the other, each refitted with all before it (group orthogonal matching pursuit,
+Lozano, Swirszcz & Abe 2009), as long as the next one predicts folds that it was not fitted to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.diagnose import calibrated
+from machopt.diagnose.evidence.grams import NOTHING, Model, Tried, ridged_inverse, tried
+from machopt.diagnose.nouns.problem import Hypothesis
+from machopt.diagnose.search.select import Chosen, select, settled
+from machopt.effects import geometry
+
+FEW = 3  # effects that a search one by one is asked for as a rule
+RIVALS = 24  # shapes of a law that is held against what was found together
+MOST = 96  # groups, a safety
+MOST_SHAPES = 8  # of a law that is no wave
+LEADING = 3  # groups whose gain on unseen folds is looked at in each step
+FOLDS = 10
+RIGID = ("kinematic", "sensor")  # families of what is there without any weight: frames, waves, the tracker's stand
+
+
+@dataclass(frozen=True)
+class _Group:
+    """One law at one shape."""
+
+    law: Tried
+    shape: int
+    columns: slice  # of all
+
+
+@dataclass(frozen=True)
+class _Sums:
+    """Normal equations of the base's columns, all groups' columns, and y, in this order."""
+
+    total: Array  # (C + 1, C + 1)
+    folds: tuple[Array, ...]
+    groups: tuple[_Group, ...]
+    base: int  # columns of it
+    rows: int
+
+
+def searched(
+    model: Model, laws: Sequence[Tried], most: int, rng: np.random.Generator, fits: float
+) -> tuple[tuple[Tried, ...], tuple[Chosen, ...]]:
+    """What may explain a recording and what does: found one by one, or together where there is much.
+
+    Args:
+        model: the base.
+        laws: all that is tried.
+        most: effects of a search one by one; fewer than three are a wish for few.
+        rng: of the sign flips.
+        fits: whitened variance of what noise alone would leave; NaN: nobody measured it.
+
+    Returns:
+        The laws that rivals are taken from, those that were found among them; what was found.
+    """
+    found = many(model, laws, fits) if most >= FEW else []
+    if not found:
+        return tuple(laws), tuple(select(model, laws, most, rng))
+    names = {t.hypothesis.name for t in found}
+    rest = [t for t in laws if t.hypothesis.name not in names and len(t.shapes) <= RIVALS]
+    return (*rest, *found), tuple(settled(model, found, laws, rng))
+
+
+def many(model: Model, laws: Sequence[Tried], fits: float) -> list[Tried]:
+    """The effects of a crowded recording, each as one law of one shape: a joint's waves are one effect.
+
+    Args:
+        model: the base.
+        laws: all that is tried.
+        fits: whitened variance of what noise alone would leave; NaN: nobody measured it.
+
+    Returns:
+        Empty where few effects, or none, are there.
+    """
+    if not any(t.hypothesis.effect == geometry.EFFECT.name for t in laws):  # no measured poses
+        return []
+    if len(model.y) < calibrated.RESTING.per_column * (model.X.shape[1] + calibrated.RESTING.crowded * 2):
+        return []
+    sums = _sums(model, laws)
+    picked = _pursue(sums, fits)
+    places = {g.law.hypothesis.name for g in picked}
+    if len(places) <= calibrated.RESTING.crowded:
+        return []
+    return tried(model, [*_waves(picked), *_others(picked)])
+
+
+def _sums(model: Model, laws: Sequence[Tried]) -> _Sums:
+    groups, at = [], model.X.shape[1]
+    summed = {t.hypothesis.name for t in laws if t.hypothesis.summed}
+    for t in laws:
+        if t.hypothesis.name in summed and not t.hypothesis.summed:
+            continue  # an order and its double: the pursuit takes them one by one
+        p, count = t.X.shape[2], len(t.shapes)
+        most = count if t.hypothesis.summed else min(count, MOST_SHAPES)
+        for s in np.linspace(0, count - 1, most).astype(int).tolist():
+            groups.append(_Group(t, s, slice(at, at + p)))
+            at += p
+    total, parts = np.zeros((at + 1, at + 1)), []
+    for some in np.array_split(np.arange(model.folds), min(FOLDS, model.folds)):
+        rows = np.concatenate([model.rows[f] for f in some])
+        A = np.concatenate([model.X[rows], *(g.law.at(g.shape)[rows] for g in groups), model.y[rows, None]], axis=1)
+        parts.append(A.T @ A)
+        total += parts[-1]
+    k = np.arange(model.X.shape[1])
+    total[k, k] += model.prior
+    for g in groups:
+        n = np.arange(g.columns.start, g.columns.stop)
+        total[n, n] += g.law.precision(g.shape)
+    return _Sums(total, tuple(parts), tuple(groups), len(k), len(model.y))
+
+
+def _pursue(sums: _Sums, fits: float) -> list[_Group]:
+    """Groups in the order in which they were taken."""
+    taken: list[_Group] = []
+    columns = list(range(sums.base))
+    left = _swept(sums.total, np.array(columns, int))
+    largest = 0.0
+    loss = _heldout(sums, columns)
+    refused: set[int] = set()
+    unloaded = np.array([g.law.hypothesis.family in RIGID for g in sums.groups], bool)
+    while len(taken) < MOST and sums.rows > calibrated.RESTING.per_column * len(columns):
+        rss = float(left[-1, -1])
+        spread = max(rss / sums.rows, fits) if np.isfinite(fits) else rss / sums.rows
+        gains = _gains(left, sums)
+        gains[list(refused)] = 0.0
+        kinematics = float(gains[unloaded].max(initial=0.0))
+        gains[~unloaded & (gains < calibrated.RESTING.clearer * kinematics)] = (
+            0.0  # before the leading ones are taken: they take no place
+        )
+        best = None
+        for n in np.argsort(-gains, kind="stable")[:LEADING].tolist():
+            g = sums.groups[n]
+            if gains[n] / spread < max(_least(g, sums.rows), largest / spread):
+                refused.add(n)
+                continue
+            after = _heldout(sums, [*columns, *range(g.columns.start, g.columns.stop)])
+            if loss - after < calibrated.DETECTION.generalises * gains[n]:
+                refused.add(n)
+                continue
+            cost = calibrated.DETECTION.simpler * (g.columns.stop - g.columns.start) + g.law.hypothesis.penalty
+            worth = (loss - after) / spread - cost
+            if best is None or worth > best[0]:
+                best = (worth, n, after)
+        if best is None:
+            break
+        _, n, loss = best
+        g = sums.groups[n]
+        taken.append(g)
+        refused.add(n)
+        own = list(range(g.columns.start, g.columns.stop))
+        columns += own
+        left = _swept(left, np.array(own))
+        exact = g.law.hypothesis.exact or bool(g.law.hypothesis.summed)  # a sum of waves is any wave
+        share = calibrated.DETECTION.beside_exact if exact else calibrated.DETECTION.beside
+        largest = max(largest, share * gains[n])
+    return taken
+
+
+def _least(g: _Group, rows: int) -> float:
+    p = g.columns.stop - g.columns.start
+    d = calibrated.DETECTION
+    return float(max(d.gain + d.per_coefficient * (p - 1) + g.law.hypothesis.penalty, d.share * rows))
+
+
+def _swept(sums: Array, columns: Array) -> Array:
+    """What is left of normal equations once columns are fitted."""
+    C = sums[columns]
+    return np.asarray(sums - C.T @ ridged_inverse(C[:, columns]) @ C)
+
+
+def _gains(left: Array, sums: _Sums) -> Array:
+    """Sum of squares that each group takes beside what was fitted; directions that nothing is left of take none."""
+    out = np.zeros(len(sums.groups))
+    size = np.sqrt(np.maximum(np.diag(sums.total), NOTHING))
+    width = np.array([g.columns.stop - g.columns.start for g in sums.groups])
+    for p in np.unique(width).tolist():
+        which = np.flatnonzero(width == p)
+        at = np.array([np.arange(sums.groups[n].columns.start, sums.groups[n].columns.stop) for n in which])
+        S = left[at[:, :, None], at[:, None, :]] / (size[at][:, :, None] * size[at][:, None, :])
+        value, V = np.linalg.eigh(S)
+        w = np.einsum("kij,ki->kj", V, left[at, -1] / size[at])
+        seen = value > calibrated.RESTING.visible
+        out[which] = np.sum(np.where(seen, w**2 / np.where(seen, value, 1.0), 0.0), axis=1)
+    return out
+
+
+def _heldout(sums: _Sums, columns: Sequence[int]) -> float:
+    """Sum of squares left on folds that no fit saw."""
+    at, out = np.array(columns, int), 0.0
+    of = np.append(at, -1)
+    whole = sums.total[np.ix_(at, of)]
+    for part in sums.folds:
+        own = part[np.ix_(of, of)]
+        rest = whole - own[:-1]
+        x = np.append(-ridged_inverse(rest[:, :-1]) @ rest[:, -1], 1.0)
+        out += float(x @ own @ x)
+    return out
+
+
+def _waves(picked: Sequence[_Group]) -> list[Hypothesis]:
+    """One law a joint, with all the orders that were taken there."""
+    orders: dict[tuple[str, str], list[float]] = {}
+    laws: dict[tuple[str, str], Hypothesis] = {}
+    for g in picked:
+        h = g.law.hypothesis
+        if h.summed:
+            orders.setdefault(h.name, []).extend(h.shapes[g.shape])
+            laws[h.name] = h
+    return [
+        replace(laws[name], law=f"{len(n)} {laws[name].summed}" if len(n) > 1 else laws[name].law, shapes=(tuple(n),))
+        for name, n in orders.items()
+    ]
+
+
+def _others(picked: Sequence[_Group]) -> list[Hypothesis]:
+    out: dict[tuple[str, str], Hypothesis] = {}
+    for g in picked:
+        h = g.law.hypothesis
+        if not h.summed:
+            out.setdefault(h.name, replace(h, shapes=(h.shapes[g.shape],)))
+    return list(out.values())

@@ -1,0 +1,109 @@
+"""What no word of the catalogue means, kept beside it so that no effect is named in its place.
+
+A law stands in for whatever it resembles most. Where a displacement of the record as a whole, in no joint and by no
+body's stiffness, predicts unseen poses better than every law, then that is what is there: it is fitted with the rest,
+said with its place, and never named. The forms are those of an interface that is not elastic: it slips and stays, or it
+moves by how much and which way it is loaded, whatever the arm does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.arrays import Array
+from machopt.diagnose.nouns.problem import UNNAMED, Hypothesis, Quantity, Shape
+from machopt.diagnose.nouns.readings import Readings
+
+Ints = NDArray[np.int64]
+SHARES: tuple[Shape, ...] = tuple((s,) for s in (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9))  # of the largest load
+BENT = (0.0,)  # no threshold: with the square of the load
+SLIPS, JUMPS, RUBS = "slips and stays", "moves by the load's direction", "holds some of the load back"
+
+
+def hypotheses(r: Readings) -> list[Hypothesis]:
+    """Laws of interfaces at the ends of the chain.
+
+    Args:
+        r: the readings of a load test.
+    """
+    force = r.wrench[:, :3]
+    size = np.linalg.norm(force, axis=1)
+    largest = float(size.max(initial=0.0))
+    if largest <= 0.0:
+        return []
+    along = np.divide(force, size[:, None], out=np.zeros_like(force), where=size[:, None] > 0)
+    share = size / largest
+    tool = r.state.T_base_tool[:, :3, :3]
+    base = np.broadcast_to(np.eye(3), tool.shape)
+    cycle = np.unique(np.stack([r.visit, r.cycle], axis=1), axis=0, return_inverse=True)[1].reshape(-1)
+
+    def wide(columns: Array) -> Array:
+        """(N, D, p): an interface of which only the translation is known."""
+        none = np.zeros((len(columns), r.dimensions - 3, columns.shape[2]))
+        return np.concatenate([columns, none], axis=1)
+
+    def slipped(shape: Shape) -> Array:
+        return wide(_slipped(along, share, cycle, shape[0])[:, :, None])
+
+    def jumps(axes: Array) -> Callable[[Shape], Array]:
+        local = np.einsum("nij,ni->nj", axes, along)
+
+        def columns(shape: Shape) -> Array:
+            how = share**2 if shape == BENT else (share > shape[0]).astype(float)
+            return wide(np.einsum("nia,n,nb->niab", axes, how, local).reshape(len(local), 3, 9))
+
+        return columns
+
+    def rubs(shape: Shape) -> Array:
+        return r.through(r.wrench * _risen(share, cycle)[:, None])[:, :, None]
+
+    return [
+        _law("sensor:force", RUBS, "takes a share of the load either way, as a jack or a pulley rubs", rubs, ((),)),
+        _law("tool", SLIPS, "slips along the load, from a share of it on, until the cycle ends", slipped, SHARES),
+        _law("sensor:displacement", JUMPS, _moves("base_link"), jumps(base), (BENT, *SHARES)),
+        _law("tool", JUMPS, _moves("the tool"), jumps(tool), (BENT, *SHARES)),
+    ]
+
+
+def _moves(axes: str) -> str:
+    return f"moves by which way the load points in axes of {axes} and how much it is, not as a spring does"
+
+
+def _law(where: str, law: str, note: str, columns: Callable[[Shape], Array], shapes: tuple[Shape, ...]) -> Hypothesis:
+    return Hypothesis(UNNAMED, where, law, "", columns, _size, shapes, family=UNNAMED, note=note)
+
+
+def _size(x: Array, shape: Shape) -> Mapping[str, Quantity]:
+    return {"moves": Quantity(1e3 * float(np.linalg.norm(x)), "mm")}
+
+
+def _slipped(along: Array, share: Array, cycle: Ints, limit: float) -> Array:
+    """(N, 3) direction of the load that first exceeded the limit in a reading's cycle, zero before that."""
+    out = np.zeros_like(along)
+    for label in np.unique(cycle):
+        rows = np.flatnonzero(cycle == label)
+        over = np.flatnonzero(share[rows] > limit)
+        if len(over):
+            out[rows[over[0] :]] = along[rows[over[0]]]
+    return out
+
+
+def _risen(share: Array, cycle: Ints) -> Array:
+    """(N,) −1 up to a cycle's largest load and +1 once it falls: what friction leaves of it is less, then more."""
+    out = np.ones(len(share))
+    for label in np.unique(cycle):
+        rows = np.flatnonzero(cycle == label)
+        out[rows[: int(share[rows].argmax()) + 1]] = -1.0
+    return out
+
+
+def said(laws: list[Hypothesis]) -> tuple[str, ...]:
+    """What was found and has no name, in words."""
+    return tuple(
+        f"something at {h.location} {h.note}: no effect of the catalogue is that, so nothing is named for it, and the "
+        "extended model leaves it out"
+        for h in laws
+    )

@@ -1,0 +1,30 @@
+"""Springs of a cell that lie far from what the readings say of them, joint by joint."""
+
+from __future__ import annotations
+
+from machopt.arrays import Array
+from machopt.diagnose import calibrated
+from machopt.diagnose.nouns.result import Diagnosis
+
+
+def far_off(d: Diagnosis, prior: Array | None) -> list[str]:
+    """A sentence for each joint whose refitted spring the cell misses by a large factor.
+
+    Args:
+        d: with refitted compliances, rad/(N·m).
+        prior: (6,) N·m/rad of the cell; None: it has none.
+    """
+    out: list[str] = []
+    for c in d.coefficients if prior is not None else ():
+        joint = c.unknown.spring
+        if joint is None or c.value <= 0.0 or c.sigma > calibrated.RECORD.sure_spring * c.value:
+            continue
+        assert prior is not None  # the loop is empty then
+        ratio = c.value * float(prior[joint - 1])
+        if max(ratio, 1.0 / ratio) > calibrated.RECORD.far_spring:
+            much = f"{max(ratio, 1.0 / ratio):.2g} times {'softer' if ratio > 1.0 else 'stiffer'}"
+            out.append(
+                f"joint {joint} comes out {much} ({1.0 / c.value:.3g} N·m/rad) than the cell's stiffness says "
+                f"({prior[joint - 1]:.3g}): a slip in the cell, or a fault of this joint"
+            )
+    return out

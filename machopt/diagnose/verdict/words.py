@@ -1,0 +1,108 @@
+"""What an engineer reads: the sentence at the top, what to measure next."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from machopt.diagnose.evidence.noise import Noise
+from machopt.diagnose.nouns.result import Diagnosis, Finding
+from machopt.effects.words import spoken
+
+
+def sentence(d: Diagnosis) -> str:
+    """How much, where, what, how sure, what is not excluded, what next."""
+    error = f"{size_of(d.heldout_before, d.unit)} on {d.predicted or 'readings'} that no fit saw"
+    if d.verdict == "consistent":
+        after = f"{size_of(d.heldout_after, d.unit)} on {d.predicted or 'readings'} that no fit saw"
+        put_right = "; ".join(f"{_found(f)}" for f in d.findings)
+        return (
+            f"Consistent{f' once the record is put right ({put_right})' if put_right else ''}: the refitted model "
+            f"leaves {after}, noise alone {size_of(d.noise_floor, d.unit)}; nothing that comes back in repeats is left "
+            "to explain."
+        )
+    twins = math.isfinite(d.mismatch_p)
+    left = f"{size_of(d.repeatable, d.unit)} of it {'comes back in repeats' if twins else 'is more than the noise'}"
+    if d.verdict == "unexplained":
+        where = ", ".join(s.axis for s in d.mismatch if s.kind == "machine")[:60]
+        data = next((f"; in the data it lives at {s.axis} {s.note}" for s in d.mismatch if s.kind == "data"), "")
+        return (
+            f"Unexplained: the refitted model leaves {error}; {left}, and no law of the catalogue explains it. Nearest "
+            f"places: {where or 'none'}{data}."
+        )
+    parts = [_found(f) for f in d.findings]
+    head = "Explained" if d.verdict == "explained" else "Partly explained"
+    open_ = sorted({spoken(*n) for f in d.findings for n in f.one_of[1:]})
+    return (
+        f"{head}: {'; '.join(parts)}. Unseen {d.predicted or 'readings'}: {size_of(d.heldout_before, d.unit)} → "
+        f"{size_of(d.heldout_after, d.unit)} (noise {size_of(d.noise_floor, d.unit)})"
+        + (f", {100 * d.explained:.0f} % of the mismatch closed. " if d.explained > 0 else ". ")
+        + (
+            f"These data cannot exclude {', '.join(open_[:4])}{' …' if len(open_) > 4 else ''}."
+            if open_
+            else "No other explanation of the catalogue does as well."
+        )
+    )
+
+
+def next_experiment(d: Diagnosis) -> str:
+    """The next measurement worth making, in words."""
+    sets = [f for f in d.findings if len(f.one_of) > 1]
+    if sets:
+        f = sets[0]
+        others = ", ".join(spoken(*n) for n in f.one_of[1:4])
+        return (
+            f"To tell {spoken(f.effect, f.location)} from {others}: machopt plan-poses CELL --discriminate OUT chooses "
+            "poses and loads at which their predictions differ most."
+        )
+    if d.verdict == "unexplained":
+        place = next((s.axis for s in d.mismatch if s.kind == "machine"), "the arm")
+        return f"Repeat the readings that are worst with a second target behind {place}: what moves between the two?"
+    if d.findings:
+        f = d.findings[0]
+        return f"Confirm {spoken(f.effect, f.location)} on another day at poses not measured yet."
+    return "None needed for the effects above their detection limits; smaller ones need more repeats or larger loads."
+
+
+def withdrawn(findings: Sequence[Finding]) -> list[str]:
+    """What came nearest without explaining enough to be named."""
+    if not findings:
+        return []
+    said = ", ".join(spoken(f.effect, f.location) for f in findings)
+    return [f"nearest of the catalogue, but most of the mismatch stays with it: {said}; so it is not named"]
+
+
+def one_day(effects: Sequence[tuple[str, str]]) -> tuple[str, ...]:
+    """That sessions contradict each other, by what would be named if one of them were all there is."""
+    return tuple(
+        f"the sessions differ by more than noise: what {spoken(*name)} would explain shows in one of them and another "
+        "contradicts it, so it is not named; something was not the same on both days"
+        for name in effects
+    )
+
+
+def noise_note(noise: Noise) -> tuple[str, ...]:
+    """Where the noise was taken from."""
+    if noise.replicated:
+        return ("noise is taken from readings of the same thing on different visits",)
+    return (
+        "nothing, or too little, was measured twice: noise is taken from what the model leaves, so small effects pass "
+        "for noise; a second session over the same poses and loads would tell them apart",
+    )
+
+
+def _found(f: Finding) -> str:
+    first = next(iter(f.parameters.values()), None)
+    size = "" if first is None else f", {_number(first.value)} {first.unit}"
+    return f"{spoken(f.effect, f.location)}{size}{f' ({f.note})' if f.note else ''}"
+
+
+def size_of(value: float, unit: str) -> str:
+    """An error as read: micrometres where it is small."""
+    return f"{_number(1e3 * value)} µm" if unit == "mm" and abs(value) < 0.5 else f"{_number(value)} {unit}"
+
+
+def _number(value: float) -> str:
+    return (
+        f"{value:.3g}" if abs(value) < 1e3 or abs(value) >= 1e5 else f"{float(f'{value:.3g}'):.0f}"
+    )  # 1980, no 1.98e+03
