@@ -70,10 +70,8 @@ def best_plan(
         return plan(cell, toolpath, options, clock, before=before, scale=scale)
     starts = _coarse_to_fine(cell, toolpath, options, clock, before, axes, scale)
     found = starts[0]
-    if any(wish.joint for wish in options.steer):  # where such a wish holds a joint only the curves of the search know
-        return found
     groups = groups_of(cell, toolpath, found.path, axes, found.options.steer)
-    if all((g.low == g.high).all() for g in groups):
+    if all((g.low == g.high).all() and not g.moves.any() for g in groups):
         return found
     worth = Worth.of(found.setup, axes)
     best = refined(found, toolpath, groups, worth, clock, before)

@@ -41,6 +41,15 @@ class Group:
         """(E,) the joint can move along the path."""
         return self.moving & (self.most > self.least)
 
+    def around(self, value: Array) -> Group:
+        """The group with what is left around values (E,) for ``low`` and ``high``: of a joint that moves all of its
+        range, of one that stands the room between two zones that it stands in."""
+        own = [
+            min(parts, key=lambda ab: max(ab[0] - v, v - ab[1])) for parts, v in zip(self.allowed, value, strict=True)
+        ]
+        low, high = np.array(own).T
+        return replace(self, low=np.where(self.moving, self.least, low), high=np.where(self.moving, self.most, high))
+
     def snapped(self, value: Array) -> Array:
         """The allowed places (E,) that are next to some."""
         return np.array([nearest_in(own, float(v)) for own, v in zip(self.allowed, value, strict=True)])

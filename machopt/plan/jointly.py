@@ -14,18 +14,21 @@ sparse where a value is shared.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Any, TypeVar
 
 import numpy as np
 
 from machopt.arrays import Array, Bools
 from machopt.plan.bordered import Bordered
+from machopt.plan.rounded import derived, valued
 
-WIDTHS = np.geomspace(2e-2, 2e-5, 7)  # ε in rad, and in c₀ for the worst index
-STIFF = np.geomspace(1e3, 1e6, 7)  # price per rad² beyond the bounds, at each width
-STEPS = 12  # at one width
-DAMPED = 1e-2  # of J for a step across all of the bounds, at first; ten times as much where the model does not fall
-TRIES = 8
+WIDTHS = np.geomspace(2e-2, 2e-5, 10)  # ε in rad, and in c₀ for the worst index
+STIFF = np.geomspace(1e3, 1e6, 10)  # price per rad² beyond the bounds, at each width
+STEPS = 60  # at one width; 12 at each of seven widths ended far from the least place: J 6 % higher on the rail job
+DAMPED = 1e-2  # of J for a step across all of the bounds, at first
+MORE, LESS, LEAST = 4.0, 0.3, 1e-6  # of it where the model does not fall, where it does at once; and at least
+TRIES = 12
 ENOUGH = 1e-7  # of the model: a step that gains less is the last at its width
 RIDGE = 1e-9  # added to the Hessian, of its largest entry
 SMOOTH = 1e-4  # price of the sum of squares of neighbouring coefficients' difference: what nothing else decides stays
@@ -70,6 +73,9 @@ class Bounds:
     over: Array  # (n, m) or exceed
 
 
+T = TypeVar("T", Local, Steps, Bounds)
+
+
 @dataclass(frozen=True)
 class _Terms:
     """The model at some coefficients, and what its derivatives are made of."""
@@ -97,7 +103,8 @@ class _Newton:
 
 class _Model:
     def __init__(self, local: Local, steps: Steps, bounds: Bounds, curves: Bordered) -> None:
-        self.local, self.steps, self.bounds, self.curves = local, steps, bounds, curves
+        self.local, self.steps, self.bounds = _in_rows(local), _in_rows(steps), _in_rows(bounds)
+        self.curves = curves
         n = len(local.gradient)
         wide = np.maximum(bounds.high - bounds.low, 1e-6)
         self.damping = (4.0 / (n * wide * wide))[:, :, None] * np.eye(wide.shape[1])
@@ -108,40 +115,21 @@ class _Model:
         """The model at some coefficients (m,)."""
         x, walk, kept = self.local, self.steps, self.bounds
         z = self.curves.along(c).reshape(x.gradient.shape)
-        Bz, Hz = _times(x.bend, z), _times(x.hessian, z)
-        cost = np.where(x.counted, x.cost + (x.slope * z).sum(axis=1) + 0.5 * (Bz * z).sum(axis=1), -np.inf)
-        top = float(cost.max()) if x.counted.any() else 0.0
-        p = np.exp((cost - top) / width)
-        total = max(float(p.sum()), 1e-300)
-        value = x.worst * (top + width * np.log(total)) if x.counted.any() else 0.0
-        value += float(((x.gradient + 0.5 * Hz) * z).sum())
-        v = walk.jump + np.diff(_times(walk.lean, z), axis=0)
-        s = np.sqrt(v * v + width * width)
-        over = s * walk.slowness - walk.seconds[:, None]
-        root = np.sqrt(over * over + (width * self.narrow) ** 2)
-        value += float((walk.price * s + 0.5 * walk.lost[:, None] * (over + root)).sum())
-        rise = walk.price + 0.5 * walk.lost[:, None] * walk.slowness * (1.0 + over / root)
-        y = _times(kept.lean, z)
-        out = np.minimum(z - kept.low, 0.0) + np.maximum(z - kept.high, 0.0)
-        beyond = np.minimum(y - kept.under, 0.0) + np.maximum(y - kept.over, 0.0)
-        value += stiff * float((out * out).sum() + (beyond * beyond).sum()) + 0.5 * self.ridge * float(c @ c)
-        return _Terms(value, c, x.slope + Bz, x.gradient + Hz, rise * v / s, rise / s, p / total, out, beyond)
+        value, *parts = valued(
+            z, x.gradient, x.hessian, x.cost, x.slope, x.bend, x.counted, x.worst,
+            walk.jump, walk.lean, walk.price, walk.lost, walk.seconds, walk.slowness,
+            kept.low, kept.high, kept.lean, kept.under, kept.over, width, stiff, self.narrow,
+        )  # fmt: skip
+        return _Terms(value + 0.5 * self.ridge * float(c @ c), c, *parts)
 
     def newton(self, at: _Terms, width: float, stiff: float) -> _Newton:
         """Gradient and Hessian, that of the parabolas."""
-        x, lean, room = self.local, self.steps.lean, self.bounds.lean
-        p, slope = x.worst * at.p, at.slope
-        gradient = at.gradient + p[:, None] * slope + 2.0 * stiff * (at.out + _times(_turned(room), at.beyond))
-        gradient[1:] += _times(_turned(lean[1:]), at.pull)
-        gradient[:-1] -= _times(_turned(lean[:-1]), at.pull)
-        own = x.hessian + p[:, None, None] * (x.bend + slope[:, :, None] * slope[:, None] / width)
-        after, before = _turned(lean[1:]) * at.curved[:, None], _turned(lean[:-1]) * at.curved[:, None]
-        own[1:] += after @ lean[1:]
-        own[:-1] += before @ lean[:-1]
-        own += 2.0 * stiff * (at.out != 0.0)[:, :, None] * np.eye(own.shape[1])
-        own += 2.0 * stiff * ((_turned(room) * (at.beyond != 0.0)[:, None]) @ room)
-        dyad = self.curves.summed((at.p[:, None] * slope).ravel()) * np.sqrt(x.worst / width)
-        return _Newton(self.curves.summed(gradient.ravel()) + self.ridge * at.c, own, -after @ lean[:-1], dyad)
+        gradient, own, on, dyad = derived(
+            at.slope, at.gradient, at.pull, at.curved, at.p, at.out, at.beyond,
+            self.local.hessian, self.local.bend, self.local.worst, self.steps.lean, self.bounds.lean, width, stiff,
+        )  # fmt: skip
+        slope = self.curves.summed(gradient.ravel()) + self.ridge * at.c
+        return _Newton(slope, own, on, self.curves.summed(dyad.ravel()))
 
     def step(self, newton: _Newton, damped: float) -> Array | None:
         """Levenberg and Marquardt's (m,); None where rounding leaves none."""
@@ -154,13 +142,11 @@ class _Model:
         return np.asarray(step + along * (float(newton.dyad @ step) / left) if left > 1e-6 else step)
 
 
-def _times(blocks: Array, z: Array) -> Array:
-    """(n, k) of (n, k, d) and (n, d)."""
-    return np.asarray((blocks @ z[:, :, None])[:, :, 0])
-
-
-def _turned(blocks: Array) -> Array:
-    return np.swapaxes(blocks, 1, 2)
+def _in_rows(given: T) -> T:
+    """With its arrays as compiled code wants them, each row after row."""
+    held = {f.name: getattr(given, f.name) for f in fields(given)}
+    arrays: dict[str, Any] = {k: np.ascontiguousarray(v) for k, v in held.items() if isinstance(v, np.ndarray)}
+    return replace(given, **arrays)
 
 
 def lessened(local: Local, steps: Steps, bounds: Bounds, curves: Bordered) -> Array:
@@ -169,22 +155,24 @@ def lessened(local: Local, steps: Steps, bounds: Bounds, curves: Bordered) -> Ar
     Args:
         curves: the offsets, station by station, of coefficients.
     """
-    model, c = _Model(local, steps, bounds, curves), np.zeros(curves.curves.shape[1])
+    model, c, damped = _Model(local, steps, bounds, curves), np.zeros(curves.curves.shape[1]), DAMPED
     for width, stiff in zip(WIDTHS, STIFF, strict=True):
-        here, damped = model.terms(c, width, stiff), DAMPED
+        here = model.terms(c, width, stiff)
         for _ in range(STEPS):
             newton = model.newton(here, width, stiff)
+            easy = True
             for _ in range(TRIES):
                 step = model.step(newton, damped)
                 there = None if step is None else model.terms(c + step, width, stiff)
                 if there is not None and there.value < here.value:
                     break
-                damped *= 10.0
+                damped, easy = MORE * damped, False
             else:
                 break
             if there is None:
                 raise AssertionError("a step that leads down was found")
-            gained, c, here, damped = here.value - there.value, there.c, there, 0.2 * damped
+            gained, c, here = here.value - there.value, there.c, there
+            damped = max(LESS * damped, LEAST) if easy else damped
             if gained < ENOUGH * (1.0 + abs(here.value)):
                 break
     return c

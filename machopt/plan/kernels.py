@@ -86,6 +86,16 @@ MORE = (  # what only some plans need: other arms, arms as they are built, exter
     ("plan.lattice", "reach", f"{_F2},{_F3},{_F3},{_F2},i8[:,::1],i8,b1,b1[:,::1],{_F2},{_F1},{_F2},f8"),
     ("plan.lattice", "follow", f"{_F2},{_F3},{_F3},{_F2},i8[:,::1],i8,b1,b1[:,::1],{_F2},{_F1}"),
     ("plan.stairs", "walk", f"{_F2},f4[:,:,::1],i8[:,::1],{_F3},i8,i8,b1[::1],{_F1}"),
+    (
+        "plan.rounded",
+        "valued",
+        f"{_F2},{_F2},{_F3},{_F1},{_F2},{_F3},b1[::1],f8,{_F2},{_F3},{_F2},{_F1},{_F1},{_F1},{_F2},{_F2},{_F3},{_F2},{_F2},f8,f8,f8",
+    ),
+    (
+        "plan.rounded",
+        "derived",
+        f"{_F2},{_F2},{_F2},{_F2},{_F1},{_F2},{_F2},{_F3},{_F3},f8,{_F3},{_F3},f8,f8",
+    ),
     ("model.depth", "_rows", f"{_F2},{_F3},{_F3},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F2},f8"),
     ("verify.gouge", "_candidates", f"{_F2},{_F3},{_F2},{_F1},{_F1},{_C},{_C},{_C},f8"),
 )

@@ -32,9 +32,14 @@ class Curves:
     shared: Bools  # (m,) several runs have the coefficient
 
     @classmethod
-    def of(cls, path: Path, groups: Sequence[Group]) -> Curves:
-        """Along a path that has all runs of the groups."""
+    def of(cls, path: Path, groups: Sequence[Group], held: Bools | None = None) -> Curves:
+        """Along a path that has all runs of the groups.
+
+        Args:
+            held: (P, 1 + E) where rotation or an external joint that moves stay: no curve reaches these points.
+        """
         P, E = len(path.index), path.external.shape[1]
+        held = np.zeros((P, 1 + E), bool) if held is None else held
         blocks: list[tuple[NDArray[np.intp], int, Array]] = []  # points, variable, values (points, k)
         for group in groups:
             free = np.flatnonzero(group.high > group.low)
@@ -46,10 +51,12 @@ class Curves:
             ]
             for points in rows:
                 turning = turning_length(path, points[0], points[-1])
-                blocks.append((points, 0, _basis(turning, _intervals(path, points, points[-1] - points[0], 0.0))))
+                turns = _basis(turning, _intervals(path, points, points[-1] - points[0], 0.0))
+                blocks.append((points, 0, _off(turns, held[points, 0])))
                 length = path.s[points] - path.s[points[0]]
                 for k in free[group.moving[free]]:
-                    blocks.append((points, 1 + int(k), _basis(length, _intervals(path, points, 0, 0.5))))
+                    ways = _basis(length, _intervals(path, points, 0, 0.5))
+                    blocks.append((points, 1 + int(k), _off(ways, held[points, 1 + int(k)])))
         values, i, j, shared, column = [], [], [], [], 0
         for points, variable, basis in blocks:
             row, own = np.nonzero(basis)
@@ -78,6 +85,11 @@ def _intervals(path: Path, points: NDArray[np.intp], most: int, shortest: float)
             return 0
         count = min(count, int(length / (shortest * wave)))
     return max(count, 1)
+
+
+def _off(basis: Array, held: Bools) -> Array:
+    """The curves (n, k) that are zero at all of some places (n,)."""
+    return np.asarray(basis[:, ~(basis[held] != 0.0).any(axis=0)])
 
 
 def _basis(along: Array, intervals: int) -> Array:

@@ -19,7 +19,7 @@ from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
-from machopt.domain.steering import kept, steered
+from machopt.domain.steering import among, inside, kept, steered
 from machopt.domain.toolpath import Toolpath
 from machopt.plan.baseline import cam_default, jiao2022
 from machopt.plan.breaks import breaks_of_choice, jumps
@@ -32,6 +32,7 @@ from machopt.plan.nearness import along, over_grid
 from machopt.plan.nested import best_of_nested
 from machopt.plan.objective import Objective, objective
 from machopt.plan.path import Path, build_path
+from machopt.plan.pinned import pinned
 from machopt.plan.realise import Assignment
 from machopt.plan.score import Directions, Scores, configuration_cost, directions, score_candidates
 from machopt.plan.search import Found, Search
@@ -40,6 +41,7 @@ from machopt.plan.smooth import follow_grid
 from machopt.plan.swing import hiding, worst_index
 from machopt.se3 import wrap
 
+PINNED = 1e-6  # rad, by how much a pin may be missed
 BOUND_SLACK = np.radians(0.05)  # of the user's rotation bounds, where a yardstick is asked whether it keeps them
 
 
@@ -238,6 +240,22 @@ def as_asked(phi: Array, path: Path, options: PlanOptions) -> bool:
         return False
     rows = np.flatnonzero(path.is_point)  # toolpath point k is planning point rows[k]
     return all(abs(float(wrap(gamma[rows[f.point]] - f.gamma))) < BOUND_SLACK for f in options.fixed)
+
+
+def obeys(a: Assignment, path: Path, options: PlanOptions) -> bool:
+    """The rotation and branch keep the user's range, pins, zones and branches at every planning point."""
+    if not as_asked(a.phi, path, replace(options, steer=())):
+        return False
+    if any(abs(float(wrap(a.phi[row] - phi))) > PINNED for row, phi in pinned(path, options).items()):
+        return False
+    gamma = np.asarray(wrap(a.phi + path.offset))
+    for wish in options.steer:
+        rows = among(wish, path.index)
+        if wish.forbid is not None and inside(gamma[rows], wish.forbid).any():
+            return False
+        if wish.branch is not None and (a.branch[rows] != wish.branch).any():
+            return False
+    return True
 
 
 def _yardsticks(

@@ -22,6 +22,7 @@ import numpy as np
 
 from machopt.arrays import Array, Bools
 from machopt.domain.reason import Reason
+from machopt.domain.steering import among
 from machopt.plan.bordered import Bordered
 from machopt.plan.engage import sideways
 from machopt.plan.groups import Group
@@ -33,6 +34,7 @@ from machopt.plan.part import part_of
 from machopt.plan.pinned import pinned
 from machopt.plan.realise import Assignment, between_stations, realise
 from machopt.plan.score import configuration_cost, directions
+from machopt.plan.stands import side_of
 from machopt.plan.worth import PREFERRED, Worth
 from machopt.se3 import wrap
 
@@ -88,18 +90,40 @@ class Refinement:
         self.plan, self.setup, self.options = plan, plan.setup, plan.options
         self.path = part_of(plan.path, range(len(plan.path.runs)), STATIONS)
         self.rows = self.path.stations
-        self.curves = Curves.of(self.path, groups)
+        own = [np.isin(plan.path.run, group.runs) for group in groups]
+        groups = [g.around(plan.path.external[rows][0]) for g, rows in zip(groups, own, strict=True)]
+        self.range = np.empty_like(plan.path.external), np.empty_like(plan.path.external)  # (P, E) each, m or rad
+        room, held = (
+            np.zeros_like(plan.path.external),
+            np.zeros((len(plan.path.index), 1 + plan.path.external.shape[1]), bool),
+        )
+        held[list(pinned(plan.path, plan.options)), 0] = True
+        for group, rows in zip(groups, own, strict=True):
+            self.range[0][rows], self.range[1][rows] = group.low, group.high
+            room[rows] = np.where(group.moving, ROOM, 0.0) * (group.high - group.low)
+            self._wished(group, rows, held)
+        self.low, self.high = (self.range[0] + room)[self.rows], (self.range[1] - room)[self.rows]
+        self.curves = Curves.of(self.path, groups, held)
         self.tied = Bordered(self.curves.at_stations, 1 + plan.path.external.shape[1], self.curves.shared)
         self.terms = Terms.at_stations(self.path, plan.setup.velocity, plan.options)
         self.across = sideways(self.path)
         self.per, self.worth = plan.setup.per_rad[6:], worth
-        self.range = np.empty_like(plan.path.external), np.empty_like(plan.path.external)  # (P, E) each, m or rad
-        room = np.zeros_like(plan.path.external)
-        for group in groups:
-            own = np.isin(self.path.run, group.runs)
-            self.range[0][own], self.range[1][own] = group.low, group.high
-            room[own] = np.where(group.moving, ROOM, 0.0) * (group.high - group.low)
-        self.low, self.high = (self.range[0] + room)[self.rows], (self.range[1] - room)[self.rows]
+
+    def _wished(self, group: Group, own: Bools, held: Bools) -> None:
+        """Lay the user's wishes about joints of a group that move down: pins hold, a zone keeps them on their side."""
+        at = np.arange(len(own))
+        for stand in group.stands:
+            k = stand.joint
+            rows = own & (at >= stand.rows[0]) & (at <= stand.rows[1])
+            if not group.moving[k] or not rows.any():
+                continue  # what stands keeps to ``allowed``
+            if stand.at is not None:
+                held[rows, 1 + k] = True
+                self.range[0][rows, k] = self.range[1][rows, k] = self.plan.path.external[rows, k]
+                continue
+            low, high = side_of(stand, self.plan.path.external[rows, k])
+            self.range[0][rows, k] = np.maximum(self.range[0][rows, k], low)
+            self.range[1][rows, k] = np.minimum(self.range[1][rows, k], high)
 
     def found(self) -> Refined | None:
         """What lessens J at the stations; None where nothing does."""
@@ -240,6 +264,11 @@ class Refinement:
         first, last = self.options.rotation_range
         if last - first < 2 * np.pi - 1e-6:
             low[:, 0], high[:, 0] = np.maximum(low[:, 0], first - gamma), np.minimum(high[:, 0], last - gamma)
+        for wish in self.options.steer:
+            if wish.forbid is not None:
+                rows = among(wish, self.plan.path.index[self.rows])
+                down, up = _turn(gamma[rows] - wish.forbid[1]), _turn(wish.forbid[0] - gamma[rows])
+                low[rows, 0], high[rows, 0] = np.maximum(low[rows, 0], -down), np.minimum(high[rows, 0], up)
         fixed = np.isin(self.rows, list(pinned(self.plan.path, self.options)))
         low[fixed, 0] = high[fixed, 0] = 0.0
         m = arm.margins
@@ -268,3 +297,9 @@ class Refinement:
             return State(phi, e, found, found.q, cost, merit)
         trust *= 0.3
         return None
+
+
+def _turn(angle: Array) -> Array:
+    """Angles in [0, 2π), what is less than 0 by rounding at 0."""
+    turned = angle % (2 * np.pi)
+    return np.asarray(np.where(turned > 2 * np.pi - 1e-6, 0.0, turned))

@@ -21,7 +21,7 @@ from machopt.plan.compensate import rescored
 from machopt.plan.groups import Group
 from machopt.plan.made import Plan
 from machopt.plan.path import Path
-from machopt.plan.pipeline import as_asked
+from machopt.plan.pipeline import obeys
 from machopt.plan.pipeline import plan as planned
 from machopt.plan.realise import realise
 from machopt.plan.refine_external import Refined, Refinement
@@ -141,10 +141,10 @@ class _Passes:
     def _turned(self, plan: Plan, phi: Array, seed: Array) -> Plan | None:
         """The plan with another rotation (P,) rad, its poses next to some (P, 6) rad; None where it cannot be."""
         path, setup = plan.path, plan.setup
-        if plan.found is None or not as_asked(phi, path, plan.options):
+        if plan.found is None:
             return None
         a = realise(path, setup.arm, setup.robot, phi, seed)
-        if (a.reason != Reason.OK).any():
+        if (a.reason != Reason.OK).any() or not obeys(a, path, plan.options):
             return None
         check = Checker.of(path, setup.arm, setup.robot, setup.collision, plan.options).whole(a.phi, a.q)
         return replace(rescored(plan, a), chosen_from="smooth", check=check, breaks=()) if check.free else None

@@ -86,6 +86,14 @@ def nearest_in(intervals: Sequence[Interval], value: float) -> float:
     return min((min(max(value, a), b) for a, b in intervals), key=lambda v: abs(v - value))
 
 
+def side_of(stand: Stand, value: Array) -> Interval:
+    """What a zone leaves to a joint on the side that its values (n,) are on, without end."""
+    if stand.away is None:
+        raise AssertionError("a pin has no sides")
+    below = float(np.max(value)) <= 0.5 * (stand.away[0] + stand.away[1])
+    return (-np.inf, stand.away[0]) if below else (stand.away[1], np.inf)
+
+
 def left_by(stands: Sequence[Stand], within: Sequence[Interval]) -> tuple[Interval, ...]:
     """What all of some wishes leave of some intervals."""
     left = tuple(within)
