@@ -204,3 +204,24 @@ def test_a_job_lost_by_its_shift_ends_as_infeasible(
     assert all("mm, more than compensation_max_mm 2" in r for r in reasons[:4])
     assert "mm per mm of path, more than 0.1" in reasons[4]  # the way out, over which the shift would fade
     assert not (out / "trajectory.csv").exists()
+
+
+def test_a_rotation_is_taken_at_which_the_shift_can_be_driven(tmp_path: FilePath) -> None:
+    """The stiffest rotation is one at which the deflection turns too quickly; the one beside it is taken, and said."""
+    u = np.linspace(0.0, 1.0, 15)
+    t, b = 0.2 * np.sin(2 * np.pi * u), 0.3 * np.cos(9 * u)
+    axis = np.column_stack([np.sin(t) * np.cos(b), np.sin(b) * np.cos(t), np.cos(t) * np.cos(b)])
+    axis /= np.linalg.norm(axis, axis=1)[:, None]
+    tip = np.column_stack([150 * u - 225, 40 + 20 * np.sin(6 * u), np.full(15, -10.0)])
+    rows = [(tip[0] + 40 * axis[0], axis[0], "rapid", ""), (tip[0] + 5 * axis[0], axis[0], "approach", "1000")]
+    rows += [(p, a, "cut", "1000") for p, a in zip(tip, axis, strict=True)]
+    rows += [(tip[-1] + 5 * axis[-1], axis[-1], "retract", "1000")]
+    lines = [",".join(f"{v:.6f}" for v in (*p, *a)) + f",{move},{feed},s" for p, a, move, feed in rows]
+    path = tmp_path / "swarf.csv"
+    path.write_text(HEADER + "\n".join(lines) + "\n")
+    cell = ROOT / "cells" / "irb6700_drilling"
+    asked = ("--compensate", "--set", "rotation_step_deg=20", "--set", "force_N.axial=300")
+    assert optimize(cell, path, tmp_path / "out", *asked) == 0
+    told = (tmp_path / "out" / "report.html").read_text()
+    assert "with that one the path shifted against the deflection could not be driven" in told
+    assert "steer" not in result(tmp_path / "out")["options"]  # type: ignore[operator]  # the user asked for none

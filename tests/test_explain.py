@@ -162,6 +162,28 @@ def test_a_method_that_takes_one_rotation_says_that_others_work(made: Plan) -> N
         assert "--method global" in help_of(one, row)
 
 
+def test_a_finer_step_is_advised_only_where_it_could_help(made: Plan) -> None:
+    """Not where the nearest configuration misses a joint's limit by more than rotations a step apart can differ."""
+    row = made.path.runs[0][1]
+    stopped = lost(made, row, Reason.LIMIT)
+    s = int(np.searchsorted(made.path.stations, row))
+    reason = made.candidates.reason.copy()
+    reason[s] = np.where(np.isfinite(made.candidates.q[s]).all(axis=-1), Reason.LIMIT, Reason.UNREACHABLE)
+    of_joint = np.abs(np.asarray(made.candidates.q[s])[reason[s] == Reason.LIMIT]).min()
+    for missed, margin, finer in ((np.radians(3.0), np.radians(5.0), True), (np.radians(36.0), np.radians(5.0), False)):
+        upper = np.full(6, of_joint)
+        upper[0] = np.nanmin(made.candidates.q[s][..., 0]) - missed
+        arm = replace(made.setup.arm, lower=np.full(6, -10.0), upper=np.r_[upper[0], np.full(5, 10.0)])
+        setup = replace(made.setup, arm=replace(arm, turns=np.zeros((1, 6))))
+        options = replace(made.options, limit_margin=margin)
+        help_there = help_of(
+            replace(stopped, setup=setup, options=options, candidates=replace(made.candidates, reason=reason)), row
+        )
+        assert ("a finer rotation_step_deg" in help_there) is finer
+        assert ("smaller limit_margin_deg" in help_there) is finer
+        assert "a wider joint range" in help_there
+
+
 def test_what_is_allowed_already_is_not_advised(made: Plan) -> None:
     row = made.path.runs[0][1]
     stopped = lost(made, row, Reason.LIMIT)

@@ -62,6 +62,16 @@ def test_a_flat_cutter_on_a_flat_face_does_not_gouge_and_a_tilted_one_does(tmp_p
     assert gouges_of(tilt, ball, 1e-6).depth.max() < 1e-5
 
 
+def test_a_depth_that_is_the_tolerance_is_none(tmp_path: Path) -> None:
+    """Half a micrometre is told as the same number, so it is no gouge; a whole one is, and is told as another."""
+    cell = cell_of(tmp_path, (plate(),))
+    for beyond, deep in ((0.0, False), (4e-7, False), (1e-6, True)):
+        z = -5e-4 - beyond
+        found = gouges_of(path_of(("rapid", (0, 0, 0.05), UP), ("cut", (0, 0, z), UP)), cell, 5e-4)
+        assert bool(found.deep.any()) is deep
+    assert "by 0.501 mm" in found.sentences()[int(np.argmax(found.deep))]
+
+
 def test_a_gouge_between_two_points_is_found_where_it_is(tmp_path: Path) -> None:
     """A rib between two points that lie clear of it, and a corner the tool leans into on the way."""
     rib = Shape("rib", "box", (0.002, 0.1, 0.004), None, pose(0.0473, 0.0, 0.002))

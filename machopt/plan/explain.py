@@ -75,7 +75,11 @@ def help_of(plan: Plan, point: int) -> str:
     if (plan.candidates.reason[s] == Reason.UNREACHABLE).all():
         return _towards(plan, point)
     words = [_HELP[r] for r in _HELP if (rotations == r).any()]
-    if (rotations != Reason.UNREACHABLE).any():
+    missed = _missed_limit(plan, s)[1] if (rotations == Reason.LIMIT).any() else 0.0
+    if missed > plan.options.limit_margin:  # the joint's own range lacks
+        words = ["a wider joint range" if w == _HELP[Reason.LIMIT] else w for w in words]
+    hopeless = {Reason.UNREACHABLE, Reason.BOUNDS} | ({Reason.LIMIT} if missed > plan.options.rotation_step else set())
+    if not np.isin(rotations, list(hopeless)).all():
         words.append(f"a finer rotation_step_deg than {np.degrees(plan.options.rotation_step):g}")
     return f"{', '.join(dict.fromkeys(words))} would help{_left_out(plan)}"
 
@@ -223,6 +227,12 @@ def _too_near(pair: Pair) -> str:
 
 def _limiting_joint(plan: Plan, s: int) -> str:
     """The joint whose limit is missed by least, and by how much."""
+    joint, missed = _missed_limit(plan, s)
+    return f" (nearest: joint {joint + 1} by {np.degrees(missed):.1f}°)"
+
+
+def _missed_limit(plan: Plan, s: int) -> tuple[int, float]:
+    """Of the configurations of station s that break a limit the nearest one: its joint, and rad beyond the margin."""
     arm = plan.setup.arm
     q = (
         np.asarray(wrap(plan.candidates.q[s][plan.candidates.reason[s] == Reason.LIMIT]))[:, None] + arm.turns
@@ -230,7 +240,7 @@ def _limiting_joint(plan: Plan, s: int) -> str:
     over = np.maximum(arm.lower - q, q - arm.upper).clip(min=0.0)
     best = np.unravel_index(over.max(axis=-1).argmin(), over.shape[:2])
     joint = int(over[best].argmax())
-    return f" (nearest: joint {joint + 1} by {np.degrees(over[best][joint]):.1f}°)"
+    return joint, float(over[best][joint])
 
 
 SURE = "They are only as sure as their intervals say; "
@@ -261,6 +271,12 @@ def hints(plan: Plan) -> tuple[str, ...]:
         return tuple(dict.fromkeys(hint for part in plan.parts for hint in hints(part.plan)))
     out = [misfit] if (misfit := misfit_words(plan)) else []
     out += [plan.conflict] if plan.conflict else []
+    if plan.elsewhere:
+        several = len(plan.elsewhere) > 1
+        out.append(
+            f"Around {'points' if several else 'point'} {_some(plan.elsewhere)} the rotation is another than stiffness "
+            "alone would choose: with that one the path shifted against the deflection could not be driven."
+        )
     out += plan.setup.collision.suspicious if plan.setup.collision else []
     robot, arm = plan.setup.robot, plan.setup.arm
     axis6 = robot.T_base_flange_zero[:3, :3].T @ robot.axis[5]
@@ -301,6 +317,11 @@ def hints(plan: Plan) -> tuple[str, ...]:
         told = "; ".join(changes[:6]) + more
         out.append(f"The arm changes its configuration between runs, where the tool is retracted: {told}")
     return tuple(out)
+
+
+def _some(points: tuple[int, ...], most: int = 6) -> str:
+    more = f" and {len(points) - most} more" if len(points) > most else ""
+    return ", ".join(map(str, points[:most])) + more
 
 
 def _where_external(plan: Plan) -> list[str]:

@@ -24,6 +24,9 @@ from machopt.se3 import normalise, tool_rotation, transform
 
 STEP = 1e-3  # m that the tip moves between two poses that are looked at
 TURN = np.radians(0.5)  # rad that its axis turns between them
+# m: a depth that equals the tolerance is none beyond it. Half of the last digit a sentence shows; meshes are in single
+# precision, tables in nanometres.
+ROUNDING = 5e-7
 AT_ONCE = 100_000  # poses
 
 
@@ -75,7 +78,7 @@ def gouges_of(path: Path, cell: Cell, limit: float) -> Gouges:
         a = np.maximum(b - 1, 0)
         tip, axis, reference = ((1.0 - f) * v[a] + f * v[b] for v in (path.position, path.axis, path.reference))
         R = tool_rotation(normalise(axis), reference, np.zeros(len(b)))
-        found = deepest(part, points, transform(R, tip), limit)
+        found = deepest(part, points, transform(R, tip), limit + ROUNDING)
         for m in np.flatnonzero(found.depth > 0.0):
             p = b[m]
             if found.depth[m] > out.depth[p]:

@@ -20,8 +20,8 @@ from machopt.plan.kept import kept_through
 from machopt.plan.made import Plan
 from machopt.plan.overexternal import over_external
 from machopt.plan.points import PointResults, point_results
-from machopt.plan.refine import compensate
 from machopt.plan.setup import Timings
+from machopt.plan.shiftable import shifted_where_it_can
 from machopt.plan.spared import as_driven, asked_again, lost, with_spare
 from machopt.plan.timeline import Timeline
 from machopt.plan.together import together
@@ -131,8 +131,7 @@ def driven(
     toolpath, options, spared, arm = stint.toolpath, stint.of(whole), whole, the_plan.setup.arm
     for tries_left in range(SPARES, -1, -1):
         if options.compensate:
-            with timings.stage("compensate"):
-                the_plan = compensate(the_plan, toolpath)
+            the_plan = shifted_where_it_can(stint, the_plan, spared, timings, again)
         timeline = motion_of(the_plan, toolpath, options, timings)
         if timeline is None or timeline.trajectory is None:
             return the_plan, the_plan, timeline

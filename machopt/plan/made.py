@@ -85,6 +85,7 @@ class Plan:
     begin: Array | None = None  # (6 + E,) rad or m by encoder, where the motion begins; None: at home
     end: Array | None = None  # likewise, where it ends
     parts: tuple[Part, ...] = ()  # one a tool that is on, of a job that changes tools; empty: it has one tool
+    elsewhere: tuple[int, ...] = ()  # toolpath points that are turned otherwise than chosen, for the shift's sake
     over_external: ExternalBound | None = None  # None: no external joint was free, or nobody asked
     bound: float | None = None  # of such a job: no sequences over the grids of its parts have less J; None: not known
 

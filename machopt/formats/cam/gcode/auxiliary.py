@@ -41,7 +41,13 @@ class AuxiliaryReader(CallReader):
                 "--unit inch (F in inch/min) or --unit mm (F in mm/min), or post the program with G700",
                 line,
             )
-        self.feed, self.feed_scale = feed, self.feed_unit
+        self.feed, self.feed_scale, self.fed_at = feed, self.feed_unit, line
+
+    def use_feed_mode(self, mode: str) -> None:
+        """G93, G94, G95: what F was before is no feed under G93, nor the other way round."""
+        if mode != self.feed_mode and "inverse" in (mode, self.feed_mode):
+            self.feed = math.nan
+        self.feed_mode = mode
 
     def numbers(self, words: dict[str, float], b: Block, *, started: bool) -> None:
         """F, S, T and the words that only lines of a machine's own need.

@@ -23,8 +23,6 @@ _DEFAULT_FGROUP = {"X", "Y", "Z"}
 class CallReader(FrameReader):
     """Carries out what is called by name."""
 
-    siemens: bool  # whose control the program is for
-
     def calls(self, b: Block, words: dict[str, float]) -> None:
         for name, args in b.calls:
             self.call(name, args, words, b)

@@ -38,6 +38,10 @@ class HoleReader(ArcReader):
         if self.canned is None:
             return self.modal_call
         c = self.canned
+        if self.feed_mode == "inverse":
+            raise self.source.error(
+                f"G{c.code} under G93: a cycle's feed is no time for a block; G94 before it", b.line
+            )
         if not self.along_z():
             raise self.source.error(f"G{c.code} with a tool that does not stand along Z is not supported", b.line)
         c.take(words, b, self.scale, incremental=self.incremental)

@@ -277,7 +277,7 @@ class ProgramReader(AuxiliaryReader):
                 if not self.siemens:  # Sinumerik keeps the feed it has
                     self.feed_scale = self.feed_unit
             elif g in FEED_MODES:
-                self.feed_mode = FEED_MODES[g]
+                self.use_feed_mode(FEED_MODES[g])
             elif g in PLANES:
                 self.plane = np.array(PLANES[g])
             elif g in (901, 911):

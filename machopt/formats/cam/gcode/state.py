@@ -33,6 +33,7 @@ class ControlState:
     """State of the control while a program is read, and what a block's coordinates do with it."""
 
     format = "gcode"
+    siemens: bool  # whose control the program is for
     once = 0  # line of a drilling cycle that is carried out in its own block
 
     def __init__(self, source: Source, options: ReadOptions, unit: str) -> None:
@@ -55,6 +56,7 @@ class ControlState:
         self.back_to_initial = True
         self.modal_call: HoleCycle | None = None
         self.last_feed = math.nan
+        self.fed_at = 0  # line of the last F
         self.plunges: list[tuple[int, dict[str, float]]] = []
         self.polar = Polar()
         self.segment: Segment | None = None  # the contour element before, while the tool is still at its end
@@ -249,6 +251,8 @@ class ControlState:
             return self.feed * self.feed_scale
         if self.feed_mode == "revolution":
             return self.feed * self.rpm * self.feed_scale
+        if self.fed_at != line and not self.siemens:  # of other controls F is for one block, and they alarm without
+            raise self.source.error("a cutting block without F under G93, where F (1/min) is for its own block", line)
         feed = self.feed * length  # G93: F is 1/min for the block
         if not (math.isfinite(feed) and feed > 1e-6):
             if math.isnan(self.feed) or math.isnan(self.last_feed):
