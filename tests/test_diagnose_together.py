@@ -9,12 +9,13 @@ import pytest
 
 from machopt.arrays import Array
 from machopt.diagnose.evidence.grams import Model, Tried, base_model, tried
+from machopt.diagnose.evidence.grams import model as grams_model
 from machopt.diagnose.evidence.noise import Noise
 from machopt.diagnose.evidence.whitening import whitening
 from machopt.diagnose.nouns.problem import Family, Hypothesis, Problem, Quantity, Unknown
-from machopt.diagnose.search import together
+from machopt.diagnose.search import fewest, sums, together
 from machopt.diagnose.search.screen import fitted, score
-from machopt.diagnose.search.select import settled, with_chosen
+from machopt.diagnose.search.select import select, settled, with_chosen
 
 POSES, VISITS, ORDERS, SIGMA = 90, 2, tuple((float(n),) for n in range(1, 7)), 1e-5
 N = POSES * VISITS
@@ -120,21 +121,21 @@ def test_other_channels_and_small_recordings_are_not_searched_so() -> None:
 
 def test_sums_are_those_of_explicit_refits() -> None:
     base, laws = model(MANY, 2)
-    sums = together._sums(base, laws)
-    taken, more = sums.groups[3], sums.groups[10]
+    found = sums.summed(base, laws)
+    taken, more = found.groups[3], found.groups[10]
     X = np.concatenate([base.X, taken.law.at(taken.shape)], axis=1)
-    columns = [*range(sums.base), *range(taken.columns.start, taken.columns.stop)]
+    columns = [*range(found.base), *range(taken.columns.start, taken.columns.stop)]
     whole = np.concatenate([X, more.law.at(more.shape)], axis=1)
     left = [float(np.sum((base.y - A @ np.linalg.lstsq(A, base.y, rcond=None)[0]) ** 2)) for A in (X, whole)]
-    swept = together._swept(sums.total, np.array(columns))
-    assert swept[-1, -1] == pytest.approx(left[0], rel=1e-6)
-    assert together._gains(swept, sums)[10] == pytest.approx(left[0] - left[1], rel=1e-6)
+    left_over = sums.swept(found.total, np.array(columns))
+    assert left_over[-1, -1] == pytest.approx(left[0], rel=1e-6)
+    assert sums.gains(left_over, found)[10] == pytest.approx(left[0] - left[1], rel=1e-6)
     unseen = 0.0
-    for some in np.array_split(np.arange(base.folds), together.FOLDS):
+    for some in np.array_split(np.arange(base.folds), sums.FOLDS):
         out = np.zeros(len(base.y), bool)
         out[np.concatenate([base.rows[f] for f in some])] = True
         unseen += float(np.sum((base.y[out] - X[out] @ np.linalg.lstsq(X[~out], base.y[~out], rcond=None)[0]) ** 2))
-    assert together._heldout(sums, columns) == pytest.approx(unseen, rel=1e-6)
+    assert together._heldout(found, columns) == pytest.approx(unseen, rel=1e-6)
 
 
 def test_what_is_written_is_the_fit_of_the_whole_sum() -> None:
@@ -155,9 +156,9 @@ def test_laws_of_weight_that_do_not_gain_clearly_more_take_no_place_among_the_le
     """As many loads as are looked at in a step, each a little of everything: 1.2 times the gain of the best frame."""
     base, laws = model(MANY, 1)
     among = [t for t in laws if t.hypothesis.family == "kinematic"]
-    plain = together._sums(base, among)
-    swept = together._swept(plain.total, np.arange(plain.base))  # type: ignore[arg-type]  # numbers
-    share = 1.2 * together._gains(swept, plain).max() / swept[-1, -1]
+    plain = sums.summed(base, among)
+    beside = sums.swept(plain.total, np.arange(plain.base))  # type: ignore[arg-type]  # numbers
+    share = 1.2 * sums.gains(beside, plain).max() / beside[-1, -1]
     rng, signal = np.random.default_rng(5), base.residual
     crowd = []
     for k in range(together.LEADING):
@@ -167,8 +168,8 @@ def test_laws_of_weight_that_do_not_gain_clearly_more_take_no_place_among_the_le
         column = np.zeros((N, 3, 1))
         column[base.w.index, :, 0] = (signal + other).reshape(-1, 3)
         crowd.append(made("base_compliance", f"base:{k}", lambda s, c=column: c, ((),), "body"))
-    sums = together._sums(base, tried(base, [*(t.hypothesis for t in among), *crowd]))
-    found = {g.law.hypothesis.name for g in together._pursue(sums, 1.0)}
+    whole = sums.summed(base, tried(base, [*(t.hypothesis for t in among), *crowd]))
+    found = {g.law.hypothesis.name for g in together._pursue(whole, 1.0)}
     assert found >= {name for name in MANY if name[0] != "payload"}
 
 
@@ -182,3 +183,42 @@ def test_the_fit_that_chance_is_judged_by_is_the_one_that_unseen_folds_are_held_
             whole.visible,
         )
         np.testing.assert_array_equal(alone.x, whole.x)
+
+
+def offsets_in_frames(seed: int, frames: tuple[int, ...], offsets: tuple[int, ...]) -> tuple[Model, list[Tried]]:
+    """A frame of each joint holds the offset of its own joint and of the one before among its three directions."""
+    rng = np.random.default_rng(seed)
+    base, _ = model({}, seed)
+    turns = rng.normal(size=(7, POSES, 3, 1))
+    own = [rng.normal(size=(POSES, 3, 1)) for _ in range(6)]
+    offered = []
+    for j in range(6):
+        frame = again(np.concatenate([turns[j], turns[j + 1], own[j]], axis=2))
+        offered.append(made("geometry", f"joint:{j + 1}", lambda s, c=frame: c, ((),), "kinematic"))
+        turn = again(turns[j])
+        offered.append(made("joint_zero_offset", f"joint:{j + 1}", lambda s, c=turn: c, ((),), "kinematic"))
+    known = tried(base, offered)
+    y = base.y.copy()
+    for t in known:
+        h = t.hypothesis
+        if int(h.location[-1]) in (frames if h.effect == "geometry" else offsets):
+            y = y + t.X[:, 0] @ np.full(t.X.shape[2], 2.0)
+    planted = grams_model(base.w, base.X, y, base.fold, base.prior, base.rows)
+    return planted, tried(planted, offered)
+
+
+def test_offsets_that_frames_hold_among_their_directions_are_told_as_offsets() -> None:
+    """Frames of joints 2 and 4 hold offsets 2 to 5 and gain more at each step: six numbers where four are enough."""
+    base, laws = offsets_in_frames(7, (), (2, 3, 4, 5))
+    greedy = select(base, [t for t in laws if t.hypothesis.effect == "geometry"], 6, np.random.default_rng(0))
+    assert {c.tried.hypothesis.effect for c in greedy} == {"geometry"}
+    found = fewest.shortest(base, greedy, laws, 6)
+    assert {c.tried.hypothesis.name for c in found} == {("joint_zero_offset", f"joint:{j}") for j in (2, 3, 4, 5)}
+    kept = fewest.shortest(base, greedy, laws, 2)
+    assert len(kept) <= 2  # never more than are asked for
+
+
+def test_a_frame_whose_own_direction_shows_stays_a_frame() -> None:
+    base, laws = offsets_in_frames(8, (3,), (5,))
+    found = fewest.shortest(base, select(base, laws, 6, np.random.default_rng(0)), laws, 6)
+    assert {c.tried.hypothesis.name for c in found} == {("geometry", "joint:3"), ("joint_zero_offset", "joint:5")}

@@ -53,7 +53,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         "--max-findings",
         type=natural,
         metavar="N",
-        help="most effects named one by one (load tests 6, others 3); measured poses that show effects at more than "
+        help="most effects named one by one (motions 3, others 6); measured poses that show effects at more than "
         "four places at once are explained by all that predict unseen poses, however many, unless N is 1 or 2",
     )
     share(p, "--accept")

@@ -113,9 +113,9 @@ def at_rest(
     def poses(terms: tuple[Term, ...]) -> tuple[Diagnosis, Problem]:
         rng, kept = np.random.default_rng(seed), frozenset[int]()
 
-        def build(found: Mapping[int, float] | None) -> tuple[Problem, Catalogue]:
+        def build(found: Mapping[int, float] | None, about: engine.Unloaded = ()) -> tuple[Problem, Catalogue]:
             nonlocal notes
-            problem, catalogue, notes = absolute.build(recording, cell, robot, masses, rng, terms, found, kept)
+            problem, catalogue, notes = absolute.build(recording, cell, robot, masses, rng, terms, found, kept, about)
             laws = tuple(h for h in catalogue.hypotheses if h.name not in barred)
             problem = replace(problem, time=recording.time, excluded=copies if copies.any() else None)
             return problem, replace(catalogue, hypotheses=laws)
@@ -123,11 +123,11 @@ def at_rest(
         problem, catalogue = build(None)
         _refuse_too_few(problem, recording)
 
-        def again(x: Array, doubted: frozenset[int]) -> tuple[Problem, Catalogue]:
+        def again(x: Array, doubted: frozenset[int], about: engine.Unloaded) -> tuple[Problem, Catalogue]:
             nonlocal problem, kept
             springs = {u.spring: float(v) for u, v in zip(problem.unknowns, x, strict=True) if u.spring is not None}
             kept |= {problem.unknowns[n].spring or 0 for n in doubted}
-            problem, catalogue = build(springs)
+            problem, catalogue = build(springs, about)
             return problem, catalogue
 
         return engine.diagnose(problem, catalogue, replace(options, predicted="poses"), rng, again), problem
@@ -190,7 +190,7 @@ def _load_tests(
     if copies.any():
         problem = replace(problem, excluded=copies)
     _refuse_too_few(problem, recording)
-    rebuild = _excluding(lambda x, _: build(np.maximum(x[:6], 0.0)), copies)
+    rebuild = _excluding(lambda x, _, __: build(np.maximum(x[:6], 0.0)), copies)
     rng = np.random.default_rng(seed)
     d = engine.diagnose(problem, catalogue, replace(options, predicted="load tests"), rng, rebuild)
     return d, problem
@@ -215,8 +215,8 @@ def _excluding(rebuild: engine.Rebuild, rows: NDArray[np.bool_]) -> engine.Rebui
     if not rows.any():
         return rebuild
 
-    def again(x: Array, doubted: frozenset[int]) -> tuple[Problem, Catalogue]:
-        problem, catalogue = rebuild(x, doubted)
+    def again(x: Array, doubted: frozenset[int], about: engine.Unloaded) -> tuple[Problem, Catalogue]:
+        problem, catalogue = rebuild(x, doubted, about)
         return replace(problem, excluded=rows), catalogue
 
     return again

@@ -149,6 +149,7 @@ ZERO = Effect(
     port="angle",
     places=JOINTS,
     unloaded=(Constant(),),
+    form=0.0,  # a constant is its own form
     plausible={"deg": 10.0},
 )
 

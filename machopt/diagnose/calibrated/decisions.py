@@ -33,6 +33,11 @@ class Detection:
     possible: float = _set(
         0.7, "of the gain that must stay with the nearest coefficients that something built can have", JUDGED
     )
+    shorter: float = _set(
+        10.0,
+        "−2 log evidence by which other explanations must be shorter: very strong (Kass & Raftery 1995)",
+        STATISTICS,
+    )
     nine_of_ten: float = _set(1.28, "standard deviations: a limit is shown in nine of ten repeats", STATISTICS)
     apart: float = _set(6.0, "gain that a rival must leave at twice the limit to be told from the effect", JUDGED)
     as_good: float = _set(

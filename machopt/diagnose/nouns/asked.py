@@ -9,7 +9,7 @@ from pathlib import Path
 from machopt.errors import InputError
 
 MOST = 3  # effects named one by one; many of poses are found together
-MOST_IN_LOAD_TESTS = 6  # a load and both its signs in many directions carry more
+MOST_AT_REST = 6  # a load and both its signs in many directions carry more
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Request:
         """Effects that are named one by one in a recording of a kind."""
         if self.max_findings is not None:
             return self.max_findings
-        return MOST_IN_LOAD_TESTS if kind == "deflection" else MOST
+        return MOST if kind == "motion" else MOST_AT_REST
 
     def said(self, kind: str) -> dict[str, str | int | list[str]]:
         """The options that decide the answer for a recording of a kind, as result and page tell them."""

@@ -20,17 +20,22 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
-from machopt.diagnose.laws import held
+from machopt.diagnose.laws import held, laws_geometry
 from machopt.diagnose.nouns import loads, reflectors
 from machopt.diagnose.nouns.problem import Catalogue, Family, Problem, Unknown
+from machopt.diagnose.nouns.readings import BEHIND, Readings
 from machopt.diagnose.resting import inclinometer
 from machopt.diagnose.resting.absolute_catalogue import catalogue
-from machopt.diagnose.resting.nominal_poses import Nominal
+from machopt.diagnose.resting.nominal_poses import About, Nominal
 from machopt.domain.cell import Cell
+from machopt.domain.kinematics import KinematicCorrection, Kinematics
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Term
+from machopt.effects import geometry
+from machopt.effects.corrections import extended
 from machopt.errors import InputError
-from machopt.model.robot import Masses, Robot
+from machopt.model.correction import correction_of
+from machopt.model.robot import Masses, Robot, load_robot
 
 Ints = NDArray[np.int64]
 
@@ -44,6 +49,7 @@ def build(
     terms: tuple[Term, ...] = (),
     found: Mapping[int, float] | None = None,
     kept: frozenset[int] = frozenset(),
+    about: tuple[KinematicCorrection, ...] = (),
 ) -> tuple[Problem, Catalogue, tuple[str, ...]]:
     """Equations and hypotheses of measured TCP poses.
 
@@ -58,6 +64,8 @@ def build(
         terms: of the cell's stiffness, that count as known.
         found: compliance rad/(N·m) of joints, from 1, beside what was found before; None: nothing was looked for yet.
         kept: joints, from 1, whose springs are the cell's and not refitted.
+        about: corrections that were found beside the cell's: the model is made linear about them, and what they do
+            is part of y still, as the columns of their laws have it.
 
     Returns:
         Problem (D = 3, or 6 with rotation vectors in base axes where quaternions are recorded; 2 more where a tilt is),
@@ -74,11 +82,12 @@ def build(
             f"is a recording of kind {recording.kind!r}; measured poses are of kind 'absolute' with x_mm, y_mm, z_mm",
             file=recording.source,
         )
-    model = Nominal(recording, cell, robot, masses, kept)
+    there = _about(cell, about)
+    model = Nominal(recording, cell, robot, masses, kept, there)
     frame = model.first_fit()
     unseen = model.unseen(frame)
     if not unseen <= kept:
-        model = Nominal(recording, cell, robot, masses, kept | unseen)
+        model = Nominal(recording, cell, robot, masses, kept | unseen, there)
         frame = model.first_fit()
     state, p, R = model.predict(frame)
     y = model.residual(frame, p, R)
@@ -96,6 +105,8 @@ def build(
         y = np.concatenate([y, more.y], axis=1)
         base = more.beside(base)
         unknowns += more.unknowns
+    if there is not None:
+        y = y + _as_stated(readings, about)
     y = y - held.at_rest(readings, terms)
     visit, replicate = _labels(recording, readings.wrench)
     stated = recording.uncertainty
@@ -124,6 +135,32 @@ def build(
     )
     readings = replace(readings, visit=visit, cycle=visit)
     return problem, catalogue(readings, problem), (*model.notes(frame), *apart)
+
+
+def _about(cell: Cell, found: tuple[KinematicCorrection, ...]) -> About | None:
+    """The cell's arm with corrections that were found; None where there are none."""
+    if not found:
+        return None
+    kinematics = extended(cell.kinematics, found)
+    return About(load_robot(replace(cell, kinematics=kinematics)), kinematics)
+
+
+def _as_stated(r: Readings, found: tuple[KinematicCorrection, ...]) -> Array:
+    """(N, D) m, rad that corrections move the readings by, as the columns of their laws have it.
+
+    The slope of the nominal model is another one by what weight does to an arm that is turned (1 in 50 of an offset of
+    a large joint 2). The columns are what the numbers of the next fit multiply, so that y and they belong together.
+    """
+    frames = [c for c in found if c.effect == geometry.EFFECT.name]
+    turned = correction_of(Kinematics(tuple(c for c in found if c not in frames)))
+    out = r.seen(np.zeros((len(r), 6)), BEHIND)
+    if turned is not None:
+        delta = turned.delta(r.state.q)
+        out = out + sum(r.lift(j, delta[:, j : j + 1])[:, :, 0] for j in range(6))
+    for c in frames:
+        at = geometry.placed(c.parameters)
+        out = out + laws_geometry.twists(r, c.location) @ np.concatenate([at.shift, at.turn])
+    return np.asarray(out)
 
 
 def _labels(recording: Recording, wrench: Array) -> tuple[Ints, Ints]:

@@ -100,7 +100,7 @@ def link_of(name: str, cell: Cell, source: str = "") -> int:
 
 def sagged(model: Nominal, state: ArmState, link: int) -> Array:
     """(N, 3) rad, how far the nominal arm's link is from where the encoders say: corrections and sag."""
-    plain = model.robot.state(model.recording.q, model.cell.tool.T_flange_tcp, bodies=True)
+    plain = model.encoders.state(model.recording.q, model.cell.tool.T_flange_tcp, bodies=True)
     if state.R_bodies is None or plain.R_bodies is None:
         raise ValueError("the state was made without its bodies")
     turned = state.R_bodies[:, link] @ np.swapaxes(plain.R_bodies[:, link], 1, 2)

@@ -21,6 +21,7 @@ from machopt.diagnose.nouns.problem import Unknown
 from machopt.diagnose.nouns.readings import Readings
 from machopt.diagnose.resting.absolute_catalogue import left, spanned
 from machopt.domain.cell import Cell
+from machopt.domain.kinematics import Kinematics
 from machopt.domain.location import joint_at
 from machopt.domain.parameters import joint_spring
 from machopt.domain.recording import Recording
@@ -45,6 +46,14 @@ class First:
 
 
 @dataclass(frozen=True)
+class About:
+    """The arm with corrections that were found, about which the model is made linear again."""
+
+    robot: Robot
+    kinematics: Kinematics
+
+
+@dataclass(frozen=True)
 class Step:
     """One vector of unknowns of the base, in parts."""
 
@@ -58,11 +67,20 @@ class Nominal:
     """The nominal model of a recording."""
 
     def __init__(
-        self, recording: Recording, cell: Cell, robot: Robot, masses: Masses | None, kept: frozenset[int]
+        self,
+        recording: Recording,
+        cell: Cell,
+        robot: Robot,
+        masses: Masses | None,
+        kept: frozenset[int],
+        about: About | None = None,
     ) -> None:
+        """``about``: where the model is made linear, where that is not the cell's own kinematics."""
         assert recording.position is not None  # build checks it
-        self.recording, self.cell, self.robot, self.masses, self.kept = recording, cell, robot, masses, kept
-        known = correction_of(cell.kinematics)
+        self.recording, self.cell, self.masses, self.kept = recording, cell, masses, kept
+        self.encoders = robot  # as the cell has it: what inclinometers count from
+        self.robot = robot if about is None else about.robot
+        known = correction_of(cell.kinematics if about is None else about.kinematics)
         self.angles = recording.q if known is None else known.true_angles(recording.q)
         self.position = recording.position
         self.rotation = None if recording.quaternion is None else quaternion_matrix(recording.quaternion)

@@ -33,13 +33,15 @@ from machopt.diagnose.search.select import Chosen, stands, with_chosen
 from machopt.diagnose.search.state import State
 from machopt.diagnose.search.together import searched
 from machopt.diagnose.verdict import words
+from machopt.domain.kinematics import KinematicCorrection
 
 Flags = NDArray[np.bool_]
 ROUNDS = 3
 MENDED = 2  # further ones, while the base is fitted to what nothing built has
 CLIPS = 4
 
-Rebuild = Callable[[Array, frozenset[int]], tuple[Problem, Catalogue]]
+Unloaded = tuple[KinematicCorrection, ...]  # what was found that needs no load
+Rebuild = Callable[[Array, frozenset[int], Unloaded], tuple[Problem, Catalogue]]
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,8 @@ def diagnose(
         options: how many effects at most.
         rng: of sign flips, folds and directions.
         rebuild: problem and catalogue once more about base coefficients (P,) SI that were found, without unknowns of
-            these numbers that no such thing can have; None: they stand.
+            these numbers that no such thing can have, and about the corrections without load that were found (which
+            makes the rounds of the search Gauss-Newton steps); None: they stand.
     """
     seed = int(rng.integers(2**31))
     state = _search(problem, catalogue, options, seed, rebuild)
@@ -94,9 +97,21 @@ def _search(problem: Problem, catalogue: Catalogue, options: Options, seed: int,
             break
         used = again
         if rebuild is not None:
-            problem, catalogue = rebuild(x, doubted)
+            problem, catalogue = rebuild(x, doubted, _unloaded(chosen))
     assert state is not None  # ROUNDS > 0
     return settled(state)
+
+
+def _unloaded(chosen: Sequence[Chosen]) -> Unloaded:
+    """Corrections without load among what was chosen."""
+    named = [c for c in chosen if c.tried.hypothesis.named]
+    each = [
+        c.tried.hypothesis.correction(
+            c.scored.x * c.tried.unit[c.scored.shape], c.tried.hypothesis.shapes[c.scored.shape]
+        )
+        for c in named
+    ]
+    return tuple(c for c in each if isinstance(c, KinematicCorrection))
 
 
 def _doubted(problem: Problem, x: Array, chosen: Sequence[Chosen]) -> frozenset[int]:

@@ -9,44 +9,23 @@ Lozano, Swirszcz & Abe 2009), as long as the next one predicts folds that it was
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from machopt.arrays import Array
 from machopt.diagnose import calibrated
-from machopt.diagnose.evidence.grams import NOTHING, Model, Tried, ridged_inverse, tried
+from machopt.diagnose.evidence.grams import Model, Tried, ridged_inverse, tried
 from machopt.diagnose.nouns.problem import Hypothesis
+from machopt.diagnose.search.fewest import shortest
 from machopt.diagnose.search.select import Chosen, select, settled
+from machopt.diagnose.search.sums import Group, Sums, gains, summed, swept
 from machopt.effects import geometry
 
 FEW = 3  # effects that a search one by one is asked for as a rule
 RIVALS = 24  # shapes of a law that is held against what was found together
 MOST = 96  # groups, a safety
-MOST_SHAPES = 8  # of a law that is no wave
 LEADING = 3  # groups whose gain on unseen folds is looked at in each step
-FOLDS = 10
 RIGID = ("kinematic", "sensor")  # families of what is there without any weight: frames, waves, the tracker's stand
-
-
-@dataclass(frozen=True)
-class _Group:
-    """One law at one shape."""
-
-    law: Tried
-    shape: int
-    columns: slice  # of all
-
-
-@dataclass(frozen=True)
-class _Sums:
-    """Normal equations of the base's columns, all groups' columns, and y, in this order."""
-
-    total: Array  # (C + 1, C + 1)
-    folds: tuple[Array, ...]
-    groups: tuple[_Group, ...]
-    base: int  # columns of it
-    rows: int
 
 
 def searched(
@@ -66,7 +45,7 @@ def searched(
     """
     found = many(model, laws, fits) if most >= FEW else []
     if not found:
-        return tuple(laws), tuple(select(model, laws, most, rng))
+        return tuple(laws), tuple(shortest(model, select(model, laws, most, rng), laws, most))
     names = {t.hypothesis.name for t in found}
     rest = [t for t in laws if t.hypothesis.name not in names and len(t.shapes) <= RIVALS]
     return (*rest, *found), tuple(settled(model, found, laws, rng))
@@ -87,7 +66,7 @@ def many(model: Model, laws: Sequence[Tried], fits: float) -> list[Tried]:
         return []
     if len(model.y) < calibrated.RESTING.per_column * (model.X.shape[1] + calibrated.RESTING.crowded * 2):
         return []
-    sums = _sums(model, laws)
+    sums = summed(model, laws)
     picked = _pursue(sums, fits)
     places = {g.law.hypothesis.name for g in picked}
     if len(places) <= calibrated.RESTING.crowded:
@@ -95,36 +74,11 @@ def many(model: Model, laws: Sequence[Tried], fits: float) -> list[Tried]:
     return tried(model, [*_waves(picked), *_others(picked)])
 
 
-def _sums(model: Model, laws: Sequence[Tried]) -> _Sums:
-    groups, at = [], model.X.shape[1]
-    summed = {t.hypothesis.name for t in laws if t.hypothesis.summed}
-    for t in laws:
-        if t.hypothesis.name in summed and not t.hypothesis.summed:
-            continue  # an order and its double: the pursuit takes them one by one
-        p, count = t.X.shape[2], len(t.shapes)
-        most = count if t.hypothesis.summed else min(count, MOST_SHAPES)
-        for s in np.linspace(0, count - 1, most).astype(int).tolist():
-            groups.append(_Group(t, s, slice(at, at + p)))
-            at += p
-    total, parts = np.zeros((at + 1, at + 1)), []
-    for some in np.array_split(np.arange(model.folds), min(FOLDS, model.folds)):
-        rows = np.concatenate([model.rows[f] for f in some])
-        A = np.concatenate([model.X[rows], *(g.law.at(g.shape)[rows] for g in groups), model.y[rows, None]], axis=1)
-        parts.append(A.T @ A)
-        total += parts[-1]
-    k = np.arange(model.X.shape[1])
-    total[k, k] += model.prior
-    for g in groups:
-        n = np.arange(g.columns.start, g.columns.stop)
-        total[n, n] += g.law.precision(g.shape)
-    return _Sums(total, tuple(parts), tuple(groups), len(k), len(model.y))
-
-
-def _pursue(sums: _Sums, fits: float) -> list[_Group]:
+def _pursue(sums: Sums, fits: float) -> list[Group]:
     """Groups in the order in which they were taken."""
-    taken: list[_Group] = []
+    taken: list[Group] = []
     columns = list(range(sums.base))
-    left = _swept(sums.total, np.array(columns, int))
+    left = swept(sums.total, np.array(columns, int))
     largest = 0.0
     loss = _heldout(sums, columns)
     refused: set[int] = set()
@@ -132,20 +86,20 @@ def _pursue(sums: _Sums, fits: float) -> list[_Group]:
     while len(taken) < MOST and sums.rows > calibrated.RESTING.per_column * len(columns):
         rss = float(left[-1, -1])
         spread = max(rss / sums.rows, fits) if np.isfinite(fits) else rss / sums.rows
-        gains = _gains(left, sums)
-        gains[list(refused)] = 0.0
-        kinematics = float(gains[unloaded].max(initial=0.0))
-        gains[~unloaded & (gains < calibrated.RESTING.clearer * kinematics)] = (
+        gained = gains(left, sums)
+        gained[list(refused)] = 0.0
+        kinematics = float(gained[unloaded].max(initial=0.0))
+        gained[~unloaded & (gained < calibrated.RESTING.clearer * kinematics)] = (
             0.0  # before the leading ones are taken: they take no place
         )
         best = None
-        for n in np.argsort(-gains, kind="stable")[:LEADING].tolist():
+        for n in np.argsort(-gained, kind="stable")[:LEADING].tolist():
             g = sums.groups[n]
-            if gains[n] / spread < max(_least(g, sums.rows), largest / spread):
+            if gained[n] / spread < max(_least(g, sums.rows), largest / spread):
                 refused.add(n)
                 continue
             after = _heldout(sums, [*columns, *range(g.columns.start, g.columns.stop)])
-            if loss - after < calibrated.DETECTION.generalises * gains[n]:
+            if loss - after < calibrated.DETECTION.generalises * gained[n]:
                 refused.add(n)
                 continue
             cost = calibrated.DETECTION.simpler * (g.columns.stop - g.columns.start) + g.law.hypothesis.penalty
@@ -160,42 +114,20 @@ def _pursue(sums: _Sums, fits: float) -> list[_Group]:
         refused.add(n)
         own = list(range(g.columns.start, g.columns.stop))
         columns += own
-        left = _swept(left, np.array(own))
+        left = swept(left, np.array(own))
         exact = g.law.hypothesis.exact or bool(g.law.hypothesis.summed)  # a sum of waves is any wave
         share = calibrated.DETECTION.beside_exact if exact else calibrated.DETECTION.beside
-        largest = max(largest, share * gains[n])
+        largest = max(largest, share * gained[n])
     return taken
 
 
-def _least(g: _Group, rows: int) -> float:
+def _least(g: Group, rows: int) -> float:
     p = g.columns.stop - g.columns.start
     d = calibrated.DETECTION
     return float(max(d.gain + d.per_coefficient * (p - 1) + g.law.hypothesis.penalty, d.share * rows))
 
 
-def _swept(sums: Array, columns: Array) -> Array:
-    """What is left of normal equations once columns are fitted."""
-    C = sums[columns]
-    return np.asarray(sums - C.T @ ridged_inverse(C[:, columns]) @ C)
-
-
-def _gains(left: Array, sums: _Sums) -> Array:
-    """Sum of squares that each group takes beside what was fitted; directions that nothing is left of take none."""
-    out = np.zeros(len(sums.groups))
-    size = np.sqrt(np.maximum(np.diag(sums.total), NOTHING))
-    width = np.array([g.columns.stop - g.columns.start for g in sums.groups])
-    for p in np.unique(width).tolist():
-        which = np.flatnonzero(width == p)
-        at = np.array([np.arange(sums.groups[n].columns.start, sums.groups[n].columns.stop) for n in which])
-        S = left[at[:, :, None], at[:, None, :]] / (size[at][:, :, None] * size[at][:, None, :])
-        value, V = np.linalg.eigh(S)
-        w = np.einsum("kij,ki->kj", V, left[at, -1] / size[at])
-        seen = value > calibrated.RESTING.visible
-        out[which] = np.sum(np.where(seen, w**2 / np.where(seen, value, 1.0), 0.0), axis=1)
-    return out
-
-
-def _heldout(sums: _Sums, columns: Sequence[int]) -> float:
+def _heldout(sums: Sums, columns: Sequence[int]) -> float:
     """Sum of squares left on folds that no fit saw."""
     at, out = np.array(columns, int), 0.0
     of = np.append(at, -1)
@@ -208,7 +140,7 @@ def _heldout(sums: _Sums, columns: Sequence[int]) -> float:
     return out
 
 
-def _waves(picked: Sequence[_Group]) -> list[Hypothesis]:
+def _waves(picked: Sequence[Group]) -> list[Hypothesis]:
     """One law a joint, with all the orders that were taken there."""
     orders: dict[tuple[str, str], list[float]] = {}
     laws: dict[tuple[str, str], Hypothesis] = {}
@@ -223,7 +155,7 @@ def _waves(picked: Sequence[_Group]) -> list[Hypothesis]:
     ]
 
 
-def _others(picked: Sequence[_Group]) -> list[Hypothesis]:
+def _others(picked: Sequence[Group]) -> list[Hypothesis]:
     out: dict[tuple[str, str], Hypothesis] = {}
     for g in picked:
         h = g.law.hypothesis

@@ -1,0 +1,185 @@
+"""The same with fewer numbers: explanations of measured poses exchanged as sets, by description length.
+
+A search one by one takes what gains most at each step. A frame of six numbers gains as much as the two zero offsets
+that it holds among its directions, and is taken first; no later step would miss a number. So what was found is held
+against other sets in place of one, two or three of its parts: several laws of a number each, or one law of six.
+
+The length of a set is −2 log of its evidence: what it leaves, what its numbers cost by what makers hold of them, and
+log(1 + λ) for each direction that the readings tell λ times better than was known before (the Occam factor). Of numbers
+of which nothing is known beforehand one reading's worth is (the unit information prior), which makes it the BIC.
+
+Source: MacKay 1992 (Occam factors); Kass & Wasserman 1995 (unit information); Kass & Raftery 1995 (the scale).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from machopt.diagnose import calibrated
+from machopt.diagnose.evidence.grams import Model, Tried, ridged_inverse
+from machopt.diagnose.search.screen import score
+from machopt.diagnose.search.select import Chosen, stands, with_chosen
+from machopt.diagnose.search.sums import Sums, gains, summed, swept
+
+PARTS = 3  # of what was found, exchanged at once
+CLOSE = 8  # laws whose description length is worked out in each step: those that gain most
+FEW = 2  # coefficients of a law that is one of several in place of a frame
+FAMILY = "kinematic"  # what stands without weight: frames, offsets, waves, couplings
+
+Set = tuple[int, ...]  # numbers of groups
+
+
+def shortest(model: Model, chosen: Sequence[Chosen], tried: Sequence[Tried], most: int) -> list[Chosen]:
+    """What was found, or what says as much in clearly fewer numbers.
+
+    Args:
+        model: the base.
+        chosen: what a search found, each beside the others.
+        tried: all laws; those of measured poses that need no weight take part.
+        most: effects at most.
+    """
+    if not any(len(c.scored.x) > 1 for c in chosen if _takes_part(c.tried)):
+        return list(chosen)
+    own = [_one_shape(c.tried, c.scored.shape) for c in chosen]
+    pool = [t for t in tried if _takes_part(t)]
+    sums = summed(model, [*own, *pool])
+    start = tuple(range(len(own)))
+    best = _View(sums, len(own), with_chosen(model, chosen).spread, most).shortest(start)
+    if best == start:
+        return list(chosen)
+    chance = max(c.p_value for c in chosen)  # of the search that found the same in more numbers
+    parts = []
+    for g in best:
+        if g < len(chosen):
+            parts.append(_Part(chosen[g].tried, chosen[g].scored.shape, chosen[g].p_value))
+        else:
+            parts.append(_Part(sums.groups[g].law, sums.groups[g].shape, chance, new=True))
+    return _beside_each_other(model, parts) or list(chosen)
+
+
+def _takes_part(t: Tried) -> bool:
+    return t.hypothesis.family == FAMILY and t.hypothesis.named
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One law of a set."""
+
+    law: Tried
+    shape: int
+    chance: float
+    new: bool = False
+
+
+@dataclass(frozen=True)
+class _View:
+    """All laws as sums; sets of them are compared by description length."""
+
+    sums: Sums
+    own: int  # groups that were found; the same laws stand among the others again
+    spread: float  # variance of a whitened residual, the same for all sets
+    most: int  # effects in a set
+
+    def shortest(self, found: Set) -> Set:
+        """The set that exchanges lead to, each for a clearly shorter one."""
+        while True:
+            now = self.length(found)
+            each = [(self.length(s), s) for s in self._exchanges(found)]
+            least = min(each, default=(now, found))
+            if now - least[0] <= calibrated.DETECTION.shorter:
+                return found
+            found = least[1]
+
+    def length(self, some: Set) -> float:
+        """Description length beside the base: −2 log evidence, up to what all sets share."""
+        base, n = np.arange(self.sums.base), self.sums.rows
+        at = np.array([c for g in some for c in self._columns(g)], int)
+        H = self.sums.total
+        of = np.concatenate([base, at])
+        fit = float(H[-1, -1] - H[-1, of] @ ridged_inverse(H[np.ix_(of, of)]) @ H[of, -1])
+        if not len(at):
+            return fit / self.spread
+        C = H[np.ix_(base, at)]
+        left = H[np.ix_(at, at)] - C.T @ ridged_inverse(H[np.ix_(base, base)]) @ C
+        held = np.concatenate([self.sums.groups[g].law.precision(self.sums.groups[g].shape) for g in some])
+        size = 1.0 / np.sqrt(np.where(held > 0.0, held, np.diag(H)[at] / n))
+        told = np.linalg.eigvalsh(np.eye(len(at)) + (left - np.diag(held)) * np.outer(size, size) / self.spread)
+        shapes = sum(self._orders(g) for g in some)
+        return fit / self.spread + float(np.sum(np.log(np.maximum(told, 1.0)))) + shapes * float(np.log(n))
+
+    def _columns(self, g: int) -> range:
+        return range(self.sums.groups[g].columns.start, self.sums.groups[g].columns.stop)
+
+    def _orders(self, g: int) -> int:
+        """Numbers of a law that its shape holds: the order of a wave."""
+        law = self.sums.groups[g].law
+        return len(law.shapes[self.sums.groups[g].shape])
+
+    def _name(self, g: int) -> tuple[str, str]:
+        return self.sums.groups[g].law.hypothesis.name
+
+    def _kinematic(self, g: int) -> bool:
+        return _takes_part(self.sums.groups[g].law)
+
+    def _exchanges(self, found: Set) -> Iterator[Set]:
+        """Sets with other laws in place of some parts: any laws, or several of few numbers each."""
+        parts = [g for g in found if self._kinematic(g)]
+        for n in range(1, min(PARTS, len(parts)) + 1):
+            for some in combinations(parts, n):
+                kept = tuple(g for g in found if g not in some)
+                for most in (FEW, 6):
+                    new = self._instead(kept, most)
+                    if set(new) != set(found) and len(new) <= self.most:
+                        yield new
+
+    def _instead(self, kept: Set, most: int) -> Set:
+        """Laws of so many numbers at most, taken while the description gets shorter; none that it can do without."""
+        out, now = kept, self.length(kept)
+        wide = np.array([len(self._columns(g)) > most for g in range(len(self.sums.groups))])
+        while True:
+            left = swept(
+                self.sums.total, np.array([*range(self.sums.base), *(c for g in out for c in self._columns(g))])
+            )
+            gained = gains(left, self.sums)
+            taken = {self._name(g) for g in out}
+            gained[wide] = 0.0
+            gained[: self.own] = 0.0
+            near = [g for g in np.argsort(-gained, kind="stable").tolist() if self._name(g) not in taken][:CLOSE]
+            each = [(self.length((*out, g)), g) for g in near if gained[g] > 0.0]
+            if not each or min(each)[0] >= now:
+                break
+            now, out = min(each)[0], (*out, min(each)[1])
+        return self._needed(kept, out)
+
+    def _needed(self, kept: Set, some: Set) -> Set:
+        while len(some) > len(kept) + 1:
+            each = [(self.length(w), w) for w in (tuple(o for o in some if o != g) for g in some if g not in kept)]
+            if min(each)[0] >= self.length(some):
+                break
+            some = min(each)[1]
+        return some
+
+
+def _beside_each_other(model: Model, parts: Sequence[_Part]) -> list[Chosen] | None:
+    """Each scored beside the others; None where a new one would not stand by itself."""
+    out = []
+    for part in parts:
+        others = [o for o in parts if o is not part]
+        beside = model
+        for o in others:
+            beside = beside.with_columns(o.law.at(o.shape), o.law.precision(o.shape))
+        s = score(beside, [_one_shape(part.law, part.shape)])[0]
+        if part.new and not stands(beside, s):
+            return None
+        out.append(Chosen(replace(s, tried=part.law, shape=part.shape), part.chance))
+    return sorted(out, key=lambda c: -c.scored.total)
+
+
+def _one_shape(t: Tried, shape: int) -> Tried:
+    k = slice(shape, shape + 1)
+    h = replace(t.hypothesis, shapes=(t.shapes[shape],))
+    return replace(t, hypothesis=h, X=t.X[:, k], unit=t.unit[k], XX=t.XX[:, k], Xy=t.Xy[:, k])
