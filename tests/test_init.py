@@ -31,6 +31,7 @@ from machopt.plan.setup import prepare, standing
 from machopt.se3 import rpy_matrix
 from machopt.services.newcell import run_init
 from machopt.workspace.mapping import arm_of
+from machopt.workspace.postures import candidates, tool_poses
 
 ROOT = Path(__file__).resolve().parents[1]
 REAL = ("m20ia", "kr210l150", "kr500_r2800_2")
@@ -159,6 +160,26 @@ def test_all_of_a_path_is_reached_from_one_branch(tmp_path: Path) -> None:
     assert (found.home < arm.upper).all()
     far = np.array([[0.0, 0.0, 0.0], [30.0, 0.0, 0.0]])
     assert find_place(arm, far, np.array([[0.0, 0.0, 1.0]] * 2), 3.0) is None
+
+
+@pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (-0.6, 0.0, 0.8)])
+def test_a_workpiece_is_placed_where_neither_wrist_nor_elbow_is_stretched_anywhere_on_the_path(
+    axis: tuple[float, ...], tmp_path: Path
+) -> None:
+    """By the room to joint limits alone a first job was put where the planner found the wrist too near singular."""
+    cell = small_cell(tmp_path)
+    arm = arm_of(cell, load_robot(cell), load_options(None))
+    arm = replace(arm, lower=np.full(6, -2 * np.pi), upper=np.full(6, 2 * np.pi))  # joint limits tell nothing here
+    t = np.linspace(0.0, 1.0, 300)[:, None]
+    position = np.concatenate([0.4 * np.cos(40 * t), 0.4 * np.sin(40 * t), 0.1 * t], axis=1)
+    found = find_place(arm, position, np.broadcast_to(axis, position.shape), 3.0)
+    assert found is not None
+    assert found.share == 1.0
+    T = tool_poses(position + found.T_base_workpiece[:3, 3], np.array(axis), np.radians(np.arange(0, 360, 30)))
+    bent = candidates(arm, T).bent.reshape(len(t), 12, -1)
+    best = np.nan_to_num(bent, nan=0.0).max(axis=1).min(axis=0).max()  # of the branch that does best everywhere
+    assert best > np.radians(20)
+    assert found.margin <= best + np.radians(2)  # it was told by fewer points
 
 
 @pytest.mark.parametrize("name", REAL)

@@ -6,17 +6,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.domain.reason import Reason
 from machopt.model.robot import Robot
 from machopt.se3 import axis_rotation, normalise, tool_rotation, transform
-from machopt.workspace.postures import Arm, candidates
+from machopt.workspace.postures import POSES_AT_ONCE, Arm, candidates
 
 Free = Callable[[Array], bool]
 
 _ROTATIONS = 12  # about the tool axis that are tried, every 30°
-_MOST = 24  # points of the path that are looked at
+_MOST = 24  # points along the path by which places are compared, beside its extremes
 _ALONG, _UP = np.linspace(0.35, 0.85, 6), np.linspace(-0.2, 0.6, 7)  # shares of the reach where the workpiece may lie
 _ABOVE = (0.3, 0.2, 0.1)  # shares of the reach above the workpiece where home may be
 
@@ -74,11 +75,25 @@ class Place:
 
     T_base_workpiece: Array  # (4, 4), axes those of base_link, in which the path was given
     home: Array  # (6,) rad
-    margin: float  # rad, of the joint that comes nearest to its limit over all points looked at
+    margin: float  # rad, least distance to a joint limit, a bent wrist or a bent elbow, over all points looked at
+    share: float  # of the path's points that the branch reaches there, each at a rotation of its own; 1.0: all
+
+
+@dataclass(frozen=True)
+class _Try:
+    """One branch at one place, each point of the sample at one rotation."""
+
+    room: float  # rad
+    shift: Array  # (3,) m
+    branch: int
+    poses: Array  # (P, 4, 4) T_base_tcp
+    q: Array  # (P, 6) rad
 
 
 def find_place(arm: Arm, position: Array, axis: Array, reach: float, free: Free = _any_will_do) -> Place | None:
-    """A place of the workpiece where one branch reaches all of a path at one rotation, far from limits.
+    """A place of the workpiece where one branch reaches all of a path, far from limits and from a stretched wrist.
+
+    Places are compared by few points of the path; what is offered has been held against all of them.
 
     Args:
         arm: kinematics, limits and margins.
@@ -88,30 +103,75 @@ def find_place(arm: Arm, position: Array, axis: Array, reach: float, free: Free 
         free: whether postures (K, 6) rad touch nothing; asked of the path and of home.
 
     Returns:
-        Of the places before the arm, the one with the most room to the joint limits; None where none will do.
+        Of the places before the arm, the one with the most room of those where the branch reaches every point; where
+        none does, the one where it reaches most; None where even few points are too much, or home has no room.
     """
-    some = np.unique(np.linspace(0, len(position) - 1, min(_MOST, len(position))).round().astype(int))
+    some = _telling(position, axis)
     middle = (position.min(axis=0) + position.max(axis=0)) / 2.0
-    reference = np.where(np.abs(axis[some, :1]) > 1 - 1e-6, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]])
-    gamma = np.arange(_ROTATIONS) * (2 * np.pi / _ROTATIONS)
-    R = tool_rotation(axis[some, None], reference[:, None], np.broadcast_to(gamma, (len(some), _ROTATIONS)))
-    found: list[tuple[float, Array, Array, int, Array]] = []  # room, shift, poses, branch, postures
+    R = _turned(axis[some])
+    tries: list[_Try] = []
     for along in _ALONG:
         for up in _UP:
             shift = np.array([along * reach, 0.0, up * reach]) - middle
-            T = transform(R, np.repeat((position[some] + shift)[:, None], _ROTATIONS, axis=1))
-            q = candidates(arm, T).q.reshape(len(some), _ROTATIONS, -1, 6)
-            room = np.minimum(q - arm.lower, arm.upper - q).min(axis=-1).min(axis=0)  # (R, B), NaN where one is missing
-            for b in np.flatnonzero(np.isfinite(room).any(axis=0)).tolist():
-                r = int(np.nanargmax(room[:, b]))
-                found.append((float(room[r, b]), shift, T[:, r], b, q[:, r, b]))
-    for room_left, shift, T, b, q in sorted(found, key=lambda f: -f[0])[:_TRIED]:
-        if not free(q):
+            tries += _branches_at(arm, R, position[some] + shift, shift)
+    best: Place | None = None
+    for one in sorted(tries, key=lambda t: -t.room)[:_TRIED]:
+        if not free(one.q):
             continue
-        home = _above(arm, T, b, reach, free)
-        if home is not None:
-            return Place(transform(np.eye(3), shift), home, room_left)
-    return None
+        home = _above(arm, one.poses, one.branch, reach, free)
+        if home is None:
+            continue
+        share = _reached(arm, position + one.shift, axis, one.branch)
+        if best is None or share > best.share:
+            best = Place(transform(np.eye(3), one.shift), home, one.room, share)
+        if best.share == 1.0:
+            break
+    return best
+
+
+def _telling(position: Array, axis: Array) -> NDArray[np.intp]:
+    """(P,) indices: evenly along the path, and where it and its tool go farthest in each direction."""
+    n = len(position)
+    even = np.linspace(0, n - 1, min(_MOST, n)).round().astype(np.intp)
+    far = [np.argmax(way * of[:, k]) for of in (position, axis) for k in range(3) for way in (-1.0, 1.0)]
+    return np.unique(np.concatenate([even, np.array(far, np.intp)]))
+
+
+def _turned(axis: Array) -> Array:
+    """(P, R, 3, 3) rotations of the TCP for axes (P, 3), every 30° about them."""
+    gamma = np.arange(_ROTATIONS) * (2 * np.pi / _ROTATIONS)
+    reference = np.where(np.abs(axis[:, :1]) > 1 - 1e-6, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]])
+    return tool_rotation(axis[:, None], reference[:, None], np.broadcast_to(gamma, (len(axis), len(gamma))))
+
+
+def _branches_at(arm: Arm, R: Array, position: Array, shift: Array) -> list[_Try]:
+    """What each branch can do there: at one rotation for all points if there is one, else each point at its best."""
+    points, rotations = R.shape[:2]
+    T = transform(R, np.repeat(position[:, None], rotations, axis=1))
+    found = candidates(arm, T)
+    q = found.q.reshape(points, rotations, -1, 6)
+    limits = np.minimum(q - arm.lower, arm.upper - q).min(axis=-1)
+    room = np.minimum(limits, found.bent.reshape(limits.shape))  # (P, R, B), NaN where there is none
+    made, at = [], np.arange(points)
+    for b in range(room.shape[2]):
+        least = np.nan_to_num(room[:, :, b], nan=-np.inf)
+        turn = np.full(points, least.min(axis=0).argmax())
+        if not np.isfinite(least[at, turn]).all():
+            turn = least.argmax(axis=1)
+        if np.isfinite(least[at, turn]).all():
+            made.append(_Try(float(least[at, turn].min()), shift, b, T[at, turn], q[at, turn, b]))
+    return made
+
+
+def _reached(arm: Arm, position: Array, axis: Array, branch: int) -> float:
+    """Share of the points (N, 3) m in base_link that a branch reaches at one rotation at least."""
+    rows, reached = POSES_AT_ONCE // _ROTATIONS, 0
+    for a in range(0, len(position), rows):
+        R = _turned(axis[a : a + rows])
+        T = transform(R, np.repeat(position[a : a + rows, None], _ROTATIONS, axis=1))
+        ok = candidates(arm, T).reason[:, branch].reshape(-1, _ROTATIONS) == Reason.OK
+        reached += int(ok.any(axis=1).sum())
+    return reached / len(position)
 
 
 def _above(arm: Arm, T: Array, branch: int, reach: float, free: Free) -> Array | None:

@@ -99,7 +99,11 @@ def _placed(new: NewCell, request: Request, cell: Cell, span: float) -> tuple[Ne
     found = find_place(arm, position @ R.T, axis @ R.T, span, free)
     if found is None:
         return new, (f"no place before the arm was found where it reaches all of {of}; put in workpiece.pose and home",)
-    note = f"GUESS: where one posture reaches all of {of} with {math.degrees(found.margin):.0f} deg to the joint limits"
+    room = f"{math.degrees(found.margin):.0f} deg to joint limits and to a stretched wrist or elbow"
+    if found.share == 1.0:
+        note = f"GUESS: where one posture reaches all of {of} with {room}"
+    else:
+        note = f"GUESS: where one posture reaches most of {of}, {100 * found.share:.0f} %; another place may reach all"
     home = [float(v) for v in np.round(np.degrees(found.home), 2)]
     at = [float(v) for v in np.round(1e3 * (T_world_base @ found.T_base_workpiece)[:3, 3])]
     placed = replace(new, workpiece_mm=at, workpiece_note=note, home=[*home, *new.home[6:]])

@@ -49,6 +49,7 @@ class Candidates:
     q: Array  # (N, B, 6) rad, turned to lie inside the limits as near to home as they allow; NaN where it cannot
     reason: Codes  # (N, B) Reason
     shortfall: Array  # (N,) m of reach that is missing to every branch
+    bent: Array  # (N, B) rad, of elbow and wrist the angle that is less, from where the arm is singular
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,7 @@ def candidates(arm: Arm, T_base_tcp: Array) -> Candidates:
     outside = (reason == Reason.OK) & ~np.isfinite(q).all(axis=-1)
     reason[outside] = Reason.LIMIT
     q[reason != Reason.OK] = np.nan
-    return Candidates(q, reason, branches.shortfall)
+    return Candidates(q, reason, branches.shortfall, np.minimum(branches.elbow, branches.wrist))
 
 
 def choose_postures(
