@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from machopt.batch.request import Outcome, Progress, Request
+from machopt.batch.request import BatchOutcome, BatchRequest, Progress
 from machopt.batch.run import run_batch
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -32,7 +32,7 @@ def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
     return {"exit_code": 0, "verdict": "done", "reason": "", "toolpath": Path(job["request"]["toolpath"]).name}
 
 
-def timed(request: Request) -> tuple[Outcome, float, float, float]:
+def timed(request: BatchRequest) -> tuple[BatchOutcome, float, float, float]:
     """The outcome, seconds in all, seconds until the first job was done, jobs a second after that."""
     start = time.perf_counter()
     done: list[float] = []
@@ -62,7 +62,9 @@ def main() -> None:
         )
         for workers in (1, 2):
             out = place / f"nothing{workers}"
-            request = Request((str(empty),), out, cell=CELL, entry=Path(__file__).stem, workers=workers, version="1")
+            request = BatchRequest(
+                (str(empty),), out, cell=CELL, entry=Path(__file__).stem, workers=workers, version="1"
+            )
             _, total, first, rate = timed(request)
             print(
                 f"{NOTHING} jobs that do nothing, {workers} worker(s): first after {first:.1f} s, then "
@@ -72,7 +74,7 @@ def main() -> None:
         outcome = run_batch(request)
         print(f"resumed when all are done: {time.perf_counter() - start:.1f} s, {outcome.done} done again")
         for workers in (1, 2):
-            request = Request((str(listed),), place / f"real{workers}", workers=workers, version="1")
+            request = BatchRequest((str(listed),), place / f"real{workers}", workers=workers, version="1")
             outcome, total, first, rate = timed(request)
             print(
                 f"{real} real jobs, {workers} worker(s): exit {outcome.exit_code}, first after {first:.1f} s, then "

@@ -10,7 +10,7 @@ import tempfile
 from pathlib import Path
 from time import perf_counter
 
-from machopt.services.map import Request, run_map
+from machopt.services.map import MapRequest, run_map
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 MAPS: dict[str, tuple[str, dict[str, object]]] = {
@@ -33,7 +33,7 @@ def main() -> None:
     for name, (cell, asked) in MAPS.items():
         with tempfile.TemporaryDirectory() as folder:
             start = perf_counter()
-            outcome = run_map(Request(cell=CELLS / cell, out=Path(folder) / "out", **asked))  # type: ignore[arg-type]
+            outcome = run_map(MapRequest(cell=CELLS / cell, out=Path(folder) / "out", **asked))  # type: ignore[arg-type]
             seconds = perf_counter() - start
         told = outcome.result.plain()
         samples, options = told["samples"], told["options"]

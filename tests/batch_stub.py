@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from machopt.batch.request import Request
+from machopt.batch.request import BatchRequest
 
 OF_THE_CLOCK = {"timing.json", "timings.csv", "timings.js", "log.txt", ".lock", "manifest.json"}
 """Files that say how long something took or where it broke, and their hashes; all others are the same in every run."""
@@ -73,8 +73,8 @@ def folder_of(place: Path, **words: str) -> Path:
     return jobs
 
 
-def request_for(jobs: Path | str, out: Path, **changes: object) -> Request:
-    base = Request((str(jobs),), out, cell=CELL, entry="batch_stub", version="test", time_limit=60.0)
+def request_for(jobs: Path | str, out: Path, **changes: object) -> BatchRequest:
+    base = BatchRequest((str(jobs),), out, cell=CELL, entry="batch_stub", version="test", time_limit=60.0)
     return replace(base, **changes)  # type: ignore[arg-type]
 
 

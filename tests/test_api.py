@@ -20,11 +20,11 @@ import machopt
 import machopt.api
 from machopt.api.asked import GIVEN, asked, names_of
 from machopt.cli import _parser
-from machopt.design.asked import Request as PosesRequest
-from machopt.diagnose.nouns.asked import Request as DiagnoseRequest
-from machopt.identify.asked import Request as IdentifyRequest
+from machopt.design.asked import PosesRequest
+from machopt.diagnose.nouns.asked import DiagnoseRequest
+from machopt.identify.asked import IdentifyRequest
 from machopt.recheck.folder import check_copies
-from machopt.workspace.asked import Request as MapRequest
+from machopt.workspace.asked import MapRequest
 
 KR500 = CELLS / "kr500_milling"
 ELSEWHERE = {"InputError", "MachoptError", "VerificationError", "__version__"}

@@ -123,3 +123,14 @@ def test_the_float_array_has_one_name() -> None:
         if path.name != "arrays.py" and re.search(r"^\w+ = NDArray\[np\.float64\]$", path.read_text(), re.MULTILINE)
     ]
     assert again == []
+
+
+def test_nouns_that_meant_many_things_name_one() -> None:
+    """A reader who meets one of them knows which it is; what else was called so has a name of its own."""
+    nouns = "Finding|Problem|Unknown|Model|Arm|Fit|Request|Outcome"
+    found = [
+        (noun, path.relative_to(ROOT).as_posix())
+        for path in PACKAGE.rglob("*.py")
+        for noun in re.findall(rf"(?m)^class ({nouns})\b", path.read_text(encoding="utf-8"))
+    ]
+    assert sorted(noun for noun, _ in found) == sorted({noun for noun, _ in found}), found

@@ -18,7 +18,7 @@ import psutil
 import pytest
 from batch_stub import CELL, contents, folder_of, request_for, times_run
 
-from machopt.batch.request import Outcome, Progress, Request
+from machopt.batch.request import BatchOutcome, BatchRequest, Progress
 from machopt.batch.run import run_batch
 from machopt.batch.supervise import Server, Spec
 from machopt.errors import InputError
@@ -171,8 +171,8 @@ def test_two_batches_in_one_folder_are_refused(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_real_jobs_give_what_the_single_command_gives_and_batches_are_compared(scheduler: str, tmp_path: Path) -> None:
-    from machopt.recheck.inforce import Request as Verify
-    from machopt.services.load import Request as Single
+    from machopt.recheck.inforce import VerifyRequest as Verify
+    from machopt.services.load import OptimizeRequest as Single
     from machopt.services.run import optimize
     from machopt.services.verify import verify
 
@@ -191,7 +191,7 @@ def test_real_jobs_give_what_the_single_command_gives_and_batches_are_compared(s
     for name, cell in (("one", CELL), ("two", tmp_path / "softer")):
         jobs = tmp_path / f"{name}.yaml"
         jobs.write_text(list_text.format(cell))
-        request = Request(
+        request = BatchRequest(
             (str(jobs),), tmp_path / name, scheduler=scheduler, compare=outs[-1] if outs else None, posts=posts
         )
         outcome = run_batch(replace(request, version="test"))
@@ -225,7 +225,7 @@ def test_the_warm_up_compiles_all_that_jobs_need(tmp_path: Path) -> None:
 import sys, numba
 from pathlib import Path
 from machopt.batch.warm import tiny_job
-from machopt.services.load import Request
+from machopt.services.load import OptimizeRequest
 from machopt.services.run import optimize
 from machopt.plan.kernels import compile_all
 def compiled():
@@ -239,7 +239,8 @@ assert all(len(f.signatures) == 1 for f in kernels)
 assert tiny_job(place / "warm") == 0
 warm = compiled()
 assert len(warm) > 10, warm
-assert optimize(Request(root / "cells/s420f_handling", root / "toolpaths/castings.csv", place / "out")).exit_code == 0
+request = OptimizeRequest(root / "cells/s420f_handling", root / "toolpaths/castings.csv", place / "out")
+assert optimize(request).exit_code == 0
 assert compiled() == warm, compiled() - warm
 assert all(len(f.signatures) == 1 for f in kernels), [f.signatures for f in kernels]
 """
@@ -286,7 +287,7 @@ def test_a_job_whose_cell_is_broken_leaves_the_others_alone(scheduler: str, tmp_
     (jobs / "other" / "cell").mkdir(parents=True)
     (jobs / "other" / "cell" / "cell.yaml").write_text("machopt_cell: 1\n")
     (jobs / "other" / "c.nc").write_text("#sleep 0")
-    outcome: Outcome = run_batch(request_for(jobs, tmp_path / "out", scheduler=scheduler))
+    outcome: BatchOutcome = run_batch(request_for(jobs, tmp_path / "out", scheduler=scheduler))
     assert (outcome.exit_code, outcome.done) == (3, 1)
     found = rows(tmp_path / "out")
     assert found["other/c"]["verdict"] == "refused"

@@ -15,7 +15,7 @@ from controllers import without_controller
 from machopt.batch import run as batch_run
 from machopt.batch.find import find_jobs
 from machopt.batch.key import Keys, Ready, Refused
-from machopt.batch.request import Outcome, Request
+from machopt.batch.request import BatchOutcome, BatchRequest
 from machopt.batch.task import row
 from machopt.cli import main
 from machopt.domain.results.batch import BatchResult
@@ -24,12 +24,12 @@ from machopt.errors import InputError
 from machopt.formats.posts import post_text
 
 
-def key_of(request: Request) -> Ready | Refused:
+def key_of(request: BatchRequest) -> Ready | Refused:
     (job,) = find_jobs(request).jobs
     return Keys(request, "test").of(job)
 
 
-def key(request: Request) -> str:
+def key(request: BatchRequest) -> str:
     found = key_of(request)
     assert isinstance(found, Ready)
     return found.key
@@ -136,12 +136,12 @@ def test_the_command_passes_posts_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     jobs = folder_of(tmp_path, a="sleep 0")
-    asked: list[Request] = []
+    asked: list[BatchRequest] = []
 
-    def noted(request: Request, _: object) -> Outcome:
+    def noted(request: BatchRequest, _: object) -> BatchOutcome:
         asked.append(request)
         told = cast(BatchResult, SimpleNamespace(counts={}))
-        return Outcome(0, told, tmp_path / "summary.html", 0, 0)
+        return BatchOutcome(0, told, tmp_path / "summary.html", 0, 0)
 
     words = ["batch", str(jobs), "--cell", str(CELL), "-o", str(tmp_path / "out"), "--quiet"]
     scheduler = "tcp://127.0.0.1:8786"

@@ -14,7 +14,7 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.stint import Stint
 from machopt.output.hashes import digest, sha256_of
 from machopt.recheck import folder as contents
-from machopt.recheck.inforce import Request
+from machopt.recheck.inforce import VerifyRequest
 from machopt.services import verify as service
 from machopt.services.inputs import cell_inputs, distinct, single
 from machopt.services.verify import verify
@@ -73,7 +73,7 @@ def _verify_stints(stints: Sequence[Stint], out: Path, *, options: PlanOptions, 
 
 
 def found_in(job: Job) -> Verification:
-    return verify(Request(cell=job.cell, toolpath=job.toolpath, out=job.out)).verification
+    return verify(VerifyRequest(cell=job.cell, toolpath=job.toolpath, out=job.out)).verification
 
 
 @pytest.mark.parametrize("name", list(JOBS))

@@ -13,20 +13,22 @@ from machopt.design.certificate import efficiency_bound
 from machopt.design.discriminate import discriminate, noncentrality
 from machopt.design.measurement import ReadingNoise
 from machopt.design.schedule import schedule, shortest_way
-from machopt.design.search import Model, Problem, choose, criterion, information
+from machopt.design.search import Belief, DesignProblem, choose, criterion, information
 
 
-def tiny(seed: int, poses: int = 6, loads: int = 4, rows: int = 2, unknowns: int = 3, shared: float = 0.5) -> Problem:
+def tiny(
+    seed: int, poses: int = 6, loads: int = 4, rows: int = 2, unknowns: int = 3, shared: float = 0.5
+) -> DesignProblem:
     """Random responses, noise of different size and shape for each reading, a correlated pose error."""
     rng = np.random.default_rng(seed)
     n = poses * loads
     half = rng.normal(size=(n, rows, rows))
     W = rng.normal(size=(rows, rows))
-    model = Model(rng.normal(size=(n, rows, unknowns)), 0.3 * half @ half.transpose(0, 2, 1) + 0.2 * np.eye(rows))
-    return Problem((model,), np.repeat(np.arange(poses), loads), shared * W @ W.T)
+    model = Belief(rng.normal(size=(n, rows, unknowns)), 0.3 * half @ half.transpose(0, 2, 1) + 0.2 * np.eye(rows))
+    return DesignProblem((model,), np.repeat(np.arange(poses), loads), shared * W @ W.T)
 
 
-def every_design(problem: Problem, poses: int, loads: int):
+def every_design(problem: DesignProblem, poses: int, loads: int):
     blocks = [
         list(itertools.combinations(np.flatnonzero(problem.pose == p).tolist(), loads)) for p in np.unique(problem.pose)
     ]
@@ -34,7 +36,7 @@ def every_design(problem: Problem, poses: int, loads: int):
         yield from itertools.product(*chosen)
 
 
-def stacked(problem: Problem, blocks, columns=None):
+def stacked(problem: DesignProblem, blocks, columns=None):
     """Whitened responses of a design from its full covariance matrix, pose errors and all."""
     m = problem.models[0]
     rows = [n for b in blocks for n in b]
@@ -81,7 +83,7 @@ def test_bound_is_below_the_true_efficiency(loads: int) -> None:
         assert efficiency_bound(problem, good, loads) > 0.3  # says something: 0 would hold for anything
 
 
-def big(seed: int = 3) -> Problem:
+def big(seed: int = 3) -> DesignProblem:
     return tiny(seed, poses=300, loads=12, rows=3, unknowns=6)
 
 
@@ -112,8 +114,8 @@ def test_unit_of_an_unknown_does_not_matter() -> None:
     """With constant noise log det only gains a constant: the design does not depend on the prior stiffness."""
     problem = big()
     m = problem.models[0]
-    scaled = Problem(
-        (Model(m.response * np.array([3.0, 0.2, 1, 7, 0.5, 2]), m.covariance),), problem.pose, problem.shared
+    scaled = DesignProblem(
+        (Belief(m.response * np.array([3.0, 0.2, 1, 7, 0.5, 2]), m.covariance),), problem.pose, problem.shared
     )
     a, b = (choose(p, 8, 2, rng=np.random.default_rng(0)) for p in (problem, scaled))
     # the ridge is the only thing with a unit; it moves log det by less than 1e-4
@@ -123,7 +125,7 @@ def test_unit_of_an_unknown_does_not_matter() -> None:
 def test_design_for_several_beliefs_maximises_their_mean() -> None:
     one, other = tiny(0), tiny(10)
     halves = tuple(replace(p.models[0], weight=0.5) for p in (one, other))
-    both = Problem(halves, one.pose, one.shared)
+    both = DesignProblem(halves, one.pose, one.shared)
     found = choose(both, 2, 2, rng=np.random.default_rng(0), starts=8)
     best = max(criterion(both, blocks) for blocks in every_design(both, 2, 2))
     assert found.value == pytest.approx(best, abs=1e-9)

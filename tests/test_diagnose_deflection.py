@@ -24,7 +24,7 @@ from made_up_loads import (
     stand,
 )
 
-from machopt.diagnose.nouns.asked import Request
+from machopt.diagnose.nouns.asked import DiagnoseRequest
 from machopt.domain.recording import Recording
 from machopt.formats.cell import load_cell
 from machopt.formats.recording import write_recording
@@ -48,7 +48,7 @@ def made(cell: str, seed: int, truth=None, *, rotations=False, frame="base", dir
 
 def diagnosed(tmp_path: Path, cell: str, recording: Recording):
     write_recording(tmp_path / "recording", recording)
-    return run_diagnose(Request(CELLS / cell, (tmp_path / "recording",), tmp_path / "out")).diagnosis
+    return run_diagnose(DiagnoseRequest(CELLS / cell, (tmp_path / "recording",), tmp_path / "out")).diagnosis
 
 
 def names(d) -> list[tuple[str, str]]:

@@ -19,7 +19,7 @@ from machopt.domain.parameters import joint_spring
 from machopt.domain.recording import Recording
 from machopt.estimate.experiment import experiment
 from machopt.formats.cell import load_cell
-from machopt.identify.finding import Finding as Problem
+from machopt.identify.finding import RecordFault as Problem
 from machopt.model.robot import Robot, load_masses, load_robot
 
 CELL = "kr240_drilling"

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from machopt.cli import diagnose as command
-from machopt.diagnose.nouns.asked import Request
+from machopt.diagnose.nouns.asked import DiagnoseRequest
 from machopt.diagnose.nouns.result import Diagnosis, Estimate
 from machopt.diagnose.written.told import result_of, rows_location
 from machopt.effects import registry
@@ -452,9 +452,9 @@ def test_command_passes_its_options_on_and_every_verdict_is_success(
         result: dict[str, Any]
         report: Path
 
-    seen: list[Request] = []
+    seen: list[DiagnoseRequest] = []
 
-    def run(request: Request, progress: Any) -> Outcome:
+    def run(request: DiagnoseRequest, progress: Any) -> Outcome:
         progress("screening")
         seen.append(request)
         return Outcome(result_of(CELL, made_up.recording(), getattr(made_up, verdict)()), request.out / "report.html")
@@ -476,7 +476,7 @@ def test_command_passes_its_options_on_and_every_verdict_is_success(
     out = capsys.readouterr().out
     assert getattr(made_up, verdict)().sentence in out
     assert "report: out/report.html" in out
-    expected = Request(
+    expected = DiagnoseRequest(
         Path("cell"),
         (Path("mon"), Path("tue")),
         Path("out"),
@@ -490,7 +490,7 @@ def test_command_passes_its_options_on_and_every_verdict_is_success(
         True,
     )
     assert seen == [expected]
-    assert len(fields(Request)) == 11  # no option is dropped on the way
+    assert len(fields(DiagnoseRequest)) == 11  # no option is dropped on the way
     args = parser.parse_args([*typed.split(), "--json"])
     assert args.run(args) == 0
     assert json.loads(capsys.readouterr().out)["verdict"] == getattr(made_up, verdict)().verdict

@@ -28,7 +28,7 @@ from machopt.formats.cell import load_cell
 from machopt.formats.poses import read_poses_csv
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import load_masses, load_robot
-from machopt.services.poses import Outcome, Request, run_plan_poses
+from machopt.services.poses import PosesOutcome, PosesRequest, run_plan_poses
 from machopt.services.poses_diagnosed import diagnosed
 
 CELL = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
@@ -358,13 +358,13 @@ def test_what_cannot_be_planned_for_is_refused(tmp_path: Path) -> None:
         diagnosed(old)
     with pytest.raises(InputError, match="leaves nothing"):
         run_plan_poses(
-            Request(CELL, tmp_path / "out", discriminate=diagnosis(tmp_path / "n", [], verdict="consistent"))
+            PosesRequest(CELL, tmp_path / "out", discriminate=diagnosis(tmp_path / "n", [], verdict="consistent"))
         )
 
 
-def plan(folder: Path, *stands: Stand) -> Outcome:
+def plan(folder: Path, *stands: Stand) -> PosesOutcome:
     found = diagnosis(folder / "diagnosis", [finding(*stands)])
-    request = Request(
+    request = PosesRequest(
         CELL,
         folder / "out",
         discriminate=found,
@@ -432,7 +432,7 @@ def test_measured_poses_are_planned_too(tmp_path: Path) -> None:
         "scatter_m": {"own": 3e-5, "visit": 0.0},
     }
     found = diagnosis(tmp_path / "d", [finding(zero, heavy)], channel="position", recorded=recorded)
-    request = Request(
+    request = PosesRequest(
         CELL,
         tmp_path / "out",
         discriminate=found,

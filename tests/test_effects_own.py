@@ -210,11 +210,11 @@ def test_commands_hand_on_files_with_effects_and_say_that_they_run_them(
 def test_a_missing_file_is_refused_before_anything_else_is_read(tmp_path: Path) -> None:
     gone, none = (tmp_path / "none.py",), tmp_path / "no cell"
     with pytest.raises(InputError, match="no such file; a Python file"):
-        run_identify(identify.Request(none, (none,), tmp_path / "out", effects=gone))
+        run_identify(identify.IdentifyRequest(none, (none,), tmp_path / "out", effects=gone))
     with pytest.raises(InputError, match="no such file; a Python file"):
-        run_plan_poses(poses.Request(none, tmp_path / "out", effects=gone))
+        run_plan_poses(poses.PosesRequest(none, tmp_path / "out", effects=gone))
     with pytest.raises(InputError, match="no such file; a Python file"):
-        run_batch(batch.Request(("parts",), tmp_path / "out", effects=gone))
+        run_batch(batch.BatchRequest(("parts",), tmp_path / "out", effects=gone))
 
 
 def test_identify_fits_a_law_of_the_users_and_its_shape_is_stated(jelly: Path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from machopt.services.load import Request
+from machopt.services.load import OptimizeRequest
 from machopt.services.run import optimize
 
 CELL = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
@@ -19,6 +19,8 @@ def test_a_path_that_begins_so_is_planned_programmed_and_verified(first: str, tm
     """Rows are cuts where nothing else is said: the shortest table a user writes begins with one."""
     table = tmp_path / "path.csv"
     table.write_text(f"x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min\n-80,-60,0,0,0,1,{first},600\n{REST}")
-    done = optimize(Request(cell=CELL, toolpath=table, out=tmp_path / "out", posts=("krl", "rapid", "fanuc_joint")))
+    done = optimize(
+        OptimizeRequest(cell=CELL, toolpath=table, out=tmp_path / "out", posts=("krl", "rapid", "fanuc_joint"))
+    )
     assert done.exit_code == 0, done.result.verdict
     assert len(done.result.programs) == 3

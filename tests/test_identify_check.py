@@ -13,14 +13,14 @@ from machopt.domain.stiffness import Stiffness
 from machopt.errors import InputError
 from machopt.estimate.experiment import experiment
 from machopt.identify.check import CODES, check_experiment, refuse
-from machopt.identify.finding import Finding
+from machopt.identify.finding import RecordFault
 from machopt.identify.options import IdentifyOptions
 from machopt.identify.pipeline import identify
 
 TOO_LITTLE = {"few_poses", "few_readings"}
 
 
-def found(record: Recording, prior: np.ndarray | None = TRUE_K) -> dict[str, Finding]:
+def found(record: Recording, prior: np.ndarray | None = TRUE_K) -> dict[str, RecordFault]:
     _, robot, T = cell()
     return {f.code: f for f in check_experiment(experiment(record, robot, T), robot, T, prior)}
 
@@ -159,7 +159,11 @@ def test_nothing_measured_is_refused() -> None:
 def test_errors_are_raised_together_and_name_the_way_out() -> None:
     _, robot, T = cell()
     e = experiment(good(), robot, T)
-    findings = [Finding("a", "error", "first"), Finding("b", "error", "second"), Finding("c", "warning", "third")]
+    findings = [
+        RecordFault("a", "error", "first"),
+        RecordFault("b", "error", "second"),
+        RecordFault("c", "warning", "third"),
+    ]
     with pytest.raises(InputError, match=r"first \[a\]; second \[b\]") as raised:
         refuse(e, findings)
     assert "accept a" in str(raised.value)

@@ -20,11 +20,11 @@ from machopt.formats.cell import load_cell
 from machopt.formats.recording import write_recording
 from machopt.formats.stiffness import load_stiffness
 from machopt.formats.termtext import term_from_text
-from machopt.identify.asked import Request
+from machopt.identify.asked import IdentifyRequest
 from machopt.identify.simulate import Simulated, SmoothField, TrueArm, random_loads, record, scattered_poses
 from machopt.model.robot import load_robot
 from machopt.services.identified import identified
-from machopt.services.identify import Outcome, run_identify
+from machopt.services.identify import IdentifyOutcome, run_identify
 
 ROOT = Path(__file__).resolve().parent.parent
 CELL = ROOT / "cells" / "kr240_drilling"
@@ -43,13 +43,13 @@ def simulated() -> Simulated:
 
 
 @pytest.fixture(scope="module")
-def done(simulated: Simulated, tmp_path_factory: pytest.TempPathFactory) -> Outcome:
+def done(simulated: Simulated, tmp_path_factory: pytest.TempPathFactory) -> IdentifyOutcome:
     folder = tmp_path_factory.mktemp("identify")
     write_recording(folder / "recording", simulated.recording)
-    return run_identify(Request(CELL, (folder / "recording",), folder / "out"))
+    return run_identify(IdentifyRequest(CELL, (folder / "recording",), folder / "out"))
 
 
-def test_files_agree_with_each_other_and_with_the_truth(done: Outcome, simulated: Simulated) -> None:
+def test_files_agree_with_each_other_and_with_the_truth(done: IdentifyOutcome, simulated: Simulated) -> None:
     out = done.report.parent
     assert sorted(p.name for p in out.iterdir()) == [
         "identification.json",
@@ -81,7 +81,7 @@ def test_files_agree_with_each_other_and_with_the_truth(done: Outcome, simulated
     assert len(result["outliers"]) >= simulated.outlier.sum() - 1  # one may hide in the noise
 
 
-def test_readings_are_in_base_axes_with_their_prediction(done: Outcome, simulated: Simulated) -> None:
+def test_readings_are_in_base_axes_with_their_prediction(done: IdentifyOutcome, simulated: Simulated) -> None:
     with (done.report.parent / "readings.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(simulated.recording)
@@ -97,7 +97,7 @@ def test_readings_are_in_base_axes_with_their_prediction(done: Outcome, simulate
     assert np.sqrt(np.mean((unseen - measured)[good] ** 2)) > np.sqrt(np.mean((predicted - measured)[good] ** 2))
 
 
-def test_page_is_self_contained_and_says_the_main_thing(done: Outcome) -> None:
+def test_page_is_self_contained_and_says_the_main_thing(done: IdentifyOutcome) -> None:
     html = done.report.read_text(encoding="utf-8")
     assert "http" not in html.replace("http://www.w3.org", "")  # nothing is fetched
     assert "Joints 1, 2, 3, 4, 5 and 6 identified to" in html
@@ -105,7 +105,7 @@ def test_page_is_self_contained_and_says_the_main_thing(done: Outcome) -> None:
         assert f'id="{chart}"' in html
 
 
-def test_optimize_takes_what_identify_writes(done: Outcome, tmp_path: Path) -> None:
+def test_optimize_takes_what_identify_writes(done: IdentifyOutcome, tmp_path: Path) -> None:
     shutil.copytree(CELL, tmp_path / "cell")
     shutil.copy(done.report.parent / "stiffness.yaml", tmp_path / "cell" / "stiffness.yaml")
     cell = load_cell(tmp_path / "cell")
@@ -121,7 +121,9 @@ def test_grid_is_taken_where_the_stiffness_varies(tmp_path: Path) -> None:
     q = scattered_poses(robot, rng, 90, MIDDLE, 0.4)
     s = record(TrueArm(robot, cell.tool.T_flange_tcp, law), q, random_loads(rng, 90, 4, 1500.0, 200.0), rng)
     write_recording(tmp_path / "recording", s.recording)
-    result = run_identify(Request(CELL, (tmp_path / "recording",), tmp_path / "out", studies=False)).result.plain()
+    result = run_identify(
+        IdentifyRequest(CELL, (tmp_path / "recording",), tmp_path / "out", studies=False)
+    ).result.plain()
     assert result["model"] == "grid"
     assert result["heldout_rmse_mm"] < 0.8 * result["grid"]["heldout_rmse_constant_mm"]
     grid = load_stiffness(tmp_path / "out" / "stiffness.yaml").grid
@@ -148,14 +150,14 @@ def test_several_sessions_are_one_identification(simulated: Simulated, tmp_path:
         )
         write_recording(tmp_path / name, part)
     both = (tmp_path / "monday", tmp_path / "tuesday")
-    result = run_identify(Request(CELL, both, tmp_path / "out", studies=False)).result.plain()
+    result = run_identify(IdentifyRequest(CELL, both, tmp_path / "out", studies=False)).result.plain()
     assert (result["readings"], result["poses"]) == (128, 16)
     assert all(j["identified"] for j in result["joints"])
 
 
 def test_term_is_fitted_beside_the_joints_and_written(tmp_path: Path, simulated: Simulated) -> None:
     write_recording(tmp_path / "recording", simulated.recording)
-    request = Request(
+    request = IdentifyRequest(
         CELL, (tmp_path / "recording",), tmp_path / "out", studies=False, terms=("joint_coupling@joint:4-5",)
     )
     result = run_identify(request).result.plain()
@@ -191,7 +193,7 @@ def damaged(simulated: Simulated, factor: float) -> Simulated:
 def test_units_wrong_by_a_thousand_are_refused_by_name(simulated: Simulated, tmp_path: Path, factor: float) -> None:
     write_recording(tmp_path / "recording", damaged(simulated, factor).recording)
     with pytest.raises(InputError, match="unit") as caught:
-        run_identify(Request(CELL, (tmp_path / "recording",), tmp_path / "out"))
+        run_identify(IdentifyRequest(CELL, (tmp_path / "recording",), tmp_path / "out"))
     assert "dx_mm" in str(caught.value)
     assert not (tmp_path / "out").exists()
 
@@ -212,7 +214,9 @@ def test_two_poses_are_not_enough_for_six_joints(simulated: Simulated, tmp_path:
         displacement=r.displacement[rows],
     )
     write_recording(tmp_path / "recording", part)
-    result = run_identify(Request(CELL, (tmp_path / "recording",), tmp_path / "out", studies=False)).result.plain()
+    result = run_identify(
+        IdentifyRequest(CELL, (tmp_path / "recording",), tmp_path / "out", studies=False)
+    ).result.plain()
     assert result["heldout_rmse_mm"] is None  # no pose is left to judge by
     assert any("pose" in w for w in result["warnings"])
 
@@ -231,17 +235,17 @@ def test_two_poses_are_not_enough_for_six_joints(simulated: Simulated, tmp_path:
 def test_options_that_do_not_fit(simulated: Simulated, tmp_path: Path, change: dict[str, object], where: str) -> None:
     write_recording(tmp_path / "recording", simulated.recording)
     with pytest.raises(InputError, match=where):
-        run_identify(replace(Request(CELL, (tmp_path / "recording",), tmp_path / "out"), **change))  # type: ignore[arg-type]
+        run_identify(replace(IdentifyRequest(CELL, (tmp_path / "recording",), tmp_path / "out"), **change))  # type: ignore[arg-type]
 
 
 def test_published_readings_that_no_arm_explains_are_called_so(tmp_path: Path) -> None:
     cell = ROOT / "cells" / "irb6700_drilling"
-    done = run_identify(Request(cell, (cell / "recordings" / "zhang2025_table2",), tmp_path / "out"))
+    done = run_identify(IdentifyRequest(cell, (cell / "recordings" / "zhang2025_table2",), tmp_path / "out"))
     assert done.result.plain()["explained_share"] < 0.5
     assert "do not follow an arm of elastic joints" in done.report.read_text(encoding="utf-8")
 
 
-def test_what_is_said_of_a_joint_is_not_taken_for_what_stands_beside_its_stiffness(done: Outcome) -> None:
+def test_what_is_said_of_a_joint_is_not_taken_for_what_stands_beside_its_stiffness(done: IdentifyOutcome) -> None:
     """The summary left out every warning that began with "joint ", the cell's own among them."""
     own, shown = "joint 'a6' is continuous; its range is taken as ±360°", not_identified(4, "no reading shows it")
     joints = tuple(
@@ -254,7 +258,7 @@ def test_what_is_said_of_a_joint_is_not_taken_for_what_stands_beside_its_stiffne
 
 
 def test_command_writes_the_same_bytes_and_prints_what_the_engineer_needs_first(
-    done: Outcome, simulated: Simulated, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    done: IdentifyOutcome, simulated: Simulated, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     recording = tmp_path / "recording"
     write_recording(recording, simulated.recording)
@@ -296,10 +300,12 @@ def test_plan_poses_and_map_are_commands(tmp_path: Path, capsys: pytest.CaptureF
     assert "a9" in capsys.readouterr().err
 
 
-def test_ninety_percent_intervals_stay_ninety_percent(simulated: Simulated, done: Outcome, tmp_path: Path) -> None:
+def test_ninety_percent_intervals_stay_ninety_percent(
+    simulated: Simulated, done: IdentifyOutcome, tmp_path: Path
+) -> None:
     """Other programs read ci90; another level stands beside it."""
     write_recording(tmp_path / "recording", simulated.recording)
-    request = Request(CELL, (tmp_path / "recording",), tmp_path / "out", level_percent=99.0, studies=False)
+    request = IdentifyRequest(CELL, (tmp_path / "recording",), tmp_path / "out", level_percent=99.0, studies=False)
     wide = run_identify(request)
     for a, b in zip(done.result.plain()["joints"], wide.result.plain()["joints"], strict=True):
         assert a["ci90"] == pytest.approx(b["ci90"], rel=1e-9)
@@ -311,9 +317,11 @@ def test_ninety_percent_intervals_stay_ninety_percent(simulated: Simulated, done
 def test_an_error_code_that_there_is_not_is_refused(simulated: Simulated, tmp_path: Path) -> None:
     write_recording(tmp_path / "recording", simulated.recording)
     with pytest.raises(InputError, match="--accept: found 'unit'; valid: displacement_frame"):
-        run_identify(Request(CELL, (tmp_path / "recording",), tmp_path / "out", accept=("unit",)))
+        run_identify(IdentifyRequest(CELL, (tmp_path / "recording",), tmp_path / "out", accept=("unit",)))
     with pytest.raises(InputError, match=r"--fit joint_friction@joint:1: effect 'joint_friction' is not known"):
-        run_identify(Request(CELL, (tmp_path / "recording",), tmp_path / "out", terms=("joint_friction@joint:1",)))
+        run_identify(
+            IdentifyRequest(CELL, (tmp_path / "recording",), tmp_path / "out", terms=("joint_friction@joint:1",))
+        )
 
 
 def test_a_page_of_few_readings_has_no_nan(simulated: Simulated, tmp_path: Path) -> None:
@@ -334,7 +342,7 @@ def test_a_page_of_few_readings_has_no_nan(simulated: Simulated, tmp_path: Path)
         displacement=r.displacement[rows],
     )
     write_recording(tmp_path / "recording", part)
-    done = run_identify(Request(CELL, (tmp_path / "recording",), tmp_path / "out", accept=("load_sign",)))
+    done = run_identify(IdentifyRequest(CELL, (tmp_path / "recording",), tmp_path / "out", accept=("load_sign",)))
     page = done.report.read_text(encoding="utf-8")
     assert "nan %" not in page
     assert "nan mm" not in page
@@ -346,7 +354,7 @@ def test_what_the_file_says_of_external_joints_is_kept_and_told(simulated: Simul
     cell = load_cell(CELL)
     assert cell.stiffness is not None
     cell = replace(cell, stiffness=replace(cell.stiffness, external=(rail,)))
-    request = Request(CELL, (tmp_path / "recording",), tmp_path / "out", studies=False)
+    request = IdentifyRequest(CELL, (tmp_path / "recording",), tmp_path / "out", studies=False)
     found = identified(request, lambda _: None, cell)
     assert found.identification.stiffness.external == (rail,)
     assert any("external_joints of stiffness.yaml (rail): not fitted" in said for said in found.result.warnings)

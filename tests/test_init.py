@@ -11,7 +11,7 @@ import pytest
 from external_cell import RAIL
 from small_cell import robot_folder, small_cell, urdf_text
 
-from machopt.cells.asked import Request
+from machopt.cells.asked import InitRequest
 from machopt.cells.place import find_place, outward, pointing, sample_path
 from machopt.cells.robotfiles import copy_robot
 from machopt.cells.text import REFERENCE_NM_PER_RAD, REFERENCE_SPAN_M, estimated_stiffness
@@ -48,7 +48,7 @@ def test_a_new_cell_loads_reaches_its_workpiece_and_stands_free(robot: Path, tmp
     from machopt.model.collision import CollisionModel
 
     toolpath = ROOT / "toolpaths" / "plate_holes.csv"
-    done = run_init(Request(robot, tmp_path / "new" / "cell", toolpath=toolpath, post="krl"))
+    done = run_init(InitRequest(robot, tmp_path / "new" / "cell", toolpath=toolpath, post="krl"))
     cell = load_cell(tmp_path / "new" / "cell")
     assert (cell.base_link, cell.flange_link, cell.controller.post) == ("base_link", "flange", "krl")
     assert cell.stiffness is not None
@@ -106,7 +106,9 @@ def test_an_arm_on_a_rail_gets_a_cell_whose_part_it_reaches(turned: tuple[float,
     assert stand in rail
     (tmp_path / "arm.urdf").write_text(urdf_text().replace("</robot>", rail + "</robot>"))
     toolpath = ROOT / "toolpaths" / "plate_holes.csv"
-    cell = run_init(Request(tmp_path / "arm.urdf", tmp_path / "cell", toolpath=toolpath, workpiece_rpy_deg=turned)).cell
+    cell = run_init(
+        InitRequest(tmp_path / "arm.urdf", tmp_path / "cell", toolpath=toolpath, workpiece_rpy_deg=turned)
+    ).cell
     assert (cell.external_joints, cell.external_prismatic) == (("rail",), (True,))
     assert reached(cell, toolpath).all()
     robot = load_robot(cell)
@@ -282,12 +284,12 @@ def test_the_schema_of_a_file_is_current(file: str) -> None:
 
 def test_a_post_that_needs_more_than_a_new_cell_says_gives_way_to_its_kin(robot: Path, tmp_path: Path) -> None:
     """FANUC's CONFIG needs the sign of J5 of N, which no URDF says: the first validate must not be a refusal."""
-    done = run_init(Request(robot, tmp_path / "cell", workpiece_mm=(1000.0, 0.0, 500.0), post="fanuc"))
+    done = run_init(InitRequest(robot, tmp_path / "cell", workpiece_mm=(1000.0, 0.0, 500.0), post="fanuc"))
     assert done.cell.controller.post == "fanuc_joint"
     assert any("controller.nonflip_j5 in cell.yaml allows fanuc" in g for g in done.guesses)
     assert "# fanuc once controller.nonflip_j5 is known" in (tmp_path / "cell" / "cell.yaml").read_text()
     with pytest.raises(InputError, match="krll"):
-        run_init(Request(robot, tmp_path / "other", workpiece_mm=(1000.0, 0.0, 500.0), post="krll"))
+        run_init(InitRequest(robot, tmp_path / "other", workpiece_mm=(1000.0, 0.0, 500.0), post="krll"))
     assert not (tmp_path / "other").exists()
 
 
@@ -295,7 +297,7 @@ def test_a_program_of_joint_positions_is_reached_by_the_robot_it_is_for(robot: P
     program = tmp_path / "job.src"
     lines = "".join(f"LIN {{A1 {a},A2 -80,A3 100,A4 0,A5 45,A6 0}}\n" for a in (5, 8, 10))
     program.write_text(f"DEF job()\n$VEL.CP=0.02\nPTP {{A1 0,A2 -90,A3 90,A4 0,A5 45,A6 0}}\n{lines}END\n")
-    done = run_init(Request(robot=robot, out=tmp_path / "cell", toolpath=program))
+    done = run_init(InitRequest(robot=robot, out=tmp_path / "cell", toolpath=program))
     assert not any("no place" in guess for guess in done.guesses)
 
 
@@ -303,4 +305,4 @@ def test_a_program_in_place_of_the_robot_is_told_what_was_expected(tmp_path: Pat
     program = tmp_path / "job.src"
     program.write_text("DEF job()\nEND\n")
     with pytest.raises(InputError, match=r"is not XML.*expected a URDF"):
-        run_init(Request(robot=program, out=tmp_path / "cell"))
+        run_init(InitRequest(robot=program, out=tmp_path / "cell"))

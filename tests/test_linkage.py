@@ -21,7 +21,7 @@ from machopt.model.ik import solver_for
 from machopt.model.linkage import refuse_linked
 from machopt.model.robot import load_chain, load_masses
 from machopt.plan.follow import joints_at
-from machopt.services.run import Request, optimize
+from machopt.services.run import OptimizeRequest, optimize
 from machopt.verify.arm import Arm
 
 CELL = """\
@@ -185,7 +185,7 @@ def test_a_linked_arm_mills_and_the_motion_is_that_of_the_urdf(tmp_path: Path) -
         + "".join(f"{x},0,5,0,0,1,cut,1200\n" for x in range(0, 60, 10))
         + "50,0,50,0,0,1,rapid,\n"
     )
-    outcome = optimize(Request(tmp_path, path, tmp_path / "out"))
+    outcome = optimize(OptimizeRequest(tmp_path, path, tmp_path / "out"))
     assert outcome.exit_code == 0
     table = read_trajectory_csv(tmp_path / "out" / "trajectory.csv").trajectory
     model = pin.buildModelFromUrdf(str(cell.urdf))

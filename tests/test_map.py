@@ -24,13 +24,13 @@ from machopt.model.elastic import ArmElasticity
 from machopt.model.ik import Margins, solver_for, turns
 from machopt.model.robot import load_chain, load_robot
 from machopt.se3 import inverse
-from machopt.services.map import Outcome, Request, run_map
+from machopt.services.map import MapOutcome, MapRequest, run_map
 from machopt.verify.arm import Arm as PinocchioArm
 from machopt.workspace.along import JUMP, follow
 from machopt.workspace.fields import FIELDS, Load, Setting, evaluate, offered
 from machopt.workspace.idw import inside_hull, interpolate_idw, joint_from_tip_stiffness, leave_one_out
 from machopt.workspace.mapping import setting_of
-from machopt.workspace.postures import Arm, candidates, choose_postures, place_turns, tool_poses
+from machopt.workspace.postures import ReachingArm, candidates, choose_postures, place_turns, tool_poses
 from machopt.workspace.samples import even, farthest_reach, straight_line, trimmed
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
@@ -40,8 +40,8 @@ FIELD = {f.key: f for f in FIELDS}
 SMALL = {"ranges": ("x=900:2100", "z=300:1500"), "steps": ("300",), "length": 600.0, "collision": "none"}
 
 
-def make_map(out: Path, cell: Path = KR240, **asked: object) -> Outcome:
-    return run_map(Request(cell=cell, out=out, **asked))  # type: ignore[arg-type]
+def make_map(out: Path, cell: Path = KR240, **asked: object) -> MapOutcome:
+    return run_map(MapRequest(cell=cell, out=out, **asked))  # type: ignore[arg-type]
 
 
 def rows(file: Path) -> list[dict[str, str]]:
@@ -55,10 +55,10 @@ def cell():  # type: ignore[no-untyped-def]
 
 
 @pytest.fixture(scope="module")
-def arm(cell) -> Arm:  # type: ignore[no-untyped-def]
+def arm(cell) -> ReachingArm:  # type: ignore[no-untyped-def]
     robot = load_robot(cell)
     lower, upper = cell.limits.lower[:6], cell.limits.upper[:6]
-    return Arm(
+    return ReachingArm(
         robot,
         solver_for(robot),
         cell.tool.T_flange_tcp,
@@ -70,7 +70,7 @@ def arm(cell) -> Arm:  # type: ignore[no-untyped-def]
 
 
 @pytest.fixture(scope="module")
-def setting(cell, arm: Arm) -> Setting:  # type: ignore[no-untyped-def]
+def setting(cell, arm: ReachingArm) -> Setting:  # type: ignore[no-untyped-def]
     elasticity = ArmElasticity(arm.robot, arm.T_flange_tcp, cell.stiffness)
     load = Load(np.array([100.0, 200.0, -1500.0, 50.0, -40.0, 30.0]), "frame")
     return Setting(
@@ -197,7 +197,9 @@ def test_frame_of_the_workpiece_is_only_another_way_to_say_the_same(tmp_path: Pa
 # --- structure of the papers' figures ------------------------------------------------------------------------
 
 
-def test_dexterity_over_joints_2_and_3_has_the_two_dark_lines_of_dumas2011_figure_3b(tmp_path: Path, arm: Arm) -> None:
+def test_dexterity_over_joints_2_and_3_has_the_two_dark_lines_of_dumas2011_figure_3b(
+    tmp_path: Path, arm: ReachingArm
+) -> None:
     """Stretched or folded arm: a horizontal line; wrist centre on axis 1: an oblique one. Zero there, better beside."""
     make_map(tmp_path / "j", joints="a2,a3", q="a1=0,a4=45,a5=45,a6=45", steps=("2",), length=600.0, collision="none")
     table = rows(tmp_path / "j" / "map.csv")
@@ -236,7 +238,7 @@ def test_nu_p_and_nu_r_stay_as_small_as_dumas2011_section_3_2_says(setting: Sett
 # --- choosing postures ---------------------------------------------------------------------------------------
 
 
-def test_turns_joint_by_joint_find_what_all_combinations_find(arm: Arm) -> None:
+def test_turns_joint_by_joint_find_what_all_combinations_find(arm: ReachingArm) -> None:
     rng = np.random.default_rng(5)
     q = rng.uniform(-np.pi, np.pi, (500, 6))
     every = q[:, None] + turns(arm.lower, arm.upper)
@@ -248,7 +250,7 @@ def test_turns_joint_by_joint_find_what_all_combinations_find(arm: Arm) -> None:
     np.testing.assert_allclose(np.abs(placed - arm.home).sum(axis=1)[ok], far[ok], rtol=1e-12)
 
 
-def test_every_pick_is_what_brute_force_over_all_postures_finds(arm: Arm, setting: Setting) -> None:
+def test_every_pick_is_what_brute_force_over_all_postures_finds(arm: ReachingArm, setting: Setting) -> None:
     place = np.stack(np.meshgrid([0.9, 1.4, 1.9], [-0.4, 0.3], [0.4, 0.9, 1.4]), axis=-1).reshape(-1, 3)
     gamma = np.radians([10.0, 100.0, 190.0, 280.0])
     good = FIELD["k_min"]
@@ -285,7 +287,7 @@ def test_every_pick_is_what_brute_force_over_all_postures_finds(arm: Arm, settin
     np.testing.assert_allclose(T[:, :3, 3], place[p.ok], atol=1e-9)
 
 
-def test_shown_postures_are_free_and_collides_means_that_none_is(cell, arm: Arm, setting: Setting) -> None:  # type: ignore[no-untyped-def]
+def test_shown_postures_are_free_and_collides_means_that_none_is(cell, arm: ReachingArm, setting: Setting) -> None:  # type: ignore[no-untyped-def]
     robot, shapes = load_chain(cell)
     alone = replace(cell, obstacles=(), workpiece=replace(cell.workpiece, geometry=()))
     model = CollisionModel(alone, robot, shapes, 0.002)
@@ -332,7 +334,7 @@ def test_free_rotation_is_never_worse_and_the_gain_says_by_how_much(tmp_path: Pa
 # --- along a line --------------------------------------------------------------------------------------------
 
 
-def test_a_line_is_driven_without_a_jump_and_the_tool_does_not_turn(arm: Arm, setting: Setting) -> None:
+def test_a_line_is_driven_without_a_jump_and_the_tool_does_not_turn(arm: ReachingArm, setting: Setting) -> None:
     samples = straight_line(np.array([1.0, -0.5, 0.8]), np.array([1.9, 0.5, 0.6]), 121)
     assert samples.position is not None
     gamma = np.radians([160.0, 70.0])
@@ -353,7 +355,7 @@ def test_a_line_is_driven_without_a_jump_and_the_tool_does_not_turn(arm: Arm, se
     assert goodness(worst.q[worst.ok]).min() <= goodness(p.q).min()
 
 
-def test_a_line_leaves_holes_where_it_leaves_the_reach_and_marks_jumps(arm: Arm, setting: Setting) -> None:
+def test_a_line_leaves_holes_where_it_leaves_the_reach_and_marks_jumps(arm: ReachingArm, setting: Setting) -> None:
     def goodness(q: np.ndarray) -> np.ndarray:
         return FIELD["k_min"].goodness(setting.at(q))
 
@@ -425,7 +427,7 @@ def test_joint_stiffness_from_the_tip_is_right_only_for_the_whole_matrix(setting
     assert np.abs(np.diagonal(guess, axis1=1, axis2=2) / k - 1).max() > 0.5
 
 
-def test_measured_table_stands_beside_the_model(tmp_path: Path, arm: Arm, setting: Setting) -> None:
+def test_measured_table_stands_beside_the_model(tmp_path: Path, arm: ReachingArm, setting: Setting) -> None:
     q = postures(12, 4)
     T = arm.robot.fk(q, arm.T_flange_tcp)
     v = evaluate(setting, q).value
@@ -465,7 +467,7 @@ def test_measured_table_stands_beside_the_model(tmp_path: Path, arm: Arm, settin
 # --- samples -------------------------------------------------------------------------------------------------
 
 
-def test_no_posture_gets_beyond_the_farthest_reach(arm: Arm) -> None:
+def test_no_posture_gets_beyond_the_farthest_reach(arm: ReachingArm) -> None:
     centre, radius = farthest_reach(arm.robot, arm.T_flange_tcp)
     q = np.random.default_rng(1).uniform(-np.pi, np.pi, (5000, 6))
     away = np.linalg.norm(arm.robot.fk(q, arm.T_flange_tcp)[:, :3, 3] - centre, axis=1)
@@ -705,7 +707,7 @@ def test_what_the_stiffness_file_counts_in_is_said(tmp_path: Path) -> None:
     )
     out = tmp_path / "out"
     asked = {"ranges": ("x=900:1200", "z=500:900"), "steps": ("300",), "collision": "none"}
-    done = run_map(Request(cell=folder, out=out, **asked))
+    done = run_map(MapRequest(cell=folder, out=out, **asked))
     said = " ".join(done.result.warnings)
     assert "leaves 0.3 mm of the readings it comes from, 10.0 times their noise" in said
     assert "Stiffness and deflection count in, in the mean, what the readings show" in said

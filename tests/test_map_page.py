@@ -26,7 +26,7 @@ from machopt.report.map_page import map_page_html, where
 from machopt.report.map_svg import map_svg, pair_svg
 from machopt.report.placecodes import PlaceCode, place_codes
 from machopt.report.still import VIRIDIS, colours, hatching, image
-from machopt.services.map import Request, run_map
+from machopt.services.map import MapRequest, run_map
 from machopt.workspace.told import REASONS
 
 KR240 = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
@@ -195,7 +195,7 @@ def test_every_kind_of_page_stands_alone(kind: str) -> None:
 
 
 def test_page_of_nothing_reached_says_so_and_draws_no_number(tmp_path: Path) -> None:
-    outcome = run_map(Request(cell=KR240, out=tmp_path / "m", at=9000.0, steps=("900",), length=600.0))
+    outcome = run_map(MapRequest(cell=KR240, out=tmp_path / "m", at=9000.0, steps=("900",), length=600.0))
     html = (tmp_path / "m" / "report.html").read_text(encoding="utf-8")
     page = read(html)
     assert "OUT OF REACH" in page.text

@@ -15,7 +15,7 @@ from machopt.domain.options import ExternalAxis, FixedRotation, PlanOptions, Pro
 from machopt.errors import InputError
 from machopt.formats.option_keys import OptionKeys
 from machopt.formats.options import load_options, options_as_user, without_effect
-from machopt.services.load import Request
+from machopt.services.load import OptimizeRequest
 from machopt.services.run import optimize
 
 
@@ -211,7 +211,7 @@ def test_fixed_rotations_that_a_method_would_not_keep_are_refused(tmp_path: Path
     cell = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
     words = ("method=jiao2022", "fixed=[{point: 0, gamma_deg: 10}]")
     with pytest.raises(InputError, match="method jiao2022 chooses every rotation by itself"):
-        optimize(Request(cell, tmp_path / "path.csv", tmp_path / "out", overrides=words))
+        optimize(OptimizeRequest(cell, tmp_path / "path.csv", tmp_path / "out", overrides=words))
     assert not (tmp_path / "out").exists()
 
 

@@ -14,7 +14,7 @@ from machopt.design.loadcases import LoadCases, LoadCriteria, load_cases
 from machopt.design.loads import GRAVITY, load_ways, unit_wrench
 from machopt.design.measurement import ReadingNoise
 from machopt.design.poseplan import problem_of, unknowns_of
-from machopt.design.search import Problem, choose, information
+from machopt.design.search import DesignProblem, choose, information
 from machopt.domain.cell import Cell
 from machopt.formats.cell import load_cell
 from machopt.identify.simulate import TrueArm
@@ -47,12 +47,12 @@ class Bench:
         self.criteria = LoadCriteria(1e-4, 5e-3, nu_p=0.05)
         self.cases: LoadCases = self.cases_of(self.pool)
         self.unknowns = unknowns_of(self.prior, (), self.cases)
-        self.problem: Problem = self.problem_of(self.cases)
+        self.problem: DesignProblem = self.problem_of(self.cases)
 
     def cases_of(self, pool: PosePool) -> LoadCases:
         return load_cases(pool, self.ways, self.prior, (), self.criteria, self.noise)
 
-    def problem_of(self, cases: LoadCases) -> Problem:
+    def problem_of(self, cases: LoadCases) -> DesignProblem:
         return problem_of(cases, self.unknowns, self.noise, 1.0, np.random.default_rng(0))[0]
 
 
@@ -193,7 +193,7 @@ def test_half_the_readings_reach_the_papers_accuracy(name: str, loads: int, nois
     rng = np.random.default_rng(0)
     n = 12
 
-    def rms(problem: Problem, blocks) -> float:
+    def rms(problem: DesignProblem, blocks) -> float:
         return accuracy(information(problem, blocks)).rms(np.ones(6, bool))
 
     ours = rms(bench.problem, choose(bench.problem, n // 2, loads, rng=rng).blocks)

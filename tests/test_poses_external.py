@@ -10,7 +10,7 @@ import pytest
 from external_cell import external_cell
 from small_cell import small_cell
 
-from machopt.design.asked import Request, without_workpiece
+from machopt.design.asked import PosesRequest, without_workpiece
 from machopt.design.held import based, held_at, standing_of
 from machopt.diagnose.apart.measure import Measurement, measurement
 from machopt.domain.cell import Cell
@@ -21,7 +21,7 @@ from machopt.model.robot import load_robot
 from machopt.services.poses_planned import planned
 
 K = Stiffness(np.array([1.4e6, 1.2e6, 9.4e5, 3.6e5, 3.7e5, 3.8e5]))
-FEW = Request(
+FEW = PosesRequest(
     Path("cell"),
     Path("out"),
     poses=3,

@@ -18,7 +18,7 @@ from machopt.formats.poses import read_poses_csv, write_poses_csv
 from machopt.formats.recording import load_recording
 from machopt.model.collision import CollisionModel
 from machopt.model.robot import load_chain
-from machopt.services.poses import Outcome, Request, run_plan_poses
+from machopt.services.poses import PosesOutcome, PosesRequest, run_plan_poses
 
 CELL = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
 QUICK: dict[str, Any] = {
@@ -32,16 +32,16 @@ QUICK: dict[str, Any] = {
 }
 
 
-def plan(out: Path, **options: Any) -> Outcome:
-    return run_plan_poses(Request(CELL, out, **{**QUICK, **options}))
+def plan(out: Path, **options: Any) -> PosesOutcome:
+    return run_plan_poses(PosesRequest(CELL, out, **{**QUICK, **options}))
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
+def done(tmp_path_factory: pytest.TempPathFactory) -> PosesOutcome:
     return plan(tmp_path_factory.mktemp("poses") / "out", terms=("link_compliance@link:4",), sensor="tracker3")
 
 
-def test_folder_holds_what_the_contract_says(done: Outcome) -> None:
+def test_folder_holds_what_the_contract_says(done: PosesOutcome) -> None:
     folder = done.report.parent
     assert done.exit_code == 0
     assert sorted(p.name for p in folder.iterdir()) == [
@@ -64,7 +64,7 @@ def test_folder_holds_what_the_contract_says(done: Outcome) -> None:
     assert any("told apart" in w for w in result["warnings"])
 
 
-def test_table_is_a_plan_that_can_be_driven_and_measured(done: Outcome) -> None:
+def test_table_is_a_plan_that_can_be_driven_and_measured(done: PosesOutcome) -> None:
     table = read_poses_csv(done.report.parent / "poses.csv")
     cell = load_cell(CELL)
     robot, shapes = load_chain(cell)
@@ -91,7 +91,7 @@ def test_table_is_a_plan_that_can_be_driven_and_measured(done: Outcome) -> None:
     assert list(table.way_free) == (~hit).tolist()
 
 
-def test_template_is_a_recording_once_it_is_filled_in(done: Outcome, tmp_path: Path) -> None:
+def test_template_is_a_recording_once_it_is_filled_in(done: PosesOutcome, tmp_path: Path) -> None:
     folder = done.report.parent
     table = read_poses_csv(folder / "poses.csv")
     template = folder / "recording_template"
@@ -117,7 +117,7 @@ def test_template_is_a_recording_once_it_is_filled_in(done: Outcome, tmp_path: P
     np.testing.assert_array_equal(recording.pose, table.pose)
 
 
-def test_page_says_what_matters(done: Outcome) -> None:
+def test_page_says_what_matters(done: PosesOutcome) -> None:
     page = done.report.read_text()
     for words in (
         "NOT EVERYTHING IS SEEN",
@@ -142,11 +142,11 @@ def test_page_says_what_matters(done: Outcome) -> None:
 
 
 @pytest.fixture(scope="module")
-def aimed(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
+def aimed(tmp_path_factory: pytest.TempPathFactory) -> PosesOutcome:
     return plan(tmp_path_factory.mktemp("aimed") / "out", target_percent=15.0, candidates=60)
 
 
-def test_same_seed_gives_the_same_bytes(aimed: Outcome, tmp_path: Path) -> None:
+def test_same_seed_gives_the_same_bytes(aimed: PosesOutcome, tmp_path: Path) -> None:
     plan(tmp_path / "out", target_percent=15.0, candidates=60)
     for name in ("poses.csv", "plan.json", "report.html", "recording_template/data.csv"):
         assert (tmp_path / "out" / name).read_bytes() == (aimed.report.parent / name).read_bytes(), name
@@ -166,7 +166,7 @@ def test_doubted_prior_halves_the_deflection_and_is_reported(tmp_path: Path) -> 
     assert len(found.result.plain()["design"]["worst_if_prior_wrong"]) == 4
 
 
-def test_target_names_the_smallest_number_of_poses(aimed: Outcome, tmp_path: Path) -> None:
+def test_target_names_the_smallest_number_of_poses(aimed: PosesOutcome, tmp_path: Path) -> None:
     needed = aimed.result.plain()["target"]["poses"]
     at = {
         n: plan(tmp_path / str(n), poses=n, candidates=60).result.plain()["design"]["worst"]
@@ -237,7 +237,7 @@ def test_cell_without_stiffness_asks_for_a_prior(tmp_path: Path) -> None:
     for name in ("robot.urdf", "meshes"):
         (cell / name).symlink_to(CELL / name)
     with pytest.raises(InputError, match="--prior"):
-        run_plan_poses(Request(cell, tmp_path / "out", allow_external=True, **QUICK))
+        run_plan_poses(PosesRequest(cell, tmp_path / "out", allow_external=True, **QUICK))
 
 
 def test_table_reads_back_and_is_strict(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from machopt.formats.toolchoice import stints_of, with_tools
 from machopt.formats.toolpath import read_toolpath
 from machopt.plan.job import plan_job
 from machopt.plan.setup import Timings
-from machopt.services.load import Request
+from machopt.services.load import OptimizeRequest
 from machopt.services.run import optimize
 
 CELL, FILE = ROOT / "cells" / "kr240_setups", ROOT / "toolpaths" / "two_plates.nc"
@@ -58,7 +58,7 @@ def test_it_is_planned_tool_after_tool(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_whole_command(tmp_path: Path) -> None:
     """One program a tool, read back; contacts with the bodies of the tool that is on and both setups' fixtures."""
-    done = optimize(Request(cell=CELL, toolpath=FILE, out=tmp_path / "out", posts=POSTS))
+    done = optimize(OptimizeRequest(cell=CELL, toolpath=FILE, out=tmp_path / "out", posts=POSTS))
     assert done.exit_code == 0
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert [t["tool"] for t in result["tools"]] == ["1", "2", "3", "2"]

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from small_cell import urdf_text
 
-from machopt.cells.asked import Request
+from machopt.cells.asked import InitRequest
 from machopt.cells.problems import read_all
 from machopt.cells.review import review
 from machopt.cli import main
@@ -31,7 +31,7 @@ Make = Callable[..., Path]
 def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("cell")
     (folder / "arm.urdf").write_text(urdf_text())
-    run_init(Request(folder / "arm.urdf", folder / "cell", post="krl"))
+    run_init(InitRequest(folder / "arm.urdf", folder / "cell", post="krl"))
     return folder / "cell"
 
 

@@ -20,7 +20,7 @@ from machopt.formats.toolpath import read_toolpath
 from machopt.output import read_manifest
 from machopt.recheck import scope
 from machopt.recheck.resultcheck import result_checks
-from machopt.services.load import Request
+from machopt.services.load import OptimizeRequest
 from machopt.services.run import optimize
 from machopt.verify import Check, Verification, verify_stints
 from machopt.verify.along import softest
@@ -96,7 +96,7 @@ def test_options_and_reading_come_from_the_manifest(tmp_path: Path, capsys: pyte
     toolpath = tmp_path / "pass.csv"
     toolpath.write_text("x_mm,y_mm,z_mm,i,j,k,move\n" + "".join(f"{x},{y},{z},0,0,1,{m}\n" for x, y, z, m, _ in PASS))
     wide = ("path_tolerance_mm=0.4", "rotation_step_deg=15")
-    asked = Request(
+    asked = OptimizeRequest(
         cell=KR500, toolpath=toolpath, out=tmp_path / "out", overrides=wide, reading={"default_feed": 1100 / 60e3}
     )
     assert optimize(asked).exit_code == 0
@@ -189,7 +189,9 @@ def test_a_plan_that_does_not_hold_leaves_no_program(tmp_path: Path, monkeypatch
     toolpath.write_text(HEADER + "\n" + "".join(f"{x},{y},{z},0,0,1,{move},{feed}\n" for x, y, z, move, feed in PASS))
     out = tmp_path / "out"
     done = optimize(
-        Request(cell=KR500, toolpath=toolpath, out=out, overrides=("rotation_step_deg=15",), posts=("krl", "urscript"))
+        OptimizeRequest(
+            cell=KR500, toolpath=toolpath, out=out, overrides=("rotation_step_deg=15",), posts=("krl", "urscript")
+        )
     )
     assert done.exit_code == 4
     assert {f.name for f in out.iterdir()} == {

@@ -20,7 +20,7 @@ from test_cli import CELLS, KR500, PASS, toolpath
 from test_cli import optimize as optimized
 
 from machopt.errors import InputError
-from machopt.services.load import Request, load
+from machopt.services.load import OptimizeRequest, load
 from machopt.services.planned import planned
 from machopt.view.run import Acting, Asked, serve
 from machopt.view.server import Server
@@ -33,8 +33,8 @@ def quiet(_: str) -> None:
     """No progress."""
 
 
-def job(folder: Path, *overrides: str) -> Request:
-    return Request(cell=KR500, toolpath=toolpath(folder, PASS), out=folder / "out", overrides=overrides)
+def job(folder: Path, *overrides: str) -> OptimizeRequest:
+    return OptimizeRequest(cell=KR500, toolpath=toolpath(folder, PASS), out=folder / "out", overrides=overrides)
 
 
 def begun(folder: Path, *overrides: str) -> Session:
@@ -55,7 +55,7 @@ def test_a_session_pins_compares_goes_back_and_saves(tmp_path: Path) -> None:
     assert session.wishes()["fixed"] == [{"point": 6, "gamma_deg": want}]
     assert '"name":"before"' in session.html()
     session.save()
-    again = planned(load(Request(**{**vars(job(tmp_path)), "plan_file": session.file})), session.now.timings)
+    again = planned(load(OptimizeRequest(**{**vars(job(tmp_path)), "plan_file": session.file})), session.now.timings)
     for name in ("phi", "q", "branch"):  # to the bit, whatever the session lent its plans
         mine, own = (getattr(m.plan.chosen.assignment, name) for m in (session.now.made, again.made))
         np.testing.assert_array_equal(mine, own)
@@ -174,11 +174,11 @@ def test_a_point_dragged_on_the_map_is_pinned_planned_and_saved(tmp_path: Path) 
 
 def test_cells_and_reports_are_served_by_themselves(tmp_path: Path) -> None:
     for places, part in (((CELLS / "cutting_cobot",), "The cell, the arm at home"),):
-        server = serve(Asked(places, Request(places[0], places[0], tmp_path), tmp_path / "p"), quiet, quiet)
+        server = serve(Asked(places, OptimizeRequest(places[0], places[0], tmp_path), tmp_path / "p"), quiet, quiet)
         server.close()
         assert part in server.html
     with pytest.raises(InputError, match="OUT CELL TOOLPATH would work"):
-        serve(Asked((CELLS,) * 4, Request(CELLS, CELLS, tmp_path), tmp_path / "p"), quiet, quiet)
+        serve(Asked((CELLS,) * 4, OptimizeRequest(CELLS, CELLS, tmp_path), tmp_path / "p"), quiet, quiet)
 
 
 def test_the_command_ends_with_ctrl_c() -> None:

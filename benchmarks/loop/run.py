@@ -30,15 +30,15 @@ import numpy as np
 import robots
 import tables
 
-from machopt.design.asked import Request as PosesRequest
-from machopt.diagnose.nouns.asked import Request as DiagnoseRequest
+from machopt.design.asked import PosesRequest
+from machopt.diagnose.nouns.asked import DiagnoseRequest
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions, ProcessForce
 from machopt.domain.stiffness import Stiffness
 from machopt.formats.cell import load_cell
 from machopt.formats.stiffness import write_stiffness
 from machopt.formats.toolpath import read_toolpath
-from machopt.identify.asked import Request as IdentifyRequest
+from machopt.identify.asked import IdentifyRequest
 from machopt.plan.made import Plan
 from machopt.plan.pipeline import plan
 from machopt.plan.refine import compensate

@@ -12,8 +12,8 @@ import numpy as np
 
 from machopt.api.asked import asked
 from machopt.arrays import Array
-from machopt.cells.asked import Request
-from machopt.cells.review import Finding
+from machopt.cells.asked import InitRequest
+from machopt.cells.review import Remark
 from machopt.domain import cell as domain
 from machopt.domain.manifest import ManifestFile
 from machopt.effects.own import Own, in_use, with_effects
@@ -70,7 +70,7 @@ class Cell:
         Args:
             robot: URDF or xacro file.
             out: the new cell folder.
-            options: as :class:`machopt.cells.asked.Request` has them, e.g. ``tool_length_mm=250``,
+            options: as :class:`machopt.cells.asked.InitRequest` has them, e.g. ``tool_length_mm=250``,
                 ``toolpath="part.nc"``, ``post="krl"``.
 
         Raises:
@@ -78,10 +78,10 @@ class Cell:
         """
         from machopt.services.newcell import run_init
 
-        run_init(asked(Request, options, robot=Path(robot), out=Path(out)))
+        run_init(asked(InitRequest, options, robot=Path(robot), out=Path(out)))
         return cls.load(out)
 
-    def validate(self, *, picture: str | os.PathLike[str] | None = None) -> tuple[Finding, ...]:
+    def validate(self, *, picture: str | os.PathLike[str] | None = None) -> tuple[Remark, ...]:
         """Everything wrong or odd about the cell as it lies in its folder, errors first: ``machopt validate``.
 
         Args:

@@ -11,7 +11,7 @@ from machopt.api.asked import NOWHERE, asked, paths
 from machopt.api.cell import Cell
 from machopt.api.figure import Figure
 from machopt.api.saved import Named, Progress, silent
-from machopt.diagnose.nouns.asked import Request
+from machopt.diagnose.nouns.asked import DiagnoseRequest
 from machopt.domain.results.diagnosis import DiagnosisResult, FindingTold
 from machopt.effects.own import Own, in_use, run
 from machopt.output import output_folder
@@ -84,7 +84,7 @@ def diagnose(
         cell: a cell, or the path of its folder; by path, a recorded motion may be of any chain of joints.
         recordings: a recording folder, or several of the same robot.
         progress: told what is being done.
-        options: as :class:`machopt.diagnose.nouns.asked.Request` has them, e.g. ``toolpath="part.nc"``,
+        options: as :class:`machopt.diagnose.nouns.asked.DiagnoseRequest` has them, e.g. ``toolpath="part.nc"``,
             ``max_findings=2``; ``terms`` names Python files with laws of your own, whose code is **run**.
 
     Raises:
@@ -92,7 +92,7 @@ def diagnose(
     """
     loaded = cell.unchanged() if isinstance(cell, Cell) else None
     request = asked(
-        Request,
+        DiagnoseRequest,
         options,
         cell=Path(cell.path if isinstance(cell, Cell) else cell),
         recordings=paths(recordings),

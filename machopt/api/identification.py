@@ -14,7 +14,7 @@ from machopt.api.cell import Cell, cell_of
 from machopt.api.saved import Named, Progress, effects_of, saved, silent
 from machopt.arrays import Array
 from machopt.domain.results.identification import IdentificationResult
-from machopt.identify.asked import Request
+from machopt.identify.asked import IdentifyRequest
 from machopt.services.identified import Identified, identified
 from machopt.services.identify import write
 
@@ -64,14 +64,14 @@ def identify(
         cell: a cell, or the path of its folder.
         recordings: a recording folder, or several of the same robot.
         progress: told what is being done.
-        options: as :class:`machopt.identify.asked.Request` has them, e.g. ``model="constant"``, ``seed=1``.
+        options: as :class:`machopt.identify.asked.IdentifyRequest` has them, e.g. ``model="constant"``, ``seed=1``.
 
     Raises:
         InputError: bad cell, recording or option; a record that cannot be right.
     """
     a_cell = cell_of(cell)
     request = asked(
-        Request,
+        IdentifyRequest,
         options,
         cell=a_cell.path,
         recordings=paths(recordings),

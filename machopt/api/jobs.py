@@ -8,7 +8,7 @@ from typing import Any
 
 from machopt.api.asked import asked, paths
 from machopt.api.saved import Named
-from machopt.batch.request import Progress, Request
+from machopt.batch.request import BatchRequest, Progress
 from machopt.batch.run import run_batch
 from machopt.domain.results.batch import BatchResult
 
@@ -32,7 +32,7 @@ def batch(
         effects: Python files with effects of your own that stiffness files hold; **runs the code in them**.
         allow_external: let cells use files outside their folders.
         progress: told how far it is, after every job.
-        options: as :class:`machopt.batch.request.Request` has them, e.g. ``workers=2``,
+        options: as :class:`machopt.batch.request.BatchRequest` has them, e.g. ``workers=2``,
             ``scheduler="tcp://10.0.0.5:8786"``, ``overrides=["rotation_step_deg=10"]``.
 
     Returns:
@@ -42,7 +42,7 @@ def batch(
         InputError: a job, an option or the output folder is wrong.
     """
     request = asked(
-        Request,
+        BatchRequest,
         options,
         jobs=tuple(str(p) for p in paths(jobs)),
         out=Path(out),

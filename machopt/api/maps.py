@@ -21,7 +21,7 @@ from machopt.report.map_svg import map_svg
 from machopt.services.map import write
 from machopt.services.map_columns import map_columns
 from machopt.services.mapped import Mapped, mapped
-from machopt.workspace.asked import Request
+from machopt.workspace.asked import MapRequest
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def map(cell: Cell | Named, *, progress: Progress = silent, **options: Any) -> M
     Args:
         cell: a cell, or the path of its folder.
         progress: told what is being done.
-        options: as :class:`machopt.workspace.asked.Request` has them, e.g. ``slice="xy"``, ``at=800``,
+        options: as :class:`machopt.workspace.asked.MapRequest` has them, e.g. ``slice="xy"``, ``at=800``,
             ``steps=["100"]``, ``force="0,0,500"``; numbers in mm, degrees, N.
 
     Raises:
@@ -102,7 +102,7 @@ def map(cell: Cell | Named, *, progress: Progress = silent, **options: Any) -> M
     """
     a_cell = cell_of(cell)
     request = asked(
-        Request,
+        MapRequest,
         options,
         cell=a_cell.path,
         out=NOWHERE,

@@ -21,7 +21,7 @@ from machopt.formats.option_keys import OptionKeys
 from machopt.placement.asked import Search
 from machopt.report.gather.place import columns_of, result_of
 from machopt.services.inputs import input_hashes
-from machopt.services.place import Request, Sited, sited, write
+from machopt.services.place import PlaceRequest, Sited, sited, write
 
 Range = tuple[float, float]
 
@@ -124,7 +124,7 @@ def place(
     if a_cell.allow_external:
         raise InputError("files outside the cell folder are in no copy of it; a cell without them would work")
     x, y, z = ((a / 1e3, b / 1e3) for a, b in (x_mm, y_mm, z_mm))
-    request = Request(
+    request = PlaceRequest(
         cell=a_cell.path,
         toolpaths=tuple(t.path for t in read),
         readings=tuple(t.reading for t in read),

@@ -27,7 +27,7 @@ from machopt.report.data import Quantity
 from machopt.report.gather.optimize_map import rotation_map
 from machopt.report.gather.optimize_series import cut_length
 from machopt.report.rotation_svg import rotation_svg
-from machopt.services.load import Request, prepared
+from machopt.services.load import OptimizeRequest, prepared
 from machopt.services.planned import Planned, planned
 from machopt.services.result import objectives_of
 from machopt.services.run import Written, write
@@ -218,7 +218,7 @@ def optimize(
     path = toolpath_of(toolpath, a_cell)
     if map_collisions not in ("chosen", "full"):
         raise InputError(f"found {map_collisions!r}; valid: chosen, full", where="map_collisions")
-    request = Request(
+    request = OptimizeRequest(
         cell=a_cell.path,
         toolpath=path.path,
         out=NOWHERE,

@@ -9,7 +9,7 @@ from machopt.api.asked import NOWHERE, asked
 from machopt.api.cell import Cell, cell_of
 from machopt.api.saved import Named, Progress, effects_of, saved, silent
 from machopt.api.table import Table
-from machopt.design.asked import Request
+from machopt.design.asked import PosesRequest
 from machopt.domain.results.poses import PosesResult
 from machopt.formats.poses import poses_columns
 from machopt.services.poses import write
@@ -66,14 +66,14 @@ def plan_poses(cell: Cell | Named, *, progress: Progress = silent, **options: An
     Args:
         cell: a cell, or the path of its folder.
         progress: told what is being done.
-        options: as :class:`machopt.design.asked.Request` has them, e.g. ``poses=12``, ``weights_kg=[50]``.
+        options: as :class:`machopt.design.asked.PosesRequest` has them, e.g. ``poses=12``, ``weights_kg=[50]``.
 
     Raises:
         InputError: bad cell or option.
     """
     a_cell = cell_of(cell)
     request = asked(
-        Request,
+        PosesRequest,
         options,
         cell=a_cell.path,
         out=NOWHERE,

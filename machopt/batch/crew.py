@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 from machopt.batch.engine import Engine
 from machopt.errors import InputError, MachoptError
 from machopt.placement.search import Site
-from machopt.services.place import Request
+from machopt.services.place import PlaceRequest
 from machopt.services.place_site import answer
 
 A = TypeVar("A")
@@ -49,7 +49,7 @@ class Crew:
 
 
 @contextlib.contextmanager
-def crew(request: Request, *, jobs: int, scheduler: str | None) -> Generator[Crew | None, None, None]:
+def crew(request: PlaceRequest, *, jobs: int, scheduler: str | None) -> Generator[Crew | None, None, None]:
     """Those who look at places; None: this process does it alone.
 
     Args:
@@ -96,7 +96,7 @@ def _ended_after(wait: Callable[[], None]) -> None:
 
 
 @contextlib.contextmanager
-def _cluster(request: Request, address: str) -> Generator[Crew, None, None]:
+def _cluster(request: PlaceRequest, address: str) -> Generator[Crew, None, None]:
     with (
         tempfile.TemporaryDirectory(prefix=f".{request.out.name}-", dir=_parent(request.out)) as shared,
         Engine(Path(shared).name, scheduler=address, workers=0, version=None) as engine,

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from machopt.batch.request import Request
+from machopt.batch.request import BatchRequest
 from machopt.errors import InputError
 from machopt.formats.joblist import ListedJob, is_job_table, matching, post_named, read_joblist
 from machopt.output import is_machopt_output
@@ -94,7 +94,7 @@ class Found:
     left_out: tuple[str, ...] = field(default=())
 
 
-def find_jobs(request: Request) -> Found:
+def find_jobs(request: BatchRequest) -> Found:
     """All jobs of a request.
 
     Raises:
@@ -174,7 +174,7 @@ def _plain(toolpath: Path, cell: Path | None) -> ListedJob:
     return ListedJob(cell, toolpath, "", {}, {}, None, None, toolpath, "")
 
 
-def _job(item: ListedJob, base: Path, request: Request) -> Job:
+def _job(item: ListedJob, base: Path, request: BatchRequest) -> Job:
     cell = item.cell or request.cell
     if cell is None:
         raise InputError(
@@ -213,7 +213,7 @@ def _job(item: ListedJob, base: Path, request: Request) -> Job:
     )
 
 
-def _posts(request: Request) -> tuple[str | Path, ...]:
+def _posts(request: BatchRequest) -> tuple[str | Path, ...]:
     """The posts for jobs that name none."""
     try:
         return tuple(post_named(text, Path.cwd()) for text in request.posts)

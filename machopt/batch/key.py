@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from machopt.batch.find import Job
-from machopt.batch.request import Request
+from machopt.batch.request import BatchRequest
 from machopt.domain.cell import Cell
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
@@ -90,7 +90,7 @@ class Refused:
 class Keys:
     """Makes keys; every cell and file is read once."""
 
-    request: Request
+    request: BatchRequest
     version: str
     _cells: dict[Path, Cell | InputError] = field(default_factory=dict)
     _sha: dict[Path, str] = field(default_factory=dict)

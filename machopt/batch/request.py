@@ -12,7 +12,7 @@ TIME_LIMIT = 3600.0  # s
 
 
 @dataclass(frozen=True)
-class Request:
+class BatchRequest:
     """The options of ``machopt batch``."""
 
     jobs: tuple[str, ...]  # folders, patterns, lists (YAML, CSV) or toolpath files
@@ -30,7 +30,7 @@ class Request:
     compare: Path | None = None  # another batch's output folder
     posts: tuple[str, ...] = ()  # robot programs to write, for jobs that name none themselves; none: the cell's own
     effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which stiffness.yaml may hold
-    extra: dict[str, Any] = field(default_factory=dict)  # further fields of job.run.Request, the same for all jobs
+    extra: dict[str, Any] = field(default_factory=dict)  # further fields of OptimizeRequest, the same for all jobs
     entry: str = "machopt.batch.task"  # module whose run(job, out) does a job and whose warm(folder) prepares for it
     version: str | None = None  # what of the program goes into the hash of a job; None: its version and sources
 
@@ -68,7 +68,7 @@ class Progress:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class BatchOutcome:
     """What came out; the summary on disk says the same.
 
     ``exit_code``: 0 all jobs done; 4 the verification of some job failed; 1 some job crashed or hit a bug; 3 some job

@@ -16,7 +16,7 @@ from machopt.batch.engine import Engine, check_installed, machine_memory
 from machopt.batch.find import Job, find_jobs
 from machopt.batch.key import Keys, Ready, Refused, program_version, sha256
 from machopt.batch.line import Line
-from machopt.batch.request import Outcome, Progress, Request
+from machopt.batch.request import BatchOutcome, BatchRequest, Progress
 from machopt.batch.store import MAIN, SUMMARY, TIMINGS, Store, is_batch, open_store
 from machopt.batch.summary import exit_code_of, result_of, write_summary
 from machopt.batch.supervise import Ended, Spec, log_tail, signal_name
@@ -35,7 +35,7 @@ FAILED = ("crashed", "over time", "over memory")
 _MIB = 2**20
 
 
-def run_batch(request: Request, progress: Callable[[Progress], None] = lambda _: None) -> Outcome:
+def run_batch(request: BatchRequest, progress: Callable[[Progress], None] = lambda _: None) -> BatchOutcome:
     """Do all jobs that are not finished yet and write the summary of all of them.
 
     Ctrl-C ends the jobs at work, keeps the finished ones, writes the summary of those and returns exit code 130.
@@ -87,10 +87,10 @@ def run_batch(request: Request, progress: Callable[[Progress], None] = lambda _:
             )
         code = STOPPED if stopped else exit_code_of(lines)
         store.write_manifest(_manifest(request, plans, "stopped" if stopped else "complete", code))
-    return Outcome(code, result, request.out / "summary.html", clock.done, clock.kept)
+    return BatchOutcome(code, result, request.out / "summary.html", clock.done, clock.kept)
 
 
-def _check(request: Request) -> None:
+def _check(request: BatchRequest) -> None:
     check_installed()
     for value, name in (
         (request.time_limit, "--time-limit-s"),
@@ -105,7 +105,7 @@ def _check(request: Request) -> None:
         pass
 
 
-def _manifest(request: Request, plans: Sequence[Ready | Refused], verdict: str, code: int) -> Manifest:
+def _manifest(request: BatchRequest, plans: Sequence[Ready | Refused], verdict: str, code: int) -> Manifest:
     """What the batch was made from: every file of every job, by the hash that its key was made of."""
     read = {name: sha for plan in plans if isinstance(plan, Ready) for name, sha in plan.inputs.items()}
     inputs = tuple(ManifestFile(name, "input", sha, _size(Path(name))) for name, sha in sorted(read.items()))
@@ -136,7 +136,7 @@ def _labels(plans: Sequence[Ready | Refused]) -> set[str]:
     return {plan.job.label for plan in plans}
 
 
-def _todo(store: Store, plans: Sequence[Ready | Refused], request: Request) -> list[Ready]:
+def _todo(store: Store, plans: Sequence[Ready | Refused], request: BatchRequest) -> list[Ready]:
     """The jobs that are not finished, in order."""
     ready = [plan for plan in plans if isinstance(plan, Ready)]
     store.take_over(_labels(plans), {plan.job.label: plan.key for plan in ready})
@@ -148,7 +148,7 @@ def _todo(store: Store, plans: Sequence[Ready | Refused], request: Request) -> l
     return out
 
 
-def _put_away(store: Store, plans: Sequence[Ready | Refused], request: Request) -> None:
+def _put_away(store: Store, plans: Sequence[Ready | Refused], request: BatchRequest) -> None:
     """Keep the jobs that had ended when an earlier run was killed."""
     by_label = {plan.job.label: plan for plan in plans if isinstance(plan, Ready)}
     for label, key, ended in store.left_behind():
@@ -158,7 +158,7 @@ def _put_away(store: Store, plans: Sequence[Ready | Refused], request: Request) 
 
 
 def _ends(
-    request: Request, store: Store, todo: Sequence[Ready], clock: _Clock
+    request: BatchRequest, store: Store, todo: Sequence[Ready], clock: _Clock
 ) -> Generator[tuple[str, Ended, Ready], None, None]:
     """Every job with its end, as they finish; workers are there only for as long as there is something to do."""
     if not todo:
@@ -177,7 +177,7 @@ def _ends(
                 yield label, ended, by_label[label]
 
 
-def _spec(plan: Ready, request: Request, store: Store, memory: int | None) -> Spec:
+def _spec(plan: Ready, request: BatchRequest, store: Store, memory: int | None) -> Spec:
     job = plan.job
     fields = {
         "cell": str(job.cell),
@@ -203,7 +203,7 @@ def _spec(plan: Ready, request: Request, store: Store, memory: int | None) -> Sp
     )
 
 
-def _record(ready: Ready, ended: Ended, request: Request) -> BatchRecord:
+def _record(ready: Ready, ended: Ended, request: BatchRequest) -> BatchRecord:
     """What is kept of a job: nothing in it differs between two runs of the same job."""
     state, row = _state(ready, ended, request)
     return BatchRecord(
@@ -211,7 +211,7 @@ def _record(ready: Ready, ended: Ended, request: Request) -> BatchRecord:
     )
 
 
-def _state(ready: Ready, ended: Ended, request: Request) -> tuple[str, dict[str, Any]]:
+def _state(ready: Ready, ended: Ended, request: BatchRequest) -> tuple[str, dict[str, Any]]:
     """The word for how it ended, and its row of the summary."""
     if ended.how == "ended" and ended.outcome is not None:
         changed = [f for f, sha in ready.inputs.items() if not _still(Path(f), sha)]

@@ -20,13 +20,13 @@ def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
     """Do one job.
 
     Args:
-        job: ``request``, the fields of :class:`machopt.services.load.Request` with paths as text.
+        job: ``request``, the fields of :class:`machopt.services.load.OptimizeRequest` with paths as text.
         out: the job's result folder, written whole or not at all.
 
     Returns:
         ``exit_code``, ``verdict``, ``reason`` and the numbers of the summary; no folder where the input is refused.
     """
-    from machopt.services.load import Request
+    from machopt.services.load import OptimizeRequest
     from machopt.services.run import optimize
 
     fields = dict(job["request"])
@@ -35,7 +35,7 @@ def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
     fields |= {name: tuple(fields.get(name, ())) for name in ("overrides", "posts")}
     fields["effects"] = tuple(map(Path, fields.get("effects", ())))
     try:
-        outcome = optimize(Request(out=out, **fields))
+        outcome = optimize(OptimizeRequest(out=out, **fields))
     except MachoptError as problem:
         if _of_the_disk(problem):  # nothing to do with the job: to be tried again
             return {"exit_code": 1, "verdict": NOT_WRITTEN, "reason": str(problem)}

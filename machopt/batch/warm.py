@@ -61,7 +61,7 @@ x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min
 
 def tiny_job(folder: Path) -> int:
     """Do the job in an empty folder; returns its exit code, 0."""
-    from machopt.services.load import Request
+    from machopt.services.load import OptimizeRequest
     from machopt.services.run import optimize
 
     cell = folder / "cell"
@@ -72,7 +72,7 @@ def tiny_job(folder: Path) -> int:
     with one_at_a_time():
         _general_arm(cell)
         (cell / "robot.urdf").write_text(_urdf(), encoding="utf-8")
-        return optimize(Request(cell, folder / "path.csv", folder / "out", posts=("krl",))).exit_code
+        return optimize(OptimizeRequest(cell, folder / "path.csv", folder / "out", posts=("krl",))).exit_code
 
 
 def _general_arm(cell: Path) -> None:

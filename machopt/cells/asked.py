@@ -9,7 +9,7 @@ from typing import Any
 
 
 @dataclass(frozen=True)
-class Request:
+class InitRequest:
     """The options of ``machopt init``; mm, degrees, kg, N·m/rad."""
 
     robot: Path

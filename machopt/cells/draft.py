@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.cells.asked import Request
+from machopt.cells.asked import InitRequest
 from machopt.cells.place import pointing
 from machopt.cells.robotfiles import URDF
 from machopt.cells.text import NewCell
@@ -18,7 +18,7 @@ from machopt.formats.urdf import ArmLinks, Urdf, UrdfJoint
 _BODY_RADIUS_MM = 40.0  # of the spindle that stands for one that is not given
 
 
-def draft(request: Request, urdf: Urdf, links: ArmLinks) -> tuple[NewCell, tuple[str, ...]]:
+def draft(request: InitRequest, urdf: Urdf, links: ArmLinks) -> tuple[NewCell, tuple[str, ...]]:
     """Links, limits and tool; the workpiece and home are provisional.
 
     Returns:
@@ -73,7 +73,7 @@ def draft(request: Request, urdf: Urdf, links: ArmLinks) -> tuple[NewCell, tuple
     return new, tuple(guesses)
 
 
-def aimed(new: NewCell, request: Request, out: Array | None) -> tuple[NewCell, tuple[str, ...]]:
+def aimed(new: NewCell, request: InitRequest, out: Array | None) -> tuple[NewCell, tuple[str, ...]]:
     """The tool along the direction (3,) in which the flange looks, in the flange frame; None: not known."""
     guesses: list[str] = []
     if out is None:
@@ -98,7 +98,7 @@ def aimed(new: NewCell, request: Request, out: Array | None) -> tuple[NewCell, t
     return replace(new, tcp_mm=tcp, tcp_rpy_deg=turn, tcp_note=note, body=body, com_mm=middle), tuple(guesses)
 
 
-def _check(r: Request) -> None:
+def _check(r: InitRequest) -> None:
     for option, row in (("--tcp-mm", r.tcp_mm), ("--tcp-rpy-deg", r.tcp_rpy_deg), ("--workpiece-mm", r.workpiece_mm)):
         if row is not None and len(row) != 3:
             raise InputError(f"found {len(row)} numbers; expected three", where=option)
@@ -135,7 +135,7 @@ def _ranges(joints: tuple[UrdfJoint, ...], scale: list[float], urdf: Urdf) -> tu
 
 
 def _velocities(
-    request: Request, joints: tuple[UrdfJoint, ...], scale: list[float], urdf: Urdf
+    request: InitRequest, joints: tuple[UrdfJoint, ...], scale: list[float], urdf: Urdf
 ) -> tuple[list[float], str]:
     given = request.velocity_deg_s
     if given is not None:

@@ -12,7 +12,7 @@ from machopt.arrays import Array
 from machopt.domain.reason import Reason
 from machopt.model.robot import Robot
 from machopt.se3 import axis_rotation, normalise, tool_rotation, transform
-from machopt.workspace.postures import POSES_AT_ONCE, Arm, candidates
+from machopt.workspace.postures import POSES_AT_ONCE, ReachingArm, candidates
 
 Free = Callable[[Array], bool]
 
@@ -90,7 +90,7 @@ class _Try:
     q: Array  # (P, 6) rad
 
 
-def find_place(arm: Arm, position: Array, axis: Array, reach: float, free: Free = _any_will_do) -> Place | None:
+def find_place(arm: ReachingArm, position: Array, axis: Array, reach: float, free: Free = _any_will_do) -> Place | None:
     """A place of the workpiece where one branch reaches all of a path, far from limits and from a stretched wrist.
 
     Places are compared by few points of the path; what is offered has been held against all of them.
@@ -144,7 +144,7 @@ def _turned(axis: Array) -> Array:
     return tool_rotation(axis[:, None], reference[:, None], np.broadcast_to(gamma, (len(axis), len(gamma))))
 
 
-def _branches_at(arm: Arm, R: Array, position: Array, shift: Array) -> list[_Try]:
+def _branches_at(arm: ReachingArm, R: Array, position: Array, shift: Array) -> list[_Try]:
     """What each branch can do there: at one rotation for all points if there is one, else each point at its best."""
     points, rotations = R.shape[:2]
     T = transform(R, np.repeat(position[:, None], rotations, axis=1))
@@ -163,7 +163,7 @@ def _branches_at(arm: Arm, R: Array, position: Array, shift: Array) -> list[_Try
     return made
 
 
-def _reached(arm: Arm, position: Array, axis: Array, branch: int) -> float:
+def _reached(arm: ReachingArm, position: Array, axis: Array, branch: int) -> float:
     """Share of the points (N, 3) m in base_link that a branch reaches at one rotation at least."""
     rows, reached = POSES_AT_ONCE // _ROTATIONS, 0
     for a in range(0, len(position), rows):
@@ -174,7 +174,7 @@ def _reached(arm: Arm, position: Array, axis: Array, branch: int) -> float:
     return reached / len(position)
 
 
-def _above(arm: Arm, T: Array, branch: int, reach: float, free: Free) -> Array | None:
+def _above(arm: ReachingArm, T: Array, branch: int, reach: float, free: Free) -> Array | None:
     """(6,) rad with the tool above the path (N, 4, 4), as high as that branch reaches; None where it does not."""
     centre = T[len(T) // 2].copy()
     top = T[:, 2, 3].max()

@@ -42,7 +42,7 @@ _AXES = np.array([[0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]], floa
 
 
 @dataclass(frozen=True)
-class Finding:
+class Remark:
     """One thing about a cell."""
 
     level: Literal["error", "warning"]  # error: there is no plan, or none that could be driven
@@ -50,25 +50,25 @@ class Finding:
     text: str  # what was found, and what would work
 
 
-def review(cell: Cell) -> Iterator[Finding]:
+def review(cell: Cell) -> Iterator[Remark]:
     """Everything but what the reader says itself."""
     try:
         options = load_options(cell.plan)
     except InputError as problem:
-        yield Finding("error", "plan", str(problem))
+        yield Remark("error", "plan", str(problem))
         options = load_options(None)
     yield from _options(cell, options)
     setup: Setup | None = None
     if cell.stiffness is None:
-        yield Finding("error", "stiffness", _NO_STIFFNESS)
+        yield Remark("error", "stiffness", _NO_STIFFNESS)
     try:
         setup = prepare(cell if cell.stiffness else replace(cell, stiffness=_ANY), options)
     except InputError as problem:
-        yield Finding("error", problem.where or "", str(problem))
+        yield Remark("error", problem.where or "", str(problem))
     try:
         wanted_posts(cell, ())
     except InputError as problem:
-        yield Finding("error", "controller", str(problem))
+        yield Remark("error", "controller", str(problem))
     if setup is None:
         return
     yield from _tool(cell, setup)
@@ -76,7 +76,7 @@ def review(cell: Cell) -> Iterator[Finding]:
         hit = setup.collision.check(_home(cell), np.zeros(1, bool))
         if hit.any:
             pair, near = setup.collision.pairs[int(hit.pair[0])], 1e3 * options.clearance
-            yield Finding(
+            yield Remark(
                 "error",
                 "robot.home_deg",
                 f"{pair.name} touch at home, or are nearer than {near:g} mm; no motion begins there. "
@@ -85,26 +85,26 @@ def review(cell: Cell) -> Iterator[Finding]:
     yield from _reach(cell, setup)
 
 
-def _options(cell: Cell, options: PlanOptions) -> Iterator[Finding]:
+def _options(cell: Cell, options: PlanOptions) -> Iterator[Remark]:
     """What a plan would refuse of the cell's options whatever its toolpath is, and what has no effect."""
     try:
         axes_of(cell, options)
     except InputError as problem:
-        yield Finding("error", "plan.external", str(problem))
+        yield Remark("error", "plan.external", str(problem))
     try:
         refuse_fixed_elsewhere(options)
     except InputError as problem:
-        yield Finding("error", "plan.fixed", str(problem))
+        yield Remark("error", "plan.fixed", str(problem))
     if options.gouge is not None:
         try:
             cutter_and_part(cell)
         except InputError as problem:
-            yield Finding("error", "plan.gouge_tolerance_mm", str(problem))
+            yield Remark("error", "plan.gouge_tolerance_mm", str(problem))
     for said in without_effect(options):
-        yield Finding("warning", "plan", said)
+        yield Remark("warning", "plan", said)
 
 
-def _tool(cell: Cell, setup: Setup) -> Iterator[Finding]:
+def _tool(cell: Cell, setup: Setup) -> Iterator[Remark]:
     """The tool against the flange it sits on, and against its own bodies."""
     T = cell.tool.T_flange_tcp
     tip, z, out = T[:3, 3], T[:3, 2], outward(setup.robot)
@@ -112,10 +112,10 @@ def _tool(cell: Cell, setup: Setup) -> Iterator[Finding]:
         along, beside = float(tip @ out), float(np.linalg.norm(tip - (tip @ out) * out))
         looks = f"the flange {cell.flange_link!r} looks along {_row(out)} of its own frame"
         if along < -_BEYOND:
-            yield Finding("warning", "tool.tcp", f"the TCP lies {-1e3 * along:.0f} mm behind the flange; {looks}")
+            yield Remark("warning", "tool.tcp", f"the TCP lies {-1e3 * along:.0f} mm behind the flange; {looks}")
         elif along < _SIDEWAYS * beside and beside > 0.05:
             rpy = ", ".join(f"{v + 0.0:g}" for v in np.round(np.degrees(pointing(out)), 3).tolist())
-            yield Finding(
+            yield Remark(
                 "warning",
                 "tool.tcp",
                 f"the TCP lies {1e3 * beside:.0f} mm beside the flange and {1e3 * along:.0f} mm out of it; {looks}. If "
@@ -123,24 +123,24 @@ def _tool(cell: Cell, setup: Setup) -> Iterator[Finding]:
                 f"tool by rpy_deg: [{rpy}]",
             )
         elif float(z @ out) < math.cos(math.radians(120.0)):
-            yield Finding("warning", "tool.tcp", f"the TCP's z points back at the arm; {looks}")
+            yield Remark("warning", "tool.tcp", f"the TCP's z points back at the arm; {looks}")
     cut = 0.0 if cell.tool.cutter is None else cell.tool.cutter.length
     bodies = tool_bodies(cell)
     for body in bodies:
         ahead = float(((body.vertices - tip) @ z).max())
         if ahead > _BEYOND:
-            yield Finding(
+            yield Remark(
                 "warning",
                 "tool.geometry",
                 f"{body.name} reaches {1e3 * ahead:.0f} mm beyond the TCP the way the cutter looks, so it meets the "
                 "workpiece first; the TCP's z must point out of the tool",
             )
         if inside(body, tip + _BEYOND * z):
-            yield Finding("warning", "tool.tcp", f"the TCP lies inside {body.name}; it is the tip of the cutter")
+            yield Remark("warning", "tool.tcp", f"the TCP lies inside {body.name}; it is the tip of the cutter")
     shank = tip - cut * z
     gap = min((_gap(body, shank) for body in bodies), default=0.0)
     if gap > _LOOSE:
-        yield Finding(
+        yield Remark(
             "warning",
             "tool.geometry",
             f"the cutter's upper end ({1e3 * cut:g} mm behind the TCP) is {1e3 * gap:.0f} mm from the nearest body of "
@@ -148,7 +148,7 @@ def _tool(cell: Cell, setup: Setup) -> Iterator[Finding]:
         )
 
 
-def _reach(cell: Cell, setup: Setup) -> Iterator[Finding]:
+def _reach(cell: Cell, setup: Setup) -> Iterator[Remark]:
     """Whether some of the workpiece can be reached with the tool standing on it or against its sides."""
     corners = _corners(cell)
     T_part = transform(
@@ -175,10 +175,10 @@ def _reach(cell: Cell, setup: Setup) -> Iterator[Finding]:
     how = "with the tool from above or from the side"
     if reached.any():
         text = f"{int(reached.sum())} of {len(reached)} {what} can be reached {how}"
-        yield Finding("warning", "workpiece.pose", text)
+        yield Remark("warning", "workpiece.pose", text)
         return
     far = f"; the nearest lacks {1e3 * missing:.0f} mm of reach" if missing > 0 else ""
-    yield Finding("error", "workpiece.pose", f"none of the {what} can be reached {how}{far}")
+    yield Remark("error", "workpiece.pose", f"none of the {what} can be reached {how}{far}")
 
 
 def _corners(cell: Cell) -> Array:

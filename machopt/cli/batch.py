@@ -54,12 +54,12 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
 
 
 def _batch(args: argparse.Namespace) -> int:
-    from machopt.batch.request import Request
+    from machopt.batch.request import BatchRequest
     from machopt.batch.run import run_batch
 
     told_of_effects(args)
     overrides = [*args.set, *([] if args.seed is None else [f"seed={args.seed}"])]
-    request = Request(
+    request = BatchRequest(
         jobs=tuple(args.toolpaths),
         out=args.out,
         cell=args.cell,

@@ -30,7 +30,7 @@ _QUESTIONS = (
 
 def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     """Add the commands to the parser."""
-    from machopt.cells.asked import Request
+    from machopt.cells.asked import InitRequest
 
     p = commands.add_parser(
         "init", parents=[common, reading_parser()], help="a new cell from a robot's URDF or xacro file"
@@ -42,22 +42,22 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     p.add_argument("--base-link", metavar="LINK", help="(base_link, or what bears the first joint)")
     p.add_argument("--flange-link", metavar="LINK", help="(tool0, flange, or the last link)")
     tool = p.add_argument_group("tool")
-    _number(tool, "--tool-length-mm", Request.tool_length_mm, "flange to TCP, the way the flange looks")
+    _number(tool, "--tool-length-mm", InitRequest.tool_length_mm, "flange to TCP, the way the flange looks")
     tool.add_argument("--tcp-mm", type=_floats, metavar="X,Y,Z", help="TCP in the flange link, instead of a length")
     tool.add_argument("--tcp-rpy-deg", type=_floats, metavar="R,P,Y", help="(z the way the flange looks)")
-    _number(tool, "--tool-mass-kg", Request.tool_mass_kg, "spindle, holder and cutter")
+    _number(tool, "--tool-mass-kg", InitRequest.tool_mass_kg, "spindle, holder and cutter")
     tool.add_argument("--tool-mesh", type=Path, metavar="FILE", help="its body, in the flange link (a cylinder)")
-    _number(tool, "--cutter-diameter-mm", Request.cutter_diameter_mm, "of the cutter")
-    _number(tool, "--cutter-length-mm", Request.cutter_length_mm, "of the cutter")
+    _number(tool, "--cutter-diameter-mm", InitRequest.cutter_diameter_mm, "of the cutter")
+    _number(tool, "--cutter-length-mm", InitRequest.cutter_length_mm, "of the cutter")
     part = p.add_argument_group("workpiece")
     part.add_argument("--toolpath", type=Path, metavar="FILE", help="put it where the arm reaches all of this path")
     part.add_argument("--workpiece-mm", type=_floats, metavar="X,Y,Z", help="CAM frame in world (in reach)")
-    part.add_argument("--workpiece-rpy-deg", type=_floats, default=Request.workpiece_rpy_deg, metavar="R,P,Y")
+    part.add_argument("--workpiece-rpy-deg", type=_floats, default=InitRequest.workpiece_rpy_deg, metavar="R,P,Y")
     part.add_argument("--workpiece-mesh", type=Path, metavar="FILE", help="its body, in CAM coordinates")
     arm = p.add_argument_group("arm")
     arm.add_argument("--stiffness", type=Path, metavar="FILE", help="a stiffness.yaml (an estimate by the arm's size)")
     arm.add_argument("--velocity-deg-s", type=_floats, metavar="V1,…,V6", help="joint velocities (the URDF's)")
-    arm.add_argument("--post", default=Request.post, help="robot program to write: krl, rapid, fanuc, …")
+    arm.add_argument("--post", default=InitRequest.post, help="robot program to write: krl, rapid, fanuc, …")
     p.set_defaults(run=_init)
 
     look = commands.add_parser("validate", parents=[common], help="everything wrong or odd about a cell; a picture")
@@ -75,13 +75,13 @@ def _number(group: Any, option: str, default: float, what: str) -> None:
 def _init(args: argparse.Namespace) -> int:
     from dataclasses import fields
 
-    from machopt.cells.asked import Request
+    from machopt.cells.asked import InitRequest
     from machopt.services.newcell import run_init
 
     if args.ask:
         _ask(args)
-    given = {f.name: getattr(args, f.name) for f in fields(Request) if f.name != "reading"}
-    done = run_init(Request(**given, reading=reading(args)))
+    given = {f.name: getattr(args, f.name) for f in fields(InitRequest) if f.name != "reading"}
+    done = run_init(InitRequest(**given, reading=reading(args)))
     cell = done.cell
     if args.json:
         told = {"cell": str(done.folder), "joints": cell.arm_joints, "flange_link": cell.flange_link}

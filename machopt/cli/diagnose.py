@@ -65,10 +65,10 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
 
 
 def _diagnose(args: argparse.Namespace) -> int:
-    from machopt.diagnose.nouns.asked import Request
+    from machopt.diagnose.nouns.asked import DiagnoseRequest
     from machopt.services.diagnose import run_diagnose
 
-    request = Request(
+    request = DiagnoseRequest(
         cell=args.cell,
         recordings=tuple(args.recording),
         out=args.out,

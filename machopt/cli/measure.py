@@ -70,11 +70,11 @@ def _add_identify(p: argparse.ArgumentParser) -> None:
 
 
 def _identify(args: argparse.Namespace) -> int:
-    from machopt.identify.asked import Request
+    from machopt.identify.asked import IdentifyRequest
     from machopt.services.identify import run_identify
 
     told_of_effects(args)
-    request = Request(
+    request = IdentifyRequest(
         cell=args.cell,
         recordings=tuple(args.recording),
         out=args.out,
@@ -218,11 +218,11 @@ def _add_poses(p: argparse.ArgumentParser) -> None:
 
 
 def _plan_poses(args: argparse.Namespace) -> int:
-    from machopt.services.poses import Request, run_plan_poses
+    from machopt.services.poses import PosesRequest, run_plan_poses
 
     told_of_effects(args)
     renamed = {"anchors": "anchors_mm", "tracker": "tracker_mm", "prior": "prior_Nm_per_rad"}
-    return _run(args, Request, run_plan_poses, renamed)
+    return _run(args, PosesRequest, run_plan_poses, renamed)
 
 
 def _add_map(p: argparse.ArgumentParser) -> None:
@@ -273,10 +273,10 @@ def _add_map(p: argparse.ArgumentParser) -> None:
 
 
 def _map(args: argparse.Namespace) -> int:
-    from machopt.services.map import Request, run_map
+    from machopt.services.map import MapRequest, run_map
 
     told_of_effects(args)
-    return _run(args, Request, run_map, {})
+    return _run(args, MapRequest, run_map, {})
 
 
 def _run(args: argparse.Namespace, request: Any, run: Any, renamed: dict[str, str]) -> int:

@@ -72,12 +72,12 @@ def _place(args: argparse.Namespace) -> int:
     from machopt.batch.crew import crew
     from machopt.model.threads import cores
     from machopt.placement.asked import Search
-    from machopt.services.place import Request, place
+    from machopt.services.place import PlaceRequest, place
 
     told_of_effects(args)
     x, y, z = ((a / 1e3, b / 1e3) for a, b in (args.x_mm, args.y_mm, args.z_mm))
     there = Path.absolute if args.scheduler else Path  # a worker of a cluster stands in a folder of its own
-    request = Request(
+    request = PlaceRequest(
         cell=there(args.cell),
         toolpaths=tuple(there(f) for f in args.toolpaths),
         out=there(args.out),

@@ -99,7 +99,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
 
 
 def _optimize(args: argparse.Namespace) -> int:
-    from machopt.services.load import Request
+    from machopt.services.load import OptimizeRequest
     from machopt.services.run import optimize
 
     circles.loaded()
@@ -111,7 +111,7 @@ def _optimize(args: argparse.Namespace) -> int:
         "sample_ms": args.sample_ms,
         "seed": args.seed,
     }
-    request = Request(
+    request = OptimizeRequest(
         cell=args.cell,
         toolpath=args.toolpath,
         out=args.out,
@@ -213,12 +213,12 @@ def _inspect_robot(args: argparse.Namespace) -> int:
 
 def _verify(args: argparse.Namespace) -> int:
     from machopt.cli.failures import causes_first, failures
-    from machopt.recheck.inforce import Request
+    from machopt.recheck.inforce import VerifyRequest
     from machopt.services.verify import verify
 
     told_of_effects(args)
     done = verify(
-        Request(
+        VerifyRequest(
             cell=args.cell,
             toolpath=args.toolpath,
             out=args.out,

@@ -46,10 +46,10 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
 
 def _view(args: argparse.Namespace) -> int:
     from machopt.effects.own import in_use, with_effects
-    from machopt.services.load import Request
+    from machopt.services.load import OptimizeRequest
     from machopt.view.run import Asked, serve
 
-    request = Request(
+    request = OptimizeRequest(
         cell=args.places[0],
         toolpath=args.places[-1],
         out=Path("steered"),

@@ -31,7 +31,7 @@ MOST_POSES, MOST_LOADS, MOST_CYCLES, MOST_STARTS = 100, 12, 50, 50  # beyond the
 
 
 @dataclass(frozen=True)
-class Request:
+class PosesRequest:
     """One run; lengths in mm, angles in degrees, as typed."""
 
     cell: Path
@@ -81,7 +81,7 @@ class Request:
     effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which --terms may name
 
 
-def check(request: Request) -> None:
+def check(request: PosesRequest) -> None:
     """Refuse what cannot be planned.
 
     Raises:
@@ -171,7 +171,7 @@ def check(request: Request) -> None:
         raise InputError("ropes to anchors need forces; --pull-N 200,500 for instance", where="--anchors")
 
 
-def noise_of(request: Request) -> ReadingNoise:
+def noise_of(request: PosesRequest) -> ReadingNoise:
     """What is believed of the measurement, in SI."""
     r = request
     sigma = SENSORS[r.sensor] if r.displacement_mm is None else r.displacement_mm
@@ -179,7 +179,7 @@ def noise_of(request: Request) -> ReadingNoise:
     return ReadingNoise(sigma / 1e3, r.cycle_mm / 1e3, r.pose_mm / 1e3, r.force_percent / 100, targets, r.cycles)
 
 
-def pose_criteria(request: Request) -> PoseCriteria:
+def pose_criteria(request: PosesRequest) -> PoseCriteria:
     """What a pose must satisfy, in SI."""
     r = request
     box = None if r.box_mm is None else np.array(r.box_mm).reshape(2, 3) / 1e3
@@ -196,7 +196,7 @@ def pose_criteria(request: Request) -> PoseCriteria:
     )
 
 
-def load_criteria(request: Request, noise: ReadingNoise) -> LoadCriteria:
+def load_criteria(request: PosesRequest, noise: ReadingNoise) -> LoadCriteria:
     """What a load must satisfy, in SI; with a prior that may be wrong, for the softest and the stiffest arm."""
     r = request
     return LoadCriteria(
@@ -209,14 +209,14 @@ def load_criteria(request: Request, noise: ReadingNoise) -> LoadCriteria:
     )
 
 
-def plan_size(request: Request) -> PlanSize:
+def plan_size(request: PosesRequest) -> PlanSize:
     """How much is to be planned."""
     r = request
     target = None if r.target_percent is None else r.target_percent / 100
     return PlanSize(r.poses, r.loads, r.candidates, target, r.prior_factor, r.starts, r.seed)
 
 
-def ways_of(request: Request, cell: Cell) -> tuple[tuple[LoadWay, ...], tuple[str, ...]]:
+def ways_of(request: PosesRequest, cell: Cell) -> tuple[tuple[LoadWay, ...], tuple[str, ...]]:
     """The ways of loading, and what the user should know about them.
 
     Raises:
@@ -251,7 +251,7 @@ def ways_of(request: Request, cell: Cell) -> tuple[tuple[LoadWay, ...], tuple[st
     return ways, tuple(warnings)
 
 
-def prior_of(request: Request, cell: Cell) -> Stiffness:
+def prior_of(request: PosesRequest, cell: Cell) -> Stiffness:
     """The stiffness believed before the tests.
 
     Raises:
@@ -270,7 +270,7 @@ def prior_of(request: Request, cell: Cell) -> Stiffness:
     return cell.stiffness
 
 
-def terms_of(request: Request, robot: Robot, T_flange_tcp: Array) -> tuple[LinearTerm, ...]:
+def terms_of(request: PosesRequest, robot: Robot, T_flange_tcp: Array) -> tuple[LinearTerm, ...]:
     """The physics to be identified beside the joints.
 
     Raises:
@@ -294,7 +294,7 @@ def terms_of(request: Request, robot: Robot, T_flange_tcp: Array) -> tuple[Linea
     return tuple(out)
 
 
-def enough_numbers(request: Request, dimensions: int, unknowns: int) -> None:
+def enough_numbers(request: PosesRequest, dimensions: int, unknowns: int) -> None:
     """Refuse fewer numbers than unknowns.
 
     Raises:
@@ -310,7 +310,7 @@ def enough_numbers(request: Request, dimensions: int, unknowns: int) -> None:
         )
 
 
-def unchecked_poses(request: Request) -> tuple[str, ...]:
+def unchecked_poses(request: PosesRequest) -> tuple[str, ...]:
     """What the poses are not checked for, in the words of the verdict."""
     if request.no_collision:
         return ("collisions NOT checked",)
@@ -324,7 +324,7 @@ def without_workpiece(cell: Cell) -> Cell:
     return replace(cell, workpiece=Workpiece("world", np.eye(4)))
 
 
-def shown(request: Request) -> list[tuple[str, str]]:
+def shown(request: PosesRequest) -> list[tuple[str, str]]:
     """Options as they would be typed, for the page and plan.json."""
     skip = ("cell", "out", "allow_external")
     return [(name, _text(value)) for name, value in vars(request).items() if name not in skip]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from machopt.design.asked import Request
+from machopt.design.asked import PosesRequest
 from machopt.design.candidates import PosePool
 from machopt.design.loadcases import LoadCases
 from machopt.design.loads import LoadWay
@@ -15,7 +15,7 @@ from machopt.design.poseplan import MOST_POSES, PosePlan
 
 
 def cautions(
-    request: Request,
+    request: PosesRequest,
     pool: PosePool,
     cases: LoadCases,
     plan: PosePlan | None,
@@ -67,7 +67,7 @@ _HELP = {
 
 
 def why_nothing(
-    request: Request, pool: PosePool, cases: LoadCases, noise: ReadingNoise, ways: Sequence[LoadWay]
+    request: PosesRequest, pool: PosePool, cases: LoadCases, noise: ReadingNoise, ways: Sequence[LoadWay]
 ) -> str:
     """One sentence: what stands in the way of any load test, and what would help."""
     if not len(pool):

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.arrays import Array, Ints
-from machopt.design.search import Design, Problem, information, readings_by_pose
+from machopt.design.search import Design, DesignProblem, information, readings_by_pose
 
 NULL = 1e-10  # of the largest eigenvalue of the information: less is rounding
 BLIND = 1e-6  # of the largest response: less is none
 WORKED_OUT = 400  # poses whose pairs of loads are worked out; the others keep the loose bound
 
 
-def efficiency_bound(problem: Problem, design: Design, loads: int) -> float:
+def efficiency_bound(problem: DesignProblem, design: Design, loads: int) -> float:
     """A D-efficiency that the design has at least, against every design of as many poses and loads: P/(n d).
 
     d = max over poses of tr(M⁻¹ I_pose) bounds tr(M⁻¹ M*)/n of any other M*, and det^(1/P) is at most a Pth of the

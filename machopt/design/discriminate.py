@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.arrays import Array, Ints
-from machopt.design.search import Design, Model, Problem, choose, information
+from machopt.design.search import Belief, Design, DesignProblem, choose, information
 
 
 @dataclass(frozen=True)
@@ -63,9 +63,9 @@ def discriminate(
     models = []
     for A, y in ways:
         A = _comparable(A, covariance)  # noqa: PLW2901  the columns' units do not matter to a refit
-        models.append(Model(np.concatenate([A, y[..., None]], axis=-1), covariance, 1.0 / len(ways)))
-        models.append(Model(A, covariance, -1.0 / len(ways)))
-    problem = Problem(tuple(models), pose, shared)
+        models.append(Belief(np.concatenate([A, y[..., None]], axis=-1), covariance, 1.0 / len(ways)))
+        models.append(Belief(A, covariance, -1.0 / len(ways)))
+    problem = DesignProblem(tuple(models), pose, shared)
     design = choose(problem, poses, loads, rng=rng, starts=starts)
     back = float("nan") if values_a is None else noncentrality(*ways[1], covariance, pose, shared, design.blocks)
     return Discrimination(design, noncentrality(*ways[0], covariance, pose, shared, design.blocks), back)
@@ -82,8 +82,8 @@ def noncentrality(
         covariance: (N, D, D), and ``shared`` (D, D): as in :func:`discriminate`.
         blocks: chosen readings, one tuple a pose.
     """
-    both = Model(np.concatenate([_comparable(responses, covariance), truth[..., None]], axis=-1), covariance)
-    M = information(Problem((both,), pose, shared), blocks)
+    both = Belief(np.concatenate([_comparable(responses, covariance), truth[..., None]], axis=-1), covariance)
+    M = information(DesignProblem((both,), pose, shared), blocks)
     A, b, yy = M[:-1, :-1], M[:-1, -1], float(M[-1, -1])
     return max(0.0, yy - float(b @ np.linalg.lstsq(A, b, rcond=None)[0]))
 

@@ -18,7 +18,7 @@ import numpy as np
 from machopt.arrays import Array, Ints
 from machopt.design.candidates import PosePool, PoseScreen, pool_of
 from machopt.design.loadcases import LoadCases
-from machopt.design.search import Problem
+from machopt.design.search import DesignProblem
 from machopt.model.ik import solver_for, turns
 from machopt.model.kinetostatic import kci
 from machopt.se3 import axis_rotation, inverse, transform
@@ -41,7 +41,7 @@ class Chooser:
 
 
 def draw(
-    chooser: Chooser, problem: Problem, cases: LoadCases, poses: int, loads: int, rng: np.random.Generator
+    chooser: Chooser, problem: DesignProblem, cases: LoadCases, poses: int, loads: int, rng: np.random.Generator
 ) -> tuple[tuple[int, ...], ...]:
     """A design as the heuristic makes one: random among what it admits.
 

@@ -22,7 +22,7 @@ from machopt.design.loadcases import LoadCases, LoadCriteria, load_cases
 from machopt.design.loads import LoadWay
 from machopt.design.measurement import ReadingNoise
 from machopt.design.schedule import Visit, schedule, shortest_way
-from machopt.design.search import Design, Model, Problem, choose, information, promising
+from machopt.design.search import Belief, Design, DesignProblem, choose, information, promising
 from machopt.model.elastic import ArmElasticity
 from machopt.model.terms import LinearTerm
 
@@ -115,7 +115,7 @@ def unknowns_of(prior: ArmElasticity, terms: Sequence[LinearTerm], cases: LoadCa
 
 def problem_of(
     cases: LoadCases, unknowns: Unknowns, noise: ReadingNoise, belief: float, rng: np.random.Generator
-) -> tuple[Problem, Array]:
+) -> tuple[DesignProblem, Array]:
     """The cases as a problem of design, and the believed values as shares of the prior (K, P), the prior first.
 
     Scaling an unknown adds a constant to log det, so for constant noise the D-optimal design does not depend on the
@@ -128,8 +128,8 @@ def problem_of(
         drawn = np.exp(np.log(belief) * rng.uniform(-1.0, 1.0, (BELIEFS - 1, len(unknowns.scale))))
         shares = np.concatenate([shares, np.where(unknowns.relative, drawn, 1.0)])
     part = np.where(unknowns.relative, shares - 1.0, 0.0)
-    models = tuple(Model(A, noise.covariance(expected + A @ change), 1.0 / len(shares)) for change in part)
-    return Problem(models, cases.pose, noise.shared()), shares
+    models = tuple(Belief(A, noise.covariance(expected + A @ change), 1.0 / len(shares)) for change in part)
+    return DesignProblem(models, cases.pose, noise.shared()), shares
 
 
 def plan_poses(
@@ -207,7 +207,7 @@ def plan_poses(
 class _Sizes:
     """Accuracy of the best design of any number of poses, each worked out once."""
 
-    problem: Problem
+    problem: DesignProblem
     loads: int
     rng: np.random.Generator
     known: dict[int, Accuracy]
@@ -228,7 +228,7 @@ def _curve_numbers(poses: int, numbers_a_pose: int, unknowns: int) -> tuple[int,
 
 def _compare(
     chooser: Chooser,
-    problem: Problem,
+    problem: DesignProblem,
     cases: LoadCases,
     best: Accuracy,
     judged: Bools,

@@ -31,7 +31,7 @@ PASSES = 40  # an exchange settles in 3–8
 
 
 @dataclass(frozen=True)
-class Model:
+class Belief:
     """One belief about the same N readings."""
 
     response: Array  # (N, D, P)
@@ -40,18 +40,18 @@ class Model:
 
 
 @dataclass(frozen=True)
-class Problem:
+class DesignProblem:
     """Readings to choose from."""
 
-    models: tuple[Model, ...]
+    models: tuple[Belief, ...]
     pose: Ints  # (N,) ascending
     shared: Array  # (D, D) covariance of the pose error
 
-    def of_poses(self, poses: Ints) -> tuple[Problem, Ints]:
+    def of_poses(self, poses: Ints) -> tuple[DesignProblem, Ints]:
         """The problem of these poses alone, and the indices its readings have here."""
         rows = np.flatnonzero(np.isin(self.pose, poses))
         models = tuple(replace(m, response=m.response[rows], covariance=m.covariance[rows]) for m in self.models)
-        return Problem(models, self.pose[rows], self.shared), rows
+        return DesignProblem(models, self.pose[rows], self.shared), rows
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Design:
 
 
 def choose(
-    problem: Problem, poses: int, loads: int, *, rng: np.random.Generator, starts: int = 2, passes: int = PASSES
+    problem: DesignProblem, poses: int, loads: int, *, rng: np.random.Generator, starts: int = 2, passes: int = PASSES
 ) -> Design:
     """The best design found of ``poses`` different poses with ``loads`` different loads each.
 
@@ -101,7 +101,7 @@ def choose(
     return best
 
 
-def information(problem: Problem, blocks: Sequence[Sequence[int]], model: int = 0) -> Array:
+def information(problem: DesignProblem, blocks: Sequence[Sequence[int]], model: int = 0) -> Array:
     """M (P, P) of a model, without any prior."""
     m = problem.models[model]
     M = np.zeros((m.response.shape[2],) * 2)
@@ -110,13 +110,13 @@ def information(problem: Problem, blocks: Sequence[Sequence[int]], model: int = 
     return M
 
 
-def criterion(problem: Problem, blocks: Sequence[Sequence[int]]) -> float:
+def criterion(problem: DesignProblem, blocks: Sequence[Sequence[int]]) -> float:
     """Σ_k w_k log det(M_k + ridge)."""
     Ms = [information(problem, blocks, k) for k in range(len(problem.models))]
     return _weighted(problem, [M + RIDGE * np.eye(len(M)) for M in Ms])
 
 
-def promising(problem: Problem, design: Design, loads: int, count: int) -> Ints:
+def promising(problem: DesignProblem, design: Design, loads: int, count: int) -> Ints:
     """The poses that would add most to a design, and its own; ascending."""
     search = _Search(problem)
     parts = [search.of_block(b) for b in design.blocks]
@@ -135,7 +135,7 @@ def readings_by_pose(pose: Ints) -> Ints:
 class _Search:
     """A problem made ready: readings by pose, whitened responses."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: DesignProblem) -> None:
         self.problem = problem
         self.slots = readings_by_pose(problem.pose)
         self.row_of = np.empty(len(problem.pose), np.int64)  # reading → row of slots
@@ -326,7 +326,7 @@ class _Growth:
         self.W = np.where(keep, self.W, self.W - K @ self.W)
 
 
-def _block_information(model: Model, shared: Array, block: Ints) -> Array:
+def _block_information(model: Belief, shared: Array, block: Ints) -> Array:
     """Information of the readings of one pose."""
     A, S = model.response[block], model.covariance[block]
     n, D = A.shape[:2]
@@ -337,7 +337,7 @@ def _block_information(model: Model, shared: Array, block: Ints) -> Array:
     return np.asarray(stacked.T @ np.linalg.solve(noise, stacked))
 
 
-def _weighted(problem: Problem, Ms: Sequence[Array]) -> float:
+def _weighted(problem: DesignProblem, Ms: Sequence[Array]) -> float:
     """Σ w log det."""
     return sum(m.weight * float(np.linalg.slogdet(M)[1]) for m, M in zip(problem.models, Ms, strict=True))
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from machopt.design.asked import Request, shown
+from machopt.design.asked import PosesRequest, shown
 from machopt.design.candidates import PosePool
 from machopt.design.loadcases import LoadCases
 from machopt.design.loads import LoadWay
@@ -29,7 +29,7 @@ from machopt.version import __version__
 
 
 def result_of(
-    request: Request,
+    request: PosesRequest,
     cell: Cell,
     pool: PosePool,
     cases: LoadCases,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.design.asked import Request
+from machopt.design.asked import PosesRequest
 from machopt.design.candidates import PosePool
 from machopt.design.loads import LoadWay
 from machopt.design.measurement import HOLD, ReadingNoise
@@ -91,7 +91,7 @@ def _share_of(factor: float, words: str) -> str:
 
 
 def template_of(
-    table: PosesTable, plan: PosePlan, noise: ReadingNoise, request: Request, steps: Sequence[float] = ()
+    table: PosesTable, plan: PosePlan, noise: ReadingNoise, request: PosesRequest, steps: Sequence[float] = ()
 ) -> Recording:
     """The recording the measurements go into; its displacements are still zero.
 

@@ -13,7 +13,7 @@ from machopt.identify.options import IdentifyOptions
 
 
 @dataclass(frozen=True)
-class Request:
+class IdentifyRequest:
     """One run; lengths in mm, as typed."""
 
     cell: Path
@@ -36,7 +36,7 @@ class Request:
     tables: str = "csv"  # parquet: every table as Parquet, too
 
 
-def check(request: Request) -> None:
+def check(request: IdentifyRequest) -> None:
     """Refuse what cannot be identified.
 
     Raises:
@@ -62,7 +62,7 @@ def check(request: Request) -> None:
             raise InputError(f"found {code!r}; valid: {', '.join(CODES)}", where="--accept")
 
 
-def options_of(request: Request, terms: tuple[Term, ...]) -> IdentifyOptions:
+def options_of(request: IdentifyRequest, terms: tuple[Term, ...]) -> IdentifyOptions:
     """The request in SI; ``terms`` are those of its own."""
     origin, shape = request.grid_origin_mm, request.grid_shape
     return IdentifyOptions(

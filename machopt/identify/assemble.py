@@ -9,7 +9,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.domain.stiffness import Stiffness, Term
 from machopt.estimate.experiment import Experiment
-from machopt.identify.finding import Finding
+from machopt.identify.finding import RecordFault
 from machopt.identify.fit import Fit, with_values
 from machopt.identify.grid import GridFit
 from machopt.identify.heldout import errors
@@ -36,7 +36,7 @@ class Parts:
     heldout: Array  # (N, D) residuals of the constant model
     grid: GridFit | None
     why_model: str
-    findings: tuple[Finding, ...]
+    findings: tuple[RecordFault, ...]
     said: tuple[str, ...]  # findings as sentences
     subsets: SubsetStudy | None
     monte_carlo: MonteCarlo | None

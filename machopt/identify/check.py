@@ -14,7 +14,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.errors import InputError
 from machopt.estimate.experiment import Experiment
-from machopt.identify.finding import Finding, places
+from machopt.identify.finding import RecordFault, places
 from machopt.identify.rivals import Reading, readings
 from machopt.identify.units import lever_findings, reach_of, unit_findings
 from machopt.model.robot import Robot
@@ -48,7 +48,7 @@ CODES = (  # of errors that can be accepted
 
 def check_experiment(
     experiment: Experiment, robot: Robot, T_flange_tcp: Array, prior: Array | None = None, unknowns: int = 6
-) -> list[Finding]:
+) -> list[RecordFault]:
     """Look for what would spoil an identification.
 
     Args:
@@ -87,7 +87,7 @@ def check_experiment(
     return sorted(found, key=lambda f: f.severity != "error")
 
 
-def refuse(experiment: Experiment, findings: Sequence[Finding], accept: Collection[str] = ()) -> list[str]:
+def refuse(experiment: Experiment, findings: Sequence[RecordFault], accept: Collection[str] = ()) -> list[str]:
     """Raise on errors that are not accepted; the rest as sentences.
 
     Args:
@@ -103,7 +103,7 @@ def refuse(experiment: Experiment, findings: Sequence[Finding], accept: Collecti
     return [f.message for f in findings]
 
 
-def _other_reading(ways: list[Reading]) -> list[Finding]:
+def _other_reading(ways: list[Reading]) -> list[RecordFault]:
     """A frame, sign, unit or reference point that explains the record clearly better than the stated one.
 
     Clearly: by much in most poses, or by little in nearly all of them, or by so many standard errors of the mean over
@@ -121,7 +121,7 @@ def _other_reading(ways: list[Reading]) -> list[Finding]:
     share = f"{_explained(best)} of the displacement is explained then, {_explained(stated)} as stated"
     much = ratio <= MUCH_BETTER and (stated.unexplained > MUCH_BETTER or _moved(stated, best) > FACTOR)
     else_nothing = beyond_noise and HALF * (1 - best.unexplained) > max(1 - stated.unexplained, 0.0)
-    return [Finding(best.name, "error" if much or else_nothing else "warning", f"{best.message} ({share})")]
+    return [RecordFault(best.name, "error" if much or else_nothing else "warning", f"{best.message} ({share})")]
 
 
 def _standard_errors(stated: Reading, best: Reading) -> float:
@@ -142,7 +142,7 @@ def _explained(way: Reading) -> str:
     return f"{100 * max(1 - way.unexplained, 0.0):.0f} %"
 
 
-def _screws(e: Experiment) -> list[Finding]:
+def _screws(e: Experiment) -> list[RecordFault]:
     """Moments along the force where all other readings are forces through a point (f · m = 0)."""
     force, moment = e.wrench[:, :3], e.wrench[:, 3:]
     size = np.linalg.norm(force, axis=1) * np.linalg.norm(moment, axis=1)
@@ -156,7 +156,7 @@ def _screws(e: Experiment) -> list[Finding]:
     if not len(rows):
         return []
     return [
-        Finding(
+        RecordFault(
             "moment_along_force",
             "warning",
             f"{places(e, rows)}: the moment has a part along the force, which no single force makes, unlike in all "
@@ -166,7 +166,7 @@ def _screws(e: Experiment) -> list[Finding]:
     ]
 
 
-def _repeated(e: Experiment) -> list[Finding]:
+def _repeated(e: Experiment) -> list[RecordFault]:
     """Readings that are copies of others."""
     steps = e.measured[:, :3] / COARSE_STEP
     fine = bool(np.abs(steps - np.round(steps)).max() > 0.02)
@@ -183,7 +183,7 @@ def _repeated(e: Experiment) -> list[Finding]:
         return []
     original = e.place(int(first[back.reshape(-1)[rows[0]]]))
     return [
-        Finding(
+        RecordFault(
             "repeated_rows",
             "warning",
             f"{places(e, rows)}: the same loads and displacements to the last digit as before ({original} at first); "
@@ -193,12 +193,12 @@ def _repeated(e: Experiment) -> list[Finding]:
     ]
 
 
-def _far(e: Experiment, reach: float) -> list[Finding]:
+def _far(e: Experiment, reach: float) -> list[RecordFault]:
     rows = np.flatnonzero(np.linalg.norm(e.measured[:, :3], axis=1) > MOST_MOVED * reach)
     if not len(rows):
         return []
     return [
-        Finding(
+        RecordFault(
             "impossible_displacement",
             "warning",
             f"{places(e, rows)}: displaced by more than {1e3 * MOST_MOVED * reach:.0f} mm, more than an arm of this "
@@ -208,7 +208,7 @@ def _far(e: Experiment, reach: float) -> list[Finding]:
     ]
 
 
-def _unloaded(e: Experiment) -> list[Finding]:
+def _unloaded(e: Experiment) -> list[RecordFault]:
     """Displacement without any load."""
     loaded = e.wrench.any(axis=1)
     if loaded.all():
@@ -218,7 +218,7 @@ def _unloaded(e: Experiment) -> list[Finding]:
     if not len(rows):
         return []
     return [
-        Finding(
+        RecordFault(
             "moved_without_load",
             "warning",
             f"{places(e, rows)}: displaced although no load is recorded; displacements count from the unloaded state "
@@ -228,7 +228,7 @@ def _unloaded(e: Experiment) -> list[Finding]:
     ]
 
 
-def _outside_limits(e: Experiment, robot: Robot) -> list[Finding]:
+def _outside_limits(e: Experiment, robot: Robot) -> list[RecordFault]:
     """Joint positions that the arm cannot take."""
     q = e.state.q
     outside = (q < robot.lower - OUTSIDE) | (q > robot.upper + OUTSIDE)
@@ -239,7 +239,7 @@ def _outside_limits(e: Experiment, robot: Robot) -> list[Finding]:
     low, high = np.degrees(robot.lower[joint]), np.degrees(robot.upper[joint])
     worst = np.degrees(q[rows[np.argmax(outside[rows, joint])], joint])
     return [
-        Finding(
+        RecordFault(
             "outside_limits",
             "warning",
             f"{places(e, rows)}: joint {joint + 1} stands outside its limits ({worst:.1f}° where the robot of the cell "
@@ -249,12 +249,12 @@ def _outside_limits(e: Experiment, robot: Robot) -> list[Finding]:
     ]
 
 
-def _too_little(e: Experiment, unknowns: int) -> list[Finding]:
+def _too_little(e: Experiment, unknowns: int) -> list[RecordFault]:
     poses, equations = len(np.unique(e.pose)), e.measured.size
     out = []
     if poses < 4:
         out.append(
-            Finding(
+            RecordFault(
                 "few_poses",
                 "warning",
                 f"only {poses} pose{'s' if poses > 1 else ''}: joints are told apart by posture, and errors shared by "
@@ -263,7 +263,7 @@ def _too_little(e: Experiment, unknowns: int) -> list[Finding]:
         )
     if equations < 3 * unknowns:
         out.append(
-            Finding(
+            RecordFault(
                 "few_readings",
                 "warning",
                 f"{len(e)} readings of {e.dimensions} coordinates are {equations} equations for {unknowns} unknowns; "

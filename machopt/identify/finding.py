@@ -14,7 +14,7 @@ SHOWN = 6
 
 
 @dataclass(frozen=True)
-class Finding:
+class RecordFault:
     """One thing that is wrong with a record."""
 
     code: str

@@ -34,7 +34,7 @@ OUT = 0.5  # a coordinate of less weight is an outlier
 
 
 @dataclass(frozen=True)
-class Unknown:
+class FitCoefficient:
     """One coefficient of the fit."""
 
     name: str  # "joint 3", or "link_compliance at link:4 1/EI"
@@ -45,12 +45,14 @@ class Unknown:
     coefficient: int = 0  # index in its term
 
 
-def unknowns(terms: Sequence[LinearTerm] = ()) -> tuple[Unknown, ...]:
+def unknowns(terms: Sequence[LinearTerm] = ()) -> tuple[FitCoefficient, ...]:
     """The six joint compliances, then the coefficients of the terms."""
-    out = [Unknown(f"joint {j}", "rad/(N·m)", 0.0, joint=j) for j in range(1, 7)]
+    out = [FitCoefficient(f"joint {j}", "rad/(N·m)", 0.0, joint=j) for j in range(1, 7)]
     for t, term in enumerate(terms):
         for k, c in enumerate(term.coefficients):
-            out.append(Unknown(f"{term.effect} at {term.location} {c.name}", c.unit, c.lower, term=t, coefficient=k))
+            out.append(
+                FitCoefficient(f"{term.effect} at {term.location} {c.name}", c.unit, c.lower, term=t, coefficient=k)
+            )
     return tuple(out)
 
 
@@ -92,7 +94,7 @@ class Fit:
 
     experiment: Experiment
     terms: tuple[LinearTerm, ...]
-    unknowns: tuple[Unknown, ...]
+    unknowns: tuple[FitCoefficient, ...]
     A: Array  # (N, D, P) m, rad per unit of each coefficient
     y: Array  # (N, D) m, rad: measured less what fixed terms and corrections explain
     x: Array  # (P,) coefficients within their bounds

@@ -24,7 +24,7 @@ from machopt.arrays import Array
 from machopt.domain.stiffness import LEAST_STIFFNESS
 from machopt.estimate.bounded import minimise
 from machopt.identify.admissible import FittedMatrix, fitted_matrices, gives_way, nearest
-from machopt.identify.fit import Fit, Unknown
+from machopt.identify.fit import Fit, FitCoefficient
 from machopt.identify.uncertainty import NULL, Uncertainty
 
 MOST_ERROR = 0.5  # standard error per compliance beyond which a joint counts as not identified
@@ -173,7 +173,7 @@ def _judge(
     return Standing(not reason, reason, expected, inflation, torque)
 
 
-def _partner(unknowns: tuple[Unknown, ...], correlation: Array, unseen: Array, j: int) -> str:
+def _partner(unknowns: tuple[FitCoefficient, ...], correlation: Array, unseen: Array, j: int) -> str:
     """What coefficient j cannot be told from; empty where nothing stands out."""
     others = np.abs(correlation[j]).copy()
     others[j] = 0.0
@@ -230,7 +230,7 @@ def _not_by_chance(fit: Fit, uncertainty: Uncertainty, standing: tuple[Standing,
     return tuple(out)
 
 
-def _keep_whole_terms(unknowns: tuple[Unknown, ...], known: NDArray[np.bool_]) -> None:
+def _keep_whole_terms(unknowns: tuple[FitCoefficient, ...], known: NDArray[np.bool_]) -> None:
     """A term stands with all its coefficients where one of them is known, so that matrices stay whole."""
     for t in {u.term for u in unknowns if u.term is not None}:
         own = np.array([u.term == t for u in unknowns])
@@ -238,7 +238,7 @@ def _keep_whole_terms(unknowns: tuple[Unknown, ...], known: NDArray[np.bool_]) -
             known[own] = True
 
 
-def _reaches_zero(unknown: Unknown, interval: Array) -> bool:
+def _reaches_zero(unknown: FitCoefficient, interval: Array) -> bool:
     low, high = interval
     return bool(low <= 0.0 <= high) if unknown.lower < 0 else bool(low <= 0.0)
 

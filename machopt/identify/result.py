@@ -10,7 +10,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.domain.stiffness import Stiffness
 from machopt.estimate.components import Scatter
-from machopt.identify.finding import Finding
+from machopt.identify.finding import RecordFault
 from machopt.identify.fit import Fit
 from machopt.identify.grid import GridFit
 from machopt.identify.heldout import Errors
@@ -83,7 +83,7 @@ class Identification:
     condition_number: float  # of the weighted design in columns of unit size
     condition_plain: float  # of B as it stands in dumas2011 eq. 22
     scatter: tuple[Scatter, ...]  # translation, rotation
-    findings: tuple[Finding, ...]
+    findings: tuple[RecordFault, ...]
     warnings: tuple[str, ...]
     notes: tuple[str, ...]  # how noise and values came about; nothing to worry about
     table: ResidualTable

@@ -20,7 +20,7 @@ from machopt.domain.results.identification import (
     ShareOfRange,
     TermCoefficient,
 )
-from machopt.identify.asked import Request
+from machopt.identify.asked import IdentifyRequest
 from machopt.identify.result import Identification
 from machopt.identify.uncertainty import uncertainty
 from machopt.identify.units import same_factor
@@ -30,7 +30,7 @@ CI90 = 0.9
 
 
 def result_of(
-    request: Request, cell: Cell, recording: Recording, found: Identification, inputs: dict[str, str]
+    request: IdentifyRequest, cell: Cell, recording: Recording, found: Identification, inputs: dict[str, str]
 ) -> IdentificationResult:
     """``identification.json``.
 

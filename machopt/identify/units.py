@@ -11,7 +11,7 @@ from machopt.arrays import Array
 from machopt.effects.record import FORCES, LENGTHS
 from machopt.estimate.experiment import Experiment
 from machopt.estimate.robust import start
-from machopt.identify.finding import Finding, places
+from machopt.identify.finding import RecordFault, places
 from machopt.identify.rivals import Reading
 from machopt.model.robot import Robot
 
@@ -56,7 +56,7 @@ ALIKE, LEAST_ALIKE = 1.2, 3  # factor between joints, and from a unit's; joints 
 NEAR_SUSPECT = 2.2  # factor: stiffness is rarely known better beforehand
 
 
-def unit_findings(e: Experiment, stated: Reading, reach: float, prior: Array | None) -> list[Finding]:
+def unit_findings(e: Experiment, stated: Reading, reach: float, prior: Array | None) -> list[RecordFault]:
     """Displacement per load against the cell's stiffness and against robots of this size.
 
     Args:
@@ -85,10 +85,10 @@ def unit_findings(e: Experiment, stated: Reading, reach: float, prior: Array | N
         else:
             cause, column, factor = _culprit(e, s)
         message = f"displacement per load is {_times(seen)} {against}: {cause}"
-        out.append(Finding("units", "error", message, column=column, factor=factor))
+        out.append(RecordFault("units", "error", message, column=column, factor=factor))
     elif doubtful:
         out.append(
-            Finding(
+            RecordFault(
                 "far_from_nominal",
                 "warning",
                 f"displacement per load is {_times(seen)} {against}{_suspects(seen)}; check the units of load and "
@@ -101,7 +101,7 @@ def unit_findings(e: Experiment, stated: Reading, reach: float, prior: Array | N
     return out
 
 
-def lever_findings(e: Experiment, reach: float, prior: Array | None) -> list[Finding]:
+def lever_findings(e: Experiment, reach: float, prior: Array | None) -> list[RecordFault]:
     """Moments far beyond what the forces can make on an arm of this size."""
     force, moment = np.linalg.norm(e.wrench[:, :3], axis=1), np.linalg.norm(e.wrench[:, 3:], axis=1)
     both = (force > 0) & (moment > LEAST_MOMENT)
@@ -112,7 +112,7 @@ def lever_findings(e: Experiment, reach: float, prior: Array | None) -> list[Fin
     if typical > 10.0 * reach:
         cause, column, factor = _forces_or_moments(e, reach, prior)
         return [
-            Finding(
+            RecordFault(
                 "moment_units",
                 "error",
                 f"moments are {typical:.3g} m times the forces, the arm reaches {reach:.2g} m: {cause}",
@@ -124,7 +124,7 @@ def lever_findings(e: Experiment, reach: float, prior: Array | None) -> list[Fin
     if not len(rows):
         return []
     return [
-        Finding(
+        RecordFault(
             "lever_arm",
             "warning",
             f"{places(e, rows)}: the moment is more than {lever[rows].min():.2g} m times the force, beyond the arm's "
@@ -162,12 +162,12 @@ def _forces_or_moments(e: Experiment, reach: float, prior: Array | None) -> tupl
     return "columns mx_Nm … seem to hold N·mm; N·m would work", "mx_Nm", 1e-3
 
 
-def _rotation(ratio: float, displacement_doubtful: bool) -> Finding:
+def _rotation(ratio: float, displacement_doubtful: bool) -> RecordFault:
     """Rotations and translations that do not belong together."""
     start = f"rotations are {_times(ratio)} what the translations of the same readings imply: "
     guess = min(READ_AS, key=lambda unit: abs(np.log(ratio / READ_AS[unit])))
     if _off(ratio / READ_AS[guess], NEAR_UNIT) or displacement_doubtful:
-        return Finding(
+        return RecordFault(
             "rotation_units",
             "error",
             start + "one of them is in another unit; mm and mrad would work",
@@ -175,7 +175,7 @@ def _rotation(ratio: float, displacement_doubtful: bool) -> Finding:
             factor=1.0 / ratio,
         )
     message = f"{start}columns rx_mrad … seem to hold {guess}; mrad would work"
-    return Finding("rotation_units", "error", message, column="rx_mrad", factor=1.0 / READ_AS[guess])
+    return RecordFault("rotation_units", "error", message, column="rx_mrad", factor=1.0 / READ_AS[guess])
 
 
 def _generic(reach: float) -> Array:

@@ -22,7 +22,7 @@ from machopt.arrays import Array
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
 from machopt.placement.outlook import Outlook, furthest
-from machopt.plan.candidates import Arm, enumerate_candidates
+from machopt.plan.candidates import PlanningArm, enumerate_candidates
 from machopt.plan.choose import choose
 from machopt.plan.engage import sideways
 from machopt.plan.groups import Group
@@ -36,7 +36,7 @@ STATIONS = 48  # of a group that are looked at; the fewer, the lower the bound
 TRIED = 3  # values of a group whose best sequence is looked for
 
 
-def free_outlook(setup: Setup, arm: Arm, path: Path, options: PlanOptions, groups: Sequence[Group]) -> Outlook:
+def free_outlook(setup: Setup, arm: PlanningArm, path: Path, options: PlanOptions, groups: Sequence[Group]) -> Outlook:
     """Look at a place.
 
     Args:
@@ -57,7 +57,7 @@ def free_outlook(setup: Setup, arm: Arm, path: Path, options: PlanOptions, group
     return Outlook(worst.bound, max(one.worst for one in found), mean, worst.point)
 
 
-def _of_group(setup: Setup, arm: Arm, part: Path, options: PlanOptions, group: Group) -> Outlook:
+def _of_group(setup: Setup, arm: PlanningArm, part: Path, options: PlanOptions, group: Group) -> Outlook:
     values = grid_of(group, setup.cell.external_home)
     least, reason = _least(setup, arm, part, options, values)
     shared, which = np.unique(values[:, ~group.moving], axis=0, return_inverse=True)
@@ -89,7 +89,9 @@ def _of_group(setup: Setup, arm: Arm, part: Path, options: PlanOptions, group: G
     return Outlook(bound, *min(known), point(at))
 
 
-def _least(setup: Setup, arm: Arm, part: Path, options: PlanOptions, values: Array) -> tuple[Array, NDArray[np.int64]]:
+def _least(
+    setup: Setup, arm: PlanningArm, part: Path, options: PlanOptions, values: Array
+) -> tuple[Array, NDArray[np.int64]]:
     """(G, S) the least cost of each station at values (G, E), inf where there is none; and why."""
     least = np.full((len(values), len(part.stations)), np.inf)
     reason = np.zeros(least.shape, np.int64)
@@ -106,7 +108,7 @@ def _least(setup: Setup, arm: Arm, part: Path, options: PlanOptions, values: Arr
 
 
 def _in_sequence(
-    setup: Setup, arm: Arm, there: Path, options: PlanOptions, counted: NDArray[np.intp]
+    setup: Setup, arm: PlanningArm, there: Path, options: PlanOptions, counted: NDArray[np.intp]
 ) -> tuple[float, float]:
     """Worst and mean index of the grid's best sequence at one value; inf where there is none."""
     candidates = enumerate_candidates(there, arm, options)

@@ -13,7 +13,7 @@ import numpy as np
 
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
-from machopt.plan.candidates import Arm, Candidates, enumerate_candidates
+from machopt.plan.candidates import Candidates, PlanningArm, enumerate_candidates
 from machopt.plan.choose import choose
 from machopt.plan.path import Path
 from machopt.plan.score import directions, score_candidates
@@ -37,7 +37,7 @@ class Outlook:
         return bool(np.isfinite(self.bound))
 
 
-def outlook(setup: Setup, arm: Arm, path: Path, options: PlanOptions, *, beyond: float = np.inf) -> Outlook:
+def outlook(setup: Setup, arm: PlanningArm, path: Path, options: PlanOptions, *, beyond: float = np.inf) -> Outlook:
     """Look at a place.
 
     Args:

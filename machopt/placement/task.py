@@ -18,7 +18,7 @@ from machopt.placement.moved import Carried, moved
 from machopt.placement.outlook import Outlook, outlook
 from machopt.plan.axes import axes_of
 from machopt.plan.breaks import Break
-from machopt.plan.candidates import Arm
+from machopt.plan.candidates import PlanningArm
 from machopt.plan.explain import all_breaks, explain_points
 from machopt.plan.external import best_plan
 from machopt.plan.groups import Group, groups_of
@@ -66,7 +66,7 @@ class Task:
     def outlook(self, carried: Carried, shift: Shift, options: PlanOptions) -> Outlook:
         """What a place promises."""
         cell = moved(self.setup.driven, carried, shift)
-        arm = Arm.of(cell, self.setup.arm.solver, load_machine(cell, self.setup.robot), options)
+        arm = PlanningArm.of(cell, self.setup.arm.solver, load_machine(cell, self.setup.robot), options)
         if self.free:
             found = free_outlook(self.setup, arm, self.path, options, self.groups)
         else:

@@ -16,7 +16,7 @@ from machopt.domain.reason import Reason
 from machopt.model.collision import CollisionModel
 from machopt.model.elastic import ArmElasticity
 from machopt.model.ik import branch_reasons
-from machopt.plan.candidates import Arm
+from machopt.plan.candidates import PlanningArm
 from machopt.plan.path import Path, tcp_poses
 from machopt.plan.realise import Assignment
 from machopt.plan.score import Directions, configuration_cost
@@ -31,14 +31,14 @@ TURN = 2.0 * np.pi
 OK, LIMIT, UNREACHABLE, NO_PATH = (int(r) for r in (Reason.OK, Reason.LIMIT, Reason.UNREACHABLE, Reason.NO_PATH))
 
 
-def cam_default(path: Path, arm: Arm, home: Array) -> Assignment:
+def cam_default(path: Path, arm: PlanningArm, home: Array) -> Assignment:
     """gamma = 0 at every point, in the configuration nearest to the one before (home first)."""
     return _follow(path, arm, _unwrapped(path, -path.offset), home)
 
 
 def jiao2022(
     path: Path,
-    arm: Arm,
+    arm: PlanningArm,
     elasticity: ArmElasticity,
     directions: Directions,
     collision: CollisionModel | None,
@@ -73,7 +73,7 @@ def jiao2022(
     return _follow(path, arm, _unwrapped(path, phi), home)
 
 
-def _roll(path: Path, arm: Arm, rows: Ints) -> Array:
+def _roll(path: Path, arm: PlanningArm, rows: Ints) -> Array:
     """ψ at phi = 0 of ``rows``: the angle x of R = Rz Ry Rx about the tool axis (eq. 27; the paper's tool x is our z).
 
     Where a tool axis comes near the base z axis that angle is undefined (β = ±90°: a spindle pointing down, as in the
@@ -87,7 +87,7 @@ def _roll(path: Path, arm: Arm, rows: Ints) -> Array:
     return np.arctan2(R[:, e, 0], R[:, e, 1])
 
 
-def _groups(path: Path, arm: Arm) -> list[tuple[Ints, Ints, Array]]:
+def _groups(path: Path, arm: PlanningArm) -> list[tuple[Ints, Ints, Array]]:
     """Key points, the points between them, and the proportion (0…1) of each."""
     counted = path.counted
     position = arm.directions(path.external, path.position)
@@ -113,7 +113,7 @@ def _groups(path: Path, arm: Arm) -> list[tuple[Ints, Ints, Array]]:
 
 def _best_rotations(
     path: Path,
-    arm: Arm,
+    arm: PlanningArm,
     elasticity: ArmElasticity,
     directions: Directions,
     collision: CollisionModel | None,
@@ -148,7 +148,7 @@ def _best_rotations(
     return best, q[0, int(np.argmin(np.abs(grid - best[0]))), b]
 
 
-def _solve(path: Path, arm: Arm, rows: Ints, phi: Array) -> tuple[Array, NDArray[np.uint8]]:
+def _solve(path: Path, arm: PlanningArm, rows: Ints, phi: Array) -> tuple[Array, NDArray[np.uint8]]:
     """All branches at rows × rotations with the turn nearest to zero that fits the limits: q (…, B, 6), reason."""
     poses = arm.in_base(path.external[rows], tcp_poses(path, rows, phi)) @ inverse(arm.T_flange_tcp)
     branches = arm.solver.solve(poses.reshape(-1, 4, 4))
@@ -169,7 +169,7 @@ def _unwrapped(path: Path, phi: Array) -> Array:
     return out
 
 
-def _follow(path: Path, arm: Arm, phi: Array, home: Array) -> Assignment:
+def _follow(path: Path, arm: PlanningArm, phi: Array, home: Array) -> Assignment:
     """Per point the feasible configuration nearest to the one before; NaN where there is none."""
     every = np.arange(len(path.index), dtype=np.int32)
     poses = arm.in_base(path.external, tcp_poses(path, every, phi)) @ inverse(arm.T_flange_tcp)

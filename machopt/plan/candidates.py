@@ -27,7 +27,7 @@ TRACKED = 16_384  # by the general solver, which labels the branches of so many 
 
 
 @dataclass(frozen=True)
-class Arm:
+class PlanningArm:
     """What the steps need of the cell's kinematics."""
 
     solver: Solver
@@ -41,7 +41,7 @@ class Arm:
     margins: Margins
 
     @classmethod
-    def of(cls, cell: Cell, solver: Solver, machine: Machine, options: PlanOptions) -> Arm:
+    def of(cls, cell: Cell, solver: Solver, machine: Machine, options: PlanOptions) -> PlanningArm:
         lower = cell.limits.lower[:6] + options.limit_margin
         upper = cell.limits.upper[:6] - options.limit_margin
         origin, windings = fewest_turns(lower, upper)
@@ -117,7 +117,7 @@ class Candidates:
         return np.where(ok, Reason.OK, np.where(self.reason == Reason.OK, 0, self.reason).max(axis=2)).astype(np.uint8)
 
 
-def enumerate_candidates(path: Path, arm: Arm, options: PlanOptions) -> Candidates:
+def enumerate_candidates(path: Path, arm: PlanningArm, options: PlanOptions) -> Candidates:
     """Solve the inverse kinematics of every station × rotation and sort out what limits and margins forbid."""
     R = max(round(2 * np.pi / options.rotation_step), 1)
     phi: Array = np.asarray(np.arange(R) * (2 * np.pi / R) - np.pi, float)
@@ -167,7 +167,7 @@ def enumerate_candidates(path: Path, arm: Arm, options: PlanOptions) -> Candidat
     )
 
 
-def _turning_poses(path: Path, arm: Arm) -> tuple[Array, Array, Array]:
+def _turning_poses(path: Path, arm: PlanningArm) -> tuple[Array, Array, Array]:
     """(S, 1, 4, 4) each: the flange poses of a station are the first + cos φ · the second + sin φ · the third."""
     phi = np.broadcast_to([0.0, np.pi, 0.5 * np.pi], (len(path.stations), 3))
     there = arm.in_base(path.external[path.stations], tcp_poses(path, path.stations, phi))

@@ -12,7 +12,7 @@ from machopt.domain.options import PlanOptions
 from machopt.model.collision import CollisionModel
 from machopt.model.ik import refine
 from machopt.model.robot import Robot
-from machopt.plan.candidates import Arm
+from machopt.plan.candidates import PlanningArm
 from machopt.plan.kept import recalled
 from machopt.plan.path import Path
 from machopt.plan.realise import CONVERGED, SAME_BRANCH
@@ -39,13 +39,15 @@ class Checker:
     """What a motion is held against."""
 
     path: Path
-    arm: Arm
+    arm: PlanningArm
     robot: Robot
     model: CollisionModel | None  # None: contacts are not looked for
     step: float  # rad, joint step between collision checks
 
     @classmethod
-    def of(cls, path: Path, arm: Arm, robot: Robot, model: CollisionModel | None, options: PlanOptions) -> Checker:
+    def of(
+        cls, path: Path, arm: PlanningArm, robot: Robot, model: CollisionModel | None, options: PlanOptions
+    ) -> Checker:
         return cls(path, arm, robot, model, options.collision_step)
 
     def whole(self, phi: Array, q: Array, cuts: tuple[int, ...] = ()) -> PathCheck:

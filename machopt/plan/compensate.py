@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.domain.reason import Reason
-from machopt.plan.candidates import Arm
+from machopt.plan.candidates import PlanningArm
 from machopt.plan.check import Checker
 from machopt.plan.engage import engaged_force
 from machopt.plan.made import Compensation, Plan
@@ -232,5 +232,5 @@ def _with_room(setup: Setup) -> Setup:
     """
     limits, m = setup.driven.limits, setup.arm.margins
     margins = replace(m, wrist=KEPT * m.wrist, elbow=KEPT * m.elbow, shoulder=KEPT * m.shoulder)
-    arm: Arm = replace(setup.arm, lower=limits.lower[:6], upper=limits.upper[:6], margins=margins)
+    arm: PlanningArm = replace(setup.arm, lower=limits.lower[:6], upper=limits.upper[:6], margins=margins)
     return replace(setup, arm=arm)

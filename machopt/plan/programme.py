@@ -70,7 +70,7 @@ class Basis:
 
 
 @dataclass(frozen=True)
-class Model:
+class RoundedObjective:
     """The rounded objective at one place: value, and gradient and Hessian in the offsets (n,)."""
 
     value: float
@@ -114,7 +114,7 @@ class Programme:
         flown = ((0, ends.before, w.travel * terms.travel[0]), (-1, ends.after, ends.onward))
         self.flights = [(i, band.slope[i], band.q[i] - q, price) for i, q, price in flown if q is not None]
 
-    def model(self, c: Array, width: float, stiff: float) -> Model:
+    def model(self, c: Array, width: float, stiff: float) -> RoundedObjective:
         """J at coefficients c, rounded, with the price of leaving the corridor and without that of bending."""
         part, terms, w = self.part, self.part.terms, self.part.terms.weights
         phi = self.basis.values(c)
@@ -177,7 +177,9 @@ class Programme:
         pull = price * z
         gradient[:-1] += (pull * self.back).sum(axis=0)
         gradient[1:] += (pull * self.on).sum(axis=0)
-        return Model(value, gradient, diagonal, first, last, both, w.worst**0.5 * p * slope / width**0.5, price, z, s)
+        return RoundedObjective(
+            value, gradient, diagonal, first, last, both, w.worst**0.5 * p * slope / width**0.5, price, z, s
+        )
 
     def solve(self, start: Array) -> Array:
         """(m,) coefficients of a local minimum near ``start``."""
@@ -209,14 +211,14 @@ class Programme:
         second = np.diff(c, 2)
         return self.bending * float(second @ second)
 
-    def hessian(self, here: Model, curved: Array) -> tuple[Array, Array]:
+    def hessian(self, here: RoundedObjective, curved: Array) -> tuple[Array, Array]:
         """Both diagonals, (n,) and (n − 1,), in the offsets; ``curved`` (7, n − 1) are the absolute values' own."""
         diagonal = here.diagonal.copy()
         diagonal[:-1] += here.first + (curved * self.back * self.back).sum(axis=0)
         diagonal[1:] += here.last + (curved * self.on * self.on).sum(axis=0)
         return diagonal, here.both + (curved * self.back * self.on).sum(axis=0)
 
-    def _step(self, c: Array, here: Model, curved: Array) -> tuple[Array, float]:
+    def _step(self, c: Array, here: RoundedObjective, curved: Array) -> tuple[Array, float]:
         """Newton's step, and half of what it is to gain to first order; ``curved`` as in :meth:`hessian`."""
         H = self.basis.hessian(*self.hessian(here, curved))
         second = 2.0 * self.bending * np.diff(c, 2)

@@ -11,7 +11,7 @@ from machopt.arrays import Array
 from machopt.domain.reason import Reason
 from machopt.model.ik import branch_reasons, refine
 from machopt.model.robot import Robot
-from machopt.plan.candidates import Arm
+from machopt.plan.candidates import PlanningArm
 from machopt.plan.path import Path, tcp_poses
 from machopt.se3 import inverse, wrap
 
@@ -33,7 +33,7 @@ class Assignment:
     wrist: Array  # (P,) rad
 
 
-def realise(path: Path, arm: Arm, robot: Robot, phi: Array, seed: Array) -> Assignment:
+def realise(path: Path, arm: PlanningArm, robot: Robot, phi: Array, seed: Array) -> Assignment:
     """Solve for the exact poses near ``seed`` (P, 6); rows with a NaN seed stay without a configuration."""
     P = len(path.index)
     out = Assignment(
@@ -51,7 +51,7 @@ def realise(path: Path, arm: Arm, robot: Robot, phi: Array, seed: Array) -> Assi
     return out
 
 
-def _solved(path: Path, arm: Arm, robot: Robot, known: NDArray[np.intp], seed: Array, out: Assignment) -> None:
+def _solved(path: Path, arm: PlanningArm, robot: Robot, known: NDArray[np.intp], seed: Array, out: Assignment) -> None:
     """Fill in the rows ``known`` (n,) of an assignment."""
     poses = arm.in_base(path.external[known], tcp_poses(path, known.astype(np.int32), out.phi[known]))
     q, error = refine(robot, poses, seed[known], arm.T_flange_tcp, iterations=5)

@@ -28,7 +28,7 @@ from machopt.errors import InputError
 from machopt.model.beside import Beside
 from machopt.model.elastic import ArmElasticity, Elastic, joint_stiffness
 from machopt.model.threads import side_by_side
-from machopt.plan.candidates import Arm, Candidates
+from machopt.plan.candidates import Candidates, PlanningArm
 from machopt.plan.engage import process_force, sideways
 from machopt.plan.path import Path
 from machopt.se3 import wrap
@@ -77,7 +77,7 @@ def resolve_index(options: PlanOptions) -> Index:
 
 
 def directions(
-    path: Path, arm: Arm, elasticity: ArmElasticity, force: ProcessForce, across: Array | None = None
+    path: Path, arm: PlanningArm, elasticity: ArmElasticity, force: ProcessForce, across: Array | None = None
 ) -> Directions:
     """Of a path, where the external joints stand along it.
 

@@ -19,7 +19,7 @@ from machopt.model.elastic import ArmElasticity
 from machopt.model.ik import solver_for
 from machopt.model.machine import Machine, load_machine
 from machopt.model.robot import Robot, load_chain, load_masses
-from machopt.plan.candidates import Arm
+from machopt.plan.candidates import PlanningArm
 from machopt.plan.objective import Objective
 from machopt.plan.path import Path
 from machopt.plan.realise import Assignment
@@ -39,7 +39,7 @@ class Setup:
 
     cell: Cell  # as written: home and limits are encoder angles
     robot: Robot
-    arm: Arm
+    arm: PlanningArm
     elasticity: ArmElasticity
     collision: CollisionModel | None
     correction: Correction | None = None  # from encoder to true angles; None: they are the same
@@ -120,7 +120,7 @@ def prepare(cell: Cell, options: PlanOptions) -> Setup:
     driven = in_true_angles(cell, correction)
     machine = load_machine(cell, robot)
     _refuse_tilting(cell, machine)
-    arm = Arm.of(driven, solver_for(robot), machine, options)
+    arm = PlanningArm.of(driven, solver_for(robot), machine, options)
     elasticity = ArmElasticity(
         robot,
         cell.tool.T_flange_tcp,

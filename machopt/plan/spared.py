@@ -16,7 +16,7 @@ from machopt.arrays import Array
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
 from machopt.plan.breaks import Break
-from machopt.plan.candidates import Arm
+from machopt.plan.candidates import PlanningArm
 from machopt.plan.compensate import rescored
 from machopt.plan.made import Plan
 from machopt.plan.realise import realise
@@ -72,7 +72,7 @@ def with_spare(options: PlanOptions, planned: Plan, driven: Plan) -> PlanOptions
     )
 
 
-def asked_again(spared: Plan, options: PlanOptions, arm: Arm) -> Plan:
+def asked_again(spared: Plan, options: PlanOptions, arm: PlanningArm) -> Plan:
     """A plan that was made with spare, as an answer to the margins that the user asked (those of ``arm``)."""
     return replace(spared, options=options, setup=replace(spared.setup, arm=arm))
 

@@ -24,7 +24,7 @@ NAN = float("nan")
 
 
 @dataclass(frozen=True)
-class Request:
+class VerifyRequest:
     """What the user asked for; what was not given is taken from the folder's manifest."""
 
     cell: Path
@@ -47,7 +47,7 @@ class InForce:
     checks: tuple[Check, ...] = ()  # what the manifest records and nobody can use
 
 
-def in_force(request: Request, cell: Cell, robot: KnownRobot | None, manifest: Manifest | None) -> InForce:
+def in_force(request: VerifyRequest, cell: Cell, robot: KnownRobot | None, manifest: Manifest | None) -> InForce:
     """Options and toolpath; what a manifest records wrongly is a failed check, and the defaults stand in for it.
 
     Raises:

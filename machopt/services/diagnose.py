@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from machopt.diagnose.laws import userterms
-from machopt.diagnose.nouns.asked import Request, check
+from machopt.diagnose.nouns.asked import DiagnoseRequest, check
 from machopt.diagnose.nouns.result import Diagnosis
 from machopt.diagnose.run import at_rest, in_motion
 from machopt.diagnose.search import engine
@@ -33,7 +33,7 @@ Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Outcome:
+class DiagnoseOutcome:
     """What came out."""
 
     diagnosis: Diagnosis
@@ -41,7 +41,7 @@ class Outcome:
     report: Path
 
 
-def run_diagnose(request: Request, progress: Progress = lambda _: None) -> Outcome:
+def run_diagnose(request: DiagnoseRequest, progress: Progress = lambda _: None) -> DiagnoseOutcome:
     """Diagnose a recording of a cell's robot.
 
     Raises:
@@ -52,10 +52,12 @@ def run_diagnose(request: Request, progress: Progress = lambda _: None) -> Outco
         refuse_without_pyarrow(request.tables)
         done = diagnosed(request, own, progress)
         write(done, folder, progress)
-    return Outcome(done.diagnosis, done.result, request.out / "report.html")
+    return DiagnoseOutcome(done.diagnosis, done.result, request.out / "report.html")
 
 
-def diagnosed(request: Request, own: tuple[Own, ...], progress: Progress, cell: Cell | None = None) -> Diagnosed:
+def diagnosed(
+    request: DiagnoseRequest, own: tuple[Own, ...], progress: Progress, cell: Cell | None = None
+) -> Diagnosed:
     """What the model leaves out.
 
     Args:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from machopt.diagnose.nouns.asked import Request
+from machopt.diagnose.nouns.asked import DiagnoseRequest
 from machopt.diagnose.nouns.problem import Problem
 from machopt.diagnose.nouns.result import Diagnosis
 from machopt.domain.cell import Cell
@@ -27,7 +27,7 @@ Progress = Callable[[str], None]
 class Diagnosed:
     """A diagnosis in memory: nothing of it is written yet."""
 
-    request: Request
+    request: DiagnoseRequest
     cell: Cell
     recording: Recording
     problem: Problem | None

@@ -17,7 +17,7 @@ from machopt.estimate.experiment import Experiment, experiment
 from machopt.formats.cell import load_cell
 from machopt.formats.recording import load_recording, load_recordings
 from machopt.formats.termtext import term_from_text
-from machopt.identify.asked import Request, check, options_of
+from machopt.identify.asked import IdentifyRequest, check, options_of
 from machopt.identify.discrepancy import of_identified
 from machopt.identify.pipeline import identify
 from machopt.identify.result import Identification
@@ -32,7 +32,7 @@ from machopt.services.inputs import input_hashes
 class Identified:
     """A stiffness in memory: nothing of it is written yet."""
 
-    request: Request
+    request: IdentifyRequest
     cell: Cell
     recording: Recording
     tests: Experiment
@@ -40,7 +40,7 @@ class Identified:
     result: IdentificationResult
 
 
-def identified(request: Request, progress: Callable[[str], None], cell: Cell | None = None) -> Identified:
+def identified(request: IdentifyRequest, progress: Callable[[str], None], cell: Cell | None = None) -> Identified:
     """The stiffness.
 
     Args:

@@ -11,7 +11,7 @@ from machopt.effects.own import in_use, with_effects
 from machopt.formats.parquet import refuse_without_pyarrow
 from machopt.formats.readings import write_readings_csv
 from machopt.formats.stiffness import write_stiffness
-from machopt.identify.asked import Request
+from machopt.identify.asked import IdentifyRequest
 from machopt.identify.result import Identification
 from machopt.output import output_folder, write_result
 from machopt.report.display import in_words
@@ -23,7 +23,7 @@ from machopt.services.manifest import write_command_manifest
 
 
 @dataclass(frozen=True)
-class Outcome:
+class IdentifyOutcome:
     """What came out."""
 
     identification: Identification
@@ -31,7 +31,7 @@ class Outcome:
     report: Path
 
 
-def run_identify(request: Request, progress: Callable[[str], None] = lambda _: None) -> Outcome:
+def run_identify(request: IdentifyRequest, progress: Callable[[str], None] = lambda _: None) -> IdentifyOutcome:
     """Identify the stiffness of a cell's robot from one or several recordings.
 
     Raises:
@@ -41,7 +41,7 @@ def run_identify(request: Request, progress: Callable[[str], None] = lambda _: N
         refuse_without_pyarrow(request.tables)
         done = identified(request, progress)
         write(done, folder, progress)
-    return Outcome(done.identification, done.result, request.out / "report.html")
+    return IdentifyOutcome(done.identification, done.result, request.out / "report.html")
 
 
 def write(done: Identified, folder: Path, progress: Callable[[str], None] = lambda _: None) -> None:

@@ -28,7 +28,7 @@ from machopt.services.manifest import optimize_manifest
 
 
 @dataclass(frozen=True)
-class Request:
+class OptimizeRequest:
     """What the user asked for."""
 
     cell: Path
@@ -63,7 +63,7 @@ class Loaded:
     tables: str = "csv"
 
 
-def load(request: Request) -> Loaded:
+def load(request: OptimizeRequest) -> Loaded:
     """Read every file that was named.
 
     Raises:
@@ -73,7 +73,7 @@ def load(request: Request) -> Loaded:
     return prepared(cell, lambda: read_toolpath(request.toolpath, **reading_of(cell), **request.reading), request)
 
 
-def prepared(cell: Cell, read: Callable[[], Toolpath], request: Request) -> Loaded:
+def prepared(cell: Cell, read: Callable[[], Toolpath], request: OptimizeRequest) -> Loaded:
     """What was asked of a cell and a toolpath, refused where no plan could answer it.
 
     Args:

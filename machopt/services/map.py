@@ -17,13 +17,13 @@ from machopt.services.inputs import single
 from machopt.services.manifest import write_command_manifest
 from machopt.services.map_columns import map_columns
 from machopt.services.mapped import Mapped, mapped
-from machopt.workspace.asked import Request
+from machopt.workspace.asked import MapRequest
 
-__all__ = ["Outcome", "Request", "run_map"]
+__all__ = ["MapOutcome", "MapRequest", "run_map"]
 
 
 @dataclass(frozen=True)
-class Outcome:
+class MapOutcome:
     """What came out; ``exit_code`` is 0, or 3 where no sample has a posture."""
 
     exit_code: int
@@ -32,7 +32,7 @@ class Outcome:
     message: str  # one sentence for the user
 
 
-def run_map(request: Request, progress: Callable[[str], None] = lambda _: None) -> Outcome:
+def run_map(request: MapRequest, progress: Callable[[str], None] = lambda _: None) -> MapOutcome:
     """Map a cell.
 
     Writes ``map.csv`` (and ``map_free.csv`` where the rotation about the tool axis is free), ``map.json``,
@@ -45,7 +45,7 @@ def run_map(request: Request, progress: Callable[[str], None] = lambda _: None) 
         refuse_without_pyarrow(request.tables)
         done = mapped(request, progress)
         write(done, folder, progress)
-    return Outcome(done.exit_code, done.result, request.out / "report.html", done.message)
+    return MapOutcome(done.exit_code, done.result, request.out / "report.html", done.message)
 
 
 def write(done: Mapped, folder: Path, progress: Callable[[str], None] = lambda _: None) -> None:

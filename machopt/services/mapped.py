@@ -19,7 +19,7 @@ from machopt.report.gather.map import page_data
 from machopt.report.gather.scene import bodies_of, scene_of
 from machopt.report.map_data import MapData
 from machopt.services.inputs import input_hashes
-from machopt.workspace.asked import MapOptions, Request, resolve
+from machopt.workspace.asked import MapOptions, MapRequest, resolve
 from machopt.workspace.fields import evaluate
 from machopt.workspace.mapping import arm_of, collides_of, criterion_of, goodness_of, postures_of, setting_of
 from machopt.workspace.measured import Comparison, compare
@@ -34,7 +34,7 @@ _UNCHECKED = {"none": ("collisions NOT checked",), "self": (), "cell": ()}  # "s
 class Mapped:
     """A map in memory: nothing of it is written yet."""
 
-    request: Request
+    request: MapRequest
     cell: Cell
     samples: Samples
     options: MapOptions
@@ -58,7 +58,7 @@ class Mapped:
         return _UNCHECKED[self.request.collision]
 
 
-def mapped(request: Request, progress: Callable[[str], None], cell: Cell | None = None) -> Mapped:
+def mapped(request: MapRequest, progress: Callable[[str], None], cell: Cell | None = None) -> Mapped:
     """The map.
 
     Args:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.cells.asked import Request
+from machopt.cells.asked import InitRequest
 from machopt.cells.draft import aimed, draft
 from machopt.cells.place import find_place, outward, sample_path
 from machopt.cells.post import with_post
@@ -30,7 +30,7 @@ from machopt.workspace.mapping import arm_of
 
 
 @dataclass(frozen=True)
-class Outcome:
+class InitOutcome:
     """What came out."""
 
     cell: Cell
@@ -38,7 +38,7 @@ class Outcome:
     guesses: tuple[str, ...]  # what the user should put in or look at, one sentence each
 
 
-def run_init(request: Request) -> Outcome:
+def run_init(request: InitRequest) -> InitOutcome:
     """Write a new cell.
 
     Raises:
@@ -73,10 +73,10 @@ def run_init(request: Request) -> Outcome:
             said += more
             cell = _written(folder, new)
         guesses += said
-    return Outcome(load_cell(request.out), request.out, guesses)
+    return InitOutcome(load_cell(request.out), request.out, guesses)
 
 
-def _placed(new: NewCell, request: Request, cell: Cell, span: float) -> tuple[NewCell, tuple[str, ...]]:
+def _placed(new: NewCell, request: InitRequest, cell: Cell, span: float) -> tuple[NewCell, tuple[str, ...]]:
     """The workpiece where the arm reaches it well, and home above it."""
     options = load_options(None)
     robot, shapes = load_chain(cell)

@@ -21,17 +21,17 @@ from machopt.report.gather.place import page_of, result_of, write_places
 from machopt.report.place_page import write_place_page
 from machopt.services.inputs import input_hashes, single
 from machopt.services.manifest import write_command_manifest
-from machopt.services.place_asked import Request, key_of
+from machopt.services.place_asked import PlaceRequest, key_of
 from machopt.services.place_best import confirmed
 from machopt.services.place_site import read, site_of
 
-__all__ = ["Outcome", "Request", "Sited", "place", "sited", "write"]
+__all__ = ["PlaceOutcome", "PlaceRequest", "Sited", "place", "sited", "write"]
 
 Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Outcome:
+class PlaceOutcome:
     """What came out; ``exit_code`` is 0, 3 where nothing can be planned anywhere, 4 where a plan is not confirmed."""
 
     exit_code: int
@@ -43,12 +43,12 @@ class Outcome:
 class Sited:
     """What was found, in memory."""
 
-    request: Request
+    request: PlaceRequest
     site: Site
     siting: Siting
 
 
-def place(request: Request, progress: Progress = lambda _: None, crew: Hands | None = None) -> Outcome:
+def place(request: PlaceRequest, progress: Progress = lambda _: None, crew: Hands | None = None) -> PlaceOutcome:
     """Look for the best place, alone or with a crew of other processes: the answer is the same.
 
     Writes ``place.json``, ``places.csv``, ``report.html`` and ``best-1`` …: the moved cell and a whole output of
@@ -66,11 +66,11 @@ def place(request: Request, progress: Progress = lambda _: None, crew: Hands | N
             found = sited(request, cell, toolpaths, progress, journal, crew)
             result = write(found, folder, progress, crew)
         journal.unlink(missing_ok=True)
-    return Outcome(result.exit_code, result, request.out / "report.html")
+    return PlaceOutcome(result.exit_code, result, request.out / "report.html")
 
 
 def sited(
-    request: Request,
+    request: PlaceRequest,
     cell: Cell,
     toolpaths: tuple[Toolpath, ...],
     progress: Progress = lambda _: None,

@@ -22,7 +22,7 @@ from machopt.version import __version__
 
 
 @dataclass(frozen=True, kw_only=True)
-class Request:
+class PlaceRequest:
     """What the user asked for."""
 
     cell: Path

@@ -13,7 +13,7 @@ from machopt.placement.moved import moved
 from machopt.placement.search import Site
 from machopt.report.gather.place import Confirmed
 from machopt.services import load as one_plan
-from machopt.services.place_asked import Request
+from machopt.services.place_asked import PlaceRequest
 from machopt.services.run import optimize
 
 
@@ -21,13 +21,13 @@ from machopt.services.run import optimize
 class _Wanted:
     """One of the best places, and where it is written."""
 
-    request: Request
+    request: PlaceRequest
     one: Planned
     folder: Path
 
 
 def confirmed(
-    request: Request,
+    request: PlaceRequest,
     site: Site,
     siting: Siting,
     folder: Path,
@@ -51,7 +51,7 @@ def _confirm(site: Site, wanted: _Wanted) -> Confirmed:
     cell = write_moved_cell(folder / "cell", site.cell, moved(site.cell, site.carried, one.place.shift), head)
     verdicts, code = [], 0
     for name, file, reading in zip(names_of(request.toolpaths), request.toolpaths, request.readings, strict=True):
-        asked = one_plan.Request(
+        asked = one_plan.OptimizeRequest(
             cell=cell.parent,
             toolpath=file,
             out=folder / name,

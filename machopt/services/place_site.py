@@ -20,14 +20,14 @@ from machopt.formats.toolpath import read_toolpath
 from machopt.placement.moved import refuse
 from machopt.placement.search import Site
 from machopt.services.knownrobot import reading_of
-from machopt.services.place_asked import Request, refuse_options
+from machopt.services.place_asked import PlaceRequest, refuse_options
 
 A = TypeVar("A")
 B = TypeVar("B")
 _one_at_a_time = threading.Lock()  # a worker of a cluster may have threads; a plan uses the cores by itself
 
 
-def read(request: Request) -> tuple[Cell, tuple[Toolpath, ...]]:
+def read(request: PlaceRequest) -> tuple[Cell, tuple[Toolpath, ...]]:
     """The files that the request names.
 
     Raises:
@@ -38,7 +38,7 @@ def read(request: Request) -> tuple[Cell, tuple[Toolpath, ...]]:
     return cell, tuple(read_toolpath(file, **reading_of(cell), **reading) for file, reading in pairs)
 
 
-def site_of(request: Request, cell: Cell, toolpaths: tuple[Toolpath, ...]) -> tuple[Site, PlanOptions]:
+def site_of(request: PlaceRequest, cell: Cell, toolpaths: tuple[Toolpath, ...]) -> tuple[Site, PlanOptions]:
     """What is looked at from everywhere.
 
     Raises:
@@ -61,7 +61,7 @@ def answer(order: bytes, ask: Callable[[Any, A], B], item: A) -> B:
 
 
 @functools.lru_cache(maxsize=1)
-def _known(order: bytes) -> tuple[Request, Site]:
-    request: Request = pickle.loads(order)
+def _known(order: bytes) -> tuple[PlaceRequest, Site]:
+    request: PlaceRequest = pickle.loads(order)
     with in_use(with_effects(request.effects)):
         return request, site_of(request, *read(request))[0]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from machopt.design.asked import (
-    Request,
+    PosesRequest,
     unchecked_poses,
 )
 from machopt.domain.manifest import ManifestFile
@@ -21,11 +21,11 @@ from machopt.services.inputs import recording_inputs, single
 from machopt.services.manifest import write_command_manifest
 from machopt.services.poses_planned import Planned, planned
 
-__all__ = ["Outcome", "Request", "run_plan_poses"]
+__all__ = ["PosesOutcome", "PosesRequest", "run_plan_poses"]
 
 
 @dataclass(frozen=True)
-class Outcome:
+class PosesOutcome:
     """What came out; ``exit_code`` is 0, or 3 where no pose can be measured."""
 
     exit_code: int
@@ -34,7 +34,7 @@ class Outcome:
     message: str  # one sentence for the user
 
 
-def run_plan_poses(request: Request, progress: Callable[[str], None] = lambda _: None) -> Outcome:
+def run_plan_poses(request: PosesRequest, progress: Callable[[str], None] = lambda _: None) -> PosesOutcome:
     """Plan load tests and write them out.
 
     Args:
@@ -52,7 +52,7 @@ def run_plan_poses(request: Request, progress: Callable[[str], None] = lambda _:
         refuse_without_pyarrow(request.tables)
         done = planned(request, progress)
         write(done, folder, progress)
-    return Outcome(done.exit_code, done.result, request.out / "report.html", done.message)
+    return PosesOutcome(done.exit_code, done.result, request.out / "report.html", done.message)
 
 
 def write(done: Planned, folder: Path, progress: Callable[[str], None] = lambda _: None) -> None:
@@ -77,7 +77,7 @@ def write(done: Planned, folder: Path, progress: Callable[[str], None] = lambda 
     )
 
 
-def _read(request: Request) -> tuple[ManifestFile, ...]:
+def _read(request: PosesRequest) -> tuple[ManifestFile, ...]:
     """What a plan was made from beside its cell."""
     found = () if request.discriminate is None else recording_inputs([request.discriminate], "diagnosis")
     return (*found, *(single(f, "effects") for f in request.effects))

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from machopt.design.asked import (
-    Request,
+    PosesRequest,
     check,
     unchecked_poses,
 )
@@ -37,7 +37,7 @@ from machopt.services.poses_diagnosed import diagnosed
 class Planned:
     """Load tests in memory: nothing of them is written yet."""
 
-    request: Request
+    request: PosesRequest
     cell: Cell
     table: PosesTable | None  # None where no pose can be measured
     template: Recording | None
@@ -55,7 +55,7 @@ class Planned:
         return with_scope(self.verdict, unchecked_poses(self.request))
 
 
-def planned(request: Request, progress: Callable[[str], None], cell: Cell | None = None) -> Planned:
+def planned(request: PosesRequest, progress: Callable[[str], None], cell: Cell | None = None) -> Planned:
     """The load tests.
 
     Args:

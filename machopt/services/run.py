@@ -17,14 +17,14 @@ from machopt.postprocess.written import write_programs
 from machopt.recheck.folder import content_checks, verify_folder
 from machopt.services.front import FILE as FRONT
 from machopt.services.front import front, write_front
-from machopt.services.load import Request, load
+from machopt.services.load import OptimizeRequest, load
 from machopt.services.planned import Planned, planned
 from machopt.services.tell import tell, write_tables
 from machopt.verify import Verification
 
 
 @dataclass(frozen=True)
-class Outcome:
+class OptimizeOutcome:
     """What came out; ``exit_code`` is 0, 3 or 4."""
 
     exit_code: int
@@ -40,7 +40,7 @@ class Written:
     verification: Verification | None  # of every file; None where there is no motion
 
 
-def optimize(request: Request, progress: Callable[[str], None] = lambda _: None) -> Outcome:
+def optimize(request: OptimizeRequest, progress: Callable[[str], None] = lambda _: None) -> OptimizeOutcome:
     """Run the main job.
 
     Raises:
@@ -52,7 +52,7 @@ def optimize(request: Request, progress: Callable[[str], None] = lambda _: None)
             given = load(request)
         with output_folder(request.out) as folder:
             result = write(planned(given, timings), folder).result
-    return Outcome(result.exit_code, result, request.out / "report.html")
+    return OptimizeOutcome(result.exit_code, result, request.out / "report.html")
 
 
 def write(the_plan: Planned, folder: Path) -> Written:

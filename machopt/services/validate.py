@@ -8,7 +8,7 @@ from pathlib import Path
 
 from machopt.cells.picture import picture
 from machopt.cells.problems import read_all
-from machopt.cells.review import Finding, review
+from machopt.cells.review import Remark, review
 from machopt.domain.cell import Cell
 from machopt.effects.own import in_use, with_effects
 from machopt.errors import InputError
@@ -20,11 +20,11 @@ class Validated:
     """What was found."""
 
     cell: Cell | None  # without what is wrong; None where too much is
-    findings: tuple[Finding, ...]  # errors first
+    findings: tuple[Remark, ...]  # errors first
     picture: Path | None
 
     @property
-    def errors(self) -> tuple[Finding, ...]:
+    def errors(self) -> tuple[Remark, ...]:
         return tuple(f for f in self.findings if f.level == "error")
 
     @property
@@ -56,27 +56,27 @@ def validate(
 
 def _validated(path: Path, allow_external: bool, picture_file: Path | None) -> Validated:
     read = read_all(path, allow_external=allow_external)
-    found = [Finding("error", "", str(p)) for p in read.problems]
+    found = [Remark("error", "", str(p)) for p in read.problems]
     drawn = None
     if read.cell is not None:
         found += [f for f in review(read.cell) if not _put_aside(f, read.put_aside)]
-        found += [Finding("warning", "", w) for w in read.cell.warnings]
+        found += [Remark("warning", "", w) for w in read.cell.warnings]
         if picture_file is not None:
             drawn = _draw(read.cell, picture_file, found)
     found.sort(key=lambda f: f.level)  # stable, and errors come first by the alphabet
     return Validated(read.cell, tuple(found), drawn)
 
 
-def _put_aside(finding: Finding, keys: tuple[str, ...]) -> bool:
+def _put_aside(finding: Remark, keys: tuple[str, ...]) -> bool:
     """What is only missing because a mistake in it has been told already."""
     return finding.where != "" and any(k.split(".")[0] == finding.where.split(".")[0] for k in keys)
 
 
-def _draw(cell: Cell, file: Path, found: list[Finding]) -> Path | None:
+def _draw(cell: Cell, file: Path, found: list[Remark]) -> Path | None:
     try:
         text = picture(cell)
     except InputError as problem:
-        found.append(Finding("error", "", str(problem)))
+        found.append(Remark("error", "", str(problem)))
         return None
     try:
         file.write_text(text + "\n", encoding="utf-8", newline="\n")

@@ -12,7 +12,7 @@ from machopt.formats.toolchoice import with_tools
 from machopt.output.manifest import read_manifest
 from machopt.recheck.age import made_otherwise
 from machopt.recheck.folder import verify_folder
-from machopt.recheck.inforce import Request, in_force
+from machopt.recheck.inforce import VerifyRequest, in_force
 from machopt.recheck.scope import not_run, unchecked
 from machopt.services.inputs import cell_inputs, distinct, single
 from machopt.services.knownrobot import known_robot
@@ -29,7 +29,7 @@ class Verified:
     notes: tuple[str, ...]  # options that the user gave and the folder was not made with
 
 
-def verify(request: Request) -> Verified:
+def verify(request: VerifyRequest) -> Verified:
     """Check an output folder of optimize against cell and toolpath.
 
     Raises:
@@ -39,7 +39,7 @@ def verify(request: Request) -> Verified:
         return _verified(request)
 
 
-def _verified(request: Request) -> Verified:
+def _verified(request: VerifyRequest) -> Verified:
     if not request.out.is_dir():
         raise InputError("is not a folder; give the output folder of optimize", file=request.out)
     cell = load_cell(request.cell, allow_external=request.allow_external)

@@ -13,7 +13,7 @@ from machopt.formats.options import load_options, options_as_user
 from machopt.formats.reading import reading_from_user
 from machopt.output.manifest import MANIFEST, read_manifest
 from machopt.report.cell_page import cell_html
-from machopt.services.load import Request, load
+from machopt.services.load import OptimizeRequest, load
 from machopt.view.origin import changed, origin_of
 from machopt.view.server import Server
 from machopt.view.session import Session
@@ -26,7 +26,7 @@ class Asked:
     """What the user wants to see."""
 
     places: tuple[Path, ...]  # OUT; CELL; CELL TOOLPATH; OUT CELL TOOLPATH
-    request: Request  # options, reading and so on; its places are not looked at
+    request: OptimizeRequest  # options, reading and so on; its places are not looked at
     save: Path  # where the plan file goes
     words: tuple[str, ...] = ()  # of the reading options, for the command that plans the same
     port: int = 0
@@ -108,7 +108,7 @@ def _fixed(text: str, port: int) -> Server:
     return Server(lambda: text, lambda *_: {}, (), port)
 
 
-def _request(asked: Asked, out: Path | None, cell: Path, toolpath: Path) -> Request:
+def _request(asked: Asked, out: Path | None, cell: Path, toolpath: Path) -> OptimizeRequest:
     """The job, under the options an output folder was made with where one is given."""
     request = replace(asked.request, cell=cell, toolpath=toolpath)
     if out is None:

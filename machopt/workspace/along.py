@@ -7,7 +7,16 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.domain.reason import Reason
-from machopt.workspace.postures import Arm, Candidates, Collides, Goodness, Pick, Postures, candidates, place_turns
+from machopt.workspace.postures import (
+    Candidates,
+    Collides,
+    Goodness,
+    Pick,
+    Postures,
+    ReachingArm,
+    candidates,
+    place_turns,
+)
 
 JUMP = np.radians(45.0)
 """A joint that moves further between neighbouring samples has jumped: another branch differs by far more (a flipped
@@ -15,7 +24,7 @@ wrist by 180° of axis 4), a joint that is driven along a finely sampled line by
 
 
 def follow(
-    arm: Arm, T_base_tcp: Array, gamma: Array, goodness: Goodness, pick: Pick, collides: Collides | None = None
+    arm: ReachingArm, T_base_tcp: Array, gamma: Array, goodness: Goodness, pick: Pick, collides: Collides | None = None
 ) -> Postures:
     """Follow every branch of every rotation from its first sample on, and keep the best chain.
 
@@ -85,7 +94,9 @@ def follow(
     return out
 
 
-def _chains(arm: Arm, found: Candidates, M: int, R: int, B: int) -> tuple[Array, NDArray[np.int64], NDArray[np.uint8]]:
+def _chains(
+    arm: ReachingArm, found: Candidates, M: int, R: int, B: int
+) -> tuple[Array, NDArray[np.int64], NDArray[np.uint8]]:
     """R·B chains over M samples: postures (M, R, B, 6), branches and reasons (M, R, B)."""
     options, why = found.q.reshape(M, R, B, 6), found.reason.reshape(M, R, B)
     q = np.full((M, R, B, 6), np.nan)

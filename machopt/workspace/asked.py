@@ -24,7 +24,7 @@ _MM, _DEG = 1e-3, radians(1.0)
 
 
 @dataclass(frozen=True)
-class Request:
+class MapRequest:
     """The options of ``machopt map`` as the user wrote them: mm, degrees, N, N·m."""
 
     cell: Path
@@ -82,7 +82,7 @@ class MapOptions:
     collision: Literal["none", "self", "cell"]
 
 
-def resolve(request: Request, cell: Cell) -> MapOptions:
+def resolve(request: MapRequest, cell: Cell) -> MapOptions:
     """Check a request against its cell.
 
     Raises:
@@ -157,7 +157,7 @@ def numbers(text: str, count: int, where: str, example: str) -> tuple[float, ...
     return values
 
 
-def _kind(request: Request) -> Kind:
+def _kind(request: MapRequest) -> Kind:
     asked = {
         "--slice": request.slice is not None,
         "--volume": request.volume,
@@ -257,7 +257,7 @@ def _steps(words: tuple[str, ...], axes: tuple[str, ...], kind: Kind, unit: floa
     return out
 
 
-def _rotations(request: Request) -> Array:
+def _rotations(request: MapRequest) -> Array:
     if not isfinite(request.gamma):
         raise InputError(f"found {request.gamma:g}, expected a rotation in deg", where="--gamma")
     if not 1 <= request.rotation_step <= 180:
@@ -274,7 +274,7 @@ def _pick(word: str) -> Pick:
     raise InputError(f"found {word!r}, expected best, worst, home or the number of a branch", where="--pick")
 
 
-def _load(request: Request) -> Load | None:
+def _load(request: MapRequest) -> Load | None:
     if request.load_axes not in ("frame", "tool"):
         raise InputError(f"found {request.load_axes!r}, expected frame or tool", where="--load-axes")
     axes = cast(Literal["frame", "tool"], request.load_axes)

@@ -21,12 +21,20 @@ from machopt.model.robot import LinkShape, Robot, load_masses
 from machopt.workspace.along import follow
 from machopt.workspace.asked import MapOptions
 from machopt.workspace.fields import FIELDS, Field, Setting, default_criterion, offered
-from machopt.workspace.postures import Arm, Collides, Goodness, Postures, choose_postures, given_postures, tool_poses
+from machopt.workspace.postures import (
+    Collides,
+    Goodness,
+    Postures,
+    ReachingArm,
+    choose_postures,
+    given_postures,
+    tool_poses,
+)
 from machopt.workspace.samples import Samples
 
 
-def arm_of(cell: Cell, robot: Robot, options: PlanOptions) -> Arm:
-    return Arm(
+def arm_of(cell: Cell, robot: Robot, options: PlanOptions) -> ReachingArm:
+    return ReachingArm(
         robot=robot,
         solver=solver_for(robot),
         T_flange_tcp=cell.tool.T_flange_tcp,
@@ -81,7 +89,7 @@ def collides_of(
 
 
 def postures_of(
-    samples: Samples, arm: Arm, cell: Cell, options: MapOptions, goodness: Goodness, collides: Collides | None
+    samples: Samples, arm: ReachingArm, cell: Cell, options: MapOptions, goodness: Goodness, collides: Collides | None
 ) -> dict[str, Postures]:
     """Layers by name: "given" rotation, and "free" where the rotation may be chosen."""
     if samples.q is not None:

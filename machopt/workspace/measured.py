@@ -10,10 +10,10 @@ from machopt.arrays import Array
 from machopt.domain.measured import MeasuredStiffness
 from machopt.errors import InputError
 from machopt.se3 import inverse
-from machopt.workspace.asked import MapOptions, Request
+from machopt.workspace.asked import MapOptions, MapRequest
 from machopt.workspace.fields import Field, Setting
 from machopt.workspace.idw import Interpolated, interpolate_idw, leave_one_out
-from machopt.workspace.postures import Arm, choose_postures, tool_poses
+from machopt.workspace.postures import ReachingArm, choose_postures, tool_poses
 
 APART = 5e-3  # m; places and joints of a table that disagree by more belong to another tool or frame
 
@@ -51,9 +51,9 @@ class Comparison:
 
 def compare(
     table: MeasuredStiffness,
-    request: Request,
+    request: MapRequest,
     options: MapOptions,
-    arm: Arm,
+    arm: ReachingArm,
     setting: Setting,
     criterion: Field,
     places: Array,
@@ -105,7 +105,7 @@ def compare(
 
 
 def _places(
-    table: MeasuredStiffness, options: MapOptions, arm: Arm, setting: Setting, criterion: Field
+    table: MeasuredStiffness, options: MapOptions, arm: ReachingArm, setting: Setting, criterion: Field
 ) -> tuple[Array, Array, list[str]]:
     """Positions (P, 3) in the map's frame, postures (P, 6) with NaN where none, and what to warn of."""
     warnings: list[str] = []

@@ -30,7 +30,7 @@ EQUAL = 1e-6  # relative; postures this near the best (a flipped wrist is equall
 
 
 @dataclass(frozen=True)
-class Arm:
+class ReachingArm:
     """What inverse kinematics needs to know of a cell."""
 
     robot: Robot
@@ -107,7 +107,7 @@ def place_turns(q: Array, lower: Array, upper: Array, near: Array) -> Array:
         return np.where(first <= last, q + turn * best, np.nan)
 
 
-def candidates(arm: Arm, T_base_tcp: Array) -> Candidates:
+def candidates(arm: ReachingArm, T_base_tcp: Array) -> Candidates:
     """All branches at (N, R, 4, 4) poses, flattened to N·R rows."""
     branches = arm.solver.solve_grid(T_base_tcp @ inverse(arm.T_flange_tcp))
     reason = branch_reasons(branches, arm.margins)
@@ -119,7 +119,7 @@ def candidates(arm: Arm, T_base_tcp: Array) -> Candidates:
 
 
 def choose_postures(
-    arm: Arm,
+    arm: ReachingArm,
     poses: Callable[[slice], Array],
     size: tuple[int, int],
     gamma: Array,

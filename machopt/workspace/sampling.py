@@ -10,7 +10,7 @@ from machopt.domain.cell import Cell
 from machopt.errors import InputError
 from machopt.se3 import inverse
 from machopt.workspace.asked import MapOptions
-from machopt.workspace.postures import Arm, candidates, tool_poses
+from machopt.workspace.postures import ReachingArm, candidates, tool_poses
 from machopt.workspace.samples import (
     XYZ,
     Axis,
@@ -34,7 +34,7 @@ _PROBE = {"slice": 37, "volume": 19}  # coarse samples along each axis that find
 _PROBE_ROTATIONS = 8
 
 
-def build_samples(cell: Cell, arm: Arm, options: MapOptions) -> Samples:
+def build_samples(cell: Cell, arm: ReachingArm, options: MapOptions) -> Samples:
     """Samples in the map's frame.
 
     Raises:
@@ -88,7 +88,7 @@ def _line(options: MapOptions) -> Samples:
     return straight_line(start, end, count)
 
 
-def _reached(arm: Arm, options: MapOptions) -> dict[str, tuple[float, float]]:
+def _reached(arm: ReachingArm, options: MapOptions) -> dict[str, tuple[float, float]]:
     """The box that holds all of a coarse grid that the TCP reaches in some rotation, rounded outwards."""
     centre, radius = farthest_reach(arm.robot, arm.T_flange_tcp)
     T_frame_base = inverse(options.T_base_frame)

@@ -26,7 +26,7 @@ from machopt.version import __version__
 from machopt.workspace.asked import MapOptions
 from machopt.workspace.fields import Field, Setting, Unit, Values
 from machopt.workspace.measured import Comparison
-from machopt.workspace.postures import Arm, Postures
+from machopt.workspace.postures import Postures, ReachingArm
 from machopt.workspace.samples import Samples, farthest_reach
 
 MM, DEG = 1e3, float(np.degrees(1.0))
@@ -78,7 +78,7 @@ def map_json(
     options: MapOptions,
     setting: Setting,
     samples: Samples,
-    arm: Arm,
+    arm: ReachingArm,
     layers: list[Layer],
     criterion: Field,
     comparison: Comparison | None,
@@ -199,7 +199,7 @@ def _measured(c: Comparison) -> MeasuredTold:
 
 
 def _sentence(
-    samples: Samples, layers: list[Layer], criterion: Field, arm: Arm, setting: Setting, options: MapOptions
+    samples: Samples, layers: list[Layer], criterion: Field, arm: ReachingArm, setting: Setting, options: MapOptions
 ) -> str:
     most = max(layers, key=lambda layer: int(layer.postures.ok.sum()))
     count = int(most.postures.ok.sum())

@@ -15,7 +15,7 @@ from typing import Any
 from machopt.output import MANIFEST
 from machopt.output.hashes import sha256_of
 from machopt.output.manifest import listed, seal
-from machopt.services.load import Request
+from machopt.services.load import OptimizeRequest
 from machopt.services.run import optimize
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -77,7 +77,7 @@ def plan_table(
     shutil.copytree(cell, folder / "cell")
     job = Job(folder / "cell", toolpath, folder / "out", posts)
     coarse = ("rotation_step_deg=15", *overrides)  # the plan need not be good, only sound
-    outcome = optimize(Request(cell=job.cell, toolpath=toolpath, out=job.out, overrides=coarse, posts=posts))
+    outcome = optimize(OptimizeRequest(cell=job.cell, toolpath=toolpath, out=job.out, overrides=coarse, posts=posts))
     assert outcome.exit_code == 0, outcome.result.plain()["verification"]
     return job
 

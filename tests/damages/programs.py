@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from damages.damage import CELLS, JOBS, Damage, Job, one
-from machopt.services.load import Request
+from machopt.services.load import OptimizeRequest
 from machopt.services.run import optimize
 
 # a pass over the head with a corner, feeds, and everything that has to happen beside
@@ -67,7 +67,9 @@ def plan_in(language: str, folder: Path) -> Job:
     toolpath.write_text(APT, encoding="utf-8")
     job = Job(folder / "cell", toolpath, folder / "out", (language,))
     outcome = optimize(
-        Request(cell=job.cell, toolpath=toolpath, out=job.out, posts=(language,), overrides=("rotation_step_deg=15",))
+        OptimizeRequest(
+            cell=job.cell, toolpath=toolpath, out=job.out, posts=(language,), overrides=("rotation_step_deg=15",)
+        )
     )
     assert outcome.exit_code == 0, outcome.result.plain()["verification"]
     return job

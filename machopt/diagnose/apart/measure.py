@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from machopt.design.asked import (
-    Request,
+    PosesRequest,
     enough_numbers,
     load_criteria,
     noise_of,
@@ -50,7 +50,9 @@ class Measurement:
     warnings: tuple[str, ...]
 
 
-def measurement(request: Request, cell: Cell, found: Diagnosed | None, progress: Callable[[str], None]) -> Measurement:
+def measurement(
+    request: PosesRequest, cell: Cell, found: Diagnosed | None, progress: Callable[[str], None]
+) -> Measurement:
     """Choose poses and loads.
 
     Args:

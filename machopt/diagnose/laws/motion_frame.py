@@ -77,7 +77,7 @@ class Scene:
         return bool(np.ptp(self.motion.q[:, joint]) > calibrated.MOTION.moves)
 
 
-class Fit:
+class PowerTaken:
     """What columns take of a problem's power once the base is refitted beside them; coordinates weighted alike."""
 
     def __init__(self, y: Array, base: Array, weight: Array) -> None:

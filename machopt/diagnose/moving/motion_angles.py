@@ -14,7 +14,7 @@ import numpy as np
 
 from machopt.diagnose import calibrated
 from machopt.diagnose.laws.at_angle import hypothesis
-from machopt.diagnose.laws.motion_frame import Fit, Scene
+from machopt.diagnose.laws.motion_frame import PowerTaken, Scene
 from machopt.diagnose.nouns.problem import Finer, Hypothesis, Shape, Untestable
 from machopt.domain.location import joints_of
 from machopt.effects import registry
@@ -52,7 +52,7 @@ def orders(scene: Scene, joint: int) -> Finer:
     return Finer(about, lambda s: float(s[0]).is_integer(), said)
 
 
-def hypotheses(scene: Scene, joint: int, fit: Fit) -> tuple[list[Hypothesis], list[Untestable]]:
+def hypotheses(scene: Scene, joint: int, fit: PowerTaken) -> tuple[list[Hypothesis], list[Untestable]]:
     """Every law at every place that moves this joint (0-based), where the motion can show one.
 
     Also those that the channel's base takes up: an angle that grows with the joint's own torque, say.

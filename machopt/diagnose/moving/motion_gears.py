@@ -12,7 +12,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
-from machopt.diagnose.laws.motion_frame import ARCMIN, Fit, Scene, curve, joint_law, one_joint
+from machopt.diagnose.laws.motion_frame import ARCMIN, PowerTaken, Scene, curve, joint_law, one_joint
 from machopt.diagnose.moving.motion_torque import gear_load
 from machopt.diagnose.nouns.lowpass import zero_phase
 from machopt.diagnose.nouns.problem import Curve, Hypothesis, Quantity, Shape
@@ -23,7 +23,7 @@ from machopt.effects.given import Parameters
 from machopt.effects.protocol import MEMORIES, Drive, Effect, Law, Scale, Swinging, SwingLaw, timed
 
 
-def gear_laws(scene: Scene, joint: int, load: Array, inertia: Array | None, fit: Fit) -> list[Hypothesis]:
+def gear_laws(scene: Scene, joint: int, load: Array, inertia: Array | None, fit: PowerTaken) -> list[Hypothesis]:
     """All laws of one joint.
 
     Args:
@@ -128,7 +128,7 @@ def _driven(scene: Scene, joint: int, load: Array) -> Drive:
 
 
 def _vibration(
-    scene: Scene, joint: int, effect: Effect, law: SwingLaw, load: Array, inertia: Array, fit: Fit
+    scene: Scene, joint: int, effect: Effect, law: SwingLaw, load: Array, inertia: Array, fit: PowerTaken
 ) -> list[Hypothesis]:
     """What swings on the joint's spring, integrated in time; its static part is in the base."""
     seen = Swinging(load, inertia, scene.step, scene.first)

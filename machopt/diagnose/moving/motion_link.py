@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.diagnose.laws.motion_frame import Fit, Scene
+from machopt.diagnose.laws.motion_frame import PowerTaken, Scene
 from machopt.diagnose.moving import motion_angles
 from machopt.diagnose.moving.motion_clock import clocks, valley
 from machopt.diagnose.moving.motion_gears import drive, gear_laws, known
@@ -82,7 +82,7 @@ def build(scene: Scene, joints: list[int]) -> tuple[Problem, Catalogue]:
         for j in joints if scene.known else ():
             y = y - scene.column(j, known(scene, j, found.load[:, j]))[:, :, 0]
     # encoders of one kind have one noise, whatever the joints leave
-    fit = Fit(y, base, np.ones(len(joints)))
+    fit = PowerTaken(y, base, np.ones(len(joints)))
     for j in joints:
         if found is not None:
             out += gear_laws(scene, j, found.load[:, j], None if inertia is None else inertia[:, j], fit)

@@ -13,7 +13,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
-from machopt.diagnose.laws.motion_frame import Fit, Scene
+from machopt.diagnose.laws.motion_frame import PowerTaken, Scene
 from machopt.diagnose.moving import motion_angles
 from machopt.diagnose.moving.motion_checks import sign_test
 from machopt.diagnose.moving.motion_clock import clocks, followers, valley
@@ -100,7 +100,7 @@ def build(scene: Scene, robot: Robot) -> tuple[Problem, Catalogue, list[Finding]
     scene = replace(scene, lift=lift)
     out: list[Hypothesis] = []
     inertia = None if scene.dynamics is None else scene.dynamics.own_inertia(m.q)
-    fit = Fit(y, base, np.ones(3))
+    fit = PowerTaken(y, base, np.ones(3))
     for j in range(6):
         if load is not None:
             out += gear_laws(scene, j, load[:, j], None if inertia is None else inertia[:, j], fit)
@@ -208,7 +208,7 @@ def _late_encoders(y: Array, base: Array, scene: Scene, followed: Array, lag: Ar
     ]
 
 
-def _servo(scene: Scene, fit: Fit, robot: Robot, asked: Array, followed: Array, lag: Array) -> list[Hypothesis]:
+def _servo(scene: Scene, fit: PowerTaken, robot: Robot, asked: Array, followed: Array, lag: Array) -> list[Hypothesis]:
     """The arm follows its command late: as the encoders show it, and as one delay of all joints."""
     m = scene.motion
     T_tool = scene.cell.tool.T_flange_tcp

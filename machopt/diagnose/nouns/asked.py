@@ -13,7 +13,7 @@ MOST_AT_REST = 6  # a load and both its signs in many directions carry more
 
 
 @dataclass(frozen=True)
-class Request:
+class DiagnoseRequest:
     """One run."""
 
     cell: Path
@@ -45,7 +45,7 @@ class Request:
         }
 
 
-def check(request: Request, kind: str) -> None:
+def check(request: DiagnoseRequest, kind: str) -> None:
     """Refuse what cannot be diagnosed of a recording of this kind, before minutes of work.
 
     Raises:

@@ -26,7 +26,7 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class Fit:
+class LawFit:
     """A law as fitted to the recording, SI; with it the law can be predicted where nothing was measured yet."""
 
     coefficients: tuple[float, ...]
@@ -45,8 +45,8 @@ class Rival:
     standing: Literal["rejected", "not excluded"]
     p_value: float  # that it does as well, paired over held-out groups
     placebo: bool = False  # a law that must lose: the same at a wrong place, or with its driver shuffled
-    fit: Fit | None = None
-    named: Fit | None = None  # of the law it was compared with
+    fit: LawFit | None = None
+    named: LawFit | None = None  # of the law it was compared with
 
 
 @dataclass(frozen=True)

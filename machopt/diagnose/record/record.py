@@ -27,7 +27,7 @@ from machopt.effects.sensor import DISPLACEMENT, FRAME, LOAD
 from machopt.estimate.experiment import Experiment, experiment
 from machopt.estimate.robust import start
 from machopt.identify.check import check_experiment
-from machopt.identify.finding import Finding as Problem
+from machopt.identify.finding import RecordFault as Problem
 from machopt.identify.units import reach_of
 from machopt.model.robot import Robot
 

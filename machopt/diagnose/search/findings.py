@@ -11,7 +11,7 @@ from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.evidence.grams import Model, Tried, sandwich
 from machopt.diagnose.nouns.problem import Shape
-from machopt.diagnose.nouns.result import Estimate, Fit, Name, Rival
+from machopt.diagnose.nouns.result import Estimate, LawFit, Name, Rival
 from machopt.diagnose.search.screen import Scored, score
 from machopt.diagnose.search.select import Chosen, with_chosen
 from machopt.effects import registry
@@ -38,9 +38,9 @@ def rivals(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tried
             best[name] = s
     own = next(s for s in scored if s.tried is chosen[k].tried)
 
-    def fit(s: Scored) -> Fit:
+    def fit(s: Scored) -> LawFit:
         x, shape = s.x * s.tried.unit[s.shape], s.tried.shapes[s.shape]
-        return Fit(tuple(float(v) for v in x), tuple(shape), s.tried.hypothesis.correction(x, shape))
+        return LawFit(tuple(float(v) for v in x), tuple(shape), s.tried.hypothesis.correction(x, shape))
 
     named = fit(chosen[k].scored)
     spread = with_chosen(model, chosen).spread

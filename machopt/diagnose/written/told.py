@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.diagnose.nouns.problem import Correction, RecordCorrection
-from machopt.diagnose.nouns.result import Diagnosis, Finding, Fit
+from machopt.diagnose.nouns.result import Diagnosis, Finding, LawFit
 from machopt.domain.cell import Cell
 from machopt.domain.kinematics import KinematicCorrection
 from machopt.domain.recording import Recording
@@ -200,7 +200,7 @@ def _recorded(recording: Recording | Sequence[Recording], d: Diagnosis) -> Recor
     return out.model_copy(update=scatter)
 
 
-def _fit(fit: Fit | None) -> FittedLaw | None:
+def _fit(fit: LawFit | None) -> FittedLaw | None:
     """What plan-poses needs to predict a law at poses not measured yet."""
     if fit is None:
         return None

@@ -11,7 +11,7 @@ import numpy as np
 from machopt.formats.programs.builder import Builder
 from machopt.formats.programs.parsed import JOINT, LINEAR, Frame, ParsedProgram
 from machopt.formats.programs.rotations import matrix
-from machopt.formats.programs.urscript_values import Pose, ScriptError, Unknown, arguments, evaluate
+from machopt.formats.programs.urscript_values import Pose, ScriptError, UnknownValue, arguments, evaluate
 from machopt.formats.source import Source
 
 _DEF = re.compile(r"(def|thread)\s+(\w+)\s*\((.*)\)\s*:")
@@ -236,7 +236,7 @@ class _Reader:
             self.out.joint(axes, line.number, kind=kind, feed=feed, blend=length("r"), configuration=step)
             return
         if not isinstance(target, Pose):
-            shown = "a value known only while the robot runs" if isinstance(target, Unknown) else "no target"
+            shown = "a value known only while the robot runs" if isinstance(target, UnknownValue) else "no target"
             raise ScriptError(f"{name} goes to {shown}; expected p[x,y,z,rx,ry,rz] or six joints")
         if name == "movec":
             via = options.get("via")

@@ -25,7 +25,7 @@ class ScriptError(ValueError):
 
 
 @dataclass(frozen=True)
-class Unknown:
+class UnknownValue:
     """A value that only the running robot knows."""
 
     text: str
@@ -42,7 +42,7 @@ class Pose:
 
 
 def evaluate(text: str, memory: Mapping[str, object], quietly: bool = False) -> object:
-    """The value of an expression; :class:`Unknown` with ``quietly`` where it cannot be had.
+    """The value of an expression; :class:`UnknownValue` with ``quietly`` where it cannot be had.
 
     Raises:
         ScriptError: it cannot be had.
@@ -58,7 +58,7 @@ def evaluate(text: str, memory: Mapping[str, object], quietly: bool = False) -> 
         return value
     except ScriptError:
         if quietly:
-            return Unknown(text[:40])
+            return UnknownValue(text[:40])
         raise
 
 
@@ -173,7 +173,7 @@ class _Parser(Descent[object]):
         if name not in self.memory:
             raise ScriptError(f"{name} is not set before it is used")
         value = self.memory[name]
-        if isinstance(value, Unknown):
+        if isinstance(value, UnknownValue):
             raise ScriptError(f"{name} = {value.text}: known only while the robot runs")
         if self.peek() == "[":
             self.take()

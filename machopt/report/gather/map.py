@@ -17,7 +17,7 @@ from machopt.version import __version__
 from machopt.workspace.asked import MapOptions
 from machopt.workspace.fields import Field, Setting
 from machopt.workspace.measured import Comparison
-from machopt.workspace.postures import Arm
+from machopt.workspace.postures import ReachingArm
 from machopt.workspace.samples import XYZ, Samples
 from machopt.workspace.told import DEG, MM, REASONS, Layer
 
@@ -49,7 +49,7 @@ def page_data(
     options: MapOptions,
     setting: Setting,
     samples: Samples,
-    arm: Arm,
+    arm: ReachingArm,
     layers: list[Layer],
     criterion: Field,
     comparison: Comparison | None,

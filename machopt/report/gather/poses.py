@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.design.asked import Request, shown
+from machopt.design.asked import PosesRequest, shown
 from machopt.design.candidates import PosePool
 from machopt.design.loadcases import LoadCases
 from machopt.design.maximin import needed_noncentrality
@@ -24,7 +24,7 @@ from machopt.version import __version__
 
 
 def page_of(
-    request: Request,
+    request: PosesRequest,
     cell: Cell,
     robot: Robot,
     pool: PosePool,
