@@ -132,23 +132,25 @@ def test_a_table_gives_most_at_its_rim(tmp_path: Path) -> None:
 BLOCK = """external_joints:
   rail:
     stiffness_N_mm: 4.0e+4
+    std_N_mm: 3.0e+3
     compliance_diagonal: [2e-9, 2e-9, 1e-9, 2e-8, 3e-8, 1e-8]
     at_mm: [0, 0, 100]
     mass_kg: 900
     com_mm: [0, 0, -80]
-  e2: {stiffness_Nm_per_rad: 6.0e+5}
+  e2: {stiffness_Nm_per_rad: 6.0e+5, std_Nm_per_rad: 9.0e+4}
 """
+COVARIANCE = "covariance: [" + ", ".join(str([1e-14 if i == j else 0.0 for i in range(6)]) for j in range(6)) + "]\n"
 
 
 def test_a_file_comes_back(tmp_path: Path) -> None:
     folder = external_folder(tmp_path, rail=True, table=True)
     file = folder / "stiffness.yaml"
-    file.write_text(file.read_text() + BLOCK)
+    file.write_text(file.read_text() + COVARIANCE + BLOCK)
     cell = load_cell(folder)
     assert cell.stiffness is not None
     rail, turn = cell.stiffness.external
-    assert (rail.joint, rail.slides, rail.stiffness, rail.mass) == ("rail", True, 4e7, 900.0)
-    assert (turn.joint, turn.slides, turn.stiffness) == ("turn", False, 6e5)
+    assert (rail.joint, rail.slides, rail.stiffness, rail.std, rail.mass) == ("rail", True, 4e7, 3e6, 900.0)
+    assert (turn.joint, turn.slides, turn.stiffness, turn.std) == ("turn", False, 6e5, 9e4)
     assert np.allclose(np.diag(rail.compliance), [2e-9, 2e-9, 1e-9, 2e-8, 3e-8, 1e-8])
     write_stiffness(tmp_path / "again.yaml", cell.stiffness)
     again = load_stiffness(tmp_path / "again.yaml").external
@@ -168,6 +170,9 @@ def test_a_file_comes_back(tmp_path: Path) -> None:
         ("turn: {compliance_diagonal: [1, 0, 0, 0, 0, 0]}", "expected m/N of at most 0.0001"),
         ("turn: {compliance_diagonal: [-1e-9, 0, 0, 0, 0, 0]}", "a compliance is at least zero"),
         ("turn: {stifness_Nm_per_rad: 5e5}", "stiffness_Nm_per_rad"),
+        ("rail: {std_N_mm: 400, mass_kg: 3}", "stiffness_N_mm beside it would work"),
+        ("rail: {std_N_mm: 400, stiffness_N_mm: 300}", "expected less than the stiffness, 300"),
+        ("rail: {std_N_mm: 400, stiffness_N_mm: 4000}", "covariance (or discrepancy"),
         ("e2: {mass_kg: 3}\n  turn: {mass_kg: 3}", "joint 'turn' is named twice"),
     ],
 )
@@ -233,8 +238,9 @@ def test_the_whole_command_counts_them(tmp_path: Path) -> None:
         "0,0,0,0,0,1,cut,1500\n60,80,0,0,0,1,cut,1500\n60,80,60,0,0,1,retract,3000\n"
     )
     rigid = (folder / "stiffness.yaml").read_text()
-    (folder / "stiffness.yaml").write_text(rigid + BLOCK)
-    assert main(["optimize", str(folder), str(job), "-o", str(tmp_path / "out"), "--quiet"]) == 0
+    (folder / "stiffness.yaml").write_text(rigid + COVARIANCE + BLOCK)
+    across = ["--set", "force_N.normal=200"]
+    assert main(["optimize", str(folder), str(job), "-o", str(tmp_path / "out"), "--quiet", *across]) == 0
     assert main(["verify", str(folder), str(job), str(tmp_path / "out"), "--quiet"]) == 0
     said = " ".join(json.loads((tmp_path / "out" / "result.json").read_text())["warnings"])
     assert "Weight on the springs of the external joints" in said

@@ -124,6 +124,12 @@ class ExternalSpring:
     at: Array  # (3,) m, in the body
     mass: float = 0.0  # kg of the body and what is bolted to it, the robot not among it
     com: Array | None = None  # (3,) m, in the body; None: its origin
+    std: float = 0.0  # 1 σ of the stiffness, in its unit; 0: it counts as exact
+
+    @property
+    def unsure(self) -> float:
+        """1 σ of the joint's compliance 1/k, to first order: rad/(N·m), m/N."""
+        return self.std / self.stiffness**2 if self.std else 0.0
 
     @property
     def gives(self) -> bool:

@@ -24,6 +24,8 @@ class ExternalKeys(Strict):
 
     stiffness_Nm_per_rad: float | None = Field(default=None, gt=0, description="of a joint that turns; none: rigid")
     stiffness_N_mm: float | None = Field(default=None, gt=0, description="N/mm, of a joint that slides; none: rigid")
+    std_Nm_per_rad: float | None = Field(default=None, gt=0, description="1 σ of it; none: it counts as exact")
+    std_N_mm: float | None = Field(default=None, gt=0, description="N/mm, 1 σ of it; none: it counts as exact")
     compliance_diagonal: list[float] | None = Field(
         default=None, min_length=6, max_length=6, description=f"of the body (carriage, table), at at_mm: {_UNITS}"
     )
@@ -61,6 +63,7 @@ def _spring(document: Document, loc: Loc, joint: str, keys: ExternalKeys) -> Ext
     if slides is not None:
         _within(document, (*loc, "stiffness_N_mm"), slides, _SOFT, _STIFF, "N/mm")
         stiffness = 1e3 * slides
+    std = _std(document, loc, keys)
     if keys.compliance is not None and keys.compliance_diagonal is not None:
         raise document.error(loc, "found compliance and compliance_diagonal; one of them is enough")
     if keys.mass_kg == 0.0 and any(keys.com_mm):
@@ -74,7 +77,25 @@ def _spring(document: Document, loc: Loc, joint: str, keys: ExternalKeys) -> Ext
         )
     com = np.array(keys.com_mm) / 1e3
     kind = None if turns is None and slides is None else slides is not None
-    return ExternalSpring(joint, float(stiffness), kind, C, np.array(keys.at_mm) / 1e3, keys.mass_kg, com)
+    return ExternalSpring(joint, float(stiffness), kind, C, np.array(keys.at_mm) / 1e3, keys.mass_kg, com, std)
+
+
+def _std(document: Document, loc: Loc, keys: ExternalKeys) -> float:
+    """1 σ of the stiffness in its unit, 0 where none is stated."""
+    for name, std, value, unit in (
+        ("std_Nm_per_rad", keys.std_Nm_per_rad, keys.stiffness_Nm_per_rad, 1.0),
+        ("std_N_mm", keys.std_N_mm, keys.stiffness_N_mm, 1e3),
+    ):
+        if std is None:
+            continue
+        if value is None:
+            raise document.error(
+                (*loc, name), f"is of no stiffness; {name.replace('std', 'stiffness')} beside it would work"
+            )
+        if std >= value:
+            raise document.error((*loc, name), f"found {show(std)}; expected less than the stiffness, {show(value)}")
+        return unit * std
+    return 0.0
 
 
 def _within(document: Document, loc: Loc, value: float, least: float, most: float, unit: str) -> None:
@@ -118,6 +139,8 @@ def stated(springs: tuple[ExternalSpring, ...]) -> dict[str, dict[str, object]]:
             own["stiffness_N_mm" if s.slides else "stiffness_Nm_per_rad"] = float(
                 s.stiffness / (1e3 if s.slides else 1)
             )
+        if s.std:
+            own["std_N_mm" if s.slides else "std_Nm_per_rad"] = float(s.std / (1e3 if s.slides else 1))
         if np.array_equal(s.compliance, np.diag(np.diag(s.compliance))):
             if s.compliance.any():
                 own["compliance_diagonal"] = np.diag(s.compliance).tolist()

@@ -94,6 +94,14 @@ def load_stiffness(path: Path | str) -> Stiffness:
     terms = tuple(Term(t.effect, t.location, t.parameters) for t in data.terms)
     doubt = None if data.discrepancy is None else _discrepancy(document, data.discrepancy)
     external = external_springs(document, data.external_joints)
+    known = covariance is not None or doubt is not None or (grid is not None and grid.std is not None)
+    for s in external:
+        if s.std and not known:
+            raise document.error(
+                ("external_joints", s.joint),
+                "says how sure its stiffness is, but the file does not say it of the arm, and no interval follows from "
+                "one alone; covariance (or discrepancy, or the grid's std_Nm_per_rad) beside it would work",
+            )
     position = None if data.position_error is None else _position_error(document, data.position_error)
     return Stiffness(joints, covariance, grid, terms, Path(path), data.estimated, doubt, external, position)
 

@@ -86,6 +86,15 @@ class Beside:
                 out.append(Part(line, f"the body on external joint {spring.joint}", C))
         return tuple(out)
 
+    def unsure(self, external: Array, position: Array) -> Array:
+        """(M, K, 6) s·√σ of the K joints that are not known exactly, σ that of 1/k: what 1 σ of each moves under a
+        wrench w is (s √σ)(s √σ)ᵀw. Arguments as of :meth:`compliance`."""
+        every = [(line, s) for line, s in self.springs if s.std]
+        out = np.zeros((len(position), len(every), 6))
+        for n, (line, spring) in enumerate(every):
+            out[:, n] = np.sqrt(spring.unsure) * self._line(line, self._stands(external, line)[0], position)
+        return out
+
     def settled(self, external: Array, place: Array, arm: Array) -> Array:
         """By how much weight moves the tool against the part, through these springs.
 

@@ -212,12 +212,15 @@ class Elastic:
         carried = np.linalg.solve(np.swapaxes(K, -1, -2), along[..., None])[..., 0]
         return np.asarray(carried * self.k**2 * bent)
 
-    def jiao_sensitivity(self, direction: Array) -> Array:
+    def jiao_sensitivity(self, direction: Array, lines: Array | None = None) -> Array:
         """∂(1/k_x)/∂c_j (M, 6) of :meth:`jiao_index` along unit directions (M, 3), in rad⁻¹·m/N·N·m.
+
+        Args:
+            lines: (M, 6, K) by how the TCP moves with a unit of other springs; None: with the arm's joints.
 
         S = K_fd⁻¹ = P C Pᵀ with P = [1, −C_tr C_rr⁻¹], stationary in P, so ∂S/∂c_j = (P J_j)(P J_j)ᵀ; 1/k_x = |S² e|^½.
         """
-        if self.gears is not None:
+        if self.gears is not None and lines is None:
             return np.asarray(replace(self, gears=None).jiao_sensitivity(direction) * (self.gears / self.k) ** 2)
         C = self.compliance()
         P = np.concatenate(
@@ -227,7 +230,10 @@ class Elastic:
             ],
             axis=-1,
         )
-        S, turned = P @ C @ np.swapaxes(P, -1, -2), P @ self.state.J  # (M, 3, 3), (M, 3, 6)
+        S, turned = (
+            P @ C @ np.swapaxes(P, -1, -2),
+            P @ (self.state.J if lines is None else lines),
+        )  # (M, 3, 3), (M, 3, 6)
         Se = np.einsum("...ij,...j->...i", S, direction)
         SSe = np.einsum("...ij,...j->...i", S, Se)
         size = np.linalg.norm(SSe, axis=-1)[..., None]

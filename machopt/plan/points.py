@@ -15,7 +15,7 @@ from machopt.domain.toolpath import Toolpath
 from machopt.plan.doubt import doubt_of, told_std
 from machopt.plan.explain import explain_points, gamma
 from machopt.plan.made import Plan
-from machopt.plan.uncertainty import cost_gradient, spread_of
+from machopt.plan.uncertainty import by_carriers, cost_gradient, spread_of
 
 ROWS = 32_768  # of the table, worked out at once
 
@@ -141,7 +141,7 @@ def _uncertainty(
         by_point[rows[some]] = elastic.sensitivity(along, along, small=True)
         if doubt is not None and moved is not None:
             moved[rows[some]] = doubt.axial(elastic, q[some], along)
-    beside = spread.point_std(by_point)
+    beside = np.hypot(spread.point_std(by_point), _carriers(plan, at, q[ok], along_axis=True))
     own = np.zeros(P)  # what is one pose's own
     if doubt is not None and moved is not None:
         own[at] = doubt.own(plan.directions, at, "stiffness")
@@ -153,9 +153,19 @@ def _uncertainty(
         by_point[rows[some]] = cost_gradient(elasticity, plan.directions, rows[some], q[some], "deflection")
         if doubt is not None and moved is not None:
             moved[rows[some]] = doubt.cost(elasticity, plan.directions, rows[some], q[some], "deflection")
-    beside = spread.point_std(by_point)
+    beside = np.hypot(spread.point_std(by_point), _carriers(plan, at, q[ok], along_axis=False))
     if doubt is not None and moved is not None:
         own[at] = doubt.own(plan.directions, at, "deflection")
         beside = told_std(moved, beside**2 + own**2)
     bend_std[ok] = beside[at]
     return bend_std, axial_std
+
+
+def _carriers(plan: Plan, at: NDArray[np.intp], q: Array, *, along_axis: bool) -> Array:
+    """(P,) 1 sigma at some planning points by external joints: of 1/k along the axis, or of the deflection."""
+    out, d = np.zeros(len(plan.path.index)), plan.directions
+    if d.unsure is not None and along_axis:
+        out[at] = np.linalg.norm(np.einsum("mkc,mc->mk", d.unsure[at, :, :3], d.axial[at]) ** 2, axis=1)
+    elif d.unsure is not None:
+        out[at] = np.linalg.norm(by_carriers(plan.setup.elasticity, d, at, q, "deflection"), axis=1)
+    return out

@@ -47,6 +47,9 @@ class Directions:
     in_grid: NDArray[np.bool_]  # (P,)
     drilling: NDArray[np.bool_]  # (P,)
     beside: Array | None = None  # (P, 6, 6) compliance at the TCP of what external joints give; None: they are rigid
+    unsure: Array | None = (
+        None  # (P, K, 6) of those whose stiffness has a σ: :meth:`machopt.model.beside.Beside.unsure`
+    )
 
     def elastic(self, elasticity: ArmElasticity, q: Array, points: NDArray[np.integer[Any]]) -> Elastic:
         """The elasticity of configurations q (M, 6) rad at planning points (M,) where external joints are as there."""
@@ -92,7 +95,8 @@ def directions(
     joint = joint_stiffness(elasticity.stiffness, place)
     carried = Beside.of(arm.machine, elasticity.stiffness.external)
     beside = None if carried is None else carried.compliance(e, place)
-    return Directions(axial, normal, f, joint.k, joint.in_grid, path.is_drilling, beside)
+    unsure = None if carried is None else carried.unsure(e, place)
+    return Directions(axial, normal, f, joint.k, joint.in_grid, path.is_drilling, beside, unsure)
 
 
 def configuration_cost(

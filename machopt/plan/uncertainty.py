@@ -15,7 +15,7 @@ it the parameters of ``terms`` carry no uncertainty in the file and count as exa
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -28,8 +28,8 @@ from machopt.domain.stiffness import Stiffness
 from machopt.model.elastic import ArmElasticity, cells_at
 from machopt.plan.doubt import NINETY, apart, doubt_of, told_std
 from machopt.plan.made import Plan
-from machopt.plan.score import Directions
-from machopt.plan.setup import Scored
+from machopt.plan.score import Directions, directions
+from machopt.plan.setup import Scored, standing
 
 ROWS = 4096  # planning points at a time: what may be missing has dozens of columns
 NONE = 1e-4  # of the mean: a smaller difference is rounding of the smoothing, not a gain
@@ -131,6 +131,28 @@ def cost_gradient(
     return np.asarray(np.where(d.drilling[points][:, None], axial, 0.5 * (axial + normal)))
 
 
+def by_carriers(
+    elasticity: ArmElasticity, d: Directions, points: NDArray[np.integer[Any]], q: Array, index: Index
+) -> Array:
+    """(M, K) by how much 1 σ of each external joint's stiffness changes a configuration's cost, to first order."""
+    if d.unsure is None or not d.unsure.shape[1]:
+        return np.zeros((len(points), 0))
+    s = d.unsure[points]
+
+    def along(e: Array, f: Array) -> Array:
+        return np.asarray(np.einsum("mkc,mc->mk", s[..., :3], e) * np.einsum("mkc,mc->mk", s[..., :3], f))
+
+    axial, normal = d.axial[points], d.normal[points]
+    if index == "deflection":
+        bend = d.elastic(elasticity, q, points).deflection(d.force[points])
+        size = np.linalg.norm(bend, axis=-1, keepdims=True)
+        return along(bend / np.maximum(size, np.finfo(float).tiny), d.force[points])
+    if index == "jiao2022":
+        return d.elastic(elasticity, q, points).jiao_sensitivity(axial, np.swapaxes(s, 1, 2))
+    out, beside = along(axial, axial), along(normal, normal)
+    return np.asarray(np.where(d.drilling[points][:, None], out, 0.5 * (out + beside)))
+
+
 def spread_of(plan: Plan) -> Spread:
     """What the joints at the planning points are made of."""
     programmed = plan.path.position
@@ -147,16 +169,25 @@ class Cost:
     by_springs: Array  # of a mean (B, 6); of points (P, 6) by the point's own compliances
     by_doubt: Array | None  # (..., 1 + R), None where the file holds no discrepancy
     own: Any = 0.0  # (...,) 1 σ by what poses have for themselves
+    by_carriers: Array = field(
+        default_factory=lambda: np.zeros(0)
+    )  # (..., K) by 1 σ of each external joint's stiffness
 
     def times(self, share: float) -> Cost:
         """A share of it."""
         by_doubt = None if self.by_doubt is None else share * self.by_doubt
-        return Cost(share * self.value, share * self.by_springs, by_doubt, share * self.own)
+        return Cost(share * self.value, share * self.by_springs, by_doubt, share * self.own, share * self.by_carriers)
 
     def plus(self, more: Cost) -> Cost:
         """The sum of two, both of which rest on the same stiffness."""
         by_doubt = None if self.by_doubt is None or more.by_doubt is None else self.by_doubt + more.by_doubt
-        return Cost(self.value + more.value, self.by_springs + more.by_springs, by_doubt, self.own + more.own)
+        return Cost(
+            self.value + more.value,
+            self.by_springs + more.by_springs,
+            by_doubt,
+            self.own + more.own,
+            self.by_carriers + more.by_carriers,
+        )
 
 
 def gains(plan: Plan) -> tuple[Gain, ...]:
@@ -169,7 +200,7 @@ def gains(plan: Plan) -> tuple[Gain, ...]:
         ("jiao2022", lambda p: p.jiao2022),
     )
     for name, yardstick in yardsticks:
-        other = _whole_mean(plan, yardstick)  # by the same lengths, as their objectives
+        other = _whole_mean(plan, yardstick, at_home=True)  # by the same lengths, as their objectives
         if own is None or other is None:
             out.append(Gain(name, float("nan"), float("nan")))
             continue
@@ -178,19 +209,36 @@ def gains(plan: Plan) -> tuple[Gain, ...]:
     return tuple(out)
 
 
-def _whole_mean(plan: Plan, of: Callable[[Plan], Scored]) -> Cost | None:
-    """:func:`_mean` of a whole job: of its stretches by their shares of the length cut."""
+def _whole_mean(plan: Plan, of: Callable[[Plan], Scored], *, at_home: bool = False) -> Cost | None:
+    """:func:`_mean` of a whole job: of its stretches by their shares of the length cut.
+
+    Args:
+        at_home: the external joints stand at home, as they do for the yardsticks.
+    """
+
+    def mean(part: Plan) -> Cost | None:
+        there = _at_home(part) if at_home else part
+        return _mean(there, of(part), part.path.weight, spread_of(there))
+
     if not plan.parts:
-        return _mean(plan, of(plan), plan.path.weight, spread_of(plan))
+        return mean(plan)
     total: Cost | None = None
     for part in plan.parts:
         if not part.plan.path.counted.any():
             continue
-        found = _mean(part.plan, of(part.plan), part.plan.path.weight, spread_of(part.plan))
+        found = mean(part.plan)
         if found is None:
             return None
         total = found.times(part.share) if total is None else total.plus(found.times(part.share))
     return total
+
+
+def _at_home(plan: Plan) -> Plan:
+    """The plan's path and directions as the external joints stand at home."""
+    if (plan.path.external == plan.setup.cell.external_home).all():
+        return plan
+    path, setup = standing(plan.path, plan.setup.cell.external_home), plan.setup
+    return replace(plan, path=path, directions=directions(path, setup.arm, setup.elasticity, plan.options.force))
 
 
 def _gain_std(own: Cost, other: Cost, spread: Spread, parted: float) -> float:
@@ -198,7 +246,8 @@ def _gain_std(own: Cost, other: Cost, spread: Spread, parted: float) -> float:
     if not spread.known:
         return float("nan")
     a, b = own.value, other.value
-    by_springs = spread.std(-own.by_springs / b + a / b**2 * other.by_springs)
+    by_arm = spread.std(-own.by_springs / b + a / b**2 * other.by_springs)
+    by_springs = float(np.hypot(by_arm, np.linalg.norm(-own.by_carriers / b + a / b**2 * other.by_carriers)))
     if own.by_doubt is None or other.by_doubt is None:
         return by_springs
     ma, mb = own.by_doubt, other.by_doubt
@@ -216,7 +265,8 @@ def bends(plan: Plan) -> tuple[float, Array]:
     if not spread.known:
         return float("nan"), np.full(len(plan.path.index), np.nan)
     w = plan.path.weight
-    mean, each = spread.std(spread.gradient(w, points.by_springs)), spread.point_std(points.by_springs)
+    mean = float(np.hypot(spread.std(spread.gradient(w, points.by_springs)), np.linalg.norm(w @ points.by_carriers)))
+    each = np.hypot(spread.point_std(points.by_springs), np.linalg.norm(points.by_carriers, axis=1))
     if points.by_doubt is None:
         return mean, each
     whole = float(told_std(w @ points.by_doubt, mean**2 + float(w @ points.own) ** 2))
@@ -233,7 +283,8 @@ def _mean(plan: Plan, scored: Scored, weight: Array, spread: Spread) -> Cost | N
     if not mean > 0:
         return None
     by_doubt = None if points.by_doubt is None else weight @ points.by_doubt
-    return Cost(mean, spread.gradient(weight, points.by_springs), by_doubt, float(weight @ points.own))
+    springs = spread.gradient(weight, points.by_springs)
+    return Cost(mean, springs, by_doubt, float(weight @ points.own), weight @ points.by_carriers)
 
 
 def _points(plan: Plan, scored: Scored) -> Cost:
@@ -243,11 +294,13 @@ def _points(plan: Plan, scored: Scored) -> Cost:
     elasticity, doubt = plan.setup.elasticity, doubt_of(plan.setup)
     by_springs, own = np.zeros((P, 6)), np.zeros(P)
     by_doubt = None if doubt is None else np.zeros((P, len(doubt.ways)))
+    carriers = np.zeros((P, 0 if plan.directions.unsure is None else plan.directions.unsure.shape[1]))
     for first in range(0, len(rows), ROWS):
         some = rows[first : first + ROWS]
         q = scored.assignment.q[some]
         by_springs[some] = cost_gradient(elasticity, plan.directions, some, q, index)
+        carriers[some] = by_carriers(elasticity, plan.directions, some, q, index)
         if doubt is not None and by_doubt is not None:
             by_doubt[some] = doubt.cost(elasticity, plan.directions, some, q, index)
             own[some] = doubt.own(plan.directions, some, index)
-    return Cost(scored.cost, by_springs, by_doubt, own)
+    return Cost(scored.cost, by_springs, by_doubt, own, carriers)

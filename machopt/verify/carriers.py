@@ -16,6 +16,17 @@ from machopt.verify import springs
 from machopt.verify.arm import Arm, Stance
 
 
+def unsure(arm: Arm, stance: Stance, known: Sequence[ExternalSpring], programmed: Array) -> Array:
+    """(N, K, 3) s·√σ of the joints whose stiffness has a σ, that of 1/k; s: the TCP's motion against the part."""
+    every = [s for s in known if s.std > 0.0]
+    out = np.zeros((len(stance.q), len(every), 3))
+    for n, spring in enumerate(every):
+        link, axis, slides = arm.carrier(spring.joint, stance)
+        moves = axis if slides else np.cross(axis, programmed - link[:, :3, 3])
+        out[:, n] = moves * np.sqrt(spring.std) / spring.stiffness
+    return out
+
+
 def given_way(arm: Arm, stance: Stance, known: Sequence[ExternalSpring], programmed: Array | None = None) -> Array:
     """(N, 6, 6) compliance at the TCP in base_link axes, of all external joints.
 

@@ -30,7 +30,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.stiffness import Stiffness, StiffnessGrid
 from machopt.verify import springs
 from machopt.verify.arm import Arm, Stance
-from machopt.verify.carriers import given_way
+from machopt.verify.carriers import given_way, unsure
 from machopt.verify.missing import Lack, Lacking
 
 LEAST = 0.1  # of a compliance, whatever the file says it lacks
@@ -51,6 +51,7 @@ class Softness:
     geometric: bool
     holds: tuple[tuple[NDArray[np.int64], Array], ...]  # of each row: cells of the grid, ∂c/∂c_cell (cells, 6)
     lacking: Lacking | None = None  # what the file says it lacks
+    unsure: Array | None = None  # (N, K, 3) :func:`machopt.verify.carriers.unsure`
 
     @cached_property
     def small(self) -> Array:
@@ -88,6 +89,13 @@ class Softness:
         given = np.einsum("nij,nj->ni", self.bodies[:, :3, :3], force)
         moved = np.einsum("nci,ni->nc", self.J[:, :3], turn) + given
         return np.asarray(moved if self.lacking is None else moved + self.lacking.shift(force))
+
+    def by_carriers(self, e: Array, force: Array) -> Array:
+        """(N,) 1σ of what moves along e (N, 3) under forces (N, 3), by the external joints' stiffness."""
+        if self.unsure is None:
+            return np.zeros(len(e))
+        on_e, on_force = (np.einsum("nkc,nc->nk", self.unsure, v) for v in (e, force))
+        return np.asarray(np.linalg.norm(on_e * on_force, axis=1))
 
     def axial_gradient(self, e: Array) -> Array:
         """(N, 6) how eᵀ C e follows each gear's compliance."""
@@ -159,6 +167,7 @@ class Elasticity:
             any(t.effect == "geometric_stiffness" for t in self.stiffness.terms),
             holds,
             None if self._lack is None else self._lack.at(stance, gear, weight),
+            unsure(self.arm, stance, self.stiffness.external, position),
         )
 
     def gears(self, position: Array) -> tuple[Array, tuple[tuple[NDArray[np.int64], Array], ...]]:
@@ -192,18 +201,18 @@ class Elasticity:
 
     def axial_std(self, soft: Softness, e: Array) -> Array:
         """(N,) 1σ in N/m of the stiffness along unit vectors (N, 3)."""
-        own = self.std(soft, soft.axial_gradient(e))
+        own = np.hypot(self.std(soft, soft.axial_gradient(e)), soft.by_carriers(e, e))
         if soft.lacking is not None:
             own = soft.lacking.told(e, e, own, small=True)
         return np.asarray(own * soft.along(e) ** 2)
 
     def bend_std(self, soft: Softness, force: Array) -> Array:
         """(N,) 1σ in m of the deflection under forces (N, 3) N."""
-        own = self.std(soft, soft.bend_gradient(force))
-        if soft.lacking is None:
-            return own
         d = soft.displacement(force)
         e = d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), np.finfo(float).tiny)
+        own = np.hypot(self.std(soft, soft.bend_gradient(force)), soft.by_carriers(e, force))
+        if soft.lacking is None:
+            return np.asarray(own)
         return soft.lacking.told(e, force, own, small=False)
 
     @property
