@@ -114,6 +114,15 @@ def test_poses_agree_with_pinocchio_and_coal(both: tuple[Cell, CollisionModel]) 
     np.testing.assert_allclose(near[free], least[free], atol=ROUND)
 
 
+def test_what_lies_between_two_links_is_their_poses_apart(both: tuple[Cell, CollisionModel]) -> None:
+    cell, model = both
+    theta = model.stack.lines.moved(random_x(cell, 20))
+    poses = model.stack.lines.link_poses(theta)
+    for p, (i, j) in enumerate(model.stack.links):
+        want = np.linalg.inv(poses[:, i]) @ poses[:, j]
+        np.testing.assert_allclose(model.stack.relative(p, theta), want, atol=1e-12)
+
+
 def test_bounds_hold_with_shifts_among_turns(both: tuple[Cell, CollisionModel]) -> None:
     cell, model = both
     x = random_x(cell, 12, seed=1)

@@ -115,3 +115,20 @@ def test_what_hardly_moves_is_not_forgotten_too_late() -> None:
         alone = np.array([nearer(a, ball, t[None], limit)[0] for t in T])
         assert np.array_equal(nearer(a, ball, T, limit), alone)
         assert 0 < alone.sum() < len(T)
+
+
+@pytest.mark.parametrize("limit", [0.0, 0.004, 0.05])
+def test_what_a_row_says_of_the_next_is_what_that_says_alone(limit: float) -> None:
+    """Hits answer for hits, free rows for free ones, and a plane found once is tried again: along a walk that goes in
+    and out of contact in small and large steps, in one go and one by one."""
+    stick = trimesh.creation.cylinder(radius=0.03, height=0.5, sections=9)
+    ring = trimesh.creation.annulus(r_min=0.2, r_max=0.3, height=0.1)
+    a, b = outline_of(body_of(ring)), outline_of(body_of(stick))
+    rng = np.random.default_rng(11)
+    step = rng.choice([2e-4, 2e-3, 3e-2], size=1500)[:, None] * rng.normal(size=(1500, 3))
+    T = placements(1500, 0.0)
+    T[:, :3, :3] = np.repeat(T[::100, :3, :3], 100, axis=0)
+    T[:, :3, 3] = 0.4 * np.sin(np.cumsum(step, axis=0))
+    alone = np.array([nearer(a, b, t[None], limit)[0] for t in T])
+    assert np.array_equal(nearer(a, b, T, limit), alone)
+    assert 100 < alone.sum() < 1400

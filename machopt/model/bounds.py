@@ -64,9 +64,7 @@ class PairStack:
 
     def relative(self, p: int, q: Array) -> Array:
         """(S, 4, 4) motion of pair p's second body from zero to θ = q (S, n), seen from the first body's link."""
-        poses = self.lines.link_poses(q)
-        i, j = self.links[p]
-        return np.asarray(poses[:, j] if i == 0 else inverse(poses[:, i]) @ poses[:, j])
+        return self.lines.between(*self.links[p], q)
 
     def lever(self, p: int) -> float:
         """m, how far pair p's second body reaches from the axis of the one joint between the two; 1 where it slides."""

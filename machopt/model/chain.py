@@ -94,6 +94,29 @@ def moved_links(axis: Array, point: Array, slides: NDArray[np.bool_], theta: Arr
 
 
 @compiled
+def between(
+    axis: Array, point: Array, slides: NDArray[np.bool_], first: int, last: int, theta: Array, T: Array
+) -> None:
+    """Fill T (M, 4, 4) with what the lines ``first`` … ``last`` − 1 make of a body on the last of them: as
+    :func:`moved_links`, seen from link ``first``."""
+    R, p = np.empty((3, 3)), np.empty(3)
+    for m in range(len(theta)):
+        _begin(R, p)
+        for i in range(first, last):
+            if slides[i]:
+                for r in range(3):
+                    way = R[r, 0] * axis[i, 0] + R[r, 1] * axis[i, 1] + R[r, 2] * axis[i, 2]
+                    p[r] += theta[m, i] * way
+            else:
+                _turned(R, p, axis[i], point[i], theta[m, i])
+        for r in range(3):
+            for c in range(3):
+                T[m, r, c] = R[r, c]
+            T[m, r, 3], T[m, 3, r] = p[r], 0.0
+        T[m, 3, 3] = 1.0
+
+
+@compiled
 def jacobians(axis: Array, point: Array, zero: Array, q: Array, T: Array, J: Array) -> None:
     """Fill the poses T (M, 4, 4) as :func:`poses`, and J (M, 6, 6), linear part first, at the frame's origin."""
     R, p, h, o = np.empty((3, 3)), np.empty(3), np.empty((6, 3)), np.empty((6, 3))

@@ -328,7 +328,8 @@ class CollisionModel:
         for p in np.unique(pair).tolist():
             rows = np.flatnonzero(pair == p)
             i, j = self.stack.links[p]
-            if j - i <= 2:  # two joints decide: neighbours in these are neighbouring placements
+            far = np.abs(np.diff(q[rows, i:j], axis=0)).sum() > STRIP * len(rows)
+            if j - i <= 2 and far:  # two joints decide: neighbours in these are neighbouring placements
                 rows = rows[np.lexsort((q[rows, j - 1], np.round(q[rows, i] / STRIP)))]
             out[rows] = self._near(p, self.stack.relative(p, q[rows]))
         return out
@@ -337,7 +338,8 @@ class CollisionModel:
         """(S,) pair p touches or is nearer than its clearance, with its second body moved by T (S, 4, 4)."""
         i, j = self.stack.index[p]
         out = nearer(self.outlines[i], self.outlines[j], T, self.pairs[p].clearance)
-        for n in np.flatnonzero(~out & may_hold(self._bodies[i], self._bodies[j], T)).tolist():
+        free = np.flatnonzero(~out)
+        for n in free[may_hold(self._bodies[i], self._bodies[j], T[free])].tolist():
             out[n] = self.surfaces.contained((i, j), T[n])
         return out
 

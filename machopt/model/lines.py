@@ -88,6 +88,13 @@ class Lines:
         chain.moved_links(np.array(self.axis), np.array(self.point), np.array(self.slides), rows, R, p)
         return transform(R, p).reshape(*lead, n + 1, 4, 4)
 
+    def between(self, i: int, j: int, theta: Array) -> Array:
+        """(S, 4, 4) motion of link j > i from where it is at zero, seen from link i; θ (S, n)."""
+        rows = np.array(theta, float, order="C")
+        T = np.empty((len(rows), 4, 4))
+        chain.between(np.array(self.axis), np.array(self.point), np.array(self.slides), i, j, rows, T)
+        return T
+
 
 @dataclass(frozen=True)
 class Carrier:

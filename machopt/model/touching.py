@@ -22,7 +22,7 @@ from machopt.model.triangles import DEPTH, triangles
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-BLOCK = 512  # placements of one task, whatever the number of cores
+FEW, BLOCK = 64, 512  # placements of one task at least and at most, whatever the number of cores
 TOUCH = 1e-9  # m, below which surfaces cross
 STEPS = 10  # towards the shortest way between two hulls
 BEYOND = 8.0  # times the motion between two rows: how far beyond the limit the distance of a free row is looked for,
@@ -58,12 +58,12 @@ def nearer(a: Outline, b: Outline, T: Array, limit: float) -> Bools:
     T = np.ascontiguousarray(T, float)
     limit = max(limit, TOUCH)
     x, y = a.mesh, b.mesh
+    size = min(max(len(T) // 4, FEW), BLOCK)
 
     def block(start: int) -> Bools:
-        some = T[start : start + BLOCK]
-        out: Bools = ~_between(a.hull, b.hull, some, limit)
-        left = np.flatnonzero(out)
-        out[left] = _rows(
+        return _rows(
+            a.hull,
+            b.hull,
             x.corners,
             x.normals,
             x.low,
@@ -80,53 +80,63 @@ def nearer(a: Outline, b: Outline, T: Array, limit: float) -> Bools:
             y.first,
             y.count,
             y.order,
-            some[left],
+            T[start : start + size],
             limit,
         )
-        return out
 
-    return np.concatenate([np.zeros(0, bool), *side_by_side(block, range(0, len(T), BLOCK))])
+    return np.concatenate([np.zeros(0, bool), *side_by_side(block, range(0, len(T), size))])
 
 
 @compiled
-def _between(a: Array, b: Array, T: Array, limit: float) -> NDArray[np.bool_]:
-    """(S,) whether a plane was found that parts the points a (V, 3) and b (W, 3), moved by T, by ``limit`` m."""
-    out = np.zeros(len(T), np.bool_)
-    v, turned = np.zeros(3), np.zeros(3)  # from b to a, between two points of the hulls; seen from b
-    for n in range(len(T)):
-        M = T[n]
+def _outermost(a: Array, b: Array, M: Array, v: Array, turned: Array) -> tuple[float, int, int]:
+    """By how much the points a (V, 3) lie beyond b (W, 3), moved by M, along v, times its length; the two nearest."""
+    low, high, i, j = np.inf, -np.inf, 0, 0
+    for k in range(len(a)):
+        along = a[k, 0] * v[0] + a[k, 1] * v[1] + a[k, 2] * v[2]
+        if along < low:
+            low, i = along, k
+    for c in range(3):
+        turned[c] = M[0, c] * v[0] + M[1, c] * v[1] + M[2, c] * v[2]
+    for k in range(len(b)):
+        along = b[k, 0] * turned[0] + b[k, 1] * turned[1] + b[k, 2] * turned[2]
+        if along > high:
+            high, j = along, k
+    return low - high - (M[0, 3] * v[0] + M[1, 3] * v[1] + M[2, 3] * v[2]), i, j
+
+
+@compiled
+def _parted(a: Array, b: Array, M: Array, limit: float, v: Array, turned: Array) -> float:
+    """m by which a plane parts the points a (V, 3) and b (W, 3), moved by M, where one was found that does by ``limit``
+    m; below zero elsewhere.
+
+    Args:
+        v: (3,) changed: the normal of such a plane. The last row's is tried first.
+    """
+    length = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    if length > TOUCH:
+        gap = _outermost(a, b, M, v, turned)[0]
+        if gap >= limit * length:
+            return gap / length
+    for c in range(3):  # from b to a, between two points of the hulls
+        v[c] = a[0, c] - (M[c, 0] * b[0, 0] + M[c, 1] * b[0, 1] + M[c, 2] * b[0, 2] + M[c, 3])
+    for _ in range(STEPS):
+        length = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+        if length < TOUCH:
+            break
+        gap, i, j = _outermost(a, b, M, v, turned)
+        if gap >= limit * length:
+            return gap / length
+        square, towards = 0.0, 0.0
+        for c in range(3):  # the point nearest to zero between v and the difference of the two outermost points
+            turned[c] = a[i, c] - (M[c, 0] * b[j, 0] + M[c, 1] * b[j, 1] + M[c, 2] * b[j, 2] + M[c, 3]) - v[c]
+            square += turned[c] * turned[c]
+            towards -= v[c] * turned[c]
+        if towards <= 0.0:
+            break
+        share = min(towards / square, 1.0)
         for c in range(3):
-            v[c] = a[0, c] - (M[c, 0] * b[0, 0] + M[c, 1] * b[0, 1] + M[c, 2] * b[0, 2] + M[c, 3])
-        for _ in range(STEPS):
-            length = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-            if length < TOUCH:
-                break
-            low, high, i, j = np.inf, -np.inf, 0, 0
-            for k in range(len(a)):
-                along = a[k, 0] * v[0] + a[k, 1] * v[1] + a[k, 2] * v[2]
-                if along < low:
-                    low, i = along, k
-            for c in range(3):
-                turned[c] = M[0, c] * v[0] + M[1, c] * v[1] + M[2, c] * v[2]
-            for k in range(len(b)):
-                along = b[k, 0] * turned[0] + b[k, 1] * turned[1] + b[k, 2] * turned[2]
-                if along > high:
-                    high, j = along, k
-            high += M[0, 3] * v[0] + M[1, 3] * v[1] + M[2, 3] * v[2]
-            if low - high >= limit * length:
-                out[n] = True
-                break
-            square, towards = 0.0, 0.0
-            for c in range(3):  # the point nearest to zero between v and the difference of the two outermost points
-                turned[c] = a[i, c] - (M[c, 0] * b[j, 0] + M[c, 1] * b[j, 1] + M[c, 2] * b[j, 2] + M[c, 3]) - v[c]
-                square += turned[c] * turned[c]
-                towards -= v[c] * turned[c]
-            if towards <= 0.0:
-                break
-            share = min(towards / square, 1.0)
-            for c in range(3):
-                v[c] += share * turned[c]
-    return out
+            v[c] += share * turned[c]
+    return -1.0
 
 
 @compiled
@@ -186,6 +196,8 @@ def _moved(low: Array, high: Array, T: Array, S: Array) -> float:
 
 @compiled
 def _rows(
+    hull: Array,
+    other: Array,
     a: Array,
     na: Array,
     low: Array,
@@ -205,25 +217,34 @@ def _rows(
     T: Array,
     limit: float,
 ) -> NDArray[np.bool_]:
-    """As :func:`nearer` says, ``limit`` at least TOUCH; a … order and b … sequence as in :class:`Mesh`.
+    """As :func:`nearer` says, ``limit`` at least TOUCH; a … order and b … sequence as in :class:`Mesh`; hulls of both.
 
-    A row that is free tells by how much, as far as BEYOND; the rows that follow are free as long as nothing has moved
-    so far since.
+    A row that is free tells by how much: as a plane shows, or as far as BEYOND. The rows that follow are free as long
+    as nothing has moved so far since; and two triangles that are near stay so as long.
     """
     out = np.zeros(len(T), np.bool_)
     waiting, gaps, work = np.empty((DEPTH, 2), np.int64), np.empty(DEPTH), np.empty((7, 3))
     moved, turned = np.empty((3, 3)), np.empty(3)
     i, j = -1, -1  # the two triangles that were near in the row before
+    hit, sure = -1, 0.0  # a row that is not, and m by which those two are nearer than the limit
     free, room = -1, 0.0  # a row that is free, and m by which its distance is above the limit
+    across = np.zeros(3)  # along which the two hulls were apart last
     for n in range(len(T)):
         if free >= 0 and _moved(lo[0], hi[0], T[n], T[free]) < room:
             continue
         if i >= 0:
+            if _moved(lo[0], hi[0], T[n], T[hit]) < sure:
+                out[n] = True
+                continue
             _placed(T[n], b[j], nb[j], moved, turned)
             d, exact = triangles(a[i], na[i], moved, turned, limit, work)
             if exact and d < limit:
-                out[n] = True
+                out[n], hit, sure = True, n, limit - d - GUARD
                 continue
+        gap = _parted(hull, other, T[n], limit, across, turned)
+        if gap > 0.0:
+            free, room = n, gap - limit - GUARD
+            continue
         best = limit  # nothing farther away is looked for
         if free == n - 1 >= 0:  # what comes next is likely to be free too
             step = _moved(lo[0], hi[0], T[n], T[n - 1])
@@ -243,6 +264,7 @@ def _rows(
                         d, exact = triangles(a[v], na[v], moved, turned, best, work)
                         if exact and d < limit:
                             out[n], i, j = True, v, w
+                            hit, sure = n, limit - d - GUARD
                             break
                         if exact:
                             best = min(best, d)

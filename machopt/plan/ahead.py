@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.arrays import Array, Bools, any_last
+from machopt.arrays import Array, Bools
+from machopt.compiled import compiled
 from machopt.domain.reason import Reason
 from machopt.model.collision import CollisionModel
 from machopt.plan.candidates import Candidates
@@ -65,39 +66,75 @@ class Ahead:
             vertices, pair = self._ring(vertices, pair)
             if len(vertices):
                 s, r, b = np.unravel_index(vertices, self.pairs.shape)
-                order = np.lexsort((s, r, b))  # along the path: there the same two triangles often touch on
-                vertices, pair = vertices[order], pair[order]
-                s, r, b = np.unravel_index(vertices, self.pairs.shape)
                 hit = self.model.touching(self.whole(s, r, b), pair)
                 looked += len(vertices)
                 left -= np.bincount(pair, minlength=len(left))
                 vertices, pair = vertices[hit], pair[hit]
-                vertices, first = np.unique(vertices, return_index=True)  # for two pairs at once: one is told
-                pair = pair[first]
+                if len(pair) and pair[0] != pair[-1]:  # of a vertex found for two pairs at once the first one is told
+                    vertices, first = np.unique(vertices, return_index=True)
+                    pair = pair[first]
                 self.strike(vertices, pair)
                 on = left[pair] > 0
                 vertices, pair = vertices[on], pair[on]
         return looked
 
     def _ring(self, vertices: Rows, pair: NDArray[np.int32]) -> tuple[Rows, NDArray[np.int32]]:
-        """The neighbours not yet looked at for the same pair, and the pair of each."""
+        """The neighbours not yet looked at for the same pair, and the pair of each.
+
+        Pair by pair, and along the path: there the same two triangles often touch on.
+        """
         S, R, B = self.pairs.shape
         feasible = self.candidates.feasible.reshape(S * R * B, -1)
+        none = np.zeros(S, bool)
         out, which = [], []
         for p in np.unique(pair).tolist():
             asked = self.asked.setdefault(p, np.zeros(S * R * B, bool))
-            mine = vertices[pair == p]
-            asked[mine] = True
-            s, r, b = np.unravel_index(mine, (S, R, B))
-            near = [(np.maximum(s - 1, 0), r, b), (np.minimum(s + 1, S - 1), r, b)]
-            near += [(s, (r - 1) % R, b), (s, (r + 1) % R, b)]
-            few = (s + r) % BRANCHES == 0
-            near += [(s[few], r[few], (b[few] + k) % B) for k in range(1, B)]
-            found = np.unique(np.concatenate([np.ravel_multi_index(v, (S, R, B)) for v in near]))
-            found = found[~asked[found] & any_last(feasible[found])]
-            asked[found] = True
-            if self.model.pairs[p].unless_cutting:
-                found = found[~self.may_touch[found // (R * B)]]
-            out.append(found)
-            which.append(np.full(len(found), p, np.int32))
+            spared = self.may_touch if self.model.pairs[p].unless_cutting else none
+            along = np.sort(_neighbours(vertices[pair == p], asked, feasible, spared, R, B))
+            out.append(along % S * (R * B) + along // S % R * B + along // (S * R))
+            which.append(np.full(len(along), p, np.int32))
         return np.concatenate(out), np.concatenate(which)
+
+
+@compiled
+def _neighbours(vertices: Rows, asked: Bools, feasible: Bools, spared: Bools, R: int, B: int) -> Rows:
+    """The neighbours of vertices (n,), flat over (S, R, B), that nobody asked for yet, which is noted in ``asked``.
+
+    Args:
+        asked: (S·R·B,) changed.
+        feasible: (S·R·B, T).
+        spared: (S,) where nothing is looked at.
+
+    Returns:
+        (m,) each as (b · R + r) · S + s.
+    """
+    S = len(spared)
+    for v in vertices:
+        asked[v] = True
+    out = np.empty(len(vertices) * (3 + B), np.int64)
+    m = 0
+    for v in vertices:
+        s, r, b = v // (R * B), v // B % R, v % B
+        for k in range(4 + (B - 1 if (s + r) % BRANCHES == 0 else 0)):
+            x, y, z = s, r, b
+            if k == 0:
+                x = max(s - 1, 0)
+            elif k == 1:
+                x = min(s + 1, S - 1)
+            elif k == 2:
+                y = (r - 1) % R
+            elif k == 3:
+                y = (r + 1) % R
+            else:
+                z = (b + k - 3) % B
+            n = (x * R + y) * B + z
+            if asked[n]:
+                continue
+            for t in range(feasible.shape[1]):
+                if feasible[n, t]:
+                    asked[n] = True
+                    if not spared[x]:
+                        out[m] = (z * R + y) * S + x
+                        m += 1
+                    break
+    return out[:m]
