@@ -11,11 +11,17 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
+WORDS = 8, 4, 2  # bytes
 SHORT = 32  # a last axis that is quicker gone through by its elements than reduced by NumPy
 
 
 def any_last(flags: Bools) -> Bools:
     """(...,) ``flags.any(axis=-1)`` of (..., n) flags: NumPy takes 10 to 60 times as long where n is small."""
-    if flags.shape[-1] > SHORT:
+    n = flags.shape[-1]
+    if n > SHORT:
         return np.asarray(flags.any(axis=-1))
+    word = next((k for k in WORDS if n > 0 and n % k == 0), 1)
+    if word > 1 and flags.flags.c_contiguous:  # several flags at once, as the bytes of one number
+        words = np.moveaxis(flags.view(f"u{word}"), -1, 0)
+        return np.asarray(reduce(np.bitwise_or, words) != 0)
     return np.asarray(reduce(np.logical_or, np.moveaxis(flags, -1, 0), np.zeros(flags.shape[:-1], bool)))
