@@ -18,8 +18,11 @@ from numpy.typing import NDArray
 
 from machopt.errors import InputError
 from machopt.model import geometry
+from machopt.model.ik_bridge import GeneralBranches
 from machopt.model.ik_general import GeneralSolver, solve_general
+from machopt.model.ik_newton import off
 from machopt.model.robot import Robot
+from machopt.model.vectors import principal
 from machopt.se3 import axis_rotation, normalise, rpy_matrix, transform, wrap
 
 Array = NDArray[np.float64]
@@ -215,6 +218,56 @@ def test_axes_printed_with_few_decimals_still_take_the_closed_form_and_are_exact
     reached = arm.fk(found)
     assert np.nanmax(np.abs(reached - T[:, None])) < EXACT
     assert (gaps(found, q).min(axis=1) > SAME).sum() <= 1  # lost only where the nominal arm just fails to reach
+
+
+@pytest.mark.parametrize("name", ["ur5", "tian2025"])
+def test_the_quick_look_at_a_branch_never_says_less_than_it_is_off(name: str) -> None:
+    """It decides that a branch needs no Newton step: small twists of known size, against what it says of them."""
+    arm, g = CLOSED[name], np.random.default_rng(5)
+    q, T = random_poses(arm, 300, seed=5)
+    for size in (1e-12, 1e-9, 1e-6):
+        turn, way = g.normal(size=(300, 3)), g.normal(size=(300, 3))
+        turn *= size * g.random((300, 1)) / np.linalg.norm(turn, axis=1, keepdims=True)
+        way *= size * g.random((300, 1)) / np.linalg.norm(way, axis=1, keepdims=True)
+        goal = T.copy()
+        goal[:, :3, :3] += np.cross(turn[:, None], np.swapaxes(T[:, :3, :3], 1, 2)).swapaxes(1, 2)
+        goal[:, :3, 3] += way
+        told = np.array([off(arm.axis, arm.point, arm.T_base_flange_zero, *row) for row in zip(q, goal, strict=True)])
+        real = np.maximum(np.linalg.norm(turn, axis=1), np.linalg.norm(way, axis=1))
+        assert (told >= real * (1 - 1e-5) - 1e-14).all()
+        assert (told <= 1.5 * real + 1e-14).all()
+
+
+def test_margins_of_three_parallel_axes() -> None:
+    """The shoulder's is where axes 5 and 6 meet, from whole chains of poses; the others from the angles of bodies."""
+    branches = GeneralBranches(UR5)
+    _, T = random_poses(UR5, 100, seed=6)
+    found = branches.solve(T)
+    m, b = np.nonzero(np.isfinite(found.q[..., 0]))
+    links, h, p = UR5.link_poses(found.q[m, b]), UR5.axis, UR5.point
+
+    def line(link: int, v: Array) -> Array:
+        return np.asarray(links[:, link, :3, :3] @ v)
+
+    def angle(u: Array, v: Array) -> Array:
+        return np.arcsin(np.minimum(np.linalg.norm(np.cross(normalise(u), normalise(v)), axis=1), 1.0))
+
+    meeting = line(4, p[4]) + links[:, 4, :3, 3]
+    plane = normalise(np.cross(np.tile(h[0], (len(m), 1)), line(1, h[1])))
+    np.testing.assert_allclose(found.shoulder[m, b], np.abs(np.sum((meeting - p[0]) * plane, axis=1)), atol=1e-9)
+    np.testing.assert_allclose(found.elbow[m, b], angle(line(2, p[2] - p[1]), line(3, p[3] - p[2])), atol=1e-6)
+    np.testing.assert_allclose(found.wrist[m, b], angle(line(4, h[3]), line(5, h[5])), atol=1e-6)
+    assert np.isnan(
+        found.margin[np.isnan(found.q[..., 0]).nonzero()[0], :, np.isnan(found.q[..., 0]).nonzero()[1]]
+    ).all()
+
+
+@pytest.mark.parametrize(
+    "angle", [0.0, np.pi, -np.pi, 3.2, -3.2, 1e-300, 7.0, -20.0, np.nextafter(np.pi, 4), -np.pi - 1e-15]
+)
+def test_the_same_angle_within_a_turn(angle: float) -> None:
+    assert principal(angle) == np.pi - np.remainder(np.pi - angle, 2 * np.pi)
+    assert abs(principal(angle)) <= np.pi
 
 
 # ---------------------------------------------------------------- against independent solvers

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.compiled import compiled
 from machopt.model.ik_general import GeneralSolver
 from machopt.model.ik_spherical import Branches
 from machopt.model.robot import Robot
-from machopt.se3 import normalise, skew
+from machopt.model.vectors import Vector, cross, dot, plus, turned
+from machopt.se3 import normalise
 
 LENGTH = 0.5  # m, makes the linear rows of the Jacobian comparable with the angular ones
 
@@ -25,6 +29,7 @@ class GeneralBranches:
     def __init__(self, robot: Robot) -> None:
         self.robot, self.general = robot, GeneralSolver.for_robot(robot)
         self.branches, self.branch_stable = self.general.branches, self.general.branch_stable
+        self._seen = _vectors(robot) if self.general.kind == "three_parallel" else None
         reach = np.linalg.norm(np.diff(np.vstack([robot.point, robot.T_base_flange_zero[None, :3, 3]]), axis=0), axis=1)
         self._reach = float(reach[1:].sum())  # m, from axis 2 outwards: no pose beyond it can be reached
 
@@ -47,32 +52,14 @@ class GeneralBranches:
     def _measured(self, T: Array, q: Array) -> Branches:
         exists = np.asarray(np.isfinite(q).all(axis=-1))
         margin = np.full((len(q), 3, q.shape[1]), np.nan)
-        if exists.any():
-            found = (
-                self._three_parallel(q[exists])
-                if self.general.kind == "three_parallel"
-                else self._by_jacobian(q[exists])
-            )
-            np.swapaxes(margin, 1, 2)[exists] = np.stack(found, axis=-1)
+        if self._seen is not None:
+            _three_parallel(self._seen, q, margin)
+        elif exists.any():
+            np.swapaxes(margin, 1, 2)[exists] = np.stack(self._by_jacobian(q[exists]), axis=-1)
         # the way from axis 2 to the flange against the longest the arm can make: a lower bound of what is missing
         beyond = np.linalg.norm(T[:, :3, 3] - self.robot.point[1], axis=1) - self._reach
         short = np.where(exists.any(axis=1), 0.0, np.maximum(beyond, 0.0))
         return Branches(q, margin, short)
-
-    def _three_parallel(self, q: Array) -> tuple[Array, Array, Array]:
-        """Each margin as the link sees it that the angle belongs to, so that no chain of poses is needed."""
-        h, p = self.robot.axis, self.robot.point
-        wrist = _angle_to_line(h[3], _turned(h[4], q[:, 4], h[5]))
-
-        def across(v: Array) -> Array:  # the part normal to the parallel axes
-            return np.asarray(v - (v @ h[1])[..., None] * h[1])
-
-        elbow = _angle_to_line(across(p[2] - p[1]), across(_turned(h[2], q[:, 2], p[3] - p[2])))
-        meeting = p[4]  # of axes 5 and 6, as link 1 sees it
-        for i in (3, 2, 1):
-            meeting = _turned(h[i], q[:, i], meeting - p[i]) + p[i]
-        shoulder = np.abs((meeting - p[0]) @ normalise(np.cross(h[0], h[1])))
-        return shoulder, elbow, wrist
 
     def _by_jacobian(self, q: Array) -> tuple[Array, Array, Array]:
         _, J = self.robot.fk_jacobian(q)
@@ -85,12 +72,45 @@ class GeneralBranches:
         return out[0] * LENGTH, out[1], out[2]
 
 
-def _turned(axis: Array, angle: Array, v: Array) -> Array:
-    """Rodrigues: v (3,) or (M, 3) turned about one unit axis (3,) by angles (M,), without matrices."""
-    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    return np.asarray(c * v + s * (v @ skew(axis).T) + (1.0 - c) * ((v @ axis)[..., None] * axis))
+def _vectors(robot: Robot) -> tuple[Vector, ...]:
+    """What :func:`_three_parallel` needs of an arm."""
+    h, p = robot.axis, robot.point
+    across = p[2] - p[1] - ((p[2] - p[1]) @ h[1]) * h[1]  # the upper arm, normal to the parallel axes
+    rows = (*h[1:], *p[:5], across, normalise(np.cross(h[0], h[1])))
+    return tuple((float(x), float(y), float(z)) for x, y, z in rows)
 
 
-def _angle_to_line(a: Array, b: Array) -> Array:
+@compiled
+def _three_parallel(vectors: tuple[Vector, ...], q: Array, margin: Array) -> None:
+    """Fill margin (M, 3, B) of branches q (M, B, 6), NaN where there is none: shoulder in m, elbow and wrist in rad.
+
+    Each as the link sees it that the angle belongs to, so that no chain of poses is needed.
+    """
+    h2, h3, h4, h5, h6, p1, p2, p3, p4, p5, upper, normal = vectors
+    link = (p4[0] - p3[0], p4[1] - p3[1], p4[2] - p3[2])
+    for m in range(len(q)):
+        for b in range(q.shape[1]):
+            if math.isnan(q[m, b, 0]):
+                continue
+            c3, s3 = math.cos(q[m, b, 2]), math.sin(q[m, b, 2])
+            fore = turned(h3, c3, s3, link)
+            beside = dot(fore, h2)
+            fore = (fore[0] - beside * h2[0], fore[1] - beside * h2[1], fore[2] - beside * h2[2])
+            x = _about(h4, p4, math.cos(q[m, b, 3]), math.sin(q[m, b, 3]), p5)  # where axes 5 and 6 meet
+            x = _about(h2, p2, math.cos(q[m, b, 1]), math.sin(q[m, b, 1]), _about(h3, p3, c3, s3, x))
+            margin[m, 0, b] = abs(dot((x[0] - p1[0], x[1] - p1[1], x[2] - p1[2]), normal))
+            margin[m, 1, b] = _angle_to_line(upper, fore)
+            margin[m, 2, b] = _angle_to_line(h4, turned(h5, math.cos(q[m, b, 4]), math.sin(q[m, b, 4]), h6))
+
+
+@compiled
+def _about(h: Vector, p: Vector, c: float, s: float, x: Vector) -> Vector:
+    """A point x turned about the line through p along h."""
+    return plus(turned(h, c, s, (x[0] - p[0], x[1] - p[1], x[2] - p[2])), p)
+
+
+@compiled
+def _angle_to_line(a: Vector, b: Vector) -> float:
     """Angle between two lines, 0 … π/2."""
-    return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.abs(np.sum(a * b, axis=-1))))
+    n = cross(a, b)
+    return math.atan2(math.sqrt(dot(n, n)), abs(dot(a, b)))

@@ -20,7 +20,7 @@ from machopt.errors import InputError
 from machopt.model.geometry import is_spherical_wrist, is_three_parallel
 from machopt.model.ik_elimination import Choice, Elimination
 from machopt.model.ik_grid import fill_grid, label_grid
-from machopt.model.ik_newton import ACCEPTED, newton, unique
+from machopt.model.ik_newton import newton, polish, unique
 from machopt.model.ik_parallel import BRANCHES as PARALLEL_BRANCHES
 from machopt.model.ik_parallel import ThreeParallel
 from machopt.model.robot import Robot
@@ -107,12 +107,8 @@ class GeneralSolver:
 
     def _solve_closed(self, closed: ThreeParallel, T: Array) -> Array:
         q = closed.solve(T)
-        pose, branch = np.nonzero(np.isfinite(q[..., 0]))
-        polished, error = self._newton(T, pose, q[pose, branch])
-        moved = np.abs(polished - q[pose, branch]).max(axis=1, initial=0.0)
-        polished = np.pi - np.remainder(np.pi - polished, 2 * np.pi)
-        polished[(error > ACCEPTED) | (moved > POLISH_RAD)] = np.nan
-        q[pose, branch] = polished
+        robot = self.robot
+        polish(robot.axis, robot.point, robot.T_base_flange_zero, T, q, NEWTON_STEPS, POLISH_RAD)
         return q
 
     def _solve_general(self, T: Array) -> Array:

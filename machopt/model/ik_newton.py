@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.compiled import compiled
+from machopt.model.vectors import plus, principal, turned
 
 CONVERGED = 1e-12  # m and rad: three digits under what solve promises, three above rounding at arm's length
 ACCEPTED = 1e-10  # m and rad: beside a singularity rounding keeps the iteration from CONVERGED
@@ -110,6 +111,26 @@ def _solve6(A: Array, b: Array) -> bool:
 
 
 @compiled
+def _led(
+    axis: Array, point: Array, end: Array, goal: Array, q: Array, iterations: int, J: Array, T: Array, e: Array
+) -> float:
+    """Newton from q (6,) in place to the pose ``goal`` (4, 4); the error left. J, T and e are overwritten."""
+    error = 0.0
+    for i in range(iterations + 1):
+        _forward(axis, point, end, q, J, T)
+        error = _error(T, goal, e)
+        # written so that NaN leaves the loop as well
+        if not error > CONVERGED or i == iterations or not _solve6(J, e):
+            break
+        longest = 0.0
+        for c in range(6):  # in whole arrays it would take three times as long to compile
+            longest = max(longest, abs(e[c]))
+        for c in range(6):
+            q[c] += e[c] * min(1.0, STEP / longest) if longest > STEP else e[c]
+    return error
+
+
+@compiled
 def newton(
     axis: Array, point: Array, end: Array, goal: Array, pose_of: NDArray[np.int64], q0: Array, iterations: int
 ) -> tuple[Array, Array]:
@@ -128,18 +149,52 @@ def newton(
     q, error = q0.copy(), np.empty(len(q0))
     J, T, e = np.empty((6, 6)), np.zeros((4, 4)), np.empty(6)
     for k in range(len(q0)):
-        for i in range(iterations + 1):
-            _forward(axis, point, end, q[k], J, T)
-            error[k] = _error(T, goal[pose_of[k]], e)
-            # written so that NaN leaves the loop as well
-            if not error[k] > CONVERGED or i == iterations or not _solve6(J, e):
-                break
-            longest = 0.0
-            for c in range(6):  # in whole arrays it would take three times as long to compile
-                longest = max(longest, abs(e[c]))
-            for c in range(6):
-                q[k, c] += e[c] * min(1.0, STEP / longest) if longest > STEP else e[c]
+        error[k] = _led(axis, point, end, goal[pose_of[k]], q[k], iterations, J, T, e)
     return q, error
+
+
+@compiled
+def off(axis: Array, point: Array, end: Array, q: Array, goal: Array) -> float:
+    """m and rad, the larger: no more is the pose at q (6,) off ``goal`` (4, 4), to first order.
+
+    A turn by an angle moves the axes x and y of the flange by that much at least, taken together.
+    """
+    x, y, t = (end[0, 0], end[1, 0], end[2, 0]), (end[0, 1], end[1, 1], end[2, 1]), (end[0, 3], end[1, 3], end[2, 3])
+    for k in range(6):
+        i = 5 - k
+        h, c, s = (axis[i, 0], axis[i, 1], axis[i, 2]), math.cos(q[i]), math.sin(q[i])
+        p = (point[i, 0], point[i, 1], point[i, 2])
+        x, y = turned(h, c, s, x), turned(h, c, s, y)
+        t = plus(p, turned(h, c, s, (t[0] - p[0], t[1] - p[1], t[2] - p[2])))
+    way, turn = 0.0, 0.0
+    for r in range(3):
+        way += (t[r] - goal[r, 3]) ** 2
+        turn += (x[r] - goal[r, 0]) ** 2 + (y[r] - goal[r, 1]) ** 2
+    return math.sqrt(max(way, turn))
+
+
+@compiled
+def polish(axis: Array, point: Array, end: Array, goal: Array, q: Array, iterations: int, farthest: float) -> None:
+    """Newton from branches q (M, B, 6) rad that are nearly at their poses ``goal`` (M, 4, 4), in place.
+
+    They come out in (−π, π]; NaN where the error left is above ACCEPTED, or a joint moved by more than ``farthest``
+    rad: that is another branch.
+    """
+    J, T, e, here = np.empty((6, 6)), np.zeros((4, 4)), np.empty(6), np.empty(6)
+    for m in range(len(q)):
+        for b in range(q.shape[1]):
+            if not math.isfinite(q[m, b, 0]):
+                continue
+            for i in range(6):
+                here[i] = q[m, b, i]
+            if off(axis, point, end, q[m, b], goal[m]) <= CONVERGED:  # as good as always
+                met = True
+            else:
+                met = not _led(axis, point, end, goal[m], here, iterations, J, T, e) > ACCEPTED
+            for i in range(6):
+                met = met and not abs(here[i] - q[m, b, i]) > farthest
+            for i in range(6):
+                q[m, b, i] = principal(here[i]) if met else math.nan
 
 
 @compiled

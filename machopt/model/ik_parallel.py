@@ -24,7 +24,7 @@ from machopt.arrays import Array
 from machopt.compiled import compiled
 from machopt.model.geometry import common_point
 from machopt.model.robot import Robot
-from machopt.model.vectors import Vector, angle_about, cross, dot, plus, turned
+from machopt.model.vectors import Vector, angle_about, cross, dot, plus, principal, turned
 from machopt.se3 import inverse
 
 BRANCHES = 8
@@ -145,7 +145,7 @@ def _branches(vectors: tuple[Vector, ...], numbers: tuple[float, ...], G: Array,
                 out[0], out[1], out[2], out[4], out[5] = q1, q2, q3, q5, q6
                 out[3] = sense4 * (total - q2 - sense3 * q3)
                 for i in range(6):
-                    out[i] = math.pi - (math.pi - out[i]) % (2.0 * math.pi)  # in (−π, π]
+                    out[i] = principal(out[i])
 
 
 @compiled

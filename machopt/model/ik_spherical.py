@@ -16,7 +16,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.compiled import compiled
 from machopt.model.robot import Robot
-from machopt.model.vectors import Vector, angle_about, cross, dot, plus, turned
+from machopt.model.vectors import Vector, angle_about, cross, dot, plus, principal, turned
 
 Vectors = tuple[Vector, ...]
 Numbers = tuple[float, ...]
@@ -201,7 +201,7 @@ def spherical_branches(vectors: Vectors, numbers: Numbers, T: Array, q: Array, m
                 out[3] = angle_about(h4, turned(h5, c5, s5, h6), x)
                 out[5] = -angle_about(h6, turned(h5, c5, -s5, h4), y)
                 for i in range(6):
-                    out[i] = math.pi - (math.pi - out[i]) % (2.0 * math.pi)  # in (−π, π]
+                    out[i] = principal(out[i])
     return _not_negative(short)
 
 

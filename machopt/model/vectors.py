@@ -35,3 +35,12 @@ def dot(a: Vector, b: Vector) -> float:
 @compiled
 def plus(a: Vector, b: Vector) -> Vector:
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+@compiled
+def principal(angle: float) -> float:
+    """The same angle in (−π, π]: π − (π − angle) mod 2π, without the division where it changes nothing."""
+    rest = math.pi - angle
+    if not 0.0 <= rest < 2.0 * math.pi:
+        rest = rest % (2.0 * math.pi)
+    return math.pi - rest
