@@ -136,15 +136,17 @@ def score_candidates(
     index = resolve_index(options)
     usable = candidates.usable
     cost = np.full(usable.shape, np.nan)
-    station = np.nonzero(usable)[0]
-    q = candidates.q[usable]
+    size = max(CHUNK // max(usable[0].size, 1), 1)  # stations at a time
 
-    def count(a: int) -> None:
+    def price(start: int) -> None:
+        some = slice(start, start + size)
+        there = usable[some]
+        points = path.stations[some][np.nonzero(there)[0]]
         # a spring that gives over a sector does not repeat every turn: it counts where the arm mostly stands
-        q[a : a + CHUNK] = wrap(q[a : a + CHUNK])
+        q = np.asarray(wrap(candidates.q[some][there]))
+        cost[some][there] = configuration_cost(elasticity, d, points, q, index)
 
-    side_by_side(count, range(0, len(q), CHUNK))
-    cost[usable] = configuration_cost(elasticity, d, path.stations[station], q, index)
+    side_by_side(price, range(0, len(usable), size))
     counted = usable & path.counted[path.stations][:, None, None]
     values = cost[counted if counted.any() else usable]
     return Scores(cost=cost, index=index, scale=float(np.median(values)) if values.size else 1.0)
