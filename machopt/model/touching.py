@@ -116,7 +116,7 @@ def _parted(a: Array, b: Array, M: Array, limit: float, v: Array, turned: Array)
     if length > TOUCH:
         gap = _outermost(a, b, M, v, turned)[0]
         if gap >= limit * length:
-            return gap / length
+            return float(gap / length)
     for c in range(3):  # from b to a, between two points of the hulls
         v[c] = a[0, c] - (M[c, 0] * b[0, 0] + M[c, 1] * b[0, 1] + M[c, 2] * b[0, 2] + M[c, 3])
     for _ in range(STEPS):
@@ -125,7 +125,7 @@ def _parted(a: Array, b: Array, M: Array, limit: float, v: Array, turned: Array)
             break
         gap, i, j = _outermost(a, b, M, v, turned)
         if gap >= limit * length:
-            return gap / length
+            return float(gap / length)
         square, towards = 0.0, 0.0
         for c in range(3):  # the point nearest to zero between v and the difference of the two outermost points
             turned[c] = a[i, c] - (M[c, 0] * b[j, 0] + M[c, 1] * b[j, 1] + M[c, 2] * b[j, 2] + M[c, 3]) - v[c]
