@@ -12,8 +12,8 @@ Pipeline of the main job (``machopt optimize CELL TOOLPATH -o OUT``)::
 Each step is one file in :mod:`machopt.plan` and owns its result type; ``plan/pipeline.py`` draws the
 arrows. Imports point one way::
 
-    cli → api → batch → services → report | formats | verify → diagnose → plan | identify | design | workspace
-        → model → effects → domain → se3 → errors
+    cli → api → batch | view → services → cells → postprocess → recheck → report → formats | verify | output
+        → diagnose → plan | identify | design | workspace → estimate → model → effects → domain → se3 → errors
 
 As a library (:mod:`machopt.api`)::
 

@@ -6,11 +6,13 @@ import csv
 import re
 import shlex
 import shutil
+import textwrap
 from pathlib import Path
 
 import pytest
 from small_cell import urdf_text
 
+import machopt
 from machopt import Cell, Plan, Toolpath
 from machopt.cli import _parser, main
 from machopt.formats.poses import read_poses_csv
@@ -98,6 +100,12 @@ def test_the_library_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert isinstance(names["plan"], Plan)
     assert isinstance(names["path"], Toolpath)
     assert Path("map.svg").stat().st_size > 1000
+    assert Path("out/part/report.html").is_file()
+    shutil.rmtree("out/part")
+    example = re.search(r"As a library.*?::\n\n(.*?)\n\S", machopt.__doc__ or "", re.S)
+    assert example is not None
+    at_cell = textwrap.dedent(example.group(1)).replace("cells/kr500_milling", "mycell")
+    exec(compile(at_cell, "machopt.__doc__", "exec"), {})
     assert Path("out/part/report.html").is_file()
 
 

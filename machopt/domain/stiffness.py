@@ -16,6 +16,11 @@ LEAST_STIFFNESS = 1e4  # N·m/rad, the bottom of the range of robot joints: fits
 WITHIN = np.radians(1.0)  # beyond the last measured angle that still counts as covered: poses are rounded, and sag
 
 
+def spring_text(stiffness: float) -> str:
+    """A joint's stiffness (N·m/rad) as files and tables write it: 4.68e5 N·m/rad, no 4.68e+05."""
+    return f"{stiffness:.3g} N·m/rad".replace("e+0", "e").replace("e+", "e")
+
+
 @dataclass(frozen=True)
 class StiffnessGrid:
     """Piecewise constant joint stiffness over boxes of TCP positions in base_link; x fastest."""

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from machopt.arrays import Array
-from machopt.domain.stiffness import LEAST_STIFFNESS
+from machopt.domain.stiffness import LEAST_STIFFNESS, spring_text
 from machopt.estimate.bounded import minimise
 from machopt.identify.admissible import FittedMatrix, fitted_matrices, gives_way, nearest
 from machopt.identify.fit import Fit, FitCoefficient
@@ -159,7 +159,7 @@ def _judge(
             if np.isfinite(one) and scale > 0 and not none:
                 reason += (
                     f", which moves the TCP by at most {1e6 * _most_moved(fit, j, scale):.0f} µm at "
-                    f"{1 / scale:.3g} N·m/rad; a load with a longer lever arm about its axis would show it"
+                    f"{spring_text(1 / scale)}; a load with a longer lever arm about its axis would show it"
                 )
     elif not np.isfinite(uncertainty.sigma[j]) and not partner:
         reason = "there are no more equations than unknowns: nothing is left over to judge its error by"
@@ -168,7 +168,7 @@ def _judge(
     elif _reaches_zero(unknown, uncertainty.interval[j]):
         reason = "its interval reaches zero compliance" if unknown.joint else "its interval holds zero"
         if unknown.joint is not None:
-            reason += f": stiffer than {uncertainty.stiffness_interval()[j, 0]:.3g} N·m/rad is all that is known"
+            reason += f": stiffer than {spring_text(uncertainty.stiffness_interval()[j, 0])} is all that is known"
         reason += f"; it {partner}" if partner else ""
     return Standing(not reason, reason, expected, inflation, torque)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.domain.results.identification import not_identified
+from machopt.domain.stiffness import spring_text
 from machopt.identify.fit import Fit
 from machopt.identify.heldout import Errors
 from machopt.identify.identifiability import Settled
@@ -118,5 +119,5 @@ def notes(fit: Fit, sure: Uncertainty, settled: Settled) -> tuple[str, ...]:
         if not s.identified:
             held = "at a bound" if settled.replaced[j] else "drawn to the cell's value or to a bound"
             stiffness = 1 / settled.x[j] if settled.x[j] else np.inf
-            out.append(f"joint {j + 1} stands at {stiffness:.3g} N·m/rad, {held}; that is not a measurement")
+            out.append(f"joint {j + 1} stands at {spring_text(stiffness)}, {held}; that is not a measurement")
     return tuple(out)

@@ -136,6 +136,8 @@ def over_axis(data: DiagnosisPage, axis: str, spec_id: str) -> Spec | None:
         )
     for _, size, color, _, aside in pairs:
         x, mean = binned_rms(at[good], size[good], few=few)
+        if not len(x):
+            continue  # too few readings: a legend would name a line that is not drawn
         shift = aside if few else 0.0
         layers.append(
             {

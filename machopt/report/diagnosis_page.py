@@ -330,7 +330,7 @@ def _stiffness_row(c: Coefficient) -> list[str]:
         digits(k * ARCMIN),
         f"{digits(low)} … {digits(high)}" if math.isfinite(c.sigma) else "–",
         digits(before),
-        f"{change:+.1f} %".replace("-", "−") if math.isfinite(change) else "–",
+        f"{fixed(change, 1, signed=True)} %" if math.isfinite(change) else "–",
     ]
 
 

@@ -323,8 +323,8 @@ def _motion_charts(m: MotionSeries, dips: tuple[FeedDip, ...]) -> list[Spec]:
         unit = LENGTH if m.prismatic[j] else ANGLE
         k = keep([m.q[:, j]], _SMALL)
         limits = [
-            {"y": float(f"{v * unit.factor:.6g}"), "label": unit.text(v), "below": i == 1, "fit": True}
-            for i, v in enumerate((m.lower[j], m.upper[j]))
+            {"y": float(f"{v * unit.factor:.6g}"), "label": unit.text(v), "fit": True}
+            for v in (m.lower[j], m.upper[j])
             if np.isfinite(v)
         ]
         charts.append(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from machopt.report.diagnosis_words import digits
 from machopt.report.display import LENGTH
 from machopt.report.map_data import MapData, MapField, MapLayer
 from machopt.report.map_figures import map_specs
@@ -55,6 +56,7 @@ def map_page_html(data: MapData) -> str:
 
 
 SMALL = 0.01  # of the shown unit; below that three decimals say nothing
+LARGE = 1e7  # above it every digit of a stiffness near a singularity would be written out
 _DRAWN = {False: ("heatmap.js",), True: (*STILL_SCENE, "mapstand.js")}  # without and with three dimensions
 _CURVES = {
     True: "The tool keeps its orientation and the arm its branch; a gap is a place that cannot be reached that way.",
@@ -204,7 +206,10 @@ def _row(data: MapData, f: MapField, layer: MapLayer) -> list[list[str]]:
     small = abs(float(value[high]) * f.shown.factor) < SMALL  # of what is small by nature, digits that mean something
 
     def text(v: float) -> str:
-        return f"{v * f.shown.factor:.3g}".replace("-", "−") if small else f.shown.text(v)
+        shown = v * f.shown.factor
+        if abs(shown) > LARGE:
+            return digits(shown)
+        return f"{shown:.3g}".replace("-", "−") if small else f.shown.text(v)
 
     return [
         [

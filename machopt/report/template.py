@@ -33,8 +33,9 @@ def _environment() -> Environment:
 
 
 def bound(sentence: str) -> str:
-    """The same with its units on the line of their numbers: no line ends before a %, or behind a ±."""
-    return sentence.replace(" %", "\N{NO-BREAK SPACE}%").replace("± ", "±\N{NO-BREAK SPACE}")
+    """The same with its units whole on the line of their numbers: no line ends before a %, behind a ±, in N/µm."""
+    kept = sentence.replace(" %", "\N{NO-BREAK SPACE}%").replace("± ", "±\N{NO-BREAK SPACE}")
+    return kept.replace("N/µm", "N/\N{WORD JOINER}µm").replace("mm/min", "mm/\N{WORD JOINER}min")
 
 
 def render(template: str, /, **values: Any) -> str:

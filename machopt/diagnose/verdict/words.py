@@ -25,7 +25,9 @@ def sentence(d: Diagnosis) -> str:
     left = f"{size_of(d.repeatable, d.unit)} of it {'comes back in repeats' if twins else 'is more than the noise'}"
     if d.verdict == "unexplained":
         where = ", ".join(s.axis for s in d.mismatch if s.kind == "machine")[:60]
-        data = next((f"; in the data it lives at {s.axis} {s.note}" for s in d.mismatch if s.kind == "data"), "")
+        # without the range that the note has: that is in SI, the page gives it in the units of the file
+        told = (f"; in the data {100 * s.share:.0f} % gathers along {s.axis}" for s in d.mismatch if s.kind == "data")
+        data = next(told, "")
         return (
             f"Unexplained: the refitted model leaves {error}; {left}, and no law of the catalogue explains it. Nearest "
             f"places: {where or 'none'}{data}."

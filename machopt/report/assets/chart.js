@@ -202,23 +202,24 @@ function lineChart(host, spec) {
   const mark = u => paint(u, (ctx, b, X, Y) => {
     for (const l of spec.hlines || []) {
       rule(ctx, b.x, Y(l.y), b.x + b.w, Y(l.y), LIMIT, [6, 4], 1.1);
-      if (l.label) write(ctx, l.label, b.x + b.w - 4, Y(l.y) + (l.below ? 13 : -4), LIMIT, "right");
     }
     ctx.fillStyle = LIMIT;
     for (const m of spec.marks || []) { const x = X(m.x); ctx.beginPath(); ctx.moveTo(x, b.y + 11); ctx.lineTo(x - 5, b.y + 1); ctx.lineTo(x + 5, b.y + 1); ctx.fill(); }
   });
+  const named = (spec.hlines || []).filter(l => l.label); // beside the plot, where neither curve nor cursor runs over them
+  const name = u => paint(u, (ctx, b, X, Y) => { for (const l of named) write(ctx, l.label, b.x + b.w + 4, Y(l.y) + 4, LIMIT, "left"); }, { clip: false });
   const places = (spec.extra || []).find(e => e.name === "point");
   const pick = spec.group === "time" ? (u, evt) => ({ kind: "time", time: u.posToVal(under(u, evt)[0], "x") })
     : places ? (u, evt) => ({ kind: "point", point: places.names[places.at[u.posToIdx(under(u, evt)[0])]] }) : null;
   const u = plot(host, {
     axisOf: spec.group, pick,
-    title: spec.title, height: spec.height || 230, padding: [spec.labels ? 20 : 8, 14, spec.xlabel ? 0 : 4, spec.ylabel ? 0 : 4],
+    title: spec.title, height: spec.height || 230, padding: [spec.labels ? 20 : 8, named.length ? 44 : 14, spec.xlabel ? 0 : 4, spec.ylabel ? 0 : 4],
     legend: legend(spec.series, spec.series.length > 1 && spec.legend !== false),
     cursor: { sync: { key: spec.group, setSeries: false, scales: ["x", null] }, drag: { x: true, y: false }, points: { size: 6 } },
     scales: { x: { time: false }, y: { range } },
     axes: [axis(2, spec.xlabel, { grid: false }), axis(3, spec.ylabel)],
     series: [{}, ...spec.series.map(s => ({ label: s.name, tint: s.color, stroke: () => tone(s.color), width: s.width || 1.6, dash: s.dash ? dashes(s.dash) : undefined, points: { show: true, filter: u => dots(u, spec.x, s.y), size: 4, width: 0, fill: () => tone(s.color) } }))],
-    hooks: { drawClear: [shade], draw: [mark, edge] },
+    hooks: { drawClear: [shade], draw: [mark, edge, name] },
   }, [spec.x, ...spec.series.map(s => s.y)]);
   u.over.addEventListener("mousemove", evt => {
     const [x] = under(u, evt), k = u.posToIdx(x), rows = [[spec.xname, spec.x[k].toFixed(spec.xdec ?? 1)]];
