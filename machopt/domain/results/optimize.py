@@ -28,7 +28,10 @@ class ToolpathRead(Part):
 
 
 class ObjectiveParts(Part):
-    """J and its parts, dimensionless; times ``index_scale``, mean and worst are the index's own."""
+    """J and its parts, dimensionless; times ``index_scale``, mean and worst are the index's own.
+
+    ``index_scale`` is the median over the candidates of this run: totals of runs with other grids are on other scales.
+    """
 
     total: Known
     mean: Known
