@@ -16,6 +16,9 @@ from machopt.domain.cell import Cell, Shape
 from machopt.model.bounds import Memory, Rows
 from machopt.model.collision import CollisionModel
 from machopt.model.robot import load_chain
+from machopt.verify.arm import Arm
+from machopt.verify.bodies import all_bodies, pairs
+from machopt.verify.clearance import telling
 
 ROUND = 0.0022 * 0.5  # m: the prisms that stand for cylinders (0.5 m at most) are up to 0.22 % larger
 KINDS = [{"rail": True}, {"table": True, "tilt": True}, {"rail": True, "table": True, "tilt": True}]
@@ -259,3 +262,35 @@ def test_external_joints_that_stand_at_home_need_no_values(both: tuple[Cell, Col
     np.testing.assert_array_equal(still.nearest(q, free).distance, model.nearest(x, free).distance)
     bare = replace(cell, workpiece=replace(cell.workpiece, link="world", geometry=()), obstacles=())
     assert CollisionModel(bare, robot, shapes, 0.0, still=True).check(q, free).hit.shape == (60,)
+
+
+def test_what_a_carriage_keeps_from_its_own_bed_is_not_told_as_clearance(tmp_path: Path) -> None:
+    """It is checked, but hides nothing else: planner and verifier leave the same pairs out, and no other.
+
+    The stop at the end of the rail comes nearer and goes, and so does what rides on the plate.
+    """
+    cell = external_cell(tmp_path, rail=True, table=True)
+    things = (
+        Shape("cabinet", "box", (0.3, 0.4, 0.9), None, pose(-0.9, 0.0, 0.9), link="carriage"),
+        Shape("bed", "box", (0.5, 9.0, 0.1), None, pose(-0.9, 0.0, 0.05)),
+        Shape("stop", "box", (0.5, 0.1, 2.0), None, pose(-0.9, 3.2, 1.0)),
+        Shape("wheel", "cylinder", (0.3, 0.1), None, pose(0.0, 0.0, -0.25), link="plate"),
+        Shape("foot", "cylinder", (0.2, 0.05), None, pose(1.5, 0.0, 0.05)),
+        Shape("ram", "box", (0.1, 0.1, 0.1), None, pose(1.0, 0.0, -0.25), link="plate"),
+    )
+    cell = replace(cell, obstacles=things)
+    model, arm = model_of(cell), Arm(cell)
+    unchanging = {frozenset(("cabinet", "bed"))}
+    named = [frozenset((p.a, p.b)) for p in model.pairs]
+    assert unchanging <= set(named)  # checked for contact as before
+    q = random_x(cell, 200)
+    told = {named[k] for k in model.nearest(q, np.zeros(len(q), bool)).pair if k >= 0}
+    assert told
+    assert not unchanging & told
+    wanted = pairs(cell, arm, all_bodies(cell, arm))
+    left_out = {frozenset((a.name, b.name)) for a, b in wanted} - {
+        frozenset((a.name, b.name)) for a, b in telling(arm, wanted)
+    }
+    assert left_out == {named[k] for k in np.flatnonzero(model._told_nothing)}
+    assert unchanging <= left_out
+    assert frozenset(("cabinet", "stop")) not in left_out

@@ -56,6 +56,7 @@ COARSE = 0.50  # the same for links two apart, whose meshes often overlap where 
 LONGEST = 0.1  # rad, joint step above which the motion bound is of no use
 STRIP = np.radians(2.0)  # of a joint, in which poses are taken in the order of the next one
 MOST = 50_000  # rows of a motion that are looked at together, for the sake of memory (some 5 kB each)
+POSES, UNCHANGED = 24, 1e-6  # random ones, and m by which the distance of a pair that tells nothing varies over them
 AT_ONCE = 2_000_000  # rows × pairs whose bounds are compared in one array
 
 
@@ -158,6 +159,7 @@ class CollisionModel:
         self.outlines = side_by_side(outline_of, self._bodies)
         self._take([(i, j) for i, j, _ in wanted], [touch for *_, touch in wanted])
         self.excluded: tuple[Excluded, ...] = (*self._exclude(wanted), *told)
+        self._told_nothing = self._unchanging()
         at_home = self._touching(np.append(cell.home, cell.external_home)[None, : self._lines.columns])
         self.suspicious: tuple[str, ...] = tuple(
             f"{p.name} touch or are nearer than the clearance at the home pose{remedy(p)}"
@@ -251,15 +253,32 @@ class CollisionModel:
                 yield start + k, doubt[:, k]
 
     def nearest(self, q: Array, cutting: Bools, cap: float = CAP) -> Nearest:
-        """Least distance over all pairs at each row, and whose it is; 0 in contact.
+        """Least distance over the pairs at each row, and whose it is; 0 in contact.
+
+        Without those whose distance nothing changes, as of a carriage over its own bed: they would hide what a plan
+        can do something about.
 
         Args:
             q: (S, 6 + E) rad or m, quickest where neighbouring rows are neighbouring poses.
             cutting: (S,) the cutter may touch the workpiece.
             cap: m, distances above it are not measured.
         """
-        asked = ~(np.asarray(cutting, bool)[:, None] & self._spared)
+        asked = ~(np.asarray(cutting, bool)[:, None] & self._spared) & ~self._told_nothing
         return nearest_of(self.stack, self.surfaces, [o.mesh for o in self.outlines], self._lines.moved(q), asked, cap)
+
+    def _unchanging(self) -> Bools:
+        """(P,) pairs that only one external joint lies between, and that are as near wherever it stands."""
+        lines, out = self._lines, np.zeros(len(self.pairs), bool)
+        if lines.held is not None:
+            return out
+        rng = np.random.default_rng(0)
+        q = lines.moved(lines.lower + (lines.upper - lines.lower) * rng.random((POSES, len(lines.lower))))
+        for p, (i, j) in enumerate(self.stack.links):
+            if j - i == 1 and i < lines.machine.base:
+                asked = np.broadcast_to(np.arange(len(out)) == p, (POSES, len(out)))
+                found = nearest_of(self.stack, self.surfaces, [o.mesh for o in self.outlines], q, asked).distance
+                out[p] = found.min() > 0.0 and found.max() < CAP and np.ptp(found) < UNCHANGED
+        return out
 
     def _names(self, i: int, j: int) -> frozenset[str]:
         return frozenset((self._bodies[i].name, self._bodies[j].name))

@@ -145,6 +145,11 @@ class Arm:
             carrier = int(parent[carrier])
         return frozenset(out)
 
+    @property
+    def external(self) -> frozenset[int]:
+        """Joints of the URDF that are the cell's external ones."""
+        return frozenset(self._external)
+
     def riding(self, link: str) -> tuple[int, Array]:
         """Entry of :meth:`placements` that carries a link of the URDF or ``world`` (−1), and (4, 4) the link there."""
         if link == "world":

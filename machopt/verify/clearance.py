@@ -1,6 +1,7 @@
 """clearance_mm and nearest_pair of points.csv: is the stated distance the least of all pairs that count?
 
-The column is the least distance over the pairs of :func:`machopt.verify.bodies.pairs`, at most 500 mm, 0 in contact.
+The column is the least distance over the pairs of :func:`machopt.verify.bodies.pairs`, at most 500 mm, 0 in contact,
+but for those that one external joint lies between and that are as near wherever it stands (:func:`telling`).
 The cutter counts against the workpiece only where a rapid move ends that no move at a feed follows: elsewhere it is
 there to touch it. The named pair's distance is enclosed; of any other it need only be known that it is not nearer than
 the claim, so a bound once found holds on while the bodies have not moved by what it exceeds the claim. Bounds are those
@@ -19,11 +20,13 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.domain.toolpath import Move, Toolpath
+from machopt.verify.arm import Arm
 from machopt.verify.bodies import Body, bounds, distance, gap
 from machopt.verify.contact import Scene
 
 CAP = 0.5  # m, beyond which the planner does not measure
 TOLERANCE = 5e-7  # m: four decimals of a mm, and six of the joints' degrees over a reach of metres
+POSES, UNCHANGED = 24, 1e-6  # random ones, and m by which the distance of a pair that tells nothing varies over them
 CYLINDER, SPHERE = 0.0022, 0.0071  # of the radius, by which a circumscribed polyhedron is larger
 
 
@@ -34,6 +37,25 @@ class Clearances:
     short: Array  # (N,) m, some pair is nearer than claimed; 0 where none is
     beyond: Array  # (N,) m, the named pair is farther than claimed; NaN: there is no such pair
     pair: tuple[str, ...]  # (N,) what comes nearer than claimed, empty where nothing does
+
+
+def telling(arm: Arm, wanted: list[tuple[Body, Body]]) -> list[tuple[Body, Body]]:
+    """The pairs without those whose distance nothing changes, as of a carriage over its own bed."""
+    limits = arm.cell.limits
+    x = limits.lower + (limits.upper - limits.lower) * np.random.default_rng(21).random((POSES, len(limits.lower)))
+    world = arm.placements(x[:, :6], x[:, 6:])
+
+    def at(body: Body) -> Array:
+        return world[:, body.carrier] if body.carrier >= 0 else np.broadcast_to(np.eye(4), world[:, 0].shape)
+
+    def unchanging(a: Body, b: Body) -> bool:
+        between = arm.moved_by(a.carrier) ^ arm.moved_by(b.carrier)
+        if len(between) != 1 or not between <= arm.external:
+            return False
+        d = np.array([distance(a, b, T) for T in np.linalg.inv(at(a)) @ at(b)])
+        return bool(d.min() > 0.0 and d.max() < CAP and np.ptp(d) < UNCHANGED)
+
+    return [(a, b) for a, b in wanted if not unchanging(a, b)]
 
 
 def check_clearances(

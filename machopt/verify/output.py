@@ -15,7 +15,7 @@ from machopt.verify.arm import Arm
 from machopt.verify.asked import check_asked
 from machopt.verify.bodies import Body, all_bodies, pairs
 from machopt.verify.check import Check, Promise, Verification, not_run, of_file, worst
-from machopt.verify.clearance import TOLERANCE, check_clearances, may_cut
+from machopt.verify.clearance import TOLERANCE, check_clearances, may_cut, telling
 from machopt.verify.contact import Scene, contacts
 from machopt.verify.encoder import outside, true_angles, unchecked
 from machopt.verify.feed import check_feed
@@ -148,6 +148,7 @@ def _clearance(
     if named is None:
         return [Check("points.csv nearest_pair", False, np.nan, 0.0, "mm", "the column is missing")]
     graze, at = may_cut(table.toolpath)[table.k[rows]], table.where(rows)
+    wanted = telling(table.arm, wanted)
     short, beyond, pair = np.zeros(len(rows)), np.zeros(len(rows)), [""] * len(rows)
     for first in range(0, len(rows), ROWS):
         some = slice(first, first + ROWS)
