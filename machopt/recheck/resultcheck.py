@@ -32,6 +32,7 @@ from machopt.output.roles import BATCH_ROLES
 from machopt.recheck.inforce import file_of
 from machopt.recheck.resultform import wrong_parts
 from machopt.recheck.resultnumbers import PRINTED, compensation, front, not_beyond, objective
+from machopt.recheck.resultposition import position_error
 from machopt.recheck.resultprograms import programs
 from machopt.recheck.scope import checked, done, not_run, unchecked
 from machopt.recheck.told import AGREE, DIGITS, Points, Told, known, near, same, same_items, short
@@ -325,6 +326,7 @@ _PARTS: dict[str, Callable[[Told], Iterable[str]]] = {
     "objective": objective,
     "front": front,
     "compensation": compensation,
+    "position error": position_error,
     Promise.VERIFICATION: _verification,
     "programs": programs,
     "warnings": _warnings,

@@ -137,7 +137,7 @@ class _View:
                         yield new
 
     def _instead(self, kept: Set, most: int) -> Set:
-        """Laws of so many numbers at most, taken while the description gets shorter; none that it can do without."""
+        """Laws of so many numbers at most, while the description gets shorter; none that it can nearly do without."""
         out, now = kept, self.length(kept)
         wide = np.array([len(self._columns(g)) > most for g in range(len(self.sums.groups))])
         while True:
@@ -156,9 +156,10 @@ class _View:
         return self._needed(kept, out)
 
     def _needed(self, kept: Set, some: Set) -> Set:
+        """Without what makes the set longer by next to nothing when it is left out: no name for that."""
         while len(some) > len(kept) + 1:
             each = [(self.length(w), w) for w in (tuple(o for o in some if o != g) for g in some if g not in kept)]
-            if min(each)[0] >= self.length(some):
+            if min(each)[0] >= self.length(some) + calibrated.DETECTION.shorter:
                 break
             some = min(each)[1]
         return some
