@@ -172,16 +172,19 @@ class Grid:
         rows = slice(max(first, 0), min(last, S - 1) + 1)
         part = _Part(self, edges, rows)
         old = np.stack([choice.rotation, choice.branch, choice.turn], axis=1)
-        only = np.zeros_like(self.candidates.feasible[rows])
-        kept = np.flatnonzero(old[rows, 0] >= 0)
-        r, b, t = old[rows][kept].T
-        only[kept, r, b, t] = True
-        _, before, stop, broken, _ = part.solve(only, _LARGE, Edges.none())
-        mask = self.candidates.feasible[rows].copy()
-        for end in ([0] if first >= 0 else []) + ([-1] if last < S else []):
-            mask[end] = only[end]
-        if stop >= 0 or broken.any():
-            return None
+        mask = self.candidates.feasible[rows]
+        if first >= 0 or last < S:  # else there are no others, which cost nothing
+            only = np.zeros_like(mask)
+            kept = np.flatnonzero(old[rows, 0] >= 0)
+            r, b, t = old[rows][kept].T
+            only[kept, r, b, t] = True
+            _, before, stop, broken, _ = part.solve(only, _LARGE, Edges.none())
+            mask = mask.copy()
+            for end in ([0] if first >= 0 else []) + ([-1] if last < S else []):
+                mask[end] = only[end]
+            if stop >= 0 or broken.any():
+                return None
+            part.value_elsewhere = choice.total - self.worst * self._worst(choice) - before
         some = any_last(mask)
         found = part.below(mask, some, some, _LARGE)
         if found is None or ((found[0][:, 0] >= 0) != (old[rows, 0] >= 0)).any():
@@ -192,7 +195,6 @@ class Grid:
         others = np.where(elsewhere, choice.rotation, -1).astype(np.int32)
         beside = worst_index(self.raw, self.counted, self.hidden, others, choice.branch)
         part.worst_elsewhere = max(beside, self.elsewhere)
-        part.value_elsewhere = choice.total - self.worst * self._worst(choice) - before
         traded = part.traded(mask, Capped(vertex, value + part.value_elsewhere, part.most(vertex)), gap)
         old[rows] = traded.best.vertex
         return self._made(old, (), traded.total, choice.bound, choice.reached)
