@@ -42,11 +42,10 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
         "_at",
         f"{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},{_F2},{_I1},{_I1},{_I1},{_I1},{_F2},i8,i8",
     ),
-    ("model.touching", "_between", f"{_F2},{_F2},{_F3},f8"),
     (
         "model.touching",
         "_rows",
-        f"{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},f8",
+        f"{_F2},{_F2},{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},f8",
     ),
     ("plan.blend", "_carry", f"{_F2},{_F1}"),
     ("plan.blend", "_grade", f"{_F1},{_F1}"),
