@@ -99,10 +99,10 @@ def _towards(plan: Plan, point: int) -> str:
     far = f"the tip is {1e3 * size:,.0f} mm from the shoulder"
     extent = float(np.linalg.norm(np.ptp(plan.path.position, axis=0)))
     unit = "; is the workpiece frame in mm?" if size > FAR else ""
-    if extent > reach_of(plan.setup.robot, plan.setup.arm.T_flange_tcp):
+    if extent > reach_of(plan.setup.robot, plan.setup.arm.T_flange_tcp) and not plan.path.external.shape[1]:
         unit += f"; the path is {extent:.3g} m long: does --unit have to say another unit?"
-    x, y, z = 1e3 * moved.by
-    part = f"moving the part by about ({x:.0f}, {y:.0f}, {z:.0f}) mm in the robot's base"
+    by = ", ".join(f"{v:.0f}".replace("-", "\N{MINUS SIGN}") for v in np.round(1e3 * moved.by) + 0.0)
+    part = f"moving the part by about ({by}) mm in the robot's base"
     whom = "" if moved.points == 1 else f" all {moved.points} points out of reach"
     if not moved.all:
         whom = f" this point, not all {moved.points} out of reach"
@@ -146,9 +146,10 @@ def _sentence(plan: Plan, s: int, reason: Reason, point: int) -> str:
     stands = f" {external.stands}" if external.stands else ""
     if far:
         short = 1e3 * plan.candidates.shortfall[s]
+        missing = f"{short:.0f}" if short >= 0.5 else "less than 1"
         elsewhere = f"{external.elsewhere}; " if external.elsewhere else ""
         return (
-            f"out of reach at every rotation{stands}: the wrist centre lies {short:.0f} mm outside the workspace; "
+            f"out of reach at every rotation{stands}: the wrist centre lies {missing} mm outside the workspace; "
             f"{elsewhere}moving the workpiece or the robot by that much would help"
         )
     parts = [f"{int((rotations == r).sum())} {_WORDS[r]}" for r in _WORDS if (rotations == r).any()]

@@ -415,4 +415,6 @@ def measured(value: float, unit: str) -> str:
 
 
 def _length(metres: float) -> str:
-    return f"{1e3 * metres:.0f} mm out of reach" if metres > 0 else ""
+    if not metres > 0:
+        return ""
+    return f"{1e3 * metres:.0f} mm out of reach" if 1e3 * metres >= 0.5 else "less than 1 mm out of reach"
