@@ -183,6 +183,27 @@ def test_chance_counts_the_whole_search() -> None:
     assert np.sum(np.array(least) < 0.05) <= 7
 
 
+@pytest.mark.parametrize("gain", [0.0, 0.004])
+def test_noise_of_the_force_is_no_gain_of_a_cycle(gain: float) -> None:
+    """It errs along the displacement of each reading; the parts add up to what twins differ by, and not to more."""
+    made, found = [], []
+    for seed in range(4):
+        problem, _ = made_up(30 + seed, gain=0.0)
+        rng = np.random.default_rng([30, seed])
+        way = rng.standard_normal((GROUPS, 3))
+        way *= np.sqrt(3.0) / np.linalg.norm(way, axis=1, keepdims=True)
+        along = way[problem.group]  # each pose gives way to one side
+        step = np.array([0.5, 1.0, 0.5])[np.arange(len(problem)) % 3]
+        scale = 8e-3 * step[:, None] * along
+        residual = problem.y - problem.base @ np.full(4, 1e-4) + 10e-6 * rng.standard_normal((len(along), 1)) * along
+        residual += gain * rng.standard_normal(problem.cycle.max() + 1)[problem.cycle][:, None] * scale
+        n = noise.estimate(replace(problem, scale=scale), residual, np.ones(len(problem), bool))
+        found.append([n.gain, n.together(0) ** 2 + n.gain**2 * np.mean(scale**2)])
+        made.append(np.mean(residual**2))
+    assert np.sqrt(np.mean([g**2 for g, _ in found])) == pytest.approx(gain, abs=0.0011)
+    assert np.mean([p for _, p in found]) == pytest.approx(np.mean(made), rel=0.1)
+
+
 def test_repeatable_power_is_what_twins_share() -> None:
     problem, column = made_up(8, extra=30e-6)
     used = np.ones(len(problem), bool)

@@ -7,8 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from test_diagnose_absolute import arm, measure
+from test_diagnose_sessions import CELL, CELLS, sound
 
 from machopt.diagnose.record.pasted import pasted
+from machopt.formats.cell import load_cell
+from machopt.model.robot import load_robot
 
 
 @pytest.mark.parametrize("turned", [0.0, 2.0])
@@ -29,3 +32,19 @@ def test_of_two_rows_that_read_alike_the_one_farther_from_the_arm_is_the_copy(tu
     assert np.flatnonzero(pasted(spoilt, robot, T)).tolist() == [4, 21]
     coarse = replace(spoilt, position=np.round(x, 5))  # read to 0.01 mm: alike by chance
     assert not pasted(coarse, robot, T).any()
+
+
+@pytest.mark.parametrize("digits", [9, 5])
+def test_a_visit_of_a_load_test_pasted_over_another_is_found_in_coarse_readings_too(digits: int) -> None:
+    r, cell = sound(), load_cell(CELLS / CELL)
+    robot, T = load_robot(cell), cell.tool.T_flange_tcp
+    assert r.displacement is not None
+    d = np.round(r.displacement, digits)
+    r = replace(r, displacement=d)
+    assert not pasted(r, robot, T).any()
+    source, goal = (np.flatnonzero((r.pose == p) & (r.session == 1)) for p in np.unique(r.pose)[[2, 7]])
+    d = d.copy()
+    d[goal] = d[source]
+    assert np.flatnonzero(pasted(replace(r, displacement=d), robot, T)).tolist() == goal.tolist()
+    twice = np.where(r.pose == np.unique(r.pose)[7], np.unique(r.pose)[2], r.pose)  # another number of the same pose
+    assert not pasted(replace(r, displacement=d, pose=twice), robot, T).any()

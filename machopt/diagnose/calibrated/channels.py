@@ -50,6 +50,11 @@ class Resting:
     fewest_angles: int = _set(8, "distinct angles: what is drawn through fewer is any line", JUDGED)
     angle_decimals: int = _set(3, "decimals of a radian: poses that are returned to differ by less", JUDGED)
     above_balancer: float = _set(3.0, "per turn of its joint, the lowest order that is not a balancer's", JUDGED)
+    most_balanced: float = _set(
+        10.0,
+        "times the largest torque of weight at its joint that a balancer carries, at most",
+        JUDGED,
+    )
     poses_per_order: float = _set(3.0, "distinct angles that each order of a wave asks for", JUDGED)
     least_turn: float = _set(
         float(np.radians(15.0)), "rad, range of a joint below which a torque by its angle does not show", JUDGED

@@ -138,6 +138,9 @@ class Recorded:
     apart: float = _set(
         10.0, "times the typical misfit that two poses lie apart whose readings cannot agree to the last digit", JUDGED
     )
+    copied: float = _set(
+        1e-12, "chance that so many readings of a visit agree with those of another pose to the last digit", STATISTICS
+    )
     misplaced: float = _set(
         3.0, "1 sigma of a reflector's nominal place, beyond which it was written down wrong", JUDGED
     )

@@ -102,8 +102,8 @@ def _split(problem: Problem, family: Family, e: Array, rows: Flags) -> tuple[flo
     at = np.flatnonzero(good)
     order = at[np.argsort(problem.cycle[at], kind="stable")]
     starts = np.flatnonzero(np.r_[True, np.diff(problem.cycle[order]) != 0]) if len(order) else np.zeros(1, np.int64)
-    squares, freedom = 0.0, 0.0
-    shifts, leverage, visits, slopes, errors = [], [], [], [], []
+    squares, freedom, along, free = 0.0, 0.0, 0.0, 0
+    shifts, leverage, visits, slopes, powers, carried = [], [], [], [], [], []
     for block in np.split(order, starts[1:]) if len(order) else []:
         y, n = x[block], len(block)
         mean = y.mean(axis=0)
@@ -115,14 +115,19 @@ def _split(problem: Problem, family: Family, e: Array, rows: Flags) -> tuple[flo
             if power > 0:
                 b = float(np.sum(s * rest)) / power
                 rest = rest - b * s
+                # force noise errs along the displacement, where its gain would show: held against that direction's own
+                along += float(np.sum((rest @ np.linalg.svd(s, full_matrices=False)[2][0]) ** 2))
+                free += n - 2
                 slopes.append(b)
-                errors.append(1.0 / power)
+                powers.append(power)
                 lost += 1.0
         if n > 1:
             squares += float(np.sum(rest**2))
             freedom += n * len(columns) - lost
         shifts.append(mean)
         leverage.append(1.0 / n)
+        # what a gain error adds to the shift of its cycle
+        carried.append(0.0 if scale is None else float(np.mean(scale[block].mean(axis=0) ** 2)))
         visits.append(int(problem.visit[block[0]]))
     if not shifts:
         return max(typical, tiny), 0.0, 0.0, 0.0
@@ -130,18 +135,19 @@ def _split(problem: Problem, family: Family, e: Array, rows: Flags) -> tuple[flo
     if freedom < calibrated.NOISE.least_freedom:  # one reading a cycle: nothing tells its error from the cycle's
         return max(float(np.sqrt(together)), tiny), 0.0, 0.0, 0.0
     own2 = max(squares / freedom, tiny**2)
-    mean2 = np.mean(np.array(shifts) ** 2, axis=1)
+    gain2 = 0.0
+    if len(slopes) > 3:  # by the power that gains take: so the parts add up to what twins differ by, and no more
+        taken = np.array(powers)
+        own_along2 = max(own2, along / free)
+        gain2 = max(float(np.sum(taken * np.array(slopes) ** 2 - own_along2) / np.sum(taken)), 0.0)
+    mean2 = np.mean(np.array(shifts) ** 2, axis=1) - gain2 * np.array(carried)
     shift2 = max(float(np.mean(mean2 - own2 * np.array(leverage))), 0.0)
     visit2 = min(_between(np.array(shifts), np.array(visits)), shift2)
-    gain = 0.0
-    if len(slopes) > 3:
-        weight = 1.0 / (own2 * np.array(errors) + np.median(np.array(slopes) ** 2))
-        gain = float(np.sum(weight * (np.array(slopes) ** 2 - own2 * np.array(errors))) / np.sum(weight))
     return (
         max(float(np.sqrt(own2)), tiny),
         float(np.sqrt(shift2 - visit2)),
         float(np.sqrt(visit2)),
-        float(np.sqrt(max(gain, 0.0))),
+        float(np.sqrt(gain2)),
     )
 
 

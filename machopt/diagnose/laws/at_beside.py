@@ -129,6 +129,14 @@ def _stiffens(r: Readings, effect: Effect, where: str, law: Beside) -> Hypothesi
         slope = law.slope(np.array(shape), np.linspace(q.min(), q.max(), 60))
         return {"variation": Quantity(50.0 * float(np.ptp(slope @ x)) * c, "%"), **law.sizes(x)}
 
+    along = np.linspace(q.min(), q.max(), FINE)
+    weight = float(np.abs(r.weight_torque[:, j]).max())
+
+    def buildable(x: Array, shape: Shape) -> bool:
+        """A balancer is there for the weight; where that is not known any may be."""
+        peak = float(np.abs(law.torque(np.array(shape), along) @ x).max())
+        return weight == 0.0 or peak <= calibrated.RESTING.most_balanced * weight
+
     return Hypothesis(
         effect.called,
         where,
@@ -141,6 +149,7 @@ def _stiffens(r: Readings, effect: Effect, where: str, law: Beside) -> Hypothesi
         family="joint",
         note=_note(where),
         penalty=law.penalty,
+        buildable=buildable,
     )
 
 

@@ -151,6 +151,8 @@ class Hypothesis:
     held: float | None = None  # 1 sigma about zero of every coefficient, of what makers hold; None: nothing is known
     summed: str = ""  # several of its shapes at one place are one law again, so called ("waves"); empty: they are not
     finer: Finer | None = None  # how its shape is settled once it is chosen; None: one of ``shapes``
+    # whether anything built has such coefficients at such a shape; where not, the law is no more than a shape that fits
+    buildable: Callable[[Array, Shape], bool] = lambda x, shape: True
     exact: bool = False  # the law leaves nothing of its effect (a clock, a measured lag), however large that is
 
     @property

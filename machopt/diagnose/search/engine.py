@@ -22,14 +22,13 @@ from machopt.diagnose.evidence.grams import base_model, sandwich, tried
 from machopt.diagnose.evidence.whitening import whitening
 from machopt.diagnose.nouns.problem import Catalogue, Problem
 from machopt.diagnose.nouns.result import Coefficient, Diagnosis, Errors, Finding, Limit, Share, Verdict
-from machopt.diagnose.search import limits, mismatch, outweighed, unnamed
-from machopt.diagnose.search.anotherday import comes_again
+from machopt.diagnose.search import limiting, limits, mismatch, outweighed, unnamed
 from machopt.diagnose.search.findings import estimates, rivals
 from machopt.diagnose.search.finer import settled
 from machopt.diagnose.search.known import geometric_finding
 from machopt.diagnose.search.proof import prove
 from machopt.diagnose.search.screen import score
-from machopt.diagnose.search.select import Chosen, stands, with_chosen
+from machopt.diagnose.search.select import Chosen, with_chosen
 from machopt.diagnose.search.state import State
 from machopt.diagnose.search.together import searched
 from machopt.diagnose.verdict import words
@@ -69,7 +68,7 @@ def diagnose(
     """
     seed = int(rng.integers(2**31))
     state = _search(problem, catalogue, options, seed, rebuild)
-    state = outweighed.withheld(state, np.random.default_rng([seed, 4]))
+    state = outweighed.withheld(limiting.named(state), np.random.default_rng([seed, 4]))
     options.progress("rivals and intervals")
     return _assemble(state, options, np.random.default_rng([seed, 1]))
 
@@ -203,7 +202,8 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
     left = instruments.beyond(problem, final.residual if few else after, floor_noise, used)
     if left is not None:
         verdict = left.verdict(verdict)
-    apart = _one_day(state)
+    other_day = outweighed.contradicted(state)
+    apart = () if other_day is None else (other_day.tried.hypothesis.name,)
     if apart or nameless:
         verdict = instruments.less(verdict)
     scored = score(state.base, state.tried)
@@ -271,17 +271,6 @@ def _nothing_left(state: State, rest: mismatch.Repeatable, after: Array) -> bool
     return rest.p_value > calibrated.PROOF.certain  # nothing was repeated: not a number, and not known
 
 
-def _one_day(state: State) -> tuple[tuple[str, str], ...]:
-    """Effects that would be named by one session and are contradicted by another: the best of them, if any."""
-    model = with_chosen(state.base, state.chosen)
-    taken = {c.tried.hypothesis.name for c in state.chosen}
-    scored = score(model, [t for t in state.named if t.hypothesis.name not in taken])
-    for s in sorted(scored, key=lambda s: -s.total):
-        if stands(model, s) and not comes_again(model, s):
-            return (s.tried.hypothesis.name,)
-    return ()
-
-
 def _limits(state: State, chosen: Sequence[Chosen], rng: np.random.Generator) -> list[Limit]:
     """Limits beside what was found; of what was found, beside the rest of it."""
     found = {c.tried.hypothesis.name for c in chosen}
@@ -311,7 +300,7 @@ def _finding(state: State, k: int) -> Finding:
         h.equation,
         h.note,
         tuple(names),
-        estimates(state.base, state.chosen, k),
+        estimates(state.base, state.chosen, k, state.named),
         heldout.rmse(state.problem, without, state.used),
         heldout.rmse(state.problem, full.heldout(), state.used),
         c.p_value,

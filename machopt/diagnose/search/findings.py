@@ -10,7 +10,6 @@ from scipy.special import stdtr, stdtrit
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.evidence.grams import Model, Tried, sandwich
-from machopt.diagnose.nouns.problem import Shape
 from machopt.diagnose.nouns.result import Estimate, LawFit, Name, Rival
 from machopt.diagnose.search.screen import Scored, score
 from machopt.diagnose.search.select import Chosen, with_chosen
@@ -77,22 +76,32 @@ def rivals(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tried
     return [r for n, r in enumerate(out) if n < SHOWN or r.standing == "not excluded"], names
 
 
-def estimates(model: Model, chosen: Sequence[Chosen], k: int) -> dict[str, Estimate]:
-    """The parameters of the k-th effect with 90 and 95 % intervals, over the shapes that are as likely."""
+def estimates(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tried]) -> dict[str, Estimate]:
+    """The parameters of the k-th effect with 90 and 95 % intervals, over the shapes and laws of it that are as likely.
+
+    Args:
+        model: the base.
+        chosen: all effects.
+        k: which of them.
+        tried: every law, among them those of the same effect at the same place.
+    """
     c = chosen[k]
     beside = with_chosen(model, [o for i, o in enumerate(chosen) if i != k])
-    h, p = c.tried.hypothesis, c.tried.X.shape[2]
+    h = c.tried.hypothesis
     value = h.quantities(c.scored.x * c.tried.unit[c.scored.shape], c.tried.shapes[c.scored.shape])
     ends: dict[str, list[Array]] = {name: [] for name in value}
-    for s in range(len(c.tried.shapes)):
-        m = beside.with_columns(c.tried.at(s), c.tried.precision(s))
-        if s != c.scored.shape and m.rss - _rss(beside, c) > calibrated.DETECTION.near_shape * m.spread:
-            continue
-        x, covariance, freedom = sandwich(m)
-        low_high = _quantity_intervals(c, x[-p:], covariance[-p:, -p:], freedom, c.tried.shapes[s], c.tried.unit[s])
-        for name, interval in low_high.items():
-            if name in ends:
-                ends[name].append(interval)
+    best = _rss(beside, c)
+    most = best + _as_likely(beside, c, best)
+    for t in [o for o in tried if o.hypothesis.name == h.name and o is not c.tried] + [c.tried]:
+        p = t.X.shape[2]
+        for s in range(len(t.shapes)):
+            m = beside.with_columns(t.at(s), t.precision(s))
+            if m.rss > most and (t is not c.tried or s != c.scored.shape):
+                continue
+            x, covariance, freedom = sandwich(m)
+            for name, interval in _quantity_intervals(t, s, x[-p:], covariance[-p:, -p:], freedom).items():
+                if name in ends:
+                    ends[name].append(interval)
     out = {}
     for name, q in value.items():
         both = np.array(ends[name]) if ends[name] else np.full((1, 2, 2), q.value)
@@ -106,11 +115,22 @@ def estimates(model: Model, chosen: Sequence[Chosen], k: int) -> dict[str, Estim
     return out
 
 
-def _quantity_intervals(
-    c: Chosen, x: Array, covariance: Array, freedom: float, shape: Shape, unit: Array
-) -> dict[str, Array]:
+def _as_likely(beside: Model, c: Chosen, best: float) -> float:
+    """Whitened sum of squares by which another shape may be worse.
+
+    Where the noise was measured and the law leaves more than noise its form is not quite the true one: then a form
+    that is worse by no more than that, or by what laws are held to leave of an effect, may be as near to the truth.
+    """
+    m = beside.with_columns(c.columns, c.tried.precision(c.scored.shape))
+    freedom = len(m.y) - m.X.shape[1]
+    beyond = best - freedom - 2.0 * np.sqrt(2.0 * freedom)  # than noise by chance
+    form = 0.0 if c.tried.hypothesis.exact else min(beyond, calibrated.DETECTION.beside * c.scored.gain)
+    return max(calibrated.DETECTION.near_shape * m.spread, form)
+
+
+def _quantity_intervals(law: Tried, at: int, x: Array, covariance: Array, freedom: float) -> dict[str, Array]:
     """(2, 2) ends of the 90 and 95 % intervals of each quantity, by its slope in the coefficients."""
-    h = c.tried.hypothesis
+    h, shape, unit = law.hypothesis, law.shapes[at], law.unit[at]
     centre = h.quantities(x * unit, shape)
     slopes: dict[str, list[float]] = {name: [] for name in centre}
     for i in range(len(x)):

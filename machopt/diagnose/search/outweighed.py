@@ -2,7 +2,8 @@
 
 The best of a catalogue is the nearest shape to whatever is there, and takes much of it. Where the noise is known, so is
 what the whole sum leaves beyond it; a law that takes little more than that may well be one more side of the very thing
-that is not understood. It stays in the fit, so that no other takes its place, and is said with its place, not named.
+that is not understood. So may a law whose numbers nothing built has. Either stays in the fit, so that no other takes
+its place, and is said with its place, not named.
 """
 
 from __future__ import annotations
@@ -16,9 +17,14 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.evidence import heldout
 from machopt.diagnose.nouns.problem import UNNAMED, Hypothesis
 from machopt.diagnose.search import mismatch
-from machopt.diagnose.search.select import Chosen
+from machopt.diagnose.search.anotherday import BY_DAY, comes_again
+from machopt.diagnose.search.screen import Scored, score
+from machopt.diagnose.search.select import Chosen, stands, with_chosen
 from machopt.diagnose.search.state import State
 from machopt.effects.words import spoken
+
+LITTLE = "explains little more than what is left beside it"
+NOT_BUILT = "would need numbers that nothing built has"
 
 
 def withheld(state: State, rng: np.random.Generator) -> State:
@@ -28,13 +34,16 @@ def withheld(state: State, rng: np.random.Generator) -> State:
         state: of the search.
         rng: of the sign flips that judge what is left.
     """
+    state = replace(state, chosen=tuple(c if _buildable(c) else _nameless(c, NOT_BUILT) for c in state.chosen))
     chosen = state.chosen
     if not any(_judged(c) for c in chosen) or _crowded(state):
         return state
-    whole = state.fitted(chosen).heldout()
-    left = _left(state, whole, rng)
+    chosen = _of_days(state, chosen)
+    fit = state.fitted(chosen)
+    whole = fit.heldout()
+    left = _left(state, whole, fit.residual, rng)
     if left <= 0.0:
-        return state
+        return replace(state, chosen=chosen)
     out = list(chosen)
     for k, c in enumerate(chosen):
         if not _judged(c):
@@ -44,8 +53,37 @@ def withheld(state: State, rng: np.random.Generator) -> State:
         # a frame leaves nothing of itself: what is left is something else, and has to be clearly more
         most = calibrated.PROOF.outweighs_exact if c.tried.hypothesis.exact else calibrated.PROOF.outweighs
         if left > most * taken:
-            out[k] = _nameless(c)
+            out[k] = _nameless(c, LITTLE)
     return replace(state, chosen=tuple(out))
+
+
+def contradicted(state: State) -> Scored | None:
+    """The effect that would be named by one session and that another contradicts: the best of them, if any."""
+    model = with_chosen(state.base, state.chosen)
+    taken = {c.tried.hypothesis.name for c in state.chosen}
+    scored = score(model, [t for t in state.named if t.hypothesis.name not in taken])
+    for s in sorted(scored, key=lambda s: -s.total):
+        if stands(model, s) and not comes_again(model, s):
+            return s
+    return None
+
+
+def _of_days(state: State, chosen: tuple[Chosen, ...]) -> tuple[Chosen, ...]:
+    """What may be another each day is no name where the days of a load test differ by more of something else.
+
+    Twins then differ by that, too, and what is left hides in what passes for their noise.
+    """
+    if state.problem.channel != "deflection" or not any(c.tried.hypothesis.family in BY_DAY for c in chosen):
+        return chosen
+    other = contradicted(state)
+    if other is None:
+        return chosen
+    return tuple(
+        _nameless(c, LITTLE)
+        if c.tried.hypothesis.family in BY_DAY and other.gain > calibrated.PROOF.outweighs * c.scored.gain
+        else c
+        for c in chosen
+    )
 
 
 def _judged(c: Chosen) -> bool:
@@ -59,17 +97,19 @@ def _crowded(state: State) -> bool:
     return state.problem.channel == "position" and len(state.chosen) > calibrated.RESTING.crowded
 
 
-def _left(state: State, residual: Array, rng: np.random.Generator) -> float:
+def _left(state: State, residual: Array, fitted: Array, rng: np.random.Generator) -> float:
     """What comes back of held-out residuals (N, D) and lies above the noise, SI² per coordinate; 0: nothing for sure.
 
     The one needs no level of noise, the other no repeats of the same thing; a name is kept back where both say so.
+    Unseen groups err by as much more than noise, for the coefficients' own error, as ``fitted`` ones (N, D) do by less.
     """
     problem = state.problem
     rest = mismatch.repeatable(problem, residual, state.used, state.noise, rng)
     if rest.p_value > calibrated.PROOF.certain:  # not a number where nothing was repeated
         return 0.0
     floor = heldout.floor(problem, state.noise, state.used) / problem.families[0].factor
-    return max(min(rest.power, _power(state, residual) - floor**2), 0.0)
+    power = 0.5 * (_power(state, residual) + _power(state, fitted))
+    return max(min(rest.power, power - floor**2), 0.0)
 
 
 def _power(state: State, residual: Array) -> float:
@@ -77,8 +117,13 @@ def _power(state: State, residual: Array) -> float:
     return (heldout.rmse(problem, residual, state.used) / problem.families[0].factor) ** 2
 
 
-def _nameless(c: Chosen) -> Chosen:
+def _buildable(c: Chosen) -> bool:
+    h, s = c.tried.hypothesis, c.scored
+    return not h.named or h.buildable(s.x * c.tried.unit[s.shape], c.tried.shapes[s.shape])
+
+
+def _nameless(c: Chosen, why: str) -> Chosen:
     h = c.tried.hypothesis
-    note = f"looks like {spoken(*h.name)} ({h.law}) and explains little more than what is left beside it"
+    note = f"looks like {spoken(*h.name)} ({h.law}) and {why}"
     unnamed: Hypothesis = replace(h, family=UNNAMED, note=note)
     return replace(c, scored=replace(c.scored, tried=replace(c.tried, hypothesis=unnamed)))
