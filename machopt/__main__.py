@@ -1,8 +1,6 @@
 """``python -m machopt``: the command ``machopt``."""
 
-import sys
-
-from machopt.cli import main
+from machopt.cli.process import run
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run()

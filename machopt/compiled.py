@@ -20,6 +20,7 @@ import numba
 from numba.core import event
 from numba.core.caching import FunctionCache, NullCache
 from numba.core.compiler import CompileResult
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps
 
@@ -68,6 +69,23 @@ def compiled(function: F) -> F:
     if BROUGHT.is_dir():
         made._cache = _Brought(made.py_func, made._cache, BROUGHT)
     return made  # type: ignore[no-any-return]
+
+
+def take(kernel: Any, types: tuple[Any, ...]) -> bool:
+    """Have a kernel's machine code for such arguments at hand before it is called; False where none is stored.
+
+    What the first call would do, from any thread; but it compiles nothing.
+    """
+    with global_compiler_lock:
+        if types in kernel.overloads:
+            return True
+        made = kernel._cache.load_overload(types, kernel.targetctx)
+        if made is None:
+            return False
+        kernel._cache_hits[types] += 1
+        kernel.targetctx.insert_user_function(made.entry_point, made.fndesc, [made.library])
+        kernel.add_overload(made)
+    return True
 
 
 def store(kernel: Any, folder: Path) -> None:

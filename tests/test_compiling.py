@@ -6,7 +6,9 @@ import importlib
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
+from typing import Any
 
 import numba
 import pytest
@@ -77,6 +79,45 @@ def test_what_is_compiled_ahead_is_stored_where_a_call_looks() -> None:
     asked = [*kernel.stats.cache_hits, *kernel.stats.cache_misses]
     assert asked
     assert all(isinstance(types, tuple) for types in asked)
+
+
+def test_what_is_stored_is_taken_before_it_is_called_and_nothing_is_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    types = (numba.float64,)
+    first = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
+    module.store(first, tmp_path)
+    again = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
+    again._cache = module._Brought(again.py_func, module.NullCache(), tmp_path)
+    assert not module.take(again, types)  # not stored yet
+    assert again.signatures == []
+    first(1.0)
+    assert module.take(again, types)
+    monkeypatch.setattr(again._cache, "load_overload", lambda *_: pytest.fail("taken already"))
+    assert module.take(again, types)
+    assert again(3.0) == 6.0
+    assert (len(again.stats.cache_hits), len(again.stats.cache_misses)) == (1, 0)
+
+
+@pytest.mark.parametrize(("cores", "taken"), [(2, 3), (1, 0)])
+def test_where_there_is_a_second_core_kernels_are_taken_in_order_until_one_is_not_stored(
+    cores: int, taken: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+    third = threading.Event()
+
+    def take(kernel: Any, types: tuple[Any, ...]) -> bool:
+        assert len(types) == kernel.py_func.__code__.co_argcount
+        asked.append(kernel.py_func.__name__)
+        if len(asked) == 3:
+            third.set()
+        return len(asked) < 3
+
+    monkeypatch.setattr(module, "take", take)
+    monkeypatch.setattr("machopt.model.threads.cores", lambda: cores)
+    with kernels.taken_beside():
+        assert cores < 2 or third.wait(60.0)
+    assert asked == [name for _, name, _ in KERNELS[:taken]]
 
 
 def test_every_kernel_compiled_ahead_is_one() -> None:

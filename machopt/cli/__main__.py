@@ -1,7 +1,5 @@
 """``python -m machopt.cli``."""
 
-import sys
+from machopt.cli.process import run
 
-from machopt.cli import main
-
-sys.exit(main())
+run()

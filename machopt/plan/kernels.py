@@ -2,7 +2,8 @@
 
 They are compiled while a wheel is built (``.hatch/kernels.py``); what an installation did not bring is compiled when it
 is first called. On such a first run a second process begins with the kernel that is needed last
-(:func:`compile_beside`), so that two cores share the work: numba itself compiles one function at a time.
+(:func:`compile_beside`), so that two cores share the work: numba itself compiles one function at a time. On every later
+run a thread takes what is stored (:func:`taken_beside`) while the job is read.
 """
 
 from __future__ import annotations
@@ -10,8 +11,10 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from threading import Event, Thread
 from typing import Any
 
 _F1, _F2, _F3, _I1, _S1 = "f8[::1]", "f8[:,::1]", "f8[:,:,::1]", "i8[::1]", "i4[::1]"
@@ -102,17 +105,50 @@ MORE = (  # what only some plans need: other arms, arms as they are built, exter
 
 def compile_all(kernels: Iterable[tuple[str, str, str]] = KERNELS[::-1]) -> list[Any]:
     """Compile what is not stored yet, by default the last first; returns the compiled functions."""
+    made = []
+    for kernel, types in _meant(kernels):
+        kernel.compile(types)
+        made.append(kernel)
+    return made
+
+
+def _meant(kernels: Iterable[tuple[str, str, str]]) -> Iterator[tuple[Any, tuple[Any, ...]]]:
+    """Each function with the types of its arguments as numba has them: code is stored by these, not by the words."""
     from importlib import import_module
 
     from numba.core.sigutils import normalize_signature
 
-    made = []
     for module, name, types in kernels:
-        made.append(getattr(import_module(f"machopt.{module}"), name))
-        made[-1].compile(
-            normalize_signature(f"({types})")[0]
-        )  # stored by its types, not by these words: so calls find it
-    return made
+        yield getattr(import_module(f"machopt.{module}"), name), normalize_signature(f"({types})")[0]
+
+
+@contextmanager
+def taken_beside() -> Iterator[None]:
+    """In a thread, take from the store what a plan will call, in that order; nothing is begun any more after the block.
+
+    Half of that is LLVM's work, without the interpreter's lock. It ends at the first kernel that is not stored: this is
+    a first run then, and compiling is for the plan.
+    """
+    from machopt.compiled import take
+    from machopt.model.threads import cores
+
+    if cores() < 2:  # the plan would wait for it, also for what it does not call
+        yield
+        return
+    over = Event()
+
+    def take_all() -> None:
+        for kernel, types in _meant(KERNELS):
+            if over.is_set() or not take(kernel, types):
+                return
+
+    beside = Thread(target=take_all, name="kernels")
+    beside.start()
+    try:
+        yield
+    finally:
+        over.set()
+        beside.join()
 
 
 def compile_beside() -> subprocess.Popen[bytes] | None:

@@ -29,6 +29,7 @@ from machopt.verify import Check, Verification, verify_stints
 from machopt.verify.changes import slices
 from machopt.verify.check import Promise, not_run
 from machopt.verify.output import Tables, read_tables
+from machopt.verify.readonce import read_once
 from machopt.verify.table import Motion, read_motion
 
 NAN = float("nan")
@@ -65,12 +66,13 @@ def verify_folder(
         Files that are missing or unreadable are failed checks, never exceptions.
     """
     manifest, checks = manifest_checks(folder, inputs)
-    if manifest is not None and manifest.exit_code == 3 and not (folder / "trajectory.csv").exists():
-        contents, found = None, Verification((), 0, 0.0)
-    else:
-        contents = found = contents or content_checks(cell, toolpath, folder, options=options, manifest=manifest)
-    checks += check_copies(folder)
-    told = result_checks(folder, cell, toolpath, options, inputs, manifest, contents)
+    with read_once():
+        if manifest is not None and manifest.exit_code == 3 and not (folder / "trajectory.csv").exists():
+            contents, found = None, Verification((), 0, 0.0)
+        else:
+            contents = found = contents or content_checks(cell, toolpath, folder, options=options, manifest=manifest)
+        checks += check_copies(folder)
+        told = result_checks(folder, cell, toolpath, options, inputs, manifest, contents)
     return replace(found, checks=(*checks, *found.checks, *told))
 
 

@@ -11,6 +11,7 @@ from machopt.effects.own import in_use, with_effects
 from machopt.formats.parquet import write_beside
 from machopt.output import output_folder
 from machopt.plan.front import measured
+from machopt.plan.kernels import taken_beside
 from machopt.plan.mapped import mapped
 from machopt.plan.setup import Timings
 from machopt.postprocess.written import write_programs
@@ -21,6 +22,7 @@ from machopt.services.load import OptimizeRequest, load
 from machopt.services.planned import Planned, planned
 from machopt.services.tell import tell, write_tables
 from machopt.verify import Verification
+from machopt.verify.readonce import read_once
 
 
 @dataclass(frozen=True)
@@ -48,10 +50,11 @@ def optimize(request: OptimizeRequest, progress: Callable[[str], None] = lambda 
     """
     with in_use(with_effects(request.effects)):
         timings = Timings(progress=progress)
-        with timings.stage("load"):
-            given = load(request)
-        with output_folder(request.out) as folder:
-            result = write(planned(given, timings), folder).result
+        with taken_beside():
+            with timings.stage("load"):
+                given = load(request)
+            with output_folder(request.out) as folder:
+                result = write(planned(given, timings), folder).result
     return OptimizeOutcome(result.exit_code, result, request.out / "report.html")
 
 
@@ -61,6 +64,11 @@ def write(the_plan: Planned, folder: Path) -> Written:
     Args:
         folder: an empty folder.
     """
+    with read_once():  # by the verdict on the tables, and by that on all of it
+        return _written(the_plan, folder)
+
+
+def _written(the_plan: Planned, folder: Path) -> Written:
     given, made, timings = the_plan.given, the_plan.made, the_plan.timings
     timeline = made.timeline
     with timings.stage("export"):

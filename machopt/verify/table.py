@@ -19,6 +19,7 @@ from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.toolpath import Move
 from machopt.errors import InputError
+from machopt.verify.readonce import held
 
 JOINTS = tuple(f"q{i}_deg" for i in range(1, 7))
 SHIFT = ("comp_dx_mm", "comp_dy_mm", "comp_dz_mm")
@@ -247,11 +248,15 @@ def read_columns(file: Path) -> dict[str, list[str]]:
 
 
 def read_table(file: Path) -> Table:
-    """A table of any length.
+    """A table of any length; within :func:`machopt.verify.readonce.read_once` it is read once.
 
     Raises:
         InputError: the file cannot be read, holds no rows, or a row has more or fewer fields than the header.
     """
+    return held(file, _read_table)
+
+
+def _read_table(file: Path) -> Table:
     text: dict[str, list[str]] = {}
     parts: dict[str, list[Array | list[str]]] = {}
     known: dict[str, str] = {}  # equal words are one

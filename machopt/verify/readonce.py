@@ -1,0 +1,57 @@
+"""Each table of a folder is read once as long as its bytes are the same.
+
+The tables are wanted by the verdict on themselves, by that on the programs and by that on result.json. A table is
+known by the hash of its bytes, so whatever is changed between two of them is read anew.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path
+from typing import TypeVar
+
+T = TypeVar("T")
+LARGEST = 128 * 2**20  # bytes: of a longer table reading again costs less than the memory to hold it
+_HELD: ContextVar[dict[Path, tuple[bytes, object]] | None] = ContextVar("tables", default=None)
+
+
+@contextmanager
+def read_once() -> Iterator[None]:
+    """Within it tables are held; they are let go at the end of the outermost."""
+    if _HELD.get() is not None:
+        yield
+        return
+    token = _HELD.set({})
+    try:
+        yield
+    finally:
+        _HELD.reset(token)
+
+
+def held(file: Path, read: Callable[[Path], T]) -> T:
+    """What ``read`` makes of a file, or made of the same bytes before; nobody may change it.
+
+    Errors are those of ``read``.
+    """
+    known = _HELD.get()
+    digest = None if known is None else _digest(file)
+    if known is None or digest is None:
+        return read(file)
+    if known.get(file, (b"", None))[0] != digest:
+        known[file] = (digest, read(file))
+    result: T = known[file][1]  # type: ignore[assignment]  # one reader a file
+    return result
+
+
+def _digest(file: Path) -> bytes | None:
+    """None where the table is too long to hold, or cannot be read."""
+    try:
+        if file.stat().st_size > LARGEST:
+            return None
+        with file.open("rb") as data:
+            return hashlib.file_digest(data, "sha256").digest()
+    except OSError:
+        return None

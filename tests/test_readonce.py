@@ -1,0 +1,37 @@
+"""A table is read once as long as its bytes are the same, and never longer than it is wanted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from machopt.errors import InputError
+from machopt.verify import readonce
+from machopt.verify.readonce import read_once
+from machopt.verify.table import read_table
+
+
+def test_a_table_is_read_once_and_anew_when_a_byte_has_changed(tmp_path: Path) -> None:
+    file = tmp_path / "points.csv"
+    file.write_text("a,b\n1,2\n")
+    with read_once():
+        first = read_table(file)
+        with read_once():  # of one who does not know whether there is another around
+            assert read_table(file) is first
+        assert read_table(file) is first
+        file.write_text("a,b\n1,3\n")  # same length, perhaps within one tick of the clock
+        assert read_table(file).numbers("b").tolist() == [3.0]
+        file.unlink()
+        with pytest.raises(InputError, match="cannot be read"):
+            read_table(file)
+    file.write_text("a,b\n1,2\n")
+    assert read_table(file) is not read_table(file)  # outside nothing is held
+
+
+def test_a_table_too_long_to_hold_is_read_each_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(readonce, "LARGEST", 7)
+    file = tmp_path / "points.csv"
+    file.write_text("a,b\n1,2\n")
+    with read_once():
+        assert read_table(file) is not read_table(file)
