@@ -13,11 +13,7 @@ from typing import TYPE_CHECKING
 
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
-from machopt.formats.cam.apt.reader import read_apt
-from machopt.formats.cam.gcode.reader import read_gcode
-from machopt.formats.cam.heidenhain.iso import HEADER, read_heidenhain_iso
-from machopt.formats.cam.heidenhain.reader import read_heidenhain
-from machopt.formats.cam.nci import NCI, read_nci
+from machopt.formats.cam import heads
 from machopt.formats.pointtable import looks_like_table, read_csv, read_parquet
 from machopt.formats.source import MAX_EXTENT, ReadOptions, Source, decode, read_bytes
 from machopt.formats.source import offsets as work_offsets
@@ -33,18 +29,6 @@ _READABLE = (
 _REFUSED = (  # (pattern in the first lines, what it is and what would work)
     (r"^\s*ISO-10303-21", f"is a STEP file: STEP-NC holds features and no tool points; {_READABLE}"),
     (r"^\s*(?:solid\s|<\?xml|<html|\{\s*\")", f"is not a toolpath; {_READABLE}"),
-)
-_PART_PROGRAM = re.compile(
-    r"^\s*(?:\w+\s*=\s*(?:point|line|circle|plane|vector|matrix|cylndr|cone|sphere|pattrn|tabcyl)\s*/"
-    r"|go\s*/\s*(?:to|on|past|tanto)|clprnt\b|loopst\b|jumpto\s*/|obtain\s*,|[a-z]\w*\s*=\s*[-+.\w(])",
-    re.IGNORECASE | re.MULTILINE,
-)
-_CL_DATA = re.compile(
-    r"^\s*(?:GOTO\s*/|TOOL PATH\s*/|CUTTER\s*/|LOADTL\s*/|FEDRAT\s*/|\$\$|PARTNO|FROM\s*/|MULTAX|CIRCLE\s*/)",
-    re.IGNORECASE | re.MULTILINE,
-)
-_G_CODE = re.compile(
-    r"^\s*/?\s*(?:N\s*\d+\s*)?(?:\([^)]*\)\s*)?(?:[GXYZMT]\s*[+-]?\s*\d*\.?\d|R\d+\s*=)", re.IGNORECASE | re.MULTILINE
 )
 _HEAD_LINES = 3000
 _NCI_LINES = 200
@@ -126,29 +110,40 @@ def read_toolpath(
 
 
 def _sniff(source: Source) -> Callable[[Source, ReadOptions], Toolpath]:
+    """The reader of a file, which alone is loaded."""
     head = "\n".join(source.lines[:_HEAD_LINES])
     if looks_like_table(source):
         return read_csv
-    if NCI.match("\n".join(source.lines[:_NCI_LINES]) + "\n"):
+    if heads.NCI.match("\n".join(source.lines[:_NCI_LINES]) + "\n"):
+        from machopt.formats.cam.nci import read_nci
+
         return read_nci
     for pattern, reason in _REFUSED:
         if re.search(pattern, head, re.MULTILINE):
             raise source.error(reason)
-    if re.search(r"^\s*\d*\s*BEGIN\s+PGM\b", head, re.IGNORECASE | re.MULTILINE):
+    if heads.HEIDENHAIN.search(head):
+        from machopt.formats.cam.heidenhain.reader import read_heidenhain
+
         return read_heidenhain
-    if HEADER.search(head):
+    if heads.HEIDENHAIN_ISO.search(head):
+        from machopt.formats.cam.heidenhain.iso import read_heidenhain_iso
+
         return read_heidenhain_iso
-    if _CL_DATA.search(head):
-        if _PART_PROGRAM.search(head) and not re.search(r"TOOL PATH/|\*CATIA", head):
-            line = head[: _PART_PROGRAM.search(head).start()].count("\n") + 1  # type: ignore[union-attr]
+    if heads.CL_DATA.search(head):
+        if heads.PART_PROGRAM.search(head) and not re.search(r"TOOL PATH/|\*CATIA", head):
+            line = head[: heads.PART_PROGRAM.search(head).start()].count("\n") + 1  # type: ignore[union-attr]
             raise source.error(
                 "is an APT part program: geometry and motion commands for the APT processor, no tool points yet. Run "
                 "the processor and give its cutter location file",
                 line,
             )
+        from machopt.formats.cam.apt.reader import read_apt
+
         return read_apt
-    if _PART_PROGRAM.search(head) and re.search(r"^\s*partno", head, re.IGNORECASE | re.MULTILINE):
+    if heads.PART_PROGRAM.search(head) and re.search(r"^\s*partno", head, re.IGNORECASE | re.MULTILINE):
         raise source.error("is an APT part program without tool points; give the cutter location file it makes")
-    if len(_G_CODE.findall(head)) >= 2 or re.search(r"^\s*O\s*<", head, re.IGNORECASE | re.MULTILINE):
+    if len(heads.G_CODE.findall(head)) >= 2 or re.search(r"^\s*O\s*<", head, re.IGNORECASE | re.MULTILINE):
+        from machopt.formats.cam.gcode.reader import read_gcode
+
         return read_gcode
     raise source.error(f"is not recognised as a toolpath; {_READABLE}")

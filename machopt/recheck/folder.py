@@ -17,6 +17,7 @@ from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.formats.parquet import difference
 from machopt.formats.toolchoice import stints_of
+from machopt.model.threads import both
 from machopt.output.manifest import MANIFEST, differences, read_manifest
 from machopt.output.roles import BATCH_ROLES, ROLES
 from machopt.recheck.compared import Posted
@@ -33,6 +34,7 @@ from machopt.verify.readonce import read_once
 from machopt.verify.table import Motion, read_motion
 
 NAN = float("nan")
+BESIDE = 200_000  # samples of a motion up to which programs are checked beside the tables: longer, memory counts more
 
 
 _COPIES = ("points.parquet", "trajectory.parquet", "compensation.parquet", "front.parquet")
@@ -100,10 +102,21 @@ def content_checks(
         motion = None  # those who need it try again and say what is wrong
     try:
         stints = stints_of(cell, toolpath)
-        found = verify_stints(stints, folder, options=options, motion=motion)
+
+        def of_tables() -> Verification:
+            return verify_stints(stints, folder, options=options, motion=motion)
+
+        def of_programs(found: Verification | None = None) -> list[Check]:
+            return _programs(stints, folder, options, manifest, motion, found)
+
+        if len(stints) == 1 and motion is not None and len(motion.time) <= BESIDE:
+            found, programs = both(of_tables, of_programs)
+        else:
+            found = of_tables()
+            programs = of_programs(found)
     except InputError as problem:
         return Verification((failed(Promise.TABLES, str(problem), because=problem),), 0, NAN)
-    return replace(found, checks=(*found.checks, *_programs(stints, folder, options, manifest, motion, found)))
+    return replace(found, checks=(*found.checks, *programs))
 
 
 def _programs(
@@ -112,9 +125,13 @@ def _programs(
     options: PlanOptions,
     manifest: Manifest | None,
     motion: Motion | None,
-    found: Verification,
+    found: Verification | None,
 ) -> list[Check]:
-    """The robot programs that the manifest lists, and files that look like one and belong to none."""
+    """The robot programs that the manifest lists, and files that look like one and belong to none.
+
+    Args:
+        found: what the tables came to, which a job that changes tools is cut by; not asked of others.
+    """
     cell = stints[0].cell
     listed = () if manifest is None else manifest.programs
     paths = () if manifest is None else manifest.inputs_of("toolpath")
@@ -145,13 +162,15 @@ def _programs(
 
 
 def _tables(
-    stints: tuple[Stint, ...], folder: Path, motion: Motion | None, found: Verification
+    stints: tuple[Stint, ...], folder: Path, motion: Motion | None, found: Verification | None
 ) -> list[tuple[Stint, Tables | None]]:
     """Each tool with its part of the tables; none where these do not hold the changes, which has been told."""
     if len(stints) == 1:
         return [(stints[0], None)]
     whole = None if motion is None else read_tables(stints[0].cell, folder, motion)
-    if whole is None or isinstance(whole, Verification) or any(c.promise == Promise.CHANGES for c in found.failed):
+    if whole is None or found is None or isinstance(whole, Verification):
+        return []
+    if any(c.promise == Promise.CHANGES for c in found.failed):
         return []
     return list(zip(stints, slices(whole, stints), strict=True))
 

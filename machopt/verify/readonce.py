@@ -10,12 +10,22 @@ import hashlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Lock
 from typing import TypeVar
 
 T = TypeVar("T")
 LARGEST = 128 * 2**20  # bytes: of a longer table reading again costs less than the memory to hold it
-_HELD: ContextVar[dict[Path, tuple[bytes, object]] | None] = ContextVar("tables", default=None)
+
+
+@dataclass(frozen=True)
+class _Shelf:
+    tables: dict[Path, tuple[bytes, object]] = field(default_factory=dict)
+    lock: Lock = field(default_factory=Lock)  # two verdicts may be formed side by side: the second waits for the table
+
+
+_HELD: ContextVar[_Shelf | None] = ContextVar("tables", default=None)
 
 
 @contextmanager
@@ -24,7 +34,7 @@ def read_once() -> Iterator[None]:
     if _HELD.get() is not None:
         yield
         return
-    token = _HELD.set({})
+    token = _HELD.set(_Shelf())
     try:
         yield
     finally:
@@ -36,14 +46,17 @@ def held(file: Path, read: Callable[[Path], T]) -> T:
 
     Errors are those of ``read``.
     """
-    known = _HELD.get()
-    digest = None if known is None else _digest(file)
-    if known is None or digest is None:
+    shelf = _HELD.get()
+    if shelf is None:
         return read(file)
-    if known.get(file, (b"", None))[0] != digest:
-        known[file] = (digest, read(file))
-    result: T = known[file][1]  # type: ignore[assignment]  # one reader a file
-    return result
+    with shelf.lock:
+        digest = _digest(file)
+        if digest is None:
+            return read(file)
+        if shelf.tables.get(file, (b"", None))[0] != digest:
+            shelf.tables[file] = (digest, read(file))
+        result: T = shelf.tables[file][1]  # type: ignore[assignment]  # one reader a file
+        return result
 
 
 def _digest(file: Path) -> bytes | None:

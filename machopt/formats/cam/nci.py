@@ -21,7 +21,6 @@ from machopt.formats.frames import Frame, FrameError, Transfer
 from machopt.formats.pathbuilder import PathBuilder, Vector, check_radius
 from machopt.formats.source import UNIT_NAMES, ReadOptions, Source
 
-NCI = re.compile(r"\A\s*\d{1,5}\s*\n.*\n\s*\d{1,5}\s*\n(?:.*\n)*?\s*(?:1002|1001|1000|1011|1012|1013|1014|1050)\s*\n")
 _COMMENTS = {1005, 1006, 1007, 1008, 1025, 1026}
 _DRILLING = range(81, 201)
 _ARC_LAYOUTS = {  # places of (plane, end, centre, feed)

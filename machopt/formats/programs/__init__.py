@@ -6,21 +6,15 @@ They share no code with the writers in :mod:`machopt.formats.posts`.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
-from machopt.formats.programs.fanuc import read_fanuc
-from machopt.formats.programs.jbi import read_jbi
-from machopt.formats.programs.krl import read_krl
 from machopt.formats.programs.parsed import ParsedProgram
-from machopt.formats.programs.rapid import read_rapid
-from machopt.formats.programs.ros import read_ros
-from machopt.formats.programs.tables import read_csv_program, read_json_program
 from machopt.formats.programs.toolpath import KnownRobot, to_toolpath
-from machopt.formats.programs.urscript import read_urscript
-from machopt.formats.programs.val3 import read_val3
 from machopt.formats.source import ReadOptions, Source, decode, read_bytes
 
 __all__ = ["KnownRobot", "ParsedProgram", "is_program", "read_program", "read_program_as_toolpath", "recognised"]
@@ -32,16 +26,37 @@ def _has(pattern: str) -> re.Pattern[str]:
     return re.compile(pattern, re.MULTILINE)
 
 
-_READERS: tuple[tuple[str, re.Pattern[str], Callable[[Source, float, bool], ParsedProgram]], ...] = (
-    ("URScript", _has(r"^\s*(?:def|thread)\s+\w+\(.*\)\s*:|^\s*(?:movej|movel|movep|servoj)\("), read_urscript),
-    ("KUKA KRL", _has(r"(?i)^\s*(?:&ACCESS|(?:GLOBAL\s+)?DEF\s+\w+\s*\(|DEFDAT\s+\w+)"), read_krl),
-    ("ABB RAPID", _has(r"(?i)^\s*(?:%%%|MODULE\s+\w+|(?:LOCAL\s+)?PROC\s+\w+\s*\()"), read_rapid),
-    ("FANUC", _has(r"^\s*/PROG\b"), read_fanuc),
-    ("Yaskawa", _has(r"^\s*/JOB\b"), read_jbi),
-    ("Staubli VAL3", _has(r"staubli\.com/robotics/VAL3"), read_val3),
-    ("program table", _has(r"^# machopt_program\b|^item,.*\bq1_deg\b"), read_csv_program),
-    ("program JSON", _has(r'\A\s*\{\s*"machopt_program"'), read_json_program),
-    ("ROS JointTrajectory", _has(r'^"?joint_names"?\s*:|^\s*\{.*"joint_names"\s*:'), read_ros),
+@dataclass(frozen=True)
+class _Language:
+    """A language, how it is known, and its reader, which alone is loaded."""
+
+    name: str
+    known_by: re.Pattern[str]
+    module: str
+    function: str
+
+    def read(self, source: Source, options: ReadOptions, pulses_per_deg: Sequence[float] | None) -> ParsedProgram:
+        reader = getattr(import_module(f"{__name__}.{self.module}"), self.function)
+        pulses = () if self.module != "jbi" or pulses_per_deg is None else (tuple(pulses_per_deg),)
+        parsed: ParsedProgram = reader(source, options.arc_tolerance, options.strict, *pulses)
+        return parsed
+
+
+_READERS = (
+    _Language(
+        "URScript",
+        _has(r"^\s*(?:def|thread)\s+\w+\(.*\)\s*:|^\s*(?:movej|movel|movep|servoj)\("),
+        "urscript",
+        "read_urscript",
+    ),
+    _Language("KUKA KRL", _has(r"(?i)^\s*(?:&ACCESS|(?:GLOBAL\s+)?DEF\s+\w+\s*\(|DEFDAT\s+\w+)"), "krl", "read_krl"),
+    _Language("ABB RAPID", _has(r"(?i)^\s*(?:%%%|MODULE\s+\w+|(?:LOCAL\s+)?PROC\s+\w+\s*\()"), "rapid", "read_rapid"),
+    _Language("FANUC", _has(r"^\s*/PROG\b"), "fanuc", "read_fanuc"),
+    _Language("Yaskawa", _has(r"^\s*/JOB\b"), "jbi", "read_jbi"),
+    _Language("Staubli VAL3", _has(r"staubli\.com/robotics/VAL3"), "val3", "read_val3"),
+    _Language("program table", _has(r"^# machopt_program\b|^item,.*\bq1_deg\b"), "tables", "read_csv_program"),
+    _Language("program JSON", _has(r'\A\s*\{\s*"machopt_program"'), "tables", "read_json_program"),
+    _Language("ROS JointTrajectory", _has(r'^"?joint_names"?\s*:|^\s*\{.*"joint_names"\s*:'), "ros", "read_ros"),
 )
 
 
@@ -76,11 +91,9 @@ def read_program(
     source = _source(Path(path))
     reader = _reader(source)
     if reader is None:
-        known = ", ".join(name for name, _, _ in _READERS)
+        known = ", ".join(language.name for language in _READERS)
         raise source.error(f"is not recognised as a robot program; readable are {known}")
-    if reader is read_jbi and pulses_per_deg is not None:
-        return read_jbi(source, options.arc_tolerance, options.strict, tuple(pulses_per_deg))
-    return reader(source, options.arc_tolerance, options.strict)
+    return reader.read(source, options, pulses_per_deg)
 
 
 def read_program_as_toolpath(
@@ -110,6 +123,6 @@ def _source(path: Path) -> Source:
     return decode(path, data)
 
 
-def _reader(source: Source) -> Callable[[Source, float, bool], ParsedProgram] | None:
+def _reader(source: Source) -> _Language | None:
     head = "\n".join(source.lines[:_HEAD_LINES])
-    return next((reader for _, pattern, reader in _READERS if pattern.search(head)), None)
+    return next((language for language in _READERS if language.known_by.search(head)), None)

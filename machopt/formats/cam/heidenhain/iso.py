@@ -13,11 +13,11 @@ from machopt.domain.toolpath import Toolpath
 from machopt.formats.cam import reviewed
 from machopt.formats.cam.gcode.blocks import Block
 from machopt.formats.cam.gcode.flow import FlowError
+from machopt.formats.cam.heads import HEIDENHAIN_ISO
 from machopt.formats.cam.heidenhain.control import ControlReader
 from machopt.formats.cam.heidenhain.planes import NUMBER, value
 from machopt.formats.source import ReadOptions, Source
 
-HEADER = re.compile(r"^[ \t]*%(?!_N_)[ \t]*\S+[ \t]+G7([01])\b", re.IGNORECASE | re.MULTILINE)
 _WORD = re.compile(r"\s*([A-Z])\s*" + NUMBER)
 _Q = re.compile(r"\s*Q(\d+)\s*=\s*" + NUMBER)
 _MIRROR = re.compile(r"(?:G9[01]\s*)?G28(?:\s*[XYZABC])*")
@@ -61,7 +61,7 @@ class _Reader(ControlReader):
         return self.finish()
 
     def first_unit(self, source: Source, options: ReadOptions) -> tuple[str, str]:
-        found = HEADER.search("\n".join(source.lines))
+        found = HEIDENHAIN_ISO.search("\n".join(source.lines))
         named = None if not found else "inch" if found.group(1) == "0" else "mm"
         if named is None and options.unit is None:
             raise source.error("has no G70 or G71 in its first block; give the unit with --unit mm or --unit inch")

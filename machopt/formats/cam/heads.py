@@ -1,0 +1,21 @@
+"""How the beginning of a CAM file tells its dialect, apart from the readers: only the one that is meant is loaded."""
+
+from __future__ import annotations
+
+import re
+
+NCI = re.compile(r"\A\s*\d{1,5}\s*\n.*\n\s*\d{1,5}\s*\n(?:.*\n)*?\s*(?:1002|1001|1000|1011|1012|1013|1014|1050)\s*\n")
+HEIDENHAIN = re.compile(r"^\s*\d*\s*BEGIN\s+PGM\b", re.IGNORECASE | re.MULTILINE)
+HEIDENHAIN_ISO = re.compile(r"^[ \t]*%(?!_N_)[ \t]*\S+[ \t]+G7([01])\b", re.IGNORECASE | re.MULTILINE)
+PART_PROGRAM = re.compile(
+    r"^\s*(?:\w+\s*=\s*(?:point|line|circle|plane|vector|matrix|cylndr|cone|sphere|pattrn|tabcyl)\s*/"
+    r"|go\s*/\s*(?:to|on|past|tanto)|clprnt\b|loopst\b|jumpto\s*/|obtain\s*,|[a-z]\w*\s*=\s*[-+.\w(])",
+    re.IGNORECASE | re.MULTILINE,
+)
+CL_DATA = re.compile(
+    r"^\s*(?:GOTO\s*/|TOOL PATH\s*/|CUTTER\s*/|LOADTL\s*/|FEDRAT\s*/|\$\$|PARTNO|FROM\s*/|MULTAX|CIRCLE\s*/)",
+    re.IGNORECASE | re.MULTILINE,
+)
+G_CODE = re.compile(
+    r"^\s*/?\s*(?:N\s*\d+\s*)?(?:\([^)]*\)\s*)?(?:[GXYZMT]\s*[+-]?\s*\d*\.?\d|R\d+\s*=)", re.IGNORECASE | re.MULTILINE
+)
