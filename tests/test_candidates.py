@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextvars import ContextVar
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from machopt.domain.stiffness import Stiffness
 from machopt.domain.toolpath import Move
 from machopt.model import threads
 from machopt.model.ik import count_from, fewest_turns, turns
-from machopt.model.threads import cores, side_by_side
+from machopt.model.threads import both, cores, side_by_side
 from machopt.plan import candidates as module
 from machopt.plan.candidates import Candidates, enumerate_candidates
 from machopt.plan.path import Path as Way
@@ -116,6 +117,18 @@ def test_answers_stand_in_the_order_of_the_parts_and_errors_come_through(monkeyp
         assert side_by_side(abs, []) == []
         with pytest.raises(ZeroDivisionError):
             side_by_side(lambda x: 1 // x, range(3))
+
+
+def test_two_tasks_give_both_answers_in_the_same_context(monkeypatch: pytest.MonkeyPatch) -> None:
+    said: ContextVar[str] = ContextVar("said", default="")
+    said.set("here")
+    for n in (1, 3):
+        monkeypatch.setattr(threads, "cores", lambda n=n: n)
+        assert both(lambda: 1, said.get) == (1, "here")
+        with pytest.raises(ZeroDivisionError):
+            both(lambda: 1 // 0, lambda: {}["second"])
+        with pytest.raises(KeyError, match="second"):
+            both(lambda: 1, lambda: {}["second"])
 
 
 def test_a_nudge_moves_the_whole_grid_of_its_station(setup: Setup) -> None:

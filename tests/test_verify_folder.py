@@ -19,6 +19,7 @@ from machopt.formats.options import load_options
 from machopt.formats.toolpath import read_toolpath
 from machopt.output import read_manifest
 from machopt.recheck import scope
+from machopt.recheck.folder import verify_folder
 from machopt.recheck.resultcheck import result_checks
 from machopt.services.load import OptimizeRequest
 from machopt.services.run import optimize
@@ -257,6 +258,26 @@ def test_no_part_of_a_result_goes_unlooked_at(plain: Job, tmp_path: Path) -> Non
     for key in whole:
         (job.out / "result.json").write_text(json.dumps({k: v for k, v in whole.items() if k != key}))
         assert told(job.out), key
+
+
+def test_the_verdict_is_the_same_on_one_core_and_where_the_motion_is_too_long_to_check_both_at_once(
+    plain: Job, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def found() -> list[str]:
+        done = verify_folder(cell, toolpath, plain.out, options=options, inputs=manifest.inputs)
+        return [repr(check) for check in done.checks]
+
+    cell, toolpath = load_cell(plain.cell), read_toolpath(plain.toolpath)
+    manifest, _ = read_manifest(plain.out)
+    options = load_options(dict(manifest.options))
+    monkeypatch.setattr("machopt.model.threads.cores", lambda: 2)
+    first = found()
+    assert any(".src" in check for check in first)  # a program is among what is checked
+    monkeypatch.setattr("machopt.model.threads.cores", lambda: 1)
+    assert found() == first
+    monkeypatch.setattr("machopt.model.threads.cores", lambda: 2)
+    monkeypatch.setattr("machopt.recheck.folder.BESIDE", 1)
+    assert found() == first
 
 
 LONG: tuple[tuple[float, float, float, str, str], ...] = (
