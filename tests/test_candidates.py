@@ -122,13 +122,14 @@ def test_answers_stand_in_the_order_of_the_parts_and_errors_come_through(monkeyp
 def test_two_tasks_give_both_answers_in_the_same_context(monkeypatch: pytest.MonkeyPatch) -> None:
     said: ContextVar[str] = ContextVar("said", default="")
     said.set("here")
+    empty: dict[str, int] = {}
     for n in (1, 3):
         monkeypatch.setattr(threads, "cores", lambda n=n: n)
         assert both(lambda: 1, said.get) == (1, "here")
         with pytest.raises(ZeroDivisionError):
-            both(lambda: 1 // 0, lambda: {}["second"])
+            both(lambda: 1 // 0, lambda: empty["second"])
         with pytest.raises(KeyError, match="second"):
-            both(lambda: 1, lambda: {}["second"])
+            both(lambda: 1, lambda: empty["second"])
 
 
 def test_a_nudge_moves_the_whole_grid_of_its_station(setup: Setup) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numba
 import pytest
+from numba.core.caching import NullCache
 
 from machopt import compiled as module
 from machopt.cli import compiling
@@ -88,7 +89,7 @@ def test_what_is_stored_is_taken_before_it_is_called_and_nothing_is_compiled(
     first = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
     module.store(first, tmp_path)
     again = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
-    again._cache = module._Brought(again.py_func, module.NullCache(), tmp_path)
+    again._cache = module._Brought(again.py_func, NullCache(), tmp_path)
     assert not module.take(again, types)  # not stored yet
     assert again.signatures == []
     first(1.0)
