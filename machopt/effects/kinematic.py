@@ -18,6 +18,8 @@ LOW_ORDERS = 12  # per turn of the joint: what turns with the output (rings, pin
 HIGH_ORDER = 200.0  # per turn: about the largest ratio of a robot's reducer, what turns with the motor
 LOSS = 0.7  # rad, half the phase that neighbouring orders may part by at the ends of the range: 8 % of amplitude
 MOST_HIGH = 48  # orders above the low ones
+SUM = "waves"
+FURTHER = ("second", "third", "fourth", "fifth", "sixth")  # waves of a sum that are told; the file has all
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,7 @@ class Waves(Free):
 
     @property
     def summed(self) -> str:
-        return "waves" if self.harmonics == 1 else ""
+        return SUM if self.harmonics == 1 else ""
 
     @property
     def equation(self) -> str:
@@ -109,15 +111,27 @@ class Waves(Free):
         return float(np.sum(np.hypot(values[0::2], values[1::2])))
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
-        each = [Quantity(float(v), "arcsec") for v in np.hypot(values[0::2], values[1::2]) / ARCSEC]
-        # the first number must vanish with the coefficients only: the largest of the waves
-        out = {"amplitude": max(each, key=lambda v: v.value), "order": Quantity(float(shape[0]), "1/rev")}
-        return out | ({"second_amplitude": each[1]} if len(each) > 1 else {})
+        each = np.hypot(values[0::2], values[1::2]) / ARCSEC
+        return wave_sizes(each, tuple(shape.tolist()), "arcsec", doubled=self.harmonics > 1)
 
     def grid(self, swept: Swept) -> tuple[Shape, ...]:
         orders = wave_orders(swept)
         together = tuple(tuple(k * n for k in range(1, self.harmonics + 1)) for n in orders)
         return tuple(shape for shape in together if shape[-1] <= orders[-1])
+
+
+def wave_sizes(amplitudes: Array, orders: Shape, unit: str, *, doubled: bool) -> dict[str, Quantity]:
+    """What is told of waves, the largest first; ``doubled``: of one and its double, in this order.
+
+    The first number must vanish with the coefficients only: it is the largest amplitude.
+    """
+    at = range(len(amplitudes)) if doubled else np.argsort(-amplitudes, kind="stable").tolist()
+    out = {"amplitude": Quantity(float(amplitudes.max()), unit), "order": Quantity(float(orders[at[0]]), "1/rev")}
+    for word, n in zip(FURTHER, at[1:], strict=False):
+        out[f"{word}_amplitude"] = Quantity(float(amplitudes[n]), unit)
+        if not doubled:
+            out[f"{word}_order"] = Quantity(float(orders[n]), "1/rev")
+    return out
 
 
 def wave_orders(swept: Swept) -> tuple[float, ...]:

@@ -110,4 +110,4 @@ def _hypothesis(scene: Scene, effect: Effect, where: str, law: Unloaded, grid: t
     by, moved = joints_of(where)
     q = scene.motion.q[:, by]
     bare = hypothesis(effect, where, law, grid, q, partial(scene.column, moved), scene.motion.mean(q))
-    return replace(bare, finer=orders(scene, by)) if law.ranged else bare
+    return replace(bare, finer=orders(scene, by), summed=law.summed) if law.ranged else bare

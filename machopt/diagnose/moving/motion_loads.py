@@ -12,7 +12,7 @@ from machopt.diagnose.moving.motion_angles import orders, swept
 from machopt.diagnose.nouns.problem import Correction, Curve, Hypothesis, Quantity, RecordCorrection, Shape
 from machopt.domain.location import joint_at
 from machopt.effects import registry
-from machopt.effects.kinematic import WAVES, wave_orders
+from machopt.effects.kinematic import SUM, WAVES, wave_orders, wave_sizes
 from machopt.effects.protocol import Effect, Swinging, SwingLaw
 from machopt.effects.waves import waves
 
@@ -22,7 +22,10 @@ def ripple(scene: Scene, joint: int) -> list[Hypothesis]:
     if not scene.moves(joint) or scene.prismatic[joint]:
         return []
     orders_shown = wave_orders(swept(scene, joint))
-    shapes = {k: tuple((n,) for n in orders_shown if k * n <= orders_shown[-1]) for k in (1, 2)}
+    shapes: dict[int, tuple[Shape, ...]] = {
+        1: tuple((n,) for n in orders_shown),
+        2: tuple((n, 2 * n) for n in orders_shown if 2 * n <= orders_shown[-1]),
+    }
     return [_ripple(scene, joint, shapes[k], k) for k in (1, 2) if shapes[k]]
 
 
@@ -30,16 +33,14 @@ def _ripple(scene: Scene, joint: int, shapes: tuple[Shape, ...], harmonics: int)
     q, where = scene.motion.q[:, joint], joint_at(joint + 1)
 
     def over(s: Shape) -> Array:
-        return waves(q, [s[0] * k for k in range(1, harmonics + 1)])
+        return waves(q, s)
 
     def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
-        out = {"amplitude": Quantity(float(np.hypot(x[0], x[1])), "N·m"), "order": Quantity(s[0], "1/rev")}
-        if harmonics > 1:
-            out["second"] = Quantity(float(np.hypot(x[2], x[3])), "N·m")
-        return out
+        return wave_sizes(np.hypot(x[0::2], x[1::2]), s, "N·m", doubled=harmonics > 1)
 
     def fix(x: Array, s: Shape) -> Correction:
-        return RecordCorrection(WAVES.called, where, {"order": s[0], "cos_Nm": float(x[0]), "sin_Nm": float(x[1])})
+        stated = {"per_turn": list(s), "cos_Nm": x[0::2].tolist(), "sin_Nm": x[1::2].tolist()}
+        return RecordCorrection(WAVES.called, where, stated)
 
     def line(x: Array, s: Shape) -> Curve:
         label = f"joint {joint + 1} within one of {s[0]:g} waves a turn in degrees"
@@ -59,6 +60,7 @@ def _ripple(scene: Scene, joint: int, shapes: tuple[Shape, ...], harmonics: int)
         correction=fix,
         note="periodic with the gear",
         finer=orders(scene, joint),
+        summed=SUM if harmonics == 1 else "",
     )
 
 

@@ -61,6 +61,8 @@ def _settled(base: Model, beside: Model, c: Chosen, finer: Finer) -> Chosen:
     plain = [n for n in near.tolist() if finer.plain(shapes[n])]
     at = max(plain or near.tolist(), key=lambda n: float(gain[n]))
     more = finer.said([shapes[n] for n in near])
+    # intervals are taken over the shapes that are as likely: no other is asked for again
+    noted = replace(h, shapes=tuple(shapes[n] for n in near), note=f"{h.note}; {more}" if more else h.note)
+    kept = replace(tried(base, [noted])[0], index=c.tried.index)
     own = score(beside, tried(base, [replace(h, shapes=(shapes[at],))]))[0]
-    noted = replace(fine, hypothesis=replace(fine.hypothesis, note=f"{h.note}; {more}" if more else h.note))
-    return replace(c, scored=replace(own, tried=replace(noted, index=c.tried.index), shape=at))
+    return replace(c, scored=replace(own, tried=kept, shape=near.tolist().index(at)))

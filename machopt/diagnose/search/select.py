@@ -6,7 +6,7 @@ exhaustively, because one effect can stand in for two.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -83,7 +83,13 @@ def _plausible(s: Scored) -> bool:
     return known is None or abs(size.value) <= known.plausible.get(size.unit, np.inf)
 
 
-def select(model: Model, tried: Sequence[Tried], most: int, rng: np.random.Generator) -> list[Chosen]:
+def select(
+    model: Model,
+    tried: Sequence[Tried],
+    most: int,
+    rng: np.random.Generator,
+    grown: Callable[[list[Chosen]], list[Chosen]] = lambda chosen: chosen,
+) -> list[Chosen]:
     """Choose up to ``most`` effects.
 
     Args:
@@ -91,6 +97,7 @@ def select(model: Model, tried: Sequence[Tried], most: int, rng: np.random.Gener
         tried: all hypotheses.
         most: effects at most.
         rng: of the sign flips.
+        grown: what was chosen with more of the same at each place, after every step.
     """
     search = _Search(tuple(tried), _greedy(model, tried, most).residual, rng)
     chosen: list[Chosen] = []
@@ -101,7 +108,7 @@ def select(model: Model, tried: Sequence[Tried], most: int, rng: np.random.Gener
         chosen.append(step)
         if len(chosen) == 2:
             chosen = _pairs(model, tried, chosen)
-        chosen = search.exchange(model, chosen)
+        chosen = grown(search.exchange(model, chosen))
     return _backward(model, chosen)
 
 
@@ -203,6 +210,8 @@ class _Search:
         """Each effect once more beside the others: another may take its place."""
         out = list(chosen)
         for k in range(len(out) if len(out) > 1 else 0):
+            if not any(t is out[k].tried for t in self.tried):
+                continue  # grown out of several, any of which would take its place
             others = out[:k] + out[k + 1 :]
             again = self.step(with_chosen(model, others), others)
             if again is not None:

@@ -16,6 +16,7 @@ import numpy as np
 from machopt.diagnose import calibrated
 from machopt.diagnose.evidence.grams import Model, Tried, ridged_inverse, tried
 from machopt.diagnose.nouns.problem import Hypothesis
+from machopt.diagnose.search import orders
 from machopt.diagnose.search.fewest import shortest
 from machopt.diagnose.search.select import Chosen, select, settled
 from machopt.diagnose.search.sums import Group, Sums, gains, summed, swept
@@ -45,10 +46,19 @@ def searched(
     """
     found = many(model, laws, fits) if most >= FEW else []
     if not found:
-        return tuple(laws), tuple(shortest(model, select(model, laws, most, rng), laws, most))
+        if _of_poses(laws):
+            return tuple(laws), tuple(shortest(model, select(model, laws, most, rng), laws, most))
+        chosen = select(model, laws, most, rng, lambda so_far: orders.grown(model, so_far, laws, rng))
+        sums = [c.tried for c in chosen if not any(c.tried is t for t in laws)]
+        return (*laws, *sums), tuple(chosen)
     names = {t.hypothesis.name for t in found}
     rest = [t for t in laws if t.hypothesis.name not in names and len(t.shapes) <= RIVALS]
     return (*rest, *found), tuple(settled(model, found, laws, rng))
+
+
+def _of_poses(laws: Sequence[Tried]) -> bool:
+    """Whether laws of frames are among them, which measured poses alone have."""
+    return any(t.hypothesis.effect == geometry.EFFECT.name for t in laws)
 
 
 def many(model: Model, laws: Sequence[Tried], fits: float) -> list[Tried]:
@@ -62,7 +72,7 @@ def many(model: Model, laws: Sequence[Tried], fits: float) -> list[Tried]:
     Returns:
         Empty where few effects, or none, are there.
     """
-    if not any(t.hypothesis.effect == geometry.EFFECT.name for t in laws):  # no measured poses
+    if not _of_poses(laws):
         return []
     if len(model.y) < calibrated.RESTING.per_column * (model.X.shape[1] + calibrated.RESTING.crowded * 2):
         return []
