@@ -131,6 +131,8 @@ class Motion:
     """Motions."""
 
     long_s: float = _set(600.0, "s; heat needs ten minutes to show", JUDGED)
+    under_way: float = _set(0.1, "of a joint's usual speed, above which it tells the clock of its torque", JUDGED)
+    mostly_under_way: float = _set(0.2, "of the readings; with fewer under way all of them tell the clock", JUDGED)
     moves: float = _set(0.002, "rad (m); a joint that turns less does not move", JUDGED)
     slow_s: float = _set(0.5, "s between samples: a clock in milliseconds rather than a motion", JUDGED)
     few_degrees: float = _set(6.3, "deg; a range within it is rather of radians", JUDGED)
@@ -153,7 +155,9 @@ class Motion:
     describes: float = _set(
         0.1, "of the range of a joint's torque that rigid bodies may leave where gears are loaded by them", JUDGED
     )
-    link_scale: float = _set(0.15, "1 sigma of what a URDF states of a link", JUDGED)
+    link_scale: float = _set(0.05, "1 sigma of what a URDF states of a link", JUDGED)
+    link_sure: float = _set(0.01, "the same where a payload predicts better than any masses of links", JUDGED)
+    link_off: float = _set(0.15, "the same where the data say plainly that links are off", JUDGED)
     links_gain: float = _set(
         0.02, "share of the held-out error that scales of link masses must take beyond what a payload takes", JUDGED
     )
@@ -166,6 +170,7 @@ class Motion:
         50.0, "Hz of readings at least, where the record has so many; faster is mostly noise of the drives", JUDGED
     )
     uneven: float = _set(0.05, "mean scatter of the sampling intervals from which on filters need an even grid", JUDGED)
+    dropped: float = _set(0.5, "of a sampling interval, by which a longer one has a sample missing", JUDGED)
     shortest_s: float = _set(0.5, "s; shorter segments are left out", JUDGED)
     same_phase: float = _set(
         0.02, "of the spread of the joints; a motion that comes back closer than this is periodic", JUDGED

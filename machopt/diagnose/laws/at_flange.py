@@ -55,8 +55,8 @@ def in_motion(scene: Scene, columns: Array) -> list[Hypothesis]:
 
 def _offered(seen: Carried, cause: str, family: str, note: str, *, recorded: bool = False) -> list[Hypothesis]:
     laws = [(e, law, law.grid(seen)) for e in registry.of_flange() for law in e.carries]
-    if recorded:  # accelerations tell mass and moments apart: the whole load is what limits are stated of
-        laws.sort(key=lambda each: len(each[1].coefficients) < seen.columns.shape[2])
+    if recorded:  # masses of links are as unsure as the tool's: no law of a motion says that it is as stated
+        laws = [each for each in laws if len(each[1].coefficients) == seen.columns.shape[2]] or laws
     return [_hypothesis(seen, e, law, cause, family, note, recorded) for e, law, grid in laws if grid]
 
 

@@ -30,6 +30,7 @@ TURNS = (
     (2e-4, 0.0),
     (5e-4, 0.0),
     (1e-3, 0.0),
+    (0.0, 0.001),
     (0.0, 0.003),
     (0.0, 0.01),
     (0.0, 0.03),
@@ -37,12 +38,27 @@ TURNS = (
     (0.0, 0.3),
 )
 STEPS = 10  # between two of these
+WIDER = 1.6  # times, and as much less: how far off the turn-over of the base may be
+SMOOTH, PATH = (0.0, 0.003), (5e-5, 0.0)  # of the other kind
 WARM = (15.0, 60.0, 300.0)  # s
 
 
 def direction(scene: Scene, joint: int, turn: Turn) -> Array:
     """(M,) −1 … 1, which way a joint's friction points."""
     return turned(scene, scene.motion.v[:, joint], turn)
+
+
+def unsure(scene: Scene, joint: int, turn: Turn) -> list[Array]:
+    """Columns (M,) that make up for a turn-over a little off, in its width and in its kind.
+
+    Without them what a reversal leaves, where encoders step or a joint dwells, passes for a peak at low speed.
+    """
+    wider, narrower = ((WIDER * path, WIDER * speed) for path, speed in (turn, (t / WIDER**2 for t in turn)))
+    z = direction(scene, joint, turn)
+    other = direction(scene, joint, PATH if turn[1] > 0.0 else SMOOTH) - z
+    if turn == TURNS[0]:
+        return [other]
+    return [direction(scene, joint, wider) - direction(scene, joint, narrower), other]
 
 
 def turned(scene: Scene, v: Array, turn: Turn) -> Array:
@@ -53,14 +69,15 @@ def turned(scene: Scene, v: Array, turn: Turn) -> Array:
     return presliding(v, 1.0 / scene.motion.rate, scene.first, path)
 
 
-def breakaway(scene: Scene, joint: int, y: Array) -> Turn:
+def breakaway(scene: Scene, joint: int, y: Array, beside: Array) -> Turn:
     """The turn-over that suits a joint's torque (N,) best, Coulomb, viscous and inertia beside.
 
     Friction that turns over a little faster or slower than the base has it leaves what looks like a peak at low speed,
-    so the best of TURNS is refined between its neighbours.
+    so the best of TURNS is refined between its neighbours. ``beside`` (N, p) is what else the torque may hold.
     """
     m = scene.motion
-    rest = m.within(m.mean(np.stack([np.ones(len(m.q)), m.v[:, joint], m.a[:, joint]], axis=1)))
+    own = m.within(m.mean(np.stack([np.ones(len(m.q)), m.v[:, joint], m.a[:, joint]], axis=1)))
+    rest = np.concatenate([own, beside], axis=1)
 
     def power(turn: Turn) -> float:
         z = m.within(m.mean(direction(scene, joint, turn)[:, None]))

@@ -2,8 +2,8 @@
 
 y = τ − RNEA(q, q̇, q̈). Refitted in any case, for each joint: offset, Coulomb and viscous friction and the inertia of
 its motor (no URDF states it), and one rotational inertia of the tool (no cell states it). The links' masses are the
-URDF's, or a payload could never show; where the data say plainly that several links are off, which no payload
-explains, a scale of each link's mass is refitted too and that is said.
+URDF's to a share (``link_scale``): a scale of each is refitted within it, so that a payload, a balancer and their
+intervals hold that doubt; where the data say plainly that several links are off, which no payload explains, it is said.
 """
 
 from __future__ import annotations
@@ -12,13 +12,15 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.laws import at_beside, at_flange
 from machopt.diagnose.laws.motion_frame import Scene, one_joint
-from machopt.diagnose.moving.motion_clock import clocks, valley
-from machopt.diagnose.moving.motion_friction import Turn, breakaway, direction, friction, rest_of, turned
+from machopt.diagnose.moving.motion_clock import LONGEST, clocks, valley
+from machopt.diagnose.moving.motion_friction import Turn, breakaway, direction, friction, rest_of, turned, unsure
 from machopt.diagnose.moving.motion_loads import ripple, springy
 from machopt.diagnose.nouns.problem import Catalogue, Family, Hypothesis, Ints, Problem, Unknown, Untestable
 from machopt.domain.location import joint_at, link_at
@@ -44,7 +46,9 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
     P, T, L = dynamics.regressors(m.q, m.v, m.a)
     best, rough = _clock(scene, measured, m.mean(P))
     aligned = m.within(m.mean(m.late(measured, -best) - scene.predicted))
-    paths = [breakaway(scene, j, aligned[:, j]) if scene.moves(j) else CLOCK_TURNS[0] for j in range(n)]
+    # what a payload and links of other masses ask for is no friction
+    own = m.within(m.mean(np.concatenate([P, L], axis=2))) if n > 1 else np.zeros((len(aligned), n, 0))
+    paths = [breakaway(scene, j, aligned[:, j], own[:, j]) if scene.moves(j) else CLOCK_TURNS[0] for j in range(n)]
     base, unknowns = _base(scene, paths)
     if n > 1:
         scale = _alike(y, base, m.segment[m.starts][m.keep])
@@ -59,17 +63,15 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
     if np.abs(T).max() > 1e-9 and dynamics.tool_mass > 0:
         base = np.concatenate([base, T], axis=2)
         unknowns.append(Unknown("tool inertia", "kg·m²", location="tool"))
-    rivals = np.concatenate([P, *(h.columns(h.shapes[0]) for h in at_beside.in_torques(scene)[:1])], axis=2)
-    if n > 1 and _links_off(y, base, rivals, L, m.group):
+    if n > 1:
+        balancer = [h.columns(h.shapes[0]) for h in at_beside.in_torques(scene)[:1]]
+        doubt, said = _links(y, base, P, np.concatenate([P, *balancer], axis=2), L, m.group)
+        scene.notes.extend(said)
         base = np.concatenate([base, L], axis=2)
         unknowns += [
-            Unknown(f"mass of link {b + 1}, relative", "1", location=link_at(b + 1), prior=calibrated.MOTION.link_scale)
+            Unknown(f"mass of link {b + 1}, relative", "1", location=link_at(b + 1), prior=doubt)
             for b in dynamics.bodies
         ]
-        scene.notes.append(
-            "masses of several links differ from the URDF's: a scale of each is refitted, so that a "
-            "payload shows only where no link could have it"
-        )
     problem = Problem(
         channel="torque",
         y=y,
@@ -102,6 +104,11 @@ def _base(scene: Scene, paths: list[Turn]) -> tuple[Array, list[Unknown]]:
                 Unknown(f"viscous friction {j + 1}", speed, location=place),
                 Unknown(f"motor inertia {j + 1}", mass, location=place),
             ]
+            more = unsure(scene, j, paths[j])
+            signals += more
+            unknowns += [
+                Unknown(f"turn-over of friction {j + 1}, {k + 1}", unit, location=place) for k in range(len(more))
+            ]
         parts.append(scene.column(j, np.stack(signals, axis=1)))
     return np.concatenate(parts, axis=2), unknowns
 
@@ -117,15 +124,34 @@ def _alike(y: Array, base: Array, segment: Ints) -> Array:
     return np.asarray(np.sqrt(np.mean(sigma**2)) / sigma)
 
 
-def _links_off(y: Array, base: Array, rivals: Array, links: Array, group: Ints) -> bool:
-    """Whether scales of link masses predict unseen stretches clearly better than payload and compensator do."""
+def _links(y: Array, base: Array, load: Array, rivals: Array, links: Array, group: Ints) -> tuple[float, list[str]]:
+    """1 sigma of each link's mass beside the URDF's, by what predicts unseen stretches; and what is said of it.
+
+    Masses that are off and a payload look much alike. Where a payload alone predicts clearly better than any masses of
+    the links, these are as stated but for a little; where masses predict clearly better than payload and compensator
+    together, they are off; else they may be off by as much as a payload that is named has to show beside.
+    """
     weight = 1.0 / np.maximum(_spread(y, base), 1e-12)
-    alone = heldout(y, base, group, weight)
-    loaded = heldout(y, np.concatenate([base, rivals], axis=2), group, weight)
-    both = heldout(y, np.concatenate([base, rivals, links], axis=2), group, weight)
-    gain = np.minimum(alone, loaded) - both
-    share = float(gain.sum() / np.minimum(alone, loaded).sum())
-    return bool(share > calibrated.MOTION.links_gain and np.mean(gain > 0) > calibrated.MOTION.links_groups)
+
+    def left(*more: Array) -> Array:
+        return heldout(y, np.concatenate([base, *more], axis=2), group, weight)
+
+    alone, loaded, linked = left(), left(load), left(links)
+    known = np.minimum(alone, left(rivals))
+    gain = known - left(rivals, links)
+    if (
+        gain.sum() / known.sum() > calibrated.MOTION.links_gain
+        and np.mean(gain > 0) > calibrated.MOTION.links_groups
+        and linked.sum() < loaded.sum()
+    ):
+        words = (
+            "masses of several links differ from the URDF's: a scale of each is refitted, so that a "
+            "payload shows only where no link could have it"
+        )
+        return calibrated.MOTION.link_off, [words]
+    if linked.sum() > (1.0 + calibrated.MOTION.links_gain) * loaded.sum():
+        return calibrated.MOTION.link_sure, []
+    return calibrated.MOTION.link_scale, []
 
 
 def _spread(y: Array, base: Array) -> Array:
@@ -170,7 +196,8 @@ def _clock(scene: Scene, measured: Array, load: Array) -> tuple[float, Callable[
 
     Friction steps where a joint reverses, so it has to be late together with the rigid bodies. A load at the flange
     that the cell does not state asks for torque out of step with what is predicted, as a clock does: ``load``
-    (N, n, 4), what it would ask for, is refitted beside.
+    (N, n, 4), what it would ask for, is refitted beside. What a joint shows about its reversals is left out: encoders
+    that step, or dwell, tell their moment late, and friction turns over early or late by laws of its own.
     """
     m = scene.motion
     assert scene.predicted is not None
@@ -178,6 +205,7 @@ def _clock(scene: Scene, measured: Array, load: Array) -> tuple[float, Callable[
     moving = [j for j in range(scene.joints) if scene.moves(j)]
     tau = m.within(m.mean(measured))
     at = m.mean(m.time + APART * m.session)
+    under_way = {j: _under_way(scene, j) for j in moving}
 
     def carried(d: float, j: int) -> Array:
         """(N, 4) of the load, late; it is smooth, so that averages will do."""
@@ -190,16 +218,18 @@ def _clock(scene: Scene, measured: Array, load: Array) -> tuple[float, Callable[
         # from the late speed: a late step between two samples would come out as a ramp
         return turned(scene, v[:, j], CLOCK_TURNS[k])
 
-    def left(d: float) -> list[tuple[Array, Array, int]]:
-        """Residual, coefficients and which breakaway path, for each moving joint."""
+    def left(d: float, whole: bool = False) -> list[tuple[Array, Array, int]]:
+        """Residual, coefficients and which breakaway path, for each moving joint; while under way, or of the whole."""
         body, v, a = smooth(d)
         out = []
         for j in moving:
+            seen = slice(None) if whole else under_way[j]
             z = [turning(v, j, k) for k in range(len(CLOCK_TURNS))]
             X = m.within(m.mean(np.stack([body[:, j], np.ones(len(v)), v[:, j], a[:, j], *z], axis=1)))
             fits, beside = [], carried(d, j)
             for k in range(len(CLOCK_TURNS)):
-                r, x = rest_of(tau[:, j] - X[:, 0], np.concatenate([X[:, [1, 2, 3, 4 + k]], beside], axis=1))
+                columns = np.concatenate([X[:, [1, 2, 3, 4 + k]], beside], axis=1)
+                r, x = rest_of((tau[:, j] - X[:, 0])[seen], columns[seen])
                 fits.append((r, x, k))
             out.append(min(fits, key=lambda f: float(f[0] @ f[0])))
         return out
@@ -210,7 +240,7 @@ def _clock(scene: Scene, measured: Array, load: Array) -> tuple[float, Callable[
         return float(sum(np.log(np.mean(r**2) + 1e-6 * p) for (r, _, _), p in zip(left(d), power, strict=True)))
 
     best = valley(misfit) if moving else 0.0
-    fitted = left(best)
+    fitted = left(best, whole=True)
 
     def rough(d: float) -> Array:
         body, v, a = smooth(d)
@@ -220,6 +250,17 @@ def _clock(scene: Scene, measured: Array, load: Array) -> tuple[float, Callable[
         return out
 
     return best, rough
+
+
+def _under_way(scene: Scene, joint: int) -> NDArray[np.bool_]:
+    """(N,) readings about which a joint keeps its way by more than the longest delay; all, where these are few."""
+    m = scene.motion
+    v = m.mean(m.v[:, joint])
+    fast = float(np.quantile(np.abs(v), 0.9)) * calibrated.MOTION.under_way
+    window = 2 * int(np.ceil(LONGEST / max(float(np.median(np.diff(m.mean(m.time)))), 1e-6))) + 1
+    low, high = minimum_filter1d(v, window), maximum_filter1d(v, window)
+    out = (low > fast) | (high < -fast)
+    return out if out.mean() > calibrated.MOTION.mostly_under_way else np.ones(len(v), bool)
 
 
 def _catalogue(scene: Scene, P: Array, paths: list[Turn], best: float, rough: Callable[[float], Array]) -> Catalogue:

@@ -83,11 +83,18 @@ class Motion:
         return out
 
     def late(self, x: Array, delay: float) -> Array:
-        """(M, …) x(t − delay), linear between samples; ends held."""
+        """(M, …) x(t − delay); ends held.
+
+        Cubic between four samples where these are even: straight lines would take the noise off whatever is late by
+        part of a sample, and any clock would look better than none.
+        """
         out = np.empty_like(x)
         flat, to = x.reshape(len(x), -1), out.reshape(len(x), -1)
         for rows in self.segments():
             t = self.time[rows]
+            if _evenly(t):
+                to[rows] = _shifted(flat[rows], delay * (len(t) - 1) / (t[-1] - t[0]))
+                continue
             for c in range(flat.shape[1]):
                 to[rows, c] = np.interp(t - delay, t, flat[rows, c])
         return out
@@ -131,9 +138,16 @@ def signals(recording: Recording, joints: int, readings: int = READINGS, *, repe
     gaps = int(np.sum(breaks & same))
     if gaps:
         notes.append(f"{gaps} gap{'s' if gaps > 1 else ''} in time; velocities are not taken across")
-    uneven = float(np.mean(np.abs(steps[same & ~breaks] - dt))) / dt
-    if uneven > calibrated.MOTION.uneven:
-        notes.append(f"sampling intervals scatter by {100 * uneven:.0f} %; filters run on an even grid between them")
+    inside = steps[same & ~breaks]
+    scatter = float(np.mean(np.abs(inside - dt))) / dt
+    dropped = int(np.sum(inside > (1.0 + calibrated.MOTION.dropped) * dt))
+    uneven = scatter > calibrated.MOTION.uneven or dropped > 0
+    if scatter > calibrated.MOTION.uneven:
+        notes.append(f"sampling intervals scatter by {100 * scatter:.0f} %; filters run on an even grid between them")
+    elif dropped:
+        notes.append(
+            f"{dropped} time{'s' if dropped > 1 else ''} a sample or two are missing; filters run on an even grid"
+        )
     least = max(round(calibrated.MOTION.shortest_s / dt), 24)
     long = np.bincount(segment)[segment] >= least
     if not long.any():
@@ -151,11 +165,11 @@ def signals(recording: Recording, joints: int, readings: int = READINGS, *, repe
             speed[s] = np.gradient(q[s], time[s], axis=0)
     longest = max(spans, key=lambda s: s.stop - s.start)
     known, window = (speed, "hann") if recording.velocity is not None else (q, "blackmanharris")
-    grid, on_grid = _even(time[longest], known[longest], dt if uneven > calibrated.MOTION.uneven else 0.0)
+    grid, on_grid = _even(time[longest], known[longest], dt if uneven else 0.0)
     cutoff = _cutoff(on_grid, rate, window)
     v, a = np.empty_like(q), np.empty_like(q)
     for s in spans:
-        grid, on_grid = _even(time[s], speed[s], dt if uneven > calibrated.MOTION.uneven else 0.0)
+        grid, on_grid = _even(time[s], speed[s], dt if uneven else 0.0)
         padding = min(len(grid) - 1, 3 * round(rate / cutoff))
         smooth = zero_phase(on_grid, 4, min(cutoff, 0.45 * rate), rate, padding)
         v[s] = _at(time[s], grid, smooth)
@@ -200,6 +214,30 @@ def signals(recording: Recording, joints: int, readings: int = READINGS, *, repe
         length,
         tuple(notes),
     )
+
+
+def _evenly(time: Array) -> bool:
+    """Whether samples are as even as filters take them for."""
+    steps = np.diff(time)
+    return len(time) > 1 and bool(np.abs(steps - steps.mean()).max() < calibrated.MOTION.dropped * steps.mean())
+
+
+def _shifted(x: Array, by: float) -> Array:
+    """(M, C) even samples, late by that many intervals: cubic Lagrange polynomial of four neighbours."""
+    whole = int(np.floor(by))
+    u = by - whole  # x(n − whole − u), between n − whole − 1 and n − whole
+    weights = (
+        -u * (1.0 - u) * (2.0 - u) / 6.0,
+        (1.0 + u) * (1.0 - u) * (2.0 - u) / 2.0,
+        u * (1.0 + u) * (2.0 - u) / 2.0,
+        -u * (1.0 - u) * (1.0 + u) / 6.0,
+    )
+    out = np.zeros_like(x)
+    at = np.arange(len(x)) - whole
+    for k, w in zip((1, 0, -1, -2), weights, strict=True):
+        if w != 0.0:
+            out += w * x[np.clip(at + k, 0, len(x) - 1)]
+    return out
 
 
 def _spans(segment: Ints) -> list[slice]:
