@@ -38,6 +38,7 @@ def test_the_script_prints_the_table_again() -> None:
 
 
 NO_DECISION = {  # constants beside the computation: guards against rounding, units, ends of grids, a stated load
+    "moving.motion_friction.WIDER",
     "resting.absolute_catalogue.ROUNDING",
     "apart.predicted.REST",
     "apart.predicted.SAME",

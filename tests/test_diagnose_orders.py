@@ -16,12 +16,15 @@ from machopt.diagnose.evidence import noise
 from machopt.diagnose.evidence.grams import base_model, tried
 from machopt.diagnose.evidence.whitening import whitening
 from machopt.diagnose.moving import motion, motion_next
+from machopt.diagnose.nouns.motion_signals import signals
 from machopt.diagnose.nouns.result import Finding
 from machopt.diagnose.search import engine, mismatch
 from machopt.diagnose.search.finer import between
 from machopt.diagnose.search.screen import by_chance, score
 from machopt.domain.cell import Cell, JointLimits
+from machopt.domain.kinematics import KinematicCorrection, Kinematics
 from machopt.domain.recording import Recording
+from machopt.errors import InputError
 from machopt.model.rigid import load_dynamics
 
 SECOND = np.pi / 648000.0  # rad
@@ -155,3 +158,59 @@ def test_shapes_are_taken_as_far_as_the_next_of_the_grid() -> None:
     assert (min(narrow), max(narrow)) == pytest.approx((2.0**0.5, 2.0**1.5))
     assert between([()]) is None
     assert between([(1.0, 2.0), (2.0, 3.0)]) is None
+
+
+def test_several_orders_of_one_gear_are_one_finding_with_all_of_them(tmp_path: Path) -> None:
+    """Five and thirty-six a turn: one wave alone would stand between, or with a double that is not there."""
+    cell, recording = far_side(tmp_path, 5.0, 30.0, 1.5e-5, 1.0)
+    assert recording.q_secondary is not None
+    second = 20.0 * SECOND * np.sin(36.0 * recording.q + 1.1)
+    found = wave_of(diagnosed(replace(recording, q_secondary=recording.q_secondary + second), cell, "link")[0])
+    assert found.law == "2 waves"
+    for word, order, size in (("", 5.0, 30.0), ("second_", 36.0, 20.0)):
+        assert found.parameters[f"{word}order"].value == pytest.approx(order, abs=0.05)
+        assert found.parameters[f"{word}amplitude"].value == pytest.approx(size, rel=0.05)
+    assert isinstance(found.correction, KinematicCorrection)
+    held = found.correction.parameters
+    assert sorted(held["per_turn"]) == pytest.approx([5.0, 36.0], abs=0.05)
+    # what is written is what was found: the cell with it leaves nothing
+    again = diagnosed(
+        replace(recording, q_secondary=recording.q_secondary + second),
+        replace(cell, kinematics=Kinematics((found.correction,))),
+        "link",
+    )[0]
+    assert not again.findings
+
+
+def test_a_sample_that_is_missing_now_and_then_warps_no_time(tmp_path: Path) -> None:
+    """One in a hundred left out of a record without velocities: no acceleration comes of it, and no clock is late."""
+    rng, cell, t, q, _, tau = shaken(tmp_path, 2, 6)
+    kept = np.sort(rng.permutation(len(t))[: int(0.99 * len(t))])
+    record = recorded(t[kept], q[kept], None, (tau + 0.25 * rng.normal(size=q.shape))[kept])
+    found, _, _ = diagnosed(record, cell, "torque")
+    assert not found.findings
+    assert found.heldout_before < 0.4
+
+
+def test_a_signal_late_by_part_of_a_sample_keeps_its_noise() -> None:
+    """Straight lines between samples would take a third of it off, and any clock would look better than none."""
+    t = np.arange(4000) / 100.0
+    one = recorded(t, np.sin(t)[:, None] + 0.01 * np.sin(2.0 * np.pi * 10.0 * t)[:, None], None)
+    motion_ = signals(one, 1)
+    late = motion_.late(motion_.q, 0.005)[500:-500, 0]
+    true = np.sin(t - 0.005) + 0.01 * np.sin(2.0 * np.pi * 10.0 * (t - 0.005))
+    assert np.std(late - true[500:-500]) < 2e-4  # of 0.007; straight lines leave 4.8 % of it, as much as 3.4e-4
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_balancer_that_outweighs_its_joint_is_no_wrong_sign(tmp_path: Path, sign: float) -> None:
+    """What the masses ask for comes out reversed; friction tells whether the channel is."""
+    rng, cell, t, q, v, tau = shaken(tmp_path, 2, 6)
+    still = load_dynamics(cell).torque(q, np.zeros_like(q), np.zeros_like(q))
+    tau[:, 1] -= 3.0 * still[:, 1]
+    record = recorded(t, q, v, sign * (tau + 0.25 * rng.normal(size=q.shape)))
+    if sign > 0:
+        motion.build(record, cell, "torque", rng)
+    else:
+        with pytest.raises(InputError, match="runs against"):
+            motion.build(record, cell, "torque", rng)

@@ -156,6 +156,11 @@ class Motion:
         0.1, "of the range of a joint's torque that rigid bodies may leave where gears are loaded by them", JUDGED
     )
     link_scale: float = _set(0.05, "1 sigma of what a URDF states of a link", JUDGED)
+    part_of_load: float = _set(
+        8.0,
+        "gain that a motion asks for before it holds mass or place of a load for as stated",
+        JUDGED,
+    )
     link_sure: float = _set(0.01, "the same where a payload predicts better than any masses of links", JUDGED)
     link_off: float = _set(0.15, "the same where the data say plainly that links are off", JUDGED)
     links_gain: float = _set(

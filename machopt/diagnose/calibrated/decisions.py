@@ -200,6 +200,9 @@ class Recorded:
     tilt_least: float = _set(5e-6, "rad of tilt that joints and points predict, to tell a unit by", JUDGED)
     tilt_alike: float = _set(0.7, "correlation of tilts with what joints and points predict", JUDGED)
     same_force: float = _set(0.08, "of the largest force of a pose: replicates across sessions", JUDGED)
+    rubs: float = _set(
+        0.2, "rms of a joint's friction per what is left, which tells forward torque of an outweighed joint", JUDGED
+    )
     motor_side: float = _set(
         0.2, "torque below this share of what the arm needs, joint by joint another: before the gear", JUDGED
     )

@@ -7,15 +7,19 @@ are (:meth:`machopt.model.rigid.Dynamics.regressors`).
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.diagnose import calibrated
 from machopt.diagnose.laws.motion_frame import Scene
 from machopt.diagnose.nouns.problem import Hypothesis, Quantity, RecordCorrection, Shape
 from machopt.diagnose.nouns.readings import Readings
 from machopt.effects import registry
 from machopt.effects.protocol import Carried, CarriedLaw, Effect
+
+WHOLE = 4  # mass and its three moments
 
 
 def at_rest(r: Readings) -> list[Hypothesis]:
@@ -55,8 +59,8 @@ def in_motion(scene: Scene, columns: Array) -> list[Hypothesis]:
 
 def _offered(seen: Carried, cause: str, family: str, note: str, *, recorded: bool = False) -> list[Hypothesis]:
     laws = [(e, law, law.grid(seen)) for e in registry.of_flange() for law in e.carries]
-    if recorded:  # masses of links are as unsure as the tool's: no law of a motion says that it is as stated
-        laws = [each for each in laws if len(each[1].coefficients) == seen.columns.shape[2]] or laws
+    if recorded:  # accelerations tell mass and moments apart: the whole load is what limits are stated of
+        laws.sort(key=lambda each: len(each[1].coefficients) < WHOLE)
     return [_hypothesis(seen, e, law, cause, family, note, recorded) for e, law, grid in laws if grid]
 
 
@@ -83,7 +87,23 @@ def _hypothesis(
         family=family,
         correction=correction,
         note=note,
+        penalty=calibrated.MOTION.part_of_load if recorded and _part(effect, law) else 0.0,
+        possible=partial(_weighs, carried=seen.mass) if recorded and columns.shape[2] == WHOLE else None,
     )
+
+
+def _part(effect: Effect, law: CarriedLaw) -> bool:
+    """Whether a law holds part of a load as stated where another one of the effect does not."""
+    return len(law.coefficients) < max(len(one.coefficients) for one in effect.carries)
+
+
+def _weighs(x: Array, normal: Array, *, carried: float) -> Array:
+    """The nearest mass and moments (4,), by how the misfit grows, of a tool side that weighs no less than nothing."""
+    if x[0] >= -carried:
+        return x
+    step = -carried - float(x[0])
+    moments = -np.linalg.lstsq(normal[1:, 1:], normal[1:, 0] * step, rcond=None)[0]
+    return np.asarray(x + np.concatenate([[step], moments]))
 
 
 def _weight(r: Readings) -> Array:

@@ -158,9 +158,9 @@ def torque_side(recording: Recording, motion: Motion, predicted: Array) -> tuple
     for j in np.flatnonzero(needed > calibrated.MOTION.needed * needed.max()).tolist():
         v = motion.v[:, j]
         friction = np.stack([np.ones(len(v)), np.sign(v), v], axis=1)  # it can hide which way the rest points
-        if (
-            slope(rest_of(predicted[:, j], friction)[0], rest_of(tau[:, j], friction)[0])[1]
-            < -calibrated.RECORD.slope_sure
+        against = slope(rest_of(predicted[:, j], friction)[0], rest_of(tau[:, j], friction)[0])[1]
+        if against < -calibrated.RECORD.slope_sure and not _dissipates(
+            tau[:, j], predicted[:, j], motion.q[:, j], friction
         ):
             raise InputError(
                 f"{recording.source}: {column(recording, 'torque', j)} runs against what the arm needs there by its "
@@ -195,6 +195,18 @@ def torque_side(recording: Recording, motion: Motion, predicted: Array) -> tuple
             "(times the gear ratio) would work"
         )
     return recording, []
+
+
+def _dissipates(tau: Array, predicted: Array, q: Array, friction: Array) -> bool:
+    """Whether a torque brakes its joint beside what goes against the masses: a balancer outweighs these, by the joint's
+    angle, and friction still points forward; a channel of the wrong sign has both the other way round.
+    """
+    balancer = [f(k * q) for k in (1, 2) for f in (np.cos, np.sin)]
+    beside = np.stack([predicted, *balancer], axis=1)
+    left, x = rest_of(tau, np.concatenate([friction, beside], axis=1))
+    rubs = friction[:, 1:] @ x[1:3]
+    power = rubs * friction[:, 2]
+    return bool(power.mean() > 0.0 and np.std(rubs) > calibrated.RECORD.rubs * np.std(left))
 
 
 def quality(recording: Recording, joints: int) -> tuple[Recording, list[str]]:

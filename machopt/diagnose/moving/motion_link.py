@@ -16,6 +16,7 @@ from machopt.diagnose.moving import motion_angles
 from machopt.diagnose.moving.motion_clock import clocks, valley
 from machopt.diagnose.moving.motion_gears import drive, gear_laws, known
 from machopt.diagnose.moving.motion_torque import motion_axes
+from machopt.diagnose.nouns.motion_signals import Motion
 from machopt.diagnose.nouns.problem import Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
 from machopt.domain.location import joint_at
 from machopt.domain.parameters import joint_spring
@@ -104,15 +105,31 @@ def build(scene: Scene, joints: list[int]) -> tuple[Problem, Catalogue]:
         row=m.first(m.index) + 1,
     )
     q = m.q[:, joints]
+    if found is not None:  # what the far side shows is late with it: the gear's own twist
+        q = q + found.load[:, joints] * _compliance(m, fit, y, base, q, len(joints))
 
     def late(d: float) -> Array:
         return m.within(m.mean(m.late(q, d) - q))
 
     best = valley(lambda d: fit.misfit(late(d)))
     out += clocks(scene, "qse", late, best)
+    q = m.q[:, joints]  # the near side is late alone
 
     def early(d: float) -> Array:  # the motor side late by d: the difference shows as if it were early
         return -late(-d)
 
     out += clocks(scene, "q", early, -best, penalty=2.0)
     return problem, Catalogue(tuple(out), tuple(untestable), motion_axes(scene))
+
+
+def _compliance(m: Motion, fit: Fit, y: Array, base: Array, q: Array, joints: int) -> Array:
+    """(joints,) rad/(N·m) of the base beside the delay of the bare angles that suits best."""
+
+    def late(d: float) -> Array:
+        return m.within(m.mean(m.late(q, d) - q))
+
+    X = base.reshape(-1, base.shape[2])
+    size = np.maximum(np.linalg.norm(X, axis=0), np.finfo(float).tiny)
+    shown = (y - late(valley(lambda d: fit.misfit(late(d))))).reshape(-1)
+    x = np.linalg.lstsq(X / size, shown, rcond=1e-10)[0] / size
+    return np.clip(x[joints : 2 * joints], 0.0, None)

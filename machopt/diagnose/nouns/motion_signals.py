@@ -219,7 +219,7 @@ def signals(recording: Recording, joints: int, readings: int = READINGS, *, repe
 def _evenly(time: Array) -> bool:
     """Whether samples are as even as filters take them for."""
     steps = np.diff(time)
-    return len(time) > 1 and bool(np.abs(steps - steps.mean()).max() < calibrated.MOTION.dropped * steps.mean())
+    return len(time) > 1 and bool(np.abs(steps - steps.mean()).max() < calibrated.MOTION.uneven * steps.mean())
 
 
 def _shifted(x: Array, by: float) -> Array:
