@@ -122,7 +122,7 @@ def build(scene: Scene, joints: list[int]) -> tuple[Problem, Catalogue]:
     return problem, Catalogue(tuple(out), tuple(untestable), motion_axes(scene))
 
 
-def _compliance(m: Motion, fit: Fit, y: Array, base: Array, q: Array, joints: int) -> Array:
+def _compliance(m: Motion, fit: PowerTaken, y: Array, base: Array, q: Array, joints: int) -> Array:
     """(joints,) rad/(N·m) of the base beside the delay of the bare angles that suits best."""
 
     def late(d: float) -> Array:
@@ -132,4 +132,4 @@ def _compliance(m: Motion, fit: Fit, y: Array, base: Array, q: Array, joints: in
     size = np.maximum(np.linalg.norm(X, axis=0), np.finfo(float).tiny)
     shown = (y - late(valley(lambda d: fit.misfit(late(d))))).reshape(-1)
     x = np.linalg.lstsq(X / size, shown, rcond=1e-10)[0] / size
-    return np.clip(x[joints : 2 * joints], 0.0, None)
+    return np.asarray(np.clip(x[joints : 2 * joints], 0.0, None))
