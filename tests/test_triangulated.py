@@ -46,7 +46,8 @@ def test_corners_that_are_not_finite_are_left_out_with_their_triangles(tmp_path:
     vertices = np.vstack([raw.vertices, raw.vertices[:2], [[np.nan] * 3]])  # two corners twice, one that is none
     faces = np.vstack([raw.faces, [[8, 9, 10], [8, 9, 3]]])
     found = merged(Triangles(vertices, faces))
-    assert same(found, trimesh.Trimesh(vertices, faces))
+    kept = [*raw.vertices[raw.faces].tolist(), raw.vertices[[0, 1, 3]].tolist()]  # trimesh's versions differ in this
+    assert sorted(found.vertices[found.faces].tolist()) == sorted(kept)
     assert len(found.faces) == len(raw.faces) + 1
 
 
