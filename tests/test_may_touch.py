@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -184,3 +185,22 @@ def test_a_body_in_no_pair_is_excused_only_where_the_cell_lets_all_its_pairs_tou
     lenient = replace(cell, may_touch=(MayTouch("a", "b", ("link_3_0",), tuple(sorted(rivals)), "here"),))
     left = pairs(lenient, arm, bodies)
     assert all(c.passed for c in check_inventory(lenient, arm, bodies, left))
+
+
+def test_a_body_that_nothing_moves_against_is_in_no_pair_and_misses_none(cell: Cell, tmp_path: Path) -> None:
+    """An arm without bodies of its own in an empty hall, as `machopt init` writes it of such a URDF."""
+    bare = tmp_path / "bare.urdf"
+    bare.write_text(re.sub(r"<collision>.*?</collision>", "", cell.urdf.read_text(), flags=re.DOTALL))
+    alone = replace(cell, urdf=bare, obstacles=(), workpiece=replace(cell.workpiece, geometry=()))
+
+    def told(cell: Cell, *, all_pairs: bool) -> list[str]:
+        arm = Arm(cell)
+        bodies = all_bodies(cell, arm)
+        wanted = pairs(cell, arm, bodies) if all_pairs else []
+        return [c.where for c in check_inventory(cell, arm, bodies, wanted) if c.passed is False]
+
+    assert told(alone, all_pairs=True) == []
+    beside = replace(alone, obstacles=cell.obstacles)
+    assert told(beside, all_pairs=True) == []
+    (where,) = told(beside, all_pairs=False)
+    assert "is in no pair that is checked" in where

@@ -129,12 +129,20 @@ def _lost_weight(root: ElementTree.Element, arm: Arm) -> list[str]:
 
 
 def _unchecked(cell: Cell, arm: Arm, bodies: list[Body], checked: list[tuple[Body, Body]]) -> list[str]:
-    """Bodies in no pair, though the cell does not let them touch all that they would be held against; a second copy of
+    """Bodies in no pair, though something moves against them that the cell does not let them touch; a second copy of
     one that is in a pair (the cutter drawn in) counts with it."""
     used = {b.name for pair in checked for b in pair}
-    idle, may = [b for b in bodies if b.name not in used], may_touch(cell)
+    idle = [b for b in bodies if b.name not in used and any(_moves_against(arm, a, b) for a in bodies)]
+    may = may_touch(cell)
     if any(b.name in pair for pair in may for b in idle):
         every = [(a.name, b.name) for a, b in pairs(replace(cell, may_touch=()), arm, bodies)]
         own = {b.name: [pair for pair in every if b.name in pair] for b in idle}
         idle = [b for b in idle if not own[b.name] or any(pair not in may for pair in own[b.name])]
     return [f"{b.kind} {b.name!r} is in no pair that is checked" for b in idle]
+
+
+def _moves_against(arm: Arm, a: Body, b: Body) -> bool:
+    """Neither are the two fixed to each other, nor neighbours on the arm, which are built touching."""
+    if a.link >= 0 and b.link >= 0:
+        return abs(a.link - b.link) >= 2
+    return arm.moved_by(a.carrier) != arm.moved_by(b.carrier)

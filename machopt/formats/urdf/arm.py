@@ -78,7 +78,9 @@ def _flange(urdf: Urdf) -> str:
             ends.setdefault(moving[-1].name, []).append(link)
     outer = {name: links for name, links in ends.items() if not _bears_another(urdf, name, list(ends))}
     if not outer:
-        turning = ", ".join(j.name for j in urdf.joints if j.kind in _TURNS) or "none"
+        free = [j.name for j in urdf.joints if j.kind in _TURNS and j.mimic is None]
+        follow = [f"{j.name} mimics {j.mimic.joint}" for j in urdf.joints if j.mimic is not None]
+        turning = "; ".join([", ".join(free) or "none", *follow])
         raise InputError(f"has no chain of six joints that turn (joints that turn: {turning})", file=urdf.path)
     named = [links for links in ends.values() if any(f in links for f in FLANGES)]
     groups = named or list(outer.values())
