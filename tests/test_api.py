@@ -46,6 +46,33 @@ def test_the_names_that_stay_are_there_and_say_what_they_are() -> None:
         machopt.no_such_name  # noqa: B018
 
 
+@pytest.mark.parametrize(
+    ("call", "where"),
+    [
+        (lambda: machopt.diagnose("cells/kr240_drilling", 3), "recordings"),  # type: ignore[arg-type]
+        (lambda: machopt.diagnose(3, "r"), "cell"),  # type: ignore[arg-type]
+        (lambda: machopt.diagnose("c", "r", max_findings="two"), "max_findings"),
+        (lambda: machopt.identify("cells/kr240_drilling", [3]), "recordings"),  # type: ignore[list-item]
+        (lambda: machopt.identify("cells/kr240_drilling", "r", robust="a"), "robust"),
+        (lambda: machopt.optimize("cells/kr240_drilling", 3), "toolpath"),  # type: ignore[arg-type]
+        (lambda: machopt.map("cells/kr240_drilling", slice=3), "slice"),
+        (lambda: machopt.place("cells/kr240_drilling", 3), "toolpaths"),  # type: ignore[arg-type]
+        (lambda: machopt.plan_poses("cells/kr240_drilling", poses="x"), "poses"),
+    ],
+)
+def test_a_value_of_another_type_is_refused_by_its_name(call: Callable[[], object], where: str) -> None:
+    with pytest.raises(machopt.InputError, match=rf"{where}: found .*(would work|expected)"):
+        call()
+
+
+def test_a_table_shows_itself_small_and_escaped() -> None:
+    table = machopt.Table({"<x>": np.arange(20.0), "why": np.array(["a & b"] * 20)})
+    shown = table._repr_html_()
+    assert "<th>&lt;x&gt;</th>" in shown
+    assert shown.count("a &amp; b") == 8
+    assert "20 rows, 2 columns" in shown
+
+
 def test_packages_of_the_same_name_do_not_take_a_functions_place() -> None:
     import machopt.diagnose.nouns.asked
     import machopt.identify.fit

@@ -147,6 +147,34 @@ def test_slider_map_curves_and_tables_move_one_robot(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_the_map_is_walked_by_keys_and_enter_sends_the_robot_there(tmp_path: Path) -> None:
+    data, _ = with_view(small_cell(tmp_path))
+    page = tmp_path / "page.html"
+    page.write_text(report_html(data), encoding="utf-8")
+    over = "document.querySelector('.u-over[role=application]')"
+    with Browser() as browser:
+        browser.open(page)
+        for _ in range(40):
+            browser.page.keyboard.press("Tab")
+            if browser.script(f"document.activeElement === {over}"):
+                break
+        assert browser.script(f"document.activeElement === {over}")
+        assert "Enter" in browser.script(f"{over}.getAttribute('aria-label')")
+        assert browser.script(f"getComputedStyle({over}).outlineStyle") == "solid"
+        said = []
+        for key in ("Home", "ArrowRight", "ArrowUp"):
+            browser.page.keyboard.press(key)
+            said.append(browser.script("document.querySelector('[role=status].aloud').textContent"))
+        assert len(set(said)) == 3
+        before = browser.script("document.querySelector('.view .told').textContent")
+        browser.page.keyboard.press("Enter")
+        told = browser.script("document.querySelector('.view .told').textContent")
+        assert told != before
+        assert said[-1].split(", ")[2].removeprefix("φ ") in told
+        assert browser.complaints == []
+
+
+@pytest.mark.slow
 def test_without_webgl_the_page_says_so_and_goes_on(tmp_path: Path) -> None:
     data, _ = with_view(small_cell(tmp_path))
     blind = (

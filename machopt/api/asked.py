@@ -6,7 +6,10 @@ import os
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_type_hints
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from machopt.errors import InputError, nearest
 
@@ -29,31 +32,89 @@ def asked(request: type[R], options: Mapping[str, Any], **given: Any) -> R:
         given: the fields that are no options.
 
     Raises:
-        InputError: an option that the command does not have; names the nearest.
+        InputError: an option that the command does not have, with the nearest; or one of another type.
     """
     known = names_of(request)
     for name in options:
         if name not in known:
             raise InputError(f"there is no such option; {nearest(name, known)}", where=name)
     kinds = {f.name: str(f.type) for f in fields(request)}  # type: ignore[arg-type]
-    return request(**{name: _plain(value, kinds[name]) for name, value in options.items()}, **given)
+    hints = get_type_hints(request)
+    plain = {name: typed(_plain(value, kinds[name], name), hints[name], name) for name, value in options.items()}
+    return request(**plain, **given)
 
 
-def paths(value: str | os.PathLike[str] | Iterable[str | os.PathLike[str]]) -> tuple[Path, ...]:
-    """One path or several."""
-    return (Path(value),) if isinstance(value, str | os.PathLike) else tuple(Path(v) for v in value)
+def path_of(value: object, where: str) -> Path:
+    """A path that a caller gave as text or as any kind of path.
+
+    Raises:
+        InputError: it is neither; ``where`` is the argument's name.
+    """
+    if not isinstance(value, str | os.PathLike):
+        raise InputError(f"found {_shown(value)}; a path would work, as text or pathlib.Path", where=where)
+    return Path(os.fspath(value))
 
 
-def _plain(value: Any, kind: str) -> Any:
+def paths(value: object, where: str) -> tuple[Path, ...]:
+    """One path or several.
+
+    Raises:
+        InputError: something else, or something else among them.
+    """
+    if isinstance(value, Iterable) and not isinstance(value, str | os.PathLike):
+        return tuple(path_of(v, where) for v in value)
+    return (path_of(value, where),)
+
+
+def texts(value: object, where: str) -> tuple[str, ...]:
+    """One name or several, of which some may be paths.
+
+    Raises:
+        InputError: something else, or something else among them.
+    """
+    several = value if isinstance(value, Iterable) and not isinstance(value, str | os.PathLike) else (value,)
+    return tuple(v if isinstance(v, str) else os.fspath(path_of(v, where)) for v in several)
+
+
+def typed(value: Any, hint: Any, where: str) -> Any:
+    """The value, if it is of the type that a request's field or an argument is annotated with.
+
+    Raises:
+        InputError: it is not; says what was found and what would work.
+    """
+    try:
+        TypeAdapter(hint).validate_python(value, strict=True)
+    except ValidationError:
+        kind = hint.__name__ if isinstance(hint, type) and "[" not in str(hint) else str(hint)
+        raise InputError(f"found {_shown(value)}; expected {_spoken(kind)}", where=where) from None
+    return value
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return f"{text if len(text) <= 60 else text[:60] + '…'} ({type(value).__name__})"
+
+
+def _spoken(kind: str) -> str:
+    """An annotation in words, e.g. ``float | None``: a number, or None."""
+    kind = kind.replace("pathlib.", "").replace("typing.", "")
+    known = {"str": "text", "int": "a whole number", "float": "a number", "bool": "True or False", "Path": "a path"}
+    words = [known.get(k.strip(), k.strip()) for k in kind.split(" | ")]
+    return ", or ".join(words)
+
+
+def _plain(value: Any, kind: str, where: str) -> Any:
     """A value as the field wants it: tuples for lists, paths for names of files."""
     if "Path" in kind and value is not None:
-        return paths(value) if kind.startswith("tuple") else Path(value)
+        return paths(value, where) if kind.startswith("tuple") else path_of(value, where)
     if kind.startswith("tuple") and isinstance(value, str):
         return (value,)
     return _tuple(value)
 
 
 def _tuple(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        return value.item()
     if isinstance(value, str | bytes | Mapping):
         return value
     return tuple(_tuple(v) for v in value) if isinstance(value, Iterable) else value

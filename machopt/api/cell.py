@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from machopt.api.asked import asked
+from machopt.api.asked import asked, path_of, paths
 from machopt.arrays import Array
 from machopt.cells.asked import InitRequest
 from machopt.cells.review import Remark
@@ -54,12 +54,15 @@ class Cell:
         Raises:
             InputError: names file, line and key, what was found and what was expected.
         """
-        own = with_effects([Path(f) for f in effects])
+        folder = path_of(path, "cell")
+        own = with_effects(list(paths(effects, "effects")))
         with in_use(own):
             cell = load_cell(
-                Path(path), allow_external=allow_external, stiffness=None if stiffness is None else Path(stiffness)
+                folder,
+                allow_external=allow_external,
+                stiffness=None if stiffness is None else path_of(stiffness, "stiffness"),
             )
-        return cls(Path(path), cell, allow_external, own, cell_inputs(cell))
+        return cls(folder, cell, allow_external, own, cell_inputs(cell))
 
     @classmethod
     def new(cls, robot: str | os.PathLike[str], out: str | os.PathLike[str], **options: Any) -> Cell:
@@ -78,7 +81,7 @@ class Cell:
         """
         from machopt.services.newcell import run_init
 
-        run_init(asked(InitRequest, options, robot=Path(robot), out=Path(out)))
+        run_init(asked(InitRequest, options, robot=path_of(robot, "robot"), out=path_of(out, "out")))
         return cls.load(out)
 
     def validate(self, *, picture: str | os.PathLike[str] | None = None) -> tuple[Remark, ...]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from machopt.api.asked import NOWHERE, asked, paths
+from machopt.api.asked import NOWHERE, asked, path_of, paths
 from machopt.api.cell import Cell
 from machopt.api.figure import Figure
 from machopt.api.saved import Named, Progress, silent
@@ -94,8 +94,8 @@ def diagnose(
     request = asked(
         DiagnoseRequest,
         options,
-        cell=Path(cell.path if isinstance(cell, Cell) else cell),
-        recordings=paths(recordings),
+        cell=path_of(cell.path if isinstance(cell, Cell) else cell, "cell"),
+        recordings=paths(recordings, "recordings"),
         out=NOWHERE,
         allow_external=loaded is not None and loaded.allow_external,
     )

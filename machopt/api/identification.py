@@ -74,7 +74,7 @@ def identify(
         IdentifyRequest,
         options,
         cell=a_cell.path,
-        recordings=paths(recordings),
+        recordings=paths(recordings, "recordings"),
         out=NOWHERE,
         allow_external=a_cell.allow_external,
         effects=tuple(own.file for own in a_cell.effects),

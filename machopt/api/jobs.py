@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from pathlib import Path
 from typing import Any
 
-from machopt.api.asked import asked, paths
+from machopt.api.asked import asked, path_of, paths
 from machopt.api.saved import Named
 from machopt.batch.request import BatchRequest, Progress
 from machopt.batch.run import run_batch
@@ -44,10 +43,10 @@ def batch(
     request = asked(
         BatchRequest,
         options,
-        jobs=tuple(str(p) for p in paths(jobs)),
-        out=Path(out),
-        cell=None if cell is None else Path(cell),
-        effects=paths(effects),
+        jobs=tuple(str(p) for p in paths(jobs, "jobs")),
+        out=path_of(out, "out"),
+        cell=None if cell is None else path_of(cell, "cell"),
+        effects=paths(effects, "effects"),
         allow_external=allow_external,
     )
     return run_batch(request, progress or _silent).result

@@ -7,10 +7,9 @@ import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import radians
-from pathlib import Path
 from typing import Any, Literal
 
-from machopt.api.asked import NOWHERE
+from machopt.api.asked import NOWHERE, path_of, texts, typed
 from machopt.api.cell import Cell, cell_of
 from machopt.api.saved import Named, Progress, effects_of, saved, silent
 from machopt.api.table import Table
@@ -67,6 +66,14 @@ class Placement:
         return f"<Placement in {self.cell.name!r}: {self.verdict}>"
 
 
+def _several(toolpaths: object) -> list[Any]:
+    if not isinstance(toolpaths, Iterable):
+        raise InputError(
+            f"found {toolpaths!r}; a toolpath, the path of its file, or a list of these would work", where="toolpaths"
+        )
+    return list(toolpaths)
+
+
 def place(
     cell: Cell | Named,
     toolpaths: Toolpath | Named | Iterable[Toolpath | Named],
@@ -117,12 +124,17 @@ def place(
     a_cell = cell_of(cell)
     if move not in ("workpiece", "base"):
         raise InputError(f"found {move!r}; valid: workpiece, base", where="move")
-    several = [toolpaths] if isinstance(toolpaths, Toolpath | str | os.PathLike) else list(toolpaths)
+    several = [toolpaths] if isinstance(toolpaths, Toolpath | str | os.PathLike) else _several(toolpaths)
     if not several:
         raise InputError("no toolpath was given; one or more would work", where="toolpaths")
     read = [toolpath_of(t, a_cell) for t in several]
     if a_cell.allow_external:
         raise InputError("files outside the cell folder are in no copy of it; a cell without them would work")
+    for name, numbers in {"x_mm": x_mm, "y_mm": y_mm, "z_mm": z_mm, "turn_deg": turn_deg}.items():
+        typed(tuple(numbers) if isinstance(numbers, list) else numbers, Range, name)
+    for name, count in {"places": places, "best": best, "plans": plans}.items():
+        typed(count, int, name)
+    typed(minutes, float, "minutes")
     x, y, z = ((a / 1e3, b / 1e3) for a, b in (x_mm, y_mm, z_mm))
     request = PlaceRequest(
         cell=a_cell.path,
@@ -142,9 +154,9 @@ def place(
             plans=plans,
             seconds=60 * minutes,
         ),
-        plan_file=None if plan_file is None else Path(plan_file),
+        plan_file=None if plan_file is None else path_of(plan_file, "plan_file"),
         direct=options,
-        posts=tuple(os.fspath(p) for p in ((posts,) if isinstance(posts, str) else posts)),
+        posts=texts(posts, "posts"),
         effects=tuple(own.file for own in a_cell.effects),
     )
     with effects_of(a_cell):

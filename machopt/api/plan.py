@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import Any, Literal
 
-from machopt.api.asked import NOWHERE
+import numpy as np
+
+from machopt.api.asked import NOWHERE, path_of, texts, typed
 from machopt.api.cell import Cell, cell_of
 from machopt.api.figure import Figure
 from machopt.api.saved import Named, Progress, effects_of, saved, silent
@@ -174,6 +176,16 @@ class Plan:
         timings = Timings(dict(made.timings.seconds), made.timings.progress)  # each writing adds its own
         return write(Planned(made.given, made.made, timings), folder)
 
+    def _repr_html_(self) -> str:
+        """Small, for notebooks: the verdict, and the least a plan is known by."""
+        told = [("points", f"{len(self.toolpath)}"), ("cell", str(self.cell.path))]
+        if self.cycle_time_s is not None:
+            told.append(("cycle time", f"{self.cycle_time_s:.1f} s"))
+        if np.isfinite(self.deflection).any():
+            told.append(("worst deflection", f"{np.nanmax(self.deflection):.3f} mm"))
+        rows = "".join(f"<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in told)
+        return f"<p><b>{escape(str(self.toolpath.path))}</b>: {escape(self.verdict)}</p><table>{rows}</table>"
+
     def __repr__(self) -> str:
         return f"<Plan for {len(self.toolpath)} points of {self.toolpath.path}: {self.verdict}>"
 
@@ -222,13 +234,13 @@ def optimize(
         cell=a_cell.path,
         toolpath=path.path,
         out=NOWHERE,
-        plan_file=None if plan_file is None else Path(plan_file),
+        plan_file=None if plan_file is None else path_of(plan_file, "plan_file"),
         direct=options,
         reading=dict(path.reading),
         allow_external=a_cell.allow_external,
-        posts=tuple(os.fspath(p) for p in ((posts,) if isinstance(posts, str) else posts)),
+        posts=texts(posts, "posts"),
         front=front,
-        program_tolerance_mm=program_tolerance_mm,
+        program_tolerance_mm=typed(program_tolerance_mm, float | None, "program_tolerance_mm"),
         effects=tuple(own.file for own in a_cell.effects),
         map_all=map_collisions == "full",
         tables=tables,

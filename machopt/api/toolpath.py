@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from machopt.api.asked import path_of
 from machopt.api.cell import Cell
 from machopt.arrays import Array
 from machopt.domain import toolpath as domain
@@ -40,11 +41,11 @@ class Toolpath:
         Raises:
             InputError: names file and line, what was found and what was expected; or a keyword that is none of these.
         """
-        said = reading_from_user(reading)
+        said, file = reading_from_user(reading), path_of(path, "toolpath")
         if cell is None:
-            return cls(Path(path), read_toolpath(Path(path), **said), said)
-        found = read_toolpath(Path(path), **reading_of(cell.description), **said)
-        return cls(Path(path), placed(found, cell.description), said)
+            return cls(file, read_toolpath(file, **said), said)
+        found = read_toolpath(file, **reading_of(cell.description), **said)
+        return cls(file, placed(found, cell.description), said)
 
     def __len__(self) -> int:
         """Number of points."""

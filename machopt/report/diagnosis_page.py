@@ -101,8 +101,18 @@ def _verdict(data: DiagnosisPage) -> Body:
     if d.verdict in ("consistent", "insufficient"):
         cards.append(("Repeatable mismatch", f"p {chance(d.mismatch_p)}", "chance that noise alone does this"))
     else:
-        cards.append(("Closed", percent(d.explained), f"of the repeatable {sized(d.repeatable, d.unit)}"))
+        of = (
+            "of the mismatch of the record as stated"
+            if _of_record(d)
+            else f"of the repeatable {sized(d.repeatable, d.unit)}"
+        )
+        cards.append(("Closed", percent(d.explained), of))
     return part("verdict", "verdict", tone, badge, d.sentence, d.warnings, boxes(cards))
+
+
+def _of_record(d: Diagnosis) -> bool:
+    """Whether something was found of the record itself: then before and after are counted with that put right."""
+    return any(f.record for f in d.findings)
 
 
 def _where(data: DiagnosisPage) -> Body:
@@ -170,7 +180,7 @@ def _errors(data: DiagnosisPage, have: set[str]) -> Body:
         f"Each {data.group_word} is predicted by fits that never saw it. Residuals at the noise floor cannot get "
         "smaller."
     )
-    if any(f.record for f in data.diagnosis.findings):
+    if _of_record(data.diagnosis):
         lead += " What was found of the record itself is put right in both."
     return section("errors", "Before and after", lead, body)
 
@@ -202,8 +212,9 @@ def _findings(data: DiagnosisPage, have: set[str]) -> Body:
 def _open(d: Diagnosis) -> str:
     """What is there that no term explains: how much; and where, while the shares still speak of it."""
     if d.findings:
+        still = "still come back in every repeat" if math.isfinite(d.mismatch_p) else "are more than the noise"
         return (
-            f"{sized(d.repeatable_after, d.unit)} rms still come back in every repeat. No further law of the catalogue "
+            f"{sized(d.repeatable_after, d.unit)} rms {still}. No further law of the catalogue "
             "predicts them on unseen readings, so no more is named; above, shares are of the whole mismatch."
         )
     ranked = sorted((s for s in d.mismatch if math.isfinite(s.share) and s.share >= LEAST), key=lambda s: -s.share)

@@ -34,6 +34,12 @@ function bytes(text) {
   return out;
 }
 
+// Colours end where two of a hundred places are softer, so that these do not bleach the rest: the key says how far they go.
+function softEnd(end, worst) {
+  const short = v => `${+v.toPrecision(3)}`;
+  return short(end) === short(worst) ? `soft ${short(end)}` : `soft ${short(end)} (worst ${short(worst)})`;
+}
+
 function swatch(name, color) {
   const item = document.createElement("span"), canvas = document.createElement("canvas"), ctx = canvas.getContext("2d");
   canvas.width = 44; canvas.height = 28;
@@ -125,7 +131,11 @@ function heatMap(host, spec) {
       series: [{}, { paths: () => null, points: { show: false } }], hooks: { drawClear: [colours], draw: [lines, edge] },
     }, [xs, xs.map(() => null)]);
     u.over.addEventListener("mousemove", evt => {
-      const [x, y] = under(u, evt), k = u.posToIdx(x), r = rowAt(u, y), phi = spec.rotation[r];
+      const [x, y] = under(u, evt);
+      tell(u.posToIdx(x), rowAt(u, y), evt);
+    });
+    function tell(k, r, evt) {
+      const phi = spec.rotation[r];
       const cell = k * R + r, value = valueOf(cell), rows = [["point", +spec.point[k].toFixed(2)], ["path length", `${spec.s[k].toFixed(1)} mm`], ["φ", degrees(phi)]];
       if (spec.offset) rows.push(["γ", degrees(turned(phi + spec.offset[k]))]);
       if (value !== null) rows.push([spec.label, `${+value.toPrecision(4)} ${spec.unit}`]);
@@ -133,8 +143,47 @@ function heatMap(host, spec) {
       for (const l of spec.lines) if (l.y[k] !== null) rows.push([l.name, spec.offset ? `φ ${degrees(l.y[k])}, γ ${degrees(turned(l.y[k] + spec.offset[k]))}` : `φ ${degrees(l.y[k])}`, l.color]);
       if (onPick) rows.push(["click", "sets the robot to this place"]);
       showTip(evt, rows);
-    });
+      return rows;
+    }
+    byKeys(u, xs, tell);
     if (onMapDrawn) onMapDrawn(u, xs);
+  }
+
+  // The keyboard's pointer: arrows go from place to place, Enter sets the robot there. What it is on is said aloud, too.
+  function byKeys(u, xs, tell) {
+    const said = document.createElement("span"), over = u.over;
+    let k = -1, r = 0;
+    said.className = "aloud"; said.setAttribute("role", "status");
+    host.appendChild(said);
+    over.tabIndex = 0;
+    over.setAttribute("role", "application");
+    over.setAttribute("aria-label", "Map of path and rotation: arrow keys move a pointer, with Shift ten places, Home and End to the ends of the path, Enter sets the robot there");
+    const begin = () => {
+      const at = HERE[byPoint ? "station" : spec.group], phi = HERE.phi;
+      const nearest = (values, v) => values.reduce((best, x, i) => (Math.abs(x - v) < Math.abs(values[best] - v) ? i : best), 0);
+      k = Number.isFinite(at) && at !== null ? nearest(xs, at) : 0;
+      r = phi === null ? R >> 1 : nearest(spec.rotation, phi);
+    };
+    const shown = () => {
+      const left = u.valToPos(xs[k], "x"), top = u.valToPos(spec.rotation[r], "y"), box = over.getBoundingClientRect();
+      u.setCursor({ left, top });
+      said.textContent = tell(k, r, { clientX: box.left + left, clientY: box.top + top }).map(row => row.slice(0, 2).join(" ")).join(", ");
+    };
+    over.addEventListener("keydown", evt => {
+      if (evt.target !== over || evt.ctrlKey || evt.altKey || evt.metaKey) return;
+      if (evt.key === "Escape") { hideTip(); return; }
+      if (k < 0) begin();
+      if (evt.key === "Enter" || evt.key === " ") { evt.preventDefault(); if (onPick) onPick({ kind: "map", k, r }); shown(); return; }
+      const by = evt.shiftKey ? 10 : 1, step = { ArrowLeft: [-by, 0], ArrowRight: [by, 0], ArrowUp: [0, by], ArrowDown: [0, -by], Home: [-N, 0], End: [N, 0] }[evt.key];
+      if (!step) return;
+      evt.preventDefault();
+      const inside = xs.map((x, i) => i).filter(i => xs[i] >= u.scales.x.min && xs[i] <= u.scales.x.max); // of a map that is zoomed
+      const ends = inside.length ? [inside[0], inside[inside.length - 1]] : [0, N - 1];
+      k = Math.min(ends[1], Math.max(ends[0], k + step[0]));
+      r = (r + step[1] + R) % R;
+      shown();
+    });
+    over.addEventListener("blur", () => { k = -1; said.textContent = ""; hideTip(); });
   }
 
   function key() {
@@ -145,7 +194,7 @@ function heatMap(host, spec) {
     const stops = Array.from({ length: 10 }, (_, i) => `rgb(${RAMP[i].join(",")})`);
     bar.style.background = `linear-gradient(to right, ${stops.join(",")})`;
     const worst = spec.large_is_good ? spec.from : spec.to, best = spec.large_is_good ? spec.to : spec.from;
-    left.textContent = `soft ${+worst.toPrecision(3)}`; right.textContent = `stiff ${+best.toPrecision(3)} ${spec.unit}`;
+    left.textContent = softEnd(worst, spec.large_is_good ? spec.lowest : spec.highest); right.textContent = `stiff ${+best.toPrecision(3)} ${spec.unit}`;
     const scale = document.createElement("div");
     scale.className = "scale"; scale.append(left, bar, right);
     if (spec.known) box.appendChild(scale);

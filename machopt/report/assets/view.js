@@ -65,7 +65,7 @@ function robotView(host, data) {
     const box = make("div", "map-key", host);
     if (path.known) {
       const scale = make("div", "scale", box), ends = path.large_is_good ? [path.from, path.to] : [path.to, path.from];
-      make("span", "", scale, `soft ${+ends[0].toPrecision(3)}`);
+      make("span", "", scale, softEnd(ends[0], pathValue.reduce((a, v) => Number.isFinite(v) ? path.large_is_good ? Math.min(a, v) : Math.max(a, v) : a, ends[0])));
       make("div", "bar", scale).style.background = `linear-gradient(to right, ${RAMP.map(c => `rgb(${c.join(",")})`).join(",")})`;
       make("span", "", scale, `stiff ${+ends[1].toPrecision(3)}: ${path.label}`);
     }
