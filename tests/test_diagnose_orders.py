@@ -214,3 +214,13 @@ def test_a_balancer_that_outweighs_its_joint_is_no_wrong_sign(tmp_path: Path, si
     else:
         with pytest.raises(InputError, match="runs against"):
             motion.build(record, cell, "torque", rng)
+
+
+def test_masses_that_would_have_to_be_far_off_are_no_reason_where_a_payload_is(tmp_path: Path) -> None:
+    """Readings so many that they outweigh any doubt: twelve kilograms more at the flange against links of twenty."""
+    rng, cell, t, q, v, tau = shaken(tmp_path, 2, 6)
+    assert cell.tool is not None
+    heavier = replace(cell, tool=replace(cell.tool, mass=cell.tool.mass + 12.0))
+    tau = tau + load_dynamics(heavier).torque(q, v, q * 0.0) - load_dynamics(cell).torque(q, v, q * 0.0)
+    found, _, _ = diagnosed(recorded(t, q, v, tau + 0.25 * rng.normal(size=q.shape)), cell, "torque")
+    assert ("payload", "tool") in {(f.effect, f.location) for f in found.findings}

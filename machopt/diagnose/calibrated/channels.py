@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machopt.diagnose.calibrated.origin import JUDGED
+from machopt.diagnose.calibrated.origin import JUDGED, STATISTICS
 from machopt.diagnose.calibrated.origin import threshold as _set
 
 
@@ -161,7 +161,9 @@ class Motion:
         "gain that a motion asks for before it holds mass or place of a load for as stated",
         JUDGED,
     )
-    link_sure: float = _set(0.01, "the same where a payload predicts better than any masses of links", JUDGED)
+    links_chance: float = _set(
+        1e-4, "of masses so far off: below it a payload that predicts as well is the better reason", STATISTICS
+    )
     link_off: float = _set(0.15, "the same where the data say plainly that links are off", JUDGED)
     links_gain: float = _set(
         0.02, "share of the held-out error that scales of link masses must take beyond what a payload takes", JUDGED

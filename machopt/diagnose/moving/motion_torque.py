@@ -2,8 +2,8 @@
 
 y = τ − RNEA(q, q̇, q̈). Refitted in any case, for each joint: offset, Coulomb and viscous friction and the inertia of
 its motor (no URDF states it), and one rotational inertia of the tool (no cell states it). The links' masses are the
-URDF's to a share (``link_scale``): a scale of each is refitted within it, so that a payload, a balancer and their
-intervals hold that doubt; where the data say plainly that several links are off, which no payload explains, it is said.
+URDF's to a share (``link_scale``), within which a scale of each is refitted, unless a payload is the better reason;
+where the data say plainly that several links are off, which no payload explains, it is said.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.special import chdtrc
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
@@ -67,11 +68,12 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
         balancer = [h.columns(h.shapes[0]) for h in at_beside.in_torques(scene)[:1]]
         doubt, said = _links(y, base, P, np.concatenate([P, *balancer], axis=2), L, m.group)
         scene.notes.extend(said)
-        base = np.concatenate([base, L], axis=2)
-        unknowns += [
-            Unknown(f"mass of link {b + 1}, relative", "1", location=link_at(b + 1), prior=doubt)
-            for b in dynamics.bodies
-        ]
+        if doubt > 0.0:
+            base = np.concatenate([base, L], axis=2)
+            unknowns += [
+                Unknown(f"mass of link {b + 1}, relative", "1", location=link_at(b + 1), prior=doubt)
+                for b in dynamics.bodies
+            ]
     problem = Problem(
         channel="torque",
         y=y,
@@ -128,7 +130,8 @@ def _links(y: Array, base: Array, load: Array, rivals: Array, links: Array, grou
     """1 sigma of each link's mass beside the URDF's, by what predicts unseen stretches; and what is said of it.
 
     Masses that are off and a payload look much alike. Where a payload alone predicts clearly better than any masses of
-    the links, these are as stated but for a little; where masses predict clearly better than payload and compensator
+    the links, or as well and these would have to be off by more than makers are (``links_chance`` of their χ²), they
+    are taken as stated; where masses predict clearly better than payload and compensator
     together, they are off; else they may be off by as much as a payload that is named has to show beside.
     """
     weight = 1.0 / np.maximum(_spread(y, base), 1e-12)
@@ -149,9 +152,29 @@ def _links(y: Array, base: Array, load: Array, rivals: Array, links: Array, grou
             "payload shows only where no link could have it"
         )
         return calibrated.MOTION.link_off, [words]
-    if linked.sum() > (1.0 + calibrated.MOTION.links_gain) * loaded.sum():
-        return calibrated.MOTION.link_sure, []
+    worse = linked.sum() / loaded.sum() - 1.0
+    if worse > calibrated.MOTION.links_gain or (
+        worse > -calibrated.MOTION.links_gain
+        and _implausible(y * weight, base * weight[:, None], links * weight[:, None])
+    ):
+        return 0.0, []  # any doubt is outweighed by readings enough, and takes the payload up
     return calibrated.MOTION.link_scale, []
+
+
+def _implausible(y: Array, base: Array, links: Array) -> bool:
+    """Whether masses of links that explain a record would be off by more than makers are: χ² of what they need.
+
+    Args:
+        y: (N, D) weighted; base: (N, D, P); links: (N, D, L) alike.
+    """
+    A = np.concatenate([base, links], axis=2).reshape(-1, base.shape[2] + links.shape[2])
+    b = y.reshape(-1)
+    left, _ = rest_of(b, A)
+    held = np.zeros(A.shape[1])
+    held[base.shape[2] :] = np.std(left) / calibrated.MOTION.link_scale
+    _, x = rest_of(np.concatenate([b, np.zeros(len(held))]), np.concatenate([A, np.diag(held)]))
+    needed = x[base.shape[2] :] / calibrated.MOTION.link_scale
+    return bool(chdtrc(len(needed), float(needed @ needed)) < calibrated.MOTION.links_chance)
 
 
 def _spread(y: Array, base: Array) -> Array:
