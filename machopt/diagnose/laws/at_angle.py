@@ -56,7 +56,8 @@ def _hypothesis(r: Readings, effect: Effect, where: str, law: Unloaded, grid: tu
     by, moved = joints_of(where)
     q = r.state.q[:, by]
     bare = hypothesis(effect, where, law, grid, q, lambda columns: r.lift(moved, columns), q)
-    return replace(bare, penalty=law.penalty, held=law.prior, summed=law.summed)
+    # a constant angle leaves nothing of itself: the rounds of the search are linear about what was found
+    return replace(bare, penalty=law.penalty, held=law.prior, summed=law.summed, exact=effect.form == 0.0)
 
 
 def hypothesis(

@@ -21,6 +21,7 @@ from machopt.diagnose.search.anotherday import BY_DAY, comes_again
 from machopt.diagnose.search.screen import Scored, score
 from machopt.diagnose.search.select import Chosen, stands, with_chosen
 from machopt.diagnose.search.state import State
+from machopt.effects import geometry
 from machopt.effects.words import spoken
 
 LITTLE = "explains little more than what is left beside it"
@@ -51,7 +52,8 @@ def withheld(state: State, rng: np.random.Generator) -> State:
         without = state.fitted([o for o in chosen if o is not c]).heldout()
         taken = _power(state, without) - _power(state, whole)
         # a frame leaves nothing of itself: what is left is something else, and has to be clearly more
-        most = calibrated.PROOF.outweighs_exact if c.tried.hypothesis.exact else calibrated.PROOF.outweighs
+        frame = c.tried.hypothesis.effect == geometry.EFFECT.name
+        most = calibrated.PROOF.outweighs_exact if frame else calibrated.PROOF.outweighs
         if left > most * taken:
             out[k] = _nameless(c, LITTLE)
     return replace(state, chosen=tuple(out))
