@@ -46,7 +46,7 @@ def shortest(model: Model, chosen: Sequence[Chosen], tried: Sequence[Tried], mos
         return list(chosen)
     own = [_one_shape(c.tried, c.scored.shape) for c in chosen]
     pool = [t for t in tried if _takes_part(t)]
-    sums = summed(model, [*own, *pool])
+    sums = summed(model, pool, own)  # a wave and its double, too: sets are told by the groups' numbers
     start = tuple(range(len(own)))
     best = _View(sums, len(own), with_chosen(model, chosen).spread, most).shortest(start)
     if best == start:

@@ -37,12 +37,19 @@ class Sums:
     rows: int
 
 
-def summed(model: Model, laws: Sequence[Tried]) -> Sums:
-    """Of a base and laws; of many shapes of a law that is no wave, some."""
+def summed(model: Model, laws: Sequence[Tried], first: Sequence[Tried] = ()) -> Sums:
+    """Of a base and laws; of many shapes of a law that is no wave, some.
+
+    Args:
+        model: the base.
+        laws: where some are sums of waves, other waves of the same effect and place are left out.
+        first: laws of one shape each that are the first groups in any case, in this order.
+    """
     groups, at = [], model.X.shape[1]
     waves = {t.hypothesis.name for t in laws if t.hypothesis.summed}
-    for t in laws:
-        if t.hypothesis.name in waves and not t.hypothesis.summed:
+    for t in [*first, *laws]:
+        kept = any(t is f for f in first)
+        if not kept and t.hypothesis.name in waves and not t.hypothesis.summed:
             continue  # an order and its double: the pursuit takes them one by one
         p, count = t.X.shape[2], len(t.shapes)
         most = count if t.hypothesis.summed else min(count, MOST_SHAPES)
