@@ -138,8 +138,11 @@ def _split(problem: Problem, family: Family, e: Array, rows: Flags) -> tuple[flo
     gain2 = 0.0
     if len(slopes) > 3:  # by the power that gains take: so the parts add up to what twins differ by, and no more
         taken = np.array(powers)
-        own_along2 = max(own2, along / free)
-        gain2 = max(float(np.sum(taken * np.array(slopes) ** 2 - own_along2) / np.sum(taken)), 0.0)
+        squared, own_along2, weight = np.array(slopes) ** 2, max(own2, along / free), taken
+        if problem.visits_for_cycles:  # what cycles of a visit differ by lies along it too and is gain: nearly alike
+            own_along2 = own2
+            weight = 1.0 / (own2 / taken + np.median(squared))
+        gain2 = max(float(np.sum(weight * (squared - own_along2 / taken)) / np.sum(weight)), 0.0)
     mean2 = np.mean(np.array(shifts) ** 2, axis=1) - gain2 * np.array(carried)
     shift2 = max(float(np.mean(mean2 - own2 * np.array(leverage))), 0.0)
     visit2 = min(_between(np.array(shifts), np.array(visits)), shift2)

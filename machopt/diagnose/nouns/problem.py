@@ -80,6 +80,7 @@ class Problem:
     excluded: Flags | None = None  # (N,) rows that the record checks put aside
     known: Array | None = None  # (N, D) K_C of load and weight, already taken off y; a base unknown holds its doubt
     time: Array | None = None  # (N,) s, where readings of one hour may share an error that those of another do not
+    visits_for_cycles: bool = False  # load cycles have no label: a visit stands for all that it holds
     present: Flags | None = None  # (N, D) what was measured; None: all. Elsewhere y and all columns are zero
 
     def __len__(self) -> int:

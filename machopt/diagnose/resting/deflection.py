@@ -99,6 +99,7 @@ def build(
         np.arange(1, len(tests) + 1),
         scale=predicted,
         known=known if curved is not None else None,
+        visits_for_cycles=not labels.has_cycle,
     )
     tried = catalogue(readings, curved)
     return problem, replace(tried, hypotheses=(*tried.hypotheses, *unnamed.hypotheses(readings))), readings
