@@ -6,7 +6,6 @@ import tempfile
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from html import escape
 from pathlib import Path
 from typing import Any, Literal
 
@@ -178,13 +177,14 @@ class Plan:
 
     def _repr_html_(self) -> str:
         """Small, for notebooks: the verdict, and the least a plan is known by."""
+        from machopt.report.template import fragment
+
         told = [("points", f"{len(self.toolpath)}"), ("cell", str(self.cell.path))]
         if self.cycle_time_s is not None:
             told.append(("cycle time", f"{self.cycle_time_s:.1f} s"))
         if np.isfinite(self.deflection).any():
             told.append(("worst deflection", f"{np.nanmax(self.deflection):.3f} mm"))
-        rows = "".join(f"<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in told)
-        return f"<p><b>{escape(str(self.toolpath.path))}</b>: {escape(self.verdict)}</p><table>{rows}</table>"
+        return str(fragment("notebook.html", "plan", str(self.toolpath.path), self.verdict, told))
 
     def __repr__(self) -> str:
         return f"<Plan for {len(self.toolpath)} points of {self.toolpath.path}: {self.verdict}>"

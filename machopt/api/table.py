@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import os
 from collections.abc import Iterator, Mapping
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -59,15 +58,13 @@ class Table(Mapping[str, NDArray[Any]]):
 
     def _repr_html_(self) -> str:
         """Small, for notebooks: the first rows of the first columns, and how many there are."""
+        from machopt.report.template import fragment
+
         names = list(self._columns)[:SHOWN_COLUMNS]
-        head = "".join(f"<th>{escape(name)}</th>" for name in names)
         texts = [_texts(self._columns[name][:SHOWN_ROWS]) for name in names]
-        body = "".join(
-            f"<tr>{''.join(f'<td>{escape(text)}</td>' for text in row)}</tr>" for row in zip(*texts, strict=True)
-        )
         said = f"{self.rows} rows, {len(self)} columns"
         more = ": the first of them; .frame() has all" if self.rows > SHOWN_ROWS or len(self) > len(names) else ""
-        return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table><p>{said}{more}</p>"
+        return str(fragment("notebook.html", "table", names, list(zip(*texts, strict=True)), said + more))
 
     @property
     def rows(self) -> int:
