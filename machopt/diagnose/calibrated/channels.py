@@ -51,7 +51,7 @@ class Resting:
     angle_decimals: int = _set(3, "decimals of a radian: poses that are returned to differ by less", JUDGED)
     above_balancer: float = _set(3.0, "per turn of its joint, the lowest order that is not a balancer's", JUDGED)
     most_balanced: float = _set(
-        10.0,
+        100.0,
         "times the largest torque of weight at its joint that a balancer carries, at most",
         JUDGED,
     )
