@@ -38,7 +38,7 @@ def test_the_script_prints_the_table_again() -> None:
 
 
 NO_DECISION = {  # constants beside the computation: guards against rounding, units, ends of grids, a stated load
-    "moving.motion_friction.WIDER",
+    "moving.friction.WIDER",
     "resting.absolute_catalogue.ROUNDING",
     "apart.predicted.REST",
     "apart.predicted.SAME",
@@ -47,13 +47,13 @@ NO_DECISION = {  # constants beside the computation: guards against rounding, un
     "search.finer.NARROWER",
     "evidence.grams.NOTHING",
     "evidence.grams.RIDGE",
-    "moving.motion_clock.LONGEST",
+    "moving.clock.LONGEST",
     "laws.motion_frame.ARCMIN",
     "laws.motion_frame.ARCSEC",
-    "moving.motion_link.MOVING",
-    "moving.motion_next.RATE",
-    "moving.motion_next.ROOM",
-    "moving.motion_next.SECONDS",
+    "moving.link.MOVING",
+    "moving.next_motion.RATE",
+    "moving.next_motion.ROOM",
+    "moving.next_motion.SECONDS",
     "record.nests.LOOSE",
     "evidence.noise.LEAST_SIGMA",
     "written.onjob.TEST_FORCE",

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from machopt.cli import main
-from machopt.diagnose.moving import motion, motion_checks
+from machopt.diagnose.moving import checks, motion
 from machopt.diagnose.nouns.motion_signals import signals
 from machopt.diagnose.search import engine
 from machopt.domain.cell import Cell, JointLimits, Tool, Workpiece
@@ -243,13 +243,13 @@ def test_gaps_split_and_short_records_are_refused() -> None:
 def test_speeds_in_radians_are_put_right_and_said() -> None:
     rng = np.random.default_rng(3)
     t, q, v, _ = excited(2, rng)
-    fixed, found = motion_checks.units(recorded(t, 20 * q, 20 * v * np.pi / 180.0), 2)
+    fixed, found = checks.units(recorded(t, 20 * q, 20 * v * np.pi / 180.0), 2)
     assert [(f.effect, f.location) for f in found] == [("units", "column:qd1_deg_s")]
     assert fixed.velocity == pytest.approx(20 * v, rel=1e-12)
-    _, none = motion_checks.units(recorded(t, q, v), 2)
+    _, none = checks.units(recorded(t, q, v), 2)
     assert not none
     with pytest.raises(InputError, match="runs against"):
-        motion_checks.units(recorded(t, q, -v), 2)
+        checks.units(recorded(t, q, -v), 2)
 
 
 def test_torque_before_the_gear_is_refused(tmp_path: Path) -> None:
@@ -332,12 +332,12 @@ def test_encoders_behind_their_command_are_said(tmp_path: Path) -> None:
     rng, _, t, q, v, tau = shaken(tmp_path, 2, 8)
     asked = q + 0.012 * v
     late = recorded(t, q, v, tau, q_command=asked)
-    lags = motion_checks.servo_lag(late, signals(late, 2))
+    lags = checks.servo_lag(late, signals(late, 2))
     assert [(f.effect, f.location) for f in lags] == [("servo_lag", "controller")]
     assert lags[0].parameters["delay"].value == pytest.approx(12.0, abs=0.3)  # ms; the derivative of a delayed command
     assert lags[0].p_value < 1e-6  # better on all of 24 stretches: a coin does so once in 17 million
     close = recorded(t, q, v, tau, q_command=q + 1e-6 * rng.normal(size=q.shape))
-    assert not motion_checks.servo_lag(close, signals(close, 2))
+    assert not checks.servo_lag(close, signals(close, 2))
 
 
 def test_a_slide_is_a_chain_too(tmp_path: Path) -> None:
@@ -450,7 +450,7 @@ def test_records_that_are_no_motion_are_refused(tmp_path: Path) -> None:
         motion.build(recorded(t, q, v, tau * [1, 0]), cell, "torque", rng)
     with pytest.raises(InputError, match="tau2_Nm runs against"):
         motion.build(recorded(t, q, v, tau * [1, -1]), cell, "torque", rng)
-    fixed, words = motion_checks.quality(recorded(t, q, v * [1, 0], tau), 2)
+    fixed, words = checks.quality(recorded(t, q, v * [1, 0], tau), 2)
     assert fixed.velocity is None
     assert "qd2_deg_s never changes" in words[0]
 

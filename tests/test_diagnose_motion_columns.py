@@ -9,7 +9,7 @@ import pytest
 from test_diagnose_motion import arm, excited, recorded
 
 from machopt.arrays import Array
-from machopt.diagnose.moving import motion, motion_columns
+from machopt.diagnose.moving import columns, motion
 from machopt.diagnose.nouns.motion_signals import Motion, signals
 from machopt.domain.recording import Recording
 from machopt.errors import InputError
@@ -36,7 +36,7 @@ def test_torques_under_each_others_names_are_exchanged_and_said(tmp_path: Path, 
     t, q, v, _, tau = moved(tmp_path, 3)
     swapped = tau.copy()
     swapped[:, pair] = tau[:, pair[::-1]]
-    mended, found = motion_columns.mended(*seen(t, q, v, swapped, tmp_path))
+    mended, found = columns.mended(*seen(t, q, v, swapped, tmp_path))
     assert mended.torque is not None
     np.testing.assert_array_equal(mended.torque, tau)
     assert [(f.effect, f.location) for f in found] == [("columns", f"column:tau{pair[0] + 1}_Nm")]
@@ -49,7 +49,7 @@ def test_torques_that_are_right_stay(tmp_path: Path) -> None:
     """So they do where a balancer takes most of a joint's torque, or one joint's masses are a third off."""
     t, q, v, need, tau = moved(tmp_path, 4)
     for given in (tau, tau + [0.0, -0.8, 0.0] * need, tau + [0.3, 0.0, -0.3] * need):
-        mended, found = motion_columns.mended(*seen(t, q, v, given, tmp_path))
+        mended, found = columns.mended(*seen(t, q, v, given, tmp_path))
         assert not found
         assert mended.torque is given
 

@@ -15,7 +15,7 @@ from machopt.arrays import Array
 from machopt.diagnose.evidence import noise
 from machopt.diagnose.evidence.grams import base_model, tried
 from machopt.diagnose.evidence.whitening import whitening
-from machopt.diagnose.moving import motion, motion_next
+from machopt.diagnose.moving import motion, next_motion
 from machopt.diagnose.nouns.motion_signals import signals
 from machopt.diagnose.nouns.result import Finding
 from machopt.diagnose.search import engine, mismatch
@@ -85,7 +85,7 @@ def test_the_next_motion_keeps_the_limits_and_parts_the_rivals(tmp_path: Path) -
     cell = replace(
         cell, limits=JointLimits(np.array([-0.6]), np.array([0.9]), *(np.array([v]) for v in (0.8, 2.0, 9.0)))
     )
-    tried_motions = list(motion_next.motions(cell, 0))
+    tried_motions = list(next_motion.motions(cell, 0))
     assert len(tried_motions) == 7
     for one in tried_motions:
         assert one.q.min() > -0.6
@@ -95,11 +95,11 @@ def test_the_next_motion_keeps_the_limits_and_parts_the_rivals(tmp_path: Path) -
         np.testing.assert_allclose(np.gradient(one.q[:, 0], one.time)[2:-2], one.v[2:-2, 0], atol=5e-3)
     assert f.rivals
     doubtful = replace(f, one_of=(("transmission_error", "joint:1"), ("joint_hysteresis", "joint:1")))
-    said = motion_next.suggested(cell, "link", replace(found, findings=(doubtful,)))
+    said = next_motion.suggested(cell, "link", replace(found, findings=(doubtful,)))
     assert said.startswith("To tell transmission error of joint 1 from hysteresis of joint 1: drive ")
     assert "standard deviations" in said
     for other in (replace(found, findings=()), replace(found, findings=(), verdict="unexplained"), found):
-        assert "plan-poses" not in motion_next.suggested(cell, "link", other)
+        assert "plan-poses" not in next_motion.suggested(cell, "link", other)
 
 
 def test_a_load_that_nobody_states_is_no_clock(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from made_up_loads import ARCMIN, CELLS, Dirt, Truth, arm, clicking, load_tests,
 
 from machopt.diagnose.nouns.problem import Unknown
 from machopt.diagnose.nouns.result import Coefficient, Finding
-from machopt.diagnose.record import gross, pose_units, record
+from machopt.diagnose.record import gross, pose_units, repairs
 from machopt.diagnose.resting import loaded
 from machopt.diagnose.verdict.cellvalues import far_off
 from machopt.domain.parameters import joint_spring
@@ -61,7 +61,7 @@ def scaled(r: Recording, group: str, factor: float) -> Recording:
 
 def mend(r: Recording, cell: str = CELL, **options) -> tuple[Recording, list[Finding], list[str]]:
     arm_, T, prior = robot(cell)
-    return record.mend(r, arm_, T, prior, **options)
+    return repairs.mend(r, arm_, T, prior, **options)
 
 
 def test_a_sound_record_is_left_as_it_is() -> None:
@@ -124,7 +124,7 @@ def test_a_million_is_one_finding() -> None:
 def test_springs_three_times_off_the_cell_are_no_unit(factor: float) -> None:
     arm_, T, prior = robot()
     r = sound()
-    mended, findings, _ = record.mend(r, arm_, T, prior * factor)
+    mended, findings, _ = repairs.mend(r, arm_, T, prior * factor)
     assert findings == []
     assert mended is r
 
@@ -230,7 +230,7 @@ def test_a_spring_that_the_cell_misses_by_far_is_said() -> None:
 
 
 def test_every_word_of_the_check_has_its_mend_or_none() -> None:
-    """What a check says goes through :func:`record._mended`; what it has no rule for is left and said."""
+    """What a check says goes through :func:`repairs._mended`; what it has no rule for is left and said."""
     arm_, T, _ = robot()
     r = sound(rotations=True)
     assert r.wrench is not None
@@ -239,7 +239,7 @@ def test_every_word_of_the_check_has_its_mend_or_none() -> None:
     at_base[:, 3:] += np.cross(p, at_base[:, :3])
 
     def put_right(code: str, wrong: Recording, column: str = "", factor: float = 1.0) -> Recording | None:
-        return record._mended(wrong, Problem(code, "error", "said", column=column, factor=factor), arm_, T)
+        return repairs._mended(wrong, Problem(code, "error", "said", column=column, factor=factor), arm_, T)
 
     both = put_right("frames", replace(r, wrench_frame="tool", displacement_frame="tool"))
     assert both is not None
@@ -258,13 +258,13 @@ def test_every_word_of_the_check_has_its_mend_or_none() -> None:
 def test_an_error_that_nothing_mends_is_said_first(monkeypatch: pytest.MonkeyPatch) -> None:
     arm_, T, prior = robot()
     odd = Problem("something new", "error", "nobody has seen this before")
-    monkeypatch.setattr(record, "check_experiment", lambda *_: [odd])
+    monkeypatch.setattr(repairs, "check_experiment", lambda *_: [odd])
     r = sound()
-    mended, findings, warnings = record.mend(r, arm_, T, prior)
+    mended, findings, warnings = repairs.mend(r, arm_, T, prior)
     assert mended is r
     assert findings == []
     assert warnings == ["nobody has seen this before"]
-    assert record.mend(r, arm_, T, prior, accept=("something new",))[2] == ["nobody has seen this before"]
+    assert repairs.mend(r, arm_, T, prior, accept=("something new",))[2] == ["nobody has seen this before"]
 
 
 def test_nothing_was_measured_nothing_is_a_copy() -> None:

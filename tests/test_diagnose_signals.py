@@ -11,8 +11,8 @@ import pytest
 from test_diagnose_motion import arm, excited, recorded
 
 from machopt.diagnose import run
-from machopt.diagnose.moving import motion, motion_columns, motion_friction
-from machopt.diagnose.moving.motion_checks import servo_lag, slope, torque_side
+from machopt.diagnose.moving import columns, friction, motion
+from machopt.diagnose.moving.checks import servo_lag, slope, torque_side
 from machopt.diagnose.nouns.motion_signals import signals
 from machopt.diagnose.search.engine import Options
 from machopt.domain.cell import Cell
@@ -89,7 +89,7 @@ def test_a_channel_that_was_not_recorded_is_refused_by_what_it_needs(tmp_path: P
     tau = load_dynamics(cell).torque(r.q, r.velocity, np.gradient(r.velocity, r.time, axis=0))
     with pytest.raises(InputError, match=r"found link; this recording allows torque"):
         run.in_motion(cell, replace(r, torque=tau), Options(), asked="link", seed=0, toolpath=False)
-    assert motion_columns.mended(r, signals(r, 2), tau) == (r, [])
+    assert columns.mended(r, signals(r, 2), tau) == (r, [])
     assert torque_side(r, signals(r, 2), tau) == (r, [])
 
 
@@ -162,12 +162,12 @@ def test_warming_follows_the_recorded_temperature_or_the_clock(tmp_path: Path) -
     warm_one = np.linspace(20.0, 30.0, len(r))
     for temperature, shapes in ((None, ((15.0,),)), (np.full(len(r), 20.5), ((15.0,),)), (warm_one, ((0.0,),))):
         scene = motion._scene(replace(r, temperature=temperature), cell, m, None, None)
-        assert motion_friction.warmth(scene) == shapes
-    np.testing.assert_allclose(motion_friction.warm(scene, 0.0), (warm_one[m.index] - 20.0) / 10.0, atol=0.01)
-    risen = motion_friction.warm(motion._scene(r, cell, m, None, None), 10.0)
+        assert friction.warmth(scene) == shapes
+    np.testing.assert_allclose(friction.warm(scene, 0.0), (warm_one[m.index] - 20.0) / 10.0, atol=0.01)
+    risen = friction.warm(motion._scene(r, cell, m, None, None), 10.0)
     np.testing.assert_allclose(risen, 1.0 - np.exp(-(m.time - m.time[0]) / 10.0), rtol=1e-12)
     still = replace(m, q=0.0 * m.q)
-    assert motion_friction.friction(motion._scene(r, cell, still, None, None), 0, motion_friction.Turn) == []  # type: ignore[arg-type]
+    assert friction.friction(motion._scene(r, cell, still, None, None), 0, friction.Turn) == []  # type: ignore[arg-type]
 
 
 def test_a_command_that_stands_still_has_no_lag(tmp_path: Path) -> None:

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.diagnose.laws import at_joint, held, userterms
-from machopt.diagnose.moving import motion, motion_next
+from machopt.diagnose.moving import motion, next_motion
 from machopt.diagnose.nouns import reflectors
 from machopt.diagnose.nouns.problem import Catalogue, Problem
 from machopt.diagnose.nouns.readings import History
 from machopt.diagnose.nouns.result import Diagnosis, Finding, Name
-from machopt.diagnose.record import gains, gross, moved, nests, pose_units, record, tilt_columns
+from machopt.diagnose.record import gains, gross, moved, nests, pose_units, repairs, tilt_columns
 from machopt.diagnose.record.pasted import pasted
 from machopt.diagnose.resting import absolute, deflection, loaded
 from machopt.diagnose.search import engine
@@ -88,7 +88,7 @@ def at_rest(
         )
     recording, rewritten = pose_units.mended(recording, robot, T, accept)
     recording, stood = reflectors.brought(recording, robot, T)
-    recording, mended, warnings = record.mend(recording, robot, T, prior, accept)
+    recording, mended, warnings = repairs.mend(recording, robot, T, prior, accept)
     mended = [*rewritten, *mended]
     if recording.kind == "absolute" and "columns" not in accept:
         recording, sitting = nests.mended(recording, cell, robot, masses)
@@ -278,7 +278,7 @@ def in_motion(
     terms = _held(cell, load_robot(cell), known_masses(cell)) if six else ()
     d, problem = held.diagnosed(terms, stretches, held.in_torques if channel == "torque" else held.in_motions)
     options.progress("the next motion")
-    d = replace(d, next_experiment=motion_next.suggested(cell, channel, d))
+    d = replace(d, next_experiment=next_motion.suggested(cell, channel, d))
     # what leaves the record as it is, like a lag behind the command, changes no error of this channel
     beside = [f if f.record else replace(f, before=d.heldout_before, after=d.heldout_before) for f in found]
     return Examined(_with_record(d, beside, None, notes, recording.warnings), problem, recording)

@@ -1,7 +1,7 @@
 """What is wrong with a recording and not with the arm: units, columns, single rows.
 
 Words, places and the units that clerks write instead of the right ones; what puts a record right uses them
-(:mod:`machopt.diagnose.record.rewritten`, :mod:`machopt.diagnose.record.record`, :mod:`machopt.identify.units`).
+(:mod:`machopt.diagnose.record.rewritten`, :mod:`machopt.diagnose.record.repairs`, :mod:`machopt.identify.units`).
 Sensors: :mod:`sensor`; clocks: :mod:`delay`.
 """
 

@@ -15,7 +15,7 @@ from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.laws import at_beside
 from machopt.diagnose.laws.motion_frame import Scene, one_joint, remembered
-from machopt.diagnose.moving import motion_checks, motion_columns, motion_link, motion_tip, motion_torque
+from machopt.diagnose.moving import checks, columns, link, tip, torque
 from machopt.diagnose.nouns.motion_signals import Motion, signals
 from machopt.diagnose.nouns.problem import Catalogue, Problem, Untestable
 from machopt.diagnose.nouns.result import Finding
@@ -93,14 +93,14 @@ def build(
         InputError: the signals that the channel needs are missing or make no sense.
     """
     n = min(len(cell.arm_joints), recording.q.shape[1])
-    mended, found = motion_checks.units(recording, n)
-    mended, warnings = motion_checks.quality(mended, n)
+    mended, found = checks.units(recording, n)
+    mended, warnings = checks.quality(mended, n)
     motion = signals(mended, n, repeats=repeats)
     dynamics = _dynamics(cell)
     predicted = _predicted(dynamics, motion, terms)
     if predicted is not None and channel == "torque":
-        mended, exchanged = motion_columns.mended(mended, motion, predicted)
-        mended, of_torque = motion_checks.torque_side(mended, motion, predicted)
+        mended, exchanged = columns.mended(mended, motion, predicted)
+        mended, of_torque = checks.torque_side(mended, motion, predicted)
         found += [*exchanged, *of_torque]
     scene = replace(_scene(mended, cell, motion, dynamics, predicted), known=terms)
     scene.notes.extend(warnings)
@@ -109,7 +109,7 @@ def build(
         scene.notes.append(f"corrections of the cell's kinematics.yaml count as known: {corrected}")
     problem, catalogue, more = _equations(scene, channel)
     if channel != "tip":
-        found += motion_checks.servo_lag(mended, motion)
+        found += checks.servo_lag(mended, motion)
     if found:
         errors = (
             _errors(problem),
@@ -149,18 +149,18 @@ def _scene(
 
 def _equations(scene: Scene, channel: Predicted) -> tuple[Problem, Catalogue, list[Finding]]:
     if channel == "torque":
-        return *motion_torque.build(scene), []
+        return *torque.build(scene), []
     if channel == "link":
-        joints = motion_link.seen(scene)
+        joints = link.seen(scene)
         lift = one_joint(scene.motion, len(joints), joints)
-        return *motion_link.build(replace(scene, dimensions=len(joints), lift=lift), joints), []
+        return *link.build(replace(scene, dimensions=len(joints), lift=lift), joints), []
     from machopt.model.robot import load_robot
 
     if scene.joints != 6:
         raise InputError(
             f"{scene.recording.source}: a tracked TCP needs an arm of six joints; the cell has {scene.joints}"
         )
-    return motion_tip.build(scene, load_robot(scene.cell))
+    return tip.build(scene, load_robot(scene.cell))
 
 
 def _as_stated(
@@ -170,7 +170,7 @@ def _as_stated(
     motion = signals(recording, min(len(cell.arm_joints), recording.q.shape[1]), repeats=repeats)
     dynamics = _dynamics(cell)
     scene = _scene(recording, cell, motion, dynamics, _predicted(dynamics, motion, terms))
-    if channel == "link" and not motion_link.seen(scene):
+    if channel == "link" and not link.seen(scene):
         return None  # joints that seem to stand still
     return _errors(_equations(scene, channel)[0])
 
@@ -181,7 +181,7 @@ def _errors(problem: Problem) -> Array:
     What is held near a statement (masses of links) is left at it: freely fitted it makes up for another unit.
     """
     free = [u.prior is None for u in problem.unknowns]
-    left = motion_torque.heldout(problem.y, problem.base[:, :, free], problem.group, np.ones(problem.dimensions))
+    left = torque.heldout(problem.y, problem.base[:, :, free], problem.group, np.ones(problem.dimensions))
     return problem.families[0].factor * np.sqrt(
         left / np.unique(problem.group, return_counts=True)[1] / problem.dimensions
     )

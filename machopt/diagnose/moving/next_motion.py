@@ -14,7 +14,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.moving import motion
-from machopt.diagnose.moving.motion_friction import rest_of
+from machopt.diagnose.moving.friction import rest_of
 from machopt.diagnose.nouns.problem import Catalogue, Problem
 from machopt.diagnose.nouns.result import Diagnosis, Finding
 from machopt.domain.cell import Cell

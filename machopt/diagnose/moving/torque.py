@@ -20,9 +20,9 @@ from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.laws import at_beside, at_flange
 from machopt.diagnose.laws.motion_frame import Scene, one_joint
-from machopt.diagnose.moving.motion_clock import LONGEST, clocks, valley
-from machopt.diagnose.moving.motion_friction import Turn, breakaway, direction, friction, rest_of, turned, unsure
-from machopt.diagnose.moving.motion_loads import ripple, springy
+from machopt.diagnose.moving.clock import LONGEST, clocks, valley
+from machopt.diagnose.moving.friction import Turn, breakaway, direction, friction, rest_of, turned, unsure
+from machopt.diagnose.moving.loads import ripple, springy
 from machopt.diagnose.nouns.problem import Catalogue, Family, Hypothesis, Ints, Problem, Unknown, Untestable
 from machopt.domain.location import joint_at, link_at
 from machopt.errors import InputError

@@ -14,11 +14,11 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.laws.motion_frame import PowerTaken, Scene
-from machopt.diagnose.moving import motion_angles
-from machopt.diagnose.moving.motion_checks import sign_test
-from machopt.diagnose.moving.motion_clock import clocks, followers, valley
-from machopt.diagnose.moving.motion_gears import drive, gear_laws, known
-from machopt.diagnose.moving.motion_torque import heldout, motion_axes
+from machopt.diagnose.moving import angles
+from machopt.diagnose.moving.checks import sign_test
+from machopt.diagnose.moving.clock import clocks, followers, valley
+from machopt.diagnose.moving.gears import drive, gear_laws, known
+from machopt.diagnose.moving.torque import heldout, motion_axes
 from machopt.diagnose.nouns.problem import (
     Catalogue,
     Family,
@@ -104,8 +104,8 @@ def build(scene: Scene, robot: Robot) -> tuple[Problem, Catalogue, list[Finding]
     for j in range(6):
         if load is not None:
             out += gear_laws(scene, j, load[:, j], None if inertia is None else inertia[:, j], fit)
-        angles, taken_up = motion_angles.hypotheses(scene, j, fit)
-        out += angles
+        laws, taken_up = angles.hypotheses(scene, j, fit)
+        out += laws
         untestable += taken_up
 
     def late(d: float) -> Array:

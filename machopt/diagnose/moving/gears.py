@@ -13,7 +13,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.laws.motion_frame import ARCMIN, PowerTaken, Scene, curve, joint_law, one_joint
-from machopt.diagnose.moving.motion_torque import gear_load
+from machopt.diagnose.moving.torque import gear_load
 from machopt.diagnose.nouns.lowpass import zero_phase
 from machopt.diagnose.nouns.problem import Curve, Hypothesis, Quantity, Shape
 from machopt.domain.location import joint_at

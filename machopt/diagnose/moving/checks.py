@@ -14,7 +14,7 @@ from scipy.special import bdtrc
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
-from machopt.diagnose.moving.motion_friction import rest_of
+from machopt.diagnose.moving.friction import rest_of
 from machopt.diagnose.nouns.motion_signals import Motion
 from machopt.diagnose.nouns.problem import RecordCorrection
 from machopt.diagnose.nouns.repaired import exact, repaired

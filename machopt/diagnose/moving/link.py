@@ -12,10 +12,10 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.diagnose.laws.motion_frame import PowerTaken, Scene
-from machopt.diagnose.moving import motion_angles
-from machopt.diagnose.moving.motion_clock import clocks, valley
-from machopt.diagnose.moving.motion_gears import drive, gear_laws, known
-from machopt.diagnose.moving.motion_torque import motion_axes
+from machopt.diagnose.moving import angles
+from machopt.diagnose.moving.clock import clocks, valley
+from machopt.diagnose.moving.gears import drive, gear_laws, known
+from machopt.diagnose.moving.torque import motion_axes
 from machopt.diagnose.nouns.motion_signals import Motion
 from machopt.diagnose.nouns.problem import Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
 from machopt.domain.location import joint_at
@@ -87,8 +87,8 @@ def build(scene: Scene, joints: list[int]) -> tuple[Problem, Catalogue]:
     for j in joints:
         if found is not None:
             out += gear_laws(scene, j, found.load[:, j], None if inertia is None else inertia[:, j], fit)
-        angles, taken_up = motion_angles.hypotheses(scene, j, fit)
-        out += angles
+        laws, taken_up = angles.hypotheses(scene, j, fit)
+        out += laws
         untestable += taken_up
     problem = Problem(
         channel="position",

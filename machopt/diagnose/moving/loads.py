@@ -8,7 +8,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.diagnose.laws.motion_frame import Scene, curve, joint_law
-from machopt.diagnose.moving.motion_angles import orders, swept
+from machopt.diagnose.moving.angles import orders, swept
 from machopt.diagnose.nouns.problem import Correction, Curve, Hypothesis, Quantity, RecordCorrection, Shape
 from machopt.domain.location import joint_at
 from machopt.effects import registry

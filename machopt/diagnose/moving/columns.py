@@ -13,8 +13,8 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
-from machopt.diagnose.moving.motion_checks import by_stretch, column, sign_test, slope
-from machopt.diagnose.moving.motion_friction import rest_of
+from machopt.diagnose.moving.checks import by_stretch, column, sign_test, slope
+from machopt.diagnose.moving.friction import rest_of
 from machopt.diagnose.nouns.motion_signals import Motion
 from machopt.diagnose.nouns.repaired import repaired
 from machopt.diagnose.nouns.result import Finding
