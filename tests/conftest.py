@@ -11,7 +11,7 @@ import hashlib
 import os
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from pathlib import Path
 
 # One process a core runs the tests; a second BLAS thread in each would only wait actively for its partner: of the
@@ -46,15 +46,15 @@ hypothesis.settings.load_profile(PROFILE)
 _skips: Counter[str] = Counter()
 _seconds: defaultdict[str, float] = defaultdict(float)
 _longest: defaultdict[str, float] = defaultdict(float)
+_begun = [0.0]
+PROCESSOR = "processor_s"
 SLOW = Path(__file__).with_name("slow.txt")
-"""No part of `quick`: tests of which one case took LONG seconds or more when they were recorded (``--record-slow``),
-and modules that took LONG_MODULE seconds in all, their fixtures included."""
+"""No part of `quick`: tests of which one case took LONG seconds of processor time or more when they were recorded
+(``--record-slow``), and modules that took LONG_MODULE seconds in all, their fixtures included."""
 LONG, LONG_MODULE = 0.3, 10.0
 SECONDS = Path(__file__).with_name("seconds.txt")
-"""What each module took when it was recorded, the longest first, from NOTED seconds on: the order of a run.
-
-(The first entries are seconds of one processor, put together from runs of single modules.)
-"""
+"""What each module took of the processor when it was recorded, the longest first, from NOTED seconds on: the order of a
+run."""
 NOTED = 1.0
 
 
@@ -134,10 +134,34 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: (-took.get(item.nodeid.partition("::")[0], unknown[item.path]), -slow[item.path]))
 
 
+def processor_seconds() -> float:
+    """User and system time of this process and of those that it started and waited for."""
+    return sum(os.times()[:4])
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    _begun[0] = processor_seconds()
+    return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """What this phase took: of the processor, for a busy machine makes every test long."""
+    report = yield
+    now = processor_seconds()
+    report.user_properties.append((PROCESSOR, now - _begun[0]))
+    _begun[0] = now
+    return report
+
+
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     _note_skip(report)
-    _seconds[report.nodeid.partition("::")[0]] += report.duration
-    _longest[_function(report.nodeid)] = max(_longest[_function(report.nodeid)], report.duration)
+    # the properties pile up from phase to phase of a test; the last one is this phase's
+    took = [seconds for name, seconds in report.user_properties if name == PROCESSOR][-1]
+    assert isinstance(took, float)
+    _seconds[report.nodeid.partition("::")[0]] += took
+    _longest[_function(report.nodeid)] = max(_longest[_function(report.nodeid)], took)
 
 
 def _note_skip(report: pytest.TestReport | pytest.CollectReport) -> None:
@@ -152,11 +176,18 @@ def unexpected_skips(skips: Counter[str]) -> Counter[str]:
 
 
 def slow_list(known: Iterable[str], seconds: Mapping[str, float], longest: Mapping[str, float]) -> list[str]:
-    """The lines of SLOW: modules that ran by what they took now, others as they stand, none that is gone."""
-    kept = {n for n in known if n.partition("::")[0] not in seconds and (ROOT / n.partition("::")[0]).exists()}
+    """The lines of SLOW: what ran by what it took now, the rest as it stands, none that is gone."""
+    kept = {n for n in known if n not in seconds and n not in longest and is_there(n)}
     modules = {name for name, took in seconds.items() if took >= LONG_MODULE}
-    tests = {n for n, took in longest.items() if took >= LONG and n.partition("::")[0] not in modules}
-    return sorted(kept | modules | tests)
+    tests = kept | {n for n, took in longest.items() if took >= LONG}
+    return sorted(modules | {n for n in tests if n.partition("::")[0] not in modules})
+
+
+def is_there(name: str) -> bool:
+    """Whether a module, or a test of one, still has this name."""
+    file, _, test = name.partition("::")
+    path = ROOT / file
+    return path.exists() and (not test or f"def {test}(" in path.read_text(encoding="utf-8"))
 
 
 def seconds_of(text: str) -> dict[str, float]:
@@ -172,8 +203,9 @@ def seconds_list(known: Mapping[str, float], seconds: Mapping[str, float]) -> li
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
     if session.config.getoption("--record-slow") and not hasattr(session.config, "workerinput"):
-        known = seconds_of(SECONDS.read_text(encoding="utf-8"))
-        SECONDS.write_text("\n".join(seconds_list(known, _seconds)) + "\n", encoding="utf-8")
+        if "slow" not in session.config.getoption("markexpr"):  # else a module's own seconds are not whole
+            known = seconds_of(SECONDS.read_text(encoding="utf-8"))
+            SECONDS.write_text("\n".join(seconds_list(known, _seconds)) + "\n", encoding="utf-8")
         lines = slow_list(SLOW.read_text(encoding="utf-8").split(), _seconds, _longest)
         SLOW.write_text("\n".join(lines) + "\n", encoding="utf-8")
     strict = session.config.getoption("--strict-skips") and not hasattr(session.config, "workerinput")
@@ -191,6 +223,6 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         terminalreporter.write_line(f"expected skips: {words}")
     total = sum(_seconds.values())
     if total > 60.0:
-        terminalreporter.section(f"slowest modules, of {total:.0f} s over all processes")
+        terminalreporter.section(f"slowest modules, of {total:.0f} s of processor time")
         for module, seconds in sorted(_seconds.items(), key=lambda item: -item[1])[:40]:
             terminalreporter.line(f"{seconds:7.1f} s  {module}")

@@ -18,6 +18,7 @@ from conftest import (
     PROFILE,
     SECONDS,
     SLOW,
+    is_there,
     seconds_list,
     seconds_of,
     slow_list,
@@ -62,13 +63,7 @@ def test_seconds_are_recorded_for_modules_that_ran_and_the_longest_comes_first()
 def test_what_is_recorded_is_there() -> None:
     """A test that took another name would run in `make quick` again, however long it takes."""
     names = [*SLOW.read_text(encoding="utf-8").split(), *seconds_of(SECONDS.read_text(encoding="utf-8"))]
-    gone = []
-    for name in names:
-        file, _, test = name.partition("::")
-        here = (ROOT / file).read_text(encoding="utf-8") if (ROOT / file).exists() else ""
-        if not here or (test and f"def {test}(" not in here):
-            gone.append(name)
-    assert gone == []
+    assert [name for name in names if not is_there(name)] == []
 
 
 def test_examples_are_the_same_in_ci_and_many_at_night() -> None:
