@@ -15,7 +15,7 @@ from machopt.batch.run import run_batch
 from machopt.domain.toolpath import Move
 from machopt.formats.celltext import as_cell, from_cell
 from machopt.formats.tables import read_trajectory_csv, write_trajectory_csv
-from machopt.verify.table import read_columns
+from machopt.verify.columns import read_columns
 
 BAD = ("=HYPERLINK(1)", "+1", "-1", "@SUM(A1)", "'=1", "''@x", " =1", "＝1+1")
 RUN = tuple("=+-@\t\r＝＋－＠")

@@ -8,8 +8,8 @@ import pytest
 
 from machopt.errors import InputError
 from machopt.verify import readonce
+from machopt.verify.columns import read_table
 from machopt.verify.readonce import read_once
-from machopt.verify.table import read_table
 
 
 def test_a_table_is_read_once_and_anew_when_a_byte_has_changed(tmp_path: Path) -> None:

@@ -23,9 +23,10 @@ from machopt.output.roles import BATCH_ROLES, ROLES
 from machopt.recheck.compared import Posted
 from machopt.recheck.inforce import failed
 from machopt.recheck.posts import post_of, tolerance_of
-from machopt.recheck.readback import check_programs, strays
+from machopt.recheck.readback import check_programs
 from machopt.recheck.resultcheck import result_checks
 from machopt.recheck.rewritten import failed_check
+from machopt.recheck.strays import strays
 from machopt.verify import Check, Verification, verify_stints
 from machopt.verify.changes import slices
 from machopt.verify.check import Promise, not_run

@@ -52,9 +52,6 @@ SAME = 1e-8  # rad: places ten metres away by a tenth of a micrometre
 TWICE = 1e-6  # m, and of a rotation's entries: both are printed to nine decimals of a degree
 ROWS = 20_000  # targets worked out at once
 STEPS, CLOSED, BESIDE_DEG = 5, 1e-8, 3.0  # of Newton's method to a target's own joints; m and rad; from the motion's
-NOT_PROGRAMS = frozenset(
-    ("points.csv", "trajectory.csv", "compensation.csv", "result.json", "manifest.json", "report.html")
-)
 
 
 def check_programs(
@@ -95,32 +92,6 @@ def check_programs(
         cell, toolpath, out, options, tolerance, source or f"{cell.name}; {toolpath.source}", motion, tables
     )
     return tuple(ground.compare(one) for one in posted)
-
-
-def strays(out: Path, posted: Sequence[Posted]) -> tuple[Compared, ...]:
-    """One entry a file that looks like a robot program and belongs to none of the folder."""
-    mine = {name for one in posted for name in (*one.files, one.label)}  # a user's template lies under its label
-    found = []
-    for file in sorted(p for p in out.rglob("*") if p.is_file()):
-        name = file.relative_to(out).as_posix()
-        if name in mine or name in NOT_PROGRAMS or file.is_symlink():
-            continue
-        try:
-            program = recognised(file)
-        except InputError:
-            program = False
-        if program:
-            check = of_file(
-                name,
-                "a program of this job",
-                False,
-                1.0,
-                0.0,
-                "files",
-                "a robot program that belongs to no post of this folder",
-            )
-            found.append(Compared(Posted("", None, (name,)), 0, (check,)))
-    return tuple(found)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from machopt.domain.results.optimize import ChoiceObjective, ExternalSearchBound, MeanGain, ObjectiveParts
 from machopt.recheck.told import DIGITS, Points, Told, known, near, same, short
-from machopt.verify.table import read_columns
+from machopt.verify.columns import read_columns
 
 PRINTED = 2e-6  # relative: tables print seven significant digits
 BESIDE = 1.03  # a planning point is no softer than this times the worst sample, half a degree of joint travel away

@@ -27,9 +27,9 @@ from machopt.verify import Verification
 from machopt.verify.along import softest
 from machopt.verify.changes import slices
 from machopt.verify.check import Promise
+from machopt.verify.columns import Table, read_table
 from machopt.verify.output import read_tables
 from machopt.verify.springs import UnknownTermError
-from machopt.verify.table import Table, read_table
 
 AGREE = 1e-2  # of a check's limit: between two runs, and machines, a measured value moves by rounding only
 DIGITS = 1e-9  # relative: sums and ratios of figures that stand in the same file

@@ -10,7 +10,6 @@ The tests hold this against pinocchio's own forward kinematics, row by row.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -22,46 +21,9 @@ from machopt.compiled import compiled
 from machopt.domain.cell import Cell
 from machopt.errors import InputError
 from machopt.verify.built import is_rebuilt, rebuild
+from machopt.verify.stance import Stance, columns
 
 REACHED = 6  # Newton steps between two arms that differ by millimetres; the third is exact
-
-
-@dataclass(frozen=True)
-class Stance:
-    """The arm at N configurations: lines of its six axes and what they carry, in base_link, wherever that stands."""
-
-    q: Array  # (N, 6) rad, true angles
-    external: Array  # (N, E) rad or m
-    axis: Array  # (N, 6, 3) unit
-    origin: Array  # (N, 6, 3) m, of each joint's frame
-    tcp: Array  # (N, 4, 4)
-    frames: Array  # (N, 7, 4, 4) base_link and the frame of each joint; what a link carries moves with it
-    flange: Array  # (N, 4, 4)
-    linked: Array  # (N, 6, 6) what joints that follow another add to that one's column of the Jacobian
-
-    @cached_property
-    def J(self) -> Array:
-        """(N, 6, 6) geometric Jacobian at the TCP: column i is (z_i × (p − o_i), z_i), and m times that of each joint
-        that stands at m q_i + o."""
-        return _columns(self.axis, self.origin, self.tcp) + self.linked
-
-    def moved_to_flange(self) -> Array:
-        """(N, 6, 6) :attr:`linked` at the flange's origin."""
-        out = self.linked.copy()
-        lever = (self.flange[:, :3, 3] - self.tcp[:, :3, 3])[:, None]
-        out[:, :3] += np.swapaxes(np.cross(np.swapaxes(self.linked[:, 3:], 1, 2), lever), 1, 2)
-        return out
-
-    def rows(self, keep: NDArray[Any]) -> Stance:
-        """Some of the configurations."""
-        fields = self.q, self.external, self.axis, self.origin, self.tcp, self.frames, self.flange, self.linked
-        return Stance(*(v[keep] for v in fields))
-
-
-def _columns(axis: Array, origin: Array, tcp: Array) -> Array:
-    """(N, 6, K) of K lines (N, K, 3) that turn."""
-    lever = tcp[:, None, :3, 3] - origin
-    return np.swapaxes(np.concatenate([np.cross(axis, lever), axis], axis=-1), 1, 2)
 
 
 class Arm:
@@ -300,7 +262,7 @@ class Arm:
         for j, source, multiplier, _ in self._follow:
             if j in above and source >= 0:
                 T = back @ joints[:, j]
-                column = _columns((T[:, :3, :3] @ self._steps[j][2])[:, None], T[:, None, :3, 3], tcp)
+                column = columns((T[:, :3, :3] @ self._steps[j][2])[:, None], T[:, None, :3, 3], tcp)
                 linked[:, :, source] += multiplier * column[:, :, 0]
         return Stance(q, external, axis, frames[:, 1:, :3, 3], tcp, frames, flange, linked)
 
@@ -324,7 +286,7 @@ class Arm:
             turn = 0.5 * np.stack(
                 [off[:, 2, 1] - off[:, 1, 2], off[:, 0, 2] - off[:, 2, 0], off[:, 1, 0] - off[:, 0, 1]], 1
             )
-            J = _columns(there.axis, there.origin, there.flange) + there.moved_to_flange()
+            J = columns(there.axis, there.origin, there.flange) + there.moved_to_flange()
             away = np.concatenate([stance.flange[:, :3, 3] - there.flange[:, :3, 3], turn], axis=1)
             q = q + np.einsum("nij,nj->ni", np.linalg.pinv(J), away)
         return drawn.stance(q, stance.external)

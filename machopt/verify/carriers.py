@@ -13,7 +13,8 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.domain.stiffness import ExternalSpring
 from machopt.verify import springs
-from machopt.verify.arm import Arm, Stance
+from machopt.verify.arm import Arm
+from machopt.verify.stance import Stance
 
 
 def unsure(arm: Arm, stance: Stance, known: Sequence[ExternalSpring], programmed: Array) -> Array:

@@ -29,9 +29,10 @@ from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.stiffness import Stiffness, StiffnessGrid
 from machopt.verify import springs
-from machopt.verify.arm import Arm, Stance
+from machopt.verify.arm import Arm
 from machopt.verify.carriers import given_way, unsure
 from machopt.verify.missing import Lack, Lacking
+from machopt.verify.stance import Stance
 
 LEAST = 0.1  # of a compliance, whatever the file says it lacks
 TOUCH = 1e-6  # m; a point this near a face of the stiffness grid belongs to the cells on both sides

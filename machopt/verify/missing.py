@@ -29,7 +29,8 @@ from machopt.arrays import Array
 from machopt.domain.location import joints_of, link_at
 from machopt.domain.stiffness import Discrepancy, Term
 from machopt.verify import springs
-from machopt.verify.arm import Arm, Stance
+from machopt.verify.arm import Arm
+from machopt.verify.stance import Stance
 
 NINETY = 1.6448536269514722  # σ on either side
 FAR = 30.0  # b/s from which only the nearer end of the interval counts

@@ -35,11 +35,12 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Toolpath
 from machopt.verify import elastic, posture, reference
-from machopt.verify.arm import Arm, Stance
+from machopt.verify.arm import Arm
 from machopt.verify.check import Check, counted, not_run, worst
 from machopt.verify.engage import sideways
 from machopt.verify.ride import Ride
 from machopt.verify.springs import UnknownTermError
+from machopt.verify.stance import Stance
 from machopt.verify.table import WORDS, Motion, Points
 
 PLACE_MM, AXIS, FEED_MM_MIN = 1e-6, 1e-9, 1e-3  # six, nine and three decimals, without the joints

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
-from machopt.verify.arm import Stance
+from machopt.verify.stance import Stance
 
 PARALLEL = 1e-6  # rad; axes of a URDF with printed decimals
 MEETING = 2e-6  # m

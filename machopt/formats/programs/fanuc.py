@@ -4,28 +4,22 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from machopt.arrays import Array
 from machopt.formats.programs.builder import STANDING_TOOL, Builder, number
+from machopt.formats.programs.fanuc_files import Part, Position, split
 from machopt.formats.programs.nearby import called
 from machopt.formats.programs.parsed import JOINT, LINEAR, Frame, ParsedProgram
 from machopt.formats.programs.rotations import fixed_xyz, halfway, matrix
 from machopt.formats.source import Source
 
-_LINE = re.compile(r"\s*(\d*)\s*:\s*(.*)")
 _MOTION = re.compile(r"([JLCA])\s+(PR?)\s*\[\s*(\d+)\s*(?::[^\]]*)?\]\s*(.*)")
 _POSITION = re.compile(r"(PR?)\s*\[\s*(\d+)\s*(?::[^\]]*)?\]\s*(.*)")
 _SPEED = re.compile(r"(\d*\.?\d+)\s*(%|mm/sec|cm/min|inch/min|in/min|deg/sec|msec|sec)", re.IGNORECASE)
 _SECONDS = re.compile(r"(\d*\.?\d+)\s*(m?)sec\b", re.IGNORECASE)
 _END = re.compile(r"\b(FINE|CNT\s*\d+|CD\s*\d+|CR\s*\d+|CNT\s*R\[\d+\])", re.IGNORECASE)
-_P = re.compile(r"P\s*\[\s*(\d+)\s*(?::[^\]]*)?\]\s*\{(.*?)\}\s*;", re.DOTALL)
-_GROUP = re.compile(r"GP(\d)\s*:?")
-_ITEM = re.compile(r"\b([XYZWPRJE]\d?)\s*=\s*([-+.\d]+(?:[eE][-+]?\d+)?|\*+)\s*(mm|deg|in)?")
-_FRAME = re.compile(r"\b(UF|UT)\s*:\s*(\d+|F)")
-_CONFIG = re.compile(r"CONFIG\s*:?\s*'([^']*)'")
 _FRAME_NUMBER = re.compile(r"(UFRAME|UTOOL)_NUM\s*=\s*(\d+)")
 _TO_M_S = {"mm/sec": 1e-3, "cm/min": 1e-2 / 60.0, "inch/min": 0.0254 / 60.0, "in/min": 0.0254 / 60.0}
 _MODIFIER = re.compile(
@@ -40,30 +34,6 @@ _EVENT = re.compile(r"(?:DO|RO|SO|M)\[|ARC |Arc |Weave|WEAVE|SPOT|Spot|WAIT|PULS
 _STRANGE_MOTION = re.compile(r"[A-Z]\s+(?:P|PR|PAL_\d+)\s*\[")
 _JUMP = re.compile(r"(?:JMP\b|FOR\b|ENDFOR\b|SELECT\b|SKIP\b|.*\bJMP\s+LBL)")
 _DEEPEST = 20
-
-
-@dataclass(frozen=True)
-class Position:
-    """One P[n]: a pose or axes of group 1, and the other groups' axes."""
-
-    line: int
-    values: dict[str, float]
-    user_frame: int | None
-    tool: int | None
-    configuration: dict[str, object]
-    others: tuple[float, ...]
-    fault: str = ""
-
-
-@dataclass
-class Part:
-    """One .ls file."""
-
-    source: Source
-    name: str = ""
-    lines: list[tuple[int, str]] = field(default_factory=list)
-    positions: dict[int, Position] = field(default_factory=dict)
-    ended: bool = False
 
 
 def read_fanuc(source: Source, arc_tolerance: float, strict: bool = False) -> ParsedProgram:
@@ -86,7 +56,7 @@ class _Reader:
         self.jump: tuple[int, str, Source] | None = None
 
     def run(self) -> ParsedProgram:
-        part = _split(self.out.source)
+        part = split(self.out.source)
         self.out.name = part.name or self.out.source.path.stem
         if not part.ended:
             self.out.warn_once("no /END: the file may be cut off", len(self.out.source.lines))
@@ -337,79 +307,7 @@ class _Reader:
             self.out.ignore(f"CALL {plain}, which is not in this folder", line, understood=False)
             return
         self.out.files.append(other.path)
-        self.follow(_split(other), depth + 1)
-
-
-def _split(source: Source) -> Part:
-    """The sections of a file."""
-    part = Part(source)
-    section = ""
-    open_line, text = 0, ""
-    pos_from = len(source.lines)
-    for n, raw in enumerate(source.lines, 1):
-        word = raw.strip()
-        if word.startswith("/"):
-            section = word.split()[0].upper()
-            if section == "/PROG":
-                part.name = [*word.split(), ""][1]
-            elif section == "/POS":
-                pos_from = n
-            elif section.startswith("/END"):
-                part.ended = True
-                break
-            continue
-        if section != "/MN" or not word:
-            continue
-        found = _LINE.fullmatch(raw)
-        body = found.group(2) if found is not None else word
-        open_line, text = (n, body) if not text else (open_line, f"{text} {body}")
-        if ";" in text:
-            part.lines.append((open_line, text.split(";")[0].strip()))
-            text = ""
-    if text:
-        part.lines.append((open_line, text.strip()))
-    _positions(part, pos_from)
-    return part
-
-
-def _positions(part: Part, start: int) -> None:
-    text = "\n".join(part.source.lines[start:])
-    line, at = start + 1, 0
-    for found in _P.finditer(text):
-        line += text.count("\n", at, found.start())
-        at = found.start()
-        index, body = int(found.group(1)), found.group(2)
-        groups = _GROUP.split(body)
-        sections = {groups[k]: groups[k + 1] for k in range(1, len(groups) - 1, 2)} or {"1": body}
-        first = sections.get("1", "")
-        values, fault = _values(first)
-        frames = {k: (None if v == "F" else int(v)) for k, v in _FRAME.findall(first)}
-        bits: dict[str, object] = {}
-        config = _CONFIG.search(first)
-        if config is not None:
-            words = [w.strip() for w in config.group(1).split(",")]
-            bits["config"] = "".join(words[0].split())
-            turns = [number(w) for w in words[1:]]
-            bits["turns"] = tuple(int(t) for t in turns if t is not None)
-        others = [values[k] for k in sorted(values) if k.startswith("E")]
-        for group in sorted(sections):
-            if group != "1":
-                more, trouble = _values(sections[group])
-                fault = fault or trouble
-                others += [more[k] for k in sorted(more) if k[0] in "JE"]
-        if not fault and "J1" not in values and not {"X", "Y", "Z", "W", "P", "R"} <= set(values):
-            fault = "found neither J1 … J6 nor X, Y, Z, W, P, R"
-        part.positions[index] = Position(line, values, frames.get("UF"), frames.get("UT"), bits, tuple(others), fault)
-
-
-def _values(text: str) -> tuple[dict[str, float], str]:
-    out: dict[str, float] = {}
-    for name, value, unit in _ITEM.findall(text):
-        known = number(value)
-        if known is None:
-            return out, f"{name} is not taught ({value[:12]})"
-        out[name] = known * (25.4 if unit == "in" else 1.0)
-    return out, ""
+        self.follow(split(other), depth + 1)
 
 
 def _pose(v: dict[str, float]) -> Array:

@@ -8,13 +8,13 @@ from typing import NoReturn
 
 import numpy as np
 
-from machopt.arrays import Array
 from machopt.formats.programs.builder import MOST_MOVES, STANDING_TOOL, Builder
 from machopt.formats.programs.krl_files import OPENS, Line, Routine, first_word, read_module
-from machopt.formats.programs.krl_values import KrlError, Memory, Value, evaluate, plain_aggregate, split_name, whole
+from machopt.formats.programs.krl_targets import AXES, POSE, Targets, externals, numeric, placed
+from machopt.formats.programs.krl_values import KrlError, Memory, Value, evaluate, split_name, whole
 from machopt.formats.programs.nearby import called, opened, siblings
 from machopt.formats.programs.parsed import JOINT, LINEAR, Frame, ParsedProgram
-from machopt.formats.programs.rotations import fixed_xyz, matrix
+from machopt.formats.programs.rotations import fixed_xyz
 from machopt.formats.source import Source
 
 _MOVE = re.compile(r"((?:S?(?:PTP|LIN|CIRC)|SPL)(?:_REL)?)\s*(?=[\s{])(.*)", re.IGNORECASE)
@@ -35,8 +35,6 @@ _KINEMATIC = re.compile(
     re.IGNORECASE,
 )
 _DEEPEST = 20
-_AXES = tuple(f"A{k}" for k in range(1, 7))
-_POSE = ("X", "Y", "Z", "A", "B", "C")
 _QUIET = frozenset(
     (
         "$ADVANCE",
@@ -77,10 +75,9 @@ class _Reader:
         self.corner = 0.0  # m, $APO.CDIS
         self.feed_outside = math.nan  # m/s, before a spline block
         self.returned = False  # a RETURN was reached in the routine that is followed
-        self.pose: dict[str, float] = {}  # last components, for aggregates that leave some out
-        self.axes: dict[str, float] = {}
+        self.targets = Targets(self.memory)
         self.framed: dict[str, str] = {}  # base and tool that an inline form has set
-        self.memory.plain["$NULLFRAME"] = dict.fromkeys(_POSE, 0.0)
+        self.memory.plain["$NULLFRAME"] = dict.fromkeys(POSE, 0.0)
 
     def run(self) -> ParsedProgram:
         source = self.out.source
@@ -341,8 +338,8 @@ class _Reader:
                 raise KrlError(f"{text[:60]!r} takes root and type of two machines; expected those of one")
             rides, text = f"MACHINE_DEF[{numbers.pop()}]", found.group(3)
         value = _quietly(text, self.memory)
-        known = isinstance(value, dict) and all(isinstance(value.get(c), float) for c in _POSE)
-        frame = Frame(text, _placed({c: float(value[c]) for c in _POSE}) if known else None, rides)  # type: ignore[index]
+        known = isinstance(value, dict) and all(isinstance(value.get(c), float) for c in POSE)
+        frame = Frame(text, placed({c: float(value[c]) for c in POSE}) if known else None, rides)  # type: ignore[index]
         if word == "$BASE":
             self.out.set_base(frame)
             self.out.last = None
@@ -366,7 +363,7 @@ class _Reader:
         if word.endswith("_REL"):
             self.relative(word, rest, line.number)
             return
-        targets, flags = self.targets(rest, 2 if "CIRC" in word else 1)
+        targets, flags = self.targets.read(rest, 2 if "CIRC" in word else 1)
         kind = JOINT if "PTP" in word else LINEAR
         blend = 0.0
         if flags:
@@ -381,33 +378,29 @@ class _Reader:
             value = _quietly(with_speed.group(1), self.memory)
             feed = value if isinstance(value, float) and kind == LINEAR else feed
         target = targets[-1]
-        if any(a in target for a in _AXES):
-            self.axes |= {a: _numeric(target, a) for a in _AXES if a in target}
-            missing = [a for a in _AXES if a not in self.axes]
-            if missing:
-                raise KrlError(f"{missing[0]} is not given and stands nowhere before")
+        if any(a in target for a in AXES):
             self.out.joint(
-                [self.axes[a] for a in _AXES],
+                self.targets.joints(target),
                 line.number,
                 kind=kind,
                 feed=feed,
                 blend=blend,
-                external=_externals(target),
+                external=externals(target),
             )
             return
-        via = self.full(targets[0]) if len(targets) == 2 else None
-        full = self.full(target)
-        bits = {w: int(_numeric(target, w)) for w in ("S", "T") if isinstance(target.get(w), float)}
-        T = _placed(full)
+        via = self.targets.full(targets[0]) if len(targets) == 2 else None
+        full = self.targets.full(target)
+        bits = {w: int(numeric(target, w)) for w in ("S", "T") if isinstance(target.get(w), float)}
+        T = placed(full)
         if via is not None:
             angle = re.search(r"\bCA\s+([-+.\d]+)", rest, re.IGNORECASE)
             self.out.circle(
-                _placed(via),
+                placed(via),
                 T,
                 line.number,
                 feed=feed,
                 blend=blend,
-                external=_externals(target),
+                external=externals(target),
                 configuration=bits,
                 sweep_deg=float(angle.group(1)) if angle else None,
             )
@@ -415,107 +408,38 @@ class _Reader:
         rows = fixed_xyz(full["C"], full["B"], full["A"])
         x, y, z = (full[c] * 1e-3 for c in "XYZ")
         self.out.pose(
-            kind, rows, x, y, z, line.number, feed=feed, blend=blend, external=_externals(target), configuration=bits
+            kind, rows, x, y, z, line.number, feed=feed, blend=blend, external=externals(target), configuration=bits
         )
-
-    def full(self, target: dict[str, object]) -> dict[str, float]:
-        """All six components; those left out are the last ones."""
-        self.pose |= {c: _numeric(target, c) for c in _POSE if c in target}
-        missing = [c for c in _POSE if c not in self.pose]
-        if missing:
-            raise KrlError(f"{missing[0]} is not given and stands nowhere before")
-        return dict(self.pose)
 
     def somewhere(self, line: int) -> None:
         """A joint move to a place that is not known: nothing of the last target holds any more."""
         self.out.joint([math.nan] * 6, line)
-        self.pose, self.axes = {}, {}
+        self.targets.forget()
 
     def relative(self, word: str, rest: str, line: int) -> None:
         """LIN_REL, PTP_REL: what is added to the last target, along the base's axes or (#TOOL) the tool's."""
         if "CIRC" in word or word == "SPL_REL":
             raise KrlError(f"{word} is not read; LIN_REL, or absolute targets, would work")
-        (delta,), flags = self.targets(re.sub(r"#(?:BASE|TOOL)\b", " ", rest, flags=re.IGNORECASE), 1)
+        (delta,), flags = self.targets.read(re.sub(r"#(?:BASE|TOOL)\b", " ", rest, flags=re.IGNORECASE), 1)
         blend = 0.0 if not flags else self.corner if "C_DIS" in flags else math.nan
         kind = JOINT if "PTP" in word else LINEAR
         feed = self.out.feed if kind == LINEAR else math.nan
-        if any(a in delta for a in _AXES):
-            if not self.axes or self.out.last is not None or kind == LINEAR:
+        if any(a in delta for a in AXES):
+            if not self.targets.axes or self.out.last is not None or kind == LINEAR:
                 self.somewhere(line)  # axes of a pose: only the robot knows them
                 return
-            self.axes |= {a: self.axes[a] + _numeric(delta, a) for a in _AXES if a in delta}
-            self.out.joint([self.axes[a] for a in _AXES], line, blend=blend)
+            self.targets.axes |= {a: self.targets.axes[a] + numeric(delta, a) for a in AXES if a in delta}
+            self.out.joint([self.targets.axes[a] for a in AXES], line, blend=blend)
             return
         if self.out.last is None:
             raise KrlError(f"{word} starts where the robot stands, and the program does not say where that is")
-        if any(_numeric(delta, c) for c in ("A", "B", "C") if c in delta):
+        if any(numeric(delta, c) for c in ("A", "B", "C") if c in delta):
             raise KrlError(f"{word} that turns the tool is not read; absolute targets would work")
-        step = np.array([_numeric(delta, c) * 1e-3 if c in delta else 0.0 for c in ("X", "Y", "Z")])
+        step = np.array([numeric(delta, c) * 1e-3 if c in delta else 0.0 for c in ("X", "Y", "Z")])
         T = self.out.last.copy()
         T[:3, 3] += T[:3, :3] @ step if re.search(r"#TOOL\b", rest, re.IGNORECASE) else step
         self.out.placed(kind, T, line, feed=feed, blend=blend)
-        self.pose |= {c: float(v) * 1e3 for c, v in zip("XYZ", T[:3, 3].tolist(), strict=True)}
-
-    def targets(self, text: str, count: int) -> tuple[list[dict[str, object]], list[str]]:
-        """The targets of a motion, and the approximation words after them."""
-        text = re.split(r"\s+WITH\s", text, maxsplit=1, flags=re.IGNORECASE)[0]
-        out: list[dict[str, object]] = []
-        rest = text.strip()
-        for _ in range(count):
-            if rest.startswith("{"):
-                end = _closing(rest)
-                one, rest = rest[: end + 1], rest[end + 1 :].lstrip()
-                if (plain := plain_aggregate(one)) is not None:
-                    out.append(plain)
-                    rest = rest.removeprefix(",").lstrip()
-                    continue
-            else:
-                found = re.match(r"[^\s,]+(?:\s*\[[^\]]*\])?", rest)
-                if found is None:
-                    raise KrlError("a move without a target")
-                one, rest = found.group(0), rest[found.end() :].lstrip()
-            rest = rest.removeprefix(",").lstrip()
-            value = evaluate(one, self.memory)
-            if not isinstance(value, dict):
-                raise KrlError(f"{one[:30]!r} is no target; expected a position such as {{X 1,Y 2,Z 3,A 0,B 90,C 0}}")
-            out.append(value)
-        if not rest:
-            return out, []
-        flags = re.findall(r"\bC_\w+", rest, re.IGNORECASE)
-        other = re.sub(r"\bC_\w+|\bCA\s+[-+.\d]+|,|#\w+", " ", rest, flags=re.IGNORECASE).strip()
-        if other.startswith(":"):
-            raise KrlError(f"{other[:30]!r}: frames chained by a colon are not evaluated; expand the program first")
-        if other:
-            raise KrlError(f"found {other[:30]!r} behind a target; expected C_DIS, C_VEL, C_PTP or nothing")
-        return out, [w.upper() for w in flags]
-
-
-def _numeric(target: dict[str, object], component: str) -> float:
-    value = target[component]
-    if not isinstance(value, float):
-        raise KrlError(f"{component} is no number")
-    return value
-
-
-def _externals(target: dict[str, object]) -> list[float]:
-    most = max((k for k in range(1, 7) if f"E{k}" in target), default=0)
-    return [_numeric(target, f"E{k}") if f"E{k}" in target else math.nan for k in range(1, most + 1)]
-
-
-def _placed(full: dict[str, float]) -> Array:
-    rows = fixed_xyz(full["C"], full["B"], full["A"])
-    return matrix(rows, full["X"] * 1e-3, full["Y"] * 1e-3, full["Z"] * 1e-3)
-
-
-def _closing(text: str) -> int:
-    depth, first = 0, text.find("}")
-    if first >= 0 and text.find("{", 1, first) < 0:
-        return first
-    for k, c in enumerate(text):
-        depth += (c == "{") - (c == "}")
-        if depth == 0:
-            return k
-    raise KrlError("a brace is not closed")
+        self.targets.pose |= {c: float(v) * 1e3 for c, v in zip("XYZ", T[:3, 3].tolist(), strict=True)}
 
 
 def _quietly(text: str, memory: Memory) -> Value:

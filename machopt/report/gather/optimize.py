@@ -12,10 +12,9 @@ from machopt.arrays import Array
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.formats.options import without_effect
-from machopt.model.beside import Beside
 from machopt.plan.certificate import certificate, with_external
 from machopt.plan.compensate import residual
-from machopt.plan.explain import all_breaks, gamma, help_of, hints, misfit_words, shortfall_of
+from machopt.plan.explain import all_breaks, help_of, hints, misfit_words, shortfall_of
 from machopt.plan.front import Point
 from machopt.plan.made import Plan
 from machopt.plan.mapped import Mapped, mapped
@@ -29,12 +28,11 @@ from machopt.report import data as page
 from machopt.report.gather.optimize_map import rotation_map
 from machopt.report.gather.optimize_scene import view_of
 from machopt.report.gather.optimize_series import along, cut_length, motion_series, path_series
-from machopt.se3 import wrap
+from machopt.report.gather.optimize_worst import worst_points
 from machopt.verify import Verification
 from machopt.version import __version__
 
 BEYOND = " beyond the limit"  # the verification's unit of a distance from a limit, positive on the wrong side
-WORST = 8  # rows of the table of worst points
 _YARDSTICKS = {"cam default": "the CAM's default rotation", "jiao2022": "Jiao 2022"}
 _WORDS = {
     Reason.UNREACHABLE: "unreachable",
@@ -107,7 +105,7 @@ def report_data(
         path=path_series(plan, toolpath, points, series),
         motion=motion_series(plan, toolpath, points, timeline),
         dips=_dips(plan, timeline, s),
-        worst=_worst_points(plan, toolpath, points, series),
+        worst=worst_points(plan, toolpath, points, series),
         infeasible=infeasible,
         operations=_operations(plan, toolpath, points, timeline, series),
         ignored=toolpath.ignored,
@@ -290,67 +288,6 @@ def cause(dip: Dip) -> str:
         "rest": " at a dwell or stop of the file",
     }[dip.where]
     return f"axis {dip.joint} {dip.limit}{where}"
-
-
-def _worst_points(
-    plan: Plan, toolpath: Toolpath, points: PointResults, series: dict[str, Array]
-) -> tuple[page.WorstPoint, ...]:
-    there = plan.path.counted & (plan.chosen.assignment.reason == Reason.OK)
-    values = np.where(there[points.rows], series["chosen"], np.nan)
-    known = np.flatnonzero(np.isfinite(values))
-    order = known[np.argsort(values[known], kind="stable")]
-    if plan.scores.index == "deflection":
-        order = order[::-1]
-    t, turned, phi = points.table, gamma(plan)[points.rows], wrap(plan.chosen.assignment.phi[points.rows])
-    picked: list[int] = []
-    for i in order:  # not eight neighbours of the same valley
-        if all(abs(int(i) - j) > 0.02 * len(values) for j in picked):
-            picked.append(int(i))
-        if len(picked) == WORST:
-            break
-    return tuple(
-        page.WorstPoint(
-            point=i,
-            operation=toolpath.operations[toolpath.operation[i]].label,
-            value=float(values[i]),
-            value_default=float(series["default"][i]),
-            gamma=float(turned[i]),
-            phi=float(phi[i]),
-            deflection=float(t.deflection[i]),
-            tolerance=float(toolpath.tolerance[i]),
-            k_axial=float(t.k_axial[i]),
-            clearance=float(t.clearance[i]),
-            reason=_carrier(plan, int(points.rows[i])),
-            deflection_std=float(t.deflection_std[i]) if t.deflection_std is not None else float("nan"),
-        )
-        for i in picked
-    )
-
-
-def _carrier(plan: Plan, row: int) -> str:
-    """The joint or term that carries most of the compliance along the force or the tool axis, and how much of it."""
-    plan, row = plan.at(row)
-    elasticity, d = plan.setup.elasticity, plan.directions
-    elastic = d.elastic(elasticity, plan.chosen.assignment.q[row][None], np.array([row]))
-    direction = d.force[row] if plan.options.force.given else d.axial[row]
-    wrench = np.concatenate([direction, np.zeros(3)])[None]
-    part = dict(
-        zip((f"joint {i}" for i in range(1, 7)), (elastic.state.J[0, :3].T @ direction) ** 2 / d.k[row], strict=True)
-    )
-    for term in elasticity.terms:
-        twist = elastic.twist_of(term, wrench, small=not plan.options.force.given)[0, :3]
-        part[f"{term.effect.replace('_', ' ')} of {term.location.replace(':', ' ')}"] = float(direction @ twist)
-    if elasticity.shift is not None:
-        twist = elastic.twist_of(elasticity.shift, wrench, small=not plan.options.force.given)[0, :3]
-        part["what the readings show beyond the stiffness file"] = float(direction @ twist)
-    carried = Beside.of(plan.setup.arm.machine, elasticity.stiffness.external)
-    if carried is not None:
-        e, place = plan.path.external[row][None], plan.path.position[row][None]
-        for own in carried.parts(e, plan.setup.arm.places(e, place)):
-            part[own.name] = float(wrench[0] @ own.matrix[0] @ wrench[0])
-    most = max(part, key=lambda name: part[name])
-    along = "the force" if plan.options.force.given else "the tool axis"
-    return f"{most} causes {100 * part[most] / sum(part.values()):.0f} % of the deflection along {along}"
 
 
 def _operations(
