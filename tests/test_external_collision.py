@@ -9,6 +9,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 from external_cell import external_cell
 from small_cell import pose
 
@@ -294,3 +295,40 @@ def test_what_a_carriage_keeps_from_its_own_bed_is_not_told_as_clearance(tmp_pat
     assert left_out == {named[k] for k in np.flatnonzero(model._told_nothing)}
     assert unchanging <= left_out
     assert frozenset(("cabinet", "stop")) not in left_out
+
+
+@pytest.mark.parametrize(("bump", "tells"), [("end stop", True), ("weld", False)])
+def test_planner_and_verifier_leave_the_same_pairs_out_whatever_the_bed_carries(
+    tmp_path: Path, bump: str, tells: bool
+) -> None:
+    """An end stop that the carriage feels over the last 2 mm of 5 m is told by both; a weld, 20 mm long, by neither.
+
+    At places drawn at random by each the weld was met by the verifier alone: exit 4 of a sound plan.
+    """
+    cell = external_cell(tmp_path, rail=True)
+    low, high = cell.limits.lower[6], cell.limits.upper[6]
+    drawn = low + (high - low) * np.random.default_rng(21).random((24, 7))[:, 6]
+    off = np.abs(drawn[:, None] - np.linspace(low, high, 49)).min(axis=1)  # m, from where both look
+    gap, half = 0.005, 0.02  # m, of the cabinet above the bed; of its length
+    y, size = (high + half + 0.003 + 0.05, 0.1) if bump == "end stop" else (float(drawn[off.argmax()]), 0.02)
+    bed = trimesh.util.concatenate(
+        [
+            trimesh.creation.box((0.5, 9.0, 0.1), pose(-0.9, 0.0, 0.05)),
+            trimesh.creation.box((0.5, size, 0.103), pose(-0.9, y, 0.0515)),
+        ]
+    )
+    if bump == "end stop":
+        bed = trimesh.util.concatenate([bed, trimesh.creation.box((0.5, size, 0.4), pose(-0.9, y, 0.2))])
+    bed.export(tmp_path / "bed.stl")
+    things = (
+        Shape("cabinet", "box", (0.3, 2 * half, 0.9), None, pose(-0.9, 0.0, 0.75 + gap), link="carriage"),
+        Shape("bed", "mesh", (1.0,), tmp_path / "bed.stl", np.eye(4)),
+    )
+    cell = replace(cell, obstacles=things)
+    model, arm = model_of(cell), Arm(cell)
+    pair = frozenset(("cabinet", "bed"))
+    named = [frozenset((p.a, p.b)) for p in model.pairs]
+    wanted = pairs(cell, arm, all_bodies(cell, arm))
+    told = {frozenset((a.name, b.name)) for a, b in telling(arm, wanted)}
+    assert (pair in told) is tells
+    assert {named[k] for k in np.flatnonzero(~model._told_nothing)} == told

@@ -56,7 +56,7 @@ COARSE = 0.50  # the same for links two apart, whose meshes often overlap where 
 LONGEST = 0.1  # rad, joint step above which the motion bound is of no use
 STRIP = np.radians(2.0)  # of a joint, in which poses are taken in the order of the next one
 MOST = 50_000  # rows of a motion that are looked at together, for the sake of memory (some 5 kB each)
-POSES, UNCHANGED = 24, 1e-6  # random ones, and m by which the distance of a pair that tells nothing varies over them
+PLACES, UNCHANGED = 49, 1e-6  # of an external joint, and m by which the distance of a pair that tells nothing varies
 AT_ONCE = 2_000_000  # rows × pairs whose bounds are compared in one array
 
 
@@ -267,18 +267,27 @@ class CollisionModel:
         return nearest_of(self.stack, self.surfaces, [o.mesh for o in self.outlines], self._lines.moved(q), asked, cap)
 
     def _unchanging(self) -> Bools:
-        """(P,) pairs that only one external joint lies between, and that are as near wherever it stands."""
+        """(P,) pairs that only one external joint lies between, and that are as near wherever it stands.
+
+        The rule, which :func:`machopt.verify.clearance.telling` follows by its own means: the joint stands at both ends
+        of its range and at even steps of a 48th between. A pair tells nothing if it never touches, is always within CAP
+        and varies by less than UNCHANGED. Fixed places, as random ones would find an end stop in one program and miss
+        it in the other.
+        """
         lines, out = self._lines, np.zeros(len(self.pairs), bool)
         if lines.held is not None:
             return out
-        rng = np.random.default_rng(0)
-        q = lines.moved(lines.lower + (lines.upper - lines.lower) * rng.random((POSES, len(lines.lower))))
+        q = lines.moved(np.linspace(lines.lower, lines.upper, PLACES))
         for p, (i, j) in enumerate(self.stack.links):
             if j - i == 1 and i < lines.machine.base:
-                asked = np.broadcast_to(np.arange(len(out)) == p, (POSES, len(out)))
-                found = nearest_of(self.stack, self.surfaces, [o.mesh for o in self.outlines], q, asked).distance
-                out[p] = found.min() > 0.0 and found.max() < CAP and np.ptp(found) < UNCHANGED
+                out[p] = self._as_near(p, q[[0, -1]]) and self._as_near(p, q)  # the ends tell most pairs at once
         return out
+
+    def _as_near(self, p: int, q: Array) -> bool:
+        """Pair p is as near at each q (S, n), within CAP and without touching."""
+        asked = np.broadcast_to(np.arange(len(self.pairs)) == p, (len(q), len(self.pairs)))
+        found = nearest_of(self.stack, self.surfaces, [o.mesh for o in self.outlines], q, asked).distance
+        return bool(found.min() > 0.0 and found.max() < CAP and np.ptp(found) < UNCHANGED)
 
     def _names(self, i: int, j: int) -> frozenset[str]:
         return frozenset((self._bodies[i].name, self._bodies[j].name))
