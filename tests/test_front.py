@@ -9,9 +9,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from machopt.domain.options import PlanOptions
+from machopt.domain.options import PlanOptions, Weights
 from machopt.errors import InputError
-from machopt.plan.front import Point, left_out, refuse, variants, weighed
+from machopt.plan.front import Point, better_by_its_own_weights, left_out, refuse, variants, weighed
+from machopt.plan.objective import Objective, total_of
 from machopt.report.data import FrontPoint
 from machopt.report.front import front_section
 from machopt.services.front import HEAD, write_front
@@ -73,7 +74,7 @@ def test_clearance_is_asked_for_only_where_it_is_checked() -> None:
 
 def test_file_holds_what_is_not_dominated(tmp_path: Path) -> None:
     write_front(tmp_path / "front.csv", weighed([A, replace(A, plan="b", clearance_mm=10.0)]))
-    assert (tmp_path / "front.csv").read_text("utf-8").splitlines() == [",".join(HEAD), "a,,0.4,0.5,10,1000,20"]
+    assert (tmp_path / "front.csv").read_text("utf-8").splitlines() == [",".join(HEAD), "a,,0.4,0.5,10,1000,20,"]
 
 
 def test_a_plan_that_could_not_be_driven_is_told() -> None:
@@ -84,6 +85,22 @@ def test_a_plan_that_could_not_be_driven_is_told() -> None:
     (told,) = left_out(every[:-1], PlanOptions())
     assert names[-1] in told
     assert names[0] not in told
+
+
+def test_a_further_plan_that_is_better_by_the_weights_asked_for_is_said() -> None:
+    """The objective of other weights' plans, found where the plan asked for is only the best near by."""
+    own, better = replace(A, objective=1.41884), replace(A, plan="travel", changed="× 4", objective=1.41414)
+    (said,) = better_by_its_own_weights([own, replace(A, plan="worse", objective=1.5), better])
+    assert all(word in said for word in ("'travel'", "× 4", "1.4141", "0.33 %"))
+    assert better_by_its_own_weights([own, replace(better, objective=1.4184)]) == ()  # within what the choice claims
+    assert better_by_its_own_weights([]) == better_by_its_own_weights([A, better]) == ()
+
+
+def test_the_objective_of_parts_is_priced_by_any_weights() -> None:
+    parts = Objective(9.9, 1.0, 2.0, 3.0, 4.0, 0.5, 0.25, 0.125)
+    weights = Weights(mean=1.0, worst=10.0, travel=0.1, rotation=0.01, feed=2.0, clearance=4.0)
+    assert total_of(parts, weights) == pytest.approx(1.0 + 20.0 + 0.3 + 0.04 + 1.0 + 0.25 + 0.5)
+    assert total_of(parts, weights, elsewhere=3.0) == pytest.approx(total_of(parts, weights) + 10.0)
 
 
 def test_picture_of_the_front_has_axes_even_where_all_plans_are_one() -> None:

@@ -208,6 +208,23 @@ def test_links_that_are_not_there_and_arms_that_are_none_are_said(robot: Path, t
         find_arm(read_robot(tmp_path / "two.urdf"))
 
 
+@pytest.mark.parametrize("source", ["nosuch", "strut"])
+def test_what_is_refused_of_a_robot_names_the_users_file(source: str, tmp_path: Path) -> None:
+    """Not a line of the cell in its temporary folder, which is gone by then."""
+    strut = (
+        '<link name="rod"/><link name="end"/><joint name="strut" type="fixed"><parent link="rod"/><child link="end"/>'
+        '</joint><joint name="couple" type="revolute"><parent link="base_link"/><child link="rod"/><axis xyz="0 0 1"/>'
+        f'<limit lower="-1" upper="1" velocity="3" effort="1"/><mimic joint="{source}"/></joint></robot>'
+    )
+    file = tmp_path / "arm.urdf"
+    file.write_text(urdf_text().replace("</robot>", strut))
+    with pytest.raises(InputError, match=f"mimics '{source}'") as refused:
+        run_init(InitRequest(file, tmp_path / "cell"))
+    assert str(refused.value).startswith(f"{file}: ")
+    assert "cell.yaml" not in str(refused.value)
+    assert not (tmp_path / "cell").exists()
+
+
 def test_a_robots_meshes_come_along_from_wherever_they_lie(tmp_path: Path) -> None:
     import trimesh
 

@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+from machopt.cells.asked import InitRequest
 from machopt.errors import InputError
 from machopt.formats.urdf import Description, UrdfMesh, find_mesh, package_alone
 
@@ -109,3 +110,19 @@ def new_folder(out: Path) -> Iterator[Path]:
         os.replace(partial, out)  # an empty folder gives way
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def named_as_given(folder: Path, request: InitRequest) -> Iterator[None]:
+    """Name the user's own files in what is refused: those of the new folder are gone by the time it is read."""
+    try:
+        yield
+    except InputError as wrong:
+        if not isinstance(wrong.file, Path) or not wrong.file.is_relative_to(folder):
+            raise
+        place = wrong.file.relative_to(folder)
+        own = {URDF: request.robot, "stiffness.yaml": request.stiffness}.get(place.as_posix()) or request.out / place
+        where = wrong.where
+        if place.name == "cell.yaml" and where is not None and where.endswith(": robot.urdf"):
+            own, where = request.robot, None  # a line of a file that was never kept
+        raise InputError(wrong.reason, file=own, where=where) from None

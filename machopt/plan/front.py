@@ -11,6 +11,7 @@ from machopt.domain.options import PlanOptions
 from machopt.errors import InputError
 from machopt.plan.caps import GAP
 from machopt.plan.made import Plan
+from machopt.plan.objective import total_of
 from machopt.plan.points import PointResults
 from machopt.plan.timeline import Timeline
 
@@ -32,6 +33,7 @@ class Point:
     cycle_time_s: float
     joint_travel_deg: float  # of all axes together, over the whole motion
     clearance_mm: float | None  # least at the points; None where collisions are not checked
+    objective: float | None = None  # J by the weights in force, in units of the plan asked for
     dominated: bool = False  # another plan is better in one of these, worst_index aside, and worse in none
 
     def worse(self, other: Point) -> tuple[float, ...]:
@@ -96,12 +98,31 @@ def left_out(points: Sequence[Point], options: PlanOptions) -> tuple[str, ...]:
     return (f"--front: {', '.join(lacking)} left out: no motion was found, or it failed the checks",)
 
 
-def measured(name: str, changed: str, the_plan: Plan, timeline: Timeline, points: PointResults) -> Point:
-    """What one driven plan comes to."""
+def better_by_its_own_weights(points: Sequence[Point]) -> tuple[str, ...]:
+    """One sentence where a further plan has less of what the plan asked for was to have least of.
+
+    The smoothed choice is the best in its neighbourhood only: other weights may lead to another, better one.
+    """
+    own = points[0].objective if points else None
+    rivals = [(p.objective, p) for p in points[1:] if p.objective is not None]
+    if own is None or not rivals:
+        return ()
+    least, best = min(rivals, key=lambda r: r[0])
+    if not least < own * (1.0 - INDEX):
+        return ()
+    return (
+        f"--front: the plan '{best.plan}' ({best.changed}) is better by the weights asked for as well: objective "
+        f"{least:.4f} against {own:.4f}, {100.0 * (1.0 - least / own):.2f} % less; these options would make it",
+    )
+
+
+def measured(name: str, changed: str, the_plan: Plan, timeline: Timeline, points: PointResults, asked: Plan) -> Point:
+    """What one driven plan comes to, the objective by the weights of the plan that was asked for."""
     motion, o = timeline.trajectory, the_plan.chosen.objective
     if motion is None:
         raise ValueError("a plan without a motion is no point of the front")
-    unit = 1e3 * the_plan.scores.scale
+    unit, share = 1e3 * the_plan.scores.scale, the_plan.scores.scale / asked.scores.scale
+    in_its_units = replace(o, mean=share * o.mean, worst=share * o.worst)
     clearance = points.table.clearance
     return Point(
         name,
@@ -111,6 +132,7 @@ def measured(name: str, changed: str, the_plan: Plan, timeline: Timeline, points
         float(motion.time[-1]),
         float(np.degrees(np.abs(np.diff(motion.q, axis=0)).sum())),
         1e3 * float(np.nanmin(clearance)) if np.isfinite(clearance).any() else None,
+        total_of(in_its_units, asked.options.weights),
     )
 
 

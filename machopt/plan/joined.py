@@ -11,6 +11,7 @@ that is not done, no plan of the whole has less than Σ s_k·bound_k, as Σ s_k 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -23,7 +24,7 @@ from machopt.plan.breaks import CHANGE, HOME, Break
 from machopt.plan.candidates import Candidates
 from machopt.plan.choose import Choice
 from machopt.plan.made import Compensation, Part, Plan
-from machopt.plan.objective import Objective, edge_price, node_price
+from machopt.plan.objective import Objective, total_of
 from machopt.plan.path import Path
 from machopt.plan.score import Directions, Scores
 from machopt.plan.setup import Scored
@@ -121,18 +122,15 @@ def shares_of(plans: Sequence[Plan]) -> Array:
 
 def _summed(parts: Sequence[Objective], share: Array, options: PlanOptions) -> Objective:
     """J of the whole, by the formula above; a stretch without cuts counts for its worst index only."""
-    w, cuts = options.weights, share > 0
+    cuts = share > 0
 
     def mean(name: str) -> float:
         return float(share[cuts] @ np.array([getattr(o, name) for o in parts])[cuts])
 
     worst = max(o.worst for o in parts)
-    preferred, clearance = mean("preferred"), mean("clearance")
-    total = node_price(mean("mean"), preferred + w.clearance * clearance, w.mean) + w.worst * worst
-    total += edge_price(mean("travel"), mean("rotation"), mean("feed"), w.travel, w.rotation, w.feed)
-    return Objective(
-        float(total), mean("mean"), worst, mean("travel"), mean("rotation"), mean("feed"), preferred, clearance
-    )
+    names = ("travel", "rotation", "feed", "preferred", "clearance")
+    whole = Objective(math.nan, mean("mean"), worst, *(mean(name) for name in names))
+    return replace(whole, total=total_of(whole, options.weights))
 
 
 def _stacked(arrays: Sequence[Array]) -> Any:

@@ -253,6 +253,12 @@ def objective(
     near = np.zeros(len(path.index)) if crowded is None else crowded
     there = counted & np.isfinite(near)
     clearance = float(terms.share[there] @ near[there] / max(terms.share[there].sum(), 1e-300))
-    total = node_price(mean, preferred + w.clearance * clearance, w.mean) + w.worst * max(worst, elsewhere)
-    total += edge_price(travel, rotation, lost, w.travel, w.rotation, w.feed)
-    return Objective(float(total), mean, worst, travel, rotation, lost, preferred, clearance)
+    parts = Objective(np.nan, mean, worst, travel, rotation, lost, preferred, clearance)
+    return replace(parts, total=total_of(parts, w, elsewhere))
+
+
+def total_of(parts: Objective, w: Weights, elsewhere: float = 0.0) -> float:
+    """J of its parts by these weights; ``elsewhere`` as in :func:`objective`."""
+    total = node_price(parts.mean, parts.preferred + w.clearance * parts.clearance, w.mean)
+    total += w.worst * max(parts.worst, elsewhere)
+    return float(total + edge_price(parts.travel, parts.rotation, parts.feed, w.travel, w.rotation, w.feed))

@@ -175,6 +175,7 @@ def front(t: Told) -> Iterable[str]:
     chosen, scale = t.result.objective.chosen, 1e3 * known("index_scale", t.result.index_scale)
     yield from near("front: mean_index", own.mean_index, scale * known("chosen.mean", chosen.mean), DIGITS, 0.0)
     yield from near("front: worst_index", own.worst_index, scale * known("chosen.worst", chosen.worst), DIGITS, 0.0)
+    yield from near("front: objective", own.objective, known("chosen.total", chosen.total), DIGITS, 0.0)
     yield from near("front: cycle_time_s", own.cycle_time_s, t.result.cycle_time_s, DIGITS, 0.0)
     yield from near("front: joint_travel_deg", own.joint_travel_deg, float(np.abs(np.diff(q)).sum()), 1e-3, 0.1)
     least = Points.read(t).number("clearance_mm")

@@ -13,21 +13,23 @@ from pathlib import Path
 from machopt.formats.tables import write_points_csv, write_trajectory_csv
 from machopt.plan.front import Point, measured, variants, weighed
 from machopt.plan.job import plan_job
+from machopt.plan.made import Plan
 from machopt.plan.setup import Timings
 from machopt.recheck.folder import content_checks
 from machopt.services.load import Loaded
 from machopt.services.tell import tool_names
 
 FILE = "front.csv"
-HEAD = ("plan", "changed", "mean_index", "worst_index", "cycle_time_s", "joint_travel_deg", "clearance_mm")
+HEAD = ("plan", "changed", "mean_index", "worst_index", "cycle_time_s", "joint_travel_deg", "clearance_mm", "objective")
 
 
-def front(given: Loaded, own: Point) -> list[Point]:
+def front(given: Loaded, asked: Plan, own: Point) -> list[Point]:
     """The plan that was asked for, and every further one that can be driven and passes the checks.
 
     Args:
         given: the job; where it changes tools each plan is one of all of them.
-        own: what the plan asked for comes to.
+        asked: the plan asked for.
+        own: what it comes to.
     """
     found = [own]
     cell, toolpath = given.cell, given.toolpath
@@ -44,7 +46,7 @@ def front(given: Loaded, own: Point) -> list[Point]:
             write_trajectory_csv(table, timeline.trajectory, labels, kinds, tool_names(job.plan))
             if not content_checks(cell, toolpath, folder, options=other, manifest=None).ok:
                 continue
-        found.append(measured(name, changed, job.plan, timeline, job.points))
+        found.append(measured(name, changed, job.plan, timeline, job.points, asked))
     return weighed(found)
 
 

@@ -13,7 +13,7 @@ from machopt.cells.asked import InitRequest
 from machopt.cells.draft import aimed, draft
 from machopt.cells.place import find_place, outward, sample_path
 from machopt.cells.post import with_post
-from machopt.cells.robotfiles import copy_file, copy_robot, new_folder
+from machopt.cells.robotfiles import copy_file, copy_robot, named_as_given, new_folder
 from machopt.cells.text import NewCell, cell_text, estimated_stiffness, stiffness_text
 from machopt.domain.cell import Cell
 from machopt.formats.cell import load_cell
@@ -48,7 +48,7 @@ def run_init(request: InitRequest) -> InitOutcome:
     links = find_arm(description.urdf, request.base_link, request.flange_link)
     span = sum(j.offset for j in description.urdf.chain(links.flange_link) if j not in links.external)
     new, guesses = draft(request, description.urdf, links)
-    with new_folder(request.out) as folder:
+    with new_folder(request.out) as folder, named_as_given(folder, request):
         copy_robot(description, folder)
         for file, name in ((request.tool_mesh, "tool"), (request.workpiece_mesh, "workpiece")):
             if file is not None:

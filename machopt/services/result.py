@@ -12,7 +12,7 @@ from machopt.formats.options import options_as_user, without_effect
 from machopt.output.hashes import sha256_of
 from machopt.output.manifest import listed
 from machopt.plan.explain import all_breaks, hints
-from machopt.plan.front import left_out
+from machopt.plan.front import better_by_its_own_weights, left_out
 from machopt.plan.made import Plan
 from machopt.plan.points import PointResults
 from machopt.plan.told import (
@@ -80,6 +80,7 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> told.Optim
             *toolpath.warnings,
             *without_effect(the_plan.options),
             *left_out(made.front, the_plan.options),
+            *better_by_its_own_weights(made.front),
             *hints(the_plan),
         ),
         timings_s={name: round(value, 3) for name, value in seconds.items()},

@@ -82,8 +82,8 @@ def _written(the_plan: Planned, folder: Path) -> Written:
             made = made.verified(found)
     if given.front and timeline is not None and made.exit_code == 0:
         with timings.stage("front"):
-            own = measured("as asked", "", made.plan, timeline, made.points)
-            made = replace(made, front=tuple(front(given, own)))
+            own = measured("as asked", "", made.plan, timeline, made.points, made.plan)
+            made = replace(made, front=tuple(front(given, made.plan, own)))
             write_front(folder / FRONT, list(made.front))
     if given.tables == "parquet":
         with timings.stage("export"):

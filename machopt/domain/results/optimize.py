@@ -108,6 +108,7 @@ class FrontPlan(Part):
     cycle_time_s: Number
     joint_travel_deg: Number
     clearance_mm: Known
+    objective: Known
     dominated: Flag
 
 
