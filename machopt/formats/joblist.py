@@ -21,6 +21,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from machopt.errors import InputError, nearest
+from machopt.formats import parquet
 from machopt.formats.opener import YAML, read_file, read_text
 from machopt.formats.option_keys import ForceKeys, OptionKeys, WeightKeys
 from machopt.formats.posts import post_names
@@ -209,15 +210,8 @@ def _parquet(path: Path) -> Any:
         InputError: pyarrow is not installed, or the file is damaged.
     """
     data = read_file(path, expected="a list of jobs", most=YAML)
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError:
-        raise InputError("is Parquet, which needs pyarrow: pip install 'machopt[parquet]'", file=path) from None
-    try:
+    with parquet.reading(path) as pyarrow:
         return pyarrow.parquet.read_table(pyarrow.BufferReader(data))
-    except (pyarrow.ArrowException, OSError) as problem:
-        raise InputError(f"is not readable as Parquet: {problem}", file=path) from problem
 
 
 def _word(value: object) -> str:

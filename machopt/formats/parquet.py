@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -40,6 +41,26 @@ def refuse_without_pyarrow(tables: str) -> None:
             raise InputError(
                 "Parquet needs pyarrow: pip install 'machopt[parquet]', or --tables csv", where="tables"
             ) from None
+
+
+@contextmanager
+def reading(file: Path) -> Iterator[Any]:
+    """``with reading(file) as pyarrow:`` what a user gave as Parquet.
+
+    Raises:
+        InputError: pyarrow is not installed, or what it says of the file.
+    """
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise InputError(
+            "is Parquet, which needs pyarrow: pip install 'machopt[parquet]', or save the table as CSV", file=file
+        ) from None
+    try:
+        yield pyarrow
+    except (pyarrow.ArrowException, OSError) as problem:
+        raise InputError(f"is not readable as Parquet: {problem}", file=file) from problem
 
 
 def write_beside(tables: Iterable[Path], into: Path | None = None) -> list[str]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.errors import InputError
+from machopt.formats import parquet
 from machopt.formats.attitude import ATTITUDES, UNIT_QUATERNION, rotations
 from machopt.formats.csvcolumns import Columns, Words, cells_of, data_lines, is_number, number_cell, read_columns
 from machopt.formats.pathbuilder import PathBuilder
@@ -72,17 +73,8 @@ def read_parquet(path: Path, data: bytes, options: ReadOptions) -> Toolpath:
     Raises:
         InputError: pyarrow is not installed, the file is damaged, or as for CSV.
     """
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as problem:
-        raise InputError(
-            "is Parquet, which needs pyarrow: pip install machopt[parquet], or save the table as CSV", file=path
-        ) from problem
-    try:
+    with parquet.reading(path) as pyarrow:
         found = pyarrow.parquet.read_table(pyarrow.BufferReader(data))
-    except (pyarrow.ArrowException, OSError) as problem:
-        raise InputError(f"is not readable as Parquet: {problem}", file=path) from problem
     source = Source(path, [], hashlib.sha256(data).hexdigest(), True)
     if not found.num_rows:
         raise source.error("holds no rows; expected one row a point")

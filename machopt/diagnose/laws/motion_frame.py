@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,7 +11,18 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.nouns.motion_signals import Motion
-from machopt.diagnose.nouns.problem import Curve, Hypothesis, Ints, Quantities, Shape, Untestable
+from machopt.diagnose.nouns.problem import (
+    Channel,
+    Curve,
+    Family,
+    Hypothesis,
+    Ints,
+    Problem,
+    Quantities,
+    Shape,
+    Unknown,
+    Untestable,
+)
 from machopt.diagnose.search.finer import between
 from machopt.domain.cell import Cell
 from machopt.domain.location import joint_at
@@ -64,6 +75,32 @@ class Scene:
     def column(self, joint: int, x: Array) -> Array:
         """(N, D, p) of a signal (M,) or (M, p) of one joint."""
         return self.lift(joint, x[:, None] if x.ndim == 1 else x)
+
+    def problem(self, channel: Channel, y: Array, base: Array, unknowns: Sequence[Unknown], family: Family) -> Problem:
+        """Equations of a channel, with what the motion says of its stretches of time.
+
+        Args:
+            channel: what ``y`` is.
+            y: (N, D) m, rad or N·m measured less predicted.
+            base: (N, D, P) per unit of each unknown.
+            unknowns: P of them.
+            family: the coordinates, all of one kind.
+        """
+        m = self.motion
+        return Problem(
+            channel=channel,
+            y=y,
+            base=base,
+            unknowns=tuple(unknowns),
+            families=(family,),
+            group=m.group,
+            visit=m.visit,
+            cycle=m.cycle,
+            session=m.first(m.session),
+            replicate=m.replicate,
+            line=m.first(self.recording.line[m.index]),
+            row=m.first(m.index) + 1,
+        )
 
     def everywhere(self, x: Array) -> Array:
         """(N, D, p) of a signal (M, D, p) of all coordinates; (N, D) of (M, D)."""

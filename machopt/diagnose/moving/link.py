@@ -90,19 +90,8 @@ def build(scene: Scene, joints: list[int]) -> tuple[Problem, Catalogue]:
         laws, taken_up = angles.hypotheses(scene, j, fit)
         out += laws
         untestable += taken_up
-    problem = Problem(
-        channel="position",
-        y=y,
-        base=base,
-        unknowns=tuple(unknowns),
-        families=(Family("link-side angle", tuple(range(len(joints))), "mrad", 1e3),),
-        group=m.group,
-        visit=m.visit,
-        cycle=m.cycle,
-        session=m.first(m.session),
-        replicate=m.replicate,
-        line=m.first(rec.line[m.index]),
-        row=m.first(m.index) + 1,
+    problem = scene.problem(
+        "position", y, base, unknowns, Family("link-side angle", tuple(range(len(joints))), "mrad", 1e3)
     )
     q = m.q[:, joints]
     if found is not None:  # what the far side shows is late with it: the gear's own twist

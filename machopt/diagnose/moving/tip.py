@@ -79,19 +79,8 @@ def build(scene: Scene, robot: Robot) -> tuple[Problem, Catalogue, list[Finding]
     if load is not None:
         for j in range(6) if scene.known else ():
             y = y - scene.everywhere(pose.J[:, :, j] * known(scene, j, load[:, j])[:, None])
-    problem = Problem(
-        channel="position",
-        y=y,
-        base=base,
-        unknowns=tuple(unknowns),
-        families=(Family("translation", (0, 1, 2), "mm", 1e3, rec.uncertainty.displacement),),
-        group=m.group,
-        visit=m.visit,
-        cycle=m.cycle,
-        session=m.first(m.session),
-        replicate=m.replicate,
-        line=m.first(rec.line[m.index]),
-        row=m.first(m.index) + 1,
+    problem = scene.problem(
+        "position", y, base, unknowns, Family("translation", (0, 1, 2), "mm", 1e3, rec.uncertainty.displacement)
     )
 
     def lift(joint: int, x: Array) -> Array:

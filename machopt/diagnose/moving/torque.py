@@ -74,19 +74,12 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
                 Unknown(f"mass of link {b + 1}, relative", "1", location=link_at(b + 1), prior=doubt)
                 for b in dynamics.bodies
             ]
-    problem = Problem(
-        channel="torque",
-        y=y,
-        base=base,
-        unknowns=tuple(unknowns),
-        families=(Family("joint torque", tuple(range(n)), "N" if all(scene.prismatic) else "N·m", 1.0),),
-        group=m.group,
-        visit=m.visit,
-        cycle=m.cycle,
-        session=m.first(m.session),
-        replicate=m.replicate,
-        line=m.first(rec.line[m.index]),
-        row=m.first(m.index) + 1,
+    problem = scene.problem(
+        "torque",
+        y,
+        base,
+        unknowns,
+        Family("joint torque", tuple(range(n)), "N" if all(scene.prismatic) else "N·m", 1.0),
     )
     return problem, _catalogue(scene, P, paths, best, rough)
 

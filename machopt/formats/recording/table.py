@@ -16,6 +16,7 @@ import numpy as np
 
 from machopt.arrays import Array, Ints
 from machopt.errors import InputError, nearest
+from machopt.formats import parquet
 from machopt.formats.opener import TABLE, read_file
 
 _ROWS_AT_ONCE = 4096
@@ -227,21 +228,12 @@ def _check_width(table: DataTable, header: Sequence[str], widths: list[int], bod
 
 
 def _read_parquet(path: Path, data: bytes, vocabulary: Vocabulary) -> DataTable:
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as problem:
-        raise InputError(
-            "is Parquet, which needs pyarrow: pip install machopt[parquet], or save the table as CSV", file=path
-        ) from problem
-    try:
+    with parquet.reading(path) as pyarrow:
         content = pyarrow.parquet.ParquetFile(pyarrow.BufferReader(data))
         header = list(content.schema_arrow.names)
         table = DataTable(path, {}, {}, np.arange(1, content.metadata.num_rows + 1), 0)
         _check_header(table, header, vocabulary)
         columns = content.read()
-    except (pyarrow.ArrowException, OSError) as problem:
-        raise InputError(f"is not readable as Parquet: {problem}", file=path) from problem
     if not len(table):
         raise table.error("holds no rows; expected one row a reading")
     numbers = {
