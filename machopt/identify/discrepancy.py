@@ -20,7 +20,8 @@ with how badly a handful of regions tells it.
 Where springs explain the readings (twice the log-likelihood rises by less than CERTAIN) no suspect stays, but one: what
 weight and load do to posture and lever arms (``loaded``) is no suspicion. It is there in every arm, to first order as
 written down, and small loads hide it from the readings without making it any smaller. Where masses are known it counts
-in full, 1 ± PRIOR_LOADED before the readings are asked, and the springs' own errors with what it took from them.
+in full, 1 ± PRIOR_LOADED before the readings are asked, and the springs' own errors with what it took from them. A file
+with ``geometric_stiffness`` counts the load's own part already, without the weight; the rest is left to ``loaded``.
 """
 
 from __future__ import annotations
@@ -70,9 +71,7 @@ class Readings:
     stated: tuple[bool, ...]  # one a channel
 
 
-def discrepancy(
-    suspects: Suspects, state: ArmState, k: Array, readings: Readings, *, geometric: bool = False
-) -> Discrepancy:
+def discrepancy(suspects: Suspects, state: ArmState, k: Array, readings: Readings) -> Discrepancy:
     """What a model may lack; of the model's own coefficients alone where readings say nothing against it.
 
     Args:
@@ -80,10 +79,9 @@ def discrepancy(
         state: ArmState of the readings, with bodies.
         k: (6,) N·m/rad of the model.
         readings: what it left.
-        geometric: the model counts what weight and load do to the lever arms.
     """
     own = len(suspects.names)
-    weighed = suspects.masses is not None and not geometric
+    weighed = suspects.masses is not None
     more = (*elastic_names(), *gear_names(), *([LOADED] if weighed else []))
     whole = replace(suspects, names=(*suspects.names, *more))
     N, D = readings.residual.shape
@@ -283,7 +281,7 @@ def of_identified(
         w.components,
         (told.displacement is not None, told.rotation is not None)[: len(w.covariance)],
     )
-    return discrepancy(suspects, tests.state, stiffness.joints, readings, geometric=arm.geometric)
+    return discrepancy(suspects, tests.state, stiffness.joints, readings)
 
 
 def suspects_of(arm: ArmElasticity, tests: Experiment, masses: Masses | None) -> Suspects:
@@ -299,4 +297,5 @@ def suspects_of(arm: ArmElasticity, tests: Experiment, masses: Masses | None) ->
         np.maximum(typical, 1e-3 * max(float(typical.max()), 1e-9)),
         arm.terms,
         masses,
+        arm.geometric,
     )

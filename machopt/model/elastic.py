@@ -309,7 +309,7 @@ class ArmElasticity:
         self.shift: Shift | None = None
         found = stiffness.discrepancy
         if counted and found is not None and found.counted:
-            self.shift = Shift.of(found, robot, T_flange_tcp, self.terms, masses)
+            self.shift = Shift.of(found, robot, T_flange_tcp, self.terms, masses, geometric=self.geometric)
             self._known = (*self._known, self.shift)
         self._balancers = tuple(t for t in self.terms if isinstance(t, GravityCompensator))
         weighed = [t for t in self.terms if isinstance(t, JointTerm) and t.weighs]

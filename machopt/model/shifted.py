@@ -40,9 +40,11 @@ class Shift:
         T_flange_tcp: Array,
         terms: tuple[LinearTerm, ...],
         masses: Masses | None,
+        *,
+        geometric: bool = False,
     ) -> Shift:
-        """Args: terms: of the file, with their values; masses: None where weight counts as zero."""
-        whole = Suspects(robot, T_flange_tcp, found.parts, found.torque, terms, masses)
+        """Args: terms: of the file, with their values; masses: None: weight counts as zero; geometric: see Suspects."""
+        whole = Suspects(robot, T_flange_tcp, found.parts, found.torque, terms, masses, geometric)
         joints, cosines, sines = np.zeros((6, 6)), np.zeros(6), np.zeros(6)
         gears: list[tuple[int, float, float]] = []
         bodies: dict[str, Array] = {}

@@ -73,6 +73,7 @@ class Suspects:
     torque: Array  # (6,) N·m, the joints' typical torque under the load tests
     terms: tuple[LinearTerm, ...] = ()  # of the file, with their values
     masses: Masses | None = None
+    geometric: bool = False  # the file counts what the load alone does to lever arms: ``loaded`` is the rest
 
     def __post_init__(self) -> None:
         known = {*elastic_names(), *gear_names(), *(f"joint {j}" for j in range(1, 7)), LOADED}
@@ -126,10 +127,14 @@ class Suspects:
     def _loaded(self, state: ArmState, k: Array, wrench: Array, weight: Array, *, small: bool) -> Array:
         """(M, 6) twist that the load adds because the arm stands bent under its weight, and because it turns levers.
 
-        J' (K − K_C)⁻¹ J'ᵀw − J K⁻¹ Jᵀw to first order in K_C, J' where the weight has bent the joints to.
+        J' (K − K_C)⁻¹ J'ᵀw − J K⁻¹ Jᵀw to first order in K_C, J' where the weight has bent the joints to; less the same
+        of an arm without weight where the file counts that.
         """
         J = state.J
-        plain = np.einsum("mci,mi->mc", J, np.einsum("mci,mc->mi", J, wrench) / k)
+        turn = np.einsum("mci,mc->mi", J, wrench) / k
+        if self.geometric and not small:
+            turn = turn + np.einsum("mij,mj->mi", geometric_stiffness(J, wrench), turn) / k
+        told = np.einsum("mci,mi->mc", J, turn)
         H = np.zeros((len(k), 6, 6))
         if self.masses is not None:
             state = self.robot.state(state.q + weight / k, self.T_flange_tcp, bodies=True)
@@ -139,7 +144,7 @@ class Suspects:
             H = H + geometric_stiffness(J, wrench)
         turn = np.einsum("mci,mc->mi", J, wrench) / k
         turn = turn + np.einsum("mij,mj->mi", H, turn) / k
-        return np.asarray(np.einsum("mci,mi->mc", J, turn) - plain)
+        return np.asarray(np.einsum("mci,mi->mc", J, turn) - told)
 
     def _turn(self, word: str, j: int, load: Array, weight: Array, q: Array, *, small: bool) -> Array:
         """(M,) rad of joint j per unit."""

@@ -55,7 +55,13 @@ class Doubt:
         if d is None:
             return None
         suspects = Suspects(
-            elasticity.robot, elasticity.T_flange_tcp, d.parts, d.torque, elasticity.terms, elasticity.masses
+            elasticity.robot,
+            elasticity.T_flange_tcp,
+            d.parts,
+            d.torque,
+            elasticity.terms,
+            elasticity.masses,
+            elasticity.geometric,
         )
         off = d.shift if elasticity.shift is None else np.zeros_like(d.shift)  # else it is counted in
         return cls(suspects, np.concatenate([off[None], d.modes]), d.local)

@@ -9,7 +9,8 @@ Each of ``parts`` is one thing that may give way by a coefficient x (SI), τ = J
   ends (base: its frame, tool: the flange);
 * ``term n p``: coefficient p of the n-th term of the file;
 * ``loaded``: the share x of J'(1/k + 1/k (∂g/∂q + K_C) 1/k) J'ᵀw − J (1/k) Jᵀw, J' and ∂g/∂q where weight has bent the
-  springs to, K_C of the process force; a small load has none.
+  springs to, K_C of the process force, which a small load has none of; where the file has the term
+  ``geometric_stiffness``, less J (1/k + 1/k K_C 1/k) Jᵀw in place of J (1/k) Jᵀw: the load's own part is in the model.
 
 ``shift`` is their mean, and part of what is predicted where ``counted``; the rows of ``modes`` are 1 σ each, and
 ``local_m_per_N`` is another on every coordinate. Where the mean is not counted, ± 1.645 of the told σ holds 90 % about
@@ -73,6 +74,7 @@ class Lack:
     ) -> None:
         """``curves``: of all terms, as they bend; the tangent of a cubic that hardens begins where they say."""
         self.found, self.arm = found, arm
+        self.geometric = any(t.effect == "geometric_stiffness" for t in terms)
         compiled = [t for t in terms if t.effect != "geometric_stiffness"]
         self.units: dict[str, Moves] = {}
         asked = [name for name in found.parts if name.startswith("term ")]
@@ -211,13 +213,13 @@ class Lacking:
 
     def _loaded(self, wrench: Array, *, small: bool) -> Array:
         J, H = self._bent
-        if not small:
-            z, moved = np.swapaxes(J[:, 3:], 1, 2), np.swapaxes(J[:, :3], 1, 2)
-            low, high = np.minimum.outer(range(6), range(6)), np.maximum.outer(range(6), range(6))
-            H = H + np.einsum("nijc,nc->nij", np.cross(z[:, low], moved[:, high]), wrench[:, :3])
         turn = np.einsum("nci,nc->ni", J, wrench) / self.k
-        turn += np.einsum("nij,nj->ni", H, turn) / self.k
         alone = np.einsum("nci,nc->ni", self.stance.J, wrench) / self.k
+        if not small:
+            turn += np.einsum("nij,nj->ni", _levers(J, wrench), turn) / self.k
+            if self.lack.geometric:
+                alone += np.einsum("nij,nj->ni", _levers(self.stance.J, wrench), alone) / self.k
+        turn += np.einsum("nij,nj->ni", H, np.einsum("nci,nc->ni", J, wrench) / self.k) / self.k
         bare = np.einsum("nci,ni->nc", self.stance.J, alone)
         return np.asarray(np.einsum("nci,ni->nc", J, turn) - bare)
 
@@ -275,6 +277,13 @@ def _one(term: Term, p: int) -> Mapping[str, Any]:
     size = np.zeros(np.size(has[key]))
     size[p] = factor
     return {key: size.tolist() if isinstance(has[key], list | tuple) else float(size[0])}
+
+
+def _levers(J: Array, wrench: Array) -> Array:
+    """(N, 6, 6) N·m/rad: how a force turns its own levers, ∂(Jᵀw)/∂q."""
+    z, moved = np.swapaxes(J[:, 3:], 1, 2), np.swapaxes(J[:, :3], 1, 2)
+    low, high = np.minimum.outer(range(6), range(6)), np.maximum.outer(range(6), range(6))
+    return np.asarray(np.einsum("nijc,nc->nij", np.cross(z[:, low], moved[:, high]), wrench[:, :3]))
 
 
 def _wrench(force: Array) -> Array:

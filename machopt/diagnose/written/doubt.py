@@ -96,7 +96,7 @@ def _of_load_tests(cell: Cell, found: Examined, stiffness: Stiffness) -> Discrep
         stated[: len(V)],
     )
     suspects = suspects_of(arm, tests, masses)
-    return discrepancy(suspects, tests.state, stiffness.joints, readings, geometric=arm.geometric)
+    return discrepancy(suspects, tests.state, stiffness.joints, readings)
 
 
 def _lived(
