@@ -14,6 +14,7 @@ from test_pipeline import FORCE, FREE, K, small_job
 from machopt.domain.stiffness import Discrepancy, Stiffness, Term
 from machopt.formats.stiffness import load_stiffness, write_stiffness
 from machopt.model.elastic import ArmElasticity
+from machopt.model.gravity import gravity_torque
 from machopt.model.robot import Masses
 from machopt.model.suspects import BENDS, LOADED, elastic_names, gear_names
 from machopt.plan.compensate import residual
@@ -55,6 +56,36 @@ def test_the_shift_is_the_sum_of_the_suspects_columns() -> None:
     assert about is not None
     assert not about.ways[0].any()  # what is said is the mean
     assert suspects.ways[0].any()
+
+
+def test_weight_counts_beside_a_file_that_counts_the_load_on_levers() -> None:
+    """K_C of the load alone and ``loaded`` are what the equilibrium under weight and load is, each counted once."""
+    _, robot, T = made.cell()
+    rng = np.random.default_rng(6)
+    q, w = made.CENTRE + rng.normal(0, 0.4, (7, 6)), np.hstack([rng.normal(0, 1500, (7, 3)), np.zeros((7, 3))])
+    masses = Masses(np.array([2, 3, 6]), np.array([400.0, 300.0, 150.0]), np.full((3, 3), 0.2), MASSES.gravity)
+    k, state = np.tile(0.2 * made.TRUE_K, (7, 1)), robot.state(q, T, bodies=True)
+    g, _ = gravity_torque(robot, masses, state)
+    tau = np.zeros_like(g)
+    turned = {}
+    for load in (0.0, 1.0):  # q + c τ(q + c τ), to its end
+        tau = g
+        for _ in range(60):
+            bent = robot.state(q + tau / k, T, bodies=True)
+            tau = gravity_torque(robot, masses, bent)[0] + load * np.einsum("mci,mc->mi", bent.J, w)
+        turned[load] = robot.fk(q + tau / k, T)[:, :3, 3]
+    true = turned[1.0] - turned[0.0]
+    one = np.ones(1)
+    found = Discrepancy((LOADED,), np.full(6, 400.0), one, 0.01 * one[None], 3e-4, 3e-5)
+    off = {}
+    for terms in ((), (Term("geometric_stiffness", "arm", {}),)):
+        stiffness = Stiffness(0.2 * made.TRUE_K, terms=terms, discrepancy=found)
+        for counted in (False, True):
+            said = ArmElasticity(robot, T, stiffness, masses=masses, counted=counted).at(q).respond(w)[:, :3]
+            off[len(terms), counted] = np.linalg.norm(said - true) / np.linalg.norm(true)
+    assert off[0, True] < 0.3 * off[0, False]
+    assert off[1, True] < 0.3 * off[1, False]
+    assert off[1, True] < 1.2 * off[0, True]
 
 
 def test_a_file_may_keep_it_out(tmp_path: Path) -> None:

@@ -38,8 +38,8 @@ TERMS = (
 )
 
 
-def stiffness(*, counted: bool) -> Stiffness:
-    """A file with a little of everything missing."""
+def stiffness(*, counted: bool, geometric: bool = False) -> Stiffness:
+    """A file with a little of everything missing; ``geometric``: that counts what the load does to levers."""
     rng = np.random.default_rng(4)
     own = [f"term {n} {p}" for n, (_, count) in enumerate(TERMS) for p in range(count)]
     names = (*(f"joint {j}" for j in range(1, 7)), *own, *elastic_names(), *gear_names(), LOADED)
@@ -52,12 +52,14 @@ def stiffness(*, counted: bool) -> Stiffness:
     size[-1] = 0.7
     shift, modes = size * rng.uniform(-1, 1, len(size)), 0.2 * size * rng.normal(size=(5, len(size)))
     found = Discrepancy(names, np.full(6, 400.0), shift, modes, 3e-4, 3e-5, local=1e-8, counted=counted)
-    return Stiffness(np.asarray(K), terms=tuple(term for term, _ in TERMS), discrepancy=found)
+    own_terms = tuple(term for term, _ in TERMS)
+    terms = (*own_terms, Term("geometric_stiffness", "arm", {})) if geometric else own_terms
+    return Stiffness(np.asarray(K), terms=terms, discrepancy=found)
 
 
-@pytest.mark.parametrize("counted", [True, False])
-def test_both_laws_say_the_same(tmp_path: Path, *, counted: bool) -> None:
-    setup = small_job(tmp_path, corner(), FREE, stiffness=stiffness(counted=counted)).setup
+@pytest.mark.parametrize(("counted", "geometric"), [(True, False), (False, False), (True, True)])
+def test_both_laws_say_the_same(tmp_path: Path, *, counted: bool, geometric: bool) -> None:
+    setup = small_job(tmp_path, corner(), FREE, stiffness=stiffness(counted=counted, geometric=geometric)).setup
     rng = np.random.default_rng(1)
     q, force = setup.cell.home + rng.normal(0, 0.4, (20, 6)), rng.normal(0, 500, (20, 3))
     e = rng.normal(size=(20, 3))

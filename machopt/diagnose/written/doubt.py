@@ -15,6 +15,8 @@ from machopt.diagnose.resting import deflection
 from machopt.diagnose.run import Examined, known_masses
 from machopt.domain.cell import Cell
 from machopt.domain.stiffness import Discrepancy, PositionError, Stiffness
+from machopt.effects import registry
+from machopt.effects.protocol import timed
 from machopt.estimate.clusters import Components, clusters
 from machopt.estimate.experiment import Experiment, experiment
 from machopt.estimate.noise import reading_covariance
@@ -75,11 +77,11 @@ def _covariance(doubt: Discrepancy) -> Array:
 
 
 def _of_load_tests(cell: Cell, found: Examined, stiffness: Stiffness) -> Discrepancy | None:
-    """What the extended model leaves of the load tests, gears with their history."""
+    """What the extended model leaves of the load tests, as a plan reads it."""
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
     masses = known_masses(cell)
     tests = experiment(found.recording, robot, T)
-    residual = tests.measured - _lived(found, tests, robot, T, masses, stiffness)
+    residual = tests.measured - _as_planned(found, tests, robot, T, masses, stiffness)
     used = found.diagnosis.used
     groups = clusters(tests)
     typical = np.array([_typical(residual[used, c : c + 3]) for c in range(0, tests.dimensions, 3)])
@@ -99,13 +101,20 @@ def _of_load_tests(cell: Cell, found: Examined, stiffness: Stiffness) -> Discrep
     return discrepancy(suspects, tests.state, stiffness.joints, readings)
 
 
-def _lived(
+def _as_planned(
     found: Examined, tests: Experiment, robot: Robot, T: Array, masses: Masses | None, stiffness: Stiffness
 ) -> Array:
-    """(N, D) what the stiffness predicts of the readings, each gear with what it has been through."""
+    """(N, D) what a plan makes of the same loads: it knows no history, so gears that remember come from rest.
+
+    A law with a memory may fit readings by what they did before and yet be another law; nothing of that comes back in
+    a job, and what the plan's reading of it leaves here is the least it leaves there. What only needs time is not off
+    by having had less of it.
+    """
     r = deflection.readings_of(found.recording, tests, robot, T, masses, 1.0 / stiffness.joints)
-    lived, settled = at_joint.lived_through(r, stiffness.terms)
-    whole = ArmElasticity(robot, T, replace(stiffness, terms=settled), masses=masses).at(tests.state.q)
+    slow = {e.called for e in registry.of_joint_torque() if timed(e.laws[0])}
+    lived, rest = at_joint.lived_through(r, [t for t in stiffness.terms if t.effect in slow])
+    rest = (*rest, *(t for t in stiffness.terms if t.effect not in slow))
+    whole = ArmElasticity(robot, T, replace(stiffness, terms=rest), masses=masses).at(tests.state.q)
     return np.asarray((lived + whole.respond(tests.wrench))[:, : tests.dimensions])
 
 
