@@ -224,7 +224,7 @@ def test_a_spring_that_the_cell_misses_by_far_is_said() -> None:
     found = [joint(1, 1e-6, 1e-8), joint(2, 1e-5, 1e-7), joint(3, 1e-5, 9e-6), joint(4, 1e-7, 1e-9)]
     said = far_off(SimpleNamespace(coefficients=found), np.full(6, 1e6))  # type: ignore[arg-type]
     assert [s[:27] for s in said] == ["joint 2 comes out 10 times ", "joint 4 comes out 10 times "]
-    assert "softer" in said[0]
+    assert "softer (100000 N·m/rad)" in said[0]  # written out, as a data sheet has it
     assert "stiffer" in said[1]
     assert far_off(SimpleNamespace(coefficients=found), None) == []  # type: ignore[arg-type]
 

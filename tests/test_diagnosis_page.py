@@ -21,6 +21,7 @@ import pytest
 from machopt.cli import diagnose as command
 from machopt.diagnose.nouns.asked import DiagnoseRequest
 from machopt.diagnose.nouns.result import Diagnosis, Estimate
+from machopt.diagnose.verdict.words import sentence
 from machopt.diagnose.written.told import result_of, rows_location
 from machopt.effects import registry
 from machopt.effects.words import named, place
@@ -30,7 +31,7 @@ from machopt.report.diagnosis_figures import binned_mean, binned_rms, law, over_
 from machopt.report.diagnosis_limits import limits_html
 from machopt.report.diagnosis_page import diagnosis_html, write_diagnosis
 from machopt.report.diagnosis_space import residual_view
-from machopt.report.diagnosis_svg import machine_strip, share_bars
+from machopt.report.diagnosis_svg import machine_column, machine_strip, share_bars
 from machopt.report.diagnosis_words import alternatives, axis_note, measured, numeral, sized
 from machopt.report.gather.cell import cell_scene
 from machopt.report.gather.diagnose import page_of
@@ -178,6 +179,42 @@ def test_strip_gathers_what_concerns_the_record() -> None:
     ]  # joint 3 first, then the record
     at = [float(x) for x in re.findall(r'<circle cx="([\d.]+)" cy="[\d.]+" r="9"', strip)]
     assert abs(at[1] - at[0]) >= 18.0  # two marks of radius 9 do not overlap
+
+
+def of_the_record(explained: float) -> Diagnosis:
+    """Only the record is found at fault: nothing of the machine is drawn as an after."""
+    d = replace(made_up.three(), findings=(made_up.frame(),), verdict="partly_explained", explained=explained)
+    d = replace(d, mismatch_p=np.nan)
+    return replace(d, sentence=sentence(d))
+
+
+def test_a_record_put_right_that_closes_nothing_is_not_called_an_explanation() -> None:
+    d = of_the_record(0.0)
+    assert d.sentence.startswith("Not explained, though the record is put right")
+    assert "→" not in d.sentence
+    text = read(d).text
+    assert "RECORD PUT RIGHT, MISMATCH NOT EXPLAINED" in text
+    assert "EXPLAINED IN PART" not in text
+    assert "Held-out error before" not in text
+    assert "of what the record put right leaves" in text
+    assert "more than the noise" not in text  # nothing was repeated, so nothing tells noise from mismatch
+    assert "no reading was repeated, so part of it may be noise" in text
+
+
+def test_where_only_the_record_is_found_charts_show_one_state_not_two_that_are_the_same() -> None:
+    d = of_the_record(0.6)
+    assert d.sentence.startswith("Partly explained: ")
+    text = read(d).text
+    assert "EXPLAINED IN PART" in text
+    assert "The record is put right in all that is drawn here; as stated, it is off by" in text
+    names = {
+        layer["name"]
+        for c in specs(diagnosis_html(page(d)))
+        if c["id"] not in ("d-gamma", "d-deflection")
+        for layer in c["layers"]
+    }
+    assert "record put right, model refitted" in names
+    assert not {"with what was found", "model as it was, refitted", "rms, after"} & names
 
 
 def test_nothing_found_says_what_would_have_been_seen() -> None:
@@ -422,10 +459,21 @@ def test_limits_name_sets_and_reasons() -> None:
 
 
 def test_shares_of_the_data_are_bars_in_order() -> None:
-    bars = share_bars([s for s in made_up.explained().mismatch if s.kind == "data"], "data")
-    widths = [float(w) for w in re.findall(r'width="([\d.]+)" height="15" fill="#1552b8"', bars)]
-    assert np.allclose(np.array(widths) / widths[0], np.array([0.71, 0.22, 0.11, 0.02]) / 0.71, atol=2e-3)  # 0.1 px
-    assert share_bars([], "data") == ""
+    bars = share_bars([s for s in made_up.explained().mismatch if s.kind == "data"])
+    assert [float(w) for w in re.findall(r'style="width:([\d.]+)%"', bars)] == [71.0, 22.0, 11.0, 2.0]
+    assert share_bars([]) == ""
+
+
+def test_the_machine_of_narrow_pages_says_the_same_as_the_strip() -> None:
+    """Every part, share and mark of the strip stands on the column, too, and no two of its lines overlap."""
+    for d in (made_up.three(), made_up.explained(), made_up.unexplained()):
+        strip, column = machine_strip(d), machine_column(d)
+        numbers = re.compile(r'font-weight="(\d+)" fill="#\w+">(\d+)<')
+        assert sorted(numbers.findall(column)) == sorted(numbers.findall(strip))
+        assert re.search('aria-label="[^"]*"', column)[0] == re.search('aria-label="[^"]*"', strip)[0]  # type: ignore[index]
+        lines = sorted({float(y) for y in re.findall(r'text class="label" x="142" y="([\d.]+)"', column)})
+        assert np.diff(lines).min() >= 14.0  # px between lines of 12 px
+        assert "force sensor" in column
 
 
 def test_terminal_summary() -> None:

@@ -112,7 +112,8 @@ def test_picture_of_the_front_has_axes_even_where_all_plans_are_one() -> None:
         assert "nan" not in page
 
 
-def test_no_names_of_the_picture_lie_on_one_another() -> None:
+@pytest.mark.parametrize(("kind", "width"), [("broad", 640), ("narrow", 372)])
+def test_no_names_of_the_picture_lie_on_one_another_or_leave_it(kind: str, width: int) -> None:
     """Plans of nearly one time and mean: their dots are apart, and so are the lines of their names."""
     one = FrontPoint("as asked, and a little more of it", "", 1.7727, 2.0, 506.14, 1000.0, None, False)
     near = replace(one, name="travel counts more", mean=1.77275, cycle=506.16)
@@ -120,14 +121,16 @@ def test_no_names_of_the_picture_lie_on_one_another() -> None:
     points = (one, near, replace(near, name="third", mean=1.77285, cycle=506.13), far)
     page = str(front_section(SimpleNamespace(front=points, summary=SimpleNamespace(quantity="deflection"))))  # type: ignore[arg-type]
     names = {p.name for p in points}
+    picture = page.split("</svg>")[0 if kind == "broad" else 1]
     lines = [
         (float(re.search(r'\bx="([^"]+)"', tag)[1]), float(re.search(r'\by="([^"]+)"', tag)[1]), "end" in tag, text)  # type: ignore[index]
-        for tag, text in re.findall(r"<text([^>]*)>([^<]*)</text>", page)
+        for tag, text in re.findall(r"<text([^>]*)>([^<]*)</text>", picture)
         if text in names
     ]
     assert {text for *_, text in lines} == names
     boxes = [((x - 6 * len(t), x) if end else (x, x + 6 * len(t)), y) for x, y, end, t in lines]
     for n, ((left, right), y) in enumerate(boxes):
         assert 10.0 < y < 320.0
+        assert 0.0 <= left < right <= width
         for (least, most), other in boxes[:n]:
             assert right < least or most < left or abs(y - other) > 11.0

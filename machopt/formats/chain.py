@@ -177,7 +177,9 @@ def limits_of_urdf(chain: Chain, keys: CellKeys) -> tuple[str, ...]:
         out.append(f"robot.limits.velocity_deg_s is not given; the URDF's velocities hold: {values}")
     if limits.position_deg is None:
         values = ", ".join(
-            f"{j.name} {j.lower / u:.4g} to {j.upper / u:.4g} {'mm' if j.kind == 'prismatic' else 'deg'}"
+            f"{j.name} {j.lower / u:.4g} to {j.upper / u:.4g} {'mm' if j.kind == 'prismatic' else 'deg'}".replace(
+                "-", "−"
+            )
             for j, u in zip(chain.moving, chain.unit, strict=True)
             if j.kind != "continuous"
         )

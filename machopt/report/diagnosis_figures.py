@@ -12,7 +12,7 @@ from machopt.arrays import Array
 from machopt.diagnose.nouns.result import Finding
 from machopt.effects.words import place
 from machopt.report.diagnosis import DiagnosisPage, JobEffect
-from machopt.report.diagnosis_words import axis_unit, axis_value, axis_words, sized
+from machopt.report.diagnosis_words import axis_unit, axis_value, axis_words, of_machine, refitted, sized
 from machopt.report.series import numbers
 
 Index = NDArray[np.intp]
@@ -40,8 +40,13 @@ def per_group(data: DiagnosisPage) -> Spec | None:
     x, factor, unit = np.arange(len(order), dtype=float), *_shown(d.unit, error[order])
     before, after = factor * error[order].T
     names = [data.group_names[g] for g in order]
+    found = of_machine(d)
     labels = [
-        [[data.group_word, n], ["before", sized(b / factor, d.unit)], ["after", sized(a / factor, d.unit)]]
+        [
+            [data.group_word, n],
+            ["before" if found else "error", sized(b / factor, d.unit)],
+            *([["after", sized(a / factor, d.unit)]] if found else []),
+        ]
         for n, b, a in zip(names, before, after, strict=True)
     ]
     layers: list[Spec] = [
@@ -56,7 +61,7 @@ def per_group(data: DiagnosisPage) -> Spec | None:
         },
         {
             "type": "points",
-            "name": "model as it was, refitted",
+            "name": refitted(d),
             "color": BEFORE,
             "hollow": True,
             "size": 3.2,
@@ -69,7 +74,7 @@ def per_group(data: DiagnosisPage) -> Spec | None:
     ]
     if not math.isfinite(d.noise_floor):
         del layers[0]
-    if d.findings:
+    if found:
         layers.append(
             {
                 "type": "points",
@@ -81,7 +86,7 @@ def per_group(data: DiagnosisPage) -> Spec | None:
                 "labels": labels,
             }
         )
-    if not d.findings:
+    if not found:
         for part in ("lo", "hi"):
             del layers[-1][part]
     return {
@@ -114,8 +119,8 @@ def over_axis(data: DiagnosisPage, axis: str, spec_id: str) -> Spec | None:
     at = np.searchsorted(different, values).astype(float) if few else values
     drawn = good[_pick(len(good), MOST_POINTS)]
     layers: list[Spec] = []
-    pairs = [("model as it was, refitted", before, BEFORE, True, -0.12)]
-    if d.findings:
+    pairs = [(refitted(d), before, BEFORE, True, -0.12)]
+    if of_machine(d):
         pairs.append(("with what was found", after, AFTER, False, 0.12))
     else:
         pairs = [(*pairs[0][:-1], 0.0)]
@@ -136,13 +141,13 @@ def over_axis(data: DiagnosisPage, axis: str, spec_id: str) -> Spec | None:
         )
     for _, size, color, _, aside in pairs:
         x, mean = binned_rms(at[good], size[good], few=few)
-        if not len(x):
+        if len(x) < (1 if few else 2):
             continue  # too few readings: a legend would name a line that is not drawn
         shift = aside if few else 0.0
         layers.append(
             {
                 "type": "points" if few else "line",
-                "name": f"rms, {'before' if color == BEFORE else 'after'}",
+                "name": f"rms, {'before' if color == BEFORE else 'after'}" if len(pairs) > 1 else "rms",
                 "color": color,
                 "width": 2.4,
                 "size": 5,
@@ -247,7 +252,7 @@ def law(data: DiagnosisPage, n: int, f: Finding) -> Spec | None:
         }
     )
     left = int(good.sum() - inside.sum())
-    more = f"; {left} readings lie outside the picture" if left else ""
+    more = f"; {left} reading{'s lie' if left > 1 else ' lies'} outside the picture" if left else ""
     return {
         "id": f"d-law{n}",
         "title": f"What the readings show, and the fitted law{more}",
@@ -346,7 +351,8 @@ def _parts(x: Array, few: bool) -> list[Index]:
     """Indices of sorted ``x`` by value, or in bins of equal count that never part equal values."""
     if few:
         return np.split(np.arange(len(x)), np.flatnonzero(np.diff(x)) + 1)
-    cuts = np.unique(np.searchsorted(x, x[np.linspace(0, len(x) - 1, BINS + 1)[1:-1].astype(int)]))
+    bins = min(BINS, max(len(x) // (LEAST_IN_BIN + 1), 1))  # equal values stay together, so some hold less than others
+    cuts = np.unique(np.searchsorted(x, x[np.linspace(0, len(x) - 1, bins + 1)[1:-1].astype(int)]))
     return [p for p in np.split(np.arange(len(x)), cuts) if len(p) >= LEAST_IN_BIN]
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from machopt.diagnose.nouns.result import Diagnosis
+from machopt.diagnose.verdict.words import closes
 from machopt.effects.words import listed, named, place
 from machopt.report.diagnosis import DiagnosisPage
 from machopt.report.diagnosis_figures import Spec, job_charts, law, over_axis, per_group
@@ -17,8 +18,18 @@ from machopt.report.diagnosis_finding import boxes, finding_html
 from machopt.report.diagnosis_limits import limits_html
 from machopt.report.diagnosis_model import OPEN, model_html
 from machopt.report.diagnosis_space import residual_view, space_html
-from machopt.report.diagnosis_svg import LEAST, machine_strip, share_bars
-from machopt.report.diagnosis_words import VERDICTS, axis_note, axis_words, chance, digits, percent, plural, sized
+from machopt.report.diagnosis_svg import LEAST, machine_column, machine_strip, share_bars
+from machopt.report.diagnosis_verdict import of_record, verdict_html
+from machopt.report.diagnosis_words import (
+    axis_note,
+    axis_words,
+    chance,
+    digits,
+    of_machine,
+    percent,
+    plural,
+    sized,
+)
 from machopt.report.display import fixed
 from machopt.report.shell import POSTURE, page_html, section
 from machopt.report.tables import Column, folded, table
@@ -47,7 +58,7 @@ def diagnosis_html(data: DiagnosisPage) -> str:
     charts, view = _charts(data), residual_view(data)
     have = {c["id"] for c in charts}
     sections = [
-        ("verdict", "Verdict", _verdict(data)),
+        ("verdict", "Verdict", verdict_html(data)),
         ("where", "Where", _where(data)),
         ("errors", "Before and after", _errors(data, have)),
         ("space", "At the arm", space_html(view)),
@@ -73,43 +84,13 @@ def diagnosis_html(data: DiagnosisPage) -> str:
     )
 
 
-def _verdict(data: DiagnosisPage) -> Body:
-    d = data.diagnosis
-    badge, tone = VERDICTS[d.verdict]
-    if tone == "good" and any(f.record for f in d.findings):
-        badge, tone = f"{badge}: CHECK THE RECORD", "warn"
-    left = "nothing was added" if not d.findings else f"with {len(d.findings)} found"
-    told = math.isfinite(d.mismatch_p)
-    scatter = "what repeats of a reading scatter" if told else "not repeated: what the model leaves"
-    cards = [
-        ("Held-out error before", sized(d.heldout_before, d.unit), "the nominal structure, refitted"),
-        ("Held-out error after", sized(d.heldout_after, d.unit), left),
-        ("Noise floor", sized(d.noise_floor, d.unit), scatter),
-    ]
-    if d.verdict in ("consistent", "insufficient"):
-        cards.append(("Repeatable mismatch", f"p {chance(d.mismatch_p)}", "chance that noise alone does this"))
-    else:
-        of = (
-            "of the mismatch of the record as stated"
-            if _of_record(d)
-            else f"of the repeatable {sized(d.repeatable, d.unit)}"
-        )
-        cards.append(("Closed", percent(d.explained), of))
-    return part("verdict", "verdict", tone, badge, d.sentence, d.warnings, boxes(cards))
-
-
-def _of_record(d: Diagnosis) -> bool:
-    """Whether something was found of the record itself: then before and after are counted with that put right."""
-    return any(f.record for f in d.findings)
-
-
 def _where(data: DiagnosisPage) -> Body:
     d = data.diagnosis
     machine = [s for s in d.mismatch if s.kind == "machine" and math.isfinite(s.share)]
     places = [s for s in d.mismatch if s.kind == "data"]
     if not machine and not places and not d.findings:
         return ""
-    body: Body = machine_strip(d)
+    body: Body = machine_strip(d) + machine_column(d)
     if d.findings:
         body += part(
             "lead",
@@ -127,10 +108,12 @@ def _where(data: DiagnosisPage) -> Body:
     if places:
         body += part("heading", "In the data")
         body += part("lead", "How much of it sits in which part of the readings.")
-        body += share_bars(places, "Share of the mismatch by part of the data")
+        body += share_bars(places)
     by_chance = f" (p {chance(d.mismatch_p)} that noise alone does this)" if math.isfinite(d.mismatch_p) else ""
+    known = math.isfinite(d.mismatch_p)
     lead = (
-        f"Repeatable mismatch of the refitted model: {sized(d.repeatable, d.unit)} rms{by_chance}. A bar says how "
+        f"{'Repeatable mismatch' if known else 'Mismatch'} of the refitted model: {sized(d.repeatable, d.unit)} rms"
+        f"{by_chance if known else '; no reading was repeated, so part of it may be noise'}. A bar says how "
         "much of it that part could take up, driven by its own load. Parts compete for the same mismatch, so bars need "
         "not add up to 100 %."
     )
@@ -168,8 +151,12 @@ def _errors(data: DiagnosisPage, have: set[str]) -> Body:
         f"Each {data.group_word} is predicted by fits that never saw it. Residuals at the noise floor cannot get "
         "smaller."
     )
-    if _of_record(data.diagnosis):
+    d = data.diagnosis
+    if of_machine(d) and of_record(d):
         lead += " What was found of the record itself is put right in both."
+    elif of_record(d):
+        lead += " The record is put right in all that is drawn here"
+        lead += f"; as stated, it is off by {sized(d.heldout_before, d.unit)}." if closes(d) else "."
     return section("errors", "Before and after", lead, body)
 
 
@@ -200,7 +187,7 @@ def _findings(data: DiagnosisPage, have: set[str]) -> Body:
 def _open(d: Diagnosis) -> str:
     """What is there that no term explains: how much; and where, while the shares still speak of it."""
     if d.findings:
-        still = "still come back in every repeat" if math.isfinite(d.mismatch_p) else "are more than the noise"
+        still = "still come back in every repeat" if math.isfinite(d.mismatch_p) else "are left, noise in it"
         return (
             f"{sized(d.repeatable_after, d.unit)} rms {still}. No further law of the catalogue "
             "predicts them on unseen readings, so no more is named; above, shares are of the whole mismatch."
@@ -212,7 +199,8 @@ def _open(d: Diagnosis) -> str:
         for s in ranked
         if s.kind == "data"
     ][:3]
-    out = f"{sized(d.repeatable, d.unit)} rms come back in every repeat and no law of the catalogue predicts them"
+    left = "come back in every repeat" if math.isfinite(d.mismatch_p) else "are left, noise in it,"
+    out = f"{sized(d.repeatable, d.unit)} rms {left} and no law of the catalogue predicts them"
     out += " on unseen readings, so none is named."
     if machine:
         out += f" In the machine a free deflection takes up most at {listed(machine, 'and')}."

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from machopt.report.diagnosis import DiagnosisPage
+from machopt.report.diagnosis_words import of_machine
 from machopt.report.display import FINE_LENGTH
 from machopt.report.scene import Needles, Postures, Vectors
 from machopt.report.scene_spec import Spec, posture_view
@@ -35,6 +36,7 @@ def residual_view(data: DiagnosisPage) -> Spec | None:
     if not poses:
         return None
     worst = np.array([rows[p][int(np.argmax(size[rows[p]]))] for p in poses])
+    both = of_machine(d)
     longest = float(max(size.max(), np.linalg.norm(after[seen], axis=1).max())) or 1.0
     of = np.concatenate([np.full(len(rows[p]), k) for k, p in enumerate(poses)])
     which = np.concatenate([rows[p] for p in poses])
@@ -48,20 +50,37 @@ def residual_view(data: DiagnosisPage) -> Spec | None:
         words=tuple(
             (
                 ("Readings", str(len(rows[p]))),
-                ("Residual before, rms", FINE_LENGTH.text(rms[k][0], unit=True)),
-                ("After, rms", FINE_LENGTH.text(rms[k][1], unit=True)),
-                ("Largest before", f"{FINE_LENGTH.text(float(size[worst[k]]), unit=True)}, row {data.row[worst[k]]}"),
-                ("The same after", FINE_LENGTH.text(float(np.linalg.norm(after[worst[k]])), unit=True)),
+                *_sizes(
+                    rms[k], float(size[worst[k]]), float(np.linalg.norm(after[worst[k]])), data.row[worst[k]], both
+                ),
             )
             for k, p in enumerate(poses)
         ),
         vectors=(
             Vectors("before, the largest of this pose", BEFORE, before[worst], longest),
             Vectors("the same reading after", AFTER, after[worst], longest),
+        )
+        if both
+        else (Vectors("the largest of this pose", BEFORE, before[worst], longest),),
+        needles=(
+            Needles(BEFORE, of, before[which], longest),
+            *([Needles(AFTER, of, after[which], longest)] if both else []),
         ),
-        needles=(Needles(BEFORE, of, before[which], longest), Needles(AFTER, of, after[which], longest)),
     )
     return posture_view("Residuals at the arm's poses", data.scene, postures)
+
+
+def _sizes(rms: list[float], worst: float, after: float, row: int, both: bool) -> list[tuple[str, str]]:
+    """What is said beside a pose; nothing of an after where the machine has no finding, as it would be the same."""
+    size = f"{FINE_LENGTH.text(worst, unit=True)}, row {row}"
+    if not both:
+        return [("Residual, rms", FINE_LENGTH.text(rms[0], unit=True)), ("Largest", size)]
+    return [
+        ("Residual before, rms", FINE_LENGTH.text(rms[0], unit=True)),
+        ("After, rms", FINE_LENGTH.text(rms[1], unit=True)),
+        ("Largest before", size),
+        ("The same after", FINE_LENGTH.text(after, unit=True)),
+    ]
 
 
 def space_html(view: Spec | None) -> Markup | str:
@@ -69,14 +88,16 @@ def space_html(view: Spec | None) -> Markup | str:
     if view is None:
         return ""
     longest = 1.0 / view["postures"]["vectors"][0]["length"]
+    both = len(view["postures"]["vectors"]) > 1
     lead = (
-        "What is measured less what is predicted, as lines from the tool of every pose: red before, green after, each "
-        f"reading predicted by fits that never saw it. All to one scale, the longest {1e3 * longest:.3f} mm. Lines of "
-        "one direction everywhere speak for the record or the base; lines that turn with an axis for that axis."
+        f"What is measured less what is predicted, as lines from the tool of every pose{_COLOURS if both else ''}; "
+        f"each reading predicted by fits that never saw it. All to one scale, the longest {1e3 * longest:.3f} mm. "
+        "Lines of one direction everywhere speak for the record or the base; those turning with an axis for that axis."
     )
     body = fragment("report.html", "view")
     body += part("note", _LOST) if len(view["postures"]["names"]) == _POSES else ""
     return section("space", "At the arm", lead, body)
 
 
+_COLOURS = ", red before and green after"
 _LOST = f"At most {_POSES} poses, those with the largest residuals; outliers are left out."

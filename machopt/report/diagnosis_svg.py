@@ -12,7 +12,7 @@ from machopt.domain.location import joint_at, link_at, located
 from machopt.effects.words import place
 from machopt.report.diagnosis_words import axis_note, axis_words, percent
 from machopt.report.svg import Shape, Style, drawn, shape
-from machopt.report.template import part
+from machopt.report.template import fragment
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -20,10 +20,11 @@ if TYPE_CHECKING:
 BLUE, FOUND, METAL, SOFT = "#1552b8", "#d9730d", "#5b6673", "#c3c9d1"
 LEAST = 0.005  # of the mismatch: smaller shares get no bar
 MOST_BARS = 14
-MOST_NOTE = 56  # characters beside a bar
 
-_WIDTH, _TOP, _HIGH, _ARM = 1140.0, 34.0, 130.0, 196.0  # bars hang between _TOP and _TOP + _HIGH; the arm at _ARM
+_WIDTH, _TOP, _HIGH, _ARM = 1090.0, 34.0, 130.0, 196.0  # bars hang between _TOP and _TOP + _HIGH; the arm at _ARM
 _MARGIN, _GAP, _WIDE = 34.0, 26.0, 1.5  # a slot beside the arm is so much wider: its label is a word
+_NARROW, _HEAD, _LINE, _APART = 372.0, 46.0, 20.0, 8.0  # of the picture for narrow pages: lines from _HEAD
+_SPINE, _ZERO, _BESIDE = 14.0, 150.0, 84.0  # the arm's column, where bars begin, room for numbers and marks
 
 
 @dataclass(frozen=True)
@@ -35,10 +36,7 @@ class _Slot:
 
 def machine_strip(d: Diagnosis) -> Markup:
     """Base to tool as a chain, what surrounds it beside; bars are shares, numbered marks are findings."""
-    shares: dict[str, float] = {}
-    for s in d.mismatch:
-        if s.kind == "machine":
-            shares[_slot_of(s.axis)] = max(shares.get(_slot_of(s.axis), 0.0), s.share)
+    shares = _shares(d)
     slots = _slots(d)
     wide = slots[1].x - slots[0].x
     floor = _TOP + _HIGH
@@ -47,14 +45,11 @@ def machine_strip(d: Diagnosis) -> Markup:
         y = floor - _HIGH * level
         out.append(shape("line", class_="grid", x1=_MARGIN, x2=_WIDTH, y1=y, y2=y))
         out.append(_text(_MARGIN - 6, y + 4, f"{100 * level:.0f}", "end", "tick"))
-    out.append(_text(0, _TOP - 18, "Share of the repeatable mismatch (%)", "start", "label"))
+    out.append(_text(0, _TOP - 18, "Share of the mismatch (%)", "start", "label"))
     out.extend(_arm([s for s in slots if s.location in _chain()]))
-    found = [(_slot_of(f.location), n) for n, f in enumerate(d.findings, 1)]
-    also = [(_slot_of(name[1]), n) for n, f in enumerate(d.findings, 1) for name in f.one_of]
-    also = [mark for mark in dict.fromkeys(also) if mark not in found]
     for slot in slots:
         share = shares.get(slot.location, math.nan)
-        mine = any(where == slot.location for where, _ in found)
+        mine = _found_at(d, slot.location)
         if math.isfinite(share) and share >= LEAST:
             high = _HIGH * min(share, 1.0)
             bar = min(30.0, 0.62 * wide)
@@ -86,47 +81,68 @@ def machine_strip(d: Diagnosis) -> Markup:
             )
         for n, line in enumerate(slot.label):
             out.append(_text(slot.x, _ARM + 28 + 13 * n, line, "middle", "tick"))
-        marks = [(n, True) for where, n in found if where == slot.location]
-        marks += [(n, False) for where, n in also if where == slot.location]
+        marks = _marks(d, slot.location)
         y = _ARM + 20 + 13 * len(slot.label) + 11
         for k, (n, full) in enumerate(marks):
             out.extend(_mark(slot.x + 20.0 * (k - (len(marks) - 1) / 2), y, n, full=full))
     words = "; ".join(f"{place(s.axis)} {percent(s.share)}" for s in d.mismatch if s.kind == "machine")
-    return _svg(_WIDTH + 4, 268, "Share of the mismatch by part of the machine: " + (words or "none"), out)
+    return _svg(_WIDTH + 4, 268, "Share of the mismatch by part of the machine: " + (words or "none"), out, "broad")
 
 
-def share_bars(shares: Sequence[Share], label: str) -> Markup | str:
+def machine_column(d: Diagnosis) -> Markup:
+    """The same for a page too narrow to read the strip: base above, tool below, then what surrounds it, a line each."""
+    shares, slots = _shares(d), _slots(d)
+    chain = [s for s in slots if s.location in _chain()]
+    y = {s.location: _HEAD + _LINE * n + (_APART if n >= len(chain) else 0.0) for n, s in enumerate(slots)}
+    high = max(y.values()) + 0.5 * _LINE
+    room = _NARROW - _ZERO - _BESIDE
+    out: list[Shape] = []
+    for level in (0.0, 0.5, 1.0):
+        x = _ZERO + room * level
+        out.append(shape("line", class_="grid", x1=x, x2=x, y1=_HEAD - 12, y2=high))
+        out.append(_text(x, _HEAD - 17, f"{100 * level:.0f}", "middle", "tick"))
+    out.append(_text(0, 12, "Share of the mismatch (%)", "start", "label"))
+    out.append(
+        shape("path", d=f"M{_SPINE:.1f} {y['base']:.1f}V{y['tool']:.1f}", stroke=METAL, stroke_width=6, fill="none")
+    )
+    for slot in slots:
+        at = y[slot.location]
+        words = (
+            place(slot.location) if located(slot.location).kind in ("joint", "link", "sensor") else " ".join(slot.label)
+        )
+        out.append(_text(_ZERO - 8, at + 4, words, "end", "label"))
+        out.extend(_upright(slot.location, at))
+        marks = _marks(d, slot.location)
+        share = shares.get(slot.location, math.nan)
+        end = _ZERO
+        if math.isfinite(share) and share >= LEAST:
+            wide = room * min(share, 1.0)
+            paint: Style = {"fill": FOUND, "fill_opacity": 0.95} if _found_at(d, slot.location) else {"fill": BLUE}
+            out.append(shape("rect", x=_ZERO, y=at - 6, width=wide, height=12, **{"fill_opacity": 0.75, **paint}))
+            out.append(_text(_ZERO + wide + 4, at + 4, f"{100 * share:.0f}", "start", "tick"))
+            end += wide + 24
+        for k, (n, full) in enumerate(marks):
+            out.extend(_mark(end + 12 + 20.0 * k, at, n, full=full))
+    words = "; ".join(f"{place(s.axis)} {percent(s.share)}" for s in d.mismatch if s.kind == "machine")
+    return _svg(_NARROW, high + 4, "Share of the mismatch by part of the machine: " + (words or "none"), out, "narrow")
+
+
+def share_bars(shares: Sequence[Share]) -> Markup | str:
     """One bar a share, widest first, its place and note in words; nothing without shares."""
     rows = sorted((s for s in shares if math.isfinite(s.share)), key=lambda s: -s.share)[:MOST_BARS]
     if not rows:
         return ""
-    line, left, right = 24.0, 190.0, 390.0
-    room = _WIDTH - left - right
-    out: list[Shape] = []
-    for n, s in enumerate(rows):
-        y = 6 + line * n
-        out.append(_text(left - 10, y + 15, axis_words(s.axis), "end", "label"))
-        out.append(shape("rect", x=left, y=y + 3, width=room, height=15, class_="trough"))
-        width = room * min(max(s.share, 0.0), 1.0)
-        out.append(shape("rect", x=left, y=y + 3, width=width, height=15, fill=BLUE, fill_opacity=0.8))
-        out.append(_text(left + room + 44, y + 15, percent(s.share), "end", "label"))
-        note = axis_note(s.axis, s.note)
-        note = note if len(note) <= MOST_NOTE else f"{note[: MOST_NOTE - 1]}…"
-        out.append(_text(left + room + 56, y + 15, note, "start", "tick"))
-    return _svg(_WIDTH, 10 + line * len(rows), label, out)
+    told = [
+        (axis_words(s.axis), f"{100 * min(max(s.share, 0.0), 1.0):.1f}", percent(s.share), axis_note(s.axis, s.note))
+        for s in rows
+    ]
+    return fragment("diagnosis.html", "bars", told)
 
 
-def _svg(width: float, height: float, label: str, parts: Sequence[Shape]) -> Markup:
-    """A picture that scrolls where the page is too narrow to read it."""
+def _svg(width: float, height: float, label: str, parts: Sequence[Shape], kind: str = "") -> Markup:
     box = f"-4 0 {width + 4:.0f} {height:.0f}"
-    return part(
-        "scrolled",
-        drawn(
-            shape(
-                "svg", class_="plot", style="min-width:700px", viewBox=box, role="img", aria_label=label, inside=parts
-            )
-        ),
-    )
+    words = f"plot {kind}".strip()
+    return drawn(shape("svg", class_=words, viewBox=box, role="img", aria_label=label, inside=parts))
 
 
 def _mark(x: float, y: float, number: int, *, full: bool) -> list[Shape]:
@@ -147,6 +163,39 @@ def _mark(x: float, y: float, number: int, *, full: bool) -> list[Shape]:
             fill="#fff" if full else "#333d49",
         ),
     ]
+
+
+def _shares(d: Diagnosis) -> dict[str, float]:
+    """The largest share at each place of the machine."""
+    shares: dict[str, float] = {}
+    for s in d.mismatch:
+        if s.kind == "machine":
+            shares[_slot_of(s.axis)] = max(shares.get(_slot_of(s.axis), 0.0), s.share)
+    return shares
+
+
+def _found_at(d: Diagnosis, location: str) -> bool:
+    return any(_slot_of(f.location) == location for f in d.findings)
+
+
+def _marks(d: Diagnosis, location: str) -> list[tuple[int, bool]]:
+    """Numbers of the findings that sit at a place (True), and of those that might as well (False)."""
+    found = [n for n, f in enumerate(d.findings, 1) if _slot_of(f.location) == location]
+    also = [n for n, f in enumerate(d.findings, 1) for name in f.one_of if _slot_of(name[1]) == location]
+    return [(n, True) for n in found] + [(n, False) for n in dict.fromkeys(also) if n not in found]
+
+
+def _upright(location: str, y: float) -> list[Shape]:
+    """What stands for a part on the narrow picture, in the column of the arm."""
+    x = _SPINE
+    if location == "base":
+        return [shape("path", d=f"M{x - 11:.1f} {y - 8:.1f}h22l-5 16h-12z", fill=METAL)]
+    if location == "tool":
+        return [shape("path", d=f"M{x - 8:.1f} {y - 8:.1f}h16v7l-8 10l-8 -10z", fill=METAL)]
+    ring: Style = {"fill": "#fff", "stroke": METAL}
+    if location not in _chain():
+        return [shape("rect", x=x - 6, y=y - 6, width=12, height=12, rx=3, stroke_width=1.6, **ring)]
+    return [shape("circle", cx=x, cy=y, r=6.5, stroke_width=3, **ring)] if located(location).of_joints else []
 
 
 def _chain() -> tuple[str, ...]:

@@ -6,7 +6,8 @@ import math
 import re
 from collections.abc import Sequence
 
-from machopt.diagnose.nouns.result import Estimate
+from machopt.diagnose.nouns.result import Diagnosis, Estimate
+from machopt.diagnose.verdict.words import closes, record_only
 from machopt.effects.words import listed, named
 
 HALF_MM = 0.5  # below it a length reads better in µm
@@ -34,6 +35,26 @@ VERDICTS = {  # badge, tone of the page
     "unexplained": ("NOT EXPLAINED", "bad"),
     "insufficient": ("NOT ENOUGH DATA", "warn"),
 }
+
+
+def standing(d: Diagnosis) -> tuple[str, str]:
+    """Badge and tone of the page."""
+    badge, tone = VERDICTS[d.verdict]
+    if d.verdict == "partly_explained" and record_only(d) and not closes(d):
+        return "RECORD PUT RIGHT, MISMATCH NOT EXPLAINED", "bad"
+    if tone == "good" and any(f.record for f in d.findings):
+        return f"{badge}: CHECK THE RECORD", "warn"
+    return badge, tone
+
+
+def of_machine(d: Diagnosis) -> bool:
+    """Whether something was found beside faults of the record, so that there is an after to be drawn."""
+    return any(not f.record for f in d.findings)
+
+
+def refitted(d: Diagnosis) -> str:
+    """What the errors before are errors of."""
+    return "record put right, model refitted" if record_only(d) else "model as it was, refitted"
 
 
 def alternatives(one_of: Sequence[tuple[str, str]]) -> str:

@@ -46,12 +46,19 @@ def figure_specs(data: ReportData) -> Spec:
     return out
 
 
+def _once(reason: str, shortfall: str) -> str:
+    """A reason with its distance: "38 mm out of reach at every rotation" says what is out of reach once."""
+    if not shortfall:
+        return reason
+    return reason.replace("out of reach", shortfall, 1) if "out of reach" in reason else f"{reason}, {shortfall}"
+
+
 def _reasons(data: ReportData) -> list[Spec]:
     """Why points have no answer, for the picture's words."""
     return [
         {
             "point": p.point,
-            "reason": ", ".join(filter(None, [p.reason or p.status, p.shortfall])),
+            "reason": _once(p.reason or p.status, p.shortfall),
             "help": p.help or "–",
             "at": numbers(p.position * LENGTH.factor),
         }

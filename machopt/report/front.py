@@ -13,7 +13,7 @@ from machopt.report.tables import Column, table
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-WIDTH, HEIGHT, EDGE = 640.0, 320.0, 74.0
+BROAD, NARROW, HEIGHT, EDGE = 640.0, 372.0, 320.0, 62.0  # px; the narrow one for pages that would shrink the broad
 LETTER, LINE = 6.5, 13.0  # px, of a tick's words: the most that a letter takes on average, and a line
 
 
@@ -50,18 +50,19 @@ def front_section(data: ReportData) -> Markup | str:
         "another is nowhere worse in mean, time, travel and clearance (hollow in the picture); 0.1 % of the mean, "
         "0.1 s, 1 deg and 0.01 mm are no difference. Names say what counted more, not what came of it."
     )
-    return section("front", "Trade-off front", lead, _picture(data, unit) + table(columns, rows))
+    pictures = _picture(data, unit, BROAD, "broad") + _picture(data, unit, NARROW, "narrow")
+    return section("front", "Trade-off front", lead, pictures + table(columns, rows))
 
 
-def _picture(data: ReportData, unit: str) -> Markup:
-    x0, y0, wide, high = (EDGE, 14.0, WIDTH - EDGE - 14.0, HEIGHT - 62.0)
+def _picture(data: ReportData, unit: str, width: float, kind: str) -> Markup:
+    x0, y0, wide, high = (EDGE, 14.0, width - EDGE - 14.0, HEIGHT - 62.0)
     (left, right), (least, most) = _span([p.cycle for p in data.front]), _span([p.mean for p in data.front])
     inside: list[Shape] = []
     for v in round_levels(least, most, 6).tolist():
         y = y0 + high * (most - v) / (most - least)
         inside.append(shape("path", class_="grid", d=f"M{x0:.1f} {y:.1f}h{wide:.1f}"))
         inside.append(shape("text", f"{v:.6g}", class_="tick", x=x0 - 7, y=y + 4, text_anchor="end"))
-    for v in round_levels(left, right, 8).tolist():
+    for v in round_levels(left, right, 8 if width == BROAD else 4).tolist():
         x = x0 + wide * (v - left) / (right - left)
         inside.append(shape("path", class_="grid", d=f"M{x:.1f} {y0:.1f}v{high:.1f}"))
         inside.append(shape("text", f"{v:.6g}", class_="tick", x=x, y=y0 + high + 16, text_anchor="middle"))
@@ -69,33 +70,41 @@ def _picture(data: ReportData, unit: str) -> Markup:
     inside.append(shape("text", "cycle time (s)", x=x0 + wide / 2, y=y0 + high + 36, **middle))
     turned = f"translate(14 {y0 + high / 2:.1f}) rotate(-90)"
     inside.append(shape("text", f"mean {unit}", transform=turned, **middle))
-    words: dict[tuple[int, int], tuple[float, float, str]] = {}
+    words: dict[tuple[int, int], tuple[float, float]] = {}
     named: dict[tuple[int, int], list[str]] = {}  # plans that are one dot have one line of names
     for p in data.front:
         x = x0 + wide * (p.cycle - left) / (right - left)
         y = y0 + high * (most - p.mean) / (most - least)
-        late = x > x0 + 0.75 * wide  # its words would leave the picture
         colour: Style = {"fill": "none" if p.dominated else "currentColor", "stroke": "currentColor"}
         inside.append(shape("circle", cx=x, cy=y, r=5, title=p.name, **colour))
         names = named.setdefault((round(x / 6), round(y / 6)), [])
         names.append(p.name)
         if len(names) > 1:
             continue
-        words[(round(x / 6), round(y / 6))] = (x - 8 if late else x + 8, y - 6, "end" if late else "")
-    lines = [(x, y, anchor, ", ".join(named[at])) for at, (x, y, anchor) in words.items()]
+        words[(round(x / 6), round(y / 6))] = (x, y - 6)
+    lines = [_beside(x, y, ", ".join(named[at]), width) for at, (x, y) in words.items()]
     for x, y, anchor, text in _apart(lines):
         inside.append(shape("text", text, class_="tick", x=x, y=y, text_anchor=anchor))
     return drawn(
         shape(
             "svg",
-            viewBox=f"0 0 {WIDTH} {HEIGHT}",
+            class_=f"{kind} front",
+            viewBox=f"0 0 {width:.0f} {HEIGHT:.0f}",
             width="100%",
-            style=f"max-width:{WIDTH}px",
+            style=f"max-width:{width:.0f}px",
             role="img",
             aria_label=f"mean {unit} over cycle time of each plan",
             inside=inside,
         )
     )
+
+
+def _beside(x: float, y: float, text: str, width: float) -> tuple[float, float, str, str]:
+    """A line of words (x, y, anchor, text) right of its dot, or left of it where it would leave the picture."""
+    long = LETTER * len(text)
+    if x + 8 + long <= width:
+        return x + 8, y, "", text
+    return (x - 8 if x - 8 - long >= 0 else width - 2), y, "end", text
 
 
 def _apart(lines: list[tuple[float, float, str, str]]) -> list[tuple[float, float, str, str]]:

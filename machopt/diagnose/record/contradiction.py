@@ -117,7 +117,7 @@ def _one_lever(recording: Recording, robot: Robot, T_flange_tcp: Array) -> tuple
     r = 1e3 * x[:3]
     size = float(np.linalg.norm(r))
     typical = 1e3 * float(np.mean(np.abs(tests.measured[:, :3])))
-    place = f"({r[0]:.0f}, {r[1]:.0f}, {r[2]:.0f} mm)"
+    place = f"({r[0]:.0f}, {r[1]:.0f}, {r[2]:.0f} mm)".replace("-", "−")
     words = (
         f"the moments are, to {100 * (1 - share):.1g} % in the middle, one lever of base_link axes {place} times the "
         f"force plus a constant, in postures that turn the tool by {np.degrees(spread):.0f}°: no load at the tool "

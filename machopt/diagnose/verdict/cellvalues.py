@@ -24,7 +24,12 @@ def far_off(d: Diagnosis, prior: Array | None) -> list[str]:
         if max(ratio, 1.0 / ratio) > calibrated.RECORD.far_spring:
             much = f"{max(ratio, 1.0 / ratio):.2g} times {'softer' if ratio > 1.0 else 'stiffer'}"
             out.append(
-                f"joint {joint} comes out {much} ({1.0 / c.value:.3g} N·m/rad) than the cell's stiffness says "
-                f"({prior[joint - 1]:.3g}): a slip in the cell, or a fault of this joint"
+                f"joint {joint} comes out {much} ({_whole(1.0 / c.value)} N·m/rad) than the cell's stiffness says "
+                f"({_whole(float(prior[joint - 1]))}): a slip in the cell, or a fault of this joint"
             )
     return out
+
+
+def _whole(value: float) -> str:
+    """Three digits, written out: 9120, 556000."""
+    return f"{float(f'{value:.3g}'):.10g}"

@@ -7,7 +7,10 @@ from collections.abc import Sequence
 
 from machopt.diagnose.evidence.noise import Noise
 from machopt.diagnose.nouns.result import Diagnosis, Finding
-from machopt.effects.words import spoken
+from machopt.effects.words import place, spoken
+
+MOST_PLACES = 5  # named in the sentence, the largest shares first
+LEAST_SHARE = 0.005  # of the mismatch: less is written as 0 %
 
 
 def sentence(d: Diagnosis) -> str:
@@ -24,7 +27,8 @@ def sentence(d: Diagnosis) -> str:
     twins = math.isfinite(d.mismatch_p)
     left = f"{size_of(d.repeatable, d.unit)} of it {'comes back in repeats' if twins else 'is more than the noise'}"
     if d.verdict == "unexplained":
-        where = ", ".join(s.axis for s in d.mismatch if s.kind == "machine")[:60]
+        places = list(dict.fromkeys(place(s.axis) for s in d.mismatch if s.kind == "machine"))
+        where = ", ".join(places[:MOST_PLACES]) + (" …" if len(places) > MOST_PLACES else "")
         # without the range that the note has: that is in SI, the page gives it in the units of the file
         told = (f"; in the data {100 * s.share:.0f} % gathers along {s.axis}" for s in d.mismatch if s.kind == "data")
         data = next(told, "")
@@ -33,6 +37,14 @@ def sentence(d: Diagnosis) -> str:
             f"places: {where or 'none'}{data}."
         )
     parts = [_found(f) for f in d.findings]
+    if (
+        d.verdict == "partly_explained" and record_only(d) and not closes(d)
+    ):  # what was put right is no part of the mismatch that is left
+        return (
+            f"Not explained, though the record is put right: {'; '.join(parts)}. The refitted model leaves "
+            f"{size_of(d.heldout_after, d.unit)} on {d.predicted or 'readings'} that no fit saw (noise "
+            f"{size_of(d.noise_floor, d.unit)}), and no law of the catalogue explains it."
+        )
     head = "Explained" if d.verdict == "explained" else "Partly explained"
     open_ = sorted({spoken(*n) for f in d.findings for n in f.one_of[1:]})
     return (
@@ -47,6 +59,16 @@ def sentence(d: Diagnosis) -> str:
     )
 
 
+def record_only(d: Diagnosis) -> bool:
+    """Whether all that was found is of the record, nothing of the machine."""
+    return bool(d.findings) and all(f.record for f in d.findings)
+
+
+def closes(d: Diagnosis) -> bool:
+    """Whether what was found closes as much of the mismatch as is written as 1 %."""
+    return d.explained >= LEAST_SHARE
+
+
 def next_experiment(d: Diagnosis) -> str:
     """The next measurement worth making, in words."""
     sets = [f for f in d.findings if len(f.one_of) > 1]
@@ -58,8 +80,8 @@ def next_experiment(d: Diagnosis) -> str:
             "poses and loads at which their predictions differ most."
         )
     if d.verdict == "unexplained":
-        place = next((s.axis for s in d.mismatch if s.kind == "machine"), "the arm")
-        return f"Repeat the readings that are worst with a second target behind {place}: what moves between the two?"
+        behind = next((place(s.axis) for s in d.mismatch if s.kind == "machine"), "the arm")
+        return f"Repeat the readings that are worst with a second target behind {behind}: what moves between the two?"
     if d.findings:
         f = d.findings[0]
         return f"Confirm {spoken(f.effect, f.location)} on another day at poses not measured yet."

@@ -110,7 +110,8 @@ function fieldMap(host, spec, onPlace) {
 
   // A level's number stands where no other is near, nor the border.
   function label(ctx, b, near, levels, words) {
-    const placed = [];
+    const [u, v] = uv(), at = where(current()), ring = [(at[u] - b.u[0]) / (b.u[1] - b.u[0]) * b.w, (b.v[1] - at[v]) / (b.v[1] - b.v[0]) * b.h];
+    const placed = [ring]; // no number where the robot stands: its ring is drawn over it
     for (const [n, at] of Object.entries(near)) {
       let best = null, most = 26;
       for (let i = 0; i < at.length; i += Math.max(1, Math.floor(at.length / 150))) {
@@ -120,9 +121,12 @@ function fieldMap(host, spec, onPlace) {
       }
       if (!best) continue;
       placed.push(best);
-      ctx.lineWidth = 3; ctx.strokeStyle = "#fff"; ctx.font = `10.5px ${FONT}`; ctx.textAlign = "center"; ctx.lineJoin = "round";
+      ctx.save();
+      ctx.textBaseline = "alphabetic"; ctx.lineWidth = 3; ctx.strokeStyle = "#fff"; ctx.font = `11px ${FONT}`; ctx.textAlign = "center"; ctx.lineJoin = "round";
       ctx.strokeText(words[n], b.x + best[0], b.y + best[1] + 4);
-      write(ctx, words[n], b.x + best[0], b.y + best[1] + 4, "#111", "center", 10.5);
+      ctx.fillStyle = "#111";
+      ctx.fillText(words[n], b.x + best[0], b.y + best[1] + 4);
+      ctx.restore();
     }
   }
 
@@ -146,7 +150,7 @@ function fieldMap(host, spec, onPlace) {
     });
     const scaleBar = p => paint(p, (ctx, b) => {
       const x = b.x + b.w + bar0, n = 60;
-      label(ctx, b, frameNow.near, levels, words);
+      label(ctx, { ...b, u: [u0, u1], v: [v0, v1] }, frameNow.near, levels, words);
       for (let i = 0; i < n; i++) {
         const t = (i + 0.5) / n;
         ctx.fillStyle = `rgb(${ramp(S.f.better === "less" ? 1 - t : t).map(Math.round).join(",")})`;
@@ -165,7 +169,7 @@ function fieldMap(host, spec, onPlace) {
       width: Math.round(left + w + right), height: Math.round(top + h + bottom), padding: [top, 0, 0, 0], legend: { show: false },
       cursor: { drag: { x: false, y: false }, points: { show: false } },
       scales: { x: fixed(u0, u1), y: fixed(v0, v1), value: fixed(S.from, S.to, { distr: S.log ? 3 : 1 }) },
-      axes: [axis(2, `${U.label} (${U.unit})`, { grid: false }), axis(3, `${V.label} (${V.unit})`, { grid: false }), { ...scale, scale: "value" }],
+      axes: [axis(2, `${U.label} (${U.unit})`, { grid: false, space: 54 }), axis(3, `${V.label} (${V.unit})`, { grid: false }), { ...scale, scale: "value" }],
       series: [{}, { paths: () => null, points: { show: false } }, { scale: "value", paths: () => null, points: { show: false } }],
       hooks: { drawClear: [colours], draw: [edge, scaleBar, () => point()] },
     }, [[u0, u1], [null, null], [null, null]]);
