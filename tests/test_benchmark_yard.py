@@ -75,6 +75,7 @@ def test_every_group_draws_cases_that_differ_by_seed(yard: dict[str, ModuleType]
         assert all(bool(c.truths) == (group != "null") for c in one)
 
 
+@pytest.mark.slow
 def test_a_case_is_made_diagnosed_and_judged(yard: dict[str, ModuleType], tmp_path: Path) -> None:
     """Through the command line: two zero offsets of the first draw."""
     draws, run = yard["draws"], yard["run"]

@@ -222,3 +222,30 @@ def test_a_frame_whose_own_direction_shows_stays_a_frame() -> None:
     base, laws = offsets_in_frames(8, (3,), (5,))
     found = fewest.shortest(base, select(base, laws, 6, np.random.default_rng(0)), laws, 6)
     assert {c.tried.hypothesis.name for c in found} == {("geometry", "joint:3"), ("joint_zero_offset", "joint:5")}
+
+
+def test_what_was_found_is_the_first_groups_a_wave_and_its_double_too() -> None:
+    """A sum of waves has the same name: left out for it, the numbers of all groups behind it were another law's."""
+    base, laws = offsets_in_frames(7, (), (2, 3, 4, 5))
+    q, lever = np.random.default_rng(9).uniform(-2.5, 2.5, (2, POSES, 1))
+
+    def waves(*orders: float) -> Array:
+        return again(np.stack([f(n * q) * lever * np.arange(1.0, 4.0) for n in orders for f in (np.cos, np.sin)], 2))
+
+    name = ("transmission_error", "joint:1")
+    double = made(*name, lambda s: waves(s[0], 2.0 * s[0]), ORDERS, "kinematic")
+    summed = replace(made(*name, lambda s: waves(*s), ORDERS, "kinematic"), summed="waves")
+    offered = [double, summed, *(t.hypothesis for t in laws)]
+    at_two = tried(base, [double])[0].at(1)
+    base = grams_model(base.w, base.X, base.y + at_two @ np.full(4, 6.0), base.fold, base.prior, base.rows)
+    laws = tried(base, offered)
+    frames = [t for t in laws if t.hypothesis.effect == "geometry"]
+    greedy = select(base, [laws[0], *frames], 6, np.random.default_rng(0))
+    assert greedy[0].tried.hypothesis.name == name  # so that all others stand behind it
+    own = [fewest._one_shape(c.tried, c.scored.shape) for c in greedy]
+    groups = sums.summed(base, laws, own).groups
+    assert all(g.law is one for g, one in zip(groups, own, strict=False))
+    found = fewest.shortest(base, greedy, laws, 6)
+    offsets = {("joint_zero_offset", f"joint:{j}") for j in (2, 3, 4, 5)}
+    assert {c.tried.hypothesis.name for c in found} == {name, *offsets}
+    assert next(c for c in found if c.tried.hypothesis.name == name).tried is laws[0]

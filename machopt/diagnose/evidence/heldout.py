@@ -20,6 +20,24 @@ Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
+class OwnError:
+    """What noise alone makes predictions of unseen readings err by, A √S x with white x, SI.
+
+    A are the readings' columns, S the covariance of the coefficients that the other folds give. Readings of one group
+    are predicted by the same coefficients: their held-out residuals share tr(A_i S Aᵀ_j), which is no mismatch.
+    """
+
+    columns: Array  # (N, D, P) SI
+    root: Array  # (F, P, P) √S without each fold, SI
+    fold: NDArray[np.int64]  # (N,)
+
+    def of_mean(self, rows: NDArray[np.int64], coordinates: Sequence[int]) -> Array:
+        """(d P,) of some coordinates' mean over readings of one group; the product of two such is what they share."""
+        mean = self.columns[rows][:, list(coordinates)].mean(axis=0)
+        return np.asarray((mean @ self.root[self.fold[rows[0]]]).reshape(-1))
+
+
+@dataclass(frozen=True)
 class Fitted:
     """A model with its columns in SI."""
 
@@ -50,6 +68,18 @@ class Fitted:
             rows = rows[np.flatnonzero(np.diff(rows, prepend=-1))]
             out[rows] = self.y[rows] - self.columns[rows] @ x[f]
         return np.asarray(out)
+
+    def own_error(self) -> OwnError | None:
+        """How held-out predictions err; None where there is only one group, and nothing is held out."""
+        m = self.model
+        if m.folds < 2:
+            return None
+        value, V = np.linalg.eigh(ridged_inverse(m.normal - m.XX))
+        root = self.unit[:, None] * V * np.sqrt(np.maximum(value, 0.0))[:, None, :]
+        fold = np.zeros(len(self.y), np.int64)
+        for f, of in enumerate(m.rows):
+            fold[m.w.reading[of]] = f
+        return OwnError(self.columns, root, fold)
 
 
 def rmse(problem: Problem, residual: Array, used: Flags) -> float:

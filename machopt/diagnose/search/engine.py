@@ -175,8 +175,8 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
     known = geometric_finding(state)
     if known is not None:  # K_C was counted from the start: without it the mismatch would have been larger
         before = known.residual_without
-    there = mismatch.repeatable(problem, before, used, floor_noise, rng)
-    rest = mismatch.repeatable(problem, after, used, floor_noise, rng)
+    there = mismatch.repeatable(problem, before, used, floor_noise, rng, plain.own_error())
+    rest = mismatch.repeatable(problem, after, used, floor_noise, rng, final.own_error())
     unit_noise = floor_noise.together(0)
     power = max(there.power, 0.0)
     explained = float(np.clip(1.0 - max(rest.power, 0.0) / power, 0.0, 1.0)) if power > 0 else 0.0
@@ -202,7 +202,7 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
         verdict = "explained" if _nothing_left(state, rest, after) else "partly_explained"
     else:
         verdict = "unexplained" if real or withdrawn else "consistent"
-    if mismatch.comes_back_beside(problem, after, used, floor_noise, rng):
+    if mismatch.comes_back_beside(problem, after, used, floor_noise, rng, final.own_error()):
         verdict = instruments.less(verdict)
     few = len(np.unique(problem.group)) < calibrated.PROOF.fewest_groups  # predicting one from the rest goes too far
     left = instruments.beyond(problem, final.residual if few else after, floor_noise, used)

@@ -2,6 +2,9 @@
 
 Repeatable power S = mean of r⁽¹⁾·r⁽²⁾ over pairs of readings of the same thing on two visits: independent noise
 cancels, what the model misses stays. Its chance is judged by flipping the signs of whole visits.
+
+Both visits of a pose are held out together, and predicted by the same coefficients: the prediction's own error comes
+back in both. Of few poses and many unknowns it is as large as noise, so what is expected of it is taken off.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ from scipy.sparse import coo_array
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
+from machopt.diagnose.evidence.heldout import OwnError
 from machopt.diagnose.evidence.noise import Noise
 from machopt.diagnose.nouns.problem import Problem
 from machopt.diagnose.nouns.result import Share
@@ -35,15 +39,29 @@ class Repeatable:
     lasting: bool = False  # what comes back does so over time, not over poses
 
 
-def repeatable(problem: Problem, residual: Array, used: Flags, noise: Noise, rng: np.random.Generator) -> Repeatable:
+def repeatable(
+    problem: Problem,
+    residual: Array,
+    used: Flags,
+    noise: Noise,
+    rng: np.random.Generator,
+    own: OwnError | None = None,
+) -> Repeatable:
     """Measure it.
 
     Where time matters, what visits share with the next one (of another pose) comes back, too: heat, a tracker that
     moved. Where nothing was measured twice, power is what exceeds the noise, and chance is not judged (NaN).
+
+    Args:
+        problem: what was measured twice, and when.
+        residual: (N, D) SI.
+        used: (N,) readings that took part.
+        noise: as found.
+        rng: draws signs.
+        own: of held-out residuals, what noise alone makes their predictions err by.
     """
-    columns = list(problem.families[0].columns)
-    e = residual[:, columns]
-    again = _twins(problem, e, used, noise, rng)
+    e = residual[:, list(problem.families[0].columns)]
+    again = _twins(problem, residual, used, noise, rng, own)
     if problem.time is None:
         return again
     lasting = _lasting(problem, e, used, problem.time, rng)
@@ -78,21 +96,33 @@ def _lasting(problem: Problem, e: Array, used: Flags, time: Array, rng: np.rando
     return Repeatable(power, float((1 + np.sum(drawn >= power)) / (FLIPS + 1)), True)
 
 
-def _twins(problem: Problem, e: Array, used: Flags, noise: Noise, rng: np.random.Generator) -> Repeatable:
-    """What twins on different visits share."""
-    sums, weight = _products(problem, e, used)
+def _twins(
+    problem: Problem, residual: Array, used: Flags, noise: Noise, rng: np.random.Generator, own: OwnError | None
+) -> Repeatable:
+    """What twins on different visits share in the first family."""
+    columns = problem.families[0].columns
+    sums, weight = _products(problem, residual, columns, used, own)
     if weight <= 0:
-        return Repeatable(float(np.mean(e[used] ** 2)) - _allowed(problem, used, noise), float("nan"))
+        return Repeatable(
+            float(np.mean(residual[used][:, list(columns)] ** 2)) - _allowed(problem, used, noise), float("nan")
+        )
     return _chance(*sums, weight, rng)
 
 
-def comes_back_beside(problem: Problem, residual: Array, used: Flags, noise: Noise, rng: np.random.Generator) -> bool:
-    """Whether an instrument of its own shows something that comes back, beyond its noise."""
+def comes_back_beside(
+    problem: Problem,
+    residual: Array,
+    used: Flags,
+    noise: Noise,
+    rng: np.random.Generator,
+    own: OwnError | None,
+) -> bool:
+    """Whether an instrument of its own shows something that comes back, beyond its noise; as in :func:`repeatable`."""
     for n, family in enumerate(problem.families):
         if not family.beside:
             continue
         rows = used & problem.measured(family)
-        sums, weight = _products(problem, residual[:, list(family.columns)], rows)
+        sums, weight = _products(problem, residual, family.columns, rows, own)
         if weight <= 0:
             continue
         found = _chance(*sums, weight, rng)
@@ -129,8 +159,19 @@ def _allowed(problem: Problem, used: Flags, noise: Noise) -> float:
     return float(calibrated.PROOF.unsure * (noise.together(0) ** 2 + gain) * (groups / free) ** 2)
 
 
-def _products(problem: Problem, e: Array, used: Flags) -> tuple[tuple[Array, Array], float]:
-    """Sums of products by pair of visits ((2, K), (K,)), and the number of coordinates behind them."""
+def _products(
+    problem: Problem, residual: Array, columns: Sequence[int], used: Flags, own: OwnError | None
+) -> tuple[tuple[Array, Array], float]:
+    """Sums of products by pair of visits ((2, K), (K,)), and the number of coordinates behind them.
+
+    Args:
+        problem: which readings repeat each other.
+        residual: (N, D) SI.
+        columns: coordinates that count.
+        used: (N,) readings that took part.
+        own: what twins of one group share by it is taken off.
+    """
+    e = residual[:, list(columns)]
     rows = np.flatnonzero(used & (problem.replicate >= 0))
     order = rows[np.argsort(problem.replicate[rows], kind="stable")]
     found: dict[tuple[int, int], float] = {}
@@ -138,14 +179,20 @@ def _products(problem: Problem, e: Array, used: Flags) -> tuple[tuple[Array, Arr
     starts = np.flatnonzero(np.diff(problem.replicate[order], prepend=-2)) if len(order) else np.zeros(0, int)
     for block in np.split(order, starts[1:]) if len(order) else []:
         visits = problem.visit[block]
-        if len(np.unique(visits)) < 2:
+        names = np.unique(visits).tolist()
+        if len(names) < 2:
             continue
-        means = {int(v): e[block[visits == v]].mean(axis=0) for v in np.unique(visits)}
-        names = sorted(means)
+        among = [block[visits == v] for v in names]
+        means = np.stack([e[k].mean(axis=0) for k in among])
+        product = means @ means.T
+        if own is not None:
+            group = problem.group[[k[0] for k in among]]
+            shared = np.stack([own.of_mean(k, columns) for k in among])
+            product = product - np.where(group[:, None] == group, shared @ shared.T, 0.0)
         share = 1.0 / (len(names) - 1)  # each kind counts with its number of visits
         for a, one in enumerate(names):
-            for two in names[a + 1 :]:
-                found[one, two] = found.get((one, two), 0.0) + share * float(means[one] @ means[two])
+            for b, two in enumerate(names[a + 1 :], a + 1):
+                found[one, two] = found.get((one, two), 0.0) + share * float(product[a, b])
                 weight += share * e.shape[1]
     pairs = np.array(list(found), dtype=float).reshape(-1, 2).T
     return (pairs, np.array(list(found.values()))), weight
