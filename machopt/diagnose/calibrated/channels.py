@@ -162,7 +162,7 @@ class Motion:
         JUDGED,
     )
     links_chance: float = _set(
-        1e-4, "of masses so far off: below it a payload that predicts as well is the better reason", STATISTICS
+        1e-2, "of masses so far off: below it a payload that predicts no worse is the better reason", STATISTICS
     )
     link_off: float = _set(0.15, "the same where the data say plainly that links are off", JUDGED)
     links_gain: float = _set(

@@ -123,9 +123,9 @@ def _links(y: Array, base: Array, load: Array, rivals: Array, links: Array, grou
     """1 sigma of each link's mass beside the URDF's, by what predicts unseen stretches; and what is said of it.
 
     Masses that are off and a payload look much alike. Where a payload alone predicts clearly better than any masses of
-    the links, or as well and these would have to be off by more than makers are (``links_chance`` of their χ²), they
-    are taken as stated; where masses predict clearly better than payload and compensator
-    together, they are off; else they may be off by as much as a payload that is named has to show beside.
+    the links, or as well and these would have to be off by more than makers are (:func:`_implausible`), they are taken
+    as stated; where masses predict clearly better than payload and compensator together, they are off; else they may
+    be off by as much as a payload that is named has to show beside.
     """
     weight = 1.0 / np.maximum(_spread(y, base), 1e-12)
 
@@ -148,17 +148,26 @@ def _links(y: Array, base: Array, load: Array, rivals: Array, links: Array, grou
     worse = linked.sum() / loaded.sum() - 1.0
     if worse > calibrated.MOTION.links_gain or (
         worse > -calibrated.MOTION.links_gain
-        and _implausible(y * weight, base * weight[:, None], links * weight[:, None])
+        and _implausible(y * weight, base * weight[:, None], links * weight[:, None], _better(loaded - linked))
     ):
         return 0.0, []  # any doubt is outweighed by readings enough, and takes the payload up
     return calibrated.MOTION.link_scale, []
 
 
-def _implausible(y: Array, base: Array, links: Array) -> bool:
+def _better(gain: Array) -> bool:
+    """Whether a gain (G,) on unseen stretches exceeds its own standard error."""
+    return bool(gain.mean() > np.std(gain, ddof=1) / np.sqrt(len(gain))) if len(gain) > 1 else False
+
+
+def _implausible(y: Array, base: Array, links: Array, better: bool) -> bool:
     """Whether masses of links that explain a record would be off by more than makers are: χ² of what they need.
+
+    A small payload asks a light last link for three sigma alone, which is no rarity; so the chance asked for
+    (``links_chance``) is squared where these masses predict a little better than the payload does.
 
     Args:
         y: (N, D) weighted; base: (N, D, P); links: (N, D, L) alike.
+        better: whether masses predict unseen stretches better than a payload, if hardly.
     """
     A = np.concatenate([base, links], axis=2).reshape(-1, base.shape[2] + links.shape[2])
     b = y.reshape(-1)
@@ -167,7 +176,8 @@ def _implausible(y: Array, base: Array, links: Array) -> bool:
     held[base.shape[2] :] = np.std(left) / calibrated.MOTION.link_scale
     _, x = rest_of(np.concatenate([b, np.zeros(len(held))]), np.concatenate([A, np.diag(held)]))
     needed = x[base.shape[2] :] / calibrated.MOTION.link_scale
-    return bool(chdtrc(len(needed), float(needed @ needed)) < calibrated.MOTION.links_chance)
+    chance = calibrated.MOTION.links_chance ** (2 if better else 1)
+    return bool(chdtrc(len(needed), float(needed @ needed)) < chance)
 
 
 def _spread(y: Array, base: Array) -> Array:
