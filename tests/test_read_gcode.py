@@ -329,3 +329,30 @@ def test_a_speed_on_a_line_of_its_own_starts_the_spindle_once(tmp_path: Path, be
     found = read(tmp_path, f"G21 G90 G17\nS6000\n{between}M3\nG0 X0 Y0 Z5\nG1 Z-1 F300\nS8000\nG1 X20\nM5\nM30\n")
     spindle = [(e.text, e.value) for e in found.events if e.kind == "spindle"]
     assert spindle == [("M3", 6000.0), ("S8000", 8000.0), ("M5", 0.0)]
+
+
+@pytest.mark.parametrize(
+    ("tail", "depths", "feed", "dwell"),
+    [
+        ("-8,,3,0.5,0,1,0", [-8, -13, -16, -18, -20], 100.0, 0.5),  # 3 mm less each, never below 3; the last two alike
+        ("-8,,,,,0.5,1", [-8, -16, -20], 50.0, 0.0),  # no degression; the first stroke at half the feed
+        (",6,-0.5,,,50,0,,2", [-6, -9, -11, -13, -15, -17, -19, -20], 50.0, 0.0),  # half of the one before, least 2 mm
+    ],
+)
+def test_siemens_deep_holes_are_drilled_in_shorter_and_shorter_pecks(
+    tmp_path: Path, tail: str, depths: list[float], feed: float, dwell: float
+) -> None:
+    """CYCLE83(RTP, RFP, SDIS, DP, DPR, FDEP, FDPR, DAM, DTB, DTS, FRF, VARI, axis, MDEP): DAM was read as the dwell."""
+    text = f"G71 G90 G17\nG0 X0 Y0 Z50\nF100\nCYCLE83(10,0,2,-20,,{tail})\nM30\n"
+    t = read(tmp_path, text)
+    cut = t.move == Move.CUT
+    np.testing.assert_allclose(1e3 * t.position[cut, 2], depths, atol=1e-9)
+    np.testing.assert_allclose(60e3 * t.feed[cut], [feed] + [100.0] * (len(depths) - 1))
+    assert float(t.dwells.sum()) == pytest.approx(dwell)
+
+
+@pytest.mark.parametrize("tail", ["-8,,-3", "-8,,,,,-1", "-8,,inf", "-8,,-0.001,,,,,,0"])
+def test_siemens_deep_holes_of_no_sense_are_refused(tmp_path: Path, tail: str) -> None:
+    text = f"G71 G90 G17\nG0 X0 Y0 Z50\nF100\nCYCLE83(10,0,2,-200,,{tail})\nM30\n"
+    with pytest.raises(InputError, match=r"line 4: .*(CYCLE83: |pecks)"):
+        read(tmp_path, text)

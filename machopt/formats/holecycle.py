@@ -34,6 +34,10 @@ class HoleCycle:
     feed_out: bool = False  # bore, ream, tap: out at the feed
     dwell: float = 0.0  # s at the bottom
     peck_from: float = 0.0  # height the first peck is measured from
+    less: float = 0.0  # mm by which each peck is shorter than the one before (degression); down to this length itself
+    share: float = 1.0  # of the peck before, which each one is, down to ``least_peck``
+    least_peck: float = 0.0  # mm
+    first_feed: float = 1.0  # share of the feed in the first stroke
 
     def strokes(self) -> Iterator[tuple[float, Move]]:
         """Heights to go to, one after the other, beginning above the clearance height.
@@ -46,22 +50,42 @@ class HoleCycle:
                 f"bottom at {self.bottom:g} mm is not below the clearance height {self.clear:g} mm: the cycle would "
                 "drill upwards; post it again with its depth below its clearance (R, clearance plane)"
             )
-        step = self.next_peck or self.first_peck
-        if self.first_peck > 0.0 and (self.peck_from - self.bottom) / min(step, self.first_peck) > MAX_PECKS:
-            raise CycleError(f"more than {MAX_PECKS} pecks of {step:g} mm")
-        depth = self.peck_from - self.first_peck if self.first_peck > 0.0 else self.bottom
-        while depth > self.bottom + 1e-6:
+        for depth in self._pecks():
             yield depth, Move.CUT
             if self.chip_break:
                 yield min(depth + self.gap, self.clear), Move.RETRACT
             else:
                 yield self.clear, Move.RETRACT
                 yield min(depth + self.gap, self.clear), Move.APPROACH
-            depth -= step
         yield self.bottom, Move.CUT
         yield max(self.retract, self.clear) if not self.feed_out else self.clear, Move.RETRACT
         if self.feed_out and self.retract > self.clear:
             yield self.retract, Move.RAPID
+
+    def _pecks(self) -> Iterator[float]:
+        """Heights above the bottom down to which a peck goes.
+
+        With ``less`` the last two are alike, once no more than twice that is left (Siemens, Measuring and technology
+        cycles: CYCLE83, DAM).
+
+        Raises:
+            CycleError: more than MAX_PECKS.
+        """
+        if not self.first_peck > 0.0:
+            return
+        step, depth = self.first_peck, self.peck_from - self.first_peck
+        for _ in range(MAX_PECKS):
+            if depth <= self.bottom + 1e-6:
+                return
+            yield depth
+            left = depth - self.bottom
+            if self.less > 0.0:
+                step = max(step - self.less, self.less)
+                step = left / 2.0 if step == self.less and step < left <= 2.0 * step else step
+            else:
+                step = max((self.next_peck or step) * self.share, self.least_peck)
+            depth -= step
+        raise CycleError(f"more than {MAX_PECKS} pecks, the last of {step:g} mm")
 
 
 def drill(
@@ -91,11 +115,13 @@ def drill(
         if height > cycle.clear + 1e-9 and not np.allclose(at(height), before, atol=1e-6):
             builder.add(at(height), axis, Move.RAPID, nan, line)
     builder.add(at(cycle.clear), axis, Move.RAPID, nan, line)
-    last = cycle.clear
+    last, begun = cycle.clear, False
     for height, move in cycle.strokes():
         if move == Move.RETRACT and cycle.dwell > 0.0 and abs(last - cycle.bottom) < 1e-9:
             builder.event("dwell", cycle.name, cycle.dwell)
         feed = cycle.feed if move == Move.CUT or (cycle.feed_out and move == Move.RETRACT) else nan
+        feed *= 1.0 if begun else cycle.first_feed
+        begun = begun or move == Move.CUT
         builder.add(at(height), axis, move, feed, line, cycle=True)
         last = height
     return last

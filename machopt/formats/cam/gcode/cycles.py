@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 
@@ -76,17 +77,27 @@ def siemens_cycle(name: str, text: str, scale: float, feed: float) -> HoleCycle:
     for part in map(str.strip, text.split(",")):
         try:
             values.append(float(part) if part else None)
+            if not math.isfinite(values[-1] or 0.0):
+                raise ValueError
         except ValueError:
             raise CycleError(f"{name}: argument {part!r} is not a number") from None
-    values += [None] * (12 - len(values))
+    values += [None] * (15 - len(values))
     rtp, rfp, sdis, dp, dpr = values[:5]
     if rtp is None or rfp is None or (dp is None and dpr is None):
         raise CycleError(f"{name}: expected retract plane, reference plane, safety distance and depth")
     bottom = dp if dp is not None else rfp - abs(dpr or 0.0)
+    deep = name == "CYCLE83"  # … FDEP, FDPR, DAM, DTB, DTS, FRF, VARI, axis, least peck, way back
     peck = 0.0
-    if name == "CYCLE83":
+    if deep:
         peck = rfp - values[5] if values[5] is not None else abs(values[6] or 0.0)
-    dwell = (values[7] if name == "CYCLE83" else values[5]) or 0.0
+    dwell = (values[8] if deep else values[5]) or 0.0
+    degression, slower = (values[7] or 0.0, values[10] or 1.0) if deep else (0.0, 1.0)
+    if not (degression >= -1.0 and 0.0 < slower <= 100.0):
+        raise CycleError(
+            f"{name}: DAM {degression:g}, FRF {slower:g}; expected a length by which pecks get shorter, or their share "
+            "as -0.001 to -1, and a share of the feed, 0.001 to 1 or in percent"
+        )
+    chip_break = deep and values[11] in (0.0, None)
     return HoleCycle(
         name=name,
         bottom=bottom * scale,
@@ -94,7 +105,12 @@ def siemens_cycle(name: str, text: str, scale: float, feed: float) -> HoleCycle:
         retract=max(rtp, rfp + abs(sdis or 0.0)) * scale,
         feed=feed,
         first_peck=max(peck, 0.0) * scale,
-        chip_break=name == "CYCLE83" and values[11] in (0.0, None),
+        chip_break=chip_break,
+        gap=abs(values[14] or 0.0) * scale if chip_break and values[14] else 1.0,
+        less=max(degression, 0.0) * scale,
+        share=-degression if degression < 0.0 else 1.0,
+        least_peck=max(values[13] or 0.0, 0.0) * scale if deep else 0.0,
+        first_feed=slower if slower <= 1.0 else slower / 100.0,
         feed_out=name in ("CYCLE84", "CYCLE840", "CYCLE85", "CYCLE89"),
         dwell=dwell if name in ("CYCLE82", "CYCLE83", "CYCLE86", "CYCLE88", "CYCLE89") else 0.0,
         peck_from=rfp * scale,
