@@ -72,6 +72,24 @@ def test_imports_go_round_in_no_circle() -> None:
     list(TopologicalSorter(arrows).static_order())  # CycleError names the modules of a circle
 
 
+def test_a_walk_from_the_command_to_a_law_and_back_crosses_eight_files() -> None:
+    """The walk as it is written down: each file is imported by one before it, the law by the registry."""
+    grimp = pytest.importorskip("grimp")
+    graph = grimp.build_graph("machopt", exclude_type_checking_imports=True, cache_dir=None)
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    told = re.search(r"^From the command to a law: (.*?): eight\s", text, re.DOTALL | re.MULTILINE)
+    assert told is not None
+    files = re.findall(r"`([\w/]+\.py)`", told[1])
+    assert len(files) == 8
+    walk = ["machopt." + name.removesuffix(".py").replace("/", ".") for name in files]
+    law = next(m for m in walk if m.startswith("machopt.effects."))
+    for n, module in enumerate(walk[1:], start=1):
+        doors = ("machopt.effects.registry",) if module == law else walk[:n]
+        assert any(graph.direct_import_exists(importer=door, imported=module) for door in doors), module
+    rooms = [m for m in walk[: walk.index(law)] if "." in m]
+    assert any(graph.direct_import_exists(importer=m, imported="machopt.effects.registry") for m in rooms)
+
+
 def test_services_hold_no_science() -> None:
     """They load, call and write: what is longer does more than that."""
     lines = {p.name: len(p.read_text().splitlines()) for p in (PACKAGE / "services").glob("*.py")}
