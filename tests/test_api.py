@@ -58,6 +58,11 @@ def test_the_names_that_stay_are_there_and_say_what_they_are() -> None:
         (lambda: machopt.map("cells/kr240_drilling", slice=3), "slice"),
         (lambda: machopt.place("cells/kr240_drilling", 3), "toolpaths"),  # type: ignore[arg-type]
         (lambda: machopt.plan_poses("cells/kr240_drilling", poses="x"), "poses"),
+        (lambda: machopt.batch(3, "out"), "jobs"),  # type: ignore[arg-type]
+        (lambda: machopt.batch("jobs.yaml", 3), "out"),  # type: ignore[arg-type]
+        (lambda: machopt.batch("jobs.yaml", "out", cell=3), "cell"),  # type: ignore[arg-type]
+        (lambda: machopt.batch("jobs.yaml", "out", effects=[3]), "effects"),  # type: ignore[list-item]
+        (lambda: machopt.batch("jobs.yaml", "out", workers="two"), "workers"),
     ],
 )
 def test_a_value_of_another_type_is_refused_by_its_name(call: Callable[[], object], where: str) -> None:
@@ -185,6 +190,11 @@ def test_what_is_saved_is_what_the_command_writes(
     capsys.readouterr()
     cell = machopt.Cell.load(str(KR500))
     plan = machopt.optimize(cell, toolpath, posts=["krl"], rotation_step_deg=10, tables="parquet")
+    shown = plan._repr_html_()  # what a notebook has of it
+    assert "<th>cycle time</th>" in shown
+    assert f"<td>{plan.cycle_time_s:.1f} s</td>" in shown
+    assert f"<td>{np.nanmax(plan.deflection):.3f} mm</td>" in shown
+    assert f": {plan.verdict}" in shown
     assert plan.feasible
     assert plan.points.rows == len(plan.toolpath) == len(plan.joints) == len(plan.deflection)
     assert plan.trajectory is not None
