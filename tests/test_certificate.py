@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import math
+import threading
+import weakref
 from dataclasses import replace
 from pathlib import Path as FilePath
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,16 +22,17 @@ from test_path import Rows, toolpath
 from machopt.domain.options import PlanOptions, Weights
 from machopt.domain.stiffness import Stiffness
 from machopt.domain.toolpath import Move
-from machopt.plan import pipeline
+from machopt.plan import nested, pipeline
 from machopt.plan.caps import GAP
 from machopt.plan.certificate import certificate
 from machopt.plan.choose import choose
 from machopt.plan.made import Plan
 from machopt.plan.nested import strides, thinned
 from machopt.plan.pipeline import plan
+from machopt.plan.search import Search
 
 EXACT = 1e-12  # of J: rounding
-CURVES = 5e-3  # of J: a smooth curve is a local optimum beside the grid's exact one
+CURVES = 2 * GAP  # of J: a choice may miss GAP, and a smooth curve is a local optimum; 30 jobs lay below 2e-4
 weights = st.builds(
     Weights,
     mean=st.floats(0.1, 2.0),
@@ -88,6 +93,34 @@ def test_coarser_grids_are_those_of_every_kth_rotation() -> None:
     assert priced.scale == scores.scale
 
 
+def test_coarser_choices_made_ahead_are_made_again_once_the_grid_has_lost_a_vertex(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    path, candidates, scores = random_problem(3)
+    made: list[int] = []
+    told = nested.choose
+    monkeypatch.setattr(nested, "strides", lambda _: [2])
+    monkeypatch.setattr(nested, "choose", lambda *a: made.append(1) or told(*a))
+    wide = np.zeros(len(path.stations), bool)
+    search = SimpleNamespace(
+        path=path,
+        candidates=candidates,
+        scores=scores,
+        velocity=VELOCITY,
+        options=PlanOptions(),
+        chooser=SimpleNamespace(wide=wide),
+    )
+    coarser = nested.Coarser(search)  # type: ignore[arg-type]
+    coarser.choose()
+    first = coarser.of(2)[2]
+    assert made == [1]
+    at = len(wide) // 2
+    candidates.feasible[at, first.rotation[at] * 2, first.branch[at]] = False
+    again = coarser.of(2)[2]
+    assert made == [1, 1]
+    assert (again.rotation[at], again.branch[at]) != (first.rotation[at], first.branch[at])
+
+
 # --- whole plans ---------------------------------------------------------------------------------------------------
 
 
@@ -144,3 +177,35 @@ def test_refining_and_widening_never_make_the_plan_worse(
     assert 0.0 <= found.gap <= 1.01 * GAP
     assert found.objective <= found.grid * (1 + EXACT)
     assert found.bound <= found.grid * (1 + EXACT)
+
+
+def test_what_is_made_beside_other_work_changes_no_plan_and_is_made_once(
+    tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows: Rows = [((0.02 * k - 0.1, 0.05, 0.02), (0.1, 0.02 * k, 1.0), Move.CUT if k else Move.RAPID) for k in range(8)]
+    searches: list[weakref.ref[Search]] = []
+    made: list[str] = []
+    coarse, begun = nested.choose, Search.begin
+
+    def begin(search: Search) -> None:
+        searches.append(weakref.ref(search))
+        made.append(f"first {threading.current_thread() is threading.main_thread()}")
+        begun(search)
+
+    def choose_coarse(*a: Any) -> Any:
+        made.append(f"coarse {threading.current_thread() is threading.main_thread()}")
+        return coarse(*a)
+
+    monkeypatch.setattr(Search, "begin", begin)
+    monkeypatch.setattr(nested, "choose", choose_coarse)
+    plans = []
+    for cores in (1, 2):
+        monkeypatch.setattr("machopt.model.threads.cores", lambda cores=cores: cores)
+        monkeypatch.setattr(nested, "cores", lambda cores=cores: cores)
+        plans.append(planned(tmp_path, rows, Weights(), 5.0))
+    assert made == ["first True", "coarse True", "first False", "coarse False"]
+    one, two = (p.chosen for p in plans)
+    np.testing.assert_array_equal(one.assignment.phi, two.assignment.phi)
+    np.testing.assert_array_equal(one.assignment.q, two.assignment.q)
+    assert one.objective == two.objective
+    assert [search() for search in searches] == [None, None]  # nothing keeps its prices once the plan is made

@@ -121,13 +121,31 @@ def test_where_there_is_a_second_core_kernels_are_taken_in_order_until_one_is_no
     assert asked == [name for _, name, _ in KERNELS[:taken]]
 
 
+@pytest.mark.parametrize("gone", [("model.chain", "renamed", "f8"), ("model.moved_away", "poses", "f8")])
+def test_an_entry_that_names_nothing_is_no_matter_for_a_plan(
+    gone: tuple[str, str, str], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Nothing is printed, no plan is lost; the next test names the entry."""
+    asked: list[str] = []
+    monkeypatch.setattr(module, "take", lambda kernel, _: asked.append(kernel.py_func.__name__) or True)
+    monkeypatch.setattr("machopt.model.threads.cores", lambda: 2)
+    monkeypatch.setattr(kernels, "KERNELS", (KERNELS[0], gone, *KERNELS[1:]))
+    before = threading.active_count()
+    with kernels.taken_beside():
+        while threading.active_count() > before:
+            pass
+    assert asked == [KERNELS[0][1]]
+    assert capfd.readouterr().err == ""
+
+
 def test_every_kernel_compiled_ahead_is_one() -> None:
     from importlib import import_module
 
     from numba.core.sigutils import normalize_signature
 
     for name, function, types in KERNELS + MORE:
-        kernel = getattr(import_module(f"machopt.{name}"), function)
+        kernel = getattr(import_module(f"machopt.{name}"), function, None)
+        assert kernel is not None, f"plan/kernels.py lists {name}.{function}, which is gone: rename or remove the entry"
         arguments, _ = normalize_signature(f"({types})")
         assert len(arguments) == kernel.py_func.__code__.co_argcount, (name, function)
 

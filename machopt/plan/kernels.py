@@ -12,7 +12,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any
@@ -127,7 +127,8 @@ def taken_beside() -> Iterator[None]:
     """In a thread, take from the store what a plan will call, in that order; nothing is begun any more after the block.
 
     Half of that is LLVM's work, without the interpreter's lock. It ends at the first kernel that is not stored: this is
-    a first run then, and compiling is for the plan.
+    a first run then, and compiling is for the plan. It ends at an entry that names nothing, too: a plan needs none of
+    this, and a test holds that there is no such entry.
     """
     from machopt.compiled import take
     from machopt.model.threads import cores
@@ -138,9 +139,10 @@ def taken_beside() -> Iterator[None]:
     over = Event()
 
     def take_all() -> None:
-        for kernel, types in _meant(KERNELS):
-            if over.is_set() or not take(kernel, types):
-                return
+        with suppress(ImportError, AttributeError):
+            for kernel, types in _meant(KERNELS):
+                if over.is_set() or not take(kernel, types):
+                    return
 
     beside = Thread(target=take_all, name="kernels")
     beside.start()

@@ -8,14 +8,15 @@ COARSEST, is smoothed too, and the plan with the least objective is taken.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from machopt.domain.reason import Reason
+from machopt.model.threads import cores
 from machopt.plan.candidates import Candidates
 from machopt.plan.check import PathCheck
-from machopt.plan.choose import choose
+from machopt.plan.choose import Choice, choose
 from machopt.plan.realise import Assignment, realise
 from machopt.plan.score import Scores
 from machopt.plan.search import Found, Search
@@ -45,20 +46,63 @@ def thinned(candidates: Candidates, scores: Scores, k: int) -> tuple[Candidates,
     return coarse, replace(scores, cost=np.ascontiguousarray(scores.cost[:, ::k]), crowded=crowded)
 
 
-def best_of_nested(search: Search, found: Found, total: Callable[[Assignment], float]) -> Found:
-    """What the search found, or what a coarser grid inside it leads to where that is better and free of contacts.
+@dataclass
+class Coarser:
+    """The best sequences of the coarser grids inside a search's grid, made while that is smoothed."""
+
+    search: Search
+    made: dict[int, Choice] = field(default_factory=dict)  # stride → choice on what was left of the grid
+    left: tuple[int, int] = (-1, -1)  # vertices and wide steps of the grid when they were made
+
+    def choose(self) -> None:
+        """All of them, on what is left of the grid now."""
+        if self.left != self._left():
+            self.made, self.left = {}, self._left()
+        for k in self.strides():
+            self.of(k)
+
+    def of(self, k: int) -> tuple[Candidates, Scores, Choice]:
+        """Each k-th rotation and the best sequence over them."""
+        search, wide = self.search, self.search.chooser.wide
+        candidates, scores = thinned(search.candidates, search.scores, k)
+        if self.left != self._left():  # the grid loses vertices and gains wide steps, never the other way
+            self.made, self.left = {}, self._left()
+        if k not in self.made:
+            self.made[k] = choose(
+                search.path, candidates, scores, search.velocity, search.options, None, wide if wide.any() else None
+            )
+        return candidates, scores, self.made[k]
+
+    def strides(self) -> list[int]:
+        """Of the grids to be looked at; none with pins or zones: these are vertices of the fine grid only."""
+        options = self.search.options
+        return [] if options.fixed or options.steer else strides(len(self.search.candidates.phi))
+
+    def _left(self) -> tuple[int, int]:
+        return int(np.count_nonzero(self.search.candidates.feasible)), int(np.count_nonzero(self.search.chooser.wide))
+
+
+def best_of_nested(
+    search: Search, prefer_grid: Callable[[Choice, Assignment, Assignment], bool], total: Callable[[Assignment], float]
+) -> Found:
+    """What the search finds, or what a coarser grid inside it leads to where that is better and free of contacts.
 
     Args:
+        prefer_grid: as for :meth:`Search.run`.
         total: J of an assignment.
     """
-    pinned = search.options.fixed or search.options.steer  # vertices, and ends of zones, of the fine grid only
-    if not found.check.free or found.choice.broken or found.choice.dropped.any() or pinned:
+    coarser = Coarser(search)
+    if coarser.strides() and cores() > 1:
+        search.meanwhile = coarser.choose
+    try:
+        found = search.run(prefer_grid)
+    finally:
+        search.meanwhile = None  # else the two hold each other, and tens of MiB of prices with them
+    if not found.check.free or found.choice.broken or found.choice.dropped.any():
         return found
     best = total(found.assignment)
-    for k in strides(len(search.candidates.phi)):
-        candidates, scores = thinned(search.candidates, search.scores, k)
-        wide = found.wide if found.wide.any() else None
-        choice = choose(search.path, candidates, scores, search.velocity, search.options, None, wide)
+    for k in coarser.strides():
+        candidates, scores, choice = coarser.of(k)
         if choice.broken or choice.dropped.any():
             continue
         curve = _realised(search, smooth(search.path, candidates, scores, choice, search.velocity, search.options))

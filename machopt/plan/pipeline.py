@@ -21,6 +21,7 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
 from machopt.domain.steering import among, inside, kept, steered
 from machopt.domain.toolpath import Toolpath
+from machopt.model.threads import both
 from machopt.plan.baseline import cam_default, jiao2022
 from machopt.plan.breaks import breaks_of_choice, jumps
 from machopt.plan.candidates import Candidates, enumerate_candidates
@@ -91,16 +92,20 @@ def plan(
         scores = scores if scale is None else replace(scores, scale=scale)
 
     scored = _scorer(path, setup, d, scores, options)
-    with stage("baselines"):
-        by_file, by_paper = _yardsticks(before, at_home, d_home, setup, options)
+    checker = Checker.of(path, setup.arm, setup.robot, setup.collision, options)
+    search = None
+    if options.method == "global":
+        search = Search(path, candidates, scores, setup.cell.limits.velocity[:6], options, checker, clock.switch)
+    with stage("baselines"):  # and the first choice, which looks at no contacts, beside them
+        begin = search.begin if search is not None else lambda: None
+        (by_file, by_paper), _ = both(lambda: _yardsticks(before, at_home, d_home, setup, options), begin)
         default, paper = map(_scorer(at_home, setup, d_home, scores, options), (by_file, by_paper))
 
-    checker = Checker.of(path, setup.arm, setup.robot, setup.collision, options)
     found: Found | None = None
     check: PathCheck | None
     from_search = False
-    if options.method == "global":
-        found = _searched(path, setup, candidates, scores, scored, options, clock, checker)
+    if search is not None:
+        found = _searched(search, scored, clock)
         choice, check, rounds = found.choice, found.check, found.rounds
         chosen, source, from_search = scored(found.assignment), found.source, True
         with stage("compare"):
@@ -158,7 +163,9 @@ def searched_again(before: Plan, found: Found, worst: float, elsewhere: float, c
     candidates = replace(c, feasible=c.feasible.copy(), reason=c.reason.copy())
     scored = _scorer(path, setup, before.directions, scores, options)
     checker = Checker.of(path, setup.arm, setup.robot, setup.collision, options)
-    found = _searched(path, setup, candidates, scores, scored, options, clock, checker, found)
+    search = Search(path, candidates, scores, setup.cell.limits.velocity[:6], options, checker, clock.switch)
+    search.resume(found)
+    found = _searched(search, scored, clock)
     chosen, check = scored(found.assignment), found.check
     chosen.assignment.reason[check.lost & (chosen.assignment.reason == Reason.OK)] = Reason.NO_PATH
     chosen.assignment.reason[check.hit] = Reason.COLLIDING
@@ -195,27 +202,14 @@ def _scorer(
     return scored
 
 
-def _searched(
-    path: Path,
-    setup: Setup,
-    candidates: Candidates,
-    scores: Scores,
-    scored: Callable[[Assignment], Scored],
-    options: PlanOptions,
-    clock: Timings,
-    checker: Checker,
-    before: Found | None = None,
-) -> Found:
-    """The global choice, smoothed and free of contacts as far as that can be had; ``before``: an earlier search."""
+def _searched(search: Search, scored: Callable[[Assignment], Scored], clock: Timings) -> Found:
+    """The global choice, smoothed and free of contacts as far as that can be had."""
 
     def prefer_grid(choice: Choice, curve: Assignment, plain: Assignment) -> bool:
         return scored(curve).objective.total > scored(plain).objective.total * (1 + 1e-9)
 
-    search = Search(path, candidates, scores, setup.cell.limits.velocity[:6], options, checker, clock.switch)
-    if before is not None:
-        search.resume(before)
     try:
-        return best_of_nested(search, search.run(prefer_grid), lambda a: scored(a).objective.total)
+        return best_of_nested(search, prefer_grid, lambda a: scored(a).objective.total)
     finally:
         clock.switch(None)
 

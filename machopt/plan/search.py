@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from machopt.arrays import Array, any_last
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
+from machopt.model.threads import both
 from machopt.plan.ahead import Ahead
 from machopt.plan.candidates import Candidates
 from machopt.plan.caps import GAP
@@ -81,6 +82,8 @@ class Search:
     progress: Callable[[str], None] = lambda _: None
     edges: Edges = field(default_factory=Edges.none)
     banned: dict[int, int] = field(default_factory=dict)
+    first: Choice | None = None  # of all the grid, where it was made ahead (:meth:`begin`)
+    meanwhile: Callable[[], None] | None = None  # compiled work to be done beside a smoothing, where a core is idle
 
     def __post_init__(self) -> None:
         S, R, B, T = self.candidates.feasible.shape
@@ -103,6 +106,10 @@ class Search:
         self.pairs[:], self.looked[:], self.chooser.wide[:] = found.pairs, found.looked, found.wide
         self.edges, self.banned = found.edges, dict(found.banned)
 
+    def begin(self) -> None:
+        """Make the first choice, which asks for no contacts: :meth:`run` then begins with it."""
+        self.first = self.chooser.whole(self.edges)
+
     def run(self, prefer_grid: Callable[[Choice, Assignment, Assignment], bool]) -> Found:
         """Search to the end.
 
@@ -110,7 +117,7 @@ class Search:
             prefer_grid: told the choice, the smooth and the plain assignment, whether the plain one is better.
         """
         budget, smoothings, grid_is_free = STATIONS, 0, False
-        choice = self._choose()
+        choice, self.first = self.first or self._choose(), None
         if self._strike_chosen(choice, EVERY):  # a curve through contacts is not worth its time
             choice = self._again(choice)
         while True:
@@ -191,7 +198,11 @@ class Search:
 
     def _smooth(self, choice: Choice) -> Smoothed:
         self.progress("smooth")
-        return smooth(self.path, self.candidates, self.scores, choice, self.velocity, self.options)
+
+        def curve() -> Smoothed:
+            return smooth(self.path, self.candidates, self.scores, choice, self.velocity, self.options)
+
+        return curve() if self.meanwhile is None else both(curve, self.meanwhile)[0]
 
     def _realised(self, smoothed: Smoothed) -> Assignment:
         return realise(self.path, self.checker.arm, self.checker.robot, smoothed.phi, smoothed.seed)
