@@ -341,6 +341,7 @@ def test_an_unknown_word_of_the_library_is_held_against_its_own_words_first() ->
         (["--set", "method=jiao2022"], "global would work"),
         (["--set", "allow_gaps=true"], "leaving the soft points out"),
         (["--x-mm", "300", "-300"], "least before greatest"),
+        (["--seed", "-1"], "seed"),
         (["--carry", "clampp_1"], "did you mean 'clamp_1'"),
     ],
 )

@@ -62,6 +62,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     )
     share(job, "--plan")
     share(job, "--set")
+    share(job, "--seed", type=int, default=None, help="of the random search around obstacles, at all places")
     share(job, "--tables")
     share(job, "--post", help="robot program for the best places; may be repeated (the cell's controller.post)")
     share(job, "--effects")
@@ -95,7 +96,7 @@ def _place(args: argparse.Namespace) -> int:
             seconds=60 * args.minutes,
         ),
         plan_file=args.plan and there(args.plan),
-        overrides=tuple(args.set),
+        overrides=(*args.set, *(() if args.seed is None else (f"seed={args.seed}",))),
         readings=(reading(args),) * len(args.toolpaths),
         posts=tuple(str(there(Path(p))) if Path(p).is_file() else p for p in args.post),
         effects=tuple(there(f) for f in args.effects),
