@@ -235,3 +235,16 @@ def test_a_last_link_four_sigma_off_is_a_payload_where_that_predicts_as_well(off
     y = off * links[:, :, 1] + 0.02 * rng.normal(size=(600, 2))
     doubt, _ = torque._links(y, base, load, load, links, np.repeat(np.arange(12), 50))
     assert (doubt > 0.0) == unsure
+
+
+def test_two_orders_nearer_than_the_range_resolves_are_one_wave(tmp_path: Path) -> None:
+    """A wave that swells with the angle: two orders beside each other, large and cancelling, would fit it better."""
+    cell, recording = far_side(tmp_path, 36.0, 0.0, 1.5e-5, 1.0)
+    q, other = recording.q, recording.q_secondary
+    assert other is not None
+    swelling = 30.0 * SECOND * (1.0 + 1.5 * q / np.ptp(q)) * np.sin(36.0 * q)
+    found = wave_of(diagnosed(replace(recording, q_secondary=other + swelling), cell, "link")[0])
+    orders = sorted(v.value for k, v in found.parameters.items() if k.endswith("order"))
+    assert any(abs(n - 36.0) < 1.0 for n in orders)
+    assert np.all(np.diff(orders) >= np.pi / np.ptp(q))
+    assert max(v.value for k, v in found.parameters.items() if k.endswith("amplitude")) < 60.0

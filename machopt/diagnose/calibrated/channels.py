@@ -144,6 +144,7 @@ class Motion:
         2.0, "per turn: a joint's first order is that of weight and of how a reflector is mounted", JUDGED
     )
     turns: float = _set(1.5, "waves within the range of the joint, at least: fewer are no ripple", JUDGED)
+    beats: float = _set(0.5, "of a beat within the range of the joint: two orders that show less are one", JUDGED)
     few_turns: float = _set(0.6, "waves within the range, at least: less is an offset and a slope", JUDGED)
     of_few_turns: float = _set(4.0, "penalty of a wave of which less than ``turns`` are seen", JUDGED)
     late_s: float = _set(

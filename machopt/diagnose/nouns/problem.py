@@ -124,6 +124,7 @@ class Finer:
     about: Callable[[Shape, float], tuple[Shape, ...]]
     plain: Callable[[Shape], bool] = lambda _: False  # a shape that is taken where another is no better by the data
     said: Callable[[Sequence[Shape]], str] = lambda _: ""  # of shapes that the data cannot tell apart; added to a note
+    apart: float = 0.0  # several shapes at once differ by this at least, else they are one
 
 
 @dataclass(frozen=True)

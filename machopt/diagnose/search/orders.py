@@ -62,7 +62,7 @@ def _joint(model: Model, chosen: list[Chosen], k: int, single: Sequence[Tried], 
         orders, added = (*refined, one), True
     if not added:
         return first
-    orders = _needed(model, beside, law, _refined(model, beside, law, orders))
+    orders = _needed(model, beside, law, _resolved(model, beside, law, _refined(model, beside, law, orders)))
     own = score(beside, [_columns(model, _sum(law, orders), orders)])[0]
     return replace(first, scored=own)
 
@@ -95,6 +95,25 @@ def _refined(model: Model, beside: Model, law: Hypothesis, orders: Shape) -> Sha
             plain = [i for i in near.tolist() if law.finer.plain(about[i])]
             out[n] = about[max(plain or near.tolist(), key=lambda i: float(gain[i]))][0]
     return tuple(dict.fromkeys(out))
+
+
+def _resolved(model: Model, beside: Model, law: Hypothesis, orders: Shape) -> Shape:
+    """Orders of which the range of the joint tells each from the next, each of the rest refined again.
+
+    Two that beat less often over the range than that are one wave to these data, whatever their amplitudes: such come
+    out large and cancel, for the sake of a wave that swells or of noise.
+    """
+    assert law.finer is not None  # of a wave
+    while len(orders) > 1:
+        row = np.argsort(orders)
+        k = int(np.argmin(np.diff(np.array(orders)[row])))
+        pair = row[k : k + 2].tolist()
+        if orders[pair[1]] - orders[pair[0]] >= law.finer.apart:
+            break
+        ways = [orders[:n] + orders[n + 1 :] for n in pair]
+        kept = min(ways, key=lambda way: beside.with_columns(_columns(model, law, way).at(0)).rss)
+        orders = _refined(model, beside, law, kept)
+    return orders
 
 
 def _needed(model: Model, beside: Model, law: Hypothesis, orders: Shape) -> Shape:
@@ -137,4 +156,4 @@ def _each(one: Finer) -> Finer:
         best: Array = np.array(shapes)
         return "; ".join(filter(None, (one.said([(float(v),) for v in own]) for own in best.T)))
 
-    return Finer(about, lambda s: all(one.plain((v,)) for v in s), said)
+    return Finer(about, lambda s: all(one.plain((v,)) for v in s), said, one.apart)
