@@ -18,7 +18,7 @@ from machopt.domain.toolpath import IgnoredWord
 from machopt.report import write_report
 from machopt.report.data import STATUS_NAMES, Gain, ReportData, Shift
 from machopt.report.display import ANGLE, FEED, FINE_LENGTH, STIFFNESS, fixed
-from machopt.report.figures import figure_specs
+from machopt.report.figures import figure_specs, with_distance
 from machopt.report.gather.optimize import measured
 from machopt.report.gather.optimize_series import along, cut_length
 from machopt.report.page import report_html
@@ -108,6 +108,23 @@ def test_an_infeasible_result_still_has_a_page() -> None:
     assert "38 mm out" in page.text
     assert "hole <3>" in page.text
     assert verdict(infeasible_result()).tone == "bad"
+
+
+@pytest.mark.parametrize(
+    ("reason", "shortfall", "told"),
+    [
+        ("out of reach at every rotation", "38 mm out of reach", "38 mm out of reach at every rotation"),
+        (
+            "out of reach: the wrist lies 38 mm outside",
+            "38 mm out of reach",
+            "out of reach: the wrist lies 38 mm outside",
+        ),
+        ("axis 5 at 128°", "3.1° beyond", "axis 5 at 128°, 3.1° beyond"),
+        ("joint limit", "", "joint limit"),
+    ],
+)
+def test_the_scene_says_a_distance_once(reason: str, shortfall: str, told: str) -> None:
+    assert with_distance(reason, shortfall) == told
 
 
 def test_hostile_names_do_not_break_the_page() -> None:

@@ -46,9 +46,9 @@ def figure_specs(data: ReportData) -> Spec:
     return out
 
 
-def _once(reason: str, shortfall: str) -> str:
-    """A reason with its distance: "38 mm out of reach at every rotation" says what is out of reach once."""
-    if not shortfall:
+def with_distance(reason: str, shortfall: str) -> str:
+    """A reason with its distance, and neither twice: "38 mm out of reach at every rotation"."""
+    if not shortfall or shortfall.split(" mm", maxsplit=1)[0] in reason.split():
         return reason
     return reason.replace("out of reach", shortfall, 1) if "out of reach" in reason else f"{reason}, {shortfall}"
 
@@ -58,7 +58,7 @@ def _reasons(data: ReportData) -> list[Spec]:
     return [
         {
             "point": p.point,
-            "reason": _once(p.reason or p.status, p.shortfall),
+            "reason": with_distance(p.reason or p.status, p.shortfall),
             "help": p.help or "–",
             "at": numbers(p.position * LENGTH.factor),
         }
