@@ -4,6 +4,7 @@ over columns that move one joint alone.
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -248,3 +249,14 @@ def test_two_orders_nearer_than_the_range_resolves_are_one_wave(tmp_path: Path) 
     assert any(abs(n - 36.0) < 1.0 for n in orders)
     assert np.all(np.diff(orders) >= np.pi / np.ptp(q))
     assert max(v.value for k, v in found.parameters.items() if k.endswith("amplitude")) < 60.0
+
+
+def test_a_last_link_without_mass_is_what_the_tool_side_carries(tmp_path: Path) -> None:
+    """A URDF that states nothing of its flange link: no crash, and what it weighs comes out as payload."""
+    rng, cell, t, q, v, tau = shaken(tmp_path, 2, 6)
+    text = cell.urdf.read_text(encoding="utf-8")
+    at = text.rindex("<mass")
+    bare = re.sub(r'(value|ixx|iyy|izz)="[^"]*"', r'\1="0"', text[at : text.index("</inertial>", at)])
+    cell.urdf.write_text(text[:at] + bare + text[text.index("</inertial>", at) :], encoding="utf-8")
+    found, _, _ = diagnosed(recorded(t, q, v, tau + 0.25 * rng.normal(size=q.shape)), cell, "torque")
+    assert [(f.effect, f.location) for f in found.findings] == [("payload", "tool")]
