@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from examples import examples
 from external_cell import external_cell
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from scipy import sparse
 from test_external import OPTIONS, UP, K, apart, slots
@@ -21,7 +21,7 @@ from machopt.plan.axes import axes_of
 from machopt.plan.bordered import Bordered
 from machopt.plan.external import _coarse_to_fine, best_plan
 from machopt.plan.groups import Group, groups_of
-from machopt.plan.jointly import Bounds, Local, Steps, _Model, lessened
+from machopt.plan.jointly import Around, Bounds, Local, Steps, lessened
 from machopt.plan.made import Plan
 from machopt.plan.offsets import Curves
 from machopt.plan.realise import Assignment
@@ -66,14 +66,14 @@ def test_the_model_is_j_to_second_order(
     local = r._local(here)
     assert local.known.all()
     trust = np.full((len(rows), 2), 0.2)
-    model = _Model(local, r._steps(here, local), r._bounds(here, local, trust), r.tied)
+    model = Around(local, r._steps(here, local), r._bounds(here, local, trust), r.tied)
     rng = np.random.default_rng(2)
     c = rng.uniform(-1.0, 1.0, r.curves.at_stations.shape[1])
     wrong = []
     for size in (0.04, 0.02):
         z = (r.curves.at_stations @ (size * c)).reshape(trust.shape)
         found, cost = r._solved(here.phi + z[:, 0], here.e + z[:, 1:] / r.per, here.q)
-        told = model.terms(size * c, 1e-9, 0.0).value - model.terms(0.0 * c, 1e-9, 0.0).value
+        told = model.value(size * c) - model.value(0.0 * c)
         merit = r._merit(here.phi + z[:, 0], here.e + z[:, 1:] / r.per, found.q, cost)
         wrong.append(abs(told - (merit - here.merit)))
     assert wrong[0] < 0.05 * abs(merit - here.merit) + 1e-4
@@ -140,16 +140,14 @@ def small_problem(seed: int) -> tuple[Local, Steps, Bounds]:
 
 
 @given(st.integers(0, 10**6))
+@example(35)  # its worst index falls below zero, where the model was flat for whoever looked at its value
 @settings(max_examples=examples(12), deadline=None)
 def test_the_least_place_against_many_others(seed: int) -> None:
     local, steps, bounds = small_problem(seed)
     n, d = local.gradient.shape
     curves = Bordered(sparse.identity(n * d, format="csr"), d, np.zeros(n * d, bool))
     c = lessened(local, steps, bounds, curves)
-    model = _Model(local, steps, bounds, curves)
-
-    def price(c: np.ndarray) -> float:
-        return model.terms(c, 1e-9, 0.0).value
+    model = Around(local, steps, bounds, curves)
 
     z = c.reshape(n, d)
     beyond = max(float((bounds.low - z).max()), float((z - bounds.high).max()))
@@ -159,7 +157,7 @@ def test_the_least_place_against_many_others(seed: int) -> None:
     for other in [0.0 * c, *others]:
         y = np.clip(other.reshape(n, d), bounds.low, bounds.high)
         if (np.einsum("nij,nj->ni", bounds.lean, y) >= bounds.under).all():
-            assert price(c) <= price(y.ravel()) + 0.02 * (price(0.0 * c) - price(c)) + 1e-3  # kinks are rounded
+            assert model.value(c) <= model.value(y.ravel()) + 1e-4
 
 
 @given(st.integers(0, 10**6), st.integers(1, 3), st.integers(0, 3))

@@ -4,33 +4,34 @@ With z (n, d) the offsets at the stations, z = M c, the model is
 
     Σ (gᵀz + ½ zᵀHz) + w·max (c + sᵀz + ½ zᵀBz) + Σ price·|v| + Σ lost·max(0, |v|·slowness − seconds)
 
-with v the steps of joints, external joints and rotation from station to station, linear in z. Its kinks are rounded by
-a width ε that goes to zero, and what leaves the bounds pays the square of the distance, ever more, as in
-:mod:`machopt.plan.programme`. Absolute values are majorised by parabolas, |v| ≤ (v²/s + s)/2 with s ≥ |v| (Hunter & Li
-2005, Ann. Statist. 33:1617, section 3), so that a step of Newton's method on them never leads up. Each term ties one
-station or two neighbouring ones: the Hessian is block tridiagonal in z, banded in the coefficients of splines, and
-sparse where a value is shared.
+with v the steps of joints, external joints and rotation from station to station, linear in z. What is lost is a sum of
+absolute values too, of v ± seconds/slowness, and so is an exact penalty for what leaves the bounds. So all of it is
+convex: a primal-dual interior point method finds the least place (Wright 1997, Primal-Dual Interior-Point Methods,
+chapters 1 and 6), in some 20 steps of Newton's method (:mod:`machopt.plan.interior`). Each term ties one station or two
+neighbouring ones: the Hessian is block tridiagonal in z, banded in the coefficients of splines, and sparse where a
+value is shared.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
-from typing import Any, TypeVar
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machopt.arrays import Array, Bools
 from machopt.plan.bordered import Bordered
-from machopt.plan.rounded import derived, valued
+from machopt.plan.interior import derived, indices, lengths, moved
 
-WIDTHS = np.geomspace(2e-2, 2e-5, 10)  # ε in rad, and in c₀ for the worst index
-STIFF = np.geomspace(1e3, 1e6, 10)  # price per rad² beyond the bounds, at each width
-STEPS = 60  # at one width; 12 at each of seven widths ended far from the least place: J 6 % higher on the rail job
-DAMPED = 1e-2  # of J for a step across all of the bounds, at first
-MORE, LESS, LEAST = 4.0, 0.3, 1e-6  # of it where the model does not fall, where it does at once; and at least
-TRIES = 12
-ENOUGH = 1e-7  # of the model: a step that gains less is the last at its width
-RIDGE = 1e-9  # added to the Hessian, of its largest entry
+BEYOND = 20.0  # price per rad of what leaves the bounds: more than J falls by it, so that nothing stays beyond them
+REACH = 2.0  # times the bounds: what the steps of the method may pass through
+FIRST, LAST = 0.1, 1e-5  # gap at first and at last, of the terms that have kinks
+STEPS = 60  # at most
+FULL = 0.9  # of a step: where so much is taken
+FAST, SLOW = 0.1, 0.5  # the gap shrinks to these at the next
+BISECTED = 60  # times, for the worst index at first
+SINGULAR = 1e-12
+RIDGE = 1e-14  # added to the Hessian, of its largest entry
 SMOOTH = 1e-4  # price of the sum of squares of neighbouring coefficients' difference: what nothing else decides stays
 
 
@@ -73,80 +74,128 @@ class Bounds:
     over: Array  # (n, m) or exceed
 
 
-T = TypeVar("T", Local, Steps, Bounds)
-
-
 @dataclass(frozen=True)
-class _Terms:
-    """The model at some coefficients, and what its derivatives are made of."""
+class Kinks:
+    """Absolute values with a price: of ``at`` + ``lean`` on the offsets of a station and of the next."""
 
-    value: float
-    c: Array  # (m,)
-    slope: Array  # (n, d) of the index
-    gradient: Array  # (n, d) of the smooth terms
-    pull: Array  # (n − 1, k) slope of the steps' prices
-    curved: Array  # (n − 1, k) their curvature, that of the parabolas
-    p: Array  # (n,) shares of the worst index
-    out: Array  # (n, d) beyond ``low`` and ``high``
-    beyond: Array  # (n, m) beyond ``under`` and ``over``
+    row: NDArray[np.int64]  # (J,) the station
+    lean: Array  # (J, 2d)
+    at: Array  # (J,) rad
+    price: Array  # (J,) per rad
+    beside: Array  # (n, d) slope of what is linear: a bound with no other end is half an absolute value, half a line
+
+    @classmethod
+    def of(cls, steps: Steps, bounds: Bounds) -> Kinks:
+        """Of all steps and of what must be kept; those out of reach of the bounds are left out."""
+        n, d = bounds.low.shape
+        far = np.maximum(-bounds.low, bounds.high)
+        pair = np.concatenate([-steps.lean[:-1], steps.lean[1:]], axis=2)
+        walk = np.einsum("skd,sd->sk", np.abs(pair), np.hstack([far[:-1], far[1:]]))
+        late = 0.5 * steps.lost[:, None] * steps.slowness
+        limit = steps.seconds[:, None] / np.maximum(steps.slowness, 1e-12)
+        reached = (late > 0.0) & (np.abs(steps.jump) + REACH * walk > limit)
+        between = np.broadcast_to(np.arange(n - 1)[:, None], steps.jump.shape)
+        out = [(steps.price > 0.0, between, pair, steps.jump, steps.price)]
+        out += [(reached, between, pair, steps.jump + side * limit, late) for side in (-1.0, 1.0)]
+        held = np.concatenate([np.broadcast_to(np.eye(d), (n, d, d)), bounds.lean], axis=1)
+        room = REACH * np.einsum("nmd,nd->nm", np.abs(held), far)
+        alone = np.concatenate([held, np.zeros_like(held)], axis=2)
+        there = np.broadcast_to(np.arange(n)[:, None], room.shape)
+        low, high = np.hstack([bounds.low, bounds.under]), np.hstack([bounds.high, bounds.over])
+        below, above = -low <= room, high <= room
+        for near, end in ((below, low), (above, high)):
+            out.append((near, there, alone, np.where(near, -end, 0.0), np.full(end.shape, 0.5 * BEYOND)))
+        beside = 0.5 * BEYOND * np.einsum("nm,nmd->nd", above.astype(float) - below, held)
+        row, lean, at, price = (np.concatenate([one[i][one[0]] for one in out]) for i in range(1, 5))
+        return cls(row.astype(np.int64), lean, at, price, beside)
 
 
-@dataclass(frozen=True)
-class _Newton:
-    """Gradient in the coefficients, and the Hessian in the offsets, block tridiagonal but for a dyad to take away."""
+class Around:
+    """What is to be lessened, in the coefficients."""
 
-    gradient: Array  # (m,)
-    own: Array  # (n, d, d) blocks on the diagonal
-    on: Array  # (n − 1, d, d) blocks below it
-    dyad: Array  # (m,)
-
-
-class _Model:
     def __init__(self, local: Local, steps: Steps, bounds: Bounds, curves: Bordered) -> None:
-        self.local, self.steps, self.bounds = _in_rows(local), _in_rows(steps), _in_rows(bounds)
-        self.curves = curves
-        n = len(local.gradient)
-        wide = np.maximum(bounds.high - bounds.low, 1e-6)
-        self.damping = (4.0 / (n * wide * wide))[:, :, None] * np.eye(wide.shape[1])
+        self.curves, self.kinks, self.shape = curves, Kinks.of(steps, bounds), local.gradient.shape
+        self.counted: Bools = np.asarray(local.counted & (local.worst > 0.0))
+        self.worst = local.worst if self.counted.any() else 0.0
+        self.gradient, self.hessian = local.gradient + self.kinks.beside, np.ascontiguousarray(local.hessian)
+        self.index = (
+            np.ascontiguousarray(local.cost), np.ascontiguousarray(local.slope), np.ascontiguousarray(local.bend)
+        )  # fmt: skip
         self.ridge = SMOOTH / max(curves.curves.shape[1], 1)
-        self.narrow = max(float(steps.slowness.max()), 1e-12)
 
-    def terms(self, c: Array, width: float, stiff: float) -> _Terms:
-        """The model at some coefficients (m,)."""
-        x, walk, kept = self.local, self.steps, self.bounds
-        z = self.curves.along(c).reshape(x.gradient.shape)
-        value, *parts = valued(
-            z, x.gradient, x.hessian, x.cost, x.slope, x.bend, x.counted, x.worst,
-            walk.jump, walk.lean, walk.price, walk.lost, walk.seconds, walk.slowness,
-            kept.low, kept.high, kept.lean, kept.under, kept.over, width, stiff, self.narrow,
+    def offsets(self, c: Array) -> Array:
+        """(n, d) at the stations."""
+        return self.curves.along(c).reshape(self.shape)
+
+    def value(self, c: Array) -> float:
+        """At some coefficients (m,), but for a constant."""
+        z, k = self.offsets(c), self.kinks
+        smooth = float((z * (self.gradient + 0.5 * np.einsum("nij,nj->ni", self.hessian, z))).sum())
+        kinks = float(k.price @ np.abs(lengths(z, k.row, k.lean, k.at)))
+        top = float(indices(z, *self.index)[self.counted].max()) if self.worst else 0.0
+        return float(smooth + kinks + self.worst * top + 0.5 * self.ridge * float(c @ c))
+
+    def step(self, c: Array, on: Central, mu: float) -> Array | None:
+        """(m,) Newton's, taken as far as it may, ``on`` with it; None where rounding leaves none."""
+        k = self.kinks
+        gradient, own, beside, dyad, bent, pushed, steep, short = derived(
+            self.offsets(c), on.top, self.gradient, self.hessian, *self.index, self.counted, self.worst,
+            k.row, k.lean, k.at, on.plus, on.minus, on.above, on.below, on.slack, on.share, mu,
         )  # fmt: skip
-        return _Terms(value + 0.5 * self.ridge * float(c @ c), c, *parts)
-
-    def newton(self, at: _Terms, width: float, stiff: float) -> _Newton:
-        """Gradient and Hessian, that of the parabolas."""
-        gradient, own, on, dyad = derived(
-            at.slope, at.gradient, at.pull, at.curved, at.p, at.out, at.beyond,
-            self.local.hessian, self.local.bend, self.local.worst, self.steps.lean, self.bounds.lean, width, stiff,
-        )  # fmt: skip
-        slope = self.curves.summed(gradient.ravel()) + self.ridge * at.c
-        return _Newton(slope, own, on, self.curves.summed(dyad.ravel()))
-
-    def step(self, newton: _Newton, damped: float) -> Array | None:
-        """Levenberg and Marquardt's (m,); None where rounding leaves none."""
-        right = np.column_stack([-newton.gradient, newton.dyad])
-        found = self.curves.solved(newton.own + damped * self.damping, newton.on, self.ridge, RIDGE, right)
+        slope, across = self.curves.summed(gradient.ravel()) + self.ridge * c, self.curves.summed(dyad.ravel())
+        found = self.curves.solved(own, beside, self.ridge, RIDGE, np.column_stack([-slope, across]))
         if found is None:
             return None
         step, along = found.T
-        left = 1.0 - float(newton.dyad @ along)  # Sherman & Morrison
-        return np.asarray(step + along * (float(newton.dyad @ step) / left) if left > 1e-6 else step)
+        left = 1.0 - float(across @ along)  # Sherman & Morrison
+        whole = np.asarray(step + along * (float(across @ step) / left) if left > SINGULAR else step)
+        if not np.isfinite(whole).all():
+            return None
+        on.taken, on.top = moved(
+            self.offsets(whole), on.top, mu, self.worst, self.counted, k.row, k.lean, bent, pushed, steep, short,
+            on.slack, on.share, on.plus, on.minus, on.above, on.below,
+        )  # fmt: skip
+        return np.asarray(on.taken * whole)
 
 
-def _in_rows(given: T) -> T:
-    """With its arrays as compiled code wants them, each row after row."""
-    held = {f.name: getattr(given, f.name) for f in fields(given)}
-    arrays: dict[str, Any] = {k: np.ascontiguousarray(v) for k, v in held.items() if isinstance(v, np.ndarray)}
-    return replace(given, **arrays)
+@dataclass
+class Central:
+    """What the steps have beside the coefficients: all products of multipliers and what they belong to are near μ."""
+
+    plus: Array  # (J,) |v| of each kink, as the sum of what is above zero
+    minus: Array  # (J,) and of what is below
+    above: Array  # (J,) price less the multiplier y of v = plus − minus
+    below: Array  # (J,) price and y
+    slack: Array  # (n,) of the worst index
+    share: Array  # (n,) of its price
+    top: float  # the worst index
+    taken: float = 0.0  # of the last step
+
+    @classmethod
+    def at_first(cls, model: Around, mu: float) -> Central:
+        """On the central path but for the gradient, at z = 0."""
+        v, w = model.kinks.at, model.kinks.price
+        a = np.abs(w * v)
+        root = np.sqrt(mu * mu + a * a)
+        greater = (mu + a + root) / (2.0 * w)
+        lesser = mu * greater / (a + root)
+        plus, minus = np.where(v > 0.0, greater, lesser), np.where(v > 0.0, lesser, greater)
+        index, counted = model.index[0], model.counted
+        slack, share, top = np.ones(len(index)), np.zeros(len(index)), 0.0
+        if model.worst:
+            high = float(index[counted].max())
+            least, most = high + mu / model.worst, high + mu * int(counted.sum()) / model.worst
+            for _ in range(BISECTED):
+                top = 0.5 * (least + most)
+                over = float((mu / (top - index[counted])).sum()) > model.worst
+                least, most = (top, most) if over else (least, top)
+            slack[counted] = top - index[counted]
+            share[counted] = mu / slack[counted]
+        return cls(plus, minus, mu / plus, mu / minus, slack, share, top)
+
+    def gap(self) -> float:
+        """Sum of all products."""
+        return float(self.plus @ self.above + self.minus @ self.below + self.slack @ self.share)
 
 
 def lessened(local: Local, steps: Steps, bounds: Bounds, curves: Bordered) -> Array:
@@ -155,24 +204,19 @@ def lessened(local: Local, steps: Steps, bounds: Bounds, curves: Bordered) -> Ar
     Args:
         curves: the offsets, station by station, of coefficients.
     """
-    model, c, damped = _Model(local, steps, bounds, curves), np.zeros(curves.curves.shape[1]), DAMPED
-    for width, stiff in zip(WIDTHS, STIFF, strict=True):
-        here = model.terms(c, width, stiff)
-        for _ in range(STEPS):
-            newton = model.newton(here, width, stiff)
-            easy = True
-            for _ in range(TRIES):
-                step = model.step(newton, damped)
-                there = None if step is None else model.terms(c + step, width, stiff)
-                if there is not None and there.value < here.value:
-                    break
-                damped, easy = MORE * damped, False
-            else:
-                break
-            if there is None:
-                raise AssertionError("a step that leads down was found")
-            gained, c, here = here.value - there.value, there.c, there
-            damped = max(LESS * damped, LEAST) if easy else damped
-            if gained < ENOUGH * (1.0 + abs(here.value)):
-                break
+    model, c = Around(local, steps, bounds, curves), np.zeros(curves.curves.shape[1])
+    k = model.kinks
+    pairs = 2 * len(k.row) + int(model.counted.sum())
+    whole = abs(local.worst * float(local.cost.max())) + float(steps.price.ravel() @ np.abs(steps.jump).ravel())
+    mu, last = FIRST * whole / pairs, LAST * whole
+    on = Central.at_first(model, mu)
+    for _ in range(STEPS):
+        step = model.step(c, on, mu)
+        if step is None:
+            break
+        c = c + step
+        gap = on.gap()
+        if gap < last and on.taken > FULL:
+            break
+        mu = (FAST if on.taken > FULL else max(SLOW, 1.0 - on.taken)) * gap / pairs
     return c
