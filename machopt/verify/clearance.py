@@ -43,7 +43,7 @@ class Clearances:
 def telling(arm: Arm, wanted: list[tuple[Body, Body]]) -> list[tuple[Body, Body]]:
     """The pairs without those whose distance nothing changes, as of a carriage over its own bed.
 
-    The rule stands in :meth:`machopt.model.collision.CollisionModel._unchanging`: the same places of the joint.
+    The planner answers the same question at the same places of the joint.
     """
     limits = arm.cell.limits
     x = np.linspace(limits.lower, limits.upper, PLACES)

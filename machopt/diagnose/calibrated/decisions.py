@@ -96,6 +96,9 @@ class Proof:
     )
     gain_doubt: float = _set(0.02, "of the displacement under load, that a force may be wrong by", JUDGED)
     concentrated: float = _set(1.35, "power of a bin per the mean before it is worth a word", JUDGED)
+    closes: float = _set(
+        0.005, "share of the mismatch closed, of which less is written as 0 % and closes nothing", JUDGED
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

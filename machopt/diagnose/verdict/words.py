@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from machopt.diagnose import calibrated
 from machopt.diagnose.evidence.noise import Noise
 from machopt.diagnose.nouns.result import Diagnosis, Finding
 from machopt.effects.words import place, spoken
 
 MOST_PLACES = 5  # named in the sentence, the largest shares first
-LEAST_SHARE = 0.005  # of the mismatch: less is written as 0 %
 
 
 def sentence(d: Diagnosis) -> str:
@@ -66,7 +66,7 @@ def record_only(d: Diagnosis) -> bool:
 
 def closes(d: Diagnosis) -> bool:
     """Whether what was found closes as much of the mismatch as is written as 1 %."""
-    return d.explained >= LEAST_SHARE
+    return d.explained >= calibrated.PROOF.closes
 
 
 def next_experiment(d: Diagnosis) -> str:
