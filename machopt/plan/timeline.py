@@ -269,7 +269,8 @@ class _Builder:
             x = np.repeat(x, 2, axis=0)  # the file names one place twice: a sample for the second, too
         n = len(x)
         if move.kind != "direct":
-            self.detours.append(f"{a.name} → {b.name}: {move.kind}, {len(waypoints) - 2} way points")
+            via = len(waypoints) - 2
+            self.detours.append(f"{a.name} → {b.name}: {move.kind}, {via} way point{'' if via == 1 else 's'}")
         operation = self.toolpath.operation[round(b.index)] if np.isfinite(b.index) else -1
         return Leg(
             "rapid",

@@ -111,9 +111,13 @@ def _where(data: DiagnosisPage) -> Body:
         body += share_bars(places)
     by_chance = f" (p {chance(d.mismatch_p)} that noise alone does this)" if math.isfinite(d.mismatch_p) else ""
     known = math.isfinite(d.mismatch_p)
+    unrepeated = (
+        ", what unseen readings miss by less what is allowed for noise; no reading was repeated, so part of it may be "
+        f"noise. The noise floor, {sized(d.noise_floor, d.unit)}, is what the fit leaves in the readings it has seen"
+    )
     lead = (
         f"{'Repeatable mismatch' if known else 'Mismatch'} of the refitted model: {sized(d.repeatable, d.unit)} rms"
-        f"{by_chance if known else '; no reading was repeated, so part of it may be noise'}. A bar says how "
+        f"{by_chance if known else unrepeated}. A bar says how "
         "much of it that part could take up, driven by its own load. Parts compete for the same mismatch, so bars need "
         "not add up to 100 %."
     )

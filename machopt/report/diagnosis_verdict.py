@@ -22,7 +22,7 @@ def verdict_html(data: DiagnosisPage) -> Markup:
     badge, tone = standing(d)
     left = "nothing was added" if not d.findings else f"with {len(d.findings)} found"
     told = math.isfinite(d.mismatch_p)
-    scatter = "what repeats of a reading scatter" if told else "not repeated: what the model leaves"
+    scatter = "what repeats of a reading scatter" if told else "not repeated: what the fit leaves in what it has seen"
     before, after = sized(d.heldout_before, d.unit), sized(d.heldout_after, d.unit)
     cards = [
         ("Held-out error before", before, "the nominal structure, refitted"),

@@ -14,7 +14,7 @@ from machopt.report.display import ANGLE, FEED, FINE_LENGTH, LENGTH, QUANTITY, S
 from machopt.report.placecodes import PlaceCode
 from machopt.report.scene import View
 from machopt.report.scene_spec import floats, motion_spec, path_spec, scene_spec, stations_spec
-from machopt.report.series import keep, numbers, packed, packed_codes
+from machopt.report.series import deepest, keep, numbers, packed, packed_codes
 
 Spec = dict[str, Any]  # JSON for assets/*.js
 
@@ -374,7 +374,7 @@ def _feed_chart(m: MotionSeries, dips: tuple[FeedDip, ...]) -> Spec:
         ymin=0,
         height=250,
     )
-    marks = [{"x": d.time + d.duration / 2, "label": d.cause} for d in dips[:_MARKS]]
+    marks = [{"x": d.time + d.duration / 2, "label": d.cause} for d in deepest(dips, m.time, _MARKS)]
     return {**spec, "ylabel": "Feed (mm/min)", "xlabel": "Time (s)", "extra": [where], "marks": marks}
 
 

@@ -216,7 +216,11 @@ def _verification(data: ReportData) -> Body:
         data,
         opened=bool(data.excluded_pairs),
     )
-    lead = "Done on the written trajectory by code that shares nothing with the planner."
+    lead = (
+        "Done on the written trajectory by code that shares nothing with the planner."
+        if data.checks
+        else "Not done: no trajectory was written that could be checked."
+    )
     return section("verification", "Verification", lead, body)
 
 

@@ -20,12 +20,14 @@ from machopt.report.template import part
 
 if TYPE_CHECKING:
     from markupsafe import Markup
+    from numpy.typing import NDArray
 
     Body = Markup | str
 
 DARK = "#1a2330"  # round white marks, so that they stand out on every colour
 WIDTH, HEIGHT = 640.0, 460.0
 LEFT, TOP, RIGHT, BOTTOM = 84.0, 16.0, 120.0, 44.0
+MOST_NAMED = 9  # coordinates along an axis
 
 
 @dataclass(frozen=True)
@@ -156,12 +158,10 @@ def _picture(data: PlacePage, marks: Sequence[Mark]) -> Markup:
     if data.result.best:
         bx, by = at(data.result.best[0].shift_mm[0], data.result.best[0].shift_mm[1])
         shapes.append(shape("text", "★", x=bx, y=by + 6, font_size=18, **mark))
-    for k in range(5):
-        vx, vy = low + (high - low) * k / 4
-        shapes.append(
-            shape("text", _n(float(vx), ".0f"), x=at(vx, 0)[0], y=TOP + tall + 16, text_anchor="middle", **small)
-        )
-        shapes.append(shape("text", _n(float(vy), ".0f"), x=LEFT - 8, y=at(0, vy)[1] + 4, text_anchor="end", **small))
+    for v in _named(xs):
+        shapes.append(shape("text", _n(v, ".0f"), x=at(v, 0)[0], y=TOP + tall + 16, text_anchor="middle", **small))
+    for v in _named(ys):
+        shapes.append(shape("text", _n(v, ".0f"), x=LEFT - 8, y=at(0, v)[1] + 4, text_anchor="end", **small))
     shapes.append(shape("text", "x (mm)", x=LEFT + wide / 2, y=TOP + tall + 34, text_anchor="middle", **small))
     shapes.append(shape("text", "y (mm)", x=2.0, y=TOP + tall / 2, **small))
     for k in range(24):
@@ -183,6 +183,13 @@ def _picture(data: PlacePage, marks: Sequence[Mark]) -> Markup:
             inside=shapes,
         )
     )
+
+
+def _named(values: NDArray[np.float64]) -> list[float]:
+    """The coordinates of places that the axis names: all, or every so many from the middle out, as many as fit."""
+    at = np.unique(values.round(6))
+    every = -(-len(at) // MOST_NAMED)
+    return [float(v) for v in at[(len(at) // 2) % every :: every]]
 
 
 def _best(r: PlaceResult) -> Body:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
 _FILES = 4  # named of a program that has many
-_BAR = 110  # pixels that stand for the tolerance
+_BAR = 90  # pixels that stand for the tolerance
 _SMALL_LENGTH, _SMALL_ANGLE = Unit(1e3, "mm", 4), Unit(180 / math.pi, "deg", 4)
 _SHORT, _TURN = Unit(1e3, "mm", 3), Unit(180 / math.pi, "deg", 3)
 _FEED = Unit(6e4, "mm/min", 3)
@@ -90,7 +90,8 @@ def _feed(p: Program) -> Markup | str:
     return part(
         "unbroken",
         [
-            f"{100 * p.feed_mean:.0f} % on average, {100 * p.feed_lowest:.0f} % in the slowest move",
+            f"{100 * p.feed_mean:.0f} % on average",
+            f"{100 * p.feed_lowest:.0f} % in the slowest move",
             f"points passed by {_SHORT.text(p.feed_deviation, unit=True)} at most",
         ],
     )
@@ -118,17 +119,18 @@ def _between(p: Program) -> Markup | str:
     if not math.isfinite(p.path_error):
         return "no lines: joints are interpolated"
     share = min(p.path_error / p.tolerance, 1.25) if p.tolerance else 0.0
-    colour = "#a61b1b" if share > 1.0 else "#1552b8"
+    colour = "var(--bad)" if share > 1.0 else "var(--blue)"
     bar = drawn(
         shape(
             "svg",
+            viewBox=f"0 0 {1.25 * _BAR + 1:g} 11",  # a narrow column shrinks it and cuts nothing off
             width=1.25 * _BAR + 1,
             height=11,
             role="img",
             aria_label="share of the tolerance",
             inside=[
-                shape("rect", y=1, width=_BAR, height=9, fill="#e8ebee"),
-                shape("rect", y=1, width=share * _BAR, height=9, fill=colour),
+                shape("rect", y=1, width=_BAR, height=9, style="fill:var(--rule)"),
+                shape("rect", y=1, width=share * _BAR, height=9, style=f"fill:{colour}"),
                 shape("path", d=f"M{_BAR} 0V11", stroke="#b3261e"),
             ],
         )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
+from machopt.report.data import FeedDip
 
 Index = NDArray[np.intp]
 
@@ -58,3 +59,13 @@ def packed(values: Array, lowest: float, highest: float) -> str:
 def packed_codes(codes: NDArray[np.uint8]) -> str:
     """Base64 of one byte a code."""
     return base64.b64encode(np.ascontiguousarray(codes, dtype=np.uint8).tobytes()).decode("ascii")
+
+
+def deepest(dips: Sequence[FeedDip], time: Array, most: int) -> list[FeedDip]:
+    """The dips to be marked, in order of time: of those that would stand on one another the one that falls furthest."""
+    known = sorted((d for d in dips if np.isfinite(d.time)), key=lambda d: d.feed_lowest - d.feed_programmed)
+    begin, whole = (float(time[0]), float(time[-1] - time[0]) or 1.0) if len(time) else (0.0, 1.0)
+    kept: dict[int, FeedDip] = {}
+    for dip in known:
+        kept.setdefault(int(most * (dip.time + 0.5 * dip.duration - begin) / whole), dip)
+    return [kept[k] for k in sorted(kept)]

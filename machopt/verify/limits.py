@@ -50,7 +50,7 @@ def _limits(motion: Motion, cell: Cell) -> list[Check]:
     n, j = np.unravel_index(np.argmax(beyond), beyond.shape)
     slides = j >= len(cell.home) and cell.external_prismatic[j - len(cell.home)]
     far = float(1e3 * beyond[n, j] if slides else np.degrees(beyond[n, j]))
-    where, unit = f"{_axis(int(j))}, {motion.at(int(n))}", f"{'mm' if slides else 'deg'} beyond the limit"
+    where, unit = f"{axis_name(int(j))}, {motion.at(int(n))}", f"{'mm' if slides else 'deg'} beyond the limit"
     out = [Check("joint positions", bool(beyond[n, j] <= 1e-8), far, 0.0, unit, where)]
     x = np.vstack([np.repeat(q[:1], 3, axis=0), q, np.repeat(q[-1:], 3, axis=0)])
     orders = (
@@ -62,10 +62,11 @@ def _limits(motion: Motion, cell: Cell) -> list[Check]:
         x = np.diff(x, axis=0) / motion.cycle
         ratio = np.abs(x) / limit
         n, j = np.unravel_index(np.argmax(ratio), ratio.shape)
-        where = f"{_axis(int(j))}, {motion.at(int(np.clip(n - 2, 0, len(q) - 1)))}"
+        where = f"{axis_name(int(j))}, {motion.at(int(np.clip(n - 2, 0, len(q) - 1)))}"
         out.append(Check(name, bool(ratio[n, j] <= most), float(ratio[n, j]), most, "of the limit", where))
     return out
 
 
-def _axis(j: int) -> str:
+def axis_name(j: int) -> str:
+    """An axis as reports call it, counted from 0: those of the arm, then the external ones."""
     return f"axis {j + 1}" if j < ARM else f"external axis e{j + 1 - ARM}"

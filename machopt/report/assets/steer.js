@@ -149,7 +149,7 @@ function steerPlan(data) {
     const put = v => {
       phi = wrapped(v);
       dot.style.left = `${plot.valToPos(xs[k], "x")}px`;
-      dot.style.top = `${plot.valToPos(phi, "y")}px`;
+      dot.style.top = `${Math.min(Math.max(plot.valToPos(phi, "y"), 8), plot.over.clientHeight - 8)}px`; // whole at the frame
       const text = `Point ${point}: γ ${angle(gammaAt(k, phi))}${held ? ", pinned" : ""}`;
       dot.title = `${text}; drag it, or use the arrow keys${held ? "; delete takes the pin away" : ""}`;
       dot.setAttribute("aria-label", dot.title);

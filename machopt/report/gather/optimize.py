@@ -25,11 +25,13 @@ from machopt.plan.setup import Scored
 from machopt.plan.timeline import Timeline
 from machopt.plan.uncertainty import gains
 from machopt.report import data as page
+from machopt.report import verdict as told
 from machopt.report.gather.optimize_map import rotation_map
 from machopt.report.gather.optimize_scene import view_of
 from machopt.report.gather.optimize_series import along, cut_length, motion_series, path_series
 from machopt.report.gather.optimize_worst import worst_points
 from machopt.verify import Verification
+from machopt.verify.limits import axis_name
 from machopt.version import __version__
 
 BEYOND = " beyond the limit"  # the verification's unit of a distance from a limit, positive on the wrong side
@@ -287,7 +289,7 @@ def cause(dip: Dip) -> str:
         "reorientation": " while the tool turns on the spot",
         "rest": " at a dwell or stop of the file",
     }[dip.where]
-    return f"axis {dip.joint} {dip.limit}{where}"
+    return f"{axis_name(dip.joint - 1)} {dip.limit}{where}"
 
 
 def _operations(
@@ -323,7 +325,7 @@ def _operations(
                 worst_chosen=worst("chosen"),
                 nearest_miss=float(np.nanmin(miss)) if np.isfinite(miss).any() else float("nan"),
                 feed_held=float("nan"),
-                status="ok" if not bad else f"{bad} points infeasible",
+                status="ok" if not bad else f"{told.counted(bad, 'point')} infeasible",
                 tool=tool.get(k, ""),
             )
         )

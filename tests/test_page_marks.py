@@ -1,0 +1,66 @@
+"""What a reader would stumble over on a page: marks that stop halfway, ticks beside the places, words that differ."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+from made_up_place import placed
+from made_up_report import full_result
+
+from machopt.plan.retime import Dip
+from machopt.report.data import FeedDip
+from machopt.report.gather.optimize import cause
+from machopt.report.page import report_html
+from machopt.report.place_page import Mark, PlacePage, place_html
+from machopt.report.series import deepest
+
+
+def dip(time: float, lowest: float = 0.01) -> FeedDip:
+    return FeedDip(1.0, 0.1, time, 0.2, 0.05, lowest, "axis 5 jerk")
+
+
+def test_dips_are_marked_to_the_end_of_the_job_and_the_deepest_of_neighbours_stays() -> None:
+    dips = [dip(t) for t in np.arange(0.5, 99.0, 0.2)] + [dip(50.01, 0.0), dip(float("nan"))]
+    marked = deepest(dips, np.linspace(0.0, 100.0, 1001), 200)
+    times = [d.time for d in marked]
+    assert len(marked) <= 200
+    assert times == sorted(times)
+    assert times[0] < 1.0
+    assert times[-1] > 98.0
+    assert dips[-2] in marked
+
+
+def ticks(page: PlacePage) -> tuple[list[str], list[str]]:
+    """Words below and left of the map, as written."""
+    html = place_html(page)
+    below = re.findall(r'<text[^>]*text-anchor="middle"[^>]*>(−?\d+)<', html)
+    return below, re.findall(r'<text[^>]*text-anchor="end"[^>]*>(−?\d+)<', html)
+
+
+def test_the_maps_ticks_are_the_places_that_were_looked_at() -> None:
+    marks = [Mark(x, y, 0.4, False, "", "") for x in (-100.0, 0.0, 100.0) for y in (-50.0, 50.0)]
+    assert ticks(replace(placed(), marks=tuple(marks))) == (["−100", "0", "100"], ["−50", "50"])
+
+
+def test_of_many_places_no_more_are_named_than_fit_and_the_middle_is() -> None:
+    marks = [Mark(10.0 * k, 10.0 * n, 0.4, False, "", "") for k in range(-12, 13) for n in (-1, 0, 1)]
+    below, left = ticks(replace(placed(), marks=tuple(marks)))
+    assert len(below) <= 9
+    assert "0" in below
+    assert left == ["−10", "0", "10"]
+
+
+def test_an_axis_has_one_name_on_the_whole_page() -> None:
+    slow = Dip(first=0.0, last=1.0, ratio=0.5, joint=7, limit="jerk", where="path")
+    assert cause(slow) == "external axis e1 jerk"
+    assert cause(replace(slow, joint=5)) == "axis 5 jerk"
+
+
+def test_what_was_not_checked_is_not_said_to_be() -> None:
+    data = replace(full_result(points=50, samples=300), checks=())
+    part = re.search(r"<section id=verification>.*?</section>", report_html(data), re.S)
+    assert part
+    assert "Not done: no trajectory was written" in part[0]
+    assert "Done on the written" not in part[0]
