@@ -85,6 +85,16 @@ def test_inch_incremental_and_feed_modes(tmp_path: Path) -> None:
     assert t.feed[3] == pytest.approx(0.254 * 600 / 60e3)
 
 
+@pytest.mark.parametrize("cut", ["G1 X2\n", "X2\n", "G2 X2 R1\n", "G81 X2 Z-1 R1\n"])
+def test_a_feed_of_before_a_change_of_unit_is_asked_for_again(tmp_path: Path, cut: str) -> None:
+    text = "G21 G90\nG0 X0 Y0 Z0\nG1 X1 F300\nG20\n"
+    with pytest.raises(InputError, match=r"line 5: cuts by F300 of line 3, which was in mm .*write F in inch after"):
+        read(tmp_path, text + cut)
+    for own in (text + "F10\n" + cut, text + cut.replace("2", "2 F10", 1), text.replace("G20", "G20 F10") + cut):
+        assert read(tmp_path, own).feed[-1 if "81" not in cut else -2] == pytest.approx(254.0 / 60e3)
+    assert mm(read(tmp_path, text + "G0 X2\nG21\nG1 X3\n"))[-1, 0] == 3.0  # what is not cut by is no matter
+
+
 def test_cycles_with_g98_g99_repeats_and_pecks(tmp_path: Path) -> None:
     t = read(tmp_path, "G21 G90\nT1 M6\nG0 X0 Y0 Z50\nG99 G81 X10 Y5 Z-4 R2 F120\nX20\nG98 X30\nG80\nG0 Z100\n")
     assert mm(t)[t.cutting].tolist() == [[10, 5, -4], [20, 5, -4], [30, 5, -4]]
@@ -349,6 +359,15 @@ def test_siemens_deep_holes_are_drilled_in_shorter_and_shorter_pecks(
     np.testing.assert_allclose(1e3 * t.position[cut, 2], depths, atol=1e-9)
     np.testing.assert_allclose(60e3 * t.feed[cut], [feed] + [100.0] * (len(depths) - 1))
     assert float(t.dwells.sum()) == pytest.approx(dwell)
+
+
+def test_siemens_holes_are_drilled_at_the_feed_in_force_at_each(tmp_path: Path) -> None:
+    """Feeds per turn were taken for mm/min, and F between call and hole was lost."""
+    text = "G71 G90 G17 G95\nS1000 M3\nG0 X0 Y0 Z50\nF0.2\nMCALL CYCLE81(10,0,2,-20)\nX10\nX20 F0.1\nMCALL\nM30\n"
+    t = read(tmp_path, text)
+    np.testing.assert_allclose(60e3 * t.feed[t.move == Move.CUT], [200.0, 100.0])
+    with pytest.raises(InputError, match=r"line 6: CYCLE81 under G93.*G94"):
+        read(tmp_path, text.replace("F0.2", "G93 F2"))
 
 
 @pytest.mark.parametrize("tail", ["-8,,-3", "-8,,,,,-1", "-8,,inf", "-8,,-0.001,,,,,,0"])

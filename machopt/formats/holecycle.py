@@ -26,7 +26,7 @@ class HoleCycle:
     bottom: float
     clear: float  # rapid down to here, feed from here
     retract: float  # rapid up to here after the hole
-    feed: float  # mm/min
+    feed: float  # mm/min; NaN: the one in force at the hole
     first_peck: float = 0.0  # mm; 0: one stroke
     next_peck: float = 0.0  # mm; 0: as the first
     chip_break: bool = False  # back off a little instead of all the way

@@ -57,8 +57,7 @@ class CallReader(FrameReader):
             self.out.begin_operation(found.group(1))
             return
         elif SIEMENS.fullmatch(name):
-            feed = words["F"] * self.feed_unit if "F" in words else self.feed * self.feed_scale
-            self.modal_call = siemens_cycle(name, args, self.scale, feed)
+            self.modal_call = siemens_cycle(name, args, self.scale)
             self.once = line
             return
         if re.fullmatch(r"L\d+", name):

@@ -44,7 +44,7 @@ class Canned:
             p = words.pop("P")
             self.dwell = p / 1e3 if b.bare("P") and p >= 100.0 else p
 
-    def at_hole(self, *, back_to_initial: bool, feed: float) -> HoleCycle:
+    def at_hole(self, *, back_to_initial: bool) -> HoleCycle:
         """Strokes with heights over the plane z = 0.
 
         Raises:
@@ -58,7 +58,7 @@ class Canned:
             bottom=self.z,
             clear=self.r,
             retract=max(self.initial, self.r) if back_to_initial else self.r,
-            feed=feed,
+            feed=math.nan,
             first_peck=self.q if self.code in _PECK else 0.0,
             chip_break=self.code == 73,
             feed_out=self.code in _FEED_OUT,
@@ -67,8 +67,8 @@ class Canned:
         )
 
 
-def siemens_cycle(name: str, text: str, scale: float, feed: float) -> HoleCycle:
-    """``CYCLE8x(RTP, RFP, SDIS, DP, DPR, …)`` with heights over the plane z = 0.
+def siemens_cycle(name: str, text: str, scale: float) -> HoleCycle:
+    """``CYCLE8x(RTP, RFP, SDIS, DP, DPR, …)`` with heights over the plane z = 0; its feed is that at each hole.
 
     Raises:
         CycleError: an argument is not a number, or depth or planes are missing.
@@ -103,7 +103,7 @@ def siemens_cycle(name: str, text: str, scale: float, feed: float) -> HoleCycle:
         bottom=bottom * scale,
         clear=(rfp + abs(sdis or 0.0)) * scale,
         retract=max(rtp, rfp + abs(sdis or 0.0)) * scale,
-        feed=feed,
+        feed=math.nan,
         first_peck=max(peck, 0.0) * scale,
         chip_break=chip_break,
         gap=abs(values[14] or 0.0) * scale if chip_break and values[14] else 1.0,

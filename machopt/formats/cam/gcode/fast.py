@@ -43,6 +43,7 @@ def takes_plain_lines(r: MotionReader) -> bool:
         and r.modal_corner is None
         and not r.polar.on
         and r.feed_mode == "minute"
+        and not r.feed_outlives_its_unit()
         and s.transfer is None
         and not s.tilted
         and not s.nowhere
@@ -64,7 +65,7 @@ def plain_lines(r: MotionReader, at: int, pattern: re.Pattern[str] = PLAIN, *, l
     lines, match, scale = r.source.lines, pattern.fullmatch, r.scale
     per_feed, same_feed_unit = r.feed_scale, r.feed_scale == r.feed_unit
     x, y, z = r.p
-    motion, feed, angles = r.motion or 0, r.feed, r.setup.angles
+    motion, feed, fed_at, angles = r.motion or 0, r.feed, r.fed_at, r.setup.angles
     with_tcp, machine, vector = r.setup.tcp is not None, r.setup.machine, r.setup.vector
     takes_vectors = r.setup.tcp == "vector" or (with_tcp and pattern is not PLAIN)
     i, j, k = r.axis
@@ -83,7 +84,9 @@ def plain_lines(r: MotionReader, at: int, pattern: re.Pattern[str] = PLAIN, *, l
             break  # plunges after a rapid are kept for the check of the rotary signs
         if (xs is None and ys is None and zs is None) or (f is not None and (new == 0 or not same_feed_unit)):
             break
-        rate = feed if f is None else float(f)
+        rate = feed
+        if f is not None:
+            rate, fed_at = float(f), at + 1
         if new == 1 and not 0.0 < rate < math.inf:
             break
         if a is not None or b is not None or c is not None:
@@ -124,7 +127,7 @@ def plain_lines(r: MotionReader, at: int, pattern: re.Pattern[str] = PLAIN, *, l
         r.segment = None
     if before and motion == 1 and not with_tcp:  # a corner may follow
         r.segment = Segment(np.array(before), np.array([x, y, z]), len(r.out) - 1, feed * per_feed)
-    r.p, r.axis, r.motion, r.feed = [x, y, z], (i, j, k), motion, feed
+    r.p, r.axis, r.motion, r.feed, r.fed_at = [x, y, z], (i, j, k), motion, feed, fed_at
     if angles is not r.setup.angles or vector is not r.setup.vector:
         r.setup = r.setup.changed(angles=angles, vector=vector)
     return at

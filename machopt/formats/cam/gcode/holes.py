@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from machopt.arrays import Array
 from machopt.domain.toolpath import Move
@@ -38,10 +39,6 @@ class HoleReader(ArcReader):
         if self.canned is None:
             return self.modal_call
         c = self.canned
-        if self.feed_mode == "inverse":
-            raise self.source.error(
-                f"G{c.code} under G93: a cycle's feed is no time for a block; G94 before it", b.line
-            )
         if not self.along_z():
             raise self.source.error(f"G{c.code} with a tool that does not stand along Z is not supported", b.line)
         c.take(words, b, self.scale, incremental=self.incremental)
@@ -53,8 +50,7 @@ class HoleReader(ArcReader):
             return None
         if c.code in (73, 83) and not c.q > 0.0:
             self.out.warn_once(f"G{c.code} without a peck depth Q above zero: one stroke", b.line)
-        feed = self.feed * self.feed_scale * (self.rpm if self.feed_mode == "revolution" else 1.0)
-        return c.at_hole(back_to_initial=self.back_to_initial, feed=feed)
+        return c.at_hole(back_to_initial=self.back_to_initial)
 
     def holes(self, cycle: HoleCycle, words: dict[str, float], target: list[float] | None, b: Block) -> None:
         """The hole of this block, and its repeats."""
@@ -64,7 +60,11 @@ class HoleReader(ArcReader):
         if not self.along_z():
             raise self.source.error(f"{cycle.name} with a tool that does not stand along Z is not supported", b.line)
         if math.isnan(cycle.feed):
-            cycle = HoleCycle(**{**cycle.__dict__, "feed": self.feed * self.feed_scale})
+            if self.feed_mode == "inverse":
+                raise self.source.error(
+                    f"{cycle.name} under G93: a cycle's feed is no time for a block; G94 before it", b.line
+                )
+            cycle = replace(cycle, feed=self.feed_mm_min(0.0, b.line))
         if abs(self.setup.height_factor - 1.0) > 1e-9:
             raise self.source.error(
                 f"{cycle.name} under a scaling or mirroring of Z: which of its heights it changes depends on the "

@@ -274,8 +274,6 @@ class ProgramReader(AuxiliaryReader):
             elif g in UNITS:
                 self.scale = UNIT_NAMES[UNITS[g]]
                 self.feed_unit = self.unit_of_feeds(g)
-                if not self.siemens:  # Sinumerik keeps the feed it has
-                    self.feed_scale = self.feed_unit
             elif g in FEED_MODES:
                 self.use_feed_mode(FEED_MODES[g])
             elif g in PLANES:

@@ -246,11 +246,28 @@ class ControlState:
             self.out.add((x, y, z), (i, j, k), Move.CUT, feed, line)
         self.p, self.axis, self.lost = to, self.setup.tool_axis(), [""] * 3
 
+    def feed_outlives_its_unit(self) -> bool:
+        """Whether F was programmed under the other of G20 and G21: controls differ in what it is then.
+
+        Fanuc takes the number in the new unit, LinuxCNC keeps the speed; Sinumerik keeps the feed it has.
+        """
+        return not self.siemens and self.feed_scale != self.feed_unit and not math.isnan(self.feed)
+
     def feed_mm_min(self, length: float, line: int) -> float:
-        if self.feed_mode == "minute":
-            return self.feed * self.feed_scale
-        if self.feed_mode == "revolution":
-            return self.feed * self.rpm * self.feed_scale
+        """Feed of a block along which the tip travels ``length`` mm; NaN where none is programmed.
+
+        Raises:
+            InputError: F is of before a change of unit, or has to stand in this block and does not.
+        """
+        if self.feed_mode != "inverse":
+            if self.feed_outlives_its_unit():
+                own, new = (("inch" if unit > 1.0 else "mm") for unit in (self.feed_scale, self.feed_unit))
+                raise self.source.error(
+                    f"cuts by F{self.feed:g} of line {self.fed_at}, which was in {own}, and the program is in {new} "
+                    f"since: some controls keep the speed, others the number; write F in {new} after that change",
+                    line,
+                )
+            return self.feed * self.feed_scale * (self.rpm if self.feed_mode == "revolution" else 1.0)
         if self.fed_at != line and not self.siemens:  # of other controls F is for one block, and they alarm without
             raise self.source.error("a cutting block without F under G93, where F (1/min) is for its own block", line)
         feed = self.feed * length  # G93: F is 1/min for the block
