@@ -22,6 +22,7 @@ from machopt.plan.explain import gamma
 from machopt.plan.made import Plan
 from machopt.plan.pipeline import plan
 from machopt.report.gather.diagnose import job_effect
+from machopt.services.diagnose_files import effect_of
 
 ROOT = Path(__file__).resolve().parent.parent
 CELL = load_cell(ROOT / "cells" / "kr500_milling")
@@ -40,7 +41,10 @@ OPTIONS = load_options(CELL.plan, None, ONLY_MEAN)
 
 @pytest.fixture(scope="module")
 def effect() -> dict[str, Any]:
-    return effect_on_job(CELL, OLD, NEW, read_toolpath(PATH), OPTIONS).plain()
+    """As ``diagnose --toolpath`` with these words behind ``--set`` makes it; ``plans`` are of the same options."""
+    found = effect_of(CELL, PATH, OLD, NEW, tuple(ONLY_MEAN))
+    assert found is not None
+    return found.plain()
 
 
 @pytest.fixture(scope="module")

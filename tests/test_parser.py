@@ -1,15 +1,18 @@
-"""What the command line says to words it does not know, and what a shell completes."""
+"""What the command line says to words it does not know, what every command takes, and what a shell completes."""
 
 from __future__ import annotations
 
 import shutil
 import subprocess
+from pathlib import Path
 
 import pytest
 
 from machopt.cli import _parser, main
 from machopt.cli.completion import script
-from machopt.cli.parser import commands_of
+from machopt.cli.parser import commands_of, options_of
+
+CELLS = Path(__file__).resolve().parents[1] / "cells"
 
 
 @pytest.mark.parametrize(
@@ -45,3 +48,28 @@ def test_a_shell_completes_every_command_and_option(shell: str, capsys: pytest.C
             ["bash", "-c", f"{text}\n{asked}"], capture_output=True, text=True, check=True, timeout=20
         )
         assert done.stdout == "--map-collisions\n"
+
+
+def test_every_command_takes_what_the_contract_calls_common() -> None:
+    commands = {name: parser for name, parser in commands_of(_parser()).items() if name != "completion"}
+    common = {"--seed", "--jobs", "--quiet", "--json", "--set", "--debug"}
+    assert {name: common - set(options_of(parser)) for name, parser in commands.items()} == {n: set() for n in commands}
+    assert len(commands) == 12
+
+
+def test_planning_options_of_a_command_that_plans_nothing_are_read_and_said(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["validate", str(CELLS / "kr500_milling"), "--seed", "3", "--jobs", "2", "--set"]
+    assert main([*words, "clearance_mm=3"]) == 0
+    assert capsys.readouterr().err == "machopt: --set clearance_mm=3 has no effect: validate plans nothing\n"
+    assert main([*words, "clearance_mm=3", "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert main([*words, "clearence_mm=3"]) == 2
+    assert "did you mean 'clearance_mm'" in capsys.readouterr().err
+
+
+def test_planning_options_of_a_diagnosis_without_a_toolpath_are_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    typed = ["diagnose", str(CELLS / "kr500_milling"), str(tmp_path / "none"), "-o", str(tmp_path / "out")]
+    assert main([*typed, "--set", "seed=3"]) == 2
+    assert "--set seed=3 has no effect: nothing is planned without --toolpath\n" in capsys.readouterr().err

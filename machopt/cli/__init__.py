@@ -11,7 +11,8 @@ from collections.abc import Sequence
 
 import machopt
 from machopt.cli import batch, cells, circles, completion, diagnose, measure, place, toolpaths, view
-from machopt.cli.parser import Parser
+from machopt.cli.parser import Parser, commands_of
+from machopt.cli.shared import say_idle, share_common
 from machopt.errors import MachoptError
 from machopt.version import __version__
 
@@ -25,6 +26,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     _one_blas_thread()
     args = _parser().parse_args(argv)
     try:
+        say_idle(getattr(args, "idle_set", []), f"{args.command} plans nothing", quiet=getattr(args, "quiet", False))
         code = int(args.run(args))
         sys.stdout.flush()  # a reader that has gone is noticed here, not at exit
         return code
@@ -89,5 +91,7 @@ def _parser() -> argparse.ArgumentParser:
     batch.add_commands(commands, common)
     cells.add_commands(commands, common)
     view.add_commands(commands, common)
+    for command in commands_of(parser).values():
+        share_common(command)
     completion.add_commands(commands, parser)
     return parser

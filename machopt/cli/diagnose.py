@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from machopt.cli.display import Display, finite, natural
-from machopt.cli.shared import share
+from machopt.cli.shared import say_idle, share
 
 if TYPE_CHECKING:
     from machopt.domain.results.diagnosis import DiagnosisResult, FindingTold
@@ -40,6 +40,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="what is predicted of a motion: joint torque, link-side against motor-side joints, or the tip's position",
     )
     p.add_argument("--toolpath", type=Path, metavar="FILE", help="say what the findings change for this toolpath")
+    share(p, "--set", help="override a planning option, for the plans of --toolpath")
     p.add_argument(
         "--terms",
         type=Path,
@@ -68,12 +69,15 @@ def _diagnose(args: argparse.Namespace) -> int:
     from machopt.diagnose.nouns.asked import DiagnoseRequest
     from machopt.services.diagnose import run_diagnose
 
+    if args.toolpath is None:
+        say_idle(args.set, "nothing is planned without --toolpath", quiet=args.quiet)
     request = DiagnoseRequest(
         cell=args.cell,
         recordings=tuple(args.recording),
         out=args.out,
         channel=args.channel,
         toolpath=args.toolpath,
+        overrides=tuple(args.set),
         terms=tuple(args.terms),
         max_findings=args.max_findings,
         accept=tuple(args.accept),

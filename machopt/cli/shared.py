@@ -1,12 +1,14 @@
-"""Options that several commands have, each written once."""
+"""Options that several commands have, each written once, and those that every command takes."""
 
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
 from machopt.cli.display import natural, positive
+from machopt.cli.parser import options_of
 from machopt.formats.parquet import KINDS
 
 _ONE_PROCESS = "accepted for scripts; one process runs"
@@ -47,8 +49,38 @@ SHARED: dict[str, dict[str, Any]] = {
 }
 """Name → what argparse is told; ``flags`` are further names."""
 
+_IDLE: dict[str, dict[str, Any]] = {
+    "--seed": {"dest": "idle_seed", "help": "accepted for scripts; nothing is drawn at random here"},
+    "--jobs": {"dest": "idle_jobs"},
+    "--set": {"dest": "idle_set", "help": "accepted for scripts; planning options have no effect here, which is said"},
+}
+"""What every command takes → what is said of it by those that have no use for it."""
+
 
 def share(parser: argparse.ArgumentParser, name: str, **changed: Any) -> None:
     """Add a shared option; ``changed`` is what this command says otherwise of it."""
     told = {**SHARED[name], **changed}
     parser.add_argument(*told.pop("flags", ()), name, **told)
+
+
+def share_common(parser: argparse.ArgumentParser) -> None:
+    """Add what every command takes and this one has not, so that a script may give all of them the same words."""
+    known = options_of(parser)
+    for name, changed in _IDLE.items():
+        if name not in known:
+            share(parser, name, **changed)
+
+
+def say_idle(words: list[str], why: str, *, quiet: bool) -> None:
+    """Planning options given to a command that has no use for them: checked like any, then named on stderr.
+
+    Raises:
+        InputError: no planning option, or not a value of it.
+    """
+    if not words:
+        return
+    from machopt.formats.options import load_options
+
+    load_options(overrides=words)
+    if not quiet:
+        print(f"machopt: --set {' '.join(words)} has no effect: {why}", file=sys.stderr)

@@ -33,6 +33,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     )
     share(p, "--plan")
     share(p, "--set")
+    share(p, "--seed", default=None, help="of the random search around obstacles")
     share(p, "--allow-external")
     p.add_argument("--port", type=natural, default=0, help="of 127.0.0.1 (any that is free)")
     p.add_argument(
@@ -54,7 +55,7 @@ def _view(args: argparse.Namespace) -> int:
         toolpath=args.places[-1],
         out=Path("steered"),
         plan_file=args.plan,
-        overrides=tuple(args.set),
+        overrides=(*args.set, *(() if args.seed is None else (f"seed={args.seed}",))),
         reading=reading(args),
         allow_external=args.allow_external,
         effects=tuple(args.effects),

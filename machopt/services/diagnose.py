@@ -19,6 +19,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.results.diagnosis import DiagnosisResult
 from machopt.effects.own import Own, in_use, run
 from machopt.formats.cell import load_cell
+from machopt.formats.options import load_options
 from machopt.formats.parquet import refuse_without_pyarrow
 from machopt.formats.recording import load_recording, load_recordings
 from machopt.output import output_folder
@@ -73,6 +74,7 @@ def diagnosed(
         cell = load_cell(request.cell, allow_external=request.allow_external, any_chain=moving)
     laws = userterms.load(own)
     check(request, recording.kind)
+    load_options(cell.plan, overrides=request.overrides)  # what is wrong with them is said before minutes of work
     options = engine.Options(most=request.most(recording.kind), progress=progress)
     if moving:
         asked, job = request.channel, request.toolpath is not None
@@ -88,7 +90,7 @@ def diagnosed(
     d = beside(replace(found.diagnosis, warnings=(*cell.warnings, *found.diagnosis.warnings)), made)
     if request.toolpath is not None and made.after is not None and made.before is not None:
         progress("what it changes for the toolpath")
-    effect = effect_of(cell, request.toolpath, made.before, made.after)
+    effect = effect_of(cell, request.toolpath, made.before, made.after, request.overrides)
     inputs = input_hashes(cell, request.recordings)
     said = request.said(recording.kind)
     result = result_of(

@@ -75,7 +75,11 @@ def write_corrections(folder: Path, cell: Cell, d: Diagnosis) -> None:
 
 
 def effect_of(
-    cell: Cell, toolpath: Path | None, before: Stiffness | None, after: Stiffness | None
+    cell: Cell,
+    toolpath: Path | None,
+    before: Stiffness | None,
+    after: Stiffness | None,
+    overrides: tuple[str, ...] = (),
 ) -> EffectOnJob | None:
     """What the findings change for a toolpath, against the cell as it stands; None without one or without two models.
 
@@ -84,6 +88,7 @@ def effect_of(
         toolpath: its file.
         before: springs refitted alone, of a cell that states none.
         after: with what was found.
+        overrides: planning options, ``key=value``; they win over the cell's.
     """
     before = cell.stiffness or before
     if toolpath is None or after is None or before is None:
@@ -91,4 +96,4 @@ def effect_of(
     from machopt.diagnose.written.onjob import effect_on_job  # the planner takes a second to load
 
     path = placed(read_toolpath(toolpath, **reading_of(cell)), cell)
-    return effect_on_job(with_tool(cell, path), before, after, path, load_options(cell.plan))
+    return effect_on_job(with_tool(cell, path), before, after, path, load_options(cell.plan, overrides=overrides))

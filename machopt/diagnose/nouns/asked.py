@@ -27,6 +27,7 @@ class DiagnoseRequest:
     seed: int = 0
     tables: str = "csv"  # parquet: every table as Parquet, too
     allow_external: bool = False
+    overrides: tuple[str, ...] = ()  # planning options for the toolpath, key=value
 
     def most(self, kind: str) -> int:
         """Effects that are named one by one in a recording of a kind."""
@@ -36,13 +37,14 @@ class DiagnoseRequest:
 
     def said(self, kind: str) -> dict[str, str | int | list[str]]:
         """The options that decide the answer for a recording of a kind, as result and page tell them."""
-        return {
+        said: dict[str, str | int | list[str]] = {
             "channel": self.channel,
             "max_findings": self.most(kind),
             "seed": self.seed,
             "accept": list(self.accept),
             "terms": [p.name for p in self.terms],
         }
+        return said | ({"set": list(self.overrides)} if self.toolpath and self.overrides else {})
 
 
 def check(request: DiagnoseRequest, kind: str) -> None:
