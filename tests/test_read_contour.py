@@ -61,7 +61,10 @@ def test_a_rounding_touches_the_arc_beside_it(tmp_path: Path) -> None:
         (FANUC + "G51 X0 Y0 Z0 P2\nX5\nM30\n", "line 4.*decimal point"),
         (FANUC + "G51.1 Z0\nX5\nM30\n", "line 4.*mirrors Z"),
         (FANUC + "X-5.0E-1\nM30\n", "line 4.*exponent"),
+        (FANUC + "X1.5Y-.5E3\nM30\n", "line 4.*exponent"),
         (SINUMERIK + "AR=30 X5 Y5\nM30\n", "line 4.*opening angle"),
+        (SINUMERIK + "G2 X5 Y5 I5 J0 AR=30\nM30\n", "line 4.*one of the two"),
+        (SINUMERIK + "G2 I5 J0 AR=360\nM30\n", "line 4.*between 0 and 360"),
         (FANUC + "G91\nG28 Z0\nG1 Z-1\nM30\n", "line 6.*G28"),
         (FANUC + "G53 Z0\nG2 X10 R5\nM30\n", "line 5.*cuts while Z is not known"),
     ],
@@ -79,6 +82,10 @@ def test_what_cannot_be_read_is_refused_with_its_line(tmp_path: Path, text: str,
         ("G3 X10 Y0 I=AC(5) J=AC(0)\n", (10, 0, 0)),
         ("G91 G3 X10 Y0 I=AC(5) J=AC(0)\n", (10, 0, 0)),
         ("CIP X10 Y0 I1=5 J1=5\n", (10, 0, 0)),
+        ("G2 I10 AR=90\n", (10, 10, 0)),
+        ("G91 G3 I10 Z4 AR=180\n", (20, 0, 4)),
+        ("G3 I=AC(0) J=AC(10) AR=90\n", (10, 10, 0)),
+        ("WAITM(1,1,2)\nWAITP(X)\nX10\n", (10, 0, 0)),
         ("G111 X10 Y10\nG1 AP=0 RP=5\nG3 AP=90\n", (10, 15, 0)),
         ("MIRROR X0\nX10 Y5\nASCALE X2 Y2\nX10 Y5\n", (-20, 10, 0)),
         ("MIRROR X0\nX10 Y5\nMIRROR\nX10\n", (10, 5, 0)),
@@ -95,6 +102,19 @@ def test_an_absolute_centre_and_full_turns(tmp_path: Path) -> None:
     assert angle[-1] == pytest.approx(np.pi / 2 + 4 * np.pi)
     assert np.allclose(np.hypot(arc[:, 0], arc[:, 1]), 10.0)
     assert np.allclose(arc[:, 2], -9.0 * angle / angle[-1])
+
+
+@pytest.mark.parametrize(
+    ("word", "degrees", "centre"), [("G2", 90.0, (10, 0)), ("G2", 270.0, (0, 10)), ("G3", 90.0, (0, 10))]
+)
+def test_an_arc_by_its_end_and_opening_angle(
+    tmp_path: Path, word: str, degrees: float, centre: tuple[int, int]
+) -> None:
+    arc = np.array(points(tmp_path, SINUMERIK + f"{word} X10 Y10 AR={degrees:g}\nM30\n", "a.mpf"))[1:]
+    around = np.unwrap(np.arctan2(arc[:, 1] - centre[1], arc[:, 0] - centre[0]))
+    assert np.allclose(np.hypot(*(arc[:, :2] - centre).T), 10.0)
+    assert np.degrees(around[-1] - around[0]) == pytest.approx(degrees * (-1.0 if word == "G2" else 1.0))
+    assert np.allclose(arc[-1], [10.0, 10.0, 0.0])
 
 
 def test_a_tangential_arc_goes_on_where_the_line_ended(tmp_path: Path) -> None:

@@ -84,6 +84,10 @@ SINUMERIK_CALLS: dict[str, str] = {
     **dict.fromkeys(
         ("STOPRE", "STOPREOF", "SAVE", "SBLON", "SBLOF", "ICYCON", "ICYCOF"), "order of the control's own work"
     ),
+    **dict.fromkeys(
+        ("WAITM", "WAITMC", "WAITE", "WAITP", "WAITS", "SETM", "CLEARM", "GET", "GETD", "RELEASE"),
+        "channels and positioning axes wait for each other or change hands",
+    ),
     **dict.fromkeys(("TOFFOFF", "DIAMOF", "TOROTOF", "PAROTOF"), _OFF),
 }
 SINUMERIK_NAMES: dict[str, str] = {

@@ -32,7 +32,10 @@ class ArcReader(ControlState):
         radius = b.named.get("CR", words.get("R"))
         turns = max(round(words.get("P", 1.0)), 1) + self.full_circles(b)
         words.pop("P", None)
-        if radius is not None:
+        opening = self.opening_angle(words, b) if "AR" in b.named else None
+        if opening is not None and not words.keys() & set("IJK"):
+            centre = self.centres.by_opening(start, end, opening, normal)
+        elif radius is not None:
             centre = self.centres.by_radius(start, end, radius * self.scale, normal)
         else:
             offsets = np.array([words.get(c, math.nan) for c in "IJK"]) * self.scale
@@ -42,8 +45,25 @@ class ArcReader(ControlState):
             elif any(modes):
                 centre = self.centres.as_said(start, offsets, modes)
             else:
-                centre = self.centres.by_offsets(start, end, offsets, normal, b.line)
+                centre = self.centres.by_offsets(start, start if opening else end, offsets, normal, b.line)
+            if opening is not None:
+                end = end_at(start, end, centre, opening, normal)
         self.along_arc(start, end, centre, normal, unknown, axis, b.line, turns=turns)
+
+    def opening_angle(self, words: dict[str, float], b: Block) -> float:
+        """AR=: the angle of the arc at its centre, rad; beside it stands its end or its centre, not both.
+
+        Raises:
+            ArcError: both, or a radius too, or no angle between 0° and 360°.
+        """
+        degrees = b.named["AR"]
+        if not 0.0 < degrees < 360.0:
+            raise ArcError(f"AR={degrees:g}; expected an opening angle between 0 and 360 (a full circle: I, J, K)")
+        in_plane = {"XYZ"[k] for k in plane_axes(self.plane)}
+        by_end, by_centre = bool(words.keys() & in_plane), bool(words.keys() & set("IJK"))
+        if by_end == by_centre or "CR" in b.named or "R" in words:
+            raise ArcError("an arc by its opening angle (AR=) needs its end or its centre (I, J, K), one of the two")
+        return math.radians(degrees)
 
     def arc_ends(self, to: list[float], line: int) -> tuple[Array, Array, list[bool]]:
         """Start and end of an arc, and which coordinates are not known at its start.
@@ -177,6 +197,15 @@ class ArcReader(ControlState):
         centre[first], centre[second] = self.polar.pole[first], self.polar.pole[second]
         normal = self.plane * (1.0 if self.motion == 3 else -1.0)
         self.along_arc(start, end, centre, normal, unknown, axis, b.line, turns=1 + self.full_circles(b))
+
+
+def end_at(start: Array, end: Array, centre: Array, opening: float, normal: Array) -> Array:
+    """Where an arc of ``opening`` rad about ``centre`` ends; its height along ``normal`` is that of ``end``."""
+    n = normal / np.linalg.norm(normal)
+    out = start - centre
+    out = out - (out @ n) * n
+    turned: Array = math.cos(opening) * out + math.sin(opening) * np.cross(n, out)
+    return start - out + turned + ((end - start) @ n) * n
 
 
 def circumscribed(a: Array, b: Array, c: Array) -> tuple[Array, Array]:

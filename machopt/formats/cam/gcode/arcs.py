@@ -31,6 +31,16 @@ class Centres:
         self.radius_stays = radius
         return from_radius(start, end, radius, normal)
 
+    def by_opening(self, start: Array, end: Array, opening: float, normal: Array) -> Array:
+        """Centre from the end and the opening angle (rad): r = d / (2 sin(opening/2)), d from start to end.
+
+        Raises:
+            ArcError: start and end coincide.
+        """
+        self.radius_stays = math.nan
+        radius = _length((end - start) * (1.0 - np.abs(normal))) / (2.0 * math.sin(opening / 2.0))
+        return from_radius(start, end, math.copysign(radius, math.pi - opening), normal)
+
     def as_said(self, start: Array, offsets: Array, modes: list[str]) -> Array:
         """Centre from I, J, K that say themselves what they count from: AC the zero, IC and nothing the start."""
         self.radius_stays = math.nan

@@ -10,7 +10,10 @@ from machopt.formats.cam.gcode.expr import ExpressionError
 Word = tuple[str, float]
 _WORD = re.compile(r"\s*([A-Z])\s*([+-]?\s*(?:\d+\.?\d*|\.\d+))")
 _PLAIN = re.compile(r"(?:\s*[A-Z]\s*[+-]?\s*(?:\d+\.?\d*|\.\d+))+\s*")
-_EXPONENT = re.compile(r"(?<![A-Z0-9_\"])[A-Z][A-Z]?\d?\s*=?\s*[-+]?\s*(?:\d+\.?\d*|\.\d+)E[-+]?\d+")
+# A word may follow the number before it without a blank; E0.5 behind a number is a word E of its own (an extruder's).
+_EXPONENT = re.compile(
+    r"(?:(?<![A-Z0-9_\"])[A-Z][A-Z]?\d?|(?<=[0-9.])[A-Z])\s*=?\s*[-+]?\s*(?:\d+\.?\d*|\.\d+)E[-+]?\d+(?![\d.])"
+)
 _QUOTED = re.compile(r"\"[^\"]*\"")
 _COMMENT = re.compile(r"(?:[^;\"]|\"[^\"]*(?:\"|$))*")  # up to a semicolon that is not quoted
 LARGEST = 1e15  # beyond it no length, angle or feed

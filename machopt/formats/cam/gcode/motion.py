@@ -31,7 +31,11 @@ class MotionReader(HoleReader):
         if cycle is not None and (has_point or self.once == b.line):
             self.holes(cycle, words, target, b)
             return
-        arc_words = bool(words.keys() & set("IJKR") or "CR" in b.named)
+        arc_words = bool(words.keys() & set("IJKR") or b.named.keys() & {"CR", "AR"})
+        if "AR" in b.named and (self.motion not in (2, 3) or polar):
+            raise self.source.error(
+                "AR= is the opening angle of a G2 or G3 by its end or its centre; found neither", b.line
+            )
         arc_only = self.motion in (2, 3) and arc_words
         moves_tip = turns and (self.setup.tcp or self.setup.by_machine)
         if not (has_point or arc_only or vector is not None or moves_tip):

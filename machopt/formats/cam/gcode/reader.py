@@ -48,6 +48,7 @@ from machopt.formats.unknowns import fill_unknown
 
 _ADDRESSES = {
     "CR",
+    "AR",
     "A3",
     "B3",
     "C3",

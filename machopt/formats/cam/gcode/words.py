@@ -42,7 +42,6 @@ REFUSED_CALLS = {
     **dict.fromkeys(("A2", "B2", "C2"), "tool axes by turns whose order a machine datum says; export vectors (A3=)"),
     "FZ": "feed per tooth; write F in mm/min",
     "OVR": "it scales the feeds that follow; write the feeds themselves",
-    "AR": "arcs by their opening angle are not supported; export them with centre or radius",
     **dict.fromkeys(
         (
             "FOR",
