@@ -174,13 +174,20 @@ def test_the_conda_environment_names_all_that_is_needed_with_the_same_bounds() -
     conda = {"pinocchio": "pin"}
     there = {conda.get(name_of(n), name_of(n)): v for n, v in re.findall(r"^ *- ([\w.-]+) *>=([\d.]+)$", text, re.M)}
     wanted = {name_of(r): re.search(r">=([\d.]+)", r) for r in PROJECT["dependencies"]}
-    assert {n: b[1] for n, b in wanted.items() if b} | {"python": "3.11", "hatchling": "1.25"} == there
+    builder = re.search(r'"hatchling>=([\d.]+)"', (ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert builder is not None
+    assert {n: b[1] for n, b in wanted.items() if b} | {"python": "3.11", "hatchling": builder[1]} == there
 
 
 def test_the_image_copies_what_is_there_and_may_be_seen() -> None:
     image = (ROOT / "docs" / "install" / "Dockerfile").read_text(encoding="utf-8")
     copied = {name for line in re.findall(r"^COPY (.*) \S+$", image, re.M) for name in line.split()}
     assert all((ROOT / name).exists() for name in copied)
+    document = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    wheel = document["tool"]["hatch"]["build"]["targets"]["wheel"]
+    files = [PROJECT["readme"], *PROJECT["license-files"], *wheel["packages"]]
+    files += [hook["path"] for hook in wheel["hooks"].values()]  # without its hook the wheel is not built at all
+    assert {"pyproject.toml", *(file.split("/")[0] for file in files)} <= copied
     seen = {t[1:] for t in (ROOT / ".dockerignore").read_text(encoding="utf-8").split() if t.startswith("!")}
     assert copied == seen
 
