@@ -63,7 +63,7 @@ def main() -> None:
         for workers in (1, 2):
             out = place / f"nothing{workers}"
             request = BatchRequest(
-                (str(empty),), out, cell=CELL, entry=Path(__file__).stem, workers=workers, version="1"
+                jobs=(str(empty),), out=out, cell=CELL, entry=Path(__file__).stem, workers=workers, version="1"
             )
             _, total, first, rate = timed(request)
             print(
@@ -74,7 +74,7 @@ def main() -> None:
         outcome = run_batch(request)
         print(f"resumed when all are done: {time.perf_counter() - start:.1f} s, {outcome.done} done again")
         for workers in (1, 2):
-            request = BatchRequest((str(listed),), place / f"real{workers}", workers=workers, version="1")
+            request = BatchRequest(jobs=(str(listed),), out=place / f"real{workers}", workers=workers, version="1")
             outcome, total, first, rate = timed(request)
             print(
                 f"{real} real jobs, {workers} worker(s): exit {outcome.exit_code}, first after {first:.1f} s, then "

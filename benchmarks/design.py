@@ -36,12 +36,19 @@ def main() -> None:
     T = cell.tool.T_flange_tcp
     length = characteristic_length(robot, T).length
     criteria = PoseCriteria(kci=0.1, limit_margin=np.radians(5), floor=0.3, ceiling=2.5)
-    screen = PoseScreen(robot, T, cell.T_world_base, length, criteria, CollisionModel(cell, robot, shapes, 0.02))
+    screen = PoseScreen(
+        robot=robot,
+        T_flange_tcp=T,
+        T_world_base=cell.T_world_base,
+        length=length,
+        criteria=criteria,
+        collision=CollisionModel(cell, robot, shapes, 0.02),
+    )
     start = perf_counter()
     limits = cell.limits.lower, cell.limits.upper
     pool = sample_poses(screen, limits, cell.home, CANDIDATES, seed=0)
     print(f"{'candidate poses':<34}{len(pool):>9}{perf_counter() - start:>9.2f} s  ({pool.tried} tried)")
-    noise = ReadingNoise(12e-6, 15e-6, 30e-6, 0.0075)
+    noise = ReadingNoise(displacement=12e-6, cycle=15e-6, pose=30e-6, force=0.0075)
     R_base_world = cell.T_world_base[:3, :3].T
     ways = (
         *load_ways((50.0,), (), 1, np.zeros((0, 3)), (0.0, 0.2), R_base_world)[:2],
@@ -49,7 +56,9 @@ def main() -> None:
     )
     prior = ArmElasticity(robot, T, cell.stiffness)
     start = perf_counter()
-    cases = load_cases(pool, ways, prior, (), LoadCriteria(1e-4, 5e-3, nu_p=0.05), noise)
+    cases = load_cases(
+        pool, ways, prior, (), LoadCriteria(least_deflection=1e-4, most_deflection=5e-3, nu_p=0.05), noise
+    )
     print(f"{'load cases':<34}{len(cases):>9}{perf_counter() - start:>9.2f} s  ({len(ways)} ways)")
     rng = np.random.default_rng(0)
     problem, _ = problem_of(cases, unknowns_of(prior, (), cases), noise, 1.0, rng)

@@ -45,7 +45,7 @@ def main() -> None:
         alone = time.perf_counter()
         sure = uncertainty(fit(e))
         fitted = time.perf_counter()
-        found = identify(e, robot, T, Stiffness(TRUE_K), IdentifyOptions(), np.random.default_rng(0))
+        found = identify(e, robot, T, Stiffness(joints=TRUE_K), IdentifyOptions(), np.random.default_rng(0))
         end = time.perf_counter()
         print(
             f"run {run + 1}: experiment and whole identification {end - fitted + alone - start:.2f} s; "

@@ -74,7 +74,7 @@ def folder_of(place: Path, **words: str) -> Path:
 
 
 def request_for(jobs: Path | str, out: Path, **changes: object) -> BatchRequest:
-    base = BatchRequest((str(jobs),), out, cell=CELL, entry="batch_stub", version="test", time_limit=60.0)
+    base = BatchRequest(jobs=(str(jobs),), out=out, cell=CELL, entry="batch_stub", version="test", time_limit=60.0)
     return replace(base, **changes)  # type: ignore[arg-type]
 
 

@@ -62,10 +62,10 @@ def external_cell(folder: Path, *, rail: bool = False, table: bool = False, tilt
     )
     part = cell.workpiece
     if table:
-        block = (Shape("block", "box", (0.4, 0.5, 0.1), None, pose(0, 0, -0.05)),)
+        block = (Shape(name="block", kind="box", size=(0.4, 0.5, 0.1), mesh=None, T_parent_shape=pose(0, 0, -0.05)),)
         part = replace(part, link="plate", T_link_workpiece=pose(0.05, 0, 0.11), geometry=block)
     else:
-        block = (Shape("block", "box", (0.4, 2.4, 0.1), None, pose(0, 0, -0.05)),)
+        block = (Shape(name="block", kind="box", size=(0.4, 2.4, 0.1), mesh=None, T_parent_shape=pose(0, 0, -0.05)),)
         part = replace(part, geometry=block)
     return replace(
         cell,

@@ -35,7 +35,7 @@ STEERING = Steering(
     branches=8,
     axes=(Axis("rail", "mm", -1000.0, 1000.0),),
     wishes={"fixed": [{"point": 3, "gamma_deg": 20.0}], "steer": [{"operation": "rim", "branch": 2}], "external": {}},
-    compared=(Compared("Objective", "", 1.0, 0.9, 3),),
+    compared=(Compared(name="Objective", unit="", before=1.0, now=0.9, decimals=3),),
     told="Planned in 2.0 s.",
     good=True,
     file="plan.yaml",
@@ -64,7 +64,25 @@ def pages(folder: Path) -> Iterator[tuple[str, str]]:
     yield "batch", evil_batch()
     yield "place", place_html(placed())
     yield "poses", planned_poses(folder)
-    yield "no poses", poses_html(PosesPage("p", "c", "0", 9, 0, 0, (("x", 9),), (), (), (), (), reason="none"))
+    yield (
+        "no poses",
+        poses_html(
+            PosesPage(
+                title="p",
+                cell="c",
+                version="0",
+                tried=9,
+                passed=0,
+                cases=0,
+                rejected_poses=(("x", 9),),
+                rejected_loads=(),
+                warnings=(),
+                options=(),
+                hashes=(),
+                reason="none",
+            )
+        ),
+    )
 
 
 def planned_poses(folder: Path) -> str:

@@ -82,14 +82,58 @@ def hysteresis(joint: int = 3, after: float = 0.025) -> Finding:
         after=after,
         p_value=0.0004,
         rivals=(
-            Rival("joint_backlash", place, "dead zone on total torque", 0.31, "rejected", 0.0002),
-            Rival("joint_hysteresis", place, "Bouc–Wen", 0.96, "not excluded", 0.31),
-            Rival("joint_creep", place, "first order", 0.22, "rejected", 0.0001),
-            Rival("joint_hysteresis", "joint:2", "play", 0.12, "rejected", 0.0001, placebo=True),
-            Rival("joint_hysteresis", place, "branches shuffled", 0.01, "rejected", 0.0001, placebo=True),
+            Rival(
+                effect="joint_backlash",
+                location=place,
+                law="dead zone on total torque",
+                closed=0.31,
+                standing="rejected",
+                p_value=0.0002,
+            ),
+            Rival(
+                effect="joint_hysteresis",
+                location=place,
+                law="Bouc–Wen",
+                closed=0.96,
+                standing="not excluded",
+                p_value=0.31,
+            ),
+            Rival(
+                effect="joint_creep",
+                location=place,
+                law="first order",
+                closed=0.22,
+                standing="rejected",
+                p_value=0.0001,
+            ),
+            Rival(
+                effect="joint_hysteresis",
+                location="joint:2",
+                law="play",
+                closed=0.12,
+                standing="rejected",
+                p_value=0.0001,
+                placebo=True,
+            ),
+            Rival(
+                effect="joint_hysteresis",
+                location=place,
+                law="branches shuffled",
+                closed=0.01,
+                standing="rejected",
+                p_value=0.0001,
+                placebo=True,
+            ),
         ),
         correction=RecordCorrection("joint_hysteresis", place, {"width_arcmin": 0.9}) if joint == 99 else None,
-        curve=Curve(loop_x, law, f"torque at joint {joint} in N·m", "twist in arcmin", torque, per_reading),
+        curve=Curve(
+            x=loop_x,
+            law=law,
+            x_label=f"torque at joint {joint} in N·m",
+            y_label="twist in arcmin",
+            data_x=torque,
+            per_reading=per_reading,
+        ),
         curve_residual=left,
     )
 
@@ -99,28 +143,45 @@ def link() -> Finding:
     rng = np.random.default_rng(8)
     x = rng.uniform(-900, 900, N)
     return Finding(
-        "link_compliance",
-        "link:4",
-        "beam with one EI",
-        "L³/3EI, L²/2EI, L/EI (Euler–Bernoulli)",
-        "in bending across the forearm",
-        (("link_compliance", "link:4"), ("joint_coupling", "joint:4-5"), ("tool_compliance", "tool")),
-        {"compliance": _estimate(2.4e-7, "rad/(N·m)", 0.4e-7), "share_of_deflection": _estimate(14.2, "%", 2.2)},
-        0.025,
-        0.021,
-        0.012,
-        (
-            Rival("joint_pose_dependent_stiffness", "joint:4", "first harmonic", 0.45, "rejected", 0.003),
-            Rival("tool_compliance", "tool", "6×6 diagonal", 0.93, "not excluded", 0.22),
+        effect="link_compliance",
+        location="link:4",
+        law="beam with one EI",
+        equation="L³/3EI, L²/2EI, L/EI (Euler–Bernoulli)",
+        note="in bending across the forearm",
+        one_of=(("link_compliance", "link:4"), ("joint_coupling", "joint:4-5"), ("tool_compliance", "tool")),
+        parameters={
+            "compliance": _estimate(2.4e-7, "rad/(N·m)", 0.4e-7),
+            "share_of_deflection": _estimate(14.2, "%", 2.2),
+        },
+        before=0.025,
+        after=0.021,
+        p_value=0.012,
+        rivals=(
+            Rival(
+                effect="joint_pose_dependent_stiffness",
+                location="joint:4",
+                law="first harmonic",
+                closed=0.45,
+                standing="rejected",
+                p_value=0.003,
+            ),
+            Rival(
+                effect="tool_compliance",
+                location="tool",
+                law="6×6 diagonal",
+                closed=0.93,
+                standing="not excluded",
+                p_value=0.22,
+            ),
         ),
         correction=Term("link_compliance", "link:4", {"EI_Nm2": 3.1e6, "length_mm": 600.0}),
         curve=Curve(
-            np.array([-900.0, 900.0]),
-            np.array([-0.2, 0.2]),
-            "moment at link 4 in N·m",
-            "rotation in mrad",
-            x,
-            0.2 * x / 900,
+            x=np.array([-900.0, 900.0]),
+            law=np.array([-0.2, 0.2]),
+            x_label="moment at link 4 in N·m",
+            y_label="rotation in mrad",
+            data_x=x,
+            per_reading=0.2 * x / 900,
         ),
         curve_residual=rng.normal(0, 0.08, N),
     )
@@ -129,16 +190,16 @@ def link() -> Finding:
 def zero_offset() -> Finding:
     """A kinematic correction without a curve."""
     return Finding(
-        "joint_zero_offset",
-        "joint:5",
-        "constant offset",
-        "Δx = J_5 Δφ",
-        "",
-        (("joint_zero_offset", "joint:5"), ("displacement_frame", "sensor:displacement")),
-        {"offset": _estimate(0.021, "deg", 0.006)},
-        0.0212,
-        0.0203,
-        0.04,
+        effect="joint_zero_offset",
+        location="joint:5",
+        law="constant offset",
+        equation="Δx = J_5 Δφ",
+        note="",
+        one_of=(("joint_zero_offset", "joint:5"), ("displacement_frame", "sensor:displacement")),
+        parameters={"offset": _estimate(0.021, "deg", 0.006)},
+        before=0.0212,
+        after=0.0203,
+        p_value=0.04,
         correction=KinematicCorrection("joint_zero_offset", "joint:5", {"offset_deg": 0.021}),
     )
 
@@ -146,16 +207,16 @@ def zero_offset() -> Finding:
 def frame() -> Finding:
     """The record itself: stays in the diagnosis."""
     return Finding(
-        "force_sensor_frame",
-        "sensor:force",
-        "axes turned",
-        "w_recorded = (I + [φ]×) w",
-        "",
-        (("force_sensor_frame", "sensor:force"),),
-        {"angle": _estimate(1.8, "deg", 0.2)},
-        0.05,
-        0.03,
-        0.0004,
+        effect="force_sensor_frame",
+        location="sensor:force",
+        law="axes turned",
+        equation="w_recorded = (I + [φ]×) w",
+        note="",
+        one_of=(("force_sensor_frame", "sensor:force"),),
+        parameters={"angle": _estimate(1.8, "deg", 0.2)},
+        before=0.05,
+        after=0.03,
+        p_value=0.0004,
         correction=RecordCorrection("force_sensor_frame", "sensor:force", {"rotation_deg": [0.1, 1.7, -0.4]}),
         record=True,
     )
@@ -172,26 +233,34 @@ def _limits() -> tuple[Limit, ...]:
         for j in range(1, 7):
             value = size * (1 + 0.4 * abs(j - 3))
             if j == 6:
-                out.append(Limit(effect, f"joint:{j}", np.inf, unit, "not testable"))
+                out.append(
+                    Limit(effect=effect, location=f"joint:{j}", value=np.inf, unit=unit, standing="not testable")
+                )
             elif j == 1 and effect == "joint_pose_dependent_stiffness":
                 both = ((effect, "joint:1"), ("base_compliance", "base"))
-                out.append(Limit(effect, "joint:1", value, unit, "only as a set", both))
+                out.append(
+                    Limit(
+                        effect=effect, location="joint:1", value=value, unit=unit, standing="only as a set", one_of=both
+                    )
+                )
             else:
-                out.append(Limit(effect, f"joint:{j}", value, unit))
-    out += [Limit("link_compliance", f"link:{j}", 3e-8 * j, "rad/(N·m)") for j in range(1, 6)]
+                out.append(Limit(effect=effect, location=f"joint:{j}", value=value, unit=unit))
     out += [
-        Limit("base_compliance", "base", 4.1e-9, "rad/(N·m)"),
+        Limit(effect="link_compliance", location=f"link:{j}", value=3e-8 * j, unit="rad/(N·m)") for j in range(1, 6)
+    ]
+    out += [
+        Limit(effect="base_compliance", location="base", value=4.1e-9, unit="rad/(N·m)"),
         Limit(
-            "tool_compliance",
-            "tool",
-            0.021,
-            "µm/N",
-            "only as a set",
-            (("tool_compliance", "tool"), ("link_compliance", "link:6")),
+            effect="tool_compliance",
+            location="tool",
+            value=0.021,
+            unit="µm/N",
+            standing="only as a set",
+            one_of=(("tool_compliance", "tool"), ("link_compliance", "link:6")),
         ),
-        Limit("force_sensor_frame", "sensor:force", 0.31, "deg"),
-        Limit("joint_coupling", "joint:4-5", 2.2e-8, "rad/(N·m)"),
-        Limit("gravity_compensator", "joint:2", 3.3, "%"),
+        Limit(effect="force_sensor_frame", location="sensor:force", value=0.31, unit="deg"),
+        Limit(effect="joint_coupling", location="joint:4-5", value=2.2e-8, unit="rad/(N·m)"),
+        Limit(effect="gravity_compensator", location="joint:2", value=3.3, unit="%"),
     ]
     return tuple(out)
 
@@ -222,11 +291,18 @@ def _errors(before: float, after: float, spoilt: tuple[int, ...], columns: int =
 
 def _coefficients() -> tuple[Coefficient, ...]:
     out = [
-        Coefficient(Unknown(f"joint {j + 1}", "rad/(N·m)", 0.0, f"joint:{j + 1}"), 1.12 / k, 1 / k, 0.03 / k)
+        Coefficient(
+            Unknown(name=f"joint {j + 1}", unit="rad/(N·m)", lower=0.0, location=f"joint:{j + 1}"),
+            1.12 / k,
+            1 / k,
+            0.03 / k,
+        )
         for j, k in enumerate(K)
     ]
     out[5] = replace(out[5], value=0.0, sigma=1e-8)  # at its bound
-    out.append(Coefficient(Unknown("force gain, session 2", "1", location="sensor:force"), 0.011, 0.007, 0.002))
+    out.append(
+        Coefficient(Unknown(name="force gain, session 2", unit="1", location="sensor:force"), 0.011, 0.007, 0.002)
+    )
     return tuple(out)
 
 
@@ -274,7 +350,15 @@ def explained() -> Diagnosis:
         ),
         coefficients=_coefficients(),
         errors=_errors(0.061, 0.025, (40, 133, 400)),
-        proof=Proof(np.array([3, 8, 14, 19, 22, 28]), 0.064, 0.026, 0.022, 6, 6, 0.0156),
+        proof=Proof(
+            groups=np.array([3, 8, 14, 19, 22, 28]),
+            before=0.064,
+            after=0.026,
+            noise_floor=0.022,
+            wins=6,
+            of=6,
+            p_value=0.0156,
+        ),
         used=used,
         outliers=np.array([41, 134, 401]),
         axes={
@@ -377,24 +461,24 @@ def torque() -> Diagnosis:
     speed = np.sin(np.arange(N) / 20)
     line = np.linspace(-1, 1, 200)
     f = Finding(
-        "joint_friction",
-        "joint:2",
-        "Coulomb, viscous and Stribeck",
-        "τ = (c + (s − c) exp(−(v/v_s)²)) sign v + b v",
-        "at reversal",
-        (("joint_friction", "joint:2"),),
-        {"coulomb": _estimate(182.0, "N·m", 12.0), "viscous": _estimate(41.3, "N·m·s/rad", 5.0)},
-        15.2,
-        6.5,
-        0.0004,
+        effect="joint_friction",
+        location="joint:2",
+        law="Coulomb, viscous and Stribeck",
+        equation="τ = (c + (s − c) exp(−(v/v_s)²)) sign v + b v",
+        note="at reversal",
+        one_of=(("joint_friction", "joint:2"),),
+        parameters={"coulomb": _estimate(182.0, "N·m", 12.0), "viscous": _estimate(41.3, "N·m·s/rad", 5.0)},
+        before=15.2,
+        after=6.5,
+        p_value=0.0004,
         correction=RecordCorrection("joint_friction", "joint:2", {"coulomb_Nm": 182.0}),
         curve=Curve(
-            line,
-            14 * np.sign(line) + 3 * line,
-            "velocity of joint 2 in rad/s",
-            "friction torque in N·m",
-            speed,
-            14 * np.sign(speed) + 3 * speed,
+            x=line,
+            law=14 * np.sign(line) + 3 * line,
+            x_label="velocity of joint 2 in rad/s",
+            y_label="friction torque in N·m",
+            data_x=speed,
+            per_reading=14 * np.sign(speed) + 3 * speed,
         ),
         curve_residual=after[:, 1],
     )
@@ -418,7 +502,7 @@ def torque() -> Diagnosis:
         axes={"qd2": speed, "time": np.arange(N) * 0.012},
         used=np.ones(N, bool),
         outliers=np.zeros(0, np.int64),
-        proof=Proof(np.array([3, 8, 14]), 15.0, 6.4, 6.1, 3, 3, 0.125),
+        proof=Proof(groups=np.array([3, 8, 14]), before=15.0, after=6.4, noise_floor=6.1, wins=3, of=3, p_value=0.125),
         sentence="13.9 N·m of 15.2 N·m come back in every repeat: friction of joint 2, 182 N·m Coulomb.",
     )
 
@@ -429,22 +513,22 @@ def problem(d: Diagnosis) -> Problem:
     group = r.pose - 1
     columns = d.errors.residual.shape[1]
     if d.channel == "torque":
-        families = tuple(Family(f"joint {j + 1}", (j,), "N·m", 1.0) for j in range(columns))
+        families = tuple(Family(name=f"joint {j + 1}", columns=(j,), unit="N·m", factor=1.0) for j in range(columns))
     else:
-        families = (Family("translation", (0, 1, 2), "mm", 1e3),)
+        families = (Family(name="translation", columns=(0, 1, 2), unit="mm", factor=1e3),)
     return Problem(
-        d.channel,
-        d.errors.residual,
-        np.zeros((N, columns, 1)),
-        (Unknown("none", ""),),
-        families,
-        group,
-        group,
-        group,
-        r.session,
-        np.full(N, -1),
-        r.line,
-        np.arange(1, N + 1),
+        channel=d.channel,
+        y=d.errors.residual,
+        base=np.zeros((N, columns, 1)),
+        unknowns=(Unknown(name="none", unit=""),),
+        families=families,
+        group=group,
+        visit=group,
+        cycle=group,
+        session=r.session,
+        replicate=np.full(N, -1),
+        line=r.line,
+        row=np.arange(1, N + 1),
     )
 
 

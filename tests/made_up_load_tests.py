@@ -108,7 +108,9 @@ def measured(
         wrench=w,
         displacement=d,
         labelled=frozenset({"pose", "cycle"}) if labels else frozenset(),
-        uncertainty=StandardUncertainty(WHITE, PER_METRE * WHITE if rotations else None, force)
+        uncertainty=StandardUncertainty(
+            displacement=WHITE, rotation=PER_METRE * WHITE if rotations else None, force=force
+        )
         if stated
         else StandardUncertainty(),
     )

@@ -239,7 +239,9 @@ def load_tests(
         time=plan.time[rows],
         branch=np.where(plan.rising[rows], 1, -1).astype(np.int8),
         labelled=frozenset({"pose", "cycle", "session"}),
-        uncertainty=StandardUncertainty(dirt.white, dirt.per_metre * dirt.white if rotations else None),
+        uncertainty=StandardUncertainty(
+            displacement=dirt.white, rotation=dirt.per_metre * dirt.white if rotations else None
+        ),
     )
 
 

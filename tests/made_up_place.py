@@ -71,9 +71,16 @@ def placed() -> PlacePage:
         warnings=("at the edge of the range",),
     )
     marks = (
-        Mark(-60.0, 0.0, 0.32, True, "x -60 mm", ""),
-        Mark(0.0, 0.0, 0.4, True, "as it stands", ""),
-        Mark(60.0, 0.0, 0.45, False, "x +60 mm", ""),
-        Mark(60.0, 60.0, float("nan"), False, "x +60 mm, y +60 mm", "point 3 is out of reach"),
+        Mark(x=-60.0, y=0.0, value=0.32, planned=True, words="x -60 mm", refused=""),
+        Mark(x=0.0, y=0.0, value=0.4, planned=True, words="as it stands", refused=""),
+        Mark(x=60.0, y=0.0, value=0.45, planned=False, words="x +60 mm", refused=""),
+        Mark(
+            x=60.0,
+            y=60.0,
+            value=float("nan"),
+            planned=False,
+            words="x +60 mm, y +60 mm",
+            refused="point 3 is out of reach",
+        ),
     )
     return PlacePage(result, marks)

@@ -37,7 +37,14 @@ def with_view(cell: Cell, points: int = 60, rotations: int = 72, samples: int = 
     line = np.column_stack([0.3 * u - 0.15, 0.2 * np.sin(6 * u), 0 * u])
     view = View(
         scene=scene_of(cell, robot, bodies_of(cell, robot, shapes)),
-        path=Path3D(line, np.arange(points, dtype=float), u > 0.05, 1e3 * p.deflection, "deflection (mm)", False),
+        path=Path3D(
+            position=line,
+            point=np.arange(points, dtype=float),
+            cutting=u > 0.05,
+            value=1e3 * p.deflection,
+            label="deflection (mm)",
+            large_is_good=False,
+        ),
         stations=Stations(
             q=np.pad(q, still),
             chosen=np.pad(chosen, still[1:]),

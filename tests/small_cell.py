@@ -96,18 +96,22 @@ def small_cell(folder: Path, **changes: object) -> Cell:
         "T_world_base": np.eye(4),
         "limits": limits(),
         "tool": Tool(
-            pose(0, 0, 0.35),
-            20.0,
-            np.zeros(3),
-            (Shape("spindle", "box", (0.12, 0.12, 0.28), None, pose(0, 0, 0.14)),),
-            Cutter(0.012, 0.06),
+            T_flange_tcp=pose(0, 0, 0.35),
+            mass=20.0,
+            com=np.zeros(3),
+            geometry=(
+                Shape(name="spindle", kind="box", size=(0.12, 0.12, 0.28), mesh=None, T_parent_shape=pose(0, 0, 0.14)),
+            ),
+            cutter=Cutter(0.012, 0.06),
         ),
         "workpiece": Workpiece(
-            "world", pose(1.5, 0, 0.6), (Shape("block", "box", (0.4, 0.5, 0.1), None, pose(0, 0, -0.05)),)
+            "world",
+            pose(1.5, 0, 0.6),
+            (Shape(name="block", kind="box", size=(0.4, 0.5, 0.1), mesh=None, T_parent_shape=pose(0, 0, -0.05)),),
         ),
         "obstacles": (
-            Shape("table", "box", (1.0, 1.4, 0.1), None, pose(1.5, 0, 0.44)),
-            Shape("post", "cylinder", (0.05, 0.5), None, pose(1.3, 0.6, 0.75)),
+            Shape(name="table", kind="box", size=(1.0, 1.4, 0.1), mesh=None, T_parent_shape=pose(1.5, 0, 0.44)),
+            Shape(name="post", kind="cylinder", size=(0.05, 0.5), mesh=None, T_parent_shape=pose(1.3, 0.6, 0.75)),
         ),
         "stiffness": None,
     }

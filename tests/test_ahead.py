@@ -38,7 +38,7 @@ def ahead_of(truth: Bools, may_touch: Bools | None = None) -> Ahead:
     )
     touch = np.zeros(S, bool) if may_touch is None else may_touch
     pairs = np.full((S, R, B), -1, np.int32)
-    return Ahead(candidates, Bodies(truth), touch, np.zeros((S, 0)), pairs)  # type: ignore[arg-type]
+    return Ahead(candidates=candidates, model=Bodies(truth), may_touch=touch, external=np.zeros((S, 0)), pairs=pairs)  # type: ignore[arg-type]
 
 
 def block(pair: int = 0) -> Bools:

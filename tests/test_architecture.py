@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import subprocess
 import sys
@@ -149,3 +150,20 @@ def test_nouns_that_meant_many_things_name_one() -> None:
         for noun in re.findall(rf"(?m)^class ({nouns})\b", path.read_text(encoding="utf-8"))
     ]
     assert sorted(noun for noun, _ in found) == sorted({noun for noun, _ in found}), found
+
+
+def test_nouns_of_more_than_five_fields_are_keyword_only() -> None:
+    """A call with six values in a row is read by nobody."""
+    found = []
+    for path in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.ClassDef):
+                continue
+            told = [t for t in map(ast.unparse, node.decorator_list) if t.startswith("dataclass")]
+            fields = [
+                n for n in node.body if isinstance(n, ast.AnnAssign) and "ClassVar" not in ast.unparse(n.annotation)
+            ]
+            marked = any(ast.unparse(n.annotation) == "KW_ONLY" for n in fields)
+            if told and len(fields) > 5 and not marked and "kw_only=True" not in told[0]:
+                found.append(f"{path.relative_to(ROOT)}: {node.name}")
+    assert found == []

@@ -31,10 +31,10 @@ OPTIONS = PlanOptions(collision=False)
 
 def facing_cell(folder: FilePath, pitch: float = -90.0, height: float = 1.4) -> Cell:
     """A wall in front of the robot; the spindle square to axis 6. At pitch −90° the tool lies along base x."""
-    cell = small_cell(folder, stiffness=Stiffness(K))
+    cell = small_cell(folder, stiffness=Stiffness(joints=K))
     T_tcp = pose(0.25, 0.0, 0.15, np.pi / 2)  # tool axis along the flange's x
     wall = pose(1.55, 0.0, height, np.radians(pitch))
-    return replace(cell, tool=Tool(T_tcp, 20.0), workpiece=Workpiece("world", wall, ()), obstacles=())
+    return replace(cell, tool=Tool(T_flange_tcp=T_tcp, mass=20.0), workpiece=Workpiece("world", wall, ()), obstacles=())
 
 
 def milling(tilt: float = 0.0, n: int = 21) -> Toolpath:

@@ -134,7 +134,19 @@ def test_a_process_for_each_job_where_forking_is_not_safe(tmp_path: Path) -> Non
         try:
             # 60 s are for the start of an interpreter on a busy machine; the deaf one gets 0.5 s
             limit = 0.5 if name == "deaf" else 60.0
-            ended = server.run(Spec(name, "key", "test", str(tmp_path), "batch_stub", job, limit, None), str(work))
+            ended = server.run(
+                Spec(
+                    label=name,
+                    key="key",
+                    batch="test",
+                    work=str(tmp_path),
+                    entry="batch_stub",
+                    job=job,
+                    time_limit=limit,
+                    memory_limit=None,
+                ),
+                str(work),
+            )
         finally:
             server.close()
         assert ended.how == how
@@ -192,13 +204,19 @@ def test_real_jobs_give_what_the_single_command_gives_and_batches_are_compared(s
         jobs = tmp_path / f"{name}.yaml"
         jobs.write_text(list_text.format(cell))
         request = BatchRequest(
-            (str(jobs),), tmp_path / name, scheduler=scheduler, compare=outs[-1] if outs else None, posts=posts
+            jobs=(str(jobs),), out=tmp_path / name, scheduler=scheduler, compare=outs[-1] if outs else None, posts=posts
         )
         outcome = run_batch(replace(request, version="test"))
         outs.append(tmp_path / name)
         assert (outcome.exit_code, outcome.done) == (3, 2)
         assert "expected one of cut, rapid" in rows(outs[-1])["parts/broken"]["reason"]
-    single = Single(CELL, place / "three.csv", tmp_path / "single", direct={"rotation_step_deg": 10.0}, posts=posts)
+    single = Single(
+        cell=CELL,
+        toolpath=place / "three.csv",
+        out=tmp_path / "single",
+        direct={"rotation_step_deg": 10.0},
+        posts=posts,
+    )
     assert optimize(single).exit_code == 0
     made = next((tmp_path / "one" / "jobs").glob("parts-three-*"))
     programs = ("krl/three_csv.src", "krl/three_csv.dat", "mine/three_csv.script")
@@ -239,7 +257,9 @@ assert all(len(f.signatures) == 1 for f in kernels)
 assert tiny_job(place / "warm") == 0
 warm = compiled()
 assert len(warm) > 10, warm
-request = OptimizeRequest(root / "cells/s420f_handling", root / "toolpaths/castings.csv", place / "out")
+request = OptimizeRequest(
+    cell=root / "cells/s420f_handling", toolpath=root / "toolpaths/castings.csv", out=place / "out"
+)
 assert optimize(request).exit_code == 0
 assert compiled() == warm, compiled() - warm
 assert all(len(f.signatures) == 1 for f in kernels), [f.signatures for f in kernels]

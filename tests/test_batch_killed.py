@@ -29,7 +29,9 @@ from pathlib import Path
 from machopt.batch.request import BatchRequest
 from machopt.batch.run import run_batch
 jobs, out, cell, entry = sys.argv[1:]
-request = BatchRequest((jobs,), Path(out), cell=Path(cell), entry=entry, version="test", workers=2)
+request = BatchRequest(
+    jobs=(jobs,), out=Path(out), cell=Path(cell), entry=entry, version="test", workers=2
+)
 sys.exit(run_batch(request, lambda p: print(p.kept + p.done, flush=True)).exit_code)
 """
 
@@ -115,7 +117,7 @@ def test_sixty_real_jobs_on_two_workers_killed_half_way_and_resumed(scheduler: s
     jobs = small_jobs(tmp_path)
     gate, whole, out = tmp_path / "gate", tmp_path / "whole", tmp_path / "out"
     gate.touch()
-    request = BatchRequest((str(jobs),), whole, entry="batch_real", version="test", scheduler=scheduler)
+    request = BatchRequest(jobs=(str(jobs),), out=whole, entry="batch_real", version="test", scheduler=scheduler)
     undisturbed = run_batch(request)
     assert (undisturbed.exit_code, undisturbed.done) == (1, JOBS)
     counts = undisturbed.result.plain()["counts"]

@@ -92,7 +92,16 @@ def test_servers_and_jobs_killed_at_random_never_hang_a_batch_and_the_rest_is_do
 def spec_of(tmp_path: Path, words: str, limit: float = 60.0) -> Spec:
     jobs = folder_of(tmp_path, a=words)
     job = {"request": {"toolpath": str(jobs / "a.nc")}}
-    return Spec("a", "key", "test", str(tmp_path), "batch_stub", job, limit, None)
+    return Spec(
+        label="a",
+        key="key",
+        batch="test",
+        work=str(tmp_path),
+        entry="batch_stub",
+        job=job,
+        time_limit=limit,
+        memory_limit=None,
+    )
 
 
 def test_a_server_that_has_gone_says_so_however_often_it_is_asked(tmp_path: Path) -> None:

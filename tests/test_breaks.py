@@ -47,11 +47,13 @@ def broken(
     if "other" in changes:
         reason[2, changes["other"], 1], feasible[2, changes["other"], 1] = Reason.OK, True
     phi = np.arange(ROTATIONS) * 2 * np.pi / ROTATIONS - np.pi
-    candidates = Candidates(phi, q, np.zeros((1, 6)), reason, feasible, True, np.zeros(3))
+    candidates = Candidates(
+        phi=phi, q=q, turns=np.zeros((1, 6)), reason=reason, feasible=feasible, stable=True, shortfall=np.zeros(3)
+    )
     reached = np.zeros((3, ROTATIONS * BRANCHES), bool)
     reached[1, 0] = True
     nothing = np.zeros(3, int)
-    choice = Choice(nothing, nothing, nothing, np.zeros((3, 6)), (2,), reached=reached)
+    choice = Choice(rotation=nothing, branch=nothing, turn=nothing, q=np.zeros((3, 6)), broken=(2,), reached=reached)
     plunge = np.array([False, False, changes.get("plunge", False)])
     path: Any = SimpleNamespace(stations=np.arange(3), index=np.array([0.0, 1.0, 2.0]), plunge=plunge)
     bodies = SimpleNamespace(pairs=[SimpleNamespace(name="link_4 ~ post"), SimpleNamespace(name="tool ~ table")])

@@ -35,7 +35,7 @@ def leaning(n: int) -> Way:
 
 @pytest.fixture
 def setup(tmp_path: Path) -> Setup:
-    return prepare(small_cell(tmp_path, stiffness=Stiffness(np.full(6, 1e6))), OPTIONS)
+    return prepare(small_cell(tmp_path, stiffness=Stiffness(joints=np.full(6, 1e6))), OPTIONS)
 
 
 OPTIONS = PlanOptions(rotation_step=np.radians(15.0), fixed=(FixedRotation(3, 0.1234),))

@@ -601,7 +601,7 @@ def test_stiffness_round_trip(seed: int, tmp_path_factory: pytest.TempPathFactor
     root = rng.normal(size=(6, 4)) * 1e-8  # rank 4: round-off makes eigenvalues slightly negative
     grid = StiffnessGrid(rng.normal(size=3), 0.3, (2, 1, 2), rng.uniform(1e5, 1e7, (4, 6)), rng.uniform(0, 1e5, (4, 6)))
     term = Term("link_compliance", "link:4", {"c": np.float64(1e-7), "n": [1, 2]})
-    before = Stiffness(rng.uniform(1e5, 1e7, 6), root @ root.T, grid, (term,))
+    before = Stiffness(joints=rng.uniform(1e5, 1e7, 6), covariance=root @ root.T, grid=grid, terms=(term,))
     file = tmp_path_factory.mktemp("stiffness") / "stiffness.yaml"
     write_stiffness(file, before)
     after = load_stiffness(file)
@@ -621,7 +621,7 @@ def test_stiffness_round_trip(seed: int, tmp_path_factory: pytest.TempPathFactor
 
 def test_what_poses_left_is_read_as_it_was_written(tmp_path: Path) -> None:
     joints = np.radians([[-120.0, 90.5], *[[-10.0, 10.0]] * 5])
-    before = Stiffness(np.full(6, 1e6), position=PositionError(5.2e-5, 3.11e-4, 2e-5, 632, joints))
+    before = Stiffness(joints=np.full(6, 1e6), position=PositionError(5.2e-5, 3.11e-4, 2e-5, 632, joints))
     file = tmp_path / "stiffness.yaml"
     write_stiffness(file, before)
     after = load_stiffness(file).position

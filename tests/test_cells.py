@@ -161,7 +161,14 @@ def test_table_2_alone_yields_the_tool_and_the_elbow_offset(kr500: tuple[Cell, R
         point[3:] += [0.0, 0.0, lift]  # axes 4 to 6 (forearm forward at zero) and the flange
         flange = robot.T_base_flange_zero.copy()
         flange[2, 3] += lift
-        arm = Robot(robot.joints, robot.axis, point, flange, robot.lower, robot.upper)
+        arm = Robot(
+            joints=robot.joints,
+            axis=robot.axis,
+            point=point,
+            T_base_flange_zero=flange,
+            lower=robot.lower,
+            upper=robot.upper,
+        )
         rows, right = [], []
         for before, _, after, _ in TAGS.values():
             A, B = arm.fk(np.radians(before)), arm.fk(np.radians(after))

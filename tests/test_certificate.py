@@ -131,7 +131,7 @@ def one_scale(monkeypatch: pytest.MonkeyPatch, scale: float = 1e-6) -> None:
 
 
 def planned(folder: FilePath, rows: Rows, priced: Weights, step: float, reach: float = 180.0) -> Plan:
-    cell = small_cell(folder, stiffness=Stiffness(np.array([1.4e6, 4.0e5, 9.4e5, 3.6e5, 3.7e5, 3.8e5])))
+    cell = small_cell(folder, stiffness=Stiffness(joints=np.array([1.4e6, 4.0e5, 9.4e5, 3.6e5, 3.7e5, 3.8e5])))
     options = PlanOptions(
         weights=priced,
         rotation_step=math.radians(step),

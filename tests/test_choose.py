@@ -280,7 +280,15 @@ def winding(path: Path, limit_turns: tuple[int, ...]) -> tuple[Candidates, Score
     turns = np.zeros((len(limit_turns), 6))
     turns[:, 5] = 2 * np.pi * np.array(limit_turns)
     feasible = np.ones((S, 1, 1, len(turns)), bool)
-    candidates = Candidates(np.zeros(1), q, turns, np.zeros((S, 1, 1), np.uint8), feasible, True, np.zeros(S))
+    candidates = Candidates(
+        phi=np.zeros(1),
+        q=q,
+        turns=turns,
+        reason=np.zeros((S, 1, 1), np.uint8),
+        feasible=feasible,
+        stable=True,
+        shortfall=np.zeros(S),
+    )
     return candidates, Scores(np.ones((S, 1, 1)), "stiffness", 1.0)
 
 
@@ -319,7 +327,13 @@ def test_branch_changes_only_over_a_rapid_move() -> None:
     cost = np.ones((6, 1, 2))
     cost[:3, :, 1] = cost[3:, :, 0] = 5.0
     candidates = Candidates(
-        np.zeros(1), q, NO_TURN, np.zeros((6, 1, 2), np.uint8), np.ones((6, 1, 2, 1), bool), True, np.zeros(6)
+        phi=np.zeros(1),
+        q=q,
+        turns=NO_TURN,
+        reason=np.zeros((6, 1, 2), np.uint8),
+        feasible=np.ones((6, 1, 2, 1), bool),
+        stable=True,
+        shortfall=np.zeros(6),
     )
     choice = choose(path, candidates, Scores(cost, "stiffness", 1.0), VELOCITY, PlanOptions())
     assert choice.branch.tolist() == [0, 0, 0, 1, 1, 1]
@@ -383,13 +397,13 @@ def test_rotation_stays_in_plunges_and_changes_no_faster_than_the_axes() -> None
         path = build_path(toolpath(rows, feed=feed))
         n, S = 72, len(path.stations)
         candidates = Candidates(
-            np.arange(n) * 2 * np.pi / n - np.pi,
-            np.zeros((S, n, 1, 6)),
-            NO_TURN,
-            np.zeros((S, n, 1), np.uint8),
-            np.ones((S, n, 1, 1), bool),
-            True,
-            np.zeros(S),
+            phi=np.arange(n) * 2 * np.pi / n - np.pi,
+            q=np.zeros((S, n, 1, 6)),
+            turns=NO_TURN,
+            reason=np.zeros((S, n, 1), np.uint8),
+            feasible=np.ones((S, n, 1, 1), bool),
+            stable=True,
+            shortfall=np.zeros(S),
         )
         window, seconds = _windows(path, candidates, 2.0)
         assert (window[path.plunge[path.stations]] == 0).all()
@@ -406,13 +420,13 @@ def test_rotation_stays_in_plunges_and_changes_no_faster_than_the_axes() -> None
 def open_grid(path: Path, n: int = 72) -> Candidates:
     S = len(path.stations)
     return Candidates(
-        np.arange(n) * 2 * np.pi / n - np.pi,
-        np.zeros((S, n, 1, 6)),
-        NO_TURN,
-        np.zeros((S, n, 1), np.uint8),
-        np.ones((S, n, 1, 1), bool),
-        True,
-        np.zeros(S),
+        phi=np.arange(n) * 2 * np.pi / n - np.pi,
+        q=np.zeros((S, n, 1, 6)),
+        turns=NO_TURN,
+        reason=np.zeros((S, n, 1), np.uint8),
+        feasible=np.ones((S, n, 1, 1), bool),
+        stable=True,
+        shortfall=np.zeros(S),
     )
 
 

@@ -101,7 +101,7 @@ def test_agrees_with_coal_on_a_real_robot(folder: Path, name: str) -> None:
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.3)
     ball.export(folder / "ball.stl")
     cell = real_cell(folder, name, meshes=True)
-    part = Shape("ball", "mesh", (1.0,), folder / "ball.stl", pose(0, 0, 0.2))
+    part = Shape(name="ball", kind="mesh", size=(1.0,), mesh=folder / "ball.stl", T_parent_shape=pose(0, 0, 0.2))
     cell = replace(cell, workpiece=replace(cell.workpiece, geometry=(part,)))
     model = model_of(cell)
     agree(cell, model, random_q(model, 60), band=0.05 * ROUND)
@@ -146,7 +146,7 @@ def test_clearance_and_carried_distances_agree_with_fresh_ones(folder: Path) -> 
 
 def test_motion_finds_what_lies_between_rows(folder: Path, model: CollisionModel) -> None:
     """A thin plate that no row touches, against brute force at 2,000 places."""
-    plate = Shape("plate", "box", (0.6, 0.002, 0.6), None, pose(1.2, 0.0, 1.2))
+    plate = Shape(name="plate", kind="box", size=(0.6, 0.002, 0.6), mesh=None, T_parent_shape=pose(1.2, 0.0, 1.2))
     cell = replace(small_cell(folder), obstacles=(plate,))
     thin = model_of(cell)
     ends = np.deg2rad([[-30, -60, 80, 0, 40, 0], [30, -60, 80, 0, 40, 0.0]])
@@ -206,7 +206,9 @@ def test_a_body_wholly_inside_another_is_a_contact(folder: Path, model: Collisio
     cell = small_cell(folder)
     q = reach_pose(model, cell, (1.5, 0.1, 1.0))
     tip = model.stack.robot.fk(q, cell.tool.T_flange_tcp)[:3, 3]
-    speck = Shape("speck", "sphere", (0.004,), None, pose(tip[0], tip[1], tip[2] + 0.2))  # within the spindle
+    speck = Shape(
+        name="speck", kind="sphere", size=(0.004,), mesh=None, T_parent_shape=pose(tip[0], tip[1], tip[2] + 0.2)
+    )  # within the spindle
     hidden = model_of(replace(cell, obstacles=(speck,)))
     assert hidden.check(q[None], np.zeros(1, bool)).hit.all()
     assert hidden.check_motion(q[None], np.zeros(1, bool), step=0.01).hit.all()
@@ -216,7 +218,18 @@ def test_a_body_wholly_inside_another_is_a_contact(folder: Path, model: Collisio
 def test_inside_by_solid_angle() -> None:
     mesh = trimesh.creation.box((2, 2, 2))
     v, f = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-    body = Body("b", "obstacle", 0, v, f, np.eye(3), np.zeros(3), np.ones(3), np.zeros((1, 3)), 2.0)
+    body = Body(
+        name="b",
+        kind="obstacle",
+        link=0,
+        vertices=v,
+        faces=f,
+        box_rotation=np.eye(3),
+        box_centre=np.zeros(3),
+        box_half=np.ones(3),
+        sphere_centres=np.zeros((1, 3)),
+        sphere_radius=2.0,
+    )
     assert inside(body, np.array([0.9, -0.9, 0.3]))
     assert not inside(body, np.array([1.1, 0, 0]))
     assert not inside(replace(body, faces=f[:, ::-1]), np.zeros(3))  # a room with its normals inwards
@@ -231,17 +244,20 @@ def test_pairs_that_always_touch_are_found_by_computation(folder: Path, model: C
     assert not any(name.startswith("base_link_0") and ("table" in name or "block" in name) for name in names)
     assert not model.excluded
     assert not model.suspicious
-    stuck = Tool(np.eye(4), geometry=(Shape("hood", "box", (0.5, 0.5, 0.6), None, pose(0, 0, -0.1)),))
+    stuck = Tool(
+        T_flange_tcp=np.eye(4),
+        geometry=(Shape(name="hood", kind="box", size=(0.5, 0.5, 0.6), mesh=None, T_parent_shape=pose(0, 0, -0.1)),),
+    )
     cell = replace(small_cell(folder), tool=stuck)
     excluded = {(e.a, e.b): e for e in model_of(cell).excluded}
     assert excluded["link_5_0", "hood"].share == 1.0
-    pedestal = Shape("pedestal", "box", (0.7, 0.7, 0.9), None, pose(0, 0, 0.2))
+    pedestal = Shape(name="pedestal", kind="box", size=(0.7, 0.7, 0.9), mesh=None, T_parent_shape=pose(0, 0, 0.2))
     cell = replace(small_cell(folder), obstacles=(pedestal,))
     assert ("link_1_0", "pedestal") in {(e.a, e.b)[::d] for e in model_of(cell).excluded for d in (1, -1)}
 
 
 def test_names_the_pairs_in_touch_at_home(folder: Path) -> None:
-    wall = Shape("wall", "box", (0.1, 2.0, 2.0), None, pose(1.2, 0, 1.5))
+    wall = Shape(name="wall", kind="box", size=(0.1, 2.0, 2.0), mesh=None, T_parent_shape=pose(1.2, 0, 1.5))
     suspicious = model_of(replace(small_cell(folder), obstacles=(wall,))).suspicious
     assert any("wall" in text for text in suspicious)
 
@@ -263,7 +279,7 @@ def test_bad_input_says_what_would_work(folder: Path) -> None:
     for name, text, expected in (("gone.stl", None, "not a file"), ("x.stl", "solid x\nendsolid x\n", "mesh of 'm'")):
         if text is not None:
             (folder / name).write_text(text)
-        shape = Shape("m", "mesh", (1.0,), folder / name, np.eye(4))
+        shape = Shape(name="m", kind="mesh", size=(1.0,), mesh=folder / name, T_parent_shape=np.eye(4))
         with pytest.raises(InputError, match=expected):
             model_of(replace(cell, obstacles=(shape,)))
 
@@ -274,7 +290,9 @@ def test_no_rows_and_no_pairs(folder: Path, model: CollisionModel) -> None:
     assert model.check_motion(*none, step=0.1).first == -1
     assert len(model.nearest(*none).distance) == 0
     robot, _ = load_chain(small_cell(folder))
-    bare = replace(small_cell(folder), tool=Tool(np.eye(4)), obstacles=(), workpiece=Workpiece("world", np.eye(4)))
+    bare = replace(
+        small_cell(folder), tool=Tool(T_flange_tcp=np.eye(4)), obstacles=(), workpiece=Workpiece("world", np.eye(4))
+    )
     empty = CollisionModel(bare, robot, (), 0.0)
     q = np.zeros((3, 6))
     assert not empty.check_motion(q, np.zeros(3, bool), 0.1).any

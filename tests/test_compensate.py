@@ -81,8 +81,8 @@ def test_the_bent_tool_is_where_it_was_programmed(bent: tuple[Plan, Plan]) -> No
     """With the nonlinear equilibrium of the springs, which the planner's linear deflection knows nothing of."""
     before, after = bent
     rows = straight_on(after)
-    d = np.linalg.norm(loaded(before, rows, Stiffness(K)) - before.path.position[rows], axis=1)
-    left = np.linalg.norm(loaded(after, rows, Stiffness(K)) - before.path.position[rows], axis=1)
+    d = np.linalg.norm(loaded(before, rows, Stiffness(joints=K)) - before.path.position[rows], axis=1)
+    left = np.linalg.norm(loaded(after, rows, Stiffness(joints=K)) - before.path.position[rows], axis=1)
     assert d.min() > 5e-4
     # second order: |f| L/k of the deflection, 450 N · 2.5 m / 4e5 N·m = 0.3 %
     assert (left < 0.005 * d).all()
@@ -245,7 +245,7 @@ def test_compensation_on_a_simulated_truth_falls_as_jiao2022_finds() -> None:
         return float(np.linalg.norm(loaded(moved, rows, truth) - p.path.position[rows], axis=1).mean())
 
     assert truth.grid is not None
-    none, constant, grid = error(None), error(Stiffness(truth.joints)), error(truth)
+    none, constant, grid = error(None), error(Stiffness(joints=truth.joints)), error(truth)
     assert constant < 0.6 * none  # the paper: 0.42
     assert grid < 0.01 * none
     # an identification that is 5 % off in every joint leaves 5 %
@@ -261,7 +261,9 @@ LARGE = 100.0  # m: no shift is refused for its size
 
 def softer(p: Plan, factor: float) -> Plan:
     p = replace(p, options=replace(p.options, compensation_max=LARGE))
-    setup = replace(p.setup, elasticity=ArmElasticity(p.setup.robot, p.setup.arm.T_flange_tcp, Stiffness(K / factor)))
+    setup = replace(
+        p.setup, elasticity=ArmElasticity(p.setup.robot, p.setup.arm.T_flange_tcp, Stiffness(joints=K / factor))
+    )
     return replace(p, setup=setup, directions=replace(p.directions, k=p.directions.k / factor))
 
 

@@ -19,7 +19,7 @@ LIMIT = 1e-4
 
 def exported(mesh: trimesh.Trimesh, folder: Path, name: str = "part.stl") -> Shape:
     mesh.export(folder / name)
-    return Shape("part", "mesh", (1.0,), folder / name, np.eye(4))
+    return Shape(name="part", kind="mesh", size=(1.0,), mesh=folder / name, T_parent_shape=np.eye(4))
 
 
 def poses(count: int, seed: int, spread: float) -> np.ndarray:
@@ -44,7 +44,7 @@ def test_points_lie_on_the_cutter() -> None:
 
 def test_meshes_agree_with_the_solids_they_are_made_of(tmp_path: Path) -> None:
     points, T = cutter_points(Cutter(0.01, 0.04)), poses(60, 0, 0.12)
-    box = Shape("box", "box", (0.16, 0.2, 0.1), None, pose(0.01, 0, 0.02, 0.3))
+    box = Shape(name="box", kind="box", size=(0.16, 0.2, 0.1), mesh=None, T_parent_shape=pose(0.01, 0, 0.02, 0.3))
     mesh = trimesh.creation.box(box.size)
     by_mesh = replace(exported(mesh, tmp_path), T_parent_shape=box.T_parent_shape)
     a, b = (deepest((s,), points, T, LIMIT) for s in (box, by_mesh))
@@ -56,8 +56,14 @@ def test_meshes_agree_with_the_solids_they_are_made_of(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("shape", "mesh"),
     [
-        (Shape("bar", "cylinder", (0.08, 0.15), None, np.eye(4)), trimesh.creation.cylinder(0.08, 0.15, sections=256)),
-        (Shape("ball", "sphere", (0.1,), None, np.eye(4)), trimesh.creation.icosphere(5, 0.1)),
+        (
+            Shape(name="bar", kind="cylinder", size=(0.08, 0.15), mesh=None, T_parent_shape=np.eye(4)),
+            trimesh.creation.cylinder(0.08, 0.15, sections=256),
+        ),
+        (
+            Shape(name="ball", kind="sphere", size=(0.1,), mesh=None, T_parent_shape=np.eye(4)),
+            trimesh.creation.icosphere(5, 0.1),
+        ),
     ],
 )
 def test_round_solids_are_what_their_facets_come_near(shape: Shape, mesh: trimesh.Trimesh, tmp_path: Path) -> None:

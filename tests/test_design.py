@@ -237,7 +237,7 @@ def test_way_is_short() -> None:
 
 
 def test_noise_of_a_reading_by_simulation() -> None:
-    noise = ReadingNoise(12e-6, 15e-6, 30e-6, 0.01, targets=0.2, cycles=3)
+    noise = ReadingNoise(displacement=12e-6, cycle=15e-6, pose=30e-6, force=0.01, targets=0.2, cycles=3)
     rng = np.random.default_rng(0)
     true = np.array([[1e-3, 0, 0, 2e-3, 0, 0]])
     size = np.repeat([1.0, 5.0], 3)  # rotations are seen at 0.2 m

@@ -289,18 +289,18 @@ def test_orders_follow_what_the_angles_can_show() -> None:
         state = robot.state(angles, cell.tool.T_flange_tcp, bodies=True)
         none = np.zeros(len(angles), np.int64)
         r = Readings(
-            measure(),
-            robot,
-            cell.tool.T_flange_tcp,
-            masses,
-            state,
-            np.zeros((len(angles), 6)),
-            3,
-            False,
-            np.full(6, 1e-6),
-            none,
-            none,
-            none,
+            recording=measure(),
+            robot=robot,
+            T_flange_tcp=cell.tool.T_flange_tcp,
+            masses=masses,
+            state=state,
+            wrench=np.zeros((len(angles), 6)),
+            dimensions=3,
+            differences=False,
+            compliance=np.full(6, 1e-6),
+            session=none,
+            visit=none,
+            cycle=none,
         )
         return wave_orders(swept(r, 3))
 
@@ -439,7 +439,18 @@ def readings(masses: Masses | None, load: Array, q: Array) -> Readings:
     T = cell.tool.T_flange_tcp
     none = np.zeros(len(q), np.int64)
     return Readings(
-        measure(), robot, T, masses, robot.state(q, T, bodies=True), load, 6, False, np.full(6, 1e-6), none, none, none
+        recording=measure(),
+        robot=robot,
+        T_flange_tcp=T,
+        masses=masses,
+        state=robot.state(q, T, bodies=True),
+        wrench=load,
+        dimensions=6,
+        differences=False,
+        compliance=np.full(6, 1e-6),
+        session=none,
+        visit=none,
+        cycle=none,
     )
 
 

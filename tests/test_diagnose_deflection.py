@@ -48,7 +48,9 @@ def made(cell: str, seed: int, truth=None, *, rotations=False, frame="base", dir
 
 def diagnosed(tmp_path: Path, cell: str, recording: Recording):
     write_recording(tmp_path / "recording", recording)
-    return run_diagnose(DiagnoseRequest(CELLS / cell, (tmp_path / "recording",), tmp_path / "out")).diagnosis
+    return run_diagnose(
+        DiagnoseRequest(cell=CELLS / cell, recordings=(tmp_path / "recording",), out=tmp_path / "out")
+    ).diagnosis
 
 
 def names(d) -> list[tuple[str, str]]:

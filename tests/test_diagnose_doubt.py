@@ -35,13 +35,13 @@ def test_a_plan_foresees_loads_that_only_history_explained() -> None:
     tests = experiment(recording, robot, T)
     r = deflection.readings_of(recording, tests, robot, T, masses, 1.0 / made.TRUE_K)
     lived, _ = at_joint.lived_through(r, (PLAY,))
-    springs = ArmElasticity(robot, T, Stiffness(made.TRUE_K)).at(tests.state.q)
+    springs = ArmElasticity(robot, T, Stiffness(joints=made.TRUE_K)).at(tests.state.q)
     moved = (springs.respond(tests.wrench) + lived)[:, :3]
     recording = replace(recording, displacement=moved + rng.normal(0.0, made.WHITE, moved.shape))
     diagnosis = SimpleNamespace(used=np.ones(len(tests), bool), coefficients=())
     found = cast(Examined, SimpleNamespace(recording=recording, diagnosis=diagnosis))
 
-    said = with_doubt(cell, found, Stiffness(made.TRUE_K, terms=(PLAY,)))
+    said = with_doubt(cell, found, Stiffness(joints=made.TRUE_K, terms=(PLAY,)))
 
     assert said is not None
     arm = ArmElasticity(robot, T, said, masses=masses, counted=True)

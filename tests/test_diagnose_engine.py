@@ -37,18 +37,18 @@ def made_up(seed: int, extra: float = 0.0, gain: float = GAIN) -> tuple[Problem,
     y += (VISIT * rng.standard_normal((visit.max() + 1, 3)))[visit]
     y += known * gain * rng.standard_normal(cycle.max() + 1)[cycle][:, None]
     problem = Problem(
-        "deflection",
-        y,
-        X[:, :, :4],
-        tuple(Unknown(f"x{k}", "m") for k in range(4)),
-        (Family("translation", (0, 1, 2), "mm", 1e3),),
-        group,
-        visit,
-        cycle,
-        session,
-        np.tile(np.arange(N // SESSIONS), SESSIONS),
-        np.arange(2, N + 2),
-        np.arange(1, N + 1),
+        channel="deflection",
+        y=y,
+        base=X[:, :, :4],
+        unknowns=tuple(Unknown(name=f"x{k}", unit="m") for k in range(4)),
+        families=(Family(name="translation", columns=(0, 1, 2), unit="mm", factor=1e3),),
+        group=group,
+        visit=visit,
+        cycle=cycle,
+        session=session,
+        replicate=np.tile(np.arange(N // SESSIONS), SESSIONS),
+        line=np.arange(2, N + 2),
+        row=np.arange(1, N + 1),
         scale=known,
     )
     return problem, X[:, :, 4:]
@@ -56,12 +56,12 @@ def made_up(seed: int, extra: float = 0.0, gain: float = GAIN) -> tuple[Problem,
 
 def law(columns: np.ndarray, name: str = "wind", where: str = "arm", lower: tuple[float, ...] = ()) -> Hypothesis:
     return Hypothesis(
-        name,
-        where,
-        "made up",
-        "y = a x",
-        lambda shape: columns,
-        lambda x, shape: {"size": Quantity(1e6 * float(x[0]), "µm")},
+        effect=name,
+        location=where,
+        law="made up",
+        equation="y = a x",
+        columns=lambda shape: columns,
+        quantities=lambda x, shape: {"size": Quantity(1e6 * float(x[0]), "µm")},
         lower=lower,
         family="body",
     )
@@ -224,9 +224,22 @@ def few_poses(seed: int, poses: int = 18, unknowns: int = 20) -> tuple[Problem, 
     X = np.tile(rng.standard_normal((poses, 3, unknowns)), (2, 1, 1))
     y, group = OWN * rng.standard_normal((2 * poses, 3)), np.tile(np.arange(poses), 2)
     visit = np.arange(2 * poses)
-    names = tuple(Unknown(f"x{k}", "m") for k in range(unknowns))
-    family, session = (Family("translation", (0, 1, 2), "mm", 1e3),), np.repeat([0, 1], poses)
-    problem = Problem("position", y, X, names, family, group, visit, visit, session, group, visit + 2, visit + 1)
+    names = tuple(Unknown(name=f"x{k}", unit="m") for k in range(unknowns))
+    family, session = (Family(name="translation", columns=(0, 1, 2), unit="mm", factor=1e3),), np.repeat([0, 1], poses)
+    problem = Problem(
+        channel="position",
+        y=y,
+        base=X,
+        unknowns=names,
+        families=family,
+        group=group,
+        visit=visit,
+        cycle=visit,
+        session=session,
+        replicate=group,
+        line=visit + 2,
+        row=visit + 1,
+    )
     w = whitening(problem, Noise(np.array([OWN]), np.zeros(1), np.zeros(1), 0.0, True), np.ones(2 * poses, bool))
     model, unit = base_model(problem, w, rng)
     return problem, Fitted(model, X, unit, y)

@@ -219,7 +219,9 @@ def test_weights_turned_into_tool_axes_by_the_encoders_stay_where_these_say() ->
 
 def test_a_spring_that_the_cell_misses_by_far_is_said() -> None:
     def joint(number: int, value: float, sigma: float) -> Coefficient:
-        return Coefficient(Unknown(f"joint {number}", "rad/(N·m)", key=joint_spring(number)), value, value, sigma)
+        return Coefficient(
+            Unknown(name=f"joint {number}", unit="rad/(N·m)", key=joint_spring(number)), value, value, sigma
+        )
 
     found = [joint(1, 1e-6, 1e-8), joint(2, 1e-5, 1e-7), joint(3, 1e-5, 9e-6), joint(4, 1e-7, 1e-9)]
     said = far_off(SimpleNamespace(coefficients=found), np.full(6, 1e6))  # type: ignore[arg-type]
@@ -239,7 +241,9 @@ def test_every_word_of_the_check_has_its_mend_or_none() -> None:
     at_base[:, 3:] += np.cross(p, at_base[:, :3])
 
     def put_right(code: str, wrong: Recording, column: str = "", factor: float = 1.0) -> Recording | None:
-        return repairs._mended(wrong, Problem(code, "error", "said", column=column, factor=factor), arm_, T)
+        return repairs._mended(
+            wrong, Problem(code=code, severity="error", message="said", column=column, factor=factor), arm_, T
+        )
 
     both = put_right("frames", replace(r, wrench_frame="tool", displacement_frame="tool"))
     assert both is not None
@@ -257,7 +261,7 @@ def test_every_word_of_the_check_has_its_mend_or_none() -> None:
 
 def test_an_error_that_nothing_mends_is_said_first(monkeypatch: pytest.MonkeyPatch) -> None:
     arm_, T, prior = robot()
-    odd = Problem("something new", "error", "nobody has seen this before")
+    odd = Problem(code="something new", severity="error", message="nobody has seen this before")
     monkeypatch.setattr(repairs, "check_experiment", lambda *_: [odd])
     r = sound()
     mended, findings, warnings = repairs.mend(r, arm_, T, prior)

@@ -220,18 +220,18 @@ def small(N: int = 24, stated: float | None = 1e-5, scale: float | None = None) 
     session = np.repeat([0, 1], N // 2)
     visit = session * 100 + pose
     return Problem(
-        "deflection",
-        np.zeros((N, 3)),
-        np.zeros((N, 3, 1)),
-        (),
-        (Family("translation", (0, 1, 2), "mm", 1e3, stated),),
-        pose,
-        visit,
-        visit,
-        session,
-        pose,
-        np.arange(N),
-        np.arange(1, N + 1),
+        channel="deflection",
+        y=np.zeros((N, 3)),
+        base=np.zeros((N, 3, 1)),
+        unknowns=(),
+        families=(Family(name="translation", columns=(0, 1, 2), unit="mm", factor=1e3, stated=stated),),
+        group=pose,
+        visit=visit,
+        cycle=visit,
+        session=session,
+        replicate=pose,
+        line=np.arange(N),
+        row=np.arange(1, N + 1),
         scale=None if scale is None else np.full((N, 3), scale),
     )
 
@@ -261,7 +261,7 @@ def test_load_columns_of_noise_count_as_zero_and_no_others() -> None:
     rng = np.random.default_rng(1)
     r = sound(moment=200.0)
     assert r.wrench is not None
-    stated = replace(r, uncertainty=StandardUncertainty(15e-6, None, 5.0, 2.0))
+    stated = replace(r, uncertainty=StandardUncertainty(displacement=15e-6, rotation=None, force=5.0, moment=2.0))
     assert loads.heard(stated) == (stated, [])
     w = r.wrench.copy()
     w[:, 3:] = 2.0 * rng.standard_normal((len(r), 3))
@@ -302,7 +302,9 @@ def test_a_hung_weight_s_sideways_noise_is_no_load() -> None:
 
 
 def test_loads_that_the_sensor_cannot_tell_apart_are_the_same() -> None:
-    apart = loads.same(np.array([1000.0, 3.0]), 0.08, StandardUncertainty(None, None, 5.0, 2.0))
+    apart = loads.same(
+        np.array([1000.0, 3.0]), 0.08, StandardUncertainty(displacement=None, rotation=None, force=5.0, moment=2.0)
+    )
     assert apart[:3] == pytest.approx([80.0] * 3)
     assert (apart[3:] > 8.0).all()
     assert (loads.same(np.zeros(2), 0.08, StandardUncertainty()) > 0).all()

@@ -65,6 +65,6 @@ def test_a_spring_nothing_built_has_is_doubted_beside_what_is_there_without_load
 
 
 def test_an_unknown_without_bounds_may_have_any_value() -> None:
-    assert Unknown("a", "m").possible(-1e9)
-    some = Unknown("a", "m", built=(1.0, 3.0))
+    assert Unknown(name="a", unit="m").possible(-1e9)
+    some = Unknown(name="a", unit="m", built=(1.0, 3.0))
     assert [some.possible(v) for v in (0.9, 1.0, 3.0, 3.1)] == [False, True, True, False]

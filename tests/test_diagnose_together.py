@@ -57,7 +57,16 @@ def made(effect: str, where: str, columns: object, shapes: tuple[tuple[float, ..
     def size(x: Array, shape: tuple[float, ...]) -> dict[str, Quantity]:
         return {"size": Quantity(float(np.linalg.norm(x)), "m")}
 
-    return Hypothesis(effect, where, "made up", "", columns, size, shapes, family=family)  # type: ignore[arg-type]
+    return Hypothesis(
+        effect=effect,
+        location=where,
+        law="made up",
+        equation="",
+        columns=columns,
+        quantities=size,
+        shapes=shapes,
+        family=family,
+    )  # type: ignore[arg-type]
 
 
 def model(planted: Planted, seed: int, size: float = 4.0) -> tuple[Model, list[Tried]]:
@@ -72,18 +81,18 @@ def model(planted: Planted, seed: int, size: float = 4.0) -> tuple[Model, list[T
             y = y + columns @ (size * SIGMA * rng.choice([-1.0, 1.0], columns.shape[2]))
     pose, visit = np.tile(np.arange(POSES), VISITS), np.arange(N)
     problem = Problem(
-        "position",
-        y,
-        base,
-        (Unknown("a", "m"), Unknown("b", "m")),
-        (Family("translation", (0, 1, 2), "mm", 1e3),),
-        pose,
-        visit,
-        visit,
-        np.repeat(np.arange(VISITS), POSES),
-        pose,
-        visit + 2,
-        visit + 1,
+        channel="position",
+        y=y,
+        base=base,
+        unknowns=(Unknown(name="a", unit="m"), Unknown(name="b", unit="m")),
+        families=(Family(name="translation", columns=(0, 1, 2), unit="mm", factor=1e3),),
+        group=pose,
+        visit=visit,
+        cycle=visit,
+        session=np.repeat(np.arange(VISITS), POSES),
+        replicate=pose,
+        line=visit + 2,
+        row=visit + 1,
     )
     w = whitening(problem, Noise(np.array([SIGMA]), np.zeros(1), np.zeros(1), 0.0, True), np.ones(N, bool))
     found, _ = base_model(problem, w, np.random.default_rng(0))

@@ -29,10 +29,13 @@ LINK = Term("link_compliance", "link:3", {"EI_Nm2": 1e7})
 
 def diagnosed(joints: dict[int, float], terms: tuple[Term, ...], sigma: float = 0.1) -> Diagnosis:
     """Only what is looked at: compliances under the names of a motion's channel, and findings."""
-    other = Coefficient(Unknown("offset 1", "rad", location="joint:1"), 0.0, 1e-3, 1e-5)
+    other = Coefficient(Unknown(name="offset 1", unit="rad", location="joint:1"), 0.0, 1e-3, 1e-5)
     springs = [
         Coefficient(
-            Unknown(f"compliance {j}", "rad/(N·m)", 0.0, f"joint:{j}", key=joint_spring(j)), 2 * c, c, sigma * c
+            Unknown(name=f"compliance {j}", unit="rad/(N·m)", lower=0.0, location=f"joint:{j}", key=joint_spring(j)),
+            2 * c,
+            c,
+            sigma * c,
         )
         for j, c in joints.items()
     ]
@@ -61,7 +64,9 @@ def test_joints_that_are_shown_are_written_and_the_others_are_the_cell_s() -> No
 @pytest.mark.parametrize("joints", [{2: 1e-6}, {}])
 def test_what_the_file_says_of_external_joints_is_kept(joints: dict[int, float]) -> None:
     assert CELL.stiffness is not None
-    rail = ExternalSpring("rail", 4e7, True, np.zeros((6, 6)), np.zeros(3), 900.0)
+    rail = ExternalSpring(
+        joint="rail", stiffness=4e7, slides=True, compliance=np.zeros((6, 6)), at=np.zeros(3), mass=900.0
+    )
     cell = replace(CELL, stiffness=replace(CELL.stiffness, external=(rail,)))
     made = stiffness_of(cell, diagnosed(joints, (LINK,)))
     assert made.after is not None
@@ -92,7 +97,7 @@ def test_a_beam_that_gives_nothing_stays_one(tmp_path: Path) -> None:
     robot, tool = load_robot(CELL), CELL.tool.T_flange_tcp
     beam = term_of("link_compliance", "link:2", robot, tool).with_values(np.zeros(2))
     file = tmp_path / "stiffness.yaml"
-    write_stiffness(file, Stiffness(np.full(6, 1e6), terms=(beam.to_file(),)))
+    write_stiffness(file, Stiffness(joints=np.full(6, 1e6), terms=(beam.to_file(),)))
     again, _ = compile_terms(load_stiffness(file).terms, robot, tool)
     state = robot.state(np.zeros((1, 6)), tool, bodies=True)
     assert np.isfinite(again[0].values).all()
@@ -160,7 +165,18 @@ def test_terms_that_are_too_much_together_are_withheld_one_after_the_other() -> 
 
 def test_a_withheld_finding_says_that_it_stays_in_the_diagnosis() -> None:
     made = Extended(None, None, (KNEE,), ("said",))
-    f = Finding("e", "joint:3", "", "", "", (), {}, 1.0, 0.5, 0.0)
+    f = Finding(
+        effect="e",
+        location="joint:3",
+        law="",
+        equation="",
+        note="",
+        one_of=(),
+        parameters={},
+        before=1.0,
+        after=0.5,
+        p_value=0.0,
+    )
     d = Diagnosis.__new__(Diagnosis)
     for field in fields(Diagnosis):
         object.__setattr__(d, field.name, ())

@@ -525,18 +525,18 @@ def test_command_passes_its_options_on_and_every_verdict_is_success(
     assert getattr(made_up, verdict)().sentence in out
     assert "report: out/report.html" in out
     expected = DiagnoseRequest(
-        Path("cell"),
-        (Path("mon"), Path("tue")),
-        Path("out"),
-        "torque",
-        Path("t.apt"),
-        (Path("a.py"), Path("b.py")),
-        2,
-        ("units",),
-        7,
-        "parquet",
-        True,
-        ("seed=3",),
+        cell=Path("cell"),
+        recordings=(Path("mon"), Path("tue")),
+        out=Path("out"),
+        channel="torque",
+        toolpath=Path("t.apt"),
+        terms=(Path("a.py"), Path("b.py")),
+        max_findings=2,
+        accept=("units",),
+        seed=7,
+        tables="parquet",
+        allow_external=True,
+        overrides=("seed=3",),
     )
     assert seen == [expected]
     assert len(fields(DiagnoseRequest)) == 12  # no option is dropped on the way

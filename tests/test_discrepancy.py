@@ -35,7 +35,7 @@ def readings(terms: tuple[Term, ...], seed: int = 1) -> tuple[Experiment, np.nda
     rng = np.random.default_rng(seed)
     tests = made.draw(rng, poses=16, loads=3, repeats=2)
     _, robot, T = made.cell()
-    true = ArmElasticity(robot, T, Stiffness(made.TRUE_K, terms=terms)).at(tests.state.q).respond(tests.wrench)
+    true = ArmElasticity(robot, T, Stiffness(joints=made.TRUE_K, terms=terms)).at(tests.state.q).respond(tests.wrench)
     noise = rng.normal(0.0, made.WHITE, tests.measured.shape)
     return replace(tests, measured=true[:, : tests.dimensions] + noise), tests.state.q
 
@@ -43,7 +43,7 @@ def readings(terms: tuple[Term, ...], seed: int = 1) -> tuple[Experiment, np.nda
 def doubt_of(tests: Experiment) -> tuple[Stiffness, Discrepancy]:
     _, robot, T = made.cell()
     found = fit(tests)
-    stiffness = Stiffness(1.0 / found.x[:6])
+    stiffness = Stiffness(joints=1.0 / found.x[:6])
     return stiffness, of_identified(found, tests, robot, T, stiffness, None)
 
 
@@ -66,7 +66,7 @@ def test_what_is_concealed_is_foreseen_at_other_poses_and_its_interval_holds() -
     force = rng.normal(0.0, 600.0, (60, 3))
     arm = ArmElasticity(robot, T, replace(stiffness, discrepancy=doubt))
     said = arm.at(q).deflection(force)
-    true = ArmElasticity(robot, T, Stiffness(made.TRUE_K, terms=(BASE,))).at(q).deflection(force)
+    true = ArmElasticity(robot, T, Stiffness(joints=made.TRUE_K, terms=(BASE,))).at(q).deflection(force)
     known = Doubt.of(arm)
     assert known is not None
     moves = known.moves(arm.at(q), q, force)
@@ -115,7 +115,7 @@ def test_suspects_are_derivatives_of_the_model() -> None:
     q, force = made.CENTRE + rng.normal(0, 0.4, (5, 6)), rng.normal(0, 500.0, (5, 3))
     wrench = np.hstack([force, rng.normal(0, 50.0, (5, 3))])
     names = ("joint 3", "base x", "base rz")
-    s = Suspects(robot, T, names, np.ones(6))
+    s = Suspects(robot=robot, T_flange_tcp=T, names=names, torque=np.ones(6))
     state = robot.state(q, T, bodies=True)
     columns = s.response(state, np.tile(made.TRUE_K, (5, 1)), wrench)
 
@@ -123,7 +123,7 @@ def test_suspects_are_derivatives_of_the_model() -> None:
         k = made.TRUE_K.copy()
         k[2] = 1.0 / (1.0 / k[2] + c3)
         terms = (Term("base_compliance", "base", {"compliance_diagonal": list(base)}),) if base else ()
-        return ArmElasticity(robot, T, Stiffness(k, terms=terms)).at(q).respond(wrench)
+        return ArmElasticity(robot, T, Stiffness(joints=k, terms=terms)).at(q).respond(wrench)
 
     soft = (2e-9, 1e-30, 1e-30, 1e-30, 1e-30, 3e-8)
     np.testing.assert_allclose(columns[:, :, 0] * 1e-8, twist(c3=1e-8) - twist(), rtol=1e-6, atol=1e-13)
@@ -135,7 +135,7 @@ def test_a_small_load_meets_the_tangent() -> None:
     _, robot, T = made.cell()
     q, w = made.CENTRE[None], np.array([[1e-3, -2e-3, 1e-3, 0.0, 0.0, 0.0]])
     names = (*(f"joint {j}" for j in range(1, 7)), *elastic_names(), *gear_names())
-    s = Suspects(robot, T, names, np.full(6, 800.0))
+    s = Suspects(robot=robot, T_flange_tcp=T, names=names, torque=np.full(6, 800.0))
     state, k = robot.state(q, T, bodies=True), made.TRUE_K[None]
     np.testing.assert_allclose(s.response(state, k, w, small=True), s.response(state, k, w), rtol=1e-6, atol=1e-18)
 
@@ -149,10 +149,15 @@ def test_the_half_width_holds_ninety_percent_about_a_number_that_is_off() -> Non
 
 def test_the_file_holds_it_and_refuses_rows_of_another_length(tmp_path: Path) -> None:
     doubt = Discrepancy(
-        ("joint 1", "base rx"), np.arange(1.0, 7.0), np.array([1e-9, 2e-8]), np.eye(2) * 1e-8, 1e-4, 2e-5
+        parts=("joint 1", "base rx"),
+        torque=np.arange(1.0, 7.0),
+        shift=np.array([1e-9, 2e-8]),
+        modes=np.eye(2) * 1e-8,
+        left=1e-4,
+        noise=2e-5,
     )
     file = tmp_path / "stiffness.yaml"
-    write_stiffness(file, Stiffness(made.TRUE_K, discrepancy=doubt))
+    write_stiffness(file, Stiffness(joints=made.TRUE_K, discrepancy=doubt))
     again = load_stiffness(file).discrepancy
     assert again is not None
     assert again.parts == doubt.parts
@@ -166,17 +171,19 @@ def test_the_file_holds_it_and_refuses_rows_of_another_length(tmp_path: Path) ->
 def test_a_part_that_no_arm_has_is_refused() -> None:
     _, robot, T = made.cell()
     with pytest.raises(InputError, match="link:9 rx"):
-        Suspects(robot, T, ("link:9 rx",), np.ones(6))
+        Suspects(robot=robot, T_flange_tcp=T, names=("link:9 rx",), torque=np.ones(6))
 
 
 def test_misfit_is_said_and_widens_deflection_and_compensation(tmp_path: Path) -> None:
     options = replace(FREE, force=FORCE, rotation_step=np.radians(15.0), compensation_max=0.01)
     covariance = np.diag((0.01 / np.asarray(K)) ** 2)
-    plain = Stiffness(np.asarray(K), covariance)
+    plain = Stiffness(joints=np.asarray(K), covariance=covariance)
     modes = np.zeros((7, 7))
     modes[:6, :6], modes[6, 6] = np.sqrt(covariance), 1e-8
     names = (*(f"joint {j}" for j in range(1, 7)), "base ry")
-    doubt = Discrepancy(names, np.full(6, 500.0), np.r_[np.zeros(6), 5e-8], modes, 3e-4, 3e-5)
+    doubt = Discrepancy(
+        parts=names, torque=np.full(6, 500.0), shift=np.r_[np.zeros(6), 5e-8], modes=modes, left=3e-4, noise=3e-5
+    )
     toolpath, before, after = made_path(corner()), None, None
     for stiffness in (plain, replace(plain, discrepancy=doubt)):
         p = small_job(tmp_path, corner(), options, stiffness=stiffness)

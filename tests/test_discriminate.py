@@ -33,9 +33,15 @@ from machopt.services.poses_diagnosed import diagnosed
 
 CELL = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
 COMPLIANCE = 1.0 / np.array([1.41e6, 4.01e5, 9.35e5, 3.60e5, 3.70e5, 3.80e5])
-LINK_3 = Stand("link_compliance", "link:3", "bends", (6e-8,), (), None)
-LINK_4 = Stand("link_compliance", "link:4", "bends", (8e-8,), (), None)
-TWIST_4 = Stand("link_compliance", "link:4", "twists", (2e-7,), (), None)
+LINK_3 = Stand(
+    effect="link_compliance", location="link:3", law="bends", coefficients=(6e-8,), shape=(), correction=None
+)
+LINK_4 = Stand(
+    effect="link_compliance", location="link:4", law="bends", coefficients=(8e-8,), shape=(), correction=None
+)
+TWIST_4 = Stand(
+    effect="link_compliance", location="link:4", law="twists", coefficients=(2e-7,), shape=(), correction=None
+)
 
 
 def small(rng: np.random.Generator) -> tuple[list[Contest], np.ndarray, np.ndarray, np.ndarray]:
@@ -97,10 +103,16 @@ def cell() -> Cell:
 def tests(cell: Cell) -> tuple[LoadCases, np.ndarray]:
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
     limits = cell.limits.lower[:6], cell.limits.upper[:6]
-    pool = sample_poses(PoseScreen(robot, T, cell.T_world_base, 1.0, _no_criteria()), limits, cell.home, 40, 0)
-    prior = ArmElasticity(robot, T, Stiffness(1.0 / COMPLIANCE))
+    pool = sample_poses(
+        PoseScreen(robot=robot, T_flange_tcp=T, T_world_base=cell.T_world_base, length=1.0, criteria=_no_criteria()),
+        limits,
+        cell.home,
+        40,
+        0,
+    )
+    prior = ArmElasticity(robot, T, Stiffness(joints=1.0 / COMPLIANCE))
     ways = load_ways((50.0,), (300.0, 1500.0), 3, np.zeros((0, 3)), (0.0,), np.eye(3))
-    cases = load_cases(pool, ways, prior, (), LoadCriteria(), ReadingNoise(1e-5))
+    cases = load_cases(pool, ways, prior, (), LoadCriteria(), ReadingNoise(displacement=1e-5))
     return cases, pool.q[cases.pose]
 
 
@@ -112,7 +124,19 @@ def _no_criteria() -> Any:
 
 def open_(*stands: Stand, pairs: tuple[tuple[int, int], ...] = ((0, 1),)) -> Diagnosed:
     dispute = Dispute("made up", stands, pairs)
-    return Diagnosed("deflection", "explained", 3, "base", "base", "fixed", (2e-5, 1e-5), None, {}, (dispute,), ())
+    return Diagnosed(
+        channel="deflection",
+        verdict="explained",
+        coordinates=3,
+        wrench_frame="base",
+        displacement_frame="base",
+        registration="fixed",
+        scatter=(2e-5, 1e-5),
+        turn=None,
+        compliance={},
+        disputes=(dispute,),
+        notes=(),
+    )
 
 
 def predicted(cell: Cell, cases: LoadCases, q: np.ndarray, steps: tuple[float, ...]) -> Predicted:
@@ -141,14 +165,21 @@ def test_a_law_is_the_same_beside_other_readings(
     cell: Cell, tests: tuple[LoadCases, np.ndarray], effect: str, law: str
 ) -> None:
     cases, q = tests
-    steps = steps_for([Stand(effect, "joint:3")])
+    steps = steps_for([Stand(effect=effect, location="joint:3")])
     light = np.flatnonzero(cases.magnitude < 600.0)  # the hanging weights: other largest torques than all loads have
     few = predicted(cell, fewer(cases, light), q[light], steps)
     h = next(h for h in few.hypotheses if h.name == (effect, "joint:3") and h.law == law)
     shape = h.shapes[0]
     x = np.full(h.columns(shape).shape[2], 2e-7)
     made = h.correction(x, shape)
-    stand = Stand(effect, "joint:3", law, tuple(x), shape, None if made is None else dict(made.parameters))  # type: ignore[union-attr]
+    stand = Stand(
+        effect=effect,
+        location="joint:3",
+        law=law,
+        coefficients=tuple(x),
+        shape=shape,
+        correction=None if made is None else dict(made.parameters),
+    )  # type: ignore[union-attr]
     everywhere = law_of(stand, predicted(cell, cases, q, steps), 1.0)
     alone = law_of(stand, few, 1.0)
     assert everywhere is not None
@@ -161,7 +192,7 @@ def test_a_law_is_the_same_beside_other_readings(
 def test_twist_of_the_forearm_is_joint_4_for_every_experiment(cell: Cell, tests: tuple[LoadCases, np.ndarray]) -> None:
     cases, q = tests
     at = predicted(cell, cases, q, (1.0,))
-    own, shared = noise_of_cases(cases, ReadingNoise(1e-5), (1.0,))
+    own, shared = noise_of_cases(cases, ReadingNoise(displacement=1e-5), (1.0,))
     possible, impossible, _ = _contests(open_(TWIST_4, NOTHING), at, own + shared, 3)
     assert not possible
     assert "second target" in impossible[0].advice or "larger loads" in impossible[0].advice
@@ -171,7 +202,7 @@ def test_twist_of_the_forearm_is_joint_4_for_every_experiment(cell: Cell, tests:
 
 
 def test_the_noise_of_a_plan_is_what_the_diagnosis_saw_or_what_was_typed() -> None:
-    typed = ReadingNoise(3e-5, targets=0.4)
+    typed = ReadingNoise(displacement=3e-5, targets=0.4)
     asked = Asked(typed, stated=False, targets=0.2)
     three, six = open_(), replace(open_(), coordinates=6, turn=1e-4)
     seen = noise_for(asked, three, 4)
@@ -193,9 +224,9 @@ def test_what_would_split_two_laws_is_said_by_what_they_are() -> None:
         ("thermal_drift", "geometry", "the same poses without load"),
         ("link_compliance", "base_compliance", "a second target on the arm between here and there"),
     ):
-        assert said in _advice(Stand(one, "here"), Stand(two, "there"))
-    assert "larger loads" in _advice(NOTHING, Stand("link_compliance", "link:3"))
-    assert _words(Stand("", "link:3")) == "something at link:3"
+        assert said in _advice(Stand(effect=one, location="here"), Stand(effect=two, location="there"))
+    assert "larger loads" in _advice(NOTHING, Stand(effect="link_compliance", location="link:3"))
+    assert _words(Stand(effect="", location="link:3")) == "something at link:3"
 
 
 def test_a_law_of_which_only_the_size_is_known_moves_the_tool_by_it(
@@ -203,9 +234,9 @@ def test_a_law_of_which_only_the_size_is_known_moves_the_tool_by_it(
 ) -> None:
     cases, q = tests
     at = predicted(cell, cases, q, (1.0,))
-    unsized = Stand("link_compliance", "link:3")
+    unsized = Stand(effect="link_compliance", location="link:3")
     assert law_of(unsized, at, 1.0) is None
-    assert law_of(Stand("no_such_effect", "link:3"), at, 1.0) is None
+    assert law_of(Stand(effect="no_such_effect", location="link:3"), at, 1.0) is None
     h = next(h for h in at.hypotheses if h.name == unsized.name)
     one, two = (law_of(replace(unsized, size=s), at, 1.0) for s in (1.0, 2.0))
     assert one is not None
@@ -213,7 +244,7 @@ def test_a_law_of_which_only_the_size_is_known_moves_the_tool_by_it(
     np.testing.assert_allclose(two.signal, 2.0 * one.signal)
     x, *_ = np.linalg.lstsq(one.columns[0].reshape(-1, one.columns[0].shape[2]), one.signal.reshape(-1), rcond=None)
     assert abs(next(iter(h.quantities(x, h.shapes[len(h.shapes) // 2]).values())).value) == pytest.approx(1.0)
-    moved = law_of(Stand("", "link:3", rms=1e-4), at, 1.0)
+    moved = law_of(Stand(effect="", location="link:3", rms=1e-4), at, 1.0)
     assert moved is not None
     assert np.sqrt(np.mean(moved.signal**2)) == pytest.approx(1e-4)
     nothing = law_of(NOTHING, at, 1.0)
@@ -226,24 +257,34 @@ def test_a_law_of_which_only_the_size_is_known_moves_the_tool_by_it(
 def test_of_many_laws_only_the_nearest_are_told_apart_at_once(cell: Cell, tests: tuple[LoadCases, np.ndarray]) -> None:
     cases, q = tests
     at = predicted(cell, cases, q, (1.0,))
-    own, shared = noise_of_cases(cases, ReadingNoise(1e-5), (1.0,))
+    own, shared = noise_of_cases(cases, ReadingNoise(displacement=1e-5), (1.0,))
     names = list(dict.fromkeys(h.name for h in at.hypotheses))[: MOST + 2]
     assert len(names) == MOST + 2
-    gone = Stand("link_compliance", "link:9", "bends", (1e-8,))
+    gone = Stand(effect="link_compliance", location="link:9", law="bends", coefficients=(1e-8,))
     known = []
     for effect, where in names:
         h = next(h for h in at.hypotheses if h.name == (effect, where))
         shape = h.shapes[0]
-        known.append(Stand(effect, where, h.law, tuple(np.full(h.columns(shape).shape[2], 1e-9)), shape))
+        known.append(
+            Stand(
+                effect=effect,
+                location=where,
+                law=h.law,
+                coefficients=tuple(np.full(h.columns(shape).shape[2], 1e-9)),
+                shape=shape,
+            )
+        )
     notes: list[str] = []
     laws, _ = _laws(Dispute("many", (*known, gone), ()), at, own + shared, 1.0, notes)
     assert len(laws) == MOST
     assert sum("the nearest" in n for n in notes) == 2
     assert any("cannot be predicted at these poses" in n for n in notes)
-    sized = tuple(Stand(e, w, size=1.0) for e, w in names)
+    sized = tuple(Stand(effect=e, location=w, size=1.0) for e, w in names)
     laws, _ = _laws(Dispute("hidden", (NOTHING, *sized), ()), at, own + shared, 1.0, notes)
     assert len(laws) == min(HIDDEN, len(sized)) + 1
-    places = tuple(Stand("", w, rms=1e-4) for w in ("link:1", "link:2", "link:3", "link:4", "base", "tool"))
+    places = tuple(
+        Stand(effect="", location=w, rms=1e-4) for w in ("link:1", "link:2", "link:3", "link:4", "base", "tool")
+    )
     laws, _ = _laws(Dispute("places", places, ()), at, own + shared, 1.0, notes)
     assert len(laws) == PLACES
 
@@ -338,7 +379,7 @@ def test_what_is_open_is_read_from_the_diagnosis(tmp_path: Path) -> None:
         "one_of": [],
     }
     quiet = diagnosed(diagnosis(tmp_path / "c", [], verdict="consistent", detection_limits=[limit]))
-    assert quiet.disputes[0].stands == (NOTHING, Stand("joint_backlash", "joint:2", size=0.2))
+    assert quiet.disputes[0].stands == (NOTHING, Stand(effect="joint_backlash", location="joint:2", size=0.2))
     share = [{"axis": a, "share": s, "note": "", "kind": "machine"} for a, s in (("link:2", 0.2), ("joint:3", 0.7))]
     lost = diagnosed(diagnosis(tmp_path / "d", [], verdict="unexplained", mismatch=share))
     assert [s.location for s in lost.disputes[0].stands] == ["joint:3", "link:2"]
@@ -358,15 +399,17 @@ def test_what_cannot_be_planned_for_is_refused(tmp_path: Path) -> None:
         diagnosed(old)
     with pytest.raises(InputError, match="leaves nothing"):
         run_plan_poses(
-            PosesRequest(CELL, tmp_path / "out", discriminate=diagnosis(tmp_path / "n", [], verdict="consistent"))
+            PosesRequest(
+                cell=CELL, out=tmp_path / "out", discriminate=diagnosis(tmp_path / "n", [], verdict="consistent")
+            )
         )
 
 
 def plan(folder: Path, *stands: Stand) -> PosesOutcome:
     found = diagnosis(folder / "diagnosis", [finding(*stands)])
     request = PosesRequest(
-        CELL,
-        folder / "out",
+        cell=CELL,
+        out=folder / "out",
         discriminate=found,
         candidates=200,
         poses=6,
@@ -404,8 +447,10 @@ def test_command_plans_what_tells_two_links_apart(tmp_path: Path) -> None:
 
 
 def test_cycles_are_stepped_where_a_law_remembers(tmp_path: Path) -> None:
-    play = Stand("joint_hysteresis", "joint:3", "play", (1.5e-7,), (0.3, 0.0))
-    late = Stand("joint_creep", "joint:3", "one time constant", (1.5e-7,), (20.0, 0.0))
+    play = Stand(effect="joint_hysteresis", location="joint:3", law="play", coefficients=(1.5e-7,), shape=(0.3, 0.0))
+    late = Stand(
+        effect="joint_creep", location="joint:3", law="one time constant", coefficients=(1.5e-7,), shape=(20.0, 0.0)
+    )
     done = plan(tmp_path, play, late)
     folder = done.report.parent
     told = done.result.plain()["discriminate"]
@@ -421,8 +466,8 @@ def test_cycles_are_stepped_where_a_law_remembers(tmp_path: Path) -> None:
 
 
 def test_measured_poses_are_planned_too(tmp_path: Path) -> None:
-    zero = Stand("joint_zero_offset", "joint:2", "constant angle", (5e-5,))
-    heavy = Stand("payload", "tool", "another mass at the stated centre", (12.0,))
+    zero = Stand(effect="joint_zero_offset", location="joint:2", law="constant angle", coefficients=(5e-5,))
+    heavy = Stand(effect="payload", location="tool", law="another mass at the stated centre", coefficients=(12.0,))
     recorded = {
         "kind": "absolute",
         "coordinates": 3,
@@ -433,8 +478,8 @@ def test_measured_poses_are_planned_too(tmp_path: Path) -> None:
     }
     found = diagnosis(tmp_path / "d", [finding(zero, heavy)], channel="position", recorded=recorded)
     request = PosesRequest(
-        CELL,
-        tmp_path / "out",
+        cell=CELL,
+        out=tmp_path / "out",
         discriminate=found,
         candidates=200,
         poses=8,

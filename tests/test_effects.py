@@ -120,10 +120,10 @@ def test_play_that_is_used_up_parts_once_however_large_the_load() -> None:
         assert np.abs(down - rising)[[0, -1]].max() < 1e-6
     assert opened[0] == pytest.approx(2.0 * np.tanh(80.0 / 150.0), rel=1e-9)
     assert opened[1] == pytest.approx(opened[0], rel=1e-9)
-    width = law.sizes(np.array([1e-4]), shape, Scale(2000.0))["width"].value
+    width = law.sizes(np.array([1e-4]), shape, Scale(reach=2000.0))["width"].value
     assert width * np.pi / 10800.0 == pytest.approx(1e-4 * opened[0], rel=1e-9)
     # a motion has other laws for it
-    assert not law.grid(Scale(1000.0, sampled=True))
+    assert not law.grid(Scale(reach=1000.0, sampled=True))
 
 
 def test_what_is_late_has_come_before_a_session_and_fades_by_the_clock_alone() -> None:
@@ -143,7 +143,7 @@ def test_what_is_late_has_come_before_a_session_and_fades_by_the_clock_alone() -
 @pytest.mark.parametrize(("effect", "law"), LAWS)
 def test_sizes_grow_with_the_coefficients(effect: Effect, law: Law) -> None:
     values, shape = made(law)
-    for scale in (SCALE, Scale(1000.0, None, -1.0, 2.0, sampled=True)):
+    for scale in (SCALE, Scale(reach=1000.0, compliance=None, low=-1.0, high=2.0, sampled=True)):
         if scale.sampled and not law.grid(scale):
             continue  # not offered there
         one, two = (next(iter(law.sizes(k * values, shape, scale).values())) for k in (1.0, 2.0))
@@ -182,7 +182,7 @@ def test_files_keep_everything(effect: Effect, law: Law, zero: bool, tmp_path: P
     memory = "arrival" if law.remembers else ""
     term = Term(effect.called, effect.places[1], files.write(law, values, shape, memory))
     file = tmp_path / "stiffness.yaml"
-    write_stiffness(file, Stiffness(np.full(6, 1e6), terms=(term,)))
+    write_stiffness(file, Stiffness(joints=np.full(6, 1e6), terms=(term,)))
     given = Parameters(load_stiffness(file).terms[0].parameters, "terms[0]")
     again = files.law_of(effect, given)
     found, form, said = files.read(again, given)
@@ -379,10 +379,25 @@ def load_test() -> tuple[Readings, Stiffness]:
     w = np.tile(np.concatenate([rng.uniform(-900, 900, (48, 3)), rng.uniform(-90, 90, (48, 3))], axis=1), (2, 1))
     rows = np.arange(96)
     pose, session = np.tile(np.repeat(np.arange(12), 4), 2), np.repeat(np.arange(2), 48)
-    recording = Recording("deflection", "made up", q, pose, rows, session, rows, wrench=w)
+    recording = Recording(
+        kind="deflection", source="made up", q=q, pose=pose, cycle=rows, session=session, line=rows, wrench=w
+    )
     state, visit = robot.state(q, tool, bodies=True), session * 12 + pose
     c = 1.0 / cell.stiffness.joints
-    return Readings(recording, robot, tool, masses, state, w, 6, True, c, session, visit, rows), cell.stiffness
+    return Readings(
+        recording=recording,
+        robot=robot,
+        T_flange_tcp=tool,
+        masses=masses,
+        state=state,
+        wrench=w,
+        dimensions=6,
+        differences=True,
+        compliance=c,
+        session=session,
+        visit=visit,
+        cycle=rows,
+    ), cell.stiffness
 
 
 def posed(r: Readings, beyond: Array) -> Problem:
@@ -390,18 +405,23 @@ def posed(r: Readings, beyond: Array) -> Problem:
     base = r.state.J * r.load_torque[:, None, :]
     rows = np.arange(1, len(r) + 1)
     return Problem(
-        "deflection",
-        base @ r.compliance + beyond + 5e-6 * np.random.default_rng(1).normal(size=beyond.shape),
-        base,
-        tuple(Unknown(f"joint {j}", COMPLIANCE, 0.0, joint_at(j)) for j in range(1, 7)),
-        (Family("translation", (0, 1, 2), "mm", 1e3), Family("rotation", (3, 4, 5), "mrad", 1e3)),
-        r.recording.pose,
-        r.visit,
-        r.cycle,
-        r.session,
-        np.tile(np.arange(48), 2),
-        rows,
-        rows,
+        channel="deflection",
+        y=base @ r.compliance + beyond + 5e-6 * np.random.default_rng(1).normal(size=beyond.shape),
+        base=base,
+        unknowns=tuple(
+            Unknown(name=f"joint {j}", unit=COMPLIANCE, lower=0.0, location=joint_at(j)) for j in range(1, 7)
+        ),
+        families=(
+            Family(name="translation", columns=(0, 1, 2), unit="mm", factor=1e3),
+            Family(name="rotation", columns=(3, 4, 5), unit="mrad", factor=1e3),
+        ),
+        group=r.recording.pose,
+        visit=r.visit,
+        cycle=r.cycle,
+        session=r.session,
+        replicate=np.tile(np.arange(48), 2),
+        line=rows,
+        row=rows,
         time=r.recording.time,
     )
 
@@ -445,10 +465,10 @@ def test_one_file_and_one_line_add_an_effect(toy: Effect, tmp_path: Path) -> Non
     term = d.findings[0].correction
     assert isinstance(term, Term)
     file = tmp_path / "stiffness.yaml"
-    write_stiffness(file, Stiffness(cell.joints, terms=(term,)))
+    write_stiffness(file, Stiffness(joints=cell.joints, terms=(term,)))
     with_toy, without = (
         ArmElasticity(r.robot, r.T_flange_tcp, s, None, r.masses).at(r.state.q)
-        for s in (load_stiffness(file), Stiffness(cell.joints))
+        for s in (load_stiffness(file), Stiffness(joints=cell.joints))
     )
     more = with_toy.respond(r.wrench) - without.respond(r.wrench)
     axis = np.tile([0.0, 0.0, 1.0], (len(r), 1))

@@ -102,7 +102,7 @@ def test_files_keep_everything_and_verify_has_its_own_writing(
         pytest.skip("the TCP lies on the tool's axis")
     values = 0.0 * one.values if zero else one.values
     term = one.with_values(values).to_file()
-    write_stiffness(tmp_path / "s.yaml", Stiffness(np.full(6, 1e6), terms=(term,)))
+    write_stiffness(tmp_path / "s.yaml", Stiffness(joints=np.full(6, 1e6), terms=(term,)))
     read = load_stiffness(tmp_path / "s.yaml").terms[0]
     again = term_of(read.effect, read.location, robot, tool, **dict(read.parameters))
     assert np.isfinite(again.values).all()
@@ -208,10 +208,10 @@ def test_one_file_and_one_line_add_a_body(monkeypatch: pytest.MonkeyPatch, tmp_p
     term = d.findings[0].correction
     assert isinstance(term, Term)
     assert term.parameters["shear_mm_per_kN"] == pytest.approx(0.2, rel=0.05)  # noise 5 µm, twists of 0.2 mm
-    write_stiffness(tmp_path / "s.yaml", Stiffness(cell.joints, terms=(term,)))
+    write_stiffness(tmp_path / "s.yaml", Stiffness(joints=cell.joints, terms=(term,)))
     with_toy, without = (
         ArmElasticity(r.robot, r.T_flange_tcp, s, None, r.masses).at(r.state.q)
-        for s in (load_stiffness(tmp_path / "s.yaml"), Stiffness(cell.joints))
+        for s in (load_stiffness(tmp_path / "s.yaml"), Stiffness(joints=cell.joints))
     )
     more = with_toy.respond(r.wrench) - without.respond(r.wrench)
     np.testing.assert_allclose(at_body.moved(r, term), more, rtol=1e-9, atol=1e-15)

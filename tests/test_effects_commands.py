@@ -53,7 +53,15 @@ def load_test(jelly: Path) -> Recording:
     rows, pose = np.arange(len(q)), np.tile(np.repeat(np.arange(20), 6), 2)
     cycle, session = rows // 3, rows // 120
     still = Recording(
-        "deflection", "made up", q, pose, cycle, session, rows + 2, wrench=w, displacement=np.zeros_like(w)
+        kind="deflection",
+        source="made up",
+        q=q,
+        pose=pose,
+        cycle=cycle,
+        session=session,
+        line=rows + 2,
+        wrench=w,
+        displacement=np.zeros_like(w),
     )
     springs, _ = Equilibrium(experiment(still, robot, tool), robot, tool, masses).predict(1.0 / cell.stiffness.joints)
     with own.in_use(own.run((jelly,))):
@@ -225,8 +233,8 @@ def tracked() -> Recording:
     position = robot.state(stands, tool).T_base_tool[:, :3, 3] + 1e-5 * rng.normal(size=(len(q), 3))
     visit, rows = np.repeat([0, 1], 40), np.arange(len(q))
     return Recording(
-        "absolute", "made up", q, np.tile(np.arange(40), 2), visit, visit, rows + 2, position=position,
-        registration="fit",
+        kind="absolute", source="made up", q=q, pose=np.tile(np.arange(40), 2), cycle=visit, session=visit,
+        line=rows + 2, position=position, registration="fit",
     )  # fmt: skip
 
 

@@ -22,7 +22,14 @@ def seen(*, counted: bool = False) -> Warming:
     rng = np.random.default_rng(0)
     since = np.sort(rng.uniform(0.0, 4000.0, 7))
     before = since - 50.0 if counted else None
-    return Warming(since, before, rng.uniform(0, 4, 7), rng.normal(size=(7, 6, 3)), rng.normal(size=(7, 6, 6)), counted)
+    return Warming(
+        since=since,
+        before=before,
+        rise=rng.uniform(0, 4, 7),
+        castings=rng.normal(size=(7, 6, 3)),
+        stand=rng.normal(size=(7, 6, 6)),
+        counted=counted,
+    )
 
 
 @pytest.mark.parametrize(("effect", "law"), LAWS)

@@ -25,7 +25,15 @@ def seen(count: int = 400, *, slides: bool = False) -> Rubbing:
     first = np.zeros(count, np.int64)
     first[0] = 1
     load = 100.0 + 50.0 * np.cos(t)
-    return Rubbing(v, np.sign(v), load, first, 0.01, lambda T: 1.0 - np.exp(-t / max(T, 1.0)), slides)
+    return Rubbing(
+        speed=v,
+        way=np.sign(v),
+        load=load,
+        first=first,
+        step=0.01,
+        warmth=lambda T: 1.0 - np.exp(-t / max(T, 1.0)),
+        slides=slides,
+    )
 
 
 @pytest.mark.parametrize("law", LAWS)

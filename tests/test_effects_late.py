@@ -46,7 +46,14 @@ def wave(late: float) -> Array:
 
 def seen(best: float) -> Delayed:
     followed = (wave(0.004) - wave(0.0))[:, :, None]
-    return Delayed(lambda d: wave(d) - wave(0.0), best, 0.25 / RATE, 1.0, followed, (0.004, 0.0, 0.004))
+    return Delayed(
+        change=lambda d: wave(d) - wave(0.0),
+        best=best,
+        step=0.25 / RATE,
+        sign=1.0,
+        followed=followed,
+        delays=(0.004, 0.0, 0.004),
+    )
 
 
 @pytest.mark.parametrize(("effect", "law"), LATE)

@@ -83,7 +83,7 @@ def test_a_file_adds_an_effect_to_diagnosis_and_plan_while_it_is_in_use(jelly: P
 
     r, cell = load_test()
     term = Term("joint_jelly", "joint:2", {"extra_rad_per_Nm": 1e-7, "half_way_Nm": 300.0})
-    softer = Stiffness(cell.joints, terms=(term,))
+    softer = Stiffness(joints=cell.joints, terms=(term,))
     loaded = own.run((jelly,))
     assert userterms.load(loaded) == []  # no laws of one channel beside it
     with own.in_use(loaded):
@@ -92,7 +92,7 @@ def test_a_file_adds_an_effect_to_diagnosis_and_plan_while_it_is_in_use(jelly: P
         assert found == set(registry.EFFECTS["joint_jelly"].places)
         along = [
             ArmElasticity(r.robot, r.T_flange_tcp, s, None, r.masses).at(r.state.q).along(np.eye(3)[[2]])
-            for s in (softer, Stiffness(cell.joints))
+            for s in (softer, Stiffness(joints=cell.joints))
         ]
         assert (along[0] > along[1]).any()  # m/N
         with own.in_use(loaded):  # once more is no second effect
@@ -210,11 +210,11 @@ def test_commands_hand_on_files_with_effects_and_say_that_they_run_them(
 def test_a_missing_file_is_refused_before_anything_else_is_read(tmp_path: Path) -> None:
     gone, none = (tmp_path / "none.py",), tmp_path / "no cell"
     with pytest.raises(InputError, match="no such file; a Python file"):
-        run_identify(identify.IdentifyRequest(none, (none,), tmp_path / "out", effects=gone))
+        run_identify(identify.IdentifyRequest(cell=none, recordings=(none,), out=tmp_path / "out", effects=gone))
     with pytest.raises(InputError, match="no such file; a Python file"):
-        run_plan_poses(poses.PosesRequest(none, tmp_path / "out", effects=gone))
+        run_plan_poses(poses.PosesRequest(cell=none, out=tmp_path / "out", effects=gone))
     with pytest.raises(InputError, match="no such file; a Python file"):
-        run_batch(batch.BatchRequest(("parts",), tmp_path / "out", effects=gone))
+        run_batch(batch.BatchRequest(jobs=("parts",), out=tmp_path / "out", effects=gone))
 
 
 def test_identify_fits_a_law_of_the_users_and_its_shape_is_stated(jelly: Path) -> None:

@@ -217,7 +217,7 @@ def test_table_2_reads_high_and_ranks_the_other_way_round(arm: tuple[Robot, np.n
 def cube(shape: tuple[int, int, int] = (2, 3, 2)) -> Stiffness:
     n = int(np.prod(shape))
     rows = np.arange(1.0, n + 1)[:, None] * np.array([1.0, 2, 3, 4, 5, 6])
-    return Stiffness(np.full(6, 1000.0), grid=StiffnessGrid(np.array([1.0, -0.9, 0.2]), 0.6, shape, rows))
+    return Stiffness(joints=np.full(6, 1000.0), grid=StiffnessGrid(np.array([1.0, -0.9, 0.2]), 0.6, shape, rows))
 
 
 def value(stiffness: Stiffness, *position: float) -> float:
@@ -255,7 +255,7 @@ def test_outside_the_grid_the_constants_hold_and_are_flagged() -> None:
     assert found.k.shape == (7, 1, 6)
     np.testing.assert_array_equal(found.in_grid[:, 0], [False] * 6 + [True])
     np.testing.assert_array_equal(found.k[:6, 0], np.full((6, 6), 1000.0))
-    no_grid = joint_stiffness(Stiffness(np.arange(6.0)), outside)
+    no_grid = joint_stiffness(Stiffness(joints=np.arange(6.0)), outside)
     assert no_grid.in_grid.all()
     np.testing.assert_array_equal(no_grid.k, np.broadcast_to(np.arange(6.0), (6, 6)))
 

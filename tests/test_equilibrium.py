@@ -276,7 +276,17 @@ def test_how_much_the_load_itself_matters_on_the_kr240() -> None:
     q = np.stack([np.zeros(q2.size), q2.ravel(), q3.ravel(), *[np.full(q2.size, np.pi / 4)] * 3], axis=1)
     w = np.tile([0, 0, -2000.0, 200, 200, 0], (len(q), 1))
     state, zero, number = robot.state(q, T, bodies=True), np.zeros(len(q), int), np.arange(len(q))
-    e = Experiment("joint space", state, state.T_base_tool, w, np.zeros((len(q), 6)), number, number, zero, zero)
+    e = Experiment(
+        source="joint space",
+        state=state,
+        T_base_tcp=state.T_base_tool,
+        wrench=w,
+        measured=np.zeros((len(q), 6)),
+        pose=number,
+        cycle=number,
+        session=zero,
+        line=zero,
+    )
     k = np.broadcast_to(cell.stiffness.joints, q.shape)
     nu = influence_of_geometric(state.J, k, geometric_stiffness(state.J, w), w).nu_p
     settled = influence(Equilibrium(e, robot, T), 1 / cell.stiffness.joints)

@@ -23,19 +23,19 @@ def path(position: list[list[float]], move: list[Move], events: tuple[Event, ...
     n = len(position)
     feed = np.where(np.array(move) == Move.RAPID, np.nan, 0.05)
     return Toolpath(
-        1e-3 * np.array(position),
-        np.tile([0.0, 0.0, 1.0], (n, 1)),
-        np.array(move, np.int8),
-        feed,
-        np.zeros(n, np.int32),
-        (Operation("a", "trajectory"),),
-        np.full((n, 3), np.nan),
-        np.full(n, np.nan),
-        np.arange(1, n + 1, dtype=np.int32),
-        "p.nc",
-        "gcode",
-        "",
-        events,
+        position=1e-3 * np.array(position),
+        axis=np.tile([0.0, 0.0, 1.0], (n, 1)),
+        move=np.array(move, np.int8),
+        feed=feed,
+        operation=np.zeros(n, np.int32),
+        operations=(Operation("a", "trajectory"),),
+        reference=np.full((n, 3), np.nan),
+        tolerance=np.full(n, np.nan),
+        line=np.arange(1, n + 1, dtype=np.int32),
+        source="p.nc",
+        format="gcode",
+        sha256="",
+        events=events,
     )
 
 
@@ -44,17 +44,17 @@ def program(place: Array, kind: list[int], events: tuple[Event, ...], place_step
     T = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (n, 1, 1))
     T[:, :3, 3] = 1e-3 * place
     return ReadProgram(
-        "p",
-        np.array(kind, np.int8),
-        np.zeros((n, 6)),
-        np.zeros((n, 0)),
-        T,
-        np.full(n, 0.05),
-        np.zeros(n, np.int8),
-        ("a",) * n,
-        events,
-        np.arange(n, dtype=np.int32),
-        np.full(n, np.nan),
+        file="p",
+        kind=np.array(kind, np.int8),
+        q=np.zeros((n, 6)),
+        external=np.zeros((n, 0)),
+        T_workpiece_tcp=T,
+        feed=np.full(n, 0.05),
+        move=np.zeros(n, np.int8),
+        operation=("a",) * n,
+        events=events,
+        line=np.arange(n, dtype=np.int32),
+        time=np.full(n, np.nan),
         place_step=place_step,
     )
 
@@ -62,7 +62,16 @@ def program(place: Array, kind: list[int], events: tuple[Event, ...], place_step
 def driven(point: Array, move: Array) -> Motion:
     n = len(point)
     q = np.repeat(0.01 * np.arange(n)[:, None], 6, axis=1)
-    return Motion(0.012 * np.arange(n), point, move, q, q[:, :0], ("a",) * n, np.zeros(n), np.full(n, 0.05))
+    return Motion(
+        time=0.012 * np.arange(n),
+        point=point,
+        move=move,
+        q=q,
+        external=q[:, :0],
+        operation=("a",) * n,
+        gamma=np.zeros(n),
+        feed=np.full(n, 0.05),
+    )
 
 
 def cuts(toolpath: Toolpath, axis_corner: float = 0.0) -> Cuts:
@@ -70,7 +79,17 @@ def cuts(toolpath: Toolpath, axis_corner: float = 0.0) -> Cuts:
     wanted = toolpath.cutting
     corners = (np.arange(float(n)), toolpath.position)
     none = np.zeros((n, 3))
-    return Cuts(toolpath, toolpath.position, corners, wanted, 1.5e-5, axis_corner, 0.05, none, none)
+    return Cuts(
+        toolpath=toolpath,
+        position=toolpath.position,
+        corners=corners,
+        wanted=wanted,
+        corner=1.5e-5,
+        axis_corner=axis_corner,
+        approach_feed=0.05,
+        offset=none,
+        tilt=none,
+    )
 
 
 def test_where_a_long_move_meets_a_short_one_the_index_goes_with_the_way() -> None:
@@ -208,11 +227,25 @@ def test_a_rail_that_rounds_its_bend_is_beside_its_target_by_what_the_tolerance_
     for beside, corner, passed in ((0.0, 5e-4, True), (0.0, 0.0, False), (0.1, 5e-4, True), (0.3, 5e-4, False)):
         motion = replace(moving, external=1e-3 * rail[:, None], slides=(True,))
         said = replace(said, external=np.array([[1e-3 * -beside]]))
-        check = external_axes(said, motion, tcp, np.array([100.0]), Allowed(1e-3, 1e-3, 0.01, corner, 0.0), ["1"])
+        check = external_axes(
+            said,
+            motion,
+            tcp,
+            np.array([100.0]),
+            Allowed(position=1e-3, axis=1e-3, turn=0.01, corner=corner, axis_corner=0.0),
+            ["1"],
+        )
         assert check.passed is passed, (beside, corner, check.value)
     even = replace(moving, external=1e-3 * x[:, None], slides=(True,))
     said = replace(said, external=np.array([[2e-4]]))
-    check = external_axes(said, even, tcp, np.array([100.0]), Allowed(1e-3, 1e-3, 0.01, 5e-4, 0.0), ["1"])
+    check = external_axes(
+        said,
+        even,
+        tcp,
+        np.array([100.0]),
+        Allowed(position=1e-3, axis=1e-3, turn=0.01, corner=5e-4, axis_corner=0.0),
+        ["1"],
+    )
     assert not check.passed
 
 

@@ -28,11 +28,11 @@ from machopt.plan.rapids import RapidMove, plan_rapid
 from machopt.plan.setup import prepare
 from machopt.plan.timeline import build_timeline
 
-K = Stiffness(np.array([1.4e6, 1.2e6, 9.4e5, 3.6e5, 3.7e5, 3.8e5]))
+K = Stiffness(joints=np.array([1.4e6, 1.2e6, 9.4e5, 3.6e5, 3.7e5, 3.8e5]))
 OPTIONS = PlanOptions(
     collision=False, rotation_step=np.radians(30.0), force=ProcessForce(normal=200.0, axial=100.0), sample=0.02
 )
-VALUES = replace(OPTIONS, external=(ExternalAxis("e1", "operation"),))
+VALUES = replace(OPTIONS, external=(ExternalAxis(joint="e1", mode="operation"),))
 UP = (0.0, 0.0, 1.0)
 
 
@@ -86,18 +86,18 @@ def test_one_value_for_each_operation(tmp_path: FilePath) -> None:
     assert second[0] > 0.5
     x = driven(p, path)
     assert np.abs(np.diff(x[:, 6])).max() <= 0.02 * cell.limits.velocity[6]
-    locked = best_plan(cell, path, replace(OPTIONS, external=(ExternalAxis("e1", "locked"),)))
+    locked = best_plan(cell, path, replace(OPTIONS, external=(ExternalAxis(joint="e1", mode="locked"),)))
     assert len(locked.missing)
 
 
 def test_the_value_chosen_is_no_worse_than_home(tmp_path: FilePath) -> None:
     cell = replace(external_cell(tmp_path, table=True), stiffness=K)
     path = toolpath(slots(0.15))
-    p = best_plan(cell, path, replace(OPTIONS, external=(ExternalAxis("turn", "operation"),)))
+    p = best_plan(cell, path, replace(OPTIONS, external=(ExternalAxis(joint="turn", mode="operation"),)))
     home = plan(cell, path, OPTIONS, scale=p.scores.scale)
     assert p.chosen.objective.total <= home.chosen.objective.total
     assert p.cam_default.objective.total == home.cam_default.objective.total  # the file's rotation, table at home
-    inside = replace(OPTIONS, external=(ExternalAxis("turn", "operation", range=(0.5, 0.6)),))
+    inside = replace(OPTIONS, external=(ExternalAxis(joint="turn", mode="operation", range=(0.5, 0.6)),))
     assert 0.5 <= best_plan(cell, path, inside).path.external[0, 0] <= 0.6
 
 
@@ -158,10 +158,10 @@ def ring(radius: float = 0.12, holes: int = 4) -> Toolpath:
 @pytest.mark.parametrize("mode", ["moving", "operation"])
 def test_a_joint_more_makes_no_plan_worse(tmp_path: FilePath, mode: str) -> None:
     cell, path = replace(external_cell(tmp_path, rail=True, table=True), stiffness=K), ring()
-    free = tuple(ExternalAxis(name, mode) for name in ("rail", "turn"))
+    free = tuple(ExternalAxis(joint=name, mode=mode) for name in ("rail", "turn"))
     both = best_plan(cell, path, replace(OPTIONS, external=free))
     for k, name in enumerate(("rail", "turn")):
-        one = best_plan(cell, path, replace(OPTIONS, external=(free[1 - k], ExternalAxis(name, "locked"))))
+        one = best_plan(cell, path, replace(OPTIONS, external=(free[1 - k], ExternalAxis(joint=name, mode="locked"))))
         own, w = one.chosen.objective, OPTIONS.weights
         index = w.mean * own.mean + w.worst * own.worst
         in_the_unit_of_both = own.total + index * (one.scores.scale / both.scores.scale - 1.0)
@@ -171,13 +171,16 @@ def test_a_joint_more_makes_no_plan_worse(tmp_path: FilePath, mode: str) -> None
 @pytest.mark.parametrize(
     ("axis", "told"),
     [
-        (ExternalAxis("slide"), "'slide' is no external joint of the cell"),
-        (ExternalAxis("rail", at=1.0, unit="deg"), "'rail' slides: values in mm would work"),
-        (ExternalAxis("rail", "locked", at=9.0, unit="mm"), r"found 9000 mm; the range of 'rail' is \[-2500, 2500\]"),
-        (ExternalAxis("rail", range=(3.0, 4.0), unit="mm"), r"outside the range \[-2500, 2500\]"),
-        (ExternalAxis("e1", preferred=9.0, unit="mm"), r"found 9000 mm; the range of 'rail' is \[-2500, 2500\]"),
-        (ExternalAxis("rail", at=1.0, unit="mm"), "at_mm is where a locked joint stands, and 'rail' may move"),
-        (ExternalAxis("e1", operations=(("face", "locked"),)), "'face' is no operation of the toolpath"),
+        (ExternalAxis(joint="slide"), "'slide' is no external joint of the cell"),
+        (ExternalAxis(joint="rail", at=1.0, unit="deg"), "'rail' slides: values in mm would work"),
+        (
+            ExternalAxis(joint="rail", mode="locked", at=9.0, unit="mm"),
+            r"found 9000 mm; the range of 'rail' is \[-2500, 2500\]",
+        ),
+        (ExternalAxis(joint="rail", range=(3.0, 4.0), unit="mm"), r"outside the range \[-2500, 2500\]"),
+        (ExternalAxis(joint="e1", preferred=9.0, unit="mm"), r"found 9000 mm; the range of 'rail' is \[-2500, 2500\]"),
+        (ExternalAxis(joint="rail", at=1.0, unit="mm"), "at_mm is where a locked joint stands, and 'rail' may move"),
+        (ExternalAxis(joint="e1", operations=(("face", "locked"),)), "'face' is no operation of the toolpath"),
     ],
 )
 def test_what_is_not_planned_is_refused_by_name(tmp_path: FilePath, axis: ExternalAxis, told: str) -> None:
@@ -189,15 +192,30 @@ def test_what_is_not_planned_is_refused_by_name(tmp_path: FilePath, axis: Extern
 @pytest.mark.parametrize(
     ("y", "axis", "told", "would"),
     [
-        (2.4, ExternalAxis("rail", "locked"), "with rail locked at 0 mm", "mode other than locked would help"),
-        (2.4, ExternalAxis("rail", "locked"), "mm it would be in reach", "mode other than locked would help"),
         (
             2.4,
-            ExternalAxis("rail", "operation", range=(0.0, 0.1), unit="mm"),
+            ExternalAxis(joint="rail", mode="locked"),
+            "with rail locked at 0 mm",
+            "mode other than locked would help",
+        ),
+        (
+            2.4,
+            ExternalAxis(joint="rail", mode="locked"),
+            "mm it would be in reach",
+            "mode other than locked would help",
+        ),
+        (
+            2.4,
+            ExternalAxis(joint="rail", mode="operation", range=(0.0, 0.1), unit="mm"),
             "an end of its range 0 mm to 100 mm",
             "a wider external.rail.range_mm would help",
         ),
-        (9.0, ExternalAxis("rail", "locked"), "every value tried of rail (-2,500 mm to 2,500 mm)", "moving the part"),
+        (
+            9.0,
+            ExternalAxis(joint="rail", mode="locked"),
+            "every value tried of rail (-2,500 mm to 2,500 mm)",
+            "moving the part",
+        ),
     ],
 )
 def test_a_point_out_of_reach_names_the_rail(
@@ -211,12 +229,15 @@ def test_a_point_out_of_reach_names_the_rail(
 
 
 def test_a_joint_under_two_names_has_what_the_later_one_says_beside_the_rest(tmp_path: FilePath) -> None:
-    named, short = ExternalAxis("rail", "moving", range=(0.2, 0.3), unit="mm"), ExternalAxis("e1", "operation")
+    named, short = (
+        ExternalAxis(joint="rail", mode="moving", range=(0.2, 0.3), unit="mm"),
+        ExternalAxis(joint="e1", mode="operation"),
+    )
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
     p = best_plan(cell, toolpath(slots(0.15)), replace(OPTIONS, external=(named, short)))
     assert ((p.path.external >= 0.2) & (p.path.external <= 0.3)).all()
     assert len(np.unique(p.path.external[p.path.run == 0])) == 1
-    locked = (ExternalAxis("rail", "locked"), ExternalAxis("e1", at=0.25, unit="mm"))
+    locked = (ExternalAxis(joint="rail", mode="locked"), ExternalAxis(joint="e1", at=0.25, unit="mm"))
     assert (best_plan(cell, toolpath(slots(0.15)), replace(OPTIONS, external=locked)).path.external == 0.25).all()
 
 

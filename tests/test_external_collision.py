@@ -28,11 +28,29 @@ KINDS = [{"rail": True}, {"table": True, "tilt": True}, {"rail": True, "table": 
 def cell_of(folder: Path, **kind: bool) -> Cell:
     """Things in the hall, and things that ride on what moves."""
     cell = external_cell(folder, **kind)
-    things = [Shape("post", "cylinder", (0.05, 1.2), None, pose(1.0, 0.8, 0.6))]
+    things = [Shape(name="post", kind="cylinder", size=(0.05, 1.2), mesh=None, T_parent_shape=pose(1.0, 0.8, 0.6))]
     if kind.get("rail"):
-        things.append(Shape("cabinet", "box", (0.3, 0.4, 0.9), None, pose(-0.1, -0.6, 0.5), link="carriage"))
+        things.append(
+            Shape(
+                name="cabinet",
+                kind="box",
+                size=(0.3, 0.4, 0.9),
+                mesh=None,
+                T_parent_shape=pose(-0.1, -0.6, 0.5),
+                link="carriage",
+            )
+        )
     if kind.get("table"):
-        things.append(Shape("clamp", "box", (0.08, 0.06, 0.25), None, pose(0.3, 0.1, 0.2), link="plate"))
+        things.append(
+            Shape(
+                name="clamp",
+                kind="box",
+                size=(0.08, 0.06, 0.25),
+                mesh=None,
+                T_parent_shape=pose(0.3, 0.1, 0.2),
+                link="plate",
+            )
+        )
     hall = pose(0.3, -0.1, 0.2, 0.1)
     return replace(cell, obstacles=tuple(things), T_world_base=hall, tool=replace(cell.tool, cutter=None))
 
@@ -171,7 +189,7 @@ def test_ways_between_configurations_agree_with_brute_force(both: tuple[Cell, Co
 
 def test_a_plate_that_only_the_rail_passes(tmp_path: Path) -> None:
     """Thinner than a step, and no row touches it: what moves past it is shifted, not turned."""
-    plate = Shape("plate", "box", (2.0, 0.002, 0.4), None, pose(1.2, 0.313, 1.9))
+    plate = Shape(name="plate", kind="box", size=(2.0, 0.002, 0.4), mesh=None, T_parent_shape=pose(1.2, 0.313, 1.9))
     cell = replace(external_cell(tmp_path, rail=True), obstacles=(plate,))
     model = model_of(cell)
     x = np.tile(np.append(cell.home, 0.0), (2, 1))
@@ -272,12 +290,28 @@ def test_what_a_carriage_keeps_from_its_own_bed_is_not_told_as_clearance(tmp_pat
     """
     cell = external_cell(tmp_path, rail=True, table=True)
     things = (
-        Shape("cabinet", "box", (0.3, 0.4, 0.9), None, pose(-0.9, 0.0, 0.9), link="carriage"),
-        Shape("bed", "box", (0.5, 9.0, 0.1), None, pose(-0.9, 0.0, 0.05)),
-        Shape("stop", "box", (0.5, 0.1, 2.0), None, pose(-0.9, 3.2, 1.0)),
-        Shape("wheel", "cylinder", (0.3, 0.1), None, pose(0.0, 0.0, -0.25), link="plate"),
-        Shape("foot", "cylinder", (0.2, 0.05), None, pose(1.5, 0.0, 0.05)),
-        Shape("ram", "box", (0.1, 0.1, 0.1), None, pose(1.0, 0.0, -0.25), link="plate"),
+        Shape(
+            name="cabinet",
+            kind="box",
+            size=(0.3, 0.4, 0.9),
+            mesh=None,
+            T_parent_shape=pose(-0.9, 0.0, 0.9),
+            link="carriage",
+        ),
+        Shape(name="bed", kind="box", size=(0.5, 9.0, 0.1), mesh=None, T_parent_shape=pose(-0.9, 0.0, 0.05)),
+        Shape(name="stop", kind="box", size=(0.5, 0.1, 2.0), mesh=None, T_parent_shape=pose(-0.9, 3.2, 1.0)),
+        Shape(
+            name="wheel",
+            kind="cylinder",
+            size=(0.3, 0.1),
+            mesh=None,
+            T_parent_shape=pose(0.0, 0.0, -0.25),
+            link="plate",
+        ),
+        Shape(name="foot", kind="cylinder", size=(0.2, 0.05), mesh=None, T_parent_shape=pose(1.5, 0.0, 0.05)),
+        Shape(
+            name="ram", kind="box", size=(0.1, 0.1, 0.1), mesh=None, T_parent_shape=pose(1.0, 0.0, -0.25), link="plate"
+        ),
     )
     cell = replace(cell, obstacles=things)
     model, arm = model_of(cell), Arm(cell)
@@ -321,8 +355,15 @@ def test_planner_and_verifier_leave_the_same_pairs_out_whatever_the_bed_carries(
         bed = trimesh.util.concatenate([bed, trimesh.creation.box((0.5, size, 0.4), pose(-0.9, y, 0.2))])
     bed.export(tmp_path / "bed.stl")
     things = (
-        Shape("cabinet", "box", (0.3, 2 * half, 0.9), None, pose(-0.9, 0.0, 0.75 + gap), link="carriage"),
-        Shape("bed", "mesh", (1.0,), tmp_path / "bed.stl", np.eye(4)),
+        Shape(
+            name="cabinet",
+            kind="box",
+            size=(0.3, 2 * half, 0.9),
+            mesh=None,
+            T_parent_shape=pose(-0.9, 0.0, 0.75 + gap),
+            link="carriage",
+        ),
+        Shape(name="bed", kind="mesh", size=(1.0,), mesh=tmp_path / "bed.stl", T_parent_shape=np.eye(4)),
     )
     cell = replace(cell, obstacles=things)
     model, arm = model_of(cell), Arm(cell)

@@ -39,7 +39,7 @@ def springs(cell: Cell, body: bool = False) -> tuple[ExternalSpring, ...]:
     for name, slides in zip(cell.external_joints, cell.external_prismatic, strict=True):
         A = rng.normal(size=(6, 6)) * np.r_[np.full(3, 1e-4), np.full(3, 3e-4)][:, None]
         C, at = (A @ A.T, rng.uniform(-0.3, 0.3, 3)) if body else (RIGID, np.zeros(3))
-        out.append(ExternalSpring(name, K[name], slides, C, at))
+        out.append(ExternalSpring(joint=name, stiffness=K[name], slides=slides, compliance=C, at=at))
     return tuple(out)
 
 
@@ -92,11 +92,11 @@ def test_a_carriage_is_the_spring_of_the_base(tmp_path: Path) -> None:
     robot, x = load_robot(cell), postures(cell)
     diagonal = [2e-8, 3e-8, 1e-8, 2e-8, 4e-8, 1e-8]
     base = replace(
-        cell.stiffness or Stiffness(np.full(6, 1e6)),
+        cell.stiffness or Stiffness(joints=np.full(6, 1e6)),
         terms=(Term("base_compliance", "base", {"compliance_diagonal": diagonal}),),
     )
     on = ExternalSpring(
-        "rail", np.inf, None, np.diag(diagonal), np.array([-0.1, 0.0, 0.2])
+        joint="rail", stiffness=np.inf, slides=None, compliance=np.diag(diagonal), at=np.array([-0.1, 0.0, 0.2])
     )  # base_link on the carriage
     place = robot.fk(x[:, :6], cell.tool.T_flange_tcp)[:, :3, 3]
     found = Beside.of(machine(cell), (on,))

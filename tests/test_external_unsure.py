@@ -25,8 +25,8 @@ from machopt.plan.uncertainty import bends, by_carriers, gains
 
 RIGID = np.zeros((6, 6))
 SPRINGS = (
-    ExternalSpring("rail", 5e6, True, RIGID, np.zeros(3), std=1e6),
-    ExternalSpring("turn", 6e5, False, RIGID, np.zeros(3), std=9e4),
+    ExternalSpring(joint="rail", stiffness=5e6, slides=True, compliance=RIGID, at=np.zeros(3), std=1e6),
+    ExternalSpring(joint="turn", stiffness=6e5, slides=False, compliance=RIGID, at=np.zeros(3), std=9e4),
 )
 ASKED = replace(OPTIONS, force=ProcessForce(travel=150.0, normal=200.0, axial=100.0))  # a rail gives along itself
 STEP = 1e-3  # of a compliance, of a central difference: its error is a millionth
@@ -35,7 +35,7 @@ STEP = 1e-3  # of a compliance, of a central difference: its error is a milliont
 def with_springs(cell: Cell, count: int = 2) -> Cell:
     """The arm's own springs all but known."""
     k = np.array([1.4e6, 4e5, 9e5, 3.6e5, 3.7e5, 3.8e5])
-    return replace(cell, stiffness=Stiffness(k, np.diag((1e-9 / k) ** 2), external=SPRINGS[:count]))
+    return replace(cell, stiffness=Stiffness(joints=k, covariance=np.diag((1e-9 / k) ** 2), external=SPRINGS[:count]))
 
 
 def cost(setup: Setup, path: Planned, q: np.ndarray, index: Index, softer: int, share: float) -> np.ndarray:
@@ -66,7 +66,7 @@ def test_a_cost_follows_a_spring_as_differences_say(tmp_path: Path, index: Index
 @pytest.fixture(scope="module")
 def on_rail(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     cell = with_springs(external_cell(tmp_path_factory.mktemp("unsure"), rail=True), 1)
-    axis = ExternalAxis("rail", "operation")
+    axis = ExternalAxis(joint="rail", mode="operation")
     return best_plan(cell, toolpath(slots(0.4)), replace(ASKED, external=(axis,)))
 
 

@@ -13,18 +13,31 @@ from machopt.recheck.told import short
 from machopt.verify import Check
 from machopt.verify.check import Promise, of_file
 
-OK = Check("path", True, 0.006, 0.02, "mm", "sample 3")
+OK = Check(name="path", passed=True, value=0.006, limit=0.02, unit="mm", where="sample 3")
 FILES = Check(
-    Promise.FILES, False, 1.0, 0.0, "differences", "points.csv is changed: 9 bytes, 8 were written", file="points.csv"
+    name=Promise.FILES,
+    passed=False,
+    value=1.0,
+    limit=0.0,
+    unit="differences",
+    where="points.csv is changed: 9 bytes, 8 were written",
+    file="points.csv",
 )
-INPUTS = Check(Promise.INPUTS, False, 1.0, 0.0, "differences", "another stiffness: stiffness.yaml is other")
+INPUTS = Check(
+    name=Promise.INPUTS,
+    passed=False,
+    value=1.0,
+    limit=0.0,
+    unit="differences",
+    where="another stiffness: stiffness.yaml is other",
+)
 COLUMN = Check(
-    "points.csv k_axial_N_mm",
-    False,
-    9618.0,
-    1.0,
-    "of 1 N/mm",
-    "point 7: 4 N/mm, 5 N/mm follows",
+    name="points.csv k_axial_N_mm",
+    passed=False,
+    value=9618.0,
+    limit=1.0,
+    unit="of 1 N/mm",
+    where="point 7: 4 N/mm, 5 N/mm follows",
     file="points.csv",
     what="k_axial_N_mm",
     instead=True,
@@ -32,12 +45,16 @@ COLUMN = Check(
 NOT_THERE = "cannot be read: No such file or directory"
 LOST = of_file("trajectory.csv", Promise.READABLE, False, math.nan, math.nan, "", NOT_THERE, of=" ")
 UNREAD = "/out/trajectory.csv: cannot be read"
-PROGRAMS = Check(Promise.PROGRAMS, False, math.nan, math.nan, "", UNREAD, because="trajectory.csv")
+PROGRAMS = Check(
+    name=Promise.PROGRAMS, passed=False, value=math.nan, limit=math.nan, unit="", where=UNREAD, because="trajectory.csv"
+)
 SAID = "exit_code is 0, 4 follows"
 VERDICT = of_file("result.json", Promise.VERDICT, False, 1.0, 0.0, "differences", SAID, of=" ")
 TIMES = of_file("result.json", "times", False, 1.0, 0.0, "differences", UNREAD, of=" ")
-JERK = Check(Promise.JERK, False, 2.577, 1.1, "of the limit", "axis 2, sample 775")
-INDEX = Check("index of the samples", False, 4.0, 0.02, "mm", "sample 766, point 8.000")
+JERK = Check(name=Promise.JERK, passed=False, value=2.577, limit=1.1, unit="of the limit", where="axis 2, sample 775")
+INDEX = Check(
+    name="index of the samples", passed=False, value=4.0, limit=0.02, unit="mm", where="sample 766, point 8.000"
+)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,9 @@ from machopt.report.data import FrontPoint
 from machopt.report.front import front_section
 from machopt.services.front import HEAD, write_front
 
-A = Point("a", "", 0.4, 0.5, 10.0, 1000.0, 20.0)
+A = Point(
+    plan="a", changed="", mean_index=0.4, worst_index=0.5, cycle_time_s=10.0, joint_travel_deg=1000.0, clearance_mm=20.0
+)
 
 
 def test_a_plan_is_dominated_by_one_that_is_nowhere_worse() -> None:
@@ -97,14 +99,18 @@ def test_a_further_plan_that_is_better_by_the_weights_asked_for_is_said() -> Non
 
 
 def test_the_objective_of_parts_is_priced_by_any_weights() -> None:
-    parts = Objective(9.9, 1.0, 2.0, 3.0, 4.0, 0.5, 0.25, 0.125)
+    parts = Objective(
+        total=9.9, mean=1.0, worst=2.0, travel=3.0, rotation=4.0, feed=0.5, preferred=0.25, clearance=0.125
+    )
     weights = Weights(mean=1.0, worst=10.0, travel=0.1, rotation=0.01, feed=2.0, clearance=4.0)
     assert total_of(parts, weights) == pytest.approx(1.0 + 20.0 + 0.3 + 0.04 + 1.0 + 0.25 + 0.5)
     assert total_of(parts, weights, elsewhere=3.0) == pytest.approx(total_of(parts, weights) + 10.0)
 
 
 def test_picture_of_the_front_has_axes_even_where_all_plans_are_one() -> None:
-    point = FrontPoint("as asked", "", 0.4, 0.5, 10.0, 1000.0, None, False)
+    point = FrontPoint(
+        name="as asked", changed="", mean=0.4, worst=0.5, cycle=10.0, travel=1000.0, clearance=None, dominated=False
+    )
     for points in ((point,), (point, replace(point, name="travel counts more", mean=0.42, cycle=11.0, dominated=True))):
         page = str(front_section(SimpleNamespace(front=points, summary=SimpleNamespace(quantity="deflection"))))  # type: ignore[arg-type]
         assert "cycle time (s)" in page
@@ -115,7 +121,16 @@ def test_picture_of_the_front_has_axes_even_where_all_plans_are_one() -> None:
 @pytest.mark.parametrize(("kind", "width"), [("broad", 640), ("narrow", 372)])
 def test_no_names_of_the_picture_lie_on_one_another_or_leave_it(kind: str, width: int) -> None:
     """Plans of nearly one time and mean: their dots are apart, and so are the lines of their names."""
-    one = FrontPoint("as asked, and a little more of it", "", 1.7727, 2.0, 506.14, 1000.0, None, False)
+    one = FrontPoint(
+        name="as asked, and a little more of it",
+        changed="",
+        mean=1.7727,
+        worst=2.0,
+        cycle=506.14,
+        travel=1000.0,
+        clearance=None,
+        dominated=False,
+    )
     near = replace(one, name="travel counts more", mean=1.77275, cycle=506.16)
     far = replace(one, name="travel counts most", mean=1.7743, cycle=505.61)
     points = (one, near, replace(near, name="third", mean=1.77285, cycle=506.13), far)

@@ -52,7 +52,9 @@ def reasons(*unreachable: int) -> np.ndarray:
 
 
 def jump_between(before: float, after: float) -> Break:
-    return Break(before, after, "joint_jump", "joint 4 jumps", "", 4, 150.0, 120.0)
+    return Break(
+        before=before, after=after, code="joint_jump", text="joint 4 jumps", help="", joint=4, value=150.0, limit=120.0
+    )
 
 
 @pytest.mark.parametrize(

@@ -23,19 +23,26 @@ from machopt.plan.setup import prepare, standing
 
 def test_a_value_in_the_way_of_a_post_is_lost_and_another_is_taken(tmp_path: Path) -> None:
     cell = replace(
-        external_cell(tmp_path, rail=True), stiffness=Stiffness(np.array([2.0, 2.0, 1.5, 0.5, 0.4, 0.3]) * 1e6)
+        external_cell(tmp_path, rail=True), stiffness=Stiffness(joints=np.array([2.0, 2.0, 1.5, 0.5, 0.4, 0.3]) * 1e6)
     )
     file = tmp_path / "hole.csv"
     file.write_text(
         "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min\n0,0,80,0,0,1,rapid,\n0,0,-2,0,0,1,cut,300\n0,0,80,0,0,1,retract,3000\n"
     )
     path, options = read_toolpath(file), PlanOptions(rotation_step=np.radians(30.0))
-    own = replace(options, external=(ExternalAxis("rail", mode="operation"),))
+    own = replace(options, external=(ExternalAxis(joint="rail", mode="operation"),))
     free = best_plan(cell, path, own)
     at = float(free.path.external[0, 0])
     base = cell.T_world_base[:3, 3]
     # a post where the arm stood
-    cell = replace(cell, obstacles=(Shape("post", "box", (0.5, 0.5, 3.0), None, pose(base[0] + 0.55, at, 1.5)),))
+    cell = replace(
+        cell,
+        obstacles=(
+            Shape(
+                name="post", kind="box", size=(0.5, 0.5, 3.0), mesh=None, T_parent_shape=pose(base[0] + 0.55, at, 1.5)
+            ),
+        ),
+    )
     setup = prepare(cell, options)
 
     def colliding(value: float) -> tuple[int, int]:

@@ -35,7 +35,9 @@ def cell_of(folder: Path, part: tuple[Shape, ...], corner: float = 0.0) -> Cell:
 
 
 def plate(top: float = 0.0) -> Shape:
-    return Shape("plate", "box", (0.2, 0.2, 0.05), None, pose(0.05, 0.0, top - 0.025))
+    return Shape(
+        name="plate", kind="box", size=(0.2, 0.2, 0.05), mesh=None, T_parent_shape=pose(0.05, 0.0, top - 0.025)
+    )
 
 
 def path_of(*points: tuple[str, Triple, Triple]) -> PlanPath:
@@ -74,7 +76,7 @@ def test_a_depth_that_is_the_tolerance_is_none(tmp_path: Path) -> None:
 
 def test_a_gouge_between_two_points_is_found_where_it_is(tmp_path: Path) -> None:
     """A rib between two points that lie clear of it, and a corner the tool leans into on the way."""
-    rib = Shape("rib", "box", (0.002, 0.1, 0.004), None, pose(0.0473, 0.0, 0.002))
+    rib = Shape(name="rib", kind="box", size=(0.002, 0.1, 0.004), mesh=None, T_parent_shape=pose(0.0473, 0.0, 0.002))
     cell = cell_of(tmp_path, (plate(), rib))
     path = path_of(("rapid", (0, 0, 0.05), UP), ("cut", (0, 0, 0), UP), ("cut", (0.1, 0, 0), UP))
     found = gouges_of(path, cell, LIMIT)
@@ -87,7 +89,9 @@ def test_a_gouge_between_two_points_is_found_where_it_is(tmp_path: Path) -> None
 
 
 def test_all_the_length_of_the_cutter_counts_and_rapid_moves_do_not(tmp_path: Path) -> None:
-    wall = Shape("wall", "box", (0.2, 0.02, 0.1), None, pose(0.05, 0.016 + 1e-6, 0.05))  # the side just touches
+    wall = Shape(
+        name="wall", kind="box", size=(0.2, 0.02, 0.1), mesh=None, T_parent_shape=pose(0.05, 0.016 + 1e-6, 0.05)
+    )  # the side just touches
     cell = cell_of(tmp_path, (plate(), wall))
     lean = tilted(2.0)
 
@@ -109,12 +113,12 @@ def test_what_cannot_be_looked_for_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"has no workpiece\.geometry"):
         gouges_of(path, cell_of(tmp_path, ()), LIMIT)
     with pytest.raises(InputError, match=r"has no tool\.cutter"):
-        gouges_of(path, replace(cell_of(tmp_path, (plate(),)), tool=Tool(np.eye(4))), LIMIT)
+        gouges_of(path, replace(cell_of(tmp_path, (plate(),)), tool=Tool(T_flange_tcp=np.eye(4))), LIMIT)
 
 
 def test_a_plan_gives_up_what_gouges_and_says_so(tmp_path: Path) -> None:
     """Of two cuts at one height the second leans over: its points are lost to every posture, the first's are not."""
-    cell = replace(cell_of(tmp_path, (plate(),)), stiffness=Stiffness(np.full(6, 1e6)))
+    cell = replace(cell_of(tmp_path, (plate(),)), stiffness=Stiffness(joints=np.full(6, 1e6)))
     lean = tilted(4.0)
     rows = []
     for x, axis in ((0.0, UP), (0.03, lean)):

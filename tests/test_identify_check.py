@@ -83,9 +83,11 @@ def test_tool_axes_taken_for_base_axes_are_refused() -> None:
     assert (finding.severity, "displacement_frame: tool would work" in finding.message) == ("error", True)
     options = IdentifyOptions(studies=False)
     with pytest.raises(InputError, match=r"made up: displacement_frame is stated \(or taken\) as base"):
-        identify(experiment(turned, robot, T), robot, T, Stiffness(TRUE_K), options, np.random.default_rng(0))
+        identify(experiment(turned, robot, T), robot, T, Stiffness(joints=TRUE_K), options, np.random.default_rng(0))
     accepted = replace(options, accept=frozenset({"displacement_frame"}))
-    result = identify(experiment(turned, robot, T), robot, T, Stiffness(TRUE_K), accepted, np.random.default_rng(0))
+    result = identify(
+        experiment(turned, robot, T), robot, T, Stiffness(joints=TRUE_K), accepted, np.random.default_rng(0)
+    )
     assert any("displacement_frame: tool would work" in w for w in result.warnings)
 
 
@@ -160,9 +162,9 @@ def test_errors_are_raised_together_and_name_the_way_out() -> None:
     _, robot, T = cell()
     e = experiment(good(), robot, T)
     findings = [
-        RecordFault("a", "error", "first"),
-        RecordFault("b", "error", "second"),
-        RecordFault("c", "warning", "third"),
+        RecordFault(code="a", severity="error", message="first"),
+        RecordFault(code="b", severity="error", message="second"),
+        RecordFault(code="c", severity="warning", message="third"),
     ]
     with pytest.raises(InputError, match=r"first \[a\]; second \[b\]") as raised:
         refuse(e, findings)

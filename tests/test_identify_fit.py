@@ -310,7 +310,7 @@ def test_pipeline_at_the_loaded_equilibrium_finds_what_the_linear_law_misses() -
     wrong = {}
     for geometric in (False, True):
         options = IdentifyOptions(geometric=geometric, studies=False)
-        found = identify(e, robot, T, Stiffness(soft), options, np.random.default_rng(0))
+        found = identify(e, robot, T, Stiffness(joints=soft), options, np.random.default_rng(0))
         wrong[geometric] = np.abs(found.stiffness.joints / soft - 1).max()
         assert ("geometric_stiffness" in [t.effect for t in found.stiffness.terms]) == geometric
     assert wrong[False] > 1e-3
@@ -321,12 +321,12 @@ def test_pipeline_gives_terms_grid_and_model_choice() -> None:
     _, robot, T = cell()
     e = draw(np.random.default_rng(16), poses=16, loads=3, repeats=1)
     options = IdentifyOptions(model="auto", terms=(Term("joint_coupling", "joint:4-5"),), grid_cell=0.8, studies=False)
-    found = identify(e, robot, T, Stiffness(TRUE_K), options, np.random.default_rng(0))
+    found = identify(e, robot, T, Stiffness(joints=TRUE_K), options, np.random.default_rng(0))
     assert found.model == "constant"  # nothing varies in the truth
     assert found.why_model.startswith("constant: ")
     assert found.stiffness.terms == ()  # no coupling there: not found, left out
     assert not found.terms[0].identified
-    grid = identify(e, robot, T, Stiffness(TRUE_K), replace(options, model="grid"), np.random.default_rng(0))
+    grid = identify(e, robot, T, Stiffness(joints=TRUE_K), replace(options, model="grid"), np.random.default_rng(0))
     assert grid.model == "grid"
     assert grid.stiffness.grid is not None
     assert grid.table.predicted.shape == e.measured.shape

@@ -90,7 +90,7 @@ def rig() -> Rig:
 
 
 def cellwise(region: Region, joints: np.ndarray) -> Stiffness:
-    return Stiffness(joints.mean(axis=0), grid=StiffnessGrid(region.origin, region.cell, region.shape, joints))
+    return Stiffness(joints=joints.mean(axis=0), grid=StiffnessGrid(region.origin, region.cell, region.shape, joints))
 
 
 def law_of(stiffness: Stiffness) -> Compliance:
@@ -283,9 +283,9 @@ def test_without_variation_the_grid_is_the_constant_model(rig: Rig) -> None:
         g = fit_grid(f, 0.3, ORIGIN, (2, 4, 2))
         k = 1 / f.compliance
         rng = np.random.default_rng(100 + seed)
-        here = rig.fresh_error(rig.c, Stiffness(k, grid=g.grid), rng)
+        here = rig.fresh_error(rig.c, Stiffness(joints=k, grid=g.grid), rng)
         rng = np.random.default_rng(100 + seed)
-        worse.append(here - rig.fresh_error(rig.c, Stiffness(k), rng))
+        worse.append(here - rig.fresh_error(rig.c, Stiffness(joints=k), rng))
         gains.append(g.heldout.gain)
         assert np.median(g.spread) < 0.02
     gain, error = np.array(gains).T
@@ -305,8 +305,8 @@ def test_with_variation_the_grid_is_better_on_held_out_poses(rig: Rig) -> None:
         here, constant = g.heldout.rmse
         assert here < 0.9 * constant
         k = 1 / f.compliance
-        fresh = rig.fresh_error(field, Stiffness(k, grid=g.grid), np.random.default_rng(50 + seed))
-        assert fresh < 0.75 * rig.fresh_error(field, Stiffness(k), np.random.default_rng(50 + seed))
+        fresh = rig.fresh_error(field, Stiffness(joints=k, grid=g.grid), np.random.default_rng(50 + seed))
+        assert fresh < 0.75 * rig.fresh_error(field, Stiffness(joints=k), np.random.default_rng(50 + seed))
         # a site's own part is seen: the field changes by its own size over 50 cm, and a cell is 30 cm
         assert (g.within < g.spread + 1e-12).all()
         assert g.within.max() > 0.01

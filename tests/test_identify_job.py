@@ -46,7 +46,7 @@ def simulated() -> Simulated:
 def done(simulated: Simulated, tmp_path_factory: pytest.TempPathFactory) -> IdentifyOutcome:
     folder = tmp_path_factory.mktemp("identify")
     write_recording(folder / "recording", simulated.recording)
-    return run_identify(IdentifyRequest(CELL, (folder / "recording",), folder / "out"))
+    return run_identify(IdentifyRequest(cell=CELL, recordings=(folder / "recording",), out=folder / "out"))
 
 
 def test_files_agree_with_each_other_and_with_the_truth(done: IdentifyOutcome, simulated: Simulated) -> None:
@@ -122,7 +122,7 @@ def test_grid_is_taken_where_the_stiffness_varies(tmp_path: Path) -> None:
     s = record(TrueArm(robot, cell.tool.T_flange_tcp, law), q, random_loads(rng, 90, 4, 1500.0, 200.0), rng)
     write_recording(tmp_path / "recording", s.recording)
     result = run_identify(
-        IdentifyRequest(CELL, (tmp_path / "recording",), tmp_path / "out", studies=False)
+        IdentifyRequest(cell=CELL, recordings=(tmp_path / "recording",), out=tmp_path / "out", studies=False)
     ).result.plain()
     assert result["model"] == "grid"
     assert result["heldout_rmse_mm"] < 0.8 * result["grid"]["heldout_rmse_constant_mm"]
@@ -150,7 +150,9 @@ def test_several_sessions_are_one_identification(simulated: Simulated, tmp_path:
         )
         write_recording(tmp_path / name, part)
     both = (tmp_path / "monday", tmp_path / "tuesday")
-    result = run_identify(IdentifyRequest(CELL, both, tmp_path / "out", studies=False)).result.plain()
+    result = run_identify(
+        IdentifyRequest(cell=CELL, recordings=both, out=tmp_path / "out", studies=False)
+    ).result.plain()
     assert (result["readings"], result["poses"]) == (128, 16)
     assert all(j["identified"] for j in result["joints"])
 
@@ -158,7 +160,11 @@ def test_several_sessions_are_one_identification(simulated: Simulated, tmp_path:
 def test_term_is_fitted_beside_the_joints_and_written(tmp_path: Path, simulated: Simulated) -> None:
     write_recording(tmp_path / "recording", simulated.recording)
     request = IdentifyRequest(
-        CELL, (tmp_path / "recording",), tmp_path / "out", studies=False, terms=("joint_coupling@joint:4-5",)
+        cell=CELL,
+        recordings=(tmp_path / "recording",),
+        out=tmp_path / "out",
+        studies=False,
+        terms=("joint_coupling@joint:4-5",),
     )
     result = run_identify(request).result.plain()
     (term,) = result["terms"]
@@ -193,7 +199,7 @@ def damaged(simulated: Simulated, factor: float) -> Simulated:
 def test_units_wrong_by_a_thousand_are_refused_by_name(simulated: Simulated, tmp_path: Path, factor: float) -> None:
     write_recording(tmp_path / "recording", damaged(simulated, factor).recording)
     with pytest.raises(InputError, match="unit") as caught:
-        run_identify(IdentifyRequest(CELL, (tmp_path / "recording",), tmp_path / "out"))
+        run_identify(IdentifyRequest(cell=CELL, recordings=(tmp_path / "recording",), out=tmp_path / "out"))
     assert "dx_mm" in str(caught.value)
     assert not (tmp_path / "out").exists()
 
@@ -215,7 +221,7 @@ def test_two_poses_are_not_enough_for_six_joints(simulated: Simulated, tmp_path:
     )
     write_recording(tmp_path / "recording", part)
     result = run_identify(
-        IdentifyRequest(CELL, (tmp_path / "recording",), tmp_path / "out", studies=False)
+        IdentifyRequest(cell=CELL, recordings=(tmp_path / "recording",), out=tmp_path / "out", studies=False)
     ).result.plain()
     assert result["heldout_rmse_mm"] is None  # no pose is left to judge by
     assert any("pose" in w for w in result["warnings"])
@@ -235,12 +241,16 @@ def test_two_poses_are_not_enough_for_six_joints(simulated: Simulated, tmp_path:
 def test_options_that_do_not_fit(simulated: Simulated, tmp_path: Path, change: dict[str, object], where: str) -> None:
     write_recording(tmp_path / "recording", simulated.recording)
     with pytest.raises(InputError, match=where):
-        run_identify(replace(IdentifyRequest(CELL, (tmp_path / "recording",), tmp_path / "out"), **change))  # type: ignore[arg-type]
+        run_identify(
+            replace(IdentifyRequest(cell=CELL, recordings=(tmp_path / "recording",), out=tmp_path / "out"), **change)
+        )  # type: ignore[arg-type]
 
 
 def test_published_readings_that_no_arm_explains_are_called_so(tmp_path: Path) -> None:
     cell = ROOT / "cells" / "irb6700_drilling"
-    done = run_identify(IdentifyRequest(cell, (cell / "recordings" / "zhang2025_table2",), tmp_path / "out"))
+    done = run_identify(
+        IdentifyRequest(cell=cell, recordings=(cell / "recordings" / "zhang2025_table2",), out=tmp_path / "out")
+    )
     assert done.result.plain()["explained_share"] < 0.5
     assert "do not follow an arm of elastic joints" in done.report.read_text(encoding="utf-8")
 
@@ -305,7 +315,9 @@ def test_ninety_percent_intervals_stay_ninety_percent(
 ) -> None:
     """Other programs read ci90; another level stands beside it."""
     write_recording(tmp_path / "recording", simulated.recording)
-    request = IdentifyRequest(CELL, (tmp_path / "recording",), tmp_path / "out", level_percent=99.0, studies=False)
+    request = IdentifyRequest(
+        cell=CELL, recordings=(tmp_path / "recording",), out=tmp_path / "out", level_percent=99.0, studies=False
+    )
     wide = run_identify(request)
     for a, b in zip(done.result.plain()["joints"], wide.result.plain()["joints"], strict=True):
         assert a["ci90"] == pytest.approx(b["ci90"], rel=1e-9)
@@ -317,10 +329,14 @@ def test_ninety_percent_intervals_stay_ninety_percent(
 def test_an_error_code_that_there_is_not_is_refused(simulated: Simulated, tmp_path: Path) -> None:
     write_recording(tmp_path / "recording", simulated.recording)
     with pytest.raises(InputError, match="--accept: found 'unit'; valid: displacement_frame"):
-        run_identify(IdentifyRequest(CELL, (tmp_path / "recording",), tmp_path / "out", accept=("unit",)))
+        run_identify(
+            IdentifyRequest(cell=CELL, recordings=(tmp_path / "recording",), out=tmp_path / "out", accept=("unit",))
+        )
     with pytest.raises(InputError, match=r"--fit joint_friction@joint:1: effect 'joint_friction' is not known"):
         run_identify(
-            IdentifyRequest(CELL, (tmp_path / "recording",), tmp_path / "out", terms=("joint_friction@joint:1",))
+            IdentifyRequest(
+                cell=CELL, recordings=(tmp_path / "recording",), out=tmp_path / "out", terms=("joint_friction@joint:1",)
+            )
         )
 
 
@@ -342,7 +358,9 @@ def test_a_page_of_few_readings_has_no_nan(simulated: Simulated, tmp_path: Path)
         displacement=r.displacement[rows],
     )
     write_recording(tmp_path / "recording", part)
-    done = run_identify(IdentifyRequest(CELL, (tmp_path / "recording",), tmp_path / "out", accept=("load_sign",)))
+    done = run_identify(
+        IdentifyRequest(cell=CELL, recordings=(tmp_path / "recording",), out=tmp_path / "out", accept=("load_sign",))
+    )
     page = done.report.read_text(encoding="utf-8")
     assert "nan %" not in page
     assert "nan mm" not in page
@@ -350,11 +368,11 @@ def test_a_page_of_few_readings_has_no_nan(simulated: Simulated, tmp_path: Path)
 
 def test_what_the_file_says_of_external_joints_is_kept_and_told(simulated: Simulated, tmp_path: Path) -> None:
     write_recording(tmp_path / "recording", simulated.recording)
-    rail = ExternalSpring("rail", 4e7, True, np.zeros((6, 6)), np.zeros(3))
+    rail = ExternalSpring(joint="rail", stiffness=4e7, slides=True, compliance=np.zeros((6, 6)), at=np.zeros(3))
     cell = load_cell(CELL)
     assert cell.stiffness is not None
     cell = replace(cell, stiffness=replace(cell.stiffness, external=(rail,)))
-    request = IdentifyRequest(CELL, (tmp_path / "recording",), tmp_path / "out", studies=False)
+    request = IdentifyRequest(cell=CELL, recordings=(tmp_path / "recording",), out=tmp_path / "out", studies=False)
     found = identified(request, lambda _: None, cell)
     assert found.identification.stiffness.external == (rail,)
     assert any("external_joints of stiffness.yaml (rail): not fitted" in said for said in found.result.warnings)

@@ -38,7 +38,9 @@ def hanging(seed: int, noise: float = 1.0) -> Experiment:
 
 def found(e: Experiment, **options: object) -> Identification:
     _, robot, T = cell()
-    return identify(e, robot, T, Stiffness(SOFT), IdentifyOptions(studies=False, **options), np.random.default_rng(0))  # type: ignore[arg-type]
+    return identify(
+        e, robot, T, Stiffness(joints=SOFT), IdentifyOptions(studies=False, **options), np.random.default_rng(0)
+    )  # type: ignore[arg-type]
 
 
 def test_hanging_loads_bias_the_linear_law_and_the_load_effect_mends_it() -> None:
@@ -103,7 +105,7 @@ def test_a_fitted_matrix_never_gives_way_and_the_planner_takes_it(
     free = fit(e, compile_terms((term,), robot, T)[0])
     assert gives_way(fitted_matrices(free)[0].matrix(free.x))  # noise does it
     result = identify(
-        e, robot, T, Stiffness(TRUE_K), IdentifyOptions(terms=(term,), studies=False), np.random.default_rng(0)
+        e, robot, T, Stiffness(joints=TRUE_K), IdentifyOptions(terms=(term,), studies=False), np.random.default_rng(0)
     )
     assert any("would move against a load" in w for w in result.warnings)
     write_stiffness(tmp_path / "stiffness.yaml", result.stiffness)
@@ -149,7 +151,7 @@ def test_a_matrix_that_noise_alone_moves_is_not_found() -> None:
         e = draw(np.random.default_rng(60 + seed), poses=15)
         term = Term("tool_compliance", "tool", {"form": "full"})
         options = IdentifyOptions(terms=(term,), studies=False)
-        result = identify(e, robot, T, Stiffness(TRUE_K), options, np.random.default_rng(0))
+        result = identify(e, robot, T, Stiffness(joints=TRUE_K), options, np.random.default_rng(0))
         kept += bool(result.stiffness.terms)
     assert kept <= 3  # at 10 % each: more happens once in 200
 

@@ -102,7 +102,7 @@ def test_a_joint_without_torque_keeps_the_cells_value() -> None:
     _, robot, T = cell()
     e = axial(np.random.default_rng(22))
     given = np.full(6, 7e5)
-    found = identify(e, robot, T, Stiffness(given), IdentifyOptions(), np.random.default_rng(0))
+    found = identify(e, robot, T, Stiffness(joints=given), IdentifyOptions(), np.random.default_rng(0))
     last = found.joints[5]
     assert (last.identified, last.k) == (False, pytest.approx(7e5))
     assert last.reason == "no reading puts any torque on joint 6"
@@ -144,7 +144,7 @@ def test_a_joint_that_the_noise_hides_gets_a_bound_only() -> None:
     stiff = TRUE_K.copy()
     stiff[5] = 1e9  # far stiffer than the cell says: not to be told from rigid
     e = experiment(measured(planned(rng, force=300.0, moment=30.0, k=stiff), rng), robot, T)
-    found = identify(e, robot, T, Stiffness(TRUE_K), IdentifyOptions(studies=False), np.random.default_rng(0))
+    found = identify(e, robot, T, Stiffness(joints=TRUE_K), IdentifyOptions(studies=False), np.random.default_rng(0))
     last = found.joints[5]
     assert not last.identified
     assert "reaches zero compliance" in last.reason
@@ -254,7 +254,8 @@ def test_reasons_and_results_of_the_whole_pipeline() -> None:
     _, robot, T = cell()
     e = draw(np.random.default_rng(30), rotations=True)
     runs = [
-        identify(e, robot, T, Stiffness(TRUE_K), IdentifyOptions(seed=1), np.random.default_rng(1)) for _ in range(2)
+        identify(e, robot, T, Stiffness(joints=TRUE_K), IdentifyOptions(seed=1), np.random.default_rng(1))
+        for _ in range(2)
     ]
     found = runs[0]
     assert [j.identified for j in found.joints] == [True] * 6
@@ -277,13 +278,13 @@ def test_terms_are_found_with_their_interval_and_written() -> None:
     law = term_of("joint_coupling", "joint:4-5", robot, T, compliance_rad_per_Nm=3e-7)
     e = replace(e, measured=e.measured + law.response(e.state, e.wrench) @ law.values)
     options = IdentifyOptions(terms=(Term("joint_coupling", "joint:4-5"),), studies=False)
-    found = identify(e, robot, T, Stiffness(TRUE_K), options, np.random.default_rng(0))
+    found = identify(e, robot, T, Stiffness(joints=TRUE_K), options, np.random.default_rng(0))
     term = found.terms[0]
     assert term.identified
     assert term.interval[0] < 3e-7 < term.interval[1]
     assert found.stiffness.terms[0].parameters["compliance_rad_per_Nm"] == term.value
     # known terms of the cell are subtracted, and stay in the file
-    known = Stiffness(TRUE_K, terms=(law.to_file(),))
+    known = Stiffness(joints=TRUE_K, terms=(law.to_file(),))
     with_known = identify(e, robot, T, known, IdentifyOptions(studies=False), np.random.default_rng(0))
     assert with_known.stiffness.terms == (law.to_file(),)
     assert with_known.errors.rmse == pytest.approx(found.errors.rmse, rel=0.02)

@@ -42,12 +42,21 @@ def from_dh(d: list[float], a: list[float], alpha: list[float]) -> Robot:
         axis.append(T[:3, 2])
         point.append(T[:3, 3])
         T = T @ transform(rpy_matrix(np.array([twist, 0.0, 0.0])), np.array([ai, 0.0, di]))
-    return Robot(JOINTS, np.array(axis), np.array(point), T, -FULL, FULL)
+    return Robot(
+        joints=JOINTS, axis=np.array(axis), point=np.array(point), T_base_flange_zero=T, lower=-FULL, upper=FULL
+    )
 
 
 def from_lines(axis: list[list[float]], point: list[list[float]], flange: list[float]) -> Robot:
     T = transform(rpy_matrix(np.array([0.3, np.pi / 2, -0.2])), np.array(flange))
-    return Robot(JOINTS, normalise(np.array(axis, float)), np.array(point, float), T, -FULL, FULL)
+    return Robot(
+        joints=JOINTS,
+        axis=normalise(np.array(axis, float)),
+        point=np.array(point, float),
+        T_base_flange_zero=T,
+        lower=-FULL,
+        upper=FULL,
+    )
 
 
 def random_arm(seed: int) -> Robot:
@@ -195,12 +204,12 @@ def test_a_calibrated_arm_keeps_all_its_branches() -> None:
     """Axes some 0.1 mrad and 0.1 mm off the nominal: no closed form holds, and the exact structure is nearly there."""
     g = np.random.default_rng(8)
     arm = Robot(
-        JOINTS,
-        normalise(UR5.axis + 1e-4 * g.normal(size=(6, 3))),
-        UR5.point + 1e-4 * g.normal(size=(6, 3)),
-        UR5.T_base_flange_zero,
-        -FULL,
-        FULL,
+        joints=JOINTS,
+        axis=normalise(UR5.axis + 1e-4 * g.normal(size=(6, 3))),
+        point=UR5.point + 1e-4 * g.normal(size=(6, 3)),
+        T_base_flange_zero=UR5.T_base_flange_zero,
+        lower=-FULL,
+        upper=FULL,
     )
     solver = GeneralSolver.for_robot(arm)
     assert solver.kind == "general"
@@ -308,7 +317,14 @@ def test_same_solutions_as_ssik_on_an_offset_wrist() -> None:
         axis.append(T[:3, :3] @ joint.axis)
         point.append(T[:3, 3])
         T = T @ joint.T_right
-    arm = Robot(JOINTS, np.array(axis), np.array(point), np.asarray(crx.T_HOME), -FULL, FULL)
+    arm = Robot(
+        joints=JOINTS,
+        axis=np.array(axis),
+        point=np.array(point),
+        T_base_flange_zero=np.asarray(crx.T_HOME),
+        lower=-FULL,
+        upper=FULL,
+    )
     _, poses = random_poses(arm, 100, seed=12)
     mine = solve_general(arm, poses)
     for m in range(len(poses)):
@@ -419,7 +435,16 @@ def test_an_arm_that_cannot_move_in_six_directions_is_refused() -> None:
     axis = UR5.axis.copy()
     axis[4] = axis[3]  # four parallel axes
     with pytest.raises(InputError, match="six directions"):
-        GeneralSolver.for_robot(Robot(JOINTS, axis, UR5.point, UR5.T_base_flange_zero, -FULL, FULL))
+        GeneralSolver.for_robot(
+            Robot(
+                joints=JOINTS,
+                axis=axis,
+                point=UR5.point,
+                T_base_flange_zero=UR5.T_base_flange_zero,
+                lower=-FULL,
+                upper=FULL,
+            )
+        )
 
 
 def test_kinds_of_geometry() -> None:

@@ -40,7 +40,14 @@ def with_shoulder_offset(robot: Robot, offset: float) -> Robot:
     shift = offset * robot.axis[1]
     point[1:] += shift
     flange[:3, 3] += shift
-    return Robot(robot.joints, robot.axis, point, flange, robot.lower, robot.upper)
+    return Robot(
+        joints=robot.joints,
+        axis=robot.axis,
+        point=point,
+        T_base_flange_zero=flange,
+        lower=robot.lower,
+        upper=robot.upper,
+    )
 
 
 def with_bent_elbow(robot: Robot, angle: float) -> Robot:
@@ -53,7 +60,9 @@ def with_bent_elbow(robot: Robot, angle: float) -> Robot:
     point[3:] = W
     flange[:3, :3] = R @ flange[:3, :3]
     flange[:3, 3] = W + R @ (flange[:3, 3] - W)
-    return Robot(robot.joints, axis, point, flange, robot.lower, robot.upper)
+    return Robot(
+        joints=robot.joints, axis=axis, point=point, T_base_flange_zero=flange, lower=robot.lower, upper=robot.upper
+    )
 
 
 def arms(folder: Path) -> dict[str, Robot]:
@@ -148,7 +157,14 @@ def test_arms_of_another_kind_are_refused(tmp_path: Path) -> None:
     point = plain.point.copy()
     point[5] += [0, 0, 0.001]  # axis 6 passes 1 mm beside
     assert not SphericalWristSolver.fits(
-        Robot(plain.joints, plain.axis, point, plain.T_base_flange_zero, plain.lower, plain.upper)
+        Robot(
+            joints=plain.joints,
+            axis=plain.axis,
+            point=point,
+            T_base_flange_zero=plain.T_base_flange_zero,
+            lower=plain.lower,
+            upper=plain.upper,
+        )
     )
 
 

@@ -48,7 +48,7 @@ def test_a_new_cell_loads_reaches_its_workpiece_and_stands_free(robot: Path, tmp
     from machopt.model.collision import CollisionModel
 
     toolpath = ROOT / "toolpaths" / "plate_holes.csv"
-    done = run_init(InitRequest(robot, tmp_path / "new" / "cell", toolpath=toolpath, post="krl"))
+    done = run_init(InitRequest(robot=robot, out=tmp_path / "new" / "cell", toolpath=toolpath, post="krl"))
     cell = load_cell(tmp_path / "new" / "cell")
     assert (cell.base_link, cell.flange_link, cell.controller.post) == ("base_link", "flange", "krl")
     assert cell.stiffness is not None
@@ -107,7 +107,7 @@ def test_an_arm_on_a_rail_gets_a_cell_whose_part_it_reaches(turned: tuple[float,
     (tmp_path / "arm.urdf").write_text(urdf_text().replace("</robot>", rail + "</robot>"))
     toolpath = ROOT / "toolpaths" / "plate_holes.csv"
     cell = run_init(
-        InitRequest(tmp_path / "arm.urdf", tmp_path / "cell", toolpath=toolpath, workpiece_rpy_deg=turned)
+        InitRequest(robot=tmp_path / "arm.urdf", out=tmp_path / "cell", toolpath=toolpath, workpiece_rpy_deg=turned)
     ).cell
     assert (cell.external_joints, cell.external_prismatic) == (("rail",), (True,))
     assert reached(cell, toolpath).all()
@@ -219,7 +219,7 @@ def test_what_is_refused_of_a_robot_names_the_users_file(source: str, tmp_path: 
     file = tmp_path / "arm.urdf"
     file.write_text(urdf_text().replace("</robot>", strut))
     with pytest.raises(InputError, match=f"mimics '{source}'") as refused:
-        run_init(InitRequest(file, tmp_path / "cell"))
+        run_init(InitRequest(robot=file, out=tmp_path / "cell"))
     assert str(refused.value).startswith(f"{file}: ")
     assert "cell.yaml" not in str(refused.value)
     assert not (tmp_path / "cell").exists()
@@ -301,12 +301,12 @@ def test_the_schema_of_a_file_is_current(file: str) -> None:
 
 def test_a_post_that_needs_more_than_a_new_cell_says_gives_way_to_its_kin(robot: Path, tmp_path: Path) -> None:
     """FANUC's CONFIG needs the sign of J5 of N, which no URDF says: the first validate must not be a refusal."""
-    done = run_init(InitRequest(robot, tmp_path / "cell", workpiece_mm=(1000.0, 0.0, 500.0), post="fanuc"))
+    done = run_init(InitRequest(robot=robot, out=tmp_path / "cell", workpiece_mm=(1000.0, 0.0, 500.0), post="fanuc"))
     assert done.cell.controller.post == "fanuc_joint"
     assert any("controller.nonflip_j5 in cell.yaml allows fanuc" in g for g in done.guesses)
     assert "# fanuc once controller.nonflip_j5 is known" in (tmp_path / "cell" / "cell.yaml").read_text()
     with pytest.raises(InputError, match="krll"):
-        run_init(InitRequest(robot, tmp_path / "other", workpiece_mm=(1000.0, 0.0, 500.0), post="krll"))
+        run_init(InitRequest(robot=robot, out=tmp_path / "other", workpiece_mm=(1000.0, 0.0, 500.0), post="krll"))
     assert not (tmp_path / "other").exists()
 
 

@@ -103,7 +103,14 @@ def test_characteristic_length_is_a_length(arm: tuple[Robot, np.ndarray, np.ndar
     T, big = robot.T_base_flange_zero.copy(), tool.copy()
     T[:3, 3] *= 2
     big[:3, 3] *= 2
-    double = Robot(robot.joints, robot.axis, 2 * robot.point, T, robot.lower, robot.upper)
+    double = Robot(
+        joints=robot.joints,
+        axis=robot.axis,
+        point=2 * robot.point,
+        T_base_flange_zero=T,
+        lower=robot.lower,
+        upper=robot.upper,
+    )
     one = characteristic_length(robot, tool, starts=512, refined=6)
     two = characteristic_length(double, big, starts=512, refined=6)
     assert two.condition == pytest.approx(one.condition, rel=1e-9)

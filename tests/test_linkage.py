@@ -58,7 +58,7 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
     write(cell.folder, text)
     ceiling = np.diag([1.0, -1.0, -1.0, 1.0])
     ceiling[:3, 3] = 0.3, -0.2, 3.0
-    tool = Tool(cell.tool.T_flange_tcp, 45.0, np.array([0.05, 0.02, 0.15]))
+    tool = Tool(T_flange_tcp=cell.tool.T_flange_tcp, mass=45.0, com=np.array([0.05, 0.02, 0.15]))
     return replace(cell, mimics=mimics(), T_world_base=ceiling, tool=tool)
 
 
@@ -185,7 +185,7 @@ def test_a_linked_arm_mills_and_the_motion_is_that_of_the_urdf(tmp_path: Path) -
         + "".join(f"{x},0,5,0,0,1,cut,1200\n" for x in range(0, 60, 10))
         + "50,0,50,0,0,1,rapid,\n"
     )
-    outcome = optimize(OptimizeRequest(tmp_path, path, tmp_path / "out"))
+    outcome = optimize(OptimizeRequest(cell=tmp_path, toolpath=path, out=tmp_path / "out"))
     assert outcome.exit_code == 0
     table = read_trajectory_csv(tmp_path / "out" / "trajectory.csv").trajectory
     model = pin.buildModelFromUrdf(str(cell.urdf))

@@ -59,13 +59,13 @@ def arm(cell) -> ReachingArm:  # type: ignore[no-untyped-def]
     robot = load_robot(cell)
     lower, upper = cell.limits.lower[:6], cell.limits.upper[:6]
     return ReachingArm(
-        robot,
-        solver_for(robot),
-        cell.tool.T_flange_tcp,
-        lower + 0.01,
-        upper - 0.01,
-        cell.home,
-        Margins(0.087, 0.052, 0.05, 0.01),
+        robot=robot,
+        solver=solver_for(robot),
+        T_flange_tcp=cell.tool.T_flange_tcp,
+        lower=lower + 0.01,
+        upper=upper - 0.01,
+        home=cell.home,
+        margins=Margins(0.087, 0.052, 0.05, 0.01),
     )
 
 
@@ -74,7 +74,14 @@ def setting(cell, arm: ReachingArm) -> Setting:  # type: ignore[no-untyped-def]
     elasticity = ArmElasticity(arm.robot, arm.T_flange_tcp, cell.stiffness)
     load = Load(np.array([100.0, 200.0, -1500.0, 50.0, -40.0, 30.0]), "frame")
     return Setting(
-        arm.robot, arm.T_flange_tcp, elasticity, 0.6, cell.limits.lower[:6], cell.limits.upper[:6], np.eye(3), load
+        robot=arm.robot,
+        T_flange_tcp=arm.T_flange_tcp,
+        elasticity=elasticity,
+        length=0.6,
+        lower=cell.limits.lower[:6],
+        upper=cell.limits.upper[:6],
+        R_base_frame=np.eye(3),
+        load=load,
     )
 
 

@@ -101,15 +101,15 @@ def made_up(kind: str = "slice", **changes: object) -> MapData:
         k = np.where(reason == 0, rng.uniform(2e5, 9e5, M), np.nan)
         bend = np.where(reason == 0, rng.uniform(1e-4, 5e-3, M), np.nan)
         return MapLayer(
-            name,
-            title,
-            {"k_min": k, "k_x": 2 * k, "deflection": bend, "measured_x": 2.2 * k},
-            reason,
-            q,
-            np.where(reason == 0, 0.5, np.nan),
-            np.where(reason == 1, 0.123, 0.0),
-            int(np.nanargmax(k)),
-            {"measured_x": rng.random(M) < 0.5},
+            name=name,
+            title=title,
+            value={"k_min": k, "k_x": 2 * k, "deflection": bend, "measured_x": 2.2 * k},
+            reason=reason,
+            q=q,
+            gamma=np.where(reason == 0, 0.5, np.nan),
+            shortfall=np.where(reason == 1, 0.123, 0.0),
+            best=int(np.nanargmax(k)),
+            guess={"measured_x": rng.random(M) < 0.5},
         )
 
     fields = (
@@ -119,25 +119,27 @@ def made_up(kind: str = "slice", **changes: object) -> MapData:
         MapField("measured_x", "Measured k_x, interpolated", "N/m", "more", "IDW"),
     )
     arm = ArmLines(
-        tuple("abcdef"),
-        np.tile([0.0, 0, 1], (6, 1)),
-        np.arange(18.0).reshape(6, 3) / 10,
-        np.zeros(3),
-        np.array([0.0, 0, 1]),
-        np.ones(3),
-        1.1 * np.ones(3),
+        joints=tuple("abcdef"),
+        axis=np.tile([0.0, 0, 1], (6, 1)),
+        point=np.arange(18.0).reshape(6, 3) / 10,
+        base=np.zeros(3),
+        up=np.array([0.0, 0, 1]),
+        flange=np.ones(3),
+        tcp=1.1 * np.ones(3),
     )
     seen = MeasuredView(
-        "m<.csv",
-        ("x",),
-        rng.random((4, 3)),
-        np.full((4, 1), 9e5),
-        np.full((4, 1), 8e5),
-        np.full((4, 1), 7e5),
-        np.full((4, 1), np.nan),
-        {"x": {"left_out_rms": 0.1, "left_out_median": 0.05, "model_rms": 0.2, "model_median": 0.2, "held_rms": None}},
-        True,
-        2.0,
+        file="m<.csv",
+        axes=("x",),
+        position=rng.random((4, 3)),
+        measured=np.full((4, 1), 9e5),
+        left_out=np.full((4, 1), 8e5),
+        model=np.full((4, 1), 7e5),
+        held=np.full((4, 1), np.nan),
+        errors={
+            "x": {"left_out_rms": 0.1, "left_out_median": 0.05, "model_rms": 0.2, "model_median": 0.2, "held_rms": None}
+        },
+        from_joints=True,
+        power=2.0,
     )
     data = MapData(
         title="Map of <a & b>",

@@ -107,7 +107,7 @@ def test_srdf_defaults_and_exceptions(cell: Cell, tmp_path: Path) -> None:
 
 def test_what_no_plan_can_keep_farther_apart_is_left_out_by_both(cell: Cell) -> None:
     """A disc about axis 6 is as far from link 5 in every pose: where that is too near, right plans failed."""
-    disc = Shape("disc", "cylinder", (0.02, 0.004), None, np.eye(4))
+    disc = Shape(name="disc", kind="cylinder", size=(0.02, 0.004), mesh=None, T_parent_shape=np.eye(4))
     round_tool = replace(cell, tool=replace(cell.tool, geometry=(disc,)))
     arm = Arm(round_tool)
     bodies = all_bodies(round_tool, arm)
@@ -151,7 +151,9 @@ def test_planner_and_verification_leave_out_the_same_pairs_and_say_so(cell: Cell
 def test_contact_at_home_names_the_key_that_would_help(cell: Cell) -> None:
     robot, shapes = load_chain(cell)
     T = np.linalg.inv(robot.fk(cell.home)) @ np.array([[1, 0, 0, 0.4], [0, 1, 0, 0], [0, 0, 1, 1.2], [0, 0, 0, 1.0]])
-    boom = Shape("boom", "sphere", (0.2,), None, T)  # at home it is in link 2, elsewhere mostly not
+    boom = Shape(
+        name="boom", kind="sphere", size=(0.2,), mesh=None, T_parent_shape=T
+    )  # at home it is in link 2, elsewhere mostly not
     home = replace(cell, tool=replace(cell.tool, geometry=(boom,)))
     model = CollisionModel(home, robot, shapes, 0.0)
     assert any("`ignore_pairs: [[link_2_0, boom]]` in cell.yaml" in words for words in model.suspicious)

@@ -23,7 +23,7 @@ FORCE = np.array([120.0, -40.0, -300.0])  # N in world
 @pytest.fixture(scope="module")
 def heavy() -> Cell:
     cell = load_cell(Path(__file__).resolve().parents[1] / "cells" / "kr500_milling")
-    return replace(cell, tool=Tool(cell.tool.T_flange_tcp, 35.0, np.array([0.02, 0.0, 0.12])))
+    return replace(cell, tool=Tool(T_flange_tcp=cell.tool.T_flange_tcp, mass=35.0, com=np.array([0.02, 0.0, 0.12])))
 
 
 @pytest.mark.parametrize("mount", MOUNTS)

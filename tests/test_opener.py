@@ -26,7 +26,10 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "kinematics": ("kinematics.yaml", load_kinematics),
     "plan": ("plan.yaml", lambda path: load_options(plan_file=path)),
     "post": ("post.toml", load_post),
-    "readings": ("data.csv", lambda path: read_table(path, Vocabulary(("x",), (), "x", {}))),
+    "readings": (
+        "data.csv",
+        lambda path: read_table(path, Vocabulary(numbers=("x",), words=(), listed="x", refused={})),
+    ),
 }
 
 

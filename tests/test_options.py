@@ -46,14 +46,14 @@ def test_every_option_of_the_planner_has_a_user_key_and_back() -> None:
         method="jiao2022",
         index="deflection",
         force=ProcessForce(10, 20, 30),
-        weights=Weights(2, 3, 4, 5),
+        weights=Weights(mean=2, worst=3, travel=4, rotation=5),
         rotation_step=radians(2.5),
         rotation_range=(-pi / 2, pi / 3),
         preferred_rotation=radians(15),
         preferred_weight=0.7,
         fixed=(FixedRotation(3, radians(45)),),
         steer=(
-            Steer("face", None, radians(30)),
+            Steer(operation="face", points=None, gamma=radians(30)),
             Steer(points=(4, 4), forbid=(radians(170), radians(-170))),
             Steer(points=(4, 9), prefer=radians(-20), weight=0.4),
             Steer(branch=3),
@@ -79,9 +79,26 @@ def test_every_option_of_the_planner_has_a_user_key_and_back() -> None:
         seed=9,
         external=(
             ExternalAxis(
-                "e1", "locked", (("face", "operation"),), 0.5, 1.25, 0.25, (0.125, 2.5), "mm", (("face", 0.75),)
+                joint="e1",
+                mode="locked",
+                operations=(("face", "operation"),),
+                weight=0.5,
+                at=1.25,
+                preferred=0.25,
+                range=(0.125, 2.5),
+                unit="mm",
+                at_operations=(("face", 0.75),),
             ),
-            ExternalAxis("turn", "moving", (), 1.5, 0.1, 0.2, (-1.0, 1.0), "deg"),
+            ExternalAxis(
+                joint="turn",
+                mode="moving",
+                operations=(),
+                weight=1.5,
+                at=0.1,
+                preferred=0.2,
+                range=(-1.0, 1.0),
+                unit="deg",
+            ),
         ),
     )
     same = [f.name for f in fields(other) if getattr(other, f.name) == getattr(PlanOptions(), f.name)]
@@ -211,7 +228,7 @@ def test_fixed_rotations_that_a_method_would_not_keep_are_refused(tmp_path: Path
     cell = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
     words = ("method=jiao2022", "fixed=[{point: 0, gamma_deg: 10}]")
     with pytest.raises(InputError, match="method jiao2022 chooses every rotation by itself"):
-        optimize(OptimizeRequest(cell, tmp_path / "path.csv", tmp_path / "out", overrides=words))
+        optimize(OptimizeRequest(cell=cell, toolpath=tmp_path / "path.csv", out=tmp_path / "out", overrides=words))
     assert not (tmp_path / "out").exists()
 
 

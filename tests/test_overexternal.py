@@ -117,7 +117,7 @@ def test_its_prices_are_those_of_the_objective(tmp_path: FilePath, modes: tuple[
     """The best sequence of the lattice, put together as a path that is driven, has its J; others have no less."""
     cell = replace(external_cell(tmp_path, rail=True, table=True), stiffness=K)
     path_in = apart(toolpath(hole_and_slot()))
-    free = tuple(ExternalAxis(n, m, range=(-0.4, 0.4)) for n, m in zip(("rail", "turn"), modes, strict=True))
+    free = tuple(ExternalAxis(joint=n, mode=m, range=(-0.4, 0.4)) for n, m in zip(("rail", "turn"), modes, strict=True))
     options = replace(OPTIONS, external=free, rotation_step=np.radians(45.0))
     setup, path = prepare(cell, options), standing(build_path(path_in), cell.external_home)
     groups = groups_of(cell, path_in, path, axes_of(cell, options))
@@ -154,7 +154,7 @@ def test_its_prices_are_those_of_the_objective(tmp_path: FilePath, modes: tuple[
 def test_a_plan_is_told_against_all_values_and_where_none_is_known_why(tmp_path: FilePath) -> None:
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
     path = toolpath(slots(0.15))
-    options = replace(OPTIONS, external=(ExternalAxis("rail", "operation"),))
+    options = replace(OPTIONS, external=(ExternalAxis(joint="rail", mode="operation"),))
     found = over_external(plan(cell, path, options), path, Timings())
     assert found is not None
     assert not found.why
@@ -168,7 +168,7 @@ def test_a_plan_is_told_against_all_values_and_where_none_is_known_why(tmp_path:
     assert many is not None
     assert "2002 values" in many.why
     assert not np.isfinite(many.bound)
-    locked = replace(OPTIONS, external=(ExternalAxis("rail", "locked"),))
+    locked = replace(OPTIONS, external=(ExternalAxis(joint="rail", mode="locked"),))
     assert over_external(plan(cell, path, locked), path, Timings()) is None
     beyond = toolpath(slots(9.0))
     none = over_external(plan(cell, beyond, options), beyond, Timings())

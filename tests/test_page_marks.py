@@ -18,7 +18,9 @@ from machopt.report.series import deepest
 
 
 def dip(time: float, lowest: float = 0.01) -> FeedDip:
-    return FeedDip(1.0, 0.1, time, 0.2, 0.05, lowest, "axis 5 jerk")
+    return FeedDip(
+        point=1.0, s=0.1, time=time, duration=0.2, feed_programmed=0.05, feed_lowest=lowest, cause="axis 5 jerk"
+    )
 
 
 def test_dips_are_marked_to_the_end_of_the_job_and_the_deepest_of_neighbours_stays() -> None:
@@ -40,12 +42,20 @@ def ticks(page: PlacePage) -> tuple[list[str], list[str]]:
 
 
 def test_the_maps_ticks_are_the_places_that_were_looked_at() -> None:
-    marks = [Mark(x, y, 0.4, False, "", "") for x in (-100.0, 0.0, 100.0) for y in (-50.0, 50.0)]
+    marks = [
+        Mark(x=x, y=y, value=0.4, planned=False, words="", refused="")
+        for x in (-100.0, 0.0, 100.0)
+        for y in (-50.0, 50.0)
+    ]
     assert ticks(replace(placed(), marks=tuple(marks))) == (["−100", "0", "100"], ["−50", "50"])
 
 
 def test_of_many_places_no_more_are_named_than_fit_and_the_middle_is() -> None:
-    marks = [Mark(10.0 * k, 10.0 * n, 0.4, False, "", "") for k in range(-12, 13) for n in (-1, 0, 1)]
+    marks = [
+        Mark(x=10.0 * k, y=10.0 * n, value=0.4, planned=False, words="", refused="")
+        for k in range(-12, 13)
+        for n in (-1, 0, 1)
+    ]
     below, left = ticks(replace(placed(), marks=tuple(marks)))
     assert len(below) <= 9
     assert "0" in below

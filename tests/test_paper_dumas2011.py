@@ -52,7 +52,14 @@ def table_3(d4: float = D4) -> Robot:
         axes.append(T[:3, 2])
         points.append(T[:3, 3])
     lower, upper = np.radians([[-185, 0, -245, -350, -125, -350.0], [185, 146, 29, 350, 125, 350.0]])
-    return Robot(tuple("123456"), np.array(axes), np.array(points), T, lower, upper)
+    return Robot(
+        joints=tuple("123456"),
+        axis=np.array(axes),
+        point=np.array(points),
+        T_base_flange_zero=T,
+        lower=lower,
+        upper=upper,
+    )
 
 
 def printed_jacobian(t: np.ndarray, d2: float, d3: float, d4: float, R4: float, R6: float) -> np.ndarray:

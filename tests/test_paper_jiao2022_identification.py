@@ -118,7 +118,7 @@ def test_equation_38_predicts_the_error_before_compensation() -> None:
     assert np.isfinite(q).all()
     force = np.tile([0.0, 0.0, -WEIGHT, 0.0, 0.0, 0.0], (128, 1))
     moved = np.linalg.norm(
-        ArmElasticity(robot, np.eye(4), Stiffness(np.array(EQ38))).at(q).respond(force)[:, :3], axis=1
+        ArmElasticity(robot, np.eye(4), Stiffness(joints=np.array(EQ38))).at(q).respond(force)[:, :3], axis=1
     )
     assert moved.mean() == pytest.approx(0.2875e-3, abs=1e-6)
     assert moved.mean() == pytest.approx(BEFORE, rel=0.02)  # place and points are not the paper's
@@ -128,7 +128,7 @@ def test_equation_38_predicts_the_error_before_compensation() -> None:
     assert np.linalg.norm(held, axis=1).mean() == pytest.approx(0.2517e-3, abs=1e-6)
     assert np.linalg.norm(held, axis=1).max() == pytest.approx(BEFORE_WORST, rel=0.02)
     tip = cell.tool.T_flange_tcp
-    at_tip = ArmElasticity(robot, tip, Stiffness(np.array(EQ38))).at(cell.home[None]).respond(force[:1])[0, :3]
+    at_tip = ArmElasticity(robot, tip, Stiffness(joints=np.array(EQ38))).at(cell.home[None]).respond(force[:1])[0, :3]
     assert np.linalg.norm(at_tip) > 3 * BEFORE
 
 
@@ -161,9 +161,9 @@ def compensated(seed: int, grids: dict[int, float]) -> dict[int, tuple[float, fl
         constant = fit(experiment(readings.recording, robot, flange))
         k = np.where(np.isfinite(hold), hold, 1 / np.maximum(constant.compliance, 1e-12))
         if number == 1:
-            stiffness = Stiffness(k)
+            stiffness = Stiffness(joints=k)
         else:
-            stiffness = Stiffness(k, grid=fit_grid(constant, edge, ORIGIN, region(edge).shape, hold=hold).grid)
+            stiffness = Stiffness(joints=k, grid=fit_grid(constant, edge, ORIGIN, region(edge).shape, hold=hold).grid)
         d = ArmElasticity(robot, flange, stiffness).at(test.recording.q).respond(wrench)[:, :3]  # eq. 41
         out[number] = (_mean(measured - d), _mean(true - d))
     return out

@@ -109,7 +109,14 @@ def table_5(s1: int, s4: int, s5: int, modified: bool = False) -> Robot:
         if not modified:
             T = T @ link
     turn = np.full(6, 2 * np.pi)
-    return Robot(tuple("123456"), np.array(axes), np.array(points), T, -turn, turn)
+    return Robot(
+        joints=tuple("123456"),
+        axis=np.array(axes),
+        point=np.array(points),
+        T_base_flange_zero=T,
+        lower=-turn,
+        upper=turn,
+    )
 
 
 SIGNS = list(product((1, -1), repeat=3))

@@ -56,7 +56,7 @@ def planned(case: str) -> Plan:
 
 
 def small_job(folder: FilePath, rows: Rows, options: PlanOptions = FREE, **changes: object) -> Plan:
-    cell = small_cell(folder, **{"stiffness": Stiffness(K), **changes})
+    cell = small_cell(folder, **{"stiffness": Stiffness(joints=K), **changes})
     return plan(cell, toolpath(rows), options)
 
 
@@ -222,7 +222,7 @@ def test_points_outside_the_users_range_or_margins_say_so(tmp_path: FilePath) ->
 
 
 def test_a_wall_around_the_work_is_a_collision_with_its_name(tmp_path: FilePath) -> None:
-    lid = Shape("lid", "box", (0.6, 0.6, 0.02), None, pose(1.5, 0.0, 0.7))
+    lid = Shape(name="lid", kind="box", size=(0.6, 0.6, 0.02), mesh=None, T_parent_shape=pose(1.5, 0.0, 0.7))
     p = small_job(tmp_path, pass_over_block(), PlanOptions(), obstacles=(lid,))
     assert len(p.missing) > 0
     assert p.check is not None
@@ -252,8 +252,8 @@ def test_a_cell_that_cannot_be_planned_is_refused(tmp_path: FilePath) -> None:
     cell = small_cell(tmp_path)
     with pytest.raises(InputError, match="no stiffness file"):
         prepare(cell, FREE)
-    stiff = replace(cell, stiffness=Stiffness(K))
+    stiff = replace(cell, stiffness=Stiffness(joints=K))
     with pytest.raises(InputError, match="link 'table' is not in the URDF; it has base_link"):
         prepare(replace(stiff, workpiece=Workpiece("table", np.eye(4))), FREE)
     with pytest.raises(InputError, match="lacks values for 1/EI, 1/GJ"):
-        prepare(replace(cell, stiffness=Stiffness(K, terms=(Term("link_compliance", "link:2"),))), FREE)
+        prepare(replace(cell, stiffness=Stiffness(joints=K, terms=(Term("link_compliance", "link:2"),))), FREE)

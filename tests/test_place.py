@@ -116,8 +116,8 @@ def test_moving_the_robot_is_moving_all_else_the_other_way(tmp_path: Path) -> No
 
 
 def test_what_holds_the_part_moves_with_it_and_the_floor_does_not(tmp_path: Path) -> None:
-    floor = Shape("floor", "box", (6.0, 6.0, 0.1), None, pose(1.0, 0, -0.05))
-    leg = Shape("leg", "box", (0.2, 0.2, 0.39), None, pose(1.5, 0, 0.195))
+    floor = Shape(name="floor", kind="box", size=(6.0, 6.0, 0.1), mesh=None, T_parent_shape=pose(1.0, 0, -0.05))
+    leg = Shape(name="leg", kind="box", size=(0.2, 0.2, 0.39), mesh=None, T_parent_shape=pose(1.5, 0, 0.195))
     cell = small_cell(tmp_path)
     standing = Standing.of(replace(cell, obstacles=(*cell.obstacles, leg, floor)))
     assert standing.holding(base=False) == {"table", "leg"}  # the post hangs in the air beside it
@@ -125,15 +125,15 @@ def test_what_holds_the_part_moves_with_it_and_the_floor_does_not(tmp_path: Path
 
 
 def test_a_table_that_robot_and_part_stand_on_stays(tmp_path: Path) -> None:
-    bench = Shape("bench", "box", (3.0, 2.0, 0.49), None, pose(1.0, 0, 0.245))
-    pedestal = Shape("pedestal", "box", (0.5, 0.5, 0.5), None, pose(0.0, 0, 0.74))
-    vice = Shape("vice", "box", (0.3, 0.3, 0.06), None, pose(1.5, 0, 0.52))
+    bench = Shape(name="bench", kind="box", size=(3.0, 2.0, 0.49), mesh=None, T_parent_shape=pose(1.0, 0, 0.245))
+    pedestal = Shape(name="pedestal", kind="box", size=(0.5, 0.5, 0.5), mesh=None, T_parent_shape=pose(0.0, 0, 0.74))
+    vice = Shape(name="vice", kind="box", size=(0.3, 0.3, 0.06), mesh=None, T_parent_shape=pose(1.5, 0, 0.52))
     cell = small_cell(tmp_path, T_world_base=pose(0, 0, 0.99), obstacles=(bench, pedestal, vice))
     cell = replace(cell, workpiece=replace(cell.workpiece, T_link_workpiece=pose(1.5, 0, 0.65)))
     assert Standing.of(cell).holding(base=False) == {"vice"}
     assert Standing.of(cell).holding(base=True) == {"pedestal"}
-    ceiling = Shape("ceiling", "box", (3.0, 2.0, 0.1), None, pose(1.0, 0, 3.05))
-    wall = Shape("wall", "box", (0.1, 2.0, 3.0), None, pose(2.45, 0, 1.5))
+    ceiling = Shape(name="ceiling", kind="box", size=(3.0, 2.0, 0.1), mesh=None, T_parent_shape=pose(1.0, 0, 3.05))
+    wall = Shape(name="wall", kind="box", size=(0.1, 2.0, 3.0), mesh=None, T_parent_shape=pose(2.45, 0, 1.5))
     hung = np.diag([1.0, -1.0, -1.0, 1.0])
     hung[2, 3] = 3.0
     cell = replace(cell, T_world_base=hung, obstacles=(bench, vice, ceiling, wall))
@@ -155,7 +155,12 @@ def test_nothing_is_put_into_anything(tmp_path: Path) -> None:
     assert why(Shift(z=-0.005)) == ""  # there is a gap of 10 mm
     assert "post" in why(Shift(x=-0.2, y=0.5))
     inside_it = Standing.of(
-        replace(cell, obstacles=(Shape("hall", "box", (1.0, 1.0, 1.0), None, pose(1.5, 3.0, 0.6)),))
+        replace(
+            cell,
+            obstacles=(
+                Shape(name="hall", kind="box", size=(1.0, 1.0, 1.0), mesh=None, T_parent_shape=pose(1.5, 3.0, 0.6)),
+            ),
+        )
     )
     far = Shift(y=3.0)
     swallowed = inside_it.refusal(frozenset(), base=False).why(far, far.matrix(centre))
@@ -163,7 +168,12 @@ def test_nothing_is_put_into_anything(tmp_path: Path) -> None:
 
 
 def test_what_rests_on_something_does_not_sink_into_it(tmp_path: Path) -> None:
-    cell = small_cell(tmp_path, obstacles=(Shape("table", "box", (1.0, 1.4, 0.1), None, pose(1.5, 0, 0.45)),))
+    cell = small_cell(
+        tmp_path,
+        obstacles=(
+            Shape(name="table", kind="box", size=(1.0, 1.4, 0.1), mesh=None, T_parent_shape=pose(1.5, 0, 0.45)),
+        ),
+    )
     refusal = Standing.of(cell).refusal(frozenset(), base=False)
     down, aside = Shift(z=-0.02), Shift(x=0.1)
     assert refusal.why(down, down.matrix(np.zeros(3))) == "it rests on table and would sink into it"
@@ -188,8 +198,8 @@ def test_a_robot_beside_a_positioner_is_not_moved(tmp_path: Path) -> None:
 def test_the_journal_knows_its_own_question_and_survives_a_cut_line(tmp_path: Path) -> None:
     file = tmp_path / "x.jsonl"
     first = Journal(file, "a")
-    place = first.keep(Place(3, Shift(0.1), bound=0.5, worst=float("inf")))
-    done = first.keep(Planned(place, worst=0.7, shares=(0.5,) * 6))
+    place = first.keep(Place(number=3, shift=Shift(0.1), bound=0.5, worst=float("inf")))
+    done = first.keep(Planned(place=place, worst=0.7, shares=(0.5,) * 6))
     with file.open("a") as out:
         out.write('{"place": {"numb')
     again = Journal(file, "a")
@@ -222,7 +232,7 @@ def test_the_moved_cell_loads_as_what_was_planned(tmp_path: Path, base: bool) ->
 
 
 def _site(folder: Path, search: Search) -> Site:
-    cell: Cell = replace(small_cell(folder), stiffness=Stiffness(np.array([2.0, 2.0, 1.5, 0.5, 0.4, 0.3]) * 1e6))
+    cell: Cell = replace(small_cell(folder), stiffness=Stiffness(joints=np.array([2.0, 2.0, 1.5, 0.5, 0.4, 0.3]) * 1e6))
     (folder / "holes.csv").write_text(HOLES)
     options = PlanOptions(rotation_step=np.radians(15.0))
     return Site.of(cell, (read_toolpath(folder / "holes.csv"),), options, search)
@@ -453,5 +463,12 @@ def test_a_search_that_was_stopped_calls_nothing_best_that_it_did_not_compare(
     numbers: list[int], open_bound: float, says: str
 ) -> None:
     planned = [SimpleNamespace(place=SimpleNamespace(number=n), worst=2.0 + n, mean=1.0, refused="") for n in numbers]
-    siting = Siting(None, (None,) * 5, tuple(planned), {}, open_bound, "" if open_bound == 2.0 else "after 10 min")  # type: ignore[arg-type]
+    siting = Siting(
+        carried=None,
+        places=(None,) * 5,
+        planned=tuple(planned),
+        around={},
+        open_bound=open_bound,
+        stopped="" if open_bound == 2.0 else "after 10 min",
+    )  # type: ignore[arg-type]
     assert _verdict(siting, 0.0, 0, (), of_grid=False).startswith(says)

@@ -33,7 +33,7 @@ from machopt.plan.path import build_path
 from machopt.plan.setup import Timings
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
-SPRINGS = Stiffness(np.array([2.0, 2.0, 1.5, 0.5, 0.4, 0.3]) * 1e6)
+SPRINGS = Stiffness(joints=np.array([2.0, 2.0, 1.5, 0.5, 0.4, 0.3]) * 1e6)
 HEAD = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation,tool\n"
 
 
@@ -109,12 +109,12 @@ def test_the_bound_is_that_of_the_best_value_and_moving_has_the_least(tmp_path: 
     options = PlanOptions(rotation_step=np.radians(30.0))
 
     def bound(**axis: object) -> float:
-        own = replace(options, external=(ExternalAxis("rail", **axis),))  # type: ignore[arg-type]
+        own = replace(options, external=(ExternalAxis(joint="rail", **axis),))  # type: ignore[arg-type]
         task = Task.of(stints_whole(cell, path)[0], own)
         assert task.free == (axis["mode"] != "locked")
         return task.outlook(Carried(False, frozenset(), np.zeros(3)), HERE, own).bound
 
-    group = Task.of(stints_whole(cell, path)[0], replace(options, external=(ExternalAxis("rail"),))).groups[0]
+    group = Task.of(stints_whole(cell, path)[0], replace(options, external=(ExternalAxis(joint="rail"),))).groups[0]
     locked = [bound(mode="locked", at=float(v[0])) for v in grid_of(group, cell.external_home)]
     assert np.isinf(locked).any()
     assert bound(mode="operation") == pytest.approx(min(locked), rel=1e-12)
@@ -140,7 +140,7 @@ def test_a_place_of_a_job_that_changes_tools_is_planned_as_the_job_is(tmp_path: 
     site = Site.of(cell, (path,), options, Search(), [stints])
     place = site.place(Asked(0, HERE))
     assert place.open
-    found = site.planned(Place(0, HERE))
+    found = site.planned(Place(number=0, shift=HERE))
     job = plan_job(stints, path, options, Timings())
     own = job.plan.chosen.objective.worst * job.plan.scores.scale
     assert found.worst == pytest.approx(own, rel=2e-3)  # the job's is of the motion as driven

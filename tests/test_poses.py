@@ -25,7 +25,9 @@ from machopt.model.terms import term_of
 from machopt.se3 import rpy_matrix
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
-NOISE = ReadingNoise(12e-6, 15e-6, 0.0, 0.0075)  # no shared pose error: nothing for paired loads to cancel
+NOISE = ReadingNoise(
+    displacement=12e-6, cycle=15e-6, pose=0.0, force=0.0075
+)  # no shared pose error: nothing for paired loads to cancel
 
 
 class Bench:
@@ -39,12 +41,14 @@ class Bench:
         self.noise = noise
         criteria = PoseCriteria(kci=0.1, limit_margin=np.radians(5), floor=0.3, ceiling=2.5)
         length = characteristic_length(self.robot, self.T).length
-        self.screen = PoseScreen(self.robot, self.T, self.cell.T_world_base, length, criteria)
+        self.screen = PoseScreen(
+            robot=self.robot, T_flange_tcp=self.T, T_world_base=self.cell.T_world_base, length=length, criteria=criteria
+        )
         self.pool: PosePool = sample_poses(self.screen, self.limits, self.cell.home, candidates, seed=0)
         assert self.cell.stiffness is not None
         self.prior = ArmElasticity(self.robot, self.T, self.cell.stiffness)
         self.ways = load_ways((50, 100), (500, 1000), 8, np.zeros((0, 3)), (0.0, 0.2), self.cell.T_world_base[:3, :3].T)
-        self.criteria = LoadCriteria(1e-4, 5e-3, nu_p=0.05)
+        self.criteria = LoadCriteria(least_deflection=1e-4, most_deflection=5e-3, nu_p=0.05)
         self.cases: LoadCases = self.cases_of(self.pool)
         self.unknowns = unknowns_of(self.prior, (), self.cases)
         self.problem: DesignProblem = self.problem_of(self.cases)
@@ -80,7 +84,9 @@ def test_box_and_tracker_are_in_world_axes(bench: Bench) -> None:
     criteria = PoseCriteria(box=box, tracker=tracker, tracker_range=4.0, tracker_angle=np.radians(60))
     turned = np.eye(4)
     turned[:3, :3], turned[:3, 3] = rpy_matrix(np.array([0.0, 0.0, 2.0])), (0.3, -0.2, 0.5)
-    screen = PoseScreen(bench.robot, bench.T, turned, bench.screen.length, criteria)
+    screen = PoseScreen(
+        robot=bench.robot, T_flange_tcp=bench.T, T_world_base=turned, length=bench.screen.length, criteria=criteria
+    )
     pool = sample_poses(screen, bench.limits, bench.cell.home, 100, seed=1)
     T = turned @ pool.T_base_tcp
     p = T[:, :3, 3]
@@ -156,7 +162,9 @@ def test_each_limit_counts_its_rejections(bench: Bench) -> None:
 def test_terms_enter_the_response_as_the_fit_sees_them(bench: Bench) -> None:
     term = term_of("link_compliance", "link:4", bench.robot, bench.T)
     few = sample_poses(bench.screen, bench.limits, bench.cell.home, 20, seed=3)
-    cases = load_cases(few, bench.ways[:3], bench.prior, (term,), LoadCriteria(), ReadingNoise(1e-5, targets=0.2))
+    cases = load_cases(
+        few, bench.ways[:3], bench.prior, (term,), LoadCriteria(), ReadingNoise(displacement=1e-5, targets=0.2)
+    )
     state = bench.robot.state(few.q[cases.pose], bench.T, bodies=True)
     np.testing.assert_allclose(cases.response[..., 6:], term.response(state, cases.wrench), rtol=1e-12, atol=1e-18)
     unknowns = unknowns_of(bench.prior, (term,), cases)
@@ -182,9 +190,9 @@ def test_papers_choose_as_they_say(bench: Bench) -> None:
     ("name", "loads", "noise"),
     [
         ("kr240_drilling", 1, NOISE),
-        ("kr240_drilling", 2, ReadingNoise(12e-6, 15e-6, 30e-6, 0.0075)),
+        ("kr240_drilling", 2, ReadingNoise(displacement=12e-6, cycle=15e-6, pose=30e-6, force=0.0075)),
         ("irb6700_drilling", 1, NOISE),
-        ("s420f_handling", 1, ReadingNoise(12e-6, 15e-6, 0.0, 0.0075, targets=0.2)),
+        ("s420f_handling", 1, ReadingNoise(displacement=12e-6, cycle=15e-6, pose=0.0, force=0.0075, targets=0.2)),
     ],
 )
 def test_half_the_readings_reach_the_papers_accuracy(name: str, loads: int, noise: ReadingNoise) -> None:

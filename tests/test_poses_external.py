@@ -20,10 +20,10 @@ from machopt.model.machine import load_machine
 from machopt.model.robot import load_robot
 from machopt.services.poses_planned import planned
 
-K = Stiffness(np.array([1.4e6, 1.2e6, 9.4e5, 3.6e5, 3.7e5, 3.8e5]))
+K = Stiffness(joints=np.array([1.4e6, 1.2e6, 9.4e5, 3.6e5, 3.7e5, 3.8e5]))
 FEW = PosesRequest(
-    Path("cell"),
-    Path("out"),
+    cell=Path("cell"),
+    out=Path("out"),
     poses=3,
     candidates=40,
     starts=1,
@@ -51,7 +51,7 @@ def test_what_cannot_be_held_is_refused(tmp_path: Path, word: str) -> None:
 
 
 def test_a_plan_says_that_the_rail_counts_as_rigid(tmp_path: Path) -> None:
-    rail = ExternalSpring("rail", 4e7, True, np.zeros((6, 6)), np.zeros(3))
+    rail = ExternalSpring(joint="rail", stiffness=4e7, slides=True, compliance=np.zeros((6, 6)), at=np.zeros(3))
     cell = replace(external_cell(tmp_path, rail=True), stiffness=replace(K, external=(rail,)))
     made = planned(FEW, lambda _: None, cell)
     assert any("external_joints of stiffness.yaml (rail): not fitted" in said for said in made.result.warnings)

@@ -33,7 +33,7 @@ QUICK: dict[str, Any] = {
 
 
 def plan(out: Path, **options: Any) -> PosesOutcome:
-    return run_plan_poses(PosesRequest(CELL, out, **{**QUICK, **options}))
+    return run_plan_poses(PosesRequest(cell=CELL, out=out, **{**QUICK, **options}))
 
 
 @pytest.fixture(scope="module")
@@ -237,27 +237,27 @@ def test_cell_without_stiffness_asks_for_a_prior(tmp_path: Path) -> None:
     for name in ("robot.urdf", "meshes"):
         (cell / name).symlink_to(CELL / name)
     with pytest.raises(InputError, match="--prior"):
-        run_plan_poses(PosesRequest(cell, tmp_path / "out", allow_external=True, **QUICK))
+        run_plan_poses(PosesRequest(cell=cell, out=tmp_path / "out", allow_external=True, **QUICK))
 
 
 def test_table_reads_back_and_is_strict(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     n = 3
     table = PosesTable(
-        np.array([1, 1, 2]),
-        np.array([1, 2, 1]),
-        np.ones(n, np.int64),
-        rng.normal(size=(n, 6)),
-        ('50 kg, "soft"', "a", "b"),
-        rng.normal(size=(n, 6)),
-        rng.normal(size=(n, 3)),
-        rng.normal(size=(n, 3)),
-        rng.random(n),
-        rng.random(n),
-        rng.random(n),
-        np.array([0.1, np.nan, 0.2]),
-        rng.normal(size=(n, 3)),
-        (True, None, False),
+        pose=np.array([1, 1, 2]),
+        cycle=np.array([1, 2, 1]),
+        session=np.ones(n, np.int64),
+        q=rng.normal(size=(n, 6)),
+        load=('50 kg, "soft"', "a", "b"),
+        wrench=rng.normal(size=(n, 6)),
+        position=rng.normal(size=(n, 3)),
+        displacement=rng.normal(size=(n, 3)),
+        kci=rng.random(n),
+        nu_p=rng.random(n),
+        nu_r=rng.random(n),
+        clearance=np.array([0.1, np.nan, 0.2]),
+        load_point=rng.normal(size=(n, 3)),
+        way_free=(True, None, False),
     )
     file = tmp_path / "poses.csv"
     write_poses_csv(file, table)

@@ -42,9 +42,9 @@ POSTS = {
 def drives(cell: Cell, **more: object) -> dict[str, ExternalDrive]:
     """Numbers in the other order, one of them backwards and with an offset."""
     own = {
-        "rail": ExternalDrive(4, -1.0, 250.0, None, None),
-        "tilt": ExternalDrive(3, 1.0, -30.0, "STN2", 3),
-        "turn": ExternalDrive(2, -1.0, 90.0, "STN2", 3),
+        "rail": ExternalDrive(number=4, sign=-1.0, offset=250.0, unit=None, machine=None),
+        "tilt": ExternalDrive(number=3, sign=1.0, offset=-30.0, unit="STN2", machine=3),
+        "turn": ExternalDrive(number=2, sign=-1.0, offset=90.0, unit="STN2", machine=3),
     }
     return {name: replace(own[name], **more) for name in cell.external_joints}  # type: ignore[arg-type]
 

@@ -46,10 +46,13 @@ class Job:
 def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
     """Two slots, each with a place of the rail and a turn of the table of its own."""
     cell = external_cell(tmp_path_factory.mktemp("cell"), rail=True, table=True)
-    drives = {"rail": ExternalDrive(2, -1.0, 500.0), "turn": ExternalDrive(1, 1.0, 10.0, "STN1", 2)}
+    drives = {
+        "rail": ExternalDrive(number=2, sign=-1.0, offset=500.0),
+        "turn": ExternalDrive(number=1, sign=1.0, offset=10.0, unit="STN1", machine=2),
+    }
     cell = replace(cell, stiffness=K, controller=Controller(nonflip_j5="negative", external=drives))
     path = apart(toolpath(slots(-0.1, 0.05)))
-    options = replace(OPTIONS, external=tuple(ExternalAxis(f"e{k}", "operation") for k in (1, 2)))
+    options = replace(OPTIONS, external=tuple(ExternalAxis(joint=f"e{k}", mode="operation") for k in (1, 2)))
     p = best_plan(cell, path, options)
     timeline = build_timeline(p, path)
     assert timeline.trajectory is not None

@@ -102,7 +102,7 @@ def test_waypoints_fall_on_samples_at_rest() -> None:
 @pytest.fixture(scope="module")
 def walled(tmp_path_factory: pytest.TempPathFactory) -> CollisionModel:
     """A wall straight ahead that the arm must go over or fold behind."""
-    wall = Shape("wall", "box", (1.0, 0.1, 1.3), None, pose(1.5, 0.0, 0.65))
+    wall = Shape(name="wall", kind="box", size=(1.0, 0.1, 1.3), mesh=None, T_parent_shape=pose(1.5, 0.0, 0.65))
     cell = replace(small_cell(tmp_path_factory.mktemp("c")), obstacles=(wall,))
     cell = replace(cell, workpiece=replace(cell.workpiece, geometry=()))
     robot, shapes = load_chain(cell)

@@ -540,7 +540,9 @@ def recordings(draw: st.DrawFn) -> Recording:
         torque=maybe(6),
         current=maybe(6),
         registration=draw(st.sampled_from(["fixed", "fit"])),
-        uncertainty=StandardUncertainty(*(draw(sigma) for _ in range(5))),
+        uncertainty=StandardUncertainty(
+            displacement=draw(sigma), rotation=draw(sigma), force=draw(sigma), moment=draw(sigma), joint=draw(sigma)
+        ),
         notes=draw(st.text(st.characters(codec="utf-8"), max_size=20)),
         labelled=frozenset({"pose", "cycle", "session"}),
         files=("data.csv",),

@@ -192,7 +192,9 @@ def test_curves_are_one_value_where_nothing_may_move(tmp_path: FilePath) -> None
     """A slot moves, a hole does not; a joint that keeps a value for an operation has one coefficient for it."""
     cell = replace(external_cell(tmp_path, rail=True, table=True), stiffness=K)
     path_in = apart(toolpath([*slots(0.0), *slots(0.3)]))
-    options = replace(OPTIONS, external=(ExternalAxis("rail", "moving"), ExternalAxis("turn", "operation")))
+    options = replace(
+        OPTIONS, external=(ExternalAxis(joint="rail", mode="moving"), ExternalAxis(joint="turn", mode="operation"))
+    )
     plan = _coarse_to_fine(
         cell, path_in, replace(options, rotation_step=np.radians(45.0)), Timings(), None, axes_of(cell, options), None
     )[0]
@@ -222,7 +224,7 @@ def test_a_rail_that_moves_is_refined(
 @settings(max_examples=examples(4), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_refining_never_makes_a_plan_worse(tmp_path: FilePath, y: float, half: float, mode: str) -> None:
     modes = {"mixed": ("moving", "operation")}.get(mode, (mode, mode))
-    axes = tuple(ExternalAxis(n, m, weight=2.0) for n, m in zip(("rail", "turn"), modes, strict=True))  # type: ignore[arg-type]
+    axes = tuple(ExternalAxis(joint=n, mode=m, weight=2.0) for n, m in zip(("rail", "turn"), modes, strict=True))  # type: ignore[arg-type]
     options = replace(OPTIONS, external=axes)
     path = toolpath(slots(y, y + half))
     plan, groups, own = chosen(tmp_path, path, options, rail=True, table=True)
@@ -240,7 +242,7 @@ def test_a_refined_plan_that_moves_is_no_worse_than_one_that_stands(tmp_path: Fi
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
     path = toolpath(slots(y, y + half))
     plans = [
-        best_plan(cell, path, replace(OPTIONS, external=(ExternalAxis("rail", mode, weight=3.0),)))  # type: ignore[arg-type]
+        best_plan(cell, path, replace(OPTIONS, external=(ExternalAxis(joint="rail", mode=mode, weight=3.0),)))  # type: ignore[arg-type]
         for mode in ("moving", "operation")
     ]
     assert plans[0].scores.scale == plans[1].scores.scale

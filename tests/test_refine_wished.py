@@ -41,7 +41,10 @@ def before_and_after(folder: FilePath, wishes: tuple[Steer, ...], mode: External
     """What the search by grids comes to, and what is exported."""
     cell, path = replace(external_cell(folder, rail=True), stiffness=K), weaving()
     options = replace(
-        OPTIONS, rotation_step=np.radians(15.0), steer=wishes, external=(ExternalAxis("rail", mode, weight=2.0),)
+        OPTIONS,
+        rotation_step=np.radians(15.0),
+        steer=wishes,
+        external=(ExternalAxis(joint="rail", mode=mode, weight=2.0),),
     )
     first = _coarse_to_fine(cell, path, options, Timings(), None, axes_of(cell, options), None)[0]
     return first, best_plan(cell, path, options)

@@ -182,7 +182,7 @@ def test_the_verdict_answers_gain_and_safety() -> None:
             "1.2 % ± 0.4 % more than with Jiao 2022 (90 %: 0.5 to 1.9 %)",
         ),
         (
-            {"shift": Shift(3.3e-4, 2.8e-4, 2.1e-5, 4e-6)},
+            {"shift": Shift(worst=3.3e-4, mean=2.8e-4, left_worst=2.1e-5, left_mean=4e-6)},
             "VERIFIED",
             "shifted by up to 0.330 mm against the predicted deflection, which leaves 0.004 mm on average and 0.021 mm",
         ),

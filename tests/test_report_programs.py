@@ -46,13 +46,13 @@ def test_a_program_that_differs_is_told_first_and_spoils_the_verdict() -> None:
     data = full_result(points=50, samples=300)
     differences = ("move 3 (line 14) goes elsewhere", "events differ")
     bad = Program(
-        "krl",
-        ("part<1>.src",),
-        12,
-        0,
-        5e-5,
-        10,
-        0.05,
+        post="krl",
+        files=("part<1>.src",),
+        lines=12,
+        added=0,
+        tolerance=5e-5,
+        moves=10,
+        position_error=0.05,
         path_error=8e-5,
         events_equal=False,
         configuration_equal=False,

@@ -75,17 +75,17 @@ def test_a_run_comes_to_rest_at_its_point_and_goes_on() -> None:
 def test_a_leg_stands() -> None:
     rows = np.arange(3.0)
     leg = Leg(
-        "run",
-        np.tile(rows[:, None], 6),
-        rows,
-        np.zeros(3, np.int8),
-        np.zeros(3, np.int32),
-        rows,
-        np.zeros((1, 6)),
-        rows[-1:],
-        rows[-1:],
-        np.zeros((3, 0)),
-        np.zeros((1, 0)),
+        name="run",
+        q=np.tile(rows[:, None], 6),
+        index=rows,
+        move=np.zeros(3, np.int8),
+        operation=np.zeros(3, np.int32),
+        gamma=rows,
+        waypoints=np.zeros((1, 6)),
+        waypoint_index=rows[-1:],
+        waypoint_feed=rows[-1:],
+        external=np.zeros((3, 0)),
+        waypoint_external=np.zeros((1, 0)),
     )
     assert leg.standing(1, 2).index.tolist() == [0, 1, 1, 1, 2]
     assert leg.standing(-1, 1).q[:, 5].tolist() == [0, 1, 2, 2]

@@ -20,14 +20,14 @@ from machopt.se3 import inverse, tool_rotation, transform
 
 FLANGE = transform(np.array([[0, 0, 1], [0, -1, 0], [1, 0, 0]]), np.array([3.115, 0, 0.99]))
 ROBOT = Robot(  # a large six-axis arm, stretched forward at zero
-    tuple("123456"),
-    np.array([[0, 0, -1], [0, 1, 0], [0, 1, 0], [-1, 0, 0], [0, 1, 0], [-1, 0, 0]], float),
-    np.array(
+    joints=tuple("123456"),
+    axis=np.array([[0, 0, -1], [0, 1, 0], [0, 1, 0], [-1, 0, 0], [0, 1, 0], [-1, 0, 0]], float),
+    point=np.array(
         [[0, 0, 1.045], [0.5, 0, 1.045], [1.8, 0, 1.045], [1.8, 0, 0.99], [2.825, 0, 0.99], [2.825, 0, 0.99]], float
     ),
-    FLANGE,
-    np.full(6, -6.0),
-    np.full(6, 6.0),
+    T_base_flange_zero=FLANGE,
+    lower=np.full(6, -6.0),
+    upper=np.full(6, 6.0),
 )
 TCP = transform(np.eye(3), np.array([0.05, 0, 0.3]))
 HOME = np.array([0.1, -1.2, 1.3, 0.2, 0.8, 0.3])
@@ -56,17 +56,17 @@ def make(
         assert error < 1e-9
         q[k] = seed
     return RunInput(
-        p,
-        a,
-        reference,
-        phi,
-        q,
-        np.broadcast_to(np.asarray(feed, float), n).copy(),
-        Machine.alone(ROBOT, T_BASE_WORKPIECE),
-        np.empty((n, 0)),
-        TCP,
-        ROBOT,
-        limits,
+        position=p,
+        axis=a,
+        reference=reference,
+        phi=phi,
+        q=q,
+        feed=np.broadcast_to(np.asarray(feed, float), n).copy(),
+        machine=Machine.alone(ROBOT, T_BASE_WORKPIECE),
+        external=np.empty((n, 0)),
+        T_flange_tcp=TCP,
+        robot=ROBOT,
+        limits=limits,
     )
 
 

@@ -60,7 +60,10 @@ def test_fewer_triangles_keep_the_shape() -> None:
 
 def test_the_bodies_share_one_budget() -> None:
     big, small = ball(90), ball(8)
-    bodies = tuple(Body(name, "link", 0, *mesh) for name, mesh in (("big", big), ("small", small)))
+    bodies = tuple(
+        Body(name=name, kind="link", joint=0, vertices=mesh[0], faces=mesh[1])
+        for name, mesh in (("big", big), ("small", small))
+    )
     shown = bodies_within(bodies, 3000)
     assert sum(len(b.faces) for b in shown) <= 3000
     assert len(shown[1].faces) == len(small[1])  # the little one is left alone

@@ -38,9 +38,13 @@ def leaning(folder: FilePath, rows: Rows, obstacles: tuple[Shape, ...], options:
     tool = small_cell(folder).tool
     lean = pose(0.1, 0, 0.25, np.pi / 4)
     tool = replace(
-        tool, T_flange_tcp=lean, geometry=(Shape("spindle", "box", (0.1, 0.1, 0.2), None, lean @ pose(0, 0, -0.17)),)
+        tool,
+        T_flange_tcp=lean,
+        geometry=(
+            Shape(name="spindle", kind="box", size=(0.1, 0.1, 0.2), mesh=None, T_parent_shape=lean @ pose(0, 0, -0.17)),
+        ),
     )
-    cell = small_cell(folder, stiffness=Stiffness(K), tool=tool, obstacles=obstacles)
+    cell = small_cell(folder, stiffness=Stiffness(joints=K), tool=tool, obstacles=obstacles)
     return plan(cell, toolpath(rows), options)
 
 
@@ -56,7 +60,15 @@ def crowded(seed: int) -> tuple[Rows, tuple[Shape, ...]]:
         a, far = rng.uniform(-np.pi, np.pi), rng.uniform(0.1, 0.4)
         x, y = 1.5 + start[0] + far * np.cos(a), start[1] + far * np.sin(a)
         wide, high = rng.uniform(0.02, 0.2), rng.uniform(0.1, 0.5)
-        posts.append(Shape(f"post_{k}", "box", (wide, wide, high), None, pose(x, y, 0.62 + high / 2)))
+        posts.append(
+            Shape(
+                name=f"post_{k}",
+                kind="box",
+                size=(wide, wide, high),
+                mesh=None,
+                T_parent_shape=pose(x, y, 0.62 + high / 2),
+            )
+        )
     return rows, tuple(posts)
 
 
@@ -72,7 +84,15 @@ def rods(seed: int) -> tuple[Rows, tuple[Shape, ...]]:
         a, far = rng.uniform(-np.pi, np.pi), rng.uniform(0.08, 0.35)
         x, y = 1.5 + start[0] + far * np.cos(a), start[1] + far * np.sin(a)
         high = rng.uniform(0.1, 0.5)
-        standing.append(Shape(f"rod_{k}", "cylinder", (0.003, high), None, pose(x, y, 0.62 + high / 2)))
+        standing.append(
+            Shape(
+                name=f"rod_{k}",
+                kind="cylinder",
+                size=(0.003, high),
+                mesh=None,
+                T_parent_shape=pose(x, y, 0.62 + high / 2),
+            )
+        )
     return rows, tuple(standing)
 
 
@@ -199,7 +219,13 @@ def test_looking_ahead_strikes_out_what_one_pair_touches_around_a_contact(tmp_pa
     alike = model.touching(c.q[s, r, b], np.full(len(s), pair))
     assert alike[found.pair == pair].all()
     assert not alike[~found.hit].any() or model.pairs[pair].unless_cutting
-    ahead = Ahead(c, model, touch, np.empty((len(touch), 0)), np.full(usable.shape, -1, np.int32))
+    ahead = Ahead(
+        candidates=c,
+        model=model,
+        may_touch=touch,
+        external=np.empty((len(touch), 0)),
+        pairs=np.full(usable.shape, -1, np.int32),
+    )
     start = np.flatnonzero(found.pair == pair)[:1]
     seed = np.ravel_multi_index((s[start], r[start], b[start]), usable.shape)
     ahead.strike(seed, np.array([pair], np.int32))
@@ -235,7 +261,7 @@ def test_the_map_tells_what_was_looked_at_and_looks_at_the_rest_when_asked(tmp_p
 
 def test_equal_stiffness_prefers_distance_where_clearance_counts(tmp_path: FilePath) -> None:
     """A post beside the tool; with the price of nearness the plan keeps farther away, and is told by the same J."""
-    post = (Shape("post", "box", (0.08, 0.08, 0.4), None, pose(1.5, 0.42, 0.82)),)
+    post = (Shape(name="post", kind="box", size=(0.08, 0.08, 0.4), mesh=None, T_parent_shape=pose(1.5, 0.42, 0.82)),)
     rows: Rows = [((-0.05 + 0.019 * k, 0.0, 0.02), UP, R if k == 0 else C) for k in range(4)]
     plain = leaning(tmp_path, rows, post)
     weighed = replace(OPTIONS, weights=Weights(clearance=20.0), clearance_full=0.3)

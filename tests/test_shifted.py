@@ -34,14 +34,22 @@ def doubt(*, counted: bool = True) -> Discrepancy:
     size[[" x" in n or " y" in n or " z" in n for n in NAMES]] = 1e-9
     size[-1] = 0.7
     shift = size * rng.uniform(-1.0, 1.0, len(NAMES))
-    return Discrepancy(NAMES, np.full(6, 400.0), shift, 0.1 * size[None], 3e-4, 3e-5, counted=counted)
+    return Discrepancy(
+        parts=NAMES,
+        torque=np.full(6, 400.0),
+        shift=shift,
+        modes=0.1 * size[None],
+        left=3e-4,
+        noise=3e-5,
+        counted=counted,
+    )
 
 
 def test_the_shift_is_the_sum_of_the_suspects_columns() -> None:
     _, robot, T = made.cell()
     rng = np.random.default_rng(5)
     q, w = made.CENTRE + rng.normal(0, 0.4, (7, 6)), np.hstack([rng.normal(0, 500, (7, 3)), rng.normal(0, 50, (7, 3))])
-    stiffness = Stiffness(made.TRUE_K, terms=(LINK,), discrepancy=doubt())
+    stiffness = Stiffness(joints=made.TRUE_K, terms=(LINK,), discrepancy=doubt())
     alone = ArmElasticity(robot, T, stiffness, masses=MASSES)
     counted = ArmElasticity(robot, T, stiffness, masses=MASSES, counted=True)
     suspects = Doubt.of(alone)
@@ -76,10 +84,12 @@ def test_weight_counts_beside_a_file_that_counts_the_load_on_levers() -> None:
         turned[load] = robot.fk(q + tau / k, T)[:, :3, 3]
     true = turned[1.0] - turned[0.0]
     one = np.ones(1)
-    found = Discrepancy((LOADED,), np.full(6, 400.0), one, 0.01 * one[None], 3e-4, 3e-5)
+    found = Discrepancy(
+        parts=(LOADED,), torque=np.full(6, 400.0), shift=one, modes=0.01 * one[None], left=3e-4, noise=3e-5
+    )
     off = {}
     for terms in ((), (Term("geometric_stiffness", "arm", {}),)):
-        stiffness = Stiffness(0.2 * made.TRUE_K, terms=terms, discrepancy=found)
+        stiffness = Stiffness(joints=0.2 * made.TRUE_K, terms=terms, discrepancy=found)
         for counted in (False, True):
             said = ArmElasticity(robot, T, stiffness, masses=masses, counted=counted).at(q).respond(w)[:, :3]
             off[len(terms), counted] = np.linalg.norm(said - true) / np.linalg.norm(true)
@@ -90,7 +100,7 @@ def test_weight_counts_beside_a_file_that_counts_the_load_on_levers() -> None:
 
 def test_a_file_may_keep_it_out(tmp_path: Path) -> None:
     write_stiffness(
-        tmp_path / "stiffness.yaml", Stiffness(made.TRUE_K, terms=(LINK,), discrepancy=doubt(counted=False))
+        tmp_path / "stiffness.yaml", Stiffness(joints=made.TRUE_K, terms=(LINK,), discrepancy=doubt(counted=False))
     )
     read = load_stiffness(tmp_path / "stiffness.yaml")
     assert read.discrepancy is not None
@@ -101,10 +111,17 @@ def test_a_file_may_keep_it_out(tmp_path: Path) -> None:
 
 def test_what_is_counted_in_is_compensated_and_said(tmp_path: Path) -> None:
     options = replace(FREE, force=FORCE, rotation_step=np.radians(15.0), compensation_max=0.01)
-    found = Discrepancy(("base ry",), np.full(6, 500.0), np.array([2e-7]), np.array([[5e-9]]), 3e-4, 3e-5)
+    found = Discrepancy(
+        parts=("base ry",),
+        torque=np.full(6, 500.0),
+        shift=np.array([2e-7]),
+        modes=np.array([[5e-9]]),
+        left=3e-4,
+        noise=3e-5,
+    )
     left = {}
     for counted in (False, True):
-        stiffness = Stiffness(np.asarray(K), discrepancy=replace(found, counted=counted))
+        stiffness = Stiffness(joints=np.asarray(K), discrepancy=replace(found, counted=counted))
         p = compensate(small_job(tmp_path, corner(), options, stiffness=stiffness), made_path(corner()))
         true = ArmElasticity(
             p.setup.robot, p.setup.arm.T_flange_tcp, replace(stiffness, discrepancy=found), counted=True

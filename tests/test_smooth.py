@@ -42,7 +42,15 @@ def valley(path: Path, target: np.ndarray, low: float = -np.pi, high: float = np
     feasible &= ((phi >= low) & (phi <= high))[None, :, None, None]
     cost = 1.5 - np.cos(phi[None] - target[:, None])
     return (
-        Candidates(phi, q, turns, np.zeros((S, 72, 1), np.uint8), feasible, True, np.zeros(S)),
+        Candidates(
+            phi=phi,
+            q=q,
+            turns=turns,
+            reason=np.zeros((S, 72, 1), np.uint8),
+            feasible=feasible,
+            stable=True,
+            shortfall=np.zeros(S),
+        ),
         Scores(cost[..., None], "stiffness", 1.0),
     )
 

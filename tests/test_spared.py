@@ -31,14 +31,14 @@ ROWS: Rows = [((-0.1, -0.1, z), UP, R if z == 0.08 else C) for z in (0.08, 0.03,
 ROWS += [((-0.1 + 0.01 * k, -0.1, 0.01), UP, C) for k in (1, 2, 3)]
 PINS = tuple(FixedRotation(n, g) for n, g in zip(range(3, 7), (-1.6, -1.8, -1.95, -2.1), strict=True))
 OPTIONS = PlanOptions(collision=False, fixed=PINS)
-TOOL = Tool(pose(0.1, 0, 0.3, 0.7), 20.0, np.zeros(3), (), Cutter(0.012, 0.06))
+TOOL = Tool(T_flange_tcp=pose(0.1, 0, 0.3, 0.7), mass=20.0, com=np.zeros(3), geometry=(), cutter=Cutter(0.012, 0.06))
 ON_IT = np.radians(1e-5)  # so near the margin the planned pose stands
 
 
 @pytest.fixture(scope="module")
 def on_the_margin(tmp_path_factory: pytest.TempPathFactory) -> tuple[Cell, Plan]:
     """A cell whose joint limit the plan stands at, and the plan."""
-    cell = small_cell(tmp_path_factory.mktemp("cell"), stiffness=Stiffness(K), tool=TOOL)
+    cell = small_cell(tmp_path_factory.mktemp("cell"), stiffness=Stiffness(joints=K), tool=TOOL)
     path = toolpath(ROWS)
     least = plan(cell, path, OPTIONS).chosen.assignment.q[:, 0].min()
     near = replace(cell, limits=replace(limits(), lower=limits().lower.copy()))
@@ -48,7 +48,9 @@ def on_the_margin(tmp_path_factory: pytest.TempPathFactory) -> tuple[Cell, Plan]
 
 def job(cell: Cell, options: PlanOptions) -> Job:
     path, home = toolpath(ROWS), cell.stands_at_home
-    return plan_job((Stint(cell, path, path, 0, home, home),), path, options, Timings())
+    return plan_job(
+        (Stint(cell=cell, toolpath=path, whole=path, first=0, begin=home, end=home),), path, options, Timings()
+    )
 
 
 def test_driving_takes_more_of_the_margin_than_verify_allows(on_the_margin: tuple[Cell, Plan]) -> None:

@@ -46,7 +46,7 @@ def deg(value: float) -> float:
 
 
 def job(folder: Path, before: Plan | None = None, **wishes: object) -> Plan:
-    cell = small_cell(folder, stiffness=Stiffness(K))
+    cell = small_cell(folder, stiffness=Stiffness(joints=K))
     return plan(cell, toolpath(pass_over_block()), replace(FREE, **wishes), before=before)
 
 
@@ -65,7 +65,12 @@ def two_operations() -> Toolpath:
 
 
 def test_wishes_are_laid_down_at_points() -> None:
-    wishes = (Steer("a", gamma=0.5), Steer("b", forbid=(0.0, 1.0)), Steer(points=(6, 7), branch=2), Steer(prefer=0.25))
+    wishes = (
+        Steer(operation="a", gamma=0.5),
+        Steer(operation="b", forbid=(0.0, 1.0)),
+        Steer(points=(6, 7), branch=2),
+        Steer(prefer=0.25),
+    )
     laid = steered(PlanOptions(fixed=(FixedRotation(3, 0.7),), steer=wishes), two_operations())
     assert laid.fixed == (FixedRotation(3, 0.7), FixedRotation(2, 0.5), FixedRotation(4, 0.5))  # the point's own first
     b = (6, 7)
@@ -82,9 +87,9 @@ def test_wishes_are_laid_down_at_points() -> None:
 @pytest.mark.parametrize(
     ("wish", "parts"),
     [
-        ((Steer("aa", gamma=0.1),), ["'aa' is no operation", "did you mean 'a'", "steer[0].operation"]),
+        ((Steer(operation="aa", gamma=0.1),), ["'aa' is no operation", "did you mean 'a'", "steer[0].operation"]),
         ((Steer(points=(2, 8), gamma=0.1),), ["points 2 to 8", "points 0 to 7", "steer[0].points"]),
-        ((Steer("a", gamma=0.1), Steer(points=(3, 3), gamma=deg(20))), ["point 3", "'a'", "20°", "fixed"]),
+        ((Steer(operation="a", gamma=0.1), Steer(points=(3, 3), gamma=deg(20))), ["point 3", "'a'", "20°", "fixed"]),
     ],
 )
 def test_wishes_that_no_plan_could_keep_are_refused(wish: tuple[Steer, ...], parts: list[str]) -> None:
@@ -102,10 +107,10 @@ def test_a_zone_between_two_rotations_of_the_grid_is_refused() -> None:
 def test_a_pin_beyond_the_range_of_rotations_is_refused_and_half_a_turn_is_one_rotation_with_two_names() -> None:
     options = PlanOptions(rotation_range=(deg(0), deg(180)), steer=(Steer(points=(1, 2), gamma=deg(-180)),))
     refuse_narrow(options)
-    for beyond in ({"fixed": (FixedRotation(3, deg(-10)),)}, {"steer": (Steer("a", gamma=deg(-10)),)}):
+    for beyond in ({"fixed": (FixedRotation(3, deg(-10)),)}, {"steer": (Steer(operation="a", gamma=deg(-10)),)}):
         with pytest.raises(InputError, match=r"-10° .*is beyond rotation_range_deg \[0°, 180°\]"):
             refuse_narrow(replace(options, **beyond))
-    both = (Steer("a", gamma=deg(180)), Steer(points=(0, 1), gamma=deg(-180)))
+    both = (Steer(operation="a", gamma=deg(180)), Steer(points=(0, 1), gamma=deg(-180)))
     assert len(steered(PlanOptions(steer=both), two_operations()).fixed) > 1
 
 
@@ -179,7 +184,7 @@ def test_what_was_asked_beside_a_place_that_cannot_be_driven_is_told(tmp_path: P
     pins = (FixedRotation(0, deg(20)), FixedRotation(4, deg(20)), FixedRotation(5, deg(22)))
     zone = Steer(points=(8, 9), forbid=(deg(100), deg(120)))
     p = job(tmp_path, fixed=pins[:1])
-    stop = Break(4.25, 4.25, "no_pose", "the pose cannot be reached", "")
+    stop = Break(before=4.25, after=4.25, code="no_pose", text="the pose cannot be reached", help="")
     told = undriven(p, (stop,), path, replace(FREE, fixed=pins, steer=(zone,))).conflict
     assert "cannot be driven at point 4.25: the pose cannot be reached." in told
     near = "Asked nearest to there: the rotation 20° at point 4, the rotation 22° at point 5, no rotation from 100°"
@@ -193,7 +198,7 @@ def test_two_rotations_along_one_plunge_are_a_conflict(tmp_path: Path) -> None:
     rows: Rows = [((0.0, 0.0, 0.08), UP, R), ((0.0, 0.0, 0.03), UP, A), ((0.0, 0.0, 0.01), UP, C)]
     path = toolpath(rows, kind="point")
     options = replace(FREE, fixed=(FixedRotation(1, deg(10.0)), FixedRotation(2, deg(12.0))))
-    cell = small_cell(tmp_path, stiffness=Stiffness(K))
+    cell = small_cell(tmp_path, stiffness=Stiffness(joints=K))
     p = with_conflict(plan(cell, path, options), cell, path, options, Timings())
     assert "10° at point 1, the rotation 12° at point 2" in p.conflict
 
@@ -212,7 +217,7 @@ def test_the_least_conflict_is_found_among_many() -> None:
 
 
 def test_preferences_are_never_in_a_conflict() -> None:
-    wishes = (Steer(prefer=0.1), Steer("a", gamma=0.2))
+    wishes = (Steer(prefer=0.1), Steer(operation="a", gamma=0.2))
     assert wishes_of(PlanOptions(steer=wishes)) == wishes[1:]
     assert said(wishes[1]) == "the rotation 11.4592° for operation 'a'"
 
@@ -222,7 +227,16 @@ def still(external: np.ndarray) -> Motion:
     path, n = two_operations(), len(external)
     labels = tuple(path.operations[k].label for k in path.operation)
     zero = np.zeros(n)
-    return Motion(zero, np.arange(n, dtype=float), path.move, np.zeros((n, 6)), external, labels, zero, zero)
+    return Motion(
+        time=zero,
+        point=np.arange(n, dtype=float),
+        move=path.move,
+        q=np.zeros((n, 6)),
+        external=external,
+        operation=labels,
+        gamma=zero,
+        feed=zero,
+    )
 
 
 def test_the_verifier_sees_an_external_joint_that_stands_elsewhere(tmp_path: Path) -> None:
@@ -230,13 +244,15 @@ def test_the_verifier_sees_an_external_joint_that_stands_elsewhere(tmp_path: Pat
     n = len(path)
     numbers = {"gamma_deg": np.zeros(n), "branch": np.full(n, 4.0), "limit_margin_deg": np.full(n, 9.0)}
     at = np.full((n, 1), 0.3)
-    points = Points(np.arange(n), np.zeros((n, 6)), at.copy(), ("ok",) * n, numbers, {})
+    points = Points(
+        point=np.arange(n), q=np.zeros((n, 6)), external=at.copy(), status=("ok",) * n, numbers=numbers, words={}
+    )
     pin = Steer(points=(2, 4), joint="e1", at=0.3, unit="mm")
-    zone = Steer("b", joint="rail", away=(0.31, 0.5), unit="mm")
+    zone = Steer(operation="b", joint="rail", away=(0.31, 0.5), unit="mm")
     for options in (
         PlanOptions(collision=False, steer=(pin, zone)),
-        PlanOptions(collision=False, external=(ExternalAxis("rail", at_operations=(("a", 0.3),), unit="mm"),)),
-        PlanOptions(collision=False, external=(ExternalAxis("rail", mode="locked", at=0.3, unit="mm"),)),
+        PlanOptions(collision=False, external=(ExternalAxis(joint="rail", at_operations=(("a", 0.3),), unit="mm"),)),
+        PlanOptions(collision=False, external=(ExternalAxis(joint="rail", mode="locked", at=0.3, unit="mm"),)),
     ):
         (told,) = (c for c in check_asked(cell, path, points, np.arange(n), options, still(at)) if "external" in c.name)
         assert told.passed
@@ -257,8 +273,14 @@ def test_the_verifier_sees_a_zone_and_a_branch_that_are_not_kept(tmp_path: Path)
     path = two_operations()
     n = len(path)
     numbers = {"gamma_deg": np.zeros(n), "branch": np.full(n, 4.0), "limit_margin_deg": np.full(n, 9.0)}
-    points = Points(np.arange(n), np.zeros((n, 6)), np.zeros((n, 0)), ("ok",) * n, numbers, {})
-    wishes = (Steer("a", forbid=(deg(-3), deg(40))), Steer("b", branch=4), Steer("b", gamma=0.0))
+    points = Points(
+        point=np.arange(n), q=np.zeros((n, 6)), external=np.zeros((n, 0)), status=("ok",) * n, numbers=numbers, words={}
+    )
+    wishes = (
+        Steer(operation="a", forbid=(deg(-3), deg(40))),
+        Steer(operation="b", branch=4),
+        Steer(operation="b", gamma=0.0),
+    )
     cell, options = external_cell(tmp_path), PlanOptions(collision=False, steer=wishes)
 
     def checks() -> dict[str, Check]:
@@ -280,7 +302,7 @@ def test_a_joint_stands_where_it_was_put_for_an_operation(tmp_path: Path) -> Non
     cell, path = external_cell(tmp_path, rail=True), two_operations()
 
     def stands(at: tuple[tuple[str, float], ...]) -> list[Group]:
-        axes = axes_of(cell, PlanOptions(external=(ExternalAxis("e1", at_operations=at, unit="mm"),)))
+        axes = axes_of(cell, PlanOptions(external=(ExternalAxis(joint="e1", at_operations=at, unit="mm"),)))
         return groups_of(cell, path, build_path(path), axes)
 
     first, second = stands((("b", 0.3),))
@@ -312,10 +334,10 @@ PIN = Steer(points=(3, 3), joint="rail", at=0.4, unit="mm")
 
 def on_rail(folder: Path, *wishes: Steer, mode: ExternalMode | None = None, before: Plan | None = None) -> Plan:
     """A slot of 2 m along the rail, 24 points from −1 m to 1 m."""
-    cell = replace(external_cell(folder, rail=True), stiffness=Stiffness(K))
+    cell = replace(external_cell(folder, rail=True), stiffness=Stiffness(joints=K))
     force = ProcessForce(normal=200.0, axial=100.0)
     options = PlanOptions(collision=False, rotation_step=deg(30), force=force, sample=0.02, steer=wishes)
-    options = replace(options, external=() if mode is None else (ExternalAxis("rail", mode),))
+    options = replace(options, external=() if mode is None else (ExternalAxis(joint="rail", mode=mode),))
     return best_plan(cell, long_slot(1.0), options, before=before)
 
 
@@ -368,7 +390,7 @@ def test_a_place_that_no_joint_could_take_is_refused(tmp_path: Path, wish: dict[
 
 @pytest.mark.slow
 def test_a_pinned_rail_that_leaves_points_out_of_reach_is_named(tmp_path: Path) -> None:
-    cell = replace(external_cell(tmp_path, rail=True), stiffness=Stiffness(K))
+    cell = replace(external_cell(tmp_path, rail=True), stiffness=Stiffness(joints=K))
     far = Steer(points=(3, 3), joint="rail", at=2.4, unit="mm")
     near = Steer(points=(20, 20), joint="rail", at=0.5, unit="mm")
     options = PlanOptions(collision=False, rotation_step=deg(30), sample=0.02, steer=(far, near))

@@ -143,22 +143,22 @@ def evil_report() -> str:
 def evil_toolpath() -> str:
     xyz = np.array([[0.0, 0, 0.01], [0.01, 0, 0], [0.02, 0.01, 0]])
     t = Toolpath(
-        xyz,
-        np.tile([0.0, 0, 1], (3, 1)),
-        np.array([Move.RAPID, Move.CUT, Move.CUT], np.int8),
-        np.full(3, 0.01),
-        np.zeros(3, np.int32),
-        (Operation(EVIL, "trajectory", EVIL),),
-        np.full((3, 3), np.nan),
-        np.full(3, np.nan),
-        np.arange(3, dtype=np.int32),
-        EVIL,
-        "csv",
-        "0",
-        (Event(1, "comment", EVIL),),
-        (IgnoredWord(EVIL, 1, 1, False),),
-        (EVIL,),
-        {EVIL: EVIL},
+        position=xyz,
+        axis=np.tile([0.0, 0, 1], (3, 1)),
+        move=np.array([Move.RAPID, Move.CUT, Move.CUT], np.int8),
+        feed=np.full(3, 0.01),
+        operation=np.zeros(3, np.int32),
+        operations=(Operation(EVIL, "trajectory", EVIL),),
+        reference=np.full((3, 3), np.nan),
+        tolerance=np.full(3, np.nan),
+        line=np.arange(3, dtype=np.int32),
+        source=EVIL,
+        format="csv",
+        sha256="0",
+        events=(Event(1, "comment", EVIL),),
+        ignored=(IgnoredWord(EVIL, 1, 1, False),),
+        warnings=(EVIL,),
+        meta={EVIL: EVIL},
     )
     return toolpath_page(t, summarise(t))
 
@@ -173,7 +173,10 @@ def evil_diagnosis() -> str:
 
 
 def evil_identification() -> str:
-    joints = tuple(Coefficient(EVIL, EVIL, 1e6, 9e5, 1.1e6, 1e6, n > 0, EVIL) for n in range(6))
+    joints = tuple(
+        Coefficient(name=EVIL, unit=EVIL, value=1e6, low=9e5, high=1.1e6, prior=1e6, identified=n > 0, reason=EVIL)
+        for n in range(6)
+    )
     shift = np.full((4, 3), 1e-3)
     return identification_html(
         IdentificationPage(
@@ -209,7 +212,22 @@ def evil_identification() -> str:
 
 
 def evil_poses() -> str:
-    return poses_html(PosesPage(EVIL, EVIL, "0", 9, 0, 0, ((EVIL, 9),), (), (EVIL,), ((EVIL, EVIL),), (), reason=EVIL))
+    return poses_html(
+        PosesPage(
+            title=EVIL,
+            cell=EVIL,
+            version="0",
+            tried=9,
+            passed=0,
+            cases=0,
+            rejected_poses=((EVIL, 9),),
+            rejected_loads=(),
+            warnings=(EVIL,),
+            options=((EVIL, EVIL),),
+            hashes=(),
+            reason=EVIL,
+        )
+    )
 
 
 def evil_batch() -> str:
@@ -225,7 +243,9 @@ def evil_batch() -> str:
         "gain_percent": None,
         "warnings": (EVIL,),
     }
-    return batch_html(BatchData("0", True, (job,), left_out=(EVIL,), compared_with=EVIL, only_here=(EVIL,)))
+    return batch_html(
+        BatchData(version="0", complete=True, jobs=(job,), left_out=(EVIL,), compared_with=EVIL, only_here=(EVIL,))
+    )
 
 
 @pytest.mark.parametrize(

@@ -218,8 +218,8 @@ def test_compliances_add_and_follow_their_coefficients(arm: tuple[Robot, np.ndar
     q, k = postures(5, 2), np.array([2.6e6, 9.4e5, 6.6e5, 9.2e5, 4.4e4, 2.7e4])
     chosen = ["beam", "base", "cylinders and sensor", "coupling", "posture"]
     file = tuple(Term(*FORMS[f]) for f in chosen)
-    together = ArmElasticity(robot, tool, Stiffness(k, terms=file)).at(q).compliance()
-    joints = ArmElasticity(robot, tool, Stiffness(k)).at(q).compliance()
+    together = ArmElasticity(robot, tool, Stiffness(joints=k, terms=file)).at(q).compliance()
+    joints = ArmElasticity(robot, tool, Stiffness(joints=k)).at(q).compliance()
     parts = [compliance(arm, make(arm, f), q) for f in chosen]
     np.testing.assert_allclose(together, joints + sum(parts), rtol=1e-10, atol=1e-20)
     beam = make(arm, "beam, stretched too")
@@ -304,7 +304,7 @@ def test_every_form_survives_its_file(arm: tuple[Robot, np.ndarray], form: str, 
     robot, tool = arm
     term, q = make(arm, form), postures(3, 6)
     file = tmp_path / "stiffness.yaml"
-    write_stiffness(file, Stiffness(np.full(6, 1e6), terms=(term.to_file(),)))
+    write_stiffness(file, Stiffness(joints=np.full(6, 1e6), terms=(term.to_file(),)))
     again, geometric = compile_terms(load_stiffness(file).terms, robot, tool, file)
     assert not geometric
     assert len(again) == 1

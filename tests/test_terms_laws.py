@@ -88,7 +88,7 @@ LAWS: dict[str, tuple[str, str, dict[str, Any]]] = {
 
 def elasticity(*terms: Term, weight: bool = True, k: np.ndarray = K, **more: Any) -> ArmElasticity:
     limits = CELL.limits.lower[:6], CELL.limits.upper[:6]
-    return ArmElasticity(ROBOT, TOOL, Stiffness(k, terms=terms, **more), limits, MASSES if weight else None)
+    return ArmElasticity(ROBOT, TOOL, Stiffness(joints=k, terms=terms, **more), limits, MASSES if weight else None)
 
 
 def postures(n: int = 6, seed: int = 0) -> np.ndarray:
@@ -234,7 +234,7 @@ def test_weight_decides_where_a_law_stands() -> None:
         assert bool(unknown.warnings) == depends, name
         assert all(effect in text and "counts as zero" in text for text in unknown.warnings)
     bare = replace(MASSES, body=MASSES.body[-1:], mass=MASSES.mass[-1:], com=MASSES.com[-1:])  # the tool alone
-    stiffness = Stiffness(K, terms=(Term(*LAWS["backlash"]),))
+    stiffness = Stiffness(joints=K, terms=(Term(*LAWS["backlash"]),))
     assert ArmElasticity(ROBOT, TOOL, stiffness, None, bare).warnings
 
 
@@ -274,9 +274,32 @@ def _readings() -> Readings:
     w = direction * np.tile(np.linspace(0.25, 1.0, n // 2), 2 * poses)[:, None]
     pose, cycle = np.repeat(np.arange(poses), n), np.repeat(np.arange(2 * poses), n // 2)
     rows, zero = np.arange(n * poses), np.zeros(n * poses, np.int64)
-    recording = Recording("deflection", "made up", q, pose, cycle, zero, rows, wrench=w, time=3600.0 * (rows + cycle))
+    recording = Recording(
+        kind="deflection",
+        source="made up",
+        q=q,
+        pose=pose,
+        cycle=cycle,
+        session=zero,
+        line=rows,
+        wrench=w,
+        time=3600.0 * (rows + cycle),
+    )
     state = ROBOT.state(q, TOOL, bodies=True)
-    return Readings(recording, ROBOT, TOOL, MASSES, state, w, 6, True, np.array(C), zero, pose, cycle)
+    return Readings(
+        recording=recording,
+        robot=ROBOT,
+        T_flange_tcp=TOOL,
+        masses=MASSES,
+        state=state,
+        wrench=w,
+        dimensions=6,
+        differences=True,
+        compliance=np.array(C),
+        session=zero,
+        visit=pose,
+        cycle=cycle,
+    )
 
 
 def _hypotheses(r: Readings) -> list[Hypothesis]:
@@ -307,7 +330,7 @@ def test_every_elastic_law_of_diagnose_is_a_term_and_predicts_what_it_fitted(tmp
         assert isinstance(term, Term), h.name
         assert term.location in vocabulary()[term.effect]
         file = tmp_path / "stiffness.yaml"
-        write_stiffness(file, Stiffness(np.array(K), terms=(term,)))
+        write_stiffness(file, Stiffness(joints=np.array(K), terms=(term,)))
         read = load_stiffness(file)
         model = ArmElasticity(ROBOT, TOOL, read, None, MASSES)
         more = model.at(r.state.q).respond(r.wrench) - elasticity().at(r.state.q).respond(r.wrench)
@@ -505,7 +528,7 @@ def test_a_batch_of_candidates_is_what_each_of_them_is_alone() -> None:
 def test_the_planner_knows_the_weight_of_the_cell() -> None:
     """Masses of the URDF and the tool: the same twist as with pinocchio's torques above, and no warning."""
     term, q, w = Term(*LAWS["backlash"]), postures(), wrenches(6)
-    cell = replace(CELL, stiffness=Stiffness(K, terms=(term,)))
+    cell = replace(CELL, stiffness=Stiffness(joints=K, terms=(term,)))
     model = prepare(cell, load_options(CELL.plan, None, ["collision=false"])).elasticity
     assert not model.warnings
     np.testing.assert_allclose(model.at(q).respond(w), elasticity(term).at(q).respond(w), rtol=1e-12)

@@ -42,6 +42,6 @@ def test_without_a_force_stiffness_colours_and_a_job_without_points_has_no_pictu
     assert picture_of(tmp_path / "nothing.csv", "a") is None
     job = {"job": "j", "toolpath": "a.csv", "cell": "c", "variant": "", "state": "done", "verdict": "done"}
     job |= {"folder": "jobs/j", "report": "jobs/j/report.html"}
-    with_it = batch_html(BatchData("0", True, (job,), pictures={"j": path}))
+    with_it = batch_html(BatchData(version="0", complete=True, jobs=(job,), pictures={"j": path}))
     assert '<a href="jobs/j/report.html#scene"><svg' in with_it
-    assert "#scene" not in batch_html(BatchData("0", True, (job,)))
+    assert "#scene" not in batch_html(BatchData(version="0", complete=True, jobs=(job,)))

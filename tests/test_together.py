@@ -40,7 +40,7 @@ def _groove(folder: Path, name: str, y: float, length: float) -> Path:
 def alone(tmp_path_factory: pytest.TempPathFactory) -> list[Plan]:
     """A long groove with a short tool, and a short one at the table's end with a long tool, each for itself."""
     folder = tmp_path_factory.mktemp("together")
-    cell = replace(small_cell(folder), stiffness=Stiffness(np.array([2.0, 2.0, 1.5, 0.5, 0.4, 0.3]) * 1e6))
+    cell = replace(small_cell(folder), stiffness=Stiffness(joints=np.array([2.0, 2.0, 1.5, 0.5, 0.4, 0.3]) * 1e6))
     far = cell.tool.T_flange_tcp.copy()
     far[:3, 3] += [0.15, 0.0, 0.2]
     cells = [cell, replace(cell, tool=replace(cell.tool, T_flange_tcp=far))]
@@ -118,7 +118,7 @@ def test_what_has_gaps_is_left_as_it_is(alone: list[Plan]) -> None:
 
 def test_a_break_of_a_stretch_names_where_the_stretch_begins_and_ends(alone: list[Plan]) -> None:
     change = np.zeros(6)
-    told = Break(np.nan, 3.0, "rapid_blocked", "no free way", "another pose")
+    told = Break(before=np.nan, after=3.0, code="rapid_blocked", text="no free way", help="another pose")
     assert told.where == "from home to point 3"
     assert shifted_break(told, Stretch(alone[0], 10, "b")).where == "from home to point 13"
     after = Stretch(replace(alone[0], begin=change), 10, "b")

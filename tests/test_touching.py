@@ -16,16 +16,16 @@ def body_of(mesh: trimesh.Trimesh) -> Body:
     v = np.array(mesh.vertices)
     low, high = v.min(0), v.max(0)
     return Body(
-        "b",
-        "link",
-        1,
-        v,
-        np.array(mesh.faces, np.int64),
-        np.eye(3),
-        (low + high) / 2,
-        (high - low) / 2,
-        np.zeros((1, 3)),
-        1.0,
+        name="b",
+        kind="link",
+        link=1,
+        vertices=v,
+        faces=np.array(mesh.faces, np.int64),
+        box_rotation=np.eye(3),
+        box_centre=(low + high) / 2,
+        box_half=(high - low) / 2,
+        sphere_centres=np.zeros((1, 3)),
+        sphere_radius=1.0,
     )
 
 

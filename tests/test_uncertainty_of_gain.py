@@ -80,7 +80,7 @@ def test_gradient_is_the_finite_difference_of_the_cost(index: Index, terms: tupl
     p = planned("kr500 force")
     rows = np.flatnonzero(p.path.counted)[::17]
     q, k = p.chosen.assignment.q[rows], p.setup.elasticity.stiffness.joints
-    elasticity = ArmElasticity(p.setup.robot, p.setup.arm.T_flange_tcp, Stiffness(k, terms=terms))
+    elasticity = ArmElasticity(p.setup.robot, p.setup.arm.T_flange_tcp, Stiffness(joints=k, terms=terms))
     g = cost_gradient(elasticity, p.directions, rows, q, index)
     for j in range(6):
         h = 1e-4 / k[j]  # central: 1e-8 of the value
@@ -96,7 +96,7 @@ def test_gradient_is_the_finite_difference_of_the_cost(index: Index, terms: tupl
 def test_a_point_on_a_face_takes_its_share_of_both_cells() -> None:
     k = np.array([[1.0, 2, 3, 4, 5, 6], [3.0, 3, 3, 2, 2, 2]]) * 1e5
     grid = StiffnessGrid(np.zeros(3), 1.0, (2, 1, 1), k, 0.1 * k)
-    stiffness = Stiffness(np.full(6, 7e5), grid=grid)
+    stiffness = Stiffness(joints=np.full(6, 7e5), grid=grid)
     position = np.array([[0.5, 0.5, 0.5], [1.0, 0.5, 0.5], [1.5, 0.5, 0.5], [5.0, 0, 0]])
     spread = Spread.of(stiffness, position)
     g = np.arange(1.0, 7)
@@ -108,7 +108,7 @@ def test_a_point_on_a_face_takes_its_share_of_both_cells() -> None:
             for sign in (1, -1):
                 moved = c.copy()
                 moved[n, j] += sign * h
-                other = Stiffness(stiffness.joints, grid=replace(grid, joints=1.0 / moved))
+                other = Stiffness(joints=stiffness.joints, grid=replace(grid, joints=1.0 / moved))
                 value.append(float(g @ (1.0 / joint_stiffness(other, position[1]).k)))
             found = spread.gradient(np.array([0.0, 1, 0, 0]), np.tile(g, (4, 1)))[n + 1, j]
             assert found == pytest.approx((value[0] - value[1]) / (2 * h), rel=1e-6)
@@ -129,7 +129,7 @@ def test_gain_scatters_as_drawn_stiffnesses_do(case: str) -> None:
     """2,000 correlated draws of the six compliances; both ways judged by the same draw."""
     p, share = planned(case), 0.05
     k = p.setup.elasticity.stiffness.joints
-    judged = with_stiffness(p, Stiffness(k, covariance(k, share)))
+    judged = with_stiffness(p, Stiffness(joints=k, covariance=covariance(k, share)))
     found = over(judged)
     assert found.mean == pytest.approx(gain_over_jiao(judged), rel=1e-9)
     rng = np.random.default_rng(3)
@@ -155,7 +155,7 @@ def test_a_common_factor_cancels_in_the_gain_and_not_in_the_deflection() -> None
     """All compliances wrong by the same 20 %: every deflection is, the gain is not."""
     p = planned("kr500 force")
     k = p.setup.elasticity.stiffness.joints
-    judged = with_stiffness(p, Stiffness(k, np.outer(0.2 / k, 0.2 / k)))
+    judged = with_stiffness(p, Stiffness(joints=k, covariance=np.outer(0.2 / k, 0.2 / k)))
     assert over(judged).std < 1e-6  # √ of rounding in Σ
     assert over(judged).distinguishable
     table = point_results(judged, read_toolpath(ROOT / "toolpaths" / "plain.csv")).table
@@ -171,14 +171,16 @@ def test_cells_of_a_grid_err_independently_and_as_a_whole() -> None:
     grid = load_stiffness(ROOT / "cells" / "kr500_milling" / "stiffness_two_grid.yaml").grid
     assert grid is not None
     stated = replace(grid, std=0.05 * grid.joints)
-    judged = with_stiffness(p, Stiffness(p.setup.elasticity.stiffness.joints, grid=stated))
+    judged = with_stiffness(p, Stiffness(joints=p.setup.elasticity.stiffness.joints, grid=stated))
     assert judged.directions.in_grid[p.path.counted].all()
     found, rng = over(judged), np.random.default_rng(5)
     w, rows = p.path.weight[p.path.counted], np.flatnonzero(p.path.counted)
     ratio = np.empty(1500)
     for n in range(len(ratio)):
         c = (1.0 + 0.05 * rng.normal(size=grid.joints.shape)) / grid.joints
-        other = with_k(judged, Stiffness(judged.setup.elasticity.stiffness.joints, grid=replace(grid, joints=1.0 / c)))
+        other = with_k(
+            judged, Stiffness(joints=judged.setup.elasticity.stiffness.joints, grid=replace(grid, joints=1.0 / c))
+        )
         mean = [
             w @ configuration_cost(judged.setup.elasticity, other, rows, s.assignment.q[rows], p.scores.index)
             for s in (p.chosen, p.jiao2022)
@@ -186,7 +188,7 @@ def test_cells_of_a_grid_err_independently_and_as_a_whole() -> None:
         ratio[n] = 1.0 - mean[0] / mean[1]
     assert found.std == pytest.approx(ratio.std(), rel=0.06)  # 1.8 % sampling, and second order
     moved = replace(stated, origin=stated.origin + np.array([0.0, 0.9, 0.0]))  # now part of the path lies outside
-    outside = with_stiffness(p, Stiffness(p.setup.elasticity.stiffness.joints, grid=moved))
+    outside = with_stiffness(p, Stiffness(joints=p.setup.elasticity.stiffness.joints, grid=moved))
     assert np.isnan(over(outside).std)
     assert over(outside).distinguishable
     table = point_results(outside, read_toolpath(ROOT / "toolpaths" / "plain.csv")).table
@@ -214,7 +216,7 @@ def test_without_a_covariance_nothing_is_made_up() -> None:
 def test_a_gain_below_its_uncertainty_is_said_to_be_none() -> None:
     p = planned("irb6700 holes")
     k = p.setup.elasticity.stiffness.joints
-    sure, unsure = (over(with_stiffness(p, Stiffness(k, covariance(k, s)))) for s in (0.01, 3.0))
+    sure, unsure = (over(with_stiffness(p, Stiffness(joints=k, covariance=covariance(k, s)))) for s in (0.01, 3.0))
     assert sure.distinguishable
     assert not unsure.distinguishable
     assert unsure.interval[0] < 0 < unsure.interval[1]
@@ -252,7 +254,9 @@ def test_ways_that_springs_may_be_off_change_the_cost_as_other_springs_do(index:
     p = planned("kr500 force")
     rows = np.flatnonzero(p.path.counted)[::29]
     q, k = p.chosen.assignment.q[rows], p.setup.elasticity.stiffness.joints
-    elasticity = ArmElasticity(p.setup.robot, p.setup.arm.T_flange_tcp, Stiffness(k, covariance(k, 0.1)))
+    elasticity = ArmElasticity(
+        p.setup.robot, p.setup.arm.T_flange_tcp, Stiffness(joints=k, covariance=covariance(k, 0.1))
+    )
     doubt = Doubt.of_springs(elasticity)
     assert doubt is not None
     changed = doubt.cost(elasticity, p.directions, rows, q, index)
@@ -269,7 +273,7 @@ def test_ways_that_springs_may_be_off_change_the_cost_as_other_springs_do(index:
         slope = (sides[0] - sides[1]) / (2 * h)
         np.testing.assert_allclose(changed[:, 1 + n], slope, rtol=1e-5, atol=1e-6 * np.abs(changed).max())
     assert (doubt.own(p.directions, rows, index) == 0.0).all()  # a covariance says nothing of single poses
-    assert Doubt.of_springs(replace_stiffness(elasticity, Stiffness(k))) is None
+    assert Doubt.of_springs(replace_stiffness(elasticity, Stiffness(joints=k))) is None
 
 
 def replace_stiffness(e: ArmElasticity, stiffness: Stiffness) -> ArmElasticity:
@@ -280,10 +284,10 @@ def test_how_sure_a_deflection_is_follows_the_file() -> None:
     """NaN without a covariance; with one that scales all springs alike, the same share of mean and of each point."""
     p = planned("kr500 force")
     k = p.setup.elasticity.stiffness.joints
-    mean, each = bends(with_stiffness(p, Stiffness(k)))
+    mean, each = bends(with_stiffness(p, Stiffness(joints=k)))
     assert np.isnan(mean)
     assert np.isnan(each).all()
-    judged = with_stiffness(p, Stiffness(k, np.outer(0.2 / k, 0.2 / k)))
+    judged = with_stiffness(p, Stiffness(joints=k, covariance=np.outer(0.2 / k, 0.2 / k)))
     mean, each = bends(judged)
     rows = p.path.counted
     assert mean == pytest.approx(0.2 * float(p.path.weight[rows] @ judged.chosen.cost[rows]), rel=1e-6)

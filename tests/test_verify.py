@@ -39,18 +39,18 @@ def toolpath() -> Toolpath:
     n = len(POINTS)
     feed = np.where(np.array(MOVES) == Move.RAPID, np.nan, FEED)
     return Toolpath(
-        POINTS.copy(),
-        np.tile([0, 0, 1.0], (n, 1)),
-        np.array(MOVES, np.int8),
-        feed,
-        np.zeros(n, np.int32),
-        (Operation("slot", "trajectory"),),
-        np.full((n, 3), np.nan),
-        np.full(n, np.nan),
-        np.arange(1, n + 1, dtype=np.int32),
-        "slot.csv",
-        "csv",
-        "",
+        position=POINTS.copy(),
+        axis=np.tile([0, 0, 1.0], (n, 1)),
+        move=np.array(MOVES, np.int8),
+        feed=feed,
+        operation=np.zeros(n, np.int32),
+        operations=(Operation("slot", "trajectory"),),
+        reference=np.full((n, 3), np.nan),
+        tolerance=np.full(n, np.nan),
+        line=np.arange(1, n + 1, dtype=np.int32),
+        source="slot.csv",
+        format="csv",
+        sha256="",
     )
 
 
@@ -311,19 +311,26 @@ def test_catches_contacts(cell: Cell, table: dict[str, list[object]], tmp_path: 
         assert names(result) in ({"contacts"}, {"contacts", "as asked: clearance_mm"}), result.failed
         return next(check.where for check in result.failed if check.name == "contacts")
 
-    clamp = Shape("clamp", "box", (0.03, 0.03, 0.06), None, pose(1.5, 0.0, 0.63))
+    clamp = Shape(name="clamp", kind="box", size=(0.03, 0.03, 0.06), mesh=None, T_parent_shape=pose(1.5, 0.0, 0.63))
     assert "clamp ~ cutter" in hits(replace(cell, obstacles=(*cell.obstacles, clamp)))
     boss = Shape(
-        "boss",
-        "box",
-        (0.02, 0.02, 0.08),
-        None,
-        pose(0.05, 0.05, 0.04),  # beside the cutter, under the spindle
+        name="boss",
+        kind="box",
+        size=(0.02, 0.02, 0.08),
+        mesh=None,
+        T_parent_shape=pose(0.05, 0.05, 0.04),  # beside the cutter, under the spindle
     )
     assert "boss ~ spindle" in hits(replace(cell, workpiece=replace(part, geometry=(*part.geometry, boss))))
-    wall = Shape("wall", "box", (0.02, 2.0, 2.0), None, pose(-0.5, 0.0, 1.5))  # behind: nothing moves there
+    wall = Shape(
+        name="wall", kind="box", size=(0.02, 2.0, 2.0), mesh=None, T_parent_shape=pose(-0.5, 0.0, 1.5)
+    )  # behind: nothing moves there
     assert verified(replace(cell, obstacles=(*cell.obstacles, wall)), table, tmp_path).ok
-    bulky = Tool(cell.tool.T_flange_tcp, geometry=(Shape("cabinet", "box", (0.1, 0.1, 1.4), None, pose(0.4, 0, -0.3)),))
+    bulky = Tool(
+        T_flange_tcp=cell.tool.T_flange_tcp,
+        geometry=(
+            Shape(name="cabinet", kind="box", size=(0.1, 0.1, 1.4), mesh=None, T_parent_shape=pose(0.4, 0, -0.3)),
+        ),
+    )
     assert "cabinet" in hits(replace(cell, tool=bulky))
 
     def rapid(t: dict[str, list[object]]) -> None:
@@ -359,7 +366,13 @@ def test_catches_a_contact_between_samples(cell: Cell, table: dict[str, list[obj
     place = np.eye(4)
     place[:3, :3] = np.column_stack([across[0], across[1], np.cross(across[0], across[1])])
     place[:3, 3] = 0.5 * (x[n] + x[n + 1])
-    sheet = Shape("sheet", "box", (0.004, 0.004, 0.0005), None, cell.workpiece.T_link_workpiece @ place)
+    sheet = Shape(
+        name="sheet",
+        kind="box",
+        size=(0.004, 0.004, 0.0005),
+        mesh=None,
+        T_parent_shape=cell.workpiece.T_link_workpiece @ place,
+    )
     pin = replace(cell.tool.cutter, diameter=0.002, length=0.003) if cell.tool.cutter else None
     slim = replace(cell, tool=replace(cell.tool, cutter=pin), obstacles=(sheet,))
     result = verified(slim, table, tmp_path)

@@ -141,8 +141,10 @@ def names(cell: Cell) -> set[frozenset[str]]:
 
 
 def test_pairs_are_what_joints_lie_between(tmp_path: Path) -> None:
-    post = Shape("post", "box", (0.1, 0.1, 1.0), None, pose(1.0, 3.4, 0.5))
-    clamp = Shape("clamp", "box", (0.05, 0.05, 0.05), None, pose(0.2, 0.1, 0.1), "plate")
+    post = Shape(name="post", kind="box", size=(0.1, 0.1, 1.0), mesh=None, T_parent_shape=pose(1.0, 3.4, 0.5))
+    clamp = Shape(
+        name="clamp", kind="box", size=(0.05, 0.05, 0.05), mesh=None, T_parent_shape=pose(0.2, 0.1, 0.1), link="plate"
+    )
     cell = replace(external_cell(tmp_path, rail=True, table=True), obstacles=(post, clamp))
     found = names(cell)
     for pair in (
@@ -168,9 +170,11 @@ def test_pairs_are_what_joints_lie_between(tmp_path: Path) -> None:
 
 def test_contacts_of_what_a_rail_and_a_table_move(tmp_path: Path) -> None:
     """The carriage runs through a post between two samples; a clamp on the table through another."""
-    post = Shape("post", "box", (0.02, 0.02, 1.0), None, pose(0.1, 1.0, -0.3))
-    clamp = Shape("clamp", "box", (0.05, 0.05, 0.3), None, pose(0.45, 0.0, 0.15), "plate")
-    stop = Shape("stop", "box", (0.02, 0.02, 0.2), None, pose(1.6, 0.45, 0.6))
+    post = Shape(name="post", kind="box", size=(0.02, 0.02, 1.0), mesh=None, T_parent_shape=pose(0.1, 1.0, -0.3))
+    clamp = Shape(
+        name="clamp", kind="box", size=(0.05, 0.05, 0.3), mesh=None, T_parent_shape=pose(0.45, 0.0, 0.15), link="plate"
+    )
+    stop = Shape(name="stop", kind="box", size=(0.02, 0.02, 0.2), mesh=None, T_parent_shape=pose(1.6, 0.45, 0.6))
     cell = replace(external_cell(tmp_path, rail=True, table=True), obstacles=(post, clamp, stop))
     arm = Arm(cell)
     wanted = pairs(cell, arm, all_bodies(cell, arm))

@@ -88,7 +88,10 @@ def test_what_a_cell_leaves_out_stands_in_the_verdict(tmp_path: Path) -> None:
 
 
 def test_a_check_that_could_not_run_stands_in_the_verdict() -> None:
-    checks = [Check("path", True, 0.0, 1.0, "mm", ""), Check("program a.src", None, 0.0, 0.0, "", "no reader")]
+    checks = [
+        Check(name="path", passed=True, value=0.0, limit=1.0, unit="mm", where=""),
+        Check(name="program a.src", passed=None, value=0.0, limit=0.0, unit="", where="no reader"),
+    ]
     assert scope.not_run(checks) == ("program a.src NOT checked",)
 
 
@@ -183,7 +186,11 @@ def test_an_infeasible_plan_leaves_no_program_and_verifies_as_such(
 def test_a_plan_that_does_not_hold_leaves_no_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*args: object, **options: object) -> Verification:
         found = verify_stints(*args, **options)  # type: ignore[arg-type]
-        return Verification((*found.checks, Check("weather", False, 1.0, 0.0, "drops", "above")), found.samples, 1.0)
+        return Verification(
+            (*found.checks, Check(name="weather", passed=False, value=1.0, limit=0.0, unit="drops", where="above")),
+            found.samples,
+            1.0,
+        )
 
     monkeypatch.setattr("machopt.recheck.folder.verify_stints", broken)
     toolpath = tmp_path / "pass.csv"

@@ -29,7 +29,9 @@ def body(shape: object, place: np.ndarray | None = None) -> Body:
 def mesh(folder: Path, made: trimesh.Trimesh) -> tuple[Shape, Body]:
     made.export(folder / "part.stl")
     loaded = coal.MeshLoader().load(str(folder / "part.stl"), np.ones(3))
-    return Shape("part", "mesh", (1.0,), folder / "part.stl", np.eye(4)), body(loaded)
+    return Shape(name="part", kind="mesh", size=(1.0,), mesh=folder / "part.stl", T_parent_shape=np.eye(4)), body(
+        loaded
+    )
 
 
 def at(x: float, y: float, z: float, tilt: float = 0.0) -> np.ndarray:

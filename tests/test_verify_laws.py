@@ -147,7 +147,7 @@ def test_every_term_of_a_stiffness_file_is_recomputed(cell: Cell, name: str) -> 
             )
         )
     )
-    stiffness = Stiffness(K, terms=terms)
+    stiffness = Stiffness(joints=K, terms=terms)
     robot, arm, q = load_robot(cell), Arm(cell), poses(cell)
     theirs = ArmElasticity(
         robot, cell.tool.T_flange_tcp, stiffness, (cell.limits.lower, cell.limits.upper), load_masses(cell)
@@ -169,7 +169,7 @@ def test_grid_and_uncertainty_are_recomputed(cell: Cell) -> None:
     joints = K * rng.uniform(0.8, 1.2, (8, 6))
     grid = StiffnessGrid(np.array([0.0, -2.0, -1.0]), 2.0, (2, 2, 2), joints, 0.05 * joints)
     A = rng.normal(size=(6, 6)) * 1e-8
-    stiffness = Stiffness(K, A @ A.T, grid)
+    stiffness = Stiffness(joints=K, covariance=A @ A.T, grid=grid)
     arm, q = Arm(cell), poses(cell, 20)
     position = rng.uniform(-1.5, 4.5, (20, 3))
     position[3] = [2.0, 0.0, 1.0]  # a corner of all eight
@@ -220,18 +220,18 @@ def some_path(kind: str) -> Toolpath:
         reference_direction[5:15] = [0.3, 0.5, 0.1]
     drilling = "point" if kind == "drilling" else "trajectory"
     return Toolpath(
-        position,
-        axis,
-        move,
-        np.where(move == Move.RAPID, np.nan, 0.02),
-        np.zeros(n, np.int32),
-        (Operation("a", drilling),),
-        reference_direction,
-        np.full(n, np.nan),
-        np.arange(1, n + 1, dtype=np.int32),
-        "p",  # type: ignore[arg-type]
-        "csv",
-        "",
+        position=position,
+        axis=axis,
+        move=move,
+        feed=np.where(move == Move.RAPID, np.nan, 0.02),
+        operation=np.zeros(n, np.int32),
+        operations=(Operation("a", drilling),),
+        reference=reference_direction,
+        tolerance=np.full(n, np.nan),
+        line=np.arange(1, n + 1, dtype=np.int32),
+        source="p",  # type: ignore[arg-type]
+        format="csv",
+        sha256="",
     )
 
 

@@ -51,10 +51,19 @@ def stiffness(*, counted: bool, geometric: bool = False) -> Stiffness:
             size[n] = 1e-9
     size[-1] = 0.7
     shift, modes = size * rng.uniform(-1, 1, len(size)), 0.2 * size * rng.normal(size=(5, len(size)))
-    found = Discrepancy(names, np.full(6, 400.0), shift, modes, 3e-4, 3e-5, local=1e-8, counted=counted)
+    found = Discrepancy(
+        parts=names,
+        torque=np.full(6, 400.0),
+        shift=shift,
+        modes=modes,
+        left=3e-4,
+        noise=3e-5,
+        local=1e-8,
+        counted=counted,
+    )
     own_terms = tuple(term for term, _ in TERMS)
     terms = (*own_terms, Term("geometric_stiffness", "arm", {})) if geometric else own_terms
-    return Stiffness(np.asarray(K), terms=terms, discrepancy=found)
+    return Stiffness(joints=np.asarray(K), terms=terms, discrepancy=found)
 
 
 @pytest.mark.parametrize(("counted", "geometric"), [(True, False), (False, False), (True, True)])
@@ -104,11 +113,18 @@ def test_what_a_term_itself_may_lack_is_the_same_by_both(tilted_cell: Cell, term
     cell, rng = tilted_cell, np.random.default_rng(0)
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
     limits = cell.limits.lower[:6], cell.limits.upper[:6]
-    own = ArmElasticity(robot, T, Stiffness(np.asarray(K), terms=(term,)), limits, load_masses(cell)).terms[0]
+    own = ArmElasticity(robot, T, Stiffness(joints=np.asarray(K), terms=(term,)), limits, load_masses(cell)).terms[0]
     size = np.r_[1e-7, 0.2 * np.abs(own.values), 1e-8]
     parts = ("joint 1", *(f"term 0 {p}" for p in range(len(own.values))), "tool rx")
-    found = Discrepancy(parts, np.full(6, 400.0), 0.3 * size, size * rng.normal(size=(3, len(size))), 3e-4, 3e-5)
-    stiffness = Stiffness(np.asarray(K), terms=(term,), discrepancy=found)
+    found = Discrepancy(
+        parts=parts,
+        torque=np.full(6, 400.0),
+        shift=0.3 * size,
+        modes=size * rng.normal(size=(3, len(size))),
+        left=3e-4,
+        noise=3e-5,
+    )
+    stiffness = Stiffness(joints=np.asarray(K), terms=(term,), discrepancy=found)
     elasticity = ArmElasticity(robot, T, stiffness, limits, load_masses(cell), counted=True)
     q, force = cell.home[:6] + rng.normal(0, 0.4, (20, 6)), rng.normal(0, 500, (20, 3))
     arm = Arm(cell)
@@ -124,6 +140,13 @@ def test_what_a_term_itself_may_lack_is_the_same_by_both(tilted_cell: Cell, term
 
 
 def test_a_part_without_a_term_is_said(tilted_cell: Cell) -> None:
-    lacks = Discrepancy(("term 4 0",), np.full(6, 400.0), np.array([0.1]), np.array([[0.1]]), 3e-4, 3e-5)
+    lacks = Discrepancy(
+        parts=("term 4 0",),
+        torque=np.full(6, 400.0),
+        shift=np.array([0.1]),
+        modes=np.array([[0.1]]),
+        left=3e-4,
+        noise=3e-5,
+    )
     with pytest.raises(UnknownTermError, match="term 4 0"):
         Elasticity(tilted_cell, Arm(tilted_cell), replace(stiffness(counted=True), terms=ALONE, discrepancy=lacks))

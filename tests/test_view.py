@@ -120,7 +120,9 @@ CURVE = "DATA.map.lines.find(l => l.name === 'chosen').y"
 
 def test_a_point_dragged_on_the_map_is_pinned_planned_and_saved(tmp_path: Path) -> None:
     request = job(tmp_path, "rotation_step_deg=10")
-    server = serve(Asked((request.cell, request.toolpath), request, tmp_path / "plan.yaml"), quiet, quiet)
+    server = serve(
+        Asked(places=(request.cell, request.toolpath), request=request, save=tmp_path / "plan.yaml"), quiet, quiet
+    )
     pinned: dict[str, float] = {}
 
     def user(browser: Browser) -> None:
@@ -174,11 +176,27 @@ def test_a_point_dragged_on_the_map_is_pinned_planned_and_saved(tmp_path: Path) 
 
 def test_cells_and_reports_are_served_by_themselves(tmp_path: Path) -> None:
     for places, part in (((CELLS / "cutting_cobot",), "The cell, the arm at home"),):
-        server = serve(Asked(places, OptimizeRequest(places[0], places[0], tmp_path), tmp_path / "p"), quiet, quiet)
+        server = serve(
+            Asked(
+                places=places,
+                request=OptimizeRequest(cell=places[0], toolpath=places[0], out=tmp_path),
+                save=tmp_path / "p",
+            ),
+            quiet,
+            quiet,
+        )
         server.close()
         assert part in server.html
     with pytest.raises(InputError, match="OUT CELL TOOLPATH would work"):
-        serve(Asked((CELLS,) * 4, OptimizeRequest(CELLS, CELLS, tmp_path), tmp_path / "p"), quiet, quiet)
+        serve(
+            Asked(
+                places=(CELLS,) * 4,
+                request=OptimizeRequest(cell=CELLS, toolpath=CELLS, out=tmp_path),
+                save=tmp_path / "p",
+            ),
+            quiet,
+            quiet,
+        )
 
 
 def test_the_command_ends_with_ctrl_c() -> None:

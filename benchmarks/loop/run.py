@@ -174,9 +174,9 @@ def measure(h: lab.Hidden, maker: Path, folder: Path, rng: np.random.Generator) 
     """Load tests by plan-poses, into folder/recording."""
     pull = lab.test_force(h.nominal)
     request = PosesRequest(
-        maker, folder / "poses", poses=POSES, loads=3, cycles=CYCLES, pull_N=(0.5 * pull, pull), candidates=400,
-        starts=1, floor_mm=-5000.0, ceiling_mm=9000.0, arms_mm=(0.0,), no_collision=True, target_percent=None,
-        max_nu_p=0.5, max_nu_r_deg=5.0,
+        cell=maker, out=folder / "poses", poses=POSES, loads=3, cycles=CYCLES, pull_N=(0.5 * pull, pull),
+        candidates=400, starts=1, floor_mm=-5000.0, ceiling_mm=9000.0, arms_mm=(0.0,), no_collision=True,
+        target_percent=None, max_nu_p=0.5, max_nu_r_deg=5.0,
     )  # fmt: skip
     tests = planned(request, silent).table
     assert tests is not None
@@ -196,11 +196,13 @@ def loops(kind: str, seed: int, jobs: tuple[str, ...], diagnose: bool, folder: P
         measure(h, maker, folder, rng)
 
     models: dict[str, Stiffness] = {}
-    ask = IdentifyRequest(maker, (folder / "recording",), folder / "identified", studies=False)
+    ask = IdentifyRequest(cell=maker, recordings=(folder / "recording",), out=folder / "identified", studies=False)
     models["identify"] = identified(ask, silent).identification.stiffness
     verdict = ""
     if diagnose:
-        found = diagnosed(DiagnoseRequest(maker, (folder / "recording",), folder / "diagnosed"), (), silent)
+        found = diagnosed(
+            DiagnoseRequest(cell=maker, recordings=(folder / "recording",), out=folder / "diagnosed"), (), silent
+        )
         verdict = (
             found.diagnosis.verdict + ": " + "; ".join(f"{f.effect} {f.location}" for f in found.diagnosis.findings)
         )

@@ -130,7 +130,7 @@ class Engine:
             if future.status == "finished":
                 ended = Ended(**future.result())
             elif future.status == "error":
-                ended = Ended("server", "", text=_words(future.exception()))
+                ended = Ended(how="server", folder="", text=_words(future.exception()))
             else:
                 raise _gone("the Dask scheduler is gone")
             future.release()

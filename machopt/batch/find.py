@@ -69,7 +69,7 @@ NO_TOOLPATHS = frozenset(
 _SLUG = 40  # letters of each part of a label
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Job:
     """One job: what it reads, what steers it, and its name."""
 
@@ -171,7 +171,17 @@ def _cell_beside(folder: Path) -> Path | None:
 
 
 def _plain(toolpath: Path, cell: Path | None) -> ListedJob:
-    return ListedJob(cell, toolpath, "", {}, {}, None, None, toolpath, "")
+    return ListedJob(
+        cell=cell,
+        toolpath=toolpath,
+        name="",
+        options={},
+        reading={},
+        time_limit=None,
+        memory_limit=None,
+        file=toolpath,
+        where="",
+    )
 
 
 def _job(item: ListedJob, base: Path, request: BatchRequest) -> Job:
@@ -199,17 +209,17 @@ def _job(item: ListedJob, base: Path, request: BatchRequest) -> Job:
     reading = {**{k: v for k, v in request.reading.items() if v is not None}, **item.reading}
     where = f"{item.file}: {item.where}" if item.where else str(item.file)
     return Job(
-        label,
-        cell,
-        toolpath,
-        shown,
-        variant or _short(item.options),
-        item.options,
-        reading,
-        item.time_limit,
-        item.memory_limit,
-        where,
-        item.posts or _posts(request),
+        label=label,
+        cell=cell,
+        toolpath=toolpath,
+        shown=shown,
+        variant=variant or _short(item.options),
+        options=item.options,
+        reading=reading,
+        time_limit=item.time_limit,
+        memory_limit=item.memory_limit,
+        where=where,
+        posts=item.posts or _posts(request),
     )
 
 

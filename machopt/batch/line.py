@@ -9,7 +9,7 @@ from typing import Any
 from machopt.batch.find import Job
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Line:
     """One job and what is known of it."""
 

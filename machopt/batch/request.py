@@ -11,7 +11,7 @@ from machopt.domain.results.batch import BatchResult
 TIME_LIMIT = 3600.0  # s
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class BatchRequest:
     """The options of ``machopt batch``."""
 
@@ -35,7 +35,7 @@ class BatchRequest:
     version: str | None = None  # what of the program goes into the hash of a job; None: its version and sources
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Progress:
     """How far a batch is; told once at the start and after every job."""
 

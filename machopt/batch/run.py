@@ -268,13 +268,22 @@ def _lines(store: Store, plans: Sequence[Ready | Refused], again: Collection[str
     for plan in plans:
         job = plan.job
         if isinstance(plan, Refused):
-            out.append(Line(job, "", "", "refused", _trouble(2, "refused", plan.reason)))
+            out.append(Line(job=job, key="", cell_name="", state="refused", row=_trouble(2, "refused", plan.reason)))
             continue
         record = None if job.label in again else store.finished(job.label, plan.key)
         if record is None:
-            out.append(Line(job, plan.key, plan.cell_name, "waiting", {}))
+            out.append(Line(job=job, key=plan.key, cell_name=plan.cell_name, state="waiting", row={}))
         else:
-            out.append(Line(job, plan.key, plan.cell_name, record.state, record.row.plain(), record.files))
+            out.append(
+                Line(
+                    job=job,
+                    key=plan.key,
+                    cell_name=plan.cell_name,
+                    state=record.state,
+                    row=record.row.plain(),
+                    files=record.files,
+                )
+            )
     return out
 
 
@@ -312,7 +321,9 @@ class _Clock:
 
     def now(self) -> Progress:
         elapsed = time.monotonic() - self._begin if self.done else 0.0
-        return Progress(self.total, self.kept, self.done, self.trouble, elapsed, self.last)
+        return Progress(
+            total=self.total, kept=self.kept, done=self.done, trouble=self.trouble, elapsed=elapsed, last=self.last
+        )
 
 
 def _name(job: Job) -> str:

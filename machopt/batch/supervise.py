@@ -36,7 +36,7 @@ ONE_THREAD = dict.fromkeys(
 )  # as many processes as cores are at work already
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Spec:
     """One job as it goes to a worker; plain values only."""
 
@@ -50,7 +50,7 @@ class Spec:
     memory_limit: int | None  # bytes
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Ended:
     """How a job ended."""
 
@@ -118,7 +118,7 @@ _STOPPED: set[str] = set()
 def _one(spec: Spec) -> Ended:
     folder = tempfile.mkdtemp(dir=spec.work, prefix=f"{spec.label}~")
     if spec.batch in _STOPPED:
-        return Ended("stopped", folder)
+        return Ended(how="stopped", folder=folder)
     server = _take(spec)
     try:
         ended = server.run(spec, folder)
@@ -128,7 +128,7 @@ def _one(spec: Spec) -> Ended:
                 _IDLE.append(server)
         else:
             server.close()
-    return Ended("stopped", folder) if spec.batch in _STOPPED else ended
+    return Ended(how="stopped", folder=folder) if spec.batch in _STOPPED else ended
 
 
 def _take(spec: Spec) -> Server:
@@ -171,22 +171,34 @@ class Server:
     def run(self, spec: Spec, folder: str) -> Ended:
         """Do one job, within its limits."""
         if not self._ready and not self._wait_ready():
-            return Ended("server", folder, text=self._last_words())
+            return Ended(how="server", folder=folder, text=self._last_words())
         if not self._send(json.dumps({"job": spec.job, "folder": folder})):
-            return Ended("server", folder, text=self._last_words())
+            return Ended(how="server", folder=folder, text=self._last_words())
         started = self._answer(WARM_LIMIT)
         if started is None:
-            return Ended("server", folder, text=self._last_words())
+            return Ended(how="server", folder=folder, text=self._last_words())
         begin = time.monotonic()
         broken, status, peak = self._watch(spec, int(started["pid"]), begin)
         wall = time.monotonic() - begin
         if status is None:
-            return Ended(broken or "server", folder, text=self._last_words(), wall=wall, peak=peak, worker=_here())
+            return Ended(
+                how=broken or "server", folder=folder, text=self._last_words(), wall=wall, peak=peak, worker=_here()
+            )
         code = os.waitstatus_to_exitcode(status["status"]) if self._forks else status["status"]
         outcome = _outcome(Path(folder))
         how: How = broken or ("ended" if code == 0 and outcome is not None else "crashed")
         peak = max(peak, 1024 * int(status.get("peak_KiB", 0)))
-        return Ended(how, folder, code, outcome, "", wall, float(status.get("cpu_s", 0.0)), peak, _here())
+        return Ended(
+            how=how,
+            folder=folder,
+            code=code,
+            outcome=outcome,
+            text="",
+            wall=wall,
+            cpu=float(status.get("cpu_s", 0.0)),
+            peak=peak,
+            worker=_here(),
+        )
 
     def close(self) -> None:
         """End the server; the job it runs ends with it."""

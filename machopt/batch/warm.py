@@ -72,7 +72,9 @@ def tiny_job(folder: Path) -> int:
     with one_at_a_time():
         _general_arm(cell)
         (cell / "robot.urdf").write_text(_urdf(), encoding="utf-8")
-        return optimize(OptimizeRequest(cell, folder / "path.csv", folder / "out", posts=("krl",))).exit_code
+        return optimize(
+            OptimizeRequest(cell=cell, toolpath=folder / "path.csv", out=folder / "out", posts=("krl",))
+        ).exit_code
 
 
 def _general_arm(cell: Path) -> None:

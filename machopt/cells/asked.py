@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class InitRequest:
     """The options of ``machopt init``; mm, degrees, kg, N·m/rad."""
 

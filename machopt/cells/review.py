@@ -32,7 +32,7 @@ from machopt.workspace.postures import place_turns
 _SIDEWAYS = 0.2  # of its distance beside the flange that a TCP stands out of it, where the tool is turned by mistake
 _BEYOND = 1e-3  # m that a tool's body may stand beyond the tip along the cutting direction
 _LOOSE = 0.02  # m between the shank's end and the nearest body of the tool
-_ANY = Stiffness(np.full(6, 1e6))  # to look further where the cell has none; no finding rests on it
+_ANY = Stiffness(joints=np.full(6, 1e6))  # to look further where the cell has none; no finding rests on it
 _NO_STIFFNESS = (
     "the cell names no stiffness file, and the plan rests on it; `stiffness: stiffness.yaml` with six numbers in "
     "N·m/rad would work (machopt identify writes it, machopt init an estimate)"

@@ -225,7 +225,9 @@ def failed(result: OptimizeResult) -> str:
 def _checked(c: CheckTold) -> Check:
     from machopt.verify import Check
 
-    return Check(c.name, c.passed, _nan(c.value), _nan(c.limit), c.unit, c.where, file=c.file)
+    return Check(
+        name=c.name, passed=c.passed, value=_nan(c.value), limit=_nan(c.limit), unit=c.unit, where=c.where, file=c.file
+    )
 
 
 def _nan(value: float | None) -> float:

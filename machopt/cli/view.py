@@ -60,7 +60,14 @@ def _view(args: argparse.Namespace) -> int:
         allow_external=args.allow_external,
         effects=tuple(args.effects),
     )
-    asked = Asked(tuple(args.places), request, args.save, _words(args), args.port, args.as_it_is)
+    asked = Asked(
+        places=tuple(args.places),
+        request=request,
+        save=args.save,
+        words=_words(args),
+        port=args.port,
+        as_it_is=args.as_it_is,
+    )
     told_of_effects(args)
     with in_use(with_effects(request.effects)):
         show = not (args.quiet or args.json)

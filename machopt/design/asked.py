@@ -30,7 +30,7 @@ MOST_CASES = 1_500_000  # pose × load pairs that fit in memory with their respo
 MOST_POSES, MOST_LOADS, MOST_CYCLES, MOST_STARTS = 100, 12, 50, 50  # beyond these a plan takes hours, to no end
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PosesRequest:
     """One run; lengths in mm, angles in degrees, as typed."""
 
@@ -176,7 +176,14 @@ def noise_of(request: PosesRequest) -> ReadingNoise:
     r = request
     sigma = SENSORS[r.sensor] if r.displacement_mm is None else r.displacement_mm
     targets = r.targets_mm / 1e3 if r.sensor == "tracker3" else None
-    return ReadingNoise(sigma / 1e3, r.cycle_mm / 1e3, r.pose_mm / 1e3, r.force_percent / 100, targets, r.cycles)
+    return ReadingNoise(
+        displacement=sigma / 1e3,
+        cycle=r.cycle_mm / 1e3,
+        pose=r.pose_mm / 1e3,
+        force=r.force_percent / 100,
+        targets=targets,
+        cycles=r.cycles,
+    )
 
 
 def pose_criteria(request: PosesRequest) -> PoseCriteria:
@@ -185,14 +192,14 @@ def pose_criteria(request: PosesRequest) -> PoseCriteria:
     box = None if r.box_mm is None else np.array(r.box_mm).reshape(2, 3) / 1e3
     tracker = None if r.tracker_mm is None else np.array(r.tracker_mm) / 1e3
     return PoseCriteria(
-        r.min_kci,
-        np.radians(r.limit_margin_deg),
-        r.floor_mm / 1e3,
-        r.ceiling_mm / 1e3,
-        box,
-        tracker,
-        r.tracker_range_mm / 1e3,
-        np.radians(r.tracker_angle_deg),
+        kci=r.min_kci,
+        limit_margin=np.radians(r.limit_margin_deg),
+        floor=r.floor_mm / 1e3,
+        ceiling=r.ceiling_mm / 1e3,
+        box=box,
+        tracker=tracker,
+        tracker_range=r.tracker_range_mm / 1e3,
+        tracker_angle=np.radians(r.tracker_angle_deg),
     )
 
 
@@ -200,12 +207,12 @@ def load_criteria(request: PosesRequest, noise: ReadingNoise) -> LoadCriteria:
     """What a load must satisfy, in SI; with a prior that may be wrong, for the softest and the stiffest arm."""
     r = request
     return LoadCriteria(
-        r.min_signal * noise.reading * r.prior_factor,
-        r.max_deflection_mm / 1e3 / r.prior_factor,
-        np.inf if r.max_load_N is None else r.max_load_N,
-        None if r.max_torque_Nm is None else np.array(r.max_torque_Nm),
-        r.max_nu_p,
-        np.radians(r.max_nu_r_deg),
+        least_deflection=r.min_signal * noise.reading * r.prior_factor,
+        most_deflection=r.max_deflection_mm / 1e3 / r.prior_factor,
+        most_load=np.inf if r.max_load_N is None else r.max_load_N,
+        most_torque=None if r.max_torque_Nm is None else np.array(r.max_torque_Nm),
+        nu_p=r.max_nu_p,
+        nu_r=np.radians(r.max_nu_r_deg),
     )
 
 
@@ -213,7 +220,15 @@ def plan_size(request: PosesRequest) -> PlanSize:
     """How much is to be planned."""
     r = request
     target = None if r.target_percent is None else r.target_percent / 100
-    return PlanSize(r.poses, r.loads, r.candidates, target, r.prior_factor, r.starts, r.seed)
+    return PlanSize(
+        poses=r.poses,
+        loads=r.loads,
+        candidates=r.candidates,
+        target=target,
+        belief=r.prior_factor,
+        starts=r.starts,
+        seed=r.seed,
+    )
 
 
 def ways_of(request: PosesRequest, cell: Cell) -> tuple[tuple[LoadWay, ...], tuple[str, ...]]:
@@ -259,7 +274,7 @@ def prior_of(request: PosesRequest, cell: Cell) -> Stiffness:
     """
     if request.prior_Nm_per_rad is not None:
         joints = np.array(request.prior_Nm_per_rad)
-        return Stiffness(joints) if cell.stiffness is None else replace(cell.stiffness, joints=joints, grid=None)
+        return Stiffness(joints=joints) if cell.stiffness is None else replace(cell.stiffness, joints=joints, grid=None)
     if cell.stiffness is None:
         raise InputError(
             "the cell has no stiffness, and loads cannot be judged without a rough one; --prior with six values in "

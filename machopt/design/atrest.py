@@ -21,7 +21,14 @@ NO_LOAD = "nothing hangs on the arm"
 
 def weights_of(offered: bool, ways: Sequence[LoadWay]) -> tuple[LoadWay, ...]:
     """No load, then the weights among the ways, hung at the TCP, where weights were offered."""
-    none = LoadWay("weight", np.array([0.0, 0.0, -1.0]), None, np.zeros(3), (0.0,), NO_LOAD)
+    none = LoadWay(
+        kind="weight",
+        direction=np.array([0.0, 0.0, -1.0]),
+        anchor=None,
+        arm=np.zeros(3),
+        magnitudes=(0.0,),
+        words=NO_LOAD,
+    )
     hung = tuple(w for w in ways if w.kind == "weight" and not w.arm.any()) if offered else ()
     return (none, *hung)
 
@@ -47,16 +54,16 @@ def cases_at_rest(
     P, zero = len(pool), np.zeros(len(pool))
     six = np.zeros((P, 6))
     bare = LoadCases(
-        np.arange(P),
-        np.zeros(P, np.int64),
-        zero,
-        six,
-        pool.T_base_tcp[:, :3, 3],
-        six,
-        np.zeros((P, noise.dimensions, 6)),
-        zero,
-        zero,
-        {},
+        pose=np.arange(P),
+        way=np.zeros(P, np.int64),
+        magnitude=zero,
+        wrench=six,
+        point=pool.T_base_tcp[:, :3, 3],
+        twist=six,
+        response=np.zeros((P, noise.dimensions, 6)),
+        nu_p=zero,
+        nu_r=zero,
+        rejected={},
     )
     parts = [bare]
     if len(ways) > 1 and P:
@@ -71,14 +78,14 @@ def cases_at_rest(
     tau = gravity_torque(prior.robot, masses, pool.state)[0]
     weight = (pool.state.J * tau[:, None, :])[:, : noise.dimensions]
     return LoadCases(
-        both("pose"),
-        both("way"),
-        both("magnitude"),
-        both("wrench"),
-        both("point"),
-        both("twist"),
-        both("response") + weight[pose[order]],
-        both("nu_p"),
-        both("nu_r"),
-        parts[-1].rejected,
+        pose=both("pose"),
+        way=both("way"),
+        magnitude=both("magnitude"),
+        wrench=both("wrench"),
+        point=both("point"),
+        twist=both("twist"),
+        response=both("response") + weight[pose[order]],
+        nu_p=both("nu_p"),
+        nu_r=both("nu_r"),
+        rejected=parts[-1].rejected,
     )

@@ -21,7 +21,7 @@ FULL_TURN = 2.0 * np.pi
 AT_FLANGE = 1e-3  # m; a TCP nearer to the flange has no direction towards it
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PoseCriteria:
     """What a pose must satisfy, whatever the load."""
 
@@ -69,7 +69,7 @@ REASONS = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PoseScreen:
     """Robot and cell as far as the choice of poses needs them."""
 

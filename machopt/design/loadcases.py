@@ -25,7 +25,7 @@ REASONS = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LoadCriteria:
     """What a load must satisfy at a pose."""
 
@@ -37,7 +37,7 @@ class LoadCriteria:
     nu_r: float = np.inf  # rad of rotation that K_C changes (eq. 15)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LoadCases:
     """N admissible readings, sorted by pose; of each way of loading a pose, the largest admissible magnitude."""
 
@@ -85,20 +85,20 @@ def load_cases(
         return np.asarray(np.stack([getattr(p, name) for p in parts], axis=1)[ok])
 
     return LoadCases(
-        pose,
-        way,
-        pick("magnitude"),
-        pick("wrench"),
-        pick("point"),
-        pick("twist"),
-        pick("response"),
-        pick("nu_p"),
-        pick("nu_r"),
-        {reason: int(n) for reason, n in zip(REASONS, rejected, strict=True) if n},
+        pose=pose,
+        way=way,
+        magnitude=pick("magnitude"),
+        wrench=pick("wrench"),
+        point=pick("point"),
+        twist=pick("twist"),
+        response=pick("response"),
+        nu_p=pick("nu_p"),
+        nu_r=pick("nu_r"),
+        rejected={reason: int(n) for reason, n in zip(REASONS, rejected, strict=True) if n},
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Way:
     """One way of loading at all poses."""
 
@@ -160,7 +160,17 @@ def _one_way(
     parts = [J * np.einsum("pci,pc->pi", J, wrench)[:, None, :], *(t.response(pool.state, wrench) for t in terms)]
     response = np.concatenate(parts, axis=-1)[:, :dimensions]
     counts = np.bincount(reason[reason >= 0], minlength=len(REASONS))
-    return _Way(reason < 0, counts, magnitude, wrench, point, twist, response, nu_p, nu_r)
+    return _Way(
+        ok=reason < 0,
+        rejected=counts,
+        magnitude=magnitude,
+        wrench=wrench,
+        point=point,
+        twist=twist,
+        response=response,
+        nu_p=nu_p,
+        nu_r=nu_r,
+    )
 
 
 def _over(limit: float | Array, value: Array) -> Array:

@@ -22,7 +22,7 @@ SHORTEST_ROPE = 0.2  # m between the load's point and its anchor: hook, sensor a
 AXES = ("+x", "−x", "+y", "−y")  # where an arm points, in TCP axes
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LoadWay:
     """One way to load the robot, without its magnitude."""
 
@@ -67,17 +67,42 @@ def load_ways(
     for at, place in points:
         if weights:
             newtons = tuple(sorted({float(m) * GRAVITY for m in weights}))
-            out.append(LoadWay("weight", -R_base_world[:, 2], None, at, newtons, f"hanging {place}"))
+            out.append(
+                LoadWay(
+                    kind="weight",
+                    direction=-R_base_world[:, 2],
+                    anchor=None,
+                    arm=at,
+                    magnitudes=newtons,
+                    words=f"hanging {place}",
+                )
+            )
         if not pulls:
             continue
         sizes = tuple(sorted({float(p) for p in pulls}))
         for n, anchor in enumerate(anchors, start=1):
-            out.append(LoadWay("rope", None, anchor, at, sizes, f"rope to anchor {n} {place}"))
+            out.append(
+                LoadWay(
+                    kind="rope",
+                    direction=None,
+                    anchor=anchor,
+                    arm=at,
+                    magnitudes=sizes,
+                    words=f"rope to anchor {n} {place}",
+                )
+            )
         for n in range(0 if len(anchors) else azimuths):
             angle = 2.0 * np.pi * n / azimuths
             direction = R_base_world @ np.array([np.cos(angle), np.sin(angle), 0.0])
             out.append(
-                LoadWay("pull", direction, None, at, sizes, f"horizontal pull at {np.degrees(angle):.4g} deg {place}")
+                LoadWay(
+                    kind="pull",
+                    direction=direction,
+                    anchor=None,
+                    arm=at,
+                    magnitudes=sizes,
+                    words=f"horizontal pull at {np.degrees(angle):.4g} deg {place}",
+                )
             )
     return tuple(out)
 

@@ -17,7 +17,7 @@ from machopt.arrays import Array
 UNLOADED_TWICE = 1.5  # variance of (loaded − mean of two unloaded readings), in variances of one
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ReadingNoise:
     """Standard uncertainties of a displacement reading."""
 

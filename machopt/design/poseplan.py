@@ -34,7 +34,7 @@ MOST_POSES = 120  # asked for a target accuracy
 QUICK = 2  # rounds of exchange for the designs of other sizes
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PlanSize:
     """What is to be planned."""
 
@@ -57,7 +57,7 @@ class Unknowns:
     relative: Bools  # (P,) True: scale is the prior value, so a sigma is a share of it
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Comparison:
     """A heuristic beside the design: the same loads, the same number of readings, median over random draws."""
 
@@ -70,7 +70,7 @@ class Comparison:
     curve: tuple[float, ...]  # rms at the numbers of poses of the plan's curve
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PosePlan:
     """A measurement plan."""
 
@@ -188,18 +188,18 @@ def plan_poses(
         beside.append(_compare(chooser, own, cube_cases, found, judged, design, size.loads, numbers, rng))
     visits = schedule(design.blocks, noise.cycles, rng)
     return PosePlan(
-        unknowns,
-        cases,
-        design,
-        found,
-        judged,
-        believed,
-        bound,
-        tuple(c for c in beside if c is not None),
-        numbers,
-        curve,
-        needed,
-        visits,
+        unknowns=unknowns,
+        cases=cases,
+        design=design,
+        found=found,
+        judged=judged,
+        believed=believed,
+        bound=bound,
+        comparisons=tuple(c for c in beside if c is not None),
+        curve_poses=numbers,
+        curve=curve,
+        needed=needed,
+        visits=visits,
     )
 
 
@@ -256,11 +256,11 @@ def _compare(
     efficiencies = np.array([efficiency(a, best) for a in at])
     sigma = np.quantile(np.array([a.sigma for a in at]), 0.5, axis=0, method="nearest")
     return Comparison(
-        chooser.name,
-        available,
-        (low, middle, high),
-        sigma,
-        tuple(float(e) for e in np.median(efficiencies, axis=0)),  # type: ignore[arg-type]
-        (middle / best.rms(judged)) ** 2,
-        curve,
+        name=chooser.name,
+        poses=available,
+        rms=(low, middle, high),
+        sigma=sigma,
+        efficiency=tuple(float(e) for e in np.median(efficiencies, axis=0)),  # type: ignore[arg-type]
+        readings=(middle / best.rms(judged)) ** 2,
+        curve=curve,
     )

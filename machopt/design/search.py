@@ -251,12 +251,12 @@ class _Search:
         pick = np.maximum(slots, 0)
         states = [
             _Growth(
-                m.response[pick],
-                m.covariance[pick],
-                np.broadcast_to(_inverse(M), (K, *M.shape)),
-                np.broadcast_to(self.problem.shared, (K, D, D)),
-                np.zeros((K, D, M.shape[0])),
-                m.weight,
+                A=m.response[pick],
+                S=m.covariance[pick],
+                C=np.broadcast_to(_inverse(M), (K, *M.shape)),
+                W=np.broadcast_to(self.problem.shared, (K, D, D)),
+                H=np.zeros((K, D, M.shape[0])),
+                weight=m.weight,
             )
             for m, M in zip(self.problem.models, Ms, strict=True)
         ]
@@ -294,7 +294,7 @@ class _Search:
         return _weighted(self.problem, self._sum(parts))
 
 
-@dataclass
+@dataclass(kw_only=True)
 class _Growth:
     """One model's readings at K poses while loads are added."""
 

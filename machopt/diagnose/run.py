@@ -105,7 +105,7 @@ def at_rest(
     notes: tuple[str, ...] = ()
 
     def load_tests(terms: tuple[Term, ...]) -> tuple[Diagnosis, Problem]:
-        known = None if cell.stiffness is None else Stiffness(cell.stiffness.joints, terms=terms)
+        known = None if cell.stiffness is None else Stiffness(joints=cell.stiffness.joints, terms=terms)
         return _load_tests(
             seed, recording, robot, T, masses, laws, known, copies, options, stated=held.geometric(cell.stiffness)
         )
@@ -176,7 +176,7 @@ def _load_tests(
         r = deflection.readings_of(recording, tests, robot, T, masses, 1.0 / known.joints, memo)
         lived, settled = at_joint.lived_through(r, known.terms)
         whole = ArmElasticity(robot, T, replace(known, terms=settled), masses=masses).at(recording.q)
-        springs = ArmElasticity(robot, T, Stiffness(known.joints)).at(recording.q)
+        springs = ArmElasticity(robot, T, Stiffness(joints=known.joints)).at(recording.q)
         terms = lived + whole.respond(tests.wrench) - springs.respond(tests.wrench)
 
     def build(compliance: Array | None) -> tuple[Problem, Catalogue]:

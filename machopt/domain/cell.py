@@ -15,7 +15,7 @@ from machopt.domain.program import Controller
 from machopt.domain.stiffness import Stiffness
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Shape:
     """One collision body, placed in its parent frame (flange for the tool, workpiece, or ``link``)."""
 
@@ -39,7 +39,7 @@ class Cutter:
     corner: float = 0.0  # m, radius of the corner: 0 is an end mill, half the diameter a ball
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Tool:
     T_flange_tcp: Array  # (4, 4)
     mass: float = 0.0  # kg
@@ -88,7 +88,7 @@ class MayTouch:
     source: str  # where it stands, for readers
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Cell:
     """A robot cell as cell.yaml describes it; positions and angles in SI."""
 

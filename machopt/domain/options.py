@@ -18,7 +18,7 @@ class FixedRotation:
     gamma: float  # rad
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Steer:
     """What the user decided about some places; :mod:`machopt.domain.steering` says which these are."""
 
@@ -53,7 +53,7 @@ class ProcessForce:
         return any((self.travel, self.normal, self.axial))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Weights:
     """Weights of the objective; all terms are made dimensionless first (see plan/objective.py)."""
 
@@ -68,7 +68,7 @@ class Weights:
 ExternalMode = Literal["locked", "operation", "moving"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ExternalAxis:
     """How one external joint is used."""
 
@@ -93,7 +93,7 @@ class ExternalAxis:
         return self.mode != "locked" or any(mode != "locked" for _, mode in self.operations)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PlanOptions:
     """Everything that steers one plan."""
 

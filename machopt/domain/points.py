@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PointsTable:
     """One row a toolpath point, in SI; NaN where a value does not exist, −1 where no branch was chosen."""
 

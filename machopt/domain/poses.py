@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from machopt.arrays import Array, Ints
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PosesTable:
     """One row a load cycle (unloaded, loaded, unloaded), in the order of work; SI, base_link axes."""
 

@@ -50,7 +50,7 @@ class ExternalAxis:
     carries_part: bool  # a positioner; else it carries the robot's base (rail, gantry)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ExternalDrive:
     """How a controller counts one external joint: sign · value + offset, in mm or degrees."""
 
@@ -62,7 +62,7 @@ class ExternalDrive:
     pulses: float | None = None  # per mm or deg, Yaskawa
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Controller:
     """What a post must know of the robot's controller; everything optional, and what is missing is told."""
 
@@ -81,7 +81,7 @@ class Controller:
     lines: Mapping[str, str] = field(default_factory=dict)  # program lines by event, keys EVENT_LINES
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RobotProgram:
     """M moves in order, SI, joints as the URDF counts them.
 

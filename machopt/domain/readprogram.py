@@ -11,7 +11,7 @@ from machopt.arrays import Array
 from machopt.domain.toolpath import Event
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ReadProgram:
     """M moves in the order the controller carries them out, SI, joints as the URDF counts them.
 

@@ -18,7 +18,7 @@ Kind = Literal["deflection", "absolute", "motion"]
 Axes = Literal["base", "tool"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class StandardUncertainty:
     """1 sigma as the recording states it; None where it does not."""
 
@@ -39,7 +39,7 @@ class Target:
     place: tuple[float, float, float]  # m in flange, by the drawing
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Recording:
     """N readings. A channel that the file does not have is None."""
 

@@ -45,7 +45,7 @@ class Term:
     parameters: Mapping[str, Any] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Discrepancy:
     """How far a model may be from the arm, in coefficients that :mod:`machopt.model.suspects` names; SI units.
 
@@ -115,7 +115,7 @@ class PositionError:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ExternalSpring:
     """An external joint that gives way, and the body that it moves: a rail's carriage, a positioner's table.
 
@@ -142,7 +142,7 @@ class ExternalSpring:
         return bool(np.isfinite(self.stiffness) or self.compliance.any())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Stiffness:
     """Stiffness of the arm, and of what moves its base or the part.
 

@@ -11,7 +11,7 @@ from machopt.domain.steering import steered
 from machopt.domain.toolpath import Toolpath
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Stint:
     """A stretch of a toolpath with one tool on; a job with one tool is one stint.
 

@@ -62,7 +62,7 @@ class IgnoredWord:
     understood: bool  # True: known and without effect on motion; False: not understood
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Toolpath:
     """Points of the tool tip with tool axis, in ``workpiece``; N rows in source order, none merged or dropped.
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Trajectory:
     """Uniformly sampled joint motion from home through the toolpath and back home."""
 

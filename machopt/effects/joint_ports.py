@@ -28,7 +28,7 @@ class Drive:
     first: Ints | None = None  # (K,) 1: nothing before this state counts. None: each state stands by itself, for long
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Scale:
     """How much a recording or a plan asks of one joint: what shares and sizes are of."""
 
@@ -208,7 +208,7 @@ class Beside(Named, Protocol):
         ...
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Rubbing:
     """How a joint moves in K samples, as its friction feels it; of a slide m for rad and N for N·m."""
 

@@ -121,7 +121,7 @@ class RecordLaw(Named, Protocol):
         ...
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Warming:
     """What heat may follow in N readings, and which way it moves the TCP."""
 
@@ -193,7 +193,7 @@ class CarriedLaw(Stated, Protocol):
         ...
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Delayed:
     """N samples of a channel as they would be had something come late."""
 

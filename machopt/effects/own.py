@@ -211,7 +211,7 @@ def _try(e: Effect, law: Any, source: str) -> None:
     drive = Drive(load, np.array([-0.5, 0.1, 0.7]), np.array([60.0, 1.0, 1.0]), np.array([1, 0, 0]))
     name = f"{e.name}: law {getattr(law, 'name', type(law).__name__)!r}"
     try:
-        grid = law.grid(Scale(800.0, 1e-6, -1.0, 1.0, 60.0))
+        grid = law.grid(Scale(reach=800.0, compliance=1e-6, low=-1.0, high=1.0, lasting=60.0))
         count = len(law.coefficients)
         answers = [
             (what, np.asarray(getattr(law, what)(np.array(shape, float), drive), float))

@@ -20,7 +20,7 @@ from machopt.estimate.experiment import Experiment
 LEAST_REPLICATES = 5  # degrees of freedom (readings beyond the first of their group) that show a component at all
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Clusters:
     """Which readings share an error: cycle inside visit inside pose, all numbered from 0."""
 
@@ -87,13 +87,13 @@ def clusters(experiment: Experiment) -> Clusters:
     order = np.argsort(pose, kind="stable")
     starts = np.searchsorted(pose[order], np.arange(pose.max() + 2))
     return Clusters(
-        cycle.astype(np.int64),
-        visit_of_cycle.astype(np.int64),
-        pose_of_visit.astype(np.int64),
-        order,
-        starts.astype(np.int64),
-        has_cycle,
-        has_visit,
+        cycle=cycle.astype(np.int64),
+        visit_of_cycle=visit_of_cycle.astype(np.int64),
+        pose_of_visit=pose_of_visit.astype(np.int64),
+        order=order,
+        starts=starts.astype(np.int64),
+        has_cycle=has_cycle,
+        has_visit=has_visit,
     )
 
 
@@ -106,7 +106,7 @@ class Components:
     visit: float = 0.0  # ρ_visit
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Sums:
     """What a channel's equations come to per cycle and pose for s² = 1; enough for every choice of components."""
 
@@ -155,7 +155,13 @@ def sums(clusters: Clusters, Q: Array, A: Array, y: Array, count: float) -> Sums
         AQy[g] = flat.T @ Qy[rows].reshape(-1)
     group = clusters.by_cycle
     return Sums(
-        _summed(group, Q), _summed(group, QA), _summed(group, Qy), AQA, AQy, float(np.einsum("ni,ni->", y, Qy)), count
+        S=_summed(group, Q),
+        B=_summed(group, QA),
+        r=_summed(group, Qy),
+        AQA=AQA,
+        AQy=AQy,
+        quadratic=float(np.einsum("ni,ni->", y, Qy)),
+        count=count,
     )
 
 

@@ -20,7 +20,7 @@ from machopt.model.robot import ArmState, Robot
 from machopt.model.terms import LinearTerm
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Experiment:
     """N load tests; D = 3 (translations) or 6 (with rotations)."""
 
@@ -124,20 +124,20 @@ def experiment(recording: Recording, robot: Robot, T_flange_tcp: Array) -> Exper
         np.stack([recording.session, recording.pose, recording.cycle], axis=1), axis=0, return_inverse=True
     )
     return Experiment(
-        recording.source,
-        state,
-        state.T_base_tool,
-        wrench,
-        measured,
-        recording.pose,
-        cycle.reshape(-1).astype(np.int64),
-        recording.session,
-        recording.line,
-        recording.uncertainty,
-        recording.files,
-        recording.file,
-        (recording.wrench_frame, recording.displacement_frame),
-        point,
+        source=recording.source,
+        state=state,
+        T_base_tcp=state.T_base_tool,
+        wrench=wrench,
+        measured=measured,
+        pose=recording.pose,
+        cycle=cycle.reshape(-1).astype(np.int64),
+        session=recording.session,
+        line=recording.line,
+        uncertainty=recording.uncertainty,
+        files=recording.files,
+        file=recording.file,
+        stated_frames=(recording.wrench_frame, recording.displacement_frame),
+        wrench_point=point,
     )
 
 

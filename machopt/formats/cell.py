@@ -103,10 +103,17 @@ def cell_of(
 ) -> Cell:
     """A cell from cell.yaml as it was parsed; otherwise as :func:`load_cell`."""
     keys = validate(AnyChainKeys if any_chain else CellKeys, document)
-    return _Reader(document, keys, Path(document.file).resolve().parent, allow_external, any_chain, stiffness).cell()
+    return _Reader(
+        document=document,
+        keys=keys,
+        folder=Path(document.file).resolve().parent,
+        allow_external=allow_external,
+        any_chain=any_chain,
+        other_stiffness=stiffness,
+    ).cell()
 
 
-@dataclass
+@dataclass(kw_only=True)
 class _Reader:
     """One load: the document, where files may lie, and what piles up on the way."""
 
@@ -378,7 +385,7 @@ class _Reader:
         path = self.file((*loc, "mesh"), keys.mesh)
         fail = partial(self.document.error, (*loc, "mesh"))
         self.mesh(path, scale, role, fail, lambda factor: f"scale: {scale * factor:g}")
-        return Shape(name, "mesh", (scale,), path, T)
+        return Shape(name=name, kind="mesh", size=(scale,), mesh=path, T_parent_shape=T)
 
     def solid(self, loc: Loc, name: str, role: Role, keys: ShapeKeys, T: Array) -> Shape:
         """A box, cylinder or sphere; the schema lets exactly one through."""
@@ -391,7 +398,7 @@ class _Reader:
             lambda factor: str([float(f"{v * factor:.6g}") for v in given]),
         )
         self.warn(judge_size(body, self.scene, partial(self.document.error, (*loc, f"{kind}_mm"))))
-        return Shape(name, kind, size, None, T)
+        return Shape(name=name, kind=kind, size=size, mesh=None, T_parent_shape=T)
 
     def warn(self, message: str | None) -> None:
         if message is not None:

@@ -76,7 +76,14 @@ def _drives(document: Document, keys: ControllerKeys, chain: Chain) -> dict[str,
             )
         if axis.pulses == 0.0:
             raise document.error(("controller", "external", name, "pulses"), "found 0; expected another number")
-        out[name] = ExternalDrive(axis.number, axis.sign, axis.offset, axis.unit, axis.machine, axis.pulses)
+        out[name] = ExternalDrive(
+            number=axis.number,
+            sign=axis.sign,
+            offset=axis.offset,
+            unit=axis.unit,
+            machine=axis.machine,
+            pulses=axis.pulses,
+        )
     numbers = [out.get(n, ExternalDrive()).number or k for k, n in enumerate(names, start=1)]
     if len(set(numbers)) != len(numbers):
         raise document.error(

@@ -77,7 +77,16 @@ def _spring(document: Document, loc: Loc, joint: str, keys: ExternalKeys) -> Ext
         )
     com = np.array(keys.com_mm) / 1e3
     kind = None if turns is None and slides is None else slides is not None
-    return ExternalSpring(joint, float(stiffness), kind, C, np.array(keys.at_mm) / 1e3, keys.mass_kg, com, std)
+    return ExternalSpring(
+        joint=joint,
+        stiffness=float(stiffness),
+        slides=kind,
+        compliance=C,
+        at=np.array(keys.at_mm) / 1e3,
+        mass=keys.mass_kg,
+        com=com,
+        std=std,
+    )
 
 
 def _std(document: Document, loc: Loc, keys: ExternalKeys) -> float:

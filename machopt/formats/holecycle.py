@@ -18,7 +18,7 @@ class CycleError(ValueError):
     """The numbers of a cycle do not describe a hole; the reader adds file and line."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class HoleCycle:
     """One drilling cycle. Heights in mm along the tool axis from the hole's reference point, up positive."""
 

@@ -79,7 +79,7 @@ class ListKeys(CommonKeys):
     jobs: list[JobKeys] = Field(default=[], description="jobs of their own beside cells × toolpaths × options")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ListedJob:
     """One job as the list names it."""
 

@@ -22,7 +22,7 @@ MAX_POINTS = 10_000_000  # 0.7 GB: beyond it a loop or a radius is a fault
 Vector = tuple[float, float, float]
 
 
-@dataclass
+@dataclass(kw_only=True)
 class PathBuilder:
     """One toolpath in the making. Lengths in mm, feeds in mm/min; :meth:`build` turns them into SI."""
 

@@ -103,7 +103,7 @@ class _Table:
 
     def __init__(self, source: Source, options: ReadOptions, header_line: int, kind: str) -> None:
         self.source, self.options, self.header_line = source, options, header_line
-        self.out = PathBuilder(source, options, kind)
+        self.out = PathBuilder(source=source, options=options, format=kind)
         self.names: dict[str, str] = {}  # quantity → column
         self.unit = "mm"
         self.attitude: str | None = None

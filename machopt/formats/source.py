@@ -55,7 +55,7 @@ def offset_key(name: str) -> str:
     return "".join(name.upper().split())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ReadOptions:
     """What the caller knows and the file may not say."""
 

@@ -103,7 +103,17 @@ def load_stiffness(path: Path | str) -> Stiffness:
                 "one alone; covariance (or discrepancy, or the grid's std_Nm_per_rad) beside it would work",
             )
     position = None if data.position_error is None else _position_error(document, data.position_error)
-    return Stiffness(joints, covariance, grid, terms, Path(path), data.estimated, doubt, external, position)
+    return Stiffness(
+        joints=joints,
+        covariance=covariance,
+        grid=grid,
+        terms=terms,
+        file=Path(path),
+        estimated=data.estimated,
+        discrepancy=doubt,
+        external=external,
+        position=position,
+    )
 
 
 def write_stiffness(path: Path | str, stiffness: Stiffness) -> None:
@@ -202,15 +212,15 @@ def _discrepancy(document: Document, given: _Discrepancy) -> Discrepancy:
     if not min(given.torques_Nm) > 0:
         raise document.error(("discrepancy", "torques_Nm"), f"found {min(given.torques_Nm):g}; expected more than zero")
     return Discrepancy(
-        tuple(given.parts),
-        _frozen(given.torques_Nm),
-        _frozen(given.shift),
-        _frozen(given.modes),
-        given.left_mm / 1e3,
-        given.noise_mm / 1e3,
-        given.misfit,
-        given.local_m_per_N,
-        given.counted,
+        parts=tuple(given.parts),
+        torque=_frozen(given.torques_Nm),
+        shift=_frozen(given.shift),
+        modes=_frozen(given.modes),
+        left=given.left_mm / 1e3,
+        noise=given.noise_mm / 1e3,
+        misfit=given.misfit,
+        local=given.local_m_per_N,
+        counted=given.counted,
     )
 
 

@@ -115,7 +115,9 @@ def stints_of(cell: Cell, toolpath: Toolpath) -> tuple[Stint, ...]:
     """
     home, change = cell.stands_at_home, cell.stands_at_change
     if not cell.tools or len(_wanted(cell, toolpath)) == 1:
-        return (Stint(with_tools(cell, toolpath), toolpath, toolpath, 0, home, home),)
+        return (
+            Stint(cell=with_tools(cell, toolpath), toolpath=toolpath, whole=toolpath, first=0, begin=home, end=home),
+        )
     chosen = tools_of(toolpath, cell.tools)
     name_of = np.array([chosen[k] for k in toolpath.operation.tolist()], dtype=object)
     firsts = [0, *(1 + np.flatnonzero(name_of[1:] != name_of[:-1])).tolist()]

@@ -77,17 +77,17 @@ def read_toolpath(
     """
     path = Path(path)
     options = ReadOptions(
-        unit,
-        strict,
-        arc_tolerance,
-        machine,
-        default_feed,
-        work_offsets(offsets),
-        tuple(cycle_order),
-        tool_axis,
-        decimals,
-        max_extent,
-        tuple(cell_offsets),
+        unit=unit,
+        strict=strict,
+        arc_tolerance=arc_tolerance,
+        machine=machine,
+        default_feed=default_feed,
+        offsets=work_offsets(offsets),
+        cycle_order=tuple(cycle_order),
+        tool_axis=tool_axis,
+        decimals=decimals,
+        max_extent=max_extent,
+        cell_offsets=tuple(cell_offsets),
     )
     if options.cell_offsets and options.offsets:
         raise InputError(

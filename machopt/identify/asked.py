@@ -12,7 +12,7 @@ from machopt.identify.check import CODES
 from machopt.identify.options import IdentifyOptions
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class IdentifyRequest:
     """One run; lengths in mm, as typed."""
 

@@ -23,7 +23,7 @@ from machopt.model.elastic import joint_stiffness
 from machopt.model.terms import LinearTerm
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Parts:
     """Everything that the steps of an identification left."""
 
@@ -93,7 +93,7 @@ def _residuals(parts: Parts, x: Array) -> tuple[Array, Array, Array]:
     if grid is None:
         return fit.y - A @ x, parts.heldout, sigma
     at = parts.experiment.T_base_tcp[:, :3, 3]
-    k = joint_stiffness(Stiffness(1.0 / parts.settled.x[:6], grid=grid.grid), at).k
+    k = joint_stiffness(Stiffness(joints=1.0 / parts.settled.x[:6], grid=grid.grid), at).k
     residual = fit.y - np.einsum("ndj,nj->nd", A[..., :6], 1.0 / k) - A[..., 6:] @ x[6:]
     left_out = parts.heldout.copy()
     left_out[grid.inside] = grid.heldout.grid
@@ -130,16 +130,16 @@ def _joints(fit: Fit, sure: Uncertainty, settled: Settled) -> tuple[JointResult,
     high = np.where([s.identified for s in settled.standing[:6]], np.maximum(interval[:, 1], k), interval[:, 1])
     return tuple(
         JointResult(
-            j + 1,
-            float(k[j]),
-            (float(low[j]), float(high[j])),
-            float(sure.sigma[j]),
-            float(sure.freedom[j]),
-            s.identified,
-            s.reason,
-            s.torque,
-            s.expected,
-            s.inflation,
+            joint=j + 1,
+            k=float(k[j]),
+            interval=(float(low[j]), float(high[j])),
+            sigma=float(sure.sigma[j]),
+            freedom=float(sure.freedom[j]),
+            identified=s.identified,
+            reason=s.reason,
+            torque=s.torque,
+            expected=s.expected,
+            inflation=s.inflation,
         )
         for j, s in enumerate(settled.standing[:6])
     )
@@ -153,15 +153,15 @@ def _terms(fit: Fit, sure: Uncertainty, settled: Settled, x: Array) -> tuple[Ter
             low, high = sure.interval[p]
             out.append(
                 TermResult(
-                    term.effect,
-                    term.location,
-                    term.coefficients[u.coefficient].name,
-                    u.unit,
-                    float(x[p]),
-                    (float(low), float(high)),
-                    float(sure.sigma[p]),
-                    s.identified,
-                    s.reason,
+                    effect=term.effect,
+                    location=term.location,
+                    name=term.coefficients[u.coefficient].name,
+                    unit=u.unit,
+                    value=float(x[p]),
+                    interval=(float(low), float(high)),
+                    sigma=float(sure.sigma[p]),
+                    identified=s.identified,
+                    reason=s.reason,
                 )
             )
     return tuple(out)

@@ -121,7 +121,11 @@ def _other_reading(ways: list[Reading]) -> list[RecordFault]:
     share = f"{_explained(best)} of the displacement is explained then, {_explained(stated)} as stated"
     much = ratio <= MUCH_BETTER and (stated.unexplained > MUCH_BETTER or _moved(stated, best) > FACTOR)
     else_nothing = beyond_noise and HALF * (1 - best.unexplained) > max(1 - stated.unexplained, 0.0)
-    return [RecordFault(best.name, "error" if much or else_nothing else "warning", f"{best.message} ({share})")]
+    return [
+        RecordFault(
+            code=best.name, severity="error" if much or else_nothing else "warning", message=f"{best.message} ({share})"
+        )
+    ]
 
 
 def _standard_errors(stated: Reading, best: Reading) -> float:
@@ -157,11 +161,11 @@ def _screws(e: Experiment) -> list[RecordFault]:
         return []
     return [
         RecordFault(
-            "moment_along_force",
-            "warning",
-            f"{places(e, rows)}: the moment has a part along the force, which no single force makes, unlike in all "
-            "other readings; check sign and axes of the moments there",
-            tuple(rows.tolist()),
+            code="moment_along_force",
+            severity="warning",
+            message=f"{places(e, rows)}: the moment has a part along the force, which no single force makes, unlike in "
+            "all other readings; check sign and axes of the moments there",
+            rows=tuple(rows.tolist()),
         )
     ]
 
@@ -184,11 +188,11 @@ def _repeated(e: Experiment) -> list[RecordFault]:
     original = e.place(int(first[back.reshape(-1)[rows[0]]]))
     return [
         RecordFault(
-            "repeated_rows",
-            "warning",
-            f"{places(e, rows)}: the same loads and displacements to the last digit as before ({original} at first); "
-            "copies make the result look surer than it is, remove them",
-            tuple(rows.tolist()),
+            code="repeated_rows",
+            severity="warning",
+            message=f"{places(e, rows)}: the same loads and displacements to the last digit as before ({original} at "
+            "first); copies make the result look surer than it is, remove them",
+            rows=tuple(rows.tolist()),
         )
     ]
 
@@ -199,11 +203,11 @@ def _far(e: Experiment, reach: float) -> list[RecordFault]:
         return []
     return [
         RecordFault(
-            "impossible_displacement",
-            "warning",
-            f"{places(e, rows)}: displaced by more than {1e3 * MOST_MOVED * reach:.0f} mm, more than an arm of this "
-            "reach gives way; check these rows, or the unit of the displacement",
-            tuple(rows.tolist()),
+            code="impossible_displacement",
+            severity="warning",
+            message=f"{places(e, rows)}: displaced by more than {1e3 * MOST_MOVED * reach:.0f} mm, more than an arm of "
+            "this reach gives way; check these rows, or the unit of the displacement",
+            rows=tuple(rows.tolist()),
         )
     ]
 
@@ -219,11 +223,11 @@ def _unloaded(e: Experiment) -> list[RecordFault]:
         return []
     return [
         RecordFault(
-            "moved_without_load",
-            "warning",
-            f"{places(e, rows)}: displaced although no load is recorded; displacements count from the unloaded state "
-            "of the same cycle",
-            tuple(rows.tolist()),
+            code="moved_without_load",
+            severity="warning",
+            message=f"{places(e, rows)}: displaced although no load is recorded; displacements count from the unloaded "
+            "state of the same cycle",
+            rows=tuple(rows.tolist()),
         )
     ]
 
@@ -240,11 +244,11 @@ def _outside_limits(e: Experiment, robot: Robot) -> list[RecordFault]:
     worst = np.degrees(q[rows[np.argmax(outside[rows, joint])], joint])
     return [
         RecordFault(
-            "outside_limits",
-            "warning",
-            f"{places(e, rows)}: joint {joint + 1} stands outside its limits ({worst:.1f}° where the robot of the cell "
-            f"goes from {low:.0f}° to {high:.0f}°); check zero, sign and order of the q columns, or the robot",
-            tuple(rows.tolist()),
+            code="outside_limits",
+            severity="warning",
+            message=f"{places(e, rows)}: joint {joint + 1} stands outside its limits ({worst:.1f}° where the robot of "
+            f"the cell goes from {low:.0f}° to {high:.0f}°); check zero, sign and order of the q columns, or the robot",
+            rows=tuple(rows.tolist()),
         )
     ]
 
@@ -255,19 +259,19 @@ def _too_little(e: Experiment, unknowns: int) -> list[RecordFault]:
     if poses < 4:
         out.append(
             RecordFault(
-                "few_poses",
-                "warning",
-                f"only {poses} pose{'s' if poses > 1 else ''}: joints are told apart by posture, and errors shared by "
-                "a pose cannot be seen; ten poses or more would work (machopt plan-poses chooses them)",
+                code="few_poses",
+                severity="warning",
+                message=f"only {poses} pose{'s' if poses > 1 else ''}: joints are told apart by posture, and errors "
+                "shared by a pose cannot be seen; ten poses or more would work (machopt plan-poses chooses them)",
             )
         )
     if equations < 3 * unknowns:
         out.append(
             RecordFault(
-                "few_readings",
-                "warning",
-                f"{len(e)} readings of {e.dimensions} coordinates are {equations} equations for {unknowns} unknowns; "
-                "three times as many as unknowns, better more, would tell how sure the result is",
+                code="few_readings",
+                severity="warning",
+                message=f"{len(e)} readings of {e.dimensions} coordinates are {equations} equations for {unknowns} "
+                "unknowns; three times as many as unknowns, better more, would tell how sure the result is",
             )
         )
     return out

@@ -58,7 +58,7 @@ LEAST_WEIGHT = 1e-3  # of a λ beside the best
 Found = tuple[float, NDArray[np.intp], Array, float]  # log-likelihood, columns in use, their precision, λ
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Readings:
     """What a model left of a recording."""
 
@@ -273,13 +273,13 @@ def of_identified(
     w = fit.weighting
     told = tests.uncertainty
     readings = Readings(
-        tests.measured - said,
-        tests.wrench,
-        fit.clusters,
-        w.precision,
-        w.robust,
-        w.components,
-        (told.displacement is not None, told.rotation is not None)[: len(w.covariance)],
+        residual=tests.measured - said,
+        wrench=tests.wrench,
+        clusters=fit.clusters,
+        precision=w.precision,
+        robust=w.robust,
+        components=w.components,
+        stated=(told.displacement is not None, told.rotation is not None)[: len(w.covariance)],
     )
     return discrepancy(suspects, tests.state, stiffness.joints, readings)
 
@@ -291,11 +291,11 @@ def suspects_of(arm: ArmElasticity, tests: Experiment, masses: Masses | None) ->
     own = [f"joint {j}" for j in range(1, 7)]
     own += [f"term {n} {p}" for n, t in enumerate(arm.terms) for p in range(len(t.coefficients))]
     return Suspects(
-        arm.robot,
-        arm.T_flange_tcp,
-        tuple(own),
-        np.maximum(typical, 1e-3 * max(float(typical.max()), 1e-9)),
-        arm.terms,
-        masses,
-        arm.geometric,
+        robot=arm.robot,
+        T_flange_tcp=arm.T_flange_tcp,
+        names=tuple(own),
+        torque=np.maximum(typical, 1e-3 * max(float(typical.max()), 1e-9)),
+        terms=arm.terms,
+        masses=masses,
+        geometric=arm.geometric,
     )

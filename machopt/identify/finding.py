@@ -13,7 +13,7 @@ from machopt.estimate.experiment import Experiment
 SHOWN = 6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RecordFault:
     """One thing that is wrong with a record."""
 

@@ -33,7 +33,7 @@ ENOUGH_TO_DOUBT = 2  # equations per unknown; with fewer nothing tells a wrong r
 OUT = 0.5  # a coordinate of less weight is an outlier
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FitCoefficient:
     """One coefficient of the fit."""
 
@@ -47,11 +47,13 @@ class FitCoefficient:
 
 def unknowns(terms: Sequence[LinearTerm] = ()) -> tuple[FitCoefficient, ...]:
     """The six joint compliances, then the coefficients of the terms."""
-    out = [FitCoefficient(f"joint {j}", "rad/(N·m)", 0.0, joint=j) for j in range(1, 7)]
+    out = [FitCoefficient(name=f"joint {j}", unit="rad/(N·m)", lower=0.0, joint=j) for j in range(1, 7)]
     for t, term in enumerate(terms):
         for k, c in enumerate(term.coefficients):
             out.append(
-                FitCoefficient(f"{term.effect} at {term.location} {c.name}", c.unit, c.lower, term=t, coefficient=k)
+                FitCoefficient(
+                    name=f"{term.effect} at {term.location} {c.name}", unit=c.unit, lower=c.lower, term=t, coefficient=k
+                )
             )
     return tuple(out)
 
@@ -85,7 +87,7 @@ class Weighting:
         return tuple(out)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Fit:
     """Coefficients with everything that uncertainty, held-out errors and influence are computed from.
 
@@ -187,14 +189,38 @@ def fit(
     lower = np.array([u.lower for u in what]) if bounded else np.full(len(what), -np.inf)
     column, seen = _columns(A, y)
     scaled = A * np.where(seen, column, 0.0)  # what is rounding only must not be fitted
-    problem = _Problem(experiment, tuple(terms), scaled, y, column, lower, groups, uncertainty, robust)
+    problem = _Problem(
+        experiment=experiment,
+        terms=tuple(terms),
+        A=scaled,
+        y=y,
+        column=column,
+        lower=lower,
+        clusters=groups,
+        uncertainty=uncertainty,
+        robust=robust,
+    )
     if weighting is None:
         weighting = problem.weigh() if weighted else problem.alike()
     equations = problem.equations(weighting)
     H, h = equations.total()
     free = minimise(H, h, np.full(len(what), -np.inf)) * column
     x = minimise(H, h, lower / column) * column if bounded else free
-    return Fit(experiment, tuple(terms), what, A, y, x, free, column, lower, groups, weighting, equations, weighted)
+    return Fit(
+        experiment=experiment,
+        terms=tuple(terms),
+        unknowns=what,
+        A=A,
+        y=y,
+        x=x,
+        free=free,
+        column=column,
+        lower=lower,
+        clusters=groups,
+        weighting=weighting,
+        normal=equations,
+        weighted=weighted,
+    )
 
 
 def _columns(A: Array, y: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -206,7 +232,7 @@ def _columns(A: Array, y: Array) -> tuple[Array, NDArray[np.bool_]]:
     return np.asarray(1.0 / np.maximum(rms, least)), np.asarray(rms > least)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Problem:
     """One fit on the way: scaled equations, and how their weights are found."""
 

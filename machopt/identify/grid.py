@@ -62,7 +62,7 @@ class HeldOut:
         return float(each.mean()), float(each.std(ddof=1) / np.sqrt(len(each)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class GridFit:
     """A grid of joint stiffness, what it was shrunk to, and how much each cell learned."""
 
@@ -245,22 +245,22 @@ def _result(
     with np.errstate(divide="ignore"):
         constant = 1.0 / fit.compliance
     return GridFit(
-        StiffnessGrid(region.origin, region.cell, region.shape, 1.0 / c, sigma / c),
-        c[:, :, None] * c[:, None, :] * log_cov,
-        1.0 / centre,
-        np.outer(centre, centre) * around,
-        constant,
-        spread,
-        prior.within * spread,
-        prior.range * region.cell if work.smooth else 0.0,
-        tuple(int(j) + 1 for j in np.flatnonzero(~vary)),
-        readings,
-        learned,
-        terms,
-        _held_out(work, evidence, weighting, prior, posterior),
-        weighting,
-        work.rows,
-        rounds,
+        grid=StiffnessGrid(region.origin, region.cell, region.shape, 1.0 / c, sigma / c),
+        covariance=c[:, :, None] * c[:, None, :] * log_cov,
+        centre=1.0 / centre,
+        centre_covariance=np.outer(centre, centre) * around,
+        constant=constant,
+        spread=spread,
+        within=prior.within * spread,
+        range=prior.range * region.cell if work.smooth else 0.0,
+        held=tuple(int(j) + 1 for j in np.flatnonzero(~vary)),
+        readings=readings,
+        learned=learned,
+        terms=terms,
+        heldout=_held_out(work, evidence, weighting, prior, posterior),
+        weighting=weighting,
+        inside=work.rows,
+        rounds=rounds,
     )
 
 

@@ -16,7 +16,7 @@ from machopt.identify.gridevidence import Evidence, Linear, Posterior, Prior
 SHIFT_START = 0.3  # variance of a shared shift per reading's: away from none, where the likelihood is flat
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class GridEquations:
     """M readings inside the grid, y = A r of their place + error, r = (relative compliances, scaled terms)."""
 
@@ -44,7 +44,18 @@ class GridEquations:
         scaled = (A[..., 6:] * constant.column[6:])[..., keep]
         groups = constant.clusters if rows.all() else clusters(constant.experiment.take(rows))
         A = np.concatenate([joints[..., vary], scaled], axis=-1)
-        return cls(constant, rows, places, vary, reference, A, y, keep, groups, smooth)
+        return cls(
+            constant=constant,
+            rows=rows,
+            places=places,
+            vary=vary,
+            reference=reference,
+            A=A,
+            y=y,
+            keep=keep,
+            groups=groups,
+            smooth=smooth,
+        )
 
     @property
     def terms(self) -> int:
@@ -82,16 +93,16 @@ class GridEquations:
             )
         stated = self.constant.experiment.uncertainty
         return Evidence(
-            self.groups,
-            parts,
-            [_variance(v) for v in V],
-            [s is not None for s in (stated.displacement, stated.rotation)][: len(V)],
-            self.places.site,
-            self.places.place,
-            len(self.places.cells),
-            int(self.vary.sum()),
-            self.places.distance,
-            self.smooth,
+            clusters=self.groups,
+            parts=parts,
+            unit=[_variance(v) for v in V],
+            stated=[s is not None for s in (stated.displacement, stated.rotation)][: len(V)],
+            site=self.places.site,
+            place=self.places.place,
+            cells=len(self.places.cells),
+            joints=int(self.vary.sum()),
+            distance=self.places.distance,
+            smooth=self.smooth,
         )
 
     def first_unknowns(self) -> Array:

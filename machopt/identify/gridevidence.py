@@ -60,7 +60,7 @@ class Linear:
     u: Array  # (L, R)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Posterior:
     """The unknowns given prior and readings."""
 
@@ -72,7 +72,7 @@ class Posterior:
     value: float  # −2 log restricted likelihood, up to a constant
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Marginal:
     """Equations of places and sites with the sites' own parts integrated out."""
 
@@ -85,7 +85,7 @@ class Marginal:
     logdet: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Evidence:
     """The readings as sums, and the geometry of cells and places."""
 
@@ -221,7 +221,14 @@ class Evidence:
             value += TRUST_IN_STATED * (np.log(c.scale) + 1 / c.scale) if stated else 0.0
         own = m.T @ (m.h_site - np.einsum("sij,sj->si", m.H_site, response[self.place]))[..., None]
         spread = self._spread_to_places(linear.E, covariance, L, R)
-        return Posterior(beta, covariance, response, spread, response[self.place] + own[..., 0], value)
+        return Posterior(
+            beta=beta,
+            covariance=covariance,
+            response=response,
+            response_covariance=spread,
+            at_site=response[self.place] + own[..., 0],
+            value=value,
+        )
 
     def misfit(self, prior: Prior, linear: Linear) -> tuple[float, Array]:
         """−2 log restricted likelihood and its gradient in the logarithms of :meth:`parameters`."""
@@ -305,7 +312,15 @@ class Evidence:
         H_site, h_site = solved[..., :R], solved[..., R]
         yy = sum(e.yy for e in each) - float(np.einsum("si,ij,sj->", h, T, h_site))
         logdet = sum(e.logdet for e in each) + float(np.linalg.slogdet(M)[1].sum())
-        return Marginal(summed(self.place, H_site, L), summed(self.place, h_site, L), H_site, h_site, T, yy, logdet)
+        return Marginal(
+            H=summed(self.place, H_site, L),
+            h=summed(self.place, h_site, L),
+            H_site=H_site,
+            h_site=h_site,
+            T=T,
+            yy=yy,
+            logdet=logdet,
+        )
 
     @staticmethod
     def _spread_to_places(E: csr_matrix, covariance: Array, L: int, R: int) -> Array:

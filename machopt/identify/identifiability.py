@@ -55,7 +55,7 @@ class Combination:
     sigma: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Settled:
     """The coefficients that are handed on, and how every refit has to treat those that are not identified."""
 
@@ -122,7 +122,15 @@ def settle(fit: Fit, uncertainty: Uncertainty, prior: Array | None = None) -> Se
             replaced[j] = True
         else:
             pull[j] = (PULL * towards[j]) ** -2
-    draft = Settled(fit.x, standing, (), pull, towards, replaced, np.zeros((6, 6)))
+    draft = Settled(
+        x=fit.x,
+        standing=standing,
+        combinations=(),
+        pull=pull,
+        towards=towards,
+        replaced=replaced,
+        covariance=np.zeros((6, 6)),
+    )
     x = fit.x if known.all() else draft.solve(fit, H, h)
     whole = tuple(m for m in fitted_matrices(fit) if known[m.at].all())
     mended = tuple(m.term for m in whole if gives_way(m.matrix(x)))
@@ -132,7 +140,17 @@ def settle(fit: Fit, uncertainty: Uncertainty, prior: Array | None = None) -> Se
     covariance = np.diag(x[:6] ** 2)
     covariance[np.ix_(joints, joints)] = uncertainty.covariance[np.ix_(joints, joints)]
     together = _combinations(fit, H, M, correlation, known)
-    return Settled(x, standing, together, pull, towards, replaced, covariance, whole, mended)
+    return Settled(
+        x=x,
+        standing=standing,
+        combinations=together,
+        pull=pull,
+        towards=towards,
+        replaced=replaced,
+        covariance=covariance,
+        matrices=whole,
+        mended=mended,
+    )
 
 
 def _judge(

@@ -10,7 +10,7 @@ from machopt.domain.stiffness import Term
 Model = Literal["constant", "grid", "auto"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class IdentifyOptions:
     """Everything that steers one identification."""
 

@@ -72,21 +72,21 @@ def identify(
     grid, why = _grid(solved, options)
     return assemble(
         Parts(
-            experiment,
-            solved.fit,
-            solved.uncertainty,
-            solved.settled,
-            model.known,
-            model.geometric,
-            left_out,
-            grid,
-            why,
-            tuple(findings),
-            tuple(said),
-            subsets,
-            errors_study,
-            solved.equilibrium_influence,
-            solved.notes,
+            experiment=experiment,
+            fit=solved.fit,
+            uncertainty=solved.uncertainty,
+            settled=solved.settled,
+            known=model.known,
+            geometric=model.geometric,
+            heldout=left_out,
+            grid=grid,
+            why_model=why,
+            findings=tuple(findings),
+            said=tuple(said),
+            subsets=subsets,
+            monte_carlo=errors_study,
+            equilibrium_influence=solved.equilibrium_influence,
+            notes=solved.notes,
         )
     )
 

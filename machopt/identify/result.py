@@ -20,7 +20,7 @@ from machopt.identify.study import MonteCarlo, SubsetStudy
 from machopt.identify.uncertainty import Uncertainty
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class JointResult:
     """One joint of the constant model."""
 
@@ -36,7 +36,7 @@ class JointResult:
     inflation: float  # variance beside that with this unknown alone
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TermResult:
     """One coefficient of a term that was fitted."""
 
@@ -66,7 +66,7 @@ class ResidualTable:
         return np.asarray(self.measured - self.predicted)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Identification:
     """Result of :func:`machopt.identify.pipeline.identify`."""
 

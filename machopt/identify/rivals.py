@@ -20,7 +20,7 @@ MOST_RADIANS = 6.3  # a turn; degrees within it would be an arm that hardly move
 MOST_READINGS = 600  # enough to tell frames apart; more only cost time
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Reading:
     """How well one way of reading the record explains it."""
 
@@ -140,7 +140,9 @@ def _judge(e: Experiment, name: str, message: str, wrench: Array, measured: Arra
     by_pose = np.bincount(pose.reshape(-1), wrong) / np.maximum(np.bincount(pose.reshape(-1), whole), 1e-300)
     total = max(float(whole.sum()), 1e-300)
     effect = np.abs(A).sum(axis=(0, 1)) * x / total
-    return Reading(name, message, float(wrong.sum() / total), by_pose, x, effect)
+    return Reading(
+        name=name, message=message, unexplained=float(wrong.sum() / total), by_pose=by_pose, compliance=x, effect=effect
+    )
 
 
 def bounded_absolute(A: Array, y: Array, load: Array) -> Array:

@@ -117,7 +117,7 @@ class TrueArm:
         return np.concatenate([p1 - p0, rotation_vector(R1 @ np.swapaxes(R0, -1, -2))], axis=-1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Noise:
     """Errors of one recording, 1 sigma; laser tracker, force sensor and robot of the usual kind."""
 
@@ -133,10 +133,10 @@ class Noise:
 
     @classmethod
     def none(cls) -> Noise:
-        return cls(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return cls(white=0.0, cycle=0.0, pose=0.0, rotation=0.0, force=0.0, joint=0.0, outliers=0.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Simulated:
     """A recording and what it was made from."""
 
@@ -232,7 +232,14 @@ def record(
         notes="simulated",
         labelled=frozenset({"pose", "cycle"}),
     )
-    return Simulated(recording, q_true, wrench, true, arm.compliance_at(poses)[pose], outlier)
+    return Simulated(
+        recording=recording,
+        q=q_true,
+        wrench=wrench,
+        displacement=true,
+        compliance=arm.compliance_at(poses)[pose],
+        outlier=outlier,
+    )
 
 
 def random_loads(
@@ -251,7 +258,7 @@ def scattered_poses(robot: Robot, rng: np.random.Generator, count: int, centre: 
     return np.clip(q, robot.lower, robot.upper)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Hung:
     """The chain with its joints turned and its springs bent."""
 
@@ -320,4 +327,15 @@ def _hang(arm: TrueArm, theta: Array, twists: list[Array]) -> _Hung:
             R = R @ break_
         far[0][:, body], far[1][:, body] = R, p
     end = robot.T_base_flange_zero @ arm.T_flange_tcp
-    return _Hung(arm, z, o, *far, *near, tuple(springs), R @ end[:3, :3], R @ end[:3, 3] + p)
+    return _Hung(
+        arm=arm,
+        z=z,
+        o=o,
+        R=far[0],
+        p=far[1],
+        R_near=near[0],
+        p_near=near[1],
+        springs=tuple(springs),
+        R_tcp=R @ end[:3, :3],
+        p_tcp=R @ end[:3, 3] + p,
+    )

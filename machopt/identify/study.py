@@ -125,11 +125,11 @@ def monte_carlo(
     if e.dimensions == 6 and stated.rotation is None:
         assumed.append("rotation")
     used = StandardUncertainty(
-        scatter[0].together if stated.displacement is None else stated.displacement,
-        (scatter[1].together if stated.rotation is None else stated.rotation) if e.dimensions == 6 else None,
-        stated.force,
-        stated.moment,
-        stated.joint,
+        displacement=scatter[0].together if stated.displacement is None else stated.displacement,
+        rotation=(scatter[1].together if stated.rotation is None else stated.rotation) if e.dimensions == 6 else None,
+        force=stated.force,
+        moment=stated.moment,
+        joint=stated.joint,
     )
     own = np.repeat([used.displacement or 0.0, used.rotation or 0.0], 3)[: e.dimensions]
     load = np.repeat([used.force or 0.0, used.moment or 0.0], 3)
@@ -139,15 +139,15 @@ def monte_carlo(
         q = e.state.q + (used.joint or 0.0) * rng.standard_normal(e.state.q.shape)
         state = robot.state(q, T_flange_tcp, bodies=bool(fit.terms)) if used.joint else e.state
         drawn = Experiment(
-            e.source,
-            state,
-            state.T_base_tool,
-            e.wrench + load * rng.standard_normal(e.wrench.shape),
-            e.measured,
-            e.pose,
-            e.cycle,
-            e.session,
-            e.line,
+            source=e.source,
+            state=state,
+            T_base_tcp=state.T_base_tool,
+            wrench=e.wrench + load * rng.standard_normal(e.wrench.shape),
+            measured=e.measured,
+            pose=e.pose,
+            cycle=e.cycle,
+            session=e.session,
+            line=e.line,
         )
         A = drawn.response(fit.terms) * fit.column
         y = fit.y + own * rng.standard_normal(fit.y.shape)

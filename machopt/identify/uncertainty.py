@@ -25,7 +25,7 @@ NULL = 1e-10  # eigenvalue of the scaled normal matrix per largest one: no data 
 LEAST_FREEDOM = 1.0  # degrees of freedom below which a quantile of Student's t says nothing
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Uncertainty:
     """How sure each coefficient of a fit is."""
 
@@ -77,14 +77,14 @@ def uncertainty(fit: Fit, level: float = 0.9) -> Uncertainty:
     interval = _intervals(fit, H, sigma, model, freedom, level)
     unit = fit.column
     return Uncertainty(
-        level,
-        sigma * unit,
-        freedom,
-        interval * unit[:, None],
-        covariance * np.outer(unit, unit),
-        unseen,
-        float(np.sqrt(values[-1] / max(values[0], 0.0))) if values[0] > NULL * values[-1] else np.inf,
-        _condition(fit.A),
+        level=level,
+        sigma=sigma * unit,
+        freedom=freedom,
+        interval=interval * unit[:, None],
+        covariance=covariance * np.outer(unit, unit),
+        unseen=unseen,
+        condition=float(np.sqrt(values[-1] / max(values[0], 0.0))) if values[0] > NULL * values[-1] else np.inf,
+        condition_plain=_condition(fit.A),
     )
 
 

@@ -85,14 +85,14 @@ def unit_findings(e: Experiment, stated: Reading, reach: float, prior: Array | N
         else:
             cause, column, factor = _culprit(e, s)
         message = f"displacement per load is {_times(seen)} {against}: {cause}"
-        out.append(RecordFault("units", "error", message, column=column, factor=factor))
+        out.append(RecordFault(code="units", severity="error", message=message, column=column, factor=factor))
     elif doubtful:
         out.append(
             RecordFault(
-                "far_from_nominal",
-                "warning",
-                f"displacement per load is {_times(seen)} {against}{_suspects(seen)}; check the units of load and "
-                f"displacement{', or the stiffness in the cell' if prior is not None else ''}",
+                code="far_from_nominal",
+                severity="warning",
+                message=f"displacement per load is {_times(seen)} {against}{_suspects(seen)}; check the units of load "
+                f"and displacement{', or the stiffness in the cell' if prior is not None else ''}",
             )
         )
     turned = _ratio(e, generic, slice(3, 6)) if e.dimensions == 6 else np.nan
@@ -113,9 +113,9 @@ def lever_findings(e: Experiment, reach: float, prior: Array | None) -> list[Rec
         cause, column, factor = _forces_or_moments(e, reach, prior)
         return [
             RecordFault(
-                "moment_units",
-                "error",
-                f"moments are {typical:.3g} m times the forces, the arm reaches {reach:.2g} m: {cause}",
+                code="moment_units",
+                severity="error",
+                message=f"moments are {typical:.3g} m times the forces, the arm reaches {reach:.2g} m: {cause}",
                 column=column,
                 factor=factor,
             )
@@ -125,11 +125,11 @@ def lever_findings(e: Experiment, reach: float, prior: Array | None) -> list[Rec
         return []
     return [
         RecordFault(
-            "lever_arm",
-            "warning",
-            f"{places(e, rows)}: the moment is more than {lever[rows].min():.2g} m times the force, beyond the arm's "
-            f"reach of {reach:.2g} m; check the moments there",
-            tuple(rows.tolist()),
+            code="lever_arm",
+            severity="warning",
+            message=f"{places(e, rows)}: the moment is more than {lever[rows].min():.2g} m times the force, beyond the "
+            f"arm's reach of {reach:.2g} m; check the moments there",
+            rows=tuple(rows.tolist()),
         )
     ]
 
@@ -168,14 +168,16 @@ def _rotation(ratio: float, displacement_doubtful: bool) -> RecordFault:
     guess = min(READ_AS, key=lambda unit: abs(np.log(ratio / READ_AS[unit])))
     if _off(ratio / READ_AS[guess], NEAR_UNIT) or displacement_doubtful:
         return RecordFault(
-            "rotation_units",
-            "error",
-            start + "one of them is in another unit; mm and mrad would work",
+            code="rotation_units",
+            severity="error",
+            message=start + "one of them is in another unit; mm and mrad would work",
             column="rx_mrad",
             factor=1.0 / ratio,
         )
     message = f"{start}columns rx_mrad … seem to hold {guess}; mrad would work"
-    return RecordFault("rotation_units", "error", message, column="rx_mrad", factor=1.0 / READ_AS[guess])
+    return RecordFault(
+        code="rotation_units", severity="error", message=message, column="rx_mrad", factor=1.0 / READ_AS[guess]
+    )
 
 
 def _generic(reach: float) -> Array:

@@ -33,7 +33,7 @@ SLABS = 6  # most spheres around one body
 TOUCH = 1e-4  # m, by which the cutter shrinks in the cutter–workpiece test of moves that do not cut
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Body:
     """A closed or open surface that moves with one link of the chain (0: what the part moves with)."""
 
@@ -80,7 +80,12 @@ def cutter_body(cell: Cell, machine: Machine, cutter: Cutter, shrink: float = 0.
     T = machine.robot.T_base_flange_zero @ cell.tool.T_flange_tcp
     centre = np.eye(4)
     centre[2, 3] = -cutter.length + length / 2
-    return _body(Shape("cutter", "cylinder", (radius, length), None, np.eye(4)), "cutter", machine.base + 6, T @ centre)
+    return _body(
+        Shape(name="cutter", kind="cylinder", size=(radius, length), mesh=None, T_parent_shape=np.eye(4)),
+        "cutter",
+        machine.base + 6,
+        T @ centre,
+    )
 
 
 def tool_bodies(cell: Cell) -> list[Body]:
@@ -173,7 +178,18 @@ def closed(faces: NDArray[np.int64]) -> bool:
 def _body(shape: Shape, kind: Kind, link: int, T_base_shape: Array) -> Body:
     vertices, faces = triangles_of(shape)
     body = _bounded(
-        Body(shape.name, kind, link, vertices, faces, np.eye(3), np.zeros(3), np.zeros(3), np.zeros((1, 3)), 0.0)
+        Body(
+            name=shape.name,
+            kind=kind,
+            link=link,
+            vertices=vertices,
+            faces=faces,
+            box_rotation=np.eye(3),
+            box_centre=np.zeros(3),
+            box_half=np.zeros(3),
+            sphere_centres=np.zeros((1, 3)),
+            sphere_radius=0.0,
+        )
     )
     R, t = T_base_shape[:3, :3], T_base_shape[:3, 3]
     return replace(

@@ -19,7 +19,7 @@ PIECES = 20_000  # most triangles that dividing makes
 FLAT = 1e-24  # m⁴, squared double area below which a triangle is a line
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Mesh:
     """A body's triangles and the boxes around them."""
 
@@ -43,7 +43,7 @@ def mesh_of_triangles(vertices: Array, faces: Ints) -> Mesh:
     corners = _divided(vertices[faces], FINE * float(np.linalg.norm(np.ptp(vertices, axis=0))))
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = np.linalg.norm(normals, axis=1, keepdims=True)
-    return Mesh(corners, np.where(size**2 > FLAT, normals / np.maximum(size, 1e-300), 0.0), *_boxes(corners))
+    return _boxed(corners, np.where(size**2 > FLAT, normals / np.maximum(size, 1e-300), 0.0))
 
 
 def _divided(corners: Array, longest: float) -> Array:
@@ -84,14 +84,23 @@ def _part(value: Array, order: Ints, low: int, high: int, at: int) -> None:
             high = j
 
 
-def _boxes(corners: Array) -> tuple[Array, Array, Ints, Ints, Ints, Ints]:
-    """Divide at the median along the longest side, down to LEAF triangles; what :class:`Mesh` keeps of it."""
+def _boxed(corners: Array, normals: Array) -> Mesh:
+    """Triangles in boxes, divided at the median along the longest side down to LEAF of them."""
     most = max(2 * len(corners), 1)  # halves hold two triangles or more, before they are divided
     low, high = np.empty((most, 3)), np.empty((most, 3))
     child, first, count = (np.empty(most, np.int64) for _ in range(3))
     order = np.arange(len(corners))
     made = _divide(corners, low, high, child, first, count, order, np.empty(len(corners)))
-    return low[:made], high[:made], child[:made], first[:made], count[:made], order
+    return Mesh(
+        corners=corners,
+        normals=normals,
+        low=low[:made],
+        high=high[:made],
+        child=child[:made],
+        first=first[:made],
+        count=count[:made],
+        order=order,
+    )
 
 
 @compiled

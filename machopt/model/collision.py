@@ -234,7 +234,15 @@ class CollisionModel:
     def _walk(self, rows: Rows, p: int) -> Walk:
         i, j = self.stack.index[p]
         meshes = self.outlines[i].mesh, self.outlines[j].mesh
-        return Walk(rows, p, (i, j), meshes, self.pairs[p].clearance, self.surfaces, self._memory[p])
+        return Walk(
+            rows=rows,
+            p=p,
+            pair=(i, j),
+            meshes=meshes,
+            clearance=self.pairs[p].clearance,
+            surfaces=self.surfaces,
+            memory=self._memory[p],
+        )
 
     def _doubtful(self, rows: Rows, cutting: Bools) -> Iterator[tuple[int, Bools]]:
         """Pairs whose bounds do not prove every row and way free, each with the rows (M,) that they leave in doubt."""

@@ -25,7 +25,7 @@ AT = 2001  # angles of a joint's range at which what it does to another one is l
 PASSES = 100  # of the fixed point; |Δ'| = ½, the most that is let in, needs 50
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Part:
     """One entry of kinematics.yaml: by the angle of joint ``by`` joint ``moved`` stands elsewhere; both 0-based."""
 
@@ -159,7 +159,9 @@ def correction_of(kinematics: Kinematics | None) -> Correction | None:
         law = laws[c.effect][1]
         values, shape, _ = files.read(law, Parameters(c.parameters, c.effect))
         said = named(c.effect, c.location)
-        parts.append(Part(*joints_of(c.location), law, values, shape, within.stated(c.parameters), said))
+        by, moved = joints_of(c.location)
+        stated = within.stated(c.parameters)
+        parts.append(Part(by=by, moved=moved, law=law, values=values, shape=shape, within=stated, said=said))
     return Correction(tuple(parts)) if parts else None
 
 

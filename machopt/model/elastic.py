@@ -124,7 +124,7 @@ def jiao_normal_index(k_y: Array, k_z: Array, theta: Array) -> Array:
     return np.hypot(k_z * np.cos(theta), k_y * np.sin(theta))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Elastic:
     """Elasticity at M configurations: what a wrench at the TCP does on top of weight. base_link axes throughout.
 
@@ -336,8 +336,10 @@ class ArmElasticity:
         weight = None if self._masses is None else gravity_torque(self.robot, self._masses, state)[0]
         terms = self._known if beside is None else (*self._known, Response(beside))
         if not self._balancers:
-            return Elastic(state, k, terms, self.geometric, weight)
-        return Elastic(state, self._balanced(k, q), terms, self.geometric, weight, k)
+            return Elastic(state=state, k=k, terms=terms, geometric=self.geometric, weight=weight)
+        return Elastic(
+            state=state, k=self._balanced(k, q), terms=terms, geometric=self.geometric, weight=weight, gears=k
+        )
 
     def _gears(self, state: ArmState) -> Array:
         """(..., 6) N·m/rad of the joints' own springs at the TCP's position."""

@@ -50,7 +50,7 @@ class Choice:
         return 3 - self.e - self.u
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Elimination:
     """One elimination of one arm, in lengths of the arm's own size."""
 
@@ -79,7 +79,16 @@ class Elimination:
         W = [_half_angle(choice.phase[j]) for j in order]
         half = np.einsum("nabc,ai,bj,ck->nijk", left.transpose(0, *(1 + j for j in order)), *W, optimize=True)
         one = np.einsum("i,j,k->ijk", W[0][0], W[1][0], W[2][0])
-        return cls(choice, axis, point, length, inverse(robot.T_base_flange_zero), left, half, one)
+        return cls(
+            choice=choice,
+            axis=axis,
+            point=point,
+            length=length,
+            T_end_base=inverse(robot.T_base_flange_zero),
+            left=left,
+            left_half=half,
+            one_half=one,
+        )
 
     def candidates(self, T_base_flange: Array) -> tuple[Array, NDArray[np.int64]]:
         """Rough solutions, in need of Newton and of a check.

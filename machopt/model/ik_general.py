@@ -37,7 +37,7 @@ TRIALS = 64, 256  # random configurations for all formulations, then for the fou
 LEAST_RECALL = 0.9  # of the trial configurations; an arm below has fewer than six independent axes
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class GeneralSolver:
     """All branches of one arm. Build it with :meth:`for_robot`."""
 
@@ -58,7 +58,14 @@ class GeneralSolver:
                 freely in all six directions (two axes on one line, four axes parallel or through one point).
         """
         if is_three_parallel(robot, CLOSED_RAD, CLOSED_M):
-            return cls(robot, "three_parallel", PARALLEL_BRANCHES, True, 1.0, closed=ThreeParallel.for_robot(robot))
+            return cls(
+                robot=robot,
+                kind="three_parallel",
+                branches=PARALLEL_BRANCHES,
+                branch_stable=True,
+                recall=1.0,
+                closed=ThreeParallel.for_robot(robot),
+            )
         recall, eliminations = _best_eliminations(robot)
         if recall < LEAST_RECALL:
             raise InputError(
@@ -66,7 +73,14 @@ class GeneralSolver:
                 f"configurations again; six axes that move the flange in all six directions would work",
                 where="robot.arm_joints",
             )
-        return cls(robot, "general", GENERIC_BRANCHES, False, recall, eliminations=eliminations)
+        return cls(
+            robot=robot,
+            kind="general",
+            branches=GENERIC_BRANCHES,
+            branch_stable=False,
+            recall=recall,
+            eliminations=eliminations,
+        )
 
     def solve(self, T_base_flange: Array) -> Array:
         """All branches of M poses, each exact to 1e-9 m and 1e-9 rad by forward kinematics.

@@ -34,7 +34,7 @@ from machopt.se3 import inverse, transform
 Ints = NDArray[np.intp]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Machine:
     """n = 6 + E lines in the order of the chain, in base_link where all joints are zero."""
 

@@ -20,7 +20,7 @@ from machopt.se3 import skew
 _BLOCK = 10  # inertial parameters of a body: m, m c (3), Ixx Ixy Iyy Ixz Iyz Izz about the joint's origin
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Dynamics:
     """The arm as pinocchio sees it: n joints, everything else of the URDF locked at zero."""
 
@@ -159,7 +159,12 @@ def load_dynamics(cell: Cell) -> Dynamics:
     model.gravity.linear = R_root_world @ np.array([0.0, 0.0, -GRAVITY])
     com = np.asarray(cell.tool.com, float) if cell.tool.mass > 0.0 else 0.5 * cell.tool.T_flange_tcp[:3, 3]
     return Dynamics(
-        model, bodies, np.array(at.rotation), np.array(at.translation), np.array(com), float(cell.tool.mass)
+        model=model,
+        bodies=bodies,
+        R_last_flange=np.array(at.rotation),
+        p_last_flange=np.array(at.translation),
+        tool_com=np.array(com),
+        tool_mass=float(cell.tool.mass),
     )
 
 

@@ -58,7 +58,7 @@ class ArmState:
     p_bodies: Array | None = None  # (..., 7, 3) m; a point x of link i at q = 0 is at R_bodies[i] x + p_bodies[i]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Robot:
     """A 6R arm as six lines and a flange pose at q = 0, all in base_link.
 
@@ -350,11 +350,23 @@ def _link_shapes(cell: Cell, model: object, data: object, T_base_world: Array, i
         if g.meshPath and kind.startswith("BVH"):
             shape = _mesh_shape(cell, g, T)
         elif kind == "Box":
-            shape = Shape(g.name, "box", tuple(2.0 * float(h) for h in g.geometry.halfSide), None, T)
+            shape = Shape(
+                name=g.name,
+                kind="box",
+                size=tuple(2.0 * float(h) for h in g.geometry.halfSide),
+                mesh=None,
+                T_parent_shape=T,
+            )
         elif kind == "Cylinder":
-            shape = Shape(g.name, "cylinder", (float(g.geometry.radius), 2.0 * float(g.geometry.halfLength)), None, T)
+            shape = Shape(
+                name=g.name,
+                kind="cylinder",
+                size=(float(g.geometry.radius), 2.0 * float(g.geometry.halfLength)),
+                mesh=None,
+                T_parent_shape=T,
+            )
         elif kind == "Sphere":
-            shape = Shape(g.name, "sphere", (float(g.geometry.radius),), None, T)
+            shape = Shape(name=g.name, kind="sphere", size=(float(g.geometry.radius),), mesh=None, T_parent_shape=T)
         else:
             raise InputError(
                 f"collision geometry {g.name!r} is a {kind}; mesh, box, cylinder or sphere would work", file=cell.urdf
@@ -372,4 +384,4 @@ def _mesh_shape(cell: Cell, g: Any, T: Array) -> Shape:
         raise InputError(
             f"collision mesh {g.name!r} is scaled unevenly {scale.tolist()}; one scale would work", file=cell.urdf
         )
-    return Shape(g.name, "mesh", (float(scale[0]),), Path(g.meshPath), T)
+    return Shape(name=g.name, kind="mesh", size=(float(scale[0]),), mesh=Path(g.meshPath), T_parent_shape=T)

@@ -20,7 +20,7 @@ from machopt.model.terms.base import LinearTerm
 from machopt.model.terms.body import cross
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Shift:
     """The twist that a discrepancy's mean adds to a model's."""
 
@@ -44,7 +44,15 @@ class Shift:
         geometric: bool = False,
     ) -> Shift:
         """Args: terms: of the file, with their values; masses: None: weight counts as zero; geometric: see Suspects."""
-        whole = Suspects(robot, T_flange_tcp, found.parts, found.torque, terms, masses, geometric)
+        whole = Suspects(
+            robot=robot,
+            T_flange_tcp=T_flange_tcp,
+            names=found.parts,
+            torque=found.torque,
+            terms=terms,
+            masses=masses,
+            geometric=geometric,
+        )
         joints, cosines, sines = np.zeros((6, 6)), np.zeros(6), np.zeros(6)
         gears: list[tuple[int, float, float]] = []
         bodies: dict[str, Array] = {}
@@ -70,7 +78,15 @@ class Shift:
                 bodies.setdefault(word, np.zeros(6))[AXES.index(where)] += value
         places = [(*place_of(robot, word), soft) for word, soft in bodies.items()]
         left = replace(whole, names=tuple(rest))
-        return cls(joints, cosines, sines, tuple(gears), tuple(places), left, np.array([*rest.values()]))
+        return cls(
+            joints=joints,
+            cosines=cosines,
+            sines=sines,
+            gears=tuple(gears),
+            bodies=tuple(places),
+            rest=left,
+            by=np.array([*rest.values()]),
+        )
 
     def twist(self, state: ArmState, k: Array, wrench: Array, *, small: bool) -> Array:
         """(M, 6) m and rad under wrenches (M, 6) at the TCP in base_link axes.

@@ -59,7 +59,7 @@ def gear_names() -> tuple[str, ...]:
     return tuple(f"{word} {j}" for j in range(1, 7) for word in BENDS)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Suspects:
     """An arm with what may be missing in it.
 

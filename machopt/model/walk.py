@@ -21,7 +21,7 @@ def too_near(distance: float, clearance: float) -> bool:
     return distance <= 0.0 or distance < clearance
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Walk:
     """One pair followed along the rows: an exact distance and how far the bodies have moved since."""
 

@@ -13,7 +13,7 @@ from machopt.placement.moved import Carried
 CLOSE = 1e-9  # relative; a bound nearer than this to the best plan cannot be told from it
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Place:
     """One place; indices in m or m/N, of the worst of all jobs."""
 
@@ -31,7 +31,7 @@ class Place:
         return not self.refused
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Planned:
     """A whole plan of every job at a place: collisions, continuity, motion."""
 
@@ -56,7 +56,7 @@ class Near:
     worst: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Siting:
     """Everything that was found."""
 

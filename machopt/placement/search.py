@@ -43,7 +43,7 @@ class Asked:
     why: str = ""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Site:
     """A cell and its jobs, ready to be looked at from anywhere."""
 
@@ -75,7 +75,7 @@ class Site:
         carried = Carried(search.base, names, centre_of(cell, positions, base=search.base, frames=frames), frames)
         cut = [stints_whole(cell, t) for t in toolpaths] if stints is None else stints
         jobs = tuple(tuple(Task.of(stint, options) for stint in job) for job in cut)
-        return cls(cell, toolpaths, options, jobs, carried, standing)
+        return cls(cell=cell, toolpaths=toolpaths, options=options, jobs=jobs, carried=carried, standing=standing)
 
     @property
     def free(self) -> bool:
@@ -98,16 +98,21 @@ class Site:
         """Look at a place."""
         number, shift = asked.number, asked.shift
         if asked.why:
-            return Place(number, shift, asked.why)
+            return Place(number=number, shift=shift, refused=asked.why)
         found = self.outlooks(shift)
         last = found[-1]
         if not last.reached:
             name = self.toolpaths[len(found) - 1].source
-            return Place(number, shift, f"point {last.point} of {name}: {_REASONS[last.reason]}", point=last.point)
+            return Place(
+                number=number,
+                shift=shift,
+                refused=f"point {last.point} of {name}: {_REASONS[last.reason]}",
+                point=last.point,
+            )
         job = int(np.argmax([o.bound for o in found]))
         return Place(
-            number,
-            shift,
+            number=number,
+            shift=shift,
             bound=found[job].bound,
             worst=max(o.worst for o in found),
             mean=float(np.mean([o.mean for o in found])),
@@ -123,14 +128,16 @@ class Site:
             stints = [task.stint for task in job]
             one, seconds, why = planned_at(stints, self.carried, place.shift, self.options)
             if why:
-                return Planned(place, f"no motion for {toolpath.source}: {why}", seconds=time.perf_counter() - begun)
+                return Planned(
+                    place=place, refused=f"no motion for {toolpath.source}: {why}", seconds=time.perf_counter() - begun
+                )
             worst.append(one.chosen.objective.worst * one.scores.scale)
             mean.append(one.chosen.objective.mean * one.scores.scale)
             cycle += seconds
             softest.append(_softest(one))
         hardest = int(np.argmax(worst))
         return Planned(
-            place,
+            place=place,
             worst=worst[hardest],
             mean=float(np.mean(mean)),
             job=hardest,
@@ -189,14 +196,28 @@ def find(
         progress(f"plan {len(planned) + 1} of at most {search.plans}: {place.shift.words}{told}")
         whole(place, queue[turn + 1 :])
     left = min((p.bound for p in queue if p.number not in planned), default=np.inf)
-    grid = Siting(site.carried, tuple(places), tuple(planned.values()), {}, left, stopped)
+    grid = Siting(
+        carried=site.carried,
+        places=tuple(places),
+        planned=tuple(planned.values()),
+        around={},
+        open_bound=left,
+        stopped=stopped,
+    )
     if grid.best and time.monotonic() - begun < search.seconds:
         progress("between the places of the grid")
         finer = _between(site, grid.best[0].place, search, len(places), work)
         if finer is not None:
             places.append(finer)
             whole(finer)
-    out = Siting(site.carried, tuple(places), tuple(planned.values()), {}, left, stopped)
+    out = Siting(
+        carried=site.carried,
+        places=tuple(places),
+        planned=tuple(planned.values()),
+        around={},
+        open_bound=left,
+        stopped=stopped,
+    )
     progress("around the best")
     return replace(out, around=_around(site, [p.place for p in out.best[: search.best]], search, work))
 
@@ -219,7 +240,7 @@ def _looked_at(
         if now[-1] % 10 == 0 or size > 1 or not todo:
             progress(f"place {len(known)} of {len(every)}, {sum(p.open for p in known.values())} within reach")
     late = "not looked at: the time was over"
-    return [known.get(k) or Place(k, shift, late) for k, shift in enumerate(every)]
+    return [known.get(k) or Place(number=k, shift=shift, refused=late) for k, shift in enumerate(every)]
 
 
 def _between(site: Site, best: Place, search: Search, number: int, hands: Hands) -> Place | None:

@@ -103,7 +103,7 @@ class Standing:
         return graph
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Refusal:
     """Holds what moves against what stays, place by place."""
 
@@ -126,7 +126,14 @@ class Refusal:
                 one = _manager({name: bodies}, standing.T_world_base)
                 if moving.min_distance_other(one) <= SINK:
                     resting.add(name)
-        return cls(standing, movers, stayers, moving, touching, tuple(sorted(resting)))
+        return cls(
+            standing=standing,
+            movers=movers,
+            stayers=stayers,
+            moving=moving,
+            touching=touching,
+            resting=tuple(sorted(resting)),
+        )
 
     def why(self, shift: Shift, S: Array) -> str:
         """One sentence, empty where the cell can stand so. S (4, 4): the shift in world."""

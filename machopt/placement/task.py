@@ -77,7 +77,7 @@ class Task:
 def stints_whole(cell: Cell, toolpath: Toolpath) -> tuple[Stint, ...]:
     """A job that changes no tools."""
     home = cell.stands_at_home
-    return (Stint(cell, toolpath, toolpath, 0, home, home),)
+    return (Stint(cell=cell, toolpath=toolpath, whole=toolpath, first=0, begin=home, end=home),)
 
 
 def planned_at(

@@ -25,7 +25,7 @@ BRANCHES = (
 )
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Ahead:
     """The contacts known on one grid; ``candidates`` lose what collides, in place."""
 

@@ -75,7 +75,17 @@ def moved(
             bounds = tuple(
                 _bound(rows, stand, side) for stand, side in zip(g.stands, sides, strict=True) if g.moving[stand.joint]
             )
-            group = Range(g.runs, g.moving, value, home, low, high, g.share, bounds, g.allowed)
+            group = Range(
+                runs=g.runs,
+                moving=g.moving,
+                fixed=value,
+                home=home,
+                low=low,
+                high=high,
+                share=g.share,
+                bounds=bounds,
+                allowed=g.allowed,
+            )
             out[rows] = curve(setup, options, path, group, scale, weight)
     return out
 

@@ -20,7 +20,7 @@ def axes_of(cell: Cell, options: PlanOptions) -> tuple[ExternalAxis, ...]:
         InputError: an option names no external joint, has another joint's unit, or a value out of the joint's range.
     """
     names = list(cell.external_joints)
-    by_name = {name: ExternalAxis(name) for name in names}
+    by_name = {name: ExternalAxis(joint=name) for name in names}
     for axis in options.external:
         name = _name(axis, names)
         k = names.index(name)

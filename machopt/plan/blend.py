@@ -49,7 +49,7 @@ class Jets:
     rotation: Array  # (M, 4, 3, 3) columns are the TCP axes
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Curve:
     """A run between two stops, rounded."""
 
@@ -155,7 +155,17 @@ def build_curves(
         scale = np.r_[np.full(3, 1 / path_tolerance), np.full(3, 1 / axis_tolerance)]
         width[:, 0] = _half_widths(u[part], X[part, POSE] * scale, (0, 3, 6), cap)
         width[:, 1] = _half_widths(u[part], X[part, TURN] / SPIN_TOLERANCE, (0, 4), 2.0 * cap)
-        curves.append(Curve(u[part], X[part], width, first[part], last[part], turn[part], phi_curve))
+        curves.append(
+            Curve(
+                u=u[part],
+                X=X[part],
+                width=width,
+                first=first[part],
+                last=last[part],
+                turns=turn[part],
+                phi_curve=phi_curve,
+            )
+        )
     return curves
 
 

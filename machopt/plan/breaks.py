@@ -43,7 +43,7 @@ Code = Literal[
 HOME, CHANGE = "home", "the tool change"  # where a motion begins or ends
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Break:
     """Two successive places that no motion joins."""
 
@@ -96,11 +96,11 @@ _HELP: dict[str, str] = {
 def not_driven(before: float, after: float, why: str) -> Break:
     """A stretch that the axes cannot be timed along."""
     return Break(
-        before,
-        after,
-        "not_driven",
-        why,
-        "more points there, a finer rotation_step_deg or larger singularity margins would help",
+        before=before,
+        after=after,
+        code="not_driven",
+        text=why,
+        help="more points there, a finer rotation_step_deg or larger singularity margins would help",
     )
 
 
@@ -123,7 +123,16 @@ def jumps(path: Path, scored: Scored) -> tuple[Break, ...]:
 def _jump(before: float, after: float, joint: int, value: float, limit: float) -> Break:
     value, limit = float(np.degrees(value)), float(np.degrees(limit))
     text = f"joint {joint + 1} would have to jump by {value:.1f}° (at most {limit:g}° is continuous)"
-    return Break(float(before), float(after), "joint_jump", text, _help("joint_jump"), joint + 1, value, limit)
+    return Break(
+        before=float(before),
+        after=float(after),
+        code="joint_jump",
+        text=text,
+        help=_help("joint_jump"),
+        joint=joint + 1,
+        value=value,
+        limit=limit,
+    )
 
 
 @dataclass
@@ -144,7 +153,17 @@ def _break(path: Path, setup: Setup, c: Candidates, found: Found, s: int) -> Bre
     def made(
         code: Code, text: str, joint: int = 0, value: float = np.nan, limit: float = np.nan, pair: str = ""
     ) -> Break:
-        return Break(before, after, code, text, _help(code), joint, value, limit, pair)
+        return Break(
+            before=before,
+            after=after,
+            code=code,
+            text=text,
+            help=_help(code),
+            joint=joint,
+            value=value,
+            limit=limit,
+            pair=pair,
+        )
 
     if tally.why:
         most = max(tally.why, key=lambda k: (tally.why[k], k))

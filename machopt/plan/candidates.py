@@ -26,7 +26,7 @@ MET = 1e-6  # rad: nearer than this a vertex has the rotation that the user fixe
 TRACKED = 16_384  # by the general solver, which labels the branches of so many poses by continuity
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PlanningArm:
     """What the steps need of the cell's kinematics."""
 
@@ -86,7 +86,7 @@ def _turned(R: Array, v: Array) -> Array:
     return np.asarray(v @ R.T if R.ndim == 2 else np.einsum("nij,nj->ni", R, v))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Candidates:
     """Fixed shapes: S stations, R rotations, B branches, T turns."""
 

@@ -34,7 +34,7 @@ FREE, LIFT = -1, -2
 _LARGE = 1e300  # a limit that no sequence meets: with one, breaks are no answer
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Choice:
     """One vertex per station."""
 
@@ -75,7 +75,7 @@ def choose(
     return Grid.of(path, candidates, scores, velocity, options, wide).choose(edges)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Grid:
     """What sequences over one grid cost, and which steps there are; a step is numbered by the station it leads into.
 

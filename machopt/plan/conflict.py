@@ -92,7 +92,7 @@ def _distance(wish: Wish, ends: Sequence[float], toolpath: Toolpath) -> float:
     if isinstance(wish, FixedRotation):
         parts = [(wish.point, wish.point)]
     else:
-        parts = list(stretches(wish if isinstance(wish, Steer) else Steer(wish.operation), toolpath))
+        parts = list(stretches(wish if isinstance(wish, Steer) else Steer(operation=wish.operation), toolpath))
     return min((max(a - at, at - b, 0.0) for a, b in parts for at in ends), default=0.0)
 
 

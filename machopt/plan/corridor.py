@@ -39,7 +39,7 @@ Merit = Callable[[Spline, Ends, float], float]
 """Worth of an answer, given what it is tied to, and the worst cost elsewhere."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Corridor:
     """What the grid knows around the chosen rotation, per station (n of them) and step j = −REACH … REACH."""
 
@@ -53,7 +53,7 @@ class Corridor:
     crowded: Array | None = None  # (n, 2·REACH+1) like ``cost``; None: it does not count
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Stretch:
     """A continuous stretch of stations while it is being smoothed."""
 
@@ -78,14 +78,14 @@ class Stretch:
         band = corridor(candidates, scores, choice, rows)
         turning = turning_length(path, points[0], points[-1])
         return cls(
-            rows,
-            points,
-            band,
-            turning[points - points[0]],
-            terms.take(rows),
-            float(path.motion_share[points[0]]),
-            _pins(path, rows, band.phi, terms.options),
-            np.zeros(len(rows)),
+            rows=rows,
+            points=points,
+            band=band,
+            x=turning[points - points[0]],
+            terms=terms.take(rows),
+            weight=float(path.motion_share[points[0]]),
+            pins=_pins(path, rows, band.phi, terms.options),
+            offset=np.zeros(len(rows)),
         )
 
     def bounds(self) -> tuple[Array, Array]:

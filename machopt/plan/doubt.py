@@ -55,13 +55,13 @@ class Doubt:
         if d is None:
             return None
         suspects = Suspects(
-            elasticity.robot,
-            elasticity.T_flange_tcp,
-            d.parts,
-            d.torque,
-            elasticity.terms,
-            elasticity.masses,
-            elasticity.geometric,
+            robot=elasticity.robot,
+            T_flange_tcp=elasticity.T_flange_tcp,
+            names=d.parts,
+            torque=d.torque,
+            terms=elasticity.terms,
+            masses=elasticity.masses,
+            geometric=elasticity.geometric,
         )
         off = d.shift if elasticity.shift is None else np.zeros_like(d.shift)  # else it is counted in
         return cls(suspects, np.concatenate([off[None], d.modes]), d.local)
@@ -75,7 +75,13 @@ class Doubt:
         values, vectors = np.linalg.eigh(stiffness.covariance)
         modes = (vectors * np.sqrt(np.maximum(values, 0.0))).T
         names = tuple(f"joint {j}" for j in range(1, 7))
-        suspects = Suspects(elasticity.robot, elasticity.T_flange_tcp, names, np.ones(6), masses=elasticity.masses)
+        suspects = Suspects(
+            robot=elasticity.robot,
+            T_flange_tcp=elasticity.T_flange_tcp,
+            names=names,
+            torque=np.ones(6),
+            masses=elasticity.masses,
+        )
         return cls(suspects, np.concatenate([np.zeros((1, 6)), modes]))
 
     def moves(self, elastic: Elastic, q: Array, force: Array, *, small: bool = False) -> Array:

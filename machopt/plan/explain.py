@@ -45,7 +45,13 @@ def all_breaks(plan: Plan, obstructions: tuple[Break, ...] = ()) -> tuple[Break,
         if not missing[rows].any():  # else the point itself tells
             between.setdefault(ends, int(p))
     inner = tuple(
-        Break(a, b, "no_pose", f"at {path.index[p]:.2f} between them: {sentences[p]}", help_of(plan, p))
+        Break(
+            before=a,
+            after=b,
+            code="no_pose",
+            text=f"at {path.index[p]:.2f} between them: {sentences[p]}",
+            help=help_of(plan, p),
+        )
         for (a, b), p in between.items()
         if not any(a - 1e-9 <= k.before and k.after <= b + 1e-9 for k in plan.breaks)
     )

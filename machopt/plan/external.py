@@ -107,7 +107,18 @@ def _coarse_to_fine(
     with clock.stage("external"):
         search = Values(setup, options, path, groups, axes, scale)
         search.judge()
-    tries = _Tries(cell, toolpath, options, clock, before, setup, path, groups, axes, search)
+    tries = _Tries(
+        cell=cell,
+        toolpath=toolpath,
+        options=options,
+        clock=clock,
+        before=before,
+        setup=setup,
+        path=path,
+        groups=groups,
+        axes=axes,
+        search=search,
+    )
     moves = any(g.moves.any() for g in groups)
     return tries.moving() if moves else [tries.fixed(TRIED)[1]]
 
@@ -115,7 +126,7 @@ def _coarse_to_fine(
 Key = tuple[float, float]  # points lost and breaks; what it is worth: less is better
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Tries:
     """What is planned in full, and which of it is taken."""
 

@@ -69,7 +69,7 @@ class TimeLaw:
         return TimeLaw(self.time, u, self.v * f, self.a * f, self.j * f)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Bounds:
     """What limits the speed at the nodes of a curve."""
 

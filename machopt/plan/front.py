@@ -22,7 +22,7 @@ CLEARANCE = 0.01  # mm: clearance is kept before corners are rounded, by up to p
 SAME = 1.0 + 1e-6  # of such a difference: round-off of a plain 0.1 s
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Point:
     """One whole plan; the index is deflection in mm, or compliance in mm/N where no force is given."""
 
@@ -125,14 +125,14 @@ def measured(name: str, changed: str, the_plan: Plan, timeline: Timeline, points
     in_its_units = replace(o, mean=share * o.mean, worst=share * o.worst)
     clearance = points.table.clearance
     return Point(
-        name,
-        changed,
-        unit * o.mean,
-        unit * o.worst,
-        float(motion.time[-1]),
-        float(np.degrees(np.abs(np.diff(motion.q, axis=0)).sum())),
-        1e3 * float(np.nanmin(clearance)) if np.isfinite(clearance).any() else None,
-        total_of(in_its_units, asked.options.weights),
+        plan=name,
+        changed=changed,
+        mean_index=unit * o.mean,
+        worst_index=unit * o.worst,
+        cycle_time_s=float(motion.time[-1]),
+        joint_travel_deg=float(np.degrees(np.abs(np.diff(motion.q, axis=0)).sum())),
+        clearance_mm=1e3 * float(np.nanmin(clearance)) if np.isfinite(clearance).any() else None,
+        objective=total_of(in_its_units, asked.options.weights),
     )
 
 

@@ -30,7 +30,7 @@ def free_choice(
         return choice, 0
     touch, external = part.may_touch[part.stations], part.external[part.stations]
     pairs = np.full(candidates.feasible.shape[:3], -1, np.int32)
-    ahead = Ahead(candidates, setup.collision, touch, external, pairs)
+    ahead = Ahead(candidates=candidates, model=setup.collision, may_touch=touch, external=external, pairs=pairs)
     for _ in range(TIMES):
         s = np.flatnonzero(~choice.dropped)
         found = setup.collision.check(ahead.whole(s, choice.rotation[s], choice.branch[s]), touch[s])

@@ -20,7 +20,7 @@ from machopt.plan.stands import Interval, Stand, left_by, nearest_in, refuse_cro
 MOVING = "moving"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Group:
     """Operations that share their values."""
 
@@ -112,7 +112,21 @@ def groups_of(
             low[k], high[k] = allowed_here[0][0], allowed_here[-1][1]
         share = float(path.weight[rows_of(path, runs)].sum())
         some = tuple(operations.tolist())
-        out.append(Group(runs, some, moving, low, high, share, least, most, tuple(allowed), must, mine))
+        out.append(
+            Group(
+                runs=runs,
+                operations=some,
+                moving=moving,
+                low=low,
+                high=high,
+                share=share,
+                least=least,
+                most=most,
+                allowed=tuple(allowed),
+                must=must,
+                stands=mine,
+            )
+        )
     return out
 
 

@@ -128,8 +128,16 @@ def _summed(parts: Sequence[Objective], share: Array, options: PlanOptions) -> O
         return float(share[cuts] @ np.array([getattr(o, name) for o in parts])[cuts])
 
     worst = max(o.worst for o in parts)
-    names = ("travel", "rotation", "feed", "preferred", "clearance")
-    whole = Objective(math.nan, mean("mean"), worst, *(mean(name) for name in names))
+    whole = Objective(
+        total=math.nan,
+        mean=mean("mean"),
+        worst=worst,
+        travel=mean("travel"),
+        rotation=mean("rotation"),
+        feed=mean("feed"),
+        preferred=mean("preferred"),
+        clearance=mean("clearance"),
+    )
     return replace(whole, total=total_of(whole, options.weights))
 
 

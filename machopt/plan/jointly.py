@@ -35,7 +35,7 @@ RIDGE = 1e-14  # added to the Hessian, of its largest entry
 SMOOTH = 1e-4  # price of the sum of squares of neighbouring coefficients' difference: what nothing else decides stays
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Local:
     """What is known around the pose of each of n stations, by differences."""
 
@@ -51,7 +51,7 @@ class Local:
     worst: float  # its price
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Steps:
     """The steps between stations: k absolute values each."""
 
@@ -158,7 +158,7 @@ class Around:
         return np.asarray(on.taken * whole)
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Central:
     """What the steps have beside the coefficients: all products of multipliers and what they belong to are near μ."""
 
@@ -191,7 +191,7 @@ class Central:
                 least, most = (top, most) if over else (least, top)
             slack[counted] = top - index[counted]
             share[counted] = mu / slack[counted]
-        return cls(plus, minus, mu / plus, mu / minus, slack, share, top)
+        return cls(plus=plus, minus=minus, above=mu / plus, below=mu / minus, slack=slack, share=share, top=top)
 
     def gap(self) -> float:
         """Sum of all products."""

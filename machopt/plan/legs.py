@@ -24,7 +24,7 @@ LONGEST = 600.0  # s: what waits longer is no dwell, and a row a sample would ma
 BEFORE_ALL = -1  # where a dwell ahead of the first point stands: before the motion begins
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Leg:
     """A stretch of the motion from rest to rest."""
 

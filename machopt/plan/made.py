@@ -32,7 +32,7 @@ class Compensation:
     lost: NDArray[np.bool_]  # (P,) feasible as programmed, not as shifted
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ExternalBound:
     """What no sequence undercuts that chooses the external joints too (:mod:`machopt.plan.overexternal`); values of J.
 
@@ -59,7 +59,7 @@ class ExternalBound:
         return 1.0 - self.bound / self.plan
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Plan:
     """Everything the plan found out, step by step."""
 

@@ -61,7 +61,13 @@ def mapped(plan: Plan, full: bool = False, seconds: float = SECONDS) -> Mapped:
     start = time.perf_counter()
     c = replace(c, feasible=c.feasible.copy(), reason=c.reason.copy())
     touch = plan.path.may_touch[plan.path.stations]
-    ahead = Ahead(c, model, touch, plan.path.external[plan.path.stations], np.full(c.reason.shape, -1, np.int32))
+    ahead = Ahead(
+        candidates=c,
+        model=model,
+        may_touch=touch,
+        external=plan.path.external[plan.path.stations],
+        pairs=np.full(c.reason.shape, -1, np.int32),
+    )
     cut = plan.path.counted[plan.path.stations]
     pass_ = COARSE
     while pass_:

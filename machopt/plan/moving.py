@@ -53,7 +53,7 @@ SAMPLE = 0.01  # m, of the grid a run is smoothed on
 SAMPLES = 400  # at most
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Range:
     """What the external joints of one group of operations may do."""
 

@@ -33,7 +33,7 @@ AXIS_SPEED = 0.8  # share of the velocity limits; accelerations need the rest
 NEAR = 0.5  # m: rapid moves shorter than this should not turn the arm over
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Objective:
     """J and its parts, dimensionless; times c₀, ``mean`` and ``worst`` are the index's own."""
 
@@ -118,7 +118,7 @@ def disliked(cosine: Any, weight: Any) -> Any:
 # --- what they are applied to --------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Terms:
     """What J counts along a row of n places: the planning points, or some of them."""
 
@@ -253,7 +253,16 @@ def objective(
     near = np.zeros(len(path.index)) if crowded is None else crowded
     there = counted & np.isfinite(near)
     clearance = float(terms.share[there] @ near[there] / max(terms.share[there].sum(), 1e-300))
-    parts = Objective(np.nan, mean, worst, travel, rotation, lost, preferred, clearance)
+    parts = Objective(
+        total=np.nan,
+        mean=mean,
+        worst=worst,
+        travel=travel,
+        rotation=rotation,
+        feed=lost,
+        preferred=preferred,
+        clearance=clearance,
+    )
     return replace(parts, total=total_of(parts, w, elsewhere))
 
 

@@ -43,7 +43,7 @@ MOST, LEAST = 240, 24  # stations
 SLACK = 1e-12  # of a limit, for rounding: both ways of adding up one sequence
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Lattice:
     """Sequences over values, rotations and branches, and what they cost."""
 

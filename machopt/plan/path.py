@@ -42,7 +42,7 @@ TURN = np.cos(np.radians(5.0))  # sharper turns of the direction of travel are c
 SEGMENT_AXIS = np.radians(3.0)  # rad, the same for axis changes
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Path:
     """P planning points in order: every toolpath point, and extra ones inside long segments."""
 

@@ -95,7 +95,15 @@ def plan(
     checker = Checker.of(path, setup.arm, setup.robot, setup.collision, options)
     search = None
     if options.method == "global":
-        search = Search(path, candidates, scores, setup.cell.limits.velocity[:6], options, checker, clock.switch)
+        search = Search(
+            path=path,
+            candidates=candidates,
+            scores=scores,
+            velocity=setup.cell.limits.velocity[:6],
+            options=options,
+            checker=checker,
+            progress=clock.switch,
+        )
     with stage("baselines"):  # and the first choice, which looks at no contacts, beside them
         begin = search.begin if search is not None else lambda: None
         (by_file, by_paper), _ = both(lambda: _yardsticks(before, at_home, d_home, setup, options), begin)
@@ -128,20 +136,20 @@ def plan(
         _name_dropped(path, choice, candidates, chosen.assignment)
     grid = _grid_objective(path, choice, candidates, scores, setup, options)
     return Plan(
-        setup,
-        options,
-        path,
-        d,
-        candidates,
-        scores,
-        choice,
-        chosen,
-        source,
-        grid,
-        default,
-        paper,
-        check,
-        rounds,
+        setup=setup,
+        options=options,
+        path=path,
+        directions=d,
+        candidates=candidates,
+        scores=scores,
+        choice=choice,
+        chosen=chosen,
+        chosen_from=source,
+        grid=grid,
+        cam_default=default,
+        jiao2022=paper,
+        check=check,
+        rounds=rounds,
         breaks=breaks,
         found=found,
         notes=gouges.sentences() if gouges is not None else {},
@@ -163,7 +171,15 @@ def searched_again(before: Plan, found: Found, worst: float, elsewhere: float, c
     candidates = replace(c, feasible=c.feasible.copy(), reason=c.reason.copy())
     scored = _scorer(path, setup, before.directions, scores, options)
     checker = Checker.of(path, setup.arm, setup.robot, setup.collision, options)
-    search = Search(path, candidates, scores, setup.cell.limits.velocity[:6], options, checker, clock.switch)
+    search = Search(
+        path=path,
+        candidates=candidates,
+        scores=scores,
+        velocity=setup.cell.limits.velocity[:6],
+        options=options,
+        checker=checker,
+        progress=clock.switch,
+    )
     search.resume(found)
     found = _searched(search, scored, clock)
     chosen, check = scored(found.assignment), found.check

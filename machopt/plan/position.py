@@ -19,7 +19,7 @@ from machopt.domain.stiffness import PositionError
 from machopt.plan.made import Plan
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Predicted:
     """Of the points that are cut."""
 
@@ -61,7 +61,9 @@ def predicted(plan: Plan) -> Predicted | None:
     std, beyond = (e.std if corrected else e.plain), max(e.plain, e.std)
     outside = ~covered.all(axis=1)
     joints = tuple(int(j) + 1 for j in np.flatnonzero(~covered.all(axis=0)))
-    return Predicted(e, std, beyond, float(outside.mean()), joints, corrected)
+    return Predicted(
+        error=e, std=std, beyond=beyond, uncovered=float(outside.mean()), joints=joints, corrected=corrected
+    )
 
 
 def _driven(plan: Plan) -> Iterator[Array]:

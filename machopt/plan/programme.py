@@ -69,7 +69,7 @@ class Basis:
         return np.asarray((own + tied).reshape(self.lags, self.m))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RoundedObjective:
     """The rounded objective at one place: value, and gradient and Hessian in the offsets (n,)."""
 
@@ -178,7 +178,16 @@ class Programme:
         gradient[:-1] += (pull * self.back).sum(axis=0)
         gradient[1:] += (pull * self.on).sum(axis=0)
         return RoundedObjective(
-            value, gradient, diagonal, first, last, both, w.worst**0.5 * p * slope / width**0.5, price, z, s
+            value=value,
+            gradient=gradient,
+            diagonal=diagonal,
+            first=first,
+            last=last,
+            both=both,
+            dyad=w.worst**0.5 * p * slope / width**0.5,
+            price=price,
+            slope=z,
+            size=s,
         )
 
     def solve(self, start: Array) -> Array:

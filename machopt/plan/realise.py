@@ -20,7 +20,7 @@ ROWS = 4096  # solved at once: matrices of them stay in a core's cache, and a mi
 SAME_BRANCH = np.radians(30.0)  # a Newton step that ends farther from its seed has left the branch
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Assignment:
     """One configuration per planning point."""
 

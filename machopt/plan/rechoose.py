@@ -23,7 +23,7 @@ MANY = 0.1  # of the stations lost: the next choice will hardly be the last, and
 ROUGH = 0.05  # of the objective that such a choice may miss
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Chooser:
     """Chooses on one grid; ``candidates`` may lose vertices in between."""
 

@@ -51,7 +51,7 @@ SPARE = 0.02  # rad of the limits, and share of the margins, kept from where pos
 ROOM = 0.01  # of a range, kept from its ends by a joint that moves: a curve may pass beyond its stations
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class State:
     """Where everything stands at the stations."""
 
@@ -177,7 +177,7 @@ class Refinement:
         found, cost = self._solved(phi, e, seed)
         if self._lost(found, e).any() or not np.isfinite(cost).all():
             return None
-        return State(phi, e, found, found.q, cost, self._merit(phi, e, found.q, cost))
+        return State(phi=phi, e=e, found=found, q=found.q, cost=cost, merit=self._merit(phi, e, found.q, cost))
 
     def _lost(self, found: Assignment, e: Array) -> Bools:
         """(n,) stations without a pose, or whose pose touches what it must not."""
@@ -252,7 +252,14 @@ class Refinement:
         price[:, 6 : 6 + E] *= self.worth.weight
         price[:, -1] = w.rotation * terms.rotation[1:]
         slowness = np.r_[terms.slowness, 0.0]
-        return Steps(np.diff(x, axis=0), lean, price, w.feed * terms.lost[1:], terms.seconds[1:], slowness)
+        return Steps(
+            jump=np.diff(x, axis=0),
+            lean=lean,
+            price=price,
+            lost=w.feed * terms.lost[1:],
+            seconds=terms.seconds[1:],
+            slowness=slowness,
+        )
 
     def _bounds(self, here: State, local: Local, trust: Array) -> Bounds:
         """What z must keep: the region of trust, ranges, the arm's limits and its margins to singularities."""
@@ -294,7 +301,7 @@ class Refinement:
             return None
         merit = self._merit(phi, e, found.q, cost)
         if merit < here.merit:
-            return State(phi, e, found, found.q, cost, merit)
+            return State(phi=phi, e=e, found=found, q=found.q, cost=cost, merit=merit)
         trust *= 0.3
         return None
 

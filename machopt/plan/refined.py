@@ -55,14 +55,16 @@ def refined(
         return plan
     best = plan
     for _ in range(SEARCHES):
-        found, searched = _Passes(best, toolpath, groups, worth, clock, before).best(below)
+        found, searched = _Passes(
+            plan=best, toolpath=toolpath, groups=groups, worth=worth, clock=clock, before=before
+        ).best(below)
         best, done = found, found is best or not searched
         if done:
             break
     return best
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Passes:
     """Of one plan without gaps or breaks."""
 

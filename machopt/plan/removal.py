@@ -29,7 +29,7 @@ RULE = np.array([0.125, 0.25, 0.25, 0.25, 0.125])  # trapezoids over SHARES
 Interval = tuple[float, float]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Removal:
     """What is left of the mean deflection over a stretch that is cut; lengths in m."""
 
@@ -111,7 +111,15 @@ def _drawn(plan: Plan, end: NDArray[np.intp], share: float) -> tuple[Array, Arra
 
 
 def _removal(label: str, left: Array, bent: Array, worst: Array) -> Removal:
-    out = Removal(label, float(bent[0]), float(left[0]), float(worst[0]), None, None, None)
+    out = Removal(
+        label=label,
+        bent=float(bent[0]),
+        left=float(left[0]),
+        worst=float(worst[0]),
+        left90=None,
+        worst90=None,
+        removed90=None,
+    )
     if len(left) == 1:
         return out
     share = 1.0 - left[1:] / np.maximum(bent[1:], np.finfo(float).tiny)

@@ -36,7 +36,7 @@ LIMITS: tuple[Limit, ...] = ("velocity", "acceleration", "jerk")
 Where = Literal["path", "start", "stop", "reversal", "reorientation", "rest"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RunInput:
     """n points of one run, driven on straight lines in one IK branch."""
 
@@ -107,7 +107,7 @@ class RunInput:
         return q if self.correction is None else self.correction.encoder_angles(q)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Dip:
     """A stretch driven slower than HELD times the programmed feed, and what is to blame."""
 
@@ -123,7 +123,7 @@ class Dip:
         return replace(self, first=float(ends[0]), last=float(ends[1]))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RunTrajectory:
     """S samples, the first at rest at point 0 and the last at rest at point n − 1."""
 
@@ -147,7 +147,7 @@ class RunFailure:
     reason: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Part:
     """Between two stops."""
 
@@ -182,16 +182,16 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
         ends = [0, n - 1]
         none = np.zeros(2)
         return RunTrajectory(
-            run.told(run.q[ends]),
-            np.array(ends, float),
-            none,
-            run.phi[ends],
-            none > 0,
-            (),
-            run.external[ends],
-            run.sample,
-            0.0,
-            (1,) * len(run.rests),
+            q=run.told(run.q[ends]),
+            point=np.array(ends, float),
+            speed=none,
+            phi=run.phi[ends],
+            held=none > 0,
+            dips=(),
+            external=run.external[ends],
+            duration=run.sample,
+            held_share=0.0,
+            rests=(1,) * len(run.rests),
         )
     parts: list[_Part] = []
     ends = [int(curves[0].last[0]), *(int(curve.last[-1]) for curve in curves)]  # the last point of each stop's vertex
@@ -213,16 +213,16 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
     dips = tuple(dip for part in parts for dip in part.dips)
     sample_of = np.cumsum([0, *(len(part.q) - 1 for part in parts)]).tolist()
     return RunTrajectory(
-        q,
-        point,
-        join("speed"),
-        join("phi"),
-        held,
-        dips,
-        join("external"),
-        (len(q) - 1) * run.sample,
-        float(held[1:].mean()),
-        tuple(sample_of[k] for k in stop_of),
+        q=q,
+        point=point,
+        speed=join("speed"),
+        phi=join("phi"),
+        held=held,
+        dips=dips,
+        external=join("external"),
+        duration=(len(q) - 1) * run.sample,
+        held_share=float(held[1:].mean()),
+        rests=tuple(sample_of[k] for k in stop_of),
     )
 
 
@@ -249,7 +249,10 @@ def _drive(run: RunInput, curve: Curve, begin: Where, finish: Where) -> _Part | 
     derivatives = np.ascontiguousarray(E[:, 1:].transpose(0, 2, 1))
     cap, single = node_caps(derivatives, _feed_cap(run, curve, u, p1), v, a, j)
     for attempt in range(ROUNDS + 1):
-        law = time_law(Bounds(u, derivatives, cap, v, a, j), run.sample / STEPS_PER_SAMPLE)
+        law = time_law(
+            Bounds(u=u, derivatives=derivatives, cap=cap, velocity=v, acceleration=a, jerk=j),
+            run.sample / STEPS_PER_SAMPLE,
+        )
         steps = max(int(np.ceil(law.duration / run.sample - 1e-6)), 1)
         sampled = _sampled(run, curve, u, D, law.slower(steps * run.sample / law.duration), steps)
         if isinstance(sampled, RunFailure):
@@ -277,7 +280,15 @@ def _drive(run: RunInput, curve: Curve, begin: Where, finish: Where) -> _Part | 
     slope = np.interp(at, u, p1)
     law_ratio = _law_ratios(u, derivatives, at, vt, at_acc, jt, v, a, j)
     dips = _dips(ratio, at, point, vt, slope, u, single, law_ratio, begin, finish)
-    return _Part(q[:, :6], point, vt * slope, phi, ratio, dips, run.external_along(at)[:, 0])
+    return _Part(
+        q=q[:, :6],
+        point=point,
+        speed=vt * slope,
+        phi=phi,
+        ratio=ratio,
+        dips=dips,
+        external=run.external_along(at)[:, 0],
+    )
 
 
 def _sampled(
@@ -386,12 +397,12 @@ def _dips(
             _, joint, limit = np.unravel_index(int(np.argmin(bound)), bound.shape)
         dips.append(
             Dip(
-                float(point[first]),
-                float(point[last]),
-                float(ratio[slowest]),
-                where,
-                int(joint) + 1,
-                LIMITS[int(limit)],
+                first=float(point[first]),
+                last=float(point[last]),
+                ratio=float(ratio[slowest]),
+                where=where,
+                joint=int(joint) + 1,
+                limit=LIMITS[int(limit)],
             )
         )
     return dips

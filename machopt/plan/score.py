@@ -36,7 +36,7 @@ from machopt.se3 import wrap
 CHUNK = 8_192  # configurations at a time
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Directions:
     """Directions and force per planning point, in base_link."""
 
@@ -96,7 +96,16 @@ def directions(
     carried = Beside.of(arm.machine, elasticity.stiffness.external)
     beside = None if carried is None else carried.compliance(e, place)
     unsure = None if carried is None else carried.unsure(e, place)
-    return Directions(axial, normal, f, joint.k, joint.in_grid, path.is_drilling, beside, unsure)
+    return Directions(
+        axial=axial,
+        normal=normal,
+        force=f,
+        k=joint.k,
+        in_grid=joint.in_grid,
+        drilling=path.is_drilling,
+        beside=beside,
+        unsure=unsure,
+    )
 
 
 def configuration_cost(

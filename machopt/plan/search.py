@@ -53,7 +53,7 @@ SMOOTHINGS = 4  # with less room each, before a run that collides follows the gr
 ROUNDS = 1000  # each strikes something out, so the search ends by itself; an answer this far away is not waited for
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Found:
     """What the search came to."""
 
@@ -69,7 +69,7 @@ class Found:
     looked: NDArray[np.bool_]  # (S, R, B) vertices whose own pose was looked at, but for those struck out ahead
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Search:
     """One path's search; ``candidates`` lose what collides, in place."""
 
@@ -97,9 +97,22 @@ class Search:
         self.ahead = (
             None
             if model is None
-            else Ahead(self.candidates, model, touch, self.path.external[self.path.stations], self.pairs)
+            else Ahead(
+                candidates=self.candidates,
+                model=model,
+                may_touch=touch,
+                external=self.path.external[self.path.stations],
+                pairs=self.pairs,
+            )
         )
-        self.chooser = Chooser(self.path, self.candidates, self.scores, self.velocity, self.options, np.zeros(S, bool))
+        self.chooser = Chooser(
+            path=self.path,
+            candidates=self.candidates,
+            scores=self.scores,
+            velocity=self.velocity,
+            options=self.options,
+            wide=np.zeros(S, bool),
+        )
 
     def resume(self, found: Found) -> None:
         """Begin with what an earlier search over the same candidates found out."""
@@ -158,16 +171,16 @@ class Search:
             budget, grid_is_free = 2 * budget, False
             choice = self._again(choice)
         return Found(
-            self._without_breaks(found, choice),
-            source,
-            choice,
-            check,
-            self.rounds,
-            self.pairs,
-            self.banned,
-            self.edges,
-            self.chooser.wide,
-            self.looked,
+            assignment=self._without_breaks(found, choice),
+            source=source,
+            choice=choice,
+            check=check,
+            rounds=self.rounds,
+            pairs=self.pairs,
+            banned=self.banned,
+            edges=self.edges,
+            wide=self.chooser.wide,
+            looked=self.looked,
         )
 
     # --- choosing ------------------------------------------------------------------------------------------------

@@ -29,7 +29,7 @@ UPRIGHT = np.cos(np.radians(0.1))  # of a joint's axis against the vertical
 Progress = Callable[[str], None]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Setup:
     """The cell made ready for planning.
 
@@ -130,7 +130,7 @@ def prepare(cell: Cell, options: PlanOptions) -> Setup:
         counted=True,
     )
     collision = CollisionModel(driven, robot, shapes, options.clearance) if options.collision else None
-    return Setup(cell, robot, arm, elasticity, collision, correction)
+    return Setup(cell=cell, robot=robot, arm=arm, elasticity=elasticity, collision=collision, correction=correction)
 
 
 def _refuse_tilting(cell: Cell, machine: Machine) -> None:

@@ -46,11 +46,11 @@ def lost(planned: Plan, driven: Plan) -> Break | None:
     at = float(planned.path.index[rows[0]])
     which = "limit_margin_deg" if driven.chosen.assignment.reason[rows[0]] == Reason.LIMIT else "a singularity margin"
     return Break(
-        at,
-        at,
-        "not_driven",
-        f"the rotation, rounded where it bends, stands nearer than {which} allows",
-        f"a smaller value of {which}, or one rotation for all of the operation (steer), would help",
+        before=at,
+        after=at,
+        code="not_driven",
+        text=f"the rotation, rounded where it bends, stands nearer than {which} allows",
+        help=f"a smaller value of {which}, or one rotation for all of the operation (steer), would help",
     )
 
 

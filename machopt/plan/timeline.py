@@ -40,7 +40,7 @@ SEARCH = 2000  # extensions of the random tree for a rapid move that nothing sim
 SEARCH_IN_VAIN = 100  # the same once another move is known to be stuck
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Timeline:
     """The motion, what slows it, and what stops it."""
 
@@ -129,15 +129,15 @@ class _Builder:
         trajectory = None if self.obstructions else self._joined()
         held = self.held_time / self.cut_time if self.cut_time > 0 else 1.0
         return Timeline(
-            trajectory,
-            tuple(self.dips),
-            tuple(self.obstructions),
-            tuple(self.detours),
-            tuple(self.legs),
-            held,
-            self.phi,
-            tuple(self.driven),
-            self.given_up,
+            trajectory=trajectory,
+            dips=tuple(self.dips),
+            obstructions=tuple(self.obstructions),
+            detours=tuple(self.detours),
+            legs=tuple(self.legs),
+            held_share=held,
+            phi=self.phi,
+            driven=tuple(self.driven),
+            given_up=self.given_up,
         )
 
     def _stretch(self, here: _Place, first: int, last: int) -> _Place | None:
@@ -229,11 +229,11 @@ class _Builder:
 
     def _no_room(self, before: float, after: float) -> Break:
         return Break(
-            before,
-            after,
-            "no_room",
-            "there is no room to lift the tool out of the cut at the gap",
-            "more room above the part, or another pose of the part, would help",
+            before=before,
+            after=after,
+            code="no_room",
+            text="there is no room to lift the tool out of the cut at the gap",
+            help="more room above the part, or another pose of the part, would help",
         )
 
     def _feed_after(self) -> Array:
@@ -273,17 +273,17 @@ class _Builder:
             self.detours.append(f"{a.name} → {b.name}: {move.kind}, {via} way point{'' if via == 1 else 's'}")
         operation = self.toolpath.operation[round(b.index)] if np.isfinite(b.index) else -1
         return Leg(
-            "rapid",
-            x[:, :6],
-            np.linspace(a.index, b.index, n) if n > 1 else np.array([b.index]),
-            np.full(n, Move.RAPID, np.int8),
-            np.full(n, operation, np.int32),
-            np.full(n, np.nan),
-            waypoints[1:, :6],
-            np.full(len(waypoints) - 1, b.index),
-            np.full(len(waypoints) - 1, np.nan),
-            x[:, 6:],
-            waypoints[1:, 6:],
+            name="rapid",
+            q=x[:, :6],
+            index=np.linspace(a.index, b.index, n) if n > 1 else np.array([b.index]),
+            move=np.full(n, Move.RAPID, np.int8),
+            operation=np.full(n, operation, np.int32),
+            gamma=np.full(n, np.nan),
+            waypoints=waypoints[1:, :6],
+            waypoint_index=np.full(len(waypoints) - 1, b.index),
+            waypoint_feed=np.full(len(waypoints) - 1, np.nan),
+            external=x[:, 6:],
+            waypoint_external=waypoints[1:, 6:],
         )
 
     def _withdrawal(self, row: int) -> float:
@@ -309,17 +309,17 @@ class _Builder:
             return not_driven(at, at, done.reason)
         n = len(done.q)
         return Leg(
-            "lift",
-            done.q,
-            np.full(n, self.path.index[row]),
-            np.full(n, move, np.int8),
-            np.full(n, self._operation(rows[:1])[0], np.int32),
-            np.full(n, np.nan),
-            self._told(b[None, :6]),
-            self.path.index[rows[:1]],
-            np.array([feed]),
-            done.external,
-            b[None, 6:],
+            name="lift",
+            q=done.q,
+            index=np.full(n, self.path.index[row]),
+            move=np.full(n, move, np.int8),
+            operation=np.full(n, self._operation(rows[:1])[0], np.int32),
+            gamma=np.full(n, np.nan),
+            waypoints=self._told(b[None, :6]),
+            waypoint_index=self.path.index[rows[:1]],
+            waypoint_feed=np.array([feed]),
+            external=done.external,
+            waypoint_external=b[None, 6:],
         )
 
     def _touch(self, first: int, last: int) -> Leg:
@@ -374,17 +374,17 @@ class _Builder:
         self.held_time += float((cutting & done.held).sum()) * self.options.sample
         self.dips += [dip.at(np.interp([dip.first, dip.last], np.arange(len(rows)), index)) for dip in done.dips]
         leg = Leg(
-            "run",
-            done.q,
-            np.interp(local, np.arange(len(rows)), index),
-            move,
-            self._operation(rows[segment]),
-            gamma,
-            self._told(self.q[rows][told]),
-            index[told],
-            feed[told],
-            done.external,
-            self.path.external[rows][told],
+            name="run",
+            q=done.q,
+            index=np.interp(local, np.arange(len(rows)), index),
+            move=move,
+            operation=self._operation(rows[segment]),
+            gamma=gamma,
+            waypoints=self._told(self.q[rows][told]),
+            waypoint_index=index[told],
+            waypoint_feed=feed[told],
+            external=done.external,
+            waypoint_external=self.path.external[rows][told],
         )
         for n, row in reversed(list(zip(rests, done.rests, strict=True))):
             leg = leg.standing(row, self._samples_at(first + n))
@@ -461,29 +461,29 @@ def _blocked(move: Blocked, a: _Place, b: _Place) -> Break:
     name, key = ("tool change", "robot.tool_change_deg") if at.change else ("home", "robot.home_deg")
     if move.reason != "way" and at.row < 0:
         return Break(
-            a.index,
-            b.index,
-            "home_collides",
-            f"{move.pair} touch or come nearer than the clearance at the {name} pose",
-            f"another {name} pose ({key}), or moving what is there, would help",
+            before=a.index,
+            after=b.index,
+            code="home_collides",
+            text=f"{move.pair} touch or come nearer than the clearance at the {name} pose",
+            help=f"another {name} pose ({key}), or moving what is there, would help",
             pair=move.pair,
         )
     if move.reason != "way":
         return Break(
-            a.index,
-            b.index,
-            "rapid_collides",
-            f"{move.pair} touch or come nearer than the clearance at the "
+            before=a.index,
+            after=b.index,
+            code="rapid_collides",
+            text=f"{move.pair} touch or come nearer than the clearance at the "
             f"{move.reason} of the rapid move, at {place(at.index)}",
-            "an approach or retract to a place clear of the part, or a smaller clearance_mm, would help",
+            help="an approach or retract to a place clear of the part, or a smaller clearance_mm, would help",
             pair=move.pair,
         )
     return Break(
-        a.index,
-        b.index,
-        "rapid_blocked",
-        f"no free way was found past {move.pair}",
-        "a retract to a place "
+        before=a.index,
+        after=b.index,
+        code="rapid_blocked",
+        text=f"no free way was found past {move.pair}",
+        help="a retract to a place "
         "clear of everything, another home pose, another seed, or moving what is in the way would help",
         pair=move.pair,
     )

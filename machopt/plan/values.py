@@ -46,7 +46,7 @@ RAPID = 1.5  # times a travel counts on the way to another value (:mod:`machopt.
 LEAST, FREE = range(2)  # what a value has been judged by
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Judged:
     """What a value comes to for one group, at some stations; at least, where it is not judged to the end."""
 
@@ -159,13 +159,15 @@ class Values:
     def _least(self, n: int, value: Array) -> tuple[Judged, float | None]:
         found = self._candidates(n, value)
         if found is None:
-            return Judged(value, 1.0, 0.0, 0.0, 0.0, FREE), None
+            return Judged(value=value, lost=1.0, mean=0.0, worst=0.0, motion=0.0, by=FREE), None
         part, _, scores = found
         least = np.where(np.isfinite(scores.cost), scores.cost, np.inf).min(axis=(1, 2))
         there = np.isfinite(least)
         mean = float(part.station_weight[there] @ least[there])
         worst = float(least[there & part.counted[part.stations]].max(initial=0.0))
-        return Judged(value, 1.0 - float(there.mean()), mean, worst, 0.0, LEAST), scores.scale
+        return Judged(
+            value=value, lost=1.0 - float(there.mean()), mean=mean, worst=worst, motion=0.0, by=LEAST
+        ), scores.scale
 
     def _follows(self, n: int, values: Sequence[Array]) -> tuple[object, ...]:
         """What the judgement of some values of a group follows from: of the user's wishes those about its points."""
@@ -198,7 +200,7 @@ class Values:
         mean, worst = float(share @ cost), float(cost[counted].max(initial=0.0))
         motion = choice.total - (w.mean * mean + w.worst * worst) / scores.scale
         lost = (int(choice.dropped.sum()) + len(choice.broken) + colliding) / len(choice.rotation)
-        return Judged(value, lost, mean, worst, motion, FREE)
+        return Judged(value=value, lost=lost, mean=mean, worst=worst, motion=motion, by=FREE)
 
     def _best(self, n: int, keys: Iterable[bytes]) -> Judged:
         """The best of some values of a group by itself, judged to the end."""

@@ -32,7 +32,7 @@ from machopt.verify.check import Promise
 OWN_FILES = ("points.csv", "trajectory.csv", "compensation.csv", "result.json", "manifest.json", "report.html")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Written:
     """One program of a job."""
 
@@ -81,11 +81,11 @@ class Written:
         c = self.checked
         held = self.feed
         said = page.Program(
-            self.label,
-            self.files,
-            self.lines,
-            self.added,
-            self.tolerance,
+            post=self.label,
+            files=self.files,
+            lines=self.lines,
+            added=self.added,
+            tolerance=self.tolerance,
             assumed=self.assumed,
             unstarted=self.unstarted,
             withheld=self.withheld,
@@ -161,15 +161,15 @@ def _written(folder: Path, one: Wanted, stint: Stint, made: Programmed, toleranc
     if isinstance(one.post, Path) and str(one.post) != cell.controller.post:
         (folder / one.label).write_bytes(one.post.read_bytes())  # who verifies has no other way to it
     return Written(
-        one.label,
-        tuple(f.relative_to(folder).as_posix() for f in files),
-        sum(f.read_bytes().count(b"\n") for f in files),
-        made.added,
-        tolerance.position,
-        one.post,
-        model_feed(program, one.post, controller),
-        assumptions(program, one.post, controller),
-        unstarted(one.post, program, controller),
+        label=one.label,
+        files=tuple(f.relative_to(folder).as_posix() for f in files),
+        lines=sum(f.read_bytes().count(b"\n") for f in files),
+        added=made.added,
+        tolerance=tolerance.position,
+        post=one.post,
+        feed=model_feed(program, one.post, controller),
+        assumed=assumptions(program, one.post, controller),
+        unstarted=unstarted(one.post, program, controller),
         stint=stint.number,
         tool=stint.tool if stint.number else "",
     )
@@ -188,7 +188,10 @@ def read_back(programs: Sequence[Written], verification: Verification) -> tuple[
 
 def withheld(wanted: Sequence[Wanted], tolerance: Tolerance, why: str) -> tuple[Written, ...]:
     """What stands for programs that are not written at all."""
-    return tuple(Written(one.label, (), 0, 0, tolerance.position, one.post, withheld=why) for one in wanted)
+    return tuple(
+        Written(label=one.label, files=(), lines=0, added=0, tolerance=tolerance.position, post=one.post, withheld=why)
+        for one in wanted
+    )
 
 
 def withdrawn(folder: Path, programs: Sequence[Written], why: str) -> tuple[Written, ...]:

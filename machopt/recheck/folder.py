@@ -231,7 +231,9 @@ def input_differences(recorded: tuple[ManifestFile, ...], given: tuple[ManifestF
 
 
 def _check(name: str, wrong: list[str]) -> Check:
-    return Check(name, not wrong, float(len(wrong)), 0.0, "differences", "; ".join(wrong))
+    return Check(
+        name=name, passed=not wrong, value=float(len(wrong)), limit=0.0, unit="differences", where="; ".join(wrong)
+    )
 
 
 def _no_manifest(folder: Path, problem: InputError) -> str:

@@ -23,7 +23,7 @@ from machopt.verify.check import Promise
 NAN = float("nan")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class VerifyRequest:
     """What the user asked for; what was not given is taken from the folder's manifest."""
 
@@ -81,7 +81,7 @@ def in_force(request: VerifyRequest, cell: Cell, robot: KnownRobot | None, manif
 
 def failed(name: str, why: str, *, because: InputError | None = None) -> Check:
     """A check that failed without a number; ``because`` of a file that could not be read."""
-    return Check(name, False, NAN, NAN, "", why, because=file_of(because))
+    return Check(name=name, passed=False, value=NAN, limit=NAN, unit="", where=why, because=file_of(because))
 
 
 def file_of(problem: InputError | None) -> str:

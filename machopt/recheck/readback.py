@@ -94,7 +94,7 @@ def check_programs(
     return tuple(ground.compare(one) for one in posted)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Ground:
     """What every program of the folder is compared with, computed once."""
 
@@ -148,19 +148,19 @@ class _Ground:
             else (np.arange(len(toolpath), dtype=float), toolpath.position)
         )
         return cls(
-            cell,
-            toolpath,
-            out,
-            options,
-            tolerance,
-            source,
-            motion,
-            arm,
-            tcp,
-            offset,
-            tilt,
-            wanted,
-            line,
+            cell=cell,
+            toolpath=toolpath,
+            out=out,
+            options=options,
+            tolerance=tolerance,
+            source=source,
+            motion=motion,
+            arm=arm,
+            tcp=tcp,
+            offset=offset,
+            tilt=tilt,
+            wanted=wanted,
+            corners=line,
         )
 
     def compare(self, posted: Posted) -> Compared:
@@ -183,12 +183,12 @@ class _Ground:
             )
         o = self.options
         allowed = Allowed(
-            self.tolerance.position,
-            self.tolerance.axis,
-            self.tolerance.turn,
-            o.path_tolerance,
-            o.axis_tolerance,
-            self.tolerance.external,
+            position=self.tolerance.position,
+            axis=self.tolerance.axis,
+            turn=self.tolerance.turn,
+            corner=o.path_tolerance,
+            axis_corner=o.axis_tolerance,
+            external=self.tolerance.external,
         )
         read = of_file(name, Promise.MOVES, True, float(len(said)), float(len(said)), "moves", f"{parsed.dialect}")
         checks, at = along_motion(said, self.motion, self.tcp, allowed)
@@ -201,15 +201,15 @@ class _Ground:
             [np.interp(np.arange(len(self.toolpath)), self.corners[0], self.corners[1][:, c]) for c in range(3)]
         )
         cuts = Cuts(
-            self.toolpath,
-            position,
-            self.corners,
-            self.wanted,
-            o.path_tolerance,
-            o.axis_tolerance,
-            o.approach_feed,
-            offset,
-            tilt,
+            toolpath=self.toolpath,
+            position=position,
+            corners=self.corners,
+            wanted=self.wanted,
+            corner=o.path_tolerance,
+            axis_corner=o.axis_tolerance,
+            approach_feed=o.approach_feed,
+            offset=offset,
+            tilt=tilt,
         )
         checks += against_cam(said, cuts, index_at(self.motion, at, self.toolpath))
         checks += self._terms(name, parsed, said, controller, rows)
@@ -218,7 +218,14 @@ class _Ground:
                 of_file(name, "wording", None, np.nan, 0.0, "", "not checked: the post's template is not at hand")
             )
         else:
-            job = Rewritten(self.cell, self.toolpath, self.out, self.options, self.tolerance, self.source)
+            job = Rewritten(
+                cell=self.cell,
+                toolpath=self.toolpath,
+                out=self.out,
+                options=self.options,
+                tolerance=self.tolerance,
+                source=self.source,
+            )
             q = self._joints_at(said, rows)
             checks += job.checks(posted.files, posted.post, parsed, said, controller, q, self._external(said, rows))
         return Compared(posted, len(said), (read, *checks))

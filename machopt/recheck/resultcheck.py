@@ -66,7 +66,16 @@ def result_checks(
         result = OptimizeResult.model_validate(value)
     except ValidationError as problem:  # what somebody else wrote into the file may be of any shape
         return [_check(part, said) for part, said in wrong_parts(problem).items()]
-    told = Told(result, folder, cell, toolpath, options, manifest.inputs if manifest else inputs, manifest, contents)
+    told = Told(
+        result=result,
+        folder=folder,
+        cell=cell,
+        toolpath=toolpath,
+        options=options,
+        inputs=manifest.inputs if manifest else inputs,
+        manifest=manifest,
+        contents=contents,
+    )
     return [_tried(name, part, told) for name, part in _PARTS.items()]
 
 

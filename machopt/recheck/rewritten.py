@@ -28,7 +28,7 @@ from machopt.recheck.zonelaw import zone_check
 from machopt.verify.check import Check, of_file
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Rewritten:
     """What a post is given beside the moves."""
 

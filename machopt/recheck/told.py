@@ -35,7 +35,7 @@ AGREE = 1e-2  # of a check's limit: between two runs, and machines, a measured v
 DIGITS = 1e-9  # relative: sums and ratios of figures that stand in the same file
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Told:
     """result.json, and everything it may be held against."""
 

@@ -26,7 +26,7 @@ Row = Mapping[str, Any]
 _BAR = 110  # px of the widest bar of gain
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class BatchData:
     """What the page shows, in the units of summary.csv (mm, N/mm, s, per cent); the jobs in their order of rank."""
 

@@ -39,7 +39,7 @@ class Gain:
     distinguishable: bool = True  # False: the interval holds zero
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Shift:
     """The commanded path against the programmed one, where the predicted deflection is compensated."""
 
@@ -63,7 +63,7 @@ class Certificate:
     external: str = ""  # what holds over the values of the external joints, in words
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FrontPoint:
     """One whole plan of the trade-off front."""
 
@@ -77,7 +77,7 @@ class FrontPoint:
     dominated: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Summary:
     """What did I gain, and is it safe? NaN for what was not computed."""
 
@@ -106,7 +106,7 @@ class Summary:
     unchecked: tuple[str, ...] = ()  # what was switched off or left out, in the words of the verdict
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RotationMap:
     """The index over path length and rotation about the tool axis, with the lines drawn on it."""
 
@@ -123,7 +123,7 @@ class RotationMap:
     before: Array | None = None  # (N,) rad, the chosen line of the plan that this one is compared with
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PathSeries:
     """Values along the toolpath, one entry a point; NaN where unknown."""
 
@@ -147,7 +147,7 @@ class PathSeries:
     gamma: Array | None = None  # (N,) rad, the same from the direction of travel
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MotionSeries:
     """The exported samples, arm joints first, then external axes."""
 
@@ -166,7 +166,7 @@ class MotionSeries:
     jerk_ratio: Array | None = None  # (S, J)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FeedDip:
     """A stretch where the programmed feed could not be held."""
 
@@ -179,7 +179,7 @@ class FeedDip:
     cause: str  # e.g. "a4 acceleration"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class WorstPoint:
     """One of the points that decide the result."""
 
@@ -197,7 +197,7 @@ class WorstPoint:
     deflection_std: float = float("nan")  # m, 1 sigma from the stiffness's own uncertainty
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class InfeasiblePoint:
     """A point without any answer, why, and by how much."""
 
@@ -220,7 +220,7 @@ class Break:
     help: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class OperationRow:
     label: str
     kind: str  # "point" or "trajectory"
@@ -246,7 +246,7 @@ class Check:
     where: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Program:
     """One robot program that was written, and what came back when it was read. NaN for what a format does not say."""
 
@@ -282,7 +282,7 @@ class ExcludedPair:
     reason: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ReportData:
     """Everything on the page."""
 

@@ -32,7 +32,7 @@ class JobChange:
     unit: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class JobEffect:
     """What the found physics changes for one toolpath; curves have one value a point, empty where not given."""
 
@@ -47,7 +47,7 @@ class JobEffect:
     deflection_after: Array = field(default_factory=lambda: np.zeros(0))  # new choice under the new model
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class DiagnosisPage:
     """Everything on the page; N readings of D coordinates."""
 

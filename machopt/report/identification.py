@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from machopt.arrays import Array, Ints
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Coefficient:
     """One identified number: a joint's stiffness, or a coefficient of a further term."""
 
@@ -24,7 +24,7 @@ class Coefficient:
     reason: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class GridView:
     """Stiffness per grid cell."""
 
@@ -57,7 +57,7 @@ class Comparison:
     chosen: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class IdentificationPage:
     """Everything on the page; N readings with D = 3 or 6 components."""
 

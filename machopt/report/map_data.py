@@ -53,7 +53,7 @@ class MapField:
         return UNITS[self.unit]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MapLayer:
     """M samples under one choice of rotation; M runs over the axes, the last fastest."""
 
@@ -68,7 +68,7 @@ class MapLayer:
     guess: dict[str, Flags] = field(default_factory=dict)  # key → (M,) True: a number, but not to be trusted
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ArmLines:
     """The arm as lines, in the map's frame at q = 0."""
 
@@ -90,7 +90,7 @@ class MapScene:
     external: Array  # (E,) rad or m, where external joints stand
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MeasuredView:
     """P readings beside the model."""
 
@@ -106,7 +106,7 @@ class MeasuredView:
     power: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MapData:
     """Everything on the page."""
 

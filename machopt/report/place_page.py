@@ -30,7 +30,7 @@ LEFT, TOP, RIGHT, BOTTOM = 84.0, 16.0, 120.0, 44.0
 MOST_NAMED = 9  # coordinates along an axis
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Mark:
     """A place on the map; mm, and the index in its unit (of the plan, else of the outlook)."""
 

@@ -11,7 +11,7 @@ from machopt.arrays import Array, Bools, Ints
 from machopt.report.scene import Postures, Scene
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Heuristic:
     """A paper's way of choosing beside ours."""
 
@@ -25,7 +25,7 @@ class Heuristic:
     curve: Array  # rms at each number of poses
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Work:
     """N load cycles in the order of work."""
 
@@ -41,7 +41,7 @@ class Work:
     way_free: tuple[bool | None, ...]  # (N,) straight joint motion from the row before
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Apart:
     """Two explanations and how well the plan tells them apart."""
 
@@ -55,7 +55,7 @@ class Apart:
     advice: str  # what would split them where this cannot
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PosesPage:
     """What the page shows; lengths in m. Without a plan only the reason and the counts."""
 

@@ -14,7 +14,7 @@ from machopt.report.decimate import Faces
 Kind = Literal["link", "tool", "cutter", "workpiece", "obstacle"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Joint:
     """A joint of the tree, as a line in root axes where every joint stands at zero."""
 
@@ -27,7 +27,7 @@ class Joint:
     upper: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Body:
     """A surface that one joint carries."""
 
@@ -39,7 +39,7 @@ class Body:
     tools: tuple[int, ...] = ()  # of the scene's, with which it is there; none: with every one
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Scene:
     """A cell: joint i turns what it carries about its line, so M_i = M_parent · exp(line_i θ_i), θ = C q of the arm."""
 
@@ -55,7 +55,7 @@ class Scene:
     tools: tuple[tuple[str, Array], ...] = ()  # name and T_root_tool of each where the job changes them; none: one
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Path3D:
     """The toolpath in the frame of the workpiece; P points."""
 
@@ -67,7 +67,7 @@ class Path3D:
     large_is_good: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Stations:
     """What the picture says at the places of the map; N stations, R rotations, J joints."""
 
@@ -84,7 +84,7 @@ class Stations:
     terms: tuple[str, ...] = ()  # of the stiffness beside the joints' springs: not in what other rotations show
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Motion3D:
     """The motion as it is played; M samples, J joints."""
 
@@ -128,7 +128,7 @@ class Needles:
     longest: float  # as in Vectors
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Postures:
     """Postures to step through; N of them."""
 

@@ -33,7 +33,9 @@ def bodies_within(bodies: tuple[Body, ...], triangles: int = TRIANGLES) -> tuple
     out = []
     for body, most in zip(bodies, allowed.tolist(), strict=True):
         vertices, faces = decimated(body.vertices, body.faces, int(most))
-        out.append(Body(body.name, body.kind, body.joint, vertices, faces, body.tools))
+        out.append(
+            Body(name=body.name, kind=body.kind, joint=body.joint, vertices=vertices, faces=faces, tools=body.tools)
+        )
     return tuple(out)
 
 
@@ -157,7 +159,7 @@ def posture_view(title: str, scene: Scene, postures: Postures | None = None, pat
 def bare_scene() -> Scene:
     """Nothing but a frame: for a toolpath by itself."""
     one = np.eye(4)
-    return Scene(one, (), (), one, one, tool_joint=-1)
+    return Scene(T_world_root=one, joints=(), bodies=(), T_root_tool=one, T_root_part=one, tool_joint=-1)
 
 
 def _longest(at: Array) -> float:

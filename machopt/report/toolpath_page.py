@@ -74,7 +74,14 @@ def _line(toolpath: Toolpath) -> Path3D:
     step = np.r_[0.0, np.linalg.norm(np.diff(toolpath.position, axis=0), axis=1)] * toolpath.cutting
     k = np.unique(np.r_[0 : n : -(-n // MOST_POINTS), n - 1])
     along = np.cumsum(step) * LENGTH.factor
-    return Path3D(toolpath.position[k], k.astype(float), toolpath.cutting[k], along[k], "length cut (mm)", True)
+    return Path3D(
+        position=toolpath.position[k],
+        point=k.astype(float),
+        cutting=toolpath.cutting[k],
+        value=along[k],
+        label="length cut (mm)",
+        large_is_good=True,
+    )
 
 
 def _verdict(summary: Mapping[str, Any], unknown: Sequence[Mapping[str, Any]]) -> Body:

@@ -28,7 +28,7 @@ from machopt.model.terms import compile_terms
 from machopt.services.inputs import input_hashes
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Identified:
     """A stiffness in memory: nothing of it is written yet."""
 
@@ -73,7 +73,7 @@ def identified(request: IdentifyRequest, progress: Callable[[str], None], cell: 
         warnings=(*found.warnings, *held_over(kept)),
     )
     result = result_of(request, cell, recording, found, input_hashes(cell, request.recordings))
-    return Identified(request, cell, recording, tests, found, result)
+    return Identified(request=request, cell=cell, recording=recording, tests=tests, identification=found, result=result)
 
 
 def _misfit(cell: Cell, robot: Robot, tests: Experiment, found: Identification) -> Discrepancy | None:

@@ -27,7 +27,7 @@ from machopt.services.knownrobot import reading_of
 from machopt.services.manifest import optimize_manifest
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class OptimizeRequest:
     """What the user asked for."""
 

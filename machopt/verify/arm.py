@@ -264,7 +264,16 @@ class Arm:
                 T = back @ joints[:, j]
                 column = columns((T[:, :3, :3] @ self._steps[j][2])[:, None], T[:, None, :3, 3], tcp)
                 linked[:, :, source] += multiplier * column[:, :, 0]
-        return Stance(q, external, axis, frames[:, 1:, :3, 3], tcp, frames, flange, linked)
+        return Stance(
+            q=q,
+            external=external,
+            axis=axis,
+            origin=frames[:, 1:, :3, 3],
+            tcp=tcp,
+            frames=frames,
+            flange=flange,
+            linked=linked,
+        )
 
     def carrier(self, name: str, stance: Stance) -> tuple[Array, Array, bool]:
         """An external joint as it stands: (N, 4, 4) the link it moves and (N, 3) its axis, both in base_link, and

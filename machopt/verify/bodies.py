@@ -23,7 +23,7 @@ POSES = 120  # random poses that tell link pairs that touch by construction
 TOUCHING, COARSE = 0.90, 0.40  # share of them in touch: any pair; links two apart (their meshes often overlap)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Body:
     name: str
     kind: str  # link, tool, cutter, grazing (the cutter drawn in), workpiece, obstacle
@@ -288,15 +288,15 @@ def _body(name: str, kind: str, link: int, carrier: int, place: Array, shape: An
     balls[:, long] += half[long] * ((2 * np.arange(count) + 1) / count - 1)
     place = np.asarray(place)
     return Body(
-        name,
-        kind,
-        link,
-        carrier,
-        place,
-        _placed(place),
-        shape,
-        middle,
-        half,
-        balls,
-        float(np.hypot(half[long] / count, across)),
+        name=name,
+        kind=kind,
+        link=link,
+        carrier=carrier,
+        place=place,
+        placed=_placed(place),
+        shape=shape,
+        middle=middle,
+        half=half,
+        balls=balls,
+        radius=float(np.hypot(half[long] / count, across)),
     )

@@ -50,7 +50,7 @@ class Promise(StrEnum):
     EVENTS = "events"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Check:
     """One promise and whether it is kept."""
 
@@ -95,25 +95,34 @@ def worst(name: str, unit: str, values: Array, limit: float, where: Sequence[str
         where: what is said of entry n: a text each, or what makes it.
     """
     if not len(values):
-        return Check(name, False, np.nan, limit, unit, "nothing to measure")
+        return Check(name=name, passed=False, value=np.nan, limit=limit, unit=unit, where="nothing to measure")
     n = int(np.argmax(np.where(np.isnan(values), np.inf, values)))
     told = where(n) if callable(where) else where[n]
-    return Check(name, bool(values[n] <= limit), float(values[n]), limit, unit, told)
+    return Check(name=name, passed=bool(values[n] <= limit), value=float(values[n]), limit=limit, unit=unit, where=told)
 
 
 def of_file(
     file: str, what: str, passed: bool | None, value: float, limit: float, unit: str, where: str, *, of: str = ": "
 ) -> Check:
     """A promise about one file of the folder; ``of`` stands between both in its name."""
-    return Check(f"{file}{of}{what}", passed, value, limit, unit, where, file=file, what=what)
+    return Check(
+        name=f"{file}{of}{what}", passed=passed, value=value, limit=limit, unit=unit, where=where, file=file, what=what
+    )
 
 
 def not_run(name: str, why: str, unit: str = "") -> Check:
     """A check that was not made, and why."""
-    return Check(name, None, np.nan, np.nan, unit, why)
+    return Check(name=name, passed=None, value=np.nan, limit=np.nan, unit=unit, where=why)
 
 
 def counted(name: str, wrong: Sequence[str] | list[str], unit: str = "rows") -> Check:
     """So many places are wrong, the first of them named; none is the promise."""
     more = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
-    return Check(name, not wrong, float(len(wrong)), 0.0, unit, f"{wrong[0]}{more}" if wrong else "none")
+    return Check(
+        name=name,
+        passed=not wrong,
+        value=float(len(wrong)),
+        limit=0.0,
+        unit=unit,
+        where=f"{wrong[0]}{more}" if wrong else "none",
+    )

@@ -19,7 +19,7 @@ FLAT = 1e-10  # m, by which corners of a convex shell may lie before one of its 
 FINE = 1024  # cells of the curve along each side
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Parts:
     """P convex parts in the body's own frame, and boxes around them: box k holds boxes 2 k and 2 k + 1."""
 
@@ -117,12 +117,12 @@ def _tree(points: Array, sizes: list[int], disc: float, ball: float) -> Parts | 
     first = np.append(0, np.cumsum(size))
     place = np.repeat(begin[order] - first[:-1], size) + np.arange(len(points))
     return Parts(
-        np.ascontiguousarray(points[place]),
-        first,
-        np.full(count, disc),
-        np.full(count, ball),
-        np.where(full, (np.where(full, least, 0.0) + np.where(full, most, 0.0)) / 2.0, 0.0),
-        np.where(full, (np.where(full, most, 0.0) - np.where(full, least, 0.0)) / 2.0, -1.0),
+        points=np.ascontiguousarray(points[place]),
+        first=first,
+        disc=np.full(count, disc),
+        ball=np.full(count, ball),
+        middle=np.where(full, (np.where(full, least, 0.0) + np.where(full, most, 0.0)) / 2.0, 0.0),
+        half=np.where(full, (np.where(full, most, 0.0) - np.where(full, least, 0.0)) / 2.0, -1.0),
     )
 
 

@@ -38,7 +38,7 @@ LEAST = 0.1  # of a compliance, whatever the file says it lacks
 TOUCH = 1e-6  # m; a point this near a face of the stiffness grid belongs to the cells on both sides
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Softness:
     """What gives at N configurations, base_link axes."""
 
@@ -158,17 +158,17 @@ class Elasticity:
             bodies += springs.carried(springs.turned(C, now[:, :3, :3]), stance.tcp[:, :3, 3] - now[:, :3, 3])
         bodies += given_way(self.arm, stance, self.stiffness.external, position)
         return Softness(
-            stance.J,
-            gear,
-            k,
-            springs.joint_compliance(self.stiffness.terms, stance.q),
-            self._curves,
-            weight,
-            bodies,
-            any(t.effect == "geometric_stiffness" for t in self.stiffness.terms),
-            holds,
-            None if self._lack is None else self._lack.at(stance, gear, weight),
-            unsure(self.arm, stance, self.stiffness.external, position),
+            J=stance.J,
+            gear=gear,
+            k=k,
+            linear=springs.joint_compliance(self.stiffness.terms, stance.q),
+            curves=self._curves,
+            weight=weight,
+            bodies=bodies,
+            geometric=any(t.effect == "geometric_stiffness" for t in self.stiffness.terms),
+            holds=holds,
+            lacking=None if self._lack is None else self._lack.at(stance, gear, weight),
+            unsure=unsure(self.arm, stance, self.stiffness.external, position),
         )
 
     def gears(self, position: Array) -> tuple[Array, tuple[tuple[NDArray[np.int64], Array], ...]]:

@@ -22,7 +22,7 @@ PIECES = 200  # of a window
 PARALLEL = 0.9998476951563913  # cos 1°
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Pieces:
     """The straight moves of a run that have a length, in order."""
 
@@ -88,12 +88,12 @@ def walk(toolpath: Toolpath, first: int, last: int) -> tuple[Pieces, Array]:
     moves = np.flatnonzero(size > 0)
     ends = first + moves + 1
     return Pieces(
-        at[moves],
-        at[moves + 1],
-        step[moves] / size[moves, None],
-        toolpath.axis[ends - 1],
-        toolpath.axis[ends],
-        np.asarray(toolpath.move[ends] == Move.CUT),
+        start=at[moves],
+        end=at[moves + 1],
+        direction=step[moves] / size[moves, None],
+        axis_start=toolpath.axis[ends - 1],
+        axis_end=toolpath.axis[ends],
+        cut=np.asarray(toolpath.move[ends] == Move.CUT),
     ), at
 
 

@@ -60,7 +60,7 @@ def check_gouges(
             best, row = depth, int(rows[at_row])
             place = 1e3 * (part.place[:3, :3] @ x + part.place[:3, 3])
             told = f"in {part.name} at ({place[0]:.2f}, {place[1]:.2f}, {place[2]:.2f}) mm, {motion.at(row)}"
-    return [Check("gouges", best <= limit, 1e3 * best, 1e3 * limit, "mm", told)]
+    return [Check(name="gouges", passed=best <= limit, value=1e3 * best, limit=1e3 * limit, unit="mm", where=told)]
 
 
 def surface_points(cutter: Cutter) -> Array:
@@ -145,7 +145,7 @@ def _of_mesh(part: Body, points: Array, T: Array, limit: float) -> tuple[Array, 
     return np.concatenate(bounds), np.concatenate(rows), np.concatenate(places)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Columns:
     """Triangles (F, 3, 3) m by the cells of a grid across their last axis."""
 
@@ -177,7 +177,14 @@ def _columns(triangles: Array) -> _Columns:
     cell = (low[member, 0] + nth // wide[member, 1]) * shape[1] + low[member, 1] + nth % wide[member, 1]
     order = np.argsort(cell, kind="stable")
     first = np.searchsorted(cell[order], np.arange(int(shape.prod()) + 1))
-    return _Columns(np.ascontiguousarray(triangles), corner, size, shape, first, member[order])
+    return _Columns(
+        triangles=np.ascontiguousarray(triangles),
+        corner=corner,
+        size=size,
+        shape=shape,
+        first=first,
+        member=member[order],
+    )
 
 
 @compiled

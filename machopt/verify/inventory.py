@@ -28,7 +28,16 @@ def check_inventory(cell: Cell, arm: Arm, bodies: list[Body], checked: list[tupl
     try:
         root = ElementTree.fromstring(cell.urdf_text)
     except (OSError, ElementTree.ParseError) as error:
-        return [Check("bodies of the URDF", False, np.nan, 0.0, "bodies", f"{cell.urdf.name} cannot be read: {error}")]
+        return [
+            Check(
+                name="bodies of the URDF",
+                passed=False,
+                value=np.nan,
+                limit=0.0,
+                unit="bodies",
+                where=f"{cell.urdf.name} cannot be read: {error}",
+            )
+        ]
     return [
         counted("bodies of the URDF", _lost_bodies(root, bodies), "bodies"),
         counted("joints and masses of the URDF", _lost_weight(root, arm), "links"),

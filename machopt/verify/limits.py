@@ -30,7 +30,12 @@ def _time(motion: Motion, options: PlanOptions) -> list[Check]:
     off = np.abs(step - motion.cycle) if motion.cycle > 0 else np.full(len(step), np.inf)
     n = int(np.argmax(off))
     even = Check(
-        "uniform time", bool(off[n] <= JITTER_S and (step > 0).all()), float(off[n]), JITTER_S, "s", motion.at(n + 1)
+        name="uniform time",
+        passed=bool(off[n] <= JITTER_S and (step > 0).all()),
+        value=float(off[n]),
+        limit=JITTER_S,
+        unit="s",
+        where=motion.at(n + 1),
     )
     wrong = np.array([abs(motion.cycle - options.sample), abs(motion.time[0])])
     told = (f"{1e3 * motion.cycle:g} ms from row to row, {1e3 * options.sample:g} asked for", "the first row")
@@ -51,7 +56,9 @@ def _limits(motion: Motion, cell: Cell) -> list[Check]:
     slides = j >= len(cell.home) and cell.external_prismatic[j - len(cell.home)]
     far = float(1e3 * beyond[n, j] if slides else np.degrees(beyond[n, j]))
     where, unit = f"{axis_name(int(j))}, {motion.at(int(n))}", f"{'mm' if slides else 'deg'} beyond the limit"
-    out = [Check("joint positions", bool(beyond[n, j] <= 1e-8), far, 0.0, unit, where)]
+    out = [
+        Check(name="joint positions", passed=bool(beyond[n, j] <= 1e-8), value=far, limit=0.0, unit=unit, where=where)
+    ]
     x = np.vstack([np.repeat(q[:1], 3, axis=0), q, np.repeat(q[-1:], 3, axis=0)])
     orders = (
         (Promise.VELOCITY, limits.velocity, VELOCITY),
@@ -63,7 +70,16 @@ def _limits(motion: Motion, cell: Cell) -> list[Check]:
         ratio = np.abs(x) / limit
         n, j = np.unravel_index(np.argmax(ratio), ratio.shape)
         where = f"{axis_name(int(j))}, {motion.at(int(np.clip(n - 2, 0, len(q) - 1)))}"
-        out.append(Check(name, bool(ratio[n, j] <= most), float(ratio[n, j]), most, "of the limit", where))
+        out.append(
+            Check(
+                name=name,
+                passed=bool(ratio[n, j] <= most),
+                value=float(ratio[n, j]),
+                limit=most,
+                unit="of the limit",
+                where=where,
+            )
+        )
     return out
 
 

@@ -33,7 +33,14 @@ def told_contacts(found: list[Contact], motion: Motion, arm: Arm, bodies: list[B
             if np.isfinite(depth):
                 text += f", not on a feed move of the CAM file, {1e3 * depth:.1f} mm deep at {motion.at(at)}"
         texts.append(text)
-    return Check("contacts", not found, float(len(found)), 0.0, "pairs", "; ".join(texts) or "none")
+    return Check(
+        name="contacts",
+        passed=not found,
+        value=float(len(found)),
+        limit=0.0,
+        unit="pairs",
+        where="; ".join(texts) or "none",
+    )
 
 
 def deepest(motion: Motion, arm: Arm, bodies: list[Body], rows: NDArray[np.int64]) -> tuple[float, int]:
@@ -92,9 +99,13 @@ def outside_cuts(motion: Motion, toolpath: Toolpath, ride: Ride, arm: Arm, bodie
     rows = np.flatnonzero((ride.fed & ~toolpath.cutting[ride.toward]) | ride.lifted)
     depth, at = deepest(motion, arm, bodies, rows) if len(rows) else (float("nan"), -1)
     if not np.isfinite(depth):
-        return [Check(name, True, 0.0, DEEPEST * 1e3, "mm", "nowhere")]
+        return [Check(name=name, passed=True, value=0.0, limit=DEEPEST * 1e3, unit="mm", where="nowhere")]
     why = "the CAM file moves at a feed there" if ride.fed[at] else "the CAM file begins or ends a move there"
-    return [Check(name, True, 1e3 * depth, DEEPEST * 1e3, "mm", f"{motion.at(at)}: {why}")]
+    return [
+        Check(
+            name=name, passed=True, value=1e3 * depth, limit=DEEPEST * 1e3, unit="mm", where=f"{motion.at(at)}: {why}"
+        )
+    ]
 
 
 def level(
@@ -115,7 +126,7 @@ def level(
     rows = np.flatnonzero(ride.free & np.isfinite(motion.point))
     cuts = 1 + np.flatnonzero(toolpath.cutting[1:])
     if not len(rows) or not len(cuts):
-        return [Check(name, True, 0.0, 1e3 * BELOW, "mm", "no free move near a cut")]
+        return [Check(name=name, passed=True, value=0.0, limit=1e3 * BELOW, unit="mm", where="no free move near a cut")]
     radius = cell.tool.cutter.diameter / 2.0 if cell.tool.cutter is not None else 1e-3
     line = commanded or (np.arange(len(toolpath), dtype=float), toolpath.position)
     place, axis = _along(toolpath, line, cuts, max(radius, 1e-3))
@@ -134,7 +145,16 @@ def level(
             wide = side & (aside <= 2.0 * aside[nearest])
             beside[i] = max(0.0, -float(height[wide].max()))
     k, m = int(np.argmax(under)), int(np.argmax(beside))
-    out = [Check(name, bool(under[k] <= BELOW), 1e3 * float(under[k]), 1e3 * BELOW, "mm", motion.at(rows[k]))]
+    out = [
+        Check(
+            name=name,
+            passed=bool(under[k] <= BELOW),
+            value=1e3 * float(under[k]),
+            limit=1e3 * BELOW,
+            unit="mm",
+            where=motion.at(rows[k]),
+        )
+    ]
     if beside[m] > BELOW:
         out.append(
             not_run(

@@ -143,10 +143,28 @@ def _clearance(
         return []
     if np.isnan(told).any():
         lacking = table.where(rows[np.isnan(told)])(0)
-        return [Check(name, False, np.nan, 1e3 * TOLERANCE, "mm", f"{lacking} is ok and has none")]
+        return [
+            Check(
+                name=name,
+                passed=False,
+                value=np.nan,
+                limit=1e3 * TOLERANCE,
+                unit="mm",
+                where=f"{lacking} is ok and has none",
+            )
+        ]
     named = table.points.words.get("nearest_pair")
     if named is None:
-        return [Check("points.csv nearest_pair", False, np.nan, 0.0, "mm", "the column is missing")]
+        return [
+            Check(
+                name="points.csv nearest_pair",
+                passed=False,
+                value=np.nan,
+                limit=0.0,
+                unit="mm",
+                where="the column is missing",
+            )
+        ]
     graze, at = may_cut(table.toolpath)[table.k[rows]], table.where(rows)
     wanted = telling(table.arm, wanted)
     short, beyond, pair = np.zeros(len(rows)), np.zeros(len(rows)), [""] * len(rows)

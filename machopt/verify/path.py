@@ -58,8 +58,15 @@ def _on_path(motion: Motion, toolpath: Toolpath, ride: Ride) -> list[Check]:
 
     if not (motion.move == Move.CUT).any():
         return [
-            Check("path", False, np.nan, 1e3 * ride.path_limit, "mm", "no row cuts"),
-            Check("tool axis", False, np.nan, float(np.degrees(ride.axis_limit)), "deg", "no row cuts"),
+            Check(name="path", passed=False, value=np.nan, limit=1e3 * ride.path_limit, unit="mm", where="no row cuts"),
+            Check(
+                name="tool axis",
+                passed=False,
+                value=np.nan,
+                limit=float(np.degrees(ride.axis_limit)),
+                unit="deg",
+                where="no row cuts",
+            ),
         ]
     return [
         worst("path", "mm", away, 1e3 * ride.path_limit, where),
@@ -76,7 +83,14 @@ def _index(motion: Motion, ride: Ride) -> Check:
     """The index names the place where the tool is; corners are rounded by as much as the path may be left."""
     rows = np.flatnonzero(ride.fed | ((motion.move == Move.CUT) & np.isfinite(motion.point)))
     if not len(rows):
-        return Check("index of the samples", False, np.nan, 1e3 * ride.path_limit, "mm", "no sample is on the toolpath")
+        return Check(
+            name="index of the samples",
+            passed=False,
+            value=np.nan,
+            limit=1e3 * ride.path_limit,
+            unit="mm",
+            where="no sample is on the toolpath",
+        )
     return worst(
         "index of the samples", "mm", 1e3 * ride.off_index[rows], 1e3 * ride.path_limit, lambda n: motion.at(rows[n])
     )
@@ -96,7 +110,14 @@ def _visited(motion: Motion, wanted: Bools) -> Check:
     steps = np.bincount(low, minlength=n + 1) - np.bincount(high, minlength=n + 1)
     missed = asked[~near & (np.cumsum(steps)[asked] <= 0)]
     text = f"{len(missed)} of {int(wanted.sum())} missed, first point {missed[0]}" if len(missed) else "all visited"
-    return Check("cutting points visited", not len(missed), float(len(missed)), 0.0, "points", text)
+    return Check(
+        name="cutting points visited",
+        passed=not len(missed),
+        value=float(len(missed)),
+        limit=0.0,
+        unit="points",
+        where=text,
+    )
 
 
 def _throughout(name: str, motion: Motion, toolpath: Toolpath, driven: Bools, wanted: Bools) -> Check:
@@ -112,9 +133,11 @@ def _throughout(name: str, motion: Motion, toolpath: Toolpath, driven: Bools, wa
     length = np.linalg.norm(toolpath.position[segments] - toolpath.position[segments - 1], axis=1)
     unit = "of a sample's way"
     if not len(segments):
-        return Check(name, True, 0.0, SPARED, unit, "there are none")
+        return Check(name=name, passed=True, value=0.0, limit=SPARED, unit=unit, where="there are none")
     if not len(both):
-        return Check(name, not (length > 0).any(), np.nan, SPARED, unit, "nothing to measure")
+        return Check(
+            name=name, passed=not (length > 0).any(), value=np.nan, limit=SPARED, unit=unit, where="nothing to measure"
+        )
     knots = np.column_stack([s[both], s[both + 1]])
     covered = np.cumsum(np.column_stack([np.zeros(len(both)), knots[:, 1] - knots[:, 0]]).ravel())
     ends = np.maximum.accumulate(knots.ravel())
@@ -133,7 +156,9 @@ def _rapid_points(motion: Motion, toolpath: Toolpath, ride: Ride, given_up: Bool
     np.minimum.at(nearest, k[inside], ride.off_index[rows[inside]])
     asked = np.flatnonzero((toolpath.move == Move.RAPID) & ~given_up)
     if not len(asked):
-        return Check("rapid points reached", True, 0.0, REACHED_MM, "mm", "there are none")
+        return Check(
+            name="rapid points reached", passed=True, value=0.0, limit=REACHED_MM, unit="mm", where="there are none"
+        )
     return worst("rapid points reached", "mm", 1e3 * nearest[asked], REACHED_MM, lambda n: f"point {asked[n]}")
 
 
@@ -142,23 +167,39 @@ def _order(motion: Motion) -> Check:
     s = motion.point
     known = np.flatnonzero(np.isfinite(s))
     if not len(known):
-        return Check("in order", False, np.nan, 1e-6, "points back", "no row has a point")
+        return Check(
+            name="in order", passed=False, value=np.nan, limit=1e-6, unit="points back", where="no row has a point"
+        )
     first, last = int(known[0]), int(known[-1])
     if last - first + 1 != len(known):
         n = first + int(np.flatnonzero(np.isnan(s[first:last]))[0])
-        return Check("in order", False, np.nan, 1e-6, "points back", f"no point at {motion.at(n)}")
+        return Check(
+            name="in order",
+            passed=False,
+            value=np.nan,
+            limit=1e-6,
+            unit="points back",
+            where=f"no point at {motion.at(n)}",
+        )
     n = first + int(np.argmin(np.diff(s[first : last + 1]))) if last > first else first
     least = float(max(0.0, s[n] - s[n + 1])) if last > first else 0.0
     if least > 1e-6:
-        return Check("in order", False, least, 1e-6, "points back", motion.at(n + 1))
+        return Check(name="in order", passed=False, value=least, limit=1e-6, unit="points back", where=motion.at(n + 1))
     rapid = motion.move == Move.RAPID
     middle = np.arange(first + 1, last)
     inner = rapid[middle - 1] & rapid[middle] & rapid[middle + 1] & (np.abs(s[middle] - np.round(s[middle])) > SAME)
     bend = np.abs(s[middle + 1] - 2.0 * s[middle] + s[middle - 1]) * inner
     if len(bend) and bend.max() > LINEAR:
         at = int(middle[np.argmax(bend)])
-        return Check("in order", False, float(bend.max()), LINEAR, "points uneven", f"rapid move at {motion.at(at)}")
-    return Check("in order", True, least, 1e-6, "points back", motion.at(n))
+        return Check(
+            name="in order",
+            passed=False,
+            value=float(bend.max()),
+            limit=LINEAR,
+            unit="points uneven",
+            where=f"rapid move at {motion.at(at)}",
+        )
+    return Check(name="in order", passed=True, value=least, limit=1e-6, unit="points back", where=motion.at(n))
 
 
 def _not_driven(motion: Motion, ride: Ride, points: Points) -> Check:

@@ -110,7 +110,14 @@ class PointsCheck:
         """
         told = self.points.numbers.get(name)
         if told is None:
-            return Check(f"points.csv {name}", False, np.nan, limit, unit, "the column is missing")
+            return Check(
+                name=f"points.csv {name}",
+                passed=False,
+                value=np.nan,
+                limit=limit,
+                unit=unit,
+                where="the column is missing",
+            )
         off = np.abs(told[rows] - wanted)
         off = np.where(np.isnan(told[rows]) & np.isnan(wanted), 0.0, off)
 
@@ -135,7 +142,14 @@ class PointsCheck:
         else:
             row = int(np.flatnonzero(have != np.arange(n))[0])
             where = f"data row {row + 1} is point {have[row]}, not {row}"
-        return Check("points.csv complete", complete, float(len(have)), float(n), "rows", where)
+        return Check(
+            name="points.csv complete",
+            passed=complete,
+            value=float(len(have)),
+            limit=float(n),
+            unit="rows",
+            where=where,
+        )
 
     def _given(self) -> list[Check]:
         """What the CAM file gives."""
@@ -233,7 +247,14 @@ class PointsCheck:
         s = motion.point
         on = np.flatnonzero(np.isfinite(s) & (ride.fed | ride.lifted))
         if not len(rows) or not len(on):
-            return Check("points.csv as driven", not len(rows), np.nan, JOINT_DEG, "deg", "nothing to measure")
+            return Check(
+                name="points.csv as driven",
+                passed=not len(rows),
+                value=np.nan,
+                limit=JOINT_DEG,
+                unit="deg",
+                where="nothing to measure",
+            )
         at = self.points.point[rows]
         after = np.searchsorted(s[on], at, side="left")
         before = np.searchsorted(s[on], at, side="right") - 1
@@ -313,7 +334,14 @@ class PointsCheck:
         _, holds = law.gears(turned(T, self.toolpath.position[self.k]) + T[:, :3, 3])
         told = self.points.words.get("stiffness_from", ())
         if not told:
-            return Check("points.csv stiffness_from", False, np.nan, 0.0, "rows", "the column is missing")
+            return Check(
+                name="points.csv stiffness_from",
+                passed=False,
+                value=np.nan,
+                limit=0.0,
+                unit="rows",
+                where="the column is missing",
+            )
         wanted = ["grid" if len(cells) else "constant" for cells, _ in holds]
         return counted(
             "points.csv stiffness_from",

@@ -28,7 +28,7 @@ BESIDE = 9e-5  # m: points that are put in keep a tenth of a millimetre from oth
 INDEX = 5e-5  # of a toolpath index: rounding of trajectory.csv's point column
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Cuts:
     """What the CAM file wants of the program."""
 

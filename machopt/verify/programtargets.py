@@ -24,7 +24,7 @@ GIVEN_UP = 25  # targets that lie nowhere: enough to say so
 EXTERNAL = 0.05  # mm or deg of an external axis at a target
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Allowed:
     """How far a program may be from the motion it was written from."""
 

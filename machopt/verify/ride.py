@@ -23,7 +23,7 @@ PATH_MM, AXIS_DEG = 0.02, 0.05  # how far the TCP may leave the toolpath at a fe
 HIGHEST = 0.5  # m, to which the tool is lifted along its axis
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Ride:
     """S samples against the toolpath; what does not exist is inf or False."""
 
@@ -93,7 +93,15 @@ def ride(motion: Motion, toolpath: Toolpath, corners: Array, position: Array, tc
     lifted = straight & whole & away & (aside <= path_limit) & (height >= -path_limit) & (height <= HIGHEST)
     fed &= ~lifted
     return Ride(
-        tcp, toward, off_path, off_index, np.where(known, angle, np.inf), fed, lifted, path_limit, float(axis_limit)
+        tcp=tcp,
+        toward=toward,
+        off_path=off_path,
+        off_index=off_index,
+        off_axis=np.where(known, angle, np.inf),
+        fed=fed,
+        lifted=lifted,
+        path_limit=path_limit,
+        axis_limit=float(axis_limit),
     )
 
 

@@ -29,7 +29,7 @@ STILL = 2e-9  # m, the last decimal
 SAME_MM = 1e-5  # the same number in both files
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Found:
     """One comparison: a value per place; none where it could not be made, with the reason."""
 
@@ -86,22 +86,22 @@ def _smooth(toolpath: Toolpath, shift: Shift, run: NDArray[np.int64]) -> Found:
         steep = np.where(change > STILL, change / way, 0.0)
     where = [f"from point {a:g} to {b:g}" for a, b in zip(shift.index[:-1], shift.index[1:], strict=True)]
     return Found(
-        "compensation smooth",
-        "mm per mm of path",
-        STEEPEST,
-        np.append(steep[inside], 0.0),
-        (*(w for w, use in zip(where, inside, strict=True) if use), "nowhere"),
+        name="compensation smooth",
+        unit="mm per mm of path",
+        limit=STEEPEST,
+        values=np.append(steep[inside], 0.0),
+        where=(*(w for w, use in zip(where, inside, strict=True) if use), "nowhere"),
     )
 
 
 def _bounded(shift: Shift, options: PlanOptions) -> Found:
     size = 1e3 * np.linalg.norm(shift.offset, axis=1)
     return Found(
-        "compensation bounded",
-        "mm",
-        1e3 * options.compensation_max + SAME_MM,
-        size,
-        tuple(f"point {k:g}" for k in shift.index),
+        name="compensation bounded",
+        unit="mm",
+        limit=1e3 * options.compensation_max + SAME_MM,
+        values=size,
+        where=tuple(f"point {k:g}" for k in shift.index),
     )
 
 
@@ -111,11 +111,20 @@ def _same(toolpath: Toolpath, points: Points, shift: Shift, row_of: dict[int, in
     lacking = sorted(set(range(len(toolpath))) - set(row_of))
     if lacking or points.shift is None:
         told = (f"compensation.csv lacks point {lacking[:1]}",)
-        return Found(name, "mm", SAME_MM, np.array([np.inf]), told, file="compensation.csv")
+        return Found(
+            name=name, unit="mm", limit=SAME_MM, values=np.array([np.inf]), where=told, file="compensation.csv"
+        )
     known = [n for n, k in enumerate(points.point.tolist()) if k in row_of]
     at = [row_of[int(points.point[n])] for n in known]
     apart = 1e3 * np.linalg.norm(points.shift[known] - shift.offset[at], axis=1)
-    return Found(name, "mm", SAME_MM, apart, tuple(f"point {points.point[n]}" for n in known), file="points.csv")
+    return Found(
+        name=name,
+        unit="mm",
+        limit=SAME_MM,
+        values=apart,
+        where=tuple(f"point {points.point[n]}" for n in known),
+        file="points.csv",
+    )
 
 
 def _joints(motion: Motion, points: Points, shift: Shift, rows: NDArray[np.int64]) -> dict[int, Array]:
@@ -143,25 +152,43 @@ def _force(toolpath: Toolpath, shift: Shift, options: PlanOptions) -> Found:
     name, o = "process force", options.force
     if not o.given:
         return Found(
-            name, "N", FORCE_SHARE, np.empty(0), (), "no force is given here; --set force_N={…} as in the run would"
+            name=name,
+            unit="N",
+            limit=FORCE_SHARE,
+            values=np.empty(0),
+            where=(),
+            not_run="no force is given here; --set force_N={…} as in the run would",
         )
     size = float(np.sqrt(o.travel**2 + o.normal**2 + o.axial**2))
     off = [np.linalg.norm(shift.force - demanded_force(toolpath, shift.index, o, n), axis=1) for n in LENGTHS]
     best = min(off, key=lambda values: float(values.max()))
-    return Found(name, "N", FORCE_SHARE * size, best, tuple(f"point {k:g}" for k in shift.index))
+    return Found(
+        name=name, unit="N", limit=FORCE_SHARE * size, values=best, where=tuple(f"point {k:g}" for k in shift.index)
+    )
 
 
 def _deflection(cell: Cell, toolpath: Toolpath, joints: dict[int, Array], shift: Shift, arm: Arm) -> Found:
     name, limit = "compensation", 1.0
     unit = f"of {100 * RELATIVE:g} % and {1e3 * ABSOLUTE_MM:g} µm"
     if cell.stiffness is None:
-        return Found(name, unit, limit, np.empty(0), (), "the cell names no stiffness")
+        return Found(
+            name=name, unit=unit, limit=limit, values=np.empty(0), where=(), not_run="the cell names no stiffness"
+        )
     if not joints:
-        return Found(name, unit, limit, np.empty(0), (), "no corner of the path is cut")
+        return Found(
+            name=name, unit=unit, limit=limit, values=np.empty(0), where=(), not_run="no corner of the path is cut"
+        )
     try:
         law = Elasticity(cell, arm, cell.stiffness)
     except UnknownTermError as error:
-        return Found(name, unit, limit, np.empty(0), (), f"no second law is written for {error}")
+        return Found(
+            name=name,
+            unit=unit,
+            limit=limit,
+            values=np.empty(0),
+            where=(),
+            not_run=f"no second law is written for {error}",
+        )
     index, commanded = corners(toolpath, shift)
     rows, x = np.array(list(joints)), np.array(list(joints.values()))
     stance, T = arm.stance(x[:, :6], x[:, 6:]), arm.T_base_workpiece(x[:, 6:])
@@ -171,4 +198,4 @@ def _deflection(cell: Cell, toolpath: Toolpath, joints: dict[int, Array], shift:
     d = np.einsum("nji,nj->ni", R, d)
     size = np.linalg.norm(d, axis=1)
     off = np.linalg.norm(shift.offset[rows] + d, axis=1) / (RELATIVE * size + ABSOLUTE_MM * 1e-3)
-    return Found(name, unit, limit, off, tuple(f"point {index[row]:g}" for row in joints))
+    return Found(name=name, unit=unit, limit=limit, values=off, where=tuple(f"point {index[row]:g}" for row in joints))

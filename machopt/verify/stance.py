@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Stance:
     """The arm at N configurations: lines of its six axes and what they carry, in base_link, wherever that stands."""
 
@@ -40,8 +40,7 @@ class Stance:
 
     def rows(self, keep: NDArray[Any]) -> Stance:
         """Some of the configurations."""
-        fields = self.q, self.external, self.axis, self.origin, self.tcp, self.frames, self.flange, self.linked
-        return Stance(*(v[keep] for v in fields))
+        return Stance(**{f.name: getattr(self, f.name)[keep] for f in fields(Stance)})
 
 
 def columns(axis: Array, origin: Array, tcp: Array) -> Array:

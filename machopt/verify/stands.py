@@ -58,7 +58,7 @@ def _of_axis(axis: ExternalAxis, toolpath: Toolpath, *, locked: bool) -> list[St
     """What the options of a joint say of its place, laid down at points."""
     out = []
     for label, value in axis.at_operations:
-        wish = Steer(label, joint=axis.joint, at=value, unit=axis.unit)
+        wish = Steer(operation=label, joint=axis.joint, at=value, unit=axis.unit)
         out += [replace(wish, operation="", points=ends) for ends in stretches(wish, toolpath)]
     if locked and axis.mode == "locked" and axis.at is not None and not axis.operations and not axis.at_operations:
         out.append(Steer(points=(0, len(toolpath) - 1), joint=axis.joint, at=axis.at, unit=axis.unit))

@@ -57,7 +57,7 @@ MOST = 2**31  # a point number beyond is none
 WORDS = tuple(move.word for move in Move)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Motion:
     """What trajectory.csv says, in SI; S rows."""
 
@@ -83,7 +83,7 @@ class Motion:
         return f"sample {n}, {self.time[n]:.3f} s{point}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Points:
     """What points.csv says, N rows; numbers as the file has them but for point, joints and shift."""
 
@@ -156,13 +156,13 @@ def read_points(file: Path, cell: Cell) -> Points:
     skip = {"point", *JOINTS, *axes, *SHIFT}
     shift = np.column_stack([table.numbers(n) for n in SHIFT]) / 1e3 if shifted else None
     return Points(
-        number.astype(int),
-        _joints(table, empty=True),
-        _external(table, cell, empty=True),
-        tuple(table.words("status")),
-        {name: table.numbers(name, empty=name not in POINTS[3:9]) for name in table.parts if name not in skip},
-        {name: tuple(words) for name, words in table.text.items() if name != "status"},
-        shift,
+        point=number.astype(int),
+        q=_joints(table, empty=True),
+        external=_external(table, cell, empty=True),
+        status=tuple(table.words("status")),
+        numbers={name: table.numbers(name, empty=name not in POINTS[3:9]) for name in table.parts if name not in skip},
+        words={name: tuple(words) for name, words in table.text.items() if name != "status"},
+        shift=shift,
     )
 
 

@@ -18,7 +18,14 @@ def compared(now: Made, before: Made | None) -> tuple[Compared, ...]:
     scale = now.plan.scores.scale
 
     def row(name: str, unit: str, of: list[float], decimals: int, *, less: bool = True) -> Compared:
-        return Compared(name, unit, of[0] if len(of) > 1 else NONE, of[-1], decimals, less)
+        return Compared(
+            name=name,
+            unit=unit,
+            before=of[0] if len(of) > 1 else NONE,
+            now=of[-1],
+            decimals=decimals,
+            less_is_better=less,
+        )
 
     both = [now] if before is None else [before, now]
     return (

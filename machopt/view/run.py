@@ -21,7 +21,7 @@ from machopt.view.session import Session
 ACTIONS = ("plan", "back", "save", "verify")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Asked:
     """What the user wants to see."""
 

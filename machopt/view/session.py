@@ -35,7 +35,7 @@ _PASSED = {True: "passed", False: "FAILED", None: "not run"}
 KEYS = ("fixed", "steer", "external")  # of a plan file, that the page may set
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Session:
     """One cell and toolpath; the plan shown, and the one it is compared with."""
 
@@ -55,7 +55,7 @@ class Session:
         with keeping(store):
             made = planned(given, Timings(progress=progress))
         told, good = _outcome(made)
-        return cls(given, file, words, made, told=told, good=good, kept=store)
+        return cls(given=given, file=file, words=words, now=made, told=told, good=good, kept=store)
 
     def wishes(self) -> dict[str, Any]:
         """What the plan shown was steered by, under the keys of a plan file."""
@@ -177,7 +177,7 @@ class Session:
     def _steering(self) -> Steering:
         cell, toolpath = self.given.cell, self.given.toolpath
         labels = list(dict.fromkeys(o.label for o in toolpath.operations))
-        parts = [(label, tuple(stretches(Steer(label), toolpath))) for label in labels]
+        parts = [(label, tuple(stretches(Steer(operation=label), toolpath))) for label in labels]
         return Steering(
             operations=tuple((label, points) for label, points in parts if points),
             points=len(toolpath),

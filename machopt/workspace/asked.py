@@ -23,7 +23,7 @@ PLANES = ("xy", "xz", "yz")
 _MM, _DEG = 1e-3, radians(1.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MapRequest:
     """The options of ``machopt map`` as the user wrote them: mm, degrees, N, N·m."""
 
@@ -59,7 +59,7 @@ class MapRequest:
     tables: str = "csv"  # parquet: every table as Parquet, too
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MapOptions:
     """The request in SI, checked."""
 

@@ -28,7 +28,7 @@ class Load:
     axes: Literal["frame", "tool"]  # whose axes its components are along
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Setting:
     """What fields are computed from, beside the posture."""
 
@@ -130,7 +130,7 @@ class Situation:
         return np.where((lost & (share > RIGID)).any(axis=1), np.inf, stiffness)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Field:
     """One number at every posture."""
 
@@ -178,95 +178,101 @@ _HOLDS = (
 
 FIELDS: tuple[Field, ...] = (
     Field(
-        "k_min",
-        "Stiffness, softest direction",
-        "N/m",
-        "more",
-        _STIFF,
-        "1/λmax of the translational compliance: no force meets less.",
-        lambda s: 1.0 / s.principal[:, 2],
+        key="k_min",
+        name="Stiffness, softest direction",
+        unit="N/m",
+        better="more",
+        needs=_STIFF,
+        note="1/λmax of the translational compliance: no force meets less.",
+        of=lambda s: 1.0 / s.principal[:, 2],
     ),
     Field(
-        "k_axial",
-        "Stiffness along the tool axis",
-        "N/m",
-        "more",
-        _STIFF,
-        _SMALL,
-        lambda s: 1.0 / s.elastic.along(s.tool[:, :, 2]),
+        key="k_axial",
+        name="Stiffness along the tool axis",
+        unit="N/m",
+        better="more",
+        needs=_STIFF,
+        note=_SMALL,
+        of=lambda s: 1.0 / s.elastic.along(s.tool[:, :, 2]),
     ),
     Field(
-        "k_across",
-        "Stiffness across the tool axis, softest",
-        "N/m",
-        "more",
-        _STIFF,
-        "1/λmax of the translational compliance in the plane normal to the tool axis: side milling.",
-        _across,
+        key="k_across",
+        name="Stiffness across the tool axis, softest",
+        unit="N/m",
+        better="more",
+        needs=_STIFF,
+        note="1/λmax of the translational compliance in the plane normal to the tool axis: side milling.",
+        of=_across,
     ),
-    Field("k_x", "Stiffness along x", "N/m", "more", _STIFF, _SMALL, _along(0)),
-    Field("k_y", "Stiffness along y", "N/m", "more", _STIFF, _SMALL, _along(1)),
-    Field("k_z", "Stiffness along z", "N/m", "more", _STIFF, _SMALL, _along(2)),
+    Field(key="k_x", name="Stiffness along x", unit="N/m", better="more", needs=_STIFF, note=_SMALL, of=_along(0)),
+    Field(key="k_y", name="Stiffness along y", unit="N/m", better="more", needs=_STIFF, note=_SMALL, of=_along(1)),
+    Field(key="k_z", name="Stiffness along z", unit="N/m", better="more", needs=_STIFF, note=_SMALL, of=_along(2)),
     Field(
-        "k_max",
-        "Stiffness, stiffest direction",
-        "N/m",
-        "more",
-        _STIFF,
-        "1/λmin of the translational compliance.",
-        lambda s: 1.0 / s.principal[:, 0],
-    ),
-    Field(
-        "deflection",
-        "Deflection under the load",
-        "m",
-        "less",
-        _LOADED,
-        "Length of the TCP's displacement under the stated load; K_C counts where the stiffness file has it.",
-        lambda s: np.linalg.norm(s.elastic.respond(s.wrench)[:, :3], axis=1),
+        key="k_max",
+        name="Stiffness, stiffest direction",
+        unit="N/m",
+        better="more",
+        needs=_STIFF,
+        note="1/λmin of the translational compliance.",
+        of=lambda s: 1.0 / s.principal[:, 0],
     ),
     Field(
-        "dexterity",
-        "Dexterity 1/κ_F",
-        "1",
-        "more",
-        frozenset(),
-        "Inverse Frobenius condition number of the Jacobian over the characteristic length (dumas2011 eqs. 11–12): "
-        "1 isotropic, 0 singular.",
-        lambda s: kci(s.state.J, s.setting.length),
+        key="deflection",
+        name="Deflection under the load",
+        unit="m",
+        better="less",
+        needs=_LOADED,
+        note="Length of the TCP's displacement under the stated load; K_C counts where the stiffness file has it.",
+        of=lambda s: np.linalg.norm(s.elastic.respond(s.wrench)[:, :3], axis=1),
     ),
     Field(
-        "nu_p",
-        "ν_p, influence of K_C on translation",
-        "1",
-        "less",
-        _LOADED,
-        "Share of the displacement that neglecting the load's own stiffness K_C gets wrong (dumas2011 eq. 14); "
+        key="dexterity",
+        name="Dexterity 1/κ_F",
+        unit="1",
+        better="more",
+        needs=frozenset(),
+        note="Inverse Frobenius condition number of the Jacobian over the characteristic length (dumas2011 eqs. "
+        "11–12): 1 isotropic, 0 singular.",
+        of=lambda s: kci(s.state.J, s.setting.length),
+    ),
+    Field(
+        key="nu_p",
+        name="ν_p, influence of K_C on translation",
+        unit="1",
+        better="less",
+        needs=_LOADED,
+        note="Share of the displacement that neglecting the load's own stiffness K_C gets wrong (dumas2011 eq. 14); "
         "joint springs only.",
-        lambda s: s.influence[0],
+        of=lambda s: s.influence[0],
     ),
     Field(
-        "nu_r",
-        "ν_r, influence of K_C on rotation",
-        "rad",
-        "less",
-        _LOADED,
-        "Largest rotation about x, y or z of base that neglecting K_C gets wrong (dumas2011 eq. 15); joint springs "
-        "only.",
-        lambda s: s.influence[1],
+        key="nu_r",
+        name="ν_r, influence of K_C on rotation",
+        unit="rad",
+        better="less",
+        needs=_LOADED,
+        note="Largest rotation about x, y or z of base that neglecting K_C gets wrong (dumas2011 eq. 15); joint "
+        "springs only.",
+        of=lambda s: s.influence[1],
     ),
     Field(
-        "limit_margin",
-        "Distance to the nearest joint limit",
-        "rad",
-        "more",
-        frozenset(),
-        "Least angle between a joint and its limit.",
-        _limit_margin,
+        key="limit_margin",
+        name="Distance to the nearest joint limit",
+        unit="rad",
+        better="more",
+        needs=frozenset(),
+        note="Least angle between a joint and its limit.",
+        of=_limit_margin,
     ),
-    Field("held_x", "K_m xx, all else held", "N/m", "more", _STIFF, _HOLDS, _held(0)),
-    Field("held_y", "K_m yy, all else held", "N/m", "more", _STIFF, _HOLDS, _held(1)),
-    Field("held_z", "K_m zz, all else held", "N/m", "more", _STIFF, _HOLDS, _held(2)),
+    Field(
+        key="held_x", name="K_m xx, all else held", unit="N/m", better="more", needs=_STIFF, note=_HOLDS, of=_held(0)
+    ),
+    Field(
+        key="held_y", name="K_m yy, all else held", unit="N/m", better="more", needs=_STIFF, note=_HOLDS, of=_held(1)
+    ),
+    Field(
+        key="held_z", name="K_m zz, all else held", unit="N/m", better="more", needs=_STIFF, note=_HOLDS, of=_held(2)
+    ),
 )
 
 

@@ -56,7 +56,18 @@ def setting_of(cell: Cell, robot: Robot, options: MapOptions) -> Setting:
     length = options.length or characteristic_length(robot, tool).length
     frame, springs = options.T_base_frame[:3, :3], () if cell.stiffness is None else cell.stiffness.external
     beside = Beside.of(load_machine(cell, robot), springs) if springs else None
-    return Setting(robot, tool, elasticity, length, lower, upper, frame, options.load, beside, cell.external_home)
+    return Setting(
+        robot=robot,
+        T_flange_tcp=tool,
+        elasticity=elasticity,
+        length=length,
+        lower=lower,
+        upper=upper,
+        R_base_frame=frame,
+        load=options.load,
+        beside=beside,
+        external=cell.external_home,
+    )
 
 
 def criterion_of(options: MapOptions, setting: Setting) -> Field:

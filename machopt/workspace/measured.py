@@ -18,7 +18,7 @@ from machopt.workspace.postures import ReachingArm, choose_postures, tool_poses
 APART = 5e-3  # m; places and joints of a table that disagree by more belong to another tool or frame
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Comparison:
     """P readings, what the others and the model say of each, and their spread over M samples."""
 

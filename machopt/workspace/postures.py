@@ -8,7 +8,7 @@ would show are checked for collisions; where one collides the next best takes it
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Literal
 
 import numpy as np
@@ -29,7 +29,7 @@ POSES_AT_ONCE = 8_192  # bounds the memory of the closed form's intermediates
 EQUAL = 1e-6  # relative; postures this near the best (a flipped wrist is equally stiff) are told apart by travel
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ReachingArm:
     """What inverse kinematics needs to know of a cell."""
 
@@ -52,7 +52,7 @@ class Candidates:
     bent: Array  # (N, B) rad, of elbow and wrist the angle that is less, from where the arm is singular
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Postures:
     """One posture a sample, or the reason for none."""
 
@@ -151,7 +151,7 @@ def choose_postures(
         n = part.stop - part.start
         found = candidates(arm, poses(part)[:, order])
         parts.append(_choose(found, n, arm.home, gamma[order], goodness, pick, collides))
-    return Postures(*(np.concatenate([getattr(p, name) for p in parts]) for name in Postures.__dataclass_fields__))
+    return Postures(**{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Postures)})
 
 
 def _choose(

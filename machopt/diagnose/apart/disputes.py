@@ -18,7 +18,7 @@ PLACES = 3  # of a mismatch that no law explains
 HIDDEN = 3  # effects that could hide most
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Stand:
     """A law that may be true, as the diagnosis has it."""
 
@@ -36,7 +36,7 @@ class Stand:
         return self.effect, self.location
 
 
-NOTHING = Stand("nothing", "")
+NOTHING = Stand(effect="nothing", location="")
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Dispute:
     beside: tuple[Stand, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Diagnosed:
     """The part of a diagnosis that a plan needs."""
 
@@ -92,17 +92,17 @@ def left_open(data: DiagnosisResult, file: Path) -> Diagnosed:
     }
     disputes, notes = _disputes(data, file)
     return Diagnosed(
-        data.channel,
-        data.verdict,
-        recorded.coordinates,
-        recorded.wrench_frame,
-        recorded.displacement_frame,
-        recorded.registration,
-        None if scatter is None else (_sure(scatter.own, file), _sure(scatter.visit, file)),
-        None if turn is None else _sure(turn.own, file),
-        compliance,
-        tuple(disputes),
-        tuple(notes),
+        channel=data.channel,
+        verdict=data.verdict,
+        coordinates=recorded.coordinates,
+        wrench_frame=recorded.wrench_frame,
+        displacement_frame=recorded.displacement_frame,
+        registration=recorded.registration,
+        scatter=None if scatter is None else (_sure(scatter.own, file), _sure(scatter.visit, file)),
+        turn=None if turn is None else _sure(turn.own, file),
+        compliance=compliance,
+        disputes=tuple(disputes),
+        notes=tuple(notes),
     )
 
 
@@ -124,7 +124,7 @@ def _disputes(data: DiagnosisResult, file: Path) -> tuple[list[Dispute], list[st
     if data.verdict == "unexplained":
         return _places(data, file), notes
     hidden = [
-        Stand(x.effect, x.location, size=float(x.value))
+        Stand(effect=x.effect, location=x.location, size=float(x.value))
         for x in data.detection_limits
         if x.value is not None and x.standing != "not testable"
     ]
@@ -155,12 +155,12 @@ def _stand(named: FindingTold | RivalTold) -> Stand:
     if fit is None:
         raise ValueError(f"{named.effect} {named.location} was not fitted")
     return Stand(
-        named.effect,
-        named.location,
-        named.law,
-        tuple(map(float, fit.coefficients)),
-        tuple(map(float, fit.shape)),
-        None if fit.correction is None else dict(fit.correction.parameters),
+        effect=named.effect,
+        location=named.location,
+        law=named.law,
+        coefficients=tuple(map(float, fit.coefficients)),
+        shape=tuple(map(float, fit.shape)),
+        correction=None if fit.correction is None else dict(fit.correction.parameters),
     )
 
 
@@ -170,7 +170,7 @@ def _places(data: DiagnosisResult, file: Path) -> list[Dispute]:
         raise InputError(f"found {data.rmse_unit!r}; mm was expected", file=file, where="rmse_unit")
     rms = factor * _sure(data.baseline.repeatable_rmse, file)
     shares = sorted((s for s in data.mismatch if s.kind == "machine"), key=lambda s: -(s.share or 0.0))
-    stands = tuple(Stand("", s.axis, rms=rms) for s in shares)
+    stands = tuple(Stand(effect="", location=s.axis, rms=rms) for s in shares)
     if not stands:
         return []
     why = "no law explains the mismatch; these are the nearest places"

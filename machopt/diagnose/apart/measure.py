@@ -77,14 +77,21 @@ def measurement(
     masses = load_masses(stood)
     believed = prior_of(request, cell)
     if found is not None:  # as the diagnosis has it
-        believed = Stiffness(1.0 / compliance_for(found, believed.joints))
+        believed = Stiffness(joints=1.0 / compliance_for(found, believed.joints))
     prior = ArmElasticity(robot, T, believed, limits, masses)
     progress("building kinematics and collision model")
     bare = without_workpiece(cell) if request.without_workpiece else cell
     clearance = request.clearance_mm / 1e3
     collision = None if request.no_collision else CollisionModel(bare, robot, shapes, clearance, still=True)
     length = characteristic_length(robot, T).length
-    screen = PoseScreen(robot, T, stood.T_world_base, length, pose_criteria(request), collision)
+    screen = PoseScreen(
+        robot=robot,
+        T_flange_tcp=T,
+        T_world_base=stood.T_world_base,
+        length=length,
+        criteria=pose_criteria(request),
+        collision=collision,
+    )
     progress("looking for poses that can be measured")
     pool = sample_poses(screen, limits, cell.home, size.candidates, size.seed)
     criteria = load_criteria(request, noise)

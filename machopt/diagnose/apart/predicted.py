@@ -96,13 +96,13 @@ def load_tests(
     branch = np.tile(np.where(np.arange(K) <= int(np.argmax(steps)), 1, -1), N).astype(np.int8)
     time = case * REST + HOLD * np.tile(np.arange(1, K + 1), N)
     recording = Recording(
-        "deflection",
-        "plan",
-        np.repeat(q, K, axis=0),
-        case,
-        case,
-        np.zeros(N * K, np.int64),
-        np.arange(1, N * K + 1),
+        kind="deflection",
+        source="plan",
+        q=np.repeat(q, K, axis=0),
+        pose=case,
+        cycle=case,
+        session=np.zeros(N * K, np.int64),
+        line=np.arange(1, N * K + 1),
         wrench=wrench,
         displacement=np.zeros((N * K, dimensions)),
         time=time,
@@ -111,18 +111,18 @@ def load_tests(
         displacement_frame="tool" if found.displacement_frame == "tool" else "base",
     )
     readings = Readings(
-        recording,
-        robot,
-        T_flange_tcp,
-        masses,
-        robot.state(recording.q, T_flange_tcp, bodies=True),
-        wrench,
-        dimensions,
-        True,
-        compliance,
-        np.zeros(N * K, np.int64),
-        case,
-        case,
+        recording=recording,
+        robot=robot,
+        T_flange_tcp=T_flange_tcp,
+        masses=masses,
+        state=robot.state(recording.q, T_flange_tcp, bodies=True),
+        wrench=wrench,
+        dimensions=dimensions,
+        differences=True,
+        compliance=compliance,
+        session=np.zeros(N * K, np.int64),
+        visit=case,
+        cycle=case,
     )
     laws = [*deflection.catalogue(readings, None).hypotheses, *userterms.offered(userterms.load(), readings)]
     J = readings.state.J[:, :dimensions]
@@ -153,13 +153,13 @@ def standing(
     pose = robot.fk(theta, T)
     N = len(cases)
     recording = Recording(
-        "absolute",
-        "plan",
-        q,
-        cases.pose,
-        np.arange(N),
-        np.zeros(N, np.int64),
-        np.arange(1, N + 1),
+        kind="absolute",
+        source="plan",
+        q=q,
+        pose=cases.pose,
+        cycle=np.arange(N),
+        session=np.zeros(N, np.int64),
+        line=np.arange(1, N + 1),
         wrench=cases.wrench,
         position=pose[:, :3, 3],
         quaternion=quaternion(pose[:, :3, :3]) if dimensions == 6 else None,

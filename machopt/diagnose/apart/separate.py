@@ -59,7 +59,7 @@ class Asked:
     targets: float  # m, between the targets on the tool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Pair:
     """Two laws and how well the plan tells them apart."""
 
@@ -80,7 +80,7 @@ class Pair:
         return not self.advice
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Discriminating:
     """A plan that tells explanations apart."""
 
@@ -103,7 +103,14 @@ def noise_for(asked: Asked, found: Diagnosed, cycles: int) -> ReadingNoise:
     if found.coordinates == 6:
         targets = own / found.turn if found.turn else asked.targets
     # each round arrives anew, so what a visit shares is new in each
-    return ReadingNoise(own / np.sqrt(UNLOADED_TWICE), 0.0, visit / np.sqrt(cycles), stated.force, targets, cycles)
+    return ReadingNoise(
+        displacement=own / np.sqrt(UNLOADED_TWICE),
+        cycle=0.0,
+        pose=visit / np.sqrt(cycles),
+        force=stated.force,
+        targets=targets,
+        cycles=cycles,
+    )
 
 
 def compliance_for(found: Diagnosed, stiffness: Array) -> Array:
@@ -189,7 +196,15 @@ def discriminating(
     plan = _plan(prior, few, Design(blocks, min(each, default=0.0)), final, rng)
     least = min(each, default=0.0)
     worst = float(np.median(chance.min(axis=0))) if len(open_) else 0.0
-    return Discriminating(plan, final, steps, (*pairs, *closed), least, worst, (*found.notes, *notes))
+    return Discriminating(
+        plan=plan,
+        noise=final,
+        steps=steps,
+        pairs=(*pairs, *closed),
+        least=least,
+        random=worst,
+        notes=(*found.notes, *notes),
+    )
 
 
 def _contests(
@@ -207,7 +222,17 @@ def _contests(
         base = np.concatenate([at.base, *(b.columns[0] for b in beside if b is not None)], axis=2)
         for i, j in pairs:
             one, two = laws[i], laws[j]
-            pair = Pair(one.stand, two.stand, d.why, 0.0, 0.0, None, None, 0.0, "")
+            pair = Pair(
+                one=one.stand,
+                two=two.stand,
+                why=d.why,
+                per_cycle=0.0,
+                planned=0.0,
+                cycles=None,
+                until=None,
+                random=0.0,
+                advice="",
+            )
             contests: list[Contest] = []
             for t, r in ((i, j), (j, i)):
                 if laws[t].stand is NOTHING:
@@ -317,16 +342,16 @@ def _thinned(cases: LoadCases, most: int, rng: np.random.Generator) -> LoadCases
     keep = np.flatnonzero(np.isin(cases.pose, poses[:enough]))
     keep = np.sort(rng.permutation(keep)[:most])
     return LoadCases(
-        cases.pose[keep],
-        cases.way[keep],
-        cases.magnitude[keep],
-        cases.wrench[keep],
-        cases.point[keep],
-        cases.twist[keep],
-        cases.response[keep],
-        cases.nu_p[keep],
-        cases.nu_r[keep],
-        cases.rejected,
+        pose=cases.pose[keep],
+        way=cases.way[keep],
+        magnitude=cases.magnitude[keep],
+        wrench=cases.wrench[keep],
+        point=cases.point[keep],
+        twist=cases.twist[keep],
+        response=cases.response[keep],
+        nu_p=cases.nu_p[keep],
+        nu_r=cases.nu_r[keep],
+        rejected=cases.rejected,
     )
 
 
@@ -341,7 +366,18 @@ def _plan(
     visits = schedule(design.blocks, noise.cycles, rng)
     poses = len(design.blocks)
     return PosePlan(
-        unknowns, cases, design, seen, judged, (), float("nan"), (), (poses,), (seen.rms(judged),), None, visits
+        unknowns=unknowns,
+        cases=cases,
+        design=design,
+        found=seen,
+        judged=judged,
+        believed=(),
+        bound=float("nan"),
+        comparisons=(),
+        curve_poses=(poses,),
+        curve=(seen.rms(judged),),
+        needed=None,
+        visits=visits,
     )
 
 

@@ -24,7 +24,7 @@ MOST_FOLDS = 40
 NOTHING = 1e-3  # whitened square of a column that moves nothing
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Model:
     """Columns that are fitted together, whitened; what follows of them is worked out once and never written to."""
 
@@ -73,7 +73,7 @@ class Model:
         return model(self.w, np.concatenate([self.X, more], axis=1), self.y, self.fold, prior, self.rows)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Tried:
     """One hypothesis, whitened, at all its shapes; m = M, or fewer rows where it moves few coordinates of readings."""
 
@@ -118,7 +118,18 @@ def model(w: Whitening, X: Array, y: Array, fold: Ints, prior: Array, rows: Rows
     rows = rows_of(w, fold) if rows is None else rows
     XX = np.stack([x.T @ x for x in (X[r] for r in rows)])
     Xy = np.stack([X[r].T @ y[r] for r in rows])
-    return Model(w, X, y, fold, len(rows), XX, Xy, np.array([y[r] @ y[r] for r in rows]), prior, rows)
+    return Model(
+        w=w,
+        X=X,
+        y=y,
+        fold=fold,
+        folds=len(rows),
+        XX=XX,
+        Xy=Xy,
+        yy=np.array([y[r] @ y[r] for r in rows]),
+        prior=prior,
+        rows=rows,
+    )
 
 
 def regrouped(one: Model, like: Model) -> Model:
@@ -159,7 +170,9 @@ def tried(base: Model, hypotheses: Sequence[Hypothesis]) -> list[Tried]:
         parts = _own_rows(rows, len(y), base.rows)
         XX = np.stack([own(X[k]) for k, _ in parts])
         Xy = np.stack([np.einsum("msp,m->sp", X[k], y[r]) for k, r in parts])
-        out.append(Tried(h, X, unit.reshape(S, p), XX, Xy, len(y), rows, len(out)))
+        out.append(
+            Tried(hypothesis=h, X=X, unit=unit.reshape(S, p), XX=XX, Xy=Xy, size=len(y), rows=rows, index=len(out))
+        )
     return out
 
 

@@ -31,7 +31,7 @@ class Block:
     shrink: Array  # (r,)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Whitening:
     """Turns (N, D, …) columns into (M, …) rows with independent unit errors; M = what the used readings measured."""
 
@@ -135,16 +135,16 @@ def whitening(problem: Problem, noise: Noise, used: Flags) -> Whitening:
                 Block(slice(int(bounds[n]), int(bounds[n + 1])), Q[:, keep], 1.0 - 1.0 / np.sqrt(1.0 + s[keep] ** 2))
             )
     return Whitening(
-        index,
-        sigma,
-        tuple(blocks),
-        bounds,
-        group[starts].astype(np.int64),
-        groups,
-        problem.session[index[starts]].astype(np.int64),
-        np.repeat(index, D) if kept is None else index[kept // D],
-        kept,
-        kept is None and (problem.scale is None or noise.gain == 0.0),
+        index=index,
+        sigma=sigma,
+        blocks=tuple(blocks),
+        visit_starts=bounds,
+        group_of_visit=group[starts].astype(np.int64),
+        groups=groups,
+        session=problem.session[index[starts]].astype(np.int64),
+        reading=np.repeat(index, D) if kept is None else index[kept // D],
+        kept=kept,
+        apart=kept is None and (problem.scale is None or noise.gain == 0.0),
     )
 
 

@@ -83,16 +83,23 @@ def hypothesis(
     def curve(x: Array, shape: Shape) -> Curve:
         at = np.linspace(q.min(), q.max(), FINE)
         line, each = (law.columns(np.array(shape), a) @ x / ARCSEC for a in (at, read))
-        return Curve(at / DEGREE, line, f"joint {by + 1} in deg", "angle in arcsec", read / DEGREE, each)
+        return Curve(
+            x=at / DEGREE,
+            law=line,
+            x_label=f"joint {by + 1} in deg",
+            y_label="angle in arcsec",
+            data_x=read / DEGREE,
+            per_reading=each,
+        )
 
     return Hypothesis(
-        effect.called,
-        where,
-        law.name,
-        law.equation,
-        lambda s: lift(law.columns(np.array(s), q)),
-        lambda x, s: law.sizes(x, np.array(s)),
-        grid,
+        effect=effect.called,
+        location=where,
+        law=law.name,
+        equation=law.equation,
+        columns=lambda s: lift(law.columns(np.array(s), q)),
+        quantities=lambda x, s: law.sizes(x, np.array(s)),
+        shapes=grid,
         correction=lambda x, s: entry(effect, where, x, np.array(s), over),
         family="kinematic",
         note=law.note,

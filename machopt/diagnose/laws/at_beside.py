@@ -92,22 +92,22 @@ def _bends(r: Readings, effect: Effect, where: str, law: Beside) -> Hypothesis:
 
     def line(x: Array, shape: Shape) -> Curve:
         return Curve(
-            np.degrees(along),
-            torque(along, shape) @ x,
-            f"joint {j + 1} in deg",
-            "torque in N·m",
-            np.degrees(q),
-            torque(q, shape) @ x,
+            x=np.degrees(along),
+            law=torque(along, shape) @ x,
+            x_label=f"joint {j + 1} in deg",
+            y_label="torque in N·m",
+            data_x=np.degrees(q),
+            per_reading=torque(q, shape) @ x,
         )
 
     return Hypothesis(
-        effect.called,
-        where,
-        law.name,
-        f"Δ{sub} = c{sub} τ, {law.equation}",
-        lambda shape: r.lift(j, c * torque(q, shape)),
-        sizes,
-        law.grid(),
+        effect=effect.called,
+        location=where,
+        law=law.name,
+        equation=f"Δ{sub} = c{sub} τ, {law.equation}",
+        columns=lambda shape: r.lift(j, c * torque(q, shape)),
+        quantities=sizes,
+        shapes=law.grid(),
         family="joint",
         note=_note(where),
         penalty=law.penalty,
@@ -138,13 +138,13 @@ def _stiffens(r: Readings, effect: Effect, where: str, law: Beside) -> Hypothesi
         return weight == 0.0 or peak <= calibrated.RESTING.most_balanced * weight
 
     return Hypothesis(
-        effect.called,
-        where,
-        law.name,
-        f"k{sub}(q{sub}) = k{sub} − ∂τ/∂q{sub}, {law.equation}",
-        columns,
-        sizes,
-        law.grid(),
+        effect=effect.called,
+        location=where,
+        law=law.name,
+        equation=f"k{sub}(q{sub}) = k{sub} − ∂τ/∂q{sub}, {law.equation}",
+        columns=columns,
+        quantities=sizes,
+        shapes=law.grid(),
         correction=lambda x, s: Term(effect.called, where, files.write(law, x, np.array(s))),
         family="joint",
         note=_note(where),

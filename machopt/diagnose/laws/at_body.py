@@ -115,13 +115,13 @@ def _hypothesis(
         return law.sizes(x, np.array(shape))
 
     return Hypothesis(
-        effect.called,
-        place.location,
-        law.name,
-        law.equation if r.differences else law.equation + WEIGHT,
-        columns,
-        sizes,
-        grid,
+        effect=effect.called,
+        location=place.location,
+        law=law.name,
+        equation=law.equation if r.differences else law.equation + WEIGHT,
+        columns=columns,
+        quantities=sizes,
+        shapes=grid,
         lower=lower if np.isfinite(lower).any() else (),
         correction=lambda x, shape: made(x, shape).to_file(),
         family="body",

@@ -78,12 +78,12 @@ def _hypothesis(
         return RecordCorrection(effect.called, where, {k: q.value for k, q in law.sizes(x, seen).items()})
 
     return Hypothesis(
-        effect.called,
-        where,
-        law.name,
-        cause.format(law.equation),
-        lambda shape: columns,
-        sizes,
+        effect=effect.called,
+        location=where,
+        law=law.name,
+        equation=cause.format(law.equation),
+        columns=lambda shape: columns,
+        quantities=sizes,
         family=family,
         correction=correction,
         note=note,

@@ -33,14 +33,14 @@ def _hypothesis(seen: Warming, effect: Effect, law: DriftLaw, grid: tuple[Shape,
         return law.sizes(x, np.array(shape), seen)
 
     return Hypothesis(
-        effect.called,
-        effect.places[0],
-        law.name,
-        law.equation,
-        lambda shape: law.columns(np.array(shape), seen),
-        sizes,
-        grid,
-        lower if np.isfinite(lower).any() else (),
+        effect=effect.called,
+        location=effect.places[0],
+        law=law.name,
+        equation=law.equation,
+        columns=lambda shape: law.columns(np.array(shape), seen),
+        quantities=sizes,
+        shapes=grid,
+        lower=lower if np.isfinite(lower).any() else (),
         family="environment",
         note=effect.note,
         penalty=law.penalty,
@@ -54,7 +54,7 @@ def warming(r: Readings) -> Warming:
     if temperature is not None and np.ptp(temperature) > 0.0 and not r.differences:  # unloaded states have none
         rise = temperature - temperature[r.order[0]]
     since, before = (None, None) if time is None else _since(r, time)
-    return Warming(since, before, rise, growth(r), stand(r), r.differences)
+    return Warming(since=since, before=before, rise=rise, castings=growth(r), stand=stand(r), counted=r.differences)
 
 
 def _since(r: Readings, time: Array) -> tuple[Array, Array | None]:

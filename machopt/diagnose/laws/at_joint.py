@@ -50,7 +50,9 @@ def scale_of(r: Readings, j: int, law: Law) -> Scale:
     rare = calibrated.RESTING.rare
     low, high = np.quantile(r.state.q[:, j], (rare, 1.0 - rare))
     torque = r.torque[:, j] if law.weighs or not r.differences else r.load_torque[:, j]
-    return Scale(_largest(torque), max(float(r.compliance[j]), LEAST_SOFT), float(low), float(high))
+    return Scale(
+        reach=_largest(torque), compliance=max(float(r.compliance[j]), LEAST_SOFT), low=float(low), high=float(high)
+    )
 
 
 def _hypothesis(r: Readings, j: int, effect: Effect, law: Law, scale: Scale, grid: tuple[Shape, ...]) -> Hypothesis:
@@ -79,18 +81,18 @@ def _hypothesis(r: Readings, j: int, effect: Effect, law: Law, scale: Scale, gri
     count = columns(grid[0]).shape[2]
     lower = tuple(least for _, _, least in files.named(law, count))
     return Hypothesis(
-        effect.name,
-        where,
-        law.name,
-        law.equation,
-        columns,
-        sizes,
-        grid,
-        lower if np.isfinite(lower).any() else (),
-        term,
-        effect.note,
-        "joint",
-        curve if law.weighs or (law.remembers and not timed(law)) else None,
+        effect=effect.name,
+        location=where,
+        law=law.name,
+        equation=law.equation,
+        columns=columns,
+        quantities=sizes,
+        shapes=grid,
+        lower=lower if np.isfinite(lower).any() else (),
+        correction=term,
+        note=effect.note,
+        family="joint",
+        curve=curve if law.weighs or (law.remembers and not timed(law)) else None,
     )
 
 
@@ -98,20 +100,20 @@ def pair(r: Readings, effect: Effect, where: str, note: str, equation: str = "")
     """The law of an effect between two joints, each turned by the torque of the other."""
     law, (i, j) = effect.laws[0], joints_of(where)
     tau = r.load_torque if r.differences else r.torque
-    scale = Scale(_largest(tau[:, [i, j]]))
+    scale = Scale(reach=_largest(tau[:, [i, j]]))
 
     def columns(shape: Shape) -> Array:
         by_j, by_i = (law.columns(np.array(shape), Drive(tau[:, k])) for k in (j, i))
         return r.lift(i, by_j) + r.lift(j, by_i)
 
     return Hypothesis(
-        effect.called,
-        where,
-        law.name,
-        equation or law.equation,
-        columns,
-        lambda x, s: law.sizes(x, np.array(s), scale),
-        law.grid(scale),
+        effect=effect.called,
+        location=where,
+        law=law.name,
+        equation=equation or law.equation,
+        columns=columns,
+        quantities=lambda x, s: law.sizes(x, np.array(s), scale),
+        shapes=law.grid(scale),
         correction=lambda x, s: Term(effect.called, where, files.write(law, x, np.array(s))),
         family="joint",
         note=note,
@@ -197,7 +199,14 @@ def _line(r: Readings, j: int, law: Law, shape: Array, x: Array) -> Curve:
     span = float(np.abs(tau).max())
     at = np.linspace(-span, span, 2 * FINE + 1)
     line, each = (law.columns(shape, Drive(t, np.zeros_like(t))) @ x / ARCMIN for t in (at, tau))
-    return Curve(at, line, f"torque at joint {j + 1} in N·m, weight included", "twist in arcmin", tau, each)
+    return Curve(
+        x=at,
+        law=line,
+        x_label=f"torque at joint {j + 1} in N·m, weight included",
+        y_label="twist in arcmin",
+        data_x=tau,
+        per_reading=each,
+    )
 
 
 def _loop(r: Readings, j: int, law: Law, shape: Array, x: Array, memory: str, scale: Scale) -> Curve:
@@ -209,12 +218,12 @@ def _loop(r: Readings, j: int, law: Law, shape: Array, x: Array, memory: str, sc
     cycle = law.columns(shape, Drive(path, np.zeros_like(path), None, first)) @ x
     each = twist(r, j, law, shape, memory) @ x
     return Curve(
-        path,
-        cycle / ARCMIN,
-        f"load torque at joint {j + 1} in N·m",
-        "twist in arcmin",
-        r.load_torque[:, j],
-        each / ARCMIN,
+        x=path,
+        law=cycle / ARCMIN,
+        x_label=f"load torque at joint {j + 1} in N·m",
+        y_label="twist in arcmin",
+        data_x=r.load_torque[:, j],
+        per_reading=each / ARCMIN,
     )
 
 

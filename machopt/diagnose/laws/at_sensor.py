@@ -82,13 +82,13 @@ def _hypothesis(r: Readings, effect: Effect, law: RecordLaw, seen: Recorded) -> 
         return RecordCorrection(effect.called, where, {k: q.value for k, q in sizes(x, shape).items()})
 
     return Hypothesis(
-        effect.called,
-        where,
-        law.name,
-        law.equation,
-        columns,
-        sizes,
-        law.grid(),
+        effect=effect.called,
+        location=where,
+        law=law.name,
+        equation=law.equation,
+        columns=columns,
+        quantities=sizes,
+        shapes=law.grid(),
         correction=correction,
         family="sensor",
         note=NOTE,

@@ -78,12 +78,12 @@ def _hypothesis(place: str, columns: Array, V: Array, penalty: float) -> Hypothe
         return KinematicCorrection(geometry.EFFECT.name, place, geometry.stated(_placed(V, x)))
 
     return Hypothesis(
-        geometry.EFFECT.name,
-        place,
-        "frame elsewhere",
-        "x ← x + d + φ × (x − p) behind the joint's frame (Hayati & Mirmirani 1985)",
-        lambda shape: mixed,
-        _quantities(V),
+        effect=geometry.EFFECT.name,
+        location=place,
+        law="frame elsewhere",
+        equation="x ← x + d + φ × (x − p) behind the joint's frame (Hayati & Mirmirani 1985)",
+        columns=lambda shape: mixed,
+        quantities=_quantities(V),
         correction=correction,
         family="kinematic",
         note=geometry.EFFECT.note,

@@ -34,7 +34,7 @@ from machopt.model.rigid import Dynamics
 ARCMIN, ARCSEC = np.pi / 10800.0, np.pi / 648000.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Scene:
     """A recorded motion and everything that is computed from it once, at the rate of the recording. SI."""
 
@@ -198,13 +198,13 @@ def joint_law(
 ) -> Hypothesis:
     """A hypothesis at one joint from its signal (M,) or (M, p) at each shape."""
     return Hypothesis(
-        effect,
-        joint_at(joint + 1),
-        law,
-        equation,
-        lambda shape: scene.column(joint, signal(shape)),
-        quantities,
-        shapes,
+        effect=effect,
+        location=joint_at(joint + 1),
+        law=law,
+        equation=equation,
+        columns=lambda shape: scene.column(joint, signal(shape)),
+        quantities=quantities,
+        shapes=shapes,
         family=more.pop("family", "joint"),
         finer=more.pop("finer", between(shapes)),
         **more,
@@ -220,4 +220,4 @@ def curve(scene: Scene, x: Array, y: Array, x_label: str, y_label: str, bins: in
     good = count > 0
     mean_x = np.bincount(which, at, bins)[good] / count[good]
     mean_y = np.bincount(which, value, bins)[good] / count[good]
-    return Curve(mean_x, mean_y, x_label, y_label, at, value)
+    return Curve(x=mean_x, law=mean_y, x_label=x_label, y_label=y_label, data_x=at, per_reading=value)

@@ -291,16 +291,16 @@ def servo_lag(recording: Recording, motion: Motion) -> list[Finding]:
     }
     return [
         Finding(
-            "servo_lag",
-            "controller",
-            "encoders behind the command",
-            "q(t) = q_command(t − T), joint by joint",
-            "in proportion to speed",
-            (("servo_lag", "controller"), ("time_skew", "sensor:qcmd")),
-            parameters,
-            float("nan"),
-            float("nan"),
-            sign_test(before, after),
+            effect="servo_lag",
+            location="controller",
+            law="encoders behind the command",
+            equation="q(t) = q_command(t − T), joint by joint",
+            note="in proportion to speed",
+            one_of=(("servo_lag", "controller"), ("time_skew", "sensor:qcmd")),
+            parameters=parameters,
+            before=float("nan"),
+            after=float("nan"),
+            p_value=sign_test(before, after),
             correction=RecordCorrection("servo_lag", "controller", {"delay_ms": (1e3 * delay).tolist()}),
         )
     ]

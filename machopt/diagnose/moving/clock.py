@@ -48,7 +48,7 @@ def clocks(
         sign: −1 where a channel that is late makes the difference look early.
         penalty: so that of two clocks that differ in name only the more ordinary one comes first.
     """
-    seen = Delayed(change, best, 0.25 / scene.motion.rate, sign)
+    seen = Delayed(change=change, best=best, step=0.25 / scene.motion.rate, sign=sign)
     where = sensor_at(sensor)
     return [_late(seen, e, law, where, "sensor", penalty) for e in registry.of_clocks() for law in e.delays]
 
@@ -63,7 +63,14 @@ def followers(
         followed: (N, D, 1) m, what the encoders say of following the command.
         delays: (n,) s by which each encoder follows.
     """
-    seen = Delayed(change, best, 0.25 / scene.motion.rate, 1.0, followed, tuple(delays.tolist()))
+    seen = Delayed(
+        change=change,
+        best=best,
+        step=0.25 / scene.motion.rate,
+        sign=1.0,
+        followed=followed,
+        delays=tuple(delays.tolist()),
+    )
     laws = ((e, law) for e in registry.of_followers() for law in e.delays if law.grid(seen))
     return [_late(seen, e, law, e.places[0], "controller") for e, law in laws]
 
@@ -75,15 +82,15 @@ def _late(seen: Delayed, effect: Effect, law: DelayLaw, where: str, family: str,
         return law.sizes(x, np.array(s), seen)
 
     return Hypothesis(
-        effect.called,
-        where,
-        law.name,
-        law.equation,
-        lambda s: law.columns(np.array(s), seen),
-        sizes,
-        law.grid(seen),
-        lower if np.isfinite(lower).any() else (),
-        lambda x, s: RecordCorrection(effect.called, where, law.stated(x, seen)),
+        effect=effect.called,
+        location=where,
+        law=law.name,
+        equation=law.equation,
+        columns=lambda s: law.columns(np.array(s), seen),
+        quantities=sizes,
+        shapes=law.grid(seen),
+        lower=lower if np.isfinite(lower).any() else (),
+        correction=lambda x, s: RecordCorrection(effect.called, where, law.stated(x, seen)),
         note=effect.note,
         family=family,
         penalty=penalty,

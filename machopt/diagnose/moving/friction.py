@@ -152,13 +152,13 @@ def friction(scene: Scene, joint: int, turn: Turn) -> list[Hypothesis]:
     loaded = scene.predicted is not None and bool(np.ptp(load) > calibrated.MOTION.loaded * heavy)
     pace = Pace(float(np.quantile(np.abs(v), 0.98)), loaded, tuple(t for (t,) in warmth(scene)))
     seen = Rubbing(
-        v,
-        direction(scene, joint, turn),
-        load,
-        scene.first,
-        1.0 / m.rate,
-        lambda constant: warm(scene, constant),
-        scene.prismatic[joint],
+        speed=v,
+        way=direction(scene, joint, turn),
+        load=load,
+        first=scene.first,
+        step=1.0 / m.rate,
+        warmth=lambda constant: warm(scene, constant),
+        slides=scene.prismatic[joint],
     )
     laws = ((e, law, law.grid(pace)) for e in registry.of_friction() for law in e.rubs)
     return [_law(scene, joint, e, law, seen, grid) for e, law, grid in laws if grid]

@@ -44,7 +44,7 @@ def gear_laws(scene: Scene, joint: int, load: Array, inertia: Array | None, fit:
     # loops first and what takes time last: of laws as good as each other the first is named
     for effect in sorted(registry.of_joint_torque(), key=lambda e: (timed(e.laws[0]), not e.remembers)):
         for law in effect.laws:
-            scale = Scale(around if law.remembers else largest, lasting=lasting, sampled=True)
+            scale = Scale(reach=around if law.remembers else largest, lasting=lasting, sampled=True)
             if not law.silent(load, np.zeros(0), scale):
                 grid = law.grid(scale)
                 out += [_of_registry(scene, joint, effect, law, load, scale, grid)] if grid else []

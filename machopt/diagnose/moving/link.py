@@ -24,7 +24,7 @@ from machopt.effects import registry
 from machopt.effects.protocol import Scale
 from machopt.errors import InputError
 
-MOVING = Scale(1.0, sampled=True)  # what asks which laws a motion is searched for
+MOVING = Scale(reach=1.0, sampled=True)  # what asks which laws a motion is searched for
 
 
 def seen(scene: Scene) -> list[int]:
@@ -53,7 +53,7 @@ def build(scene: Scene, joints: list[int]) -> tuple[Problem, Catalogue]:
     y = m.within(m.mean((rec.q_secondary[m.index][:, : scene.joints] - scene.true_angles(m.q))[:, joints]))
     offset = np.concatenate([scene.column(j, np.ones(len(m.q))) for j in joints], axis=2)
     found = drive(scene)
-    base, unknowns = offset, [Unknown(f"offset {j + 1}", "rad", location=joint_at(j + 1)) for j in joints]
+    base, unknowns = offset, [Unknown(name=f"offset {j + 1}", unit="rad", location=joint_at(j + 1)) for j in joints]
     out: list[Hypothesis] = []
     untestable: list[Untestable] = []
     inertia = None if scene.dynamics is None else scene.dynamics.own_inertia(m.q)
@@ -69,14 +69,21 @@ def build(scene: Scene, joints: list[int]) -> tuple[Problem, Catalogue]:
         scene.notes.append(f"gears are loaded by the {found.words}")
         base = np.concatenate([offset, *(scene.column(j, load[:, j]) for j in joints)], axis=2)
         unknowns += [
-            Unknown(f"compliance {j + 1}", "rad/(N·m)", 0.0, joint_at(j + 1), key=joint_spring(j + 1)) for j in joints
+            Unknown(
+                name=f"compliance {j + 1}",
+                unit="rad/(N·m)",
+                lower=0.0,
+                location=joint_at(j + 1),
+                key=joint_spring(j + 1),
+            )
+            for j in joints
         ]
         if not found.by_bodies:
             for j in joints:  # the motor's torque holds friction that never reaches the gear
                 way = np.stack([np.sign(m.v[:, j]), m.v[:, j]], axis=1)
                 base = np.concatenate([base, scene.column(j, way)], axis=2)
                 unknowns += [
-                    Unknown(f"friction in the torque {j + 1}, {k}", u, location=joint_at(j + 1))
+                    Unknown(name=f"friction in the torque {j + 1}, {k}", unit=u, location=joint_at(j + 1))
                     for k, u in (("Coulomb", "rad"), ("viscous", "s"))
                 ]
     if found is not None:
@@ -91,7 +98,11 @@ def build(scene: Scene, joints: list[int]) -> tuple[Problem, Catalogue]:
         out += laws
         untestable += taken_up
     problem = scene.problem(
-        "position", y, base, unknowns, Family("link-side angle", tuple(range(len(joints))), "mrad", 1e3)
+        "position",
+        y,
+        base,
+        unknowns,
+        Family(name="link-side angle", columns=tuple(range(len(joints))), unit="mrad", factor=1e3),
     )
     q = m.q[:, joints]
     if found is not None:  # what the far side shows is late with it: the gear's own twist

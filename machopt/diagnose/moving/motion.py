@@ -134,14 +134,14 @@ def _scene(
     n = motion.q.shape[1]
     prismatic = tuple(dynamics is not None and dynamics.prismatic(j) for j in range(n))
     return Scene(
-        recording,
-        cell,
-        motion,
-        dynamics,
-        predicted,
-        n,
-        one_joint(motion, n),
-        prismatic,
+        recording=recording,
+        cell=cell,
+        motion=motion,
+        dynamics=dynamics,
+        predicted=predicted,
+        dimensions=n,
+        lift=one_joint(motion, n),
+        prismatic=prismatic,
         correction=correction_of(cell.kinematics),
         notes=[*motion.notes],
     )

@@ -154,7 +154,8 @@ def _as_recorded(cell: Cell, channel: motion.Predicted, d: Diagnosis, one: Tried
     none = np.zeros(len(rows), np.int64)
     scatter = d.noise_floor * (1.0 if channel == "torque" else 1e-3)  # N·m; mrad, mm
     bare = Recording(
-        "motion", "planned", one.q, none, rows, none, rows + 2, time=one.time, velocity=one.v,
+        kind="motion", source="planned", q=one.q, pose=none, cycle=rows, session=none, line=rows + 2,
+        time=one.time, velocity=one.v,
         torque=load_dynamics(cell).torque(one.q, one.v, one.a) + scatter * rng.normal(size=one.q.shape)
         if channel == "torque" else None,
     )  # fmt: skip

@@ -62,15 +62,16 @@ def build(scene: Scene, robot: Robot) -> tuple[Problem, Catalogue, list[Finding]
 
     found = drive(scene)
     load = None if found is None else found.load
-    unknowns = [Unknown(f"registration {a}", "m", location="sensor:position") for a in "xyz"]
-    unknowns += [Unknown(f"registration turn {a}", "rad", location="sensor:position") for a in "xyz"]
-    unknowns += [Unknown(f"target {a}", "m", location="tool") for a in "xyz"]
+    unknowns = [Unknown(name=f"registration {a}", unit="m", location="sensor:position") for a in "xyz"]
+    unknowns += [Unknown(name=f"registration turn {a}", unit="rad", location="sensor:position") for a in "xyz"]
+    unknowns += [Unknown(name=f"target {a}", unit="m", location="tool") for a in "xyz"]
     untestable: list[Untestable] = []
     y_fine = measured - tip
     if found is not None and load is not None:
         scene.notes.append(f"gears are loaded by the {found.words}")
         unknowns += [
-            Unknown(f"compliance {j}", "rad/(N·m)", 0.0, joint_at(j), key=joint_spring(j)) for j in range(1, 7)
+            Unknown(name=f"compliance {j}", unit="rad/(N·m)", lower=0.0, location=joint_at(j), key=joint_spring(j))
+            for j in range(1, 7)
         ]
         y_fine, pose = _loaded(scene, pose, measured - tip, load, followed)
     else:
@@ -80,7 +81,11 @@ def build(scene: Scene, robot: Robot) -> tuple[Problem, Catalogue, list[Finding]
         for j in range(6) if scene.known else ():
             y = y - scene.everywhere(pose.J[:, :, j] * known(scene, j, load[:, j])[:, None])
     problem = scene.problem(
-        "position", y, base, unknowns, Family("translation", (0, 1, 2), "mm", 1e3, rec.uncertainty.displacement)
+        "position",
+        y,
+        base,
+        unknowns,
+        Family(name="translation", columns=(0, 1, 2), unit="mm", factor=1e3, stated=rec.uncertainty.displacement),
     )
 
     def lift(joint: int, x: Array) -> Array:
@@ -177,20 +182,20 @@ def _late_encoders(y: Array, base: Array, scene: Scene, followed: Array, lag: Ar
     before, after = (1e3 * np.sqrt(heldout(e, base, group, even) / count) for e in (y - own[:, :, 0], y))
     return [
         Finding(
-            CLOCK.name,
-            "sensor:q",
-            CLOCK.delays[0].name,
-            "q_recorded(t) = q(t − d)",
-            "in proportion to speed",
-            ((CLOCK.name, "sensor:q"),),
-            {
+            effect=CLOCK.name,
+            location="sensor:q",
+            law=CLOCK.delays[0].name,
+            equation="q_recorded(t) = q(t − d)",
+            note="in proportion to speed",
+            one_of=((CLOCK.name, "sensor:q"),),
+            parameters={
                 "late": Estimate(
                     late, "ms", (late - 1.645 * sigma, late + 1.645 * sigma), (late - 1.96 * sigma, late + 1.96 * sigma)
                 )
             },
-            float(np.median(before)),
-            float(np.median(after)),
-            sign_test(before, after),
+            before=float(np.median(before)),
+            after=float(np.median(after)),
+            p_value=sign_test(before, after),
             correction=RecordCorrection(CLOCK.name, "sensor:q", {"late_ms": late}),
             record=True,
         )

@@ -63,7 +63,7 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
     P, T, L = (scene.everywhere(x) for x in (P, T, L))
     if np.abs(T).max() > 1e-9 and dynamics.tool_mass > 0:
         base = np.concatenate([base, T], axis=2)
-        unknowns.append(Unknown("tool inertia", "kg·m²", location="tool"))
+        unknowns.append(Unknown(name="tool inertia", unit="kg·m²", location="tool"))
     if n > 1:
         balancer = [h.columns(h.shapes[0]) for h in at_beside.in_torques(scene)[:1]]
         doubt, said = _links(y, base, P, np.concatenate([P, *balancer], axis=2), L, m.group)
@@ -71,7 +71,7 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
         if doubt > 0.0:
             base = np.concatenate([base, L], axis=2)
             unknowns += [
-                Unknown(f"mass of link {b + 1}, relative", "1", location=link_at(b + 1), prior=doubt)
+                Unknown(name=f"mass of link {b + 1}, relative", unit="1", location=link_at(b + 1), prior=doubt)
                 for b in dynamics.bodies
             ]
     problem = scene.problem(
@@ -79,7 +79,7 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
         y,
         base,
         unknowns,
-        Family("joint torque", tuple(range(n)), "N" if all(scene.prismatic) else "N·m", 1.0),
+        Family(name="joint torque", columns=tuple(range(n)), unit="N" if all(scene.prismatic) else "N·m", factor=1.0),
     )
     return problem, _catalogue(scene, P, paths, best, rough)
 
@@ -91,18 +91,19 @@ def _base(scene: Scene, paths: list[Turn]) -> tuple[Array, list[Unknown]]:
         place, unit = joint_at(j + 1), "N" if scene.prismatic[j] else "N·m"
         speed, mass = ("N·s/m", "kg") if scene.prismatic[j] else ("N·m·s/rad", "kg·m²")
         signals = [np.ones(len(m.q))]
-        unknowns.append(Unknown(f"offset {j + 1}", unit, location=place))
+        unknowns.append(Unknown(name=f"offset {j + 1}", unit=unit, location=place))
         if scene.moves(j):
             signals += [direction(scene, j, paths[j]), m.v[:, j], m.a[:, j]]
             unknowns += [
-                Unknown(f"Coulomb friction {j + 1}", unit, location=place),
-                Unknown(f"viscous friction {j + 1}", speed, location=place),
-                Unknown(f"motor inertia {j + 1}", mass, location=place),
+                Unknown(name=f"Coulomb friction {j + 1}", unit=unit, location=place),
+                Unknown(name=f"viscous friction {j + 1}", unit=speed, location=place),
+                Unknown(name=f"motor inertia {j + 1}", unit=mass, location=place),
             ]
             more = unsure(scene, j, paths[j])
             signals += more
             unknowns += [
-                Unknown(f"turn-over of friction {j + 1}, {k + 1}", unit, location=place) for k in range(len(more))
+                Unknown(name=f"turn-over of friction {j + 1}, {k + 1}", unit=unit, location=place)
+                for k in range(len(more))
             ]
         parts.append(scene.column(j, np.stack(signals, axis=1)))
     return np.concatenate(parts, axis=2), unknowns

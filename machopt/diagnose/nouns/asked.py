@@ -12,7 +12,7 @@ MOST = 3  # effects named one by one; many of poses are found together
 MOST_AT_REST = 6  # a load and both its signs in many directions carry more
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class DiagnoseRequest:
     """One run."""
 

@@ -23,7 +23,7 @@ READINGS = 6000  # rows that a problem has at most
 STRETCHES = 24  # so many where the record is long enough
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Motion:
     """M samples in the order of session and time, and the N readings that they are averaged to. SI."""
 
@@ -194,25 +194,25 @@ def signals(recording: Recording, joints: int, readings: int = READINGS, *, repe
     )
     group, visit, cycle, replicate = _labels(time, session, segment, period, length, starts, keep, step * dt, notes)
     return Motion(
-        index,
-        rate,
-        time,
-        session,
-        segment,
-        period,
-        cutoff,
-        q,
-        v,
-        a,
-        starts,
-        keep,
-        group,
-        visit,
-        cycle,
-        replicate,
-        step,
-        length,
-        tuple(notes),
+        index=index,
+        rate=rate,
+        time=time,
+        session=session,
+        segment=segment,
+        period=period,
+        cutoff=cutoff,
+        q=q,
+        v=v,
+        a=a,
+        starts=starts,
+        keep=keep,
+        group=group,
+        visit=visit,
+        cycle=cycle,
+        replicate=replicate,
+        step=step,
+        length=length,
+        notes=tuple(notes),
     )
 
 

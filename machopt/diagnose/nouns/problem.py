@@ -7,7 +7,7 @@ All in SI. N readings (rows of a recording, or samples of a motion), D coordinat
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -26,7 +26,7 @@ Channel = Literal["deflection", "position", "torque"]
 UNNAMED = "unnamed"  # family of what no word of the catalogue means
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Unknown:
     """One coefficient of the base model."""
 
@@ -48,7 +48,7 @@ class Unknown:
         return self.built is None or self.built[0] <= value <= self.built[1]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Family:
     """Coordinates that share a unit and a level of noise."""
 
@@ -60,7 +60,7 @@ class Family:
     beside: bool = False  # of an instrument of its own: told beside, and good for no more than is stated
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Problem:
     """What was measured less what the nominal model predicts, as equations linear in the base unknowns."""
 
@@ -141,6 +141,7 @@ class Hypothesis:
     equation: str  # with its source
     columns: Callable[[Shape], Array]  # (N, D, p) per unit of each coefficient; SI
     quantities: Quantities
+    _: KW_ONLY  # what stands above may be given by position: files of users' own do
     shapes: tuple[Shape, ...] = ((),)  # grid of what is not linear: threshold, time constant, order …
     lower: tuple[float, ...] = ()  # bounds of the coefficients; empty: free
     correction: Callable[[Array, Shape], Correction | None] = lambda x, shape: None
@@ -167,7 +168,7 @@ class Hypothesis:
         return self.family != UNNAMED
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Curve:
     """A law as a line over what drives it, and each reading's place on that axis, for the report's picture."""
 

@@ -53,7 +53,7 @@ class Inclined:
     present: NDArray[np.bool_]  # (N, 2) where it was read
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Readings:
     """N readings of an arm at rest, base_link axes, SI."""
 

@@ -44,16 +44,16 @@ def repaired(
         stated: what the correction holds instead of the words.
     """
     return Finding(
-        effect,
-        where,
-        law,
-        equation,
-        words,
-        tuple((effect, w) for w in (where, *beside)),
-        dict(parameters or {}),
-        before,
-        after,
-        p_value,
+        effect=effect,
+        location=where,
+        law=law,
+        equation=equation,
+        note=words,
+        one_of=tuple((effect, w) for w in (where, *beside)),
+        parameters=dict(parameters or {}),
+        before=before,
+        after=after,
+        p_value=p_value,
         correction=RecordCorrection(effect, where, {"message": words} if stated is None else stated),
         record=True,
     )

@@ -13,6 +13,7 @@ from machopt.diagnose.nouns.problem import Channel, Correction, Curve, Flags, In
 
 Verdict = Literal["consistent", "explained", "partly_explained", "unexplained", "insufficient"]
 Name = tuple[str, str]  # effect, location
+Standing = Literal["testable", "only as a set", "not testable"]  # of an effect's detection limit
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class LawFit:
     correction: Correction | None = None  # the same in absolute units
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Rival:
     """Another explanation of the same mismatch, and what became of it."""
 
@@ -49,7 +50,7 @@ class Rival:
     named: LawFit | None = None  # of the law it was compared with
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Finding:
     """One effect that the nominal model leaves out."""
 
@@ -80,7 +81,7 @@ class Share:
     kind: Literal["machine", "data"] = "machine"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Limit:
     """The least size of an effect that this recording would have shown, in nine of ten repeats."""
 
@@ -88,7 +89,7 @@ class Limit:
     location: str
     value: float
     unit: str
-    standing: Literal["testable", "only as a set", "not testable"] = "testable"
+    standing: Standing = "testable"
     one_of: tuple[Name, ...] = ()  # what it could not be told from
 
 
@@ -112,7 +113,7 @@ class Errors:
     groups: Ints  # (G,) labels
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Proof:
     """The one evaluation on data that no step saw."""
 
@@ -125,7 +126,7 @@ class Proof:
     p_value: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Diagnosis:
     """Everything that was found out."""
 

@@ -35,7 +35,7 @@ Flags = NDArray[np.bool_]
 MOST_REPAIRS = 4  # sessions, and what they have
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Differences:
     """Of one session from the others at the same poses and reflectors."""
 
@@ -131,7 +131,11 @@ def _differences(recording: Recording, robot: Robot, T: Array) -> list[_Differen
         rise = np.nan
         if recording.temperature is not None:
             rise = float(np.mean(recording.temperature[own]) - np.mean(recording.temperature[~own]))
-        out.append(_Differences(int(name), d, p[first], R[first], J[first], recording.pose[first], rise))
+        out.append(
+            _Differences(
+                session=int(name), d=d, p=p[first], R=R[first], J=J[first], pose=recording.pose[first], rise=rise
+            )
+        )
     return out
 
 

@@ -176,9 +176,9 @@ def _by_size(tests: Experiment, prior: Array | None, reach: float) -> Problem | 
         nearer = abs(np.log(max(usual, 1e-300) / value)) < min(as_stated, np.log(calibrated.RECORD.unusual))
         if abs(np.log(seen / value)) < np.log(calibrated.RECORD.near) and nearer:
             return Problem(
-                "units",
-                "error",
-                f"displacement per load is {seen:.3g} times what the cell's stiffness gives: the "
+                code="units",
+                severity="error",
+                message=f"displacement per load is {seen:.3g} times what the cell's stiffness gives: the "
                 f"columns {head} … seem to hold {name}",
                 column=head,
                 factor=factor,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from itertools import permutations, product
 from typing import Any
 
@@ -18,7 +19,7 @@ Flags = NDArray[np.bool_]
 HEADS = {"displacement": "dx_mm", "position": "x_mm"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Way:
     """One way to read a part, put right."""
 
@@ -42,20 +43,22 @@ def ways(part: Recording) -> Iterator[Way]:
     lengths = list(_lengths(kind, head))
     yield from lengths
     for M, words in _axes():
-        yield Way(COLUMNS.name, head, f"{head} … hold {words}", lambda r, M=M: _changed(r, kind, M))  # type: ignore[misc]
+        yield Way(
+            effect=COLUMNS.name, column=head, words=f"{head} … hold {words}", read=partial(_changed, kind=kind, M=M)
+        )
     for by in (-1, 1):
         yield Way(
-            COLUMNS.name,
-            head,
-            f"the rows of {head} … stand one too {'low' if by < 0 else 'high'}",
-            lambda r, by=by: _slipped(r, kind, by),  # type: ignore[misc]
+            effect=COLUMNS.name,
+            column=head,
+            words=f"the rows of {head} … stand one too {'low' if by < 0 else 'high'}",
+            read=lambda r, by=by: _slipped(r, kind, by),  # type: ignore[misc]
         )
     for j in range(part.q.shape[1]):
         yield Way(
-            COLUMNS.name,
-            f"q{j + 1}_deg",
-            f"q{j + 1}_deg has the other sign",
-            lambda r, j=j: _turned_back(r, j),  # type: ignore[misc]
+            effect=COLUMNS.name,
+            column=f"q{j + 1}_deg",
+            words=f"q{j + 1}_deg has the other sign",
+            read=lambda r, j=j: _turned_back(r, j),  # type: ignore[misc]
         )
     if part.kind == "deflection" and part.wrench is not None:
         loads = list(_of_loads(bool(part.wrench[:, 3:].any())))
@@ -67,11 +70,11 @@ def ways(part: Recording) -> Iterator[Way]:
 def _lengths(kind: str, head: str) -> Iterator[Way]:
     for name, f in LENGTHS.items():
         yield Way(
-            UNITS.name,
-            head,
-            f"the columns {head} … hold {name}",
-            lambda r, f=f: _changed(r, kind, f * np.eye(3)),  # type: ignore[misc]
-            f,
+            effect=UNITS.name,
+            column=head,
+            words=f"the columns {head} … hold {name}",
+            read=partial(_changed, kind=kind, M=f * np.eye(3)),
+            factor=f,
             scale=max(1.0, 1.0 / f),
         )
 
@@ -81,18 +84,18 @@ def _of_loads(moments: bool) -> Iterator[Way]:
         beside = " and mx_Nm …" if together else ""
         for name, f in FORCES.items():
             yield Way(
-                UNITS.name,
-                "fx_N",
-                f"the columns fx_N …{beside} hold {name}",
-                lambda r, f=f, t=together: _loaded(r, f * np.eye(3), t),  # type: ignore[misc]
-                f,
+                effect=UNITS.name,
+                column="fx_N",
+                words=f"the columns fx_N …{beside} hold {name}",
+                read=lambda r, f=f, t=together: _loaded(r, f * np.eye(3), t),  # type: ignore[misc]
+                factor=f,
             )
         for M, words in _axes():
             yield Way(
-                COLUMNS.name,
-                "fx_N",
-                f"fx_N …{beside} hold {words}",
-                lambda r, M=M, t=together: _loaded(r, M, t),  # type: ignore[misc]
+                effect=COLUMNS.name,
+                column="fx_N",
+                words=f"fx_N …{beside} hold {words}",
+                read=lambda r, M=M, t=together: _loaded(r, M, t),  # type: ignore[misc]
             )
 
 

@@ -33,7 +33,7 @@ Ints = NDArray[np.int64]
 MOST_REPAIRS = 4  # parts of one record
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Equations:
     """What a model that is linear in few unknowns says of N translations; base_link axes, SI."""
 
@@ -59,7 +59,7 @@ class Equations:
         return np.asarray(self.y - self.A @ x)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Repair:
     part: int  # label
     way: Way
@@ -118,12 +118,28 @@ def equations(recording: Recording, robot: Robot, T_flange_tcp: Array) -> Equati
         tests = experiment(recording, robot, T_flange_tcp)
         w, y = tests.wrench, tests.measured[:, :3]
         load = np.linalg.norm(w[:, :3], axis=1) + np.linalg.norm(w[:, 3:], axis=1)
-        return Equations(y, tests.response()[:, :3], load, w, np.abs(y).sum(axis=1), recording.pose, True)
+        return Equations(
+            y=y,
+            A=tests.response()[:, :3],
+            load=load,
+            wrench=w,
+            size=np.abs(y).sum(axis=1),
+            pose=recording.pose,
+            springs=True,
+        )
     assert recording.position is not None  # mended checks it
     p, R = points(recording, robot, T_flange_tcp)
     A = nuisance(recording, p, R)
     w = np.zeros((len(p), 6)) if recording.wrench is None else recording.wrench
-    return Equations(recording.position - p, A, np.ones(len(p)), w, np.abs(p).sum(axis=1), recording.pose, False)
+    return Equations(
+        y=recording.position - p,
+        A=A,
+        load=np.ones(len(p)),
+        wrench=w,
+        size=np.abs(p).sum(axis=1),
+        pose=recording.pose,
+        springs=False,
+    )
 
 
 def _repairs(
@@ -166,7 +182,17 @@ def _repairs(
             if left > limits.session_falls**0.5 * _left(whole, label):
                 continue
             by_chance = chance(now.pose, np.linalg.norm(seen, axis=1), np.linalg.norm(e, axis=1) * way.scale)
-            yield _Repair(k, way, whole_again, before, after, left, twins, _far(every, prior), by_chance)
+            yield _Repair(
+                part=k,
+                way=way,
+                recording=whole_again,
+                before=before,
+                after=after,
+                left=left,
+                twins=twins,
+                far=_far(every, prior),
+                p_value=by_chance,
+            )
 
 
 def _best(found: list[_Repair]) -> _Repair | None:

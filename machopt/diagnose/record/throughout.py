@@ -81,10 +81,10 @@ def _ways(recording: Recording) -> Iterator[Way]:
     n = recording.q.shape[1]
     for a, b in combinations(range(n), 2):
         yield Way(
-            COLUMNS.name,
-            f"q{a + 1}_deg",
-            f"q{a + 1}_deg and q{b + 1}_deg are exchanged",
-            lambda r, a=a, b=b: _exchanged(r, a, b),  # type: ignore[misc]
+            effect=COLUMNS.name,
+            column=f"q{a + 1}_deg",
+            words=f"q{a + 1}_deg and q{b + 1}_deg are exchanged",
+            read=lambda r, a=a, b=b: _exchanged(r, a, b),  # type: ignore[misc]
         )
 
 

@@ -34,7 +34,7 @@ HEAD = "tilt_x_mrad"
 DIRECTIONS = 12  # of what C is made of: c u uᵀ, c ≥ 0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Seen:
     """What an inclinometer reads and what could make it read so; of n readings, each session about its own mean."""
 
@@ -116,7 +116,12 @@ def _seen(model: Nominal, link: int, rows: Flags) -> _Seen:
 
     sag = inclinometer.sagged(model, state, link)
     return _Seen(
-        apart(recording.tilt), apart(sag), apart(moment), apart(rocking), shown, recording.pose[rows].astype(np.int64)
+        y=apart(recording.tilt),
+        sag=apart(sag),
+        moment=apart(moment),
+        rocking=apart(rocking),
+        shown=shown,
+        pose=recording.pose[rows].astype(np.int64),
     )
 
 

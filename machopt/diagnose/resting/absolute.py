@@ -110,25 +110,34 @@ def build(
     y = y - held.at_rest(readings, terms)
     visit, replicate = _labels(recording, readings.wrench)
     stated = recording.uncertainty
-    families = [Family("translation", (0, 1, 2), "mm", 1e3, stated.displacement)]
+    families = [Family(name="translation", columns=(0, 1, 2), unit="mm", factor=1e3, stated=stated.displacement)]
     if model.D == 6:
-        families.append(Family("rotation", (3, 4, 5), "mrad", 1e3, stated.rotation))
+        families.append(Family(name="rotation", columns=(3, 4, 5), unit="mrad", factor=1e3, stated=stated.rotation))
     if readings.inclined is not None:
-        families.append(Family(inclinometer.FAMILY, (model.D, model.D + 1), "mrad", 1e3, stated.tilt, beside=True))
+        families.append(
+            Family(
+                name=inclinometer.FAMILY,
+                columns=(model.D, model.D + 1),
+                unit="mrad",
+                factor=1e3,
+                stated=stated.tilt,
+                beside=True,
+            )
+        )
     loaded = bool(np.abs(readings.wrench).max() > 0.0)
     problem = Problem(
-        "position",
-        y,
-        base,
-        tuple(unknowns),
-        tuple(families),
-        recording.pose,
-        visit,
-        visit,
-        readings.session,
-        replicate,
-        recording.line,
-        np.arange(1, len(recording) + 1),
+        channel="position",
+        y=y,
+        base=base,
+        unknowns=tuple(unknowns),
+        families=tuple(families),
+        group=recording.pose,
+        visit=visit,
+        cycle=visit,
+        session=readings.session,
+        replicate=replicate,
+        line=recording.line,
+        row=np.arange(1, len(recording) + 1),
         scale=readings.through(readings.wrench) if loaded else None,
         time=recording.time,
         present=None if readings.inclined is None else inclinometer.present(model.D, readings.inclined),

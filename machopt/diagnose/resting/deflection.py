@@ -72,31 +72,36 @@ def build(
     predicted = A @ c
     gains = [predicted * (readings.session == s)[:, None] for s in range(1, int(readings.session.max()) + 1)]
     base = np.concatenate([A, *(g[:, :, None] for g in gains)], axis=2)
-    unknowns = [Unknown(f"joint {j}", "rad/(N·m)", 0.0, joint_at(j), key=joint_spring(j)) for j in range(1, 7)]
+    unknowns = [
+        Unknown(name=f"joint {j}", unit="rad/(N·m)", lower=0.0, location=joint_at(j), key=joint_spring(j))
+        for j in range(1, 7)
+    ]
     unknowns += [
-        Unknown(f"force gain, session {s + 1}", "1", location="sensor:force", prior=calibrated.RESTING.force_gain)
+        Unknown(
+            name=f"force gain, session {s + 1}", unit="1", location="sensor:force", prior=calibrated.RESTING.force_gain
+        )
         for s in range(1, len(gains) + 1)
     ]
     if curved is not None:  # known but for the compliances in it
         base = np.concatenate([base, curved[:, :, None]], axis=2)
-        unknowns.append(Unknown(GEOMETRIC, "1", location="arm", prior=calibrated.RESTING.known_to))
+        unknowns.append(Unknown(name=GEOMETRIC, unit="1", location="arm", prior=calibrated.RESTING.known_to))
     u = tests.uncertainty
-    families = [Family("translation", (0, 1, 2), "mm", 1e3, u.displacement)]
+    families = [Family(name="translation", columns=(0, 1, 2), unit="mm", factor=1e3, stated=u.displacement)]
     if tests.dimensions == 6:
-        families.append(Family("rotation", (3, 4, 5), "mrad", 1e3, u.rotation))
+        families.append(Family(name="rotation", columns=(3, 4, 5), unit="mrad", factor=1e3, stated=u.rotation))
     problem = Problem(
-        "deflection",
-        y,
-        base,
-        tuple(unknowns),
-        tuple(families),
-        tests.pose,
-        readings.visit,
-        tests.cycle if labels.has_cycle else readings.visit,
-        readings.session,
-        replicates(tests, recording),
-        tests.line,
-        np.arange(1, len(tests) + 1),
+        channel="deflection",
+        y=y,
+        base=base,
+        unknowns=tuple(unknowns),
+        families=tuple(families),
+        group=tests.pose,
+        visit=readings.visit,
+        cycle=tests.cycle if labels.has_cycle else readings.visit,
+        session=readings.session,
+        replicate=replicates(tests, recording),
+        line=tests.line,
+        row=np.arange(1, len(tests) + 1),
         scale=predicted,
         known=known if curved is not None else None,
         visits_for_cycles=not labels.has_cycle,
@@ -118,19 +123,19 @@ def readings_of(
     _, visit = np.unique(np.stack([tests.pose, tests.session], axis=1), axis=0, return_inverse=True)
     _, session = np.unique(tests.session, return_inverse=True)
     return Readings(
-        recording,
-        robot,
-        T_flange_tcp,
-        masses,
-        tests.state,
-        tests.wrench,
-        tests.dimensions,
-        True,
-        compliance,
-        session.reshape(-1),
-        visit.reshape(-1),
-        tests.cycle,
-        {} if memo is None else memo,
+        recording=recording,
+        robot=robot,
+        T_flange_tcp=T_flange_tcp,
+        masses=masses,
+        state=tests.state,
+        wrench=tests.wrench,
+        dimensions=tests.dimensions,
+        differences=True,
+        compliance=compliance,
+        session=session.reshape(-1),
+        visit=visit.reshape(-1),
+        cycle=tests.cycle,
+        memo={} if memo is None else memo,
     )
 
 

@@ -174,7 +174,7 @@ def equations(
     for c in range(2):
         levels[np.arange(len(there)), c, session.reshape(-1), c] = 1.0
     of = [f" of session {name}" if len(names) > 1 else "" for name in names]
-    own = [Unknown(f"level {a}{words}", "rad", location="level") for words in of for a in AXES]
+    own = [Unknown(name=f"level {a}{words}", unit="rad", location="level") for words in of for a in AXES]
     levels = levels.reshape(len(there), 2, -1) * there[:, :, None]
     read = levels.any(axis=(0, 1))  # a session without a reading of the inclinometer has no level
     return Equations(

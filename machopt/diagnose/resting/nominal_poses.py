@@ -170,7 +170,17 @@ class Nominal:
                     if self.weight_alone
                     else None
                 )
-                unknowns.append(Unknown(f"joint {j + 1}", "rad/(N·m)", 0.0, where, known, key, built))
+                unknowns.append(
+                    Unknown(
+                        name=f"joint {j + 1}",
+                        unit="rad/(N·m)",
+                        lower=0.0,
+                        location=where,
+                        prior=known,
+                        key=key,
+                        built=built,
+                    )
+                )
         parts += self._frames(p) if self.free else []
         parts += self._nests(state) if self.placed else []
         unknowns += self._of_frames() if self.free else []
@@ -232,18 +242,20 @@ class Nominal:
         if not self.recording.targets:
             T[:3, 3] += frame.target[0]
         return Readings(
-            self.recording,
-            self.robot,
-            T,
-            self.masses,
-            replace(state, q=self.recording.q),
-            self.load(state),
-            self.D,
-            False,
-            np.clip(springs, self.nominal / near, np.inf if self.cell.stiffness is None else near * self.nominal),
-            session.reshape(-1).astype(np.int64),
-            none,
-            none,
+            recording=self.recording,
+            robot=self.robot,
+            T_flange_tcp=T,
+            masses=self.masses,
+            state=replace(state, q=self.recording.q),
+            wrench=self.load(state),
+            dimensions=self.D,
+            differences=False,
+            compliance=np.clip(
+                springs, self.nominal / near, np.inf if self.cell.stiffness is None else near * self.nominal
+            ),
+            session=session.reshape(-1).astype(np.int64),
+            visit=none,
+            cycle=none,
         )
 
     def notes(self, frame: First) -> tuple[str, ...]:
@@ -300,16 +312,16 @@ class Nominal:
         out = []
         for name in reflectors.called(self.recording):
             of = f" of stand {name}" if self.stands > 1 else ""
-            out += [Unknown(f"registration {a}{of}", "m", location="registration") for a in "xyz"]
-            out += [Unknown(f"registration turn {a}{of}", "rad", location="registration") for a in "xyz"]
+            out += [Unknown(name=f"registration {a}{of}", unit="m", location="registration") for a in "xyz"]
+            out += [Unknown(name=f"registration turn {a}{of}", unit="rad", location="registration") for a in "xyz"]
         return out
 
     def _of_nests(self) -> list[Unknown]:
         if not self.recording.targets:
-            return [Unknown(f"target {a}", "m", location="tool") for a in "xyz"]
+            return [Unknown(name=f"target {a}", unit="m", location="tool") for a in "xyz"]
         sigma = self.recording.uncertainty.target or calibrated.RESTING.nest_placed
         return [
-            Unknown(f"target {t.name} {a}", "m", location="tool", prior=sigma)
+            Unknown(name=f"target {t.name} {a}", unit="m", location="tool", prior=sigma)
             for t in self.recording.targets
             for a in "xyz"
         ]

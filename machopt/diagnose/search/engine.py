@@ -85,7 +85,20 @@ def _search(problem: Problem, catalogue: Catalogue, options: Options, seed: int,
         fits = 1.0 if found.replicated else np.nan
         laws = tried(base, catalogue.hypotheses)
         each, chosen = searched(base, laws, options.most, np.random.default_rng([seed, 3]), fits)
-        before, state = state, State(problem, catalogue, used, found, w, base, unit, each, chosen)
+        before, state = (
+            state,
+            State(
+                problem=problem,
+                catalogue=catalogue,
+                used=used,
+                noise=found,
+                w=w,
+                base=base,
+                unit=unit,
+                tried=each,
+                chosen=chosen,
+            ),
+        )
         fitted = state.fitted(chosen)
         residual = fitted.residual
         again = aside.good(problem, residual) & _allowed(problem)
@@ -236,29 +249,29 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
     factor = problem.families[0].factor
     rows = problem.row[~used]
     result = Diagnosis(
-        problem.channel,
-        options.predicted,
-        verdict,
-        "",
-        problem.families[0].unit,
-        heldout.rmse(problem, before, used),
-        heldout.floor(problem, floor_noise, used),
-        factor * float(np.sqrt(power)),
-        there.p_value,
-        heldout.rmse(problem, after, used),
-        explained,
-        factor * float(np.sqrt(max(rest.power, 0.0))),
-        tuple(findings),
-        tuple(shares),
-        tuple(seen),
-        state.catalogue.untestable,
-        tuple(_coefficients(state, kept)),
-        Errors(problem.blanked(before), problem.blanked(after), by_group, groups),
-        proof,
-        used,
-        rows,
-        state.catalogue.axes,
-        sum(len(t.shapes) for t in state.tried),
+        channel=problem.channel,
+        predicted=options.predicted,
+        verdict=verdict,
+        sentence="",
+        unit=problem.families[0].unit,
+        heldout_before=heldout.rmse(problem, before, used),
+        noise_floor=heldout.floor(problem, floor_noise, used),
+        repeatable=factor * float(np.sqrt(power)),
+        mismatch_p=there.p_value,
+        heldout_after=heldout.rmse(problem, after, used),
+        explained=explained,
+        repeatable_after=factor * float(np.sqrt(max(rest.power, 0.0))),
+        findings=tuple(findings),
+        mismatch=tuple(shares),
+        limits=tuple(seen),
+        untestable=state.catalogue.untestable,
+        coefficients=tuple(_coefficients(state, kept)),
+        errors=Errors(problem.blanked(before), problem.blanked(after), by_group, groups),
+        proof=proof,
+        used=used,
+        outliers=rows,
+        axes=state.catalogue.axes,
+        tried=sum(len(t.shapes) for t in state.tried),
         notes=tuple(words.withdrawn(withdrawn))
         + words.noise_note(floor_noise)
         + heldout.said(problem, before, after, floor_noise, used)
@@ -300,21 +313,21 @@ def _finding(state: State, k: int) -> Finding:
     curve = None if h.curve is None else h.curve(x, shape)
     left = None if curve is None else _along(full.residual, h.columns(shape), x, curve.per_reading)
     return Finding(
-        h.effect,
-        h.location,
-        h.law,
-        h.equation,
-        h.note,
-        tuple(names),
-        estimates(state.base, state.chosen, k, state.named),
-        heldout.rmse(state.problem, without, state.used),
-        heldout.rmse(state.problem, full.heldout(), state.used),
-        c.p_value,
-        tuple(others),
-        h.correction(x, shape),
-        curve,
-        left,
-        h.family == "sensor",
+        effect=h.effect,
+        location=h.location,
+        law=h.law,
+        equation=h.equation,
+        note=h.note,
+        one_of=tuple(names),
+        parameters=estimates(state.base, state.chosen, k, state.named),
+        before=heldout.rmse(state.problem, without, state.used),
+        after=heldout.rmse(state.problem, full.heldout(), state.used),
+        p_value=c.p_value,
+        rivals=tuple(others),
+        correction=h.correction(x, shape),
+        curve=curve,
+        curve_residual=left,
+        record=h.family == "sensor",
     )
 
 

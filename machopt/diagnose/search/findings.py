@@ -62,15 +62,15 @@ def rivals(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tried
             names.append(name)
         out.append(
             Rival(
-                h.effect,
-                h.location,
-                h.law,
-                float(np.clip(s.total / max(own.total, 1e-12), -1.0, 2.0)),
-                "not excluded" if maybe else "rejected",
-                p,
-                h.effect == mine.effect,
-                fit(s),
-                named,
+                effect=h.effect,
+                location=h.location,
+                law=h.law,
+                closed=float(np.clip(s.total / max(own.total, 1e-12), -1.0, 2.0)),
+                standing="not excluded" if maybe else "rejected",
+                p_value=p,
+                placebo=h.effect == mine.effect,
+                fit=fit(s),
+                named=named,
             )
         )
     return [r for n, r in enumerate(out) if n < SHOWN or r.standing == "not excluded"], names

@@ -66,20 +66,20 @@ def geometric_finding(state: State) -> Known | None:
     wide = share / own
     return Known(
         Finding(
-            "geometric_stiffness",
-            "arm",
-            "loaded equilibrium",
-            "K_C of load and weight, dumas2011 eqs. 8–10, solved instead of linearised",
-            "grows with the load squared",
-            (("geometric_stiffness", "arm"),),
-            {
+            effect="geometric_stiffness",
+            location="arm",
+            law="loaded equilibrium",
+            equation="K_C of load and weight, dumas2011 eqs. 8–10, solved instead of linearised",
+            note="grows with the load squared",
+            one_of=(("geometric_stiffness", "arm"),),
+            parameters={
                 "share": Estimate(
                     share, "%", (share - 1.645 * wide, share + 1.645 * wide), (share - 1.96 * wide, share + 1.96 * wide)
                 )
             },
-            heldout.rmse(problem, before, state.used),
-            heldout.rmse(problem, after, state.used),
-            float(2 * ndtr(-own)),
+            before=heldout.rmse(problem, before, state.used),
+            after=heldout.rmse(problem, after, state.used),
+            p_value=float(2 * ndtr(-own)),
             correction=Term("geometric_stiffness", "arm", {}),
         ),
         before,

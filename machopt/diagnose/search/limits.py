@@ -13,7 +13,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.evidence.grams import NOTHING, Model, Tried, ridged_inverse
-from machopt.diagnose.nouns.result import Limit, Name
+from machopt.diagnose.nouns.result import Limit, Name, Standing
 from machopt.diagnose.search.screen import bounded
 
 DIRECTIONS = 8
@@ -72,12 +72,16 @@ def limits(model: Model, tried: Sequence[Tried], rng: np.random.Generator, of: C
             values[name] = float(np.median(sizes))
         else:
             unit = next(iter(t.hypothesis.quantities(np.ones(p), t.shapes[0]).values())).unit
-            out.append(Limit(*name, float("nan"), unit, "not testable"))
+            effect, location = name
+            out.append(Limit(effect=effect, location=location, value=float("nan"), unit=unit, standing="not testable"))
     if signals:
         sets = _confused(model, M, tried, signals)
         for name, value in values.items():
-            standing = "only as a set" if sets[name] else "testable"
-            out.append(Limit(*name, value, units[name], standing, tuple(sets[name])))  # type: ignore[arg-type]
+            (effect, location), one_of = name, tuple(sets[name])
+            standing: Standing = "only as a set" if one_of else "testable"
+            out.append(
+                Limit(effect=effect, location=location, value=value, unit=units[name], standing=standing, one_of=one_of)
+            )
     return out
 
 

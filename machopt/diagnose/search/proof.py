@@ -45,11 +45,11 @@ def prove(state: State, most: int, rng: np.random.Generator) -> Proof | None:
     signs = rng.choice([-1.0, 1.0], (FLIPS, len(won)))
     p = float((1 + np.sum(signs @ won >= won.sum())) / (FLIPS + 1)) if len(won) else float("nan")
     return Proof(
-        locked,
-        heldout.rmse(problem, before, seen),
-        heldout.rmse(problem, after, seen),
-        heldout.floor(problem, state.noise, seen),
-        int((won > 0).sum()),
-        len(won),
-        p,
+        groups=locked,
+        before=heldout.rmse(problem, before, seen),
+        after=heldout.rmse(problem, after, seen),
+        noise_floor=heldout.floor(problem, state.noise, seen),
+        wins=int((won > 0).sum()),
+        of=len(won),
+        p_value=p,
     )

@@ -19,7 +19,7 @@ from machopt.diagnose.search.select import Chosen, with_chosen
 Flags = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class State:
     """One round of the search."""
 

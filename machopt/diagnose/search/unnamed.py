@@ -73,7 +73,17 @@ def _moves(axes: str) -> str:
 
 
 def _law(where: str, law: str, note: str, columns: Callable[[Shape], Array], shapes: tuple[Shape, ...]) -> Hypothesis:
-    return Hypothesis(UNNAMED, where, law, "", columns, _size, shapes, family=UNNAMED, note=note)
+    return Hypothesis(
+        effect=UNNAMED,
+        location=where,
+        law=law,
+        equation="",
+        columns=columns,
+        quantities=_size,
+        shapes=shapes,
+        family=UNNAMED,
+        note=note,
+    )
 
 
 def _size(x: Array, shape: Shape) -> Mapping[str, Quantity]:

@@ -89,13 +89,15 @@ def _of_load_tests(cell: Cell, found: Examined, stiffness: Stiffness) -> Discrep
     V = reading_covariance(tests, 1.0 / stiffness.joints, arm.terms, tests.uncertainty, typical)
     stated = (tests.uncertainty.displacement is not None, tests.uncertainty.rotation is not None)
     readings = Readings(
-        residual,
-        tests.wrench,
-        groups,
-        np.where(used[:, None, None], 1.0, 1e-9) * np.linalg.inv(V),
-        np.repeat(used[:, None].astype(float), tests.dimensions, axis=1),
-        tuple(Components(max(1.0, float(np.mean(_white(residual[used], V, c, used))))) for c in range(len(V))),
-        stated[: len(V)],
+        residual=residual,
+        wrench=tests.wrench,
+        clusters=groups,
+        precision=np.where(used[:, None, None], 1.0, 1e-9) * np.linalg.inv(V),
+        robust=np.repeat(used[:, None].astype(float), tests.dimensions, axis=1),
+        components=tuple(
+            Components(max(1.0, float(np.mean(_white(residual[used], V, c, used))))) for c in range(len(V))
+        ),
+        stated=stated[: len(V)],
     )
     suspects = suspects_of(arm, tests, masses)
     return discrepancy(suspects, tests.state, stiffness.joints, readings)

@@ -115,8 +115,8 @@ def _made(
             out.append(float(np.clip(1.0 / max(value, 1.0 / STIFFEST), SOFTEST, STIFFEST)))
     known = cell.stiffness
     if known is None:
-        return Stiffness(np.array(out), terms=terms)
-    return Stiffness(np.array(out), terms=terms, external=known.external, position=known.position)
+        return Stiffness(joints=np.array(out), terms=terms)
+    return Stiffness(joints=np.array(out), terms=terms, external=known.external, position=known.position)
 
 
 def _shown(c: Coefficient, value: float) -> bool:

@@ -60,7 +60,7 @@ def effect_on_job(
     return _block(toolpath.source, found, old, new)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Compared:
     """Both choices at the planning points that both reach."""
 
@@ -90,7 +90,15 @@ def _compare(old: Plan, new: Plan) -> _Compared | None:
         return None
     weight = np.where(both, path.weight, 0.0)
     weight = weight / weight.sum() if weight.sum() > 0.0 else both / both.sum()
-    return _Compared(both, path.is_point, weight, np.asarray(wrap(gamma(new) - gamma(old))), before, unchanged, after)
+    return _Compared(
+        both=both,
+        is_point=path.is_point,
+        weight=weight,
+        turned=np.asarray(wrap(gamma(new) - gamma(old))),
+        before=before,
+        unchanged=unchanged,
+        after=after,
+    )
 
 
 def _deflection(choice: Plan, model: Plan) -> Array:

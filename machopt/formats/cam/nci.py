@@ -60,7 +60,7 @@ def read_nci(source: Source, options: ReadOptions) -> Toolpath:
 class _Reader:
     def __init__(self, source: Source, options: ReadOptions) -> None:
         self.source = source
-        self.out = PathBuilder(source, options, "nci")
+        self.out = PathBuilder(source=source, options=options, format="nci")
         if options.unit is None:
             raise source.error("is Mastercam NCI, which does not say its unit; give --unit mm or --unit inch")
         self.scale = UNIT_NAMES[options.unit]

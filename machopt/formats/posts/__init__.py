@@ -244,4 +244,4 @@ def _engine(
         *unstarted(post, program, controller),
         *dialect.notes(job, used),
     ]
-    return Engine(post, job, name, columns, values, notes, dialect.maker)
+    return Engine(post=post, job=job, name=name, columns=columns, values=values, notes=notes, own_lines=dialect.maker)

@@ -31,7 +31,7 @@ class Tolerance:
     external: float = 1e-3  # m or rad of an external axis: the tool's place does not hang on it, only the arm's posture
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Departure:
     """How far the samples are from the controller's lines."""
 
@@ -91,7 +91,7 @@ def departure(
         driven, ends = external
         even = ends[move - 1] + off[:, 3:] * (ends[move] - ends[move - 1])
         aside = np.abs(driven[rows] - even).max(axis=1)
-    return Departure(rows, move, off[:, 0], off[:, 1], off[:, 2], aside)
+    return Departure(sample=rows, move=move, position=off[:, 0], axis=off[:, 1], turn=off[:, 2], external=aside)
 
 
 def densify(

@@ -26,7 +26,7 @@ def zones(job: Job, used: frozenset[str]) -> Passing:
     return Passing(distance, np.full(len(job.program), np.inf))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Dialect:
     """Fields and remarks of one maker; every function takes the job."""
 

@@ -75,7 +75,7 @@ class Part:
         }
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Engine:
     """One program being written. ``columns`` are per move, ``values`` of the whole program."""
 

@@ -45,7 +45,7 @@ HELD = 0.95  # of the programmed feed: what counts as held, as in the planner's 
 STRAIGHT = 1e-6  # rad
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class HeldFeed:
     """Over the cutting moves of a program."""
 
@@ -124,11 +124,11 @@ def held_feed(
     worst = int(np.argmin(share))
     inside = np.isfinite(zone.turn)
     return HeldFeed(
-        float((L / F).sum() / time.sum()),
-        float(L[share >= HELD].sum() / L.sum()),
-        float(share[worst]),
-        int(rows[worst]),
-        float(time.sum()),
-        float((np.where(rounded, distance, 0.0)[inside] * np.tan(zone.turn[inside] / 4.0)).max(initial=0.0)),
-        int((program.cutting[:-1] & program.cutting[1:] & ~(distance[:-1] > 0.0)).sum()),
+        mean_share=float((L / F).sum() / time.sum()),
+        held_share=float(L[share >= HELD].sum() / L.sum()),
+        lowest_share=float(share[worst]),
+        slowest=int(rows[worst]),
+        cutting_time=float(time.sum()),
+        deviation=float((np.where(rounded, distance, 0.0)[inside] * np.tan(zone.turn[inside] / 4.0)).max(initial=0.0)),
+        stops=int((program.cutting[:-1] & program.cutting[1:] & ~(distance[:-1] > 0.0)).sum()),
     )

@@ -86,7 +86,7 @@ class File:
     text: tuple[Template | str, ...]  # a str is the name of a block
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Post:
     """A compiled post."""
 
@@ -175,7 +175,9 @@ def _compile(text: str, origin: Path | str) -> Post:
         raise InputError(problem.reason, file=origin, where=problem.where) from None
     except re.error as problem:
         raise InputError(f"is no regular expression: {problem}", file=origin, where="name.pattern") from None
-    return Post(keys, files, part_text, blocks, separators, whole, origin)
+    return Post(
+        keys=keys, files=files, part_text=part_text, blocks=blocks, separators=separators, whole=whole, origin=origin
+    )
 
 
 def _lines(text: str, blocks: set[str], where: str) -> tuple[Template | str, ...]:

@@ -39,7 +39,7 @@ _CAM_KINDS = (
 _LABEL = re.compile(r"\s*(operation|move|CAM|external)\s*:\s?(.*)", re.IGNORECASE)
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Builder:
     """One program in the making. Positions in m, angles in deg, feeds in m/s."""
 

@@ -42,7 +42,7 @@ def read_fanuc(source: Source, arc_tolerance: float, strict: bool = False) -> Pa
     Raises:
         InputError: names file and line, what was found and what would work.
     """
-    out = Builder(source, "fanuc", arc_tolerance, strict)
+    out = Builder(source=source, dialect="fanuc", arc_tolerance=arc_tolerance, strict=strict)
     return _Reader(out).run()
 
 

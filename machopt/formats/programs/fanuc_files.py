@@ -16,7 +16,7 @@ _FRAME = re.compile(r"\b(UF|UT)\s*:\s*(\d+|F)")
 _CONFIG = re.compile(r"CONFIG\s*:?\s*'([^']*)'")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Position:
     """One P[n]: a pose or axes of group 1, and the other groups' axes."""
 
@@ -99,7 +99,15 @@ def _positions(part: Part, start: int) -> None:
                 others += [more[k] for k in sorted(more) if k[0] in "JE"]
         if not fault and "J1" not in values and not {"X", "Y", "Z", "W", "P", "R"} <= set(values):
             fault = "found neither J1 … J6 nor X, Y, Z, W, P, R"
-        part.positions[index] = Position(line, values, frames.get("UF"), frames.get("UT"), bits, tuple(others), fault)
+        part.positions[index] = Position(
+            line=line,
+            values=values,
+            user_frame=frames.get("UF"),
+            tool=frames.get("UT"),
+            configuration=bits,
+            others=tuple(others),
+            fault=fault,
+        )
 
 
 def _values(text: str) -> tuple[dict[str, float], str]:

@@ -27,7 +27,7 @@ _DEEPEST = 20
 _DEFAULT_V = "V is taken in mm/s, the default of the controller's unit setting"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Position:
     line: int
     kind: str  # PULSE, ANGLE, RECTAN
@@ -60,7 +60,9 @@ def read_jbi(
     Raises:
         InputError: names file and line, what was found and what would work.
     """
-    return _Reader(Builder(source, "jbi", arc_tolerance, strict), pulses_per_deg).run()
+    return _Reader(
+        Builder(source=source, dialect="jbi", arc_tolerance=arc_tolerance, strict=strict), pulses_per_deg
+    ).run()
 
 
 class _Reader:
@@ -269,4 +271,6 @@ def _position(
         raise out.error(f"{name} has {len(known)} numbers; expected at least 6", line, job.source)
     if kind not in ("PULSE", "ANGLE", "RECTAN"):
         raise out.error(f"positions as {kind} are not read; PULSE, ANGLE or RECTAN would work", line, job.source)
-    job.positions[name] = Position(line, kind, known, base, tool, dict(rconf) if kind == "RECTAN" else {})
+    job.positions[name] = Position(
+        line=line, kind=kind, values=known, base=base, tool=tool, configuration=dict(rconf) if kind == "RECTAN" else {}
+    )

@@ -66,7 +66,7 @@ def read_krl(source: Source, arc_tolerance: float, strict: bool = False) -> Pars
     Raises:
         InputError: names file and line, what was found and what would work.
     """
-    return _Reader(Builder(source, "krl", arc_tolerance, strict)).run()
+    return _Reader(Builder(source=source, dialect="krl", arc_tolerance=arc_tolerance, strict=strict)).run()
 
 
 class _Reader:

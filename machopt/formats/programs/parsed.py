@@ -24,7 +24,7 @@ class Frame:
     rides_on: str = ""  # the mechanical unit that moves it, in the maker's word; T is then in that unit's own flange
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ParsedProgram:
     """M moves in the order the controller carries them out; calls followed, arcs as chords."""
 

@@ -96,7 +96,7 @@ def read_rapid(source: Source, arc_tolerance: float, strict: bool = False) -> Pa
     Raises:
         InputError: names file and line, what was found and what would work.
     """
-    return _Reader(Builder(source, "rapid", arc_tolerance, strict)).run()
+    return _Reader(Builder(source=source, dialect="rapid", arc_tolerance=arc_tolerance, strict=strict)).run()
 
 
 class _Reader:

@@ -28,7 +28,7 @@ def read_ros(source: Source, arc_tolerance: float, strict: bool = False) -> Pars
     Raises:
         InputError: says what was found and what was expected.
     """
-    out = Builder(source, "ros", arc_tolerance, strict)
+    out = Builder(source=source, dialect="ros", arc_tolerance=arc_tolerance, strict=strict)
     is_json = next((t.strip()[:1] for t in source.lines if t.strip() and not t.lstrip().startswith("#")), "") == "{"
     document = load_json(out, source) if is_json else _yaml(out, source)
     compas = "dtype" in document

@@ -29,7 +29,7 @@ def read_csv_program(source: Source, arc_tolerance: float, strict: bool = False)
     Raises:
         InputError: names line and column, what was found and what was expected.
     """
-    out = Builder(source, "csv", arc_tolerance, strict)
+    out = Builder(source=source, dialect="csv", arc_tolerance=arc_tolerance, strict=strict)
     header: list[str] | None = None
     for line, text in enumerate(source.lines, 1):
         if text.startswith("#"):
@@ -60,7 +60,7 @@ def read_json_program(source: Source, arc_tolerance: float, strict: bool = False
     Raises:
         InputError: says what was found and what was expected.
     """
-    out = Builder(source, "json", arc_tolerance, strict)
+    out = Builder(source=source, dialect="json", arc_tolerance=arc_tolerance, strict=strict)
     document = load_json(out, source)
     moves = document.get("moves")
     if document.get("machopt_program") != 1 or not isinstance(moves, list):

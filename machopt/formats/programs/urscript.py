@@ -51,7 +51,7 @@ def read_urscript(source: Source, arc_tolerance: float, strict: bool = False) ->
     Raises:
         InputError: names file and line, what was found and what would work.
     """
-    return _Reader(Builder(source, "urscript", arc_tolerance, strict)).run()
+    return _Reader(Builder(source=source, dialect="urscript", arc_tolerance=arc_tolerance, strict=strict)).run()
 
 
 class _Reader:

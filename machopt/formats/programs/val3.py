@@ -60,7 +60,9 @@ def read_val3(source: Source, arc_tolerance: float, strict: bool = False) -> Par
     Raises:
         InputError: names file and line, what was found and what would work.
     """
-    return _Reader(Builder(source, "val3", arc_tolerance, strict, stands_by_comment=True)).run()
+    return _Reader(
+        Builder(source=source, dialect="val3", arc_tolerance=arc_tolerance, strict=strict, stands_by_comment=True)
+    ).run()
 
 
 class _Reader:

@@ -25,7 +25,7 @@ _UNIT_LENGTH = 2e-3  # of a quaternion; four numbers with three decimals are wit
 _EXACT_LENGTH = 1e-9  # closer than this a quaternion is left as it was printed
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Channel:
     """Columns that make one array of a recording."""
 
@@ -56,19 +56,41 @@ def _six(name: str) -> tuple[str, ...]:
 
 
 def _joints(field: str, turns: str, slides: str, si: float, decimals: int, needed: int = 6) -> Channel:
-    return Channel(field, _six(turns), si, decimals, needed, "all" if needed else "nan", turns, slides)
+    return Channel(
+        field=field,
+        columns=_six(turns),
+        si=si,
+        decimals=decimals,
+        needed=needed,
+        rest="all" if needed else "nan",
+        turns=turns,
+        slides=slides,
+    )
 
 
 _DEG = np.pi / 180.0
 CHANNELS = (
     _joints("q", "q{}_deg", "q{}_mm", _DEG, 9),
-    Channel("wrench", ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"), 1.0, 6, 3, "zero"),
-    Channel("displacement", ("dx_mm", "dy_mm", "dz_mm", "rx_mrad", "ry_mrad", "rz_mrad"), 1e-3, 7, 3),
-    Channel("position", ("x_mm", "y_mm", "z_mm"), 1e-3, 7, 3),
-    Channel("quaternion", ("qw", "qx", "qy", "qz"), 1.0, 12, 4),
-    Channel("time", ("time_s",), 1.0, 9, 1),
-    Channel("temperature", ("temperature_C",), 1.0, 5, 1),
-    Channel("tilt", TILTS, 1e-3, 7, 2, sparse=True),
+    Channel(
+        field="wrench",
+        columns=("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"),
+        si=1.0,
+        decimals=6,
+        needed=3,
+        rest="zero",
+    ),
+    Channel(
+        field="displacement",
+        columns=("dx_mm", "dy_mm", "dz_mm", "rx_mrad", "ry_mrad", "rz_mrad"),
+        si=1e-3,
+        decimals=7,
+        needed=3,
+    ),
+    Channel(field="position", columns=("x_mm", "y_mm", "z_mm"), si=1e-3, decimals=7, needed=3),
+    Channel(field="quaternion", columns=("qw", "qx", "qy", "qz"), si=1.0, decimals=12, needed=4),
+    Channel(field="time", columns=("time_s",), si=1.0, decimals=9, needed=1),
+    Channel(field="temperature", columns=("temperature_C",), si=1.0, decimals=5, needed=1),
+    Channel(field="tilt", columns=TILTS, si=1e-3, decimals=7, needed=2, sparse=True),
     _joints("q_command", "qcmd{}_deg", "qcmd{}_mm", _DEG, 9),
     _joints("q_secondary", "qse{}_deg", "qse{}_mm", _DEG, 9, 0),
     _joints("velocity", "qd{}_deg_s", "qd{}_mm_s", _DEG, 8),

@@ -54,7 +54,15 @@ def read_urdf(path: Path, text: str | None = None) -> Urdf:
     parts = tuple(reader.link(e) for e in root.named("link"))
     joints = tuple(reader.joint(e) for e in root.named("joint"))
     check_tree(path, tuple(p.name for p in parts), joints)
-    return Urdf(path, parts, joints, tuple(reader.meshes), tuple(reader.solids), unused.counts, tuple(reader.warnings))
+    return Urdf(
+        path=path,
+        parts=parts,
+        joints=joints,
+        meshes=tuple(reader.meshes),
+        solids=tuple(reader.solids),
+        unused=unused.counts,
+        warnings=tuple(reader.warnings),
+    )
 
 
 def _different(path: Path, elements: list[Element], what: str) -> None:
@@ -184,7 +192,19 @@ class _Reader:
         lower, upper, velocity = self.limit(e, of, kind)
         mimic = self.mimic(e, of)
         self.unused_numbers(e, of)
-        return UrdfJoint(name, kind, ends[0], ends[1], lower, upper, velocity, mimic, xyz, rpy, e.line)
+        return UrdfJoint(
+            name=name,
+            kind=kind,
+            parent=ends[0],
+            child=ends[1],
+            lower=lower,
+            upper=upper,
+            velocity=velocity,
+            mimic=mimic,
+            xyz=xyz,
+            rpy=rpy,
+            line=e.line,
+        )
 
     def mimic(self, joint: Element, of: str) -> UrdfMimic | None:
         e = joint.first("mimic")

@@ -20,7 +20,7 @@ class UrdfMimic:
     offset: float  # rad or m
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class UrdfJoint:
     name: str
     kind: str  # revolute, continuous, prismatic, fixed, planar, floating
@@ -73,7 +73,7 @@ class UrdfLink:
     line: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Urdf:
     path: Path
     parts: tuple[UrdfLink, ...]

@@ -62,14 +62,14 @@ def placed(robot: Robot, T_flange_tcp: Array, location: str, parameters: Paramet
 def spring(effect: str, place: Place, law: BodyLaw, values: Array, shape: Array) -> BodySpring:
     """A law at its place, as the planner takes it."""
     return BodySpring(
-        effect,
-        place,
-        law,
-        shape,
-        place.frame(law),
-        law.matrices(shape, place.shape),
-        tuple(Coefficient(*c) for c in files.named(law, len(values))),
-        values,
+        effect=effect,
+        place=place,
+        law=law,
+        shape=shape,
+        T_base_spring=place.frame(law),
+        basis=law.matrices(shape, place.shape),
+        coefficients=tuple(Coefficient(*c) for c in files.named(law, len(values))),
+        values=values,
     )
 
 
@@ -82,7 +82,7 @@ def body_term(effect: str, robot: Robot, T_flange_tcp: Array, parameters: Parame
     return spring(effect, replace(place, shape=body), law, values, shape)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class BodySpring:
     """Compliance C_S = Σ_p x_p C_p in a frame fixed to one body."""
 

@@ -27,7 +27,7 @@ from machopt.model.terms.base import Coefficient, LinearTerm
 LEAST_DISTANCE = 1e-3  # of L: pivots that come nearer than this to each other hold no spring
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class GravityCompensator:
     """Stiffness beside joint 2: −∂τ_s/∂q = F₀ L s'' + k L² (s'² + s s''), s in units of L."""
 
@@ -92,4 +92,4 @@ def compensator(parameters: Parameters, location: str) -> LinearTerm:
         raise parameters.error(
             "ratio", f"found {ratio:g}; with 1 the pivots meet at some angle, anything else would work"
         )
-    return GravityCompensator(location, float(ratio), float(alpha), values)
+    return GravityCompensator(location=location, ratio=float(ratio), alpha=float(alpha), values=values)

@@ -27,7 +27,7 @@ from machopt.model.robot import ArmState
 from machopt.model.terms.base import Coefficient, LinearTerm
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class JointTerm:
     """Extra twist of joint i: Σ_p x_p (B_p(τ_g + τ_w) − B_p(τ_g)), B the columns of a law."""
 
@@ -104,7 +104,7 @@ class JointTerm:
             )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class JointCoupling:
     """A torque on one joint turns another and the other way round: Δq_i = φ(τ_j) and Δq_j = φ(τ_i), φ linear."""
 
@@ -144,5 +144,5 @@ def joint_term(effect: str, parameters: Parameters, location: str) -> LinearTerm
     values, shape, memory = files.read(law, parameters)
     i, j = joints_of(location)
     if known.paired:
-        return JointCoupling(effect, location, i, j, law, values)
-    return JointTerm(effect, location, i, law, shape, values, memory)
+        return JointCoupling(effect=effect, location=location, i=i, j=j, law=law, values=values)
+    return JointTerm(effect=effect, location=location, i=i, law=law, shape=shape, values=values, memory=memory)

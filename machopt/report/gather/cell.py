@@ -21,4 +21,4 @@ def cell_scene(cell: Cell) -> tuple[Scene, Postures]:
     correction = correction_of(cell.kinematics)
     arm = cell.home if correction is None else correction.true_angles(cell.home)
     home = np.r_[arm, cell.external_home][None]
-    return scene_of(cell, robot, bodies_of(cell, robot, shapes)), Postures(home, "Posture", ("home",))
+    return scene_of(cell, robot, bodies_of(cell, robot, shapes)), Postures(q=home, label="Posture", names=("home",))

@@ -19,14 +19,6 @@ from machopt.report.scene import Scene
 from machopt.version import __version__
 
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
-_CURVES = (
-    "point",
-    "gamma_before_deg",
-    "gamma_after_deg",
-    "deflection_before_mm",
-    "deflection_unchanged_mm",
-    "deflection_after_mm",
-)
 
 
 def page_of(
@@ -74,9 +66,18 @@ def page_of(
 
 def job_effect(given: EffectOnJob) -> JobEffect:
     """The block a job gives: what a toolpath's result is under the model as it was, and as it is now."""
-    curves = [_numbers(getattr(given, name)) for name in _CURVES]
     changes = tuple(JobChange(c.what, _number(c.before), _number(c.after), c.unit) for c in given.changes)
-    return JobEffect(given.toolpath, given.sentence, changes, *curves)
+    return JobEffect(
+        toolpath=given.toolpath,
+        sentence=given.sentence,
+        changes=changes,
+        point=_numbers(given.point),
+        gamma_before=_numbers(given.gamma_before_deg),
+        gamma_after=_numbers(given.gamma_after_deg),
+        deflection_before=_numbers(given.deflection_before_mm),
+        deflection_unchanged=_numbers(given.deflection_unchanged_mm),
+        deflection_after=_numbers(given.deflection_after_mm),
+    )
 
 
 def places_of(

@@ -104,12 +104,30 @@ def _joints(joints: list[JointResult]) -> str:
 
 def _joint(j: JointResult, prior: Array | None) -> Coefficient:
     before = np.nan if prior is None else float(prior[j.joint - 1])
-    return Coefficient(f"joint {j.joint}", "N·m/rad", j.k, *j.interval, before, j.identified, j.reason)
+    low, high = j.interval
+    return Coefficient(
+        name=f"joint {j.joint}",
+        unit="N·m/rad",
+        value=j.k,
+        low=low,
+        high=high,
+        prior=before,
+        identified=j.identified,
+        reason=j.reason,
+    )
 
 
 def _term(t: TermResult) -> Coefficient:
+    low, high = t.interval
     return Coefficient(
-        f"{t.effect} {t.location}, {t.name}", t.unit, t.value, *t.interval, np.nan, t.identified, t.reason
+        name=f"{t.effect} {t.location}, {t.name}",
+        unit=t.unit,
+        value=t.value,
+        low=low,
+        high=high,
+        prior=np.nan,
+        identified=t.identified,
+        reason=t.reason,
     )
 
 
@@ -158,4 +176,6 @@ def _grid(found: Identification) -> GridView | None:
     index = np.stack(np.unravel_index(np.arange(int(np.prod(g.shape))), g.shape, order="F"), axis=1)
     std = np.zeros_like(g.joints) if g.std is None else g.std
     centre = g.origin + g.cell * (index + 0.5)
-    return GridView(g.shape, centre, g.joints, std, found.grid.readings, found.grid.centre)
+    return GridView(
+        shape=g.shape, centre=centre, k=g.joints, std=std, readings=found.grid.readings, constant=found.grid.centre
+    )

@@ -97,29 +97,29 @@ def page_data(
         criterion=criterion.key,
         reasons=tuple(_words(code) for code in PlaceCode),
         arm=ArmLines(
-            robot.joints,
-            robot.axis @ R.T,
-            moved(robot.point),
-            moved(np.zeros(3)),
-            R[:, 2],
-            moved(robot.T_base_flange_zero[:3, 3]),
-            moved(tcp[:3, 3]),
+            joints=robot.joints,
+            axis=robot.axis @ R.T,
+            point=moved(robot.point),
+            base=moved(np.zeros(3)),
+            up=R[:, 2],
+            flange=moved(robot.T_base_flange_zero[:3, 3]),
+            tcp=moved(tcp[:3, 3]),
         ),
         verdict=result.verdict,
         warnings=result.warnings,
         measured=None
         if comparison is None
         else MeasuredView(
-            comparison.file,
-            comparison.axes,
-            comparison.position,
-            comparison.measured,
-            comparison.left_out,
-            comparison.model,
-            comparison.held,
-            comparison.errors(),
-            comparison.from_joints,
-            comparison.power,
+            file=comparison.file,
+            axes=comparison.axes,
+            position=comparison.position,
+            measured=comparison.measured,
+            left_out=comparison.left_out,
+            model=comparison.model,
+            held=comparison.held,
+            errors=comparison.errors(),
+            from_joints=comparison.from_joints,
+            power=comparison.power,
         ),
         options=_options(result, setting),
         hashes=tuple(result.inputs.items()),
@@ -142,7 +142,16 @@ def _layer(layer: Layer, options: MapOptions, criterion: Field) -> MapLayer:
     else:
         title = f"rotation γ = {options.gamma[0] * DEG:g}°" if layer.name == "given" else "best rotation γ"
     p = layer.postures
-    return MapLayer(layer.name, title, dict(layer.values.value), place_codes(p.reason), p.q, p.gamma, p.shortfall, best)
+    return MapLayer(
+        name=layer.name,
+        title=title,
+        value=dict(layer.values.value),
+        reason=place_codes(p.reason),
+        q=p.q,
+        gamma=p.gamma,
+        shortfall=p.shortfall,
+        best=best,
+    )
 
 
 def _gain(given: Array, free: Array, criterion: Field) -> Array:

@@ -234,7 +234,7 @@ def _shift(plan: Plan, toolpath: Toolpath) -> page.Shift | None:
     found = residual(plan)
     if found is None:
         return None
-    out = page.Shift(found.shift_worst, found.shift_mean, found.worst, found.mean)
+    out = page.Shift(worst=found.shift_worst, mean=found.shift_mean, left_worst=found.worst, left_mean=found.mean)
     whole = removals(plan, toolpath.operation, tuple(o.label for o in toolpath.operations))[:1]
     for r in whole:
         out = replace(out, left_worst90=r.worst90, left_mean90=r.left90, removed90=r.removed90)

@@ -55,14 +55,32 @@ def page_of(
     u = plan.unknowns
     chosen = pool.q[plan.cases.pose[[b[0] for b in plan.design.blocks]]]
     heuristics = tuple(
-        page.Heuristic(c.name, SOURCES[c.name], c.poses, c.sigma, c.rms, c.efficiency, c.readings, np.array(c.curve))
+        page.Heuristic(
+            name=c.name,
+            words=SOURCES[c.name],
+            poses=c.poses,
+            sigma=c.sigma,
+            rms=c.rms,
+            efficiency=c.efficiency,
+            readings=c.readings,
+            curve=np.array(c.curve),
+        )
         for c in plan.comparisons
     )
     rows = (
         ()
         if apart is None
         else tuple(
-            page.Apart(described(p), p.why, p.per_cycle, p.planned, p.cycles, p.until, p.random, p.advice)
+            page.Apart(
+                pair=described(p),
+                why=p.why,
+                per_cycle=p.per_cycle,
+                planned=p.planned,
+                cycles=p.cycles,
+                until=p.until,
+                random=p.random,
+                advice=p.advice,
+            )
             for p in apart.pairs
         )
     )
@@ -90,16 +108,16 @@ def page_of(
         scene=scene,
         postures=_postures(chosen, table, cell.external_home),
         work=page.Work(
-            table.session,
-            table.pose,
-            table.cycle,
-            table.q,
-            table.load,
-            np.linalg.norm(table.displacement[:, :3], axis=1),
-            table.kci,
-            table.nu_p,
-            table.clearance,
-            table.way_free,
+            session=table.session,
+            pose=table.pose,
+            cycle=table.cycle,
+            q=table.q,
+            load=table.load,
+            deflection=np.linalg.norm(table.displacement[:, :3], axis=1),
+            kci=table.kci,
+            nu_p=table.nu_p,
+            clearance=table.clearance,
+            way_free=table.way_free,
         ),
     )
 

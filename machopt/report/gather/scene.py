@@ -27,7 +27,9 @@ def scene_of(cell: Cell, robot: Robot, bodies: Iterable[checked.Body]) -> Scene:
     shown: list[Body] = []
     for b in bodies:
         if b.kind != "cutter" or all(s.kind != "cutter" for s in shown):
-            shown.append(Body(b.name, b.kind, _carrier(machine, b.link), b.vertices, b.faces))
+            shown.append(
+                Body(name=b.name, kind=b.kind, joint=_carrier(machine, b.link), vertices=b.vertices, faces=b.faces)
+            )
     names = (*robot.joints, *cell.external_joints)
     joints: list[Joint | None] = [None] * len(names)
     for line, column in enumerate(machine.column.tolist()):

@@ -26,7 +26,7 @@ class Pending:
     angle: float | None = None  # rad, MOVARC
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Curves:
     """State between the statements of one curve."""
 

@@ -40,7 +40,7 @@ NO_HOLES = {  # cycles whose motion is no stroke along the tool
 POSITIONAL = ("depth", "clear", "retract")  # CATIA's default table; HSM/Fusion the same
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CycleWords:
     """The numbers of one CYCLE statement in the file's unit, None where it does not say."""
 

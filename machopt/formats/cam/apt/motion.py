@@ -24,9 +24,9 @@ class MotionReader:
     def __init__(self, source: Source, options: ReadOptions) -> None:
         self.source, self.options = source, options
         self.dialect = sniff_dialect(source)
-        self.out = PathBuilder(source, options, self.dialect.value)
+        self.out = PathBuilder(source=source, options=options, format=self.dialect.value)
         self.scale = unit_scale(source, options, self.out)
-        self.curves = Curves(self.dialect is Dialect.NX, options.arc_tolerance * 1e3)
+        self.curves = Curves(left_handed=self.dialect is Dialect.NX, tolerance=options.arc_tolerance * 1e3)
         self.position: Vector | None = None  # mm, in the present system
         self.axis: Vector = (0.0, 0.0, 1.0)
         self.rapid = False  # holds for the next motion only

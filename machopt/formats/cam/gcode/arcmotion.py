@@ -125,7 +125,14 @@ class ArcReader(ControlState):
         length = found.sweep * found.radius
         feed = self.feed_mm_min(math.hypot(length, float((end - start) @ self.plane)), line)
         gap = np.where(unknown, math.nan, 0.0)
-        one = Segment(start + gap, end + gap, len(self.out), feed, centre, bool(normal @ self.plane > 0.0))
+        one = Segment(
+            start=start + gap,
+            end=end + gap,
+            first=len(self.out),
+            feed=feed,
+            centre=centre,
+            left=bool(normal @ self.plane > 0.0),
+        )
         if axis != self.axis or not in_plane or turns > 1:
             self.end_contour("what follows is no arc in the working plane")
         one = self.turn_corner(one, axis, line)

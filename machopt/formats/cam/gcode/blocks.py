@@ -32,7 +32,7 @@ _SLOW = re.compile(
 )
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Block:
     """One line of a program."""
 
@@ -94,11 +94,11 @@ class BlockReader:
             ExpressionError: a number that is none.
         """
         if _PLAIN.fullmatch(text):
-            return Block(line, [(a, float("".join(n.split()))) for a, n in _WORD.findall(text)], text=text)
+            return Block(line=line, words=[(a, float("".join(n.split()))) for a, n in _WORD.findall(text)], text=text)
         return self._slow(line, text)
 
     def _slow(self, line: int, text: str) -> Block:
-        block = Block(line, [], text=text)
+        block = Block(line=line, words=[], text=text)
         at = 0
         text = text.rstrip()
         while at < len(text):

@@ -108,4 +108,4 @@ class CallReader(FrameReader):
             raise self.source.error(f"{name}({text}): expected six numbers, the last one of holes", line)
         count, s = round(v[5]), self.scale
         for place in row(v, count) if name == "HOLES1" else circle(v, count):
-            self.holes(self.modal_call, {}, [place[0] * s, place[1] * s, self.p[2]], Block(line, []))
+            self.holes(self.modal_call, {}, [place[0] * s, place[1] * s, self.p[2]], Block(line=line, words=[]))

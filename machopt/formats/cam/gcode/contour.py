@@ -17,7 +17,7 @@ Kind = Literal["round", "setback", "length"]
 _SAME_HEIGHT = 1e-6  # mm
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Segment:
     """The contour element carried out last, in programmed coordinates (mm)."""
 

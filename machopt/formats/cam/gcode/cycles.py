@@ -14,7 +14,7 @@ _PECK = {73, 83}
 SIEMENS = re.compile(r"CYCLE(?:8[1-9]|840)")
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Canned:
     """Modal words of a G cycle; absolute heights in mm."""
 

@@ -126,7 +126,7 @@ def plain_lines(r: MotionReader, at: int, pattern: re.Pattern[str] = PLAIN, *, l
     if places:
         r.segment = None
     if before and motion == 1 and not with_tcp:  # a corner may follow
-        r.segment = Segment(np.array(before), np.array([x, y, z]), len(r.out) - 1, feed * per_feed)
+        r.segment = Segment(start=np.array(before), end=np.array([x, y, z]), first=len(r.out) - 1, feed=feed * per_feed)
     r.p, r.axis, r.motion, r.feed, r.fed_at = [x, y, z], (i, j, k), motion, feed, fed_at
     if angles is not r.setup.angles or vector is not r.setup.vector:
         r.setup = r.setup.changed(angles=angles, vector=vector)

@@ -28,7 +28,7 @@ _MOST_STEPS = 5_000  # of one block: 40 turns at 100 mm within 5 µm
 _UPRIGHT = math.cos(math.radians(0.1))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Setup:
     """Modes and coordinate systems that hold at one place of the program; changed copies replace it."""
 

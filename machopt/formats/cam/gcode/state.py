@@ -38,8 +38,8 @@ class ControlState:
 
     def __init__(self, source: Source, options: ReadOptions, unit: str) -> None:
         self.source, self.options = source, options
-        self.out = PathBuilder(source, options, self.format)
-        self.setup = Setup(rotary.machine(options.machine) if options.machine else None, self.out)
+        self.out = PathBuilder(source=source, options=options, format=self.format)
+        self.setup = Setup(machine=rotary.machine(options.machine) if options.machine else None, out=self.out)
         self.tolerance = options.arc_tolerance * 1e3  # mm
         self.scale = UNIT_NAMES[unit]
         self.p: list[float] = [math.nan] * 3  # mm, as programmed; NaN: not known
@@ -188,7 +188,7 @@ class ControlState:
         elif self.corner is not None and to == self.p:
             return  # no element: the corner waits for the next one
         feed = self.feed_mm_min(math.dist(to, self.p), line)
-        one = Segment(np.array(self.p), np.array(to), len(self.out), feed)
+        one = Segment(start=np.array(self.p), end=np.array(to), first=len(self.out), feed=feed)
         one = self.turn_corner(one, axis, line)
         self.go(to, axis, Move.CUT, feed, line)
         self.segment = one

@@ -72,7 +72,7 @@ class LeadIn:
         return LeadPath(path.helper, path.centre, not path.left)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Approach:
     """An APPR block, which waits for the contour element behind it. Lengths in mm, feeds in mm/min."""
 

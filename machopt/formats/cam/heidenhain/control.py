@@ -176,7 +176,7 @@ class ControlReader(PlaneReader):
             words = {"Z": (self.p[2] + distance) / self.scale}
             if not math.isnan(self.p[2]):
                 self.motion = 0
-                self.move(words, Block(line, []))
+                self.move(words, Block(line=line, words=[]))
             return
         self.lose({}, "M140", line)
 
@@ -289,7 +289,7 @@ class ControlReader(PlaneReader):
             places = list(grid((q[225], q[226]), (q[237], q[238]), columns, rows, q.get(224, 0.0)))
         plan = q_cycle(self.cycle, self.q, s, self.rpm)
         for x, y in places:
-            self.holes(plan, {}, [x * s, y * s, self.p[2]], Block(line, []))
+            self.holes(plan, {}, [x * s, y * s, self.p[2]], Block(line=line, words=[]))
 
     def call_tool(self, tool: str, rpm: float | None, text: str, line: int) -> None:
         if rpm is not None:

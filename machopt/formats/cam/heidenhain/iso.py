@@ -94,7 +94,7 @@ class _Reader(ControlReader):
         if _MIRROR.fullmatch(text):  # its axes stand without numbers; none: off
             self.mirror_axes(text[text.index("G28") + 3 :], "G28", line)
             return
-        self.iso_block(*self.split(text, line), Block(line, []))
+        self.iso_block(*self.split(text, line), Block(line=line, words=[]))
 
     def split(self, text: str, line: int) -> tuple[dict[str, float], list[int], list[int]]:
         words: dict[str, float] = {}

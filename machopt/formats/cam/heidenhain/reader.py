@@ -144,7 +144,7 @@ class _Reader(ControlReader):
         elif text.startswith("CYCL CALL POS"):
             self.statement("L " + text[13:] + " M99", line)
         elif text == "CYCL CALL" or re.match(r"CYCL CALL (?:M|F)", text):
-            self.drill_here(Block(line, []))
+            self.drill_here(Block(line=line, words=[]))
         elif found := re.match(r"(RND|CHF)\s+(?:R\s*)?" + NUMBER + r"(?:\s+F\s*" + NUMBER + ")?$", text):
             feed = value(found.group(3)) if found.group(3) else None
             self.wait_for_corner("round" if found.group(1) == "RND" else "setback", value(found.group(2)), feed, line)
@@ -259,7 +259,7 @@ class _Reader(ControlReader):
             if found.group(1) == "103":
                 self.out.warn_once("M103 (slower plunges) is not carried out: feeds are as programmed", line)
         words, flags = self.split(rest, line)
-        b = Block(line, [])
+        b = Block(line=line, words=[])
         if "FMAX" in flags:
             self.motion = 0
         elif kind in ("L", "LN", "LP"):
@@ -358,7 +358,16 @@ class _Reader(ControlReader):
         feed = self.feed_mm_min(1.0, line)
         x, y, z = self.p
         start, place = (x, y, z), (to[0], to[1], to[2])
-        self.lead_in(Approach(path, start, place, feed if kind == "LCT" else feed_before, feed, line))
+        self.lead_in(
+            Approach(
+                path=path,
+                start=start,
+                place=place,
+                feed_before=feed if kind == "LCT" else feed_before,
+                feed=feed,
+                line=line,
+            )
+        )
 
     def split(self, rest: str, line: int) -> tuple[dict[str, float], list[str]]:
         words: dict[str, float] = {}
