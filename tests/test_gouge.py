@@ -88,6 +88,22 @@ def test_a_gouge_between_two_points_is_found_where_it_is(tmp_path: Path) -> None
     assert found.depth.max() == pytest.approx(0.001, abs=1e-4)  # half its thickness: no place of it is deeper
 
 
+def test_a_wall_is_gouged_as_deep_from_every_side(tmp_path: Path) -> None:
+    """Also where it lies between two points of each ring, as walls along y did with 26 points: told 0.18 mm of 0.25."""
+    for radius in (0.004, 0.01, 0.025):
+        cell = cell_of(tmp_path, ())
+        cell = replace(cell, tool=replace(cell.tool, cutter=Cutter(2.0 * radius, 0.05, 0.0)))
+        for turn in np.radians([0.0, 3.0, 7.0, 11.0, 90.0, 94.0]):
+            away = np.array([np.cos(turn), np.sin(turn), 0.0])
+            T = np.eye(4)
+            T[:3, :3] = np.column_stack([away, np.cross([0.0, 0.0, 1.0], away), [0.0, 0.0, 1.0]])
+            T[:3, 3] = (radius - 0.25e-3 + 0.005) * away + [0.0, 0.0, 0.02]
+            wall = Shape("wall", "box", (0.01, 0.2, 0.06), None, T)
+            cut = path_of(("rapid", (0, 0, 0.09), UP), ("cut", (0, 0, 0), UP), ("rapid", (0, 0, 0.09), UP))
+            cell = replace(cell, workpiece=replace(cell.workpiece, geometry=(wall,)))
+            assert gouges_of(cut, cell, 0.2e-3).depth.max() == pytest.approx(0.25e-3, abs=2e-6)
+
+
 def test_all_the_length_of_the_cutter_counts_and_rapid_moves_do_not(tmp_path: Path) -> None:
     wall = Shape(
         name="wall", kind="box", size=(0.2, 0.02, 0.1), mesh=None, T_parent_shape=pose(0.05, 0.016 + 1e-6, 0.05)

@@ -25,6 +25,8 @@ from machopt.se3 import inverse
 ROWS = 256  # of one task, whatever the number of cores
 DEPTH = 128  # boxes waiting on the way down a tree
 FINEST, WIDEST = 5e-4, 3e-3  # m between points of the cutter's surface; between, a quarter of its radius
+SAGITTA = 2e-5  # m that a depth may be told too small between two points of a ring, as paths may be off
+GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0  # of a step around from ring to ring: any few rings cover the step evenly
 AROUND = 24, 96  # fewest and most points of a circle
 # Directions no CAM file draws its edges along: the majority of three says whether a point is inside.
 RAYS = np.array([[0.5381, 0.3127, 0.7827], [-0.2911, 0.8713, -0.3951], [0.7219, -0.6037, 0.3389]])
@@ -49,11 +51,18 @@ def cutter_points(cutter: Cutter) -> Array:
     profile += [(radius - corner + corner * np.sin(t), corner * (1.0 - np.cos(t))) for t in turn]
     profile += [(radius, h) for h in side]
     out = []
-    for r, height in profile:
-        count = int(np.clip(np.ceil(2.0 * np.pi * r / step), *AROUND)) if r > 0.0 else 1
-        angle = 2.0 * np.pi * np.arange(count) / count
+    for n, (r, height) in enumerate(profile):
+        count = _around(r, step) if r > 0.0 else 1
+        # Each ring is turned against the one before it, so that no wall lies between the points of all of them.
+        angle = 2.0 * np.pi * (np.arange(count) + (n - len(flat) + 1) * GOLDEN % 1.0) / count
         out.append(np.column_stack([r * np.cos(angle), r * np.sin(angle), np.full(count, -height)]))
     return np.concatenate(out)
+
+
+def _around(radius: float, step: float) -> int:
+    """Points of a ring: ``step`` apart or less, and few enough degrees that no chord leaves its circle by SAGITTA."""
+    shallow = np.pi / np.arccos(max(1.0 - SAGITTA / radius, 0.0))
+    return int(np.clip(np.ceil(max(2.0 * np.pi * radius / step, shallow)), *AROUND))
 
 
 def deepest(shapes: tuple[Shape, ...], points: Array, T_part_tool: Array, limit: float) -> Deepest:
