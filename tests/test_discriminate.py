@@ -17,9 +17,10 @@ from machopt.design.loadcases import LoadCases, LoadCriteria, load_cases
 from machopt.design.loads import load_ways
 from machopt.design.maximin import Contest, best_readings, by_pose, left_of_all, needed_noncentrality, power
 from machopt.design.measurement import ReadingNoise
+from machopt.diagnose.apart.advice import advice, words
 from machopt.diagnose.apart.disputes import HIDDEN, MOST, NOTHING, PLACES, Diagnosed, Dispute, Stand
 from machopt.diagnose.apart.predicted import Predicted, law_of, load_tests, noise_of_cases, steps_for
-from machopt.diagnose.apart.separate import Asked, _advice, _contests, _laws, _words, noise_for
+from machopt.diagnose.apart.separate import Asked, _contests, _laws, noise_for
 from machopt.domain.cell import Cell
 from machopt.domain.parameters import joint_spring
 from machopt.domain.stiffness import Stiffness
@@ -224,9 +225,9 @@ def test_what_would_split_two_laws_is_said_by_what_they_are() -> None:
         ("thermal_drift", "geometry", "the same poses without load"),
         ("link_compliance", "base_compliance", "a second target on the arm between here and there"),
     ):
-        assert said in _advice(Stand(effect=one, location="here"), Stand(effect=two, location="there"))
-    assert "larger loads" in _advice(NOTHING, Stand(effect="link_compliance", location="link:3"))
-    assert _words(Stand(effect="", location="link:3")) == "something at link:3"
+        assert said in advice(Stand(effect=one, location="here"), Stand(effect=two, location="there"))
+    assert "larger loads" in advice(NOTHING, Stand(effect="link_compliance", location="link:3"))
+    assert words(Stand(effect="", location="link:3")) == "something at link:3"
 
 
 def test_a_law_of_which_only_the_size_is_known_moves_the_tool_by_it(

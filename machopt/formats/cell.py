@@ -14,6 +14,7 @@ from machopt.arrays import Array
 from machopt.domain.cell import Cell, Cutter, Shape, Tool, Workpiece
 from machopt.errors import InputError
 from machopt.formats.cell_schema import AnyChainKeys, CellKeys, PoseKeys, ShapeKeys, ToolKeys
+from machopt.formats.cellfolder import ANY_SIZE, CellFolder
 from machopt.formats.cellparts import (
     any_of,
     different_names,
@@ -60,8 +61,6 @@ from machopt.formats.urdf import Description, Urdf, describe, find_mesh, find_pa
 from machopt.formats.yamlstrict import Document, Loc, read_yaml, validate
 from machopt.se3 import rpy_matrix, transform
 
-_ANY_SIZE = 1 << 62  # bytes; each reader has its own limit
-
 
 def load_cell(
     path: Path | str, *, allow_external: bool = False, any_chain: bool = False, stiffness: Path | None = None
@@ -106,8 +105,7 @@ def cell_of(
     return _Reader(
         document=document,
         keys=keys,
-        folder=Path(document.file).resolve().parent,
-        allow_external=allow_external,
+        folder=CellFolder(document, Path(document.file).resolve().parent, allow_external),
         any_chain=any_chain,
         other_stiffness=stiffness,
     ).cell()
@@ -119,11 +117,9 @@ class _Reader:
 
     document: Document
     keys: CellKeys
-    folder: Path
-    allow_external: bool
+    folder: CellFolder
     any_chain: bool = False
     other_stiffness: Path | None = None
-    files: list[Path] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     read: dict[Path, Surface] = field(default_factory=dict)
     surfaces: list[Surface] = field(default_factory=list)  # of all meshes
@@ -132,9 +128,9 @@ class _Reader:
 
     def cell(self) -> Cell:
         keys, robot = self.keys, self.keys.robot
-        self.files.append(Path(self.document.file).resolve())
+        self.folder.read.append(Path(self.document.file).resolve())
         named = self.packages()
-        description = self.urdf(self.file(("robot", "urdf"), robot.urdf), named)
+        description = self.urdf(self.folder.file(("robot", "urdf"), robot.urdf), named)
         urdf = description.urdf
         chain = read_chain(urdf, keys, self.document, any_chain=self.any_chain)
         self.reach = reach(urdf, keys, chain)
@@ -157,10 +153,10 @@ class _Reader:
         stiffness = None
         other = self.other_stiffness
         if other is not None:
-            check_file(other, expected="a stiffness.yaml", most=_ANY_SIZE)
-            self.files.append(other.resolve())
+            check_file(other, expected="a stiffness.yaml", most=ANY_SIZE)
+            self.folder.read.append(other.resolve())
         if keys.stiffness is not None or other is not None:
-            stiffness = load_stiffness(other or self.file(("stiffness",), str(keys.stiffness)))
+            stiffness = load_stiffness(other or self.folder.file(("stiffness",), str(keys.stiffness)))
             prismatic = tuple(j.kind == "prismatic" for j in chain.external)
             external = resolved(stiffness.external, tuple(j.name for j in chain.external), prismatic, stiffness.file)
             stiffness = replace(stiffness, external=external)
@@ -172,19 +168,19 @@ class _Reader:
                 )
         kinematics = None
         if keys.kinematics is not None:
-            kinematics = load_kinematics(self.file(("kinematics",), keys.kinematics))
+            kinematics = load_kinematics(self.folder.file(("kinematics",), keys.kinematics))
         obstacles = (*self.obstacles(urdf, chain), *setups.fixtures)
         for other_tool in tools.values():
             different_names(self.document, *other_tool.geometry, *workpiece.geometry, *obstacles)
         self.warnings += missing_bodies(tool, workpiece)
         self.warnings += open_surfaces(self.surfaces)
         pairs = PairReader(urdf, robot.flange_link, any_of(tools), workpiece, obstacles, self.document)
-        may_touch = pairs.pairs(keys.ignore_pairs, self.file)
+        may_touch = pairs.pairs(keys.ignore_pairs, self.folder.file)
         self.warnings += pairs.warnings
         arm_prismatic = tuple(j.kind == "prismatic" for j in chain.arm)
         return Cell(
             name=keys.name,
-            folder=self.folder,
+            folder=self.folder.path,
             urdf=urdf.path,
             packages=packages,
             base_link=robot.base_link,
@@ -210,9 +206,9 @@ class _Reader:
             obstacles=obstacles,
             stiffness=stiffness,
             plan={} if keys.plan is None else keys.plan.given(),
-            controller=controller_of(self.document, keys.controller, chain, self.file, self.pose),
+            controller=controller_of(self.document, keys.controller, chain, self.folder.file, self.pose),
             kinematics=kinematics,
-            files=tuple(dict.fromkeys(self.files)),
+            files=tuple(dict.fromkeys(self.folder.read)),
             warnings=tuple(self.warnings),
             notes=(
                 *unused_words(urdf),
@@ -222,33 +218,6 @@ class _Reader:
                 *standing(urdf, chain, limits),
             ),
         )
-
-    def file(self, loc: Loc, name: str) -> Path:
-        """A file the cell names, resolved, and noted for the hash of inputs."""
-        fail = partial(self.document.error, loc)
-        path = self.inside(self.folder / name, name, fail)
-        self.files.append(self.existing(path, name, fail))
-        return path
-
-    def inside(self, path: Path, name: str, fail: Fail) -> Path:
-        """``path`` with links resolved; refused outside the cell folder unless that is allowed."""
-        try:
-            path = path.resolve()
-        except (OSError, RuntimeError, ValueError):  # links in a circle, or a null byte
-            raise fail(f"found {name!r}; expected a path (no NUL character in it, no links in a circle)") from None
-        if not self.allow_external and not path.is_relative_to(self.folder):
-            raise fail(f"{name} lies outside the cell folder ({path}); copy it in, or allow it with --allow-external")
-        return path
-
-    def existing(self, path: Path, name: str, fail: Fail) -> Path:
-        """``path``, which must be a regular file."""
-        if not exists(path):
-            raise fail(f"no such file: {name} (looked for {path})")
-        try:
-            check_file(path, expected="a file", most=_ANY_SIZE)
-        except InputError as problem:
-            raise fail(f"{name} {problem.reason}") from None
-        return path
 
     def packages(self) -> dict[str, Path]:
         """The ``packages:`` map, which may stand at the top or under robot."""
@@ -260,7 +229,7 @@ class _Reader:
         out: dict[str, Path] = {}
         for n, (loc, folder) in named.items():
             fail = partial(self.document.error, loc)
-            out[n] = self.inside(self.folder / folder, folder, fail)
+            out[n] = self.folder.inside(self.folder.path / folder, folder, fail)
             if not isdir(out[n]):
                 raise fail(f"no such folder: {folder} (looked for {out[n]})")
         return out
@@ -269,12 +238,12 @@ class _Reader:
         """The robot's description; what it is made of lies in the cell."""
 
         def find(name: str) -> Path:
-            found = find_package(name, path, packages, self.folder)
-            return self.inside(found, f"$(find {name})", partial(of_file, path))
+            found = find_package(name, path, packages, self.folder.path)
+            return self.folder.inside(found, f"$(find {name})", partial(of_file, path))
 
         found = describe(path, {k: xacro_word(v) for k, v in self.keys.robot.xacro_args.items()}, find)
         for file in found.files:
-            self.files.append(self.inside(file, file.name, partial(of_file, file)))
+            self.folder.read.append(self.folder.inside(file, file.name, partial(of_file, file)))
         self.warnings += found.warnings
         return found
 
@@ -287,12 +256,12 @@ class _Reader:
             def fail(message: str, link: str = mesh.link, line: int = mesh.line) -> InputError:
                 return InputError(message, file=urdf.path, where=f"line {line}: collision mesh of link {link!r}")
 
-            hit = find_mesh(urdf, mesh.uri, packages, self.folder, fail)
-            path = self.inside(hit.path, mesh.uri, fail)
-            self.existing(path, mesh.uri, fail)
+            hit = find_mesh(urdf, mesh.uri, packages, self.folder.path, fail)
+            path = self.folder.inside(hit.path, mesh.uri, fail)
+            self.folder.existing(path, mesh.uri, fail)
             if hit.package is not None and hit.folder is not None:
                 found[hit.package] = hit.folder
-            self.files.append(path)
+            self.folder.read.append(path)
             scale = mesh.scale
 
             def scaled(factor: float, scale: float = scale) -> str:
@@ -382,7 +351,7 @@ class _Reader:
         if keys.mesh is None:
             return self.solid(loc, name, role, keys, T)
         scale = 1.0 if keys.scale is None else keys.scale
-        path = self.file((*loc, "mesh"), keys.mesh)
+        path = self.folder.file((*loc, "mesh"), keys.mesh)
         fail = partial(self.document.error, (*loc, "mesh"))
         self.mesh(path, scale, role, fail, lambda factor: f"scale: {scale * factor:g}")
         return Shape(name=name, kind="mesh", size=(scale,), mesh=path, T_parent_shape=T)

@@ -9,9 +9,8 @@ the speed is lowered around the place and the run is timed again.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,18 +21,15 @@ from machopt.model.correction import Correction
 from machopt.model.machine import Machine
 from machopt.model.robot import Robot
 from machopt.plan.blend import Curve, build_curves, path_parameter
+from machopt.plan.dips import HELD, Dip, Where, dips_of
 from machopt.plan.feedrate import Bounds, TimeLaw, node_caps, time_law
 from machopt.plan.follow import joints_at, joints_at_nodes, poses_along
 
-HELD = 0.95  # of the programmed feed
 STEPS_PER_SAMPLE = 3
 ROUNDS = 8  # of lowering the speed where samples exceed a limit
 SLACK = 1.01  # samples may exceed the scaled limits by this (limit_scale leaves more room)
 NO_FEED = 1e3  # m/s: stands for "no feed limit" where the TCP does not travel
 NEAR = 1e-5  # m of path: points nearer than this say nothing of how external joints move between them
-Limit = Literal["velocity", "acceleration", "jerk"]
-LIMITS: tuple[Limit, ...] = ("velocity", "acceleration", "jerk")
-Where = Literal["path", "start", "stop", "reversal", "reorientation", "rest"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,22 +101,6 @@ class RunInput:
     def told(self, q: Array) -> Array:
         """(S, 6) rad by encoder, of true angles."""
         return q if self.correction is None else self.correction.encoder_angles(q)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Dip:
-    """A stretch driven slower than HELD times the programmed feed, and what is to blame."""
-
-    first: float  # fractional point index
-    last: float
-    ratio: float  # lowest share of the programmed feed
-    where: Where  # start, stop: the unavoidable ramps from and to rest; reorientation: the tool turns on the spot
-    joint: int  # 1…6, then the external ones
-    limit: Limit
-
-    def at(self, ends: Array) -> Dip:
-        """The same dip with other indices for its ends."""
-        return replace(self, first=float(ends[0]), last=float(ends[1]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -279,7 +259,7 @@ def _drive(run: RunInput, curve: Curve, begin: Where, finish: Where) -> _Part | 
     ratio = np.r_[np.nan, np.linalg.norm(np.diff(p, axis=0), axis=1) / run.sample / programmed(run, point[1:])]
     slope = np.interp(at, u, p1)
     law_ratio = _law_ratios(u, derivatives, at, vt, at_acc, jt, v, a, j)
-    dips = _dips(ratio, at, point, vt, slope, u, single, law_ratio, begin, finish)
+    dips = dips_of(ratio, at, point, vt, slope, u, single, law_ratio, begin, finish)
     return _Part(
         q=q[:, :6],
         point=point,
@@ -367,42 +347,3 @@ def _law_ratios(
     v, a, j = v[:, None], a[:, None], j[:, None]
     use = [g1 * v / velocity, (g2 * v**2 + g1 * a) / acceleration, (g3 * v**3 + 3 * g2 * v * a + g1 * j) / jerk]
     return np.asarray(np.abs(np.stack(use, axis=-1)))
-
-
-def _dips(
-    ratio: Array,
-    at: Array,
-    point: Array,
-    v: Array,
-    slope: Array,
-    u: Array,
-    single: Array,
-    use: Array,
-    begin: Where,
-    finish: Where,
-) -> list[Dip]:
-    """Stretches below HELD. Blamed is what bounds the speed lowest there, or in a ramp the limit that is used most."""
-    low = np.r_[False, ratio[1:] < HELD, False]
-    edge = np.flatnonzero(np.diff(low.astype(int)))
-    dips = []
-    for first, last in zip(edge[::2], edge[1::2], strict=True):  # samples first … last enclose the slow steps
-        where: Where = begin if first == 0 else finish if last == len(ratio) - 1 else "path"
-        slowest = first + 1 + int(np.argmin(ratio[first + 1 : last + 1]))
-        if where == "path" and slope[slowest] < 0.05:
-            where = "reorientation"
-        a, b = np.searchsorted(u, at[first]), np.searchsorted(u, at[last], side="right")
-        bound = single[a:b]
-        joint, limit = np.unravel_index(int(np.argmax(use[first : last + 1].max(axis=0))), use.shape[1:])
-        if where in {"path", "reorientation"} and len(bound) and bound.min() < 1.25 * v[slowest]:
-            _, joint, limit = np.unravel_index(int(np.argmin(bound)), bound.shape)
-        dips.append(
-            Dip(
-                first=float(point[first]),
-                last=float(point[last]),
-                ratio=float(ratio[slowest]),
-                where=where,
-                joint=int(joint) + 1,
-                limit=LIMITS[int(limit)],
-            )
-        )
-    return dips

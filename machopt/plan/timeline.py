@@ -26,6 +26,7 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.domain.trajectory import Trajectory
 from machopt.plan.breaks import Break, not_driven, place
+from machopt.plan.dips import Dip
 from machopt.plan.gaps import Stretch, stretches, uncut, worth
 from machopt.plan.kept import recalled
 from machopt.plan.legs import BEFORE_ALL, Leg, every_cut_shown, needed, rests
@@ -33,7 +34,7 @@ from machopt.plan.lifts import Lifts, rests_of
 from machopt.plan.made import Plan
 from machopt.plan.path import Path
 from machopt.plan.rapids import Blocked, plan_rapid, time_legs
-from machopt.plan.retime import Dip, RunFailure, RunInput, RunTrajectory, retime_run
+from machopt.plan.retime import RunFailure, RunInput, RunTrajectory, retime_run
 from machopt.plan.straight import Way, way_between
 
 SEARCH = 2000  # extensions of the random tree for a rapid move that nothing simpler frees

@@ -13,12 +13,12 @@ from machopt.domain.toolpath import Toolpath
 from machopt.plan.breaks import Break
 from machopt.plan.certificate import certificate, with_external
 from machopt.plan.compensate import residual
+from machopt.plan.dips import Dip
 from machopt.plan.explain import help_of
 from machopt.plan.made import Plan
 from machopt.plan.points import PointResults, reason_of
 from machopt.plan.position import predicted
 from machopt.plan.removal import Removal, removals
-from machopt.plan.retime import Dip
 from machopt.plan.setup import Scored
 from machopt.plan.uncertainty import Gain
 

@@ -33,11 +33,10 @@ from machopt.design.poseplan import PlanSize, PosePlan, problem_of, unknowns_of
 from machopt.design.schedule import schedule, shortest_way
 from machopt.design.search import Design, information
 from machopt.diagnose import calibrated
+from machopt.diagnose.apart.advice import advice, words
 from machopt.diagnose.apart.disputes import HIDDEN, MOST, NOTHING, PLACES, Diagnosed, Dispute, Stand
 from machopt.diagnose.apart.predicted import Law, Predicted, law_of, load_tests, noise_of_cases, standing, steps_for
 from machopt.domain.cell import Cell
-from machopt.effects import registry
-from machopt.effects.words import spoken
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import Masses, Robot
 
@@ -179,7 +178,7 @@ def discriminating(
     pairs = []
     for k, (pair, both) in enumerate(open_):
         planned = _separation(both, own, together, few.pose, blocks)
-        advice = "" if wanted[k] is not None else _advice(pair.one, pair.two)
+        instead = "" if wanted[k] is not None else advice(pair.one, pair.two)
         luck = float(np.median(chance[k]))
         until = max((_until(c, covariance + shared, blocks, at) or LOOKED + 1 for c in both), default=LOOKED + 1)
         pairs.append(
@@ -190,7 +189,7 @@ def discriminating(
                 cycles=wanted[k],
                 until=until if until <= LOOKED else None,
                 random=luck,
-                advice=advice,
+                advice=instead,
             )
         )
     plan = _plan(prior, few, Design(blocks, min(each, default=0.0)), final, rng)
@@ -244,7 +243,7 @@ def _contests(
                     contests.append(Contest(t, r, made[key], laws[t].signal))
             left = [left_of_all(c, covariance) for c in contests]
             if min(rest / max(whole, 1e-300) for rest, whole in left) < calibrated.DETECTION.left_apart:
-                closed.append(replace(pair, advice=_advice(one.stand, two.stand)))
+                closed.append(replace(pair, advice=advice(one.stand, two.stand)))
             else:
                 open_.append((pair, contests))
     return open_, closed, notes
@@ -258,7 +257,7 @@ def _laws(
     for k, law in found.items():
         if law is None and d.stands[k].coefficients:
             s = d.stands[k]
-            notes.append(f"{_words(s)} ({s.law}) cannot be predicted at these poses and is left out")
+            notes.append(f"{words(s)} ({s.law}) cannot be predicted at these poses and is left out")
     kept = [k for k, law in found.items() if law is not None]
     sized = [k for k in kept if d.stands[k].size is not None]
     if sized:  # detection limits: what could hide most
@@ -269,7 +268,7 @@ def _laws(
     else:
         most = kept if NOTHING in d.stands else kept[:MOST]
         notes += [
-            f"{_words(d.stands[k])} stands too, but the nearest {MOST} are enough at once"
+            f"{words(d.stands[k])} stands too, but the nearest {MOST} are enough at once"
             for k in kept[MOST:]
             if k not in most
         ]
@@ -381,27 +380,6 @@ def _plan(
     )
 
 
-def _words(s: Stand) -> str:
-    if s is NOTHING:
-        return "nothing"
-    return spoken(s.effect, s.location) if s.effect else f"something at {s.location}"
-
-
 def described(pair: Pair) -> str:
     """``link compliance of link 3 | link compliance of link 4``."""
-    return f"{_words(pair.one)} | {_words(pair.two)}"
-
-
-def _advice(one: Stand, two: Stand) -> str:
-    """What would split two laws that poses and loads cannot."""
-    effects = {one.effect, two.effect}
-    if effects & {e.name for e in registry.of_records() if any(law.moves == "wrench" for law in e.recorded)}:
-        return "known weights hung where the load acts, or a second force sensor, instead of the one in doubt"
-    if "displacement_frame" in effects:
-        return "register the displacement's axes anew, with the arm moved along base_link's axes"
-    if effects & {e.called for e in registry.EFFECTS.values() if e.drifts or (e.unloaded and not e.paired)}:
-        return "the same poses without load and with one, and a record of temperature over a day"
-    if NOTHING in (one, two):
-        return "larger loads or a quieter gauge; at this size it moves the tool by less than readings scatter"
-    places = " and ".join(dict.fromkeys(s.location for s in (one, two)))
-    return f"a second target on the arm between {places}, read together with the one at the tool"
+    return f"{words(pair.one)} | {words(pair.two)}"

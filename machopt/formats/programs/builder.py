@@ -14,9 +14,10 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.domain.toolpath import Event, IgnoredWord, Move
 from machopt.errors import InputError
-from machopt.formats.arcs import ArcError, arc
+from machopt.formats.arcs import ArcError
+from machopt.formats.programs.circles import through
 from machopt.formats.programs.parsed import JOINT, LINEAR, Frame, ParsedProgram
-from machopt.formats.programs.rotations import Rows, between
+from machopt.formats.programs.rotations import Rows
 from machopt.formats.source import Source
 
 STANDING_TOOL = (
@@ -26,7 +27,6 @@ MOST_MOVES = 1_000_000  # beyond one for each line: what a loop may repeat
 MOST_STEPS = 2_000_000  # statements carried out, beyond one for each line: loops that end are shorter
 FARTHEST = 1e3  # m; no robot cell is larger, so the number is a fault
 MOST_DEGREES = 1e5  # of an axis
-SAME_ATTITUDE = 1e-6  # of a rotation matrix: programs carry six digits at most
 NO_TIME = math.nan
 _MOVES = {m.word: m for m in Move}
 _CAM_KINDS = (
@@ -186,32 +186,12 @@ class Builder:
         """
         if self.last is None:
             raise self.error("an arc begins at a joint target, whose place is not known without the robot", line)
-        start = self.last
-        p0, p1, p2 = start[:3, 3], via[:3, 3], end[:3, 3]
-        normal = np.cross(p1 - p0, p2 - p1)
-        length = np.linalg.norm(normal)
-        if not length > 1e-12:
-            raise self.error("the three points of an arc lie on a line", line)
-        n = normal / length
-        # the centre is equally far from all three points, in their plane
-        A = np.array([p1 - p0, p2 - p0, n])
-        half = np.array([(p1 @ p1 - p0 @ p0) / 2.0, (p2 @ p2 - p0 @ p0) / 2.0, n @ p0])
         try:
-            centre = np.linalg.solve(A, half)
-            if sweep_deg is None:
-                points = arc(p0, p2, centre, n, self.arc_tolerance).points
-            else:
-                if np.abs(end[:3, :3] - start[:3, :3]).max() > SAME_ATTITUDE:
-                    raise ArcError("an angle (CA) is read for a tool that does not turn; end the arc at its end point")
-                points = _swept(p0 - centre, n, math.radians(sweep_deg), self.arc_tolerance) + centre
-        except (ArcError, np.linalg.LinAlgError) as problem:
-            raise self.error(f"no arc through these points: {problem}", line) from None
-        share = np.arange(1, len(points) + 1) / len(points)
-        turned = between(start[:3, :3], end[:3, :3], share)
-        for k, (point, R) in enumerate(zip(points.tolist(), turned, strict=True)):
-            final = k + 1 == len(share)
-            T = np.eye(4)
-            T[:3, :3], T[:3, 3] = R, point
+            poses = through(self.last, via, end, self.arc_tolerance, sweep_deg)
+        except ArcError as problem:
+            raise self.error(str(problem), line) from None
+        for k, T in enumerate(poses):
+            final = k + 1 == len(poses)
             self.placed(
                 LINEAR,
                 T,
@@ -374,17 +354,6 @@ class Builder:
             warnings=tuple(self.warnings),
             ignored=tuple(IgnoredWord(w, c, at, u) for (w, u), (c, at) in self._ignored.items()),
         )
-
-
-def _swept(spoke: Array, n: Array, angle: float, tolerance: float) -> Array:
-    """(N, 3) chord ends of the arc that ``spoke`` (3,), square to ``n``, sweeps by ``angle`` (rad)."""
-    radius = float(np.linalg.norm(spoke))
-    if not 0.0 < abs(angle) < 1e3:
-        raise ArcError(f"an arc of {math.degrees(angle):g} degrees")
-    step = 2.0 * math.acos(max(1.0 - tolerance / radius, 0.0))
-    t = angle * np.arange(1, (count := max(math.ceil(abs(angle) / step), 2)) + 1)[:, None] / count
-    out: Array = np.cos(t) * spoke + np.sin(t) * np.cross(n, spoke)
-    return out
 
 
 def _index(frames: list[Frame], frame: Frame) -> int:

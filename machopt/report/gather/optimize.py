@@ -14,13 +14,13 @@ from machopt.domain.toolpath import Move, Toolpath
 from machopt.formats.options import without_effect
 from machopt.plan.certificate import certificate, with_external
 from machopt.plan.compensate import residual
+from machopt.plan.dips import Dip
 from machopt.plan.explain import all_breaks, help_of, hints, misfit_words, shortfall_of
 from machopt.plan.front import Point
 from machopt.plan.made import Plan
 from machopt.plan.mapped import Mapped, mapped
 from machopt.plan.points import PointResults, reason_of
 from machopt.plan.removal import removals
-from machopt.plan.retime import Dip
 from machopt.plan.setup import Scored
 from machopt.plan.timeline import Timeline
 from machopt.plan.uncertainty import gains
