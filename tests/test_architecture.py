@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from collections import Counter
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -33,6 +34,8 @@ MADE = {"out", "build", "dist"}  # what commands leave behind; git ignores it
 MOST_LINES = 500  # as the formatter lays them, an argument a line
 SERVICE_LINES = 120
 LONGER: dict[str, str] = {}  # file: why it is longer
+
+ONLY_OUTSIDE = {PACKAGE / "identify" / "simulate.py"}  # made-up arms that tests and benchmarks measure
 
 HEAVY = (
     "pinocchio",
@@ -166,4 +169,19 @@ def test_nouns_of_more_than_five_fields_are_keyword_only() -> None:
             marked = any(ast.unparse(n.annotation) == "KW_ONLY" for n in fields)
             if told and len(fields) > 5 and not marked and "kw_only=True" not in told[0]:
                 found.append(f"{path.relative_to(ROOT)}: {node.name}")
+    assert found == []
+
+
+def test_nothing_is_kept_that_nothing_uses() -> None:
+    """A function or class of the package is named elsewhere in it; what tests alone need stands with them."""
+    files = {path: path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py") if path not in ONLY_OUTSIDE}
+    named = Counter(word for text in files.values() for word in re.findall(r"[A-Za-z_]\w*", text))
+    found = []
+    for path, text in files.items():
+        lines = text.splitlines()
+        for node in ast.parse(text).body:
+            if isinstance(node, ast.FunctionDef | ast.ClassDef):
+                own = "\n".join(lines[node.lineno - 1 : node.end_lineno])
+                if named[node.name] <= len(re.findall(rf"\b{node.name}\b", own)):
+                    found.append(f"{path.relative_to(ROOT)}: {node.name}")
     assert found == []

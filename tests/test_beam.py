@@ -13,7 +13,6 @@ from machopt.effects.beam import (
     cantilever_axial,
     cantilever_bending,
     cantilever_torsion,
-    planar_beam_as_zhang2025,
     stepped,
     stepped_as_tian2025,
 )
@@ -74,6 +73,27 @@ def test_tian2025_equations_2_and_3_leave_out_the_lever_arms() -> None:
     assert printed / right == pytest.approx(0.56, abs=0.01)  # 1.8 times too stiff
     area_for_polar = cantilever(replace(bar, youngs=2 * bar.youngs))[1, 1] / cantilever(bar)[1, 1]
     assert area_for_polar == pytest.approx(0.5)  # and "polar moment of inertia", taken by the word, halves it again
+
+
+def planar_beam_as_zhang2025(length: float, EI: float, EA: float) -> np.ndarray:
+    """(6, 6) matrix of zhang2025 eqs. 17 and 19 as printed: two nodes of a plane beam, [u, v, θ] at each.
+
+    The paper uses it, through its pseudo-inverse, as if it were the spatial stiffness of one end. It is not: its rows
+    4–6 belong to the other end of the beam, so a force along z meets the axial stiffness of the far node. For
+    comparison only.
+    """
+    L = length
+    a, b, c, d, e = EA / L, 12 * EI / L**3, 6 * EI / L**2, 4 * EI / L, 2 * EI / L
+    return np.array(
+        [
+            [a, 0, 0, -a, 0, 0],
+            [0, b, c, 0, -b, c],
+            [0, c, d, 0, -c, e],
+            [-a, 0, 0, a, 0, 0],
+            [0, -b, -c, 0, b, -c],
+            [0, c, e, 0, -c, d],
+        ]
+    )
 
 
 def test_zhang2025_equations_17_and_19_are_no_stiffness_of_one_end() -> None:

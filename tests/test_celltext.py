@@ -10,11 +10,12 @@ import pytest
 from batch_stub import CELL, request_for
 from hypothesis import given
 from hypothesis import strategies as st
+from trajectory_back import read_trajectory_csv
 
 from machopt.batch.run import run_batch
 from machopt.domain.toolpath import Move
 from machopt.formats.celltext import as_cell, from_cell
-from machopt.formats.tables import read_trajectory_csv, write_trajectory_csv
+from machopt.formats.tables import write_trajectory_csv
 from machopt.verify.columns import read_columns
 
 BAD = ("=HYPERLINK(1)", "+1", "-1", "@SUM(A1)", "'=1", "''@x", " =1", "＝1+1")

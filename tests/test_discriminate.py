@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from poses_back import read_poses_csv
 
 from machopt.design.candidates import PoseScreen, sample_poses
 from machopt.design.loadcases import LoadCases, LoadCriteria, load_cases
@@ -26,7 +27,6 @@ from machopt.domain.parameters import joint_spring
 from machopt.domain.stiffness import Stiffness
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
-from machopt.formats.poses import read_poses_csv
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import load_masses, load_robot
 from machopt.services.poses import PosesOutcome, PosesRequest, run_plan_poses

@@ -21,7 +21,6 @@ from machopt.model.elastic import (
     directional_compliance,
     held_stiffness,
     jiao_index,
-    jiao_normal_index,
     joint_stiffness,
     translational_compliance,
 )
@@ -180,15 +179,6 @@ def test_index_along_a_principal_axis_is_the_principal_stiffness(arm: tuple[Robo
     values, V = np.linalg.eigh(held_stiffness(J, k))
     for value, axis in zip(values, V.T, strict=True):
         assert jiao_index(J, k, axis) == pytest.approx(value, rel=1e-7)
-
-
-def test_normal_index_is_equation_43() -> None:
-    k_y, k_z = 3e6, 5e6
-    assert jiao_normal_index(k_y, k_z, 0.0) == pytest.approx(k_z)  # type: ignore[arg-type]
-    assert jiao_normal_index(k_y, k_z, np.pi / 2) == pytest.approx(k_y)  # type: ignore[arg-type]
-    assert jiao_normal_index(k_y, k_z, 0.3) == pytest.approx(  # type: ignore[arg-type]
-        np.sqrt((k_z * np.cos(0.3)) ** 2 + (k_y * np.sin(0.3)) ** 2)
-    )
 
 
 def test_table_2_reads_high_and_ranks_the_other_way_round(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:

@@ -451,8 +451,6 @@ def test_kinds_of_geometry() -> None:
     assert all(geometry.is_three_parallel(arm) for arm in CLOSED.values())
     assert not any(geometry.is_three_parallel(arm) for arm in GENERAL.values())
     assert [n for n, arm in (CLOSED | GENERAL).items() if geometry.is_spherical_wrist(arm)] == ["spherical wrist"]
-    assert geometry.has_parallel_shoulder(CRX)
-    assert not geometry.has_parallel_shoulder(GENERAL["offset wrist, 2 not parallel 3"])
     assert geometry.do_intersect(UR5, 4, 5)
     assert not geometry.do_intersect(UR5, 3, 5)
     assert geometry.axis_distance(UR5, 1, 2) == pytest.approx(0.425)

@@ -10,11 +10,11 @@ import pinocchio as pin
 import pytest
 from palletiser import full, linked_urdf, mimics, write
 from small_cell import small_cell
+from trajectory_back import read_trajectory_csv
 
 from machopt.domain.cell import Cell, Tool
 from machopt.domain.toolpath import Move
 from machopt.errors import InputError
-from machopt.formats.tables import read_trajectory_csv
 from machopt.model.collision import CollisionModel
 from machopt.model.gravity import gravity_torque
 from machopt.model.ik import solver_for

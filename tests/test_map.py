@@ -28,7 +28,7 @@ from machopt.services.map import MapOutcome, MapRequest, run_map
 from machopt.verify.arm import Arm as PinocchioArm
 from machopt.workspace.along import JUMP, follow
 from machopt.workspace.fields import FIELDS, Load, Setting, evaluate, offered
-from machopt.workspace.idw import inside_hull, interpolate_idw, joint_from_tip_stiffness, leave_one_out
+from machopt.workspace.idw import inside_hull, interpolate_idw, leave_one_out
 from machopt.workspace.mapping import setting_of
 from machopt.workspace.postures import ReachingArm, candidates, choose_postures, place_turns, tool_poses
 from machopt.workspace.samples import even, farthest_reach, straight_line, trimmed
@@ -420,6 +420,27 @@ def test_leave_one_out_predicts_each_reading_from_the_others() -> None:
     points, values = np.array([[0.0, 0, 0], [1.0, 0, 0], [3.0, 0, 0]]), np.array([[1.0], [2.0], [4.0]])
     weights = [(2 / 1 + 4 / 9) / (1 + 1 / 9), (1 / 1 + 4 / 4) / (1 + 1 / 4), (1 / 9 + 2 / 4) / (1 / 9 + 1 / 4)]
     np.testing.assert_allclose(leave_one_out(points, values)[:, 0], weights, rtol=1e-12)
+
+
+def joint_from_tip_stiffness(J: np.ndarray, K_e: np.ndarray) -> np.ndarray:
+    """K_θ = Jᵀ K_e J, the stiffness of the tip seen from the joints.
+
+    With the whole 6×6 stiffness of an arm with joint springs this gives those springs back on the diagonal. With
+    measured directional stiffness only, K_e = diag(k_x, k_y, k_z, 0, 0, 0), it does not: force over displacement
+    along an axis is 1/C_xx and no entry of K, the rank is at most three, and the result is a full matrix that changes
+    with the posture. Use it to compare, never as joint stiffness for planning (``machopt identify`` finds that).
+
+    Args:
+        J: (..., 6, 6), linear part first.
+        K_e: (..., 6, 6) N/m, N, N·m/rad; or (..., 3, 3) N/m for the translation alone.
+
+    Returns:
+        (..., 6, 6) N·m/rad.
+
+    Source: tian2025 eq. 28.
+    """
+    rows = J[..., : np.shape(K_e)[-1], :]
+    return np.asarray(np.swapaxes(rows, -1, -2) @ K_e @ rows)
 
 
 def test_joint_stiffness_from_the_tip_is_right_only_for_the_whole_matrix(setting: Setting) -> None:

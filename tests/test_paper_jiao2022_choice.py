@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from machopt.formats.cell import load_cell
-from machopt.model.elastic import jiao_index, jiao_normal_index
+from machopt.model.elastic import jiao_index
 from machopt.model.ik import refine
 from machopt.model.robot import Robot, load_robot
 from machopt.se3 import axis_rotation
@@ -57,6 +57,11 @@ def turned(robot: Robot, tool: np.ndarray, q: list[float], at: float, theta: np.
                 assert error < 1e-9
             out[n], here = x, theta[n]
     return out
+
+
+def jiao_normal_index(k_y: np.ndarray, k_z: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """k_ν of jiao2022 eq. 43: stiffness normal to the path in the plane normal to the tool axis."""
+    return np.asarray(np.hypot(k_z * np.cos(theta), k_y * np.sin(theta)))
 
 
 def indices(

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from poses_back import read_poses_csv
 
 from machopt.domain.poses import PosesTable
 from machopt.errors import InputError
 from machopt.estimate.experiment import experiment
 from machopt.formats.cell import load_cell
-from machopt.formats.poses import read_poses_csv, write_poses_csv
+from machopt.formats.poses import write_poses_csv
 from machopt.formats.recording import load_recording
 from machopt.model.collision import CollisionModel
 from machopt.model.robot import load_chain

@@ -10,12 +10,12 @@ import textwrap
 from pathlib import Path
 
 import pytest
+from poses_back import read_poses_csv
 from small_cell import urdf_text
 
 import machopt
 from machopt import Cell, Plan, Toolpath
 from machopt.cli import _parser, main
-from machopt.formats.poses import read_poses_csv
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

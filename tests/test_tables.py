@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from trajectory_back import read_trajectory_csv
 
 from machopt.domain.points import PointsTable
 from machopt.domain.trajectory import Trajectory
 from machopt.errors import InputError
-from machopt.formats.tables import read_trajectory_csv, write_compensation_csv, write_points_csv, write_trajectory_csv
+from machopt.formats.tables import write_compensation_csv, write_points_csv, write_trajectory_csv
 from machopt.output import write_json
 
 

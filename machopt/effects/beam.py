@@ -116,24 +116,3 @@ def stepped_as_tian2025(cylinders: Sequence[Cylinder]) -> float:
     too stiff.
     """
     return float(sum(c.length**3 / (3.0 * c.EI) for c in cylinders))
-
-
-def planar_beam_as_zhang2025(length: float, EI: float, EA: float) -> Array:
-    """(6, 6) matrix of zhang2025 eqs. 17 and 19 as printed: two nodes of a plane beam, [u, v, θ] at each.
-
-    The paper uses it, through its pseudo-inverse, as if it were the spatial stiffness of one end. It is not: its rows
-    4–6 belong to the other end of the beam, so a force along z meets the axial stiffness of the far node. For
-    comparison only.
-    """
-    L = length
-    a, b, c, d, e = EA / L, 12 * EI / L**3, 6 * EI / L**2, 4 * EI / L, 2 * EI / L
-    return np.array(
-        [
-            [a, 0, 0, -a, 0, 0],
-            [0, b, c, 0, -b, c],
-            [0, c, d, 0, -c, e],
-            [-a, 0, 0, a, 0, 0],
-            [0, -b, -c, 0, b, -c],
-            [0, c, e, 0, -c, d],
-        ]
-    )

@@ -6,13 +6,11 @@ exist is an empty field.
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +19,7 @@ from machopt.arrays import Array
 from machopt.domain.points import PointsTable
 from machopt.domain.toolpath import Move
 from machopt.domain.trajectory import Trajectory
-from machopt.errors import InputError
-from machopt.formats.celltext import as_cell, from_cell
-from machopt.formats.opener import TABLE, read_text
+from machopt.formats.celltext import as_cell
 
 MM_PER_M = 1e3
 DEG_PER_RAD = 180.0 / np.pi
@@ -31,16 +27,6 @@ MM_MIN_PER_M_S = 6e4
 N_MM_PER_N_M = 1e-3
 
 _ROWS_AT_ONCE = 4096
-_MOVE_WORDS = {move.word: int(move) for move in Move}
-
-
-@dataclass(frozen=True)
-class TrajectoryTable:
-    """A trajectory as read back: samples, the labels of ``operation``, the kinds of the external axes."""
-
-    trajectory: Trajectory
-    operations: tuple[str, ...]
-    external_prismatic: tuple[bool, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -56,35 +42,6 @@ class _Column:
         out = np.array(self.values) if self.meant is None else self.meant
         out.setflags(write=False)
         return out
-
-
-@dataclass(frozen=True)
-class _Rows:
-    """The raw fields of a CSV file by column, with the line each row stands on."""
-
-    file: Path
-    columns: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    lines: tuple[int, ...] = ()
-
-    def numbers(self, name: str, *, empty: bool = False) -> Array:
-        """The column as floats; empty fields become NaN where ``empty`` allows them."""
-        texts = self.columns[name]
-        if empty:
-            texts = tuple(t or "nan" for t in texts)
-        try:
-            values = np.array(texts, dtype=float)
-        except ValueError:
-            values = np.array([_float_or_nan(t) for t in texts])
-            empty = False
-        bad = ~np.isfinite(values) & (np.array([t != "nan" for t in texts]) if empty else True)
-        if bad.any():
-            row = int(np.flatnonzero(bad)[0])
-            raise InputError(
-                f"found {self.columns[name][row]!r}, expected a finite number",
-                file=self.file,
-                where=f"line {self.lines[row]}, column {name}",
-            )
-        return values
 
 
 def write_trajectory_csv(
@@ -140,60 +97,6 @@ def _trajectory(
         _optional("feed_mm_min", t.feed * MM_MIN_PER_M_S, 3),
         *([_text("tool", _tools(t, tools))] if tools else []),
     ]
-
-
-def read_trajectory_csv(path: Path) -> TrajectoryTable:
-    """Read ``trajectory.csv`` back into SI; equal labels share an operation, in the order they first appear.
-
-    Raises:
-        InputError: a column is missing or unknown, a field is no number or move, time does not rise.
-    """
-    header, rows = _read(path)
-    external = [name for name in header if name.startswith("e") and name.split("_")[0][1:].isdigit()]
-    expected = [
-        "time_s",
-        "point",
-        "operation",
-        "move",
-        *(f"q{i}_deg" for i in range(1, 7)),
-        *external,
-        "gamma_deg",
-        "feed_mm_min",
-        *(["tool"] if "tool" in header else []),
-    ]
-    for i, name in enumerate(external, start=1):
-        if name not in (f"e{i}_mm", f"e{i}_deg"):
-            raise InputError(f"found {name!r}, expected e{i}_mm or e{i}_deg", file=path, where="header")
-    _check_header(path, header, expected)
-    prismatic = tuple(name.endswith("_mm") for name in external)
-    scale = [1 / MM_PER_M if p else 1 / DEG_PER_RAD for p in prismatic]
-    time = rows.numbers("time_s")
-    if len(time) > 1 and not np.all(np.diff(time) > 0):
-        row = int(np.flatnonzero(np.diff(time) <= 0)[0]) + 1
-        raise InputError(
-            f"time does not rise: {time[row]:g} s after {time[row - 1]:g} s",
-            file=path,
-            where=f"line {rows.lines[row]}, column time_s",
-        )
-    labels = tuple(from_cell(cell) for cell in rows.columns["operation"])
-    operations = tuple(dict.fromkeys(label for label in labels if label))
-    number = {"": -1, **{label: i for i, label in enumerate(operations)}}
-    return TrajectoryTable(
-        Trajectory(
-            time=time,
-            q=np.column_stack([rows.numbers(f"q{i}_deg") for i in range(1, 7)]) / DEG_PER_RAD,
-            external=np.column_stack([rows.numbers(n) * s for n, s in zip(external, scale, strict=True)])
-            if external
-            else np.empty((len(time), 0)),
-            point=rows.numbers("point", empty=True),
-            move=np.array(_move_codes(rows), dtype=np.int8),
-            operation=np.array([number[label] for label in labels], dtype=np.int32),
-            gamma=rows.numbers("gamma_deg", empty=True) / DEG_PER_RAD,
-            feed=rows.numbers("feed_mm_min", empty=True) / MM_MIN_PER_M_S,
-        ),
-        operations,
-        prismatic,
-    )
 
 
 def write_points_csv(path: Path, table: PointsTable) -> None:
@@ -331,66 +234,3 @@ def _blocks(columns: Sequence[_Column]) -> Iterator[str]:
         for k, column in enumerate(columns):
             flat[k::width] = column.values[start:stop]
         yield row * (stop - start) % tuple(flat)
-
-
-def _read(path: Path) -> tuple[list[str], _Rows]:
-    text = read_text(path, expected="a table", most=TABLE)
-    try:
-        return _read_text(path, io.StringIO(text, newline=""))
-    except csv.Error as error:
-        raise InputError(f"not a CSV table: {error}", file=path) from None
-
-
-def _read_text(path: Path, text: TextIO) -> tuple[list[str], _Rows]:
-    reader = csv.reader(text)
-    header: list[str] | None = None
-    rows: list[list[str]] = []
-    lines: list[int] = []
-    for row in reader:
-        if not row or (row[0].startswith("#")):
-            continue
-        if header is None:
-            header = [name.strip() for name in row]
-        elif len(row) != len(header):
-            raise InputError(
-                f"found {len(row)} fields, expected {len(header)} as in the header",
-                file=path,
-                where=f"line {reader.line_num}",
-            )
-        else:
-            rows.append(row)
-            lines.append(reader.line_num)
-    if header is None or not rows:
-        raise InputError("found no rows, expected a header and at least one row", file=path)
-    return header, _Rows(path, dict(zip(header, zip(*rows, strict=True), strict=True)), tuple(lines))
-
-
-def _check_header(path: Path, header: list[str], expected: list[str]) -> None:
-    missing = [name for name in expected if name not in header]
-    unknown = [name for name in header if name not in expected]
-    twice = sorted({name for name in header if header.count(name) > 1})
-    for what, names in (("is missing", missing), ("is unknown", unknown), ("stands twice", twice)):
-        if names:
-            raise InputError(
-                f"column {', '.join(names)} {what}; expected {', '.join(expected)}", file=path, where="header"
-            )
-
-
-def _move_codes(rows: _Rows) -> list[int]:
-    words = rows.columns["move"]
-    try:
-        return [_MOVE_WORDS[w] for w in words]
-    except KeyError as error:
-        row = words.index(str(error.args[0]))
-        raise InputError(
-            f"found {words[row]!r}, expected one of {', '.join(_MOVE_WORDS)}",
-            file=rows.file,
-            where=f"line {rows.lines[row]}, column move",
-        ) from None
-
-
-def _float_or_nan(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return float("nan")

@@ -119,11 +119,6 @@ def jiao_index(J: Array, k: Array, direction: Array) -> Array:
     return np.asarray(np.linalg.norm(s2e, axis=-1) ** -0.5)
 
 
-def jiao_normal_index(k_y: Array, k_z: Array, theta: Array) -> Array:
-    """k_ν of jiao2022 eq. 43: stiffness normal to the path in the plane normal to the tool axis."""
-    return np.hypot(k_z * np.cos(theta), k_y * np.sin(theta))
-
-
 @dataclass(frozen=True, kw_only=True)
 class Elastic:
     """Elasticity at M configurations: what a wrench at the TCP does on top of weight. base_link axes throughout.

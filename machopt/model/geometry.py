@@ -57,11 +57,6 @@ def is_spherical_wrist(robot: Robot, tol: float = MEETING_M) -> bool:
     return common_point(robot, (3, 4, 5))[1] <= tol
 
 
-def has_parallel_shoulder(robot: Robot, tol: float = PARALLEL_RAD) -> bool:
-    """Whether axes 2 and 3 are parallel (2∥3), as on nearly every industrial arm."""
-    return are_parallel(robot, 1, 2, tol)
-
-
 def is_three_parallel(robot: Robot, tol_rad: float = PARALLEL_RAD, tol_m: float = MEETING_M) -> bool:
     """Whether the arm is of the UR family: 2∥3∥4 on separate lines, axes 5 and 6 meet, 1 and 5 not parallel to 2."""
     parallel = are_parallel(robot, 1, 2, tol_rad) and are_parallel(robot, 1, 3, tol_rad)

@@ -95,24 +95,3 @@ def inside_hull(points: Array, query: Array) -> NDArray[np.bool_]:
         return np.asarray((off <= tolerance) & (along >= low) & (along <= high))
     inside = Delaunay(spanned).find_simplex(local[:, :rank], tol=1e-9) >= 0
     return np.asarray((off <= tolerance) & inside)
-
-
-def joint_from_tip_stiffness(J: Array, K_e: Array) -> Array:
-    """K_θ = Jᵀ K_e J, the stiffness of the tip seen from the joints.
-
-    With the whole 6×6 stiffness of an arm with joint springs this gives those springs back on the diagonal. With
-    measured directional stiffness only, K_e = diag(k_x, k_y, k_z, 0, 0, 0), it does not: force over displacement
-    along an axis is 1/C_xx and no entry of K, the rank is at most three, and the result is a full matrix that changes
-    with the posture. Use it to compare, never as joint stiffness for planning (``machopt identify`` finds that).
-
-    Args:
-        J: (..., 6, 6), linear part first.
-        K_e: (..., 6, 6) N/m, N, N·m/rad; or (..., 3, 3) N/m for the translation alone.
-
-    Returns:
-        (..., 6, 6) N·m/rad.
-
-    Source: tian2025 eq. 28.
-    """
-    rows = J[..., : np.shape(K_e)[-1], :]
-    return np.asarray(np.swapaxes(rows, -1, -2) @ K_e @ rows)
