@@ -11,10 +11,11 @@ from made_up_report import full_result
 
 from machopt.plan.dips import Dip
 from machopt.report.data import FeedDip
-from machopt.report.gather.optimize import cause
+from machopt.report.gather.optimize import cause, found
 from machopt.report.page import report_html
 from machopt.report.place_page import Mark, PlacePage, place_html
 from machopt.report.series import deepest
+from machopt.verify.check import Check
 
 
 def dip(time: float, lowest: float = 0.01) -> FeedDip:
@@ -74,3 +75,14 @@ def test_what_was_not_checked_is_not_said_to_be() -> None:
     assert part
     assert "Not done: no trajectory was written" in part[0]
     assert "Done on the written" not in part[0]
+
+
+def test_rounding_is_called_that_only_where_a_check_passed_and_less_is_better() -> None:
+    even = Check("uniform time", True, 5.73e-14, 5e-6, "s", "sample 4")
+    assert found(even) == "< 0.1 % of allowed"
+    assert found(replace(even, value=2e-6)) == "0.000002 s"
+    assert found(replace(even, value=0.0)) == "0 s"
+    assert found(replace(even, passed=False)).endswith("e−14 s")  # a least clearance that is missed
+    assert found(Check("joint positions", True, -1e-9, 0.0, "deg beyond the limit", "")).endswith(
+        "deg within the limit"
+    )

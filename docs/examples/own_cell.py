@@ -27,7 +27,7 @@ def main(out: Path) -> None:
         print(f"{finding.level}: {finding.where} {finding.text}")
 
     plan = machopt.optimize(cell, toolpath, rotation_step_deg=15)
-    print(plan.verdict, "in", plan.cycle_time_s, "s; verified:", plan.verify().ok)
+    print(f"{plan.verdict}; cycle {plan.cycle_time_s:.1f} s; verified: {plan.verify().ok}")
     print("softest point:", plan.points["k_axial_N_mm"].min(), "N/mm along the tool")
     plan.figures.map().save(out / "map.svg")
     plan.save(out / "plan")

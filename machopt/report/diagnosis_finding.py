@@ -61,9 +61,9 @@ def goes_into(correction: Correction | None) -> str:
     if correction is None:
         return "No correction is written for it: the planner's model has no such law."
     values = ", ".join(f"{k} {_value(v)}" for k, v in correction.parameters.items() if k != "message")
+    if isinstance(correction, RecordCorrection):  # no file has a key of that name: the finding's title says what it is
+        return f"Stays in the diagnosis, the robot's model is not touched by it{f': {values}' if values else ''}."
     which = f"{correction.effect} {correction.location}{f' ({values})' if values else ''}"
-    if isinstance(correction, RecordCorrection):
-        return f"Stays in the diagnosis, the robot's model is not touched by it: {which}."
     if isinstance(correction, KinematicCorrection):
         return f"Goes into kinematics.yaml and is compensated in the exported joints: {which}."
     return f"Goes into stiffness.yaml as a term, which optimize takes: {which}."

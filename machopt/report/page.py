@@ -15,7 +15,7 @@ from machopt.report.programs import programs
 from machopt.report.shell import page_html, section
 from machopt.report.steering import Compared, Steering, steering_spec
 from machopt.report.template import fragment, joined, part
-from machopt.report.verdict import cards, verdict
+from machopt.report.verdict import cards, counted, verdict
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -217,7 +217,7 @@ def _verification(data: ReportData) -> Body:
         opened=bool(data.excluded_pairs),
     )
     lead = (
-        "Done on the written trajectory by code that shares nothing with the planner."
+        f"{counted(len(data.checks), 'check')} of the written files, by code that shares nothing with the planner."
         if data.checks
         else "Not done: no trajectory was written that could be checked."
     )

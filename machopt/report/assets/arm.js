@@ -58,11 +58,11 @@ function armViews(arm, all) {
     const svg = el("svg", { viewBox: `0 0 ${W} ${h1 + head + (above ? h2 + head : 0)}`, class: "plot" });
     const left1 = (W - (box[1] - box[0]) * scale) / 2, left2 = (W - (box[5] - box[4]) * scale) / 2, top2 = h1 + head;
     el("text", { x: 4, y: 13, class: "tick" }, svg, "side view");
-    if (above) el("text", { x: 4, y: top2 + 13, class: "tick" }, svg, "from above");
     const floor = head + h1 - pad + box[2] * scale;
     el("line", { x1: 4, x2: W - 4, y1: floor, y2: floor, stroke: "#aab2bc", "stroke-dasharray": "4 3" }, svg);
     const top = p => [left2 + (p[0] - box[4]) * scale, top2 + head + h2 - pad - (p[1] - box[6]) * scale];
     if (outline && above) el("path", { d: outline.map(top).map(([x, y], i) => (i ? "L" : "M") + x.toFixed(1) + " " + y.toFixed(1)).join("") + "Z", fill: "none", stroke: "#1552b8", "stroke-dasharray": "5 3", opacity: 0.6 }, svg);
+    if (above) el("text", { x: 4, y: top2 + 13, class: "tick onlines" }, svg, "from above");
     for (const { points, color, opacity } of postures) {
       const h = sideDirection(arm, points);
       drawArm(svg, points.map(p => { const d = sub(p, arm.base); return [left1 + (dot(d, h) - box[0]) * scale, head + h1 - pad - (dot(d, arm.up) - box[2]) * scale]; }), color, opacity, 7);

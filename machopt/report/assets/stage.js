@@ -173,13 +173,28 @@ function stage3d(canvas, scene) {
   function look(name, about = null, far = null) {
     const middle = about || low.map((v, i) => (v + high[i]) / 2), size = far || Math.hypot(...low.map((v, i) => high[i] - v)) || 1;
     const way = WAYS[name] || WAYS.corner, n = Math.hypot(...way);
-    const distance = size * 0.47 / Math.tan(camera.fov * Math.PI / 360) / Math.min(1, camera.aspect * 1.15);
+    let distance = size * 0.47 / Math.tan(camera.fov * Math.PI / 360) / Math.min(1, camera.aspect * 1.15);
+    if (!about) distance = Math.max(distance, holding(way.map(c => c / n), middle, 0.35 * size));
     controls.target.set(...middle);
     camera.position.set(...middle.map((v, i) => v + way[i] / n * distance));
     camera.near = distance / 200; camera.far = distance * 20;
     camera.updateProjectionMatrix();
     controls.update();
     draw();
+  }
+
+  // How far away all standing bodies are whole in the picture that reach no farther than `room` beyond the box: a table's legs, not a hall's floor.
+  function holding(u, middle, room) {
+    const f = Math.hypot(u[0], u[1]), right = [-u[1] / f, u[0] / f, 0], up = [-u[2] * right[1], u[2] * right[0], f], t = Math.tan(camera.fov * Math.PI / 360) * 0.96;
+    const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let far = 0;
+    for (const s of shapes) if (s.joint < 0) {
+      const { min, max } = s.geometry.boundingBox, w = [];
+      for (let i = 0; i < 8; i++) w.push(FK.place(scene.root, [i & 1 ? max.x : min.x, i & 2 ? max.y : min.y, i & 4 ? max.z : min.z]));
+      if (w.some(p => p.some((c, i) => c < low[i] - room || c > high[i] + room))) continue;
+      for (const p of w) { const d = p.map((c, i) => c - middle[i]); far = Math.max(far, dot(d, u) + Math.max(Math.abs(dot(d, up)) / t, Math.abs(dot(d, right)) / t / camera.aspect)); }
+    }
+    return far;
   }
 
   function zoom(factor) {
