@@ -85,6 +85,21 @@ def test_a_plan_that_cannot_be_is_told_and_the_old_one_stays(tmp_path: Path) -> 
     assert session.now is old
 
 
+def test_optimize_says_first_which_pins_of_a_plan_file_contradict(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "plan.yaml"
+    wishes = "  - {points: [5, 5], branch: 0}\n  - {points: [9, 9], branch: 7}\n"
+    file.write_text(f"machopt_plan: 1\nsteer:\n{wishes}", encoding="utf-8")
+    out = tmp_path / "out"
+    assert optimized(KR500, toolpath(tmp_path, PASS), out, "--plan", str(file)) == 3
+    told = next(line for line in capsys.readouterr().err.splitlines() if line.startswith("machopt:"))
+    assert told.startswith("machopt: no feasible answer; No plan keeps")
+    assert "branch 0 at point 5" in told or "branch 7 at point 9" in told
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert page.index("No plan keeps") < page.index("No answer")
+
+
 def driven(server: Server, drive: Callable[[Browser], None]) -> None:
     """Do what the page asks while ``drive`` plays the user in a browser; what it found wrong is raised here."""
     failed: list[BaseException] = []

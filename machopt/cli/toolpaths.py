@@ -136,11 +136,10 @@ def _optimize(args: argparse.Namespace) -> int:
         for line in summary(outcome.result, outcome.report):
             print(line)
     if outcome.exit_code == 3:
-        print(
-            f"machopt: no feasible answer; {first_reason(outcome.result)} ({outcome.report} lists every point)",
-            file=sys.stderr,
-        )
-        told = outcome.result.warnings  # often the cause: a frame in metres, a body that is missing
+        reason = " ".join(filter(None, (outcome.conflict, first_reason(outcome.result))))
+        print(f"machopt: no feasible answer; {reason} ({outcome.report} lists every point)", file=sys.stderr)
+        # often the cause: a frame in metres, a body that is missing
+        told = [warning for warning in outcome.result.warnings if warning != outcome.conflict]
         for warning in told[:3]:
             print(f"  note: {warning}", file=sys.stderr)
     elif outcome.exit_code == VerificationError.exit_code:

@@ -48,7 +48,7 @@ def verdict(data: ReportData) -> Verdict:
             f"No answer {' and '.join(parts)} as the cell stands; no trajectory was written. "
             "The tables below say for each what stands in the way, by how much, and what would help."
         )
-        return Verdict(with_scope("NO FEASIBLE ANSWER", s.unchecked), "bad", _joined(sentence, s.note), _cautions(data))
+        return Verdict(with_scope("NO FEASIBLE ANSWER", s.unchecked), "bad", _joined(s.note, sentence), _cautions(data))
     parts = [_gain_words(s), _mean_words(s)]
     if math.isfinite(s.feed_held):
         parts.append(f"feed held on {SHARE.text(s.feed_held, unit=True)} of the cutting time")
@@ -246,5 +246,5 @@ def _cautions(data: ReportData) -> tuple[str, ...]:
     return tuple(out)
 
 
-def _joined(sentence: str, note: str) -> str:
-    return f"{sentence} {note}" if note else sentence
+def _joined(*sentences: str) -> str:
+    return " ".join(filter(None, sentences))

@@ -32,6 +32,7 @@ class OptimizeOutcome:
     exit_code: int
     result: OptimizeResult
     report: Path
+    conflict: str = ""  # wishes that no plan keeps, in words
 
 
 @dataclass(frozen=True)
@@ -54,8 +55,9 @@ def optimize(request: OptimizeRequest, progress: Callable[[str], None] = lambda 
             with timings.stage("load"):
                 given = load(request)
             with output_folder(request.out) as folder:
-                result = write(planned(given, timings), folder).result
-    return OptimizeOutcome(result.exit_code, result, request.out / "report.html")
+                the_plan = planned(given, timings)
+                result = write(the_plan, folder).result
+    return OptimizeOutcome(result.exit_code, result, request.out / "report.html", the_plan.made.plan.conflict)
 
 
 def write(the_plan: Planned, folder: Path) -> Written:

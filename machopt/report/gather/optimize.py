@@ -209,6 +209,7 @@ def _summary(
         shift=shift if feasible else None,
         certificate=_certificate(plan),
         misfit=misfit_words(plan),
+        note="" if feasible else plan.conflict,
     )
 
 
