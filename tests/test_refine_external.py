@@ -17,6 +17,7 @@ from test_path import Rows, toolpath
 
 from machopt.domain.options import ExternalAxis, PlanOptions
 from machopt.domain.toolpath import Move, Toolpath
+from machopt.plan import external
 from machopt.plan.axes import axes_of
 from machopt.plan.bordered import Bordered
 from machopt.plan.external import _coarse_to_fine, best_plan
@@ -43,13 +44,18 @@ def chosen(
     return plan, groups_of(cell, path, plan.path, axes), axes
 
 
-@pytest.fixture(scope="module")
-def along(tmp_path_factory: pytest.TempPathFactory) -> tuple[Plan, list[Group], tuple[ExternalAxis, ...], Toolpath]:
-    """A slot that weaves, cut along a rail that moves."""
+def weaving() -> Toolpath:
+    """A slot along the rail that goes to and fro across it."""
     y = np.linspace(-0.6, 0.6, 20)
     rows: Rows = [((0.0, y[0], 0.05), UP, Move.RAPID)]
     rows += [((0.25 * float(np.sin(7.0 * v)), float(v), 0.0), UP, Move.CUT) for v in y]
-    path = toolpath(rows, feed=0.05)
+    return toolpath(rows, feed=0.05)
+
+
+@pytest.fixture(scope="module")
+def along(tmp_path_factory: pytest.TempPathFactory) -> tuple[Plan, list[Group], tuple[ExternalAxis, ...], Toolpath]:
+    """A slot that weaves, cut along a rail that moves."""
+    path = weaving()
     return (*chosen(tmp_path_factory.mktemp("rail"), path, MOVING, rail=True), path)
 
 
@@ -248,6 +254,19 @@ def test_a_refined_plan_that_moves_is_no_worse_than_one_that_stands(tmp_path: Fi
     assert plans[0].scores.scale == plans[1].scores.scale
     worth = Worth.of(plans[0].setup, axes_of(cell, plans[0].options))
     assert worth.plan(plans[0]) <= worth.plan(plans[1]) * (1.0 + 1e-9)
+
+
+@pytest.mark.slow
+def test_a_second_width_of_trust_makes_no_plan_worse(tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch) -> None:
+    cell, path = replace(external_cell(tmp_path, rail=True), stiffness=K), weaving()
+    found, scales = [], set()
+    for widths in external.TRUSTS, external.TRUSTS[:1], ():
+        monkeypatch.setattr(external, "TRUSTS", widths)
+        plan = best_plan(cell, path, MOVING)
+        found.append(Worth.of(plan.setup, axes_of(cell, plan.options)).plan(plan))
+        scales.add(plan.scores.scale)
+    assert len(scales) == 1
+    assert found[0] <= found[1] < found[2]
 
 
 @pytest.mark.slow

@@ -31,6 +31,7 @@ from machopt.plan.made import Plan
 from machopt.plan.part import rows_of
 from machopt.plan.path import Path, build_path
 from machopt.plan.pipeline import plan
+from machopt.plan.refine_external import TRUST
 from machopt.plan.refined import refined
 from machopt.plan.setup import Setup, Timings, prepare
 from machopt.plan.stands import refuse_strangers
@@ -42,7 +43,11 @@ PLANNED = 3  # values planned in full where all can be driven
 TRIED = 8  # where the first ones cannot
 AS_GOOD = 1.15  # times the best estimate: home is planned in full below that, and what is refined a second time
 MOVES_TRIED = 3  # the same where the joints may move along the path
+TRUSTS = (TRUST, np.radians(25.0))  # of the refinement's steps: each leads down its own way, the best is taken
+SHORT = 600  # planning points: a longer path is refined with the first of them alone, for the time it takes
 AS_NEAR = 1.5  # times the least estimate: a way of joints that move is planned below that
+
+Key = tuple[float, float]  # points lost and breaks; what it is worth: less is better
 
 
 def best_plan(
@@ -74,12 +79,21 @@ def best_plan(
     if all((g.low == g.high).all() and not g.moves.any() for g in groups):
         return found
     worth = Worth.of(found.setup, axes)
-    best = refined(found, toolpath, groups, worth, clock, before)
-    for other in starts[1:]:  # where the joints stand: a local best of its own, so that moving is no worse than that
-        still = [replace(g, moving=np.zeros_like(g.moving)) for g in groups]
-        rival = refined(other, toolpath, still, worth, clock, before, AS_GOOD * worth.plan(best))
-        if (_lost(rival), worth.plan(rival)) < (_lost(best), worth.plan(best)):
-            best = rival
+    # Where the joints stand is a local best of its own, so that moving is no worse than that.
+    still = [replace(g, moving=np.zeros_like(g.moving)) for g in groups]
+    best, rivals = found, starts[1:]
+
+    def key(one: Plan) -> Key:
+        return _lost(one), worth.plan(one)
+
+    for trust in TRUSTS if len(found.path.index) <= SHORT else TRUSTS[:1]:
+        best = min(best, refined(found, toolpath, groups, worth, clock, before, worth.plan(best), trust), key=key)
+        near = []
+        for other in rivals:
+            rival = refined(other, toolpath, still, worth, clock, before, AS_GOOD * worth.plan(best), trust)
+            near += [other] if worth.plan(rival) < AS_GOOD * worth.plan(best) else []
+            best = min(best, rival, key=key)
+        rivals = near
     return best
 
 
@@ -121,9 +135,6 @@ def _coarse_to_fine(
     )
     moves = any(g.moves.any() for g in groups)
     return tries.moving() if moves else [tries.fixed(TRIED)[1]]
-
-
-Key = tuple[float, float]  # points lost and breaks; what it is worth: less is better
 
 
 @dataclass(frozen=True, kw_only=True)

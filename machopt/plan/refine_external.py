@@ -40,7 +40,7 @@ from machopt.se3 import wrap
 
 STATIONS = 200  # about as many as the stairs of :mod:`machopt.plan.moving` have
 STENCIL = np.radians(1.0)  # of rotation and of external joints as they count, for the derivatives
-TRUST = np.radians(12.0)  # rad of each at first
+TRUST = np.radians(12.0)  # rad of each at first and at most, where nobody says otherwise
 LEAST_TRUST = np.radians(0.1)
 ROUNDS = 8  # of the model
 TRIES = 4  # of its region
@@ -86,7 +86,8 @@ class Refined:
 class Refinement:
     """Of one plan without gaps or breaks."""
 
-    def __init__(self, plan: Plan, groups: Sequence[Group], worth: Worth) -> None:
+    def __init__(self, plan: Plan, groups: Sequence[Group], worth: Worth, trust: float = TRUST) -> None:
+        self.trust = trust  # rad
         self.plan, self.setup, self.options = plan, plan.setup, plan.options
         self.path = part_of(plan.path, range(len(plan.path.runs)), STATIONS)
         self.rows = self.path.stations
@@ -132,7 +133,7 @@ class Refinement:
         here = self._state(phi[rows], plan.path.external[rows], plan.chosen.assignment.q[rows])
         if here is None:
             return None
-        first, trust = here.merit, np.full((len(rows), 1 + len(self.per)), TRUST)
+        first, trust = here.merit, np.full((len(rows), 1 + len(self.per)), self.trust)
         coefficients = np.zeros(self.curves.at_points.shape[1])
         for _ in range(ROUNDS):
             local = self._local(here)
@@ -145,7 +146,7 @@ class Refinement:
             if there is None:
                 break
             gained, here, coefficients = here.merit - there.merit, there, coefficients + step
-            trust = np.minimum(1.5 * trust, TRUST)
+            trust = np.minimum(1.5 * trust, self.trust)
             if gained < ENOUGH * abs(here.merit):
                 break
         if here.merit == first:

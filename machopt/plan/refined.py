@@ -24,7 +24,7 @@ from machopt.plan.path import Path
 from machopt.plan.pipeline import obeys
 from machopt.plan.pipeline import plan as planned
 from machopt.plan.realise import realise
-from machopt.plan.refine_external import Refined, Refinement
+from machopt.plan.refine_external import TRUST, Refined, Refinement
 from machopt.plan.score import Directions, directions
 from machopt.plan.setup import Timings, standing
 from machopt.plan.timeline import build_timeline
@@ -44,19 +44,21 @@ def refined(
     clock: Timings,
     before: Plan | None = None,
     below: float = np.inf,
+    trust: float = TRUST,
 ) -> Plan:
     """The plan with its external joints refined where that makes it better, else the plan itself.
 
     Args:
         before: as for :func:`machopt.plan.pipeline.plan`.
         below: what is not worth less than that after the passes is not planned in full.
+        trust: rad, region of trust of the refinement's steps at first and at most.
     """
     if plan.found is None or plan.breaks or len(plan.missing):
         return plan
     best = plan
     for _ in range(SEARCHES):
         found, searched = _Passes(
-            plan=best, toolpath=toolpath, groups=groups, worth=worth, clock=clock, before=before
+            plan=best, toolpath=toolpath, groups=groups, worth=worth, clock=clock, before=before, trust=trust
         ).best(below)
         best, done = found, found is best or not searched
         if done:
@@ -74,13 +76,14 @@ class _Passes:
     worth: Worth
     clock: Timings
     before: Plan | None
+    trust: float  # rad
 
     def best(self, below: float) -> tuple[Plan, bool]:
         """What the passes lead to, else the plan itself; whether the search found a better rotation than they."""
         stages = [self.plan]  # each better than the one before; what the search has not seen has its candidates stale
         for _ in range(PASSES):
             with self.clock.stage("external"):
-                proposed = Refinement(stages[-1], self.groups, self.worth).found()
+                proposed = Refinement(stages[-1], self.groups, self.worth, self.trust).found()
                 if proposed is None or proposed.saved < GAINS * stages[-1].chosen.objective.total:
                     break
                 better = self._part_of(stages[-1], proposed)
