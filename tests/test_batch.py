@@ -299,6 +299,7 @@ def test_what_can_be_known_before_is_refused_before(tmp_path: Path) -> None:
     for words, change in cases.items():
         with pytest.raises(InputError, match=words):
             run_batch(replace(request, **change))  # type: ignore[arg-type]
+        assert not (tmp_path / "out").exists(), words
     assert [f.name for f in foreign.iterdir()] == ["thesis.txt"]
 
 

@@ -19,6 +19,7 @@ from browser import Browser
 from test_cli import CELLS, KR500, PASS, toolpath
 from test_cli import optimize as optimized
 
+from machopt.cli import main
 from machopt.errors import InputError
 from machopt.services.load import OptimizeRequest, load
 from machopt.services.planned import planned
@@ -235,3 +236,12 @@ def test_the_command_ends_with_ctrl_c() -> None:
             assert "Traceback" not in process.stderr.read()
         finally:
             process.kill()  # one that does not end would be waited for, without end
+
+
+def test_a_port_that_is_none_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
+    try:
+        code = main(["view", "out", "--port", "65536"])
+    except SystemExit as end:
+        code = int(end.code or 0)
+    assert code == 2
+    assert "expected a port from 0 to 65535" in capsys.readouterr().err

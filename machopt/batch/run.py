@@ -17,7 +17,7 @@ from machopt.batch.find import Job, find_jobs
 from machopt.batch.key import Keys, Ready, Refused, program_version, sha256
 from machopt.batch.line import Line
 from machopt.batch.request import BatchOutcome, BatchRequest, Progress
-from machopt.batch.store import MAIN, SUMMARY, TIMINGS, Store, is_batch, open_store
+from machopt.batch.store import LOCK, MAIN, SUMMARY, TIMINGS, Store, is_batch, open_store
 from machopt.batch.summary import exit_code_of, result_of, write_summary
 from machopt.batch.supervise import Ended, Spec, log_tail, signal_name
 from machopt.domain.manifest import Manifest, ManifestFile
@@ -57,7 +57,7 @@ def run_batch(request: BatchRequest, progress: Callable[[Progress], None] = lamb
         raise InputError(f"none of {len(plans)} jobs can start; the first: {_first_reason(plans)}")
     other = None if request.compare is None else _other(request.compare)
     batch = f"machopt-{uuid.uuid4().hex[:12]}"
-    with open_store(request.out, batch) as store:
+    with _taken_back(request.out), open_store(request.out, batch) as store:
         _put_away(store, plans, request)
         todo, clock = _todo(store, plans, request), _Clock(len(plans), plans)
         lines = _lines(store, plans, again={plan.job.label for plan in todo})
@@ -88,6 +88,23 @@ def run_batch(request: BatchRequest, progress: Callable[[Progress], None] = lamb
         code = STOPPED if stopped else exit_code_of(lines)
         store.write_manifest(_manifest(request, plans, "stopped" if stopped else "complete", code))
     return BatchOutcome(code, result, request.out / "summary.html", clock.done, clock.kept)
+
+
+@contextlib.contextmanager
+def _taken_back(out: Path) -> Generator[None]:
+    """Leave no new folder behind where nothing could be started in it; one with a job in it stays."""
+    new = not out.exists()
+    try:
+        yield
+    except InputError:
+        jobs = out / "jobs"
+        if new and not (jobs.is_dir() and any(jobs.iterdir())):
+            with contextlib.suppress(OSError):  # somebody else's file there stays, and the folder with it
+                for name in (MAIN, LOCK):
+                    (out / name).unlink(missing_ok=True)
+                jobs.rmdir()
+                out.rmdir()
+        raise
 
 
 def _check(request: BatchRequest) -> None:

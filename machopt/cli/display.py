@@ -7,6 +7,8 @@ import math
 import sys
 from typing import Any, ClassVar
 
+LAST_PORT = 65535  # TCP counts ports in 16 bits
+
 
 class Display:
     """The stage at work, on a terminal as a live line, elsewhere one line a stage."""
@@ -65,6 +67,14 @@ class Display:
 def natural(text: str) -> int:
     """A whole number from 0 on."""
     return _whole(text, 0)
+
+
+def port(text: str) -> int:
+    """A TCP port, 0 for any that is free."""
+    value = natural(text)
+    if value > LAST_PORT:
+        raise argparse.ArgumentTypeError(f"found {text!r}; expected a port from 0 to {LAST_PORT}")
+    return value
 
 
 def positive(text: str) -> int:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from machopt.cli.compiling import compiling
-from machopt.cli.display import Display, natural
+from machopt.cli.display import Display, port
 from machopt.cli.effects import told_of_effects
 from machopt.cli.readingoptions import reading, reading_parser
 from machopt.cli.shared import share
@@ -35,7 +35,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     share(p, "--set")
     share(p, "--seed", default=None, help="of the random search around obstacles")
     share(p, "--allow-external")
-    p.add_argument("--port", type=natural, default=0, help="of 127.0.0.1 (any that is free)")
+    p.add_argument("--port", type=port, default=0, help="of 127.0.0.1 (any that is free)")
     p.add_argument(
         "--save", type=Path, default=Path("plan.yaml"), metavar="FILE", help="where the page saves the plan (plan.yaml)"
     )

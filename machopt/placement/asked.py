@@ -102,6 +102,13 @@ def shifts(search: Search) -> tuple[Shift, ...]:
     ]
     grid = [Shift(*(float(v) + 0.0 for v in values)) for values in product(*axes)]
     out = (HERE, *(s for s in grid if max(abs(v) for v in (*s.along, LEVER * s.turn)) > 1e-9))
+    if len(out) == 1 and (size > 0).any():
+        least = 2 ** int((size > 0).sum())
+        raise InputError(
+            f"{search.places} leave one place, the middle of the ranges, where the cell has it already; {least}, two "
+            "along each range, would work",
+            where="--places",
+        )
     if len(out) == 1:
         raise InputError(
             "the ranges hold no other place than the one the cell has; e.g. --x-mm -300 300 would work", where="--x-mm"

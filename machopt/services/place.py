@@ -10,6 +10,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.results.place import PlaceResult
 from machopt.domain.toolpath import Toolpath
 from machopt.effects.own import in_use, with_effects
+from machopt.errors import InputError
 from machopt.formats.parquet import refuse_without_pyarrow
 from machopt.output import output_folder, write_result
 from machopt.placement.found import Siting
@@ -63,7 +64,11 @@ def place(request: PlaceRequest, progress: Progress = lambda _: None, crew: Hand
         cell, toolpaths = read(request)
         with output_folder(request.out) as folder:
             journal = request.out.with_name(request.out.name + ".progress.jsonl")
-            found = sited(request, cell, toolpaths, progress, journal, crew)
+            try:
+                found = sited(request, cell, toolpaths, progress, journal, crew)
+            except InputError:  # nothing can go on from what was asked wrongly
+                journal.unlink(missing_ok=True)
+                raise
             result = write(found, folder, progress, crew)
         journal.unlink(missing_ok=True)
     return PlaceOutcome(result.exit_code, result, request.out / "report.html")
