@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path as FilePath
+from typing import Any
 
 import numpy as np
 import pytest
 from examples import examples
-from external_cell import external_cell
+from external_cell import external_cell, external_folder
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from scipy import sparse
 from test_external import OPTIONS, UP, K, apart, slots
 from test_path import Rows, toolpath
 
+from machopt.cli import main
 from machopt.domain.options import ExternalAxis, PlanOptions
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.plan import external
@@ -276,3 +279,33 @@ def test_a_plan_far_behind_is_not_planned_again(
     plan, groups, axes, path = along
     worth = Worth.of(plan.setup, axes)
     assert refined(plan, path, groups, worth, Timings(), below=0.5 * worth.plan(plan)) is plan
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "joint", "values"),
+    [({"rail": True}, "rail", (-400.0, 0.0, 500.0)), ({"table": True}, "turn", (-60.0, 0.0, 90.0))],
+)
+def test_a_written_plan_is_no_worse_than_any_with_the_joint_at_one_value(
+    tmp_path: FilePath, kind: dict[str, bool], joint: str, values: tuple[float, ...]
+) -> None:
+    """By the files of the command, whose J have a unit of their own each: the indices are put into the first one's."""
+    folder = external_folder(tmp_path, **kind)
+    slot = [f"{x},{y},-1,0,0,1,cut,2000" for x, y in zip((0, 30, -20, 40, 10), range(-150, 151, 75), strict=True)]
+    rows = ["x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min", "0,-150,60,0,0,1,rapid,", *slot, "10,150,60,0,0,1,retract,3000"]
+    (folder / "job.csv").write_text("\n".join(rows) + "\n")
+
+    def written(name: str, *more: str) -> dict[str, Any]:
+        asked = ["optimize", str(folder), str(folder / "job.csv"), "-o", str(tmp_path / name), "--quiet"]
+        assert main([*asked, *(word for one in more for word in ("--set", one))]) == 0
+        return dict(json.loads((tmp_path / name / "result.json").read_text()))
+
+    free = written("free")
+    weights = free["options"]["weights"]
+    for value in values:
+        unit = "mm" if joint == "rail" else "deg"
+        one = written(f"at {value}", f"external.{joint}.mode=locked", f"external.{joint}.at_{unit}={value}")
+        o = one["objective"]["chosen"]
+        index = weights["mean"] * o["mean"] + weights["worst"] * o["worst"]
+        told = o["total"] + index * (one["index_scale"] / free["index_scale"] - 1.0)
+        assert free["objective"]["chosen"]["total"] <= told * (1.0 + 1e-9), value
