@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.nouns.lowpass import zero_phase
+from machopt.diagnose.nouns.motion_order import InOrder, in_order
 from machopt.diagnose.nouns.problem import Ints
 from machopt.domain.recording import Recording
-from machopt.errors import InputError
 
 READINGS = 6000  # rows that a problem has at most
 STRETCHES = 24  # so many where the record is long enough
@@ -116,64 +116,11 @@ def signals(recording: Recording, joints: int, readings: int = READINGS, *, repe
     Raises:
         InputError: no time, time that does not rise, or too short a record.
     """
-    if recording.time is None:
-        raise InputError(f"{recording.source}: a motion needs the column time_s")
-    session = np.unique(recording.session, return_inverse=True)[1].astype(np.int64)
-    index = np.lexsort((recording.time, session)).astype(np.int64)
-    time, session = recording.time[index], session[index]
-    steps = np.diff(time)
-    same = np.diff(session) == 0
-    if not same.any():
-        raise InputError(f"{recording.source}: one sample a session; a motion needs a few seconds")
-    if (steps[same] <= 0).any():
-        k = int(np.flatnonzero(same & (steps <= 0))[0]) + 1
-        raise InputError(
-            f"{recording.source}: time stands still at {recording.place(int(index[k]))}; "
-            "every sample needs its own time_s"
-        )
-    dt = float(np.median(steps[same]))
-    breaks = ~same | (steps > max(calibrated.MOTION.gap * dt, calibrated.MOTION.pause_s))
-    segment = np.r_[0, np.cumsum(breaks)].astype(np.int64)
-    notes = []
-    gaps = int(np.sum(breaks & same))
-    if gaps:
-        notes.append(f"{gaps} gap{'s' if gaps > 1 else ''} in time; velocities are not taken across")
-    inside = steps[same & ~breaks]
-    scatter = float(np.mean(np.abs(inside - dt))) / dt
-    dropped = int(np.sum(inside > (1.0 + calibrated.MOTION.dropped) * dt))
-    uneven = scatter > calibrated.MOTION.uneven or dropped > 0
-    if scatter > calibrated.MOTION.uneven:
-        notes.append(f"sampling intervals scatter by {100 * scatter:.0f} %; filters run on an even grid between them")
-    elif dropped:
-        notes.append(
-            f"{dropped} time{'s' if dropped > 1 else ''} a sample or two are missing; filters run on an even grid"
-        )
-    least = max(round(calibrated.MOTION.shortest_s / dt), 24)
-    long = np.bincount(segment)[segment] >= least
-    if not long.any():
-        raise InputError(f"{recording.source}: no stretch without a gap lasts {least * dt:.2g} s; nothing to diagnose")
-    if not long.all():
-        notes.append(f"{int(np.sum(~long))} samples in stretches shorter than {least * dt:.2g} s are left out")
-    index, time, session, segment = index[long], time[long], session[long], segment[long]
+    order = in_order(recording)
+    index, time, session, segment, notes = order.index, order.time, order.session, order.segment, list(order.notes)
     q = np.ascontiguousarray(recording.q[index, :joints])
-    rate = 1.0 / dt
-    spans = _spans(segment)
-    speed = None if recording.velocity is None else recording.velocity[index, :joints]
-    if speed is None:
-        speed = np.zeros_like(q)
-        for s in spans:
-            speed[s] = np.gradient(q[s], time[s], axis=0)
-    longest = max(spans, key=lambda s: s.stop - s.start)
-    known, window = (speed, "hann") if recording.velocity is not None else (q, "blackmanharris")
-    grid, on_grid = _even(time[longest], known[longest], dt if uneven else 0.0)
-    cutoff = _cutoff(on_grid, rate, window)
-    v, a = np.empty_like(q), np.empty_like(q)
-    for s in spans:
-        grid, on_grid = _even(time[s], speed[s], dt if uneven else 0.0)
-        padding = min(len(grid) - 1, 3 * round(rate / cutoff))
-        smooth = zero_phase(on_grid, 4, min(cutoff, 0.45 * rate), rate, padding)
-        v[s] = _at(time[s], grid, smooth)
-        a[s] = _at(time[s], grid, np.gradient(smooth, grid, axis=0))
+    rate, spans = 1.0 / order.dt, _spans(segment)
+    v, a, cutoff = _derivatives(recording, order, q, spans)
     period, length = np.full(len(q), -1, np.int64), 0.0
     if repeats:
         period, length = _periods(recording, index, time, session, q, spans, rate)
@@ -192,7 +139,9 @@ def signals(recording: Recording, joints: int, readings: int = READINGS, *, repe
         f"{rate / step:.4g} Hz; velocity {source}, it and acceleration through a zero-phase low-pass of "
         f"fourth order at {cutoff:.3g} Hz",
     )
-    group, visit, cycle, replicate = _labels(time, session, segment, period, length, starts, keep, step * dt, notes)
+    group, visit, cycle, replicate = _labels(
+        time, session, segment, period, length, starts, keep, step * order.dt, notes
+    )
     return Motion(
         index=index,
         rate=rate,
@@ -214,6 +163,28 @@ def signals(recording: Recording, joints: int, readings: int = READINGS, *, repe
         length=length,
         notes=tuple(notes),
     )
+
+
+def _derivatives(recording: Recording, o: InOrder, q: Array, spans: list[slice]) -> tuple[Array, Array, float]:
+    """Velocity and acceleration (S, n) of joint positions (S, n), rad/s and rad/s², and the low-pass they went
+    through, Hz."""
+    given = recording.velocity
+    speed = np.zeros_like(q) if given is None else given[o.index, : q.shape[1]]
+    if given is None:
+        for s in spans:
+            speed[s] = np.gradient(q[s], o.time[s], axis=0)
+    rate, step = 1.0 / o.dt, o.dt if o.uneven else 0.0
+    longest = max(spans, key=lambda s: s.stop - s.start)
+    known, window = (q, "blackmanharris") if given is None else (speed, "hann")
+    cutoff = _cutoff(_even(o.time[longest], known[longest], step)[1], rate, window)
+    v, a = np.empty_like(q), np.empty_like(q)
+    for s in spans:
+        grid, on_grid = _even(o.time[s], speed[s], step)
+        padding = min(len(grid) - 1, 3 * round(rate / cutoff))
+        smooth = zero_phase(on_grid, 4, min(cutoff, 0.45 * rate), rate, padding)
+        v[s] = _at(o.time[s], grid, smooth)
+        a[s] = _at(o.time[s], grid, np.gradient(smooth, grid, axis=0))
+    return v, a, cutoff
 
 
 def _evenly(time: Array) -> bool:
