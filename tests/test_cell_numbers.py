@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -67,6 +68,7 @@ ODD = [
     ("rpy_deg: [0, 0, 90]", "rpy_deg: [0, 0, 1.5708]", "workpiece.pose.rpy_deg: [0.0, 0.0, 1.5708] looks like radians"),
     ("xyz_mm: [1500, 0, 800]", "xyz_mm: [1.5, 0, 0.8]", "workpiece.pose.xyz_mm: [1.5, 0.0, 0.8] looks like metres"),
     ("[0, -90, 90, 0, 10, 0]", "[0, -1.5708, 1.5708, 0, 0.17, 0]", "robot.home_deg: [0.0, -1.5708"),
+    ("[0, -90, 90, 0, 10, 0]", "[0.131, -0.412, 2.254, 0, 0.17, 0]", "looks like radians"),
     (SPEED, "[1.7, 1.7, 1.7, 3.5, 3.5, 5.2]", "looks like rad/s"),
     (ACC, "[5, 5, 5, 10, 10, 15]", "full speed takes 20 s"),
     (JERK, "[50, 50, 50, 100, 100, 150]", "full acceleration takes 6 s"),
@@ -82,6 +84,14 @@ def test_what_is_merely_odd_is_warned_of(folder: Path, old: str, new: str, part:
     if "6 s" in part:
         change(folder, SPEED, "[50, 50, 50, 100, 100, 150]")
     assert any(part in w for w in load_cell(folder).warnings), load_cell(folder).warnings
+
+
+def test_speeds_that_are_the_numbers_of_the_urdf_are_warned_of(folder: Path) -> None:
+    """A small arm's wrist is quicker than 7 rad/s: what tells rad/s then is that the URDF has them so."""
+    robot = folder / "robot.urdf"
+    robot.write_text(re.sub(r'velocity="[^"]*"', 'velocity="8.5"', robot.read_text()))
+    change(folder, SPEED, "[7.2, 7.2, 7.2, 8.5, 8.5, 8.5]")
+    assert any("looks like rad/s" in w for w in load_cell(folder).warnings)
 
 
 STIFFNESS = "[1.41e6, 4.01e5, 9.35e5, 3.60e5, 3.70e5, 380e3]"

@@ -398,23 +398,20 @@ def test_workers_of_a_cluster_find_what_one_process_finds(
     assert sorted(p.name for p in tmp_path.iterdir()) == ["holes.csv", "out"]
 
 
-def test_too_few_places_are_refused_by_their_number_and_nothing_is_left(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("option", "value", "told"),
+    [
+        ("--scheduler", "nowhere", "no Dask scheduler answers at nowhere"),
+        ("--places", "3", "--places: 3 leave one place"),
+    ],
+)
+def test_what_cannot_be_is_refused_and_nothing_is_left(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: str, told: str
 ) -> None:
     (tmp_path / "holes.csv").write_text(HOLES)
     asked = ["place", str(CELLS / "kr240_drilling"), str(tmp_path / "holes.csv"), "-o", str(tmp_path / "out")]
-    assert main([*asked, "--places", "3"]) == 2
-    assert "--places: 3 leave one place" in capsys.readouterr().err
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["holes.csv"]
-
-
-def test_a_scheduler_that_is_not_there_is_refused_and_nothing_is_left(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "holes.csv").write_text(HOLES)
-    asked = ["place", str(CELLS / "kr240_drilling"), str(tmp_path / "holes.csv"), "-o", str(tmp_path / "out")]
-    assert main([*asked, "--scheduler", "nowhere"]) == 2
-    assert "no Dask scheduler answers at nowhere" in capsys.readouterr().err
+    assert main([*asked, option, value]) == 2
+    assert told in capsys.readouterr().err
     assert sorted(p.name for p in tmp_path.iterdir()) == ["holes.csv"]
 
 

@@ -19,6 +19,7 @@ _CONTINUOUS = 2 * math.pi  # rad, taken on both sides for a continuous joint
 _SLACK = math.radians(0.01)  # rad (or 0.17 mm); a position limit may exceed the URDF's by its rounding
 _TURNED = 3 * math.pi + 1e-9  # rad; the planner looks for one whole turn more to either side of ±180°
 _RAD_LOOK = 7.0  # deg/s; industrial arms are slower than 7 rad/s and faster than 7 deg/s
+_SAME = 0.5, 1.5  # of the URDF's number: a cell's speeds are mostly its own, or somewhat below
 _FASTER = 1.001  # share of the URDF's velocity above which the cell's is worth a word
 
 
@@ -137,8 +138,11 @@ def read_limits(chain: Chain, keys: CellKeys, document: Document, warnings: list
     speed = rates["velocity_deg_s"]
     if limits.velocity_deg_s is None:  # the URDF's, in rad/s by its own definition
         return JointLimits(lower, upper, speed, rates["acceleration_deg_s2"], rates["jerk_deg_s3"])
-    turning = [limits.velocity_deg_s[i] for i, j in enumerate(chain.moving) if j in chain.arm and j.kind != "prismatic"]
-    if turning and max(turning) < _RAD_LOOK:
+    given = zip(chain.moving, limits.velocity_deg_s, strict=True)
+    turning = [(v, j.velocity) for j, v in given if j in chain.arm and j.kind != "prismatic"]
+    # The URDF has rad/s by its own definition: much the same numbers are that, too. NaN compares false.
+    as_in_urdf = all(_SAME[0] * urdf < v < _SAME[1] * urdf for v, urdf in turning)
+    if turning and (max(v for v, _ in turning) < _RAD_LOOK or as_in_urdf):
         warnings.append(f"robot.limits.velocity_deg_s {limits.velocity_deg_s} looks like rad/s; deg/s is expected")
     fast = [j.name for i, j in enumerate(chain.moving) if speed[i] > _FASTER * j.velocity]  # NaN compares false
     if fast:

@@ -34,6 +34,7 @@ _FASTEST = {
 }  # ten times a small SCARA's, and more
 _SLOWEST = 1e-2  # deg/s (mm/s): a move of a quarter turn would take hours
 _RUN_UP = 5.0  # s to full speed, or full acceleration; built are 0.1 to 1
+_ODD = 3  # values of a home with more than one decimal
 _RIGHT_ANGLE = 2e-3  # rad by which a printed multiple of π/4 may miss it
 _SAG, _BREAK = 0.01, 0.1  # rad that a joint gives under the tool's weight at arm's length; built is 0.001
 _ARMS_LOOK = 2e4  # N·m/rad; each joint of a robot of a metre and more is stiffer
@@ -114,7 +115,8 @@ def check_limits(keys: CellKeys, chain: Chain, document: Document, warnings: lis
                 f"robot.limits.position_deg lies within ±{most:g}°, which looks like radians; degrees are expected"
             )
     home = keys.robot.home_deg
-    if home and max(map(abs, home)) <= math.pi + 0.1 and any(_right_angle(v) for v in home):
+    odd = sum(abs(v - round(v, 1)) > 1e-9 for v in home)  # nobody puts a home near zero to hundredths of a degree
+    if home and max(map(abs, home)) <= math.pi + 0.1 and (any(_right_angle(v) for v in home) or odd >= _ODD):
         warnings.append(f"{document.where(('robot', 'home_deg'))}: {home} looks like radians; degrees are expected")
 
 
