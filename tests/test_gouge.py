@@ -98,7 +98,7 @@ def test_a_wall_is_gouged_as_deep_from_every_side(tmp_path: Path) -> None:
             T = np.eye(4)
             T[:3, :3] = np.column_stack([away, np.cross([0.0, 0.0, 1.0], away), [0.0, 0.0, 1.0]])
             T[:3, 3] = (radius - 0.25e-3 + 0.005) * away + [0.0, 0.0, 0.02]
-            wall = Shape("wall", "box", (0.01, 0.2, 0.06), None, T)
+            wall = Shape(name="wall", kind="box", size=(0.01, 0.2, 0.06), mesh=None, T_parent_shape=T)
             cut = path_of(("rapid", (0, 0, 0.09), UP), ("cut", (0, 0, 0), UP), ("rapid", (0, 0, 0.09), UP))
             cell = replace(cell, workpiece=replace(cell.workpiece, geometry=(wall,)))
             assert gouges_of(cut, cell, 0.2e-3).depth.max() == pytest.approx(0.25e-3, abs=2e-6)

@@ -78,11 +78,11 @@ def test_what_was_not_checked_is_not_said_to_be() -> None:
 
 
 def test_rounding_is_called_that_only_where_a_check_passed_and_less_is_better() -> None:
-    even = Check("uniform time", True, 5.73e-14, 5e-6, "s", "sample 4")
+    even = Check(name="uniform time", passed=True, value=5.73e-14, limit=5e-6, unit="s", where="sample 4")
     assert found(even) == "< 0.1 % of allowed"
     assert found(replace(even, value=2e-6)) == "0.000002 s"
     assert found(replace(even, value=0.0)) == "0 s"
     assert found(replace(even, passed=False)).endswith("e−14 s")  # a least clearance that is missed
-    assert found(Check("joint positions", True, -1e-9, 0.0, "deg beyond the limit", "")).endswith(
-        "deg within the limit"
-    )
+    assert found(
+        Check(name="joint positions", passed=True, value=-1e-9, limit=0.0, unit="deg beyond the limit", where="")
+    ).endswith("deg within the limit")
