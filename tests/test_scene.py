@@ -12,6 +12,7 @@ import pinocchio as pin
 import pytest
 from browser import Browser
 from external_cell import external_cell
+from made_up_report import full_result
 from made_up_view import with_view
 from palletiser import full, linked_urdf, mimics
 from small_cell import small_cell
@@ -21,7 +22,7 @@ from test_map_page import made_up as made_up_map
 
 from machopt.domain.cell import Cell
 from machopt.model.robot import load_chain
-from machopt.report.data import Check
+from machopt.report.data import Check, FeedDip
 from machopt.report.decimate import decimated
 from machopt.report.gather.scene import bodies_of, scene_of
 from machopt.report.map_data import MapScene
@@ -195,10 +196,18 @@ def test_a_report_is_three_sheets_of_paper(tmp_path: Path) -> None:
     """With eighty checks, as plans have them: what failed is printed, of what passed the first."""
     data, _ = with_view(small_cell(tmp_path))
     data = replace(data, checks=tuple(Check(f"check {n}", n != 70, "0.1 mm", "1 mm", "point 3") for n in range(80)))
+    dips = tuple(
+        FeedDip(point=1.0, s=0.1, time=t, duration=0.2, feed_programmed=0.05, feed_lowest=0.01, cause="axis 5 jerk")
+        for t in np.linspace(0.0, 1.0, 40)
+    )
+    data = replace(data, dips=dips, motion=full_result().motion)
     page = tmp_path / "page.html"
     page.write_text(report_html(data), encoding="utf-8")
     with Browser() as browser:
         browser.open(page)
+        browser.page.emulate_media(media="print")
+        rows = "[...document.querySelectorAll('#feed .scroll tbody tr')].filter(r => r.offsetHeight).length"
+        assert browser.script(rows) == 6
         sheets = browser.page.pdf(format="A4")
     assert 1 <= len(re.findall(rb"/Type\s*/Page\b(?!s)", sheets)) <= 3
 
