@@ -19,6 +19,7 @@ from machopt.diagnose.laws import at_body
 from machopt.diagnose.laws.at_angle import swept
 from machopt.diagnose.nouns.problem import Catalogue, Hypothesis, Problem
 from machopt.diagnose.nouns.readings import Readings
+from machopt.diagnose.nouns.result import Diagnosis
 from machopt.diagnose.resting import absolute
 from machopt.diagnose.resting.absolute_catalogue import left, spanned
 from machopt.diagnose.search import engine
@@ -37,6 +38,7 @@ Array = NDArray[np.float64]
 CELL = Path(__file__).resolve().parents[1] / "cells" / "irb6700_drilling"
 ARCSEC = np.pi / 648000
 POSES, VISITS = 60, 3
+WAVE = "transmission_error"
 SOFTER = np.array([1.0, 1.25, 0.85, 1.1, 0.9, 1.2])  # springs are never as the cell says
 
 
@@ -390,6 +392,22 @@ def test_the_right_law_is_found_and_measured(case: Case) -> None:
     first = next(iter(quantities.values()))
     double = next(iter(h.quantities(2 * own, shape).values()))
     assert double.value == pytest.approx(2 * first.value)  # limits are stated in it
+
+
+def test_a_gear_finer_than_its_angles_are_many_is_found_where_nothing_else_takes_what_is_left() -> None:
+    """60 angles let 20 orders be tried on noise; a tooth's order lies above, and was left unexplained."""
+    problem, catalogue = build(measure(delta=wave(3, 37.0, 30.0, 0.0), noise=2e-5))
+
+    def diagnosed(offered: Catalogue) -> Diagnosis:
+        return engine.diagnose(problem, offered, engine.Options(), np.random.default_rng(0))
+
+    assert all(max(s[-1] for s in h.shapes if s) < 37.0 for h in catalogue.hypotheses if h.name[0] == WAVE and h.shapes)
+    assert diagnosed(replace(catalogue, further=())).verdict == "unexplained"
+    found = diagnosed(catalogue)
+    assert [(f.effect, f.location) for f in found.findings] == [(WAVE, "joint:3")]
+    assert found.verdict == "explained"
+    assert found.findings[0].parameters["order"].value == pytest.approx(37.0, abs=0.2)
+    assert found.findings[0].parameters["amplitude"].value == pytest.approx(30.0, rel=0.1)
 
 
 def test_findings_compensate_what_was_put_in() -> None:

@@ -18,6 +18,7 @@ from machopt.diagnose.nouns.readings import Readings
 from machopt.domain.location import joint_at, joints_of
 from machopt.effects import registry, within
 from machopt.effects.corrections import entry
+from machopt.effects.kinematic import LOW_ORDERS, MOST_HIGH
 from machopt.effects.protocol import DEGREE, Effect, Swept, Unloaded
 from machopt.effects.waves import ARCSEC
 
@@ -35,6 +36,34 @@ def hypotheses(r: Readings) -> list[Hypothesis]:
                 if grid:
                     out.append(_hypothesis(r, effect, where, law, grid))
     return out
+
+
+def finer_waves(r: Readings) -> list[Hypothesis]:
+    """Laws of the same with the shapes that angles can show, but are too few for to try on noise.
+
+    A gear's tooth order, or its overtone, may lie above one order for every few angles. So many shapes raise what
+    chance alone would reach; where something is there that no other law takes, they may still be held against it.
+    """
+    out = []
+    for effect in registry.of_angles():
+        for where in effect.tried:
+            by, _ = joints_of(where)
+            own = swept(r, by)
+            if own.most < LOW_ORDERS:
+                continue  # not even the low orders have their angles
+            for law in effect.unloaded:
+                grid = _finer_grid(own, law)
+                if grid:
+                    out.append(_hypothesis(r, effect, where, law, grid))
+    return out
+
+
+def _finer_grid(own: Swept, law: Unloaded) -> tuple[Shape, ...]:
+    """Shapes beyond those that are tried anyway: as many as where angles abound, and the whole orders among them."""
+    known, many = law.grid(own), law.grid(replace(own, most=LOW_ORDERS + MOST_HIGH))
+    highest = max((s[-1] for s in many if s), default=0.0)
+    whole = tuple(s for s in law.grid(replace(own, sampled=True)) if s and s[-1] <= highest)
+    return tuple(sorted({*many, *whole} - set(known)))
 
 
 def swept(r: Readings, j: int) -> Swept:

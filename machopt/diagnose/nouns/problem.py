@@ -201,3 +201,4 @@ class Catalogue:
     hypotheses: tuple[Hypothesis, ...]
     untestable: tuple[Untestable, ...] = ()
     axes: Mapping[str, Array] = field(default_factory=dict)  # name → (N,) for locating a mismatch in the data
+    further: tuple[Hypothesis, ...] = ()  # tried where the others leave more than noise: too many to try on noise

@@ -72,7 +72,8 @@ def catalogue(r: Readings, problem: Problem) -> Catalogue:
     p = r.state.T_base_tool[:, :3, 3]
     axes |= {name: p[:, k] for k, name in enumerate("xyz")} | {f"q{j + 1}": r.state.q[:, j] for j in range(6)}
     named = {(h.effect, h.location) for h in kept}
-    return Catalogue(tuple(kept), tuple(m for m in missing if (m.effect, m.location) not in named), axes)
+    untestable = tuple(m for m in missing if (m.effect, m.location) not in named)
+    return Catalogue(tuple(kept), untestable, axes, tuple(h for h in at_angle.finer_waves(r) if h.name in named))
 
 
 def spanned(columns: Array) -> Array:
