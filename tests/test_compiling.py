@@ -100,6 +100,31 @@ def test_what_is_stored_is_taken_before_it_is_called_and_nothing_is_compiled(
     assert (len(again.stats.cache_hits), len(again.stats.cache_misses)) == (1, 0)
 
 
+def test_machine_code_is_loaded_without_what_numba_compiles_with(tmp_path: Path) -> None:
+    """In a process that finds it stored; what is of other types is compiled there all the same."""
+    (tmp_path / "stored_kernel.py").write_text(
+        "from machopt.compiled import compiled\n\n\n@compiled\ndef mean(x):\n    return x.sum() / len(x)\n"
+    )
+    code = """
+import numpy as np, numba.core.base as base
+from stored_kernel import mean
+refreshed, refresh = [], base.BaseContext.refresh
+base.BaseContext.refresh = lambda context: (refreshed.append(context), refresh(context))[1]
+print(mean(np.array([1.0, 2.0])), len(refreshed) > 0, end=" ")
+print(mean(np.array([1, 2])), len(refreshed) > 0)
+"""
+    places = os.pathsep.join([str(tmp_path), str(ROOT)])
+    environment = {**os.environ, "PYTHONPATH": places, "NUMBA_CACHE_DIR": str(tmp_path / "numba")}
+
+    def run(text: str) -> str:
+        return subprocess.run(
+            [sys.executable, "-c", text], capture_output=True, text=True, check=True, env=environment
+        ).stdout
+
+    run("import numpy as np\nfrom stored_kernel import mean\nmean(np.array([1.0, 2.0]))")
+    assert run(code) == "1.5 False 1.5 True\n"
+
+
 @pytest.mark.parametrize(("cores", "taken"), [(2, 3), (1, 0)])
 def test_where_there_is_a_second_core_kernels_are_taken_in_order_until_one_is_not_stored(
     cores: int, taken: int, monkeypatch: pytest.MonkeyPatch

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 from xml.etree import ElementTree
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
@@ -321,6 +320,8 @@ def _frame_of_joint(model: object, joint: int) -> int:
 
 def _link_shapes(cell: Cell, model: object, data: object, T_base_world: Array, ids: list[int]) -> tuple[LinkShape, ...]:
     """Collision bodies of the URDF, placed in base_link at q = 0; those on other branches of the tree count as base."""
+    from xml.sax.saxutils import quoteattr  # it loads all of urllib
+
     import pinocchio as pin
 
     text = cell.urdf_text

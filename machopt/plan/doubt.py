@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from machopt.arrays import Array
 from machopt.domain.options import Index
@@ -161,6 +160,8 @@ def doubt_of(setup: Setup) -> Doubt | None:
 
 def half_width(shift: Array, sigma: Array) -> Array:
     """h of the 90 % interval ± h about a number that is off by ``shift`` in the mean and scatters by ``sigma``."""
+    from scipy.special import ndtr  # only here: a stiffness without misfit or covariance does not wait for it
+
     b, s = np.abs(np.asarray(shift, float)), np.maximum(np.asarray(sigma, float), np.finfo(float).tiny)
     low, high = np.zeros_like(b), b + NINETY * s
     for _ in range(HALVINGS):
