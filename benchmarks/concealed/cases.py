@@ -238,16 +238,18 @@ def nulls() -> Iterator[Case]:
         yield Case(f"null/motion.{n}", "null", "motion", channel, ROBOTS, options=options)
 
 
-def numbered(which: str, rounds: int = 1) -> list[tuple[str, Case, tuple[int, ...]]]:
+def numbered(which: str, rounds: int = 1, draw: int = 0) -> list[tuple[str, Case, tuple[int, ...]]]:
     """Folder name, case and seed; the order is shuffled so that a number tells nothing.
 
     Args:
         which: dev or sealed.
         rounds: every case so many times, with a new seed each, for more statistics.
+        draw: which draw of the set; 0 is the first, every other one has seeds and numbers of its own.
     """
     listed = [(case, r) for r in range(rounds) for case in cases()]
-    order = np.random.default_rng([SETS[which], rounds]).permutation(len(listed))
+    drawn = (draw,) if draw else ()  # the first draw keeps the seeds it had before there were others
+    order = np.random.default_rng([SETS[which], rounds, *drawn]).permutation(len(listed))
     return [
-        (f"case_{n:03d}", listed[k][0], (SETS[which], zlib.crc32(listed[k][0].key.encode()), listed[k][1]))
+        (f"case_{n:03d}", listed[k][0], (SETS[which], zlib.crc32(listed[k][0].key.encode()), listed[k][1], *drawn))
         for n, k in enumerate(order.tolist())
     ]

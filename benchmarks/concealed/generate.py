@@ -38,9 +38,11 @@ def generate(job: Job) -> tuple[str, str, int, float]:
     return name, case.key, len(table.clean), perf_counter() - start
 
 
-def chosen(which: str, only: list[str], fast: bool, rounds: int) -> list[tuple[str, Case, tuple[int, ...]]]:
+def chosen(
+    which: str, only: list[str], fast: bool, rounds: int, draw: int = 0
+) -> list[tuple[str, Case, tuple[int, ...]]]:
     """The cases of a set that match; ``only`` are patterns for keys or folder names, ``fast`` the small subset."""
-    listed = numbered(which, rounds)
+    listed = numbered(which, rounds, draw)
     if fast:
         listed = [c for c in listed if any(fnmatch.fnmatch(c[1].key, p) for p in FAST)]
     if only:
@@ -55,9 +57,12 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--only", nargs="*", default=[], metavar="PATTERN", help="keys or folders, e.g. 'null/*'")
     parser.add_argument("--fast", action="store_true", help="a small subset with fewer readings")
     parser.add_argument("--rounds", type=int, default=1, help="every case so many times, each with its own seed")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="which draw of the set; one that nobody has answered judges"
+    )
     parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args(arguments)
-    listed = chosen(options.set, options.only, options.fast, options.rounds)
+    listed = chosen(options.set, options.only, options.fast, options.rounds, options.seed)
     if not listed:
         print("no case matches", file=sys.stderr)
         return 2

@@ -78,6 +78,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--only", nargs="*", default=[], metavar="PATTERN")
     parser.add_argument("--fast", action="store_true")
     parser.add_argument("--rounds", type=int, default=1)
+    parser.add_argument(
+        "--seed", type=int, default=0, help="which draw of the set; one that nobody has answered judges"
+    )
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--keep", action="store_true", help="do not generate again what is there")
     parser.add_argument("--extra", nargs=argparse.REMAINDER, default=[], help="options handed to machopt diagnose")
@@ -86,7 +89,7 @@ def main(arguments: list[str] | None = None) -> int:
     if missing:
         print(f"machopt diagnose cannot be run, so nothing was scored. It answered:\n{missing}", file=sys.stderr)
         return 3
-    names = [c[0] for c in generate.chosen(options.set, options.only, options.fast, options.rounds)]
+    names = [c[0] for c in generate.chosen(options.set, options.only, options.fast, options.rounds, options.seed)]
     if not (options.keep and all((options.out / f"{n}.truth.json").is_file() for n in names)):
         again = [
             "--set",
@@ -95,6 +98,8 @@ def main(arguments: list[str] | None = None) -> int:
             str(options.out),
             "--rounds",
             str(options.rounds),
+            "--seed",
+            str(options.seed),
             "--jobs",
             str(options.jobs),
         ]
