@@ -9,6 +9,7 @@ from pathlib import Path
 import long_motion
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from machopt.cli import main
 from machopt.diagnose.moving import checks, motion
@@ -326,6 +327,17 @@ def test_clearance_of_a_gear_is_named_from_link_side_encoders(tmp_path: Path) ->
     assert [(f.effect, f.location) for f in found.findings] == [("joint_backlash", "joint:1")]
     width = found.findings[0].parameters["width"]
     assert width.value == pytest.approx(1e-4 * 10800 / np.pi, rel=0.1)  # arcmin; the knee is tanh here, a ramp there
+
+
+def test_a_late_encoder_is_late_with_the_twist_of_its_gear(tmp_path: Path) -> None:
+    """What of the twist was left at its old time looked like a gear that creeps (delays of 3 to 17 ms)."""
+    rng, cell, t, q, v, _ = shaken(tmp_path, 1, 7)
+    tau = load_dynamics(cell).torque(q, v, np.gradient(v[:, 0], t)[:, None])
+    other = CubicSpline(t, q - tau / 2e4)(t - 0.008) + 2e-6 * rng.normal(size=q.shape)
+    keep = slice(10, -10)
+    found, _, _ = diagnosed(recorded(t[keep], q[keep], v[keep], tau[keep], q_secondary=other[keep]), cell, "link")
+    assert [(f.effect, f.location) for f in found.findings] == [("time_skew", "sensor:qse")]
+    assert found.findings[0].parameters["late"].value == pytest.approx(8.0, abs=0.01)  # ms
 
 
 def test_encoders_behind_their_command_are_said(tmp_path: Path) -> None:

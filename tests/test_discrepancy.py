@@ -21,6 +21,8 @@ from machopt.identify.discrepancy import kept_modes, of_identified, own_variance
 from machopt.identify.fit import fit
 from machopt.model.elastic import ArmElasticity
 from machopt.model.suspects import BENDS, Suspects, elastic_names, gear_names
+from machopt.model.terms.compensator import GravityCompensator
+from machopt.model.terms.compiled import compile_terms
 from machopt.plan.doubt import NINETY, Doubt, half_width, told_std
 from machopt.plan.explain import hints
 from machopt.plan.refine import compensate
@@ -200,3 +202,28 @@ def test_misfit_is_said_and_widens_deflection_and_compensation(tmp_path: Path) -
     assert after[0] > before[0]
     assert after[1].left90[1] > before[1].left90[1] > before[1].left
     assert after[1].removed90[0] < before[1].removed90[0]
+
+
+def test_a_balancer_need_not_be_a_spring_beyond_the_joint_s_limits() -> None:
+    """It was looked at all round the circle: load tests of a strong one ended as bad input, a finding in hand."""
+    tests, _ = readings(())
+    _, robot, T = made.cell()
+    found = fit(tests)
+    k, turn = 1.0 / found.x[:6], np.linspace(-np.pi, np.pi, 361)
+
+    def balanced(size: float) -> Term:
+        keys = {"ratio": 0.7, "angle_deg": 60.0, "force_times_length_Nm": -4.0 * size, "rate_times_length2_Nm": size}
+        return Term("gravity_compensator", "joint:2", keys)
+
+    def added(size: float) -> np.ndarray:
+        (term,), _ = compile_terms((balanced(size),), robot, T)
+        assert isinstance(term, GravityCompensator)
+        return term.added(turn)
+
+    size = 1.2 * k[1] / -float(added(1.0).min())
+    stiffness = Stiffness(joints=k, terms=(balanced(size),))
+    q2 = turn[int(added(size).argmax())]
+    limits = (np.array([-3.0, q2 - 0.2, *[-3.0] * 4]), np.array([3.0, q2 + 0.2, *[3.0] * 4]))
+    assert of_identified(found, tests, robot, T, stiffness, None, limits).noise > 0.0
+    with pytest.raises(InputError, match="less than that would work"):
+        of_identified(found, tests, robot, T, stiffness, None)

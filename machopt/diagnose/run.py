@@ -107,7 +107,17 @@ def at_rest(
     def load_tests(terms: tuple[Term, ...]) -> tuple[Diagnosis, Problem]:
         known = None if cell.stiffness is None else Stiffness(joints=cell.stiffness.joints, terms=terms)
         return _load_tests(
-            seed, recording, robot, T, masses, laws, known, copies, options, stated=held.geometric(cell.stiffness)
+            seed,
+            recording,
+            robot,
+            T,
+            masses,
+            laws,
+            known,
+            copies,
+            options,
+            limits=cell.arm_limits,
+            stated=held.geometric(cell.stiffness),
         )
 
     def poses(terms: tuple[Term, ...]) -> tuple[Diagnosis, Problem]:
@@ -150,8 +160,7 @@ def _held(cell: Cell, robot: Robot, masses: Masses | None) -> tuple[Term, ...]:
     """The terms of the cell's stiffness that count as known; refuses what no plan could use either."""
     if cell.stiffness is None:
         return ()
-    limits = cell.limits.lower[:6], cell.limits.upper[:6]
-    ArmElasticity(robot, cell.tool.T_flange_tcp, cell.stiffness, limits, masses)
+    ArmElasticity(robot, cell.tool.T_flange_tcp, cell.stiffness, cell.arm_limits, masses)
     return held.terms_of(cell.stiffness.terms)
 
 
@@ -166,16 +175,17 @@ def _load_tests(
     copies: NDArray[np.bool_],
     options: engine.Options,
     *,
+    limits: tuple[Array, Array],
     stated: bool,
 ) -> tuple[Diagnosis, Problem]:
-    """Of load tests; K_C is a finding unless it is ``stated`` by the cell."""
+    """Of load tests; K_C is a finding unless it is ``stated`` by the cell. ``limits``: (6,) and (6,) rad."""
     tests = loaded.where_it_stands(experiment(recording, robot, T), recording, robot, T, masses)
     memo: dict[str, History] = {}
     terms = None
     if known is not None and known.terms:  # what they add to the springs
         r = deflection.readings_of(recording, tests, robot, T, masses, 1.0 / known.joints, memo)
         lived, settled = at_joint.lived_through(r, known.terms)
-        whole = ArmElasticity(robot, T, replace(known, terms=settled), masses=masses).at(recording.q)
+        whole = ArmElasticity(robot, T, replace(known, terms=settled), limits, masses).at(recording.q)
         springs = ArmElasticity(robot, T, Stiffness(joints=known.joints)).at(recording.q)
         terms = lived + whole.respond(tests.wrench) - springs.respond(tests.wrench)
 

@@ -131,6 +131,12 @@ class Cell:
         return self.urdf.read_text(encoding="utf-8-sig") if self.expanded is None else self.expanded
 
     @property
+    def arm_limits(self) -> tuple[Array, Array]:
+        """Lower and upper (6,) rad of the arm's joints, by encoder."""
+        joints = len(self.home)
+        return self.limits.lower[:joints], self.limits.upper[:joints]
+
+    @property
     def stands_at_home(self) -> Array:
         """(6 + E,) rad or m by encoder, where a motion begins and ends."""
         return np.concatenate([self.home, self.external_home])

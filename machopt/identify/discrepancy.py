@@ -256,7 +256,13 @@ def kept_modes(covariance: Array, metric: Array) -> Array:
 
 
 def of_identified(
-    fit: Fit, tests: Experiment, robot: Robot, T_flange_tcp: Array, stiffness: Stiffness, masses: Masses | None
+    fit: Fit,
+    tests: Experiment,
+    robot: Robot,
+    T_flange_tcp: Array,
+    stiffness: Stiffness,
+    masses: Masses | None,
+    limits: tuple[Array, Array] | None = None,
 ) -> Discrepancy:
     """What an identified stiffness may lack.
 
@@ -266,8 +272,9 @@ def of_identified(
         robot, T_flange_tcp: the arm.
         stiffness: as it will be written.
         masses: of links and tool; None where they are not known.
+        limits: lower and upper (6,) rad, where a term has to be a spring; None: at any angle.
     """
-    arm = ArmElasticity(robot, T_flange_tcp, stiffness, masses=masses)
+    arm = ArmElasticity(robot, T_flange_tcp, stiffness, limits, masses)
     said = arm.at(tests.state.q).respond(tests.wrench)[:, : tests.dimensions]
     suspects = suspects_of(arm, tests, masses)
     w = fit.weighting

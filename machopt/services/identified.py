@@ -81,7 +81,7 @@ def _misfit(cell: Cell, robot: Robot, tests: Experiment, found: Identification) 
         masses = load_masses(cell)
     except InputError:  # without weight
         masses = None
-    return of_identified(found.fit, tests, robot, cell.tool.T_flange_tcp, found.stiffness, masses)
+    return of_identified(found.fit, tests, robot, cell.tool.T_flange_tcp, found.stiffness, masses, cell.arm_limits)
 
 
 def _recording(paths: tuple[Path, ...]) -> Recording:

@@ -73,7 +73,7 @@ def measurement(
     enough_numbers(request, noise.dimensions, 6 + sum(len(t.coefficients) for t in terms))
     stood = based(cell, robot)
     ways, warnings = ways_of(request, stood)
-    limits = cell.limits.lower[:6], cell.limits.upper[:6]
+    limits = cell.arm_limits
     masses = load_masses(stood)
     believed = prior_of(request, cell)
     if found is not None:  # as the diagnosis has it

@@ -104,21 +104,26 @@ def build(scene: Scene, joints: list[int]) -> tuple[Problem, Catalogue]:
         unknowns,
         Family(name="link-side angle", columns=tuple(range(len(joints))), unit="mrad", factor=1e3),
     )
-    q = m.q[:, joints]
+    near = m.q[:, joints]
+    far = near
     if found is not None:  # what the far side shows is late with it: the gear's own twist
-        q = q + found.load[:, joints] * _compliance(m, fit, y, base, q, len(joints))
+        far = near + found.load[:, joints] * _compliance(m, fit, y, base, near, len(joints))
+    # where the load is computed from the near side it is late with that, and the two are one and the same
+    alone = far if found is not None and found.by_bodies else near
 
-    def late(d: float) -> Array:
+    def late(q: Array, d: float) -> Array:
         return m.within(m.mean(m.late(q, d) - q))
 
-    best = valley(lambda d: fit.misfit(late(d)))
-    out += clocks(scene, "qse", late, best)
-    q = m.q[:, joints]  # the near side is late alone
+    def far_late(d: float) -> Array:
+        return late(far, d)
 
-    def early(d: float) -> Array:  # the motor side late by d: the difference shows as if it were early
-        return -late(-d)
+    def near_late(d: float) -> Array:  # the difference shows as if it were early
+        return -late(alone, -d)
 
-    out += clocks(scene, "q", early, -best, penalty=2.0)
+    best = valley(lambda d: fit.misfit(far_late(d)))
+    out += clocks(scene, "qse", far_late, best)
+    early = -best if alone is far else valley(lambda d: fit.misfit(near_late(d)))
+    out += clocks(scene, "q", near_late, early, penalty=2.0)
     return problem, Catalogue(tuple(out), tuple(untestable), motion_axes(scene))
 
 

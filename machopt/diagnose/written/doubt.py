@@ -81,11 +81,11 @@ def _of_load_tests(cell: Cell, found: Examined, stiffness: Stiffness) -> Discrep
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
     masses = known_masses(cell)
     tests = experiment(found.recording, robot, T)
-    residual = tests.measured - _as_planned(found, tests, robot, T, masses, stiffness)
+    residual = tests.measured - _as_planned(found, tests, robot, T, masses, stiffness, cell.arm_limits)
     used = found.diagnosis.used
     groups = clusters(tests)
     typical = np.array([_typical(residual[used, c : c + 3]) for c in range(0, tests.dimensions, 3)])
-    arm = ArmElasticity(robot, T, stiffness, masses=masses)
+    arm = ArmElasticity(robot, T, stiffness, cell.arm_limits, masses)
     V = reading_covariance(tests, 1.0 / stiffness.joints, arm.terms, tests.uncertainty, typical)
     stated = (tests.uncertainty.displacement is not None, tests.uncertainty.rotation is not None)
     readings = Readings(
@@ -104,7 +104,13 @@ def _of_load_tests(cell: Cell, found: Examined, stiffness: Stiffness) -> Discrep
 
 
 def _as_planned(
-    found: Examined, tests: Experiment, robot: Robot, T: Array, masses: Masses | None, stiffness: Stiffness
+    found: Examined,
+    tests: Experiment,
+    robot: Robot,
+    T: Array,
+    masses: Masses | None,
+    stiffness: Stiffness,
+    limits: tuple[Array, Array],
 ) -> Array:
     """(N, D) what a plan makes of the same loads: it knows no history, so gears that remember come from rest.
 
@@ -116,7 +122,7 @@ def _as_planned(
     slow = {e.called for e in registry.of_joint_torque() if timed(e.laws[0])}
     lived, rest = at_joint.lived_through(r, [t for t in stiffness.terms if t.effect in slow])
     rest = (*rest, *(t for t in stiffness.terms if t.effect not in slow))
-    whole = ArmElasticity(robot, T, replace(stiffness, terms=rest), masses=masses).at(tests.state.q)
+    whole = ArmElasticity(robot, T, replace(stiffness, terms=rest), limits, masses).at(tests.state.q)
     return np.asarray((lived + whole.respond(tests.wrench))[:, : tests.dimensions])
 
 

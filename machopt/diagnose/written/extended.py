@@ -142,8 +142,7 @@ def _impossible(cell: Cell, term: Term) -> str | None:
 
 def _against(cell: Cell, stiffness: Stiffness) -> Against | None:
     """As the planner looks at it."""
-    limits = cell.limits.lower[:JOINTS], cell.limits.upper[:JOINTS]
-    return against(stiffness, load_robot(cell), cell.tool.T_flange_tcp, limits)
+    return against(stiffness, load_robot(cell), cell.tool.T_flange_tcp, cell.arm_limits)
 
 
 def _culprit(terms: Sequence[Term], new: set[tuple[str, str]], wrong: Against) -> Term:
