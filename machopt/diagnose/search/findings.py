@@ -90,6 +90,7 @@ def estimates(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tr
     h = c.tried.hypothesis
     value = h.quantities(c.scored.x * c.tried.unit[c.scored.shape], c.tried.shapes[c.scored.shape])
     ends: dict[str, list[Array]] = {name: [] for name in value}
+    own: dict[str, Array] = {}
     best = _rss(beside, c)
     most = best + _as_likely(beside, c, best)
     for t in [o for o in tried if o.hypothesis.name == h.name and o is not c.tried] + [c.tried]:
@@ -99,11 +100,15 @@ def estimates(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tr
             if m.rss > most and (t is not c.tried or s != c.scored.shape):
                 continue
             x, covariance, freedom = sandwich(m)
-            for name, interval in _quantity_intervals(t, s, x[-p:], covariance[-p:, -p:], freedom).items():
-                if name in ends:
-                    ends[name].append(interval)
+            intervals = _quantity_intervals(t, s, x[-p:], covariance[-p:, -p:], freedom)
+            if t is c.tried and s == c.scored.shape:
+                own = intervals
+            for name in ends.keys() & intervals.keys():
+                ends[name].append(intervals[name])
     out = {}
     for name, q in value.items():
+        if name in own and _sure(own[name]):  # a form with coefficients that nothing holds does not say otherwise
+            ends[name] = [i for i in ends[name] if _sure(i)]
         both = np.array(ends[name]) if ends[name] else np.full((1, 2, 2), q.value)
         low, high = both[:, :, 0].min(axis=0), both[:, :, 1].max(axis=0)
         out[name] = Estimate(
@@ -113,6 +118,11 @@ def estimates(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tr
             (min(float(low[1]), q.value), max(float(high[1]), q.value)),
         )
     return out
+
+
+def _sure(interval: Array) -> bool:
+    """Whether zero is outside of its 95 %."""
+    return not bool(interval[1, 0] <= 0.0 <= interval[1, 1])
 
 
 def _as_likely(beside: Model, c: Chosen, best: float) -> float:
