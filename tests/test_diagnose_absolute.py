@@ -452,6 +452,25 @@ def test_a_compensator_bends_joint_2_by_its_angle() -> None:
 # weight on bodies -----------------------------------------------------------------------------------------------
 
 
+def test_a_plate_on_uneven_bolts_is_a_base_and_no_tracker_that_stands_elsewhere() -> None:
+    """It sinks and leans under a weight that is always the same: a rigid frame, which was named beside it."""
+    problem, catalogue = build(measure(noise=2e-5, registration="fixed"))
+    plate = only(catalogue, "base_compliance", "base", "tilts and sinks")
+    C = 1e-9 * np.array([4.5, 4.0, -3.0, 20.0, -2.0, 28.0])  # m/N, 1/N, rad/(N·m)
+    problem = replace(problem, y=problem.y + plate.columns(()) @ C)
+    found = engine.diagnose(problem, catalogue, engine.Options(), np.random.default_rng(0))
+    assert [(f.effect, f.law) for f in found.findings] == [("base_compliance", "tilts and sinks")]
+    assert found.verdict == "explained"
+    size = found.findings[0].parameters["tilt_compliance"]
+    assert size.ci95[0] < 28e-9 < size.ci95[1]
+
+
+def test_a_plate_that_sinks_is_not_offered_where_the_tracker_s_frame_is_fitted() -> None:
+    laws = {h.law for h in build(measure())[1].hypotheses if h.effect == "base_compliance"}
+    assert "tilts" in laws
+    assert "tilts and sinks" not in laws
+
+
 def readings(masses: Masses | None, load: Array, q: Array) -> Readings:
     cell, robot, _ = arm()
     T = cell.tool.T_flange_tcp

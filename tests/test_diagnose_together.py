@@ -233,6 +233,23 @@ def test_a_frame_whose_own_direction_shows_stays_a_frame() -> None:
     assert {c.tried.hypothesis.name for c in found} == {("geometry", "joint:3"), ("joint_zero_offset", "joint:5")}
 
 
+@pytest.mark.parametrize(("varies", "named"), [(0.25, "gravity_compensator"), (0.0, "joint_zero_offset")])
+def test_a_number_counts_by_the_noise_however_loud_the_effect_is(varies: float, named: str) -> None:
+    """Five standard deviations of a second number seemed nothing by what a law ten times the noise leaves unfitted."""
+    rng = np.random.default_rng(4)
+    base, _ = model({}, 4)
+    constant, part = (again(rng.normal(size=(POSES, 3, 1))) for _ in range(2))
+    both = np.concatenate([constant, part], axis=2)
+    offered = [
+        made("joint_zero_offset", "joint:2", lambda s: constant, ((),), "kinematic"),
+        made("gravity_compensator", "joint:2", lambda s: both, ((),), "joint"),
+    ]
+    y = base.y + tried(base, offered)[1].X[:, 0] @ np.array([3.0, varies])
+    loud = grams_model(base.w, base.X, y, base.fold, base.prior, base.rows)
+    found = select(loud, tried(loud, offered), 3, np.random.default_rng(0))
+    assert [c.tried.hypothesis.effect for c in found] == [named]
+
+
 def test_what_was_found_is_the_first_groups_a_wave_and_its_double_too() -> None:
     """A sum of waves has the same name: left out for it, the numbers of all groups behind it were another law's."""
     base, laws = offsets_in_frames(7, (), (2, 3, 4, 5))

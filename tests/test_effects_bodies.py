@@ -54,7 +54,7 @@ def made(robot: Robot, tool: Array, effect: Effect, law: BodyLaw, where: str) ->
     values = 1e-8 * np.arange(1.0, len(C) + 1.0) / np.abs(C).max(axis=(1, 2))
     if not law.bounded:  # a matrix that is positive
         A = np.random.default_rng(1).normal(size=(6, 6))
-        values = 1e-9 * np.array([(A @ A.T)[i, j] for i, j in bodies.EVERY])
+        values = 1e-9 * np.array([(A @ A.T)[i, j] for i, j in getattr(law, "pairs", bodies.EVERY)])
     elif len(values) > 2 and law.coefficients[2].key == "both":
         values[2] *= 0.1  # what couples shift and tilt is less than either
     return spring(effect.called, place, law, values, shape)

@@ -239,6 +239,8 @@ def draw(name: str, scene: PoseSet, rng: np.random.Generator, loud: float) -> li
         out.append(Effect(name, "joint:2", 0.3, 1.2, detail={"at": rng.uniform(-1, 1)}))
     elif name == "link_compliance":
         for i in rng.permutation([0, 1, 2, 3]):
+            if np.linalg.norm(scene.built.ends()[i, :3]) <= 1e-6:
+                continue  # two joints in one place: nothing between them bends
             out.append(Effect(name, f"link:{i + 1}", 0.3, 1.5, detail={"link": int(i), "taper": 0.7}))
     elif name == "base_compliance":
         out.append(Effect(name, "base", 0.3, 1.5, accepted=()))

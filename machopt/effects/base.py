@@ -5,6 +5,9 @@ from __future__ import annotations
 from machopt.effects.bodies import DIAGONAL, Entries, stated_law
 from machopt.effects.protocol import Effect
 
+# of a plate on upright bolts: it sinks and tilts, and one uneven bolt couples them
+SINKS = ((2, 2), (2, 3), (2, 4), (3, 3), (3, 4), (4, 4))
+
 EFFECT = Effect(
     name="base_compliance",
     noun="compliance",
@@ -14,6 +17,12 @@ EFFECT = Effect(
     places=("base",),
     gives=(
         Entries(DIAGONAL[3:5], "tilts", "G₀ C₀ G₀ᵀ w, C₀ about x and y of base_link", weighs=True),
+        Entries(
+            SINKS,
+            "tilts and sinks",
+            "G₀ C₀ G₀ᵀ w, C₀ symmetric in z, about x and about y of base_link: a plate on uneven bolts",
+            weighs=True,
+        ),
         Entries(DIAGONAL, "gives way in six directions", "G₀ C₀ G₀ᵀ w, C₀ diagonal"),
     ),
     reads=stated_law,

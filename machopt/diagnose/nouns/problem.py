@@ -202,3 +202,4 @@ class Catalogue:
     untestable: tuple[Untestable, ...] = ()
     axes: Mapping[str, Array] = field(default_factory=dict)  # name → (N,) for locating a mismatch in the data
     further: tuple[Hypothesis, ...] = ()  # tried where the others leave more than noise: too many to try on noise
+    nameless: tuple[Hypothesis, ...] = ()  # tried then and where several parts were found: none of these is ever named

@@ -16,10 +16,12 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.laws import at_angle, at_beside, at_body, at_flange, at_heat, at_joint, at_sensor, laws_geometry
 from machopt.diagnose.nouns.problem import Catalogue, Hypothesis, Problem, Untestable
 from machopt.diagnose.nouns.readings import Readings
+from machopt.diagnose.resting import unnamed_poses
 from machopt.domain.location import joint_at
 from machopt.effects import by_angle, kinematic, registry
 from machopt.effects.protocol import timed
 
+BODY = "body"  # family of what gives way
 ROUNDING = 1e-8  # of a column's length: what is left of one that the base holds
 
 
@@ -59,7 +61,10 @@ def catalogue(r: Readings, problem: Problem) -> Catalogue:
         offered += at_sensor.in_poses(r)
     kept = []
     for h in offered:
-        if left(h.columns(h.shapes[len(h.shapes) // 2]), Q) > calibrated.RESTING.taken_up:
+        columns = h.columns(h.shapes[len(h.shapes) // 2])
+        if h.family == BODY and _needless(columns, Q):
+            continue
+        if left(columns, Q) > calibrated.RESTING.taken_up:
             kept.append(h)
         elif (h.effect, h.location) not in {(m.effect, m.location) for m in missing}:
             missing.append(Untestable(h.effect, h.location, _taken_up(h, r)))
@@ -73,7 +78,8 @@ def catalogue(r: Readings, problem: Problem) -> Catalogue:
     axes |= {name: p[:, k] for k, name in enumerate("xyz")} | {f"q{j + 1}": r.state.q[:, j] for j in range(6)}
     named = {(h.effect, h.location) for h in kept}
     untestable = tuple(m for m in missing if (m.effect, m.location) not in named)
-    return Catalogue(tuple(kept), untestable, axes, tuple(h for h in at_angle.finer_waves(r) if h.name in named))
+    finer = tuple(h for h in at_angle.finer_waves(r) if h.name in named)
+    return Catalogue(tuple(kept), untestable, axes, finer, tuple(unnamed_poses.hypotheses(r)))
 
 
 def spanned(columns: Array) -> Array:
@@ -89,6 +95,15 @@ def left(columns: Array, Q: Array) -> float:
     A = _flat(columns)
     size = float(np.linalg.norm(A))
     return float(np.linalg.norm(A - Q @ (Q.T @ A))) / size if size > 0 else 0.0
+
+
+def _needless(columns: Array, Q: Array) -> bool:
+    """Whether the base takes up some numbers of a law but not all: a law of the same body goes without those.
+
+    A plate that sinks under a weight that is always the same shifts everything, as a fitted tracker frame does.
+    """
+    each = [left(columns[:, :, [k]], Q) > calibrated.RESTING.taken_up for k in range(columns.shape[2])]
+    return any(each) and not all(each)
 
 
 def _flat(columns: Array) -> Array:

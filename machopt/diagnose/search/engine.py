@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.evidence import aside, heldout, instruments, noise
-from machopt.diagnose.evidence.grams import Model, Tried, base_model, sandwich, tried
+from machopt.diagnose.evidence.grams import base_model, sandwich, tried
 from machopt.diagnose.evidence.whitening import whitening
 from machopt.diagnose.nouns.problem import Catalogue, Problem
 from machopt.diagnose.nouns.result import Coefficient, Diagnosis, Errors, Finding, Limit, Share, Verdict
-from machopt.diagnose.search import limiting, limits, mismatch, outweighed, unnamed
+from machopt.diagnose.search import further, limiting, limits, mismatch, outweighed, unnamed
 from machopt.diagnose.search.findings import estimates, rivals
 from machopt.diagnose.search.finer import settled
 from machopt.diagnose.search.known import geometric_finding
@@ -40,7 +40,6 @@ MENDED = 2  # further ones, while the base is fitted to what nothing built has
 CLIPS = 4
 
 Unloaded = tuple[KinematicCorrection, ...]  # what was found that needs no load
-Found = tuple[tuple[Tried, ...], tuple[Chosen, ...]]  # laws that rivals are taken from, what was found
 Rebuild = Callable[[Array, frozenset[int], Unloaded], tuple[Problem, Catalogue]]
 
 
@@ -86,9 +85,7 @@ def _search(problem: Problem, catalogue: Catalogue, options: Options, seed: int,
         fits = 1.0 if found.replicated else np.nan
         laws = tried(base, catalogue.hypotheses)
         each, chosen = searched(base, laws, options.most, np.random.default_rng([seed, 3]), fits)
-        if _wanting(base, chosen, fits):
-            draws = np.random.default_rng([seed, 5])
-            each, chosen = _further(base, catalogue, (each, chosen), options.most, draws, fits)
+        each, chosen = further.searched(base, catalogue, (each, chosen), options.most, seed, fits)
         before, state = (
             state,
             State(
@@ -118,23 +115,6 @@ def _search(problem: Problem, catalogue: Catalogue, options: Options, seed: int,
     return settled(state)
 
 
-def _wanting(base: Model, chosen: Sequence[Chosen], fits: float) -> bool:
-    """Whether what was found one by one leaves more than noise."""
-    few = len(chosen) <= calibrated.RESTING.crowded
-    return few and np.isfinite(fits) and with_chosen(base, chosen).spread > fits + _restless(base)
-
-
-def _further(
-    base: Model, catalogue: Catalogue, found: Found, most: int, rng: np.random.Generator, fits: float
-) -> Found:
-    """The search once more among further shapes, too; what was found stands where none of these is taken."""
-    more = tried(base, catalogue.further)
-    if not more:
-        return found
-    again = searched(base, (*tried(base, catalogue.hypotheses), *more), most, rng, fits)
-    return again if any(any(c.tried is t for t in more) for c in again[1]) else found
-
-
 def _unloaded(chosen: Sequence[Chosen]) -> Unloaded:
     """Corrections without load among what was chosen, where it is not a crowd.
 
@@ -161,11 +141,6 @@ def _doubted(problem: Problem, x: Array, chosen: Sequence[Chosen]) -> frozenset[
     if not any(c.tried.hypothesis.family == "kinematic" for c in chosen):
         return frozenset()
     return frozenset(n for n, u in enumerate(problem.unknowns) if not u.possible(float(x[n])))
-
-
-def _restless(base: Model) -> float:
-    """Variance of whitened residuals beyond 1 from which on there is a mismatch; more where visits are few."""
-    return max(calibrated.PROOF.restless, 1.5 * float(np.sqrt(2.0 / len(base.w.group_of_visit))))
 
 
 def _names(chosen: Sequence[Chosen]) -> list[tuple[str, str, str]]:
@@ -217,7 +192,7 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
     sure = (
         np.isnan(there.p_value)
         or there.p_value <= calibrated.PROOF.certain
-        or state.base.spread > 1.0 + _restless(state.base)
+        or state.base.spread > 1.0 + further.restless(state.base)
     )
     real = bool(sure and np.sqrt(power) > calibrated.PROOF.matters * unit_noise)
     findings = [_finding(state, k) for k in named]

@@ -101,6 +101,7 @@ def select(
     """
     search = _Search(tuple(tried), _greedy(model, tried, most).residual, rng)
     chosen: list[Chosen] = []
+    first: list[Chosen] = []
     while len(chosen) < most:
         step = search.step(with_chosen(model, chosen), chosen)
         if step is None:
@@ -109,7 +110,9 @@ def select(
         if len(chosen) == 2:
             chosen = _pairs(model, tried, chosen)
         chosen = grown(search.exchange(model, chosen))
-    return _backward(model, chosen)
+        first = first or list(chosen)
+    # of two that half explain the same neither may hold beside the other: then the one that was found alone stands
+    return _backward(model, chosen) or _backward(model, first)
 
 
 def _greedy(model: Model, tried: Sequence[Tried], most: int) -> Model:
@@ -244,11 +247,19 @@ def _near(a: Hypothesis, b: Hypothesis) -> bool:
 
 
 def simplest(model: Model, scored: Sequence[Scored]) -> Scored:
-    """The best on unseen groups, or a law of the same effect with fewer coefficients that is hardly worse."""
+    """The best on unseen groups, or a law with fewer coefficients that is hardly worse.
+
+    A loud effect is itself most of what the model leaves: measured by that, a coefficient that is there for sure seems
+    worth nothing. So none costs more than what excludes a rival, measured by what the best of the laws leaves.
+    """
+    left = model.rss - max(s.gain for s in scored)
+    quiet = max(1.0, left / max(len(model.y) - model.X.shape[1], 1))
 
     def worth(s: Scored) -> float:
-        cost = s.tried.hypothesis.penalty + calibrated.DETECTION.simpler * (s.tried.X.shape[2] - 1)
-        return float(s.total / model.spread - cost)
+        more, d = s.tried.X.shape[2] - 1, calibrated.DETECTION
+        own = s.tried.hypothesis.penalty
+        cost = min((own + d.simpler * more) * model.spread, (own + d.as_good * more) * quiet)
+        return float(s.total - cost)
 
     return max(scored, key=worth)
 

@@ -61,10 +61,10 @@ def hypotheses(r: Readings) -> list[Hypothesis]:
         return r.through(r.wrench * _risen(share, cycle)[:, None])[:, :, None]
 
     return [
-        _law("sensor:force", RUBS, "takes a share of the load either way, as a jack or a pulley rubs", rubs, ((),)),
-        _law("tool", SLIPS, "slips along the load, from a share of it on, until the cycle ends", slipped, SHARES),
-        _law("sensor:displacement", JUMPS, _moves("base_link"), jumps(base), (BENT, *SHARES)),
-        _law("tool", JUMPS, _moves("the tool"), jumps(tool), (BENT, *SHARES)),
+        law("sensor:force", RUBS, "takes a share of the load either way, as a jack or a pulley rubs", rubs, ((),)),
+        law("tool", SLIPS, "slips along the load, from a share of it on, until the cycle ends", slipped, SHARES),
+        law("sensor:displacement", JUMPS, _moves("base_link"), jumps(base), (BENT, *SHARES)),
+        law("tool", JUMPS, _moves("the tool"), jumps(tool), (BENT, *SHARES)),
     ]
 
 
@@ -72,11 +72,12 @@ def _moves(axes: str) -> str:
     return f"moves by which way the load points in axes of {axes} and how much it is, not as a spring does"
 
 
-def _law(where: str, law: str, note: str, columns: Callable[[Shape], Array], shapes: tuple[Shape, ...]) -> Hypothesis:
+def law(where: str, name: str, note: str, columns: Callable[[Shape], Array], shapes: tuple[Shape, ...]) -> Hypothesis:
+    """One form without a name, at its place, as the hypothesis that it is."""
     return Hypothesis(
         effect=UNNAMED,
         location=where,
-        law=law,
+        law=name,
         equation="",
         columns=columns,
         quantities=_size,

@@ -1,0 +1,105 @@
+"""What no word of the catalogue means in measured poses: tried where all that has a name leaves more than noise, and
+where several names say in more numbers what one of these says in few.
+
+Air that is warmer below than above bends a tracker's beam, so that points are seen higher or lower by where they are:
+no rigid frame does that. An axis that is none, because its bearing is out of round or its seat is bent, nods as its
+joint turns: the frame behind it moves by waves of the joint's own angle, and no other joint's constant frame does that.
+A hose or a cable on a spring pulls at a link by where that link is: through the joints before it, unlike a weight.
+
+Source: Estler, Edmundson, Peggs & Parker 2002 (refraction of a laser tracker's beam); ISO 230-7 (tilt and radial error
+motions of an axis of rotation, by orders of its turn).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.diagnose import calibrated
+from machopt.diagnose.laws import laws_geometry
+from machopt.diagnose.nouns.problem import Hypothesis, Shape
+from machopt.diagnose.nouns.readings import BEHIND, Readings
+from machopt.diagnose.search.unnamed import law
+from machopt.domain.location import joint_at, link_at
+
+BENDS, NODS, DRAGS = "bends the line of sight", "error motion of an axis", "nods into the next axes"
+PULLS = "pulls towards a place"
+PULLED = (2, 3, 4, 5)  # links whose ends a hose may be tied to
+ORDERS: tuple[Shape, ...] = ((1.0,), (2.0,), (3.0,))  # per turn of the joint
+NEXT = 2  # axes before and behind that a nod of one shows as turns of
+
+
+def hypotheses(r: Readings) -> list[Hypothesis]:
+    """Forms that no effect of the catalogue has.
+
+    Args:
+        r: measured poses.
+    """
+    up, every = np.eye(3)[:, 2:], np.eye(3)
+    out = [
+        law(
+            "sensor:displacement",
+            BENDS,
+            f"moves points {how} by where they are, not as a rigid frame does: a line of sight that is bent, say",
+            _bent(r, axes),
+            ((),),
+        )
+        for axes, how in ((up, "up and down"), (every, "any way"))
+    ]
+    for j in range(6):
+        if np.ptp(r.state.q[:, j]) < calibrated.RESTING.least_wave:
+            continue
+        note = f"moves the arm behind joint {j + 1} by waves of its angle, beside the axis: one that nods, say"
+        out += [law(joint_at(j + 1), name, note, made(r, j), ORDERS) for name, made in ((DRAGS, _drags), (NODS, _nods))]
+    note = "is pulled by a force that follows its place, as a hose on a spring pulls"
+    return out + [law(link_at(k), PULLS, note, _pulled(r, k), ((),)) for k in PULLED]
+
+
+def _bent(r: Readings, axes: Array) -> Callable[[Shape], Array]:
+    """Shifts along axes (3, A) of base_link by all products of places up to the second order, ten for each axis."""
+    p = r.state.T_base_tool[:, :3, 3]
+    p = (p - p.mean(axis=0)) / max(float(p.std(axis=0).max()), 1e-9)
+    x, y, z = p.T
+    one = np.ones(len(p))
+    products = np.stack([one, x, y, z, x * x, y * y, z * z, x * y, x * z, y * z], axis=1)
+    moved = np.zeros((len(p), 6, axes.shape[1] * products.shape[1]))
+    moved[:, :3] = np.einsum("ca,nk->ncak", axes, products).reshape(len(p), 3, -1)
+    columns = r.seen(moved, BEHIND)  # no inclinometer looks along the beam
+    return lambda shape: columns
+
+
+def _waves(r: Readings, j: int, shape: Shape) -> Array:
+    """(N, 2) of the angle of joint ``j``, from 0."""
+    angle = shape[0] * r.state.q[:, j]
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def _drags(r: Readings, j: int) -> Callable[[Shape], Array]:
+    near = [k for k in range(6) if 0 < abs(k - j) <= NEXT]
+    return lambda shape: np.concatenate([r.lift(k, _waves(r, j, shape)) for k in near], axis=2)
+
+
+def _nods(r: Readings, j: int) -> Callable[[Shape], Array]:
+    twists = laws_geometry.twists(r, joint_at(j + 1)) * laws_geometry.held()
+
+    def columns(shape: Shape) -> Array:
+        return np.concatenate([twists * w[:, None, None] for w in _waves(r, j, shape).T], axis=2)
+
+    return columns
+
+
+def _pulled(r: Readings, link: int) -> Callable[[Shape], Array]:
+    """A force at the end of a link, from 1: f = f₀ + k (p − p̄), constant in base_link and along the way of that end."""
+    assert r.state.R_bodies is not None  # readings come with bodies
+    assert r.state.p_bodies is not None
+    at = r.state.R_bodies[:, link] @ r.robot.point[link] + r.state.p_bodies[:, link]
+    lever = r.state.T_base_tool[:, :3, 3] - at
+    forces = [*np.broadcast_to(np.eye(3)[:, None], (3, *at.shape)), at - at.mean(axis=0)]
+    moved = r.state.J[:, :, :link]
+    # of the end itself: what the TCP moves less what it turns about the end
+    J = moved[:, :3] - np.cross(moved[:, 3:], lever[:, :, None], axis=1)
+    twists = [np.einsum("nci,nc,i->ni", J, f, r.compliance[:link]) for f in forces]
+    columns = np.concatenate([sum(r.lift(i, t[:, i]) for i in range(link)) for t in twists], axis=2)
+    return lambda shape: columns

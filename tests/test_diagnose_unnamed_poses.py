@@ -1,0 +1,137 @@
+"""Physics of measured poses that has no name is said with its place; what has one keeps it beside all of that."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from test_diagnose_absolute import ARCSEC, Array, arm, build, measure, only, poses, unit, wave
+
+from machopt.diagnose.nouns.problem import Catalogue
+from machopt.diagnose.nouns.result import Diagnosis
+from machopt.diagnose.resting import unnamed_poses
+from machopt.diagnose.search import engine
+from machopt.domain.recording import Recording
+
+NOISE = 2e-5  # m
+TRACKER = np.array([-2.5, 2.0, 0.5])  # m in base_link
+
+
+def diagnosed(recording: Recording) -> Diagnosis:
+    problem, catalogue = build(recording)
+    return engine.diagnose(problem, catalogue, engine.Options(), np.random.default_rng(0))
+
+
+def moved(by: Array, registration: str = "fixed") -> Recording:
+    """A recording whose points are seen (N, 3) m elsewhere."""
+    seen = measure(noise=NOISE, registration=registration)
+    assert seen.position is not None
+    return replace(seen, position=seen.position + by)
+
+
+def sagging() -> Array:
+    """(N, 3) m that a beam through warm air ends too low by: with its length to the third power."""
+    seen = measure().position
+    assert seen is not None
+    far = np.linalg.norm(seen - TRACKER, axis=1) / 3.0
+    return np.asarray(-1.2e-4 * far[:, None] ** 3 * unit(3)[:3])
+
+
+def test_a_beam_that_warm_air_bends_is_no_frame_that_stands_elsewhere() -> None:
+    """Most of it is a rigid frame, which was named; the rest follows no frame."""
+    found = diagnosed(moved(sagging()))
+    assert not found.findings
+    assert found.verdict == "unexplained"
+    assert [n for n in found.notes if "sensor:displacement" in n and "rigid frame" in n]
+    assert next(s.axis for s in found.mismatch if s.kind == "machine") == "sensor:displacement"
+
+
+def test_a_frame_that_stands_elsewhere_keeps_its_name() -> None:
+    seen = measure().position
+    assert seen is not None
+    turn = np.radians(0.006) * np.array([0.6, 0.0, 0.8])
+    found = diagnosed(moved(np.cross(turn, seen) + np.array([1e-4, 0.0, -5e-5])))
+    assert [f.effect for f in found.findings] == ["displacement_frame"]
+    assert found.verdict == "explained"
+
+
+def nodding(q: Array) -> Array:
+    """An axis that nods twice a turn, seen at the next two."""
+    twice = 2.0 * q[:, :1]
+    return np.asarray(40 * ARCSEC * (np.sin(twice) * unit(2) - 0.6 * np.cos(twice) * unit(3)))
+
+
+def test_an_axis_that_nods_is_not_named_geometry_nor_a_wave() -> None:
+    found = diagnosed(measure(delta=nodding, noise=NOISE))
+    assert not found.findings
+    assert found.verdict == "unexplained"
+    assert [n for n in found.notes if "something at joint:1" in n]
+
+
+def test_a_wave_is_named_beside_an_axis_that_nods() -> None:
+    gear = wave(4, 5.0, 90.0, 0.0)
+    found = diagnosed(measure(delta=lambda q: nodding(q) + gear(q), noise=NOISE))
+    assert [(f.effect, f.location) for f in found.findings] == [("transmission_error", "joint:4")]
+    assert found.verdict == "partly_explained"
+
+
+def test_a_hose_is_not_named_as_the_payload_that_it_carries_a_part_of() -> None:
+    """A pull at the end of link 4 that follows its place; 600 N up in the middle, a spring of 200 N/m."""
+    problem, catalogue = build(measure(noise=NOISE))
+    hose = next(h for h in catalogue.nameless if h.name[1] == "link:4")
+    problem = replace(problem, y=problem.y + hose.columns(()) @ np.array([0.0, 0.0, 600.0, -200.0]))
+
+    def answered(offered: Catalogue) -> Diagnosis:
+        return engine.diagnose(problem, offered, engine.Options(), np.random.default_rng(0))
+
+    assert [f.effect for f in answered(replace(catalogue, nameless=())).findings] == ["payload"]
+    found = answered(catalogue)
+    assert not found.findings
+    assert [n for n in found.notes if "something at link:4" in n]
+
+
+def test_a_pull_acts_through_the_joints_before_it() -> None:
+    """By finite differences: the work of a force at a link's end along the twist of the joints before it."""
+    cell, robot, _ = arm()
+    catalogue = build(measure())[1]
+    q, T, step = poses()[:4], cell.tool.T_flange_tcp, 1e-6
+
+    def end(angles: Array) -> Array:
+        state = robot.state(angles, T, bodies=True)
+        assert state.R_bodies is not None
+        assert state.p_bodies is not None
+        return np.asarray(state.R_bodies[:, 4] @ robot.point[4] + state.p_bodies[:, 4])
+
+    slope = np.stack([(end(q + step * unit(j)) - end(q - step * unit(j))) / (2 * step) for j in range(1, 7)], axis=2)
+    assert np.abs(slope[:, :, 4:]).max() < 1e-9  # joints behind it carry nothing
+    hose = next(h for h in catalogue.nameless if h.name[1] == "link:4")
+    J = robot.state(q, T).J[:, :3]
+    for k in range(3):
+        given = hose.columns(())[:4, :, k]
+        # (N, 3, 3) per compliance; link 4 ends on the axis of joint 4
+        parts = (J * slope[:, k][:, None, :])[:, :, :3]
+        c = np.linalg.lstsq(parts.reshape(-1, 3), given.reshape(-1), rcond=None)[0]
+        # the arm stands a milliradian off its encoders, under its weight
+        np.testing.assert_allclose(parts @ c, given, rtol=0.0, atol=0.02 * np.abs(given).max())
+        assert (c[1:] > 0.0).all()  # nothing tells the spring of joint 1, which no weight turns
+
+
+def test_forms_without_a_name_take_nothing_of_what_has_one() -> None:
+    """Two waves and an offset: three parts, held against every form, keep their names."""
+    parts = (wave(3, 4.0, 30.0, 10.0), wave(5, 3.0, 40.0, 0.0))
+    found = diagnosed(
+        measure(delta=lambda q: sum((p(q) for p in parts), np.radians(0.01) * unit(2) + 0 * q), noise=NOISE)
+    )
+    assert {(f.effect, f.location) for f in found.findings} == {
+        ("transmission_error", "joint:3"),
+        ("transmission_error", "joint:5"),
+        ("joint_zero_offset", "joint:2"),
+    }
+
+
+def test_every_form_is_offered_where_its_joint_turns() -> None:
+    catalogue = build(measure())[1]
+    offered = {(h.location, h.law) for h in catalogue.nameless}
+    assert {(f"joint:{j}", unnamed_poses.NODS) for j in range(1, 7)} <= offered
+    assert not any(h.named for h in catalogue.nameless)
+    assert only(catalogue, "transmission_error", "joint:3", "one").named
