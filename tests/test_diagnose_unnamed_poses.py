@@ -90,6 +90,40 @@ def test_a_hose_is_not_named_as_the_payload_that_it_carries_a_part_of() -> None:
     assert [n for n in found.notes if "something at link:4" in n]
 
 
+def bowed(course: Array) -> Recording:
+    """The arm behind joint 2 turned about the upper arm's own axis by 60 µrad times a course (N,)."""
+    seen = measure(noise=NOISE)
+    assert seen.position is not None
+    a, b = seen.q[:, 0], seen.q[:, 1]
+    axis = np.stack([np.cos(a) * np.cos(b), np.sin(a) * np.cos(b), -np.sin(b)], axis=1)
+    by = 6e-5 * course[:, None] * np.cross(axis, seen.position - np.array([0.0, 0.0, 0.8]))
+    return replace(seen, position=seen.position + by)
+
+
+def test_what_the_sun_bows_for_an_hour_is_no_frame_that_stands_elsewhere() -> None:
+    """Half of it is a mean, which is as good a frame as any; the same all day keeps its name."""
+    time = measure().time
+    assert time is not None
+    comes = diagnosed(bowed(0.5 + 0.5 * np.sin(2.0 * np.pi * (time % 1e5) / 3600.0)))
+    assert not comes.findings
+    assert [n for n in comes.notes if "geometry" in n and "comes and goes with the hours" in n]
+    stays = diagnosed(bowed(np.ones(len(time))))
+    assert {f.effect for f in stays.findings} == {"geometry"}
+    assert stays.verdict == "explained"
+
+
+def test_a_hall_that_warms_moves_the_stand_and_lets_the_arm_grow() -> None:
+    """One drift: what the law of either left was a payload."""
+    time = measure().time
+    assert time is not None
+    warm = 1.0 - np.exp(-(time % 1e5) / 2500.0)
+    seen = measure(noise=NOISE, grow=6e-5 * warm[:, None] * np.ones(3))
+    assert seen.position is not None
+    found = diagnosed(replace(seen, position=seen.position + warm[:, None] * np.array([8e-5, -5e-5, 1.2e-4])))
+    assert [f.effect for f in found.findings] == ["thermal_drift"]
+    assert found.verdict == "explained"
+
+
 def test_a_pull_acts_through_the_joints_before_it() -> None:
     """By finite differences: the work of a force at a link's end along the twist of the joints before it."""
     cell, robot, _ = arm()

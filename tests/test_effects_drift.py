@@ -78,6 +78,7 @@ def test_what_a_recording_cannot_show_is_not_offered() -> None:
         "the arm grows with the temperature",
         "links grow each by itself with the temperature",
         "the stand shifts and tilts with the temperature",
+        "the stand shifts and tilts, and the arm grows with the temperature",
     }
 
 

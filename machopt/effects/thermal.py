@@ -183,6 +183,34 @@ class Shifts:
 
 
 @dataclass(frozen=True)
+class Both:
+    """Hall and arm warm together: the stand moves while the castings grow."""
+
+    grows: Grows = Grows()
+    stands: Shifts = Shifts()
+
+    @property
+    def words(self) -> str:
+        return f"{self.stands.words}, and {self.grows.words}"
+
+    @property
+    def penalty(self) -> float:
+        return self.stands.penalty
+
+    def coefficients(self, least: float) -> tuple[Parameter, ...]:
+        return (*self.grows.coefficients(least), *self.stands.coefficients(least))
+
+    def patterns(self, seen: Warming) -> Array:
+        return np.concatenate([self.grows.patterns(seen), self.stands.patterns(seen)], axis=2)
+
+    def shown(self, seen: Warming) -> bool:
+        return not seen.counted  # a load test has one place of the TCP for many readings
+
+    def warmed(self, values: Array, course: Array) -> Mapping[str, Quantity]:
+        return self.grows.warmed(values[:1], course)
+
+
+@dataclass(frozen=True)
 class Drift:
     """One way of moving by one course of heat."""
 
@@ -232,7 +260,7 @@ def _counted(seen: Warming, law: Callable[[Array], Array]) -> Array:
 
 
 def _laws(course: Course) -> tuple[DriftLaw, ...]:
-    return tuple(Drift(way, course) for way in (Grows(), Grows(each=True), Shifts(), Shifts(tilts=False)))
+    return tuple(Drift(way, course) for way in (Grows(), Grows(each=True), Shifts(), Shifts(tilts=False), Both()))
 
 
 THERMAL = Effect(

@@ -77,6 +77,11 @@ class Proof:
         LOAD_TESTS,
     )
     outweighs_exact: float = _set(1.5, "the same of a frame, which leaves nothing of itself", LOAD_TESTS)
+    steady: float = _set(
+        0.25,
+        "of the gain of a frame or an offset, that may come and go with the hours: more, and it stands nowhere",
+        JUDGED,
+    )
     surely_better: float = _set(
         0.05,
         "chance that unseen groups are predicted better by accident, from which what was found is withdrawn",

@@ -16,7 +16,7 @@ from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.evidence import heldout
 from machopt.diagnose.nouns.problem import UNNAMED, Hypothesis
-from machopt.diagnose.search import mismatch
+from machopt.diagnose.search import mismatch, steady
 from machopt.diagnose.search.anotherday import BY_DAY, comes_again
 from machopt.diagnose.search.screen import Scored, score
 from machopt.diagnose.search.select import Chosen, stands, with_chosen
@@ -26,6 +26,7 @@ from machopt.effects.words import spoken
 
 LITTLE = "explains little more than what is left beside it"
 NOT_BUILT = "would need numbers that nothing built has"
+NOT_STEADY = "comes and goes with the hours"
 
 
 def withheld(state: State, rng: np.random.Generator) -> State:
@@ -36,10 +37,11 @@ def withheld(state: State, rng: np.random.Generator) -> State:
         rng: of the sign flips that judge what is left.
     """
     state = replace(state, chosen=tuple(c if _buildable(c) else _nameless(c, NOT_BUILT) for c in state.chosen))
-    chosen = state.chosen
-    if not any(_judged(c) for c in chosen) or _crowded(state):
+    if not any(_judged(c) for c in state.chosen) or _crowded(state):
         return state
-    chosen = _of_days(state, chosen)
+    unsteady = [c.tried.hypothesis.named and steady.comes_and_goes(state, c) for c in state.chosen]
+    steadily = (_nameless(c, NOT_STEADY) if u else c for c, u in zip(state.chosen, unsteady, strict=True))
+    chosen = _of_days(state, tuple(steadily))
     fit = state.fitted(chosen)
     whole = fit.heldout()
     left = _left(state, whole, fit.residual, rng)
@@ -109,6 +111,8 @@ def _left(state: State, residual: Array, fitted: Array, rng: np.random.Generator
     rest = mismatch.repeatable(problem, residual, state.used, state.noise, rng)
     if rest.p_value > calibrated.PROOF.certain:  # not a number where nothing was repeated
         return 0.0
+    if rest.lasting:  # it comes and goes, so that visits differ by it, and hides in what passes for their noise
+        return rest.power
     floor = heldout.floor(problem, state.noise, state.used) / problem.families[0].factor
     power = 0.5 * (_power(state, residual) + _power(state, fitted))
     return max(min(rest.power, power - floor**2), 0.0)
