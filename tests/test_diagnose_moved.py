@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from test_diagnose_absolute import arm, measure, unit
 
+from machopt.diagnose.nouns.repaired import exact
 from machopt.diagnose.record import moved
 from machopt.domain.recording import Recording
 from machopt.se3 import rotation_from_vector
@@ -92,3 +93,15 @@ def test_a_shift_alone_may_be_warmth_unless_temperatures_say_otherwise() -> None
     assert moved.mended(warm, robot, T) == (warm, [])
     alike = replace(up, temperature=20.0 + 0.1 * rows)
     assert len(moved.mended(alike, robot, T)[1]) == 1
+
+
+@pytest.mark.parametrize(("drifts", "blamed"), [(0.5, False), (0.1, True)])
+def test_no_tracker_is_blamed_for_a_shift_that_a_drift_makes_within_a_session(drifts: float, blamed: bool) -> None:
+    cell, robot, _ = arm()
+    r, rows = visits(fit=True)
+    up = replace(r, position=np.array(r.position) + 3e-4 * rows[:, None] * [0.0, 0.0, 1.0])
+    _, mended = moved.mended(up, robot, cell.tool.T_flange_tcp)
+    drift = replace(mended[0], effect="thermal_drift", parameters={"drift": exact(drifts, "mm")})
+    kept, said = moved.warmed(mended, (drift,))
+    assert (kept == mended, bool(said)) == (blamed, not blamed)
+    assert moved.warmed(mended, ()) == (mended, ())

@@ -152,7 +152,8 @@ def at_rest(
     said += () if cell.stiffness is None else held_over(cell.stiffness.external)
     if recording.kind == "absolute" and cell.stiffness is not None and cell.stiffness.position is not None:
         said += cell.stiffness.position.beyond(recording.q)
-    whole = _with_record(d, mended, aside, (*stood, *notes), tuple(said))
+    mended, overnight = moved.warmed(mended, d.findings)
+    whole = _with_record(d, mended, aside, (*stood, *overnight, *notes), tuple(said))
     return Examined(enough.judged(whole, problem), problem, recording)
 
 

@@ -10,7 +10,7 @@ alone may be either; where temperatures tell no difference the tracker is named,
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -103,6 +103,28 @@ def mended(
         recording = read[n]
         out.append(_said(likely[n]))
     return recording, out
+
+
+def warmed(mended: Sequence[Finding], found: Sequence[Finding]) -> tuple[list[Finding], tuple[str, ...]]:
+    """What was put right, without a shift that a drift which was found explains, too; and that in words.
+
+    Args:
+        mended: what was wrong with the record.
+        found: in it, once that was put right.
+    """
+    drift = max((f.parameters["drift"].value for f in found if f.effect == THERMAL.name), default=0.0)
+    kept, notes = [], []
+    for f in mended:
+        if (THERMAL.name, THERMAL.places[0]) in f.one_of and _shift(f) <= drift:
+            notes.append(f"{f.note}: the drift that was found moves as much within a session, so no tracker is blamed")
+        else:
+            kept.append(f)
+    return kept, tuple(notes)
+
+
+def _shift(f: Finding) -> float:
+    """mm of a frame that lay elsewhere."""
+    return float(np.linalg.norm([f.parameters[f"shift {a}"].value for a in "xyz"]))
 
 
 def _misfit(recording: Recording, robot: Robot, T: Array) -> float:
