@@ -180,6 +180,18 @@ def test_springs_alone_explain_a_null_set_of_poses() -> None:
     assert np.sqrt(np.mean(left**2)) < 1.15e-3 * scene.lab.reading.reading
 
 
+@pytest.mark.parametrize(("lab", "known"), [("fixed", True), ("fit", False), ("reflectors", False)])
+def test_a_turned_tracker_and_a_turned_base_are_one_where_the_frame_counts_as_known(lab: str, known: bool) -> None:
+    rng = np.random.default_rng(8)
+    nominal = robots.draw("irb6700", rng)
+    scene = poses.PoseSet(nominal, robots.as_built(nominal, rng), poses.POSE_LABS[lab], rng)
+    columns = scene.rivals(scene.clean([]))
+    tracker = ("displacement_frame", "sensor:displacement")
+    assert (tracker in columns) is known
+    if known:
+        np.testing.assert_array_equal(columns[tracker], columns["geometry", "base"])
+
+
 def test_every_draw_of_a_set_is_another_one_and_the_first_stays() -> None:
     for case in catalogue.cases()[:3]:
         seeds = [tuple(case.seed(which, draw)) for which in catalogue.SETS for draw in range(3)]

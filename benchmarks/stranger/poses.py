@@ -191,6 +191,8 @@ class PoseSet:
                     add("link_compliance", f"link:{j + 1}", through(C, R, end, tip, load))
         twist("tool", dq.matrix(rigid["mounted"]), tip)
         twist("base", np.eye(3), np.zeros(3))
+        if not self.lab.fit and not self.lab.reflectors:  # in a frame that is taken for known: the tracker's stand
+            out["displacement_frame", "sensor:displacement"] = list(out["geometry", "base"])
         for a, b in PAIRS:
             add("joint_coupling", f"joint:{a + 1}-{b + 1}", J[:, b] * q[:, a, None])
         T = dq.matrix(rigid["flange"])
