@@ -7,22 +7,27 @@ alone.
 from __future__ import annotations
 
 import resource
+import sys
 import time
 from pathlib import Path
 
 import numpy as np
 
-from machopt.domain.stiffness import Stiffness
-from machopt.estimate.experiment import experiment
-from machopt.formats.cell import load_cell
-from machopt.identify.fit import fit
-from machopt.identify.options import IdentifyOptions
-from machopt.identify.pipeline import identify
-from machopt.identify.simulate import TrueArm, random_loads, record, scattered_poses
-from machopt.identify.uncertainty import uncertainty
-from machopt.model.robot import load_robot
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
-CELL = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
+from simulated_arm import TrueArm, random_loads, record, scattered_poses  # noqa: E402
+
+from machopt.domain.stiffness import Stiffness  # noqa: E402
+from machopt.estimate.experiment import experiment  # noqa: E402
+from machopt.formats.cell import load_cell  # noqa: E402
+from machopt.identify.fit import fit  # noqa: E402
+from machopt.identify.options import IdentifyOptions  # noqa: E402
+from machopt.identify.pipeline import identify  # noqa: E402
+from machopt.identify.uncertainty import uncertainty  # noqa: E402
+from machopt.model.robot import load_robot  # noqa: E402
+
+CELL = ROOT / "cells" / "kr240_drilling"
 TRUE_K = np.array([3.8e6, 6.6e6, 3.9e6, 5.6e5, 6.6e5, 4.7e5])  # N·m/rad
 POSES, LOADS, CYCLES = 200, 10, 5
 RUNS = 3

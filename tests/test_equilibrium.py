@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from simulated_arm import Noise, SmoothField, SpringInBody, TrueArm, random_loads, record, scattered_poses
 
 from machopt.domain.cell import Cell
 from machopt.errors import InputError
@@ -14,7 +15,6 @@ from machopt.estimate.experiment import Experiment, experiment
 from machopt.formats.cell import load_cell
 from machopt.identify.equilibrium import Equilibrium, influence, least_squares, refine
 from machopt.identify.fit import fit
-from machopt.identify.simulate import Noise, SmoothField, SpringInBody, TrueArm, random_loads, record, scattered_poses
 from machopt.model.gravity import gravity_torque
 from machopt.model.kinetostatic import geometric_stiffness, influence_of_geometric
 from machopt.model.robot import Masses, Robot, load_masses, load_robot

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_up_load_tests import CYCLE, POSE, TRUE_K, WHITE, cell, draw, measured, planned
+from simulated_arm import TrueArm
 
 from machopt.domain.recording import Recording, StandardUncertainty
 from machopt.domain.stiffness import Stiffness, Term
@@ -19,7 +20,6 @@ from machopt.estimate.noise import joint_sensitivity, reading_covariance
 from machopt.identify.fit import Fit, fit
 from machopt.identify.options import IdentifyOptions
 from machopt.identify.pipeline import identify
-from machopt.identify.simulate import TrueArm
 from machopt.model.terms import term_of
 
 C = 1.0 / TRUE_K

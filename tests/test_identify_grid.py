@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from grid_poses import grid_plan
+from simulated_arm import Compliance, Noise, Simulated, SmoothField, TrueArm, random_loads, record
 
 from machopt.domain.cell import Cell
 from machopt.domain.reason import Reason
@@ -21,7 +22,6 @@ from machopt.identify.grid import ON_FACE, GridFit, _positions, fit_grid
 from machopt.identify.gridcells import Region, kriging, touched
 from machopt.identify.gridequations import GridEquations
 from machopt.identify.gridevidence import Prior
-from machopt.identify.simulate import Compliance, Noise, Simulated, SmoothField, TrueArm, random_loads, record
 from machopt.model.collision import CollisionModel
 from machopt.model.elastic import FACE_TOLERANCE, joint_stiffness
 from machopt.model.ik import Margins, Solver, solver_for

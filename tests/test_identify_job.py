@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from simulated_arm import Simulated, SmoothField, TrueArm, random_loads, record, scattered_poses
 
 from machopt.cli import main
 from machopt.cli.measure import _identified
@@ -21,7 +22,6 @@ from machopt.formats.recording import write_recording
 from machopt.formats.stiffness import load_stiffness
 from machopt.formats.termtext import term_from_text
 from machopt.identify.asked import IdentifyRequest
-from machopt.identify.simulate import Simulated, SmoothField, TrueArm, random_loads, record, scattered_poses
 from machopt.model.robot import load_robot
 from machopt.services.identified import identified
 from machopt.services.identify import IdentifyOutcome, run_identify

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_up_load_tests import TRUE_K, cell, draw, measured, planned
+from simulated_arm import TrueArm
 
 from machopt.domain.stiffness import Stiffness, Term
 from machopt.errors import InputError
@@ -18,7 +19,6 @@ from machopt.identify.fit import fit
 from machopt.identify.options import IdentifyOptions
 from machopt.identify.pipeline import identify
 from machopt.identify.result import Identification
-from machopt.identify.simulate import TrueArm
 from machopt.model.terms import compile_terms, term_of
 
 SOFT = TRUE_K / 3.0

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from grid_poses import grid_plan
+from simulated_arm import SmoothField, TrueArm, random_loads, record
 
 from machopt.domain.stiffness import Stiffness
 from machopt.estimate.experiment import experiment
@@ -22,7 +23,6 @@ from machopt.formats.stiffness import load_stiffness
 from machopt.identify.fit import fit
 from machopt.identify.grid import fit_grid
 from machopt.identify.gridcells import Region
-from machopt.identify.simulate import SmoothField, TrueArm, random_loads, record
 from machopt.model.elastic import ArmElasticity, held_stiffness, joint_stiffness
 from machopt.model.ik import Margins, solver_for
 from machopt.model.robot import load_robot

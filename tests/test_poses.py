@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from simulated_arm import TrueArm
 
 from machopt.design.accuracy import accuracy
 from machopt.design.candidates import PoseCriteria, PosePool, PoseScreen, sample_poses
@@ -17,7 +18,6 @@ from machopt.design.poseplan import problem_of, unknowns_of
 from machopt.design.search import DesignProblem, choose, information
 from machopt.domain.cell import Cell
 from machopt.formats.cell import load_cell
-from machopt.identify.simulate import TrueArm
 from machopt.model.elastic import ArmElasticity, geometric_stiffness
 from machopt.model.kinetostatic import characteristic_length, influence_of_geometric, kci
 from machopt.model.robot import Robot, load_robot
