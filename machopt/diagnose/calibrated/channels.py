@@ -91,6 +91,7 @@ class Resting:
         JUDGED,
     )
     fine: float = _set(5e-06, "m; readings rounded more coarsely agree by chance", JUDGED)
+    whole_step: float = _set(0.02, "of that, within which a reading is a whole number of such steps", JUDGED)
     stiffest: float = _set(
         0.2,
         "times the cell's compliance: less, or a spring that pushes back, is what frames and waves make of it",
@@ -151,7 +152,11 @@ class Motion:
         0.001, "s; encoders that are later than their command by less have no clock of their own", JUDGED
     )
     follows: float = _set(
-        0.0002, "rad; encoders that stay closer to the command than this show no lag of their own", JUDGED
+        0.00001, "rad, 1 sigma; encoders that stay closer to the command than this show no lag of their own", JUDGED
+    )
+    above_noise: float = _set(10.0, "times its noise that the power of a velocity must reach to be motion", JUDGED)
+    cycle_differs: float = _set(
+        0.02, "of the usual length of a labelled cycle by which another may be longer or shorter", JUDGED
     )
     describes: float = _set(
         0.1, "of the range of a joint's torque that rigid bodies may leave where gears are loaded by them", JUDGED

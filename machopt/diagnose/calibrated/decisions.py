@@ -143,6 +143,10 @@ class Recorded:
     clerical: int = _set(3, "slipped decimals or copies; a tracker's own outliers look like one now and then", DEV)
     mostly: float = _set(0.5, "of the gross rows", JUDGED)
     fits: float = _set(2.0, "noise within which a slipped decimal, put right, meets the prediction", JUDGED)
+    slip_up: float = _set(
+        2.0, "times that, above which a prediction tells a reading that is ten times too large", JUDGED
+    )
+    slip_down: float = _set(5.0, "times that, above which one tells a reading that is a tenth of itself", JUDGED)
     apart: float = _set(
         10.0, "times the typical misfit that two poses lie apart whose readings cannot agree to the last digit", JUDGED
     )

@@ -158,7 +158,7 @@ def delays(scene: Scene, asked: Array) -> Array:
     out = np.zeros(asked.shape[1])
     for j in range(asked.shape[1]):
         behind = asked[:, j] - m.q[:, j]
-        if np.std(behind) > calibrated.MOTION.follows * 0.05 and np.ptp(asked[:, j]) > calibrated.MOTION.moves:
+        if np.std(behind) > calibrated.MOTION.follows and np.ptp(asked[:, j]) > calibrated.MOTION.moves:
             x = np.stack([speed[:, j], np.ones(len(behind))], axis=1)
             out[j] = float(np.linalg.lstsq(x, behind, rcond=None)[0][0])
     return out

@@ -237,7 +237,7 @@ def _cutoff(x: Array, rate: float, window: str) -> float:
 
     f, power = welch(x, rate, window=window, nperseg=min(len(x), 1024), axis=0)
     floor = np.median(power[2 * len(f) // 3 :], axis=0)
-    above = np.flatnonzero((power > 10.0 * floor).any(axis=1) & (f > 0))
+    above = np.flatnonzero((power > calibrated.MOTION.above_noise * floor).any(axis=1) & (f > 0))
     highest = float(f[above[-1]]) if len(above) else calibrated.MOTION.top_hz
     return float(np.clip(1.5 * highest, 3.0, min(calibrated.MOTION.top_hz, 0.4 * rate)))
 
@@ -252,7 +252,8 @@ def _periods(
         label = np.unique(np.stack([session, recording.cycle[index]]), axis=1, return_inverse=True)[1].reshape(-1)
         counts = np.bincount(label)
         usual = int(np.median(counts))
-        if usual > 24 and np.all(np.abs(counts - usual) <= max(2, 0.02 * usual)) and len(counts) > 1:
+        alike = np.abs(counts - usual) <= max(2, calibrated.MOTION.cycle_differs * usual)
+        if usual > 24 and alike.all() and len(counts) > 1:
             starts = np.flatnonzero(np.diff(label, prepend=label[0] - 1))
             if len(starts) == len(counts) and _comes_back(q, session[starts], starts, usual - 2, spread):
                 return label.astype(np.int64), usual / rate

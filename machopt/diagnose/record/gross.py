@@ -43,8 +43,8 @@ def outliers(
         predicted = d - diagnosis.errors.final[:, :3]
         noise = calibrated.RECORD.fits * 1e-3 * diagnosis.noise_floor
         for f in SLIP:
-            large = (np.abs(d / f - predicted) < noise) & (np.abs(predicted) > 2.0 * noise)
-            small = (np.abs(d - predicted / f) < noise) & (np.abs(predicted) > 5.0 * noise)
+            large = (np.abs(d / f - predicted) < noise) & (np.abs(predicted) > calibrated.RECORD.slip_up * noise)
+            small = (np.abs(d - predicted / f) < noise) & (np.abs(predicted) > calibrated.RECORD.slip_down * noise)
             slips |= aside & (large | small).any(axis=1)
     clerical = int((slips | (copies & aside)).sum())
     share = float(aside.mean())

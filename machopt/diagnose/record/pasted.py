@@ -21,7 +21,8 @@ MOST_ALIKE = 8  # readings of one value that are compared: more are a common val
 
 def coarse(values: Array) -> bool:
     """Whether (N, 3) m are all whole steps, of at least the resolution at which readings agree by chance."""
-    return bool(np.abs(values / calibrated.RESTING.fine - np.round(values / calibrated.RESTING.fine)).max() < 0.02)
+    steps = values / calibrated.RESTING.fine
+    return bool(np.abs(steps - np.round(steps)).max() < calibrated.RESTING.whole_step)
 
 
 def pasted(recording: Recording, robot: Robot, T_flange_tcp: Array) -> Flags:
