@@ -165,7 +165,8 @@ def _in_words(result: OptimizeResult, cost: float | None) -> str:
 
 def first_reason(result: OptimizeResult) -> str:
     """The first places where it fails, and what would help there."""
-    points, breaks = result.infeasible_points, result.breaks
+    points = result.infeasible_points
+    breaks = [b for b in result.breaks if not any(b.reason in p.reason for p in points)]  # told at the point already
     parts = []
     if points:
         number = f"{len(points)} points" if len(points) > 1 else "1 point"

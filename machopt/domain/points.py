@@ -31,7 +31,7 @@ class PointsTable:
     limit_margin: Array  # (N,) rad to the nearest joint limit
     singularity: Array  # (N,) rad, least angle from a singular configuration
     status: tuple[str, ...]  # (N,) "ok" or the reason's class
-    reason: tuple[str, ...]  # (N,) a sentence, empty where ok
+    reason: tuple[str, ...]  # (N,) a sentence: why not, or where ok that the feed of the move is not held; else empty
     feed: Array  # (N,) m/s programmed; NaN for rapid moves
     k_jiao_x: Array  # (N,) N/m, the paper's index along the tool axis
     nearest_pair: tuple[str, ...] = ()  # (N,) the two bodies that come nearest, empty where none is near

@@ -38,6 +38,7 @@ def all_breaks(plan: Plan, obstructions: tuple[Break, ...] = ()) -> tuple[Break,
     """Every place where the motion breaks off: in the sequence, between toolpath points, and in time."""
     path, reason = plan.path, plan.chosen.assignment.reason
     missing, sentences = reason != Reason.OK, explain_points(plan)
+    missing[list(plan.ways)] = False  # it is the way to them that is told here
     between: dict[tuple[int, int], int] = {}
     for p in np.flatnonzero(missing & ~path.is_point):
         ends = int(np.floor(path.index[p])), int(np.ceil(path.index[p]))
@@ -61,6 +62,8 @@ def all_breaks(plan: Plan, obstructions: tuple[Break, ...] = ()) -> tuple[Break,
 def help_of(plan: Plan, point: int) -> str:
     """What would make planning point ``point`` possible."""
     plan, point = plan.at(point)
+    if point in plan.ways:
+        return plan.ways[point].help
     reason = Reason(int(plan.chosen.assignment.reason[point]))
     if reason == Reason.GAP:
         return "what helps at the gap it lies at brings this cut back too"

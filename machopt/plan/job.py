@@ -18,6 +18,7 @@ from machopt.plan.joined import Stretch, joined, shares_of
 from machopt.plan.joinedmotion import Done, joined_points, joined_timeline
 from machopt.plan.kept import kept_through
 from machopt.plan.made import Plan
+from machopt.plan.moveends import given_up, slowed
 from machopt.plan.overexternal import over_external
 from machopt.plan.points import PointResults, point_results
 from machopt.plan.setup import Timings
@@ -59,7 +60,10 @@ def plan_job(
         InputError: an option asks for what is not planned.
     """
     with kept_through() if stints[0].cell.external_joints else contextlib.nullcontext():
-        return _job(stints, toolpath, options, timings, before)
+        job = _job(stints, toolpath, options, timings, before)
+    if job.timeline is None or job.timeline.trajectory is None:
+        return job
+    return replace(job, points=replace(job.points, table=slowed(job.points.table, job.timeline.dips)))
 
 
 def _job(
@@ -114,6 +118,8 @@ def _done(
         the_plan = told(as_told, list(timeline.driven), timeline.given_up)
     elif timeline is not None:
         the_plan = undriven(the_plan, timeline.obstructions, toolpath, options)
+    if timeline is None or timeline.trajectory is None:
+        the_plan = given_up(the_plan, timeline.obstructions if timeline is not None else ())
     with timings.stage("points"):
         points = point_results(the_plan, toolpath)
     return Done(Stretch(the_plan, stint.first, stint.tool), points, timeline)

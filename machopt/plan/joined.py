@@ -84,6 +84,7 @@ def joined(stretches: Sequence[Stretch], bound: float | None = None) -> Plan:
         rounds=sum(p.rounds for p in plans),
         breaks=tuple(b for p in plans for b in p.breaks),
         notes={int(row) + p: text for row, one in zip(rows, plans, strict=True) for p, text in one.notes.items()},
+        ways={int(row) + p: b for row, one in zip(rows, plans, strict=True) for p, b in one.ways.items()},
         compensation=_compensation(plans),
         conflict=" ".join(p.conflict for p in plans if p.conflict),
         parts=tuple(Part(p, int(row), float(s)) for p, row, s in zip(plans, rows, share, strict=True)),
@@ -105,6 +106,7 @@ def _in_the_whole(s: Stretch) -> Plan:
         s.plan,
         path=replace(s.plan.path, index=s.plan.path.index + s.first),
         breaks=tuple(shifted_break(b, s) for b in s.plan.breaks),
+        ways={p: shifted_break(b, s) for p, b in s.plan.ways.items()},
         notes=notes if s.first else s.plan.notes,
         conflict=f"With tool {s.tool}, points counted from {s.first}: {s.plan.conflict}" if s.plan.conflict else "",
     )

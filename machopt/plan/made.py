@@ -80,6 +80,7 @@ class Plan:
     breaks: tuple[Break, ...] = ()  # where no continuous way leads on inside a run
     found: Found | None = None  # the search, where that was the method
     notes: dict[int, str] = field(default_factory=dict)  # planning point: why it was given up after the choice
+    ways: dict[int, Break] = field(default_factory=dict)  # planning point: feasible, but the way that ends there is not
     compensation: Compensation | None = None  # then ``path`` is the shifted one
     conflict: str = ""  # which of the user's wishes cannot be kept together, where without them there is a plan
     begin: Array | None = None  # (6 + E,) rad or m by encoder, where the motion begins; None: at home

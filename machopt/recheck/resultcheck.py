@@ -21,6 +21,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.manifest import Manifest, ManifestFile, with_scope
 from machopt.domain.options import PlanOptions
 from machopt.domain.results.optimize import OptimizeResult
+from machopt.domain.slowmoves import Slow, said_at
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.errors import InputError
 from machopt.formats.options import options_as_user
@@ -272,9 +273,31 @@ def _feed(t: Told) -> Iterable[str]:
         inside |= (at >= first - ON_POINT) & (at <= last + ON_POINT)
         if not (0.0 <= dip.lowest_ratio < HELD and 1 <= dip.axis <= axes and first <= last):
             yield f"feed_dips.{n} is none: {short(dip)}"
+    yield from _slow_rows(t)
     missed = int((cut & (ratio[1] < HELD - FEED) & ~inside).sum())
     if missed > 2 * runs:
         yield f"{missed} samples below {HELD:g} of the programmed feed are in no feed_dips"
+
+
+def _slow_rows(t: Told) -> Iterable[str]:
+    """The rows of points.csv that are ok and have a reason are those on the way to which a dip of the path lies."""
+    points = Points.read(t)
+    stretches = [
+        Slow(
+            first=known("first_point", dip.first_point),
+            last=known("last_point", dip.last_point),
+            ratio=dip.lowest_ratio,
+            where=dip.where,
+            axis=dip.axis,
+            limit=dip.limit,
+        )
+        for dip in t.result.feed_dips
+    ]
+    wanted = said_at(stretches, len(t.toolpath))
+    rows = zip(points.ok.tolist(), points.table.words("reason"), strict=True)
+    wrong = [k for k, (ok, text) in enumerate(rows) if ok and text != wanted.get(k, "")]
+    if wrong:
+        yield f"the reason at {len(wrong)} points of points.csv does not follow from feed_dips, the first is {wrong[0]}"
 
 
 def _dwelling(t: Told, point: Array) -> Bools:

@@ -38,10 +38,11 @@ def verdict(data: ReportData) -> Verdict:
         why = f" ({', '.join(kinds)})" if kinds else ""
         number = s.infeasible_points or len(data.infeasible)
         parts = [f"for {number} of {s.points} points{why}{_first_of(data)}"] if number else []
-        if data.breaks:
-            first = data.breaks[0]
+        breaks = [b for b in data.breaks if not any(b.reason in p.reason for p in data.infeasible)]
+        if breaks:  # those that no point tells
+            first = breaks[0]
             parts.append(
-                f"at {counted(len(data.breaks), 'break')} of the motion, the first from {first.before} to "
+                f"at {counted(len(breaks), 'break')} of the motion, the first from {first.before} to "
                 f"{first.after} ({first.reason})"
             )
         sentence = (

@@ -13,8 +13,9 @@ gamma_deg                                 as docs/conventions.md has it, :mod:`m
 branch, singularity, limit_margin_deg     :mod:`machopt.verify.posture`
 k_*, deflection_*, stiffness_from         :mod:`machopt.verify.elastic`
 clearance_mm, nearest_pair                :mod:`machopt.verify.clearance`
-status, reason                            ok: every column is there and no reason; else a reason and no stiffness,
-                                          rotation or clearance. What is driven or not: :mod:`machopt.verify.path`
+status, reason                            ok: every column is there, and no reason but that the move is slow; else a
+                                          reason and no stiffness, rotation or clearance. What is driven or not:
+                                          :mod:`machopt.verify.path`
 ========================================  =========================================================================
 
 A limit is what the printed decimals explain: half of the last digit, and what half of the joints' last digit (5e-7
@@ -33,7 +34,7 @@ from machopt.arrays import Array, Bools
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
-from machopt.domain.toolpath import Toolpath
+from machopt.domain.toolpath import Move, Toolpath
 from machopt.verify import elastic, posture, reference
 from machopt.verify.arm import Arm
 from machopt.verify.check import Check, counted, not_run, worst
@@ -52,6 +53,8 @@ RELATIVE = 5e-6  # of stiffness and deflection: 5e-8 rad in all joints, squared 
 STIFF_N_MM, BEND_MM = 1e-4, 2e-7  # four and seven decimals
 JOINT_DEG = 0.1  # of the samples around the point: corners are rounded by up to 15 µm, over a short lever
 DWELL_S = 6e-4  # printed to a millisecond
+HELD = 0.95  # of the programmed feed: below it a move may be called slow
+ON_POINT = 1e-6  # of the index, printed to nine decimals
 
 
 def turned(T: Array, v: Array) -> Array:
@@ -96,7 +99,7 @@ class PointsCheck:
 
     def all(self, motion: Motion, ride: Ride) -> list[Check]:
         """Every check but clearance and compensation."""
-        checks = [self._complete(), *self._given(), self._status()]
+        checks = [self._complete(), *self._given(), self._status(motion)]
         if self.live.any():
             checks += [*self._placed(), self._driven(motion, ride), *self._posture(), *self._stiffness()]
         return checks
@@ -189,9 +192,12 @@ class PointsCheck:
             out.append(self.column("feed_mm_min", 6e4 * t.feed[k], every, "mm/min", FEED_MM_MIN))
         return out
 
-    def _status(self) -> Check:
-        """Words that exist; an ok point tells everything and no reason, any other a reason and nothing else."""
-        wrong = []
+    def _status(self, motion: Motion) -> Check:
+        """Words that exist; an ok point tells everything, any other a reason and nothing else.
+
+        The only reason of an ok point is that the move to it is driven slower than programmed.
+        """
+        wrong, slow = [], self._slow(motion)
         words = {reason.word for reason in Reason}
         numbers = self.points.numbers
         for n, status in enumerate(self.points.status):
@@ -206,7 +212,7 @@ class PointsCheck:
                 ]
                 lacks += [] if self.known[n] else ["joints"]
                 wrong += [f"{at} is ok and lacks {', '.join(lacks)}"] if lacks else []
-                wrong += [f"{at} is ok and has a reason"] if reason else []
+                wrong += [f"{at} is ok and has a reason"] if reason and not slow[self.k[n]] else []
             else:
                 more = [
                     name
@@ -216,6 +222,17 @@ class PointsCheck:
                 wrong += [f"{at} is {status} and has {', '.join(more)}"] if more else []
                 wrong += [] if reason else [f"{at} is {status} without a reason"]
         return counted("points.csv status", wrong, "points")
+
+    def _slow(self, motion: Motion) -> Bools:
+        """(P,) some sample that lies, in part at least, on the move to a point of the toolpath is below its feed."""
+        n, s = len(self.toolpath), motion.point
+        b = 1 + np.flatnonzero((motion.move[1:] != Move.RAPID) & np.isfinite(s[1:]) & np.isfinite(s[:-1]))
+        first = np.clip(np.floor(s[b - 1] + ON_POINT) + 1, 0, n - 1).astype(int)
+        last = np.maximum(np.clip(np.ceil(s[b] - ON_POINT), 0, n - 1).astype(int), first)
+        programmed = np.where(np.isfinite(self.toolpath.feed), self.toolpath.feed, self.options.approach_feed)
+        low = motion.feed[b] < HELD * np.fmax(programmed[first], programmed[last])
+        edges = np.bincount(first[low], minlength=n + 1) - np.bincount(last[low] + 1, minlength=n + 1)
+        return np.asarray(np.cumsum(edges[:n]) > 0)
 
     def _placed(self) -> list[Check]:
         """Tool on its point and along its axis; and the rotation."""

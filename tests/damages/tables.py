@@ -262,7 +262,9 @@ DAMAGES: list[Damage] = [
     points("driven point given up", "one row", given_up, "points given up are not driven"),
     points("status flipped", "one word", put("status", "colliding"), f"{P} status"),
     points("status made up", "one word", put("status", "fine"), f"{P} status"),
-    points("ok with a reason", "one field", put("reason", "out of reach"), f"{P} status"),
+    points("ok with a reason", "one field", put("reason", "out of reach", slice(-1, None)), f"{P} status"),
+    points("slow with another reason", "one field", put("reason", "out of reach"), "result.json feed"),
+    points("slow without a reason", "one field", put("reason", ""), "result.json feed"),
     Damage(f"{P} column renamed", "one column", in_text(P, "deflection_mm", "deflection"), f"{P} {READ}"),
     Damage(f"{P} column doubled", "one name", in_text(P, "k_normal_N_mm", "k_axial_N_mm"), f"{P} {READ}"),
     # --- trajectory.csv: time, home, rows
