@@ -248,3 +248,13 @@ def test_the_worst_point_is_one_that_the_plan_keeps(made: Plan) -> None:
     other = worst_told(stopped, point_results(stopped, path))
     assert other is not None
     assert other.point != worst.point
+
+
+def test_rotations_that_nobody_looked_at_for_contacts_are_not_promised(made: Plan) -> None:
+    """jiao2022 said that 72 of 72 rotations work at a point where global found that all of them collide."""
+    assert made.setup.collision is not None
+    row = made.path.runs[0][1]
+    one = replace(lost(made, row, Reason.COLLIDING), options=replace(made.options, method="jiao2022"))
+    assert explain_points(one)[row].startswith("the rotation that jiao2022 takes does not work here (it collides); ")
+    assert explain_points(one)[row].endswith("rotations do, contacts not looked for")
+    assert "which chooses among them, may help" in help_of(one, row)

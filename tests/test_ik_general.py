@@ -457,3 +457,23 @@ def test_kinds_of_geometry() -> None:
     centre, gap = geometry.common_point(GENERAL["spherical wrist"], (3, 4, 5))
     assert gap < 1e-12
     assert centre == pytest.approx([1.55, 0.0, 1.784])
+
+
+@pytest.mark.parametrize("arm", [industrial(0.05, 0.0), industrial(0.0, 0.12), industrial(0.05, 0.1), CRX])
+@pytest.mark.parametrize("q4", [0.0, np.pi, 1e-7])
+def test_forearm_in_the_plane_of_the_arm_loses_no_configuration(arm: Robot, q4: float) -> None:
+    """Every path with an upright tool: two solutions share an angle there, and a quarter of them was lost."""
+    q = np.random.default_rng(4).uniform(-2.0, 2.0, (60, 6))
+    q[:, 3] = q4
+    found = GeneralSolver.for_robot(arm).solve(arm.fk(q))
+    off_by = np.abs(wrap(found - q[:, None])).max(axis=-1)
+    assert np.mean(np.nanmin(off_by, axis=1) < SAME) > 0.98
+
+
+def test_solutions_that_share_a_round_angle_are_seen_as_sharing_it() -> None:
+    """Rounding leaves one at 1e-16 and its twin at 2π − 1e-16: they are neighbours, too."""
+    elimination = GeneralSolver.for_robot(CRX).eliminations[0]
+    q, pose = np.full((6, 6), -1e-12), np.array([7, 8, 7, 9, 9, 3])
+    q[2] = 1e-12
+    q[4] = 0.5  # pose 9 has two, apart; poses 3 and 8 have one each
+    assert elimination.sharing(q, pose).tolist() == [7]

@@ -31,6 +31,7 @@ from machopt.se3 import axis_rotation, inverse
 SAMPLES = np.array([0.0, 2.0, 4.0]) * np.pi / 3.0  # three angles fix a first-order trigonometric polynomial
 TO_COEFFICIENTS = np.linalg.inv(np.stack([np.ones(3), np.cos(SAMPLES), np.sin(SAMPLES)], axis=1))
 NEARLY_REAL = 0.03  # |Im x|/(1 + |x|²): double roots split by √rounding; Newton decides what is real
+SHARED = 1e-5  # rad; solutions closer in the eigenvalue's angle than this may come out mixed
 RANK = 1e-9  # of the largest singular value; two-parallel and meeting axes make some monomials dependent
 CHUNK = 2048  # poses worked on at once: 24×24 matrices of these fit the cache of a small machine
 
@@ -103,6 +104,16 @@ class Elimination:
         if not parts:
             return np.empty((0, 6)), np.empty(0, np.int64)
         return np.concatenate([q for q, _ in parts]), np.concatenate([m for _, m in parts])
+
+    def sharing(self, q: Array, pose: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The poses, of candidates q (K, 6) and pose (K,), of which two have the eigenvalue's angle in common."""
+        joint = self.choice.k - 1 + self.choice.e
+        turned = q[:, 5 - joint if self.choice.reverse else joint] - self.choice.phase[self.choice.e]
+        angle = np.mod(turned, 2.0 * np.pi)  # the seam lies at the phase, where no round angle is cut in two
+        order = np.lexsort((angle, pose))
+        close = (np.diff(pose[order]) == 0) & (np.diff(angle[order]) < SHARED)
+        shared: NDArray[np.int64] = pose[order][1:][close]
+        return shared
 
     def _chunk(self, T_base_flange: Array, first: int) -> tuple[Array, NDArray[np.int64]]:
         G = np.asarray(T_base_flange, float) @ self.T_end_base

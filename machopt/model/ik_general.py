@@ -24,12 +24,14 @@ from machopt.model.ik_newton import newton, polish, unique
 from machopt.model.ik_parallel import BRANCHES as PARALLEL_BRANCHES
 from machopt.model.ik_parallel import ThreeParallel
 from machopt.model.robot import Robot
+from machopt.se3 import axis_rotation, transform
 
 __all__ = ["GeneralSolver", "is_spherical_wrist", "is_three_parallel", "solve_general"]
 
 GENERIC_BRANCHES = 16  # Primrose 1986: a general 6R arm has at most sixteen
 CLOSED_RAD, CLOSED_M = 1e-5, 1e-5  # URDFs print π/2 as 1.5708; Newton takes the closed form the rest of the way
 POLISH_RAD = 0.05  # a closed-form root that Newton moves further is another branch
+ASIDE = transform(axis_rotation(np.array([0.36, 0.48, 0.8]), np.array(2e-3)), np.zeros(3))  # flange to one beside it
 SAME = 1e-6  # rad; below, two roots are one: a double root is only known to √rounding
 NEWTON_STEPS = 12
 PHASE = (0.3, 1.1, -0.7)  # rad, generic: puts the zeros and poles of the half-angle tangents at no round angle
@@ -139,7 +141,16 @@ class GeneralSolver:
         return out
 
     def _real_solutions(self, elimination: Elimination, T: Array) -> Array:
+        """Branches (M, B, 6) by one elimination; where two share its angle also from a pose close by.
+
+        A twofold eigenvalue spans a plane of monomials, and what comes out of it is a mixture of the two solutions.
+        Where the forearm lies in the plane of the arm (q₄ = 0 or π: every path with an upright tool) that is the rule.
+        """
         rough, pose = elimination.candidates(T)
+        shared = np.unique(elimination.sharing(rough, pose))
+        if len(shared):
+            beside, nearby = elimination.candidates(T[shared] @ ASIDE)
+            rough, pose = np.concatenate([rough, beside]), np.concatenate([pose, shared[nearby]])
         q, error = self._newton(T, pose, rough)
         return unique(q, pose, error, len(T), self.branches, SAME)
 

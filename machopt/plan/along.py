@@ -59,8 +59,13 @@ def moved(
     axes: Sequence[ExternalAxis],
     stands: Sequence[Array],
     scale: float,
+    clear: bool = False,
 ) -> Array:
-    """(P, E) the external joints along the path where they may move, elsewhere at the values (E,) of their group."""
+    """(P, E) the external joints along the path where they may move, elsewhere at the values (E,) of their group.
+
+    Args:
+        clear: as for :func:`machopt.plan.moving.curve`.
+    """
     stands = [g.snapped(value) for g, value in zip(groups, stands, strict=True)]
     out = np.empty((len(path.index), len(axes)))
     for g, value in zip(groups, stands, strict=True):
@@ -86,7 +91,7 @@ def moved(
                 bounds=bounds,
                 allowed=g.allowed,
             )
-            out[rows] = curve(setup, options, path, group, scale, weight)
+            out[rows] = curve(setup, options, path, group, scale, weight, clear)
     return out
 
 

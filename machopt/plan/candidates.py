@@ -150,7 +150,7 @@ def enumerate_candidates(path: Path, arm: PlanningArm, options: PlanOptions) -> 
     feasible = np.zeros((S, R, B, len(used)), bool)
     for start, (occur, fits) in zip(starts, parts, strict=True):
         feasible[start : start + size][..., np.searchsorted(used, occur)] = fits
-    _forbid_by_user(path, phi, options, reason, feasible, nudge)
+    _forbid_by_user(path, phi, options, reason, feasible, nudge, numbered=arm.solver.branch_stable)
     left = np.asarray(feasible.any(axis=(0, 1)).any(axis=0))  # in this order: quicker than all axes at once
     left[0] = True
     if not left.all():
@@ -204,8 +204,13 @@ def _forbid_by_user(
     reason: NDArray[np.uint8],
     feasible: NDArray[np.bool_],
     nudge: Array | None = None,
+    *,
+    numbered: bool = True,
 ) -> None:
-    """The user's rotation bounds, fixed rotations, zones and branches, as masks on gamma and branch."""
+    """The user's rotation bounds, fixed rotations, zones and branches, as masks on gamma and branch.
+
+    ``numbered``: a branch has the same number at every pose. Without that a wish names another branch at every point.
+    """
     moved = phi[None, :] + (0.0 if nudge is None else nudge[:, None])
     gamma = np.asarray(wrap(moved + path.offset[path.stations][:, None]))  # (S, R)
     low, high = options.rotation_range
@@ -222,6 +227,13 @@ def _forbid_by_user(
         rows = among(wish, index)
         if wish.forbid is not None:
             outside[rows] |= inside(gamma[rows], wish.forbid)
+        if wish.branch is not None and not numbered:
+            raise InputError(
+                f"{said(wish)}: branches of this arm have no numbers that hold from pose to pose (its last three axes "
+                "meet in no point, and axes 2 to 4 are not parallel); a pinned or preferred rotation would work",
+                file="options",
+                where="steer",
+            )
         if wish.branch is not None and wish.branch >= feasible.shape[2]:
             raise InputError(
                 f"{said(wish)}: this arm has the branches 0 to {feasible.shape[2] - 1}",

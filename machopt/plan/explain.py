@@ -80,7 +80,8 @@ def help_of(plan: Plan, point: int) -> str:
     s = min(int(np.searchsorted(plan.path.stations, point)), len(plan.path.stations) - 1)
     rotations = plan.candidates.reason_of_rotation()[s]
     if plan.options.method != "global" and (rotations == Reason.OK).any():
-        return f"--method global, which chooses among them, would help{_left_out(plan)}"
+        word = "would" if plan.setup.collision is None else "may"  # what they collide with was not looked for
+        return f"--method global, which chooses among them, {word} help{_left_out(plan)}"
     if (plan.candidates.reason[s] == Reason.UNREACHABLE).all():
         return _towards(plan, point)
     words = [_HELP[r] for r in _HELP if (rotations == r).any()]
@@ -143,7 +144,10 @@ def _sentence(plan: Plan, s: int, reason: Reason, point: int) -> str:
     if feasible and plan.options.method != "global":
         known = (Reason.LIMIT, Reason.SINGULAR_WRIST, Reason.SINGULAR_ELBOW, Reason.SINGULAR_SHOULDER)
         own = f" ({_SHIFTED[reason]})" if reason in known else ""
-        return f"{_OWN[plan.options.method]} does not work here{own}; {feasible} of {len(rotations)} rotations do"
+        if reason == Reason.COLLIDING:
+            own = " (it collides)"
+        but = "" if plan.setup.collision is None else ", contacts not looked for"
+        return f"{_OWN[plan.options.method]} does not work here{own}; {feasible} of {len(rotations)} rotations do{but}"
     if feasible:
         return (
             f"{feasible} of {len(rotations)} rotations work here, but none can be reached from the neighbouring "
