@@ -11,6 +11,7 @@ from machopt.arrays import Array
 from machopt.domain.program import LIN, PTP
 from machopt.domain.readprogram import ReadProgram
 from machopt.domain.toolpath import Event, Move, Operation, Toolpath
+from machopt.recheck.printed import last_digit
 from machopt.recheck.terms import index_at
 from machopt.verify.program import _kinds
 from machopt.verify.programcam import Cuts, _events, _reached, against_cam
@@ -155,6 +156,21 @@ def test_where_the_tool_stands_a_joint_move_to_or_from_there_is_none_on_the_path
     q[1:4] = q[1]
     for motion, passed in ((replace(moving, q=q), True), (moving, False)):
         check = _kinds(said, motion, p, at, linear, ["1", "2", "3", "4"], 2e-5)
+        assert ("joint move" not in check.where) is passed, check.where
+
+
+def test_decimals_of_joint_targets_are_worth_a_place_as_pulses_are() -> None:
+    """With a positioner a target of five decimals lay 1.2 µm from the tool's own place, and exit was 4."""
+    assert last_digit(np.array([[-74.22112, np.nan], [0.0, 90.0]])) == 1e-5
+    assert last_digit(np.array([-90.0, 45.0])) == 1e-4  # round by chance
+    assert last_digit(np.array([np.pi, np.nan])) == last_digit(np.array([np.nan])) == 0.0
+    p = 1e-3 * np.array([[0, 0, 0], [0, 0, 9.9988], [0, 0, 10.0], [0, 0, 15.0], [0, 0, 20.0]])
+    move = np.array([Move.CUT, Move.RETRACT, Move.RETRACT, Move.RAPID, Move.RAPID]).astype(np.int64)
+    said = program(np.array([[0, 0, 0], [0, 0, 10], [0, 0, 20.0]]), [LIN, LIN, PTP], ())
+    at, linear = np.array([0.0, 0.4, 4.0]), np.array([True, True, False])
+    motion = driven(np.array([0, 1, 1, 1.5, 2.0]), move)
+    for step, passed in ((1e-6, True), (1e-7, False)):
+        check = _kinds(replace(said, target_step=step), motion, p, at, linear, ["1", "2", "3"], 2e-5)
         assert ("joint move" not in check.where) is passed, check.where
 
 

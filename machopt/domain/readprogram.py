@@ -33,6 +33,7 @@ class ReadProgram:
     feed_step: float = 1e-6  # m/s, how coarsely the format prints feeds
     place_step: float = 0.0  # m, how coarsely it prints places (encoder pulses at arm's length)
     joint_step: float = 0.0  # rad, the same of joints
+    target_step: float = 0.0  # m, what the last decimals of its joint targets are worth at arm's length
 
     def __len__(self) -> int:
         return len(self.kind)

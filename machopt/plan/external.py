@@ -205,6 +205,8 @@ class _Tries:
         else:
             stands = [best[1].path.external[rows_of(self.path, g.runs)[0]] for g in self.groups]
         key, found = self._along(stands)
+        if key[0] and (best is None or best[0][0]) and self.setup.collision is not None:
+            key, found = min((key, found), self._clear_of_contacts(stands), key=lambda one: one[0])
         if any(g.must.any() for g in self.groups) or (best is None and not key[0]):
             return [found]  # no place keeps what was asked, or reaches all of it
         best = best or self.fixed(MOVES_TRIED)
@@ -217,6 +219,16 @@ class _Tries:
             if timeline.trajectory is None:
                 return [best[1], *fixed]
         return [found, *fixed]
+
+    def _clear_of_contacts(self, stands: list[Array]) -> tuple[Key, Plan]:
+        """The plan along a way that is made of free poses alone: where arm or part are in the way wherever they stand.
+
+        Looking for contacts at every pose of the grid costs more than the way itself, so nothing else waits for it.
+        """
+        search = self.search
+        with self.clock.stage("external"):
+            way = moved(self.setup, self.options, self.path, self.groups, self.axes, stands, search.scale, clear=True)
+        return self._planned(way, self.options)
 
     def _along(self, stands: list[Array]) -> tuple[Key, Plan]:
         """The best plan with the joints moving where they may, all of them or some (:func:`machopt.plan.along.fewer`).

@@ -9,8 +9,9 @@ unit, and the terms of :mod:`machopt.plan.objective`:
 The worst index is traded by caps on it. The stairs that come out are smoothed along the path (Whittaker's smoother with
 third differences: Eilers 2003, eq. 4, here by path length), and a finer grid is laid around the curve, a few times.
 What is found is a proposal: it is planned in full like a fixed value, and taken where it is better
-(:mod:`machopt.plan.external`). Point operations, and runs too short for a curve, keep one value each; joints that keep
-one value for an operation are tried at a few.
+(:mod:`machopt.plan.external`). Contacts are looked for only in a second try, where without that points are lost. Point
+operations, and runs too short for a curve, keep one value each; joints that keep one value for an operation are tried
+at a few.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ from machopt.plan.stairs import steps, walk
 from machopt.plan.stands import Bound, Interval, nearest_in, room_along
 
 COARSE = {1: 9, 2: 7, 3: 4}  # most values of each joint, by how many move
+CLEAR = {1: 25, 2: 9, 3: 5}  # the same where contacts are looked for: what they leave may be narrow
 APART = 0.8  # rad, or as much as counts so: coarse values need not lie closer
 HELD = 5  # values of a joint that keeps one, beside home and that of the best plan in which none moves
 AROUND = {1: 2, 2: 1, 3: 1}  # steps to either side of the curve in the finer grids
@@ -68,12 +70,15 @@ class Range:
     allowed: tuple[tuple[Interval, ...], ...] = ()  # (E,) of those that keep one value; empty: all of it
 
 
-def curve(setup: Setup, options: PlanOptions, path: Path, group: Range, scale: float, weight: Array) -> Array:
+def curve(
+    setup: Setup, options: PlanOptions, path: Path, group: Range, scale: float, weight: Array, clear: bool = False
+) -> Array:
     """(n, E) where the external joints stand at the planning points of a group's runs, in order.
 
     Args:
         scale: c₀.
         weight: (E,) of their travel.
+        clear: of poses that touch anything no way is made. Every one has to be looked at, so there are fewer stations.
     """
     free = np.flatnonzero(group.moving & (group.high > group.low))
     size = (group.high - group.low)[free] * setup.per_rad[6:][free]
@@ -82,9 +87,9 @@ def curve(setup: Setup, options: PlanOptions, path: Path, group: Range, scale: f
         len(free) == 1 and not setup.cell.external_prismatic[free[0]]
     ):  # a shaft that turns several times: so many a turn
         finest = int(np.ceil(finest * max(float(size[0]) / (2 * np.pi), 1.0)))
-    counts = [int(np.clip(np.ceil(way / APART) + 1, 3, finest)) for way in size]
+    counts = [CLEAR[len(free)] if clear else int(np.clip(np.ceil(way / APART) + 1, 3, finest)) for way in size]
     whole = round(2 * np.pi / max(options.rotation_step, STEP)) * setup.arm.solver.branches
-    stations = int(np.clip(VERTICES / (whole * int(np.prod(counts))), LEAST, MOST))
+    stations = LEAST if clear else int(np.clip(VERTICES / (whole * int(np.prod(counts))), LEAST, MOST))
     part = part_of(path, group.runs, stations)
     opts = replace(options, rotation_step=max(options.rotation_step, STEP))
     step = np.zeros(len(group.fixed))
@@ -102,7 +107,7 @@ def curve(setup: Setup, options: PlanOptions, path: Path, group: Range, scale: f
         return np.where(group.moving, a + (u - group.low) / span * (b - a), u) if group.bounds else u
 
     def way(u: Array) -> tuple[float, Array]:
-        cost, at = _best_way(setup, opts, part, stood(u, part.stations), near, scale, weight, group.share)
+        cost, at = _best_way(setup, opts, part, stood(u, part.stations), near, scale, weight, group.share, clear)
         return cost, np.asarray(u[np.arange(len(u)), at])
 
     def coarse(held: Array) -> tuple[float, Array]:
@@ -169,6 +174,7 @@ def _best_way(
     scale: float,
     weight: Array,
     share: float,
+    clear: bool,
 ) -> tuple[float, NDArray[np.int64]]:
     """What the best way through the grid of values (S, G, E) costs, and which of G it takes (S,)."""
     S, G = values.shape[:2]
@@ -180,11 +186,15 @@ def _best_way(
         candidates = enumerate_candidates(there, setup.arm, options)
         d = directions(there, setup.arm, setup.elasticity, options.force, across)
         cost = score_candidates(there, candidates, setup.elasticity, d, options).cost
+        if clear:
+            cost = _free(cost, candidates.q, values[:, g], part, setup)
         return cost, np.where(np.isfinite(cost)[..., None], candidates.q, np.nan), candidates.stable
 
     found_at = side_by_side(at, range(G))
     cost, q, stable = [c for c, _, _ in found_at], [x for _, x, _ in found_at], found_at[0][2]
     c = np.stack(cost, axis=1) / scale  # (S, G, R, B)
+    if clear:
+        c[_brushing(np.asarray(np.isfinite(c).any(axis=(2, 3))), near)] = np.nan
     R, B = c.shape[2:]
     terms, w = Terms.at_stations(part, setup.velocity, options), options.weights
     per = setup.per_rad[6:]
@@ -229,6 +239,23 @@ def _best_way(
         capped = side_by_side(under, [least + t * (most - least) for t in CAPS])
         best = min([best, *capped], key=lambda f: f[0])
     return best[0], best[2] // (R * B)
+
+
+def _free(cost: Array, q: Array, external: Array, part: Path, setup: Setup) -> Array:
+    """The costs (S, R, B) of poses q (S, R, B, 6) at external (S, E), NaN where one touches anything."""
+    if setup.collision is None:
+        return cost
+    at = np.nonzero(np.isfinite(cost))
+    found = setup.collision.check(np.hstack([q[at], external[at[0]]]), part.may_touch[part.stations][at[0]])
+    out = cost.copy()
+    out[tuple(k[found.hit] for k in at)] = np.nan
+    return out
+
+
+def _brushing(free: Bools, near: NDArray[np.int64]) -> Bools:
+    """(S, G) free values next to one that is not, where their station has others: a smooth curve cuts corners."""
+    inner = free & (free[:, near] | (near < 0)).all(axis=2)
+    return np.asarray(free & ~inner & np.any(inner, axis=1, keepdims=True))
 
 
 def _smooth(part: Path, stairs: Array, group: Range, wave: float) -> Array:

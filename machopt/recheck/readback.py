@@ -33,6 +33,7 @@ from machopt.model.posture import posture_of
 from machopt.model.robot import Robot, load_robot
 from machopt.recheck.compared import Compared, Posted
 from machopt.recheck.posts import controller_for
+from machopt.recheck.printed import target_step
 from machopt.recheck.rewritten import Rewritten, failed_check
 from machopt.recheck.terms import COUPLED, controller_axes, external_of, frame_given, index_at, wrong_frames
 from machopt.verify.arm import Arm
@@ -275,6 +276,7 @@ class _Ground:
             feed_step=COARSE if parsed.dialect in ("fanuc", "jbi") else 1e-6,
             place_step=self.tolerance.position if streamed else coarse * REACH,
             joint_step=coarse * 6.0,
+            target_step=0.0 if streamed else target_step(parsed, REACH),
         )
 
     def _terms(

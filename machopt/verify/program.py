@@ -121,7 +121,8 @@ def _kinds(
     k = ends[nth]
     tip = said.T_workpiece_tcp[:, :3, 3]
     apart = np.minimum(*(np.linalg.norm(p[rows] - tip[n], axis=1) for n in (k - 1, k)))
-    tells = apart > np.where(linear[k] & linear[k - 1], place, PRINTED * said.place_step + SAME_PLACE)
+    printed = PRINTED * max(said.place_step, said.target_step) + SAME_PLACE
+    tells = apart > np.where(linear[k] & linear[k - 1], place, printed)
     x = np.hstack([motion.q, motion.external])
     stands = np.r_[False, (np.diff(x, axis=0) == 0.0).all(axis=1)]
     stands[:-1] |= stands[1:]
