@@ -79,9 +79,9 @@ def own(folder: str) -> set[str]:
 @pytest.mark.parametrize(
     ("folder", "extras"),
     [
-        ("machopt", ("batch", "parquet", "xacro", "frames")),
-        ("tests", ("batch", "parquet", "xacro", "frames", "dev", "compare")),
-        ("benchmarks", ("batch", "parquet", "xacro", "frames", "dev", "compare")),
+        ("machopt", ("batch", "parquet", "frames")),
+        ("tests", ("batch", "parquet", "frames", "dev", "compare")),
+        ("benchmarks", ("batch", "parquet", "frames", "dev", "compare")),
         ("cells", ()),
         ("toolpaths", ()),
     ],
@@ -104,7 +104,7 @@ def test_nothing_is_declared_that_nobody_imports() -> None:
     known = known_packages()
     everywhere = {name for folder in ("machopt", "tests", "benchmarks") for name, _ in imported(folder)}
     used = {name_of(d) for name in everywhere for d in known.get(name, [DISTRIBUTION.get(name, name)])}
-    assert declared("batch", "parquet", "xacro", "frames", "dev", "compare") - used - TOOLS == set()
+    assert declared("batch", "parquet", "frames", "dev", "compare") - used - TOOLS == set()
 
 
 def test_every_bound_is_from_a_version_to_none_and_says_which() -> None:
@@ -122,9 +122,9 @@ def pins(lock: Path) -> dict[str, str]:
 @pytest.mark.parametrize(
     ("lock", "extras"),
     [
-        (LOCK, ("batch", "parquet", "xacro")),
-        (TEST_LOCK, ("batch", "parquet", "xacro", "dev")),
-        (LOWEST, ("batch", "parquet", "xacro", "dev")),
+        (LOCK, ("batch", "parquet")),
+        (TEST_LOCK, ("batch", "parquet", "dev")),
+        (LOWEST, ("batch", "parquet", "dev")),
     ],
 )
 def test_a_lock_holds_all_that_is_declared_with_hashes_and_no_place(lock: Path, extras: tuple[str, ...]) -> None:
@@ -153,7 +153,7 @@ def test_the_lowest_versions_are_the_bounds() -> None:
     """What `make lowest` tries is what pyproject.toml promises, to the last number."""
     pinned = pins(LOWEST)
     extras = PROJECT["optional-dependencies"]
-    lists = [PROJECT["dependencies"], extras["batch"], extras["parquet"], extras["xacro"], extras["dev"]]
+    lists = [PROJECT["dependencies"], extras["batch"], extras["parquet"], extras["dev"]]
     for requirement in (r for requirements in lists for r in requirements):
         bound = re.search(r">=([\d.]+)", requirement)
         assert bound is not None

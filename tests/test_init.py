@@ -17,6 +17,7 @@ from machopt.cells.robotfiles import copy_robot
 from machopt.cells.text import REFERENCE_NM_PER_RAD, REFERENCE_SPAN_M, estimated_stiffness
 from machopt.cli import main
 from machopt.domain.cell import Cell
+from machopt.domain.results.cells import InitResult
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
@@ -184,6 +185,16 @@ def test_a_workpiece_is_placed_where_neither_wrist_nor_elbow_is_stretched_anywhe
     assert found.margin <= best + np.radians(2)  # it was told by fewer points
 
 
+def test_a_path_too_large_for_the_arm_has_its_middle_in_reach(robot: Path, tmp_path: Path) -> None:
+    """A start that validates: the report of a plan then says which points lack what."""
+    file = tmp_path / "large.csv"
+    file.write_text("x_mm,y_mm,z_mm,i,j,k,feed_mm_min\n100,0,0,0,0,1,600\n9100,0,0,0,0,1,600\n")
+    done = run_init(InitRequest(robot=robot, out=tmp_path / "cell", toolpath=file))
+    assert any("reaches all of large.csv, so workpiece.pose has its middle in reach" in g for g in done.guesses)
+    middle = done.cell.workpiece.T_link_workpiece @ [4.6, 0.0, 0.0, 1.0]
+    assert 0.3 < np.linalg.norm(middle[:3]) < 2.5
+
+
 @pytest.mark.parametrize("name", REAL)
 def test_arms_of_the_field_are_found(name: str) -> None:
     arm = find_arm(read_robot(robot_folder(name) / f"{name}.urdf"))
@@ -243,7 +254,7 @@ def test_a_robots_meshes_come_along_from_wherever_they_lie(tmp_path: Path) -> No
     (tmp_path / "robot" / "r.urdf").write_text(f'<robot name="r">{parts}{joints}</robot>')
     out = tmp_path / "out"
     out.mkdir()
-    assert len(copy_robot(describe_alone(tmp_path / "robot" / "r.urdf"), out)) == 3
+    assert len(copy_robot(describe_alone(tmp_path / "robot" / "r.urdf"), out, {})) == 3
     assert {p.relative_to(out).as_posix() for p in out.rglob("*.stl")} == {
         "pkg/meshes/a.stl",
         "beside/b.stl",
@@ -252,7 +263,7 @@ def test_a_robots_meshes_come_along_from_wherever_they_lie(tmp_path: Path) -> No
     assert '"meshes/c.stl"' in (out / "robot.urdf").read_text()
     (tmp_path / "else" / "c.stl").unlink()
     with pytest.raises(InputError, match=r"line 1: collision mesh of link 'l2': no such file"):
-        copy_robot(describe_alone(tmp_path / "robot" / "r.urdf"), out)
+        copy_robot(describe_alone(tmp_path / "robot" / "r.urdf"), out, {})
 
 
 def test_a_similar_arm_half_the_size_is_an_eighth_as_stiff() -> None:
@@ -281,16 +292,85 @@ def test_the_command_refuses_what_it_would_overwrite_and_what_it_cannot_know(
     out = tmp_path / "cell"
     assert main(["init", str(robot), "-o", str(out), "--workpiece-mm", "1500,0,600", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
+    assert InitResult.model_validate(told).plain() == told
     assert told["flange_link"] == "flange"
+    assert told["guesses"]
     before = (out / "cell.yaml").read_bytes()
     assert main(["init", str(robot), "-o", str(out)]) == 2
     assert "is not empty" in capsys.readouterr().err
     assert (out / "cell.yaml").read_bytes() == before
-    slow = robot.read_text().replace('velocity="2"', 'velocity="0"')
-    robot.write_text(slow)
-    assert main(["init", str(robot), "-o", str(tmp_path / "c2")]) == 2
-    assert "--velocity-deg-s with 6 values" in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="2"):
+        main(["init", str(robot), "-o", str(tmp_path / "c2"), "--package", "mine=nowhere"])
+    assert "expected NAME=FOLDER" in capsys.readouterr().err
     assert [p for p in tmp_path.iterdir() if p.name.startswith(".")] == []
+
+
+def test_velocities_that_a_urdf_lacks_are_slow_ones_and_said(robot: Path, tmp_path: Path) -> None:
+    """velocity="0" is common in URDFs drawn by CAD: what else a cell needs is estimated and flagged, too."""
+    robot.write_text(robot.read_text().replace('velocity="2"', 'velocity="0"', 1))
+    done = run_init(InitRequest(robot=robot, out=tmp_path / "cell", workpiece_mm=(1500.0, 0.0, 600.0)))
+    np.testing.assert_allclose(np.degrees(done.cell.limits.velocity), [45.0, *[np.degrees(2.0)] * 5], rtol=1e-4)
+    assert any("the URDF has no velocity for a1:" in g and "--velocity-deg-s" in g for g in done.guesses)
+    assert "# ESTIMATED for a1, of which the URDF says none: 45 deg/s" in (tmp_path / "cell/cell.yaml").read_text()
+    assert not any("above the URDF's velocity" in w for w in done.cell.warnings)
+
+
+def test_a_joint_that_never_stands_at_zero_has_a_home_within_its_range(robot: Path, tmp_path: Path) -> None:
+    """Panda's joint 4 ends at -0.0698 rad, -3.99925 deg: three decimals of that lie outside."""
+    text = robot.read_text()
+    high = text.index('upper="', text.index('name="a2"')) + len('upper="')
+    robot.write_text(text[:high] + "-0.0698" + text[text.index('"', high) :])
+    assert run_init(InitRequest(robot=robot, out=tmp_path / "cell")).folder.is_dir()
+
+
+def test_a_seven_axis_arm_is_refused_with_what_would_work_and_that_works(tmp_path: Path) -> None:
+    text = urdf_text().replace('<parent link="base_link"/>', '<parent link="stand"/>', 1)
+    turn = (
+        '<link name="stand"/><joint name="a0" type="revolute"><parent link="base_link"/><child link="stand"/>'
+        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>'
+    )
+    file = tmp_path / "seven.urdf"
+    file.write_text(text.replace("</robot>", turn))
+    with pytest.raises(InputError, match=r"7 joints .*\(a0, a1, .*, a6\); machopt plans for arms of six") as refused:
+        run_init(InitRequest(robot=file, out=tmp_path / "cell"))
+    assert "--base-link stand plans with a0 as an external axis" in str(refused.value)
+    done = run_init(InitRequest(robot=file, out=tmp_path / "cell", base_link="stand"))
+    assert done.cell.external_joints == ("a0",)
+
+
+@pytest.mark.parametrize("how", ["holds the mesh", "package.xml", "given"])
+def test_a_package_in_a_folder_of_another_name_is_found(how: str, tmp_path: Path) -> None:
+    """ROS names a package in package.xml; robots are passed on in folders of any name."""
+    import trimesh
+
+    folder = tmp_path / "kuka_kr" / "urdf"
+    folder.mkdir(parents=True)
+    package = tmp_path / "elsewhere" if how == "given" else tmp_path / "kuka_kr"
+    (package / "meshes").mkdir(parents=True)
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(package / "meshes" / "a.stl")
+    collision = '<collision><geometry><mesh filename="package://kr_support/meshes/a.stl"/></geometry></collision>'
+    macro = urdf_text().replace('<link name="link_1">', f'<link name="link_1">{collision}')
+    (folder / "parts.xacro").write_text(macro.replace("<robot", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"'))
+    if how == "given":
+        (package / "urdf").mkdir()
+        (folder / "parts.xacro").rename(package / "urdf" / "parts.xacro")
+    robot = folder / "robot.xacro"
+    robot.write_text(
+        '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+        '<xacro:include filename="$(find kr_support)/urdf/parts.xacro"/></robot>'
+    )
+    if how == "package.xml":
+        (package / "package.xml").write_text("<package><!-- <name>no</name> --><name>kr_support</name></package>")
+    asked = InitRequest(robot=robot, out=tmp_path / "cell", workpiece_mm=(1500.0, 0.0, 600.0))
+    if how == "given":
+        with pytest.raises(InputError, match=r"asks for the ROS package 'kr_support'.*--package kr_support=FOLDER"):
+            run_init(asked)
+        asked = replace(asked, packages={"kr_support": package})
+    assert (run_init(asked).folder / "kr_support" / "meshes" / "a.stl").is_file()
+    if how == "package.xml":  # a folder that says another name is not it, whatever it holds
+        (package / "package.xml").write_text("<package><name>other</name></package>")
+        with pytest.raises(InputError, match="asks for the ROS package 'kr_support'"):
+            run_init(replace(asked, out=tmp_path / "c2"))
 
 
 @pytest.mark.parametrize("file", sorted(FILES))

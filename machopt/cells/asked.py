@@ -15,6 +15,7 @@ class InitRequest:
     robot: Path
     out: Path
     name: str | None = None  # of the cell; the robot's file name
+    packages: Mapping[str, Path] = field(default_factory=dict)  # folders of ROS packages, by name
     base_link: str | None = None
     flange_link: str | None = None
     tool_length_mm: float = 200.0  # from the flange to the TCP, out of the flange

@@ -15,6 +15,9 @@ from machopt.cells.text import NewCell
 from machopt.errors import InputError
 from machopt.formats.urdf import ArmLinks, Urdf, UrdfJoint
 
+SLOW_DEG_S, SLOW_MM_S = 45.0, 200.0
+"""Judgement, where a URDF says no velocity: too low costs cycle time, too high is no motion the drives can follow.
+The arms of cells/ have 75 deg/s and more."""
 _BODY_RADIUS_MM = 40.0  # of the spindle that stands for one that is not given
 
 
@@ -25,14 +28,14 @@ def draft(request: InitRequest, urdf: Urdf, links: ArmLinks) -> tuple[NewCell, t
         The cell, and what of it is a guess.
 
     Raises:
-        InputError: an option is wrong, or the URDF has no limits and no option gives them.
+        InputError: an option is wrong, or a joint of the URDF has no range.
     """
     _check(request)
     joints = (*links.arm, *links.external)
     slides = tuple(j.kind == "prismatic" for j in joints)
     scale = [1e3 if slide else 180.0 / math.pi for slide in slides]
     lower, upper = _ranges(joints, scale, urdf)
-    velocity, of = _velocities(request, joints, scale, urdf)
+    velocity, of, slow = _velocities(request, joints, slides)
     guesses = [] if request.tool_mass_kg else ["tool.mass_kg is 0: the tool's weight is not counted"]
     body = '{name: spindle, mesh: "tool' + request.tool_mesh.suffix.lower() + '"}' if request.tool_mesh else ""
     if not body:
@@ -40,6 +43,11 @@ def draft(request: InitRequest, urdf: Urdf, links: ArmLinks) -> tuple[NewCell, t
     part = request.workpiece_mesh
     if part is None:
         guesses.append("the workpiece has no body, so nothing is checked against it")
+    if slow:
+        guesses.append(
+            f"the URDF has no velocity for {', '.join(slow)}: robot.limits.velocity_deg_s is a slow guess "
+            "(--velocity-deg-s)"
+        )
     new = NewCell(
         name=request.name or urdf.path.stem,
         urdf=URDF,
@@ -54,7 +62,7 @@ def draft(request: InitRequest, urdf: Urdf, links: ArmLinks) -> tuple[NewCell, t
         upper=upper,
         velocity=velocity,
         velocity_of=of,
-        home=[min(max(0.0, a), b) for a, b in zip(lower, upper, strict=True)],
+        home=[0.0 if a < 0.0 < b else (a + b) / 2.0 for a, b in zip(lower, upper, strict=True)],
         tcp_mm=request.tcp_mm or (0.0, 0.0, request.tool_length_mm),
         tcp_rpy_deg=request.tcp_rpy_deg or (0.0, 0.0, 0.0),
         tcp_note="",
@@ -135,22 +143,23 @@ def _ranges(joints: tuple[UrdfJoint, ...], scale: list[float], urdf: Urdf) -> tu
 
 
 def _velocities(
-    request: InitRequest, joints: tuple[UrdfJoint, ...], scale: list[float], urdf: Urdf
-) -> tuple[list[float], str]:
+    request: InitRequest, joints: tuple[UrdfJoint, ...], slides: tuple[bool, ...]
+) -> tuple[list[float], str, tuple[str, ...]]:
+    """deg/s (mm/s), who says so, and the joints for which nobody does."""
     given = request.velocity_deg_s
     if given is not None:
         if len(given) != len(joints):
             raise InputError(f"found {len(given)} numbers; expected {len(joints)}", where="--velocity-deg-s")
-        return [float(v) for v in given], "as given"
-    missing = [j.name for j in joints if not j.velocity > 0.0]
-    if missing:
-        raise InputError(
-            f"the URDF has no velocity for {', '.join(missing)}; --velocity-deg-s with {len(joints)} values from the "
-            "data sheet would work",
-            file=urdf.path,
-            where="--velocity-deg-s",
-        )
-    return [round(float(j.velocity * s), 3) for j, s in zip(joints, scale, strict=True)], "of the URDF"
+        return [float(v) for v in given], "as given", ()
+    missing = tuple(j.name for j in joints if not j.velocity > 0.0)
+    slow = [SLOW_MM_S if slide else SLOW_DEG_S for slide in slides]
+    own = [j.velocity * (1e3 if slide else 180.0 / math.pi) for j, slide in zip(joints, slides, strict=True)]
+    velocity = [round(float(v if v > 0.0 else low), 3) for v, low in zip(own, slow, strict=True)]
+    if not missing:
+        return velocity, "of the URDF", ()
+    rule = f"ESTIMATED for {', '.join(missing)}, of which the URDF says none: {SLOW_DEG_S:g} deg/s"
+    rule += f" ({SLOW_MM_S:g} mm/s where it slides)" if any(slides) else ""
+    return velocity, f"{rule}, slow on purpose", missing
 
 
 def _flange_note(links: ArmLinks) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,6 +127,22 @@ def find_place(arm: ReachingArm, position: Array, axis: Array, reach: float, fre
         if best.share == 1.0:
             break
     return best
+
+
+def place_or_middle(
+    arm: ReachingArm, position: Array, axis: Array, reach: float, free: Free = _any_will_do
+) -> Place | None:
+    """:func:`find_place`; where there is none, a block of the arm's size in the path's middle is placed instead.
+
+    Returns:
+        With ``share`` 0.0 where only that block is reached; None where nothing is.
+    """
+    found = find_place(arm, position, axis, reach, free)
+    if found is not None:
+        return found
+    block, upright = sample_path(reach)
+    middle = find_place(arm, block + (position.min(axis=0) + position.max(axis=0)) / 2.0, upright, reach, free)
+    return None if middle is None else replace(middle, share=0.0)
 
 
 def _telling(position: Array, axis: Array) -> NDArray[np.intp]:

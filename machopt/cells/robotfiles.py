@@ -6,22 +6,30 @@ import contextlib
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from machopt.cells.asked import InitRequest
 from machopt.errors import InputError
+from machopt.formats.mesh.collada import read_collada, stl_bytes
 from machopt.formats.urdf import Description, UrdfMesh, find_mesh, package_alone
 
 URDF = "robot.urdf"
 MESHES = "meshes"
+COLLADA = ".dae"
 
 
-def copy_robot(description: Description, folder: Path) -> tuple[Path, ...]:
+def copy_robot(description: Description, folder: Path, packages: Mapping[str, Path]) -> tuple[Path, ...]:
     """Write ``robot.urdf`` and its collision meshes into a folder.
 
     Meshes of a package go to ``PACKAGE/…`` beside the URDF, where ``package://`` finds them; those beside the URDF keep
-    their place; those elsewhere go to ``meshes/``, and the URDF says so. Pictures (visual meshes) are left out.
+    their place; those elsewhere go to ``meshes/``, and the URDF says so. COLLADA becomes STL, ``NAME.dae.stl``.
+    Pictures (visual meshes) are left out.
+
+    Args:
+        description: of the robot.
+        folder: of the new cell.
+        packages: folders of ROS packages, by name; others are looked for around the robot's file.
 
     Returns:
         The meshes that were copied, where they lay.
@@ -32,22 +40,35 @@ def copy_robot(description: Description, folder: Path) -> tuple[Path, ...]:
     urdf = description.urdf
     text = urdf.path.read_text(encoding="utf-8-sig") if description.text is None else description.text
     source, taken = urdf.path.parent.resolve(), dict[str, str]()
-    found: dict[str, Path] = {mesh.uri: _path(description, mesh) for mesh in urdf.meshes}
+    found: dict[str, Path] = {mesh.uri: _path(description, mesh, packages) for mesh in urdf.meshes}
     for uri, path in found.items():
+        scheme = ""
         if uri.startswith(("package://", "model://")):
-            place = uri.split("://", 1)[1]
+            scheme, place = uri[: uri.index("://") + 3], uri.split("://", 1)[1]
         elif path.resolve().is_relative_to(source) and not uri.startswith(("file://", "/")) and ".." not in uri:
             place = uri
         else:
             place = _free(f"{MESHES}/{path.name}", taken)
-            text = text.replace(f'"{uri}"', f'"{place}"').replace(f"'{uri}'", f"'{place}'")
+        if path.suffix.lower() == COLLADA:
+            place += ".stl"
+        if scheme + place != uri:
+            text = text.replace(f'"{uri}"', f'"{scheme}{place}"').replace(f"'{uri}'", f"'{scheme}{place}'")
         taken[place] = uri
         target = folder / place
         if ".." in Path(place).parts:
             raise InputError(f"the mesh {uri} leads out of its package", file=urdf.path)
-        copy_file(path, target)
+        _copy_mesh(path, target)
     (folder / URDF).write_text(text, encoding="utf-8", newline="\n")
     return tuple(found.values())
+
+
+def _copy_mesh(source: Path, target: Path) -> None:
+    """COLLADA as STL, which planner and verifier read; any other mesh as it is."""
+    if source.suffix.lower() != COLLADA:
+        copy_file(source, target)
+        return
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_bytes(stl_bytes(read_collada(source)))
 
 
 def copy_file(source: Path, target: Path) -> None:
@@ -63,22 +84,20 @@ def copy_file(source: Path, target: Path) -> None:
         raise InputError(f"cannot be copied: {problem.strerror}", file=source) from None
 
 
-def _path(description: Description, mesh: UrdfMesh) -> Path:
+def _path(description: Description, mesh: UrdfMesh, given: Mapping[str, Path]) -> Path:
     urdf = description.urdf
 
     def fail(message: str) -> InputError:
         return InputError(message, file=urdf.path, where=f"line {mesh.line}: collision mesh of link {mesh.link!r}")
 
-    packages: dict[str, Path] = {}
+    packages = dict(given)
     if mesh.uri.startswith(("package://", "model://")):
-        name = mesh.uri.split("://", 1)[1].partition("/")[0]
-        if not (urdf.path.parent / name).is_dir():
+        name, _, rest = mesh.uri.split("://", 1)[1].partition("/")
+        if name not in packages and not (urdf.path.parent / name).is_dir():
             try:
-                packages[name] = package_alone(name, urdf.path)
-            except InputError:
-                raise fail(
-                    f"{mesh.uri}: no folder {name!r} stands beside the robot's file or above it; put it beside"
-                ) from None
+                packages[name] = package_alone(name, urdf.path, given, [rest])
+            except InputError as problem:
+                raise fail(problem.reason) from None
     path = find_mesh(urdf, mesh.uri, packages, urdf.path.parent, fail).path
     if not path.is_file():
         raise fail(f"no such file: {mesh.uri} (looked for {path})")
@@ -118,9 +137,9 @@ def named_as_given(folder: Path, request: InitRequest) -> Iterator[None]:
     try:
         yield
     except InputError as wrong:
-        if not isinstance(wrong.file, Path) or not wrong.file.is_relative_to(folder):
+        if not isinstance(wrong.file, Path) or not wrong.file.resolve().is_relative_to(folder.resolve()):
             raise
-        place = wrong.file.relative_to(folder)
+        place = wrong.file.resolve().relative_to(folder.resolve())
         own = {URDF: request.robot, "stiffness.yaml": request.stiffness}.get(place.as_posix()) or request.out / place
         where = wrong.where
         if place.name == "cell.yaml" and where is not None and where.endswith(": robot.urdf"):

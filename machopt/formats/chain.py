@@ -144,7 +144,9 @@ def read_limits(chain: Chain, keys: CellKeys, document: Document, warnings: list
     as_in_urdf = all(_SAME[0] * urdf < v < _SAME[1] * urdf for v, urdf in turning)
     if turning and (max(v for v, _ in turning) < _RAD_LOOK or as_in_urdf):
         warnings.append(f"robot.limits.velocity_deg_s {limits.velocity_deg_s} looks like rad/s; deg/s is expected")
-    fast = [j.name for i, j in enumerate(chain.moving) if speed[i] > _FASTER * j.velocity]  # NaN compares false
+    fast = [
+        j.name for i, j in enumerate(chain.moving) if speed[i] > _FASTER * j.velocity > 0
+    ]  # NaN compares false; 0: it has none
     if fast:
         warnings.append(f"robot.limits.velocity_deg_s is above the URDF's velocity for {', '.join(fast)}")
     return JointLimits(lower, upper, speed, rates["acceleration_deg_s2"], rates["jerk_deg_s3"])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +11,11 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.cells.asked import InitRequest
 from machopt.cells.draft import aimed, draft
-from machopt.cells.place import find_place, outward, sample_path
+from machopt.cells.place import outward, place_or_middle, sample_path
 from machopt.cells.post import with_post
 from machopt.cells.robotfiles import copy_file, copy_robot, named_as_given, new_folder
 from machopt.cells.text import NewCell, cell_text, estimated_stiffness, stiffness_text
+from machopt.cells.told import InitOutcome
 from machopt.domain.cell import Cell
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
@@ -29,27 +30,18 @@ from machopt.services.knownrobot import reading_of
 from machopt.workspace.mapping import arm_of
 
 
-@dataclass(frozen=True)
-class InitOutcome:
-    """What came out."""
-
-    cell: Cell
-    folder: Path
-    guesses: tuple[str, ...]  # what the user should put in or look at, one sentence each
-
-
 def run_init(request: InitRequest) -> InitOutcome:
     """Write a new cell.
 
     Raises:
         InputError: the robot cannot be read or is no six-axis arm, an option is wrong, or the folder is taken.
     """
-    description = describe_alone(request.robot)
+    description = describe_alone(request.robot, request.packages)
     links = find_arm(description.urdf, request.base_link, request.flange_link)
     span = sum(j.offset for j in description.urdf.chain(links.flange_link) if j not in links.external)
     new, guesses = draft(request, description.urdf, links)
     with new_folder(request.out) as folder, named_as_given(folder, request):
-        copy_robot(description, folder)
+        copy_robot(description, folder, request.packages)
         for file, name in ((request.tool_mesh, "tool"), (request.workpiece_mesh, "workpiece")):
             if file is not None:
                 copy_file(file, folder / f"{name}{file.suffix.lower()}")
@@ -96,17 +88,22 @@ def _placed(new: NewCell, request: InitRequest, cell: Cell, span: float) -> tupl
     T_world_base = load_machine(cell, robot).T_world_base(rest[None])[0]  # where the rail stands at home
     turn = rpy_matrix(np.radians(request.workpiece_rpy_deg))  # of the workpiece in world
     R = T_world_base[:3, :3].T @ turn
-    found = find_place(arm, position @ R.T, axis @ R.T, span, free)
+    found = place_or_middle(arm, position @ R.T, axis @ R.T, span, free)
+    lacking = f"no place before the arm was found where it reaches all of {of}"
     if found is None:
-        return new, (f"no place before the arm was found where it reaches all of {of}; put in workpiece.pose and home",)
+        return new, (f"{lacking}; put in workpiece.pose and home",)
     room = f"{math.degrees(found.margin):.0f} deg to joint limits and to a stretched wrist or elbow"
-    if found.share == 1.0:
+    if found.share == 0.0:
+        note = f"GUESS: {lacking}; its middle lies in reach"
+    elif found.share == 1.0:
         note = f"GUESS: where one posture reaches all of {of} with {room}"
     else:
         note = f"GUESS: where one posture reaches most of {of}, {100 * found.share:.0f} %; another place may reach all"
     home = [float(v) for v in np.round(np.degrees(found.home), 2)]
     at = [float(v) for v in np.round(1e3 * (T_world_base @ found.T_base_workpiece)[:3, 3])]
     placed = replace(new, workpiece_mm=at, workpiece_note=note, home=[*home, *new.home[6:]])
+    if found.share == 0.0:
+        return placed, (f"{lacking}, so workpiece.pose has its middle in reach; a smaller tool or larger arm may do",)
     return placed, ("workpiece.pose is where the arm reaches well, not where your workpiece is",)
 
 

@@ -10,6 +10,7 @@ from machopt.formats.urdf.tree import Urdf, UrdfJoint
 FLANGES = ("tool0", "flange", "tool_flange", "ee_link")
 """Names of the link that carries the tool, the one that tool data refer to first (ROS-Industrial: z out of tool0)."""
 _TURNS = ("revolute", "continuous")
+_HELD = "a URDF in which the joints too many are fixed would work, too"
 
 
 @dataclass(frozen=True)
@@ -47,12 +48,7 @@ def find_arm(urdf: Urdf, base_link: str | None = None, flange_link: str | None =
         external = moving[:-6]
         turning = [j.name for j in external if j.kind in _TURNS]
         if turning:
-            raise InputError(
-                f"{len(moving)} joints move {flange!r}, and {', '.join(turning)} in front of the last six turns; an "
-                "arm has six: name the link that bears its first joint",
-                file=urdf.path,
-                where="--base-link",
-            )
+            raise _too_many(urdf, flange, moving)
     arm = moving[len(external) :]
     if len(arm) != 6 or any(j.kind not in _TURNS for j in arm):
         found = ", ".join(f"{j.name} ({j.kind})" for j in moving) or "no moving joint"
@@ -64,6 +60,25 @@ def find_arm(urdf: Urdf, base_link: str | None = None, flange_link: str | None =
         )
     fixed = tuple(f for f in _fixed_to(urdf, arm[-1].child) if f != flange)
     return ArmLinks(base_link or _base(urdf, arm[0]), flange, arm, external, fixed)
+
+
+def _too_many(urdf: Urdf, flange: str, moving: tuple[UrdfJoint, ...]) -> InputError:
+    """More than six joints that turn: a seven-axis arm, a turntable below one, a hand behind one."""
+    before = moving[:-6]
+    others = []
+    if len(before) <= 3:
+        kind = "an external axis" if len(before) == 1 else "external axes"
+        others.append(f"--base-link {before[-1].child} plans with {', '.join(j.name for j in before)} as {kind}")
+    if all(j.kind in _TURNS for j in moving[:6]):
+        others.append(
+            f"--flange-link {moving[5].child} ends the arm at {moving[5].name}, where what follows is a gripper's"
+        )
+    names = ", ".join(j.name for j in moving)
+    return InputError(
+        f"{len(moving)} joints turn or slide one behind the other up to {flange!r} ({names}); "
+        f"machopt plans for arms of six and up to three external axes. {'; '.join([*others, _HELD])}",
+        file=urdf.path,
+    )
 
 
 def _moving(urdf: Urdf, link: str) -> tuple[UrdfJoint, ...]:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from machopt.errors import InputError
+from machopt.formats.opener import MARKUP, read_text
 from machopt.formats.urdf.expand import Find, expand, is_xacro
-from machopt.formats.urdf.meshes import find_package
+from machopt.formats.urdf.meshes import find_package, package_around
 from machopt.formats.urdf.read import read_urdf
 from machopt.formats.urdf.tree import Urdf
 
-_UP = 3  # folders above a lone xacro file in which its packages are looked for
+_UP = 5  # folders above a lone robot's file in which its packages are looked for
 
 
 @dataclass(frozen=True)
@@ -54,16 +56,39 @@ def read_robot(path: Path) -> Urdf:
     return describe_alone(path).urdf
 
 
-def describe_alone(path: Path) -> Description:
-    """The same with the text that a xacro file expands to."""
-    return describe(path, {}, lambda name: package_alone(name, path))
+def describe_alone(path: Path, packages: Mapping[str, Path] | None = None) -> Description:
+    """The same with the text that a xacro file expands to; ``packages``: folders by name, looked at first."""
+    return describe(path, {}, lambda name: package_alone(name, path, packages or {}, _included(name, path)))
 
 
-def package_alone(name: str, path: Path) -> Path:
-    """Folder of a package beside a robot's file or a few folders above.
+def package_alone(name: str, path: Path, packages: Mapping[str, Path], rests: Iterable[str]) -> Path:
+    """Folder of a package: as given, or beside a robot's file or a few folders above, or the one around it.
+
+    Args:
+        name: of the package.
+        path: the robot's file.
+        packages: folders that are known, by name.
+        rests: files that are asked for in the package, relative to it (:func:`package_around`).
 
     Raises:
         InputError: there is none.
     """
     above = path.resolve().parents
-    return find_package(name, path, {}, above[min(_UP, len(above) - 1)])
+    try:
+        return find_package(name, path, dict(packages), above[min(_UP, len(above) - 1)])
+    except InputError:
+        around = package_around(name, rests, path, _UP)
+    if around is None:
+        raise InputError(
+            f"asks for the ROS package {name!r}, and no folder of that name, with that name in its package.xml, or "
+            f"with the file asked for stands beside the robot's file or above it; --package {name}=FOLDER would work",
+            file=path,
+        )
+    return around
+
+
+def _included(name: str, path: Path) -> list[str]:
+    """What the robot's file, and the xacro files beside it, want of a package."""
+    wanted = re.compile(rf"\$\(find\s+{re.escape(name)}\s*\)/([^\"'$]+)[\"']")
+    files = [path, *sorted(p for p in path.parent.glob("*.xacro") if p != path)]
+    return [rest for file in files for rest in wanted.findall(read_text(file, expected="a xacro file", most=MARKUP))]

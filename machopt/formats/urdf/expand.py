@@ -1,4 +1,4 @@
-"""xacro → URDF, by the ``xacro`` package of the ROS maintainers (an optional dependency: ``machopt[xacro]``).
+"""xacro → URDF, by the ``xacro`` package of the ROS maintainers.
 
 Every file that is read is told, so that it counts among a cell's inputs. ``$(find NAME)`` knows the packages of the
 cell and no others: what an index on this machine would find makes another robot elsewhere. For the same reason
@@ -64,8 +64,8 @@ def expand(path: Path, arguments: Mapping[str, str], find: Find) -> Expanded:
         from xacro.substitution_args import ArgException, SubstitutionException
     except ImportError:
         raise InputError(
-            "is a xacro file, and the Python package xacro is not installed; `pip install 'machopt[xacro]'`, or the "
-            "URDF it expands to, would work",
+            "is a xacro file, and the Python package xacro is not installed; `pip install xacro`, or the URDF "
+            "it expands to, would work",
             file=path,
         ) from None
     failures = (
@@ -89,7 +89,10 @@ def expand(path: Path, arguments: Mapping[str, str], find: Find) -> Expanded:
         where = xacro.filestack[-1] if xacro.filestack else path
         raise InputError(f"is not XML: {problem}", file=where) from None
     except failures as problem:
-        if isinstance(missing := getattr(problem, "exc", None), ArgException):
+        missing = getattr(problem, "exc", None)
+        if isinstance(missing, InputError):  # a package that was not found, wrapped by xacro
+            raise missing from None
+        if isinstance(missing, ArgException):
             raise InputError(
                 f"needs the argument {missing}; `xacro_args: {{{missing}: …}}` under robot: would work", file=path
             ) from None

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from os.path import isdir
 from pathlib import Path
@@ -12,6 +13,8 @@ from machopt.formats.urdf.tree import Urdf
 
 Fail = Callable[[str], InputError]
 _SCHEMES = ("package", "model", "file")
+_NAME = re.compile(r"<name>\s*([^<\s]+)\s*</name>")
+_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,37 @@ def find_mesh(urdf: Urdf, uri: str, packages: dict[str, Path], cell_folder: Path
             f"folder of that name stands beside the URDF; `packages: {{{name}: its_folder}}` would work"
         )
     return FoundMesh(folder / rest, name, folder)
+
+
+def package_around(name: str, rests: Iterable[str], file: Path, up: int) -> Path | None:
+    """Folder of a package that has another name than its folder, by what lies in it: the nearest one above the robot's
+    file that its ``package.xml`` calls so, or that holds the file asked for.
+
+    ROS names a package in package.xml, not by its folder, and robots are often passed on without either.
+
+    Args:
+        name: of the package.
+        rests: files asked for in it, relative to it; one that is there will do.
+        file: the robot's.
+        up: folders above it that are looked at.
+    """
+    above = file.resolve().parents[: up + 1]
+    wanted = [rest for rest in rests if rest and ".." not in Path(rest).parts]
+    for folder in above:
+        said = _package_name(folder)
+        if said == name or (said is None and any((folder / rest).is_file() for rest in wanted)):
+            return folder
+    return None
+
+
+def _package_name(folder: Path) -> str | None:
+    """What package.xml calls a folder; None: there is none that can be read."""
+    try:
+        text = (folder / "package.xml").read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError):
+        return None
+    found = _NAME.search(_COMMENT.sub("", text))
+    return found[1] if found else None
 
 
 def find_package(name: str, file: Path, packages: dict[str, Path], cell_folder: Path) -> Path:

@@ -1,0 +1,85 @@
+"""COLLADA meshes of a robot: read as RViz reads them, written as STL beside the new cell's URDF."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_cell import urdf_text
+
+from machopt.cells.asked import InitRequest
+from machopt.errors import InputError
+from machopt.formats.mesh.collada import read_collada, stl_bytes
+from machopt.services.newcell import run_init
+
+FACES = {
+    "triangles": '<triangles count="4">INPUT<p>0 9 1 9 2 9 0 9 3 9 1 9 0 9 2 9 3 9 1 9 3 9 2 9</p></triangles>',
+    "polylist": '<polylist count="2">INPUT<vcount>3 4</vcount><p>0 9 1 9 2 9 0 9 1 9 2 9 3 9</p></polylist>',
+    "polygons": '<polygons count="2">INPUT<p>0 9 1 9 2 9</p><p>0 9 1 9 2 9 3 9</p></polygons>',
+}
+INPUT = '<input semantic="VERTEX" source="#v" offset="0"/><input semantic="NORMAL" source="#n" offset="1"/>'
+TEXT = """<?xml version="1.0"?>
+<COLLADA version="1.4.1"><asset><unit name="inch" meter="0.0254"/><up_axis>Y_UP</up_axis></asset>
+<library_geometries><geometry id="g"><mesh>
+<source id="s"><float_array id="a" count="12">0 0 0 1 0 0 0 1 0 0 0 1</float_array>
+<technique_common><accessor source="#a" count="4" stride="3"/></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#s"/></vertices>FACES</mesh></geometry></library_geometries>
+<library_nodes><node id="part"><scale>2 2 2</scale><instance_geometry url="#g"/></node></library_nodes>
+<library_visual_scenes><visual_scene id="all">
+<node><translate>10 0 0</translate><rotate>0 0 2 90</rotate><node><instance_node url="#part"/></node></node>
+<node><matrix>1 0 0 0 0 1 0 0 0 0 1 5 0 0 0 1</matrix><instance_geometry url="#g"/></node>
+</visual_scene></library_visual_scenes><scene><instance_visual_scene url="#all"/></scene></COLLADA>
+"""
+CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+
+
+def written(folder: Path, faces: str = "triangles", text: str = TEXT) -> Path:
+    file = folder / "a.dae"
+    file.write_text(text.replace("FACES", FACES[faces].replace("INPUT", INPUT)))
+    return file
+
+
+@pytest.mark.parametrize("faces", sorted(FACES))
+def test_triangles_stand_where_the_nodes_put_them_in_metres(faces: str, tmp_path: Path) -> None:
+    """Turned by 90° about z, doubled and shifted; shifted alone. The unit counts, the axis that is up does not."""
+    found = read_collada(written(tmp_path, faces))
+    assert found.shape == (8 if faces == "triangles" else 6, 3, 3)
+    first, second = np.split(found, 2)
+    turned = 2 * CORNERS[:, [1, 0, 2]] * [-1, 1, 1] + [10, 0, 0]
+    index = np.array(
+        [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]] if faces == "triangles" else [[0, 1, 2]] * 2 + [[0, 2, 3]]
+    )
+    np.testing.assert_allclose(first, 0.0254 * turned[index], atol=1e-12)
+    np.testing.assert_allclose(second, 0.0254 * np.add(CORNERS, [0, 0, 5])[index], atol=1e-12)
+    assert len(stl_bytes(found)) == 84 + 50 * len(found)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('source="#s"', 'source="#gone"', "is a damaged COLLADA file"),
+        ("0 9 1 9 2 9", "0 9 1 9 7 9", "the corners of <triangles> are not those it counts"),
+        ("1 0 0 0 1 0 0 0 1<", "1 0 0 0 1 0 0 0 one<", "is a damaged COLLADA file"),
+        ("1 0 0 0 1 0 0 0 1<", "1 0 0 0 1 0 0 0 nan<", "holds no triangles whose corners are numbers"),
+        ("<scale>2 2 2</scale>", "<skew>1 2 2 2</skew>", "line 7: has a <skew>, which is not read"),
+        ("<instance_geometry", '<instance_node url="#part"/><instance_geometry', "nodes more than 20 deep"),
+        ("COLLADA", "COLADA", "its root is <COLADA>"),
+        ("<scene>", "<seen>", "is not XML"),
+    ],
+)
+def test_what_cannot_be_read_is_told(old: str, new: str, told: str, tmp_path: Path) -> None:
+    assert old in written(tmp_path).read_text()
+    file = written(tmp_path, text=TEXT.replace("FACES", FACES["triangles"].replace("INPUT", INPUT)).replace(old, new))
+    with pytest.raises(InputError, match=told):
+        read_collada(file)
+
+
+def test_a_robot_with_collada_bodies_gets_a_cell_with_stl(tmp_path: Path) -> None:
+    file = tmp_path / "arm.urdf"
+    body = '<collision><geometry><mesh filename="a.dae" scale="0.5 0.5 0.5"/></geometry></collision>'
+    file.write_text(urdf_text().replace('<link name="link_1">', f'<link name="link_1">{body}'))
+    written(tmp_path)
+    done = run_init(InitRequest(robot=file, out=tmp_path / "cell", workpiece_mm=(1500.0, 0.0, 600.0)))
+    assert (done.folder / "a.dae.stl").read_bytes() == stl_bytes(read_collada(tmp_path / "a.dae"))
+    assert 'filename="a.dae.stl" scale="0.5 0.5 0.5"' in (done.folder / "robot.urdf").read_text()
