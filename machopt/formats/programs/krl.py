@@ -6,15 +6,13 @@ import math
 import re
 from typing import NoReturn
 
-import numpy as np
-
 from machopt.formats.programs.builder import MOST_MOVES, STANDING_TOOL, Builder
 from machopt.formats.programs.krl_files import OPENS, Line, Routine, first_word, read_module
-from machopt.formats.programs.krl_targets import AXES, POSE, Targets, externals, numeric, placed
-from machopt.formats.programs.krl_values import KrlError, Memory, Value, evaluate, split_name, whole
+from machopt.formats.programs.krl_moves import Moves
+from machopt.formats.programs.krl_targets import POSE, placed
+from machopt.formats.programs.krl_values import KrlError, Memory, evaluate, quietly, split_name, whole
 from machopt.formats.programs.nearby import called, opened, siblings
-from machopt.formats.programs.parsed import JOINT, LINEAR, Frame, ParsedProgram
-from machopt.formats.programs.rotations import fixed_xyz
+from machopt.formats.programs.parsed import Frame, ParsedProgram
 from machopt.formats.source import Source
 
 _MOVE = re.compile(r"((?:S?(?:PTP|LIN|CIRC)|SPL)(?:_REL)?)\s*(?=[\s{])(.*)", re.IGNORECASE)
@@ -55,8 +53,6 @@ _QUIET = frozenset(
         "$ORI_CHECK",
     )
 )
-_HERE = re.compile(r"\$(?:AXIS|POS)_(?:ACT|INT|RET|FOR)(?:_ME?A?S)?\s*", re.IGNORECASE)  # where the robot stands
-_HOME = re.compile(r"(?:X?HOME\d*|\$H_POS)\s*", re.IGNORECASE)
 EVENTFUL = ("$OUT", "$ANOUT", "$CYCFLAG", "$FLAG")
 
 
@@ -72,10 +68,9 @@ def read_krl(source: Source, arc_tolerance: float, strict: bool = False) -> Pars
 class _Reader:
     def __init__(self, out: Builder) -> None:
         self.out, self.memory, self.routines = out, Memory(), dict[str, Routine]()
-        self.corner = 0.0  # m, $APO.CDIS
         self.feed_outside = math.nan  # m/s, before a spline block
         self.returned = False  # a RETURN was reached in the routine that is followed
-        self.targets = Targets(self.memory)
+        self.moves = Moves(out, self.memory)
         self.framed: dict[str, str] = {}  # base and tool that an inline form has set
         self.memory.plain["$NULLFRAME"] = dict.fromkeys(POSE, 0.0)
 
@@ -145,7 +140,7 @@ class _Reader:
                 return
             name = found.group(2).upper()
             if found.group(5) is not None:
-                value = _quietly(found.group(5), self.memory)
+                value = quietly(found.group(5), self.memory)
                 if found.group(3) is None:
                     self.memory.put(name, None, [], value)
             elif found.group(3) is not None:
@@ -182,7 +177,7 @@ class _Reader:
         if word in OPENS:
             return self.block(routine, k, word, depth)
         if found := _MOVE.fullmatch(code):
-            self.motion(found.group(1).upper(), found.group(2), line, routine)
+            self.moves.move(found.group(1).upper(), found.group(2), line.number)
         elif word in ("GOTO", "EXIT", "RETURN", "RESUME") or code.endswith(":"):
             if word == "GOTO":
                 raise self.out.error(
@@ -191,9 +186,7 @@ class _Reader:
             self.out.ignore(word, line.number, understood=code.endswith(":"))
             self.returned = word == "RETURN"
         elif word == "WAIT":
-            seconds = (
-                _quietly(code[4:].strip()[3:], self.memory) if code[4:].strip().upper().startswith("SEC") else None
-            )
+            seconds = quietly(code[4:].strip()[3:], self.memory) if code[4:].strip().upper().startswith("SEC") else None
             dwell = isinstance(seconds, float)
             self.out.event(code, "dwell" if dwell else "comment", seconds if isinstance(seconds, float) else math.nan)
         elif word == "HALT":
@@ -285,7 +278,7 @@ class _Reader:
         else:
             self.feed_outside = self.out.feed
             if found := re.search(r"\$VEL\.CP\s*=\s*([^,]+)", code, re.IGNORECASE):
-                value = _quietly(found.group(1), self.memory)
+                value = quietly(found.group(1), self.memory)
                 self.out.feed = value if isinstance(value, float) else math.nan
         self.out.ignore(word, line, understood=True)
 
@@ -310,7 +303,7 @@ class _Reader:
             return
         if word in ("$BASE", "$TOOL"):
             raise KrlError(f"{left.strip()} moves one component of a frame: not followed; assign the whole frame")
-        value = _quietly(right, self.memory)
+        value = quietly(right, self.memory)
         self.memory.put(word, index, fields, value)
         if word == "$OV_PRO":
             self.out.override(value if isinstance(value, float) else None, line)
@@ -324,7 +317,7 @@ class _Reader:
             speed = value if fields or not isinstance(value, dict) else value["CP"]
             self.out.feed = speed if isinstance(speed, float) else math.nan
         elif word == "$APO" and fields == ["CDIS"]:
-            self.corner = value * 1e-3 if isinstance(value, float) else math.nan
+            self.moves.corner = value * 1e-3 if isinstance(value, float) else math.nan
         elif word in EVENTFUL:
             self.out.event(f"{left.strip()}={right.strip()}", "comment")
         elif word.startswith("$") and word not in _QUIET:
@@ -337,7 +330,7 @@ class _Reader:
             if len(numbers) > 1:
                 raise KrlError(f"{text[:60]!r} takes root and type of two machines; expected those of one")
             rides, text = f"MACHINE_DEF[{numbers.pop()}]", found.group(3)
-        value = _quietly(text, self.memory)
+        value = quietly(text, self.memory)
         known = isinstance(value, dict) and all(isinstance(value.get(c), float) for c in POSE)
         frame = Frame(text, placed({c: float(value[c]) for c in POSE}) if known else None, rides)  # type: ignore[index]
         if word == "$BASE":
@@ -345,106 +338,3 @@ class _Reader:
             self.out.last = None
         else:
             self.out.set_tool(frame)
-
-    # ---- motion
-
-    def motion(self, word: str, rest: str, line: Line, routine: Routine) -> None:
-        name = re.split(r"\s+C_", rest.strip())[0]
-        if _HERE.fullmatch(name):
-            self.out.ignore(f"{word} {name} (to where the robot stands)", line.number, understood=True)
-            self.out.warn_once("a move to where the robot stands is no part of the path: left out", line.number)
-            return
-        if "PTP" in word and _HOME.fullmatch(name) and not self.memory.plain.get(name.strip().upper()):
-            self.out.warn_once(
-                f"{word} {name.strip()} without a data list that says where it is: left out", line.number
-            )
-            self.somewhere(line.number)
-            return
-        if word.endswith("_REL"):
-            self.relative(word, rest, line.number)
-            return
-        targets, flags = self.targets.read(rest, 2 if "CIRC" in word else 1)
-        kind = JOINT if "PTP" in word else LINEAR
-        blend = 0.0
-        if flags:
-            blend = self.corner if "C_DIS" in flags else math.nan
-        if word == "SPL":
-            self.out.warn_once("SPL: the curve between the points is the controller's own; straight lines are taken")
-        feed = self.out.feed if kind == LINEAR else math.nan
-        if re.search(r"\$(?:BASE|TOOL|IPO_MODE)\s*=", rest, re.IGNORECASE):
-            raise KrlError("WITH $BASE, $TOOL or $IPO_MODE changes frames for one move: not followed")
-        with_speed = re.search(r"\$VEL\.CP\s*=\s*([-+.\dEe]+)", rest, re.IGNORECASE)
-        if with_speed:
-            value = _quietly(with_speed.group(1), self.memory)
-            feed = value if isinstance(value, float) and kind == LINEAR else feed
-        target = targets[-1]
-        if any(a in target for a in AXES):
-            self.out.joint(
-                self.targets.joints(target),
-                line.number,
-                kind=kind,
-                feed=feed,
-                blend=blend,
-                external=externals(target),
-            )
-            return
-        via = self.targets.full(targets[0]) if len(targets) == 2 else None
-        full = self.targets.full(target)
-        bits = {w: int(numeric(target, w)) for w in ("S", "T") if isinstance(target.get(w), float)}
-        T = placed(full)
-        if via is not None:
-            angle = re.search(r"\bCA\s+([-+.\d]+)", rest, re.IGNORECASE)
-            self.out.circle(
-                placed(via),
-                T,
-                line.number,
-                feed=feed,
-                blend=blend,
-                external=externals(target),
-                configuration=bits,
-                sweep_deg=float(angle.group(1)) if angle else None,
-            )
-            return
-        rows = fixed_xyz(full["C"], full["B"], full["A"])
-        x, y, z = (full[c] * 1e-3 for c in "XYZ")
-        self.out.pose(
-            kind, rows, x, y, z, line.number, feed=feed, blend=blend, external=externals(target), configuration=bits
-        )
-
-    def somewhere(self, line: int) -> None:
-        """A joint move to a place that is not known: nothing of the last target holds any more."""
-        self.out.joint([math.nan] * 6, line)
-        self.targets.forget()
-
-    def relative(self, word: str, rest: str, line: int) -> None:
-        """LIN_REL, PTP_REL: what is added to the last target, along the base's axes or (#TOOL) the tool's."""
-        if "CIRC" in word or word == "SPL_REL":
-            raise KrlError(f"{word} is not read; LIN_REL, or absolute targets, would work")
-        (delta,), flags = self.targets.read(re.sub(r"#(?:BASE|TOOL)\b", " ", rest, flags=re.IGNORECASE), 1)
-        blend = 0.0 if not flags else self.corner if "C_DIS" in flags else math.nan
-        kind = JOINT if "PTP" in word else LINEAR
-        feed = self.out.feed if kind == LINEAR else math.nan
-        if any(a in delta for a in AXES):
-            if not self.targets.axes or self.out.last is not None or kind == LINEAR:
-                self.somewhere(line)  # axes of a pose: only the robot knows them
-                return
-            self.targets.axes |= {a: self.targets.axes[a] + numeric(delta, a) for a in AXES if a in delta}
-            self.out.joint([self.targets.axes[a] for a in AXES], line, blend=blend)
-            return
-        if self.out.last is None:
-            raise KrlError(f"{word} starts where the robot stands, and the program does not say where that is")
-        if any(numeric(delta, c) for c in ("A", "B", "C") if c in delta):
-            raise KrlError(f"{word} that turns the tool is not read; absolute targets would work")
-        step = np.array([numeric(delta, c) * 1e-3 if c in delta else 0.0 for c in ("X", "Y", "Z")])
-        T = self.out.last.copy()
-        T[:3, 3] += T[:3, :3] @ step if re.search(r"#TOOL\b", rest, re.IGNORECASE) else step
-        self.out.placed(kind, T, line, feed=feed, blend=blend)
-        self.targets.pose |= {c: float(v) * 1e3 for c, v in zip("XYZ", T[:3, 3].tolist(), strict=True)}
-
-
-def _quietly(text: str, memory: Memory) -> Value:
-    """The value, or None where it cannot be had: it may never be needed."""
-    try:
-        return evaluate(text, memory)
-    except KrlError:
-        return None

@@ -165,3 +165,11 @@ def _split(text: str) -> list[str]:
             out.append(text[start:k])
             start = k + 1
     return [*out, text[start:]]
+
+
+def quietly(text: str, memory: Memory) -> Value:
+    """The value, or None where it cannot be had: it may never be needed."""
+    try:
+        return evaluate(text, memory)
+    except KrlError:
+        return None
