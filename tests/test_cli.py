@@ -19,6 +19,8 @@ from pathlib import Path
 import pytest
 
 from machopt.cli import main
+from machopt.domain.results.inspected import ToolpathInspected
+from machopt.domain.results.verified import VerifyResult
 
 ROOT = Path(__file__).resolve().parents[1]
 CELLS, TOOLPATHS = ROOT / "cells", ROOT / "toolpaths"
@@ -411,7 +413,13 @@ def test_verify_refuses_a_trajectory_that_was_touched(
     table, out = passed[0], tmp_path / "out"
     shutil.copytree(passed[1], out)
     verify = ["verify", str(KR500), str(table), str(out), "--quiet"]
-    assert main(verify) == 0
+    capsys.readouterr()
+    assert main([*verify, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert VerifyResult.model_validate(told).plain() == told
+    assert told["passed"]
+    assert told["checks"]
+    assert told["verdict"].startswith("verification passed")
     file = out / "trajectory.csv"
     header, *lines = file.read_text().splitlines()
     cut = [k for k, line in enumerate(lines) if line.split(",")[3] == "cut"]
@@ -441,6 +449,8 @@ def test_verify_refuses_a_trajectory_that_was_touched(
 )
 def test_inspect_tells_what_a_file_holds(file: str, points: int, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["inspect", str(TOOLPATHS / file), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["points"] == points
+    told = json.loads(capsys.readouterr().out)
+    assert ToolpathInspected.model_validate(told).plain() == told
+    assert told["points"] == points
     assert main(["inspect", str(TOOLPATHS / file)]) == 0
     assert f"points: {points}" in capsys.readouterr().out

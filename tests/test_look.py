@@ -9,6 +9,7 @@ import pytest
 from palletiser import linked_urdf
 
 from machopt.cli import main
+from machopt.domain.results.inspected import CellInspected, RobotInspected
 
 CELL = """\
 machopt_cell: 1
@@ -38,6 +39,8 @@ def folder(tmp_path: Path) -> Path:
 def told(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, object]:
     assert main(["inspect", *words, "--json"]) == 0
     found: dict[str, object] = json.loads(capsys.readouterr().out)
+    model = CellInspected if "cell" in found else RobotInspected
+    assert model.model_validate(found).plain() == found
     return found
 
 

@@ -21,6 +21,7 @@ CELLS = Path(__file__).resolve().parents[1] / "cells"
         (["optimise", "a"], "COMMAND: found 'optimise'; did you mean 'optimize'?"),
         (["optimize", "a", "b", "-o", "c", "--alow-gaps"], "--alow-gaps; did you mean --allow-gaps? (machopt optimize"),
         (["map", "c", "-o", "d", "--collision", "cel"], "--collision: found 'cel'; did you mean 'cell'?"),
+        (["validate", "a", "--toolpath", "b"], "not understood: --toolpath, b (machopt validate"),  # nothing like it
         (["inspect", "a", "b"], "not understood: b (machopt inspect"),
     ],
 )
@@ -42,12 +43,32 @@ def test_a_shell_completes_every_command_and_option(shell: str, capsys: pytest.C
     assert text == script(shell, commands_of(_parser()))
     for word in ("optimize", "plan-poses", "validate", "map-collisions"):
         assert word in text
-    if shell == "bash" and shutil.which("bash"):
-        asked = 'COMP_WORDS=(machopt optimize --map); COMP_CWORD=2; _machopt; echo "${COMPREPLY[@]}"'
-        done = subprocess.run(
-            ["bash", "-c", f"{text}\n{asked}"], capture_output=True, text=True, check=True, timeout=20
-        )
-        assert done.stdout == "--map-collisions\n"
+    if shell == "zsh":  # a bare .zshrc, as macOS has it, starts no completion
+        assert text.startswith("(( $+functions[compdef] )) || { autoload -Uz compinit && compinit; }\n")
+    if shell == "fish":
+        assert "'__fish_seen_subcommand_from optimize' -l unit -x -a 'mm inch'\n" in text
+        assert "'__fish_seen_subcommand_from optimize' -l plan -r\n" in text
+        assert "'__fish_seen_subcommand_from optimize' -l allow-gaps\n" in text
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="bash is absent")
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        ("optimize --map", "--map-collisions"),
+        ("optimize --post ra", "rapid"),
+        ("optimize --unit ''", "mm inch"),
+        ("completion ''", "bash zsh fish"),
+        ("optimize ''", ""),  # files, by the shell itself
+        ("optimize --plan ''", ""),
+        ("opt", "optimize"),
+    ],
+)
+def test_bash_offers_commands_options_and_what_an_option_takes(words: str, found: str) -> None:
+    asked = f'COMP_WORDS=(machopt {words}); COMP_CWORD={len(words.split())}; _machopt; echo "${{COMPREPLY[@]}}"'
+    text = script("bash", commands_of(_parser()))
+    done = subprocess.run(["bash", "-c", f"{text}\n{asked}"], capture_output=True, text=True, check=True, timeout=20)
+    assert done.stdout == f"{found}\n"
 
 
 def test_every_command_takes_what_the_contract_calls_common() -> None:

@@ -14,6 +14,7 @@ from machopt.cells.asked import InitRequest
 from machopt.cells.problems import read_all
 from machopt.cells.review import review
 from machopt.cli import main
+from machopt.domain.results.cells import ValidateResult
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
@@ -123,6 +124,8 @@ def test_every_mistake_is_told_at_once(changed: Make, capsys: pytest.CaptureFixt
     changed(("joints_Nm_per_rad", "joint_Nm_per_rad"), file="stiffness.yaml")
     assert main(["validate", str(folder), "--json"]) == 2
     told = json.loads(capsys.readouterr().out)
+    assert ValidateResult.model_validate(told).plain() == told
+    assert told["errors"] + told["warnings"] == len(told["findings"])
     every = "\n".join(f["text"] for f in told["findings"] if f["level"] == "error")
     for part in (
         "unknown key 'foo'",

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import Any
 
-from machopt.cli.display import finite
+from machopt.cli.display import print_result
 from machopt.cli.effects import told_of_effects
 from machopt.cli.readingoptions import reading, reading_parser
 from machopt.cli.shared import share
@@ -81,7 +80,7 @@ def _batch(args: argparse.Namespace) -> int:
         outcome = run_batch(request, bar.told)
     counts = outcome.result.counts
     if args.json:
-        print(json.dumps(finite(outcome.result.plain()), ensure_ascii=False))
+        print_result(outcome.result)
     elif not args.quiet:
         words = ", ".join(f"{n} {state}" for state, n in counts.items())
         print(f"{words} ({outcome.done} done now, {outcome.kept} kept)")

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import shlex
 import sys
 from pathlib import Path
 from typing import Any
 
-from machopt.cli.display import finite
+from machopt.cli.display import print_result
 from machopt.cli.effects import told_of_effects
 from machopt.cli.measure import _floats
 from machopt.cli.readingoptions import reading, reading_parser
@@ -40,6 +39,14 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     p.add_argument("--ask", action="store_true", help="ask for the tool on the terminal; without it nothing is asked")
     p.add_argument("--name", help="of the cell (the robot file's)")
     p.add_argument("--base-link", metavar="LINK", help="(base_link, or what bears the first joint)")
+    p.add_argument(
+        "--package",
+        type=_package,
+        action="append",
+        default=[],
+        metavar="NAME=FOLDER",
+        help="where a ROS package lies that the robot's file names (beside it or above it); may be repeated",
+    )
     p.add_argument("--flange-link", metavar="LINK", help="(tool0, flange, or the last link)")
     tool = p.add_argument_group("tool")
     _number(tool, "--tool-length-mm", InitRequest.tool_length_mm, "flange to TCP, the way the flange looks")
@@ -68,6 +75,13 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     look.set_defaults(run=_validate)
 
 
+def _package(text: str) -> tuple[str, Path]:
+    name, mark, folder = text.partition("=")
+    if not (name and mark and Path(folder).is_dir()):
+        raise argparse.ArgumentTypeError(f"found {text!r}; expected NAME=FOLDER, a folder that is there")
+    return name, Path(folder)
+
+
 def _number(group: Any, option: str, default: float, what: str) -> None:
     group.add_argument(option, type=float, default=default, help=f"{what} ({default:g})")
 
@@ -80,12 +94,11 @@ def _init(args: argparse.Namespace) -> int:
 
     if args.ask:
         _ask(args)
-    given = {f.name: getattr(args, f.name) for f in fields(InitRequest) if f.name != "reading"}
-    done = run_init(InitRequest(**given, reading=reading(args)))
+    given = {f.name: getattr(args, f.name) for f in fields(InitRequest) if f.name not in ("reading", "packages")}
+    done = run_init(InitRequest(**given, packages=dict(args.package), reading=reading(args)))
     cell = done.cell
     if args.json:
-        told = {"cell": str(done.folder), "joints": cell.arm_joints, "flange_link": cell.flange_link}
-        print(json.dumps(finite({**told, "guesses": done.guesses, "warnings": cell.warnings}), ensure_ascii=False))
+        print_result(done.result)
     elif not args.quiet:
         print(f"{done.folder / 'cell.yaml'}: {cell.base_link} to {cell.flange_link} by {', '.join(cell.arm_joints)}")
         print("\n".join(f"  put in your own: {g}" for g in done.guesses))
@@ -100,16 +113,14 @@ def _validate(args: argparse.Namespace) -> int:
     done = validate(
         args.cell, allow_external=args.allow_external, picture_file=args.picture, effects=tuple(args.effects)
     )
-    warnings = len(done.findings) - len(done.errors)
     if args.json:
-        findings = [vars(f) for f in done.findings]
-        told = {"cell": str(args.cell), "errors": len(done.errors), "warnings": warnings, "findings": findings}
-        print(json.dumps(finite(told), ensure_ascii=False))
+        print_result(done.result)
     elif not args.quiet:
         for f in done.findings:
             if f.level == "warning":
                 print(f"warning: {f.where}: {f.text}" if f.where else f"warning: {f.text}")
         if not done.errors:
+            warnings = done.result.warnings
             print(f"{args.cell}: valid, {warnings} warning{'' if warnings == 1 else 's'}")
         if done.picture is not None:
             print(f"picture: {done.picture}")

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from machopt.cli.display import Display, finite, natural
+from machopt.cli.display import Display, natural, print_result
 from machopt.cli.shared import say_idle, share
 
 if TYPE_CHECKING:
@@ -91,7 +90,7 @@ def _diagnose(args: argparse.Namespace) -> int:
     with Display(show=not (args.quiet or args.json)) as display:
         done = run_diagnose(request, display.stage)
     if args.json:
-        print(json.dumps(finite(done.result.plain()), ensure_ascii=False))
+        print_result(done.result)
     elif not args.quiet:
         print("\n".join(summary(done.result)))
         print(f"report: {done.report}")

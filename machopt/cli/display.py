@@ -1,11 +1,15 @@
-"""What every command reads and prints with: whole numbers; the stage at work, results without NaN, indented lines."""
+"""What every command reads and prints with: whole numbers; the stage at work, results as JSON, indented lines."""
 
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import sys
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
+
+if TYPE_CHECKING:
+    from machopt.domain.results.base import Part
 
 LAST_PORT = 65535  # TCP counts ports in 16 bits
 
@@ -92,12 +96,17 @@ def _whole(text: str, least: int) -> int:
     return value
 
 
-def finite(value: Any) -> Any:
+def print_result(result: Part) -> None:
+    """A result as one JSON object on one line of stdout."""
+    print(json.dumps(_finite(result.plain()), ensure_ascii=False))
+
+
+def _finite(value: Any) -> Any:
     """NaN and infinities as null, which JSON has no word for."""
     if isinstance(value, dict):
-        return {k: finite(v) for k, v in value.items()}
+        return {k: _finite(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        return [finite(v) for v in value]
+        return [_finite(v) for v in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value.item() if hasattr(value, "item") else value

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from machopt.cli.display import Display, finite
+from machopt.cli.display import Display, print_result
 from machopt.cli.effects import told_of_effects
 from machopt.cli.shared import share
 
@@ -97,7 +96,7 @@ def _identify(args: argparse.Namespace) -> int:
     with Display(show=_shown(args)) as display:
         done = run_identify(request, display.stage)
     if args.json:
-        print(json.dumps(finite(done.result.plain()), ensure_ascii=False))
+        print_result(done.result)
     elif not args.quiet:
         print("\n".join(_identified(done.result)))
         print(f"report: {done.report}")
@@ -288,7 +287,7 @@ def _run(args: argparse.Namespace, request: Any, run: Any, renamed: dict[str, st
     with Display(show=_shown(args)) as display:
         done = run(request(**{k: v for k, v in given.items() if k in known}), display.stage)
     if args.json:
-        print(json.dumps(finite(done.result.plain()), ensure_ascii=False))
+        print_result(done.result)
     notes = [f"  note: {w}" for w in done.result.warnings if w != done.message]
     if done.exit_code != 0:
         print(f"machopt: {done.message} (report: {done.report})", file=sys.stderr)

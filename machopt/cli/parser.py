@@ -26,8 +26,9 @@ class Parser(argparse.ArgumentParser):
             options = options_of(command)
             told = []
             for word in left:
-                close = difflib.get_close_matches(word.partition("=")[0], options, n=1, cutoff=0.5)
-                told.append(f"{word}; did you mean {close[0]}?" if close and word.startswith("-") else word)
+                name = word.partition("=")[0].lstrip("-")  # without dashes, in which all are alike
+                close = difflib.get_close_matches(name, [o.lstrip("-") for o in options], n=1, cutoff=0.55)
+                told.append(f"{word}; did you mean --{close[0]}?" if close and word.startswith("-") else word)
             command.error(f"not understood: {', '.join(told)}")
         return found
 

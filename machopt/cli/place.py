@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from machopt.cli.compiling import compiling
-from machopt.cli.display import Display, finite, positive
+from machopt.cli.display import Display, positive, print_result
 from machopt.cli.effects import told_of_effects
 from machopt.cli.readingoptions import reading, reading_parser
 from machopt.cli.shared import share
@@ -114,7 +113,7 @@ def _place(args: argparse.Namespace) -> int:
         print("machopt: stopped; what was found is kept, the same command goes on", file=sys.stderr)
         return 130
     if args.json:
-        print(json.dumps(finite(outcome.result.plain()), ensure_ascii=False))
+        print_result(outcome.result)
     elif not args.quiet:
         print("\n".join(_summary(outcome.result)))
         print(f"report: {outcome.report}")

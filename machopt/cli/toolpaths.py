@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import Any
 
 from machopt.cli import circles
 from machopt.cli.compiling import compiling
-from machopt.cli.display import Display, finite, tree
+from machopt.cli.display import Display, print_result, tree
 from machopt.cli.effects import told_of_effects
 from machopt.cli.readingoptions import reading, reading_parser
 from machopt.cli.shared import share
@@ -131,7 +130,7 @@ def _optimize(args: argparse.Namespace) -> int:
     with Display(show=not (args.quiet or args.json)) as display, compiling(display):
         outcome = optimize(request, display.stage)
     if args.json:
-        print(json.dumps(finite(outcome.result.plain()), ensure_ascii=False))
+        print_result(outcome.result)
     elif not args.quiet:
         for line in summary(outcome.result, outcome.report):
             print(line)
@@ -148,7 +147,7 @@ def _optimize(args: argparse.Namespace) -> int:
 
 
 def _inspect(args: argparse.Namespace) -> int:
-    from machopt.formats.inspect import summarise
+    from machopt.formats.inspect import summarise, summary_values
     from machopt.formats.toolpath import read_toolpath
 
     told_of_effects(args)
@@ -169,18 +168,17 @@ def _inspect(args: argparse.Namespace) -> int:
         with in_use(with_effects(args.effects)):
             cell = load_cell(args.cell, allow_external=args.allow_external)
             toolpath = placed(read_toolpath(args.file, **reading_of(cell), **reading(args)), cell)
-    summary = summarise(toolpath)
     if args.html is not None:
         from machopt.report.toolpath_page import write_toolpath_page
 
         try:
-            write_toolpath_page(args.html, toolpath, summary)
+            write_toolpath_page(args.html, toolpath, summarise(toolpath))
         except OSError as problem:
             raise InputError(f"cannot be written: {problem.strerror}", file=args.html) from None
     if args.json:
-        print(json.dumps(finite(summary), ensure_ascii=False))
+        print_result(summarise(toolpath))
     elif not args.quiet:
-        print("\n".join(tree(summary)))
+        print("\n".join(tree(summary_values(toolpath))))
         if args.html is not None:
             print(f"pictures: {args.html}")
     return 0
@@ -204,9 +202,9 @@ def _inspect_robot(args: argparse.Namespace) -> int:
         )
     found = look(args.file, allow_external=args.allow_external, effects=tuple(args.effects))
     if args.json:
-        print(json.dumps(finite(found), ensure_ascii=False))
+        print_result(found)
     elif not args.quiet:
-        print("\n".join(tree(found)))
+        print("\n".join(tree(found.plain())))
     return 0
 
 
@@ -230,16 +228,7 @@ def _verify(args: argparse.Namespace) -> int:
     )
     found = done.verification
     if args.json:
-        checks = [vars(c) for c in found.checks]
-        value = {
-            "passed": found.ok,
-            "verdict": done.line,
-            "samples": found.samples,
-            "duration_s": found.duration,
-            "notes": done.notes,
-            "checks": checks,
-        }
-        print(json.dumps(finite(value), ensure_ascii=False))
+        print_result(done.result)
     elif not args.quiet:
         print("\n".join(check_line(c) for c in causes_first(found.checks)))
         print("\n".join([*(f"note: {n}" for n in done.notes), *([done.line] if found.ok else [])]))

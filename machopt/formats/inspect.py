@@ -1,15 +1,27 @@
-"""What a toolpath holds, as plain values for a table or JSON."""
+"""What a toolpath holds, for a table, a page or JSON."""
 
 from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from machopt.arrays import Array
 from machopt.domain.toolpath import Move, Toolpath
 
+if TYPE_CHECKING:
+    from machopt.domain.results.inspected import ToolpathInspected
 
-def summarise(toolpath: Toolpath) -> dict[str, object]:
-    """Points, operations, feeds, extent and unknown words of a toolpath (JSON-able; mm, mm/min, degrees)."""
+
+def summarise(toolpath: Toolpath) -> ToolpathInspected:
+    """Points, operations, feeds, extent and unknown words of a toolpath (mm, mm/min, degrees)."""
+    from machopt.domain.results.inspected import ToolpathInspected
+
+    return ToolpathInspected.model_validate(summary_values(toolpath))
+
+
+def summary_values(toolpath: Toolpath) -> dict[str, object]:
+    """The values of :func:`summarise` by their keys: pydantic, slow to import, is not needed to print them as text."""
     t = toolpath
     p = t.position * 1e3
     step = np.linalg.norm(np.diff(p, axis=0, prepend=p[:1]), axis=1)
@@ -41,25 +53,26 @@ def summarise(toolpath: Toolpath) -> dict[str, object]:
         "points": len(t),
         "moves": {m.word: int((t.move == m).sum()) for m in Move},
         "length_mm": {m.word: round(float(step[t.move == m].sum()), 3) for m in Move},
-        "operations": operations,
-        "extent_mm": {"min": _rounded(p.min(axis=0)), "max": _rounded(p.max(axis=0))},
-        "cutting_extent_mm": {"min": _rounded(p[cut].min(axis=0)), "max": _rounded(p[cut].max(axis=0))},
+        "operations": tuple(operations),
+        "extent_mm": _box(p),
+        "cutting_extent_mm": _box(p[cut]),
         "feed_mm_min": _range(t.feed[cut] * 60e3),
         "tilt_deg": _range(tilt),
         "events": {k: sum(e.kind == k for e in t.events) for k in sorted({e.kind for e in t.events})},
-        "ignored": [
-            {"word": w.word, "count": w.count, "first_line": w.first_line, "understood": w.understood}
-            for w in t.ignored
-        ],
+        "ignored": [vars(w) for w in t.ignored],
         "incomplete": t.meta.get("incomplete"),
-        "warnings": list(t.warnings),
+        "warnings": t.warnings,
     }
 
 
-def _range(values: Array) -> list[float] | None:
+def _range(values: Array) -> tuple[float, float] | None:
     known = values[np.isfinite(values)]
-    return [round(float(known.min()), 4), round(float(known.max()), 4)] if len(known) else None
+    return (round(float(known.min()), 4), round(float(known.max()), 4)) if len(known) else None
 
 
-def _rounded(values: Array) -> list[float]:
-    return [round(float(v), 4) + 0.0 for v in values]
+def _box(positions: Array) -> dict[str, tuple[float, ...]]:
+    return {"min": _rounded(positions.min(axis=0)), "max": _rounded(positions.max(axis=0))}
+
+
+def _rounded(values: Array) -> tuple[float, ...]:
+    return tuple(round(float(v), 4) + 0.0 for v in values)

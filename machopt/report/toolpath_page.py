@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from machopt.domain.results.inspected import OperationInspected, ToolpathInspected
+from machopt.domain.results.optimize import IgnoredWord
 from machopt.domain.toolpath import Move, Toolpath, cut_off_words
 from machopt.report.display import LENGTH
 from machopt.report.scene import Path3D
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
 MOST_POINTS = 10_000  # of the picture in three dimensions
 
 
-def write_toolpath_page(path: Path, toolpath: Toolpath, summary: Mapping[str, Any]) -> None:
+def write_toolpath_page(path: Path, toolpath: Toolpath, summary: ToolpathInspected) -> None:
     """Write the page.
 
     Args:
@@ -38,26 +40,26 @@ def write_toolpath_page(path: Path, toolpath: Toolpath, summary: Mapping[str, An
     path.write_text(toolpath_page(toolpath, summary), encoding="utf-8", newline="\n")
 
 
-def toolpath_page(toolpath: Toolpath, summary: Mapping[str, Any]) -> str:
+def toolpath_page(toolpath: Toolpath, summary: ToolpathInspected) -> str:
     """The page as text; the same toolpath gives the same bytes."""
-    unknown = [w for w in summary["ignored"] if not w["understood"]]
+    unknown = [w for w in summary.ignored if not w.understood]
     sections = [
         ("read", "As read", _verdict(summary, unknown)),
         ("scene", "Toolpath", _scene(toolpath)),
         ("views", "Pictures", _views(toolpath)),
-        ("operations", "Operations", _operations(summary["operations"])),
+        ("operations", "Operations", _operations(summary.operations)),
         ("extent", "Extent", _extent(summary)),
-        ("words", "Words", _words(summary["ignored"], unknown)),
+        ("words", "Words", _words(summary.ignored, unknown)),
         ("events", "Events", _events(toolpath)),
     ]
-    head = (("File", str(summary["source"])), ("Format", str(summary["format"])), ("Unit", str(summary["unit"])))
+    head = (("File", summary.source), ("Format", summary.format), ("Unit", summary.unit))
     return page_html(
-        f"Toolpath {summary['source']}",
+        f"Toolpath {summary.source}",
         head,
         sections,
         {"view": posture_view("Toolpath", bare_scene(), path=_line(toolpath))} if len(toolpath) > 1 else {},
         scripts=POSTURE if len(toolpath) > 1 else (),
-        footer=f"machopt {__version__}. Lengths mm, feeds mm/min, angles deg. SHA-256 {summary['sha256']}.",
+        footer=f"machopt {__version__}. Lengths mm, feeds mm/min, angles deg. SHA-256 {summary.sha256}.",
     )
 
 
@@ -84,26 +86,26 @@ def _line(toolpath: Toolpath) -> Path3D:
     )
 
 
-def _verdict(summary: Mapping[str, Any], unknown: Sequence[Mapping[str, Any]]) -> Body:
-    incomplete = summary.get("incomplete")
-    warnings = [w for w in summary["warnings"] if not incomplete or w != cut_off_words(incomplete)]
+def _verdict(summary: ToolpathInspected, unknown: Sequence[IgnoredWord]) -> Body:
+    incomplete = summary.incomplete
+    warnings = [w for w in summary.warnings if not incomplete or w != cut_off_words(incomplete)]
     tone, badge = (
         ("bad", "INCOMPLETE FILE?") if incomplete else ("warn", "READ, WITH NOTES") if warnings else ("", "READ")
     )
-    moves = summary["moves"]
+    moves = summary.moves
     sentence = (
-        f"{summary['points']} points in {len(summary['operations'])} "
-        f"operation{'s' if len(summary['operations']) != 1 else ''}: "
+        f"{summary.points} points in {len(summary.operations)} "
+        f"operation{'s' if len(summary.operations) != 1 else ''}: "
         + ", ".join(f"{n} {name}" for name, n in moves.items() if n)
         + "."
     )
     items = [*([part("strong", incomplete)] if incomplete else []), *warnings]
     cards = [
-        ("Cut", _number(summary["length_mm"]["cut"], 1), "mm", ""),
-        ("Rapid", _number(summary["length_mm"]["rapid"], 1), "mm", ""),
-        ("Feed", _range(summary["feed_mm_min"], 0), "mm/min", ""),
-        ("Tilt of the tool", _range(summary["tilt_deg"]), "deg", ""),
-        ("Words not understood", str(sum(w["count"] for w in unknown)), "", ""),
+        ("Cut", _number(summary.length_mm["cut"], 1), "mm", ""),
+        ("Rapid", _number(summary.length_mm["rapid"], 1), "mm", ""),
+        ("Feed", _range(summary.feed_mm_min, 0), "mm/min", ""),
+        ("Tilt of the tool", _range(summary.tilt_deg), "deg", ""),
+        ("Words not understood", str(sum(w.count for w in unknown)), "", ""),
     ]
     return part("verdict", "read", tone, badge, sentence, items, cards)
 
@@ -116,7 +118,7 @@ def _views(toolpath: Toolpath) -> Body:
     return section("views", "Pictures", lead, fragment("inspect.html", "views", key, views))
 
 
-def _operations(operations: Sequence[Mapping[str, Any]]) -> Body:
+def _operations(operations: Sequence[OperationInspected]) -> Body:
     columns = [
         Column("No.", "n"),
         Column("Operation"),
@@ -130,13 +132,13 @@ def _operations(operations: Sequence[Mapping[str, Any]]) -> Body:
     rows = [
         (
             k + 1,
-            o["label"],
-            o["kind"],
-            o["tool"] or "–",
-            o["points"],
-            o["cutting_points"],
-            _range(o["feed_mm_min"]),
-            o["first_line"] if o["first_line"] is not None else "–",
+            o.label,
+            o.kind,
+            o.tool or "–",
+            o.points,
+            o.cutting_points,
+            _range(o.feed_mm_min),
+            o.first_line if o.first_line is not None else "–",
         )
         for k, o in enumerate(operations)
     ]
@@ -144,25 +146,24 @@ def _operations(operations: Sequence[Mapping[str, Any]]) -> Body:
     return section("operations", "Operations", lead, table(columns, rows))
 
 
-def _extent(summary: Mapping[str, Any]) -> Body:
+def _extent(summary: ToolpathInspected) -> Body:
     columns = [Column("Moves"), *(Column(f"{c} {side} (mm)", "n") for c in "xyz" for side in ("from", "to"))]
     rows = []
-    for name, key in (("all moves", "extent_mm"), ("cuts", "cutting_extent_mm")):
-        box = summary[key]
-        rows.append((name, *(_number(box[side][k], 3) for k in range(3) for side in ("min", "max"))))
-    meta = table([Column("What the file says"), Column("Value", "mono")], sorted(summary["meta"].items()))
+    for name, box in (("all moves", summary.extent_mm), ("cuts", summary.cutting_extent_mm)):
+        rows.append((name, *(_number(side[k], 3) for k in range(3) for side in (box.min, box.max))))
+    meta = table([Column("What the file says"), Column("Value", "mono")], sorted(summary.meta.items()))
     return section(
         "extent", "Extent", "In the file's own coordinate system, which is the workpiece.", table(columns, rows) + meta
     )
 
 
-def _words(ignored: Sequence[Mapping[str, Any]], unknown: Sequence[Mapping[str, Any]]) -> Body:
+def _words(ignored: Sequence[IgnoredWord], unknown: Sequence[IgnoredWord]) -> Body:
     columns = [Column("Word", "mono"), Column("Times", "n"), Column("First in line", "n")]
     body: Body = ""
     if unknown:
-        rows = [(w["word"], w["count"], w["first_line"]) for w in unknown]
+        rows = [(w.word, w.count, w.first_line) for w in unknown]
         body += part("heading", "Not understood") + table(columns, rows)
-    known = [(w["word"], w["count"], w["first_line"]) for w in ignored if w["understood"]]
+    known = [(w.word, w.count, w.first_line) for w in ignored if w.understood]
     if known:
         body += folded("Understood, without effect on the path", len(known), table(columns, known))
     lead = "Words of the file that move nothing here. Strict reading refuses those not understood."

@@ -10,6 +10,7 @@ from machopt.cells.picture import picture
 from machopt.cells.problems import read_all
 from machopt.cells.review import Remark, review
 from machopt.domain.cell import Cell
+from machopt.domain.results.cells import RemarkTold, ValidateResult
 from machopt.effects.own import in_use, with_effects
 from machopt.errors import InputError
 from machopt.formats.cell import cell_file
@@ -19,6 +20,7 @@ from machopt.formats.cell import cell_file
 class Validated:
     """What was found."""
 
+    path: Path  # as the user named the cell
     cell: Cell | None  # without what is wrong; None where too much is
     findings: tuple[Remark, ...]  # errors first
     picture: Path | None
@@ -26,6 +28,17 @@ class Validated:
     @property
     def errors(self) -> tuple[Remark, ...]:
         return tuple(f for f in self.findings if f.level == "error")
+
+    @property
+    def result(self) -> ValidateResult:
+        """As ``--json`` prints it."""
+        errors = len(self.errors)
+        return ValidateResult(
+            cell=str(self.path),
+            errors=errors,
+            warnings=len(self.findings) - errors,
+            findings=tuple(RemarkTold.from_fields(f) for f in self.findings),
+        )
 
     @property
     def exit_code(self) -> int:
@@ -64,7 +77,7 @@ def _validated(path: Path, allow_external: bool, picture_file: Path | None) -> V
         if picture_file is not None:
             drawn = _draw(read.cell, picture_file, found)
     found.sort(key=lambda f: f.level)  # stable, and errors come first by the alphabet
-    return Validated(read.cell, tuple(found), drawn)
+    return Validated(path, read.cell, tuple(found), drawn)
 
 
 def _put_aside(finding: Remark, keys: tuple[str, ...]) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from machopt.domain.manifest import Manifest, with_scope
+from machopt.domain.results.verified import CheckMade, VerifyResult
 from machopt.effects.own import in_use, with_effects
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
@@ -27,6 +28,19 @@ class Verified:
     exit_code: int  # 0, 3 (intact, but no feasible answer in it) or 4
     line: str  # the verdict with what it does not cover
     notes: tuple[str, ...]  # options that the user gave and the folder was not made with
+
+    @property
+    def result(self) -> VerifyResult:
+        """As ``--json`` prints it."""
+        found = self.verification
+        return VerifyResult(
+            passed=found.ok,
+            verdict=self.line,
+            samples=found.samples,
+            duration_s=found.duration,
+            notes=self.notes,
+            checks=tuple(CheckMade.from_fields(c) for c in found.checks),
+        )
 
 
 def verify(request: VerifyRequest) -> Verified:

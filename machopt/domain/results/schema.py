@@ -7,12 +7,15 @@ from pathlib import Path
 
 from machopt.domain.results.base import Part
 from machopt.domain.results.batch import BatchRecord, BatchResult
+from machopt.domain.results.cells import InitResult, ValidateResult
 from machopt.domain.results.diagnosis import DiagnosisResult
 from machopt.domain.results.identification import IdentificationResult
+from machopt.domain.results.inspected import CellInspected, RobotInspected, ToolpathInspected
 from machopt.domain.results.maps import MapResult
 from machopt.domain.results.optimize import OptimizeResult
 from machopt.domain.results.place import PlaceResult
 from machopt.domain.results.poses import PosesResult
+from machopt.domain.results.verified import VerifyResult
 
 FOLDER = Path(__file__).with_name("schemas")
 DOCUMENTS: dict[str, type[Part]] = {
@@ -24,8 +27,14 @@ DOCUMENTS: dict[str, type[Part]] = {
     "place.json": PlaceResult,
     "batch.json": BatchResult,
     "job.json": BatchRecord,
+    "inspect-toolpath": ToolpathInspected,
+    "inspect-cell": CellInspected,
+    "inspect-robot": RobotInspected,
+    "validate": ValidateResult,
+    "init": InitResult,
+    "verify": VerifyResult,
 }
-"""File of an output folder → its model."""
+"""File of an output folder, or command that prints it with ``--json`` and writes none → its model."""
 
 
 def schema_name(document: str) -> str:

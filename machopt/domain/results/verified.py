@@ -1,0 +1,25 @@
+"""What ``machopt verify --json`` prints."""
+
+from __future__ import annotations
+
+from machopt.domain.results.base import Count, Flag, Number, Part, Text
+from machopt.domain.results.optimize import CheckTold
+
+
+class CheckMade(CheckTold):
+    """A check with the keys by which others ask for it."""
+
+    what: Text = ""  # the promise about ``file``
+    because: Text = ""  # another file of the folder, that could not be read for this
+    instead: Flag = False  # ``where`` says all: value and limit add nothing
+
+
+class VerifyResult(Part):
+    """An output folder held against cell and toolpath."""
+
+    passed: Flag
+    verdict: Text  # with what it does not cover
+    samples: Count  # of the motion
+    duration_s: Number
+    notes: tuple[Text, ...]  # options that were given and that the folder was not made with
+    checks: tuple[CheckMade, ...]
