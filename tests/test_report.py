@@ -182,6 +182,16 @@ def test_the_verdict_answers_gain_and_safety() -> None:
             "1.2 % ± 0.4 % more than with Jiao 2022 (90 %: 0.5 to 1.9 %)",
         ),
         (
+            {"gains": (Gain("Jiao 2022", 0.03, 0.004, (-0.0002, 0.036)),)},
+            "VERIFIED",
+            "3.0 % ± 0.4 % less than with Jiao 2022 (90 %: 0.0 to 3.6 %)",  # no −0.0
+        ),
+        (
+            {"gains": (Gain("Jiao 2022", 1e-5, 1e-6, (-1e-6, 2e-5), False),)},
+            "VERIFIED",
+            "the same mean deflection as with Jiao 2022; feed held",
+        ),
+        (
             {"shift": Shift(worst=3.3e-4, mean=2.8e-4, left_worst=2.1e-5, left_mean=4e-6)},
             "VERIFIED",
             "shifted by up to 0.330 mm against the predicted deflection, which leaves 0.004 mm on average and 0.021 mm",

@@ -161,6 +161,16 @@ def test_a_branch_is_kept(tmp_path: Path) -> None:
     assert (never.chosen.assignment.reason != Reason.OK).all()
 
 
+def test_a_branch_without_a_lasting_number_is_refused(tmp_path: Path) -> None:
+    """Axis 6 beside the wrist's centre: a general arm, whose solutions are counted anew at every pose."""
+    cell = small_cell(tmp_path, stiffness=Stiffness(joints=K))
+    beside = cell.urdf.read_text().replace('xyz="0.215 0.0 0.0"', 'xyz="0.215 0.0 0.02"')
+    assert beside != cell.urdf.read_text()
+    cell.urdf.write_text(beside)
+    with pytest.raises(InputError, match=r"branch 2 at points 1 to 9: branches of this arm have no numbers that"):
+        plan(cell, toolpath(pass_over_block()), replace(FREE, steer=(Steer(operation="op", branch=2),)))
+
+
 def test_the_pins_that_cannot_be_kept_together_are_named(tmp_path: Path) -> None:
     """Half a turn between two neighbouring points is none of this arm's; the third pin has nothing to do with it."""
     path = toolpath(pass_over_block())

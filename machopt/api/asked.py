@@ -105,6 +105,8 @@ def _spoken(kind: str) -> str:
 
 def _plain(value: Any, kind: str, where: str) -> Any:
     """A value as the field wants it: tuples for lists, paths for names of files."""
+    if kind.startswith("Mapping") and kind.endswith("Path]") and isinstance(value, Mapping):
+        return {name: path_of(folder, where) for name, folder in value.items()}
     if "Path" in kind and value is not None:
         return paths(value, where) if kind.startswith("tuple") else path_of(value, where)
     if kind.startswith("tuple") and isinstance(value, str):

@@ -35,7 +35,7 @@ class Steering:
 
     operations: tuple[tuple[str, tuple[tuple[int, int], ...]], ...]  # label, and the points it cuts, first to last
     points: int
-    branches: int
+    branches: int  # 0: of no lasting numbers, so none can be asked for
     axes: tuple[Axis, ...]
     wishes: dict[str, Any]  # fixed, steer, external: keys of a plan file
     compared: tuple[Compared, ...]

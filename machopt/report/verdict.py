@@ -176,6 +176,12 @@ def gain_text(gain: Gain) -> str:
     return number + (f" ± {100 * gain.std:.{_decimals(gain)}f} %" if math.isfinite(gain.std) else "")
 
 
+def _same(gain: Gain) -> bool:
+    """No digit of the gain, or of its uncertainty, would show."""
+    unsure = gain.std if math.isfinite(gain.std) else 0.0
+    return not gain.distinguishable and abs(gain.share) < 5e-4 and unsure < 5e-4
+
+
 def _decimals(gain: Gain) -> int:
     return int(gain.std < 0.015 or (not math.isfinite(gain.std) and abs(gain.share) < 0.1))
 
@@ -192,8 +198,11 @@ def _mean_words(s: Summary) -> str:
     parts = []
     for n, g in enumerate(known):
         sign, less = (1.0, "less") if g.share >= 0 else (-1.0, "more")
-        low, high = sorted(100 * sign * v for v in g.interval)
+        if _same(g):
+            parts.append(f"the same {what} as with {g.over}" if n == 0 else f"the same as with {g.over}")
+            continue
         n_dec = _decimals(g)
+        low, high = (round(v, n_dec) + 0.0 for v in sorted(100 * sign * v for v in g.interval))  # no −0.0
         interval = f" (90 %: {low:.{n_dec}f} to {high:.{n_dec}f} %)".replace("-", "−") if math.isfinite(low) else ""
         text = f"{gain_text(replace(g, share=sign * g.share))} {less} than with {g.over}{interval}"
         parts.append(f"{what} {text}" if n == 0 else text)
@@ -231,7 +240,7 @@ def _cautions(data: ReportData) -> tuple[str, ...]:
             f"The gain over {g.over}, {gain_text(g)} on average, is below the stiffness model's own uncertainty "
             "or rounding: the two are not distinguishable."
             for g in s.gains
-            if not g.distinguishable
+            if not g.distinguishable and not _same(g)
         ]
     if s.outcome != "infeasible" and s.infeasible_points:
         out.append(f"{counted(s.infeasible_points, 'point')} without an answer, left out of the motion.")

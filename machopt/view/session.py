@@ -176,12 +176,13 @@ class Session:
 
     def _steering(self) -> Steering:
         cell, toolpath = self.given.cell, self.given.toolpath
+        candidates = self.now.made.plan.candidates
         labels = list(dict.fromkeys(o.label for o in toolpath.operations))
         parts = [(label, tuple(stretches(Steer(operation=label), toolpath))) for label in labels]
         return Steering(
             operations=tuple((label, points) for label, points in parts if points),
             points=len(toolpath),
-            branches=self.now.made.plan.candidates.q.shape[2],
+            branches=candidates.q.shape[2] if candidates.stable else 0,
             axes=tuple(_axis(cell, k) for k in range(len(cell.external_joints))),
             wishes=self.wishes(),
             compared=compared(self.now.made, None if self.before is None else self.before.made),

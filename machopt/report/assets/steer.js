@@ -71,7 +71,7 @@ function steerPlan(data) {
   spec.operations.forEach((o, n) => option(where, `o${n}`, `operation ${o.label}`));
   option(where, "points", "points");
   option(where, "path", "whole path");
-  for (const [value, text] of [["pin", "pin γ"], ["forbid", "forbid γ"], ["prefer", "prefer γ"], ["branch", "branch"]]) option(what, value, text);
+  for (const [value, text] of [["pin", "pin γ"], ["forbid", "forbid γ"], ["prefer", "prefer γ"], ...(spec.branches ? [["branch", "branch"]] : [])]) option(what, value, text);
   spec.axes.forEach((a, n) => { option(what, `a${n}`, `${a.name} stands at`); option(what, `z${n}`, `${a.name} keeps out of`); });
   by("first").max = by("last").max = spec.points - 1;
 
