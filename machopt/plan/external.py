@@ -205,7 +205,8 @@ class _Tries:
         else:
             stands = [best[1].path.external[rows_of(self.path, g.runs)[0]] for g in self.groups]
         key, found = self._along(stands)
-        if key[0] and (best is None or best[0][0]) and self.setup.collision is not None:
+        contacts = _unreached(found) or any(b.pair for b in found.breaks)
+        if contacts and (best is None or best[0][0]) and self.setup.collision is not None:
             key, found = min((key, found), self._clear_of_contacts(stands), key=lambda one: one[0])
         if any(g.must.any() for g in self.groups) or (best is None and not key[0]):
             return [found]  # no place keeps what was asked, or reaches all of it
@@ -223,7 +224,8 @@ class _Tries:
     def _clear_of_contacts(self, stands: list[Array]) -> tuple[Key, Plan]:
         """The plan along a way that is made of free poses alone: where arm or part are in the way wherever they stand.
 
-        Looking for contacts at every pose of the grid costs more than the way itself, so nothing else waits for it.
+        Looking for contacts at every pose of the grid costs more than the way itself, so nothing else waits for it; and
+        it is not taken for breaks that no body is the cause of, which free poses would not mend.
         """
         search = self.search
         with self.clock.stage("external"):
@@ -267,8 +269,12 @@ def _lost_groups(found: Plan, groups: Sequence[Group]) -> list[int]:
 
 def _lost(found: Plan) -> float:
     """Points that have no configuration, and breaks."""
-    missing = found.missing[found.path.may_touch[found.missing]]
-    return float(len(missing) + len(found.breaks))
+    return float(_unreached(found) + len(found.breaks))
+
+
+def _unreached(found: Plan) -> int:
+    """Points that have no configuration where contacts count."""
+    return int(found.path.may_touch[found.missing].sum())
 
 
 def _spread(path: Path, groups: Sequence[Group], values: Sequence[Array]) -> Array:
