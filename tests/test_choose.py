@@ -15,12 +15,13 @@ from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move
 from machopt.plan.candidates import Candidates, _forbid_by_user
 from machopt.plan.caps import GAP, SOLVES, Capped, trade
-from machopt.plan.choose import TURNING, Choice, Grid, _windows, choose
+from machopt.plan.choose import Choice, Grid, choose
 from machopt.plan.edges import Edges
 from machopt.plan.objective import AXIS_SPEED, NEAR
 from machopt.plan.path import Path, build_path
 from machopt.plan.score import Scores
 from machopt.plan.sequence import JUMP
+from machopt.plan.windows import TURNING, windows
 from machopt.se3 import wrap
 
 UP = (0.0, 0.0, 1.0)
@@ -104,7 +105,7 @@ class Priced:
 
 
 def priced(path: Path, candidates: Candidates, scores: Scores, options: PlanOptions) -> Priced:
-    window, seconds = _windows(path, candidates, float(VELOCITY.min()))
+    window, seconds = windows(path, candidates, float(VELOCITY.min()))
     counted = path.counted[path.stations]
     gamma = wrap(candidates.phi[None] + path.offset[path.stations][:, None])
     S = len(path.stations)
@@ -405,7 +406,7 @@ def test_rotation_stays_in_plunges_and_changes_no_faster_than_the_axes() -> None
             stable=True,
             shortfall=np.zeros(S),
         )
-        window, seconds = _windows(path, candidates, 2.0)
+        window, seconds = windows(path, candidates, 2.0)
         assert (window[path.plunge[path.stations]] == 0).all()
         assert window[0] < 0
         turning = window > 0

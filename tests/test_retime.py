@@ -241,5 +241,5 @@ def test_the_gentle_profile_holds_the_limits_too(monkeypatch: pytest.MonkeyPatch
     def stuck(*_: object) -> tuple[int, Array]:
         return 2, np.empty((0, 5))
 
-    monkeypatch.setattr(feedrate, "_law", stuck)
+    monkeypatch.setattr(feedrate, "greedy", stuck)
     drive(make(*contour(20, 0.003)))

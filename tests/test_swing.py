@@ -9,9 +9,10 @@ import pytest
 
 from machopt.plan.candidates import Candidates
 from machopt.plan.caps import GAP
-from machopt.plan.choose import FREE, Grid
+from machopt.plan.choose import Grid
 from machopt.plan.edges import Edges
 from machopt.plan.priced import Priced
+from machopt.plan.windows import FREE
 
 S, R = 4, 8
 WORST, PRICE = 0.8, 0.1

@@ -10,7 +10,7 @@ from test_path import Rows, toolpath
 from test_pipeline import FREE, UP, C, R, pass_over_block, small_job
 
 from machopt.domain.toolpath import Move, Toolpath
-from machopt.plan import timeline
+from machopt.plan import legmaker, timeline
 from machopt.plan.breaks import Break
 from machopt.plan.made import Plan
 from machopt.plan.rapids import Blocked
@@ -60,7 +60,7 @@ def test_a_gap_without_room_stops_the_job_or_costs_the_cuts_beside_it(made: Plan
     ((first, last),) = [run for run in made.path.runs if run[1] > run[0]]
     middle = int(np.flatnonzero(made.path.is_point)[5])
     b = builder(made)
-    here = timeline._Place(made.setup.cell.home, float("nan"), -1)
+    here = legmaker.Place(made.setup.cell.home, float("nan"), -1)
     b.lifts.gap = lambda row: float("nan")  # type: ignore[method-assign]
     into, out = b._legs(here, middle, last), b._legs(here, first, middle)
     assert isinstance(into, Break)
@@ -84,7 +84,7 @@ def test_a_cut_that_loses_its_first_point_is_driven_from_the_next(made: Plan) ->
     b = builder(made, gaps=True)
     gap = b.lifts.gap
     b.lifts.gap = lambda row: float("nan") if row == middle else gap(row)  # type: ignore[method-assign]
-    end = b._stretch(timeline._Place(made.setup.cell.home, float("nan"), -1), middle, last)
+    end = b._stretch(legmaker.Place(made.setup.cell.home, float("nan"), -1), middle, last)
     assert end is not None
     assert end.row == last
     (driven,) = b.driven
@@ -105,7 +105,7 @@ def test_what_blocks_a_rapid_move_says_what_would_help(
     made: Plan, monkeypatch: pytest.MonkeyPatch, reason: str, code: str, said: str
 ) -> None:
     blocked = Blocked("spindle ~ post", np.zeros(6), 0.0, reason)  # type: ignore[arg-type]
-    monkeypatch.setattr(timeline, "plan_rapid", lambda *a, **k: blocked)
+    monkeypatch.setattr(legmaker, "plan_rapid", lambda *a, **k: blocked)
     done = build_timeline(made, toolpath(ROWS))
     assert done.trajectory is None
     assert code in {b.code for b in done.obstructions}
@@ -116,8 +116,8 @@ def test_what_blocks_a_rapid_move_says_what_would_help(
 def test_only_gaps_and_nothing_cut_is_no_motion(made: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
     """With gaps allowed each stretch may be left out, not all of them: what was in the way is said."""
     blocked = Blocked("spindle ~ post", np.zeros(6), 0.5, "way")
-    own = timeline.plan_rapid
-    monkeypatch.setattr(timeline, "plan_rapid", lambda a, b, **k: own(a, b, **k) if np.array_equal(a, b) else blocked)
+    own = legmaker.plan_rapid
+    monkeypatch.setattr(legmaker, "plan_rapid", lambda a, b, **k: own(a, b, **k) if np.array_equal(a, b) else blocked)
     done = build_timeline(replace(made, options=replace(made.options, allow_gaps=True)), toolpath(ROWS))
     assert done.trajectory is None
     assert {b.code for b in done.obstructions} == {"rapid_blocked"}
@@ -130,8 +130,8 @@ def test_a_run_or_a_lift_that_cannot_be_driven_is_a_break_where_it_is(
     ((first, last),) = [run for run in made.path.runs if run[1] > run[0]]
     middle = int(np.flatnonzero(made.path.is_point)[4])
     b = builder(made)
-    here = timeline._Place(made.setup.cell.home, float("nan"), -1)
-    monkeypatch.setattr(timeline, "retime_run", lambda run: RunFailure(1.5, "joint 2 leaves its range"))
+    here = legmaker.Place(made.setup.cell.home, float("nan"), -1)
+    monkeypatch.setattr(legmaker, "retime_run", lambda run: RunFailure(1.5, "joint 2 leaves its range"))
     run = b._legs(here, first, last)
     assert isinstance(run, Break)
     assert "joint 2 leaves its range" in run.text
@@ -144,7 +144,7 @@ def test_a_run_or_a_lift_that_cannot_be_driven_is_a_break_where_it_is(
 def test_a_file_of_rapid_moves_alone_lifts_at_the_feed_of_approaches(tmp_path_factory: pytest.TempPathFactory) -> None:
     rows: Rows = [((-0.1 + 0.05 * k, -0.1, 0.08), UP, R) for k in range(3)]
     p = small_job(tmp_path_factory.mktemp("rapid"), rows, FREE)
-    assert (builder(p, path=toolpath(rows))._feed_after() == p.options.approach_feed).all()
+    assert (builder(p, path=toolpath(rows)).made.feed_after == p.options.approach_feed).all()
     cut = small_job(tmp_path_factory.mktemp("cut"), [*rows, ((0.1, -0.1, 0.08), UP, C)], FREE)
-    feed = builder(cut)._feed_after()
+    feed = builder(cut).made.feed_after
     assert (feed == feed[-1]).all()  # rapid moves have that of the cut they lead to

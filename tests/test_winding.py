@@ -7,9 +7,10 @@ import pytest
 
 from machopt.model.ik import count_from, fewest_turns
 from machopt.plan.candidates import Candidates
-from machopt.plan.choose import FREE, LIFT, Grid, _Part
+from machopt.plan.choose import Grid, _Part
 from machopt.plan.edges import Edges
 from machopt.plan.priced import Priced
+from machopt.plan.windows import FREE, LIFT
 from machopt.se3 import wrap
 
 TURN = 2 * np.pi

@@ -18,7 +18,8 @@ from machopt.compiled import compiled
 from machopt.model.bodies import Body
 from machopt.model.boxes import Mesh, mesh_of
 from machopt.model.threads import side_by_side
-from machopt.model.triangles import DEPTH, triangles
+from machopt.model.triangles import DEPTH
+from machopt.model.twotriangles import triangles
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]

@@ -19,18 +19,16 @@ from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import Candidates
 from machopt.plan.caps import GAP, Capped, Traded, trade
 from machopt.plan.edges import Edges
-from machopt.plan.objective import AXIS_SPEED, Terms, node_price
+from machopt.plan.objective import Terms
 from machopt.plan.path import Path
 from machopt.plan.priced import Priced
 from machopt.plan.score import Scores
 from machopt.plan.sequence import cheapest_sequence
 from machopt.plan.swing import hiding, worst_index
 from machopt.plan.winding import fitting, joined, whole
+from machopt.plan.windows import LIFT, same_direction, vertex_price, windows
 
 Ints = NDArray[np.int32]
-TURNING = AXIS_SPEED  # share of the slowest axis's velocity limit that rotation about the tool axis may take
-MAX_TURN = np.radians(80.0)  # of the rotation between neighbouring stations
-FREE, LIFT = -1, -2
 _LARGE = 1e300  # a limit that no sequence meets: with one, breaks are no answer
 
 
@@ -86,7 +84,7 @@ class Grid:
     counted: NDArray[np.bool_]  # (S,) the worst index counts there
     window: Ints  # (S,) grid steps that the rotation may turn, FREE or LIFT
     seconds: Array  # (S,) s
-    shift: Ints  # (S,) :func:`_same_direction`
+    shift: Ints  # (S,) :func:`same_direction`
     node: Array  # (S, R, B) price of a vertex
     raw: Array  # (S, R, B) index, in units of the scale, inf where there is none
     slowness: Array  # (6,) s/rad
@@ -110,7 +108,7 @@ class Grid:
         wide: NDArray[np.bool_] | None = None,
     ) -> Grid:
         """Arguments as for :func:`choose`."""
-        window, seconds = _windows(path, candidates, float(velocity.min()), wide)
+        window, seconds = windows(path, candidates, float(velocity.min()), wide)
         terms, w = Terms.at_stations(path, velocity, options), options.weights
         nudge = np.zeros(len(path.stations)) if candidates.nudge is None else candidates.nudge
         rotations, branches = candidates.feasible.shape[1:3]
@@ -119,8 +117,8 @@ class Grid:
             counted=path.counted[path.stations],
             window=window,
             seconds=seconds,
-            shift=_same_direction(path, len(candidates.phi)),
-            node=_node_price(terms, candidates, scores),
+            shift=same_direction(path, len(candidates.phi)),
+            node=vertex_price(terms, candidates, scores),
             raw=scores.raw,
             slowness=terms.slowness,
             price_q=w.travel * terms.travel,
@@ -349,62 +347,3 @@ class _Part:
         """Worst index of a sequence, here or elsewhere."""
         here = worst_index(self.raw, self.counted, self.grid.hidden[self.rows], vertex[:, 0], vertex[:, 1])
         return max(here, self.worst_elsewhere)
-
-
-def widest(rotations: int) -> int:
-    """Grid steps that the rotation may turn between neighbouring stations at most."""
-    return max(1, int(MAX_TURN * rotations / (2 * np.pi) + 1e-6))
-
-
-def _windows(
-    path: Path, candidates: Candidates, slowest: float, wide: NDArray[np.bool_] | None = None
-) -> tuple[Ints, Array]:
-    """Window of the step into each station, and the time the axes have for it.
-
-    FREE over rapid moves, else grid steps of rotation, 0 keeps it. On dense paths a grid step would take longer than
-    the way from station to station, so rotation may only change at ticks, as far apart as a grid step takes. Where
-    nothing else leads on (``wide``), it may change from any station to the next, and the feed waits for it.
-    """
-    st = path.stations
-    tick = 2 * np.pi / len(candidates.phi) / (TURNING * slowest)  # s
-    t = path.time[st]
-    out = np.zeros(len(st), np.int32)
-    seconds = np.diff(t, prepend=t[0])
-    same = np.r_[False, path.run[st][1:] == path.run[st][:-1]]
-    dropped = np.asarray(~candidates.feasible.any(axis=(1, 2, 3)))
-    plunged = np.r_[0, np.cumsum(~path.plunge)]
-    since = 0.0
-    for s in range(1, len(st)):
-        if not same[s]:
-            out[s], since = FREE, 0.0
-        elif dropped[s - 1]:
-            out[s], since = LIFT, 0.0
-        elif plunged[st[s] + 1] == plunged[st[s - 1] + 1]:
-            out[s] = 0  # made only of plunges: the rotation is kept
-        elif wide is not None and wide[s]:
-            out[s] = widest(len(candidates.phi))
-        else:
-            since += seconds[s]
-            if since >= 0.999 * tick:
-                out[s] = min(int(since / tick + 1e-3), widest(len(candidates.phi)))
-                seconds[s], since = since, 0.0
-    out[0] = FREE
-    return out, seconds
-
-
-def _same_direction(path: Path, rotations: int) -> Ints:
-    """(S,) grid steps from a station's phi to the phi of the station before that points TCP x the same way."""
-    st = path.stations
-    reference, axis = path.reference[st], path.axis[st]
-    before = np.roll(reference, 1, axis=0)
-    angle = np.arctan2(np.sum(np.cross(before, reference) * -axis, axis=1), np.sum(before * reference, axis=1))
-    return np.asarray(np.round(angle / (2 * np.pi / rotations)), dtype=np.int32)
-
-
-def _node_price(terms: Terms, candidates: Candidates, scores: Scores) -> Array:
-    """(S, R, B) price of a vertex: its share of the mean index, and the preferred rotation."""
-    cost = np.where(np.isfinite(scores.cost), scores.cost, 0.0) / scores.scale
-    liked = terms.liked(candidates.phi_at().T).T[:, :, None]
-    if scores.crowded is not None:
-        liked = liked + terms.weights.clearance * scores.crowded
-    return np.ascontiguousarray(node_price(cost, liked, terms.weights.mean) * terms.share[:, None, None])

@@ -60,8 +60,8 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
     ("plan.taylor", "_twists", f"{_F3},f8[:,:,:,::1]"),
     ("plan.follow", "_refine", f"{_F2},{_F2},{_F2},{_F3},{_F2}"),
     ("plan.follow", "_chain", f"{_F2},{_F2},{_F2},{_F1},{_F3},{_F3},{_F2}"),
-    ("plan.feedrate", "_corners", f"{_F1},{_F1},{_F1}"),
-    ("plan.feedrate", "_law", f"{_F1},{_F3},{_F1},{_F1},{_F2},{_F1},{_F1},f8,i8,b1"),
+    ("plan.feedsteps", "corners", f"{_F1},{_F1},{_F1}"),
+    ("plan.feedsteps", "greedy", f"{_F1},{_F3},{_F1},{_F1},{_F2},{_F1},{_F1},f8,i8,b1"),
     ("verify.inorder", "targets_in_order", f"{_F2},{_F3},{_F2},{_F2},{_F3},{_F2},b1[::1],{_F1},{_F1},f8,i8"),
     ("verify.inorder", "lines_in_order", f"{_F2},{_F2},b1[::1],f8,i8"),
     ("verify.arm", "_placed", f"{_F2},{_I1},{_F3},{_F2},{_F2},{_F2}"),
@@ -187,7 +187,7 @@ def compile_into(folder: Path) -> None:
         compile_all(entry for entry in every if entry[0] == module)
 
 
-LONGEST = ("plan.sequence", "verify.between", "model.triangles", "plan.feedrate", "model.touching")  # half the work
+LONGEST = ("plan.sequence", "verify.between", "model.triangles", "plan.feedsteps", "model.touching")  # half the work
 
 
 def _longest_first(module: str) -> tuple[int, str]:

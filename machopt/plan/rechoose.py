@@ -11,10 +11,11 @@ from machopt.arrays import Array
 from machopt.domain.options import PlanOptions
 from machopt.plan.candidates import Candidates
 from machopt.plan.caps import GAP
-from machopt.plan.choose import FREE, Choice, Grid
+from machopt.plan.choose import Choice, Grid
 from machopt.plan.edges import Edges
 from machopt.plan.path import Path
 from machopt.plan.score import Scores
+from machopt.plan.windows import FREE
 
 Rows = NDArray[np.intp]
 DETOUR = np.radians(90.0)  # of rotation that a stretch which is chosen again has room for to either side of a contact
