@@ -22,6 +22,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.domain.stiffness import ExternalSpring
 from machopt.model.machine import Machine, exponential
+from machopt.model.terms.base import Under
 from machopt.se3 import inverse
 
 GRAVITY = 9.80665  # m/s²
@@ -33,7 +34,12 @@ class Response:
 
     matrix: Array  # (M, 6, 6) SI, base_link axes
 
-    def twist(self, wrench: Array) -> Array:
+    @property
+    def keeps(self) -> float | None:
+        """No share: a compliance that is positive takes nothing away."""
+        return None
+
+    def twist(self, under: Under, wrench: Array, *, small: bool) -> Array:
         """(M, 6) m, rad under wrenches (M, 6) N, N·m."""
         return np.asarray(np.einsum("...ij,...j->...i", self.matrix, wrench))
 

@@ -25,14 +25,10 @@ from machopt.model.kinetostatic import geometric_stiffness
 from machopt.model.robot import ArmState, Masses, Robot
 from machopt.model.shifted import Shift
 from machopt.model.terms.against import Against, against_load, within_reach
-from machopt.model.terms.base import LinearTerm
-from machopt.model.terms.body import BodySpring
-from machopt.model.terms.compensator import GravityCompensator
+from machopt.model.terms.base import Gives, LinearTerm, Under
 from machopt.model.terms.compiled import compile_terms
-from machopt.model.terms.joint import JointTerm
 
 TOOL = 6  # the body that also carries the tool, whose mass is known without those of the links
-LEAST = 0.1  # of a compliance that stays, however stiff the readings say the arm is where none was taken
 FACE_TOLERANCE = 1e-6  # m; a TCP this near a face, edge or corner of the grid belongs to all its cells
 
 
@@ -131,7 +127,7 @@ class Elastic:
     state: ArmState  # with bodies where there are terms
     k: Array  # (M, 6) N·m/rad; with a gravity compensator, gear and spring together
     # with values; body springs as one matrix; a compensator is in k; what external joints do is known as a matrix
-    terms: tuple[LinearTerm | Shift | Response, ...] = ()
+    terms: tuple[Gives, ...] = ()
     geometric: bool = False  # count K_C of the load itself (dumas2011 eqs. 8–10)
     weight: Array | None = None  # (M, 6) N·m, torque of links and tool at the joints; None: zero
     gears: Array | None = None  # (M, 6) N·m/rad of the gears alone where a spring stands beside one; None: k
@@ -152,7 +148,7 @@ class Elastic:
             bent = tau / self.k
         twist = np.einsum("...ci,...i->...c", J, bent)
         for term in self.terms:
-            twist = twist + self.twist_of(term, wrench)
+            twist = twist + term.twist(self.under, wrench, small=False)
         return np.asarray(twist)
 
     def deflection(self, force: Array) -> Array:
@@ -165,9 +161,9 @@ class Elastic:
         """eᵀ C_tt e in m/N for unit directions (M, 3), for a small load (without K_C)."""
         bare = directional_compliance(self.state.J, self.k, direction)
         for term in self.terms:
-            twist = self.twist_of(term, _as_wrench(direction), small=True)
+            twist = term.twist(self.under, _as_wrench(direction), small=True)
             more = np.einsum("...c,...c->...", twist[..., :3], direction)
-            bare = np.maximum(bare + more, LEAST * bare) if isinstance(term, Shift) else bare + more
+            bare = bare + more if term.keeps is None else np.maximum(bare + more, term.keeps * bare)
         return np.asarray(bare)
 
     def compliance(self) -> Array:
@@ -177,7 +173,7 @@ class Elastic:
         for term in self.terms:
             for c in range(6):
                 unit = np.broadcast_to(np.eye(6)[c], (*J.shape[:-2], 6))
-                C[..., :, c] += self.twist_of(term, unit, small=True)
+                C[..., :, c] += term.twist(self.under, unit, small=True)
         return np.asarray(C)
 
     def jiao_index(self, direction: Array) -> Array:
@@ -237,19 +233,10 @@ class Elastic:
         on_e, on_Se, on_SSe, on_SSSe = (np.einsum("...ci,...c->...i", turned, v) for v in (direction, Se, SSe, SSSe))
         return np.asarray(0.5 * size**-1.5 * (on_SSe * on_Se + on_SSSe * on_e))
 
-    def twist_of(self, term: LinearTerm | Shift | Response, wrench: Array, *, small: bool = False) -> Array:
-        """Twist (M, 6) in m and rad that one of the terms adds under a wrench (M, 6) in N and N·m on top of weight.
-
-        ``small``: as if the wrench were so small that the tangent under weight holds.
-        """
-        if isinstance(term, Response):
-            return term.twist(wrench)
-        if isinstance(term, Shift):
-            return term.twist(self.state, self.k if self.gears is None else self.gears, wrench, small=small)
-        if not isinstance(term, JointTerm):
-            return np.asarray(term.response(self.state, wrench) @ term.values)
-        law = term.small if small else term.response
-        return np.asarray(law(self.state, wrench, self.weight) @ term.values)
+    @property
+    def under(self) -> Under:
+        """What its terms are asked with."""
+        return Under(self.state, self.k if self.gears is None else self.gears, self.weight)
 
 
 class ArmElasticity:
@@ -289,7 +276,7 @@ class ArmElasticity:
             )
         for term in compiled:
             lacking = [c.name for c, v in zip(term.coefficients, term.values, strict=True) if not np.isfinite(v)]
-            lacking += term.lacking if isinstance(term, JointTerm | GravityCompensator) else ()
+            lacking += term.lacking
             if lacking:
                 raise InputError(
                     f"{term.effect} at {term.location} lacks values for {', '.join(lacking)}", file=file, where="terms"
@@ -297,17 +284,15 @@ class ArmElasticity:
         compiled, wrong = _as_springs(compiled, stiffness, limits)
         if wrong is not None:
             raise InputError(wrong.said, file=file, where="terms")
-        self.terms = tuple(replace(t, gear=self._gears) if isinstance(t, GravityCompensator) else t for t in compiled)
-        self._known: tuple[LinearTerm | Shift, ...] = tuple(
-            t.folded() if isinstance(t, BodySpring) else t for t in self.terms if not isinstance(t, GravityCompensator)
-        )
+        self.terms = tuple(t.on(self._gears) for t in compiled)
+        self._known: tuple[Gives, ...] = tuple(f for t in self.terms if (f := t.folded()) is not None)
         self.shift: Shift | None = None
         found = stiffness.discrepancy
         if counted and found is not None and found.counted:
             self.shift = Shift.of(found, robot, T_flange_tcp, self.terms, masses, geometric=self.geometric)
             self._known = (*self._known, self.shift)
-        self._balancers = tuple(t for t in self.terms if isinstance(t, GravityCompensator))
-        weighed = [t for t in self.terms if isinstance(t, JointTerm) and t.weighs]
+        self._balancers = tuple((t.balances, t) for t in self.terms if t.balances is not None)
+        weighed = [t for t in self.terms if t.weighs]
         self.masses = masses
         self._masses = masses if weighed else None
         self.warnings: tuple[str, ...] = ()
@@ -342,8 +327,8 @@ class ArmElasticity:
 
     def _balanced(self, k: Array, q: Array) -> Array:
         out = np.array(k)
-        for term in self._balancers:
-            out[..., term.i] += term.added(np.asarray(q, float)[..., term.i])
+        for i, term in self._balancers:
+            out[..., i] += term.added(np.asarray(q, float)[..., i])
         return out
 
     def jacobian(self, q: Array) -> tuple[Array, Array, NDArray[np.bool_]]:

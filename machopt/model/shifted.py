@@ -16,8 +16,10 @@ from machopt.arrays import Array
 from machopt.domain.stiffness import Discrepancy
 from machopt.model.robot import ArmState, Masses, Robot
 from machopt.model.suspects import AXES, BENDS, LOADED, Suspects, place_of
-from machopt.model.terms.base import LinearTerm
+from machopt.model.terms.base import LinearTerm, Under
 from machopt.model.terms.body import cross
+
+LEAST = 0.1  # of a compliance that stays, however stiff the readings say the arm is where none was taken
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,14 +90,19 @@ class Shift:
             by=np.array([*rest.values()]),
         )
 
-    def twist(self, state: ArmState, k: Array, wrench: Array, *, small: bool) -> Array:
+    @property
+    def keeps(self) -> float | None:
+        """What readings show may lie beyond what the springs have."""
+        return LEAST
+
+    def twist(self, under: Under, wrench: Array, *, small: bool) -> Array:
         """(M, 6) m and rad under wrenches (M, 6) at the TCP in base_link axes.
 
         Args:
-            state: with bodies.
-            k: (M, 6) N·m/rad of the gears.
+            under: the gears' own stiffness, and where the arm stands; weight is that of all masses that are known.
             small: the tangent under weight, as for a load that is next to nothing.
         """
+        state, k = under.state, under.gears
         J, q = state.J, state.q
         load = np.einsum("mci,mc->mi", J, wrench)
         turn = load @ self.joints + (np.cos(q) * self.cosines + np.sin(q) * self.sines) * load

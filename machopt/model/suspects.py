@@ -110,7 +110,7 @@ class Suspects:
             elif word == "term":
                 t, p = (int(part) for part in rest.split())
                 if t not in held:
-                    held[t] = np.asarray(_term(self.terms[t], state, wrench, weight, small=small))
+                    held[t] = np.asarray(self.terms[t].loaded(state, wrench, weight, small=small))
                 out[:, :, n] = held[t][:, :, p]
             elif word == LOADED:
                 out[:, :, n] = self._loaded(state, k, wrench, weight, small=small)
@@ -191,19 +191,6 @@ def place_of(robot: Robot, place: str) -> tuple[int, Array]:
         return 6, np.asarray(robot.T_base_flange_zero[:3, 3])
     link = link_of(place)
     return link, np.asarray([*robot.point, robot.T_base_flange_zero[:3, 3]][link])
-
-
-def _term(term: LinearTerm, state: ArmState, wrench: Array, weight: Array, *, small: bool) -> Array:
-    """(M, 6, P) of a term of the file."""
-    from machopt.model.terms.compensator import GravityCompensator
-    from machopt.model.terms.joint import JointTerm
-
-    if isinstance(term, JointTerm):
-        law = term.small if small else term.response
-        return np.asarray(law(state, wrench, weight))
-    if isinstance(term, GravityCompensator):  # stands beside the gear: what it adds is in the joint's own error
-        return np.zeros((len(wrench), 6, len(term.coefficients)))
-    return np.asarray(term.response(state, wrench))
 
 
 def scales(s: Suspects, state: ArmState, k: Array, names: Sequence[str]) -> Array:

@@ -19,8 +19,8 @@ from machopt.diagnose.nouns.readings import BEHIND, Readings
 from machopt.domain.stiffness import Term
 from machopt.effects import files, registry
 from machopt.effects.protocol import BodyLaw, Effect
-from machopt.model.terms import term_of
 from machopt.model.terms.body import BodySpring, Place, placed, spring
+from machopt.model.terms.compiled import body_of
 
 NOTE = "out of what the joints' torques explain"
 LAST = "link:6"  # one body with the tool, where it is sought
@@ -68,8 +68,7 @@ def weight_wrench(r: Readings, carried: NDArray[np.bool_]) -> Array:
 
 def moved(r: Readings, term: Term) -> Array:
     """(N, D) m, rad, what a term of a body in stiffness.yaml makes of these readings."""
-    made = term_of(term.effect, term.location, r.robot, r.T_flange_tcp, **dict(term.parameters))
-    assert isinstance(made, BodySpring)  # of a body
+    made = body_of(term, r.robot, r.T_flange_tcp)
     return r.seen(_twist(r, made, borne(r, made.place)) @ made.values, first(made.place))
 
 

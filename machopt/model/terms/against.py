@@ -7,15 +7,13 @@ most of its compliance.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from machopt.arrays import Array
 from machopt.domain.location import joint_at, joints_at
 from machopt.model.terms.base import LinearTerm
-from machopt.model.terms.compensator import GravityCompensator
-from machopt.model.terms.joint import JointCoupling, JointTerm
 
 Limits = tuple[Array, Array]
 LEAST = 1e-9  # of the joints' own compliances: less than that in some direction is rounding or negative
@@ -41,16 +39,14 @@ def within_reach(terms: Sequence[LinearTerm], k: Array, limits: Limits | None) -
         k: (C, 6) N·m/rad, of each grid cell and of the constant model.
         limits: lower and upper (6,) rad; None: any angle.
     """
-    endless = [isinstance(t, JointTerm) and bool(np.isneginf(_least(t, limits)[0])) for t in terms]
+    ends = _ends(limits)
+    endless = [(least := t.takes(*ends)) is not None and bool(np.isneginf(least[1])) for t in terms]
     if not any(endless):
         return tuple(terms)
     rest = [t for t, e in zip(terms, endless, strict=True) if not e]
     own = 1.0 / (np.asarray(k, float) + _beside(rest, limits, most=True))
     left = (own + sum((take for _, take, _ in _taken(rest, limits)), np.zeros(6))).min(axis=0)
-    return tuple(
-        replace(t, law=t.law.within(t.values, float(left[t.i]))) if isinstance(t, JointTerm) and e else t
-        for t, e in zip(terms, endless, strict=True)
-    )
+    return tuple(t.within(left) if e else t for t, e in zip(terms, endless, strict=True))
 
 
 def against_load(terms: Sequence[LinearTerm], k: Array, limits: Limits | None) -> Against | None:
@@ -87,8 +83,9 @@ def against_load(terms: Sequence[LinearTerm], k: Array, limits: Limits | None) -
         return Against(effect, joint_at(i + 1), said)
     coupling = np.zeros((6, 6))
     for term in terms:
-        if isinstance(term, JointCoupling):
-            coupling[term.i, term.j] = coupling[term.j, term.i] = term.slope
+        if term.couples is not None:
+            i, j, slope = term.couples
+            coupling[i, j] = coupling[j, i] = slope
     scale = np.sqrt(own + least)
     values = np.linalg.eigvalsh(np.eye(6) + coupling / scale[:, :, None] / scale[:, None, :])
     row = int(values[:, 0].argmin())
@@ -108,34 +105,32 @@ def _taken(terms: Sequence[LinearTerm], limits: Limits | None) -> list[tuple[str
     """Effect, what it adds at least to each joint's compliance (6,), where; only of terms that take some."""
     out = []
     for term in terms:
-        if not isinstance(term, JointTerm):
+        found = term.takes(*_ends(limits))
+        if found is None:
             continue
-        least, angle = _least(term, limits)
+        i, least, angle = found
         if least < 0.0:
             take = np.zeros(6)
-            take[term.i] = least
+            take[i] = least
             out.append((term.effect, take, f" at {np.degrees(angle):.0f} deg" if np.isfinite(angle) else ""))
     return out
-
-
-def _least(term: JointTerm, limits: Limits | None) -> tuple[float, float]:
-    return term.law.steepest(term.values, term.shape, *_ends(term.i, limits))
 
 
 def _beside(terms: Sequence[LinearTerm], limits: Limits | None, *, most: bool) -> Array:
     """(6,) N·m/rad that springs beside the gears add, at the angle where that is most or least."""
     out = np.zeros(6)
     for term in terms:
-        if isinstance(term, GravityCompensator):
-            value = term.added(_range(term.i, limits))
-            out[term.i] += value.max() if most else value.min()
+        if term.balances is not None:
+            value = term.added(_range(term.balances, limits))
+            out[term.balances] += value.max() if most else value.min()
     return out
 
 
-def _ends(i: int, limits: Limits | None) -> tuple[float, float]:
-    return (-np.pi, np.pi) if limits is None else (float(limits[0][i]), float(limits[1][i]))
+def _ends(limits: Limits | None) -> Limits:
+    return (np.full(6, -np.pi), np.full(6, np.pi)) if limits is None else limits
 
 
 def _range(i: int, limits: Limits | None) -> Array:
     """Angles of a joint to look at."""
-    return np.linspace(*_ends(i, limits), STEPS)
+    low, high = _ends(limits)
+    return np.linspace(float(low[i]), float(high[i]), STEPS)

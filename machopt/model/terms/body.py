@@ -22,7 +22,7 @@ from machopt.effects.bodies import LEAST_LENGTH, form_of
 from machopt.effects.given import Parameters
 from machopt.effects.protocol import Body, BodyLaw
 from machopt.model.robot import ArmState, Robot
-from machopt.model.terms.base import Coefficient, LinearTerm
+from machopt.model.terms.base import Coefficient, LinearTerm, Plain
 from machopt.se3 import inverse, normalise, transform
 
 LEAST_PLANE = 0.1  # sine of a link against the axis of joint 2, below which the arm has no plane there
@@ -73,7 +73,7 @@ def spring(effect: str, place: Place, law: BodyLaw, values: Array, shape: Array)
     )
 
 
-def body_term(effect: str, robot: Robot, T_flange_tcp: Array, parameters: Parameters, location: str) -> LinearTerm:
+def body_term(effect: str, robot: Robot, T_flange_tcp: Array, parameters: Parameters, location: str) -> BodySpring:
     """A term of one body from a file."""
     place, known = placed(robot, T_flange_tcp, location, parameters), registry.elastic(effect)
     if known.reads is not None:
@@ -83,7 +83,7 @@ def body_term(effect: str, robot: Robot, T_flange_tcp: Array, parameters: Parame
 
 
 @dataclass(frozen=True, kw_only=True)
-class BodySpring:
+class BodySpring(Plain):
     """Compliance C_S = Σ_p x_p C_p in a frame fixed to one body."""
 
     effect: str

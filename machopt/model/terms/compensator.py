@@ -22,13 +22,13 @@ from machopt.effects.compensator import EFFECT, LINKAGE
 from machopt.effects.given import Parameters
 from machopt.errors import InputError
 from machopt.model.robot import ArmState
-from machopt.model.terms.base import Coefficient, LinearTerm
+from machopt.model.terms.base import Coefficient, LinearTerm, Plain, Under
 
 LEAST_DISTANCE = 1e-3  # of L: pivots that come nearer than this to each other hold no spring
 
 
 @dataclass(frozen=True, kw_only=True)
-class GravityCompensator:
+class GravityCompensator(Plain):
     """Stiffness beside joint 2: −∂τ_s/∂q = F₀ L s'' + k L² (s'² + s s''), s in units of L."""
 
     location: str
@@ -40,8 +40,7 @@ class GravityCompensator:
     coefficients: tuple[Coefficient, ...] = tuple(Coefficient(*c) for c in files.named(LINKAGE, 2))
 
     @property
-    def i(self) -> int:
-        """0-based joint."""
+    def balances(self) -> int:
         return 1
 
     @property
@@ -71,12 +70,24 @@ class GravityCompensator:
                 "term, or with the balancer in machopt diagnose, this would work",
                 where="terms",
             )
-        column, q2 = state.J[..., :, self.i], state.q[..., self.i]
+        column, q2 = state.J[..., :, self.balances], state.q[..., self.balances]
         per = -LINKAGE.slope(self._shape, q2)
-        k = self.gear(state)[..., self.i]
+        k = self.gear(state)[..., self.balances]
         load = np.einsum("...c,...c->...", column, wrench)
         turned = -per * (load / (k * (k + per @ self.values)))[..., None]
         return np.asarray(column[..., :, None] * turned[..., None, :])
+
+    def loaded(self, state: ArmState, wrench: Array, weight: Array | None, *, small: bool) -> Array:
+        return np.zeros((len(wrench), 6, len(self.coefficients)))
+
+    def twist(self, under: Under, wrench: Array, *, small: bool) -> Array:
+        return np.asarray(self.response(under.state, wrench) @ self.values)
+
+    def folded(self) -> LinearTerm | None:
+        return None
+
+    def on(self, gears: Callable[[ArmState], Array]) -> LinearTerm:
+        return replace(self, gear=gears)
 
     def with_values(self, values: Array) -> LinearTerm:
         return replace(self, values=np.asarray(values, float))

@@ -62,6 +62,19 @@ def term_of(effect: str, location: str, robot: Robot, T_flange_tcp: Array, **par
     return terms[0]
 
 
+def body_of(term: Term, robot: Robot, T_flange_tcp: Array) -> body.BodySpring:
+    """A file's term of a body that gives way.
+
+    Raises:
+        InputError: as :func:`compile_terms`.
+    """
+    _check_place(term, "terms", None)
+    parameters = Parameters(term.parameters, "terms.parameters", None)
+    made = body.body_term(term.effect, robot, T_flange_tcp, parameters, term.location)
+    parameters.finish()
+    return made
+
+
 def _check_place(term: Term, where: str, file: Any) -> None:
     known = vocabulary()
     if term.effect not in known:

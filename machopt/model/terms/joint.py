@@ -24,11 +24,11 @@ from machopt.effects.given import Parameters
 from machopt.effects.protocol import Drive, Law
 from machopt.errors import InputError
 from machopt.model.robot import ArmState
-from machopt.model.terms.base import Coefficient, LinearTerm
+from machopt.model.terms.base import Coefficient, LinearTerm, Plain
 
 
 @dataclass(frozen=True, kw_only=True)
-class JointTerm:
+class JointTerm(Plain):
     """Extra twist of joint i: Σ_p x_p (B_p(τ_g + τ_w) − B_p(τ_g)), B the columns of a law."""
 
     effect: str
@@ -89,6 +89,15 @@ class JointTerm:
         slope = self.law.tangent(self.shape, Drive(under, state.q[..., self.i]))
         return np.asarray(column[..., :, None] * (slope * load[..., None])[..., None, :])
 
+    def loaded(self, state: ArmState, wrench: Array, weight: Array | None, *, small: bool) -> Array:
+        return self.small(state, wrench, weight) if small else self.response(state, wrench, weight)
+
+    def takes(self, low: Array, high: Array) -> tuple[int, float, float] | None:
+        return self.i, *self.law.steepest(self.values, self.shape, float(low[self.i]), float(high[self.i]))
+
+    def within(self, room: Array) -> LinearTerm:
+        return replace(self, law=self.law.within(self.values, float(room[self.i])))
+
     def with_values(self, values: Array) -> LinearTerm:
         return replace(self, values=np.asarray(values, float))
 
@@ -105,7 +114,7 @@ class JointTerm:
 
 
 @dataclass(frozen=True, kw_only=True)
-class JointCoupling:
+class JointCoupling(Plain):
     """A torque on one joint turns another and the other way round: Δq_i = φ(τ_j) and Δq_j = φ(τ_i), φ linear."""
 
     effect: str
@@ -120,9 +129,8 @@ class JointCoupling:
         return tuple(Coefficient(*c) for c in files.named(self.law, len(self.values)))
 
     @property
-    def slope(self) -> float:
-        """φ' in rad/(N·m)."""
-        return float((self.law.tangent(np.empty(0), Drive(np.zeros(1))) @ self.values)[0])
+    def couples(self) -> tuple[int, int, float] | None:
+        return self.i, self.j, float((self.law.tangent(np.empty(0), Drive(np.zeros(1))) @ self.values)[0])
 
     def response(self, state: ArmState, wrench: Array) -> Array:
         J = state.J

@@ -63,10 +63,10 @@ def _carrier(plan: Plan, row: int) -> str:
         zip((f"joint {i}" for i in range(1, 7)), (elastic.state.J[0, :3].T @ direction) ** 2 / d.k[row], strict=True)
     )
     for term in elasticity.terms:
-        twist = elastic.twist_of(term, wrench, small=not plan.options.force.given)[0, :3]
+        twist = term.twist(elastic.under, wrench, small=not plan.options.force.given)[0, :3]
         part[f"{term.effect.replace('_', ' ')} of {term.location.replace(':', ' ')}"] = float(direction @ twist)
     if elasticity.shift is not None:
-        twist = elastic.twist_of(elasticity.shift, wrench, small=not plan.options.force.given)[0, :3]
+        twist = elasticity.shift.twist(elastic.under, wrench, small=not plan.options.force.given)[0, :3]
         part["what the readings show beyond the stiffness file"] = float(direction @ twist)
     carried = Beside.of(plan.setup.arm.machine, elasticity.stiffness.external)
     if carried is not None:
