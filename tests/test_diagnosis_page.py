@@ -20,7 +20,7 @@ import pytest
 
 from machopt.cli import diagnose as command
 from machopt.diagnose.nouns.asked import DiagnoseRequest
-from machopt.diagnose.nouns.result import Diagnosis, Estimate
+from machopt.diagnose.nouns.result import Diagnosis, Estimate, Share, Stretch
 from machopt.diagnose.verdict.words import sentence
 from machopt.diagnose.written.told import result_of, rows_location
 from machopt.effects import registry
@@ -32,7 +32,7 @@ from machopt.report.diagnosis_limits import limits_html
 from machopt.report.diagnosis_page import diagnosis_html, write_diagnosis
 from machopt.report.diagnosis_space import residual_view
 from machopt.report.diagnosis_svg import machine_column, machine_strip, share_bars
-from machopt.report.diagnosis_words import alternatives, axis_note, measured, numeral, sized
+from machopt.report.diagnosis_words import alternatives, measured, numeral, share_note, sized
 from machopt.report.gather.cell import cell_scene
 from machopt.report.gather.diagnose import page_of
 from machopt.report.template import bound
@@ -444,10 +444,20 @@ def test_compliances_read_in_small_units() -> None:
 
 
 def test_notes_on_the_data_leave_si() -> None:
-    assert axis_note("q3", "0.7854 … 1.5708: 33 % of the readings") == "45.0 … 90.0 deg, 33 % of the readings"
-    assert axis_note("branch", "-1: 50 % of the readings") == "unloading, 50 % of the readings"
-    assert axis_note("load", "5e+02 … 1e+03: 20 % of the readings") == "500 … 1000 N, 20 % of the readings"
-    assert axis_note("q3", "where joint 3 is stretched") == "where joint 3 is stretched"
+    def told(axis: str, low: float, high: float, readings: float) -> tuple[str, str]:
+        there = Stretch(low, high, readings)
+        return there.words, share_note(Share(axis, 0.5, there.words, "data", there))
+
+    assert told("q3", 0.7854, 1.5708, 0.33) == (
+        "0.7854 … 1.571: 33 % of the readings",
+        "45.0 … 90.0 deg, 33 % of the readings",
+    )
+    assert told("branch", -1.0, -1.0, 0.5) == ("-1: 50 % of the readings", "unloading, 50 % of the readings")
+    assert told("load", 500.0, 1000.0, 0.2) == (
+        "500 … 1000: 20 % of the readings",
+        "500 … 1000 N, 20 % of the readings",
+    )
+    assert share_note(Share("q3", 0.5, "where joint 3 is stretched", "data")) == "where joint 3 is stretched"
 
 
 def test_limits_name_sets_and_reasons() -> None:

@@ -113,10 +113,12 @@ def made_up(kind: str = "slice", **changes: object) -> MapData:
         )
 
     fields = (
-        MapField("k_min", "Stiffness, <softest> direction", "N/m", "more", "a note & more"),
-        MapField("k_x", "Stiffness along x", "N/m", "more", "along x"),
-        MapField("deflection", "Deflection under the load", "m", "less", "length"),
-        MapField("measured_x", "Measured k_x, interpolated", "N/m", "more", "IDW"),
+        MapField(key="k_min", name="Stiffness, <softest> direction", unit="N/m", better="more", note="a note & more"),
+        MapField(key="k_x", name="Stiffness along x", unit="N/m", better="more", note="along x"),
+        MapField(key="deflection", name="Deflection under the load", unit="m", better="less", note="length"),
+        MapField(
+            key="measured_x", name="Measured k_x, interpolated", unit="N/m", better="more", note="IDW", model="k_x"
+        ),
     )
     arm = ArmLines(
         joints=tuple("abcdef"),
@@ -294,7 +296,10 @@ def test_curves_merge_equal_lines_and_keep_gaps() -> None:
     data = made_up("line")
     for layer in data.layers:
         layer.value["k_axial"] = layer.value["k_x"].copy()
-    more = (*data.fields, MapField("k_axial", "Stiffness along the tool axis", "N/m", "more", ""))
+    more = (
+        *data.fields,
+        MapField(key="k_axial", name="Stiffness along the tool axis", unit="N/m", better="more", note=""),
+    )
     charts = {c["id"]: c for c in curves(replace(data, fields=more))}
     tip = charts["c-tip-given"]
     assert [s["name"] for s in tip["series"]] == [
@@ -312,7 +317,9 @@ def test_a_singular_peak_is_cut_off_and_the_title_says_so() -> None:
     data = made_up("line")
     for layer in data.layers:
         layer.value["held_x"] = np.array([1e6, 1e6, np.nan, 1e12, 2e6, 1e6, 1e6])
-    held = replace(data, fields=(*data.fields, MapField("held_x", "K_m xx", "N/m", "more", "")))
+    held = replace(
+        data, fields=(*data.fields, MapField(key="held_x", name="K_m xx", unit="N/m", better="more", note=""))
+    )
     chart = next(c for c in curves(held) if c["id"] == "c-held")
     assert chart["series"][0]["y"] == [1000.0, 1000.0, None, 10000.0, 2000.0, 1000.0, 1000.0]
     assert chart["title"].endswith("cut off at 10,000 N/mm")

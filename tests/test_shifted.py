@@ -11,12 +11,13 @@ from test_compensate import corner
 from test_path import toolpath as made_path
 from test_pipeline import FORCE, FREE, K, small_job
 
+from machopt.domain.lacking import LOADED
 from machopt.domain.stiffness import Discrepancy, Stiffness, Term
 from machopt.formats.stiffness import load_stiffness, write_stiffness
 from machopt.model.elastic import ArmElasticity
 from machopt.model.gravity import gravity_torque
 from machopt.model.robot import Masses
-from machopt.model.suspects import BENDS, LOADED, elastic_names, gear_names
+from machopt.model.suspects import BENDS, elastic_names, gear_names
 from machopt.plan.compensate import residual
 from machopt.plan.doubt import Doubt
 from machopt.plan.explain import misfit_words

@@ -11,10 +11,11 @@ from test_compensate import corner
 from test_pipeline import FREE, K, small_job
 
 from machopt.domain.cell import Cell
+from machopt.domain.lacking import LOADED
 from machopt.domain.stiffness import Discrepancy, Stiffness, Term
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import load_masses, load_robot
-from machopt.model.suspects import BENDS, LOADED, elastic_names, gear_names
+from machopt.model.suspects import BENDS, elastic_names, gear_names
 from machopt.plan.doubt import Doubt, told_std
 from machopt.se3 import rotation_from_vector, transform
 from machopt.verify.arm import Arm

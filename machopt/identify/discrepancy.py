@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
 from machopt.arrays import Array
+from machopt.domain.lacking import JOINT, LOADED, of_joint, of_term, part_of
 from machopt.domain.stiffness import Discrepancy, Stiffness
 from machopt.estimate.clusters import Clusters, Components, Normal, normal, sums
 from machopt.estimate.components import components
@@ -41,7 +42,7 @@ from machopt.estimate.experiment import Experiment
 from machopt.identify.fit import Fit
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import ArmState, Masses, Robot
-from machopt.model.suspects import LOADED, Suspects, elastic_names, gear_names, scales
+from machopt.model.suspects import Suspects, elastic_names, gear_names, scales
 
 GRID = np.concatenate([[0.0], np.logspace(-2.5, 0.5, 13)])  # λ; 1: as soft as the joints beside it
 CERTAIN = 8.0  # twice the log-likelihood; χ² of two bounded components passes 6 in one of fifty
@@ -143,11 +144,11 @@ def _unit(suspects: Suspects, k: Array) -> Array:
     c = 1.0 / np.asarray(k, float)
     out = []
     for name in suspects.names:
-        word, _, rest = name.partition(" ")
-        if word == "joint":
-            out.append(c[int(rest) - 1])
+        part = part_of(name)
+        if part.kind == JOINT:
+            out.append(c[part.numbers[0]])
         else:
-            n, p = (int(part) for part in rest.split())
+            n, p = part.numbers
             out.append(FREE * abs(float(suspects.terms[n].values[p])))
     return np.array(out)
 
@@ -295,8 +296,8 @@ def suspects_of(arm: ArmElasticity, tests: Experiment, masses: Masses | None) ->
     """A model's own coefficients, as suspects."""
     torque = np.abs(np.einsum("nci,nc->ni", tests.state.J, tests.wrench))
     typical = np.quantile(torque, 0.9, axis=0)
-    own = [f"joint {j}" for j in range(1, 7)]
-    own += [f"term {n} {p}" for n, t in enumerate(arm.terms) for p in range(len(t.coefficients))]
+    own = [of_joint(JOINT, j) for j in range(1, 7)]
+    own += [of_term(n, p) for n, t in enumerate(arm.terms) for p in range(len(t.coefficients))]
     return Suspects(
         robot=arm.robot,
         T_flange_tcp=arm.T_flange_tcp,

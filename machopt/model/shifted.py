@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.domain.lacking import COS, COUPLING, JOINT, LOADED, SIN, TERM, part_of
 from machopt.domain.stiffness import Discrepancy
 from machopt.model.robot import ArmState, Masses, Robot
-from machopt.model.suspects import AXES, BENDS, LOADED, Suspects, place_of
+from machopt.model.suspects import BENDS, Suspects, place_of
 from machopt.model.terms.base import LinearTerm, Under
 from machopt.model.terms.body import cross
 
@@ -60,24 +61,24 @@ class Shift:
         bodies: dict[str, Array] = {}
         rest: dict[str, float] = {}
         for name, value in zip(found.parts, found.shift.tolist(), strict=True):
-            word, _, where = name.partition(" ")
+            part = part_of(name)
+            word, numbers = part.kind, part.numbers
             if value == 0.0:
                 continue
-            if word == "joint":
-                joints[int(where) - 1, int(where) - 1] += value
-            elif word == "coupling":
-                i, j = (int(part) - 1 for part in where.split("-"))
+            if word == JOINT:
+                joints[numbers[0], numbers[0]] += value
+            elif word == COUPLING:
+                i, j = numbers
                 joints[i, j] += value
                 joints[j, i] += value
-            elif word in ("cos", "sin"):
-                (cosines if word == "cos" else sines)[int(where) - 1] += value
+            elif word in (COS, SIN):
+                (cosines if word == COS else sines)[numbers[0]] += value
             elif word in BENDS:
-                j = int(where) - 1
-                gears.append((j, float(BENDS[word] * found.torque[j]), value))
-            elif word in ("term", LOADED):
+                gears.append((numbers[0], float(BENDS[word] * found.torque[j]), value))
+            elif word in (TERM, LOADED):
                 rest[name] = value
             else:
-                bodies.setdefault(word, np.zeros(6))[AXES.index(where)] += value
+                bodies.setdefault(word, np.zeros(6))[part.axis] += value
         places = [(*place_of(robot, word), soft) for word, soft in bodies.items()]
         left = replace(whole, names=tuple(rest))
         return cls(

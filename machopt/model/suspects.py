@@ -27,6 +27,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.domain.lacking import (
+    AXES,
+    COS,
+    COUPLING,
+    JOINT,
+    LOADED,
+    SIN,
+    TERM,
+    of_body,
+    of_joint,
+    of_joints,
+    of_term,
+    part_of,
+)
 from machopt.domain.location import link_at, link_of
 from machopt.errors import InputError
 from machopt.model.gravity import gravity_torque, weight_torque
@@ -35,28 +49,26 @@ from machopt.model.robot import ArmState, Masses, Robot
 from machopt.model.terms.base import LinearTerm
 from machopt.model.terms.body import cross
 
-AXES = ("x", "y", "z", "rx", "ry", "rz")
 TURNS = AXES[3:]
 # Share of a joint's torque at which its tanh has gone over. Evenly apart (2.7 times), so that a law that bends anywhere
 # between lies near their sum: with two of them a knee between passed for known, and its interval for too narrow.
 BENDS = {"play": 0.05, "slack": 0.13, "knee": 0.35, "bow": 1.0}
 COUPLED = ((2, 3), (4, 5), (5, 6), (4, 6))
-LOADED = "loaded"
 
 
 def elastic_names() -> tuple[str, ...]:
     """Suspects that a load of any size meets alike."""
     bodies = [("base", AXES), *((link_at(i), TURNS) for i in range(1, 6)), ("tool", AXES)]
     return (
-        *(f"coupling {i}-{j}" for i, j in COUPLED),
-        *(f"{word} {j}" for j in range(1, 7) for word in ("cos", "sin")),
-        *(f"{body} {axis}" for body, axes in bodies for axis in axes),
+        *(of_joints(i, j) for i, j in COUPLED),
+        *(of_joint(word, j) for j in range(1, 7) for word in (COS, SIN)),
+        *(of_body(body, axis) for body, axes in bodies for axis in axes),
     )
 
 
 def gear_names() -> tuple[str, ...]:
     """Suspects that a small load meets otherwise than a large one."""
-    return tuple(f"{word} {j}" for j in range(1, 7) for word in BENDS)
+    return tuple(of_joint(word, j) for j in range(1, 7) for word in BENDS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,8 +88,8 @@ class Suspects:
     geometric: bool = False  # the file counts what the load alone does to lever arms: ``loaded`` is the rest
 
     def __post_init__(self) -> None:
-        known = {*elastic_names(), *gear_names(), *(f"joint {j}" for j in range(1, 7)), LOADED}
-        known |= {f"term {n} {p}" for n, t in enumerate(self.terms) for p in range(len(t.coefficients))}
+        known = {*elastic_names(), *gear_names(), *(of_joint(JOINT, j) for j in range(1, 7)), LOADED}
+        known |= {of_term(n, p) for n, t in enumerate(self.terms) for p in range(len(t.coefficients))}
         wrong = [n for n in self.names if n not in known]
         if wrong:
             raise InputError(f"found {wrong[0]!r}; no such part of this arm may be missing", where="discrepancy.parts")
@@ -100,22 +112,23 @@ class Suspects:
         out = np.empty((len(load), 6, len(self.names)))
         held: dict[int, Array] = {}
         for n, name in enumerate(self.names):
-            word, _, rest = name.partition(" ")
-            if word in ("joint", "cos", "sin", *BENDS):
-                j = int(rest) - 1
+            part = part_of(name)
+            word = part.kind
+            if word in (JOINT, COS, SIN, *BENDS):
+                (j,) = part.numbers
                 out[:, :, n] = J[:, :, j] * self._turn(word, j, load, weight, state.q, small=small)[:, None]
-            elif word == "coupling":
-                i, j = (int(part) - 1 for part in rest.split("-"))
+            elif word == COUPLING:
+                i, j = part.numbers
                 out[:, :, n] = J[:, :, i] * load[:, j, None] + J[:, :, j] * load[:, i, None]
-            elif word == "term":
-                t, p = (int(part) for part in rest.split())
+            elif word == TERM:
+                t, p = part.numbers
                 if t not in held:
                     held[t] = np.asarray(self.terms[t].loaded(state, wrench, weight, small=small))
                 out[:, :, n] = held[t][:, :, p]
             elif word == LOADED:
                 out[:, :, n] = self._loaded(state, k, wrench, weight, small=small)
             else:
-                out[:, :, n] = self._body(word, AXES.index(rest), state, wrench)
+                out[:, :, n] = self._body(word, part.axis, state, wrench)
         return out
 
     def weight(self, state: ArmState) -> Array:
@@ -149,9 +162,9 @@ class Suspects:
     def _turn(self, word: str, j: int, load: Array, weight: Array, q: Array, *, small: bool) -> Array:
         """(M,) rad of joint j per unit."""
         if word not in BENDS:
-            if word == "joint":
+            if word == JOINT:
                 return np.asarray(load[:, j])
-            return np.asarray((np.cos(q[:, j]) if word == "cos" else np.sin(q[:, j])) * load[:, j])
+            return np.asarray((np.cos(q[:, j]) if word == COS else np.sin(q[:, j])) * load[:, j])
         scale = BENDS[word] * self.torque[j]
         before = np.tanh(weight[:, j] / scale)
         if small:
@@ -198,13 +211,14 @@ def scales(s: Suspects, state: ArmState, k: Array, names: Sequence[str]) -> Arra
     c = 1.0 / np.asarray(k, float)  # (6,)
     out = []
     for name in names:
-        word, _, rest = name.partition(" ")
-        if word in ("joint", "cos", "sin"):
-            out.append(c[int(rest) - 1])
+        part = part_of(name)
+        word = part.kind
+        if word in (JOINT, COS, SIN):
+            out.append(c[part.numbers[0]])
         elif word in BENDS:
-            out.append(c[int(rest) - 1] * s.torque[int(rest) - 1])
-        elif word == "coupling":
-            i, j = (int(part) - 1 for part in rest.split("-"))
+            out.append(c[part.numbers[0]] * s.torque[part.numbers[0]])
+        elif word == COUPLING:
+            i, j = part.numbers
             out.append(np.sqrt(c[i] * c[j]))
         elif word == LOADED:
             out.append(1.0)
@@ -212,5 +226,5 @@ def scales(s: Suspects, state: ArmState, k: Array, names: Sequence[str]) -> Arra
             near = place_of(s.robot, word)[0]
             soft = float(np.mean(c[:3])) if near == 0 else float(np.mean(c[near - 1 : near + 1]))
             long = lever(s.robot, state.T_base_tool, state, word)
-            out.append(soft if rest in TURNS else soft * (0.3 * long) ** 2)
+            out.append(soft if AXES[part.axis] in TURNS else soft * (0.3 * long) ** 2)
     return np.array(out)

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from machopt.diagnose.nouns.problem import Correction, RecordCorrection
 from machopt.diagnose.nouns.result import Estimate, Finding, Rival
 from machopt.domain.kinematics import KinematicCorrection
 from machopt.effects.words import named, what
-from machopt.report.diagnosis_words import alternatives, chance, measured, numeral, percent, readable, sized
+from machopt.report.diagnosis_words import alternatives, chance, measured, numeral, parted, percent, percents, readable
 from machopt.report.tables import Column, table
 from machopt.report.template import fragment, part
 
 if TYPE_CHECKING:
     from markupsafe import Markup
-
-_WITH_UNIT = re.compile(r"(\S+) ([^\d\s]\S*)")  # "61 µm", not "6 of 6" or "< 0.001"
 
 
 def heading(f: Finding) -> str:
@@ -44,7 +41,7 @@ def finding_html(n: int, f: Finding, unit: str, charts: set[str]) -> Markup:
         said=what(f.effect),
         several=len(f.one_of) > 1,
         alternatives=alternatives(one_of),
-        cards=part("boxes", boxes(_cards(f, unit)), True),
+        cards=part("boxes", _cards(f, unit), True),
         law=f.law,
         equation=f.equation,
         parameters=_parameters(f.parameters),
@@ -69,30 +66,21 @@ def goes_into(correction: Correction | None) -> str:
     return f"Goes into stiffness.yaml as a term, which optimize takes: {which}."
 
 
-def _cards(f: Finding, unit: str) -> list[tuple[str, str, str]]:
+def _cards(f: Finding, unit: str) -> list[tuple[str, str, str, str]]:
+    """Name, number, unit and what it is."""
     if f.record:
         return [
-            ("As stated", sized(f.before, unit), "what a fit to the record leaves"),
-            ("Put right", sized(f.after, unit), "what the same fit leaves, all of the record put right"),
-            ("p", chance(f.p_value), "that as stated it fits as well, pose by pose"),
+            ("As stated", *parted(f.before, unit), "what a fit to the record leaves"),
+            ("Put right", *parted(f.after, unit), "what the same fit leaves, all of the record put right"),
+            ("p", chance(f.p_value), "", "that as stated it fits as well, pose by pose"),
         ]
     gain = 1.0 - (f.after / f.before) ** 2 if f.before > 0.0 else math.nan
     return [
-        ("Without it", sized(f.before, unit), "held-out error, other findings in"),
-        ("With it", sized(f.after, unit), "held-out error"),
-        ("Closes", percent(gain), "of its square"),
-        ("p", chance(f.p_value), "of the whole search"),
+        ("Without it", *parted(f.before, unit), "held-out error, other findings in"),
+        ("With it", *parted(f.after, unit), "held-out error"),
+        ("Closes", *percents(gain), "of its square"),
+        ("p", chance(f.p_value), "", "of the whole search"),
     ]
-
-
-def boxes(cards: Sequence[tuple[str, str, str]]) -> list[tuple[str, str, str, str]]:
-    """Name, number, unit and what it is, of a name, a value with its unit, and what it is."""
-    out = []
-    for name, value, more in cards:
-        split = _WITH_UNIT.fullmatch(value)
-        number, unit = split.groups() if split else (value, "")
-        out.append((name, number, unit, more))
-    return out
 
 
 def _parameters(parameters: Mapping[str, Estimate]) -> Markup | str:

@@ -14,20 +14,21 @@ from machopt.diagnose.verdict.words import closes
 from machopt.effects.words import listed, named, place
 from machopt.report.diagnosis import DiagnosisPage
 from machopt.report.diagnosis_figures import Spec, job_charts, law, over_axis, per_group
-from machopt.report.diagnosis_finding import boxes, finding_html
+from machopt.report.diagnosis_finding import finding_html
 from machopt.report.diagnosis_limits import limits_html
 from machopt.report.diagnosis_model import OPEN, model_html
 from machopt.report.diagnosis_space import residual_view, space_html
 from machopt.report.diagnosis_svg import LEAST, machine_column, machine_strip, share_bars
 from machopt.report.diagnosis_verdict import of_record, verdict_html
 from machopt.report.diagnosis_words import (
-    axis_note,
     axis_words,
     chance,
     digits,
     of_machine,
+    parted,
     percent,
     plural,
+    share_note,
     sized,
 )
 from machopt.report.display import fixed
@@ -199,7 +200,7 @@ def _open(d: Diagnosis) -> str:
     ranked = sorted((s for s in d.mismatch if math.isfinite(s.share) and s.share >= LEAST), key=lambda s: -s.share)
     machine = [f"{place(s.axis)} ({percent(s.share)})" for s in ranked if s.kind == "machine"][:3]
     data = [
-        f"{axis_words(s.axis)}{f', {axis_note(s.axis, s.note)}' if s.note else ''} ({percent(s.share)})"
+        f"{axis_words(s.axis)}{f', {share_note(s)}' if s.note else ''} ({percent(s.share)})"
         for s in ranked
         if s.kind == "data"
     ][:3]
@@ -219,20 +220,20 @@ def _proof(data: DiagnosisPage) -> Body:
         return ""
     unit = data.diagnosis.unit
     cards = [
-        ("Before", sized(p.before, unit), "error on what was locked away"),
+        ("Before", *parted(p.before, unit), "error on what was locked away"),
         (
             "After",
-            sized(p.after, unit),
+            *parted(p.after, unit),
             "with what was found" if data.diagnosis.findings else "with what was withdrawn",
         ),
-        ("Noise floor", sized(p.noise_floor, unit), "of the same readings"),
-        ("Better", f"{p.wins} of {p.of}", plural(data.group_word)),
-        ("p", chance(p.p_value), "of so many by chance"),
+        ("Noise floor", *parted(p.noise_floor, unit), "of the same readings"),
+        ("Better", f"{p.wins} of {p.of}", "", plural(data.group_word)),
+        ("p", chance(p.p_value), "", "of so many by chance"),
     ]
     names = dict(zip(data.diagnosis.errors.groups.tolist(), data.group_names, strict=True))
     locked = [names.get(g, str(g)) for g in p.groups.tolist()]
     which = f"{data.group_word if len(locked) == 1 else plural(data.group_word)} {listed(locked, 'and')}"
-    body = part("boxes", boxes(cards), True) + part("lead", f"Locked away: {which}.")
+    body = part("boxes", cards, True) + part("lead", f"Locked away: {which}.")
     lead = (
         f"{len(p.groups)} {plural(data.group_word)} were locked away before anything was fitted, searched or decided, "
         "and were predicted once, at the end."

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from machopt.diagnose.nouns.result import Diagnosis, Share
 from machopt.domain.location import joint_at, link_at, located
 from machopt.effects.words import place
-from machopt.report.diagnosis_words import axis_note, axis_words, percent
+from machopt.report.diagnosis_words import axis_words, percent, share_note
 from machopt.report.svg import Shape, Style, drawn, shape
 from machopt.report.template import fragment
 
@@ -133,8 +133,7 @@ def share_bars(shares: Sequence[Share]) -> Markup | str:
     if not rows:
         return ""
     told = [
-        (axis_words(s.axis), f"{100 * min(max(s.share, 0.0), 1.0):.1f}", percent(s.share), axis_note(s.axis, s.note))
-        for s in rows
+        (axis_words(s.axis), f"{100 * min(max(s.share, 0.0), 1.0):.1f}", percent(s.share), share_note(s)) for s in rows
     ]
     return fragment("diagnosis.html", "bars", told)
 

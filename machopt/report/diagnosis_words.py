@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 
-from machopt.diagnose.nouns.result import Diagnosis, Estimate
+from machopt.diagnose.nouns.result import Diagnosis, Estimate, Share
 from machopt.diagnose.verdict.words import closes, record_only
 from machopt.effects.words import listed, named
 
@@ -25,8 +24,6 @@ AXIS_UNITS = {
     "z": ("mm", 1e3),
     "tau": ("N·m", 1.0),
 }
-_RANGE = re.compile(r"(-?\d[\d.e+-]*)(?: … (-?\d[\d.e+-]*))?: (.*)")  # "0.7252 … 0.9975: 33 % of the readings", SI
-
 
 VERDICTS = {  # badge, tone of the page
     "consistent": ("CONSISTENT", "good"),
@@ -67,11 +64,17 @@ def alternatives(one_of: Sequence[tuple[str, str]]) -> str:
 
 def sized(value: float, unit: str) -> str:
     """An error with its unit, three digits, small lengths in µm."""
+    number, unit = parted(value, unit)
+    return f"{number} {unit}".rstrip()
+
+
+def parted(value: float, unit: str) -> tuple[str, str]:
+    """The number and the unit of :func:`sized`."""
     if not math.isfinite(value):
-        return "–"
+        return "–", ""
     if unit == "mm" and abs(value) < HALF_MM:
         value, unit = 1e3 * value, "µm"
-    return f"{digits(value)} {unit}"
+    return digits(value), unit
 
 
 def digits(value: float, count: int = 3) -> str:
@@ -130,19 +133,14 @@ def axis_value(axis: str, value: float, unit: str) -> str:
     return f"{digits(value)} {unit}".strip().replace("-", "−")
 
 
-def axis_note(axis: str, note: str) -> str:
-    """A note on a stretch of an axis, its SI numbers in the unit shown; other notes as they are."""
-    found = _RANGE.fullmatch(note)
-    if found is None:
-        return note
-    first, last, rest = found.groups()
-    factor, unit = axis_unit(axis)
-    try:
-        ends = [factor * float(v) for v in (first, last) if v is not None]
-    except ValueError:
-        return note
-    texts = [axis_value(axis, v, unit if n == len(ends) - 1 else "") for n, v in enumerate(ends)]
-    return f"{' … '.join(texts)}, {rest}"
+def share_note(s: Share) -> str:
+    """What a share of the mismatch shows: a stretch of an axis in the unit shown, other notes as they are."""
+    if s.stretch is None:
+        return s.note
+    factor, unit = axis_unit(s.axis)
+    ends = [factor * v for v in dict.fromkeys((s.stretch.low, s.stretch.high))]
+    texts = [axis_value(s.axis, v, unit if n == len(ends) - 1 else "") for n, v in enumerate(ends)]
+    return f"{' … '.join(texts)}, {100 * s.stretch.readings:.0f} % of the readings"
 
 
 def readable(unit: str) -> tuple[float, str]:
@@ -159,7 +157,12 @@ def readable(unit: str) -> tuple[float, str]:
 
 def percent(share: float) -> str:
     """A share as whole percent."""
-    return f"{100 * share:.0f} %".replace("-", "−") if math.isfinite(share) else "–"
+    return " ".join(percents(share)).rstrip()
+
+
+def percents(share: float) -> tuple[str, str]:
+    """The number and the sign of :func:`percent`."""
+    return (f"{100 * share:.0f}".replace("-", "−"), "%") if math.isfinite(share) else ("–", "")
 
 
 def plural(word: str) -> str:

@@ -38,7 +38,7 @@ class MapAxis:
         return LENGTH if self.unit == "m" else ANGLE
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MapField:
     """A quantity that can be looked at."""
 
@@ -47,6 +47,7 @@ class MapField:
     unit: FieldUnit
     better: Literal["more", "less", "none"]
     note: str
+    model: str = ""  # of what was measured: the key of the same by the model
 
     @property
     def shown(self) -> Unit:

@@ -186,8 +186,8 @@ def curves(data: MapData) -> list[Spec]:
     charts.append(_cut_off(_curve(data, x, "held", "K_m, all else held (tian2025): peaks are singularities", held)))
     charts.append(_curve(data, x, "nu_p", "ν_p, share of the translation that K_C changes", _each(data, "nu_p")))
     charts.append(_curve(data, x, "nu_r", "ν_r, rotation that K_C changes", _each(data, "nu_r")))
-    measured = [(first, f.key) for f in data.fields if f.key.startswith("measured_")]
-    model = [(first, f"k_{key[-1]}") for _, key in measured]
+    measured = [(first, f.key) for f in data.fields if f.model]
+    model = [(first, f.model) for f in data.fields if f.model]
     charts.append(_curve(data, x, "measured", "Measured, interpolated, beside the model", [*measured, *model]))
     charts.append(_curve(data, x, "limits", "Distance to the nearest joint limit", _each(data, "limit_margin")))
     charts.append(_joints(data, x, first))
@@ -230,7 +230,7 @@ def _curve(data: MapData, x: Array, name: str, title: str, series: Sequence[tupl
         if same is not None and not several:  # the tool axis along z: one line, both names
             lines[same] = (f"{lines[same][0]} and {word.removeprefix('Stiffness ')}", *lines[same][1:])
             continue
-        dash = "6 3" if f.key.startswith("measured") else ""
+        dash = "6 3" if f.model else ""
         lines.append((word, y, COLORS[len(lines) % len(COLORS)], dash))
     return _chart(data, x, f"c-{name}", title, lines, unit.name, zero=True)
 

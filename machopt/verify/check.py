@@ -63,6 +63,7 @@ class Check:
     file: str = ""  # of the folder, where the promise is about one
     what: str = ""  # the promise about it
     because: str = ""  # another file of the folder, that could not be read for this
+    beyond: str = ""  # the unit alone, where the value is a distance from a limit, positive on the wrong side
     instead: bool = False  # ``where`` says what was found and what follows: value and limit add nothing
 
     @property

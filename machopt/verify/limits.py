@@ -55,9 +55,17 @@ def _limits(motion: Motion, cell: Cell) -> list[Check]:
     n, j = np.unravel_index(np.argmax(beyond), beyond.shape)
     slides = j >= len(cell.home) and cell.external_prismatic[j - len(cell.home)]
     far = float(1e3 * beyond[n, j] if slides else np.degrees(beyond[n, j]))
-    where, unit = f"{axis_name(int(j))}, {motion.at(int(n))}", f"{'mm' if slides else 'deg'} beyond the limit"
+    unit = "mm" if slides else "deg"
     out = [
-        Check(name="joint positions", passed=bool(beyond[n, j] <= 1e-8), value=far, limit=0.0, unit=unit, where=where)
+        Check(
+            name="joint positions",
+            passed=bool(beyond[n, j] <= 1e-8),
+            value=far,
+            limit=0.0,
+            unit=f"{unit} beyond the limit",
+            where=f"{axis_name(int(j))}, {motion.at(int(n))}",
+            beyond=unit,
+        )
     ]
     x = np.vstack([np.repeat(q[:1], 3, axis=0), q, np.repeat(q[-1:], 3, axis=0)])
     orders = (

@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.domain.lacking import COUPLING, LOADED, TERM, Part, part_of
 from machopt.domain.location import joints_of, link_at
 from machopt.domain.stiffness import Discrepancy, Term
 from machopt.verify import springs
@@ -35,7 +36,6 @@ from machopt.verify.stance import Stance
 
 NINETY = 1.6448536269514722  # σ on either side
 FAR = 30.0  # b/s from which only the nearer end of the interval counts
-AXES = ("x", "y", "z", "rx", "ry", "rz")
 STEP = 1e-4  # rad, of ∂g/∂q
 SMOOTH = {"play": 0.05, "slack": 0.13, "knee": 0.35, "bow": 1.0}
 BARS = ("EI_Nm2", "EI_across_Nm2", "GJ_Nm2", "EA_N")
@@ -77,9 +77,11 @@ class Lack:
         self.geometric = any(t.effect == "geometric_stiffness" for t in terms)
         compiled = [t for t in terms if t.effect != "geometric_stiffness"]
         self.units: dict[str, Moves] = {}
-        asked = [name for name in found.parts if name.startswith("term ")]
-        for name in asked:
-            n, p = (int(word) for word in name.split()[1:])
+        self.parts = [_part(name) for name in found.parts]
+        for name, part in zip(found.parts, self.parts, strict=True):
+            if part.kind != TERM:
+                continue
+            n, p = part.numbers
             if n >= len(compiled):
                 raise springs.UnknownTermError(f"{name!r} of its discrepancy")
             if compiled[n].effect != "gravity_compensator":  # what it adds is in the joint's own part
@@ -108,15 +110,15 @@ class Lacking:
         tau = np.einsum("nci,nc->ni", self.stance.J, wrench)
         out = np.zeros((*wrench.shape, len(self.lack.found.parts)))
         for n, name in enumerate(self.lack.found.parts):
-            word, _, where = name.partition(" ")
-            if word in self.lack.places:
-                out[:, :, n] = np.einsum("nij,nj->ni", self._body(word, where), wrench)
-            elif word == "term":
+            part = self.lack.parts[n]
+            if part.kind in self.lack.places:
+                out[:, :, n] = np.einsum("nij,nj->ni", self._body(part), wrench)
+            elif part.kind == TERM:
                 out[:, :, n] = self._term(self.lack.units.get(name), wrench, tau, small=small)
-            elif word == "loaded":
+            elif part.kind == LOADED:
                 out[:, :, n] = self._loaded(wrench, small=small)
             else:
-                out[:, :, n] = np.einsum("nci,ni->nc", self.stance.J, self._turn(word, where, tau, small=small))
+                out[:, :, n] = np.einsum("nci,ni->nc", self.stance.J, self._turn(part, tau, small=small))
         return out
 
     def shift(self, force: Array) -> Array:
@@ -154,11 +156,11 @@ class Lacking:
         half = np.where(b > FAR * s, b + norm.ppf(0.9) * s, safe * np.sqrt(ncx2.ppf(0.9, 1, near**2)))
         return np.asarray(half / NINETY)
 
-    def _turn(self, word: str, where: str, tau: Array, *, small: bool) -> Array:
+    def _turn(self, part: Part, tau: Array, *, small: bool) -> Array:
         """(N, 6) rad of the joints."""
         out = np.zeros_like(tau)
-        i, *other = (int(n) - 1 for n in where.split("-"))
-        if word == "coupling":
+        word, (i, *other) = part.kind, part.numbers
+        if word == COUPLING:
             j = other[0]
             out[:, i], out[:, j] = tau[:, j], tau[:, i]
         elif word in SMOOTH:
@@ -173,12 +175,11 @@ class Lacking:
             out[:, i] = {"joint": np.ones_like(q), "cos": np.cos(q), "sin": np.sin(q)}[word] * tau[:, i]
         return out
 
-    def _body(self, place: str, axis: str) -> Array:
+    def _body(self, part: Part) -> Array:
         """(N, 6, 6) compliance at the TCP."""
-        body, end = self.lack.places[place]
+        body, end = self.lack.places[part.kind]
         C = np.zeros((6, 6))
-        n = AXES.index(axis)
-        C[n, n] = 1.0
+        C[part.axis, part.axis] = 1.0
         S = np.eye(4)
         S[:3, 3] = end
         return self._seen(body, S, C)
@@ -224,6 +225,13 @@ class Lacking:
         return np.asarray(np.einsum("nci,ni->nc", J, turn) - bare)
 
 
+def _part(name: str) -> Part:
+    try:
+        return part_of(name)
+    except ValueError:
+        raise springs.UnknownTermError(f"{name!r} of its discrepancy") from None
+
+
 def _unit(term: Term, p: int, zero: Stance, T_flange_tcp: Array, curves: Sequence[springs.Curve]) -> Moves:
     """Coefficient p of a term alone, at 1 SI."""
     if term.effect == "joint_nonlinear_stiffness" and term.parameters["law"] == "cubic":
@@ -231,7 +239,7 @@ def _unit(term: Term, p: int, zero: Stance, T_flange_tcp: Array, curves: Sequenc
         own = next(c for c in curves if c.form == "cubic" and c.joint == joint and float(c.size[0]) == size)
         return Moves(curve=replace(own, size=np.ones(1)))
     alone = Term(term.effect, term.location, {**term.parameters, **_one(term, p)})
-    if term.effect.endswith(("base_compliance", "link_compliance", "tool_compliance")):
+    if term.effect in ("base_compliance", "link_compliance", "tool_compliance"):
         kept = {key: v for key, v in alone.parameters.items() if key not in BARS or np.isfinite(v)}
         made = springs.body_springs(
             [Term(term.effect, term.location, kept)], zero.origin[0], zero.flange[0], T_flange_tcp

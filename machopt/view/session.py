@@ -112,10 +112,7 @@ class Session:
             found = write(replace(timed, given=replace(self.now.given, front=False)), Path(place)).verification
         if found is None:
             return {"told": "There is no motion to verify.", "good": False}
-        rows = [
-            [c.name, _PASSED[c.passed], measured(c.value, c.unit), measured(c.limit, c.unit), c.where]
-            for c in found.checks
-        ]
+        rows = [[c.name, _PASSED[c.passed], measured(c.value, c), measured(c.limit, c), c.where] for c in found.checks]
         good, bad = sum(c.passed is True for c in found.checks), [c.name for c in found.failed]
         told = f"Verification passed: {good} checks of every file that optimize would write."
         if bad:

@@ -72,6 +72,20 @@ class Finding:
 
 
 @dataclass(frozen=True)
+class Stretch:
+    """A part of an axis of the data, SI."""
+
+    low: float
+    high: float  # the same as ``low``: one level
+    readings: float  # share of them that lies there
+
+    @property
+    def words(self) -> str:
+        levels = f"{self.low:g}" if self.low == self.high else f"{self.low:.4g} … {self.high:.4g}"
+        return f"{levels}: {100 * self.readings:.0f} % of the readings"
+
+
+@dataclass(frozen=True)
 class Share:
     """A part of the mismatch and where it lives."""
 
@@ -79,6 +93,7 @@ class Share:
     share: float  # of the repeatable mismatch (power)
     note: str
     kind: Literal["machine", "data"] = "machine"
+    stretch: Stretch | None = None  # of an axis of the data, which ``note`` says in words
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,7 +12,7 @@ from machopt.diagnose.nouns.problem import Problem as Equations
 from machopt.diagnose.nouns.repaired import exact, repaired
 from machopt.diagnose.nouns.result import Diagnosis, Finding
 from machopt.diagnose.record.pasted import coarse
-from machopt.domain.location import rows_at
+from machopt.domain.location import located, rows_at
 from machopt.domain.recording import Recording
 from machopt.effects.record import OUTLIERS
 
@@ -69,7 +69,7 @@ def outliers(
         {"count": exact(count)},
         law="gross errors",
         equation="residual beyond six robust standard deviations",
-        stated={"rows": where.partition(":")[2]},
+        stated={"rows": located(where).which},
     )
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,37 @@ Flags = NDArray[np.bool_]
 MOST_REPAIRS = 4  # sessions, and what they have
 
 
+class _What(StrEnum):
+    SHIFT = "shift"
+    FRAME = "frame"
+    HEAT = "heat"
+    TARGET = "target"
+    ENCODER = "encoder"
+
+
+@dataclass(frozen=True)
+class _Cause:
+    """An explanation of what a session has for itself."""
+
+    what: _What
+    joint: int = -1  # 0-based, of an encoder
+
+    @property
+    def column(self) -> str:
+        """Of the recording, for an encoder."""
+        return f"q{self.joint + 1}_deg"
+
+    @property
+    def effect(self) -> tuple[str, str]:
+        """What a finding calls it, and where."""
+        if self.what is _What.ENCODER:
+            return COLUMNS.name, column_at(self.column)
+        return DISPLACEMENT.name, DISPLACEMENT.places[0]
+
+
+SHIFT, FRAME, HEAT, TARGET = (_Cause(w) for w in (_What.SHIFT, _What.FRAME, _What.HEAT, _What.TARGET))
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Differences:
     """Of one session from the others at the same poses and reflectors."""
@@ -47,25 +79,25 @@ class _Differences:
     pose: Ints
     rise: float  # K that the session was warmer; NaN where that is not known
 
-    def columns(self) -> dict[str, Array]:
+    def columns(self) -> dict[_Cause, Array]:
         """(n, 3, P) of each explanation."""
         n = len(self.d)
         shift = np.broadcast_to(np.eye(3), (n, 3, 3))
         away = self.p - self.p.mean(axis=0)
         out = {
-            "shift": shift,
-            "frame": np.concatenate([shift, -skew(away)], axis=2),
-            "heat": np.concatenate([shift, self.p[:, :, None]], axis=2),
-            "target": self.R,
+            SHIFT: shift,
+            FRAME: np.concatenate([shift, -skew(away)], axis=2),
+            HEAT: np.concatenate([shift, self.p[:, :, None]], axis=2),
+            TARGET: self.R,
         }
-        return out | {f"q{j + 1}_deg": self.J[:, :, j : j + 1] for j in range(self.J.shape[2])}
+        return out | {_Cause(_What.ENCODER, j): self.J[:, :, j : j + 1] for j in range(self.J.shape[2])}
 
 
 @dataclass(frozen=True)
 class _Taken:
     """What explains a session."""
 
-    name: str
+    cause: _Cause
     x: Array
     of: _Differences
     left: Array  # (n, 3) m
@@ -91,7 +123,7 @@ def mended(
         return recording, out
     for _ in range(MOST_REPAIRS):
         each = [_explained(d) for d in _differences(recording, robot, T_flange_tcp)]
-        found = [t for t in each if t is not None and _effect(t.name)[0] not in accept]
+        found = [t for t in each if t is not None and t.cause.effect[0] not in accept]
         if not found:
             break
         best = max(found, key=lambda t: t.worth)
@@ -183,33 +215,34 @@ def _explained(of: _Differences) -> _Taken | None:
     """The explanation that leaves least for what it takes; None: noise, or what the catalogue is for."""
     limits = calibrated.RECORD
     load, left, x = np.ones(len(of.d)), {}, {}
-    for name, A in of.columns().items():
-        x[name] = start(A, of.d, load)
-        e = of.d - A @ x[name]
-        left[name] = e, float(np.abs(e).mean()) * e.size / max(e.size - A.shape[2], 1)
+    for cause, A in of.columns().items():
+        x[cause] = start(A, of.d, load)
+        e = of.d - A @ x[cause]
+        left[cause] = e, float(np.abs(e).mean()) * e.size / max(e.size - A.shape[2], 1)
     plain = float(np.abs(of.d).mean())
-    single = min((n for n in left if n.startswith("q")), key=lambda n: left[n][1])
-    order = [single, "shift", "target", "frame"]  # fewest numbers first
-    best = min(order, key=lambda n: left[n][1])
-    best = next(n for n in order if left[n][1] < limits.moved_as_good * left[best][1])
+    single = min((c for c in left if c.what is _What.ENCODER), key=lambda c: left[c][1])
+    order = [single, SHIFT, TARGET, FRAME]  # fewest numbers first
+    best = min(order, key=lambda c: left[c][1])
+    best = next(c for c in order if left[c][1] < limits.moved_as_good * left[best][1])
     if left[best][1] > limits.moved_falls * plain:
         return None
-    warm = left["heat"][1] < limits.moved_as_good * left[best][1]
-    shift_alone = best == "shift"
+    warm = left[HEAT][1] < limits.moved_as_good * left[best][1]
+    shift_alone = best == SHIFT
     if warm and (not shift_alone or abs(of.rise) > limits.moved_warmer):
         return None
-    return _Taken("frame" if shift_alone else best, x["frame" if shift_alone else best], of, left[best][0], shift_alone)
+    taken = FRAME if shift_alone else best
+    return _Taken(taken, x[taken], of, left[best][0], shift_alone)
 
 
 def _put_right(recording: Recording, robot: Robot, T: Array, t: _Taken) -> Recording:
     rows = recording.session == t.of.session
     assert recording.position is not None  # mended looks for it
-    if t.name.startswith("q"):
+    if t.cause.what is _What.ENCODER:
         q = recording.q.copy()
-        q[rows, _joint(t)] += t.x[0]  # d = J x: the joint stood further by x than it says
+        q[rows, t.cause.joint] += t.x[0]  # d = J x: the joint stood further by x than it says
         return replace(recording, q=q)
     position = recording.position.copy()
-    if t.name == "target":
+    if t.cause == TARGET:
         _, R = points(recording, robot, T)
         position[rows] -= R[rows] @ t.x
         return replace(recording, position=position)
@@ -229,24 +262,14 @@ def _own_frame(recording: Recording, rows: Flags) -> Ints:
     return np.where(rows, new, old).astype(np.int64)
 
 
-def _joint(t: _Taken) -> int:
-    return int(t.name[1:].removesuffix("_deg")) - 1
-
-
-def _effect(name: str) -> tuple[str, str]:
-    if name.startswith("q"):
-        return COLUMNS.name, column_at(name)
-    return DISPLACEMENT.name, DISPLACEMENT.places[0]
-
-
 def _said(t: _Taken) -> Finding:
-    effect, where = _effect(t.name)
+    effect, where = t.cause.effect
     sizes: Mapping[str, Estimate]
-    if t.name.startswith("q"):
+    if t.cause.what is _What.ENCODER:
         off = float(np.degrees(t.x[0]))
-        what = f"{t.name} reads {abs(off):.4f}° too {'little' if off > 0 else 'much'}"
+        what = f"{t.cause.column} reads {abs(off):.4f}° too {'little' if off > 0 else 'much'}"
         sizes = {"offset": exact(-off, "deg")}
-    elif t.name == "target":
+    elif t.cause == TARGET:
         at = 1e3 * t.x
         what = f"the reflector sat ({_three(at)}) mm in the flange from where it sat in the other sessions"
         sizes = {f"shift {a}": exact(float(v), "mm") for a, v in zip("xyz", at, strict=True)}

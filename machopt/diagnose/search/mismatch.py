@@ -22,7 +22,7 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.evidence.heldout import OwnError
 from machopt.diagnose.evidence.noise import Noise
 from machopt.diagnose.nouns.problem import Problem
-from machopt.diagnose.nouns.result import Share
+from machopt.diagnose.nouns.result import Share, Stretch
 from machopt.diagnose.search.screen import Scored
 
 Flags = NDArray[np.bool_]
@@ -232,19 +232,18 @@ def in_the_data(problem: Problem, residual: Array, used: Flags, noise: Noise, ax
         if len(levels) < 2:
             continue
         if len(levels) <= BINS:
-            parts = [(f"{v:g}", values == v) for v in levels]
+            parts = [(float(v), float(v), values == v) for v in levels]
         else:
             edges = np.quantile(values[used], np.linspace(0, 1, BINS + 1))
             parts = [
-                (f"{a:.4g} … {b:.4g}", (values >= a) & (values <= b if k == BINS - 1 else values < b))
+                (float(a), float(b), (values >= a) & (values <= b if k == BINS - 1 else values < b))
                 for k, (a, b) in enumerate(pairwise(edges))
             ]
         found = [
-            (float(power[used & m].sum()) / total, words, float((used & m).sum()) / used.sum()) for words, m in parts
+            (float(power[used & m].sum()) / total, Stretch(low, high, float((used & m).sum()) / used.sum()))
+            for low, high, m in parts
         ]
-        share, words, fair = max(found, key=lambda f: f[0] - f[2])
-        if share > calibrated.PROOF.concentrated * fair:
-            out.append(
-                Share(name, float(np.clip(share, 0.0, 1.0)), f"{words}: {100 * fair:.0f} % of the readings", "data")
-            )
+        share, there = max(found, key=lambda f: f[0] - f[1].readings)
+        if share > calibrated.PROOF.concentrated * there.readings:
+            out.append(Share(name, float(np.clip(share, 0.0, 1.0)), there.words, "data", there))
     return sorted(out, key=lambda s: -s.share)

@@ -22,25 +22,25 @@ from machopt.workspace.samples import XYZ, Samples
 from machopt.workspace.told import DEG, MM, REASONS, Layer
 
 _GAIN = MapField(
-    "gain",
-    "Gain by turning the tool",
-    "share",
-    "more",
-    "What the best rotation wins over the given one, by the quantity postures are chosen by.",
+    key="gain",
+    name="Gain by turning the tool",
+    unit="share",
+    better="more",
+    note="What the best rotation wins over the given one, by the quantity postures are chosen by.",
 )
 _ROTATION = MapField(
-    "rotation",
-    "Best rotation γ",
-    "rad",
-    "none",
-    "Rotation about the tool axis at which this place is best; ±180° is the same.",
+    key="rotation",
+    name="Best rotation γ",
+    unit="rad",
+    better="none",
+    note="Rotation about the tool axis at which this place is best; ±180° is the same.",
 )
 _FREEDOM = MapField(
-    "freedom",
-    "Rotations that can be reached",
-    "share",
-    "more",
-    "Share of the rotations about the tool axis that have a posture.",
+    key="freedom",
+    name="Rotations that can be reached",
+    unit="share",
+    better="more",
+    note="Share of the rotations about the tool axis that have a posture.",
 )
 
 
@@ -57,7 +57,9 @@ def page_data(
     scene: Scene,
 ) -> MapData:
     """Everything the page and the picture show."""
-    fields = [MapField(f.key, f.name, f.unit, f.better, f.note) for f in layers[0].values.fields]
+    fields = [
+        MapField(key=f.key, name=f.name, unit=f.unit, better=f.better, note=f.note) for f in layers[0].values.fields
+    ]
     shown = [_layer(layer, options, criterion) for layer in layers]
     if len(layers) > 1:
         gain = _gain(layers[0].values.value[criterion.key], layers[1].values.value[criterion.key], criterion)
@@ -68,7 +70,16 @@ def page_data(
     if comparison is not None:
         for f, axis in enumerate(comparison.axes):
             note = "Inverse distance weighting of the readings; dotted where outside their hull."
-            fields.append(MapField(f"measured_{axis}", f"Measured k_{axis}, interpolated", "N/m", "more", note))
+            fields.append(
+                MapField(
+                    key=f"measured_{axis}",
+                    name=f"Measured k_{axis}, interpolated",
+                    unit="N/m",
+                    better="more",
+                    note=note,
+                    model=f"k_{axis}",
+                )
+            )
             for layer in shown:
                 layer.value[f"measured_{axis}"] = np.where(layer.reason == 0, comparison.spread.value[:, f], np.nan)
                 layer.guess[f"measured_{axis}"] = ~comparison.spread.inside

@@ -35,7 +35,6 @@ from machopt.verify.check import Check
 from machopt.verify.limits import axis_name
 from machopt.version import __version__
 
-BEYOND = " beyond the limit"  # the verification's unit of a distance from a limit, positive on the wrong side
 ROUNDING = 1e-3  # of what a check allows: 5.7e−14 s tells a reader nothing
 _YARDSTICKS = {"cam default": "the CAM's default rotation", "jiao2022": "Jiao 2022"}
 _WORDS = {
@@ -127,7 +126,7 @@ def report_data(
         excluded_pairs=_once(page.ExcludedPair(e.a, e.b, e.reason) for model in models for e in model.excluded),
         adjacent_pairs=_once(page.ExcludedPair(e.a, e.b, e.reason) for model in models for e in model.adjacent),
         checks=tuple(
-            page.Check(c.name, c.passed, found(c), measured(c.limit, c.unit), c.where)
+            page.Check(c.name, c.passed, found(c), measured(c.limit, c), c.where)
             for c in (verification.checks if verification else ())
         ),
         programs=tuple(programs),
@@ -348,22 +347,21 @@ def _label(toolpath: Toolpath, plan: Plan, row: int) -> str:
     return str(toolpath.operations[toolpath.operation[int(np.ceil(plan.path.index[row] - 1e-9))]].label)
 
 
-def measured(value: float, unit: str) -> str:
+def measured(value: float, check: Check) -> str:
     """A value of a check as it is read aloud: what is not beyond a limit is within it, and by how much."""
-    side = unit.removesuffix(BEYOND)
-    if side != unit and value <= 0.0:
-        return "at the limit" if value == 0.0 else f"{-value:.4g} {side} within the limit"
+    if check.beyond and value <= 0.0:
+        return "at the limit" if value == 0.0 else f"{-value:.4g} {check.beyond} within the limit"
     number = f"{value + 0.0:.4g}"
     if "e-" in number and abs(value) >= 1e-6:  # 0.000005 s is read more easily than 5e−06 s
         number = np.format_float_positional(float(number), trim="-")
-    return f"{number} {unit}".replace("-", "−", 1)
+    return f"{number} {check.unit}".replace("-", "−", 1)
 
 
 def found(check: Check) -> str:
     """What a check found; of what is mere rounding beside what it allows result.json has the number."""
-    if check.passed and not check.unit.endswith(BEYOND) and 0.0 < abs(check.value) < ROUNDING * check.limit:
+    if check.passed and not check.beyond and 0.0 < abs(check.value) < ROUNDING * check.limit:
         return "< 0.1 % of allowed"
-    return measured(check.value, check.unit)
+    return measured(check.value, check)
 
 
 def _length(metres: float) -> str:
