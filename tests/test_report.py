@@ -24,6 +24,7 @@ from machopt.report.gather.optimize_series import along, cut_length
 from machopt.report.page import report_html
 from machopt.report.series import keep, packed
 from machopt.report.verdict import cards, verdict
+from machopt.verify.check import Check
 
 VOID = {"meta", "br", "link", "img", "input"}
 
@@ -284,7 +285,10 @@ def test_one_path_length_stands_on_every_axis() -> None:
 
 
 def test_a_margin_is_not_called_a_negative_excess() -> None:
-    assert measured(-5.541, "deg beyond the limit") == "5.541 deg within the limit"
-    assert measured(0.25, "mm beyond the limit") == "0.25 mm beyond the limit"
-    assert measured(0.0, "deg beyond the limit") == "at the limit"
-    assert measured(-0.5, "mm") == "−0.5 mm"
+    def told(value: float, unit: str, beyond: str = "") -> str:
+        return measured(value, Check(name="", passed=True, value=value, limit=0.0, unit=unit, where="", beyond=beyond))
+
+    assert told(-5.541, "deg beyond the limit", "deg") == "5.541 deg within the limit"
+    assert told(0.25, "mm beyond the limit", "mm") == "0.25 mm beyond the limit"
+    assert told(0.0, "deg beyond the limit", "deg") == "at the limit"
+    assert told(-0.5, "mm") == "−0.5 mm"
