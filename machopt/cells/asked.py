@@ -18,7 +18,7 @@ class InitRequest:
     packages: Mapping[str, Path] = field(default_factory=dict)  # folders of ROS packages, by name
     base_link: str | None = None
     flange_link: str | None = None
-    tool_length_mm: float = 200.0  # from the flange to the TCP, out of the flange
+    tool_length_mm: float | None = None  # from the flange to the TCP, out of the flange; a tenth of the arm's length
     tcp_mm: tuple[float, ...] | None = None  # in flange_link; out of the flange by tool_length_mm
     tcp_rpy_deg: tuple[float, ...] | None = None  # z out of the flange
     tool_mass_kg: float = 0.0
@@ -26,7 +26,7 @@ class InitRequest:
     cutter_diameter_mm: float = 10.0
     cutter_length_mm: float = 40.0
     workpiece_mm: tuple[float, ...] | None = None  # CAM frame in world; where the arm reaches well
-    workpiece_rpy_deg: tuple[float, ...] = (0.0, 0.0, 0.0)
+    workpiece_rpy_deg: tuple[float, ...] | None = None  # turned about the vertical where only that brings it in reach
     workpiece_mesh: Path | None = None
     toolpath: Path | None = None  # that must be reached
     reading: Mapping[str, Any] = field(default_factory=dict)  # keywords of formats.toolpath.read_toolpath

@@ -18,7 +18,21 @@ from machopt.formats.urdf import ArmLinks, Urdf, UrdfJoint
 SLOW_DEG_S, SLOW_MM_S = 45.0, 200.0
 """Judgement, where a URDF says no velocity: too low costs cycle time, too high is no motion the drives can follow.
 The arms of cells/ have 75 deg/s and more."""
+TOOL_MM, TOOL_SHARE = (80.0, 200.0), 0.1
+"""Where no length is given: a tenth of the arm's links end to end, not less or more than this, in steps of 10 mm."""
 _BODY_RADIUS_MM = 40.0  # of the spindle that stands for one that is not given
+
+
+def tool_length(request: InitRequest, span: float) -> float:
+    """mm from flange to TCP, as given or as an arm of that size would carry.
+
+    Args:
+        request: what was asked for.
+        span: m, of the arm's links end to end.
+    """
+    if request.tool_length_mm is not None:
+        return request.tool_length_mm
+    return float(np.clip(round(1e2 * TOOL_SHARE * span) * 10.0, *TOOL_MM))
 
 
 def draft(request: InitRequest, urdf: Urdf, links: ArmLinks) -> tuple[NewCell, tuple[str, ...]]:
@@ -43,6 +57,11 @@ def draft(request: InitRequest, urdf: Urdf, links: ArmLinks) -> tuple[NewCell, t
     part = request.workpiece_mesh
     if part is None:
         guesses.append("the workpiece has no body, so nothing is checked against it")
+    if links.gripper:
+        guesses.append(
+            f"{', '.join(j.name for j in links.gripper)} behind {links.flange_link} {_is_or_are(links.gripper)} taken "
+            "for a gripper's, which stays as it stands at zero (--flange-link)"
+        )
     if slow:
         guesses.append(
             f"the URDF has no velocity for {', '.join(slow)}: robot.limits.velocity_deg_s is a slow guess "
@@ -63,7 +82,7 @@ def draft(request: InitRequest, urdf: Urdf, links: ArmLinks) -> tuple[NewCell, t
         velocity=velocity,
         velocity_of=of,
         home=[0.0 if a < 0.0 < b else (a + b) / 2.0 for a, b in zip(lower, upper, strict=True)],
-        tcp_mm=request.tcp_mm or (0.0, 0.0, request.tool_length_mm),
+        tcp_mm=request.tcp_mm or (0.0, 0.0, TOOL_MM[1]),
         tcp_rpy_deg=request.tcp_rpy_deg or (0.0, 0.0, 0.0),
         tcp_note="",
         mass_kg=request.tool_mass_kg,
@@ -72,7 +91,7 @@ def draft(request: InitRequest, urdf: Urdf, links: ArmLinks) -> tuple[NewCell, t
         body_note="in flange_link" if body else "GUESS: a cylinder from the flange to the cutter",
         cutter_mm=(request.cutter_diameter_mm, request.cutter_length_mm),
         workpiece_mm=request.workpiece_mm or (1000.0, 0.0, 500.0),
-        workpiece_rpy_deg=request.workpiece_rpy_deg,
+        workpiece_rpy_deg=request.workpiece_rpy_deg or (0.0, 0.0, 0.0),
         workpiece_body="" if part is None else '{name: part, mesh: "workpiece' + part.suffix.lower() + '"}',
         workpiece_note="as given: the CAM coordinates in world",
         stiffness_note="as given" if request.stiffness else "ESTIMATED: see there, and measure",
@@ -81,8 +100,24 @@ def draft(request: InitRequest, urdf: Urdf, links: ArmLinks) -> tuple[NewCell, t
     return new, tuple(guesses)
 
 
-def aimed(new: NewCell, request: InitRequest, out: Array | None) -> tuple[NewCell, tuple[str, ...]]:
-    """The tool along the direction (3,) in which the flange looks, in the flange frame; None: not known."""
+def aimed(new: NewCell, request: InitRequest, out: Array | None, span: float) -> tuple[NewCell, tuple[str, ...]]:
+    """The tool along the direction (3,) in which the flange looks, in the flange frame; None: not known.
+
+    Args:
+        new: the cell so far.
+        request: what was asked for.
+        out: the direction.
+        span: m, of the arm's links end to end.
+
+    Raises:
+        InputError: the cutter is longer than the tool.
+    """
+    reach = tool_length(request, span)
+    if request.tcp_mm is None and not 0 < request.cutter_length_mm < reach:
+        raise InputError(
+            f"found {request.cutter_length_mm:g}; expected more than zero and less than --tool-length-mm, {reach:g}",
+            where="--cutter-length-mm",
+        )
     guesses: list[str] = []
     if out is None:
         out, known = np.array([0.0, 0.0, 1.0]), "GUESS: along z of the flange; the URDF does not tell where it looks"
@@ -91,10 +126,10 @@ def aimed(new: NewCell, request: InitRequest, out: Array | None) -> tuple[NewCel
         axis = np.round(out, 3) + 0.0
         known = f"z out of the flange, which looks along [{', '.join(f'{v:g}' for v in axis)}] of {new.flange_link}"
     rpy = [float(v) for v in np.round(np.degrees(pointing(out)), 4)] if request.tcp_rpy_deg is None else None
-    along = [float(v) for v in np.round(request.tool_length_mm * out, 3)] if request.tcp_mm is None else None
+    along = [float(v) for v in np.round(reach * out, 3)] if request.tcp_mm is None else None
     if along is not None:
         known += "; GUESS: the length"
-        guesses.append(f"the TCP is {request.tool_length_mm:g} mm out of the flange; put in the tool's own data")
+        guesses.append(f"the TCP is {reach:g} mm out of the flange; put in the tool's own data")
     tcp, turn = along or new.tcp_mm, rpy or new.tcp_rpy_deg
     length = float(np.linalg.norm(tcp)) - new.cutter_mm[1]
     body = new.body
@@ -111,14 +146,8 @@ def _check(r: InitRequest) -> None:
         if row is not None and len(row) != 3:
             raise InputError(f"found {len(row)} numbers; expected three", where=option)
     for name, value in (("--tool-length-mm", r.tool_length_mm), ("--cutter-diameter-mm", r.cutter_diameter_mm)):
-        if not (math.isfinite(value) and value > 0):
+        if value is not None and not (math.isfinite(value) and value > 0):
             raise InputError(f"found {value:g}; expected more than zero", where=name)
-    if r.tcp_mm is None and not 0 < r.cutter_length_mm < r.tool_length_mm:
-        raise InputError(
-            f"found {r.cutter_length_mm:g}; expected more than zero and less than --tool-length-mm, "
-            f"{r.tool_length_mm:g}",
-            where="--cutter-length-mm",
-        )
     for name, file in (("--tool-mesh", r.tool_mesh), ("--workpiece-mesh", r.workpiece_mesh)):
         if file is not None and not file.is_file():
             raise InputError("there is no such file", file=file, where=name)
@@ -160,6 +189,10 @@ def _velocities(
     rule = f"ESTIMATED for {', '.join(missing)}, of which the URDF says none: {SLOW_DEG_S:g} deg/s"
     rule += f" ({SLOW_MM_S:g} mm/s where it slides)" if any(slides) else ""
     return velocity, f"{rule}, slow on purpose", missing
+
+
+def _is_or_are(some: tuple[UrdfJoint, ...]) -> str:
+    return "is" if len(some) == 1 else "are"
 
 
 def _flange_note(links: ArmLinks) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 from machopt.domain.reason import Reason
 from machopt.model.robot import Robot
-from machopt.se3 import axis_rotation, normalise, tool_rotation, transform
+from machopt.se3 import axis_rotation, normalise, rpy_matrix, tool_rotation, transform
 from machopt.workspace.postures import POSES_AT_ONCE, ReachingArm, candidates
 
 Free = Callable[[Array], bool]
@@ -77,6 +77,7 @@ class Place:
     home: Array  # (6,) rad
     margin: float  # rad, least distance to a joint limit, a bent wrist or a bent elbow, over all points looked at
     share: float  # of the path's points that the branch reaches there, each at a rotation of its own; 1.0: all
+    turn: tuple[float, float, float] = (0.0, 0.0, 0.0)  # deg, roll, pitch and yaw of the workpiece for it
 
 
 @dataclass(frozen=True)
@@ -106,14 +107,16 @@ def find_place(arm: ReachingArm, position: Array, axis: Array, reach: float, fre
         Of the places before the arm, the one with the most room of those where the branch reaches every point; where
         none does, the one where it reaches most; None where even few points are too much, or home has no room.
     """
-    some = _telling(position, axis)
+    far = _farthest(position)  # where one of these is out of reach the others need not be looked at
+    some = np.unique(np.concatenate([_telling(position, axis), far]))
     middle = (position.min(axis=0) + position.max(axis=0)) / 2.0
-    R = _turned(axis[some])
+    R, R_far = _turned(axis[some]), _turned(axis[far])
     tries: list[_Try] = []
     for along in _ALONG:
         for up in _UP:
             shift = np.array([along * reach, 0.0, up * reach]) - middle
-            tries += _branches_at(arm, R, position[some] + shift, shift)
+            if _branches_at(arm, R_far, position[far] + shift, shift):
+                tries += _branches_at(arm, R, position[some] + shift, shift)
     best: Place | None = None
     for one in sorted(tries, key=lambda t: -t.room)[:_TRIED]:
         if not free(one.q):
@@ -130,19 +133,42 @@ def find_place(arm: ReachingArm, position: Array, axis: Array, reach: float, fre
 
 
 def place_or_middle(
-    arm: ReachingArm, position: Array, axis: Array, reach: float, free: Free = _any_will_do
+    arm: ReachingArm,
+    position: Array,
+    axis: Array,
+    reach: float,
+    free: Free = _any_will_do,
+    *,
+    turns: Sequence[tuple[float, float, float]] = ((0.0, 0.0, 0.0),),
 ) -> Place | None:
     """:func:`find_place`; where there is none, a block of the arm's size in the path's middle is placed instead.
+
+    Args:
+        arm, position, axis, reach, free: as there.
+        turns: deg, roll, pitch and yaw in the base by which the workpiece may be turned: the first that brings all in
+            reach.
 
     Returns:
         With ``share`` 0.0 where only that block is reached; None where nothing is.
     """
-    found = find_place(arm, position, axis, reach, free)
-    if found is not None:
-        return found
+    best: Place | None = None
+    for turn in turns:
+        R = rpy_matrix(np.radians(turn))
+        found = find_place(arm, position @ R.T, axis @ R.T, reach, free)
+        if found is not None and (best is None or found.share > best.share):
+            best = replace(found, T_base_workpiece=found.T_base_workpiece @ transform(R, np.zeros(3)), turn=turn)
+        if best is not None and best.share == 1.0:
+            return best
+    if best is not None:
+        return best
     block, upright = sample_path(reach)
     middle = find_place(arm, block + (position.min(axis=0) + position.max(axis=0)) / 2.0, upright, reach, free)
     return None if middle is None else replace(middle, share=0.0)
+
+
+def _farthest(position: Array) -> NDArray[np.intp]:
+    """(P,) indices of the points farthest out in each direction."""
+    return np.unique([int(np.argmax(way * position[:, k])) for k in range(3) for way in (-1.0, 1.0)])
 
 
 def _telling(position: Array, axis: Array) -> NDArray[np.intp]:

@@ -49,7 +49,9 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     )
     p.add_argument("--flange-link", metavar="LINK", help="(tool0, flange, or the last link)")
     tool = p.add_argument_group("tool")
-    _number(tool, "--tool-length-mm", InitRequest.tool_length_mm, "flange to TCP, the way the flange looks")
+    tool.add_argument(
+        "--tool-length-mm", type=float, help="flange to TCP, the way the flange looks (a tenth of the arm, 80 to 200)"
+    )
     tool.add_argument("--tcp-mm", type=_floats, metavar="X,Y,Z", help="TCP in the flange link, instead of a length")
     tool.add_argument("--tcp-rpy-deg", type=_floats, metavar="R,P,Y", help="(z the way the flange looks)")
     _number(tool, "--tool-mass-kg", InitRequest.tool_mass_kg, "spindle, holder and cutter")
@@ -59,7 +61,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     part = p.add_argument_group("workpiece")
     part.add_argument("--toolpath", type=Path, metavar="FILE", help="put it where the arm reaches all of this path")
     part.add_argument("--workpiece-mm", type=_floats, metavar="X,Y,Z", help="CAM frame in world (in reach)")
-    part.add_argument("--workpiece-rpy-deg", type=_floats, default=InitRequest.workpiece_rpy_deg, metavar="R,P,Y")
+    part.add_argument("--workpiece-rpy-deg", type=_floats, metavar="R,P,Y", help="(0, or turned where it must be)")
     part.add_argument("--workpiece-mesh", type=Path, metavar="FILE", help="its body, in CAM coordinates")
     arm = p.add_argument_group("arm")
     arm.add_argument("--stiffness", type=Path, metavar="FILE", help="a stiffness.yaml (an estimate by the arm's size)")
@@ -132,9 +134,10 @@ def _validate(args: argparse.Namespace) -> int:
 def _ask(args: argparse.Namespace) -> None:
     """Ask for what was not given, again until it fits; Return keeps what stands in brackets."""
     for name, words in _QUESTIONS:
+        unsaid = "by the arm's size" if name == "tool_length_mm" else "nothing"
         while True:
             try:
-                said = input(f"{words} [{getattr(args, name) or 'nothing'}]: ").strip()
+                said = input(f"{words} [{getattr(args, name) or unsaid}]: ").strip()
             except EOFError:
                 return
             wrong = _answered(args, name, said) if said else ""
@@ -160,7 +163,8 @@ def _answered(args: argparse.Namespace, name: str, said: str) -> str:
     least = "0 or more" if name == "tool_mass_kg" else "above 0"
     if not (math.isfinite(value) and (value >= 0 if name == "tool_mass_kg" else value > 0)):
         return f"a number {least} would work"
-    if name == "cutter_length_mm" and args.tcp_mm is None and value >= args.tool_length_mm:
+    long = args.tool_length_mm
+    if name == "cutter_length_mm" and args.tcp_mm is None and long is not None and value >= long:
         return f"less than the {args.tool_length_mm:g} mm from flange to TCP would work"
     setattr(args, name, value)
     return ""

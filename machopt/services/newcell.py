@@ -29,6 +29,10 @@ from machopt.se3 import rpy_matrix
 from machopt.services.knownrobot import reading_of
 from machopt.workspace.mapping import arm_of
 
+_AS_IT_IS = (0.0, 0.0, 0.0)
+_TURNS = (_AS_IT_IS, (0.0, 0.0, 90.0), (0.0, 0.0, 180.0), (0.0, 0.0, -90.0), (0.0, -90.0, 0.0))
+"""deg, roll, pitch and yaw in which a workpiece is tried whose place nobody gave: flat, then upright before the arm."""
+
 
 def run_init(request: InitRequest) -> InitOutcome:
     """Write a new cell.
@@ -56,7 +60,7 @@ def run_init(request: InitRequest) -> InitOutcome:
             guesses += ("stiffness.yaml is estimated from the arm's size; measure it (plan-poses, identify)",)
         cell = _written(folder, new)
         robot = load_robot(cell)
-        new, said = aimed(new, request, outward(robot))
+        new, said = aimed(new, request, outward(robot), span)
         new, more = with_post(new, _written(folder, new))
         said += more
         cell = _written(folder, new)
@@ -86,9 +90,10 @@ def _placed(new: NewCell, request: InitRequest, cell: Cell, span: float) -> tupl
         position, axis = sample_path(span)
         of = "a block"
     T_world_base = load_machine(cell, robot).T_world_base(rest[None])[0]  # where the rail stands at home
-    turn = rpy_matrix(np.radians(request.workpiece_rpy_deg))  # of the workpiece in world
+    turn = rpy_matrix(np.radians(new.workpiece_rpy_deg))  # of the workpiece in world
+    turns = _TURNS if request.workpiece_rpy_deg is None and request.toolpath is not None else (_AS_IT_IS,)
     R = T_world_base[:3, :3].T @ turn
-    found = place_or_middle(arm, position @ R.T, axis @ R.T, span, free)
+    found = place_or_middle(arm, position @ R.T, axis @ R.T, span, free, turns=turns)
     lacking = f"no place before the arm was found where it reaches all of {of}"
     if found is None:
         return new, (f"{lacking}; put in workpiece.pose and home",)
@@ -100,8 +105,10 @@ def _placed(new: NewCell, request: InitRequest, cell: Cell, span: float) -> tupl
     else:
         note = f"GUESS: where one posture reaches most of {of}, {100 * found.share:.0f} %; another place may reach all"
     home = [float(v) for v in np.round(np.degrees(found.home), 2)]
+    turned = new.workpiece_rpy_deg if found.turn == _AS_IT_IS else found.turn
+    note += "" if found.turn == _AS_IT_IS else "; as it lies in the CAM file no place was found"
     at = [float(v) for v in np.round(1e3 * (T_world_base @ found.T_base_workpiece)[:3, 3])]
-    placed = replace(new, workpiece_mm=at, workpiece_note=note, home=[*home, *new.home[6:]])
+    placed = replace(new, workpiece_mm=at, workpiece_rpy_deg=turned, workpiece_note=note, home=[*home, *new.home[6:]])
     if found.share == 0.0:
         return placed, (f"{lacking}, so workpiece.pose has its middle in reach; a smaller tool or larger arm may do",)
     return placed, ("workpiece.pose is where the arm reaches well, not where your workpiece is",)

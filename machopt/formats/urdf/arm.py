@@ -9,11 +9,13 @@ from machopt.formats.urdf.tree import Urdf, UrdfJoint
 
 FLANGES = ("tool0", "flange", "tool_flange", "ee_link")
 """Names of the link that carries the tool, the one that tool data refer to first (ROS-Industrial: z out of tool0)."""
+GRIPS = ("grip", "finger", "hand", "jaw", "claw", "knuckle")
+"""In the name of a joint that is none of the arm's, though it turns behind it."""
 _TURNS = ("revolute", "continuous")
 _HELD = "a URDF in which the joints too many are fixed would work, too"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ArmLinks:
     """The six joints from ``base_link`` to ``flange_link``, and what else the URDF offers."""
 
@@ -22,14 +24,16 @@ class ArmLinks:
     arm: tuple[UrdfJoint, ...]  # six, in chain order
     external: tuple[UrdfJoint, ...]  # between the root and the base, as a rail's
     flanges: tuple[str, ...]  # further links fixed to the last joint's
+    gripper: tuple[UrdfJoint, ...] = ()  # joints behind the flange that were taken for a gripper's
 
 
 def find_arm(urdf: Urdf, base_link: str | None = None, flange_link: str | None = None) -> ArmLinks:
     """The arm of a URDF.
 
     Without ``flange_link``, it is the first of :data:`FLANGES` behind six joints that turn, else the outermost link
-    fixed to the sixth. Without ``base_link`` it is ``base_link`` where a link has that name and nothing moves between
-    it and the arm, else the link that bears the first joint.
+    fixed to the sixth; joints behind the sixth that are called a gripper's do not count, and what bears them is the
+    flange then. Without ``base_link`` it is ``base_link`` where a link has that name and nothing moves between it and
+    the arm, else the link that bears the first joint.
 
     Raises:
         InputError: there is no such link, no chain of six joints that turn, or more than one.
@@ -41,6 +45,12 @@ def find_arm(urdf: Urdf, base_link: str | None = None, flange_link: str | None =
             )
     flange = _flange(urdf) if flange_link is None else flange_link
     moving = _moving(urdf, flange)
+    gripper: tuple[UrdfJoint, ...] = ()
+    if flange_link is None and all(j.kind in _TURNS for j in moving[:6]):
+        behind = moving[6:]
+        if behind and all(any(word in j.name.lower() for word in GRIPS) for j in behind):
+            gripper, moving = behind, moving[:6]
+            flange = next((f for f in FLANGES if f in _fixed_to(urdf, moving[-1].child)), behind[0].parent)
     if base_link is not None:
         above = urdf.chain(base_link)
         external = tuple(j for j in moving if j in above)
@@ -59,7 +69,14 @@ def find_arm(urdf: Urdf, base_link: str | None = None, flange_link: str | None =
             where="--flange-link",
         )
     fixed = tuple(f for f in _fixed_to(urdf, arm[-1].child) if f != flange)
-    return ArmLinks(base_link or _base(urdf, arm[0]), flange, arm, external, fixed)
+    return ArmLinks(
+        base_link=base_link or _base(urdf, arm[0]),
+        flange_link=flange,
+        arm=arm,
+        external=external,
+        flanges=fixed,
+        gripper=gripper,
+    )
 
 
 def _too_many(urdf: Urdf, flange: str, moving: tuple[UrdfJoint, ...]) -> InputError:

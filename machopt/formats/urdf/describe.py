@@ -10,7 +10,8 @@ from pathlib import Path
 from machopt.errors import InputError
 from machopt.formats.opener import MARKUP, read_text
 from machopt.formats.urdf.expand import Find, expand, is_xacro
-from machopt.formats.urdf.meshes import find_package, package_around
+from machopt.formats.urdf.markup import with_prefixes
+from machopt.formats.urdf.meshes import find_package, holding, package_around
 from machopt.formats.urdf.read import read_urdf
 from machopt.formats.urdf.tree import Urdf
 
@@ -19,7 +20,8 @@ _UP = 5  # folders above a lone robot's file in which its packages are looked fo
 
 @dataclass(frozen=True)
 class Description:
-    """``text`` is the URDF where the file itself is xacro; ``files`` are those that made it."""
+    """``text`` is the URDF where the file itself is xacro, or has prefixes that it does not declare; ``files`` are
+    those that made it."""
 
     urdf: Urdf
     text: str | None = None
@@ -41,14 +43,19 @@ def describe(path: Path, arguments: Mapping[str, str], find: Find) -> Descriptio
     if not is_xacro(path):
         if arguments:
             raise InputError("is no xacro file, so it takes no xacro_args; leave them out", file=path)
-        return Description(read_urdf(path))
+        return Description(read_urdf(path), with_prefixes(read_text(path, expected="a URDF", most=MARKUP)))
     found = expand(path, arguments, find)
     try:
         urdf = read_urdf(path, found.text)
     except InputError as problem:
         where = None if problem.where is None else f"{problem.where} of the URDF it expands to"
         raise InputError(problem.reason, file=problem.file, where=where) from None
-    return Description(urdf, found.text, found.files, tuple(f"{path.name}: xacro: {line}" for line in found.warnings))
+    return Description(
+        urdf,
+        with_prefixes(found.text) or found.text,
+        found.files,
+        tuple(f"{path.name}: xacro: {line}" for line in found.warnings),
+    )
 
 
 def read_robot(path: Path) -> Urdf:
@@ -75,6 +82,8 @@ def package_alone(name: str, path: Path, packages: Mapping[str, Path], rests: It
     """
     above = path.resolve().parents
     try:
+        if name not in packages and (sure := holding(name, path, rests, _UP)) is not None:
+            return sure
         return find_package(name, path, dict(packages), above[min(_UP, len(above) - 1)])
     except InputError:
         around = package_around(name, rests, path, _UP)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
@@ -61,6 +62,34 @@ def parse_markup(text: str, path: Path, expected: str) -> Element:
         raise InputError(said, file=path, where=where) from None
     assert builder.root is not None  # a document without a root is an ExpatError
     return builder.root
+
+
+def with_prefixes(text: str) -> str | None:
+    """A URDF that declares every prefix it uses, None where it does already.
+
+    Simulators add words of their own, ``drake:acceleration``, and URDF parsers read names as they are written; one
+    that knows namespaces refuses a prefix that nothing declares.
+    """
+    used, declared, root = set[str](), {"xml", "xmlns"}, list[int]()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        root.append(parser.CurrentByteIndex)
+        for word in (tag, *attributes):
+            prefix, mark, name = word.partition(":")
+            if mark:
+                (declared if prefix == "xmlns" else used).add(name if prefix == "xmlns" else prefix)
+
+    parser = expat.ParserCreate("utf-8")
+    parser.StartElementHandler = start
+    raw = text.encode("utf-8")
+    parser.Parse(raw, True)
+    lacking = sorted(used - declared)
+    if not lacking:
+        return None
+    tag = re.compile(rb"<[^\s/>]+").match(raw, root[0])
+    assert tag is not None  # expat has read it
+    added = "".join(f' xmlns:{p}="urn:{p}"' for p in lacking).encode()
+    return (raw[: tag.end()] + added + raw[tag.end() :]).decode("utf-8")
 
 
 class _Builder:

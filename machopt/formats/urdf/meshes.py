@@ -67,6 +67,19 @@ def package_around(name: str, rests: Iterable[str], file: Path, up: int) -> Path
     return None
 
 
+def holding(name: str, file: Path, rests: Iterable[str], up: int) -> Path | None:
+    """Folder of a package by its name that has a file asked for: of the robot's file, above it, or beside one above.
+
+    Packages are often passed on inside a folder that bears the same name.
+    """
+    wanted = [rest for rest in rests if rest and ".." not in Path(rest).parts]
+    for above in file.resolve().parents[: up + 1]:
+        for folder in (above / name, above):
+            if folder.name == name and any((folder / rest).is_file() for rest in wanted):
+                return folder
+    return None
+
+
 def _package_name(folder: Path) -> str | None:
     """What package.xml calls a folder; None: there is none that can be read."""
     try:

@@ -1,0 +1,119 @@
+"""``machopt init`` of robots as they are passed on: a gripper behind the arm, words of a simulator, packages in folders
+of their own, arms too small or too bound for a part as it lies in the CAM file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_cell import small_cell, urdf_text
+
+from machopt.cells.asked import InitRequest
+from machopt.cells.draft import TOOL_MM, tool_length
+from machopt.cells.place import find_place, place_or_middle
+from machopt.cli import main
+from machopt.errors import InputError
+from machopt.formats.cell import load_cell
+from machopt.formats.options import load_options
+from machopt.formats.toolpath import read_toolpath
+from machopt.formats.urdf.markup import with_prefixes
+from machopt.model.robot import load_robot
+from machopt.services.newcell import run_init
+from machopt.workspace.mapping import arm_of
+
+TOOLPATHS = Path(__file__).resolve().parents[1] / "toolpaths"
+
+
+def unnamed() -> str:
+    """An arm whose outermost link no convention names."""
+    return urdf_text().replace('"flange"', '"wrist_end"')
+
+
+def hand(name: str, kind: str = "revolute") -> str:
+    return (
+        f'<link name="{name}_link"/><joint name="{name}" type="{kind}"><parent link="wrist_end"/>'
+        f'<child link="{name}_link"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
+    )
+
+
+@pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic"])
+def test_a_gripper_behind_the_arm_is_none_of_its_joints(kind: str, tmp_path: Path) -> None:
+    file = tmp_path / "arm.urdf"
+    file.write_text(unnamed().replace("</robot>", hand("jointGripper", kind) + "</robot>"))
+    done = run_init(InitRequest(robot=file, out=tmp_path / "cell", workpiece_mm=(1500.0, 0.0, 600.0)))
+    assert done.cell.flange_link == "wrist_end"
+    assert done.cell.arm_joints == ("a1", "a2", "a3", "a4", "a5", "a6")
+    said = [g for g in done.guesses if "jointGripper behind wrist_end is taken for a gripper's" in g]
+    assert len(said) == (kind != "prismatic")  # one that slides never was among six that turn
+
+
+def test_a_seventh_joint_of_another_name_is_asked_about(tmp_path: Path) -> None:
+    file = tmp_path / "arm.urdf"
+    file.write_text(unnamed().replace("</robot>", hand("a7") + "</robot>"))
+    with pytest.raises(InputError, match=r"--flange-link link_6 ends the arm at a6"):
+        run_init(InitRequest(robot=file, out=tmp_path / "cell"))
+
+
+def test_prefixes_that_nothing_declares_are_read_as_urdf_parsers_do(tmp_path: Path) -> None:
+    """``drake:acceleration`` was an internal error; the file of the new cell stays as it was given but for that."""
+    given = (
+        urdf_text()
+        .replace('effort="1000"', 'effort="1000" drake:acceleration="2"')
+        .replace("</robot>", "<drake:note/></robot>")
+    )
+    file = tmp_path / "arm.urdf"
+    file.write_text(given)
+    out = tmp_path / "cell"
+    assert main(["init", str(file), "-o", str(out), "--workpiece-mm", "1500,0,600", "--quiet"]) == 0
+    (out / "robot.urdf").write_text(given)  # a cell made by hand
+    assert main(["validate", str(out), "--quiet"]) == 0
+    assert load_cell(out).urdf_text.count('xmlns:drake="urn:drake"') == 1
+
+
+def test_a_text_that_declares_its_prefixes_is_left_alone() -> None:
+    assert with_prefixes('<robot xmlns:d="u" name="é"><link d:a="1" name="x"/></robot>') is None
+    assert with_prefixes('<!-- <robot a:b="1"> --><robot name="é"><e:f/></robot>') == (
+        '<!-- <robot a:b="1"> --><robot xmlns:e="urn:e" name="é"><e:f/></robot>'
+    )
+
+
+def test_a_package_inside_a_folder_of_its_own_name_is_the_one_with_the_meshes(tmp_path: Path) -> None:
+    import trimesh
+
+    outer = tmp_path / "arm_x"
+    (outer / "urdf").mkdir(parents=True)
+    (outer / "arm_x" / "meshes").mkdir(parents=True)
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(outer / "arm_x" / "meshes" / "a.stl")
+    collision = '<collision><geometry><mesh filename="package://arm_x/meshes/a.stl"/></geometry></collision>'
+    file = outer / "urdf" / "r.urdf"
+    file.write_text(urdf_text().replace('<link name="link_1">', f'<link name="link_1">{collision}'))
+    done = run_init(InitRequest(robot=file, out=tmp_path / "cell", workpiece_mm=(1500.0, 0.0, 600.0)))
+    assert (done.folder / "arm_x" / "meshes" / "a.stl").is_file()
+
+
+@pytest.mark.parametrize(("span", "length"), [(0.5, TOOL_MM[0]), (1.34, 130.0), (3.4, TOOL_MM[1])])
+def test_a_tool_that_nobody_gave_suits_the_arm(span: float, length: float) -> None:
+    asked = InitRequest(robot=Path("r"), out=Path("o"))
+    assert tool_length(asked, span) == length
+    assert tool_length(replace(asked, tool_length_mm=17.0), span) == 17.0
+
+
+def test_a_part_that_is_out_of_reach_as_it_lies_is_turned_and_reached(tmp_path: Path) -> None:
+    """With a wrist that cannot look down only a part that stands before the arm is reached."""
+    cell = small_cell(tmp_path)
+    arm = arm_of(cell, load_robot(cell), load_options(None))
+    arm = replace(
+        arm,
+        lower=np.radians([-185.0, -110.0, 60.0, -80.0, -80.0, -350.0]),
+        upper=np.radians([185.0, -50.0, 110.0, 80.0, 80.0, 350.0]),
+    )
+    path = read_toolpath(TOOLPATHS / "plain.csv")
+    position = 0.4 * path.position
+    turns = ((0.0, 0.0, 0.0), (0.0, -90.0, 0.0))
+    assert find_place(arm, position, path.axis, 3.0) is None
+    found = place_or_middle(arm, position, path.axis, 3.0, turns=turns)
+    assert found is not None
+    assert (found.share, found.turn) == (1.0, turns[1])
+    np.testing.assert_allclose(found.T_base_workpiece[:3, 2], [-1.0, 0.0, 0.0], atol=1e-12)
