@@ -126,14 +126,15 @@ def plan(
         rounds, choice = 0, choose(path, candidates, scores, setup.cell.limits.velocity[:6], options)
         a = chosen.assignment
         check = checker.whole(a.phi, np.where((a.reason == Reason.OK)[:, None], a.q, np.nan))
+    bare = chosen
     if check is not None:
-        chosen.assignment.reason[check.lost & (chosen.assignment.reason == Reason.OK)] = Reason.NO_PATH
-        chosen.assignment.reason[check.hit] = Reason.COLLIDING
+        chosen = _looked_at(chosen, check)
     if gouges is not None:
-        chosen.assignment.reason[gouges.deep] = Reason.GOUGING
+        chosen = replace(chosen, assignment=chosen.assignment.marked(gouges.deep, Reason.GOUGING))
+    default, paper = (chosen if one is bare else one for one in (default, paper))
     breaks = breaks_of_choice(path, setup, candidates, found) if found and from_search else jumps(path, chosen)
     if from_search:
-        _name_dropped(path, choice, candidates, chosen.assignment)
+        chosen = _with_names(path, choice, candidates, chosen)
     grid = _grid_objective(path, choice, candidates, scores, setup, options)
     return Plan(
         setup=setup,
@@ -182,9 +183,8 @@ def searched_again(before: Plan, found: Found, worst: float, elsewhere: float, c
     )
     search.resume(found)
     found = _searched(search, scored, clock)
-    chosen, check = scored(found.assignment), found.check
-    chosen.assignment.reason[check.lost & (chosen.assignment.reason == Reason.OK)] = Reason.NO_PATH
-    chosen.assignment.reason[check.hit] = Reason.COLLIDING
+    check = found.check
+    chosen = _looked_at(scored(found.assignment), check)
     return replace(
         before,
         options=options,
@@ -230,13 +230,20 @@ def _searched(search: Search, scored: Callable[[Assignment], Scored], clock: Tim
         clock.switch(None)
 
 
-def _name_dropped(path: Path, choice: Choice, candidates: Candidates, assignment: Assignment) -> None:
+def _looked_at(scored: Scored, check: PathCheck) -> Scored:
+    """With what a check found of its points."""
+    a = scored.assignment
+    a = a.marked(check.lost & (a.reason == Reason.OK), Reason.NO_PATH).marked(check.hit, Reason.COLLIDING)
+    return replace(scored, assignment=a)
+
+
+def _with_names(path: Path, choice: Choice, candidates: Candidates, scored: Scored) -> Scored:
     """Points whose station has no configuration take its reason: of the candidate that came furthest."""
     at = np.minimum(np.searchsorted(path.stations, np.arange(len(path.index))), len(path.stations) - 1)
-    dropped = choice.dropped[at] & (assignment.reason == Reason.NO_PATH)
+    dropped = choice.dropped[at] & (scored.assignment.reason == Reason.NO_PATH)
     known = np.where(candidates.reason == Reason.BOUNDS, 0, candidates.reason).max(axis=(1, 2))
     furthest = np.where(known == Reason.OK, Reason.BOUNDS, known)  # the user's bounds, where they alone are in the way
-    assignment.reason[dropped] = furthest[at[dropped]]
+    return replace(scored, assignment=scored.assignment.marked(dropped, furthest[at].astype(np.uint8)))
 
 
 def as_asked(phi: Array, path: Path, options: PlanOptions) -> bool:
@@ -274,7 +281,7 @@ def _yardsticks(
     """The CAM's own rotation and the paper's, the external joints at home; of another plan, where there is one."""
     if before is not None:
         known = (before.cam_default.assignment, before.jiao2022.assignment)
-        return tuple(replace(a, reason=a.reason.copy()) for a in known)  # type: ignore[return-value]
+        return known
     by_file = _free(cam_default(path, setup.arm, setup.driven.home), path, setup, options)
     by_paper = jiao2022(path, setup.arm, setup.elasticity, d, setup.collision, setup.driven.home, options)
     return by_file, _free(by_paper, path, setup, options)
@@ -285,8 +292,7 @@ def _free(assignment: Assignment, path: Path, setup: Setup, options: PlanOptions
     if setup.collision is not None and (assignment.reason[path.may_touch] == Reason.OK).all():
         q = np.where((assignment.reason == Reason.OK)[:, None], assignment.q, np.nan)
         found = Checker.of(path, setup.arm, setup.robot, setup.collision, options).whole(assignment.phi, q)
-        assignment.reason[found.lost] = Reason.NO_PATH
-        assignment.reason[found.hit] = Reason.COLLIDING
+        return assignment.marked(found.lost, Reason.NO_PATH).marked(found.hit, Reason.COLLIDING)
     return assignment
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,10 @@ class Assignment:
     shoulder: Array  # (P,) m, margins to the singularities
     elbow: Array  # (P,) rad
     wrist: Array  # (P,) rad
+
+    def marked(self, rows: NDArray[np.bool_], why: Reason | NDArray[np.uint8]) -> Assignment:
+        """The same with another reason, one or (P,), at some rows (P,)."""
+        return replace(self, reason=np.where(rows, why, self.reason).astype(np.uint8))
 
 
 def realise(path: Path, arm: PlanningArm, robot: Robot, phi: Array, seed: Array) -> Assignment:

@@ -206,10 +206,10 @@ class Search:
 
     def _without_breaks(self, a: Assignment, choice: Choice) -> Assignment:
         """Points between the stations on either side of a break belong to neither."""
+        lost = np.zeros(len(a.reason), bool)
         for s in choice.broken:
-            inner = slice(int(self.path.stations[s - 1]) + 1, int(self.path.stations[s]))
-            a.q[inner], a.reason[inner] = np.nan, Reason.NO_PATH
-        return a
+            lost[int(self.path.stations[s - 1]) + 1 : int(self.path.stations[s])] = True
+        return replace(a.marked(lost, Reason.NO_PATH), q=np.where(lost[:, None], np.nan, a.q)) if lost.any() else a
 
     def _mixed(
         self, curve: Assignment, check: PathCheck, plain: Assignment, grid: PathCheck

@@ -33,9 +33,7 @@ def as_driven(plan: Plan, phi: Array) -> Plan:
     before, arm = plan.chosen.assignment, plan.setup.arm
     arm = replace(arm, lower=arm.lower - ROUNDING, upper=arm.upper + ROUNDING)
     after = realise(plan.path, arm, plan.setup.robot, phi, before.q)
-    keep = before.reason != Reason.OK  # what was ruled out stays so
-    after.reason[keep] = before.reason[keep]
-    return rescored(plan, after)
+    return rescored(plan, after.marked(before.reason != Reason.OK, before.reason))  # what was ruled out stays so
 
 
 def lost(planned: Plan, driven: Plan) -> Break | None:
