@@ -17,6 +17,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from machopt.domain.options import PlanOptions
+from machopt.domain.results import tables
 from machopt.domain.results.schema import write_schemas
 from machopt.formats import cell_schema, joblist, kinematics, option_keys, options, schema, stiffness
 from machopt.formats.recording import keys as recording_keys
@@ -56,7 +57,19 @@ FILES: tuple[tuple[str, str, type[BaseModel]], ...] = (
     ("recording.yaml", "Beside the data files of a recording folder.", recording_keys.RecordingFile),
     ("Batch list", "The YAML file of `machopt batch LIST`.", joblist.ListKeys),
 )
-HEAD = """# Every key of every file
+TABLES = (
+    (
+        "points.csv of optimize",
+        "One row a toolpath point. Columns in this order; those that are not **bold** are there where they apply.",
+        tables.PointRow,
+    ),
+    (
+        "trajectory.csv of optimize",
+        "One row a control sample. Columns in this order; those that are not **bold** are there where they apply.",
+        tables.TrajectoryRow,
+    ),
+)
+HEAD = """# Every key of every file, every column of the tables
 
 Made from the schemas by `python docs/make_reference.py`. Units are in the keys or said here; frames are in
 [conventions.md](conventions.md). A key that is not listed is an error that names the nearest one. Required keys are
@@ -66,7 +79,9 @@ Made from the schemas by `python docs/make_reference.py`. Units are in the keys 
 
 def page() -> str:
     """The whole page in Markdown."""
-    return "\n".join([HEAD, *(line for title, text, model in FILES for line in _section(title, text, model))])
+    keyed = (line for title, text, model in FILES for line in _section(title, text, model))
+    columns = (line for title, text, model in TABLES for line in _columns(title, text, model))
+    return "\n".join([HEAD, *keyed, *columns])
 
 
 def keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, FieldInfo]]:
@@ -87,6 +102,13 @@ def _section(title: str, text: str, model: type[BaseModel]) -> Iterator[str]:
         shown = f"**`{name}`**" if info.is_required() else f"`{name}`"
         default = _default(info, _reach(defaults, name))
         yield f"| {shown} | {_kind(info)} | {default} | {info.description or ''} |"
+    yield ""
+
+
+def _columns(title: str, text: str, model: type[BaseModel]) -> Iterator[str]:
+    yield f"## {title}\n{text}\n\n| column | what |\n|---|---|"
+    for name, info in model.model_fields.items():
+        yield f"| {f'**`{name}`**' if info.is_required() else f'`{name}`'} | {info.description or ''} |"
     yield ""
 
 

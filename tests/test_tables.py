@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +12,7 @@ import pytest
 from trajectory_back import read_trajectory_csv
 
 from machopt.domain.points import PointsTable
+from machopt.domain.results.tables import PointRow, TrajectoryRow
 from machopt.domain.trajectory import Trajectory
 from machopt.errors import InputError
 from machopt.formats.tables import write_compensation_csv, write_points_csv, write_trajectory_csv
@@ -116,6 +119,40 @@ def test_added_columns_stand_last_and_only_where_there_is_something(tmp_path: Pa
         "0.000000000,0.100000,0.100000,0.100000,12.500000,12.500000,12.500000",
         "0.500000000,0.100000,0.100000,0.100000,12.500000,12.500000,12.500000",
     ]
+
+
+@pytest.mark.parametrize("prismatic", [(), (True, False, True)])
+def test_tables_are_as_their_published_rows_say(tmp_path: Path, prismatic: tuple[bool, ...]) -> None:
+    """Every column that is written has its description, in that order, and every row fits the schema."""
+    n, E = 4, len(prismatic)
+    table = replace(
+        points_table(n),
+        external=np.full((n, E), 0.1),
+        external_prismatic=prismatic,
+        nearest_pair=("",) * n,
+        in_grid=np.arange(n) > 1,
+        deflection_std=np.full(n, np.nan),
+        k_axial_std=np.full(n, 1e4),
+        dwell=np.zeros(n),
+        compensation=np.zeros((n, 3)),
+    )
+    write_points_csv(tmp_path / "points.csv", table)
+    write_trajectory_csv(tmp_path / "motion.csv", smooth_motion(n, E), ["a"], prismatic, ["mill"])
+    seen: set[str] = set()
+    for file, model in (("points.csv", PointRow), ("motion.csv", TrajectoryRow)):
+        with (tmp_path / file).open(encoding="utf-8", newline="") as text:
+            for given in csv.DictReader(text):
+                words = {
+                    n for n, f in model.model_fields.items() if f.annotation is str or n in ("move", "stiffness_from")
+                }
+                row = {k: v if k in words else (json.loads(v) if v else None) for k, v in given.items()}
+                model.model_validate(row)
+                assert list(row) == [name for name in model.model_fields if name in row]
+                seen |= {name for name in row if model is PointRow}
+    optional = {f"e{k}_{unit}" for k in (1, 2, 3) for unit in ("mm", "deg")}
+    assert set(PointRow.model_fields) - seen == optional - {
+        f"e{k + 1}_{'mm' if p else 'deg'}" for k, p in enumerate(prismatic)
+    }
 
 
 def test_third_differences_survive_the_rounding(tmp_path: Path) -> None:

@@ -8,15 +8,16 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, Literal
 
 from machopt.domain.manifest import Covered, Manifest, ManifestFile, ManifestProgram
+from machopt.domain.results.manifest import CoveredTold, FileTold, ManifestResult, ProgramTold
 from machopt.errors import InputError
 from machopt.output.hashes import digest, entry, sha256_of
 from machopt.output.jsonfile import plain, read_json, write_json
 
 MANIFEST = "manifest.json"
-FORMAT = 1
+FORMAT: Literal[1] = 1
 NOT_OURS = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})  # file managers leave these wherever one looks
 _SHA = re.compile(r"[0-9a-f]{64}")
 _KEYS: dict[str, Any] = {
@@ -148,30 +149,27 @@ def _changed(path: Path, f: ManifestFile) -> Iterable[Difference]:
 
 
 def _as_json(m: Manifest) -> dict[str, Any]:
-    def files(some: Iterable[ManifestFile]) -> dict[str, object]:
-        return {f.name: {"role": f.role, "sha256": f.sha256, "size": f.size} for f in some}
+    def files(some: Iterable[ManifestFile]) -> dict[str, FileTold]:
+        return {f.name: FileTold(role=f.role, sha256=f.sha256, size=f.size) for f in some}
 
-    found = plain(
-        {
-            "machopt_manifest": FORMAT,
-            "command": m.command,
-            "verdict": m.verdict,
-            "exit_code": m.exit_code,
-            "versions": m.versions,
-            "inputs": files(m.inputs),
-            "reading": m.reading,
-            "options": m.options,
-            "programs": [
-                {"post": p.post, "files": p.files, **({"stint": p.stint} if p.stint else {})} for p in m.programs
-            ],
-            "program_tolerance_mm": m.program_tolerance_mm,
-            "checked": [{"what": c.what, "how": c.how} for c in m.checked],
-            "unchecked": m.unchecked,
-            "warnings": m.warnings,
-            "files": files(m.files),
-        }
-    )
-    return dict(found)
+    return ManifestResult(
+        machopt_manifest=FORMAT,
+        command=m.command,
+        verdict=m.verdict,
+        exit_code=m.exit_code,
+        versions=dict(m.versions),
+        inputs=files(m.inputs),
+        reading=dict(plain(m.reading)),
+        options=dict(plain(m.options)),
+        programs=tuple(
+            ProgramTold(post=p.post, files=p.files, **({"stint": p.stint} if p.stint else {})) for p in m.programs
+        ),
+        program_tolerance_mm=m.program_tolerance_mm,
+        checked=tuple(CoveredTold(what=c.what, how=c.how) for c in m.checked),
+        unchecked=tuple(m.unchecked),
+        warnings=tuple(m.warnings),
+        files=files(m.files),
+    ).plain()
 
 
 def _read(value: Mapping[str, Any], file: Path) -> Manifest:

@@ -11,15 +11,20 @@ from machopt.domain.results.cells import InitResult, ValidateResult
 from machopt.domain.results.diagnosis import DiagnosisResult
 from machopt.domain.results.identification import IdentificationResult
 from machopt.domain.results.inspected import CellInspected, RobotInspected, ToolpathInspected
+from machopt.domain.results.manifest import ManifestResult
 from machopt.domain.results.maps import MapResult
 from machopt.domain.results.optimize import OptimizeResult
 from machopt.domain.results.place import PlaceResult
 from machopt.domain.results.poses import PosesResult
+from machopt.domain.results.tables import PointRow, TrajectoryRow
 from machopt.domain.results.verified import VerifyResult
 
 FOLDER = Path(__file__).with_name("schemas")
 DOCUMENTS: dict[str, type[Part]] = {
     "result.json": OptimizeResult,
+    "trajectory.csv": TrajectoryRow,
+    "points.csv": PointRow,
+    "manifest.json": ManifestResult,
     "identification.json": IdentificationResult,
     "diagnosis.json": DiagnosisResult,
     "plan.json": PosesResult,
@@ -34,7 +39,7 @@ DOCUMENTS: dict[str, type[Part]] = {
     "init": InitResult,
     "verify": VerifyResult,
 }
-"""File of an output folder, or command that prints it with ``--json`` and writes none → its model."""
+"""File of an output folder (a table: its row), or command that prints with ``--json`` and writes none → its model."""
 
 
 def schema_name(document: str) -> str:
