@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from machopt.domain.options import ExternalAxis, FixedRotation, PlanOptions, ProcessForce, Steer, Weights
 from machopt.errors import InputError
 from machopt.formats.option_keys import OptionKeys
-from machopt.formats.options import load_options, options_as_user, without_effect
+from machopt.formats.options import OPTIONS, load_options, options_as_user, without_effect
 from machopt.services.load import OptimizeRequest
 from machopt.services.run import optimize
 
@@ -238,3 +238,9 @@ def test_clearance_in_the_objective_needs_collisions() -> None:
     assert load_options(options_as_user(options)) == options
     with pytest.raises(InputError, match="collision=true would work"):
         load_options({"weights": {"clearance": 0.4}, "collision": False})
+
+
+def test_every_option_has_one_row_that_goes_to_si_and_back() -> None:
+    assert {o.key for o in OPTIONS} == set(OptionKeys.model_fields) - {"machopt_plan"}
+    assert {o.name for o in OPTIONS} == {f.name for f in fields(PlanOptions)}
+    assert load_options(options_as_user(PlanOptions())) == PlanOptions()

@@ -6,10 +6,11 @@ Mappings (``force_N``, ``weights``) merge key by key; lists are replaced.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
 from math import degrees, radians
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from machopt.domain.options import (
     ExternalAxis,
@@ -24,6 +25,87 @@ from machopt.formats.steering import steer_as_user, steer_of, tidy
 from machopt.formats.yamlstrict import Document, Loc, parse_yaml, read_yaml, validate
 
 _MM, _MM_PER_MIN, _MS = 1e-3, 1e-3 / 60.0, 1e-3
+
+
+@dataclass(frozen=True)
+class Option:
+    """How one planning option goes to SI and back; the keys tell unit, bounds and meaning, PlanOptions its default."""
+
+    key: str  # the user's
+    name: str  # of the field of PlanOptions
+    to_si: Callable[[Any], Any]
+    as_user: Callable[[Any], object]
+    always: bool = True  # shown where nothing of it is given, too
+
+
+def _same(key: str) -> Option:
+    return Option(key, key, lambda v: v, lambda v: v)
+
+
+def _scaled(key: str, name: str, factor: float, *, always: bool = True) -> Option:
+    return Option(key, name, lambda v: v * factor, lambda v: tidy(v / factor), always)
+
+
+def _angle(key: str, name: str, *, always: bool = True) -> Option:
+    return Option(key, name, radians, lambda v: tidy(degrees(v)), always)
+
+
+OPTIONS = (
+    _same("method"),
+    _same("index"),
+    Option("force_N", "force", lambda keys: ProcessForce(**keys.model_dump(exclude_none=True)), asdict),
+    Option("weights", "weights", lambda keys: Weights(**keys.model_dump(exclude_none=True)), asdict),
+    _angle("rotation_step_deg", "rotation_step"),
+    Option(
+        "rotation_range_deg",
+        "rotation_range",
+        lambda ends: tuple(radians(v) for v in ends),
+        lambda ends: [tidy(degrees(v)) for v in ends],
+    ),
+    _same("preferred_weight"),
+    Option(
+        "fixed",
+        "fixed",
+        lambda given: tuple(FixedRotation(f.point, radians(f.gamma_deg)) for f in given),
+        lambda fixed: [{"point": p.point, "gamma_deg": tidy(degrees(p.gamma))} for p in fixed],
+    ),
+    _angle("singularity_wrist_deg", "singularity_wrist"),
+    _angle("singularity_elbow_deg", "singularity_elbow"),
+    _scaled("singularity_shoulder_mm", "singularity_shoulder", _MM),
+    _angle("limit_margin_deg", "limit_margin"),
+    _scaled("clearance_mm", "clearance", _MM),
+    _scaled("clearance_full_mm", "clearance_full", _MM),
+    _angle("collision_step_deg", "collision_step"),
+    _same("collision"),
+    _scaled("sample_ms", "sample", _MS),
+    _scaled("path_tolerance_mm", "path_tolerance", _MM),
+    _angle("axis_tolerance_deg", "axis_tolerance"),
+    _scaled("approach_feed_mm_min", "approach_feed", _MM_PER_MIN),
+    _same("rapid_scale"),
+    _same("limit_scale"),
+    _same("allow_gaps"),
+    _same("compensate"),
+    _scaled("compensation_max_mm", "compensation_max", _MM),
+    _same("seed"),
+    Option(
+        "steer",
+        "steer",
+        lambda given: tuple(steer_of(wish) for wish in given),
+        lambda steer: [steer_as_user(wish) for wish in steer],
+        always=False,
+    ),
+    Option(
+        "external",
+        "external",
+        lambda given: tuple(_external_axis(joint, keys) for joint, keys in given.items()),
+        lambda axes: {axis.joint: _external_as_user(axis) for axis in axes},
+        always=False,
+    ),
+    _scaled("gouge_tolerance_mm", "gouge", _MM, always=False),
+    _angle("preferred_rotation_deg", "preferred_rotation", always=False),
+)
+"""In the order in which they are shown."""
+FIELDS = {option.key: option.name for option in OPTIONS}
 
 
 def load_options(
@@ -60,24 +142,24 @@ def without_effect(options: PlanOptions) -> tuple[str, ...]:
     plain = PlanOptions()
     out = []
 
-    def idle(names: tuple[tuple[str, str], ...], why: str) -> None:
-        changed = [user for user, name in names if getattr(options, name) != getattr(plain, name)]
+    def idle(keys: tuple[str, ...], why: str) -> None:
+        changed = [key for key in keys if getattr(options, FIELDS[key]) != getattr(plain, FIELDS[key])]
         if changed:
             out.append(f"{', '.join(changed)} {'has' if len(changed) == 1 else 'have'} no effect: {why}")
 
     if options.preferred_rotation is None:
-        idle((("preferred_weight", "preferred_weight"),), "no preferred_rotation_deg is given")
+        idle(("preferred_weight",), "no preferred_rotation_deg is given")
     elif not options.preferred_weight:
         out.append("preferred_rotation_deg has no effect: preferred_weight is 0")
     if not options.collision:
-        idle((("clearance_mm", "clearance"), ("collision_step_deg", "collision_step")), "collision is false")
+        idle(("clearance_mm", "collision_step_deg"), "collision is false")
     if not options.compensate:
-        idle((("compensation_max_mm", "compensation_max"),), "compensate is false")
+        idle(("compensation_max_mm",), "compensate is false")
     if options.method != "global":
         why = f"method {options.method} chooses without"
-        idle((("weights", "weights"), ("preferred_rotation_deg", "preferred_rotation")), why)
+        idle(("weights", "preferred_rotation_deg"), why)
     if options.method == "default":
-        idle((("rotation_range_deg", "rotation_range"),), "method default takes the file's own rotation")
+        idle(("rotation_range_deg",), "method default takes the file's own rotation")
     return (*out, *(said for axis in options.external for said in _idle_external(axis)))
 
 
@@ -93,50 +175,11 @@ def _idle_external(axis: ExternalAxis) -> Iterator[str]:
 
 def options_as_user(options: PlanOptions) -> dict[str, object]:
     """The options under the user's keys and units, as result.json shows them and ``--plan`` takes them."""
-    f, w = options.force, options.weights
-    user: dict[str, object] = {
-        "method": options.method,
-        "index": options.index,
-        "force_N": {"travel": f.travel, "normal": f.normal, "axial": f.axial},
-        "weights": {
-            "mean": w.mean,
-            "worst": w.worst,
-            "travel": w.travel,
-            "rotation": w.rotation,
-            "feed": w.feed,
-            "clearance": w.clearance,
-        },
-        "rotation_step_deg": tidy(degrees(options.rotation_step)),
-        "rotation_range_deg": [tidy(degrees(v)) for v in options.rotation_range],
-        "preferred_weight": options.preferred_weight,
-        "fixed": [{"point": p.point, "gamma_deg": tidy(degrees(p.gamma))} for p in options.fixed],
-        "singularity_wrist_deg": tidy(degrees(options.singularity_wrist)),
-        "singularity_elbow_deg": tidy(degrees(options.singularity_elbow)),
-        "singularity_shoulder_mm": tidy(options.singularity_shoulder / _MM),
-        "limit_margin_deg": tidy(degrees(options.limit_margin)),
-        "clearance_mm": tidy(options.clearance / _MM),
-        "clearance_full_mm": tidy(options.clearance_full / _MM),
-        "collision_step_deg": tidy(degrees(options.collision_step)),
-        "collision": options.collision,
-        "sample_ms": tidy(options.sample / _MS),
-        "path_tolerance_mm": tidy(options.path_tolerance / _MM),
-        "axis_tolerance_deg": tidy(degrees(options.axis_tolerance)),
-        "approach_feed_mm_min": tidy(options.approach_feed / _MM_PER_MIN),
-        "rapid_scale": options.rapid_scale,
-        "limit_scale": options.limit_scale,
-        "allow_gaps": options.allow_gaps,
-        "compensate": options.compensate,
-        "compensation_max_mm": tidy(options.compensation_max / _MM),
-        "seed": options.seed,
-    }
-    if options.steer:
-        user["steer"] = [steer_as_user(wish) for wish in options.steer]
-    if options.external:
-        user["external"] = {axis.joint: _external_as_user(axis) for axis in options.external}
-    if options.gouge is not None:
-        user["gouge_tolerance_mm"] = tidy(options.gouge / _MM)
-    if options.preferred_rotation is not None:
-        user["preferred_rotation_deg"] = tidy(degrees(options.preferred_rotation))
+    user: dict[str, object] = {}
+    for option in OPTIONS:
+        value = getattr(options, option.name)
+        if option.always or (value is not None and value != ()):
+            user[option.key] = option.as_user(value)
     return user
 
 
@@ -205,54 +248,9 @@ def _merge(below: dict[str, object], above: dict[str, object]) -> dict[str, obje
 
 
 def _to_si(keys: OptionKeys) -> PlanOptions:
-    si: dict[str, object] = {}
-    for user, name, factor in (
-        ("singularity_shoulder_mm", "singularity_shoulder", _MM),
-        ("clearance_mm", "clearance", _MM),
-        ("clearance_full_mm", "clearance_full", _MM),
-        ("gouge_tolerance_mm", "gouge", _MM),
-        ("path_tolerance_mm", "path_tolerance", _MM),
-        ("compensation_max_mm", "compensation_max", _MM),
-        ("sample_ms", "sample", _MS),
-        ("approach_feed_mm_min", "approach_feed", _MM_PER_MIN),
-        ("rotation_step_deg", "rotation_step", radians(1.0)),
-        ("preferred_rotation_deg", "preferred_rotation", radians(1.0)),
-        ("singularity_wrist_deg", "singularity_wrist", radians(1.0)),
-        ("singularity_elbow_deg", "singularity_elbow", radians(1.0)),
-        ("limit_margin_deg", "limit_margin", radians(1.0)),
-        ("collision_step_deg", "collision_step", radians(1.0)),
-        ("axis_tolerance_deg", "axis_tolerance", radians(1.0)),
-    ):
-        value = getattr(keys, user)
-        if value is not None:
-            si[name] = value * factor
-    for name in (
-        "method",
-        "index",
-        "preferred_weight",
-        "collision",
-        "rapid_scale",
-        "limit_scale",
-        "allow_gaps",
-        "compensate",
-        "seed",
-    ):
-        if getattr(keys, name) is not None:
-            si[name] = getattr(keys, name)
-    if keys.rotation_range_deg is not None:
-        lo, hi = keys.rotation_range_deg
-        si["rotation_range"] = (radians(lo), radians(hi))
-    if keys.force_N is not None:
-        si["force"] = ProcessForce(**keys.force_N.model_dump(exclude_none=True))
-    if keys.weights is not None:
-        si["weights"] = Weights(**keys.weights.model_dump(exclude_none=True))
-    if keys.fixed is not None:
-        si["fixed"] = tuple(FixedRotation(f.point, radians(f.gamma_deg)) for f in keys.fixed)
-    if keys.steer is not None:
-        si["steer"] = tuple(steer_of(wish) for wish in keys.steer)
-    if keys.external is not None:
-        si["external"] = tuple(_external_axis(joint, given) for joint, given in keys.external.items())
-    options = PlanOptions(**si)  # type: ignore[arg-type]
+    given = {option: getattr(keys, option.key) for option in OPTIONS}
+    si = {option.name: option.to_si(value) for option, value in given.items() if value is not None}
+    options = PlanOptions(**si)
     _consistent(options)
     return options
 
