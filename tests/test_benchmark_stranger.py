@@ -54,6 +54,18 @@ def test_slender_beam_bends_by_the_textbook() -> None:
     assert np.linalg.eigvalsh(C).min() > 0
 
 
+def test_a_loop_is_as_wide_as_the_loads_of_the_record_open_it() -> None:
+    """What it would open to under torques that never came stood in the truth: no recording has that."""
+    far, near = (gears.opening(gears.dahl(2e-4, 60.0, "cycle"), load) for load in (600.0, 12.0))
+    assert far == pytest.approx(2e-4, rel=1e-3)
+    a = np.exp(-2.0 * 12.0 / 60.0)  # of the way to the other branch, left after a quarter of the cycle
+    back = (2.0 - a) * a - 1.0
+    forth = 1.0 - (2.0 - (1.0 + back) * a) * a
+    assert near == pytest.approx(1e-4 * abs(forth - back), rel=1e-6)
+    relays = gears.preisach(2e-4, 300.0, "cycle")
+    assert gears.opening(relays, 60.0) < gears.opening(relays, 400.0) < 2e-4
+
+
 def test_two_springs_at_rest_agree_with_small_motions() -> None:
     """Light loads: the tip moves by the sum of J_i J_i·w / k_i, whatever else the solver does."""
     rng = np.random.default_rng(3)

@@ -424,6 +424,17 @@ def figures(folder: Path) -> tuple[dict[str, tuple[float, int]], list[str]]:
     return {line.what.strip(): (line.hits, line.of) for line in lines}, misses
 
 
+def test_the_score_holds_intervals_of_95_percent_for_what_they_are() -> None:
+    """Where both were told those of 90 % were judged as if they were meant to hold in 95 of 100."""
+    size = {"value": 1.0, "unit": "arcmin"}
+    truth = {"effects": [{"effect": "joint_backlash", "location": "joint:2", "parameters": {"width": size}}]}
+    width = {"value": 0.9, "unit": "arcmin", "ci95": [0.75, 1.05], "ci90": [0.8, 0.98]}
+    finding = {"effect": "joint_backlash", "location": "joint:2", "parameters": {"width": width}}
+    (one,) = [score.Answer(truth, {}, findings=[finding])]
+    assert score.intervals([one]) == (1, 1)
+    assert score.intervals([one], 90) == (0, 1)
+
+
 def test_the_score_tells_truth_from_silence_and_from_guessing(folder: Path) -> None:
     truths = [json.loads(p.read_text(encoding="utf-8")) for p in folder.glob("*.truth.json")]
     names = {

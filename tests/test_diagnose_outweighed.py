@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from test_diagnose_engine import catalogue, law, made_up
 
-from machopt.diagnose.nouns.problem import Catalogue
+from machopt.diagnose.nouns.problem import Catalogue, Quantity
 from machopt.diagnose.nouns.result import Diagnosis
 from machopt.diagnose.search import engine
 from machopt.diagnose.verdict import enough
@@ -67,3 +67,19 @@ def test_what_was_never_measured_twice_is_explained_in_part() -> None:
     assert (told.verdict, told.findings) == ("partly_explained", found.findings)
     assert "nothing was measured twice" in told.notes[-1]
     assert told.sentence.startswith("Partly explained: ")
+
+
+def test_a_law_whose_size_may_be_none_is_no_name() -> None:
+    """A hose was a gravity compensator with a variation of −10 … 12 %: one number of it is sure, and not the size."""
+    rng = np.random.default_rng(6)
+    problem, column = made_up(400, extra=40e-6)
+    idle = np.tile(rng.standard_normal((len(column) // 2, *column.shape[1:])), (2, 1, 1))
+    both = np.concatenate([column, idle], axis=2)
+    for of, named in ((0, True), (1, False)):
+        one = replace(law(both), quantities=lambda x, shape, of=of: {"size": Quantity(1e6 * float(x[of]), "µm")})
+        d = engine.diagnose(problem, Catalogue((one,)), engine.Options(), np.random.default_rng(5))
+        assert [f.effect for f in d.findings] == (["wind"] if named else [])
+        assert any("may as well be of no size at all" in n for n in d.notes) is not named
+        if named:
+            low, high = d.findings[0].parameters["size"].ci95
+            assert low > 0.0 or high < 0.0

@@ -7,10 +7,11 @@ import pytest
 from test_diagnose_drift import timed
 from test_effects import posed
 
-from machopt.diagnose.laws import at_sensor
+from machopt.diagnose.laws import at_beside, at_joint, at_sensor
 from machopt.diagnose.nouns.problem import Catalogue
 from machopt.diagnose.nouns.readings import Readings
 from machopt.diagnose.search import engine, unnamed
+from machopt.effects import by_angle
 
 
 def catalogue(r: Readings) -> Catalogue:
@@ -51,3 +52,43 @@ def test_a_slip_begins_beyond_its_load_and_stays_for_the_cycle() -> None:
 def test_friction_of_a_jack_holds_back_until_the_load_falls() -> None:
     share, cycle = np.array([0.5, 1.0, 0.5, 1.0, 0.4]), np.array([0, 0, 0, 1, 1])
     np.testing.assert_array_equal(unnamed._risen(share, cycle), [-1, -1, 1, -1, 1])
+
+
+def rest(r: Readings, wrench: np.ndarray, pull: np.ndarray, spring: float, at: np.ndarray) -> np.ndarray:
+    """(N, 3) m where the TCP rests under a load and a hose at the flange, f₀ − k (p − at), joints giving way."""
+    theta = np.zeros_like(r.state.q)
+    back = r.T_flange_tcp[:3, :3].T @ r.T_flange_tcp[:3, 3]
+    for _ in range(12):
+        state = r.robot.state(r.state.q + theta, r.T_flange_tcp, bodies=True)
+        lever = -state.T_base_tool[:, :3, :3] @ back
+        end = state.J[:, :3] + np.cross(state.J[:, 3:], lever[:, :, None], axis=1)
+        force = pull - spring * (state.T_base_tool[:, :3, 3] + lever - at)
+        theta = r.compliance * (np.einsum("nci,nc->ni", state.J, wrench) + np.einsum("nci,nc->ni", end, force))
+    return r.robot.state(r.state.q + theta, r.T_flange_tcp).T_base_tool[:, :3, 3]
+
+
+def test_a_pull_from_outside_changes_what_a_load_moves_as_the_arm_at_rest_says() -> None:
+    r, _, _ = timed()
+    pulled = next(h for h in unnamed.hypotheses(r) if (h.law, h.location) == (unnamed.PULLS, "tool"))
+    at, none = unnamed._flange(r).mean(axis=0), np.zeros_like(r.wrench)
+    pull, spring, small = np.array([30.0, -20.0, 50.0]), 25.0, 0.05 * r.wrench
+    moved = rest(r, small, pull, spring, at) - rest(r, none, pull, spring, at)
+    alone = rest(r, small, np.zeros(3), 0.0, at) - rest(r, none, np.zeros(3), 0.0, at)
+    true = (moved - alone) / 0.05
+    first = (pulled.columns(()) @ [*pull, spring])[:, :3]
+    assert np.abs(first - true).max() < 0.03 * np.abs(true).max()
+
+
+@pytest.mark.parametrize("where", ["link:4", "tool"])
+def test_a_hose_is_told_at_its_place_and_is_no_gear_and_no_balancer(where: str) -> None:
+    r, _, _ = timed()
+    pulled = next(h for h in unnamed.hypotheses(r) if (h.law, h.location) == (unnamed.PULLS, where))
+    moved = pulled.columns(()) @ [1.0, -0.5, 2.0, 1.5]
+    moved *= 1e-4 / np.abs(moved[:, :3]).max()
+    known = [*at_beside.in_load_tests(r), *at_sensor.hypotheses(r), *unnamed.hypotheses(r)]
+    for j in range(6):
+        known += at_joint.hypotheses(r, j, by_angle.EFFECT)[0]
+    found = engine.diagnose(posed(r, moved), Catalogue(tuple(known)), engine.Options(), np.random.default_rng(0))
+    assert found.findings == ()
+    assert found.verdict == "unexplained"
+    assert [n for n in found.notes if "hose or a cable" in n]

@@ -149,8 +149,8 @@ def place_of(effect: dict[str, Any]) -> str:
     return f"{effect['effect']} at {effect['location'][:40]}"
 
 
-def intervals(answers: Iterable[Answer]) -> tuple[int, int]:
-    """Intervals that hold the truth, of those that can be compared with it."""
+def intervals(answers: Iterable[Answer], percent: int = 95) -> tuple[int, int]:
+    """Intervals that hold the truth, of those that can be compared with it; of ``percent``, 90 or 95."""
     inside = total = 0
     for answer in answers:
         for effect in answer.truth["effects"]:
@@ -159,7 +159,7 @@ def intervals(answers: Iterable[Answer]) -> tuple[int, int]:
                     continue
                 for name, true in effect["parameters"].items():
                     for other, said in finding.get("parameters", {}).items():
-                        ends = said.get("ci90", said.get("ci95")) if isinstance(said, dict) else None
+                        ends = said.get(f"ci{percent}") if isinstance(said, dict) else None
                         if ends is not None and None in ends:
                             ends = None
                         if ends is None or not named_alike(name, other):
@@ -281,6 +281,7 @@ def table(answers: list[Answer]) -> tuple[list[Line], list[str]]:
     )
     inside, total = intervals(done)
     add("95 % intervals that hold the truth", inside, total, "91 … 99 %", lambda r: 0.91 <= r <= 0.99)
+    add("90 % intervals that hold the truth", *intervals(done, 90), "86 … 94 %", lambda r: 0.86 <= r <= 0.94)
     for a in answers:
         if a.said is None:
             misses.append(f"{a.name}  {a.truth['key']}: {a.problem}")

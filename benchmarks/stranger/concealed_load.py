@@ -37,7 +37,13 @@ def draw(name: str, scene: LoadTest, rng: np.random.Generator, loud: float) -> l
         law = str(rng.choice(["dahl", "preisach"]))
         for j in joints:
             detail = {"reach": 0.3 * scene.swing[j], "memory": memory, "law": law}
-            out.append(_play(name, j, **detail))
+            one = _play(name, j, **detail)
+            if law == "preisach" and memory != "cycle":  # its loops differ by the weight that it bears: no one width
+                one = replace(one, unit="", parameter="")
+            else:
+                opened = gears.opening(_remembers(1.0, j, detail, scene), 0.5 * scene.swing[j])
+                one = replace(one, factor=one.factor * opened)
+            out.append(one)
     elif name == "joint_creep":
         out = [Effect(name, f"joint:{j + 1}", 0.05, 0.25, detail={"joint": j}) for j in joints]
     elif name == "joint_pose_dependent_stiffness":
@@ -122,6 +128,15 @@ def _play(name: str, joint: int, **detail: Any) -> Effect:
     )
 
 
+def _remembers(width: float, joint: int, detail: dict[str, Any], scene: LoadTest) -> arm.Gear:
+    """A gear whose loop is ``width`` rad wide under torques that know no end."""
+    reach, memory = detail["reach"], detail["memory"]
+    if detail["law"] == "dahl":
+        return gears.dahl(width, reach, memory)
+    largest = 0.6 * float(np.max(np.abs(scene.torque[:, joint])) if memory != "cycle" else scene.swing[joint])
+    return gears.preisach(width, max(largest, 1.5 * reach), memory)
+
+
 def _narrow(joint: int) -> float:
     return 6.0 if joint in (1, 2, 4) else 2.0
 
@@ -150,11 +165,7 @@ def _one(e: Effect, build: arm.Build, scene: LoadTest) -> None:
     elif e.effect == "joint_backlash":
         build.gears.append((j, gears.clearance(a, d["drag"])))
     elif e.effect == "joint_hysteresis":
-        if d["law"] == "dahl":
-            build.gears.append((j, gears.dahl(a, d["reach"], d["memory"])))
-        else:
-            largest = 0.6 * float(np.max(np.abs(scene.torque[:, j])) if d["memory"] != "cycle" else scene.swing[j])
-            build.gears.append((j, gears.preisach(a, max(largest, 1.5 * d["reach"]), d["memory"])))
+        build.gears.append((j, _remembers(a, j, d, scene)))
     elif e.effect == "joint_creep":
         build.gears.append((j, gears.slow(a, soft[j])))
     elif e.effect == "joint_pose_dependent_stiffness":

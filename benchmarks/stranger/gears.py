@@ -95,6 +95,23 @@ def preisach(width: float, reach: float, memory: str) -> Gear:
     return law
 
 
+# a load from none up and down and up again: where it comes through zero either way
+ROUND = np.concatenate([np.linspace(0, 1, 12), np.linspace(1, -1, 49)[1:], np.linspace(-1, 1, 49)[1:]])
+BACK, FORTH = 35, 83
+
+
+def opening(gear: Gear, largest: float) -> float:
+    """rad between the branches where the load passes through zero, cycled to ± ``largest`` N·m.
+
+    What a loop would open to under torques that never came is not in a record.
+    """
+    none = np.zeros(len(ROUND), dtype=int)
+    twist = gear(
+        largest * ROUND, Script(np.zeros((len(ROUND), 6)), np.zeros((len(ROUND), 6)), none * 1.0, none, none, none)
+    )
+    return abs(float(twist[BACK] - twist[FORTH]))
+
+
 def slow(share: float, compliance: float, first: float = 3.0) -> Gear:
     """Creep: after a minute under a load ``share`` of its elastic angle more, logarithmic from ``first`` s on."""
 

@@ -209,7 +209,14 @@ def _intervals(answers: list[Answer]) -> list[Row]:
         if total:
             rows.append(Row(f"  {effect}", inside, total))
     ok = 0.91 <= every[0] / every[1] <= 0.98 if every[1] else None
-    return [Row("95 % intervals that hold the truth", *every, "91 … 98 %", ok), *rows]
+    narrower = score.intervals(answers, 90)
+    share = narrower[0] / narrower[1] if narrower[1] else None
+    ok90 = None if share is None else 0.86 <= share <= 0.94
+    return [
+        Row("95 % intervals that hold the truth", *every, "91 … 98 %", ok),
+        *rows,
+        Row("90 % intervals that hold the truth", *narrower, "86 … 94 %", ok90),
+    ]
 
 
 def _only(answers: Iterable[Answer], effect: str) -> list[Answer]:

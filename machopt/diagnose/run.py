@@ -15,7 +15,7 @@ from machopt.diagnose.nouns import reflectors
 from machopt.diagnose.nouns.problem import Catalogue, Problem
 from machopt.diagnose.nouns.readings import History
 from machopt.diagnose.nouns.result import Diagnosis, Finding, Name
-from machopt.diagnose.record import gains, gross, moved, nests, pose_units, repairs, tilt_columns
+from machopt.diagnose.record import gains, gross, labels, moved, nests, pose_units, repairs, tilt_columns
 from machopt.diagnose.record.pasted import pasted
 from machopt.diagnose.resting import absolute, deflection, loaded
 from machopt.diagnose.search import engine
@@ -97,8 +97,9 @@ def at_rest(
         recording, put_down = moved.mended(recording, robot, T, accept)
         recording, assigned = tilt_columns.mended(recording, cell, robot, masses, accept)
         mended = [*mended, *put_down, *assigned]
+    recording, relabelled = labels.mended(recording, robot, T, accept)
     recording, louder = gains.mended(recording, robot, T, accept)
-    mended = [*mended, *louder]
+    mended = [*mended, *relabelled, *louder]
     elsewhere = pasted(recording, robot, T)
     copies = gross.copied(recording) | elsewhere
     said = [*recording.warnings, *warnings]

@@ -55,6 +55,9 @@ class Resting:
         "times the largest torque of weight at its joint that a balancer carries, at most",
         JUDGED,
     )
+    most_varied: float = _set(
+        5.0, "times its least, a joint's largest compliance over its angles: no gear is built so unevenly", JUDGED
+    )
     poses_per_order: float = _set(3.0, "distinct angles that each order of a wave asks for", JUDGED)
     least_turn: float = _set(
         float(np.radians(15.0)), "rad, range of a joint below which a torque by its angle does not show", JUDGED

@@ -170,6 +170,11 @@ class Recorded:
     gain_far: float = _set(
         4.0, "times what forces scatter between sessions, from which on a session's gain is a fault", JUDGED
     )
+    label_gap: float = _set(0.04, "of the largest load, by which one size of load is apart from the next", JUDGED)
+    label_wide: float = _set(0.06, "of it, that loads of one size spread over at most", JUDGED)
+    label_alike: float = _set(0.9, "share of the poses at which a wrong weight is off the same way", JUDGED)
+    label_others: float = _set(0.4, "of what a wrong weight is off by, that other sizes of load may be off by", JUDGED)
+    label_same: float = _set(0.04, "relative: two sessions have the same weight", JUDGED)
     sure_spring: float = _set(0.2, "standard error per compliance from which on a spring is known", JUDGED)
     near: float = _set(1.6, "factor around that of a unit", JUDGED)
     unusual: float = _set(10.0, "factor from a robot of this size", JUDGED)

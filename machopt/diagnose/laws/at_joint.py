@@ -18,13 +18,14 @@ from machopt.diagnose.nouns.readings import Readings
 from machopt.domain.location import joint_at, joints_of
 from machopt.domain.stiffness import Term
 from machopt.effects import files, registry
+from machopt.effects.by_angle import ByAngle
 from machopt.effects.given import Parameters
 from machopt.effects.protocol import ARCMIN, MEMORIES, Drive, Effect, Law, Scale, timed
 
 LEAST_SOFT = 1e-9  # rad/(N·m), that sizes in percent are of
 WRIST = 3  # its first joint, 0-based
 AT_ONCE = "cycle"  # forgotten between two cycles, which nothing is that fades by the clock
-FINE = 60  # points of a loop's branch, for the picture
+FINE = 60  # points of a loop's branch, for the picture; angles of a range that are looked at
 
 
 def hypotheses(r: Readings, j: int, effect: Effect) -> tuple[list[Hypothesis], str]:
@@ -75,6 +76,11 @@ def _hypothesis(r: Readings, j: int, effect: Effect, law: Law, scale: Scale, gri
         at = np.array(shape[:own])
         return _loop(r, j, law, at, x, memory(shape), scale) if law.remembers else _line(r, j, law, at, x)
 
+    def buildable(x: Array, shape: Shape) -> bool:
+        return not (r.differences and isinstance(law, ByAngle)) or _bears_everywhere(
+            law, x, np.array(shape[:own]), scale
+        )
+
     if law.remembers:
         kept = [k for k, m in enumerate(MEMORIES) if not (timed(law) and m == AT_ONCE)]
         grid = tuple((*s, float(k)) for k in kept for s in grid)
@@ -92,8 +98,18 @@ def _hypothesis(r: Readings, j: int, effect: Effect, law: Law, scale: Scale, gri
         correction=term,
         note=effect.note,
         family="joint",
+        buildable=buildable,
         curve=curve if law.weighs or (law.remembers and not timed(law)) else None,
     )
+
+
+def _bears_everywhere(law: ByAngle, x: Array, shape: Array, scale: Scale) -> bool:
+    """Whether a spring that changes with the angle gives way, not back, over the range, nowhere many times as much.
+
+    Where a joint shows nearly nothing a law of its angle takes all of that, and varies by any number of percent of it.
+    """
+    at = law.shares(shape, np.linspace(scale.low, scale.high, FINE)) @ x + (scale.compliance or 0.0)
+    return bool(at.max() <= calibrated.RESTING.most_varied * at.min())
 
 
 def pair(r: Readings, effect: Effect, where: str, note: str, equation: str = "") -> Hypothesis:

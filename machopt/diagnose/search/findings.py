@@ -120,6 +120,16 @@ def estimates(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tr
     return out
 
 
+def sure_of_size(model: Model, chosen: Sequence[Chosen], k: int) -> bool:
+    """Whether the size of the k-th effect, at its own law and shape beside the others, has zero outside of its 95 %."""
+    c = chosen[k]
+    beside = with_chosen(model, [o for i, o in enumerate(chosen) if i != k])
+    x, covariance, freedom = sandwich(beside.with_columns(c.columns, c.tried.precision(c.scored.shape)))
+    p = len(c.scored.x)
+    own = _quantity_intervals(c.tried, c.scored.shape, x[-p:], covariance[-p:, -p:], freedom)
+    return _sure(next(iter(own.values())))
+
+
 def _sure(interval: Array) -> bool:
     """Whether zero is outside of its 95 %."""
     return not bool(interval[1, 0] <= 0.0 <= interval[1, 1])

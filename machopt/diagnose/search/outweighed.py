@@ -2,8 +2,8 @@
 
 The best of a catalogue is the nearest shape to whatever is there, and takes much of it. Where the noise is known, so is
 what the whole sum leaves beyond it; a law that takes little more than that may well be one more side of the very thing
-that is not understood. So may a law whose numbers nothing built has. Either stays in the fit, so that no other takes
-its place, and is said with its place, not named.
+that is not understood. So may a law whose numbers nothing built has, or whose size may be none. Each stays in the fit,
+so that no other takes its place, and is said with its place, not named.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from machopt.diagnose.evidence import heldout
 from machopt.diagnose.nouns.problem import UNNAMED, Hypothesis
 from machopt.diagnose.search import mismatch, steady
 from machopt.diagnose.search.anotherday import BY_DAY, comes_again
+from machopt.diagnose.search.findings import sure_of_size
 from machopt.diagnose.search.screen import Scored, score
 from machopt.diagnose.search.select import Chosen, stands, with_chosen
 from machopt.diagnose.search.state import State
@@ -26,6 +27,7 @@ from machopt.effects.words import spoken
 
 LITTLE = "explains little more than what is left beside it"
 NOT_BUILT = "would need numbers that nothing built has"
+NO_SIZE = "may as well be of no size at all"
 NOT_STEADY = "comes and goes with the hours"
 
 
@@ -37,6 +39,8 @@ def withheld(state: State, rng: np.random.Generator) -> State:
         rng: of the sign flips that judge what is left.
     """
     state = replace(state, chosen=tuple(c if _buildable(c) else _nameless(c, NOT_BUILT) for c in state.chosen))
+    if state.problem.channel == "deflection":
+        state = replace(state, chosen=tuple(_sized(state, k) for k in range(len(state.chosen))))
     if not any(_judged(c) for c in state.chosen) or _crowded(state):
         return state
     unsteady = [c.tried.hypothesis.named and steady.comes_and_goes(state, c) for c in state.chosen]
@@ -126,6 +130,13 @@ def _power(state: State, residual: Array) -> float:
 def _buildable(c: Chosen) -> bool:
     h, s = c.tried.hypothesis, c.scored
     return not h.named or h.buildable(s.x * c.tried.unit[s.shape], c.tried.shapes[s.shape])
+
+
+def _sized(state: State, k: int) -> Chosen:
+    """The k-th, without a name where the interval of its size holds zero: one number of a law is sure, not the law."""
+    c = state.chosen[k]
+    sure = not c.tried.hypothesis.named or sure_of_size(state.base, state.chosen, k)
+    return c if sure else _nameless(c, NO_SIZE)
 
 
 def _nameless(c: Chosen, why: str) -> Chosen:

@@ -3,7 +3,8 @@
 A law stands in for whatever it resembles most. Where a displacement of the record as a whole, in no joint and by no
 body's stiffness, predicts unseen poses better than every law, then that is what is there: it is fitted with the rest,
 said with its place, and never named. The forms are those of an interface that is not elastic: it slips and stays, or it
-moves by how much and which way it is loaded, whatever the arm does.
+moves by how much and which way it is loaded, whatever the arm does; and of what holds the arm from outside: a hose or a
+cable to the hall pulls at all joints at once, and is no joint's or body's alone.
 """
 
 from __future__ import annotations
@@ -16,11 +17,15 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 from machopt.diagnose.nouns.problem import UNNAMED, Hypothesis, Quantity, Shape
 from machopt.diagnose.nouns.readings import Readings
+from machopt.domain.location import link_at
+from machopt.estimate.noise import joint_sensitivity
 
 Ints = NDArray[np.int64]
 SHARES: tuple[Shape, ...] = tuple((s,) for s in (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9))  # of the largest load
 BENT = (0.0,)  # no threshold: with the square of the load
 SLIPS, JUMPS, RUBS = "slips and stays", "moves by the load's direction", "holds some of the load back"
+PULLS = "is pulled at from outside"
+PULLED = (4, 6)  # links whose ends are: the forearm's and the flange's
 
 
 def hypotheses(r: Readings) -> list[Hypothesis]:
@@ -65,7 +70,50 @@ def hypotheses(r: Readings) -> list[Hypothesis]:
         law("tool", SLIPS, "slips along the load, from a share of it on, until the cycle ends", slipped, SHARES),
         law("sensor:displacement", JUMPS, _moves("base_link"), jumps(base), (BENT, *SHARES)),
         law("tool", JUMPS, _moves("the tool"), jumps(tool), (BENT, *SHARES)),
+        *(_pulled(r, link) for link in PULLED),
     ]
+
+
+def _pulled(r: Readings, link: int) -> Hypothesis:
+    """A hose or a cable at the end of a link, from 1: f = f₀ − k (p − p̄), constant in base_link and by where it is.
+
+    It is there with the load and without, and yet the load moves the arm otherwise: the arm stands elsewhere, f turns
+    with no joint, and its spring bears some of the load. To first order in f:
+    ∂/∂q[J c Jᵀ w] c Eᵀ f + J c [(∂Eᵀ/∂q f) − k EᵀE] c Jᵀ w, E the Jacobian of that end.
+    """
+    assert r.state.R_bodies is not None  # readings come with bodies
+    assert r.state.p_bodies is not None
+    at = r.state.R_bodies[:, link] @ r.robot.point[link] + r.state.p_bodies[:, link] if link < 6 else _flange(r)
+    z = r.state.J[:, 3:, :link]
+    # of the end itself: what the TCP moves less what it turns about the end
+    end = r.state.J[:, :3, :link] - np.cross(z, (r.state.T_base_tool[:, :3, 3] - at)[:, :, None], axis=1)
+    soft = r.compliance[:link]
+    stands = joint_sensitivity(r.state.J, r.wrench, r.compliance)[:, : r.dimensions, :link]
+    turned = soft * r.load_torque[:, :link]  # (N, link) by the load
+    swept = np.empty((len(r), 3, link))  # Σ_b ∂E_a/∂q_b θ_b
+    for a in range(link):
+        each = [np.cross(z[:, :, min(a, b)], end[:, :, max(a, b)]) * turned[:, b, None] for b in range(link)]
+        swept[:, :, a] = sum(each)
+    own = np.einsum("nca,na->nc", end, turned)  # m, what the load moves that end
+
+    def column(force: Array, borne: Array) -> Array:
+        """(N, D, 1) of a force (N, 3) that is there and one (N, 3) that comes with the load."""
+        there = np.einsum("nda,a,nca,nc->nd", stands, soft, end, force)
+        twist = soft * (np.einsum("nca,nc->na", swept, force) + np.einsum("nca,nc->na", end, borne))
+        moved: Array = sum(r.lift(a, twist[:, a]) for a in range(link))  # type: ignore[assignment]
+        return there[:, :, None] + moved
+
+    none, away = np.zeros_like(at), at - at.mean(axis=0)
+    forces = [(np.broadcast_to(e, at.shape), none) for e in np.eye(3)]
+    columns = np.concatenate([column(*f) for f in [*forces, (-away, -own)]], axis=2)
+    note = "is pulled at from outside by a force that follows its place, as a hose or a cable to the hall pulls"
+    return law(link_at(link) if link < 6 else "tool", PULLS, note, lambda shape: columns, ((),))
+
+
+def _flange(r: Readings) -> Array:
+    """(N, 3) m of the flange in base_link."""
+    back = -r.T_flange_tcp[:3, :3].T @ r.T_flange_tcp[:3, 3]
+    return np.asarray(r.state.T_base_tool[:, :3, :3] @ back + r.state.T_base_tool[:, :3, 3])
 
 
 def _moves(axes: str) -> str:

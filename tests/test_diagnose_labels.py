@@ -1,0 +1,94 @@
+"""A weight with a wrong label: a fault of the record, never put aside in silence, never seen in a sound one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_up_loads import ARCMIN, CELLS, Dirt, Truth, arm, clicking, load_tests, planned
+
+from machopt.diagnose.record import labels
+from machopt.diagnose.run import at_rest
+from machopt.diagnose.search import engine
+from machopt.domain.recording import Recording
+from machopt.effects.sensor import GAIN
+from machopt.formats.cell import load_cell
+from machopt.model.robot import load_robot
+
+CELL = "kr240_drilling"
+
+
+def recorded(*, concealed: bool = False, loads: int = 4, sessions: int = 2) -> Recording:
+    rng = np.random.default_rng(8)
+    a = arm(CELL)
+    truth = Truth(a.nominal * rng.uniform(0.75, 1.3, 6), {2: clicking(0.7 * ARCMIN, 80.0)} if concealed else {})
+    plan = planned(a, rng, poses=10, loads=loads, sessions=sessions)
+    return load_tests(a, truth, plan, rng, Dirt(outliers=0.01))
+
+
+def of_size(r: Recording, share: float) -> np.ndarray:
+    assert r.wrench is not None
+    size = np.linalg.norm(r.wrench[:, :3], axis=1)
+    return np.abs(size - share * size.max()) < 0.05 * size.max()
+
+
+def mislabelled(r: Recording, rows: np.ndarray, factor: float) -> Recording:
+    assert r.wrench is not None
+    return replace(r, wrench=np.where(rows[:, None], factor * r.wrench, r.wrench))
+
+
+def mended(r: Recording) -> tuple[Recording, list]:
+    cell = load_cell(CELLS / CELL)
+    return labels.mended(r, load_robot(cell), cell.tool.T_flange_tcp)
+
+
+@pytest.mark.parametrize(("share", "factor"), [(0.75, 0.8), (1.0, 1.15), (0.25, 0.8), (0.5, 1.12)])
+def test_a_weight_mislabelled_in_one_session_is_read_as_the_others_have_it(share: float, factor: float) -> None:
+    """Its rows were ``outliers``, and the verdict was consistent."""
+    r = recorded()
+    bad = mislabelled(r, of_size(r, share) & (r.session == r.session.max()), factor)
+    out, findings = mended(bad)
+    assert [(f.effect, f.location, f.record) for f in findings] == [("columns", "column:fx_N", True)]
+    assert findings[0].parameters["gain"].value == pytest.approx(100.0 * (factor - 1.0), abs=1.5)
+    assert findings[0].parameters["session"].value == r.session.max()
+    assert np.allclose(out.wrench, r.wrench, rtol=0.02)
+    assert "wrong label" in findings[0].note
+
+
+def test_a_weight_mislabelled_throughout_is_told_where_lighter_and_heavier_ones_agree() -> None:
+    r = recorded()
+    out, findings = mended(mislabelled(r, of_size(r, 0.5), 1.12))
+    assert len(findings) == 2  # one a session
+    assert np.allclose(out.wrench, r.wrench, rtol=0.02)
+    once, one = mended(mislabelled(r, of_size(r, 1.0), 1.12))  # the heaviest: a softer gear would do the same
+    assert one == []
+    assert once.wrench is not r.wrench
+
+
+@pytest.mark.parametrize("concealed", [False, True])
+@pytest.mark.parametrize("loads", [2, 4])
+def test_sound_weights_are_left_as_they_are(concealed: bool, loads: int) -> None:
+    r = recorded(concealed=concealed, loads=loads)
+    out, findings = mended(r)
+    assert (findings, out) == ([], r)
+    whole = mislabelled(r, r.session == r.session.max(), 1.12)  # a gain of the session, not a weight
+    assert mended(whole)[1] == []
+
+
+def test_loads_of_every_size_have_no_labels() -> None:
+    r = recorded()
+    rng = np.random.default_rng(1)
+    assert r.wrench is not None
+    assert r.displacement is not None
+    any_size = rng.uniform(0.2, 1.0, len(r))[:, None]
+    assert mended(replace(r, wrench=any_size * r.wrench, displacement=any_size * r.displacement))[1] == []
+
+
+def test_a_diagnosis_names_the_weight_and_nothing_else() -> None:
+    r = recorded()
+    bad = mislabelled(r, of_size(r, 0.75) & (r.session == r.session.max()), 0.8)
+    d = at_rest(load_cell(CELLS / CELL), bad, engine.Options(), [], accept=(), seed=0).diagnosis
+    assert [f.effect for f in d.findings] == ["columns"]
+    assert GAIN.name not in {f.effect for f in d.findings}
+    assert d.verdict == "consistent"
