@@ -83,3 +83,16 @@ def test_a_law_whose_size_may_be_none_is_no_name() -> None:
         if named:
             low, high = d.findings[0].parameters["size"].ci95
             assert low > 0.0 or high < 0.0
+
+
+def test_the_size_of_a_body_is_of_what_holds_it() -> None:
+    """One spring at the tool of several coefficients: its largest was the one that nothing holds, 0.33 with −4 … 4."""
+    problem, column = made_up(400, extra=40e-6)
+    hardly = np.tile(np.random.default_rng(7).standard_normal((len(column) // 2, *column.shape[1:])), (2, 1, 1))
+    both = np.concatenate([column, 1e-3 * hardly], axis=2)
+    one = replace(law(both), quantities=lambda x, shape: {"size": Quantity(1e6 * float(np.abs(x).max()), "µm")})
+    d = engine.diagnose(problem, Catalogue((one,)), engine.Options(), np.random.default_rng(5))
+    assert [f.effect for f in d.findings] == ["wind"]
+    size = d.findings[0].parameters["size"]
+    assert size.value == pytest.approx(40.0, rel=0.2)
+    assert 0.0 < size.ci95[0] < 40.0 < size.ci95[1] < 80.0

@@ -191,8 +191,14 @@ def _load_tests(
         springs = ArmElasticity(robot, T, Stiffness(joints=known.joints)).at(recording.q)
         terms = lived + whole.respond(tests.wrench) - springs.respond(tests.wrench)
 
+    alone: Array | None = None
+
     def build(compliance: Array | None) -> tuple[Problem, Catalogue]:
-        problem, catalogue, readings = deflection.build(recording, tests, robot, T, masses, compliance, memo, terms)
+        nonlocal alone
+        problem, catalogue, readings = deflection.build(
+            recording, tests, robot, T, masses, compliance, memo, terms, alone
+        )
+        alone = readings.compliance if alone is None else alone
         if stated:
             problem = replace(problem, known=None)
         own = userterms.offered(laws, readings)

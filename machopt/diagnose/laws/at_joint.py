@@ -51,9 +51,9 @@ def scale_of(r: Readings, j: int, law: Law) -> Scale:
     rare = calibrated.RESTING.rare
     low, high = np.quantile(r.state.q[:, j], (rare, 1.0 - rare))
     torque = r.torque[:, j] if law.weighs or not r.differences else r.load_torque[:, j]
-    return Scale(
-        reach=_largest(torque), compliance=max(float(r.compliance[j]), LEAST_SOFT), low=float(low), high=float(high)
-    )
+    # beside a law of its angle a spring is what that law leaves of the joint, which may be nothing: its share is of all
+    soft = r.alone if r.alone is not None and isinstance(law, ByAngle) else r.compliance
+    return Scale(reach=_largest(torque), compliance=max(float(soft[j]), LEAST_SOFT), low=float(low), high=float(high))
 
 
 def _hypothesis(r: Readings, j: int, effect: Effect, law: Law, scale: Scale, grid: tuple[Shape, ...]) -> Hypothesis:
@@ -106,9 +106,10 @@ def _hypothesis(r: Readings, j: int, effect: Effect, law: Law, scale: Scale, gri
 def _bears_everywhere(law: ByAngle, x: Array, shape: Array, scale: Scale) -> bool:
     """Whether a spring that changes with the angle gives way, not back, over the range, nowhere many times as much.
 
-    Where a joint shows nearly nothing a law of its angle takes all of that, and varies by any number of percent of it.
+    Where a joint shows nearly nothing a law of its angle varies by any number of percent of that.
     """
-    at = law.shares(shape, np.linspace(scale.low, scale.high, FINE)) @ x + (scale.compliance or 0.0)
+    share = law.shares(shape, np.linspace(scale.low, scale.high, FINE)) @ x
+    at = share - share.mean() + (scale.compliance or 0.0)  # about what the joint gives in the mean
     return bool(at.max() <= calibrated.RESTING.most_varied * at.min())
 
 

@@ -70,6 +70,7 @@ class Readings:
     visit: Ints  # (N,)
     cycle: Ints  # (N,) unique over poses and sessions
     memo: dict[str, History] = field(default_factory=dict, compare=False)  # histories by memory, found before
+    alone: Array | None = None  # (6,) rad/(N·m) of the springs with nothing beside them; None: ``compliance``
     inclined: Inclined | None = None  # two more coordinates: rotation of a link about base x and y
 
     def __len__(self) -> int:

@@ -43,6 +43,7 @@ def build(
     compliance: Array | None = None,
     memo: dict[str, History] | None = None,
     terms: Array | None = None,
+    alone: Array | None = None,
 ) -> tuple[Problem, Catalogue, Readings]:
     """Equations and hypotheses of a load test.
 
@@ -54,6 +55,7 @@ def build(
         compliance: (6,) rad/(N·m) found before; None: by least absolute deviations.
         memo: histories of an earlier call for the same tests.
         terms: (N, 6) m, rad, what the cell's own terms explain; None: it has none.
+        alone: (6,) rad/(N·m) found with nothing beside the springs; None: ``compliance`` is.
 
     Raises:
         InputError: springs that hold no load at all.
@@ -68,7 +70,7 @@ def build(
     y = tests.measured - known
     c = np.clip(start(A, y, load) if compliance is None else compliance, 0.0, 1.0 / LEAST_STIFFNESS)
     labels = clusters(tests)
-    readings = readings_of(recording, tests, robot, T_flange_tcp, masses, c, memo)
+    readings = replace(readings_of(recording, tests, robot, T_flange_tcp, masses, c, memo), alone=alone)
     predicted = A @ c
     gains = [predicted * (readings.session == s)[:, None] for s in range(1, int(readings.session.max()) + 1)]
     base = np.concatenate([A, *(g[:, :, None] for g in gains)], axis=2)

@@ -44,7 +44,7 @@ def transferred(model: Model, s: Scored) -> float:
 
 def comes_again(model: Model, s: Scored) -> bool:
     """False where a law holds on one day and not on another."""
-    if s.tried.hypothesis.family in BY_DAY:
+    if s.tried.hypothesis.family in BY_DAY or s.tried.hypothesis.daily:
         return True
     share = transferred(model, s)
     return bool(np.isnan(share) or share > calibrated.DETECTION.another_day)

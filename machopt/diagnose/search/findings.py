@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.special import stdtr, stdtrit
@@ -10,6 +10,7 @@ from scipy.special import stdtr, stdtrit
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.evidence.grams import Model, Tried, sandwich
+from machopt.diagnose.nouns.problem import Quantity
 from machopt.diagnose.nouns.result import Estimate, LawFit, Name, Rival
 from machopt.diagnose.search.screen import Scored, score
 from machopt.diagnose.search.select import Chosen, with_chosen
@@ -88,7 +89,9 @@ def estimates(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tr
     c = chosen[k]
     beside = with_chosen(model, [o for i, o in enumerate(chosen) if i != k])
     h = c.tried.hypothesis
-    value = h.quantities(c.scored.x * c.tried.unit[c.scored.shape], c.tried.shapes[c.scored.shape])
+    value: Mapping[str, Quantity] = h.quantities(
+        c.scored.x * c.tried.unit[c.scored.shape], c.tried.shapes[c.scored.shape]
+    )
     ends: dict[str, list[Array]] = {name: [] for name in value}
     own: dict[str, Array] = {}
     best = _rss(beside, c)
@@ -102,6 +105,8 @@ def estimates(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tr
             x, covariance, freedom = sandwich(m)
             intervals = _quantity_intervals(t, s, x[-p:], covariance[-p:, -p:], freedom)
             if t is c.tried and s == c.scored.shape:
+                if h.family == "body":
+                    value, intervals = _as_held(t, s, (x[-p:], covariance[-p:, -p:], freedom), (value, intervals))
                 own = intervals
             for name in ends.keys() & intervals.keys():
                 ends[name].append(intervals[name])
@@ -121,18 +126,41 @@ def estimates(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tr
 
 
 def sure_of_size(model: Model, chosen: Sequence[Chosen], k: int) -> bool:
-    """Whether the size of the k-th effect, at its own law and shape beside the others, has zero outside of its 95 %."""
+    """Whether the size of the k-th effect, at its own law and shape beside the others, has zero outside of its 95 %.
+
+    A body is there where it surely gives way somehow: readings seldom show every way.
+    """
     c = chosen[k]
     beside = with_chosen(model, [o for i, o in enumerate(chosen) if i != k])
     x, covariance, freedom = sandwich(beside.with_columns(c.columns, c.tried.precision(c.scored.shape)))
-    p = len(c.scored.x)
-    own = _quantity_intervals(c.tried, c.scored.shape, x[-p:], covariance[-p:, -p:], freedom)
-    return _sure(next(iter(own.values())))
+    p, at, h = len(c.scored.x), c.scored.shape, c.tried.hypothesis
+    x, covariance = x[-p:], covariance[-p:, -p:]
+    own = _quantity_intervals(c.tried, at, x, covariance, freedom)
+    if h.family != "body":
+        return _sure(next(iter(own.values())))
+    value = h.quantities(x * c.tried.unit[at], c.tried.shapes[at])
+    return any(_sure(i) for i in _as_held(c.tried, at, (x, covariance, freedom), (value, own))[1].values())
 
 
 def _sure(interval: Array) -> bool:
     """Whether zero is outside of its 95 %."""
     return not bool(interval[1, 0] <= 0.0 <= interval[1, 1])
+
+
+def _as_held(
+    law: Tried, at: int, fit: tuple[Array, Array, float], told: tuple[Mapping[str, Quantity], dict[str, Array]]
+) -> tuple[Mapping[str, Quantity], dict[str, Array]]:
+    """Sizes of a body and their intervals; one that may be none is what the coefficients that are held make of it.
+
+    The largest of several ways to give way is otherwise the one that no reading holds, and its interval says nothing.
+    """
+    (x, covariance, freedom), (value, intervals) = fit, told
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    held = np.where(np.abs(x) > float(stdtrit(freedom, 0.975)) * sigma, x, 0.0)
+    again = _quantity_intervals(law, at, held, covariance, freedom)
+    sizes = law.hypothesis.quantities(held * law.unit[at], law.shapes[at])
+    taken = [n for n, i in intervals.items() if not _sure(i) and _sure(again[n]) and sizes[n].value != 0.0]
+    return {**value, **{n: sizes[n] for n in taken}}, {**intervals, **{n: again[n] for n in taken}}
 
 
 def _as_likely(beside: Model, c: Chosen, best: float) -> float:

@@ -230,7 +230,7 @@ def _law_error(s: Scored, chosen: Sequence[Chosen]) -> float:
             return calibrated.DETECTION.beside_exact
         return (
             calibrated.DETECTION.beside_here
-            if _near(c.tried.hypothesis, s.tried.hypothesis)
+            if c.tried.hypothesis.rough or _near(c.tried.hypothesis, s.tried.hypothesis)
             else calibrated.DETECTION.beside
         )
 

@@ -10,6 +10,7 @@ cable to the hall pulls at all joints at once, and is no joint's or body's alone
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,9 @@ Ints = NDArray[np.int64]
 SHARES: tuple[Shape, ...] = tuple((s,) for s in (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9))  # of the largest load
 BENT = (0.0,)  # no threshold: with the square of the load
 SLIPS, JUMPS, RUBS = "slips and stays", "moves by the load's direction", "holds some of the load back"
+SINKS = "moves with the load in one session more than in another"
+POWERS: tuple[Shape, ...] = ((1.0,), (2.0,))  # of the load
+MOST_DAYS = 4  # sessions
 PULLS = "is pulled at from outside"
 PULLED = (4, 6)  # links whose ends are: the forearm's and the flange's
 
@@ -71,7 +75,23 @@ def hypotheses(r: Readings) -> list[Hypothesis]:
         law("sensor:displacement", JUMPS, _moves("base_link"), jumps(base), (BENT, *SHARES)),
         law("tool", JUMPS, _moves("the tool"), jumps(tool), (BENT, *SHARES)),
         *(_pulled(r, link) for link in PULLED),
+        *_sinks(share, r.session, wide),
     ]
+
+
+def _sinks(share: Array, session: Ints, wide: Callable[[Array], Array]) -> list[Hypothesis]:
+    """A floor or a stand that gives way with the load, along one way in space, on some days more than on the first."""
+    days = np.unique(session)
+    if not 1 < len(days) <= MOST_DAYS:
+        return []
+    own = (session[:, None] == days[None, 1:]).astype(float)
+
+    def columns(shape: Shape) -> Array:
+        how = share ** shape[0]
+        return wide(np.einsum("n,nd,ca->ncda", how, own, np.eye(3)).reshape(len(share), 3, -1))
+
+    note = "moves one way with the load in one session and not, or less, in another, as a floor that gives way"
+    return [replace(law("sensor:displacement", SINKS, note, columns, POWERS), daily=True)]
 
 
 def _pulled(r: Readings, link: int) -> Hypothesis:
@@ -98,7 +118,7 @@ def _pulled(r: Readings, link: int) -> Hypothesis:
 
     def column(force: Array, borne: Array) -> Array:
         """(N, D, 1) of a force (N, 3) that is there and one (N, 3) that comes with the load."""
-        there = np.einsum("nda,a,nca,nc->nd", stands, soft, end, force)
+        there: Array = np.einsum("nda,a,nca,nc->nd", stands, soft, end, force)
         twist = soft * (np.einsum("nca,nc->na", swept, force) + np.einsum("nca,nc->na", end, borne))
         moved: Array = sum(r.lift(a, twist[:, a]) for a in range(link))  # type: ignore[assignment]
         return there[:, :, None] + moved
@@ -107,7 +127,8 @@ def _pulled(r: Readings, link: int) -> Hypothesis:
     forces = [(np.broadcast_to(e, at.shape), none) for e in np.eye(3)]
     columns = np.concatenate([column(*f) for f in [*forces, (-away, -own)]], axis=2)
     note = "is pulled at from outside by a force that follows its place, as a hose or a cable to the hall pulls"
-    return law(link_at(link) if link < 6 else "tool", PULLS, note, lambda shape: columns, ((),))
+    form = law(link_at(link) if link < 6 else "tool", PULLS, note, lambda shape: columns, ((),))
+    return replace(form, rough=True)  # it may be slack in some poses, and its spring has one way
 
 
 def _flange(r: Readings) -> Array:
