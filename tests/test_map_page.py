@@ -307,7 +307,7 @@ def test_curves_merge_equal_lines_and_keep_gaps() -> None:
         "Stiffness, <softest> direction",
     ]
     assert tip["series"][0]["y"][2] is None
-    assert [s["name"] for s in charts["c-deflection"]["series"]] == ["rotation γ = 0°", "best rotation γ = 28.6479°"]
+    assert [s["name"] for s in charts["c-deflection"]["series"]] == ["rotation γ = 0°", "best rotation γ = 28.6°"]
     specs = map_specs(data)
     assert len(specs["arms"]["q"]) == 6
     assert len(specs["arms"]["line"]) == 2

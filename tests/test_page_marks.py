@@ -83,6 +83,7 @@ def test_rounding_is_called_that_only_where_a_check_passed_and_less_is_better() 
     assert found(replace(even, value=2e-6)) == "0.000002 s"
     assert found(replace(even, value=0.0)) == "0 s"
     assert found(replace(even, passed=False)).endswith("e−14 s")  # a least clearance that is missed
-    assert found(
-        Check(name="joint positions", passed=True, value=-1e-9, limit=0.0, unit="deg beyond the limit", where="")
-    ).endswith("deg within the limit")
+    beyond = Check(
+        name="joint positions", passed=True, value=-1e-9, limit=0.0, unit="deg beyond the limit", where="", beyond="deg"
+    )
+    assert found(beyond).endswith("deg within the limit")

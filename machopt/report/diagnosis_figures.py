@@ -257,8 +257,8 @@ def law(data: DiagnosisPage, n: int, f: Finding) -> Spec | None:
         "id": f"d-law{n}",
         "title": f"What the readings show, and the fitted law{more}",
         "height": 340,
-        "xlabel": c.x_label,
-        "ylabel": c.y_label,
+        "xlabel": c.x_label[:1].upper() + c.x_label[1:],
+        "ylabel": c.y_label[:1].upper() + c.y_label[1:],
         "hlines": [{"y": 0, "class": "axis", "fit": True}],
         "layers": layers,
     }

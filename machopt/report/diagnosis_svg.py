@@ -17,7 +17,7 @@ from machopt.report.template import fragment
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-BLUE, FOUND, METAL, SOFT = "#1552b8", "#d9730d", "#5b6673", "#c3c9d1"
+BLUE, FOUND, METAL, SOFT = "var(--blue)", "#d9730d", "#5b6673", "#c3c9d1"
 LEAST = 0.005  # of the mismatch: smaller shares get no bar
 MOST_BARS = 14
 

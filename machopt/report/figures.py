@@ -341,6 +341,7 @@ def _motion_charts(m: MotionSeries, dips: tuple[FeedDip, ...]) -> list[Spec]:
                 [(name, m.q[k, j] * unit.factor, CHOSEN)],
                 title=f"{name} ({unit.name})",
                 unit=unit.name,
+                xlabel="Time (s)",
                 hlines=limits,
             )
         )
@@ -352,6 +353,7 @@ def _motion_charts(m: MotionSeries, dips: tuple[FeedDip, ...]) -> list[Spec]:
                 peaks,
                 title=f"{name} (% of its limits)",
                 unit="%",
+                xlabel="Time (s)",
                 ymin=0,
                 legend=False,
                 hlines=[{"y": 100, "fit": True}],
@@ -389,7 +391,7 @@ def _time_chart(
         "xname": "time (s)",
         "xdec": 3,
         "unit": unit,
-        "height": 150,
+        "height": 168,
         "series": [{"name": n, "y": numbers(y), "color": c} for n, y, c in series],
         **more,
     }

@@ -83,7 +83,6 @@ def _forest(joints: tuple[Coefficient, ...], level: float) -> Spec:
         "xlabel": "Stiffness (N·m/rad)",
         "ylabel": "Joint",
         "ycats": [c.name for c in reversed(joints)],
-        "left": 70,
         "height": 40 + 34 * len(joints),
         "layers": layers,
     }

@@ -194,6 +194,9 @@ def curves(data: MapData) -> list[Spec]:
     return [c for c in charts if c is not None]
 
 
+_QUANTITY = {"N/mm": "Stiffness", "mm": "Deflection", "deg": "Joint angle"}  # by unit, for the axis of a curve
+
+
 def _cut_off(chart: Spec | None) -> Spec | None:
     """Peaks of a singularity reach any height: flat above PEAK times the median, and the title says so."""
     if chart is None:
@@ -212,7 +215,7 @@ def _each(data: MapData, key: str) -> list[tuple[MapLayer, str]]:
 
 def _at_gamma(layer: MapLayer) -> str:
     known = layer.gamma[np.isfinite(layer.gamma)]
-    return f" = {np.degrees(known[0]):g}°" if layer.name == "free" and known.size else ""
+    return f" = {round(float(np.degrees(known[0])), 1):g}°" if layer.name == "free" and known.size else ""
 
 
 def _curve(data: MapData, x: Array, name: str, title: str, series: Sequence[tuple[MapLayer, str]]) -> Spec | None:
@@ -262,7 +265,7 @@ def _chart(
         "height": 240,
         "xname": f"{axis.name} ({axis.shown.name})",
         "xlabel": f"{axis.label} ({axis.shown.name})",
-        "ylabel": unit,
+        "ylabel": f"{_QUANTITY[unit]} ({unit})" if unit in _QUANTITY else unit,
         "xdec": 2,
         "series": [{"name": n, "y": numbers(y[k]), "color": c, "dash": d} for n, y, c, d in lines],
     }

@@ -16,6 +16,7 @@ from machopt.report.template import fragment, part
 if TYPE_CHECKING:
     from markupsafe import Markup
 
+NARROW = "\u00a0"  # between a number and its unit: no line begins with a unit
 _FILES = 4  # named of a program that has many
 _BAR = 90  # pixels that stand for the tolerance
 _SMALL_LENGTH, _SMALL_ANGLE = Unit(1e3, "mm", 4), Unit(180 / math.pi, "deg", 4)
@@ -49,13 +50,13 @@ def programs(data: ReportData) -> Markup | str:
 
 
 def _row(p: Program) -> tuple[object, ...]:
-    lines = [f"{p.lines} lines"]
+    lines = [f"{p.lines}{NARROW}lines"]
     if p.withheld:
         return (p.post, "none", "–", *"–" * 6, part("toned", "fail", f"withheld: {p.withheld}"))
     if not p.checked:
         state = part("toned", "none", "not checked: no reader here knows its language")
         return (p.post, _files(p), part("unbroken", lines), *"–" * 5, _feed(p), state)
-    moves = part("unbroken", [f"{p.moves} moves", *([f"{p.added} of them added"] if p.added else []), *lines])
+    moves = part("unbroken", [f"{p.moves}{NARROW}moves", *([f"{p.added} of them added"] if p.added else []), *lines])
     configuration = {None: "–", True: "equal", False: "differs"}[p.configuration_equal]
     events = "equal" if p.events_equal else "differ"
     state = part("toned", "fail", "differs") if p.differences else part("toned", "pass", "reads back")
@@ -111,7 +112,8 @@ def _least(value: float, unit: Unit) -> str:
     """The value; where the decimals cannot show it, that it is less than the last of them."""
     step = 10.0**-unit.decimals
     small = 0.0 < value * unit.factor < 0.5 * step
-    return f"< {step:.{unit.decimals}f} {unit.name}" if small else unit.text(value, unit=True)
+    words = f"< {step:.{unit.decimals}f} {unit.name}" if small else unit.text(value, unit=True)
+    return words.replace(" ", NARROW)
 
 
 def _between(p: Program) -> Markup | str:
@@ -136,7 +138,7 @@ def _between(p: Program) -> Markup | str:
         )
     )
     words = [
-        f"{_SHORT.text(p.path_error)} of {_SHORT.text(p.tolerance, unit=True)}",
+        f"{_SHORT.text(p.path_error)} of {_least(p.tolerance, _SHORT)}",
         f"tool axis {_least(p.axis_error, _TURN)}",
         f"orientation {_least(p.turn_error, _TURN)}",
     ]

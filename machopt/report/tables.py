@@ -89,26 +89,26 @@ def _place(data: ReportData, point: float) -> Markup | float:
 def infeasible_points(data: ReportData) -> Markup:
     columns = [
         Column("Point", "n"),
+        Column("State"),
+        Column("How far off"),
+        Column("Why"),
+        Column("What would help"),
         Column("Operation"),
         Column("x (mm)", "n"),
         Column("y (mm)", "n"),
         Column("z (mm)", "n"),
-        Column("State"),
-        Column("Why"),
-        Column("How far off"),
-        Column("What would help"),
     ]
     return table(
         columns,
         [
             (
                 _place(data, p.point),
+                p.status,
+                p.shortfall,
+                p.reason,
+                p.help,
                 p.operation,
                 *(LENGTH.text(float(v)) for v in p.position),
-                p.status,
-                p.reason,
-                p.shortfall,
-                p.help,
             )
             for p in data.infeasible
         ],

@@ -154,6 +154,12 @@ function paint(u, draw, { clip = true } = {}) {
   ctx.restore();
 }
 
+// Names beside an axis: how wide the longest is, and those too long for a quarter of a narrow page shortened.
+const PEN = document.createElement("canvas").getContext("2d");
+const wide = text => { PEN.font = `11px ${FONT}`; return PEN.measureText(text).width; };
+const roomy = names => Math.max(46, ...names.map(wide)) + 10;
+const fitting = name => { if (wide(name) <= 110) return name; let n = name.length; while (n > 1 && wide(name.slice(0, n) + "…") > 110) n--; return name.slice(0, n) + "…"; };
+
 function write(ctx, text, x, y, color, align, size = 11) {
   ctx.font = `${size}px ${FONT}`; ctx.fillStyle = color; ctx.textAlign = align; ctx.textBaseline = "alphabetic";
   ctx.fillText(text, x, y);

@@ -71,6 +71,7 @@ function postureView(host, view) {
     input = make("input", "", label); output = make("output", "", label);
     input.type = "range"; input.min = 0; input.max = count - 1; input.step = 1;
     input.oninput = () => go(+input.value);
+    if (count < 2) label.style.display = "none"; // nothing to choose from
     const key = make("div", "map-key", host);
     for (const v of postures.vectors) { const item = make("span", "", key); make("i", "dot", item).style.background = v.color; item.append(v.name); }
     if (stage) bodySwitches(stage, controls);

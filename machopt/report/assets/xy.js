@@ -63,8 +63,8 @@ function xyChart(host, spec) {
     legend: legend(named, named.filter(l => l.name).length > 1),
     cursor: { drag: { x: true, y: true, uni: 20 }, points: { show: false }, y: false, x: false },
     scales: { x: { time: false, distr: spec.xlog ? 3 : 1, range: u => span(u).x }, y: { distr: spec.ylog ? 3 : 1, range: u => span(u).y } },
-    axes: [axis(2, spec.xlabel, { grid: false, log: spec.xlog, names: spec.xcats }), axis(3, spec.ylabel, { log: spec.ylog, names: spec.ycats, size: spec.left ? spec.left : 46 })],
-    series: [{}, ...named.map(l => ({ label: l.name, class: l.name ? l.type : "unnamed", tint: l.color, stroke: () => tone(l.color), paths: () => null, points: { show: false } }))],
+    axes: [axis(2, spec.xlabel, { grid: false, log: spec.xlog, names: spec.xcats }), axis(3, spec.ylabel, { log: spec.ylog, names: spec.ycats && spec.ycats.map(fitting), size: spec.ycats ? roomy(spec.ycats.map(fitting)) : 46 })],
+    series: [{}, ...named.map(l => ({ label: l.name, class: l.name ? (l.type === "points" && l.mark ? "diamonds" : l.type) : "unnamed", tint: l.color, stroke: () => tone(l.color), paths: () => null, points: { show: false } }))],
     hooks: { drawAxes: [levels], drawSeries: [(u, i) => { const l = spec.layers[i - 1]; paint(u, (ctx, b, X, Y) => draw[l.type](ctx, l, X, Y)); }], draw: [edge] },
   }, [[0, 1], ...named.map(() => [null, null])]);
   const ring = document.createElement("div");
