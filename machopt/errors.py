@@ -26,12 +26,15 @@ class InputError(MachoptError):
         message: what was found and what would have worked.
         file: the file it stands in.
         where: key, or line and column, e.g. ``robot.limits.velocity_deg_s`` or ``line 12``.
+        key: the key alone, where it is one of a file.
     """
 
     exit_code = 2
 
-    def __init__(self, message: str, *, file: Path | str | None = None, where: str | None = None) -> None:
-        self.file, self.where, self.reason = file, where, message
+    def __init__(
+        self, message: str, *, file: Path | str | None = None, where: str | None = None, key: str = ""
+    ) -> None:
+        self.file, self.where, self.reason, self.key = file, where, message, key
         place = ": ".join(str(p) for p in (file, where) if p is not None)
         super().__init__(f"{place}: {message}" if place else message)
 

@@ -142,6 +142,6 @@ def named_as_given(folder: Path, request: InitRequest) -> Iterator[None]:
         place = wrong.file.resolve().relative_to(folder.resolve())
         own = {URDF: request.robot, "stiffness.yaml": request.stiffness}.get(place.as_posix()) or request.out / place
         where = wrong.where
-        if place.name == "cell.yaml" and where is not None and where.endswith(": robot.urdf"):
+        if place.name == "cell.yaml" and wrong.key == "robot.urdf":
             own, where = request.robot, None  # a line of a file that was never kept
         raise InputError(wrong.reason, file=own, where=where) from None

@@ -86,23 +86,11 @@ def at_rest(
             "(machopt plan-poses chooses them)",
             file=recording.source,
         )
-    recording, rewritten = pose_units.mended(recording, robot, T, accept)
-    recording, stood = reflectors.brought(recording, robot, T)
-    recording, mended, warnings = repairs.mend(recording, robot, T, prior, accept)
-    mended = [*rewritten, *mended]
-    if recording.kind == "absolute" and "columns" not in accept:
-        recording, sitting = nests.mended(recording, cell, robot, masses)
-        mended = [*mended, *sitting]
-    if recording.kind == "absolute":
-        recording, put_down = moved.mended(recording, robot, T, accept)
-        recording, assigned = tilt_columns.mended(recording, cell, robot, masses, accept)
-        mended = [*mended, *put_down, *assigned]
-    recording, relabelled = labels.mended(recording, robot, T, accept)
-    recording, louder = gains.mended(recording, robot, T, accept)
-    mended = [*mended, *relabelled, *louder]
+    right = _put_right(recording, cell, robot, masses, accept)
+    recording = right.recording
     elsewhere = pasted(recording, robot, T)
     copies = gross.copied(recording) | elsewhere
-    said = [*recording.warnings, *warnings]
+    said = [*recording.warnings, *right.warnings]
     notes: tuple[str, ...] = ()
 
     def load_tests(terms: tuple[Term, ...]) -> tuple[Diagnosis, Problem]:
@@ -153,9 +141,40 @@ def at_rest(
     said += () if cell.stiffness is None else held_over(cell.stiffness.external)
     if recording.kind == "absolute" and cell.stiffness is not None and cell.stiffness.position is not None:
         said += cell.stiffness.position.beyond(recording.q)
-    mended, overnight = moved.warmed(mended, d.findings)
-    whole = _with_record(d, mended, aside, (*stood, *overnight, *notes), tuple(said))
+    mended, overnight = moved.warmed(right.findings, d.findings)
+    whole = _with_record(d, mended, aside, (*right.stood, *overnight, *notes), tuple(said))
     return Examined(enough.judged(whole, problem), problem, recording)
+
+
+@dataclass(frozen=True)
+class _PutRight:
+    """A record as it was meant, and what that took."""
+
+    recording: Recording
+    findings: list[Finding]
+    stood: tuple[str, ...]  # where reflectors stood
+    warnings: tuple[str, ...]
+
+
+def _put_right(
+    recording: Recording, cell: Cell, robot: Robot, masses: Masses | None, accept: tuple[str, ...]
+) -> _PutRight:
+    """Columns and units first, then what single nests and sessions have for themselves, then labels and gains."""
+    T, prior = cell.tool.T_flange_tcp, None if cell.stiffness is None else cell.stiffness.joints
+    recording, found = pose_units.mended(recording, robot, T, accept)
+    recording, stood = reflectors.brought(recording, robot, T)
+    recording, mended, warnings = repairs.mend(recording, robot, T, prior, accept)
+    found = [*found, *mended]
+    if recording.kind == "absolute" and "columns" not in accept:
+        recording, sitting = nests.mended(recording, cell, robot, masses)
+        found += sitting
+    if recording.kind == "absolute":
+        recording, put_down = moved.mended(recording, robot, T, accept)
+        recording, assigned = tilt_columns.mended(recording, cell, robot, masses, accept)
+        found += [*put_down, *assigned]
+    recording, relabelled = labels.mended(recording, robot, T, accept)
+    recording, louder = gains.mended(recording, robot, T, accept)
+    return _PutRight(recording, [*found, *relabelled, *louder], tuple(stood), tuple(warnings))
 
 
 def _held(cell: Cell, robot: Robot, masses: Masses | None) -> tuple[Term, ...]:

@@ -61,7 +61,7 @@ class Document:
 
     def error(self, loc: Loc, message: str) -> InputError:
         """An :class:`InputError` that stands at ``loc``."""
-        return InputError(message, file=self.file, where=self.where(loc) or None)
+        return InputError(message, file=self.file, where=self.where(loc) or None, key=dotted(loc))
 
 
 def read_yaml(path: Path) -> Document:

@@ -17,6 +17,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from machopt.domain.options import ExternalAxis, FixedRotation, PlanOptions, ProcessForce, Steer, Weights
+
 T = TypeVar("T")
 UNUSED = 2  # plans after which a result that none of them asked for is forgotten
 
@@ -95,7 +97,7 @@ def _key(value: object) -> Hashable:
         return tuple(_key(v) for v in value)
     if value is None or isinstance(value, bool | int | float | str | bytes | np.generic):
         return type(value).__name__, value
-    if type(value).__module__.startswith("machopt.domain.options"):
+    if isinstance(value, PlanOptions | ProcessForce | Weights | ExternalAxis | Steer | FixedRotation):
         return value  # frozen, of numbers and words
     return _Very(value, id(value))
 

@@ -9,9 +9,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -42,6 +42,7 @@ from machopt.plan.smooth import follow_grid
 from machopt.plan.swing import hiding, worst_index
 from machopt.se3 import wrap
 
+PAPER, DEFAULT = "jiao2022", "cam default"  # where an assignment comes from that no search found
 PINNED = 1e-6  # rad, by how much a pin may be missed
 BOUND_SLACK = np.radians(0.05)  # of the user's rotation bounds, where a yardstick is asked whether it keeps them
 
@@ -92,48 +93,32 @@ def plan(
         scores = scores if scale is None else replace(scores, scale=scale)
 
     scored = _scorer(path, setup, d, scores, options)
-    checker = Checker.of(path, setup.arm, setup.robot, setup.collision, options)
-    search = None
-    if options.method == "global":
-        search = Search(
-            path=path,
-            candidates=candidates,
-            scores=scores,
-            velocity=setup.cell.limits.velocity[:6],
-            options=options,
-            checker=checker,
-            progress=clock.switch,
-        )
+    search = _search(path, setup, candidates, scores, options, clock) if options.method == "global" else None
     with stage("baselines"):  # and the first choice, which looks at no contacts, beside them
         begin = search.begin if search is not None else lambda: None
         (by_file, by_paper), _ = both(lambda: _yardsticks(before, at_home, d_home, setup, options), begin)
         default, paper = map(_scorer(at_home, setup, d_home, scores, options), (by_file, by_paper))
 
     found: Found | None = None
-    check: PathCheck | None
-    from_search = False
     if search is not None:
         found = _searched(search, scored, clock)
-        choice, check, rounds = found.choice, found.check, found.rounds
-        chosen, source, from_search = scored(found.assignment), found.source, True
+        choice = found.choice
         with stage("compare"):
-            for other, name in ((paper, "jiao2022"), (default, "cam default")) if same else ():
-                wanted = as_asked(other.assignment.phi, path, options)
-                if wanted and other.objective.total < chosen.objective.total and _whole(other, path):
-                    chosen, source, check, from_search = other, name, None, False
+            picked = _picked(found, scored, (paper, default) if same else (), path, options)
     else:
-        chosen, source = (paper, "jiao2022") if options.method == "jiao2022" else (default, "cam default")
-        rounds, choice = 0, choose(path, candidates, scores, setup.cell.limits.velocity[:6], options)
+        choice = choose(path, candidates, scores, setup.cell.limits.velocity[:6], options)
+        chosen, source = (paper, PAPER) if options.method == "jiao2022" else (default, DEFAULT)
         a = chosen.assignment
-        check = checker.whole(a.phi, np.where((a.reason == Reason.OK)[:, None], a.q, np.nan))
-    bare = chosen
+        checker = Checker.of(path, setup.arm, setup.robot, setup.collision, options)
+        picked = _Picked(chosen, source, checker.whole(a.phi, np.where((a.reason == Reason.OK)[:, None], a.q, np.nan)))
+    chosen, check = picked.chosen, picked.check
     if check is not None:
         chosen = _looked_at(chosen, check)
     if gouges is not None:
         chosen = replace(chosen, assignment=chosen.assignment.marked(gouges.deep, Reason.GOUGING))
-    default, paper = (chosen if one is bare else one for one in (default, paper))
-    breaks = breaks_of_choice(path, setup, candidates, found) if found and from_search else jumps(path, chosen)
-    if from_search:
+    default, paper = (chosen if one is picked.chosen else one for one in (default, paper))
+    breaks = breaks_of_choice(path, setup, candidates, found) if found and picked.searched else jumps(path, chosen)
+    if picked.searched:
         chosen = _with_names(path, choice, candidates, chosen)
     grid = _grid_objective(path, choice, candidates, scores, setup, options)
     return Plan(
@@ -145,12 +130,12 @@ def plan(
         scores=scores,
         choice=choice,
         chosen=chosen,
-        chosen_from=source,
+        chosen_from=picked.source,
         grid=grid,
         cam_default=default,
         jiao2022=paper,
         check=check,
-        rounds=rounds,
+        rounds=found.rounds if found is not None else 0,
         breaks=breaks,
         found=found,
         notes=gouges.sentences() if gouges is not None else {},
@@ -171,16 +156,7 @@ def searched_again(before: Plan, found: Found, worst: float, elsewhere: float, c
     scores = replace(before.scores, elsewhere=elsewhere)
     candidates = replace(c, feasible=c.feasible.copy(), reason=c.reason.copy())
     scored = _scorer(path, setup, before.directions, scores, options)
-    checker = Checker.of(path, setup.arm, setup.robot, setup.collision, options)
-    search = Search(
-        path=path,
-        candidates=candidates,
-        scores=scores,
-        velocity=setup.cell.limits.velocity[:6],
-        options=options,
-        checker=checker,
-        progress=clock.switch,
-    )
+    search = _search(path, setup, candidates, scores, options, clock)
     search.resume(found)
     found = _searched(search, scored, clock)
     check = found.check
@@ -216,6 +192,43 @@ def _scorer(
         return Scored(assignment, cost, value)
 
     return scored
+
+
+def _search(
+    path: Path, setup: Setup, candidates: Candidates, scores: Scores, options: PlanOptions, clock: Timings
+) -> Search:
+    """A search over candidates, with nothing struck out yet."""
+    return Search(
+        path=path,
+        candidates=candidates,
+        scores=scores,
+        velocity=setup.cell.limits.velocity[:6],
+        options=options,
+        checker=Checker.of(path, setup.arm, setup.robot, setup.collision, options),
+        progress=clock.switch,
+    )
+
+
+@dataclass(frozen=True)
+class _Picked:
+    """The assignment that is taken."""
+
+    chosen: Scored
+    source: str
+    check: PathCheck | None  # None: it needs none, or has had it
+    searched: bool = False  # it is the search's own
+
+
+def _picked(
+    found: Found, scored: Callable[[Assignment], Scored], others: Sequence[Scored], path: Path, options: PlanOptions
+) -> _Picked:
+    """What a search found, or a yardstick that is better still: the paper's first, then the CAM file's."""
+    best = _Picked(scored(found.assignment), found.source, found.check, searched=True)
+    for other, name in zip(others, (PAPER, DEFAULT), strict=False):
+        wanted = as_asked(other.assignment.phi, path, options)
+        if wanted and other.objective.total < best.chosen.objective.total and _whole(other, path):
+            best = _Picked(other, name, None)
+    return best
 
 
 def _searched(search: Search, scored: Callable[[Assignment], Scored], clock: Timings) -> Found:
