@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from machopt.arrays import Array
+from machopt.diagnose.evidence import grams
 from machopt.diagnose.evidence.grams import Model, Tried, base_model, tried
 from machopt.diagnose.evidence.grams import model as grams_model
 from machopt.diagnose.evidence.noise import Noise
@@ -15,7 +16,7 @@ from machopt.diagnose.evidence.whitening import whitening
 from machopt.diagnose.nouns.problem import Family, Hypothesis, Problem, Quantity, Unknown
 from machopt.diagnose.search import fewest, sums, together
 from machopt.diagnose.search.screen import fitted, score
-from machopt.diagnose.search.select import select, settled, with_chosen
+from machopt.diagnose.search.select import Chosen, select, settled, with_chosen
 
 POSES, VISITS, ORDERS, SIGMA = 90, 2, tuple((float(n),) for n in range(1, 7)), 1e-5
 N = POSES * VISITS
@@ -130,7 +131,7 @@ def test_other_channels_and_small_recordings_are_not_searched_so() -> None:
 
 def test_sums_are_those_of_explicit_refits() -> None:
     base, laws = model(MANY, 2)
-    found = sums.summed(base, laws)
+    found = sums.Summed(base, laws).whole
     taken, more = found.groups[3], found.groups[10]
     X = np.concatenate([base.X, taken.law.at(taken.shape)], axis=1)
     columns = [*range(found.base), *range(taken.columns.start, taken.columns.stop)]
@@ -145,6 +146,21 @@ def test_sums_are_those_of_explicit_refits() -> None:
         out[np.concatenate([base.rows[f] for f in some])] = True
         unseen += float(np.sum((base.y[out] - X[out] @ np.linalg.lstsq(X[~out], base.y[~out], rcond=None)[0]) ** 2))
     assert together._heldout(found, columns) == pytest.approx(unseen, rel=1e-6)
+
+
+def test_sums_beside_some_laws_are_those_of_explicit_products() -> None:
+    base, laws = model(MANY, 2)
+    first = [(next(t for t in laws if t.hypothesis.name == ("payload", "tool")), 0), (laws[0], len(laws[0].shapes) - 1)]
+    found = sums.Summed(base, laws).beside(first, lambda t: t.hypothesis.effect == "geometry")
+    assert {g.law.hypothesis.effect for g in found.groups[2:]} == {"geometry"}
+    assert [(g.law, g.shape) for g in found.groups[:2]] == first
+    A = np.zeros((len(base.y), len(found.total)))
+    A[:, : found.base], A[:, -1] = base.X, base.y
+    known = np.zeros(len(found.total))
+    known[: found.base] = base.prior
+    for g in found.groups:
+        A[:, g.columns], known[g.columns] = g.law.at(g.shape), g.law.precision(g.shape)
+    np.testing.assert_allclose(found.total, A.T @ A + np.diag(known), rtol=1e-9, atol=1e-8)
 
 
 def test_what_is_written_is_the_fit_of_the_whole_sum() -> None:
@@ -165,7 +181,7 @@ def test_laws_of_weight_that_do_not_gain_clearly_more_take_no_place_among_the_le
     """As many loads as are looked at in a step, each a little of everything: 1.2 times the gain of the best frame."""
     base, laws = model(MANY, 1)
     among = [t for t in laws if t.hypothesis.family == "kinematic"]
-    plain = sums.summed(base, among)
+    plain = sums.Summed(base, among).whole
     beside = sums.swept(plain.total, np.arange(plain.base))  # type: ignore[arg-type]  # numbers
     share = 1.2 * sums.gains(beside, plain).max() / beside[-1, -1]
     rng, signal = np.random.default_rng(5), base.residual
@@ -177,7 +193,7 @@ def test_laws_of_weight_that_do_not_gain_clearly_more_take_no_place_among_the_le
         column = np.zeros((N, 3, 1))
         column[base.w.index, :, 0] = (signal + other).reshape(-1, 3)
         crowd.append(made("base_compliance", f"base:{k}", lambda s, c=column: c, ((),), "body"))
-    whole = sums.summed(base, tried(base, [*(t.hypothesis for t in among), *crowd]))
+    whole = sums.Summed(base, tried(base, [*(t.hypothesis for t in among), *crowd])).whole
     found = {g.law.hypothesis.name for g in together._pursue(whole, 1.0)}
     assert found >= {name for name in MANY if name[0] != "payload"}
 
@@ -221,15 +237,15 @@ def test_offsets_that_frames_hold_among_their_directions_are_told_as_offsets() -
     base, laws = offsets_in_frames(7, (), (2, 3, 4, 5))
     greedy = select(base, [t for t in laws if t.hypothesis.effect == "geometry"], 6, np.random.default_rng(0))
     assert {c.tried.hypothesis.effect for c in greedy} == {"geometry"}
-    found = fewest.shortest(base, greedy, laws, 6)
+    found = fewest.shortest(base, greedy, sums.Summed(base, laws), 6)
     assert {c.tried.hypothesis.name for c in found} == {("joint_zero_offset", f"joint:{j}") for j in (2, 3, 4, 5)}
-    kept = fewest.shortest(base, greedy, laws, 2)
+    kept = fewest.shortest(base, greedy, sums.Summed(base, laws), 2)
     assert len(kept) <= 2  # never more than are asked for
 
 
 def test_a_frame_whose_own_direction_shows_stays_a_frame() -> None:
     base, laws = offsets_in_frames(8, (3,), (5,))
-    found = fewest.shortest(base, select(base, laws, 6, np.random.default_rng(0)), laws, 6)
+    found = fewest.shortest(base, select(base, laws, 6, np.random.default_rng(0)), sums.Summed(base, laws), 6)
     assert {c.tried.hypothesis.name for c in found} == {("geometry", "joint:3"), ("joint_zero_offset", "joint:5")}
 
 
@@ -268,10 +284,76 @@ def test_what_was_found_is_the_first_groups_a_wave_and_its_double_too() -> None:
     frames = [t for t in laws if t.hypothesis.effect == "geometry"]
     greedy = select(base, [laws[0], *frames], 6, np.random.default_rng(0))
     assert greedy[0].tried.hypothesis.name == name  # so that all others stand behind it
-    own = [fewest._one_shape(c.tried, c.scored.shape) for c in greedy]
-    groups = sums.summed(base, laws, own).groups
-    assert all(g.law is one for g, one in zip(groups, own, strict=False))
-    found = fewest.shortest(base, greedy, laws, 6)
+    own = [(c.tried, c.scored.shape) for c in greedy]
+    groups = sums.Summed(base, laws).beside(own, fewest._takes_part).groups
+    assert [(g.law, g.shape) for g in groups[: len(own)]] == own
+    found = fewest.shortest(base, greedy, sums.Summed(base, laws), 6)
     offsets = {("joint_zero_offset", f"joint:{j}") for j in (2, 3, 4, 5)}
     assert {c.tried.hypothesis.name for c in found} == {name, *offsets}
     assert next(c for c in found if c.tried.hypothesis.name == name).tried is laws[0]
+
+
+def soft(body: tuple[str, str], other: Hypothesis, strength: float, seed: int = 2) -> list[Chosen]:
+    """A body whose law takes 400 of the noise's power, and another law that takes some of what it leaves."""
+    rng = np.random.default_rng(seed)
+    base, _ = model({}, seed)
+    shape, frame = (again(rng.normal(size=(POSES, 3, p))) for p in (1, 3))
+    offered = [
+        made(*body, lambda s: shape, ((),), "body"),
+        made("geometry", "joint:6", lambda s: frame, ((),), "kinematic"),
+        other,
+    ]
+    known = tried(base, offered)
+    each = [t.X[:, 0, 0] for t in (known[0], known[2])]
+    y = base.residual * 1.0
+    for x, gain in zip(each, (400.0, strength), strict=True):
+        left = x - base.X @ np.linalg.lstsq(base.X, x, rcond=None)[0]
+        y = y + left * np.sqrt(gain / float(left @ left))
+    planted = grams_model(base.w, base.X, y, base.fold, base.prior, base.rows)
+    return select(planted, tried(planted, offered), 6, np.random.default_rng(0))
+
+
+LINK, BASE = ("link_compliance", "link:2"), ("base_compliance", "base")
+
+
+@pytest.mark.parametrize(
+    ("body", "effect", "where", "gain", "named"),
+    [
+        (LINK, "payload", "tool", 50.0, False),  # a link that tapers is no other weight, no offset of the arm's joints
+        (LINK, "joint_zero_offset", "joint:2", 50.0, False),
+        (BASE, "joint_coupling", "joint:2-3", 50.0, False),
+        (LINK, "payload", "tool", 110.0, True),
+        (LINK, "joint_zero_offset", "joint:5", 50.0, True),
+        (BASE, "joint_zero_offset", "joint:4", 50.0, True),
+    ],
+)
+def test_what_the_law_of_a_soft_body_leaves_of_it_is_no_second_effect(
+    body: tuple[str, str], effect: str, where: str, gain: float, named: bool
+) -> None:
+    columns = again(np.random.default_rng(11).normal(size=(POSES, 3, 1)))
+    found = soft(body, made(effect, where, lambda s: columns, ((),), "environment"), gain)
+    assert body in {c.tried.hypothesis.name for c in found}
+    assert ((effect, where) in {c.tried.hypothesis.name for c in found}) == named
+
+
+def test_products_with_a_model_are_worked_out_once_for_each_of_its_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    base, laws = model(MANY, 4)
+    laws = tried(base, [t.hypothesis for t in laws])
+    worked: list[int] = []
+    plain = grams.cross
+    monkeypatch.setattr(grams, "cross", lambda x, y: worked.append(1) or plain(x, y))
+    score(base, laws)
+    first = len(worked)
+    score(base, laws)
+    assert len(worked) == first == base.folds * len(laws)
+    beside = base.with_law(laws[0], 2)
+    score(beside, laws)
+    assert len(worked) == 2 * first  # with the further part alone
+    score(base.with_law(laws[0], 2), laws)  # the same once more
+    assert len(worked) == 2 * first
+    explicit = base.with_columns(laws[0].at(2))
+    for a, b in ((beside.XX, explicit.XX), (beside.Xy, explicit.Xy), (beside.X, explicit.X)):
+        np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-9)
+    for one, other in zip(score(beside, laws), score(explicit, laws), strict=True):
+        assert one.gain == pytest.approx(other.gain, rel=1e-9, abs=1e-6)
+        np.testing.assert_allclose(one.heldout, other.heldout, rtol=1e-6, atol=1e-6)

@@ -115,7 +115,7 @@ def test_beside_a_form_without_a_name_a_law_has_to_be_large() -> None:
     least = []
     for form in (forms[unnamed.PULLS], forms[unnamed.SLIPS]):
         chosen = SimpleNamespace(tried=SimpleNamespace(hypothesis=form), scored=SimpleNamespace(gain=600.0))
-        least.append(select._law_error(other, [chosen]))
+        least.append(select.law_error(other, [chosen]))
     assert least == pytest.approx([180.0, 36.0])
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from machopt.diagnose.calibrated.origin import DEV, JUDGED, LOAD_TESTS, STATISTICS
+from machopt.diagnose.calibrated.origin import DEV, JUDGED, LOAD_TESTS, POSES, STATISTICS
 from machopt.diagnose.calibrated.origin import threshold as _set
 
 
@@ -28,6 +28,11 @@ class Detection:
     simpler: float = _set(4.0, "gain on unseen groups that a second coefficient of the same effect must bring", JUDGED)
     beside: float = _set(0.06, "of the largest gain so far that a law not quite the true one leaves", JUDGED)
     beside_here: float = _set(0.3, "the same at its own place, where most of it is", JUDGED)
+    beside_body: float = _set(
+        0.15,
+        "the same of what gives way under weight in measured poses: links taper, and feet are uneven",
+        POSES,
+    )
     beside_exact: float = _set(5e-06, "the same of a clock or a lag, which its column holds to first order", DEV)
     pair_must_win: float = _set(8.0, "gain by which a pair must beat the best single law", JUDGED)
     possible: float = _set(

@@ -18,6 +18,7 @@ class Origin:
 
 DEV = Origin("measured", "benchmarks/concealed/run.py", "dev", "2026-11-21")
 LOAD_TESTS = Origin("measured", "benchmarks/stranger/run.py", "dev", "2026-11-23")
+POSES = Origin("measured", "benchmarks/stranger/run.py", "dev", "2026-11-26")
 STATISTICS = Origin("statistics")  # follows from what it means
 JUDGED = Origin("judgement")  # nothing on record says that a set of cases set it
 

@@ -7,8 +7,9 @@ that one against it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,17 +20,45 @@ from machopt.diagnose.nouns.problem import Hypothesis, Problem, Shape
 
 Ints = NDArray[np.int64]
 Rows = tuple[Ints, ...]
+Products = WeakKeyDictionary[object, dict[int, tuple[Rows, Array]]]  # by part or law, and by shape
 RIDGE = 1e-9  # of each column's own square: keeps directions that no reading shows from exploding
 MOST_FOLDS = 40
 NOTHING = 1e-3  # whitened square of a column that moves nothing
 
 
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Columns of a model that came together."""
+
+    columns: Array | None  # (M, p); None: those of a law
+    law: Tried | None = None  # at ``shape``
+    shape: int = 0
+
+    @cached_property
+    def X(self) -> Array:
+        """(M, p)."""
+        if self.columns is not None:
+            return self.columns
+        assert self.law is not None  # a part is one or the other
+        return self.law.at(self.shape)
+
+
 @dataclass(frozen=True, kw_only=True)
+class Days:
+    """Sums of a model's columns by session."""
+
+    rows: Rows
+    groups: int  # of the session that has fewest
+    XX: Array  # (D, P, P)
+    Xy: Array  # (D, P)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Model:
     """Columns that are fitted together, whitened; what follows of them is worked out once and never written to."""
 
     w: Whitening
-    X: Array  # (M, P)
+    parts: tuple[Part, ...]
     y: Array  # (M,)
     fold: Ints  # (V,) which visits are held out together
     folds: int
@@ -38,6 +67,16 @@ class Model:
     yy: Array  # (F,)
     prior: Array  # (P,) precision of what is known beforehand, zero for what is not
     rows: Rows  # of each fold
+
+    @cached_property
+    def X(self) -> Array:
+        """(M, P)."""
+        return self.parts[0].X if len(self.parts) == 1 else np.concatenate([p.X for p in self.parts], axis=1)
+
+    @property
+    def count(self) -> int:
+        """Columns."""
+        return len(self.prior)
 
     @cached_property
     def normal(self) -> Array:
@@ -56,7 +95,11 @@ class Model:
     @cached_property
     def residual(self) -> Array:
         """(M,) whitened, of the fit to all readings."""
-        return np.asarray(self.y - self.X @ self.coefficients)
+        x, at, out = self.coefficients, 0, self.y.copy()
+        for part in self.parts:
+            out -= part.X @ x[at : at + part.X.shape[1]]
+            at += part.X.shape[1]
+        return out
 
     @cached_property
     def rss(self) -> float:
@@ -65,15 +108,51 @@ class Model:
     @cached_property
     def spread(self) -> float:
         """Variance of a whitened residual, at least 1: what the noise model leaves out makes every test stricter."""
-        return float(max(1.0, self.rss / max(len(self.y) - self.X.shape[1], 1)))
+        return float(max(1.0, self.rss / max(len(self.y) - self.count, 1)))
+
+    @cached_property
+    def days(self) -> Days:
+        """The same by session."""
+        w = self.w
+        labels, day = np.unique(w.session, return_inverse=True)
+        of = np.repeat(day, np.diff(w.visit_starts))
+        rows = tuple(np.flatnonzero(of == d) for d in range(len(labels)))
+        each = [self.X[r] for r in rows]
+        return Days(
+            rows=rows,
+            groups=min(len(np.unique(w.group_of_visit[day == d])) for d in range(len(labels))),
+            XX=np.stack([x.T @ x for x in each]),
+            Xy=np.stack([x.T @ self.y[r] for x, r in zip(each, rows, strict=True)]),
+        )
 
     def with_columns(self, more: Array, held: Array | None = None) -> Model:
         """The model with further whitened columns (M, p), and the precision (p,) that they are known with."""
-        prior = np.concatenate([self.prior, np.zeros(more.shape[1]) if held is None else held])
-        return model(self.w, np.concatenate([self.X, more], axis=1), self.y, self.fold, prior, self.rows)
+        C = np.concatenate([np.stack([more[r].T @ p.X[r] for r in self.rows]) for p in self.parts], axis=2)
+        own = np.stack([x.T @ x for x in (more[r] for r in self.rows)])
+        with_y = np.stack([more[r].T @ self.y[r] for r in self.rows])
+        return self._grown(Part(more), C, (own, with_y), held)
+
+    def with_law(self, law: Tried, shape: int, held: bool = False) -> Model:
+        """The same with a law at one shape, by the products that it keeps.
+
+        Args:
+            law: whitened and held out as this model is.
+            shape: which.
+            held: what is known of its coefficients counts.
+        """
+        own = (law.XX[:, shape], law.Xy[:, shape])
+        known = law.precision(shape) if held else None
+        return self._grown(Part(None, law, shape), law.by_fold(self)[:, shape], own, known)
+
+    def _grown(self, part: Part, C: Array, own: tuple[Array, Array], held: Array | None) -> Model:
+        prior = np.concatenate([self.prior, np.zeros(C.shape[1]) if held is None else held])
+        upper = np.concatenate([self.XX, np.swapaxes(C, 1, 2)], axis=2)
+        lower = np.concatenate([C, own[0]], axis=2)
+        XX, Xy = np.concatenate([upper, lower], axis=1), np.concatenate([self.Xy, own[1]], axis=1)
+        return replace(self, parts=(*self.parts, part), XX=XX, Xy=Xy, prior=prior)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Tried:
     """One hypothesis, whitened, at all its shapes; m = M, or fewer rows where it moves few coordinates of readings."""
 
@@ -84,7 +163,9 @@ class Tried:
     Xy: Array  # (F, S, p)
     size: int  # M
     rows: Ints | None = None  # (m,) ascending, which of the M rows; None: all
-    index: int = field(default=0, compare=False)
+    index: int = 0
+    products: Products = field(init=False, default_factory=WeakKeyDictionary, repr=False)  # with columns met before
+    summed: list[Array] = field(init=False, default_factory=list, repr=False)  # residuals last met, sums by cluster
 
     def at(self, shape: int) -> Array:
         """(M, p) whitened columns of one shape."""
@@ -94,14 +175,30 @@ class Tried:
         out[self.rows] = self.X[:, shape]
         return out
 
-    def against(self, X: Array) -> Array:
-        """(S, p, P) products with whitened columns (M, P)."""
-        return cross(self.X, X if self.rows is None else X[self.rows])
+    def against(self, model: Model) -> Array:
+        """(S, p, P) products with a model's columns."""
+        return np.asarray(self.by_fold(model).sum(axis=0))
 
     def by_fold(self, model: Model) -> Array:
-        """(F, S, p, P) products with a model's columns."""
-        own, theirs = _own_rows(self.rows, self.size, model.rows), model.X
-        return np.stack([cross(self.X[k], theirs[r]) for k, r in own])
+        """(F, S, p, P) products with a model's columns, by its folds; worked out once for each part of it."""
+        each = [self.beside(part, model.rows) for part in model.parts]
+        return each[0] if len(each) == 1 else np.concatenate(each, axis=3)
+
+    def beside(self, part: Part, folds: Rows) -> Array:
+        """(F, S, p, P) products with one part of a model."""
+        known = self.products.setdefault(part if part.law is None else part.law, {})
+        found = known.get(part.shape)
+        if found is None or found[0] is not folds:
+            own = _own_rows(self.rows, self.size, folds)
+            found = known[part.shape] = (folds, np.stack([cross(self.X[k], part.X[r]) for k, r in own]))
+        return found[1]
+
+    def by_cluster(self, w: Whitening, residual: Array) -> Array:
+        """(C, S, p) products with a whitened residual (M,), by clusters of groups; of the last residual at no cost."""
+        if not self.summed or self.summed[0] is not residual:
+            own = residual if self.rows is None else residual[self.rows]
+            self.summed[:] = [residual, w.by_cluster(self.X * own[:, None, None], self.rows)]
+        return self.summed[1]
 
     def precision(self, shape: int) -> Array:
         """(p,) of what is known of the fitted coefficients beforehand, zero where nothing is."""
@@ -120,7 +217,7 @@ def model(w: Whitening, X: Array, y: Array, fold: Ints, prior: Array, rows: Rows
     Xy = np.stack([X[r].T @ y[r] for r in rows])
     return Model(
         w=w,
-        X=X,
+        parts=(Part(X),),
         y=y,
         fold=fold,
         folds=len(rows),

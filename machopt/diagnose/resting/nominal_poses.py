@@ -32,6 +32,7 @@ from machopt.model.robot import ArmState, Masses, Robot
 from machopt.se3 import quaternion_matrix, rotation_from_vector, rotation_vector, skew
 
 SETTLED = 4  # fixed-point steps to the loaded equilibrium; each is a thousand times nearer than the one before
+AGAIN = 2  # of them from the equilibrium of a fit before
 STEPS = 5  # of the robust first fit
 
 
@@ -85,6 +86,7 @@ class Nominal:
         self.position = recording.position
         self.rotation = None if recording.quaternion is None else quaternion_matrix(recording.quaternion)
         self.D = 3 if self.rotation is None else 6
+        self.settled: Array | None = None  # (N, 6) rad, the equilibrium of the last prediction
         self.free = recording.registration == "fit"  # the frames
         self.placed = self.free or bool(recording.targets)  # the targets' places are fitted
         self.stand, self.which = reflectors.stands(recording), reflectors.which(recording)
@@ -136,10 +138,11 @@ class Nominal:
         T = self.cell.tool.T_flange_tcp.copy()
         if not self.recording.targets:
             T[:3, 3] += frame.target[0]
-        theta = self.angles
-        for _ in range(SETTLED):
+        theta = self.angles if self.settled is None else self.settled
+        for _ in range(SETTLED if self.settled is None else AGAIN):
             state = self._at(self.robot.state(theta, T, bodies=True), frame)
             theta = self.angles + frame.compliance * self.torque(state)
+        self.settled = theta
         state = self._at(self.robot.state(theta, T, bodies=True), frame)
         return state, state.T_base_tool[:, :3, 3], state.T_base_tool[:, :3, :3]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.evidence.grams import Model, ridged_inverse
 from machopt.diagnose.search.screen import Scored
@@ -18,28 +19,37 @@ def transferred(model: Model, s: Scored) -> float:
     the session itself can tell, as the stand of a tracker that was moved for it, is fitted to it with and without the
     law alike: the others say nothing of it.
     """
-    w = model.w
-    days, day = np.unique(w.session, return_inverse=True)
-    groups = [len(np.unique(w.group_of_visit[day == d])) for d in range(len(days))]
-    if len(days) < 2 or min(groups) < calibrated.PROOF.fewest_groups or s.gain <= 0.0:
+    days = model.days
+    if len(days.rows) < 2 or days.groups < calibrated.PROOF.fewest_groups or s.gain <= 0.0:
         return float("nan")
-    full, P = model.with_columns(s.tried.at(s.shape)), model.X.shape[1]
-    H, h = full.normal, full.Xy.sum(axis=0)
+    XX, Xy = _with(model, s.tried.at(s.shape))
+    H, h = XX.sum(axis=0), Xy.sum(axis=0)
+    P = model.count
+    H[:P, :P] += np.diag(model.prior)
+    there = np.diagonal(days.XX, axis1=1, axis2=2) > 0.0
     total = 0.0
-    for d in range(len(days)):
-        here = np.repeat(day == d, np.diff(w.visit_starts))
-        X, y = full.X[here], full.y[here]
-        XX, Xy = X.T @ X, X.T @ y
-        own = X[:, :P].any(axis=0) & ~full.X[~here, :P].any(axis=0)
-        Q = np.linalg.qr(X[:, :P][:, own])[0]  # what is left of a session beside what it alone can tell
-        rest, left = X - Q @ (Q.T @ X), y - Q @ (Q.T @ y)
-        SS, Sy = rest.T @ rest, rest.T @ left
+    for d in range(len(XX)):
+        own = np.flatnonzero(there[d] & (there.sum(axis=0) == 1))
+        # what is left of a session beside what it alone can tell
+        B = XX[d][:, own] @ ridged_inverse(XX[d][np.ix_(own, own)])
+        SS, Sy = XX[d] - B @ XX[d][own], Xy[d] - B @ Xy[d][own]
         losses = []
         for k in (P, len(h)):
-            x = ridged_inverse((H - XX)[:k, :k]) @ (h - Xy)[:k]
+            x = ridged_inverse((H - XX[d])[:k, :k]) @ (h - Xy[d])[:k]
             losses.append(float(x @ SS[:k, :k] @ x - 2.0 * x @ Sy[:k]))
         total += losses[0] - losses[1]
     return total / s.gain
+
+
+def _with(model: Model, law: Array) -> tuple[Array, Array]:
+    """Sums by session (D, P + p, P + p) and (D, P + p) of a model's columns and a law's (M, p)."""
+    days = model.days
+    own = [law[r] for r in days.rows]
+    C = np.stack([x.T @ model.X[r] for x, r in zip(own, days.rows, strict=True)])
+    upper = np.concatenate([days.XX, np.swapaxes(C, 1, 2)], axis=2)
+    lower = np.concatenate([C, np.stack([x.T @ x for x in own])], axis=2)
+    Xy = np.stack([x.T @ model.y[r] for x, r in zip(own, days.rows, strict=True)])
+    return np.concatenate([upper, lower], axis=1), np.concatenate([days.Xy, Xy], axis=1)
 
 
 def comes_again(model: Model, s: Scored) -> bool:

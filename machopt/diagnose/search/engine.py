@@ -67,52 +67,60 @@ def diagnose(
             makes the rounds of the search Gauss-Newton steps); None: they stand.
     """
     seed = int(rng.integers(2**31))
-    state = _search(problem, catalogue, options, seed, rebuild)
-    state = outweighed.withheld(limiting.named(state), np.random.default_rng([seed, 4]))
-    options.progress("rivals and intervals")
-    return _assemble(state, options, np.random.default_rng([seed, 1]))
+    # not kept here: most of the memory is the columns of all laws, which the proof does without
+    return _assemble(
+        outweighed.withheld(
+            limiting.named(_search(problem, catalogue, options, seed, rebuild)), np.random.default_rng([seed, 4])
+        ),
+        options,
+        np.random.default_rng([seed, 1]),
+    )
 
 
 def _search(problem: Problem, catalogue: Catalogue, options: Options, seed: int, rebuild: Rebuild | None) -> State:
     """Search, and search again with noise, outliers and known physics about what was found."""
     residual, used = _robust(problem)
-    state: State | None = None
-    for number in range(ROUNDS + MENDED):
-        options.progress(f"search, round {number + 1}")
-        found = noise.estimate(problem, residual, used)
-        w = whitening(problem, found, used)
-        base, unit = base_model(problem, w, np.random.default_rng([seed, 2]))
-        fits = 1.0 if found.replicated else np.nan
-        laws = tried(base, catalogue.hypotheses)
-        each, chosen = searched(base, laws, options.most, np.random.default_rng([seed, 3]), fits)
-        each, chosen = further.searched(base, catalogue, (each, chosen), options.most, seed, fits)
-        before, state = (
-            state,
-            State(
-                problem=problem,
-                catalogue=catalogue,
-                used=used,
-                noise=found,
-                w=w,
-                base=base,
-                unit=unit,
-                tried=each,
-                chosen=chosen,
-            ),
-        )
-        fitted = state.fitted(chosen)
+    before: list[tuple[str, str, str]] | None = None
+    number = 0
+    while True:
+        number += 1
+        options.progress(f"search, round {number}")
+        state = _round(problem, catalogue, options, seed, residual, used)
+        fitted = state.fitted(state.chosen)
         residual = fitted.residual
         again = aside.good(problem, residual) & _allowed(problem)
-        same = before is not None and _names(before.chosen) == _names(chosen) and np.array_equal(again, used)
+        same = before == _names(state.chosen) and np.array_equal(again, used)
         x = fitted.x[: problem.base.shape[2]]
-        doubted = _doubted(problem, x, chosen)
-        if (rebuild is None or not doubted) and (same or number >= ROUNDS - 1):
-            break
-        used = again
+        doubted = _doubted(problem, x, state.chosen)
+        settles = (rebuild is None or not doubted) and (same or number >= ROUNDS)
+        if settles or number == ROUNDS + MENDED:
+            return settled(state)
+        used, before, found = again, _names(state.chosen), _unloaded(state.chosen)
+        del state, fitted  # the columns of all laws are most of the memory
         if rebuild is not None:
-            problem, catalogue = rebuild(x, doubted, _unloaded(chosen))
-    assert state is not None  # ROUNDS > 0
-    return settled(state)
+            problem, catalogue = rebuild(x, doubted, found)
+
+
+def _round(problem: Problem, catalogue: Catalogue, options: Options, seed: int, residual: Array, used: Flags) -> State:
+    """One search, by the noise that the residuals (N, D) of the last fit show."""
+    found = noise.estimate(problem, residual, used)
+    w = whitening(problem, found, used)
+    base, unit = base_model(problem, w, np.random.default_rng([seed, 2]))
+    fits = 1.0 if found.replicated else np.nan
+    laws = tried(base, catalogue.hypotheses)
+    each, chosen = searched(base, laws, options.most, np.random.default_rng([seed, 3]), fits)
+    each, chosen = further.searched(base, catalogue, (each, chosen), options.most, seed, fits)
+    return State(
+        problem=problem,
+        catalogue=catalogue,
+        used=used,
+        noise=found,
+        w=w,
+        base=base,
+        unit=unit,
+        tried=each,
+        chosen=chosen,
+    )
 
 
 def _unloaded(chosen: Sequence[Chosen]) -> Unloaded:
@@ -176,6 +184,7 @@ def _robust(problem: Problem) -> tuple[Array, Flags]:
 
 
 def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagnosis:
+    options.progress("rivals and intervals")
     problem, used, floor_noise = state.problem, state.used, state.noise
     named = [k for k, c in enumerate(state.chosen) if c.tried.hypothesis.named]
     nameless = [c for c in state.chosen if not c.tried.hypothesis.named]
@@ -222,7 +231,7 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
     if apart or nameless:
         verdict = instruments.less(verdict)
     scored = score(state.base, state.tried)
-    beyond = max(state.base.rss - len(state.base.y) + state.base.X.shape[1], 1.0)
+    beyond = max(state.base.rss - len(state.base.y) + state.base.count, 1.0)
     machine = mismatch.in_the_machine(scored, beyond) if verdict != "consistent" else []
     data = (
         mismatch.in_the_data(problem, before, used, floor_noise, state.catalogue.axes)
@@ -239,6 +248,9 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
     options.progress("detection limits")
     kept = nameless if withdrawn else state.chosen
     seen = _limits(state, kept, rng)
+    coefficients, shapes = tuple(_coefficients(state, kept)), sum(len(t.shapes) for t in state.tried)
+    del scored
+    state = replace(state, tried=())
     options.progress("proof on readings that no step saw")
     proof = prove(state, options.most, rng) if findings or withdrawn else None
     by_group, groups = heldout.by_group(problem, (before, after), used)
@@ -261,13 +273,13 @@ def _assemble(state: State, options: Options, rng: np.random.Generator) -> Diagn
         mismatch=tuple(shares),
         limits=tuple(seen),
         untestable=state.catalogue.untestable,
-        coefficients=tuple(_coefficients(state, kept)),
+        coefficients=coefficients,
         errors=Errors(problem.blanked(before), problem.blanked(after), by_group, groups),
         proof=proof,
         used=used,
         outliers=rows,
         axes=state.catalogue.axes,
-        tried=sum(len(t.shapes) for t in state.tried),
+        tried=shapes,
         notes=tuple(words.withdrawn(withdrawn))
         + words.noise_note(floor_noise)
         + heldout.said(problem, before, after, floor_noise, used)
@@ -339,7 +351,7 @@ def _shares(state: State, findings: Sequence[Finding], machine: list[Share]) -> 
     """What was found first, by what it explains; then the other places that explain some of it alone."""
     total = {c.tried.hypothesis.location: max(c.scored.total, 0.0) for c in state.chosen}
     whole = sum(total.values())
-    beyond = max(state.base.rss - len(state.base.y) + state.base.X.shape[1], whole, 1e-9)
+    beyond = max(state.base.rss - len(state.base.y) + state.base.count, whole, 1e-9)
     out = [Share(f.location, float(np.clip(total.get(f.location, 0.0) / beyond, 0.0, 1.0)), f.note) for f in findings]
     for h in (c.tried.hypothesis for c in state.chosen if not c.tried.hypothesis.named):
         out.append(Share(h.location, float(np.clip(total[h.location] / beyond, 0.0, 1.0)), h.note))

@@ -22,8 +22,8 @@ import numpy as np
 from machopt.diagnose import calibrated
 from machopt.diagnose.evidence.grams import Model, Tried, ridged_inverse
 from machopt.diagnose.search.screen import score
-from machopt.diagnose.search.select import Chosen, stands, with_chosen
-from machopt.diagnose.search.sums import Sums, gains, summed, swept
+from machopt.diagnose.search.select import BODY, Chosen, law_error, stands, with_chosen
+from machopt.diagnose.search.sums import Summed, Sums, gains, swept
 
 PARTS = 3  # of what was found, exchanged at once
 CLOSE = 8  # laws whose description length is worked out in each step: those that gain most
@@ -33,32 +33,48 @@ FAMILY = "kinematic"  # what stands without weight: frames, offsets, waves, coup
 Set = tuple[int, ...]  # numbers of groups
 
 
-def shortest(model: Model, chosen: Sequence[Chosen], tried: Sequence[Tried], most: int) -> list[Chosen]:
+def shortest(model: Model, chosen: Sequence[Chosen], tried: Summed, most: int) -> list[Chosen]:
     """What was found, or what says as much in clearly fewer numbers.
 
     Args:
         model: the base.
         chosen: what a search found, each beside the others.
-        tried: all laws; those of measured poses that need no weight take part.
+        tried: sums of all laws; those of measured poses that need no weight take part.
         most: effects at most.
     """
     if not any(len(c.scored.x) > 1 for c in chosen if _takes_part(c.tried)):
         return list(chosen)
-    own = [_one_shape(c.tried, c.scored.shape) for c in chosen]
-    pool = [t for t in tried if _takes_part(t)]
-    sums = summed(model, pool, own)  # a wave and its double, too: sets are told by the groups' numbers
-    start = tuple(range(len(own)))
-    best = _View(sums, len(own), with_chosen(model, chosen).spread, most).shortest(start)
+    # a wave and its double, too: sets are told by the groups' numbers
+    sums = tried.beside([(c.tried, c.scored.shape) for c in chosen], _takes_part)
+    start = tuple(range(len(chosen)))
+    view = _View(sums, len(chosen), with_chosen(model, chosen).spread, most)
+    best = view.shortest(start)
     if best == start:
         return list(chosen)
     chance = max(c.p_value for c in chosen)  # of the search that found the same in more numbers
-    parts = []
-    for g in best:
-        if g < len(chosen):
-            parts.append(_Part(chosen[g].tried, chosen[g].scored.shape, chosen[g].p_value))
-        else:
-            parts.append(_Part(sums.groups[g].law, sums.groups[g].shape, chance, new=True))
-    return _beside_each_other(model, parts) or list(chosen)
+    while True:
+        parts = []
+        for g in best:
+            if g < len(chosen):
+                parts.append(_Part(chosen[g].tried, chosen[g].scored.shape, chosen[g].p_value))
+            else:
+                parts.append(_Part(sums.groups[g].law, sums.groups[g].shape, chance, new=True))
+        found = _beside_each_other(model, parts)
+        if found is None:
+            return list(chosen)
+        weak = [k for k, part in enumerate(parts) if part.new and _of_another(found, k)]
+        if not weak:
+            return sorted(found, key=lambda c: -c.scored.total)
+        least = min(weak, key=lambda k: found[k].scored.gain)
+        best = (*best[:least], *best[least + 1 :])
+        if view.length(best) >= view.length(start) - calibrated.DETECTION.shorter:
+            return list(chosen)
+
+
+def _of_another(found: Sequence[Chosen], k: int) -> bool:
+    """Whether the k-th takes no more than the law of what gives way leaves of that."""
+    bodies = [c for n, c in enumerate(found) if n != k and c.tried.hypothesis.family == BODY]
+    return found[k].scored.gain <= law_error(found[k].scored, bodies, calibrated.DETECTION.beside_body)
 
 
 def _takes_part(t: Tried) -> bool:
@@ -166,18 +182,18 @@ class _View:
 
 
 def _beside_each_other(model: Model, parts: Sequence[_Part]) -> list[Chosen] | None:
-    """Each scored beside the others; None where a new one would not stand by itself."""
+    """Each scored beside the others, in their order; None where a new one would not stand by itself."""
     out = []
     for part in parts:
         others = [o for o in parts if o is not part]
         beside = model
         for o in others:
-            beside = beside.with_columns(o.law.at(o.shape), o.law.precision(o.shape))
+            beside = beside.with_law(o.law, o.shape, held=True)
         s = score(beside, [_one_shape(part.law, part.shape)])[0]
         if part.new and not stands(beside, s):
             return None
         out.append(Chosen(replace(s, tried=part.law, shape=part.shape), part.chance))
-    return sorted(out, key=lambda c: -c.scored.total)
+    return out
 
 
 def _one_shape(t: Tried, shape: int) -> Tried:

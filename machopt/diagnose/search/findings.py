@@ -99,7 +99,7 @@ def estimates(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tr
     for t in [o for o in tried if o.hypothesis.name == h.name and o is not c.tried] + [c.tried]:
         p = t.X.shape[2]
         for s in range(len(t.shapes)):
-            m = beside.with_columns(t.at(s), t.precision(s))
+            m = beside.with_law(t, s, held=True)
             if m.rss > most and (t is not c.tried or s != c.scored.shape):
                 continue
             x, covariance, freedom = sandwich(m)
@@ -169,8 +169,8 @@ def _as_likely(beside: Model, c: Chosen, best: float) -> float:
     Where the noise was measured and the law leaves more than noise its form is not quite the true one: then a form
     that is worse by no more than that, or by what laws are held to leave of an effect, may be as near to the truth.
     """
-    m = beside.with_columns(c.columns, c.tried.precision(c.scored.shape))
-    freedom = len(m.y) - m.X.shape[1]
+    m = beside.with_law(c.tried, c.scored.shape, held=True)
+    freedom = len(m.y) - m.count
     beyond = best - freedom - 2.0 * np.sqrt(2.0 * freedom)  # than noise by chance
     form = 0.0 if c.tried.hypothesis.exact else min(beyond, calibrated.DETECTION.beside * c.scored.gain)
     return max(calibrated.DETECTION.near_shape * m.spread, form)
@@ -202,7 +202,7 @@ def _quantity_intervals(law: Tried, at: int, x: Array, covariance: Array, freedo
 
 
 def _rss(beside: Model, c: Chosen) -> float:
-    return beside.with_columns(c.columns, c.tried.precision(c.scored.shape)).rss
+    return beside.with_law(c.tried, c.scored.shape, held=True).rss
 
 
 def _paired(d: Array) -> float:

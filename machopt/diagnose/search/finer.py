@@ -52,7 +52,7 @@ def _settled(base: Model, beside: Model, c: Chosen, finer: Finer) -> Chosen:
         shapes = tuple(dict.fromkeys((best, *finer.about(best, share))))
         fine: Tried = tried(base, [replace(h, shapes=shapes)])[0]
         gain = profile(beside, fine)
-        rest = (beside.rss - float(gain.max())) / max(len(beside.y) - beside.X.shape[1] - fine.X.shape[2], 1)
+        rest = (beside.rss - float(gain.max())) / max(len(beside.y) - beside.count - fine.X.shape[2], 1)
         near = np.flatnonzero(gain.max() - gain < calibrated.DETECTION.near_shape * max(rest, 1.0))
         best = shapes[int(np.argmax(gain))]
         share /= NARROWER

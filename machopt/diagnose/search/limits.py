@@ -51,10 +51,8 @@ def limits(model: Model, tried: Sequence[Tried], rng: np.random.Generator, of: C
         need += calibrated.DETECTION.nine_of_ten * np.sqrt(model.spread)
         sizes: list[float] = []
         for s in _some(len(t.shapes)):
-            X = t.at(s)
-            rest = X - model.X @ (M @ (model.X.T @ X))
-            S = rest.T @ rest
-            whole = np.einsum("mi,mi->i", X, X)
+            rest = t.at(s) - model.X @ (M @ t.against(model)[s].T)
+            S, whole = rest.T @ rest, np.diag(t.XX[:, s].sum(axis=0))
             if np.all(np.diag(S) < calibrated.DETECTION.absorbed * whole):
                 continue
             for x in _directions(p, t.hypothesis.lower, rng):
@@ -94,10 +92,9 @@ def _confused(model: Model, M: Array, tried: Sequence[Tried], signals: dict[Name
     for t in tried:
         taken = np.zeros(len(names))
         for s in _some(len(t.shapes)):
-            X = t.at(s)
-            B = model.X.T @ X
-            S = X.T @ X - B.T @ M @ B + np.diag(1e-6 * np.einsum("mi,mi->i", X, X) + NOTHING)
-            U = X.T @ V
+            XX, C = t.XX[:, s].sum(axis=0), t.against(model)[s]
+            S = XX - C @ M @ C.T + np.diag(1e-6 * np.diag(XX) + NOTHING)
+            U = t.at(s).T @ V
             _, gain = bounded(np.broadcast_to(S, (len(names), *S.shape)), U.T, t.hypothesis.lower)
             _, other = bounded(np.broadcast_to(S, (len(names), *S.shape)), -U.T, t.hypothesis.lower)
             taken = np.maximum(taken, np.maximum(gain, other))

@@ -73,7 +73,7 @@ def _further(model: Model, single: Sequence[Tried], rng: np.random.Generator) ->
     if not scored:
         return None
     best = max(scored, key=lambda s: s.total - s.tried.hypothesis.penalty * model.spread)
-    left = model.with_columns(best.tried.at(best.shape)).residual
+    left = model.with_law(best.tried, best.shape).residual
     each = [best, *(f for f in fitted(model, single) if f.tried is not best.tried)]
     if float(by_chance(model, each, left, rng)[0]) > calibrated.DETECTION.chance:
         return None

@@ -72,7 +72,7 @@ def _known(t: Tried) -> Array:
 
 def profile(model: Model, t: Tried) -> Array:
     """(S,) gain of each shape of a hypothesis beside a model, on all readings."""
-    return _each(t, t.against(model.X), model.Xy.sum(axis=0), model.inverse)[1]
+    return _each(t, t.against(model), model.Xy.sum(axis=0), model.inverse)[1]
 
 
 def _whole(t: Tried, mixed: Array, h: Array, M: Array) -> Fitted:
@@ -84,7 +84,7 @@ def _whole(t: Tried, mixed: Array, h: Array, M: Array) -> Fitted:
 def _each(t: Tried, C: Array, h: Array, M: Array) -> tuple[Array, Array, Array]:
     """Of every shape its coefficients (S, p), gain (S,), and what is visible (S,)."""
     XX, Xy = t.XX.sum(axis=0), t.Xy.sum(axis=0)
-    S, u = XX - np.einsum("sip,pq,sjq->sij", C, M, C), Xy - C @ (M @ h)
+    S, u = XX - (C @ M) @ np.swapaxes(C, 1, 2), Xy - C @ (M @ h)
     S, visible = _regular(S, XX)
     x, gain = bounded(S + _known(t), u, t.hypothesis.lower)
     return x, gain, visible
@@ -98,8 +98,8 @@ def _one(model: Model, t: Tried, h: Array, M: Array, folds: tuple[Array, ...]) -
     XX, Xy, yy, M_fold, x_fold, loss = folds
     C_f, XX_f, Xy_f = mixed, t.XX, t.Xy
     C_r, XX_r, Xy_r = C - C_f, XXc - XX_f, Xyc - Xy_f
-    S_r = XX_r - np.einsum("fsip,fpq,fsjq->fsij", C_r, M_fold, C_r, optimize=True)
-    u_r = Xy_r - np.einsum("fsip,fp->fsi", C_r, x_fold)
+    S_r = XX_r - (C_r @ M_fold[:, None]) @ np.swapaxes(C_r, 2, 3)
+    u_r = Xy_r - (C_r @ x_fold[:, None, :, None])[..., 0]
     F, count, p = u_r.shape
     flat, _ = _regular(S_r.reshape(-1, p, p), XX_r.reshape(-1, p, p))
     flat = flat + np.broadcast_to(known, (F, *known.shape)).reshape(flat.shape)
@@ -168,17 +168,15 @@ def by_chance(
     own = np.empty(len(scored))
     for k, s in enumerate(scored):
         t = s.tried
-        C = t.against(model.X)
+        C = t.against(model)
         XX = t.XX.sum(axis=0)
-        S, _ = _regular(XX - np.einsum("sip,pq,sjq->sij", C, M, C), XX)
-        own_r = r if t.rows is None else r[t.rows]
-        scores = model.w.by_cluster(t.X * own_r[:, None, None], t.rows) - np.einsum(
-            "sip,pq,vq->vsi", C, M, Xr, optimize=True
-        )
+        S, _ = _regular(XX - (C @ M) @ np.swapaxes(C, 1, 2), XX)
+        taken = Xr @ (C @ M).reshape(C.shape[0] * C.shape[1], len(M)).T
+        scores = t.by_cluster(model.w, r) - taken.reshape(len(Xr), *C.shape[:2])
         L = np.linalg.inv(np.linalg.cholesky(S))
-        along = np.einsum("sij,vsj->vsi", L, scores)
+        along = (L[None] @ scores[..., None])[..., 0]
         p = along.shape[2]
-        drawn = np.einsum("bv,vsi->bsi", signs, along, optimize=True)
+        drawn = (signs @ along.reshape(len(along), -1)).reshape(flips, *along.shape[1:])
         if p == 1 and t.hypothesis.lower and np.isfinite(t.hypothesis.lower[0]):
             drawn = np.maximum(drawn, 0.0)
         largest = np.maximum(largest, _normal((drawn**2).sum(axis=2), p).max(axis=1))
@@ -198,4 +196,6 @@ def _regular(S: Array, whole: Array) -> tuple[Array, Array]:
     left = np.maximum(np.diagonal(S, axis1=-2, axis2=-1), 0.0) / d
     heavy = np.maximum(calibrated.DETECTION.absorbed - left, 0.0) * d
     p = S.shape[-1]
-    return S + np.einsum("bi,ij->bij", heavy + 1e-6 * d, np.eye(p)), left.max(axis=1)
+    out = S.copy()
+    out[:, np.arange(p), np.arange(p)] += heavy + 1e-6 * d
+    return out, left.max(axis=1)

@@ -19,10 +19,12 @@ from machopt.diagnose.nouns.problem import Hypothesis
 from machopt.diagnose.search.anotherday import comes_again
 from machopt.diagnose.search.screen import Scored, by_chance, fitted, score
 from machopt.diagnose.search.unproven import possible, unproven
-from machopt.domain.location import link_at
-from machopt.effects import registry
+from machopt.domain.location import link_at, located
+from machopt.effects import geometry, registry
 
 PAIRS_AMONG = 6
+BODY = "body"  # family of what gives way
+ARM = 3  # joints before the wrist
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,7 @@ def stands(model: Model, s: Scored) -> bool:
         s.total > calibrated.DETECTION.generalises * s.gain
         and possible(model, s.tried, s.shape, s.x)[1] <= (1.0 - calibrated.DETECTION.possible) * s.gain
         and _not_alone(model, s)
-        and not unproven(model.with_columns(s.tried.at(s.shape)), [(s.tried, s.shape)])
+        and not unproven(model.with_law(s.tried, s.shape), [(s.tried, s.shape)])
     )
 
 
@@ -99,7 +101,7 @@ def select(
         rng: of the sign flips.
         grown: what was chosen with more of the same at each place, after every step.
     """
-    search = _Search(tuple(tried), _greedy(model, tried, most).residual, rng)
+    search = _Search(tuple(tried), _greedy(model, tried, most).residual, rng, of_body(tried))
     chosen: list[Chosen] = []
     first: list[Chosen] = []
     while len(chosen) < most:
@@ -124,7 +126,7 @@ def _greedy(model: Model, tried: Sequence[Tried], most: int) -> Model:
             break
         best = simplest(model, scored)
         taken.add(best.tried.hypothesis.name)
-        model = model.with_columns(best.tried.at(best.shape))
+        model = model.with_law(best.tried, best.shape)
     return model
 
 
@@ -162,7 +164,7 @@ def _of_the_sum(model: Model, chosen: Sequence[Chosen]) -> list[Chosen]:
     Scored beside the others a direction that a neighbour nearly holds too counts as absorbed and comes out as nothing;
     the sum needs it at one of them. Laws with bounds keep the coefficients that respect these.
     """
-    x, at, out = with_chosen(model, chosen).coefficients, model.X.shape[1], []
+    x, at, out = with_chosen(model, chosen).coefficients, model.count, []
     for c in chosen:
         p = len(c.scored.x)
         own = c.scored.x if c.tried.hypothesis.lower else x[at : at + p]
@@ -180,10 +182,9 @@ def _judged(model: Model, chosen: Sequence[Chosen], tried: Sequence[Tried], rng:
 
 def with_chosen(model: Model, chosen: Sequence[Chosen]) -> Model:
     """The model with the columns of what was chosen."""
-    if not chosen:
-        return model
-    held = np.concatenate([c.tried.precision(c.scored.shape) for c in chosen])
-    return model.with_columns(np.concatenate([c.columns for c in chosen], axis=1), held)
+    for c in chosen:
+        model = model.with_law(c.tried, c.scored.shape, held=True)
+    return model
 
 
 @dataclass(frozen=True)
@@ -193,6 +194,7 @@ class _Search:
     tried: tuple[Tried, ...]
     residual: Array  # (M,) whitened, of a model with everything that may be there
     rng: np.random.Generator
+    of_body: float  # see law_error
 
     def step(self, model: Model, chosen: Sequence[Chosen]) -> Chosen | None:
         """The best further effect beside what was chosen; None where nothing holds."""
@@ -202,7 +204,9 @@ class _Search:
         good = [
             k
             for k, s in enumerate(scored)
-            if chance[k] <= calibrated.DETECTION.chance and s.gain > _law_error(s, chosen) and holds(model, s)
+            if chance[k] <= calibrated.DETECTION.chance
+            and s.gain > law_error(s, chosen, self.of_body)
+            and holds(model, s)
         ]
         if not good:
             return None
@@ -222,19 +226,37 @@ class _Search:
         return out
 
 
-def _law_error(s: Scored, chosen: Sequence[Chosen]) -> float:
-    """Gain that the laws chosen so far may leave because they are not quite the true ones."""
+def law_error(s: Scored, chosen: Sequence[Chosen], of_body: float = 0.0) -> float:
+    """Gain that the laws chosen so far may leave because they are not quite the true ones.
+
+    Args:
+        s: a further law.
+        chosen: what stands beside it.
+        of_body: share of the gain of what gives way under weight that its law leaves at least.
+    """
 
     def share(c: Chosen) -> float:
-        if c.tried.hypothesis.exact:
+        h = c.tried.hypothesis
+        if h.exact:
             return calibrated.DETECTION.beside_exact
-        return (
-            calibrated.DETECTION.beside_here
-            if c.tried.hypothesis.rough or _near(c.tried.hypothesis, s.tried.hypothesis)
-            else calibrated.DETECTION.beside
-        )
+        if h.rough or _near(h, s.tried.hypothesis):
+            return calibrated.DETECTION.beside_here
+        bends = h.family == BODY and not _behind(s.tried.hypothesis, h)
+        return max(calibrated.DETECTION.beside, of_body if bends else 0.0)
 
     return max((c.scored.gain * share(c) for c in chosen), default=0.0)
+
+
+def of_body(tried: Sequence[Tried]) -> float:
+    """Share of the gain of a body that its law leaves at least, in the channel whose laws these are."""
+    poses = any(t.hypothesis.effect == geometry.EFFECT.name for t in tried)
+    return calibrated.DETECTION.beside_body if poses else 0.0
+
+
+def _behind(a: Hypothesis, body: Hypothesis) -> bool:
+    """Whether a law stands at a joint behind a body and the arm's first three, which turn with the body's weight."""
+    place, of = located(a.location), located(body.location)
+    return place.of_joints and min(place.numbers, default=0) > max(n + 1 for n in (ARM - 1, *of.numbers))
 
 
 def _near(a: Hypothesis, b: Hypothesis) -> bool:
@@ -253,7 +275,7 @@ def simplest(model: Model, scored: Sequence[Scored]) -> Scored:
     worth nothing. So none costs more than what excludes a rival, measured by what the best of the laws leaves.
     """
     left = model.rss - max(s.gain for s in scored)
-    quiet = max(1.0, left / max(len(model.y) - model.X.shape[1], 1))
+    quiet = max(1.0, left / max(len(model.y) - model.count, 1))
 
     def worth(s: Scored) -> float:
         more, d = s.tried.X.shape[2] - 1, calibrated.DETECTION
@@ -276,11 +298,11 @@ def _pairs(model: Model, tried: Sequence[Tried], chosen: list[Chosen]) -> list[C
     best, pair = _together(model, chosen), chosen
     for a, b in combinations(leading, 2):
         for one, two in ((a, b), (b, a)):
-            m = model.with_columns(one.tried.at(one.shape))
+            m = model.with_law(one.tried, one.shape)
             second = score(m, [two.tried])[0]
             if one.total + second.total <= best + calibrated.DETECTION.pair_must_win * model.spread:
                 continue
-            first = score(model.with_columns(second.tried.at(second.shape)), [one.tried])[0]
+            first = score(model.with_law(second.tried, second.shape), [one.tried])[0]
             both = [Chosen(first, chosen[0].p_value), Chosen(second, chosen[1].p_value)]
             if holds(m, second) and _together(model, both) > best + calibrated.DETECTION.pair_must_win * model.spread:
                 best, pair = _together(model, both), both
@@ -292,7 +314,7 @@ def _together(model: Model, chosen: Sequence[Chosen]) -> float:
     total = 0.0
     for c in chosen:
         total += score(model, [c.tried])[0].total
-        model = model.with_columns(c.columns)
+        model = model.with_law(c.tried, c.scored.shape)
     return total
 
 

@@ -4,14 +4,15 @@ linear algebra from there on, however many the readings are.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
-from machopt.diagnose.evidence.grams import NOTHING, Model, Tried, ridged_inverse
+from machopt.diagnose.evidence.grams import NOTHING, Model, Part, Tried, ridged_inverse
 
 MOST_SHAPES = 8  # of a law that is no wave
 FOLDS = 10
@@ -37,37 +38,92 @@ class Sums:
     rows: int
 
 
-def summed(model: Model, laws: Sequence[Tried], first: Sequence[Tried] = ()) -> Sums:
-    """Of a base and laws; of many shapes of a law that is no wave, some.
+class Summed:
+    """Sums of a base and laws, worked out once where anything asks for them; of many shapes of a law, some."""
 
-    Args:
-        model: the base.
-        laws: where some are sums of waves, other waves of the same effect and place are left out.
-        first: laws of one shape each that are the first groups in any case, in this order.
-    """
-    groups, at = [], model.X.shape[1]
-    waves = {t.hypothesis.name for t in laws if t.hypothesis.summed}
-    for t in [*first, *laws]:
-        kept = any(t is f for f in first)
-        if not kept and t.hypothesis.name in waves and not t.hypothesis.summed:
-            continue  # an order and its double: the pursuit takes them one by one
-        p, count = t.X.shape[2], len(t.shapes)
-        most = count if t.hypothesis.summed else min(count, MOST_SHAPES)
-        for s in np.linspace(0, count - 1, most).astype(int).tolist():
-            groups.append(Group(t, s, slice(at, at + p)))
+    def __init__(self, model: Model, laws: Sequence[Tried]) -> None:
+        """Nothing is summed up yet.
+
+        Args:
+            model: the base.
+            laws: where some are sums of waves, other waves of the same effect and place are left out: the pursuit takes
+                an order and its double one by one.
+        """
+        self.model, self.laws = model, laws
+
+    @cached_property
+    def whole(self) -> Sums:
+        """Of the base and of all laws."""
+        model, groups, at = self.model, [], self.model.count
+        waves = {t.hypothesis.name for t in self.laws if t.hypothesis.summed}
+        for t in self.laws:
+            if t.hypothesis.name in waves and not t.hypothesis.summed:
+                continue
+            p, count = t.X.shape[2], len(t.shapes)
+            most = count if t.hypothesis.summed else min(count, MOST_SHAPES)
+            for s in np.linspace(0, count - 1, most).astype(int).tolist():
+                groups.append(Group(t, s, slice(at, at + p)))
+                at += p
+        total, parts = np.zeros((at + 1, at + 1)), []
+        for some in np.array_split(np.arange(model.folds), min(FOLDS, model.folds)):
+            rows = np.concatenate([model.rows[f] for f in some])
+            A = np.concatenate([model.X[rows], *(g.law.at(g.shape)[rows] for g in groups), model.y[rows, None]], axis=1)
+            parts.append(A.T @ A)
+            total += parts[-1]
+        _lean(total, model, groups)
+        return Sums(total, tuple(parts), tuple(groups), model.count, len(model.y))
+
+    def beside(self, first: Sequence[tuple[Tried, int]], among: Callable[[Tried], bool]) -> Sums:
+        """Of the base, of some laws at a shape each, and of those among all that fulfil something.
+
+        Args:
+            first: the first groups, in this order.
+            among: which of the others.
+
+        Returns:
+            Sums without folds.
+        """
+        model, whole = self.model, self.whole
+        others = [g for g in whole.groups if among(g.law)]
+        kept = np.array([*range(whole.base), *(c for g in others for c in range(g.columns.start, g.columns.stop))], int)
+        at, groups = len(kept), []
+        for law, shape in first:
+            p = law.X.shape[2]
+            groups.append(Group(law, shape, slice(at, at + p)))
             at += p
-    total, parts = np.zeros((at + 1, at + 1)), []
-    for some in np.array_split(np.arange(model.folds), min(FOLDS, model.folds)):
-        rows = np.concatenate([model.rows[f] for f in some])
-        A = np.concatenate([model.X[rows], *(g.law.at(g.shape)[rows] for g in groups), model.y[rows, None]], axis=1)
-        parts.append(A.T @ A)
-        total += parts[-1]
-    k = np.arange(model.X.shape[1])
-    total[k, k] += model.prior
+        total, stop = np.zeros((at + 1, at + 1)), whole.base
+        n = np.append(np.arange(len(kept)), at)
+        total[np.ix_(n, n)] = whole.total[np.ix_(np.append(kept, -1), np.append(kept, -1))]
+        moved = []
+        for g in others:
+            p = g.columns.stop - g.columns.start
+            moved.append(replace(g, columns=slice(stop, stop + p)))
+            stop += p
+        for k, g in enumerate(groups):
+            base = g.law.against(model)[g.shape]
+            _put(total, g.columns, slice(0, whole.base), base)
+            _put(total, g.columns, slice(at, at + 1), g.law.Xy[:, g.shape].sum(axis=0)[:, None])
+            _put(total, g.columns, g.columns, g.law.XX[:, g.shape].sum(axis=0))
+            part = Part(None, g.law, g.shape)
+            for o in (*groups[:k], *moved):
+                _put(total, o.columns, g.columns, o.law.beside(part, model.rows)[:, o.shape].sum(axis=0))
+        _lean(total, None, groups)
+        return Sums(total, (), (*groups, *moved), whole.base, whole.rows)
+
+
+def _put(total: Array, rows: slice, columns: slice, block: Array) -> None:
+    """Both halves of a symmetric matrix."""
+    total[rows, columns], total[columns, rows] = block, block.T
+
+
+def _lean(total: Array, model: Model | None, groups: Sequence[Group]) -> None:
+    """What is known beforehand of a base and of groups, on the diagonal."""
+    if model is not None:
+        k = np.arange(model.count)
+        total[k, k] += model.prior
     for g in groups:
         n = np.arange(g.columns.start, g.columns.stop)
         total[n, n] += g.law.precision(g.shape)
-    return Sums(total, tuple(parts), tuple(groups), len(k), len(model.y))
 
 
 def swept(sums: Array, columns: Array) -> Array:

@@ -19,7 +19,7 @@ from machopt.diagnose.nouns.problem import Hypothesis
 from machopt.diagnose.search import orders
 from machopt.diagnose.search.fewest import shortest
 from machopt.diagnose.search.select import Chosen, select, settled
-from machopt.diagnose.search.sums import Group, Sums, gains, summed, swept
+from machopt.diagnose.search.sums import Group, Summed, Sums, gains, swept
 from machopt.effects import geometry
 
 FEW = 3  # effects that a search one by one is asked for as a rule
@@ -44,13 +44,14 @@ def searched(
     Returns:
         The laws that rivals are taken from, those that were found among them; what was found.
     """
-    found = many(model, laws, fits) if most >= FEW else []
+    sums = Summed(model, laws)
+    found = many(model, laws, fits, sums) if most >= FEW else []
     if not found:
         if _of_poses(laws):
-            return tuple(laws), tuple(shortest(model, select(model, laws, most, rng), laws, most))
+            return tuple(laws), tuple(shortest(model, select(model, laws, most, rng), sums, most))
         chosen = select(model, laws, most, rng, lambda so_far: orders.grown(model, so_far, laws, rng))
-        sums = [c.tried for c in chosen if not any(c.tried is t for t in laws)]
-        return (*laws, *sums), tuple(chosen)
+        grown = [c.tried for c in chosen if not any(c.tried is t for t in laws)]
+        return (*laws, *grown), tuple(chosen)
     names = {t.hypothesis.name for t in found}
     rest = [t for t in laws if t.hypothesis.name not in names and len(t.shapes) <= RIVALS]
     return (*rest, *found), tuple(settled(model, found, laws, rng))
@@ -61,23 +62,23 @@ def _of_poses(laws: Sequence[Tried]) -> bool:
     return any(t.hypothesis.effect == geometry.EFFECT.name for t in laws)
 
 
-def many(model: Model, laws: Sequence[Tried], fits: float) -> list[Tried]:
+def many(model: Model, laws: Sequence[Tried], fits: float, sums: Summed | None = None) -> list[Tried]:
     """The effects of a crowded recording, each as one law of one shape: a joint's waves are one effect.
 
     Args:
         model: the base.
         laws: all that is tried.
         fits: whitened variance of what noise alone would leave; NaN: nobody measured it.
+        sums: of base and laws, where they are needed elsewhere, too.
 
     Returns:
         Empty where few effects, or none, are there.
     """
     if not _of_poses(laws):
         return []
-    if len(model.y) < calibrated.RESTING.per_column * (model.X.shape[1] + calibrated.RESTING.crowded * 2):
+    if len(model.y) < calibrated.RESTING.per_column * (model.count + calibrated.RESTING.crowded * 2):
         return []
-    sums = summed(model, laws)
-    picked = _pursue(sums, fits)
+    picked = _pursue((sums or Summed(model, laws)).whole, fits)
     places = {g.law.hypothesis.name for g in picked}
     if len(places) <= calibrated.RESTING.crowded:
         return []

@@ -24,7 +24,7 @@ def unproven(model: Model, laws: Sequence[tuple[Tried, int]]) -> list[int]:
         return []
     x, covariance, freedom = sandwich(model)
     t = float(stdtrit(freedom, 0.975))
-    out, at = [], model.X.shape[1] - sum(law.X.shape[2] for law, _ in laws)
+    out, at = [], model.count - sum(law.X.shape[2] for law, _ in laws)
     for k, (law, shape) in enumerate(laws):
         p = law.X.shape[2]
         own, V = x[at : at + p], covariance[at : at + p, at : at + p]
@@ -47,9 +47,8 @@ def possible(model: Model, law: Tried, shape: int, x: Array) -> tuple[Array, flo
     """
     if law.hypothesis.possible is None:
         return x, 0.0
-    unit, X = law.unit[shape], law.at(shape)
-    B = model.X.T @ X
-    S = X.T @ X - B.T @ model.inverse @ B
+    unit, C = law.unit[shape], law.against(model)[shape]
+    S = law.XX[:, shape].sum(axis=0) - C @ model.inverse @ C.T
     there = law.hypothesis.possible(x * unit, S / np.outer(unit, unit)) / unit
     moved = there - x
     return np.asarray(there), float(moved @ S @ moved)
