@@ -44,9 +44,9 @@ def test_a_hanging_arm_that_touches_itself_is_led_along_beside_the_tool(
     looked: list[bool] = []
     made = external.moved
 
-    def noted(*given: object, clear: bool = False) -> Array:
+    def noted(*given: object, clear: bool = False, turns: bool = False) -> Array:
         looked.append(clear)
-        return made(*given, clear=clear)  # type: ignore[arg-type]
+        return made(*given, clear=clear, turns=turns)  # type: ignore[arg-type]
 
     monkeypatch.setattr(external, "moved", noted)
     found = external.best_plan(cell, path, options)

@@ -41,6 +41,19 @@ def fewer(groups: Sequence[Group], stands: Sequence[Array], home: Array) -> list
     return out
 
 
+def held(groups: Sequence[Group]) -> list[list[Group]]:
+    """The groups with some of their joints moving, and one value for each of the others, wherever that is."""
+    free = np.flatnonzero(np.any([g.moves for g in groups], axis=0))
+    must = np.any([g.must for g in groups], axis=0)
+    out = []
+    for n in range(len(free) - 1, 0, -1):
+        for some in itertools.combinations(free, n):
+            rests = np.isin(np.arange(len(must)), free) & ~np.isin(np.arange(len(must)), some)
+            if not (rests & must).any():
+                out.append([replace(g, moving=g.moving & ~rests) for g in groups])
+    return out
+
+
 def _resting(group: Group, rests: Bools, value: Array) -> Group:
     """The group with some joints locked at a value."""
     low, high = (np.where(rests, value, bound) for bound in (group.low, group.high))
@@ -59,12 +72,14 @@ def moved(
     axes: Sequence[ExternalAxis],
     stands: Sequence[Array],
     scale: float,
+    *,
     clear: bool = False,
+    turns: bool = False,
 ) -> Array:
     """(P, E) the external joints along the path where they may move, elsewhere at the values (E,) of their group.
 
     Args:
-        clear: as for :func:`machopt.plan.moving.curve`.
+        clear, turns: as for :func:`machopt.plan.moving.curve`.
     """
     stands = [g.snapped(value) for g, value in zip(groups, stands, strict=True)]
     out = np.empty((len(path.index), len(axes)))
@@ -91,7 +106,7 @@ def moved(
                 bounds=bounds,
                 allowed=g.allowed,
             )
-            out[rows] = curve(setup, options, path, group, scale, weight, clear)
+            out[rows] = curve(setup, options, path, group, scale, weight, clear=clear, turns=turns)
     return out
 
 

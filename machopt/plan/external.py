@@ -24,7 +24,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.options import ExternalAxis, PlanOptions
 from machopt.domain.steering import kept, steered
 from machopt.domain.toolpath import Toolpath
-from machopt.plan.along import fewer, moved
+from machopt.plan.along import fewer, held, moved
 from machopt.plan.axes import axes_of
 from machopt.plan.groups import Group, groups_of
 from machopt.plan.made import Plan
@@ -204,7 +204,11 @@ class _Tries:
                 stands = search.chain() or search.at_home()
         else:
             stands = [best[1].path.external[rows_of(self.path, g.runs)[0]] for g in self.groups]
-        key, found = self._along(stands)
+        ways = fewer(self.groups, stands, self.cell.external_home)
+        key, found = self._along(ways, stands)
+        if any(not b.pair for b in found.breaks) and (best is None or best[0][0]):
+            wound = self._along([*ways, *held(self.groups)], stands, turns=True)
+            key, found = min((key, found), wound, key=lambda one: one[0])
         contacts = _unreached(found) or any(b.pair for b in found.breaks)
         if contacts and (best is None or best[0][0]) and self.setup.collision is not None:
             key, found = min((key, found), self._clear_of_contacts(stands), key=lambda one: one[0])
@@ -232,16 +236,19 @@ class _Tries:
             way = moved(self.setup, self.options, self.path, self.groups, self.axes, stands, search.scale, clear=True)
         return self._planned(way, self.options)
 
-    def _along(self, stands: list[Array]) -> tuple[Key, Plan]:
+    def _along(self, tries: list[list[Group]], stands: list[Array], turns: bool = False) -> tuple[Key, Plan]:
         """The best plan with the joints moving where they may, all of them or some (:func:`machopt.plan.along.fewer`).
+
+        Where all of these are broken off, whole turns of the arm's joints count, and the others may keep one value
+        elsewhere (:func:`machopt.plan.along.held`).
 
         Ways that are far from the best one by the stations are not looked at further, the others at 15°.
         """
         search = self.search
         with self.clock.stage("external"):
             ways = [
-                moved(self.setup, self.options, self.path, some, self.axes, stands, search.scale)
-                for some in fewer(self.groups, stands, self.cell.external_home)
+                moved(self.setup, self.options, self.path, some, self.axes, stands, search.scale, turns=turns)
+                for some in tries
             ]
             if len(ways) > 1:
                 estimates = [search.estimate_along(at) for at in ways]

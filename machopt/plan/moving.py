@@ -9,9 +9,9 @@ unit, and the terms of :mod:`machopt.plan.objective`:
 The worst index is traded by caps on it. The stairs that come out are smoothed along the path (Whittaker's smoother with
 third differences: Eilers 2003, eq. 4, here by path length), and a finer grid is laid around the curve, a few times.
 What is found is a proposal: it is planned in full like a fixed value, and taken where it is better
-(:mod:`machopt.plan.external`). Contacts are looked for only in a second try, where without that points are lost. Point
-operations, and runs too short for a curve, keep one value each; joints that keep one value for an operation are tried
-at a few.
+(:mod:`machopt.plan.external`). Contacts are looked for, and whole turns of the arm's joints counted, only in further
+tries, where without that points are lost or the way is broken off. Point operations, and runs too short for a curve,
+keep one value each; joints that keep one value for an operation are tried at a few.
 """
 
 from __future__ import annotations
@@ -39,6 +39,8 @@ from machopt.plan.stands import Bound, Interval, nearest_in, room_along
 
 COARSE = {1: 9, 2: 7, 3: 4}  # most values of each joint, by how many move
 CLEAR = {1: 25, 2: 9, 3: 5}  # the same where contacts are looked for: what they leave may be narrow
+WOUND = {1: np.pi / 9.0, 2: np.pi / 4.0, 3: np.pi / 2.0}  # rad between coarse values where turns are counted
+WINDS = 3.0 * np.pi  # rad, of a joint's range that makes its whole turns count for nothing on a way
 APART = 0.8  # rad, or as much as counts so: coarse values need not lie closer
 HELD = 5  # values of a joint that keeps one, beside home and that of the best plan in which none moves
 AROUND = {1: 2, 2: 1, 3: 1}  # steps to either side of the curve in the finer grids
@@ -71,7 +73,15 @@ class Range:
 
 
 def curve(
-    setup: Setup, options: PlanOptions, path: Path, group: Range, scale: float, weight: Array, clear: bool = False
+    setup: Setup,
+    options: PlanOptions,
+    path: Path,
+    group: Range,
+    scale: float,
+    weight: Array,
+    *,
+    clear: bool = False,
+    turns: bool = False,
 ) -> Array:
     """(n, E) where the external joints stand at the planning points of a group's runs, in order.
 
@@ -79,18 +89,15 @@ def curve(
         scale: c₀.
         weight: (E,) of their travel.
         clear: of poses that touch anything no way is made. Every one has to be looked at, so there are fewer stations.
+        turns: whole turns of the arm's joints count: a part may have to be turned lest one runs into its limit.
     """
     free = np.flatnonzero(group.moving & (group.high > group.low))
     size = (group.high - group.low)[free] * setup.per_rad[6:][free]
-    finest = COARSE[len(free)]
-    if (
-        len(free) == 1 and not setup.cell.external_prismatic[free[0]]
-    ):  # a shaft that turns several times: so many a turn
-        finest = int(np.ceil(finest * max(float(size[0]) / (2 * np.pi), 1.0)))
-    counts = [CLEAR[len(free)] if clear else int(np.clip(np.ceil(way / APART) + 1, 3, finest)) for way in size]
+    counts = _counts(setup, free, size, clear=clear, turns=turns)
     whole = round(2 * np.pi / max(options.rotation_step, STEP)) * setup.arm.solver.branches
     stations = LEAST if clear else int(np.clip(VERTICES / (whole * int(np.prod(counts))), LEAST, MOST))
     part = part_of(path, group.runs, stations)
+    winds = np.full(6, True) if not turns else np.asarray(setup.arm.upper - setup.arm.lower >= WINDS)
     opts = replace(options, rotation_step=max(options.rotation_step, STEP))
     step = np.zeros(len(group.fixed))
     step[free] = (group.high - group.low)[free] / (np.array(counts) - 1)
@@ -107,7 +114,7 @@ def curve(
         return np.where(group.moving, a + (u - group.low) / span * (b - a), u) if group.bounds else u
 
     def way(u: Array) -> tuple[float, Array]:
-        cost, at = _best_way(setup, opts, part, stood(u, part.stations), near, scale, weight, group.share, clear)
+        cost, at = _best_way(setup, opts, part, stood(u, part.stations), near, scale, weight, group.share, clear, winds)
         return cost, np.asarray(u[np.arange(len(u)), at])
 
     def coarse(held: Array) -> tuple[float, Array]:
@@ -128,6 +135,18 @@ def curve(
         _, stairs = way(np.where(group.moving, np.clip(around, group.low, group.high), held))
         found = _smooth(part, stairs, group, WAVE / 1.5**level)
     return np.where(group.moving, stood(found, slice(None)), held)
+
+
+def _counts(setup: Setup, free: NDArray[np.intp], size: Array, *, clear: bool, turns: bool) -> list[int]:
+    """Coarse values of each free joint whose range counts as ``size`` in rad."""
+    if clear:
+        return [CLEAR[len(free)]] * len(free)
+    finest = COARSE[len(free)]
+    if turns:
+        return [max(int(np.ceil(way / WOUND[len(free)])) + 1, 3) for way in size]
+    if len(free) == 1 and not setup.cell.external_prismatic[free[0]]:
+        finest = int(np.ceil(finest * max(float(size[0]) / (2 * np.pi), 1.0)))  # a shaft that turns several times
+    return [int(np.clip(np.ceil(way / APART) + 1, 3, finest)) for way in size]
 
 
 def _held(group: Range) -> list[Array]:
@@ -175,6 +194,7 @@ def _best_way(
     weight: Array,
     share: float,
     clear: bool,
+    winds: Bools,
 ) -> tuple[float, NDArray[np.int64]]:
     """What the best way through the grid of values (S, G, E) costs, and which of G it takes (S,)."""
     S, G = values.shape[:2]
@@ -210,6 +230,7 @@ def _best_way(
         B,
         joined,
         kept,
+        winds,
         terms.seconds,
         terms.slowness,
         weight,

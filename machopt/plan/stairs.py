@@ -22,6 +22,7 @@ def steps(
     B: int,
     joined: Bools,
     kept: Bools,
+    winds: Bools,
     seconds: Array,
     slowness: Array,
     weight: Array,
@@ -38,6 +39,7 @@ def steps(
         e: (S, G, E) external joints, lengths as they count in rad.
         near: (G, K).
         kept: (S,) value and rotation are kept into it: the tool drills or plunges.
+        winds: (6,) joints whose whole turns are left out of it: they may pass from one end of ``q`` to the other.
         most: rad, a joint that turns farther has left the branch.
         lost: price of such a step.
     """
@@ -66,7 +68,9 @@ def steps(
                     length, late, far = way, slow, 0.0
                     for c in range(6):
                         d = q[s, v, c] - q[s - 1, u, c]
-                        d = abs(d - 2.0 * np.pi * np.round(d / (2.0 * np.pi)))
+                        if winds[c]:
+                            d -= 2.0 * np.pi * np.round(d / (2.0 * np.pi))
+                        d = abs(d)
                         length += d
                         late = max(late, d * slowness[c])
                         far = max(far, d)
