@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from reader_samples import DIN_ISO
+from scipy.spatial.transform import Rotation
 
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
@@ -152,3 +153,22 @@ def test_din_iso_and_conversational_agree(tmp_path: Path) -> None:
 def test_din_iso_refusals(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         read(tmp_path, "%A G71 *\nN1 G00 G90 X+0 Y+0 Z+0 *\nN2 G01 Z-1 F100 *\n" + text + "N9999 %A G71 *\n", "a.i")
+
+
+def test_spatial_angles_of_tcpm_need_no_machine(tmp_path: Path) -> None:
+    """AXIS SPAT: A, B, C turn about the coordinates' own x, y and z, one after the other, whatever the machine."""
+    on = "FUNCTION TCPM F TCP AXIS SPAT PATHCTRL VECTOR REFPNT TIP-TIP\n"
+    moves = "L X+0 Y+0 Z+0 A+30 F500\nL X+10 B+20\nL X+20 C+45\nL X+30\nL IA+10 X+40\n"
+    t = read(tmp_path, HEAD + on + moves + "FUNCTION RESET TCPM\n" + TAIL)
+    for row, (a, b, c) in zip(
+        t.axis[1:], [(30, 0, 0), (30, 20, 0), (30, 20, 45), (30, 20, 45), (40, 20, 45)], strict=True
+    ):
+        np.testing.assert_allclose(
+            row, Rotation.from_euler("xyz", [a, b, c], degrees=True).apply([0, 0, 1]), atol=1e-12
+        )
+    with pytest.raises(InputError, match="the tool axis depends on the machine"):
+        read(tmp_path, HEAD + on.replace("SPAT", "POS") + moves + TAIL)
+    with pytest.raises(InputError, match="turned or tilted coordinates"):
+        read(tmp_path, HEAD + "CYCL DEF 10.0 ROTATION\nCYCL DEF 10.1 ROT+30\n" + on + moves + TAIL)
+    with pytest.raises(InputError, match="the points are the tool's centre"):
+        read(tmp_path, HEAD + on.replace("TIP-TIP", "CENTER-CENTER") + moves + TAIL)

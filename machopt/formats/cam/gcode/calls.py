@@ -88,7 +88,7 @@ class CallReader(FrameReader):
             raise self.source.error(f"{name} makes a coordinate system of the tool's direction: not supported", line)
 
     def use_tcp(self, mode: str | None, line: int) -> None:
-        """Tool-centre-point control on ("angles", "vector") or off (None)."""
+        """Tool-centre-point control on ("angles", "vector", "spatial") or off (None)."""
         self.change_setup(tcp=mode)
         self.setup.check_letters(line)
         self.check_mirror()

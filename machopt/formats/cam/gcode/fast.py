@@ -46,6 +46,7 @@ def takes_plain_lines(r: MotionReader) -> bool:
         and not r.feed_outlives_its_unit()
         and s.transfer is None
         and not s.tilted
+        and s.tcp != "spatial"
         and not s.nowhere
         and not s.unaligned
         and (s.tcp is not None or not turned(s.angles))

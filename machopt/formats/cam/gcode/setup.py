@@ -17,6 +17,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.formats.arcs import ArcError
+from machopt.formats.cam.gcode.planes import spatial
 from machopt.formats.frames import Transfer
 from machopt.formats.pathbuilder import PathBuilder, Vector
 from machopt.formats.rotary import HELP, PLACED_HELP, Rotary
@@ -39,7 +40,7 @@ class Setup:
     local: Transfer | None = None
     tilted: str = ""  # "not yet": a plane, the tool not upright on it; "aligned"; "followed": by rotary words of TCP
     stood_up: bool = False  # by the control itself (G53.1, CYCLE800, PLANE): it knows the rotary axes' places
-    tcp: str | None = None  # "angles" | "vector"
+    tcp: str | None = None  # "angles" | "vector" | "spatial": rotary words are angles about the coordinates' own axes
     vector: Vector | None = None  # last tool vector, workpiece
     angles: dict[str, float] = field(default_factory=dict)  # deg
     nowhere: str = ""  # why coordinates have no place in the workpiece at all: an offset that is not given
@@ -86,6 +87,10 @@ class Setup:
                 "cuts in a tilted plane before the tool was put upright on it (G53.1, rotary words, PLANE … with TURN "
                 "or MOVE instead of STAY): where the tool points is not known"
             )
+        if self.tcp == "spatial" and self.rotated and self.vector is None:
+            return (
+                "spatial angles (TCPM AXIS SPAT) in turned or tilted coordinates are not read; post tool vectors (LN)"
+            )
         if self.tcp is not None or self.tilted:
             return None
         if self.unaligned:
@@ -107,6 +112,8 @@ class Setup:
         Raises:
             InputError: the machine has no such axis, or is not given where its tool axis is needed.
         """
+        if self.tcp == "spatial":
+            return  # of the coordinates, whatever the machine
         strange = sorted(turned(self.angles).keys() - set(self.machine.letters if self.machine else "ABC"))
         if strange and self.machine is not None and not self.tilted:
             raise self.out.source.error(
@@ -123,6 +130,8 @@ class Setup:
         """Unit vector from tip to shank, workpiece."""
         if self.tcp is not None and self.vector is not None:
             return self.vector
+        if self.tcp == "spatial":
+            return spatial(*(self.angles.get(letter, 0.0) for letter in "ABC")).direction(_Z)
         if self.tilted == "aligned":
             return self.direction(_Z)
         if self.machine is not None and turned(self.angles):

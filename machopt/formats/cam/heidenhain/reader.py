@@ -155,7 +155,7 @@ class _Reader(ControlReader):
         elif text.startswith("PLANE"):
             self.plane_statement(text, line)
         elif text.startswith("FUNCTION TCPM"):
-            self.use_tcp("angles", line)
+            self.tcpm(text, line)
         elif text.startswith("FUNCTION RESET TCPM"):
             self.use_tcp(None, line)
         elif text.startswith("PRESET"):
@@ -180,6 +180,16 @@ class _Reader(ControlReader):
                 if re.match(re.escape(word) + r"\b", text):
                     raise self.source.error(f"{text[:24]!r}: {reason} are not supported; export APT/CL data", line)
             self.out.ignore(text[:14], line, understood=False)
+
+    def tcpm(self, text: str, line: int) -> None:
+        """FUNCTION TCPM: whose axes A, B and C turn about, and which point of the tool is programmed."""
+        if "CENTER-CENTER" in text:
+            raise self.source.error(
+                "REFPNT CENTER-CENTER: the points are the tool's centre, how far from its tip is not in the file; "
+                "post it with REFPNT TIP-TIP or TIP-CENTER",
+                line,
+            )
+        self.use_tcp("spatial" if re.search(r"\bAXIS\s+SPAT\b", text) else "angles", line)
 
     def take_parameters(self, found: list[tuple[str, str]]) -> None:
         for number, text in found:
