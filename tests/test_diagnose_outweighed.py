@@ -76,13 +76,31 @@ def test_a_law_whose_size_may_be_none_is_no_name() -> None:
     idle = np.tile(rng.standard_normal((len(column) // 2, *column.shape[1:])), (2, 1, 1))
     both = np.concatenate([column, idle], axis=2)
     for of, named in ((0, True), (1, False)):
-        one = replace(law(both), quantities=lambda x, shape, of=of: {"size": Quantity(1e6 * float(x[of]), "µm")})
+        one = replace(
+            law(both), family="joint", quantities=lambda x, shape, of=of: {"size": Quantity(1e6 * float(x[of]), "µm")}
+        )
         d = engine.diagnose(problem, Catalogue((one,)), engine.Options(), np.random.default_rng(5))
         assert [f.effect for f in d.findings] == (["wind"] if named else [])
         assert any("may as well be of no size at all" in n for n in d.notes) is not named
         if named:
             low, high = d.findings[0].parameters["size"].ci95
             assert low > 0.0 or high < 0.0
+
+
+def test_a_law_is_told_by_a_size_that_is_sure() -> None:
+    """A balancer is known by its torque where poses do not tell how much its joint's stiffness varies."""
+    problem, column = made_up(400, extra=40e-6)
+    idle = np.tile(np.random.default_rng(6).standard_normal((len(column) // 2, *column.shape[1:])), (2, 1, 1))
+    both = np.concatenate([column, idle], axis=2)
+
+    def sizes(x: np.ndarray, shape: tuple[float, ...]) -> dict[str, Quantity]:
+        torque, knee = Quantity(1e6 * float(x[0]), "N·m"), Quantity(3.0, "N·m")
+        return {"variation": Quantity(1e6 * float(x[1]), "%"), "peak_torque": torque, "knee": knee}
+
+    one = replace(law(both), quantities=sizes, family="joint")
+    (f,) = engine.diagnose(problem, Catalogue((one,)), engine.Options(), np.random.default_rng(5)).findings
+    assert list(f.parameters) == ["peak_torque", "variation", "knee"]
+    assert f.parameters["peak_torque"].ci95[0] > 0.0
 
 
 def test_the_size_of_a_body_is_of_what_holds_it() -> None:

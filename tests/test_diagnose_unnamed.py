@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,9 +11,10 @@ from test_diagnose_drift import timed
 from test_effects import posed
 
 from machopt.diagnose.laws import at_beside, at_heat, at_joint, at_sensor
-from machopt.diagnose.nouns.problem import Catalogue
+from machopt.diagnose.nouns.problem import Catalogue, Quantity
 from machopt.diagnose.nouns.readings import Readings
-from machopt.diagnose.search import engine, select, unnamed
+from machopt.diagnose.search import engine, outweighed, select, unnamed
+from machopt.diagnose.search.screen import score
 from machopt.effects import by_angle
 
 
@@ -130,3 +132,24 @@ def test_a_hose_that_hangs_loose_in_some_poses_is_no_joint() -> None:
         known += at_joint.hypotheses(r, j, by_angle.EFFECT)[0]
     found = engine.diagnose(posed(r, moved), Catalogue(tuple(known)), engine.Options(), np.random.default_rng(0))
     assert (found.findings, found.verdict) == ((), "unexplained")
+
+
+@pytest.mark.parametrize(("off", "kept"), [(0.0, True), (0.3, False)])
+def test_a_law_that_a_likeness_beats_has_no_name(off: float, kept: bool) -> None:
+    """A hose between column and forearm was a gravity compensator: the pull from outside left no more of it."""
+    r, _, _ = timed()
+    pulled = next(h for h in unnamed.hypotheses(r) if (h.law, h.location) == (unnamed.PULLS, "link:4"))
+    moved = pulled.columns(()) @ [1.0, -0.5, 2.0, 1.5]
+    moved *= 1e-4 / np.abs(moved[:, :3]).max()
+    other = pulled.columns(()) @ [0.3, 2.0, -1.0, 0.5]
+    nearly = moved + off * other * np.linalg.norm(moved) / np.linalg.norm(other)
+    named = replace(at_beside.in_load_tests(r)[0], columns=lambda shape: nearly[:, :, None], shapes=((),))
+    named = replace(named, buildable=lambda x, shape: True, correction=lambda x, shape: None)
+    named = replace(named, quantities=lambda x, shape: {"variation": Quantity(float(x[0]), "%")})
+    problem = posed(r, moved)
+    state = engine._search(problem, Catalogue((named, pulled)), engine.Options(), 0, None)
+    law = next(t for t in state.tried if t.hypothesis is named)
+    state = replace(state, chosen=(select.Chosen(score(state.base, [law])[0], 0.002),))
+    (told,) = outweighed.withheld(state, np.random.default_rng(0)).chosen
+    assert told.tried.hypothesis.named is kept
+    assert (outweighed.AS_LIKE in told.tried.hypothesis.note) is not kept

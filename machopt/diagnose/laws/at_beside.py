@@ -127,7 +127,9 @@ def _stiffens(r: Readings, effect: Effect, where: str, law: Beside) -> Hypothesi
 
     def sizes(x: Array, shape: Shape) -> Mapping[str, Quantity]:
         slope = law.slope(np.array(shape), np.linspace(q.min(), q.max(), 60))
-        return {"variation": Quantity(50.0 * float(np.ptp(slope @ x)) * c, "%"), **law.sizes(x)}
+        peak = float(np.abs(law.torque(np.array(shape), along) @ x).max())
+        varies = Quantity(50.0 * float(np.ptp(slope @ x)) * c, "%")
+        return {"variation": varies, "peak_torque": Quantity(peak, "N·m"), **law.sizes(x)}
 
     along = np.linspace(q.min(), q.max(), FINE)
     weight = float(np.abs(r.weight_torque[:, j]).max())

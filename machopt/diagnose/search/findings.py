@@ -111,7 +111,8 @@ def estimates(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tr
             for name in ends.keys() & intervals.keys():
                 ends[name].append(intervals[name])
     out = {}
-    for name, q in value.items():
+    for name in _surest_first(own, list(value)):
+        q = value[name]
         if name in own and _sure(own[name]):  # a form with coefficients that nothing holds does not say otherwise
             ends[name] = [i for i in ends[name] if _sure(i)]
         both = np.array(ends[name]) if ends[name] else np.full((1, 2, 2), q.value)
@@ -126,20 +127,30 @@ def estimates(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tr
 
 
 def sure_of_size(model: Model, chosen: Sequence[Chosen], k: int) -> bool:
-    """Whether the size of the k-th effect, at its own law and shape beside the others, has zero outside of its 95 %.
-
-    A body is there where it surely gives way somehow: readings seldom show every way.
-    """
+    """Whether a size of the k-th effect, at its own law and shape beside the others, has zero outside of its 95 %."""
     c = chosen[k]
     beside = with_chosen(model, [o for i, o in enumerate(chosen) if i != k])
     x, covariance, freedom = sandwich(beside.with_columns(c.columns, c.tried.precision(c.scored.shape)))
     p, at, h = len(c.scored.x), c.scored.shape, c.tried.hypothesis
     x, covariance = x[-p:], covariance[-p:, -p:]
     own = _quantity_intervals(c.tried, at, x, covariance, freedom)
-    if h.family != "body":
-        return _sure(next(iter(own.values())))
-    value = h.quantities(x * c.tried.unit[at], c.tried.shapes[at])
-    return any(_sure(i) for i in _as_held(c.tried, at, (x, covariance, freedom), (value, own))[1].values())
+    if h.family == "body":
+        value = h.quantities(x * c.tried.unit[at], c.tried.shapes[at])
+        own = _as_held(c.tried, at, (x, covariance, freedom), (value, own))[1]
+    return bool(_sizes(own))
+
+
+def _surest_first(intervals: Mapping[str, Array], names: list[str]) -> list[str]:
+    """The names with a size first that is sure, where the first is not and another is."""
+    sure = _sizes(intervals)
+    if not sure or names[0] in sure:
+        return names
+    return [*sure, *(n for n in names if n not in sure)]
+
+
+def _sizes(intervals: Mapping[str, Array]) -> list[str]:
+    """Those that are sure; numbers of a shape are none."""
+    return [n for n, i in intervals.items() if i[1, 0] < i[1, 1] and _sure(i)]
 
 
 def _sure(interval: Array) -> bool:

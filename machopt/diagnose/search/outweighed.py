@@ -28,6 +28,7 @@ from machopt.effects.words import spoken
 LITTLE = "explains little more than what is left beside it"
 NOT_BUILT = "would need numbers that nothing built has"
 NO_SIZE = "may as well be of no size at all"
+AS_LIKE = "is no better than a form without a name"
 NOT_STEADY = "comes and goes with the hours"
 
 
@@ -41,6 +42,7 @@ def withheld(state: State, rng: np.random.Generator) -> State:
     state = replace(state, chosen=tuple(c if _buildable(c) else _nameless(c, NOT_BUILT) for c in state.chosen))
     if state.problem.channel == "deflection":
         state = replace(state, chosen=tuple(_sized(state, k) for k in range(len(state.chosen))))
+        state = replace(state, chosen=tuple(_likened(state, k) for k in range(len(state.chosen))))
     if not any(_judged(c) for c in state.chosen) or _crowded(state):
         return state
     unsteady = [c.tried.hypothesis.named and steady.comes_and_goes(state, c) for c in state.chosen]
@@ -137,6 +139,26 @@ def _sized(state: State, k: int) -> Chosen:
     c = state.chosen[k]
     sure = not c.tried.hypothesis.named or sure_of_size(state.base, state.chosen, k)
     return c if sure else _nameless(c, NO_SIZE)
+
+
+def _likened(state: State, k: int) -> Chosen:
+    """The k-th, without a name where what is only like something without one says as much in no more numbers.
+
+    A hose between column and forearm is nearly a balancer. The true law is beaten by no likeness.
+    """
+    c = state.chosen[k]
+    rough = [t for t in state.tried if t.hypothesis.rough]
+    if not c.tried.hypothesis.named or not rough:
+        return c
+    beside = with_chosen(state.base, [o for i, o in enumerate(state.chosen) if i != k])
+    own = score(beside, [c.tried])[0]
+
+    def worth(s: Scored) -> float:
+        numbers = s.tried.X.shape[2] + len(s.tried.shapes[s.shape])
+        return float(s.gain / beside.spread - calibrated.DETECTION.per_coefficient * numbers)
+
+    better = [s for s in score(beside, rough) if worth(s) > worth(own)]
+    return c if not better else _nameless(c, f"{AS_LIKE}, of something that {better[0].tried.hypothesis.law}")
 
 
 def _nameless(c: Chosen, why: str) -> Chosen:
