@@ -6,6 +6,8 @@ function valuesOf(v) {
 }
 
 const LUT = Array.from({ length: 256 }, (_, i) => ramp(i / 255).map(Math.round));
+const tenths = v => (Math.round(10 * v) / 10 + 0).toFixed(1); // never -0.0
+const inUnit = (v, unit) => unit === "deg" && v !== null ? tenths(v).replace("-", "−") : shown(v); // angles are held to no more
 const shown = (v, digits) => v === null ? "–" : String(Math.abs(v) < 1e-9 ? 0 : +v.toPrecision(digits || 4)).replaceAll("-", "−"); // below that it is rounding
 
 function fieldMap(host, spec, onPlace) {
@@ -159,7 +161,7 @@ function fieldMap(host, spec, onPlace) {
       ctx.strokeStyle = BOX; ctx.strokeRect(x, b.y, thick, b.h);
       for (const level of levels) { const y = b.y + b.h * (1 - S.part(level)); rule(ctx, x + thick, y, x + thick + 4, y, AXIS); }
       if (S.v.high > S.to * (1 + 1e-9)) write(ctx, `up to ${shown(S.v.high, 3)}`, x, b.y - 6, TICK, "left");
-      if (S.v.low < S.from * (1 - 1e-9)) write(ctx, `from ${shown(S.v.low, 3)}`, x, b.y + b.h + 14, TICK, "left");
+      if (S.v.low < S.from * (1 - 1e-9)) write(ctx, `from ${shown(S.v.low, 3)}`, x, b.y + b.h + 28, TICK, "left"); // below the last number of the axis beside it
     }, { clip: false });
     const fixed = (lo, hi, more) => ({ time: false, auto: false, min: lo, max: hi, range: () => [lo, hi], ...more });
     frameNow = { near: {} };
@@ -183,7 +185,7 @@ function fieldMap(host, spec, onPlace) {
       point();
       const rows = [[spec.axes.map(a => a.name).join(", "), `${where(st.over).map(x => +x.toFixed(2)).join(", ")} ${U.unit}`]], s = S.l.code[st.over], value = S.value(st.over);
       if (s !== 0) rows.push(["no posture", spec.names[s]]);
-      else rows.push([S.f.name, value === null ? "–" : `${shown(value)} ${S.f.unit}`]);
+      else rows.push([S.f.name, value === null ? "–" : `${inUnit(value, S.f.unit)} ${S.f.unit}`]);
       if (s === 0 && S.guess && S.guess[st.over]) rows.push(["", "outside the measured places"]);
       showTip(e, rows);
     });
@@ -243,7 +245,7 @@ function fieldMap(host, spec, onPlace) {
       const p = document.createElement("p"), gamma = l.gammaAt(k);  // packed in 65,535 levels: a tenth of a degree is meant
       const turn = g => { const v = Math.round(10 * g) / 10; return v - 360 * Math.ceil((v - 180) / 360); };  // as the table has it
       p.className = "joints";
-      p.textContent = `${layers.length > 1 ? l.title + (l.name === "free" && gamma !== null ? ` = ${shown(turn(gamma), 4)}°` : "") + ": " : ""}${spec.arm.joints.map((n, j) => `${n} ${q[j].toFixed(1)}`).join("  ")}`.replaceAll("-", "−");
+      p.textContent = `${layers.length > 1 ? l.title + (l.name === "free" && gamma !== null ? ` = ${shown(turn(gamma), 4)}°` : "") + ": " : ""}${spec.arm.joints.map((n, j) => `${n} ${tenths(q[j])}`).join("  ")}`.replaceAll("-", "−");
       parts.push(p);
     }
     const table = document.createElement("table"), head = table.insertRow();
@@ -252,7 +254,7 @@ function fieldMap(host, spec, onPlace) {
       const row = table.insertRow();
       if (f.key === field().key) row.className = "here";
       row.insertCell().textContent = f.name;
-      for (const l of layers) { const c = row.insertCell(); c.className = "n"; c.textContent = l.at[f.key] ? shown(l.at[f.key](k)) : ""; }
+      for (const l of layers) { const c = row.insertCell(); c.className = "n"; c.textContent = l.at[f.key] ? inUnit(l.at[f.key](k), f.unit) : ""; }
       const unit = row.insertCell(); unit.className = "n"; unit.textContent = f.unit;
     }
     side.replaceChildren(...parts);
