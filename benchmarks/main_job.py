@@ -92,6 +92,7 @@ def main() -> None:
         cell, path = make_job(folder)
         command = [sys.executable, "-m", "machopt.cli", "optimize", str(cell), str(path), "--quiet", "-o"]
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)  # an installation has its code compiled
         for n in range(RUNS):
             before = resource.getrusage(resource.RUSAGE_CHILDREN)
             start = time.perf_counter()

@@ -19,7 +19,7 @@ from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
 from machopt.formats.toolpath import read_toolpath
 from machopt.report.template import bound
-from machopt.verify import verify_output
+from machopt.verify.output import verify_output
 
 ROOT = FilePath(__file__).resolve().parent.parent
 HEADER = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation\n"

@@ -22,8 +22,8 @@ from machopt.formats.options import load_options
 from machopt.formats.toolpath import read_toolpath
 from machopt.model.correction import Correction, correction_of
 from machopt.model.robot import load_robot
-from machopt.verify import verify_output
 from machopt.verify.encoder import outside, true_angles
+from machopt.verify.output import verify_output
 
 OFFSET = KinematicCorrection("joint_zero_offset", "joint:3", {"offset_deg": 0.2})
 WAVES = KinematicCorrection(

@@ -25,7 +25,8 @@ from machopt.plan.setup import Timings
 from machopt.plan.uncertainty import gains
 from machopt.report.gather.optimize_map import cut_stations
 from machopt.report.gather.optimize_scene import view_of
-from machopt.verify import Verification, verify_stints
+from machopt.verify import Verification
+from machopt.verify.changes import verify_stints
 
 OPTIONS = PlanOptions(
     collision=False, rotation_step=np.radians(30.0), force=ProcessForce(normal=200.0, axial=100.0), sample=0.02

@@ -19,11 +19,12 @@ from machopt.model.collision import CollisionModel, Pair
 from machopt.model.ik import solver_for
 from machopt.model.robot import Robot, load_chain, load_robot
 from machopt.plan.rapids import time_legs
-from machopt.verify import Verification, verify_output
+from machopt.verify import Verification
 from machopt.verify.arm import Arm
 from machopt.verify.bodies import all_bodies, pairs
 from machopt.verify.contact import contacts
 from machopt.verify.material import level
+from machopt.verify.output import verify_output
 from machopt.verify.ride import ride
 from machopt.verify.table import read_motion
 

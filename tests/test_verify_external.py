@@ -24,8 +24,9 @@ from machopt.plan.rapids import time_legs
 from machopt.recheck.compared import Posted
 from machopt.recheck.posts import short_program
 from machopt.recheck.readback import check_programs
-from machopt.verify import Verification, verify_output
+from machopt.verify import Verification
 from machopt.verify.arm import Arm
+from machopt.verify.output import verify_output
 from machopt.verify.posture import posture
 from machopt.verify.table import Motion, read_motion
 

@@ -23,8 +23,9 @@ from machopt.recheck.folder import verify_folder
 from machopt.recheck.resultcheck import result_checks
 from machopt.services.load import OptimizeRequest
 from machopt.services.run import optimize
-from machopt.verify import Check, Verification, verify_stints
+from machopt.verify import Check, Verification
 from machopt.verify.along import softest
+from machopt.verify.changes import verify_stints
 from machopt.verify.table import read_motion
 
 PATHS = Path(__file__).resolve().parents[1] / "toolpaths"

@@ -31,8 +31,8 @@ from machopt.report.rotation_svg import rotation_svg
 from machopt.services.load import OptimizeRequest, prepared
 from machopt.services.planned import Planned, planned
 from machopt.services.result import objectives_of
-from machopt.services.run import Written, write
 from machopt.services.tell import tool_names
+from machopt.services.written import Written, write
 from machopt.verify import Verification
 
 

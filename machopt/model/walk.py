@@ -36,14 +36,14 @@ class Walk:
     known: float = 0.0  # m, exact distance at row ``last``
 
     def __post_init__(self) -> None:
-        self._way: Array | None = None
+        travel = self.rows.travel(self.p)
+        self._travel: list[float] = travel.tolist()  # asked for once a row: Python's own numbers are read quickest
+        self._way: list[float] = np.append(0.0, np.cumsum(travel)).tolist()
         self._near = 0, 0  # triangles, one of each body
 
     def moved(self, n: int) -> float:
         """m, bound on the relative motion between row ``last`` and row n."""
-        if self._way is None:
-            self._way = np.append(0.0, np.cumsum(self.rows.travel(self.p)))
-        return float(abs(self._way[n] - self._way[self.last]))
+        return abs(self._way[n] - self._way[self.last])
 
     def bound(self, n: int) -> float:
         """m, what is known of the distance at row n without measuring it."""
@@ -78,7 +78,7 @@ class Walk:
         """Fractional row of a contact in row m or on the way to it, NaN if free."""
         if m == 0:
             return 0.0 if self.hits(0) else np.nan
-        way = float(self.rows.travel(self.p)[m - 1])
+        way = self._travel[m - 1]
         if not too_near(self.bound(m - 1) - way, self.clearance):
             return np.nan
         before = self.distance(m - 1)

@@ -125,13 +125,18 @@ def _meant(kernels: Iterable[tuple[str, str, str]]) -> Iterator[tuple[Any, tuple
 
 
 @contextmanager
-def taken_beside() -> Iterator[None]:
+def taken_beside(*also: str) -> Iterator[None]:
     """In a thread, take from the store what a plan will call, in that order; nothing is begun any more after the block.
 
     Half of that is LLVM's work, without the interpreter's lock. It ends at the first kernel that is not stored: this is
     a first run then, and compiling is for the plan. It ends at an entry that names nothing, too: a plan needs none of
     this, and a test holds that there is no such entry.
+
+    Args:
+        also: modules that are wanted after the plan, imported last, while compiled code does the planning.
     """
+    from importlib import import_module
+
     from machopt.compiled import take
     from machopt.model.threads import cores
 
@@ -145,6 +150,8 @@ def taken_beside() -> Iterator[None]:
             for kernel, types in _meant(KERNELS):
                 if over.is_set() or not take(kernel, types):
                     return
+            for module in also:
+                import_module(module)
 
     beside = Thread(target=take_all, name="kernels")
     beside.start()

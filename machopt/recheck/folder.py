@@ -27,8 +27,8 @@ from machopt.recheck.readback import check_programs
 from machopt.recheck.resultcheck import result_checks
 from machopt.recheck.rewritten import failed_check
 from machopt.recheck.strays import strays
-from machopt.verify import Check, Verification, verify_stints
-from machopt.verify.changes import slices
+from machopt.verify import Check, Verification
+from machopt.verify.changes import slices, verify_stints
 from machopt.verify.check import Promise, not_run
 from machopt.verify.output import Tables, read_tables
 from machopt.verify.readonce import read_once

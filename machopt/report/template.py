@@ -8,16 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jinja2 import Environment
     from markupsafe import Markup
 
+STORED = Path(__file__).with_name("templates") / "__pycache__"
+
 
 @cache
 def _environment() -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined  # late: commands without a page do without
+
+    from machopt.report.storedtemplates import StoredTemplates
 
     made = Environment(
         loader=PackageLoader("machopt.report"),
@@ -27,6 +32,7 @@ def _environment() -> Environment:
         lstrip_blocks=True,
         cache_size=-1,
         auto_reload=False,
+        bytecode_cache=StoredTemplates(STORED, "autoescape, trim_blocks, lstrip_blocks"),
     )
     made.filters["bound"] = bound
     return made

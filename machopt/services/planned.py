@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from machopt.plan.job import plan_job
 from machopt.plan.made import Plan
 from machopt.plan.setup import Timings
-from machopt.postprocess.written import withheld
 from machopt.services.load import Loaded
-from machopt.services.made import Made, MadeStint
+
+if TYPE_CHECKING:
+    from machopt.services.made import Made
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,9 @@ def planned(given: Loaded, timings: Timings, before: Sequence[Plan] = ()) -> Pla
         before: the plans of the same stints but for the user's wishes, which lend what these do not change; or none.
     """
     job = plan_job(given.stints, given.toolpath, given.options, timings, before)
+    from machopt.postprocess.written import withheld  # late: loaded beside the plan (machopt.services.run)
+    from machopt.services.made import Made, MadeStint
+
     made = Made(
         cell=given.cell,
         toolpath=given.toolpath,

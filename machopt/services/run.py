@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from machopt.domain.results.optimize import OptimizeResult
 from machopt.effects.own import in_use, with_effects
-from machopt.formats.parquet import write_beside
 from machopt.output import output_folder
-from machopt.plan.front import measured
 from machopt.plan.kernels import taken_beside
-from machopt.plan.mapped import mapped
 from machopt.plan.setup import Timings
-from machopt.postprocess.written import write_programs
-from machopt.recheck.folder import content_checks, verify_folder
-from machopt.services.front import FILE as FRONT
-from machopt.services.front import front, write_front
 from machopt.services.load import OptimizeRequest, load
-from machopt.services.planned import Planned, planned
-from machopt.services.tell import tell, write_tables
-from machopt.verify import Verification
-from machopt.verify.readonce import read_once
+from machopt.services.planned import planned
+
+if TYPE_CHECKING:
+    from machopt.domain.results.optimize import OptimizeResult
+
+WRITING = "machopt.services.written"  # what a plan does not need is loaded beside it
 
 
 @dataclass(frozen=True)
@@ -35,14 +30,6 @@ class OptimizeOutcome:
     conflict: str = ""  # wishes that no plan keeps, in words
 
 
-@dataclass(frozen=True)
-class Written:
-    """What stands in the folder, and what was checked of it."""
-
-    result: OptimizeResult
-    verification: Verification | None  # of every file; None where there is no motion
-
-
 def optimize(request: OptimizeRequest, progress: Callable[[str], None] = lambda _: None) -> OptimizeOutcome:
     """Run the main job.
 
@@ -51,58 +38,12 @@ def optimize(request: OptimizeRequest, progress: Callable[[str], None] = lambda 
     """
     with in_use(with_effects(request.effects)):
         timings = Timings(progress=progress)
-        with taken_beside():
+        with taken_beside(WRITING):
             with timings.stage("load"):
                 given = load(request)
             with output_folder(request.out) as folder:
                 the_plan = planned(given, timings)
+                from machopt.services.written import write
+
                 result = write(the_plan, folder).result
     return OptimizeOutcome(result.exit_code, result, request.out / "report.html", the_plan.made.plan.conflict)
-
-
-def write(the_plan: Planned, folder: Path) -> Written:
-    """Write a plan's files and check what was written.
-
-    Args:
-        folder: an empty folder.
-    """
-    with read_once():  # by the verdict on the tables, and by that on all of it
-        return _written(the_plan, folder)
-
-
-def _written(the_plan: Planned, folder: Path) -> Written:
-    given, made, timings = the_plan.given, the_plan.made, the_plan.timings
-    timeline = made.timeline
-    with timings.stage("export"):
-        write_tables(folder, made.plan, made.points, timeline)
-    if timeline is not None and timeline.trajectory is not None:
-        with timings.stage("programs"):
-            jobs = [(s.stint, s.plan, s.timeline) for s in made.stints]
-            made = made.with_programs(write_programs(folder, given.posts, jobs, given.tolerance))
-        with timings.stage("verify"):
-            found = content_checks(given.cell, given.toolpath, folder, options=given.options, manifest=made.manifest)
-            made = made.verified(found)
-    if given.front and timeline is not None and made.exit_code == 0:
-        with timings.stage("front"):
-            own = measured("as asked", "", made.plan, timeline, made.points, made.plan)
-            made = replace(made, front=tuple(front(given, made.plan, own)))
-            write_front(folder / FRONT, list(made.front))
-    if given.tables == "parquet":
-        with timings.stage("export"):
-            write_beside(folder.glob("*.csv"))
-    with timings.stage("map"):
-        shown = mapped(made.plan, given.map_all)
-    result = tell(made, folder, timings, shown)
-    whole = made.verification
-    if made.verification is not None:
-        whole = verify_folder(
-            given.cell,
-            given.toolpath,
-            folder,
-            options=given.options,
-            inputs=given.manifest.inputs,
-            contents=made.verification,
-        )
-        if made.verification.ok and not whole.ok:  # what was written is not what was meant: a bug, or a bad disk
-            result = tell(replace(made, verification=whole), folder, timings, shown)
-    return Written(result, whole)

@@ -2,11 +2,10 @@
 
 Only the domain nouns are common: the tables are read anew, kinematics are pinocchio's of the whole URDF, contacts
 are found by coal, every column is recomputed by laws of its own. An error in the planner's model, its exporter or its
-unit conversions shows here.
+unit conversions shows here. :mod:`machopt.verify.changes` checks a whole folder, :mod:`machopt.verify.output` what one
+tool did; words of a check are wanted where nothing is checked yet, so neither is imported here.
 """
 
-from machopt.verify.changes import verify_stints
 from machopt.verify.check import Check, Verification
-from machopt.verify.output import verify_output
 
-__all__ = ["Check", "Verification", "verify_output", "verify_stints"]
+__all__ = ["Check", "Verification"]

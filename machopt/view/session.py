@@ -28,7 +28,7 @@ from machopt.services.inputs import hashes_of
 from machopt.services.load import Loaded
 from machopt.services.manifest import under
 from machopt.services.planned import Planned, planned
-from machopt.services.run import write
+from machopt.services.written import write
 from machopt.view.compare import compared
 
 _PASSED = {True: "passed", False: "FAILED", None: "not run"}

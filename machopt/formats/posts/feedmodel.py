@@ -32,14 +32,17 @@ payload. It is low rather than high on smooth paths and says nothing of settling
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.domain.program import LIN, RobotProgram
-from machopt.domain.results.optimize import FeedModel
 from machopt.formats.posts.rounding import Rounding
+
+if TYPE_CHECKING:
+    from machopt.domain.results.optimize import FeedModel
 
 HELD = 0.95  # of the programmed feed: what counts as held, as in the planner's own figure
 STRAIGHT = 1e-6  # rad
@@ -59,6 +62,8 @@ class HeldFeed:
 
     def as_result(self) -> FeedModel:
         """For result.json: percent, mm, s."""
+        from machopt.domain.results.optimize import FeedModel  # late: a plan does not wait for the result's models
+
         return FeedModel(
             mean_percent=100.0 * self.mean_share,
             held_length_percent=100.0 * self.held_share,

@@ -1,0 +1,56 @@
+"""Templates are compiled once and then found, and nothing fails where they cannot be stored."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+from jinja2 import DictLoader, Environment
+
+from machopt.report.storedtemplates import StoredTemplates
+
+TEXT = "hello {{ name }}"
+
+
+def made(folder: Path, text: str = TEXT, options: str = "none") -> Environment:
+    return Environment(loader=DictLoader({"a.html": text}), bytecode_cache=StoredTemplates(folder, options))
+
+
+@pytest.fixture(autouse=True)
+def _writing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+
+
+def test_is_compiled_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "stored"
+    assert made(folder).get_template("a.html").render(name="you") == "hello you"
+    (file,) = folder.iterdir()
+    assert sys.implementation.cache_tag in file.name
+    monkeypatch.setattr(Environment, "compile", None)  # whoever compiles fails
+    assert made(folder).get_template("a.html").render(name="me") == "hello me"
+
+
+def test_is_compiled_anew_where_anything_changed(tmp_path: Path) -> None:
+    made(tmp_path).get_template("a.html")
+    assert made(tmp_path, "bye {{ name }}").get_template("a.html").render(name="you") == "bye you"
+    made(tmp_path, options="other").get_template("a.html")
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_damaged_file_is_made_anew(tmp_path: Path) -> None:
+    made(tmp_path).get_template("a.html")
+    (file,) = tmp_path.iterdir()
+    good = file.read_bytes()
+    for bad in (b"", good[:9], b"x" * len(good)):
+        file.write_bytes(bad)
+        assert made(tmp_path).get_template("a.html").render(name="you") == "hello you"
+        assert file.read_bytes() == good
+
+
+def test_nothing_is_stored_where_it_cannot_or_must_not_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").write_text("in the way")
+    assert made(tmp_path / "file").get_template("a.html").render(name="you") == "hello you"
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    made(tmp_path / "folder").get_template("a.html")
+    assert not (tmp_path / "folder").exists()
