@@ -2,7 +2,8 @@
 
 The search over a grid is exact, the smooth curve beside its best sequence is a local optimum: a finer grid's may be a
 little worse than a coarser one's. So the best sequence of every grid that is made of each k-th rotation, up to
-COARSEST, is smoothed too, and the plan with the least objective is taken.
+COARSEST, is smoothed too, and the plan with the least objective is taken. Where there is none up to COARSEST, as in a
+grid of 10° or 15°, it is up to ROUGH.
 """
 
 from __future__ import annotations
@@ -22,14 +23,20 @@ from machopt.plan.score import Scores
 from machopt.plan.search import Found, Search
 from machopt.plan.smooth import Smoothed, follow_grid, smooth
 
-COARSEST = np.radians(10.0)  # step of the coarsest grid looked at
+COARSEST = np.radians(10.0)  # step of the coarsest grid looked at inside a fine one
+ROUGH = np.radians(45.0)  # and inside one without any up to COARSEST
 EQUAL = 1e-9  # of the objective: a smaller gain is rounding
 
 
 def strides(rotations: int) -> list[int]:
-    """Every k > 1 for which each k-th of the rotations is a whole grid not coarser than COARSEST."""
-    most = int(COARSEST / (2 * np.pi / rotations) + 1e-6)
-    return [k for k in range(2, most + 1) if rotations % k == 0]
+    """Every k > 1 for which each k-th of the rotations is a whole grid not coarser than COARSEST, or than ROUGH where
+    none is."""
+    for coarsest in (COARSEST, ROUGH):
+        most = int(coarsest / (2 * np.pi / rotations) + 1e-6)
+        found = [k for k in range(2, most + 1) if rotations % k == 0]
+        if found:
+            return found
+    return []
 
 
 def thinned(candidates: Candidates, scores: Scores, k: int) -> tuple[Candidates, Scores]:
