@@ -1,7 +1,7 @@
 """Which of many placements bring two surfaces nearer than a limit: yes or no, without the distance (compiled).
 
-Mostly a plane between the convex hulls of the two shows that they are apart; it is looked for along the shortest way
-between the hulls (Gilbert 1966), which a few steps come near enough to. Else the two trees of boxes
+Mostly a plane between the boxes around the two shows that they are apart; it is looked for along the shortest way
+between these (Gilbert 1966), which a few steps come near enough to. Else the two trees of boxes
 (:mod:`machopt.model.triangles`) are gone down. The second surface is not moved first: a box of it is placed when it is
 looked at, and compared along the axes of either; and triangles are, in boxes that are near each other.
 """
@@ -25,7 +25,7 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 FEW, BLOCK = 64, 512  # placements of one task at least and at most, whatever the number of cores
 TOUCH = 1e-9  # m, below which surfaces cross
-STEPS = 10  # towards the shortest way between two hulls
+STEPS = 10  # towards the shortest way between two bodies
 BEYOND = 8.0  # times the motion between two rows: how far beyond the limit the distance of a free row is looked for,
 FAR = 2e-3  # m, where that is less than this
 GUARD = 1e-9  # m, by which motions may be off
@@ -33,22 +33,20 @@ GUARD = 1e-9  # m, by which motions may be off
 
 @dataclass(frozen=True)
 class Outline:
-    """A body's triangles, and corners (V, 3) m that span a convex body around them, in base_link at q = 0."""
+    """A body's triangles, and corners (V, 3) m of a convex body around them, in base_link at q = 0."""
 
     mesh: Mesh
-    hull: Array
+    around: Array
 
 
 def outline_of(body: Body) -> Outline:
-    """Boxes around a body's triangles, and its convex hull."""
-    from scipy.spatial import ConvexHull, QhullError
+    """Boxes around a body's triangles, and the corners of the one around all of them that lies along the body.
 
-    try:
-        hull = body.vertices[ConvexHull(body.vertices).vertices]
-    except QhullError:  # flat: the box around it will do
-        signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
-        hull = body.box_centre + (signs * body.box_half) @ body.box_rotation.T
-    return Outline(mesh_of(body), np.ascontiguousarray(hull))
+    Its convex hull parts no more pairs in the time that its many corners take.
+    """
+    signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
+    corners = body.box_centre + (signs * body.box_half) @ body.box_rotation.T
+    return Outline(mesh_of(body), np.ascontiguousarray(corners))
 
 
 def nearer(a: Outline, b: Outline, T: Array, limit: float) -> Bools:
@@ -63,8 +61,8 @@ def nearer(a: Outline, b: Outline, T: Array, limit: float) -> Bools:
 
     def block(start: int) -> Bools:
         return _rows(
-            a.hull,
-            b.hull,
+            a.around,
+            b.around,
             x.corners,
             x.normals,
             x.low,
@@ -118,7 +116,7 @@ def _parted(a: Array, b: Array, M: Array, limit: float, v: Array, turned: Array)
         gap = _outermost(a, b, M, v, turned)[0]
         if gap >= limit * length:
             return float(gap / length)
-    for c in range(3):  # from b to a, between two points of the hulls
+    for c in range(3):  # from b to a, between a corner of each
         v[c] = a[0, c] - (M[c, 0] * b[0, 0] + M[c, 1] * b[0, 1] + M[c, 2] * b[0, 2] + M[c, 3])
     for _ in range(STEPS):
         length = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
@@ -197,7 +195,7 @@ def _moved(low: Array, high: Array, T: Array, S: Array) -> float:
 
 @compiled
 def _rows(
-    hull: Array,
+    around: Array,
     other: Array,
     a: Array,
     na: Array,
@@ -218,7 +216,7 @@ def _rows(
     T: Array,
     limit: float,
 ) -> NDArray[np.bool_]:
-    """As :func:`nearer` says, ``limit`` at least TOUCH; a … order and b … sequence as in :class:`Mesh`; hulls of both.
+    """As :func:`nearer` says, ``limit`` at least TOUCH; a … order and b … sequence as in :class:`Mesh`; their corners.
 
     A row that is free tells by how much: as a plane shows, or as far as BEYOND. The rows that follow are free as long
     as nothing has moved so far since; and two triangles that are near stay so as long.
@@ -229,7 +227,7 @@ def _rows(
     i, j = -1, -1  # the two triangles that were near in the row before
     hit, sure = -1, 0.0  # a row that is not, and m by which those two are nearer than the limit
     free, room = -1, 0.0  # a row that is free, and m by which its distance is above the limit
-    across = np.zeros(3)  # along which the two hulls were apart last
+    across = np.zeros(3)  # along which the two were apart last
     for n in range(len(T)):
         if free >= 0 and _moved(lo[0], hi[0], T[n], T[free]) < room:
             continue
@@ -242,7 +240,7 @@ def _rows(
             if exact and d < limit:
                 out[n], hit, sure = True, n, limit - d - GUARD
                 continue
-        gap = _parted(hull, other, T[n], limit, across, turned)
+        gap = _parted(around, other, T[n], limit, across, turned)
         if gap > 0.0:
             free, room = n, gap - limit - GUARD
             continue
