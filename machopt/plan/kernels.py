@@ -83,7 +83,7 @@ MORE = (  # what only some plans need: other arms, arms as they are built, exter
     (
         "plan.stairs",
         "steps",
-        f"{_F3},{_F3},i8[:,::1],i8,i8,b1[::1],b1[::1],{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},f8,f8",
+        f"{_F3},{_F3},i8[:,::1],i8,i8,b1[::1],b1[::1],b1[::1],{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},f8,f8",
     ),
     ("plan.lattice", "reach", f"{_F2},{_F3},{_F3},{_F2},i8[:,::1],i8,b1,b1[:,::1],{_F2},{_F1},{_F2},f8"),
     ("plan.lattice", "follow", f"{_F2},{_F3},{_F3},{_F2},i8[:,::1],i8,b1,b1[:,::1],{_F2},{_F1}"),
