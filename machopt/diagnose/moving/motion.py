@@ -123,8 +123,11 @@ def build(
         )
     if recording.q_command is None and channel != "tip":
         missing.append(Untestable("servo_lag", "controller", "the commanded joints are not recorded"))
-    kept = tuple(replace(h, columns=remembered(h.columns)) for h in catalogue.hypotheses)
-    catalogue = Catalogue(kept, tuple(missing), catalogue.axes)
+    kept, nameless = (
+        tuple(replace(h, columns=remembered(h.columns)) for h in laws)
+        for laws in (catalogue.hypotheses, catalogue.nameless)
+    )
+    catalogue = replace(catalogue, hypotheses=kept, untestable=tuple(missing), nameless=nameless)
     return problem, catalogue, tuple(scene.notes), (*found, *more)
 
 

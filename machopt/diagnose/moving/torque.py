@@ -20,6 +20,7 @@ from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.laws import at_beside, at_flange
 from machopt.diagnose.laws.motion_frame import Scene, one_joint
+from machopt.diagnose.moving import unnamed_motions
 from machopt.diagnose.moving.clock import LONGEST, clocks, valley
 from machopt.diagnose.moving.friction import Turn, breakaway, direction, friction, rest_of, turned, unsure
 from machopt.diagnose.moving.loads import ripple, springy
@@ -313,7 +314,8 @@ def _catalogue(scene: Scene, P: Array, paths: list[Turn], best: float, rough: Ca
 
     out += clocks(scene, "tau", late, best)
     out += clocks(scene, "q", late, best, sign=-1.0, penalty=2.0)
-    return Catalogue(tuple(out), tuple(untestable), motion_axes(scene))
+    nameless = tuple(h for j in range(n) for h in unnamed_motions.hypotheses(scene, j))
+    return Catalogue(tuple(out), tuple(untestable), motion_axes(scene), nameless=nameless)
 
 
 def gear_load(scene: Scene) -> Array | None:

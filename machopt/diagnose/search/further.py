@@ -13,7 +13,7 @@ import numpy as np
 from machopt.diagnose import calibrated
 from machopt.diagnose.evidence.grams import Model, Tried, tried
 from machopt.diagnose.nouns.problem import Catalogue, Hypothesis
-from machopt.diagnose.search import together
+from machopt.diagnose.search import orders, together
 from machopt.diagnose.search.select import Chosen, with_chosen
 
 Found = tuple[tuple[Tried, ...], tuple[Chosen, ...]]  # laws that rivals are taken from, what was found
@@ -32,7 +32,8 @@ def searched(base: Model, catalogue: Catalogue, found: Found, most: int, seed: i
     """
     if _wanting(base, found[1], fits):
         found = _again(base, catalogue.further, found, most, np.random.default_rng([seed, 5]), fits)
-    if _wanting(base, found[1], fits) or 1 < len(found[1]) <= calibrated.RESTING.crowded:
+    several = orders.parts(found[1]) > 1 and len(found[1]) <= calibrated.RESTING.crowded
+    if several or _wanting(base, found[1], fits):
         again = _again(base, catalogue.nameless, found, most, np.random.default_rng([seed, 6]), fits)
         if _shorter(base, again[1], found[1]):
             found = again

@@ -35,10 +35,19 @@ def grown(model: Model, chosen: Sequence[Chosen], laws: Sequence[Tried], rng: np
     out = list(chosen)
     for k, c in enumerate(chosen):
         single = [t for t in laws if t.hypothesis.name == c.tried.hypothesis.name and _wave(t.hypothesis)]
-        waves = 2 * len(c.tried.shapes[c.scored.shape]) == c.tried.X.shape[2]  # a cosine and a sine of each order
-        if single and waves:
+        if single and _waves(c):
             out[k] = _joint(model, out, k, single, rng)
     return out
+
+
+def parts(chosen: Sequence[Chosen]) -> int:
+    """How many parts explanations say a thing in: each order of a motion's waves is one."""
+    return sum(len(c.tried.shapes[c.scored.shape]) if c.tried.hypothesis.finer and _waves(c) else 1 for c in chosen)
+
+
+def _waves(c: Chosen) -> bool:
+    """Whether a law has a cosine and a sine of each of its orders."""
+    return bool(2 * len(c.tried.shapes[c.scored.shape]) == c.tried.X.shape[2])
 
 
 def _wave(h: Hypothesis) -> bool:
