@@ -37,7 +37,7 @@ def doubt(*, counted: bool = True) -> Discrepancy:
     shift = size * rng.uniform(-1.0, 1.0, len(NAMES))
     return Discrepancy(
         parts=NAMES,
-        torque=np.full(6, 400.0),
+        torque=np.array([400.0, 700.0, 350.0, 120.0, 90.0, 60.0]),
         shift=shift,
         modes=0.1 * size[None],
         left=3e-4,

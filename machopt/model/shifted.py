@@ -74,7 +74,7 @@ class Shift:
             elif word in (COS, SIN):
                 (cosines if word == COS else sines)[numbers[0]] += value
             elif word in BENDS:
-                gears.append((numbers[0], float(BENDS[word] * found.torque[j]), value))
+                gears.append((numbers[0], float(BENDS[word] * found.torque[numbers[0]]), value))
             elif word in (TERM, LOADED):
                 rest[name] = value
             else:
