@@ -34,6 +34,7 @@ OPTIONS = PlanOptions(
 )
 VALUES = replace(OPTIONS, external=(ExternalAxis(joint="e1", mode="operation"),))
 UP = (0.0, 0.0, 1.0)
+_ON_TOP = '<parent link="s2"/><child link="base_link"/>'
 
 
 def slots(*starts: float, x: float = 0.0) -> Rows:
@@ -226,6 +227,37 @@ def test_a_point_out_of_reach_names_the_rail(
     row = int(p.missing[0])
     assert told in explain_points(p)[row]
     assert would in help_of(p, row)
+
+
+def test_more_joints_than_are_planned_are_refused_and_planned_where_one_is_locked(tmp_path: FilePath) -> None:
+    """Four slides, one on another: an internal error."""
+    cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
+    more = "".join(
+        f'<link name="s{n}"/><joint name="x{n}" type="prismatic"><parent link="{on}"/><child link="s{n}"/>'
+        '<axis xyz="1 0 0"/><limit lower="-0.1" upper="0.1" velocity="3" effort="1"/></joint>'
+        for n, on in enumerate(("carriage", "s0", "s1"))
+    )
+    text = cell.urdf.read_text().replace('<parent link="carriage"/><child link="base_link"/>', _ON_TOP)
+    cell.urdf.write_text(text.replace("</robot>", more + "</robot>"))
+    own, far = cell.limits, np.full(3, 0.1)
+    limits = replace(
+        own,
+        lower=np.r_[own.lower, -far],
+        upper=np.r_[own.upper, far],
+        velocity=np.r_[own.velocity, 10 * far],
+        acceleration=np.r_[own.acceleration, 20 * far],
+        jerk=np.r_[own.jerk, 150 * far],
+    )
+    names = (*cell.external_joints, "x0", "x1", "x2")
+    cell = replace(
+        cell, external_joints=names, external_prismatic=(True,) * 4, external_home=np.zeros(4), limits=limits
+    )
+    with pytest.raises(InputError, match=r"for 4 external joints \(rail, x0, x1, x2\), and 3 are the most"):
+        best_plan(cell, toolpath(slots(0.0)), OPTIONS)
+    held = tuple(ExternalAxis(joint=name, mode="locked") for name in names[1:])
+    found = best_plan(cell, toolpath(slots(0.0)), replace(OPTIONS, external=held))
+    assert not found.breaks
+    assert not len(found.missing)
 
 
 def test_a_joint_under_two_names_has_what_the_later_one_says_beside_the_rest(tmp_path: FilePath) -> None:

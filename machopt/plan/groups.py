@@ -18,6 +18,7 @@ from machopt.plan.path import Path
 from machopt.plan.stands import Interval, Stand, left_by, nearest_in, refuse_crossed, stands_of
 
 MOVING = "moving"
+MOST = 3  # external joints whose places are chosen together
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,6 +111,15 @@ def groups_of(
             must[k], allowed_here, (least[k], most[k]) = left
             allowed.append(allowed_here)
             low[k], high[k] = allowed_here[0][0], allowed_here[-1][1]
+        chosen = np.flatnonzero((high > low) | (moving & (most > least)))
+        if len(chosen) > MOST:
+            names = [axes[k].joint for k in chosen.tolist()]
+            raise InputError(
+                f"places are to be chosen for {len(chosen)} external joints ({', '.join(names)}), and {MOST} are the "
+                f"most; one that stays at home would work: {names[-1]}: {{mode: locked}}",
+                file="options",
+                where="external",
+            )
         share = float(path.weight[rows_of(path, runs)].sum())
         some = tuple(operations.tolist())
         out.append(
