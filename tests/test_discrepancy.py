@@ -17,9 +17,11 @@ from machopt.domain.stiffness import Discrepancy, Stiffness, Term
 from machopt.errors import InputError
 from machopt.estimate.experiment import Experiment
 from machopt.formats.stiffness import load_stiffness, write_stiffness
-from machopt.identify.discrepancy import kept_modes, of_identified, own_variance
+from machopt.identify.discrepancy import PLAY, kept_modes, of_identified, own_variance
 from machopt.identify.fit import fit
 from machopt.model.elastic import ArmElasticity
+from machopt.model.gravity import weight_torque
+from machopt.model.robot import load_masses
 from machopt.model.suspects import BENDS, Suspects, elastic_names, gear_names
 from machopt.model.terms.compiled import compile_terms
 from machopt.plan.doubt import NINETY, Doubt, half_width, told_std
@@ -50,9 +52,28 @@ def doubt_of(tests: Experiment) -> tuple[Stiffness, Discrepancy]:
 
 def test_springs_alone_lack_nothing() -> None:
     _, doubt = doubt_of(readings(())[0])
-    assert doubt.parts == tuple(f"joint {j}" for j in range(1, 7))
+    assert doubt.parts == tuple(f"{word} {j}" for word in ("joint", "play") for j in range(1, 7))
     assert not doubt.misfit
     assert doubt.local == 0.0
+
+
+def test_a_play_that_no_load_test_crosses_may_be_met_by_a_job() -> None:
+    """Weight holds gear 2 on one flank under half the loads, and none of the others is read; gear 1 bears no weight."""
+    tests, _ = readings(())
+    found, robot, T = made.cell()
+    masses = load_masses(found)
+    weight = weight_torque(robot, masses, tests.state)[:, 1]
+    load = np.einsum("nc,nc->n", tests.state.J[:, :, 1], tests.wrench)
+    kept = np.flatnonzero(np.abs(weight) > 2.0 * np.abs(load))
+    assert 40 < len(kept) < len(weight)
+    some = tests.take(kept)
+    fitted = fit(some)
+    stiffness = Stiffness(joints=1.0 / fitted.x[:6])
+    doubt = of_identified(fitted, some, robot, T, stiffness, masses)
+    assert not doubt.misfit
+    half = {j: float(np.linalg.norm(doubt.modes[:, doubt.parts.index(f"play {j}")])) for j in (1, 2)}
+    assert half[2] > 0.4 * PLAY  # one gear in four
+    assert half[1] < 0.1 * half[2]
 
 
 def test_what_is_concealed_is_foreseen_at_other_poses_and_its_interval_holds() -> None:

@@ -22,10 +22,20 @@ weight and load do to posture and lever arms (``loaded``) is no suspicion. It is
 written down, and small loads hide it from the readings without making it any smaller. Where masses are known it counts
 in full, 1 ± PRIOR_LOADED before the readings are asked, and the springs' own errors with what it took from them. A file
 with ``geometric_stiffness`` counts the load's own part already, without the weight; the rest is left to ``loaded``.
+
+Nor is the play of a gear a matter of what explains the readings: load tests whose torques never change sign, the weight
+counted, say nothing of it, and a job whose torques do meets all of it. So beside each model stands the same with the
+usual play (PLAY) in one gear, one time in four before the readings are asked; those that cross it soon rule it out.
+Whether springs explain the readings is asked without: plays, whose form is no knee's, would take in enough of one.
+
+A gear whose law is named in the file was bent to these very readings, and some other law of it, or a second gear that
+the named one took in, would have fitted as well. There springs and laws that explain the readings prove less: every λ
+counts by its likelihood, however little that rises, and so does ``local``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -42,13 +52,15 @@ from machopt.estimate.experiment import Experiment
 from machopt.identify.fit import Fit
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import ArmState, Masses, Robot
-from machopt.model.suspects import Suspects, elastic_names, gear_names, scales
+from machopt.model.suspects import PLAYS, Suspects, elastic_names, gear_names, scales
 
 GRID = np.concatenate([[0.0], np.logspace(-2.5, 0.5, 13)])  # λ; 1: as soft as the joints beside it
 CERTAIN = 8.0  # twice the log-likelihood; χ² of two bounded components passes 6 in one of fifty
 UNKNOWN = 1.0  # 1 sigma of a joint's compliance that no reading shows, as a share of the file's
 FREE = 3.0  # the same of a coefficient that was found: next to nothing is known before
 PRIOR_LOADED = 0.25  # 1 sigma of ``loaded``, known to be 1: masses in a URDF are good to 15 %, and it is of first order
+PLAY = 0.34 * np.pi / 10800.0  # rad, 1 sigma of half the play of a gear that has some: 0.3 to 1 arcmin is usual
+PLAYS_IN = 1.0 / 3.0  # odds that a gear has some before the readings are asked
 KEPT = 1e-6  # of the variance over the readings' poses that the modes left out may have; a job goes elsewhere
 ENOUGH = 3.0  # equations per column, from which replicates are judged beside all columns
 DIRECTIONS = 2  # along which poses are parted into regions: every pose is in one of each
@@ -56,7 +68,7 @@ BLOCKS = 4  # regions along either direction
 LEAST_WEIGHT = 1e-3  # of a λ beside the best
 
 
-Found = tuple[float, NDArray[np.intp], Array, float]  # log-likelihood, columns in use, their precision, λ
+Found = tuple[float, Array, float]  # log-likelihood, 1 sigma of every column beforehand, sum of both λ
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,26 +108,26 @@ def discrepancy(suspects: Suspects, state: ArmState, k: Array, readings: Reading
         readings, residual=readings.residual - Z @ known
     )  # from here on the deviation from what is known
     group = np.array([0] * own + [{True: 2}.get(n in gear_names(), 3 if n == LOADED else 1) for n in more])
+    usual = np.array([PLAY if part_of(n).kind == PLAYS else 0.0 for n in whole.names]) / np.maximum(unit, 1e-300)
     equations, noise, scatter = _equations(Z, readings)
     H, h = equations.total()
     best: list[Found] = []
     for elastic, gears in product(GRID, GRID):
         spread = np.array([UNKNOWN, elastic, gears, PRIOR_LOADED])[group]
-        use = np.flatnonzero(spread > 0)
-        P = H[np.ix_(use, use)] + np.diag(spread[use] ** -2.0)
-        L = np.linalg.cholesky(P)
-        half = np.linalg.solve(L, h[use])
-        likelihood = -float(np.log(np.diag(L)).sum() + np.log(spread[use]).sum()) + 0.5 * float(half @ half)
-        best.append((likelihood, use, P, elastic + gears))
-    plain = next(b for b in best if b[3] == 0.0)  # springs, and the load's own doing
-    if 2.0 * (max(b[0] for b in best) - plain[0]) < CERTAIN:
+        best.append((_likelihood(H, h, spread), spread, elastic + gears))
+    plain = next(b for b in best if b[2] == 0.0)  # springs, and the load's own doing
+    misfit = bool(2.0 * (max(b[0] for b in best) - plain[0]) >= CERTAIN)
+    named = any(t.weighs for t in suspects.terms)  # gears whose law bends with their torque
+    if not misfit and not named:
         best = [plain]
     top = max(b[0] for b in best)
     near = [b for b in best if b[0] > top + np.log(LEAST_WEIGHT)]
-    share = np.exp(np.array([b[0] for b in near]) - top)
+    near += [one for b in near for one in _with_play(H, h, b, whole.names, usual)]
+    share = np.exp(np.array([b[0] for b in near]) - max(b[0] for b in near))
     share /= share.sum()
     mean, second = np.zeros(len(h)), np.zeros_like(H)
-    for w, (_, use, P, _) in zip(share, near, strict=True):
+    for w, (_, spread, _) in zip(share, near, strict=True):
+        use, P = _known(H, spread)
         S = np.asarray(np.linalg.inv(P), float)
         x = np.zeros(len(h))
         x[use] = S @ h[use]
@@ -123,9 +135,9 @@ def discrepancy(suspects: Suspects, state: ArmState, k: Array, readings: Reading
         second[np.ix_(use, use)] += w * _robust(equations, use, S, x)
         second += w * np.outer(x, x)
     covariance = second - np.outer(mean, mean)
-    modes = kept_modes(covariance, H + 1e-12 * np.trace(H) * np.eye(len(H)))
+    modes = kept_modes(covariance, _met(H, whole.names))
     keep = np.abs(covariance).sum(axis=0) > 0
-    misfit = bool(max(best, key=lambda b: b[0])[3] > 0)
+    likeliest = max(best, key=lambda b: b[0])[1]
     left = readings.residual[:, :3][readings.robust[:, :3] > 0.5]
     return Discrepancy(
         parts=tuple(n for n, used in zip(whole.names, keep, strict=True) if used),
@@ -135,8 +147,43 @@ def discrepancy(suspects: Suspects, state: ArmState, k: Array, readings: Reading
         left=float(np.sqrt(np.mean(left**2))) if left.size else 0.0,
         noise=noise,
         misfit=misfit,
-        local=_local(Z, state.q, readings, equations, max(best, key=lambda b: b[0])[1:3], scatter) if misfit else 0.0,
+        local=_local(Z, state.q, readings, equations, _known(H, likeliest), scatter) if misfit or named else 0.0,
     )
+
+
+def _met(H: Array, names: Sequence[str]) -> Array:
+    """What columns move at the readings' poses; a play no less than its joint's spring, as where a job meets it."""
+    out = H + 1e-12 * np.trace(H) * np.eye(len(H))
+    for n, part in enumerate(part_of(name) for name in names):
+        if part.kind == PLAYS:
+            spring = names.index(of_joint(JOINT, part.numbers[0] + 1))
+            out[n, n] += H[spring, spring]
+    return np.asarray(out)
+
+
+def _with_play(H: Array, h: Array, model: Found, names: Sequence[str], usual: Array) -> list[Found]:
+    """The same model with the usual play in one gear, gear by gear, by how likely that is beside it."""
+    out = []
+    for n, name in enumerate(names):
+        if part_of(name).kind == PLAYS and usual[n] > model[1][n]:
+            spread = model[1].copy()
+            spread[n] = usual[n]
+            out.append((_likelihood(H, h, spread) + float(np.log(PLAYS_IN)), spread, model[2]))
+    return out
+
+
+def _likelihood(H: Array, h: Array, spread: Array) -> float:
+    """Logarithm, of the readings, but for what all models share."""
+    use, P = _known(H, spread)
+    L = np.linalg.cholesky(P)
+    half = np.linalg.solve(L, h[use])
+    return -float(np.log(np.diag(L)).sum() + np.log(spread[use]).sum()) + 0.5 * float(half @ half)
+
+
+def _known(H: Array, spread: Array) -> tuple[NDArray[np.intp], Array]:
+    """Columns that may be there, and their precision by all readings and by what is known beforehand."""
+    use = np.flatnonzero(spread > 0)
+    return use, np.asarray(H[np.ix_(use, use)] + np.diag(spread[use] ** -2.0))
 
 
 def _unit(suspects: Suspects, k: Array) -> Array:

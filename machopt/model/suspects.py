@@ -50,9 +50,10 @@ from machopt.model.terms.base import LinearTerm
 from machopt.model.terms.body import cross
 
 TURNS = AXES[3:]
+PLAYS = "play"
 # Share of a joint's torque at which its tanh has gone over. Evenly apart (2.7 times), so that a law that bends anywhere
 # between lies near their sum: with two of them a knee between passed for known, and its interval for too narrow.
-BENDS = {"play": 0.05, "slack": 0.13, "knee": 0.35, "bow": 1.0}
+BENDS = {PLAYS: 0.05, "slack": 0.13, "knee": 0.35, "bow": 1.0}
 COUPLED = ((2, 3), (4, 5), (5, 6), (4, 6))
 
 
