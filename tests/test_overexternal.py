@@ -12,10 +12,12 @@ from examples import examples
 from external_cell import external_cell
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from small_cell import pose
 from test_external import OPTIONS, UP, K, apart, slots
 from test_path import Rows, toolpath
 
 from machopt.cli.toolpath_words import _external_lines
+from machopt.domain.cell import Shape
 from machopt.domain.options import ExternalAxis
 from machopt.domain.results.optimize import ExternalSearchBound
 from machopt.domain.toolpath import Move
@@ -24,13 +26,15 @@ from machopt.plan.caps import GAP
 from machopt.plan.groups import groups_of
 from machopt.plan.made import ExternalBound
 from machopt.plan.objective import objective
-from machopt.plan.overexternal import VALUES, Lattice, _values, lattice_of, over_external
+from machopt.plan.overexternal import Around, Lattice, lattice_of, over_external, turned_low
 from machopt.plan.path import build_path
 from machopt.plan.pipeline import plan
 from machopt.plan.setup import Timings, prepare, standing
+from machopt.plan.valuesaround import NEAR, VALUES, values_of
 from machopt.recheck.resultnumbers import _over_external
 
 EXACT = 1e-9  # of J: rounding
+TURN = 2.0 * np.pi
 
 
 def random_lattice(seed: int, priced: tuple[float, float, float, float], flags: int, stable: bool) -> Lattice:
@@ -48,7 +52,8 @@ def random_lattice(seed: int, priced: tuple[float, float, float, float], flags: 
     return Lattice(
         node=np.where(missing, np.inf, 0.25 * cost),
         raw=np.where(counted & ~missing, cost, 0.0),
-        q=rng.uniform(-3.0, 3.0, (S, V, 6)),
+        q=rng.uniform(-6.0, 0.5, (S, V, 6)),
+        more=rng.integers(0, 3, (S, V, 6), np.int8),
         e=rng.uniform(-1.0, 1.0, (S, G, E)),
         phi=np.tile([-np.pi, 0.5], (S, 1)),
         held=rng.integers(0, 2, (S, G)),
@@ -73,7 +78,9 @@ def every_price(x: Lattice) -> np.ndarray:
             return np.inf
         if (joined and x.stable and a != b) or (kept and u != v):
             return np.inf
-        way = np.abs(np.angle(np.exp(1j * (x.q[s, v] - x.q[s - 1, u]))))
+        ends = zip(x.q[s, v], x.more[s, v], x.q[s - 1, u], x.more[s - 1, u], strict=True)
+        told = [(q + TURN * np.arange(m + 1), p + TURN * np.arange(n + 1)) for q, m, p, n in ends]
+        way = np.array([np.abs(here[:, None] - before).min() for here, before in told])
         way = np.r_[way, np.abs(x.e[s, g] - x.e[s - 1, h])]
         turn = abs(np.angle(np.exp(1j * (x.phi[s, r] - x.phi[s - 1, p]))))
         seconds, travel, rotation, feed = x.priced[s]
@@ -121,7 +128,7 @@ def test_its_prices_are_those_of_the_objective(tmp_path: FilePath, modes: tuple[
     options = replace(OPTIONS, external=free, rotation_step=np.radians(45.0))
     setup, path = prepare(cell, options), standing(build_path(path_in), cell.external_home)
     groups = groups_of(cell, path_in, path, axes_of(cell, options))
-    grids = [_values(g, path, {2: 2}) for g in groups]
+    grids = [values_of(g, path, counts={2: 2}) for g in groups]
     lattice = lattice_of(setup, options, path, groups, grids, 1e-6)
     found = lattice.best(1e-6)
     assert found is not None
@@ -160,13 +167,13 @@ def test_a_plan_is_told_against_all_values_and_where_none_is_known_why(tmp_path:
     assert not found.why
     assert found.bound <= found.sequence
     assert found.bound < found.plan
-    assert found.values == len(np.unique([*np.linspace(-2.5, 2.5, VALUES[1]), 0.0]))
+    assert found.values == len(np.unique([*np.linspace(-2.5, 2.5, VALUES[1]), 0.0])) + 2 * len(NEAR)
     finer = over_external(plan(cell, path, options), path, Timings(), {1: 2 * VALUES[1] - 1})
     assert finer is not None
     assert finer.bound <= found.sequence * (1 + EXACT)  # every value of the coarser grid is one of the finer
     many = over_external(plan(cell, path, options), path, Timings(), {1: 2000})
     assert many is not None
-    assert "2002 values" in many.why
+    assert f"{2002 + 2 * len(NEAR)} values" in many.why
     assert not np.isfinite(many.bound)
     locked = replace(OPTIONS, external=(ExternalAxis(joint="rail", mode="locked"),))
     assert over_external(plan(cell, path, locked), path, Timings()) is None
@@ -174,6 +181,66 @@ def test_a_plan_is_told_against_all_values_and_where_none_is_known_why(tmp_path:
     none = over_external(plan(cell, beyond, options), beyond, Timings())
     assert none is not None
     assert "gaps" in none.why
+
+
+@given(st.floats(-7.0, 7.0), st.floats(-6.5, -0.1), st.floats(0.1, 6.5))
+@settings(max_examples=examples(100), deadline=None)
+def test_whole_turns_are_those_within_the_limits(q: float, lower: float, upper: float) -> None:
+    """Against counting them one by one; on a limit counts as within."""
+    told = [k for k in range(-4, 5) if lower <= q + TURN * k <= upper]
+    low, more = turned_low(np.full((1, 6), q), np.full(6, lower), np.full(6, upper))
+    if told:
+        assert low[0, 0] == pytest.approx(q + TURN * told[0], abs=1e-6)
+        assert more[0, 0] == len(told) - 1
+
+
+def test_the_plan_is_one_of_the_sequences_and_starts_where_it_stands(tmp_path: FilePath) -> None:
+    """Whatever its rotation: the bound is never above it, and its own sequence is the plan as a start."""
+    cell = replace(external_cell(tmp_path, rail=True, table=True), stiffness=K)
+    path = toolpath(slots(0.12))
+    free = tuple(ExternalAxis(joint=n, mode="moving") for n in ("rail", "turn"))
+    options = replace(OPTIONS, external=free, rotation_step=np.radians(15.0))
+    made = plan(cell, path, options)
+    groups = groups_of(cell, path, made.path, axes_of(cell, options))
+    around = Around.of(made, groups, {2: 2})
+    assert not isinstance(around, str)
+    found = around.best()
+    assert found is not None
+    assert found.bound <= found.total <= around.own * (1 + EXACT)
+    x, R = around.lattice, around.lattice.phi.shape[1]
+    a, st_ = made.chosen.assignment, around.part.stations
+    still = np.flatnonzero(np.isclose(x.phi[0], a.phi[st_[0]], atol=1e-12))[0]
+    own = ((x.e.shape[1] - 1) * R + still) * x.branches + a.branch[st_].astype(np.int64)
+    again = around.start(own, made)
+    assert again.phi == pytest.approx(a.phi, abs=1e-9)
+    assert again.external == pytest.approx(made.path.external, abs=1e-9)
+    assert again.seed == pytest.approx(a.q, abs=1e-6)
+
+
+def test_the_best_sequence_touches_nothing(tmp_path: FilePath) -> None:
+    """A bar stands where the arm is best: as good as where every pose that touches it had been looked for."""
+    bar = Shape(name="bar", kind="box", size=(0.1, 0.1, 2.0), mesh=None, T_parent_shape=pose(0.5, -0.15, 0.8))
+    cell = replace(external_cell(tmp_path, rail=True), stiffness=K, obstacles=(bar,))
+    path = toolpath(slots(0.15))
+    options = replace(OPTIONS, collision=True, external=(ExternalAxis(joint="rail", mode="moving"),))
+    made = plan(cell, path, options)
+    around = Around.of(made, groups_of(cell, path, made.path, axes_of(cell, options)), VALUES)
+    assert not isinstance(around, str)
+    every = np.nonzero(np.isfinite(around.lattice.node))
+    touching = around.touching(*every)
+    first = around.lattice.best()
+    best = around.best()
+    assert first is not None
+    assert best is not None
+    rows = np.arange(len(first[2]))
+    assert around.touching(rows, first[2]).any()
+    assert not around.touching(rows, best.vertex).any()
+    around.lattice.node[tuple(at[touching] for at in every)] = np.inf
+    ideal = around.lattice.best()
+    assert ideal is not None
+    assert best.bound <= ideal[0] * (1 + EXACT)
+    assert best.total == pytest.approx(ideal[0], rel=2 * GAP)
+    assert best.bound >= first[1] * (1 - EXACT)
 
 
 @pytest.mark.parametrize(("bound", "plan", "gap"), [(0.9, 1.0, 0.1), (1.0, 1.0, 0.0), (1.1, 1.0, None)])

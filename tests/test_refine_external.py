@@ -262,6 +262,7 @@ def test_a_refined_plan_that_moves_is_no_worse_than_one_that_stands(tmp_path: Fi
 @pytest.mark.slow
 def test_a_second_width_of_trust_makes_no_plan_worse(tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch) -> None:
     cell, path = replace(external_cell(tmp_path, rail=True), stiffness=K), weaving()
+    monkeypatch.setattr(external, "LEAPS", (0, 0))  # a leap from the better of two plans may be the shorter one
     found, scales = [], set()
     for widths in external.TRUSTS, external.TRUSTS[:1], ():
         monkeypatch.setattr(external, "TRUSTS", widths)

@@ -14,7 +14,7 @@ worse.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,15 +28,17 @@ from machopt.plan.along import fewer, held, moved
 from machopt.plan.axes import axes_of
 from machopt.plan.groups import Group, groups_of
 from machopt.plan.made import Plan
+from machopt.plan.overexternal import Around
 from machopt.plan.part import rows_of
 from machopt.plan.path import Path, build_path
 from machopt.plan.pipeline import plan
 from machopt.plan.refine_external import TRUST
-from machopt.plan.refined import refined
+from machopt.plan.refined import on_another_grid, refined
 from machopt.plan.setup import Setup, Timings, prepare
 from machopt.plan.stands import refuse_strangers
 from machopt.plan.timeline import build_timeline
 from machopt.plan.values import STEP, Values
+from machopt.plan.valuesaround import VALUES
 from machopt.plan.worth import Worth
 
 PLANNED = 3  # values planned in full where all can be driven
@@ -44,7 +46,10 @@ TRIED = 8  # where the first ones cannot
 AS_GOOD = 1.15  # times the best estimate: home is planned in full below that, and what is refined a second time
 MOVES_TRIED = 3  # the same where the joints may move along the path
 TRUSTS = (TRUST, np.radians(25.0))  # of the refinement's steps: each leads down its own way, the best is taken
-SHORT = 600  # planning points: a longer path is refined with the first of them alone, for the time it takes
+FAR = (np.radians(40.0),)  # the same of long paths, which are refined once for the time it takes: fewer passes lead on
+SHORT = 600  # planning points: a longer path is long
+LEAPS = 4, 1  # at most, of short paths and of long ones
+WORTH_IT = 4e-3  # of J: a sequence that saves less is no other start
 AS_NEAR = 1.5  # times the least estimate: a way of joints that move is planned below that
 
 Key = tuple[float, float]  # points lost and breaks; what it is worth: less is better
@@ -73,28 +78,91 @@ def best_plan(
     refuse_strangers(cell, options.steer)
     if not cell.external_joints:
         return plan(cell, toolpath, options, clock, before=before, scale=scale)
+    if options.method != "global" or options.rotation_step >= STEP or _stand_still(cell, toolpath, options, axes):
+        return _refined(cell, toolpath, options, clock, before, axes, scale)
+    coarse = _refined(cell, toolpath, replace(options, rotation_step=STEP), clock, before, axes, scale)
+    found = on_another_grid(coarse, toolpath, options.rotation_step, Worth.of(coarse.setup, axes), clock, before)
+    if not _lost(found):
+        return found
+    # Where few rotations are left, a finer grid may find places that the coarse one has not.
+    other = _refined(cell, toolpath, options, clock, before, axes, scale)
+    return min(found, other, key=_key_of(found.setup, axes))
+
+
+def _refined(
+    cell: Cell,
+    toolpath: Toolpath,
+    options: PlanOptions,
+    clock: Timings,
+    before: Plan | None,
+    axes: Sequence[ExternalAxis],
+    scale: float | None,
+) -> Plan:
+    """The best plan on one grid of rotations."""
     starts = _coarse_to_fine(cell, toolpath, options, clock, before, axes, scale)
     found = starts[0]
     groups = groups_of(cell, toolpath, found.path, axes, found.options.steer)
-    if all((g.low == g.high).all() and not g.moves.any() for g in groups):
+    if _locked(groups):
         return found
-    worth = Worth.of(found.setup, axes)
+    worth, key = Worth.of(found.setup, axes), _key_of(found.setup, axes)
     # Where the joints stand is a local best of its own, so that moving is no worse than that.
     still = [replace(g, moving=np.zeros_like(g.moving)) for g in groups]
-    best, rivals = found, starts[1:]
-
-    def key(one: Plan) -> Key:
-        return _lost(one), worth.plan(one)
-
-    for trust in TRUSTS if len(found.path.index) <= SHORT else TRUSTS[:1]:
+    best, rivals, stands = found, starts[1:], None
+    for trust in TRUSTS if len(found.path.index) <= SHORT else FAR:
         best = min(best, refined(found, toolpath, groups, worth, clock, before, worth.plan(best), trust), key=key)
         near = []
         for other in rivals:
             rival = refined(other, toolpath, still, worth, clock, before, AS_GOOD * worth.plan(best), trust)
-            near += [other] if worth.plan(rival) < AS_GOOD * worth.plan(best) else []
+            if worth.plan(rival) < AS_GOOD * worth.plan(best):
+                near.append(other)
+                stands = rival if stands is None else min(stands, rival, key=key)
             best = min(best, rival, key=key)
         rivals = near
+    best = _leapt(best, toolpath, groups, worth, clock, before)
+    if stands is None or worth.plan(stands) > AS_GOOD * worth.plan(best):
+        return best
+    return min(best, replace(_leapt(stands, toolpath, still, worth, clock, before), over_external=None), key=key)
+
+
+def _leapt(
+    best: Plan, toolpath: Toolpath, groups: Sequence[Group], worth: Worth, clock: Timings, before: Plan | None
+) -> Plan:
+    """From a local best on, as long as a sequence over grids around it is better and leads to a better plan.
+
+    What no such sequence undercuts (:mod:`machopt.plan.overexternal`) is kept with the plan.
+    """
+    if _lost(best) or best.found is None:
+        return best
+    most = LEAPS[len(best.path.index) > SHORT]
+    for leap in range(most + 1):
+        with clock.stage("external"):
+            around = Around.of(best, groups, VALUES)
+            if isinstance(around, str):
+                return best
+            found = around.best()
+            best = replace(best, over_external=around.bound(found))
+            if found is None or leap == most or found.total > (1.0 - WORTH_IT) * around.own:
+                return best
+            start = around.start(found.vertex, best)
+        further = refined(best, toolpath, groups, worth, clock, before, start=start)
+        if further is best:
+            return best
+        best = further
     return best
+
+
+def _stand_still(cell: Cell, toolpath: Toolpath, options: PlanOptions, axes: Sequence[ExternalAxis]) -> bool:
+    options = steered(options, toolpath)
+    return _locked(groups_of(cell, toolpath, build_path(toolpath, kept(options)), axes, options.steer))
+
+
+def _locked(groups: Sequence[Group]) -> bool:
+    return all((g.low == g.high).all() and not g.moves.any() for g in groups)
+
+
+def _key_of(setup: Setup, axes: Sequence[ExternalAxis]) -> Callable[[Plan], Key]:
+    worth = Worth.of(setup, axes)
+    return lambda one: (_lost(one), worth.plan(one))
 
 
 def _coarse_to_fine(
@@ -115,7 +183,7 @@ def _coarse_to_fine(
         setup = prepare(cell, options) if before is None else before.setup
         path = build_path(toolpath, kept(options))
         groups = groups_of(cell, toolpath, path, axes, options.steer)
-    if all((g.low == g.high).all() and not g.moves.any() for g in groups):
+    if _locked(groups):
         at = _spread(path, groups, [g.low for g in groups])
         return [plan(cell, toolpath, options, clock, setup=setup, external=at, before=before, scale=scale)]
     with clock.stage("external"):

@@ -24,11 +24,24 @@ SAME, JOINED, KEPT = range(3)  # columns of what a step is
 
 
 @compiled
-def _step(q: Array, last: Array, way: float, slow: float, turn: float, slowness: Array, priced: Array) -> float:
-    """Price of a step between joints (6,) rad; ``way`` rad and ``slow`` s are those of the external ones."""
+def _step(
+    q: Array,
+    more: NDArray[np.int8],
+    last: Array,
+    before: NDArray[np.int8],
+    way: float,
+    slow: float,
+    turn: float,
+    slowness: Array,
+    priced: Array,
+) -> float:
+    """Price of a step between joints (6,) rad, the shortest by the whole turns (6,) that either end has ``more``.
+
+    ``way`` rad and ``slow`` s are those of the external joints.
+    """
     for c in range(6):
         d = q[c] - last[c]
-        d = abs(d - TWO_PI * np.round(d / TWO_PI))
+        d = abs(d + TWO_PI * min(max(np.round(-d / TWO_PI), -float(before[c])), float(more[c])))
         way += d
         slow = max(slow, d * slowness[c])
     late = late_compiled(slow, priced[SECONDS])
@@ -72,6 +85,7 @@ def _ways(
 def reach(
     node: Array,
     q: Array,
+    more: NDArray[np.int8],
     e: Array,
     phi: Array,
     held: NDArray[np.int64],
@@ -87,7 +101,8 @@ def reach(
 
     Args:
         node: (S, V) price of the vertices, infinite where there is none.
-        q: (S, V, 6) rad.
+        q: (S, V, 6) rad, the least that the limits leave of what whole turns make the same.
+        more: (S, V, 6) whole turns that they leave beyond that; what a step takes of them the next one need not know.
         e: (S, G, E) external joints, lengths as they count in rad.
         phi: (S, R) rad.
         held: (S, G) what the joints that keep one value stand at, by number.
@@ -127,7 +142,17 @@ def reach(
             most = np.nextafter(limit - onward[s, v], np.inf)  # as dear as the limit is not too dear
             value = most
             if before[v] < value and way[g, g] < np.inf:  # near, so that few others need a look
-                price = _step(q[s, v], q[s - 1, v], way[g, g], slow[g, g], turn[r, r], slowness, priced[s])
+                price = _step(
+                    q[s, v],
+                    more[s, v],
+                    q[s - 1, v],
+                    more[s - 1, v],
+                    way[g, g],
+                    slow[g, g],
+                    turn[r, r],
+                    slowness,
+                    priced[s],
+                )
                 value = min(value, before[v] + price)
             if not kept:
                 for a in range(0 if every else b, B if every else b + 1):
@@ -138,7 +163,17 @@ def reach(
                         p, h = (u // B) % R, u // (B * R)
                         if not before[u] + priced[s, TRAVEL] * way[g, h] + priced[s, ROTATION] * turn[r, p] < value:
                             continue
-                        price = _step(q[s, v], q[s - 1, u], way[g, h], slow[g, h], turn[r, p], slowness, priced[s])
+                        price = _step(
+                            q[s, v],
+                            more[s, v],
+                            q[s - 1, u],
+                            more[s - 1, u],
+                            way[g, h],
+                            slow[g, h],
+                            turn[r, p],
+                            slowness,
+                            priced[s],
+                        )
                         value = min(value, before[u] + price)
             if value < most:
                 out[s, v] = value + node[s, v]
@@ -149,6 +184,7 @@ def reach(
 def follow(
     reached: Array,
     q: Array,
+    more: NDArray[np.int8],
     e: Array,
     phi: Array,
     held: NDArray[np.int64],
@@ -175,7 +211,9 @@ def follow(
                 continue
             if not reached[s - 1, u] + priced[s, TRAVEL] * way[g, h] < least:
                 continue
-            price = _step(q[s, v], q[s - 1, u], way[g, h], slow[g, h], turn[r, p], slowness, priced[s])
+            price = _step(
+                q[s, v], more[s, v], q[s - 1, u], more[s - 1, u], way[g, h], slow[g, h], turn[r, p], slowness, priced[s]
+            )
             if reached[s - 1, u] + price < least:
                 least, out[s - 1] = reached[s - 1, u] + price, u
     return out

@@ -19,6 +19,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import identity
+from scipy.sparse.linalg import spsolve
 
 from machopt.arrays import Array, Bools
 from machopt.domain.reason import Reason
@@ -38,6 +40,8 @@ from machopt.plan.stands import side_of
 from machopt.plan.worth import PREFERRED, Worth
 from machopt.se3 import wrap
 
+FITS, CLOSER = 4, 100.0  # tries, and weight at each of points near those that lost their pose
+LEAST_RIDGE = 1e-12  # of a square of basis functions: where a curve has more of them than points
 STATIONS = 200  # about as many as the stairs of :mod:`machopt.plan.moving` have
 STENCIL = np.radians(1.0)  # of rotation and of external joints as they count, for the derivatives
 TRUST = np.radians(12.0)  # rad of each at first and at most, where nobody says otherwise
@@ -48,7 +52,7 @@ ENOUGH = 2e-4  # of J: less is not worth another round
 NEAR = 4  # stations to either side of one that lost its pose, which are trusted less as well
 NEVER = 1e3  # m or rad: a margin that binds nowhere
 SPARE = 0.02  # rad of the limits, and share of the margins, kept from where poses end: the model is a line there
-ROOM = 0.01  # of a range, kept from its ends by a joint that moves: a curve may pass beyond its stations
+ROOM = 0.001  # of a range, kept from its ends by a joint that moves: a curve may pass beyond its stations
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,6 +75,15 @@ class State:
 def _margins(found: Assignment) -> Array:
     """(n, 3) of shoulder, elbow and wrist, :data:`NEVER` where an arm without a spherical wrist has one at infinity."""
     return np.minimum(np.column_stack([found.shoulder, found.elbow, found.wrist]), NEVER)
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a refinement begins, at all planning points."""
+
+    phi: Array  # (P,) rad
+    external: Array  # (P, E) m or rad
+    seed: Array  # (P, 6) rad, for the joints
 
 
 @dataclass(frozen=True)
@@ -103,7 +116,9 @@ class Refinement:
             self.range[0][rows], self.range[1][rows] = group.low, group.high
             room[rows] = np.where(group.moving, ROOM, 0.0) * (group.high - group.low)
             self._wished(group, rows, held)
-        self.low, self.high = (self.range[0] + room)[self.rows], (self.range[1] - room)[self.rows]
+        self.held = held
+        self.inner = self.range[0] + room, self.range[1] - room
+        self.low, self.high = (bound[self.rows] for bound in self.inner)
         self.curves = Curves.of(self.path, groups, held)
         self.tied = Bordered(self.curves.at_stations, 1 + plan.path.external.shape[1], self.curves.shared)
         self.terms = Terms.at_stations(self.path, plan.setup.velocity, plan.options)
@@ -126,14 +141,23 @@ class Refinement:
             self.range[0][rows, k] = np.maximum(self.range[0][rows, k], low)
             self.range[1][rows, k] = np.minimum(self.range[1][rows, k], high)
 
-    def found(self) -> Refined | None:
-        """What lessens J at the stations; None where nothing does."""
+    def found(self, start: Start | None = None) -> Refined | None:
+        """What lessens J at the stations; None where nothing does.
+
+        Args:
+            start: what to begin from in place of the plan.
+        """
         plan, rows = self.plan, self.rows
-        phi = plan.chosen.assignment.phi
-        here = self._state(phi[rows], plan.path.external[rows], plan.chosen.assignment.q[rows])
+        phi, external, q = plan.chosen.assignment.phi, plan.path.external, plan.chosen.assignment.q
+        here = self._state(phi[rows], external[rows], q[rows])
         if here is None:
             return None
         first, trust = here.merit, np.full((len(rows), 1 + len(self.per)), self.trust)
+        begun = self._begun(Start(phi, external, q) if start is None else start)
+        if begun is not None:
+            here, phi, external = begun
+        elif start is not None:
+            return None
         coefficients = np.zeros(self.curves.at_points.shape[1])
         for _ in range(ROUNDS):
             local = self._local(here)
@@ -149,11 +173,52 @@ class Refinement:
             trust = np.minimum(1.5 * trust, self.trust)
             if gained < ENOUGH * abs(here.merit):
                 break
-        if here.merit == first:
+        if here.merit >= first:
             return None
         moved = (self.curves.at_points @ coefficients).reshape(len(phi), -1)
-        external = np.clip(plan.path.external + moved[:, 1:] / self.per, *self.range)
+        external = np.clip(external + moved[:, 1:] / self.per, *(self.range if begun is None else self.inner))
         return Refined(phi + moved[:, 0], external, between_stations(self.path, here.q), first - here.merit)
+
+    def _begun(self, start: Start) -> tuple[State, Array, Array] | None:
+        """The state at the curves next to a start, nearer to it where these lost a pose; None where they still do.
+
+        What else a start has, finer than the curves are, no offset would take away.
+        """
+        if self.held.any() or self.options.steer:  # no curve reaches what is held
+            return None
+        weight, rows = np.ones(len(start.phi)), self.rows
+        for _ in range(FITS):
+            phi, e = self._fitted(start, weight)
+            if not self._within(phi):
+                return None
+            found, cost = self._solved(phi[rows], e[rows], start.seed[rows])
+            lost = self._lost(found, e[rows]) | ~np.isfinite(cost)
+            if not lost.any():
+                merit = self._merit(phi[rows], e[rows], found.q, cost)
+                return State(phi=phi[rows], e=e[rows], found=found, q=found.q, cost=cost, merit=merit), phi, e
+            for k in np.flatnonzero(lost).tolist():
+                first, last = rows[max(k - NEAR, 0)], rows[min(k + NEAR, len(rows) - 1)]
+                weight[first : last + 1] *= CLOSER
+        return None
+
+    def _fitted(self, start: Start, weight: Array) -> tuple[Array, Array]:
+        """Rotation (P,) rad and external joints (P, E) as the curves next to them, points weighted (P,)."""
+        z, d = np.column_stack([start.phi, start.external * self.per]), 1 + len(self.per)
+        along = self.curves.at_points
+        for k in range(d):
+            basis = along[k::d]
+            basis = basis[:, np.flatnonzero(np.diff(basis.tocsc().indptr))].tocsc()
+            if basis.shape[1]:
+                counted = (basis.T.multiply(weight)).tocsc()
+                square = (counted @ basis + LEAST_RIDGE * identity(basis.shape[1])).tocsc()
+                z[:, k] = basis @ spsolve(square, counted @ z[:, k])
+        return z[:, 0], np.clip(z[:, 1:] / self.per, *self.inner)
+
+    def _within(self, phi: Array) -> bool:
+        """The user's rotation bounds hold at all planning points (P,) rad."""
+        low, high = self.options.rotation_range
+        gamma = np.asarray(wrap(phi + self.path.offset))
+        return high - low >= 2 * np.pi - 1e-6 or bool(((gamma >= low) & (gamma <= high)).all())
 
     # --- exact --------------------------------------------------------------------------------------------------------
 

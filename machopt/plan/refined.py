@@ -24,7 +24,7 @@ from machopt.plan.path import Path
 from machopt.plan.pipeline import obeys
 from machopt.plan.pipeline import plan as planned
 from machopt.plan.realise import realise
-from machopt.plan.refine_external import TRUST, Refined, Refinement
+from machopt.plan.refine_external import TRUST, Refined, Refinement, Start
 from machopt.plan.score import Directions, directions
 from machopt.plan.setup import Timings, standing
 from machopt.plan.timeline import build_timeline
@@ -45,6 +45,7 @@ def refined(
     before: Plan | None = None,
     below: float = np.inf,
     trust: float = TRUST,
+    start: Start | None = None,
 ) -> Plan:
     """The plan with its external joints refined where that makes it better, else the plan itself.
 
@@ -52,6 +53,7 @@ def refined(
         before: as for :func:`machopt.plan.pipeline.plan`.
         below: what is not worth less than that after the passes is not planned in full.
         trust: rad, region of trust of the refinement's steps at first and at most.
+        start: what to begin from in place of the plan.
     """
     if plan.found is None or plan.breaks or len(plan.missing):
         return plan
@@ -59,11 +61,24 @@ def refined(
     for _ in range(SEARCHES):
         found, searched = _Passes(
             plan=best, toolpath=toolpath, groups=groups, worth=worth, clock=clock, before=before, trust=trust
-        ).best(below)
+        ).best(below, start)
+        start = None
         best, done = found, found is best or not searched
         if done:
             break
     return best
+
+
+def on_another_grid(
+    plan: Plan, toolpath: Toolpath, step: float, worth: Worth, clock: Timings, before: Plan | None = None
+) -> Plan:
+    """The plan with steps of rotation of ``step`` rad: what the search finds there, or its own rotation.
+
+    The rotation of a plan with external joints is a curve between the grid's steps, so that it is one of the answers on
+    any grid: no grid makes a plan worse that lacks nothing.
+    """
+    on = replace(plan, options=replace(plan.options, rotation_step=step))
+    return _Passes(plan=on, toolpath=toolpath, groups=(), worth=worth, clock=clock, before=before).planned_again()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,14 +91,15 @@ class _Passes:
     worth: Worth
     clock: Timings
     before: Plan | None
-    trust: float  # rad
+    trust: float = TRUST  # rad
 
-    def best(self, below: float) -> tuple[Plan, bool]:
+    def best(self, below: float, start: Start | None = None) -> tuple[Plan, bool]:
         """What the passes lead to, else the plan itself; whether the search found a better rotation than they."""
         stages = [self.plan]  # each better than the one before; what the search has not seen has its candidates stale
         for _ in range(PASSES):
             with self.clock.stage("external"):
-                proposed = Refinement(stages[-1], self.groups, self.worth, self.trust).found()
+                proposed = Refinement(stages[-1], self.groups, self.worth, self.trust).found(start)
+                start = None
                 if proposed is None or proposed.saved < GAINS * stages[-1].chosen.objective.total:
                     break
                 better = self._part_of(stages[-1], proposed)
@@ -102,6 +118,14 @@ class _Passes:
             if self._better(whole, self.plan) and self._driven(whole):
                 return whole, searched
         return self.plan, False
+
+    def planned_again(self) -> Plan:
+        """The plan with all that a plan has, by its own options; its own rotation where no other is better."""
+        searched = self._planned(self.plan, self.plan.path)
+        if self.plan.found is None or self.plan.breaks or len(self.plan.missing):
+            return searched
+        own = replace(_own(searched, self.plan), over_external=self.plan.over_external)
+        return searched if self._better(searched, own) and self._driven(searched) else own
 
     def _better(self, one: Plan, other: Plan) -> bool:
         return not one.breaks and not len(one.missing) and self.worth.plan(one) < self.worth.plan(other)
@@ -131,9 +155,8 @@ class _Passes:
     def _whole(self, plan: Plan) -> tuple[Plan, bool]:
         """The plan with all that a plan has, its own rotation or that of a search; whether the latter is the better."""
         searched = self._planned(plan, plan.path)
-        with self.clock.stage("external"):
-            own = self._turned(searched, plan.chosen.assignment.phi, plan.chosen.assignment.q)
-        if own is not None and (searched.breaks or len(searched.missing) or self._better(own, searched)):
+        own = _own(searched, plan)
+        if searched.breaks or len(searched.missing) or self._better(own, searched):
             return own, False
         return searched, True
 
@@ -153,6 +176,11 @@ class _Passes:
             return None
         check = Checker.of(path, setup.arm, setup.robot, setup.collision, plan.options).whole(a.phi, a.q)
         return replace(rescored(plan, a), chosen_from="smooth", check=check, breaks=()) if check.free else None
+
+
+def _own(searched: Plan, plan: Plan) -> Plan:
+    """What was searched with the rotation of a plan of the same external joints and unit."""
+    return replace(searched, chosen=plan.chosen, chosen_from=plan.chosen_from, check=plan.check, breaks=())
 
 
 def _directions(plan: Plan, path: Path) -> Directions:
