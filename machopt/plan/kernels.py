@@ -60,6 +60,7 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
     ("plan.taylor", "_twists", f"{_F3},f8[:,:,:,::1]"),
     ("plan.follow", "_refine", f"{_F2},{_F2},{_F2},{_F3},{_F2}"),
     ("plan.follow", "_chain", f"{_F2},{_F2},{_F2},{_F1},{_F3},{_F3},{_F2}"),
+    ("plan.level", "_deepest", f"{_F3},{_F2},{_F2},f8,f8"),
     ("plan.feedsteps", "corners", f"{_F1},{_F1},{_F1}"),
     ("plan.feedsteps", "greedy", f"{_F1},{_F3},{_F1},{_F1},{_F2},{_F1},{_F1},f8,i8,b1"),
     ("verify.inorder", "targets_in_order", f"{_F2},{_F3},{_F2},{_F2},{_F3},{_F2},b1[::1],{_F1},{_F1},f8,i8"),

@@ -17,9 +17,10 @@ from machopt.plan.breaks import Break, not_driven, place
 from machopt.plan.dips import Dip
 from machopt.plan.kept import recalled
 from machopt.plan.legs import Leg, every_cut_shown, needed, rests
+from machopt.plan.level import BELOW, Level
 from machopt.plan.lifts import Lifts
 from machopt.plan.made import Plan
-from machopt.plan.rapids import Blocked, plan_rapid, time_legs
+from machopt.plan.rapids import UNDER, Blocked, plan_rapid, time_legs
 from machopt.plan.retime import RunFailure, RunInput, RunTrajectory, retime_run
 from machopt.plan.straight import Way, way_between
 
@@ -53,6 +54,8 @@ class LegMaker:
         self.detours: list[str] = []
         self.cut_time = self.held_time = 0.0
         self.free: frozenset[Way] = frozenset()  # straight rapid moves known to be free
+        self.level = Level.of(plan.setup.cell, toolpath)
+        self.graze = BELOW + self._shifted()
 
     def rapid(self, a: Place, b: Place, extensions: int) -> Leg | Break:
         move = plan_rapid(
@@ -68,6 +71,7 @@ class LegMaker:
             iterations=extensions,
             known_free=way_between(a.x, b.x) in self.free,
             per_rad=self.plan.setup.per_rad,
+            barred=self._under if self.level is not None and np.isfinite([a.index, b.index]).all() else None,
         )
         if isinstance(move, Blocked):
             return _blocked(move, a, b)
@@ -95,6 +99,18 @@ class LegMaker:
             external=x[:, 6:],
             waypoint_external=waypoints[1:, 6:],
         )
+
+    def _under(self, x: Array) -> bool:
+        """Whether a rapid move (S, 6 + E) leads through what lies under a cut."""
+        assert self.level is not None  # asked only then
+        arm = self.plan.setup.arm
+        return self.level.under(arm.machine.fk(x, arm.T_flange_tcp)) > self.graze
+
+    def _shifted(self) -> float:
+        """m, how far the commanded cuts are off those of the file: a free move begins where a shifted cut ends."""
+        rows = np.flatnonzero(self.path.is_point)
+        away = self.path.position[rows] - self.toolpath.position[np.round(self.path.index[rows]).astype(int)]
+        return float(np.linalg.norm(away, axis=1).max(initial=0.0))
 
     def straight(self, a: Array, b: Array, row: int, move: Move, height: float) -> Leg | Break:
         """A straight lift or descent along the tool axis; down not faster than the cut that follows."""
@@ -262,12 +278,17 @@ def _blocked(move: Blocked, a: Place, b: Place) -> Break:
             help="an approach or retract to a place clear of the part, or a smaller clearance_mm, would help",
             pair=move.pair,
         )
+    under = move.pair == UNDER
     return Break(
         before=a.index,
         after=b.index,
         code="rapid_blocked",
-        text=f"no free way was found past {move.pair}",
-        help="a retract to a place "
+        text="the tool would pass under places that are cut, and the cell does not say where the part's material is"
+        if under
+        else f"no free way was found past {move.pair}",
+        help="workpiece.geometry, or a retract in the CAM file that is clear of the part, would help"
+        if under
+        else "a retract to a place "
         "clear of everything, another home pose, another seed, or moving what is in the way would help",
         pair=move.pair,
     )

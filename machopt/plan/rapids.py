@@ -23,6 +23,7 @@ STILL = 1e-9  # rad, joints that differ by less do not move
 REACH = 0.8  # rad, longest extension of the tree: benchmarks/rapids_ompl.py
 WIDE = np.pi / 3  # rad, how far beyond the two ends the tree looks at first
 ITERATIONS = 400  # extensions of the tree before giving up (a few ms each)
+UNDER = "cutter ~ workpiece (no geometry: under a cut)"  # what bars a move that touches nothing
 SHORTCUTS = 60  # attempts to cut corners of the tree's path
 
 
@@ -59,6 +60,7 @@ def plan_rapid(
     iterations: int = ITERATIONS,
     known_free: bool = False,
     per_rad: Array | None = None,
+    barred: Callable[[Array], bool] | None = None,
 ) -> RapidMove | Blocked:
     """Plan and time a rapid move.
 
@@ -74,6 +76,7 @@ def plan_rapid(
         iterations: extensions of the random tree before giving up; 0 leaves it out.
         known_free: the straight line has been checked already and is free.
         per_rad: (n,) how much of each joint counts as a rad in the random tree; None: a rad.
+        barred: whether samples (S, n) of a move that touches nothing may not be driven all the same; None: none is.
     """
     q_from, q_to = np.asarray(q_from, float), np.asarray(q_to, float)
     direct = np.array([q_from, q_to])
@@ -81,24 +84,33 @@ def plan_rapid(
     def moved(waypoints: Array, kind: Literal["direct", "retract", "sampled"]) -> RapidMove:
         return RapidMove(waypoints, kind, time_legs(waypoints, limits, scale, sample))
 
-    if collision is None or known_free:
-        return moved(direct, "direct")
-    blocked = _blocked(collision, direct, step)
+    def allowed(move: RapidMove) -> bool:
+        return barred is None or not barred(move.q)
+
+    blocked = None if collision is None or known_free else _blocked(collision, direct, step)
     if blocked is None:
-        return moved(direct, "direct")
+        straight = moved(direct, "direct")
+        if allowed(straight):
+            return straight
+        blocked = Blocked(UNDER, direct[0], 0.0, "way")
     if blocked.reason != "way":
         return blocked
     low, high = limits.lower[: len(q_from)], limits.upper[: len(q_from)]
     for between in detours():
         waypoints = np.vstack([q_from, np.asarray(between, float).reshape(-1, len(q_from)), q_to])
         if (waypoints >= low - STILL).all() and (waypoints <= high + STILL).all():  # noqa: SIM102 — cheap test first
-            if _free(collision, waypoints, step):
-                return moved(waypoints, "retract")
+            if collision is None or _free(collision, waypoints, step):
+                around = moved(waypoints, "retract")
+                if allowed(around):
+                    return around
+    if collision is None or blocked.pair == UNDER:  # the tree knows bodies only
+        return blocked
     measure = np.ones(len(q_from)) if per_rad is None else per_rad
     path = _connect(collision, direct, limits, step, rng, measure, iterations=iterations)
     if path is None:
         return blocked
-    return moved(_shortcut(collision, path, step, rng), "sampled")
+    sampled = moved(_shortcut(collision, path, step, rng), "sampled")
+    return sampled if allowed(sampled) else Blocked(UNDER, direct[0], 0.0, "way")
 
 
 def time_legs(waypoints: Array, limits: JointLimits, scale: float, sample: float) -> Array:

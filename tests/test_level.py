@@ -1,0 +1,113 @@
+"""Where no geometry says where the part is, rapid moves stay over what is cut."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from small_cell import limits, small_cell
+from test_path import UP, A, C, R, Rows, toolpath
+
+from machopt.plan.level import MOST, SAME_SIDE, Level
+from machopt.plan.rapids import UNDER, Blocked, RapidMove, plan_rapid
+
+RADIUS = 5e-3
+SLOT: Rows = [((0, 0, 0.02), UP, R), ((0, 0, 0), UP, A), ((0.1, 0, 0), UP, C), ((0.1, 0, 0.02), UP, R)]
+STEPPED: Rows = [*SLOT, ((0, 0.004, 0.02), UP, R), ((0, 0.004, -0.01), UP, A), ((0.1, 0.004, -0.01), UP, C)]
+
+
+def tools(*places: tuple[float, float, float], tilt: float = 0.0) -> np.ndarray:
+    """(S, 4, 4) tools that look down, tilted about x."""
+    c, s = np.cos(tilt), np.sin(tilt)
+    T = np.tile(np.eye(4), (len(places), 1, 1))
+    T[:, :3, :3] = np.array([[1, 0, 0], [0, c, -s], [0, s, c]]) @ np.diag([1.0, -1.0, -1.0])
+    T[:, :3, 3] = places
+    return T
+
+
+def test_a_tip_right_under_a_cut_is_under_it_by_so_much() -> None:
+    level = Level(toolpath(SLOT), RADIUS)
+    assert level.under(tools((0.05, 0, 0.01))) == 0.0
+    np.testing.assert_allclose(level.under(tools((0.05, 0, 0.01), (0.05, 0.001, -0.003), (0.03, 0, -0.002))), 0.003)
+    assert level.under(tools((0.05, 0.1, -0.07))) == 0.0  # beside it nobody knows
+    assert level.under(tools((0.05, 0, -0.003), tilt=np.radians(40.0))) == 0.0  # so oblique it says nothing
+    assert level.under(tools((0.05, 0, -0.003), tilt=np.radians(20.0))) > 0.002
+
+
+def test_what_is_cut_as_deep_near_by_is_free() -> None:
+    level = Level(toolpath(STEPPED), RADIUS)
+    assert level.under(tools((0.05, 0.002, -0.008))) == 0.0
+    np.testing.assert_allclose(level.under(tools((0.05, 0.002, -0.012))), 0.002)
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_is_what_plain_loops_say(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    rows: Rows = [(tuple(rng.normal(size=3) * 0.02), tuple(rng.normal(size=3) * 0.3 + UP), C) for _ in range(6)]
+    path, tcp = toolpath(rows), tools(*[tuple(p) for p in rng.normal(size=(8, 3)) * 0.02], tilt=0.1)
+    deepest = 0.0
+    for T in tcp:
+        heights = []
+        for k in range(1, len(path)):
+            a, b = path.position[k - 1], path.position[k]
+            count = int(np.clip(np.ceil(np.linalg.norm(b - a) / RADIUS), 1, MOST))
+            for f in np.arange(count + 1) / count:
+                up, axis = T[:3, 3] - a - f * (b - a), (1 - f) * path.axis[k - 1] + f * path.axis[k]
+                aside = np.linalg.norm(up) ** 2 - (up @ axis) ** 2
+                if -axis @ T[:3, 2] > SAME_SIDE and aside <= RADIUS**2:
+                    heights.append(up @ axis)
+        deepest = max(deepest, -max(heights, default=0.0))
+    np.testing.assert_allclose(Level(path, RADIUS).under(tcp), deepest, atol=1e-12)
+
+
+def test_geometry_tells_it_better(tmp_path: Path) -> None:
+    cell = small_cell(tmp_path)
+    bare = replace(cell, workpiece=replace(cell.workpiece, geometry=()))
+    assert cell.workpiece.geometry
+    assert Level.of(cell, toolpath(SLOT)) is None
+    assert Level.of(bare, toolpath(SLOT[:2])) is None  # nothing is cut
+    assert Level.of(bare, toolpath(SLOT)) is not None
+
+
+HERE, THERE = np.deg2rad([-20, -60, 90, 0, 45, 0.0]), np.deg2rad([20, -60, 90, 0, 45, 0.0])
+ABOVE = np.deg2rad([[-20, -90, 90, 0, 45, 0], [20, -90, 90, 0, 45, 0.0]])
+
+
+def rapid(barred: object, *, known_free: bool = False) -> RapidMove | Blocked:
+    return plan_rapid(
+        HERE,
+        THERE,
+        limits=limits(),
+        scale=0.8,
+        sample=0.012,
+        collision=None,
+        step=0.02,
+        detours=lambda: [ABOVE[:1], ABOVE],
+        rng=np.random.default_rng(0),
+        known_free=known_free,
+        barred=barred,  # type: ignore[arg-type]
+    )
+
+
+def test_a_move_that_is_barred_goes_around() -> None:
+    """Also where it is known to touch nothing; the first way that is not barred is taken."""
+
+    def low_in_the_middle(q: np.ndarray) -> bool:
+        return bool((q[np.abs(q[:, 0]) < 0.1, 1] > np.deg2rad(-85.0)).any())
+
+    for known in (False, True):
+        move = rapid(low_in_the_middle, known_free=known)
+        assert isinstance(move, RapidMove)
+        assert move.kind == "retract"
+        np.testing.assert_array_equal(move.waypoints, np.vstack([HERE, ABOVE, THERE]))
+    assert isinstance(rapid(lambda q: False), RapidMove)
+
+
+def test_where_every_way_is_barred_that_is_the_reason() -> None:
+    answer = rapid(lambda q: True)
+    assert isinstance(answer, Blocked)
+    assert (answer.pair, answer.reason) == (UNDER, "way")
