@@ -291,6 +291,9 @@ def test_every_file_that_is_shipped_counts(tmp_path: Path) -> None:
     (package / "__pycache__").mkdir()
     (package / "__pycache__" / "run.cpython-311.pyc").write_bytes(b"made")
     (package / "__pycache__" / "solve.nbi").write_bytes(b"made")
+    stored = package / "report" / "templates" / "__pycache__"  # by the first report of an installation
+    stored.mkdir(parents=True, exist_ok=True)
+    (stored / "report.html.cpython-311-abc").write_bytes(b"made")
     assert shipped(package) in seen
 
 

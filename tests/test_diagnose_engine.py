@@ -361,3 +361,17 @@ def test_the_same_seed_gives_the_same_diagnosis() -> None:
         results.append((d.sentence, d.heldout_after, d.mismatch_p, [x.value for x in d.limits], d.errors.final))
     assert results[0][:4] == results[1][:4]
     assert np.array_equal(results[0][4], results[1][4])
+
+
+def test_what_a_law_keeps_of_itself_is_of_its_own_readings() -> None:
+    """K_C is judged by readings that have it added back: with products of the others it was named at 1e-307."""
+    problem, column = made_up(3, extra=40e-6)
+    w = whitening(problem, Noise(np.array([OWN]), np.zeros(1), np.zeros(1), 0.0, True), np.ones(len(problem), bool))
+    base, _ = base_model(problem, w, np.random.default_rng(0))
+    (one,) = tried(base, [law(column)])
+    grown, plain = base.with_law(one, 0), base.with_columns(one.at(0))
+    np.testing.assert_allclose(grown.Xy, plain.Xy)
+    np.testing.assert_allclose(grown.rss, plain.rss, rtol=1e-9)
+    other, _ = base_model(replace(problem, y=2.0 * problem.y), w, np.random.default_rng(0))
+    with pytest.raises(ValueError, match="with_columns would work"):
+        other.with_law(one, 0)

@@ -37,6 +37,7 @@ NUMERIC = (
 )
 """Packages whose version may move a number or the reading of a file."""
 _MADE = frozenset({".pyc", ".pyo", ".nbi", ".nbc"})  # what Python and numba store beside the sources
+_STORED = "__pycache__"  # where they do, and compiled templates
 
 
 @functools.cache
@@ -56,6 +57,8 @@ def shipped(package: Path) -> str:
     """SHA-256 of all files of a package by name and content, but for what Python and numba store beside them."""
     total = hashlib.sha256()
     for file in sorted(p for p in package.rglob("*") if p.suffix not in _MADE and p.is_file()):
+        if _STORED in file.relative_to(package).parts:
+            continue
         data = file.read_bytes()
         total.update(f"{file.relative_to(package).as_posix()}\0{len(data)}\0".encode() + data)
     return total.hexdigest()

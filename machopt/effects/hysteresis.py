@@ -34,7 +34,6 @@ STEP_PAIRS = ((0.03, 0.15), (0.03, 0.3), (0.08, 0.3), (0.15, 0.5))
 SAMPLES = ((0.02,), (0.05,), (0.1,), (0.18,), (0.3,), (0.45,))  # in motions
 SAMPLE_PAIRS = ((0.02, 0.1), (0.02, 0.3), (0.05, 0.18), (0.05, 0.3), (0.1, 0.3), (0.1, 0.45), (0.18, 0.45))
 DRAGS = tuple((r, b) for r in (0.1, 0.2, 0.4, 0.8, 1.6) for b in (0.5, 0.65, 0.8))  # in motions
-SLIPS = ((0.1, 0.5), (0.25, 0.5), (0.6, 0.5))  # in load tests, where loops are few: of bristles (Dahl)
 USED_UP = tuple((r, k) for r in (0.08, 0.18, 0.35) for k in (0.12, 0.35))  # half-width and reach, in load tests
 # a cycle of a load, from rest up and down and up again: where it comes through zero either way
 CYCLE = np.concatenate([np.linspace(0.0, 1.0, 40), np.linspace(1.0, -1.0, 81)[1:], np.linspace(-1.0, 1.0, 81)[1:]])
@@ -225,7 +224,7 @@ class BoucWen(Settled):
         return {"width": Quantity(width, "arcmin"), "reach": Quantity(float(shape[0]), "N·m")}
 
     def grid(self, scale: Scale) -> tuple[Shape, ...]:
-        return tuple((r * scale.reach, beta) for r, beta in (DRAGS if scale.sampled else SLIPS))
+        return tuple((r * scale.reach, beta) for r, beta in DRAGS) if scale.sampled else ()
 
 
 EFFECT = Effect(

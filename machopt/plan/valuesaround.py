@@ -45,7 +45,6 @@ def values_of(
     path: Path,
     per: Array | None = None,
     counts: Mapping[int, int] = VALUES,
-    near: tuple[float, ...] = NEAR,
 ) -> Values:
     """A grid over what the group's joints may take, values near the plan's, and the plan's own last.
 

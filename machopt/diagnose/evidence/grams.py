@@ -136,10 +136,12 @@ class Model:
         """The same with a law at one shape, by the products that it keeps.
 
         Args:
-            law: whitened and held out as this model is.
+            law: whitened and held out as this model is, against the same readings.
             shape: which.
             held: what is known of its coefficients counts.
         """
+        if law.y is not self.y:
+            raise ValueError("a law keeps its products with other readings than this model's; with_columns would work")
         own = (law.XX[:, shape], law.Xy[:, shape])
         known = law.precision(shape) if held else None
         return self._grown(Part(None, law, shape), law.by_fold(self)[:, shape], own, known)
@@ -162,6 +164,7 @@ class Tried:
     XX: Array  # (F, S, p, p)
     Xy: Array  # (F, S, p)
     size: int  # M
+    y: Array  # (M,) what Xy was worked out with
     rows: Ints | None = None  # (m,) ascending, which of the M rows; None: all
     index: int = 0
     products: Products = field(init=False, default_factory=WeakKeyDictionary, repr=False)  # with columns met before
@@ -268,7 +271,17 @@ def tried(base: Model, hypotheses: Sequence[Hypothesis]) -> list[Tried]:
         XX = np.stack([own(X[k]) for k, _ in parts])
         Xy = np.stack([np.einsum("msp,m->sp", X[k], y[r]) for k, r in parts])
         out.append(
-            Tried(hypothesis=h, X=X, unit=unit.reshape(S, p), XX=XX, Xy=Xy, size=len(y), rows=rows, index=len(out))
+            Tried(
+                hypothesis=h,
+                X=X,
+                unit=unit.reshape(S, p),
+                XX=XX,
+                Xy=Xy,
+                size=len(y),
+                y=y,
+                rows=rows,
+                index=len(out),
+            )
         )
     return out
 

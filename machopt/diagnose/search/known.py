@@ -55,7 +55,9 @@ def geometric_finding(state: State) -> Known | None:
     model, unit = base_model(bare, state.w, np.random.default_rng(0))
     model = regrouped(model, state.base)
     alone = Fitted(model, bare.base, unit, bare.y)
-    without, best = with_chosen(model, state.chosen), with_chosen(state.base, state.chosen)
+    without, best = model, with_chosen(state.base, state.chosen)
+    for c in state.chosen:  # by their columns: what laws keep of themselves are products with other readings
+        without = without.with_columns(c.columns, c.tried.precision(c.scored.shape))
     gain = (without.rss - best.rss) / best.spread
     if gain < max(calibrated.DETECTION.gain, calibrated.DETECTION.named * len(state.base.y)):
         return None
