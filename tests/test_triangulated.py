@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from machopt import triangulated
 from machopt.domain.cell import Shape
 from machopt.model.bodies import closed, triangles_of
 from machopt.triangulated import Triangles, binary_stl, box, cylinder, merged
@@ -74,3 +75,18 @@ def test_a_body_with_hard_edges_is_closed(tmp_path: Path) -> None:
     vertices, faces = triangles_of(Shape(name="hard", kind="mesh", size=(1.0,), mesh=file, T_parent_shape=np.eye(4)))
     assert len(vertices) == 8
     assert closed(faces)
+
+
+def test_corners_whose_keys_meet_are_still_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    solid = trimesh.creation.icosphere(subdivisions=1)
+    apart = Triangles(solid.vertices[solid.faces].reshape(-1, 3), np.arange(3 * len(solid.faces)).reshape(-1, 3))
+    whole = merged(apart)
+    assert len(whole.vertices) == len(solid.vertices)
+    monkeypatch.setattr(triangulated, "MIXED", np.array([2, 0, 0]))  # corners of one x share it
+    assert all(np.array_equal(a, b) for a, b in zip(merged(apart), whole, strict=True))
+
+
+def test_nothing_merges_to_nothing() -> None:
+    none = merged(Triangles(np.full((3, 3), np.nan), np.array([[0, 1, 2]])))
+    assert none.vertices.shape == (0, 3)
+    assert none.faces.shape == (0, 3)

@@ -320,12 +320,12 @@ def _frame_of_joint(model: object, joint: int) -> int:
 
 def _link_shapes(cell: Cell, model: object, data: object, T_base_world: Array, ids: list[int]) -> tuple[LinkShape, ...]:
     """Collision bodies of the URDF, placed in base_link at q = 0; those on other branches of the tree count as base."""
-    from xml.sax.saxutils import quoteattr  # it loads all of urllib
-
     import pinocchio as pin
 
     text = cell.urdf_text
     for name, folder in cell.packages.items():  # a package's folder may have another name than the package
+        from xml.sax.saxutils import quoteattr  # it loads all of urllib
+
         text = text.replace(f"package://{name}/", quoteattr(f"{folder}/")[1:-1])
     folders = [str(cell.urdf.parent), str(cell.folder)]
     try:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
@@ -177,6 +176,8 @@ def all_bodies(cell: Cell, arm: Arm) -> list[Body]:
 
     text = cell.urdf_text
     for name, folder in cell.packages.items():  # a package's folder may have another name than the package
+        from xml.sax.saxutils import quoteattr  # it loads all of urllib
+
         text = text.replace(f"package://{name}/", quoteattr(f"{folder}/")[1:-1])
     folders = [str(cell.urdf.parent), str(cell.folder)]
     try:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.formats.mesh.fail import Fail
+from machopt.triangulated import corners_of
 
 _SAME = 1e-4  # of the longest side; text formats are printed with six digits and more
 _LOST = 0.02  # share of triangles that may be left out as slivers without an area
@@ -37,7 +38,7 @@ def check_same(path: Path, vertices: Array, faces: NDArray[np.int64], fail: Fail
         ) from None
     other.computeLocalAABB()
     theirs = np.array([other.aabb_local.min_, other.aabb_local.max_])
-    used = vertices[np.unique(faces)]
+    used = vertices[corners_of(faces, len(vertices))]
     near = _SAME * float(np.ptp(used, axis=0).max())
     boxes = [np.array([v.min(0), v.max(0)]) for v in (used, vertices)]  # points of no triangle may count there
     solid = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])

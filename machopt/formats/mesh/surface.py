@@ -63,7 +63,7 @@ def read_surface(path: Path, fail: Fail) -> Surface:
     data = whole_mesh(path, fail)
     plain = triangulated.binary_stl(data) if path.suffix.lower() == ".stl" else None
     surface = _other(path, data, fail) if plain is None else plain
-    used = surface.vertices[np.unique(surface.faces)]
+    used = surface.vertices[triangulated.corners_of(surface.faces, len(surface.vertices))]
     if not len(used):
         raise fail(f"mesh {path.name} holds no triangles")
     if not np.isfinite(used).all():
@@ -135,10 +135,10 @@ def _open_edges(faces: NDArray[np.int64]) -> int:
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     n = int(faces.max()) + 1
     low, high = edges.min(axis=1), edges.max(axis=1)
-    code, place = np.unique(low * n + high, return_inverse=True)
-    forth = np.bincount(place, weights=edges[:, 0] == low, minlength=len(code))
-    back = np.bincount(place, weights=edges[:, 0] != low, minlength=len(code))
-    return int(np.count_nonzero(forth != back))
+    ways = np.sort(2 * (low * n + high) + (edges[:, 0] == low))  # an edge's ways back, then those forth
+    begins = np.flatnonzero(np.append(True, np.diff(ways >> 1) != 0))
+    forth = np.add.reduceat(ways & 1, begins)
+    return int(np.count_nonzero(2 * forth != np.diff(np.append(begins, len(ways)))))
 
 
 def _volume(vertices: Array, faces: NDArray[np.int64]) -> float:
