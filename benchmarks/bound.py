@@ -23,8 +23,8 @@ from machopt.domain.toolpath import Toolpath
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
 from machopt.formats.toolpath import read_toolpath
-from machopt.plan.certificate import Certificate, certificate
-from machopt.plan.pipeline import plan
+from machopt.plan.certainty.certificate import Certificate, certificate
+from machopt.plan.pipeline.run import plan
 
 ROOT = Path(__file__).resolve().parent.parent
 SHIPPED = (

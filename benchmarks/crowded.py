@@ -64,9 +64,9 @@ def share_colliding(cell_folder: Path, toolpath: Path) -> float:
     from machopt.formats.cell import load_cell
     from machopt.formats.options import load_options
     from machopt.formats.toolpath import read_toolpath
-    from machopt.plan.candidates import enumerate_candidates
-    from machopt.plan.path import build_path
-    from machopt.plan.setup import prepare
+    from machopt.plan.configurations.candidates import enumerate_candidates
+    from machopt.plan.pipeline.setup import prepare
+    from machopt.plan.stations.path import build_path
 
     cell = load_cell(cell_folder)
     options = load_options(cell.plan, None, [])

@@ -23,10 +23,10 @@ from machopt.domain.toolpath import Toolpath
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
 from machopt.formats.toolpath import read_toolpath
-from machopt.plan import path as paths
-from machopt.plan.made import Plan
-from machopt.plan.objective import objective
-from machopt.plan.pipeline import plan
+from machopt.plan.cost.objective import objective
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.run import plan
+from machopt.plan.stations import path as paths
 
 ROOT = File(__file__).resolve().parents[1]
 CELL = ROOT / "cells" / "kr500_milling"

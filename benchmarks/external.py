@@ -9,10 +9,10 @@ same passes, the rail) and with two (a groove that winds one and a half times ro
 table): wall and processor time, peak memory, stages, and in the same run how long a plain pinocchio loop takes for
 the Jacobian and stiffness of every point × rotation × branch where the external joints stand at one place: the ratio
 holds on any machine. Goals on two cores of an ordinary machine: 8 s with one, 25 s with two, 1.5 GiB.
-near (only where it is asked for: some minutes): what ``AS_GOOD`` and ``AS_NEAR`` of :mod:`machopt.plan.external` are
-worth. The shipped jobs of both cells and a short groove, rotations every 15°, with either number set so that nothing
-but the best is tried, as it stands, and so that everything is: J and processor time. On 24 Nov 2026 no setting changed
-J of any of the three (beam 1.206, drum 0.400, groove 2.182 with 2 breaks), for up to 16 % more time.
+near (only where it is asked for: some minutes): what ``AS_GOOD`` and ``AS_NEAR`` of :mod:`machopt.plan.best.external`
+are worth. The shipped jobs of both cells and a short groove, rotations every 15°, with either number set so that
+nothing but the best is tried, as it stands, and so that everything is: J and processor time. On 24 Nov 2026 no setting
+changed J of any of the three (beam 1.206, drum 0.400, groove 2.182 with 2 breaks), for up to 16 % more time.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from main_job import textbook
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
 from machopt.formats.toolpath import read_toolpath
-from machopt.plan import external
+from machopt.plan.best import external
 
 ROOT = Path(__file__).resolve().parents[1]
 TOOLPATHS = ROOT / "toolpaths"

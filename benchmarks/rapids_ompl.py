@@ -47,7 +47,7 @@ def blocked_moves(setup: Any, count: int) -> list[tuple[Any, Any]]:
 
 
 def ours(setup: Any, a: Any, b: Any, seed: int) -> Way:
-    from machopt.plan.rapids import RapidMove, plan_rapid
+    from machopt.plan.motion.rapids import RapidMove, plan_rapid
 
     start = time.perf_counter()
     found = plan_rapid(
@@ -126,8 +126,8 @@ def main() -> int:
         return 2
     from machopt.formats.cell import load_cell
     from machopt.formats.options import load_options
-    from machopt.plan.rapids import time_legs
-    from machopt.plan.setup import prepare
+    from machopt.plan.motion.rapids import time_legs
+    from machopt.plan.pipeline.setup import prepare
 
     util.setLogLevel(util.LogLevel.LOG_NONE)
     util.RNG.setSeed(SEED)

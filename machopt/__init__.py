@@ -9,7 +9,7 @@ Pipeline of the main job (``machopt optimize CELL TOOLPATH -o OUT``)::
     every q       index    best      γ(s) as    FCL      feed,     tables,   other     one page
     or a reason   per q    sequence  a curve             jerk      KRL       code
 
-Each step is one file in :mod:`machopt.plan` and owns its result type; ``plan/pipeline.py`` draws the
+Each step is one file in :mod:`machopt.plan` and owns its result type; ``plan/pipeline/run.py`` draws the
 arrows. Imports point one way::
 
     cli → api → batch | view → services → cells → postprocess → recheck → report → formats | verify | output

@@ -8,10 +8,10 @@ from machopt.domain.toolpath import Toolpath
 from machopt.formats.posts import program_name, write_program
 from machopt.formats.posts.densify import Tolerance
 from machopt.formats.tables import write_points_csv, write_trajectory_csv
-from machopt.plan.made import Plan
-from machopt.plan.points import point_results
-from machopt.plan.spared import as_driven
-from machopt.plan.timeline import Timeline
+from machopt.plan.compensation.margins import as_driven
+from machopt.plan.motion.timeline import Timeline
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.written.points import point_results
 from machopt.postprocess.moves import Programmed
 from machopt.recheck.compared import Compared, Posted
 from machopt.recheck.posts import controller_for

@@ -10,7 +10,7 @@ import numpy as np
 
 from machopt.arrays import Array, Bools
 from machopt.domain.reason import Reason
-from machopt.plan.ahead import Ahead
+from machopt.plan.contacts.lookahead import Ahead
 
 S, R, B = 30, 12, 2
 

@@ -17,11 +17,11 @@ from machopt.domain.reason import Reason
 from machopt.domain.stiffness import Stiffness
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.model.elastic import jiao_index
-from machopt.plan.baseline import LEAST_TILT, STEP, _groups, _roll, cam_default, jiao2022
-from machopt.plan.path import Path, build_path, tcp_poses
-from machopt.plan.realise import Assignment
-from machopt.plan.score import directions
-from machopt.plan.setup import Setup, prepare
+from machopt.plan.choice.baseline import LEAST_TILT, STEP, _groups, _roll, cam_default, jiao2022
+from machopt.plan.configurations.realise import Assignment
+from machopt.plan.cost.score import directions
+from machopt.plan.pipeline.setup import Setup, prepare
+from machopt.plan.stations.path import Path, build_path, tcp_poses
 from machopt.se3 import wrap
 
 C, R = Move.CUT, Move.RAPID

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from machopt.arrays import Array
-from machopt.plan.blend import Curve, build_curves, path_parameter
+from machopt.plan.feed.blend import Curve, build_curves, path_parameter
 from machopt.se3 import tool_rotation
 
 TOLERANCE = 15e-6  # m

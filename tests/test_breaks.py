@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from machopt.domain.reason import Reason
-from machopt.plan.breaks import Break, breaks_of_choice
-from machopt.plan.candidates import Candidates
-from machopt.plan.choose import Choice
+from machopt.plan.choice.choose import Choice
+from machopt.plan.configurations.candidates import Candidates
+from machopt.plan.pipeline.breaks import Break, breaks_of_choice
 
 ROTATIONS, BRANCHES = 8, 2
 LIMIT = np.radians(50.0)  # of every joint

@@ -17,11 +17,11 @@ from machopt.domain.toolpath import Move
 from machopt.model import threads
 from machopt.model.ik import count_from, fewest_turns, turns
 from machopt.model.threads import both, cores, side_by_side
-from machopt.plan import candidates as module
-from machopt.plan.candidates import Candidates, enumerate_candidates
-from machopt.plan.path import Path as Way
-from machopt.plan.path import build_path, tcp_poses
-from machopt.plan.setup import Setup, prepare
+from machopt.plan.configurations import candidates as module
+from machopt.plan.configurations.candidates import Candidates, enumerate_candidates
+from machopt.plan.pipeline.setup import Setup, prepare
+from machopt.plan.stations.path import Path as Way
+from machopt.plan.stations.path import build_path, tcp_poses
 from machopt.se3 import inverse, wrap
 
 

@@ -22,14 +22,14 @@ from test_path import Rows, toolpath
 from machopt.domain.options import PlanOptions, Weights
 from machopt.domain.stiffness import Stiffness
 from machopt.domain.toolpath import Move
-from machopt.plan import nested, pipeline
-from machopt.plan.caps import GAP
-from machopt.plan.certificate import certificate
-from machopt.plan.choose import choose
-from machopt.plan.made import Plan
-from machopt.plan.nested import strides, thinned
-from machopt.plan.pipeline import plan
-from machopt.plan.search import Search
+from machopt.plan.certainty.certificate import certificate
+from machopt.plan.choice.choose import choose
+from machopt.plan.choice.worst_cap import GAP
+from machopt.plan.pipeline import coarser_grids, run
+from machopt.plan.pipeline.coarser_grids import strides, thinned
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.run import plan
+from machopt.plan.pipeline.search import Search
 
 EXACT = 1e-12  # of J: rounding
 CURVES = 2 * GAP  # of J: a choice may miss GAP, and a smooth curve is a local optimum; 30 jobs lay below 2e-4
@@ -102,9 +102,9 @@ def test_coarser_choices_made_ahead_are_made_again_once_the_grid_has_lost_a_vert
 ) -> None:
     path, candidates, scores = random_problem(3)
     made: list[int] = []
-    told = nested.choose
-    monkeypatch.setattr(nested, "strides", lambda _: [2])
-    monkeypatch.setattr(nested, "choose", lambda *a: made.append(1) or told(*a))
+    told = coarser_grids.choose
+    monkeypatch.setattr(coarser_grids, "strides", lambda _: [2])
+    monkeypatch.setattr(coarser_grids, "choose", lambda *a: made.append(1) or told(*a))
     wide = np.zeros(len(path.stations), bool)
     search = SimpleNamespace(
         path=path,
@@ -114,7 +114,7 @@ def test_coarser_choices_made_ahead_are_made_again_once_the_grid_has_lost_a_vert
         options=PlanOptions(),
         chooser=SimpleNamespace(wide=wide),
     )
-    coarser = nested.Coarser(search)  # type: ignore[arg-type]
+    coarser = coarser_grids.Coarser(search)  # type: ignore[arg-type]
     coarser.choose()
     first = coarser.of(2)[2]
     assert made == [1]
@@ -130,8 +130,8 @@ def test_coarser_choices_made_ahead_are_made_again_once_the_grid_has_lost_a_vert
 
 def one_scale(monkeypatch: pytest.MonkeyPatch, scale: float = 1e-6) -> None:
     """c₀ is the median over the candidates, so that grids and ranges have each their own; here all have one."""
-    told = pipeline.score_candidates
-    monkeypatch.setattr(pipeline, "score_candidates", lambda *a: replace(told(*a), scale=scale))
+    told = run.score_candidates
+    monkeypatch.setattr(run, "score_candidates", lambda *a: replace(told(*a), scale=scale))
 
 
 def planned(folder: FilePath, rows: Rows, priced: Weights, step: float, reach: float = 180.0) -> Plan:
@@ -191,7 +191,7 @@ def test_what_is_made_beside_other_work_changes_no_plan_and_is_made_once(
     rows: Rows = [((0.02 * k - 0.1, 0.05, 0.02), (0.1, 0.02 * k, 1.0), Move.CUT if k else Move.RAPID) for k in range(8)]
     searches: list[weakref.ref[Search]] = []
     made: list[str] = []
-    coarse, begun = nested.choose, Search.begin
+    coarse, begun = coarser_grids.choose, Search.begin
 
     def begin(search: Search) -> None:
         searches.append(weakref.ref(search))
@@ -203,11 +203,11 @@ def test_what_is_made_beside_other_work_changes_no_plan_and_is_made_once(
         return coarse(*a)
 
     monkeypatch.setattr(Search, "begin", begin)
-    monkeypatch.setattr(nested, "choose", choose_coarse)
+    monkeypatch.setattr(coarser_grids, "choose", choose_coarse)
     plans = []
     for cores in (1, 2):
         monkeypatch.setattr("machopt.model.threads.cores", lambda cores=cores: cores)
-        monkeypatch.setattr(nested, "cores", lambda cores=cores: cores)
+        monkeypatch.setattr(coarser_grids, "cores", lambda cores=cores: cores)
         plans.append(planned(tmp_path, rows, Weights(), 5.0))
     assert made == ["first True", "coarse True", "first False", "coarse False"]
     one, two = (p.chosen for p in plans)

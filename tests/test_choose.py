@@ -13,15 +13,15 @@ from test_path import Rows, length_weight, toolpath
 from machopt.domain.options import FixedRotation, PlanOptions, Weights
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move
-from machopt.plan.candidates import Candidates, _forbid_by_user
-from machopt.plan.caps import GAP, SOLVES, Capped, trade
-from machopt.plan.choose import Choice, Grid, choose
-from machopt.plan.edges import Edges
-from machopt.plan.objective import AXIS_SPEED, NEAR
-from machopt.plan.path import Path, build_path
-from machopt.plan.score import Scores
-from machopt.plan.sequence import JUMP
-from machopt.plan.windows import TURNING, windows
+from machopt.plan.choice.choose import Choice, Grid, choose
+from machopt.plan.choice.edges import Edges
+from machopt.plan.choice.sequence import JUMP
+from machopt.plan.choice.windows import TURNING, windows
+from machopt.plan.choice.worst_cap import GAP, SOLVES, Capped, trade
+from machopt.plan.configurations.candidates import Candidates, _forbid_by_user
+from machopt.plan.cost.objective import AXIS_SPEED, NEAR
+from machopt.plan.cost.score import Scores
+from machopt.plan.stations.path import Path, build_path
 from machopt.se3 import wrap
 
 UP = (0.0, 0.0, 1.0)

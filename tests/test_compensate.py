@@ -22,11 +22,11 @@ from machopt.errors import InputError
 from machopt.formats.options import load_options
 from machopt.formats.stiffness import load_stiffness
 from machopt.model.elastic import ArmElasticity, joint_stiffness
-from machopt.plan.compensate import STEEPEST, residual, shifted, steepness
-from machopt.plan.engage import engaged_force
-from machopt.plan.explain import explain_points
-from machopt.plan.made import Plan
-from machopt.plan.refine import compensate, with_corners
+from machopt.plan.compensation.compensate import STEEPEST, residual, shifted, steepness
+from machopt.plan.compensation.refine import compensate, with_corners
+from machopt.plan.cost.engagement import engaged_force
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.written.explain import explain_points
 from machopt.verify.engage import demanded_force
 from machopt.verify.shift import FORCE_SHARE
 

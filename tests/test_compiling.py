@@ -242,14 +242,14 @@ def test_an_installation_compiles_what_no_other_process_has_taken(
     stored: list[str] = []
     monkeypatch.setattr(kernels, "compile_all", lambda some: made.extend(module for module, *_ in some))
     monkeypatch.setattr(module, "store", lambda kernel, folder: stored.append(kernel.__name__))
-    (tmp_path / "plan.stairs.claimed").touch()
+    (tmp_path / "plan.external.moving_sequence.claimed").touch()
     kernels.compile_into(tmp_path)
     wanted = [name for name, *_ in KERNELS + MORE]
-    assert sorted(made) == sorted(name for name in wanted if name != "plan.stairs")
+    assert sorted(made) == sorted(name for name in wanted if name != "plan.external.moving_sequence")
     assert next(iter(dict.fromkeys(made))) == kernels.LONGEST[0]
     assert len(stored) == len(wanted)
     kernels.compile_into(tmp_path)
-    assert len(made) == len([name for name in wanted if name != "plan.stairs"])
+    assert len(made) == len([name for name in wanted if name != "plan.external.moving_sequence"])
 
 
 def test_without_a_place_to_store_it_says_what_would_help(

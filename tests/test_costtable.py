@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
-from machopt.plan.costtable import CostTable
+from machopt.plan.smoothing.cost_table import CostTable
 
 STEP = 0.0875
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import BSpline, CubicSpline, PchipInterpolator
 
-from machopt.plan.curves import Spline, design_matrix, monotone, through
+from machopt.plan.smoothing.curves import Spline, design_matrix, monotone, through
 
 SAME = 1e-13  # the same sums, in an order that a compiler may still contract
 

@@ -16,7 +16,7 @@ from machopt.diagnose.written.doubt import with_doubt
 from machopt.domain.stiffness import Stiffness, Term
 from machopt.estimate.experiment import experiment
 from machopt.model.elastic import ArmElasticity
-from machopt.plan.doubt import Doubt
+from machopt.plan.certainty.discrepancy import Doubt
 
 PLAY = Term(
     "joint_hysteresis",

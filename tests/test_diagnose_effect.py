@@ -18,9 +18,9 @@ from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
 from machopt.formats.toolpath import read_toolpath
 from machopt.model.elastic import ArmElasticity
-from machopt.plan.explain import gamma
-from machopt.plan.made import Plan
-from machopt.plan.pipeline import plan
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.run import plan
+from machopt.plan.written.explain import gamma
 from machopt.report.gather.diagnose import job_effect
 from machopt.services.diagnose_files import effect_of
 

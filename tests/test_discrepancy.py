@@ -24,11 +24,11 @@ from machopt.model.gravity import weight_torque
 from machopt.model.robot import load_masses
 from machopt.model.suspects import BENDS, Suspects, elastic_names, gear_names
 from machopt.model.terms.compiled import compile_terms
-from machopt.plan.doubt import NINETY, Doubt, half_width, told_std
-from machopt.plan.explain import hints
-from machopt.plan.refine import compensate
-from machopt.plan.removal import removals
-from machopt.plan.uncertainty import bends
+from machopt.plan.certainty.discrepancy import NINETY, Doubt, half_width, told_std
+from machopt.plan.certainty.uncertainty import bends
+from machopt.plan.compensation.refine import compensate
+from machopt.plan.compensation.removal import removals
+from machopt.plan.written.explain import hints
 
 BASE = Term("base_compliance", "base", {"compliance_diagonal": [1e-9, 1e-9, 1e-9, 2e-7, 2e-7, 1e-7]})
 

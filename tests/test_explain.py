@@ -16,11 +16,11 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
 from machopt.domain.stiffness import Discrepancy, PositionError
 from machopt.model.elastic import ArmElasticity
-from machopt.plan.explain import _lost_by_shift, all_breaks, explain_points, help_of, hints, misfit_words
-from machopt.plan.made import Compensation, Plan
-from machopt.plan.points import point_results, reason_of
-from machopt.plan.position import predicted
-from machopt.plan.told import worst_told
+from machopt.plan.certainty.position_error import predicted
+from machopt.plan.pipeline.planned import Compensation, Plan
+from machopt.plan.written.explain import _lost_by_shift, all_breaks, explain_points, help_of, hints, misfit_words
+from machopt.plan.written.points import point_results, reason_of
+from machopt.plan.written.told import worst_told
 
 ROWS: Rows = []
 for y in (-0.1, 0.1):

@@ -19,14 +19,14 @@ from machopt.errors import InputError
 from machopt.formats.options import load_options, options_as_user
 from machopt.model.machine import load_machine
 from machopt.model.robot import load_robot
-from machopt.plan.certificate import certificate
-from machopt.plan.explain import explain_points, help_of
-from machopt.plan.external import best_plan
-from machopt.plan.made import Plan
-from machopt.plan.pipeline import plan
-from machopt.plan.rapids import RapidMove, plan_rapid
-from machopt.plan.setup import prepare
-from machopt.plan.timeline import build_timeline
+from machopt.plan.best.external import best_plan
+from machopt.plan.certainty.certificate import certificate
+from machopt.plan.motion.rapids import RapidMove, plan_rapid
+from machopt.plan.motion.timeline import build_timeline
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.run import plan
+from machopt.plan.pipeline.setup import prepare
+from machopt.plan.written.explain import explain_points, help_of
 
 K = Stiffness(joints=np.array([1.4e6, 1.2e6, 9.4e5, 3.6e5, 3.7e5, 3.8e5]))
 OPTIONS = PlanOptions(

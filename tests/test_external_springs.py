@@ -22,7 +22,7 @@ from machopt.formats.stiffness import load_stiffness, write_stiffness
 from machopt.model.beside import Beside
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import load_masses, load_robot
-from machopt.plan.settled import weight_on_base
+from machopt.plan.certainty.external_springs import weight_on_base
 from machopt.se3 import inverse
 from machopt.verify.arm import Arm
 from machopt.verify.carriers import given_way

@@ -15,13 +15,13 @@ from machopt.domain.cell import Cell
 from machopt.domain.options import ExternalAxis, Index, ProcessForce
 from machopt.domain.stiffness import ExternalSpring, Stiffness
 from machopt.model.elastic import ArmElasticity
-from machopt.plan.external import best_plan
-from machopt.plan.made import Plan
-from machopt.plan.path import Path as Planned
-from machopt.plan.path import build_path
-from machopt.plan.score import configuration_cost, directions
-from machopt.plan.setup import Setup, prepare, standing
-from machopt.plan.uncertainty import bends, by_carriers, gains
+from machopt.plan.best.external import best_plan
+from machopt.plan.certainty.uncertainty import bends, by_carriers, gains
+from machopt.plan.cost.score import configuration_cost, directions
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.setup import Setup, prepare, standing
+from machopt.plan.stations.path import Path as Planned
+from machopt.plan.stations.path import build_path
 
 RIGID = np.zeros((6, 6))
 SPRINGS = (

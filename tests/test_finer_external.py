@@ -17,12 +17,12 @@ from test_refine_external import MOVING, chosen, weaving
 
 from machopt.domain.options import ExternalAxis
 from machopt.domain.toolpath import Move, Toolpath
-from machopt.plan import external
-from machopt.plan.axes import axes_of
-from machopt.plan.external import best_plan
-from machopt.plan.made import Plan
-from machopt.plan.refine_external import Refinement, Start
-from machopt.plan.worth import Worth
+from machopt.plan.best import external
+from machopt.plan.best.external import best_plan
+from machopt.plan.external.axes import axes_of
+from machopt.plan.external.ranking import Worth
+from machopt.plan.jointly.refinement import Refinement, Start
+from machopt.plan.pipeline.planned import Plan
 
 ROUNDED = 1e-9  # of J
 

@@ -11,8 +11,8 @@ import pytest
 
 from machopt.domain.options import PlanOptions, Weights
 from machopt.errors import InputError
-from machopt.plan.front import Point, better_by_its_own_weights, left_out, refuse, variants, weighed
-from machopt.plan.objective import Objective, total_of
+from machopt.plan.cost.objective import Objective, total_of
+from machopt.plan.job.pareto import Point, better_by_its_own_weights, left_out, refuse, variants, weighed
 from machopt.report.data import FrontPoint
 from machopt.report.front import front_section
 from machopt.services.front import HEAD, write_front

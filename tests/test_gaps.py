@@ -10,9 +10,9 @@ import pytest
 from test_choose import line
 
 from machopt.domain.reason import Reason
-from machopt.plan.breaks import Break, jumps
-from machopt.plan.gaps import stretches, told, uncut
-from machopt.plan.path import Path
+from machopt.plan.pipeline.breaks import Break, jumps
+from machopt.plan.pipeline.gaps import stretches, told, uncut
+from machopt.plan.stations.path import Path
 
 
 @dataclass

@@ -13,12 +13,12 @@ from machopt.domain.cell import Shape
 from machopt.domain.options import ExternalAxis, PlanOptions
 from machopt.domain.stiffness import Stiffness
 from machopt.formats.toolpath import read_toolpath
-from machopt.plan.candidates import enumerate_candidates
-from machopt.plan.external import best_plan
-from machopt.plan.glimpse import free_choice
-from machopt.plan.path import build_path
-from machopt.plan.score import directions, score_candidates
-from machopt.plan.setup import prepare, standing
+from machopt.plan.best.external import best_plan
+from machopt.plan.configurations.candidates import enumerate_candidates
+from machopt.plan.cost.score import directions, score_candidates
+from machopt.plan.external.sampled_choice import free_choice
+from machopt.plan.pipeline.setup import prepare, standing
+from machopt.plan.stations.path import build_path
 
 
 def test_a_value_in_the_way_of_a_post_is_lost_and_another_is_taken(tmp_path: Path) -> None:

@@ -15,12 +15,12 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.stiffness import Stiffness
 from machopt.domain.toolpath import Move
 from machopt.errors import InputError
-from machopt.plan.explain import help_of
-from machopt.plan.gouge import gouges_of
-from machopt.plan.path import Path as PlanPath
-from machopt.plan.path import build_path
-from machopt.plan.pipeline import plan
-from machopt.plan.points import point_results
+from machopt.plan.contacts.gouge import gouges_of
+from machopt.plan.pipeline.run import plan
+from machopt.plan.stations.path import Path as PlanPath
+from machopt.plan.stations.path import build_path
+from machopt.plan.written.explain import help_of
+from machopt.plan.written.points import point_results
 
 Triple = tuple[float, float, float]
 UP = (0.0, 0.0, 1.0)

@@ -26,9 +26,9 @@ from machopt.formats.toolpath import read_toolpath
 from machopt.formats.urdf import describe_alone, find_arm, read_robot
 from machopt.model.machine import load_machine
 from machopt.model.robot import load_chain, load_robot
-from machopt.plan.candidates import enumerate_candidates
-from machopt.plan.path import build_path
-from machopt.plan.setup import prepare, standing
+from machopt.plan.configurations.candidates import enumerate_candidates
+from machopt.plan.pipeline.setup import prepare, standing
+from machopt.plan.stations.path import build_path
 from machopt.se3 import rpy_matrix
 from machopt.services.newcell import run_init
 from machopt.workspace.mapping import arm_of

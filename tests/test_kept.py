@@ -15,9 +15,9 @@ from test_path import toolpath
 
 from machopt.domain.options import FixedRotation, PlanOptions
 from machopt.domain.toolpath import Operation, Toolpath
-from machopt.plan.external import best_plan
+from machopt.plan.best.external import best_plan
 from machopt.plan.kept import Store, keeping, recalled
-from machopt.plan.timeline import build_timeline
+from machopt.plan.motion.timeline import build_timeline
 
 
 def test_a_step_is_done_again_only_where_an_input_differs() -> None:

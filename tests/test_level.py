@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from small_cell import limits, small_cell
 from test_path import UP, A, C, R, Rows, toolpath
 
-from machopt.plan.level import MOST, SAME_SIDE, Level
-from machopt.plan.rapids import UNDER, Blocked, RapidMove, plan_rapid
+from machopt.plan.motion.over_cuts import MOST, SAME_SIDE, Level
+from machopt.plan.motion.rapids import UNDER, Blocked, RapidMove, plan_rapid
 
 RADIUS = 5e-3
 SLOT: Rows = [((0, 0, 0.02), UP, R), ((0, 0, 0), UP, A), ((0.1, 0, 0), UP, C), ((0.1, 0, 0.02), UP, R)]

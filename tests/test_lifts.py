@@ -9,8 +9,8 @@ import pytest
 from test_pipeline import FREE, pass_over_block, small_job
 
 from machopt.domain.options import PlanOptions
-from machopt.plan.lifts import GAP_LIFTS, LIFTS, Lifts
-from machopt.plan.made import Plan
+from machopt.plan.motion.lifts import GAP_LIFTS, LIFTS, Lifts
+from machopt.plan.pipeline.planned import Plan
 
 ROW = 4
 

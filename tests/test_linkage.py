@@ -20,7 +20,7 @@ from machopt.model.gravity import gravity_torque
 from machopt.model.ik import solver_for
 from machopt.model.linkage import refuse_linked
 from machopt.model.robot import load_chain, load_masses
-from machopt.plan.follow import joints_at
+from machopt.plan.feed.follow import joints_at
 from machopt.services.run import OptimizeRequest, optimize
 from machopt.verify.arm import Arm
 

@@ -19,13 +19,13 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
 from machopt.domain.stiffness import Stiffness
 from machopt.domain.toolpath import Move
-from machopt.plan.breaks import Break, Code
-from machopt.plan.dips import Dip, Where
-from machopt.plan.explain import all_breaks, explain_points, help_of
-from machopt.plan.made import Plan
-from machopt.plan.moveends import given_up, slowed
-from machopt.plan.pipeline import plan
-from machopt.plan.points import point_results
+from machopt.plan.feed.slowdowns import Dip, Where
+from machopt.plan.pipeline.breaks import Break, Code
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.run import plan
+from machopt.plan.written.explain import all_breaks, explain_points, help_of
+from machopt.plan.written.move_ends import given_up, slowed
+from machopt.plan.written.points import point_results
 
 __all__ = ["made"]  # the fixture
 

@@ -12,17 +12,17 @@ from test_smooth import valley
 
 from machopt.domain.options import PlanOptions, Weights
 from machopt.domain.toolpath import Move
-from machopt.plan.candidates import Candidates
-from machopt.plan.choose import Choice, choose
-from machopt.plan.corridor import REACH, Ends, Stretch
-from machopt.plan.costtable import CostTable
-from machopt.plan.curves import Spline
-from machopt.plan.objective import NEAR, Objective, Terms, crowding, objective
-from machopt.plan.path import Path, build_path
-from machopt.plan.programme import Basis, Programme
-from machopt.plan.score import Scores
-from machopt.plan.smooth import follow_grid
-from machopt.plan.spline import spline_answers
+from machopt.plan.choice.choose import Choice, choose
+from machopt.plan.configurations.candidates import Candidates
+from machopt.plan.cost.objective import NEAR, Objective, Terms, crowding, objective
+from machopt.plan.cost.score import Scores
+from machopt.plan.smoothing.corridor import REACH, Ends, Stretch
+from machopt.plan.smoothing.cost_table import CostTable
+from machopt.plan.smoothing.curves import Spline
+from machopt.plan.smoothing.programme import Basis, Programme
+from machopt.plan.smoothing.smooth import follow_grid
+from machopt.plan.smoothing.spline import spline_answers
+from machopt.plan.stations.path import Path, build_path
 from machopt.se3 import wrap
 
 UP = (0.0, 0.0, 1.0)

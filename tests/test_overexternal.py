@@ -21,16 +21,16 @@ from machopt.domain.cell import Shape
 from machopt.domain.options import ExternalAxis
 from machopt.domain.results.optimize import ExternalSearchBound
 from machopt.domain.toolpath import Move
-from machopt.plan.axes import axes_of
-from machopt.plan.caps import GAP
-from machopt.plan.groups import groups_of
-from machopt.plan.made import ExternalBound
-from machopt.plan.objective import objective
-from machopt.plan.overexternal import Around, Lattice, lattice_of, over_external, turned_low
-from machopt.plan.path import build_path
-from machopt.plan.pipeline import plan
-from machopt.plan.setup import Timings, prepare, standing
-from machopt.plan.valuesaround import NEAR, VALUES, values_of
+from machopt.plan.best.bound import Around, Lattice, lattice_of, over_external, turned_low
+from machopt.plan.best.values_around import NEAR, VALUES, values_of
+from machopt.plan.choice.worst_cap import GAP
+from machopt.plan.cost.objective import objective
+from machopt.plan.external.axes import axes_of
+from machopt.plan.external.groups import groups_of
+from machopt.plan.pipeline.planned import ExternalBound
+from machopt.plan.pipeline.run import plan
+from machopt.plan.pipeline.setup import Timings, prepare, standing
+from machopt.plan.stations.path import build_path
 from machopt.recheck.resultnumbers import _over_external
 
 EXACT = 1e-9  # of J: rounding

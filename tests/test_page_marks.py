@@ -9,7 +9,7 @@ import numpy as np
 from made_up_place import placed
 from made_up_report import full_result
 
-from machopt.plan.dips import Dip
+from machopt.plan.feed.slowdowns import Dip
 from machopt.report.data import FeedDip
 from machopt.report.gather.optimize import cause, found
 from machopt.report.page import report_html

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from machopt.domain.toolpath import Move, Operation, Toolpath
-from machopt.plan import path as path_module
-from machopt.plan.path import SEGMENT, SEGMENT_AXIS, Path, build_path, tcp_poses
+from machopt.plan.stations import path as path_module
+from machopt.plan.stations.path import SEGMENT, SEGMENT_AXIS, Path, build_path, tcp_poses
 from machopt.se3 import normalise, tool_rotation, wrap
 
 UP = (0.0, 0.0, 1.0)

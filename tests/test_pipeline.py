@@ -21,13 +21,13 @@ from machopt.formats.cell import load_cell
 from machopt.formats.stiffness import load_stiffness
 from machopt.formats.toolpath import read_toolpath
 from machopt.model.elastic import deflection, directional_compliance, jiao_index
-from machopt.plan.explain import explain_points, gamma, hints, shortfall_of
-from machopt.plan.made import Plan
-from machopt.plan.path import tcp_poses
-from machopt.plan.pipeline import plan
-from machopt.plan.realise import Assignment
-from machopt.plan.score import resolve_index
-from machopt.plan.setup import Timings, prepare
+from machopt.plan.configurations.realise import Assignment
+from machopt.plan.cost.score import resolve_index
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.run import plan
+from machopt.plan.pipeline.setup import Timings, prepare
+from machopt.plan.stations.path import tcp_poses
+from machopt.plan.written.explain import explain_points, gamma, hints, shortfall_of
 
 ROOT = FilePath(__file__).resolve().parent.parent
 C, R = Move.CUT, Move.RAPID

@@ -27,10 +27,10 @@ from machopt.placement.moved import Carried, centre_of, frames_of, moved, named
 from machopt.placement.search import Asked, Site
 from machopt.placement.standing import Standing
 from machopt.placement.task import Task, stints_whole
-from machopt.plan.job import plan_job
-from machopt.plan.part import part_of
-from machopt.plan.path import build_path
-from machopt.plan.setup import Timings
+from machopt.plan.job.run import plan_job
+from machopt.plan.pipeline.setup import Timings
+from machopt.plan.stations.path import build_path
+from machopt.plan.stations.subpath import part_of
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 SPRINGS = Stiffness(joints=np.array([2.0, 2.0, 1.5, 0.5, 0.4, 0.3]) * 1e6)

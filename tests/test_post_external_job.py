@@ -18,9 +18,9 @@ from machopt.domain.options import ExternalAxis
 from machopt.domain.program import Controller, ExternalDrive
 from machopt.domain.toolpath import Toolpath
 from machopt.formats.posts.densify import Tolerance
-from machopt.plan.external import best_plan
-from machopt.plan.made import Plan
-from machopt.plan.timeline import Timeline, build_timeline
+from machopt.plan.best.external import best_plan
+from machopt.plan.motion.timeline import Timeline, build_timeline
+from machopt.plan.pipeline.planned import Plan
 from machopt.postprocess.moves import robot_program, sampled_program
 from machopt.recheck.compared import Compared
 from machopt.recheck.readback import check_programs

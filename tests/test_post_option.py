@@ -22,8 +22,8 @@ from machopt.formats.posts import post_text, write_program
 from machopt.formats.posts.densify import Tolerance, departure
 from machopt.formats.programs import read_program
 from machopt.formats.toolpath import read_toolpath
-from machopt.plan.pipeline import plan
-from machopt.plan.timeline import build_timeline
+from machopt.plan.motion.timeline import build_timeline
+from machopt.plan.pipeline.run import plan
 from machopt.postprocess.moves import robot_program
 from machopt.recheck.posts import tolerance_of
 

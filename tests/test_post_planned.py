@@ -18,9 +18,9 @@ from machopt.formats.cell import load_cell
 from machopt.formats.posts import needs_samples, post_names
 from machopt.formats.posts.densify import Tolerance
 from machopt.formats.toolpath import read_toolpath
-from machopt.plan.made import Plan
-from machopt.plan.pipeline import plan
-from machopt.plan.timeline import Timeline, build_timeline
+from machopt.plan.motion.timeline import Timeline, build_timeline
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.run import plan
 from machopt.postprocess.moves import robot_program, sampled_program
 
 ROOT = Path(__file__).resolve().parents[1]

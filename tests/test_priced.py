@@ -9,9 +9,9 @@ import pytest
 from test_choose import VELOCITY, random_problem
 
 from machopt.domain.options import PlanOptions, Weights
-from machopt.plan import priced
-from machopt.plan.choose import Choice, Grid
-from machopt.plan.priced import Priced
+from machopt.plan.choice import step_prices
+from machopt.plan.choice.choose import Choice, Grid
+from machopt.plan.choice.step_prices import Priced
 
 OPTIONS = PlanOptions(weights=Weights(mean=1.0, worst=0.7, travel=0.3, rotation=0.4))
 
@@ -45,11 +45,11 @@ def test_without_room_for_all_steps_the_choice_is_the_same(stable: bool, monkeyp
     path, candidates, scores = random_problem(1)
     candidates = replace(candidates, stable=stable)
     whole = Grid.of(path, candidates, scores, VELOCITY, OPTIONS)
-    monkeypatch.setattr(priced, "MOST", len(whole.priced.price) // 2)
+    monkeypatch.setattr(step_prices, "MOST", len(whole.priced.price) // 2)
     half = Grid.of(path, candidates, scores, VELOCITY, OPTIONS)
     assert 0 < len(half.priced.price) <= len(whole.priced.price) // 2
     assert same(half.choose(), whole.choose())
-    monkeypatch.setattr(priced, "MOST", 0)
+    monkeypatch.setattr(step_prices, "MOST", 0)
     none = Grid.of(path, candidates, scores, VELOCITY, OPTIONS)
     assert not len(none.priced.price)
     assert same(none.choose(), whole.choose())

@@ -19,8 +19,8 @@ import machopt
 from machopt.domain.cell import Shape
 from machopt.model.collision import CollisionModel
 from machopt.model.robot import load_chain
-from machopt.plan import rapids
-from machopt.plan.rapids import Blocked, RapidMove, plan_rapid, time_legs
+from machopt.plan.motion import rapids
+from machopt.plan.motion.rapids import Blocked, RapidMove, plan_rapid, time_legs
 
 STEP, SAMPLE = np.deg2rad(1.0), 0.012
 

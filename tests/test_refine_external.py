@@ -20,19 +20,19 @@ from test_path import Rows, toolpath
 from machopt.cli import main
 from machopt.domain.options import ExternalAxis, PlanOptions
 from machopt.domain.toolpath import Move, Toolpath
-from machopt.plan import external
-from machopt.plan.axes import axes_of
-from machopt.plan.bordered import Bordered
-from machopt.plan.external import _coarse_to_fine, best_plan
-from machopt.plan.groups import Group, groups_of
-from machopt.plan.jointly import Around, Bounds, Local, Steps, lessened
-from machopt.plan.made import Plan
-from machopt.plan.offsets import Curves
-from machopt.plan.realise import Assignment
-from machopt.plan.refine_external import Refinement
-from machopt.plan.refined import refined
-from machopt.plan.setup import Timings
-from machopt.plan.worth import Worth
+from machopt.plan.best import external
+from machopt.plan.best.external import _coarse_to_fine, best_plan
+from machopt.plan.configurations.realise import Assignment
+from machopt.plan.external.axes import axes_of
+from machopt.plan.external.groups import Group, groups_of
+from machopt.plan.external.ranking import Worth
+from machopt.plan.jointly.bordered import Bordered
+from machopt.plan.jointly.offsets import Curves
+from machopt.plan.jointly.quadratic import Around, Bounds, Local, Steps, lessened
+from machopt.plan.jointly.refinement import Refinement
+from machopt.plan.jointly.tried import refined
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.setup import Timings
 
 MOVING = replace(OPTIONS, rotation_step=np.radians(15.0))
 

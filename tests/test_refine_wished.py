@@ -17,12 +17,12 @@ from test_path import Rows, toolpath
 from machopt.domain.options import ExternalAxis, ExternalMode, Steer
 from machopt.domain.steering import inside
 from machopt.domain.toolpath import Move, Toolpath
-from machopt.plan.axes import axes_of
-from machopt.plan.external import _coarse_to_fine, best_plan
-from machopt.plan.made import Plan
-from machopt.plan.pipeline import obeys
-from machopt.plan.setup import Timings
-from machopt.plan.worth import Worth
+from machopt.plan.best.external import _coarse_to_fine, best_plan
+from machopt.plan.external.axes import axes_of
+from machopt.plan.external.ranking import Worth
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.run import obeys
+from machopt.plan.pipeline.setup import Timings
 from machopt.se3 import wrap
 
 E_PIN = Steer(points=(4, 6), joint="rail", at=0.35, unit="mm")

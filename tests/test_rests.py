@@ -17,8 +17,8 @@ from test_retime import make
 from machopt.cli import main
 from machopt.domain.toolpath import Event, Move, Operation, Toolpath
 from machopt.errors import InputError
-from machopt.plan.legs import BEFORE_ALL, Leg, rests
-from machopt.plan.retime import RunTrajectory, retime_run
+from machopt.plan.feed.retime import RunTrajectory, retime_run
+from machopt.plan.motion.legs import BEFORE_ALL, Leg, rests
 from machopt.postprocess.moves import _events
 from machopt.verify.rests import check_rests
 

@@ -13,9 +13,9 @@ from machopt.domain.cell import JointLimits
 from machopt.model.ik import refine
 from machopt.model.machine import Machine
 from machopt.model.robot import Robot
-from machopt.plan import feedrate
-from machopt.plan.blend import path_parameter
-from machopt.plan.retime import RunFailure, RunInput, RunTrajectory, retime_run
+from machopt.plan.feed import feedrate
+from machopt.plan.feed.blend import path_parameter
+from machopt.plan.feed.retime import RunFailure, RunInput, RunTrajectory, retime_run
 from machopt.se3 import inverse, tool_rotation, transform
 
 FLANGE = transform(np.array([[0, 0, 1], [0, -1, 0], [1, 0, 0]]), np.array([3.115, 0, 0.99]))

@@ -143,7 +143,7 @@ def test_every_planning_key_that_a_message_names_exists() -> None:
     named = {
         word
         for file, text in _texts("plan")
-        if file in ("plan/explain.py", "plan/breaks.py", "plan/gaps.py")
+        if file in ("plan/written/explain.py", "plan/pipeline/breaks.py", "plan/pipeline/gaps.py")
         for word in ending.findall(text)
     }
     assert named

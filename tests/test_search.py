@@ -16,16 +16,16 @@ from machopt.domain.options import PlanOptions, Weights
 from machopt.domain.reason import Reason
 from machopt.domain.stiffness import Stiffness
 from machopt.domain.toolpath import Move
-from machopt.plan.ahead import Ahead
-from machopt.plan.candidates import Candidates, enumerate_candidates
-from machopt.plan.caps import GAP
-from machopt.plan.check import Checker
-from machopt.plan.choose import choose
-from machopt.plan.explain import explain_points
-from machopt.plan.made import Plan
-from machopt.plan.mapped import mapped
-from machopt.plan.pipeline import plan
-from machopt.plan.sequence import JUMP
+from machopt.plan.choice.choose import choose
+from machopt.plan.choice.sequence import JUMP
+from machopt.plan.choice.worst_cap import GAP
+from machopt.plan.configurations.candidates import Candidates, enumerate_candidates
+from machopt.plan.contacts.check import Checker
+from machopt.plan.contacts.lookahead import Ahead
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.run import plan
+from machopt.plan.written.contact_map import mapped
+from machopt.plan.written.explain import explain_points
 from machopt.se3 import wrap
 
 UP = (0.0, 0.0, 1.0)

@@ -15,8 +15,8 @@ from machopt.formats.cell import load_cell
 from machopt.formats.setups import placed
 from machopt.formats.toolchoice import stints_of, with_tools
 from machopt.formats.toolpath import read_toolpath
-from machopt.plan.job import plan_job
-from machopt.plan.setup import Timings
+from machopt.plan.job.run import plan_job
+from machopt.plan.pipeline.setup import Timings
 from machopt.services.load import OptimizeRequest
 from machopt.services.run import optimize
 

@@ -18,10 +18,10 @@ from machopt.model.elastic import ArmElasticity
 from machopt.model.gravity import gravity_torque
 from machopt.model.robot import Masses
 from machopt.model.suspects import BENDS, elastic_names, gear_names
-from machopt.plan.compensate import residual
-from machopt.plan.doubt import Doubt
-from machopt.plan.explain import misfit_words
-from machopt.plan.refine import compensate
+from machopt.plan.certainty.discrepancy import Doubt
+from machopt.plan.compensation.compensate import residual
+from machopt.plan.compensation.refine import compensate
+from machopt.plan.written.explain import misfit_words
 
 LINK = Term("link_compliance", "link:2", {"EI_Nm2": 2e6, "GJ_Nm2": 1e6})
 MASSES = Masses(np.array([2, 3, 6]), np.array([80.0, 60.0, 20.0]), np.full((3, 3), 0.2), np.array([0.0, 0.0, -9.8]))

@@ -12,14 +12,14 @@ from machopt.domain.options import FixedRotation, PlanOptions, Weights
 from machopt.domain.toolpath import Move
 from machopt.formats.cell import load_cell
 from machopt.formats.toolpath import read_toolpath
-from machopt.plan import path as path_module
-from machopt.plan.candidates import Candidates, _forbid_by_user, enumerate_candidates
-from machopt.plan.choose import Choice, choose
-from machopt.plan.corridor import corridor
-from machopt.plan.path import Path, build_path
-from machopt.plan.score import Scores, directions, score_candidates
-from machopt.plan.setup import prepare
-from machopt.plan.smooth import follow_grid, smooth
+from machopt.plan.choice.choose import Choice, choose
+from machopt.plan.configurations.candidates import Candidates, _forbid_by_user, enumerate_candidates
+from machopt.plan.cost.score import Scores, directions, score_candidates
+from machopt.plan.pipeline.setup import prepare
+from machopt.plan.smoothing.corridor import corridor
+from machopt.plan.smoothing.smooth import follow_grid, smooth
+from machopt.plan.stations import path as path_module
+from machopt.plan.stations.path import Path, build_path
 from machopt.se3 import wrap
 
 ROOT = FilePath(__file__).resolve().parent.parent

@@ -18,12 +18,12 @@ from machopt.domain.stint import Stint
 from machopt.placement.asked import HERE
 from machopt.placement.moved import Carried
 from machopt.placement.task import planned_at, stints_whole
-from machopt.plan.drive import motion_of
-from machopt.plan.job import Job, plan_job
-from machopt.plan.made import Plan
-from machopt.plan.pipeline import plan
-from machopt.plan.setup import Timings
-from machopt.plan.spared import as_driven, lost
+from machopt.plan.compensation.margins import as_driven, lost
+from machopt.plan.job.drive import motion_of
+from machopt.plan.job.run import Job, plan_job
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.run import plan
+from machopt.plan.pipeline.setup import Timings
 from machopt.verify.asked import MARGIN_DEG
 
 # down, then along x, where the rotation turns at once: the arm's first joint stands farthest out at the corner
@@ -81,7 +81,7 @@ def test_one_that_cannot_be_made_again_is_no_plan_and_says_why(
     on_the_margin: tuple[Cell, Plan], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cell, _ = on_the_margin
-    monkeypatch.setattr("machopt.plan.job.SPARES", 0)
+    monkeypatch.setattr("machopt.plan.job.run.SPARES", 0)
     done = job(cell, OPTIONS)
     assert done.timeline is not None
     assert done.timeline.trajectory is None
@@ -102,6 +102,6 @@ def test_a_place_is_held_to_what_is_driven_too(
     assert not why
     assert seconds == done.timeline.trajectory.time[-1]  # as optimize drives it
     assert one.options == OPTIONS
-    monkeypatch.setattr("machopt.plan.job.SPARES", 0)
+    monkeypatch.setattr("machopt.plan.job.run.SPARES", 0)
     _, _, why = planned_at(stints_whole(cell, toolpath(ROWS)), carried, HERE, OPTIONS)
     assert "limit_margin_deg" in why

@@ -21,18 +21,18 @@ from machopt.domain.stiffness import Stiffness
 from machopt.domain.toolpath import Move, Operation, Toolpath
 from machopt.errors import InputError
 from machopt.formats.steering import SteerKeys, steer_as_user, steer_of
-from machopt.plan.axes import axes_of
-from machopt.plan.breaks import Break
-from machopt.plan.certificate import certificate
-from machopt.plan.conflict import minimal, undriven, whole, wishes_of, with_conflict
-from machopt.plan.explain import gamma, hints
-from machopt.plan.external import best_plan
-from machopt.plan.groups import Group, groups_of
-from machopt.plan.made import Plan
-from machopt.plan.path import build_path
-from machopt.plan.pipeline import plan
-from machopt.plan.setup import Timings
-from machopt.plan.timeline import build_timeline
+from machopt.plan.best.external import best_plan
+from machopt.plan.certainty.certificate import certificate
+from machopt.plan.external.axes import axes_of
+from machopt.plan.external.groups import Group, groups_of
+from machopt.plan.job.conflict import minimal, undriven, whole, wishes_of, with_conflict
+from machopt.plan.motion.timeline import build_timeline
+from machopt.plan.pipeline.breaks import Break
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.run import plan
+from machopt.plan.pipeline.setup import Timings
+from machopt.plan.stations.path import build_path
+from machopt.plan.written.explain import gamma, hints
 from machopt.verify.asked import check_asked
 from machopt.verify.check import Check
 from machopt.verify.table import Motion, Points

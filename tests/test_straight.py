@@ -9,7 +9,7 @@ from small_cell import small_cell
 
 from machopt.model.collision import CollisionModel
 from machopt.model.robot import load_chain
-from machopt.plan.straight import Touch, free_ways, way_between
+from machopt.plan.motion.straight import Touch, free_ways, way_between
 
 STEP = 0.02  # rad
 

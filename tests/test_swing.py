@@ -7,12 +7,12 @@ from itertools import product
 import numpy as np
 import pytest
 
-from machopt.plan.candidates import Candidates
-from machopt.plan.caps import GAP
-from machopt.plan.choose import Grid
-from machopt.plan.edges import Edges
-from machopt.plan.priced import Priced
-from machopt.plan.windows import FREE
+from machopt.plan.choice.choose import Grid
+from machopt.plan.choice.edges import Edges
+from machopt.plan.choice.step_prices import Priced
+from machopt.plan.choice.windows import FREE
+from machopt.plan.choice.worst_cap import GAP
+from machopt.plan.configurations.candidates import Candidates
 
 S, R = 4, 8
 WORST, PRICE = 0.8, 0.1

@@ -20,10 +20,10 @@ from machopt.formats.toolpath import read_toolpath
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import Robot, load_robot
 from machopt.model.terms import LinearTerm, compile_terms, term_of, vocabulary
-from machopt.plan.candidates import enumerate_candidates
-from machopt.plan.path import build_path
-from machopt.plan.score import directions, score_candidates
-from machopt.plan.setup import prepare
+from machopt.plan.configurations.candidates import enumerate_candidates
+from machopt.plan.cost.score import directions, score_candidates
+from machopt.plan.pipeline.setup import prepare
+from machopt.plan.stations.path import build_path
 
 ROOT = Path(__file__).resolve().parent.parent
 PSD = (

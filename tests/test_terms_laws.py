@@ -29,7 +29,7 @@ from machopt.formats.stiffness import load_stiffness, write_stiffness
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import GRAVITY, load_masses, load_robot
 from machopt.model.terms import compile_terms, term_of, vocabulary
-from machopt.plan.setup import prepare
+from machopt.plan.pipeline.setup import prepare
 
 ROOT = Path(__file__).resolve().parent.parent
 CELL = load_cell(ROOT / "cells" / "kr240_drilling")

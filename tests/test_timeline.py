@@ -10,12 +10,12 @@ from test_path import Rows, toolpath
 from test_pipeline import FREE, UP, C, R, pass_over_block, small_job
 
 from machopt.domain.toolpath import Move, Toolpath
-from machopt.plan import legmaker, timeline
-from machopt.plan.breaks import Break
-from machopt.plan.made import Plan
-from machopt.plan.rapids import Blocked
-from machopt.plan.retime import RunFailure
-from machopt.plan.timeline import build_timeline
+from machopt.plan.feed.retime import RunFailure
+from machopt.plan.motion import legmaker, timeline
+from machopt.plan.motion.rapids import Blocked
+from machopt.plan.motion.timeline import build_timeline
+from machopt.plan.pipeline.breaks import Break
+from machopt.plan.pipeline.planned import Plan
 
 ROWS = pass_over_block()
 

@@ -14,17 +14,17 @@ from small_cell import small_cell
 from machopt.domain.options import PlanOptions, Weights
 from machopt.domain.stiffness import Stiffness
 from machopt.formats.toolpath import read_toolpath
-from machopt.plan import together as module
-from machopt.plan.breaks import Break
-from machopt.plan.caps import Capped
-from machopt.plan.certificate import certificate
-from machopt.plan.choose import Grid
-from machopt.plan.compensate import rescored
-from machopt.plan.joined import Stretch, joined, shares_of, shifted_break
-from machopt.plan.made import Plan
-from machopt.plan.pipeline import plan
-from machopt.plan.setup import Timings
-from machopt.plan.together import together
+from machopt.plan.certainty.certificate import certificate
+from machopt.plan.choice.choose import Grid
+from machopt.plan.choice.worst_cap import Capped
+from machopt.plan.compensation.compensate import rescored
+from machopt.plan.job import worst_over_tools as module
+from machopt.plan.job.joined import Stretch, joined, shares_of, shifted_break
+from machopt.plan.job.worst_over_tools import together
+from machopt.plan.pipeline.breaks import Break
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.run import plan
+from machopt.plan.pipeline.setup import Timings
 
 
 def _groove(folder: Path, name: str, y: float, length: float) -> Path:

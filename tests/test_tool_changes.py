@@ -18,11 +18,11 @@ from machopt.domain.toolpath import Event, Move, Operation, Toolpath
 from machopt.errors import InputError
 from machopt.formats.tables import write_points_csv, write_trajectory_csv
 from machopt.formats.toolchoice import stints_of, with_tools
-from machopt.plan.certificate import certificate
-from machopt.plan.job import Job, plan_job
-from machopt.plan.mapped import mapped
-from machopt.plan.setup import Timings
-from machopt.plan.uncertainty import gains
+from machopt.plan.certainty.certificate import certificate
+from machopt.plan.certainty.uncertainty import gains
+from machopt.plan.job.run import Job, plan_job
+from machopt.plan.pipeline.setup import Timings
+from machopt.plan.written.contact_map import mapped
 from machopt.report.gather.optimize_map import cut_stations
 from machopt.report.gather.optimize_scene import view_of
 from machopt.verify import Verification

@@ -19,11 +19,11 @@ from machopt.domain.stiffness import Stiffness, StiffnessGrid, Term
 from machopt.formats.stiffness import load_stiffness
 from machopt.formats.toolpath import read_toolpath
 from machopt.model.elastic import ArmElasticity, joint_stiffness
-from machopt.plan.doubt import Doubt
-from machopt.plan.made import Plan
-from machopt.plan.points import point_results
-from machopt.plan.score import configuration_cost
-from machopt.plan.uncertainty import NINETY, Gain, Spread, bends, cost_gradient, gains
+from machopt.plan.certainty.discrepancy import Doubt
+from machopt.plan.certainty.uncertainty import NINETY, Gain, Spread, bends, cost_gradient, gains
+from machopt.plan.cost.score import configuration_cost
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.written.points import point_results
 
 ROOT = FilePath(__file__).resolve().parent.parent
 TERMS = (Term("link_compliance", "link:4", {"EI_Nm2": 3e6, "GJ_Nm2": 2e6}), Term("geometric_stiffness", "arm"))

@@ -19,8 +19,8 @@ from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
 from machopt.model.robot import load_robot
-from machopt.plan.axes import axes_of
-from machopt.plan.drive import refuse_fixed_elsewhere
+from machopt.plan.external.axes import axes_of
+from machopt.plan.job.drive import refuse_fixed_elsewhere
 from machopt.services.newcell import run_init
 from machopt.services.validate import validate
 

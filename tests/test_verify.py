@@ -18,7 +18,7 @@ from machopt.formats.cell import load_cell
 from machopt.model.collision import CollisionModel, Pair
 from machopt.model.ik import solver_for
 from machopt.model.robot import Robot, load_chain, load_robot
-from machopt.plan.rapids import time_legs
+from machopt.plan.motion.rapids import time_legs
 from machopt.verify import Verification
 from machopt.verify.arm import Arm
 from machopt.verify.bodies import all_bodies, pairs

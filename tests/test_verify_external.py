@@ -20,7 +20,7 @@ from machopt.model.collision import CollisionModel
 from machopt.model.ik import solver_for
 from machopt.model.machine import Machine, load_machine
 from machopt.model.robot import load_chain, load_robot
-from machopt.plan.rapids import time_legs
+from machopt.plan.motion.rapids import time_legs
 from machopt.recheck.compared import Posted
 from machopt.recheck.posts import short_program
 from machopt.recheck.readback import check_programs

@@ -16,8 +16,8 @@ from machopt.formats.cell import load_cell
 from machopt.model.elastic import ArmElasticity
 from machopt.model.ik import solver_for
 from machopt.model.robot import load_masses, load_robot
-from machopt.plan.path import build_path
-from machopt.plan.uncertainty import Spread
+from machopt.plan.certainty.uncertainty import Spread
+from machopt.plan.stations.path import build_path
 from machopt.verify import posture, reference
 from machopt.verify.arm import Arm
 from machopt.verify.bodies import all_bodies, pairs

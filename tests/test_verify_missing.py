@@ -16,7 +16,7 @@ from machopt.domain.stiffness import Discrepancy, Stiffness, Term
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import load_masses, load_robot
 from machopt.model.suspects import BENDS, elastic_names, gear_names
-from machopt.plan.doubt import Doubt, told_std
+from machopt.plan.certainty.discrepancy import Doubt, told_std
 from machopt.se3 import rotation_from_vector, transform
 from machopt.verify.arm import Arm
 from machopt.verify.elastic import Elasticity

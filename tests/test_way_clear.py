@@ -13,8 +13,8 @@ from machopt.domain.toolpath import Move
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
 from machopt.formats.toolpath import read_toolpath
-from machopt.plan import external
-from machopt.plan.moving import _brushing, _neighbours
+from machopt.plan.best import external
+from machopt.plan.external.moving import _brushing, _neighbours
 
 
 def test_values_next_to_a_contact_are_left_where_there_are_others() -> None:

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from machopt.model.ik import count_from, fewest_turns
-from machopt.plan.candidates import Candidates
-from machopt.plan.choose import Grid, _Part
-from machopt.plan.edges import Edges
-from machopt.plan.priced import Priced
-from machopt.plan.windows import FREE, LIFT
+from machopt.plan.choice.choose import Grid, _Part
+from machopt.plan.choice.edges import Edges
+from machopt.plan.choice.step_prices import Priced
+from machopt.plan.choice.windows import FREE, LIFT
+from machopt.plan.configurations.candidates import Candidates
 from machopt.se3 import wrap
 
 TURN = 2 * np.pi

@@ -39,11 +39,11 @@ from machopt.formats.cell import load_cell
 from machopt.formats.stiffness import write_stiffness
 from machopt.formats.toolpath import read_toolpath
 from machopt.identify.asked import IdentifyRequest
-from machopt.plan.made import Plan
-from machopt.plan.pipeline import plan
-from machopt.plan.refine import compensate
-from machopt.plan.removal import removals
-from machopt.plan.uncertainty import NINETY, bends, gains
+from machopt.plan.certainty.uncertainty import NINETY, bends, gains
+from machopt.plan.compensation.refine import compensate
+from machopt.plan.compensation.removal import removals
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.run import plan
 from machopt.services.diagnose import diagnosed
 from machopt.services.identified import identified
 from machopt.services.poses_planned import planned
@@ -113,7 +113,7 @@ def driven(h: lab.Hidden, p: Plan, q: np.ndarray) -> np.ndarray:
 
 def remains(h: lab.Hidden, p: Plan) -> tuple[float, float, float]:
     """Mean of what a compensation leaves and of the deflection, and the worst left, m: at the places and under the
-    force of :func:`machopt.plan.compensate.residual`."""
+    force of :func:`machopt.plan.compensation.compensate.residual`."""
     assert p.compensation is not None
     q, path, offset = p.chosen.assignment.q, p.path, p.compensation.offset
     end = 1 + np.flatnonzero(path.counted[1:] & (path.run[1:] == path.run[:-1]))
@@ -154,7 +154,7 @@ def loop(h: lab.Hidden, cell: Cell, path: Path, force: ProcessForce) -> dict[str
     out["worst"] = {"said": float(said[worst]), "std": float(stds[worst]), "true": float(size[worst])}
     shifted = compensate(found, toolpath)
     if not len(shifted.missing) and shifted.compensation is not None:
-        from machopt.plan.compensate import residual
+        from machopt.plan.compensation.compensate import residual
 
         told = residual(shifted)
         left, bent, worst_left = remains(h, shifted)

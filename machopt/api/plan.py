@@ -21,9 +21,9 @@ from machopt.arrays import Array
 from machopt.domain.results.optimize import Objectives, OptimizeResult
 from machopt.errors import InputError
 from machopt.formats.tables import points_columns, trajectory_columns
-from machopt.plan.explain import all_breaks
-from machopt.plan.mapped import mapped
-from machopt.plan.setup import Timings
+from machopt.plan.pipeline.setup import Timings
+from machopt.plan.written.contact_map import mapped
+from machopt.plan.written.explain import all_breaks
 from machopt.report.data import Quantity
 from machopt.report.gather.optimize_map import rotation_map
 from machopt.report.gather.optimize_series import cut_length

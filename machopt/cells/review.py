@@ -21,10 +21,10 @@ from machopt.formats.options import load_options, without_effect
 from machopt.model.bodies import Body, inside, tool_bodies, triangles_of
 from machopt.model.collision import remedy
 from machopt.model.ik import branch_reasons
-from machopt.plan.axes import axes_of
-from machopt.plan.drive import refuse_fixed_elsewhere
-from machopt.plan.gouge import cutter_and_part
-from machopt.plan.setup import Setup, prepare
+from machopt.plan.contacts.gouge import cutter_and_part
+from machopt.plan.external.axes import axes_of
+from machopt.plan.job.drive import refuse_fixed_elsewhere
+from machopt.plan.pipeline.setup import Setup, prepare
 from machopt.postprocess.wanted import wanted_posts
 from machopt.se3 import inverse, tool_rotation, transform
 from machopt.workspace.postures import place_turns

@@ -55,7 +55,7 @@ class ProcessForce:
 
 @dataclass(frozen=True, kw_only=True)
 class Weights:
-    """Weights of the objective; all terms are made dimensionless first (see plan/objective.py)."""
+    """Weights of the objective; all terms are made dimensionless first (see plan/cost/objective.py)."""
 
     mean: float = 1.0  # mean index along the path
     worst: float = 0.5  # worst index along the path

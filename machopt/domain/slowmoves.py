@@ -21,7 +21,7 @@ class Slow:
     first: float  # fractional toolpath index
     last: float
     ratio: float  # lowest share of the programmed feed
-    where: str  # as :data:`machopt.plan.dips.Where`
+    where: str  # as :data:`machopt.plan.feed.slowdowns.Where`
     axis: int  # 1…6, then the external ones
     limit: str  # velocity, acceleration or jerk
 

@@ -16,7 +16,7 @@ name               what it adds                                                 
 =================  ==========================================================================  ===============
 
 Their errors and how they hang together: :mod:`machopt.identify.discrepancy`; what they make of a job:
-:mod:`machopt.plan.uncertainty`.
+:mod:`machopt.plan.certainty.uncertainty`.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ value take the one whose worst station is least, joints that move along the path
     bound = max over groups of  min over shared values of  max over stations of  min over moving values of  least cost
 
 It holds over the grids of rotations and of e, not over what lies between the values of e: a whole plan chooses these
-more finely (:mod:`machopt.plan.external`) and may come out below. What joints that move along come to is the bound
+more finely (:mod:`machopt.plan.best.external`) and may come out below. What joints that move along come to is the bound
 itself, as the way between their values is not looked for here.
 """
 
@@ -22,14 +22,14 @@ from machopt.arrays import Array
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
 from machopt.placement.outlook import Outlook, furthest
-from machopt.plan.candidates import PlanningArm, enumerate_candidates
-from machopt.plan.choose import choose
-from machopt.plan.engage import sideways
-from machopt.plan.groups import Group
-from machopt.plan.part import part_of
-from machopt.plan.path import Path
-from machopt.plan.score import directions, score_candidates
-from machopt.plan.setup import Setup, standing
+from machopt.plan.choice.choose import choose
+from machopt.plan.configurations.candidates import PlanningArm, enumerate_candidates
+from machopt.plan.cost.engagement import sideways
+from machopt.plan.cost.score import directions, score_candidates
+from machopt.plan.external.groups import Group
+from machopt.plan.pipeline.setup import Setup, standing
+from machopt.plan.stations.path import Path
+from machopt.plan.stations.subpath import part_of
 
 VALUES = {1: 9, 2: 5}  # of each joint, by how many are free; 3 where it is three
 STATIONS = 48  # of a group that are looked at; the fewer, the lower the bound

@@ -13,11 +13,11 @@ import numpy as np
 
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
-from machopt.plan.candidates import Candidates, PlanningArm, enumerate_candidates
-from machopt.plan.choose import choose
-from machopt.plan.path import Path
-from machopt.plan.score import directions, score_candidates
-from machopt.plan.setup import Setup
+from machopt.plan.choice.choose import choose
+from machopt.plan.configurations.candidates import Candidates, PlanningArm, enumerate_candidates
+from machopt.plan.cost.score import directions, score_candidates
+from machopt.plan.pipeline.setup import Setup
+from machopt.plan.stations.path import Path
 
 GLANCE = 12  # stations looked at first: most places out of reach are known by them
 

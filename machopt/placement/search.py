@@ -25,8 +25,8 @@ from machopt.placement.moved import Carried, centre_of, frames_of, named
 from machopt.placement.outlook import Outlook
 from machopt.placement.standing import Standing
 from machopt.placement.task import Task, planned_at, stints_whole
-from machopt.plan.made import Plan
-from machopt.plan.score import configuration_cost
+from machopt.plan.cost.score import configuration_cost
+from machopt.plan.pipeline.planned import Plan
 
 RIGID = 1e9  # times a joint's stiffness: it gives no more
 AROUND = 0.020  # m: how far the best places are moved to see how sensitive they are

@@ -16,19 +16,19 @@ from machopt.placement.asked import Shift
 from machopt.placement.freedom import free_outlook
 from machopt.placement.moved import Carried, moved
 from machopt.placement.outlook import Outlook, outlook
-from machopt.plan.axes import axes_of
-from machopt.plan.breaks import Break
-from machopt.plan.candidates import PlanningArm
-from machopt.plan.explain import all_breaks, explain_points
-from machopt.plan.external import best_plan
-from machopt.plan.groups import Group, groups_of
-from machopt.plan.job import driven
-from machopt.plan.joined import Stretch, joined, shares_of
-from machopt.plan.made import Plan
-from machopt.plan.part import rows_of
-from machopt.plan.path import Path, build_path
-from machopt.plan.setup import Setup, Timings, prepare, standing
-from machopt.plan.together import together
+from machopt.plan.best.external import best_plan
+from machopt.plan.configurations.candidates import PlanningArm
+from machopt.plan.external.axes import axes_of
+from machopt.plan.external.groups import Group, groups_of
+from machopt.plan.job.joined import Stretch, joined, shares_of
+from machopt.plan.job.run import driven
+from machopt.plan.job.worst_over_tools import together
+from machopt.plan.pipeline.breaks import Break
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.setup import Setup, Timings, prepare, standing
+from machopt.plan.stations.path import Path, build_path
+from machopt.plan.stations.subpath import rows_of
+from machopt.plan.written.explain import all_breaks, explain_points
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,1 +1,5 @@
-"""One file a step, each owning its result type: path → candidates → score → choose → smooth → check → retime."""
+"""From a path to a plan: a step is a file that owns its result type, a room is some steps.
+
+``pipeline/run.py`` draws the arrows. A contract in pyproject.toml says which room may use which, and
+docs/architecture.md tells what each is for.
+"""

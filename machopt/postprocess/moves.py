@@ -14,9 +14,9 @@ from machopt.domain.trajectory import Trajectory
 from machopt.formats.posts.densify import Tolerance, densify
 from machopt.model.machine import load_machine
 from machopt.model.posture import posture_of
-from machopt.plan.legs import Leg
-from machopt.plan.made import Plan
-from machopt.plan.timeline import Timeline
+from machopt.plan.motion.legs import Leg
+from machopt.plan.motion.timeline import Timeline
+from machopt.plan.pipeline.planned import Plan
 from machopt.recheck.posts import carried_part, external_axes, standing_part
 
 

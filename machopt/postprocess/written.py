@@ -19,8 +19,8 @@ from machopt.formats.posts import (
     write_program,
 )
 from machopt.formats.posts.densify import Tolerance
-from machopt.plan.made import Plan
-from machopt.plan.timeline import Timeline
+from machopt.plan.motion.timeline import Timeline
+from machopt.plan.pipeline.planned import Plan
 from machopt.postprocess.moves import Programmed, robot_program, sampled_program
 from machopt.postprocess.wanted import Wanted
 from machopt.recheck.compared import Compared, Posted

@@ -25,8 +25,8 @@ from machopt.model.machine import load_machine
 from machopt.model.posture import posture_of
 from machopt.model.robot import Robot, load_robot
 from machopt.output.hashes import sha256_of
-from machopt.plan.blend import SPIN_TOLERANCE
-from machopt.plan.legs import BEND
+from machopt.plan.feed.blend import SPIN_TOLERANCE
+from machopt.plan.motion.legs import BEND
 
 TOLERANCE_MM = 0.05
 

@@ -11,10 +11,10 @@ import tempfile
 from pathlib import Path
 
 from machopt.formats.tables import write_points_csv, write_trajectory_csv
-from machopt.plan.front import Point, measured, variants, weighed
-from machopt.plan.job import plan_job
-from machopt.plan.made import Plan
-from machopt.plan.setup import Timings
+from machopt.plan.job.pareto import Point, measured, variants, weighed
+from machopt.plan.job.run import plan_job
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.setup import Timings
 from machopt.recheck.folder import content_checks
 from machopt.services.load import Loaded
 from machopt.services.tell import tool_names

@@ -19,8 +19,8 @@ from machopt.formats.posts.densify import Tolerance
 from machopt.formats.setups import placed
 from machopt.formats.toolchoice import stints_of, with_tools
 from machopt.formats.toolpath import read_toolpath
-from machopt.plan.drive import refuse_fixed_beyond, refuse_wrong_unit
-from machopt.plan.front import refuse
+from machopt.plan.job.drive import refuse_fixed_beyond, refuse_wrong_unit
+from machopt.plan.job.pareto import refuse
 from machopt.postprocess.wanted import Wanted, is_post_file, wanted_posts
 from machopt.recheck.posts import tolerance_of
 from machopt.services.knownrobot import reading_of

@@ -9,10 +9,10 @@ from machopt.domain.manifest import Manifest, ManifestProgram, with_scope
 from machopt.domain.options import PlanOptions
 from machopt.domain.stint import Stint
 from machopt.domain.toolpath import Toolpath
-from machopt.plan.front import Point
-from machopt.plan.made import Plan
-from machopt.plan.points import PointResults
-from machopt.plan.timeline import Timeline
+from machopt.plan.job.pareto import Point
+from machopt.plan.motion.timeline import Timeline
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.written.points import PointResults
 from machopt.postprocess.written import Written, read_back
 from machopt.recheck.scope import done, not_run
 from machopt.verify import Verification

@@ -17,7 +17,7 @@ from machopt.placement.found import Siting
 from machopt.placement.hands import Hands
 from machopt.placement.journal import Journal
 from machopt.placement.search import Site, find
-from machopt.plan.drive import refuse_wrong_unit
+from machopt.plan.job.drive import refuse_wrong_unit
 from machopt.report.gather.place import page_of, result_of, write_places
 from machopt.report.place_page import write_place_page
 from machopt.services.inputs import input_hashes, single

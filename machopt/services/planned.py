@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from machopt.plan.job import plan_job
-from machopt.plan.made import Plan
-from machopt.plan.setup import Timings
+from machopt.plan.job.run import plan_job
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.setup import Timings
 from machopt.services.load import Loaded
 
 if TYPE_CHECKING:

@@ -11,11 +11,12 @@ from machopt.domain.toolpath import Toolpath
 from machopt.formats.options import options_as_user, without_effect
 from machopt.output.hashes import sha256_of
 from machopt.output.manifest import listed
-from machopt.plan.explain import all_breaks, hints
-from machopt.plan.front import better_by_its_own_weights, left_out
-from machopt.plan.made import Plan
-from machopt.plan.points import PointResults
-from machopt.plan.told import (
+from machopt.plan.certainty.uncertainty import gains
+from machopt.plan.job.pareto import better_by_its_own_weights, left_out
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.written.explain import all_breaks, hints
+from machopt.plan.written.points import PointResults
+from machopt.plan.written.told import (
     break_told,
     compensation_told,
     dip_told,
@@ -27,7 +28,6 @@ from machopt.plan.told import (
     tools_told,
     worst_told,
 )
-from machopt.plan.uncertainty import gains
 from machopt.services.inputs import hashes_of
 from machopt.services.made import Made
 from machopt.version import __version__

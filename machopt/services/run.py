@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from machopt.effects.own import in_use, with_effects
 from machopt.output import output_folder
 from machopt.plan.kernels import taken_beside
-from machopt.plan.setup import Timings
+from machopt.plan.pipeline.setup import Timings
 from machopt.services.load import OptimizeRequest, load
 from machopt.services.planned import planned
 

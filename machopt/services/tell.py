@@ -10,11 +10,11 @@ from machopt.formats.options import options_as_user
 from machopt.formats.tables import write_compensation_csv, write_points_csv, write_trajectory_csv
 from machopt.output import MANIFEST, write_manifest, write_result
 from machopt.output.roles import ROLES
-from machopt.plan.made import Plan
-from machopt.plan.mapped import Mapped
-from machopt.plan.points import PointResults
-from machopt.plan.setup import Timings
-from machopt.plan.timeline import Timeline
+from machopt.plan.motion.timeline import Timeline
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.setup import Timings
+from machopt.plan.written.contact_map import Mapped
+from machopt.plan.written.points import PointResults
 from machopt.postprocess.written import withdrawn
 from machopt.report.gather.optimize import report_data
 from machopt.report.page import write_report

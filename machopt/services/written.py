@@ -7,8 +7,8 @@ from pathlib import Path
 
 from machopt.domain.results.optimize import OptimizeResult
 from machopt.formats.parquet import write_beside
-from machopt.plan.front import measured
-from machopt.plan.mapped import mapped
+from machopt.plan.job.pareto import measured
+from machopt.plan.written.contact_map import mapped
 from machopt.postprocess.written import write_programs
 from machopt.recheck.folder import content_checks, verify_folder
 from machopt.services.front import FILE as FRONT

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from machopt.plan.made import Plan
+from machopt.plan.pipeline.planned import Plan
 from machopt.report.steering import Compared
 from machopt.services.made import Made
 

@@ -15,12 +15,12 @@ from machopt.domain.options import PlanOptions, Steer
 from machopt.domain.steering import refuse_narrow, steered, stretches
 from machopt.errors import InputError
 from machopt.formats.options import load_options, options_as_user
-from machopt.plan.axes import axes_of
-from machopt.plan.conflict import whole
-from machopt.plan.explain import all_breaks
+from machopt.plan.external.axes import axes_of
+from machopt.plan.job.conflict import whole
 from machopt.plan.kept import Store, keeping
-from machopt.plan.mapped import mapped
-from machopt.plan.setup import Progress, Timings
+from machopt.plan.pipeline.setup import Progress, Timings
+from machopt.plan.written.contact_map import mapped
+from machopt.plan.written.explain import all_breaks
 from machopt.report.gather.optimize import measured, report_data
 from machopt.report.page import report_html
 from machopt.report.steering import Axis, Steering

@@ -24,9 +24,9 @@ from machopt.domain.results.diagnosis import CasePoints, Cases, Change, EffectOn
 from machopt.domain.stiffness import Stiffness
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
-from machopt.plan.explain import explain_points, gamma
-from machopt.plan.made import Plan
-from machopt.plan.pipeline import plan
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.run import plan
+from machopt.plan.written.explain import explain_points, gamma
 from machopt.se3 import wrap
 
 TEST_FORCE = 1000.0  # N along the tool axis, where the cell's plan states no process force

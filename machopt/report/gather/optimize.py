@@ -12,18 +12,18 @@ from machopt.arrays import Array
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.formats.options import without_effect
-from machopt.plan.certificate import certificate, with_external
-from machopt.plan.compensate import residual
-from machopt.plan.dips import Dip
-from machopt.plan.explain import all_breaks, help_of, hints, misfit_words, shortfall_of
-from machopt.plan.front import Point
-from machopt.plan.made import Plan
-from machopt.plan.mapped import Mapped, mapped
-from machopt.plan.points import PointResults, reason_of
-from machopt.plan.removal import removals
-from machopt.plan.setup import Scored
-from machopt.plan.timeline import Timeline
-from machopt.plan.uncertainty import gains
+from machopt.plan.certainty.certificate import certificate, with_external
+from machopt.plan.certainty.uncertainty import gains
+from machopt.plan.compensation.compensate import residual
+from machopt.plan.compensation.removal import removals
+from machopt.plan.feed.slowdowns import Dip
+from machopt.plan.job.pareto import Point
+from machopt.plan.motion.timeline import Timeline
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.setup import Scored
+from machopt.plan.written.contact_map import Mapped, mapped
+from machopt.plan.written.explain import all_breaks, help_of, hints, misfit_words, shortfall_of
+from machopt.plan.written.points import PointResults, reason_of
 from machopt.report import data as page
 from machopt.report import verdict as told
 from machopt.report.gather.optimize_map import rotation_map

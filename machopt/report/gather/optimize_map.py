@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array, any_last
 from machopt.domain.reason import Reason
-from machopt.plan.made import Plan
-from machopt.plan.mapped import Mapped
-from machopt.plan.setup import Scored
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.setup import Scored
+from machopt.plan.written.contact_map import Mapped
 from machopt.report import data as page
 from machopt.report.gather.optimize_series import along
 from machopt.report.placecodes import PlaceCode, place_codes

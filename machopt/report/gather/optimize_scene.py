@@ -12,11 +12,11 @@ from machopt.arrays import Array, Bools, any_last
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Toolpath
 from machopt.model.robot import load_chain
-from machopt.plan.made import Plan
-from machopt.plan.mapped import Mapped
-from machopt.plan.points import PointResults
-from machopt.plan.setup import Setup
-from machopt.plan.timeline import Timeline
+from machopt.plan.motion.timeline import Timeline
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.setup import Setup
+from machopt.plan.written.contact_map import Mapped
+from machopt.plan.written.points import PointResults
 from machopt.report.gather.optimize_map import best_branch, cut_stations
 from machopt.report.gather.optimize_series import along, cut_length
 from machopt.report.gather.scene import bodies_of, scene_of

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.domain.toolpath import Move, Toolpath
-from machopt.plan.made import Plan
-from machopt.plan.points import PointResults
-from machopt.plan.timeline import Timeline
+from machopt.plan.motion.timeline import Timeline
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.written.points import PointResults
 from machopt.report import data as page
 from machopt.se3 import wrap
 

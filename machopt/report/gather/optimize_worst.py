@@ -8,9 +8,9 @@ from machopt.arrays import Array
 from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Toolpath
 from machopt.model.beside import Beside
-from machopt.plan.explain import gamma
-from machopt.plan.made import Plan
-from machopt.plan.points import PointResults
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.written.explain import gamma
+from machopt.plan.written.points import PointResults
 from machopt.report import data as page
 from machopt.se3 import wrap
 

@@ -20,7 +20,7 @@ from machopt.placement.asked import Search, Shift, steps
 from machopt.placement.found import Place, Planned, Siting
 from machopt.placement.moved import moved
 from machopt.placement.search import Site
-from machopt.plan.score import resolve_index
+from machopt.plan.cost.score import resolve_index
 from machopt.report.place_page import Mark, PlacePage
 from machopt.version import __version__
 

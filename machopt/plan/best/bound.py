@@ -1,0 +1,358 @@
+"""What no sequence undercuts when the values of the external joints are free too: a lower bound of J over them.
+
+The bound of :mod:`machopt.plan.certainty.certificate` holds with the external joints as the plan has them. Here they
+are part of the sequence: at some stations of the path every value g, rotation r and branch b is a vertex
+(:mod:`~.lattice`). The values are a grid over what the joints may take, the plan's own at each station and some near it
+(:mod:`~.valuesaround`); the rotations are the plan's own there and every 15° from it. So the plan is one of the
+sequences, and the bound is never above it. A joint that moves may take any of them at any station; one that keeps a
+value for an operation takes one wherever that operation goes on without another in between; while the tool drills or
+plunges nothing moves. J is that of :mod:`~.objective` at these stations, the worst index traded exactly
+(:mod:`~.caps`).
+
+Of the arm's whole turns each step takes what suits it best, within the limits. Crowding is left out, and so are
+contacts but where the best sequence has one: there it is struck out, with what else of that station touches something
+and is likely, and the best one is looked for again, a few times. What is left out can only raise J, so the bound holds
+for what can be driven as well. What lies between the stations counts as the stations beside it do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.arrays import Array, Bools
+from machopt.domain.options import PlanOptions
+from machopt.domain.toolpath import Toolpath
+from machopt.model.threads import side_by_side
+from machopt.plan.best.lattice import follow, reach
+from machopt.plan.best.values_around import VALUES, Values, values_of
+from machopt.plan.choice.worst_cap import GAP, Capped, trade
+from machopt.plan.configurations.candidates import Candidates, enumerate_candidates
+from machopt.plan.configurations.realise import between_stations
+from machopt.plan.cost.engagement import sideways
+from machopt.plan.cost.objective import Terms, node_price
+from machopt.plan.cost.score import directions, score_candidates
+from machopt.plan.external.axes import axes_of
+from machopt.plan.external.groups import Group, groups_of
+from machopt.plan.jointly.refinement import Start
+from machopt.plan.pipeline.planned import ExternalBound, Plan
+from machopt.plan.pipeline.setup import Setup, Timings
+from machopt.plan.stations.path import Path, tcp_poses
+from machopt.plan.stations.subpath import part_of
+from machopt.se3 import wrap
+
+STEP = np.radians(15.0)  # of rotation
+VERTICES = 600_000  # in all, where stations can be fewer: what the bound may cost
+REFUSED = 1_200_000  # where they cannot
+MOST, LEAST = 240, 24  # stations
+STRUCK = 6  # times that poses which touch something are struck out,
+LOOKED_AT = 2_000  # and so many each time
+ROUNDED = 1e-9  # of a turn: so much beyond a limit is on it
+SLACK = 1e-12  # of a limit, for rounding: both ways of adding up one sequence
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lattice:
+    """Sequences over values, rotations and branches, and what they cost."""
+
+    node: Array  # (S, V) price of the vertices without the worst index, infinite where there is none
+    raw: Array  # (S, V) index in units of c₀ where it counts, 0 elsewhere
+    q: Array  # (S, V, 6) rad, the least that the limits leave of what whole turns make the same
+    more: NDArray[np.int8]  # (S, V, 6) whole turns that they leave beyond that
+    e: Array  # (S, G, E) lengths as they count in rad
+    phi: Array  # (S, R) rad
+    held: NDArray[np.int64]  # (S, G) what the joints that keep one value stand at, by number
+    branches: int
+    stable: bool
+    kind: Bools  # (S, 3) as in :func:`machopt.plan.best.lattice.reach`
+    priced: Array  # (S, 4) likewise
+    slowness: Array  # (6 + E,) s/rad
+    worst: float  # price of the worst index
+
+    def best(
+        self, gap: float = GAP, onward: Array | None = None, known: float = np.inf
+    ) -> tuple[float, float, NDArray[np.int64]] | None:
+        """J of the best sequence, what none has less than, and the vertices (S,) of it; None where there is none.
+
+        Args:
+            gap: share of J by which a better one may be missed.
+            onward: of :meth:`onward` of the same ``known``, perhaps from when more vertices were left.
+            known: J of a sequence that is one of them.
+        """
+        ahead = self.onward() if onward is None else onward
+        if not np.isfinite(ahead[0].min()):
+            return None if onward is None else self.best(gap)
+        limit = float(ahead[0].min()) if onward is None else known - self.worst * self.floor()
+        free = self._capped(self.node, ahead, limit * (1.0 + SLACK))
+        if free is None and onward is None:
+            raise AssertionError("the cheapest sequence is within its own price")
+        if free is None:
+            return self.best(gap)
+
+        def under(cap: float, most: float) -> Capped | None:
+            return self._capped(np.where(self.raw <= cap, self.node, np.inf), ahead, most)
+
+        found = trade(free, self.floor(), self.worst, under, gap)
+        return found.total, min(found.bound, found.total), found.best.vertex.astype(np.int64)
+
+    def floor(self) -> float:
+        """No sequence has a lower worst index."""
+        return float(np.where(np.isfinite(self.node), self.raw, np.inf).min(axis=1).max())
+
+    def through(self, onward: Array, known: float) -> Array:
+        """(S, V) what a sequence through each vertex costs at least; infinite where that is more than ``known``."""
+        floor = self.floor()
+        reached = self._reach(self.node, self.kind, self.priced, onward, known - self.worst * floor)
+        with np.errstate(invalid="ignore"):
+            total = reached + onward - self.node + self.worst * np.maximum(self.raw, floor)
+        return np.asarray(np.where(total <= known, total, np.inf))
+
+    def onward(self, known: float = np.inf) -> Array:
+        """(S, V) what the way from each vertex on costs, its own price included.
+
+        Infinite where no sequence of at most J ``known`` leads on.
+        """
+        after = np.r_[0, np.arange(len(self.node) - 1, 0, -1)]  # the step into a station of the reversed path
+        node = np.ascontiguousarray(self.node[::-1])
+        before = np.r_[0.0, np.cumsum(self.node.min(axis=1))[:-1]][::-1, None] + node  # at least, and its own price
+        limit = known if np.isinf(known) else (known - self.worst * self.floor()) * (1.0 + SLACK)
+        back = self._reach(node, self.kind[after], self.priced[after], before, limit, reverse=True)
+        return np.ascontiguousarray(back[::-1])
+
+    def _capped(self, node: Array, onward: Array, limit: float) -> Capped | None:
+        """The cheapest sequence over the vertices that ``node`` (S, V) leaves; None where none is below the limit."""
+        reached = self._reach(node, self.kind, self.priced, onward, limit)
+        value = float(reached[-1].min())
+        if not np.isfinite(value):
+            return None
+        along = self.q, self.more, self.e, self.phi, self.held, self.branches, self.stable, self.kind, self.priced
+        vertex = follow(reached, *along, self.slowness)
+        return Capped(vertex.astype(np.int32), value, float(self.raw[np.arange(len(vertex)), vertex].max()))
+
+    def _reach(
+        self, node: Array, kind: Bools, priced: Array, onward: Array, limit: float, reverse: bool = False
+    ) -> Array:
+        q, more, e, phi, held = self.q, self.more, self.e, self.phi, self.held
+        if reverse:
+            q, e, phi = (np.ascontiguousarray(a[::-1]) for a in (q, e, phi))
+            more, held = np.ascontiguousarray(more[::-1]), np.ascontiguousarray(held[::-1])
+        found: Array = reach(
+            node, q, more, e, phi, held, self.branches, self.stable, kind, priced, self.slowness, onward, limit
+        )
+        return found
+
+
+def over_external(
+    plan: Plan, toolpath: Toolpath, timings: Timings, values: dict[int, int] | None = None
+) -> ExternalBound | None:
+    """The bound of a plan of one tool, as it was made or now; None where no external joint was free.
+
+    Args:
+        values: of each joint in the grid, by how many are free; default :data:`VALUES`.
+    """
+    if plan.over_external is not None and values is None:
+        return plan.over_external
+    setup, path = plan.setup, plan.path
+    axes = axes_of(setup.cell, plan.options) if setup.cell.external_joints else ()
+    groups = groups_of(setup.cell, toolpath, path, axes) if axes else []
+    if all((g.low == g.high).all() for g in groups):
+        return None
+    if plan.found is None or plan.breaks or len(plan.missing):
+        return ExternalBound(why="the plan has gaps or breaks, or was not searched")
+    with timings.stage("external"):
+        around = Around.of(plan, groups, VALUES if values is None else values)
+        return ExternalBound(why=around) if isinstance(around, str) else around.bound(around.best())
+
+
+@dataclass(frozen=True)
+class Best:
+    """The best sequence found."""
+
+    total: float  # its J at the stations
+    bound: float  # no sequence has less
+    vertex: NDArray[np.int64]  # (S,) of it
+
+
+@dataclass(frozen=True, kw_only=True)
+class Around:
+    """All sequences over values, rotations and branches around a plan, which is one of them."""
+
+    setup: Setup
+    part: Path  # the stations
+    lattice: Lattice
+    own: float  # J of the plan there
+    values: int  # of the grid, beside the plan's own
+    step: float  # rad, of rotation
+
+    @classmethod
+    def of(cls, plan: Plan, groups: Sequence[Group], values: dict[int, int]) -> Around | str:
+        """Around a plan that lacks nothing; why not, where that is too much to look at."""
+        setup, path = plan.setup, plan.path
+        options = replace(plan.options, rotation_step=max(plan.options.rotation_step, STEP))
+        grids = [values_of(g, path, setup.per_rad[6:], values) for g in groups]
+        rotations, branches = round(2 * np.pi / options.rotation_step), setup.arm.solver.branches
+        most = max(len(g.value) for g in grids)
+        least = max(LEAST, 2 * len(path.runs))
+        if most * rotations * branches * least > REFUSED:
+            return (
+                f"{most} values x {rotations} rotations x {branches} branches at no less than {least} stations are "
+                f"more than the {REFUSED} poses that it may look at"
+            )
+        count = int(np.clip(VERTICES // (most * rotations * branches), least, MOST))
+        part, phi = part_of(path, range(len(path.runs)), count), plan.chosen.assignment.phi
+        lattice = lattice_of(setup, options, part, groups, grids, plan.scores.scale, phi)
+        own, step = _at_stations(plan, part), 2 * np.pi / rotations
+        return cls(setup=setup, part=part, lattice=lattice, own=own, values=most - 1, step=step)
+
+    def best(self) -> Best | None:
+        """The best sequence, poses that touch something struck out where it had them; None where there is none."""
+        onward = self.lattice.onward(self.own)
+        found = self.lattice.best(GAP, onward, self.own)
+        for _ in range(STRUCK):
+            if found is None:
+                return None
+            vertex = found[2]
+            hit = self.touching(np.arange(len(vertex)), vertex)
+            if not hit.any():
+                break
+            self._strike(np.flatnonzero(hit), vertex[hit], onward)
+            found = self.lattice.best(GAP, onward, self.own)
+        return None if found is None else Best(*found)
+
+    def bound(self, found: Best | None) -> ExternalBound:
+        """What the best sequence says of the plan."""
+        if found is None:
+            return ExternalBound(why="no sequence of the grid leads through all of the path")
+        return ExternalBound(
+            bound=found.bound,
+            sequence=found.total,
+            plan=self.own,
+            values=self.values,
+            stations=len(self.part.stations),
+            step=self.step,
+        )
+
+    def start(self, vertex: NDArray[np.int64], plan: Plan) -> Start:
+        """A sequence as what the refinement of the plan may begin from."""
+        x, st, a = self.lattice, self.part.stations, plan.chosen.assignment
+        at, R = np.arange(len(vertex)), x.phi.shape[1]
+        e = x.e[at, vertex // (R * x.branches)] / self.setup.per_rad[6:] - plan.path.external[st]
+        turn = np.asarray(wrap(x.phi[at, vertex // x.branches % R] - a.phi[st]))
+        for first, last in self.part.runs:
+            own = (st >= first) & (st <= last)
+            turn[own] = np.unwrap(turn[own])
+        q = x.q[at, vertex] - a.q[st]
+        q -= 2 * np.pi * np.round(q / (2 * np.pi))
+        phi, external, seed = (between_stations(self.part, away) for away in (turn, e, q))
+        return Start(a.phi + phi, plan.path.external + external, a.q + seed)
+
+    def touching(self, station: NDArray[np.int64], vertex: NDArray[np.int64]) -> Bools:
+        """(n,) vertices at stations (n,) whose pose touches what it must not."""
+        if self.setup.collision is None:
+            return np.zeros(len(vertex), bool)
+        x = self.lattice
+        e = x.e[station, vertex // (x.phi.shape[1] * x.branches)] / self.setup.per_rad[6:]
+        rows = self.part.stations[station]
+        return np.asarray(
+            self.setup.collision.check(np.hstack([x.q[station, vertex], e]), self.part.may_touch[rows]).hit
+        )
+
+    def _strike(self, stations: NDArray[np.int64], vertex: NDArray[np.int64], onward: Array) -> None:
+        """Take away vertices (n,) at stations (n,), and what else touches something there, the most likely first."""
+        through = self.lattice.through(onward, self.own)[stations]
+        s, others = np.nonzero(np.isfinite(through))
+        first = np.argsort(through[s, others], kind="stable")[:LOOKED_AT]
+        s, others = stations[s[first]], others[first]
+        hit = self.touching(s, others)
+        self.lattice.node[s[hit], others[hit]] = np.inf
+        self.lattice.node[stations, vertex] = np.inf
+
+
+def _at_stations(plan: Plan, part: Path) -> float:
+    """J of the plan as the sequences are priced: at the stations of a part that has all runs."""
+    terms, w, rows = Terms.at_stations(part, plan.setup.velocity, plan.options), plan.options.weights, part.stations
+    x, phi = plan.setup.in_rad(plan.path, plan.chosen.assignment.q)[rows], plan.chosen.assignment.phi[rows]
+    cost = plan.chosen.cost[rows] / plan.scores.scale
+    worst = float(cost[terms.counted].max(initial=0.0))
+    return float(terms.nodes(cost, phi).sum() + terms.steps(x, phi).sum() + w.worst * worst)
+
+
+def lattice_of(
+    setup: Setup,
+    options: PlanOptions,
+    part: Path,
+    groups: Sequence[Group],
+    grids: Sequence[Values],
+    scale: float,
+    turned: Array | None = None,
+) -> Lattice:
+    """All sequences over the values of each group, at the stations of a path.
+
+    Args:
+        scale: c₀.
+        turned: (P,) rad, rotation that the grid of rotations is counted from; None: the path's own reference.
+    """
+    G = max(len(values.value) for values in grids)
+    grids = [values.padded(G) for values in grids]
+    of_run = np.empty(len(part.runs), int)
+    for n, group in enumerate(groups):
+        of_run[list(group.runs)] = n
+    of_point, st = of_run[part.run], part.stations
+    value = np.stack([values.value for values in grids])[of_point]  # (P, G, E)
+    value = np.where(np.isfinite(value), value, part.external[:, None])
+    away = np.stack([values.offset for values in grids])[of_point]
+    low, high = (np.stack(ends)[of_point][:, None] for ends in zip(*((g.low, g.high) for g in groups), strict=True))
+    value = np.where(away != 0.0, np.clip(value + away, low, high), value)
+    exists = np.stack([values.exists for values in grids])[of_point[st]]  # (S, G)
+    across = sideways(part)
+    turn = np.zeros(len(part.index)) if turned is None else turned
+    frames = tcp_poses(part, np.arange(len(turn), dtype=np.int32), turn)
+    own = replace(part, reference=np.ascontiguousarray(frames[:, :3, 0]), offset=part.offset + turn)
+
+    def at(k: int) -> tuple[Candidates, Array]:
+        there = replace(own, external=np.ascontiguousarray(value[:, k]))
+        candidates = enumerate_candidates(there, setup.arm, options)
+        d = directions(there, setup.arm, setup.elasticity, options.force, across)
+        cost = score_candidates(there, candidates, setup.elasticity, d, options).cost / scale
+        return candidates, np.where(exists[:, k, None, None], cost, np.nan)
+
+    every = side_by_side(at, range(G))
+    candidates, index = every[0][0], [cost for _, cost in every]
+    joints, e = [one.q for one, _ in every], [value[st, k] for k in range(G)]
+    phi, stable = candidates.phi_at() + turn[st][:, None], candidates.stable
+    terms, w, S = Terms.at_stations(part, setup.velocity, options), options.weights, len(st)
+    c = np.stack(index, axis=1)  # (S, G, R, B)
+    q, more = turned_low(np.stack(joints, axis=1).reshape(S, -1, 6), setup.arm.lower, setup.arm.upper)
+    liked = terms.liked(phi.T).T[:, None, :, None]
+    node = terms.share[:, None, None, None] * node_price(c, liked, w.mean)
+    same_run = np.r_[False, np.diff(part.run[st]) == 0]
+    plunged = np.r_[0, np.cumsum(~part.plunge)]
+    still = np.r_[False, plunged[st[1:] + 1] == plunged[st[:-1] + 1]]  # made only of plunges
+    return Lattice(
+        node=np.where(np.isfinite(c), node, np.inf).reshape(S, -1),
+        raw=np.where(terms.counted[:, None, None, None] & np.isfinite(c), c, 0.0).reshape(S, -1),
+        q=q,
+        more=more,
+        e=np.stack(e, axis=1) * setup.per_rad[6:],
+        phi=np.ascontiguousarray(phi),
+        held=np.stack([values.held for values in grids])[of_point[st]],
+        branches=c.shape[3],
+        stable=stable,
+        kind=np.column_stack([np.r_[False, np.diff(of_point[st]) == 0], same_run, still & same_run]),
+        priced=np.column_stack(
+            [terms.seconds, w.travel * terms.travel, w.rotation * terms.rotation, w.feed * terms.lost]
+        ),
+        slowness=terms.slowness,
+        worst=w.worst,
+    )
+
+
+def turned_low(q: Array, lower: Array, upper: Array) -> tuple[Array, NDArray[np.int8]]:
+    """Joints (…, 6) rad as near to their lower limits as whole turns bring them, and how many turns the upper leave."""
+    whole = 2.0 * np.pi
+    low = q - whole * np.floor((q - lower) / whole + ROUNDED)
+    more = np.floor((upper - low) / whole + ROUNDED)
+    return np.ascontiguousarray(low), np.nan_to_num(np.maximum(more, 0.0)).astype(np.int8)

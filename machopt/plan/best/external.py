@@ -1,0 +1,360 @@
+"""Where the external joints stand: at home, at one value for each operation, or moving along the path.
+
+A run cannot be left to move a rail, so operations that share a run share a value. For each such group a grid of values
+is laid over the ranges of its joints, coarse first and then finer around the best, and each is judged by some stations
+(:mod:`machopt.plan.external.values`), where the best sequence has the mean m, the worst w and motion. c₀, the unit of
+the index, is the median over the candidates of all values. The best few are then planned in full
+(:func:`machopt.plan.pipeline.planned`), with home among them, and the best plan is taken: fewest points lost, then
+least J. Joints that may move along the path are first held at such values too, where any reaches all of it; the way of
+:mod:`machopt.plan.external.moving`, of all of them or of some, is planned in full beside them, and never taken where it
+is worse.
+
+    J = Σ share·(m + motion) + w_worst·max w + Σ price·|Δe|
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.domain.cell import Cell
+from machopt.domain.options import ExternalAxis, PlanOptions
+from machopt.domain.steering import kept, steered
+from machopt.domain.toolpath import Toolpath
+from machopt.plan.best.bound import Around
+from machopt.plan.best.values_around import VALUES
+from machopt.plan.external.along import fewer, held, moved
+from machopt.plan.external.axes import axes_of
+from machopt.plan.external.groups import Group, groups_of
+from machopt.plan.external.ranking import Worth
+from machopt.plan.external.stands import refuse_strangers
+from machopt.plan.external.values import STEP, Values
+from machopt.plan.jointly.refinement import TRUST
+from machopt.plan.jointly.tried import on_another_grid, refined
+from machopt.plan.motion.timeline import build_timeline
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.run import plan
+from machopt.plan.pipeline.setup import Setup, Timings, prepare
+from machopt.plan.stations.path import Path, build_path
+from machopt.plan.stations.subpath import rows_of
+
+PLANNED = 3  # values planned in full where all can be driven
+TRIED = 8  # where the first ones cannot
+AS_GOOD = 1.15  # times the best estimate: home is planned in full below that, and what is refined a second time
+MOVES_TRIED = 3  # the same where the joints may move along the path
+TRUSTS = (TRUST, np.radians(25.0))  # of the refinement's steps: each leads down its own way, the best is taken
+FAR = (np.radians(40.0),)  # the same of long paths, which are refined once for the time it takes: fewer passes lead on
+SHORT = 600  # planning points: a longer path is long
+LEAPS = 4, 1  # at most, of short paths and of long ones
+WORTH_IT = 4e-3  # of J: a sequence that saves less is no other start
+AS_NEAR = 1.5  # times the least estimate: a way of joints that move is planned below that
+
+Key = tuple[float, float]  # points lost and breaks; what it is worth: less is better
+
+
+def best_plan(
+    cell: Cell,
+    toolpath: Toolpath,
+    options: PlanOptions,
+    timings: Timings | None = None,
+    before: Plan | None = None,
+    *,
+    scale: float | None = None,
+) -> Plan:
+    """Plan one toolpath, the external joints where they serve it best by their modes.
+
+    Args:
+        before: a plan of the same but for the user's wishes (:func:`machopt.plan.pipeline.planned`).
+        scale: c₀ of a plan that this one belongs to; None: of its own.
+
+    Raises:
+        InputError: an option names no external joint or asks for what is not planned.
+    """
+    clock = timings or Timings()
+    axes = axes_of(cell, options)
+    refuse_strangers(cell, options.steer)
+    if not cell.external_joints:
+        return plan(cell, toolpath, options, clock, before=before, scale=scale)
+    if options.method != "global" or options.rotation_step >= STEP or _stand_still(cell, toolpath, options, axes):
+        return _refined(cell, toolpath, options, clock, before, axes, scale)
+    coarse = _refined(cell, toolpath, replace(options, rotation_step=STEP), clock, before, axes, scale)
+    found = on_another_grid(coarse, toolpath, options.rotation_step, Worth.of(coarse.setup, axes), clock, before)
+    if not _lost(found):
+        return found
+    # Where few rotations are left, a finer grid may find places that the coarse one has not.
+    other = _refined(cell, toolpath, options, clock, before, axes, scale)
+    return min(found, other, key=_key_of(found.setup, axes))
+
+
+def _refined(
+    cell: Cell,
+    toolpath: Toolpath,
+    options: PlanOptions,
+    clock: Timings,
+    before: Plan | None,
+    axes: Sequence[ExternalAxis],
+    scale: float | None,
+) -> Plan:
+    """The best plan on one grid of rotations."""
+    starts = _coarse_to_fine(cell, toolpath, options, clock, before, axes, scale)
+    found = starts[0]
+    groups = groups_of(cell, toolpath, found.path, axes, found.options.steer)
+    if _locked(groups):
+        return found
+    worth, key = Worth.of(found.setup, axes), _key_of(found.setup, axes)
+    # Where the joints stand is a local best of its own, so that moving is no worse than that.
+    still = [replace(g, moving=np.zeros_like(g.moving)) for g in groups]
+    best, rivals, stands = found, starts[1:], None
+    for trust in TRUSTS if len(found.path.index) <= SHORT else FAR:
+        best = min(best, refined(found, toolpath, groups, worth, clock, before, worth.plan(best), trust), key=key)
+        near = []
+        for other in rivals:
+            rival = refined(other, toolpath, still, worth, clock, before, AS_GOOD * worth.plan(best), trust)
+            if worth.plan(rival) < AS_GOOD * worth.plan(best):
+                near.append(other)
+                stands = rival if stands is None else min(stands, rival, key=key)
+            best = min(best, rival, key=key)
+        rivals = near
+    best = _leapt(best, toolpath, groups, worth, clock, before)
+    if stands is None or worth.plan(stands) > AS_GOOD * worth.plan(best):
+        return best
+    return min(best, replace(_leapt(stands, toolpath, still, worth, clock, before), over_external=None), key=key)
+
+
+def _leapt(
+    best: Plan, toolpath: Toolpath, groups: Sequence[Group], worth: Worth, clock: Timings, before: Plan | None
+) -> Plan:
+    """From a local best on, as long as a sequence over grids around it is better and leads to a better plan.
+
+    What no such sequence undercuts (:mod:`machopt.plan.best.bound`) is kept with the plan.
+    """
+    if _lost(best) or best.found is None:
+        return best
+    most = LEAPS[len(best.path.index) > SHORT]
+    for leap in range(most + 1):
+        with clock.stage("external"):
+            around = Around.of(best, groups, VALUES)
+            if isinstance(around, str):
+                return best
+            found = around.best()
+            best = replace(best, over_external=around.bound(found))
+            if found is None or leap == most or found.total > (1.0 - WORTH_IT) * around.own:
+                return best
+            start = around.start(found.vertex, best)
+        further = refined(best, toolpath, groups, worth, clock, before, start=start)
+        if further is best:
+            return best
+        best = further
+    return best
+
+
+def _stand_still(cell: Cell, toolpath: Toolpath, options: PlanOptions, axes: Sequence[ExternalAxis]) -> bool:
+    options = steered(options, toolpath)
+    return _locked(groups_of(cell, toolpath, build_path(toolpath, kept(options)), axes, options.steer))
+
+
+def _locked(groups: Sequence[Group]) -> bool:
+    return all((g.low == g.high).all() and not g.moves.any() for g in groups)
+
+
+def _key_of(setup: Setup, axes: Sequence[ExternalAxis]) -> Callable[[Plan], Key]:
+    worth = Worth.of(setup, axes)
+    return lambda one: (_lost(one), worth.plan(one))
+
+
+def _coarse_to_fine(
+    cell: Cell,
+    toolpath: Toolpath,
+    options: PlanOptions,
+    clock: Timings,
+    before: Plan | None,
+    axes: Sequence[ExternalAxis],
+    scale: float | None,
+) -> list[Plan]:
+    """The best plan over grids of values, and along a curve between them where the joints may move.
+
+    Behind it, where they may, the best plan in which they stand, which may be the same.
+    """
+    options = steered(options, toolpath)
+    with clock.stage("prepare"):
+        setup = prepare(cell, options) if before is None else before.setup
+        path = build_path(toolpath, kept(options))
+        groups = groups_of(cell, toolpath, path, axes, options.steer)
+    if _locked(groups):
+        at = _spread(path, groups, [g.low for g in groups])
+        return [plan(cell, toolpath, options, clock, setup=setup, external=at, before=before, scale=scale)]
+    with clock.stage("external"):
+        search = Values(setup, options, path, groups, axes, scale)
+        search.judge()
+    tries = _Tries(
+        cell=cell,
+        toolpath=toolpath,
+        options=options,
+        clock=clock,
+        before=before,
+        setup=setup,
+        path=path,
+        groups=groups,
+        axes=axes,
+        search=search,
+    )
+    moves = any(g.moves.any() for g in groups)
+    return tries.moving() if moves else [tries.fixed(TRIED)[1]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Tries:
+    """What is planned in full, and which of it is taken."""
+
+    cell: Cell
+    toolpath: Toolpath
+    options: PlanOptions
+    clock: Timings
+    before: Plan | None
+    setup: Setup
+    path: Path
+    groups: list[Group]
+    axes: Sequence[ExternalAxis]
+    search: Values
+
+    def _planned(self, external: Array, options: PlanOptions) -> tuple[Key, Plan]:
+        found = plan(
+            self.cell,
+            self.toolpath,
+            options,
+            self.clock,
+            setup=self.setup,
+            external=external,
+            scale=self.search.scale,
+            before=self.before,
+        )
+        return (_lost(found), self.search.worth.plan(found)), found
+
+    def fixed(self, tried: int) -> tuple[Key, Plan]:
+        """The best plan with one value for each group, of the best few by the stations and home."""
+        search, groups = self.search, self.groups
+        every: list[tuple[Key, Plan]] = []
+        seen: list[list[Array]] = []
+        whole = 0
+        while len(seen) < tried and whole < PLANNED:
+            values = search.chain()
+            if values is None:
+                break
+            seen.append(values)
+            every.append(self._planned(_spread(self.path, groups, values), self.options))
+            lost = _lost_groups(every[-1][1], groups)
+            bad = [n for n in lost if np.ptp([groups[n].low, groups[n].high], axis=0).any()]
+            whole += not bad
+            for n in bad or ([0] if len(groups) == 1 else []):
+                search.exclude(n, values[n], 0.5 if bad else 0.25)
+            if not bad and len(groups) > 1:
+                break
+        home = search.at_home()
+        if not any(np.array_equal(home, values) for values in seen):
+            best = min((key for key, _ in every), default=None)
+            if best is None or best[0] or search.estimate(home) <= AS_GOOD * search.estimate(seen[0]):
+                every.append(self._planned(_spread(self.path, groups, home), self.options))
+        return min(every, key=lambda one: one[0])
+
+    def moving(self) -> list[Plan]:
+        """The best plan with the joints moving where they may; with fixed values where these are better.
+
+        Where no fixed value reaches all stations, fixed values are planned only if the joints cannot do it by moving.
+        Behind it the best plan with fixed values, where there is one that lacks nothing.
+        """
+        search = self.search
+        best = None if search.out_of_reach else self.fixed(MOVES_TRIED)
+        if best is None:
+            with self.clock.stage("external"):
+                stands = search.chain() or search.at_home()
+        else:
+            stands = [best[1].path.external[rows_of(self.path, g.runs)[0]] for g in self.groups]
+        ways = fewer(self.groups, stands, self.cell.external_home)
+        key, found = self._along(ways, stands)
+        if any(not b.pair for b in found.breaks) and (best is None or best[0][0]):
+            wound = self._along([*ways, *held(self.groups)], stands, turns=True)
+            key, found = min((key, found), wound, key=lambda one: one[0])
+        contacts = _unreached(found) or any(b.pair for b in found.breaks)
+        if contacts and (best is None or best[0][0]) and self.setup.collision is not None:
+            key, found = min((key, found), self._clear_of_contacts(stands), key=lambda one: one[0])
+        if any(g.must.any() for g in self.groups) or (best is None and not key[0]):
+            return [found]  # no place keeps what was asked, or reaches all of it
+        best = best or self.fixed(MOVES_TRIED)
+        fixed = [best[1]] if best[0][0] == 0 else []
+        if not key < best[0]:
+            return [best[1], *fixed]
+        if fixed:  # there is another answer, should this one not be driven
+            with self.clock.stage("external"):
+                timeline = build_timeline(found, self.toolpath)
+            if timeline.trajectory is None:
+                return [best[1], *fixed]
+        return [found, *fixed]
+
+    def _clear_of_contacts(self, stands: list[Array]) -> tuple[Key, Plan]:
+        """The plan along a way that is made of free poses alone: where arm or part are in the way wherever they stand.
+
+        Looking for contacts at every pose of the grid costs more than the way itself, so nothing else waits for it; and
+        it is not taken for breaks that no body is the cause of, which free poses would not mend.
+        """
+        search = self.search
+        with self.clock.stage("external"):
+            way = moved(self.setup, self.options, self.path, self.groups, self.axes, stands, search.scale, clear=True)
+        return self._planned(way, self.options)
+
+    def _along(self, tries: list[list[Group]], stands: list[Array], turns: bool = False) -> tuple[Key, Plan]:
+        """The best plan with the joints moving where they may, all or some (:func:`machopt.plan.external.along.fewer`).
+
+        Where all of these are broken off, whole turns of the arm's joints count, and the others may keep one value
+        elsewhere (:func:`machopt.plan.external.along.held`).
+
+        Ways that are far from the best one by the stations are not looked at further, the others at 15°.
+        """
+        search = self.search
+        with self.clock.stage("external"):
+            ways = [
+                moved(self.setup, self.options, self.path, some, self.axes, stands, search.scale, turns=turns)
+                for some in tries
+            ]
+            if len(ways) > 1:
+                estimates = [search.estimate_along(at) for at in ways]
+                near = AS_NEAR * min(estimates)
+                ways = [at for at, estimate in zip(ways, estimates, strict=True) if estimate <= near]
+        looks = replace(self.options, rotation_step=max(self.options.rotation_step, STEP))
+        if len(ways) > 1:
+            looked = [self._planned(at, looks) for at in ways]
+            k = min(range(len(ways)), key=lambda k: looked[k][0])
+            if looks.rotation_step == self.options.rotation_step:
+                return looked[k]
+            ways = [ways[k]]
+        return self._planned(ways[0], self.options)
+
+
+def _lost_groups(found: Plan, groups: Sequence[Group]) -> list[int]:
+    """Groups with points that have no configuration, or with breaks."""
+    path = found.path
+    runs = set(path.run[found.missing[path.may_touch[found.missing]]].tolist())
+    for b in found.breaks:
+        if np.isfinite(b.after):
+            runs.add(int(path.run[np.searchsorted(path.index, b.after - 1e-9)]))
+    return [n for n, group in enumerate(groups) if runs & set(group.runs)]
+
+
+def _lost(found: Plan) -> float:
+    """Points that have no configuration, and breaks."""
+    return float(_unreached(found) + len(found.breaks))
+
+
+def _unreached(found: Plan) -> int:
+    """Points that have no configuration where contacts count."""
+    return int(found.path.may_touch[found.missing].sum())
+
+
+def _spread(path: Path, groups: Sequence[Group], values: Sequence[Array]) -> Array:
+    """(P, E) the values of the groups at the planning points."""
+    out = np.empty((len(path.index), len(values[0])))
+    for group, value in zip(groups, values, strict=True):
+        out[rows_of(path, group.runs)] = value
+    return out

@@ -1,0 +1,81 @@
+"""What driving a plan takes of the margins that it keeps.
+
+Where the rotation bends it is rounded in time, as the path is, so at a planning point the arm stands a little elsewhere
+than planned. A pose that stood on a margin (joint limits, singularities) then falls short of it. The margin is a
+promise about what is driven, so such a plan is made again with that much more of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.arrays import Array
+from machopt.domain.options import PlanOptions
+from machopt.domain.reason import Reason
+from machopt.plan.compensation.compensate import rescored
+from machopt.plan.configurations.candidates import PlanningArm
+from machopt.plan.configurations.realise import realise
+from machopt.plan.pipeline.breaks import Break
+from machopt.plan.pipeline.planned import Plan
+
+ROUNDING = np.radians(1e-5)  # of joint angles; verify allows 2e-5° for it (machopt.verify.asked.MARGIN_DEG)
+FACTOR, LEAST = 2.0, np.radians(0.001)  # of what was short is kept beside the margin, and how much at least
+
+
+def as_driven(plan: Plan, phi: Array) -> Plan:
+    """The plan with the rotation the retimed motion really takes at the planning points, (P,) rad.
+
+    A point counts as lost to a joint limit where it is nearer than the margin by more than :data:`ROUNDING`.
+    """
+    before, arm = plan.chosen.assignment, plan.setup.arm
+    arm = replace(arm, lower=arm.lower - ROUNDING, upper=arm.upper + ROUNDING)
+    after = realise(plan.path, arm, plan.setup.robot, phi, before.q)
+    return rescored(plan, after.marked(before.reason != Reason.OK, before.reason))  # what was ruled out stays so
+
+
+def lost(planned: Plan, driven: Plan) -> Break | None:
+    """The first point that is planned, and falls short of a margin as it is driven; None where none does."""
+    rows = _lost(planned, driven)
+    if not len(rows):
+        return None
+    at = float(planned.path.index[rows[0]])
+    which = "limit_margin_deg" if driven.chosen.assignment.reason[rows[0]] == Reason.LIMIT else "a singularity margin"
+    return Break(
+        before=at,
+        after=at,
+        code="not_driven",
+        text=f"the rotation, rounded where it bends, stands nearer than {which} allows",
+        help=f"a smaller value of {which}, or one rotation for all of the operation (steer), would help",
+    )
+
+
+def with_spare(options: PlanOptions, planned: Plan, driven: Plan) -> PlanOptions:
+    """Margins by so much larger that what driving takes of them is spared."""
+    rows, a, arm = _lost(planned, driven), driven.chosen.assignment, driven.setup.arm
+    m, q = arm.margins, a.q[rows]
+
+    def more(short: Array) -> float:
+        worst = float(np.nan_to_num(short, nan=0.0).max(initial=0.0))
+        return FACTOR * worst + LEAST if worst > 0 else 0.0
+
+    return replace(
+        options,
+        limit_margin=options.limit_margin + more(np.maximum(arm.lower - q, q - arm.upper)),
+        singularity_wrist=options.singularity_wrist + more(m.wrist - a.wrist[rows]),
+        singularity_elbow=options.singularity_elbow + more(m.elbow - a.elbow[rows]),
+        singularity_shoulder=options.singularity_shoulder + more(m.shoulder - a.shoulder[rows]),
+    )
+
+
+def asked_again(spared: Plan, options: PlanOptions, arm: PlanningArm) -> Plan:
+    """A plan that was made with spare, as an answer to the margins that the user asked (those of ``arm``)."""
+    return replace(spared, options=options, setup=replace(spared.setup, arm=arm))
+
+
+def _lost(planned: Plan, driven: Plan) -> NDArray[np.intp]:
+    """Rows of points that are planned, and not there as driven."""
+    before, after = (p.chosen.assignment.reason for p in (planned, driven))
+    return np.flatnonzero((before == Reason.OK) & (after != Reason.OK))

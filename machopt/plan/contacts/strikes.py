@@ -1,0 +1,215 @@
+"""What a search strikes out: vertices that collide, and ways that do or lead nowhere.
+
+A vertex (station, rotation, branch) is struck out only for a contact of its own pose, an edge (two vertices of
+neighbouring stations) only for a contact or a missing pose on its own way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.arrays import Array, any_last
+from machopt.domain.reason import Reason
+from machopt.plan.choice.choose import Choice
+from machopt.plan.choice.edges import Edges
+from machopt.plan.choice.sequence import jump
+from machopt.plan.configurations.candidates import Candidates
+from machopt.plan.configurations.realise import Assignment, realise
+from machopt.plan.contacts.check import Checker, PathCheck
+from machopt.plan.contacts.lookahead import Ahead
+from machopt.plan.stations.path import Path
+from machopt.se3 import wrap
+
+Rows = NDArray[np.intp]
+AHEAD = 8000  # vertices looked at around the contacts of the first round, and four times as many in each next
+
+
+@dataclass(kw_only=True)
+class Strikes:
+    """What is struck out of one path's grid; ``candidates`` lose what collides, in place."""
+
+    path: Path
+    candidates: Candidates
+    checker: Checker
+    progress: Callable[[str], None]
+    edges: Edges = field(default_factory=Edges.none)
+    banned: dict[int, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        S, R, B, T = self.candidates.feasible.shape
+        self.shape = (S, R, B, T)
+        self.looked = np.zeros((S, R, B), bool)
+        self.pairs = np.full((S, R, B), -1, np.int32)
+        self.ahead_of = AHEAD
+        model = self.checker.model
+        self.ahead = (
+            None
+            if model is None
+            else Ahead(
+                candidates=self.candidates,
+                model=model,
+                may_touch=self.path.may_touch[self.path.stations],
+                external=self.path.external[self.path.stations],
+                pairs=self.pairs,
+            )
+        )
+
+    def stations(self, hit: NDArray[np.bool_]) -> Rows:
+        """Stations at or behind the points hit."""
+        st = self.path.stations
+        return np.unique(np.clip(np.searchsorted(st, np.flatnonzero(hit)), 0, len(st) - 1))
+
+    def gone(self, choice: Choice) -> bool:
+        """A vertex of the choice has been struck out."""
+        s = np.flatnonzero(~choice.dropped)
+        return not bool(self.candidates.feasible[s, choice.rotation[s], choice.branch[s], choice.turn[s]].all())
+
+    def chosen(self, choice: Choice, every: int = 1) -> bool:
+        """Look at the choice's own vertices, and from those that collide on; whether it has lost any."""
+        s = np.flatnonzero(~choice.dropped)[::every]
+        return self._look(s, choice.rotation[s], choice.branch[s]) > 0
+
+    def along(self, choice: Choice, a: Assignment, check: PathCheck) -> int:
+        """Look at the vertices on either side of a curve where it collides, and from those that do on.
+
+        Returns:
+            how many vertices are struck out.
+        """
+        s = self.stations(check.hit)
+        s = s[~choice.dropped[s]]
+        grid, (R, phi) = self.candidates.phi_at(), (self.shape[1], a.phi[self.path.stations[s]])
+        low = np.floor(wrap(phi - grid[s, 0]) / (2 * np.pi / R)).astype(int)
+        both, sides = np.tile(s, 2), np.concatenate([low, low + 1]) % R
+        return self._look(both, sides, choice.branch[both])
+
+    def _look(self, s: Rows, r: Rows | NDArray[np.int32], b: NDArray[np.int32]) -> int:
+        """Look at vertices not looked at before, and ahead from those that collide; how many are struck out."""
+        ahead = self.ahead
+        usable = any_last(self.candidates.feasible[s, r, b]) & ~self.looked[s, r, b]
+        if ahead is None or not usable.any():
+            return 0
+        s, r, b = s[usable], r[usable], b[usable]
+        self.progress("check")
+        found = ahead.model.check(ahead.whole(s, r, b), ahead.may_touch[s])
+        self.looked[s, r, b] = True
+        if not found.any:
+            return 0
+        vertices = np.ravel_multi_index((s[found.hit], r[found.hit], b[found.hit]), self.pairs.shape)
+        vertices, first = np.unique(vertices, return_index=True)
+        pair = found.pair[found.hit][first]
+        ahead.strike(vertices, pair)
+        ahead.look(vertices, pair, self.ahead_of)
+        self.ahead_of = min(4 * self.ahead_of, self.pairs.size)
+        return len(vertices)
+
+    def _kept(self, choice: Choice, stations: Rows, budget: int) -> Rows:
+        """Stations that have a choice, no more than ``budget`` of them, spread evenly."""
+        stations = stations[~choice.dropped[stations]]
+        if len(stations) > budget:
+            stations = stations[np.unique(np.linspace(0, len(stations) - 1, budget).round().astype(int))]
+        return stations
+
+    def grid(self, choice: Choice, plain: Assignment, check: PathCheck, budget: int) -> None:
+        """Strike out the vertices and edges of the grid's own sequence that collide or lead nowhere."""
+        before = int(self.candidates.feasible.sum()), len(self.edges)
+        stations = self._kept(choice, self.stations(check.hit | check.lost), budget)
+        for s in stations:  # a pose on the very edge of a limit or margin: rounding decides
+            why = plain.reason[self.path.stations[s]]
+            if why != Reason.OK:
+                self._drop(choice, int(s), int(why))
+        for at in stations:
+            s = int(at)
+            joined = s > 0 and s not in choice.broken and not choice.dropped[s - 1]
+            if joined and self.path.run[self.path.stations[s]] == self.path.run[self.path.stations[s - 1]]:
+                gone = [
+                    not self.candidates.feasible[k, choice.rotation[k], choice.branch[k], choice.turn[k]]
+                    for k in (s - 1, s)
+                ]
+                if not any(gone):
+                    self._strike_edges(choice, s)
+        if (int(self.candidates.feasible.sum()), len(self.edges)) == before:
+            for at in stations:  # what only the whole path shows counts against the ways that were chosen
+                self._drop_way(choice, int(at), int(check.pair[self.path.stations[at]]))
+
+    def _drop_way(self, choice: Choice, s: int, pair: int) -> None:
+        joined = s > 0 and s not in choice.broken and not choice.dropped[s - 1]
+        if not joined or self.path.run[self.path.stations[s]] != self.path.run[self.path.stations[s - 1]]:
+            self._drop(choice, s, int(Reason.NO_PATH))
+            return
+        _, _, B, T = self.shape
+        u, v = ((int(choice.rotation[k]) * B + int(choice.branch[k])) * T for k in (s - 1, s))
+        self._ban([(s, u + int(choice.turn[s - 1]), v)])
+        self.banned[s] = pair
+
+    def _drop(self, choice: Choice, s: int, why: int) -> None:
+        r, b = choice.rotation[s], choice.branch[s]
+        self.candidates.feasible[s, r, b, choice.turn[s]] = False
+        if not self.candidates.feasible[s, r, b].any():
+            self.candidates.reason[s, r, b] = why
+
+    def _strike_edges(self, choice: Choice, s: int) -> None:
+        """Strike out the ways into station s that turn as far as the chosen one and are not free, on either side of it
+        up to the first that is."""
+        _, R, B, T = self.shape
+        b, bu = int(choice.branch[s]), int(choice.branch[s - 1])
+        here, before = int(choice.rotation[s]), int(choice.rotation[s - 1])
+        c, bans = self.candidates, []
+        for side in (range(R), range(-1, -R, -1)):
+            for k in side:
+                r, ru = (here + k) % R, (before + k) % R
+                if not (c.feasible[s, r, b].any() and c.feasible[s - 1, ru, bu].any()):
+                    break
+                found = self._edge(s, ru, bu, r, b)
+                for t, pair in found:
+                    bans.append((s, (ru * B + bu) * T + t, (r * B + b) * T))
+                    self.banned[s] = pair
+                if not found:
+                    break
+        self._ban(bans)
+
+    def _ban(self, ways: list[tuple[int, int, int]]) -> None:
+        """Strike out ways (station, source, target), and those to the targets' other turns."""
+        if ways:
+            s, u, v = (np.repeat(np.array(x, np.int32), self.shape[3]) for x in zip(*ways, strict=True))
+            self.edges = self.edges.plus(s, u, v + np.tile(np.arange(self.shape[3], dtype=np.int32), len(ways)))
+
+    def _edge(self, s: int, ru: int, bu: int, r: int, b: int) -> list[tuple[int, int]]:
+        """Turns in which the way from a vertex of station s − 1 to one of s cannot be gone, each with what it touches.
+
+        −1 stands for a way that has no pose in between.
+        """
+        c, st = self.candidates, self.path.stations
+        qa = c.q[s - 1, ru, bu]
+        qb = qa + wrap(c.q[s, r, b] - qa)
+        if not np.abs(qb - qa).max() <= jump(c.stable):
+            return []  # no way by itself; nothing to strike out
+        every = [int(t) for t in np.flatnonzero(c.feasible[s - 1, ru, bu])]
+        rows = np.arange(st[s - 1], st[s] + 1)
+        grid = c.phi_at()
+        phi = grid[s - 1, ru] + np.array([0.0, float(wrap(grid[s, r] - grid[s - 1, ru]))])
+        if len(rows) == 2:
+            return self._stretch(rows, phi, np.vstack([qa, qb]), every)
+        length = self.path.s[rows]
+        f = (length - length[0]) / max(float(length[-1] - length[0]), 1e-12)
+        turned, seed = np.full(len(self.path.index), np.nan), np.full((len(self.path.index), 6), np.nan)
+        turned[rows] = phi[0] + f * (phi[1] - phi[0])
+        out: list[tuple[int, int]] = []
+        for t in every:  # a limit in between may hold in one turn and not in another
+            seed[rows] = qa + f[:, None] * (qb - qa) + c.turns[t]
+            found = realise(self.path, self.checker.arm, self.checker.robot, turned, seed)
+            if (found.reason[rows] != Reason.OK).any():
+                out.append((t, -1))
+            else:
+                out += self._stretch(rows, turned[rows], found.q[rows], [t])
+        return out
+
+    def _stretch(self, rows: Rows, phi: Array, q: Array, turns: list[int]) -> list[tuple[int, int]]:
+        hit, pair, lost = self.checker.stretch(rows, phi, q)
+        if not hit.any() and not lost.any():
+            return []
+        what = int(pair[int(np.argmax(hit))]) if hit.any() else -1
+        return [(t, what) for t in turns]

@@ -1,0 +1,164 @@
+"""Which of the user's wishes cannot be kept together, where without them there is a plan.
+
+A wish is a pin, zone, branch or place of an external joint; preferences forbid nothing. The least set that cannot be
+kept is found by leaving wishes out, in halves where many are given (Junker, QuickXplain: preferred explanations and
+relaxations for over-constrained problems, AAAI 2004): every wish in it is needed for the conflict, so any one of them
+given up ends it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from math import degrees
+
+import numpy as np
+
+from machopt.domain.cell import Cell
+from machopt.domain.options import ExternalAxis, FixedRotation, PlanOptions, Steer
+from machopt.domain.steering import said, stretches
+from machopt.domain.toolpath import Toolpath
+from machopt.plan.best.external import best_plan
+from machopt.plan.pipeline.breaks import Break
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.setup import Timings
+
+NEAREST = 3  # wishes told beside a place that cannot be driven
+MOST = 60  # plans that are made for it; with more wishes the set told may not be the least
+
+
+@dataclass(frozen=True)
+class At:
+    """An external joint that is to stand somewhere in an operation."""
+
+    joint: str
+    operation: str
+    value: float  # m or rad
+    unit: str
+
+
+Wish = FixedRotation | Steer | At
+
+
+def with_conflict(plan: Plan, cell: Cell, toolpath: Toolpath, options: PlanOptions, timings: Timings) -> Plan:
+    """The plan with the wishes that keep it from being one; the same where it is whole, or would not be without them.
+
+    Args:
+        options: as the user gave them.
+    """
+    wishes = wishes_of(options)
+    if not wishes or options.allow_gaps or whole(plan):
+        return plan
+
+    def possible(some: Sequence[Wish]) -> bool:
+        return whole(best_plan(cell, toolpath, wishing(options, some), Timings(), before=plan))
+
+    with timings.stage("conflict"):
+        if not possible(()):
+            return plan
+        least = minimal(wishes, possible)
+    told = ", ".join(words(w) for w in least)
+    alone = "No plan keeps" if len(least) == 1 else "No plan keeps together:"
+    end = "without it there is one." if len(least) == 1 else "without any one of them this conflict ends."
+    return replace(plan, conflict=f"{alone} {told}; {end}")
+
+
+def undriven(plan: Plan, stops: Sequence[Break], toolpath: Toolpath, options: PlanOptions) -> Plan:
+    """The plan with the wishes nearest to where its motion cannot be driven; the same where it can, or none is given.
+
+    Its points are whole, so no set of wishes is known to be in conflict: what lies between them is found in time only.
+
+    Args:
+        stops: what keeps the motion from being driven.
+        options: as the user gave them.
+    """
+    if not stops or plan.conflict:
+        return plan
+    stop = stops[0]
+    ends = [v for v in (stop.before, stop.after) if np.isfinite(v)]
+    wishes = sorted(wishes_of(options), key=lambda w: _distance(w, ends, toolpath))[:NEAREST]
+    if not wishes:
+        return plan
+    return replace(
+        plan,
+        conflict=f"The points can be cut as asked, the motion between them cannot be driven {stop.where}: {stop.text}. "
+        f"Asked nearest to there: {', '.join(words(w) for w in wishes)}; without one of them, or with more points "
+        "between them, it may be driven.",
+    )
+
+
+def _distance(wish: Wish, ends: Sequence[float], toolpath: Toolpath) -> float:
+    """How many toolpath points a wish is from a place."""
+    if isinstance(wish, FixedRotation):
+        parts = [(wish.point, wish.point)]
+    else:
+        parts = list(stretches(wish if isinstance(wish, Steer) else Steer(operation=wish.operation), toolpath))
+    return min((max(a - at, at - b, 0.0) for a, b in parts for at in ends), default=0.0)
+
+
+def whole(plan: Plan) -> bool:
+    """Nothing that is cut is missing, and no way breaks off."""
+    missing = plan.missing
+    return not plan.path.may_touch[missing].any() and not plan.breaks
+
+
+def wishes_of(options: PlanOptions) -> tuple[Wish, ...]:
+    """Everything the user decided that may forbid a plan."""
+    steer = [w for w in options.steer if w.forbids]
+    stands = [At(a.joint, label, value, a.unit) for a in options.external for label, value in a.at_operations]
+    return (*options.fixed, *steer, *stands)
+
+
+def wishing(options: PlanOptions, wishes: Sequence[Wish]) -> PlanOptions:
+    """The options with these wishes only; preferences stay."""
+    kept = set(wishes)
+
+    def stands(axis: ExternalAxis) -> ExternalAxis:
+        at = tuple((k, v) for k, v in axis.at_operations if At(axis.joint, k, v, axis.unit) in kept)
+        return replace(axis, at_operations=at)
+
+    return replace(
+        options,
+        fixed=tuple(f for f in options.fixed if f in kept),
+        steer=tuple(w for w in options.steer if w in kept or w not in wishes_of(options)),
+        external=tuple(stands(axis) for axis in options.external),
+    )
+
+
+def minimal(wishes: Sequence[Wish], possible: Callable[[Sequence[Wish]], bool]) -> list[Wish]:
+    """A least set of wishes that is not possible, in their order; no part of it is.
+
+    Args:
+        wishes: not possible together.
+        possible: whether some of them are; asked MOST times at most, after which what is left counts as needed.
+    """
+    asked = 0
+
+    def fails(some: Sequence[Wish]) -> bool:
+        nonlocal asked
+        asked += 1
+        return asked <= MOST and not possible(some)
+
+    def within(given: list[Wish], new: bool, left: list[Wish]) -> list[Wish]:
+        if new and fails(given):
+            return []
+        if len(left) == 1:
+            return left
+        half = len(left) // 2
+        first, second = left[:half], left[half:]
+        of_second = within(given + first, bool(first), second)
+        of_first = within(given + of_second, bool(of_second), first)
+        return of_first + of_second
+
+    found = within([], False, list(wishes))
+    return [w for w in wishes if w in found]
+
+
+def words(wish: Wish) -> str:
+    """A wish as the user would say it."""
+    if isinstance(wish, FixedRotation):
+        return f"the rotation {degrees(wish.gamma):.6g}° at point {wish.point}"
+    if isinstance(wish, At):
+        value = wish.value * 1e3 if wish.unit == "mm" else degrees(wish.value)
+        return f"{wish.joint} at {value:.6g} {wish.unit} for operation {wish.operation!r}"
+    return said(wish)

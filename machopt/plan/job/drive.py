@@ -1,0 +1,82 @@
+"""Requests that no plan can answer, and from a plan to its motion."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.domain.cell import Cell
+from machopt.domain.options import PlanOptions
+from machopt.domain.steering import refuse_narrow, steered
+from machopt.domain.toolpath import Toolpath
+from machopt.errors import InputError
+from machopt.model.machine import load_machine
+from machopt.model.robot import load_robot
+from machopt.plan.motion.timeline import Timeline, build_timeline
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.setup import Timings
+from machopt.plan.written.wrong_unit import wrong_unit
+
+
+def refuse_wrong_unit(cell: Cell, toolpath: Toolpath, file: Path, *, stated: bool) -> None:
+    """Refuse a path whose numbers count another unit: all out of reach is no answer to it.
+
+    Args:
+        cell: the robot cell.
+        toolpath: as it was read.
+        file: what it was read from.
+        stated: the user gave the unit: small or far is then meant.
+    """
+    robot = load_robot(cell)
+    machine = load_machine(cell, robot)
+    stands = machine.T_base_workpiece(_corners(cell))
+    why = [wrong_unit(toolpath, robot, T, cell.tool.T_flange_tcp, stated=stated) for T in stands]
+    if all(why):  # wherever the external joints stand
+        raise InputError(why[0], file=file)
+
+
+def _corners(cell: Cell) -> Array:
+    """(N, E) home of the external joints, and the places between the ends of their ranges."""
+    ends = [np.linspace(a, b, 5) for a, b in zip(cell.limits.lower[6:], cell.limits.upper[6:], strict=True)]
+    grid = np.stack(np.meshgrid(*ends, indexing="ij"), axis=-1).reshape(-1, len(ends)) if ends else np.empty((0, 0))
+    return np.vstack([cell.external_home, grid])
+
+
+def refuse_fixed_elsewhere(options: PlanOptions) -> None:
+    """Refuse fixed rotations and other wishes beside a method that would not keep them."""
+    if (options.fixed or options.steer) and options.method != "global":
+        raise InputError(
+            f"method {options.method} chooses every rotation by itself and would not keep fixed ones; method global "
+            "would",
+            file="options",
+            where="fixed" if options.fixed else "steer",
+        )
+
+
+def refuse_fixed_beyond(toolpath: Toolpath, options: PlanOptions) -> None:
+    """Refuse fixed rotations and other wishes that no plan would keep."""
+    refuse_fixed_elsewhere(options)
+    for fixed in options.fixed:
+        if fixed.point >= len(toolpath):
+            raise InputError(
+                f"point {fixed.point} is fixed, but {toolpath.source} has points 0 to {len(toolpath) - 1}",
+                file="options",
+                where="fixed",
+            )
+    steered(options, toolpath)
+    refuse_narrow(options)
+
+
+def motion_of(the_plan: Plan, toolpath: Toolpath, options: PlanOptions, timings: Timings) -> Timeline | None:
+    """The motion, unless points are missing that the user did not allow to miss."""
+    cut = the_plan.path.counted
+    missing = the_plan.missing
+    needed = missing[the_plan.path.may_touch[missing]]  # rapid points that cannot be reached are passed by
+    if (len(needed) or the_plan.breaks) and not options.allow_gaps:
+        return None
+    if cut.any() and not np.setdiff1d(np.flatnonzero(cut), missing).size:
+        return None
+    with timings.stage("retime"):
+        return build_timeline(the_plan, toolpath)

@@ -1,0 +1,187 @@
+"""From a plan to the one that its refinement leads to: what is proposed at stations is tried on the whole path.
+
+:class:`machopt.plan.jointly.refinement.Refinement` finds offsets at stations. Between these a pose may be lost or touch
+something, so the whole of the offsets is tried, and then less of them; from what can be driven and is better the
+refinement goes on. Only what comes out is planned in full, with its external joints, as the search may find a better
+rotation for them; where the offsets themselves lead nowhere, that is tried at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.domain.reason import Reason
+from machopt.domain.toolpath import Toolpath
+from machopt.plan.compensation.compensate import rescored
+from machopt.plan.configurations.realise import realise
+from machopt.plan.contacts.check import Checker
+from machopt.plan.cost.score import Directions, directions
+from machopt.plan.external.groups import Group
+from machopt.plan.external.ranking import Worth
+from machopt.plan.jointly.refinement import TRUST, Refined, Refinement, Start
+from machopt.plan.motion.timeline import build_timeline
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.run import obeys
+from machopt.plan.pipeline.run import plan as planned
+from machopt.plan.pipeline.setup import Timings, standing
+from machopt.plan.stations.path import Path
+
+PASSES = 3  # of the refinement at most
+SHARES = (1.0, 0.6, 0.3)  # of its offsets that are tried
+SEARCHES = 2  # a rotation that the search alone finds is a start of its own
+GAINS = 1e-3  # of the objective: less is not worth another pass, or a plan in full
+
+
+def refined(
+    plan: Plan,
+    toolpath: Toolpath,
+    groups: Sequence[Group],
+    worth: Worth,
+    clock: Timings,
+    before: Plan | None = None,
+    below: float = np.inf,
+    trust: float = TRUST,
+    start: Start | None = None,
+) -> Plan:
+    """The plan with its external joints refined where that makes it better, else the plan itself.
+
+    Args:
+        before: as for :func:`machopt.plan.pipeline.planned`.
+        below: what is not worth less than that after the passes is not planned in full.
+        trust: rad, region of trust of the refinement's steps at first and at most.
+        start: what to begin from in place of the plan.
+    """
+    if plan.found is None or plan.breaks or len(plan.missing):
+        return plan
+    best = plan
+    for _ in range(SEARCHES):
+        found, searched = _Passes(
+            plan=best, toolpath=toolpath, groups=groups, worth=worth, clock=clock, before=before, trust=trust
+        ).best(below, start)
+        start = None
+        best, done = found, found is best or not searched
+        if done:
+            break
+    return best
+
+
+def on_another_grid(
+    plan: Plan, toolpath: Toolpath, step: float, worth: Worth, clock: Timings, before: Plan | None = None
+) -> Plan:
+    """The plan with steps of rotation of ``step`` rad: what the search finds there, or its own rotation.
+
+    The rotation of a plan with external joints is a curve between the grid's steps, so that it is one of the answers on
+    any grid: no grid makes a plan worse that lacks nothing.
+    """
+    on = replace(plan, options=replace(plan.options, rotation_step=step))
+    return _Passes(plan=on, toolpath=toolpath, groups=(), worth=worth, clock=clock, before=before).planned_again()
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Passes:
+    """Of one plan without gaps or breaks."""
+
+    plan: Plan
+    toolpath: Toolpath
+    groups: Sequence[Group]
+    worth: Worth
+    clock: Timings
+    before: Plan | None
+    trust: float = TRUST  # rad
+
+    def best(self, below: float, start: Start | None = None) -> tuple[Plan, bool]:
+        """What the passes lead to, else the plan itself; whether the search found a better rotation than they."""
+        stages = [self.plan]  # each better than the one before; what the search has not seen has its candidates stale
+        for _ in range(PASSES):
+            with self.clock.stage("external"):
+                proposed = Refinement(stages[-1], self.groups, self.worth, self.trust).found(start)
+                start = None
+                if proposed is None or proposed.saved < GAINS * stages[-1].chosen.objective.total:
+                    break
+                better = self._part_of(stages[-1], proposed)
+            if better is None:
+                better = self._searched(stages[-1], proposed)
+            if better is None:
+                break
+            gained = self.worth.plan(stages[-1]) - self.worth.plan(better)
+            stages.append(better)
+            if gained < GAINS * better.chosen.objective.total:
+                break
+        for last in reversed(stages[1:]):
+            if self.worth.plan(last) >= min(below, self.worth.plan(self.plan)):
+                break
+            whole, searched = self._whole(last)
+            if self._better(whole, self.plan) and self._driven(whole):
+                return whole, searched
+        return self.plan, False
+
+    def planned_again(self) -> Plan:
+        """The plan with all that a plan has, by its own options; its own rotation where no other is better."""
+        searched = self._planned(self.plan, self.plan.path)
+        if self.plan.found is None or self.plan.breaks or len(self.plan.missing):
+            return searched
+        own = replace(_own(searched, self.plan), over_external=self.plan.over_external)
+        return searched if self._better(searched, own) and self._driven(searched) else own
+
+    def _better(self, one: Plan, other: Plan) -> bool:
+        return not one.breaks and not len(one.missing) and self.worth.plan(one) < self.worth.plan(other)
+
+    def _driven(self, plan: Plan) -> bool:
+        with self.clock.stage("external"):
+            return build_timeline(plan, self.toolpath).trajectory is not None
+
+    def _part_of(self, plan: Plan, proposed: Refined) -> Plan | None:
+        """The plan with as much of the offsets as makes it better and can be driven; None where nothing does."""
+        a = plan.chosen.assignment
+        for share in SHARES:
+            external = plan.path.external + share * (proposed.external - plan.path.external)
+            phi = a.phi + share * (proposed.phi - a.phi)
+            seed = proposed.seed if share == 1.0 else a.q + share * (proposed.seed - a.q)
+            path = standing(plan.path, external)
+            there = replace(plan, path=path, directions=_directions(plan, path))
+            found = self._turned(there, phi, seed)
+            if found is not None and self._better(found, plan):
+                return found
+        return None
+
+    def _searched(self, plan: Plan, proposed: Refined) -> Plan | None:
+        found = self._planned(plan, standing(plan.path, proposed.external))
+        return found if self._better(found, plan) else None
+
+    def _whole(self, plan: Plan) -> tuple[Plan, bool]:
+        """The plan with all that a plan has, its own rotation or that of a search; whether the latter is the better."""
+        searched = self._planned(plan, plan.path)
+        own = _own(searched, plan)
+        if searched.breaks or len(searched.missing) or self._better(own, searched):
+            return own, False
+        return searched, True
+
+    def _planned(self, plan: Plan, path: Path) -> Plan:
+        return planned(
+            plan.setup.cell, self.toolpath, plan.options, self.clock,
+            setup=plan.setup, external=path.external, scale=plan.scores.scale, before=self.before,
+        )  # fmt: skip
+
+    def _turned(self, plan: Plan, phi: Array, seed: Array) -> Plan | None:
+        """The plan with another rotation (P,) rad, its poses next to some (P, 6) rad; None where it cannot be."""
+        path, setup = plan.path, plan.setup
+        if plan.found is None:
+            return None
+        a = realise(path, setup.arm, setup.robot, phi, seed)
+        if (a.reason != Reason.OK).any() or not obeys(a, path, plan.options):
+            return None
+        check = Checker.of(path, setup.arm, setup.robot, setup.collision, plan.options).whole(a.phi, a.q)
+        return replace(rescored(plan, a), chosen_from="smooth", check=check, breaks=()) if check.free else None
+
+
+def _own(searched: Plan, plan: Plan) -> Plan:
+    """What was searched with the rotation of a plan of the same external joints and unit."""
+    return replace(searched, chosen=plan.chosen, chosen_from=plan.chosen_from, check=plan.check, breaks=())
+
+
+def _directions(plan: Plan, path: Path) -> Directions:
+    return directions(path, plan.setup.arm, plan.setup.elasticity, plan.options.force)

@@ -1,0 +1,212 @@
+"""What the grid knows around the chosen rotation: the room a smooth curve has, run by run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.arrays import Array, any_last
+from machopt.domain.options import PlanOptions
+from machopt.plan.choice.choose import Choice
+from machopt.plan.configurations.candidates import Candidates
+from machopt.plan.cost.objective import Terms
+from machopt.plan.cost.score import Scores
+from machopt.plan.kept import recalled
+from machopt.plan.smoothing.curves import Spline
+from machopt.plan.stations.path import Path
+from machopt.plan.stations.pinned import pinned
+from machopt.se3 import wrap
+
+REACH = 16  # steps to either side of the chosen rotation that the corridor may span
+STEP = np.radians(5.0)  # of the corridor, or one of the grid where that is wider
+SIDE_STEP = np.radians(30.0)  # largest joint step between neighbouring rotations of one branch
+
+
+@dataclass(frozen=True)
+class Ends:
+    """What the rapid moves before and after a stretch come from and go to; None at the first and last."""
+
+    before: Array | None = None  # (6,) rad
+    after: Array | None = None  # (6,) rad
+    onward: float = 0.0  # price of the move after, per rad of any joint
+
+
+Merit = Callable[[Spline, Ends, float], float]
+"""Worth of an answer, given what it is tied to, and the worst cost elsewhere."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Corridor:
+    """What the grid knows around the chosen rotation, per station (n of them) and step j = −REACH … REACH."""
+
+    phi: Array  # (n,) rad, chosen rotation, unwrapped inside the run
+    low: Array  # (n,) rad ≤ 0, feasible side below
+    high: Array  # (n,) rad ≥ 0
+    cost: Array  # (n, 2·REACH+1), dimensionless, edge values repeated beyond the corridor
+    slope: Array  # (n, 6) dq/dphi at the chosen rotation
+    step: float  # rad
+    q: Array  # (n, 6) rad at the chosen rotation
+    crowded: Array | None = None  # (n, 2·REACH+1) like ``cost``; None: it does not count
+
+
+@dataclass(kw_only=True)
+class Stretch:
+    """A continuous stretch of stations while it is being smoothed."""
+
+    rows: NDArray[np.intp]  # stations
+    points: NDArray[np.int32]  # their planning points
+    band: Corridor
+    x: Array  # (n,) m, turning length at the stations
+    terms: Terms  # of the objective, at the stations
+    weight: float  # of its motion
+    pins: dict[int, float]  # fixed offsets by row
+    offset: Array  # (n,) rad, found so far
+    turns: bool = False  # the rotation may change along it
+    spline: Spline | None = None
+    answers: tuple[Spline, ...] = ()  # what the rotation may be, from the programme's to the plainest
+    merit: Merit = lambda *_: float("inf")
+
+    @classmethod
+    def of(
+        cls, path: Path, candidates: Candidates, scores: Scores, choice: Choice, rows: NDArray[np.intp], terms: Terms
+    ) -> Stretch:
+        points = path.stations[rows]
+        band = corridor(candidates, scores, choice, rows)
+        turning = turning_length(path, points[0], points[-1])
+        return cls(
+            rows=rows,
+            points=points,
+            band=band,
+            x=turning[points - points[0]],
+            terms=terms.take(rows),
+            weight=float(path.motion_share[points[0]]),
+            pins=_pins(path, rows, band.phi, terms.options),
+            offset=np.zeros(len(rows)),
+        )
+
+    def bounds(self) -> tuple[Array, Array]:
+        """(n,) rad each: the corridor, closed to the exact value where the user fixed it."""
+        low, high = np.minimum(self.band.low, 0.0), np.maximum(self.band.high, 0.0)
+        for row, value in self.pins.items():
+            low[row] = high[row] = value
+        return low, high
+
+    def worst(self) -> float:
+        """Largest cost where it counts, at the offset as it is."""
+        at = np.flatnonzero(self.terms.counted)
+        if not len(at):
+            return 0.0
+        return float(self._between(self.band.cost, self.offset)[at].max())
+
+    def _between(self, table: Array, offset: Array) -> Array:
+        """(…, n) a table (n, 2·REACH+1) of the corridor on the line at offsets (…, n) rad."""
+        x = np.clip(offset / self.band.step + REACH, 0, 2 * REACH - 1e-9)
+        k, row = x.astype(int), np.arange(table.shape[0])
+        low, high = table[row, k], table[row, k + 1]
+        return np.asarray(low + (x - k) * (high - low))
+
+    def joints(self) -> Array:
+        """(n, 6) rad, to first order in the offset."""
+        return self.joints_at(self.offset)
+
+    def joints_at(self, offset: Array, rows: Any = slice(None)) -> Array:
+        """(…, n, 6) rad at offsets (…, n) rad of all stations, or of some rows of them, to first order."""
+        return np.asarray(self.band.q[rows] + self.band.slope[rows] * offset[..., None])
+
+    def price(self, cost: Array, offset: Array) -> Array:
+        """(…) its part of J but for the worst index and rapid moves, at offsets (…, n) rad of these costs."""
+        phi = self.band.phi + offset
+        inside = self.terms.steps(self.joints_at(offset), phi).sum(axis=-1)
+        crowded = 0.0 if self.band.crowded is None else self._between(self.band.crowded, offset)
+        return np.asarray(self.terms.nodes(cost, phi, crowded).sum(axis=-1) + inside)
+
+    def price_of_flights(self, first: Array, last: Array, ends: Ends) -> float:
+        """Price of the rapid moves at its ends, where it begins and ends at joints (6,) rad."""
+        here = self.terms.weights.travel * float(self.terms.travel[0])
+        flown = ((first, ends.before, here), (last, ends.after, ends.onward))
+        return float(sum(price * np.abs(own - other).sum() for own, other, price in flown if other is not None))
+
+
+def corridor(candidates: Candidates, scores: Scores, choice: Choice, rows: NDArray[np.intp]) -> Corridor:
+    """Walk from the chosen vertex to both sides while the same branch and turn stay feasible."""
+    b, tables = choice.branch[rows], [scores.cost] if scores.crowded is None else [scores.cost, scores.crowded]
+
+    def inputs() -> tuple[object, ...]:
+        of_branch = [table[rows, :, b] for table in (candidates.q, candidates.feasible, *tables)]
+        r = choice.rotation[rows]
+        return (
+            candidates.phi,
+            candidates.phi_at(np.maximum(choice.rotation, 0))[rows],
+            candidates.turns,
+            r,
+            b,
+            *of_branch,
+        )
+
+    walked = recalled(
+        "corridor", lambda: (*inputs(), choice.q[rows]), lambda: _walked(candidates, tables, choice, rows)
+    )
+    return replace(walked, cost=walked.cost / scores.scale)
+
+
+def _walked(candidates: Candidates, tables: list[Array], choice: Choice, rows: NDArray[np.intp]) -> Corridor:
+    """The corridor with its cost in the unit of the table."""
+    R = len(candidates.phi)
+    grid = 2 * np.pi / R
+    stride = max(1, round(STEP / grid))  # a finer grid is walked step by step, so that its corridor is as wide
+    r, b = choice.rotation[rows], choice.branch[rows]
+    phi = np.unwrap(candidates.phi_at(np.maximum(choice.rotation, 0))[rows])
+    n = len(rows)
+    found = np.empty((len(tables), n, 2 * REACH + 1))
+    found[:, :, REACH] = [table[rows, r, b] for table in tables]
+    limit, reached = np.zeros((n, 2)), np.zeros((n, 2))
+    neighbour = np.stack([choice.q[rows], choice.q[rows]])
+    for side, sign in ((0, -1), (1, 1)):
+        alive, previous = np.ones(n, bool), choice.q[rows]
+        seen = found[:, :, REACH]
+        for j in range(1, min(REACH * stride, R) + 1):
+            rj = (r + sign * j) % R
+            base = candidates.q[rows, rj, b]
+            q = previous + wrap(base - previous)
+            turn = (np.round((q - base)[:, None] / (2 * np.pi)) == np.round(candidates.turns / (2 * np.pi))).all(axis=2)
+            alive &= any_last(candidates.feasible[rows, rj, b] & turn)
+            alive &= np.abs(q - previous).max(axis=1) < SIDE_STEP
+            limit[alive, side] = sign * j * grid
+            seen = np.where(alive, [table[rows, rj, b] for table in tables], seen)
+            if j % stride == 0:
+                found[:, :, REACH + sign * (j // stride)] = seen
+            previous = np.where(alive[:, None], q, previous)
+            if j == 1:
+                neighbour[side], reached[:, side] = previous, alive * grid
+        for column in range(min(REACH * stride, R) // stride + 1, REACH + 1):  # once round
+            found[:, :, REACH + sign * column] = seen
+    span = np.maximum(reached.sum(axis=1), 1e-12)[:, None]
+    return Corridor(
+        phi=phi,
+        low=limit[:, 0],
+        high=limit[:, 1],
+        cost=found[0],
+        slope=(neighbour[1] - neighbour[0]) / span,
+        step=stride * grid,
+        q=choice.q[rows],
+        crowded=found[1] if len(found) > 1 else None,
+    )
+
+
+def turning_length(path: Path, first: int, last: int) -> Array:
+    """Path length from ``first`` on which the rotation may change: plunges do not count."""
+    step = np.diff(path.s[first : last + 1])
+    step[path.plunge[first + 1 : last + 1]] = 0.0
+    return np.asarray(np.r_[0.0, np.cumsum(step)])
+
+
+def _pins(path: Path, rows: NDArray[np.intp], phi: Array, options: PlanOptions) -> dict[int, float]:
+    """The user's fixed rotations in this run: row to exact offset from the grid's phi."""
+    points = path.stations[rows]
+    row_of = {int(point): i for i, point in enumerate(points)}
+    asked = pinned(path, options).items()
+    return {row_of[row]: float(wrap(target - phi[row_of[row]])) for row, target in asked if row in row_of}

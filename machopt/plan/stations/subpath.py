@@ -1,0 +1,61 @@
+"""Some runs of a path, as a path of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.plan.stations.path import Path
+
+_ROWS = (  # one entry a planning point
+    *("index", "position", "axis", "move", "feed", "time", "s", "travel", "is_point", "is_drilling", "plunge"),
+    *("reference", "offset", "external"),
+)
+
+
+def rows_of(path: Path, runs: Sequence[int]) -> NDArray[np.intp]:
+    """Planning points of some runs, in order."""
+    return np.concatenate([np.arange(path.runs[k][0], path.runs[k][1] + 1) for k in runs])
+
+
+def part_of(path: Path, runs: Sequence[int], stations: int) -> Path:
+    """The path without its other runs, chosen at about so many stations; both ends of each run stay stations.
+
+    So do the places that are cut where they are few: of holes, every n-th station may never be one at the bottom.
+    Weights and shares are then those within the part.
+    """
+    rows = rows_of(path, runs)
+    size = [path.runs[k][1] - path.runs[k][0] + 1 for k in runs]
+    ends = np.cumsum(size)
+    own = np.flatnonzero(np.isin(rows, path.stations))
+    cuts = own[path.counted[rows[own]]]
+    if len(cuts) > stations and len(cuts) > 0.5 * len(own):  # spread with the others, as many as they are
+        cuts = cuts[:0]
+    keep = np.unique(
+        np.concatenate(
+            [
+                _spread(own, stations),
+                cuts if len(cuts) <= stations else _spread(cuts, stations // 2),
+                ends - 1,
+                ends - np.array(size),
+            ]
+        )
+    )
+    fields = {name: getattr(path, name)[rows] for name in _ROWS}
+    for name in ("time", "s"):  # they do not grow on rapid moves
+        fields[name] = np.cumsum(np.diff(getattr(path, name), prepend=getattr(path, name)[:1])[rows])
+    return replace(
+        path,
+        **fields,
+        run=np.repeat(np.arange(len(runs), dtype=np.int32), size),
+        stations=keep.astype(np.int32),
+        runs=tuple((int(b - n), int(b) - 1) for b, n in zip(ends, size, strict=True)),
+    )
+
+
+def _spread(rows: NDArray[np.intp], count: int) -> NDArray[np.intp]:
+    """So many of them at most, evenly."""
+    return np.asarray(rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), count)).round().astype(int))])

@@ -1,0 +1,197 @@
+"""What result.json tells of a plan, part by part."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from machopt.domain.reason import Reason
+from machopt.domain.results import optimize as told
+from machopt.domain.stint import Stint
+from machopt.domain.toolpath import Toolpath
+from machopt.plan.certainty.certificate import certificate, with_external
+from machopt.plan.certainty.position_error import predicted
+from machopt.plan.certainty.uncertainty import Gain
+from machopt.plan.compensation.compensate import residual
+from machopt.plan.compensation.removal import Removal, removals
+from machopt.plan.feed.slowdowns import Dip
+from machopt.plan.pipeline.breaks import Break
+from machopt.plan.pipeline.planned import Plan
+from machopt.plan.pipeline.setup import Scored
+from machopt.plan.written.explain import help_of
+from machopt.plan.written.points import PointResults, reason_of
+
+
+def infeasible_told(the_plan: Plan, points: PointResults) -> Iterator[told.InfeasiblePoint]:
+    for p in the_plan.missing:
+        if the_plan.path.is_point[p]:
+            row = round(the_plan.path.index[p])
+            yield told.InfeasiblePoint(
+                point=row,
+                status=reason_of(the_plan, p).word,
+                reason=points.table.reason[row],
+                help=help_of(the_plan, p),
+            )
+
+
+def break_told(b: Break) -> told.BreakTold:
+    """Two places that no motion joins; the model writes what is not finite as null."""
+    return told.BreakTold(
+        from_point=b.before,
+        to_point=b.after,
+        code=b.code,
+        reason=b.text,
+        help=b.help,
+        joint=b.joint or None,
+        value_deg=b.value,
+        limit_deg=b.limit,
+        pair=b.pair or None,
+    )
+
+
+def dip_told(d: Dip) -> told.FeedDip:
+    return told.FeedDip(
+        first_point=d.first, last_point=d.last, lowest_ratio=d.ratio, where=d.where, axis=d.joint, limit=d.limit
+    )
+
+
+def objective_told(scored: Scored) -> told.ChoiceObjective:
+    feasible = int((scored.assignment.reason == 0).sum())
+    return told.ChoiceObjective(**vars(scored.objective), feasible_share=feasible / len(scored.assignment.reason))
+
+
+def search_told(the_plan: Plan) -> told.SearchBound | None:
+    """How good the plan is at least, against the grid; null where it has breaks or gaps to go round."""
+    found = certificate(the_plan)
+    if found is None:
+        return None
+    return told.SearchBound(
+        sequence=found.sequence,
+        lower_bound=found.bound,
+        gap_percent=100.0 * found.gap,
+        beyond_grid_percent=100.0 * found.beyond,
+        external=_external_told(the_plan),
+    )
+
+
+def _external_told(the_plan: Plan) -> told.ExternalSearchBound | None:
+    """What holds when the values of the external joints are free too, or why nothing is known of that."""
+    found = with_external(the_plan)
+    if found is None:
+        return None
+    return told.ExternalSearchBound(
+        why_none=found.why,
+        values=found.values,
+        stations=found.stations,
+        rotation_step_deg=round(float(np.degrees(found.step)), 9),
+        sequence=found.sequence,
+        lower_bound=found.bound,
+        plan=found.plan,
+        gap_percent=None if found.gap is None else 100.0 * found.gap,
+    )
+
+
+def tools_told(the_plan: Plan, stints: Sequence[Stint]) -> tuple[told.ToolTold, ...] | None:
+    """Each stretch of a job that changes tools; None for a job with one."""
+    if not the_plan.parts:
+        return None
+    out = []
+    for stint, part in zip(stints, the_plan.parts, strict=True):
+        cut, o = part.plan.path.counted.any(), part.plan.chosen.objective
+        mean, worst = (part.plan.scores.scale * v if cut and np.isfinite(v) else None for v in (o.mean, o.worst))
+        labels = dict.fromkeys(stint.toolpath.operation.tolist())
+        out.append(
+            told.ToolTold(
+                tool=stint.tool,
+                first_point=stint.first,
+                last_point=stint.stop - 1,
+                operations=tuple(stint.toolpath.operations[k].label for k in labels),
+                mean_index=mean,
+                worst_index=worst,
+            )
+        )
+    return tuple(out)
+
+
+def gain_told(gain: Gain) -> told.MeanGain:
+    """How much less the mean cost is: of deflection, or of compliance where no force is given; null where unknown."""
+    low, high = gain.interval
+    return told.MeanGain(
+        over=gain.over,
+        mean_percent=100.0 * gain.mean,
+        std_percent=100.0 * gain.std,
+        ci90=(100.0 * low, 100.0 * high) if np.isfinite(gain.std) else None,
+        distinguishable=gain.distinguishable if np.isfinite(gain.mean) else None,
+    )
+
+
+def position_told(the_plan: Plan) -> told.PositionErrorTold | None:
+    """How far the TCP is from where the plan says, by measured poses."""
+    found = predicted(the_plan)
+    if found is None:
+        return None
+    return told.PositionErrorTold(
+        std_mm=1e3 * found.std,
+        beyond_mm=1e3 * found.beyond,
+        outside_percent=100.0 * found.uncovered,
+        outside_joints=found.joints,
+        corrected=found.corrected,
+        noise_mm=1e3 * found.error.noise,
+        poses=found.error.poses,
+    )
+
+
+def compensation_told(the_plan: Plan, toolpath: Toolpath) -> told.CompensationTold | None:
+    found = residual(the_plan)
+    removed = removals(the_plan, toolpath.operation, tuple(o.label for o in toolpath.operations))
+    if found is None:
+        return None
+    length = the_plan.compensation.length if the_plan.compensation else float("nan")
+    return told.CompensationTold(
+        length_mm=1e3 * length,
+        max_mm=1e3 * found.shift_worst,
+        mean_mm=1e3 * found.shift_mean,
+        uncompensated_mean_mm=1e3 * found.uncompensated,
+        residual_max_mm=1e3 * found.worst,
+        residual_mean_mm=1e3 * found.mean,
+        removed=removed_told(removed[0]) if removed else None,
+        operations=tuple(removed_told(r) for r in removed[1:]),
+    )
+
+
+def removed_told(r: Removal) -> told.Removed:
+    """One stretch; drawn numbers with as many digits as draws hold."""
+
+    def interval(ends: tuple[float, float] | None, factor: float) -> tuple[float, float] | None:
+        return None if ends is None else (round(factor * ends[0], 5), round(factor * ends[1], 5))
+
+    return told.Removed(
+        operation=r.label,
+        removed_percent=100.0 * r.removed,
+        removed_ci90_percent=interval(r.removed90, 100.0),
+        residual_mean_mm=1e3 * r.left,
+        residual_mean_ci90_mm=interval(r.left90, 1e3),
+        residual_max_mm=1e3 * r.worst,
+        residual_max_ci90_mm=interval(r.worst90, 1e3),
+    )
+
+
+def worst_told(the_plan: Plan, points: PointResults) -> told.WorstPoint | None:
+    there = the_plan.path.counted & (
+        the_plan.chosen.assignment.reason == Reason.OK
+    )  # one that collides has a cost, too
+    cost = np.where(there, the_plan.chosen.cost, np.nan)[points.rows]
+    if not np.isfinite(cost).any():
+        return None
+    i = int(np.nanargmax(cost))
+    t = points.table
+    return told.WorstPoint(
+        point=i,
+        k_axial_N_mm=t.k_axial[i] / 1e3,
+        k_normal_N_mm=t.k_normal[i] / 1e3,
+        deflection_mm=t.deflection[i] * 1e3,
+        gamma_deg=float(np.degrees(t.gamma[i])),
+        k_jiao_x_N_mm=t.k_jiao_x[i] / 1e3,
+        q_deg=np.degrees(t.q[i]).round(4),
+    )
