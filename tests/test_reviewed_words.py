@@ -122,7 +122,7 @@ def _texts(part: str) -> list[tuple[str, str]]:
     for file in sorted((PACKAGE / part).rglob("*.py")):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                out.append((f"{part}/{file.name}", node.value))
+                out.append((file.relative_to(PACKAGE).as_posix(), node.value))
     return out
 
 
