@@ -164,18 +164,21 @@ def reflector_cases() -> list[Case]:
 
 
 MOTION_EFFECTS = {
-    "torque": ("joint_friction", "payload", "gravity_compensator", "time_skew"),
+    "torque": ("joint_friction", "payload", "gravity_compensator", "time_skew", "torque_gain", "wrist"),
+    "amps": ("joint_friction", "gravity_compensator"),
     "link": ("joint_backlash", "joint_hysteresis", "joint_nonlinear_stiffness", "transmission_error", "time_skew"),
 }
 
 
 def motion_cases() -> list[Case]:
-    labs = ("torque", "torque_restless", "link")
+    labs = ("torque", "torque_restless", "link", "amps")
     out = [Case("null", "motion", lab, number=k) for lab in labs for k in range(6)]
     for lab, names in MOTION_EFFECTS.items():
         for name in names:
             out += [Case("single", "motion", lab, ((name, loud),)) for loud in (0.5, 1.5)]
     out.append(Case("pair", "motion", "torque", (("payload", 1.5), ("time_skew", 1.0))))
+    out.append(Case("pair", "motion", "torque", (("payload", 1.5), ("torque_gain", 1.5))))
+    out.append(Case("pair", "motion", "torque", (("wrist", 1.5), ("joint_friction", 1.5))))
     out.append(Case("pair", "motion", "link", (("joint_hysteresis", 2.0), ("transmission_error", 1.5))))
     out += [
         Case("outside", "motion", "torque", ((n, loud),))

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import arm
+import drives
 import dualquat as dq
 import gears
 import numpy as np
@@ -27,6 +28,7 @@ class MotionLab:
 
     name: str
     link: bool = False  # link-side encoders instead of torques
+    amps: bool = False  # the drives' currents, and nobody knows what an ampere makes
     period: float = 16.0  # s of one cycle
     cycles: int = 3
     wander: float = 0.0
@@ -39,6 +41,7 @@ MOTION_LABS = {
         MotionLab("torque"),
         MotionLab("torque_restless", wander=0.5, tails=4.0),
         MotionLab("link", link=True),
+        MotionLab("amps", amps=True),
     )
 }
 
@@ -68,6 +71,9 @@ class Motion:
         self.coulomb = 0.06 * np.max(size) * np.array([1, 1, 0.8, 0.3, 0.25, 0.2]) * rng.uniform(0.8, 1.2, 6)
         self.viscous = 0.6 * self.coulomb * rng.uniform(0.7, 1.3, 6)
         self.noise = 0.02 * size + 0.004 * np.max(size)
+        self.per_ampere = np.ones(6)
+        if lab.amps:  # N·m at the joint: the motor's constant times its gear
+            self.per_ampere = rng.uniform(0.4, 1.6, 6) * rng.uniform(80, 260, 6)
         if lab.link:
             self.noise = np.full(6, 1.5e-5)  # rad, a good encoder
         none = np.zeros(len(t), dtype=int)
@@ -104,6 +110,13 @@ class Motion:
             elif e.effect == "gravity_compensator":
                 angle = self.q[:, 1] - self.nominal.home[1] + e.detail["at"]
                 y[:, 1] -= e.amplitude * linkage_torque(angle, float(np.max(np.abs(self.dynamic[:, 1]))))
+            elif "shaft" in e.detail:
+                i = e.detail["runs_through"]
+                drive = (self.coulomb[j], self.viscous[j], e.detail["rotor"], SHARP)
+                ratio = e.detail["sign"] * e.amplitude
+                y += drives.shared(self.qd, self.qdd, torque, i, j, ratio, drive, by_motors=e.detail["by_motors"])
+            elif e.effect == "torque_gain":
+                y[:, j] += e.detail["sign"] * e.amplitude * (y[:, j] + self.dynamic[:, j])
             elif "soft" in e.detail:  # every seal drags like honey at first
                 y += self.coulomb * (np.tanh(self.qd / (0.005 * e.amplitude)) - slip)
             elif "rotor" in e.detail:
@@ -113,9 +126,12 @@ class Motion:
                 y[:, j] += (
                     e.amplitude * self.noise[j] * (np.maximum(x - 0.1, 0) ** 1.5 - np.maximum(-x - 0.2, 0) ** 2) * 8
                 )
-        base = np.zeros((len(y), 6, 18))
+        # what an ampere makes is refitted where nobody knows it, and takes up much
+        base = np.zeros((len(y), 6, 24 if self.lab.amps else 18))
         for j in range(6):
             base[:, j, j], base[:, j, 6 + j], base[:, j, 12 + j] = 1.0, slip[:, j], self.qd[:, j]
+            if self.lab.amps:
+                base[:, j, 18 + j] = self.dynamic[:, j]
         return y, base
 
     def _link(self, effects: list[Effect], torque: Array) -> tuple[Array, Array]:
@@ -163,9 +179,14 @@ def draw(name: str, scene: Motion, rng: np.random.Generator, loud: float) -> lis
         elif name == "transmission_error":
             detail = {"joint": j, "order": int(rng.choice([4, 12, 30])), "phase": rng.uniform(0, 6.28)}
             out.append(Effect(name, where, 5e-5, 1e-3, "arcsec", 648000 / np.pi, "amplitude", detail=detail))
+        elif name == "torque_gain":
+            sign = float(rng.choice([-1, 1]))
+            out.append(Effect(name, where, 0.1, 0.5, "%", 100.0, "gain", detail={"joint": j, "sign": sign}))
         elif name in ("rotor", "hose"):
             same = (("joint_elasticity", where),) if name == "rotor" else ()
             out.append(Effect("unnamed", where, 1.0, 20.0, accepted=same, detail={"joint": j, name: 1}))
+    if name == "wrist":
+        out = drives.wrists(scene.qdd, scene.coulomb, rng)
     if name == "soft_reversal":
         same = tuple(("joint_friction", f"joint:{j}") for j in range(1, 7))
         out = [Effect("unnamed", "arm", 1.0, 8.0, accepted=same, detail={"soft": 1})]
@@ -176,7 +197,7 @@ def draw(name: str, scene: Motion, rng: np.random.Generator, loud: float) -> lis
     elif name == "time_skew":
         sensor = "sensor:qse" if scene.lab.link else "sensor:tau"
         out = [Effect(name, sensor, 0.004, 0.1, "ms", 1e3, "late")]
-    elif not out and name != "joint_backlash":  # play: none where weight keeps every gear on one side
+    elif not out and name not in ("joint_backlash", "wrist"):  # play: none where weight keeps every gear on one side
         raise ValueError(f"{name}: no such effect of a motion")
     for one in out:
         one.loudness = loud
@@ -249,7 +270,8 @@ def motion_table(scene: Motion, clean: Clean, rng: np.random.Generator) -> Table
     if lab.link:
         out |= {f"qse{j + 1}_deg": np.round(np.degrees(scene.q[:, j] + read[:, j]), 6) for j in range(6)}
     else:
-        out |= {f"tau{j + 1}_Nm": np.round(scene.dynamic[:, j] + read[:, j], 4) for j in range(6)}
+        whole = (scene.dynamic + read) / scene.per_ampere
+        out |= {f"current{j + 1}_A" if lab.amps else f"tau{j + 1}_Nm": np.round(whole[:, j], 4) for j in range(6)}
     about: dict[str, Any] = {"machopt_recording": 1, "kind": "motion", "data": "data.csv"}
     scale = 1e3 if lab.link else 1.0
     return Table(out, about, [], scale * float(np.sqrt(np.mean(scene.noise**2))))
@@ -259,4 +281,6 @@ def motion_measured(scene: Motion, table: Table) -> Array:
     """(N, 6) as ``y`` of the clean record."""
     if scene.lab.link:
         return np.stack([np.radians(table.columns[f"qse{j + 1}_deg"]) for j in range(6)], axis=1) - scene.q
-    return np.stack([table.columns[f"tau{j + 1}_Nm"] for j in range(6)], axis=1) - scene.dynamic
+    name = "current{}_A" if scene.lab.amps else "tau{}_Nm"
+    whole = np.stack([table.columns[name.format(j + 1)] for j in range(6)], axis=1)
+    return whole * scene.per_ampere - scene.dynamic

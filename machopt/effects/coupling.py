@@ -13,11 +13,25 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.domain.location import joints_at
-from machopt.effects.protocol import COMPLIANCE, Drive, Effect, Free, Law, Parameter, Quantity, Scale, Settled, Shape
+from machopt.effects.protocol import (
+    COMPLIANCE,
+    Drive,
+    Effect,
+    Free,
+    Geared,
+    Law,
+    Parameter,
+    Quantity,
+    Scale,
+    Settled,
+    Shape,
+)
 
 WORD = "joint_coupling"
 PLACES = tuple(joints_at(i, j) for i in range(1, 7) for j in range(i + 1, 7))
 WRIST = ("joint:4-5", "joint:4-6", "joint:5-6")
+THROUGH = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0)  # turns of a motor, at its joint, per turn of the other joint
+LARGE = 0.98  # quantile of what a law adds that counts as its size
 CASTINGS = ("joint:2-3", *WRIST, "joint:1-2", "joint:3-4")  # joints whose gears share a shaft or a casting
 
 
@@ -71,6 +85,67 @@ class Dragged(Free):
         return {"ratio": Quantity(abs(float(values[0])), "rad/rad")}
 
 
+@dataclass(frozen=True)
+class Through:
+    """The shaft of joint j runs through joint i: its motor turns by φ = q_j + κ q_i and rubs and spins with that.
+
+    What all motors do to the joints is Aᵀ of what they give, φ = A q. A controller tells the one or the other.
+    """
+
+    by_motors: bool  # what each motor gives, times its gear; else what all of them do to each joint
+    forward: bool  # whether the motor turns further where joint i turns forward
+    word = ""
+    remembers = False
+    penalty = 0.0
+    of_gain = False
+    shape = (Parameter(key="ratio", unit="rad/rad", positive=True),)
+
+    @property
+    def name(self) -> str:
+        told = "torques of motors" if self.by_motors else "torques of joints"
+        return f"motor turns with the other joint, {'forward' if self.forward else 'back'}, {told}"
+
+    @property
+    def equation(self) -> str:
+        phi = f"φ̇ = q̇_j {'+' if self.forward else '−'} κ q̇_i"
+        own = f"τ_j += F z(φ̇) + d φ̇ + I φ̈, {phi}"
+        return own + (", τ_i ∓= κ τ_j" if self.by_motors else ", and κ times that on τ_i")
+
+    @property
+    def note(self) -> str:
+        return "where the other joint turns"
+
+    @property
+    def coefficients(self) -> tuple[Parameter, ...]:
+        own = (
+            Parameter(key="coulomb_Nm", unit="N·m", least=0.0),
+            Parameter(key="viscous", unit="N·m·s/rad", least=0.0),
+            Parameter(key="inertia", unit="kg·m²", least=0.0),
+        )
+        return (*own, Parameter(key="share", unit="1", least=0.0)) if self.by_motors else own
+
+    def columns(self, shape: Array, seen: Geared) -> Array:
+        ratio = float(shape[0]) * (1.0 if self.forward else -1.0)
+        v, a = (x[:, 1] + ratio * x[:, 0] for x in (seen.speed, seen.acceleration))
+        out = np.zeros((len(v), 2, 4 if self.by_motors else 3))
+        out[:, 1, :3] = np.stack([seen.way(v), v, a], axis=1)
+        if self.by_motors:
+            out[:, 0, 3] = -ratio * seen.needed[:, 1]
+        else:
+            out[:, 0] = ratio * out[:, 1]
+        return out
+
+    def sizes(self, values: Array, shape: Array, seen: Geared) -> Mapping[str, Quantity]:
+        rubs = self.columns(shape, seen)[:, 1, :3] @ values[:3]
+        return {
+            "torque": Quantity(float(np.quantile(np.abs(rubs - np.median(rubs)), LARGE)), "N·m"),
+            "ratio": Quantity(float(shape[0]), "rad/rad"),
+        }
+
+    def grid(self) -> tuple[Shape, ...]:
+        return tuple((k,) for k in THROUGH)
+
+
 ELASTIC = Effect(
     name="joint_elastic_coupling",
     word=WORD,
@@ -92,4 +167,5 @@ KINEMATIC = Effect(
     places=PLACES,
     likely=WRIST,
     unloaded=(Dragged(),),
+    motors=tuple(Through(by_motors, forward) for by_motors in (False, True) for forward in (True, False)),
 )

@@ -288,3 +288,44 @@ class SwingLaw(Named, Protocol):
             gain: power that a shape's column takes, for a grid that ends with the best; None: it shall stay coarse.
         """
         ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Geared:
+    """What the gears of a place's joints (J of them, in order) do in K samples, as their motors feel it."""
+
+    needed: Array  # (K, J) N·m that rigid bodies ask of each
+    speed: Array  # (K, J) rad/s
+    acceleration: Array  # (K, J) rad/s²
+    way: Callable[[Array], Array]  # speed (K,) of the last joint's motor → (K,) −1 … 1, which way its friction points
+
+
+class MotorLaw(Named, Protocol):
+    """What drives tell beyond what each joint asks of its own motor, linear in its coefficients. Stateless; SI."""
+
+    @property
+    def note(self) -> str:
+        """Where it shows."""
+        ...
+
+    @property
+    def penalty(self) -> float:
+        """Gain beyond that of its coefficients that it must bring."""
+        ...
+
+    @property
+    def of_gain(self) -> bool:
+        """What a gain of each joint takes up that is refitted in any case, where currents stand for torques."""
+        ...
+
+    def columns(self, shape: Array, seen: Geared) -> Array:
+        """(K, J, P) N·m per unit of each coefficient."""
+        ...
+
+    def sizes(self, values: Array, shape: Array, seen: Geared) -> Mapping[str, Quantity]:
+        """Numbers of the trade; the first is the effect's size and grows in proportion to the coefficients."""
+        ...
+
+    def grid(self) -> tuple[Shape, ...]:
+        """Shapes that a search tries."""
+        ...

@@ -10,7 +10,9 @@ from machopt.effects.joint_ports import (
     Drive,
     Free,
     FrictionLaw,
+    Geared,
     Law,
+    MotorLaw,
     Pace,
     Rubbing,
     Scale,
@@ -69,8 +71,10 @@ __all__ = [
     "Effect",
     "Free",
     "FrictionLaw",
+    "Geared",
     "Ints",
     "Law",
+    "MotorLaw",
     "Pace",
     "Parameter",
     "Port",
@@ -110,6 +114,7 @@ class Effect:
     gives: tuple[BodyLaw, ...] = ()  # those of port body
     recorded: tuple[RecordLaw, ...] = ()  # those of port record, on forces and displacements
     rubs: tuple[FrictionLaw, ...] = ()  # those of a motor's torque in motion
+    motors: tuple[MotorLaw, ...] = ()  # those of what drives tell of their motors
     drifts: tuple[DriftLaw, ...] = ()  # those of time and temperature
     carries: tuple[CarriedLaw, ...] = ()  # those of the load at the flange
     swings: tuple[SwingLaw, ...] = ()  # those of a joint's spring in motion

@@ -14,6 +14,7 @@ from machopt.effects import (
     creep,
     delay,
     friction,
+    gain,
     geometric,
     geometry,
     hardening,
@@ -47,6 +48,7 @@ LISTED = (
     coupling.KINEMATIC,
     geometry.EFFECT,
     friction.EFFECT,
+    gain.EFFECT,
     delay.LAG,
     vibration.VIBRATION,
     thermal.THERMAL,
@@ -131,6 +133,11 @@ def of_records(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...
 def of_friction(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
     """Those that a motor works against in motion."""
     return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.rubs)
+
+
+def of_motors(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
+    """Those of what drives tell beyond what each joint asks of its own motor."""
+    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.motors)
 
 
 def of_drifts(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:

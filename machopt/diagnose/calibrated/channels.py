@@ -201,4 +201,8 @@ class Motion:
         0.02, "of the torque that the most loaded joint needs: less says nothing of units or signs", JUDGED
     )
     torque_factor: float = _set(0.5, "relative, of slopes of torque to a thousand and to each other", JUDGED)
+    current_alike: float = _set(25.0, "neighbouring readings that share what a gain of a current is off by", JUDGED)
+    current_sure: float = _set(
+        0.25, "relative 1 sigma of a joint's gain that its masses give, beyond which nothing says it", JUDGED
+    )
     turn_over: float = _set(0.995, "of the power left, below which another breakaway path is better", JUDGED)

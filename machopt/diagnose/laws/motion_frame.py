@@ -49,6 +49,8 @@ class Scene:
     scale: Array | None = None  # (D,) of the problem's coordinates; None: 1
     known: tuple[Term, ...] = ()  # of the cell's stiffness
     correction: Correction | None = None  # of the cell's kinematics: true angles by those of the encoders
+    free_gains: bool = False  # torques are currents, and how much a joint makes of its own is refitted
+    unsized: frozenset[int] = frozenset()  # joints, from 0, of which nothing says what torque such a current is
     notes: list[str] = field(default_factory=list)
     untestable: list[Untestable] = field(default_factory=list)
 

@@ -15,7 +15,7 @@ from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.laws import at_beside
 from machopt.diagnose.laws.motion_frame import Scene, one_joint, remembered
-from machopt.diagnose.moving import checks, columns, link, tip, torque
+from machopt.diagnose.moving import checks, columns, currents, link, tip, torque
 from machopt.diagnose.nouns.motion_signals import Motion, signals
 from machopt.diagnose.nouns.problem import Catalogue, Problem, Untestable
 from machopt.diagnose.nouns.result import Finding
@@ -42,7 +42,7 @@ def channels(recording: Recording, cell: Cell) -> tuple[Predicted, ...]:
         out.append("link")
     if recording.position is not None and len(cell.arm_joints) == 6 and not cell.arm_prismatic:
         out.append("tip")
-    if recording.torque is not None and _dynamics(cell) is not None:
+    if (recording.torque is not None or currents.gainless(recording)) and _dynamics(cell) is not None:
         out.append("torque")
     return tuple(out)
 
@@ -98,11 +98,17 @@ def build(
     motion = signals(mended, n, repeats=repeats)
     dynamics = _dynamics(cell)
     predicted = _predicted(dynamics, motion, terms)
-    if predicted is not None and channel == "torque":
+    free_gains, unsized = currents.gainless(mended) and predicted is not None, frozenset[int]()
+    if predicted is not None and free_gains:
+        made = currents.torques(mended, motion, predicted)
+        mended, unsized, warnings = made.recording, made.unsized, [*warnings, made.said]
+    elif predicted is not None and channel == "torque":
         mended, exchanged = columns.mended(mended, motion, predicted)
         mended, of_torque = checks.torque_side(mended, motion, predicted)
         found += [*exchanged, *of_torque]
-    scene = replace(_scene(mended, cell, motion, dynamics, predicted), known=terms)
+    scene = replace(
+        _scene(mended, cell, motion, dynamics, predicted), known=terms, free_gains=free_gains, unsized=unsized
+    )
     scene.notes.extend(warnings)
     if scene.correction is not None and channel != "torque":
         corrected = ", ".join(dict.fromkeys(part.said for part in scene.correction.parts))

@@ -1,7 +1,8 @@
 """Joint torques in motion against rigid-body dynamics from the URDF's inertias and the cell's tool.
 
 y = τ − RNEA(q, q̇, q̈). Refitted in any case, for each joint: offset, Coulomb and viscous friction and the inertia of
-its motor (no URDF states it), and one rotational inertia of the tool (no cell states it). The links' masses are the
+its motor (no URDF states it), and one rotational inertia of the tool (no cell states it); of currents without a
+gain this too. The links' masses are the
 URDF's to a share (``link_scale``), within which a scale of each is refitted, unless a payload is the better reason;
 where the data say plainly that several links are off, which no payload explains, it is said.
 """
@@ -20,7 +21,7 @@ from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.laws import at_beside, at_flange
 from machopt.diagnose.laws.motion_frame import Scene, one_joint
-from machopt.diagnose.moving import unnamed_motions
+from machopt.diagnose.moving import drives, unnamed_motions
 from machopt.diagnose.moving.clock import LONGEST, clocks, valley
 from machopt.diagnose.moving.friction import Turn, breakaway, direction, friction, rest_of, turned, unsure
 from machopt.diagnose.moving.loads import ripple, springy
@@ -82,7 +83,7 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
         unknowns,
         Family(name="joint torque", columns=tuple(range(n)), unit="N" if all(scene.prismatic) else "N·m", factor=1.0),
     )
-    return problem, _catalogue(scene, P, paths, best, rough)
+    return problem, _catalogue(scene, P, paths, best, rough, aligned, own)
 
 
 def _base(scene: Scene, paths: list[Turn]) -> tuple[Array, list[Unknown]]:
@@ -100,6 +101,9 @@ def _base(scene: Scene, paths: list[Turn]) -> tuple[Array, list[Unknown]]:
                 Unknown(name=f"viscous friction {j + 1}", unit=speed, location=place),
                 Unknown(name=f"motor inertia {j + 1}", unit=mass, location=place),
             ]
+            if scene.free_gains and scene.predicted is not None:
+                signals.append(scene.predicted[:, j])
+                unknowns.append(Unknown(name=f"gain of current {j + 1} beyond the first", unit="1", location=place))
             more = unsure(scene, j, paths[j])
             signals += more
             unknowns += [
@@ -291,19 +295,33 @@ def _under_way(scene: Scene, joint: int) -> NDArray[np.bool_]:
     return out if out.mean() > calibrated.MOTION.mostly_under_way else np.ones(len(v), bool)
 
 
-def _catalogue(scene: Scene, P: Array, paths: list[Turn], best: float, rough: Callable[[float], Array]) -> Catalogue:
+def _catalogue(
+    scene: Scene,
+    P: Array,
+    paths: list[Turn],
+    best: float,
+    rough: Callable[[float], Array],
+    aligned: Array,
+    own: Array,
+) -> Catalogue:
     n = scene.joints
     out: list[Hypothesis] = []
     assert scene.dynamics is not None  # build asks
     inertia = scene.dynamics.own_inertia(scene.motion.q)
+    untestable: list[Untestable] = []
     for j in range(n):
+        if j in scene.unsized:
+            untestable.append(Untestable("joint_friction", joint_at(j + 1), "nothing says what torque its current is"))
+            continue
+        if scene.free_gains:
+            untestable.append(Untestable("torque_gain", joint_at(j + 1), "a gain of each current is refitted anyway"))
         out += friction(scene, j, paths[j])
         out += ripple(scene, j)
         out += springy(scene, j, inertia)
-    untestable: list[Untestable] = []
     if n > 1:
         out += at_flange.in_motion(scene, P)
         out += at_beside.in_torques(scene)
+        out += drives.hypotheses(scene, paths, aligned, own)
     else:
         untestable.append(Untestable("payload", "tool", "one joint cannot tell a payload from its own inertia"))
 

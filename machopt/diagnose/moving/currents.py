@@ -1,0 +1,94 @@
+"""Currents of which nothing says what torque an ampere makes: a gain of each joint, refitted with everything else.
+
+What the arm's masses ask of a joint, and they are known, gives its gain, friction beside. A first value makes torques
+of currents here; how far it is off is a number of the base model (:func:`machopt.diagnose.moving.torque.build`), so
+that no payload and no balancer is surer than the gains let it be. The scale of all is that of the
+masses of URDF and tool.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.diagnose import calibrated
+from machopt.diagnose.moving.friction import rest_of
+from machopt.diagnose.nouns.motion_signals import Motion
+from machopt.domain.recording import Recording
+from machopt.errors import InputError
+
+FEWEST = 2  # joints whose gains the masses give: with one there is nothing to hold them against
+
+
+def gainless(recording: Recording) -> bool:
+    """Whether torques are there as currents alone."""
+    return recording.torque is None and recording.current is not None
+
+
+@dataclass(frozen=True)
+class Made:
+    """Torques of currents."""
+
+    recording: Recording
+    said: str  # of the gains
+    unsized: frozenset[int]  # joints, from 0, at which nothing says what torque an ampere makes
+
+
+def torques(recording: Recording, motion: Motion, predicted: Array) -> Made:
+    """The recording with torques of its currents.
+
+    Args:
+        recording: of kind motion, with currents.
+        motion: its signals.
+        predicted: (M, n) N·m that rigid bodies ask of the joints.
+
+    Raises:
+        InputError: a current runs against what the masses ask, or too few show anything of it.
+    """
+    assert recording.current is not None  # gainless asks
+    n = predicted.shape[1]
+    current = recording.current[motion.index, :n]
+    each = [_slope(motion, current[:, j], predicted[:, j], j) for j in range(n)]
+    sure = calibrated.MOTION.current_sure
+    against = [j for j, (slope, sigma) in enumerate(each) if -slope * sure > sigma]
+    unsized = frozenset(j for j, (slope, sigma) in enumerate(each) if sigma > sure * slope)
+    if against or n - len(unsized) < min(n, FEWEST):
+        why = (
+            f"current{against[0] + 1}_A runs against what the arm needs there by its masses"
+            if against
+            else f"currents of {n - len(unsized)} of {n} joints show enough of what the arm needs by its masses to say "
+            "what torque an ampere makes"
+        )
+        raise InputError(
+            f"{recording.source}: {why}; motor_gain_Nm_per_A and gear_ratio in recording.yaml, or a motion with a load "
+            "that the cell states, would work"
+        )
+    gains = np.array([1.0 / max(slope, sigma) for slope, sigma in each])
+    made = np.zeros_like(recording.current)
+    made[:, :n] = recording.current[:, :n] * gains
+    told = ", ".join(f"{g:.4g} (joint {j + 1})" for j, g in enumerate(gains) if j not in unsized)
+    words = (
+        "torque is current times a gain of each joint, which is refitted in any case: N·m per unit of current1_A …, by "
+        f"the masses of URDF and tool, {told}; a gain that all share passes for heavier masses"
+    )
+    if unsized:
+        which = ", ".join(str(j + 1) for j in sorted(unsized))
+        words += (
+            f"; at {'joint' if len(unsized) == 1 else 'joints'} {which} masses ask too little to say it: nothing is "
+            "named there"
+        )
+    return Made(replace(recording, torque=made), words, unsized)
+
+
+def _slope(motion: Motion, current: Array, needed: Array, joint: int) -> tuple[float, float]:
+    """Amperes per N·m that masses ask of the joint, and 1 sigma."""
+    v, a = motion.v[:, joint], motion.a[:, joint]
+    beside = np.stack([np.ones(len(v)), np.sign(v), v, a], axis=1)
+    seen, asked = (motion.within(motion.mean(rest_of(x, beside)[0][:, None]))[:, 0] for x in (current, needed))
+    power = max(float(asked @ asked), 1e-300)
+    slope = float(asked @ seen) / power
+    left = seen - slope * asked
+    # errors of a cycle are correlated: so many readings count as one
+    return slope, float(np.std(left)) * float(np.sqrt(calibrated.MOTION.current_alike / power))

@@ -1,0 +1,163 @@
+"""The contract of every law of what drives tell, one that is added by one file and one line, and diagnoses by them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_diagnose_motion import arm, diagnosed, excited, recorded, shaken
+
+from machopt.arrays import Array
+from machopt.diagnose.moving import motion
+from machopt.diagnose.nouns.result import Diagnosis
+from machopt.domain.recording import Recording
+from machopt.effects import coupling, gain, registry
+from machopt.effects.protocol import Geared, MotorLaw, Parameter, Quantity
+from machopt.errors import InputError
+from machopt.model.rigid import load_dynamics
+
+LAWS = [pytest.param(e, law, id=law.name) for e in registry.of_motors() for law in e.motors]
+
+
+def seen(joints: int, count: int = 300) -> Geared:
+    t = np.arange(count)[:, None] / 100.0 + np.arange(joints)
+    return Geared(
+        needed=90.0 + 40.0 * np.cos(2.0 * t), speed=np.sin(3.0 * t), acceleration=np.cos(3.0 * t), way=np.sign
+    )
+
+
+@pytest.mark.parametrize(("effect", "law"), LAWS)
+def test_a_law_has_columns_of_its_joints_and_sizes_that_grow(effect: registry.Effect, law: MotorLaw) -> None:
+    joints = 2 if effect.paired else 1
+    whole = seen(joints)
+    for shape in map(np.array, law.grid()):
+        assert len(shape) == len(law.shape)
+        columns = law.columns(shape, whole)
+        assert columns.shape == (300, joints, len(law.coefficients))
+        values = np.arange(1.0, len(law.coefficients) + 1.0)
+        one, two = (next(iter(law.sizes(k * values, shape, whole).values())) for k in (1.0, 2.0))
+        assert two.value == pytest.approx(2.0 * one.value, rel=1e-12)
+        assert law.note
+        assert law.equation
+
+
+@pytest.mark.parametrize("forward", [True, False])
+def test_both_ways_of_telling_torques_are_one_power(forward: bool) -> None:
+    """A motor that turns by φ = q_j ± κ q_i gives τ_j φ̇; told by joints or by motors, q̇ᵀτ or φ̇ᵀτ is the same power."""
+    whole, ratio = seen(2), 0.4 if forward else -0.4
+    F = np.array([5.0, 2.0, 0.7])
+    turns = np.stack([whole.speed[:, 0], whole.speed[:, 1] + ratio * whole.speed[:, 0]], axis=1)
+    joints = whole.needed + coupling.Through(False, forward).columns(np.array([0.4]), whole) @ F
+    motors = whole.needed + coupling.Through(True, forward).columns(np.array([0.4]), whole) @ np.append(F, 1.0)
+    np.testing.assert_allclose(np.sum(joints * whole.speed, axis=1), np.sum(motors * turns, axis=1), rtol=1e-12)
+
+
+@dataclass(frozen=True)
+class Bent(gain.TooMuch):
+    """A drive whose constant falls with the current."""
+
+    name = "saturates"
+    equation = "τ recorded = τ (1 + g τ²)"
+    coefficients = (Parameter(key="cube", unit="1/(N·m)²"),)
+
+    def columns(self, shape: Array, seen: Geared) -> Array:
+        return seen.needed[:, :, None] ** 3
+
+    def sizes(self, values: Array, shape: Array, seen: Geared) -> dict[str, Quantity]:
+        return {"cube": Quantity(float(values[0]), "1/(N·m)²")}
+
+
+def test_one_file_and_one_line_add_what_a_drive_tells(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Offered at every joint that moves, in its own coordinate."""
+    toy = replace(gain.EFFECT, name="saturation", motors=(Bent(),))
+    monkeypatch.setattr(registry, "EFFECTS", registry.registry((*registry.LISTED, toy)))
+    cell = arm(tmp_path, 2, tool=5.0)
+    t, q, v, a = excited(2, np.random.default_rng(1))
+    tau = load_dynamics(cell).torque(q, v, a)
+    _, catalogue, *_ = motion.build(recorded(t, q, v, tau), cell, "torque", np.random.default_rng(0))
+    found = [h for h in catalogue.hypotheses if h.effect == toy.name]
+    assert [h.location for h in found] == ["joint:1", "joint:2"]
+    column = found[1].columns(())[:, :, 0]
+    assert not column[:, 0].any()
+    assert np.abs(column[:, 1]).max() > 0.0
+
+
+@pytest.mark.parametrize("share", [0.12, -0.12])
+def test_a_wrong_gain_is_named_at_its_joint(tmp_path: Path, share: float) -> None:
+    """Neither as a payload, nor as a link's mass, nor as friction: these are told by the other joints too."""
+    rng, cell, t, q, v, tau = shaken(tmp_path, 3, 11)
+    tau[:, 1] *= 1.0 + share
+    found = diagnosed(recorded(t, q, v, tau + 1.0 * rng.normal(size=q.shape)), cell, "torque")[0]
+    assert [(f.effect, f.location) for f in found.findings] == [("torque_gain", "joint:2")]
+    low, high = found.findings[0].parameters["too_much"].ci95
+    assert low < 100.0 * share < high
+
+
+def coupled(tmp_path: Path, *, by_motors: bool) -> Diagnosis:
+    """Motor 6 turns with half of joint 5; rigid bodies and friction by power, not by the catalogue's columns."""
+    rng = np.random.default_rng(13)
+    cell = arm(tmp_path, 6, tool=5.0)
+    t, q, v, a = excited(6, rng, periods=4)
+    A = np.eye(6)
+    A[5, 4] = 0.5
+    motors = np.linalg.solve(A.T, load_dynamics(cell).torque(q, v, a).T).T
+    turns = v @ A.T
+    motors += 6.0 * np.sign(turns) + 2.0 * turns + 0.3 * (a @ A.T)
+    told = motors if by_motors else motors @ A
+    return diagnosed(recorded(t, q, v, told + rng.normal(size=q.shape)), cell, "torque")[0]
+
+
+@pytest.mark.parametrize("by_motors", [True, False])
+def test_coupled_wrist_motors_are_named_as_such(tmp_path: Path, by_motors: bool) -> None:
+    """They came out as friction and ripple of the other joint, or as nothing that has a name."""
+    found = coupled(tmp_path, by_motors=by_motors)
+    assert [(f.effect, f.location) for f in found.findings] == [("joint_coupling", "joint:5-6")]
+    assert found.findings[0].law.endswith("torques of motors" if by_motors else "torques of joints")
+    assert found.findings[0].parameters["ratio"].value == pytest.approx(0.5, rel=0.02)
+    assert found.verdict == "explained"
+
+
+def in_amperes(recording: Recording, gains: Array) -> Recording:
+    assert recording.torque is not None
+    return replace(recording, torque=None, current=recording.torque / gains)
+
+
+def test_currents_of_unknown_gain_are_fitted_beside_everything_else(tmp_path: Path) -> None:
+    """0.01 to 0.3 A per N·m: the arm's masses say which; a soft reversal at joint 2 is still found there."""
+    rng, cell, t, q, v, tau = shaken(tmp_path, 3, 12)
+    gains = np.array([3.5, 80.0, 11.0])
+    quiet = recorded(t, q, v, tau + rng.normal(size=q.shape))
+    found, notes, _ = diagnosed(in_amperes(quiet, gains), cell, "torque")
+    assert not found.findings
+    assert found.verdict == "consistent"
+    said = next(n for n in notes if "current times a gain" in n)
+    told = [float(part.split(" (joint")[0].split(", ")[-1]) for part in said.split(")")[:3]]
+    assert told == pytest.approx(gains, rel=0.1)
+    tau[:, 1] += 6.0 * np.sign(v[:, 1]) / (1.0 + (v[:, 1] / 0.06) ** 2)
+    found, *_ = diagnosed(in_amperes(recorded(t, q, v, tau + rng.normal(size=q.shape)), gains), cell, "torque")
+    assert [(f.effect, f.location) for f in found.findings] == [("joint_friction", "joint:2")]
+
+
+def test_currents_that_run_against_the_masses_are_refused(tmp_path: Path) -> None:
+    rng, cell, t, q, v, tau = shaken(tmp_path, 3, 12)
+    turned = in_amperes(recorded(t, q, v, tau + rng.normal(size=q.shape)), np.array([3.0, 8.0, -4.0]))
+    with pytest.raises(InputError, match=r"current3_A runs against.*motor_gain_Nm_per_A"):
+        diagnosed(turned, cell, "torque")
+
+
+def test_a_joint_whose_masses_ask_nothing_keeps_its_amperes_to_itself(tmp_path: Path) -> None:
+    """Its gain is not known, so nothing is named there; the others are read all the same."""
+    rng, cell, t, q, v, tau = shaken(tmp_path, 3, 14)
+    recording = in_amperes(recorded(t, q, v, tau + rng.normal(size=q.shape)), np.array([3.0, 8.0, 4.0]))
+    assert recording.current is not None
+    lone = recording.current.copy()
+    lone[:, 2] = np.sign(v[:, 2]) + 0.1 * rng.normal(size=len(v))
+    problem, catalogue, notes, _ = motion.build(
+        replace(recording, current=lone), cell, "torque", np.random.default_rng(0)
+    )
+    assert any("at joint 3 masses ask too little" in n for n in notes)
+    assert not [h for h in catalogue.hypotheses if h.location == "joint:3"]
+    assert ("joint_friction", "joint:3") in {u.name for u in catalogue.untestable}
+    assert np.isfinite(problem.y).all()
