@@ -26,6 +26,12 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     share(planning, "--set")
     share(planning, "--allow-external")
 
+    _add_optimize(commands, common, planning)
+    _add_inspect(commands, common)
+    _add_verify(commands, common, planning)
+
+
+def _add_optimize(commands: Commands, common: argparse.ArgumentParser, planning: argparse.ArgumentParser) -> None:
     job = commands.add_parser(
         "optimize",
         parents=[common, reading_parser(), planning],
@@ -72,6 +78,8 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     share(job, "--effects")
     job.set_defaults(run=_optimize)
 
+
+def _add_inspect(commands: Commands, common: argparse.ArgumentParser) -> None:
     look = commands.add_parser(
         "inspect",
         parents=[common, reading_parser()],
@@ -85,6 +93,8 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     share(look, "--effects")
     look.set_defaults(run=_inspect)
 
+
+def _add_verify(commands: Commands, common: argparse.ArgumentParser, planning: argparse.ArgumentParser) -> None:
     check = commands.add_parser(
         "verify",
         parents=[common, reading_parser(), planning],

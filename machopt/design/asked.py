@@ -87,7 +87,18 @@ def check(request: PosesRequest) -> None:
     Raises:
         InputError: names the option, what was found and what would have worked.
     """
-    r = request
+    _counts(request)
+    _sizes(request)
+    if request.sensor not in SENSORS:
+        raise InputError(f"found {request.sensor!r}; valid: {', '.join(SENSORS)}", where="--sensor")
+    _loads(request)
+    _rows(request)
+    if request.anchors_mm and request.pull_N is None:
+        raise InputError("ropes to anchors need forces; --pull-N 200,500 for instance", where="--anchors")
+
+
+def _counts(r: PosesRequest) -> None:
+    """How many of what: none that plans nothing, none that takes hours."""
     for option, value, least in (
         ("--poses", r.poses, 1),
         ("--loads", r.loads, 1),
@@ -111,6 +122,10 @@ def check(request: PosesRequest) -> None:
         raise InputError(
             f"found {r.candidates}; fewer candidates than the {r.poses} poses wanted", where="--candidates"
         )
+
+
+def _sizes(r: PosesRequest) -> None:
+    """Single numbers that something is held against."""
     for option, number, strict in (
         ("--displacement-mm", r.displacement_mm, True),
         ("--targets-mm", r.targets_mm, True),
@@ -139,8 +154,10 @@ def check(request: PosesRequest) -> None:
         raise InputError(f"found {r.floor_mm:g}; expected less than --ceiling-mm, {r.ceiling_mm:g}", where="--floor-mm")
     if not (isfinite(r.prior_factor) and r.prior_factor >= 1):
         raise InputError(f"found {r.prior_factor:g}; expected 1 (the prior is trusted) or more", where="--prior-factor")
-    if r.sensor not in SENSORS:
-        raise InputError(f"found {r.sensor!r}; valid: {', '.join(SENSORS)}", where="--sensor")
+
+
+def _loads(r: PosesRequest) -> None:
+    """What may hang, pull, and how far from the TCP."""
     for option, row in (("--weights-kg", r.weights_kg), ("--pull-N", r.pull_N)):
         for v in row or ():
             if not (isfinite(v) and v > 0):
@@ -150,6 +167,10 @@ def check(request: PosesRequest) -> None:
             raise InputError(f"found {v:g}; expected 0 (at the TCP) or the arm's length", where="--arms-mm")
     if not r.arms_mm:
         raise InputError("is empty; 0 loads the TCP itself", where="--arms-mm")
+
+
+def _rows(r: PosesRequest) -> None:
+    """Places, boxes and joints: as many numbers as these have, and such as can be."""
     for option, row, n in (
         ("--box-mm", r.box_mm, 6),
         ("--tracker", r.tracker_mm, 3),
@@ -167,8 +188,6 @@ def check(request: PosesRequest) -> None:
     for option, row in (("--prior", r.prior_Nm_per_rad), ("--max-torque-Nm", r.max_torque_Nm)):
         if row is not None and min(row) <= 0:
             raise InputError(f"found {min(row):g}; expected more than zero", where=option)
-    if r.anchors_mm and r.pull_N is None:
-        raise InputError("ropes to anchors need forces; --pull-N 200,500 for instance", where="--anchors")
 
 
 def noise_of(request: PosesRequest) -> ReadingNoise:

@@ -11,7 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.domain.cell import Cell, Cutter, Shape, Tool, Workpiece
+from machopt.domain.cell import Cell, Cutter, MayTouch, Shape, Tool, Workpiece
+from machopt.domain.kinematics import Kinematics
+from machopt.domain.stiffness import Stiffness
 from machopt.errors import InputError
 from machopt.formats.cell_schema import AnyChainKeys, CellKeys, PoseKeys, ShapeKeys, ToolKeys
 from machopt.formats.cellfolder import ANY_SIZE, CellFolder
@@ -32,28 +34,21 @@ from machopt.formats.chain import (
     Chain,
     check_carrier,
     limits_of_urdf,
-    read_chain,
-    read_change,
-    read_home,
-    read_limits,
     standing,
 )
 from machopt.formats.controller import controller_of
 from machopt.formats.external_springs import resolved
+from machopt.formats.joints import read_joints
 from machopt.formats.kinematics import load_kinematics
-from machopt.formats.linkage import followers, narrowed
 from machopt.formats.maytouch import PairReader
 from machopt.formats.mesh import Fail, Scene, Sized, Surface, judge_size, open_surfaces, read_surface
 from machopt.formats.mesh.size import Role
 from machopt.formats.opener import check_file
 from machopt.formats.plausible import (
     box_extent,
-    check_arm,
-    check_limits,
     check_pose,
     check_stiffness,
     check_tool,
-    reach,
 )
 from machopt.formats.setups import Setups
 from machopt.formats.stiffness import load_stiffness
@@ -132,52 +127,17 @@ class _Reader:
         named = self.packages()
         description = self.urdf(self.folder.file(("robot", "urdf"), robot.urdf), named)
         urdf = description.urdf
-        chain = read_chain(urdf, keys, self.document, any_chain=self.any_chain)
-        self.reach = reach(urdf, keys, chain)
-        check_arm(urdf, chain, self.reach, self.document)
-        limits = read_limits(chain, keys, self.document, self.warnings)
-        mimics = followers(urdf, chain.arm, chain.external)
-        limits, tightened = narrowed(limits, urdf, chain.moving, mimics)
-        check_limits(keys, chain, self.document, self.warnings)
-        self.scene = Scene(
-            self.reach
-            + sum(float(limits.upper[i] - limits.lower[i]) for i, j in enumerate(chain.moving) if j.kind == "prismatic")
-        )
-        home = read_home(chain, limits, keys, self.document)
-        change = read_change(chain, limits, keys, self.document)
+        joints = read_joints(urdf, keys, self.document, self.warnings, any_chain=self.any_chain)
+        self.reach, self.scene = joints.reach, Scene(joints.reach + joints.sliding)
+        chain, prismatic = joints.chain, tuple(j.kind == "prismatic" for j in joints.chain.arm)
         packages = self.urdf_meshes(urdf, named)
         tools, workpiece = self.tools(), self.workpiece()
-        setups = Setups.of(self.keys.offsets, workpiece, self.pose, self.shapes)
+        setups = Setups.of(keys.offsets, workpiece, self.pose, self.shapes)
         workpiece = setups.workpiece
         name, tool = next(iter(tools.items()))
-        stiffness = None
-        other = self.other_stiffness
-        if other is not None:
-            check_file(other, expected="a stiffness.yaml", most=ANY_SIZE)
-            self.folder.read.append(other.resolve())
-        if keys.stiffness is not None or other is not None:
-            stiffness = load_stiffness(other or self.folder.file(("stiffness",), str(keys.stiffness)))
-            prismatic = tuple(j.kind == "prismatic" for j in chain.external)
-            external = resolved(stiffness.external, tuple(j.name for j in chain.external), prismatic, stiffness.file)
-            stiffness = replace(stiffness, external=external)
-            check_stiffness(stiffness, keys, self.reach, self.document, self.warnings)
-            if stiffness.estimated:
-                self.warnings.append(
-                    f"{Path(stiffness.file or '').name} is estimated, not measured: the gain it promises is that of a "
-                    "typical arm (machopt plan-poses, then identify, would measure this one)"
-                )
-        kinematics = None
-        if keys.kinematics is not None:
-            kinematics = load_kinematics(self.folder.file(("kinematics",), keys.kinematics))
+        stiffness, kinematics = self.stiffness(chain), self.kinematics()
         obstacles = (*self.obstacles(urdf, chain), *setups.fixtures)
-        for other_tool in tools.values():
-            different_names(self.document, *other_tool.geometry, *workpiece.geometry, *obstacles)
-        self.warnings += missing_bodies(tool, workpiece)
-        self.warnings += open_surfaces(self.surfaces)
-        pairs = PairReader(urdf, robot.flange_link, any_of(tools), workpiece, obstacles, self.document)
-        may_touch = pairs.pairs(keys.ignore_pairs, self.folder.file)
-        self.warnings += pairs.warnings
-        arm_prismatic = tuple(j.kind == "prismatic" for j in chain.arm)
+        may_touch = self.may_touch(urdf, tools, workpiece, obstacles)
         return Cell(
             name=keys.name,
             folder=self.folder.path,
@@ -189,14 +149,14 @@ class _Reader:
             external_joints=tuple(j.name for j in chain.external),
             external_prismatic=tuple(j.kind == "prismatic" for j in chain.external),
             expanded=description.text,
-            mimics=mimics,
+            mimics=joints.mimics,
             may_touch=may_touch,
-            arm_prismatic=arm_prismatic if any(arm_prismatic) else (),
-            home=frozen(home[: len(chain.arm)]),
-            external_home=frozen(home[len(chain.arm) :]),
+            arm_prismatic=prismatic if any(prismatic) else (),
+            home=frozen(joints.home[: len(chain.arm)]),
+            external_home=frozen(joints.home[len(chain.arm) :]),
             T_world_base=self.base(urdf, bool(chain.external)),
-            change=change if change is None else frozen(change),
-            limits=frozen_limits(limits),
+            change=None if joints.change is None else frozen(joints.change),
+            limits=frozen_limits(joints.limits),
             tool=tool,
             tools=tools if keys.tools else {},
             tool_name=name if keys.tools else None,
@@ -214,10 +174,48 @@ class _Reader:
                 *unused_words(urdf),
                 *first_taken(tools),
                 *limits_of_urdf(chain, keys),
-                *tightened,
-                *standing(urdf, chain, limits),
+                *joints.tightened,
+                *standing(urdf, chain, joints.limits),
             ),
         )
+
+    def stiffness(self, chain: Chain) -> Stiffness | None:
+        """Of the file that the cell names, or of the other one that was asked for."""
+        keys, other = self.keys, self.other_stiffness
+        if other is not None:
+            check_file(other, expected="a stiffness.yaml", most=ANY_SIZE)
+            self.folder.read.append(other.resolve())
+        if keys.stiffness is None and other is None:
+            return None
+        found = load_stiffness(other or self.folder.file(("stiffness",), str(keys.stiffness)))
+        prismatic = tuple(j.kind == "prismatic" for j in chain.external)
+        external = resolved(found.external, tuple(j.name for j in chain.external), prismatic, found.file)
+        found = replace(found, external=external)
+        check_stiffness(found, keys, self.reach, self.document, self.warnings)
+        if found.estimated:
+            self.warnings.append(
+                f"{Path(found.file or '').name} is estimated, not measured: the gain it promises is that of a "
+                "typical arm (machopt plan-poses, then identify, would measure this one)"
+            )
+        return found
+
+    def kinematics(self) -> Kinematics | None:
+        if self.keys.kinematics is None:
+            return None
+        return load_kinematics(self.folder.file(("kinematics",), self.keys.kinematics))
+
+    def may_touch(
+        self, urdf: Urdf, tools: dict[str, Tool], workpiece: Workpiece, obstacles: tuple[Shape, ...]
+    ) -> tuple[MayTouch, ...]:
+        """Pairs of bodies that may touch, after a look at what bodies there are."""
+        for tool in tools.values():
+            different_names(self.document, *tool.geometry, *workpiece.geometry, *obstacles)
+        self.warnings += missing_bodies(next(iter(tools.values())), workpiece)
+        self.warnings += open_surfaces(self.surfaces)
+        pairs = PairReader(urdf, self.keys.robot.flange_link, any_of(tools), workpiece, obstacles, self.document)
+        found = pairs.pairs(self.keys.ignore_pairs, self.folder.file)
+        self.warnings += pairs.warnings
+        return found
 
     def packages(self) -> dict[str, Path]:
         """The ``packages:`` map, which may stand at the top or under robot."""

@@ -51,33 +51,8 @@ def result_of(
         model=found.model,
         readings=found.readings,
         poses=found.poses,
-        joints=tuple(
-            JointStiffness(
-                joint=j.joint,
-                k_Nm_per_rad=j.k,
-                ci90=ci90,
-                identified=j.identified,
-                reason=j.reason,
-                largest_torque_Nm=j.torque,
-                compliance_sigma_rad_per_Nm=j.sigma,
-                interval=j.interval,
-            )
-            for j, ci90 in zip(found.joints, joints90, strict=True)
-        ),
-        terms=tuple(
-            TermCoefficient(
-                effect=t.effect,
-                location=t.location,
-                coefficient=t.name,
-                unit=t.unit,
-                value=t.value,
-                ci90=ci90,
-                identified=t.identified,
-                reason=t.reason,
-                interval=t.interval,
-            )
-            for t, ci90 in zip(found.terms, terms90, strict=True)
-        ),
+        joints=_joints(found, joints90),
+        terms=_terms(found, terms90),
         known_combinations=tuple(found.combinations),
         rmse_mm=1e3 * errors.rmse,
         heldout_rmse_mm=None if unseen is None else 1e3 * unseen.rmse,
@@ -88,17 +63,7 @@ def result_of(
         condition_number=found.condition_number,
         condition_number_dumas2011=found.condition_plain,
         interval_level=request.level_percent / 100.0,
-        outliers=tuple(
-            OutlyingReading(
-                reading=o.reading + 1,
-                place=o.place,
-                component=_COMPONENTS[o.axis],
-                residual=1e3 * o.residual,
-                unit="mm" if o.axis < 3 else "mrad",
-                sigmas=o.sigmas,
-            )
-            for o in found.outliers
-        ),
+        outliers=_outliers(found),
         noise_mm=_scatter(found),
         findings=tuple(
             RecordFinding(code=f.code, severity=f.severity, message=f.message, rows=tuple(r + 1 for r in f.rows))
@@ -118,6 +83,53 @@ def result_of(
         inputs=inputs,
     )
     return result.model_copy(update=_more(found))
+
+
+def _joints(found: Identification, ninety: list[tuple[float, float]]) -> tuple[JointStiffness, ...]:
+    return tuple(
+        JointStiffness(
+            joint=j.joint,
+            k_Nm_per_rad=j.k,
+            ci90=ci90,
+            identified=j.identified,
+            reason=j.reason,
+            largest_torque_Nm=j.torque,
+            compliance_sigma_rad_per_Nm=j.sigma,
+            interval=j.interval,
+        )
+        for j, ci90 in zip(found.joints, ninety, strict=True)
+    )
+
+
+def _terms(found: Identification, ninety: list[tuple[float, float]]) -> tuple[TermCoefficient, ...]:
+    return tuple(
+        TermCoefficient(
+            effect=t.effect,
+            location=t.location,
+            coefficient=t.name,
+            unit=t.unit,
+            value=t.value,
+            ci90=ci90,
+            identified=t.identified,
+            reason=t.reason,
+            interval=t.interval,
+        )
+        for t, ci90 in zip(found.terms, ninety, strict=True)
+    )
+
+
+def _outliers(found: Identification) -> tuple[OutlyingReading, ...]:
+    return tuple(
+        OutlyingReading(
+            reading=o.reading + 1,
+            place=o.place,
+            component=_COMPONENTS[o.axis],
+            residual=1e3 * o.residual,
+            unit="mm" if o.axis < 3 else "mrad",
+            sigmas=o.sigmas,
+        )
+        for o in found.outliers
+    )
 
 
 _COMPONENTS: tuple[Literal["dx", "dy", "dz", "rx", "ry", "rz"], ...] = ("dx", "dy", "dz", "rx", "ry", "rz")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -156,140 +157,107 @@ def _within(gamma: Array, rotation: Array) -> Array:
     return turned
 
 
+Line = tuple[str, Array, str, str]  # name, values in displayed units, colour, dashes
+
+
 def _path_charts(data: ReportData, p: PathSeries) -> list[Spec]:
-    unit, words = QUANTITY[data.summary.quantity], WORDS[data.summary.quantity]
-    bands = _bands(p, data.operations)
+    along = _Along(p, _bands(p, data.operations))
     own = data.summary.quantity == "deflection"  # then the tolerance belongs into the first picture
-    tolerance = ("tolerance", p.tolerance * FINE_LENGTH.factor, LIMIT, "8 4")
-    charts = [
-        _chart(
-            "c-index",
-            p.s * LENGTH.factor,
-            [
-                *([tolerance] if own else []),
-                ("CAM default", p.index_default * unit.factor, DEFAULT, "6 3"),
-                ("Jiao 2022", p.index_jiao2022 * unit.factor, JIAO, "4 2"),
-                ("chosen", p.index_chosen * unit.factor, CHOSEN, ""),
-            ],
-            f"{words.axis} ({unit.name})" if unit.name else words.axis,
-            unit,
-            bands=bands,
-            ymin=0,
-            title=f"{words.axis} along the toolpath: {words.better}",
-            p=p,
-        ),
-        _chart(
-            "c-deflection",
-            p.s * LENGTH.factor,
-            [tolerance, ("predicted deflection", p.deflection * FINE_LENGTH.factor, CHOSEN, "")],
-            "Deflection (mm)",
-            FINE_LENGTH,
-            bands=bands,
-            ymin=0,
-            title="Predicted deflection",
-            p=p,
-        )
-        if not own
-        else None,
-        _chart(
-            "c-stiffness",
-            p.s * LENGTH.factor,
-            [
-                ("K_fd, Jiao 2022 (orientation held)", p.k_jiao2022 * STIFFNESS.factor, JIAO, "4 2"),
-                ("axial, at the tip", p.k_axial * STIFFNESS.factor, CHOSEN, ""),
-                ("normal, at the tip", p.k_normal * STIFFNESS.factor, FOURTH, ""),
-            ],
-            "Stiffness (N/µm)",
-            STIFFNESS,
-            bands=bands,
-            ymin=0,
-            title="Stiffness of the chosen posture",
-            p=p,
-        ),
-        _chart(
-            "c-shift",
-            p.s * LENGTH.factor,
-            [
-                (axis, p.shift[:, n] * FINE_LENGTH.factor, color, dash)
-                for n, (axis, color, dash) in enumerate((("x", CHOSEN, ""), ("y", JIAO, "4 2"), ("z", FOURTH, "")))
-            ],
-            "Shift (mm)",
-            FINE_LENGTH,
-            bands=bands,
-            ymin=None,
-            p=p,
-            title="Commanded path less programmed path, in workpiece axes",
-        )
-        if p.shift is not None
-        else None,
-        _chart(
-            "c-clearance",
-            p.s * LENGTH.factor,
-            [("clearance", p.clearance * LENGTH.factor, CHOSEN, "")],
-            "Clearance (mm)",
-            LENGTH,
-            bands=bands,
-            ymin=0,
-            title="Clearance to the nearest body",
-            p=p,
-        ),
-        _chart(
-            "c-margins",
-            p.s * LENGTH.factor,
-            [
-                ("to the nearest joint limit", p.limit_margin * ANGLE.factor, CHOSEN, ""),
-                ("to the nearest singularity", p.singularity * ANGLE.factor, JIAO, ""),
-            ],
-            "Margin (deg)",
-            ANGLE,
-            bands=bands,
-            ymin=0,
-            title="Margins in angle",
-            p=p,
-        ),
-    ]
+    tolerance: Line = ("tolerance", p.tolerance * FINE_LENGTH.factor, LIMIT, "8 4")
+    charts = [_index(data, along, [tolerance] if own else [])]
+    if not own:
+        lines = [tolerance, _in(FINE_LENGTH, "predicted deflection", p.deflection)]
+        charts.append(along.chart("c-deflection", "Predicted deflection", "Deflection (mm)", FINE_LENGTH, lines))
+    charts.append(_stiffness(along))
+    if p.shift is not None:
+        charts.append(_shift(along, p.shift))
+    lines = [_in(LENGTH, "clearance", p.clearance)]
+    charts.append(along.chart("c-clearance", "Clearance to the nearest body", "Clearance (mm)", LENGTH, lines))
+    charts.append(_margins(along))
     return [c for c in charts if c is not None]
 
 
-def _chart(
-    name: str,
-    x: Array,
-    series: Sequence[tuple[str, Array, str, str]],
-    ylabel: str,
-    unit: Unit,
-    *,
-    bands: list[Spec],
-    ymin: float | None,
-    title: str,
-    p: PathSeries,
-) -> Spec | None:
-    """A picture over path length with point, operation and nearest pair in its tooltip; None without numbers."""
-    series = [entry for entry in series if np.isfinite(entry[1]).any()]
-    if not series:
-        return None
-    k = keep([y for _, y, _, _ in series])
-    pairs = list(dict.fromkeys(p.nearest_pair)) if name == "c-clearance" else []
-    number = {pair: i for i, pair in enumerate(pairs)}
-    extra: list[Spec] = [{"name": "point", "names": [int(i) for i in k], "at": list(range(len(k)))}]
-    if bands:
-        extra.append({"name": "operation", "names": _labels(bands), "at": [int(o) for o in p.operation[k]]})
-    if pairs:
-        extra.append({"name": "nearest", "names": pairs, "at": [number[p.nearest_pair[i]] for i in k]})
-    return {
-        "id": name,
-        "title": title,
-        "group": "path",
-        "x": numbers(x[k], 7),
-        "xname": "path length (mm)",
-        "xlabel": "Path length (mm)",
-        "ylabel": ylabel,
-        "unit": unit.name,
-        "bands": bands,
-        **({} if ymin is None else {"ymin": ymin}),
-        "labels": bool(bands),
-        "extra": extra,
-        "series": [{"name": n, "y": numbers(y[k]), "color": c, "dash": d} for n, y, c, d in series],
-    }
+def _in(unit: Unit, name: str, values: Array, color: str = CHOSEN, dash: str = "") -> Line:
+    return name, values * unit.factor, color, dash
+
+
+def _index(data: ReportData, along: _Along, first: Sequence[Line]) -> Spec | None:
+    unit, words, p = QUANTITY[data.summary.quantity], WORDS[data.summary.quantity], along.p
+    lines = [
+        *first,
+        _in(unit, "CAM default", p.index_default, DEFAULT, "6 3"),
+        _in(unit, "Jiao 2022", p.index_jiao2022, JIAO, "4 2"),
+        _in(unit, "chosen", p.index_chosen),
+    ]
+    axis = f"{words.axis} ({unit.name})" if unit.name else words.axis
+    return along.chart("c-index", f"{words.axis} along the toolpath: {words.better}", axis, unit, lines)
+
+
+def _stiffness(along: _Along) -> Spec | None:
+    p = along.p
+    lines = [
+        _in(STIFFNESS, "K_fd, Jiao 2022 (orientation held)", p.k_jiao2022, JIAO, "4 2"),
+        _in(STIFFNESS, "axial, at the tip", p.k_axial),
+        _in(STIFFNESS, "normal, at the tip", p.k_normal, FOURTH),
+    ]
+    return along.chart("c-stiffness", "Stiffness of the chosen posture", "Stiffness (N/µm)", STIFFNESS, lines)
+
+
+def _shift(along: _Along, shift: Array) -> Spec | None:
+    lines = [
+        _in(FINE_LENGTH, axis, shift[:, n], color, dash)
+        for n, (axis, color, dash) in enumerate((("x", CHOSEN, ""), ("y", JIAO, "4 2"), ("z", FOURTH, "")))
+    ]
+    title = "Commanded path less programmed path, in workpiece axes"
+    return along.chart("c-shift", title, "Shift (mm)", FINE_LENGTH, lines, from_zero=False)
+
+
+def _margins(along: _Along) -> Spec | None:
+    lines = [
+        _in(ANGLE, "to the nearest joint limit", along.p.limit_margin),
+        _in(ANGLE, "to the nearest singularity", along.p.singularity, JIAO),
+    ]
+    return along.chart("c-margins", "Margins in angle", "Margin (deg)", ANGLE, lines)
+
+
+@dataclass(frozen=True)
+class _Along:
+    """Pictures over path length, with point, operation and nearest pair in their tooltips."""
+
+    p: PathSeries
+    bands: list[Spec]
+
+    def chart(
+        self, name: str, title: str, ylabel: str, unit: Unit, lines: Sequence[Line], *, from_zero: bool = True
+    ) -> Spec | None:
+        """One of them; None without numbers."""
+        p, bands = self.p, self.bands
+        lines = [line for line in lines if np.isfinite(line[1]).any()]
+        if not lines:
+            return None
+        k = keep([y for _, y, _, _ in lines])
+        pairs = list(dict.fromkeys(p.nearest_pair)) if name == "c-clearance" else []
+        number = {pair: i for i, pair in enumerate(pairs)}
+        extra: list[Spec] = [{"name": "point", "names": [int(i) for i in k], "at": list(range(len(k)))}]
+        if bands:
+            extra.append({"name": "operation", "names": _labels(bands), "at": [int(o) for o in p.operation[k]]})
+        if pairs:
+            extra.append({"name": "nearest", "names": pairs, "at": [number[p.nearest_pair[i]] for i in k]})
+        return {
+            "id": name,
+            "title": title,
+            "group": "path",
+            "x": numbers(p.s[k] * LENGTH.factor, 7),
+            "xname": "path length (mm)",
+            "xlabel": "Path length (mm)",
+            "ylabel": ylabel,
+            "unit": unit.name,
+            "bands": bands,
+            **({"ymin": 0} if from_zero else {}),
+            "labels": bool(bands),
+            "extra": extra,
+            "series": [{"name": n, "y": numbers(y[k]), "color": c, "dash": d} for n, y, c, d in lines],
+        }
 
 
 def _labels(bands: list[Spec]) -> dict[int, str]:

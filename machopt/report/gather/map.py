@@ -68,31 +68,10 @@ def page_data(
         shown[1].value.update(gain=gain, rotation=_half_turn(free.gamma), freedom=freedom)
         fields += [_GAIN, _ROTATION, _FREEDOM]
     if comparison is not None:
-        for f, axis in enumerate(comparison.axes):
-            note = "Inverse distance weighting of the readings; dotted where outside their hull."
-            fields.append(
-                MapField(
-                    key=f"measured_{axis}",
-                    name=f"Measured k_{axis}, interpolated",
-                    unit="N/m",
-                    better="more",
-                    note=note,
-                    model=f"k_{axis}",
-                )
-            )
-            for layer in shown:
-                layer.value[f"measured_{axis}"] = np.where(layer.reason == 0, comparison.spread.value[:, f], np.nan)
-                layer.guess[f"measured_{axis}"] = ~comparison.spread.inside
-    T_frame_base = inverse(options.T_base_frame)
-    robot, R = arm.robot, T_frame_base[:3, :3]
-    tcp = robot.T_base_flange_zero @ arm.T_flange_tcp
+        fields += _beside_readings(shown, comparison)
     fixed = np.zeros(3)
     if samples.position is not None:
         fixed = samples.position[0]
-
-    def moved(p: Array) -> Array:
-        return np.asarray(p @ R.T + T_frame_base[:3, 3])
-
     return MapData(
         title=f"Map of {cell.name}",
         cell=cell.name,
@@ -107,34 +86,66 @@ def page_data(
         layers=tuple(shown),
         criterion=criterion.key,
         reasons=tuple(_words(code) for code in PlaceCode),
-        arm=ArmLines(
-            joints=robot.joints,
-            axis=robot.axis @ R.T,
-            point=moved(robot.point),
-            base=moved(np.zeros(3)),
-            up=R[:, 2],
-            flange=moved(robot.T_base_flange_zero[:3, 3]),
-            tcp=moved(tcp[:3, 3]),
-        ),
+        arm=_arm_lines(arm, inverse(options.T_base_frame)),
         verdict=result.verdict,
         warnings=result.warnings,
-        measured=None
-        if comparison is None
-        else MeasuredView(
-            file=comparison.file,
-            axes=comparison.axes,
-            position=comparison.position,
-            measured=comparison.measured,
-            left_out=comparison.left_out,
-            model=comparison.model,
-            held=comparison.held,
-            errors=comparison.errors(),
-            from_joints=comparison.from_joints,
-            power=comparison.power,
-        ),
+        measured=None if comparison is None else _measured_view(comparison),
         options=_options(result, setting),
         hashes=tuple(result.inputs.items()),
         space=MapScene(scene, options.T_base_frame, cell.external_home),
+    )
+
+
+def _beside_readings(shown: list[MapLayer], comparison: Comparison) -> list[MapField]:
+    """What was measured, interpolated, as fields of their own; the layers take their values."""
+    fields = []
+    for f, axis in enumerate(comparison.axes):
+        fields.append(
+            MapField(
+                key=f"measured_{axis}",
+                name=f"Measured k_{axis}, interpolated",
+                unit="N/m",
+                better="more",
+                note="Inverse distance weighting of the readings; dotted where outside their hull.",
+                model=f"k_{axis}",
+            )
+        )
+        for layer in shown:
+            layer.value[f"measured_{axis}"] = np.where(layer.reason == 0, comparison.spread.value[:, f], np.nan)
+            layer.guess[f"measured_{axis}"] = ~comparison.spread.inside
+    return fields
+
+
+def _arm_lines(arm: ReachingArm, T_frame_base: Array) -> ArmLines:
+    """The arm at its zero, in the map's frame."""
+    robot, R = arm.robot, T_frame_base[:3, :3]
+
+    def moved(p: Array) -> Array:
+        return np.asarray(p @ R.T + T_frame_base[:3, 3])
+
+    return ArmLines(
+        joints=robot.joints,
+        axis=robot.axis @ R.T,
+        point=moved(robot.point),
+        base=moved(np.zeros(3)),
+        up=R[:, 2],
+        flange=moved(robot.T_base_flange_zero[:3, 3]),
+        tcp=moved((robot.T_base_flange_zero @ arm.T_flange_tcp)[:3, 3]),
+    )
+
+
+def _measured_view(comparison: Comparison) -> MeasuredView:
+    return MeasuredView(
+        file=comparison.file,
+        axes=comparison.axes,
+        position=comparison.position,
+        measured=comparison.measured,
+        left_out=comparison.left_out,
+        model=comparison.model,
+        held=comparison.held,
+        errors=comparison.errors(),
+        from_joints=comparison.from_joints,
+        power=comparison.power,
     )
 
 

@@ -80,19 +80,6 @@ def report_data(
     shift = _shift(plan, toolpath)
     summary = _summary(plan, points, timeline, verification, quantity, float(s[-1]), shift)
     summary = replace(summary, unchecked=unchecked)
-    infeasible = tuple(
-        page.InfeasiblePoint(
-            point=round(plan.path.index[p]),
-            operation=_label(toolpath, plan, p),
-            position=plan.path.position[p],
-            status=_WORDS.get(reason_of(plan, int(p)), reason_of(plan, int(p)).word),
-            reason=points.table.reason[int(plan.path.index[p])],
-            shortfall=_length(shortfall_of(plan, int(p))),
-            help=help_of(plan, int(p)),
-        )
-        for p in plan.missing
-        if plan.path.is_point[p]
-    )
     models = [p.setup.collision for p in ([part.plan for part in plan.parts] or [plan]) if p.setup.collision]
     shown = shown or mapped(plan)
     return page.ReportData(
@@ -109,7 +96,7 @@ def report_data(
         motion=motion_series(plan, toolpath, points, timeline),
         dips=_dips(plan, timeline, s),
         worst=worst_points(plan, toolpath, points, series),
-        infeasible=infeasible,
+        infeasible=_infeasible(plan, toolpath, points),
         operations=_operations(plan, toolpath, points, timeline, series),
         ignored=toolpath.ignored,
         notes=tuple(plan.setup.cell.notes),
@@ -125,26 +112,48 @@ def report_data(
         ),
         excluded_pairs=_once(page.ExcludedPair(e.a, e.b, e.reason) for model in models for e in model.excluded),
         adjacent_pairs=_once(page.ExcludedPair(e.a, e.b, e.reason) for model in models for e in model.adjacent),
-        checks=tuple(
-            page.Check(c.name, c.passed, found(c), measured(c.limit, c), c.where)
-            for c in (verification.checks if verification else ())
-        ),
+        checks=_checks(verification),
         programs=tuple(programs),
-        front=tuple(
-            page.FrontPoint(
-                name=p.plan,
-                changed=p.changed,
-                mean=p.mean_index,
-                worst=p.worst_index,
-                cycle=p.cycle_time_s,
-                travel=p.joint_travel_deg,
-                clearance=p.clearance_mm,
-                dominated=p.dominated,
-            )
-            for p in front
-        ),
+        front=tuple(_front_point(p) for p in front),
         timings=tuple(timings.items()),
         events=toolpath.events,
+    )
+
+
+def _infeasible(plan: Plan, toolpath: Toolpath, points: PointResults) -> tuple[page.InfeasiblePoint, ...]:
+    """Points of the file that have no answer, each with what would help."""
+    return tuple(
+        page.InfeasiblePoint(
+            point=round(plan.path.index[p]),
+            operation=_label(toolpath, plan, p),
+            position=plan.path.position[p],
+            status=_WORDS.get(reason_of(plan, int(p)), reason_of(plan, int(p)).word),
+            reason=points.table.reason[int(plan.path.index[p])],
+            shortfall=_length(shortfall_of(plan, int(p))),
+            help=help_of(plan, int(p)),
+        )
+        for p in plan.missing
+        if plan.path.is_point[p]
+    )
+
+
+def _checks(verification: Verification | None) -> tuple[page.Check, ...]:
+    return tuple(
+        page.Check(c.name, c.passed, found(c), measured(c.limit, c), c.where)
+        for c in (verification.checks if verification else ())
+    )
+
+
+def _front_point(p: Point) -> page.FrontPoint:
+    return page.FrontPoint(
+        name=p.plan,
+        changed=p.changed,
+        mean=p.mean_index,
+        worst=p.worst_index,
+        cycle=p.cycle_time_s,
+        travel=p.joint_travel_deg,
+        clearance=p.clearance_mm,
+        dominated=p.dominated,
     )
 
 

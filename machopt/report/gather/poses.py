@@ -54,7 +54,35 @@ def page_of(
         return page.PosesPage(**common, reason=warnings[-1])
     u = plan.unknowns
     chosen = pool.q[plan.cases.pose[[b[0] for b in plan.design.blocks]]]
-    heuristics = tuple(
+    return page.PosesPage(
+        **common,
+        apart=() if apart is None else _pairs(apart),
+        rounds=0 if apart is None else apart.noise.cycles,
+        enough=needed_noncentrality(),
+        unknowns=u.names,
+        relative=u.relative,
+        sigma=plan.found.sigma,
+        rms=plan.found.rms(plan.judged),
+        condition=plan.found.condition,
+        bound=plan.bound,
+        poses=len(chosen),
+        readings=len(table),
+        per_pose=request.loads * len(plan.visits) // max(len(plan.design.readings), 1),
+        heuristics=_heuristics(plan),
+        curve_poses=plan.curve_poses,
+        curve=np.array(plan.curve),
+        target=_share(request.target_percent),
+        needed=plan.needed,
+        cloud=pool.T_base_tcp[:CLOUD, :3, 3],
+        arms=_arm_points(robot, chosen, cell),
+        scene=scene,
+        postures=_postures(chosen, table, cell.external_home),
+        work=_work(table),
+    )
+
+
+def _heuristics(plan: PosePlan) -> tuple[page.Heuristic, ...]:
+    return tuple(
         page.Heuristic(
             name=c.name,
             words=SOURCES[c.name],
@@ -67,58 +95,38 @@ def page_of(
         )
         for c in plan.comparisons
     )
-    rows = (
-        ()
-        if apart is None
-        else tuple(
-            page.Apart(
-                pair=described(p),
-                why=p.why,
-                per_cycle=p.per_cycle,
-                planned=p.planned,
-                cycles=p.cycles,
-                until=p.until,
-                random=p.random,
-                advice=p.advice,
-            )
-            for p in apart.pairs
+
+
+def _pairs(apart: Discriminating) -> tuple[page.Apart, ...]:
+    """Each pair of explanations, and how the plan tells them apart."""
+    return tuple(
+        page.Apart(
+            pair=described(p),
+            why=p.why,
+            per_cycle=p.per_cycle,
+            planned=p.planned,
+            cycles=p.cycles,
+            until=p.until,
+            random=p.random,
+            advice=p.advice,
         )
+        for p in apart.pairs
     )
-    return page.PosesPage(
-        **common,
-        apart=rows,
-        rounds=0 if apart is None else apart.noise.cycles,
-        enough=needed_noncentrality(),
-        unknowns=u.names,
-        relative=u.relative,
-        sigma=plan.found.sigma,
-        rms=plan.found.rms(plan.judged),
-        condition=plan.found.condition,
-        bound=plan.bound,
-        poses=len(chosen),
-        readings=len(table),
-        per_pose=request.loads * len(plan.visits) // max(len(plan.design.readings), 1),
-        heuristics=heuristics,
-        curve_poses=plan.curve_poses,
-        curve=np.array(plan.curve),
-        target=_share(request.target_percent),
-        needed=plan.needed,
-        cloud=pool.T_base_tcp[:CLOUD, :3, 3],
-        arms=_arm_points(robot, chosen, cell),
-        scene=scene,
-        postures=_postures(chosen, table, cell.external_home),
-        work=page.Work(
-            session=table.session,
-            pose=table.pose,
-            cycle=table.cycle,
-            q=table.q,
-            load=table.load,
-            deflection=np.linalg.norm(table.displacement[:, :3], axis=1),
-            kci=table.kci,
-            nu_p=table.nu_p,
-            clearance=table.clearance,
-            way_free=table.way_free,
-        ),
+
+
+def _work(table: PosesTable) -> page.Work:
+    """The readings in the order in which they are taken."""
+    return page.Work(
+        session=table.session,
+        pose=table.pose,
+        cycle=table.cycle,
+        q=table.q,
+        load=table.load,
+        deflection=np.linalg.norm(table.displacement[:, :3], axis=1),
+        kci=table.kci,
+        nu_p=table.nu_p,
+        clearance=table.clearance,
+        way_free=table.way_free,
     )
 
 
