@@ -21,7 +21,8 @@ from machopt.plan.best import external
 from machopt.plan.best.external import best_plan
 from machopt.plan.external.axes import axes_of
 from machopt.plan.external.ranking import Worth
-from machopt.plan.jointly.refinement import Refinement, Start
+from machopt.plan.jointly.beginning import Start
+from machopt.plan.jointly.refinement import Refinement
 from machopt.plan.pipeline.planned import Plan
 
 ROUNDED = 1e-9  # of J

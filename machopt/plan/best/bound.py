@@ -28,6 +28,7 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.model.threads import side_by_side
 from machopt.plan.best.lattice import follow, reach
+from machopt.plan.best.turns import turns_of
 from machopt.plan.best.values_around import VALUES, Values, values_of
 from machopt.plan.choice.worst_cap import GAP, Capped, trade
 from machopt.plan.configurations.candidates import Candidates, enumerate_candidates
@@ -37,7 +38,7 @@ from machopt.plan.cost.objective import Terms, node_price
 from machopt.plan.cost.score import directions, score_candidates
 from machopt.plan.external.axes import axes_of
 from machopt.plan.external.groups import Group, groups_of
-from machopt.plan.jointly.refinement import Start
+from machopt.plan.jointly.beginning import Start
 from machopt.plan.pipeline.planned import ExternalBound, Plan
 from machopt.plan.pipeline.setup import Setup, Timings
 from machopt.plan.stations.path import Path, tcp_poses
@@ -51,6 +52,7 @@ MOST, LEAST = 240, 24  # stations
 STRUCK = 6  # times that poses which touch something are struck out,
 LOOKED_AT = 2_000  # and so many each time
 ROUNDED = 1e-9  # of a turn: so much beyond a limit is on it
+HIGH = 0.97  # of the worst index: near it
 SLACK = 1e-12  # of a limit, for rounding: both ways of adding up one sequence
 
 
@@ -202,7 +204,7 @@ class Around:
                 f"more than the {REFUSED} poses that it may look at"
             )
         count = int(np.clip(VERTICES // (most * rotations * branches), least, MOST))
-        part, phi = part_of(path, range(len(path.runs)), count), plan.chosen.assignment.phi
+        part, phi = part_of(path, range(len(path.runs)), count, busy_of(plan)), plan.chosen.assignment.phi
         lattice = lattice_of(setup, options, part, groups, grids, plan.scores.scale, phi)
         own, step = _at_stations(plan, part), 2 * np.pi / rotations
         return cls(setup=setup, part=part, lattice=lattice, own=own, values=most - 1, step=step)
@@ -244,10 +246,19 @@ class Around:
         for first, last in self.part.runs:
             own = (st >= first) & (st <= last)
             turn[own] = np.unwrap(turn[own])
-        q = x.q[at, vertex] - a.q[st]
-        q -= 2 * np.pi * np.round(q / (2 * np.pi))
+        q = self._unwound(vertex, a.q[st]) - a.q[st]
         phi, external, seed = (between_stations(self.part, away) for away in (turn, e, q))
         return Start(a.phi + phi, plan.path.external + external, a.q + seed)
+
+    def _unwound(self, vertex: NDArray[np.int64], plan: Array) -> Array:
+        """(S, 6) rad, the joints of a sequence without whole turns in its runs, and with the fewest between them."""
+        st, arm = self.part.stations, self.setup.arm
+        q = self.lattice.q[np.arange(len(vertex)), vertex]
+        own = [np.flatnonzero((st >= first) & (st <= last)) for first, last in self.part.runs]
+        own = [rows for rows in own if len(rows)]
+        for rows in own:
+            q[rows] = np.unwrap(q[rows], axis=0)
+        return q + 2 * np.pi * turns_of(q, own, arm.lower, arm.upper, plan)
 
     def touching(self, station: NDArray[np.int64], vertex: NDArray[np.int64]) -> Bools:
         """(n,) vertices at stations (n,) whose pose touches what it must not."""
@@ -269,6 +280,16 @@ class Around:
         hit = self.touching(s, others)
         self.lattice.node[s[hit], others[hit]] = np.inf
         self.lattice.node[stations, vertex] = np.inf
+
+
+def busy_of(plan: Plan) -> Array:
+    """(P,) where a plan moves much, and where its index is near its worst: there more stations are worth it."""
+    path, x = plan.path, plan.setup.in_rad(plan.path, plan.chosen.assignment.q)
+    step = np.abs(np.diff(x, axis=0, prepend=x[:1])).sum(axis=1)
+    step[[first for first, _ in path.runs]] = 0.0
+    cost = np.where(path.counted, np.nan_to_num(plan.chosen.cost), 0.0)
+    high = (cost >= HIGH * cost.max()) & path.counted
+    return np.asarray(step / max(step.sum(), 1e-12) + high / max(int(high.sum()), 1))
 
 
 def _at_stations(plan: Plan, part: Path) -> float:

@@ -33,7 +33,7 @@ from machopt.plan.external.ranking import Worth
 from machopt.plan.external.stands import refuse_strangers
 from machopt.plan.external.values import STEP, Values
 from machopt.plan.jointly.refinement import TRUST
-from machopt.plan.jointly.tried import on_another_grid, refined
+from machopt.plan.jointly.tried import driven, on_another_grid, refined
 from machopt.plan.motion.timeline import build_timeline
 from machopt.plan.pipeline.planned import Plan
 from machopt.plan.pipeline.run import plan
@@ -49,7 +49,7 @@ TRUSTS = (TRUST, np.radians(25.0))  # of the refinement's steps: each leads down
 FAR = (np.radians(40.0),)  # the same of long paths, which are refined once for the time it takes: fewer passes lead on
 SHORT = 600  # planning points: a longer path is long
 LEAPS = 4, 1  # at most, of short paths and of long ones
-WORTH_IT = 4e-3  # of J: a sequence that saves less is no other start
+WORTH_IT = 1e-3  # of J: a sequence that saves less is no other start
 AS_NEAR = 1.5  # times the least estimate: a way of joints that move is planned below that
 
 Key = tuple[float, float]  # points lost and breaks; what it is worth: less is better
@@ -107,48 +107,53 @@ def _refined(
     worth, key = Worth.of(found.setup, axes), _key_of(found.setup, axes)
     # Where the joints stand is a local best of its own, so that moving is no worse than that.
     still = [replace(g, moving=np.zeros_like(g.moving)) for g in groups]
-    best, rivals, stands = found, starts[1:], None
+    best, rivals, every = found, starts[1:], list[Plan]()
+    stands: Plan | None = None
     for trust in TRUSTS if len(found.path.index) <= SHORT else FAR:
-        best = min(best, refined(found, toolpath, groups, worth, clock, before, worth.plan(best), trust), key=key)
+        every.append(refined(found, toolpath, groups, worth, clock, before, worth.plan(best), trust))
+        best = min(best, every[-1], key=key)
         near = []
         for other in rivals:
-            rival = refined(other, toolpath, still, worth, clock, before, AS_GOOD * worth.plan(best), trust)
-            if worth.plan(rival) < AS_GOOD * worth.plan(best):
+            every.append(refined(other, toolpath, still, worth, clock, before, AS_GOOD * worth.plan(best), trust))
+            if worth.plan(every[-1]) < AS_GOOD * worth.plan(best):
                 near.append(other)
-                stands = rival if stands is None else min(stands, rival, key=key)
-            best = min(best, rival, key=key)
+                stands = every[-1] if stands is None else min(stands, every[-1], key=key)
+            best = min(best, every[-1], key=key)
         rivals = near
-    best = _leapt(best, toolpath, groups, worth, clock, before)
-    if stands is None or worth.plan(stands) > AS_GOOD * worth.plan(best):
-        return best
-    return min(best, replace(_leapt(stands, toolpath, still, worth, clock, before), over_external=None), key=key)
+    every += _leapt(best, toolpath, groups, worth, clock, before)
+    if stands is not None and worth.plan(stands) <= AS_GOOD * worth.plan(every[-1]):
+        every += [replace(p, over_external=None) for p in _leapt(stands, toolpath, still, worth, clock, before)]
+    for one in sorted(every, key=lambda one: (key(one), one.over_external is None)):
+        if one.chosen is found.chosen or (key(one) < key(found) and driven(one, toolpath, clock)):
+            return one
+    return found
 
 
 def _leapt(
     best: Plan, toolpath: Toolpath, groups: Sequence[Group], worth: Worth, clock: Timings, before: Plan | None
-) -> Plan:
-    """From a local best on, as long as a sequence over grids around it is better and leads to a better plan.
+) -> list[Plan]:
+    """A local best, and where one leads on as long as a sequence over grids around it is better and leads to a better.
 
-    What no such sequence undercuts (:mod:`machopt.plan.best.bound`) is kept with the plan.
+    What no such sequence undercuts (:mod:`machopt.plan.best.bound`) is kept with each plan.
     """
     if _lost(best) or best.found is None:
-        return best
-    most = LEAPS[len(best.path.index) > SHORT]
+        return [best]
+    most, out = LEAPS[len(best.path.index) > SHORT], [best]
     for leap in range(most + 1):
         with clock.stage("external"):
-            around = Around.of(best, groups, VALUES)
+            around = Around.of(out[-1], groups, VALUES)
             if isinstance(around, str):
-                return best
+                break
             found = around.best()
-            best = replace(best, over_external=around.bound(found))
+            out[-1] = replace(out[-1], over_external=around.bound(found))
             if found is None or leap == most or found.total > (1.0 - WORTH_IT) * around.own:
-                return best
-            start = around.start(found.vertex, best)
-        further = refined(best, toolpath, groups, worth, clock, before, start=start)
-        if further is best:
-            return best
-        best = further
-    return best
+                break
+            start = around.start(found.vertex, out[-1])
+        further = refined(out[-1], toolpath, groups, worth, clock, before, start=start)
+        if further is out[-1]:
+            break
+        out.append(further)
+    return out
 
 
 def _stand_still(cell: Cell, toolpath: Toolpath, options: PlanOptions, axes: Sequence[ExternalAxis]) -> bool:

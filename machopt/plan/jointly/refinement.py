@@ -19,8 +19,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import identity
-from scipy.sparse.linalg import spsolve
 
 from machopt.arrays import Array, Bools
 from machopt.domain.reason import Reason
@@ -32,6 +30,8 @@ from machopt.plan.cost.score import configuration_cost, directions
 from machopt.plan.external.groups import Group
 from machopt.plan.external.ranking import PREFERRED, Worth
 from machopt.plan.external.stands import side_of
+from machopt.plan.jointly.beginning import Start, led, seeds_near
+from machopt.plan.jointly.beside_bodies import beside_bodies
 from machopt.plan.jointly.bordered import Bordered
 from machopt.plan.jointly.offsets import Curves
 from machopt.plan.jointly.quadratic import Bounds, Local, Steps, lessened
@@ -40,8 +40,7 @@ from machopt.plan.stations.pinned import pinned
 from machopt.plan.stations.subpath import part_of
 from machopt.se3 import wrap
 
-FITS, CLOSER = 4, 100.0  # tries, and weight at each of points near those that lost their pose
-LEAST_RIDGE = 1e-12  # of a square of basis functions: where a curve has more of them than points
+FITS, CLOSER = 4, 100.0  # tries, and weight of points near those that lost their pose
 STATIONS = 200  # about as many as the stairs of :mod:`machopt.plan.external.moving` have
 STENCIL = np.radians(1.0)  # of rotation and of external joints as they count, for the derivatives
 TRUST = np.radians(12.0)  # rad of each at first and at most, where nobody says otherwise
@@ -75,15 +74,6 @@ class State:
 def _margins(found: Assignment) -> Array:
     """(n, 3) of shoulder, elbow and wrist, :data:`NEVER` where an arm without a spherical wrist has one at infinity."""
     return np.minimum(np.column_stack([found.shoulder, found.elbow, found.wrist]), NEVER)
-
-
-@dataclass(frozen=True)
-class Start:
-    """Where a refinement begins, at all planning points."""
-
-    phi: Array  # (P,) rad
-    external: Array  # (P, E) m or rad
-    seed: Array  # (P, 6) rad, for the joints
 
 
 @dataclass(frozen=True)
@@ -124,6 +114,7 @@ class Refinement:
         self.terms = Terms.at_stations(self.path, plan.setup.velocity, plan.options)
         self.across = sideways(self.path)
         self.per, self.worth = plan.setup.per_rad[6:], worth
+        self.touching = np.zeros(len(self.rows), bool)  # (n,) stations where a step has led into something
 
     def _wished(self, group: Group, own: Bools, held: Bools) -> None:
         """Lay the user's wishes about joints of a group that move down: pins hold, a zone keeps them on their side."""
@@ -163,7 +154,8 @@ class Refinement:
             local = self._local(here)
             there = None
             for _ in range(TRIES):
-                step = lessened(local, self._steps(here, local), self._bounds(here, local, trust), self.tied)
+                bounds = self._bounds(here, local, trust)
+                step = lessened(local, self._steps(here, local), bounds, self.tied)
                 there = self._tried(here, step, trust)
                 if there is not None or trust.max() < LEAST_TRUST:
                     break
@@ -180,39 +172,29 @@ class Refinement:
         return Refined(phi + moved[:, 0], external, between_stations(self.path, here.q), first - here.merit)
 
     def _begun(self, start: Start) -> tuple[State, Array, Array] | None:
-        """The state at the curves next to a start, nearer to it where these lost a pose; None where they still do.
+        """The state at the curves next to a start, next to the plan where that loses a pose; None where they still do.
 
         What else a start has, finer than the curves are, no offset would take away.
         """
         if self.held.any() or self.options.steer:  # no curve reaches what is held
             return None
-        weight, rows = np.ones(len(start.phi)), self.rows
-        for _ in range(FITS):
-            phi, e = self._fitted(start, weight)
+        rows, left = self.rows, np.zeros(len(self.rows), bool)
+        for n in range(FITS):
+            share = led(left, NEAR * 2**n)
+            share = np.interp(np.arange(len(start.phi)), rows, share)
+            there = start.nearer(self.plan.chosen.assignment.phi, self.plan.path.external, share)
+            phi, e = there.fitted(self.curves, self.per, np.where(share < 1.0, CLOSER, 1.0))
+            e = np.clip(e, *self.inner)
             if not self._within(phi):
                 return None
-            found, cost = self._solved(phi[rows], e[rows], start.seed[rows])
+            seed = seeds_near(self.path, self.setup.arm, rows, phi[rows], e[rows], start.seed[rows])
+            found, cost = self._solved(phi[rows], e[rows], seed)
             lost = self._lost(found, e[rows]) | ~np.isfinite(cost)
             if not lost.any():
                 merit = self._merit(phi[rows], e[rows], found.q, cost)
                 return State(phi=phi[rows], e=e[rows], found=found, q=found.q, cost=cost, merit=merit), phi, e
-            for k in np.flatnonzero(lost).tolist():
-                first, last = rows[max(k - NEAR, 0)], rows[min(k + NEAR, len(rows) - 1)]
-                weight[first : last + 1] *= CLOSER
+            left |= lost
         return None
-
-    def _fitted(self, start: Start, weight: Array) -> tuple[Array, Array]:
-        """Rotation (P,) rad and external joints (P, E) as the curves next to them, points weighted (P,)."""
-        z, d = np.column_stack([start.phi, start.external * self.per]), 1 + len(self.per)
-        along = self.curves.at_points
-        for k in range(d):
-            basis = along[k::d]
-            basis = basis[:, np.flatnonzero(np.diff(basis.tocsc().indptr))].tocsc()
-            if basis.shape[1]:
-                counted = (basis.T.multiply(weight)).tocsc()
-                square = (counted @ basis + LEAST_RIDGE * identity(basis.shape[1])).tocsc()
-                z[:, k] = basis @ spsolve(square, counted @ z[:, k])
-        return z[:, 0], np.clip(z[:, 1:] / self.per, *self.inner)
 
     def _within(self, phi: Array) -> bool:
         """The user's rotation bounds hold at all planning points (P,) rad."""
@@ -349,7 +331,16 @@ class Refinement:
         lean = np.concatenate([local.q, local.margins], axis=1)
         under = np.hstack([arm.lower + SPARE - here.q, least - here.margins])
         over = np.hstack([arm.upper - SPARE - here.q, np.full((len(gamma), 3), np.inf)])
-        return Bounds(np.minimum(low, 0.0), np.maximum(high, 0.0), lean, np.minimum(under, 0.0), np.maximum(over, 0.0))
+        low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)
+        bounds = Bounds(low, high, lean, np.minimum(under, 0.0), np.maximum(over, 0.0))
+        model, E = self.setup.collision, len(self.per)
+        if model is None:
+            return bounds
+        ahead = np.zeros((len(gamma), 6 + E, 1 + E))
+        ahead[:, :6] = local.q
+        ahead[:, 6:, 1:] = np.diag(1.0 / self.per)
+        may_touch = self.path.may_touch[self.rows]
+        return beside_bodies(bounds, model, np.hstack([here.q, here.e]), ahead, may_touch, self.touching)
 
     def _tried(self, here: State, step: Array, trust: Array) -> State | None:
         """Where a step leads, if J is less there; else None, and ``trust`` is less where that failed."""
@@ -358,6 +349,7 @@ class Refinement:
         phi, e = here.phi + z[:, 0], np.clip(here.e + z[:, 1:] / self.per, low, high)
         found, cost = self._solved(phi, e, here.q)
         lost = self._lost(found, e) | ~np.isfinite(cost)
+        self.touching |= lost & (found.reason == Reason.OK)
         if lost.any():
             run = self.path.run[self.rows]
             for k in np.flatnonzero(lost):

@@ -22,7 +22,8 @@ from machopt.plan.contacts.check import Checker
 from machopt.plan.cost.score import Directions, directions
 from machopt.plan.external.groups import Group
 from machopt.plan.external.ranking import Worth
-from machopt.plan.jointly.refinement import TRUST, Refined, Refinement, Start
+from machopt.plan.jointly.beginning import Start
+from machopt.plan.jointly.refinement import TRUST, Refined, Refinement
 from machopt.plan.motion.timeline import build_timeline
 from machopt.plan.pipeline.planned import Plan
 from machopt.plan.pipeline.run import obeys
@@ -49,6 +50,8 @@ def refined(
 ) -> Plan:
     """The plan with its external joints refined where that makes it better, else the plan itself.
 
+    Whether what comes out can be driven is for :func:`driven` to say.
+
     Args:
         before: as for :func:`machopt.plan.pipeline.planned`.
         below: what is not worth less than that after the passes is not planned in full.
@@ -67,6 +70,12 @@ def refined(
         if done:
             break
     return best
+
+
+def driven(plan: Plan, toolpath: Toolpath, clock: Timings) -> bool:
+    """Whether all of a plan keeps the limits of every joint."""
+    with clock.stage("external"):
+        return build_timeline(plan, toolpath).trajectory is not None
 
 
 def on_another_grid(
@@ -115,24 +124,21 @@ class _Passes:
             if self.worth.plan(last) >= min(below, self.worth.plan(self.plan)):
                 break
             whole, searched = self._whole(last)
-            if self._better(whole, self.plan) and self._driven(whole):
+            if self._better(whole, self.plan):
                 return whole, searched
         return self.plan, False
 
     def planned_again(self) -> Plan:
         """The plan with all that a plan has, by its own options; its own rotation where no other is better."""
-        searched = self._planned(self.plan, self.plan.path)
-        if self.plan.found is None or self.plan.breaks or len(self.plan.missing):
+        lacks = self.plan.found is None or bool(self.plan.breaks) or len(self.plan.missing) > 0
+        searched = self._planned(self.plan, self.plan.path, np.inf if lacks else self.plan.chosen.objective.total)
+        if lacks:
             return searched
         own = replace(_own(searched, self.plan), over_external=self.plan.over_external)
-        return searched if self._better(searched, own) and self._driven(searched) else own
+        return searched if self._better(searched, own) and driven(searched, self.toolpath, self.clock) else own
 
     def _better(self, one: Plan, other: Plan) -> bool:
         return not one.breaks and not len(one.missing) and self.worth.plan(one) < self.worth.plan(other)
-
-    def _driven(self, plan: Plan) -> bool:
-        with self.clock.stage("external"):
-            return build_timeline(plan, self.toolpath).trajectory is not None
 
     def _part_of(self, plan: Plan, proposed: Refined) -> Plan | None:
         """The plan with as much of the offsets as makes it better and can be driven; None where nothing does."""
@@ -154,16 +160,17 @@ class _Passes:
 
     def _whole(self, plan: Plan) -> tuple[Plan, bool]:
         """The plan with all that a plan has, its own rotation or that of a search; whether the latter is the better."""
-        searched = self._planned(plan, plan.path)
+        searched = self._planned(plan, plan.path, plan.chosen.objective.total)
         own = _own(searched, plan)
         if searched.breaks or len(searched.missing) or self._better(own, searched):
             return own, False
         return searched, True
 
-    def _planned(self, plan: Plan, path: Path) -> Plan:
+    def _planned(self, plan: Plan, path: Path, below: float = np.inf) -> Plan:
         return planned(
             plan.setup.cell, self.toolpath, plan.options, self.clock,
             setup=plan.setup, external=path.external, scale=plan.scores.scale, before=self.before,
+            below=below,
         )  # fmt: skip
 
     def _turned(self, plan: Plan, phi: Array, seed: Array) -> Plan | None:

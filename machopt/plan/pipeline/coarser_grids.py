@@ -105,7 +105,7 @@ def best_of_nested(
         found = search.run(prefer_grid)
     finally:
         search.meanwhile = None  # else the two hold each other, and tens of MiB of prices with them
-    if not found.check.free or found.choice.broken or found.choice.dropped.any():
+    if not found.check.free or found.choice.broken or found.choice.dropped.any() or search.hopeless(found.choice):
         return found
     best = total(found.assignment)
     for k in coarser.strides():

@@ -57,6 +57,7 @@ def plan(
     external: Array | None = None,
     scale: float | None = None,
     before: Plan | None = None,
+    below: float = np.inf,
 ) -> Plan:
     """Plan one toolpath in one cell; infeasible points are data in the result, never an exception.
 
@@ -66,6 +67,7 @@ def plan(
         scale: c₀, where plans are compared that have other candidates; None: of its own.
         before: a plan of the same with other pins, zones, preferences or branches; what these do not change is taken
             from it.
+        below: J of a plan with the same external joints: where the search is far from it no curve is looked for.
     """
     clock = timings or Timings()
     options = steered(options, toolpath)
@@ -94,6 +96,8 @@ def plan(
 
     scored = _scorer(path, setup, d, scores, options)
     search = _search(path, setup, candidates, scores, options, clock) if options.method == "global" else None
+    if search is not None:
+        search.below = below
     with stage("baselines"):  # and the first choice, which looks at no contacts, beside them
         begin = search.begin if search is not None else lambda: None
         (by_file, by_paper), _ = both(lambda: _yardsticks(before, at_home, d_home, setup, options), begin)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.arrays import Array
 from machopt.plan.stations.path import Path
 
 _ROWS = (  # one entry a planning point
@@ -21,11 +22,14 @@ def rows_of(path: Path, runs: Sequence[int]) -> NDArray[np.intp]:
     return np.concatenate([np.arange(path.runs[k][0], path.runs[k][1] + 1) for k in runs])
 
 
-def part_of(path: Path, runs: Sequence[int], stations: int) -> Path:
+def part_of(path: Path, runs: Sequence[int], stations: int, busy: Array | None = None) -> Path:
     """The path without its other runs, chosen at about so many stations; both ends of each run stay stations.
 
     So do the places that are cut where they are few: of holes, every n-th station may never be one at the bottom.
     Weights and shares are then those within the part.
+
+    Args:
+        busy: (P,) share of the stations that each planning point is to have beside its even one; None: all are even.
     """
     rows = rows_of(path, runs)
     size = [path.runs[k][1] - path.runs[k][0] + 1 for k in runs]
@@ -37,7 +41,7 @@ def part_of(path: Path, runs: Sequence[int], stations: int) -> Path:
     keep = np.unique(
         np.concatenate(
             [
-                _spread(own, stations),
+                _spread(own, stations) if busy is None else _by_share(own, stations, busy[rows[own]]),
                 cuts if len(cuts) <= stations else _spread(cuts, stations // 2),
                 ends - 1,
                 ends - np.array(size),
@@ -59,3 +63,14 @@ def part_of(path: Path, runs: Sequence[int], stations: int) -> Path:
 def _spread(rows: NDArray[np.intp], count: int) -> NDArray[np.intp]:
     """So many of them at most, evenly."""
     return np.asarray(rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), count)).round().astype(int))])
+
+
+def _by_share(rows: NDArray[np.intp], count: int, busy: Array) -> NDArray[np.intp]:
+    """So many of them at most, half of them evenly and half by shares (n,)."""
+    n = len(rows)
+    if n <= count:
+        return rows
+    even = np.arange(n) / (n - 1)
+    much = np.cumsum(busy) / max(float(busy.sum()), 1e-300) if busy.any() else even
+    at = np.interp(np.linspace(0.0, 1.0, count), 0.5 * (even + much), np.arange(n))
+    return np.asarray(rows[np.unique(at.round().astype(int))])
