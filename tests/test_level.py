@@ -4,13 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from small_cell import limits, small_cell
+from small_cell import limits, pose, small_cell
 from test_path import UP, A, C, R, Rows, toolpath
 
+from machopt.domain.cell import Shape
+from machopt.model.collision import CollisionModel
+from machopt.model.robot import load_chain
+from machopt.plan.motion import legmaker
 from machopt.plan.motion.over_cuts import MOST, SAME_SIDE, Level
 from machopt.plan.motion.rapids import UNDER, Blocked, RapidMove, plan_rapid
 
@@ -95,10 +102,6 @@ def rapid(barred: object, *, known_free: bool = False) -> RapidMove | Blocked:
 
 def test_a_move_that_is_barred_goes_around() -> None:
     """Also where it is known to touch nothing; the first way that is not barred is taken."""
-
-    def low_in_the_middle(q: np.ndarray) -> bool:
-        return bool((q[np.abs(q[:, 0]) < 0.1, 1] > np.deg2rad(-85.0)).any())
-
     for known in (False, True):
         move = rapid(low_in_the_middle, known_free=known)
         assert isinstance(move, RapidMove)
@@ -107,7 +110,64 @@ def test_a_move_that_is_barred_goes_around() -> None:
     assert isinstance(rapid(lambda q: False), RapidMove)
 
 
+def low_in_the_middle(q: np.ndarray) -> bool:
+    return bool((q[np.abs(q[:, 0]) < 0.1, 1] > np.deg2rad(-85.0)).any())
+
+
+def test_the_tree_knows_what_is_barred(tmp_path: Path) -> None:
+    """Where no detour is allowed it finds a way over the cuts, with bodies or without: it was told as blocked."""
+    cell = small_cell(tmp_path)
+    wall = Shape(name="wall", kind="box", size=(0.4, 0.02, 0.4), mesh=None, T_parent_shape=pose(1.1, 0.0, 0.2))
+    robot, shapes = load_chain(cell)
+    walled = CollisionModel(replace(cell, obstacles=(wall,)), robot, shapes, 0.0)
+    for collision in (None, walled):
+        move = plan_rapid(
+            HERE,
+            THERE,
+            limits=limits(),
+            scale=0.8,
+            sample=0.012,
+            collision=collision,
+            step=0.02,
+            detours=list,
+            rng=np.random.default_rng(0),
+            barred=low_in_the_middle,
+        )
+        assert isinstance(move, RapidMove)
+        assert move.kind == "sampled"
+        assert not low_in_the_middle(move.q)
+        np.testing.assert_array_equal(move.q[[0, -1]], [HERE, THERE])
+        assert (
+            collision is None
+            or not collision.check_motion(move.waypoints, np.zeros(len(move.waypoints), bool), 0.02).any
+        )
+
+
 def test_where_every_way_is_barred_that_is_the_reason() -> None:
     answer = rapid(lambda q: True)
     assert isinstance(answer, Blocked)
     assert (answer.pair, answer.reason) == (UNDER, "way")
+
+
+def test_moves_from_and_to_home_are_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They went anywhere; only a home that lies under a cut itself lets them."""
+    asked: list[bool] = []
+
+    def rapid(*_: object, barred: object, **__: object) -> Blocked:
+        asked.append(barred is not None)
+        return Blocked(UNDER, HERE, 0.0, "way")
+
+    monkeypatch.setattr(legmaker, "plan_rapid", rapid)
+    maker = cast(Any, object.__new__(legmaker.LegMaker))
+    maker.level, maker.free, maker.rng = Level(toolpath(SLOT), RADIUS), frozenset(), None
+    maker._under = lambda x: bool((x[:, 0] > 1.0).any())
+    setup = SimpleNamespace(driven=SimpleNamespace(limits=limits()), collision=None, per_rad=np.ones(6))
+    maker.plan = SimpleNamespace(setup=setup)
+    maker.options = SimpleNamespace(rapid_scale=0.8, sample=0.012, collision_step=0.02)
+    low, high, point = (
+        legmaker.Place(np.full(6, x), index, 0) for x, index in ((2.0, np.nan), (0.0, np.nan), (2.0, 3.0))
+    )
+    for a, b in ((high, point), (point, high), (point, point), (low, point), (point, low)):
+        maker.rapid(a, b, 0)
+    maker.rapid(replace(low, change=True), point, 0)  # nobody rests at a change of tools
+    assert asked == [True, True, True, False, False, True]

@@ -6,7 +6,6 @@ import io
 import tokenize
 from dataclasses import replace
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 import pytest
@@ -165,13 +164,12 @@ def test_ruckig_stays_offline() -> None:
 
 def test_corners_that_chance_left_are_cut_where_the_line_is_free(monkeypatch: pytest.MonkeyPatch) -> None:
     path, rng = np.random.default_rng(1).normal(size=(9, 6)), np.random.default_rng(2)
-    nobody = cast(CollisionModel, None)
-    monkeypatch.setattr(rapids, "_free", lambda *_: True)
-    np.testing.assert_array_equal(rapids._shortcut(nobody, path, STEP, rng), path[[0, -1]])
-    monkeypatch.setattr(rapids, "_free", lambda *_: False)
-    np.testing.assert_array_equal(rapids._shortcut(nobody, path, STEP, rng), path)
+    nobody = rapids._Space(collision=None, barred=None, step=STEP, measure=np.ones(6))
+    np.testing.assert_array_equal(rapids._shortcut(nobody, path, rng), path[[0, -1]])
+    monkeypatch.setattr(rapids._Space, "free", lambda *_: False)
+    np.testing.assert_array_equal(rapids._shortcut(nobody, path, rng), path)
     # only lines that stay on one side of the middle are free
     side = np.arange(9) >= 4
     at = {row.tobytes(): bool(s) for row, s in zip(path, side, strict=True)}
-    monkeypatch.setattr(rapids, "_free", lambda _, ends, __: at[ends[0].tobytes()] == at[ends[1].tobytes()])
-    np.testing.assert_array_equal(rapids._shortcut(nobody, path, STEP, rng), path[[0, 3, 4, 8]])
+    monkeypatch.setattr(rapids._Space, "free", lambda _, a, b: at[a.tobytes()] == at[b.tobytes()])
+    np.testing.assert_array_equal(rapids._shortcut(nobody, path, rng), path[[0, 3, 4, 8]])

@@ -460,6 +460,33 @@ def test_without_a_mesh_the_cuts_tell_the_level(cell: Cell, table: dict[str, lis
     assert level(motion, path, on, cell) == []  # the mesh tells it
 
 
+def test_moves_from_and_to_home_stay_over_the_cuts(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
+    """They were not held at all; where the tip rests under a cut nothing can be held, which is told."""
+    bare = replace(cell, workpiece=replace(cell.workpiece, geometry=()))
+    write(tmp_path / "trajectory.csv", table)
+    motion, path = read_motion(tmp_path / "trajectory.csv", cell), toolpath()
+    tcp = Arm(cell).tcp_in_workpiece(motion.q, motion.external)
+    on_path, every = np.flatnonzero(np.isfinite(motion.point)), np.arange(len(path), dtype=float)
+
+    def told(row: int, tip: tuple[float, float, float]) -> list[tuple[str, bool | None]]:
+        moved = tcp.copy()
+        moved[row] = tcp[on_path[0]]
+        moved[row, :3, 3] = tip
+        on = ride(motion, path, every, path.position, moved, PlanOptions())
+        return [(c.name, c.passed) for c in level(motion, path, on, bare)]
+
+    last = len(tcp) - 1
+    assert on_path[0] > 1
+    assert on_path[-1] < last - 1
+    for row in (1, on_path[0] - 1, on_path[-1] + 1, last - 1):
+        assert told(int(row), (0.05, 0.0, -0.07)) == [("level of the cuts", False)]
+        assert told(int(row), (0.05, 0.0, 0.03)) == [("level of the cuts", True)]
+        assert told(int(row), (0.05, 0.1, -0.07)) == [("level of the cuts", True)]  # beside it nobody knows
+    for row in (0, last):
+        expected = [("level of the cuts", True), ("level of moves from and to rest", None)]
+        assert told(row, (0.05, 0.0, -0.07)) == expected
+
+
 def test_a_shifted_cut_is_left_from_where_it_ends(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
     """Compensated by 0.6 mm downwards, a path without a mesh failed at the first sample of the way out."""
     bare = replace(cell, workpiece=replace(cell.workpiece, geometry=()))

@@ -117,13 +117,15 @@ def level(
     A path shifted against the deflection is cut at the level where it is ``commanded``, (P,) index and (P, 3) m: a free
     move begins where the shifted cut ends.
 
+    Moves from and to home are held as well, unless the tip rests under a cut there, which is told.
+
     Right above is a place of a cut less than the cutter's radius aside of the tip (of the tip alone without a cutter),
     seen along the cut's axis. The tip may be below one cut where another one near by goes as deep.
     """
     name = "level of the cuts"
     if cell.workpiece.geometry:
         return []
-    rows = np.flatnonzero(ride.free & np.isfinite(motion.point))
+    rows, known = np.flatnonzero(ride.free), np.isfinite(motion.point)
     cuts = 1 + np.flatnonzero(toolpath.cutting[1:])
     if not len(rows) or not len(cuts):
         return [Check(name=name, passed=True, value=0.0, limit=1e3 * BELOW, unit="mm", where="no free move near a cut")]
@@ -140,10 +142,16 @@ def level(
         close = side & (aside <= radius)
         if close.any():
             under[i] = max(0.0, -float(height[close].max()))
-        elif side.any():
+        elif side.any() and known[n]:
             nearest = int(np.argmin(np.where(side, aside, np.inf)))
             wide = side & (aside <= 2.0 * aside[nearest])
             beside[i] = max(0.0, -float(height[wide].max()))
+    every = np.zeros(len(known))
+    every[rows] = under
+    resting = [(n, move) for n, move in _rested(known) if every[n] > BELOW]
+    for _, move in resting:
+        every[move] = 0.0
+    under = every[rows]
     k, m = int(np.argmax(under)), int(np.argmax(beside))
     out = [
         Check(
@@ -164,7 +172,17 @@ def level(
                 "mm",
             )
         )
+    for row, _ in resting[:1]:
+        why = f"the tip rests under a cut at {motion.at(row)}, so that no move from or to there stays over it"
+        out.append(not_run("level of moves from and to rest", why, "mm"))
     return out
+
+
+def _rested(known: NDArray[np.bool_]) -> list[tuple[int, slice]]:
+    """Of the moves from and to rest, the row where the arm rests, and all rows; ``known`` (S,) is on the toolpath."""
+    on = np.flatnonzero(known)
+    first, last = (int(on[0]), int(on[-1])) if len(on) else (len(known), -1)
+    return [(0, slice(0, first))] * (first > 0) + [(len(known) - 1, slice(last + 1, None))] * (last < len(known) - 1)
 
 
 def _along(toolpath: Toolpath, line: tuple[Array, Array], cuts: NDArray[np.intp], step: float) -> tuple[Array, Array]:

@@ -71,7 +71,7 @@ class LegMaker:
             iterations=extensions,
             known_free=way_between(a.x, b.x) in self.free,
             per_rad=self.plan.setup.per_rad,
-            barred=self._under if self.level is not None and np.isfinite([a.index, b.index]).all() else None,
+            barred=self._under if self._held(a, b) else None,
         )
         if isinstance(move, Blocked):
             return _blocked(move, a, b)
@@ -99,6 +99,11 @@ class LegMaker:
             external=x[:, 6:],
             waypoint_external=waypoints[1:, 6:],
         )
+
+    def _held(self, a: Place, b: Place) -> bool:
+        """Whether a rapid move has to stay over the cuts: any but one from or to a home under one of them."""
+        resting = [place.x for place in (a, b) if not np.isfinite(place.index) and not place.change]
+        return self.level is not None and not (resting and self._under(np.array(resting)))
 
     def _under(self, x: Array) -> bool:
         """Whether a rapid move (S, 6 + E) leads through what lies under a cut."""

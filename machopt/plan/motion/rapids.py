@@ -24,6 +24,7 @@ REACH = 0.8  # rad, longest extension of the tree: benchmarks/rapids_ompl.py
 WIDE = np.pi / 3  # rad, how far beyond the two ends the tree looks at first
 ITERATIONS = 400  # extensions of the tree before giving up (a few ms each)
 UNDER = "cutter ~ workpiece (no geometry: under a cut)"  # what bars a move that touches nothing
+LOOKS = 4  # a step between collision checks, at what a way of the tree may be barred by
 SHORTCUTS = 60  # attempts to cut corners of the tree's path
 
 
@@ -103,14 +104,16 @@ def plan_rapid(
                 around = moved(waypoints, "retract")
                 if allowed(around):
                     return around
-    if collision is None or blocked.pair == UNDER:  # the tree knows bodies only
-        return blocked
     measure = np.ones(len(q_from)) if per_rad is None else per_rad
-    path = _connect(collision, direct, limits, step, rng, measure, iterations=iterations)
+    space = _Space(collision=collision, barred=barred, step=step, measure=measure)
+    path = _connect(space, direct, limits, rng, iterations=iterations)
     if path is None:
         return blocked
-    sampled = moved(_shortcut(collision, path, step, rng), "sampled")
-    return sampled if allowed(sampled) else Blocked(UNDER, direct[0], 0.0, "way")
+    for waypoints in (_shortcut(space, path, rng), path):  # between the tree's looks the shorter one may be barred
+        sampled = moved(waypoints, "sampled")
+        if allowed(sampled):
+            return sampled
+    return Blocked(UNDER, direct[0], 0.0, "way")
 
 
 def time_legs(waypoints: Array, limits: JointLimits, scale: float, sample: float) -> Array:
@@ -162,6 +165,25 @@ def _free(collision: CollisionModel, waypoints: Array, step: float) -> bool:
     return not collision.check_motion(waypoints, np.zeros(len(waypoints), bool), step, first_only=True).any
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Space:
+    """Where the tree may grow: free of bodies, and not barred."""
+
+    collision: CollisionModel | None
+    barred: Callable[[Array], bool] | None
+    step: float  # rad
+    measure: Array  # (n,) per rad
+
+    def free(self, a: Array, b: Array) -> bool:
+        """The straight way from one place (n,) to another."""
+        if self.barred is not None:
+            size = float(np.abs((b - a) * self.measure).max())
+            count = max(int(np.ceil(LOOKS * size / self.step)), 1)
+            if self.barred(a + np.linspace(0.0, 1.0, count + 1)[:, None] * (b - a)):
+                return False
+        return self.collision is None or _free(self.collision, np.array([a, b]), self.step)
+
+
 def _blocked(collision: CollisionModel, direct: Array, step: float) -> Blocked | None:
     """Why the straight line is not free; an end that is not free comes first."""
     ends = collision.check(direct, np.zeros(2, bool))
@@ -203,16 +225,10 @@ class _Tree:
 
 
 def _connect(
-    collision: CollisionModel,
-    direct: Array,
-    limits: JointLimits,
-    step: float,
-    rng: np.random.Generator,
-    measure: Array,
-    *,
-    iterations: int,
+    space: _Space, direct: Array, limits: JointLimits, rng: np.random.Generator, *, iterations: int
 ) -> Array | None:
     """(W, n) a free path by two trees growing towards each other, None if they did not meet."""
+    measure = space.measure
     here, there = _Tree([direct[0]], measure), _Tree([direct[1]], measure)
     swapped = False
     low, high = limits.lower[: len(measure)], limits.upper[: len(measure)]
@@ -220,11 +236,11 @@ def _connect(
         wide = WIDE * (1.0 + 4.0 * n / iterations) / measure
         box = np.maximum(low, direct.min(axis=0) - wide), np.minimum(high, direct.max(axis=0) + wide)
         target = box[0] + (box[1] - box[0]) * rng.random(len(measure))
-        new = _extend(collision, here, here.nearest(target), target, step)
+        new = _extend(space, here, here.nearest(target), target)
         if new is not None:
             meet = there.nearest(here.q[new])
             while True:
-                grown = _extend(collision, there, meet, here.q[new], step)
+                grown = _extend(space, there, meet, here.q[new])
                 if grown is None:
                     break
                 meet = grown
@@ -235,28 +251,28 @@ def _connect(
     return None
 
 
-def _extend(collision: CollisionModel, tree: _Tree, near: int, target: Array, step: float) -> int | None:
+def _extend(space: _Space, tree: _Tree, near: int, target: Array) -> int | None:
     """One step of at most REACH from entry ``near`` towards the target; None if it is not free."""
     away = target - tree.q[near]
     far = float(np.abs(away * tree.measure).max())
     q = target if far <= REACH else tree.q[near] + away * (REACH / far)
-    if far < STILL or not _free(collision, np.array([tree.q[near], q]), step):
+    if far < STILL or not space.free(tree.q[near], q):
         return None if far >= STILL else near
     return tree.add(q, near)
 
 
-def _shortcut(collision: CollisionModel, path: Array, step: float, rng: np.random.Generator) -> Array:
+def _shortcut(space: _Space, path: Array, rng: np.random.Generator) -> Array:
     """The path with corners cut where the straight line between two of its points is free."""
     points = list(path)
     for _ in range(SHORTCUTS):
         if len(points) <= 3:
             break
         i, j = sorted(rng.choice(len(points), size=2, replace=False))
-        if j - i >= 2 and _free(collision, np.array([points[i], points[j]]), step):
+        if j - i >= 2 and space.free(points[i], points[j]):
             del points[i + 1 : j]
     k = 0  # what chance left over
     while k + 2 < len(points):
-        if _free(collision, np.array([points[k], points[k + 2]]), step):
+        if space.free(points[k], points[k + 2]):
             del points[k + 1]
         else:
             k += 1
