@@ -21,6 +21,10 @@ _F1, _F2, _F3, _I1, _S1 = "f8[::1]", "f8[:,::1]", "f8[:,:,::1]", "i8[::1]", "i4[
 _FIXED = "Array(float64, 1, 'C', readonly=True)"
 _P = f"{_F2},{_I1},{_F1},{_F1},{_F2},{_F2}"  # convex parts of a body
 _C = f"{_F3},{_F1},f8,{_I1},{_I1},{_I1}"  # triangles by the cells of a grid
+# triangles of bodies, and of what they are held against
+_MESHES = f"{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},{_F2},{_I1},{_I1},{_I1},{_I1}"
+# stations × values × rotations × branches
+_LATTICE = f"{_F2},{_F3},i1[:,:,::1],{_F3},{_F2},i8[:,::1],i8,b1,b1[:,::1],{_F2},{_F1}"
 KERNELS = (  # in the order in which a plan needs them: module, function, types of its arguments
     ("model.chain", "poses", f"{_F2},{_F2},{_F2},{_F2},{_F3}"),
     ("model.boxes", "_divide", f"{_F3},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F1}"),
@@ -38,12 +42,12 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
     (
         "model.triangles",
         "follow",
-        f"{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},{_F2},{_I1},{_I1},{_I1},{_I1},{_I1},{_F3},{_F1},f8[:],{_F1}",
+        f"{_MESHES},{_I1},{_F3},{_F1},f8[:],{_F1}",
     ),
     (
         "model.triangles",
         "_at",
-        f"{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},{_F2},{_I1},{_I1},{_I1},{_I1},{_F2},i8,i8",
+        f"{_MESHES},{_F2},i8,i8",
     ),
     (
         "model.touching",
@@ -89,9 +93,9 @@ MORE = (  # what only some plans need: other arms, arms as they are built, exter
     (
         "plan.best.lattice",
         "reach",
-        f"{_F2},{_F3},i1[:,:,::1],{_F3},{_F2},i8[:,::1],i8,b1,b1[:,::1],{_F2},{_F1},{_F2},f8",
+        f"{_LATTICE},{_F2},f8",
     ),
-    ("plan.best.lattice", "follow", f"{_F2},{_F3},i1[:,:,::1],{_F3},{_F2},i8[:,::1],i8,b1,b1[:,::1],{_F2},{_F1}"),
+    ("plan.best.lattice", "follow", f"{_LATTICE}"),
     ("plan.external.moving_sequence", "walk", f"{_F2},f4[:,:,::1],i8[:,::1],{_F3},i8,i8,b1[::1],{_F1}"),
     ("plan.jointly.interior_point", "indices", f"{_F2},{_F1},{_F2},{_F3}"),
     ("plan.jointly.interior_point", "lengths", f"{_F2},{_I1},{_F2},{_F1}"),

@@ -4,7 +4,7 @@ A run cannot be left to move a rail, so operations that share a run share a valu
 is laid over the ranges of its joints, coarse first and then finer around the best, and each is judged by some stations
 (:mod:`machopt.plan.external.values`), where the best sequence has the mean m, the worst w and motion. c₀, the unit of
 the index, is the median over the candidates of all values. The best few are then planned in full
-(:func:`machopt.plan.pipeline.planned`), with home among them, and the best plan is taken: fewest points lost, then
+(:func:`machopt.plan.pipeline.run.plan`), with home among them, and the best plan is taken: fewest points lost, then
 least J. Joints that may move along the path are first held at such values too, where any reaches all of it; the way of
 :mod:`machopt.plan.external.moving`, of all of them or of some, is planned in full beside them, and never taken where it
 is worse.
@@ -55,6 +55,32 @@ AS_NEAR = 1.5  # times the least estimate: a way of joints that move is planned 
 Key = tuple[float, float]  # points lost and breaks; what it is worth: less is better
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Asked:
+    """What is to be planned."""
+
+    cell: Cell
+    toolpath: Toolpath
+    options: PlanOptions
+    axes: Sequence[ExternalAxis]
+    clock: Timings
+    before: Plan | None  # of the same but for the user's wishes
+    scale: float | None  # c₀ of a plan that this one belongs to
+
+    def planned(self, scale: float | None, setup: Setup | None = None, external: Array | None = None) -> Plan:
+        """In full, the external joints (P, E) standing where they are told to."""
+        return plan(
+            self.cell,
+            self.toolpath,
+            self.options,
+            self.clock,
+            setup=setup,
+            external=external,
+            scale=scale,
+            before=self.before,
+        )
+
+
 def best_plan(
     cell: Cell,
     toolpath: Toolpath,
@@ -67,7 +93,7 @@ def best_plan(
     """Plan one toolpath, the external joints where they serve it best by their modes.
 
     Args:
-        before: a plan of the same but for the user's wishes (:func:`machopt.plan.pipeline.planned`).
+        before: a plan of the same but for the user's wishes (:func:`machopt.plan.pipeline.run.plan`).
         scale: c₀ of a plan that this one belongs to; None: of its own.
 
     Raises:
@@ -76,35 +102,29 @@ def best_plan(
     clock = timings or Timings()
     axes = axes_of(cell, options)
     refuse_strangers(cell, options.steer)
+    asked = _Asked(cell=cell, toolpath=toolpath, options=options, axes=axes, clock=clock, before=before, scale=scale)
     if not cell.external_joints:
-        return plan(cell, toolpath, options, clock, before=before, scale=scale)
-    if options.method != "global" or options.rotation_step >= STEP or _stand_still(cell, toolpath, options, axes):
-        return _refined(cell, toolpath, options, clock, before, axes, scale)
-    coarse = _refined(cell, toolpath, replace(options, rotation_step=STEP), clock, before, axes, scale)
+        return asked.planned(scale)
+    if options.method != "global" or options.rotation_step >= STEP or _stand_still(asked):
+        return _refined(asked)
+    coarse = _refined(replace(asked, options=replace(options, rotation_step=STEP)))
     found = on_another_grid(coarse, toolpath, options.rotation_step, Worth.of(coarse.setup, axes), clock, before)
     if not _lost(found):
         return found
     # Where few rotations are left, a finer grid may find places that the coarse one has not.
-    other = _refined(cell, toolpath, options, clock, before, axes, scale)
+    other = _refined(asked)
     return min(found, other, key=_key_of(found.setup, axes))
 
 
-def _refined(
-    cell: Cell,
-    toolpath: Toolpath,
-    options: PlanOptions,
-    clock: Timings,
-    before: Plan | None,
-    axes: Sequence[ExternalAxis],
-    scale: float | None,
-) -> Plan:
+def _refined(asked: _Asked) -> Plan:
     """The best plan on one grid of rotations."""
-    starts = _coarse_to_fine(cell, toolpath, options, clock, before, axes, scale)
+    toolpath, clock, before = asked.toolpath, asked.clock, asked.before
+    starts = _coarse_to_fine(asked)
     found = starts[0]
-    groups = groups_of(cell, toolpath, found.path, axes, found.options.steer)
+    groups = groups_of(asked.cell, toolpath, found.path, asked.axes, found.options.steer)
     if _locked(groups):
         return found
-    worth, key = Worth.of(found.setup, axes), _key_of(found.setup, axes)
+    worth, key = Worth.of(found.setup, asked.axes), _key_of(found.setup, asked.axes)
     # Where the joints stand is a local best of its own, so that moving is no worse than that.
     still = [replace(g, moving=np.zeros_like(g.moving)) for g in groups]
     best, rivals, every = found, starts[1:], list[Plan]()
@@ -156,9 +176,10 @@ def _leapt(
     return out
 
 
-def _stand_still(cell: Cell, toolpath: Toolpath, options: PlanOptions, axes: Sequence[ExternalAxis]) -> bool:
-    options = steered(options, toolpath)
-    return _locked(groups_of(cell, toolpath, build_path(toolpath, kept(options)), axes, options.steer))
+def _stand_still(asked: _Asked) -> bool:
+    options = steered(asked.options, asked.toolpath)
+    path = build_path(asked.toolpath, kept(options))
+    return _locked(groups_of(asked.cell, asked.toolpath, path, asked.axes, options.steer))
 
 
 def _locked(groups: Sequence[Group]) -> bool:
@@ -170,42 +191,24 @@ def _key_of(setup: Setup, axes: Sequence[ExternalAxis]) -> Callable[[Plan], Key]
     return lambda one: (_lost(one), worth.plan(one))
 
 
-def _coarse_to_fine(
-    cell: Cell,
-    toolpath: Toolpath,
-    options: PlanOptions,
-    clock: Timings,
-    before: Plan | None,
-    axes: Sequence[ExternalAxis],
-    scale: float | None,
-) -> list[Plan]:
+def _coarse_to_fine(asked: _Asked) -> list[Plan]:
     """The best plan over grids of values, and along a curve between them where the joints may move.
 
     Behind it, where they may, the best plan in which they stand, which may be the same.
     """
-    options = steered(options, toolpath)
-    with clock.stage("prepare"):
-        setup = prepare(cell, options) if before is None else before.setup
-        path = build_path(toolpath, kept(options))
-        groups = groups_of(cell, toolpath, path, axes, options.steer)
+    asked = replace(asked, options=steered(asked.options, asked.toolpath))
+    options, before = asked.options, asked.before
+    with asked.clock.stage("prepare"):
+        setup = prepare(asked.cell, options) if before is None else before.setup
+        path = build_path(asked.toolpath, kept(options))
+        groups = groups_of(asked.cell, asked.toolpath, path, asked.axes, options.steer)
     if _locked(groups):
         at = _spread(path, groups, [g.low for g in groups])
-        return [plan(cell, toolpath, options, clock, setup=setup, external=at, before=before, scale=scale)]
-    with clock.stage("external"):
-        search = Values(setup, options, path, groups, axes, scale)
+        return [asked.planned(asked.scale, setup, at)]
+    with asked.clock.stage("external"):
+        search = Values(setup, options, path, groups, asked.axes, asked.scale)
         search.judge()
-    tries = _Tries(
-        cell=cell,
-        toolpath=toolpath,
-        options=options,
-        clock=clock,
-        before=before,
-        setup=setup,
-        path=path,
-        groups=groups,
-        axes=axes,
-        search=search,
-    )
+    tries = _Tries(asked=asked, setup=setup, path=path, groups=groups, search=search)
     moves = any(g.moves.any() for g in groups)
     return tries.moving() if moves else [tries.fixed(TRIED)[1]]
 
@@ -214,28 +217,15 @@ def _coarse_to_fine(
 class _Tries:
     """What is planned in full, and which of it is taken."""
 
-    cell: Cell
-    toolpath: Toolpath
-    options: PlanOptions
-    clock: Timings
-    before: Plan | None
+    asked: _Asked
     setup: Setup
     path: Path
     groups: list[Group]
-    axes: Sequence[ExternalAxis]
     search: Values
 
-    def _planned(self, external: Array, options: PlanOptions) -> tuple[Key, Plan]:
-        found = plan(
-            self.cell,
-            self.toolpath,
-            options,
-            self.clock,
-            setup=self.setup,
-            external=external,
-            scale=self.search.scale,
-            before=self.before,
-        )
+    def _planned(self, external: Array, options: PlanOptions | None = None) -> tuple[Key, Plan]:
+        asked = self.asked if options is None else replace(self.asked, options=options)
+        found = asked.planned(self.search.scale, self.setup, external)
         return (_lost(found), self.search.worth.plan(found)), found
 
     def fixed(self, tried: int) -> tuple[Key, Plan]:
@@ -249,7 +239,7 @@ class _Tries:
             if values is None:
                 break
             seen.append(values)
-            every.append(self._planned(_spread(self.path, groups, values), self.options))
+            every.append(self._planned(_spread(self.path, groups, values)))
             lost = _lost_groups(every[-1][1], groups)
             bad = [n for n in lost if np.ptp([groups[n].low, groups[n].high], axis=0).any()]
             whole += not bad
@@ -261,7 +251,7 @@ class _Tries:
         if not any(np.array_equal(home, values) for values in seen):
             best = min((key for key, _ in every), default=None)
             if best is None or best[0] or search.estimate(home) <= AS_GOOD * search.estimate(seen[0]):
-                every.append(self._planned(_spread(self.path, groups, home), self.options))
+                every.append(self._planned(_spread(self.path, groups, home)))
         return min(every, key=lambda one: one[0])
 
     def moving(self) -> list[Plan]:
@@ -273,11 +263,11 @@ class _Tries:
         search = self.search
         best = None if search.out_of_reach else self.fixed(MOVES_TRIED)
         if best is None:
-            with self.clock.stage("external"):
+            with self.asked.clock.stage("external"):
                 stands = search.chain() or search.at_home()
         else:
             stands = [best[1].path.external[rows_of(self.path, g.runs)[0]] for g in self.groups]
-        ways = fewer(self.groups, stands, self.cell.external_home)
+        ways = fewer(self.groups, stands, self.asked.cell.external_home)
         key, found = self._along(ways, stands)
         if any(not b.pair for b in found.breaks) and (best is None or best[0][0]):
             wound = self._along([*ways, *held(self.groups)], stands, turns=True)
@@ -292,8 +282,8 @@ class _Tries:
         if not key < best[0]:
             return [best[1], *fixed]
         if fixed:  # there is another answer, should this one not be driven
-            with self.clock.stage("external"):
-                timeline = build_timeline(found, self.toolpath)
+            with self.asked.clock.stage("external"):
+                timeline = build_timeline(found, self.asked.toolpath)
             if timeline.trajectory is None:
                 return [best[1], *fixed]
         return [found, *fixed]
@@ -305,9 +295,18 @@ class _Tries:
         it is not taken for breaks that no body is the cause of, which free poses would not mend.
         """
         search = self.search
-        with self.clock.stage("external"):
-            way = moved(self.setup, self.options, self.path, self.groups, self.axes, stands, search.scale, clear=True)
-        return self._planned(way, self.options)
+        with self.asked.clock.stage("external"):
+            way = moved(
+                self.setup,
+                self.asked.options,
+                self.path,
+                self.groups,
+                self.asked.axes,
+                stands,
+                search.scale,
+                clear=True,
+            )
+        return self._planned(way)
 
     def _along(self, tries: list[list[Group]], stands: list[Array], turns: bool = False) -> tuple[Key, Plan]:
         """The best plan with the joints moving where they may, all or some (:func:`machopt.plan.external.along.fewer`).
@@ -318,23 +317,25 @@ class _Tries:
         Ways that are far from the best one by the stations are not looked at further, the others at 15°.
         """
         search = self.search
-        with self.clock.stage("external"):
+        with self.asked.clock.stage("external"):
             ways = [
-                moved(self.setup, self.options, self.path, some, self.axes, stands, search.scale, turns=turns)
+                moved(
+                    self.setup, self.asked.options, self.path, some, self.asked.axes, stands, search.scale, turns=turns
+                )
                 for some in tries
             ]
             if len(ways) > 1:
                 estimates = [search.estimate_along(at) for at in ways]
                 near = AS_NEAR * min(estimates)
                 ways = [at for at, estimate in zip(ways, estimates, strict=True) if estimate <= near]
-        looks = replace(self.options, rotation_step=max(self.options.rotation_step, STEP))
+        looks = replace(self.asked.options, rotation_step=max(self.asked.options.rotation_step, STEP))
         if len(ways) > 1:
             looked = [self._planned(at, looks) for at in ways]
             k = min(range(len(ways)), key=lambda k: looked[k][0])
-            if looks.rotation_step == self.options.rotation_step:
+            if looks.rotation_step == self.asked.options.rotation_step:
                 return looked[k]
             ways = [ways[k]]
-        return self._planned(ways[0], self.options)
+        return self._planned(ways[0])
 
 
 def _lost_groups(found: Plan, groups: Sequence[Group]) -> list[int]:

@@ -53,7 +53,7 @@ def refined(
     Whether what comes out can be driven is for :func:`driven` to say.
 
     Args:
-        before: as for :func:`machopt.plan.pipeline.planned`.
+        before: as for :func:`machopt.plan.pipeline.run.plan`.
         below: what is not worth less than that after the passes is not planned in full.
         trust: rad, region of trust of the refinement's steps at first and at most.
         start: what to begin from in place of the plan.
