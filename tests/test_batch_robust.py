@@ -21,6 +21,7 @@ from batch_stub import CELL, contents, folder_of, request_for, times_run
 import machopt
 from machopt.batch import engine, store, supervise, task
 from machopt.batch.key import Keys, Ready, shipped
+from machopt.batch.messages import Begun
 from machopt.batch.run import run_batch
 from machopt.batch.supervise import Server, Spec
 from machopt.errors import InputError, MachoptError
@@ -111,7 +112,7 @@ def test_a_server_that_has_gone_says_so_however_often_it_is_asked(tmp_path: Path
     try:
         assert server.run(spec_of(tmp_path, "sleep 0"), str(tmp_path / "work")).how == "ended"
         server._process.send_signal(signal.SIGKILL)  # not reaped: nobody asked the system yet
-        assert [server._answer(60.0) for _ in range(3)] == [None] * 3
+        assert [server._answer(Begun, 60.0) for _ in range(3)] == [None] * 3
         assert not server.alive
     finally:
         server.close()

@@ -70,8 +70,8 @@ def test_a_plan_that_cannot_be_is_told_and_the_old_one_stays(tmp_path: Path) -> 
     old = session.now
     act = Acting(session).act
     found = act("plan", {"steer": [{"points": [5, 5], "branch": 0}, {"points": [9, 9], "branch": 7}]}, quiet)
-    assert not found["shown"]
-    assert "branch 0 at point 5" in found["told"] or "branch 7 at point 9" in found["told"]
+    assert not found.shown
+    assert "branch 0 at point 5" in found.told or "branch 7 at point 9" in found.told
     assert session.now is old
     for wishes, part in (
         ({"fixed": [{"point": 99, "gamma_deg": 0}]}, "points 0 to 15"),
@@ -81,8 +81,8 @@ def test_a_plan_that_cannot_be_is_told_and_the_old_one_stays(tmp_path: Path) -> 
         ({"steer": [{"gamma_deg": "x"}]}, "expected a number"),
     ):
         found = act("plan", wishes, quiet)
-        assert part in found["told"]
-        assert not found["good"]
+        assert part in found.told
+        assert not found.good
     assert session.now is old
 
 

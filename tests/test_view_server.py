@@ -11,11 +11,14 @@ from typing import Any
 
 import pytest
 
+from machopt.domain.results.view import ViewAnswer
 from machopt.view.server import HOST, MOST, Server
+
+DONE = ViewAnswer(told="", good=True)
 
 
 @contextmanager
-def served(act: Callable[..., dict[str, Any]], page: Callable[[], str] = lambda: "<p>page</p>") -> Iterator[Server]:
+def served(act: Callable[..., ViewAnswer], page: Callable[[], str] = lambda: "<p>page</p>") -> Iterator[Server]:
     server = Server(page, act, ("plan",))
     try:
         yield server
@@ -39,7 +42,7 @@ def ask(
 
 
 def test_the_page_is_there_for_who_has_the_token() -> None:
-    with served(lambda *_: {}) as server:
+    with served(lambda *_: DONE) as server:
         assert server.url == f"http://127.0.0.1:{server.port}/{server.token}/"
         assert len(server.token) >= 24  # 18 random bytes
         status, text, headers = ask(server, "GET", "")
@@ -52,7 +55,7 @@ def test_the_page_is_there_for_who_has_the_token() -> None:
 
 @pytest.mark.parametrize("path", ["/", "/progress", "/x/", "/favicon.ico", "/../etc/passwd", "//"])
 def test_nothing_is_there_without_the_token(path: str) -> None:
-    with served(lambda *_: {}) as server:
+    with served(lambda *_: DONE) as server:
         for method in ("GET", "POST"):
             status, text, _ = ask(server, method, path, "{}", Content_Type="application/json")
             assert status == 403
@@ -62,7 +65,7 @@ def test_nothing_is_there_without_the_token(path: str) -> None:
 
 def test_other_hosts_and_pages_of_others_are_refused() -> None:
     """A name that leads to 127.0.0.1 brings a page of others here, with its own name as host (DNS rebinding)."""
-    with served(lambda *_: {}) as server:
+    with served(lambda *_: DONE) as server:
         for host in ("evil.example", f"evil.example:{server.port}", "127.0.0.1", f"127.0.0.1:{server.port + 1}", ""):
             assert ask(server, "GET", "", Host=host)[0] == 403
         assert ask(server, "GET", "", Host=f"localhost:{server.port}")[0] == 200
@@ -72,7 +75,7 @@ def test_other_hosts_and_pages_of_others_are_refused() -> None:
 
 
 def test_what_is_no_request_of_the_page_is_refused() -> None:
-    with served(lambda *_: {}) as server:
+    with served(lambda *_: DONE) as server:
         json_ = "application/json"
         assert ask(server, "POST", "plan", "{}", Content_Type="text/plain")[0] == 415
         assert ask(server, "POST", "plan", "[1]", Content_Type=json_)[0] == 400
@@ -88,12 +91,12 @@ def test_what_is_asked_is_done_by_the_one_who_works() -> None:
     pages = iter(["first", "second", "third"])
     doers: list[int] = []
 
-    def act(what: str, body: dict[str, Any], progress: Callable[[str], None]) -> dict[str, Any]:
+    def act(what: str, body: dict[str, Any], progress: Callable[[str], None]) -> ViewAnswer:
         doers.append(threading.get_ident())
         progress("smooth")
-        seen.append(server.progress["stage"])
+        seen.append(server.progress.stage)
         busy.append(ask(server, "POST", "plan", "{}", Content_Type="application/json")[0])
-        return {"told": f"{what} {body['x']}", "shown": True}
+        return ViewAnswer(told=f"{what} {body['x']}", good=True, shown=True)
 
     seen: list[str] = []
     busy: list[int] = []
@@ -106,14 +109,14 @@ def test_what_is_asked_is_done_by_the_one_who_works() -> None:
         server.work_once(server.next())
         page.join()
         assert found[0][0] == 200
-        assert json.loads(found[0][1]) == {"told": "plan 3", "shown": True}
+        assert json.loads(found[0][1]) == {"told": "plan 3", "good": True, "shown": True}
         assert (doers, seen, busy) == ([threading.get_ident()], ["smooth"], [409])
         assert ask(server, "GET", "")[1] == "second"
-        assert server.progress["stage"] == ""
+        assert server.progress.stage == ""
 
 
 def test_who_waits_is_let_go_at_the_end() -> None:
-    with served(lambda *_: {}) as server:
+    with served(lambda *_: DONE) as server:
         found: list[int] = []
         page = threading.Thread(
             target=lambda: found.append(ask(server, "POST", "plan", "{}", Content_Type="application/json")[0])

@@ -128,7 +128,7 @@ class Engine:
         for _ in specs:
             future = self._next(ends)
             if future.status == "finished":
-                ended = Ended(**future.result())
+                ended = Ended.of(future.result())
             elif future.status == "error":
                 ended = Ended(how="server", folder="", text=_words(future.exception()))
             else:

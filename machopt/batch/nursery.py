@@ -25,6 +25,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from machopt.batch.messages import Begun, Over, Ready
+from machopt.domain.results.base import Part
+from machopt.domain.results.batch import JobFailure
+
 IDLE = 300.0  # s without a job, then the server ends by itself
 OUTCOME = "outcome.json"
 LOG = "log.txt"
@@ -40,7 +44,7 @@ def main(argv: list[str]) -> int:
     with tempfile.TemporaryDirectory(prefix="machopt-warm-") as folder:
         if hasattr(entry, "warm"):
             entry.warm(Path(folder))
-    _tell(channel, {"ready": True})
+    _tell(channel, Ready(ready=True))
     lines = _Lines()
     while (line := lines.next(IDLE)) is not None:
         if line == b"kill":
@@ -72,8 +76,8 @@ class _Lines:
         return line
 
 
-def _tell(channel: int, message: dict[str, Any]) -> None:
-    os.write(channel, json.dumps(message).encode() + b"\n")
+def _tell(channel: int, message: Part) -> None:
+    os.write(channel, json.dumps(message.plain()).encode() + b"\n")
 
 
 def _forked(entry: ModuleType, job: dict[str, Any], channel: int, lines: _Lines) -> bool:
@@ -86,7 +90,7 @@ def _forked(entry: ModuleType, job: dict[str, Any], channel: int, lines: _Lines)
         _end_with(parent)
         os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
         _do(entry, job)
-    _tell(channel, {"pid": pid})
+    _tell(channel, Begun(pid=pid))
     ended = os.pidfd_open(pid)
     asked = True
     while asked:
@@ -99,12 +103,12 @@ def _forked(entry: ModuleType, job: dict[str, Any], channel: int, lines: _Lines)
     _kill_group(pid)  # what it may have left behind
     _, status, usage = os.wait4(pid, 0)
     if asked:
-        _tell(channel, {"status": status, "peak_KiB": usage.ru_maxrss, "cpu_s": usage.ru_utime + usage.ru_stime})
+        _tell(channel, Over(status=status, peak_KiB=usage.ru_maxrss, cpu_s=usage.ru_utime + usage.ru_stime))
     return asked
 
 
 def _once(entry: ModuleType, job: dict[str, Any], channel: int) -> None:
-    _tell(channel, {"pid": os.getpid()})
+    _tell(channel, Begun(pid=os.getpid()))
 
     def watch() -> None:
         while os.read(0, 65536):
@@ -132,7 +136,7 @@ def _do(entry: ModuleType, job: dict[str, Any]) -> None:
         if error is not None:
             with contextlib.suppress(OSError, MemoryError):
                 traceback.print_exception(error)
-                _write(folder, {"error": type(error).__name__, "text": str(error)})
+                _write(folder, JobFailure(error=type(error).__name__, text=str(error)).plain())
         with contextlib.suppress(OSError):
             sys.stdout.flush()
             sys.stderr.flush()

@@ -9,19 +9,19 @@ import uuid
 from collections.abc import Callable, Collection, Generator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from machopt.batch.compare import Comparison, compare
 from machopt.batch.engine import Engine, check_installed, machine_memory
 from machopt.batch.find import Job, find_jobs
 from machopt.batch.key import Keys, Ready, Refused, program_version, sha256
 from machopt.batch.line import Line
+from machopt.batch.messages import JobAsked
 from machopt.batch.request import BatchOutcome, BatchRequest, Progress
 from machopt.batch.store import LOCK, MAIN, SUMMARY, TIMINGS, Store, is_batch, open_store
 from machopt.batch.summary import exit_code_of, result_of, write_summary
 from machopt.batch.supervise import Ended, Spec, log_tail, signal_name
 from machopt.domain.manifest import Manifest, ManifestFile
-from machopt.domain.results.batch import BatchRecord, BatchResult, BatchRow
+from machopt.domain.results.batch import BatchRecord, BatchResult, BatchRow, JobFailure, JobTiming
 from machopt.effects.own import in_use, with_effects
 from machopt.errors import InputError
 from machopt.formats.parquet import refuse_without_pyarrow
@@ -196,25 +196,25 @@ def _ends(
 
 def _spec(plan: Ready, request: BatchRequest, store: Store, memory: int | None) -> Spec:
     job = plan.job
-    fields = {
-        "cell": str(job.cell),
-        "toolpath": str(job.toolpath),
-        "plan_file": None if request.plan_file is None else str(request.plan_file.resolve()),
-        "overrides": list(request.overrides),
-        "direct": job.options,
-        "reading": job.reading,
-        "allow_external": request.allow_external,
-        "posts": [str(p) for p in job.posts],
-        "effects": [str(f.resolve()) for f in request.effects],
-        **{k: str(v) if isinstance(v, Path) else v for k, v in request.extra.items()},
-    }
+    asked = JobAsked(
+        cell=str(job.cell),
+        toolpath=str(job.toolpath),
+        plan_file=None if request.plan_file is None else str(request.plan_file.resolve()),
+        overrides=request.overrides,
+        direct=job.options,
+        reading=job.reading,
+        allow_external=request.allow_external,
+        posts=tuple(map(str, job.posts)),
+        effects=tuple(str(f.resolve()) for f in request.effects),
+        **request.extra,
+    )
     return Spec(
         label=job.label,
         key=plan.key,
         batch=store.work.name,
         work=str(store.work),
         entry=request.entry,
-        job={"request": fields},
+        job={"request": asked.plain()},
         time_limit=job.time_limit or request.time_limit,
         memory_limit=job.memory_limit or memory,
     )
@@ -223,19 +223,17 @@ def _spec(plan: Ready, request: BatchRequest, store: Store, memory: int | None) 
 def _record(ready: Ready, ended: Ended, request: BatchRequest) -> BatchRecord:
     """What is kept of a job: nothing in it differs between two runs of the same job."""
     state, row = _state(ready, ended, request)
-    return BatchRecord(
-        machopt_batch_job=1, job=ready.job.label, key=ready.key, state=state, row=BatchRow.model_validate(row)
-    )
+    return BatchRecord(machopt_batch_job=1, job=ready.job.label, key=ready.key, state=state, row=row)
 
 
-def _state(ready: Ready, ended: Ended, request: BatchRequest) -> tuple[str, dict[str, Any]]:
+def _state(ready: Ready, ended: Ended, request: BatchRequest) -> tuple[str, BatchRow]:
     """The word for how it ended, and its row of the summary."""
-    if ended.how == "ended" and ended.outcome is not None:
+    if ended.how == "ended" and isinstance(ended.outcome, BatchRow):
         changed = [f for f, sha in ready.inputs.items() if not _still(Path(f), sha)]
         if changed:
             return "crashed", _trouble(1, "inputs changed", f"{changed[0]} was changed while the job ran")
-        code = ended.outcome["exit_code"]
-        return {0: "done", 2: "refused", 3: "infeasible", 4: "verification failed"}.get(code, "crashed"), ended.outcome
+        states = {0: "done", 2: "refused", 3: "infeasible", 4: "verification failed"}
+        return states.get(ended.outcome.exit_code, "crashed"), ended.outcome
     if ended.how == "time":
         limit = ready.job.time_limit or request.time_limit
         return "over time", _trouble(3, "over time", f"was not finished after its time limit of {limit:g} s")
@@ -250,8 +248,8 @@ def _crash(ended: Ended) -> str:
     """Why a process died, in words."""
     if ended.how == "server":
         return f"its process could not be started or was killed from outside{f': {ended.text}' if ended.text else ''}"
-    if ended.outcome is not None and "error" in ended.outcome:
-        return f"internal error: {ended.outcome['error']}: {ended.outcome['text']} (log.txt shows where)"
+    if isinstance(ended.outcome, JobFailure):
+        return f"internal error: {ended.outcome.error}: {ended.outcome.text} (log.txt shows where)"
     if ended.code is not None and ended.code < 0:
         name = signal_name(-ended.code)
         more = ", from outside or because the machine had no memory left" if name == "SIGKILL" else ""
@@ -259,8 +257,8 @@ def _crash(ended: Ended) -> str:
     return f"ended by itself with code {ended.code} and no result: {log_tail(Path(ended.folder))}".removesuffix(": ")
 
 
-def _trouble(exit_code: int, verdict: str, reason: str) -> dict[str, Any]:
-    return {"exit_code": exit_code, "verdict": verdict, "reason": reason}
+def _trouble(exit_code: int, verdict: str, reason: str) -> BatchRow:
+    return BatchRow(exit_code=exit_code, verdict=verdict, reason=reason)
 
 
 def _still(file: Path, sha: str) -> bool:
@@ -270,13 +268,13 @@ def _still(file: Path, sha: str) -> bool:
         return False
 
 
-def _timing(ended: Ended) -> dict[str, Any]:
-    return {
-        "wall_s": round(ended.wall, 3),
-        "cpu_s": round(ended.cpu, 3),
-        "peak_MiB": round(ended.peak / _MIB),
-        "worker": ended.worker,
-    }
+def _timing(ended: Ended) -> JobTiming:
+    return JobTiming(
+        wall_s=round(ended.wall, 3),
+        cpu_s=round(ended.cpu, 3),
+        peak_MiB=round(ended.peak / _MIB),
+        worker=ended.worker,
+    )
 
 
 def _lines(store: Store, plans: Sequence[Ready | Refused], again: Collection[str] = ()) -> list[Line]:
@@ -285,7 +283,8 @@ def _lines(store: Store, plans: Sequence[Ready | Refused], again: Collection[str
     for plan in plans:
         job = plan.job
         if isinstance(plan, Refused):
-            out.append(Line(job=job, key="", cell_name="", state="refused", row=_trouble(2, "refused", plan.reason)))
+            row = _trouble(2, "refused", plan.reason).plain()
+            out.append(Line(job=job, key="", cell_name="", state="refused", row=row))
             continue
         record = None if job.label in again else store.finished(job.label, plan.key)
         if record is None:

@@ -9,21 +9,19 @@ batch ran through or was killed and resumed.
 from __future__ import annotations
 
 import contextlib
-import json
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 from machopt.batch.nursery import LOG
 from machopt.batch.supervise import Ended, attempts
 from machopt.batch.task import DISK
 from machopt.domain.manifest import Manifest
-from machopt.domain.results.batch import BatchRecord, BatchResult
+from machopt.domain.results.batch import BatchRecord, BatchResult, BatchRow, JobTiming
 from machopt.errors import InputError
 from machopt.formats.parquet import write_beside
-from machopt.output import MANIFEST, read_manifest, read_result, write_json, write_manifest, write_result
+from machopt.output import MANIFEST, read_manifest, read_result, write_manifest, write_result
 from machopt.output.jsonfile import read_json
 from machopt.output.lock import locked
 from machopt.output.manifest import differences
@@ -80,7 +78,7 @@ class Store:
             except (OSError, InputError):
                 continue  # no record of ours: the job is done again and its folder replaced
 
-    def commit(self, label: str, made: Path | None, record: BatchRecord, timing: dict[str, Any]) -> None:
+    def commit(self, label: str, made: Path | None, record: BatchRecord, timing: JobTiming) -> None:
         """Put a finished job into the folder by one rename: its result, if it made one, with record and timing.
 
         Args:
@@ -96,7 +94,7 @@ class Store:
         if made is not None and record.state in ("crashed", "over time", "over memory"):
             with contextlib.suppress(FileNotFoundError):
                 shutil.copyfile(made / LOG, ready / LOG)
-        write_json(ready / TIMING, timing)
+        write_result(ready / TIMING, timing)
         write_result(ready / RECORD, record)
         _list_in_manifest(ready)
         sync_tree(ready)
@@ -110,13 +108,12 @@ class Store:
         ended = [found for work in sorted(self.work.parent.iterdir()) for found in attempts(work)]
         return [found for found in ended if not _taken(found[2])]
 
-    def timing(self, label: str) -> dict[str, Any]:
-        """What a finished job took."""
+    def timing(self, label: str) -> JobTiming | None:
+        """What a finished job took; None where nothing says it."""
         try:
-            found = json.loads((self.jobs / label / TIMING).read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            return {}
-        return found if isinstance(found, dict) else {}
+            return read_result(self.jobs / label / TIMING, JobTiming)
+        except (OSError, InputError):
+            return None
 
     def write(self, name: str, text: str) -> None:
         """Replace a file of the summary in one step."""
@@ -169,7 +166,7 @@ class Store:
 
 def _taken(ended: Ended) -> bool:
     """The result of a job that is done is not where it was made: it has been put away, whatever became of it then."""
-    done = ended.outcome is not None and ended.outcome.get("exit_code") == 0
+    done = isinstance(ended.outcome, BatchRow) and ended.outcome.exit_code == 0
     return done and not (Path(ended.folder) / "out").is_dir()
 
 

@@ -125,7 +125,8 @@ def _line(rank: int, line: Line) -> BatchLine:
 
 def write_summary(store: Store, lines: Sequence[Line], result: BatchResult, compared: Comparison | None) -> None:
     """Write batch.json, summary.csv, summary.html, timings.csv, timings.js and, where asked for, compare.csv."""
-    times = [{"job": line.job.label, **store.timing(line.job.label)} for line in ranked(lines) if line.folder]
+    known = {line.job.label: store.timing(line.job.label) for line in ranked(lines) if line.folder}
+    times = [{"job": label, **({} if took is None else took.plain())} for label, took in known.items()]
     store.write("summary.csv", _csv(COLUMNS, [_cells(rank, line) for rank, line in enumerate(ranked(lines), 1)]))
     store.write("timings.csv", _csv(("job", *_TIMES), times))
     store.write("timings.js", f"const TIMINGS = {json.dumps({t['job']: t.get('wall_s') for t in times})};\n")

@@ -16,12 +16,17 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
+from machopt.batch.messages import Begun, Over, Ready
 from machopt.batch.nursery import LOG, OUTCOME
+from machopt.domain.results.base import Part
+from machopt.domain.results.batch import BatchRow, JobFailure
+
+T = TypeVar("T", bound=Part)
 
 How = Literal["ended", "crashed", "time", "memory", "server", "stopped"]
 
@@ -57,29 +62,38 @@ class Ended:
     how: How
     folder: str  # what it wrote: out/, outcome.json, log.txt
     code: int | None = None  # exit code, negative: the signal that killed it
-    outcome: dict[str, Any] | None = None
+    outcome: BatchRow | JobFailure | None = None  # None: it left none
     text: str = ""  # where the server itself failed: its last words
     wall: float = 0.0  # s
     cpu: float = 0.0  # s
     peak: int = 0  # bytes
     worker: str = ""
 
+    def plain(self) -> dict[str, Any]:
+        """In JSON's own types; :meth:`of` reads it."""
+        return {**vars(self), "outcome": None if self.outcome is None else self.outcome.plain()}
+
+    @classmethod
+    def of(cls, plain: Mapping[str, Any]) -> Ended:
+        """From :meth:`plain`."""
+        return cls(**{**plain, "outcome": _outcome_of(plain["outcome"])})
+
 
 def supervise(spec: Spec) -> dict[str, Any]:
-    """Run one job to its end; returns an :class:`Ended` as a dictionary.
+    """Run one job to its end; returns an :class:`Ended` in plain types.
 
     The end is written beside what the job wrote before anyone is told, so a job whose worker or driver is killed
     before the result was put away is still done.
     """
     for _, key, earlier in attempts(Path(spec.work), spec.label):
         if key == spec.key:
-            return asdict(earlier)
+            return earlier.plain()
     ended = _one(spec)
     if ended.how == "server":  # the server was killed from outside, or there was no memory for it: once more
         ended = _one(spec)
     if ended.how not in ("server", "stopped"):
         _keep(spec, ended)
-    return asdict(ended)
+    return ended.plain()
 
 
 def attempts(work: Path, label: str = "*") -> Iterator[tuple[str, str, Ended]]:
@@ -89,13 +103,13 @@ def attempts(work: Path, label: str = "*") -> Iterator[tuple[str, str, Ended]]:
             found = json.loads(file.read_text(encoding="utf-8"))
         except (OSError, ValueError):
             continue  # being put away right now
-        yield found["label"], found["key"], Ended(**{**found["ended"], "folder": str(file.parent)})
+        yield found["label"], found["key"], Ended.of({**found["ended"], "folder": str(file.parent)})
 
 
 def _keep(spec: Spec, ended: Ended) -> None:
     """Write the end of a job in one step."""
     folder = Path(ended.folder)
-    text = json.dumps({"label": spec.label, "key": spec.key, "ended": asdict(ended)})
+    text = json.dumps({"label": spec.label, "key": spec.key, "ended": ended.plain()})
     (folder / f"{ENDED}.new").write_text(text, encoding="utf-8")
     (folder / f"{ENDED}.new").rename(folder / ENDED)
 
@@ -174,20 +188,20 @@ class Server:
             return Ended(how="server", folder=folder, text=self._last_words())
         if not self._send(json.dumps({"job": spec.job, "folder": folder})):
             return Ended(how="server", folder=folder, text=self._last_words())
-        started = self._answer(WARM_LIMIT)
+        started = self._answer(Begun, WARM_LIMIT)
         if started is None:
             return Ended(how="server", folder=folder, text=self._last_words())
         begin = time.monotonic()
-        broken, status, peak = self._watch(spec, int(started["pid"]), begin)
+        broken, status, peak = self._watch(spec, started.pid, begin)
         wall = time.monotonic() - begin
         if status is None:
             return Ended(
                 how=broken or "server", folder=folder, text=self._last_words(), wall=wall, peak=peak, worker=_here()
             )
-        code = os.waitstatus_to_exitcode(status["status"]) if self._forks else status["status"]
+        code = os.waitstatus_to_exitcode(status.status) if self._forks else status.status
         outcome = _outcome(Path(folder))
         how: How = broken or ("ended" if code == 0 and outcome is not None else "crashed")
-        peak = max(peak, 1024 * int(status.get("peak_KiB", 0)))
+        peak = max(peak, 1024 * status.peak_KiB)
         return Ended(
             how=how,
             folder=folder,
@@ -195,7 +209,7 @@ class Server:
             outcome=outcome,
             text="",
             wall=wall,
-            cpu=float(status.get("cpu_s", 0.0)),
+            cpu=float(status.cpu_s),
             peak=peak,
             worker=_here(),
         )
@@ -214,7 +228,7 @@ class Server:
         self._process.stdout.close()  # type: ignore[union-attr]
         self._words.close()
 
-    def _watch(self, spec: Spec, pid: int, begin: float) -> tuple[How | None, dict[str, Any] | None, int]:
+    def _watch(self, spec: Spec, pid: int, begin: float) -> tuple[How | None, Over | None, int]:
         """Wait for the end; returns the limit that was broken, the end as told, and the largest memory seen."""
         broken: How | None = None
         peak = looks = 0
@@ -223,9 +237,10 @@ class Server:
         while True:
             with contextlib.suppress(queue.Empty):
                 told = self._answers.get(timeout=LOOK)
-                if told is None and not self._forks:  # it was the job itself
-                    told = {"status": self._process.wait()}
-                return broken, told, peak
+                if told is not None:
+                    return broken, Over.model_validate(told), peak
+                # without forks it was the job itself
+                return broken, None if self._forks else Over(status=self._process.wait()), peak
             if broken is not None:  # killed already, unless the server itself is stopped or lost
                 if self._forks and time.monotonic() - told_at > GRACE:
                     self._process.kill()
@@ -252,13 +267,13 @@ class Server:
         _kill_all(_family(pid))
 
     def _wait_ready(self) -> bool:
-        self._ready = self._answer(WARM_LIMIT) is not None
+        self._ready = self._answer(Ready, WARM_LIMIT) is not None
         if not self._ready:
             self._process.kill()
             self._process.wait()
         return self._ready
 
-    def _answer(self, timeout: float) -> dict[str, Any] | None:
+    def _answer(self, kind: type[T], timeout: float) -> T | None:
         """The next answer; None where none comes in time, or ever."""
         try:
             told = self._answers.get(timeout=timeout)
@@ -266,7 +281,8 @@ class Server:
             return None
         if told is None:
             self._answers.put(None)  # whoever asks next must not wait either
-        return told
+            return None
+        return kind.model_validate(told)
 
     def _send(self, line: str) -> bool:
         try:
@@ -291,12 +307,18 @@ class Server:
         return ""
 
 
-def _outcome(folder: Path) -> dict[str, Any] | None:
+def _outcome(folder: Path) -> BatchRow | JobFailure | None:
     try:
-        found = json.loads((folder / OUTCOME).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        return _outcome_of(json.loads((folder / OUTCOME).read_text(encoding="utf-8")))
+    except (OSError, ValueError):  # the latter of what is no JSON, or not what a job leaves
         return None
-    return found if isinstance(found, dict) else None
+
+
+def _outcome_of(plain: Any) -> BatchRow | JobFailure | None:
+    if plain is None:
+        return None
+    kind = JobFailure if "error" in plain else BatchRow
+    return kind.model_validate(plain)
 
 
 def log_tail(folder: Path, lines: int = 1) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from machopt.batch.messages import JobAsked
 from machopt.domain.results.batch import BatchRow
 from machopt.domain.results.optimize import OptimizeResult
 from machopt.errors import MachoptError
@@ -20,26 +21,28 @@ def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
     """Do one job.
 
     Args:
-        job: ``request``, the fields of :class:`machopt.services.load.OptimizeRequest` with paths as text.
+        job: ``request``, a :class:`machopt.batch.messages.JobAsked`.
         out: the job's result folder, written whole or not at all.
 
     Returns:
-        ``exit_code``, ``verdict``, ``reason`` and the numbers of the summary; no folder where the input is refused.
+        a :class:`machopt.domain.results.batch.BatchRow`; there is no folder where the input is refused.
     """
     from machopt.services.load import OptimizeRequest
     from machopt.services.run import optimize
 
-    fields = dict(job["request"])
-    for name in ("cell", "toolpath", "plan_file"):
-        fields[name] = Path(fields[name]) if fields[name] is not None else None
-    fields |= {name: tuple(fields.get(name, ())) for name in ("overrides", "posts")}
-    fields["effects"] = tuple(map(Path, fields.get("effects", ())))
+    asked = JobAsked.model_validate(job["request"])
+    paths = {
+        "cell": Path(asked.cell),
+        "toolpath": Path(asked.toolpath),
+        "plan_file": None if asked.plan_file is None else Path(asked.plan_file),
+        "effects": tuple(map(Path, asked.effects)),
+    }
     try:
-        outcome = optimize(OptimizeRequest(out=out, **fields))
+        outcome = optimize(OptimizeRequest(out=out, **{**vars(asked), **paths}))
     except MachoptError as problem:
         if _of_the_disk(problem):  # nothing to do with the job: to be tried again
-            return {"exit_code": 1, "verdict": NOT_WRITTEN, "reason": str(problem)}
-        return {"exit_code": problem.exit_code, "verdict": "refused", "reason": str(problem)}
+            return BatchRow(exit_code=1, verdict=NOT_WRITTEN, reason=str(problem)).plain()
+        return BatchRow(exit_code=problem.exit_code, verdict="refused", reason=str(problem)).plain()
     return row(outcome.result).plain()
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from machopt.domain.results.view import ViewAnswer
 from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options, options_as_user
@@ -64,21 +65,21 @@ class Acting:
 
     session: Session
 
-    def act(self, what: str, body: dict[str, Any], progress: Callable[[str], None]) -> dict[str, Any]:
+    def act(self, what: str, body: dict[str, Any], progress: Callable[[str], None]) -> ViewAnswer:
         """One action; a mistake of the user's is an answer."""
         try:
             if what == "plan":
                 told, shown = self.session.replan(body, progress)
-                return {"told": told, "good": shown, "shown": shown}
+                return ViewAnswer(told=told, good=shown, shown=shown)
             if what == "back":
                 self.session.back()
-                return {"told": self.session.told, "good": self.session.good, "shown": True}
+                return ViewAnswer(told=self.session.told, good=self.session.good, shown=True)
             if what == "verify":
                 return self.session.verified(progress)
             command = self.session.save()
-            return {"told": f"Saved {self.session.file}: {command}", "good": True, "saved": True}
+            return ViewAnswer(told=f"Saved {self.session.file}: {command}", good=True, saved=True)
         except InputError as problem:
-            return {"told": problem.reason, "good": False, "shown": False}
+            return ViewAnswer(told=problem.reason, good=False, shown=False)
 
 
 def _found(out: Path, say: Callable[[str], None]) -> list[Path]:
@@ -105,7 +106,7 @@ def _report(out: Path, port: int) -> Server:
 
 
 def _fixed(text: str, port: int) -> Server:
-    return Server(lambda: text, lambda *_: {}, (), port)
+    return Server(lambda: text, lambda *_: ViewAnswer(told="", good=False), (), port)
 
 
 def _request(asked: Asked, out: Path | None, cell: Path, toolpath: Path) -> OptimizeRequest:

@@ -21,6 +21,9 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
+from machopt.domain.results.base import Part
+from machopt.domain.results.view import ViewAnswer, ViewProgress
+
 HOST = "127.0.0.1"
 MOST = 1_000_000  # bytes of a request
 POLICY = (
@@ -35,7 +38,7 @@ class Asked:
 
     what: str
     body: dict[str, Any]
-    answer: dict[str, Any] | None = None
+    answer: ViewAnswer | None = None
     done: threading.Event = field(default_factory=threading.Event)
 
 
@@ -45,7 +48,7 @@ class Server:
     def __init__(
         self,
         page: Callable[[], str],
-        act: Callable[[str, dict[str, Any], Callable[[str], None]], dict[str, Any]],
+        act: Callable[[str, dict[str, Any], Callable[[str], None]], ViewAnswer],
         actions: tuple[str, ...],
         port: int = 0,
     ) -> None:
@@ -89,9 +92,9 @@ class Server:
         return self._html
 
     @property
-    def progress(self) -> dict[str, Any]:
+    def progress(self) -> ViewProgress:
         """What is being done."""
-        return {"stage": self._stage, "seconds": time.monotonic() - self._since if self._stage else 0.0}
+        return ViewProgress(stage=self._stage, seconds=time.monotonic() - self._since if self._stage else 0.0)
 
     def work(self) -> None:
         """Do what is asked, until :class:`KeyboardInterrupt`."""
@@ -107,13 +110,13 @@ class Server:
         self._since = time.monotonic()
         try:
             asked.answer = self._act(asked.what, asked.body, self._at)
-            if asked.answer.get("shown"):
+            if asked.answer.shown:
                 self._html = self._page()
         finally:
             self._stage = ""
             asked.done.set()
 
-    def ask(self, what: str, body: dict[str, Any]) -> dict[str, Any] | None:
+    def ask(self, what: str, body: dict[str, Any]) -> ViewAnswer | None:
         """Have something done and wait for it; None where something is being done already, or all is over."""
         if not self._busy.acquire(blocking=False):
             return None
@@ -172,7 +175,7 @@ class _Handler(BaseHTTPRequestHandler):
             return self._refuse(HTTPStatus.BAD_REQUEST, "a JSON object would work")
         answer = self.owner.ask(path, body)
         if answer is None:
-            return self._json({"told": "Something is being done already.", "good": False}, HTTPStatus.CONFLICT)
+            return self._json(ViewAnswer(told="Something is being done already.", good=False), HTTPStatus.CONFLICT)
         return self._json(answer)
 
     def _within(self) -> str | None:
@@ -192,8 +195,8 @@ class _Handler(BaseHTTPRequestHandler):
     def _refuse(self, status: HTTPStatus, why: str) -> None:
         self._send(status, why + "\n", "text/plain; charset=utf-8")
 
-    def _json(self, value: dict[str, Any], status: HTTPStatus = HTTPStatus.OK) -> None:
-        self._send(status, json.dumps(value, ensure_ascii=False), "application/json; charset=utf-8")
+    def _json(self, value: Part, status: HTTPStatus = HTTPStatus.OK) -> None:
+        self._send(status, json.dumps(value.plain(), ensure_ascii=False), "application/json; charset=utf-8")
 
     def _send(self, status: HTTPStatus, text: str, kind: str) -> None:
         data = text.encode()

@@ -12,6 +12,7 @@ import numpy as np
 
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions, Steer
+from machopt.domain.results.view import ViewAnswer
 from machopt.domain.steering import refuse_narrow, steered, stretches
 from machopt.errors import InputError
 from machopt.formats.options import load_options, options_as_user
@@ -99,7 +100,7 @@ class Session:
             raise InputError(f"cannot be written: {problem.strerror}", file=self.file) from None
         return self.command
 
-    def verified(self, progress: Progress) -> dict[str, Any]:
+    def verified(self, progress: Progress) -> ViewAnswer:
         """Write the plan shown to a folder of its own, programs included, and hold it against cell and toolpath.
 
         The checks share no code with the planner. The folder is gone afterwards.
@@ -111,15 +112,17 @@ class Session:
             timed = replace(self.now, timings=Timings(progress=progress))
             found = write(replace(timed, given=replace(self.now.given, front=False)), Path(place)).verification
         if found is None:
-            return {"told": "There is no motion to verify.", "good": False}
-        rows = [[c.name, _PASSED[c.passed], measured(c.value, c), measured(c.limit, c), c.where] for c in found.checks]
+            return ViewAnswer(told="There is no motion to verify.", good=False)
+        rows = tuple(
+            (c.name, _PASSED[c.passed], measured(c.value, c), measured(c.limit, c), c.where) for c in found.checks
+        )
         good, bad = sum(c.passed is True for c in found.checks), [c.name for c in found.failed]
         told = f"Verification passed: {good} checks of every file that optimize would write."
         if bad:
             told = f"VERIFICATION FAILED: {', '.join(bad)}."
         if left := [c.name for c in found.checks if c.passed is None]:
             told += f" Not run: {', '.join(left)}."
-        return {"told": told, "good": not bad, "checks": rows}
+        return ViewAnswer(told=told, good=not bad, checks=rows)
 
     @property
     def command(self) -> str:

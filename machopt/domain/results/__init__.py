@@ -2,6 +2,6 @@
 
 ``optimize.OptimizeResult`` result.json · ``diagnosis.DiagnosisResult`` diagnosis.json · ``identification.
 IdentificationResult`` identification.json · ``maps.MapResult`` map.json · ``poses.PosesResult`` plan.json ·
-``batch.BatchResult`` batch.json and ``batch.BatchRecord`` job.json ·
-printed by ``--json`` alone: ``inspected``, ``cells``, ``verified``. Units stand in the keys.
+``batch.BatchResult`` batch.json, ``batch.BatchRecord`` job.json and ``batch.JobTiming`` timing.json ·
+printed by ``--json`` alone: ``inspected``, ``cells``, ``verified``; sent to a page: ``view``. Units stand in the keys.
 """

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from machopt.domain.results.base import Count, First, Flag, Known, Part, Settings, Text
+from machopt.domain.results.base import Count, First, Flag, Known, Number, Part, Settings, Text
 
 
 class JobNumbers(Part):
@@ -51,6 +51,22 @@ class BatchRecord(Part):
     state: Text
     row: BatchRow
     files: tuple[Text, ...] = ()
+
+
+class JobTiming(Part):
+    """timing.json: what a job took. It depends on the machine, so it is no part of the job's record."""
+
+    wall_s: Number
+    cpu_s: Number
+    peak_MiB: Count
+    worker: Text  # host and process
+
+
+class JobFailure(Part):
+    """What a job leaves to its batch where an error ended it; where none did, it leaves its row."""
+
+    error: Text  # the exception's name
+    text: Text
 
 
 class _Which(Part):

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from machopt.domain.results.base import Part
-from machopt.domain.results.batch import BatchRecord, BatchResult
+from machopt.domain.results.batch import BatchRecord, BatchResult, JobTiming
 from machopt.domain.results.cells import InitResult, ValidateResult
 from machopt.domain.results.diagnosis import DiagnosisResult
 from machopt.domain.results.identification import IdentificationResult
@@ -18,6 +18,7 @@ from machopt.domain.results.place import PlaceResult
 from machopt.domain.results.poses import PosesResult
 from machopt.domain.results.tables import PointRow, TrajectoryRow
 from machopt.domain.results.verified import VerifyResult
+from machopt.domain.results.view import ViewAnswer, ViewProgress
 
 FOLDER = Path(__file__).with_name("schemas")
 DOCUMENTS: dict[str, type[Part]] = {
@@ -32,12 +33,15 @@ DOCUMENTS: dict[str, type[Part]] = {
     "place.json": PlaceResult,
     "batch.json": BatchResult,
     "job.json": BatchRecord,
+    "timing.json": JobTiming,
     "inspect-toolpath": ToolpathInspected,
     "inspect-cell": CellInspected,
     "inspect-robot": RobotInspected,
     "validate": ValidateResult,
     "init": InitResult,
     "verify": VerifyResult,
+    "view-answer": ViewAnswer,
+    "view-progress": ViewProgress,
 }
 """File of an output folder (a table: its row), or command that prints with ``--json`` and writes none → its model."""
 
