@@ -57,8 +57,7 @@ def sentence(c: Check) -> str:
     counts = math.isnan(c.value) or c.limit == 0.0 or math.isnan(c.limit)  # so many places are wrong, the first named
     if counts or c.instead:
         return f"{name}: {c.where}"
-    place = c.where if c.where.startswith(("on ", "at ", "before ", "behind ", "between ")) else f"at {c.where}"
-    return f"{name}: {c.value:.4g} {c.unit}, the limit is {c.limit:.4g}" + (f", {place}" if c.where else "")
+    return f"{name}: {c.value:.4g} {c.unit}, the limit is {c.limit:.4g}" + (f", at {c.where}" if c.where else "")
 
 
 def _file(c: Check) -> str:

@@ -59,7 +59,7 @@ class Check:
     value: float  # NaN where there was nothing to measure
     limit: float
     unit: str
-    where: str  # sample, time and point of the worst value, or why nothing was measured
+    where: str  # sample, time and point of the worst value, words that go behind "at"; or why nothing was measured
     file: str = ""  # of the folder, where the promise is about one
     what: str = ""  # the promise about it
     because: str = ""  # another file of the folder, that could not be read for this

@@ -49,7 +49,7 @@ def along_lines(
             ]
         )
         _on_the_spot(off, said, tcp, rows[linear], move[linear])
-        ways = [f"on the way to {where[k]}" for k in move[linear]]
+        ways = [f"the move to {where[k]}" for k in move[linear]]
         for column, (what, unit, limit, scale) in enumerate(
             (
                 (Promise.LINES, "mm", allowed.position + said.place_step, 1e3),
@@ -68,7 +68,7 @@ def along_lines(
         joint = np.isfinite(told).all(axis=1)
         q[joint] = told[joint]
         bow = _off_joint_line(driven[rows[pick]], q[move[pick] - 1], q[move[pick]])
-        ways = [f"on the way to {where[k]}" for k in move[pick]]
+        ways = [f"the move to {where[k]}" for k in move[pick]]
         limit = RAPID_DEG + float(np.degrees(said.joint_step))
         checks.append(worst_move(said, "joint moves along the motion", "deg", np.degrees(bow), limit, ways))
     return checks

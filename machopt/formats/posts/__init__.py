@@ -23,6 +23,7 @@ from machopt.formats.posts.engine import Engine, event_item, part_length, save
 from machopt.formats.posts.external import external_assumptions
 from machopt.formats.posts.feedmodel import HeldFeed, held_feed
 from machopt.formats.posts.postfile import Post, load_post, post_names, post_text
+from machopt.formats.posts.problems import CellLacksError, NoValueError
 from machopt.formats.posts.rounding import Rounding
 from machopt.formats.posts.wording import marked
 
@@ -109,14 +110,11 @@ def write_program(
     try:
         files = _engine(loaded, name, program, controller).files()
     except InputError as problem:
-        file = (
-            problem.file
-            if problem.file is not None or (problem.where or "").startswith("controller")
-            else loaded.origin
-        )
-        known = DIALECTS[keys.dialect].absent
-        why = next((text for name, text in known.items() if f"no value for @{{{name}}}" in problem.reason), "")
-        raise InputError(why or problem.reason, file=file, where=problem.where) from None
+        named = problem.file is not None or isinstance(problem, CellLacksError)
+        why = DIALECTS[keys.dialect].absent.get(problem.name) if isinstance(problem, NoValueError) else None
+        raise InputError(
+            why or problem.reason, file=problem.file if named else loaded.origin, where=problem.where
+        ) from None
     taken = [f for f in files if f.lower() in {r.lower() for r in reserved}]
     if taken:
         raise InputError(

@@ -19,6 +19,7 @@ from machopt.formats.posts.columns import Job
 from machopt.formats.posts.dialect import Dialect, Passing
 from machopt.formats.posts.feedmodel import acceleration
 from machopt.formats.posts.orientation import abc_deg
+from machopt.formats.posts.problems import CellLacksError
 
 PRINTED = 4
 SLOWEST = 1e-4  # m/s: speeds are printed in tenths of mm/s
@@ -64,13 +65,13 @@ def _check(job: Job, used: frozenset[str]) -> None:
     if not used & {"flip", "elbow", "front"}:
         return
     if job.controller.nonflip_j5 is None:
-        raise InputError(
+        raise CellLacksError(
             "FANUC's CONFIG needs to know which sign of J5 is N (non-flip) on this robot: give negative or positive, "
             "or use the post fanuc_joint, which needs no CONFIG",
             where="controller.nonflip_j5",
         )
     if job.program.behind is None:
-        raise InputError(
+        raise CellLacksError(
             "the posture of this arm is not known, so there is no CONFIG; use the post fanuc_joint",
             where="controller.post",
         )

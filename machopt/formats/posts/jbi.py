@@ -16,11 +16,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.errors import InputError
 from machopt.formats.posts.columns import Job
 from machopt.formats.posts.dialect import Dialect, Passing
 from machopt.formats.posts.external import external_fields
 from machopt.formats.posts.fanuc import check_slowest
+from machopt.formats.posts.problems import CellLacksError
 
 PRINTED = 4
 
@@ -70,12 +70,12 @@ def _assumed(job: Job, used: frozenset[str]) -> Sequence[str]:
 def _check(job: Job, used: frozenset[str]) -> None:
     check_slowest(job)
     if "rconf" in used and job.program.part_rides:
-        raise InputError(
+        raise CellLacksError(
             "Cartesian positions do not ride on a station here; use the post jbi, whose positions are axes",
             where="controller.post",
         )
     if "rconf" in used and job.program.behind is None:
-        raise InputError(
+        raise CellLacksError(
             "the posture of this arm is not known, so there is no RCONF; use the post jbi", where="controller.post"
         )
 

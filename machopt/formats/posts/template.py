@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.errors import InputError, nearest
+from machopt.formats.posts.problems import NoValueError
 
 Value = object
 Column = Sequence[object] | NDArray[Any]
@@ -137,10 +138,8 @@ class Template:
             out.append(part.text(value))
         return out
 
-    def missing(self, name: str) -> InputError:
-        return InputError(
-            f"the program has no value for @{{{name}}}; put it into a section @[{name}|…@]", where=self.where
-        )
+    def missing(self, name: str) -> NoValueError:
+        return NoValueError(name, self.where)
 
 
 def present(value: Value) -> bool:
