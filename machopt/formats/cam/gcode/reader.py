@@ -261,92 +261,119 @@ class ProgramReader(AuxiliaryReader):
         """Carry out the G words; the name of a machine-frame word where the block has one."""
         machine_frame = None
         for g in g_words:
-            if g in MOTION:
-                self.motion = MOTION[g]
-                self.canned = None
-            elif g in (900, 910):
-                self.incremental = g == 910
-            elif g in HOLE_PATTERNS and words.keys() & set("IJKL"):
-                given = ", ".join(sorted(words.keys() & set("IJKL")))
-                raise self.source.error(
-                    f"G{g // 10} with {given} places holes in a pattern (Haas): not supported; post each by itself",
-                    b.line,
-                )
-            elif g in UNITS:
-                self.scale = UNIT_NAMES[UNITS[g]]
-                self.feed_unit = self.unit_of_feeds(g)
-            elif g in FEED_MODES:
-                self.use_feed_mode(FEED_MODES[g])
-            elif g in PLANES:
-                self.plane = np.array(PLANES[g])
-            elif g in (901, 911):
-                self.centres.absolute = g == 901
-            elif g == 800:
-                self.canned = None
-            elif g in (150, 160) and not (g == 150 and "H" in words):
-                self.polar.switch(on=g == 160)
-            elif g in POLES and self.siemens:
-                self.polar.set_pole(g, words, b, self.p, self.plane, self.scale)
-            elif g in (501, 511):
-                self.mirror_word(g, words)
-            elif g == 510:
-                self.scale_word(words, b)
-            elif g == 500 and not words.keys() & set("XYZ"):
-                self.use_inner("scale", None)
-            elif g in (980, 990):
-                self.back_to_initial = g == 980
-            elif g == 40:
-                self.dwell(words, b)
-            elif g in (434, 435, 2340):
-                self.use_tcp("vector" if g == 435 else "angles", b.line)
-            elif g == 490:
-                self.use_tcp(None, b.line)
-            elif g in (2540, 2550):
-                self.dynamic_offset(on=g == 2540)
-            elif g in (410, 420):
-                self.out.warn_once(
-                    "cutter compensation (G41, G42) is not carried out: the points are as programmed", b.line
-                )
-                self.out.ignore(f"G{g // 10}", b.line, understood=True)
-            elif g == 530 and self.g53_is_an_offset:
-                self.use_offset(g, words, b.line)
-            elif g in MACHINE_FRAME and not (g == 740 and {"R", "Z"} <= words.keys()):
+            if self.state_word(g, words, b) or self.frame_word(g, words, b):
+                continue
+            if g in MACHINE_FRAME and not (g == 740 and {"R", "Z"} <= words.keys()):
                 machine_frame = MACHINE_FRAME[g]
             elif g in CYCLES:
                 self.begin_cycle(g // 10, b)
-            elif g in (100, 520, 920, 921, 922):
-                self.shift_origin(g, words, b.line)
-            elif g in (680, 682, 690, 691, 531, 536):
-                self.plane_word(g, words, b)
-            elif g in (580, 590) and self.siemens and words.keys() & set("XYZ"):
-                raise self.source.error(
-                    f"G{g // 10} with axis words shifts the zero (Sinumerik) and names no work offset: not supported; "
-                    "write the shift as TRANS" + (", ATRANS" if g == 590 else ""),
-                    b.line,
-                )
-            elif g in OFFSETS or g == 150:
-                self.use_offset(g, words, b.line)
-            elif g == 50 and not words.keys() & set("XYZ"):
-                self.out.ignore("G5", b.line, understood=True)  # G5 P10000: high speed mode
-                words.pop("P", None)
-            elif g == 70 and not (words.keys() | b.named.keys()) - {"F", "S"}:
-                self.out.ignore("G7", b.line, understood=False)
-            elif g in TABLE_OFFSETS and words.get("P") == 0.0:
-                words.pop("P")  # off
-            elif g in REFUSED:
-                raise self.source.error(f"{REFUSED[g]}: not supported; export without it", b.line)
-            elif g == 600 and not self.siemens and words.keys() & set("XYZABC"):
-                raise self.source.error(
-                    "G60 with axis words approaches its place from one side, by an overrun that only the control "
-                    "knows: not supported; post it as G0",
-                    b.line,
-                )
-            elif g in reviewed.G and not (g == 630 and words.keys() & set("XYZABC")):
-                if g in (51, 80, 81, 640, 1870):
-                    words.pop("P", None), words.pop("Q", None)
+            elif g == 40:
+                self.dwell(words, b)
             else:
-                name = f"G{g / 10:g}"
-                if words.keys() & set("XYZABC"):
-                    raise self.source.error(f"{name} is not known, and it stands with axis words", b.line)
-                self.out.ignore(name, b.line, understood=False)
+                self.refuse_misread(g, words, b)
+                self.other_word(g, words, b)
         return machine_frame
+
+    def state_word(self, g: int, words: dict[str, float], b: Block) -> bool:
+        """How the words of this and later blocks are meant: kind of move, unit, plane, counting; False: none of it."""
+        if g in MOTION:
+            self.motion = MOTION[g]
+            self.canned = None
+        elif g in (900, 910):
+            self.incremental = g == 910
+        elif g in HOLE_PATTERNS and words.keys() & set("IJKL"):
+            given = ", ".join(sorted(words.keys() & set("IJKL")))
+            raise self.source.error(
+                f"G{g // 10} with {given} places holes in a pattern (Haas): not supported; post each by itself",
+                b.line,
+            )
+        elif g in UNITS:
+            self.scale = UNIT_NAMES[UNITS[g]]
+            self.feed_unit = self.unit_of_feeds(g)
+        elif g in FEED_MODES:
+            self.use_feed_mode(FEED_MODES[g])
+        elif g in PLANES:
+            self.plane = np.array(PLANES[g])
+        elif g in (901, 911):
+            self.centres.absolute = g == 901
+        elif g == 800:
+            self.canned = None
+        elif g in (980, 990):
+            self.back_to_initial = g == 980
+        elif g in (410, 420):
+            self.out.warn_once(
+                "cutter compensation (G41, G42) is not carried out: the points are as programmed", b.line
+            )
+            self.out.ignore(f"G{g // 10}", b.line, understood=True)
+        else:
+            return False
+        return True
+
+    def frame_word(self, g: int, words: dict[str, float], b: Block) -> bool:
+        """What coordinates are in: poles, mirrors, scales, offsets, planes, tool centre points; False: none of it."""
+        if g in (150, 160) and not (g == 150 and "H" in words):
+            self.polar.switch(on=g == 160)
+        elif g in POLES and self.siemens:
+            self.polar.set_pole(g, words, b, self.p, self.plane, self.scale)
+        elif g in (501, 511):
+            self.mirror_word(g, words)
+        elif g == 510:
+            self.scale_word(words, b)
+        elif g == 500 and not words.keys() & set("XYZ"):
+            self.use_inner("scale", None)
+        elif g in (434, 435, 2340):
+            self.use_tcp("vector" if g == 435 else "angles", b.line)
+        elif g == 490:
+            self.use_tcp(None, b.line)
+        elif g in (2540, 2550):
+            self.dynamic_offset(on=g == 2540)
+        elif g in (100, 520, 920, 921, 922):
+            self.shift_origin(g, words, b.line)
+        elif g in (680, 682, 690, 691, 531, 536):
+            self.plane_word(g, words, b)
+        elif (g == 530 and self.g53_is_an_offset) or (
+            (g in OFFSETS or g == 150) and not self.shifts_the_zero(g, words)
+        ):
+            self.use_offset(g, words, b.line)
+        else:
+            return False
+        return True
+
+    def shifts_the_zero(self, g: int, words: dict[str, float]) -> bool:
+        """Sinumerik's G58 and G59 with axis words, which name no work offset."""
+        return g in (580, 590) and self.siemens and bool(words.keys() & set("XYZ"))
+
+    def refuse_misread(self, g: int, words: dict[str, float], b: Block) -> None:
+        """Words that mean another thing by those they stand with, and a thing that is not carried out."""
+        if self.shifts_the_zero(g, words):
+            raise self.source.error(
+                f"G{g // 10} with axis words shifts the zero (Sinumerik) and names no work offset: not supported; "
+                "write the shift as TRANS" + (", ATRANS" if g == 590 else ""),
+                b.line,
+            )
+        if g == 600 and not self.siemens and words.keys() & set("XYZABC"):
+            raise self.source.error(
+                "G60 with axis words approaches its place from one side, by an overrun that only the control "
+                "knows: not supported; post it as G0",
+                b.line,
+            )
+
+    def other_word(self, g: int, words: dict[str, float], b: Block) -> None:
+        """What changes no point, or nobody knows; refused where points hang on it."""
+        if g == 50 and not words.keys() & set("XYZ"):
+            self.out.ignore("G5", b.line, understood=True)  # G5 P10000: high speed mode
+            words.pop("P", None)
+        elif g == 70 and not (words.keys() | b.named.keys()) - {"F", "S"}:
+            self.out.ignore("G7", b.line, understood=False)
+        elif g in TABLE_OFFSETS and words.get("P") == 0.0:
+            words.pop("P")  # off
+        elif g in REFUSED:
+            raise self.source.error(f"{REFUSED[g]}: not supported; export without it", b.line)
+        elif g in reviewed.G and not (g == 630 and words.keys() & set("XYZABC")):
+            if g in (51, 80, 81, 640, 1870):
+                words.pop("P", None), words.pop("Q", None)
+        else:
+            name = f"G{g / 10:g}"
+            if words.keys() & set("XYZABC"):
+                raise self.source.error(f"{name} is not known, and it stands with axis words", b.line)
+            self.out.ignore(name, b.line, understood=False)

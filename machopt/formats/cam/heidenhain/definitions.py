@@ -1,0 +1,137 @@
+"""Definitions of a conversational program: cycles, Q parameters, tool-centre-point control, presets, other programs."""
+
+from __future__ import annotations
+
+import re
+
+from machopt.formats.cam import reviewed
+from machopt.formats.cam.heidenhain.cycles import OLD_WORD, old_word
+from machopt.formats.cam.heidenhain.planes import NUMBER, value
+from machopt.formats.cam.heidenhain.sentence import SentenceReader
+from machopt.formats.frames import Transfer
+
+_Q = re.compile(r"\bQ(\d+)\s*=\s*" + NUMBER)
+
+
+class DefinitionReader(SentenceReader):
+    """Carries out what moves nothing by itself."""
+
+    pattern_text: tuple[int, int] | None = None  # cycle 220 or 221 whose parameters are being read, and its line
+
+    def parameters(self, text: str) -> list[tuple[str, str]]:
+        """Numbers of the Q parameters that a line sets, and what to."""
+        return _Q.findall(text)
+
+    def take_parameters(self, found: list[tuple[str, str]]) -> None:
+        for number, text in found:
+            self.q[int(number)] = value(text)
+            if number == "339":
+                self.use_preset(value(text))
+
+    def close_pattern(self, text: str) -> None:
+        """Drill the pattern whose parameters were read, where this line is none of them."""
+        if self.pattern_text is not None and not text.startswith("Q"):
+            number, at = self.pattern_text
+            self.pattern_text = None
+            self.drill_pattern(number, at)
+
+    def tool_call(self, text: str, line: int) -> None:
+        found = re.match(r"TOOL CALL\s*(\"[^\"]*\"|\d+)?(?:.*?\bS\s*" + NUMBER + ")?", text)
+        rpm = value(found.group(2)) if found and found.group(2) else None
+        self.call_tool((found.group(1) or "").strip('"') if found else "", rpm, text, line)
+
+    def computed(self, text: str, line: int) -> str:
+        """The line with the axes of PLANE … STAY in place of Q120 to Q122."""
+        if not self.stays:
+            raise self.source.error("Q120, Q121, Q122 hold the axes of PLANE … STAY, and there is none before", line)
+        self.change_setup(tilted="aligned" if self.setup.tilted else "", stood_up=bool(self.setup.tilted))
+        return " ".join(text.replace("COMPUTED", " ").split())
+
+    def select_preset(self, text: str, line: int) -> None:
+        preset = re.fullmatch(r"PRESET SELECT\s*#\s*(\d+)(?: KEEP TRANS)?", text)
+        if preset is None:
+            raise self.source.error(f"{text[:40]!r}: read is PRESET SELECT #n", line)
+        self.use_preset(float(preset.group(1)))
+        self.out.ignore("PRESET SELECT", line, understood=True)
+
+    def call_program(self, text: str, line: int) -> None:
+        self.left_out = (text[:40], line)
+        self.out.ignore("CALL PGM", line, understood=False)
+
+    def tcpm(self, text: str, line: int) -> None:
+        """FUNCTION TCPM: whose axes A, B and C turn about, and which point of the tool is programmed."""
+        if "CENTER-CENTER" in text:
+            raise self.source.error(
+                "REFPNT CENTER-CENTER: the points are the tool's centre, how far from its tip is not in the file; "
+                "post it with REFPNT TIP-TIP or TIP-CENTER",
+                line,
+            )
+        self.use_tcp("spatial" if re.search(r"\bAXIS\s+SPAT\b", text) else "angles", line)
+
+    def end_tcpm(self, _: str, line: int) -> None:
+        self.use_tcp(None, line)
+
+    def define(self, text: str, line: int) -> None:
+        """A cycle, with those of its parameters that stand on its line."""
+        if self.cycle_definition(text, line):
+            self.take_parameters(self.parameters(text))
+
+    def cycle_definition(self, text: str, line: int) -> bool:
+        """CYCL DEF n or n.m; True where Q parameters of the cycle follow on the line."""
+        found = re.match(r"CYCL DEF\s+(\d+)(?:\.(\d+))?\s*(.*)", text)
+        if not found:
+            raise self.source.error(f"{text[:24]!r}: expected CYCL DEF and a number", line)
+        number, part, rest = int(found.group(1)), found.group(2), found.group(3)
+        if number == 7:
+            if "#" in rest:
+                raise self.source.error("CYCL DEF 7 takes its shift from a datum table that is not in the file", line)
+            if part != "0":
+                self.shift_datum({k: value(v) for k, v in re.findall(r"\b(I?[XYZ])\s*" + NUMBER, rest)}, line)
+        elif number == 19:
+            if part not in (None, "0"):
+                self.tilt_angles({k: value(v) for k, v in re.findall(r"\b([ABC])\s*" + NUMBER, rest)}, line)
+        elif number == 10:
+            angle = re.search(r"\bROT\s*" + NUMBER, rest)
+            if part != "0":
+                self.turn_plane(value(angle.group(1)) if angle else 0.0, line)
+        elif number == 11:
+            factor = re.search(r"\bSCL\s*" + NUMBER, rest)
+            if factor:
+                self.scale_all(value(factor.group(1)), line)
+        elif number == 26:
+            axes = {k: value(v) for k, v in re.findall(r"\b([XYZ])\s*" + NUMBER, rest)}
+            if "CCX" in rest or "CCY" in rest or (axes and not min(axes.values()) > 0.0):
+                raise self.source.error("CYCL DEF 26 about a centre of its own is not supported", line)
+            if part != "0":
+                x, y, z = (axes.get(c, 1.0) for c in "XYZ")
+                self.transform("scale", Transfer.factors(x, y, z), "CYCL DEF 26", line)
+        elif number == 8:
+            if part != "0":
+                self.mirror_axes(rest, "CYCL DEF 8", line)
+        elif number in (239, 247, 332):
+            self.out.ignore(f"CYCL DEF {number}", line, understood=number in reviewed.HEIDENHAIN_CYCLES)
+            return True
+        elif number in (220, 221):
+            self.pattern_text = (number, line)
+            return True
+        elif number in (9, 13, 32):
+            dwell = re.search(NUMBER, rest) if (number, part) == (9, "1") else None
+            if dwell:
+                self.out.event("dwell", text, value(dwell.group(1)))
+            self.out.ignore(f"CYCL DEF {number}", line, understood=True)
+        elif number in (1, 2, 17):
+            self.old_cycle_line(number, part, rest, line)
+        else:
+            self.begin_q_cycle(number, line)
+            return True
+        return False
+
+    def old_cycle_line(self, number: int, part: str | None, rest: str, line: int) -> None:
+        if part in (None, "0"):
+            self.cycle, self.cycle_words = number, {}
+            return
+        word = re.match(OLD_WORD + r"(?:\s*" + NUMBER + ")?", rest)
+        if word is None:
+            raise self.source.error(f"found {rest[:20]!r}; expected SET UP, DEPTH, PECKG, DWELL or F", line)
+        if word.group(2):
+            self.cycle_words[old_word(word.group(1))] = value(word.group(2))
