@@ -6,16 +6,19 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from test_diagnose_motion import diagnosed, recorded, shaken
+from test_diagnose_motion import arm, diagnosed, excited, recorded, shaken
 
 from machopt.arrays import Array
+from machopt.diagnose.moving import motion
+from machopt.diagnose.moving.friction import breakaway
+from machopt.diagnose.nouns.motion_signals import signals
 from machopt.diagnose.nouns.result import Diagnosis
 
 
-def left_open(tmp_path: Path, added: Callable[[Array], Array], seed: int) -> Diagnosis:
-    """A sound arm of two joints whose first motor gives ``added`` of its angle more, diagnosed."""
+def left_open(tmp_path: Path, added: Callable[[Array], Array], seed: int, joint: int = 0) -> Diagnosis:
+    """A sound arm of two joints one of whose motors gives ``added`` of its angle more, diagnosed."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, seed)
-    tau[:, 0] += added(q[:, 0])
+    tau[:, joint] += added(q[:, joint])
     return diagnosed(recorded(t, q, v, tau + 0.5 * rng.normal(size=q.shape)), cell, "torque")[0]
 
 
@@ -31,3 +34,41 @@ def test_a_ripple_of_two_orders_keeps_its_name(tmp_path: Path) -> None:
     found = left_open(tmp_path, lambda q: 3.0 * np.sin(24.0 * q) + 1.5 * np.cos(57.0 * q), 8)
     assert [(f.effect, f.location) for f in found.findings] == [("transmission_error", "joint:1")]
     assert found.verdict == "explained"
+
+
+def test_a_hose_at_joint_2_is_no_gravity_compensator(tmp_path: Path) -> None:
+    """It has the place and a torque by angle as one has, and was named so; slack in the middle it is no spring's."""
+
+    def hose(q: Array) -> Array:
+        return 12.0 * (np.maximum(q - 0.1, 0.0) ** 1.5 - np.maximum(-q - 0.2, 0.0) ** 2)
+
+    found = left_open(tmp_path, hose, 7, joint=1)
+    assert not found.findings
+    assert found.verdict == "unexplained"
+    assert [n for n in found.notes if "joint:2" in n]
+
+
+def test_a_gravity_compensator_keeps_its_name(tmp_path: Path) -> None:
+    def balancer(q: Array) -> Array:
+        """Two pivots, 0.2 and 1.1 m from the joint; 0.5 kN and 2.5 kN/m."""
+        s = np.sqrt(0.2**2 + 1.1**2 + 2 * 0.2 * 1.1 * np.cos(q + 2.0))
+        return (500.0 + 2500.0 * (s - 0.9)) * 0.2 * 1.1 * np.sin(q + 2.0) / s
+
+    found = left_open(tmp_path, balancer, 9, joint=1)
+    assert [(f.effect, f.location) for f in found.findings] == [("gravity_compensator", "joint:2")]
+    assert found.verdict == "explained"
+
+
+def test_a_clock_that_something_else_made_up_smooths_no_reversal(tmp_path: Path) -> None:
+    """16 ms too late, friction that turns at once came out as one that turns over some speed, and what that left at
+    each reversal outweighed a balancer."""
+    cell = arm(tmp_path, 2)
+    t, q, v, _ = excited(2, np.random.default_rng(10), periods=2, period=24.0)
+    rubs = 6.0 * np.sign(v)
+    recording = recorded(t, q, v, rubs)
+    m = signals(recording, 2)
+    scene = motion._scene(recording, cell, m, None, None)
+    right, late = (m.within(m.mean(x))[:, 0] for x in (rubs[m.index], m.late(rubs[m.index], -0.016)))
+    nothing = np.zeros((len(right), 0))
+    assert max(breakaway(scene, 0, [late], nothing)) > 1e-3
+    assert max(breakaway(scene, 0, [late, right], nothing)) < 1e-4

@@ -62,6 +62,23 @@ def known(terms: Sequence[Term], q: Array) -> Array:
     return out
 
 
+def shapeless(q: Array) -> Array:
+    """(M, n, p) N·m that laws of angle alone ask at angles q (M, n) rad, at their places."""
+    parts = [
+        (j, law.torque(np.zeros(0), q[:, j]))
+        for effect, where in _places()
+        if (j := joints_of(where)[0]) < q.shape[1]
+        for law in effect.beside
+        if not law.shape
+    ]
+    out = np.zeros((*q.shape, sum(x.shape[1] for _, x in parts)))
+    at = 0
+    for j, x in parts:
+        out[:, j, at : at + x.shape[1]] = x
+        at += x.shape[1]
+    return out
+
+
 def _places() -> list[tuple[Effect, str]]:
     return [(e, where) for e in registry.of_beside() for where in e.places]
 

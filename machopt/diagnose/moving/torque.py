@@ -47,11 +47,17 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
     measured = rec.torque[m.index, :n]
     y = m.within(m.mean(measured - scene.predicted))
     P, T, L = dynamics.regressors(m.q, m.v, m.a)
-    best, rough = _clock(scene, measured, m.mean(P))
+    # a spring that the cell does not state is out of step with the rigid bodies too
+    best, rough = _clock(scene, measured, m.mean(np.concatenate([P, at_beside.shapeless(m.q)], axis=2)))
     aligned = m.within(m.mean(m.late(measured, -best) - scene.predicted))
     # what a payload and links of other masses ask for is no friction
     own = m.within(m.mean(np.concatenate([P, L], axis=2))) if n > 1 else np.zeros((len(aligned), n, 0))
-    paths = [breakaway(scene, j, aligned[:, j], own[:, j]) if scene.moves(j) else CLOCK_TURNS[0] for j in range(n)]
+    # a clock that something else made up would smooth every reversal
+    clocked = (aligned, y)
+    paths = [
+        breakaway(scene, j, [x[:, j] for x in clocked], own[:, j]) if scene.moves(j) else CLOCK_TURNS[0]
+        for j in range(n)
+    ]
     base, unknowns = _base(scene, paths)
     if n > 1:
         scale = _alike(y, base, m.segment[m.starts][m.keep])
@@ -226,10 +232,11 @@ def _clock(scene: Scene, measured: Array, load: Array) -> tuple[float, Callable[
     """How late the torques are (s), each joint's friction and motor inertia refitted at every delay; and the torque
     (M, n) that they should have shown, late by any d.
 
-    Friction steps where a joint reverses, so it has to be late together with the rigid bodies. A load at the flange
-    that the cell does not state asks for torque out of step with what is predicted, as a clock does: ``load``
-    (N, n, 4), what it would ask for, is refitted beside. What a joint shows about its reversals is left out: encoders
-    that step, or dwell, tell their moment late, and friction turns over early or late by laws of its own.
+    Friction steps where a joint reverses, so it has to be late together with the rigid bodies. A load at the flange, or
+    a spring beside a gear, that the cell does not state asks for torque out of step with what is predicted, as a clock
+    does: ``load`` (N, n, p), what they would ask for, is refitted beside. What a joint shows about its reversals is
+    left out: encoders that step, or dwell, tell their moment late, and friction turns over early or late by laws of its
+    own.
     """
     m = scene.motion
     assert scene.predicted is not None
@@ -240,7 +247,7 @@ def _clock(scene: Scene, measured: Array, load: Array) -> tuple[float, Callable[
     under_way = {j: _under_way(scene, j) for j in moving}
 
     def carried(d: float, j: int) -> Array:
-        """(N, 4) of the load, late; it is smooth, so that averages will do."""
+        """(N, p) of the load, late; it is smooth, so that averages will do."""
         return m.within(np.stack([np.interp(at - d, at, x) for x in load[:, j].T], axis=1))
 
     def smooth(d: float) -> tuple[Array, Array, Array]:

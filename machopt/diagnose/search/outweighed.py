@@ -8,6 +8,7 @@ so that no other takes its place, and is said with its place, not named.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.evidence import heldout
+from machopt.diagnose.evidence.grams import Tried, tried
 from machopt.diagnose.nouns.problem import UNNAMED, Hypothesis
 from machopt.diagnose.search import mismatch, steady
 from machopt.diagnose.search.anotherday import BY_DAY, comes_again
@@ -22,7 +24,7 @@ from machopt.diagnose.search.findings import sure_of_size
 from machopt.diagnose.search.screen import Scored, score
 from machopt.diagnose.search.select import Chosen, stands, with_chosen
 from machopt.diagnose.search.state import State
-from machopt.effects import geometry
+from machopt.effects import geometry, registry
 from machopt.effects.words import spoken
 
 LITTLE = "explains little more than what is left beside it"
@@ -43,6 +45,8 @@ def withheld(state: State, rng: np.random.Generator) -> State:
     if state.problem.channel == "deflection":
         state = replace(state, chosen=tuple(_sized(state, k) for k in range(len(state.chosen))))
         state = replace(state, chosen=tuple(_likened(state, k) for k in range(len(state.chosen))))
+    if state.problem.channel == "torque":
+        state = replace(state, chosen=tuple(_likened(state, k, _by_angle(state, k)) for k in range(len(state.chosen))))
     if not any(_judged(c) for c in state.chosen) or _crowded(state):
         return state
     unsteady = [c.tried.hypothesis.named and steady.comes_and_goes(state, c) for c in state.chosen]
@@ -141,13 +145,21 @@ def _sized(state: State, k: int) -> Chosen:
     return c if sure else _nameless(c, NO_SIZE)
 
 
-def _likened(state: State, k: int) -> Chosen:
+def _by_angle(state: State, k: int) -> tuple[Tried, ...]:
+    """Forms without a name at the joint of a torque by angle alone, which many things are that pull at a joint."""
+    h = state.chosen[k].tried.hypothesis
+    if h.effect not in {e.called for e in registry.of_beside()}:
+        return ()
+    return tuple(tried(state.base, [n for n in state.catalogue.nameless if n.location == h.location]))
+
+
+def _likened(state: State, k: int, more: Sequence[Tried] = ()) -> Chosen:
     """The k-th, without a name where what is only like something without one says as much in no more numbers.
 
     A hose between column and forearm is nearly a balancer. The true law is beaten by no likeness.
     """
     c = state.chosen[k]
-    rough = [t for t in state.tried if t.hypothesis.rough]
+    rough = [*(t for t in state.tried if t.hypothesis.rough), *more]
     if not c.tried.hypothesis.named or not rough:
         return c
     beside = with_chosen(state.base, [o for i, o in enumerate(state.chosen) if i != k])
@@ -157,7 +169,9 @@ def _likened(state: State, k: int) -> Chosen:
         numbers = s.tried.X.shape[2] + len(s.tried.shapes[s.shape])
         return float(s.gain / beside.spread - calibrated.DETECTION.per_coefficient * numbers)
 
-    better = [s for s in score(beside, rough) if worth(s) > worth(own)]
+    # those of a motion are tried for this alone, at dozens of angles, and the best of so many is good by chance
+    most = worth(own) + (calibrated.DETECTION.shorter if more else 0.0)
+    better = [s for s in score(beside, rough) if worth(s) > most]
     return c if not better else _nameless(c, f"{AS_LIKE}, of something that {better[0].tried.hypothesis.law}")
 
 
