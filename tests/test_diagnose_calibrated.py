@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import ast
+import importlib.util
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
+from scipy.stats import chi2, norm
 
 from machopt.diagnose import calibrated
 
@@ -23,6 +27,49 @@ def test_every_threshold_says_what_it_is_and_where_its_number_comes_from() -> No
             assert (ROOT / row.origin.script).is_file()
             assert row.origin.cases in ("dev", "sealed")
             assert len(row.origin.date) == len("2026-11-21")
+
+
+def test_statistics_are_what_their_words_come_to() -> None:
+    """Whatever else is a choice, and says so."""
+    follows = {
+        "detection.shorter": 10.0,  # the last step of the scale that it names
+        "detection.nine_of_ten": norm.ppf(0.9),
+        "detection.as_good": 3.0**2,
+        "detection.near_shape": chi2.ppf(0.95, 1),
+        "noise.mostly": 0.5,
+        "noise.same": 3.0 * 2.0**0.5,
+    }
+    said = {t.key: t.value for t in calibrated.every() if t.origin.how == "statistics"}
+    assert said == pytest.approx(follows, rel=2e-3)
+
+
+def test_every_threshold_lies_in_the_room_that_cases_leave_it() -> None:
+    """A number that is changed, or new, is measured anew: ``benchmarks/thresholds.py --room``."""
+    rooms = calibrated.measured().rooms
+    assert set(rooms) == {t.key for t in calibrated.every()}
+    for t in calibrated.every():
+        assert t.room.value == t.value, f"{t.key}: measured at {t.room.value}"
+        near = 1e-5 * abs(t.value)
+        assert t.room.below is None or t.room.below <= t.value + near
+        assert t.room.above is None or t.room.above >= t.value - near
+        assert len(t.room.told()) > len("no case asks for it")
+        assert t.room.cases or t.room.tests, f"{t.key}: neither a case nor a test asks for it"
+
+
+def test_what_asks_where_no_case_does_is_there() -> None:
+    for t in calibrated.every():
+        for test in t.room.tests:
+            file, _, name = test.partition("::")
+            assert f"def {name}(" in (ROOT / "tests" / file).read_text(encoding="utf-8")
+
+
+def test_the_page_of_thresholds_is_current() -> None:
+    spec = importlib.util.spec_from_file_location("make_thresholds", ROOT / "docs" / "make_thresholds.py")
+    assert spec is not None
+    assert spec.loader is not None
+    page = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(page)
+    assert page.PAGE.read_text(encoding="utf-8") == page.page(), "run python docs/make_thresholds.py"
 
 
 def test_the_script_prints_the_table_again() -> None:
@@ -73,6 +120,37 @@ def test_a_number_that_decides_stands_in_the_table() -> None:
                 pairs = _pairs(node.targets[0], node.value)
                 found |= {".".join((*where.parts, name)) for name, value in pairs if _float(value)}
     assert found == NO_DECISION
+
+
+IN_THE_OPEN = {  # numbers that a line compares with: rounding, a computation's own, words
+    ("apart/separate.py", 4.0): "variance of a sum, worked out",
+    ("evidence/whitening.py", 1e-6): "rounding of singular values",
+    ("moving/link.py", 1e-6): "a column that stands still",
+    ("moving/checks.py", 1e3): "millimetres",
+    ("moving/motion.py", 1e-6): "a column that stands still",
+    ("record/sessions.py", 0.5): "root of a threshold: of misfits, not of their squares",
+    ("search/assembled.py", 1e-4): "a share of nothing is no number",
+    ("search/assembled.py", 0.9): "of which quantile that share is",
+    ("search/findings.py", 0.975): "both tails of 95 %",
+    ("verdict/words.py", 0.5): "millimetres or micrometres",
+    ("verdict/words.py", 1e3): "digits",
+    ("verdict/words.py", 1e5): "digits",
+}
+
+
+def test_no_line_compares_with_a_number_of_its_own() -> None:
+    """What decides has a name and a row in the table; zero, one and a factor two are no thresholds."""
+    folder = ROOT / "machopt" / "diagnose"
+    found = set()
+    for path in sorted(folder.rglob("*.py")):
+        where = path.relative_to(folder)
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if where.parts[0] == "calibrated" or not isinstance(node, ast.Compare):
+                continue
+            if not all(isinstance(op, ast.Eq | ast.NotEq | ast.Is | ast.IsNot | ast.In | ast.NotIn) for op in node.ops):
+                numbers = (n.value for n in ast.walk(node) if isinstance(n, ast.Constant) and type(n.value) is float)
+                found |= {(where.as_posix(), v) for v in numbers if v not in (0.0, 1.0, 2.0) and v >= 1e-8}
+    assert found == set(IN_THE_OPEN)
 
 
 def _pairs(target: ast.expr, value: ast.expr) -> list[tuple[str, ast.expr]]:

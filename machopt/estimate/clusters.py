@@ -15,9 +15,8 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from machopt.arrays import Array, Ints
+from machopt.estimate import calibrated
 from machopt.estimate.experiment import Experiment
-
-LEAST_REPLICATES = 5  # degrees of freedom (readings beyond the first of their group) that show a component at all
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,8 +76,8 @@ def clusters(experiment: Experiment) -> Clusters:
     )
     cycle, visit_of_cycle = cycle.reshape(-1), visit[first]
     n, k, u = len(pose), len(visit_of_cycle), len(pose_of_visit)
-    told = n - k >= LEAST_REPLICATES  # readings that repeat a cycle
-    has_visit = (k if told else n) - u >= LEAST_REPLICATES
+    told = n - k >= calibrated.ESTIMATED.least_replicates  # readings that repeat a cycle
+    has_visit = (k if told else n) - u >= calibrated.ESTIMATED.least_replicates
     has_cycle = told and has_visit
     if told and not has_visit:  # one cycle a visit: the two are one level
         has_visit = True

@@ -12,13 +12,13 @@ import numpy as np
 from scipy.optimize import minimize
 
 from machopt.arrays import Array
+from machopt.estimate import calibrated
 from machopt.estimate.clusters import Clusters, Components, Sums, normal
 
 LEAST, MOST = 1e-4, 1e4  # variance of a shift per variance of a reading; at the least end it counts as none
 NOTHING = 1e-20  # weight of a coefficient per the largest one; below it the readings say nothing of it
 STARTS = (1e-1, 10.0)
 FLAT = 1e-7  # relative change of the likelihood (thousands) at which the search ends
-TRUST_IN_STATED = 10.0  # degrees of freedom that a stated uncertainty is worth beside the residuals
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def components(
         found = minimize(lambda x: misfit(x)[0], first, method="L-BFGS-B", bounds=bounds, options={"ftol": FLAT})
         best = np.asarray(found.x, float)
     rss = misfit(best)[1]
-    held = TRUST_IN_STATED if stated else 0.0
+    held = calibrated.ESTIMATED.trust_in_stated if stated else 0.0
     cycle, visit = ratios(best)
     return Components((held + rss) / (held + free), cycle, visit)
 

@@ -14,10 +14,9 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.domain.recording import StandardUncertainty
 from machopt.domain.stiffness import LEAST_STIFFNESS
+from machopt.estimate import calibrated
 from machopt.estimate.experiment import Experiment
 from machopt.model.terms import LinearTerm
-
-LEAST_SHARE = 1e-3  # of a channel's typical displacement: no reading is taken for more exact than that
 
 
 def reading_covariance(
@@ -38,7 +37,9 @@ def reading_covariance(
     channels = experiment.dimensions // 3
     own = (stated.displacement, stated.rotation)
     out = np.empty((channels, len(experiment), 3, 3))
-    floor = LEAST_SHARE * np.median(np.abs(experiment.measured.reshape(-1, channels, 3)), axis=(0, 2))
+    floor = calibrated.ESTIMATED.least_share * np.median(
+        np.abs(experiment.measured.reshape(-1, channels, 3)), axis=(0, 2)
+    )
     for c in range(channels):
         sigma = own[c]
         out[c] = max(typical[c] if sigma is None else sigma, floor[c], np.finfo(float).tiny) ** 2 * np.eye(3)

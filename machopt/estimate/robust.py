@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.estimate import calibrated
 
-FULL, NONE = 3.0, 6.0  # sigma; a residual counts fully up to the first, not at all from the second on
 START_STEPS = 25
 NORMAL = 0.6745  # median of |x| for a standard normal x
 
@@ -16,7 +16,8 @@ def weights(residual: Array, sigma: Array) -> Array:
 
     Below three sigma nothing changes, so that intervals need no correction for lost efficiency.
     """
-    u = np.clip((np.abs(residual) / sigma - FULL) / (NONE - FULL), 0.0, 1.0)
+    full, none = calibrated.ESTIMATED.full, calibrated.ESTIMATED.none
+    u = np.clip((np.abs(residual) / sigma - full) / (none - full), 0.0, 1.0)
     return np.asarray((1.0 - u**2) ** 2)
 
 

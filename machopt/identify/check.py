@@ -14,22 +14,11 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.errors import InputError
 from machopt.estimate.experiment import Experiment
+from machopt.identify import calibrated
 from machopt.identify.finding import RecordFault, places
 from machopt.identify.rivals import Reading, readings
 from machopt.identify.units import lever_findings, reach_of, unit_findings
 from machopt.model.robot import Robot
-
-BETTER, MUCH_BETTER = 0.6, 0.35  # unexplained share of a rival reading per that of the stated one
-WINS = 0.8  # share of poses in which a rival must be better
-A_LITTLE_BETTER, WINS_EVERYWHERE, MANY_POSES = 0.8, 0.95, 8  # enough for a warning, too: less better, but everywhere
-NOT_WORTH, BEYOND_NOISE = 0.95, 2.5  # the same by statistics: ratio at most, standard errors at least
-HALF, CERTAIN = 0.5, 4.5  # refused: explains less than this share of what its rival does, by so many standard errors
-FACTOR, MATTERS = 1.5, 0.1  # compliances wrong by this factor are refused, of joints that make such a share
-OUTSIDE = np.radians(1.0)  # beyond a joint limit
-MOST_MOVED = 0.02  # of the reach; no arm gives way that far
-LEAST_MOMENT = 1.0  # N·m
-SCREW = 0.2  # |f·m| / (|f| |m|) that no force through a point makes; rounding and noise make less
-COARSE_STEP = 5e-6  # m; displacements read to a finer step do not repeat by chance in all their axes
 
 CODES = (  # of errors that can be accepted
     "displacement_frame",
@@ -114,13 +103,23 @@ def _other_reading(ways: list[Reading]) -> list[RecordFault]:
     best = min(rivals, key=lambda r: r.unexplained)
     ratio = best.unexplained / max(stated.unexplained, 1e-300)
     wins, poses = float(np.mean(best.by_pose < stated.by_pose)), len(best.by_pose)
-    everywhere = ratio <= A_LITTLE_BETTER and wins >= WINS_EVERYWHERE and poses >= MANY_POSES
-    beyond_noise = poses >= MANY_POSES and ratio <= NOT_WORTH and _standard_errors(stated, best) >= BEYOND_NOISE
-    if not (everywhere or beyond_noise) and (ratio > BETTER or wins < WINS):
+    everywhere = (
+        ratio <= calibrated.CHECKED.a_little_better
+        and wins >= calibrated.CHECKED.wins_everywhere
+        and poses >= calibrated.CHECKED.many_poses
+    )
+    beyond_noise = (
+        poses >= calibrated.CHECKED.many_poses
+        and ratio <= calibrated.CHECKED.not_worth
+        and _standard_errors(stated, best) >= calibrated.CHECKED.beyond_noise
+    )
+    if not (everywhere or beyond_noise) and (ratio > calibrated.CHECKED.better or wins < calibrated.CHECKED.wins):
         return []
     share = f"{_explained(best)} of the displacement is explained then, {_explained(stated)} as stated"
-    much = ratio <= MUCH_BETTER and (stated.unexplained > MUCH_BETTER or _moved(stated, best) > FACTOR)
-    else_nothing = beyond_noise and HALF * (1 - best.unexplained) > max(1 - stated.unexplained, 0.0)
+    much = ratio <= calibrated.CHECKED.much_better and (
+        stated.unexplained > calibrated.CHECKED.much_better or _moved(stated, best) > calibrated.CHECKED.factor
+    )
+    else_nothing = beyond_noise and calibrated.CHECKED.half * (1 - best.unexplained) > max(1 - stated.unexplained, 0.0)
     return [
         RecordFault(
             code=best.name, severity="error" if much or else_nothing else "warning", message=f"{best.message} ({share})"
@@ -136,7 +135,7 @@ def _standard_errors(stated: Reading, best: Reading) -> float:
 
 def _moved(stated: Reading, best: Reading) -> float:
     """Factor by which the reading changes a compliance that matters."""
-    matter = np.maximum(stated.effect, best.effect) > MATTERS
+    matter = np.maximum(stated.effect, best.effect) > calibrated.CHECKED.matters
     c = np.stack([stated.compliance, best.compliance])[:, matter]
     low, high = c.min(axis=0, initial=np.inf), c.max(axis=0, initial=0.0)
     return float(np.max(high / np.maximum(low, 1e-300), initial=1.0))
@@ -150,13 +149,13 @@ def _screws(e: Experiment) -> list[RecordFault]:
     """Moments along the force where all other readings are forces through a point (f · m = 0)."""
     force, moment = e.wrench[:, :3], e.wrench[:, 3:]
     size = np.linalg.norm(force, axis=1) * np.linalg.norm(moment, axis=1)
-    there = (np.linalg.norm(moment, axis=1) > LEAST_MOMENT) & (size > 0)
-    if there.sum() < 10:
+    there = (np.linalg.norm(moment, axis=1) > calibrated.CHECKED.least_moment) & (size > 0)
+    if there.sum() < calibrated.CHECKED.screw_readings:
         return []
     share = np.where(there, np.abs(np.einsum("nc,nc->n", force, moment)) / np.where(there, size, 1.0), 0.0)
-    if np.quantile(share[there], 0.9) > SCREW / 10:
+    if np.quantile(share[there], 0.9) > calibrated.CHECKED.screw_usual:
         return []  # couples were applied, or the noise hides it
-    rows = np.flatnonzero(share > SCREW)
+    rows = np.flatnonzero(share > calibrated.CHECKED.screw)
     if not len(rows):
         return []
     return [
@@ -172,8 +171,8 @@ def _screws(e: Experiment) -> list[RecordFault]:
 
 def _repeated(e: Experiment) -> list[RecordFault]:
     """Readings that are copies of others."""
-    steps = e.measured[:, :3] / COARSE_STEP
-    fine = bool(np.abs(steps - np.round(steps)).max() > 0.02)
+    steps = e.measured[:, :3] / calibrated.CHECKED.coarse_step
+    fine = bool(np.abs(steps - np.round(steps)).max() > calibrated.CHECKED.whole_step)
     keys = (
         [e.wrench, e.measured]
         if fine
@@ -198,14 +197,15 @@ def _repeated(e: Experiment) -> list[RecordFault]:
 
 
 def _far(e: Experiment, reach: float) -> list[RecordFault]:
-    rows = np.flatnonzero(np.linalg.norm(e.measured[:, :3], axis=1) > MOST_MOVED * reach)
+    most = calibrated.CHECKED.most_moved * reach
+    rows = np.flatnonzero(np.linalg.norm(e.measured[:, :3], axis=1) > most)
     if not len(rows):
         return []
     return [
         RecordFault(
             code="impossible_displacement",
             severity="warning",
-            message=f"{places(e, rows)}: displaced by more than {1e3 * MOST_MOVED * reach:.0f} mm, more than an arm of "
+            message=f"{places(e, rows)}: displaced by more than {1e3 * most:.0f} mm, more than an arm of "
             "this reach gives way; check these rows, or the unit of the displacement",
             rows=tuple(rows.tolist()),
         )
@@ -218,7 +218,7 @@ def _unloaded(e: Experiment) -> list[RecordFault]:
     if loaded.all():
         return []
     size = np.linalg.norm(e.measured[:, :3], axis=1)
-    rows = np.flatnonzero(~loaded & (size > 0.3 * float(np.median(size[loaded]))))
+    rows = np.flatnonzero(~loaded & (size > calibrated.CHECKED.moved_unloaded * float(np.median(size[loaded]))))
     if not len(rows):
         return []
     return [
@@ -235,7 +235,7 @@ def _unloaded(e: Experiment) -> list[RecordFault]:
 def _outside_limits(e: Experiment, robot: Robot) -> list[RecordFault]:
     """Joint positions that the arm cannot take."""
     q = e.state.q
-    outside = (q < robot.lower - OUTSIDE) | (q > robot.upper + OUTSIDE)
+    outside = (q < robot.lower - calibrated.CHECKED.outside) | (q > robot.upper + calibrated.CHECKED.outside)
     if not outside.any():
         return []
     rows = np.flatnonzero(outside.any(axis=1))
@@ -256,7 +256,7 @@ def _outside_limits(e: Experiment, robot: Robot) -> list[RecordFault]:
 def _too_little(e: Experiment, unknowns: int) -> list[RecordFault]:
     poses, equations = len(np.unique(e.pose)), e.measured.size
     out = []
-    if poses < 4:
+    if poses < calibrated.CHECKED.few_poses:
         out.append(
             RecordFault(
                 code="few_poses",
@@ -265,7 +265,7 @@ def _too_little(e: Experiment, unknowns: int) -> list[RecordFault]:
                 "shared by a pose cannot be seen; ten poses or more would work (machopt plan-poses chooses them)",
             )
         )
-    if equations < 3 * unknowns:
+    if equations < calibrated.CHECKED.few_equations * unknowns:
         out.append(
             RecordFault(
                 code="few_readings",

@@ -17,11 +17,12 @@ robust (one cluster a pose, as in :mod:`machopt.identify.uncertainty`, where tha
 poses that are left out show beyond S and noise counts as ``local``, a compliance that any other pose has for itself,
 with how badly a handful of regions tells it.
 
-Where springs explain the readings (twice the log-likelihood rises by less than CERTAIN) no suspect stays, but one: what
-weight and load do to posture and lever arms (``loaded``) is no suspicion. It is there in every arm, to first order as
-written down, and small loads hide it from the readings without making it any smaller. Where masses are known it counts
-in full, 1 ± PRIOR_LOADED before the readings are asked, and the springs' own errors with what it took from them. A file
-with ``geometric_stiffness`` counts the load's own part already, without the weight; the rest is left to ``loaded``.
+Where springs explain the readings (twice the log-likelihood rises by less than ``IDENTIFIED.misfit``) no suspect stays,
+but one: what weight and load do to posture and lever arms (``loaded``) is no suspicion. It is there in every arm, to
+first order as written down, and small loads hide it from the readings without making it any smaller. Where masses are
+known it counts in full, 1 ± PRIOR_LOADED before the readings are asked, and the springs' own errors with what it took
+from them. A file with ``geometric_stiffness`` counts the load's own part already, without the weight; the rest is left
+to ``loaded``.
 
 Nor is the play of a gear a matter of what explains the readings: load tests whose torques never change sign, the weight
 counted, say nothing of it, and a job whose torques do meets all of it. So beside each model stands the same with the
@@ -49,20 +50,19 @@ from machopt.domain.stiffness import Discrepancy, Stiffness
 from machopt.estimate.clusters import Clusters, Components, Normal, normal, sums
 from machopt.estimate.components import components
 from machopt.estimate.experiment import Experiment
+from machopt.identify import calibrated
 from machopt.identify.fit import Fit
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import ArmState, Masses, Robot
 from machopt.model.suspects import PLAYS, Suspects, elastic_names, gear_names, scales
 
 GRID = np.concatenate([[0.0], np.logspace(-2.5, 0.5, 13)])  # λ; 1: as soft as the joints beside it
-CERTAIN = 8.0  # twice the log-likelihood; χ² of two bounded components passes 6 in one of fifty
 UNKNOWN = 1.0  # 1 sigma of a joint's compliance that no reading shows, as a share of the file's
 FREE = 3.0  # the same of a coefficient that was found: next to nothing is known before
 PRIOR_LOADED = 0.25  # 1 sigma of ``loaded``, known to be 1: masses in a URDF are good to 15 %, and it is of first order
 PLAY = 0.34 * np.pi / 10800.0  # rad, 1 sigma of half the play of a gear that has some: 0.3 to 1 arcmin is usual
 PLAYS_IN = 1.0 / 3.0  # odds that a gear has some before the readings are asked
 KEPT = 1e-6  # of the variance over the readings' poses that the modes left out may have; a job goes elsewhere
-ENOUGH = 3.0  # equations per column, from which replicates are judged beside all columns
 DIRECTIONS = 2  # along which poses are parted into regions: every pose is in one of each
 BLOCKS = 4  # regions along either direction
 LEAST_WEIGHT = 1e-3  # of a λ beside the best
@@ -116,7 +116,7 @@ def discrepancy(suspects: Suspects, state: ArmState, k: Array, readings: Reading
         spread = np.array([UNKNOWN, elastic, gears, PRIOR_LOADED])[group]
         best.append((_likelihood(H, h, spread), spread, elastic + gears))
     plain = next(b for b in best if b[2] == 0.0)  # springs, and the load's own doing
-    misfit = bool(2.0 * (max(b[0] for b in best) - plain[0]) >= CERTAIN)
+    misfit = bool(2.0 * (max(b[0] for b in best) - plain[0]) >= calibrated.IDENTIFIED.misfit)
     named = any(t.weighs for t in suspects.terms)  # gears whose law bends with their torque
     if not misfit and not named:
         best = [plain]
@@ -138,7 +138,7 @@ def discrepancy(suspects: Suspects, state: ArmState, k: Array, readings: Reading
     modes = kept_modes(covariance, _met(H, whole.names))
     keep = np.abs(covariance).sum(axis=0) > 0
     likeliest = max(best, key=lambda b: b[0])[1]
-    left = readings.residual[:, :3][readings.robust[:, :3] > 0.5]
+    left = readings.residual[:, :3][readings.robust[:, :3] > calibrated.IDENTIFIED.out]
     return Discrepancy(
         parts=tuple(n for n, used in zip(whole.names, keep, strict=True) if used),
         torque=suspects.torque,
@@ -229,7 +229,7 @@ def _local(Z: Array, q: Array, r: Readings, e: Normal, found: tuple[NDArray[np.i
     regions = []
     for region in _regions(r, q):
         rows = np.flatnonzero(np.isin(r.clusters.pose, region))
-        rows = rows[(r.robust[rows, :3] > 0.5).all(axis=1)]
+        rows = rows[(r.robust[rows, :3] > calibrated.IDENTIFIED.out).all(axis=1)]
         S = np.linalg.inv(P - H[region].sum(axis=0))
         X = Z[rows, :3][:, :, use]
         left = r.residual[rows, :3] - X @ (S @ (h.sum(axis=0) - h[region].sum(axis=0)))
@@ -279,7 +279,7 @@ def _equations(Z: Array, r: Readings) -> tuple[Normal, float, Array]:
         found = r.components[c]
         part = sums(r.clusters, r.precision[c], Z[:, rows], r.residual[:, rows], count)
         typical = float(1.0 / np.median(r.precision[c][:, [0, 1, 2], [0, 1, 2]]))
-        if count > ENOUGH * Z.shape[2]:
+        if count > calibrated.IDENTIFIED.replicates * Z.shape[2]:
             found = components(r.clusters, part, typical, stated=r.stated[c])
         if c == 0:
             noise = float(np.sqrt(found.scale * (typical + found.cycle + found.visit)))

@@ -24,13 +24,12 @@ from machopt.estimate.components import Scatter, components
 from machopt.estimate.experiment import Experiment
 from machopt.estimate.noise import reading_covariance
 from machopt.estimate.robust import scale, start, weights
+from machopt.identify import calibrated
 from machopt.model.terms import LinearTerm
 
 ROUNDS = 8
 SETTLED = 1e-3  # change of a coefficient per its standard error between rounds
 UNSEEN = 1e-7  # effect of a coefficient per the largest one; below it is rounding and counts as none
-ENOUGH_TO_DOUBT = 2  # equations per unknown; with fewer nothing tells a wrong reading from a right one
-OUT = 0.5  # a coordinate of less weight is an outlier
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,7 +120,7 @@ class Fit:
     @property
     def outlier(self) -> NDArray[np.bool_]:
         """(N,) readings with a coordinate that is put aside."""
-        return np.asarray((self.weighting.robust < OUT).any(axis=1))
+        return np.asarray((self.weighting.robust < calibrated.IDENTIFIED.out).any(axis=1))
 
 
 def with_values(terms: Sequence[LinearTerm], x: Array) -> tuple[LinearTerm, ...]:
@@ -184,7 +183,7 @@ def fit(
         )
     if not experiment.wrench.any():
         raise InputError("no reading carries a load; every force and moment is zero", file=experiment.source)
-    robust = robust and y.size >= ENOUGH_TO_DOUBT * len(what)
+    robust = robust and y.size >= calibrated.IDENTIFIED.enough_to_doubt * len(what)
     groups = clusters(experiment) if groups is None else groups
     lower = np.array([u.lower for u in what]) if bounded else np.full(len(what), -np.inf)
     column, seen = _columns(A, y)

@@ -22,13 +22,13 @@ from machopt.domain.stiffness import StiffnessGrid
 from machopt.errors import InputError
 from machopt.estimate.bounded import minimise
 from machopt.estimate.clusters import normal
-from machopt.identify.fit import OUT, Fit, Weighting
+from machopt.identify import calibrated
+from machopt.identify.fit import Fit, Weighting
 from machopt.identify.gridcells import Region, kriging, region_of, touched
 from machopt.identify.gridequations import GridEquations
 from machopt.identify.gridevidence import Evidence, Posterior, Prior, sum_of, summed
 
 ON_FACE = 1e-3  # m; a pose meant to be on a face is that near it, by the arm's own repeatability
-SEEN = 2.0  # standard errors; a joint whose constant compliance is less does not vary by cell
 UNSEEN = 1e-6  # of the largest reading: less than this is no reading of a joint, whatever its compliance
 MOST_CELLS = 1000  # that readings touch; their unknowns are solved together
 ROUNDS = 6
@@ -178,7 +178,7 @@ def _varying(fit: Fit, hold: Array | None) -> tuple[Bools, Array]:
     M = np.linalg.pinv(fit.normal.total()[0], hermitian=True)
     sigma = np.sqrt(np.maximum(np.diag(M)[:6], 0.0)) * fit.column[:6]
     seen = np.abs(fit.A[..., :6]).max(axis=(0, 1)) * c.max() > UNSEEN * np.abs(fit.y).max()
-    vary = ~np.isfinite(held) & seen & (c > SEEN * sigma)
+    vary = ~np.isfinite(held) & seen & (c > calibrated.IDENTIFIED.varies * sigma)
     blind = ~np.isfinite(held) & ~seen
     if blind.any():
         raise InputError(
@@ -187,8 +187,8 @@ def _varying(fit: Fit, hold: Array | None) -> tuple[Bools, Array]:
         )
     if not vary.any():
         raise InputError(
-            f"no joint's compliance is known to better than 1/{SEEN:g} of itself; there is nothing to vary by cell. "
-            "More readings, or larger loads, would work",
+            f"no joint's compliance is known to better than 1/{calibrated.IDENTIFIED.varies:g} of itself; there is "
+            "nothing to vary by cell. More readings, or larger loads, would work",
             file=fit.experiment.source,
         )
     value = np.where(np.isfinite(held), 1.0 / np.where(np.isfinite(held), held, 1.0), np.maximum(c, sigma))
@@ -292,7 +292,10 @@ def _held_out(
     rows = work.rows
     constant = fit.y[rows] - np.einsum("ndp,np->nd", fit.A[rows], x[pose[rows]])
     return HeldOut(
-        work.residual(without), constant, fit.experiment.pose[rows], np.asarray((weighting.robust >= OUT).all(axis=1))
+        work.residual(without),
+        constant,
+        fit.experiment.pose[rows],
+        np.asarray((weighting.robust >= calibrated.IDENTIFIED.out).all(axis=1)),
     )
 
 

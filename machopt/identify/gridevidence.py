@@ -24,8 +24,9 @@ from scipy.optimize import minimize
 from scipy.sparse import bsr_matrix, csr_matrix
 
 from machopt.arrays import Array, Ints
+from machopt.estimate import calibrated
 from machopt.estimate.clusters import Clusters, Components, Normal, Sums, normal
-from machopt.estimate.components import LEAST, MOST, TRUST_IN_STATED
+from machopt.estimate.components import LEAST, MOST
 from machopt.estimate.tiled import product, spd_inverse, times
 
 SPREADS = (1e-3, 1.0)  # least and largest s in log compliance: at a thousandth the cells are one
@@ -218,7 +219,7 @@ class Evidence:
         value = m.yy + fit + m.logdet + log_P - 2 * float(np.log(d).sum())
         value += self.joints * log_prior + (self.cells - 1) * 2 * float(np.log(prior.spread).sum())
         for stated, c in zip(self.stated, prior.noise, strict=True):
-            value += TRUST_IN_STATED * (np.log(c.scale) + 1 / c.scale) if stated else 0.0
+            value += calibrated.ESTIMATED.trust_in_stated * (np.log(c.scale) + 1 / c.scale) if stated else 0.0
         own = m.T @ (m.h_site - np.einsum("sij,sj->si", m.H_site, response[self.place]))[..., None]
         spread = self._spread_to_places(linear.E, covariance, L, R)
         return Posterior(
@@ -251,7 +252,7 @@ class Evidence:
                 changed = [normal(self.clusters, s, more) if k == n else e for k, e in enumerate(equations)]
                 slope.append((rest(self.marginal(prior, changed)) - rest(now)) / STEP)
                 if name == "scale" and self.stated[n]:
-                    slope[-1] += TRUST_IN_STATED * (1 - 1 / c.scale)
+                    slope[-1] += calibrated.ESTIMATED.trust_in_stated * (1 - 1 / c.scale)
         # with dH = −H dT H, dh = −H dT h: the derivative by each joint's variance T_jj of the site's own part
         F = self.joints
         Hr = np.einsum("sij,sj->si", now.H_site, at_site)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.arrays import Array, Ints
+from machopt.identify import calibrated
 from machopt.identify.fit import Fit
 from machopt.identify.identifiability import Settled
 
@@ -27,7 +28,7 @@ class Errors:
 
 def errors(fit: Fit, residual: Array) -> Errors:
     """Sum up residuals (N, D) of a fit's readings."""
-    counts = fit.weighting.robust > 0.5
+    counts = fit.weighting.robust > calibrated.IDENTIFIED.out
     kept = np.where(counts, residual, np.nan)
     total = np.where(counts, fit.experiment.measured, np.nan)
     turned = residual.shape[1] == 6

@@ -23,16 +23,14 @@ from scipy.special import stdtrit
 from machopt.arrays import Array
 from machopt.domain.stiffness import LEAST_STIFFNESS, spring_text
 from machopt.estimate.bounded import minimise
+from machopt.identify import calibrated
 from machopt.identify.admissible import FittedMatrix, fitted_matrices, gives_way, nearest
 from machopt.identify.fit import Fit, FitCoefficient
 from machopt.identify.uncertainty import NULL, Uncertainty
 
-MOST_ERROR = 0.5  # standard error per compliance beyond which a joint counts as not identified
 FEW = 3  # coefficients of a term that are judged each by itself
-TOLD_APART = 0.95  # correlation of two estimates beyond which they are named together
 PULL = 0.1  # standard deviation per value of the pull towards the cell's compliance
 FIXED = 1e-6  # the same for what is taken as zero, in units of a typical effect
-LEAST_TORQUE = 1e-3  # N·m; rounding in what should be none
 
 
 @dataclass(frozen=True)
@@ -168,11 +166,11 @@ def _judge(
     expected = float(among / scale) if scale > 0 else np.nan
     partner = _partner(fit.unknowns, correlation, uncertainty.unseen, j)
     reason = ""
-    if not np.isfinite(one) or (scale > 0 and one > MOST_ERROR * scale):
+    if not np.isfinite(one) or (scale > 0 and one > calibrated.IDENTIFIED.most_error * scale):
         if unknown.joint is None:
             reason = "no reading shows it"
         else:
-            none = torque < LEAST_TORQUE
+            none = torque < calibrated.IDENTIFIED.least_torque
             reason = f"no reading puts {'any torque' if none else f'more than {torque:.3g} N·m'} on {unknown.name}"
             if np.isfinite(one) and scale > 0 and not none:
                 reason += (
@@ -181,7 +179,7 @@ def _judge(
                 )
     elif not np.isfinite(uncertainty.sigma[j]) and not partner:
         reason = "there are no more equations than unknowns: nothing is left over to judge its error by"
-    elif not np.isfinite(uncertainty.sigma[j]) or (scale > 0 and expected > MOST_ERROR):
+    elif not np.isfinite(uncertainty.sigma[j]) or (scale > 0 and expected > calibrated.IDENTIFIED.most_error):
         reason = partner or f"the readings promise no more than ± {100 * expected:.0f} % (1 sigma)"
     elif _reaches_zero(unknown, uncertainty.interval[j]):
         reason = "its interval reaches zero compliance" if unknown.joint else "its interval holds zero"
@@ -198,9 +196,13 @@ def _partner(unknowns: tuple[FitCoefficient, ...], correlation: Array, unseen: A
     k = int(np.argmax(others))
     if unseen.shape[1] and np.abs(unseen[j]).max() > 1e-6:
         row = unseen[:, int(np.argmax(np.abs(unseen[j])))]
-        names = [unknowns[i].name for i in np.flatnonzero(np.abs(row) > 0.05 * np.abs(row).max()) if i != j]
+        names = [
+            unknowns[i].name
+            for i in np.flatnonzero(np.abs(row) > calibrated.IDENTIFIED.moves_together * np.abs(row).max())
+            if i != j
+        ]
         return f"cannot be told from {' and '.join(names)}: the readings move together" if names else ""
-    if others[k] < TOLD_APART:
+    if others[k] < calibrated.IDENTIFIED.told_apart:
         return ""
     return f"cannot be told from {unknowns[k].name}: correlation {correlation[j, k]:.3f}"
 
@@ -212,14 +214,14 @@ def _combinations(
     out = []
     for i in range(6):
         for j in range(i + 1, 6):
-            if known[i] or known[j] or correlation[i, j] > -TOLD_APART or H[i, i] <= 0:
+            if known[i] or known[j] or correlation[i, j] > -calibrated.IDENTIFIED.told_apart or H[i, i] <= 0:
                 continue
             weight = H[i, j] / H[i, i]  # of joint j's compliance in joint i's place, scaled
             ratio = weight * fit.column[i] / fit.column[j]
             variance = M[i, i] + weight**2 * M[j, j] + 2 * weight * M[i, j]
             value = float(fit.x[i] + ratio * fit.x[j])
             sigma = float(np.sqrt(max(variance, 0.0)) * fit.column[i])
-            if sigma < MOST_ERROR * abs(value):
+            if sigma < calibrated.IDENTIFIED.most_error * abs(value):
                 out.append(
                     Combination(
                         f"joint {i + 1} and joint {j + 1} together: c{i + 1} + {ratio:.3g} c{j + 1} = "

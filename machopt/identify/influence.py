@@ -8,7 +8,8 @@ import numpy as np
 
 from machopt.arrays import Array, Ints
 from machopt.estimate.clusters import shifts
-from machopt.identify.fit import OUT, Fit
+from machopt.identify import calibrated
+from machopt.identify.fit import Fit
 from machopt.identify.identifiability import Settled
 
 
@@ -63,7 +64,7 @@ def outliers(fit: Fit) -> tuple[Outlier, ...]:
     residual = fit.residual
     for c, (V, share) in enumerate(zip(fit.weighting.covariance, fit.weighting.components, strict=True)):
         together = np.sqrt(share.scale * (V[:, [0, 1, 2], [0, 1, 2]] + share.cycle + share.visit))
-        for n, i in np.argwhere(fit.weighting.robust[:, 3 * c : 3 * c + 3] < OUT):
+        for n, i in np.argwhere(fit.weighting.robust[:, 3 * c : 3 * c + 3] < calibrated.IDENTIFIED.out):
             e = float(residual[n, 3 * c + i])
             found.append(Outlier(int(n), fit.experiment.place(int(n)), int(3 * c + i), e, abs(e) / together[n, i]))
     return tuple(sorted(found, key=lambda o: -o.sigmas))

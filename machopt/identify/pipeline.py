@@ -18,6 +18,7 @@ from machopt.arrays import Array
 from machopt.domain.stiffness import Stiffness
 from machopt.errors import InputError
 from machopt.estimate.experiment import Experiment
+from machopt.identify import calibrated
 from machopt.identify.assemble import Parts, assemble
 from machopt.identify.check import check_experiment, refuse
 from machopt.identify.equilibrium import Equilibrium, refine
@@ -31,12 +32,6 @@ from machopt.identify.study import MonteCarlo, SubsetStudy, monte_carlo, subset_
 from machopt.identify.uncertainty import Uncertainty, uncertainty
 from machopt.model.robot import Masses, Robot
 from machopt.model.terms import LinearTerm, compile_terms
-
-FEWEST_POSES_FOR_SUBSETS = 6
-FEWEST_POSES_FOR_GRID = 12  # to be tried where it is not asked for
-WORTH_A_GRID = 2.0  # standard errors of the gain on unseen poses; one would take a grid in one of six recordings
-LEAST_GAIN = 0.03  # of the held-out error; two standard errors alone take a grid in one of twenty constant arms
-LOAD_MATTERS = 0.25  # standard errors by which K_C of the load has to move a joint; less hides in the interval
 
 
 def identify(
@@ -173,7 +168,7 @@ def _with_load(plain: _Solved, equilibrium: Equilibrium, fitted: Callable[[Exper
     )
     sigma = np.where(known, again.uncertainty.sigma[:6], np.inf)
     moved = np.abs(again.settled.x[:6] - plain.settled.x[:6])
-    if not (moved > LOAD_MATTERS * sigma).any():
+    if not (moved > calibrated.IDENTIFIED.load_matters * sigma).any():
         return plain
     worst = int(np.argmax(moved / sigma))
     exact = np.linalg.norm((equilibrium.experiment.measured - about.measured + about.sensitivity @ c)[:, :3], axis=1)
@@ -191,7 +186,7 @@ def _studies(
 ) -> tuple[SubsetStudy | None, MonteCarlo | None]:
     if not options.studies:
         return None, None
-    of = "poses" if solved.fit.clusters.poses >= FEWEST_POSES_FOR_SUBSETS else "readings"
+    of = "poses" if solved.fit.clusters.poses >= calibrated.IDENTIFIED.poses_for_subsets else "readings"
     return (
         subset_study(solved.fit, solved.settled, rng, of=of),
         monte_carlo(solved.fit, solved.settled, robot, T_flange_tcp, rng),
@@ -202,8 +197,11 @@ def _grid(solved: _Solved, options: IdentifyOptions) -> tuple[GridFit | None, st
     """The grid where it is asked for, or where it is worth it."""
     if options.model == "constant":
         return None, ""
-    if options.model == "auto" and solved.fit.clusters.poses < FEWEST_POSES_FOR_GRID:
-        return None, f"constant: fewer than {FEWEST_POSES_FOR_GRID} poses say nothing of a change over space"
+    if options.model == "auto" and solved.fit.clusters.poses < calibrated.IDENTIFIED.poses_for_grid:
+        return (
+            None,
+            f"constant: fewer than {calibrated.IDENTIFIED.poses_for_grid} poses say nothing of a change over space",
+        )
     known = np.array([s.identified for s in solved.settled.standing[:6]])
     if not known.any():
         return None, "constant: no joint is identified"
@@ -224,9 +222,9 @@ def _grid(solved: _Solved, options: IdentifyOptions) -> tuple[GridFit | None, st
     gain, error = found.heldout.gain
     grid, constant = (1e3 * r for r in found.heldout.rmse)
     compared = f"held-out error {grid:.4f} mm with the grid, {constant:.4f} mm without"
-    if gain > WORTH_A_GRID * error and grid < (1.0 - LEAST_GAIN) * constant:
+    errors, least = calibrated.IDENTIFIED.worth_a_grid, calibrated.IDENTIFIED.least_gain
+    if gain > errors * error and grid < (1.0 - least) * constant:
         return found, f"grid: {compared}; the gain is {gain / error:.1f} standard errors"
     return None, (
-        f"constant: {compared}; a grid is taken for a gain of {100 * LEAST_GAIN:g} % and {WORTH_A_GRID:g} standard "
-        "errors"
+        f"constant: {compared}; a grid is taken for a gain of {100 * least:g} % and {errors:g} standard errors"
     )

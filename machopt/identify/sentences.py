@@ -6,15 +6,13 @@ import numpy as np
 
 from machopt.domain.results.identification import not_identified
 from machopt.domain.stiffness import spring_text
+from machopt.identify import calibrated
 from machopt.identify.fit import Fit
 from machopt.identify.heldout import Errors
 from machopt.identify.identifiability import Settled
 from machopt.identify.influence import Outlier
 from machopt.identify.uncertainty import Uncertainty
 
-STATED_OFF = 2.0  # scatter per stated uncertainty beyond which it is worth a word
-OVERFITTED = 1.5  # held-out error per fitted error
-EXPLAINS_LITTLE = 0.5
 SHOWN = 5
 
 
@@ -24,7 +22,11 @@ def warnings(
     """What a user has to know before using the result."""
     out = []
     if sure.unseen.shape[1]:
-        names = [u.name for u, row in zip(fit.unknowns, sure.unseen, strict=True) if np.abs(row).max() > 0.05]
+        names = [
+            u.name
+            for u, row in zip(fit.unknowns, sure.unseen, strict=True)
+            if np.abs(row).max() > calibrated.IDENTIFIED.moves_together
+        ]
         out.append(
             f"singular design: no reading tells {', '.join(names)} apart, or shows them at all; other poses and loads "
             "are needed"
@@ -36,7 +38,7 @@ def warnings(
             reasons = dict.fromkeys(s.reason for s in own_ones)
             out.append(f"{term.effect} at {term.location} is not found and left out: {'; '.join(reasons)}")
     for p, u in enumerate(fit.unknowns):
-        if np.isfinite(u.lower) and fit.free[p] + 3.0 * sure.sigma[p] < u.lower:
+        if np.isfinite(u.lower) and fit.free[p] + calibrated.IDENTIFIED.below_bound * sure.sigma[p] < u.lower:
             out.append(
                 f"without its bound, the compliance of {u.name} would be negative by "
                 f"{abs(fit.free[p]) / sure.sigma[p]:.1f} standard errors: the model lacks something, or the record is "
@@ -49,13 +51,13 @@ def warnings(
             "structure does; the best fit that does not is given instead, fewer coefficients (form: diagonal) would be "
             "surer"
         )
-    if own.explained < EXPLAINS_LITTLE:
+    if own.explained < calibrated.IDENTIFIED.explains_little:
         out.append(
             f"the model explains only {100 * own.explained:.0f} % of the squared displacements"
             if own.explained > 0
             else "the model explains none of the displacements"
         )
-    if unseen.rmse > OVERFITTED * own.rmse:
+    if unseen.rmse > calibrated.IDENTIFIED.overfitted * own.rmse:
         out.append(
             f"poses that the fit has not seen err by {1e3 * unseen.rmse:.3g} mm, seen ones by {1e3 * own.rmse:.3g} mm: "
             "too few poses for the unknowns, or stiffness that changes with the pose"
@@ -68,7 +70,7 @@ def warnings(
         (1e3, 1e3),
         strict=False,
     ):
-        if value is not None and fit.weighted and scatter.reading > STATED_OFF * value:
+        if value is not None and fit.weighted and scatter.reading > calibrated.IDENTIFIED.stated_off * value:
             out.append(
                 f"readings scatter by {factor * scatter.reading:.3g} {unit} about the model, {factor * value:.3g} "
                 f"{unit} are stated: physics that the model lacks, or a measurement that is worse than stated"

@@ -11,20 +11,13 @@ from machopt.arrays import Array
 from machopt.effects.record import FORCES, LENGTHS
 from machopt.estimate.experiment import Experiment
 from machopt.estimate.robust import start
+from machopt.identify import calibrated
 from machopt.identify.finding import RecordFault, places
 from machopt.identify.rivals import Reading
 from machopt.model.robot import Robot
 
 GENERIC_STIFFNESS, GENERIC_REACH = 1e6, 2.5  # N·m/rad of a joint of an arm that reaches so far (m); grows with reach³
-MOST_GENERIC = 60.0  # ratio to the generic arm beyond which units are wrong, where the cell has no stiffness
-MOST_GENERIC_TOO = 15.0  # the same where the cell's stiffness is off by more than a hundred, too
-MOST_NOMINAL, DOUBTFUL_NOMINAL = 100.0, 8.0  # ratio to the cell's stiffness: wrong units, and worth a warning
-DOUBTFUL_GENERIC = 6.0  # the arms that we know lie within 3.3 of the generic one
-DOUBTFUL_ROTATION = 8.0  # rotation per translation against what the joints imply
-EXPLAINS = 0.9  # unexplained share beyond which a record says nothing about units
-LEAST_MOMENT = 1.0  # N·m
 READ_AS = {"rad": 1e-3, "degrees": float(np.degrees(1e-3)), "µrad": 1e3}  # number read per number meant, for mrad
-NEAR_UNIT = 3.0  # factor within which a rotation's size names its unit
 
 
 @dataclass(frozen=True)
@@ -52,8 +45,6 @@ SUSPECTS = (
     Suspect("displacements in hundredths of a millimetre", DISPLACEMENT, 0.01),
     *(Suspect(f"loads in {name}", FORCE, newtons) for name, newtons in FORCES.items()),
 )
-ALIKE, LEAST_ALIKE = 1.2, 3  # factor between joints, and from a unit's; joints that say so
-NEAR_SUSPECT = 2.2  # factor: stiffness is rarely known better beforehand
 
 
 def unit_findings(e: Experiment, stated: Reading, reach: float, prior: Array | None) -> list[RecordFault]:
@@ -68,15 +59,19 @@ def unit_findings(e: Experiment, stated: Reading, reach: float, prior: Array | N
     generic = _generic(reach)
     s = _ratio(e, generic, slice(0, 3))
     nominal = _ratio(e, prior, slice(0, 3)) if prior is not None else np.nan
-    if stated.unexplained > EXPLAINS or not s > 0:
+    if stated.unexplained > calibrated.CHECKED.explains or not s > 0:
         return []
     out = []
     if prior is None:
-        wrong = _off(s, MOST_GENERIC)
-        doubtful, against, seen = _off(s, DOUBTFUL_GENERIC), "that of robots of this reach", s
+        wrong = _off(s, calibrated.CHECKED.most_generic)
+        doubtful, against, seen = _off(s, calibrated.CHECKED.doubtful_generic), "that of robots of this reach", s
     else:
-        wrong = _off(nominal, MOST_NOMINAL) and _off(s, MOST_GENERIC_TOO)
-        doubtful, against, seen = _off(nominal, DOUBTFUL_NOMINAL), "what the cell's stiffness gives", nominal
+        wrong = _off(nominal, calibrated.CHECKED.most_nominal) and _off(s, calibrated.CHECKED.most_generic_too)
+        doubtful, against, seen = (
+            _off(nominal, calibrated.CHECKED.doubtful_nominal),
+            "what the cell's stiffness gives",
+            nominal,
+        )
     if wrong:
         near = [u for u in _near(seen) if u in _near(s)]  # by the cell's stiffness and by the robot's size
         if near and not any(u.thousands for u in near):
@@ -96,7 +91,7 @@ def unit_findings(e: Experiment, stated: Reading, reach: float, prior: Array | N
             )
         )
     turned = _ratio(e, generic, slice(3, 6)) if e.dimensions == 6 else np.nan
-    if turned > 0 and _off(turned / s, DOUBTFUL_ROTATION) and not wrong:
+    if turned > 0 and _off(turned / s, calibrated.CHECKED.doubtful_rotation) and not wrong:
         out.append(_rotation(turned / s, doubtful))
     return out
 
@@ -104,12 +99,12 @@ def unit_findings(e: Experiment, stated: Reading, reach: float, prior: Array | N
 def lever_findings(e: Experiment, reach: float, prior: Array | None) -> list[RecordFault]:
     """Moments far beyond what the forces can make on an arm of this size."""
     force, moment = np.linalg.norm(e.wrench[:, :3], axis=1), np.linalg.norm(e.wrench[:, 3:], axis=1)
-    both = (force > 0) & (moment > LEAST_MOMENT)
+    both = (force > 0) & (moment > calibrated.CHECKED.least_moment)
     if not both.any():
         return []
     lever: Array = np.where(both, moment / np.where(both, force, 1.0), 0.0)
     typical = float(np.median(lever[both]))
-    if typical > 10.0 * reach:
+    if typical > calibrated.CHECKED.reaches * reach:
         cause, column, factor = _forces_or_moments(e, reach, prior)
         return [
             RecordFault(
@@ -120,7 +115,7 @@ def lever_findings(e: Experiment, reach: float, prior: Array | None) -> list[Rec
                 factor=factor,
             )
         ]
-    rows = np.flatnonzero(lever > max(3.0 * reach, 20.0 * typical))
+    rows = np.flatnonzero(lever > max(calibrated.CHECKED.far_reaches * reach, calibrated.CHECKED.far_lever * typical))
     if not len(rows):
         return []
     return [
@@ -166,7 +161,7 @@ def _rotation(ratio: float, displacement_doubtful: bool) -> RecordFault:
     """Rotations and translations that do not belong together."""
     start = f"rotations are {_times(ratio)} what the translations of the same readings imply: "
     guess = min(READ_AS, key=lambda unit: abs(np.log(ratio / READ_AS[unit])))
-    if _off(ratio / READ_AS[guess], NEAR_UNIT) or displacement_doubtful:
+    if _off(ratio / READ_AS[guess], calibrated.CHECKED.near_unit) or displacement_doubtful:
         return RecordFault(
             code="rotation_units",
             severity="error",
@@ -202,13 +197,13 @@ def same_factor(found: Array, prior: Array) -> str | None:
         found: (n,) N·m/rad of the identified joints.
         prior: (n,) the cell's.
     """
-    if len(found) < LEAST_ALIKE:
+    if len(found) < calibrated.CHECKED.least_alike:
         return None
     logs = np.log(prior / found)
     ratio = float(np.exp(np.median(logs)))
-    if float(np.abs(logs - np.median(logs)).max()) > np.log(ALIKE):
+    if float(np.abs(logs - np.median(logs)).max()) > np.log(calibrated.CHECKED.alike):
         return None
-    units = [u.words for u in SUSPECTS if abs(float(np.log(ratio / u.ratio))) < np.log(ALIKE)]
+    units = [u.words for u in SUSPECTS if abs(float(np.log(ratio / u.ratio))) < np.log(calibrated.CHECKED.alike)]
     if not units:
         return None
     return (
@@ -224,7 +219,7 @@ def _off(ratio: float, factor: float) -> bool:
 def _near(ratio: float) -> list[Suspect]:
     """What could make that ratio, the nearest first."""
     off = {u: abs(float(np.log(ratio / u.ratio))) for u in SUSPECTS}
-    return [u for u in sorted(off, key=lambda u: off[u]) if off[u] < np.log(NEAR_SUSPECT)]
+    return [u for u in sorted(off, key=lambda u: off[u]) if off[u] < np.log(calibrated.CHECKED.near_suspect)]
 
 
 def _suspects(ratio: float) -> str:
@@ -243,7 +238,7 @@ def _culprit(e: Experiment, ratio: float) -> tuple[str, str, float]:
             "dx_mm",
             1e3,
         )
-    if force < 10.0:  # N; nothing bends visibly under less
+    if force < calibrated.CHECKED.least_force:
         words = f"with a median force of {force:.2g} N the columns fx_N … seem to hold kilonewtons; newtons would work"
         return words, "fx_N", 1e3
     return (

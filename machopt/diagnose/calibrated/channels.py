@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machopt.diagnose.calibrated.origin import JUDGED, STATISTICS
-from machopt.diagnose.calibrated.origin import threshold as _set
+from machopt.estimate.origin import JUDGED
+from machopt.estimate.origin import threshold as _set
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +34,9 @@ class Resting:
         0.5, "m: an error of rotation counts as the shift it makes so far away, while the noise is not known", JUDGED
     )
     rare: float = _set(0.02, "of the readings that lie beyond what counts as a joint's range or largest torque", JUDGED)
-    rigid: float = _set(0.05, "of the cell's compliance: what sizes of torque are stated through is never less", JUDGED)
+    near_usual: float = _set(
+        20.0, "the same below ``usual_joint`` where the cell has none: springs that weights are seen through", JUDGED
+    )
     least_bend: float = _set(
         1e-07, "m at the cell's own stiffness: a joint whose torque moves the TCP less has no column", JUDGED
     )
@@ -171,7 +173,7 @@ class Motion:
         JUDGED,
     )
     links_chance: float = _set(
-        1e-2, "of masses so far off: below it a payload that predicts no worse is the better reason", STATISTICS
+        1e-2, "of masses so far off: below it a payload that predicts no worse is the better reason", JUDGED
     )
     link_off: float = _set(0.15, "the same where the data say plainly that links are off", JUDGED)
     links_gain: float = _set(
@@ -188,6 +190,8 @@ class Motion:
     uneven: float = _set(0.05, "mean scatter of the sampling intervals from which on filters need an even grid", JUDGED)
     dropped: float = _set(0.5, "of a sampling interval, by which a longer one has a sample missing", JUDGED)
     shortest_s: float = _set(0.5, "s; shorter segments are left out", JUDGED)
+    shortest_readings: int = _set(24, "readings; segments and cycles of fewer are left out, or are none", JUDGED)
+    same_slot: float = _set(0.05, "of a block, within which those of two cycles lie at the same phase", JUDGED)
     same_phase: float = _set(
         0.02, "of the spread of the joints; a motion that comes back closer than this is periodic", JUDGED
     )

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from machopt.diagnose.calibrated.origin import DEV, JUDGED, LOAD_TESTS, POSES, STATISTICS
-from machopt.diagnose.calibrated.origin import threshold as _set
+from machopt.estimate.origin import DEV, JUDGED, LOAD_TESTS, POSES, STATISTICS
+from machopt.estimate.origin import threshold as _set
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,6 +74,9 @@ class Proof:
     restless: float = _set(
         0.2, "variance of whitened residuals beyond 1 that no noise makes, however many visits", JUDGED
     )
+    restless_errors: float = _set(
+        1.5, "the same in standard errors of a variance of so many visits, where they are few", JUDGED
+    )
     matters: float = _set(0.3, "repeatable rmse per noise of one reading that matters", JUDGED)
     as_noise: float = _set(1.3, "times the noise that unseen readings may leave where findings explain it", JUDGED)
     outweighs: float = _set(
@@ -121,7 +124,7 @@ class NoiseLevels:
     silent: float = _set(
         1.5, "times the stated 1 sigma: a load component whose rms is less holds nothing but noise", JUDGED
     )
-    silent_peak: float = _set(4.0, "times the stated 1 sigma that a reading of such a component may reach", STATISTICS)
+    silent_peak: float = _set(4.0, "times the stated 1 sigma that a reading of such a component may reach", JUDGED)
     silent_share: float = _set(0.01, "of the readings that may exceed it: gross errors", JUDGED)
     silent_small: float = _set(
         0.03, "rms per largest force up to which a component without a stated 1 sigma may be noise alone", JUDGED
@@ -156,7 +159,7 @@ class Recorded:
         10.0, "times the typical misfit that two poses lie apart whose readings cannot agree to the last digit", JUDGED
     )
     copied: float = _set(
-        1e-12, "chance that so many readings of a visit agree with those of another pose to the last digit", STATISTICS
+        1e-12, "chance that so many readings of a visit agree with those of another pose to the last digit", JUDGED
     )
     misplaced: float = _set(
         3.0, "1 sigma of a reflector's nominal place, beyond which it was written down wrong", JUDGED
@@ -175,6 +178,11 @@ class Recorded:
     gain_far: float = _set(
         4.0, "times what forces scatter between sessions, from which on a session's gain is a fault", JUDGED
     )
+    gain_poses: int = _set(5, "poses that two sessions share, below which nothing says that their gains differ", JUDGED)
+    label_poses: int = _set(
+        5, "poses that have a size of load and others, below which nothing is held against it", JUDGED
+    )
+    label_sizes: int = _set(3, "sizes of load in a session: of two that disagree nothing says which is wrong", JUDGED)
     label_gap: float = _set(0.04, "of the largest load, by which one size of load is apart from the next", JUDGED)
     label_wide: float = _set(0.06, "of it, that loads of one size spread over at most", JUDGED)
     label_alike: float = _set(0.9, "share of the poses at which a wrong weight is off the same way", JUDGED)

@@ -23,7 +23,7 @@ from machopt.effects.protocol import Effect, Swept, Unloaded
 FINE = 31  # orders about one that are profiled
 
 
-def lowest_order(scene: Scene, joint: int, turns: float = calibrated.MOTION.turns) -> float:
+def lowest_order(scene: Scene, joint: int, turns: float) -> float:
     """The slowest gear order per turn of which this range of a joint (0-based) shows so many waves."""
     return max(calibrated.MOTION.slowest_order, float(np.ceil(turns * _apart(scene, joint))))
 
@@ -87,7 +87,7 @@ def _slow(scene: Scene, by: int, law: Unloaded, grid: tuple[Shape, ...]) -> tupl
     if not law.ranged or not scene.moves(by) or any(len(s) != 1 for s in grid):
         return ()
     q = scene.motion.q[:, by]
-    most = lowest_order(scene, by)
+    most = lowest_order(scene, by, calibrated.MOTION.turns)
     few = Swept(
         float(q.min()), float(q.max()), len(q), lowest_order(scene, by, calibrated.MOTION.few_turns), sampled=True
     )
@@ -103,7 +103,9 @@ def _few_waves(h: Hypothesis) -> Hypothesis:
 def swept(scene: Scene, joint: int) -> Swept:
     """What the angles of a joint (0-based) in a motion can show."""
     q = scene.motion.q[:, joint]
-    return Swept(float(q.min()), float(q.max()), len(q), lowest_order(scene, joint), sampled=True)
+    return Swept(
+        float(q.min()), float(q.max()), len(q), lowest_order(scene, joint, calibrated.MOTION.turns), sampled=True
+    )
 
 
 def _hypothesis(scene: Scene, effect: Effect, where: str, law: Unloaded, grid: tuple[Shape, ...]) -> Hypothesis:

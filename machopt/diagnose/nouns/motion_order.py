@@ -62,7 +62,7 @@ def in_order(recording: Recording) -> InOrder:
         notes.append(
             f"{dropped} time{'s' if dropped > 1 else ''} a sample or two are missing; filters run on an even grid"
         )
-    least = max(round(calibrated.MOTION.shortest_s / dt), 24)
+    least = max(round(calibrated.MOTION.shortest_s / dt), calibrated.MOTION.shortest_readings)
     long = np.bincount(segment)[segment] >= least
     if not long.any():
         raise InputError(f"{recording.source}: no stretch without a gap lasts {least * dt:.2g} s; nothing to diagnose")

@@ -253,7 +253,7 @@ def _periods(
         counts = np.bincount(label)
         usual = int(np.median(counts))
         alike = np.abs(counts - usual) <= max(2, calibrated.MOTION.cycle_differs * usual)
-        if usual > 24 and alike.all() and len(counts) > 1:
+        if usual > calibrated.MOTION.shortest_readings and alike.all() and len(counts) > 1:
             starts = np.flatnonzero(np.diff(label, prepend=label[0] - 1))
             if len(starts) == len(counts) and _comes_back(q, session[starts], starts, usual - 2, spread):
                 return label.astype(np.int64), usual / rate
@@ -328,7 +328,7 @@ def _labels(
         group = session[at] * bins + place
         visit = period[at] * bins + place
         slot = np.rint(phase / block).astype(np.int64)
-        near = np.abs(phase / block - slot) < 0.05
+        near = np.abs(phase / block - slot) < calibrated.MOTION.same_slot
         replicate = np.where(near, session[at] * (int(slot.max()) + 1) + slot, -1)
         notes.append(
             f"the motion repeats every {length:.4g} s; held out together: the same {length / bins:.2g} s of "

@@ -26,7 +26,6 @@ from machopt.estimate.robust import start
 from machopt.model.robot import Robot
 
 Ints = NDArray[np.int64]
-FEWEST = 5  # poses that two sessions share
 
 
 def mended(
@@ -51,7 +50,7 @@ def mended(
     wrench = recording.wrench.copy()
     for one in sessions[1:].tolist():
         each = np.array([v / first[p] for p, v in share[one].items() if p in first])
-        if len(each) < FEWEST:
+        if len(each) < calibrated.RECORD.gain_poses:
             continue
         gain = float(np.median(each))
         spread = robust_sigma(each - gain)

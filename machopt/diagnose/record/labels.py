@@ -29,8 +29,6 @@ from machopt.model.robot import Robot
 
 Flags = NDArray[np.bool_]
 MOST = 4  # labels of one record
-FEWEST_SIZES = 3  # of loads in a session: of two that disagree nothing says which is wrong
-FEWEST_POSES = 5  # that have a size and others
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +93,7 @@ def _alone(s: _Size, every: list[_Size]) -> bool:
     """Whether the other sizes of its session agree: their shares are of one another and of this one."""
     others = [o for o in every if o.session == s.session and o is not s]
     most = calibrated.RECORD.label_others * abs(np.log(s.factor))
-    return len(others) + 1 >= FEWEST_SIZES and all(abs(np.log(o.factor)) < most for o in others)
+    return len(others) + 1 >= calibrated.RECORD.label_sizes and all(abs(np.log(o.factor)) < most for o in others)
 
 
 def _between(s: _Size, every: list[_Size]) -> bool:
@@ -131,7 +129,7 @@ def _sizes(tests: Experiment) -> list[_Size]:
         share = _shares(tests.pose[own], label, read[own], moved[own])
         for k in range(int(label.max()) + 1):
             each = share[k][np.isfinite(share[k])]
-            if len(each) < FEWEST_POSES:
+            if len(each) < calibrated.RECORD.label_poses:
                 continue
             rows = own.copy()
             rows[own] = label == k
@@ -158,7 +156,7 @@ def _shares(pose: Ints, label: Ints, read: Array, moved: Array) -> Array:
     cell = label * poses + at.reshape(-1)
     above, below = (np.bincount(cell, v, sizes * poses).reshape(sizes, poses) for v in (read, moved))
     out = np.where(below > 0.0, above / np.where(below > 0.0, below, 1.0), np.nan)
-    out[:, np.isfinite(out).sum(axis=0) < FEWEST_SIZES] = np.nan
+    out[:, np.isfinite(out).sum(axis=0) < calibrated.RECORD.label_sizes] = np.nan
     some = np.isfinite(out).any(axis=0)
     out[:, some] /= np.nanmedian(out[:, some], axis=0)
     return np.asarray(out)

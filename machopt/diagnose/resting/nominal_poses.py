@@ -238,7 +238,7 @@ class Nominal:
         Weights that nobody stated make springs soft in a fit that does not know of them, and what they do would then be
         looked for through springs that are soft because of them. So none counts as far from the cell's.
         """
-        near = calibrated.RESTING.near_cell if self.cell.stiffness is not None else 1.0 / calibrated.RESTING.rigid
+        near = calibrated.RESTING.near_cell if self.cell.stiffness is not None else calibrated.RESTING.near_usual
         _, session = np.unique(self.recording.session, return_inverse=True)
         none = np.zeros(len(self.angles), np.int64)
         T = self.cell.tool.T_flange_tcp.copy()

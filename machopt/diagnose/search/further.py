@@ -42,7 +42,8 @@ def searched(base: Model, catalogue: Catalogue, found: Found, most: int, seed: i
 
 def restless(base: Model) -> float:
     """Variance of whitened residuals beyond 1 from which on there is a mismatch; more where visits are few."""
-    return max(calibrated.PROOF.restless, 1.5 * float(np.sqrt(2.0 / len(base.w.group_of_visit))))
+    error = float(np.sqrt(2.0 / len(base.w.group_of_visit)))
+    return max(calibrated.PROOF.restless, calibrated.PROOF.restless_errors * error)
 
 
 def _wanting(base: Model, chosen: Sequence[Chosen], fits: float) -> bool:

@@ -47,12 +47,8 @@ def least_gain(model: Model, s: Scored) -> float:
     """Gain that a hypothesis has to reach, per unit of the residual's variance."""
     h = s.tried.hypothesis
     p = s.tried.X.shape[2]
-    return float(
-        max(
-            calibrated.DETECTION.gain + calibrated.DETECTION.per_coefficient * (p - 1) + h.penalty,
-            calibrated.DETECTION.share * len(model.y),
-        )
-    )
+    least: float = calibrated.DETECTION.gain + calibrated.DETECTION.per_coefficient * (p - 1) + h.penalty
+    return max(least, calibrated.DETECTION.share * len(model.y))
 
 
 def holds(model: Model, s: Scored) -> bool:

@@ -20,7 +20,7 @@ DEV = Origin("measured", "benchmarks/concealed/run.py", "dev", "2026-11-21")
 LOAD_TESTS = Origin("measured", "benchmarks/stranger/run.py", "dev", "2026-11-23")
 POSES = Origin("measured", "benchmarks/stranger/run.py", "dev", "2026-11-26")
 STATISTICS = Origin("statistics")  # follows from what it means
-JUDGED = Origin("judgement")  # nothing on record says that a set of cases set it
+JUDGED = Origin("judgement")  # no set of cases set it; what cases say of it: machopt/estimate/room.py
 
 
 def threshold(default: float, why: str, origin: Origin) -> Any:

@@ -1,0 +1,122 @@
+"""Thresholds that no concealed case of the sets asks for, each on both sides."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_up_loads import Truth, load_tests, planned
+from made_up_loads import arm as loaded_arm
+from test_diagnose_absolute import arm as posed_arm
+from test_diagnose_absolute import measure
+from test_diagnose_engine import law, made_up
+from test_diagnose_motion import arm as moved_arm
+from test_diagnose_motion import excited, recorded
+
+from machopt.diagnose import calibrated
+from machopt.diagnose.evidence import heldout
+from machopt.diagnose.moving import checks
+from machopt.diagnose.moving.checks import torque_side
+from machopt.diagnose.nouns.motion_signals import signals
+from machopt.diagnose.nouns.problem import Catalogue
+from machopt.diagnose.record.contradiction import contradictions
+from machopt.diagnose.resting.nominal_poses import Nominal
+from machopt.diagnose.search import engine
+from machopt.domain.recording import Recording
+from machopt.errors import InputError
+from machopt.formats.cell import load_cell
+from machopt.model.rigid import load_dynamics
+from machopt.model.robot import load_robot
+
+CELLS = Path(__file__).resolve().parents[1] / "cells"
+
+
+@pytest.mark.parametrize(("like", "frame", "body"), [(0.95, True, True), (0.72, True, False), (0.5, False, False)])
+def test_a_frame_that_is_not_quite_right_may_leave_more_than_a_body(like: float, frame: bool, body: bool) -> None:
+    """``outweighs``, ``outweighs_exact``: a frame takes what it is right in whole, and the rest is something else."""
+    named = []
+    for effect in ("geometry", "wind"):
+        rng = np.random.default_rng(5)
+        problem, column = made_up(400, extra=40e-6)
+        other = rng.standard_normal((len(column) // 2, *column.shape[1:]))
+        near = like * column + np.sqrt(1.0 - like**2) * np.concatenate([other, other])
+        found = engine.diagnose(problem, Catalogue((law(near, effect),)), engine.Options(), rng)
+        named.append(effect in {f.effect for f in found.findings})
+    assert named == [frame, body]
+
+
+@pytest.mark.parametrize(("left", "better"), [(0.6, True), (0.8, False)])
+def test_few_groups_are_better_where_the_error_falls_by_half_its_power(left: float, better: bool) -> None:
+    """``half``: three groups that disagree about it prove nothing by their number."""
+    problem, _ = made_up(1)
+    used = problem.group < 3
+    rng = np.random.default_rng(2)
+    before = rng.standard_normal(problem.y.shape)
+    uneven = np.array([0.02, 1.05, 1.0])[np.minimum(problem.group, 2)][:, None]
+    after = before * uneven
+    after *= left / (heldout.rms(after[used]) / heldout.rms(before[used]))
+    assert bool(heldout._better(problem, before, after, used, problem.families[0])) is better
+
+
+def hung(share: float) -> Recording:
+    """Weights recorded as pulling up, of which a share of the poses moved as weights move."""
+    a = loaded_arm("kr240_drilling")
+    rng = np.random.default_rng(3)
+    plan = planned(a, rng, poses=10, directions=1)
+    down = -np.linalg.norm(plan.wrench[:, :3], axis=1)
+    plan = replace(plan, wrench=np.stack([0 * down, 0 * down, down, 0 * down, 0 * down, 0 * down], axis=1))
+    r = load_tests(a, Truth(a.nominal), plan, rng)
+    assert r.wrench is not None
+    return replace(r, wrench=np.where((r.pose < share * 10)[:, None], -r.wrench, r.wrench))
+
+
+@pytest.mark.parametrize(("share", "said"), [(1.0, True), (0.8, False)])
+def test_what_moves_against_its_load_is_said_where_nearly_all_does(share: float, said: bool) -> None:
+    """``against``: either way the load is read as weights that hang."""
+    cell = load_cell(CELLS / "kr240_drilling")
+    _, found = contradictions(hung(share), load_robot(cell), cell.tool.T_flange_tcp)
+    assert [f.effect for f in found] == ["load_geometry"]
+    assert ("move against their load" in found[0].note) is said
+
+
+@pytest.mark.parametrize(("rubs", "accepted"), [(40.0, True), (0.02, False)])
+def test_a_balancer_may_outweigh_the_masses_where_friction_points_forward(
+    tmp_path: Path, rubs: float, accepted: bool
+) -> None:
+    """``rubs``: without friction to tell the sign by, a channel that runs against the masses is wrong."""
+    cell = moved_arm(tmp_path, 1)
+    rng = np.random.default_rng(6)
+    t, q, v, a = excited(1, rng, period=60.0, rate=20.0)
+    dynamics = load_dynamics(cell)
+    needed, weight = dynamics.torque(q, v, a), dynamics.torque(q, 0.0 * v, 0.0 * a)
+    r = recorded(t, q, v, needed - 2.0 * weight + rubs * np.sign(v) + 0.5 * rng.standard_normal(q.shape))
+    motion = signals(r, 1)
+    if accepted:
+        assert torque_side(r, motion, needed[motion.index])[1] == []
+    else:
+        with pytest.raises(InputError, match="runs against what the arm needs"):
+            torque_side(r, motion, needed[motion.index])
+
+
+@pytest.mark.parametrize(("size", "column"), [(1e-3, "q"), (1.0, "velocity")])
+def test_slides_within_a_few_millimetres_were_metres(size: float, column: str) -> None:
+    """``few_millimetres``: of two columns a thousand apart, the one that would move next to nothing is the odd one."""
+    t, q, v, a = excited(1, np.random.default_rng(1))
+    scale = size / np.abs(q).max()
+    r = replace(recorded(t, scale * q, 1e3 * scale * v, a), prismatic=(True,))
+    found = checks.units(r, 1)[1]
+    assert [f.location for f in found] == [f"column:{checks.column(r, column, 0)}"]
+
+
+def test_springs_that_no_cell_states_are_usual_ones_and_weights_are_seen_through_stiff_ones() -> None:
+    """``usual_joint`` and ``near_usual``."""
+    cell, robot, masses = posed_arm()
+    bare = replace(cell, stiffness=None)
+    model = Nominal(measure(noise=10e-6), bare, robot, masses, frozenset())
+    assert (model.nominal == calibrated.RESTING.usual_joint).all()
+    first = model.first_fit()
+    state = model.predict(first)[0]
+    seen = model.readings(state, first, np.array([1e-9, 1e-7, 1e-6, 1e-4, 1e-2, 0.0])).compliance
+    np.testing.assert_allclose(seen, [5e-8, 1e-7, 1e-6, 1e-4, 1e-2, 5e-8])
