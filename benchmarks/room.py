@@ -200,12 +200,18 @@ def vary(out: Path, log: Path, folders: list[Path], seconds: float) -> None:
             line = known.get(case.name)
             if line is None or case.name in done or line["seconds"] > LONGEST or process_time() - start > seconds:
                 continue
+            of = {t.key: t.value for t in every()}
             names = [str(n) for n in np.random.default_rng(len(done)).permutation(sorted(line["seen"]))]
             begun = process_time()
             ways = {w: turned(case, line["said"], names, w, [MOST_RUNS]) for w in ("less", "more")}
             done.add(case.name)
             took = round(process_time() - begun, 1)
-            told = {"case": case.name, "group": line["group"], "said": line["said"], "names": sorted(names)}
+            told = {
+                "case": case.name,
+                "group": line["group"],
+                "said": line["said"],
+                "values": {n: of[n] for n in names},
+            }
             file.write(json.dumps(told | ways | {"seconds": took}) + "\n")
             file.flush()
 
@@ -218,12 +224,25 @@ def table(log: Path, varied: Path, kept: dict[str, Any]) -> dict[str, list[Any]]
 
 def _row(t: Any, logged: list[dict[str, Any]], again: list[dict[str, Any]]) -> list[Any]:
     seen = [line["seen"][t.key] for line in logged if t.key in line["seen"]]
-    below, above = max((s["below"] for s in seen), default=-np.inf), min((s["above"] for s in seen), default=np.inf)
-    tried = [line for line in again if t.key in line["names"]]
+    below, above = _free(t, seen)
+    tried = [line for line in again if line["values"].get(t.key) == t.value]
     ways = [[_judged(line, t.key, way) for line in tried] for way in ("less", "more")]
     counts = [[w.count(kind) for kind in ("better", "worse", "otherwise")] for w in ways]
     held = [sum(s["n"] for s in seen), _rounded(below), _rounded(above)]
     return [t.value, len(seen), *held, len(tried), *counts]
+
+
+def _free(t: Any, seen: list[dict[str, Any]]) -> tuple[float, float]:
+    """Between which values of a threshold no answer to it changes in any case.
+
+    Raises:
+        ValueError: it was changed beyond what a case was asked about: what is nearest to it now is not known.
+    """
+    lost = [s for s in seen if s["n"] > 2 and not s["below"] <= t.value <= s["above"]]
+    if lost:
+        raise ValueError(f"{t.key} was set otherwise since: run the cases again")
+    near = np.array([x for s in seen for x in (s["below"], s["above"])])
+    return near.max(initial=-np.inf, where=near <= t.value), near.min(initial=np.inf, where=near > t.value)
 
 
 def _rounded(value: float) -> float | None:

@@ -49,15 +49,11 @@ def table() -> list[str]:
     """One line a threshold: its name, its value, where that comes from, what it is, what cases say of it."""
     known = calibrated.measured().rooms
     rows = [
-        (t.key, f"{t.value:g}", _origin(t.origin), t.why + (f" ({known[t.key].told()})" if t.key in known else ""))
+        (t.key, f"{t.value:g}", t.origin.told(), t.why + (f" ({known[t.key].told()})" if t.key in known else ""))
         for t in calibrated.every()
     ]
     widths = [max(len(row[k]) for row in rows) for k in range(3)]
     return ["  ".join(text.ljust(w) for text, w in zip(row, (*widths, 0), strict=True)).rstrip() for row in rows]
-
-
-def _origin(o: calibrated.Origin) -> str:
-    return o.how if o.how != "measured" else f"{o.script} --set {o.cases}, {o.date}"
 
 
 def rates(answers: Path) -> dict[str, tuple[float, int]]:

@@ -57,14 +57,8 @@ def page() -> str:
 
 
 def _row(t: calibrated.Threshold) -> str:
-    o = t.origin
-    cells = (
-        f"`{t.key}`",
-        f"{t.value:.4g}",
-        t.why,
-        o.how if not o.script else f"{o.how}, {o.script} --set {o.cases}, {o.date}",
-    )
-    return "| " + " | ".join(c.replace("|", "\\|") for c in (*cells, t.room.told())) + " |"
+    cells = (f"`{t.key}`", f"{t.value:.4g}", t.why, t.origin.told(), t.room.told())
+    return "| " + " | ".join(c.replace("|", "\\|") for c in cells) + " |"
 
 
 if __name__ == "__main__":

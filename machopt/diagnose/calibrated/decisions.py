@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from machopt.estimate.origin import DEV, JUDGED, LOAD_TESTS, POSES, STATISTICS
+from machopt.estimate.origin import DEV, JUDGED, LOAD_TESTS, POSES, STATISTICS, VERDICTS
 from machopt.estimate.origin import threshold as _set
 
 
@@ -79,6 +79,12 @@ class Proof:
     )
     matters: float = _set(0.3, "repeatable rmse per noise of one reading that matters", JUDGED)
     as_noise: float = _set(1.3, "times the noise that unseen readings may leave where findings explain it", JUDGED)
+    left_over: float = _set(
+        0.55,
+        "of the noise that comes back beside what explains the rest, from which on that is said: of 9 such answers 2 "
+        "had nothing right in them, of 291 others 3",
+        VERDICTS,
+    )
     outweighs: float = _set(
         0.5,
         "of the error power that a law takes: where more than that comes back beside it, it is not named",

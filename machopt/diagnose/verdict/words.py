@@ -56,6 +56,17 @@ def sentence(d: Diagnosis) -> str:
             if open_
             else "No other explanation of the catalogue does as well."
         )
+        + _left_over(d)
+    )
+
+
+def _left_over(d: Diagnosis) -> str:
+    """What comes back beside an explanation that is as near the noise as one asks for."""
+    if d.verdict != "explained" or not d.repeatable_after > calibrated.PROOF.left_over * d.noise_floor:
+        return ""
+    return (
+        f" {size_of(d.repeatable_after, d.unit)} still comes back in repeats: the law is not quite this one, or "
+        "something else is there too."
     )
 
 
