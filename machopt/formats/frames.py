@@ -10,6 +10,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.formats.pathbuilder import Vector
+from machopt.se3 import axis_rotation
 
 ORTHONORMAL = 1e-3  # axes printed with four decimals are that far from orthonormal
 SAME = 1e-6  # mm and sines: nearer than that, two systems are one
@@ -123,7 +124,7 @@ def turn(axis: str, angle_deg: float) -> Array:
 
 
 def about(axis: Vector, angle_deg: float) -> Array:
-    """(3, 3) right-handed rotation about any axis (Rodrigues).
+    """(3, 3) right-handed rotation about any axis.
 
     Raises:
         FrameError: the axis is zero.
@@ -132,7 +133,4 @@ def about(axis: Vector, angle_deg: float) -> Array:
     length = float(np.linalg.norm(n))
     if not length > 1e-9:
         raise FrameError("the axis of a rotation is zero")
-    x, y, z = n / length
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    angle = math.radians(angle_deg)
-    return np.asarray(np.eye(3) + math.sin(angle) * K + (1.0 - math.cos(angle)) * (K @ K))
+    return axis_rotation(n / length, np.array(math.radians(angle_deg)))

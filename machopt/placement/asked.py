@@ -10,7 +10,9 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.errors import InputError
+from machopt.se3 import axis_rotation, transform
 
+UP = np.array([0.0, 0.0, 1.0])
 LEVER = 0.3  # m per rad: how far a turn counts as a shift when the places are spread
 FARTHEST = 20.0  # m; a longer shift is a length in another unit
 
@@ -28,11 +30,8 @@ class Shift:
 
     def matrix(self, centre: Array) -> Array:
         """(4, 4) what the world pose of a body that moves is multiplied with from the left; ``centre`` (3,) m."""
-        c, s = np.cos(self.turn), np.sin(self.turn)
-        T = np.eye(4)
-        T[:2, :2] = [[c, -s], [s, c]]
-        T[:3, 3] = centre + np.array(self.along) - T[:3, :3] @ centre
-        return T
+        R = axis_rotation(UP, np.array(self.turn))
+        return transform(R, centre + np.array(self.along) - R @ centre)
 
     @property
     def words(self) -> str:
