@@ -11,6 +11,14 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
+
+def held(found: object) -> None:
+    """Make the arrays of a noun read-only, from its ``__post_init__``: who wants others makes another noun."""
+    for value in vars(found).values():
+        if isinstance(value, np.ndarray):
+            value.setflags(write=False)
+
+
 WORDS = 8, 4, 2  # bytes
 SHORT = 32  # a last axis that is quicker gone through by its elements than reduced by NumPy
 

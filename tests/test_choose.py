@@ -19,6 +19,7 @@ from machopt.plan.choice.sequence import JUMP
 from machopt.plan.choice.windows import TURNING, windows
 from machopt.plan.choice.worst_cap import GAP, SOLVES, Capped, trade
 from machopt.plan.configurations.candidates import Candidates, _forbid_by_user
+from machopt.plan.configurations.realise import MARGINS, Assignment
 from machopt.plan.cost.objective import AXIS_SPEED, NEAR
 from machopt.plan.cost.score import Scores
 from machopt.plan.stations.path import Path, build_path
@@ -484,3 +485,21 @@ def test_a_stretch_chosen_again_is_the_best_of_all_sequences_that_keep_the_rest(
     total, high = price_of(sequence(again), path, candidates, scores, options)
     assert again.total == pytest.approx(total + worst * high, rel=1e-12)
     assert again.bound == choice.bound
+
+
+def test_a_choice_and_an_assignment_are_read_only() -> None:
+    """Whoever wants another makes another: what one step holds does not change behind it."""
+    row = np.zeros(3, np.int32)
+    choice = Choice(rotation=row, branch=row.copy(), turn=row.copy(), q=np.zeros((3, 6)), broken=())
+    assignment = Assignment(
+        phi=np.zeros(3),
+        q=np.zeros((3, 6)),
+        branch=np.zeros(3, np.int32),
+        reason=np.zeros(3, np.uint8),
+        **{margin: np.zeros(3) for margin in MARGINS},
+    )
+    for found in (choice, assignment, assignment.marked(np.array([True, False, False]), Reason.GAP)):
+        for values in vars(found).values():
+            if isinstance(values, np.ndarray):
+                with pytest.raises(ValueError, match="read-only"):
+                    values[0] = 1

@@ -17,7 +17,7 @@ from machopt.model.collision import CollisionModel
 from machopt.model.elastic import ArmElasticity
 from machopt.model.ik import branch_reasons
 from machopt.plan.configurations.candidates import PlanningArm
-from machopt.plan.configurations.realise import Assignment
+from machopt.plan.configurations.realise import MARGINS, Assignment
 from machopt.plan.cost.score import Directions, configuration_cost
 from machopt.plan.stations.path import Path, tcp_poses
 from machopt.se3 import inverse, wrap
@@ -180,9 +180,7 @@ def _follow(path: Path, arm: PlanningArm, phi: Array, home: Array) -> Assignment
     starts[[first for first, _ in path.runs]] = True
     q, branch, reason = _nearest_to_last(branches.q, why, starts, arm.turns, arm.lower, arm.upper, home)
     rows = np.arange(P)
-    margin = {
-        n: np.where(branch >= 0, getattr(branches, n)[rows, branch], np.nan) for n in ("shoulder", "elbow", "wrist")
-    }
+    margin = {n: np.where(branch >= 0, getattr(branches, n)[rows, branch], np.nan) for n in MARGINS}
     return Assignment(phi=phi, q=q, branch=branch, reason=reason, **margin)
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.arrays import Array, Bools, any_last
+from machopt.arrays import Array, Bools, any_last, held
 from machopt.domain.options import PlanOptions
 from machopt.plan.choice.between import hiding, worst_index
 from machopt.plan.choice.edges import Edges
@@ -45,6 +45,9 @@ class Choice:
     total: float = np.nan  # what the sequence costs, by the prices of the grid
     bound: float = np.nan  # no sequence over the grid costs less
     reached: NDArray[np.bool_] | None = None  # (S, R·B·T) what a continuous way leads to; None: nothing is broken
+
+    def __post_init__(self) -> None:
+        held(self)
 
     @property
     def dropped(self) -> NDArray[np.bool_]:

@@ -69,7 +69,8 @@ def _between(plan: Plan, path: Path, rows: NDArray[np.intp], a: Assignment) -> A
     seed = np.column_stack([np.interp(path.index, index, a.q[:, j]) for j in range(6)])
     found = realise(path, plan.setup.arm, plan.setup.robot, phi, seed)
     whole = np.interp(path.index, index, (a.reason != Reason.OK).astype(float)) == 0  # both neighbours are
-    out = replace(found, reason=np.where(whole, found.reason, Reason.NO_PATH).astype(np.uint8))
-    for name in ("phi", "q", "branch", "reason", "shoulder", "elbow", "wrist"):
-        getattr(out, name)[rows] = getattr(a, name)
-    return out
+    values = {name: value.copy() for name, value in vars(found).items()}
+    values["reason"][~whole] = Reason.NO_PATH
+    for name, value in vars(a).items():
+        values[name][rows] = value
+    return Assignment(**values)

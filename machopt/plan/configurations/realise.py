@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.arrays import Array
+from machopt.arrays import Array, held
 from machopt.domain.reason import Reason
 from machopt.model.ik import branch_reasons, refine
 from machopt.model.robot import Robot
@@ -16,6 +17,7 @@ from machopt.plan.stations.path import Path, tcp_poses
 from machopt.se3 import inverse, wrap
 
 CONVERGED = 1e-9  # m and rad, the accuracy every exported configuration is held to
+MARGINS = ("shoulder", "elbow", "wrist")
 ROWS = 4096  # solved at once: matrices of them stay in a core's cache, and a million points in memory
 SAME_BRANCH = np.radians(30.0)  # a Newton step that ends farther from its seed has left the branch
 
@@ -32,6 +34,9 @@ class Assignment:
     elbow: Array  # (P,) rad
     wrist: Array  # (P,) rad
 
+    def __post_init__(self) -> None:
+        held(self)
+
     def marked(self, rows: NDArray[np.bool_], why: Reason | NDArray[np.uint8]) -> Assignment:
         """The same with another reason, one or (P,), at some rows (P,)."""
         return replace(self, reason=np.where(rows, why, self.reason).astype(np.uint8))
@@ -40,27 +45,29 @@ class Assignment:
 def realise(path: Path, arm: PlanningArm, robot: Robot, phi: Array, seed: Array) -> Assignment:
     """Solve for the exact poses near ``seed`` (P, 6); rows with a NaN seed stay without a configuration."""
     P = len(path.index)
-    out = Assignment(
-        phi=phi,
-        q=np.full((P, 6), np.nan),
-        branch=np.full(P, -1, np.int32),
-        reason=np.full(P, Reason.NO_PATH, np.uint8),
-        shoulder=np.full(P, np.nan),
-        elbow=np.full(P, np.nan),
-        wrist=np.full(P, np.nan),
-    )
+    out: dict[str, NDArray[Any]] = {
+        "q": np.full((P, 6), np.nan),
+        "branch": np.full(P, -1, np.int32),
+        "reason": np.full(P, Reason.NO_PATH, np.uint8),
+        **{margin: np.full(P, np.nan) for margin in MARGINS},
+    }
     known = np.flatnonzero(np.isfinite(seed).all(axis=1) & np.isfinite(phi))
     for first in range(0, len(known), ROWS):
-        _solved(path, arm, robot, known[first : first + ROWS], seed, out)
-    return out
+        rows = known[first : first + ROWS]
+        good, solved, bad = _solved(path, arm, robot, rows, phi, seed)
+        out["reason"][bad] = Reason.UNREACHABLE
+        for name, values in solved.items():
+            out[name][good] = values
+    return Assignment(phi=phi, **out)
 
 
-def _solved(path: Path, arm: PlanningArm, robot: Robot, known: NDArray[np.intp], seed: Array, out: Assignment) -> None:
-    """Fill in the rows ``known`` (n,) of an assignment."""
-    poses = arm.in_base(path.external[known], tcp_poses(path, known.astype(np.int32), out.phi[known]))
+def _solved(
+    path: Path, arm: PlanningArm, robot: Robot, known: NDArray[np.intp], phi: Array, seed: Array
+) -> tuple[NDArray[np.intp], dict[str, NDArray[Any]], NDArray[np.intp]]:
+    """Of some rows (n,): those with a pose, with what an assignment says of them, and those without."""
+    poses = arm.in_base(path.external[known], tcp_poses(path, known.astype(np.int32), phi[known]))
     q, error = refine(robot, poses, seed[known], arm.T_flange_tcp, iterations=5)
     bad = (error > CONVERGED) | (np.abs(q - seed[known]).max(axis=1) > SAME_BRANCH)
-    out.reason[known[bad]] = Reason.UNREACHABLE
     good, q = known[~bad], q[~bad]
     branches = arm.solver.solve(poses[~bad] @ inverse(arm.T_flange_tcp))
     distance = np.abs(wrap(branches.q - q[:, None])).max(axis=-1)
@@ -70,9 +77,8 @@ def _solved(path: Path, arm: PlanningArm, robot: Robot, known: NDArray[np.intp],
     why = branch_reasons(branches, arm.margins)[rows, b]
     inside = ((q >= arm.lower) & (q <= arm.upper)).all(axis=1)
     why[(why == Reason.OK) & ~inside] = Reason.LIMIT
-    out.q[good], out.branch[good], out.reason[good] = q, b, why
-    for name in ("shoulder", "elbow", "wrist"):
-        getattr(out, name)[good] = getattr(branches, name)[rows, b]
+    margins = {name: getattr(branches, name)[rows, b] for name in MARGINS}
+    return good, {"q": q, "branch": b, "reason": why, **margins}, known[bad]
 
 
 def between_stations(path: Path, values: Array) -> Array:
