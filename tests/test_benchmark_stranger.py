@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import sys
 from dataclasses import replace
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ import gears
 import motion
 import poses
 import robots
-from loadtest import joint_columns
+from rig import joint_columns
 from scene import tune
 
 HERE = Path(arm.__file__).parent
@@ -34,6 +35,19 @@ def test_no_file_imports_machopt() -> None:
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             assert not any(n.split(".")[0] == "machopt" for n in names), path.name
+
+
+def test_its_files_import_each_other_in_no_circle() -> None:
+    """No late import hides one, nor one that only a type checker reads."""
+    own = {path.stem for path in HERE.glob("*.py")}
+    arrows: dict[str, set[str]] = {}
+    for path in HERE.glob("*.py"):
+        nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+        named = {a.name for n in nodes if isinstance(n, ast.Import) for a in n.names}
+        named |= {n.module or "" for n in nodes if isinstance(n, ast.ImportFrom)}
+        arrows[path.stem] = named & own
+    assert sum(map(len, arrows.values())) > 30
+    list(TopologicalSorter(arrows).static_order())  # CycleError names the files of a circle
 
 
 def test_motions_compose_like_matrices() -> None:

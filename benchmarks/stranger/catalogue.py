@@ -7,7 +7,7 @@ import zlib
 from dataclasses import dataclass
 
 import faults
-from loadtest import LABS
+from rig import LABS
 
 SETS = {"dev": 41, "sealed": 97}  # first word of every seed
 

@@ -9,12 +9,13 @@ import loadtest
 import motion
 import numpy as np
 import poses
+import rig
 import tables
 from dualquat import Array
 from robots import Robot
 from scene import Clean, Effect, Scene
 
-DISTURBED = (*loadtest.DISTURBED, "fit_crude", "fixed_once", "fixed_few", "torque_restless")
+DISTURBED = (*rig.DISTURBED, "fit_crude", "fixed_once", "fixed_few", "torque_restless")
 
 
 def scene(channel: str, lab: str, nominal: Robot, built: Robot, rng: np.random.Generator) -> Scene:
@@ -23,7 +24,7 @@ def scene(channel: str, lab: str, nominal: Robot, built: Robot, rng: np.random.G
         return motion.Motion(nominal, built, motion.MOTION_LABS[lab], rng)
     if channel == "poses":
         return poses.PoseSet(nominal, built, poses.POSE_LABS[lab], rng)
-    return loadtest.LoadTest(nominal, built, loadtest.LABS[lab], rng)
+    return loadtest.LoadTest(nominal, built, rig.LABS[lab], rng)
 
 
 def draw(of: Scene, name: str, rng: np.random.Generator, loud: float) -> list[Effect]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import arm
 import bodies
@@ -11,15 +11,14 @@ import dualquat as dq
 import gears
 import numpy as np
 from dualquat import Array
+from rig import Rig
 from scene import Effect
 
-if TYPE_CHECKING:
-    from loadtest import LoadTest
 ARCMIN = np.pi / 10800
 WHOLE_ARM = ("joint_nonlinear_stiffness", "joint_backlash", "joint_hysteresis", "joint_creep")
 
 
-def draw(name: str, scene: LoadTest, rng: np.random.Generator, loud: float) -> list[Effect]:
+def draw(name: str, scene: Rig, rng: np.random.Generator, loud: float) -> list[Effect]:
     """Candidates of an effect at its places, in random order; the first that can be made loud enough is taken."""
     joints = [int(j) for j in rng.permutation(6) if scene.swing[j] > 0.12 * np.max(scene.swing)]
     memory = str(rng.choice(["kept", "wound", "cycle"]))
@@ -97,7 +96,7 @@ def draw(name: str, scene: LoadTest, rng: np.random.Generator, loud: float) -> l
     return out
 
 
-def outside(name: str, scene: LoadTest, rng: np.random.Generator) -> list[Effect]:
+def outside(name: str, scene: Rig, rng: np.random.Generator) -> list[Effect]:
     """Physics that no catalogue of ours holds; what may still be said of it stands in ``accepted``."""
     body = (("base_compliance", "base"),)
     if name == "loose_foot":
@@ -128,7 +127,7 @@ def _play(name: str, joint: int, **detail: Any) -> Effect:
     )
 
 
-def _remembers(width: float, joint: int, detail: dict[str, Any], scene: LoadTest) -> arm.Gear:
+def _remembers(width: float, joint: int, detail: dict[str, Any], scene: Rig) -> arm.Gear:
     """A gear whose loop is ``width`` rad wide under torques that know no end."""
     reach, memory = detail["reach"], detail["memory"]
     if detail["law"] == "dahl":
@@ -141,7 +140,7 @@ def _narrow(joint: int) -> float:
     return 6.0 if joint in (1, 2, 4) else 2.0
 
 
-def applied(effects: list[Effect], scene: LoadTest) -> tuple[arm.Build, arm.Script]:
+def applied(effects: list[Effect], scene: Rig) -> tuple[arm.Build, arm.Script]:
     """The arm and the loads with all of this in them."""
     build, script = arm.Build(scene.built), scene.script
     for e in effects:
@@ -157,7 +156,7 @@ def applied(effects: list[Effect], scene: LoadTest) -> tuple[arm.Build, arm.Scri
     return build, script
 
 
-def _one(e: Effect, build: arm.Build, scene: LoadTest) -> None:
+def _one(e: Effect, build: arm.Build, scene: Rig) -> None:
     a, d, soft = e.amplitude, e.detail, 1.0 / scene.built.stiffness
     j = d.get("joint", 0)
     if e.effect == "joint_nonlinear_stiffness":
@@ -208,7 +207,7 @@ def _one(e: Effect, build: arm.Build, scene: LoadTest) -> None:
 
 
 def record_changes(
-    effects: list[Effect], scene: LoadTest, wrench: Array, moved: Array, turned: Array
+    effects: list[Effect], scene: Rig, wrench: Array, moved: Array, turned: Array
 ) -> tuple[Array, Array, Array]:
     """What the instruments make of load and motion (base axes in, base axes out)."""
     # an instrument errs in the axes it is read in: those the recording names
@@ -246,14 +245,14 @@ def record_changes(
     return wrench, moved, turned
 
 
-def axes_of(scene: LoadTest, name: str) -> Array:
+def axes_of(scene: Rig, name: str) -> Array:
     """(N, 3, 3) columns: axes of the rows shown that a recording calls ``base`` or ``tool``."""
     if name == "tool":
         return dq.matrix(scene.rigid["tcp"])
     return np.broadcast_to(np.eye(3), (int(scene.shown.sum()), 3, 3)).copy()
 
 
-def _heat(time: Array, scene: LoadTest, tau: tuple[float, float]) -> Array:
+def _heat(time: Array, scene: Rig, tau: tuple[float, float]) -> Array:
     """(N,) a lumped network of two masses warmed by work since the session began, minus what it was at the zero."""
     first = np.zeros_like(time)
     for s in np.unique(scene.script.session):

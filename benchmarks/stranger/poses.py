@@ -11,8 +11,8 @@ import dualquat as dq
 import gears
 import numpy as np
 from dualquat import Array
-from loadtest import joint_columns
 from noise import Instrument, errors, rounded
+from rig import joint_columns
 from rivals import PAIRS, beam_parts, through
 from robots import SPREAD, Robot
 from scene import Clean, Effect, Named

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import concealed_load
 import dualquat as dq
 import numpy as np
+from bodies import _across
 from dualquat import Array
+from rig import Rig, joint_columns
 from scene import Clean, Named
 
-if TYPE_CHECKING:
-    from loadtest import LoadTest
 PAIRS = ((3, 4), (4, 5), (3, 5))
 
 
-def load_rivals(scene: LoadTest, clean: Clean) -> dict[Named, Array]:
+def load_rivals(scene: Rig, clean: Clean) -> dict[Named, Array]:
     """Columns (N, D, K) of what a load test may be explained by; springs rigidly placed, first order."""
-    from loadtest import joint_columns
-
     robot, rigid = scene.nominal, scene.rigid
     load = clean.columns["wrench"].copy()
     if scene.lab.moments == "none":
@@ -82,8 +78,6 @@ def load_rivals(scene: LoadTest, clean: Clean) -> dict[Named, Array]:
 
 def beam_parts(span: Array) -> list[Array]:
     """Unit compliances of a uniform beam: bending in two planes, torsion, stretch."""
-    from bodies import _across
-
     length = float(np.linalg.norm(span))
     B = np.kron(np.eye(2), _across(span))
     out = []

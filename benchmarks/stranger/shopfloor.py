@@ -23,7 +23,8 @@ import robots
 import run
 import tables
 from dualquat import Array
-from loadtest import LABS, Lab, LoadTest, joint_columns
+from loadtest import LoadTest
+from rig import LABS, Lab, joint_columns
 from scene import Clean
 
 PLAIN = LABS["plain"]
