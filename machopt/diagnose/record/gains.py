@@ -12,17 +12,16 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import bdtrc
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.evidence.noise import robust_sigma
 from machopt.diagnose.nouns.repaired import exact, repaired
 from machopt.diagnose.nouns.result import Estimate, Finding
+from machopt.diagnose.record.shares import gain, predicted
 from machopt.domain.recording import Recording
 from machopt.effects.sensor import GAIN
 from machopt.estimate.experiment import Experiment, experiment
-from machopt.estimate.robust import start
 from machopt.model.robot import Robot
 
 Ints = NDArray[np.int64]
@@ -52,50 +51,45 @@ def mended(
         each = np.array([v / first[p] for p, v in share[one].items() if p in first])
         if len(each) < calibrated.RECORD.gain_poses:
             continue
-        gain = float(np.median(each))
-        spread = robust_sigma(each - gain)
-        if abs(gain - 1.0) < calibrated.RECORD.gain_far * max(calibrated.RESTING.force_gain, spread):
+        middle = float(np.median(each))
+        spread = robust_sigma(each - middle)
+        if abs(middle - 1.0) < calibrated.RECORD.gain_far * max(calibrated.RESTING.force_gain, spread):
             continue
-        wrench[recording.session == one] /= gain
-        out.append(_said(each, gain, float(np.sqrt(0.5 * np.pi / len(each))) * spread, one, int(sessions[0])))
+        wrench[recording.session == one] /= middle
+        out.append(_said(*gain(each, middle, spread), one, int(sessions[0])))
     return (replace(recording, wrench=wrench), out) if out else (recording, out)
 
 
 def _by_pose(tests: Experiment, session: Ints) -> dict[int, dict[int, float]]:
     """What forces read per what the arm did, by session and pose: springs of all readings predict it."""
-    load = np.linalg.norm(tests.wrench[:, :3], axis=1) + np.linalg.norm(tests.wrench[:, 3:], axis=1)
-    y = tests.measured[:, :3]
-    predicted = tests.response()[:, :3] @ start(tests.response(), tests.measured, load)
+    y, by_springs = tests.measured[:, :3], predicted(tests)
     out: dict[int, dict[int, float]] = {}
     for one in np.unique(session).tolist():
         out[one] = {}
         for pose in np.unique(tests.pose[session == one]).tolist():
             rows = (session == one) & (tests.pose == pose)
-            moved = float(np.sum(predicted[rows] * y[rows]))
+            moved = float(np.sum(by_springs[rows] * y[rows]))
             if moved > 0.0:
-                out[one][pose] = float(np.sum(predicted[rows] ** 2)) / moved
+                out[one][pose] = float(np.sum(by_springs[rows] ** 2)) / moved
     return out
 
 
-def _said(each: Array, gain: float, sigma: float, session: int, first: int) -> Finding:
-    over, wide = 100.0 * (gain - 1.0), 100.0 * sigma
+def _said(found: Estimate, p_value: float, session: int, first: int) -> Finding:
+    over = found.value
     words = (
         f"session {session}: forces read {abs(over):.3g} % too {'much' if over > 0 else 'little'} for what the arm "
         f"does under those of session {first}, at every pose alike; they were read like those, though these data do "
         "not say which of the two is right"
     )
-    agree = int(np.sum((each > 1.0) == (gain > 1.0)))
     return repaired(
         GAIN.name,
         GAIN.places[0],
         words,
         float("nan"),
         float("nan"),
-        float(bdtrc(agree - 1, len(each), 0.5)) if agree else 1.0,
+        p_value,
         {
-            "gain": Estimate(
-                over, "%", (over - 1.645 * wide, over + 1.645 * wide), (over - 1.96 * wide, over + 1.96 * wide)
-            ),
+            "gain": found,
             "session": exact(float(session)),
         },
         stated={"message": words, "session": session},

@@ -13,18 +13,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import bdtrc
 
 from machopt.arrays import Array, Ints
 from machopt.diagnose import calibrated
 from machopt.diagnose.evidence.noise import robust_sigma
 from machopt.diagnose.nouns.repaired import exact, repaired
-from machopt.diagnose.nouns.result import Estimate, Finding
+from machopt.diagnose.nouns.result import Finding
+from machopt.diagnose.record.shares import gain, predicted
 from machopt.domain.location import column_at
 from machopt.domain.recording import Recording
 from machopt.effects.record import COLUMNS
 from machopt.estimate.experiment import Experiment, experiment
-from machopt.estimate.robust import start
 from machopt.model.robot import Robot
 
 Flags = NDArray[np.bool_]
@@ -115,9 +114,8 @@ def _elsewhere(s: _Size, every: list[_Size]) -> bool:
 def _sizes(tests: Experiment) -> list[_Size]:
     """Of all sessions whose loads come in a few sizes."""
     force = np.linalg.norm(tests.wrench[:, :3], axis=1)
-    A, y = tests.response()[:, :3], tests.measured[:, :3]
-    predicted = A @ start(tests.response(), tests.measured, force + np.linalg.norm(tests.wrench[:, 3:], axis=1))
-    read, moved = np.sum(predicted**2, axis=1), np.sum(predicted * y, axis=1)
+    by_springs = predicted(tests)
+    read, moved = np.sum(by_springs**2, axis=1), np.sum(by_springs * tests.measured[:, :3], axis=1)
     out = []
     for session in np.unique(tests.session).tolist():
         own = tests.session == session
@@ -163,15 +161,14 @@ def _shares(pose: Ints, label: Ints, read: Array, moved: Array) -> Array:
 
 
 def _said(s: _Size, several: bool) -> Finding:
-    over = 100.0 * (s.factor - 1.0)
-    wide = 100.0 * float(np.sqrt(0.5 * np.pi / len(s.each))) * s.spread
+    found, p_value = gain(s.each, s.factor, s.spread)
+    over = found.value
     words = (
         (f"session {s.session}: " if several else "")
         + f"loads recorded as about {s.force:.4g} N read {abs(over):.3g} % too {'much' if over > 0 else 'little'} for "
         f"what the arm does under them, at every pose alike, and larger and smaller ones do not: a weight with a wrong "
         f"label; they were read as {s.force / s.factor:.4g} N"
     )
-    agree = int(np.sum((s.each > 1.0) == (s.factor > 1.0)))
     session = {"session": exact(float(s.session))} if several else {}
     return repaired(
         COLUMNS.name,
@@ -179,11 +176,9 @@ def _said(s: _Size, several: bool) -> Finding:
         words,
         float("nan"),
         float("nan"),
-        float(bdtrc(agree - 1, len(s.each), 0.5)) if agree else 1.0,
+        p_value,
         {
-            "gain": Estimate(
-                over, "%", (over - 1.645 * wide, over + 1.645 * wide), (over - 1.96 * wide, over + 1.96 * wide)
-            ),
+            "gain": found,
             "force": exact(s.force, "N"),
             **session,
         },
