@@ -228,6 +228,31 @@ def test_no_sequence_is_better_than_the_bound_and_the_chosen_one_is_within_the_g
         assert choice.total - choice.bound <= 1.01 * GAP * choice.total
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_no_rapid_move_joins_branches_that_are_shut(seed: int) -> None:
+    path, candidates, scores = random_problem(seed, (0, 2, 4))
+    options = PlanOptions(weights=Weights(mean=1.0, worst=0.0, travel=0.3, rotation=0.4))
+    branches = candidates.q.shape[2]
+    shut = np.random.default_rng(seed).random((branches, branches)) < 0.4
+    np.fill_diagonal(shut, False)
+    run = path.run[path.stations]
+    rapid = [s for s in range(1, len(run)) if run[s] != run[s - 1]]
+    assert rapid
+
+    def may(v: list[Vertex]) -> bool:
+        return not any(shut[v[s - 1][1], v[s][1]] for s in rapid)
+
+    every = [(t, v) for t, _, v in every_sequence(path, candidates, scores, options)]
+    left = [t for t, v in every if may(v)]
+    choice = choose(path, replace(candidates, shut=shut), scores, VELOCITY, options)
+    if not left:
+        assert choice.broken or choice.dropped.any()
+        return
+    found = sequence(choice)
+    assert may(found)
+    assert next(t for t, v in every if v == found) == pytest.approx(min(left), rel=1e-12)
+
+
 @pytest.mark.parametrize("seed", range(30))
 def test_caps_are_searched_until_nothing_better_is_left(seed: int) -> None:
     """Sequences as pairs (value, worst) alone, in numbers that no job has."""

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from machopt.verify import Check
 
 
+STOPS = 6  # places that are named where the motion stops
+
+
 def check_line(c: Check) -> str:
     if c.passed is None:
         return f"–    {c.name}: not run, {c.where}"
@@ -73,8 +76,10 @@ def summary(result: OptimizeResult, report: Path) -> list[str]:
             f"  {result.cycle_time_s:.1f} s cycle, programmed feed held for "
             f"{100 * result.feed_held_share:.1f} % of the cutting time" + (f", {dips} dips" if dips else "")
         )
-    for stop in result.obstructions:
-        lines.append(f"  stopped: {stop.reason}")
+    for stop in result.obstructions[:STOPS]:
+        lines.append(f"  stopped from {_place(stop.before)} to {_place(stop.after)}: {stop.reason}")
+    if len(result.obstructions) > STOPS:
+        lines.append(f"  stopped at {len(result.obstructions) - STOPS} more places, see the report")
     unknown = [w for w in path.ignored if not w.understood]
     if unknown:
         words = ", ".join(f"{w.word} ×{w.count} (line {w.first_line})" for w in unknown[:6])
@@ -86,6 +91,10 @@ def summary(result: OptimizeResult, report: Path) -> list[str]:
         lines.append("  " + with_scope(f"verification {passed}", result.unchecked))
     lines.append(f"report: {report}")
     return lines
+
+
+def _place(index: float | None) -> str:
+    return "home" if index is None else f"point {index:g}"
 
 
 def _removed_lines(shift: CompensationTold) -> list[str]:

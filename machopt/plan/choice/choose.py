@@ -266,6 +266,7 @@ class _Part:
             edges.target,
             g.hidden[rows],
             self.there if allowed is None else self.there & allowed,
+            _shut(g.candidates),
             loose,
             g.priced.start[rows],
             g.priced.price,
@@ -351,3 +352,8 @@ class _Part:
         """Worst index of a sequence, here or elsewhere."""
         here = worst_index(self.raw, self.counted, self.grid.hidden[self.rows], vertex[:, 0], vertex[:, 1])
         return max(here, self.worst_elsewhere)
+
+
+def _shut(c: Candidates) -> Bools:
+    """(B, B) between which branches no rapid move leads."""
+    return np.zeros((c.q.shape[2],) * 2, bool) if c.shut is None else c.shut

@@ -143,6 +143,7 @@ def cheapest_sequence(
     ban_v: Any,
     hidden: Any,
     crossed: Any,
+    shut: Any,
     loose: bool,
     start: Any,
     price: Any,
@@ -157,9 +158,10 @@ def cheapest_sequence(
     With a finite ``limit`` only sequences below it are looked for, without breaks, and ``stop`` ≥ 0 is where the last
     of them ends. ``ban[s]`` … ``ban[s + 1]`` are the forbidden edges into s. ``hidden`` (S,): on the way into s, in one
     branch, the rotation crosses only what one of the stations has in ``crossed`` (S, R, B)
-    (:mod:`machopt.plan.choice.between`). ``loose``, with one turn only: whole turns cost nothing and have no limits, so
-    that the value is at most that with the turns told apart. ``start`` (S,), ``price`` and ``turned`` (n,) are the
-    grid's :class:`machopt.plan.choice.step_prices.Priced`, filled in here.
+    (:mod:`machopt.plan.choice.between`). ``shut`` (B, B): from the one branch no rapid move leads to the other.
+    ``loose``, with one turn only: whole turns cost nothing and have no limits, so that the value is at most that with
+    the turns told apart. ``start`` (S,), ``price`` and ``turned`` (n,) are the grid's
+    :class:`machopt.plan.choice.step_prices.Priced`, filled in here.
     """
     S, R, B, T = feasible.shape
     inf = np.inf
@@ -260,6 +262,8 @@ def cheapest_sequence(
                                     if before[u] >= value:
                                         continue
                                     rj, bj, tj = u // (B * T), u // T % B, u % T
+                                    if shut[bj, b]:
+                                        continue
                                     step = 0.0
                                     for i in range(6):
                                         x = abs(q[s, r, b, i] + turns[t, i] - q[last, rj, bj, i] - turns[tj, i])

@@ -98,6 +98,7 @@ class Candidates:
     stable: bool  # the branch index is the same assembly mode at every pose
     shortfall: Array  # (S,) m, least missing reach over the rotations; 0 where some rotation is reached
     nudge: Array | None = None  # (S,) rad, added to phi where the user fixed a rotation off the grid; None: nowhere
+    shut: Bools | None = None  # (B, B) rapid moves that do not lead from the one branch to the other; None: all may
 
     @property
     def usable(self) -> Bools:

@@ -18,6 +18,7 @@ from machopt.plan.job.conflict import whole as is_whole
 from machopt.plan.job.drive import motion_of
 from machopt.plan.job.joined import Stretch, joined, shares_of
 from machopt.plan.job.joined_motion import Done, joined_points, joined_timeline
+from machopt.plan.job.passages import past_blocked
 from machopt.plan.job.worst_over_tools import together
 from machopt.plan.kept import kept_through
 from machopt.plan.motion.timeline import Timeline
@@ -136,9 +137,12 @@ def driven(
     """
     toolpath, options, spared, arm = stint.toolpath, stint.of(whole), whole, the_plan.setup.arm
     for tries_left in range(SPARES, -1, -1):
-        if options.compensate:
-            the_plan = shifted_where_it_can(stint, the_plan, spared, timings, again)
-        timeline = motion_of(the_plan, toolpath, options, timings)
+
+        def motion(one: Plan, asked: PlanOptions = spared) -> tuple[Plan, Timeline | None]:
+            shifted = shifted_where_it_can(stint, one, asked, timings, again) if options.compensate else one
+            return shifted, motion_of(shifted, toolpath, options, timings)
+
+        the_plan, timeline = past_blocked(the_plan, motion, timings)
         if timeline is None or timeline.trajectory is None:
             return the_plan, the_plan, timeline
         taken = as_driven(the_plan, timeline.phi)

@@ -112,7 +112,10 @@ class _Builder:
         )
 
     def _stretch(self, here: Place, first: int, last: int) -> Place | None:
-        """Drive one stretch from ``here``; returns where it ends, None where it cannot be driven."""
+        """Drive one stretch from ``here``; returns where it ends, None where it cannot be driven.
+
+        Behind a way that was not found it goes on all the same: every other such way is told, too.
+        """
         wanted = (first, last)
         while True:
             found = self._legs(here, first, last)
@@ -120,7 +123,9 @@ class _Builder:
                 break
             if not self.options.allow_gaps:
                 self.obstructions.append(found)
-                return None
+                if found.code != "rapid_blocked":
+                    return None
+                return Place(self.x[last], float(self.path.index[last]), last)  # what follows is looked at by itself
             self.in_the_way.append(found)
             shorter = self._shorter(found, first, last)
             if shorter is None:

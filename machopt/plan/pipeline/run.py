@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from machopt.arrays import Array
+from machopt.arrays import Array, Bools
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
@@ -155,10 +155,39 @@ def searched_again(before: Plan, found: Found, worst: float, elsewhere: float, c
         worst: price of the worst index.
         elsewhere: worst index of what is planned beside it, in units of c₀: below it a lower one gains nothing.
     """
-    path, setup, c = before.path, before.setup, before.candidates
     options = replace(before.options, weights=replace(before.options.weights, worst=worst))
     scores = replace(before.scores, elsewhere=elsewhere)
-    candidates = replace(c, feasible=c.feasible.copy(), reason=c.reason.copy())
+    return _with_another_search(before, found, _own(before.candidates), scores, options, clock)
+
+
+def searched_past(before: Plan, found: Found, shut: Bools, ends: Sequence[tuple[int, int]], clock: Timings) -> Plan:
+    """The plan searched once more without some changes of branch; what was struck out stays so.
+
+    Args:
+        before: without gaps or breaks; keeps its candidates.
+        found: of its search.
+        shut: (B, B) rapid moves do not lead from the one branch to the other.
+        ends: stations at the ends of the path, and branches that are not come by there.
+    """
+    c = before.candidates
+    candidates = replace(_own(c), shut=shut if c.shut is None else shut | c.shut)
+    for station, branch in ends:
+        candidates.feasible[station, :, branch] = False
+        candidates.reason[station, :, branch] = np.where(
+            c.reason[station, :, branch] == Reason.OK, Reason.NO_PATH, c.reason[station, :, branch]
+        )
+    return _with_another_search(before, found, candidates, before.scores, before.options, clock)
+
+
+def _own(c: Candidates) -> Candidates:
+    """Candidates that may lose vertices without those of a plan losing them."""
+    return replace(c, feasible=c.feasible.copy(), reason=c.reason.copy())
+
+
+def _with_another_search(
+    before: Plan, found: Found, candidates: Candidates, scores: Scores, options: PlanOptions, clock: Timings
+) -> Plan:
+    path, setup = before.path, before.setup
     scored = _scorer(path, setup, before.directions, scores, options)
     search = _search(path, setup, candidates, scores, options, clock)
     search.resume(found)
