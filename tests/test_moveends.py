@@ -82,7 +82,7 @@ def test_a_gouge_between_two_points_is_the_fault_of_the_second(tmp_path: Path) -
     found = given_up(plan(cell, path, options))
     table = point_results(found, path).table
     assert table.status == ("ok", "ok", "gouging")
-    assert "the cutter gouges the finished part by 0.988 mm" in table.reason[2]
+    assert "the cutter gouges the finished part by 0.998 mm" in table.reason[2]
     row = int(np.flatnonzero(found.path.index == 2.0)[0])
     assert "another path in the CAM file" in help_of(found, row)
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from machopt.arrays import Array, Ints
 from machopt.compiled import compiled
@@ -28,6 +29,9 @@ FINEST, WIDEST = 5e-4, 3e-3  # m between points of the cutter's surface; between
 SAGITTA = 2e-5  # m that a depth may be told too small between two points of a ring, as paths may be off
 GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0  # of a step around from ring to ring: any few rings cover the step evenly
 AROUND = 24, 96  # fewest and most points of a circle
+THIN = 3e-4, 1.2e-3  # m between points of the spiral, a ninth of the radius in between: what is thin lies between rings
+SUNFLOWER = np.pi * (3.0 - np.sqrt(5.0))  # rad from one point of it to the next
+PROFILE = 4001  # places along the profile that it is wound by
 # Directions no CAM file draws its edges along: the majority of three says whether a point is inside.
 RAYS = np.array([[0.5381, 0.3127, 0.7827], [-0.2911, 0.8713, -0.3951], [0.7219, -0.6037, 0.3389]])
 
@@ -59,13 +63,31 @@ def cutter_points(cutter: Cutter) -> Array:
     return np.concatenate(out)
 
 
+def points_between(cutter: Cutter) -> Array:
+    """(K, 3) m, evenly over the cutter's surface, on a spiral from the tip up: for what lies between the rings."""
+    radius, corner, length = cutter.diameter / 2.0, min(cutter.corner, cutter.diameter / 2.0), cutter.length
+    step = float(np.clip(radius / 9.0, *THIN))
+    flat, bend = radius - corner, corner * np.pi / 2.0
+    along = np.linspace(0.0, flat + bend + length - corner, PROFILE)
+    turn = np.clip((along - flat) / max(corner, 1e-12), 0.0, np.pi / 2.0)
+    out = np.minimum(along, flat) + corner * np.sin(turn)
+    up = corner * (1.0 - np.cos(turn)) + np.maximum(along - flat - bend, 0.0)
+    area = np.append(0.0, np.cumsum(np.pi * (out[1:] + out[:-1]) * np.diff(along)))
+    count = int(np.ceil(area[-1] / step**2))
+    at, angle = np.interp((np.arange(count) + 0.5) / count * area[-1], area, along), SUNFLOWER * np.arange(count)
+    r = np.interp(at, along, out)
+    return np.column_stack([r * np.cos(angle), r * np.sin(angle), -np.interp(at, along, up)])
+
+
 def _around(radius: float, step: float) -> int:
     """Points of a ring: ``step`` apart or less, and few enough degrees that no chord leaves its circle by SAGITTA."""
     shallow = np.pi / np.arccos(max(1.0 - SAGITTA / radius, 0.0))
     return int(np.clip(np.ceil(max(2.0 * np.pi * radius / step, shallow)), *AROUND))
 
 
-def deepest(shapes: tuple[Shape, ...], points: Array, T_part_tool: Array, limit: float) -> Deepest:
+def deepest(
+    shapes: tuple[Shape, ...], points: Array, T_part_tool: Array, limit: float, between: Array | None = None
+) -> Deepest:
     """Where the points go deeper than ``limit`` into the part.
 
     Args:
@@ -73,20 +95,41 @@ def deepest(shapes: tuple[Shape, ...], points: Array, T_part_tool: Array, limit:
         points: (K, 3) m, on the tool.
         T_part_tool: (M, 4, 4), quickest where neighbouring rows are neighbouring poses.
         limit: m.
+        between: (B, 3) m, further ones, which are asked for where the next of the first is near to the surface.
 
     Raises:
         InputError: a mesh is open, so nothing is inside it.
     """
+    led = _Led.by(points, np.zeros((0, 3)) if between is None else between)
     rows = np.ascontiguousarray(T_part_tool, float)
     best, place = np.zeros(len(rows)), np.full((len(rows), 3), np.nan)
     for shape in shapes:
         seen = inverse(shape.T_parent_shape) @ rows
-        depth, k = _in_mesh(shape, points, seen, limit) if shape.kind == "mesh" else _in_solid(shape, points, seen)
+        depth, k = _in_mesh(shape, led, seen, limit) if shape.kind == "mesh" else _in_solid(shape, led.points, seen)
         more = (depth > limit) & (depth > best)
         best[more] = depth[more]
         at = rows[more]
-        place[more] = np.einsum("mij,mj->mi", at[:, :3, :3], points[k[more]]) + at[:, :3, 3]
+        place[more] = np.einsum("mij,mj->mi", at[:, :3, :3], led.points[k[more]]) + at[:, :3, 3]
     return Deepest(best, place)
+
+
+@dataclass(frozen=True)
+class _Led:
+    """Points, each asked for where the one that leads it is near to the surface."""
+
+    points: Array  # (K, 3) m, those that lead first
+    leader: Ints  # (K,) −1 where none leads it
+    beside: Array  # (K,) m, how far the leader is
+
+    @classmethod
+    def by(cls, leaders: Array, others: Array) -> _Led:
+        beside, leader = cKDTree(leaders).query(others) if len(others) else (np.zeros(0), np.zeros(0, np.int64))
+        n = len(leaders)
+        return cls(
+            np.ascontiguousarray(np.concatenate([leaders, others])),
+            np.concatenate([np.full(n, -1, np.int64), leader.astype(np.int64)]),
+            np.concatenate([np.zeros(n), beside]),
+        )
 
 
 def _in_solid(shape: Shape, points: Array, T: Array) -> tuple[Array, Ints]:
@@ -106,7 +149,7 @@ def _in_solid(shape: Shape, points: Array, T: Array) -> tuple[Array, Ints]:
     return depth, which
 
 
-def _in_mesh(shape: Shape, points: Array, T: Array, limit: float) -> tuple[Array, Ints]:
+def _in_mesh(shape: Shape, led: _Led, T: Array, limit: float) -> tuple[Array, Ints]:
     vertices, faces = triangles_of(shape)
     if not closed(faces):
         raise InputError(
@@ -115,10 +158,10 @@ def _in_mesh(shape: Shape, points: Array, T: Array, limit: float) -> tuple[Array
             file=shape.mesh,
         )
     mesh = mesh_of_triangles(vertices, faces)
-    own = np.ascontiguousarray(points)
 
     def block(start: int) -> tuple[Array, Ints]:
-        return _rows(own, T[start : start + ROWS], *_arrays(mesh), RAYS, limit)
+        some = T[start : start + ROWS]
+        return _rows(led.points, led.leader, led.beside, some, *_arrays(mesh), RAYS, limit)
 
     found = side_by_side(block, range(0, len(T), ROWS))
     none = np.zeros(0), np.zeros(0, np.int64)
@@ -133,6 +176,8 @@ def _arrays(mesh: Mesh) -> tuple[Array, Array, Array, Ints, Ints, Ints, Ints]:
 @compiled
 def _rows(
     points: Array,
+    leader: Ints,
+    beside: Array,
     T: Array,
     corners: Array,
     low: Array,
@@ -147,15 +192,20 @@ def _rows(
     """(M,) greatest depth m above ``limit``, 0 where none is, and (M,) which point's; rows T (M, 4, 4) of a mesh."""
     depth, which = np.zeros(len(T)), np.zeros(len(T), np.int64)
     room, last = np.zeros(len(points)), np.zeros((len(points), 3))  # m that a point may move and not be too deep
+    left = np.zeros(len(points))  # m of that, in this row
     waiting, gaps, x = np.empty(DEPTH, np.int64), np.empty(DEPTH), np.empty(3)
     for m in range(len(T)):
         for k in range(len(points)):
+            if leader[k] >= 0 and left[leader[k]] > beside[k]:
+                continue
             square = 0.0
             for c in range(3):
                 x[c] = T[m, c, 0] * points[k, 0] + T[m, c, 1] * points[k, 1] + T[m, c, 2] * points[k, 2] + T[m, c, 3]
                 square += (x[c] - last[k, c]) ** 2
             if m > 0 and square < room[k] * room[k]:
+                left[k] = room[k] - np.sqrt(square)
                 continue
+            left[k] = 0.0
             d = np.sqrt(_nearest(x, corners, low, high, child, first, count, order, limit * limit, waiting, gaps))
             for c in range(3):
                 last[k, c] = x[c]
@@ -167,6 +217,7 @@ def _rows(
                 votes += _crossings(x, rays[r], corners, low, high, child, first, count, order, waiting) % 2
             if votes < 2:
                 room[k] = d + limit
+                left[k] = room[k]
                 continue
             room[k] = 0.0
             if d > depth[m]:

@@ -18,12 +18,12 @@ from machopt.arrays import Array, Bools, Ints
 from machopt.domain.cell import Cell, Cutter, Shape
 from machopt.domain.toolpath import Move
 from machopt.errors import InputError
-from machopt.model.depth import cutter_points, deepest
+from machopt.model.depth import cutter_points, deepest, points_between
 from machopt.plan.stations.path import Path
 from machopt.se3 import normalise, tool_rotation, transform
 
-STEP = 1e-3  # m that the tip moves between two poses that are looked at
-TURN = np.radians(0.5)  # rad that its axis turns between them
+STEP = 5e-4  # m that the tip moves between two poses that are looked at
+TURN = np.radians(0.25)  # rad that its axis turns between them
 # m: a depth that equals the tolerance is none beyond it. Half of the last digit a sentence shows; meshes are in single
 # precision, tables in nanometres.
 ROUNDING = 5e-7
@@ -69,7 +69,7 @@ def gouges_of(path: Path, cell: Cell, limit: float) -> Gouges:
         InputError: there is no cutter or no part, or a mesh of the part is open.
     """
     cutter, part = cutter_and_part(cell)
-    points = cutter_points(cutter)
+    points, between = cutter_points(cutter), points_between(cutter)
     owner, share = _along(path)
     n = len(path.index)
     out = Gouges(limit, np.zeros(n), np.full((n, 3), np.nan), np.full((n, 3), np.nan))
@@ -78,7 +78,7 @@ def gouges_of(path: Path, cell: Cell, limit: float) -> Gouges:
         a = np.maximum(b - 1, 0)
         tip, axis, reference = ((1.0 - f) * v[a] + f * v[b] for v in (path.position, path.axis, path.reference))
         R = tool_rotation(normalise(axis), reference, np.zeros(len(b)))
-        found = deepest(part, points, transform(R, tip), limit + ROUNDING)
+        found = deepest(part, points, transform(R, tip), limit + ROUNDING, between)
         for m in np.flatnonzero(found.depth > 0.0):
             p = b[m]
             if found.depth[m] > out.depth[p]:
