@@ -314,6 +314,17 @@ def test_a_siemens_five_axis_program_as_a_post_writes_it(tmp_path: Path) -> None
     assert t.meta["unit"] == "mm"
 
 
+@pytest.mark.parametrize("word", ["ORIEULER", "ORIRPY", "ORIRPY2", "ORIVIRT1", "ORIPLANE"])
+def test_what_turns_would_mean_says_nothing_of_vectors(tmp_path: Path, word: str) -> None:
+    """It was told as a subprogram that is missing; turns themselves stay refused."""
+    lines = "G71 G90 G54\nTRAORI\n{}G0 X10 Y20 Z50 A3=0 B3=.6 C3=.8\nG1 Z-1 F1000\nX12 {}\nM30\n"
+    plain, told = (read(tmp_path, lines.format(v, "A3=0 B3=0 C3=1"), strict=True) for v in ("", f"{word}\n"))
+    np.testing.assert_array_equal(told.axis, plain.axis)
+    np.testing.assert_array_equal(told.position, plain.position)
+    with pytest.raises(InputError, match="A2"):
+        read(tmp_path, lines.format(f"{word}\n", "A2=10 B2=0 C2=0"))
+
+
 @pytest.mark.parametrize(
     ("name", "head", "tail"),
     [

@@ -73,8 +73,12 @@ SINUMERIK_CALLS: dict[str, str] = {
         _SMOOTH,
     ),
     **dict.fromkeys(
-        ("ORIWKS", "ORIMKS", "ORIVECT", "ORIAXES", "ORIMACHAX"),
+        ("ORIWKS", "ORIMKS", "ORIVECT", "ORIPLANE", "ORIAXES", "ORIMACHAX"),
         "the way between two tool axes; at the points they are as programmed",
+    ),
+    **dict.fromkeys(
+        ("ORIEULER", "ORIRPY", "ORIRPY2", "ORIVIRT1", "ORIVIRT2"),
+        "the order of the turns A2=, B2=, C2=, which are refused; of axes as vectors (A3=) it says nothing",
     ),
     **dict.fromkeys(
         ("CFTCP", "CFC", "CFIN", "NORM", "KONT", "CDOF", "CUTCONOF"),
