@@ -78,6 +78,29 @@ def test_what_would_help_follows_the_reason(made: Plan) -> None:
     assert "compensation_max_mm" in help_of(lost(made, row, Reason.SHIFT), row)
 
 
+def test_a_point_that_is_near_enough_is_not_to_be_moved_by_nothing(made: Plan) -> None:
+    """As an arm without a wrist centre has it: no posture, and no length that lacks."""
+    row = int(made.path.stations[0])
+    c = made.candidates
+    reason, shortfall = c.reason.copy(), c.shortfall.copy()
+    reason[0] = Reason.UNREACHABLE
+    beyond = lost(replace(made, candidates=replace(c, reason=reason)), row, Reason.UNREACHABLE)
+    told = [explain_points(p)[row] for p in (beyond, _short(beyond, shortfall, 0.0), _short(beyond, shortfall, 0.05))]
+    assert told[0] == told[1]
+    assert "not too far away" in told[0]
+    assert "(0, 0, 0)" not in help_of(beyond, row)
+    assert "machopt place" in help_of(beyond, row)
+    assert "50 mm outside the workspace" in told[2]
+    assert "moving the part by about (" in help_of(_short(beyond, shortfall, 0.05), row)
+
+
+def _short(plan: Plan, shortfall: np.ndarray, by: float) -> Plan:
+    """The plan with its first station out of reach by so many m."""
+    lacks = shortfall.copy()
+    lacks[0] = by
+    return replace(plan, candidates=replace(plan.candidates, shortfall=lacks))
+
+
 def test_rotations_that_work_but_cannot_be_reached_are_counted(made: Plan) -> None:
     row = made.path.runs[0][1]
     s = min(int(np.searchsorted(made.path.stations, row)), len(made.path.stations) - 1)

@@ -113,6 +113,8 @@ def _towards(plan: Plan, point: int) -> str:
         unit += f"; the path is {extent:.3g} m long: does --unit have to say another unit?"
     by = ", ".join(f"{v:.0f}".replace("-", "\N{MINUS SIGN}") for v in np.round(1e3 * moved.by) + 0.0)
     part = f"moving the part by about ({by}) mm in the robot's base"
+    if not np.round(1e3 * moved.by).any():  # it is near enough: an arm without a wrist centre does not tell what lacks
+        part = "another pose of the part (machopt place looks for one) or another tool axis"
     whom = "" if moved.points == 1 else f" all {moved.points} points out of reach"
     if not moved.all:
         whom = f" this point, not all {moved.points} out of reach"
@@ -161,6 +163,11 @@ def _sentence(plan: Plan, s: int, reason: Reason, point: int) -> str:
         short = 1e3 * plan.candidates.shortfall[s]
         missing = f"{short:.0f}" if short >= 0.5 else "less than 1"
         elsewhere = f"{external.elsewhere}; " if external.elsewhere else ""
+        if not short > 0.0:
+            return (
+                f"no posture at any rotation{stands} brings the tool here with this axis, though it is not too far "
+                f"away; {elsewhere}turning or moving the workpiece would help"
+            )
         return (
             f"out of reach at every rotation{stands}: the wrist centre lies {missing} mm outside the workspace; "
             f"{elsewhere}moving the workpiece or the robot by that much would help"
