@@ -57,6 +57,20 @@ def test_a_unit_is_known_by_what_fits_the_arm(fit: bool, hit: tuple[int, ...], a
     assert kept.q is q
 
 
+@pytest.mark.parametrize("fit", [True, False])
+@pytest.mark.parametrize("hit", [(0, 1, 2), (2,)])
+@pytest.mark.parametrize(("joint", "angle"), [(4, "radians"), (0, "radians"), (3, "turns")])
+def test_one_joint_from_another_list(fit: bool, hit: tuple[int, ...], joint: int, angle: str) -> None:
+    cell, robot, _ = arm()
+    right = sound(fit=fit)
+    q = right.q.copy()
+    q[np.isin(right.session, hit), joint] /= ANGLES[angle]
+    read, (finding,) = pose_units.mended(replace(right, q=q), robot, cell.tool.T_flange_tcp)
+    np.testing.assert_allclose(read.q, right.q, rtol=1e-12)
+    assert finding.location == f"column:q{joint + 1}_deg"
+    assert f"the column q{joint + 1}_deg holds {angle}" in finding.note
+
+
 def test_a_sound_record_and_a_wrong_tcp_are_left_alone() -> None:
     cell, robot, _ = arm()
     T = cell.tool.T_flange_tcp.copy()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from machopt.diagnose.nouns.problem import Catalogue
 from machopt.diagnose.resting import deflection
 from machopt.diagnose.search import engine
 from machopt.domain.stiffness import Stiffness, Term
-from machopt.effects import bodies, own, registry
+from machopt.effects import bodies, own, registry, tube
 from machopt.effects.definite import nearest_definite
 from machopt.effects.protocol import Body, BodyLaw, Effect, Parameter, Quantity
 from machopt.effects.words import named
@@ -160,6 +161,66 @@ def test_a_beam_by_its_sections_is_its_matrix_and_sags_as_tables_have_it() -> No
     sag = bodies.sections(axes, L, np.tile(L * x, (7, 1)), np.zeros((7, 6)), [(-50.0 * y, L)])[0]
     np.testing.assert_allclose(sag[:, 0], [0.0, -50.0 * L**3 / 8.0, 0.0, 0.0, 0.0, -50.0 * L**2 / 6.0], atol=1e-12)
     np.testing.assert_allclose(sag[:, 1:], 0.0, atol=1e-12)
+
+
+def test_a_tube_as_thick_throughout_that_does_not_shear_is_a_beam() -> None:
+    body, even = Body(axes=np.eye(3), length=0.7), np.array(tube.UNIFORM)
+    own = [(np.array([[3.0, -50.0, 20.0]]), 0.9)]
+    np.testing.assert_allclose(tube.TAPERED.matrices(even, body), bodies.TWO_PLANES.matrices(NONE, body), atol=1e-15)
+    sags = [law.sags(shape, body, own) for law, shape in ((tube.TAPERED, even), (bodies.TWO_PLANES, NONE))]
+    assert sags[0] is not None
+    assert sags[1] is not None
+    np.testing.assert_allclose(sags[0], sags[1], rtol=3e-3, atol=1e-12)  # the weight ends between two sections
+    assert np.isfinite(tube.TAPERED.matrices(np.full(2, np.nan), body)).all()  # a file without the two numbers
+
+
+def test_a_tube_bends_and_shears_as_its_integrals_say() -> None:
+    """A radius of 1.5 at the root and 0.75 at the end: ∫ u^k (r_mid/r)³ du by closed forms; its own weight W shears it
+    by Φ L²/EI · W L/2.
+    """
+    L, root, end, middle = 0.8, 1.5, 0.75, 1.125
+    body, slope = Body(axes=np.eye(3), length=L), (root - end) / L
+    about_z, about_y, twisted = tube.TAPERED.matrices(np.array([end / root, 0.0]), body)
+    turned = middle**3 / (2.0 * slope) * (end**-2 - root**-2)
+    coupled = middle**3 / slope**2 * ((1 / end - 1 / root) - end / 2.0 * (end**-2 - root**-2))
+    lifted = (
+        middle**3
+        / slope**3
+        * (np.log(root / end) - 2.0 * end * (1 / end - 1 / root) + end**2 / 2.0 * (end**-2 - root**-2))
+    )
+    np.testing.assert_allclose(about_z[np.ix_((1, 5), (1, 5))], [[lifted, coupled], [coupled, turned]], rtol=1e-10)
+    np.testing.assert_allclose(about_y[np.ix_((2, 4), (2, 4))], [[lifted, -coupled], [-coupled, turned]], rtol=1e-10)
+    assert twisted[3, 3] == pytest.approx(turned, rel=1e-10)
+    shears = tube.TAPERED.matrices(np.array([end / root, 0.2]), body)[0, 1, 1] - lifted
+    assert shears == pytest.approx(0.2 * L**2 * middle / slope * np.log(root / end), rel=1e-10)
+    own = [(np.array([[0.0, -50.0, 0.0]]), L)]
+    sags = [tube.TAPERED.sags(np.array([1.0, s]), body, own) for s in (0.2, 0.0)]
+    assert sags[0] is not None
+    assert sags[1] is not None
+    assert sags[0][0, 1, 0] - sags[1][0, 1, 0] == pytest.approx(-50.0 * L / 2.0 * 0.2 * L**2, rel=1e-10)
+
+
+def test_a_foreign_casting_is_among_the_shapes_tried_for_a_link() -> None:
+    """Of the second judge's link, which tapers, shears and is flatter one way, uniform beams leave several times what
+    the tapering ones leave.
+    """
+    sys.path.append(str(ROOT / "benchmarks" / "stranger"))
+    import bodies as foreign
+
+    L = 1.1
+    truth = foreign.beam(np.array([L, 0.0, 0.0]), 2e6, 0.7, flat=1.3)
+    scale = np.array([1.0, 1.0, 1.0, L, L, L])
+
+    def left(law: BodyLaw, shape: Array) -> float:
+        size = np.outer(scale, scale)
+        X = (law.matrices(shape, Body(axes=np.eye(3), length=L)) * size).reshape(len(law.coefficients), -1).T
+        y = (truth * size)[np.ix_(range(6), range(6))]
+        y[0, 0] = 0.0  # no law here stretches
+        rest = y.ravel() - X @ np.linalg.lstsq(X, y.ravel(), rcond=None)[0]
+        return float(np.linalg.norm(rest) / np.linalg.norm(y))
+
+    grid = [np.array(s) for s in tube.TAPERED.grid(Body(axes=np.eye(3), length=L))]
+    assert 4.0 * min(left(tube.TAPERED, s) for s in grid) < left(bodies.TWO_PLANES, NONE)
 
 
 # --- a toy --------------------------------------------------------------------------------------------------

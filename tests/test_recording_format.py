@@ -446,6 +446,25 @@ def test_pose_labels_that_mean_different_poses(tmp_path: Path) -> None:
     assert "numbered from 8 on" in warning
 
 
+def test_a_session_that_counts_its_poses_anew(tmp_path: Path) -> None:
+    """The second day measured every other pose, numbered from 1; a sign, a zero or a unit is no such thing."""
+    q = np.random.default_rng(3).uniform(-60.0, 60.0, (12, 6)).round(3)
+
+    def lines(session: int, label: int, angles: np.ndarray) -> str:
+        return f"{session},{label},{','.join(f'{v:.3f}' for v in angles)},0,0,-500,0.1,0.2,0.3\n"
+
+    head = f"session,pose,{PLAIN}\n" + "".join(lines(1, k + 1, a) for k, a in enumerate(q))
+    anew = head + "".join(lines(2, k + 1, a + 0.01) for k, a in enumerate(q[::2]))
+    r = load_recording(folder(tmp_path, anew, plain()))
+    assert r.pose.tolist() == [*range(12), *range(0, 12, 2)]
+    assert any("session 2 counts its poses anew" in w for w in r.warnings)
+    assert not any("one label is meant for one robot pose" in w for w in r.warnings)
+    sign, zero, half = np.array([1, 1, 1, 1, -1, 1]), np.array([0, 0, 7.0, 0, 0, 0]), np.full(6, np.pi / 180)
+    for written in (q * sign, q + zero, q * half, q):
+        same = head + "".join(lines(2, k + 1, a) for k, a in enumerate(written))
+        assert load_recording(folder(tmp_path, same, plain())).pose.tolist() == [*range(1, 13)] * 2
+
+
 def test_unlabelled_poses_are_matched_by_joint_position(tmp_path: Path) -> None:
     one, two = f"{PLAIN}\n{ROW}\n", f"{PLAIN}\n{ROW.replace('10.5', '11', 1)}\n{ROW}\n"
     a, b = folder(tmp_path, one, plain(), "a"), folder(tmp_path, two, plain(), "b")

@@ -70,6 +70,19 @@ TERMS = {
         "link_compliance", "link:3", {"EI_Nm2": 3e6, "EI_across_Nm2": 9e5, "GJ_Nm2": 2e6, "normal": [0.1, 1.0, 0.2]}
     ),
     "link box, rigid in a plane": Term("link_compliance", "link:2", {"EI_across_Nm2": 9e5, "normal": [0.0, 1.0, 0.0]}),
+    "link tube": Term(
+        "link_compliance",
+        "link:3",
+        {
+            "EI_Nm2": 3e6,
+            "EI_across_Nm2": 9e5,
+            "GJ_Nm2": 2e6,
+            "normal": [0.1, 1.0, 0.2],
+            "taper": 0.6,
+            "shear": 0.04,
+        },
+    ),
+    "link tube, round": Term("link_compliance", "link:2", {"EI_Nm2": 9e5, "EA_N": 5e7, "taper": 1.4}),
     "link box, rigid across": Term("link_compliance", "link:2", {"EI_Nm2": 9e5, "normal": [0.0, 1.0, 0.0]}),
     "tool box": Term(
         "tool_compliance", "tool", {"EI_Nm2": 4e4, "EI_across_Nm2": 2e4, "EA_N": 5e7, "normal": [0.0, 1.0, 0.3]}

@@ -282,7 +282,12 @@ def _refuse_pushing_back(given: Parameters, C: Array) -> None:
 
 
 def sections(
-    axes: Sequence[Array], length: float, tip: Array, wrench: Array, own: Sequence[tuple[Array, float]] = ()
+    axes: Sequence[Array],
+    length: float,
+    tip: Array,
+    wrench: Array,
+    own: Sequence[tuple[Array, float]] = (),
+    at: tuple[Array, Array] | None = None,
 ) -> Array:
     """What a beam does under all that it carries, its own weight too, by the moment in each of its sections.
 
@@ -295,13 +300,16 @@ def sections(
         tip: (N, 3) m, the TCP as seen from the root.
         wrench: (N, 6) N, N·m at the TCP, of all that hangs on the end.
         own: of each weight that is spread evenly from the root: the whole of it (3,) N, and how far it reaches in m.
+        at: m from the root, of sections, and the length of a uniform beam that each stands for; None: it is uniform.
 
     Returns:
         (N, 6, 3) twist of the TCP per unit of 1/EI, 1/EI across, 1/GJ.
     """
     out = np.zeros((len(wrench), 6, 3))
-    nodes, weights = np.polynomial.legendre.leggauss(SECTIONS)
-    for x, w in zip(0.5 * length * (nodes + 1.0), 0.5 * length * weights, strict=True):
+    if at is None:
+        nodes, weights = np.polynomial.legendre.leggauss(SECTIONS)
+        at = 0.5 * length * (nodes + 1.0), 0.5 * length * weights
+    for x, w in zip(*at, strict=True):
         lever = tip - x * axes[2]
         moment = wrench[:, 3:] + np.cross(lever, wrench[:, :3])
         for weight, span in own:

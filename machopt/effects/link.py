@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from machopt.domain.location import link_at
-from machopt.effects.bodies import TWO_PLANES, Beam, stated_law
+from machopt.effects.bodies import TWO_PLANES, Beam
 from machopt.effects.protocol import Effect
+from machopt.effects.tube import TAPERED, stated_law
 
 EFFECT = Effect(
     name="link_compliance",
@@ -13,7 +14,7 @@ EFFECT = Effect(
     sentence="The link body bends or twists; the joint beside it does not.",
     port="body",
     places=tuple(link_at(i) for i in range(1, 7)),
-    gives=(Beam(("EI_Nm2",)), Beam(("GJ_Nm2",)), Beam(), TWO_PLANES),
+    gives=(Beam(("EI_Nm2",)), Beam(("GJ_Nm2",)), Beam(), TWO_PLANES, TAPERED),
     reads=stated_law,
     elastic=True,
 )

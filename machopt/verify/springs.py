@@ -235,21 +235,22 @@ def _spring(p: Mapping[str, Any], at: Array, along: Array, length: float, *, too
         return (_frame(at, along) if tool else _frame(at, None)), np.diag(np.asarray(p["compliance_diagonal"], float))
     if "normal" in p:
         return _box(p, at, along, length)
-    C = np.zeros((6, 6))
+    C, slim = np.zeros((6, 6)), _slimming(p)
     if "EI_Nm2" in p:
-        C += _bar(length, 1.0 / float(p["EI_Nm2"]), 0.0, 0.0)
+        C += _bar(length, 1.0 / float(p["EI_Nm2"]), 0.0, 0.0, slim)
     if "GJ_Nm2" in p:
-        C += _bar(length, 0.0, 1.0 / float(p["GJ_Nm2"]), 0.0)
+        C += _bar(length, 0.0, 1.0 / float(p["GJ_Nm2"]), 0.0, slim)
     if "EA_N" in p:
-        C += _bar(length, 0.0, 0.0, 1.0 / float(p["EA_N"]))
+        C += _bar(length, 0.0, 0.0, 1.0 / float(p["EA_N"]), slim)
     return _frame(at, along), C
 
 
 def _box(p: Mapping[str, Any], at: Array, along: Array, length: float) -> tuple[Array, Array]:
     """A beam that bends by EI about its principal axis ``normal`` and by another EI about the one across."""
+    slim = _slimming(p)
     bends = np.array([1.0 / float(p.get(key, np.inf)) for key in ("EI_across_Nm2", "EI_Nm2")])
-    C = _bar(length, 0.0, 1.0 / float(p.get("GJ_Nm2", np.inf)), 1.0 / float(p.get("EA_N", np.inf)))
-    one = _bar(length, 1.0, 0.0, 0.0)
+    C = _bar(length, 0.0, 1.0 / float(p.get("GJ_Nm2", np.inf)), 1.0 / float(p.get("EA_N", np.inf)), slim)
+    one = _bar(length, 1.0, 0.0, 0.0, slim)
     for turn, shift, bend in ((4, 2, bends[0]), (5, 1, bends[1])):
         pair = np.ix_((shift, turn), (shift, turn))
         C[pair] += bend * one[pair]
@@ -261,12 +262,26 @@ def _box(p: Mapping[str, Any], at: Array, along: Array, length: float) -> tuple[
     return S, C
 
 
-def _bar(length: float, bend: float, twist: float, stretch: float) -> Array:
-    """(6, 6) at the loaded end of a clamped bar along x, by integrating the compliance of its slices."""
-    C = np.zeros((6, 6))
-    C[0, 0], C[3, 3] = length * stretch, length * twist
+def _slimming(p: Mapping[str, Any]) -> tuple[float, float]:
+    """Radius of a beam's end over its root's, and how much it shears: EI/(k G A L²) at its middle."""
+    return float(p.get("taper", 1.0)), float(p.get("shear", 0.0))
+
+
+def _bar(length: float, bend: float, twist: float, stretch: float, slim: tuple[float, float] = (1.0, 0.0)) -> Array:
+    """(6, 6) at the loaded end of a clamped bar along x, by integrating the compliance of its slices.
+
+    A thin tube: bending and twisting go with the cube of the radius, stretching and shearing with the radius.
+    """
+    C, (taper, shear) = np.zeros((6, 6)), slim
     # a slice at distance u from the end turns by bend·(m + u f) and is seen u away: ∫ 1, u, u² du
-    one, first, second = length, length**2 / 2.0, length**3 / 3.0
+    one, first, second, thin = length, length**2 / 2.0, length**3 / 3.0, length
+    if taper != 1.0:
+        u = np.linspace(0.0, length, 4001)
+        radius = 2.0 * (taper + (1.0 - taper) * u / length) / (1.0 + taper)
+        one, first, second = (_simpson(u**k / radius**3, length) for k in range(3))
+        thin = _simpson(1.0 / radius, length)
+    second += shear * length**2 * thin
+    C[0, 0], C[3, 3] = thin * stretch, one * twist
     for shift, turn, sign in ((1, 5, 1.0), (2, 4, -1.0)):
         C[shift, shift], C[turn, turn] = bend * second, bend * one
         C[shift, turn] = C[turn, shift] = sign * bend * first
@@ -318,3 +333,10 @@ def _joint(term: Term) -> int:
 
 def _row(p: Mapping[str, Any], key: str) -> Array:
     return np.atleast_1d(np.asarray(p[key], float))
+
+
+def _simpson(values: Array, length: float) -> float:
+    """∫ over a length of values at its ends and at an odd number of points between."""
+    weights = np.full(len(values), 2.0)
+    weights[1::2], weights[[0, -1]] = 4.0, 1.0
+    return float(weights @ values) * length / (3.0 * (len(values) - 1))

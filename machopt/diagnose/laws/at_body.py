@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.arrays import Array
+from machopt.diagnose import calibrated
 from machopt.diagnose.nouns.problem import Hypothesis, Quantity, Shape
 from machopt.diagnose.nouns.readings import BEHIND, Readings
 from machopt.domain.stiffness import Term
@@ -124,6 +125,7 @@ def _hypothesis(
         lower=lower if np.isfinite(lower).any() else (),
         correction=lambda x, shape: made(x, shape).to_file(),
         family="body",
+        penalty=calibrated.DETECTION.simpler * len(law.shape),
         possible=None if np.isfinite(least).all() else law.nearest,
         note=law.note or (NOTE if r.differences else f"under weight, {NOTE}"),
     )

@@ -1,4 +1,4 @@
-"""Units of measured poses, of the whole record or of single sessions: angles of joints, lengths of points.
+"""Units of measured poses, of the whole record or of single sessions: angles of joints or of one, lengths of points.
 
 Each session is held against forward kinematics by itself, with a tracker frame (where that is free) and reflectors of
 its own, so that no session bends another and no frame has to be known: a cloud of points of the wrong size or shape
@@ -35,12 +35,19 @@ class _Way:
 
     names: dict[str, str]  # by field, "" where it is as stated
     factors: dict[str, float]
+    joint: int | None = None  # from 0: the angles of this one alone; None: those of all
 
     def read(self, r: Recording) -> Recording:
         assert r.position is not None  # mended looks for it
-        slides = np.array(r.prismatic or (False,) * r.q.shape[1])
-        q = np.where(slides, r.q, r.q * self.factors["q"])
+        kept = np.array(r.prismatic or (False,) * r.q.shape[1])
+        if self.joint is not None:
+            kept = kept | (np.arange(r.q.shape[1]) != self.joint)
+        q = np.where(kept, r.q, r.q * self.factors["q"])
         return replace(r, q=q, position=r.position * self.factors["position"])
+
+    def head(self, field: str) -> str:
+        """The first column of those that hold it."""
+        return HEADS[field] if field != "q" or self.joint is None else f"q{self.joint + 1}_deg"
 
 
 STATED = _Way(dict.fromkeys(HEADS, ""), dict.fromkeys(HEADS, 1))
@@ -69,8 +76,9 @@ def mended(
             parts[int(name)] = found
     out, said = recording, []
     for field in HEADS:
-        for unit in dict.fromkeys(way.names[field] for way, _, _ in parts.values() if way.names[field]):
-            hit = [n for n, (way, _, _) in parts.items() if way.names[field] == unit]
+        kinds = ((way.names[field], way.head(field)) for way, _, _ in parts.values() if way.names[field])
+        for unit, head in dict.fromkeys(kinds):
+            hit = [n for n, (way, _, _) in parts.items() if (way.names[field], way.head(field)) == (unit, head)]
             said.append(_said(field, unit, hit, len(sessions), parts))
     for name, (way, _, _) in parts.items():
         rows = recording.session == name
@@ -95,7 +103,8 @@ def _best(part: Recording, robot: Robot, T: np.ndarray) -> tuple[_Way, NDArray[n
     stated = float(np.median(as_stated)) / spread
     if stated < calibrated.RECORD.whole_pose_off:
         return None
-    tried = [(way, *_errors(part, way, robot, T)) for way in _ways()]
+    ways = [*_ways(), *_of_one_joint(part)]
+    tried = [(way, *_errors(part, way, robot, T)) for way in ways]
     tried.sort(key=lambda w: float(np.median(w[1])) / w[2])
     way, errors, _ = tried[0]
     best, second = (float(np.median(e)) / s for _, e, s in tried[:2])
@@ -111,6 +120,13 @@ def _ways() -> Iterator[_Way]:
         for length, f in {"": 1.0, **LENGTHS}.items():
             if angle or length:
                 yield _Way({"q": angle, "position": length}, {"q": a, "position": f})
+
+
+def _of_one_joint(part: Recording) -> Iterator[_Way]:
+    """A column that a clerk took from another list than the rest."""
+    for j in range(part.q.shape[1]):
+        for angle, a in ANGLES.items():
+            yield _Way({"q": angle, "position": ""}, {"q": a, "position": 1.0}, j)
 
 
 def _errors(part: Recording, way: _Way, robot: Robot, T: np.ndarray) -> tuple[NDArray[np.float64], float]:
@@ -133,10 +149,15 @@ def _said(
     parts: dict[int, tuple[_Way, NDArray[np.float64], NDArray[np.float64]]],
 ) -> Finding:
     before, after = (np.concatenate([parts[n][k] for n in hit]) for k in (1, 2))
-    head, factor = HEADS[field], parts[hit[0]][0].factors[field]
+    way = parts[hit[0]][0]
+    head, factor, lone = way.head(field), way.factors[field], field == "q" and way.joint is not None
     some = len(hit) < sessions
     where = f"session{'s' if len(hit) > 1 else ''} {', '.join(str(n) for n in hit)}: " if some else ""
-    words = f"{where}the columns {head} … hold {unit}; so read they fit the arm, and they were read that way"
+    words = (
+        f"{where}the column {head} holds {unit}; so read it fits the arm, and it was read that way"
+        if lone
+        else f"{where}the columns {head} … hold {unit}; so read they fit the arm, and they were read that way"
+    )
     session = {"session": exact(float(hit[0]))} if some and len(hit) == 1 else {}
     return repaired(
         UNITS.name,

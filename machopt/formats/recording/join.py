@@ -15,6 +15,8 @@ from machopt.formats.recording.columns import CHANNELS
 
 SAME_Q = np.radians(0.02)  # readings without pose labels: encoders return to a pose within a few millidegrees
 SAME_LABEL = np.radians(0.05)  # files that mean the same pose by a label differ by less
+LEAST_SHARED = 5  # labels, below which nothing is said of how sessions count
+IN_LINE = 0.9  # correlation of a joint's angles in two sessions, from which on one is the other, written otherwise
 _MOTION_Q = np.radians(1e-3)  # in motion a "pose" is only a place that is passed again
 
 _SAME = (
@@ -30,16 +32,17 @@ _SAME = (
 _BESIDE = ("branch", "target", "frame")  # columns that are no channel
 
 
-def number_poses(q: Array, kind: Kind) -> Ints:
+def number_poses(q: Array, kind: Kind, within: float = SAME_Q) -> Ints:
     """Label robot poses by joint position, 0, 1, … in the order they first appear.
 
-    A reading belongs to the first pose whose first reading is within 0.02° of it in every joint, so that encoder
+    A reading belongs to the first pose whose first reading is ``within`` of it in every joint, so that encoder
     jitter does not split a pose and a slow sweep is not chained into one. Readings in motion are only told apart
     by millidegrees.
 
     Args:
         q: (N, 6) rad.
         kind: of the recording.
+        within: rad.
 
     Returns:
         (N,) labels.
@@ -60,7 +63,7 @@ def number_poses(q: Array, kind: Kind) -> Ints:
     poses = 0
     for k in range(len(distinct)):
         if label[k] < 0:
-            near = np.asarray(tree.query_ball_point(distinct[k], SAME_Q, p=np.inf), dtype=np.int64)
+            near = np.asarray(tree.query_ball_point(distinct[k], within, p=np.inf), dtype=np.int64)
             label[near[label[near] < 0]] = poses
             poses += 1
     return np.asarray(label[places])
@@ -76,6 +79,50 @@ def separate_cycles(pose: Ints, cycle: Ints, session: Ints) -> Ints:
         return cycle
     _, label = np.unique(np.column_stack([session, cycle]), axis=0, return_inverse=True)
     return np.asarray(label.reshape(-1), dtype=np.int64)
+
+
+def counted_anew(recording: Recording) -> Recording:
+    """Poses told by where they are, where a session counts its poses anew: its pose 7 is another one's pose 12.
+
+    Not where labels agree and joints do not because of how one session has them written: another zero, sign or unit of
+    a joint leaves the angles of its poses in line with those of the others.
+    """
+    if recording.kind == "motion" or not {"pose", "session"} <= recording.labelled:
+        return recording
+    both = np.column_stack([recording.session, recording.pose])
+    visits, of = np.unique(both, axis=0, return_inverse=True)
+    of = of.reshape(-1)
+    rows = [recording.q[of == k] for k in range(len(visits))]
+    if any(np.ptp(q, axis=0).max() > SAME_LABEL for q in rows):
+        return recording  # no labels to go by
+    at = np.stack([q.mean(axis=0) for q in rows])
+    first = visits[0, 0]
+    other = next((s for s in np.unique(visits[:, 0])[1:] if _elsewhere(visits, at, int(first), int(s))), None)
+    if other is None:
+        return recording
+    pose = number_poses(at, recording.kind, SAME_LABEL)[of]
+    cycle = recording.cycle
+    if "cycle" in recording.labelled:
+        cycle = separate_cycles(pose, cycle, recording.session)
+    said = (
+        f"{recording.source}: session {other} counts its poses anew (a label is another robot pose there than in "
+        f"session {first}), so all poses are told by joint position"
+    )
+    return replace(recording, pose=_frozen(pose), cycle=_frozen(cycle), warnings=(*recording.warnings, said))
+
+
+def _elsewhere(visits: Ints, at: Array, one: int, two: int) -> bool:
+    """Whether equal labels of two sessions are other poses, in most joints and not in line with each other."""
+    a, b = (visits[:, 0] == s for s in (one, two))
+    _, i, j = np.intersect1d(visits[a, 1], visits[b, 1], return_indices=True)
+    x, y = at[a][i], at[b][j]
+    if len(i) < LEAST_SHARED or np.median(np.abs(x - y).max(axis=1)) <= SAME_LABEL:
+        return False
+    x, y = x - x.mean(axis=0), y - y.mean(axis=0)
+    size = np.sqrt((x**2).sum(axis=0) * (y**2).sum(axis=0))
+    moving = size > 0.0
+    alike = np.abs((x * y).sum(axis=0)[moving]) / size[moving]
+    return bool(2 * (alike < IN_LINE).sum() > moving.sum())
 
 
 def wide_poses(recording: Recording) -> tuple[str, ...]:

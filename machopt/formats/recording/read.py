@@ -15,7 +15,7 @@ from machopt.formats.recording import motors as by_motor
 from machopt.formats.recording import targets as by_target
 from machopt.formats.recording import tilt as by_tilt
 from machopt.formats.recording.columns import LABELS, branches, chain, channels, labels, vocabulary
-from machopt.formats.recording.join import join, number_poses, separate_cycles, wide_poses
+from machopt.formats.recording.join import counted_anew, join, number_poses, separate_cycles, wide_poses
 from machopt.formats.recording.keys import DATA_NAME, UNCERTAINTY, YAML_NAME, RecordingFile, Uncertainty
 from machopt.formats.recording.table import DataTable, read_table
 from machopt.formats.yamlstrict import Document, read_yaml, show, validate
@@ -52,7 +52,7 @@ def load_recording(path: Path | str) -> Recording:
             raise InputError(
                 f"has no column {name} but {has.name} has; files of a recording need the same columns", file=not_
             )
-    recording = join(runs, new_sessions=False)
+    recording = counted_anew(join(runs, new_sessions=False))
     _refuse_falling_time(recording, data)
     warnings = (
         *_frames_not_given(document, recording),
