@@ -84,12 +84,16 @@ def test_the_script_prints_the_table_again() -> None:
         assert f"{row.concern.lower()}.{row.name}" in said
 
 
-NO_DECISION = {  # constants beside the computation: guards against rounding, units, ends of grids, a stated load
+NO_DECISION = {  # constants beside the computation: guards against rounding, units, steps, ends of grids, a stated load
     "moving.friction.WIDER",
     "resting.absolute_catalogue.ROUNDING",
     "apart.predicted.REST",
     "apart.predicted.SAME",
+    "laws.at_beside.ANGLE",
+    "laws.at_beside.RATIO",
     "laws.at_joint.LEAST_SOFT",
+    "search.balanced.ANGLES",
+    "search.balanced.SIDE",
     "search.finer.NARROW",
     "search.finer.NARROWER",
     "evidence.grams.NOTHING",

@@ -303,6 +303,12 @@ def test_wrong_cells(tmp_path: Path, old: str, new: str, parts: list[str]) -> No
             "deflection",
             ["line 1: column fx_N, fy_N, fz_N is missing beside mz_Nm"],
         ),
+        (
+            f"{PLAIN.replace('dx_mm,dy_mm,', '')}\n{ROW.replace('0.1,0.2,', '')}\n",
+            "deflection",
+            ["column dx_mm, dy_mm is missing beside dz_mm", "three dial gauges"],
+        ),
+        (f"{PLAIN}\n{ROW.replace('0.1,0.2', ',')}\n", "deflection", ["line 2, column dx_mm", "one gauge alone"]),
         (f"{PLAIN},rx_mrad\n{ROW},1\n", "deflection", ["column ry_mrad, rz_mrad is missing beside dx_mm"]),
         (
             f"{PLAIN}\n{ROW}\n".replace("q3_deg,", "").replace(",30,", ","),

@@ -13,12 +13,12 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.laws.motion_frame import Scene, curve, joint_law
-from machopt.diagnose.nouns.problem import Curve, Hypothesis, Quantity, RecordCorrection, Shape
+from machopt.diagnose.nouns.problem import Curve, Finer, Hypothesis, Quantity, RecordCorrection, Shape
 from machopt.diagnose.nouns.readings import Readings
 from machopt.domain.location import joints_of, located
 from machopt.domain.stiffness import Term
 from machopt.effects import files, registry
-from machopt.effects.compensator import in_file
+from machopt.effects.compensator import LINKAGE, in_file
 from machopt.effects.given import Parameters
 from machopt.effects.protocol import Beside, Effect
 from machopt.estimate.noise import joint_sensitivity
@@ -26,6 +26,8 @@ from machopt.estimate.noise import joint_sensitivity
 SUBSCRIPTS = "₁₂₃₄₅₆"
 ARM = 6  # joints that a stiffness.yaml is of
 FINE = 90  # points of a line over the joint's range
+RATIO, ANGLE = 1.5, np.radians(30.0)  # of a spring's length to the next one that is searched, and of its angle
+NEAR = 7  # of each, between and beyond
 
 
 def in_poses(r: Readings) -> list[Hypothesis]:
@@ -129,7 +131,14 @@ def _bends(r: Readings, effect: Effect, where: str, law: Beside) -> Hypothesis:
         note=_note(where),
         penalty=law.penalty,
         curve=line,
+        finer=Finer(_around) if law is LINKAGE else None,
     )
+
+
+def _around(shape: Shape, share: float) -> tuple[Shape, ...]:
+    """Springs about one, as far as a share of the way to the next ones that are searched."""
+    steps = (share * np.linspace(-1.0, 1.0, NEAR)).tolist()
+    return tuple((shape[0] * RATIO**a, shape[1] + ANGLE * b) for a in steps for b in steps)
 
 
 def _stiffens(r: Readings, effect: Effect, where: str, law: Beside) -> Hypothesis:

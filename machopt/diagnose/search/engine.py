@@ -22,7 +22,7 @@ from machopt.diagnose.evidence.grams import base_model, tried
 from machopt.diagnose.evidence.whitening import whitening
 from machopt.diagnose.nouns.problem import Catalogue, Problem
 from machopt.diagnose.nouns.result import Diagnosis
-from machopt.diagnose.search import further, limiting, outweighed
+from machopt.diagnose.search import balanced, further, limiting, outweighed
 from machopt.diagnose.search.assembled import assembled
 from machopt.diagnose.search.finer import settled
 from machopt.diagnose.search.select import Chosen
@@ -66,7 +66,8 @@ def diagnose(
     # not kept here: most of the memory is the columns of all laws, which the proof does without
     return assembled(
         outweighed.withheld(
-            limiting.named(_search(problem, catalogue, options, seed, rebuild)), np.random.default_rng([seed, 4])
+            limiting.named(balanced.named(_search(problem, catalogue, options, seed, rebuild))),
+            np.random.default_rng([seed, 4]),
         ),
         options.most,
         options.predicted,

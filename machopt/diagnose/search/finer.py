@@ -41,12 +41,20 @@ def settled(state: State) -> State:
         if c.tried.hypothesis.finer is None:
             continue
         beside = with_chosen(state.base, [o for n, o in enumerate(chosen) if n != k])
-        chosen[k] = _settled(state.base, beside, c, c.tried.hypothesis.finer)
+        chosen[k] = closest(state.base, beside, c, c.tried.hypothesis.finer)
         laws[next(n for n, t in enumerate(laws) if t is c.tried)] = chosen[k].tried
     return replace(state, tried=tuple(laws), chosen=tuple(chosen))
 
 
-def _settled(base: Model, beside: Model, c: Chosen, finer: Finer) -> Chosen:
+def closest(base: Model, beside: Model, c: Chosen, finer: Finer) -> Chosen:
+    """A law at its best shape near the one it has, with all shapes that are as likely.
+
+    Args:
+        base: the base.
+        beside: with what else was chosen.
+        c: the law.
+        finer: how its shapes are looked through.
+    """
     h, best, share = c.tried.hypothesis, c.tried.shapes[c.scored.shape], 1.0
     while True:
         shapes = tuple(dict.fromkeys((best, *finer.about(best, share))))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.domain.recording import Kind
-from machopt.formats.recording.table import DataTable, Vocabulary
+from machopt.formats.recording.table import COORDINATES, THREE, DataTable, Vocabulary
 
 LABELS = ("pose", "cycle", "session")
 TILTS = ("tilt_x_mrad", "tilt_y_mrad")  # of measured poses: an inclinometer on a link
@@ -260,7 +260,8 @@ def _channel(table: DataTable, channel: Channel, prismatic: Prismatic) -> Array 
         wanted = names
     missing = [name for name in wanted if name not in have]
     if missing:
-        raise table.error(f"column {', '.join(missing)} is missing beside {', '.join(have)}")
+        why = f"; {THREE}" if set(missing) <= set(COORDINATES) else ""
+        raise table.error(f"column {', '.join(missing)} is missing beside {', '.join(have)}{why}")
     every = bool(channel.turns) or len(have) > channel.needed or channel.rest != "all"
     last = len(names) if every else channel.needed
     out = np.full((len(table), last), np.nan if channel.rest == "nan" else 0.0)

@@ -25,6 +25,11 @@ _MOST = {"_Nm": 1e7, "_N": 1e7, "_mm": 1e7, "_mrad": 1e5, "_deg": 1e8, "_deg_s":
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+", re.ASCII)
 _NOT_READ = ("", "nan")
+COORDINATES = ("dx_mm", "dy_mm", "dz_mm", "x_mm", "y_mm", "z_mm")  # of a place or how far it moved
+THREE = (
+    "a place is read with all three coordinates, by a tracker or by three dial gauges; those of one gauge alone are "
+    "not taken"
+)
 _NOT_FINITE = re.compile(r"[-+]?(?:nan|inf|infinity)", re.IGNORECASE)
 
 
@@ -156,11 +161,13 @@ def _parse(
                 cell = cells[at[name]].strip()
                 out[k, c] = float(cell) if _NUMBER.fullmatch(cell) else np.nan
                 if not np.isfinite(out[k, c]) and not (name in sparse and cell.lower() in _NOT_READ):
-                    raise table.error(f"found {_shown(cell)}; expected {_wanted(cell)}", k, name)
+                    raise table.error(f"found {_shown(cell)}; expected {_wanted(cell, name)}", k, name)
     return out
 
 
-def _wanted(cell: str) -> str:
+def _wanted(cell: str, name: str) -> str:
+    if not cell and name in COORDINATES:
+        return f"a number: {THREE}"
     if _DECIMAL_COMMA.fullmatch(cell):
         return f"a number with a decimal point, {cell.replace(',', '.')}"
     if _NOT_FINITE.fullmatch(cell) or _NUMBER.fullmatch(cell):
@@ -254,11 +261,12 @@ def _arrow_numbers(table: DataTable, name: str, column: Any, pyarrow: Any, *, sp
     if not (pyarrow.types.is_integer(kind) or pyarrow.types.is_floating(kind)):
         raise table.error(f"is of type {kind}; expected numbers", column=name)
     if column.null_count and not sparse:
-        raise table.error("found an empty cell; expected a number", column.is_null().to_pylist().index(True), name)
+        empty = column.is_null().to_pylist().index(True)
+        raise table.error(f"found an empty cell; expected {_wanted('', name)}", empty, name)
     values = np.asarray(column.to_numpy(), dtype=np.float64)
     bad = np.flatnonzero(np.isinf(values) if sparse else ~np.isfinite(values))
     if bad.size:
-        raise table.error(f"found {values[bad[0]]}; expected {_wanted(str(values[bad[0]]))}", int(bad[0]), name)
+        raise table.error(f"found {values[bad[0]]}; expected {_wanted(str(values[bad[0]]), name)}", int(bad[0]), name)
     return values
 
 
