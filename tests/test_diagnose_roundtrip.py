@@ -37,7 +37,15 @@ from machopt.model.rigid import load_dynamics
 from machopt.model.robot import load_masses, load_robot
 
 __all__ = ["toy"]  # a fixture
-NO_FILE = {"payload", "joint_friction", "joint_elasticity", "time_skew", "servo_lag", "transmission_error"}
+NO_FILE = {
+    "payload",
+    "joint_friction",
+    "joint_elasticity",
+    "time_skew",
+    "servo_lag",
+    "transmission_error",
+    "joint_coupling",
+}
 ROOT = Path(__file__).resolve().parent.parent
 CELL = ROOT / "cells" / "kr240_drilling"
 TRACKED = six_joints()[0].folder
