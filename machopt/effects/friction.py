@@ -40,7 +40,8 @@ def _presliding(v: Array, dt: float, first: Ints, distance: float, parts: int) -
             for k in range(parts):
                 now = v[n - 1] + (v[n] - v[n - 1]) * (k + 0.5) / parts
                 s = np.sign(now)
-                z = s + (z - s) * np.exp(-abs(now) * dt / parts / distance)
+                if z != s:  # most of the way it has long turned over
+                    z = s + (z - s) * np.exp(-abs(now) * dt / parts / distance)
         out[n] = z
     return out
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -15,6 +15,8 @@ from machopt.domain.location import joints_of
 from machopt.effects import files, registry
 from machopt.effects.protocol import Effect, Geared, MotorLaw
 
+KEPT = 3  # shapes of a law that the search is given: columns of two joints at many shapes are most of its memory
+
 
 def hypotheses(scene: Scene, paths: Sequence[Turn], torque: Array, beside: Array) -> list[Hypothesis]:
     """Every law at every place of it whose joints turn.
@@ -25,14 +27,15 @@ def hypotheses(scene: Scene, paths: Sequence[Turn], torque: Array, beside: Array
         torque: (N, n) N·m measured less predicted.
         beside: (N, n, p) what else of masses it may hold.
     """
-    return [
-        _hypothesis(scene, effect, where, law, joints, _way(scene, joints, paths[joints[-1]], torque, beside))
-        for effect in registry.of_motors()
-        for where in effect.tried
-        if (joints := joints_of(where)) and _shown(scene, joints)
-        for law in effect.motors
-        if not (scene.free_gains and law.of_gain)
-    ]
+    out = []
+    for effect in registry.of_motors():
+        for where in effect.tried:
+            joints = joints_of(where)
+            if _shown(scene, joints):
+                last = _Last(scene, joints, paths[joints[-1]], torque[:, joints[-1]], beside[:, joints[-1]])
+                laws = [law for law in effect.motors if not (scene.free_gains and law.of_gain)]
+                out += [_hypothesis(scene, effect, where, law, joints, last) for law in laws]
+    return out
 
 
 def _shown(scene: Scene, joints: tuple[int, ...]) -> bool:
@@ -41,30 +44,39 @@ def _shown(scene: Scene, joints: tuple[int, ...]) -> bool:
     )
 
 
-def _way(scene: Scene, joints: tuple[int, ...], turn: Turn, torque: Array, beside: Array) -> Callable[[Array], Array]:
-    """Which way the friction of the last joint's motor points, by its speed; it turns over as its torque shows best.
+class _Last:
+    """Torque of the last joint of a place, without what the base and masses make of it."""
 
-    How the base has it was found by the speed of the joint, which is not the motor's.
-    """
-    m, j = scene.motion, joints[-1]
-    own = np.stack([np.ones(len(m.q)), direction(scene, j, turn), m.a[:, j], *(m.v[:, k] for k in set(joints))], axis=1)
-    rest = np.concatenate([m.within(m.mean(own)), beside[:, j]], axis=1)
+    def __init__(self, scene: Scene, joints: tuple[int, ...], turn: Turn, torque: Array, beside: Array) -> None:
+        m, j = scene.motion, joints[-1]
+        speeds = [m.v[:, k] for k in sorted(set(joints))]
+        own = np.stack([np.ones(len(m.q)), direction(scene, j, turn), m.a[:, j], *speeds], axis=1)
+        rest = np.concatenate([m.within(m.mean(own)), beside], axis=1)
+        size = np.linalg.norm(rest, axis=0)
+        self.scene, self.turn = scene, turn
+        self._base, _ = np.linalg.qr(rest[:, size > 0] / size[size > 0])
+        self._torque = self._alone(torque)
 
-    def left(z: Array) -> float:
-        return float(
-            np.sum(rest_of(torque[:, j], np.concatenate([rest, m.within(m.mean(z[:, None]))], axis=1))[0] ** 2)
-        )
+    def _alone(self, x: Array) -> Array:
+        return np.asarray(x - self._base @ (self._base.T @ x))
 
-    return lambda v: min((turned(scene, v, t) for t in dict.fromkeys((turn, PATH, SMOOTH))), key=left)
+    def gain(self, signal: Array) -> float:
+        """Power that a signal (M, p) of the joint takes."""
+        m = self.scene.motion
+        left, _ = rest_of(self._torque, self._alone(m.within(m.mean(signal))))
+        return float(self._torque @ self._torque - left @ left)
+
+    def way(self, v: Array) -> Array:
+        """(M,) which way the motor's friction points, by its speed; it turns over as the torque shows best.
+
+        How the base has it was found by the speed of the joint, which is not the motor's.
+        """
+        turns = dict.fromkeys((self.turn, PATH, SMOOTH))
+        return max((turned(self.scene, v, t) for t in turns), key=lambda z: self.gain(z[:, None]))
 
 
 def _hypothesis(
-    scene: Scene,
-    effect: Effect,
-    where: str,
-    law: MotorLaw,
-    joints: tuple[int, ...],
-    way: Callable[[Array], Array],
+    scene: Scene, effect: Effect, where: str, law: MotorLaw, joints: tuple[int, ...], last: _Last
 ) -> Hypothesis:
     assert scene.predicted is not None  # the channel has it
     m, own = scene.motion, sorted(set(joints))
@@ -72,12 +84,20 @@ def _hypothesis(
         needed=scene.predicted[:, own],
         speed=m.v[:, own],
         acceleration=m.a[:, own],
-        way=way,
+        way=last.way,
     )
 
     def columns(shape: Shape) -> Array:
         parts = law.columns(np.array(shape), seen)
         return np.asarray(np.sum([scene.column(j, parts[:, k]) for k, j in enumerate(own)], axis=0))
+
+    def kept() -> tuple[Shape, ...]:
+        """Those that the last joint shows most of."""
+        grid = law.grid()
+        if len(grid) <= KEPT:
+            return grid
+        best = sorted(grid, key=lambda s: -last.gain(law.columns(np.array(s), seen)[:, -1]))
+        return tuple(s for s in grid if s in best[:KEPT])
 
     def sizes(x: Array, shape: Shape) -> Mapping[str, Quantity]:
         return law.sizes(x, np.array(shape), seen)
@@ -86,7 +106,7 @@ def _hypothesis(
         return RecordCorrection(effect.called, where, {k: q.value for k, q in sizes(x, shape).items()})
 
     lower = tuple(least for _, _, least in files.named(law, len(law.coefficients)))
-    grid = law.grid()
+    grid = kept()
     return Hypothesis(
         effect=effect.called,
         location=where,
@@ -100,5 +120,5 @@ def _hypothesis(
         correction=fix,
         note=law.note,
         penalty=law.penalty,
-        finer=between(grid),
+        finer=between(law.grid()),
     )

@@ -48,7 +48,7 @@ def gear_laws(scene: Scene, joint: int, load: Array, inertia: Array | None, fit:
             if not law.silent(load, np.zeros(0), scale):
                 grid = law.grid(scale)
                 out += [_of_registry(scene, joint, effect, law, load, scale, grid)] if grid else []
-    if inertia is not None:
+    if inertia is not None and inertia.min() > 0.0:  # behind a last link without mass nothing swings
         for effect in registry.of_swings():
             for spring in effect.swings:
                 out += _vibration(scene, joint, effect, spring, load, inertia, fit)

@@ -74,6 +74,8 @@ def springy(scene: Scene, joint: int, inertia: Array) -> list[Hypothesis]:
     """
     if scene.predicted is None or scene.prismatic[joint] or not scene.moves(joint):
         return []
+    if inertia[:, joint].min() <= 0.0:  # a last link without mass: nothing swings
+        return []
     m = scene.motion
     seen = Swinging(-scene.predicted[:, joint], inertia[:, joint], scene.step, scene.first)
     laws = ((e, law, law.grid(m.rate)) for e in registry.of_swings() for law in e.swings)

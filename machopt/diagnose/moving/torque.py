@@ -257,29 +257,39 @@ def _clock(scene: Scene, measured: Array, load: Array) -> tuple[float, Callable[
         # from the late speed: a late step between two samples would come out as a ramp
         return turned(scene, v[:, j], CLOCK_TURNS[k])
 
-    def left(d: float, whole: bool = False) -> list[tuple[Array, Array, int]]:
-        """Residual, coefficients and which breakaway path, for each moving joint; while under way, or of the whole."""
-        body, v, a = smooth(d)
-        out = []
+    def parts(d: float, j: int, late: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        """(N,) torque of a joint less the rigid bodies', what is refitted beside (N, p), friction by path (N, k)."""
+        body, v, a = late
+        z = [turning(v, j, k) for k in range(len(CLOCK_TURNS))]
+        X = m.within(m.mean(np.stack([body[:, j], np.ones(len(v)), v[:, j], a[:, j], *z], axis=1)))
+        return tau[:, j] - X[:, 0], np.concatenate([X[:, 1:4], carried(d, j)], axis=1), X[:, 4:]
+
+    def left(d: float) -> list[float]:
+        """Mean square that each moving joint leaves while under way, by the breakaway path that leaves least."""
+        late, out = smooth(d), []
         for j in moving:
-            seen = slice(None) if whole else under_way[j]
-            z = [turning(v, j, k) for k in range(len(CLOCK_TURNS))]
-            X = m.within(m.mean(np.stack([body[:, j], np.ones(len(v)), v[:, j], a[:, j], *z], axis=1)))
-            fits, beside = [], carried(d, j)
-            for k in range(len(CLOCK_TURNS)):
-                columns = np.concatenate([X[:, [1, 2, 3, 4 + k]], beside], axis=1)
-                r, x = rest_of((tau[:, j] - X[:, 0])[seen], columns[seen])
-                fits.append((r, x, k))
-            out.append(min(fits, key=lambda f: float(f[0] @ f[0])))
+            y, beside, z = (x[under_way[j]] for x in parts(d, j, late))
+            size = np.linalg.norm(beside, axis=0)
+            Q, _ = np.linalg.qr(beside[:, size > 0] / size[size > 0])
+            y, z = (x - Q @ (Q.T @ x) for x in (y, z))
+            gains = (y @ z) ** 2 / np.maximum(np.sum(z**2, axis=0), 1e-300)
+            out.append(float(y @ y - gains.max()) / len(y))
         return out
 
-    power = np.array([float(np.mean(r**2)) for r, _, _ in left(0.0)])
+    power = np.array(left(0.0))
 
     def misfit(d: float) -> float:
-        return float(sum(np.log(np.mean(r**2) + 1e-6 * p) for (r, _, _), p in zip(left(d), power, strict=True)))
+        return float(np.sum(np.log(np.maximum(left(d), 0.0) + 1e-6 * power)))
 
     best = valley(misfit) if moving else 0.0
-    fitted = left(best, whole=True)
+    fitted, late = [], smooth(best)
+    for j in moving:
+        y, beside, z = parts(best, j, late)
+        each = [
+            (*rest_of(y, np.concatenate([beside[:, :3], x[:, None], beside[:, 3:]], axis=1)), k)
+            for k, x in enumerate(z.T)
+        ]
+        fitted.append(min(each, key=lambda f: float(f[0] @ f[0])))
 
     def rough(d: float) -> Array:
         body, v, a = smooth(d)

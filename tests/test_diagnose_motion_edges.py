@@ -1,0 +1,29 @@
+"""Arms at the edge of what a motion can show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_diagnose_motion import arm, diagnosed, excited, recorded
+
+from machopt.model.rigid import load_dynamics
+
+
+@pytest.mark.parametrize("tool", [0.0, 5.0])
+def test_a_last_link_without_mass_swings_on_nothing(tmp_path: Path, tool: float) -> None:
+    """A flange that the URDF gives no inertia, tool or none: it divided by zero."""
+    rng = np.random.default_rng(3)
+    cell = arm(tmp_path, 3, tool=tool)
+    head, last = cell.urdf.read_text(encoding="utf-8").rsplit("<inertial>", 1)
+    bare = last.replace('mass value="20.0"', 'mass value="0"').replace('"1.5"', '"0"')
+    cell.urdf.write_text(f"{head}<inertial>{bare}", encoding="utf-8")
+    t, q, v, a = excited(3, rng, periods=5)
+    dynamics = load_dynamics(cell)
+    assert (dynamics.own_inertia(q)[:, 2].max() > 0.0) == (tool > 0.0)
+    tau = dynamics.torque(q, v, a) + 6.0 * np.sign(v) + 2.0 * v
+    found, *_ = diagnosed(recorded(t, q, v, tau + rng.normal(size=q.shape)), cell, "torque")
+    assert found.verdict == "consistent"
+    link = q + 1e-6 * (dynamics.torque(q, v, a) + rng.normal(size=q.shape))
+    assert diagnosed(recorded(t, q, v, tau, q_secondary=link), cell, "link")[0].verdict in ("consistent", "explained")
