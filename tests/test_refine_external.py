@@ -18,10 +18,11 @@ from test_external import OPTIONS, UP, K, apart, slots
 from test_path import Rows, toolpath
 
 from machopt.cli import main
+from machopt.domain.cell import Cell
 from machopt.domain.options import ExternalAxis, PlanOptions
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.plan.best import external
-from machopt.plan.best.external import _coarse_to_fine, best_plan
+from machopt.plan.best.external import _Asked, _coarse_to_fine, best_plan
 from machopt.plan.configurations.realise import Assignment
 from machopt.plan.external.axes import axes_of
 from machopt.plan.external.groups import Group, groups_of
@@ -37,13 +38,20 @@ from machopt.plan.pipeline.setup import Timings
 MOVING = replace(OPTIONS, rotation_step=np.radians(15.0))
 
 
+def by_grids(cell: Cell, path: Toolpath, options: PlanOptions) -> Plan:
+    """What the search by grids comes to."""
+    axes = axes_of(cell, options)
+    asked = _Asked(cell=cell, toolpath=path, options=options, axes=axes, clock=Timings(), before=None, scale=None)
+    return _coarse_to_fine(asked)[0]
+
+
 def chosen(
     folder: FilePath, path: Toolpath, options: PlanOptions, **kind: bool
 ) -> tuple[Plan, list[Group], tuple[ExternalAxis, ...]]:
     """What the search by grids comes to."""
     cell = replace(external_cell(folder, **kind), stiffness=K)
     axes = axes_of(cell, options)
-    plan = _coarse_to_fine(cell, path, options, Timings(), None, axes, None)[0]
+    plan = by_grids(cell, path, options)
     return plan, groups_of(cell, path, plan.path, axes), axes
 
 
@@ -204,9 +212,7 @@ def test_curves_are_one_value_where_nothing_may_move(tmp_path: FilePath) -> None
     options = replace(
         OPTIONS, external=(ExternalAxis(joint="rail", mode="moving"), ExternalAxis(joint="turn", mode="operation"))
     )
-    plan = _coarse_to_fine(
-        cell, path_in, replace(options, rotation_step=np.radians(45.0)), Timings(), None, axes_of(cell, options), None
-    )[0]
+    plan = by_grids(cell, path_in, replace(options, rotation_step=np.radians(45.0)))
     groups = groups_of(cell, path_in, plan.path, axes_of(cell, options))
     curves = Curves.of(plan.path, groups)
     c = np.random.default_rng(0).normal(size=curves.at_points.shape[1])

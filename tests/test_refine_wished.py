@@ -13,16 +13,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from test_external import OPTIONS, UP, K
 from test_path import Rows, toolpath
+from test_refine_external import by_grids
 
 from machopt.domain.options import ExternalAxis, ExternalMode, Steer
 from machopt.domain.steering import inside
 from machopt.domain.toolpath import Move, Toolpath
-from machopt.plan.best.external import _coarse_to_fine, best_plan
+from machopt.plan.best.external import best_plan
 from machopt.plan.external.axes import axes_of
 from machopt.plan.external.ranking import Worth
 from machopt.plan.pipeline.planned import Plan
 from machopt.plan.pipeline.run import obeys
-from machopt.plan.pipeline.setup import Timings
 from machopt.se3 import wrap
 
 E_PIN = Steer(points=(4, 6), joint="rail", at=0.35, unit="mm")
@@ -46,7 +46,7 @@ def before_and_after(folder: FilePath, wishes: tuple[Steer, ...], mode: External
         steer=wishes,
         external=(ExternalAxis(joint="rail", mode=mode, weight=2.0),),
     )
-    first = _coarse_to_fine(cell, path, options, Timings(), None, axes_of(cell, options), None)[0]
+    first = by_grids(cell, path, options)
     return first, best_plan(cell, path, options)
 
 
