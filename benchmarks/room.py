@@ -28,6 +28,7 @@ import watched  # noqa: E402
 
 QUARTER = 1.25  # a threshold is moved by so much
 MOST_RUNS = 24  # diagnoses of a case, either way
+NOT_PARTED = "not parted: too many diagnoses"
 LONGEST = 4.0  # s of the processor that one may take: cases that take longer are not varied
 
 
@@ -156,7 +157,7 @@ def turned(case: Case, said: dict[str, Any], names: list[str], way: str, budget:
     if not names:
         return []
     if budget[0] <= 0:
-        return [{"names": names, "why": "not parted: too many diagnoses"}]
+        return [{"names": names, "why": NOT_PARTED}]
     budget[0] -= 1
     now = changed(case, names, way)
     if same(now, said):
@@ -225,7 +226,7 @@ def table(log: Path, varied: Path, kept: dict[str, Any]) -> dict[str, list[Any]]
 def _row(t: Any, logged: list[dict[str, Any]], again: list[dict[str, Any]]) -> list[Any]:
     seen = [line["seen"][t.key] for line in logged if t.key in line["seen"]]
     below, above = _free(t, seen)
-    tried = [line for line in again if line["values"].get(t.key) == t.value]
+    tried = [line for line in again if line["values"].get(t.key) == t.value and _parted(line, t.key)]
     ways = [[_judged(line, t.key, way) for line in tried] for way in ("less", "more")]
     counts = [[w.count(kind) for kind in ("better", "worse", "otherwise")] for w in ways]
     held = [sum(s["n"] for s in seen), _rounded(below), _rounded(above)]
@@ -249,6 +250,11 @@ def _rounded(value: float) -> float | None:
     return float(f"{value:.6g}") if np.isfinite(value) else None
 
 
+def _parted(line: dict[str, Any], key: str) -> bool:
+    """Whether it is known of each way what this threshold alone does."""
+    return not any(key in e["names"] and e.get("why") == NOT_PARTED for way in ("less", "more") for e in line[way])
+
+
 def _judged(line: dict[str, Any], key: str, way: str) -> str:
     """How the answer to a case changes with a threshold moved one way: empty where it does not, or not by it alone."""
     said = next((e["said"] for e in line[way] if e["names"] == [key]), None)
@@ -260,9 +266,15 @@ def _judged(line: dict[str, Any], key: str, way: str) -> str:
     return "better" if right >= 0 >= wrong else "worse" if right <= 0 <= wrong else "otherwise"
 
 
-def write(path: Path, rows: dict[str, list[Any]], sets: list[str], date: str) -> None:
+def together(varied: Path) -> list[int]:
+    """Cases answered again with all thresholds moved at once, and how many answers that changed either way."""
+    again = list(lines(varied))
+    return [len(again), *(sum(bool(line[way]) for line in again) for way in ("less", "more"))]
+
+
+def write(path: Path, rows: dict[str, list[Any]], at_once: list[int], sets: list[str], date: str) -> None:
     """rooms.json, a line a threshold."""
     body = ",\n".join(f"    {json.dumps(key)}: {json.dumps(row)}" for key, row in rows.items())
-    head = {"script": "benchmarks/thresholds.py --room", "date": date, "sets": sets}
+    head = {"script": "benchmarks/thresholds.py --room", "date": date, "sets": sets, "together": at_once}
     text = "".join(f"  {json.dumps(k)}: {json.dumps(v)},\n" for k, v in head.items())
     path.write_text("{\n" + text + '  "rooms": {\n' + body + "\n  }\n}\n", encoding="utf-8")

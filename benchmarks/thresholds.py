@@ -94,9 +94,14 @@ def measure(folder: Path, cases: Sequence[str], seconds: float, written: bool) -
     rows = room.table(log, varied, tests)
     print("\n".join(f"{key}: {Room.of(row).told()}" for key, row in rows.items()))
     if written:
-        done = [line["case"] for line in room.lines(log)]
-        sets = [f"{sum(d.startswith(Path(p).name + '/') for d in done)} cases of {c}" for p, _, c in drawn]
-        room.write(ROOT / "machopt" / "estimate" / "rooms.json", rows, sets, date.today().isoformat())
+        done = {line["case"].partition(" ")[2] for line in room.lines(log)}  # some are identified from, too
+        sets = [
+            f"{sum(d.startswith(p.name + '/') for d in done)} cases of {c[2]}"
+            for p, c in zip(where, drawn, strict=True)
+        ]
+        room.write(
+            ROOT / "machopt" / "estimate" / "rooms.json", rows, room.together(varied), sets, date.today().isoformat()
+        )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

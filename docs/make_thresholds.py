@@ -35,15 +35,18 @@ noted every number that a threshold was held against, and answered cases again w
 higher (a share or a factor near one: a quarter of what parts it from one). Where no answer changes between two numbers,
 these cases would not have noticed any other value between them. Where that is narrow and no diagnosis changes with a
 quarter less or more, the value matters little. *Better* is more that is right and nothing more that is wrong, *worse*
-the opposite, *otherwise* another verdict or other names that are as right. To set one otherwise and count:
-[architecture](architecture.md).
+the opposite, *otherwise* another verdict or other names that are as right. With all thresholds that a case reads a
+quarter lower at once, {less} of {cases} answers changed, with all a quarter higher {more}. To set one otherwise and
+count: [architecture](architecture.md).
 """
 
 
 def page() -> str:
     """The text of the page."""
     made = calibrated.measured()
-    out = [HEAD.format(script=made.script, date=made.date, sets="\n".join(f"- {s}" for s in made.sets))]
+    cases, less, more = made.together
+    sets = "\n".join(f"- {s}" for s in made.sets)
+    out = [HEAD.format(script=made.script, date=made.date, sets=sets, cases=cases, less=less, more=more)]
     for concern, title in CONCERNS.items():
         out += [
             f"## {title}",

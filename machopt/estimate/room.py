@@ -67,6 +67,9 @@ class Measured:
     script: str
     date: str
     sets: tuple[str, ...]  # commands that draw the cases, each with how many
+    together: tuple[
+        int, int, int
+    ]  # cases with all thresholds moved at once; of these, answers changed by less, by more
     rooms: dict[str, Room]
 
 
@@ -78,5 +81,6 @@ def measured() -> Measured:
         script=said["script"],
         date=said["date"],
         sets=tuple(said["sets"]),
+        together=(said["together"][0], said["together"][1], said["together"][2]),
         rooms={k: Room.of(row) for k, row in said["rooms"].items()},
     )
