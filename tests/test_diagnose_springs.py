@@ -10,7 +10,7 @@ from test_diagnose_absolute import arm, measure
 from machopt.arrays import Array
 from machopt.diagnose.nouns.problem import Problem, Unknown
 from machopt.diagnose.resting import absolute
-from machopt.diagnose.search import engine
+from machopt.diagnose.search import rounds
 from machopt.domain.recording import Recording
 
 NOISE = 1e-5
@@ -57,7 +57,7 @@ def test_a_spring_nothing_built_has_is_doubted_beside_what_is_there_without_load
         x = np.array([0.0 if u.spring is None else 1.0 / cell.joints[u.spring - 1] for u in stated.unknowns])
         x[[u.spring == 4 for u in stated.unknowns]] *= times
         chosen = [SimpleNamespace(tried=SimpleNamespace(hypothesis=SimpleNamespace(family=family)))]
-        return {stated.unknowns[n].spring for n in engine._doubted(stated, x, chosen)}  # type: ignore[arg-type]
+        return {stated.unknowns[n].spring for n in rounds._doubted(stated, x, chosen)}  # type: ignore[arg-type]
 
     assert doubted(50.0, "kinematic") == doubted(-1.0, "kinematic") == doubted(0.1, "kinematic") == {4}
     assert doubted(1.5, "kinematic") == set()

@@ -13,7 +13,7 @@ from test_effects import posed
 from machopt.diagnose.laws import at_beside, at_heat, at_joint, at_sensor
 from machopt.diagnose.nouns.problem import Catalogue, Quantity
 from machopt.diagnose.nouns.readings import Readings
-from machopt.diagnose.search import engine, outweighed, select, unnamed
+from machopt.diagnose.search import engine, outweighed, rounds, select, unnamed
 from machopt.diagnose.search.screen import score
 from machopt.effects import by_angle
 
@@ -147,7 +147,7 @@ def test_a_law_that_a_likeness_beats_has_no_name(off: float, kept: bool) -> None
     named = replace(named, buildable=lambda x, shape: True, correction=lambda x, shape: None)
     named = replace(named, quantities=lambda x, shape: {"variation": Quantity(float(x[0]), "%")})
     problem = posed(r, moved)
-    state = engine._search(problem, Catalogue((named, pulled)), engine.Options(), 0, None)
+    state = rounds.in_rounds(problem, Catalogue((named, pulled)), 3, 0)
     law = next(t for t in state.tried if t.hypothesis is named)
     state = replace(state, chosen=(select.Chosen(score(state.base, [law])[0], 0.002),))
     (told,) = outweighed.withheld(state, np.random.default_rng(0)).chosen

@@ -19,6 +19,7 @@ from machopt.diagnose.record import gains, gross, labels, moved, nests, pose_uni
 from machopt.diagnose.record.pasted import pasted
 from machopt.diagnose.resting import absolute, deflection, loaded
 from machopt.diagnose.search import engine
+from machopt.diagnose.search.rounds import Rebuild, Unloaded
 from machopt.diagnose.verdict import cellvalues, enough
 from machopt.diagnose.verdict.words import sentence
 from machopt.domain.cell import Cell
@@ -112,7 +113,7 @@ def at_rest(
     def poses(terms: tuple[Term, ...]) -> tuple[Diagnosis, Problem]:
         rng, kept = np.random.default_rng(seed), frozenset[int]()
 
-        def build(found: Mapping[int, float] | None, about: engine.Unloaded = ()) -> tuple[Problem, Catalogue]:
+        def build(found: Mapping[int, float] | None, about: Unloaded = ()) -> tuple[Problem, Catalogue]:
             nonlocal notes
             problem, catalogue, notes = absolute.build(recording, cell, robot, masses, rng, terms, found, kept, about)
             laws = tuple(h for h in catalogue.hypotheses if h.name not in barred)
@@ -122,7 +123,7 @@ def at_rest(
         problem, catalogue = build(None)
         _refuse_too_few(problem, recording)
 
-        def again(x: Array, doubted: frozenset[int], about: engine.Unloaded) -> tuple[Problem, Catalogue]:
+        def again(x: Array, doubted: frozenset[int], about: Unloaded) -> tuple[Problem, Catalogue]:
             nonlocal problem, kept
             springs = {u.spring: float(v) for u, v in zip(problem.unknowns, x, strict=True) if u.spring is not None}
             kept |= {problem.unknowns[n].spring or 0 for n in doubted}
@@ -248,11 +249,11 @@ def _refuse_too_few(problem: Problem, recording: Recording) -> None:
     )
 
 
-def _excluding(rebuild: engine.Rebuild, rows: NDArray[np.bool_]) -> engine.Rebuild:
+def _excluding(rebuild: Rebuild, rows: NDArray[np.bool_]) -> Rebuild:
     if not rows.any():
         return rebuild
 
-    def again(x: Array, doubted: frozenset[int], about: engine.Unloaded) -> tuple[Problem, Catalogue]:
+    def again(x: Array, doubted: frozenset[int], about: Unloaded) -> tuple[Problem, Catalogue]:
         problem, catalogue = rebuild(x, doubted, about)
         return replace(problem, excluded=rows), catalogue
 
