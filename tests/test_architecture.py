@@ -92,6 +92,21 @@ def test_a_walk_from_the_command_to_a_law_and_back_crosses_eight_files() -> None
     assert any(graph.direct_import_exists(importer=m, imported="machopt.effects.registry") for m in rooms)
 
 
+def test_a_walk_from_the_command_to_a_price_of_a_plan_crosses_eight_files() -> None:
+    """As it is written down: each file is imported by one before it, and the last writes the price."""
+    grimp = pytest.importorskip("grimp")
+    graph = grimp.build_graph("machopt", exclude_type_checking_imports=True, cache_dir=None)
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    told = re.search(r"^From the command to a price of a plan.*?: (`.*?): eight files", text, re.DOTALL | re.MULTILINE)
+    assert told is not None
+    files = re.findall(r"`([\w/]+\.py)`", told[1])
+    assert len(files) == 8
+    walk = ["machopt." + name.removesuffix(".py").replace("/", ".") for name in files]
+    for n, module in enumerate(walk[1:], start=1):
+        assert any(graph.direct_import_exists(importer=door, imported=module) for door in walk[:n]), module
+    assert "w.clearance" in (PACKAGE / files[-1]).read_text(encoding="utf-8")
+
+
 def test_services_hold_no_science() -> None:
     """They load, call and write: what is longer does more than that."""
     lines = {p.name: len(p.read_text().splitlines()) for p in (PACKAGE / "services").glob("*.py")}
