@@ -109,7 +109,11 @@ MORE = (  # what only some plans need: other arms, arms as they are built, exter
         "moved",
         f"{_F2},f8,f8,f8,b1[::1],{_I1},{_F2},{_F1},{_F1},{_F2},{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},{_F1}",
     ),
-    ("model.depth", "_rows", f"{_F2},{_F3},{_F3},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F2},f8"),
+    (
+        "model.depth",
+        "_rows",
+        f"{_F2},{_I1},{_F1},{_F3},{_F3},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F2},f8",
+    ),
     ("verify.gouge", "_candidates", f"{_F2},{_F3},{_F2},{_F1},{_F1},{_C},{_C},{_C},f8"),
 )
 
