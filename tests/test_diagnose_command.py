@@ -346,7 +346,10 @@ def test_two_effects_in_a_thousand_readings_are_both_named(tmp_path: Path) -> No
     assert len(r) > 1000
     run(tmp_path / "out", tmp_path / "rec")
     said = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))
-    assert {f["location"] for f in said["findings"]} == {"joint:1", "link:2"}
+    named = {f["effect"]: f["location"] for f in said["findings"]}
+    share = next(f["parameters"]["share"] for f in said["findings"] if f["effect"] == "geometric_stiffness")
+    assert share["ci95"][0] > 0.0  # K_C is in every arm, and shows beside the two
+    assert {place for effect, place in named.items() if effect != "geometric_stiffness"} == {"joint:1", "link:2"}
 
 
 def test_the_law_in_the_docs_runs(tmp_path: Path) -> None:

@@ -41,6 +41,7 @@ NO_FILE = {
     "payload",
     "joint_friction",
     "joint_elasticity",
+    "torque_gain",
     "time_skew",
     "servo_lag",
     "transmission_error",
