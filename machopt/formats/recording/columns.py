@@ -122,7 +122,7 @@ _AT_REST = Vocabulary(
     ),
     refused={
         f"q{i}_mm": "prismatic joints are not read yet but in recordings of kind motion; an arm has six revolute "
-        "joints, q1_deg … q6_deg"
+        "joints, q1_deg … q6_deg; on a rail that stands still while it is measured they are enough"
         for i in range(1, 7)
     },
 )
