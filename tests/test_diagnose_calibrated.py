@@ -93,6 +93,7 @@ NO_DECISION = {  # constants beside the computation: guards against rounding, un
     "laws.at_beside.RATIO",
     "laws.at_joint.LEAST_SOFT",
     "search.balanced.ANGLES",
+    "search.balanced.NONE",
     "search.balanced.SIDE",
     "search.finer.NARROW",
     "search.finer.NARROWER",

@@ -15,8 +15,8 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
-from machopt.diagnose.evidence.grams import Tried, tried
-from machopt.diagnose.nouns.problem import Shape
+from machopt.diagnose.evidence.grams import Model, Tried, tried
+from machopt.diagnose.nouns.problem import Hypothesis, Shape
 from machopt.diagnose.search.finer import closest
 from machopt.diagnose.search.screen import profile, score
 from machopt.diagnose.search.select import Chosen, with_chosen
@@ -28,6 +28,7 @@ from machopt.effects.kinematic import WAVES
 RATIOS = (0.1, 0.15, 0.2, 0.28, 0.35, 0.45, 0.55, 0.7, 0.85)  # of a spring's levers
 ANGLES = np.radians(np.arange(0.0, 360.0, 4.0))
 SIDE, MOST = 0.08, 150  # of a simplex, by ratio and rad, and how often it asks
+NONE = 1e-9  # of the largest singular value: a direction that no reading shows
 FEW = 3000  # readings, up to which there is the time for it
 
 
@@ -86,9 +87,7 @@ def _settled(state: State, others: Sequence[Chosen], law: Tried) -> tuple[Chosen
     def at(*shapes: Shape) -> Tried:
         return replace(tried(state.base, [replace(h, shapes=shapes)])[0], index=law.index)
 
-    def left(shape: Shape) -> float:
-        return beside.with_law(at(shape), 0).rss
-
+    left = _left(state, beside, h)
     found: list[tuple[float, Shape]] = []
     for ratio in RATIOS:
         each = at(*((ratio, float(a)) for a in ANGLES))
@@ -97,6 +96,24 @@ def _settled(state: State, others: Sequence[Chosen], law: Tried) -> tuple[Chosen
     least, best = min(found)
     c = closest(state.base, beside, Chosen(score(beside, [at(best)])[0], 1.0), h.finer)
     return c, min(least, beside.with_law(c.tried, c.scored.shape).rss)
+
+
+def _left(state: State, beside: Model, h: Hypothesis) -> Callable[[Shape], float]:
+    """The whitened sum of squares that a shape leaves beside a model, by one projection of the model's own columns."""
+    X = np.concatenate([beside.X, np.diag(np.sqrt(beside.prior))])
+    size = np.linalg.norm(X, axis=0)
+    U, s, _ = np.linalg.svd(X[:, size > 0.0] / size[size > 0.0], full_matrices=False)
+    Q, none = U[:, s > NONE * s[0]], np.zeros(beside.count)
+    y = np.concatenate([beside.y, none])
+    y = y - Q @ (Q.T @ y)
+
+    def left(shape: Shape) -> float:
+        A = state.w.apply(h.columns(shape))
+        A = np.concatenate([A / np.linalg.norm(A, axis=0), np.zeros((beside.count, A.shape[1]))])
+        A = A - Q @ (Q.T @ A)
+        return float(np.sum((y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) ** 2))
+
+    return left
 
 
 def _nearest(left: Callable[[Shape], float], start: Shape) -> Shape:
