@@ -6,13 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from test_diagnose_motion import arm, diagnosed, excited, recorded, shaken
+import pytest
+from test_diagnose_motion import diagnosed, recorded, shaken
 
 from machopt.arrays import Array
-from machopt.diagnose.moving import motion
-from machopt.diagnose.moving.friction import breakaway
+from machopt.diagnose.moving import motion, torque
 from machopt.diagnose.nouns.motion_signals import signals
 from machopt.diagnose.nouns.result import Diagnosis
+from machopt.model.rigid import load_dynamics
 
 
 def left_open(tmp_path: Path, added: Callable[[Array], Array], seed: int, joint: int = 0) -> Diagnosis:
@@ -59,16 +60,19 @@ def test_a_gravity_compensator_keeps_its_name(tmp_path: Path) -> None:
     assert found.verdict == "explained"
 
 
-def test_a_clock_that_something_else_made_up_smooths_no_reversal(tmp_path: Path) -> None:
-    """16 ms too late, friction that turns at once came out as one that turns over some speed, and what that left at
-    each reversal outweighed a balancer."""
-    cell = arm(tmp_path, 2)
-    t, q, v, _ = excited(2, np.random.default_rng(10), periods=2, period=24.0)
-    rubs = 6.0 * np.sign(v)
-    recording = recorded(t, q, v, rubs)
-    m = signals(recording, 2)
-    scene = motion._scene(recording, cell, m, None, None)
-    right, late = (m.within(m.mean(x))[:, 0] for x in (rubs[m.index], m.late(rubs[m.index], -0.016)))
-    nothing = np.zeros((len(right), 0))
-    assert max(breakaway(scene, 0, [late], nothing)) > 1e-3
-    assert max(breakaway(scene, 0, [late, right], nothing)) < 1e-4
+@pytest.mark.parametrize(("late", "shared"), [((0,), False), ((0, 1), True)])
+def test_a_clock_that_one_joint_alone_asks_for_is_not_of_the_record(
+    tmp_path: Path, late: tuple[int, ...], shared: bool
+) -> None:
+    """It is made up of that joint's friction or balancer, and read back by it every reversal came out smoothed, which
+    outweighed what was there."""
+    rng, cell, t, q, v, tau = shaken(tmp_path, 2, 10)
+    given = tau.copy()
+    given[3:, late] = tau[:-3, late]  # 30 ms
+    recording = recorded(t, q, v, given + 0.5 * rng.normal(size=q.shape))
+    m, dynamics = signals(recording, 2), load_dynamics(cell)
+    scene = motion._scene(recording, cell, m, dynamics, dynamics.torque(m.q, m.v, m.a))
+    assert recording.torque is not None
+    best, of_most, _ = torque._clock(scene, recording.torque[m.index], m.mean(np.zeros((len(m.q), 2, 1))))
+    assert best == pytest.approx(0.03, abs=1e-3)
+    assert of_most == shared

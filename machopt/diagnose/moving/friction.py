@@ -7,7 +7,7 @@ is an offset and a Coulomb torque; it is told from a load that the model lacks b
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -69,9 +69,8 @@ def turned(scene: Scene, v: Array, turn: Turn) -> Array:
     return presliding(v, 1.0 / scene.motion.rate, scene.first, path)
 
 
-def breakaway(scene: Scene, joint: int, torques: Sequence[Array], beside: Array) -> Turn:
-    """The turn-over that suits a joint's torque (N,) best, Coulomb, viscous and inertia beside; of several clocks that
-    it may have, by the one that leaves least.
+def breakaway(scene: Scene, joint: int, y: Array, beside: Array) -> Turn:
+    """The turn-over that suits a joint's torque (N,) best, Coulomb, viscous and inertia beside.
 
     Friction that turns over a little faster or slower than the base has it leaves what looks like a peak at low speed,
     so the best of TURNS is refined between its neighbours. ``beside`` (N, p) is what else the torque may hold.
@@ -79,11 +78,10 @@ def breakaway(scene: Scene, joint: int, torques: Sequence[Array], beside: Array)
     m = scene.motion
     own = m.within(m.mean(np.stack([np.ones(len(m.q)), m.v[:, joint], m.a[:, joint]], axis=1)))
     rest = np.concatenate([own, beside], axis=1)
-    seen = np.stack(torques, axis=1)
 
     def power(turn: Turn) -> float:
         z = m.within(m.mean(direction(scene, joint, turn)[:, None]))
-        return float(np.sum(rest_of(seen, np.concatenate([rest, z], axis=1))[0] ** 2, axis=0).min())
+        return float(np.sum(rest_of(y, np.concatenate([rest, z], axis=1))[0] ** 2))
 
     best, found = np.inf, TURNS[0]
     for turn in TURNS:
@@ -111,9 +109,9 @@ def _refined(turn: Turn, power: Callable[[Turn], float]) -> tuple[Turn, ...]:
 
 
 def rest_of(y: Array, X: Array) -> tuple[Array, Array]:
-    """Residual (N,) or (N, k) and coefficients (p,) or (p, k) of least squares."""
+    """Residual (N,) and coefficients (p,) of least squares."""
     size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
-    x = (np.linalg.lstsq(X / size, y, rcond=1e-10)[0].T / size).T
+    x = np.linalg.lstsq(X / size, y, rcond=1e-10)[0] / size
     return y - X @ x, x
 
 

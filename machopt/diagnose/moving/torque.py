@@ -48,16 +48,12 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
     y = m.within(m.mean(measured - scene.predicted))
     P, T, L = dynamics.regressors(m.q, m.v, m.a)
     # a spring that the cell does not state is out of step with the rigid bodies too
-    best, rough = _clock(scene, measured, m.mean(np.concatenate([P, at_beside.shapeless(m.q)], axis=2)))
-    aligned = m.within(m.mean(m.late(measured, -best) - scene.predicted))
+    best, shared, rough = _clock(scene, measured, m.mean(np.concatenate([P, at_beside.shapeless(m.q)], axis=2)))
+    # a delay that one joint alone asks for is made up of its own friction, and would smooth the reversals of all
+    aligned = m.within(m.mean(m.late(measured, -best) - scene.predicted)) if shared else y
     # what a payload and links of other masses ask for is no friction
     own = m.within(m.mean(np.concatenate([P, L], axis=2))) if n > 1 else np.zeros((len(aligned), n, 0))
-    # a clock that something else made up would smooth every reversal
-    clocked = (aligned, y)
-    paths = [
-        breakaway(scene, j, [x[:, j] for x in clocked], own[:, j]) if scene.moves(j) else CLOCK_TURNS[0]
-        for j in range(n)
-    ]
+    paths = [breakaway(scene, j, aligned[:, j], own[:, j]) if scene.moves(j) else CLOCK_TURNS[0] for j in range(n)]
     base, unknowns = _base(scene, paths)
     if n > 1:
         scale = _alike(y, base, m.segment[m.starts][m.keep])
@@ -228,9 +224,9 @@ def heldout(y: Array, X: Array, group: Ints, weight: Array) -> Array:
     return out
 
 
-def _clock(scene: Scene, measured: Array, load: Array) -> tuple[float, Callable[[float], Array]]:
-    """How late the torques are (s), each joint's friction and motor inertia refitted at every delay; and the torque
-    (M, n) that they should have shown, late by any d.
+def _clock(scene: Scene, measured: Array, load: Array) -> tuple[float, bool, Callable[[float], Array]]:
+    """How late the torques are (s), each joint's friction and motor inertia refitted at every delay; whether most
+    joints are the better for it; and the torque (M, n) that they should have shown, late by any d.
 
     Friction steps where a joint reverses, so it has to be late together with the rigid bodies. A load at the flange, or
     a spring beside a gear, that the cell does not state asks for torque out of step with what is predicted, as a clock
@@ -282,6 +278,7 @@ def _clock(scene: Scene, measured: Array, load: Array) -> tuple[float, Callable[
         return float(np.sum(np.log(np.maximum(left(d), 0.0) + 1e-6 * power)))
 
     best = valley(misfit) if moving else 0.0
+    shared = 2 * int(np.sum(np.array(left(best)) < power)) > len(moving)
     fitted, late = [], smooth(best)
     for j in moving:
         y, beside, z = parts(best, j, late)
@@ -298,7 +295,7 @@ def _clock(scene: Scene, measured: Array, load: Array) -> tuple[float, Callable[
             out[:, j] += x[0] + x[1] * v[:, j] + x[2] * a[:, j] + x[3] * turning(v, j, k)
         return out
 
-    return best, rough
+    return best, shared, rough
 
 
 def _under_way(scene: Scene, joint: int) -> NDArray[np.bool_]:
