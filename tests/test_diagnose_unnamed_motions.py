@@ -41,7 +41,7 @@ def test_a_hose_at_joint_2_is_no_gravity_compensator(tmp_path: Path) -> None:
     """It has the place and a torque by angle as one has, and was named so; slack in the middle it is no spring's."""
 
     def hose(q: Array) -> Array:
-        return 12.0 * (np.maximum(q - 0.1, 0.0) ** 1.5 - np.maximum(-q - 0.2, 0.0) ** 2)
+        return np.asarray(12.0 * (np.maximum(q - 0.1, 0.0) ** 1.5 - np.maximum(-q - 0.2, 0.0) ** 2))
 
     found = left_open(tmp_path, hose, 7, joint=1)
     assert not found.findings
@@ -53,7 +53,7 @@ def test_a_gravity_compensator_keeps_its_name(tmp_path: Path) -> None:
     def balancer(q: Array) -> Array:
         """Two pivots, 0.2 and 1.1 m from the joint; 0.5 kN and 2.5 kN/m."""
         s = np.sqrt(0.2**2 + 1.1**2 + 2 * 0.2 * 1.1 * np.cos(q + 2.0))
-        return (500.0 + 2500.0 * (s - 0.9)) * 0.2 * 1.1 * np.sin(q + 2.0) / s
+        return np.asarray((500.0 + 2500.0 * (s - 0.9)) * 0.2 * 1.1 * np.sin(q + 2.0) / s)
 
     found = left_open(tmp_path, balancer, 9, joint=1)
     assert [(f.effect, f.location) for f in found.findings] == [("gravity_compensator", "joint:2")]
