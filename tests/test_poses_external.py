@@ -13,7 +13,7 @@ from small_cell import small_cell
 from machopt.design.asked import PosesRequest, without_workpiece
 from machopt.design.held import based, held_at, standing_of
 from machopt.diagnose.apart.measure import Measurement, measurement
-from machopt.domain.cell import Cell
+from machopt.domain.cell import Cell, held_still
 from machopt.domain.stiffness import ExternalSpring, Stiffness
 from machopt.errors import InputError
 from machopt.model.machine import load_machine
@@ -42,6 +42,12 @@ def test_values_are_held_by_name_and_told(tmp_path: Path) -> None:
     np.testing.assert_allclose(based(held, load_robot(held)).T_world_base[:3, 3], [0.0, -1.5, 0.0], atol=1e-12)
     assert without_workpiece(held).workpiece.link == "plate"
     assert standing_of(small_cell(tmp_path)) == ""
+
+
+def test_who_reads_a_recording_is_told_that_the_rail_stands_still(tmp_path: Path) -> None:
+    (told,) = held_still(external_cell(tmp_path, rail=True, table=True))
+    assert "external joints (rail, turn) are taken to stand still" in told
+    assert held_still(small_cell(tmp_path)) == ()
 
 
 @pytest.mark.parametrize("word", ["rail=99999", "rail", "rail=far", "turn=1", "e2=1"])

@@ -22,7 +22,7 @@ from machopt.diagnose.search import engine
 from machopt.diagnose.search.rounds import Rebuild, Unloaded
 from machopt.diagnose.verdict import cellvalues, enough
 from machopt.diagnose.verdict.words import sentence
-from machopt.domain.cell import Cell
+from machopt.domain.cell import Cell, held_still
 from machopt.domain.recording import Recording
 from machopt.domain.stiffness import Stiffness, Term, held_over
 from machopt.errors import InputError
@@ -91,7 +91,7 @@ def at_rest(
     recording = right.recording
     elsewhere = pasted(recording, robot, T)
     copies = gross.copied(recording) | elsewhere
-    said = [*recording.warnings, *right.warnings]
+    said = [*recording.warnings, *right.warnings, *held_still(cell)]
     notes: tuple[str, ...] = ()
 
     def load_tests(terms: tuple[Term, ...]) -> tuple[Diagnosis, Problem]:

@@ -150,3 +150,13 @@ class Cell:
     def tools_on(self) -> tuple[Tool, ...]:
         """The tools of the job: ``tool``, or the whole table where the job takes several."""
         return tuple(self.tools.values()) if self.tools and self.tool_name is None else (self.tool,)
+
+
+def held_still(cell: Cell) -> tuple[str, ...]:
+    """What to say where measurements of an arm are read: none, or that its external joints are taken to stand still."""
+    if not cell.external_joints:
+        return ()
+    return (
+        f"external joints ({', '.join(cell.external_joints)}) are taken to stand still: a recording has no columns for "
+        "them. Readings with one elsewhere are off by that; a recording for each place would work",
+    )

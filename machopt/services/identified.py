@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from machopt.domain.cell import Cell
+from machopt.domain.cell import Cell, held_still
 from machopt.domain.recording import Recording
 from machopt.domain.results.identification import IdentificationResult
 from machopt.domain.stiffness import Discrepancy, held_over
@@ -70,7 +70,7 @@ def identified(request: IdentifyRequest, progress: Callable[[str], None], cell: 
     found = replace(
         found,
         stiffness=replace(found.stiffness, discrepancy=doubt, external=kept, position=placed),
-        warnings=(*found.warnings, *held_over(kept)),
+        warnings=(*found.warnings, *held_over(kept), *held_still(cell)),
     )
     result = result_of(request, cell, recording, found, input_hashes(cell, request.recordings))
     return Identified(request=request, cell=cell, recording=recording, tests=tests, identification=found, result=result)
