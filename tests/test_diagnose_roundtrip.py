@@ -41,7 +41,7 @@ NO_FILE = {
     "payload",
     "joint_friction",
     "joint_elasticity",
-    "torque_gain",
+    "units",
     "time_skew",
     "servo_lag",
     "transmission_error",

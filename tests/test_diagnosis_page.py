@@ -60,7 +60,6 @@ VOCABULARY = {
     "geometry",
     "force_sensor_offset",
     "force_sensor_gain",
-    "torque_gain",
     "force_sensor_frame",
     "displacement_frame",
     "load_geometry",

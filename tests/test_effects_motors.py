@@ -14,7 +14,7 @@ from machopt.diagnose.moving import motion
 from machopt.diagnose.nouns.result import Diagnosis
 from machopt.domain.recording import Recording
 from machopt.effects import coupling, gain, registry
-from machopt.effects.protocol import Geared, MotorLaw, Parameter, Quantity
+from machopt.effects.protocol import JOINTS, Geared, MotorLaw, Parameter, Quantity
 from machopt.errors import InputError
 from machopt.model.rigid import load_dynamics
 
@@ -71,7 +71,7 @@ class Bent(gain.TooMuch):
 
 def test_one_file_and_one_line_add_what_a_drive_tells(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Offered at every joint that moves, in its own coordinate."""
-    toy = replace(gain.EFFECT, name="saturation", motors=(Bent(),))
+    toy = replace(registry.EFFECTS["units"], name="saturation", places=JOINTS, likely=(), motors=(Bent(),))
     monkeypatch.setattr(registry, "EFFECTS", registry.registry((*registry.LISTED, toy)))
     cell = arm(tmp_path, 2, tool=5.0)
     t, q, v, a = excited(2, np.random.default_rng(1))
@@ -90,7 +90,7 @@ def test_a_wrong_gain_is_named_at_its_joint(tmp_path: Path, share: float) -> Non
     rng, cell, t, q, v, tau = shaken(tmp_path, 3, 11)
     tau[:, 1] *= 1.0 + share
     found = diagnosed(recorded(t, q, v, tau + 1.0 * rng.normal(size=q.shape)), cell, "torque")[0]
-    assert [(f.effect, f.location) for f in found.findings] == [("torque_gain", "joint:2")]
+    assert [(f.effect, f.location) for f in found.findings] == [("units", "column:tau2_Nm")]
     low, high = found.findings[0].parameters["too_much"].ci95
     assert low < 100.0 * share < high
 

@@ -19,7 +19,7 @@ from score import Answer
 
 # names that say something of the record and nothing of the robot
 OF_THE_RECORD = frozenset(
-    ["units", "columns", "outliers", "time_skew", "torque_gain", "displacement_frame", "load_geometry"]
+    ["units", "columns", "outliers", "time_skew", "displacement_frame", "load_geometry"]
     + [f"force_sensor_{n}" for n in ("offset", "gain", "frame")]
 )
 SEEN = 10.0  # noncentrality that an ordinary test sees at twice its limit

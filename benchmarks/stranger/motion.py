@@ -115,7 +115,7 @@ class Motion:
                 drive = (self.coulomb[j], self.viscous[j], e.detail["rotor"], SHARP)
                 ratio = e.detail["sign"] * e.amplitude
                 y += drives.shared(self.qd, self.qdd, torque, i, j, ratio, drive, by_motors=e.detail["by_motors"])
-            elif e.effect == "torque_gain":
+            elif e.effect == "units":
                 y[:, j] += e.detail["sign"] * e.amplitude * (y[:, j] + self.dynamic[:, j])
             elif "soft" in e.detail:  # every seal drags like honey at first
                 y += self.coulomb * (np.tanh(self.qd / (0.005 * e.amplitude)) - slip)
@@ -181,7 +181,8 @@ def draw(name: str, scene: Motion, rng: np.random.Generator, loud: float) -> lis
             out.append(Effect(name, where, 5e-5, 1e-3, "arcsec", 648000 / np.pi, "amplitude", detail=detail))
         elif name == "torque_gain":
             sign = float(rng.choice([-1, 1]))
-            out.append(Effect(name, where, 0.1, 0.5, "%", 100.0, "gain", detail={"joint": j, "sign": sign}))
+            column = f"column:tau{j + 1}_Nm"
+            out.append(Effect("units", column, 0.1, 0.5, "%", 100.0, "gain", detail={"joint": j, "sign": sign}))
         elif name in ("rotor", "hose"):
             same = (("joint_elasticity", where),) if name == "rotor" else ()
             out.append(Effect("unnamed", where, 1.0, 20.0, accepted=same, detail={"joint": j, name: 1}))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.effects.protocol import JOINTS, Effect, Geared, Parameter, Quantity, Shape
+from machopt.effects.protocol import Geared, Parameter, Quantity, Shape
 
 
 @dataclass(frozen=True)
@@ -40,15 +40,3 @@ class TooMuch:
 
     def grid(self) -> tuple[Shape, ...]:
         return ((),)
-
-
-EFFECT = Effect(
-    name="torque_gain",
-    noun="torque gain",
-    spoken="gain of the torque",
-    sentence="The drive tells a share too much or too little torque.",
-    port="record",
-    places=JOINTS,
-    motors=(TooMuch(),),
-    plausible={"%": 60.0},
-)

@@ -7,6 +7,8 @@ Sensors: :mod:`sensor`; clocks: :mod:`delay`.
 
 from __future__ import annotations
 
+from machopt.domain.location import column_at
+from machopt.effects.gain import TooMuch
 from machopt.effects.protocol import Effect
 
 LENGTHS = {"inches": 25.4, "centimetres": 10.0, "metres": 1e3, "micrometres": 1e-3}  # millimetres in one
@@ -17,9 +19,12 @@ UNITS = Effect(
     name="units",
     noun="wrong unit",
     spoken="units",
-    sentence="The column carries another unit than its name says.",
+    sentence="The column carries another unit than its name says, or another share of it.",
     port="record",
     places=(),
+    likely=tuple(column_at(f"tau{n}_Nm") for n in range(1, 7)),
+    motors=(TooMuch(),),
+    plausible={"%": 60.0},
     of="in",
 )
 

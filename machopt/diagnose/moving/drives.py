@@ -11,7 +11,7 @@ from machopt.diagnose.laws.motion_frame import Scene
 from machopt.diagnose.moving.friction import PATH, SMOOTH, Turn, direction, rest_of, turned
 from machopt.diagnose.nouns.problem import Hypothesis, Quantity, RecordCorrection, Shape
 from machopt.diagnose.search.finer import between
-from machopt.domain.location import joints_of
+from machopt.domain.location import COLUMN, joints_of, located
 from machopt.effects import files, registry
 from machopt.effects.protocol import Effect, Geared, MotorLaw
 
@@ -30,12 +30,18 @@ def hypotheses(scene: Scene, paths: Sequence[Turn], torque: Array, beside: Array
     out = []
     for effect in registry.of_motors():
         for where in effect.tried:
-            joints = joints_of(where)
+            joints = _joints(where)
             if _shown(scene, joints):
                 last = _Last(scene, joints, paths[joints[-1]], torque[:, joints[-1]], beside[:, joints[-1]])
                 laws = [law for law in effect.motors if not (scene.free_gains and law.of_gain)]
                 out += [_hypothesis(scene, effect, where, law, joints, last) for law in laws]
     return out
+
+
+def _joints(where: str) -> tuple[int, ...]:
+    """0-based, of a joint's torque column or of a joint or pair of joints."""
+    at = located(where)
+    return (int("".join(filter(str.isdecimal, at.which))) - 1,) if at.kind == COLUMN else joints_of(where)
 
 
 def _shown(scene: Scene, joints: tuple[int, ...]) -> bool:

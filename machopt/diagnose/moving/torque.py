@@ -26,7 +26,7 @@ from machopt.diagnose.moving.clock import LONGEST, clocks, valley
 from machopt.diagnose.moving.friction import Turn, breakaway, direction, friction, rest_of, turned, unsure
 from machopt.diagnose.moving.loads import ripple, springy
 from machopt.diagnose.nouns.problem import Catalogue, Family, Hypothesis, Ints, Problem, Unknown, Untestable
-from machopt.domain.location import joint_at, link_at
+from machopt.domain.location import column_at, joint_at, link_at
 from machopt.errors import InputError
 
 # late friction and a long breakaway path look alike at one joint
@@ -328,7 +328,9 @@ def _catalogue(
             untestable.append(Untestable("joint_friction", joint_at(j + 1), "nothing says what torque its current is"))
             continue
         if scene.free_gains:
-            untestable.append(Untestable("torque_gain", joint_at(j + 1), "a gain of each current is refitted anyway"))
+            untestable.append(
+                Untestable("units", column_at(f"tau{j + 1}_Nm"), "a gain of each current is refitted anyway")
+            )
         out += friction(scene, j, paths[j])
         out += ripple(scene, j)
         out += springy(scene, j, inertia)
