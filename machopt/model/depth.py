@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from machopt.arrays import Array, Ints
 from machopt.compiled import compiled
@@ -123,6 +122,8 @@ class _Led:
 
     @classmethod
     def by(cls, leaders: Array, others: Array) -> _Led:
+        from scipy.spatial import cKDTree  # not there where a wheel is built, and the kernel below is compiled
+
         beside, leader = cKDTree(leaders).query(others) if len(others) else (np.zeros(0), np.zeros(0, np.int64))
         n = len(leaders)
         return cls(
