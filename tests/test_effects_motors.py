@@ -147,6 +147,17 @@ def test_currents_that_run_against_the_masses_are_refused(tmp_path: Path) -> Non
         diagnosed(turned, cell, "torque")
 
 
+@pytest.mark.parametrize("stuck", [0.0, 1.5])
+def test_a_current_that_never_changes_is_refused(tmp_path: Path, stuck: float) -> None:
+    """It was a division by zero, or a gain of 1e16."""
+    rng, cell, t, q, v, tau = shaken(tmp_path, 3, 12)
+    recording = in_amperes(recorded(t, q, v, tau + rng.normal(size=q.shape)), np.array([3.0, 8.0, 4.0]))
+    assert recording.current is not None
+    recording.current[:, 2] = stuck
+    with pytest.raises(InputError, match="current3_A never changes"):
+        diagnosed(recording, cell, "torque")
+
+
 def test_a_joint_whose_masses_ask_nothing_keeps_its_amperes_to_itself(tmp_path: Path) -> None:
     """Its gain is not known, so nothing is named there; the others are read all the same."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 3, 14)

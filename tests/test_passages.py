@@ -10,6 +10,7 @@ import pytest
 from test_path import toolpath
 from test_pipeline import FREE, UP, C, R, small_job
 
+from machopt.domain.reason import Reason
 from machopt.domain.toolpath import Move
 from machopt.plan.job import passages
 from machopt.plan.job.passages import past_blocked
@@ -156,3 +157,33 @@ def test_other_stops_and_what_no_other_plan_mends_are_told_as_they_were(
     assert motion.asked == 1
     always = Motion(driven, lambda plan: True, (stop(3.0, 4.0),))  # of one branch: nothing to leave out
     assert past_blocked(made, always, Timings())[0] is made
+
+
+def test_a_plan_that_lacks_points_is_not_searched_again(
+    made: Plan, driven: Timeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another search would not know why they were given up, as of what gouges."""
+    monkeypatch.setattr(passages, "plan_rapid", nothing_is_free)
+    a = made.chosen.assignment
+    lacking = replace(made, chosen=replace(made.chosen, assignment=a.marked(made.path.counted, Reason.GOUGING)))
+    motion = Motion(driven, lambda plan: True, (stop(float("nan"), 0.0),))
+    assert past_blocked(lacking, motion, Timings())[0] is lacking
+    assert motion.asked == 1
+
+
+def test_points_that_are_passed_by_have_no_turn(made: Plan, driven: Timeline) -> None:
+    """The last rapid point of the file out of reach: home is come to from the one before."""
+    a, q = made.chosen.assignment, made.chosen.assignment.q.copy()
+    last = made.path.runs[-1][1]
+    q[last] = np.nan
+    short = replace(made, chosen=replace(made.chosen, assignment=replace(a, q=q)))
+    kept = np.isfinite(q).all(axis=1)
+    motion = Motion(
+        driven, lambda plan: np.allclose(plan.chosen.assignment.q[kept], q[kept]), (stop(6.0, float("nan")),)
+    )
+    plan, timeline = past_blocked(short, motion, Timings())
+    assert timeline is not None
+    assert timeline.trajectory is not None
+    assert np.isnan(plan.chosen.assignment.q[last]).all()
+    changed = np.flatnonzero((plan.chosen.assignment.q[kept] != q[kept]).any(axis=1))
+    assert changed.max() == last - 1

@@ -101,9 +101,10 @@ def attempts(work: Path, label: str = "*") -> Iterator[tuple[str, str, Ended]]:
     for file in sorted(work.glob(f"{label}~*/{ENDED}")):
         try:
             found = json.loads(file.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            continue  # being put away right now
-        yield found["label"], found["key"], Ended.of({**found["ended"], "folder": str(file.parent)})
+            ended = found["label"], found["key"], Ended.of({**found["ended"], "folder": str(file.parent)})
+        except (OSError, ValueError, KeyError, TypeError):
+            continue  # being put away right now, or damaged: the job is run again
+        yield ended
 
 
 def _keep(spec: Spec, ended: Ended) -> None:
@@ -317,6 +318,8 @@ def _outcome(folder: Path) -> BatchRow | JobFailure | None:
 def _outcome_of(plain: Any) -> BatchRow | JobFailure | None:
     if plain is None:
         return None
+    if not isinstance(plain, dict):
+        raise ValueError(f"{plain!r} is no outcome of a job")
     kind = JobFailure if "error" in plain else BatchRow
     return kind.model_validate(plain)
 

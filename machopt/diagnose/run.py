@@ -319,7 +319,7 @@ def in_motion(
     d = replace(d, next_experiment=next_motion.suggested(cell, channel, d))
     # what leaves the record as it is, like a lag behind the command, changes no error of this channel
     beside = [f if f.record else replace(f, before=d.heldout_before, after=d.heldout_before) for f in found]
-    return Examined(_with_record(d, beside, None, notes, recording.warnings), problem, recording)
+    return Examined(_with_record(d, beside, None, notes, (*recording.warnings, *held_still(cell))), problem, recording)
 
 
 def _with_record(

@@ -50,6 +50,13 @@ def torques(recording: Recording, motion: Motion, predicted: Array) -> Made:
     assert recording.current is not None  # gainless asks
     n = predicted.shape[1]
     current = recording.current[motion.index, :n]
+    dead = np.flatnonzero(np.ptp(current, axis=0) == 0.0)
+    if len(dead):
+        columns = ", ".join(f"current{j + 1}_A" for j in dead)
+        raise InputError(
+            f"{recording.source}: {columns} never changes, so it was not read or its joint was braked, and says "
+            "nothing of torque; a recording with the currents of all joints would work"
+        )
     each = [_slope(motion, current[:, j], predicted[:, j], j) for j in range(n)]
     sure = calibrated.MOTION.current_sure
     against = [j for j, (slope, sigma) in enumerate(each) if -slope * sure > sigma]

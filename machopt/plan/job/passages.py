@@ -21,7 +21,7 @@ from machopt.plan.compensation.compensate import rescored
 from machopt.plan.job.conflict import whole
 from machopt.plan.motion.lifts import rests_of
 from machopt.plan.motion.rapids import UNDER, Blocked, plan_rapid
-from machopt.plan.motion.timeline import Timeline
+from machopt.plan.motion.timeline import SEARCHED, Timeline
 from machopt.plan.pipeline.breaks import Break
 from machopt.plan.pipeline.planned import Plan
 from machopt.plan.pipeline.run import searched_past
@@ -57,9 +57,11 @@ def past_blocked(plan: Plan, motion: Motion, timings: Timings) -> tuple[Plan, Ti
         those of the plan itself where it can be driven, or where no other can be either.
     """
     first = motion(plan)
+    if not whole(plan):  # what is missing or gouges is the plan's, and another search would not know of it
+        return first
     driven, timeline = first
     B = plan.candidates.q.shape[2]
-    shut, told = _Shut(np.zeros((B, B), bool), frozenset(), ()), list[str]()
+    shut, told = _Shut(np.zeros((B, B), bool), frozenset(), ()), dict[str, str]()
     for _ in range(TRIES):
         stops = _stops(timeline)
         if timeline is None or timeline.trajectory is not None or not stops:
@@ -71,13 +73,12 @@ def past_blocked(plan: Plan, motion: Motion, timings: Timings) -> tuple[Plan, Ti
                 if turned is None:
                     stuck.append(stop)
                 else:
-                    plan, words = turned
-                    told.append(words)
+                    plan, told[stop.where] = turned
         if stuck:
             more = _shut_by(driven, stuck, shut)
             if plan.found is None or not plan.candidates.stable or not more.more_than(shut):
                 return first
-            shut, told = more, []
+            shut, told = more, {}
             with timings.stage("choose"):
                 plan = searched_past(plan, plan.found, shut.between, sorted(shut.ends), timings)
             if not whole(plan):
@@ -85,12 +86,12 @@ def past_blocked(plan: Plan, motion: Motion, timings: Timings) -> tuple[Plan, Ti
         driven, timeline = motion(plan)
     if timeline is None or timeline.trajectory is None:
         return first
-    return driven, replace(timeline, detours=(*timeline.detours, *shut.told, *told))
+    return driven, replace(timeline, detours=(*timeline.detours, *shut.told, *told.values()))
 
 
 def _stops(timeline: Timeline | None) -> list[Break]:
     """Rapid moves between two free places that no way was found for."""
-    every = () if timeline is None else timeline.obstructions
+    every = () if timeline is None else timeline.obstructions[:SEARCHED]  # of the others little is known
     return [stop for stop in every if stop.code == "rapid_blocked" and stop.pair != UNDER]
 
 
@@ -100,10 +101,12 @@ def _turned(plan: Plan, stop: Break) -> tuple[Plan, str] | None:
     On the way home it is the last stretch that is turned.
     """
     q, home = plan.chosen.assignment.q, not np.isfinite(stop.after)
-    begin = _row(plan, stop.after)
+    known = np.flatnonzero(np.isfinite(q).all(axis=1))  # points that are passed by have no posture
+    begin, before = _row(plan, stop.after), _row(plan, stop.before)
     if home:
-        begin = next(first for first, last in plan.path.runs if last >= _row(plan, stop.before))
-    before = begin - 1 if home else _row(plan, stop.before)
+        run = next(first for first, last in plan.path.runs if last >= before)
+        begin = int(known[np.searchsorted(known, run)])
+        before = int(known[known < begin].max(initial=-1))
     rest, end = rests_of(plan)
     if before >= 0:
         rest = _stands(plan, before, q[before])
@@ -116,7 +119,9 @@ def _turned(plan: Plan, stop: Break) -> tuple[Plan, str] | None:
         other[begin : last + 1] += turns
         joints = ", ".join(f"joint {i + 1} by {np.degrees(turns[i]):+.0f}°" for i in np.flatnonzero(turns))
         assignment = replace(plan.chosen.assignment, q=other)
-        return rescored(plan, assignment), f"{stop.where}: {joints}, as {stop.text} the shorter way"
+        return replace(
+            rescored(plan, assignment), over_external=None
+        ), f"{stop.where}: {joints}, as {stop.text} the shorter way"
     return None
 
 
@@ -139,11 +144,12 @@ def _other_turns(plan: Plan, begin: int, rest: Array) -> Iterator[tuple[Array, i
     for turns in every:
         end = -1
         for first, last in later:
-            q = a.q[max(first, begin) : last + 1] + turns
-            q = q[np.isfinite(q).all(axis=1)]
+            rows = np.arange(max(first, begin), last + 1)
+            rows = rows[np.isfinite(a.q[rows]).all(axis=1)]
+            q = a.q[rows] + turns
             if (q < arm.lower).any() or (q > arm.upper).any():
                 break
-            end = last
+            end = int(rows.max(initial=end))
         if end >= begin:
             found += 1
             yield turns, end
@@ -154,6 +160,8 @@ def _other_turns(plan: Plan, begin: int, rest: Array) -> Iterator[tuple[Array, i
 def _free(plan: Plan, a: Array, b: Array) -> bool:
     """A free way leads from a to b, (6 + E,) rad or m."""
     setup, options = plan.setup, plan.options
+    if not np.isfinite([a, b]).all():
+        return False
     move = plan_rapid(
         a,
         b,
@@ -180,7 +188,8 @@ def _shut_by(plan: Plan, stops: list[Break], shut: _Shut) -> _Shut:
             between[a, b] = between[b, a] = True
             told.append(_words(stop, f"between branches {a} and {b}"))
         else:
-            ends.add((0, b) if a < 0 else (len(plan.path.stations) - 1, a))
+            row = _row(plan, stop.after if a < 0 else stop.before)
+            ends.add((min(int(np.searchsorted(plan.path.stations, row)), len(plan.path.stations) - 1), max(a, b)))
             told.append(_words(stop, f"{'to' if a < 0 else 'from'} branch {max(a, b)}"))
     return _Shut(between, frozenset(ends), tuple(told))
 

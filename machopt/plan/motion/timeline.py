@@ -32,7 +32,8 @@ from machopt.plan.pipeline.gaps import Stretch, stretches, uncut, worth
 from machopt.plan.pipeline.planned import Plan
 
 SEARCH = 2000  # extensions of the random tree for a rapid move that nothing simpler frees
-SEARCH_IN_VAIN = 100  # the same once another move is known to be stuck
+SEARCH_IN_VAIN = 100  # the same once a stretch is given up, or so many moves are known to be stuck
+SEARCHED = 6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,7 +126,9 @@ class _Builder:
                 self.obstructions.append(found)
                 if found.code != "rapid_blocked":
                     return None
-                return Place(self.x[last], float(self.path.index[last]), last)  # what follows is looked at by itself
+                height = self.lifts.withdrawal(last)  # what follows is looked at by itself
+                end = self.lifts.lifted(last, height) if height else self.x[last]
+                return None if end is None else Place(end, float(self.path.index[last]), last)
             self.in_the_way.append(found)
             shorter = self._shorter(found, first, last)
             if shorter is None:
@@ -209,7 +212,9 @@ class _Builder:
         )
 
     def _rapid(self, a: Place, b: Place) -> Leg | Break:
-        return self.made.rapid(a, b, SEARCH if not self.obstructions and not self.given_up else SEARCH_IN_VAIN)
+        return self.made.rapid(
+            a, b, SEARCH if len(self.obstructions) < SEARCHED and not self.given_up else SEARCH_IN_VAIN
+        )
 
     def _withdrawal(self, row: int) -> float:
         """m along the tool axis until a rapid move may begin; 0 where it may at once, or never."""

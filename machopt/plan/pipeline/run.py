@@ -176,7 +176,9 @@ def searched_past(before: Plan, found: Found, shut: Bools, ends: Sequence[tuple[
         candidates.reason[station, :, branch] = np.where(
             c.reason[station, :, branch] == Reason.OK, Reason.NO_PATH, c.reason[station, :, branch]
         )
-    return _with_another_search(before, found, candidates, before.scores, before.options, clock)
+    after = _with_another_search(before, found, candidates, before.scores, before.options, clock)
+    bound = min(after.choice.bound, before.choice.bound)  # that no way was found is no proof that there is none
+    return replace(after, choice=replace(after.choice, bound=bound), over_external=None)
 
 
 def _own(c: Candidates) -> Candidates:
