@@ -54,8 +54,8 @@ def torques(recording: Recording, motion: Motion, predicted: Array) -> Made:
     if len(dead):
         columns = ", ".join(f"current{j + 1}_A" for j in dead)
         raise InputError(
-            f"{recording.source}: {columns} never changes, so it was not read or its joint was braked, and says "
-            "nothing of torque; a recording with the currents of all joints would work"
+            f"{recording.source}: {columns} never change{'s'[: len(dead) == 1]}: not read, or of a braked joint, and "
+            "nothing is said of torque there; a recording with the currents of all joints would work"
         )
     each = [_slope(motion, current[:, j], predicted[:, j], j) for j in range(n)]
     sure = calibrated.MOTION.current_sure
