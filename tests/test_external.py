@@ -19,7 +19,7 @@ from machopt.errors import InputError
 from machopt.formats.options import load_options, options_as_user
 from machopt.model.machine import load_machine
 from machopt.model.robot import load_robot
-from machopt.plan.best.external import best_plan
+from machopt.plan.best.base import best_plan
 from machopt.plan.certainty.certificate import certificate
 from machopt.plan.motion.rapids import RapidMove, plan_rapid
 from machopt.plan.motion.timeline import build_timeline

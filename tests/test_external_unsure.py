@@ -15,7 +15,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.options import ExternalAxis, Index, ProcessForce
 from machopt.domain.stiffness import ExternalSpring, Stiffness
 from machopt.model.elastic import ArmElasticity
-from machopt.plan.best.external import best_plan
+from machopt.plan.best.base import best_plan
 from machopt.plan.certainty.uncertainty import bends, by_carriers, gains
 from machopt.plan.cost.score import configuration_cost, directions
 from machopt.plan.pipeline.planned import Plan

@@ -18,7 +18,7 @@ from test_refine_external import MOVING, chosen, weaving
 from machopt.domain.options import ExternalAxis
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.plan.best import external
-from machopt.plan.best.external import best_plan
+from machopt.plan.best.base import best_plan
 from machopt.plan.external.axes import axes_of
 from machopt.plan.external.ranking import Worth
 from machopt.plan.jointly.beginning import Start

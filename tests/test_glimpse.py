@@ -13,7 +13,7 @@ from machopt.domain.cell import Shape
 from machopt.domain.options import ExternalAxis, PlanOptions
 from machopt.domain.stiffness import Stiffness
 from machopt.formats.toolpath import read_toolpath
-from machopt.plan.best.external import best_plan
+from machopt.plan.best.base import best_plan
 from machopt.plan.configurations.candidates import enumerate_candidates
 from machopt.plan.cost.score import directions, score_candidates
 from machopt.plan.external.sampled_choice import free_choice

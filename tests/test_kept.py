@@ -15,7 +15,7 @@ from test_path import toolpath
 
 from machopt.domain.options import FixedRotation, PlanOptions
 from machopt.domain.toolpath import Operation, Toolpath
-from machopt.plan.best.external import best_plan
+from machopt.plan.best.base import best_plan
 from machopt.plan.kept import Store, keeping, recalled
 from machopt.plan.motion.timeline import build_timeline
 

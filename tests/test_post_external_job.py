@@ -18,7 +18,7 @@ from machopt.domain.options import ExternalAxis
 from machopt.domain.program import Controller, ExternalDrive
 from machopt.domain.toolpath import Toolpath
 from machopt.formats.posts.densify import Tolerance
-from machopt.plan.best.external import best_plan
+from machopt.plan.best.base import best_plan
 from machopt.plan.motion.timeline import Timeline, build_timeline
 from machopt.plan.pipeline.planned import Plan
 from machopt.postprocess.moves import robot_program, sampled_program

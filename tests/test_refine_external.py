@@ -22,7 +22,8 @@ from machopt.domain.cell import Cell
 from machopt.domain.options import ExternalAxis, PlanOptions
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.plan.best import external
-from machopt.plan.best.external import _Asked, _coarse_to_fine, best_plan
+from machopt.plan.best.base import best_plan
+from machopt.plan.best.external import _Asked, _coarse_to_fine
 from machopt.plan.configurations.realise import Assignment
 from machopt.plan.external.axes import axes_of
 from machopt.plan.external.groups import Group, groups_of

@@ -18,7 +18,7 @@ from test_refine_external import by_grids
 from machopt.domain.options import ExternalAxis, ExternalMode, Steer
 from machopt.domain.steering import inside
 from machopt.domain.toolpath import Move, Toolpath
-from machopt.plan.best.external import best_plan
+from machopt.plan.best.base import best_plan
 from machopt.plan.external.axes import axes_of
 from machopt.plan.external.ranking import Worth
 from machopt.plan.pipeline.planned import Plan

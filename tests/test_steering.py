@@ -21,7 +21,7 @@ from machopt.domain.stiffness import Stiffness
 from machopt.domain.toolpath import Move, Operation, Toolpath
 from machopt.errors import InputError
 from machopt.formats.steering import SteerKeys, steer_as_user, steer_of
-from machopt.plan.best.external import best_plan
+from machopt.plan.best.base import best_plan
 from machopt.plan.certainty.certificate import certificate
 from machopt.plan.external.axes import axes_of
 from machopt.plan.external.groups import Group, groups_of

@@ -14,7 +14,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions, ProcessForce
 from machopt.domain.stiffness import Stiffness
 from machopt.domain.toolpath import Move
-from machopt.plan.best.external import best_plan
+from machopt.plan.best.base import best_plan
 
 K = Stiffness(joints=np.array([1.4e6, 1.2e6, 9.4e5, 3.6e5, 3.7e5, 3.8e5]))
 SKEW = "".join(

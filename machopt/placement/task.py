@@ -16,7 +16,7 @@ from machopt.placement.asked import Shift
 from machopt.placement.freedom import free_outlook
 from machopt.placement.moved import Carried, moved
 from machopt.placement.outlook import Outlook, outlook
-from machopt.plan.best.external import best_plan
+from machopt.plan.best.base import best_plan
 from machopt.plan.configurations.candidates import PlanningArm
 from machopt.plan.external.axes import axes_of
 from machopt.plan.external.groups import Group, groups_of

@@ -103,8 +103,6 @@ def best_plan(
     axes = axes_of(cell, options)
     refuse_strangers(cell, options.steer)
     asked = _Asked(cell=cell, toolpath=toolpath, options=options, axes=axes, clock=clock, before=before, scale=scale)
-    if not cell.external_joints:
-        return asked.planned(scale)
     if options.method != "global" or options.rotation_step >= STEP or _stand_still(asked):
         return _refined(asked)
     coarse = _refined(replace(asked, options=replace(options, rotation_step=STEP)))

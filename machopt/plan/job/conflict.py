@@ -18,7 +18,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.options import ExternalAxis, FixedRotation, PlanOptions, Steer
 from machopt.domain.steering import said, stretches
 from machopt.domain.toolpath import Toolpath
-from machopt.plan.best.external import best_plan
+from machopt.plan.best.base import best_plan
 from machopt.plan.pipeline.breaks import Break
 from machopt.plan.pipeline.planned import Plan
 from machopt.plan.pipeline.setup import Timings

@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 from machopt.domain.options import PlanOptions
 from machopt.domain.stint import Stint
 from machopt.domain.toolpath import Toolpath
-from machopt.plan.best.bound import over_external
-from machopt.plan.best.external import best_plan
+from machopt.plan.best.base import best_plan, over_external
 from machopt.plan.compensation.margins import as_driven, asked_again, lost, with_spare
 from machopt.plan.job.compensable import shifted_where_it_can
 from machopt.plan.job.conflict import undriven, with_conflict
