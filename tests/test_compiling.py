@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import os
 import subprocess
@@ -173,6 +174,37 @@ def test_every_kernel_compiled_ahead_is_one() -> None:
         assert kernel is not None, f"plan/kernels.py lists {name}.{function}, which is gone: rename or remove the entry"
         arguments, _ = normalize_signature(f"({types})")
         assert len(arguments) == kernel.py_func.__code__.co_argcount, (name, function)
+
+
+def test_whatever_python_calls_compiled_is_brought() -> None:
+    """Else the first command that calls it after an installation compiles: a cobot's first run took twice as long."""
+    trees = {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts): ast.parse(path.read_text(encoding="utf-8"))
+        for path in (ROOT / "machopt").rglob("*.py")
+    }
+    made = {
+        (file, node.name): node
+        for file, tree in trees.items()
+        for node in tree.body
+        if isinstance(node, ast.FunctionDef) and "compiled" in {getattr(d, "id", "") for d in node.decorator_list}
+    }
+    called: set[tuple[str, str]] = set()
+    for file, tree in trees.items():
+        known = {name: (file, name) for there, name in made if there == file}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and node.module:
+                known |= {a.asname or a.name: (node.module, a.name) for a in node.names}
+        inside = {id(n) for (there, _), f in made.items() if there == file for n in ast.walk(f)}
+        for node in ast.walk(tree):
+            if id(node) in inside:
+                continue  # one kernel calls another
+            if isinstance(node, ast.Name):
+                called.add(known.get(node.id, ("", "")))
+            elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+                called.add((".".join(known.get(node.value.id, ("",))), node.attr))
+    brought = {(f"machopt.{name}", function) for name, function, _ in KERNELS + MORE}
+    assert len(brought & called) > 40, "the search has lost sight of them"
+    assert sorted((called & made.keys()) - brought) == []
 
 
 def test_kernels_need_nothing_to_be_compiled_but_numpy_and_numba() -> None:

@@ -115,6 +115,16 @@ MORE = (  # what only some plans need: other arms, arms as they are built, exter
         f"{_F2},{_I1},{_F1},{_F3},{_F3},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F2},f8",
     ),
     ("verify.gouge", "_candidates", f"{_F2},{_F3},{_F2},{_F1},{_F1},{_C},{_C},{_C},f8"),
+    ("model.chain", "between", f"{_F2},{_F2},b1[::1],i8,i8,{_F2},{_F3}"),
+    ("model.ik_bridge", "_three_parallel", f"UniTuple(UniTuple(f8,3),12),{_F3},{_F3}"),
+    ("model.ik_newton", "polish", f"{_F2},{_F2},{_F2},{_F3},{_F3},i8,f8"),
+    ("plan.contacts.lookahead", "_neighbours", f"{_I1},b1[::1],b1[:,::1],b1[::1],i8,i8"),
+    # laws with a memory: of a diagnosis, and of a job whose stiffness.yaml has them
+    ("effects.hysteresis", "_play", f"{_F1},{_I1},f8"),
+    ("effects.hysteresis", "_drag", f"{_F1},{_I1},f8,f8"),
+    ("effects.creep", "_lag", f"{_F1},{_F1},{_I1},f8"),
+    ("effects.friction", "_presliding", f"{_F1},f8,{_I1},f8,i8"),
+    ("effects.vibration", "_mass_on_spring", f"{_F1},{_F1},{_F1},{_I1},f8,f8"),
 )
 
 
