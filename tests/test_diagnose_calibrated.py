@@ -95,6 +95,7 @@ NO_DECISION = {  # constants beside the computation: guards against rounding, un
     "search.balanced.ANGLES",
     "search.balanced.NONE",
     "search.balanced.SIDE",
+    "search.finer.ALIKE",
     "search.finer.NARROW",
     "search.finer.NARROWER",
     "evidence.grams.NOTHING",

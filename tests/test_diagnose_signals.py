@@ -57,6 +57,20 @@ def test_stretches_too_short_are_left_out_and_velocities_are_differentiated() ->
     np.testing.assert_allclose(m.v[100:-100, 0], v[100 : len(m.q) - 100, 0], atol=0.01 * np.ptp(v))
 
 
+@pytest.mark.parametrize("by", [0.0, 0.03, -0.017, 0.2, -0.2, 1e3, -1e3])
+def test_what_is_late_is_moved_by_parts_of_a_sample_its_ends_held(by: float) -> None:
+    r = moved(2, periods=2)
+    m = signals(r, 2)
+    x = np.stack([np.sin(0.7 * m.time), np.cos(0.4 * m.time)], axis=1)
+    late = m.late(x, by)
+    t = np.clip(m.time - by, m.time[0], m.time[-1])
+    away = (m.time - by > m.time[2]) & (m.time - by < m.time[-3])
+    np.testing.assert_allclose(late[away], np.stack([np.sin(0.7 * t), np.cos(0.4 * t)], axis=1)[away], atol=1e-6)
+    beyond = (m.time - by < m.time[0] - 0.1) | (m.time - by > m.time[-1] + 0.1)
+    held = x[0] if by > 0 else x[-1]
+    np.testing.assert_allclose(late[beyond], np.broadcast_to(held, late[beyond].shape), atol=1e-12)
+
+
 def test_periods_are_those_of_the_labels_where_these_come_back() -> None:
     """Labels name the period; those that do not come back, or are uneven, are no periods and the shape decides."""
     r, each = moved(periods=4), 600

@@ -128,7 +128,8 @@ class Through:
         ratio = float(shape[0]) * (1.0 if self.forward else -1.0)
         v, a = (x[:, 1] + ratio * x[:, 0] for x in (seen.speed, seen.acceleration))
         out = np.zeros((len(v), 2, 4 if self.by_motors else 3))
-        out[:, 1, :3] = np.stack([seen.way(v), v, a], axis=1)
+        for k, x in enumerate((seen.way(v), v, a)):
+            out[:, 1, k] = x
         if self.by_motors:
             out[:, 0, 3] = -ratio * seen.needed[:, 1]
         else:

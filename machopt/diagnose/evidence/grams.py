@@ -290,7 +290,7 @@ def _raw(h: Hypothesis, w: Whitening) -> tuple[Array, Ints | None]:
     """Columns at all shapes, (N, D, S, p); or (N, d, S, p) of the few coordinates (d,) that they move, with these."""
     first = h.columns(h.shapes[0])
     N, D, p = first.shape
-    moved = np.flatnonzero(first.any(axis=(0, 2)))
+    moved = np.flatnonzero(np.any(first.any(axis=0), axis=1))
     alone = w.apart and 0 < 2 * len(moved) <= D
     out = np.empty((N, len(moved) if alone else D, len(h.shapes), p))
     for k, shape in enumerate(h.shapes):

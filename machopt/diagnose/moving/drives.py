@@ -8,7 +8,7 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.diagnose.laws.motion_frame import Scene
-from machopt.diagnose.moving.friction import PATH, SMOOTH, Turn, direction, rest_of, turned
+from machopt.diagnose.moving.friction import AT_ONCE, PATH, SMOOTH, Turn, direction, rest_of, turned
 from machopt.diagnose.nouns.problem import Hypothesis, Quantity, RecordCorrection, Shape
 from machopt.diagnose.search.finer import between
 from machopt.domain.location import COLUMN, joints_of, located
@@ -77,7 +77,7 @@ class _Last:
 
         How the base has it was found by the speed of the joint, which is not the motor's.
         """
-        turns = dict.fromkeys((self.turn, PATH, SMOOTH))
+        turns = dict.fromkeys((self.turn, AT_ONCE, PATH, SMOOTH))
         return max((turned(self.scene, v, t) for t in turns), key=lambda z: self.gain(z[:, None]))
 
 
@@ -127,4 +127,5 @@ def _hypothesis(
         note=law.note,
         penalty=law.penalty,
         finer=between(law.grid()),
+        leaps=bool(law.shape),
     )

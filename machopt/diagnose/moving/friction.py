@@ -40,6 +40,7 @@ TURNS = (
 STEPS = 10  # between two of these
 WIDER = 1.6  # times, and as much less: how far off the turn-over of the base may be
 SMOOTH, PATH = (0.0, 0.003), (5e-5, 0.0)  # of the other kind
+AT_ONCE = TURNS[0]
 WARM = (15.0, 60.0, 300.0)  # s
 
 

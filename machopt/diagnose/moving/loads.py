@@ -14,7 +14,7 @@ from machopt.domain.location import joint_at
 from machopt.effects import registry
 from machopt.effects.kinematic import SUM, WAVES, wave_orders, wave_sizes
 from machopt.effects.protocol import Effect, Swinging, SwingLaw
-from machopt.effects.waves import waves
+from machopt.effects.waves import Turning
 
 
 def ripple(scene: Scene, joint: int) -> list[Hypothesis]:
@@ -26,14 +26,12 @@ def ripple(scene: Scene, joint: int) -> list[Hypothesis]:
         1: tuple((n,) for n in orders_shown),
         2: tuple((n, 2 * n) for n in orders_shown if 2 * n <= orders_shown[-1]),
     }
-    return [_ripple(scene, joint, shapes[k], k) for k in (1, 2) if shapes[k]]
+    turning = Turning(scene.motion.q[:, joint])
+    return [_ripple(scene, joint, turning, shapes[k], k) for k in (1, 2) if shapes[k]]
 
 
-def _ripple(scene: Scene, joint: int, shapes: tuple[Shape, ...], harmonics: int) -> Hypothesis:
-    q, where = scene.motion.q[:, joint], joint_at(joint + 1)
-
-    def over(s: Shape) -> Array:
-        return waves(q, s)
+def _ripple(scene: Scene, joint: int, turning: Turning, shapes: tuple[Shape, ...], harmonics: int) -> Hypothesis:
+    q, over, where = turning.angle, turning.waves, joint_at(joint + 1)
 
     def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
         return wave_sizes(np.hypot(x[0::2], x[1::2]), s, "N·m", doubled=harmonics > 1)

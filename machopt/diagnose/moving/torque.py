@@ -257,7 +257,8 @@ def _clock(scene: Scene, measured: Array, load: Array) -> tuple[float, bool, Cal
         """(N,) torque of a joint less the rigid bodies', what is refitted beside (N, p), friction by path (N, k)."""
         body, v, a = late
         z = [turning(v, j, k) for k in range(len(CLOCK_TURNS))]
-        X = m.within(m.mean(np.stack([body[:, j], np.ones(len(v)), v[:, j], a[:, j], *z], axis=1)))
+        signals = (body[:, j], np.ones(len(v)), v[:, j], a[:, j], *z)
+        X = m.within(np.stack([m.mean(x) for x in signals], axis=1))
         return tau[:, j] - X[:, 0], np.concatenate([X[:, 1:4], carried(d, j)], axis=1), X[:, 4:]
 
     def left(d: float) -> list[float]:

@@ -8,6 +8,7 @@ thousand readings without moving anything in time.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,14 +67,19 @@ class Motion:
         Errors that all samples of a period share would else look like physics to whatever changes from one period to
         the next. The mean over all is kept, so that a constant stays one.
         """
-        label = self.first(np.where(self.period >= 0, self.period, 10**6 + self.session))
-        _, inverse = np.unique(label, return_inverse=True)
-        count = np.bincount(inverse).astype(float)
+        inverse, count = self._together
         if len(count) < 2:
             return x
         flat = x.reshape(len(x), -1)
         mean = np.stack([np.bincount(inverse, column) for column in flat.T], axis=1) / count[:, None]
         return np.asarray((flat - mean[inverse] + flat.mean(axis=0)).reshape(x.shape))
+
+    @cached_property
+    def _together(self) -> tuple[Ints, Array]:
+        """(N,) which period, or session, and how many readings each has."""
+        label = self.first(np.where(self.period >= 0, self.period, 10**6 + self.session))
+        _, inverse = np.unique(label, return_inverse=True)
+        return inverse, np.bincount(inverse).astype(float)
 
     def differentiate(self, x: Array) -> Array:
         """(M, …) time derivative of an already smooth signal, segment by segment."""
@@ -204,11 +210,23 @@ def _shifted(x: Array, by: float) -> Array:
         -u * (1.0 - u) * (1.0 + u) / 6.0,
     )
     out = np.zeros_like(x)
-    at = np.arange(len(x)) - whole
     for k, w in zip((1, 0, -1, -2), weights, strict=True):
         if w != 0.0:
-            out += w * x[np.clip(at + k, 0, len(x) - 1)]
+            _add_moved(out, w * x, whole - k)
     return out
+
+
+def _add_moved(out: Array, x: Array, by: int) -> None:
+    """Adds x (M, C), moved later by so many rows, its ends held."""
+    by = max(-len(x), min(by, len(x)))
+    if by > 0:
+        out[:by] += x[0]
+        out[by:] += x[:-by]
+    elif by < 0:
+        out[:by] += x[-by:]
+        out[by:] += x[-1]
+    else:
+        out += x
 
 
 def _spans(segment: Ints) -> list[slice]:

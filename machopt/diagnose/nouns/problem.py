@@ -157,6 +157,7 @@ class Hypothesis:
     # whether anything built has such coefficients at such a shape; where not, the law is no more than a shape that fits
     buildable: Callable[[Array, Shape], bool] = lambda x, shape: True
     exact: bool = False  # the law leaves nothing of its effect (a clock, a measured lag), however large that is
+    leaps: bool = False  # its shape moves leaps between readings, not slopes: how far it may be off is told otherwise
     rough: bool = False  # it is only like what is there, and leaves much of it, anywhere
     daily: bool = False  # it may well be another each day: sessions that did not see it say nothing against it
 

@@ -12,6 +12,7 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.evidence.grams import Model, Tried, sandwich
 from machopt.diagnose.nouns.problem import Quantity
 from machopt.diagnose.nouns.result import Estimate, LawFit, Name, Rival
+from machopt.diagnose.search.finer import worse
 from machopt.diagnose.search.screen import Scored, score
 from machopt.diagnose.search.select import Chosen, with_chosen
 from machopt.effects import registry
@@ -184,7 +185,7 @@ def _as_likely(beside: Model, c: Chosen, best: float) -> float:
     freedom = len(m.y) - m.count
     beyond = best - freedom - 2.0 * np.sqrt(2.0 * freedom)  # than noise by chance
     form = 0.0 if c.tried.hypothesis.exact else min(beyond, calibrated.DETECTION.beside * c.scored.gain)
-    return max(calibrated.DETECTION.near_shape * m.spread, form)
+    return max(worse(c.tried.hypothesis) * m.spread, form)
 
 
 def _quantity_intervals(law: Tried, at: int, x: Array, covariance: Array, freedom: float) -> dict[str, Array]:

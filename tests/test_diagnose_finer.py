@@ -1,0 +1,89 @@
+"""Shapes settled between those of a grid: where a law leaps, all that are alike are told, and one of their middle."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from machopt.arrays import Array
+from machopt.diagnose.evidence.grams import base_model, tried
+from machopt.diagnose.evidence.noise import Noise
+from machopt.diagnose.evidence.whitening import whitening
+from machopt.diagnose.nouns.problem import Family, Hypothesis, Problem, Quantity, Shape, Unknown
+from machopt.diagnose.nouns.result import Estimate
+from machopt.diagnose.search.findings import estimates
+from machopt.diagnose.search.finer import between, closest
+from machopt.diagnose.search.screen import score
+from machopt.diagnose.search.select import Chosen
+from machopt.effects.waves import Turning, waves
+
+GRID: tuple[Shape, ...] = ((0.5,), (0.75,), (1.1,), (1.6,))
+SIGMA = 1e-3
+
+
+def settled(x: Array, true: float, seed: int) -> tuple[float, Estimate]:
+    """A step of readings (N,) at x beyond ``true``: where it is said to lie, and its interval."""
+    rng, n = np.random.default_rng(seed), len(x)
+    at = np.arange(n)
+    problem = Problem(
+        channel="position",
+        y=((x > true) * 8.0 * SIGMA + SIGMA * rng.normal(size=n))[:, None],
+        base=np.ones((n, 1, 1)),
+        unknowns=(Unknown(name="a", unit="m"),),
+        families=(Family(name="translation", columns=(0,), unit="mm", factor=1e3),),
+        group=at % 30,
+        visit=at % 30,
+        cycle=at % 30,
+        session=np.zeros(n, np.int64),
+        replicate=np.full(n, -1),
+        line=at + 2,
+        row=at + 1,
+    )
+
+    def size(c: Array, shape: Shape) -> dict[str, Quantity]:
+        return {"step": Quantity(float(c[0]), "m"), "at": Quantity(float(shape[0]), "1")}
+
+    law = Hypothesis(
+        effect="made up",
+        location="joint:1",
+        law="step",
+        equation="",
+        columns=lambda shape: (x > shape[0]).astype(float)[:, None, None],
+        quantities=size,
+        shapes=GRID,
+        family="joint",
+        finer=between(GRID),
+        exact=True,
+    )
+    w = whitening(problem, Noise(np.array([SIGMA]), np.zeros(1), np.zeros(1), 0.0, True), np.ones(n, bool))
+    base, _ = base_model(problem, w, np.random.default_rng(0))
+    first = tried(base, [law])[0]
+    assert law.finer is not None
+    found = closest(base, base, Chosen(score(base, [first])[0], 0.0), law.finer)
+    return found.tried.shapes[found.scored.shape][0], estimates(base, [found], 0, [found.tried])["at"]
+
+
+@pytest.mark.parametrize("true", [0.83, 0.87, 0.97, 1.03])
+def test_an_interval_reaches_both_steps_that_a_leap_may_lie_between(true: float) -> None:
+    """Readings stand at every twentieth: of what lies between two of them nothing says more."""
+    x = np.repeat(np.arange(0.0, 2.0, 0.05), 30)
+    value, said = settled(x, true, 1)
+    low, high = (0.05 * f(true / 0.05) for f in (np.floor, np.ceil))
+    assert said.ci95[0] == pytest.approx(low, abs=1e-3)
+    assert said.ci95[1] == pytest.approx(high, abs=1e-3)
+    assert low + 0.01 < value < high - 0.01
+
+
+def test_shapes_of_a_smooth_law_reach_to_where_another_is_as_likely_no_more() -> None:
+    """Readings everywhere: the interval is as wide as a reading or two, the truth in it."""
+    x = np.random.default_rng(5).uniform(0.0, 2.0, 1200)
+    _, said = settled(x, 0.9, 2)
+    assert said.ci95[0] <= 0.9 <= said.ci95[1]
+    assert said.ci95[1] - said.ci95[0] < 0.02
+
+
+def test_waves_of_angles_asked_over_and_over_are_those_asked_once() -> None:
+    angle = np.random.default_rng(1).uniform(-6.0, 6.0, 500)
+    turning = Turning(angle)
+    for orders in ((1.0,), (7.0, 14.0), (200.0,), (2.5,), (0.5, 1.0)):
+        np.testing.assert_allclose(turning.waves(orders), waves(angle, orders), atol=1e-12)
