@@ -85,6 +85,8 @@ def _narrowed(measure: _Measure, bound: Array, cap: float) -> Array:
     least = np.full(count, cap)
     every = np.arange(count)
     for p in np.argsort(np.median(bound, axis=0), kind="stable").tolist():
+        if not (bound[stations, p] < least[stations]).any():
+            continue
         d, way, sound = measure.at(p, stations, bound[:, p], least)
         known = np.flatnonzero(np.isfinite(d))
         if not len(known) or not sound:

@@ -93,9 +93,9 @@ MORE = (  # what only some plans need: other arms, arms as they are built, exter
     (
         "plan.best.lattice",
         "reach",
-        f"{_LATTICE},{_F2},f8",
+        f"{_LATTICE},i8,{_F2},f8",
     ),
-    ("plan.best.lattice", "follow", f"{_LATTICE}"),
+    ("plan.best.lattice", "follow", f"{_LATTICE},i8"),
     ("plan.external.moving_sequence", "walk", f"{_F2},f4[:,:,::1],i8[:,::1],{_F3},i8,i8,b1[::1],{_F1}"),
     ("plan.jointly.interior_point", "indices", f"{_F2},{_F1},{_F2},{_F3}"),
     ("plan.jointly.interior_point", "lengths", f"{_F2},{_I1},{_F2},{_F1}"),

@@ -9,10 +9,11 @@ value for an operation takes one wherever that operation goes on without another
 plunges nothing moves. J is that of :mod:`~.objective` at these stations, the worst index traded exactly
 (:mod:`~.caps`).
 
-Of the arm's whole turns each step takes what suits it best, within the limits. Crowding is left out, and so are
-contacts but where the best sequence has one: there it is struck out, with what else of that station touches something
-and is likely, and the best one is looked for again, a few times. What is left out can only raise J, so the bound holds
-for what can be driven as well. What lies between the stations counts as the stations beside it do.
+Of the arm's whole turns each step takes what suits it best, within the limits; where those of the best sequence do not
+fit together, they are told apart (:mod:`~.unfolded`). Crowding is left out, and so are contacts but where the best
+sequence has one: there it is struck out, with what else of that station touches something and is likely, and the best
+one is looked for again, a few times. What is left out can only raise J, so the bound holds for what can be driven as
+well. What lies between the stations counts as the stations beside it do.
 """
 
 from __future__ import annotations
@@ -27,10 +28,11 @@ from machopt.arrays import Array, Bools
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.model.threads import side_by_side
-from machopt.plan.best.lattice import follow, reach
+from machopt.plan.best.sequences import Lattice
 from machopt.plan.best.turns import turns_of
+from machopt.plan.best.unfolded import fit_together, unfolded
 from machopt.plan.best.values_around import VALUES, Values, values_of
-from machopt.plan.choice.worst_cap import GAP, Capped, trade
+from machopt.plan.choice.worst_cap import GAP
 from machopt.plan.configurations.candidates import Candidates, enumerate_candidates
 from machopt.plan.configurations.realise import between_stations
 from machopt.plan.cost.engagement import sideways
@@ -51,100 +53,10 @@ REFUSED = 1_200_000  # where they cannot
 MOST, LEAST = 240, 24  # stations
 STRUCK = 6  # times that poses which touch something are struck out,
 LOOKED_AT = 2_000  # and so many each time
+TOLD_APART = 2_500_000  # vertices at most where turns are told apart, for the memory
 ROUNDED = 1e-9  # of a turn: so much beyond a limit is on it
+SLACK = 1e-9  # of J, for rounding: what the plan itself takes is not left out
 HIGH = 0.97  # of the worst index: near it
-SLACK = 1e-12  # of a limit, for rounding: both ways of adding up one sequence
-
-
-@dataclass(frozen=True, kw_only=True)
-class Lattice:
-    """Sequences over values, rotations and branches, and what they cost."""
-
-    node: Array  # (S, V) price of the vertices without the worst index, infinite where there is none
-    raw: Array  # (S, V) index in units of c₀ where it counts, 0 elsewhere
-    q: Array  # (S, V, 6) rad, the least that the limits leave of what whole turns make the same
-    more: NDArray[np.int8]  # (S, V, 6) whole turns that they leave beyond that
-    e: Array  # (S, G, E) lengths as they count in rad
-    phi: Array  # (S, R) rad
-    held: NDArray[np.int64]  # (S, G) what the joints that keep one value stand at, by number
-    branches: int
-    stable: bool
-    kind: Bools  # (S, 3) as in :func:`machopt.plan.best.lattice.reach`
-    priced: Array  # (S, 4) likewise
-    slowness: Array  # (6 + E,) s/rad
-    worst: float  # price of the worst index
-
-    def best(
-        self, gap: float = GAP, onward: Array | None = None, known: float = np.inf
-    ) -> tuple[float, float, NDArray[np.int64]] | None:
-        """J of the best sequence, what none has less than, and the vertices (S,) of it; None where there is none.
-
-        Args:
-            gap: share of J by which a better one may be missed.
-            onward: of :meth:`onward` of the same ``known``, perhaps from when more vertices were left.
-            known: J of a sequence that is one of them.
-        """
-        ahead = self.onward() if onward is None else onward
-        if not np.isfinite(ahead[0].min()):
-            return None if onward is None else self.best(gap)
-        limit = float(ahead[0].min()) if onward is None else known - self.worst * self.floor()
-        free = self._capped(self.node, ahead, limit * (1.0 + SLACK))
-        if free is None and onward is None:
-            raise AssertionError("the cheapest sequence is within its own price")
-        if free is None:
-            return self.best(gap)
-
-        def under(cap: float, most: float) -> Capped | None:
-            return self._capped(np.where(self.raw <= cap, self.node, np.inf), ahead, most)
-
-        found = trade(free, self.floor(), self.worst, under, gap)
-        return found.total, min(found.bound, found.total), found.best.vertex.astype(np.int64)
-
-    def floor(self) -> float:
-        """No sequence has a lower worst index."""
-        return float(np.where(np.isfinite(self.node), self.raw, np.inf).min(axis=1).max())
-
-    def through(self, onward: Array, known: float) -> Array:
-        """(S, V) what a sequence through each vertex costs at least; infinite where that is more than ``known``."""
-        floor = self.floor()
-        reached = self._reach(self.node, self.kind, self.priced, onward, known - self.worst * floor)
-        with np.errstate(invalid="ignore"):
-            total = reached + onward - self.node + self.worst * np.maximum(self.raw, floor)
-        return np.asarray(np.where(total <= known, total, np.inf))
-
-    def onward(self, known: float = np.inf) -> Array:
-        """(S, V) what the way from each vertex on costs, its own price included.
-
-        Infinite where no sequence of at most J ``known`` leads on.
-        """
-        after = np.r_[0, np.arange(len(self.node) - 1, 0, -1)]  # the step into a station of the reversed path
-        node = np.ascontiguousarray(self.node[::-1])
-        before = np.r_[0.0, np.cumsum(self.node.min(axis=1))[:-1]][::-1, None] + node  # at least, and its own price
-        limit = known if np.isinf(known) else (known - self.worst * self.floor()) * (1.0 + SLACK)
-        back = self._reach(node, self.kind[after], self.priced[after], before, limit, reverse=True)
-        return np.ascontiguousarray(back[::-1])
-
-    def _capped(self, node: Array, onward: Array, limit: float) -> Capped | None:
-        """The cheapest sequence over the vertices that ``node`` (S, V) leaves; None where none is below the limit."""
-        reached = self._reach(node, self.kind, self.priced, onward, limit)
-        value = float(reached[-1].min())
-        if not np.isfinite(value):
-            return None
-        along = self.q, self.more, self.e, self.phi, self.held, self.branches, self.stable, self.kind, self.priced
-        vertex = follow(reached, *along, self.slowness)
-        return Capped(vertex.astype(np.int32), value, float(self.raw[np.arange(len(vertex)), vertex].max()))
-
-    def _reach(
-        self, node: Array, kind: Bools, priced: Array, onward: Array, limit: float, reverse: bool = False
-    ) -> Array:
-        q, more, e, phi, held = self.q, self.more, self.e, self.phi, self.held
-        if reverse:
-            q, e, phi = (np.ascontiguousarray(a[::-1]) for a in (q, e, phi))
-            more, held = np.ascontiguousarray(more[::-1]), np.ascontiguousarray(held[::-1])
-        found: Array = reach(
-            node, q, more, e, phi, held, self.branches, self.stable, kind, priced, self.slowness, onward, limit
-        )
-        return found
 
 
 def over_external(
@@ -210,18 +122,34 @@ class Around:
         return cls(setup=setup, part=part, lattice=lattice, own=own, values=most - 1, step=step)
 
     def best(self) -> Best | None:
-        """The best sequence, poses that touch something struck out where it had them; None where there is none."""
-        onward = self.lattice.onward(self.own)
-        found = self.lattice.best(GAP, onward, self.own)
+        """The best sequence, poses that touch something struck out where it had them; None where there is none.
+
+        Its turns fit together, unless there is too much to tell apart.
+        """
+        found = self._free(self.lattice)
+        if found is None or fit_together(self.lattice, found.vertex):
+            return found
+        known = self.own * (1.0 + SLACK)
+        apart = unfolded(self.lattice, self.lattice.through(self.lattice.onward(known), known), TOLD_APART)
+        finer = None if apart is None else self._free(apart.lattice, apart.vertex)
+        if apart is None or finer is None:
+            return found
+        bound = max(found.bound, min(finer.bound, self.own))
+        return Best(finer.total, bound, apart.vertex[finer.vertex])
+
+    def _free(self, lattice: Lattice, of: NDArray[np.int64] | None = None) -> Best | None:
+        """The best sequence of a lattice whose vertices are those (V,) of the own one."""
+        onward = lattice.onward(self.own)
+        found = lattice.best(GAP, onward, self.own)
         for _ in range(STRUCK):
             if found is None:
                 return None
-            vertex = found[2]
+            vertex = found[2] if of is None else of[found[2]]
             hit = self.touching(np.arange(len(vertex)), vertex)
             if not hit.any():
                 break
-            self._strike(np.flatnonzero(hit), vertex[hit], onward)
-            found = self.lattice.best(GAP, onward, self.own)
+            self._strike(lattice, of, np.flatnonzero(hit), found[2][hit], onward)
+            found = lattice.best(GAP, onward, self.own)
         return None if found is None else Best(*found)
 
     def bound(self, found: Best | None) -> ExternalBound:
@@ -271,15 +199,22 @@ class Around:
             self.setup.collision.check(np.hstack([x.q[station, vertex], e]), self.part.may_touch[rows]).hit
         )
 
-    def _strike(self, stations: NDArray[np.int64], vertex: NDArray[np.int64], onward: Array) -> None:
+    def _strike(
+        self,
+        lattice: Lattice,
+        of: NDArray[np.int64] | None,
+        stations: NDArray[np.int64],
+        vertex: NDArray[np.int64],
+        onward: Array,
+    ) -> None:
         """Take away vertices (n,) at stations (n,), and what else touches something there, the most likely first."""
-        through = self.lattice.through(onward, self.own)[stations]
+        through = lattice.through(onward, self.own)[stations]
         s, others = np.nonzero(np.isfinite(through))
         first = np.argsort(through[s, others], kind="stable")[:LOOKED_AT]
         s, others = stations[s[first]], others[first]
-        hit = self.touching(s, others)
-        self.lattice.node[s[hit], others[hit]] = np.inf
-        self.lattice.node[stations, vertex] = np.inf
+        hit = self.touching(s, others if of is None else of[others])
+        lattice.node[s[hit], others[hit]] = np.inf
+        lattice.node[stations, vertex] = np.inf
 
 
 def busy_of(plan: Plan) -> Array:

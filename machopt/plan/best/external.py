@@ -33,7 +33,7 @@ from machopt.plan.external.ranking import Worth
 from machopt.plan.external.stands import refuse_strangers
 from machopt.plan.external.values import STEP, Values
 from machopt.plan.jointly.refinement import TRUST
-from machopt.plan.jointly.tried import driven, on_another_grid, refined
+from machopt.plan.jointly.tried import PASSES, driven, on_another_grid, refined
 from machopt.plan.motion.timeline import build_timeline
 from machopt.plan.pipeline.planned import Plan
 from machopt.plan.pipeline.run import plan
@@ -48,6 +48,7 @@ MOVES_TRIED = 3  # the same where the joints may move along the path
 TRUSTS = (TRUST, np.radians(25.0))  # of the refinement's steps: each leads down its own way, the best is taken
 FAR = (np.radians(40.0),)  # the same of long paths, which are refined once for the time it takes: fewer passes lead on
 SHORT = 600  # planning points: a longer path is long
+ONCE = 1  # pass of a long path before it is led on by a leap, which makes the others up
 LEAPS = 4, 1  # at most, of short paths and of long ones
 WORTH_IT = 1e-3  # of J: a sequence that saves less is no other start
 AS_NEAR = 1.5  # times the least estimate: a way of joints that move is planned below that
@@ -108,7 +109,7 @@ def best_plan(
     coarse = _refined(replace(asked, options=replace(options, rotation_step=STEP)))
     found = on_another_grid(coarse, toolpath, options.rotation_step, Worth.of(coarse.setup, axes), clock, before)
     if not _lost(found):
-        return found
+        return found if found.over_external is not None else _led_on(found, asked)
     # Where few rotations are left, a finer grid may find places that the coarse one has not.
     other = _refined(asked)
     return min(found, other, key=_key_of(found.setup, axes))
@@ -127,8 +128,10 @@ def _refined(asked: _Asked) -> Plan:
     still = [replace(g, moving=np.zeros_like(g.moving)) for g in groups]
     best, rivals, every = found, starts[1:], list[Plan]()
     stands: Plan | None = None
-    for trust in TRUSTS if len(found.path.index) <= SHORT else FAR:
-        every.append(refined(found, toolpath, groups, worth, clock, before, worth.plan(best), trust))
+    long = len(found.path.index) > SHORT
+    passes = ONCE if long and not (found.options.fixed or found.options.steer) else PASSES
+    for trust in FAR if long else TRUSTS:
+        every.append(refined(found, toolpath, groups, worth, clock, before, worth.plan(best), trust, passes=passes))
         best = min(best, every[-1], key=key)
         near = []
         for other in rivals:
@@ -138,7 +141,11 @@ def _refined(asked: _Asked) -> Plan:
                 stands = every[-1] if stands is None else min(stands, every[-1], key=key)
             best = min(best, every[-1], key=key)
         rivals = near
-    every += _leapt(best, toolpath, groups, worth, clock, before)
+    led = _leapt(best, toolpath, groups, worth, clock, before)
+    if passes < PASSES and len(led) == 1:  # no leap led on, so what the passes would have led to is not there yet
+        further = refined(best, toolpath, groups, worth, clock, before, trust=FAR[0])
+        led += [] if further is best else _leapt(further, toolpath, groups, worth, clock, before)
+    every += led
     if stands is not None and worth.plan(stands) <= AS_GOOD * worth.plan(every[-1]):
         every += [replace(p, over_external=None) for p in _leapt(stands, toolpath, still, worth, clock, before)]
     for one in sorted(every, key=lambda one: (key(one), one.over_external is None)):
@@ -172,6 +179,17 @@ def _leapt(
             break
         out.append(further)
     return out
+
+
+def _led_on(found: Plan, asked: _Asked) -> Plan:
+    """What a plan that another grid has made better leads to by leaps."""
+    toolpath, clock = asked.toolpath, asked.clock
+    groups = groups_of(asked.cell, toolpath, found.path, asked.axes, found.options.steer)
+    led = _leapt(found, toolpath, groups, Worth.of(found.setup, asked.axes), clock, asked.before)
+    for one in sorted(led[1:], key=_key_of(found.setup, asked.axes)):
+        if driven(one, toolpath, clock):
+            return one
+    return led[0]
 
 
 def _stand_still(asked: _Asked) -> bool:

@@ -1,9 +1,10 @@
 """The compiled search behind :mod:`machopt.plan.best.bound`: sequences over values of external joints, rotations and
 branches.
 
-A vertex is v = (g·R + r)·B + b. Inside a run any vertex of the same branch may follow, over a rapid move any at all; an
-external joint that keeps one value keeps it. No step costs less than nothing, so a vertex is reached from the cheapest
-vertices first, and from no more of them than can still be better.
+A vertex is v = (g·R + r)·B + b, the values g as often as whole turns are told apart. Inside a run any vertex of the
+same branch may follow, over a rapid move any at all; an external joint that keeps one value keeps it. No step costs
+less than nothing, so a vertex is reached from the cheapest vertices first, and from no more of them than can still be
+better.
 
 In a file of its own, which imports no planner: it is compiled while a wheel is built, where only NumPy and numba are.
 """
@@ -94,6 +95,7 @@ def reach(
     kind: Bools,
     priced: Array,
     slowness: Array,
+    turns: int,
     onward: Array,
     limit: float,
 ) -> Array:
@@ -111,11 +113,14 @@ def reach(
             it is none over a rapid move; KEPT: value and rotation are kept, the tool drills or plunges.
         priced: (S, 4) SECONDS … FEED.
         slowness: (6 + E,) s/rad.
+        turns: the vertices are so many times the same ones, which whole turns of the arm's joints tell apart: what
+            keeps value and rotation may be any of these.
         onward: (S, V) what the way from each vertex on costs at least, its own price included.
         limit: of the whole sequence.
     """
     S, V = node.shape
     G, R, B = e.shape[1], phi.shape[1], branches
+    same = V // turns
     out = np.full((S, V), np.inf)
     order, count = np.empty((B, G * R), np.int64), np.zeros(B, np.int64)
     turn, way, slow = np.empty((R, R)), np.empty((G, G)), np.empty((G, G))
@@ -141,19 +146,21 @@ def reach(
             b, r, g = v % B, (v // B) % R, v // (B * R)
             most = np.nextafter(limit - onward[s, v], np.inf)  # as dear as the limit is not too dear
             value = most
-            if before[v] < value and way[g, g] < np.inf:  # near, so that few others need a look
-                price = _step(
-                    q[s, v],
-                    more[s, v],
-                    q[s - 1, v],
-                    more[s - 1, v],
-                    way[g, g],
-                    slow[g, g],
-                    turn[r, r],
-                    slowness,
-                    priced[s],
-                )
-                value = min(value, before[v] + price)
+            for u in range(v % same if kept else v, V if kept else v + 1, same):  # near, so that few others need a look
+                h = u // (B * R)
+                if before[u] < value and way[g, h] < np.inf:
+                    price = _step(
+                        q[s, v],
+                        more[s, v],
+                        q[s - 1, u],
+                        more[s - 1, u],
+                        way[g, h],
+                        slow[g, h],
+                        turn[r, r],
+                        slowness,
+                        priced[s],
+                    )
+                    value = min(value, before[u] + price)
             if not kept:
                 for a in range(0 if every else b, B if every else b + 1):
                     for k in range(count[a]):
@@ -193,11 +200,12 @@ def follow(
     kind: Bools,
     priced: Array,
     slowness: Array,
+    turns: int,
 ) -> NDArray[np.int64]:
     """(S,) the vertices of the cheapest sequence, from what :func:`reach` found; arguments as there."""
     S, V = reached.shape
     G, R, B = e.shape[1], phi.shape[1], branches
-    out = np.zeros(S, np.int64)
+    same, out = V // turns, np.zeros(S, np.int64)
     out[S - 1] = np.argmin(reached[S - 1])
     turn, way, slow = np.empty((R, R)), np.empty((G, G)), np.empty((G, G))
     for s in range(S - 1, 0, -1):
@@ -207,7 +215,7 @@ def follow(
         b, r, g = v % B, (v // B) % R, v // (B * R)
         for u in range(V):
             a, p, h = u % B, (u // B) % R, u // (B * R)
-            if (kind[s, KEPT] and u != v) or (kind[s, JOINED] and stable and a != b):
+            if (kind[s, KEPT] and u % same != v % same) or (kind[s, JOINED] and stable and a != b):
                 continue
             if not reached[s - 1, u] + priced[s, TRAVEL] * way[g, h] < least:
                 continue

@@ -152,17 +152,19 @@ class Refinement:
         coefficients = np.zeros(self.curves.at_points.shape[1])
         for _ in range(ROUNDS):
             local = self._local(here)
-            there = None
+            there, first_try = None, True
             for _ in range(TRIES):
                 bounds = self._bounds(here, local, trust)
                 step = lessened(local, self._steps(here, local), bounds, self.tied)
                 there = self._tried(here, step, trust)
                 if there is not None or trust.max() < LEAST_TRUST:
                     break
+                first_try = False
             if there is None:
                 break
             gained, here, coefficients = here.merit - there.merit, there, coefficients + step
-            trust = np.minimum(1.5 * trust, self.trust)
+            if first_try:  # where a wider step has just failed, it would again
+                trust = np.minimum(1.5 * trust, self.trust)
             if gained < ENOUGH * abs(here.merit):
                 break
         if here.merit >= first:

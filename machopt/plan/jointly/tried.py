@@ -19,6 +19,7 @@ from machopt.domain.toolpath import Toolpath
 from machopt.plan.compensation.compensate import rescored
 from machopt.plan.configurations.realise import realise
 from machopt.plan.contacts.check import Checker
+from machopt.plan.cost.objective import objective, total_of
 from machopt.plan.cost.score import Directions, directions
 from machopt.plan.external.groups import Group
 from machopt.plan.external.ranking import Worth
@@ -47,6 +48,7 @@ def refined(
     below: float = np.inf,
     trust: float = TRUST,
     start: Start | None = None,
+    passes: int = PASSES,
 ) -> Plan:
     """The plan with its external joints refined where that makes it better, else the plan itself.
 
@@ -57,13 +59,21 @@ def refined(
         below: what is not worth less than that after the passes is not planned in full.
         trust: rad, region of trust of the refinement's steps at first and at most.
         start: what to begin from in place of the plan.
+        passes: of the refinement at most.
     """
     if plan.found is None or plan.breaks or len(plan.missing):
         return plan
     best = plan
     for _ in range(SEARCHES):
         found, searched = _Passes(
-            plan=best, toolpath=toolpath, groups=groups, worth=worth, clock=clock, before=before, trust=trust
+            plan=best,
+            toolpath=toolpath,
+            groups=groups,
+            worth=worth,
+            clock=clock,
+            before=before,
+            trust=trust,
+            passes=passes,
         ).best(below, start)
         start = None
         best, done = found, found is best or not searched
@@ -101,11 +111,12 @@ class _Passes:
     clock: Timings
     before: Plan | None
     trust: float = TRUST  # rad
+    passes: int = PASSES
 
     def best(self, below: float, start: Start | None = None) -> tuple[Plan, bool]:
         """What the passes lead to, else the plan itself; whether the search found a better rotation than they."""
         stages = [self.plan]  # each better than the one before; what the search has not seen has its candidates stale
-        for _ in range(PASSES):
+        for _ in range(self.passes):
             with self.clock.stage("external"):
                 proposed = Refinement(stages[-1], self.groups, self.worth, self.trust).found(start)
                 start = None
@@ -131,7 +142,7 @@ class _Passes:
     def planned_again(self) -> Plan:
         """The plan with all that a plan has, by its own options; its own rotation where no other is better."""
         lacks = self.plan.found is None or bool(self.plan.breaks) or len(self.plan.missing) > 0
-        searched = self._planned(self.plan, self.plan.path, np.inf if lacks else self.plan.chosen.objective.total)
+        searched = self._planned(self.plan, self.plan.path, np.inf if lacks else _as_searched(self.plan))
         if lacks:
             return searched
         own = replace(_own(searched, self.plan), over_external=self.plan.over_external)
@@ -160,7 +171,7 @@ class _Passes:
 
     def _whole(self, plan: Plan) -> tuple[Plan, bool]:
         """The plan with all that a plan has, its own rotation or that of a search; whether the latter is the better."""
-        searched = self._planned(plan, plan.path, plan.chosen.objective.total)
+        searched = self._planned(plan, plan.path, _as_searched(plan))
         own = _own(searched, plan)
         if searched.breaks or len(searched.missing) or self._better(own, searched):
             return own, False
@@ -188,6 +199,14 @@ class _Passes:
 def _own(searched: Plan, plan: Plan) -> Plan:
     """What was searched with the rotation of a plan of the same external joints and unit."""
     return replace(searched, chosen=plan.chosen, chosen_from=plan.chosen_from, check=plan.check, breaks=())
+
+
+def _as_searched(plan: Plan) -> float:
+    """J of a plan as a search with its external joints counts it: their way, the same in all it finds, is left out."""
+    a, told, cell = plan.chosen.assignment, plan.chosen.objective, plan.setup.cell
+    velocity, scale = cell.limits.velocity[:6], plan.scores.scale
+    own = objective(plan.path, plan.chosen.cost, a.q, a.phi, scale, velocity, plan.options)
+    return total_of(replace(told, travel=own.travel, feed=own.feed), plan.options.weights, plan.scores.elsewhere)
 
 
 def _directions(plan: Plan, path: Path) -> Directions:
