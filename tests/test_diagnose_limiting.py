@@ -12,7 +12,8 @@ from test_diagnose_sessions import CELL, CELLS, sound
 from machopt.diagnose.nouns.problem import Catalogue, Quantity
 from machopt.diagnose.nouns.result import Diagnosis
 from machopt.diagnose.resting import deflection
-from machopt.diagnose.search import engine
+from machopt.diagnose.search import engine, limiting, rounds, select
+from machopt.diagnose.search.screen import score
 from machopt.estimate.experiment import experiment
 from machopt.formats.cell import load_cell
 from machopt.model.robot import load_masses, load_robot
@@ -51,6 +52,27 @@ def test_a_knee_below_every_load_is_backlash_unless_the_data_exclude_it(
     d = engine.diagnose(problem, Catalogue((knees, step)), engine.Options(), rng)
     assert [f.effect for f in d.findings] == [named]
     assert ((KNEE, "joint:2") in d.findings[0].one_of and (STEP, "joint:2") in d.findings[0].one_of) is (alike > 0.9)
+
+
+@pytest.mark.parametrize(("further", "named"), [(0.05, STEP), (1.0, KNEE)])
+def test_slopes_that_say_much_more_than_a_step_keep_their_name(
+    further: float, named: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pins that meet one after the other were backlash: pairing did not exclude it, at half of the gain."""
+    problem, column = made_up(26)
+    other = np.tile(np.random.default_rng(4).standard_normal((len(column) // 2, *column.shape[1:])), (2, 1, 1))
+    both = np.concatenate([column, other], axis=2)
+    problem = replace(problem, y=problem.y + both @ np.array([40e-6, 40e-6 * further]))
+    knees = replace(
+        law(column, KNEE, "joint:2"),
+        columns=lambda shape: both if shape[0] < 100.0 else both[::-1],
+        shapes=((60.0, 200.0), (300.0, 360.0)),
+        quantities=lambda x, shape: {"stiffness_change": Quantity(1e6 * float(x[0]), "µm")},
+    )
+    state = rounds.in_rounds(problem, Catalogue((knees, law(column, STEP, "joint:2"))), 3, 0)
+    chosen = (select.Chosen(score(state.base, [state.tried[0]])[0], 0.001),)
+    monkeypatch.setattr(limiting, "rivals", lambda *_: ([], [(KNEE, "joint:2"), (STEP, "joint:2")]))
+    assert [c.tried.hypothesis.effect for c in limiting.named(replace(state, chosen=chosen)).chosen] == [named]
 
 
 @pytest.mark.parametrize("longest", [True, False])

@@ -266,6 +266,25 @@ def test_a_number_counts_by_the_noise_however_loud_the_effect_is(varies: float, 
     assert [c.tried.hypothesis.effect for c in found] == [named]
 
 
+@pytest.mark.parametrize(("varies", "named"), [(0.6, "gravity_compensator"), (0.2, "joint_zero_offset")])
+def test_an_offset_that_a_torque_at_its_joint_says_clearly_better_is_that_torque(varies: float, named: str) -> None:
+    rng = np.random.default_rng(4)
+    base, _ = model({}, 4)
+    constant, part = (again(rng.normal(size=(POSES, 3, 1))) for _ in range(2))
+    both = np.concatenate([constant, part], axis=2)
+    offered = [
+        made("joint_zero_offset", "joint:2", lambda s: constant, ((),), "kinematic"),
+        made("gravity_compensator", "joint:2", lambda s: both, ((),), "joint"),
+        made("gravity_compensator", "joint:3", lambda s: both, ((),), "joint"),  # elsewhere: no part of this
+    ]
+    y = base.y + tried(base, offered)[1].X[:, 0] @ np.array([3.0, varies])
+    loud = grams_model(base.w, base.X, y, base.fold, base.prior, base.rows)
+    laws = tried(loud, offered)
+    found = fewest.at_same_places(loud, [Chosen(score(loud, laws[:1])[0], 0.002)], laws)
+    assert [c.tried.hypothesis.name for c in found] == [(named, "joint:2")]
+    assert found[0].p_value == 0.002
+
+
 def test_what_was_found_is_the_first_groups_a_wave_and_its_double_too() -> None:
     """A sum of waves has the same name: left out for it, the numbers of all groups behind it were another law's."""
     base, laws = offsets_in_frames(7, (), (2, 3, 4, 5))

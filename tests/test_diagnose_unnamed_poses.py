@@ -10,7 +10,8 @@ from test_diagnose_absolute import ARCSEC, Array, arm, build, measure, only, pos
 from machopt.diagnose.nouns.problem import Catalogue
 from machopt.diagnose.nouns.result import Diagnosis
 from machopt.diagnose.resting import unnamed_poses
-from machopt.diagnose.search import engine
+from machopt.diagnose.search import engine, outweighed, rounds, select
+from machopt.diagnose.search.screen import score
 from machopt.domain.recording import Recording
 
 NOISE = 2e-5  # m
@@ -88,6 +89,52 @@ def test_a_hose_is_not_named_as_the_payload_that_it_carries_a_part_of() -> None:
     found = answered(catalogue)
     assert not found.findings
     assert [n for n in found.notes if "something at link:4" in n]
+
+
+def test_a_taut_hose_is_not_named_as_a_payload_and_a_frame() -> None:
+    """A spring between the end of link 4 and a place in the hall: stiff along itself, by its tension across."""
+    problem, catalogue = build(measure(noise=NOISE))
+    _, robot, _ = arm()
+    forms = {h.law: h for h in catalogue.nameless if h.location == "link:4"}
+    state = robot.state(poses(), arm()[0].tool.T_flange_tcp, bodies=True)
+    assert state.R_bodies is not None
+    assert state.p_bodies is not None
+    line = np.array([2.0, 1.5, 4.0]) - (state.R_bodies[:, 4] @ robot.point[4] + state.p_bodies[:, 4])
+    length = np.linalg.norm(line, axis=1)[:, None]
+    force = line / length * (400.0 + 500.0 * (length - length.mean()))
+    columns = {name: forms[name].columns(()) for name in (unnamed_poses.PULLS, unnamed_poses.LEADS)}
+    force = np.tile(force, (len(problem) // len(force), 1))
+    moved = np.einsum("ndk,nk->nd", columns[unnamed_poses.PULLS][:, :, :3], force)
+    left = {}
+    for name, c in columns.items():
+        A = np.concatenate([problem.base, c], axis=2).reshape(moved.size, -1)
+        A = A / np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+        rest = moved.reshape(-1) - A @ np.linalg.lstsq(A, moved.reshape(-1), rcond=1e-10)[0]
+        left[name] = float(np.linalg.norm(rest))
+    assert left[unnamed_poses.LEADS] < 0.5 * left[unnamed_poses.PULLS]
+    problem = replace(problem, y=problem.y + moved)
+
+    found = engine.diagnose(problem, catalogue, engine.Options(), np.random.default_rng(0))
+    assert (found.findings, found.verdict) == ((), "unexplained")
+    assert [n for n in found.notes if "something at link:4" in n]
+
+
+def test_a_frame_that_a_form_of_as_few_numbers_beats_has_no_name() -> None:
+    """An axis that nods twice a turn was a tracker's frame that stands elsewhere: that left no more than noise may."""
+    problem, catalogue = build(measure(noise=NOISE))
+    nods = next(h for h in catalogue.nameless if h.name[1] == "joint:6" and h.law == unnamed_poses.DRAGS)
+    frame = only(catalogue, "geometry", "joint:5")
+    count = nods.columns((2.0,)).shape[2]
+    for true in (nods.columns((2.0,)), frame.columns(())):
+        moved = true @ np.cos(np.arange(true.shape[2]))  # any
+        spoilt = replace(problem, y=problem.y + 1e-4 * moved / np.abs(moved).max())
+        state = rounds.in_rounds(spoilt, replace(catalogue, nameless=()), 1, 0)
+        law = next(t for t in state.tried if t.hypothesis.name == frame.name)
+        chosen = (select.Chosen(score(state.base, [law])[0], 0.002),)
+        state = replace(state, chosen=chosen, catalogue=catalogue)
+        (told,) = outweighed.withheld(state, np.random.default_rng(0)).chosen
+        assert told.tried.hypothesis.named is (true.shape[2] > count)
+        assert (outweighed.AS_LIKE in told.tried.hypothesis.note) is (true.shape[2] == count)
 
 
 def bowed(course: Array) -> Recording:

@@ -21,7 +21,7 @@ from machopt.design.measurement import ReadingNoise
 from machopt.diagnose.apart.advice import advice, words
 from machopt.diagnose.apart.disputes import HIDDEN, MOST, NOTHING, PLACES, Diagnosed, Dispute, Stand
 from machopt.diagnose.apart.predicted import Predicted, law_of, load_tests, noise_of_cases, steps_for
-from machopt.diagnose.apart.separate import Asked, _contests, _laws, noise_for
+from machopt.diagnose.apart.separate import Asked, _contests, _laws, compliance_for, noise_for
 from machopt.domain.cell import Cell
 from machopt.domain.parameters import joint_spring
 from machopt.domain.stiffness import Stiffness
@@ -327,7 +327,7 @@ def diagnosis(folder: Path, findings: list[dict[str, Any]], **changes: Any) -> P
                 "unit": "rad/(N·m)",
                 "before": None,
                 "value": float(c),
-                "sigma": None,
+                "sigma": 0.01 * float(c),
                 "key": asdict(joint_spring(j + 1)),
             }
             for j, c in enumerate(COMPLIANCE)
@@ -385,6 +385,19 @@ def test_what_is_open_is_read_from_the_diagnosis(tmp_path: Path) -> None:
     lost = diagnosed(diagnosis(tmp_path / "d", [], verdict="unexplained", mismatch=share))
     assert [s.location for s in lost.disputes[0].stands] == ["joint:3", "link:2"]
     assert lost.disputes[0].stands[0].rms == pytest.approx(5e-5)
+
+
+def test_a_spring_that_readings_do_not_tell_is_the_cells(tmp_path: Path) -> None:
+    folder = diagnosis(tmp_path / "a", [finding(LINK_4, LINK_3, TWIST_4)])
+    data = json.loads((folder / "diagnosis.json").read_text())
+    data["coefficients"][2] |= {"value": -5e-8, "sigma": 5e-8}  # no arm gives way against its load
+    data["coefficients"][5] |= {"value": 4e-7, "sigma": 3e-7}
+    (folder / "diagnosis.json").write_text(json.dumps(data))
+    found = diagnosed(folder)
+    assert set(found.compliance) == {1, 2, 4, 5}
+    stiffness = np.full(6, 2e6)
+    assert compliance_for(found, stiffness)[[2, 5]] == pytest.approx(5e-7)
+    assert compliance_for(found, stiffness)[0] == pytest.approx(COMPLIANCE[0])
 
 
 def test_what_cannot_be_planned_for_is_refused(tmp_path: Path) -> None:

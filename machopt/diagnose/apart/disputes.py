@@ -8,6 +8,9 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from machopt.diagnose.nouns.result import spring_shown
 from machopt.domain.parameters import JOINT_SPRING, ParameterKey
 from machopt.domain.results.diagnosis import DiagnosisResult, FindingTold, RivalTold
 from machopt.errors import InputError
@@ -61,7 +64,7 @@ class Diagnosed:
     registration: str
     scatter: tuple[float, float] | None  # m, own and shared by a visit
     turn: float | None  # rad, own
-    compliance: Mapping[int, float]  # joint from 1: rad/(N·m)
+    compliance: Mapping[int, float]  # joint from 1: rad/(N·m), of those that its readings tell
     disputes: tuple[Dispute, ...]
     notes: tuple[str, ...]  # what cannot be planned for, and why
 
@@ -85,11 +88,6 @@ def left_open(data: DiagnosisResult, file: Path) -> Diagnosed:
         )
     recorded = data.recorded
     scatter, turn = recorded.scatter_m, recorded.scatter_rad
-    compliance = {
-        ParameterKey(c.key.effect, c.key.location, c.key.coefficient).joint: _sure(c.value, file)
-        for c in data.coefficients
-        if c.key is not None and c.key.effect == JOINT_SPRING
-    }
     disputes, notes = _disputes(data, file)
     return Diagnosed(
         channel=data.channel,
@@ -100,10 +98,21 @@ def left_open(data: DiagnosisResult, file: Path) -> Diagnosed:
         registration=recorded.registration,
         scatter=None if scatter is None else (_sure(scatter.own, file), _sure(scatter.visit, file)),
         turn=None if turn is None else _sure(turn.own, file),
-        compliance=compliance,
+        compliance=_springs(data, file),
         disputes=tuple(disputes),
         notes=tuple(notes),
     )
+
+
+def _springs(data: DiagnosisResult, file: Path) -> Mapping[int, float]:
+    """Compliance of each joint, from 1, that the readings tell: a fit knows no sign, and no arm has less than none."""
+    out = {}
+    for c in data.coefficients:
+        if c.key is not None and c.key.effect == JOINT_SPRING:
+            value, sigma = _sure(c.value, file), np.inf if c.sigma is None else c.sigma
+            if spring_shown(value, sigma):
+                out[ParameterKey(c.key.effect, c.key.location, c.key.coefficient).joint] = value
+    return out
 
 
 def _sure(value: float | None, file: Path) -> float:

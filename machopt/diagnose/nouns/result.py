@@ -9,7 +9,9 @@ from typing import Literal
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.diagnose import calibrated
 from machopt.diagnose.nouns.problem import Channel, Correction, Curve, Flags, Ints, Unknown, Untestable
+from machopt.domain.stiffness import SOFTEST, STIFFEST
 
 Verdict = Literal["consistent", "explained", "partly_explained", "unexplained", "insufficient"]
 Name = tuple[str, str]  # effect, location
@@ -116,6 +118,11 @@ class Coefficient:
     before: float  # base alone
     value: float
     sigma: float
+
+
+def spring_shown(compliance: float, sigma: float) -> bool:
+    """Whether readings tell a joint's compliance (rad/(N·m)); else no load moved the joint, or next to none did."""
+    return 1.0 / STIFFEST < compliance < 1.0 / SOFTEST and sigma < calibrated.RESTING.certain_joint * compliance
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from machopt.diagnose.laws import at_beside, at_body, at_heat, at_joint, at_sens
 from machopt.diagnose.nouns import loads
 from machopt.diagnose.nouns.problem import Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
 from machopt.diagnose.nouns.readings import History, Readings
+from machopt.diagnose.resting import bearings
 from machopt.diagnose.resting.loaded import beyond_linear
 from machopt.diagnose.search import unnamed
 from machopt.domain.location import joint_at
@@ -109,7 +110,8 @@ def build(
         visits_for_cycles=not labels.has_cycle,
     )
     tried = catalogue(readings, curved)
-    return problem, replace(tried, hypotheses=(*tried.hypotheses, *unnamed.hypotheses(readings))), readings
+    laws = (*tried.hypotheses, *unnamed.hypotheses(readings))
+    return problem, replace(tried, hypotheses=laws, nameless=tuple(bearings.hypotheses(readings))), readings
 
 
 def readings_of(

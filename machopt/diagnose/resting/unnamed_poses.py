@@ -4,7 +4,8 @@ where several names say in more numbers what one of these says in few.
 Air that is warmer below than above bends a tracker's beam, so that points are seen higher or lower by where they are:
 no rigid frame does that. An axis that is none, because its bearing is out of round or its seat is bent, nods as its
 joint turns: the frame behind it moves by waves of the joint's own angle, and no other joint's constant frame does that.
-A hose or a cable on a spring pulls at a link by where that link is: through the joints before it, unlike a weight.
+A hose or a cable on a spring pulls at a link by where that link is: through the joints before it, unlike a weight. A
+taut one is stiff along itself and hardly across, so that its force changes with the place by a symmetric matrix.
 
 Source: Estler, Edmundson, Peggs & Parker 2002 (refraction of a laser tracker's beam); ISO 230-7 (tilt and radial error
 motions of an axis of rotation, by orders of its turn).
@@ -13,6 +14,7 @@ motions of an axis of rotation, by orders of its turn).
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import combinations_with_replacement
 
 import numpy as np
 
@@ -25,7 +27,7 @@ from machopt.diagnose.search.unnamed import law
 from machopt.domain.location import joint_at, link_at
 
 BENDS, NODS, DRAGS = "bends the line of sight", "error motion of an axis", "nods into the next axes"
-PULLS = "pulls towards a place"
+PULLS, LEADS = "pulls towards a place", "pulls along a line to a place"
 PULLED = (2, 3, 4, 5)  # links whose ends a hose may be tied to
 ORDERS: tuple[Shape, ...] = ((1.0,), (2.0,), (3.0,))  # per turn of the joint
 LARGE = 3000  # readings, from which on forms of more than ten numbers are left out: they would take the time and memory
@@ -57,7 +59,7 @@ def hypotheses(r: Readings) -> list[Hypothesis]:
         note = f"moves the arm behind joint {j + 1} by waves of its angle, beside the axis: one that nods, say"
         out += [law(joint_at(j + 1), name, note, made(r, j), ORDERS) for name, made in axis]
     note = "is pulled by a force that follows its place, as a hose on a spring pulls"
-    return out + [law(link_at(k), PULLS, note, _pulled(r, k), ((),)) for k in PULLED]
+    return out + [law(link_at(k), name, note, _pulled(r, k, name), ((),)) for k in PULLED for name in (PULLS, LEADS)]
 
 
 def _bent(r: Readings, axes: Array) -> Callable[[Shape], Array]:
@@ -93,13 +95,19 @@ def _nods(r: Readings, j: int) -> Callable[[Shape], Array]:
     return columns
 
 
-def _pulled(r: Readings, link: int) -> Callable[[Shape], Array]:
-    """A force at the end of a link, from 1: f = f₀ + k (p − p̄), constant in base_link and along the way of that end."""
+def _pulled(r: Readings, link: int, name: str) -> Callable[[Shape], Array]:
+    """A force at the end of a link, from 1: f = f₀ + K (p − p̄) by that end's place in base_link, K k 1 or symmetric."""
     assert r.state.R_bodies is not None  # readings come with bodies
     assert r.state.p_bodies is not None
     at = r.state.R_bodies[:, link] @ r.robot.point[link] + r.state.p_bodies[:, link]
     lever = r.state.T_base_tool[:, :3, 3] - at
-    forces = [*np.broadcast_to(np.eye(3)[:, None], (3, *at.shape)), at - at.mean(axis=0)]
+    away, every = at - at.mean(axis=0), np.eye(3)
+    ways = (
+        [every]
+        if name == PULLS
+        else [np.outer(a, b) + np.outer(b, a) for a, b in combinations_with_replacement(every, 2)]
+    )
+    forces = [*np.broadcast_to(every[:, None], (3, *at.shape)), *(away @ K for K in ways)]
     moved = r.state.J[:, :, :link]
     # of the end itself: what the TCP moves less what it turns about the end
     J = moved[:, :3] - np.cross(moved[:, 3:], lever[:, :, None], axis=1)

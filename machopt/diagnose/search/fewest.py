@@ -21,8 +21,8 @@ import numpy as np
 
 from machopt.diagnose import calibrated
 from machopt.diagnose.evidence.grams import Model, Tried, ridged_inverse
-from machopt.diagnose.search.screen import score
-from machopt.diagnose.search.select import BODY, Chosen, law_error, stands, with_chosen
+from machopt.diagnose.search.screen import Scored, score
+from machopt.diagnose.search.select import BODY, Chosen, holds, law_error, stands, with_chosen
 from machopt.diagnose.search.sums import Summed, Sums, gains, swept
 
 PARTS = 3  # of what was found, exchanged at once
@@ -69,6 +69,39 @@ def shortest(model: Model, chosen: Sequence[Chosen], tried: Summed, most: int) -
         best = (*best[:least], *best[least + 1 :])
         if view.length(best) >= view.length(start) - calibrated.DETECTION.shorter:
             return list(chosen)
+
+
+def at_same_places(model: Model, chosen: Sequence[Chosen], laws: Sequence[Tried]) -> list[Chosen]:
+    """What was found, with a law of weight in place of an offset, a frame or a wave where it is clearly shorter.
+
+    Sets of what stands without weight were held against each other alone: a balancer's torque was left as an offset of
+    its joint.
+
+    Args:
+        model: the base.
+        chosen: what was found, each beside the others.
+        laws: all that was tried.
+    """
+    out = list(chosen)
+    for k, c in enumerate(out):
+        others = [o for o in out if o is not c]
+        names = {o.tried.hypothesis.name for o in others}
+        near = [t for t in laws if t.hypothesis.location == c.tried.hypothesis.location]
+        near = [t for t in near if t.hypothesis.name not in names and not _takes_part(t)]
+        if not _takes_part(c.tried) or not near:
+            continue
+        spread, beside = with_chosen(model, out).spread, with_chosen(model, others)
+
+        def length(s: Scored, spread: float = spread) -> float:
+            numbers = len(s.x) + len(s.tried.shapes[s.shape])
+            return numbers * float(np.log(len(model.y))) - s.gain / spread
+
+        own = score(beside, [_one_shape(c.tried, c.scored.shape)])[0]
+        most = length(own) - calibrated.DETECTION.shorter
+        better = [s for s in score(beside, near) if length(s) < most and holds(beside, s)]
+        if better:
+            out[k] = Chosen(min(better, key=length), c.p_value)
+    return sorted(out, key=lambda c: -c.scored.total)
 
 
 def _of_another(found: Sequence[Chosen], k: int) -> bool:

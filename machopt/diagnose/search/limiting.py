@@ -2,7 +2,8 @@
 
 A gear that is softer up to a knee below every load is a gear with backlash; creep of which nothing fades for as long
 as anything was watched is a twist that stays, whatever the time: hysteresis. The plainer name is given, the other stays
-in ``one_of``; smaller loads, or longer rests, tell them apart.
+in ``one_of``; smaller loads, or longer rests, tell them apart. What a law turns into says nearly all that it said:
+where a further slope takes much more than play does, the slopes are what is there.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
+from machopt.diagnose import calibrated
 from machopt.diagnose.search.findings import rivals
 from machopt.diagnose.search.screen import Scored, score
 from machopt.diagnose.search.select import Chosen, holds, with_chosen
@@ -37,11 +39,12 @@ def _turns_into(c: Chosen) -> str | None:
 
 
 def _best(state: State, chosen: list[Chosen], k: int, effect: str) -> Scored | None:
-    """The best law of an effect in place of the k-th; None where none holds by itself."""
+    """The best law of an effect in place of the k-th; None where none holds by itself and says as much."""
     beside = with_chosen(state.base, chosen[:k] + chosen[k + 1 :])
     place = chosen[k].tried.hypothesis.location
+    least = (1.0 - calibrated.DETECTION.beside) * score(beside, [chosen[k].tried])[0].gain
     laws = [t for t in state.named if t.hypothesis.name == (effect, place)]
-    found = [s for s in score(beside, laws) if holds(beside, s)]
+    found = [s for s in score(beside, laws) if holds(beside, s) and s.gain >= least]
     return max(found, key=lambda s: s.total) if found else None
 
 

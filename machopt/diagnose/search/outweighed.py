@@ -31,6 +31,7 @@ LITTLE = "explains little more than what is left beside it"
 NOT_BUILT = "would need numbers that nothing built has"
 NO_SIZE = "may as well be of no size at all"
 AS_LIKE = "is no better than a form without a name"
+FEWEST = 4  # numbers of a form of measured poses
 NOT_STEADY = "comes and goes with the hours"
 
 
@@ -45,6 +46,11 @@ def withheld(state: State, rng: np.random.Generator) -> State:
     if state.problem.channel == "deflection":
         state = replace(state, chosen=tuple(_sized(state, k) for k in range(len(state.chosen))))
         state = replace(state, chosen=tuple(_likened(state, k) for k in range(len(state.chosen))))
+        if any(c.tried.hypothesis.named for c in state.chosen):
+            forms = tried(state.base, state.catalogue.nameless)
+            state = replace(state, chosen=tuple(_likened(state, k, forms) for k in range(len(state.chosen))))
+    if state.problem.channel == "position" and not _crowded(state):
+        state = replace(state, chosen=tuple(_likened(state, k, _as_few(state, k)) for k in range(len(state.chosen))))
     if state.problem.channel == "torque":
         state = replace(state, chosen=tuple(_likened(state, k, _by_angle(state, k)) for k in range(len(state.chosen))))
     if not any(_judged(c) for c in state.chosen) or _crowded(state):
@@ -145,6 +151,16 @@ def _sized(state: State, k: int) -> Chosen:
     return c if sure else _nameless(c, NO_SIZE)
 
 
+def _as_few(state: State, k: int) -> tuple[Tried, ...]:
+    """Forms without a name that have no more numbers than the k-th law: one law of many is any of several things."""
+    law = state.chosen[k].tried
+    most = law.X.shape[2] + len(law.shapes[0])
+    if not law.hypothesis.named or most < FEWEST:
+        return ()
+    forms = tried(state.base, state.catalogue.nameless)
+    return tuple(t for t in forms if t.X.shape[2] + len(t.shapes[0]) <= most)
+
+
 def _by_angle(state: State, k: int) -> tuple[Tried, ...]:
     """Forms without a name at the joint of a torque by angle alone, which many things are that pull at a joint."""
     h = state.chosen[k].tried.hypothesis
@@ -169,10 +185,14 @@ def _likened(state: State, k: int, more: Sequence[Tried] = ()) -> Chosen:
         numbers = s.tried.X.shape[2] + len(s.tried.shapes[s.shape])
         return float(s.gain / beside.spread - calibrated.DETECTION.per_coefficient * numbers)
 
-    # those of a motion are tried for this alone, at dozens of angles, and the best of so many is good by chance
+    # those that are tried for this alone are dozens, and the best of so many is good by chance
     most = worth(own) + (calibrated.DETECTION.shorter if more else 0.0)
     better = [s for s in score(beside, rough) if worth(s) > most]
-    return c if not better else _nameless(c, f"{AS_LIKE}, of something that {better[0].tried.hypothesis.law}")
+    return c if not better else _nameless(c, f"{AS_LIKE}, of something {_told(max(better, key=worth))}")
+
+
+def _told(s: Scored) -> str:
+    return f"at {s.tried.hypothesis.location} that {s.tried.hypothesis.law}"
 
 
 def _nameless(c: Chosen, why: str) -> Chosen:

@@ -17,7 +17,7 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.evidence.grams import Model, Tried, ridged_inverse, tried
 from machopt.diagnose.nouns.problem import Hypothesis
 from machopt.diagnose.search import orders
-from machopt.diagnose.search.fewest import shortest
+from machopt.diagnose.search.fewest import at_same_places, shortest
 from machopt.diagnose.search.select import Chosen, select, settled
 from machopt.diagnose.search.sums import Group, Summed, Sums, gains, swept
 from machopt.effects import geometry
@@ -48,7 +48,8 @@ def searched(
     found = many(model, laws, fits, sums) if most >= FEW else []
     if not found:
         if _of_poses(laws):
-            return tuple(laws), tuple(shortest(model, select(model, laws, most, rng), sums, most))
+            few = shortest(model, select(model, laws, most, rng), sums, most)
+            return tuple(laws), tuple(at_same_places(model, few, laws))
         chosen = select(model, laws, most, rng, lambda so_far: orders.grown(model, so_far, laws, rng))
         grown = [c.tried for c in chosen if not any(c.tried is t for t in laws)]
         return (*laws, *grown), tuple(chosen)

@@ -9,7 +9,7 @@ import numpy as np
 
 from machopt.diagnose import calibrated
 from machopt.diagnose.nouns.problem import RecordCorrection
-from machopt.diagnose.nouns.result import Coefficient, Diagnosis
+from machopt.diagnose.nouns.result import Coefficient, Diagnosis, spring_shown
 from machopt.domain.cell import Cell
 from machopt.domain.location import joints_of, located
 from machopt.domain.stiffness import SOFTEST, STIFFEST, Stiffness, Term
@@ -72,7 +72,7 @@ def stiffness_of(cell: Cell, d: Diagnosis, *, weight_alone: bool = False) -> Ext
         )
         terms = tuple(t for t in terms if t is not out)
         after = _made(cell, springs, terms, lambda c: c.before if c.unknown.spring in bare else c.value, near)
-    told = [j for j, c in sorted(springs.items()) if cell.stiffness is not None and _shown(c, c.value)]
+    told = [j for j, c in sorted(springs.items()) if cell.stiffness is not None and spring_shown(c.value, c.sigma)]
     said += [
         f"joint {j} keeps the cell's spring in stiffness.yaml: poses bend under weight alone, where geometry that "
         f"was not found looks like a spring more than {near:g} times off; the same poses with a load would tell"
@@ -108,7 +108,7 @@ def _made(
     for j in range(JOINTS):
         c = springs.get(j + 1)
         value = 0.0 if c is None else of(c)
-        sure = c is not None and _shown(c, value)
+        sure = c is not None and spring_shown(value, c.sigma)
         if prior is not None and not (sure and _off(cell, j + 1, value) <= near):
             out.append(float(prior[j]))
         else:
@@ -117,11 +117,6 @@ def _made(
     if known is None:
         return Stiffness(joints=np.array(out), terms=terms)
     return Stiffness(joints=np.array(out), terms=terms, external=known.external, position=known.position)
-
-
-def _shown(c: Coefficient, value: float) -> bool:
-    """Whether readings tell a compliance; else no load moved the joint, or next to none did."""
-    return 1.0 / STIFFEST < value < 1.0 / SOFTEST and c.sigma < calibrated.RESTING.certain_joint * value
 
 
 def _off(cell: Cell, joint: int, compliance: float) -> float:

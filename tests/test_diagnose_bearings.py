@@ -1,0 +1,121 @@
+"""A main bearing that tilts across its axis: told at its joint, and neither a base, nor a link, nor backlash."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from test_diagnose_drift import timed
+from test_effects import posed
+
+from machopt.arrays import Array
+from machopt.diagnose.laws import at_body, at_joint, at_sensor
+from machopt.diagnose.nouns.problem import Catalogue, Hypothesis
+from machopt.diagnose.nouns.readings import Readings
+from machopt.diagnose.nouns.result import Diagnosis
+from machopt.diagnose.resting import bearings
+from machopt.diagnose.search import engine
+from machopt.effects import backlash, hardening
+
+
+def form(r: Readings, joint: int, law: str, which: int = 0) -> Hypothesis:
+    """One of a joint, from 1; first those whose ways stand in the body before it."""
+    return [h for h in bearings.hypotheses(r) if (h.location, h.law) == (f"joint:{joint}", law)][which]
+
+
+def told(r: Readings, moved: Array, *, forms: bool) -> Diagnosis:
+    known = [*at_body.hypotheses(r), *at_sensor.hypotheses(r)]
+    for j in range(3):
+        known += [*at_joint.hypotheses(r, j, backlash.EFFECT)[0], *at_joint.hypotheses(r, j, hardening.EFFECT)[0]]
+    tried = Catalogue(tuple(known), nameless=tuple(bearings.hypotheses(r)) if forms else ())
+    return engine.diagnose(posed(r, moved), tried, engine.Options(), np.random.default_rng(0))
+
+
+def tilted(r: Readings, joint: int, about: Array, play: float = 0.0) -> Array:
+    """(N, 6) m, rad at the TCP of an arm that is turned bodily about an axis (N, 3) through a joint, from 0.
+
+    By the moment there, in proportion and 0.1 mrad at the largest; or ``play`` rad either way, used up by a twentieth
+    of the largest moment of the load, under the weight that the joint carries, too.
+    """
+    state = r.state
+    assert state.R_bodies is not None
+    assert state.p_bodies is not None
+    assert r.masses is not None
+    at = state.R_bodies[:, joint] @ r.robot.point[joint] + state.p_bodies[:, joint]
+    lever = state.T_base_tool[:, :3, 3] - at
+
+    def moment(wrench: Array) -> Array:
+        return np.asarray(np.sum((wrench[:, 3:] + np.cross(lever, wrench[:, :3])) * about, axis=1))
+
+    load, weight = moment(r.wrench), moment(at_body.weight_wrench(r, r.masses.body > joint))
+    largest = np.abs(load).max()
+    angle = 1e-4 * load / largest
+    if play:
+        ends = np.clip(np.stack([load + weight, weight]) / (0.05 * largest), -1.0, 1.0)
+        angle = play * (ends[0] - ends[1])
+    turn = Rotation.from_rotvec(angle[:, None] * about)
+    return np.concatenate([turn.apply(lever) - lever, angle[:, None] * about], axis=1)
+
+
+def across(r: Readings, joint: int, way: float) -> Array:
+    """(N, 3) an axis across that of a joint, from 0, ``way`` rad from the first in the body before it."""
+    b = bearings._bearing(r, joint, joint)
+    assert np.abs(np.einsum("nwc,nc->nw", b.across, r.state.J[:, 3:, joint])).max() < 1e-9
+    return np.asarray(np.cos(way) * b.across[:, 0] + np.sin(way) * b.across[:, 1])
+
+
+@pytest.mark.parametrize("joint", [0, 1, 2])
+def test_a_form_is_the_arm_turned_bodily_about_its_joint(joint: int) -> None:
+    r, _, _ = timed()
+    for way in (0.4, 2.0):
+        true = tilted(r, joint, across(r, joint, way))
+        seat = form(r, joint + 1, bearings.TILTS).columns(())
+        x = np.linalg.lstsq(seat.reshape(-1, 3), true.reshape(-1), rcond=None)[0]
+        assert np.abs(seat @ x - true).max() < 1e-3 * np.abs(true).max()
+        C = np.array([[x[0], x[1]], [x[1], x[2]]])
+        axis = np.array([np.cos(way), np.sin(way)])
+        np.testing.assert_allclose(C, np.trace(C) * np.outer(axis, axis), atol=2e-3 * np.trace(C))
+
+
+def test_play_is_used_up_by_a_small_moment_and_hidden_where_weight_keeps_it_seated() -> None:
+    r, _, _ = timed()
+    way = float(bearings.WAYS[2])
+    true = tilted(r, 0, across(r, 0, way), play=1e-4)
+    rocks = form(r, 1, bearings.ROCKS)
+    moment = np.linalg.norm(bearings._across(b := bearings._bearing(r, 0, 0), b.load), axis=1)
+    own = np.abs(np.sum(b.load * across(r, 0, way), axis=1)).max()
+    shares = np.array([s for s, w in rocks.shapes if w == way]) * np.quantile(moment, bearings.MOST) / own
+    near = [s for s, w in rocks.shapes if w == way][int(np.argmin(np.abs(shares - 0.05)))]
+    given = rocks.columns((near, way))[:, :, 0]
+    alike = np.sum(given * true) / (np.linalg.norm(given) * np.linalg.norm(true))
+    assert alike > 0.9
+    heavy = np.abs(true).max(axis=1) < 1e-12
+    assert np.abs(given[heavy]).max(initial=0.0) < 0.5 * np.abs(given).max()
+
+
+@pytest.mark.parametrize("joint", [0, 1])
+def test_a_soft_bearing_is_told_at_its_joint_and_not_named(joint: int) -> None:
+    r, _, _ = timed()
+    moved = tilted(r, joint, across(r, joint, 0.7))
+    assert told(r, moved, forms=False).findings  # the catalogue's nearest
+    found = told(r, moved, forms=True)
+    assert (found.findings, found.verdict) == ((), "unexplained")
+    assert [n for n in found.notes if f"something at joint:{joint + 1} " in n and "across" in n]
+
+
+def test_a_loose_bearing_is_told_where_loads_unseat_it() -> None:
+    r, _, _ = timed()
+    found = told(r, tilted(r, 1, across(r, 1, 0.7), play=8e-5), forms=True)
+    assert (found.findings, found.verdict) == ((), "unexplained")
+    assert [n for n in found.notes if "something at joint:2 tilts across the axis" in n]
+    seated = told(r, tilted(r, 0, across(r, 0, 0.7), play=8e-5), forms=True)
+    assert (seated.findings, seated.verdict) == ((), "consistent")
+
+
+def test_a_base_and_a_play_keep_their_names_beside_bearings() -> None:
+    r, _, _ = timed()
+    base = next(h for h in at_body.hypotheses(r) if h.effect == "base_compliance")
+    for h in (base, at_joint.hypotheses(r, 1, backlash.EFFECT)[0][0]):
+        moved = h.columns(h.shapes[0]).sum(axis=2)
+        found = told(r, moved * 1e-4 / np.abs(moved[:, :3]).max(), forms=True)
+        assert [f.effect for f in found.findings] == [h.effect]
