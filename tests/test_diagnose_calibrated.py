@@ -87,6 +87,7 @@ def test_the_script_prints_the_table_again() -> None:
 NO_DECISION = {  # constants beside the computation: guards against rounding, units, steps, ends of grids, a stated load
     "moving.friction.WIDER",
     "resting.absolute_catalogue.ROUNDING",
+    "resting.bearings.ANY",
     "apart.predicted.REST",
     "apart.predicted.SAME",
     "laws.at_beside.ANGLE",

@@ -15,6 +15,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from machopt.arrays import Array
+from machopt.diagnose import calibrated
 from machopt.diagnose.laws.at_body import weight_wrench
 from machopt.diagnose.nouns.problem import Hypothesis, Shape
 from machopt.diagnose.nouns.readings import Readings
@@ -26,7 +27,6 @@ BORNE = 3  # joints whose bearings are looked at: those of the wrist are short
 SEATS = (0.05, 0.1, 0.2, 0.4)  # of the largest moment of the load
 WAYS: Shape = tuple(np.radians(np.arange(0.0, 180.0, 30.0)).tolist())  # rad, of the axis that it tilts about
 ANY = -1.0  # it tilts wherever the moment points
-MOST = 0.98  # quantile of the moments that is the largest
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,8 @@ def _tilts(r: Readings, j: int, bearing: _Bearing) -> Hypothesis:
 
 def _rocks(r: Readings, j: int, bearing: _Bearing, ways: Shape) -> Hypothesis:
     """Play, used up by a share of the largest moment: about one axis across the joint's, or about any."""
-    largest = float(np.quantile(np.linalg.norm(_across(bearing, bearing.load), axis=1), MOST))
+    moment = np.linalg.norm(_across(bearing, bearing.load), axis=1)
+    largest = float(np.quantile(moment, 1.0 - calibrated.RESTING.rare))
 
     def columns(shape: Shape) -> Array:
         seat, way = shape
