@@ -12,7 +12,7 @@ from small_cell import pose
 
 from machopt.domain.cell import Cutter, Shape
 from machopt.errors import InputError
-from machopt.model.depth import cutter_points, deepest
+from machopt.model.depth import cutter_points, deepest, points_between
 
 LIMIT = 1e-4
 
@@ -110,6 +110,34 @@ def test_what_is_remembered_does_not_change_what_is_found(tmp_path: Path) -> Non
     alone = np.array([deepest((part,), points, row[None], LIMIT).depth[0] for row in T[::40]])
     np.testing.assert_array_equal(together[::40], alone)
     assert together.max() > 0.005
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_whatever_is_deepest_is_found_as_if_each_pose_stood_alone(seed: int, tmp_path: Path) -> None:
+    """Thin lips, plates and balls anywhere at a cutter that turns as it goes, places and all, to the last bit."""
+    rng = np.random.default_rng(seed)
+    thin, plate = (
+        rng.uniform((2.5e-4, 2e-3, 2e-3), (8e-4, 6e-3, 6e-3)),
+        rng.uniform((0.01, 0.01, 2e-3), (0.03, 0.03, 6e-3)),
+    )
+    body = [
+        trimesh.creation.box(thin),
+        trimesh.creation.box(plate),
+        trimesh.creation.icosphere(subdivisions=2, radius=rng.uniform(3e-3, 0.01)),
+    ][seed % 3]
+    M = trimesh.transformations.random_rotation_matrix(rng.random(3))
+    M[:3, 3] = rng.uniform(-4e-3, 4e-3, 3)
+    part, radius = exported(body.apply_transform(M), tmp_path), rng.uniform(3e-3, 6e-3)
+    cutter = Cutter(2.0 * radius, 0.02, float(rng.choice([0.0, 0.3 * radius, radius])))
+    points, between = cutter_points(cutter), points_between(cutter)
+    t = np.linspace(0.0, 1.0, 60)
+    T = np.array([trimesh.transformations.rotation_matrix(np.pi + 0.4 * v, [1.0, 0.2, 0.0]) for v in t])
+    T[:, :3, 3] = np.column_stack([0.012 * t - 0.006, 2e-3 * np.sin(9 * t), 2e-3 * np.cos(5 * t)])
+    together = deepest((part,), points, T, LIMIT, between)
+    alone = [deepest((part,), points, row[None], LIMIT, between) for row in T]
+    np.testing.assert_array_equal(together.depth, [one.depth[0] for one in alone])
+    np.testing.assert_array_equal(together.place, [one.place[0] for one in alone])
+    assert together.depth.max() > LIMIT
 
 
 def test_an_open_surface_is_refused(tmp_path: Path) -> None:

@@ -4,7 +4,8 @@ A point inside a solid is as deep as the nearest place of its surface is far; of
 counts. Boxes, cylinders and spheres are taken as they are, meshes by their triangles.
 
 From row to row a point moves little. One that was found outside by d cannot be deeper than the limit before it has
-moved by d and the limit together, so most points of a path are asked for once in many rows.
+moved by d and the limit together, one inside by d is not deeper than d and the way since, so most points of a path are
+asked for once in many rows: the deepest one of the row before goes first, and most others cannot be deeper than that.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ SAGITTA = 2e-5  # m that a depth may be told too small between two points of a r
 GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0  # of a step around from ring to ring: any few rings cover the step evenly
 AROUND = 24, 96  # fewest and most points of a circle
 THIN = 3e-4, 1.2e-3  # m between points of the spiral, a ninth of the radius in between: what is thin lies between rings
+ROUNDED = 1e-12  # m
 SUNFLOWER = np.pi * (3.0 - np.sqrt(5.0))  # rad from one point of it to the next
 PROFILE = 4001  # places along the profile that it is wound by
 # Directions no CAM file draws its edges along: the majority of three says whether a point is inside.
@@ -192,36 +194,54 @@ def _rows(
 ) -> tuple[Array, Ints]:
     """(M,) greatest depth m above ``limit``, 0 where none is, and (M,) which point's; rows T (M, 4, 4) of a mesh."""
     depth, which = np.zeros(len(T)), np.zeros(len(T), np.int64)
-    room, last = np.zeros(len(points)), np.zeros((len(points), 3))  # m that a point may move and not be too deep
-    left = np.zeros(len(points))  # m of that, in this row
+    room, last = np.zeros(len(points)), np.zeros((len(points), 3))  # m that a point may move and be found no other
+    left = np.zeros(len(points))  # m by which it is clear of the part, in this row
+    deep = np.full(len(points), -1.0)  # m, how deep it was where it was last; below 0 where it was not
+    near = np.full(len(points), order[0])  # the triangle that was the nearest then
     waiting, gaps, x = np.empty(DEPTH, np.int64), np.empty(DEPTH), np.empty(3)
     for m in range(len(T)):
-        for k in range(len(points)):
-            if leader[k] >= 0 and left[leader[k]] > beside[k]:
+        begin = -1 if m > 0 and depth[m - 1] > 0.0 else 0
+        for n in range(begin, len(points)):
+            k = which[m - 1] if n < 0 else n  # what was the deepest before: most others are known to be less deep
+            if begin < 0 and n == which[m - 1]:
+                continue
+            if leader[k] >= 0 and n >= 0 and left[leader[k]] > beside[k]:
                 continue
             square = 0.0
             for c in range(3):
                 x[c] = T[m, c, 0] * points[k, 0] + T[m, c, 1] * points[k, 1] + T[m, c, 2] * points[k, 2] + T[m, c, 3]
                 square += (x[c] - last[k, c]) ** 2
             if m > 0 and square < room[k] * room[k]:
-                left[k] = room[k] - np.sqrt(square)
+                left[k] = room[k] - np.sqrt(square) if left[k] > 0.0 else 0.0
                 continue
-            left[k] = 0.0
-            d = np.sqrt(_nearest(x, corners, low, high, child, first, count, order, limit * limit, waiting, gaps))
+            inside = False
+            if deep[k] > 0.0:
+                moved = np.sqrt(square)
+                if deep[k] + moved < depth[m] - ROUNDED:
+                    continue
+                most = np.sqrt(_to_triangle(x, corners[near[k]]))
+                if most < depth[m] or (most == depth[m] and k > which[m]):
+                    continue
+                inside = moved < deep[k] - ROUNDED
+            square, near[k] = _nearest(
+                x, corners, low, high, child, first, count, order, limit * limit, waiting, gaps, near[k]
+            )
+            d = np.sqrt(square)
+            left[k], deep[k] = 0.0, -1.0
             for c in range(3):
                 last[k, c] = x[c]
             if d <= limit:
-                room[k] = 0.0
+                room[k] = max(limit - d - ROUNDED, 0.0)
                 continue
-            votes = 0
-            for r in range(3):
+            votes = 2 if inside else 0
+            for r in range(0 if inside else 3):
                 votes += _crossings(x, rays[r], corners, low, high, child, first, count, order, waiting) % 2
             if votes < 2:
                 room[k] = d + limit
                 left[k] = room[k]
                 continue
-            room[k] = 0.0
-            if d > depth[m]:
+            room[k], deep[k] = 0.0, d
+            if d > depth[m] or (d == depth[m] and k < which[m]):
                 depth[m], which[m] = d, k
     return depth, which
 
@@ -249,9 +269,12 @@ def _nearest(
     enough: float,
     waiting: Ints,
     gaps: Array,
-) -> float:
-    """m² to the nearest triangle; any that is below ``enough`` will do."""
-    best = np.inf
+    guess: int,
+) -> tuple[float, int]:
+    """m² to the nearest triangle, and which; any that is below ``enough`` will do, and a first guess may help."""
+    best, found = _to_triangle(x, corners[guess]), guess
+    if best <= enough:
+        return best, found
     waiting[0], gaps[0], depth = 0, _box_gap(x, low, high, 0), 1
     while depth:
         depth -= 1
@@ -260,9 +283,11 @@ def _nearest(
             continue
         if child[k] < 0:
             for s in range(first[k], first[k] + count[k]):
-                best = min(best, _to_triangle(x, corners[order[s]]))
+                square = _to_triangle(x, corners[order[s]])
+                if square < best:
+                    best, found = square, order[s]
             if best <= enough:
-                return best
+                return best, found
             continue
         k1, k2 = child[k], child[k] + 1
         g1, g2 = _box_gap(x, low, high, k1), _box_gap(x, low, high, k2)
@@ -270,7 +295,7 @@ def _nearest(
             k1, k2, g1, g2 = k2, k1, g2, g1
         waiting[depth], gaps[depth], waiting[depth + 1], gaps[depth + 1] = k1, g1, k2, g2
         depth += 2
-    return best
+    return best, found
 
 
 @compiled
