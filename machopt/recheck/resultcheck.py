@@ -264,6 +264,9 @@ def _feed(t: Told) -> Iterable[str]:
     if not cut.any() or share is None:
         yield f"feed_held_share is {share}, but trajectory.csv holds no cut"
         return
+    if _standing(t.toolpath)[ends[cut]].all():  # no cut has a length: nothing is slow
+        yield from near("feed_held_share", share, 1.0, DIGITS, 1e-9)
+        return
     least, most = ((row[cut] >= HELD).mean() for row in ratio)
     if not least - slack <= share <= most + slack:
         yield f"feed_held_share is {share:.6g}, {least:.6g} to {most:.6g} follows"
@@ -309,6 +312,12 @@ def _dwelling(t: Told, point: Array) -> Bools:
     moved = [np.append(True, np.diff(t.motion.numbers(name)) != 0.0) for name in axes]
     there = np.isin(np.round(np.nan_to_num(point, nan=-2.0)), at)
     return np.asarray(there & ~np.any(moved, axis=0))
+
+
+def _standing(toolpath: Toolpath) -> Bools:
+    """(n,) the move into a point neither goes nor turns; none leads into the first."""
+    place = np.hstack([toolpath.position, toolpath.axis])
+    return np.append(True, ~np.diff(place, axis=0).any(axis=1))
 
 
 def _verification(t: Told) -> Iterable[str]:

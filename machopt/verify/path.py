@@ -29,7 +29,7 @@ def check_path(motion: Motion, toolpath: Toolpath, points: Points, ride: Ride, a
     return [
         *_on_path(motion, toolpath, ride),
         _index(motion, ride),
-        _visited(motion, wanted),
+        _visited(motion, wanted, toolpath),
         _throughout("cut throughout", motion, toolpath, motion.move == Move.CUT, wanted),
         _throughout(
             "feed moves driven",
@@ -96,7 +96,8 @@ def _index(motion: Motion, ride: Ride) -> Check:
     )
 
 
-def _visited(motion: Motion, wanted: Bools) -> Check:
+def _visited(motion: Motion, wanted: Bools, toolpath: Toolpath) -> Check:
+    """Every point is passed while cutting; of successive ones at one place, each by the move through any of them."""
     rows = np.flatnonzero(motion.move == Move.CUT)
     s = motion.point[rows]
     pairs = np.flatnonzero((np.diff(rows) == 1) & (s[:-1] <= s[1:])) if len(s) > 1 else np.empty(0, int)
@@ -108,7 +109,10 @@ def _visited(motion: Motion, wanted: Bools) -> Check:
     low = np.clip(np.ceil(s[pairs]), 0, n).astype(int)
     high = np.maximum(np.clip(np.floor(s[pairs + 1]) + 1, 0, n).astype(int), low)
     steps = np.bincount(low, minlength=n + 1) - np.bincount(high, minlength=n + 1)
-    missed = asked[~near & (np.cumsum(steps)[asked] <= 0)]
+    passed = np.zeros(n, bool)
+    passed[asked] = near | (np.cumsum(steps)[asked] > 0)
+    place = np.r_[0, np.cumsum(~_standing(toolpath)[1:])]
+    missed = asked[(np.bincount(place, passed) == 0)[place[asked]]]
     text = f"{len(missed)} of {int(wanted.sum())} missed, first point {missed[0]}" if len(missed) else "all visited"
     return Check(
         name="cutting points visited",
@@ -118,6 +122,14 @@ def _visited(motion: Motion, wanted: Bools) -> Check:
         unit="points",
         where=text,
     )
+
+
+def _standing(toolpath: Toolpath) -> Bools:
+    """(n,) the cutting move into a point from another that cuts neither goes nor turns."""
+    still = np.zeros(len(toolpath), bool)
+    moved = np.diff(np.hstack([toolpath.position, toolpath.axis]), axis=0).any(axis=1)
+    still[1:] = ~moved & toolpath.cutting[1:] & toolpath.cutting[:-1]
+    return still
 
 
 def _throughout(name: str, motion: Motion, toolpath: Toolpath, driven: Bools, wanted: Bools) -> Check:
