@@ -176,6 +176,25 @@ def test_ways_between_free_poses_are_struck_out_by_themselves(seed: int, tmp_pat
         r, b = u // (branches * turns), u // turns % branches
         touch = np.array([p.path.may_touch[p.path.stations[s - 1]]])
         assert not model.check(p.candidates.q[s - 1, r, b][None], touch).hit[0]  # not the pose's own fault
+    assert_closed_by_themselves(p)
+
+
+def assert_closed_by_themselves(p: Plan) -> None:
+    """Of the ways that are closed in every turn each collides, or has no pose, on its own way."""
+    assert p.found is not None
+    s, R = p.setup, len(p.candidates.phi)
+    checker = Checker.of(p.path, s.arm, s.robot, s.collision, p.options)
+    assert p.candidates.feasible.shape[1] == R
+    branches, grid, st = p.candidates.feasible.shape[2], p.candidates.phi_at(), p.path.stations
+    for at, u, v in p.found.edges.closed[:: max(len(p.found.edges.closed) // 60, 1)]:
+        (ru, bu), (r, b) = divmod(u, branches), divmod(v, branches)
+        if st[at] - st[at - 1] > 1:
+            continue
+        qa = p.candidates.q[at - 1, ru, bu]
+        q = np.vstack([qa, qa + wrap(p.candidates.q[at, r, b] - qa)])
+        phi = grid[at - 1, ru] + np.array([0.0, float(wrap(grid[at, r] - grid[at - 1, ru]))])
+        hit, _, lost = checker.stretch(np.arange(st[at - 1], st[at] + 1), phi, q)
+        assert hit.any() or lost.any()
 
 
 @pytest.mark.parametrize("seed", [0, 4, 7])

@@ -19,7 +19,7 @@ from machopt.formats.posts.densify import Tolerance
 from machopt.formats.setups import placed
 from machopt.formats.toolchoice import stints_of, with_tools
 from machopt.formats.toolpath import read_toolpath
-from machopt.plan.job.drive import refuse_endless, refuse_fixed_beyond, refuse_wrong_unit
+from machopt.plan.job.drive import refuse_unplannable, refuse_wrong_unit
 from machopt.plan.job.pareto import refuse
 from machopt.postprocess.wanted import Wanted, is_post_file, wanted_posts
 from machopt.recheck.posts import tolerance_of
@@ -92,8 +92,7 @@ def prepared(cell: Cell, read: Callable[[], Toolpath], request: OptimizeRequest)
     stints = stints_of(cell, toolpath)
     if request.front:
         refuse(options)
-    refuse_fixed_beyond(toolpath, options)
-    refuse_endless(toolpath, options)
+    refuse_unplannable(toolpath, options)
     if not options.allow_gaps:
         refuse_wrong_unit(cell, toolpath, request.toolpath, stated="unit" in request.reading)
     manifest = optimize_manifest(

@@ -245,7 +245,8 @@ class _Part:
         """
         g, rows = self.grid, self.rows
         edges = self.edges if edges is None else edges
-        before = np.searchsorted(edges.station, np.arange(rows.start, rows.stop + 1)).astype(np.int64)
+        stations = np.arange(rows.start, rows.stop + 1)
+        before, closed = (np.searchsorted(s, stations).astype(np.int64) for s in (edges.station, edges.closed[:, 0]))
         answer: tuple[Ints, float, int, NDArray[np.bool_], NDArray[np.bool_]] = cheapest_sequence(
             g.node[rows],
             g.candidates.q[rows],
@@ -264,6 +265,8 @@ class _Part:
             before,
             edges.source,
             edges.target,
+            closed,
+            edges.closed,
             g.hidden[rows],
             self.there if allowed is None else self.there & allowed,
             _shut(g.candidates),

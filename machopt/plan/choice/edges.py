@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,27 +15,49 @@ Ints = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class Edges:
-    """Ways from a station to the next that were looked at and do not work (a contact, or no pose in between)."""
+    """Ways from a station to the next that were looked at and do not work (a contact, or no pose in between).
+
+    What touches does so whatever the whole turns: such ways stand once in ``closed``, and not turn by turn.
+    """
 
     station: Ints  # (E,) the station they lead into, not falling
     source: Ints  # (E,) vertex at the station before, (rotation · B + branch) · T + turn
     target: Ints  # (E,) vertex at the station
+    closed: Ints  # (W, 3) those that work in no turn: station, not falling, source and target without turns
 
     @classmethod
     def none(cls) -> Edges:
-        return cls(*(np.zeros(0, np.int32) for _ in range(3)))
+        nothing = np.zeros(0, np.int32)
+        return cls(nothing, nothing, nothing, np.zeros((0, 3), np.int32))
 
     def plus(self, station: Ints, source: Ints, target: Ints) -> Edges:
         """These and more, each once."""
-        rows = np.column_stack(
-            [np.r_[self.station, station], np.r_[self.source, source], np.r_[self.target, target]]
-        ).astype(np.int32)
-        return Edges(*np.ascontiguousarray(np.unique(rows, axis=0).T))
+        rows = _each_once(
+            np.column_stack([np.r_[self.station, station], np.r_[self.source, source], np.r_[self.target, target]])
+        )
+        return replace(self, station=rows[0], source=rows[1], target=rows[2])
+
+    def plus_closed(self, ways: NDArray[np.integer[Any]]) -> Edges:
+        """These and more (n, 3) that work in no turn."""
+        return replace(self, closed=np.ascontiguousarray(_each_once(np.vstack([self.closed, ways])).T))
 
     def __len__(self) -> int:
-        return len(self.station)
+        return len(self.station) + len(self.closed)
 
-    def taken(self, rows: slice, vertex: NDArray[np.int_]) -> bool:
+    def into(self, vertex: NDArray[np.int_], turns: int) -> Bools:
+        """(S,) stations into which a sequence takes one of them from the station before.
+
+        Args:
+            vertex: (S,) as ``target``.
+        """
+        gone = np.zeros(len(vertex), bool)
+        s = self.station
+        gone[s[(vertex[s - 1] == self.source) & (vertex[s] == self.target)]] = True
+        (s, u, v), plain = self.closed.T, vertex // turns
+        gone[s[(plain[s - 1] == u) & (plain[s] == v)]] = True
+        return gone
+
+    def taken(self, rows: slice, vertex: NDArray[np.int_], turns: int) -> bool:
         """One of them is in a sequence over the stations ``rows``.
 
         Args:
@@ -43,18 +66,24 @@ class Edges:
         kept = np.flatnonzero(vertex >= 0)
         before = np.full(len(vertex), -1)
         before[kept[1:]] = vertex[kept[:-1]]
-        s = self.station - rows.start
-        mine = (s >= 0) & (s < len(vertex))
-        s = s[mine]
-        return bool(((vertex[s] == self.target[mine]) & (before[s] == self.source[mine])).any())
+        for station, source, target, among in (
+            (self.station, self.source, self.target, 1),
+            (*self.closed.T, turns),
+        ):
+            s = station - rows.start
+            mine = (s >= 0) & (s < len(vertex))
+            s = s[mine]
+            if ((vertex[s] // among == target[mine]) & (before[s] // among == source[mine])).any():
+                return True
+        return False
 
     def in_every_turn(self, feasible: Bools) -> Edges:
-        """Those of which no turn is left, with vertices counted without turns.
+        """Those of which no turn is left, as ``closed`` ones.
 
         Args:
             feasible: (S, R, B, T) of the whole path.
         """
-        if not len(self):
+        if not len(self.station):
             return self
         _, _, B, T = feasible.shape
         ways = np.column_stack([self.station, self.source // T, self.target // T])
@@ -64,4 +93,9 @@ class Edges:
         count = np.bincount(which.ravel(), weights=left, minlength=len(way))
         s, u = np.maximum(way[:, 0] - 1, 0), way[:, 1]
         turns = feasible[s, u // B, u % B].sum(axis=1) * T
-        return Edges(*np.ascontiguousarray(way[count >= np.maximum(turns, 1)].T.astype(np.int32)))
+        return replace(Edges.none(), closed=self.closed).plus_closed(way[count >= np.maximum(turns, 1)])
+
+
+def _each_once(rows: NDArray[np.integer[Any]]) -> Ints:
+    """(3, n) of rows (n, 3), sorted."""
+    return np.ascontiguousarray(np.unique(rows.astype(np.int32), axis=0).T)

@@ -58,8 +58,7 @@ class Chooser:
         vertex = (choice.rotation.astype(int) * B + choice.branch) * T + choice.turn
         s = np.arange(len(vertex))
         gone = ~self.candidates.feasible[s, choice.rotation, choice.branch, choice.turn]
-        gone[e.station[(vertex[e.station - 1] == e.source) & (vertex[e.station] == e.target)]] = True
-        return np.flatnonzero(gone)
+        return np.flatnonzero(gone | e.into(vertex, T))
 
     def _stretches(self, lost: Rows) -> list[tuple[int, int]]:
         """(first, last) stations that keep their vertices around some that cannot, with room for a detour between."""

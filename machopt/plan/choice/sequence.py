@@ -123,6 +123,20 @@ def _step(here: Array, before: Array, slowness: Array, largest: float) -> tuple[
 
 
 @compiled
+def _listed(ways: Any, low: int, high: int, source: int, target: int) -> Any:  # numba infers
+    """One of the sorted ways (n, 3) from ``low`` to ``high`` leads from the source to the target."""
+    end = high
+    while low < high:
+        middle = (low + high) // 2
+        u, v = ways[middle, 1], ways[middle, 2]
+        if u < source or (u == source and v < target):
+            low = middle + 1
+        else:
+            high = middle
+    return low < end and ways[low, 1] == source and ways[low, 2] == target
+
+
+@compiled
 def cheapest_sequence(
     node: Any,
     q: Any,
@@ -141,6 +155,8 @@ def cheapest_sequence(
     ban: Any,
     ban_u: Any,
     ban_v: Any,
+    closed: Any,
+    ways: Any,
     hidden: Any,
     crossed: Any,
     shut: Any,
@@ -156,7 +172,8 @@ def cheapest_sequence(
     ``nudged`` (S,) rad is how far its grid is turned against that of the station before. A break is a station inside a
     run that no vertex of the station before reaches continuously; the sequence goes on there as after a rapid move.
     With a finite ``limit`` only sequences below it are looked for, without breaks, and ``stop`` ≥ 0 is where the last
-    of them ends. ``ban[s]`` … ``ban[s + 1]`` are the forbidden edges into s. ``hidden`` (S,): on the way into s, in one
+    of them ends. ``ban[s]`` … ``ban[s + 1]`` are the forbidden edges into s, and ``closed[s]`` … the ``ways`` (n, 3)
+    forbidden in every turn (:class:`machopt.plan.choice.edges.Edges`). ``hidden`` (S,): on the way into s, in one
     branch, the rotation crosses only what one of the stations has in ``crossed`` (S, R, B)
     (:mod:`machopt.plan.choice.between`). ``shut`` (B, B): from the one branch no rapid move leads to the other.
     ``loose``, with one turn only: whole turns cost nothing and have no limits, so that the value is at most that with
@@ -301,6 +318,8 @@ def cheapest_sequence(
                             else:
                                 code, edge = turned[at] - 1, price[at]
                             if code < 0 or not (least[ru, bu] + edge < highest):
+                                continue
+                            if _listed(ways, closed[s], closed[s + 1], ru * B + bu, r * B + b):
                                 continue
                             better = False
                             for t in range(T):

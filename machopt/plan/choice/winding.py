@@ -62,6 +62,6 @@ def fitting(c: Candidates, rows: slice, vertex: Ints, asked: Counts, mask: Bools
             out[kept, 2] = turn
             flat = np.full(len(vertex), -1)
             flat[kept] = np.ravel_multi_index((r, b, turn), mask.shape[1:])
-            if not edges.taken(rows, flat):
+            if not edges.taken(rows, flat, mask.shape[3]):
                 return out
     return None

@@ -104,19 +104,46 @@ class Checker:
         share = np.concatenate([np.arange(1, k + 1) / k for k in pieces])
         inner = np.flatnonzero(share < 1.0)
         b, f = owner[inner], share[inner]
-        a, path = b - 1, self.path
+        a = b - 1
+        g = f[:, None]
+        between, bad = self._between(rows[a], rows[b], f, (1 - f) * phi[a] + f * phi[b], (1 - g) * q[a] + g * q[b])
+        out = self.path.whole(q, rows)[owner]
+        out[inner] = between
+        lost[b[bad]] = True
+        return out, owner, lost
+
+    def _between(
+        self, a: NDArray[np.intp], b: NDArray[np.intp], f: Array, phi: Array, seed: Array
+    ) -> tuple[Array, Bools]:
+        """Configurations (n, 6 + E) a share f (n,) of the way from planning points a to b (n,); where there is none."""
+        path = self.path
 
         def between(values: Array) -> Array:
             g = f.reshape(-1, *(1,) * (values.ndim - 1))
             return np.asarray((1 - g) * values[a] + g * values[b])
 
-        R = tool_rotation(normalise(between(path.axis[rows])), between(path.reference[rows]), between(phi))
-        stands = between(path.external[rows])
-        pose = self.arm.in_base(stands, transform(R, between(path.position[rows])))
-        seed = between(q)
+        R = tool_rotation(normalise(between(path.axis)), between(path.reference), phi)
+        stands = between(path.external)
+        pose = self.arm.in_base(stands, transform(R, between(path.position)))
         exact, error = refine(self.robot, pose, seed, self.arm.T_flange_tcp, iterations=6)
         bad = ~((error <= CONVERGED) & (np.abs(exact - seed).max(axis=1) <= SAME_BRANCH))
-        out = path.whole(q, rows)[owner]
-        out[inner] = np.hstack([np.where(bad[:, None], seed, exact), stands])
-        lost[b[bad]] = True
-        return out, owner, lost
+        return np.hstack([np.where(bad[:, None], seed, exact), stands]), bad
+
+    def on_the_way(
+        self, row: int, phi: tuple[Array, Array], q: tuple[Array, Array], wanted: Array
+    ) -> tuple[Array, Array, Bools]:
+        """Of ways (n,) to planning point ``row`` from the one before, configurations that :meth:`stretch` looks at.
+
+        Args:
+            phi: (n,) rad, at either end.
+            q: (n, 6) rad, at either end.
+            wanted: (n,) share of each way.
+
+        Returns:
+            the share nearest to that (n,), the configuration there (n, 6 + E), and whether it is one between the ends.
+        """
+        pieces = np.maximum(np.ceil(np.abs(q[1] - q[0]).max(axis=1, initial=0.0) / NEAR), 1)
+        f = np.clip(np.round(wanted * pieces), 1, np.maximum(pieces - 1, 1)) / pieces
+        g, b = f[:, None], np.full(len(f), row, np.intp)
+        at, bad = self._between(b - 1, b, f, (1 - f) * phi[0] + f * phi[1], (1 - g) * q[0] + g * q[1])
+        return f, at, ~bad & (pieces > 1)

@@ -25,6 +25,8 @@ from machopt.plan.stations.path import Path
 from machopt.se3 import wrap
 
 Rows = NDArray[np.intp]
+SWING = np.radians(90.0)  # of rotation between two stations that are looked at past a known contact
+FINE = 65  # shares of a way among which its contact is looked for
 AHEAD = 8000  # vertices looked at around the contacts of the first round, and four times as many in each next
 
 
@@ -157,19 +159,91 @@ class Strikes:
         _, R, B, T = self.shape
         b, bu = int(choice.branch[s]), int(choice.branch[s - 1])
         here, before = int(choice.rotation[s]), int(choice.rotation[s - 1])
-        c, bans = self.candidates, []
+        c, bans, closed = self.candidates, [], []
         for side in (range(R), range(-1, -R, -1)):
             for k in side:
                 r, ru = (here + k) % R, (before + k) % R
                 if not (c.feasible[s, r, b].any() and c.feasible[s - 1, ru, bu].any()):
                     break
                 found = self._edge(s, ru, bu, r, b)
-                for t, pair in found:
-                    bans.append((s, (ru * B + bu) * T + t, (r * B + b) * T))
-                    self.banned[s] = pair
+                if len(found) == np.count_nonzero(c.feasible[s - 1, ru, bu]):
+                    closed.append((s, ru * B + bu, r * B + b))
+                else:
+                    bans += [(s, (ru * B + bu) * T + t, (r * B + b) * T) for t, _ in found]
                 if not found:
                     break
+                self.banned[s] = found[-1][1]
         self._ban(bans)
+        if closed:
+            self.edges = self.edges.plus_closed(np.array(closed))
+            if b == bu and self.banned[s] >= 0:
+                self._across(s, before, here, b, self.banned[s])
+
+    def _across(self, s: int, before: int, here: int, b: int, pair: int) -> None:
+        """Strike out the swings past the same contact: into this station, and into those beside it as long as any are.
+
+        Where a contact closes some rotations all along, every swing over them would be chosen once, and looked at.
+        """
+        ends = self._ends(s, np.array([before]), np.array([here]), b)
+        if ends is None:
+            return
+        phi, q = ((np.repeat(a, FINE, axis=0), np.repeat(z, FINE, axis=0)) for a, z in ends)
+        f, at, known = self.checker.on_the_way(int(self.path.stations[s]), phi, q, np.linspace(0.0, 1.0, FINE))
+        touching = known & self._touching(at, pair)
+        if not touching.any():
+            return
+        closed_at = float(phi[0][0] + np.median(f[touching]) * (phi[1] - phi[0])[0])
+        for side in (range(s, self.shape[0]), range(s - 1, 0, -1)):
+            for t in side:
+                if not self._swings(t, b, closed_at, pair):
+                    break
+
+    def _swings(self, s: int, b: int, phi: float, pair: int) -> int:
+        """Strike out the ways into station s that turn past phi (rad) and touch there; how many there are."""
+        c, st, model = self.candidates, self.path.stations, self.checker.model
+        if model is None or self.path.run[st[s]] != self.path.run[st[s - 1]]:
+            return 0
+        if model.pairs[pair].unless_cutting and self.path.may_touch[st[s - 1]]:
+            return 0
+        free = [np.flatnonzero(any_last(c.feasible[k, :, b])) for k in (s - 1, s)]
+        source, target = (x.ravel() for x in np.meshgrid(*free))
+        turn = self._turn(s, source, target)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = wrap(phi - c.phi_at()[s - 1, source]) / turn
+        over = (np.abs(turn) <= SWING) & (share > 0.0) & (share < 1.0)
+        source, target, share = source[over], target[over], share[over]
+        ends = self._ends(s, source, target, b)
+        if ends is None or not len(source):
+            return 0
+        _, at, known = self.checker.on_the_way(int(st[s]), *ends, share)
+        known &= np.abs(ends[1][1] - ends[1][0]).max(axis=1) <= jump(c.stable)
+        known[known] = self._touching(at[known], pair)
+        if known.any():
+            B = self.shape[2]
+            ways = np.column_stack([np.full(len(source), s), source * B + b, target * B + b])
+            self.edges = self.edges.plus_closed(ways[known])
+            self.banned[s] = pair
+        return int(np.count_nonzero(known))
+
+    def _turn(self, s: int, source: Rows, target: Rows) -> Array:
+        """(n,) rad, by how much ways into station s turn."""
+        grid = self.candidates.phi_at()
+        return np.asarray(wrap(grid[s, target] - grid[s - 1, source]))
+
+    def _ends(
+        self, s: int, source: Rows, target: Rows, b: int
+    ) -> tuple[tuple[Array, Array], tuple[Array, Array]] | None:
+        """Rotation (n,) and joints (n, 6) at both ends of ways into station s in one branch; None where planning points
+        lie between."""
+        if self.path.stations[s] - self.path.stations[s - 1] != 1:
+            return None
+        phi = self.candidates.phi_at()[s - 1, source]
+        qa, qb = self.candidates.q[s - 1, source, b], self.candidates.q[s, target, b]
+        return (phi, phi + self._turn(s, source, target)), (qa, qa + wrap(qb - qa))
+
+    def _touching(self, q: Array, pair: int) -> NDArray[np.bool_]:
+        model = self.checker.model
+        return np.zeros(len(q), bool) if model is None else model.touching(q, np.full(len(q), pair))
 
     def _ban(self, ways: list[tuple[int, int, int]]) -> None:
         """Strike out ways (station, source, target), and those to the targets' other turns."""

@@ -71,6 +71,12 @@ def refuse_fixed_beyond(toolpath: Toolpath, options: PlanOptions) -> None:
     refuse_narrow(options)
 
 
+def refuse_unplannable(toolpath: Toolpath, options: PlanOptions) -> None:
+    """Refuse wishes that no plan would keep, and a motion without end."""
+    refuse_fixed_beyond(toolpath, options)
+    refuse_endless(toolpath, options)
+
+
 def refuse_endless(toolpath: Toolpath, options: PlanOptions) -> None:
     """Refuse feeds at which the motion has more samples than any file should hold: a feed in another unit."""
     feed = np.where(np.isfinite(toolpath.feed), toolpath.feed, np.inf)[1:]
