@@ -84,6 +84,8 @@ def test_the_answer_is_that_of_the_search_with_turns_told_apart(seed: int) -> No
         for s in np.flatnonzero(grid.window >= 0).tolist():
             for _ in range(rng.integers(0, 6)):
                 edges = banned(edges, s, int(rng.integers(R * B * T)), int(rng.integers(R * B)), T)
+            for _ in range(rng.integers(0, 2)):
+                edges = edges.plus_closed(np.array([(s, rng.integers(R * B), rng.integers(R * B))]))
         part = _Part(grid, edges, slice(0, S))
         mask = c.feasible.copy()
         for end in (0, -1):
@@ -122,6 +124,26 @@ def test_a_way_is_forbidden_in_every_turn_only_if_no_turn_is_left() -> None:
     assert len(banned(one, 1, 1, 0, 2).in_every_turn(feasible)) == 1
     feasible[0, 0, 0, 0] = False  # the forbidden turn is gone by itself, the other one still leads on
     assert not len(one.in_every_turn(feasible))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_way_that_is_closed_is_forbidden_turn_by_turn(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    for _ in range(4):
+        grid = random_grid(rng)
+        S, R, B, T = grid.candidates.feasible.shape
+        ways = np.column_stack([rng.integers(1, S, 8), rng.integers(0, R * B, 8), rng.integers(0, R * B, 8)])
+        closed, each = Edges.none().plus_closed(ways), Edges.none()
+        for s, u, v in ways.tolist():
+            for t in range(T):
+                each = banned(each, s, u * T + t, v, T)
+        by_way, by_turn = (_Part(grid, e, slice(0, S)).solve(grid.candidates.feasible) for e in (closed, each))
+        assert (by_way[0] == by_turn[0]).all()
+        assert by_way[1] == by_turn[1]
+        flat = np.ravel_multi_index(tuple(np.maximum(by_way[0], 0).T), (R, B, T))
+        assert (closed.into(flat, T) == each.into(flat, T)).all()
+        flat[by_way[0][:, 0] < 0] = -1
+        assert closed.taken(slice(0, S), flat, T) == each.taken(slice(0, S), flat, T)
 
 
 def test_of_equal_sequences_no_joint_turns_round_for_nothing() -> None:
