@@ -11,7 +11,7 @@ import pytest
 from test_diagnose_motion import arm, excited, recorded
 
 from machopt.diagnose import run
-from machopt.diagnose.moving import columns, friction, motion
+from machopt.diagnose.moving import columns, friction, motion, torque
 from machopt.diagnose.moving.checks import servo_lag, slope, torque_side
 from machopt.diagnose.nouns.motion_signals import signals
 from machopt.diagnose.search.engine import Options
@@ -194,3 +194,20 @@ def test_a_command_that_stands_still_has_no_lag(tmp_path: Path) -> None:
     (found,) = servo_lag(replace(r, q_command=asked), signals(r, 2))
     assert found.effect == "servo_lag"
     assert next(iter(found.parameters.values())).value == pytest.approx(20.0, rel=0.05)
+
+
+def test_masses_are_as_stated_where_a_balancer_and_gains_say_the_same_with_less_to_pay() -> None:
+    """What no payload makes up was left to the links, though it asked three of them for 15 % of their mass."""
+    rng = np.random.default_rng(8)
+    n, joints = 720, 3
+    group = np.arange(n) * 12 // n
+    load, links = rng.normal(size=(n, joints, 4)), 100.0 * rng.normal(size=(n, joints, 3))
+    balancer = links @ np.array([0.15, -0.15, 0.15])
+    rivals = np.concatenate([load, balancer[:, :, None]], axis=2)
+    base = np.zeros((n, joints, joints))
+    base[:, np.arange(joints), np.arange(joints)] = 1.0
+    noise = 20.0 * rng.normal(size=(n, joints))
+    assert torque._links(noise + balancer, base, load, rivals, links, group) == (0.0, [])
+    off = links @ np.array([0.04, 0.03, -0.05])  # as makers are off, and nothing else is like it
+    assert torque._links(noise + off, base, load, rivals, links, group)[0] > 0.0
+    assert torque._links(noise, base, load, rivals, links, group)[0] > 0.0

@@ -45,7 +45,8 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
         raise InputError(f"{rec.source}: the channel torque needs tau1_Nm … and a URDF with inertias")
     n = scene.joints
     measured = rec.torque[m.index, :n]
-    y = m.within(m.mean(measured - scene.predicted))
+    needed = scene.predicted
+    y = m.within(m.mean(measured - needed))
     P, T, L = dynamics.regressors(m.q, m.v, m.a)
     # a spring that the cell does not state is out of step with the rigid bodies too
     best, shared, rough = _clock(scene, measured, m.mean(np.concatenate([P, at_beside.shapeless(m.q)], axis=2)))
@@ -70,7 +71,8 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
         unknowns.append(Unknown(name="tool inertia", unit="kg·m²", location="tool"))
     if n > 1:
         balancer = [h.columns(h.shapes[0]) for h in at_beside.in_torques(scene)[:1]]
-        doubt, said = _links(y, base, P, np.concatenate([P, *balancer], axis=2), L, m.group)
+        gains = [] if scene.free_gains else [scene.column(j, needed[:, j]) for j in range(n) if scene.moves(j)]
+        doubt, said = _links(y, base, P, np.concatenate([P, *balancer, *gains], axis=2), L, m.group)
         scene.notes.extend(said)
         if doubt > 0.0:
             base = np.concatenate([base, L], axis=2)
@@ -130,10 +132,11 @@ def _alike(y: Array, base: Array, segment: Ints) -> Array:
 def _links(y: Array, base: Array, load: Array, rivals: Array, links: Array, group: Ints) -> tuple[float, list[str]]:
     """1 sigma of each link's mass beside the URDF's, by what predicts unseen stretches; and what is said of it.
 
-    Masses that are off and a payload look much alike. Where a payload alone predicts clearly better than any masses of
-    the links, or as well and these would have to be off by more than makers are (:func:`_implausible`), they are taken
-    as stated; where masses predict clearly better than payload and compensator together, they are off; else they may
-    be off by as much as a payload that is named has to show beside.
+    Masses that are off and a payload look much alike, and a balancer or a drive's gain is taken for masses too. Where a
+    payload alone, or all of these together, predict clearly better than any masses of the links, or as well and these
+    would have to be off by more than makers are (:func:`_implausible`), they are taken as stated; where masses predict
+    clearly better than all of these together, they are off; else they may be off by as much as a payload that is named
+    has to show beside.
     """
     weight = 1.0 / np.maximum(_spread(y, base), 1e-12)
 
@@ -141,7 +144,8 @@ def _links(y: Array, base: Array, load: Array, rivals: Array, links: Array, grou
         return heldout(y, np.concatenate([base, *more], axis=2), group, weight)
 
     alone, loaded, linked = left(), left(load), left(links)
-    known = np.minimum(alone, left(rivals))
+    every = left(rivals)
+    known = np.minimum(alone, every)
     gain = known - left(rivals, links)
     if (
         gain.sum() / known.sum() > calibrated.MOTION.links_gain
@@ -153,18 +157,19 @@ def _links(y: Array, base: Array, load: Array, rivals: Array, links: Array, grou
             "payload shows only where no link could have it"
         )
         return calibrated.MOTION.link_off, [words]
-    worse = linked.sum() / loaded.sum() - 1.0
+    named = min(loaded, every, key=lambda x: float(x.sum()))
+    worse = linked.sum() / named.sum() - 1.0
     if worse > calibrated.MOTION.links_gain or (
         worse > -calibrated.MOTION.links_gain
-        and _implausible(y * weight, base * weight[:, None], links * weight[:, None], _better(loaded - linked))
+        and _implausible(y * weight, base * weight[:, None], links * weight[:, None], _better(named - linked))
     ):
         return 0.0, []  # any doubt is outweighed by readings enough, and takes the payload up
     return calibrated.MOTION.link_scale, []
 
 
 def _better(gain: Array) -> bool:
-    """Whether a gain (G,) on unseen stretches exceeds its own standard error."""
-    return bool(gain.mean() > np.std(gain, ddof=1) / np.sqrt(len(gain))) if len(gain) > 1 else False
+    """Whether a gain (G,) on unseen stretches is surely one: twice its own standard error."""
+    return bool(gain.mean() > 2.0 * np.std(gain, ddof=1) / np.sqrt(len(gain))) if len(gain) > 1 else False
 
 
 def _implausible(y: Array, base: Array, links: Array, better: bool) -> bool:
@@ -249,14 +254,18 @@ def _clock(scene: Scene, measured: Array, load: Array) -> tuple[float, bool, Cal
     def smooth(d: float) -> tuple[Array, Array, Array]:
         return m.late(predicted, d), m.late(m.v, d), m.late(m.a, d)
 
-    def turning(v: Array, j: int, k: int) -> Array:
-        # from the late speed: a late step between two samples would come out as a ramp
-        return turned(scene, v[:, j], CLOCK_TURNS[k])
+    def turning(v: Array, j: int, k: int, d: float) -> Array:
+        if k < len(CLOCK_TURNS):  # from the late speed: a late step between two samples would come out as a ramp
+            return turned(scene, v[:, j], CLOCK_TURNS[k])
+        # as it does where a recorder brings two clocks together by straight lines between samples
+        return m.between(turned(scene, m.v[:, j], CLOCK_TURNS[k - len(CLOCK_TURNS)]), d)
 
-    def parts(d: float, j: int, late: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+    def parts(
+        d: float, j: int, late: tuple[Array, Array, Array], turns: int = len(CLOCK_TURNS)
+    ) -> tuple[Array, Array, Array]:
         """(N,) torque of a joint less the rigid bodies', what is refitted beside (N, p), friction by path (N, k)."""
         body, v, a = late
-        z = [turning(v, j, k) for k in range(len(CLOCK_TURNS))]
+        z = [turning(v, j, k, d) for k in range(turns)]
         signals = (body[:, j], np.ones(len(v)), v[:, j], a[:, j], *z)
         X = m.within(np.stack([m.mean(x) for x in signals], axis=1))
         return tau[:, j] - X[:, 0], np.concatenate([X[:, 1:4], carried(d, j)], axis=1), X[:, 4:]
@@ -282,7 +291,7 @@ def _clock(scene: Scene, measured: Array, load: Array) -> tuple[float, bool, Cal
     shared = 2 * int(np.sum(np.array(left(best)) < power)) > len(moving)
     fitted, late = [], smooth(best)
     for j in moving:
-        y, beside, z = parts(best, j, late)
+        y, beside, z = parts(best, j, late, 2 * len(CLOCK_TURNS))
         each = [
             (*rest_of(y, np.concatenate([beside[:, :3], x[:, None], beside[:, 3:]], axis=1)), k)
             for k, x in enumerate(z.T)
@@ -293,7 +302,7 @@ def _clock(scene: Scene, measured: Array, load: Array) -> tuple[float, bool, Cal
         body, v, a = smooth(d)
         out = body.copy()
         for j, (_, x, k) in zip(moving, fitted, strict=True):
-            out[:, j] += x[0] + x[1] * v[:, j] + x[2] * a[:, j] + x[3] * turning(v, j, k)
+            out[:, j] += x[0] + x[1] * v[:, j] + x[2] * a[:, j] + x[3] * turning(v, j, k, d)
         return out
 
     return best, shared, rough

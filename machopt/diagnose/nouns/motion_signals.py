@@ -105,6 +105,13 @@ class Motion:
                 to[rows, c] = np.interp(t - delay, t, flat[rows, c])
         return out
 
+    def between(self, x: Array, delay: float) -> Array:
+        """(M,) x(t − delay) by straight lines between samples, as who brings two clocks together would have it."""
+        out = np.empty_like(x)
+        for rows in self.segments():
+            out[rows] = np.interp(self.time[rows] - delay, self.time[rows], x[rows])
+        return out
+
     def segments(self) -> list[slice]:
         starts = np.flatnonzero(np.diff(self.segment, prepend=self.segment[0] - 1))
         return [slice(int(a), int(b)) for a, b in zip(starts, np.r_[starts[1:], len(self.segment)], strict=True)]
