@@ -11,7 +11,7 @@ from machopt.cli.display import Display
 if TYPE_CHECKING:
     import subprocess
 
-STORED = "compiling kernels, once per installation: the first run takes some seconds longer"
+STORED = "compiling kernels, once per installation: the first run takes up to a minute longer"
 NOT_STORED = (
     "compiling kernels in every run: neither the installation nor ~/.cache can be written; "
     "NUMBA_CACHE_DIR=FOLDER would name a place to store them"
