@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from test_cli import ROOT
 from test_search import assert_closed_by_themselves
 
+from machopt.arrays import Array, Bools
+from machopt.domain.reason import Reason
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
 from machopt.formats.toolpath import read_toolpath
+from machopt.plan.choice.choose import Choice
+from machopt.plan.choice.edges import Closing, Edges
+from machopt.plan.configurations.candidates import Candidates
+from machopt.plan.contacts.strikes import Strikes
 from machopt.plan.pipeline import search
 from machopt.plan.pipeline.run import plan
 
@@ -47,3 +55,136 @@ def test_swings_over_a_closed_band_are_looked_at_together(tmp_path: Path, monkey
     assert p.found.rounds < 30
     assert len(p.found.edges.closed) > 100
     assert_closed_by_themselves(p)
+
+
+class Bands:
+    """A checker of machines whose first joint is their rotation, and whose pairs touch in bands (rad) of it."""
+
+    def __init__(self, *bands: tuple[tuple[float, float], ...]) -> None:
+        self.bands, self.model, self.step, self.asked = bands, self, 0.01, 0
+        self.pairs = [SimpleNamespace(unless_cutting=False, clearance=0.0) for _ in bands]
+
+    def touching(self, q: Array, pair: Any) -> Bools:
+        bands = self.bands[int(pair[0])] if len(pair) else ()
+        hits = [(q[:, 0] > low) & (q[:, 0] < high) for low, high in bands]
+        return np.asarray(np.any([np.zeros(len(q), bool), *hits], axis=0))
+
+    def stretch(self, rows: Any, phi: Array, q: Array) -> tuple[Bools, Any, Bools]:
+        dense = np.zeros((301, 6))
+        dense[:, 0] = np.linspace(q[0, 0], q[1, 0], 301)
+        hits = [(int(np.argmax(hit)), p) for p in range(len(self.bands)) if (hit := self.touching(dense, [p])).any()]
+        first = min(hits)[1] if hits else -1
+        return np.array([False, first >= 0]), np.array([-1, first], np.int32), np.zeros(2, bool)
+
+    def on_the_way(self, row: int, phi: Any, q: Any, wanted: Array) -> tuple[Array, Array, Bools]:
+        self.asked += len(wanted)
+        return wanted, q[0] + wanted[:, None] * (q[1] - q[0]), (wanted > 0.0) & (wanted < 1.0)
+
+
+def banded(checker: Bands, stations: int, rotations: int = 36) -> Strikes:
+    """Strikes over a cut all along which the bands stand, in one branch and turn."""
+    S, R = stations, rotations
+    phi: Array = np.asarray(np.arange(R) * (2 * np.pi / R) - np.pi, float)
+    q = np.zeros((S, R, 1, 6))
+    q[..., 0, 0] = phi
+    free = np.array(
+        [not any(checker.touching(row[None], [p])[0] for p in range(len(checker.bands))) for row in q[0, :, 0]]
+    )
+    path = SimpleNamespace(
+        stations=np.arange(S), run=np.zeros(S, int), may_touch=np.zeros(S, bool), external=np.zeros((S, 0))
+    )
+    candidates = Candidates(
+        phi=phi,
+        q=q,
+        turns=np.zeros((1, 6)),
+        reason=np.full((S, R, 1), int(Reason.OK), np.uint8),
+        feasible=np.broadcast_to(free[None, :, None, None], (S, R, 1, 1)).copy(),
+        stable=True,
+        shortfall=np.zeros(S),
+    )
+    strikes: Any = Strikes
+    return cast(Strikes, strikes(path=path, candidates=candidates, checker=checker, progress=lambda _: None))
+
+
+def swung(strikes: Strikes, s: int, before: float, here: float) -> Choice:
+    """A sequence that stands at one rotation (deg) up to a station, and at another from there on."""
+    S, phi = len(strikes.candidates.q), np.degrees(strikes.candidates.phi)
+    r = np.where(np.arange(S) < s, np.argmin(np.abs(phi - before)), np.argmin(np.abs(phi - here))).astype(np.int32)
+    nothing = np.zeros(S, np.int32)
+    return Choice(rotation=r, branch=nothing, turn=nothing, q=strikes.candidates.q[np.arange(S), r, 0], broken=())
+
+
+def strike(strikes: Strikes, choice: Choice, *stations: int) -> None:
+    hit = np.zeros(len(choice.rotation), bool)
+    hit[list(stations)] = True
+    check = SimpleNamespace(hit=hit, lost=np.zeros_like(hit), pair=np.where(hit, 0, -1))
+    plain = SimpleNamespace(reason=np.full(len(hit), int(Reason.OK)))
+    untyped: Any = strikes
+    untyped.grid(choice, plain, check, len(hit))
+
+
+def crossing(strikes: Strikes, degrees: float) -> list[set[int]]:
+    """Rotations that ways closed into each station come from, of the ways that turn upwards past an angle."""
+    phi, out = np.degrees(strikes.candidates.phi), [set[int]() for _ in strikes.candidates.q]
+    for s, u, v in strikes.edges.closed:
+        if phi[u] < degrees < phi[v] <= phi[u] + 90.0:
+            out[s].add(int(u))
+    return out
+
+
+def test_the_contact_of_the_chosen_way_is_the_one_looked_for() -> None:
+    """Below the band stands another one, which ways a little aside touch first."""
+    checker = Bands(((np.radians(2.0), np.radians(8.0)),), ((np.radians(-48.0), np.radians(-42.0)),))
+    strikes = banded(checker, 12)
+    strike(strikes, swung(strikes, 5, -40.0, 20.0), 5)
+    assert strikes.banned[5] == 0
+    assert all(crossing(strikes, 5.0)[1:])
+
+
+@pytest.mark.parametrize("gap", [4.0, 30.0])
+def test_a_way_that_touches_twice_closes_the_swings_over_either(gap: float) -> None:
+    """Midway between its two bands nothing touches."""
+    low, high = (tuple(np.radians([at - 2.0, at + 2.0])) for at in (-gap / 2 - 3.0, gap / 2 + 3.0))
+    checker = Bands(((low[0], low[1]), (high[0], high[1])))
+    strikes = banded(checker, 12)
+    strike(strikes, swung(strikes, 5, -40.0, 40.0), 5)
+    for at in (-gap / 2 - 3.0, gap / 2 + 3.0):
+        assert all(crossing(strikes, at)[1:])
+
+
+def test_what_is_closed_is_not_looked_at_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However many swings over one band are held against it, its ways are looked at once, and merged once a round."""
+    merges: list[int] = []
+    plus_closed = Edges.plus_closed
+
+    def counted(self: Edges, ways: Any) -> Edges:
+        merges.append(len(ways))
+        return plus_closed(self, ways)
+
+    monkeypatch.setattr(Edges, "plus_closed", counted)
+    checker = Bands(((np.radians(2.0), np.radians(8.0)),))
+    strikes = banded(checker, 40)
+    strike(strikes, swung(strikes, 20, -10.0, 20.0), 20)
+    assert len(merges) == 1
+    first, closed = checker.asked, strikes.edges.closed
+    assert len(np.unique(closed, axis=0)) == len(closed) > 1000
+    strike(strikes, swung(strikes, 12, -20.0, 30.0), 12)
+    assert checker.asked - first < first / 10
+    again = checker.asked
+    strike(strikes, swung(strikes, 30, -20.0, 30.0), 30)
+    assert checker.asked - again <= 65 + 40
+
+
+def test_ways_gathered_are_those_added_one_by_one() -> None:
+    rng = np.random.default_rng(3)
+    ways = np.column_stack([rng.integers(1, 9, 400), rng.integers(0, 2**31 - 1, 400) % 7, rng.integers(0, 5, 400)])
+    begun = Edges.none().plus_closed(ways[:100])
+    closing, one_by_one = Closing(begun, 9), begun
+    for s, u, v in ways[100:]:
+        new = closing.open(int(s), np.array([u]), np.array([v]))[0]
+        assert new == (not (one_by_one.closed == (s, u, v)).all(axis=1).any())
+        closing.add(int(s), np.array([u]), np.array([v]))
+        one_by_one = one_by_one.plus_closed(np.array([[s, u, v]]))
+    assert (closing.merged().closed == one_by_one.closed).all()
+    assert (one_by_one.closed == np.unique(ways, axis=0)).all()
+    assert (begun.plus(*ways.astype(np.int32).T).target == np.unique(ways, axis=0)[:, 2]).all()

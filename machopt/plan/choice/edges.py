@@ -96,6 +96,40 @@ class Edges:
         return replace(Edges.none(), closed=self.closed).plus_closed(way[count >= np.maximum(turns, 1)])
 
 
+class Closing:
+    """Ways that work in no turn, gathered over many stations and merged once."""
+
+    def __init__(self, edges: Edges, stations: int) -> None:
+        self.edges = edges
+        self._begins = np.searchsorted(edges.closed[:, 0], np.arange(stations + 1))
+        self._found: dict[int, list[NDArray[np.int64]]] = {}
+
+    def open(self, s: int, source: NDArray[np.integer[Any]], target: NDArray[np.integer[Any]]) -> Bools:
+        """(n,) ways into station s that are not among them, source and target (n,) without turns."""
+        known = self.edges.closed[self._begins[s] : self._begins[s + 1]]
+        return np.isin(_way(source, target), np.concatenate([_way(*known.T[1:]), *self._found.get(s, [])]), invert=True)
+
+    def add(self, s: int, source: NDArray[np.integer[Any]], target: NDArray[np.integer[Any]]) -> None:
+        self._found.setdefault(s, []).append(_way(source, target))
+
+    def merged(self) -> Edges:
+        if not self._found:
+            return self.edges
+        way = np.concatenate([w for found in self._found.values() for w in found])
+        station = np.repeat(list(self._found), [sum(map(len, found)) for found in self._found.values()])
+        return self.edges.plus_closed(np.column_stack([station, way >> 32, way & 0xFFFFFFFF]))
+
+
+def _way(source: NDArray[np.integer[Any]], target: NDArray[np.integer[Any]]) -> NDArray[np.int64]:
+    """Source and target in one number, ordered as the two are."""
+    return np.asarray(source, np.int64) << 32 | np.asarray(target, np.int64)
+
+
 def _each_once(rows: NDArray[np.integer[Any]]) -> Ints:
     """(3, n) of rows (n, 3), sorted."""
-    return np.ascontiguousarray(np.unique(rows.astype(np.int32), axis=0).T)
+    station, way = rows[:, 0], _way(rows[:, 1], rows[:, 2])
+    order = np.lexsort((way, station))
+    station, way = station[order], way[order]
+    first = np.ones(len(order), bool)
+    first[1:] = (station[1:] != station[:-1]) | (way[1:] != way[:-1])
+    return np.ascontiguousarray(rows[order[first]].T, np.int32)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from machopt.arrays import Array, any_last
 from machopt.domain.reason import Reason
 from machopt.plan.choice.choose import Choice
-from machopt.plan.choice.edges import Edges
+from machopt.plan.choice.edges import Closing, Edges
 from machopt.plan.choice.sequence import jump
 from machopt.plan.configurations.candidates import Candidates
 from machopt.plan.configurations.realise import Assignment, realise
@@ -47,6 +47,8 @@ class Strikes:
         self.looked = np.zeros((S, R, B), bool)
         self.pairs = np.full((S, R, B), -1, np.int32)
         self.ahead_of = AHEAD
+        self.phi = self.candidates.phi_at()
+        self.swept: dict[tuple[int, int, int], dict[float, bool]] = {}  # station, branch, pair: rotations, any touched
         model = self.checker.model
         self.ahead = (
             None
@@ -83,7 +85,7 @@ class Strikes:
         """
         s = self.stations(check.hit)
         s = s[~choice.dropped[s]]
-        grid, (R, phi) = self.candidates.phi_at(), (self.shape[1], a.phi[self.path.stations[s]])
+        grid, (R, phi) = self.phi, (self.shape[1], a.phi[self.path.stations[s]])
         low = np.floor(wrap(phi - grid[s, 0]) / (2 * np.pi / R)).astype(int)
         both, sides = np.tile(s, 2), np.concatenate([low, low + 1]) % R
         return self._look(both, sides, choice.branch[both])
@@ -123,6 +125,7 @@ class Strikes:
             why = plain.reason[self.path.stations[s]]
             if why != Reason.OK:
                 self._drop(choice, int(s), int(why))
+        closing, bans = Closing(self.edges, self.shape[0]), []
         for at in stations:
             s = int(at)
             joined = s > 0 and s not in choice.broken and not choice.dropped[s - 1]
@@ -132,20 +135,23 @@ class Strikes:
                     for k in (s - 1, s)
                 ]
                 if not any(gone):
-                    self._strike_edges(choice, s)
+                    bans += self._strike_edges(choice, s, closing)
+        self.edges = closing.merged()
+        self._ban(bans)
         if (int(self.candidates.feasible.sum()), len(self.edges)) == before:
             for at in stations:  # what only the whole path shows counts against the ways that were chosen
-                self._drop_way(choice, int(at), int(check.pair[self.path.stations[at]]))
+                bans += self._drop_way(choice, int(at), int(check.pair[self.path.stations[at]]))
+            self._ban(bans)
 
-    def _drop_way(self, choice: Choice, s: int, pair: int) -> None:
+    def _drop_way(self, choice: Choice, s: int, pair: int) -> list[tuple[int, int, int]]:
         joined = s > 0 and s not in choice.broken and not choice.dropped[s - 1]
         if not joined or self.path.run[self.path.stations[s]] != self.path.run[self.path.stations[s - 1]]:
             self._drop(choice, s, int(Reason.NO_PATH))
-            return
+            return []
         _, _, B, T = self.shape
         u, v = ((int(choice.rotation[k]) * B + int(choice.branch[k])) * T for k in (s - 1, s))
-        self._ban([(s, u + int(choice.turn[s - 1]), v)])
         self.banned[s] = pair
+        return [(s, u + int(choice.turn[s - 1]), v)]
 
     def _drop(self, choice: Choice, s: int, why: int) -> None:
         r, b = choice.rotation[s], choice.branch[s]
@@ -153,13 +159,17 @@ class Strikes:
         if not self.candidates.feasible[s, r, b].any():
             self.candidates.reason[s, r, b] = why
 
-    def _strike_edges(self, choice: Choice, s: int) -> None:
+    def _strike_edges(self, choice: Choice, s: int, closing: Closing) -> list[tuple[int, int, int]]:
         """Strike out the ways into station s that turn as far as the chosen one and are not free, on either side of it
-        up to the first that is."""
+        up to the first that is.
+
+        Returns:
+            those that are not free in some turns only, as :meth:`_ban` takes them.
+        """
         _, R, B, T = self.shape
         b, bu = int(choice.branch[s]), int(choice.branch[s - 1])
         here, before = int(choice.rotation[s]), int(choice.rotation[s - 1])
-        c, bans, closed = self.candidates, [], []
+        c, bans, closed, pairs = self.candidates, [], [], []
         for side in (range(R), range(-1, -R, -1)):
             for k in side:
                 r, ru = (here + k) % R, (before + k) % R
@@ -167,68 +177,78 @@ class Strikes:
                     break
                 found = self._edge(s, ru, bu, r, b)
                 if len(found) == np.count_nonzero(c.feasible[s - 1, ru, bu]):
-                    closed.append((s, ru * B + bu, r * B + b))
+                    closed.append((ru * B + bu, r * B + b))
                 else:
                     bans += [(s, (ru * B + bu) * T + t, (r * B + b) * T) for t, _ in found]
                 if not found:
                     break
-                self.banned[s] = found[-1][1]
-        self._ban(bans)
+                pairs.append(found[-1][1])
+        if pairs:
+            self.banned[s] = pairs[0]  # of the chosen way, where that is one of them
         if closed:
-            self.edges = self.edges.plus_closed(np.array(closed))
+            closing.add(s, *np.array(closed).T)
             if b == bu and self.banned[s] >= 0:
-                self._across(s, before, here, b, self.banned[s])
+                self._across(s, before, here, b, closing)
+        return bans
 
-    def _across(self, s: int, before: int, here: int, b: int, pair: int) -> None:
-        """Strike out the swings past the same contact: into this station, and into those beside it as long as any are.
+    def _across(self, s: int, before: int, here: int, b: int, closing: Closing) -> None:
+        """Strike out the swings past the chosen way's contact: into this station, and into those beside it as long as
+        any are.
 
         Where a contact closes some rotations all along, every swing over them would be chosen once, and looked at.
         """
-        ends = self._ends(s, np.array([before]), np.array([here]), b)
+        ends, pair = self._ends(s, np.array([before]), np.array([here]), b), self.banned[s]
         if ends is None:
             return
         phi, q = ((np.repeat(a, FINE, axis=0), np.repeat(z, FINE, axis=0)) for a, z in ends)
         f, at, known = self.checker.on_the_way(int(self.path.stations[s]), phi, q, np.linspace(0.0, 1.0, FINE))
-        touching = known & self._touching(at, pair)
-        if not touching.any():
-            return
-        closed_at = float(phi[0][0] + np.median(f[touching]) * (phi[1] - phi[0])[0])
-        for side in (range(s, self.shape[0]), range(s - 1, 0, -1)):
-            for t in side:
-                if not self._swings(t, b, closed_at, pair):
-                    break
+        touching = np.flatnonzero(known & self._touching(at, pair))
+        for part in np.split(touching, np.flatnonzero(np.diff(touching) > 1) + 1):
+            if len(part):
+                closed_at = float(phi[0][0] + f[part[len(part) // 2]] * (phi[1] - phi[0])[0])
+                self._swings(s, b, closed_at, pair, closing)
+                for side in (range(s + 1, self.shape[0]), range(s - 1, 0, -1)):
+                    for t in side:
+                        if not self._swings(t, b, closed_at, pair, closing):
+                            break
 
-    def _swings(self, s: int, b: int, phi: float, pair: int) -> int:
-        """Strike out the ways into station s that turn past phi (rad) and touch there; how many there are."""
+    def _swings(self, s: int, b: int, phi: float, pair: int, closing: Closing) -> bool:
+        """Strike out the ways into station s that turn past phi (rad) and touch there; whether any do."""
+        known = self.swept.setdefault((s, b, pair), {})
+        if phi not in known:
+            known[phi] = self._swing_over(s, b, phi, pair, closing, any(known.values()))
+        return known[phi]
+
+    def _swing_over(self, s: int, b: int, phi: float, pair: int, closing: Closing, before: bool) -> bool:
+        """As :meth:`_swings`; where such ways have been struck out ``before``, those that are closed count as well."""
         c, st, model = self.candidates, self.path.stations, self.checker.model
         if model is None or self.path.run[st[s]] != self.path.run[st[s - 1]]:
-            return 0
+            return False
         if model.pairs[pair].unless_cutting and self.path.may_touch[st[s - 1]]:
-            return 0
+            return False
         free = [np.flatnonzero(any_last(c.feasible[k, :, b])) for k in (s - 1, s)]
         source, target = (x.ravel() for x in np.meshgrid(*free))
-        turn = self._turn(s, source, target)
+        turn, B = self._turn(s, source, target), self.shape[2]
         with np.errstate(divide="ignore", invalid="ignore"):
-            share = wrap(phi - c.phi_at()[s - 1, source]) / turn
+            share = wrap(phi - self.phi[s - 1, source]) / turn
         over = (np.abs(turn) <= SWING) & (share > 0.0) & (share < 1.0)
+        step = wrap(c.q[s, target[over], b] - c.q[s - 1, source[over], b])
+        over[over] = np.abs(step).max(axis=1, initial=0.0) <= jump(c.stable)
+        over[over] = still = closing.open(s, source[over] * B + b, target[over] * B + b)
         source, target, share = source[over], target[over], share[over]
-        ends = self._ends(s, source, target, b)
+        closed, ends = before and not still.all(), self._ends(s, source, target, b)
         if ends is None or not len(source):
-            return 0
+            return closed
         _, at, known = self.checker.on_the_way(int(st[s]), *ends, share)
-        known &= np.abs(ends[1][1] - ends[1][0]).max(axis=1) <= jump(c.stable)
         known[known] = self._touching(at[known], pair)
         if known.any():
-            B = self.shape[2]
-            ways = np.column_stack([np.full(len(source), s), source * B + b, target * B + b])
-            self.edges = self.edges.plus_closed(ways[known])
+            closing.add(s, source[known] * B + b, target[known] * B + b)
             self.banned[s] = pair
-        return int(np.count_nonzero(known))
+        return closed or bool(known.any())
 
     def _turn(self, s: int, source: Rows, target: Rows) -> Array:
         """(n,) rad, by how much ways into station s turn."""
-        grid = self.candidates.phi_at()
-        return np.asarray(wrap(grid[s, target] - grid[s - 1, source]))
+        return np.asarray(wrap(self.phi[s, target] - self.phi[s - 1, source]))
 
     def _ends(
         self, s: int, source: Rows, target: Rows, b: int
@@ -237,7 +257,7 @@ class Strikes:
         lie between."""
         if self.path.stations[s] - self.path.stations[s - 1] != 1:
             return None
-        phi = self.candidates.phi_at()[s - 1, source]
+        phi = self.phi[s - 1, source]
         qa, qb = self.candidates.q[s - 1, source, b], self.candidates.q[s, target, b]
         return (phi, phi + self._turn(s, source, target)), (qa, qa + wrap(qb - qa))
 
@@ -263,7 +283,7 @@ class Strikes:
             return []  # no way by itself; nothing to strike out
         every = [int(t) for t in np.flatnonzero(c.feasible[s - 1, ru, bu])]
         rows = np.arange(st[s - 1], st[s] + 1)
-        grid = c.phi_at()
+        grid = self.phi
         phi = grid[s - 1, ru] + np.array([0.0, float(wrap(grid[s, r] - grid[s - 1, ru]))])
         if len(rows) == 2:
             return self._stretch(rows, phi, np.vstack([qa, qb]), every)
