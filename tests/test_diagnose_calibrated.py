@@ -97,6 +97,7 @@ NO_DECISION = {  # constants beside the computation: guards against rounding, un
     "search.balanced.NONE",
     "search.balanced.SIDE",
     "search.finer.ALIKE",
+    "search.finer.ALIKE_MOST",
     "search.finer.NARROW",
     "search.finer.NARROWER",
     "evidence.grams.NOTHING",

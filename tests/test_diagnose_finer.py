@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from machopt.arrays import Array
-from machopt.diagnose.evidence.grams import base_model, tried
+from machopt.diagnose.evidence.grams import Model, base_model, tried
 from machopt.diagnose.evidence.noise import Noise
 from machopt.diagnose.evidence.whitening import whitening
 from machopt.diagnose.nouns.problem import Family, Hypothesis, Problem, Quantity, Shape, Unknown
 from machopt.diagnose.nouns.result import Estimate
 from machopt.diagnose.search.findings import estimates
-from machopt.diagnose.search.finer import between, closest
-from machopt.diagnose.search.screen import score
+from machopt.diagnose.search.finer import ALIKE, CUT, _middle, between, closest, worse
+from machopt.diagnose.search.screen import profile, score
 from machopt.diagnose.search.select import Chosen
 from machopt.effects.waves import Turning, waves
 
@@ -21,13 +23,19 @@ GRID: tuple[Shape, ...] = ((0.5,), (0.75,), (1.1,), (1.6,))
 SIGMA = 1e-3
 
 
-def settled(x: Array, true: float, seed: int) -> tuple[float, Estimate]:
+def settled(x: Array, true: float, seed: int, size: float = 8.0) -> tuple[float, Estimate]:
     """A step of readings (N,) at x beyond ``true``: where it is said to lie, and its interval."""
+    base, found = stepped(x, true, seed, size)
+    return found.tried.shapes[found.scored.shape][0], estimates(base, [found], 0, [found.tried])["at"]
+
+
+def stepped(x: Array, true: float, seed: int, size: float) -> tuple[Model, Chosen]:
+    """The base, and a step of ``size`` times the noise as it is settled beside that."""
     rng, n = np.random.default_rng(seed), len(x)
     at = np.arange(n)
     problem = Problem(
         channel="position",
-        y=((x > true) * 8.0 * SIGMA + SIGMA * rng.normal(size=n))[:, None],
+        y=((x > true) * size * SIGMA + SIGMA * rng.normal(size=n))[:, None],
         base=np.ones((n, 1, 1)),
         unknowns=(Unknown(name="a", unit="m"),),
         families=(Family(name="translation", columns=(0,), unit="mm", factor=1e3),),
@@ -40,7 +48,7 @@ def settled(x: Array, true: float, seed: int) -> tuple[float, Estimate]:
         row=at + 1,
     )
 
-    def size(c: Array, shape: Shape) -> dict[str, Quantity]:
+    def told(c: Array, shape: Shape) -> dict[str, Quantity]:
         return {"step": Quantity(float(c[0]), "m"), "at": Quantity(float(shape[0]), "1")}
 
     law = Hypothesis(
@@ -49,7 +57,7 @@ def settled(x: Array, true: float, seed: int) -> tuple[float, Estimate]:
         law="step",
         equation="",
         columns=lambda shape: (x > shape[0]).astype(float)[:, None, None],
-        quantities=size,
+        quantities=told,
         shapes=GRID,
         family="joint",
         finer=between(GRID),
@@ -59,8 +67,7 @@ def settled(x: Array, true: float, seed: int) -> tuple[float, Estimate]:
     base, _ = base_model(problem, w, np.random.default_rng(0))
     first = tried(base, [law])[0]
     assert law.finer is not None
-    found = closest(base, base, Chosen(score(base, [first])[0], 0.0), law.finer)
-    return found.tried.shapes[found.scored.shape][0], estimates(base, [found], 0, [found.tried])["at"]
+    return base, closest(base, base, Chosen(score(base, [first])[0], 0.0), law.finer)
 
 
 @pytest.mark.parametrize("true", [0.83, 0.87, 0.97, 1.03])
@@ -80,6 +87,43 @@ def test_shapes_of_a_smooth_law_reach_to_where_another_is_as_likely_no_more() ->
     _, said = settled(x, 0.9, 2)
     assert said.ci95[0] <= 0.9 <= said.ci95[1]
     assert said.ci95[1] - said.ci95[0] < 0.02
+
+
+@pytest.mark.parametrize("true", [0.6, 0.97, 1.4])
+def test_an_interval_ends_where_a_shape_is_not_as_likely_not_where_the_last_one_was_looked_at(true: float) -> None:
+    """Of a step of four tenths of the noise hardly anything is known to better than a step of the grid."""
+    x = np.random.default_rng(5).uniform(0.0, 2.0, 400)
+    for seed in range(30):
+        base, found = stepped(x, true, seed, 0.4)
+        law, h = found.tried, found.tried.hypothesis
+        assert h.finer is not None
+        if CUT in h.note:
+            continue
+        ends = min(law.shapes)[0], max(law.shapes)[0]
+        fine = [
+            (float(e * f),)
+            for e, way in zip(ends, (-1.0, 1.0), strict=True)
+            for f in 1.5 ** (way * np.arange(21) / 400.0)
+        ]
+        gain = profile(base, tried(base, [replace(h, shapes=((law.shapes[found.scored.shape]), *fine))])[0])
+        least = gain[0] - worse(h) * max((base.rss - gain[0]) / (len(base.y) - base.count - 1), 1.0)
+        assert gain[1:22].min() <= least, seed  # within a twentieth of a step of the grid
+        assert gain[22:].min() <= least, seed
+
+
+def test_an_interval_that_is_cut_where_its_law_ends_says_so() -> None:
+    """No reading lies below a third of the largest x: of what is beyond nothing tells."""
+    x = np.random.default_rng(5).uniform(0.0, 2.0, 1200)
+    _, found = stepped(np.where(x < 0.7, 0.2, x), 0.4, 1, 8.0)
+    assert CUT in found.tried.hypothesis.note
+    assert min(found.tried.shapes)[0] == pytest.approx(0.5 / 1.5)
+
+
+def test_shapes_are_alike_by_what_they_lose_however_large_the_gain_is() -> None:
+    """A millionth of a gain of ten millions is more than another shape may be worse."""
+    seen = {(1.0,): 1e7, (1.1,): 1e7 - 9.0, (1.2,): 1e7 - 9.5}
+    assert max(seen.values()) * ALIKE > 9.5
+    assert _middle(list(seen), seen) == (1.0,)
 
 
 def test_waves_of_angles_asked_over_and_over_are_those_asked_once() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from machopt.diagnose.evidence.grams import model as grams_model
 from machopt.diagnose.evidence.noise import Noise
 from machopt.diagnose.evidence.whitening import whitening
 from machopt.diagnose.nouns.problem import Family, Hypothesis, Problem, Quantity, Unknown
-from machopt.diagnose.search import fewest, sums, together
+from machopt.diagnose.search import fewest, outweighed, sums, together
 from machopt.diagnose.search.screen import fitted, score
 from machopt.diagnose.search.select import Chosen, select, settled, with_chosen
 
@@ -276,13 +277,30 @@ def test_an_offset_that_a_torque_at_its_joint_says_clearly_better_is_that_torque
         made("joint_zero_offset", "joint:2", lambda s: constant, ((),), "kinematic"),
         made("gravity_compensator", "joint:2", lambda s: both, ((),), "joint"),
         made("gravity_compensator", "joint:3", lambda s: both, ((),), "joint"),  # elsewhere: no part of this
+        made("unnamed", "joint:2", lambda s: both, ((),), "unnamed"),  # as good, and no name
     ]
     y = base.y + tried(base, offered)[1].X[:, 0] @ np.array([3.0, varies])
     loud = grams_model(base.w, base.X, y, base.fold, base.prior, base.rows)
     laws = tried(loud, offered)
-    found = fewest.at_same_places(loud, [Chosen(score(loud, laws[:1])[0], 0.002)], laws)
+    first, last = laws[0], laws[3]
+    found = fewest.at_same_places(loud, [Chosen(score(loud, [first])[0], 0.5)], laws, np.random.default_rng(0))
     assert [c.tried.hypothesis.name for c in found] == [(named, "joint:2")]
-    assert found[0].p_value == 0.002
+    assert found[0].p_value == (0.002 if varies > 0.5 else 0.5)  # a new law's own chance, not that of the one before
+    alone = [Chosen(score(loud, [first])[0], 0.5)]
+    kept = fewest.at_same_places(loud, alone, [first, last], np.random.default_rng(0))
+    assert [c.tried for c in kept] == [first]  # an unnamed form takes no name's place
+
+
+def test_forms_without_a_name_are_made_once_and_only_those_of_few_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    base, laws = model({}, 3)
+    forms, calls = [made("unnamed", "tool", lambda s, p=p: np.ones((N, 3, p)), ((),), "unnamed") for p in (3, 12)], []
+    wide = tried(base, [made("geometry", "joint:3", lambda s: np.ones((N, 3, 6)), ((1.0,),), "kinematic")])
+    chosen = tuple(Chosen(score(base, [t])[0], 0.002) for t in (*wide, *wide, laws[-1]))
+    monkeypatch.setattr(outweighed, "tried", lambda b, some: calls.append(list(some)) or tried(b, some))
+    state = SimpleNamespace(base=base, chosen=chosen, catalogue=SimpleNamespace(nameless=tuple(forms)))
+    few = outweighed._as_few(state)  # type: ignore[arg-type]  # what it asks for
+    assert calls == [[forms[0]]]
+    assert [[t.hypothesis for t in some] for some in few] == [[forms[0]], [forms[0]], []]
 
 
 def test_what_was_found_is_the_first_groups_a_wave_and_its_double_too() -> None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from test_diagnose_motion import arm, diagnosed, excited, recorded, shaken
 
 from machopt.arrays import Array
-from machopt.diagnose.moving import motion
+from machopt.diagnose.moving import drives, friction, motion
 from machopt.diagnose.nouns.result import Diagnosis
 from machopt.domain.recording import Recording
 from machopt.effects import coupling, gain, registry
@@ -119,6 +120,24 @@ def test_coupled_wrist_motors_are_named_as_such(tmp_path: Path, by_motors: bool)
     assert ratio.value == pytest.approx(0.5, rel=0.02)
     assert ratio.ci95[0] <= 0.5 <= ratio.ci95[1]
     assert found.verdict == "explained"
+
+
+@pytest.mark.parametrize(("over", "leaps"), [(0.003, False), (None, True)])
+def test_a_ratio_moves_leaps_where_its_friction_turns_over_at_once_and_slopes_where_it_does_not(
+    over: float | None, leaps: bool
+) -> None:
+    """Its interval is wider of leaps; it was as wide of friction that turns over smoothly."""
+    rng, n, ratio = np.random.default_rng(2), 4000, 0.5
+    t = np.arange(n) / 250.0
+    speed = np.stack([np.sin(1.3 * t), np.sin(2.1 * t + 0.3)], axis=1) * (0.05, 0.04)
+    v = speed[:, 1] + ratio * speed[:, 0]
+    torque = (np.sign(v) if over is None else np.tanh(v / over)) + 0.01 * rng.normal(size=n)
+    still = SimpleNamespace(rate=250.0, mean=lambda x: x, within=lambda x: x, q=speed, v=speed, a=0.0 * speed)
+    scene = SimpleNamespace(motion=still, first=(np.arange(n) == 0).astype(int))
+    last = drives._Last(scene, (0, 1), friction.AT_ONCE, torque, np.zeros((n, 0)))  # type: ignore[arg-type]
+    felt = Geared(needed=0.0 * speed, speed=speed, acceleration=0.0 * speed, way=last.way)
+    law = coupling.Through(by_motors=False, forward=True)
+    assert drives._leaps(law, (ratio,), felt, last) == leaps
 
 
 def in_amperes(recording: Recording, gains: Array) -> Recording:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -77,8 +78,17 @@ class _Last:
 
         How the base has it was found by the speed of the joint, which is not the motor's.
         """
+        return self._turning(v)[1]
+
+    def leaps(self, v: Array) -> bool:
+        """Whether that turns over at once or along a path: over a range of speeds it is a slope."""
+        _, over_speed = self._turning(v)[0]
+        return over_speed == 0.0
+
+    def _turning(self, v: Array) -> tuple[Turn, Array]:
         turns = dict.fromkeys((self.turn, AT_ONCE, PATH, SMOOTH))
-        return max((turned(self.scene, v, t) for t in turns), key=lambda z: self.gain(z[:, None]))
+        each = [(t, turned(self.scene, v, t)) for t in turns]
+        return max(each, key=lambda e: self.gain(e[1][:, None]))
 
 
 def _hypothesis(
@@ -127,5 +137,17 @@ def _hypothesis(
         note=law.note,
         penalty=law.penalty,
         finer=between(law.grid()),
-        leaps=bool(law.shape),
+        leaps=bool(law.shape) and any(_leaps(law, shape, seen, last) for shape in grid),
     )
+
+
+def _leaps(law: MotorLaw, shape: Shape, seen: Geared, last: _Last) -> bool:
+    """Whether the friction that a law asks for at a shape leaps where its motor turns over."""
+    speeds: list[Array] = []
+
+    def way(v: Array) -> Array:
+        speeds.append(v)
+        return v
+
+    law.columns(np.array(shape), replace(seen, way=way))
+    return any(last.leaps(v) for v in speeds)

@@ -125,6 +125,8 @@ class Finer:
     plain: Callable[[Shape], bool] = lambda _: False  # a shape that is taken where another is no better by the data
     said: Callable[[Sequence[Shape]], str] = lambda _: ""  # of shapes that the data cannot tell apart; added to a note
     apart: float = 0.0  # several shapes at once differ by this at least, else they are one
+    # of one number: least and most that the ends of its interval are looked for in; None: about the best shape alone
+    reach: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ import numpy as np
 
 from machopt.diagnose import calibrated
 from machopt.diagnose.evidence.grams import Model, Tried, ridged_inverse
-from machopt.diagnose.search.screen import Scored, score
+from machopt.diagnose.search.screen import Scored, by_chance, fitted, score
 from machopt.diagnose.search.select import BODY, Chosen, holds, law_error, stands, with_chosen
 from machopt.diagnose.search.sums import Summed, Sums, gains, swept
 
@@ -29,6 +29,7 @@ PARTS = 3  # of what was found, exchanged at once
 CLOSE = 8  # laws whose description length is worked out in each step: those that gain most
 FEW = 2  # coefficients of a law that is one of several in place of a frame
 FAMILY = "kinematic"  # what stands without weight: frames, offsets, waves, couplings
+OF_WEIGHT = ("joint", "compensator", "body")
 
 Set = tuple[int, ...]  # numbers of groups
 
@@ -71,7 +72,9 @@ def shortest(model: Model, chosen: Sequence[Chosen], tried: Summed, most: int) -
             return list(chosen)
 
 
-def at_same_places(model: Model, chosen: Sequence[Chosen], laws: Sequence[Tried]) -> list[Chosen]:
+def at_same_places(
+    model: Model, chosen: Sequence[Chosen], laws: Sequence[Tried], rng: np.random.Generator
+) -> list[Chosen]:
     """What was found, with a law of weight in place of an offset, a frame or a wave where it is clearly shorter.
 
     Sets of what stands without weight were held against each other alone: a balancer's torque was left as an offset of
@@ -81,13 +84,14 @@ def at_same_places(model: Model, chosen: Sequence[Chosen], laws: Sequence[Tried]
         model: the base.
         chosen: what was found, each beside the others.
         laws: all that was tried.
+        rng: of the sign flips that judge a law in the place of another.
     """
     out = list(chosen)
     for k, c in enumerate(out):
         others = [o for o in out if o is not c]
         names = {o.tried.hypothesis.name for o in others}
         near = [t for t in laws if t.hypothesis.location == c.tried.hypothesis.location]
-        near = [t for t in near if t.hypothesis.name not in names and not _takes_part(t)]
+        near = [t for t in near if t.hypothesis.name not in names and _of_weight(t)]
         if not _takes_part(c.tried) or not near:
             continue
         spread, beside = with_chosen(model, out).spread, with_chosen(model, others)
@@ -100,7 +104,11 @@ def at_same_places(model: Model, chosen: Sequence[Chosen], laws: Sequence[Tried]
         most = length(own) - calibrated.DETECTION.shorter
         better = [s for s in score(beside, near) if length(s) < most and holds(beside, s)]
         if better:
-            out[k] = Chosen(min(better, key=length), c.p_value)
+            best = min(better, key=length)
+            residual = with_chosen(model, [*others, Chosen(best, 1.0)]).residual
+            among = fitted(beside, [t for t in laws if t.hypothesis.name not in names])
+            chance = float(by_chance(beside, [best, *among], residual, rng)[0])
+            out[k] = Chosen(best, chance) if chance <= calibrated.DETECTION.chance else c
     return sorted(out, key=lambda c: -c.scored.total)
 
 
@@ -108,6 +116,10 @@ def _of_another(found: Sequence[Chosen], k: int) -> bool:
     """Whether the k-th takes no more than the law of what gives way leaves of that."""
     bodies = [c for n, c in enumerate(found) if n != k and c.tried.hypothesis.family == BODY]
     return found[k].scored.gain <= law_error(found[k].scored, bodies, calibrated.DETECTION.beside_body)
+
+
+def _of_weight(t: Tried) -> bool:
+    return t.hypothesis.named and t.hypothesis.family in OF_WEIGHT
 
 
 def _takes_part(t: Tried) -> bool:

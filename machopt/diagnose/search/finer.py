@@ -22,6 +22,8 @@ NARROW = 1e-3  # of the way between neighbours
 FEW = 4
 HALVINGS = 6  # of the way from what is as likely to what is not
 ALIKE = 1e-6  # of a gain: the same but for rounding
+ALIKE_MOST = 0.01  # variances of a residual: as much of a very large gain is no rounding
+CUT = "the interval of its shape ends where no shape was tried beyond"
 
 
 def between(grid: Sequence[Shape]) -> Finer | None:
@@ -35,7 +37,7 @@ def between(grid: Sequence[Shape]) -> Finer | None:
         part = shape[0] * ratio ** (share * np.linspace(-1.0, 1.0, 2 * BETWEEN + 1))
         return tuple((float(v),) for v in part)
 
-    return Finer(about)
+    return Finer(about, reach=(float(values[0]) / ratio, float(values[-1]) * ratio))
 
 
 def settled(state: State) -> State:
@@ -61,9 +63,14 @@ def closest(base: Model, beside: Model, c: Chosen, finer: Finer) -> Chosen:
     """
     h, best, share = c.tried.hypothesis, c.tried.shapes[c.scored.shape], 1.0
     seen: dict[Shape, float] = {}
+    if finer.reach is not None:
+        seen.update(zip(c.tried.shapes, profile(beside, c.tried).tolist(), strict=True))
+        best = max(seen, key=lambda s: seen[s])
+    grid = list(seen)
 
     def asked(shapes: Sequence[Shape]) -> Array:
-        gain = profile(beside, tried(base, [replace(h, shapes=tuple(shapes))])[0])
+        found = tried(base, [replace(h, shapes=tuple(shapes))])  # none where no shape moves a reading
+        gain = profile(beside, found[0]) if found else np.zeros(len(shapes))
         seen.update(zip(shapes, gain.tolist(), strict=True))
         return gain
 
@@ -80,14 +87,17 @@ def closest(base: Model, beside: Model, c: Chosen, finer: Finer) -> Chosen:
         share /= NARROWER
         if len(near) >= FEW or share < NARROW:
             break
+    notes = [h.note]
     if len(best) == 1:
-        near += _ends(asked, seen, lambda: least(max(seen.values())))
+        beyond, cut = _outwards(asked, seen, lambda: least(max(seen.values())), finer)
+        near += [*grid, *beyond, *_ends(asked, seen, lambda: least(max(seen.values())))]
+        notes += [CUT] if cut else []
     near = [s for s in dict.fromkeys(near) if seen[s] > least(max(seen.values()))]
     plain = [s for s in near if finer.plain(s)]
     at = _middle(plain or near, seen)
-    more = finer.said(near)
+    notes.append(finer.said(near))
     # intervals are taken over the shapes that are as likely: no other is asked for again
-    noted = replace(h, shapes=tuple(near), note=f"{h.note}; {more}" if more else h.note)
+    noted = replace(h, shapes=tuple(near), note="; ".join(n for n in notes if n))
     kept = replace(tried(base, [noted])[0], index=c.tried.index)
     own = score(beside, tried(base, [replace(h, shapes=(at,))]))[0]
     return replace(c, scored=replace(own, tried=kept, shape=near.index(at)))
@@ -103,6 +113,29 @@ def worse(h: Hypothesis) -> float:
     if not h.leaps:
         return chi2
     return float(-2.0 * np.log(1.0 - np.sqrt(1.0 - chdtrc(1.0, chi2))))
+
+
+def _outwards(
+    asked: Callable[[Sequence[Shape]], Array], seen: dict[Shape, float], least: Callable[[], float], finer: Finer
+) -> tuple[list[Shape], bool]:
+    """Shapes beyond those seen, a step of the grid at once, until one on either side is not as likely.
+
+    Returns:
+        the shapes; whether one is as likely still where the law's range ends.
+    """
+    if finer.reach is None:
+        return [], False
+    out: list[Shape] = []
+    cut = False
+    for outermost, side in ((min, 0), (max, -1)):
+        while seen[last := outermost(seen)] > least():
+            at = (float(np.clip(finer.about(last, 1.0)[side][0], *finer.reach)),)
+            if outermost(at, last) == last:
+                cut = True
+                break
+            asked([at])
+            out.append(at)
+    return out, cut
 
 
 def _ends(
@@ -128,5 +161,5 @@ def _ends(
 def _middle(shapes: Sequence[Shape], seen: Mapping[Shape, float]) -> Shape:
     """The likeliest of some shapes; where several are alike, one in their middle."""
     most = max(seen[s] for s in shapes)
-    alike = sorted(s for s in shapes if seen[s] >= most - ALIKE * abs(most))
+    alike = sorted(s for s in shapes if seen[s] >= most - min(ALIKE * abs(most), ALIKE_MOST))
     return alike[len(alike) // 2]

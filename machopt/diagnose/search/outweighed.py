@@ -50,7 +50,7 @@ def withheld(state: State, rng: np.random.Generator) -> State:
             forms = tried(state.base, state.catalogue.nameless)
             state = replace(state, chosen=tuple(_likened(state, k, forms) for k in range(len(state.chosen))))
     if state.problem.channel == "position" and not _crowded(state):
-        state = replace(state, chosen=tuple(_likened(state, k, _as_few(state, k)) for k in range(len(state.chosen))))
+        state = replace(state, chosen=tuple(_likened(state, k, few) for k, few in enumerate(_as_few(state))))
     if state.problem.channel == "torque":
         state = replace(state, chosen=tuple(_likened(state, k, _by_angle(state, k)) for k in range(len(state.chosen))))
     if not any(_judged(c) for c in state.chosen) or _crowded(state):
@@ -151,14 +151,16 @@ def _sized(state: State, k: int) -> Chosen:
     return c if sure else _nameless(c, NO_SIZE)
 
 
-def _as_few(state: State, k: int) -> tuple[Tried, ...]:
-    """Forms without a name that have no more numbers than the k-th law: one law of many is any of several things."""
-    law = state.chosen[k].tried
-    most = law.X.shape[2] + len(law.shapes[0])
-    if not law.hypothesis.named or most < FEWEST:
-        return ()
-    forms = tried(state.base, state.catalogue.nameless)
-    return tuple(t for t in forms if t.X.shape[2] + len(t.shapes[0]) <= most)
+def _as_few(state: State) -> list[tuple[Tried, ...]]:
+    """Forms without a name that have no more numbers than each law: one law of many is any of several things."""
+    laws = [c.tried for c in state.chosen]
+    most = [t.X.shape[2] + len(t.shapes[0]) if t.hypothesis.named else 0 for t in laws]
+    most = [m if m >= FEWEST else 0 for m in most]
+    if not any(most):
+        return [()] * len(laws)
+    few = [n for n in state.catalogue.nameless if n.columns(n.shapes[0]).shape[2] + len(n.shapes[0]) <= max(most)]
+    forms = tried(state.base, few)
+    return [tuple(t for t in forms if t.X.shape[2] + len(t.shapes[0]) <= m) for m in most]
 
 
 def _by_angle(state: State, k: int) -> tuple[Tried, ...]:

@@ -49,7 +49,7 @@ def searched(
     if not found:
         if _of_poses(laws):
             few = shortest(model, select(model, laws, most, rng), sums, most)
-            return tuple(laws), tuple(at_same_places(model, few, laws))
+            return tuple(laws), tuple(at_same_places(model, few, laws, rng))
         chosen = select(model, laws, most, rng, lambda so_far: orders.grown(model, so_far, laws, rng))
         grown = [c.tried for c in chosen if not any(c.tried is t for t in laws)]
         return (*laws, *grown), tuple(chosen)
