@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -15,7 +17,7 @@ from machopt.diagnose.nouns.readings import Readings
 from machopt.diagnose.nouns.result import Diagnosis
 from machopt.diagnose.resting import bearings
 from machopt.diagnose.search import engine
-from machopt.effects import backlash, hardening
+from machopt.effects import backlash, base, hardening
 
 
 def form(r: Readings, joint: int, law: str, which: int = 0) -> Hypothesis:
@@ -23,11 +25,11 @@ def form(r: Readings, joint: int, law: str, which: int = 0) -> Hypothesis:
     return [h for h in bearings.hypotheses(r) if (h.location, h.law) == (f"joint:{joint}", law)][which]
 
 
-def told(r: Readings, moved: Array, *, forms: bool) -> Diagnosis:
+def told(r: Readings, moved: Array, *, forms: bool, placed: Readings | None = None) -> Diagnosis:
     known = [*at_body.hypotheses(r), *at_sensor.hypotheses(r)]
     for j in range(3):
         known += [*at_joint.hypotheses(r, j, backlash.EFFECT)[0], *at_joint.hypotheses(r, j, hardening.EFFECT)[0]]
-    tried = Catalogue(tuple(known), nameless=tuple(bearings.hypotheses(r)) if forms else ())
+    tried = Catalogue(tuple(known), nameless=tuple(bearings.hypotheses(placed or r)) if forms else ())
     return engine.diagnose(posed(r, moved), tried, engine.Options(), np.random.default_rng(0))
 
 
@@ -112,10 +114,36 @@ def test_a_loose_bearing_is_told_where_loads_unseat_it() -> None:
     assert (seated.findings, seated.verdict) == ((), "consistent")
 
 
-def test_a_base_and_a_play_keep_their_names_beside_bearings() -> None:
+@pytest.mark.parametrize("height", [None, 0.0])
+def test_a_base_of_any_law_and_a_play_keep_their_names_beside_bearings(height: float | None) -> None:
+    """Where a file has joint 1 in base_link's origin, its bearing tilts as a base does."""
     r, _, _ = timed()
-    base = next(h for h in at_body.hypotheses(r) if h.effect == "base_compliance")
-    for h in (base, at_joint.hypotheses(r, 1, backlash.EFFECT)[0][0]):
-        moved = h.columns(h.shapes[0]).sum(axis=2)
-        found = told(r, moved * 1e-4 / np.abs(moved[:, :3]).max(), forms=True)
-        assert [f.effect for f in found.findings] == [h.effect]
+    point = r.robot.point.copy()
+    point[0] = point[0] if height is None else height
+    low = replace(r, robot=replace(r.robot, point=point))
+    plate = np.zeros((6, 6))  # four bolts at the corners of a square, one of them at 70 %
+    for x, y, soft in ((1, 1, 1 / 0.7), (1, -1, 1), (-1, 1, 1), (-1, -1, 1)):
+        give = np.array([0, 0, 1, y * 0.2, -x * 0.2, 0])
+        plate += np.outer(give, give) / soft
+    sinks = np.ix_((2, 3, 4), (2, 3, 4))
+    plate[sinks] = np.linalg.inv(plate[sinks])
+    for h in (*(h for h in at_body.hypotheses(r) if h.effect == "base_compliance"), "bolts"):
+        if isinstance(h, str):
+            law = next(h for h in at_body.hypotheses(r) if h.law == "tilts and sinks")
+            moved = law.columns(law.shapes[0]) @ np.array([plate[i, j] for i, j in base.SINKS])
+        else:
+            X = h.columns(h.shapes[0])
+            moved = X @ definite(h.law, X.shape[2])
+        found = told(r, moved * 1e-4 / np.abs(moved[:, :3]).max(), forms=True, placed=low)
+        assert [f.effect for f in found.findings] == ["base_compliance"], h
+    play = at_joint.hypotheses(r, 1, backlash.EFFECT)[0][0]
+    moved = play.columns(play.shapes[0]).sum(axis=2)
+    found = told(r, moved * 1e-4 / np.abs(moved[:, :3]).max(), forms=True, placed=low)
+    assert [f.effect for f in found.findings] == [play.effect]
+
+
+def definite(law: str, numbers: int) -> Array:
+    """Entries of a base's matrix that is positive definite, coupled where the law has it; SI."""
+    tilt = [1.0, 0.6, 0.9]
+    coupled = [0.1, 0.02, -0.02, *tilt] if law == "tilts and sinks" else [0.1, 0.1, 0.1, *tilt]
+    return np.array({2: [1.0, 0.6], 3: tilt, 6: coupled}[numbers])

@@ -43,3 +43,15 @@ def test_a_feed_of_micrometres_is_refused_by_its_duration(tmp_path: Path, capsys
     assert "takes 833 h" in told
     assert "to point 2, has 0.001 mm/min" in told
     assert not (tmp_path / "out").exists()
+
+
+def test_moves_without_a_feed_of_their_own_count_at_that_of_the_approach(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "cuts.csv"
+    file.write_text(
+        "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min\n0,0,50,0,0,1,rapid,\n0,0,0,0,0,1,approach,\n50,0,0,0,0,1,cut,500\n"
+    )
+    assert optimize(KR500, file, tmp_path / "out", *QUICK, "--set", "approach_feed_mm_min=0.001") == 2
+    assert "to point 1, has 0.001 mm/min" in capsys.readouterr().err
+    assert optimize(KR500, file, tmp_path / "out", *QUICK) == 0

@@ -140,3 +140,4 @@ def test_a_joint_that_winds_itself_up_has_to_come_back() -> None:
     assert loose is not None
     assert found[0] > loose[0] + 0.1
     assert unfolded(one, np.zeros((3, 1)), 5) is None  # three stations with two turns each are more
+    assert unfolded(one, np.full((3, 1), np.inf), MANY) is None  # nothing is as good as the plan

@@ -5,6 +5,7 @@ from __future__ import annotations
 from machopt.effects.bodies import DIAGONAL, Entries, stated_law
 from machopt.effects.protocol import Effect
 
+TILTS = ((3, 3), (3, 4), (4, 4))  # of a base that tilts about some axis more than across it
 # of a plate on upright bolts: it sinks and tilts, and one uneven bolt couples them
 SINKS = ((2, 2), (2, 3), (2, 4), (3, 3), (3, 4), (4, 4))
 
@@ -17,6 +18,7 @@ EFFECT = Effect(
     places=("base",),
     gives=(
         Entries(DIAGONAL[3:5], "tilts", "G₀ C₀ G₀ᵀ w, C₀ about x and y of base_link", weighs=True),
+        Entries(TILTS, "tilts about any axis", "G₀ C₀ G₀ᵀ w, C₀ symmetric about x and y of base_link", weighs=True),
         Entries(
             SINKS,
             "tilts and sinks",

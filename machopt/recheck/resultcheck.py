@@ -264,10 +264,9 @@ def _feed(t: Told) -> Iterable[str]:
     if not cut.any() or share is None:
         yield f"feed_held_share is {share}, but trajectory.csv holds no cut"
         return
-    if _standing(t.toolpath)[ends[cut]].all():  # no cut has a length: nothing is slow
-        yield from near("feed_held_share", share, 1.0, DIGITS, 1e-9)
-        return
-    least, most = ((row[cut] >= HELD).mean() for row in ratio)
+    still = bool(_unmoved(t.toolpath)[ends[cut]].all())  # no cut has a length: nothing is slow
+    least, most = (1.0 if still else (row[cut] >= HELD).mean() for row in ratio)
+    slack = 1e-9 if still else slack
     if not least - slack <= share <= most + slack:
         yield f"feed_held_share is {share:.6g}, {least:.6g} to {most:.6g} follows"
     inside, axes = np.zeros(len(at), bool), len(t.cell.limits.velocity)
@@ -277,7 +276,7 @@ def _feed(t: Told) -> Iterable[str]:
         if not (0.0 <= dip.lowest_ratio < HELD and 1 <= dip.axis <= axes and first <= last):
             yield f"feed_dips.{n} is none: {short(dip)}"
     yield from _slow_rows(t)
-    missed = int((cut & (ratio[1] < HELD - FEED) & ~inside).sum())
+    missed = 0 if still else int((cut & (ratio[1] < HELD - FEED) & ~inside).sum())
     if missed > 2 * runs:
         yield f"{missed} samples below {HELD:g} of the programmed feed are in no feed_dips"
 
@@ -314,7 +313,7 @@ def _dwelling(t: Told, point: Array) -> Bools:
     return np.asarray(there & ~np.any(moved, axis=0))
 
 
-def _standing(toolpath: Toolpath) -> Bools:
+def _unmoved(toolpath: Toolpath) -> Bools:
     """(n,) the move into a point neither goes nor turns; none leads into the first."""
     place = np.hstack([toolpath.position, toolpath.axis])
     return np.append(True, ~np.diff(place, axis=0).any(axis=1))

@@ -41,7 +41,7 @@ def fit_together(x: Lattice, vertex: NDArray[np.int64]) -> bool:
 def unfolded(x: Lattice, through: Array, most: int) -> Unfolded | None:
     """The vertices that sequences of a finite price ``through`` (S, V) take, at each of their turns.
 
-    None where that would be more than ``most`` at all stations together.
+    None where that would be more than ``most`` at all stations together, or none at all.
     """
     S, R, B = len(x.node), x.phi.shape[1], x.branches
     alive = np.isfinite(through).reshape(S, -1, R, B)
@@ -50,10 +50,11 @@ def unfolded(x: Lattice, through: Array, most: int) -> Unfolded | None:
     node = np.where(np.isfinite(through), x.node, np.inf)[:, vertex]
     more = x.more[:, vertex]
     told = np.where(np.isfinite(node)[..., None], more, 0).max(axis=(0, 1), initial=0)
-    turns = np.array(list(itertools.product(*(range(int(n) + 1) for n in told))), np.int8)
-    T, count = len(turns), len(turns) * len(vertex)
-    if S * count > most:
+    T = int(np.prod(told.astype(np.int64) + 1))
+    count = T * len(vertex)
+    if not 0 < S * count <= most:
         return None
+    turns = np.array(list(itertools.product(*(range(int(n) + 1) for n in told))), np.int8)
     exists = (turns[:, None] <= more[:, None]).all(axis=-1)  # (S, T, V)
     found = replace(
         x,

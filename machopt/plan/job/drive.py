@@ -10,7 +10,7 @@ from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.steering import refuse_narrow, steered
-from machopt.domain.toolpath import Toolpath
+from machopt.domain.toolpath import Move, Toolpath
 from machopt.errors import InputError
 from machopt.model.machine import load_machine
 from machopt.model.robot import load_robot
@@ -19,7 +19,7 @@ from machopt.plan.pipeline.planned import Plan
 from machopt.plan.pipeline.setup import Timings
 from machopt.plan.written.wrong_unit import wrong_unit
 
-SAMPLES = 2e7  # 67 h at 12 ms, some 3 GB of text: more is no motion but a feed in another unit
+SAMPLES = 2e7  # 67 h at 12 ms: more is no motion but a feed in another unit
 
 
 def refuse_wrong_unit(cell: Cell, toolpath: Toolpath, file: Path, *, stated: bool) -> None:
@@ -79,16 +79,18 @@ def refuse_unplannable(toolpath: Toolpath, options: PlanOptions) -> None:
 
 def refuse_endless(toolpath: Toolpath, options: PlanOptions) -> None:
     """Refuse feeds at which the motion has more samples than any file should hold: a feed in another unit."""
-    feed = np.where(np.isfinite(toolpath.feed), toolpath.feed, np.inf)[1:]
+    feed = np.where(np.isfinite(toolpath.feed), toolpath.feed, options.approach_feed)
+    feed = np.where(toolpath.move == Move.RAPID, np.inf, feed)[1:]
     seconds = np.linalg.norm(np.diff(toolpath.position, axis=0), axis=1) / feed
     total = float(seconds.sum())
     if total > SAMPLES * options.sample:
         at = 1 + int(np.argmax(seconds))
         raise InputError(
             f"at the programmed feeds the path takes {total / 3600.0:.3g} h, {total / options.sample:.2g} samples "
-            f"of {1e3 * options.sample:g} ms; expected fewer than {SAMPLES:.0e}. The longest move, to point {at}, "
-            f"has {60e3 * feed[at - 1]:.3g} mm/min. If the feeds are in another unit, write mm/min; where they are "
-            "meant, split the path, or give a larger --sample-ms",
+            f"of {1e3 * options.sample:g} ms; expected fewer than {SAMPLES / 1e6:.0f} million. "
+            f"The longest move, to point {at}, has {60e3 * feed[at - 1]:.3g} mm/min. "
+            "If the feeds are in another unit, write mm/min; "
+            "where they are meant, split the path, or give a larger --sample-ms",
             file=toolpath.source,
         )
 
