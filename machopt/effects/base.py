@@ -18,7 +18,7 @@ EFFECT = Effect(
     places=("base",),
     gives=(
         Entries(DIAGONAL[3:5], "tilts", "G₀ C₀ G₀ᵀ w, C₀ about x and y of base_link", weighs=True),
-        Entries(TILTS, "tilts about any axis", "G₀ C₀ G₀ᵀ w, C₀ symmetric about x and y of base_link", weighs=True),
+        Entries(TILTS, "tilts about any axis", "G₀ C₀ G₀ᵀ w, C₀ symmetric about x and y of base_link"),
         Entries(
             SINKS,
             "tilts and sinks",
