@@ -1,6 +1,6 @@
 """One toolpath's best plan, whether the robot's base and the part stand still or can move.
 
-What chooses external joints is loaded where a cell has some: it is a tenth of what a planner loads.
+What chooses external joints is loaded only where a cell has some.
 """
 
 from __future__ import annotations

@@ -91,15 +91,7 @@ def best_plan(
     *,
     scale: float | None = None,
 ) -> Plan:
-    """Plan one toolpath, the external joints where they serve it best by their modes.
-
-    Args:
-        before: a plan of the same but for the user's wishes (:func:`machopt.plan.pipeline.run.plan`).
-        scale: c₀ of a plan that this one belongs to; None: of its own.
-
-    Raises:
-        InputError: an option names no external joint or asks for what is not planned.
-    """
+    """:func:`machopt.plan.best.base.best_plan` in a cell that has external joints."""
     clock = timings or Timings()
     axes = axes_of(cell, options)
     refuse_strangers(cell, options.steer)
