@@ -17,12 +17,12 @@ from machopt.domain.stiffness import Discrepancy, Stiffness, Term
 from machopt.errors import InputError
 from machopt.estimate.experiment import Experiment
 from machopt.formats.stiffness import load_stiffness, write_stiffness
-from machopt.identify.discrepancy import PLAY, kept_modes, of_identified, own_variance
+from machopt.identify.discrepancy import kept_modes, of_identified, own_variance
 from machopt.identify.fit import fit
 from machopt.model.elastic import ArmElasticity
 from machopt.model.gravity import weight_torque
 from machopt.model.robot import load_masses
-from machopt.model.suspects import BENDS, Suspects, elastic_names, gear_names
+from machopt.model.suspects import BENDS, USUAL_PLAY, Suspects, elastic_names, gear_names
 from machopt.model.terms.compiled import compile_terms
 from machopt.plan.certainty.discrepancy import NINETY, Doubt, half_width, told_std
 from machopt.plan.certainty.uncertainty import bends
@@ -72,7 +72,7 @@ def test_a_play_that_no_load_test_crosses_may_be_met_by_a_job() -> None:
     doubt = of_identified(fitted, some, robot, T, stiffness, masses)
     assert not doubt.misfit
     half = {j: float(np.linalg.norm(doubt.modes[:, doubt.parts.index(f"play {j}")])) for j in (1, 2)}
-    assert half[2] > 0.4 * PLAY  # one gear in four
+    assert half[2] > 0.4 * USUAL_PLAY  # one gear in four
     assert half[1] < 0.1 * half[2]
 
 

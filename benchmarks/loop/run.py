@@ -51,7 +51,7 @@ from machopt.services.poses_planned import planned
 JOBS = ("mill", "drill")
 POSES, CYCLES = 18, 2
 ROTATION_STEP = np.radians(15.0)  # the search is quadratic in it, and what is said of the found plan is what counts
-STEPS = (0.4, 1.0)  # of each planned load: weights are put on one after the other
+LEAST = 0.3  # of a load test's force: the least that the jobs below have
 
 
 def silent(_: str) -> None:
@@ -93,7 +93,7 @@ def job(h: lab.Hidden, kind: str, rng: np.random.Generator, folder: Path) -> tup
             row(p + 0.02 * axis, "retract", f"hole {k + 1}")
     path = folder / f"{kind}.csv"
     path.write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
-    force = lab.test_force(h.nominal) * rng.uniform(0.3, 1.0)
+    force = lab.test_force(h.nominal) * rng.uniform(LEAST, 1.0)
     if kind == "drill":
         return path, ProcessForce(axial=force)
     way = rng.normal(size=3)
@@ -176,15 +176,12 @@ def measure(h: lab.Hidden, maker: Path, folder: Path, rng: np.random.Generator) 
     request = PosesRequest(
         cell=maker, out=folder / "poses", poses=POSES, loads=3, cycles=CYCLES, pull_N=(0.5 * pull, pull),
         candidates=400, starts=1, floor_mm=-5000.0, ceiling_mm=9000.0, arms_mm=(0.0,), no_collision=True,
-        target_percent=None, max_nu_p=0.5, max_nu_r_deg=5.0,
+        target_percent=None, max_nu_p=0.5, max_nu_r_deg=5.0, force_N=(LEAST * pull, pull),
     )  # fmt: skip
     tests = planned(request, silent).table
     assert tests is not None
-    steps = np.array(STEPS)
-    labels = {k: np.repeat(getattr(tests, k), len(steps)) for k in ("pose", "cycle", "session")}
-    wrench = (tests.wrench[:, None, :] * steps[:, None]).reshape(-1, 6)
-    q = np.repeat(tests.q, len(steps), axis=0)
-    tables.write(lab.measured(h, q, wrench, labels, rng), folder / "recording")
+    labels = {k: getattr(tests, k) for k in ("pose", "cycle", "session")}
+    tables.write(lab.measured(h, tests.q, tests.wrench, labels, rng), folder / "recording")
 
 
 def loops(kind: str, seed: int, jobs: tuple[str, ...], diagnose: bool, folder: Path) -> list[dict[str, Any]]:

@@ -65,10 +65,8 @@ def told(scene: Scene, effect: Effect, quiet: Clean) -> dict[str, Any]:
     }
 
 
-def make(job: tuple[Case, str, int, Path]) -> tuple[str, str, int, float]:
-    """One case; returns folder, key, readings, seconds."""
-    case, which, draw, out = job
-    start = perf_counter()
+def drawn(case: Case, which: str, draw: int) -> tuple[robots.Robot, Scene, Clean, list[Effect], np.random.Generator]:
+    """The cell's arm, the scene of the arm as built, its record with nothing concealed, what is, and the generator."""
     rng = np.random.default_rng(case.seed(which, draw))
     for left in reversed(range(DRAWN)):
         nominal = robots.draw(str(rng.choice(list(robots.CATALOGUE))), rng)
@@ -82,6 +80,14 @@ def make(job: tuple[Case, str, int, Path]) -> tuple[str, str, int, float]:
         except NoPlaceError:  # a gear that weight keeps on one side has no play: another robot, another motion
             if not left:
                 raise
+    return nominal, scene, quiet, effects, rng
+
+
+def make(job: tuple[Case, str, int, Path]) -> tuple[str, str, int, float]:
+    """One case; returns folder, key, readings, seconds."""
+    case, which, draw, out = job
+    start = perf_counter()
+    nominal, scene, quiet, effects, rng = drawn(case, which, draw)
     clean = scene.clean(effects)
     table = channels.table(scene, clean, rng)
     said = [told(scene, e, quiet) for e in effects]

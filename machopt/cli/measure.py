@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from machopt.cli.display import Display, print_result
 from machopt.cli.effects import told_of_effects
-from machopt.cli.shared import share
+from machopt.cli.shared import say_idle, share
 
 if TYPE_CHECKING:
     from machopt.domain.results.identification import IdentificationResult
@@ -172,6 +172,12 @@ def _add_poses(p: argparse.ArgumentParser) -> None:
     loads.add_argument("--max-torque-Nm", type=_floats, metavar="T1,…,T6", help="joint torque of the load alone")
     loads.add_argument("--max-deflection-mm", type=real, default=5.0, help="largest expected deflection (5)")
     loads.add_argument("--min-signal", type=real, default=5.0, help="least deflection, in sigmas of a reading (5)")
+    job = p.add_argument_group(
+        "the job that the arm is measured for: two sizes of each load, and joints turned both ways"
+    )
+    job.add_argument("--toolpath", type=Path, metavar="FILE", help="CAM export or point table, with the plan's force_N")
+    job.add_argument("--force-N", type=_floats, metavar="LOW,HIGH", help="least and largest process force")
+    share(job, "--set", help="override a planning option, for the plan of --toolpath")
     gauge = p.add_argument_group("measuring")
     gauge.add_argument(
         "--sensor",
@@ -220,7 +226,9 @@ def _plan_poses(args: argparse.Namespace) -> int:
     from machopt.services.poses import PosesRequest, run_plan_poses
 
     told_of_effects(args)
-    renamed = {"anchors": "anchors_mm", "tracker": "tracker_mm", "prior": "prior_Nm_per_rad"}
+    if args.toolpath is None:
+        say_idle(args.set, "nothing is planned without --toolpath", quiet=args.quiet)
+    renamed = {"anchors": "anchors_mm", "tracker": "tracker_mm", "prior": "prior_Nm_per_rad", "set": "overrides"}
     return _run(args, PosesRequest, run_plan_poses, renamed)
 
 

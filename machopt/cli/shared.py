@@ -57,7 +57,7 @@ _IDLE: dict[str, dict[str, Any]] = {
 """What every command takes → what is said of it by those that have no use for it."""
 
 
-def share(parser: argparse.ArgumentParser, name: str, **changed: Any) -> None:
+def share(parser: argparse._ActionsContainer, name: str, **changed: Any) -> None:
     """Add a shared option; ``changed`` is what this command says otherwise of it."""
     told = {**SHARED[name], **changed}
     parser.add_argument(*told.pop("flags", ()), name, **told)

@@ -71,6 +71,9 @@ class PosesRequest:
     terms: tuple[str, ...] = ()
     prior_Nm_per_rad: tuple[float, ...] | None = None  # noqa: N815
     prior_factor: float = 1.0
+    toolpath: Path | None = None  # of the job that is planned with what is measured
+    force_N: tuple[float, ...] | None = None  # noqa: N815  least and largest of the job's process force
+    overrides: tuple[str, ...] = ()  # planning options key=value, of the job
     discriminate: Path | None = None  # folder of a diagnosis whose rivals are to be told apart
     candidates: int = 2000
     starts: int = 2
@@ -92,6 +95,7 @@ def check(request: PosesRequest) -> None:
     if request.sensor not in SENSORS:
         raise InputError(f"found {request.sensor!r}; valid: {', '.join(SENSORS)}", where="--sensor")
     _loads(request)
+    _job(request)
     _rows(request)
     if request.anchors_mm and request.pull_N is None:
         raise InputError("ropes to anchors need forces; --pull-N 200,500 for instance", where="--anchors")
@@ -167,6 +171,22 @@ def _loads(r: PosesRequest) -> None:
             raise InputError(f"found {v:g}; expected 0 (at the TCP) or the arm's length", where="--arms-mm")
     if not r.arms_mm:
         raise InputError("is empty; 0 loads the TCP itself", where="--arms-mm")
+
+
+def _job(r: PosesRequest) -> None:
+    """What the arm is measured for."""
+    if r.force_N is not None and not (
+        1 <= len(r.force_N) <= 2 and all(isfinite(v) and v >= 0 for v in r.force_N) and max(r.force_N) > 0
+    ):
+        found = ",".join(f"{v:g}" for v in r.force_N)
+        raise InputError(
+            f"found {found}; expected the least and the largest process force, e.g. 200,800", where="--force-N"
+        )
+    if r.discriminate is not None and (r.toolpath is not None or r.force_N is not None):
+        raise InputError(
+            "the diagnosis says which loads are needed; without --toolpath and --force-N it would work",
+            where="--discriminate",
+        )
 
 
 def _rows(r: PosesRequest) -> None:

@@ -50,6 +50,11 @@ def cautions(
             f"{request.target_percent:g} % of every joint is out of reach with {MOST_POSES} poses of these loads; "
             f"{worst} is the worst"
         )
+    if request.discriminate is None and request.toolpath is None and request.force_N is None:
+        out.append(
+            "each load is planned at one size, under which play or a knee looks like a softer spring; --toolpath or "
+            "--force-N, what the job asks of the arm, plans two sizes and turns joints both ways"
+        )
     if request.max_load_N is None:
         out.append("no rated load was given (--max-load-N): check each load against the robot's load diagram")
     return tuple(out)

@@ -18,6 +18,7 @@ from machopt.design.accuracy import Accuracy, accuracy, efficiency, smallest_num
 from machopt.design.candidates import PosePool, PoseScreen
 from machopt.design.certificate import efficiency_bound
 from machopt.design.heuristics import Chooser, anywhere, as_dumas2011, as_zhang2025, draw, jiao2022_pool
+from machopt.design.joblike import JobLoads, JointLoads, Turning, both_ways, joints_of, steps_of
 from machopt.design.loadcases import LoadCases, LoadCriteria, load_cases
 from machopt.design.loads import LoadWay
 from machopt.design.measurement import ReadingNoise
@@ -86,6 +87,8 @@ class PosePlan:
     curve: tuple[float, ...]  # rms of the design of so many poses
     needed: int | None  # poses for the target; None: no target, or not with MOST_POSES
     visits: tuple[Visit, ...]
+    steps: tuple[float, ...] = (1.0,)  # shares of its load that a cycle is read at
+    joints: tuple[JointLoads, ...] = ()  # of a plan for a job
 
 
 def unknowns_of(prior: ArmElasticity, terms: Sequence[LinearTerm], cases: LoadCases) -> Unknowns:
@@ -146,6 +149,7 @@ def plan_poses(
     noise: ReadingNoise,
     size: PlanSize,
     progress: Callable[[str], None] = lambda _: None,
+    job: JobLoads | None = None,
 ) -> PosePlan:
     """Choose, judge, compare and order.
 
@@ -154,12 +158,18 @@ def plan_poses(
         screen, limits, prior, terms, ways, criteria, noise: as they were made with.
         home: (6,) rad; velocity: (6,) rad/s.
         size: how many of what.
+        job: what the arm is measured for; loads are then read at two sizes, and turn joints both ways round.
     """
     rng = np.random.default_rng(size.seed)
     unknowns = unknowns_of(prior, terms, cases)
     problem, shares = problem_of(cases, unknowns, noise, size.belief, rng)
     progress("choosing readings")
     design = choose(problem, size.poses, size.loads, rng=rng, starts=size.starts)
+    steps, turning = (1.0,), None
+    if job is not None:
+        steps = steps_of(job, cases)
+        turning = Turning.of(cases, pool, screen.robot, prior.masses, unknowns.scale, noise, steps)
+        design = both_ways(design, cases, turning, problem)
     way = shortest_way(pool.q[cases.pose[[b[0] for b in design.blocks]]], home, velocity)
     design = replace(design, blocks=tuple(design.blocks[i] for i in way))
     found = accuracy(information(problem, design.blocks))
@@ -200,6 +210,8 @@ def plan_poses(
         curve=curve,
         needed=needed,
         visits=visits,
+        steps=steps,
+        joints=() if job is None or turning is None else joints_of(job, design, turning, steps),
     )
 
 

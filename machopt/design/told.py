@@ -8,6 +8,7 @@ import numpy as np
 
 from machopt.design.asked import PosesRequest, shown
 from machopt.design.candidates import PosePool
+from machopt.design.joblike import JobLoads
 from machopt.design.loadcases import LoadCases
 from machopt.design.loads import LoadWay
 from machopt.design.measurement import ReadingNoise
@@ -19,6 +20,8 @@ from machopt.domain.results.poses import (
     DesignTold,
     DiscriminateTold,
     HeuristicTold,
+    JobJointTold,
+    JobTold,
     LoadCasesTold,
     PosesResult,
     TargetTold,
@@ -40,11 +43,13 @@ def result_of(
     length: float,
     ways: Sequence[LoadWay],
     discriminate: DiscriminateTold | None = None,
+    job: JobLoads | None = None,
 ) -> PosesResult:
     """plan.json; relative uncertainties are shares of the prior value.
 
     Args:
         discriminate: of a plan that tells explanations apart.
+        job: what the arm is measured for.
     """
     head = PosesResult(
         machopt_poses=1,
@@ -64,7 +69,7 @@ def result_of(
     found, poses, target = plan.found, len(plan.design.blocks), request.target_percent
     planned = {
         "poses": poses,
-        "readings": len(plan.visits) * (1 if discriminate is None else len(discriminate.steps)),
+        "readings": len(plan.visits) * len(plan.steps if discriminate is None else discriminate.steps),
         "load_cases_chosen": len(plan.design.readings),
         "unknowns": _unknowns(plan),
         "not_told_apart": tuple(tuple(plan.unknowns.names[p] for p in group) for group in found.unseen),
@@ -87,7 +92,28 @@ def result_of(
         "heuristics": tuple(_comparison(c) for c in plan.comparisons),
         "order": tuple(Visit(pose=v.pose + 1, cycle=v.cycle + 1, session=v.round + 1) for v in plan.visits),
     }
-    return head.model_copy(update=planned if discriminate is None else planned | {"discriminate": discriminate})
+    more = {} if discriminate is None else {"discriminate": discriminate}
+    more |= {} if job is None else {"job": _job(job, plan)}
+    return head.model_copy(update=planned | more)
+
+
+def _job(job: JobLoads, plan: PosePlan) -> JobTold:
+    return JobTold(
+        source=job.words,
+        force_N=job.force,
+        steps=plan.steps,
+        joints=tuple(
+            JobJointTold(
+                joint=j.joint,
+                job_Nm=j.job,
+                tests_Nm=j.tests,
+                turns_round=j.turns_round,
+                play_noncentrality=j.play,
+                play_shows=j.shows,
+            )
+            for j in plan.joints
+        ),
+    )
 
 
 def _unknowns(plan: PosePlan) -> tuple[UnknownTold, ...]:

@@ -26,7 +26,7 @@ to ``loaded``.
 
 Nor is the play of a gear a matter of what explains the readings: load tests whose torques never change sign, the weight
 counted, say nothing of it, and a job whose torques do meets all of it. So beside each model stands the same with the
-usual play (PLAY) in one gear, one time in four before the readings are asked; those that cross it soon rule it out.
+usual play in one gear, one time in four before the readings are asked; those that cross it soon rule it out.
 Whether springs explain the readings is asked without: plays, whose form is no knee's, would take in enough of one.
 
 A gear whose law is named in the file was bent to these very readings, and some other law of it, or a second gear that
@@ -54,13 +54,12 @@ from machopt.identify import calibrated
 from machopt.identify.fit import Fit
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import ArmState, Masses, Robot
-from machopt.model.suspects import PLAYS, Suspects, elastic_names, gear_names, scales
+from machopt.model.suspects import PLAYS, USUAL_PLAY, Suspects, elastic_names, gear_names, scales
 
 GRID = np.concatenate([[0.0], np.logspace(-2.5, 0.5, 13)])  # λ; 1: as soft as the joints beside it
 UNKNOWN = 1.0  # 1 sigma of a joint's compliance that no reading shows, as a share of the file's
 FREE = 3.0  # the same of a coefficient that was found: next to nothing is known before
 PRIOR_LOADED = 0.25  # 1 sigma of ``loaded``, known to be 1: masses in a URDF are good to 15 %, and it is of first order
-PLAY = 0.34 * np.pi / 10800.0  # rad, 1 sigma of half the play of a gear that has some: 0.3 to 1 arcmin is usual
 PLAYS_IN = 1.0 / 3.0  # odds that a gear has some before the readings are asked
 KEPT = 1e-6  # of the variance over the readings' poses that the modes left out may have; a job goes elsewhere
 DIRECTIONS = 2  # along which poses are parted into regions: every pose is in one of each
@@ -108,7 +107,7 @@ def discrepancy(suspects: Suspects, state: ArmState, k: Array, readings: Reading
         readings, residual=readings.residual - Z @ known
     )  # from here on the deviation from what is known
     group = np.array([0] * own + [{True: 2}.get(n in gear_names(), 3 if n == LOADED else 1) for n in more])
-    usual = np.array([PLAY if part_of(n).kind == PLAYS else 0.0 for n in whole.names]) / np.maximum(unit, 1e-300)
+    usual = np.array([USUAL_PLAY if part_of(n).kind == PLAYS else 0.0 for n in whole.names]) / np.maximum(unit, 1e-300)
     equations, noise, scatter = _equations(Z, readings)
     H, h = equations.total()
     best: list[Found] = []
@@ -117,7 +116,7 @@ def discrepancy(suspects: Suspects, state: ArmState, k: Array, readings: Reading
         best.append((_likelihood(H, h, spread), spread, elastic + gears))
     plain = next(b for b in best if b[2] == 0.0)  # springs, and the load's own doing
     misfit = bool(2.0 * (max(b[0] for b in best) - plain[0]) >= calibrated.IDENTIFIED.misfit)
-    named = any(t.weighs for t in suspects.terms)  # gears whose law bends with their torque
+    named = bool(suspects.terms)  # what a name leaves out is never known to be nothing
     if not misfit and not named:
         best = [plain]
     top = max(b[0] for b in best)

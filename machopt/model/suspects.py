@@ -51,6 +51,7 @@ from machopt.model.terms.body import cross
 
 TURNS = AXES[3:]
 PLAYS = "play"
+USUAL_PLAY = 0.34 * np.pi / 10800.0  # rad, half the play of a gear that has some: 0.3 to 1 arcmin is usual
 # Share of a joint's torque at which its tanh has gone over. Evenly apart (2.7 times), so that a law that bends anywhere
 # between lies near their sum: with two of them a knee between passed for known, and its interval for too narrow.
 BENDS = {PLAYS: 0.05, "slack": 0.13, "knee": 0.35, "bow": 1.0}

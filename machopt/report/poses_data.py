@@ -56,6 +56,16 @@ class Apart:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What the job asks of one joint, and what the load tests do."""
+
+    joint: int
+    job: tuple[float, float] | None  # N·m, weight and process; None: not known
+    tests: tuple[float, float]  # N·m, weight and load at the readings
+    shows: bool  # a usual play would show
+
+
+@dataclass(frozen=True, kw_only=True)
 class PosesPage:
     """What the page shows; lengths in m. Without a plan only the reason and the counts."""
 
@@ -91,5 +101,7 @@ class PosesPage:
     apart: tuple[Apart, ...] = ()  # of a plan that discriminates
     rounds: int = 0
     enough: float = math.nan  # noncentrality for 90 % at the 1 % level
+    job: tuple[Asked, ...] = ()
+    steps: tuple[float, ...] = (1.0,)  # shares of its load that a cycle is read at
     scene: Scene | None = None
     postures: Postures | None = None

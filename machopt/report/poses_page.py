@@ -39,6 +39,7 @@ def poses_html(data: PosesPage) -> str:
         ("apart", "What it tells apart", _apart(data)),
         ("accuracy", "Expected accuracy", _accuracy(data)),
         ("amount", "Amount of work", _amount(data)),
+        ("job", "Loads like the job's", _job(data)),
         ("poses", "Poses", _poses(data)),
         ("work", "Order of work", _work(data)),
         ("left", "Left out", _left_out(data)),
@@ -243,6 +244,45 @@ def _poses(data: PosesPage) -> Body:
     return section("poses", "Poses", lead, body)
 
 
+def _job(data: PosesPage) -> Body:
+    if data.work is None or not data.job:
+        return ""
+    columns = [
+        Column("Joint", "n"),
+        Column("Job (N·m)", "n"),
+        Column("Turned round"),
+        Column("Load tests (N·m)", "n"),
+        Column("Usual play shows"),
+    ]
+    rows = [
+        [
+            str(j.joint),
+            "–" if j.job is None else _span(j.job),
+            "–" if j.job is None else "yes" if j.job[0] < 0.0 < j.job[1] else "no",
+            _span(j.tests),
+            "yes" if j.shows else "no",
+        ]
+        for j in data.job
+    ]
+    lead = (
+        f"Torques of weight and load together. Each load is read at {100 * data.steps[0]:.0f} % and in full: full "
+        "loads alone call play or a knee a softer spring, and loads are such as turn joints both ways round."
+    )
+    return section("job", "Loads like the job's", lead, table(columns, rows))
+
+
+def _each(data: PosesPage) -> str:
+    if len(data.steps) > 1:
+        return (
+            "A cycle is as many rows as it has steps: read the unloaded TCP, then load step by step, and read at each."
+        )
+    return "In each row: read the unloaded TCP, load, read, unload, read again."
+
+
+def _span(of: tuple[float, float]) -> str:
+    return " … ".join(f"{v:.0f}".replace("-", "−") for v in of)
+
+
 def _work(data: PosesPage) -> Body:
     t = data.work
     if t is None:
@@ -278,9 +318,9 @@ def _work(data: PosesPage) -> Body:
         for n in range(len(t.pose))
     ]
     lead = (
-        "poses.csv holds the same rows with the full wrench. In each row: read the unloaded TCP, load, read, unload, "
-        "read again. The rounds run in opposite directions and the loads are shuffled, so that drift does not look "
-        "like stiffness; recording_template is the folder to fill in."
+        f"poses.csv holds the same rows with the full wrench. {_each(data)} The rounds run in opposite directions and "
+        "the loads are shuffled, so that drift does not look like stiffness; recording_template is the folder to fill "
+        "in."
     )
     return section("work", "Order of work", lead, table(columns, rows))
 

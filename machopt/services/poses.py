@@ -79,5 +79,8 @@ def write(done: Planned, folder: Path, progress: Callable[[str], None] = lambda 
 
 def _read(request: PosesRequest) -> tuple[ManifestFile, ...]:
     """What a plan was made from beside its cell."""
-    found = () if request.discriminate is None else recording_inputs([request.discriminate], "diagnosis")
+    found: tuple[ManifestFile, ...] = ()
+    if request.discriminate is not None:
+        found = recording_inputs([request.discriminate], "diagnosis")
+    found += () if request.toolpath is None else (single(request.toolpath, "toolpath"),)
     return (*found, *(single(f, "effects") for f in request.effects))

@@ -31,6 +31,7 @@ from machopt.report.poses_data import PosesPage
 from machopt.report.poses_page import sentence
 from machopt.services.inputs import input_hashes
 from machopt.services.poses_diagnosed import diagnosed
+from machopt.services.poses_job import job_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +75,8 @@ def planned(request: PosesRequest, progress: Callable[[str], None], cell: Cell |
             file=request.discriminate,
             where="--discriminate",
         )
-    m = measurement(request, cell, found, progress)
+    job = job_of(request, cell)
+    m = measurement(request, cell, found, progress, job)
     said = cautions(request, m.pool, m.cases, m.plan, m.noise, m.ways)
     stands = standing_of(cell)
     rigid = () if cell.stiffness is None else held_over(cell.stiffness.external)
@@ -82,17 +84,17 @@ def planned(request: PosesRequest, progress: Callable[[str], None], cell: Cell |
     progress("order of work, clearances, tables")
     hashes = input_hashes(cell)
     told = None if m.apart is None else apart_told(m.apart)
-    result = result_of(request, cell, m.pool, m.cases, m.plan, m.noise, warnings, hashes, m.length, m.ways, told)
+    steps = (1.0,) if m.plan is None else m.plan.steps if m.apart is None else m.apart.steps
+    result = result_of(request, cell, m.pool, m.cases, m.plan, m.noise, warnings, hashes, m.length, m.ways, told, job)
     table = template = None
     if m.plan is not None:
         table = poses_table(m.plan, m.pool, m.ways, m.collision, cell.home, m.noise)
-        steps = () if m.apart is None else m.apart.steps
-        table = table if m.apart is None else stepped(table, steps)
+        table = stepped(table, steps)
         if found is None or found.channel == "deflection":
             template = template_of(table, m.plan, m.noise, request, steps)
             template = replace(template, notes=f"{template.notes} Note: {stands}." if stands else template.notes)
     scene = None if m.collision is None else scene_of(cell, m.robot, m.collision.bodies)
-    page = page_of(request, cell, m.robot, m.pool, m.cases, m.plan, table, hashes, warnings, m.apart, scene)
+    page = page_of(request, cell, m.robot, m.pool, m.cases, m.plan, table, hashes, warnings, m.apart, scene, job)
     verdict = page.reason or sentence(page)
     return Planned(
         request=request, cell=cell, table=table, template=template, page=page, result=result, verdict=verdict

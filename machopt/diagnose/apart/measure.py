@@ -20,6 +20,7 @@ from machopt.design.asked import (
 from machopt.design.atrest import cases_at_rest, weights_of
 from machopt.design.candidates import PosePool, PoseScreen, sample_poses
 from machopt.design.held import based
+from machopt.design.joblike import JobLoads, said_of
 from machopt.design.loadcases import LoadCases, load_cases
 from machopt.design.loads import LoadWay
 from machopt.design.measurement import ReadingNoise
@@ -51,7 +52,11 @@ class Measurement:
 
 
 def measurement(
-    request: PosesRequest, cell: Cell, found: Diagnosed | None, progress: Callable[[str], None]
+    request: PosesRequest,
+    cell: Cell,
+    found: Diagnosed | None,
+    progress: Callable[[str], None],
+    job: JobLoads | None = None,
 ) -> Measurement:
     """Choose poses and loads.
 
@@ -60,6 +65,7 @@ def measurement(
         cell: the robot cell.
         found: a diagnosis whose explanations are to be told apart; None: the stiffness is to be known.
         progress: told what is being done, in words.
+        job: what is to be predicted with it.
 
     Raises:
         InputError: loads, prior or terms that lead nowhere.
@@ -122,7 +128,10 @@ def measurement(
             noise,
             size,
             progress,
+            job,
         )
+        if job is not None:
+            warnings = (*warnings, *said_of(job, plan.joints, float(cases.magnitude.max())))
     return Measurement(
         robot=robot,
         collision=collision,

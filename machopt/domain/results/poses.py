@@ -127,6 +127,26 @@ class DiscriminateTold(Part):
     pairs: tuple[PairTold, ...]
 
 
+class JobJointTold(Part):
+    """One joint: torque of weight and load in the job and at the readings, and how a usual play would show."""
+
+    joint: Count
+    job_Nm: Knowns | None
+    tests_Nm: Knowns
+    turns_round: Flag | None
+    play_noncentrality: Known
+    play_shows: Flag
+
+
+class JobTold(Part):
+    """What the arm is measured for, and how loads were planned for it."""
+
+    source: Text
+    force_N: Knowns
+    steps: Knowns
+    joints: tuple[JobJointTold, ...]
+
+
 class PosesResult(Part):
     """The whole file; without an admissible load test it ends with the warnings."""
 
@@ -152,3 +172,4 @@ class PosesResult(Part):
     heuristics: tuple[HeuristicTold, ...] | None = None
     order: tuple[Visit, ...] | None = None
     discriminate: DiscriminateTold | None = None
+    job: JobTold | None = None

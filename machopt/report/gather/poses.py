@@ -10,6 +10,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.design.asked import PosesRequest, shown
 from machopt.design.candidates import PosePool
+from machopt.design.joblike import JobLoads
 from machopt.design.loadcases import LoadCases
 from machopt.design.maximin import needed_noncentrality
 from machopt.design.poseplan import PosePlan
@@ -35,6 +36,7 @@ def page_of(
     warnings: Sequence[str],
     apart: Discriminating | None = None,
     scene: Scene | None = None,
+    job: JobLoads | None = None,
 ) -> page.PosesPage:
     """Everything the page shows."""
     common: dict[str, Any] = {
@@ -74,6 +76,10 @@ def page_of(
         target=_share(request.target_percent),
         needed=plan.needed,
         cloud=pool.T_base_tcp[:CLOUD, :3, 3],
+        job=()
+        if job is None
+        else tuple(page.Asked(joint=j.joint, job=j.job, tests=j.tests, shows=j.shows) for j in plan.joints),
+        steps=plan.steps if apart is None else apart.steps,
         arms=_arm_points(robot, chosen, cell),
         scene=scene,
         postures=_postures(chosen, table, cell.external_home),

@@ -1,0 +1,170 @@
+"""``plan-poses`` for a job: two sizes of each load, joints turned both ways round, and what would not show."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from machopt.design.candidates import PoseCriteria, PoseScreen, sample_poses
+from machopt.design.joblike import LOST, JobLoads, Turning, both_ways, joints_of, said_of, steps_of
+from machopt.design.loadcases import LoadCriteria, load_cases
+from machopt.design.loads import load_ways
+from machopt.design.measurement import ReadingNoise
+from machopt.design.poseplan import problem_of, unknowns_of
+from machopt.design.search import choose, criterion
+from machopt.errors import InputError
+from machopt.formats.cell import load_cell
+from machopt.model.elastic import ArmElasticity
+from machopt.model.gravity import weight_torque
+from machopt.model.robot import load_chain, load_masses
+from machopt.model.suspects import USUAL_PLAY
+from machopt.services.poses import PosesOutcome, PosesRequest, run_plan_poses
+
+ROOT = Path(__file__).resolve().parents[1]
+CELL = ROOT / "cells" / "kr240_drilling"
+NOISE = ReadingNoise(displacement=12e-6, cycle=15e-6, pose=30e-6, force=0.0075)
+
+
+class Bench:
+    """The shipped arm, pulled two ways."""
+
+    def __init__(self) -> None:
+        cell = load_cell(CELL)
+        self.robot, _ = load_chain(cell)
+        T, self.masses = cell.tool.T_flange_tcp, load_masses(cell)
+        screen = PoseScreen(
+            robot=self.robot, T_flange_tcp=T, T_world_base=cell.T_world_base, length=1.0, criteria=PoseCriteria()
+        )
+        self.pool = sample_poses(screen, cell.arm_limits, cell.home, 150, 0)
+        prior = ArmElasticity(self.robot, T, replace(cell.stiffness, terms=()), cell.arm_limits, self.masses)  # type: ignore[type-var, arg-type]
+        ways = load_ways((), (500.0, 1000.0), 8, np.zeros((0, 3)), (0.0,), cell.T_world_base[:3, :3].T)
+        self.cases = load_cases(self.pool, ways, prior, (), LoadCriteria(), NOISE)
+        self.unknowns = unknowns_of(prior, (), self.cases)
+        self.problem, _ = problem_of(self.cases, self.unknowns, NOISE, 1.0, np.random.default_rng(0))
+        self.design = choose(self.problem, 8, 2, rng=np.random.default_rng(0), starts=1)
+
+    def turning(self, steps: tuple[float, ...]) -> Turning:
+        scale = self.unknowns.scale
+        return Turning.of(self.cases, self.pool, self.robot, self.masses, scale, NOISE, steps)
+
+
+@pytest.fixture(scope="module")
+def bench() -> Bench:
+    return Bench()
+
+
+def test_noncentrality_of_play_is_what_a_refit_leaves_of_it(bench: Bench) -> None:
+    steps = (0.3, 1.0)
+    t, rows, j = bench.turning(steps), bench.design.readings, 2
+    pose = bench.cases.pose[rows]
+    J = bench.pool.state.J[pose][:, :3]
+    load = np.einsum("nci,nc->ni", bench.pool.state.J[pose], bench.cases.wrench[rows])
+    weight = weight_torque(bench.robot, bench.masses, bench.pool.state)[pose]  # type: ignore[arg-type]
+    springs, play = [], []
+    for s in steps:
+        springs.append(J * (s * load)[:, None, :])
+        step = np.sign(weight[:, j] + s * load[:, j]) - np.sign(weight[:, j])
+        play.append(J[:, :, j] * (USUAL_PLAY * step)[:, None])
+    A, y = np.concatenate(springs).reshape(-1, 6), np.concatenate(play).reshape(-1)
+    rest = y - A @ np.linalg.lstsq(A, y, rcond=None)[0]
+    # a torque near zero may count as on no side
+    assert t.play(rows.tolist())[j] == pytest.approx(float(rest @ rest) / NOISE.reading**2, rel=0.1)
+
+
+def test_one_size_of_load_hides_play_that_two_show(bench: Bench) -> None:
+    rows = bench.design.readings.tolist()
+    twice, both = bench.turning((1.0, 1.0)).play(rows), bench.turning((0.25, 1.0)).play(rows)
+    assert both[0] > 3.0 * twice[0]  # no weight rests on joint 1's play: every load goes through it alike
+    assert both[1] == pytest.approx(0.0, abs=1e-6)  # and joint 2's weight is turned round by none of these
+
+
+def test_loads_are_exchanged_until_play_shows_at_a_small_price(bench: Bench) -> None:
+    t = bench.turning((0.25, 1.0))
+    found = both_ways(bench.design, bench.cases, t, bench.problem)
+    before, after = (t.value(d.readings.tolist()) for d in (bench.design, found))
+    assert after > before
+    kept = criterion(bench.problem, found.blocks) - criterion(bench.problem, bench.design.blocks)
+    assert kept >= 6 * np.log1p(-LOST) - 1e-9
+    poses = [[int(bench.cases.pose[n]) for n in b] for b in bench.design.blocks]
+    assert [[int(bench.cases.pose[n]) for n in b] for b in found.blocks] == poses  # at the same poses
+    assert all(len(set(b)) == len(b) for b in found.blocks)
+    load = t.load[found.readings]
+    assert (load.min(axis=0) < 0.0).all()  # both ways round
+    assert (load.max(axis=0) > 0.0).all()
+
+
+def test_the_smaller_size_is_the_jobs(bench: Bench) -> None:
+    def smaller(low: float) -> float:
+        return steps_of(JobLoads(force=(low, 1000.0)), bench.cases)[0]
+
+    assert [smaller(f) for f in (0.0, 300.0, 900.0)] == [0.2, 0.3, 0.5]
+
+
+def test_what_would_not_show_is_said_of_joints_that_the_job_turns(bench: Bench) -> None:
+    t = bench.turning((0.25, 1.0))
+    hidden = replace(t, own=t.own * 0.0, cross=t.cross * 0.0)
+    torque = np.array([[-1.0, 2.0, -1.0, -1.0, 1.0, 1.0], [1.0, 3.0, 1.0, 1.0, 2.0, 2.0]])
+    job = JobLoads(force=(200.0, 1500.0), torque=torque)
+    said = said_of(job, joints_of(job, bench.design, hidden, (0.25, 1.0)), 1000.0)
+    assert "1500 N is more than any load planned (1000 N)" in said[0]
+    assert "at joint 1, 3, 4 would not show" in said[1]  # the others keep one side in the job
+    assert "The job turns them round" in said[1]
+    unknown = JobLoads(force=(200.0, 800.0))
+    (one,) = said_of(unknown, joints_of(unknown, bench.design, hidden, (0.25, 1.0)), 1000.0)
+    assert "joint 1, 2, 3, 4, 5, 6" in one
+
+
+def planned(out: Path, **more: Any) -> PosesOutcome:
+    request = PosesRequest(
+        cell=CELL, out=out, candidates=200, starts=1, poses=6, target_percent=None, pull_N=(500.0, 1000.0),
+        no_collision=True, **more,
+    )  # fmt: skip
+    return run_plan_poses(request)
+
+
+def test_a_range_of_forces_gives_two_rows_a_cycle(tmp_path: Path) -> None:
+    done = planned(tmp_path / "out", force_N=(250.0, 800.0))
+    told = json.loads((tmp_path / "out" / "plan.json").read_text())
+    assert told["job"]["steps"] == [0.25, 1.0]
+    assert told["readings"] == 6 * 2 * 2 * 2
+    assert [j["job_Nm"] for j in told["job"]["joints"]] == [None] * 6
+    rows = list(csv.DictReader((tmp_path / "out" / "recording_template" / "data.csv").read_text().splitlines()))
+    assert len(rows) == told["readings"]
+    size = np.array([np.hypot(float(r["fx_N"]), float(r["fy_N"])) for r in rows]).reshape(-1, 2)
+    np.testing.assert_allclose(size[:, 0] / size[:, 1], 0.25, rtol=1e-4)
+    assert all(a["pose"] == b["pose"] and a["cycle"] == b["cycle"] for a, b in zip(rows[::2], rows[1::2], strict=True))
+    assert "Loads like the job" in done.report.read_text()
+
+
+@pytest.mark.slow
+def test_a_toolpath_says_what_the_job_turns_round(tmp_path: Path) -> None:
+    quick = ("collision=false", "rotation_step_deg=30")
+    planned(tmp_path / "out", toolpath=ROOT / "toolpaths" / "panel_holes.csv", overrides=quick)
+    told = json.loads((tmp_path / "out" / "plan.json").read_text())
+    assert told["job"]["force_N"] == pytest.approx([250.0, 250.0])  # of the cell's plan
+    joints = told["job"]["joints"]
+    assert all(j["job_Nm"][0] < j["job_Nm"][1] for j in joints)
+    assert all(j["turns_round"] is (j["job_Nm"][0] < 0.0 < j["job_Nm"][1]) for j in joints)
+    assert "panel_holes.csv" in (tmp_path / "out" / "manifest.json").read_text()
+
+
+def test_each_load_at_one_size_is_said(tmp_path: Path) -> None:
+    done = planned(tmp_path / "out")
+    assert any("--force-N" in w for w in done.result.warnings)
+    assert not any("at one size" in w for w in planned(tmp_path / "two", force_N=(200.0,)).result.warnings)
+
+
+def test_what_cannot_be_meant_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="least and the largest process force"):
+        planned(tmp_path / "out", force_N=(-1.0, 5.0))
+    free = ("force_N={travel: 0, normal: 0, axial: 0}",)
+    with pytest.raises(InputError, match="no process force"):
+        planned(tmp_path / "out", toolpath=ROOT / "toolpaths" / "panel_holes.csv", overrides=free)
+    with pytest.raises(InputError, match="which loads are needed"):
+        planned(tmp_path / "out", force_N=(200.0,), discriminate=tmp_path)
