@@ -165,7 +165,8 @@ def plan_poses(
     problem, shares = problem_of(cases, unknowns, noise, size.belief, rng)
     progress("choosing readings")
     design = choose(problem, size.poses, size.loads, rng=rng, starts=size.starts)
-    steps, turning = (1.0,), None
+    steps: tuple[float, ...] = (1.0,)
+    turning: Turning | None = None
     if job is not None:
         steps = steps_of(job, cases)
         turning = Turning.of(cases, pool, screen.robot, prior.masses, unknowns.scale, noise, steps)

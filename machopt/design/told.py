@@ -92,7 +92,7 @@ def result_of(
         "heuristics": tuple(_comparison(c) for c in plan.comparisons),
         "order": tuple(Visit(pose=v.pose + 1, cycle=v.cycle + 1, session=v.round + 1) for v in plan.visits),
     }
-    more = {} if discriminate is None else {"discriminate": discriminate}
+    more: dict[str, DiscriminateTold | JobTold] = {} if discriminate is None else {"discriminate": discriminate}
     more |= {} if job is None else {"job": _job(job, plan)}
     return head.model_copy(update=planned | more)
 
