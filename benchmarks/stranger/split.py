@@ -72,7 +72,7 @@ class Next(LoadTest):
             out.append((q, load, clock, visit, cycle, session, first, pose, True, size < share))
             share = size
         q, w, t, v, c, s, zero, pose_of, shown, back = (np.array(x) for x in zip(*out, strict=True))
-        return arm.Script(q, w, t, v, c, s), zero, pose_of[shown], shown, back[shown]
+        return arm.Script(q, w, t, v, c, s), zero, pose_of, shown, back
 
     def clean(self, effects: list[Effect]) -> Clean:
         build, _ = applied(effects, self.of)  # the same arm
