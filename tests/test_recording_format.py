@@ -249,7 +249,7 @@ def test_wrong_folders(tmp_path: Path) -> None:
         ("fx_N", "fx_kN", ["did you mean 'fx_N'?"]),
         ("fx_N", "", ["line 2: column 10 has no name"]),
         ("fx_N", "wholly_else", ["unknown column 'wholly_else'; valid:"]),
-        ("q1_deg", "q1_mm", ["line 2, column q1_mm: prismatic joints are not read yet", "q1_deg … q6_deg"]),
+        ("q1_deg", "q1_mm", ["line 2, column q1_mm: joints that slide are read in", "kind absolute and motion"]),
         ("q1_deg", "q2_deg", ["line 2: column 'q2_deg' stands twice, as columns 4 and 5; keep one"]),
         ("-90,90", "-90", ["line 4: found 21 fields; expected 22 as in the header"]),
         ("45.5", "nan", ["line 4, column q5_deg: found 'nan'; expected a finite number"]),

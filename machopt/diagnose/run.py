@@ -73,6 +73,7 @@ def at_rest(
         InputError: a recording that cannot be right, or is too small for any answer.
     """
     refuse_linked(cell, "diagnose")
+    motion.refuse_other_joints(recording, cell)
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
     masses = known_masses(cell)
     prior = None if cell.stiffness is None else cell.stiffness.joints

@@ -13,7 +13,7 @@ def gravity_torque(robot: Robot, masses: Masses, state: ArmState) -> tuple[Array
 
     g_i = z_i · Σ_{b ≥ i} (p_b − o_i) × m_b a, and ∂g_i/∂θ_j = (z_l × V_h)·a with l = min(i, j), h = max(i, j) and
     V_h = z_h × Σ_{b ≥ h} m_b (p_b − o_h): the Hessian of the potential, hence symmetric. Where the lines turn by C q
-    that is Cᵀ g and Cᵀ (∂g/∂θ) C.
+    that is Cᵀ g and Cᵀ (∂g/∂θ) C. Of a line that shifts V_h is z_h Σ m_b, and ∂g_i/∂θ_j is zero where l shifts.
 
     Args:
         robot: the arm.
@@ -29,6 +29,8 @@ def gravity_torque(robot: Robot, masses: Masses, state: ArmState) -> tuple[Array
     z, V, torque = _carried(robot, masses, state)
     low, high = np.minimum.outer(range(6), range(6)), np.maximum.outer(range(6), range(6))
     slope = np.cross(z[..., low, :], V[..., high, :]) @ masses.gravity
+    if robot.slides is not None:  # what shifts all that it carries changes no weight's lever
+        slope = np.where(robot.slides[low], 0.0, slope)
     C = robot.coupling
     return (torque, np.asarray(slope)) if C is None else (torque @ C, C.T @ slope @ C)
 
@@ -52,4 +54,6 @@ def _carried(robot: Robot, masses: Masses, state: ArmState) -> tuple[Array, Arra
     weight = carried * masses.mass
     moment = np.einsum("kb,...bi->...ki", weight, at) - weight.sum(axis=1)[:, None] * origin
     V = np.cross(z, moment)
+    if robot.slides is not None:
+        V = np.where(robot.slides[:, None], weight.sum(axis=1)[:, None] * z, V)
     return z, V, np.asarray(V @ masses.gravity)

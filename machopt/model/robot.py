@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 from machopt.domain.cell import Cell, Shape
 from machopt.errors import InputError
-from machopt.model import chain
+from machopt.model import chain, sliding
 from machopt.model.built import BEHIND_FLANGE, ways
 from machopt.model.linkage import at_rest, chain_to, coupling_of
 from machopt.se3 import inverse, transform
@@ -73,6 +73,7 @@ class Robot:
     upper: Array  # (6,) rad
     coupling: Array | None = None  # (6, 6) whole numbers: the lines turn by C q (a parallel linkage); None: by q
     nominal: Robot | None = None  # the arm of the drawing, where the cell knows how it is really built
+    slides: NDArray[np.bool_] | None = None  # (6,) joints that shift along their line, q in m: only in diagnoses
 
     @cached_property
     def serial(self) -> Robot:
@@ -105,13 +106,13 @@ class Robot:
             link i, in base_link. Multiply onto a pose at q = 0.
         """
         rows, lead = _rows(self.turned(q))
-        R, p = np.empty((len(rows), 7, 3, 3)), np.empty((len(rows), 7, 3))
-        chain.links(*self._chain(None)[:2], rows, R, p)
-        return transform(R, p).reshape(*lead, 7, 4, 4)
+        return transform(*self._links(rows)).reshape(*lead, 7, 4, 4)
 
     def fk(self, q: Array, T_flange_tool: Array | None = None) -> Array:
         """Pose of the flange (or of a frame fixed to it) in base_link, (..., 4, 4), for q (..., 6) rad."""
         rows, lead = _rows(self.turned(q))
+        if self.slides is not None:
+            return self.state(q, T_flange_tool).T_base_tool
         T = np.empty((len(rows), 4, 4))
         chain.poses(*self._chain(T_flange_tool), rows, T)
         return T.reshape(*lead, 4, 4)
@@ -134,15 +135,25 @@ class Robot:
         """
         rows, lead = _rows(self.turned(q))
         T, J = np.empty((len(rows), 4, 4)), np.empty((len(rows), 6, 6))
-        chain.jacobians(*self._chain(T_flange_tool), rows, T, J)
+        if self.slides is not None:
+            T, J = sliding.jacobians(self.slides, *self._chain(T_flange_tool), rows)
+        else:
+            chain.jacobians(*self._chain(T_flange_tool), rows, T, J)
         if self.coupling is not None:
             J = J @ self.coupling
         R_bodies = p_bodies = None
         if bodies:
-            R, p = np.empty((len(rows), 7, 3, 3)), np.empty((len(rows), 7, 3))
-            chain.links(*self._chain(None)[:2], rows, R, p)
+            R, p = self._links(rows)
             R_bodies, p_bodies = R.reshape(*lead, 7, 3, 3), p.reshape(*lead, 7, 3)
         return ArmState(np.asarray(q, float), T.reshape(*lead, 4, 4), J.reshape(*lead, 6, 6), R_bodies, p_bodies)
+
+    def _links(self, rows: Array) -> tuple[Array, Array]:
+        """R (M, 7, 3, 3) and p (M, 7, 3) of the links whose lines are turned (or shifted) by ``rows`` (M, 6)."""
+        if self.slides is not None:
+            return sliding.links(self.slides, *self._chain(None)[:2], rows)
+        R, p = np.empty((len(rows), 7, 3, 3)), np.empty((len(rows), 7, 3))
+        chain.links(*self._chain(None)[:2], rows, R, p)
+        return R, p
 
     def _chain(self, T_flange_tool: Array | None) -> tuple[Array, Array, Array]:
         """The lines, and the pose at q = 0 of a frame fixed to the flange."""
@@ -222,11 +233,12 @@ def _chain(cell: Cell) -> tuple[Robot, object, object, Array, list[int]]:
         column = pin.computeFrameJacobian(
             model, model.createData(), rest, _frame_of_joint(model, j), pin.ReferenceFrame.LOCAL
         )[:, model.idx_vs[j]]
-        axis[i], point[i] = T[:3, :3] @ column[3:], T[:3, 3]
+        way = column[:3] if cell.arm_prismatic[i : i + 1] == (True,) else column[3:]
+        axis[i], point[i] = T[:3, :3] @ way, T[:3, 3]
         lower[i], upper[i] = cell.limits.lower[i], cell.limits.upper[i]
         if model.nqs[j] == 1:  # one that turns without end has only the cell's limits
             lower[i], upper[i] = model.lowerPositionLimit[model.idx_qs[j]], model.upperPositionLimit[model.idx_qs[j]]
-        if not np.isclose(np.linalg.norm(column[3:]), 1.0, atol=1e-9):
+        if not np.isclose(np.linalg.norm(way), 1.0, atol=1e-9):
             raise InputError(f"arm joint {name!r} is not revolute", file=cell.urdf, where="robot.arm_joints")
     flange = frame_of(cell, model, cell.flange_link)
     joints = chain_to(model, model.frames[flange].parentJoint, base)
@@ -244,6 +256,7 @@ def _chain(cell: Cell) -> tuple[Robot, object, object, Array, list[int]]:
         lower=lower,
         upper=upper,
         coupling=coupling_of(cell, model, joints, ids),
+        slides=np.array(cell.arm_prismatic) if any(cell.arm_prismatic) else None,
     )
     return robot, model, data, T_base_world, ids
 
@@ -301,11 +314,6 @@ def _short(problem: ValueError) -> str:
     return " ".join(str(problem).split())[:200]
 
 
-def _collision_elements(text: str) -> int:
-    """How many collision bodies the links of a URDF describe."""
-    return len(ElementTree.fromstring(text).findall("{*}link/{*}collision"))
-
-
 def frame_of(cell: Cell, model: object, name: str) -> int:
     """Number of a link's frame in pinocchio's model."""
     if not model.existFrame(name):  # type: ignore[attr-defined]
@@ -332,7 +340,7 @@ def _link_shapes(cell: Cell, model: object, data: object, T_base_world: Array, i
         geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION, package_dirs=folders)
     except ValueError as problem:
         raise InputError(f"its collision bodies cannot be loaded: {_short(problem)}", file=cell.urdf) from None
-    described = _collision_elements(text)
+    described = len(ElementTree.fromstring(text).findall("{*}link/{*}collision"))
     if len(geometry.geometryObjects) != described:  # the parser drops what it cannot read, with a line on the log
         raise InputError(
             f"describes {described} collision bodies, of which the robot model has {len(geometry.geometryObjects)}; "

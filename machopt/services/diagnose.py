@@ -71,7 +71,8 @@ def diagnosed(
     recording = load_recording(paths[0]) if len(paths) == 1 else load_recordings(paths)
     moving = recording.kind == "motion"
     if cell is None:
-        cell = load_cell(request.cell, allow_external=request.allow_external, any_chain=moving)
+        sliding = moving or any(recording.prismatic)
+        cell = load_cell(request.cell, allow_external=request.allow_external, any_chain=sliding)
     laws = userterms.load(own)
     check(request, recording.kind)
     load_options(cell.plan, overrides=request.overrides)  # what is wrong with them is said before minutes of work

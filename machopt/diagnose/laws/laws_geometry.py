@@ -19,6 +19,7 @@ from machopt.domain.kinematics import KinematicCorrection
 from machopt.effects import geometry
 from machopt.effects.protocol import JOINTS, Quantity
 
+ROUNDING = 1e-12  # of a direction of length one: what is less is none
 WHOLE = ("base", "joint:1")  # move everything alike, as a tracker does that stands elsewhere than the recording says
 
 
@@ -66,9 +67,8 @@ def shown(columns: Array, base: Array) -> Array:
     Q = np.linalg.qr(B)[0] if B.shape[1] else B
     _, s, Vt = np.linalg.svd(np.linalg.qr(A - Q @ (Q.T @ A))[1])
     whole = np.linalg.norm(A @ Vt.T, axis=0)
-    return np.asarray(
-        Vt[(s > calibrated.RESTING.shown_geometry * whole) & (s > calibrated.RESTING.weak_geometry * s[0])].T
-    )
+    kept = (s > calibrated.RESTING.shown_geometry * whole) & (s > calibrated.RESTING.weak_geometry * s[0])
+    return np.asarray(np.where(np.abs(Vt) > ROUNDING, Vt, 0.0)[kept].T)
 
 
 def _hypothesis(place: str, columns: Array, V: Array, penalty: float) -> Hypothesis:

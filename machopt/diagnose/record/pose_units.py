@@ -39,15 +39,16 @@ class _Way:
 
     def read(self, r: Recording) -> Recording:
         assert r.position is not None  # mended looks for it
-        kept = np.array(r.prismatic or (False,) * r.q.shape[1])
-        if self.joint is not None:
-            kept = kept | (np.arange(r.q.shape[1]) != self.joint)
+        joints = np.arange(r.q.shape[1])
+        kept = joints != self.joint if self.joint is not None else np.array(r.prismatic or (False,) * len(joints))
         q = np.where(kept, r.q, r.q * self.factors["q"])
         return replace(r, q=q, position=r.position * self.factors["position"])
 
     def head(self, field: str) -> str:
         """The first column of those that hold it."""
-        return HEADS[field] if field != "q" or self.joint is None else f"q{self.joint + 1}_deg"
+        if field != "q" or self.joint is None:
+            return HEADS[field]
+        return f"q{self.joint + 1}_{'mm' if self.names['q'] in LENGTHS else 'deg'}"
 
 
 STATED = _Way(dict.fromkeys(HEADS, ""), dict.fromkeys(HEADS, 1))
@@ -125,8 +126,9 @@ def _ways() -> Iterator[_Way]:
 def _of_one_joint(part: Recording) -> Iterator[_Way]:
     """A column that a clerk took from another list than the rest."""
     for j in range(part.q.shape[1]):
-        for angle, a in ANGLES.items():
-            yield _Way({"q": angle, "position": ""}, {"q": a, "position": 1.0}, j)
+        slides = bool(part.prismatic) and part.prismatic[j]
+        for unit, factor in (LENGTHS if slides else ANGLES).items():
+            yield _Way({"q": unit, "position": ""}, {"q": factor, "position": 1.0}, j)
 
 
 def _errors(part: Recording, way: _Way, robot: Robot, T: np.ndarray) -> tuple[NDArray[np.float64], float]:

@@ -17,11 +17,12 @@ from machopt.diagnose.laws import at_angle, at_beside, at_body, at_flange, at_he
 from machopt.diagnose.nouns.problem import Catalogue, Hypothesis, Problem, Untestable
 from machopt.diagnose.nouns.readings import Readings
 from machopt.diagnose.resting import unnamed_poses
-from machopt.domain.location import joint_at
-from machopt.effects import by_angle, kinematic, registry
+from machopt.domain.location import joint_at, joints_of
+from machopt.effects import by_angle, geometry, kinematic, registry
 from machopt.effects.protocol import timed
 
 BODY = "body"  # family of what gives way
+SLIDES = "it slides: it is looked for by its geometry alone, and what gives along it is the base's"
 ROUNDING = 1e-8  # of a column's length: what is left of one that the base holds
 
 
@@ -36,11 +37,14 @@ def catalogue(r: Readings, problem: Problem) -> Catalogue:
         *at_heat.hypotheses(r),
         *(h for h in at_body.hypotheses(r) if not (r.recording.targets and h.location == "tool")),
     ]
-    missing = list(_untestable(r))
+    slides = [] if r.robot.slides is None else [joint_at(j + 1) for j in np.flatnonzero(r.robot.slides)]
+    offered = [h for h in offered if h.effect == geometry.EFFECT.name or not _moved_by(h.location, slides)]
+    missing = [*(Untestable(kinematic.ZERO.name, where, SLIDES) for where in slides), *_untestable(r)]
     Q = spanned(problem.base)
-    drives = np.quantile(np.abs(r.torque), 0.9, axis=0)
+    turning = np.array([joint_at(j + 1) not in slides for j in range(6)])
+    drives = np.quantile(np.abs(r.torque), 0.9, axis=0) * turning
     kinds = [e for e in registry.of_joint_torque() if not e.remembers]
-    for j in range(6):
+    for j in map(int, np.flatnonzero(turning)):
         where = joint_at(j + 1)
         if drives[j] <= calibrated.RESTING.turned_by_load * max(drives.max(), 1e-12):
             missing.append(Untestable(by_angle.EFFECT.name, where, "neither weight nor load turns it"))
@@ -80,6 +84,11 @@ def catalogue(r: Readings, problem: Problem) -> Catalogue:
     untestable = tuple(m for m in missing if (m.effect, m.location) not in named)
     finer = tuple(h for h in at_angle.finer_waves(r) if h.name in named)
     return Catalogue(tuple(kept), untestable, axes, finer, tuple(unnamed_poses.hypotheses(r)))
+
+
+def _moved_by(place: str, slides: list[str]) -> bool:
+    """Whether a law sits at joints of which one slides: laws of angles and torques do not hold there."""
+    return place.startswith("joint:") and any(joint_at(j + 1) in slides for j in joints_of(place))
 
 
 def spanned(columns: Array) -> Array:

@@ -98,6 +98,8 @@ class Nominal:
         self.middle = state.T_base_tool[:, :3, 3].mean(axis=0)
         nominal = None if cell.stiffness is None else 1.0 / cell.stiffness.joints
         self.nominal = np.full(6, calibrated.RESTING.usual_joint) if nominal is None else nominal
+        if robot.slides is not None:  # stiff along its way: a weight that it always bears shifts all, as a frame does
+            self.nominal = np.where(robot.slides, 0.0, self.nominal)
         # weight alone turns a joint by what its angles fix, as frames and waves do: a fit of these bends any spring
         self.weight_alone = cell.stiffness is not None and float(np.abs(self.wrench).max()) == 0.0
 

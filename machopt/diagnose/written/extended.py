@@ -25,7 +25,7 @@ JOINTS = 6
 
 @dataclass(frozen=True)
 class Extended:
-    """What a diagnosis makes of a cell's stiffness; None where cell and data together know fewer than six joints."""
+    """What a diagnosis makes of a cell's stiffness; None where fewer than six joints are known, or one slides."""
 
     before: Stiffness | None  # joints refitted, without what was found
     after: Stiffness | None  # with it
@@ -45,7 +45,7 @@ def stiffness_of(cell: Cell, d: Diagnosis, *, weight_alone: bool = False) -> Ext
     springs = {c.unknown.spring: c for c in d.coefficients if c.unknown.spring is not None}
     found = tuple(f.correction for f in d.findings if isinstance(f.correction, Term))
     known = () if cell.stiffness is None else cell.stiffness.terms
-    if cell.stiffness is None and len(springs) < JOINTS:
+    if (cell.stiffness is None and len(springs) < JOINTS) or cell.arm_prismatic:
         return Extended(None, None)
     impossible = {id(t): why for t in found if (why := _impossible(cell, t)) is not None}
     withheld = [t for t in found if id(t) in impossible]

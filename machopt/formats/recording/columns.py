@@ -112,19 +112,15 @@ _USELESS: dict[Kind, tuple[str, ...]] = {
 }
 
 _AT_REST = Vocabulary(
-    numbers=(*LABELS, *(name for channel in CHANNELS for name in channel.columns)),
+    numbers=(*LABELS, *(name for channel in CHANNELS for name in channel.columns), *(f"q{i}_mm" for i in range(1, 7))),
     words=("branch",),
     listed="pose, cycle, session, branch, "
     + ", ".join(
         f"{c.columns[0]} … {c.columns[-1]}" if len(c.columns) > 4 else ", ".join(c.columns)
         for c in CHANNELS
         if not c.sparse
-    ),
-    refused={
-        f"q{i}_mm": "prismatic joints are not read yet but in recordings of kind motion; an arm has six revolute "
-        "joints, q1_deg … q6_deg; on a rail that stands still while it is measured they are enough"
-        for i in range(1, 7)
-    },
+    )
+    + "; q1_mm of a joint that slides",
 )
 _POSES_ONLY = {
     name: f"column {name} belongs to recordings of kind absolute, where a tracker measures reflectors" for name in SEEN
@@ -137,11 +133,15 @@ _AT_POSES = Vocabulary(
     numbers=(*_AT_REST.numbers, "frame"),
     words=(*_AT_REST.words, "target"),
     listed=f"{_AT_REST.listed}, target, frame, {', '.join(TILTS)}",
-    refused=_AT_REST.refused,
     names=("target",),
     sparse=TILTS,
 )
-_AT_LOADS = replace(_AT_REST, refused={**_AT_REST.refused, **_POSES_ONLY, **_TILTS})
+_SLIDES = {
+    f"q{i}_mm": "joints that slide are read in recordings of kind absolute and motion; a load test is of six revolute "
+    "joints, q1_deg … q6_deg, and on a rail that stands still while it is measured they are enough"
+    for i in range(1, 7)
+}
+_AT_LOADS = replace(_AT_REST, refused={**_POSES_ONLY, **_TILTS, **_SLIDES})
 _ANY_JOINT = [
     pattern.format(i)
     for channel in CHANNELS
@@ -172,7 +172,7 @@ def chain(table: DataTable, kind: Kind) -> Prismatic:
         InputError: a joint is left out, or stands as an angle and as a length.
     """
     if kind != "motion":
-        return (False,) * 6
+        return tuple(f"q{i}_mm" in table.numbers and f"q{i}_deg" not in table.numbers for i in range(1, 7))
     turns, slides = (
         {i for i in range(1, MOST_JOINTS + 1) if name.format(i) in table.numbers} for name in ("q{}_deg", "q{}_mm")
     )

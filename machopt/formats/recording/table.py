@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +40,7 @@ class Vocabulary:
     numbers: tuple[str, ...]  # names of columns of numbers
     words: tuple[str, ...]  # names of columns of words
     listed: str  # all names in short, for messages
-    refused: dict[str, str]  # known names that cannot be taken, and why
+    refused: dict[str, str] = field(default_factory=dict)  # known names that cannot be taken, and why
     names: tuple[str, ...] = ()  # columns of words that may be whole numbers too
     sparse: tuple[str, ...] = ()  # columns of numbers that may be empty or nan: not read there
 
