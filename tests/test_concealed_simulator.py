@@ -9,6 +9,7 @@ import ast
 import json
 import sys
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,12 +25,12 @@ import cases
 import generate
 import score
 from simulator import run_motion
-from simulator.arm import Beam, Nominal, Plate, add_beam, arm_of, read_nominal
+from simulator.arm import Beam, Nominal, Plate, add_beam, arm_of, read_nominal, tip_softness
 from simulator.chain import Chain, Loads, shift, turn_rpy
 from simulator.gears import loop_width
 from simulator.heat import Heat
 from simulator.laws import Balancer, BoucWen, Clearance, Creeping, Law, Pins, Spring, iwan
-from simulator.scene import Scene
+from simulator.scene import Part, Scene
 from simulator.statics import Setting, Statics
 
 Array = np.ndarray
@@ -122,6 +123,28 @@ def test_a_clamped_beam_bends_and_twists_as_the_books_say() -> None:
     assert C[2, 4] == pytest.approx(-(length**2) / (2 * EI), rel=1e-12)
     assert C[4, 4] == pytest.approx(length / EI, rel=1e-12)
     assert C[3, 3] == pytest.approx(length / GJ, rel=1e-12)
+
+
+def test_the_tip_of_a_tapered_shank_gives_way_as_its_pieces_do_together() -> None:
+    length, EI = 0.4, 2e4
+    beam = Beam(EI, EI, 0.7 * EI, taper=0.6)
+    chain, stiff = Chain(), {}
+    add_beam(chain, stiff, beam, np.array([length, 0, 0]), 0.0, np.zeros(3))
+    k = np.array([stiff[d] for d in range(len(chain))])
+    J = chain.forward(np.zeros((1, len(chain)))).jacobian()[0]
+    assert tip_softness(beam, length) == pytest.approx(((J / k) @ J.T)[1, 1], rel=1e-12)
+    assert tip_softness(beam, length) < 0.9 * length**3 / (3 * EI)  # stiff where a load at the tip bends it most
+
+
+def test_a_loop_is_as_wide_as_the_loads_of_the_record_open_it() -> None:
+    """Joint 2 of a motion bears weight: its torque ranges over half of what it reaches, and so far goes the loop."""
+    case = next(c for c in cases.cases() if c.key == "motion/joint_hysteresis.6/large")
+    scene = Scene(replace(case, parts=(Part("joint_hysteresis", ("joint:2",), "large"),)), (1, 2, 3), CELLS, True)
+    world, found = scene.world([1.0])
+    assert scene.swing[1] == pytest.approx(0.5 * (scene.load[:, 1].max() - scene.load[:, 1].min()), rel=1e-12)
+    assert scene.swing[1] < 0.9 * scene.load95[1]
+    width = loop_width(world.arm.laws[1], scene.swing[1])
+    assert np.radians(found[0].parameters["width"][0] / 60.0) == pytest.approx(width, rel=1e-9)
 
 
 def test_a_plate_on_four_bolts_tilts_by_its_moment_and_opens_one_sided() -> None:

@@ -86,7 +86,9 @@ def test_the_script_prints_the_table_again() -> None:
 
 NO_DECISION = {  # constants beside the computation: guards against rounding, units, steps, ends of grids, a stated load
     "moving.friction.WIDER",
+    "laws.laws_geometry.ROUNDING",
     "resting.absolute_catalogue.ROUNDING",
+    "resting.deflection.RIGID",
     "resting.bearings.ANY",
     "apart.predicted.REST",
     "apart.predicted.SAME",

@@ -25,9 +25,13 @@ from made_up_loads import (
 )
 
 from machopt.diagnose.nouns.asked import DiagnoseRequest
+from machopt.diagnose.resting import deflection
 from machopt.domain.recording import Recording
+from machopt.domain.stiffness import Stiffness, Term
+from machopt.estimate.experiment import experiment
 from machopt.formats.cell import load_cell
 from machopt.formats.recording import write_recording
+from machopt.model.elastic import ArmElasticity
 from machopt.model.gravity import gravity_torque
 from machopt.model.robot import load_masses, load_robot
 from machopt.services.diagnose import run_diagnose
@@ -262,3 +266,16 @@ def test_displacements_are_those_of_springs_in_series() -> None:
     p, f = p[plan.loaded], plan.wrench[plan.loaded, :3]
     want = np.cross(np.cross(p, f) @ C, p)
     assert np.abs(d - want).max() < 1e-4 * np.abs(want).max()  # weight turns with the hinge: parts in 1e5
+
+
+def test_sensors_err_through_springs_and_bodies_as_loads_act() -> None:
+    recording, truth, _ = made("irb6700_drilling", 31, rotations=True)
+    robot, T, masses = model("irb6700_drilling")
+    tests = experiment(recording, robot, T)
+    soft = Term("base_compliance", "base", {"compliance": np.diag([1e-9, 1e-9, 1e-9, 2e-8, 3e-8, 1e-8]).tolist()})
+    bodies = deflection.beside_springs(robot, T, recording.q, [soft])
+    r = replace(deflection.readings_of(recording, tests, robot, T, masses, 1.0 / truth.stiffness), bodies=bodies)
+    w = np.random.default_rng(2).normal(size=(len(recording), 6))
+    whole = ArmElasticity(robot, T, Stiffness(joints=truth.stiffness, terms=(soft,))).at(recording.q).respond(w)
+    assert r.through(w) == pytest.approx(whole, rel=1e-9, abs=1e-15)
+    assert deflection.beside_springs(robot, T, recording.q, []) is None

@@ -4,14 +4,33 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, cast
 
+import numpy as np
 import pytest
 
 import machopt
+from machopt.diagnose.nouns.problem import Hypothesis, Quantity
+from machopt.diagnose.search import findings
+
+if TYPE_CHECKING:
+    from machopt.diagnose.evidence.grams import Tried
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks" / "concealed"))
 import generate
+
+LENGTH = Hypothesis(
+    effect="geometry",  # whose form adds nothing
+    location="sensor:force",
+    law="a vector",
+    equation="",
+    columns=lambda _: np.zeros((1, 1, 3)),
+    quantities=lambda x, _: {},
+    exact=True,
+)
 
 
 @pytest.mark.parametrize("size", ["medium", "large"])
@@ -24,3 +43,31 @@ def test_a_law_that_nothing_holds_does_not_widen_the_interval_of_one_that_is_sur
     true = json.loads((tmp_path / f"{name}.truth.json").read_text(encoding="utf-8"))["effects"][0]["size"]["value"]
     low, high = finding.parameters["lateral_compliance"].ci95
     assert 0.0 < low < true < high < 3.0 * true
+
+
+@pytest.mark.parametrize("across", [0.1, 0.2])
+def test_the_interval_of_a_length_knows_that_noise_across_it_makes_it_longer(across: float) -> None:
+    """Of a vector of length 1, 300 times: ends that are too high are as rare as ends that are too low."""
+    rng, sigma = np.random.default_rng(1), np.array([0.05, across, across])
+    law = replace(LENGTH, quantities=lambda x, _: {"length": Quantity(float(np.linalg.norm(x)), "N")})
+    high = low = 0
+    for x in np.array([1.0, 0.0, 0.0]) + sigma * rng.normal(size=(300, 3)):
+        fitted = cast("Tried", SimpleNamespace(hypothesis=law, shapes=((),), unit=np.ones((1, 3))))
+        ends = findings._quantity_intervals(fitted, 0, x, np.diag(sigma**2), 1e6)["length"][1]
+        high, low = high + (ends[0] > 1.0), low + (ends[1] < 1.0)
+    assert high <= 8  # 12 and 9 by the slope alone
+    assert low <= 8
+    assert high + low >= 2  # an interval that is never wrong says nothing
+
+
+def test_a_sensor_is_wrong_through_what_bodies_give_too(tmp_path: Path) -> None:
+    """A zero of the force beside a soft link: through the springs alone it came out 16 % too large."""
+    ((name, case, seed),) = generate.chosen("dev", ["pair/force_sensor_offset+link_compliance.6"], False, 1, 441)
+    generate.generate((name, case, seed, "dev", tmp_path, False))
+    found = machopt.diagnose(tmp_path / name / "cell", tmp_path / name / "recording")
+    truth = json.loads((tmp_path / f"{name}.truth.json").read_text(encoding="utf-8"))["effects"]
+    offset = next(e for e in truth if e["effect"] == "force_sensor_offset")["parameters"]["offset"]["value"]
+    said = next(f for f in found.result.findings if f.effect == "force_sensor_offset").parameters["offset"]
+    assert said.value == pytest.approx(offset, rel=0.06)
+    assert said.ci95[0] < offset < said.ci95[1]
+    assert said.ci95[1] - said.ci95[0] < 0.3 * offset  # exact: no form of it is in doubt

@@ -19,7 +19,7 @@ from machopt.diagnose.record import gains, gross, labels, moved, nests, pose_uni
 from machopt.diagnose.record.pasted import pasted
 from machopt.diagnose.resting import absolute, deflection, loaded
 from machopt.diagnose.search import engine
-from machopt.diagnose.search.rounds import Rebuild, Unloaded
+from machopt.diagnose.search.rounds import About, Rebuild
 from machopt.diagnose.verdict import cellvalues, enough
 from machopt.diagnose.verdict.words import sentence
 from machopt.domain.cell import Cell, held_still
@@ -31,6 +31,7 @@ from machopt.model.elastic import ArmElasticity
 from machopt.model.linkage import refuse_linked
 from machopt.model.robot import Masses, Robot, load_masses, load_robot
 
+NOTHING = About()
 FEWEST = 3  # points that fix a frame: fewer poses are nothing to look at
 
 
@@ -114,9 +115,11 @@ def at_rest(
     def poses(terms: tuple[Term, ...]) -> tuple[Diagnosis, Problem]:
         rng, kept = np.random.default_rng(seed), frozenset[int]()
 
-        def build(found: Mapping[int, float] | None, about: Unloaded = ()) -> tuple[Problem, Catalogue]:
+        def build(found: Mapping[int, float] | None, about: About = NOTHING) -> tuple[Problem, Catalogue]:
             nonlocal notes
-            problem, catalogue, notes = absolute.build(recording, cell, robot, masses, rng, terms, found, kept, about)
+            problem, catalogue, notes = absolute.build(
+                recording, cell, robot, masses, rng, terms, found, kept, about.unloaded
+            )
             laws = tuple(h for h in catalogue.hypotheses if h.name not in barred)
             problem = replace(problem, time=recording.time, excluded=copies if copies.any() else None)
             return problem, replace(catalogue, hypotheses=laws)
@@ -124,7 +127,7 @@ def at_rest(
         problem, catalogue = build(None)
         _refuse_too_few(problem, recording)
 
-        def again(x: Array, doubted: frozenset[int], about: Unloaded) -> tuple[Problem, Catalogue]:
+        def again(x: Array, doubted: frozenset[int], about: About) -> tuple[Problem, Catalogue]:
             nonlocal problem, kept
             springs = {u.spring: float(v) for u, v in zip(problem.unknowns, x, strict=True) if u.spring is not None}
             kept |= {problem.unknowns[n].spring or 0 for n in doubted}
@@ -214,10 +217,11 @@ def _load_tests(
 
     alone: Array | None = None
 
-    def build(compliance: Array | None) -> tuple[Problem, Catalogue]:
+    def build(compliance: Array | None, found: tuple[Term, ...] = ()) -> tuple[Problem, Catalogue]:
         nonlocal alone
+        bodies = deflection.beside_springs(robot, T, recording.q, found)
         problem, catalogue, readings = deflection.build(
-            recording, tests, robot, T, masses, compliance, memo, terms, alone
+            recording, tests, robot, T, masses, compliance, memo, terms, alone, bodies
         )
         alone = readings.compliance if alone is None else alone
         if stated:
@@ -229,7 +233,7 @@ def _load_tests(
     if copies.any():
         problem = replace(problem, excluded=copies)
     _refuse_too_few(problem, recording)
-    rebuild = _excluding(lambda x, _, __: build(np.maximum(x[:6], 0.0)), copies)
+    rebuild = _excluding(lambda x, _, about: build(np.maximum(x[:6], 0.0), about.bodies), copies)
     rng = np.random.default_rng(seed)
     d = engine.diagnose(problem, catalogue, replace(options, predicted="load tests"), rng, rebuild)
     return d, problem
@@ -254,7 +258,7 @@ def _excluding(rebuild: Rebuild, rows: NDArray[np.bool_]) -> Rebuild:
     if not rows.any():
         return rebuild
 
-    def again(x: Array, doubted: frozenset[int], about: Unloaded) -> tuple[Problem, Catalogue]:
+    def again(x: Array, doubted: frozenset[int], about: About) -> tuple[Problem, Catalogue]:
         problem, catalogue = rebuild(x, doubted, about)
         return replace(problem, excluded=rows), catalogue
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.effects.protocol import DEGREE, Effect, Parameter, Quantity, Recorded, Shape
+from machopt.effects.protocol import DEGREE, EXACT, Effect, Parameter, Quantity, Recorded, Shape
 from machopt.se3 import moved_frame
 
 FORCE = "sensor:force"
@@ -215,6 +215,7 @@ OFFSET = Effect(
     port="record",
     places=(FORCE,),
     recorded=(Offset(),),
+    form=EXACT,
 )
 
 GAIN = Effect(
@@ -225,6 +226,7 @@ GAIN = Effect(
     port="record",
     places=(FORCE,),
     recorded=(Gain(), Bent()),
+    form=EXACT,
     plausible={"%": 60.0},
 )
 
@@ -236,6 +238,7 @@ FRAME = Effect(
     port="record",
     places=(FORCE,),
     recorded=(Turned(),),
+    form=EXACT,
     plausible={"deg": 25.0},
 )
 
@@ -247,6 +250,7 @@ DISPLACEMENT = Effect(
     port="record",
     places=("sensor:displacement",),
     recorded=(Turned("displacement"), Stands()),
+    form=EXACT,
     plausible={"deg": 25.0},
 )
 
@@ -258,6 +262,7 @@ LOAD = Effect(
     port="record",
     places=(FORCE,),
     recorded=(Hook(), Askew(), Elsewhere()),
+    form=EXACT,
     plausible={"deg": 25.0, "mm": 1000.0},
     of="",
 )

@@ -275,6 +275,13 @@ def add_beam(chain: Chain, stiff: dict[int, float], beam: Beam, line: Array, mas
         chain.step(shift(0.5 * h * x))
 
 
+def tip_softness(beam: Beam, length: float) -> float:
+    """m/N by which the free end of such pieces gives way to a force across it, about the second axis."""
+    middle = (np.arange(PIECES) + 0.5) / PIECES
+    turned = length / PIECES / (beam.EIz * (1.0 - beam.taper * (middle - 0.5)))  # rad/(N·m) of each hinge
+    return float(turned @ (length * (1.0 - middle)) ** 2)
+
+
 def _frame(line: Array) -> tuple[Array, Array, Array]:
     x = line / np.linalg.norm(line)
     y = np.cross(np.eye(3)[int(np.argmin(np.abs(x)))], x)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from simulator.arm import Beam, Hinge, Plate
+from simulator.arm import Beam, Hinge, Plate, tip_softness
 from simulator.concealed import Concealed
 from simulator.heat import Heat
 from simulator.laws import Spring
@@ -46,9 +46,11 @@ def base(world: World, place: str, s: float, rng: np.random.Generator) -> Concea
 
 def tool(world: World, place: str, s: float, rng: np.random.Generator) -> Concealed:
     length = float(np.linalg.norm(world.nominal.tcp.t))
-    lateral = 1.2e7 * (float(np.median(world.nominal.stiffness[3:])) / 3.5e5) / s  # N/m at the tip
-    EI = lateral * length**3 / 3.0
+    # N/m at the tip, were it of one section
+    even = 1.2e7 * (float(np.median(world.nominal.stiffness[3:])) / 3.5e5) / s
+    EI = even * length**3 / 3.0
     world.arm.shank = Beam(EI, EI, 0.7 * EI, taper=0.6)
+    lateral = 1.0 / tip_softness(world.arm.shank, length)
     return Concealed(
         "tool_compliance",
         "tool",

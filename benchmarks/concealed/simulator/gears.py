@@ -55,7 +55,7 @@ def hysteresis(world: World, place: str, s: float, rng: np.random.Generator) -> 
     else:
         law, words = BoucWen(k, 0.16 * s * world.load[i], 0.35 * twist), "Bouc–Wen, exponent 1.3"
     world.arm.laws[i] = law
-    width = loop_width(law, world.load[i]) / ARCMIN
+    width = loop_width(law, world.swing[i]) / ARCMIN
     return Concealed("joint_hysteresis", place, words, {"width": (width, "arcmin")}, (width, "arcmin"))
 
 
@@ -147,7 +147,7 @@ def compensator(world: World, place: str, s: float, rng: np.random.Generator) ->
     # the moving anchor stands off the line to the fixed one at home, so that the lever changes sign in range
     moving = -lever * (np.cos(-home) * np.array([0.0, 0.0, 1.0]) + np.sin(-home) * np.cross(axis, [0.0, 0.0, 1.0]))
     fixed = -far * (0.55 * side + 0.83 * np.array([0.0, 0.0, 1.0])) * rng.uniform(0.9, 1.1)
-    gas = bool(rng.random() < 0.5)
+    gas, gear = bool(rng.random() < 0.5), stiffness_of(world.arm.laws[i])
     if world.kind == "deflection":
         rate = 0.12 * s * k / lever**2
     else:
@@ -158,7 +158,8 @@ def compensator(world: World, place: str, s: float, rng: np.random.Generator) ->
     world.arm.laws[i] = law
     angle = np.quantile(world.q[:, i], np.linspace(0.0, 1.0, 40))
     pull, slope = law.pull(angle)
-    variation, peak = 100.0 * float(np.ptp(-slope) / k / 2.0), float(np.abs(pull).max())
+    local = gear - slope  # of the joint as it was built
+    variation, peak = 100.0 * float(np.ptp(local) / local.mean() / 2.0), float(np.abs(pull).max())
     accepted = [("joint_pose_dependent_stiffness", "joint:2")] if world.kind == "deflection" else []
     return Concealed(
         "gravity_compensator",

@@ -136,15 +136,16 @@ class Scene:
             )
             flat = [a[:, :: 4 * self.programme.sample].reshape(-1, 6) for a in self._signals()]
             self.q = flat[0]
-            still = self._world_of(np.zeros(6), np.zeros((1, 6)))
+            still = self._world_of(np.zeros(6), np.zeros(6), np.zeros((1, 6)))
             self.total = run_motion.Bodies(still, true=False).torque(*flat)
             self.load = self.total
         self.load95 = np.quantile(np.abs(self.load), 0.95, axis=0)
+        self.swing = 0.5 * np.ptp(self.load, axis=0)
 
     def _signals(self) -> tuple[Array, Array, Array]:
         return self.programme.q, self.programme.v, self.programme.a
 
-    def _world_of(self, load: Array, total: Array) -> World:
+    def _world_of(self, load: Array, swing: Array, total: Array) -> World:
         full = getattr(self.programme, "full", 0.0)
         world = quiet_world(
             self.nominal,
@@ -154,6 +155,7 @@ class Scene:
             ugly=self.case.ugly,
             wrench_frame=self.case.wrench_frame,
             load=load,
+            swing=swing,
             total=total,
             q=self.q,
             full=full,
@@ -169,7 +171,7 @@ class Scene:
 
     def world(self, strengths: Sequence[float]) -> tuple[World, list[Concealed]]:
         """The shop with every effect whose strength is above zero."""
-        world = self._world_of(self.load95, self.total)
+        world = self._world_of(self.load95, self.swing, self.total)
         found = []
         for k, (part, place, s) in enumerate(zip(self.case.parts, self.places, strengths, strict=True)):
             if s > 0:

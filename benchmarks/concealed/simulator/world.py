@@ -91,6 +91,7 @@ class World:
     heat: Heat | None
     wrench_frame: str  # base | tool
     load: Array  # (6,) N·m, 95th percentile of |J_iᵀ w| over the readings, nominal
+    swing: Array  # (6,) N·m, half of what J_iᵀ w ranges over
     total: Array  # (N, 6) N·m gear torques over the readings, nominal, gravity included
     q: Array  # (P, 6) rad, poses
     full: float  # N, the largest load
@@ -107,6 +108,7 @@ def quiet_world(
     ugly: bool,
     wrench_frame: str,
     load: Array,
+    swing: Array,
     total: Array,
     q: Array,
     full: float,
@@ -142,7 +144,7 @@ def quiet_world(
         noise.quantum = float(rng.choice([1e-7, 1e-6, 1e-5]))
         noise.outliers = rng.uniform(0.01, 0.03)
         noise.missing = rng.uniform(0.0, 0.15)
-    return World(nominal, arm, noise, Faults(), Motion(), None, wrench_frame, load, total, q, full, kind, six)
+    return World(nominal, arm, noise, Faults(), Motion(), None, wrench_frame, load, swing, total, q, full, kind, six)
 
 
 def turned(axis: Array, angle: float) -> Array:

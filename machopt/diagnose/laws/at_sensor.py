@@ -49,6 +49,8 @@ def _at_point(r: Readings, way: Array) -> Array:
     """(N, D, P) m, rad, of load and displacement at points that lie (N, 3+, P) m from the TCP, to first order."""
     tau = r.load_torque * r.compliance
     turned = np.einsum("nci,ni->nc", r.state.J[:, 3:], tau)
+    if r.bodies is not None:
+        turned += np.einsum("ncd,nd->nc", r.bodies[:, 3:], r.wrench)
     out = []
     for off in np.moveaxis(way[:, :3], 2, 0):
         lever = np.concatenate([np.zeros_like(off), np.cross(off, r.wrench[:, :3])], axis=1)

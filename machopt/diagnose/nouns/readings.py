@@ -65,12 +65,13 @@ class Readings:
     wrench: Array  # (N, 6) N, N·m on the robot at the TCP; zero where nothing is recorded
     dimensions: int  # 3 or 6
     differences: bool  # deflection: loaded less unloaded
-    compliance: Array  # (6,) rad/(N·m) of the first base fit: what sensor errors act through
+    compliance: Array  # (6,) rad/(N·m) of the first base fit: what sensor errors act through, with ``bodies``
     session: Ints  # (N,)
     visit: Ints  # (N,)
     cycle: Ints  # (N,) unique over poses and sessions
     memo: dict[str, History] = field(default_factory=dict, compare=False)  # histories by memory, found before
     alone: Array | None = None  # (6,) rad/(N·m) of the springs with nothing beside them; None: ``compliance``
+    bodies: Array | None = None  # (N, 6, 6) compliance at the TCP of bodies found before; None: none was
     inclined: Inclined | None = None  # two more coordinates: rotation of a link about base x and y
 
     def __len__(self) -> int:
@@ -139,10 +140,12 @@ class Readings:
         return np.asarray(self.seen(self.state.J[:, :, joint], joint + 1)[:, :, None] * t[:, None, :])
 
     def through(self, wrench: Array) -> Array:
-        """(N, D) displacement that a wrench (N, 6) at the TCP causes through the joints' compliance so far."""
+        """(N, D) displacement that a wrench (N, 6) at the TCP causes through the compliance found so far."""
         J = self.state.J
         tau = np.einsum("nci,nc->ni", J, wrench)
         twist = np.asarray(np.einsum("nci,ni->nc", J, tau * self.compliance))
+        if self.bodies is not None:
+            twist += np.einsum("ncd,nd->nc", self.bodies, wrench)
         if self.inclined is None:
             return twist[:, : self.dimensions]
         k = self.inclined.link  # the joints behind it do not turn it

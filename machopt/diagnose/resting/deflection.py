@@ -7,6 +7,7 @@ robot is free of.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,15 +25,17 @@ from machopt.diagnose.search import unnamed
 from machopt.domain.location import joint_at
 from machopt.domain.parameters import joint_spring
 from machopt.domain.recording import Recording
-from machopt.domain.stiffness import LEAST_STIFFNESS
+from machopt.domain.stiffness import LEAST_STIFFNESS, Stiffness, Term
 from machopt.effects import registry
 from machopt.estimate.clusters import clusters
 from machopt.estimate.experiment import Experiment
 from machopt.estimate.robust import start
+from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import Masses, Robot
 
 Ints = NDArray[np.int64]
 GEOMETRIC = "K_C"
+RIGID = 1e18  # N·m/rad, of springs that give nothing
 
 
 def build(
@@ -45,6 +48,7 @@ def build(
     memo: dict[str, History] | None = None,
     terms: Array | None = None,
     alone: Array | None = None,
+    bodies: Array | None = None,
 ) -> tuple[Problem, Catalogue, Readings]:
     """Equations and hypotheses of a load test.
 
@@ -57,6 +61,7 @@ def build(
         memo: histories of an earlier call for the same tests.
         terms: (N, 6) m, rad, what the cell's own terms explain; None: it has none.
         alone: (6,) rad/(N·m) found with nothing beside the springs; None: ``compliance`` is.
+        bodies: (N, 6, 6) compliance at the TCP of bodies found before; None: none was.
 
     Raises:
         InputError: springs that hold no load at all.
@@ -71,7 +76,7 @@ def build(
     y = tests.measured - known
     c = np.clip(start(A, y, load) if compliance is None else compliance, 0.0, 1.0 / LEAST_STIFFNESS)
     labels = clusters(tests)
-    readings = replace(readings_of(recording, tests, robot, T_flange_tcp, masses, c, memo), alone=alone)
+    readings = replace(readings_of(recording, tests, robot, T_flange_tcp, masses, c, memo), alone=alone, bodies=bodies)
     predicted = A @ c
     gains = [predicted * (readings.session == s)[:, None] for s in range(1, int(readings.session.max()) + 1)]
     base = np.concatenate([A, *(g[:, :, None] for g in gains)], axis=2)
@@ -112,6 +117,15 @@ def build(
     tried = catalogue(readings, curved)
     laws = (*tried.hypotheses, *unnamed.hypotheses(readings))
     return problem, replace(tried, hypotheses=laws, nameless=tuple(bearings.hypotheses(readings))), readings
+
+
+def beside_springs(robot: Robot, T_flange_tcp: Array, q: Array, bodies: Sequence[Term]) -> Array | None:
+    """(N, 6, 6) compliance at the TCP of bodies alone, at joints q (N, 6) rad; None without any."""
+    if not bodies:
+        return None
+    stiff = Stiffness(joints=np.full(6, RIGID), terms=tuple(bodies))
+    arm = ArmElasticity(robot, T_flange_tcp, stiff).at(q)
+    return np.stack([arm.respond(np.broadcast_to(w, (len(q), 6))) for w in np.eye(6)], axis=2)
 
 
 def readings_of(

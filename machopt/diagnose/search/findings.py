@@ -10,7 +10,7 @@ from scipy.special import stdtr, stdtrit
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.evidence.grams import Model, Tried, sandwich
-from machopt.diagnose.nouns.problem import Quantity
+from machopt.diagnose.nouns.problem import Hypothesis, Quantity, Shape
 from machopt.diagnose.nouns.result import Estimate, LawFit, Name, Rival
 from machopt.diagnose.search.finer import worse
 from machopt.diagnose.search.screen import Scored, score
@@ -189,7 +189,7 @@ def _as_likely(beside: Model, c: Chosen, best: float) -> float:
 
 
 def _quantity_intervals(law: Tried, at: int, x: Array, covariance: Array, freedom: float) -> dict[str, Array]:
-    """(2, 2) ends of the 90 and 95 % intervals of each quantity, by its slope in the coefficients."""
+    """(2, 2) ends of the 90 and 95 % intervals of each quantity, by its slope and its bend in the coefficients."""
     h, shape, unit = law.hypothesis, law.shapes[at], law.unit[at]
     centre = h.quantities(x * unit, shape)
     slopes: dict[str, list[float]] = {name: [] for name in centre}
@@ -199,6 +199,7 @@ def _quantity_intervals(law: Tried, at: int, x: Array, covariance: Array, freedo
         up, down = h.quantities((x + step) * unit, shape), h.quantities((x - step) * unit, shape)
         for name in centre:
             slopes[name].append((up[name].value - down[name].value) / (2 * step[i]))
+    bends = _bends(h, x, covariance, (unit, shape)) if len(x) > 1 else {}
     out = {}
     known = registry.known(h.effect)
     form = FORM if known is None else known.form
@@ -207,9 +208,25 @@ def _quantity_intervals(law: Tried, at: int, x: Array, covariance: Array, freedo
             out[name] = np.full((2, 2), q.value)
             continue
         g = np.nan_to_num(np.array(slopes[name]), posinf=0.0, neginf=0.0)
-        sigma = float(np.hypot(np.sqrt(max(g @ covariance @ g, 0.0)), form * q.value if g.any() else 0.0))
+        noise = float(np.sqrt(max(g @ covariance @ g, 0.0)))
+        more = float(np.clip(bends.get(name, 0.0), -noise, noise))
+        sigma = float(np.hypot(noise, form * q.value if g.any() else 0.0))
         t = stdtrit(freedom, np.array([0.95, 0.975]))
-        out[name] = np.stack([q.value - t * sigma, q.value + t * sigma], axis=1)
+        out[name] = np.stack([q.value - more - t * sigma, q.value - more + t * sigma], axis=1)
+    return out
+
+
+def _bends(h: Hypothesis, x: Array, covariance: Array, at: tuple[Array, Shape]) -> dict[str, float]:
+    """What noise adds to each quantity in the mean: a length of several coefficients grows by what lies across it."""
+    unit, shape = at
+    power, axes = np.linalg.eigh(covariance)
+    middle = h.quantities(x * unit, shape)
+    out = dict.fromkeys(middle, 0.0)
+    for step in (axes * np.sqrt(np.maximum(power, 0.0))).T:
+        up, down = h.quantities((x + step) * unit, shape), h.quantities((x - step) * unit, shape)
+        for name, q in middle.items():
+            more = 0.5 * (up[name].value + down[name].value) - q.value
+            out[name] += more if np.isfinite(more) else 0.0
     return out
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,21 +13,30 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.evidence import aside, noise
 from machopt.diagnose.evidence.grams import base_model, tried
 from machopt.diagnose.evidence.whitening import whitening
-from machopt.diagnose.nouns.problem import Catalogue, Problem
+from machopt.diagnose.nouns.problem import Catalogue, Correction, Problem
 from machopt.diagnose.search import further
 from machopt.diagnose.search.finer import settled
-from machopt.diagnose.search.select import Chosen
+from machopt.diagnose.search.select import BODY, Chosen
 from machopt.diagnose.search.state import State
 from machopt.diagnose.search.together import searched
 from machopt.domain.kinematics import KinematicCorrection
+from machopt.domain.stiffness import Term
 
 Flags = NDArray[np.bool_]
 ROUNDS = 3
 MENDED = 2  # further ones, while the base is fitted to what nothing built has
 CLIPS = 4
 
-Unloaded = tuple[KinematicCorrection, ...]  # what was found that needs no load
-Rebuild = Callable[[Array, frozenset[int], Unloaded], tuple[Problem, Catalogue]]
+
+@dataclass(frozen=True)
+class About:
+    """What was found and what the next search is about, beside its base."""
+
+    unloaded: tuple[KinematicCorrection, ...] = ()  # needs no load
+    bodies: tuple[Term, ...] = ()  # give way beside the springs
+
+
+Rebuild = Callable[[Array, frozenset[int], About], tuple[Problem, Catalogue]]
 
 
 def in_rounds(
@@ -54,7 +64,7 @@ def in_rounds(
         settles = (rebuild is None or not doubted) and (same or number >= ROUNDS)
         if settles or number == ROUNDS + MENDED:
             return settled(state)
-        used, before, found = again, _names(state.chosen), _unloaded(state.chosen)
+        used, before, found = again, _names(state.chosen), _about(state.chosen)
         del state, fitted  # the columns of all laws are most of the memory
         if rebuild is not None:
             problem, catalogue = rebuild(x, doubted, found)
@@ -82,22 +92,24 @@ def _round(problem: Problem, catalogue: Catalogue, most: int, seed: int, residua
     )
 
 
-def _unloaded(chosen: Sequence[Chosen]) -> Unloaded:
-    """Corrections without load among what was chosen, where it is not a crowd.
+def _about(chosen: Sequence[Chosen]) -> About:
+    """Corrections without load and bodies that give way among what was chosen, where it is not a crowd.
 
     Of a crowd of waves and frames each leans on the others, and the next round about all of them found fewer: on a
     public UR10 (series D, benchmarks/real/poses.py) unseen poses were then predicted worse, 0.107 mm for 0.087.
     """
     if len(chosen) > calibrated.RESTING.crowded:
-        return ()
-    named = [c for c in chosen if c.tried.hypothesis.named]
-    each = [
-        c.tried.hypothesis.correction(
-            c.scored.x * c.tried.unit[c.scored.shape], c.tried.hypothesis.shapes[c.scored.shape]
-        )
-        for c in named
-    ]
-    return tuple(c for c in each if isinstance(c, KinematicCorrection))
+        return About()
+    named = [(c.tried.hypothesis.family, _correction(c)) for c in chosen if c.tried.hypothesis.named]
+    return About(
+        tuple(c for _, c in named if isinstance(c, KinematicCorrection)),
+        tuple(c for family, c in named if family == BODY and isinstance(c, Term)),
+    )
+
+
+def _correction(c: Chosen) -> Correction | None:
+    at = c.scored.shape
+    return c.tried.hypothesis.correction(c.scored.x * c.tried.unit[at], c.tried.hypothesis.shapes[at])
 
 
 def _doubted(problem: Problem, x: Array, chosen: Sequence[Chosen]) -> frozenset[int]:
