@@ -12,16 +12,19 @@ from typing import Any
 import numpy as np
 import pytest
 from poses_back import read_poses_csv
+from scipy import stats
 
 from machopt.design.candidates import PoseScreen, sample_poses
 from machopt.design.loadcases import LoadCases, LoadCriteria, load_cases
 from machopt.design.loads import load_ways
 from machopt.design.maximin import Contest, best_readings, by_pose, left_of_all, needed_noncentrality, power
 from machopt.design.measurement import ReadingNoise
+from machopt.design.poseplan import PlanSize
 from machopt.diagnose.apart.advice import advice, words
 from machopt.diagnose.apart.disputes import HIDDEN, MOST, NOTHING, PLACES, Diagnosed, Dispute, Stand
 from machopt.diagnose.apart.predicted import Predicted, law_of, load_tests, noise_of_cases, steps_for
 from machopt.diagnose.apart.separate import Asked, _contests, _laws, compliance_for, noise_for
+from machopt.diagnose.apart.sized import MOST_POSES, chosen, rounds_of_all, rounds_to_exclude
 from machopt.domain.cell import Cell
 from machopt.domain.parameters import joint_spring
 from machopt.domain.stiffness import Stiffness
@@ -93,6 +96,58 @@ def test_noncentrality_is_what_the_rival_leaves_on_average() -> None:
     assert left == pytest.approx(expected, abs=4 * np.sqrt((2 * 33 + 4 * expected) / 4000))  # four standard errors
     assert by_pose(c, own, blocks).sum() == pytest.approx(expected, rel=1e-9)
     assert left_of_all(c, own)[0] == pytest.approx(expected, rel=1e-9)
+
+
+def share_excluded(rounds: int, size: float) -> float:
+    """Share of draws in which diagnose's test excludes the rival; ``size`` of the law that is true, in sigmas."""
+    rng, poses, draws = np.random.default_rng(3), 20, 300
+    contest, _, _ = even(size, poses)
+    A, s = contest.columns.reshape(3 * poses, -1), contest.signal.reshape(-1)
+    B = np.concatenate([A[:, :2], s[:, None]], axis=1)  # base, and the law itself
+    hits = 0
+    for _ in range(draws):
+        y = s + rng.normal(size=len(s)) / np.sqrt(rounds)
+        rest = [(y - X @ np.linalg.lstsq(X, y, rcond=None)[0]).reshape(poses, 3) for X in (A, B)]
+        d = rounds * (np.sum(rest[0] ** 2, axis=1) - np.sum(rest[1] ** 2, axis=1))
+        t = d.mean() / (d.std(ddof=1) / np.sqrt(poses))
+        hits += d.sum() >= 9.0 and stats.t.sf(t, poses - 1) <= 0.005
+    return hits / draws
+
+
+def even(size: float, poses: int) -> tuple[Contest, np.ndarray, tuple[tuple[int, ...], ...]]:
+    """A law that a rival imitates for the most part, alike at every pose."""
+    rng = np.random.default_rng(2)
+    base, rival = rng.normal(size=(poses, 3, 2)), rng.normal(size=(poses, 3, 1))
+    signal = size * (3.0 * rival[:, :, 0] + rng.choice([-1.0, 1.0], (poses, 3)))
+    contest = Contest(0, 1, np.concatenate([base, rival], axis=2), signal)
+    return contest, np.broadcast_to(np.eye(3), (poses, 3, 3)), tuple((n,) for n in range(poses))
+
+
+@pytest.mark.parametrize("size", [0.35, 0.6])
+def test_rounds_until_a_rival_is_excluded_are_those_that_a_simulation_needs(size: float) -> None:
+    contest, own, blocks = even(size, 20)
+    rounds = rounds_to_exclude([contest], own, blocks, contest.columns[:, :, :2])
+    assert rounds is not None
+    assert share_excluded(rounds, size) >= 0.85  # nine of ten, counted on 300 draws
+    assert rounds == 1 or share_excluded(max(rounds // 2, 1), size) < 0.85
+
+
+def test_a_rival_that_few_poses_tell_is_not_excluded_by_rounds() -> None:
+    contest, own, blocks = even(1.0, 20)
+    alone = contest.signal.copy()
+    alone[2:] = 3.0 * contest.columns[2:, :, 2]
+    assert rounds_to_exclude([replace(contest, signal=alone)], own, blocks, contest.columns[:, :, :2]) is None
+    assert rounds_of_all([1, None], [None, 4]) == 10  # of pairs that rounds do not split only what they can
+    assert rounds_of_all([1, 3], [None, 4]) == 4
+
+
+def test_a_plan_has_more_poses_where_diagnoses_test_asks_for_them() -> None:
+    contest, own, _ = even(0.35, 60)
+    base, none = contest.columns[:, :, :2], np.zeros((3, 3))
+    size = PlanSize(poses=4, loads=1, candidates=60, starts=1)
+    found = chosen([[contest]], base, own, none, np.arange(60), size, np.random.default_rng(0))
+    assert 4 < len(found) <= MOST_POSES
+    assert rounds_to_exclude([contest], own, found, base) is not None
 
 
 @pytest.fixture(scope="module")
@@ -455,7 +510,8 @@ def test_command_plans_what_tells_two_links_apart(tmp_path: Path) -> None:
     assert pair["noncentrality_per_cycle"] > 2.0 * pair["random_noncentrality_per_cycle"]  # else the search is idle
     assert told["cycles"] >= pair["cycles_for_power"]
     table = read_poses_csv(folder / "poses.csv")
-    assert len(np.unique(table.pose)) == 6
+    assert pair["cycles_until_diagnose_excludes"] <= told["cycles"]  # by its own test, which six poses do not pass
+    assert 6 < len(np.unique(table.pose)) <= MOST_POSES
     assert "What it tells apart" in (folder / "report.html").read_text()
     assert "told apart" in done.message
 

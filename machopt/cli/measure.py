@@ -212,7 +212,7 @@ def _add_poses(p: argparse.ArgumentParser) -> None:
         "--discriminate",
         type=Path,
         metavar="OUT_OF_DIAGNOSE",
-        help="tell apart what this diagnosis could not; as many rounds as that takes, --cycles at least",
+        help="tell apart what this diagnosis could not; as many poses and rounds as that takes, and as asked for",
     )
     search.add_argument("--prior", type=_floats, metavar="K1,…,K6", help="rough stiffness, N·m/rad (the cell's)")
     search.add_argument("--prior-factor", type=real, default=1.0, help="the prior may be wrong by this factor (1)")

@@ -49,6 +49,7 @@ class Apart:
     why: str
     per_cycle: float  # noncentrality of one round, the worse way round
     planned: float  # of all rounds
+    told: bool  # in nine of ten cases, by diagnose's own test
     cycles: int | None  # for 90 % at the 1 % level
     until: int | None  # rounds until diagnose excludes the wrong one, given these readings alone
     random: float  # of one round at random poses and loads, median

@@ -70,7 +70,7 @@ def _verdict(data: PosesPage) -> Body:
     seen = bool(np.isfinite(data.sigma).all())
     tone, badge = ("", "READY") if seen else ("warn", "NOT EVERYTHING IS SEEN")
     if data.apart:
-        split = all(a.planned >= data.enough for a in data.apart)
+        split = all(a.told for a in data.apart)
         tone, badge = ("", "READY") if split else ("warn", "NOT EVERYTHING IS TOLD APART")
     return part("verdict", "verdict", tone, badge, sentence(data), data.warnings, _cards(data))
 
@@ -98,8 +98,8 @@ def sentence(data: PosesPage) -> str:
 
 def _told(data: PosesPage) -> str:
     """Which pairs the plan splits, which it does not, and what would."""
-    split = [a for a in data.apart if a.planned >= data.enough]
-    rest = [a for a in data.apart if a.planned < data.enough]
+    split = [a for a in data.apart if a.told]
+    rest = [a for a in data.apart if not a.told]
     rounds = "round" if data.rounds == 1 else "rounds"
     out = f"{data.poses} poses, {data.rounds} {rounds}, {data.readings} readings: "
     if split:
@@ -171,7 +171,7 @@ def _cards(data: PosesPage) -> list[tuple[str, str, str, str]]:
     if math.isfinite(data.bound):
         cards.append(("D-efficiency", f"≥ {100 * data.bound:.0f}", "%", "against any choice of as many"))
     if data.apart:
-        told = sum(a.planned >= data.enough for a in data.apart)
+        told = sum(a.told for a in data.apart)
         cards.append(("Told apart", f"{told} of {len(data.apart)}", "", "pairs of explanations"))
     if math.isfinite(data.target):
         value = str(data.needed * data.per_pose) if data.needed is not None else "–"

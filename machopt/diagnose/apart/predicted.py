@@ -34,7 +34,8 @@ UP_AND_DOWN = (0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25, 0.0)
 REST = 1e4  # s between cycles: in which order they come is not known yet, so none feels the one before
 SAME = 1e-3  # relative, of the parameters of a law here and where it was fitted
 SETTLED = 3  # fixed-point steps to the arm's place under weight
-SHAPES = 2  # further shapes that a refitted rival may take
+SHAPES = 2  # further shapes that a refitted rival may take while readings are chosen
+FORMS = 8  # shapes of each of its laws that a finished design is held against
 
 
 @dataclass(frozen=True)
@@ -201,6 +202,12 @@ def law_of(stand: Stand, at: Predicted, coordinates: float) -> Law | None:
     return Law(stand, columns @ x, (columns, *(at.columns(h, s) for s in others)))
 
 
+def forms_of(stand: Stand, at: Predicted) -> tuple[Array, ...]:
+    """(N, K·D, p) of every law of its effect at its place, as diagnose refits a rival, at shapes over the grid."""
+    laws = [h for h in at.hypotheses if h.name == stand.name]
+    return tuple(at.columns(h, s) for h in laws for s in _spread(h.shapes, FORMS))
+
+
 def noise_of_cases(cases: LoadCases, noise: ReadingNoise, steps: tuple[float, ...]) -> tuple[Array, Array]:
     """(N, K·D, K·D) own error of each case, and (K·D, K·D) of what readings of a pose share.
 
@@ -232,10 +239,15 @@ def _sized(h: Hypothesis, stand: Stand, shape: tuple[float, ...], columns: Array
 
 
 def _around(shapes: tuple[tuple[float, ...], ...]) -> list[tuple[float, ...]]:
-    """Some shapes spread over the grid."""
+    """Some shapes spread over the grid, its ends left out."""
     if len(shapes) <= SHAPES:
         return list(shapes)
     return [shapes[int(k)] for k in np.linspace(0, len(shapes) - 1, SHAPES + 2)[1:-1]]
+
+
+def _spread(shapes: tuple[tuple[float, ...], ...], most: int) -> list[tuple[float, ...]]:
+    """Shapes spread over the grid, with its ends."""
+    return [shapes[int(k)] for k in np.unique(np.linspace(0, len(shapes) - 1, min(most, len(shapes))).round())]
 
 
 def _means(h: Hypothesis, x: Array, shape: tuple[float, ...], stated: Mapping[str, Any] | None) -> bool:

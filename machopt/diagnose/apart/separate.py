@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from machopt.arrays import Array
 from machopt.design.accuracy import accuracy
@@ -21,11 +20,8 @@ from machopt.design.loadcases import LoadCases
 from machopt.design.loads import LoadWay
 from machopt.design.maximin import (
     Contest,
-    best_readings,
-    by_pose,
     left_of_all,
     needed_noncentrality,
-    power,
     random_readings,
 )
 from machopt.design.measurement import UNLOADED_TWICE, ReadingNoise
@@ -35,7 +31,25 @@ from machopt.design.search import Design, information
 from machopt.diagnose import calibrated
 from machopt.diagnose.apart.advice import advice, words
 from machopt.diagnose.apart.disputes import HIDDEN, MOST, NOTHING, PLACES, Diagnosed, Dispute, Stand
-from machopt.diagnose.apart.predicted import Law, Predicted, law_of, load_tests, noise_of_cases, standing, steps_for
+from machopt.diagnose.apart.predicted import (
+    Law,
+    Predicted,
+    forms_of,
+    law_of,
+    load_tests,
+    noise_of_cases,
+    standing,
+    steps_for,
+)
+from machopt.diagnose.apart.sized import (
+    Side,
+    chosen,
+    rounds_for,
+    rounds_of_all,
+    rounds_to_exclude,
+    separation,
+    toughened,
+)
 from machopt.domain.cell import Cell
 from machopt.model.elastic import ArmElasticity
 from machopt.model.robot import Masses, Robot
@@ -44,9 +58,8 @@ Ints = NDArray[np.int64]
 
 ROWS = 60_000  # numbers × cases looked at: more take minutes and change nothing
 FEWEST = 200  # poses looked at; rather fewer loads at each
-MOST_CYCLES = 10  # that a plan asks for by itself
-LOOKED = 50  # cycles counted up to
 DRAWS = 30  # random designs beside
+TURNS = 3  # of choosing readings and of looking for forms of the rivals that these tell worse
 
 
 @dataclass(frozen=True)
@@ -68,11 +81,10 @@ class Pair:
     per_cycle: float  # noncentrality of one round over all poses, the worse way round
     planned: float  # of all rounds
     cycles: int | None  # for 90 % at the 1 % level; None: not within 50
-    until: (
-        int | None
-    )  # until diagnose, given these readings alone, excludes the wrong one; None: more poses, not rounds
+    until: int | None  # until diagnose, given these readings alone, excludes the wrong one; None: rounds do not do it
     random: float  # median noncentrality of one round at random poses and loads
     advice: str  # what would split them where this cannot
+    told: bool = False  # by all rounds, in nine of ten cases, by diagnose's own test
 
     @property
     def possible(self) -> bool:
@@ -156,40 +168,46 @@ def discriminating(
     covariance, shared = noise_of_cases(few, noise, steps)
     open_, closed, notes = _contests(found, at, covariance + shared, noise.dimensions)
     progress("choosing poses and loads")
-    if open_:
-        flat = [c for _, both in open_ for c in both]
-        blocks = best_readings(flat, covariance, shared, few.pose, size.poses, size.loads, rng, size.starts)
-    else:
-        blocks = random_readings(few.pose, size.poses, size.loads, rng)
+    contests = [both for _, both, _ in open_]
+    for turn in range(TURNS):
+        blocks = chosen(contests, at.base, covariance, shared, few.pose, size, rng, grow=turn > 0)
+        known = [len(both) for both in contests]
+        pool_of = zip(contests, open_, strict=True)
+        contests = [toughened(both, sides, covariance + shared, blocks) for both, (_, _, sides) in pool_of]
+        if turn > 0 and known == [len(both) for both in contests]:
+            break
     home, velocity = cell.home[:6], cell.limits.velocity[:6]
     blocks = tuple(blocks[i] for i in shortest_way(pool.q[few.pose[[b[0] for b in blocks]]], home, velocity))
-    draws = [random_readings(few.pose, size.poses, size.loads, rng) for _ in range(DRAWS)]
+    draws = [random_readings(few.pose, len(blocks), size.loads, rng) for _ in range(DRAWS)]
     progress("how well they tell apart")
     enough = needed_noncentrality()
-    each = [_separation(both, covariance, shared, few.pose, blocks) for _, both in open_]
-    chance = np.array([[_separation(both, covariance, shared, few.pose, b) for b in draws] for _, both in open_])
+    each = [separation(both, covariance, shared, few.pose, blocks) for both in contests]
+    chance = np.array([[separation(both, covariance, shared, few.pose, b) for b in draws] for both in contests])
+    excluded = [rounds_to_exclude(both, covariance + shared, blocks, at.base) for both in contests]
     wanted = []
-    for (_, both), first in zip(open_, each, strict=True):
-        wanted.append(_cycles(asked, found, few, steps, both, blocks, first, enough))
-    most = max((min(c or MOST_CYCLES, MOST_CYCLES) for c in wanted), default=1)
-    cycles = max(asked.noise.cycles, most)
+    for both, first in zip(contests, each, strict=True):
+
+        def planned(n: int, both: Sequence[Contest] = both) -> float:
+            own, together = noise_of_cases(few, noise_for(asked, found, n), steps)
+            return separation(both, own, together, few.pose, blocks)
+
+        wanted.append(rounds_for(planned, first, enough))
+    cycles = max(asked.noise.cycles, rounds_of_all(wanted, excluded))
     final = noise_for(asked, found, cycles)
     own, together = noise_of_cases(few, final, steps)
     pairs = []
-    for k, (pair, both) in enumerate(open_):
-        planned = _separation(both, own, together, few.pose, blocks)
-        instead = "" if wanted[k] is not None else advice(pair.one, pair.two)
-        luck = float(np.median(chance[k]))
-        until = max((_until(c, covariance + shared, blocks, at) or LOOKED + 1 for c in both), default=LOOKED + 1)
+    for k, ((pair, _, _), both) in enumerate(zip(open_, contests, strict=True)):
+        whole, until = separation(both, own, together, few.pose, blocks), excluded[k]
         pairs.append(
             replace(
                 pair,
                 per_cycle=each[k],
-                planned=planned,
+                planned=whole,
                 cycles=wanted[k],
-                until=until if until <= LOOKED else None,
-                random=luck,
-                advice=instead,
+                until=until,
+                random=float(np.median(chance[k])),
+                told=whole >= enough and until is not None and until <= cycles,
+                advice="" if wanted[k] is not None else advice(pair.one, pair.two),
             )
         )
     plan = _plan(prior, few, Design(blocks, min(each, default=0.0)), final, rng)
@@ -208,10 +226,12 @@ def discriminating(
 
 def _contests(
     found: Diagnosed, at: Predicted, covariance: Array, dimensions: int
-) -> tuple[list[tuple[Pair, list[Contest]]], list[Pair], list[str]]:
-    """Pairs that can be split with their contests, pairs that nothing here can split, and what was left out."""
+) -> tuple[list[tuple[Pair, list[Contest], list[Side]]], list[Pair], list[str]]:
+    """Pairs that can be split with their contests and what else their rivals may be, pairs that nothing here can split,
+    and what was left out."""
     share = 3.0 / dimensions
-    open_: list[tuple[Pair, list[Contest]]] = []
+    open_: list[tuple[Pair, list[Contest], list[Side]]] = []
+    forms: dict[tuple[str, str], tuple[Array, ...]] = {}
     closed: list[Pair] = []
     notes: list[str] = []
     made: dict[tuple[int, int], Array] = {}
@@ -233,6 +253,7 @@ def _contests(
                 advice="",
             )
             contests: list[Contest] = []
+            sides: list[Side] = []
             for t, r in ((i, j), (j, i)):
                 if laws[t].stand is NOTHING:
                     continue
@@ -241,11 +262,15 @@ def _contests(
                     if key not in made:
                         made[key] = np.concatenate([base, columns], axis=2)
                     contests.append(Contest(t, r, made[key], laws[t].signal))
+                rival = laws[r].stand
+                if rival.name not in forms:
+                    forms[rival.name] = forms_of(rival, at)
+                sides.append(Side(t, r, laws[t].signal, base, forms[rival.name]))
             left = [left_of_all(c, covariance) for c in contests]
             if min(rest / max(whole, 1e-300) for rest, whole in left) < calibrated.DETECTION.left_apart:
                 closed.append(replace(pair, advice=advice(one.stand, two.stand)))
             else:
-                open_.append((pair, contests))
+                open_.append((pair, contests, sides))
     return open_, closed, notes
 
 
@@ -282,54 +307,6 @@ def _signal(found: dict[int, Law | None], k: int) -> Array:
     law = found[k]
     assert law is not None  # kept are those that were found
     return law.signal
-
-
-def _separation(
-    contests: Sequence[Contest], covariance: Array, shared: Array, pose: Ints, blocks: Sequence[Sequence[int]]
-) -> float:
-    return min(power(c, covariance, shared, pose, blocks) for c in contests)
-
-
-def _cycles(
-    asked: Asked,
-    found: Diagnosed,
-    cases: LoadCases,
-    steps: tuple[float, ...],
-    contests: Sequence[Contest],
-    blocks: Sequence[Sequence[int]],
-    first: float,
-    enough: float,
-) -> int | None:
-    """The least number of rounds that separates a pair; the load's own error does not average."""
-    if first >= enough:
-        return 1
-    n = int(np.ceil(enough / max(first, 1e-12))) if first * LOOKED >= enough else LOOKED + 1
-    while n <= LOOKED:
-        own, shared = noise_of_cases(cases, noise_for(asked, found, n), steps)
-        if _separation(contests, own, shared, cases.pose, blocks) >= enough:
-            return n
-        n += 1 + n // 8
-    return None
-
-
-def _until(contest: Contest, covariance: Array, blocks: Sequence[Sequence[int]], at: Predicted) -> int | None:
-    """Rounds after which diagnose excludes the rival in nine of ten cases.
-
-    It asks for a gain that is clearly larger, and where the rival reaches most of the gain, for one that is larger pose
-    by pose too: Student's t of the differences, whose mean is λ_g at pose g and whose variance is 4 λ_g.
-    """
-    each = by_pose(contest, covariance, blocks)
-    whole = by_pose(replace(contest, columns=at.base), covariance, blocks).sum()
-    G, total, spread = len(each), float(each.sum()), float(each.var(ddof=1)) if len(each) > 1 else 0.0
-    if total <= 0.0 or G < 2:
-        return None
-    critical = float(stdtrit(G - 1, 1.0 - calibrated.DETECTION.paired)) + calibrated.DETECTION.nine_of_ten
-    alone = 1.0 - total / whole < calibrated.DETECTION.most_of  # the rival does not reach most of the gain
-    for n in range(1, LOOKED + 1):
-        larger = n * total - calibrated.DETECTION.nine_of_ten * 2.0 * np.sqrt(n * total) >= calibrated.DETECTION.as_good
-        if larger and (alone or n * total / np.sqrt(G * n**2 * spread + 4.0 * n * total) >= critical):
-            return n
-    return None
 
 
 def _thinned(cases: LoadCases, most: int, rng: np.random.Generator) -> LoadCases:

@@ -32,7 +32,7 @@ def apart_told(a: Discriminating) -> DiscriminateTold:
                 cycles_for_power=p.cycles,
                 cycles_until_diagnose_excludes=p.until,
                 random_noncentrality_per_cycle=p.random,
-                told_apart=p.planned >= enough,
+                told_apart=p.told,
                 otherwise=p.advice or None,
             )
             for p in a.pairs

@@ -111,6 +111,7 @@ def _pairs(apart: Discriminating) -> tuple[page.Apart, ...]:
             why=p.why,
             per_cycle=p.per_cycle,
             planned=p.planned,
+            told=p.told,
             cycles=p.cycles,
             until=p.until,
             random=p.random,
