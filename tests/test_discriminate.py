@@ -137,8 +137,9 @@ def test_a_rival_that_few_poses_tell_is_not_excluded_by_rounds() -> None:
     alone = contest.signal.copy()
     alone[2:] = 3.0 * contest.columns[2:, :, 2]
     assert rounds_to_exclude([replace(contest, signal=alone)], own, blocks, contest.columns[:, :, :2]) is None
-    assert rounds_of_all([1, None], [None, 4]) == 10  # of pairs that rounds do not split only what they can
-    assert rounds_of_all([1, 3], [None, 4]) == 4
+    assert rounds_of_all([1, 3], [None, 4]) == 4  # as far as rounds do it
+    assert rounds_of_all([None, None], [None, 7]) == 1  # nothing is gained by ten
+    assert rounds_of_all([12], [None]) == 10
 
 
 def test_a_plan_has_more_poses_where_diagnoses_test_asks_for_them() -> None:

@@ -136,8 +136,8 @@ def rounds_for(planned: Callable[[int], float], first: float, enough: float) -> 
 
 
 def rounds_of_all(wanted: Sequence[int | None], excluded: Sequence[int | None]) -> int:
-    """Rounds that a plan asks for by itself: what its pairs need, as far as rounds do it."""
-    each = [max(n or MOST_CYCLES, m or 1) for n, m in zip(wanted, excluded, strict=True)]
+    """Rounds that a plan asks for by itself: what its pairs need, as far as rounds do it; one for what they do not."""
+    each = [max(n, m or 1) if n is not None else 1 for n, m in zip(wanted, excluded, strict=True)]
     return max((min(n, MOST_CYCLES) for n in each), default=1)
 
 
