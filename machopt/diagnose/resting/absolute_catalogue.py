@@ -37,7 +37,7 @@ def catalogue(r: Readings, problem: Problem) -> Catalogue:
         *at_heat.hypotheses(r),
         *(h for h in at_body.hypotheses(r) if not (r.recording.targets and h.location == "tool")),
     ]
-    slides = [] if r.robot.slides is None else [joint_at(j + 1) for j in np.flatnonzero(r.robot.slides)]
+    slides = [] if r.robot.slides is None else [joint_at(int(j) + 1) for j in np.flatnonzero(r.robot.slides)]
     offered = [h for h in offered if h.effect == geometry.EFFECT.name or not _moved_by(h.location, slides)]
     missing = [*(Untestable(kinematic.ZERO.name, where, SLIDES) for where in slides), *_untestable(r)]
     Q = spanned(problem.base)
