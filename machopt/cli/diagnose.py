@@ -113,7 +113,9 @@ def summary(result: DiagnosisResult) -> list[str]:
         for name, p in f.parameters.items():
             low, high = p.ci90
             sure = f"   {_number(low)} … {_number(high)}" if low != high else ""
-            lines.append(f"       {name.replace('_', ' ')} {_number(p.value)} {p.unit}{sure}")
+            lines.append(
+                f"       {name.replace('_', ' ')} {_number(p.value)}{'' if p.unit == '1' else f' {p.unit}'}{sure}"
+            )
         lines.append(
             f"       held-out {_size(f.heldout_rmse_before, unit)} → {_size(f.heldout_rmse_after, unit)}, "
             f"p {_number(f.p_value)}"

@@ -13,6 +13,11 @@ from machopt.effects.protocol import Effect
 
 LENGTHS = {"inches": 25.4, "centimetres": 10.0, "metres": 1e3, "micrometres": 1e-3}  # millimetres in one
 ANGLES = {"radians": 57.29577951308232, "turns": 360.0, "gon": 0.9}  # degrees in one
+MOMENTS = {
+    "kN·m": 1e3,
+    "kgf·m": 9.80665,
+    "lbf·ft": 1.3558179483,
+}  # newton metres in one; newton millimetres show as levers
 FORCES = {"kilograms": 9.80665, "pounds": 4.44822, "kilonewtons": 1e3}  # newtons in one
 
 UNITS = Effect(

@@ -18,7 +18,7 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.nouns import loads
 from machopt.diagnose.nouns.repaired import exact, repaired
 from machopt.diagnose.nouns.result import Estimate, Finding
-from machopt.diagnose.record import sessions, throughout
+from machopt.diagnose.record import sessions, slipped, throughout
 from machopt.diagnose.record.contradiction import contradictions
 from machopt.domain.location import column_at
 from machopt.domain.recording import Axes, Recording
@@ -65,11 +65,15 @@ def mend(
         InputError: no load or no displacement at all.
     """
     recording, odd = sessions.mended(recording, robot, T_flange_tcp, prior, accept)
+    recording, late = slipped.mended(recording, robot, T_flange_tcp, accept)
+    odd = [*odd, *late]
     if recording.kind == "absolute":
         recording, more = throughout.mended(recording, robot, T_flange_tcp, accept)
         return recording, [*odd, *more], []
     findings: list[Finding] = []
     warnings: list[str] = []
+    recording, turned = throughout.moments(recording, robot, T_flange_tcp, accept)
+    odd = [*odd, *turned]
     recording, silent = loads.heard(recording)
     for _ in range(MOST_REPAIRS):
         tests = experiment(recording, robot, T_flange_tcp)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.domain.recording import Recording
-from machopt.effects.record import COLUMNS, FORCES, LENGTHS, UNITS
+from machopt.effects.record import COLUMNS, FORCES, LENGTHS, MOMENTS, UNITS
 
 Flags = NDArray[np.bool_]
 HEADS = {"displacement": "dx_mm", "position": "x_mm"}
@@ -51,7 +51,7 @@ def ways(part: Recording) -> Iterator[Way]:
             effect=COLUMNS.name,
             column=head,
             words=f"the rows of {head} … stand one too {'low' if by < 0 else 'high'}",
-            read=lambda r, by=by: _slipped(r, kind, by),  # type: ignore[misc]
+            read=lambda r, by=by: slipped(r, kind, by),  # type: ignore[misc]
         )
     for j in range(part.q.shape[1]):
         yield Way(
@@ -65,6 +65,20 @@ def ways(part: Recording) -> Iterator[Way]:
         yield from loads
         for a, b in product(lengths, (w for w in loads if w.effect == UNITS.name)):
             yield replace(a, read=lambda r, a=a, b=b: b.read(a.read(r)), beside=(b,))  # type: ignore[misc]
+        if part.wrench[:, 3:].any():
+            yield from turning_units()
+
+
+def turning_units() -> Iterator[Way]:
+    """Moments alone in another unit: forces by the sensor, moments by hand from a lever."""
+    for name, f in MOMENTS.items():
+        yield Way(
+            effect=UNITS.name,
+            column="mx_Nm",
+            words=f"the columns mx_Nm … hold {name}",
+            read=lambda r, f=f: _turned(r, f),  # type: ignore[misc]
+            factor=f,
+        )
 
 
 def _lengths(kind: str, head: str) -> Iterator[Way]:
@@ -144,7 +158,8 @@ def _changed(r: Recording, kind: str, M: Array) -> Recording:
     return replace(r, **changes)
 
 
-def _slipped(r: Recording, kind: str, by: int) -> Recording:
+def slipped(r: Recording, kind: str, by: int) -> Recording:
+    """With the measured values of ``kind`` moved by so many rows."""
     changes: dict[str, Any] = {kind: np.roll(getattr(r, kind), by, axis=0)}
     if kind == "position" and r.quaternion is not None:
         changes["quaternion"] = np.roll(r.quaternion, by, axis=0)
@@ -155,6 +170,13 @@ def _turned_back(r: Recording, joint: int) -> Recording:
     q = r.q.copy()
     q[:, joint] *= -1.0
     return replace(r, q=q)
+
+
+def _turned(r: Recording, factor: float) -> Recording:
+    assert r.wrench is not None  # ways looks for it
+    w = r.wrench.copy()
+    w[:, 3:] *= factor
+    return replace(r, wrench=w)
 
 
 def _loaded(r: Recording, M: Array, together: bool) -> Recording:

@@ -14,13 +14,13 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.nouns.reflectors import registered
-from machopt.diagnose.nouns.repaired import repaired
+from machopt.diagnose.nouns.repaired import exact, repaired
 from machopt.diagnose.nouns.result import Finding
-from machopt.diagnose.record.rewritten import Way, ways
+from machopt.diagnose.record.rewritten import Way, turning_units, ways
 from machopt.diagnose.record.sessions import Equations, chance, equations, typical
 from machopt.domain.location import column_at
 from machopt.domain.recording import Recording
-from machopt.effects.record import COLUMNS
+from machopt.effects.record import COLUMNS, UNITS
 from machopt.model.robot import Robot
 
 
@@ -69,6 +69,55 @@ def mended(
             1e3 * typical(before),
             1e3 * typical(after),
             chance(stated.pose, *sizes),
+        )
+    ]
+
+
+def moments(
+    recording: Recording, robot: Robot, T_flange_tcp: Array, accept: Collection[str] = ()
+) -> tuple[Recording, list[Finding]]:
+    """Moments that are in another unit in every row, while forces are not.
+
+    Numbers so small that a force sensor's uncertainty swallows them would count as noise, and what they do as a lever.
+    Held against a model of the moments as stated and of none.
+
+    Args:
+        recording: kind deflection, single sessions mended.
+        robot, T_flange_tcp: the arm.
+        accept: effects that the user says are none.
+    """
+    if UNITS.name in accept or recording.wrench is None or not recording.wrench[:, 3:].any():
+        return recording, []
+    stated = equations(recording, robot, T_flange_tcp)
+    if not stated.wrench[:, :3].any() or not stated.y.any():
+        return recording, []
+    before = _error(stated)
+    left = _share(stated, before)
+    silent = recording.wrench.copy()
+    silent[:, 3:] = 0.0
+    without = equations(replace(recording, wrench=silent), robot, T_flange_tcp)
+    least = min(left, _share(without, _error(without)))
+    found = []
+    for way in turning_units():
+        changed = way.read(recording)
+        now = equations(changed, robot, T_flange_tcp)
+        after = _error(now)
+        found.append((_share(now, after), way, changed, after))
+    found.sort(key=lambda f: f[0])
+    (best, way, changed, after), (second, *_) = found[:2]
+    if best > calibrated.RECORD.whole_falls * least or second < calibrated.RECORD.part_as_good * best:
+        return recording, []
+    words = f"{way.words}, in the whole record: so read the model leaves {100 * best / left:.2g} % of what it left"
+    sizes = [np.linalg.norm(e, axis=1) for e in (before, after)]
+    return changed, [
+        repaired(
+            way.effect,
+            column_at(way.column),
+            words,
+            1e3 * typical(before),
+            1e3 * typical(after),
+            chance(stated.pose, *sizes),
+            {"factor": exact(1.0 / way.factor)},
         )
     ]
 

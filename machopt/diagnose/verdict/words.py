@@ -128,7 +128,7 @@ def noise_note(noise: Noise) -> tuple[str, ...]:
 
 def _found(f: Finding) -> str:
     first = next(iter(f.parameters.values()), None)
-    size = "" if first is None else f", {_number(first.value)} {first.unit}"
+    size = "" if first is None or first.unit == "1" else f", {_number(first.value)} {first.unit}"
     return f"{spoken(f.effect, f.location)}{size}{f' ({f.note})' if f.note else ''}"
 
 

@@ -1,0 +1,95 @@
+"""Stretches of rows that stand one too low or high, and moments in another unit than forces, are read as meant."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_up_loads import CELLS
+from test_diagnose_absolute import arm as measured_arm
+from test_diagnose_absolute import measure
+from test_diagnose_sessions import CELL, sound
+
+from machopt.diagnose.nouns.result import Finding
+from machopt.diagnose.record import slipped, throughout
+from machopt.domain.recording import Recording, StandardUncertainty
+from machopt.formats.cell import load_cell
+from machopt.model.robot import load_robot
+
+
+def at_arm(r: Recording, mend=slipped.mended, accept: tuple[str, ...] = ()) -> tuple[Recording, list[Finding]]:
+    cell = load_cell(CELLS / CELL)
+    return mend(r, load_robot(cell), cell.tool.T_flange_tcp, accept)
+
+
+def moved(r: Recording, first: int, last: int, by: int) -> Recording:
+    """Rows first … last − 1 with the displacement of the row before or after them."""
+    values = r.displacement.copy()
+    values[first:last] = r.displacement[first - by : last - by]
+    return replace(r, displacement=values)
+
+
+@pytest.mark.parametrize(("first", "last", "by"), [(70, 110, 1), (95, 115, -1), (4, 40, 1)])
+def test_a_stretch_of_slipped_rows_is_put_back_and_told_by_its_rows(first: int, last: int, by: int) -> None:
+    r = sound()
+    out, (finding,) = at_arm(moved(r, first, last, by))
+    assert (finding.effect, finding.location) == ("columns", "column:dx_mm")
+    at = [round(finding.parameters[name].value) for name in ("first row", "last row")]
+    assert abs(at[0] - (first + 1)) <= 2
+    assert abs(at[1] - last) <= 2
+    inside = slice(first + 2, last - 2)
+    assert np.array_equal(out.displacement[inside], r.displacement[inside])
+    assert np.array_equal(
+        np.delete(out.displacement, np.s_[first - 2 : last + 2], axis=0),
+        np.delete(r.displacement, np.s_[first - 2 : last + 2], axis=0),
+    )
+
+
+def test_a_slip_of_measured_poses_is_put_back() -> None:
+    cell, robot, _ = measured_arm()
+    r = measure(noise=25e-6, registration="fit")
+    values = r.position.copy()
+    values[20:34] = r.position[19:33]
+    out, (finding,) = slipped.mended(replace(r, position=values), robot, cell.tool.T_flange_tcp)
+    assert (finding.effect, finding.location) == ("columns", "column:x_mm")
+    assert np.array_equal(out.position[21:32], r.position[21:32])
+
+
+def test_sound_records_with_backlash_and_what_the_user_accepts_stay() -> None:
+    r = sound()
+    assert at_arm(r)[0] is r
+    wrong = moved(r, 70, 110, 1)
+    assert at_arm(wrong, accept=("columns",))[0] is wrong
+    cell, robot, _ = measured_arm()
+    poses = measure(noise=25e-6, registration="fit")
+    assert slipped.mended(poses, robot, cell.tool.T_flange_tcp)[0] is poses
+
+
+def test_a_load_of_other_size_at_every_row_is_no_slip() -> None:
+    r = sound()
+    rng = np.random.default_rng(3)
+    noisy = replace(r, displacement=r.displacement * (1.0 + rng.normal(0.0, 0.5, (len(r), 1))))
+    assert at_arm(noisy)[0] is noisy
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e-3, "kN·m"), (1.0 / 9.80665, "kgf·m")])
+def test_moments_in_another_unit_than_forces_are_read_as_they_were_meant(factor: float, unit: str) -> None:
+    r = sound(moment=400.0)
+    wrench = r.wrench.copy()
+    wrench[:, 3:] *= factor
+    told = replace(r, wrench=wrench, uncertainty=StandardUncertainty(force=5.0, moment=2.0))
+    out, (finding,) = at_arm(told, throughout.moments)
+    assert (finding.effect, finding.location) == ("units", "column:mx_Nm")
+    assert unit in finding.note
+    assert np.allclose(out.wrench, r.wrench)
+
+
+def test_moments_as_stated_and_moments_of_noise_stay() -> None:
+    r = sound(moment=400.0)
+    assert at_arm(r, throughout.moments)[0] is r
+    plain = sound()
+    wrench = plain.wrench.copy()
+    wrench[:, 3:] = np.random.default_rng(1).normal(0.0, 1.0, (len(plain), 3))
+    noise = replace(plain, wrench=wrench)
+    assert at_arm(noise, throughout.moments)[0] is noise
