@@ -112,7 +112,8 @@ def _split(problem: Problem, family: Family, e: Array, rows: Flags) -> tuple[flo
         if scale is not None and n > 2:
             s = scale[block] - scale[block].mean(axis=0)
             power = float(np.sum(s * s))
-            if power > 0:
+            # one load read again and again: what its force seems to change by is the sensor's noise, which errs with it
+            if power > float(np.sum((calibrated.RESTING.same_load * scale[block]) ** 2)):
                 b = float(np.sum(s * rest)) / power
                 rest = rest - b * s
                 # force noise errs along the displacement, where its gain would show: held against that direction's own

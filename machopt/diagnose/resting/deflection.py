@@ -219,7 +219,21 @@ def replicates(tests: Experiment, recording: Recording) -> Ints:
                 continue
             near = free & (branch[rows] == branch[rows[k]]) & (np.abs(w - w[k]).max(axis=1) < 1.0)
             free[near] = False
-            if near.sum() > 1:
-                out[rows[near]] = n
-                n += 1
+            for times in _in_turn(tests.cycle[rows[near]]):  # what is read again while it rests may have crept on
+                if len(times) > 1:
+                    out[rows[near][times]] = n
+                    n += 1
     return out
+
+
+def _in_turn(cycle: Ints) -> list[Ints]:
+    """Numbers of readings that are the first of their cycle, the second, …"""
+    seen: dict[int, int] = {}
+    turns: list[list[int]] = []
+    for k, label in enumerate(cycle.tolist()):
+        turn = seen.get(label, 0)
+        seen[label] = turn + 1
+        if turn == len(turns):
+            turns.append([])
+        turns[turn].append(k)
+    return [np.array(t, np.int64) for t in turns]

@@ -1,0 +1,70 @@
+"""A load that is held and read again: what its force seems to change by is no gain, what creeps is no noise."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+from made_up_loads import CELLS, Dirt, Truth, arm, load_tests, planned
+
+from machopt.diagnose.evidence import noise
+from machopt.diagnose.nouns.problem import Problem
+from machopt.diagnose.resting import deflection
+from machopt.domain.recording import Recording
+from machopt.estimate.experiment import experiment
+from machopt.formats.cell import load_cell
+from machopt.model.robot import load_robot
+
+CELL = "kr240_drilling"
+TIMES, WHITE, FORCE = 3, 15e-6, 4.0  # readings of a load; m and N, 1 sigma
+
+
+def held(crept: float) -> Recording:
+    """Each load read three times, a minute apart; ``crept`` m more along it each time."""
+    rng = np.random.default_rng(11)
+    a = arm(CELL)
+    plan = planned(a, rng, poses=14, loads=1, sessions=2)
+    r = load_tests(a, Truth(a.nominal), plan, rng, Dirt(white=0.0, cycle=0.0, visit=0.0, outliers=0.0))
+    rows = np.repeat(np.arange(len(r)), TIMES)
+    whole: dict[str, Any] = {}
+    for f in fields(r):
+        value = getattr(r, f.name)
+        if isinstance(value, np.ndarray) and len(value) == len(r):
+            whole[f.name] = value[rows]
+    turn = np.tile(np.arange(TIMES), len(r))
+    d = whole["displacement"].copy()
+    along = d / np.linalg.norm(d[:, :3], axis=1, keepdims=True)
+    d += crept * turn[:, None] * along + WHITE * rng.standard_normal(d.shape)
+    w = whole["wrench"].copy()
+    w[:, :3] += FORCE * rng.standard_normal((len(w), 3))
+    whole |= {"displacement": d, "wrench": w, "time": whole["time"] + 60.0 * turn, "line": np.arange(2, len(w) + 2)}
+    return replace(r, **whole)
+
+
+def split(r: Recording) -> tuple[noise.Noise, Problem]:
+    cell = load_cell(CELLS / CELL)
+    robot, T = load_robot(cell), cell.tool.T_flange_tcp
+    problem, _, _ = deflection.build(r, experiment(r, robot, T), robot, T, None)
+    A, y = problem.base.reshape(-1, problem.base.shape[2]), problem.y.reshape(-1)
+    left = (y - A @ np.linalg.lstsq(A, y, rcond=None)[0]).reshape(problem.y.shape)
+    return noise.estimate(problem, left, np.ones(len(problem), bool)), problem
+
+
+def test_a_load_that_stays_the_same_tells_no_gain() -> None:
+    found, problem = split(held(0.0))
+    moved = float(np.abs(problem.y).max())
+    assert found.replicated
+    assert found.gain < 0.05
+    assert found.together(0) < 3.0 * WHITE
+    assert moved > 20.0 * WHITE  # a gain that is wrong by its size would be far more than this noise
+
+
+def test_what_creeps_while_a_load_rests_is_no_noise() -> None:
+    still, _ = split(held(0.0))
+    crept, problem = split(held(6.0 * WHITE))
+    assert crept.own[0] < 1.5 * still.own[0]
+    # a first reading is a twin of first ones
+    turn = np.tile(np.arange(TIMES), len(problem) // TIMES)
+    for label in np.unique(problem.replicate[problem.replicate >= 0]):
+        assert len(np.unique(turn[problem.replicate == label])) == 1
