@@ -17,7 +17,7 @@ from machopt.diagnose.nouns.readings import History
 from machopt.diagnose.nouns.result import Diagnosis, Finding, Name
 from machopt.diagnose.record import gains, gross, labels, moved, nests, pose_units, repairs, tilt_columns
 from machopt.diagnose.record.pasted import pasted
-from machopt.diagnose.resting import absolute, deflection, loaded
+from machopt.diagnose.resting import absolute, deflection, elsewhere, loaded
 from machopt.diagnose.search import engine
 from machopt.diagnose.search.rounds import About, Rebuild
 from machopt.diagnose.verdict import cellvalues, enough
@@ -91,26 +91,34 @@ def at_rest(
         )
     right = _put_right(recording, cell, robot, masses, accept)
     recording = right.recording
-    elsewhere = pasted(recording, robot, T)
-    copies = gross.copied(recording) | elsewhere
+    others = pasted(recording, robot, T)
+    copies = gross.copied(recording) | others
     said = [*recording.warnings, *right.warnings, *held_still(cell)]
     notes: tuple[str, ...] = ()
 
+    beside: list[Finding] = []
+
     def load_tests(terms: tuple[Term, ...]) -> tuple[Diagnosis, Problem]:
         known = None if cell.stiffness is None else Stiffness(joints=cell.stiffness.joints, terms=terms)
-        return _load_tests(
-            seed,
-            recording,
-            robot,
-            T,
-            masses,
-            laws,
-            known,
-            copies,
-            options,
-            limits=cell.arm_limits,
-            stated=held.geometric(cell.stiffness),
-        )
+
+        def about(tcp: Array) -> tuple[Diagnosis, Problem]:
+            return _load_tests(
+                seed,
+                recording,
+                robot,
+                tcp,
+                masses,
+                laws,
+                known,
+                copies,
+                options,
+                limits=cell.arm_limits,
+                stated=held.geometric(cell.stiffness),
+            )
+
+        done, tool = elsewhere.followed(T, about)
+        beside[:] = [] if tool is None else [tool]
+        return done
 
     def poses(terms: tuple[Term, ...]) -> tuple[Diagnosis, Problem]:
         rng, kept = np.random.default_rng(seed), frozenset[int]()
@@ -141,13 +149,13 @@ def at_rest(
         d, problem = held.diagnosed(terms, load_tests)
     else:
         d, problem = held.diagnosed(terms, poses, held.in_poses)
-    aside = gross.outliers(recording, d, copies, problem, elsewhere)
+    aside = gross.outliers(recording, d, copies, problem, others)
     said += cellvalues.far_off(d, prior)
     said += () if cell.stiffness is None else held_over(cell.stiffness.external)
     if recording.kind == "absolute" and cell.stiffness is not None and cell.stiffness.position is not None:
         said += cell.stiffness.position.beyond(recording.q)
     mended, overnight = moved.warmed(right.findings, d.findings)
-    whole = _with_record(d, mended, aside, (*right.stood, *overnight, *notes), tuple(said))
+    whole = _with_record(d, [*mended, *beside], aside, (*right.stood, *overnight, *notes), tuple(said))
     return Examined(enough.judged(whole, problem), problem, recording)
 
 

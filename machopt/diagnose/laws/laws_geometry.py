@@ -19,7 +19,6 @@ from machopt.domain.kinematics import KinematicCorrection
 from machopt.effects import geometry
 from machopt.effects.protocol import JOINTS, Quantity
 
-ROUNDING = 1e-12  # of a direction of length one: what is less is none
 WHOLE = ("base", "joint:1")  # move everything alike, as a tracker does that stands elsewhere than the recording says
 
 
@@ -68,7 +67,7 @@ def shown(columns: Array, base: Array) -> Array:
     _, s, Vt = np.linalg.svd(np.linalg.qr(A - Q @ (Q.T @ A))[1])
     whole = np.linalg.norm(A @ Vt.T, axis=0)
     kept = (s > calibrated.RESTING.shown_geometry * whole) & (s > calibrated.RESTING.weak_geometry * s[0])
-    return np.asarray(np.where(np.abs(Vt) > ROUNDING, Vt, 0.0)[kept].T)
+    return np.asarray(np.round(Vt[kept], 12).T)  # what rounding left of a part that the base takes is none
 
 
 def _hypothesis(place: str, columns: Array, V: Array, penalty: float) -> Hypothesis:

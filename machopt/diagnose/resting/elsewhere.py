@@ -1,0 +1,76 @@
+"""A TCP that sits elsewhere in the tool than the cell says: once found, everything is looked at again from there.
+
+The law (:class:`machopt.effects.sensor.Elsewhere`) is linear in the offset. A tool that is a hand's breadth
+shorter turns the arm about another point: what is of second order in the offset looks like a tool that gives way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.diagnose.nouns.problem import Problem
+from machopt.diagnose.nouns.result import Diagnosis, Estimate, Finding
+from machopt.effects.sensor import LOAD, Elsewhere
+from machopt.se3 import transform
+
+Seen = tuple[Diagnosis, Problem]
+STEPS = 3  # each is some tenth of the one before
+
+
+def followed(T_flange_tcp: Array, look: Callable[[Array], Seen]) -> tuple[Seen, Finding | None]:
+    """A diagnosis of load tests, about the TCP that they show.
+
+    Args:
+        T_flange_tcp: (4, 4) the cell's.
+        look: diagnoses with a TCP.
+
+    Returns:
+        the diagnosis with its problem, and the finding that it stands on: the law with the whole offset, and what the
+        readings leave from there. None: the TCP is the cell's, or what is seen from where it was found is no better.
+    """
+    first = d, _ = look(T_flange_tcp)
+    found = again = _named(d)
+    if found is None:
+        return first, None
+    offset = np.zeros(3)
+    for _ in range(STEPS):
+        if again is None:
+            break
+        last, offset = again, offset + np.array([e.value for e in _parts(again)]) * 1e-3
+        seen = there, _ = look(T_flange_tcp @ transform(np.eye(3), offset))
+        again = _named(there)
+    fewer = there.verdict in ("consistent", "explained") and len(there.findings) < len(d.findings)
+    if again is not None or not (fewer or there.heldout_after <= max(d.heldout_after, d.noise_floor)):
+        return first, None
+    parameters = _whole(1e3 * offset, last)
+    return seen, replace(found, parameters=parameters, before=d.heldout_before, after=there.heldout_after, record=True)
+
+
+def _named(d: Diagnosis) -> Finding | None:
+    return next((f for f in d.findings if (f.effect, f.law) == (LOAD.name, Elsewhere.name)), None)
+
+
+def _parts(f: Finding) -> list[Estimate]:
+    return [f.parameters[f"offset_{a}"] for a in "xyz"]
+
+
+def _whole(offset: Array, last: Finding) -> Mapping[str, Estimate]:
+    """(3,) mm as sure as its last step."""
+    size = float(np.linalg.norm(offset))
+
+    def ends(level: str) -> list[tuple[float, float]]:
+        parts = [(getattr(e, level), e.value) for e in _parts(last)]
+        each = [(v + low - was, v + high - was) for v, ((low, high), was) in zip(offset, parts, strict=True)]
+        wide = np.array([(high - low) / 2.0 for low, high in each])
+        along = float(np.linalg.norm(wide * offset / max(size, 1e-300)))
+        return [(max(size - along, 0.0), size + along), *each]
+
+    names, values = ("offset", "offset_x", "offset_y", "offset_z"), (size, *map(float, offset))
+    return {
+        name: Estimate(value, "mm", (float(a), float(b)), (float(c), float(e)))
+        for name, value, (a, b), (c, e) in zip(names, values, ends("ci90"), ends("ci95"), strict=True)
+    }

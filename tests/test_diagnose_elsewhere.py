@@ -1,0 +1,49 @@
+"""A tool that is a hand's breadth shorter than its cell says: found, looked at again from there, nothing else named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from made_up_loads import CELLS, Dirt, Truth, arm, load_tests, planned
+
+from machopt.diagnose.run import Examined, at_rest
+from machopt.diagnose.search import engine
+from machopt.domain.recording import Recording
+from machopt.formats.cell import load_cell
+from machopt.se3 import transform
+
+CELL = "kr240_drilling"
+OFFSET = np.array([0.0, 0.02, 0.16])  # m in tool axes, from the cell's TCP to the true one
+
+
+@cache
+def recorded() -> Recording:
+    rng = np.random.default_rng(8)
+    a = arm(CELL)
+    plan = planned(a, rng, poses=14, loads=3, sessions=2, moment=300.0)
+    return load_tests(a, Truth(a.nominal * rng.uniform(0.8, 1.2, 6)), plan, rng, Dirt(outliers=0.0), rotations=True)
+
+
+def diagnosed(offset: np.ndarray) -> Examined:
+    cell = load_cell(CELLS / CELL)
+    wrong = cell.tool.T_flange_tcp @ transform(np.eye(3), -offset)  # the record is of the cell's own TCP
+    cell = replace(cell, tool=replace(cell.tool, T_flange_tcp=wrong))
+    return at_rest(cell, recorded(), engine.Options(), [], accept=(), seed=0)
+
+
+def test_the_tool_is_measured_and_nothing_is_named_for_what_its_length_does() -> None:
+    d = diagnosed(OFFSET).diagnosis
+    (finding,) = (f for f in d.findings if f.effect != "geometric_stiffness")
+    assert (finding.effect, finding.location, finding.record) == ("load_geometry", "sensor:force", True)
+    for name, true in zip("xyz", OFFSET, strict=True):
+        said = finding.parameters[f"offset_{name}"]
+        assert said.ci95[0] - 0.5 < 1e3 * true < said.ci95[1] + 0.5
+    assert finding.after < 1.3 * d.noise_floor
+    assert d.verdict in ("consistent", "explained")
+
+
+def test_a_tool_as_the_cell_says_is_looked_at_once() -> None:
+    d = diagnosed(np.zeros(3)).diagnosis
+    assert not [f for f in d.findings if f.effect != "geometric_stiffness"]
