@@ -11,10 +11,10 @@ from machopt.arrays import Array
 from machopt.diagnose.evidence.grams import Model, base_model, tried
 from machopt.diagnose.evidence.noise import Noise
 from machopt.diagnose.evidence.whitening import whitening
-from machopt.diagnose.nouns.problem import Family, Hypothesis, Problem, Quantity, Shape, Unknown
+from machopt.diagnose.nouns.problem import Family, Finer, Hypothesis, Problem, Quantity, Shape, Unknown
 from machopt.diagnose.nouns.result import Estimate
 from machopt.diagnose.search.findings import estimates
-from machopt.diagnose.search.finer import ALIKE, CUT, _middle, between, closest, worse
+from machopt.diagnose.search.finer import ALIKE, CUT, _middle, beside_each_other, between, closest, worse
 from machopt.diagnose.search.screen import profile, score
 from machopt.diagnose.search.select import Chosen
 from machopt.effects.waves import Turning, waves
@@ -131,3 +131,69 @@ def test_waves_of_angles_asked_over_and_over_are_those_asked_once() -> None:
     turning = Turning(angle)
     for orders in ((1.0,), (7.0, 14.0), (200.0,), (2.5,), (0.5, 1.0)):
         np.testing.assert_allclose(turning.waves(orders), waves(angle, orders), atol=1e-12)
+
+
+def test_a_bump_of_two_numbers_is_settled_between_those_of_its_grid_and_its_intervals_hold_the_truth() -> None:
+    """A soft sector: its grid knew five places and three widths, and intervals had no width at all."""
+    grid = tuple((float(q), w) for q in np.linspace(-1.0, 1.0, 5) for w in (0.15, 0.3, 0.6))
+    finer = beside_each_other(grid)
+    assert finer is not None
+    held, draws = np.zeros(2), 40
+    for seed in range(draws):
+        rng = np.random.default_rng(seed)
+        true = rng.uniform(-0.6, 0.6), rng.uniform(0.2, 0.45)
+        x = rng.uniform(-1.2, 1.2, 400)
+        y = 3.0 * SIGMA * np.exp(-0.5 * ((x - true[0]) / true[1]) ** 2) + SIGMA * rng.normal(size=len(x))
+        base, law = _bump(x, y, grid, finer)
+        first = tried(base, [law])[0]
+        found = closest(base, base, Chosen(score(base, [first])[0], 0.0), finer)
+        said = estimates(base, [found], 0, [found.tried])
+        for n, name in enumerate(("at", "wide")):
+            low, high = said[name].ci95
+            assert 0.0 < high - low < 0.5
+            held[n] += low <= true[n] <= high
+    assert (held >= 0.85 * draws).all()  # of 95 %: 34 and fewer of 40 in one draw of 600
+
+
+def test_a_grid_that_is_no_product_of_two_is_left_alone() -> None:
+    assert beside_each_other(((1.0, 2.0),)) is None
+    assert beside_each_other(((1.0, 2.0), (2.0, 3.0), (3.0, 4.0))) is None
+    assert beside_each_other(((1.0,), (2.0,))) is None
+
+
+def _bump(x: Array, y: Array, grid: tuple[Shape, ...], finer: Finer) -> tuple[Model, Hypothesis]:
+    """The base, and the law of a bump."""
+    n = len(x)
+    at = np.arange(n)
+    problem = Problem(
+        channel="position",
+        y=y[:, None],
+        base=np.ones((n, 1, 1)),
+        unknowns=(Unknown(name="a", unit="m"),),
+        families=(Family(name="translation", columns=(0,), unit="mm", factor=1e3),),
+        group=at % 30,
+        visit=at % 30,
+        cycle=at % 30,
+        session=np.zeros(n, np.int64),
+        replicate=np.full(n, -1),
+        line=at + 2,
+        row=at + 1,
+    )
+    law = Hypothesis(
+        effect="made up",
+        location="joint:1",
+        law="bump",
+        equation="",
+        columns=lambda s: np.exp(-0.5 * ((x - s[0]) / s[1]) ** 2)[:, None, None],
+        quantities=lambda c, s: {
+            "size": Quantity(float(c[0]), "m"),
+            "at": Quantity(float(s[0]), "1"),
+            "wide": Quantity(float(s[1]), "1"),
+        },
+        shapes=grid,
+        family="joint",
+        finer=finer,
+        exact=True,
+    )
+    w = whitening(problem, Noise(np.array([SIGMA]), np.zeros(1), np.zeros(1), 0.0, True), np.ones(n, bool))
+    return base_model(problem, w, np.random.default_rng(0))[0], law

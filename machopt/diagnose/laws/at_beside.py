@@ -131,7 +131,7 @@ def _bends(r: Readings, effect: Effect, where: str, law: Beside) -> Hypothesis:
         note=_note(where),
         penalty=law.penalty,
         curve=line,
-        finer=Finer(_around) if law is LINKAGE else None,
+        finer=Finer(about=_around) if law is LINKAGE else None,
     )
 
 

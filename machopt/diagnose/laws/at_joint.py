@@ -15,6 +15,7 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.nouns.history import history
 from machopt.diagnose.nouns.problem import Curve, Hypothesis, Quantity, Shape
 from machopt.diagnose.nouns.readings import Readings
+from machopt.diagnose.search.finer import beside_each_other
 from machopt.domain.location import joint_at, joints_of
 from machopt.domain.stiffness import Term
 from machopt.effects import files, registry
@@ -99,6 +100,7 @@ def _hypothesis(r: Readings, j: int, effect: Effect, law: Law, scale: Scale, gri
         note=effect.note,
         family="joint",
         buildable=buildable,
+        finer=None if law.remembers else beside_each_other(grid),
         curve=curve if law.weighs or (law.remembers and not timed(law)) else None,
     )
 

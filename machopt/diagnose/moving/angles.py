@@ -49,7 +49,9 @@ def orders(scene: Scene, joint: int) -> Finer:
             return ""
         return f"order not resolved (between {low:.1f} and {high:.1f} a turn): the joint turns by {360.0 / apart:.0f}°"
 
-    return Finer(about, lambda s: float(s[0]).is_integer(), said, calibrated.MOTION.beats * apart)
+    return Finer(
+        about=about, plain=lambda s: float(s[0]).is_integer(), said=said, apart=calibrated.MOTION.beats * apart
+    )
 
 
 def hypotheses(scene: Scene, joint: int, fit: PowerTaken) -> tuple[list[Hypothesis], list[Untestable]]:

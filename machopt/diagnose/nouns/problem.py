@@ -116,7 +116,7 @@ class RecordCorrection:
 Correction = Term | KinematicCorrection | RecordCorrection
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Finer:
     """What a shape of a grid is settled by, once its law is chosen."""
 
@@ -127,6 +127,7 @@ class Finer:
     apart: float = 0.0  # several shapes at once differ by this at least, else they are one
     # of one number: least and most that the ends of its interval are looked for in; None: about the best shape alone
     reach: tuple[float, float] | None = None
+    several: bool = False  # numbers at once, each of which has an interval of its own
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from machopt.diagnose.search.select import Chosen, with_chosen
 from machopt.diagnose.search.state import State
 
 BETWEEN = 6  # shapes between one of a grid and its neighbour
+BESIDE = 3  # of two numbers at once, to either side
 NARROWER = 5.0  # times, where few of these are as likely as the best
 NARROW = 1e-3  # of the way between neighbours
 FEW = 4
@@ -37,7 +38,30 @@ def between(grid: Sequence[Shape]) -> Finer | None:
         part = shape[0] * ratio ** (share * np.linspace(-1.0, 1.0, 2 * BETWEEN + 1))
         return tuple((float(v),) for v in part)
 
-    return Finer(about, reach=(float(values[0]) / ratio, float(values[-1]) * ratio))
+    return Finer(about=about, reach=(float(values[0]) / ratio, float(values[-1]) * ratio))
+
+
+def beside_each_other(grid: Sequence[Shape]) -> Finer | None:
+    """Of two numbers whose grid holds each of the first with each of the second: as far as to the next of either.
+
+    A second number that is positive throughout (a width) is varied in ratios.
+    """
+    if len(grid) < 2 or any(len(s) != 2 for s in grid):
+        return None
+    each = [np.unique([s[n] for s in grid]) for n in range(2)]
+    if any(len(values) < 2 for values in each) or len(each[0]) * len(each[1]) != len(set(grid)):
+        return None
+    steps = [float(np.diff(values).max()) for values in each]
+    least = [float(values[0]) for values in each]
+
+    def about(shape: Shape, share: float) -> tuple[Shape, ...]:
+        way = share * np.linspace(-1.0, 1.0, 2 * BESIDE + 1)
+        first, second = (at + way * step for at, step in zip(shape, steps, strict=True))
+        if least[1] > 0.0:
+            second = shape[1] * (1.0 + steps[1] / least[1]) ** way
+        return tuple((float(a), float(b)) for a in first for b in second)
+
+    return Finer(about=about, several=True)
 
 
 def settled(state: State) -> State:
@@ -85,13 +109,15 @@ def closest(base: Model, beside: Model, c: Chosen, finer: Finer) -> Chosen:
         near = [s for s, g in zip(shapes, gain.tolist(), strict=True) if g > least(float(gain.max()))]
         best = shapes[int(np.argmax(gain))]
         share /= NARROWER
-        if len(near) >= FEW or share < NARROW:
+        if _told(near, finer) or share < NARROW:
             break
     notes = [h.note]
     if len(best) == 1:
         beyond, cut = _outwards(asked, seen, lambda: least(max(seen.values())), finer)
         near += [*grid, *beyond, *_ends(asked, seen, lambda: least(max(seen.values())))]
         notes += [CUT] if cut else []
+    elif finer.several:
+        near += [*seen, *_sides(asked, seen, lambda: least(max(seen.values())))]
     near = [s for s in dict.fromkeys(near) if seen[s] > least(max(seen.values()))]
     plain = [s for s in near if finer.plain(s)]
     at = _middle(plain or near, seen)
@@ -101,6 +127,13 @@ def closest(base: Model, beside: Model, c: Chosen, finer: Finer) -> Chosen:
     kept = replace(tried(base, [noted])[0], index=c.tried.index)
     own = score(beside, tried(base, [replace(h, shapes=(at,))]))[0]
     return replace(c, scored=replace(own, tried=kept, shape=near.index(at)))
+
+
+def _told(near: Sequence[Shape], finer: Finer) -> bool:
+    """Whether few enough shapes are apart that are as likely: of several numbers, of each of them."""
+    if not finer.several:
+        return len(near) >= FEW
+    return all(len({s[n] for s in near}) >= FEW - 1 for n in range(len(near[0])))
 
 
 def worse(h: Hypothesis) -> float:
@@ -156,6 +189,29 @@ def _ends(
         asked(between_them)
     order = [s for s in sorted(seen) if seen[s] > least()]
     return [order[0], order[-1]]
+
+
+def _sides(
+    asked: Callable[[Sequence[Shape]], Array], seen: dict[Shape, float], least: Callable[[], float]
+) -> list[Shape]:
+    """The outermost shapes of two numbers that are as likely, to either side of each with the other free."""
+    out: list[Shape] = []
+    for n in range(2):
+        for side in (-1.0, 1.0):
+            likely = [s for s in seen if seen[s] > least()]
+            last = max(likely, key=lambda s: side * s[n])
+            step, wide = (max(float(np.ptp([s[k] for s in likely])), ALIKE) for k in (n, 1 - n))
+            for _ in range(HALVINGS):
+                others = last[1 - n] + wide * np.linspace(-0.5, 0.5, 2 * BESIDE + 1)
+                value = last[n] + side * step
+                shapes = [(value, float(o)) if n == 0 else (float(o), value) for o in others]
+                gain = asked(shapes)
+                if gain.max() > least():
+                    last = shapes[int(np.argmax(gain))]
+                    out.append(last)
+                else:
+                    step /= 2.0
+    return out
 
 
 def _middle(shapes: Sequence[Shape], seen: Mapping[Shape, float]) -> Shape:

@@ -165,4 +165,4 @@ def _each(one: Finer) -> Finer:
         best: Array = np.array(shapes)
         return "; ".join(filter(None, (one.said([(float(v),) for v in own]) for own in best.T)))
 
-    return Finer(about, lambda s: all(one.plain((v,)) for v in s), said, one.apart)
+    return Finer(about=about, plain=lambda s: all(one.plain((v,)) for v in s), said=said, apart=one.apart)
