@@ -86,7 +86,8 @@ def test_the_script_prints_the_table_again() -> None:
 
 NO_DECISION = {  # constants beside the computation: guards against rounding, units, steps, ends of grids, a stated load
     "moving.friction.WIDER",
-    "laws.laws_geometry.ROUNDING",
+    "apart.sized.GROWS",  # of a search for a plan that is large enough
+    "apart.sized.HARDER",  # which forms of a rival are followed when a plan is sized
     "resting.absolute_catalogue.ROUNDING",
     "resting.deflection.RIGID",
     "resting.bearings.ANY",
@@ -133,7 +134,7 @@ def test_a_number_that_decides_stands_in_the_table() -> None:
 
 
 IN_THE_OPEN = {  # numbers that a line compares with: rounding, a computation's own, words
-    ("apart/separate.py", 4.0): "variance of a sum, worked out",
+    ("apart/sized.py", 4.0): "variance of a sum, worked out",
     ("evidence/whitening.py", 1e-6): "rounding of singular values",
     ("moving/link.py", 1e-6): "a column that stands still",
     ("moving/checks.py", 1e3): "millimetres",
