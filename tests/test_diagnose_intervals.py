@@ -15,9 +15,11 @@ import pytest
 import machopt
 from machopt.diagnose.nouns.problem import Hypothesis, Quantity
 from machopt.diagnose.search import findings
+from machopt.effects.nouns import FORM
 
 if TYPE_CHECKING:
     from machopt.diagnose.evidence.grams import Tried
+    from machopt.diagnose.search.select import Chosen
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks" / "concealed"))
 import generate
@@ -70,4 +72,25 @@ def test_a_sensor_is_wrong_through_what_bodies_give_too(tmp_path: Path) -> None:
     said = next(f for f in found.result.findings if f.effect == "force_sensor_offset").parameters["offset"]
     assert said.value == pytest.approx(offset, rel=0.06)
     assert said.ci95[0] < offset < said.ci95[1]
-    assert said.ci95[1] - said.ci95[0] < 0.3 * offset  # exact: no form of it is in doubt
+
+
+def _chosen(*effects: str) -> list[Chosen]:
+    return [
+        cast("Chosen", SimpleNamespace(tried=SimpleNamespace(hypothesis=replace(LENGTH, effect=e)))) for e in effects
+    ]
+
+
+def test_an_exact_law_is_as_sure_as_those_beside_it() -> None:
+    """What the form of a gear or a body leaves goes into a zero or a frame beside it; exact ones leave nothing."""
+    assert findings._doubt(_chosen("force_sensor_offset", "displacement_frame"), 0) == 0.0
+    assert findings._doubt(_chosen("force_sensor_offset", "base_compliance"), 0) == FORM
+    assert findings._doubt(_chosen("joint_hysteresis", "force_sensor_offset"), 0) == 0.0
+    x, sigma = np.array([1.0, 0.0, 0.0]), np.full(3, 0.01)
+    law = replace(LENGTH, quantities=lambda x, _: {"length": Quantity(float(np.linalg.norm(x)), "N")})
+    fitted = cast("Tried", SimpleNamespace(hypothesis=law, shapes=((),), unit=np.ones((1, 3))))
+    alone, beside = (
+        np.ptp(findings._quantity_intervals(fitted, 0, x, np.diag(sigma**2), 1e6, doubt)["length"][1])
+        for doubt in (0.0, FORM)
+    )
+    assert alone == pytest.approx(2 * 1.96 * 0.01, rel=1e-3)
+    assert beside == pytest.approx(2 * 1.96 * np.hypot(0.01, FORM), rel=1e-3)

@@ -91,6 +91,5 @@ PAYLOAD = Effect(
     port="torque",
     places=("tool",),
     carries=(Heavier(), Other(), Elsewhere()),
-    form=0.05,  # exact, but seen through springs that nothing loads but weight
     at={"tool": "the tool side"},
 )
