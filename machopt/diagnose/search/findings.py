@@ -19,6 +19,7 @@ from machopt.effects import registry
 from machopt.effects.protocol import FORM
 
 SHOWN = 10
+UNTOLD = 1000  # times a size of a body, from which on the end of its interval says no more than infinity
 
 
 def rivals(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tried]) -> tuple[list[Rival], list[Name]]:
@@ -121,6 +122,9 @@ def estimates(model: Model, chosen: Sequence[Chosen], k: int, tried: Sequence[Tr
             ends[name] = [i for i in ends[name] if _sure(i)]
         both = np.array(ends[name]) if ends[name] else np.full((1, 2, 2), q.value)
         low, high = both[:, :, 0].min(axis=0), both[:, :, 1].max(axis=0)
+        if h.family == "body":  # a size: nothing gives way against its load
+            low = np.maximum(low, 0.0)
+            high = np.where((high > UNTOLD * q.value) & (q.value > 0.0), np.inf, high)
         out[name] = Estimate(
             q.value,
             q.unit,
