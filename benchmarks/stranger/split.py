@@ -35,7 +35,7 @@ from loadtest import LoadTest
 from rig import Lab
 from scene import Clean, Effect, accepted, tune
 
-ALIKE = 0.8  # cosine of what two effects leave of the first record: below it is another rival than the diagnosis means
+ALIKE = 0.6  # cosine of what two effects leave of the first record: below it is another rival than the diagnosis means
 FORMS = 12  # of a rival tried
 BETWEEN, HOLD = 90.0, 10.0  # s
 Name = tuple[str, str]
