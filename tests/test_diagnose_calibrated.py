@@ -103,6 +103,7 @@ NO_DECISION = {  # constants beside the computation: guards against rounding, un
     "search.finer.ALIKE_MOST",
     "search.finer.NARROW",
     "search.finer.NARROWER",
+    "search.rate.EVERY",
     "evidence.grams.NOTHING",
     "evidence.grams.RIDGE",
     "moving.clock.LONGEST",

@@ -16,7 +16,7 @@ from machopt.arrays import Array
 from machopt.diagnose.evidence import noise
 from machopt.diagnose.evidence.grams import base_model, tried
 from machopt.diagnose.evidence.whitening import whitening
-from machopt.diagnose.moving import motion, next_motion, torque
+from machopt.diagnose.moving import masses, motion, next_motion
 from machopt.diagnose.nouns.motion_signals import signals
 from machopt.diagnose.nouns.result import Finding
 from machopt.diagnose.search import engine, mismatch
@@ -234,7 +234,7 @@ def test_a_last_link_four_sigma_off_is_a_payload_where_that_predicts_as_well(off
     base, links, rest = (rng.normal(size=(600, 2, p)) for p in (3, 2, 3))
     load = np.concatenate([links[:, :, 1:], rest], axis=2)
     y = off * links[:, :, 1] + 0.02 * rng.normal(size=(600, 2))
-    doubt, _ = torque._links(y, base, load, load, links, np.repeat(np.arange(12), 50))
+    doubt, _ = masses.links_of(y, base, load, load, links, np.repeat(np.arange(12), 50))
     assert (doubt > 0.0) == unsure
 
 

@@ -11,7 +11,7 @@ import pytest
 from test_diagnose_motion import arm, excited, recorded
 
 from machopt.diagnose import run
-from machopt.diagnose.moving import columns, friction, motion, torque
+from machopt.diagnose.moving import columns, friction, masses, motion
 from machopt.diagnose.moving.checks import servo_lag, slope, torque_side
 from machopt.diagnose.nouns.motion_signals import signals
 from machopt.diagnose.search.engine import Options
@@ -207,7 +207,7 @@ def test_masses_are_as_stated_where_a_balancer_and_gains_say_the_same_with_less_
     base = np.zeros((n, joints, joints))
     base[:, np.arange(joints), np.arange(joints)] = 1.0
     noise = 20.0 * rng.normal(size=(n, joints))
-    assert torque._links(noise + balancer, base, load, rivals, links, group) == (0.0, [])
+    assert masses.links_of(noise + balancer, base, load, rivals, links, group) == (0.0, [])
     off = links @ np.array([0.04, 0.03, -0.05])  # as makers are off, and nothing else is like it
-    assert torque._links(noise + off, base, load, rivals, links, group)[0] > 0.0
-    assert torque._links(noise, base, load, rivals, links, group)[0] > 0.0
+    assert masses.links_of(noise + off, base, load, rivals, links, group)[0] > 0.0
+    assert masses.links_of(noise, base, load, rivals, links, group)[0] > 0.0

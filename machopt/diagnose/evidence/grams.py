@@ -6,7 +6,7 @@ that one against it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from weakref import WeakKeyDictionary
@@ -252,11 +252,18 @@ def base_model(problem: Problem, w: Whitening, rng: np.random.Generator) -> tupl
     return model(w, X * unit, w.apply(problem.y), _folds(w, rng), (unit / known) ** 2), unit
 
 
-def tried(base: Model, hypotheses: Sequence[Hypothesis]) -> list[Tried]:
-    """Whiten every hypothesis at every shape; those without any column that moves a reading are left out."""
+def tried(base: Model, hypotheses: Sequence[Hypothesis], told: Callable[[int], None] = lambda _: None) -> list[Tried]:
+    """Whiten every hypothesis at every shape; those without any column that moves a reading are left out.
+
+    Args:
+        base: beside which they will be fitted.
+        hypotheses: the laws.
+        told: how many are done, after each.
+    """
     w, y = base.w, base.y
     out: list[Tried] = []
-    for h in hypotheses:
+    for done, h in enumerate(hypotheses):
+        told(done)
         raw, moved = _raw(h, w)
         S, p = raw.shape[2:]
         flat = raw.reshape(*raw.shape[:2], S * p)

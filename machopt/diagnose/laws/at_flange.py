@@ -89,7 +89,13 @@ def _hypothesis(
         note=note,
         penalty=calibrated.MOTION.part_of_load if recorded and _part(effect, law) else 0.0,
         possible=partial(_weighs, carried=seen.mass) if recorded and columns.shape[2] == WHOLE else None,
+        usual=_where_it_hangs(seen) if columns.shape[2] == WHOLE else None,
     )
+
+
+def _where_it_hangs(seen: Carried) -> Array:
+    """(1, 4) a load where the cell's own is; a moment beside it shows more, and a limit of any load would be its."""
+    return np.r_[1.0, seen.centre - seen.about][None, :]
 
 
 def _part(effect: Effect, law: CarriedLaw) -> bool:

@@ -16,10 +16,13 @@ from machopt.domain.location import COLUMN, joints_of, located
 from machopt.effects import files, registry
 from machopt.effects.protocol import Effect, Geared, MotorLaw
 
+ROUNDS = 3  # of a load and a gain
 KEPT = 3  # shapes of a law that the search is given: columns of two joints at many shapes are most of its memory
 
 
-def hypotheses(scene: Scene, paths: Sequence[Turn], torque: Array, beside: Array) -> list[Hypothesis]:
+def hypotheses(
+    scene: Scene, paths: Sequence[Turn], torque: Array, beside: Array, carried: Mapping[int, Array]
+) -> list[Hypothesis]:
     """Every law at every place of it whose joints turn.
 
     Args:
@@ -27,7 +30,9 @@ def hypotheses(scene: Scene, paths: Sequence[Turn], torque: Array, beside: Array
         paths: how friction turns over in the base, of each joint.
         torque: (N, n) N·m measured less predicted.
         beside: (N, n, p) what else of masses it may hold.
+        carried: (M,) N·m that joints, from 0, carry where there is a load besides: see :func:`loaded`.
     """
+    assert scene.predicted is not None  # the channel has it
     out = []
     for effect in registry.of_motors():
         for where in effect.tried:
@@ -35,7 +40,46 @@ def hypotheses(scene: Scene, paths: Sequence[Turn], torque: Array, beside: Array
             if _shown(scene, joints):
                 last = _Last(scene, joints, paths[joints[-1]], torque[:, joints[-1]], beside[:, joints[-1]])
                 laws = [law for law in effect.motors if not (scene.free_gains and law.of_gain)]
-                out += [_hypothesis(scene, effect, where, law, joints, last) for law in laws]
+                own = scene.predicted[:, sorted(set(joints))]
+                out += [_hypothesis(scene, effect, where, law, joints, last, own) for law in laws]
+                for law in laws:
+                    if law.of_gain and joints[-1] in carried:
+                        more = _hypothesis(scene, effect, where, law, joints, last, carried[joints[-1]][:, None])
+                        out.append(replace(more, law=f"{more.law}, of what it carries with the load besides"))
+    return out
+
+
+def loaded(scene: Scene, y: Array, base: Array, load: Array, lifted: Array) -> dict[int, Array]:
+    """(M,) N·m that each joint, from 0, would carry were its drive's gain wrong and an unknown load at the flange.
+
+    A wrong gain is wrong of what the load asks, too: of half a drive's torque and as much again of load a law of the
+    stated masses misses a quarter. The load is what all joints say beside that gain, in a few rounds.
+
+    Args:
+        scene: channel torque.
+        y: (N, D) of the problem; base: (N, D, P).
+        load: (M, n, 4) N·m per kg and kg·m at the flange; lifted: (N, D, 4) the same as columns of the problem.
+    """
+    assert scene.predicted is not None  # the channel has it
+    X = np.concatenate([base, lifted], axis=2)
+    X = X.reshape(-1, X.shape[2])
+    size = np.maximum(np.linalg.norm(X, axis=0), np.finfo(float).tiny)
+    Q, R = np.linalg.qr(X / size)
+    flat = y.reshape(-1)
+    rest = flat - Q @ (Q.T @ flat)
+    out = {}
+    for j in range(scene.joints):
+        if not scene.moves(j) or scene.prismatic[j]:
+            continue
+        carried = scene.predicted[:, j]
+        for _ in range(ROUNDS):
+            column = scene.column(j, carried).reshape(-1)
+            alone = column - Q @ (Q.T @ column)
+            power = float(alone @ alone)
+            gain = float(alone @ rest) / power if power > 0.0 else 0.0
+            x = np.linalg.lstsq(R, Q.T @ (flat - gain * column), rcond=1e-10)[0] / size
+            carried = scene.predicted[:, j] + load[:, j] @ x[base.shape[2] :]
+        out[j] = carried
     return out
 
 
@@ -92,12 +136,17 @@ class _Last:
 
 
 def _hypothesis(
-    scene: Scene, effect: Effect, where: str, law: MotorLaw, joints: tuple[int, ...], last: _Last
+    scene: Scene,
+    effect: Effect,
+    where: str,
+    law: MotorLaw,
+    joints: tuple[int, ...],
+    last: _Last,
+    needed: Array,
 ) -> Hypothesis:
-    assert scene.predicted is not None  # the channel has it
     m, own = scene.motion, sorted(set(joints))
     seen = Geared(
-        needed=scene.predicted[:, own],
+        needed=needed,
         speed=m.v[:, own],
         acceleration=m.a[:, own],
         way=last.way,

@@ -56,10 +56,17 @@ def unsure(scene: Scene, joint: int, turn: Turn) -> list[Array]:
     """
     wider, narrower = ((WIDER * path, WIDER * speed) for path, speed in (turn, (t / WIDER**2 for t in turn)))
     z = direction(scene, joint, turn)
-    other = direction(scene, joint, PATH if turn[1] > 0.0 else SMOOTH) - z
-    if turn == TURNS[0]:
-        return [other]
-    return [direction(scene, joint, wider) - direction(scene, joint, narrower), other]
+    off = [direction(scene, joint, PATH if turn[1] > 0.0 else SMOOTH) - z]
+    if turn != TURNS[0]:
+        off.insert(0, direction(scene, joint, wider) - direction(scene, joint, narrower))
+    return [x for x in off if _in_several(scene, x)]
+
+
+def _in_several(scene: Scene, x: Array) -> bool:
+    """Whether a signal (M,) shows in more than one stretch: of a single reversal no other stretch tells the size."""
+    m = scene.motion
+    power = np.bincount(np.unique(m.group, return_inverse=True)[1], m.within(m.mean(x[:, None]))[:, 0] ** 2)
+    return bool(power.sum() - power.max() > calibrated.DETECTION.without_best * power.sum())
 
 
 def turned(scene: Scene, v: Array, turn: Turn) -> Array:
@@ -76,6 +83,17 @@ def breakaway(scene: Scene, joint: int, y: Array, beside: Array) -> Turn:
     Friction that turns over a little faster or slower than the base has it leaves what looks like a peak at low speed,
     so the best of TURNS is refined between its neighbours. ``beside`` (N, p) is what else the torque may hold.
     """
+    power = _left(scene, joint, y, beside)
+    best, found = np.inf, TURNS[0]
+    for turn in TURNS:
+        left = power(turn)
+        if left < calibrated.MOTION.turn_over * best:
+            best, found = left, turn
+    return min((found, *_refined(found, power)), key=power)
+
+
+def _left(scene: Scene, joint: int, y: Array, beside: Array) -> Callable[[Turn], float]:
+    """Squares that each turn-over leaves of a joint's torque (N,), all else of it refitted, ``beside`` too."""
     m = scene.motion
     own = m.within(m.mean(np.stack([np.ones(len(m.q)), m.v[:, joint], m.a[:, joint]], axis=1)))
     rest = np.concatenate([own, beside], axis=1)
@@ -84,12 +102,26 @@ def breakaway(scene: Scene, joint: int, y: Array, beside: Array) -> Turn:
         z = m.within(m.mean(direction(scene, joint, turn)[:, None]))
         return float(np.sum(rest_of(y, np.concatenate([rest, z], axis=1))[0] ** 2))
 
-    best, found = np.inf, TURNS[0]
-    for turn in TURNS:
-        left = power(turn)
-        if left < calibrated.MOTION.turn_over * best:
-            best, found = left, turn
-    return min((found, *_refined(found, power)), key=power)
+    return power
+
+
+def gradual(scene: Scene, joint: int, turn: Turn, y: Array, beside: Array) -> str:
+    """Words for friction that surely turns over gradually, as Coulomb's does not; empty where it may be his.
+
+    What a joint passes between two samples about a reversal says nothing of how its friction turns over there.
+    """
+    path, speed = turn
+    between = float(np.sqrt(np.mean(scene.motion.a[:, joint] ** 2))) / scene.motion.rate  # rad/s (m/s)
+    if speed <= between and path <= 0.5 * between / scene.motion.rate:
+        return ""
+    power = _left(scene, joint, y, beside)
+    if len(y) * np.log(power(AT_ONCE) / max(power(turn), 1e-300)) < calibrated.DETECTION.gain:
+        return ""
+    if scene.prismatic[joint]:
+        over = f"{1e3 * speed:.2g} mm/s" if speed > 0.0 else f"a path of {1e3 * path:.2g} mm"
+    else:
+        over = f"{np.degrees(speed):.2g} deg/s" if speed > 0.0 else f"a path of {1e3 * path:.2g} mrad"
+    return f"friction that turns over gradually, over {over},"
 
 
 def _refined(turn: Turn, power: Callable[[Turn], float]) -> tuple[Turn, ...]:
@@ -99,14 +131,15 @@ def _refined(turn: Turn, power: Callable[[Turn], float]) -> tuple[Turn, ...]:
         return ()
     grid = sorted(t[kind] for t in TURNS if t[kind] > 0.0)
     n = grid.index(turn[kind])
-    ends = np.log([grid[max(n - 1, 0)], grid[n + 1] if n + 1 < len(grid) else 3.0 * grid[n]])
+    least, most = grid[n - 1] if n else grid[n] / 4.0, grid[n + 1] if n + 1 < len(grid) else 3.0 * grid[n]
+    ends = np.log([least, most])
 
     def made(log: float) -> Turn:
         size = float(np.exp(log))
         return (size, 0.0) if kind == 0 else (0.0, size)
 
-    least = minimize_scalar(lambda x: power(made(x)), bounds=ends, method="bounded", options={"maxiter": STEPS})
-    return (made(float(least.x)),)
+    found = minimize_scalar(lambda x: power(made(x)), bounds=ends, method="bounded", options={"maxiter": STEPS})
+    return (made(float(found.x)),)
 
 
 def rest_of(y: Array, X: Array) -> tuple[Array, Array]:
@@ -162,22 +195,36 @@ def friction(scene: Scene, joint: int, turn: Turn) -> list[Hypothesis]:
         slides=scene.prismatic[joint],
     )
     laws = ((e, law, law.grid(pace)) for e in registry.of_friction() for law in e.rubs)
-    return [_law(scene, joint, e, law, seen, grid) for e, law, grid in laws if grid]
+    return [
+        _law(scene, joint, e, law, seen, tuple(s[:1] for s in grid if s[1:] == rest), rest)
+        for e, law, grid in laws
+        for rest in dict.fromkeys(s[1:] for s in grid)
+    ]
 
 
 def _law(
-    scene: Scene, joint: int, effect: Effect, law: FrictionLaw, seen: Rubbing, grid: tuple[Shape, ...]
+    scene: Scene,
+    joint: int,
+    effect: Effect,
+    law: FrictionLaw,
+    seen: Rubbing,
+    grid: tuple[Shape, ...],
+    rest: Shape,
 ) -> Hypothesis:
+    """A law over its first number, which is settled between those of the grid; ``rest`` are the others."""
     unit = "N" if seen.slides else "N·m"
 
+    def columns(s: Shape) -> Array:
+        return law.columns(np.array(s + rest), seen)
+
     def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
-        return law.sizes(x, np.array(s), seen)
+        return law.sizes(x, np.array(s + rest), seen)
 
     def line(x: Array, s: Shape) -> Curve:
         return curve(
             scene,
             scene.motion.q[:, joint] if law.by_angle else seen.speed,
-            law.columns(np.array(s), seen) @ x,
+            columns(s) @ x,
             f"speed of joint {joint + 1} in {'m' if seen.slides else 'rad'}/s",
             f"friction beyond Coulomb and viscous in {unit}",
         )
@@ -189,7 +236,7 @@ def _law(
         effect.called,
         law.name,
         law.equation,
-        lambda s: law.columns(np.array(s), seen),
+        columns,
         sizes,
         grid,
         lower=lower if np.isfinite(lower).any() else (),

@@ -15,7 +15,7 @@ from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.laws import at_beside
 from machopt.diagnose.laws.motion_frame import Scene, one_joint, remembered
-from machopt.diagnose.moving import checks, columns, currents, link, tip, torque
+from machopt.diagnose.moving import checks, columns, currents, link, masses, tip, torque
 from machopt.diagnose.nouns.motion_signals import Motion, signals
 from machopt.diagnose.nouns.problem import Catalogue, Problem, Untestable
 from machopt.diagnose.nouns.result import Finding
@@ -190,7 +190,7 @@ def _errors(problem: Problem) -> Array:
     What is held near a statement (masses of links) is left at it: freely fitted it makes up for another unit.
     """
     free = [u.prior is None for u in problem.unknowns]
-    left = torque.heldout(problem.y, problem.base[:, :, free], problem.group, np.ones(problem.dimensions))
+    left = masses.heldout(problem.y, problem.base[:, :, free], problem.group, np.ones(problem.dimensions))
     return problem.families[0].factor * np.sqrt(
         left / np.unique(problem.group, return_counts=True)[1] / problem.dimensions
     )

@@ -18,7 +18,8 @@ from machopt.diagnose.moving import angles
 from machopt.diagnose.moving.checks import sign_test
 from machopt.diagnose.moving.clock import clocks, followers, valley
 from machopt.diagnose.moving.gears import drive, gear_laws, known
-from machopt.diagnose.moving.torque import heldout, motion_axes
+from machopt.diagnose.moving.masses import heldout
+from machopt.diagnose.moving.torque import motion_axes
 from machopt.diagnose.nouns.problem import (
     Catalogue,
     Family,

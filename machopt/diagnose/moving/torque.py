@@ -9,13 +9,12 @@ where the data say plainly that several links are off, which no payload explains
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
-from scipy.special import chdtrc
 
 from machopt.arrays import Array
 from machopt.diagnose import calibrated
@@ -23,8 +22,9 @@ from machopt.diagnose.laws import at_beside, at_flange
 from machopt.diagnose.laws.motion_frame import Scene, one_joint
 from machopt.diagnose.moving import drives, unnamed_motions
 from machopt.diagnose.moving.clock import LONGEST, clocks, valley
-from machopt.diagnose.moving.friction import Turn, breakaway, direction, friction, rest_of, turned, unsure
+from machopt.diagnose.moving.friction import Turn, breakaway, direction, friction, gradual, rest_of, turned, unsure
 from machopt.diagnose.moving.loads import ripple, springy
+from machopt.diagnose.moving.masses import links_of, spread_of
 from machopt.diagnose.nouns.problem import Catalogue, Family, Hypothesis, Ints, Problem, Unknown, Untestable
 from machopt.domain.location import column_at, joint_at, link_at
 from machopt.errors import InputError
@@ -55,7 +55,8 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
     # what a payload and links of other masses ask for is no friction
     own = m.within(m.mean(np.concatenate([P, L], axis=2))) if n > 1 else np.zeros((len(aligned), n, 0))
     paths = [breakaway(scene, j, aligned[:, j], own[:, j]) if scene.moves(j) else CLOCK_TURNS[0] for j in range(n)]
-    base, unknowns = _base(scene, paths)
+    gradually = [gradual(scene, j, paths[j], aligned[:, j], own[:, j]) if scene.moves(j) else "" for j in range(n)]
+    base, unknowns = _base(scene, paths, gradually)
     if n > 1:
         scale = _alike(y, base, m.segment[m.starts][m.keep])
         scene = replace(scene, scale=scale, lift=one_joint(m, n, scale=scale))
@@ -65,14 +66,17 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
             "torques are weighted by the noise of each joint: where only noise is left the error is the "
             "rms over joints in N·m; 1 N·m counts " + ", ".join(f"{s:.3g}" for s in scale) + " at joints 1 … " + str(n)
         )
+    load = P
     P, T, L = (scene.everywhere(x) for x in (P, T, L))
     if np.abs(T).max() > 1e-9 and dynamics.tool_mass > 0:
         base = np.concatenate([base, T], axis=2)
-        unknowns.append(Unknown(name="tool inertia", unit="kg·m²", location="tool"))
+        unknowns.append(
+            Unknown(name="tool inertia", unit="kg·m²", location="tool", unstated="inertia about its centre")
+        )
     if n > 1:
         balancer = [h.columns(h.shapes[0]) for h in at_beside.in_torques(scene)[:1]]
         gains = [] if scene.free_gains else [scene.column(j, needed[:, j]) for j in range(n) if scene.moves(j)]
-        doubt, said = _links(y, base, P, np.concatenate([P, *balancer, *gains], axis=2), L, m.group)
+        doubt, said = links_of(y, base, P, np.concatenate([P, *balancer, *gains], axis=2), L, m.group)
         scene.notes.extend(said)
         if doubt > 0.0:
             base = np.concatenate([base, L], axis=2)
@@ -87,10 +91,12 @@ def build(scene: Scene) -> tuple[Problem, Catalogue]:
         unknowns,
         Family(name="joint torque", columns=tuple(range(n)), unit="N" if all(scene.prismatic) else "N·m", factor=1.0),
     )
-    return problem, _catalogue(scene, P, paths, best, rough, aligned, own)
+    carried = {} if n == 1 or scene.free_gains else drives.loaded(scene, y, base, load, P)
+    return problem, _catalogue(scene, P, paths, best, rough, (aligned, own, carried))
 
 
-def _base(scene: Scene, paths: list[Turn]) -> tuple[Array, list[Unknown]]:
+def _base(scene: Scene, paths: list[Turn], gradually: Sequence[str] = ()) -> tuple[Array, list[Unknown]]:
+    """What is refitted in any case, and what it is; ``gradually`` of each joint how its friction surely turns over."""
     m, n = scene.motion, scene.joints
     parts, unknowns = [], []
     for j in range(n):
@@ -101,9 +107,14 @@ def _base(scene: Scene, paths: list[Turn]) -> tuple[Array, list[Unknown]]:
         if scene.moves(j):
             signals += [direction(scene, j, paths[j]), m.v[:, j], m.a[:, j]]
             unknowns += [
-                Unknown(name=f"Coulomb friction {j + 1}", unit=unit, location=place),
+                Unknown(
+                    name=f"Coulomb friction {j + 1}",
+                    unit=unit,
+                    location=place,
+                    unstated=gradually[j] if gradually else "",
+                ),
                 Unknown(name=f"viscous friction {j + 1}", unit=speed, location=place),
-                Unknown(name=f"motor inertia {j + 1}", unit=mass, location=place),
+                Unknown(name=f"motor inertia {j + 1}", unit=mass, location=place, unstated="motor inertia"),
             ]
             if scene.free_gains and scene.predicted is not None:
                 signals.append(scene.predicted[:, j])
@@ -129,109 +140,9 @@ def _alike(y: Array, base: Array, segment: Ints) -> Array:
     return np.asarray(np.sqrt(np.mean(sigma**2)) / sigma)
 
 
-def _links(y: Array, base: Array, load: Array, rivals: Array, links: Array, group: Ints) -> tuple[float, list[str]]:
-    """1 sigma of each link's mass beside the URDF's, by what predicts unseen stretches; and what is said of it.
-
-    Masses that are off and a payload look much alike, and a balancer or a drive's gain is taken for masses too. Where a
-    payload alone, or all of these together, predict clearly better than any masses of the links, or as well and these
-    would have to be off by more than makers are (:func:`_implausible`), they are taken as stated; where masses predict
-    clearly better than all of these together, they are off; else they may be off by as much as a payload that is named
-    has to show beside.
-    """
-    weight = 1.0 / np.maximum(_spread(y, base), 1e-12)
-
-    def left(*more: Array) -> Array:
-        return heldout(y, np.concatenate([base, *more], axis=2), group, weight)
-
-    alone, loaded, linked = left(), left(load), left(links)
-    every = left(rivals)
-    known = np.minimum(alone, every)
-    gain = known - left(rivals, links)
-    if (
-        gain.sum() / known.sum() > calibrated.MOTION.links_gain
-        and np.mean(gain > 0) > calibrated.MOTION.links_groups
-        and linked.sum() < loaded.sum()
-    ):
-        words = (
-            "masses of several links differ from the URDF's: a scale of each is refitted, so that a "
-            "payload shows only where no link could have it"
-        )
-        return calibrated.MOTION.link_off, [words]
-    named = min(loaded, every, key=lambda x: float(x.sum()))
-    worse = linked.sum() / named.sum() - 1.0
-    if worse > calibrated.MOTION.links_gain or (
-        worse > -calibrated.MOTION.links_gain
-        and _implausible(y * weight, base * weight[:, None], links * weight[:, None], _better(named - linked))
-    ):
-        return 0.0, []  # any doubt is outweighed by readings enough, and takes the payload up
-    return calibrated.MOTION.link_scale, []
-
-
-def _better(gain: Array) -> bool:
-    """Whether a gain (G,) on unseen stretches is surely one: twice its own standard error."""
-    return bool(gain.mean() > 2.0 * np.std(gain, ddof=1) / np.sqrt(len(gain))) if len(gain) > 1 else False
-
-
-def _implausible(y: Array, base: Array, links: Array, better: bool) -> bool:
-    """Whether masses of links that explain a record would be off by more than makers are: χ² of what they need.
-
-    A small payload asks a light last link for three sigma alone, which is no rarity; so the chance asked for
-    (``links_chance``) is squared where these masses predict a little better than the payload does.
-
-    Args:
-        y: (N, D) weighted; base: (N, D, P); links: (N, D, L) alike.
-        better: whether masses predict unseen stretches better than a payload, if hardly.
-    """
-    A = np.concatenate([base, links], axis=2).reshape(-1, base.shape[2] + links.shape[2])
-    b = y.reshape(-1)
-    left, _ = rest_of(b, A)
-    held = np.zeros(A.shape[1])
-    held[base.shape[2] :] = np.std(left) / calibrated.MOTION.link_scale
-    _, x = rest_of(np.concatenate([b, np.zeros(len(held))]), np.concatenate([A, np.diag(held)]))
-    needed = x[base.shape[2] :] / calibrated.MOTION.link_scale
-    chance = calibrated.MOTION.links_chance ** (2 if better else 1)
-    return bool(chdtrc(len(needed), float(needed @ needed)) < chance)
-
-
-def _spread(y: Array, base: Array) -> Array:
-    """(D,) rms of what the base leaves of each coordinate."""
-    X = base.reshape(-1, base.shape[2])
-    scale = np.sqrt(np.mean(y**2, axis=0)) + 1e-12
-    for _ in range(2):
-        W = np.tile(1.0 / scale, len(y))
-        A = X * W[:, None]
-        size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
-        x = np.linalg.lstsq(A / size, y.reshape(-1) * W, rcond=1e-10)[0] / size
-        scale = np.sqrt(np.mean((y - base @ x) ** 2, axis=0)) + 1e-12
-    return np.asarray(scale)
-
-
-def heldout(y: Array, X: Array, group: Ints, weight: Array) -> Array:
-    """(G,) weighted squares of each group's residual, fitted without it."""
-    P = X.shape[2]
-    A = X * weight[:, None]
-    b = y * weight
-    labels = np.unique(group)
-    size = np.maximum(np.sqrt(np.einsum("ndp,ndp->p", A, A)), 1e-300)
-    A = A / size
-    grams, sides = [], []
-    for g in labels:
-        rows = group == g
-        a = A[rows].reshape(-1, P)
-        grams.append(a.T @ a)
-        sides.append(a.T @ b[rows].reshape(-1))
-    G, s = np.sum(grams, axis=0), np.sum(sides, axis=0)
-    out = np.empty(len(labels))
-    for k, g in enumerate(labels):
-        x = np.linalg.lstsq(G - grams[k], s - sides[k], rcond=1e-10)[0]
-        rows = group == g
-        out[k] = float(np.sum((b[rows] - A[rows] @ x) ** 2))
-    return out
-
-
 def _clock(scene: Scene, measured: Array, load: Array) -> tuple[float, bool, Callable[[float], Array]]:
     """How late the torques are (s), each joint's friction and motor inertia refitted at every delay; whether most
-    joints are the better for it; and the torque (M, n) that they should have shown, late by any d.
+    joints are surely the better for it; and the torque (M, n) that they should have shown, late by any d.
 
     Friction steps where a joint reverses, so it has to be late together with the rigid bodies. A load at the flange, or
     a spring beside a gear, that the cell does not state asks for torque out of step with what is predicted, as a clock
@@ -288,7 +199,9 @@ def _clock(scene: Scene, measured: Array, load: Array) -> tuple[float, bool, Cal
         return float(np.sum(np.log(np.maximum(left(d), 0.0) + 1e-6 * power)))
 
     best = valley(misfit) if moving else 0.0
-    shared = 2 * int(np.sum(np.array(left(best)) < power)) > len(moving)
+    # a clock that says next to nothing would still smear each reversal over some samples
+    worth = len(tau) * (misfit(0.0) - misfit(best)) >= calibrated.DETECTION.gain
+    shared = worth and 2 * int(np.sum(np.array(left(best)) < power)) > len(moving)
     fitted, late = [], smooth(best)
     for j in moving:
         y, beside, z = parts(best, j, late, 2 * len(CLOCK_TURNS))
@@ -325,9 +238,9 @@ def _catalogue(
     paths: list[Turn],
     best: float,
     rough: Callable[[float], Array],
-    aligned: Array,
-    own: Array,
+    drive: tuple[Array, Array, Mapping[int, Array]],
 ) -> Catalogue:
+    """``drive``: what laws of drives are held against, see :func:`machopt.diagnose.moving.drives.hypotheses`."""
     n = scene.joints
     out: list[Hypothesis] = []
     assert scene.dynamics is not None  # build asks
@@ -347,7 +260,7 @@ def _catalogue(
     if n > 1:
         out += at_flange.in_motion(scene, P)
         out += at_beside.in_torques(scene)
-        out += drives.hypotheses(scene, paths, aligned, own)
+        out += drives.hypotheses(scene, paths, *drive)
     else:
         untestable.append(Untestable("payload", "tool", "one joint cannot tell a payload from its own inertia"))
 
@@ -378,7 +291,7 @@ def gear_load(scene: Scene) -> Array | None:
     P, T, _ = dynamics.regressors(m.q, m.v, m.a)
     own = np.concatenate([P, T], axis=2)
     X = np.concatenate([base, scene.everywhere(own)], axis=2)
-    weight = 1.0 / np.maximum(_spread(y, base), 1e-12)
+    weight = 1.0 / np.maximum(spread_of(y, base), 1e-12)
     A = (X * weight[:, None]).reshape(-1, X.shape[2])
     left, x = rest_of((y * weight).reshape(-1), A)
     error = np.std(left.reshape(y.shape) / weight, axis=0)

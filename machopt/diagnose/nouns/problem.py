@@ -37,6 +37,7 @@ class Unknown:
     prior: float | None = None  # 1 sigma about zero, SI, of what is known to be small; None: nothing is known
     key: ParameterKey | None = None  # what it is of an arm; None: nothing that a model keeps
     built: tuple[float, float] | None = None  # least and most that something built has, SI; None: anything
+    unstated: str = ""  # what it is of the robot, where neither URDF nor cell has a word for it: told where it is there
 
     @property
     def spring(self) -> int | None:
@@ -163,6 +164,7 @@ class Hypothesis:
     leaps: bool = False  # its shape moves leaps between readings, not slopes: how far it may be off is told otherwise
     rough: bool = False  # it is only like what is there, and leaves much of it, anywhere
     daily: bool = False  # it may well be another each day: sessions that did not see it say nothing against it
+    usual: Array | None = None  # (K, p) SI, coefficients as such a thing mostly has them; None: any are as likely
 
     @property
     def name(self) -> tuple[str, str]:

@@ -29,7 +29,7 @@ from machopt.diagnose.search.rounds import Rebuild, in_rounds
 from machopt.diagnose.search.screen import score
 from machopt.diagnose.search.select import Chosen, with_chosen
 from machopt.diagnose.search.state import State
-from machopt.diagnose.verdict import words
+from machopt.diagnose.verdict import refitted, words
 
 
 @dataclass(frozen=True)
@@ -124,6 +124,8 @@ def _assembled(state: State, options: Options, rng: np.random.Generator) -> Diag
         tried=shapes,
         proof=proof,
     )
+    more = refitted.said(coefficients)
+    result = replace(result, notes=(*result.notes, *more))
     return replace(result, sentence=words.sentence(result), next_experiment=words.next_experiment(result))
 
 

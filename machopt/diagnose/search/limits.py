@@ -51,11 +51,13 @@ def limits(model: Model, tried: Sequence[Tried], rng: np.random.Generator, of: C
         need += calibrated.DETECTION.nine_of_ten * np.sqrt(model.spread)
         sizes: list[float] = []
         for s in _some(len(t.shapes)):
-            rest = t.at(s) - model.X @ (M @ t.against(model)[s].T)
-            S, whole = rest.T @ rest, np.diag(t.XX[:, s].sum(axis=0))
+            C = t.against(model)[s]
+            rest = t.at(s) - model.X @ (M @ C.T)
+            own = t.XX[:, s].sum(axis=0)
+            S, whole = own - C @ M @ C.T, np.diag(own)  # as a search sees it: what is held near a statement gives less
             if np.all(np.diag(S) < calibrated.DETECTION.absorbed * whole):
                 continue
-            for x in _directions(p, t.hypothesis.lower, rng):
+            for x in _directions(t, s, rng):
                 n = float(np.sqrt(max(x @ S @ x, 0.0)))
                 if n <= 1e-9 * float(np.sqrt(whole.max())):
                     continue
@@ -110,9 +112,13 @@ def _some(count: int) -> list[int]:
     return list(range(count)) if count <= MOST_SHAPES else np.linspace(0, count - 1, MOST_SHAPES).astype(int).tolist()
 
 
-def _directions(p: int, lower: tuple[float, ...], rng: np.random.Generator) -> Array:
+def _directions(t: Tried, shape: int, rng: np.random.Generator) -> Array:
+    """(K, p) coefficients that limits are stated of: as such a thing mostly has them, else any."""
+    p, lower = t.X.shape[2], t.hypothesis.lower
     if p == 1:
         return np.ones((1, 1))
+    if t.hypothesis.usual is not None:
+        return np.asarray(t.hypothesis.usual / t.unit[shape])
     x = rng.normal(size=(DIRECTIONS, p))
     if lower:
         x = np.where(np.isfinite(np.array(lower)), np.abs(x), x)

@@ -16,6 +16,7 @@ from machopt.diagnose.evidence.whitening import whitening
 from machopt.diagnose.nouns.problem import Catalogue, Correction, Problem
 from machopt.diagnose.search import further
 from machopt.diagnose.search.finer import settled
+from machopt.diagnose.search.rate import Rate
 from machopt.diagnose.search.select import BODY, Chosen
 from machopt.diagnose.search.state import State
 from machopt.diagnose.search.together import searched
@@ -53,8 +54,10 @@ def in_rounds(
     number = 0
     while True:
         number += 1
-        progress(f"search, round {number}")
-        state = _round(problem, catalogue, most, seed, residual, used)
+        words = f"search, round {number}"
+        progress(words)
+        rate = Rate(progress, words, len(catalogue.hypotheses), "laws")
+        state = _round(problem, catalogue, most, seed, residual, used, rate)
         fitted = state.fitted(state.chosen)
         residual = fitted.residual
         again = aside.good(problem, residual) & _allowed(problem)
@@ -70,13 +73,21 @@ def in_rounds(
             problem, catalogue = rebuild(x, doubted, found)
 
 
-def _round(problem: Problem, catalogue: Catalogue, most: int, seed: int, residual: Array, used: Flags) -> State:
+def _round(
+    problem: Problem,
+    catalogue: Catalogue,
+    most: int,
+    seed: int,
+    residual: Array,
+    used: Flags,
+    rate: Callable[[int], None] = lambda _: None,
+) -> State:
     """One search, by the noise that the residuals (N, D) of the last fit show."""
     found = noise.estimate(problem, residual, used)
     w = whitening(problem, found, used)
     base, unit = base_model(problem, w, np.random.default_rng([seed, 2]))
     fits = 1.0 if found.replicated else np.nan
-    laws = tried(base, catalogue.hypotheses)
+    laws = tried(base, catalogue.hypotheses, rate)
     each, chosen = searched(base, laws, most, np.random.default_rng([seed, 3]), fits)
     each, chosen = further.searched(base, catalogue, (each, chosen), most, seed, fits)
     return State(

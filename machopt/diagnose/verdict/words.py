@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from machopt.diagnose import calibrated
 from machopt.diagnose.evidence.noise import Noise
 from machopt.diagnose.nouns.result import Diagnosis, Finding
+from machopt.diagnose.verdict.refitted import stated_nowhere
 from machopt.effects.words import place, spoken
 
 MOST_PLACES = 5  # named in the sentence, the largest shares first
@@ -18,11 +19,12 @@ def sentence(d: Diagnosis) -> str:
     error = f"{size_of(d.heldout_before, d.unit)} on {d.predicted or 'readings'} that no fit saw"
     if d.verdict == "consistent":
         after = f"{size_of(d.heldout_after, d.unit)} on {d.predicted or 'readings'} that no fit saw"
+        there = stated_nowhere(d.coefficients)
         put_right = "; ".join(f"{_found(f)}" for f in d.findings)
         return (
             f"Consistent{f' once the record is put right ({put_right})' if put_right else ''}: the refitted model "
             f"leaves {after}, noise alone {size_of(d.noise_floor, d.unit)}; nothing that comes back in repeats is left "
-            "to explain."
+            "to explain." + (f" Refitted for that, and stated nowhere: {there}." if there else "")
         )
     twins = math.isfinite(d.mismatch_p)
     left = f"{size_of(d.repeatable, d.unit)} of it {'comes back in repeats' if twins else 'is more than the noise'}"

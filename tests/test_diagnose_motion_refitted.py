@@ -1,0 +1,70 @@
+"""What a motion is refitted with in any case is told where it is surely there, and no clock that is none smears it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_diagnose_motion import arm, diagnosed, excited, recorded, shaken
+
+from machopt.diagnose.moving import motion, torque
+from machopt.model.rigid import load_dynamics
+
+
+def test_a_rotor_that_no_urdf_states_is_told_with_its_joint(tmp_path: Path) -> None:
+    rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)
+    a = np.gradient(v, t, axis=0)
+    noise = rng.normal(size=q.shape)
+    plain, _, _ = diagnosed(recorded(t, q, v, tau + noise), cell, "torque")
+    found, _, _ = diagnosed(recorded(t, q, v, tau + noise + np.array([0.0, 4.0]) * a), cell, "torque")
+    assert (plain.verdict, found.verdict) == ("consistent", "consistent")
+    assert "stated nowhere" not in plain.sentence
+    assert "motor inertia" in found.sentence
+    assert "(joint 2)" in found.sentence
+    assert "(joint 1)" not in found.sentence
+    assert any(n.startswith("refitted in any case") for n in found.notes)
+
+
+def test_friction_that_turns_over_gradually_is_told(tmp_path: Path) -> None:
+    """Over 0.08 rad/s at joint 1, as honey does; samples every 10 ms, between which it turns by some 0.01 rad/s."""
+    rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)
+    tau[:, 0] += 6.0 * (np.tanh(v[:, 0] / 0.08) - np.sign(v[:, 0]))
+    found, _, _ = diagnosed(recorded(t, q, v, tau + 0.5 * rng.normal(size=q.shape)), cell, "torque")
+    assert found.verdict == "consistent"
+    assert "turns over gradually" in found.sentence
+    assert "(joint 2)" not in found.sentence
+
+
+@pytest.mark.parametrize("late", [0.0, 0.01])
+def test_a_clock_counts_where_it_says_something(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, late: float) -> None:
+    """Some delay is always a little better than none, and was read into the reversals, which it smeared."""
+    seen, clock = [], torque._clock
+    monkeypatch.setattr(torque, "_clock", lambda *given: seen.append(clock(*given)) or seen[-1])
+    cell = arm(tmp_path, 1, tool=5.0)
+    fine, qf, vf, af = excited(1, np.random.default_rng(4), rate=2000.0)
+    tau = load_dynamics(cell).torque(qf, vf, af) + 6.0 * np.sign(vf) + 2.0 * vf
+    t, q, v, _ = excited(1, np.random.default_rng(4))
+    moved = np.stack([np.interp(t - late, fine, x) for x in tau.T], axis=1)
+    for seed in range(6):
+        noise = np.random.default_rng(seed).normal(size=q.shape)
+        motion.build(recorded(t, q, v, moved + noise), cell, "torque", np.random.default_rng(0))
+    assert [shared for _, shared, _ in seen] == [late > 0.0] * 6
+
+
+def test_a_load_of_twice_its_limit_is_named(tmp_path: Path) -> None:
+    """Where the tool's own is: masses of links, which nobody knows to 5 %, take up much of that, and limits were of any
+    load and moment, of which they take up little."""
+    rng, cell, t, q, v, tau = shaken(tmp_path, 3, 5)
+    noise = 3.0 * rng.normal(size=q.shape)
+    plain, _, _ = diagnosed(recorded(t, q, v, tau + noise), cell, "torque")
+    limit = next(x for x in plain.limits if x.effect == "payload")
+    assert limit.unit == "kg"
+    heavier = replace(cell, tool=replace(cell.tool, mass=cell.tool.mass + 2.0 * limit.value))
+    a = np.gradient(v, t, axis=0)
+    more = load_dynamics(heavier).torque(q, v, a) - load_dynamics(cell).torque(q, v, a)
+    found, _, _ = diagnosed(recorded(t, q, v, tau + more + noise), cell, "torque")
+    assert [(f.effect, f.location) for f in found.findings] == [("payload", "tool")]
+    mass = found.findings[0].parameters["mass"]
+    assert mass.ci95[0] < 2.0 * limit.value < mass.ci95[1]
