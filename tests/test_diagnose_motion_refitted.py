@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from test_diagnose_motion import arm, diagnosed, excited, recorded, shaken
 
+from machopt.diagnose.evidence import aside
 from machopt.diagnose.moving import motion, torque
 from machopt.model.rigid import load_dynamics
 
@@ -68,3 +69,43 @@ def test_a_load_of_twice_its_limit_is_named(tmp_path: Path) -> None:
     assert [(f.effect, f.location) for f in found.findings] == [("payload", "tool")]
     mass = found.findings[0].parameters["mass"]
     assert mass.ci95[0] < 2.0 * limit.value < mass.ci95[1]
+
+
+def test_a_torque_that_comes_back_with_each_period_is_no_outlier(tmp_path: Path) -> None:
+    """Late friction stands in single samples about each reversal: as gross ones they hid clocks and small shafts."""
+    rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)
+    problem, _, _, _ = motion.build(recorded(t, q, v, tau + rng.normal(size=q.shape)), cell, "torque", rng)
+    left = rng.normal(size=problem.y.shape)
+    again = problem.replicate == problem.replicate[400]
+    assert again.sum() == 5
+    left[again, 1] += 30.0
+    left[123, 1] += 30.0
+    left[321, 1] -= 30.0
+    used = aside.good(problem, left)
+    assert used[again].all()
+    assert np.flatnonzero(~used).tolist() == [123, 321]
+
+
+def test_a_gain_is_of_the_load_besides_too(tmp_path: Path) -> None:
+    """Half of what a drive's torque is, and 6 kg more at the flange: neither the one nor the other alone says it."""
+    rng, cell, t, q, v, tau = shaken(tmp_path, 3, 5)
+    a = np.gradient(v, t, axis=0)
+    heavier = replace(cell, tool=replace(cell.tool, mass=11.0))
+    tau = tau + load_dynamics(heavier).torque(q, v, a) - load_dynamics(cell).torque(q, v, a)
+    tau[:, 1] *= 0.5
+    found, _, _ = diagnosed(recorded(t, q, v, tau + rng.normal(size=q.shape)), cell, "torque")
+    said = {(f.effect, f.location): next(iter(f.parameters.values())) for f in found.findings}
+    assert set(said) == {("payload", "tool"), ("units", "column:tau2_Nm")}
+    assert said["payload", "tool"].value == pytest.approx(6.0, rel=0.05)
+    assert said["units", "column:tau2_Nm"].value == pytest.approx(50.0, rel=0.05)
+    assert found.heldout_after < 1.05 * found.noise_floor
+
+
+def test_the_speed_of_a_peak_of_friction_has_an_interval(tmp_path: Path) -> None:
+    """Laws of several numbers were looked at on their grid alone, and the interval was one point of it."""
+    rng, cell, t, q, v, tau = shaken(tmp_path, 2, 6)
+    tau[:, 1] += 6.0 * np.sign(v[:, 1]) * np.exp(-np.abs(v[:, 1]) / 0.07) + 0.02 * np.sign(v[:, 1]) * np.abs(tau[:, 1])
+    found, _, _ = diagnosed(recorded(t, q, v, tau + 0.5 * rng.normal(size=q.shape)), cell, "torque")
+    speed = found.findings[0].parameters["stribeck_speed"]
+    assert speed.ci95[0] < speed.value < speed.ci95[1]
+    assert speed.ci95[0] < np.degrees(0.07) < speed.ci95[1]

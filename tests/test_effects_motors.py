@@ -71,7 +71,7 @@ class Bent(gain.TooMuch):
 
 
 def test_one_file_and_one_line_add_what_a_drive_tells(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Offered at every joint that moves, in its own coordinate."""
+    """Offered at every joint that moves, in its own coordinate; a gain of the load besides, too."""
     toy = replace(registry.EFFECTS["units"], name="saturation", places=JOINTS, likely=(), motors=(Bent(),))
     monkeypatch.setattr(registry, "EFFECTS", registry.registry((*registry.LISTED, toy)))
     cell = arm(tmp_path, 2, tool=5.0)
@@ -79,10 +79,12 @@ def test_one_file_and_one_line_add_what_a_drive_tells(monkeypatch: pytest.Monkey
     tau = load_dynamics(cell).torque(q, v, a)
     _, catalogue, *_ = motion.build(recorded(t, q, v, tau), cell, "torque", np.random.default_rng(0))
     found = [h for h in catalogue.hypotheses if h.effect == toy.name]
-    assert [h.location for h in found] == ["joint:1", "joint:2"]
-    column = found[1].columns(())[:, :, 0]
-    assert not column[:, 0].any()
-    assert np.abs(column[:, 1]).max() > 0.0
+    assert [h.location for h in found] == ["joint:1", "joint:1", "joint:2", "joint:2"]
+    assert [h.law.endswith("with the load besides") for h in found] == [False, True] * 2
+    for one in found[2:]:
+        column = one.columns(())[:, :, 0]
+        assert not column[:, 0].any()
+        assert np.abs(column[:, 1]).max() > 0.0
 
 
 @pytest.mark.parametrize("share", [0.12, -0.12])

@@ -28,8 +28,10 @@ def good(problem: Problem, residual: Array) -> Flags:
             noise.robust_sigma(e[problem.measured(family)]), family.stated or 0.0, float(np.finfo(float).tiny)
         )
         off |= (np.abs(e) > calibrated.NOISE.gross * typical).any(axis=1)
-    if problem.channel == "torque" or not off.any():
+    if not off.any():
         return np.asarray(~off)
+    if problem.channel == "torque":
+        return ~off | comes_back(problem, residual, off)
     shared = mostly(problem.session, off) | mostly(problem.group, off) | one_way(problem.session, residual, off)
     return ~off | shared | comes_back(problem, residual, off)
 
@@ -62,7 +64,8 @@ def one_way(label: Ints, residual: Array, off: Flags) -> Flags:
 
 def comes_back(problem: Problem, residual: Array, off: Flags) -> Flags:
     """(N,) readings off whose twins of another visit are off by the same."""
-    e, out = residual[:, :3], np.zeros(len(problem), bool)
+    e = residual if problem.channel == "torque" else residual[:, :3]
+    out = np.zeros(len(problem), bool)
     for n in np.flatnonzero(off & (problem.replicate >= 0)):
         twins = (problem.replicate == problem.replicate[n]) & (problem.visit != problem.visit[n])
         if twins.any():

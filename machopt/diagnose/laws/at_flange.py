@@ -95,7 +95,7 @@ def _hypothesis(
 
 def _where_it_hangs(seen: Carried) -> Array:
     """(1, 4) a load where the cell's own is; a moment beside it shows more, and a limit of any load would be its."""
-    return np.r_[1.0, seen.centre - seen.about][None, :]
+    return np.asarray(np.r_[1.0, seen.centre - seen.about][None, :])
 
 
 def _part(effect: Effect, law: CarriedLaw) -> bool:

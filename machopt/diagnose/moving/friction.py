@@ -112,7 +112,7 @@ def gradual(scene: Scene, joint: int, turn: Turn, y: Array, beside: Array) -> st
     """
     path, speed = turn
     between = float(np.sqrt(np.mean(scene.motion.a[:, joint] ** 2))) / scene.motion.rate  # rad/s (m/s)
-    if speed <= between and path <= 0.5 * between / scene.motion.rate:
+    if speed <= between and 2.0 * path <= between / scene.motion.rate:
         return ""
     power = _left(scene, joint, y, beside)
     if len(y) * np.log(power(AT_ONCE) / max(power(turn), 1e-300)) < calibrated.DETECTION.gain:
