@@ -32,8 +32,12 @@ def test_a_stand_that_drifts_is_named_and_not_an_instrument() -> None:
     tried = Catalogue((*at_heat.hypotheses(r), *at_sensor.hypotheses(r)))
     found = engine.diagnose(posed(r, drift), tried, engine.Options(), np.random.default_rng(0))
     assert [(f.effect, f.location) for f in found.findings] == [("thermal_drift", "environment")]
-    size = found.findings[0].parameters["drift"].value
-    assert 0.8 < size / (1e3 * float(np.linalg.norm(drift, axis=1).max())) < 1.25
+    assert found.findings[0].law.startswith("the stand shifts")  # it was an arm that grows by ten µm a minute
+    low, high = found.findings[0].parameters["drift"].ci95
+    assert low < 1e3 * float(np.linalg.norm(drift, axis=1).max()) < high
+    louder = engine.diagnose(posed(r, 3.0 * drift), tried, engine.Options(), np.random.default_rng(0))
+    size = louder.findings[0].parameters["drift"].value
+    assert 0.8 < size / (3e3 * float(np.linalg.norm(drift, axis=1).max())) < 1.25
     still = engine.diagnose(posed(r, 0.0 * drift), tried, engine.Options(), np.random.default_rng(0))
     assert not still.findings
 
@@ -47,3 +51,12 @@ def test_drift_counts_from_the_unloaded_state_and_asks_for_a_clock() -> None:
     np.testing.assert_allclose(columns[:, :3], np.eye(3) * ((time - zero) / longest)[:, None, None], rtol=1e-9)
     assert not columns[:, 3:].any()
     assert not at_heat.hypotheses(replace(r, recording=replace(r.recording, time=None), memo={}))
+
+
+def test_castings_do_not_grow_within_a_minute() -> None:
+    r, time, _zero = timed()
+    said = {h.law for h in at_heat.hypotheses(r)}
+    assert any("stand" in law for law in said)
+    assert not any("grow" in law for law in said)
+    slow = replace(r.recording, time=time + 900.0 * (np.arange(len(r)) % 4) + 3600.0 * (np.arange(len(r)) // 4))
+    assert any("grow" in h.law for h in at_heat.hypotheses(replace(r, recording=slow, memo={})))

@@ -106,6 +106,18 @@ def test_noise_components_are_found_whatever_the_model_misses() -> None:
     assert gain == pytest.approx(GAIN, abs=0.5 * GAIN)  # a slope over three readings is poorly seen
 
 
+def test_a_load_read_again_and_again_in_a_cycle_shows_no_gain() -> None:
+    """What its force is read wrong by moves prediction and residual against each other: a gain of one, it seemed."""
+    problem, _ = made_up(5, gain=0.0)
+    rng = np.random.default_rng(5)
+    load = 0.02 * rng.standard_normal((problem.cycle.max() + 1, 3))[problem.cycle]  # m, one load a cycle
+    misread = 5e-6 * rng.standard_normal(problem.y.shape)
+    same = replace(problem, y=problem.y + load, scale=load + misread)
+    n = noise.estimate(same, problem.y - problem.base @ np.full(4, 1e-4) - misread, np.ones(len(problem), bool))
+    assert n.gain == 0.0
+    assert n.together(0) < 2.0 * np.hypot(np.hypot(OWN, CYCLE), VISIT)
+
+
 def test_exact_readings_do_not_divide_by_zero() -> None:
     problem, _ = made_up(3)
     problem = replace(problem, y=problem.base @ np.full(4, 1e-4))

@@ -129,6 +129,42 @@ def test_springs_three_times_off_the_cell_are_no_unit(factor: float) -> None:
     assert mended is r
 
 
+def test_a_joint_ten_times_softer_is_no_unit() -> None:
+    """The displacement per load is many times the cell's then, too, and most joints are as they should be."""
+    arm_, T, prior = robot()
+    r = sound()
+    for joint in range(3):
+        soft = prior * np.where(np.arange(6) == joint, 40.0, 1.0)  # of the cell; the arm has a fortieth of it
+        mended, findings, _ = repairs.mend(r, arm_, T, soft)
+        assert findings == [], f"joint {joint + 1}"
+        assert mended is r
+
+
+def test_displacements_that_scatter_as_stated_are_in_the_unit_that_is_stated() -> None:
+    """An arm seven times stiffer than its cell says looks like centimetres, but its tracker is no ten times better."""
+    arm_, T, prior = robot()
+    r = sound()
+    stiff = replace(r, displacement=r.displacement / 7.0)  # type: ignore[operator]
+    assert [f.effect for f in repairs.mend(stiff, arm_, T, prior)[1]] == [
+        "units"
+    ]  # repeats a seventh of what is stated
+    rng = np.random.default_rng(0)
+    noisy = replace(stiff, displacement=stiff.displacement + 15e-6 * rng.standard_normal(r.displacement.shape))  # type: ignore[union-attr]
+    stated = replace(r.uncertainty, displacement=15e-6)
+    assert repairs.mend(replace(noisy, uncertainty=stated), arm_, T, prior)[1] == []
+    unsaid = replace(r.uncertainty, displacement=None)
+    assert [f.effect for f in repairs.mend(replace(noisy, uncertainty=unsaid), arm_, T, prior)[1]] == ["units"]
+
+
+def test_a_guessed_stiffness_does_not_tell_pounds_from_a_soft_arm() -> None:
+    arm_, T, prior = robot()
+    pounds = scaled(sound(), "fx_N", 1 / 4.44822)
+    assert [f.location for f in repairs.mend(pounds, arm_, T, prior)[1]] == ["column:fx_N"]
+    assert repairs.mend(pounds, arm_, T, prior, estimated=True)[1] == []
+    kilograms = scaled(sound(), "fx_N", 1 / 9.80665)
+    assert [f.location for f in repairs.mend(kilograms, arm_, T, prior, estimated=True)[1]] == ["column:fx_N"]
+
+
 def test_what_the_user_accepts_is_not_mended() -> None:
     r = scaled(sound(), "dx_mm", 1 / 25.4)
     mended, findings, _ = mend(r, accept=("units",))

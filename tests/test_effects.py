@@ -137,7 +137,20 @@ def test_what_is_late_has_come_before_a_session_and_fades_by_the_clock_alone() -
         assert late[start] == drive.torque[start] != 0.0
     for k, effect in enumerate((creep.EFFECT, hysteresis.EFFECT)):
         found, _ = at_joint.hypotheses(r, 1, effect)
-        assert {int(shape[-1]) for h in found for shape in h.shapes} == set(range(1 - k, len(MEMORIES)))
+        kept = [n for n, m in enumerate(MEMORIES) if k or m not in ("cycle", "approach")]
+        assert {int(shape[-1]) for h in found for shape in h.shapes} == set(kept)
+
+
+def test_a_gear_that_is_come_to_anew_for_every_cycle_is_wound_up_by_weight_each_time() -> None:
+    """As on arrival, but before every cycle; where a visit is one cycle the two are one and tried once."""
+    r, _ = load_test()
+    each, arrival = history(r, "approach"), history(r, "arrival")
+    assert np.array_equal(np.flatnonzero(each.first), np.unique(each.start))
+    assert arrival.first.sum() == len(np.unique(r.visit)) < each.first.sum() == len(r.cycles)
+    assert np.array_equal(each.torque, arrival.torque)
+    once = replace(r, cycle=r.visit, recording=replace(r.recording, cycle=r.visit), memo={})
+    found, _ = at_joint.hypotheses(once, 1, hysteresis.EFFECT)
+    assert MEMORIES.index("approach") not in {int(shape[-1]) for h in found for shape in h.shapes}
 
 
 @pytest.mark.parametrize(("effect", "law"), LAWS)
@@ -444,7 +457,8 @@ def test_what_a_cell_holds_explains_what_diagnose_fitted_whatever_the_gear_remem
             assert left == (other,)
             np.testing.assert_allclose(moved, columns @ x, rtol=1e-9, atol=1e-16)
             seen.add((h.effect, term.parameters["memory"]))
-    assert seen == {(e, m) for e in ("joint_hysteresis", "joint_creep") for m in MEMORIES} - {("joint_creep", "cycle")}
+    at_once = {("joint_creep", m) for m in ("cycle", "approach")}  # what fades by the clock forgets nothing at once
+    assert seen == {(e, m) for e in ("joint_hysteresis", "joint_creep") for m in MEMORIES} - at_once
     creep_term = Term("joint_creep", "joint:3", {"extra_rad_per_Nm": 1e-7, "time_constant_s": 9.0, "memory": "visit"})
     timeless = replace(r, recording=replace(r.recording, time=None), memo={})
     assert at_joint.lived_through(timeless, (creep_term,))[1] == (creep_term,)

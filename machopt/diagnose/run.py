@@ -18,6 +18,7 @@ from machopt.diagnose.nouns.result import Diagnosis, Finding, Name
 from machopt.diagnose.record import gains, gross, labels, moved, nests, pose_units, repairs, tilt_columns
 from machopt.diagnose.record.pasted import pasted
 from machopt.diagnose.resting import absolute, deflection, elsewhere, loaded
+from machopt.diagnose.resting.unweighed import weighed
 from machopt.diagnose.search import engine
 from machopt.diagnose.search.rounds import About, Rebuild
 from machopt.diagnose.verdict import cellvalues, enough
@@ -29,7 +30,7 @@ from machopt.errors import InputError
 from machopt.estimate.experiment import experiment
 from machopt.model.elastic import ArmElasticity
 from machopt.model.linkage import refuse_linked
-from machopt.model.robot import Masses, Robot, load_masses, load_robot
+from machopt.model.robot import GRAVITY, Masses, Robot, load_masses, load_robot
 
 NOTHING = About()
 FEWEST = 3  # points that fix a frame: fewer poses are nothing to look at
@@ -114,6 +115,7 @@ def at_rest(
                 options,
                 limits=cell.arm_limits,
                 stated=held.geometric(cell.stiffness),
+                down=cell.T_world_base[:3, :3].T @ np.array([0.0, 0.0, -GRAVITY]),
             )
 
         done, tool = elsewhere.followed(T, about)
@@ -176,7 +178,8 @@ def _put_right(
     T, prior = cell.tool.T_flange_tcp, None if cell.stiffness is None else cell.stiffness.joints
     recording, found = pose_units.mended(recording, robot, T, accept)
     recording, stood = reflectors.brought(recording, robot, T)
-    recording, mended, warnings = repairs.mend(recording, robot, T, prior, accept)
+    guessed = cell.stiffness is not None and cell.stiffness.estimated
+    recording, mended, warnings = repairs.mend(recording, robot, T, prior, accept, estimated=guessed)
     found = [*found, *mended]
     if recording.kind == "absolute" and "columns" not in accept:
         recording, sitting = nests.mended(recording, cell, robot, masses)
@@ -211,8 +214,14 @@ def _load_tests(
     *,
     limits: tuple[Array, Array],
     stated: bool,
+    down: Array,
 ) -> tuple[Diagnosis, Problem]:
-    """Of load tests; K_C is a finding unless it is ``stated`` by the cell. ``limits``: (6,) and (6,) rad."""
+    """Of load tests; K_C is a finding unless it is ``stated`` by the cell.
+
+    Args:
+        limits: (6,) and (6,) rad.
+        down: (3,) m/s² in base_link, gravity.
+    """
     tests = loaded.where_it_stands(experiment(recording, robot, T), recording, robot, T, masses)
     memo: dict[str, History] = {}
     terms = None
@@ -229,7 +238,7 @@ def _load_tests(
         nonlocal alone
         bodies = deflection.beside_springs(robot, T, recording.q, found)
         problem, catalogue, readings = deflection.build(
-            recording, tests, robot, T, masses, compliance, memo, terms, alone, bodies
+            recording, tests, robot, T, masses, compliance, memo, terms, alone, bodies, down
         )
         alone = readings.compliance if alone is None else alone
         if stated:
@@ -360,9 +369,9 @@ def _with_record(
 
 
 def known_masses(cell: Cell) -> Masses | None:
-    """Of links and tool; None where the URDF has none, and weight is unknown."""
+    """Of links and tool; None where the URDF has none of the arm's long links, and weight is unknown."""
     try:
         masses = load_masses(cell)
     except InputError:
         return None
-    return masses if masses.mass.sum() > 0 else None
+    return masses if weighed(masses) else None

@@ -19,7 +19,7 @@ COMPLIANCE = "rad/(N·m)"
 FORM = 0.08  # relative 1 sigma of a size for a law's own form: no gear, beam or loop is quite like its equation
 EXACT = 0.02  # the same where a law is exact: what it acts through is known to about that
 JOINTS = tuple(joint_at(i) for i in range(1, 7))
-MEMORIES = ("cycle", "visit", "arrival", "session")  # what a gear remembers, in the order that searches number them
+MEMORIES = ("cycle", "visit", "arrival", "session", "approach")  # of a gear, in the order that searches number them
 
 Port = Literal["twist", "torque", "angle", "frame", "body", "record"]
 """Which local thing a law makes: twist of a joint by its torque, torque beside a gear, angle without load, where a

@@ -146,7 +146,10 @@ class Grows:
         return seen.castings if self.each else seen.castings.sum(axis=2, keepdims=True)
 
     def shown(self, seen: Warming) -> bool:
-        return True
+        """Castings take their time: between a load and the state without it, a minute before, none grows."""
+        if not seen.counted or seen.since is None or seen.before is None:
+            return True
+        return float((seen.since - seen.before).max(initial=0.0)) > LEAST_SPAN
 
     def warmed(self, values: Array, course: Array) -> Mapping[str, Quantity]:
         """If they are of iron or steel."""

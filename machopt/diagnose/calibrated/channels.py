@@ -17,6 +17,9 @@ class Resting:
     same_load: float = _set(0.08, "of the largest load of a pose: readings so near are of the same load", JUDGED)
     known_to: float = _set(0.2, "share of K_C that the compliances found leave open", JUDGED)
     force_gain: float = _set(0.02, "1 sigma of the force between sessions", JUDGED)
+    first_moment: float = _set(
+        10.0, "kg·m per m⁴ of reach, 1 sigma of what a long link bears where no file tells its weight", JUDGED
+    )
     heavy: float = _set(
         2.0, "robust standard deviations, from where on a reading counts less in the first fit of poses", JUDGED
     )

@@ -161,9 +161,9 @@ def _stiffens(r: Readings, effect: Effect, where: str, law: Beside) -> Hypothesi
     weight = float(np.abs(r.weight_torque[:, j]).max())
 
     def buildable(x: Array, shape: Shape) -> bool:
-        """A balancer is there for the weight; where that is not known any may be."""
+        """A balancer is there for the weight."""
         peak = float(np.abs(law.torque(np.array(shape), along) @ x).max())
-        return weight == 0.0 or peak <= calibrated.RESTING.most_balanced * weight
+        return peak <= calibrated.RESTING.most_balanced * weight
 
     return Hypothesis(
         effect=effect.called,

@@ -25,7 +25,7 @@ from machopt.effects.protocol import ARCMIN, MEMORIES, Drive, Effect, Law, Scale
 
 LEAST_SOFT = 1e-9  # rad/(N·m), that sizes in percent are of
 WRIST = 3  # its first joint, 0-based
-AT_ONCE = "cycle"  # forgotten between two cycles, which nothing is that fades by the clock
+AT_ONCE = ("cycle", "approach")  # forgotten between two cycles, which nothing is that fades by the clock
 FINE = 60  # points of a loop's branch, for the picture; angles of a range that are looked at
 
 
@@ -83,7 +83,10 @@ def _hypothesis(r: Readings, j: int, effect: Effect, law: Law, scale: Scale, gri
         )
 
     if law.remembers:
-        kept = [k for k, m in enumerate(MEMORIES) if not (timed(law) and m == AT_ONCE)]
+        once = len(r.cycles) == len(np.unique(r.visit))  # every cycle is an arrival
+        kept = [
+            k for k, m in enumerate(MEMORIES) if not (timed(law) and m in AT_ONCE) and not (once and m == AT_ONCE[1])
+        ]
         grid = tuple((*s, float(k)) for k in kept for s in grid)
     count = columns(grid[0]).shape[2]
     lower = tuple(least for _, _, least in files.named(law, count))

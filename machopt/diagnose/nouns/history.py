@@ -2,7 +2,8 @@
 
 Gears remember differently, and no recording says how: ``cycle``: each cycle starts relaxed; ``visit``: with what the
 cycle before left in the gear; ``arrival``: weight winds the gear up on arrival, from rest; ``session``: the same, from
-what the pose before left. Each is another drive over the same law.
+what the pose before left; ``approach``: as on arrival, but the arm comes to the pose anew for every cycle. Each is
+another drive over the same law.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from machopt.diagnose.nouns.readings import History, Readings
 from machopt.effects.protocol import MEMORIES
 
 Ints = NDArray[np.int64]
+EACH_CYCLE = (MEMORIES.index("cycle"), MEMORIES.index("approach"))  # begin anew
 
 
 def history(r: Readings, memory: str) -> History:
@@ -39,7 +41,7 @@ def _history(r: Readings, memory: int) -> History:
         here, now = int(r.visit[rows[0]]), int(r.session[rows[0]])
         arrived, same = here != visit, now == session
         weight = r.weight_torque[rows[0]] if memory > 1 else np.zeros(6)
-        first += [int(memory == 0 or (arrived and not (memory == 3 and same))), *(0 for _ in rows)]
+        first += [int(memory in EACH_CYCLE or (arrived and not (memory == 3 and same))), *(0 for _ in rows)]
         torque += [weight[None], r.load_torque[rows] + weight]
         if time is not None:
             began = memory > 1 and not same

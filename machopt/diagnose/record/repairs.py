@@ -48,7 +48,13 @@ FRAMES = {
 
 
 def mend(
-    recording: Recording, robot: Robot, T_flange_tcp: Array, prior: Array | None, accept: Collection[str] = ()
+    recording: Recording,
+    robot: Robot,
+    T_flange_tcp: Array,
+    prior: Array | None,
+    accept: Collection[str] = (),
+    *,
+    estimated: bool = False,
 ) -> tuple[Recording, list[Finding], list[str]]:
     """Check and mend a recording of load tests or poses.
 
@@ -57,6 +63,7 @@ def mend(
         robot, T_flange_tcp: the arm.
         prior: (6,) N·m/rad of the cell; None where it has none.
         accept: codes of errors that the user says are none.
+        estimated: whether that stiffness is a guess by the arm's size.
 
     Returns:
         the recording as it should have been, what was mended, warnings.
@@ -79,7 +86,7 @@ def mend(
         tests = experiment(recording, robot, T_flange_tcp)
         found = check_experiment(tests, robot, T_flange_tcp, prior)
         error = next((f for f in found if f.severity == "error" and f.code not in accept), None)
-        size = None if "units" in accept else _by_size(tests, prior, reach_of(robot, T_flange_tcp))
+        size = None if "units" in accept else _by_size(tests, prior, reach_of(robot, T_flange_tcp), estimated)
         if size is not None and (error is None or error.code == "rotation_units"):
             error = size
         elif error is not None and error.code == "force_units":
@@ -152,10 +159,12 @@ def _said(error: Problem, before: float, after: float, p_value: float) -> Findin
     return repaired(UNITS.name, where, error.message, 1e3 * before, 1e3 * after, p_value, factor)
 
 
-def _by_size(tests: Experiment, prior: Array | None, reach: float) -> Problem | None:
+def _by_size(tests: Experiment, prior: Array | None, reach: float, estimated: bool) -> Problem | None:
     """Another unit that makes the whole arm as stiff as the cell says, and nearer to robots of its size; else None.
 
-    A common factor on all displacements, or on all loads, leaves no other trace where only forces are read.
+    A common factor on all displacements, or on all loads, leaves no other trace where only forces are read. So most
+    joints have to be off by it, a guessed stiffness tells pounds from a soft arm as little as it tells itself, and
+    displacements whose repeats scatter as stated are in the unit that is stated.
     """
     if prior is None:
         return None
@@ -166,8 +175,9 @@ def _by_size(tests: Experiment, prior: Array | None, reach: float) -> Problem | 
         return float(start(predicted[:, :, None], y, load)[0]), predicted
 
     seen, predicted = ratio(prior)
-    alike = _alike(tests, prior)
-    far = calibrated.RECORD.far_alike if alike else calibrated.RECORD.far
+    joints = _factors(tests, prior)
+    alike = bool(len(joints) > 2 and joints.min() > 0 and joints.max() < calibrated.RECORD.alike_factor * joints.min())
+    far = calibrated.RECORD.far_alike if alike and not estimated else calibrated.RECORD.far
     if (
         not seen > 0
         or 1 / far < seen < far
@@ -175,10 +185,12 @@ def _by_size(tests: Experiment, prior: Array | None, reach: float) -> Problem | 
     ):
         return None
     usual, _ = ratio(_usual(None, reach))
+    scatter = _scatter(tests)
     for name, value, head, factor in sorted(SIZES, key=lambda s: abs(np.log(seen / s[1]))):
         as_stated = np.inf if alike else abs(np.log(max(usual, 1e-300)))
         nearer = abs(np.log(max(usual, 1e-300) / value)) < min(as_stated, np.log(calibrated.RECORD.unusual))
-        if abs(np.log(seen / value)) < np.log(calibrated.RECORD.near) and nearer:
+        likely = (alike or _most(joints, value)) and not (head == "dx_mm" and _as_stated(scatter, factor, tests))
+        if abs(np.log(seen / value)) < np.log(calibrated.RECORD.near) and nearer and likely:
             return Problem(
                 code="units",
                 severity="error",
@@ -190,13 +202,46 @@ def _by_size(tests: Experiment, prior: Array | None, reach: float) -> Problem | 
     return None
 
 
-def _alike(tests: Experiment, prior: Array) -> bool:
-    """Whether all joints that show are off by about the same factor, as a unit makes it and no robot."""
+def _factors(tests: Experiment, prior: Array) -> Array:
+    """Of each joint that shows, how much softer it is than the cell says."""
     y, A = tests.measured[:, :3], tests.response()[:, :3]
     c = start(A, y, np.linalg.norm(tests.wrench, axis=1))
     moved = np.abs(A * c).sum(axis=(0, 1))
-    ratio = (c * prior)[moved > calibrated.RECORD.shown * moved.sum()]
-    return bool(len(ratio) > 2 and (ratio > 0).all() and ratio.max() < calibrated.RECORD.alike_factor * ratio.min())
+    return np.asarray((c * prior)[moved > calibrated.RECORD.shown * moved.sum()])
+
+
+def _most(joints: Array, value: float) -> bool:
+    """Whether most joints are off by about this factor, as a unit makes it, and not one of them by itself."""
+    if len(joints) < 3:
+        return False
+    middle = float(np.median(joints))
+    return middle > 0 and abs(np.log(middle / value)) < abs(np.log(middle))
+
+
+def _scatter(tests: Experiment) -> float:
+    """m, 1 sigma of a coordinate between cycles of the same pose and load; NaN where nothing was read twice."""
+    y, A, w = tests.measured[:, :3], tests.response()[:, :3], tests.wrench[:, :3]
+    e = y - A @ start(A, y, np.linalg.norm(tests.wrench, axis=1))
+    apart = []
+    for pose in np.unique(tests.pose):
+        rows = np.flatnonzero(tests.pose == pose)
+        i, j = (rows[k] for k in np.triu_indices(len(rows), 1))
+        near = (
+            np.linalg.norm(w[i] - w[j], axis=1)
+            <= calibrated.RECORD.different_load * np.linalg.norm(w[rows], axis=1).max()
+        )
+        near &= tests.cycle[i] != tests.cycle[j]
+        apart.append((e[i] - e[j])[near].ravel())
+    every = np.concatenate(apart) if apart else np.zeros(0)
+    return 1.4826 * float(np.median(np.abs(every))) / np.sqrt(2.0) if len(every) else float("nan")
+
+
+def _as_stated(scatter: float, factor: float, tests: Experiment) -> bool:
+    """Whether repeats of displacements scatter as the recording states, rather than as they would in another unit."""
+    stated = tests.uncertainty.displacement
+    if not stated or not scatter > 0:
+        return False
+    return bool(abs(np.log(scatter / stated)) < abs(np.log(scatter * factor / stated)))
 
 
 def _force_unit(error: Problem, recording: Recording, robot: Robot, T_flange_tcp: Array) -> Problem:

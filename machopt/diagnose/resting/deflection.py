@@ -19,7 +19,7 @@ from machopt.diagnose.laws import at_beside, at_body, at_heat, at_joint, at_sens
 from machopt.diagnose.nouns import loads
 from machopt.diagnose.nouns.problem import Catalogue, Family, Hypothesis, Problem, Unknown, Untestable
 from machopt.diagnose.nouns.readings import History, Readings
-from machopt.diagnose.resting import bearings
+from machopt.diagnose.resting import bearings, unweighed
 from machopt.diagnose.resting.loaded import beyond_linear
 from machopt.diagnose.search import unnamed
 from machopt.domain.location import joint_at
@@ -36,6 +36,7 @@ from machopt.model.robot import Masses, Robot
 Ints = NDArray[np.int64]
 GEOMETRIC = "K_C"
 RIGID = 1e18  # N·m/rad, of springs that give nothing
+UNWEIGHED = "the URDF has no masses of the arm's long links, whose weight stiffens joints like a balancer does"
 
 
 def build(
@@ -49,6 +50,7 @@ def build(
     terms: Array | None = None,
     alone: Array | None = None,
     bodies: Array | None = None,
+    down: Array | None = None,
 ) -> tuple[Problem, Catalogue, Readings]:
     """Equations and hypotheses of a load test.
 
@@ -62,6 +64,7 @@ def build(
         terms: (N, 6) m, rad, what the cell's own terms explain; None: it has none.
         alone: (6,) rad/(N·m) found with nothing beside the springs; None: ``compliance`` is.
         bodies: (N, 6, 6) compliance at the TCP of bodies found before; None: none was.
+        down: (3,) m/s² in base_link, gravity; with it weight that no file tells is in the base model.
 
     Raises:
         InputError: springs that hold no load at all.
@@ -93,6 +96,10 @@ def build(
     if curved is not None:  # known but for the compliances in it
         base = np.concatenate([base, curved[:, :, None]], axis=2)
         unknowns.append(Unknown(name=GEOMETRIC, unit="1", location="arm", prior=calibrated.RESTING.known_to))
+    if masses is None and down is not None:
+        weights, moments = unweighed.columns(readings, down)
+        base = np.concatenate([base, weights], axis=2)
+        unknowns += moments
     u = tests.uncertainty
     families = [Family(name="translation", columns=(0, 1, 2), unit="mm", factor=1e3, stated=u.displacement)]
     if tests.dimensions == 6:
@@ -171,7 +178,10 @@ def catalogue(r: Readings, curved: Array | None) -> Catalogue:
             out += laws
             if reason:
                 missing.append(Untestable(kind.name, joint_at(j + 1), reason))
-    out += at_beside.in_load_tests(r)
+    if r.masses is None:
+        missing.append(Untestable("gravity_compensator", joint_at(2), UNWEIGHED))
+    else:
+        out += at_beside.in_load_tests(r)
     out += [*at_joint.couplings(r), *at_body.hypotheses(r)]
     out += at_sensor.hypotheses(r)
     if curved is None:

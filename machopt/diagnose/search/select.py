@@ -24,6 +24,8 @@ from machopt.effects import geometry, registry
 
 PAIRS_AMONG = 6
 BODY = "body"  # family of what gives way
+SENSOR = "sensor"  # of what is wrong in the record
+SMALL = {"%": 0.01, "deg": np.pi / 180.0}  # relative size of a gain, of an angle
 ARM = 3  # joints before the wrist
 
 
@@ -237,10 +239,22 @@ def law_error(s: Scored, chosen: Sequence[Chosen], of_body: float = 0.0) -> floa
             return calibrated.DETECTION.beside_exact
         if h.rough or _near(h, s.tried.hypothesis):
             return calibrated.DETECTION.beside_here
+        if h.family == SENSOR:
+            return min(calibrated.DETECTION.beside, _second_order(c))
         bends = h.family == BODY and not _behind(s.tried.hypothesis, h)
         return max(calibrated.DETECTION.beside, of_body if bends else 0.0)
 
     return max((c.scored.gain * share(c) for c in chosen), default=0.0)
+
+
+def _second_order(c: Chosen) -> float:
+    """Share of its power that the column of a gain or of turned axes leaves: the square of its size; others: all.
+
+    A load cell that reads 7 % too much is loud, and its law leaves 0.5 % of that, not what gears and bodies leave.
+    """
+    h, s = c.tried.hypothesis, c.scored
+    size = next(iter(h.quantities(s.x * c.tried.unit[s.shape], c.tried.shapes[s.shape]).values()))
+    return float((size.value * SMALL[size.unit]) ** 2) if size.unit in SMALL else 1.0
 
 
 def of_body(tried: Sequence[Tried]) -> float:

@@ -1,0 +1,63 @@
+"""Links whose masses no file tells: what their weight may do to a load test, as coefficients of the base model.
+
+Weight turns with the arm. A load that bends joint l moves the weight's lever about joint i, which is a spring of its
+own beside the gear (K = ∂τ/∂q), and the sag at rest moves every lever arm of the load. Both are linear in the first
+moments of upper arm and forearm (kg·m, with what hangs behind them), so an arm whose file has no masses is told from
+one with a balancer by neither, and neither is named for it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machopt.arrays import Array
+from machopt.diagnose import calibrated
+from machopt.diagnose.nouns.problem import Unknown
+from machopt.diagnose.nouns.readings import Readings
+from machopt.estimate.noise import joint_sensitivity
+from machopt.identify.units import reach_of
+from machopt.model.robot import Masses
+
+BORNE = (2, 3)  # upper arm and forearm: their moments reach joints 2 and 3, the wrist's weight with them
+
+
+def weighed(masses: Masses) -> bool:
+    """Whether the file tells what the arm's long links weigh; a tool alone does not make an arm weigh."""
+    return set(BORNE) <= set(masses.body[masses.mass > 0.0].tolist())
+
+
+def columns(r: Readings, gravity: Array) -> tuple[Array, tuple[Unknown, ...]]:
+    """(N, D, P) displacement per kg·m of first moment of each long link, and what they are called.
+
+    Args:
+        r: of a load test.
+        gravity: (3,) m/s² in base_link.
+    """
+    assert r.state.R_bodies is not None  # load tests keep them
+    z = np.moveaxis(r.state.J[:, 3:], 2, 0)  # (6, N, 3) axes
+    moved = joint_sensitivity(r.state.J, r.wrench, r.compliance)[:, : r.dimensions]
+    bent = r.load_torque * r.compliance  # rad under the load
+    prior = calibrated.RESTING.first_moment * reach_of(r.robot, r.T_flange_tcp) ** 4
+    out, unknowns = [], []
+    for link in BORNE:
+        for k, name in enumerate("xyz"):
+            u = r.state.R_bodies[:, link, :, k]
+            torque, extra = np.zeros((len(r), 6)), np.zeros((len(r), 6))
+            for i in range(link):
+                torque[:, i] = _dot(z[i], np.cross(u, gravity))
+                for other in range(link):
+                    a, b = z[min(i, other)], z[max(i, other)]
+                    extra[:, i] += _dot(a, np.cross(np.cross(b, u), gravity)) * bent[:, other]
+            turned = r.state.J[:, : r.dimensions] * (extra * r.compliance)[:, None, :]
+            column = turned.sum(axis=2) + np.einsum("ndj,nj->nd", moved, torque * r.compliance)
+            if not column.any():
+                continue
+            out.append(column)
+            unknowns.append(
+                Unknown(name=f"weight of link {link}, {name}", unit="kg·m", location=f"link:{link}", prior=prior)
+            )
+    return np.stack(out, axis=2) if out else np.zeros((len(r), r.dimensions, 0)), tuple(unknowns)
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray(np.einsum("nc,nc->n", a, b))
