@@ -155,6 +155,31 @@ def test_a_bump_of_two_numbers_is_settled_between_those_of_its_grid_and_its_inte
     assert (held >= 0.85 * draws).all()  # of 95 %: 34 and fewer of 40 in one draw of 600
 
 
+@pytest.mark.parametrize("seed", range(30))
+def test_a_bump_at_the_end_of_few_angles_stays_a_bump(seed: int) -> None:
+    """The width of a soft sector went through zero, as one of −w looks alike; its centre left the joint's range."""
+    rng = np.random.default_rng(seed)
+    poses = rng.uniform(-1.2, 1.2, 14)
+    low, high = float(poses.min()), float(poses.max())
+    grid = tuple((float(q), w * (high - low)) for q in np.linspace(low, high, 6) for w in (0.08, 0.16, 0.3))
+    finer = beside_each_other(grid)
+    assert finer is not None
+    true = rng.choice([low, high, rng.uniform(low, high)]), rng.uniform(0.1, 0.6)
+    x = np.repeat(poses, 20)
+    y = 2.0 * SIGMA * np.exp(-0.5 * ((x - true[0]) / true[1]) ** 2) + SIGMA * rng.normal(size=len(x))
+    base, law = _bump(x, y, grid, finer)
+    first = tried(base, [law])[0]
+    found = closest(base, base, Chosen(score(base, [first])[0], 0.0), finer)
+    said = estimates(base, [found], 0, [found.tried])
+    ends = np.array([said["at"].ci95, said["wide"].ci95])
+    assert low <= ends[0, 0] <= ends[0, 1] <= high
+    assert min(s[1] for s in grid) <= ends[1, 0] <= ends[1, 1] <= max(s[1] for s in grid)
+    at_end = any(
+        value in limits for value, limits in zip(ends.ravel(), np.repeat(finer.within, 2, axis=0), strict=True)
+    )
+    assert (CUT in found.tried.hypothesis.note) or not at_end
+
+
 def test_a_grid_that_is_no_product_of_two_is_left_alone() -> None:
     assert beside_each_other(((1.0, 2.0),)) is None
     assert beside_each_other(((1.0, 2.0), (2.0, 3.0), (3.0, 4.0))) is None

@@ -128,7 +128,7 @@ class Finer:
     apart: float = 0.0  # several shapes at once differ by this at least, else they are one
     # of one number: least and most that the ends of its interval are looked for in; None: about the best shape alone
     reach: tuple[float, float] | None = None
-    several: bool = False  # numbers at once, each of which has an interval of its own
+    within: tuple[tuple[float, float], ...] | None = None  # of several numbers, each with an interval of its own
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ def between(grid: Sequence[Shape]) -> Finer | None:
 def beside_each_other(grid: Sequence[Shape]) -> Finer | None:
     """Of two numbers whose grid holds each of the first with each of the second: as far as to the next of either.
 
-    A second number that is positive throughout (a width) is varied in ratios.
+    Beyond the ends of the grid nothing is looked for: no reading is there that would tell a place or a width.
     """
     if len(grid) < 2 or any(len(s) != 2 for s in grid):
         return None
@@ -52,16 +52,14 @@ def beside_each_other(grid: Sequence[Shape]) -> Finer | None:
     if any(len(values) < 2 for values in each) or len(each[0]) * len(each[1]) != len(set(grid)):
         return None
     steps = [float(np.diff(values).max()) for values in each]
-    least = [float(values[0]) for values in each]
+    within = tuple((float(values[0]), float(values[-1])) for values in each)
 
     def about(shape: Shape, share: float) -> tuple[Shape, ...]:
         way = share * np.linspace(-1.0, 1.0, 2 * BESIDE + 1)
-        first, second = (at + way * step for at, step in zip(shape, steps, strict=True))
-        if least[1] > 0.0:
-            second = shape[1] * (1.0 + steps[1] / least[1]) ** way
-        return tuple((float(a), float(b)) for a in first for b in second)
+        sides = [np.clip(at + way * step, *ends) for at, step, ends in zip(shape, steps, within, strict=True)]
+        return tuple((float(a), float(b)) for a in np.unique(sides[0]) for b in np.unique(sides[1]))
 
-    return Finer(about=about, several=True)
+    return Finer(about=about, within=within)
 
 
 def settled(state: State) -> State:
@@ -116,8 +114,10 @@ def closest(base: Model, beside: Model, c: Chosen, finer: Finer) -> Chosen:
         beyond, cut = _outwards(asked, seen, lambda: least(max(seen.values())), finer)
         near += [*grid, *beyond, *_ends(asked, seen, lambda: least(max(seen.values())))]
         notes += [CUT] if cut else []
-    elif finer.several:
-        near += [*seen, *_sides(asked, seen, lambda: least(max(seen.values())))]
+    elif finer.within is not None:
+        beyond, cut = _sides(asked, seen, lambda: least(max(seen.values())), finer.within)
+        near += [*seen, *beyond]
+        notes += [CUT] if cut else []
     near = [s for s in dict.fromkeys(near) if seen[s] > least(max(seen.values()))]
     plain = [s for s in near if finer.plain(s)]
     at = _middle(plain or near, seen)
@@ -131,7 +131,7 @@ def closest(base: Model, beside: Model, c: Chosen, finer: Finer) -> Chosen:
 
 def _told(near: Sequence[Shape], finer: Finer) -> bool:
     """Whether few enough shapes are apart that are as likely: of several numbers, of each of them."""
-    if not finer.several:
+    if finer.within is None:
         return len(near) >= FEW
     return all(len({s[n] for s in near}) >= FEW - 1 for n in range(len(near[0])))
 
@@ -192,26 +192,37 @@ def _ends(
 
 
 def _sides(
-    asked: Callable[[Sequence[Shape]], Array], seen: dict[Shape, float], least: Callable[[], float]
-) -> list[Shape]:
-    """The outermost shapes of two numbers that are as likely, to either side of each with the other free."""
+    asked: Callable[[Sequence[Shape]], Array],
+    seen: dict[Shape, float],
+    least: Callable[[], float],
+    within: tuple[tuple[float, float], ...],
+) -> tuple[list[Shape], bool]:
+    """The outermost shapes of two numbers that are as likely, to either side of each with the other free.
+
+    Returns:
+        the shapes; whether one is as likely still at an end of what is looked at.
+    """
     out: list[Shape] = []
+    cut = False
     for n in range(2):
-        for side in (-1.0, 1.0):
+        for side, end in zip((-1.0, 1.0), within[n], strict=True):
             likely = [s for s in seen if seen[s] > least()]
             last = max(likely, key=lambda s: side * s[n])
             step, wide = (max(float(np.ptp([s[k] for s in likely])), ALIKE) for k in (n, 1 - n))
             for _ in range(HALVINGS):
-                others = last[1 - n] + wide * np.linspace(-0.5, 0.5, 2 * BESIDE + 1)
-                value = last[n] + side * step
-                shapes = [(value, float(o)) if n == 0 else (float(o), value) for o in others]
+                if last[n] == end:
+                    cut = True
+                    break
+                value = float(np.clip(last[n] + side * step, *within[n]))
+                others = np.clip(last[1 - n] + wide * np.linspace(-0.5, 0.5, 2 * BESIDE + 1), *within[1 - n])
+                shapes = [(value, float(o)) if n == 0 else (float(o), value) for o in np.unique(others)]
                 gain = asked(shapes)
                 if gain.max() > least():
                     last = shapes[int(np.argmax(gain))]
                     out.append(last)
                 else:
                     step /= 2.0
-    return out
+    return out, cut
 
 
 def _middle(shapes: Sequence[Shape], seen: Mapping[Shape, float]) -> Shape:
