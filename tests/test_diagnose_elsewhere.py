@@ -6,8 +6,11 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 from made_up_loads import CELLS, Dirt, Truth, arm, load_tests, planned
 
+from machopt.diagnose.nouns.result import Diagnosis, Estimate, Finding
+from machopt.diagnose.resting import elsewhere
 from machopt.diagnose.run import Examined, at_rest
 from machopt.diagnose.search import engine
 from machopt.domain.recording import Recording
@@ -41,9 +44,46 @@ def test_the_tool_is_measured_and_nothing_is_named_for_what_its_length_does() ->
         said = finding.parameters[f"offset_{name}"]
         assert said.ci95[0] - 0.5 < 1e3 * true < said.ci95[1] + 0.5
     assert finding.after < 1.3 * d.noise_floor
+    true = load_cell(CELLS / CELL).tool.T_flange_tcp[:3, 3]
+    (words,) = (w for w in d.warnings if "tool.tcp.xyz_mm" in w)
+    said_mm = [float(v) for v in words.split("[")[1].split("]")[0].split(",")]
+    assert np.abs(np.array(said_mm) - 1e3 * true).max() < 4.0
     assert d.verdict in ("consistent", "explained")
+
+
+@pytest.mark.parametrize("never", [True, False])
+def test_a_tcp_that_is_no_better_or_never_ends_is_left_where_the_cell_has_it(never: bool) -> None:
+    """The law stays a finding like others."""
+    first = diagnosed(OFFSET * 0.1).diagnosis  # a small one, from which the law names itself
+    law = Finding(
+        effect="load_geometry",
+        location="sensor:force",
+        law="TCP elsewhere in the tool",
+        equation="",
+        note="",
+        one_of=(("load_geometry", "sensor:force"),),
+        parameters={
+            n: Estimate(1.0, "mm", (0.5, 1.5), (0.4, 1.6)) for n in ("offset", "offset_x", "offset_y", "offset_z")
+        },
+        before=1.0,
+        after=0.5,
+        p_value=0.01,
+    )
+    named = replace(first, findings=(law,), heldout_after=0.03, noise_floor=0.02, verdict="explained")
+    worse = replace(first, findings=(replace(law, law="another"),), heldout_after=0.04, verdict="partly_explained")
+    looks = []
+
+    def look(T: np.ndarray) -> tuple[Diagnosis, None]:
+        looks.append(T)
+        return (named if never or len(looks) == 1 else worse), None
+
+    (d, _), finding = elsewhere.followed(np.eye(4), look)
+    assert d is named
+    assert finding is None
+    assert len(looks) == (4 if never else 2)
 
 
 def test_a_tool_as_the_cell_says_is_looked_at_once() -> None:
     d = diagnosed(np.zeros(3)).diagnosis
+    assert not [w for w in d.warnings if "tool.tcp" in w]
     assert not [f for f in d.findings if f.effect != "geometric_stiffness"]

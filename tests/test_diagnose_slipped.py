@@ -12,7 +12,9 @@ from test_diagnose_absolute import measure
 from test_diagnose_sessions import CELL, sound
 
 from machopt.diagnose.nouns.result import Finding
-from machopt.diagnose.record import slipped, throughout
+from machopt.diagnose.record import repairs, slipped, throughout
+from machopt.diagnose.run import at_rest
+from machopt.diagnose.search import engine
 from machopt.domain.recording import Recording, StandardUncertainty
 from machopt.formats.cell import load_cell
 from machopt.model.robot import load_robot
@@ -44,6 +46,54 @@ def test_a_stretch_of_slipped_rows_is_put_back_and_told_by_its_rows(first: int, 
         np.delete(out.displacement, np.s_[first - 2 : last + 2], axis=0),
         np.delete(r.displacement, np.s_[first - 2 : last + 2], axis=0),
     )
+
+
+@pytest.mark.parametrize("sessions", [1, 2])
+@pytest.mark.parametrize("deleted", [5, 20, 60, 90])
+def test_a_cell_that_was_deleted_anywhere_shifts_all_that_follow_and_its_own_reading_is_lost(
+    sessions: int, deleted: int
+) -> None:
+    """Most rows are wrong then, and only the moved record says what fits."""
+    r = sound(sessions=sessions)
+    values = r.displacement.copy()
+    values[deleted:] = np.roll(r.displacement[deleted:], -1, axis=0)
+    out, (finding,) = at_arm(replace(r, displacement=values))
+    away = slipped.lost([finding], len(r))
+    kept = ~away
+    kept[-1] = False  # the file's end, where another's reading stands
+    assert away.sum() == 1
+    assert away[max(deleted - 1, 0) : deleted + 2].any()
+    wrong = np.linalg.norm(out.displacement - r.displacement, axis=1)[:, None][kept]
+    noise = 4.0 * 15e-6
+    assert (wrong > noise).sum() <= 1  # of two neighbours that are alike either may be the one
+
+
+def test_a_slip_over_two_sessions_is_told_by_its_rows_and_a_whole_session_as_that() -> None:
+    r = sound()
+    values = r.displacement.copy()
+    values[120:] = np.roll(r.displacement[120:], -1, axis=0)
+    cell = load_cell(CELLS / CELL)
+    robot, T = load_robot(cell), cell.tool.T_flange_tcp
+    _, found, _ = repairs.mend(replace(r, displacement=values), robot, T, cell.stiffness.joints)
+    (finding,) = (f for f in found if f.effect == "columns")
+    assert abs(finding.parameters["first row"].value - 121) <= 2
+    whole = r.displacement.copy()
+    rows = r.session == r.session.max()
+    whole[rows] = np.roll(r.displacement[rows], -1, axis=0)
+    _, found, _ = repairs.mend(replace(r, displacement=whole), robot, T, cell.stiffness.joints)
+    (finding,) = (f for f in found if f.effect == "columns")
+    assert "first row" not in finding.parameters
+    assert finding.parameters["session"].value == r.session.max()
+
+
+def test_nothing_of_the_arm_is_named_where_a_cell_was_deleted_early() -> None:
+    r = sound(sessions=1, concealed=False)
+    values = r.displacement.copy()
+    values[20:] = np.roll(r.displacement[20:], -1, axis=0)
+    cell = load_cell(CELLS / CELL)
+    d = at_rest(cell, replace(r, displacement=values), engine.Options(), [], accept=(), seed=0).diagnosis
+    assert {f.effect for f in d.findings} <= {"columns", "geometric_stiffness", "outliers"}
+    assert d.verdict in ("consistent", "explained", "insufficient")
 
 
 def test_a_slip_of_measured_poses_is_put_back() -> None:

@@ -49,7 +49,8 @@ def judged(case: Case, group: str, result: Mapping[str, Any] | None) -> Judged:
         left.remove(own)
         if t.size is not None and t.size[0] in own["parameters"]:
             low, high = own["parameters"][t.size[0]]["ci95"]
-            held.append(low <= t.size[1] <= high)
+            if low is not None and high is not None:  # an end that no reading tells is no interval to hold
+                held.append(low <= t.size[1] <= high)
     for t in rest:
         own = next((f for f in left if any(_says(t, tuple(name)) for name in f["one_of"])), None)
         if own is not None:

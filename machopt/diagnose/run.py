@@ -15,7 +15,7 @@ from machopt.diagnose.nouns import reflectors
 from machopt.diagnose.nouns.problem import Catalogue, Problem
 from machopt.diagnose.nouns.readings import History
 from machopt.diagnose.nouns.result import Diagnosis, Finding, Name
-from machopt.diagnose.record import gains, gross, labels, moved, nests, pose_units, repairs, tilt_columns
+from machopt.diagnose.record import gains, gross, labels, moved, nests, pose_units, repairs, slipped, tilt_columns
 from machopt.diagnose.record.pasted import pasted
 from machopt.diagnose.resting import absolute, deflection, elsewhere, loaded
 from machopt.diagnose.resting.unweighed import weighed
@@ -93,7 +93,7 @@ def at_rest(
     right = _put_right(recording, cell, robot, masses, accept)
     recording = right.recording
     others = pasted(recording, robot, T)
-    copies = gross.copied(recording) | others
+    copies = gross.copied(recording) | others | slipped.lost(right.findings, len(recording))
     said = [*recording.warnings, *right.warnings, *held_still(cell)]
     notes: tuple[str, ...] = ()
 
@@ -153,6 +153,7 @@ def at_rest(
         d, problem = held.diagnosed(terms, poses, held.in_poses)
     aside = gross.outliers(recording, d, copies, problem, others)
     said += cellvalues.far_off(d, prior)
+    said += elsewhere.told(T, beside)
     said += () if cell.stiffness is None else held_over(cell.stiffness.external)
     if recording.kind == "absolute" and cell.stiffness is not None and cell.stiffness.position is not None:
         said += cell.stiffness.position.beyond(recording.q)

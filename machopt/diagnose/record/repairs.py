@@ -71,9 +71,9 @@ def mend(
     Raises:
         InputError: no load or no displacement at all.
     """
-    recording, odd = sessions.mended(recording, robot, T_flange_tcp, prior, accept)
     recording, late = slipped.mended(recording, robot, T_flange_tcp, accept)
-    odd = [*odd, *late]
+    recording, odd = sessions.mended(recording, robot, T_flange_tcp, prior, accept)
+    odd = [*late, *odd]
     if recording.kind == "absolute":
         recording, more = throughout.mended(recording, robot, T_flange_tcp, accept)
         return recording, [*odd, *more], []

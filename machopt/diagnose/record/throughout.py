@@ -89,7 +89,7 @@ def moments(
     if UNITS.name in accept or recording.wrench is None or not recording.wrench[:, 3:].any():
         return recording, []
     stated = equations(recording, robot, T_flange_tcp)
-    if not stated.wrench[:, :3].any() or not stated.y.any():
+    if not stated.wrench[:, :3].any() or not stated.y.any() or len(recording) < calibrated.RECORD.part_readings:
         return recording, []
     before = _error(stated)
     left = _share(stated, before)

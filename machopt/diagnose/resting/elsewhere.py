@@ -6,7 +6,7 @@ shorter turns the arm about another point: what is of second order in the offset
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -48,6 +48,20 @@ def followed(T_flange_tcp: Array, look: Callable[[Array], Seen]) -> tuple[Seen, 
         return first, None
     parameters = _whole(1e3 * offset, last)
     return seen, replace(found, parameters=parameters, before=d.heldout_before, after=there.heldout_after, record=True)
+
+
+def told(T_flange_tcp: Array, found: Sequence[Finding]) -> list[str]:
+    """What the cell needs, so that the stiffness of such a diagnosis holds in it."""
+    out = []
+    for f in found:
+        offset = 1e-3 * np.array([e.value for e in _parts(f)])
+        at = 1e3 * (T_flange_tcp @ transform(np.eye(3), offset))[:3, 3]
+        xyz = ", ".join(f"{v:.1f}" for v in at)
+        out.append(
+            f"what is found, and stiffness.yaml, hold for a TCP at tool.tcp.xyz_mm: [{xyz}], where readings show it; "
+            "put it into the cell with them, or put the record right"
+        )
+    return out
 
 
 def _named(d: Diagnosis) -> Finding | None:
