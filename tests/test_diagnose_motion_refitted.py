@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from test_diagnose_motion import arm, diagnosed, excited, recorded, shaken
 
+from machopt.diagnose import calibrated
 from machopt.diagnose.evidence import aside
 from machopt.diagnose.moving import motion, torque
 from machopt.model.rigid import load_dynamics
+
+
+@dataclass(frozen=True)
+class Labelled:
+    """What of a problem says which samples are of the same thing."""
+
+    channel: str
+    replicate: NDArray[np.int64]
+    visit: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.visit)
 
 
 def test_a_rotor_that_no_urdf_states_is_told_with_its_joint(tmp_path: Path) -> None:
@@ -84,6 +98,34 @@ def test_a_torque_that_comes_back_with_each_period_is_no_outlier(tmp_path: Path)
     used = aside.good(problem, left)
     assert used[again].all()
     assert np.flatnonzero(~used).tolist() == [123, 321]
+
+
+@pytest.mark.parametrize("channel", ["torque", "position"])
+def test_what_comes_back_is_what_one_look_at_a_time_finds(channel: str) -> None:
+    """Grouped once, for a pass over all samples for each that is off took seconds a round."""
+    rng = np.random.default_rng(3)
+    both, twinless = [0, 0], 0
+    for _ in range(60):
+        n = int(rng.integers(1, 60))
+        replicate, visit = rng.integers(-1, 1 + n // 4, n), 7 * rng.integers(-2, 4, n)
+        kinds = rng.normal(size=(n, 6))[replicate] * 10.0 ** rng.uniform(-1.0, 2.0)
+        left = kinds + rng.normal(size=(n, 6)) * rng.choice([0.0, 0.3, 3.0], (n, 1))
+        off = rng.random(n) < rng.choice([0.0, 0.2, 0.8])
+        problem = Labelled(channel, replicate, visit)
+        found = aside.comes_back(problem, left, off)  # type: ignore[arg-type]
+        e = left if channel == "torque" else left[:, :3]
+        for k in range(n):
+            twins = (replicate == replicate[k]) & (visit != visit[k])
+            if not off[k] or replicate[k] < 0 or not twins.any():
+                assert not found[k]
+                twinless += 1
+                continue
+            other = e[twins].mean(axis=0)
+            one, two = np.linalg.norm(e[k]), np.linalg.norm(other)
+            again = e[k] @ other > calibrated.RECORD.alike * one * two and calibrated.RECORD.like_size * two > one
+            assert found[k] == again
+            both[int(again)] += 1
+    assert min(*both, twinless) > 50
 
 
 def test_a_gain_is_of_the_load_besides_too(tmp_path: Path) -> None:

@@ -66,13 +66,19 @@ def comes_back(problem: Problem, residual: Array, off: Flags) -> Flags:
     """(N,) readings off whose twins of another visit are off by the same."""
     e = residual if problem.channel == "torque" else residual[:, :3]
     out = np.zeros(len(problem), bool)
-    for n in np.flatnonzero(off & (problem.replicate >= 0)):
-        twins = (problem.replicate == problem.replicate[n]) & (problem.visit != problem.visit[n])
-        if twins.any():
-            other = e[twins].mean(axis=0)
-            size = float(np.linalg.norm(e[n])), float(np.linalg.norm(other))
-            out[n] = (
-                float(e[n] @ other) > calibrated.RECORD.alike * size[0] * size[1]
-                and calibrated.RECORD.like_size * size[1] > size[0]
-            )
+    rows = np.flatnonzero((problem.replicate >= 0) & np.isin(problem.replicate, problem.replicate[off]))
+    if not len(rows):
+        return out
+    kind = np.unique(problem.replicate[rows], return_inverse=True)[1].reshape(-1)
+    visits, visit = np.unique(problem.visit[rows], return_inverse=True)
+    own = np.unique(kind * len(visits) + visit.reshape(-1), return_inverse=True)[1].reshape(-1)
+    twins = np.bincount(kind)[kind] - np.bincount(own)[own]
+    at = np.flatnonzero(off[rows] & (twins > 0))
+    one = e[rows[at]]
+    other = np.empty_like(one)
+    for c, column in enumerate(e[rows].T):
+        other[:, c] = (np.bincount(kind, column)[kind[at]] - np.bincount(own, column)[own[at]]) / twins[at]
+    size, like = np.linalg.norm(one, axis=1), np.linalg.norm(other, axis=1)
+    alike = np.einsum("nd,nd->n", one, other) > calibrated.RECORD.alike * size * like
+    out[rows[at]] = alike & (calibrated.RECORD.like_size * like > size)
     return out
