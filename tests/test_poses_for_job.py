@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -121,11 +122,8 @@ def test_what_would_not_show_is_said_of_joints_that_the_job_turns(bench: Bench) 
 
 
 def planned(out: Path, **more: Any) -> PosesOutcome:
-    request = PosesRequest(
-        cell=CELL, out=out, candidates=200, starts=1, poses=6, target_percent=None, pull_N=(500.0, 1000.0),
-        no_collision=True, **more,
-    )  # fmt: skip
-    return run_plan_poses(request)
+    usual: dict[str, Any] = {"candidates": 200, "starts": 1, "poses": 6, "target_percent": None, "no_collision": True}
+    return run_plan_poses(PosesRequest(cell=CELL, out=out, pull_N=(500.0, 1000.0), **(usual | more)))
 
 
 def test_a_range_of_forces_gives_two_rows_a_cycle(tmp_path: Path) -> None:
@@ -140,6 +138,31 @@ def test_a_range_of_forces_gives_two_rows_a_cycle(tmp_path: Path) -> None:
     np.testing.assert_allclose(size[:, 0] / size[:, 1], 0.25, rtol=1e-4)
     assert all(a["pose"] == b["pose"] and a["cycle"] == b["cycle"] for a, b in zip(rows[::2], rows[1::2], strict=True))
     assert "Loads like the job" in done.report.read_text()
+
+
+@pytest.mark.parametrize(("force", "sizes"), [(None, 1), ((250.0, 800.0), 2)])
+def test_both_sizes_count_as_readings_and_only_full_loads_are_compared(
+    tmp_path: Path, force: tuple[float, float] | None, sizes: int
+) -> None:
+    done = planned(tmp_path / "out", force_N=force, target_percent=10.0)
+    told = json.loads((tmp_path / "out" / "plan.json").read_text())
+    page = done.report.read_text()
+    rows = list(csv.DictReader((tmp_path / "out" / "poses.csv").read_text().splitlines()))
+    at_each = {sum(r["pose"] == str(pose) for r in rows) for pose in range(1, 7)}
+    assert at_each == {4 * sizes}  # two loads, twice
+    assert f"{4 * sizes} at each pose" in page
+    needed = told["target"]["poses"]
+    assert told["target"]["readings"] == needed * 4 * sizes
+    assert f">{needed * 4 * sizes}<" in page
+    assert f"readings ({needed} poses)" in page
+    (drawn,) = re.findall(r'"id": ?"p-curve".*?"x": ?\[([^]]*)\]', page)
+    assert [float(x) for x in drawn.split(",")] == [n * 4 * sizes for n in told["curve"]["poses"]]
+    least = min(told["heuristics"], key=lambda h: h["readings_for_the_same"])
+    assert least["readings_for_the_same"] == pytest.approx((least["rms_10_50_90"][1] / told["design"]["rms"]) ** 2)
+    of = " of full loads" if sizes > 1 else ""
+    assert f"needs {least['readings_for_the_same']:.1f} times the readings{of}." in done.message
+    assert f"6 poses, {len(rows)} readings{' (24 of full loads)' if sizes > 1 else ''}: " in done.message
+    assert ("Full loads for the same" in page, "Readings for the same" in page) == (sizes > 1, sizes == 1)
 
 
 @pytest.mark.slow

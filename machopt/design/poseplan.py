@@ -67,7 +67,7 @@ class Comparison:
     rms: tuple[float, float, float]  # 10, 50, 90 % of the draws; relative
     sigma: Array  # (P,) median
     efficiency: tuple[float, float, float]  # D, A, E against the design, median
-    readings: float  # times as many for the design's rms accuracy
+    readings: float  # times as many of full loads for the design's rms accuracy
     curve: tuple[float, ...]  # rms at the numbers of poses of the plan's curve
 
 
@@ -78,7 +78,7 @@ class PosePlan:
     unknowns: Unknowns
     cases: LoadCases
     design: Design
-    found: Accuracy
+    found: Accuracy  # by full loads alone, where cycles have smaller steps too
     judged: Bools  # (P,) relative unknowns that the design sees: rms and worst are over these
     believed: tuple[Accuracy, ...]  # under each other believed stiffness, in shares of that stiffness
     bound: float  # least D-efficiency against any design of as many poses and loads

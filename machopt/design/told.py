@@ -67,9 +67,10 @@ def result_of(
     if plan is None:
         return head
     found, poses, target = plan.found, len(plan.design.blocks), request.target_percent
+    steps = len(plan.steps if discriminate is None else discriminate.steps)
     planned = {
         "poses": poses,
-        "readings": len(plan.visits) * len(plan.steps if discriminate is None else discriminate.steps),
+        "readings": len(plan.visits) * steps,
         "load_cases_chosen": len(plan.design.readings),
         "unknowns": _unknowns(plan),
         "not_told_apart": tuple(tuple(plan.unknowns.names[p] for p in group) for group in found.unseen),
@@ -86,7 +87,7 @@ def result_of(
         else TargetTold(
             percent=target,
             poses=plan.needed,
-            readings=None if plan.needed is None else plan.needed * request.loads * request.cycles,
+            readings=None if plan.needed is None else plan.needed * request.loads * request.cycles * steps,
         ),
         "curve": CurveTold(poses=plan.curve_poses, rms=plan.curve),
         "heuristics": tuple(_comparison(c) for c in plan.comparisons),

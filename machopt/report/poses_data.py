@@ -21,7 +21,7 @@ class Heuristic:
     sigma: Array  # (P,) relative, median
     rms: tuple[float, float, float]  # 10, 50, 90 % of the draws
     efficiency: tuple[float, float, float]  # D, A, E
-    readings: float  # times ours for the same rms
+    readings: float  # times ours, of full loads, for the same rms
     curve: Array  # rms at each number of poses
 
 
@@ -90,7 +90,7 @@ class PosesPage:
     bound: float = math.nan  # least D-efficiency
     poses: int = 0
     readings: int = 0
-    per_pose: int = 0  # readings at a pose
+    per_pose: int = 0  # readings at a pose, every step of every cycle
     heuristics: tuple[Heuristic, ...] = ()
     curve_poses: tuple[int, ...] = ()
     curve: Array = field(default_factory=lambda: np.zeros(0))

@@ -81,7 +81,9 @@ def sentence(data: PosesPage) -> str:
     known = np.asarray(data.sigma[data.relative], float)
     seen = np.isfinite(known)
     names = np.array(data.unknowns)[data.relative]
-    out = f"{data.poses} poses, {data.readings} readings: "
+    stepped = len(data.steps) > 1
+    full = f" ({data.readings // len(data.steps)} of full loads)" if stepped else ""
+    out = f"{data.poses} poses, {data.readings} readings{full}: "
     if not seen.any():
         return out + "no unknown is seen by itself."
     worst = int(np.argmax(np.where(seen, known, -1.0)))
@@ -93,6 +95,7 @@ def sentence(data: PosesPage) -> str:
     if others:
         least = min(others, key=lambda h: h.readings)
         out += f". The best of the other ways of choosing ({least.name}) needs {least.readings:.1f} times the readings"
+        out += " of full loads" if stepped else ""
     return out + "."
 
 
@@ -183,6 +186,7 @@ def _cards(data: PosesPage) -> list[tuple[str, str, str, str]]:
 def _accuracy(data: PosesPage) -> Body:
     if data.work is None:
         return ""
+    stepped = len(data.steps) > 1
     columns = [
         Column("Chosen by"),
         Column("How"),
@@ -192,7 +196,7 @@ def _accuracy(data: PosesPage) -> Body:
         Column("D-eff.", "n"),
         Column("A-eff.", "n"),
         Column("E-eff.", "n"),
-        Column("Readings for the same", "n"),
+        Column("Full loads for the same" if stepped else "Readings for the same", "n"),
     ]
     how = "tells explanations apart" if data.apart else "D-optimal"
     rows = [["this plan", how, str(data.passed), f"{100 * data.rms:.2f}", "–", "1", "1", "1", "1"]]
@@ -215,12 +219,15 @@ def _accuracy(data: PosesPage) -> Body:
         ]
         what = "Further physics without a prior value: one sigma in percent of a joint's usual contribution"
         further = part("heading", what) + table([Column("Unknown"), Column("1 σ (%)", "n")], rows_further)
+    by = "full loads" if stepped else "readings"
     lead = (
-        "One standard deviation of each joint's stiffness as these readings will give it, beside the same number of "
-        "readings with the same loads at poses and loads chosen as the papers do (median of random draws)."
+        f"One standard deviation of each joint's stiffness as these {by} will give it, beside the same number of {by} "
+        "with the same loads at poses and loads chosen as the papers do (median of random draws)."
     )
     if data.apart:
-        lead = "One standard deviation of each joint's stiffness as these readings give it by themselves."
+        lead = f"One standard deviation of each joint's stiffness as these {by} give it by themselves."
+    if stepped:
+        lead += " Smaller steps of them are not counted here."
     body = part("chart", "p-bars") + table(columns, rows) + further
     return section("accuracy", "Expected accuracy", lead, body)
 

@@ -54,7 +54,7 @@ def page_of(
     }
     if plan is None or table is None:
         return page.PosesPage(**common, reason=warnings[-1])
-    u = plan.unknowns
+    u, steps = plan.unknowns, plan.steps if apart is None else apart.steps
     chosen = pool.q[plan.cases.pose[[b[0] for b in plan.design.blocks]]]
     return page.PosesPage(
         **common,
@@ -69,7 +69,7 @@ def page_of(
         bound=plan.bound,
         poses=len(chosen),
         readings=len(table),
-        per_pose=request.loads * len(plan.visits) // max(len(plan.design.readings), 1),
+        per_pose=request.loads * len(plan.visits) * len(steps) // max(len(plan.design.readings), 1),
         heuristics=_heuristics(plan),
         curve_poses=plan.curve_poses,
         curve=np.array(plan.curve),
@@ -79,7 +79,7 @@ def page_of(
         job=()
         if job is None
         else tuple(page.Asked(joint=j.joint, job=j.job, tests=j.tests, shows=j.shows) for j in plan.joints),
-        steps=plan.steps if apart is None else apart.steps,
+        steps=steps,
         arms=_arm_points(robot, chosen, cell),
         scene=scene,
         postures=_postures(chosen, table, cell.external_home),
