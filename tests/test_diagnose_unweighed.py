@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import re
+import shutil
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
+import pytest
+import test_diagnose_absolute as poses
 from made_up_loads import CELLS, Dirt, Truth, arm, displaced, load_tests, planned
 
 from machopt.diagnose.resting import deflection, unweighed
-from machopt.diagnose.run import known_masses
+from machopt.diagnose.run import at_rest, known_masses, stated_masses
 from machopt.diagnose.search import engine
+from machopt.domain.cell import Cell
 from machopt.estimate.experiment import experiment
 from machopt.formats.cell import load_cell
-from machopt.model.robot import load_masses, load_robot
+from machopt.model.robot import Masses, load_masses, load_robot
 
 CELL = "kr240_drilling"
 DOWN = np.array([0.0, 0.0, -9.80665])
@@ -70,12 +76,81 @@ def test_no_balancer_is_named_for_weight_that_no_file_tells() -> None:
 
 
 def test_a_tool_alone_does_not_make_an_arm_weigh(tmp_path) -> None:  # type: ignore[no-untyped-def]
-    import re
-    import shutil
-
     bare = tmp_path / "cell"
     shutil.copytree(CELLS / CELL, bare, ignore=shutil.ignore_patterns("recordings"))
     urdf = (bare / "robot.urdf").read_text(encoding="utf-8")
     (bare / "robot.urdf").write_text(re.sub(r"<inertial>.*?</inertial>", "", urdf, flags=re.DOTALL), encoding="utf-8")
     assert known_masses(load_cell(bare)) is None
     assert known_masses(load_cell(CELLS / CELL)) is not None
+
+
+def without_mass(name: str, at: Path, *links: int) -> Cell:
+    """A cell whose URDF states no mass of these links."""
+    bare = at / f"{name}_{links}"
+    shutil.copytree(CELLS / name, bare, ignore=shutil.ignore_patterns("recordings"))
+    urdf = (bare / "robot.urdf").read_text(encoding="utf-8")
+    for link in links:
+        found = re.search(rf'<link name="[^"]*link_?{link}".*?</link>', urdf, re.DOTALL)
+        assert found is not None
+        lighter = re.sub(r"<inertial>.*?</inertial>", "", found[0], flags=re.DOTALL)
+        assert lighter != found[0]
+        urdf = urdf.replace(found[0], lighter)
+    (bare / "robot.urdf").write_text(urdf, encoding="utf-8")
+    return load_cell(bare)
+
+
+@pytest.mark.parametrize("links", [(2,), (3,), (2, 3)])
+def test_poses_keep_the_weight_that_is_stated(tmp_path: Path, links: tuple[int, ...]) -> None:
+    """An arm that really has no mass there is sound: the weight of all else, tool included, still bends it."""
+    cell = without_mass(poses.CELL.name, tmp_path, *links)
+    stated = stated_masses(cell)
+    assert stated is not None
+    assert unweighed.missing(stated) == links
+    r = poses.measure(noise=15e-6, masses=stated)
+    d = at_rest(cell, r, engine.Options(most=3), [], accept=(), seed=0).diagnosis
+    assert (d.verdict, d.findings) == ("consistent", ())
+    assert d.heldout_after < 0.02  # mm; 4.6 with all weight dropped for link 3
+    named = f"link{'s' if len(links) > 1 else ''} {' and '.join(map(str, links))}"
+    assert [n for n in d.notes if "no mass of" in n] == [
+        f"the URDF has no mass of {named}, whose own weight is not modelled; all that is stated is"
+    ]
+    assert not [n for n in d.notes if "no masses" in n]
+    for effect in ("gravity_compensator", "payload"):  # wrist and tool alone do not make an arm weigh in poses either
+        why = [u.reason for u in d.untestable if u.effect == effect]
+        assert any(named in w for w in why) == (links == (2, 3)), (effect, why)
+
+
+@pytest.mark.parametrize(("links", "opened"), [((2,), {"link:2"}), ((3,), {"link:2", "link:3"})])
+def test_load_tests_leave_open_what_a_link_weighs_and_keep_the_rest(
+    tmp_path: Path, links: tuple[int, ...], opened: set[str]
+) -> None:
+    a, k, plan, robot, T, masses = heavy()
+    cell = without_mass(CELL, tmp_path, *links)
+    known = known_masses(cell)
+    assert known is not None
+    assert set(known.body.tolist()) == {1, 2, 3, 4, 5, 6} - set(links)
+    r = load_tests(a, Truth(k), plan, np.random.default_rng(1), Dirt(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    tests = experiment(r, robot, T)
+
+    def built(m: Masses | None, down: np.ndarray | None) -> tuple[set[str], float, list[str]]:
+        """What is open, what least squares leave (m), and why no balancer is looked for."""
+        problem, tried, _ = deflection.build(r, tests, robot, T, m, 1.0 / k, down=down)
+        size = np.array([u.prior or 1.0 for u in problem.unknowns])
+        A = (problem.base * size).reshape(problem.y.size, -1)
+        y = problem.y.ravel()
+        left = y - A @ np.linalg.lstsq(A, y, rcond=1e-10)[0]
+        places = {u.location for u in problem.unknowns if u.location.startswith("link:")}
+        return (
+            places,
+            float(np.sqrt(np.mean(left**2))),
+            [u.reason for u in tried.untestable if u.effect == "gravity_compensator"],
+        )
+
+    places, left, why = built(known, DOWN)
+    assert places == opened
+    assert why == [f"the URDF has no mass of link {links[0]}, whose weight stiffens joints like a balancer does"]
+    shut, nothing, whole = built(known, None)[1], built(None, DOWN), built(masses, DOWN)
+    assert left < 0.5 * shut
+    assert left < nothing[1]  # what is stated is known better than what is fitted
+    assert nothing[2] == ["the URDF has no mass of links 2 and 3, whose weight stiffens joints like a balancer does"]
+    assert (whole[0], whole[2]) == (set(), [])

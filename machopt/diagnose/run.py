@@ -77,7 +77,7 @@ def at_rest(
     refuse_linked(cell, "diagnose")
     motion.refuse_other_joints(recording, cell)
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
-    masses = known_masses(cell)
+    masses = stated_masses(cell)
     prior = None if cell.stiffness is None else cell.stiffness.joints
     if laws and recording.kind != "deflection":
         raise InputError(
@@ -108,7 +108,7 @@ def at_rest(
                 recording,
                 robot,
                 tcp,
-                masses,
+                known_masses(cell),
                 laws,
                 known,
                 copies,
@@ -336,7 +336,7 @@ def in_motion(
         return engine.diagnose(problem, catalogue, replace(options, predicted=words[channel]), rng), problem
 
     six = len(cell.arm_joints) == 6 and not cell.arm_prismatic
-    terms = _held(cell, load_robot(cell), known_masses(cell)) if six else ()
+    terms = _held(cell, load_robot(cell), stated_masses(cell)) if six else ()
     d, problem = held.diagnosed(terms, stretches, held.in_torques if channel == "torque" else held.in_motions)
     options.progress("the next motion")
     d = replace(d, next_experiment=next_motion.suggested(cell, channel, d))
@@ -369,10 +369,16 @@ def _with_record(
     return replace(out, sentence=sentence(out)) if findings != d.findings else out
 
 
-def known_masses(cell: Cell) -> Masses | None:
-    """Of links and tool; None where the URDF has none of the arm's long links, and weight is unknown."""
+def stated_masses(cell: Cell) -> Masses | None:
+    """Of links and tool, as far as they are stated; None where none is."""
     try:
         masses = load_masses(cell)
     except InputError:
         return None
+    return masses if masses.mass.sum() > 0 else None
+
+
+def known_masses(cell: Cell) -> Masses | None:
+    """As load tests know them; None where the URDF has none of the arm's long links, and weight is unknown."""
+    masses = stated_masses(cell)
     return masses if weighed(masses) else None

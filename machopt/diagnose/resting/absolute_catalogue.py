@@ -16,7 +16,7 @@ from machopt.diagnose import calibrated
 from machopt.diagnose.laws import at_angle, at_beside, at_body, at_flange, at_heat, at_joint, at_sensor, laws_geometry
 from machopt.diagnose.nouns.problem import Catalogue, Hypothesis, Problem, Untestable
 from machopt.diagnose.nouns.readings import Readings
-from machopt.diagnose.resting import unnamed_poses
+from machopt.diagnose.resting import unnamed_poses, unweighed
 from machopt.domain.location import joint_at, joints_of
 from machopt.effects import by_angle, geometry, kinematic, registry
 from machopt.effects.protocol import timed
@@ -32,8 +32,7 @@ def catalogue(r: Readings, problem: Problem) -> Catalogue:
         *at_angle.hypotheses(r),
         *at_joint.couplings_at_rest(r),
         *laws_geometry.hypotheses(r, problem.base),
-        *at_flange.at_rest(r),
-        *at_beside.in_poses(r),
+        *([*at_flange.at_rest(r), *at_beside.in_poses(r)] if unweighed.weighed(r.masses) else []),
         *at_heat.hypotheses(r),
         *(h for h in at_body.hypotheses(r) if not (r.recording.targets and h.location == "tool")),
     ]
@@ -147,10 +146,11 @@ def _untestable(r: Readings) -> list[Untestable]:
                 else ("how the torque came there; load cycles do")
             )
             out.append(Untestable(effect.name, effect.places[0], f"measured poses do not say {how}"))
-    if r.masses is None:
+    if not unweighed.weighed(r.masses):
+        lacks = unweighed.of_links(r.masses)
         out += [
-            Untestable("payload", "tool", "the URDF has no masses; with them weight would show it"),
-            Untestable("gravity_compensator", "joint:2", "the URDF has no masses to tell its torque from weight"),
+            Untestable("payload", "tool", f"{lacks}; with them weight would show it"),
+            Untestable("gravity_compensator", "joint:2", f"{lacks} to tell its torque from weight"),
         ]
     if r.recording.targets:
         out.append(Untestable("tool_compliance", "tool", "the reflectors sit on the flange, before the tool gives way"))

@@ -36,7 +36,7 @@ from machopt.model.robot import Masses, Robot
 Ints = NDArray[np.int64]
 GEOMETRIC = "K_C"
 RIGID = 1e18  # N·m/rad, of springs that give nothing
-UNWEIGHED = "the URDF has no masses of the arm's long links, whose weight stiffens joints like a balancer does"
+UNWEIGHED = "whose weight stiffens joints like a balancer does"
 
 
 def build(
@@ -58,7 +58,7 @@ def build(
         recording: kind "deflection", as corrected by the record checks.
         tests: the same in base axes.
         robot, T_flange_tcp: the arm.
-        masses: of links and tool; None where the URDF has none.
+        masses: of links and tool; None where the URDF has none of the long links.
         compliance: (6,) rad/(N·m) found before; None: by least absolute deviations.
         memo: histories of an earlier call for the same tests.
         terms: (N, 6) m, rad, what the cell's own terms explain; None: it has none.
@@ -96,8 +96,8 @@ def build(
     if curved is not None:  # known but for the compliances in it
         base = np.concatenate([base, curved[:, :, None]], axis=2)
         unknowns.append(Unknown(name=GEOMETRIC, unit="1", location="arm", prior=calibrated.RESTING.known_to))
-    if masses is None and down is not None:
-        weights, moments = unweighed.columns(readings, down)
+    if unweighed.missing(masses) and down is not None:
+        weights, moments = unweighed.columns(readings, down, unweighed.left_open(masses))
         base = np.concatenate([base, weights], axis=2)
         unknowns += moments
     u = tests.uncertainty
@@ -178,8 +178,9 @@ def catalogue(r: Readings, curved: Array | None) -> Catalogue:
             out += laws
             if reason:
                 missing.append(Untestable(kind.name, joint_at(j + 1), reason))
-    if r.masses is None:
-        missing.append(Untestable("gravity_compensator", joint_at(2), UNWEIGHED))
+    if unweighed.missing(r.masses):
+        why = f"{unweighed.of_links(r.masses)}, {UNWEIGHED}"
+        missing.append(Untestable("gravity_compensator", joint_at(2), why))
     else:
         out += at_beside.in_load_tests(r)
     out += [*at_joint.couplings(r), *at_body.hypotheses(r)]

@@ -19,6 +19,7 @@ from machopt.diagnose.laws import laws_geometry
 from machopt.diagnose.nouns import reflectors
 from machopt.diagnose.nouns.problem import Unknown
 from machopt.diagnose.nouns.readings import Readings
+from machopt.diagnose.resting import unweighed
 from machopt.diagnose.resting.absolute_catalogue import left, spanned
 from machopt.domain.cell import Cell
 from machopt.domain.kinematics import Kinematics
@@ -281,6 +282,8 @@ class Nominal:
             out.append(f"the reflectors sit beside their nominal places in flange, in mm: {each}; refitted likewise")
         if self.masses is None:
             out.append("the URDF has no masses, so the deflection under weight is not modelled")
+        elif unweighed.missing(self.masses):
+            out.append(f"{unweighed.of_links(self.masses)}, whose own weight is not modelled; all that is stated is")
         if self.cell.kinematics is not None:
             out.append("the cell's kinematic corrections are counted; what is found comes on top of them")
         return tuple(out)

@@ -3,7 +3,7 @@
 Weight turns with the arm. A load that bends joint l moves the weight's lever about joint i, which is a spring of its
 own beside the gear (K = ∂τ/∂q), and the sag at rest moves every lever arm of the load. Both are linear in the first
 moments of upper arm and forearm (kg·m, with what hangs behind them), so an arm whose file has no masses is told from
-one with a balancer by neither, and neither is named for it.
+one with a balancer by neither, and neither is named for it. What a file does state stays known beside them.
 """
 
 from __future__ import annotations
@@ -21,17 +21,35 @@ from machopt.model.robot import Masses
 BORNE = (2, 3)  # upper arm and forearm: their moments reach joints 2 and 3, the wrist's weight with them
 
 
-def weighed(masses: Masses) -> bool:
-    """Whether the file tells what the arm's long links weigh; a tool alone does not make an arm weigh."""
-    return set(BORNE) <= set(masses.body[masses.mass > 0.0].tolist())
+def missing(masses: Masses | None) -> tuple[int, ...]:
+    """The long links whose weight the file does not tell; a tool alone does not make an arm weigh."""
+    known = set() if masses is None else set(masses.body[masses.mass > 0.0].tolist())
+    return tuple(link for link in BORNE if link not in known)
 
 
-def columns(r: Readings, gravity: Array) -> tuple[Array, tuple[Unknown, ...]]:
-    """(N, D, P) displacement per kg·m of first moment of each long link, and what they are called.
+def weighed(masses: Masses | None) -> bool:
+    """Whether the file tells of any long link what it weighs."""
+    return missing(masses) != BORNE
+
+
+def left_open(masses: Masses | None) -> tuple[int, ...]:
+    """Links whose moment is unknown: a link hangs on those before it, whose moments hold its weight at the elbow."""
+    return tuple(link for link in BORNE if link <= max(missing(masses), default=0))
+
+
+def of_links(masses: Masses | None) -> str:
+    """What the URDF lacks, in words; not asked where it lacks nothing."""
+    links = missing(masses)
+    return f"the URDF has no mass of link{'s' if len(links) > 1 else ''} {' and '.join(map(str, links))}"
+
+
+def columns(r: Readings, gravity: Array, links: tuple[int, ...] = BORNE) -> tuple[Array, tuple[Unknown, ...]]:
+    """(N, D, P) displacement per kg·m of first moment of each link, and what they are called.
 
     Args:
         r: of a load test.
         gravity: (3,) m/s² in base_link.
+        links: long links, by the joint that moves them.
     """
     assert r.state.R_bodies is not None  # load tests keep them
     z = np.moveaxis(r.state.J[:, 3:], 2, 0)  # (6, N, 3) axes
@@ -39,7 +57,7 @@ def columns(r: Readings, gravity: Array) -> tuple[Array, tuple[Unknown, ...]]:
     bent = r.load_torque * r.compliance  # rad under the load
     prior = calibrated.RESTING.first_moment * reach_of(r.robot, r.T_flange_tcp) ** 4
     out, unknowns = [], []
-    for link in BORNE:
+    for link in links:
         for k, name in enumerate("xyz"):
             u = r.state.R_bodies[:, link, :, k]
             torque, extra = np.zeros((len(r), 6)), np.zeros((len(r), 6))

@@ -12,7 +12,7 @@ from machopt.diagnose.laws import at_joint
 from machopt.diagnose.nouns.problem import Flags
 from machopt.diagnose.nouns.result import Diagnosis, rms
 from machopt.diagnose.resting import deflection
-from machopt.diagnose.run import Examined, known_masses
+from machopt.diagnose.run import Examined, stated_masses
 from machopt.domain.cell import Cell
 from machopt.domain.stiffness import Discrepancy, PositionError, Stiffness
 from machopt.effects import registry
@@ -79,7 +79,7 @@ def _covariance(doubt: Discrepancy) -> Array:
 def _of_load_tests(cell: Cell, found: Examined, stiffness: Stiffness) -> Discrepancy | None:
     """What the extended model leaves of the load tests, as a plan reads it."""
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
-    masses = known_masses(cell)
+    masses = stated_masses(cell)
     tests = experiment(found.recording, robot, T)
     residual = tests.measured - _as_planned(found, tests, robot, T, masses, stiffness, cell.arm_limits)
     used = found.diagnosis.used
