@@ -46,7 +46,9 @@ def mended(
     out: list[Finding] = []
     if COLUMNS.name in accept or getattr(recording, kind) is None:
         return recording, out
-    if recording.kind == "deflection" and (recording.wrench is None or not recording.wrench.any()):
+    if recording.kind == "deflection" and not (np.any(recording.wrench) and np.any(recording.displacement)):
+        return recording, out  # says nothing, which is refused where it is looked at
+    if len(recording) < 2 * calibrated.RECORD.part_readings:
         return recording, out
     for _ in range(MOST):
         found = _stretch(recording, robot, T_flange_tcp, kind)

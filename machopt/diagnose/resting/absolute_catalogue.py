@@ -17,7 +17,7 @@ from machopt.diagnose.laws import at_angle, at_beside, at_body, at_flange, at_he
 from machopt.diagnose.nouns.problem import Catalogue, Hypothesis, Problem, Untestable
 from machopt.diagnose.nouns.readings import Readings
 from machopt.diagnose.resting import unnamed_poses, unweighed
-from machopt.domain.location import joint_at, joints_of
+from machopt.domain.location import joint_at, joints_of, located
 from machopt.effects import by_angle, geometry, kinematic, registry
 from machopt.effects.protocol import timed
 
@@ -87,7 +87,7 @@ def catalogue(r: Readings, problem: Problem) -> Catalogue:
 
 def _moved_by(place: str, slides: list[str]) -> bool:
     """Whether a law sits at joints of which one slides: laws of angles and torques do not hold there."""
-    return place.startswith("joint:") and any(joint_at(j + 1) in slides for j in joints_of(place))
+    return located(place).of_joints and any(joint_at(j + 1) in slides for j in joints_of(place))
 
 
 def spanned(columns: Array) -> Array:

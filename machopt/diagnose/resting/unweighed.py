@@ -14,6 +14,7 @@ from machopt.arrays import Array
 from machopt.diagnose import calibrated
 from machopt.diagnose.nouns.problem import Unknown
 from machopt.diagnose.nouns.readings import Readings
+from machopt.domain.location import link_at
 from machopt.estimate.noise import joint_sensitivity
 from machopt.identify.units import reach_of
 from machopt.model.robot import Masses
@@ -72,7 +73,7 @@ def columns(r: Readings, gravity: Array, links: tuple[int, ...] = BORNE) -> tupl
                 continue
             out.append(column)
             unknowns.append(
-                Unknown(name=f"weight of link {link}, {name}", unit="kg·m", location=f"link:{link}", prior=prior)
+                Unknown(name=f"weight of link {link}, {name}", unit="kg·m", location=link_at(link), prior=prior)
             )
     return np.stack(out, axis=2) if out else np.zeros((len(r), r.dimensions, 0)), tuple(unknowns)
 
