@@ -59,18 +59,7 @@ def mended(
         _, _, way, changed, after = as_good[0]  # a free frame: every mirror is the same one, turned
     elif len(as_good) > 1:  # which of them it is cannot be told: nothing is mended on a guess
         return recording, []
-    words = f"{way.words}, in the whole record: so read the model leaves {100 * least / left:.2g} % of what it left"
-    sizes = [np.linalg.norm(e, axis=1) for e in (before, after)]
-    return changed, [
-        repaired(
-            way.effect,
-            column_at(way.column),
-            words,
-            1e3 * typical(before),
-            1e3 * typical(after),
-            chance(stated.pose, *sizes),
-        )
-    ]
+    return changed, [_said(way, least / left, stated, before, after)]
 
 
 def moments(
@@ -107,19 +96,20 @@ def moments(
     (best, way, changed, after), (second, *_) = found[:2]
     if best > calibrated.RECORD.whole_falls * least or second < calibrated.RECORD.part_as_good * best:
         return recording, []
-    words = f"{way.words}, in the whole record: so read the model leaves {100 * best / left:.2g} % of what it left"
-    sizes = [np.linalg.norm(e, axis=1) for e in (before, after)]
-    return changed, [
-        repaired(
-            way.effect,
-            column_at(way.column),
-            words,
-            1e3 * typical(before),
-            1e3 * typical(after),
-            chance(stated.pose, *sizes),
-            {"factor": exact(1.0 / way.factor)},
-        )
-    ]
+    return changed, [_said(way, best / left, stated, before, after)]
+
+
+def _said(way: Way, share: float, stated: Equations, before: Array, after: Array) -> Finding:
+    """The finding of columns read otherwise, which leave a ``share`` of what they left; errors (N, 3) m."""
+    return repaired(
+        way.effect,
+        column_at(way.column),
+        f"{way.words}, in the whole record: so read the model leaves {100 * share:.2g} % of what it left",
+        1e3 * typical(before),
+        1e3 * typical(after),
+        chance(stated.pose, *(np.linalg.norm(e, axis=1) for e in (before, after))),
+        {"factor": exact(1.0 / way.factor)} if way.factor != 1.0 else {},
+    )
 
 
 def _ways(recording: Recording) -> Iterator[Way]:
