@@ -6,6 +6,8 @@ import numpy as np
 
 from machopt.arrays import Array
 
+SAME_AXIS = 1e-12  # sine of the angle below which two axes are one
+
 
 def rpy_matrix(rpy: Array) -> Array:
     """Rotation Rz(yaw) Ry(pitch) Rx(roll) from (..., 3) roll, pitch, yaw in rad (URDF's fixed-axis convention)."""
@@ -97,6 +99,29 @@ def tool_rotation(tool_axis: Array, reference: Array, gamma: Array) -> Array:
     y = -s * x0 + c * y0
     x, y, z = np.broadcast_arrays(x, y, z)
     return np.stack([x, y, z], axis=-1)
+
+
+def interpolate_axis(start: Array, end: Array, share: Array) -> Array:
+    """Unit vectors that turn evenly from ``start`` to ``end``, in the plane of both (great circle; Shoemake 1985).
+
+    This is the rule of robot controllers for the tool axis between two points of a path.
+
+    Args:
+        start: (n, 3) unit.
+        end: (n, 3) unit; not opposite to ``start``, where no plane is defined.
+        share: (n,) of the angle between them, 0 to 1.
+
+    Returns:
+        (n, 3) unit.
+    """
+    share = np.asarray(share, float)[:, None]
+    sine = np.linalg.norm(np.cross(start, end), axis=1, keepdims=True)
+    angle = np.arctan2(sine, np.sum(start * end, axis=1, keepdims=True))
+    turns = sine > SAME_AXIS
+    divisor = np.where(turns, sine, 1.0)
+    before = np.where(turns, np.sin((1.0 - share) * angle) / divisor, 1.0 - share)
+    after = np.where(turns, np.sin(share * angle) / divisor, share)
+    return normalise(before * start + after * end)
 
 
 def wrap(angle: Array) -> Array:

@@ -35,5 +35,10 @@ class ReadProgram:
     joint_step: float = 0.0  # rad, the same of joints
     target_step: float = 0.0  # m, what the last decimals of its joint targets are worth at arm's length
 
+    @property
+    def printed_distance(self) -> float:
+        """The largest distance (m) between two targets that mean the same place, due to the printed decimals."""
+        return 2.0 * max(self.place_step, self.target_step)
+
     def __len__(self) -> int:
         return len(self.kind)

@@ -16,6 +16,7 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.verify import elastic, reference
 from machopt.verify.arm import Arm
+from machopt.verify.axis_interpolation import interpolate_axis
 from machopt.verify.encoder import true_angles
 from machopt.verify.engage import sideways
 from machopt.verify.points import ROWS, turned
@@ -78,11 +79,10 @@ def _with_places(toolpath: Toolpath, index: Array) -> Toolpath:
     high = np.ceil(index).astype(int)
     low = np.maximum(high - 1, 0)
     f = np.where(high > low, index - low, 1.0)[:, None]
-    axis = (1.0 - f) * toolpath.axis[low] + f * toolpath.axis[high]
     return replace(
         toolpath,
         position=(1.0 - f) * toolpath.position[low] + f * toolpath.position[high],
-        axis=axis / np.linalg.norm(axis, axis=1, keepdims=True),
+        axis=interpolate_axis(toolpath.axis[low], toolpath.axis[high], f[:, 0]),
         move=toolpath.move[high],
         feed=toolpath.feed[high],
         operation=toolpath.operation[high],

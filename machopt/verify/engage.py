@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 from machopt.domain.options import ProcessForce
 from machopt.domain.toolpath import Move, Toolpath
+from machopt.verify.axis_interpolation import interpolate_axis
 
 ACROSS = 0.17364817766693033  # sin 10°
 PIECES = 200  # of a window
@@ -121,9 +122,8 @@ class _Force:
         """(n, 3) N at places (n,), outside the cuts that of the nearest."""
         away = np.maximum(np.maximum(self.starts - s[:, None], s[:, None] - self.ends), 0.0)
         n = away.argmin(axis=1)
-        f = ((np.clip(s, self.starts[n], self.ends[n]) - self.starts[n]) / (self.ends[n] - self.starts[n]))[:, None]
-        axis = (1 - f) * self.axes[0][n] + f * self.axes[1][n]
-        axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+        f = (np.clip(s, self.starts[n], self.ends[n]) - self.starts[n]) / (self.ends[n] - self.starts[n])
+        axis = interpolate_axis(self.axes[0][n], self.axes[1][n], f)
         side = _blend(self.direction[n], axis, _lead(self.lead[n], axis))
         o = self.force
         return np.asarray(o.travel * side + o.normal * np.cross(axis, side) + o.axial * axis)

@@ -27,8 +27,10 @@ def targets_in_order(
     lever: float,
     give_up: int,
 ) -> tuple[NDArray[np.int64], Array, Array]:
-    """Where each target lies on the motion: on the first stretch ahead that is near it, at the foot beside its nearest
-    sample.
+    """Find each target on the motion: on the first stretch ahead that is near it, at its foot next to the nearest sample.
+
+    The foot is found by place where the tip travels, by orientation where the tool turns about its tip (a corner of
+    the tool axis): there the place is the same all along the turn.
 
     Args:
         place: (S, 3) m, turn (S, 3, 3), joints (S, 6) rad of the motion's samples.
@@ -85,23 +87,34 @@ def targets_in_order(
                 least = min(least, way)
             missed[k] = np.sqrt(least)
             continue
-        gap, there = np.inf, float(found)
+        gap, foot = np.inf, float(found)
         for a in (found - 1, found):
             if a < 0 or a >= samples - 1:
                 continue
             length, along = 0.0, 0.0
+            turned, around = 0.0, 0.0
             for c in range(3):
                 way = place[a + 1, c] - place[a, c]
                 length += way * way
                 along += (wanted_place[k, c] - place[a, c]) * way
+                for d in range(3):
+                    step = turn[a + 1, c, d] - turn[a, c, d]
+                    turned += step * step
+                    around += (wanted_turn[k, c, d] - turn[a, c, d]) * step
+            # where the tool turns rather than travels, the orientation tells how far along the segment the target is
+            if lever * lever * turned / 2.0 > length:
+                length, along = turned, around
             share = min(max(along / length, 0.0), 1.0) if length > 1e-16 else float(found - a)
             off = 0.0
             for c in range(3):
                 off += (place[a, c] + share * (place[a + 1, c] - place[a, c]) - wanted_place[k, c]) ** 2
+                for d in range(3):
+                    there = turn[a, c, d] + share * (turn[a + 1, c, d] - turn[a, c, d])
+                    off += lever * lever * (there - wanted_turn[k, c, d]) ** 2 / 2.0
             off = np.sqrt(off)
             if off < gap - 1e-12:
-                gap, there = off, a + share
-        here = max(there, here)
+                gap, foot = off, a + share
+        here = max(foot, here)
         at[k] = here
     return nearest, at, missed
 

@@ -9,6 +9,7 @@ from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.toolpath import Toolpath
 from machopt.verify.arm import Arm
+from machopt.verify.axis_interpolation import interpolate_axis
 from machopt.verify.bodies import Body, inverse, near
 from machopt.verify.check import Check, not_run
 from machopt.verify.contact import Contact
@@ -191,7 +192,8 @@ def _along(toolpath: Toolpath, line: tuple[Array, Array], cuts: NDArray[np.intp]
     for k in cuts:
         a, b = toolpath.position[k - 1], toolpath.position[k]
         count = int(np.clip(np.ceil(np.linalg.norm(b - a) / step), 1, 20))
-        f = np.linspace(0.0, 1.0, count + 1)[:, None]
-        places.append(np.column_stack([np.interp(k - 1 + f[:, 0], line[0], line[1][:, c]) for c in range(3)]))
-        axes.append((1.0 - f) * toolpath.axis[k - 1] + f * toolpath.axis[k])
+        f = np.linspace(0.0, 1.0, count + 1)
+        places.append(np.column_stack([np.interp(k - 1 + f, line[0], line[1][:, c]) for c in range(3)]))
+        ends = (np.tile(toolpath.axis[n], (count + 1, 1)) for n in (k - 1, k))
+        axes.append(interpolate_axis(*ends, f))
     return np.concatenate(places), np.concatenate(axes)

@@ -22,7 +22,6 @@ from machopt.verify.programways import along_lines
 from machopt.verify.ride import AXIS_DEG, PATH_MM
 from machopt.verify.table import Motion
 
-PRINTED = 2.0  # of the step that a program prints places in: how far from a target the tool may be said to stand on it
 SAME_PLACE = 1e-8  # m: what the decimals of trajectory.csv's joints leave of a place where the tool stands
 BRANCH = 3.0  # of the orientation's tolerance: joints of a pose that has been compared only tell which branch it is
 
@@ -121,7 +120,7 @@ def _kinds(
     k = ends[nth]
     tip = said.T_workpiece_tcp[:, :3, 3]
     apart = np.minimum(*(np.linalg.norm(p[rows] - tip[n], axis=1) for n in (k - 1, k)))
-    printed = PRINTED * max(said.place_step, said.target_step) + SAME_PLACE
+    printed = said.printed_distance + SAME_PLACE
     tells = apart > np.where(linear[k] & linear[k - 1], place, printed)
     x = np.hstack([motion.q, motion.external])
     stands = np.r_[False, (np.diff(x, axis=0) == 0.0).all(axis=1)]

@@ -16,6 +16,7 @@ from machopt.arrays import Array
 from machopt.domain.program import LIN
 from machopt.domain.readprogram import ReadProgram
 from machopt.domain.toolpath import Toolpath
+from machopt.verify.axis_interpolation import interpolate_axis
 from machopt.verify.check import Check, Promise, of_file
 from machopt.verify.inorder import lines_in_order
 from machopt.verify.programways import SPOT
@@ -54,7 +55,7 @@ def against_cam(said: ReadProgram, cuts: Cuts, at_index: Array) -> list[Check]:
     place = said.T_workpiece_tcp[:, :3, 3] + cuts.offset
     shank = -said.T_workpiece_tcp[:, :3, 2] + cuts.tilt
     limit = max(PATH_MM * 1e-3, cuts.corner) + said.place_step
-    reached, gap, tilt = _reached(place, shank, cuts, limit, said.streamed)
+    reached, gap, tilt = _reached(place, shank, cuts, limit, said.streamed, SPOT + said.printed_distance)
     points = np.flatnonzero(cuts.wanted)
     missing = points[reached[points] < 0]
     worst = float(gap[points].max(initial=0.0))
@@ -86,28 +87,29 @@ def against_cam(said: ReadProgram, cuts: Cuts, at_index: Array) -> list[Check]:
 
 
 def _reached(
-    place: Array, shank: Array, cuts: Cuts, limit: float, streamed: bool = False
+    place: Array, shank: Array, cuts: Cuts, limit: float, streamed: bool = False, printed: float = SPOT
 ) -> tuple[NDArray[np.int64], Array, Array]:
     """(N,) the move on whose line each wanted point lies first, in order, −1 for none; m; rad between the axes."""
     reached, share, gap = lines_in_order(
         np.ascontiguousarray(place), np.ascontiguousarray(cuts.position), cuts.wanted, limit, GIVEN_UP
     )
-    _turned_on_the_spot(reached, share, place, shank, cuts, limit if streamed else 0.0)
+    _turned_on_the_spot(reached, share, place, shank, cuts, limit if streamed else 0.0, printed)
     tilt, on = np.full(len(reached), np.nan), np.flatnonzero(reached >= 0)
-    f, j, wanted = share[on, None], reached[on], cuts.toolpath.axis[on]
-    axis = (1.0 - f) * shank[j - 1] + f * shank[j]
+    j, wanted = reached[on], cuts.toolpath.axis[on]
+    axis = interpolate_axis(shank[j - 1], shank[j], share[on])
     tilt[on] = np.arctan2(np.linalg.norm(np.cross(axis, wanted), axis=1), np.sum(axis * wanted, axis=1))
     return reached, gap, tilt
 
 
 def _turned_on_the_spot(
-    reached: NDArray[np.int64], share: Array, place: Array, shank: Array, cuts: Cuts, rounded: float
+    reached: NDArray[np.int64], share: Array, place: Array, shank: Array, cuts: Cuts, rounded: float, printed: float
 ) -> None:
     """Where the file turns the axis without a way, go on to the move that has turned it; its place alone tells nothing.
 
     Args:
         reached: (N,) moves as found by place, and ``share`` (N,) of them; changed in place.
         rounded: m from the point that samples of a streamed motion come and go by while it turns there; else 0.
+        printed: m, the distance between two printed targets at one place, due to the program's decimals.
     """
     path = cuts.toolpath
     turned = np.abs(np.diff(path.axis, axis=0)).max(axis=1, initial=0.0) > 1e-9
@@ -118,7 +120,7 @@ def _turned_on_the_spot(
         best, nearest = -1, float(path.axis[k] @ shank[j]) if j >= 0 else 1.0
         while 0 <= j < len(place) - 1:
             stays = np.linalg.norm(place[j + 1] - cuts.position[k]) <= rounded
-            if not (stays or np.abs(place[j + 1] - place[j]).max() < SPOT):
+            if not (stays or np.abs(place[j + 1] - place[j]).max() < printed):
                 break
             j += 1
             now = float(path.axis[k] @ shank[j])

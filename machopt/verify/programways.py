@@ -84,9 +84,9 @@ def _on_the_spot(off: Array, said: ReadProgram, tcp: Array, rows: NDArray[np.int
     for end, other in ((move, move + 1), (move - 1, move - 1)):
         there = (other >= 1) & (other < len(said))
         there[there] &= said.kind[other[there]] == LIN
-        there &= np.linalg.norm(tcp[rows, :3, 3] - T[end, :3, 3], axis=1) < SPOT + said.place_step
+        there &= np.linalg.norm(tcp[rows, :3, 3] - T[end, :3, 3], axis=1) < SPOT + said.printed_distance
         k = np.flatnonzero(there)
-        k = k[np.linalg.norm(T[other[k], :3, 3] - T[other[k] - 1, :3, 3], axis=1) < SPOT]
+        k = k[np.linalg.norm(T[other[k], :3, 3] - T[other[k] - 1, :3, 3], axis=1) < SPOT + said.printed_distance]
         if len(k):
             second = _off_line(tcp[rows[k]], T[other[k] - 1], T[other[k]])
             less = second[:, 1] < off[k, 1]

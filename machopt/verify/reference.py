@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.domain.toolpath import Move, Toolpath
+from machopt.verify.axis_interpolation import interpolate_axis
 
 ALONG = np.radians(1.0)  # a move this near the tool axis has no direction across it
 
@@ -74,8 +75,7 @@ def between(toolpath: Toolpath, known: Directions, index: Array, *, leaving: boo
     else:
         low = np.clip(np.ceil(index - SAME).astype(int) - 1, 0, last)
     high = np.minimum(low + 1, last)
-    part = np.clip(index - low, 0.0, 1.0)[:, None]
-    axis = _unit((1.0 - part) * toolpath.axis[low] + part * toolpath.axis[high])
+    axis = interpolate_axis(toolpath.axis[low], toolpath.axis[high], np.clip(index - low, 0.0, 1.0))
     move = toolpath.position[high] - toolpath.position[low]
     size, good = _across(move, axis)
     travel = np.where(good[:, None], _flat(move, axis), _flat(known.travel[low], axis))

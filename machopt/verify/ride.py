@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from machopt.arrays import Array, Bools
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Move, Toolpath
+from machopt.verify.axis_interpolation import interpolate_axis
 from machopt.verify.reference import SAME
 from machopt.verify.table import Motion
 
@@ -75,8 +76,7 @@ def ride(motion: Motion, toolpath: Toolpath, corners: Array, position: Array, tc
     s = np.clip(np.nan_to_num(motion.point), 0.0, last)
     toward = np.clip(np.ceil(s - SAME), 0, last).astype(int)
     low = np.minimum(s.astype(int), max(last - 1, 0))
-    part = (s - low)[:, None]
-    axis = (1.0 - part) * toolpath.axis[low] + part * toolpath.axis[np.minimum(low + 1, last)]
+    axis = interpolate_axis(toolpath.axis[low], toolpath.axis[np.minimum(low + 1, last)], s - low)
     shank = -tcp[:, :3, 2]
     angle = np.arctan2(np.linalg.norm(np.cross(shank, axis), axis=1), np.einsum("ij,ij->i", shank, axis))
     there = np.column_stack([np.interp(s, corners, position[:, c]) for c in range(3)])

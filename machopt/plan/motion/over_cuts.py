@@ -13,6 +13,7 @@ from machopt.arrays import Array
 from machopt.compiled import compiled
 from machopt.domain.cell import Cell
 from machopt.domain.toolpath import Toolpath
+from machopt.se3 import interpolate_axis
 
 BELOW = 1.5e-4  # m, a rapid move's graze that is let pass: the verifier's own limit is 0.2 mm
 SAME_SIDE = float(np.cos(np.radians(30.0)))  # a tool more oblique to a cut than this says nothing about its level
@@ -38,7 +39,7 @@ class Level:
         self.radius = radius
         self.place = np.ascontiguousarray(a[of] + share * (b - a)[of])
         before, after = toolpath.axis[ends - 1], toolpath.axis[ends]
-        self.axis = np.ascontiguousarray((1.0 - share) * before[of] + share * after[of])
+        self.axis = np.ascontiguousarray(interpolate_axis(before[of], after[of], part))
 
     @classmethod
     def of(cls, cell: Cell, toolpath: Toolpath) -> Level | None:

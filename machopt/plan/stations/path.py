@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.plan.stations.transport import carried
-from machopt.se3 import normalise, wrap
+from machopt.se3 import interpolate_axis, normalise, wrap
 
 ARM = 0.15  # m per rad: how much an axis change counts as path length, about a tool's length
 PARALLEL = np.cos(np.radians(1.0))  # a plunge runs along the tool axis within this
@@ -139,7 +139,7 @@ def build_path(toolpath: Toolpath, keep: tuple[int, ...] = (), *, corners: float
     high = np.ceil(index).astype(int)  # the toolpath point whose segment it lies on
     f = np.where(high > low, index - low, 1.0)[:, None]
     position = (1 - f) * toolpath.position[low] + f * toolpath.position[high]
-    axis = normalise((1 - f) * toolpath.axis[low] + f * toolpath.axis[high])
+    axis = interpolate_axis(toolpath.axis[low], toolpath.axis[high], f[:, 0])
     run = run_of_point[high].astype(np.int32)
     joined = np.r_[False, run[1:] == run[:-1]]
     step = np.r_[0.0, np.hypot(*_steps(position, axis))]
