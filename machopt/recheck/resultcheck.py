@@ -189,7 +189,8 @@ def _tools(t: Told) -> Iterable[str]:
         own = cost[s.first : s.stop]
         if p.worst_index is not None and np.isfinite(own).any() and scale > 0:
             most = float(np.nanmax(own))
-            if not most * (1 - PRINTED) <= p.worst_index <= not_beyond(t, most, along):
+            rounding = points.cost_rounding(t)[s.first + int(np.nanargmax(own))]
+            if not most * (1 - PRINTED) - rounding <= p.worst_index <= not_beyond(t, most, along):
                 yield f"tools: the worst index with {s.tool} is {p.worst_index:.6g}, points.csv has {most:.6g}"
 
 
@@ -204,7 +205,8 @@ def _worst(t: Told) -> Iterable[str]:
         yield "worst_point is null, yet points are cut to"
         return
     n, most = worst.point, float(np.nanmax(cost))
-    if not cost[n] >= most * (1 - PRINTED):
+    rounding = points.cost_rounding(t)
+    if not cost[n] >= most * (1 - PRINTED) - rounding[n] - rounding[int(np.nanargmax(cost))]:
         yield f"worst_point is {n}, but point {int(np.nanargmax(cost))} is softer"
     for key in ("k_axial_N_mm", "k_normal_N_mm", "deflection_mm", "k_jiao_x_N_mm", "gamma_deg"):
         yield from near(f"worst_point.{key}", getattr(worst, key), points.number(key)[n], PRINTED, LAST[key])

@@ -69,8 +69,9 @@ def objective(t: Told) -> Iterable[str]:
     cost = Points.read(t).cost(t)
     if own.worst is not None and np.isfinite(cost).any():
         told, most = own.worst * known("index_scale", t.result.index_scale), float(np.nanmax(cost))
-        if not most * (1 - PRINTED) <= told <= not_beyond(t, most, float(np.max(t.along))):
-            yield f"objective.chosen.worst is {told:.6g} in the index's unit, points.csv has {most:.6g}"
+        rounding = Points.read(t).cost_rounding(t)[int(np.nanargmax(cost))]
+        if not most * (1 - PRINTED) - rounding <= told <= not_beyond(t, most, float(np.max(t.along))):
+            yield f"objective.chosen.worst is {told:.9g} in the index's unit, points.csv has {most:.9g}"
         if not 0.0 < known("chosen.mean", own.mean) <= own.worst:
             yield "objective.chosen.mean is not between nothing and the worst"
     yield from _crowding(t, known("chosen.clearance", own.clearance))

@@ -32,6 +32,7 @@ from machopt.verify.output import read_tables
 from machopt.verify.springs import UnknownTermError
 
 AGREE = 1e-2  # of a check's limit: between two runs, and machines, a measured value moves by rounding only
+LAST_DIGIT_MM, LAST_DIGIT_N_MM = 1e-7, 1e-4  # of deflection and stiffness in points.csv
 DIGITS = 1e-9  # relative: sums and ratios of figures that stand in the same file
 
 
@@ -118,6 +119,14 @@ class Points:
             drilling = np.array([o.kind == "point" for o in t.toolpath.operations])[t.toolpath.operation]
             out = np.where(drilling, axial, 0.5 * (axial + normal))
         return np.where(counts, out, np.nan)
+
+    def cost_rounding(self, t: Told) -> Array:
+        """(N,) the largest error of :meth:`cost`, in SI, that follows from half of the last digit in points.csv."""
+        if t.result.index == "deflection":
+            return np.full(len(t.toolpath), 0.5e-3 * LAST_DIGIT_MM)
+        names = ("k_jiao_x_N_mm",) if t.result.index == "jiao2022" else ("k_axial_N_mm", "k_normal_N_mm")
+        softest = np.min([self.number(name) for name in names], axis=0)
+        return np.asarray(1e-3 * 0.5 * LAST_DIGIT_N_MM / softest**2)
 
 
 def is_file(t: Told, name: str) -> bool:

@@ -105,11 +105,19 @@ class PointsCheck:
         return checks
 
     def column(
-        self, name: str, wanted: Array, rows: NDArray[np.intp], unit: str, limit: float, share: float = 0.0
+        self,
+        name: str,
+        wanted: Array,
+        rows: NDArray[np.intp],
+        unit: str,
+        limit: float,
+        share: float = 0.0,
+        ambiguity: Array | float = 0.0,
     ) -> Check:
         """One column of numbers on some rows, ``wanted`` (rows,) in the file's unit; a missing number is the worst.
 
-        ``share``: of the value, allowed beside the limit; what is said is then in parts of both.
+        ``share``: of the value, allowed beside the limit; what is said is then in parts of both. ``ambiguity``:
+        (rows,) by how much the quantity itself is undefined, in the file's unit.
         """
         told = self.points.numbers.get(name)
         if told is None:
@@ -122,7 +130,7 @@ class PointsCheck:
                 where="the column is missing",
             )
         off = np.abs(told[rows] - wanted)
-        off = np.where(np.isnan(told[rows]) & np.isnan(wanted), 0.0, off)
+        off = np.where(np.isnan(told[rows]) & np.isnan(wanted), 0.0, np.maximum(off - ambiguity, 0.0))
 
         def told_and_wanted(n: int) -> str:
             at = self.where(rows)(n)
@@ -286,16 +294,16 @@ class PointsCheck:
         rows = np.flatnonzero(self.known & self.inside)
         limits = self.cell.limits
         margin = posture.limit_margin(self.points.q[rows], limits.lower[:6], limits.upper[:6])
-        singularity, branch = np.empty(len(rows)), np.empty(len(rows))
+        singularity, branch, ambiguity = (np.empty(len(rows)) for _ in range(3))
         numbered = True
         for some, stance in self.stances(rows):
             stands = posture.posture(self.arm.as_drawn(stance))
-            singularity[some] = stands.singularity
+            singularity[some], ambiguity[some] = stands.singularity, stands.ambiguity
             numbered = numbered and stands.branch is not None
             branch[some] = np.nan if stands.branch is None else stands.branch
         out = [
             self.column("limit_margin_deg", np.degrees(margin), rows, "deg", ANGLE_DEG),
-            self.column("singularity", np.degrees(singularity), rows, "deg", ANGLE_DEG),
+            self.column("singularity", np.degrees(singularity), rows, "deg", ANGLE_DEG, ambiguity=np.degrees(ambiguity)),
         ]
         if not numbered:
             why = "this arm has no branches by shape: they are numbered by the planner's solver"

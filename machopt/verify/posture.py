@@ -42,6 +42,7 @@ class Posture:
     kind: Kind
     branch: NDArray[np.int64] | None  # (N,); None: numbered by a solver
     singularity: Array  # (N,) rad
+    ambiguity: Array  # (N,) rad, of singularity: axes that meet or are parallel only within MEETING and PARALLEL
 
 
 def posture(stance: Stance) -> Posture:
@@ -51,7 +52,7 @@ def posture(stance: Stance) -> Posture:
     w, off = _meeting(z[:, 3:], o[:, 3:])
     skewed = all(np.linalg.norm(np.cross(z[0, i], z[0, j])) > 0.1 for i, j in ((0, 1), (3, 4), (4, 5)))
     if parallel and skewed and float(off.max()) < MEETING:
-        return _spherical(z, o, w)
+        return _spherical(z, o, w, off)
     if parallel and np.linalg.norm(np.cross(z[0, 1], z[0, 3])) < PARALLEL:
         return _three_parallel(z, o)
     J = np.swapaxes(np.concatenate([np.cross(z, stance.flange[:, None, :3, 3] - o), z], axis=-1), 1, 2)
@@ -62,7 +63,7 @@ def posture(stance: Stance) -> Posture:
     )  # the group that moves most gives the singularity its name; the shoulder's counts as a length
     shoulder = (moved[:, 0] >= moved[:, 1] + moved[:, 2]) & (moved[:, 0] >= moved[:, 3:].sum(axis=1))
     least = sigma[:, -1]
-    return Posture("general", None, np.where(shoulder, np.arctan(least * LENGTH), least))
+    return Posture("general", None, np.where(shoulder, np.arctan(least * LENGTH), least), np.zeros(len(z)))
 
 
 def limit_margin(q: Array, lower: Array, upper: Array) -> Array:
@@ -70,7 +71,11 @@ def limit_margin(q: Array, lower: Array, upper: Array) -> Array:
     return np.asarray(np.minimum(q - lower, upper - q).min(axis=1))
 
 
-def _spherical(z: Array, o: Array, w: Array) -> Posture:
+def _spherical(z: Array, o: Array, w: Array, off: Array) -> Posture:
+    """Posture by wrist centres w (N, 3) that the three wrist axes pass at up to ``off`` (N,) m.
+
+    Where they do not meet exactly, every point within about twice that distance is as good a wrist centre.
+    """
     shoulder = _dot(np.cross(z[:, 0], w - o[:, 0]), z[:, 1])
     a, b = o[:, 2] - o[:, 1], w - o[:, 2]
     bent = _dot(w - o[:, 1], np.cross(z[:, 2], b))
@@ -78,7 +83,8 @@ def _spherical(z: Array, o: Array, w: Array) -> Posture:
     elbow = _from_line(_dot(a, np.cross(z[:, 2], b)), _dot(a, b) - _dot(a, z[:, 2]) * _dot(b, z[:, 2]))
     wrist = _from_line(flipped, _dot(z[:, 3], z[:, 5]) - _dot(z[:, 3], z[:, 4]) * _dot(z[:, 4], z[:, 5]))
     branch = 4 * (shoulder < 0) + 2 * (bent > 0) + (flipped > 0)
-    return Posture("spherical", branch, np.minimum(np.minimum(wrist, elbow), np.arctan(np.abs(shoulder))))
+    ambiguity = 2.0 * off * np.maximum(1.0, 1.0 / np.linalg.norm(b, axis=1))
+    return Posture("spherical", branch, np.minimum(np.minimum(wrist, elbow), np.arctan(np.abs(shoulder))), ambiguity)
 
 
 def _three_parallel(z: Array, o: Array) -> Posture:
@@ -92,7 +98,8 @@ def _three_parallel(z: Array, o: Array) -> Posture:
     back = _dot(np.cross(z[:, 0], w - o[:, 0]), z[:, 1]) < 0
     bent = _dot(o[:, 3] - o[:, 1], np.cross(z[:, 2], o[:, 3] - o[:, 2])) > 0
     branch = 4 * back + 2 * (_dot(z[:, 1], np.cross(z[:, 4], z[:, 5])) > 0) + bent
-    return Posture("three_parallel", branch, np.minimum(np.minimum(wrist, elbow), np.arctan(shoulder)))
+    skew = np.maximum(*(np.linalg.norm(np.cross(z[:, 1], z[:, k]), axis=1) for k in (2, 3)))
+    return Posture("three_parallel", branch, np.minimum(np.minimum(wrist, elbow), np.arctan(shoulder)), skew)
 
 
 def _meeting(z: Array, o: Array) -> tuple[Array, Array]:

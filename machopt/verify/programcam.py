@@ -19,11 +19,12 @@ from machopt.domain.toolpath import Toolpath
 from machopt.verify.axis_interpolation import interpolate_axis
 from machopt.verify.check import Check, Promise, of_file
 from machopt.verify.inorder import lines_in_order
-from machopt.verify.programways import SPOT
+from machopt.verify.programtargets import AXIS_LEVER
 from machopt.verify.ride import AXIS_DEG, PATH_MM
 
 FEED_SHARE = 1e-4  # of the feed: what is left of a number printed to six digits
 MOST_NAMED = 3
+NOISE = 5e-6  # m: of two lines that are equally near within this, the first one leads to the point
 GIVEN_UP = 100  # points that no line leads to: enough to say so
 BESIDE = 9e-5  # m: points that are put in keep a tenth of a millimetre from others
 INDEX = 5e-5  # of a toolpath index: rounding of trajectory.csv's point column
@@ -55,7 +56,7 @@ def against_cam(said: ReadProgram, cuts: Cuts, at_index: Array) -> list[Check]:
     place = said.T_workpiece_tcp[:, :3, 3] + cuts.offset
     shank = -said.T_workpiece_tcp[:, :3, 2] + cuts.tilt
     limit = max(PATH_MM * 1e-3, cuts.corner) + said.place_step
-    reached, gap, tilt = _reached(place, shank, cuts, limit, said.streamed, SPOT + said.printed_distance)
+    reached, gap, tilt = _reached(place, shank, cuts, limit, 0.0 if said.streamed else said.printed_distance)
     points = np.flatnonzero(cuts.wanted)
     missing = points[reached[points] < 0]
     worst = float(gap[points].max(initial=0.0))
@@ -87,49 +88,25 @@ def against_cam(said: ReadProgram, cuts: Cuts, at_index: Array) -> list[Check]:
 
 
 def _reached(
-    place: Array, shank: Array, cuts: Cuts, limit: float, streamed: bool = False, printed: float = SPOT
+    place: Array, shank: Array, cuts: Cuts, limit: float, printed: float = 0.0
 ) -> tuple[NDArray[np.int64], Array, Array]:
     """(N,) the move on whose line each wanted point lies first, in order, −1 for none; m; rad between the axes."""
     reached, share, gap = lines_in_order(
-        np.ascontiguousarray(place), np.ascontiguousarray(cuts.position), cuts.wanted, limit, GIVEN_UP
+        np.ascontiguousarray(place),
+        np.ascontiguousarray(shank),
+        np.ascontiguousarray(cuts.position),
+        np.ascontiguousarray(cuts.toolpath.axis),
+        cuts.wanted,
+        limit,
+        AXIS_LEVER,
+        NOISE + printed,
+        GIVEN_UP,
     )
-    _turned_on_the_spot(reached, share, place, shank, cuts, limit if streamed else 0.0, printed)
     tilt, on = np.full(len(reached), np.nan), np.flatnonzero(reached >= 0)
     j, wanted = reached[on], cuts.toolpath.axis[on]
     axis = interpolate_axis(shank[j - 1], shank[j], share[on])
     tilt[on] = np.arctan2(np.linalg.norm(np.cross(axis, wanted), axis=1), np.sum(axis * wanted, axis=1))
     return reached, gap, tilt
-
-
-def _turned_on_the_spot(
-    reached: NDArray[np.int64], share: Array, place: Array, shank: Array, cuts: Cuts, rounded: float, printed: float
-) -> None:
-    """Where the file turns the axis without a way, go on to the move that has turned it; its place alone tells nothing.
-
-    Args:
-        reached: (N,) moves as found by place, and ``share`` (N,) of them; changed in place.
-        rounded: m from the point that samples of a streamed motion come and go by while it turns there; else 0.
-        printed: m, the distance between two printed targets at one place, due to the program's decimals.
-    """
-    path = cuts.toolpath
-    turned = np.abs(np.diff(path.axis, axis=0)).max(axis=1, initial=0.0) > 1e-9
-    here = np.abs(np.diff(path.position, axis=0)).max(axis=1, initial=0.0) < SPOT
-    there = np.cos(np.radians(AXIS_DEG))
-    for k in (1 + np.flatnonzero(turned & here)).tolist():
-        j = max(int(reached[k]), int(reached[k - 1])) if reached[k] >= 0 else -1
-        best, nearest = -1, float(path.axis[k] @ shank[j]) if j >= 0 else 1.0
-        while 0 <= j < len(place) - 1:
-            stays = np.linalg.norm(place[j + 1] - cuts.position[k]) <= rounded
-            if not (stays or np.abs(place[j + 1] - place[j]).max() < printed):
-                break
-            j += 1
-            now = float(path.axis[k] @ shank[j])
-            if now > nearest:
-                best, nearest = j, now
-            elif best >= 0 and nearest > there:  # it has been there, and turns on to the next
-                break
-        if best >= 0:
-            reached[k], share[k] = best, 1.0
 
 
 def _cut_moves(said: ReadProgram, place: Array, cuts: Cuts, reached: NDArray[np.int64], limit: float) -> list[Check]:

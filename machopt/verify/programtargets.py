@@ -14,9 +14,10 @@ from machopt.domain.program import LIN
 from machopt.domain.readprogram import ReadProgram
 from machopt.verify.check import Check, of_file
 from machopt.verify.inorder import targets_in_order
-from machopt.verify.ride import AXIS_DEG
+from machopt.verify.ride import AXIS_DEG, PATH_MM
 from machopt.verify.table import Motion
 
+AXIS_LEVER = float(1e-3 * PATH_MM / np.radians(AXIS_DEG))  # m/rad: both tolerances of the path count alike
 LEVER = 0.01  # m: an angle counts as much as the way it moves a point so far from the tip, to tell places apart
 NEAR = 2.5e-4  # m: a target farther from the motion is not on it; ten times what a right one is off
 NEAR_JOINT = float(np.radians(0.3))  # rad, the same of joint targets
@@ -76,6 +77,7 @@ def matched(
         near + 0.5 * gone,
         near_joint + 0.5 * swept,
         LEVER,
+        AXIS_LEVER,
         GIVEN_UP,
     )
     on = nearest >= 0

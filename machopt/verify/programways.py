@@ -12,10 +12,11 @@ from machopt.arrays import Array
 from machopt.domain.program import LIN
 from machopt.domain.readprogram import ReadProgram
 from machopt.verify.check import Check, Promise
-from machopt.verify.programtargets import Allowed, between, worst_move
+from machopt.verify.programtargets import AXIS_LEVER, Allowed, between, worst_move
 from machopt.verify.table import Motion
 
 SHORT = 1e-4  # m: on a shorter line the place does not tell how far the tool has turned
+SPUN = 1e-3  # sine of the angle between tool axis and rotation axis, below which the tool axis tells nothing
 RAPID_DEG = 0.1  # deg: between rapid way points joints go straight; corners there are rounded in time only
 SPOT = 2e-6  # m: two prints of one place, to a thousandth of a millimetre
 AT_ONCE = 50_000  # samples
@@ -89,7 +90,7 @@ def _on_the_spot(off: Array, said: ReadProgram, tcp: Array, rows: NDArray[np.int
         k = k[np.linalg.norm(T[other[k], :3, 3] - T[other[k] - 1, :3, 3], axis=1) < SPOT + said.printed_distance]
         if len(k):
             second = _off_line(tcp[rows[k]], T[other[k] - 1], T[other[k]])
-            less = second[:, 1] < off[k, 1]
+            less = np.hypot(second[:, 0], AXIS_LEVER * second[:, 1]) < np.hypot(off[k, 0], AXIS_LEVER * off[k, 1])
             off[k[less]] = second[less]
 
 
@@ -134,12 +135,33 @@ def _off_line(T: Array, A: Array, B: Array) -> Array:
     start = Rotation.from_matrix(A[:, :3, :3])
     whole = (start.inv() * Rotation.from_matrix(B[:, :3, :3])).as_rotvec()
     now = Rotation.from_matrix(T[:, :3, :3])
-    angle = np.linalg.norm(whole, axis=1)
-    done = (start.inv() * now).magnitude()
-    share = np.where(length2 < SHORT**2, np.clip(done / np.where(angle > 1e-12, angle, 1.0), 0.0, 1.0), share)
+    turned, swept = _share_of_turn(whole, start.inv().apply(T[:, :3, 2]), (start.inv() * now).magnitude())
+    by_turn = AXIS_LEVER * swept > np.sqrt(length2)
+    share = np.where(by_turn | (length2 < SHORT**2), turned, share)
     there = start * Rotation.from_rotvec(share[:, None] * whole)
     z = np.linalg.norm(there.apply([0.0, 0.0, 1.0]) - T[:, :3, 2], axis=1)
     return np.column_stack([gap, 2.0 * np.arcsin(np.clip(z / 2.0, 0.0, 1.0)), (there.inv() * now).magnitude(), share])
+
+
+def _share_of_turn(whole: Array, axis: Array, turned: Array) -> tuple[Array, Array]:
+    """How far a rotation about one axis has come, by where the tool axis is.
+
+    Args:
+        whole: (K, 3) rad, the rotation vector of the whole move in the frame of its start.
+        axis: (K, 3) the TCP's z in that frame now.
+        turned: (K,) rad between the orientations of the start and now; tells where the rotation is about z itself.
+
+    Returns:
+        (K,) share, 0 to 1; (K,) rad, length of the arc that the TCP's z moves along.
+    """
+    angle = np.linalg.norm(whole, axis=1)
+    u = whole / np.where(angle > 1e-12, angle, 1.0)[:, None]
+    start = np.array([0.0, 0.0, 1.0]) - u[:, 2:] * u
+    flat = axis - np.einsum("ij,ij->i", axis, u)[:, None] * u
+    radius = np.linalg.norm(start, axis=1)
+    done = np.arctan2(np.einsum("ij,ij->i", u, np.cross(start, flat)), np.einsum("ij,ij->i", start, flat))
+    done = np.where(radius > SPUN, done, turned)
+    return np.clip(done / np.where(angle > 1e-12, angle, 1.0), 0.0, 1.0), angle * radius
 
 
 def _off_joint_line(q: Array, a: Array, b: Array) -> Array:

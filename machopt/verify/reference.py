@@ -33,6 +33,7 @@ class Directions:
     axis: Array  # (M, 3) unit, tip to shank
     travel: Array  # (M, 3) unit
     other: Array  # (M, 3)
+    move: Array  # (M, 3) m, the move that the direction of travel is taken from
     zero: Array  # (M, 3) unit, TCP x at gamma = 0
     second: Array  # (M, 3)
 
@@ -54,11 +55,11 @@ def at_points(toolpath: Toolpath) -> Directions:
     move[:-1][joined] = step[joined]
     ends = np.r_[False, joined] & ~np.r_[joined, False]
     move[1:][ends[1:]] = step[ends[1:]]
-    travel = _filled(move, toolpath.axis, np.r_[False, joined])
+    travel, used = _filled(move, toolpath.axis, np.r_[False, joined])
     later = np.vstack([toolpath.axis[1:], toolpath.axis[-1:]])
     turning = np.r_[joined, False] & ~_across(move, toolpath.axis)[1] & (np.abs(later - toolpath.axis).max(axis=1) > 0)
     other = np.where(turning[:, None], _flat(_flat(move, later), toolpath.axis), np.nan)
-    return _directions(toolpath, np.arange(n), toolpath.axis, travel, other)
+    return _directions(toolpath, np.arange(n), toolpath.axis, travel, used, other)
 
 
 def between(toolpath: Toolpath, known: Directions, index: Array, *, leaving: bool) -> Directions:
@@ -77,15 +78,17 @@ def between(toolpath: Toolpath, known: Directions, index: Array, *, leaving: boo
     high = np.minimum(low + 1, last)
     axis = interpolate_axis(toolpath.axis[low], toolpath.axis[high], np.clip(index - low, 0.0, 1.0))
     move = toolpath.position[high] - toolpath.position[low]
-    size, good = _across(move, axis)
-    travel = np.where(good[:, None], _flat(move, axis), _flat(known.travel[low], axis))
-    del size
+    good = _across(move, axis)[1]
+    # the axis turns without travel, or the tool travels along it: the move that gives the direction at the point
+    used = np.where(good[:, None], move, known.move[low])
+    clear = _across(used, axis)[1]
+    travel = np.where(clear[:, None], _flat(used, axis), _flat(known.travel[low], axis))
     # inside a plunge whose axis turns: what the same move says farther on
     there = toolpath.axis[high]
     turning = ~good & _across(move, there)[1]
     other = np.where(turning[:, None], _flat(_flat(move, there), axis), np.nan)
     # what the file gives at a point holds for the move that leaves it, as the direction of travel does
-    return _directions(toolpath, low, axis, travel, other)
+    return _directions(toolpath, low, axis, travel, used, other)
 
 
 SAME = 1e-6  # of an index, which is printed with six decimals
@@ -97,8 +100,8 @@ def joined_to_next(toolpath: Toolpath, *, padded: bool = False) -> NDArray[np.bo
     return np.r_[joined, False] if padded else joined
 
 
-def _filled(move: Array, axis: Array, joined: NDArray[np.bool_]) -> Array:
-    """(N, 3) direction of travel, taken from the next, else the last move of the run that has one."""
+def _filled(move: Array, axis: Array, joined: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """(N, 3) direction of travel, and (N, 3) the move it is taken from: the next of the run that has one, else the last."""
     flat, good = _flat(move, axis), _across(move, axis)[1]
     n = len(move)
     run = np.cumsum(~joined)
@@ -111,10 +114,12 @@ def _filled(move: Array, axis: Array, joined: NDArray[np.bool_]) -> Array:
     here, clear = _flat(move[source], axis), _across(move[source], axis)[1]
     lent = np.where(clear[:, None], here, flat[source])
     out = np.where((use_after | use_before)[:, None], lent, _workpiece_x(axis))
-    return _flat(out, axis)  # it may come from a place where the axis was another
+    return _flat(out, axis), move[source]  # it may come from a place where the axis was another
 
 
-def _directions(toolpath: Toolpath, of: NDArray[np.intp], axis: Array, travel: Array, other: Array) -> Directions:
+def _directions(
+    toolpath: Toolpath, of: NDArray[np.intp], axis: Array, travel: Array, move: Array, other: Array
+) -> Directions:
     """``of``: (M,) the point whose move, operation and reference direction count at each place."""
     drilling = np.array([o.kind == "point" for o in toolpath.operations])[toolpath.operation[of]]
     given = toolpath.reference[of]
@@ -127,7 +132,7 @@ def _directions(toolpath: Toolpath, of: NDArray[np.intp], axis: Array, travel: A
         out = np.where(drilling[:, None] & ~np.isnan(across), _unit(_workpiece_x(axis)), across)
         return np.where(useful[:, None] & ~np.isnan(across), own, _flat(out, axis))
 
-    return Directions(axis, travel, other, zero(travel), zero(other))
+    return Directions(axis, travel, other, move, zero(travel), zero(other))
 
 
 def _across(v: Array, axis: Array) -> tuple[Array, NDArray[np.bool_]]:

@@ -16,6 +16,8 @@ from machopt.arrays import Array
 from machopt.se3 import axis_rotation
 
 SHORT = 1e-4  # m; on a shorter line the place says nothing about how far the tool has turned
+AXIS_LEVER = 0.0229  # m/rad: 0.02 mm of place and 0.05° of the tool axis count alike
+SPIN = 1e-3  # sine of the angle between tool axis and rotation axis, below which the tool axis does not move
 APART = 1e-4  # m from another target: moves of a few micrometres make a controller stumble
 SHARE = 0.8  # of the tolerance at the samples: between them the motion may be off a little more
 AT_ONCE = 100_000  # samples
@@ -63,8 +65,9 @@ def departure(
 ) -> Departure:
     """Samples of a motion against the straight lines between the targets of a program.
 
-    The distance is that to the line's nearest place, because when the robot is where is a matter of feed; orientations
-    are compared with the one the controller has at that place.
+    Each sample is compared with the controller's pose at the same share of the line, not at the same time, which is a
+    matter of feed. The share follows from the place, or from the tool axis where that moves more (a corner of the
+    tool axis).
 
     Args:
         T: (S, 4, 4) poses of the tool at the samples, in any fixed frame.
@@ -106,7 +109,7 @@ def densify(
 
     Returns:
         (A,) rising. Where no sample is left to add, the lines stay as far off as they are; nothing is added within a
-        tenth of a millimetre of another target, unless the tool turns on the spot.
+        tenth of a millimetre of another target, unless the tool turns there rather than travels.
     """
     added: list[NDArray[np.intp]] = []
     samples: NDArray[np.intp] = np.arange(len(T))
@@ -115,7 +118,7 @@ def densify(
         share = off.share(tolerance)
         here = T[off.sample, :3, 3]
         ends = np.stack([np.linalg.norm(here - targets[off.move - k, :3, 3], axis=-1) for k in (0, 1)])
-        turning = np.linalg.norm(targets[off.move, :3, 3] - targets[off.move - 1, :3, 3], axis=-1) < SHORT
+        turning = _turns(targets[off.move - 1], targets[off.move])
         free = ((ends > APART).all(axis=0) | turning) & ~np.isin(off.sample, at)  # no target twice
         bad = np.flatnonzero((share > SHARE) & free)
         order = bad[np.lexsort((share[bad], off.move[bad]))]
@@ -134,21 +137,46 @@ def densify(
     return np.sort(np.concatenate(added)) if added else np.empty(0, np.intp)
 
 
+def _turns(A: Array, B: Array) -> NDArray[np.bool_]:
+    """(K,) True where the tool turns about its tip rather than travels from A to B."""
+    way, turn = (np.linalg.norm(B[:, :3, c] - A[:, :3, c], axis=-1) for c in (3, 2))
+    return np.asarray((way < SHORT) | (AXIS_LEVER * turn > way))
+
+
 def _off(T: Array, A: Array, B: Array) -> Array:
     """(K, 4) m, rad, rad: poses against the lines A → B; and their share of the way."""
     p, start = T[:, :3, 3], A[:, :3, 3]
     way = B[:, :3, 3] - start
     length2 = np.sum(way * way, axis=-1)
-    turning = length2 < SHORT**2
     share = np.sum((p - start) * way, axis=-1) / np.where(length2 > 0.0, length2, 1.0)
     share = np.clip(share, 0.0, 1.0)
-    gap = np.linalg.norm(p - start - share[:, None] * way, axis=-1)
     axis, angle = _axis_angle(np.swapaxes(A[:, :3, :3], -1, -2) @ B[:, :3, :3])
-    done = _angle(A[:, :3, :3], T[:, :3, :3])
-    share = np.where(turning, np.clip(done / np.where(angle > 1e-12, angle, 1.0), 0.0, 1.0), share)
+    turned, arc = _share_of_turn(A, T, axis, angle)
+    by_turn = (AXIS_LEVER * arc > np.sqrt(length2)) | (length2 < SHORT**2)
+    share = np.where(by_turn, turned, share)
+    gap = np.linalg.norm(p - start - share[:, None] * way, axis=-1)
     R = A[:, :3, :3] @ axis_rotation(axis, share * angle)
     z = np.linalg.norm(R[:, :, 2] - T[:, :3, 2], axis=-1)
     return np.column_stack([gap, 2.0 * np.arcsin(np.clip(z / 2.0, 0.0, 1.0)), _angle(R, T[:, :3, :3]), share])
+
+
+def _share_of_turn(A: Array, T: Array, axis: Array, angle: Array) -> tuple[Array, Array]:
+    """How far a rotation about one axis has come, by where the tool axis is.
+
+    Args:
+        A: (K, 4, 4) poses where it starts, T (K, 4, 4) now.
+        axis: (K, 3) unit, of the rotation, in the frame of A; ``angle`` (K,) rad of the whole rotation.
+
+    Returns:
+        (K,) share, 0 to 1; (K,) rad, length of the arc that the tool axis moves along.
+    """
+    z = np.einsum("kji,kj->ki", A[:, :3, :3], T[:, :3, 2])
+    start = np.array([0.0, 0.0, 1.0]) - axis[:, 2:] * axis
+    now = z - np.sum(z * axis, axis=-1, keepdims=True) * axis
+    radius = np.linalg.norm(start, axis=-1)
+    done = np.arctan2(np.sum(axis * np.cross(start, now), axis=-1), np.sum(start * now, axis=-1))
+    done = np.where(radius > SPIN, done, _angle(A[:, :3, :3], T[:, :3, :3]))
+    return np.clip(done / np.where(angle > 1e-12, angle, 1.0), 0.0, 1.0), angle * radius
 
 
 def _angle(R0: Array, R1: Array) -> Array:
