@@ -67,7 +67,7 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
     ("plan.motion.over_cuts", "_deepest", f"{_F3},{_F2},{_F2},f8,f8"),
     ("plan.feed.feedsteps", "corners", f"{_F1},{_F1},{_F1}"),
     ("plan.feed.feedsteps", "greedy", f"{_F1},{_F3},{_F1},{_F1},{_F2},{_F1},{_F1},f8,i8,b1"),
-    ("verify.inorder", "targets_in_order", f"{_F2},{_F3},{_F2},{_F2},{_F3},{_F2},b1[::1],{_F1},{_F1},f8,f8,i8"),
+    ("verify.inorder", "targets_in_order", f"{_F2},{_F3},{_F2},{_F2},{_F3},{_F2},b1[::1],{_F2},f8,i8"),
     ("verify.inorder", "lines_in_order", f"{_F2},{_F2},{_F2},{_F2},b1[::1],f8,f8,f8,i8"),
     ("verify.arm", "_placed", f"{_F2},{_I1},{_F3},{_F2},{_F2},{_F2}"),
     ("verify.contact", "_seen", f"f8[:,:,:,::1],i8,i8,{_I1}"),

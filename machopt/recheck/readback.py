@@ -40,6 +40,7 @@ from machopt.verify.arm import Arm
 from machopt.verify.check import Check, Promise, of_file
 from machopt.verify.encoder import true_angles
 from machopt.verify.output import Tables
+from machopt.verify.motion_polyline import CommandedPath
 from machopt.verify.program import along_motion
 from machopt.verify.programcam import Cuts, against_cam
 from machopt.verify.programtargets import Allowed
@@ -192,7 +193,14 @@ class _Ground:
             external=self.tolerance.external,
         )
         read = of_file(name, Promise.MOVES, True, float(len(said)), float(len(said)), "moves", f"{parsed.dialect}")
-        checks, at = along_motion(said, self.motion, self.tcp, allowed)
+        path = CommandedPath(
+            toolpath=self.toolpath,
+            index=self.corners[0],
+            position=self.corners[1],
+            offset=self.offset,
+            tilt=self.tilt,
+        )
+        checks, at = along_motion(said, self.motion, self.tcp, allowed, path)
         rows = np.clip(np.nan_to_num(at), 0, len(self.tcp) - 1)
         offset, tilt = (
             np.column_stack([np.interp(rows, np.arange(len(self.tcp)), of[:, c]) for c in range(3)])

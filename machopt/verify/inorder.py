@@ -24,105 +24,118 @@ def targets_in_order(
     wanted_turn: Array,
     wanted_joints: Array,
     by_joints: NDArray[np.bool_],
-    near_pose: Array,
-    near_joint: Array,
-    lever: float,
+    near: Array,
     axis_lever: float,
     give_up: int,
-) -> tuple[NDArray[np.int64], Array, Array]:
-    """Find each target on the motion: on the first stretch ahead that is near it, at its foot next to the nearest sample.
+) -> tuple[Array, Array]:
+    """Find each target on the polyline of the motion, at or after the place of the target before.
 
-    The nearest sample and the foot have the least distance in place and tool axis: where the tool turns about its tip
-    (a corner of the tool axis) the place is the same all along the turn.
+    A target lies on the first stretch ahead that is near it, an unbroken row of segments, at the place of the least
+    distance in position and tool axis: where the tool turns about its tip (a corner of the tool axis) the position is
+    the same all along the turn. Where no stretch is within the first of the limits ``near``, the next one counts.
 
     Args:
-        place: (S, 3) m, turn (S, 3, 3), joints (S, 6) rad of the motion's samples.
-        wanted_place: (M, 3) m, wanted_turn (M, 3, 3), wanted_joints (M, 6) rad of the targets.
+        place: (V, 3) m, turn (V, 3, 3), joints (V, n) rad at the vertices.
+        wanted_place: (M, 3) m, wanted_turn (M, 3, 3), wanted_joints (M, n) rad of the targets.
         by_joints: (M,) the target is found by its joints, else by its pose.
-        near_pose: (S,) m, near_joint (S,) rad: nearer than this to a sample counts.
-        lever: m/rad, by which a rotation counts as a distance where the stretch is looked for.
-        axis_lever: m/rad, by which an angle of the tool axis counts as a distance along the stretch.
+        near: (L, 2) m and rad: limits of the distance, of poses and of joint targets, rising.
+        axis_lever: m/rad, by which an angle of the tool axis counts as a distance.
         give_up: so many targets that lie nowhere end the search.
 
     Returns:
-        (M,) nearest sample, −1 where nothing ahead is near; (M,) place on the motion, fractional, NaN there; (M,) m to
-        the nearest sample ahead of targets that lie nowhere, NaN elsewhere.
+        (M,) place on the polyline, fractional, NaN where nothing ahead is near; (M,) m to the nearest vertex ahead of
+        targets that lie nowhere, NaN elsewhere.
     """
-    samples, count = len(place), len(wanted_place)
-    nearest = np.full(count, -1)
+    vertices, count = len(place), len(wanted_place)
     at, missed = np.full(count, np.nan), np.full(count, np.nan)
     here, lost = 0.0, 0
     for k in range(count):
         if lost >= give_up:
             break
-        best, found = np.inf, -1
-        start = int(here)
-        for n in range(start, samples):
-            off, fine = 0.0, 0.0
-            if by_joints[k]:
-                for c in range(joints.shape[1]):
-                    off = max(off, abs(joints[n, c] - wanted_joints[k, c]))
-                near = near_joint[n]
-            else:
-                for c in range(3):
-                    off += (place[n, c] - wanted_place[k, c]) ** 2
-                near = near_pose[n]
-                if off < near * near:  # the turn can only add to it
-                    chord, tilt = 0.0, 0.0
-                    for c in range(3):
-                        tilt += (turn[n, c, 2] - wanted_turn[k, c, 2]) ** 2
-                        for d in range(3):
-                            chord += (turn[n, c, d] - wanted_turn[k, c, d]) ** 2
-                    fine = np.sqrt(off + axis_lever * axis_lever * tilt + SPIN_LEVER * SPIN_LEVER * chord / 2.0)
-                    off = np.sqrt(off + lever * lever * chord / 2.0)
-                else:
-                    off = np.inf
-            if off < near:
+        for level in range(len(near)):
+            best, foot, found = np.inf, 0.0, False
+            for a in range(min(int(here), max(vertices - 2, 0)), max(vertices - 1, 1)):
+                b = min(a + 1, vertices - 1)
                 if by_joints[k]:
-                    fine = off
-                if fine < best:
-                    best, found = fine, n
-            elif found >= 0:
+                    away, share = _joint_distance(joints[a], joints[b], wanted_joints[k])
+                    fine, limit = away, near[level, 1]
+                else:
+                    limit = near[level, 0]
+                    away, fine, share = _pose_distance(
+                        place[a], place[b], turn[a], turn[b], wanted_place[k], wanted_turn[k], limit, axis_lever
+                    )
+                if away <= limit:
+                    found = True
+                    if fine < best - 1e-12:
+                        best, foot = fine, a + share
+                elif found:
+                    break
+            if found:
+                here = max(foot, here)
+                at[k] = here
                 break
-        nearest[k] = found
-        if found < 0:
+        if np.isnan(at[k]):
             lost += 1
             least = np.inf
-            for n in range(start, samples):
+            for n in range(int(here), vertices):
                 way = 0.0
                 for c in range(3):
                     way += (place[n, c] - wanted_place[k, c]) ** 2
                 least = min(least, way)
             missed[k] = np.sqrt(least)
-            continue
-        gap, foot = np.inf, float(found)
-        for a in (found - 1, found):
-            if a < 0 or a >= samples - 1:
-                continue
-            length, along = 0.0, 0.0
-            for c in range(3):
-                way = place[a + 1, c] - place[a, c]
-                length += way * way
-                along += (wanted_place[k, c] - place[a, c]) * way
-                for d in range(3):
-                    weight = SPIN_LEVER * SPIN_LEVER / 2.0 + (axis_lever * axis_lever if d == 2 else 0.0)
-                    step = turn[a + 1, c, d] - turn[a, c, d]
-                    length += weight * step * step
-                    along += weight * (wanted_turn[k, c, d] - turn[a, c, d]) * step
-            share = min(max(along / length, 0.0), 1.0) if length > 1e-16 else float(found - a)
-            off = 0.0
-            for c in range(3):
-                off += (place[a, c] + share * (place[a + 1, c] - place[a, c]) - wanted_place[k, c]) ** 2
-                for d in range(3):
-                    weight = SPIN_LEVER * SPIN_LEVER / 2.0 + (axis_lever * axis_lever if d == 2 else 0.0)
-                    there = turn[a, c, d] + share * (turn[a + 1, c, d] - turn[a, c, d])
-                    off += weight * (there - wanted_turn[k, c, d]) ** 2
-            off = np.sqrt(off)
-            if off < gap - 1e-12:
-                gap, foot = off, a + share
-        here = max(foot, here)
-        at[k] = here
-    return nearest, at, missed
+    return at, missed
+
+
+@compiled
+def _joint_distance(start: Array, end: Array, wanted: Array) -> tuple[float, float]:
+    """Largest joint difference (rad) to the segment at its foot, and the foot's share of the segment."""
+    length, along = 0.0, 0.0
+    for c in range(len(start)):
+        way = end[c] - start[c]
+        length += way * way
+        along += (wanted[c] - start[c]) * way
+    share = min(max(along / length, 0.0), 1.0) if length > 1e-20 else 0.0
+    away = 0.0
+    for c in range(len(start)):
+        away = max(away, abs(start[c] + share * (end[c] - start[c]) - wanted[c]))
+    return away, share
+
+
+@compiled
+def _pose_distance(
+    start: Array,
+    end: Array,
+    start_turn: Array,
+    end_turn: Array,
+    wanted: Array,
+    wanted_turn: Array,
+    limit: float,
+    axis_lever: float,
+) -> tuple[float, float, float]:
+    """Distance (m) to the segment at its foot, the same with the tool axis counted, and the foot's share."""
+    length, along, off = 0.0, 0.0, 0.0
+    for c in range(3):
+        way = end[c] - start[c]
+        length += way * way
+        along += (wanted[c] - start[c]) * way
+        off += (wanted[c] - start[c]) ** 2
+    reach = limit + np.sqrt(length)
+    if off > reach * reach:  # no place of the segment is near
+        return np.inf, np.inf, 0.0
+    for c in range(3):
+        for d in range(3):
+            weight = SPIN_LEVER * SPIN_LEVER / 2.0 + (axis_lever * axis_lever if d == 2 else 0.0)
+            step = end_turn[c, d] - start_turn[c, d]
+            length += weight * step * step
+            along += weight * (wanted_turn[c, d] - start_turn[c, d]) * step
+    share = min(max(along / length, 0.0), 1.0) if length > 1e-20 else 0.0
+    away, fine = 0.0, 0.0
+    for c in range(3):
+        away += (start[c] + share * (end[c] - start[c]) - wanted[c]) ** 2
+        for d in range(3):
+            weight = SPIN_LEVER * SPIN_LEVER / 2.0 + (axis_lever * axis_lever if d == 2 else 0.0)
+            fine += weight * (start_turn[c, d] + share * (end_turn[c, d] - start_turn[c, d]) - wanted_turn[c, d]) ** 2
+    return np.sqrt(away), np.sqrt(away + fine), share
 
 
 @compiled

@@ -16,6 +16,7 @@ from machopt.domain.program import LIN
 from machopt.domain.readprogram import ReadProgram
 from machopt.domain.toolpath import Move
 from machopt.verify.check import Check, Promise, of_file
+from machopt.verify.motion_polyline import CommandedPath
 from machopt.verify.points import JOINT_DEG
 from machopt.verify.programtargets import NEAR_JOINT, Allowed, external_axes, matched, worst_move
 from machopt.verify.programways import along_lines
@@ -26,7 +27,9 @@ SAME_PLACE = 1e-8  # m: what the decimals of trajectory.csv's joints leave of a 
 BRANCH = 3.0  # of the orientation's tolerance: joints of a pose that has been compared only tell which branch it is
 
 
-def along_motion(said: ReadProgram, motion: Motion, tcp: Array, allowed: Allowed) -> tuple[list[Check], Array]:
+def along_motion(
+    said: ReadProgram, motion: Motion, tcp: Array, allowed: Allowed, path: CommandedPath | None = None
+) -> tuple[list[Check], Array]:
     """Compare a program with the motion.
 
     Args:
@@ -34,11 +37,12 @@ def along_motion(said: ReadProgram, motion: Motion, tcp: Array, allowed: Allowed
         motion: trajectory.csv.
         tcp: (S, 4, 4) its poses in the workpiece by nominal kinematics.
         allowed: tolerances.
+        path: the commanded path, whose corners lie between the samples; None: the samples alone are known.
 
     Returns:
         The checks; and (M,) the sample each move ends at, fractional, NaN where it ends nowhere on the motion.
     """
-    at, gap, tilt, turn, joints = matched(said, motion, tcp, allowed)
+    at, gap, tilt, turn, joints = matched(said, motion, tcp, allowed, path)
     where = [f"move {k + 1}, line {line}" for k, line in enumerate(said.line.tolist())]
     linear = said.kind == LIN
     place = max(PATH_MM * 1e-3, allowed.corner, allowed.position) + said.place_step  # corners lie between samples

@@ -14,11 +14,11 @@ from machopt.domain.program import LIN
 from machopt.domain.readprogram import ReadProgram
 from machopt.verify.check import Check, of_file
 from machopt.verify.inorder import targets_in_order
+from machopt.verify.motion_polyline import CommandedPath, polyline
 from machopt.verify.ride import AXIS_DEG, PATH_MM
 from machopt.verify.table import Motion
 
 AXIS_LEVER = float(1e-3 * PATH_MM / np.radians(AXIS_DEG))  # m/rad: both tolerances of the path count alike
-LEVER = 0.01  # m: an angle counts as much as the way it moves a point so far from the tip, to tell places apart
 NEAR = 2.5e-4  # m: a target farther from the motion is not on it; ten times what a right one is off
 NEAR_JOINT = float(np.radians(0.3))  # rad, the same of joint targets
 GIVEN_UP = 25  # targets that lie nowhere: enough to say so
@@ -38,53 +38,57 @@ class Allowed:
 
 
 def matched(
-    said: ReadProgram, motion: Motion, tcp: Array, allowed: Allowed
+    said: ReadProgram, motion: Motion, tcp: Array, allowed: Allowed, path: CommandedPath | None = None
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """(M,) sample, m, rad (axis), rad (orientation), rad (joints) of each target to the motion there."""
+    """(M,) sample, m, rad (axis), rad (orientation), rad (joints) of each target to the motion there.
+
+    Args:
+        said: the program.
+        motion: trajectory.csv, ``tcp`` (S, 4, 4) its poses in the workpiece by nominal kinematics.
+        allowed: tolerances.
+        path: the commanded path, whose corners lie between the samples; None: the samples alone are known.
+    """
     n = len(said)
     tilt, turn, joints = (np.full(n, np.nan) for _ in range(3))
-    p, R = tcp[:, :3, 3], tcp[:, :3, :3]
-    near = max(NEAR, 3.0 * (allowed.corner + said.place_step))
-    near_joint = max(NEAR_JOINT, 3.0 * said.joint_step)
     known: NDArray[np.bool_] = np.asarray(np.isfinite(said.q).all(axis=1))
-    driven, wanted = motion.q, said.q
-    if np.isfinite(said.external).all():  # rails and tables tell places apart as joints do; a metre counts as a radian
-        driven, wanted = np.hstack([motion.q, motion.external]), np.hstack([said.q, said.external])
-    if said.streamed and n == len(p) and known.all():
+    if said.streamed and n == len(tcp) and known.all():
+        R = tcp[:, :3, :3]
         turn = np.asarray(Rotation.from_matrix(np.swapaxes(R, -1, -2) @ said.T_workpiece_tcp[:, :3, :3]).magnitude())
         return (
             np.arange(n, dtype=float),
-            np.linalg.norm(p - said.T_workpiece_tcp[:, :3, 3], axis=1),
+            np.linalg.norm(tcp[:, :3, 3] - said.T_workpiece_tcp[:, :3, 3], axis=1),
             np.linalg.norm(R[:, :, 2] - said.T_workpiece_tcp[:, :3, 2], axis=1),
             turn,
             np.abs(motion.q - said.q).max(axis=1),
         )
-    # a target between two samples is up to half of what they are apart from the nearer one
-    gone = _longest(
-        np.linalg.norm(np.diff(p, axis=0), axis=1) + LEVER * np.linalg.norm(np.diff(R, axis=0), axis=(1, 2))
-    )
-    swept = _longest(np.abs(np.diff(driven, axis=0)).max(axis=1))
-    by_joints = known & (said.kind != LIN)
+    driven, wanted = motion.q, said.q
+    if np.isfinite(said.external).all():  # rails and tables tell places apart as joints do; a metre counts as a radian
+        driven, wanted = np.hstack([motion.q, motion.external]), np.hstack([said.q, said.external])
+    line = polyline(motion, tcp, driven, path)
+    p, R = line.T[:, :3, 3], line.T[:, :3, :3]
+    right = max(PATH_MM * 1e-3, allowed.corner, allowed.position) + said.place_step
+    limits = [
+        (right, max(NEAR_JOINT, 3.0 * said.joint_step)),
+        (max(NEAR, 3.0 * (allowed.corner + said.place_step)), max(NEAR_JOINT, 3.0 * said.joint_step)),
+    ]
     T = said.T_workpiece_tcp
-    nearest, at, gap = targets_in_order(
+    on_line, gap = targets_in_order(
         np.ascontiguousarray(p),
         np.ascontiguousarray(R),
-        np.ascontiguousarray(driven, float),
+        np.ascontiguousarray(line.driven, float),
         np.ascontiguousarray(T[:, :3, 3]),
         np.ascontiguousarray(T[:, :3, :3]),
         np.ascontiguousarray(wanted, float),
-        by_joints,
-        near + 0.5 * gone,
-        near_joint + 0.5 * swept,
-        LEVER,
+        known & (said.kind != LIN),
+        np.array(limits),
         AXIS_LEVER,
         GIVEN_UP,
     )
-    on = nearest >= 0
-    gap[on], tilt[on], turn[on] = _foot(at[on], T[on], p, R, allowed.corner)
+    on = np.isfinite(on_line)
+    gap[on], tilt[on], turn[on] = _foot(on_line[on], T[on], p, R, allowed.corner)
     told = on & known
-    joints[told] = np.abs(between(motion.q, at[told]) - said.q[told]).max(axis=1)
-    return at, gap, tilt, turn, joints
+    joints[told] = np.abs(between(line.driven, on_line[told])[:, : said.q.shape[1]] - said.q[told]).max(axis=1)
+    return line.to_sample(on_line), gap, tilt, turn, joints
 
 
 def external_axes(
@@ -125,11 +129,6 @@ def _rounded(at: Array, motion: Motion, tcp: Array, allowed: Allowed) -> Array:
         begin, start, stop, end = (np.interp(here + n * allowed.corner, way, value) for n in (-2, -1, 1, 2))
         bend[:, axis] = 0.5 * np.abs((end - stop) - (start - begin))
     return bend
-
-
-def _longest(step: Array) -> Array:
-    """(S,) the longer of the ways to the sample before and to the one after."""
-    return np.asarray(np.maximum(np.append(0.0, step), np.append(step, 0.0)))
 
 
 def _foot(at: Array, T: Array, p: Array, R: Array, corner: float) -> tuple[Array, Array, Array]:
