@@ -40,7 +40,7 @@ from machopt.verify.arm import Arm
 from machopt.verify.check import Check, Promise, of_file
 from machopt.verify.encoder import true_angles
 from machopt.verify.output import Tables
-from machopt.verify.motion_polyline import CommandedPath
+from machopt.verify.motion_polyline import CommandedPath, polyline
 from machopt.verify.program import along_motion
 from machopt.verify.programcam import Cuts, against_cam
 from machopt.verify.programtargets import Allowed
@@ -200,6 +200,7 @@ class _Ground:
             offset=self.offset,
             tilt=self.tilt,
         )
+        on_samples = len(said) == len(self.tcp)
         checks, at = along_motion(said, self.motion, self.tcp, allowed, path)
         rows = np.clip(np.nan_to_num(at), 0, len(self.tcp) - 1)
         offset, tilt = (
@@ -219,6 +220,7 @@ class _Ground:
             approach_feed=o.approach_feed,
             offset=offset,
             tilt=tilt,
+            line=polyline(self.motion, self.tcp, self.motion.q, path) if said.streamed and on_samples else None,
         )
         checks += against_cam(said, cuts, index_at(self.motion, at, self.toolpath))
         checks += self._terms(name, parsed, said, controller, rows)

@@ -19,6 +19,7 @@ from machopt.domain.toolpath import Toolpath
 from machopt.verify.axis_interpolation import interpolate_axis
 from machopt.verify.check import Check, Promise, of_file
 from machopt.verify.inorder import lines_in_order
+from machopt.verify.motion_polyline import MotionPolyline
 from machopt.verify.programtargets import AXIS_LEVER
 from machopt.verify.ride import AXIS_DEG, PATH_MM
 
@@ -43,6 +44,7 @@ class Cuts:
     approach_feed: float  # m/s where the CAM file has none
     offset: Array  # (M, 3) m from where a controller's nominal kinematics put the tool to where it truly is
     tilt: Array  # (M, 3) what is to be added to the tool axis (tip to shank) for the same reason
+    line: MotionPolyline | None = None  # of a streamed program: its samples, with the path's corners between them
 
 
 def against_cam(said: ReadProgram, cuts: Cuts, at_index: Array) -> list[Check]:
@@ -56,7 +58,10 @@ def against_cam(said: ReadProgram, cuts: Cuts, at_index: Array) -> list[Check]:
     place = said.T_workpiece_tcp[:, :3, 3] + cuts.offset
     shank = -said.T_workpiece_tcp[:, :3, 2] + cuts.tilt
     limit = max(PATH_MM * 1e-3, cuts.corner) + said.place_step
-    reached, gap, tilt = _reached(place, shank, cuts, limit, 0.0 if said.streamed else said.printed_distance)
+    if cuts.line is None:
+        reached, gap, tilt = _reached(place, shank, cuts, limit, 0.0 if said.streamed else said.printed_distance)
+    else:
+        reached, gap, tilt = _reached_between_samples(cuts.line, cuts, limit)
     points = np.flatnonzero(cuts.wanted)
     missing = points[reached[points] < 0]
     worst = float(gap[points].max(initial=0.0))
@@ -107,6 +112,19 @@ def _reached(
     axis = interpolate_axis(shank[j - 1], shank[j], share[on])
     tilt[on] = np.arctan2(np.linalg.norm(np.cross(axis, wanted), axis=1), np.sum(axis * wanted, axis=1))
     return reached, gap, tilt
+
+
+def _reached_between_samples(
+    line: MotionPolyline, cuts: Cuts, limit: float
+) -> tuple[NDArray[np.int64], Array, Array]:
+    """As :func:`_reached`, of a streamed program whose moves end at the samples of the motion."""
+    rows = np.arange(len(cuts.offset))
+    offset, tilt = (
+        np.column_stack([np.interp(line.sample, rows, of[:, c]) for c in range(3)]) for of in (cuts.offset, cuts.tilt)
+    )
+    vertex, gap, tilted = _reached(line.T[:, :3, 3] + offset, -line.T[:, :3, 2] + tilt, cuts, limit)
+    reached = np.where(vertex >= 0, np.ceil(line.sample[np.maximum(vertex, 0)] - 1e-9), -1)
+    return reached.astype(np.int64), gap, tilted
 
 
 def _cut_moves(said: ReadProgram, place: Array, cuts: Cuts, reached: NDArray[np.int64], limit: float) -> list[Check]:

@@ -19,6 +19,7 @@ from machopt.arrays import Array
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.verify.axis_interpolation import interpolate_axis
 
+NO_MOVE = 1e-10  # m, far below the decimals of any file
 ALONG = np.radians(1.0)  # a move this near the tool axis has no direction across it
 
 
@@ -50,7 +51,7 @@ def at_points(toolpath: Toolpath) -> Directions:
     """Directions at every point of the toolpath."""
     n = len(toolpath)
     joined = joined_to_next(toolpath)
-    step = np.diff(toolpath.position, axis=0)
+    step = _without_noise(np.diff(toolpath.position, axis=0))
     move = np.zeros((n, 3))
     move[:-1][joined] = step[joined]
     ends = np.r_[False, joined] & ~np.r_[joined, False]
@@ -77,12 +78,14 @@ def between(toolpath: Toolpath, known: Directions, index: Array, *, leaving: boo
         low = np.clip(np.ceil(index - SAME).astype(int) - 1, 0, last)
     high = np.minimum(low + 1, last)
     axis = interpolate_axis(toolpath.axis[low], toolpath.axis[high], np.clip(index - low, 0.0, 1.0))
-    move = toolpath.position[high] - toolpath.position[low]
+    move = _without_noise(toolpath.position[high] - toolpath.position[low])
     good = _across(move, axis)[1]
     # the axis turns without travel, or the tool travels along it: the move that gives the direction at the point
     used = np.where(good[:, None], move, known.move[low])
     clear = _across(used, axis)[1]
     travel = np.where(clear[:, None], _flat(used, axis), _flat(known.travel[low], axis))
+    nowhere = ~used.any(axis=1)  # no move of the run has a direction
+    travel = np.where(nowhere[:, None], _flat(_workpiece_x(axis), axis), travel)
     # inside a plunge whose axis turns: what the same move says farther on
     there = toolpath.axis[high]
     turning = ~good & _across(move, there)[1]
@@ -100,6 +103,11 @@ def joined_to_next(toolpath: Toolpath, *, padded: bool = False) -> NDArray[np.bo
     return np.r_[joined, False] if padded else joined
 
 
+def _without_noise(move: Array) -> Array:
+    """Moves (M, 3) m, zero where they are shorter than NO_MOVE and so have no direction."""
+    return np.where(np.linalg.norm(move, axis=1, keepdims=True) > NO_MOVE, move, 0.0)
+
+
 def _filled(move: Array, axis: Array, joined: NDArray[np.bool_]) -> tuple[Array, Array]:
     """(N, 3) direction of travel, and (N, 3) the move it is taken from: the next of the run that has one, else the last."""
     flat, good = _flat(move, axis), _across(move, axis)[1]
@@ -114,7 +122,8 @@ def _filled(move: Array, axis: Array, joined: NDArray[np.bool_]) -> tuple[Array,
     here, clear = _flat(move[source], axis), _across(move[source], axis)[1]
     lent = np.where(clear[:, None], here, flat[source])
     out = np.where((use_after | use_before)[:, None], lent, _workpiece_x(axis))
-    return _flat(out, axis), move[source]  # it may come from a place where the axis was another
+    used = np.where((use_after | use_before)[:, None], move[source], 0.0)
+    return _flat(out, axis), used  # it may come from a place where the axis was another
 
 
 def _directions(

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 from machopt.domain.options import ProcessForce
 from machopt.domain.toolpath import Move
-from machopt.plan.stations.path import Path, any_normal
+from machopt.plan.stations.path import NO_MOVE, Path, any_normal
 from machopt.se3 import normalise
 
 SIDEWAYS = float(np.sin(np.radians(10.0)))  # sin α₀
@@ -76,11 +76,11 @@ class _Run:
         step = np.diff(position, axis=0)
         length = np.linalg.norm(step, axis=1)
         self.s = np.r_[0.0, np.cumsum(length)]  # (n,) m
-        self.u = np.where(length[:, None] > 0, step / np.maximum(length, 1e-300)[:, None], 0.0)  # (n − 1, 3)
+        self.u = np.where(length[:, None] > NO_MOVE, step / np.maximum(length, 1e-300)[:, None], 0.0)  # (n − 1, 3)
         cut = path.move[first + 1 : last + 1] == Move.CUT
-        edge = np.flatnonzero(np.diff(np.r_[False, cut & (length > 0), False].astype(int)))
+        edge = np.flatnonzero(np.diff(np.r_[False, cut & (length > NO_MOVE), False].astype(int)))
         self.cuts = self.s[edge.reshape(-1, 2)]  # (k, 2) m, from … to
-        long = cut[length > 0]  # points at one place make no way
+        long = cut[length > NO_MOVE]  # points at one place make no way
         self.comes, self.goes = bool(len(long) and not long[0]), bool(len(long) and not long[-1])
         points = np.flatnonzero(path.is_point[rows])  # a move between toolpath points has one c, however it is divided
         after = np.clip(np.searchsorted(points, np.arange(len(step)), side="right"), 1, max(len(points) - 1, 1))

@@ -39,6 +39,7 @@ SEGMENT = 0.02  # m, longest stretch without a planning point
 AROUND = np.array([-1.0, -0.5, 0.5, 1.0])  # of a length asked for: where points are added around a corner
 ROOM = 0.125  # of that length: points nearer to one that is there are not added
 TURN = np.cos(np.radians(5.0))  # sharper turns of the direction of travel are corners
+NO_MOVE = 1e-10  # m: a shorter move has no direction; files print 1e-9 m, interpolation leaves 1e-16 m
 SEGMENT_AXIS = np.radians(3.0)  # rad, the same for axis changes
 
 
@@ -227,7 +228,7 @@ def _travel(position: Array, axis: Array, joined: NDArray[np.bool_]) -> Array:
     d[1:] = np.where((last[1:] & joined[1:])[:, None], np.diff(position, axis=0), d[1:])
     across = d - np.sum(d * axis, axis=1, keepdims=True) * axis
     size, whole = np.linalg.norm(across, axis=1), np.linalg.norm(d, axis=1)
-    good = (size > np.sin(np.radians(1.0)) * whole) & (whole > 0)
+    good = (size > np.sin(np.radians(1.0)) * whole) & (whole > NO_MOVE)
     fill = _nearest_valid(good, joined)
     from_there = np.maximum(fill, 0)
     move = d[from_there]  # the move itself: its projection must not depend on where it was divided into points
