@@ -12,6 +12,7 @@ from machopt.domain.program import LEAST_FEED, LIN, PTP, RobotProgram
 from machopt.domain.toolpath import Event, Move, Toolpath
 from machopt.domain.trajectory import Trajectory
 from machopt.formats.posts.densify import Tolerance, densify
+from machopt.formats.posts.thinning import find_needed_targets
 from machopt.model.machine import load_machine
 from machopt.model.posture import posture_of
 from machopt.plan.motion.legs import Leg
@@ -48,6 +49,10 @@ def robot_program(plan: Plan, toolpath: Toolpath, timeline: Timeline, tolerance:
     move = np.concatenate([[np.int8(Move.RAPID)], *(_moves(leg, toolpath) for leg in legs)]).astype(np.int8)
     drawn = np.concatenate([[False], *(np.full(len(leg.waypoints), _draws(leg)) for leg in legs)])
     at = _rows(legs)
+    needed = find_needed_targets(
+        _tcp(plan, X), X[:, 6:], feed, _must_stay(toolpath, index, feed, move, legs), tolerance or Tolerance()
+    )
+    X, index, feed, move, drawn, at = (values[needed] for values in (X, index, feed, move, drawn, at))
     driven = np.hstack([trajectory.q, trajectory.external])
     external = (trajectory.external, X[:, 6:]) if cell.external_joints else None
     added = densify(_tcp(plan, driven), _tcp(plan, X), at, np.isfinite(feed), tolerance or Tolerance(), external)
@@ -78,6 +83,24 @@ def sampled_program(plan: Plan, toolpath: Toolpath, timeline: Timeline) -> Progr
     events = _events(toolpath, trajectory.point, drawn)
     made = _base(plan, driven, kind, feed, trajectory.move, trajectory.operation, toolpath, events)
     return Programmed(replace(made, time=trajectory.time), np.arange(len(trajectory.time), dtype=float), 0)
+
+
+def _must_stay(
+    toolpath: Toolpath, index: Array, feed: Array, move: NDArray[np.int8], legs: tuple[Leg, ...]
+) -> NDArray[np.bool_]:
+    """(M,) True where a target may not be left out: a leg, a feed, a kind of move, an operation or an event changes."""
+    stays = np.zeros(len(index), bool)
+    ends = np.cumsum([1, *(len(leg.waypoints) for leg in legs)])
+    stays[ends - 1] = True
+    point = _point(index)
+    label = np.where(np.isfinite(index), toolpath.operation[point], -1)
+    for words in (np.nan_to_num(feed, nan=-1.0), move, label):
+        changes = words[1:] != words[:-1]
+        stays[:-1] |= changes
+    after = np.zeros(len(toolpath) + 1, bool)
+    after[[event.index for event in toolpath.events]] = True  # an event comes before its point is moved to
+    events = np.isfinite(index) & (after[np.minimum(point + 1, len(toolpath))] | ~np.isfinite(np.append(index[1:], 0.0)))
+    return stays | events
 
 
 def _driven(timeline: Timeline) -> Trajectory:

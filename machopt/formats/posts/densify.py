@@ -85,7 +85,7 @@ def departure(
     inside[inside] = linear[move[inside]]
     rows, move = rows[inside], move[inside]
     parts = [
-        _off(T[rows[k : k + AT_ONCE]], targets[move[k : k + AT_ONCE] - 1], targets[move[k : k + AT_ONCE]])
+        compare_with_line(T[rows[k : k + AT_ONCE]], targets[move[k : k + AT_ONCE] - 1], targets[move[k : k + AT_ONCE]])
         for k in range(0, len(rows), AT_ONCE)
     ]
     off = np.vstack(parts) if parts else np.empty((0, 4))
@@ -143,8 +143,8 @@ def _turns(A: Array, B: Array) -> NDArray[np.bool_]:
     return np.asarray((way < SHORT) | (AXIS_LEVER * turn > way))
 
 
-def _off(T: Array, A: Array, B: Array) -> Array:
-    """(K, 4) m, rad, rad: poses against the lines A → B; and their share of the way."""
+def compare_with_line(T: Array, A: Array, B: Array) -> Array:
+    """(K, 4) m, rad, rad: poses T (K, 4, 4) against the lines A → B; and their share of the way."""
     p, start = T[:, :3, 3], A[:, :3, 3]
     way = B[:, :3, 3] - start
     length2 = np.sum(way * way, axis=-1)
@@ -152,9 +152,10 @@ def _off(T: Array, A: Array, B: Array) -> Array:
     share = np.clip(share, 0.0, 1.0)
     axis, angle = _axis_angle(np.swapaxes(A[:, :3, :3], -1, -2) @ B[:, :3, :3])
     turned, arc = _share_of_turn(A, T, axis, angle)
-    by_turn = (AXIS_LEVER * arc > np.sqrt(length2)) | (length2 < SHORT**2)
+    by_turn = AXIS_LEVER * arc > np.sqrt(length2)
     share = np.where(by_turn, turned, share)
     gap = np.linalg.norm(p - start - share[:, None] * way, axis=-1)
+    share = np.where(length2 < SHORT**2, turned, share)  # the place does not tell how far the tool has turned there
     R = A[:, :3, :3] @ axis_rotation(axis, share * angle)
     z = np.linalg.norm(R[:, :, 2] - T[:, :3, 2], axis=-1)
     return np.column_stack([gap, 2.0 * np.arcsin(np.clip(z / 2.0, 0.0, 1.0)), _angle(R, T[:, :3, :3]), share])
