@@ -56,6 +56,28 @@ def solver_for(robot: Robot) -> Solver:
     return GeneralBranches(robot)
 
 
+def measure_configurations(solver: Solver, T_base_flange: Array, q: Array) -> Branches | None:
+    """The margins of configurations that are known to reach their poses, as branches (M, 1, 6).
+
+    A general solver finds its branches numerically and may miss a pair of them; a configuration that forward
+    kinematics confirms exists all the same.
+
+    Args:
+        T_base_flange: (M, 4, 4).
+        q: (M, 6) rad.
+
+    Returns:
+        None for solvers in closed form, which miss none.
+    """
+    from machopt.model.ik_bridge import GeneralBranches
+
+    if isinstance(solver, Linked):
+        return measure_configurations(solver.lines, T_base_flange, solver.robot.turned(q))
+    if isinstance(solver, GeneralBranches):
+        return solver.measure(T_base_flange, q)
+    return None
+
+
 class Linked:
     """A solver for the lines of an arm whose lines turn by C q: q = C⁻¹ θ.
 

@@ -49,6 +49,10 @@ class GeneralBranches:
             found = q
         return self._measured(T_base_flange.reshape(N * R, 4, 4), found)
 
+    def measure(self, T_base_flange: Array, q: Array) -> Branches:
+        """The margins of one known configuration a pose, q (M, 6) rad: branches (M, 1, 6)."""
+        return self._measured(T_base_flange, np.ascontiguousarray(q[:, None]))
+
     def _measured(self, T: Array, q: Array) -> Branches:
         exists = np.asarray(np.isfinite(q).all(axis=-1))
         margin = np.full((len(q), 3, q.shape[1]), np.nan)

@@ -63,7 +63,7 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
     ("plan.feed.taylor", "_frames", f"{_F3},{_F3},{_F2}"),
     ("plan.feed.taylor", "_twists", f"{_F3},f8[:,:,:,::1]"),
     ("plan.feed.follow", "_refine", f"{_F2},{_F2},{_F2},{_F3},{_F2}"),
-    ("plan.feed.follow", "_chain", f"{_F2},{_F2},{_F2},{_F1},{_F3},{_F3},{_F2}"),
+    ("plan.feed.follow", "_chain", f"{_F2},{_F2},{_F2},{_F1},{_F3},{_F3},{_F2},{_F1}"),
     ("plan.motion.over_cuts", "_deepest", f"{_F3},{_F2},{_F2},f8,f8"),
     ("plan.feed.feedsteps", "corners", f"{_F1},{_F1},{_F1}"),
     ("plan.feed.feedsteps", "greedy", f"{_F1},{_F3},{_F1},{_F1},{_F2},{_F1},{_F1},f8,i8,b1"),

@@ -52,6 +52,11 @@ def lost(planned: Plan, driven: Plan) -> Break | None:
     )
 
 
+def runs_lost(planned: Plan, driven: Plan) -> set[int]:
+    """The runs with points that are planned, and fall short of a margin as they are driven."""
+    return set(planned.path.run[_lost(planned, driven)].tolist())
+
+
 def with_spare(options: PlanOptions, planned: Plan, driven: Plan) -> PlanOptions:
     """Margins by so much larger that what driving takes of them is spared."""
     rows, a, arm = _lost(planned, driven), driven.chosen.assignment, driven.setup.arm

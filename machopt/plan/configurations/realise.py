@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array, held
 from machopt.domain.reason import Reason
-from machopt.model.ik import branch_reasons, refine
+from machopt.model.ik import branch_reasons, measure_configurations, refine
 from machopt.model.robot import Robot
 from machopt.plan.configurations.candidates import PlanningArm
 from machopt.plan.stations.path import Path, tcp_poses
@@ -19,6 +19,7 @@ from machopt.se3 import inverse, wrap
 CONVERGED = 1e-9  # m and rad, the accuracy every exported configuration is held to
 MARGINS = ("shoulder", "elbow", "wrist")
 ROWS = 4096  # solved at once: matrices of them stay in a core's cache, and a million points in memory
+SAME_POSE = 1e-4  # rad: a branch farther than this from the configuration is another one
 SAME_BRANCH = np.radians(30.0)  # a Newton step that ends farther from its seed has left the branch
 
 
@@ -69,15 +70,22 @@ def _solved(
     q, error = refine(robot, poses, seed[known], arm.T_flange_tcp, iterations=5)
     bad = (error > CONVERGED) | (np.abs(q - seed[known]).max(axis=1) > SAME_BRANCH)
     good, q = known[~bad], q[~bad]
-    branches = arm.solver.solve(poses[~bad] @ inverse(arm.T_flange_tcp))
+    flange = poses[~bad] @ inverse(arm.T_flange_tcp)
+    branches = arm.solver.solve(flange)
     distance = np.abs(wrap(branches.q - q[:, None])).max(axis=-1)
     distance = np.where(np.isfinite(distance), distance, np.inf)
     b = distance.argmin(axis=1)
     rows = np.arange(len(good))
     why = branch_reasons(branches, arm.margins)[rows, b]
+    margins = {name: getattr(branches, name)[rows, b] for name in MARGINS}
+    missed = np.flatnonzero(distance[rows, b] > SAME_POSE)
+    known_ones = measure_configurations(arm.solver, flange[missed], q[missed]) if len(missed) else None
+    if known_ones is not None:
+        why[missed] = branch_reasons(known_ones, arm.margins)[:, 0]
+        for name in MARGINS:
+            margins[name][missed] = getattr(known_ones, name)[:, 0]
     inside = ((q >= arm.lower) & (q <= arm.upper)).all(axis=1)
     why[(why == Reason.OK) & ~inside] = Reason.LIMIT
-    margins = {name: getattr(branches, name)[rows, b] for name in MARGINS}
     return good, {"q": q, "branch": b, "reason": why, **margins}, known[bad]
 
 

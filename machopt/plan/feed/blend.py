@@ -123,6 +123,7 @@ def build_curves(
     path_tolerance: float,
     axis_tolerance: float,
     rests: tuple[int, ...] = (),
+    spin_tolerance: float = SPIN_TOLERANCE,
 ) -> list[Curve] | int:
     """Split a run where it turns back, and at the points to come to rest at; round the parts.
 
@@ -154,7 +155,7 @@ def build_curves(
         cap = wide[a + 1 : b]
         scale = np.r_[np.full(3, 1 / path_tolerance), np.full(3, 1 / axis_tolerance)]
         width[:, 0] = _half_widths(u[part], X[part, POSE] * scale, (0, 3, 6), cap)
-        width[:, 1] = _half_widths(u[part], X[part, TURN] / SPIN_TOLERANCE, (0, 4), 2.0 * cap)
+        width[:, 1] = _half_widths(u[part], X[part, TURN] / spin_tolerance, (0, 4), 2.0 * cap)
         curves.append(
             Curve(
                 u=u[part],

@@ -21,7 +21,8 @@ from machopt.plan.feed.taylor import twist_derivatives
 from machopt.se3 import transform
 
 CONVERGED = 1e-11  # m, rad
-STRAY = 0.3  # rad: a node farther than this from the joints given at the points is on another branch
+STRAY = 0.3  # rad: a node at a point that is farther than this from the joints given there is on another branch
+SWING = 1.2  # rad more half way between two points: near a singularity joints do not go straight; branches are π apart
 
 
 def poses_along(curve: Curve, u: Array, T_base_workpiece: Array) -> tuple[Array, Array, Array, Array]:
@@ -46,18 +47,20 @@ def poses_along(curve: Curve, u: Array, T_base_workpiece: Array) -> tuple[Array,
 
 
 def joints_at_nodes(
-    robot: Robot, T_flange_tcp: Array, u: Array, pose: Array, twist: Array, rough: Array
+    robot: Robot, T_flange_tcp: Array, u: Array, pose: Array, twist: Array, rough: Array, share: Array
 ) -> tuple[Array, int]:
     """Joints and their derivatives along the nodes.
 
     Args:
         rough: (M, 6) rad, the joints given at the points, interpolated.
+        share: (M,) 0 to 1, how far each node is between the point before it and the one after.
 
     Returns:
         (M, 4, 6) rad/mᵏ, and the first node that failed or −1.
     """
     end = robot.T_base_flange_zero @ T_flange_tcp
-    out, failed = _chain(robot.axis, robot.point, end, u, pose, twist, robot.turned(rough))
+    stray = STRAY + SWING * 4.0 * share * (1.0 - share)
+    out, failed = _chain(robot.axis, robot.point, end, u, pose, twist, robot.turned(rough), stray)
     return robot.driven(out), int(failed)
 
 
@@ -113,7 +116,7 @@ def _bracket(a: Array, b: Array, out: Array) -> None:
 
 @compiled
 def _chain(
-    axis: Array, point: Array, end: Array, u: Array, pose: Array, twist: Array, rough: Array
+    axis: Array, point: Array, end: Array, u: Array, pose: Array, twist: Array, rough: Array, stray: Array
 ) -> tuple[Array, int]:
     n = len(u)
     out = np.zeros((n, 4, 6))
@@ -128,19 +131,19 @@ def _chain(
             for k in range(6):
                 d = out[m - 1]
                 q[k] = d[0, k] + h * (d[1, k] + h * (0.5 * d[2, k] + h / 6.0 * d[3, k]))
-                if not abs(q[k] - rough[m, k]) < STRAY:
+                if not abs(q[k] - rough[m, k]) < stray[m]:
                     q[k] = rough[m, k]
             good = _newton(axis, point, end, pose[m], q, J, T, e)
         if good:
             for k in range(6):
-                good = good and abs(q[k] - rough[m, k]) < STRAY
+                good = good and abs(q[k] - rough[m, k]) < stray[m]
         if not good:
             for k in range(6):
                 q[k] = rough[m, k]
             if not _newton(axis, point, end, pose[m], q, J, T, e):
                 return out, m
             for k in range(6):
-                if not abs(q[k] - rough[m, k]) < STRAY:
+                if not abs(q[k] - rough[m, k]) < stray[m]:
                     return out, m
         for i in range(6):  # columns at the TCP → screws at the origin of base_link
             for k in range(3):

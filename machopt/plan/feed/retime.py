@@ -20,7 +20,7 @@ from machopt.domain.cell import JointLimits
 from machopt.model.correction import Correction
 from machopt.model.machine import Machine
 from machopt.model.robot import Robot
-from machopt.plan.feed.blend import Curve, build_curves, path_parameter
+from machopt.plan.feed.blend import SPIN_TOLERANCE, Curve, build_curves, path_parameter
 from machopt.plan.feed.feedrate import Bounds, TimeLaw, node_caps, time_law
 from machopt.plan.feed.follow import joints_at, joints_at_nodes, poses_along
 from machopt.plan.feed.slowdowns import HELD, Dip, Where, dips_of
@@ -50,6 +50,7 @@ class RunInput:
     sample: float = 0.012  # s
     path_tolerance: float = 15e-6  # m
     axis_tolerance: float = float(np.radians(0.03))
+    spin_tolerance: float = SPIN_TOLERANCE  # rad, of the rotation about the axis
     limit_scale: float = 0.97
     phi_curve: Callable[[Array], Array] | None = None  # phi as a smooth function of blend.path_parameter
     correction: Correction | None = None  # limits hold for encoder angles; None: those are the true ones
@@ -155,6 +156,7 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
         run.path_tolerance,
         run.axis_tolerance,
         run.rests,
+        run.spin_tolerance,
     )
     if isinstance(curves, int):
         return RunFailure(curves, f"the tool axis turns by more than 170° between points {curves - 1} and {curves}")
@@ -212,7 +214,8 @@ def _drive(run: RunInput, curve: Curve, begin: Where, finish: Where) -> _Part | 
     pose, twist, _, p1 = poses_along(curve, u, run.stands(u))
     k = np.clip(index.astype(int), 0, len(run.q) - 2)
     rough = run.q[k] + (index - k)[:, None] * (run.q[k + 1] - run.q[k])
-    D, failed = joints_at_nodes(run.robot, run.T_flange_tcp, u, pose, twist, rough)
+    share = np.clip(index - k, 0.0, 1.0)
+    D, failed = joints_at_nodes(run.robot, run.T_flange_tcp, u, pose, twist, rough, share)
     if failed >= 0:
         return RunFailure(
             float(index[failed]), "the pose cannot be reached in the branch chosen at the points around it"

@@ -10,7 +10,7 @@ from machopt.domain.options import PlanOptions
 from machopt.domain.stint import Stint
 from machopt.domain.toolpath import Toolpath
 from machopt.plan.best.base import best_plan, over_external
-from machopt.plan.compensation.margins import as_driven, asked_again, lost, with_spare
+from machopt.plan.compensation.margins import as_driven, asked_again, lost, runs_lost, with_spare
 from machopt.plan.job.compensable import shifted_where_it_can
 from machopt.plan.job.conflict import undriven, with_conflict
 from machopt.plan.job.conflict import whole as is_whole
@@ -27,6 +27,7 @@ from machopt.plan.pipeline.setup import Timings
 from machopt.plan.written.move_ends import given_up, slowed
 from machopt.plan.written.points import PointResults, point_results
 
+ROUNDINGS = (0.25, 0.05, 0.01)  # shares of the corner tolerances, one after the other
 SPARES = 2  # plans made again where driving one takes of the margins it keeps
 
 
@@ -125,6 +126,29 @@ def _done(
     return Done(Stretch(the_plan, stint.first, stint.tool), points, timeline)
 
 
+def _rounded_less(
+    planned: Plan, taken: Plan, timeline: Timeline, motion: Callable[[Plan], tuple[Plan, Timeline | None]]
+) -> tuple[Plan, Plan, Timeline | None]:
+    """Drive a plan whose rounded corners fall short of a margin with narrower corners in the runs where they do.
+
+    With corners that are rounded less the arm stands at the planning points as planned, where it keeps the margins;
+    the price is feed. Without an answer the motion is given up where a margin is missed.
+    """
+    the_plan, first = planned, lost(planned, taken)
+    for rounding in ROUNDINGS:
+        stop = lost(the_plan, taken)
+        if stop is None:
+            return the_plan, taken, timeline
+        runs = {**the_plan.rounding, **dict.fromkeys(runs_lost(the_plan, taken), rounding)}
+        the_plan, narrower = motion(replace(the_plan, rounding=runs))
+        if narrower is None or narrower.trajectory is None:
+            break
+        timeline, taken = narrower, as_driven(the_plan, narrower.phi)
+    if first is None or lost(the_plan, taken) is None:
+        return the_plan, taken, timeline
+    return planned, planned, replace(timeline, trajectory=None, obstructions=(first,))
+
+
 def driven(
     stint: Stint, the_plan: Plan, whole: PlanOptions, timings: Timings, again: Callable[[PlanOptions], Plan]
 ) -> tuple[Plan, Plan, Timeline | None]:
@@ -151,6 +175,6 @@ def driven(
         spared = with_spare(spared, the_plan, taken)
         other = again(spared) if tries_left else None
         if other is None or not (is_whole(other) or options.allow_gaps):
-            return the_plan, the_plan, replace(timeline, trajectory=None, obstructions=(stop,))
+            return _rounded_less(the_plan, taken, timeline, motion)
         the_plan = asked_again(other, options, arm)
     raise AssertionError("the last try returns")

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.domain.toolpath import Move, Toolpath
+from machopt.plan.feed.blend import SPIN_TOLERANCE
 from machopt.plan.feed.retime import RunFailure, RunInput, RunTrajectory, retime_run
 from machopt.plan.feed.slowdowns import Dip
 from machopt.plan.kept import recalled
@@ -218,6 +219,7 @@ class LegMaker:
         self, position: Array, rows: NDArray[np.int32], q: Array, feed: Array, rests: tuple[int, ...] = ()
     ) -> RunTrajectory | RunFailure:
         setup = self.plan.setup
+        rounding = self.plan.rounding.get(int(self.path.run[rows[0]]), 1.0)
         run = RunInput(
             position=position,
             axis=self.path.axis[rows],
@@ -231,8 +233,9 @@ class LegMaker:
             robot=setup.robot,
             limits=self.plan.setup.cell.limits,
             sample=self.options.sample,
-            path_tolerance=self.options.path_tolerance,
-            axis_tolerance=self.options.axis_tolerance,
+            path_tolerance=rounding * self.options.path_tolerance,
+            axis_tolerance=rounding * self.options.axis_tolerance,
+            spin_tolerance=rounding * SPIN_TOLERANCE,
             limit_scale=self.options.limit_scale,
             correction=setup.correction,
             rests=rests,

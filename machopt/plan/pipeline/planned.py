@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -77,6 +77,7 @@ class Plan:
     jiao2022: Scored
     check: PathCheck | None
     rounds: int
+    rounding: Mapping[int, float] = field(default_factory=dict)  # run → share of the corner tolerances, where below 1
     breaks: tuple[Break, ...] = ()  # where no continuous way leads on inside a run
     found: Found | None = None  # the search, where that was the method
     notes: dict[int, str] = field(default_factory=dict)  # planning point: why it was given up after the choice
