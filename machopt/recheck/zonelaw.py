@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from machopt.arrays import Bools
+from machopt.arrays import Array, Bools
 from machopt.domain.program import LIN, Controller, RobotProgram
 from machopt.formats.posts.feedmodel import acceleration
 from machopt.formats.posts.rounding import HALF, LEAST, SHORTEST, STRAIGHT, Rounding
 from machopt.formats.programs import ParsedProgram
+from machopt.recheck.printed import last_digit
 from machopt.verify.check import Check, of_file
 
 STEP = 1.7  # between two preferred numbers: coordinates are printed, so a zone may fall to its neighbour
@@ -93,20 +94,39 @@ def _barely(tolerance: float, law: Rounding) -> Bools:
 
 def _continuous(parsed: ParsedProgram, program: RobotProgram, law: Rounding) -> list[tuple[int, str]]:
     said = np.array([_whole(w, "cnt") for w in parsed.configuration], dtype=np.float64)
-    a, feed = acceleration(program), np.round(np.nan_to_num(program.feed, nan=1.0), 4)
-    n = np.zeros(len(said))
-    if a is not None:
-        rows = np.flatnonzero(law.distance > 0.0)
-        n[rows] = 100.0 * np.minimum(
-            np.sqrt(2.0 * np.minimum(a[rows], a[rows + 1]) * law.distance[rows]) / feed[rows], 1.0
-        )
-    n[law.free] = 100.0
+    feed = np.round(np.nan_to_num(program.feed, nan=1.0), 4)
+    rows = np.flatnonzero(law.distance > 0.0)
+    bounds = []
+    for a in _acceleration_bounds(parsed, program):
+        n = np.zeros(len(said))
+        if a is not None:
+            along = 2.0 * np.minimum(a[rows], a[rows + 1]) * law.distance[rows]
+            n[rows] = 100.0 * np.minimum(np.sqrt(along) / feed[rows], 1.0)
+        n[law.free] = 100.0
+        bounds.append(n)
+    least, n, most = bounds
     exact = ~np.isfinite(law.turn) | (program.kind != LIN)
-    off = np.where(exact, said > 0.0, np.abs(said - n) > np.maximum(PERCENT, 0.35 * n))
+    low, high = least - np.maximum(PERCENT, 0.35 * least), most + np.maximum(PERCENT, 0.35 * most)
+    off = np.where(exact, said > 0.0, (said < low) | (said > high))
     near = ~exact & (law.room > 0.0) & (law.distance <= LEAST * STEP) & (said <= 100.0)  # on the edge of a stop
     return [
         (int(k), f"CNT{said[k]:.0f} where CNT{n[k]:.0f} keeps to the tolerance") for k in np.flatnonzero(off & ~near)
     ]
+
+
+def _acceleration_bounds(parsed: ParsedProgram, program: RobotProgram) -> tuple[Array | None, ...]:
+    """(M,) m/s² along each line: the least, the printed and the most that the decimals of printed joints allow."""
+    a = acceleration(program)
+    if a is None or program.axis_acceleration is None:
+        return None, None, None
+    step = float(np.radians(last_digit(parsed.axes_deg))) if np.isfinite(parsed.axes_deg).any() else 0.0
+    way = np.linalg.norm(np.diff(program.T_workpiece_tcp[:, :3, 3], axis=0), axis=1)
+    turned = np.abs(np.diff(program.q, axis=0))
+    ends = []
+    for shift in (step, -step):
+        share = np.max(np.maximum(turned + shift, 0.0) / program.axis_acceleration, axis=1)
+        ends.append(np.append(np.nan, np.where(share > 0.0, way / np.where(share > 0.0, share, 1.0), np.inf)))
+    return ends[0], a, ends[1]
 
 
 def _levels(parsed: ParsedProgram, law: Rounding, controller: Controller) -> list[tuple[int, str]]:

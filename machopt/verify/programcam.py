@@ -61,7 +61,7 @@ def against_cam(said: ReadProgram, cuts: Cuts, at_index: Array) -> list[Check]:
     if cuts.line is None:
         reached, gap, tilt = _reached(place, shank, cuts, limit, 0.0 if said.streamed else said.printed_distance)
     else:
-        reached, gap, tilt = _reached_between_samples(cuts.line, cuts, limit)
+        reached, gap, tilt = _reached_between_samples(cuts.line, cuts, at_index, limit)
     points = np.flatnonzero(cuts.wanted)
     missing = points[reached[points] < 0]
     worst = float(gap[points].max(initial=0.0))
@@ -115,15 +115,47 @@ def _reached(
 
 
 def _reached_between_samples(
-    line: MotionPolyline, cuts: Cuts, limit: float
+    line: MotionPolyline, cuts: Cuts, at_index: Array, limit: float
 ) -> tuple[NDArray[np.int64], Array, Array]:
-    """As :func:`_reached`, of a streamed program whose moves end at the samples of the motion."""
-    rows = np.arange(len(cuts.offset))
+    """As :func:`_reached`, of a streamed program: the motion's own index tells between which samples each point lies.
+
+    Args:
+        line: the samples, and the corners between them.
+        at_index: (S,) toolpath index at the samples, NaN where there is none.
+        limit: m, nearer than this to the line counts.
+    """
+    count, rows = len(cuts.wanted), np.arange(len(cuts.offset))
     offset, tilt = (
         np.column_stack([np.interp(line.sample, rows, of[:, c]) for c in range(3)]) for of in (cuts.offset, cuts.tilt)
     )
-    vertex, gap, tilted = _reached(line.T[:, :3, 3] + offset, -line.T[:, :3, 2] + tilt, cuts, limit)
-    reached = np.where(vertex >= 0, np.ceil(line.sample[np.maximum(vertex, 0)] - 1e-9), -1)
+    place, shank = line.T[:, :3, 3] + offset, -line.T[:, :3, 2] + tilt
+    known = np.flatnonzero(np.isfinite(at_index))
+    reached, gap, tilted = np.full(count, -1), np.full(count, np.nan), np.full(count, np.nan)
+    asked = np.flatnonzero(cuts.wanted)
+    gap[asked] = np.inf
+    if not len(known) or not len(asked):
+        return reached, gap, tilted
+    nth = np.searchsorted(np.maximum.accumulate(at_index[known]), asked - INDEX)
+    asked, nth = asked[nth < len(known)], nth[nth < len(known)]
+    row = known[nth]
+    first = np.searchsorted(line.sample, np.maximum(row - 1, 0))
+    last = np.maximum(np.searchsorted(line.sample, row), first + 1)
+    best = np.full(len(asked), np.inf)
+    for k in range(int((last - first).max(initial=0))):
+        a = np.minimum(first + k, len(place) - 2)
+        way = place[a + 1] - place[a]
+        length2 = np.einsum("ij,ij->i", way, way)
+        along = np.einsum("ij,ij->i", cuts.position[asked] - place[a], way)
+        share = np.clip(np.where(length2 > 0.0, along / np.where(length2 > 0.0, length2, 1.0), 1.0), 0.0, 1.0)
+        away = np.linalg.norm(place[a] + share[:, None] * way - cuts.position[asked], axis=1)
+        axis, wanted = interpolate_axis(shank[a], shank[a + 1], share), cuts.toolpath.axis[asked]
+        angle = np.arctan2(np.linalg.norm(np.cross(axis, wanted), axis=1), np.sum(axis * wanted, axis=1))
+        better = (np.hypot(away, AXIS_LEVER * angle) < best) & (first + k < last)
+        best[better] = np.hypot(away, AXIS_LEVER * angle)[better]
+        gap[asked[better]], tilted[asked[better]] = away[better], angle[better]
+    on = gap[asked] <= limit
+    reached[asked[on]] = row[on]
+    tilted[asked[~on]] = np.nan
     return reached.astype(np.int64), gap, tilted
 
 
