@@ -237,8 +237,9 @@ class _Ground:
                 tolerance=self.tolerance,
                 source=self.source,
             )
-            q = self._joints_at(said, rows)
-            checks += job.checks(posted.files, posted.post, parsed, said, controller, q, self._external(said, rows))
+            external = self._external(said, rows)
+            q = self._joints_of(said, self._joints_at(said, rows), external, load_robot(self.cell).drawn)
+            checks += job.checks(posted.files, posted.post, parsed, said, controller, q, external)
         return Compared(posted, len(said), (read, *checks))
 
     def _in_cell_terms(self, name: str, parsed: ParsedProgram, controller: Controller) -> ReadProgram:

@@ -57,7 +57,7 @@ class Rewritten:
             parsed: the program as it was read.
             said: the same in the cell's terms.
             controller: as the post took it.
-            q: (M, 6) rad, the motion's joints where its moves end.
+            q: (M, 6) rad, the joints of the targets.
             external: (M, E) rad or m, where the external joints stand there.
         """
         name = files[0]

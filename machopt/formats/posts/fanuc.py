@@ -50,7 +50,8 @@ def _passing(job: Job, used: frozenset[str]) -> Passing:
         return Passing(np.zeros(len(p)), np.full(len(p), np.inf))
     speed = np.where(n > 0.0, n / 100.0 * np.nan_to_num(p.feed), 0.0)
     both = np.minimum(a, np.append(a[1:], np.inf))
-    distance = np.where(n > 0.0, np.minimum(speed**2 / (2.0 * np.nan_to_num(both, nan=np.inf)), job.zone.room), 0.0)
+    braking = speed**2 / np.maximum(2.0 * np.nan_to_num(both, nan=np.inf), 1e-12)  # a line of no length brakes nothing
+    distance = np.where(n > 0.0, np.minimum(braking, job.zone.room), 0.0)
     return Passing(distance, np.where(n > 0.0, speed, np.inf))
 
 
