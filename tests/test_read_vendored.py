@@ -51,9 +51,9 @@ def test_four_quarters_are_a_circle_of_half_an_inch() -> None:
 
 
 def test_a_move_after_a_circle_that_may_be_meant_otherwise_is_asked_about() -> None:
-    """The file names no unit; and after a full circle (I alone) it goes back by X alone, G2 still in force."""
+    """The file names no unit, but no unit cures that after a full circle (I alone) it goes back by X alone."""
     file = CAM / "cncjs__full-circle-without-xyz.gcode"
-    with pytest.raises(InputError, match="--unit"):
+    with pytest.raises(InputError, match="line 11: an arc without I, J, K or R"):
         read_toolpath(file)
     with pytest.raises(InputError, match="line 11: an arc without I, J, K or R"):
         read_toolpath(file, unit="inch", default_feed=0.01)

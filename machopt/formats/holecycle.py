@@ -12,6 +12,7 @@ from machopt.domain.toolpath import Move
 from machopt.formats.pathbuilder import MAX_POINTS, PathBuilder, Vector
 
 MAX_PECKS = 10_000
+MAX_DWELL_S = 60.0  # at the bottom of a hole: a few turns of the spindle are usual, some seconds the most
 
 
 class CycleError(ValueError):
@@ -32,7 +33,7 @@ class HoleCycle:
     chip_break: bool = False  # back off a little instead of all the way
     gap: float = 1.0  # mm kept from the last depth when coming back into the hole
     feed_out: bool = False  # bore, ream, tap: out at the feed
-    dwell: float = 0.0  # s at the bottom
+    dwell: float = 0.0  # s at the bottom; NaN: some, of a unit that is not known
     peck_from: float = 0.0  # height the first peck is measured from
     less: float = 0.0  # mm by which each peck is shorter than the one before (degression); down to this length itself
     share: float = 1.0  # of the peck before, which each one is, down to ``least_peck``
@@ -43,8 +44,13 @@ class HoleCycle:
         """Heights to go to, one after the other, beginning above the clearance height.
 
         Raises:
-            CycleError: the bottom is above the clearance height, or more than MAX_PECKS pecks.
+            CycleError: an absurd dwell, the bottom is above the clearance height, or more than MAX_PECKS pecks.
         """
+        if self.dwell > MAX_DWELL_S:
+            raise CycleError(
+                f"{self.name} waits {self.dwell:g} s at the bottom; expected at most {MAX_DWELL_S:g} s. Is the dwell "
+                "meant in milliseconds? Write it in seconds, with a decimal point"
+            )
         if not self.bottom < self.clear:
             raise CycleError(
                 f"bottom at {self.bottom:g} mm is not below the clearance height {self.clear:g} mm: the cycle would "
@@ -117,7 +123,7 @@ def drill(
     builder.add(at(cycle.clear), axis, Move.RAPID, nan, line)
     last, begun = cycle.clear, False
     for height, move in cycle.strokes():
-        if move == Move.RETRACT and cycle.dwell > 0.0 and abs(last - cycle.bottom) < 1e-9:
+        if move == Move.RETRACT and not cycle.dwell <= 0.0 and abs(last - cycle.bottom) < 1e-9:
             builder.event("dwell", cycle.name, cycle.dwell)
         feed = cycle.feed if move == Move.CUT or (cycle.feed_out and move == Move.RETRACT) else nan
         feed *= 1.0 if begun else cycle.first_feed

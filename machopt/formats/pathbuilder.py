@@ -162,8 +162,10 @@ class PathBuilder:
         if feed <= 0.0:
             raise self.source.error(f"feed {feed:g} on a cutting move; expected a feed above zero", line)
         if self.options.default_feed is None:
-            raise self.source.error(
-                "cutting move without a feed; expected a feed word before it, or give one with --feed MM_MIN", line
+            raise self.source.question(
+                "feed",
+                "cutting move without a feed; expected a feed word before it, or give one with --feed MM_MIN",
+                line,
             )
         self.warn_once("cutting moves without a feed of their own take the given default feed")
         return self.options.default_feed * 60e3
@@ -235,6 +237,11 @@ class PathBuilder:
     def moves(self) -> NDArray[np.int32]:
         """(N,) Move codes so far."""
         return np.array(self._codes, dtype=np.int32).reshape(-1, 4)[:, 0]
+
+    def fill_coordinate(self, k: int, value: float) -> None:
+        """Coordinate ``k`` (mm) of the points so far where it is not known."""
+        column = self._table()[:, k]
+        column[np.isnan(column)] = value
 
     def replace_positions(self, p_mm: Array) -> None:
         """Overwrite all positions (N, 3) mm; for coordinates that become known only later."""

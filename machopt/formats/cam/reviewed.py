@@ -17,7 +17,7 @@ _OFF = "switches off what is refused when it is switched on"
 _RECORD = "names, times, tools or features for people and post processors"
 
 G: dict[int, str] = {
-    **dict.fromkeys((51, 80, 81, 1870), _SMOOTH),  # G5.1, G8, G8.1, G187
+    **dict.fromkeys((80, 81, 1870), _SMOOTH),  # G8, G8.1, G187
     **dict.fromkeys((90, 610, 611, 620, 640), _STOPS),
     **dict.fromkeys((6010, 6020, 6030, 6410, 6420, 6430, 6440, 6450), _STOPS + " (Sinumerik)"),
     **dict.fromkeys((4500, 4510), "corners of cutter compensation, which is not carried out"),
@@ -211,6 +211,7 @@ CARRIED_OUT: dict[str, str] = {  # words that a reader uses, and lines that hold
     "G42": "cutter compensation is not carried out, and the first one is warned of",
     "CUTCOM": "points are the tool's; the first one is warned of",
     "G10": "work offsets before the path: kept, or refused within it",
+    "G43.1": "tool length by numbers (LinuxCNC): programmed coordinates are those of the tip",
     "G52": "shifts the origin",
     "G92": "shifts the origin",
     "G92.1": "shifts the origin",
@@ -221,7 +222,10 @@ CARRIED_OUT: dict[str, str] = {  # words that a reader uses, and lines that hold
     "text after the program end": "no program",
     "information listing header": "no program",
     "/ (block delete; the block is read)": "read as if the switch were off",
-    "G5": "high speed mode (G5 P10000)",
+    "G5": "high speed mode (G5 P10000, G5.1 Q1)",
+    "G28.1": "stores the present place (LinuxCNC); with axis words it is refused",
+    "G30.1": "stores the present place (LinuxCNC); with axis words it is refused",
+    "M70": "saves, forgets or restores modes (M70 to M73, LinuxCNC)",
     "PRESET SELECT": "another preset is another work offset",
     "CYCL DEF 7": "shifts the datum",
     "CYCL DEF 8": "mirrors X, Y",

@@ -15,6 +15,8 @@ from machopt.formats.cam.gcode.polar import plane_axes
 from machopt.formats.cam.gcode.state import AXES, ControlState
 from machopt.formats.pathbuilder import Vector, check_radius
 
+_TOUCHING = 1e-6  # mm: start and end are one place
+_INCREMENT = 2.6e-3  # mm: one ten-thousandth of an inch, more than a thousandth of a millimetre
 _INTERMEDIATE = ("I1", "J1", "K1")  # CIP
 
 
@@ -30,8 +32,7 @@ class ArcReader(ControlState):
         start, end, unknown = self.arc_ends(to, b.line)
         normal = self.plane * (1.0 if self.motion == 3 else -1.0)
         radius = b.named.get("CR", words.get("R"))
-        turns = max(round(words.get("P", 1.0)), 1) + self.full_circles(b)
-        words.pop("P", None)
+        turns = self.whole_turns(words.pop("P", 1.0)) + self.full_circles(b)
         opening = self.opening_angle(words, b) if "AR" in b.named else None
         if opening is not None and not words.keys() & set("IJK"):
             centre = self.centres.by_opening(start, end, opening, normal)
@@ -89,6 +90,16 @@ class ArcReader(ControlState):
         end = np.array([a if math.isnan(b) else b for a, b in zip(start.tolist(), to, strict=True)])
         return start, end, [u and math.isnan(v) for u, v in zip(unknown, to, strict=True)]
 
+    def whole_turns(self, value: float) -> int:
+        """P: the turns of an arc, its last part included.
+
+        Raises:
+            ArcError: it is no natural number.
+        """
+        if value != round(value) or not 1.0 <= value <= 999.0:
+            raise ArcError(f"an arc with P{value:g}; expected a number of turns from 1 to 999")
+        return round(value)
+
     def full_circles(self, b: Block) -> int:
         """TURN=: full circles before the arc.
 
@@ -120,8 +131,17 @@ class ArcReader(ControlState):
         """
         if not self.setup.even:
             raise ArcError("an arc under different scales along its axes is no arc any more: not supported")
+        self.begin_path(line)
         found = arc(start, end, centre, normal, self.chord_tolerance(), turns=turns)
         check_radius(found, line, self.out)
+        apart = float(np.linalg.norm((end - start) * (1.0 - np.abs(self.plane))))
+        if _TOUCHING < apart <= _INCREMENT:
+            shape = "a tiny arc" if found.sweep < math.pi else "all but a full circle"
+            self.out.warn_once(
+                f"an arc ends {apart:.2g} mm from its start, less than a control resolves: read as {shape} "
+                f"({found.sweep * found.radius:.4g} mm long); was a full circle meant, or none?",
+                line,
+            )
         length = found.sweep * found.radius
         feed = self.feed_mm_min(math.hypot(length, float((end - start) @ self.plane)), line)
         gap = np.where(unknown, math.nan, 0.0)

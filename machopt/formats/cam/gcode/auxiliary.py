@@ -6,12 +6,13 @@ import math
 
 from machopt.formats.cam import reviewed
 from machopt.formats.cam.gcode.blocks import Block
-from machopt.formats.cam.gcode.calls import CallReader
-from machopt.formats.cam.gcode.words import PROGRAM_END
+from machopt.formats.cam.gcode.dwell import MAX_DWELL_S, convert_dwell
+from machopt.formats.cam.gcode.modes import ModeReader
+from machopt.formats.cam.gcode.words import MACHINE_FRAME, PROGRAM_END, UNITS
 from machopt.formats.source import UNIT_NAMES, ReadOptions, Source
 
 
-class AuxiliaryReader(CallReader):
+class AuxiliaryReader(ModeReader):
     """F, S, T, M and G4."""
 
     def __init__(self, source: Source, options: ReadOptions, unit: str) -> None:
@@ -28,6 +29,35 @@ class AuxiliaryReader(CallReader):
         if self.options.unit is not None:
             return UNIT_NAMES[self.options.unit]
         return 1.0 if g == 710 else math.nan
+
+    def use_unit(self, g: int, line: int) -> None:
+        """G20, G21, G70, G71, G700, G710."""
+        unit = UNITS[g]
+        asked, lengths_only = self.options.unit, self.siemens and g in (700, 710)
+        if asked not in (None, unit) and not self.unit_used_at and self.unit_by_words and not lengths_only:
+            raise self.source.error(f"the file is in {unit} but --unit {asked} was given", line)
+        self.unit_used_at = self.unit_used_at or line
+        self.scale = UNIT_NAMES[unit]
+        self.feed_unit = self.unit_of_feeds(g)
+        self.unit_said = True
+
+    def check_unit(self, g_words: list[int], words: dict[str, float], b: Block) -> None:
+        """Lengths and feeds before the first unit word have the control's own unit, which the file does not say.
+
+        Raises:
+            InputError: such a block, and no option says it.
+        """
+        if any(g in MACHINE_FRAME or g == 40 for g in g_words):
+            return
+        if any(words.get(c) for c in "XYZIJKRF") or any(b.named.get(c) for c in ("CR", "RP", "RND", "CHF", "CHR")):
+            if not self.unit_said:
+                raise self.source.question(
+                    "unit",
+                    "a length or feed before the first G20 or G21 (G70, G71) that is carried out: what unit the "
+                    "control starts with is not in the file; give it with --unit mm or --unit inch",
+                    b.line,
+                )
+            self.unit_used_at = self.unit_used_at or b.line
 
     def take_feed(self, feed: float, line: int) -> None:
         """F.
@@ -111,22 +141,36 @@ class AuxiliaryReader(CallReader):
                 self.out.take_back("spindle", f"S{self.rpm:g}")
                 self.out.event("spindle", f"M{m}", self.rpm)
                 self.out.event("coolant", f"M{m}")
+            elif 70 <= m <= 73 and not self.siemens and self.decimals_count:
+                self.saved_modes(m, line)
             elif m not in PROGRAM_END and m != 91 and not (m == 17 and self.siemens):
                 self.out.ignore(f"M{m}", line, understood=m in reviewed.M)
-                words.pop("P", None)
-                words.pop("Q", None)
+                for letter in "RPQ" if m == 19 else "PQ":  # of M words: no words of a cycle that holds
+                    words.pop(letter, None)
 
     def dwell(self, words: dict[str, float], b: Block) -> None:
+        """G4.
+
+        Raises:
+            InputError: it waits longer than any program does: its unit is another.
+        """
         value = float("nan")
         for letter in ("X", "U", "P", "F"):
             if letter in words:
                 value = words.pop(letter)
-                if letter == "P" and b.bare("P"):
-                    known = value >= 100.0  # ms on Fanuc, s on LinuxCNC
-                    value = value / 1e3 if known else float("nan")
-                    if not known:
-                        self.out.warn_once("G4 P without a decimal point: seconds or milliseconds is not known", b.line)
+                if not self.siemens:
+                    value = convert_dwell(value, letter=letter, bare=b.bare(letter), control=self.control)
+                if math.isnan(value):
+                    self.out.warn_once(
+                        f"G4 {letter} without a decimal point: seconds or milliseconds is not known", b.line
+                    )
                 break
+        if value > MAX_DWELL_S:
+            raise self.source.error(
+                f"a dwell of {value:g} s; expected at most {MAX_DWELL_S:g} s. Is it meant in milliseconds? Write it in "
+                "seconds, with a decimal point",
+                b.line,
+            )
         if self.siemens:
             words.pop("S", None)  # turns of the spindle to wait
         self.out.event("dwell", "G4", value)

@@ -25,7 +25,7 @@ _SLOW = re.compile(
     | (?P<text>[A-Z][A-Z0-9_]*)\s*=\s*"(?P<string>[^"]*)"
     | (?P<named>[A-Z][A-Z0-9_]*)\s*=\s*(?P<value>[+-]?(?:\d+\.?\d*|\.\d+)(?:EX[-+]?\d+)?)(?![\w*/+\-(.])
     | (?P<comma>,\s*[RCA])\s*(?P<size>[+-]?\s*(?:\d+\.?\d*|\.\d+))
-    | (?P<letter>[A-Z])\s*(?P<number>[+-]?\s*(?:\d+\.?\d*|\.\d+)(?:EX[-+]?\d+)?)(?![\d.]|[A-Z_]*[=(\[])
+    | (?P<letter>[A-Z@^])\s*(?P<number>[+-]?\s*(?:\d+\.?\d*|\.\d+)(?:EX[-+]?\d+)?)(?![\d.]|[A-Z_]*[=(\[])
     | (?P<call>[A-Z_][A-Z0-9_]{2,}|CT(?=\s|$))\s*(?P<args>\((?:[^()"]|"[^"]*")*\))?
     )""",
     re.VERBOSE,
@@ -59,33 +59,41 @@ class BlockReader:
 
     def __init__(self, *, parentheses_are_comments: bool) -> None:
         self.parentheses_are_comments = parentheses_are_comments
+        self.unclosed = False  # a parenthesis in the line read last
 
     def comments(self, text: str) -> tuple[str, list[str]]:
-        """The line without its comments, and the comments."""
+        """The line without its comments, and the comments.
+
+        A semicolon inside of parentheses is part of that comment, parentheses behind a semicolon of that one.
+        ``unclosed`` says whether a parenthesis of this line is not closed: the rest of the line is then comment.
+        """
+        self.unclosed = False
+        if not self.parentheses_are_comments:
+            if ";" not in text:
+                return text, []
+            at = _COMMENT.match(text).end() if '"' in text else text.index(";")  # type: ignore[union-attr]
+            return text[:at], [text[at + 1 :].strip()] if text[at : at + 1] == ";" else []
         found: list[str] = []
-        if ";" in text:
-            quoted = '"' in text and not self.parentheses_are_comments
-            at = _COMMENT.match(text).end() if quoted else text.index(";")  # type: ignore[union-attr]
-            if text[at : at + 1] == ";":
-                found.append(text[at + 1 :].strip())
-                text = text[:at]
-        if "(" in text and self.parentheses_are_comments:
-            kept: list[str] = []
-            depth = start = 0
-            for k, c in enumerate(text):
-                if c == "(":
-                    if depth == 0:
-                        kept.append(text[start:k])
-                        start = k + 1
-                    depth += 1
-                elif c == ")" and depth:
-                    depth -= 1
-                    if depth == 0:
-                        found.append(text[start:k].strip())
-                        start = k + 1
-            (found if depth else kept).append(text[start:].strip() if depth else text[start:])
-            text = " ".join(kept)
-        return text, found
+        kept: list[str] = []
+        depth = start = 0
+        for k, c in enumerate(text):
+            if c == "(":
+                if depth == 0:
+                    kept.append(text[start:k])
+                    start = k + 1
+                depth += 1
+            elif c == ")" and depth:
+                depth -= 1
+                if depth == 0:
+                    found.append(text[start:k].strip())
+                    start = k + 1
+            elif c == ";" and depth == 0:
+                kept.append(text[start:k])
+                found.append(text[k + 1 :].strip())
+                return " ".join(kept), found
+        self.unclosed = depth > 0
+        (found if depth else kept).append(text[start:].strip() if depth else text[start:])
+        return " ".join(kept), found
 
     def block(self, line: int, text: str) -> Block:
         """Words of one line in upper case without comments and expressions.

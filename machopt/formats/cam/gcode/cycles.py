@@ -7,6 +7,7 @@ import re
 from dataclasses import dataclass
 
 from machopt.formats.cam.gcode.blocks import Block
+from machopt.formats.cam.gcode.dwell import Control, convert_dwell
 from machopt.formats.holecycle import CycleError, HoleCycle
 
 _FEED_OUT = {74, 84, 85, 89}
@@ -22,15 +23,30 @@ class Canned:
     z: float | None = None
     r: float | None = None
     q: float = 0.0
-    dwell: float = 0.0
+    dwell: float = 0.0  # s; NaN: its unit is not known
     initial: float = 0.0  # height at which the cycle was begun, for G98
+    depth: str = "Z"  # letter of the axis that it drills along
+    counted: bool = False  # its heights were given under G91
 
-    def take(self, words: dict[str, float], b: Block, scale: float, *, incremental: bool) -> None:
-        """The cycle's own words of one block; under G91, R counts from the initial height and Z from R."""
+    def take(
+        self, words: dict[str, float], b: Block, scale: float, *, depth: str, incremental: bool, control: Control
+    ) -> None:
+        """The cycle's own words of one block; under G91, R counts from the initial height and the depth from R.
+
+        Args:
+            words, b: of the block; what belongs to the cycle is taken out of ``words``.
+            scale: mm per unit.
+            depth: letter of the axis that it drills along.
+            incremental: G91 holds.
+            control: whose unit a dwell without a decimal point has.
+        """
+        self.depth = depth
+        if "R" in words or depth in words:
+            self.counted = incremental
         if "R" in words:
             self.r = words.pop("R") * scale + (self.initial if incremental else 0.0)
-        if "Z" in words:
-            self.z = words.pop("Z") * scale + ((self.r or 0.0) if incremental else 0.0)
+        if depth in words:
+            self.z = words.pop(depth) * scale + ((self.r or 0.0) if incremental else 0.0)
         for name in ("R2", "CR"):  # cycles of older Siemens controls: reference plane (posts also write it as CR)
             if name in b.named:
                 self.r = b.named[name] * scale
@@ -41,8 +57,7 @@ class Canned:
         if "Q" in words:
             self.q = abs(words.pop("Q")) * scale
         if "P" in words:
-            p = words.pop("P")
-            self.dwell = p / 1e3 if b.bare("P") and p >= 100.0 else p
+            self.dwell = convert_dwell(words.pop("P"), letter="P", bare=b.bare("P"), control=control)
 
     def at_hole(self, *, back_to_initial: bool) -> HoleCycle:
         """Strokes with heights over the plane z = 0.
@@ -51,7 +66,7 @@ class Canned:
             CycleError: Z or R was never given.
         """
         if self.z is None or self.r is None:
-            letter, what = ("Z", "the depth") if self.z is None else ("R", "the height the feed begins at")
+            letter, what = (self.depth, "the depth") if self.z is None else ("R", "the height the feed begins at")
             raise CycleError(f"G{self.code} without {letter}: {what} is not said; post the cycle with its {letter}")
         return HoleCycle(
             name=f"G{self.code}",

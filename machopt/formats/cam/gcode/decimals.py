@@ -2,29 +2,83 @@
 
 Fanuc, Haas and others decide by a parameter whether ``X1500`` is 1500 mm or 1.5 mm; old programs leave out trailing
 or leading zeros (``X0019685``). Where what stands in the file makes the whole-number reading doubtful, it is asked for.
+Both the question and ``--decimals`` look at the words of each block, glued or not, and never into comments.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import re
+from collections.abc import Iterator
+from dataclasses import dataclass
 
-from machopt.formats.source import Source
+from machopt.formats.cam.gcode.blocks import BlockReader
+from machopt.formats.source import ReadOptions, Source
 
-_CODE = r"(?<![A-Z#<_.\d])"
-_LEADING = re.compile(_CODE + r"[XYZUVWIJR]\s*[-+]?\s*0(?=\d\d)\d*[1-9]\d*(?![\d.])", re.IGNORECASE)
-_BIG = re.compile(_CODE + r"[XYZUVWIJR]\s*[-+]?\s*[1-9]\d{3,}(?![\d.])", re.IGNORECASE)
-_POINT = re.compile(_CODE + r"[XYZ]\s*[-+]?\s*\d*\.\d", re.IGNORECASE)
-_WHOLE_WITH_POINT = re.compile(_CODE + r"[XYZ]\s*[-+]?\s*\d+\.(?!\d)", re.IGNORECASE)
-_EXPRESSIONS = re.compile(r"[#\[]|^\s*O\s*<", re.IGNORECASE | re.MULTILINE)  # LinuxCNC and macros: whole numbers are
-_WHOLE = re.compile(_CODE + r"[XYZUVWIJR]\s*[-+]?\s*[1-9]\d*(?![\d.])", re.IGNORECASE)
-_DWELL = re.compile(r"G0*4(?![\d.])", re.IGNORECASE)
+_TOKEN = re.compile(r"([A-Z])(\s*)([-+]?)\s*(\d+\.\d*|\.\d+|\d+)", re.ASCII)
+_DOUBTED = frozenset("XYZUVWIJR")  # lengths, whose numbers without a point are looked at
+_POINTED = frozenset("XYZUVWIJKRABCQ")  # words that --decimals gives a point
+_EXPRESSIONS = re.compile(r"[#\[]|^\s*O\s*<", re.IGNORECASE | re.MULTILINE)
+_BARE = re.compile(r"[XYZUVWIJR]\s*[-+]?\s*0*[1-9]\d*(?![\d.])", re.IGNORECASE | re.ASCII)
+_CYCLE = re.compile(r"G(?:7[346]|8[1-9])(?!\d)")
+_CYCLE_END = re.compile(r"G0*(?:80|[0123])(?![\d.])")
+_OTHER_MEANING = re.compile(r"G0*4(?![\d.])|M19(?!\d)")  # X, U and P of a dwell, R of a spindle position
 _LARGE = 10_000  # without a point beside numbers that have one: ten metres, or ten inches in ten-thousandths
-_BARE = re.compile(_CODE + r"([XYZUVWIJKRABCQ])(\s*)([-+]?)\s*(\d+)(?![\d.])", re.IGNORECASE)
-_CYCLE = re.compile(r"G(?:7[346]|8[1-9])(?!\d)", re.IGNORECASE)
+_LARGE_WITHOUT = 1_000  # the same in a file without any point, or one that marks its whole numbers (X5.)
+_EXAMPLES = 2
 
 
-def check_decimals(source: Source) -> None:
+def with_decimals(source: Source, options: ReadOptions, blocks: BlockReader, *, siemens: bool) -> tuple[Source, str]:
+    """The file with the decimal points that ``--decimals`` gives its numbers, and what was done.
+
+    Raises:
+        InputError: the option is needed, or it is given and cannot apply.
+    """
+    decimals = options.decimals
+    if decimals is None:
+        if not siemens:
+            check_decimals(source, blocks)
+        return source, ""
+    if siemens:
+        raise source.error("--decimals is for G-code of the Fanuc kind; numbers of Sinumerik stand as they are")
+    if decimals == 0:
+        return source, ""
+    return with_points(source, decimals, blocks)
+
+
+@dataclass(frozen=True)
+class _Word:
+    """A length without expression, as it stands in a block."""
+
+    letter: str
+    number: str
+    line: int
+    text: str
+
+    @property
+    def bare(self) -> bool:
+        return "." not in self.number
+
+    @property
+    def leading_zeros(self) -> bool:
+        return self.bare and len(self.number) > 2 and self.number[0] == "0" and int(self.number) > 0
+
+
+def _code(raw: str, blocks: BlockReader) -> str:
+    return (blocks.comments(raw)[0] if "(" in raw or ";" in raw else raw).upper()
+
+
+def _words(source: Source, blocks: BlockReader) -> Iterator[_Word]:
+    for line, raw in enumerate(source.lines, 1):
+        text = _code(raw, blocks)
+        if _OTHER_MEANING.search(text):
+            continue
+        for found in _TOKEN.finditer(text):
+            if found.group(1) in _DOUBTED:
+                yield _Word(found.group(1), found.group(4), line, found.group().strip())
+
+
+def check_decimals(source: Source, blocks: BlockReader) -> None:
     """Ask for the decimals of a G-code file where they are in doubt.
 
     In doubt are numbers with leading zeros, any whole number in a file that marks most of its whole numbers (``X5.``),
@@ -33,83 +87,92 @@ def check_decimals(source: Source) -> None:
     Raises:
         InputError: they are; names the first such number.
     """
-    at, what = _first(source, _LEADING, 1), "a number has leading zeros and no decimal point"
-    if at is None:
-        at, what = _large(source)
-    if at is None:
-        at, what = _odd(source)
-    if at is None:
+    if source.find(_BARE) is None:
         return
-    raise source.error(
+    marked = pointed = bare = 0
+    zeros: _Word | None = None
+    first: _Word | None = None
+    large: list[_Word] = []
+    for word in _words(source, blocks):
+        if not word.bare:
+            if word.letter in "XYZ":
+                marked += word.number.endswith(".")
+                pointed += not word.number.endswith(".")
+        elif (size := int(word.number)) > 0:
+            zeros = zeros or (word if word.leading_zeros else None)
+            bare += not word.leading_zeros
+            first = first or word
+            if size >= _LARGE_WITHOUT and (not large or (size >= _LARGE and len(large) < _EXAMPLES)):
+                large.append(word)
+    if zeros is not None:
+        raise _question(source, f"{zeros.text} has leading zeros and no decimal point", zeros.line)
+    if source.find(_EXPRESSIONS) is not None:  # in expressions whole numbers are usual
+        return
+    least = _LARGE if pointed and not marked else _LARGE_WITHOUT
+    doubted = next((w for w in large if int(w.number) >= least), None)
+    if doubted is not None:
+        which = "other numbers" if pointed or marked else "no number"
+        has = "have" if pointed or marked else "has"
+        raise _question(
+            source, f"{doubted.text} has no decimal point ({which} of the file {has} a decimal point)", doubted.line
+        )
+    if first is not None and marked > 2 * bare:  # written both ways as often, the point means nothing to the writer
+        raise _question(
+            source,
+            f"{first.text} has no decimal point ({marked} whole numbers have one, {bare} have none)",
+            first.line,
+        )
+
+
+def _question(source: Source, what: str, line: int) -> Exception:
+    return source.question(
+        "decimals",
         f"{what}: by the control's parameters that counts whole units or decimals of one. Give --decimals N (4: the "
         "last digit is a ten-thousandth, usual for inches; 3: a thousandth, usual for mm; 0: as it stands)",
-        at,
+        line,
     )
 
 
-def _large(source: Source) -> tuple[int | None, str]:
-    if source.find(_BIG) is None or source.find(_EXPRESSIONS) is not None:
-        return None, ""
-    without = source.find(_POINT) is None and source.find(_WHOLE_WITH_POINT) is None
-    marked = source.find(_WHOLE_WITH_POINT) is not None
-    at = _first(source, _BIG, 1000 if without or marked else _LARGE)
-    found = "" if at is None else next(m for m in _BIG.findall(_code(source.lines[at - 1])))
-    why = "no number of the file has a decimal point" if without else "other numbers of the file have a decimal point"
-    return at, f"{found.strip()} has no decimal point ({why})"
-
-
-def _odd(source: Source) -> tuple[int | None, str]:
-    """The first bare whole number where the file marks most of them: its writer knew what the point is for."""
-    if source.find(_WHOLE) is None or source.find(_WHOLE_WITH_POINT) is None or source.find(_EXPRESSIONS) is not None:
-        return None, ""
-    marked = bare = 0
-    at, found = None, ""
-    for line, raw in enumerate(source.lines, 1):
-        text = _code(raw)
-        marked += len(_WHOLE_WITH_POINT.findall(text))
-        if _DWELL.search(text) is None and (here := _WHOLE.findall(text)):
-            bare += len(here)
-            if at is None:
-                at, found = line, here[0].strip()
-    if marked <= 2 * bare:  # written both ways: the point means nothing to the writer
-        return None, ""
-    return at, f"{found} has no decimal point ({marked} whole numbers have one, {bare} have none)"
-
-
-def _first(source: Source, pattern: re.Pattern[str], least: int) -> int | None:
-    """The first line whose code holds a number of that kind that is not smaller than ``least``."""
-    if source.find(pattern) is None:
-        return None
-    for line, text in enumerate(source.lines, 1):
-        for found in pattern.findall(_code(text)) if pattern.search(text) else ():
-            if int(re.sub(r"\D", "", found)) >= least:
-                return line
-    return None
-
-
-def _code(text: str) -> str:
-    return re.sub(r"\([^()]*\)", " ", text.partition(";")[0])
-
-
-def with_points(source: Source, decimals: int) -> Source:
-    """The file with a decimal point in every length and angle that has none; 0 decimals: as it is.
+def with_points(source: Source, decimals: int, blocks: BlockReader) -> tuple[Source, str]:
+    """The file with a decimal point in every length and angle that has none, and what was done.
 
     F, S, P and what counts something (K and L of cycles) stay.
+
+    Raises:
+        InputError: no such number is in the file, or lengths are expressions, whose decimals are not in the file.
     """
-    if decimals == 0:
-        return source
-    return dataclasses.replace(source, lines=[_pointed(t, decimals) for t in source.lines])
-
-
-def _pointed(text: str, decimals: int) -> str:
-    cycle = _CYCLE.search(text) is not None
-
-    def point(found: re.Match[str]) -> str:
-        letter, blank, sign, digits = found.groups()
-        if (letter in "Kk" and cycle) or (letter in "Qq" and not cycle):
-            return found.group()
-        digits = digits.zfill(decimals + 1)
-        return f"{letter}{blank}{sign}{digits[:-decimals]}.{digits[-decimals:]}"
-
-    parts = re.split(r"(\([^()]*\)|;.*)", text)  # comments stay
-    return "".join(p if k % 2 else _BARE.sub(point, p) for k, p in enumerate(parts))
+    at = source.find(_EXPRESSIONS)
+    if at is not None:
+        raise source.error(
+            "--decimals cannot apply to expressions: which of their numbers count decimals is not said", at
+        )
+    lines: list[str] = []
+    changed, cycle = 0, False
+    examples: list[str] = []
+    for raw in source.lines:
+        text = _code(raw, blocks)
+        cycle = (cycle and _CYCLE_END.search(text) is None) or _CYCLE.search(text) is not None
+        if _OTHER_MEANING.search(text) or not _TOKEN.search(text):
+            lines.append(raw)
+            continue
+        pieces, last = [], 0
+        for found in _TOKEN.finditer(text):
+            letter, blank, sign, digits = found.groups()
+            counts = (letter == "K" and cycle) or (letter == "Q" and not cycle)
+            if letter not in _POINTED or "." in digits or counts:
+                continue
+            filled = digits.zfill(decimals + 1)
+            new = f"{letter}{blank}{sign}{filled[:-decimals]}.{filled[-decimals:]}"
+            pieces += [text[last : found.start()], new]
+            last, changed = found.end(), changed + (int(digits) > 0)
+            if int(digits) > 0 and len(examples) < _EXAMPLES:
+                examples.append(f"{found.group().strip()} as {new.strip()}")
+        if not pieces:
+            lines.append(raw)
+            continue
+        comments = "".join(f"({c})" for c in blocks.comments(raw)[1])
+        lines.append("".join([*pieces, text[last:], comments]))
+    if not changed:
+        raise source.error("--decimals: no coordinate of the file is without a decimal point; leave the option out")
+    note = f"--decimals {decimals}: {changed} coordinate words without a decimal point got one ({', '.join(examples)})"
+    return dataclasses.replace(source, lines=lines), note

@@ -1,13 +1,24 @@
-"""Parameters and expressions of Fanuc macros and LinuxCNC: ``#1=5``, ``X[#<a>*10.]``; evaluated fully or refused."""
+"""Parameters and expressions of Fanuc macros and LinuxCNC: ``#1=5``, ``X[#<a>*10.]``, ``X-#1``, ``YSIN[30]``.
+
+Evaluated fully or refused. Where controls differ in a value (halves, remainders and whole parts of negative numbers,
+comparisons of nearly equal numbers) LinuxCNC's rule is used and a note says so.
+"""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
-from operator import add, mod, mul, sub, truediv
+from collections.abc import Callable, Hashable
+from operator import add, mul, sub, truediv
 
 from machopt.formats.expression import Descent
+
+FANUC_LOCAL, LINUXCNC_LOCAL = 33, 30  # the highest parameter that a called macro or subroutine has for itself
+_EQUAL = 1e-4  # numbers that differ by less are equal on LinuxCNC
+_EXACT = 1e-9  # numbers that differ by less are equal on every control
+_WAY = {"FIX": "lower one", "FUP": "higher one"}
+_PRESENT = {name: k for k, names in enumerate((("5420", "<_X>"), ("5421", "<_Y>"), ("5422", "<_Z>"))) for name in names}
+_OFFSETS = ((5161, 5400), (7001, 7960))  # parameters that hold reference points and work offsets of the control
 
 
 class ExpressionError(ValueError):
@@ -15,8 +26,8 @@ class ExpressionError(ValueError):
 
 
 _COMPARE: dict[str, Callable[[float, float], bool]] = {
-    "EQ": lambda a, b: abs(a - b) < 1e-6,  # LinuxCNC's own tolerance
-    "NE": lambda a, b: abs(a - b) >= 1e-6,
+    "EQ": lambda a, b: abs(a - b) < _EQUAL,
+    "NE": lambda a, b: abs(a - b) >= _EQUAL,
     "GT": lambda a, b: a > b,
     "GE": lambda a, b: a >= b,
     "LT": lambda a, b: a < b,
@@ -47,7 +58,7 @@ _DEGREES: dict[str, Callable[[float], float]] = {
     "ABS": abs,
     "FIX": math.floor,
     "FUP": math.ceil,
-    "ROUND": round,
+    "ROUND": lambda v: math.copysign(math.floor(abs(v) + 0.5), v),  # halves away from zero
     "EXP": math.exp,
     "LN": math.log,
 }
@@ -57,22 +68,50 @@ class Parameters:
     """Values of ``#1`` and ``#<name>``; a parameter read before it is set is an error."""
 
     def __init__(self) -> None:
-        self._values: dict[str, float] = {}
-        self._outside: list[dict[str, float]] = []
+        self.values: dict[str, float] = {}
+        self._outside: list[tuple[dict[str, float], int]] = []
+        self.present = (math.nan, math.nan, math.nan)  # coordinates of the tool, program units
+        self.present_was_read = False
+        self.notes: list[str] = []  # conventions that a value depended on, for the reader to report
 
-    def state(self) -> tuple[tuple[str, float], ...]:
-        return tuple(self._values.items())
+    def state(self) -> Hashable:
+        """Everything that a later line may depend on."""
+        frames = tuple(tuple(values.items()) for values, _ in self._outside)
+        return tuple(self.values.items()), frames, self.present if self.present_was_read else ()
 
-    def enter(self, arguments: dict[str, float]) -> None:
-        """A subroutine begins: #1 to #33 and names without an underscore are its own."""
-        self._outside.append(self._values)
-        shared = {k: v for k, v in self._values.items() if not _is_local(k)}
-        self._values = {**shared, **arguments}
+    def enter(self, arguments: dict[str, float], highest: int = FANUC_LOCAL) -> None:
+        """A subroutine begins: #1 to #``highest`` and names without an underscore are its own."""
+        self._outside.append((self.values, highest))
+        shared = {k: v for k, v in self.values.items() if not _is_local(k, highest)}
+        self.values = {**shared, **arguments}
 
     def leave(self) -> None:
         """It ends: its own parameters are forgotten, what it set outside stays."""
-        shared = {k: v for k, v in self._values.items() if not _is_local(k)}
-        self._values = {k: v for k, v in self._outside.pop().items() if _is_local(k)} | shared
+        outside, highest = self._outside.pop()
+        shared = {k: v for k, v in self.values.items() if not _is_local(k, highest)}
+        self.values = {k: v for k, v in outside.items() if _is_local(k, highest)} | shared
+
+    def read(self, name: str) -> float:
+        """The value of one parameter.
+
+        Raises:
+            ExpressionError: it has none yet.
+        """
+        if name in self.values:
+            return self.values[name]
+        if name in _PRESENT:
+            self.present_was_read = True
+            value = self.present[_PRESENT[name]]
+            if math.isnan(value):
+                raise ExpressionError(f"#{name} is the tool's present place, which is not known there")
+            return value
+        if name in ("<_VALUE>", "<_VALUE_RETURNED>"):
+            return 0.0
+        if name.startswith(("<_HAL[", "<_INI[")):
+            raise ExpressionError(
+                f"#{name} is a value of the running control, not of the program: write the number instead"
+            )
+        raise ExpressionError(f"parameter #{name} is read before it is set")
 
     def number(self, text: str) -> float:
         """The value of one expression.
@@ -80,18 +119,27 @@ class Parameters:
         Raises:
             ExpressionError: as for :meth:`evaluate`, or something stands after it.
         """
-        parser = _Parser(text, 0, self._values)
-        value, at = parser.expression(), parser.at
+        value, at = self.leading(text)
         if text[at:].strip():
             raise ExpressionError(f"found {text[at:].strip()[:20]!r} after an expression")
         return value
+
+    def leading(self, text: str) -> tuple[float, int]:
+        """The value of the expression that a text begins with, and the place after it."""
+        parser = _Parser(text, 0, self)
+        return parser.expression(), parser.at
+
+    def leading_factor(self, text: str) -> tuple[float, int]:
+        """The value of the number, parameter or bracket that a text begins with, and the place after it."""
+        parser = _Parser(text, 0, self)
+        return parser.factor(), parser.at
 
     def bracketed(self, text: str) -> list[float]:
         """The values of ``[…] […] …``."""
         found: list[float] = []
         at = 0
         while text[at:].strip():
-            parser = _Parser(text, at, self._values)
+            parser = _Parser(text, at, self)
             found.append(parser.factor())
             at = parser.at
         return found
@@ -106,30 +154,47 @@ class Parameters:
         later: dict[str, float] = {}  # assignments hold from the next line on
         at = 0
         while at < len(text):
-            c = text[at]
-            if c not in "[#":
-                out.append(c)
+            if word := _WORD_VALUE.match(text, at):
+                parser = _Parser(text, word.end(1), self)
+                out.append(word.group(1) + _plain(parser.factor()))
+                at = parser.at
+                continue
+            if text[at] not in "[#":
+                out.append(text[at])
                 at += 1
                 continue
-            parser = _Parser(text, at, self._values)
-            if c == "#":
+            parser = _Parser(text, at, self)
+            if text[at] == "#":
                 name = parser.name()
                 rest = text[parser.at :].lstrip()
                 if rest.startswith("="):
                     parser.at = len(text) - len(rest) + 1
+                    _check_assigned(name)
                     later[name], at = parser.expression(), parser.at
                     continue
                 parser.at = at
             out.append(_plain(parser.factor()))
             at = parser.at
-        self._values.update(later)
+        self.values.update(later)
         return "".join(out)
 
 
-def _is_local(name: str) -> bool:
+_FUNCTION = "|".join((*_DEGREES, "ATAN", "EXISTS"))
+_WORD_VALUE = re.compile(rf"([A-Z@^])(?<![A-Z]{{2}})\s*(?=[-+\s]*(?:[\[#]|(?:{_FUNCTION})\s*\[))")
+
+
+def _check_assigned(name: str) -> None:
+    """Refuse an assignment that changes where the program's zero lies."""
+    if name.isdigit() and any(low <= int(name) < high for low, high in _OFFSETS):
+        raise ExpressionError(
+            f"#{name}= sets a reference point or work offset of the control: not followed; use G10, or G52"
+        )
+
+
+def _is_local(name: str, highest: int) -> bool:
     if name.startswith("<"):
         return not name.startswith("<_")
-    return name.isdigit() and int(name) <= 33
+    return name.isdigit() and int(name) <= highest
 
 
 def _plain(value: float) -> str:
@@ -154,6 +219,12 @@ def _by(operator: Callable[[float, float], float]) -> Callable[[float, float], f
     return divided
 
 
+def _remainder(left: float, right: float) -> float:
+    """LinuxCNC's MOD: never negative."""
+    found = math.fmod(left, right)
+    return found + abs(right) if found < 0.0 else found
+
+
 class _Parser(Descent[float]):
     """Evaluates while it reads."""
 
@@ -162,26 +233,40 @@ class _Parser(Descent[float]):
         {name: _logic(what) for name, what in _LOGIC.items()},
         {name: _compared(what) for name, what in _COMPARE.items()},
         {"+": add, "-": sub},
-        {"*": mul, "/": _by(truediv), "MOD": _by(mod)},
+        {"*": mul, "/": _by(truediv), "MOD": _by(_remainder)},
         {"**": _power},
     )
     problem = ExpressionError
 
-    def __init__(self, text: str, at: int, values: dict[str, float]) -> None:
+    def __init__(self, text: str, at: int, parameters: Parameters) -> None:
         super().__init__(text, at)
-        self.values = values
+        self.parameters = parameters
 
     def both(self, operator: Callable[[float, float], float], left: float, right: float) -> float:
-        return float(operator(left, right))
+        found = float(operator(left, right))
+        if operator is self.levels[3]["MOD"] and left < 0.0 and found != 0.0:
+            self.note("MOD of a negative number is never negative here (LinuxCNC); other controls keep its sign")
+        if operator in (self.levels[1]["EQ"], self.levels[1]["NE"]) and _EXACT < abs(left - right) < _EQUAL:
+            self.note("EQ and NE take numbers that differ by less than 0.0001 for equal (LinuxCNC)")
+        return found
+
+    def note(self, text: str) -> None:
+        if text not in self.parameters.notes:
+            self.parameters.notes.append(text)
 
     def name(self) -> str:
+        """The parameter's name; ``##3`` and ``#[1+2]`` name it by a value."""
         self.take()  # '#'
-        token = self.take()
+        token = self.peek()
         if token.startswith("<"):
-            return re.sub(r"\s", "", token)
-        if token in "[#":
-            raise ExpressionError("indirect parameters (##, #[…]) are not supported")
-        return token
+            return re.sub(r"\s", "", self.take())
+        if token in ("[", "#"):
+            number = self.factor()
+            if not (math.isfinite(number) and abs(number - round(number)) < _EQUAL and number > 0.5):
+                raise ExpressionError(f"#[{number:g}]: expected the number of a parameter")
+            return str(round(number))
+        self.take()
+        return str(int(token)) if token.isdigit() else token
 
     def atom(self) -> float:
         token = self.peek()
@@ -196,14 +281,7 @@ class _Parser(Descent[float]):
                 raise ExpressionError("a bracket is not closed")
             return value
         if token == "#":
-            name = self.name()
-            if name not in self.values:
-                if name.startswith(("<_HAL[", "<_INI[")):
-                    raise ExpressionError(
-                        f"#{name} is a value of the running control, not of the program: write the number instead"
-                    )
-                raise ExpressionError(f"parameter #{name} is read before it is set")
-            return self.values[name]
+            return self.parameters.read(self.name())
         self.take()
         if token and (token[0].isdigit() or token[0] == "."):
             return float(token)
@@ -213,15 +291,18 @@ class _Parser(Descent[float]):
             name = self.name()
             if self.take() != "]":
                 raise ExpressionError("a bracket is not closed")
-            return float(name in self.values)
+            return float(name in self.parameters.values)
         if token == "ATAN":
             y = self.factor()
             if self.take() != "/":
                 raise ExpressionError("ATAN is written ATAN[y]/[x]")
             return math.degrees(math.atan2(y, self.factor()))
         if token in _DEGREES:
+            value = self.factor()
+            if token in ("FIX", "FUP") and value < 0.0 and value != round(value):
+                self.note(f"{token} of a negative number is the next {_WAY[token]} (LinuxCNC); Fanuc counts from zero")
             try:
-                return float(_DEGREES[token](self.factor()))
+                return float(_DEGREES[token](value))
             except (ValueError, OverflowError) as problem:
                 raise ExpressionError(f"{token} has no value there") from problem
         raise ExpressionError(f"{token!r} is not supported in an expression")

@@ -21,11 +21,12 @@ _ANGLES = rf"(?:A{_NUMBER})?(?:B{_NUMBER})?(?:C{_NUMBER})?"
 _G = r"\s*(?:N\d+\s*)?(?:G0?([01])(?![\d.])\s*)?"
 _FEED = rf"(?:F{_NUMBER})?"
 # groups: G (0 or 1), X, Y, Z, A, B, C, three of the tool vector, F
-PLAIN = re.compile(_G + _POINT + _ANGLES + rf"(?:I{_NUMBER})?(?:J{_NUMBER})?(?:K{_NUMBER})?" + _FEED)
-SIEMENS = re.compile(_G + _POINT + _ANGLES + rf"(?:A3\s*={_NUMBER}B3\s*={_NUMBER}C3\s*={_NUMBER})?" + _FEED)
+PLAIN = re.compile(_G + _POINT + _ANGLES + rf"(?:I{_NUMBER})?(?:J{_NUMBER})?(?:K{_NUMBER})?" + _FEED, re.ASCII)
+SIEMENS = re.compile(_G + _POINT + _ANGLES + rf"(?:A3\s*={_NUMBER}B3\s*={_NUMBER}C3\s*={_NUMBER})?" + _FEED, re.ASCII)
 HEIDENHAIN = re.compile(
     rf"\s*(?:\d+\s+)?()LN?\s+{_POINT}{_ANGLES}(?:NX[-+.\d]+\s+NY[-+.\d]+\s+NZ[-+.\d]+\s*)?"
-    rf"(?:TX{_NUMBER}TY{_NUMBER}TZ{_NUMBER})?(?:R0\s*)?{_FEED}"
+    rf"(?:TX{_NUMBER}TY{_NUMBER}TZ{_NUMBER})?(?:R0\s*)?{_FEED}",
+    re.ASCII,
 )
 _AT_ONCE = 50_000  # points kept before they are handed over
 _SHORTEST, _LONGEST = 1e-6, 1e9  # tool vectors
@@ -34,8 +35,9 @@ _SHORTEST, _LONGEST = 1e-6, 1e9  # tool vectors
 def takes_plain_lines(r: MotionReader) -> bool:
     """True while the program's modes let plain lines be carried out by :func:`plain_lines`."""
     s = r.setup
-    return (
+    return bool(
         r.motion in (0, 1)
+        and (r.unit_used_at or not r.unit_by_words)
         and r.canned is None
         and r.modal_call is None
         and not r.incremental

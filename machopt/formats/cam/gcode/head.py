@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 
 from machopt.formats.cam.gcode.blocks import BlockReader
 from machopt.formats.cam.gcode.words import UNITS
@@ -25,6 +26,35 @@ _BRACKETS = re.compile(  # at the beginning of a block
 _MILLPLUS = re.compile(r"^\s*(?:N\d+\s*)?(?:G7\s+A5=|G141\b)", re.MULTILINE)
 
 
+_PERCENT = re.compile(r"^[ \t\x1a\f]*%", re.MULTILINE)
+_CODE = re.compile(r"(?:N\d+\s*)?[GMTSXYZ#]\s*[-+<.\d]", re.IGNORECASE)
+
+
+def end_of_tape(source: Source) -> int | None:
+    """The line (1-based) of the % that ends the program; None where no % stands behind code.
+
+    A % behind which another program begins (a further % or a program number) only parts two programs of one file.
+    What stands before the first % is no program unless it is code.
+    """
+    if source.find(_PERCENT) is None:
+        return None
+    begun = False
+    for line, raw in enumerate(source.lines, 1):
+        text = raw.strip(" \t\x1a\f")
+        if not text.startswith("%"):
+            begun = begun or _CODE.match(text) is not None
+        elif text.upper().startswith("%_N_"):
+            return None
+        elif begun and not _another_program(source.lines[line:]):
+            return line
+    return None
+
+
+def _another_program(lines: list[str]) -> bool:
+    first = next((t.strip() for t in lines if t.strip() and t.strip()[0] not in "(;"), "")
+    return first.startswith("%") or re.match(r"[O:]\s*\d", first, re.IGNORECASE) is not None
+
+
 def is_siemens(source: Source) -> bool:
     """True where a Sinumerik word stands outside of comments; in such programs brackets are none."""
     if source.find(_SIEMENS) is None or source.find(_NAMED_PARAMETER) is not None:
@@ -33,9 +63,11 @@ def is_siemens(source: Source) -> bool:
 
 
 def first_unit(source: Source, options: ReadOptions, blocks: BlockReader, *, siemens: bool) -> tuple[str, str]:
-    """The unit of lengths by the file's first unit word, else the option's; and where it is from.
+    """The unit that lengths have before a unit word is carried out, and where it is from.
 
-    Where Sinumerik's G70 or G71 leaves feeds in the control's own unit, the option says that one.
+    Without an option that of the file's first unit word is taken; the reader asks for the unit where a length stands
+    before any unit word that is carried out. Where Sinumerik's G70 or G71 leaves feeds in the control's own unit, the
+    option says that one.
     """
     at = source.find(_MILLPLUS)
     if at is not None:
@@ -52,19 +84,31 @@ def first_unit(source: Source, options: ReadOptions, blocks: BlockReader, *, sie
             at,
         )
     found: str | None = None
-    where: int | None = None
     lengths_only = False
-    for line, raw in enumerate(source.lines, 1):
+    for raw in source.lines:
         if "G" in raw or "g" in raw:
             text, _ = blocks.comments(raw) if "(" in raw or ";" in raw else (raw, [])
             word = _UNIT_WORD.search(text.upper())
             if word:
-                found, where = UNITS[int(word.group(1)) * 10], line
+                found = UNITS[int(word.group(1)) * 10]
                 lengths_only = siemens and word.group(1) in ("70", "71")
                 break
-    unit = options.unit
-    if found is None and unit is None:
-        raise source.error("has no G20 or G21 (G70, G71); give the unit with --unit mm or --unit inch")
-    if found is not None and unit is not None and found != unit and not lengths_only:
-        raise source.error(f"the file is in {found} but --unit {unit} was given", where)
-    return found or unit or "", "G word" if found else "option"
+    if found is None and options.unit is None:
+        raise source.question("unit", "has no G20 or G21 (G70, G71); give the unit with --unit mm or --unit inch")
+    if found is None or (options.unit is not None and not lengths_only):
+        return options.unit or "", "option"
+    return found, "G word"
+
+
+def check_ascii(source: Source, text: str, line: int) -> None:
+    """Refuse digits, letters and signs of another script in code (full-width X１０, a typographic minus).
+
+    Raises:
+        InputError: the text in upper case without comments holds such a character.
+    """
+    for c in text:
+        plain = unicodedata.normalize("NFKC", c)
+        if not c.isascii() and ((plain.isascii() and plain.strip()) or unicodedata.category(c) in ("Nd", "Pd", "Sm")):
+            raise source.error(
+                f"{c!r} ({unicodedata.name(c, 'unnamed')}) in a block: no control reads it; expected ASCII", line
+            )

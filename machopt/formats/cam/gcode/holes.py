@@ -5,14 +5,18 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from machopt.arrays import Array
 from machopt.domain.toolpath import Move
 from machopt.formats.cam.gcode.arcmotion import ArcReader
 from machopt.formats.cam.gcode.blocks import Block
 from machopt.formats.cam.gcode.cycles import Canned
+from machopt.formats.cam.gcode.state import AXES
 from machopt.formats.holecycle import CycleError, HoleCycle, drill
 
 _Z = (0.0, 0.0, 1.0)
+_PRESENT = 1e-9  # mm
 _PARALLEL = 1.0 - 1e-6  # cosine: the tool stands along the program's z
 
 
@@ -27,13 +31,43 @@ class HoleReader(ArcReader):
     def begin_cycle(self, code: int, b: Block) -> None:
         if code in (76, 77, 87, 88):
             self.out.warn_once(f"G{code} is read as a plain boring stroke", b.line)
-        if self.plane[2] != 1.0:
-            raise self.source.error(f"G{code} outside of G17 drills along another axis: not supported", b.line)
+        along = self.depth_axis()
+        if along != 2:
+            self.out.warn_once(
+                f"G{code} in G{17 if along == 2 else 18 if along == 1 else 19} drills along {AXES[along]}: the tool is "
+                "taken to point along it",
+                b.line,
+            )
         if self.canned is None:
-            if math.isnan(self.p[2]):
-                raise self.source.error(self.setup.nowhere or f"G{code} begins where Z is not known", b.line)
-            self.canned = Canned(initial=self.p[2])
+            if math.isnan(self.p[along]):
+                raise self.source.error(
+                    self.setup.nowhere or f"G{code} begins where {AXES[along]} is not known", b.line
+                )
+            self.canned = Canned(initial=self.p[along])
         self.canned.code = code
+
+    def depth_axis(self) -> int:
+        """Index of the axis that cycles drill along: the normal of the working plane."""
+        return int(np.argmax(np.abs(self.plane)))
+
+    def report_conventions(self, c: Canned, given: set[str], b: Block) -> None:
+        """Say what of a canned cycle depends on the control, where the points of this block do."""
+        above = c.r is not None and c.initial > c.r + _PRESENT
+        if not self.retract_said and above:
+            self.out.warn_once("no G98 or G99 before a cycle: read as G98 (Fanuc); LinuxCNC begins with G99", b.line)
+        if c.code in (84, 89) and self.back_to_initial and above:
+            self.out.warn_once(
+                f"G{c.code} feeds out to R and goes on in rapid (Fanuc); LinuxCNC feeds up to the initial height",
+                b.line,
+            )
+        kept = not {"R", AXES[self.depth_axis()]} <= given
+        if self.incremental and kept and not (c.counted and self.back_to_initial):
+            self.out.warn_once(
+                "heights of a cycle stay what they are under G91 (Fanuc); LinuxCNC counts them anew at each hole",
+                b.line,
+            )
+        if math.isnan(c.dwell):
+            self.out.warn_once("P of a cycle without a decimal point: seconds or milliseconds is not known", b.line)
 
     def cycle_of_block(self, words: dict[str, float], b: Block) -> HoleCycle | None:
         if self.canned is None:
@@ -41,7 +75,11 @@ class HoleReader(ArcReader):
         c = self.canned
         if not self.along_z():
             raise self.source.error(f"G{c.code} with a tool that does not stand along Z is not supported", b.line)
-        c.take(words, b, self.scale, incremental=self.incremental)
+        given = set(words)
+        if not given & set("XYZ") and any(letter == "G" and value == c.code for letter, value in b.words):
+            self.out.warn_once(f"G{c.code} without a position (X, Y or Z): no hole is drilled in that block", b.line)
+        depth = AXES[self.depth_axis()]
+        c.take(words, b, self.scale, depth=depth, incremental=self.incremental, control=self.control)
         for letter in "IJK":
             if letter in words and letter != "K":
                 self.out.ignore(f"{letter} in a cycle", b.line, understood=False)
@@ -50,6 +88,7 @@ class HoleReader(ArcReader):
             return None
         if c.code in (73, 83) and not c.q > 0.0:
             self.out.warn_once(f"G{c.code} without a peck depth Q above zero: one stroke", b.line)
+        self.report_conventions(c, given, b)
         return c.at_hole(back_to_initial=self.back_to_initial)
 
     def holes(self, cycle: HoleCycle, words: dict[str, float], target: list[float] | None, b: Block) -> None:
@@ -78,17 +117,23 @@ class HoleReader(ArcReader):
                 repeats = round(words.pop(letter))
         if repeats > 10_000:
             raise CycleError(f"{repeats} repeats of one cycle; the limit is 10000")
-        x, y = (self.p[0], self.p[1]) if target is None else (target[0], target[1])
-        if math.isnan(x) or math.isnan(y):
-            raise self.source.error("a drilling cycle where X or Y is not known", b.line)
-        dx, dy = (x - self.p[0], y - self.p[1]) if self.incremental else (0.0, 0.0)
+        along = self.depth_axis()
+        place = self.p if target is None else target
+        across = [k for k in range(3) if k != along]
+        if any(math.isnan(place[k]) for k in across):
+            raise self.source.error(
+                f"a drilling cycle where {' or '.join(AXES[k] for k in across)} is not known", b.line
+            )
+        step = [place[k] - self.p[k] if self.incremental and k != along else 0.0 for k in range(3)]
+        normal = self.setup.direction((float(along == 0), float(along == 1), float(along == 2)))
         for n in range(repeats):
-            hole = (x + n * dx, y + n * dy, 0.0)
+            hole = [0.0 if k == along else place[k] + n * step[k] for k in range(3)]
             before = None
             if not any(math.isnan(v) for v in self.p):
                 before = self.setup.point((self.p[0], self.p[1], self.p[2]))
-            height = drill(self.out, cycle, self.setup.point(hole), self.setup.direction(_Z), b.line, before)
-            self.p, self.lost = [hole[0], hole[1], height], [""] * 3
+            height = drill(self.out, cycle, self.setup.point((hole[0], hole[1], hole[2])), normal, b.line, before)
+            hole[along] = height
+            self.p, self.lost = hole, [""] * 3
         if self.once == b.line:
             self.modal_call = None
 

@@ -126,3 +126,25 @@ def by_angle(
         raise ArcError(f"a line at {degrees:g}° never gets to another {name}")
     words["XYZ"[other]] = (p[other] + way / along[k] * along[other]) / scale
     b.modes["XYZ"[other]] = "AC"
+
+
+def polar_words(
+    words: dict[str, float], b: Block, p: list[float], plane: Array, scale: float, *, incremental: bool
+) -> None:
+    """``@radius ^angle`` of LinuxCNC about the zero become X and Y, in place; one alone keeps the other's value.
+
+    Raises:
+        ArcError: outside of G17, beside X or Y, or from a place that is not known.
+    """
+    if plane_axes(plane) != (0, 1) or words.keys() & {"X", "Y"}:
+        raise ArcError("polar words (@, ^) stand in G17 and without X and Y")
+    radius, angle = math.hypot(p[0], p[1]), math.degrees(math.atan2(p[1], p[0]))
+    if "@" in words:
+        radius = words.pop("@") * scale + (radius if incremental else 0.0)
+    if "^" in words:
+        angle = words.pop("^") + (angle if incremental else 0.0)
+    if math.isnan(radius) or math.isnan(angle):
+        raise ArcError("@ or ^ alone, or under G91, from a place that is not known")
+    words["X"] = radius * math.cos(math.radians(angle)) / scale
+    words["Y"] = radius * math.sin(math.radians(angle)) / scale
+    b.modes.update({"X": "AC", "Y": "AC"})

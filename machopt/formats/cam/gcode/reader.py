@@ -7,6 +7,7 @@ X, Y, Z of turned rotary axes need the machine's kinematics (``--machine``).
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Iterator
 
@@ -19,12 +20,16 @@ from machopt.formats.cam.gcode import flow as gcode_flow
 from machopt.formats.cam.gcode.auxiliary import AuxiliaryReader
 from machopt.formats.cam.gcode.blocks import Block, BlockReader, refuse_exponent
 from machopt.formats.cam.gcode.calls import OPERATION
-from machopt.formats.cam.gcode.decimals import check_decimals, with_points
+from machopt.formats.cam.gcode.decimals import with_decimals
 from machopt.formats.cam.gcode.expr import ExpressionError
 from machopt.formats.cam.gcode.fast import PLAIN, SIEMENS, plain_lines, takes_plain_lines
-from machopt.formats.cam.gcode.flow import FlowError, Item, MacroFlow
-from machopt.formats.cam.gcode.head import first_unit, is_siemens
+from machopt.formats.cam.gcode.flow import MacroFlow
+from machopt.formats.cam.gcode.guard import FlowError
+from machopt.formats.cam.gcode.head import check_ascii, end_of_tape, first_unit, is_siemens
+from machopt.formats.cam.gcode.owords import Item
+from machopt.formats.cam.gcode.questions import find_fault_behind
 from machopt.formats.cam.gcode.words import (
+    ADDRESSES,
     CYCLES,
     FEED_MODES,
     HOLE_PATTERNS,
@@ -43,34 +48,9 @@ from machopt.formats.cam.siemens import flow as siemens_flow
 from machopt.formats.cam.siemens.flow import SiemensFlow
 from machopt.formats.frames import FrameError
 from machopt.formats.holecycle import CycleError
-from machopt.formats.source import UNIT_NAMES, ReadOptions, Source
+from machopt.formats.source import OptionNeededError, ReadOptions, Source
 from machopt.formats.unknowns import fill_unknown
 
-_ADDRESSES = {
-    "CR",
-    "AR",
-    "A3",
-    "B3",
-    "C3",
-    "TURN",
-    "RPL",
-    "RND",
-    "RNDM",
-    "CHF",
-    "CHR",
-    "FRC",
-    "FRCM",
-    "AP",
-    "RP",
-    "ANG",
-    "I1",
-    "J1",
-    "K1",
-    "FB",
-    ",R",
-    ",C",
-    ",A",
-}
 _HALF_WORD = re.compile(r"(?:^|\s)[XYZABCGIJKRFUVW]\s*[-+.\d]|^[-+.\d]")
 
 
@@ -80,46 +60,57 @@ def read_gcode(source: Source, options: ReadOptions) -> Toolpath:
     Raises:
         InputError: see :func:`machopt.formats.toolpath.read_toolpath`.
     """
-    return ProgramReader(source, options).run()
+    try:
+        return ProgramReader(source, options).run()
+    except OptionNeededError as question:
+        fault = find_fault_behind(question, options, lambda o: ProgramReader(source, o).carry_out_program())
+        raise (fault or question) from None
 
 
 class ProgramReader(AuxiliaryReader):
     """Carries out G, M and other words of G-code; the readers of Heidenhain's programs build on it."""
 
-    decimals_count = True  # numbers without a point may mean something else, by the control's parameters
-
     def __init__(self, source: Source, options: ReadOptions) -> None:
         self.siemens = is_siemens(source)
-        if self.decimals_count and not self.siemens:
-            if options.decimals is None:
-                check_decimals(source)
-            else:
-                source = with_points(source, options.decimals)
+        self.tape_end = end_of_tape(source) if self.decimals_count and not self.siemens else None
+        if self.tape_end is not None:
+            source = dataclasses.replace(source, lines=source.lines[: self.tape_end])
         self.blocks = BlockReader(parentheses_are_comments=not self.siemens)
+        note = ""
+        if self.decimals_count:
+            source, note = with_decimals(source, options, self.blocks, siemens=self.siemens)
         unit, self.unit_from = self.first_unit(source, options)
         super().__init__(source, options, unit)
+        self.unit_said = self.unit_said or not self.unit_by_words
         self.out.meta.update(unit=unit, unit_from=self.unit_from)
+        if note:
+            self.out.warn(note)
         self.ended = False
         self.listing = 0  # "====" lines of an information listing; the program starts after the second
-        self.closed = False  # a % after the program began
+        self.closed = self.tape_end is not None
+        self.flow: MacroFlow | SiemensFlow | None = None
 
     def run(self) -> Toolpath:
-        flow: MacroFlow | SiemensFlow | None = None
+        self.carry_out_program()
+        if isinstance(self.flow, MacroFlow) and self.flow.only_subroutines and not len(self.out):
+            raise self.source.error("defines subroutines and calls none; give the program that calls them")
+        return self.finish()
+
+    def carry_out_program(self) -> None:
+        """Carry out every block of the program, in the order of its flow."""
         try:
             if self.needs_flow():
                 items = [(n, *found) for n, t in enumerate(self.source.lines, 1) if (found := self.clean(n, t))]
-                flow = SiemensFlow(items) if self.siemens else MacroFlow(items)
-                self.carry_out(flow.run())
+                self.flow = SiemensFlow(items) if self.siemens else MacroFlow(items)
+                self.carry_out(self.flow.run())
             else:
                 self.carry_out_lines()
         except FlowError as problem:
             raise self.source.error(str(problem), problem.line) from problem
-        if flow is not None and flow.only_subroutines and not len(self.out):
-            raise self.source.error("defines subroutines and calls none; give the program that calls them")
-        return self.finish()
 
     def finish(self) -> Toolpath:
         self.end_contour("the program ends")
+        self.check_offsets_given()
         if not self.ended and not self.closed:
             whole = self.source.complete
             self.out.cut_off = "no program end (M30, M2, M99 or %)" + (
@@ -129,6 +120,9 @@ class ProgramReader(AuxiliaryReader):
             self.out.replace_positions(fill_unknown(self.out.positions(), self.out))
         self.compare_rotary_signs()
         return self.out.build()
+
+    def present_call(self) -> object:
+        return self.flow.calls[-1] if isinstance(self.flow, MacroFlow) and self.flow.calls else None
 
     def needs_flow(self) -> bool:
         module = siemens_flow if self.siemens else gcode_flow
@@ -166,6 +160,15 @@ class ProgramReader(AuxiliaryReader):
                 self.code(line, text)
             except (ExpressionError, ArcError, CycleError, FrameError) as problem:
                 raise self.source.error(str(problem), line) from problem
+            if isinstance(self.flow, MacroFlow):
+                self.report_place(self.flow, line)
+
+    def report_place(self, flow: MacroFlow, line: int) -> None:
+        """Let expressions read where the tool is; report conventions that an expression depended on."""
+        x, y, z = (v / self.scale for v in self.p)
+        flow.parameters.present = (x, y, z)
+        while flow.parameters.notes:
+            self.out.warn_once(flow.parameters.notes.pop(), line)
 
     def code(self, line: int, text: str) -> None:
         if text.startswith("%"):
@@ -183,7 +186,6 @@ class ProgramReader(AuxiliaryReader):
         if not text:
             return None
         if text.startswith("%"):
-            self.closed = len(self.out) > 0
             return (text.upper(), []) if text.upper().startswith("%_N_") else None
         if text.startswith("/"):
             self.out.ignore("/ (block delete; the block is read)", line, understood=True)
@@ -192,7 +194,13 @@ class ProgramReader(AuxiliaryReader):
         comments: list[str] = []
         if "(" in text or ";" in text:
             text, comments = self.blocks.comments(text)
+            if self.blocks.unclosed:
+                self.out.warn_once(
+                    "a parenthesis is not closed: the rest of the line is read as a comment; some controls alarm", line
+                )
         text = text.strip().upper()
+        if not text.isascii():
+            check_ascii(self.source, text, line)
         return (text, comments) if text or comments else None
 
     def first_unit(self, source: Source, options: ReadOptions) -> tuple[str, str]:
@@ -236,9 +244,11 @@ class ProgramReader(AuxiliaryReader):
         for name in b.named:
             if name in REFUSED_CALLS:
                 raise self.source.error(f"{name}=: {REFUSED_CALLS[name]}", b.line)
-            if name not in _ADDRESSES and not re.fullmatch(r"R\d+", name):
+            if name not in ADDRESSES and not re.fullmatch(r"R\d+", name):
                 self.out.ignore(f"{name}=", b.line, understood=name in reviewed.SINUMERIK_NAMES)
         machine_frame = self.g_words(g_words, words, b)
+        if not self.unit_used_at:
+            self.check_unit(g_words, words, b)
         if any(name == "SUPA" for name, _ in b.calls) or 91 in m_words:
             machine_frame = "SUPA" if 91 not in m_words else "M91"
         self.numbers(words, b, started=bool({3, 4, 13, 14} & set(m_words)))
@@ -288,8 +298,7 @@ class ProgramReader(AuxiliaryReader):
                 b.line,
             )
         elif g in UNITS:
-            self.scale = UNIT_NAMES[UNITS[g]]
-            self.feed_unit = self.unit_of_feeds(g)
+            self.use_unit(g, b.line)
         elif g in FEED_MODES:
             self.use_feed_mode(FEED_MODES[g])
         elif g in PLANES:
@@ -299,7 +308,7 @@ class ProgramReader(AuxiliaryReader):
         elif g == 800:
             self.canned = None
         elif g in (980, 990):
-            self.back_to_initial = g == 980
+            self.back_to_initial, self.retract_said = g == 980, True
         elif g in (410, 420):
             self.out.warn_once(
                 "cutter compensation (G41, G42) is not carried out: the points are as programmed", b.line
@@ -327,7 +336,7 @@ class ProgramReader(AuxiliaryReader):
             self.use_tcp(None, b.line)
         elif g in (2540, 2550):
             self.dynamic_offset(on=g == 2540)
-        elif g in (100, 520, 920, 921, 922):
+        elif g in (100, 520, 920, 921, 922, 923):
             self.shift_origin(g, words, b.line)
         elif g in (680, 682, 690, 691, 531, 536):
             self.plane_word(g, words, b)
@@ -363,14 +372,18 @@ class ProgramReader(AuxiliaryReader):
         if g == 50 and not words.keys() & set("XYZ"):
             self.out.ignore("G5", b.line, understood=True)  # G5 P10000: high speed mode
             words.pop("P", None)
-        elif g == 70 and not (words.keys() | b.named.keys()) - {"F", "S"}:
-            self.out.ignore("G7", b.line, understood=False)
+        elif g in (51, 281, 301) and not words.keys() & set("XYZABCIJ"):
+            self.out.ignore(f"G{g / 10:g}", b.line, understood=True)  # fast modes; a place that is stored
+            words.pop("P", None), words.pop("Q", None)
+        elif g == 431 and "H" not in words:  # LinuxCNC: offsets of the tool's length, no move
+            self.out.ignore("G43.1", b.line, understood=True)
+            words.clear()
         elif g in TABLE_OFFSETS and words.get("P") == 0.0:
             words.pop("P")  # off
         elif g in REFUSED:
             raise self.source.error(f"{REFUSED[g]}: not supported; export without it", b.line)
         elif g in reviewed.G and not (g == 630 and words.keys() & set("XYZABC")):
-            if g in (51, 80, 81, 640, 1870):
+            if g in (80, 81, 640, 1870):
                 words.pop("P", None), words.pop("Q", None)
         else:
             name = f"G{g / 10:g}"

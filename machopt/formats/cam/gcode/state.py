@@ -18,7 +18,8 @@ from machopt.formats.cam.gcode.arcs import Centres
 from machopt.formats.cam.gcode.blocks import Block
 from machopt.formats.cam.gcode.contour import Corner, Segment, fit
 from machopt.formats.cam.gcode.cycles import Canned
-from machopt.formats.cam.gcode.polar import Polar, by_angle, plane_axes
+from machopt.formats.cam.gcode.dwell import find_control
+from machopt.formats.cam.gcode.polar import Polar, by_angle, plane_axes, polar_words
 from machopt.formats.cam.gcode.setup import Setup
 from machopt.formats.frames import Transfer
 from machopt.formats.holecycle import HoleCycle
@@ -34,6 +35,8 @@ class ControlState:
 
     format = "gcode"
     siemens: bool  # whose control the program is for
+    decimals_count = True  # numbers without a point may mean something else, by the control's parameters
+    unit_by_words = True  # units are words of blocks, and hold from there on
     once = 0  # line of a drilling cycle that is carried out in its own block
 
     def __init__(self, source: Source, options: ReadOptions, unit: str) -> None:
@@ -42,6 +45,8 @@ class ControlState:
         self.setup = Setup(machine=rotary.machine(options.machine) if options.machine else None, out=self.out)
         self.tolerance = options.arc_tolerance * 1e3  # mm
         self.scale = UNIT_NAMES[unit]
+        self.unit_said = options.unit is not None  # by the option or a unit word that was carried out
+        self.unit_used_at = 0  # line of the first length or feed
         self.p: list[float] = [math.nan] * 3  # mm, as programmed; NaN: not known
         self.lost = [""] * 3  # what made a coordinate unknown since it was last programmed (G53, G28 …)
         self.axis: Vector = _Z  # in the workpiece
@@ -54,6 +59,8 @@ class ControlState:
         self.feed_scale = self.scale  # mm per unit of ``feed``, which keeps what held when it was programmed
         self.canned: Canned | None = None
         self.back_to_initial = True
+        self.retract_said = False  # G98 or G99 was carried out
+        self.control = find_control(source)
         self.modal_call: HoleCycle | None = None
         self.last_feed = math.nan
         self.fed_at = 0  # line of the last F
@@ -115,6 +122,8 @@ class ControlState:
         Incremental zeros leave a coordinate that is not known unknown.
         """
         relative = self.incremental
+        if "@" in words or "^" in words:
+            polar_words(words, b, self.p, self.plane, self.scale, incremental=relative)
         if self.polar.on:
             self.polar.words(words, self.plane, self.scale, incremental=relative)
             b.modes.update({"XYZ"[k]: "AC" for k in plane_axes(self.plane)})
@@ -176,7 +185,15 @@ class ControlState:
         return f": it was not programmed {name}" if name else ""
 
     def cut(self, to: list[float], axis: Vector, line: int, angles: dict[str, float] | None = None) -> None:
-        """A straight cut; ``angles`` are those before it where the block turns a rotary axis."""
+        """A straight cut; ``angles`` are those before it where the block turns a rotary axis.
+
+        Raises:
+            InputError: it begins where a coordinate was lost, so which way it takes is not in the file.
+        """
+        for k in range(3):
+            if math.isnan(self.p[k]) and self.lost[k]:
+                raise self.source.error(f"cuts while {AXES[k]} is not known{self.how_lost(k)}", line)
+        self.begin_path(line)
         if angles is not None and self.setup.by_machine and not any(map(math.isnan, (*to, *self.p))):
             self.end_contour("a move of rotary axes follows")
             self.swept_cut(to, angles, line)
@@ -192,6 +209,17 @@ class ControlState:
         one = self.turn_corner(one, axis, line)
         self.go(to, axis, Move.CUT, feed, line)
         self.segment = one
+
+    def begin_path(self, line: int) -> None:
+        """A path that begins with a cut: its start is a point of its own where it is known."""
+        if len(self.out):
+            return
+        if any(map(math.isnan, self.p)):
+            self.out.warn_once(
+                "the program begins with a cut from a place that it does not say: that way is not in the path", line
+            )
+        else:
+            self.out.add(self.setup.point((self.p[0], self.p[1], self.p[2])), self.axis, Move.RAPID, math.nan, line)
 
     # ---- contour corners
 

@@ -12,7 +12,7 @@ OFFSETS = {540, 550, 560, 570, 580, 590, 541, 591, 592, 593, *range(5000, 6000, 
 MANY_OFFSETS = {541, 1540}  # G54.1 P, G154 P
 
 # Axis words of these blocks go to the machine's own frame.
-MACHINE_FRAME = {280: "G28", 300: "G30", 530: "G53", 281: "G28.1", 301: "G30.1", 1530: "G153", 740: "G74", 750: "G75"}
+MACHINE_FRAME = {280: "G28", 300: "G30", 530: "G53", 1530: "G153", 740: "G74", 750: "G75"}
 
 TABLE_OFFSETS = {542, 544}  # G54.2, G54.4; P0: off
 REFUSED = {
@@ -22,12 +22,17 @@ REFUSED = {
     **dict.fromkeys((450, 460, 470, 480), "G45 to G48 move by tool offsets that only the control knows"),
     **dict.fromkeys((121, 1120), "G12.1 (G112) interpolates in polar coordinates of a rotary axis"),
     **dict.fromkeys((71, 1070), "G7.1 (G107) interpolates on a cylinder"),
+    **dict.fromkeys(
+        (281, 301), "G28.1 and G30.1 with axis words move the axes of some controls and store a place on others"
+    ),
+    51: "G5.1 with axis words is a spline",
     270: "G27 moves to the reference point",
     290: "G29 moves from the reference point",
     310: "G31 moves until a probe touches",
     70: "G7 tilts the working plane or programs diameters",
     1410: "G141 (tool-centre point by vectors of another control) is not supported",
     330: "G33 thread cutting is not supported",
+    332: "G33.2 thread cutting is not supported",
     50: "G5 splines are not supported",
     52: "G5.2 splines are not supported",
     60: "G6 splines are not supported",
@@ -107,3 +112,30 @@ REFUSED_CALLS = {
 }
 PROGRAM_END = {2, 30, 99}
 POLES = {1100, 1110, 1120}  # Sinumerik
+ADDRESSES = frozenset(  # names of values behind an equals sign, which the readers take
+    (
+        "CR",
+        "AR",
+        "A3",
+        "B3",
+        "C3",
+        "TURN",
+        "RPL",
+        "RND",
+        "RNDM",
+        "CHF",
+        "CHR",
+        "FRC",
+        "FRCM",
+        "AP",
+        "RP",
+        "ANG",
+        "I1",
+        "J1",
+        "K1",
+        "FB",
+        ",R",
+        ",C",
+        ",A",
+    )
+)

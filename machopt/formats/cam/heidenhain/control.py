@@ -33,6 +33,7 @@ class ControlReader(PlaneReader):
 
     format = "heidenhain"
     decimals_count = False
+    unit_by_words = False
 
     def __init__(self, source: Source, options: ReadOptions) -> None:
         super().__init__(source, options)

@@ -6,7 +6,8 @@ import re
 from collections.abc import Iterator, Sequence
 
 from machopt.formats.cam.gcode.expr import ExpressionError
-from machopt.formats.cam.gcode.flow import MAX_CALLS, FlowError, Item, StepGuard
+from machopt.formats.cam.gcode.guard import FlowError, StepGuard
+from machopt.formats.cam.gcode.owords import MAX_CALLS, Item
 from machopt.formats.cam.siemens.expr import Variables
 
 _LABEL = re.compile(r"(?:LBL\s*|G98\s*L\s*)(\d+|\"[^\"]*\")\s*\*?")

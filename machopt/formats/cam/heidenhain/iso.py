@@ -12,7 +12,7 @@ import re
 from machopt.domain.toolpath import Toolpath
 from machopt.formats.cam import reviewed
 from machopt.formats.cam.gcode.blocks import Block
-from machopt.formats.cam.gcode.flow import FlowError
+from machopt.formats.cam.gcode.guard import FlowError
 from machopt.formats.cam.heads import HEIDENHAIN_ISO
 from machopt.formats.cam.heidenhain.control import ControlReader
 from machopt.formats.cam.heidenhain.planes import NUMBER, value

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from machopt.domain.toolpath import Toolpath
 from machopt.formats.cam.gcode.blocks import Block
 from machopt.formats.cam.gcode.fast import HEIDENHAIN, plain_lines
-from machopt.formats.cam.gcode.flow import FlowError
+from machopt.formats.cam.gcode.guard import FlowError
 from machopt.formats.cam.gcode.motion import TANGENTIAL
 from machopt.formats.cam.heidenhain.definitions import DefinitionReader
 from machopt.formats.cam.heidenhain.planes import NUMBER, value

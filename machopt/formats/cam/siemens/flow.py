@@ -11,7 +11,8 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 
 from machopt.formats.cam.gcode.expr import ExpressionError
-from machopt.formats.cam.gcode.flow import MAX_CALLS, FlowError, Item, StepGuard
+from machopt.formats.cam.gcode.guard import FlowError, StepGuard
+from machopt.formats.cam.gcode.owords import MAX_CALLS, Item
 from machopt.formats.cam.siemens.expr import Variables
 
 NEEDS_FLOW = re.compile(
