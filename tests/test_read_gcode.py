@@ -122,7 +122,7 @@ def test_iso_signs_of_a_and_c(tmp_path: Path, machine: str) -> None:
     a, c = np.radians(30.0), np.radians(50.0)
     t = read(tmp_path, "G21 G90\nG43.4 H1\nG0 X0 Y0 Z9 A30 C50\nG1 X1 F99\nA0 C0\n", machine=machine)
     assert t.axis[1] == pytest.approx([np.sin(c) * np.sin(a), -np.cos(c) * np.sin(a), np.cos(a)])
-    assert t.axis[2] == pytest.approx([0.0, 0.0, 1.0])
+    assert t.axis[-1] == pytest.approx([0.0, 0.0, 1.0])
     assert mm(t)[2].tolist() == [1.0, 0.0, 9.0]
 
 

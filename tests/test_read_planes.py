@@ -276,7 +276,7 @@ def test_fast_and_slow_lines_read_the_same(tmp_path: Path) -> None:
     assert np.allclose(plain.axis, slow.axis, atol=1e-15)
     assert np.array_equal(plain.feed, slow.feed, equal_nan=True)
     assert np.array_equal(plain.line, slow.line)
-    assert (plain.move == Move.CUT).sum() == 51
+    assert len(set(plain.line[plain.move == Move.CUT].tolist())) == 51  # lines that turn far are several points
 
 
 def test_dynamic_work_offset_turns_about_the_programs_zero(tmp_path: Path) -> None:

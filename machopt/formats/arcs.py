@@ -40,6 +40,7 @@ def arc(
     *,
     turns: int = 1,
     closed_within: float = 1e-6,
+    least: int = 1,
 ) -> Arc:
     """Chords from start to end, right-handed about ``normal``; rises linearly along it (helix).
 
@@ -51,6 +52,7 @@ def arc(
         normal: (3,) axis of right-handed travel, any length.
         tolerance: largest distance between chord and arc.
         turns: n adds n − 1 full turns.
+        least: fewest chords.
         closed_within: start and end nearer than this (across the axis) are a full circle.
     Returns:
         The chord ends with sweep, radius and radius mismatch.
@@ -75,7 +77,7 @@ def arc(
     if (math.dist(u0, u1) <= closed_within and (sweep < 0.1 or sweep > math.tau - 0.1)) or sweep < FULL_CIRCLE:
         sweep = math.tau
     sweep += math.tau * (max(turns, 1) - 1)
-    count = chord_count(max(r0, r1), sweep, tolerance)
+    count = max(chord_count(max(r0, r1), sweep, tolerance), least)
     theta = np.arange(1, count + 1) * (sweep / count)
     share = theta / sweep
     radius = r0 + (r1 - r0) * share
@@ -121,6 +123,29 @@ def from_radius(start: Array, end: Array, radius: float, normal: Array) -> Array
         square = 0.0
     side = math.copysign(1.0, radius)
     return np.asarray(start + chord / 2.0 + side * math.sqrt(square) * np.cross(n, chord / d))
+
+
+def even_axes(a: Array, b: Array, shares: Array) -> Array:
+    """(N, 3) unit vectors that turn evenly from a to b, in the plane of both.
+
+    slerp(s) = (sin((1 − s)θ) a + sin(sθ) b) / sin θ, θ the angle between them (Shoemake, SIGGRAPH 1985).
+
+    Args:
+        a, b: (3,) or (N, 3) unit vectors.
+        shares: (N,) from 0 at a to 1 at b.
+    Raises:
+        ArcError: they are opposite, so that no plane holds both alone.
+    """
+    a, b = np.broadcast_to(a, (len(shares), 3)), np.broadcast_to(b, (len(shares), 3))
+    theta = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ij,ij->i", a, b))
+    if (theta > math.pi - 1e-6).any():
+        raise ArcError("the tool axis turns by 180° in one block: which way round is not said")
+    sine = np.sin(theta)
+    near = sine < 1e-9
+    safe = np.where(near, 1.0, sine)
+    first = np.where(near, 1.0 - shares, np.sin((1.0 - shares) * theta) / safe)
+    second = np.where(near, shares, np.sin(shares * theta) / safe)
+    return np.asarray(first[:, None] * a + second[:, None] * b)
 
 
 def cubic_spline(control: Array, knots: Array, tolerance: float) -> Array:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.domain.toolpath import Event, IgnoredWord, Move, Operation, Toolpath, cut_off_words
-from machopt.formats.arcs import RADIUS_FAULT, RADIUS_WARN, Arc, ArcError
+from machopt.formats.arcs import RADIUS_FAULT, RADIUS_WARN, Arc, ArcError, even_axes
 from machopt.formats.pathchecks import ArcSpan, arc_directions, check_extent, check_numbers, with_kinds
 from machopt.formats.source import ReadOptions, Source
 
@@ -113,9 +113,23 @@ class PathBuilder:
         self._open = True
 
     def add_arc(
-        self, points: Array, axis: Vector, move: int, feed: float, line: int, *, axis_before: Vector | None = None
+        self,
+        points: Array,
+        axis: Vector | Array,
+        move: int,
+        feed: float,
+        line: int,
+        *,
+        axis_before: Vector | None = None,
     ) -> None:
-        """Append the chord ends of an arc or curve; the tool axis goes over from ``axis_before`` on the way."""
+        """Append the chord ends of an arc or curve.
+
+        Args:
+            points: (N, 3) mm.
+            axis: the tool axis at its end, or (N, 3) that at each point.
+            move, feed, line: of all points.
+            axis_before: the tool axis at its start, from which it turns evenly; none: it does not turn.
+        """
         first = len(self)
         if first + len(points) > MAX_POINTS:
             raise self.source.error(f"more than {MAX_POINTS} points", line)
@@ -125,12 +139,10 @@ class PathBuilder:
             feed = self.feed_fallback(feed, line)
         table = np.empty((len(points), 7))
         table[:, :3], table[:, 6] = points, feed
-        if axis_before is None or axis_before == axis:
-            table[:, 3:6] = axis
-        else:
-            share = (np.arange(1, len(points) + 1) / len(points))[:, None]
-            axes = (1.0 - share) * np.array(axis_before) + share * np.array(axis)
-            table[:, 3:6] = axes / np.maximum(np.linalg.norm(axes, axis=1), 1e-12)[:, None]
+        table[:, 3:6] = axis
+        if axis_before is not None and tuple(axis_before) != tuple(table[-1, 3:6].tolist()):
+            shares = np.arange(1, len(points) + 1) / len(points)
+            table[:, 3:6] = even_axes(np.array(axis_before), table[-1, 3:6].copy(), shares)
         self._numbers.frombytes(table.tobytes())
         self._codes.extend((move, len(self._operations) - 1, line, 0) * len(points))
         self._arcs.append(ArcSpan(first, len(self) - 1, line))

@@ -132,7 +132,9 @@ class ArcReader(ControlState):
         if not self.setup.even:
             raise ArcError("an arc under different scales along its axes is no arc any more: not supported")
         self.begin_path(line)
-        found = arc(start, end, centre, normal, self.chord_tolerance(), turns=turns)
+        turn = self.rotary_turn()
+        least = 1 if turn is None else turn.steps()
+        found = arc(start, end, centre, normal, self.chord_tolerance(), turns=turns, least=least)
         check_radius(found, line, self.out)
         apart = float(np.linalg.norm((end - start) * (1.0 - np.abs(self.plane))))
         if _TOUCHING < apart <= _INCREMENT:
@@ -153,13 +155,17 @@ class ArcReader(ControlState):
             centre=centre,
             left=bool(normal @ self.plane > 0.0),
         )
-        if axis != self.axis or not in_plane or turns > 1:
+        if axis != self.axis or turn is not None or not in_plane or turns > 1:
             self.end_contour("what follows is no arc in the working plane")
         one = self.turn_corner(one, axis, line)
         if one.start is not None and not np.array_equal(one.start, start + gap, equal_nan=True):
             found = arc(np.where(unknown, start, one.start), end, centre, normal, self.chord_tolerance())
         points = found.points + gap if any(unknown) else found.points
-        self.out.add_arc(self.setup.points(points), axis, Move.CUT, feed, line, axis_before=self.axis)
+        if turn is not None:
+            axes = turn.axes(np.arange(1, len(points) + 1) / len(points))
+            self.out.add_arc(self.setup.points(points), axes, Move.CUT, feed, line)
+        else:
+            self.out.add_arc(self.setup.points(points), axis, Move.CUT, feed, line, axis_before=self.axis)
         x, y, z = points[-1].tolist()
         self.p, self.axis = [x, y, z], axis
         self.segment = one if in_plane else None

@@ -14,6 +14,7 @@ from machopt.domain.toolpath import Move
 from machopt.formats.cam.gcode.contour import Segment
 from machopt.formats.cam.gcode.motion import MotionReader
 from machopt.formats.cam.gcode.setup import turned
+from machopt.formats.rotarysteps import SMALL_TURN_DEG
 
 _NUMBER = r"\s*([-+]?(?:\d+\.?\d*|\.\d+))\s*"
 _POINT = rf"(?:X{_NUMBER})?(?:Y{_NUMBER})?(?:Z{_NUMBER})?"
@@ -98,6 +99,8 @@ def plain_lines(r: MotionReader, at: int, pattern: re.Pattern[str] = PLAIN, *, l
             given = {n: float(v) for n, v in (("A", a), ("B", b), ("C", c)) if v is not None}
             if not given.keys() <= set(machine.letters):
                 break
+            if new and sum(abs(v - angles.get(n, 0.0)) for n, v in given.items()) > SMALL_TURN_DEG:
+                break  # divided along the path of the rotary axes
             angles = {**angles, **given}
             i, j, k = machine.tool_axis(angles)
         if u is not None or v is not None or w is not None:

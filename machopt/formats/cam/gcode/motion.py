@@ -12,7 +12,9 @@ from machopt.formats.cam.gcode.contour import Corner, Kind
 from machopt.formats.cam.gcode.holes import HoleReader
 from machopt.formats.cam.gcode.setup import turned
 from machopt.formats.pathbuilder import Vector
+from machopt.formats.rotarysteps import angle_before
 
+_TURNED = 1e-9  # deg
 THROUGH, TANGENTIAL = 4, 5  # CIP and CT, beside the motions 0 … 3 of G0 … G3
 CORNERS: dict[str, Kind] = {"RND": "round", "CHR": "setback", "CHF": "length", ",R": "round", ",C": "setback"}
 
@@ -21,8 +23,8 @@ class MotionReader(HoleReader):
     """Carries out what the words of a block move."""
 
     def move(self, words: dict[str, float], b: Block) -> None:
+        self.turned_from = None
         vector = self.vector(words, b)
-        angles = dict(self.setup.angles)
         turns = vector is None and self.turn(words, b)
         polar = bool(b.named.keys() & {"AP", "RP"})
         target = self.target(words, b)
@@ -50,10 +52,12 @@ class MotionReader(HoleReader):
             self.not_known(why, to, target, b.line)
             return
         axis = self.setup.tool_axis() if vector is None else vector
+        if self.motion in (2, 3, THROUGH, TANGENTIAL) and self.turned_from is not None and self.setup.by_machine:
+            raise self.source.error("an arc that turns a rotary axis without tool-centre-point control", b.line)
         if self.motion == 0:
             self.go(to, axis, Move.RAPID, math.nan, b.line)
         elif self.motion == 1:
-            self.cut(to, axis, b.line, angles if turns else None)
+            self.cut(to, axis, b.line)
         elif self.motion == THROUGH:
             self.through(to, axis, b)
         elif self.motion == TANGENTIAL:
@@ -120,14 +124,21 @@ class MotionReader(HoleReader):
 
     def turn(self, words: dict[str, float], b: Block) -> bool:
         """Take the rotary words; True where the block has any."""
+        self.turned_from = None
         given: dict[str, float] = {}
+        before_turn = dict(self.setup.angles)
         for letter in "ABC":
             if letter in words:
                 value = words.pop(letter)
                 relative = self.incremental if letter not in b.modes else b.modes[letter] == "IC"
-                given[letter] = value + (self.setup.angles.get(letter, 0.0) if relative else 0.0)
+                at = self.setup.angles.get(letter, 0.0)
+                given[letter] = value + (at if relative else 0.0)
+                mode = "DC" if self.shortest_turns else b.modes.get(letter, "")
+                before_turn[letter] = angle_before(at, given[letter], mode)
         if not given:
             return False
+        if any(abs(v - before_turn[c]) > _TURNED for c, v in given.items()):
+            self.turned_from = before_turn
         before = self.setup.transfer
         self.setup = self.setup.turned_to(given)
         self.setup.check_letters(b.line)

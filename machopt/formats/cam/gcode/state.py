@@ -24,6 +24,7 @@ from machopt.formats.cam.gcode.setup import Setup
 from machopt.formats.frames import Transfer
 from machopt.formats.holecycle import HoleCycle
 from machopt.formats.pathbuilder import PathBuilder, Vector
+from machopt.formats.rotarysteps import RotaryTurn
 from machopt.formats.source import UNIT_NAMES, ReadOptions, Source
 
 _Z = (0.0, 0.0, 1.0)
@@ -50,6 +51,8 @@ class ControlState:
         self.p: list[float] = [math.nan] * 3  # mm, as programmed; NaN: not known
         self.lost = [""] * 3  # what made a coordinate unknown since it was last programmed (G53, G28 …)
         self.axis: Vector = _Z  # in the workpiece
+        self.turned_from: dict[str, float] | None = None  # rotary angles before a block that turns them (deg)
+        self.shortest_turns = False  # rotary axes take the shortest way (Heidenhain's M126)
         self.motion: int | None = None
         self.plane = np.array(_Z)
         self.incremental = False
@@ -184,8 +187,17 @@ class ControlState:
             )
         return f": it was not programmed {name}" if name else ""
 
-    def cut(self, to: list[float], axis: Vector, line: int, angles: dict[str, float] | None = None) -> None:
-        """A straight cut; ``angles`` are those before it where the block turns a rotary axis.
+    def rotary_turn(self) -> RotaryTurn | None:
+        """The turn of the rotary axes under tool-centre-point control in this block; None where there is none."""
+        s = self.setup
+        if self.turned_from is None or s.tcp not in ("angles", "vector") or s.tilted == "aligned":
+            return None
+        if s.machine is None or s.vector is not None:
+            return None
+        return RotaryTurn(s.machine, self.turned_from, s.angles)
+
+    def cut(self, to: list[float], axis: Vector, line: int) -> None:
+        """A straight cut.
 
         Raises:
             InputError: it begins where a coordinate was lost, so which way it takes is not in the file.
@@ -194,9 +206,9 @@ class ControlState:
             if math.isnan(self.p[k]) and self.lost[k]:
                 raise self.source.error(f"cuts while {AXES[k]} is not known{self.how_lost(k)}", line)
         self.begin_path(line)
-        if angles is not None and self.setup.by_machine and not any(map(math.isnan, (*to, *self.p))):
+        if self.turned_from is not None and self.setup.by_machine and not any(map(math.isnan, (*to, *self.p))):
             self.end_contour("a move of rotary axes follows")
-            self.swept_cut(to, angles, line)
+            self.swept_cut(to, self.turned_from, line)
             return
         if self.setup.tcp and self.setup.angles and len(self.out):
             self.plunges.append((len(self.out), dict(self.setup.angles)))
@@ -207,6 +219,12 @@ class ControlState:
         feed = self.feed_mm_min(math.dist(to, self.p), line)
         one = Segment(start=np.array(self.p), end=np.array(to), first=len(self.out), feed=feed)
         one = self.turn_corner(one, axis, line)
+        turn = self.rotary_turn()
+        steps = 1 if turn is None or any(map(math.isnan, (*to, *self.p))) else turn.steps()
+        start = list(self.p)
+        for k in range(1, steps if turn is not None else 1):
+            between = [a + k / steps * (b - a) for a, b in zip(start, to, strict=True)]
+            self.go(between, turn.axis(k / steps), Move.CUT, feed, line)  # type: ignore[union-attr]
         self.go(to, axis, Move.CUT, feed, line)
         self.segment = one
 

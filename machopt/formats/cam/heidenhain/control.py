@@ -71,6 +71,8 @@ class ControlReader(PlaneReader):
             elif m == 130 and "plane" in self.chain:
                 raise self.source.error("M130 (points of the untilted system) in a tilted plane is not supported", line)
             elif m in reviewed.HEIDENHAIN_M:
+                if m in (126, 127):
+                    self.shortest_turns = m == 126
                 self.out.ignore(f"M{m}", line, understood=True)
             else:
                 continue

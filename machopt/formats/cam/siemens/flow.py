@@ -37,6 +37,7 @@ _WORD = re.compile(r"(IF|ELSE|ENDIF|FOR|ENDFOR|WHILE|ENDWHILE|REPEAT|UNTIL|LOOP|
 _FLOW_WORD = re.compile(
     r"(?:IF|ELSE|ENDIF|FOR|ENDFOR|WHILE|ENDWHILE|REPEATB?|UNTIL|LOOP|ENDLOOP|GOTO[BF]?|DEF|RET|M17|M99)\b"
 )
+_RETURN = re.compile(r"(?<![\w\"])(?:M17|M99|RET)(?![\w\"(=])")  # in a block with other words too
 _ASSIGN = re.compile(r"\s*([A-Z_]\w*(?:\[\s*\d+\s*\])?)\s*=(?!=)\s*")
 _MODE = re.compile(r"(AC|IC|DC|ACP|ACN)\s*\(")
 _ADDRESS = re.compile(
@@ -103,7 +104,9 @@ class SiemensFlow:
             self.loop_of[k] = start
         for k, (_, _, code, _) in enumerate(self.items):
             name = code.partition("(")[0].strip()
-            if code and not (_FLOW_WORD.match(code) or _HEAD.match(self.raw[k][1]) or name in self.programs):
+            if code and not (
+                _FLOW_WORD.match(code) or _RETURN.search(code) or _HEAD.match(self.raw[k][1]) or name in self.programs
+            ):
                 self.plain.add(k)
         if opened:
             raise FlowError(f"a block is never closed; expected {opened[-1][0]}", self.items[opened[-1][1]][0])
@@ -170,10 +173,11 @@ class SiemensFlow:
             return "", self._repeat(at, *found.groups())
         if code.startswith("REPEAT"):
             raise FlowError(f"{code[:30]!r}: expected REPEAT label [label] P=times", line)
-        if code in ("RET", "M17") or (self.frames and code == "M99"):
+        if (found := _RETURN.search(code)) and (self.frames or found.group() != "M99"):
+            text = self._evaluated(_RETURN.sub(" ", code))  # what else the block says comes first
             if self.frames:
-                return "", self.frames.pop()
-            return "M30", len(self.items)
+                return text, self.frames.pop()
+            return f"{text} M30", len(self.items)
         name = code.partition("(")[0].strip()
         if name in self.programs:
             if "(" in code and code.partition("(")[2].strip(" )"):
