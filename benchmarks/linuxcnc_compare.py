@@ -3,7 +3,7 @@
 Run: ``python benchmarks/linuxcnc_compare.py [--programs 2000] [--seed 0] [--files FOLDER] [--show N] [--save FOLDER]``.
 Needs `rs274` (``apt-get install --no-install-recommends linuxcnc-uspace``). Random programs and, with ``--files``,
 every .ngc file of a folder are read by both; each run of `rs274` has its own fresh parameter file. Where the points
-differ, machopt must have said that controls differ ("noted"), or both refuse; everything else is printed and ends with 1.
+differ, machopt must have said that controls differ ("noted"), or both refuse; all else is printed and ends with 1.
 """
 
 from __future__ import annotations
@@ -31,7 +31,9 @@ def main() -> int:
     args = parser.parse_args()
     named: list[tuple[str, str]]
     if args.files:
-        named = [(str(f.relative_to(args.files)), f.read_text(encoding="latin-1")) for f in sorted(args.files.rglob("*.ngc"))]
+        named = [
+            (str(f.relative_to(args.files)), f.read_text(encoding="latin-1")) for f in sorted(args.files.rglob("*.ngc"))
+        ]
     else:
         named = [(f"seed {s}", program(s)) for s in range(args.seed, args.seed + args.programs)]
     counts: collections.Counter[str] = collections.Counter()

@@ -28,6 +28,7 @@ EXPECTED_SKIPS = (
     r"is absent",
     r"the pages' scripts are not exercised",  # no browser: not in CI, where tests/browser.py fails
     r"could not import 'eaik",  # a third independent solver, with thirty packages behind it: extra `compare`
+    r"rs274 \(linuxcnc-uspace\) is not installed",
     r"POSIX signals",
     r"no symbolic links",
 )

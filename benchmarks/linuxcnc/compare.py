@@ -21,6 +21,8 @@ CONVENTIONS = (  # warnings that say a point depends on the control, and which r
     r"LinuxCNC",
     r"less than a control resolves",
 )
+_NOT_CARRIED_OUT = r"cutter compensation \(G41, G42\) is not carried out"
+_FILLED = "stands only later in the file"
 
 
 @dataclass(frozen=True)
@@ -40,12 +42,14 @@ def compare(text: str) -> Outcome:
         try:
             toolpath = read_toolpath(file, unit=_unit(text), default_feed=500 / 60e3, max_extent=1e3)
         except InputError as problem:
-            nothing = "no toolpath points" in problem.reason or "no cutting move" in problem.reason
+            nothing = any(t in problem.reason for t in ("no toolpath points", "no cutting move", "and calls none"))
             if canon.refused or (nothing and all(e.rapid for e in canon.elements)):
                 return Outcome("both refuse", problem.reason)
             return Outcome("only machopt refuses", f"{problem.where}: {problem.reason}")
     if canon.refused:
         return Outcome("only rs274 refuses", canon.refused)
+    if any(re.search(_NOT_CARRIED_OUT, w) for w in toolpath.warnings):
+        return Outcome("noted", "cutter compensation")
     inch = re.search(r"G\s*20(?!\d)", text, re.IGNORECASE) is not None
     why = difference(toolpath, canon, PRINTED_INCH if inch else PRINTED_MM)
     if not why:
@@ -62,6 +66,9 @@ def difference(toolpath: Toolpath, canon: Canon, tolerance: float) -> str:
     """The first difference of the two, empty where there is none."""
     points, moves = toolpath.position * 1e3, toolpath.move.tolist()
     elements = list(canon.elements)
+    if any(_FILLED in w for w in toolpath.warnings):  # rs274 begins at its zero, machopt where the program says so
+        while elements and elements[0].rapid and np.linalg.norm(points[0] - elements[0].end) > tolerance:
+            elements.pop(0)
     at, place = 0, None
     for n, element in enumerate(elements):
         if place is None:
@@ -82,7 +89,9 @@ def difference(toolpath: Toolpath, canon: Canon, tolerance: float) -> str:
                 return f"move {n}: {why}"
         else:
             off = points[at] - element.end
-            peck = moves[at] in (Move.APPROACH, Move.RETRACT) and element.rapid and np.count_nonzero(abs(off) > 1e-3) == 1
+            peck = (
+                moves[at] in (Move.APPROACH, Move.RETRACT) and element.rapid and np.count_nonzero(abs(off) > 1e-3) == 1
+            )
             if np.linalg.norm(off) > (PECK_MM if peck else tolerance):
                 return f"move {n}: {points[at].round(4)}, rs274 {element.end.round(4)}"
             fed = moves[at] == Move.CUT or math.isfinite(toolpath.feed[at])
@@ -124,7 +133,9 @@ def _along_arc(points: Array, at: int, start: Array, arc: Element, tolerance: fl
         height = start[arc.normal] + (arc.end[arc.normal] - start[arc.normal]) * done / sweep
         if abs(p[arc.normal] - height) > slack + 0.02 * abs(arc.end[arc.normal] - start[arc.normal]):
             return at, f"a helix is at {p.round(4)}, rs274 at height {height:.4f}"
-        if np.linalg.norm(p - arc.end) <= 2.0 * tolerance and abs(done - sweep) < 0.02 + 4.0 * tolerance / max(r0, 1e-6):
+        if np.linalg.norm(p - arc.end) <= 2.0 * tolerance and abs(done - sweep) < 0.02 + 4.0 * tolerance / max(
+            r0, 1e-6
+        ):
             return at, ""
         if done > sweep + 0.1:
             return at, f"an arc sweeps {math.degrees(done):.1f}°, rs274 {math.degrees(sweep):.1f}°"

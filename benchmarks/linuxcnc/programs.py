@@ -144,6 +144,11 @@ class Writer:
         if self.chance(0.4):
             self.add(f"G91 @{abs(self.some(1, 3)):.3f} ^{self.some(-30, 30)}")
             self.add("G90")
+        if self.chance(0.3):
+            self.add("G0 Z20")
+            self.add(f"G91 G98 G81 {self.rng.choice(['@2', '^40', '@1.5 ^-35'])} R-8 Z-6 L{self.rng.integers(1, 6)}")
+            self.add("G80 G90")
+            self.straight()
 
     def parameters(self) -> None:
         v = self.some()
@@ -200,7 +205,9 @@ class Writer:
         k = self.label
         name = f"<s{k}>" if self.chance(0.3) else str(k)
         modes = "M73\nG91\n" if self.chance(0.3) else ""
-        early = f"o{k + 700} if [#1 GT 10]\nG1 Z#1\no{name} return [#1*2]\no{k + 700} endif\n" if self.chance(0.4) else ""
+        early = (
+            f"o{k + 700} if [#1 GT 10]\nG1 Z#1\no{name} return [#1*2]\no{k + 700} endif\n" if self.chance(0.4) else ""
+        )
         self.subs.append(
             f"o{name} sub\n{modes}{early}#31=[#31+1]\n#5=[#1+#2]\nG1 X#1 Y#2\nG1 X#5 Y#3\n"
             f"o{name} endsub{' [#5+1]' if self.chance(0.5) else ''}\n"
@@ -257,12 +264,19 @@ class Writer:
         spindle = "S500 M3\n" if code == 86 else ""
         if spindle:
             self.lines.append("S500 M3")
-        self.add(f"{back} G{code} {a}{self.number(self.some())} {b}{self.number(self.some())} {n}{bottom} R{top}{peck}{wait}")
+        self.add(
+            f"{back} G{code} {a}{self.number(self.some())} {b}{self.number(self.some())} {n}{bottom} R{top}{peck}{wait}"
+        )
         for _ in range(int(self.rng.integers(0, 3))):
-            self.add(f"{a}{self.number(self.some())}" if self.chance(0.5) else f"{b}{self.number(self.some())} {n}{bottom - 1}")
+            self.add(
+                f"{a}{self.number(self.some())}"
+                if self.chance(0.5)
+                else f"{b}{self.number(self.some())} {n}{bottom - 1}"
+            )
         self.add("G80")
         if self.chance(0.4) and code != 89:
-            self.add(f"G98 G91 G{code} {a}{self.some(1, 4)} {b}{self.some(1, 4)} {n}-4 R-3{peck}{wait} L{self.rng.integers(1, 4)}")
+            step = f"{a}{self.some(1, 4)} {b}{self.some(1, 4)} {n}-4 R-3"
+            self.add(f"G98 G91 G{code} {step}{peck}{wait} L{self.rng.integers(1, 4)}")
             self.add("G80 G90")
         self.add("G98")
         self.straight()
@@ -282,7 +296,22 @@ class Writer:
 
     def quiet(self) -> None:
         """Words that move nothing."""
-        words = ["M3 S1000", "M5", "M7", "M8", "M9", "G64", "G64 P0.01", "G61", "G4 P0.5", "M0", "G28.1", "G30.1", "G40", "M48"]
+        words = [
+            "M3 S1000",
+            "M5",
+            "M7",
+            "M8",
+            "M9",
+            "G64",
+            "G64 P0.01",
+            "G61",
+            "G4 P0.5",
+            "M0",
+            "G28.1",
+            "G30.1",
+            "G40",
+            "M48",
+        ]
         self.add(str(self.rng.choice(np.array(words))))
 
     def inverse_time(self) -> None:

@@ -128,6 +128,8 @@ class HoleReader(ArcReader):
         normal = self.setup.direction((float(along == 0), float(along == 1), float(along == 2)))
         for n in range(repeats):
             hole = [0.0 if k == along else place[k] + n * step[k] for k in range(3)]
+            if self.incremental and self.polar_step is not None:
+                hole[0], hole[1] = self.polar_step.place(n)
             before = None
             if not any(math.isnan(v) for v in self.p):
                 before = self.setup.point((self.p[0], self.p[1], self.p[2]))

@@ -130,15 +130,18 @@ def by_angle(
 
 def polar_words(
     words: dict[str, float], b: Block, p: list[float], plane: Array, scale: float, *, incremental: bool
-) -> None:
+) -> PolarStep:
     """``@radius ^angle`` of LinuxCNC about the zero become X and Y, in place; one alone keeps the other's value.
 
+    Returns:
+        The place, and how far repeats of the block go on from it (under G91).
     Raises:
         ArcError: outside of G17, beside X or Y, or from a place that is not known.
     """
     if plane_axes(plane) != (0, 1) or words.keys() & {"X", "Y"}:
         raise ArcError("polar words (@, ^) stand in G17 and without X and Y")
     radius, angle = math.hypot(p[0], p[1]), math.degrees(math.atan2(p[1], p[0]))
+    first = radius, angle
     if "@" in words:
         radius = words.pop("@") * scale + (radius if incremental else 0.0)
     if "^" in words:
@@ -148,3 +151,19 @@ def polar_words(
     words["X"] = radius * math.cos(math.radians(angle)) / scale
     words["Y"] = radius * math.sin(math.radians(angle)) / scale
     b.modes.update({"X": "AC", "Y": "AC"})
+    return PolarStep(radius, angle, radius - first[0], angle - first[1])
+
+
+@dataclass(frozen=True)
+class PolarStep:
+    """A place by radius (mm) and angle (deg), and its step from the one before."""
+
+    radius: float
+    angle: float
+    radius_step: float
+    angle_step: float
+
+    def place(self, n: int) -> tuple[float, float]:
+        """X and Y (mm) after ``n`` further steps."""
+        radius, angle = self.radius + n * self.radius_step, math.radians(self.angle + n * self.angle_step)
+        return radius * math.cos(angle), radius * math.sin(angle)

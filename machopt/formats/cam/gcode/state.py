@@ -19,7 +19,7 @@ from machopt.formats.cam.gcode.blocks import Block
 from machopt.formats.cam.gcode.contour import Corner, Segment, fit
 from machopt.formats.cam.gcode.cycles import Canned
 from machopt.formats.cam.gcode.dwell import find_control
-from machopt.formats.cam.gcode.polar import Polar, by_angle, plane_axes, polar_words
+from machopt.formats.cam.gcode.polar import Polar, PolarStep, by_angle, plane_axes, polar_words
 from machopt.formats.cam.gcode.setup import Setup
 from machopt.formats.frames import Transfer
 from machopt.formats.holecycle import HoleCycle
@@ -69,6 +69,7 @@ class ControlState:
         self.fed_at = 0  # line of the last F
         self.plunges: list[tuple[int, dict[str, float]]] = []
         self.polar = Polar()
+        self.polar_step: PolarStep | None = None  # of this block, by @ and ^
         self.segment: Segment | None = None  # the contour element before, while the tool is still at its end
         self.corner: Corner | None = None  # what goes between it and the next one
         self.modal_corner: Corner | None = None  # RNDM
@@ -125,8 +126,9 @@ class ControlState:
         Incremental zeros leave a coordinate that is not known unknown.
         """
         relative = self.incremental
+        self.polar_step = None
         if "@" in words or "^" in words:
-            polar_words(words, b, self.p, self.plane, self.scale, incremental=relative)
+            self.polar_step = polar_words(words, b, self.p, self.plane, self.scale, incremental=relative)
         if self.polar.on:
             self.polar.words(words, self.plane, self.scale, incremental=relative)
             b.modes.update({"XYZ"[k]: "AC" for k in plane_axes(self.plane)})
