@@ -173,7 +173,7 @@ class SiemensFlow:
             return "", self._repeat(at, *found.groups())
         if code.startswith("REPEAT"):
             raise FlowError(f"{code[:30]!r}: expected REPEAT label [label] P=times", line)
-        if (found := _RETURN.search(code)) and (self.frames or found.group() != "M99"):
+        if '"' not in code and (found := _RETURN.search(code)) and (self.frames or found.group() != "M99"):
             text = self._evaluated(_RETURN.sub(" ", code))  # what else the block says comes first
             if self.frames:
                 return text, self.frames.pop()

@@ -1,0 +1,342 @@
+"""What controls make of G-code that readers easily get wrong: points, questions and refusals, written out by hand."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from machopt.domain.toolpath import Toolpath
+from machopt.errors import InputError
+from machopt.formats.source import OptionNeededError
+from machopt.formats.toolpath import read_toolpath
+
+HEAD = "G21 G90 G17 G94 G98\nG0 X0 Y0 Z10\nF300\n"
+
+
+def read(tmp_path: Path, text: str, name: str = "part.nc", **options: object) -> Toolpath:
+    file = tmp_path / name
+    file.write_text(text, encoding="utf-8")
+    return read_toolpath(file, **options)  # type: ignore[arg-type]
+
+
+def end(t: Toolpath) -> list[float]:
+    return [float(v) + 0.0 for v in np.round(t.position[-1] * 1e3, 6)]
+
+
+def cut_length(t: Toolpath) -> float:
+    step = np.linalg.norm(np.diff(t.position, axis=0), axis=1) * 1e3
+    return float(step[t.cutting[1:]].sum())
+
+
+@pytest.mark.parametrize(
+    ("body", "place"),
+    [
+        # comments
+        ("(depth; rough) G1 X10\nG1 Y5", (10, 5, 10)),
+        ("G1 X10 ; (open\nG1 Y5", (10, 5, 10)),
+        ("G1 X4 (a) Y3 (b; c) Z2", (4, 3, 2)),
+        ("G1 X4 ; a ) b ( c", (4, 0, 10)),
+        # numbers of expressions
+        ("G1 X[ROUND[0.5]] Y[ROUND[2.5]] Z[ROUND[-0.5]]", (1, 3, -1)),
+        ("G1 X[ROUND[1.5]] Y[ROUND[-2.5]] Z[ROUND[-1.49]]", (2, -3, -1)),
+        ("G1 X[7 MOD -3] Y[-7 MOD 3] Z[8 MOD 3]", (1, 2, 2)),
+        ("#1=-3\nG1 X-#1\nG1 Y-[2-5]", (3, 3, 10)),
+        ("#1=-3\nG1 X - #1 Y+#1 Z--#1", (3, -3, -3)),
+        ("G1 XSIN[30] YABS[-5]", (0.5, 5, 10)),
+        ("G1 X-COS[60] YATAN[1]/[1] ZSQRT[9]", (-0.5, 45, 3)),
+        ("#3=9\n#4=3\nG1 X##4\n#[1+4]=8\nG1 Y#5", (9, 8, 10)),
+        ("#7=2\n#8=7\n#9=8\nG1 X###9", (2, 0, 10)),
+        ("#01=6\nG1 X#1 Y#001", (6, 6, 10)),
+        # subroutines
+        ("O1 sub\n#31=7\n#5=9\nO1 endsub\n#31=3\n#5=4\nO1 call\nG1 X#31 Y#5", (7, 4, 10)),
+        ("O1 sub\nO1 endsub [7]\nO1 call\nG1 X#<_value>", (7, 0, 10)),
+        ("O1 sub\nO1 return [#1*2]\nG1 X99\nO001 endsub\nO1 call [4]\nG1 X#<_value>", (8, 0, 10)),
+        ("O3 sub\nG1 X#1\nO3 endsub\n#1=3\no[#1] call [5]", (5, 0, 10)),
+        ("G1 X4\nG1 X[#5420+1] Y[#<_x>*2] Z[#5422-1]", (5, 8, 9)),
+        ("O1 sub\nM73\nG91\nG1 X2\nO1 endsub\nO1 call\nG1 X5", (5, 0, 10)),
+        ("G91\nM70\nG90 G1 X5\nM72\nG1 X5 Y5", (10, 5, 10)),
+        ("M70\nG20\nG91\nM72\nG1 X5 Y5", (5, 5, 10)),
+        (
+            "O1 sub\nG91 G1 X1\nG90\nO1 endsub\n#<i>=0\nO2 while [#<i> LT 3]\nO1 call\n#<i>=[#<i>+1]\nO2 endwhile",
+            (3, 0, 10),
+        ),
+        ("O2 while [#5420 LT 3]\nG91 G1 X1\nG90\nO2 endwhile", (3, 0, 10)),
+        # the end
+        ("G1 X5\nM2\nG1 X#7", (5, 0, 10)),
+        ("G1 X5\nM30\nG1 X[", (5, 0, 10)),
+        # polar words
+        ("G1 @10 ^30\nG1 @10 ^60", (5, 8.660254, 10)),
+        ("G1 @10 ^0\n^90\n@5", (0, 5, 10)),
+        ("G1 @10 ^0\nG91 @2 ^90", (0, 12, 10)),
+        # offsets
+        ("G1 X5\nG92 X0\nG1 X1", (6, 0, 10)),
+        ("G52 X5\nG1 X1\nG92.1\nG1 X1 Y1", (1, 1, 10)),
+        ("G52 X5\nG1 X1\nG92 X0\nG1 X2", (8, 0, 10)),
+        ("G92 X7\nG1 X9\nG92.2\nG1 X1\nG92.3\nG1 X9", (2, 0, 10)),
+        ("G10 L2 P1 X0 Y0 Z0\nG1 X1\nG10 L2 P1 X5 Y0 Z0\nG1 X1", None),
+        # words that move nothing
+        ("G1 X5\nG28.1\nG1 X7", (7, 0, 10)),
+        ("G43.1 Z5\nG1 X7", (7, 0, 10)),
+        ("S100 M3\nG81 X5 Y5 Z-5 R2\nM19 R3\nX10\nG80", (10, 5, 10)),
+        ("G5.1 Q1\nG1 X3\nG5.1 Q0", (3, 0, 10)),
+    ],
+)
+def test_the_place_a_program_comes_to(tmp_path: Path, body: str, place: tuple[float, float, float] | None) -> None:
+    text = HEAD + body + ("" if "M30" in body or "M2\n" in body else "\nM2") + "\n"
+    if place is None:
+        with pytest.raises(InputError):
+            read(tmp_path, text)
+        return
+    assert end(read(tmp_path, text)) == pytest.approx(list(place), abs=1e-6)
+
+
+def test_a_percent_sign_ends_the_program_and_parts_two(tmp_path: Path) -> None:
+    body = "G21 G90\nG0 X0 Y0 Z10\nF300\nG1 X5\n"
+    for behind in ("G1 X50\n", "\n\nG1 X50\n", "X50 Y50\nM30\n%\n"):
+        assert end(read(tmp_path, f"%\n{body}%\n{behind}")) == [5, 0, 10]
+    two = "%\nO1\nG21 G90\nG0 X0 Y0 Z10\nM98 P2\nM30\n%\n%\nO2\nG1 X7 F300\nM99\n%\n"
+    assert end(read(tmp_path, two)) == [7, 0, 10]
+    header = "(TOOL LIST)\n(MILL 1)\n%\n" + body + "%\n"
+    assert end(read(tmp_path, header)) == [5, 0, 10]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "G90 G17\nG0 X0 Y0 Z0\nF300\nG1 X10\nM2\nG20\n",
+        "G90\nG0 X0 Y0 Z0\nG1 X10 F100\nG20 F10\nG1 X1\nM2\n",
+        "F100\nG21 G90\nG1 X1\nM2\n",
+        "G90 G0 X5\nG21\nG1 X1 F100\nM2\n",
+        "G90\no1 if [1 EQ 2]\nG20\no1 endif\nG0 X1\nG1 X2 F9\nM2\n",
+        "%\nG90 G0 X1\nG1 X2 F9\n%\nG21\n",
+        "G90 G1 Z5 F9\nG20\nM2\n",
+        "O1 sub\nG21\nO1 endsub\nG0 X1 Y0 Z0\nO1 call\nG1 X2 F9\nM2\n",
+        "G0 Z5 (G21)\nG1 X1 F9\nG21\nM2\n",
+        "G91 G1 X1 F9\nG71\nX2\nM2\n",
+    ],
+)
+def test_a_length_before_the_first_unit_word_asks_for_the_unit(tmp_path: Path, text: str) -> None:
+    with pytest.raises(OptionNeededError) as asked:
+        read(tmp_path, text)
+    assert asked.value.option == "unit"
+
+
+def test_the_option_is_the_unit_before_the_first_unit_word(tmp_path: Path) -> None:
+    text = "G90\nG0 X0 Y0 Z0\nG1 X10 F100\nG20 F10\nG1 X1\nM2\n"
+    x = read(tmp_path, text, unit="mm").position[:, 0] * 1e3
+    assert x.tolist() == pytest.approx([0, 10, 25.4])
+    with pytest.raises(InputError, match="line 1"):
+        read(tmp_path, "G21 G90\nG0 X0 Y0 Z0\nG1 X10 F100\nM2\n", unit="inch")
+    zeros = read(tmp_path, "G90 G0 X0 Y0 Z0\nG28 Z50\nG53 X9\nG21\nG0 X1 Y1 Z1\nG1 X2 F9\nM2\n")
+    assert end(zeros) == [2, 1, 1]  # zeros and places of the machine need no unit
+
+
+@pytest.mark.parametrize("lost", ["G53 G0 X50 Y50", "G28 X0 Y0", "G28 G91 X0 Y0\nG90", "G30 X0 Y0", "G53 X1 Y1 Z1"])
+@pytest.mark.parametrize("cut", ["G1 X5 Y5 Z0", "G1 X5 Y5 Z5\nX9", "G2 X5 Y5 R9", "G91 G1 X1"])
+def test_a_cut_from_a_lost_place_is_refused(tmp_path: Path, lost: str, cut: str) -> None:
+    with pytest.raises(InputError, match="not known"):
+        read(tmp_path, f"{HEAD}G1 X5\nG0 Z20\n{lost}\n{cut}\nM2\n")
+    back = read(tmp_path, f"{HEAD}G1 X5\nG0 Z20\n{lost}\nG0 X1 Y1 Z5\nG1 X5 Y5 Z0\nM2\n")
+    assert end(back) == [5, 5, 0]
+
+
+def test_work_offsets_need_both_places(tmp_path: Path) -> None:
+    text = "G21 G90\n{}G54 G0 X0 Y0 Z10\nF300\nG54 G1 X10\nG55 G1 X10 Y0 Z10\nM2\n"
+    for lines in ("G10 L2 P2 X50 Y0 Z0\n", "G10 L2 P2 X50\n", "G10 L2 P1 X1 Y1\nG10 L2 P2 X50 Y0 Z0\n", ""):
+        with pytest.raises(InputError, match="--offset G55"):
+            read(tmp_path, text.format(lines))
+    both = read(tmp_path, text.format("G10 L2 P1 X20 Y1 Z0\nG10 L2 P2 X50 Y0 Z0\n"))
+    assert end(both) == [40, -1, 10]
+    turned = read(tmp_path, text.format("G10 L2 P1 X0 Y0 Z0\nG10 L2 P2 X50 Y0 Z0 R90\n"))
+    assert end(turned) == pytest.approx([50, 10, 10])
+    assert end(read(tmp_path, text.format(""), offsets=("G55=7,0,0",))) == [17, 0, 10]
+    with pytest.raises(InputError, match="--offset G57"):
+        read(tmp_path, text.format(""), offsets=("G55=7,0,0", "G57=1,1,1"))
+
+
+@pytest.mark.parametrize("word", ["G10 L2 P1 R90", "G10 L2 P1 X5", "G10 L20 P1 X0", "G10 L2 P0 X1", "G10 L2 X3"])
+def test_an_offset_that_moves_in_the_middle_of_the_path_is_refused(tmp_path: Path, word: str) -> None:
+    with pytest.raises(InputError, match="line 5"):
+        read(tmp_path, f"{HEAD}G1 X5\n{word}\nG1 X10 Y0\nM2\n")
+
+
+def test_g92_at_the_start_says_where_the_tool_is(tmp_path: Path) -> None:
+    begin = "G21 G90 G17\n"
+    relative = read(tmp_path, begin + "G92 X10 Y20 Z30\nF300\nG91 G1 X5 Y0 Z0\nY5\nG90 G1 X10\nM2\n")
+    assert np.round(relative.position * 1e3, 6).tolist() == [[10, 20, 30], [15, 20, 30], [15, 25, 30], [10, 25, 30]]
+    arc = read(tmp_path, begin + "G92 X0 Y0 Z0\nF300\nG2 X10 Y0 I5 J0\nM2\n")
+    assert cut_length(arc) == pytest.approx(5 * math.pi, abs=0.02)
+    part = read(tmp_path, begin + "F300\nG0 Z5\nG92 X0 Y0\nG1 X5 Y5\nM2\n")
+    assert np.round(part.position * 1e3, 6).tolist() == [[0, 0, 5], [5, 5, 5]]
+    with pytest.raises(InputError, match=r"G92\.1"):
+        read(tmp_path, begin + "G92 X0 Y0 Z0\nF300\nG1 X5\nG92.1\nG1 X9 Y0 Z0\nM2\n")
+    ended = read(tmp_path, begin + "G92 X0 Y0 Z0\nF300\nG1 X5\nG92.1\nM2\n")
+    assert end(ended) == [5, 0, 0]
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "G1 X5\nG92 X0\nG52 X3\nG1 X1",  # LinuxCNC replaces, Fanuc adds
+        "G7\nG1 X5",
+        "G5.1 X5 Y5 I1 J1",
+        "G28.1 X5",
+        "G2 X10 Y0 I5 P1.5",
+        "G2 X10 Y0 I5 P0",
+        "G2 X10 Y0 I5 P-1",
+        "G92.3\nG1 X1",
+        "M72\nG1 X1",
+        "#5221=5\nG1 X1",
+        "#5212=5\nG55\nG1 X1",
+        "O1 sub\nG1 X1\nO1 endsub G1 X2\nO1 call",
+        "G1 X2 O1 call",
+        "O1 if [1 EQ 1] G1 X5\nO1 endif",
+        "G1 X１0",
+        "G1 X−5",
+        "G1 Ｘ5",
+        "M98 P5 Q10\nM2\nO5\nG1 X1\nM99",
+        "G90 G0 X1 G65 P5\nM2\nO5\nG1 X1\nM99",
+        "G2 X10 Y0 I5\nG33 Z1 K1",
+    ],
+)
+def test_what_would_move_points_otherwise_is_refused(tmp_path: Path, body: str) -> None:
+    with pytest.raises(InputError, match=r"line \d"):
+        read(tmp_path, HEAD + body + "\nM2\n")
+
+
+@pytest.mark.parametrize(
+    ("body", "place"),
+    [
+        ("M98 P100\nG90 G1 X30\nM30\nO100\nG91 G1 Z-12\nX10\nG90 G0 Z10 M99", (30, 0, 10)),
+        ("M98 P100\nX5\nM30\nO100\nG81 X1 Y1 Z-1 R2\nG80 M99", None),
+        ("G1 Y0\nM98 P100\nG1 X50\nN200 G1 Y6\nM30\nO100\nX10\nM99 P200", (10, 6, 10)),
+        ("#1=2\nIF [#1 EQ 2] THEN G1 X5\nM30", (5, 0, 10)),
+        ("#1=3\nIF [#1 EQ 2] THEN G1 X5\nG1 Y1\nM30", (0, 1, 10)),
+        ("#1=2\nN5 IF [#1 EQ 2] THEN #1=9\nG1 X#1\nM30", (9, 0, 10)),
+        ("G1 X1 M98 P100\nM30\nO100\nY[2+2]\nM99", (1, 4, 10)),
+        ("M98 P100 L2\nM30\nO100\nG91 G1 X1\nY1 M99", (2, 2, 10)),
+        ("#5=0\nWHILE [#5 LT 3] DO1\nG65 P100 A1.\n#5=#5+1\nEND1\nM30\nO100\nG91 G1 X#1\nG90\nM99", (3, 0, 10)),
+        ("G1 X1\nM98 P100\nM30\nO100\nG1 X5 Y5 Z-2 M99\nG1 X99", (5, 5, -2)),
+        ("G1 X1\nG0 Z50. M30\nG1 X9", (1, 0, 50)),
+        ("#1=0\nN10 #1=#1+1\nG1 X#1\nIF [#1 LT 3] GOTO 10\nM30\nO2\nN10 G1 X99\nM99", (3, 0, 10)),
+        ("M98 P100\nG1 Y2\nM30\nO100\nIF [1 EQ 1] THEN G0 X8 M99\nG1 Y9\nM99", (8, 2, 10)),
+        ("N1 M97 P50\nG1 Y3\nM30\nN50 G1 X4\nZ1 M99", (4, 3, 1)),
+    ],
+)
+def test_words_beside_a_flow_word_are_carried_out(
+    tmp_path: Path, body: str, place: tuple[float, float, float] | None
+) -> None:
+    text = "%\nO1\nG21 G90 G94 G17 G54\nG0 X0 Y0 Z10.\nG1 F100\n" + body + "\n%\n"
+    t = read(tmp_path, text)
+    if place is not None:
+        assert end(t) == pytest.approx(list(place))
+    else:  # one hole: G80 ended the cycle
+        assert end(t) == [5, 1, 10]
+        assert (t.position[:, 2] < 0.0).sum() == 1
+
+
+@pytest.mark.parametrize("word", ["M17", "RET", "M99"])
+@pytest.mark.parametrize("line", ["G90 G0 Z10 {}", "G0 Z10 G90 {}", "N40 G90 Z10 {}", "G90 Z=10 {}"])
+def test_sinumerik_returns_after_the_motion_of_its_block(tmp_path: Path, word: str, line: str) -> None:
+    text = (
+        "%_N_MAIN_MPF\nG17 G90 G94 G71 G54\nG0 X0 Y0 Z10\nL100\nG0 X30 Y0\nL100\nG0 Z50\nM30\n%_N_L100_SPF\n"
+        "G91 G1 Z-12 F100\nX10\nX-10\n" + line.format(word) + "\n"
+    )
+    t = read(tmp_path, text, "part.mpf")
+    assert t.position[t.cutting].min(axis=0)[2] == pytest.approx(-2e-3)
+    assert end(t) == [30, 0, 50]
+
+
+@pytest.mark.parametrize(("plane", "along"), [("G17", 2), ("G18", 1), ("G19", 0)])
+@pytest.mark.parametrize("cycle", ["G81", "G82 P0.5", "G83 Q2", "G73 Q2", "G85", "G86 P0.5", "G89 P0.5"])
+def test_cycles_drill_along_the_planes_normal(tmp_path: Path, plane: str, along: int, cycle: str) -> None:
+    a, b = ("XYZ"[k] for k in range(3) if k != along)
+    depth = "XYZ"[along]
+    text = f"G21 G90 G94 G98\nG0 X10 Y10 Z10\nF300\n{plane} {cycle} {a}3 {b}4 {depth}-5 R2\n{a}7\nG80 G17\nM2\n"
+    t = read(tmp_path, text)
+    holes = np.round(t.position[t.cutting][np.isclose(t.position[t.cutting][:, along], -5e-3)] * 1e3, 6)
+    across = [k for k in range(3) if k != along]
+    assert holes[:, across].tolist() == [[3, 4], [7, 4]]
+    assert np.allclose(t.axis[t.cutting][:, along], 1.0)
+    assert end(t)[along] == 10
+
+
+def test_repeats_of_a_polar_step_go_round(tmp_path: Path) -> None:
+    t = read(tmp_path, "G21 G90 G98\nG0 X10 Y0 Z10\nG91 G81 R-8 Z-3 ^60 L6 F99\nG80\nM2\n")
+    holes = t.position[t.cutting] * 1e3
+    angle = np.radians(60.0 * np.arange(1, 7))
+    assert holes[:, :2] == pytest.approx(10 * np.column_stack([np.cos(angle), np.sin(angle)]), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("head", "line", "seconds"),
+    [
+        ("O1234\n", "G82 X0 Y0 Z-10. R4. P50 F100.", 0.05),
+        ("O1234\n", "G89 X0 Y0 Z-10. R4. P99 F100.", 0.099),
+        ("O1234\n", "G82 X0 Y0 Z-10. R4. P0.5 F100.", 0.5),
+        ("O1234\n", "G4 X500", 0.5),
+        ("O1234\n", "G4 P20", 0.02),
+        ("O1234\n", "G4 X1.5", 1.5),
+        ("#<a>=1\n", "G4 P2", 2.0),
+        ("#<a>=1\n", "G82 X0 Y0 Z-10. R4. P2 F100.", 2.0),
+        ("", "G4 P1500", 1.5),
+        ("", "G4 P5", math.nan),
+        ("", "G82 X0 Y0 Z-10. R4. P5 F100.", math.nan),
+    ],
+)
+def test_units_of_dwells(tmp_path: Path, head: str, line: str, seconds: float) -> None:
+    t = read(tmp_path, f"%\n{head}G21 G90 G94 G54 G98\nG0 X0. Y0. Z10.\n{line}\nG80\nG1 X1. F50\nM30\n%\n")
+    found = [e.value for e in t.events if e.kind == "dwell"]
+    assert found == pytest.approx([seconds], nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    "line", ["G4 P500.", "G4 X900.", "G82 X0 Y0 Z-10. R4. P90. F100.", "G89 X0 Y0 Z-10. R4. P500. F100.", "G4 P900000"]
+)
+def test_an_absurd_dwell_is_refused(tmp_path: Path, line: str) -> None:
+    with pytest.raises(InputError, match="line 5"):
+        read(tmp_path, f"%\nO1\nG21 G90 G94 G54 G98\nG0 X0. Y0. Z10.\n{line}\nG80\nG1 X1 F50\nM30\n%\n")
+
+
+@pytest.mark.parametrize(
+    ("body", "count"),
+    [
+        ("O1 if [1 EQ 1.00005]\nG1 X5\nO1 endif\nG1 Y1", 1),
+        ("G1 X[FIX[-1.2]]", 1),
+        ("G1 X[FUP[-1.2]]", 1),
+        ("G1 X[-7 MOD 3]", 1),
+        ("G1 X[7 MOD 3] Y[FIX[1.2]]", 0),
+        ("G89 X5 Y5 Z-10 R2 P0.1\nG80", 1),
+        ("G99 G89 X5 Y5 Z-10 R2 P0.1\nG80", 0),
+        ("G99 G81 X5 Y5 Z-5 R2\nG91 X5\nG80 G90", 1),
+        ("G99 G81 X5 Y5 Z-5 R2\nX7\nG80 G90", 0),
+        ("G1 X5\nG2 X5 Y-0.001 I50", 1),
+        ("G1 X5\nG3 X5.0001 Y0.0001 I1", 1),
+        ("G1 X5\nG2 X5 Y0 I50", 0),
+        ("G1 X5 (open\nG1 Y2", 1),
+        ("G81 X1 Y1 Z-1 R2\nG0 X3\nG81 F100\nG80", 1),
+        ("G81 X1 Y1 Z-1 R2\nG80", 0),
+    ],
+)
+def test_what_controls_do_differently_is_noted(tmp_path: Path, body: str, count: int) -> None:
+    assert len(read(tmp_path, HEAD + body + "\nM2\n").warnings) == count
+
+
+def test_a_cycle_before_g98_or_g99_and_a_cut_first_are_noted(tmp_path: Path) -> None:
+    assert len(read(tmp_path, "G21 G90\nG0 X0 Y0 Z10\nG81 X5 Y5 Z-5 R2 F9\nX10\nG80\nM2\n").warnings) == 1
+    assert len(read(tmp_path, "G21 G90 G17\nF300\nG1 X1 Y1 Z1\nX2\nM2\n").warnings) == 1
+
+
+@pytest.mark.parametrize(
+    ("body", "line"),
+    [("G1 X0\nG2 X9", 4), ("G55 G68.3 X1", 3), ("G1 X5\nG12.1", 4), ("G81 X1 Y1 Z-3", 3), ("M98 P77", 3)],
+)
+def test_questions_come_last(tmp_path: Path, body: str, line: int) -> None:
+    """The file says no unit and no feed, but neither cures what stands further down."""
+    with pytest.raises(InputError) as refused:
+        read(tmp_path, f"G90 G98\nG0 X10 Y5 Z1\n{body}\nM2\n")
+    assert not isinstance(refused.value, OptionNeededError)
+    assert refused.value.where == f"line {line}"
