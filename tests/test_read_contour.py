@@ -193,7 +193,7 @@ def test_decimals_are_asked_for(tmp_path: Path) -> None:
 
 
 def test_absurd_extents_are_asked_for(tmp_path: Path) -> None:
-    text = "G21 G90\nG0 X0. Y0. Z5.\nG1 X60000. F100\nM30\n"
+    text = "G21 G90\nG0 X0. Y0. Z5.\nG1 X60000. F9000\nM30\n"
     with pytest.raises(InputError, match="--max-extent"):
         points(tmp_path, text)
     assert points(tmp_path, text, max_extent=100.0)[-1][0] == 60000

@@ -340,3 +340,36 @@ def test_questions_come_last(tmp_path: Path, body: str, line: int) -> None:
         read(tmp_path, f"G90 G98\nG0 X10 Y5 Z1\n{body}\nM2\n")
     assert not isinstance(refused.value, OptionNeededError)
     assert refused.value.where == f"line {line}"
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "G1 X100 F0.15",
+        "G1 X100 F0.5",
+        "G95\nS1 M3\nG1 X100 F0.1",
+        "G81 X5 Y5 Z-10 R2 F0.08\nG80",
+        "G1 X20 F0.1",
+        "G1 X9 F0.2\nX0\nX9\nX0",
+        "G2 X50 Y0 I25 F0.3",
+        "G93 G1 X10 F0.001",
+        "G1 X3000 F10",
+        "G20\nG1 X1 F0.005",
+    ],
+)
+def test_a_feed_that_takes_hours_is_refused(tmp_path: Path, body: str) -> None:
+    with pytest.raises(InputError, match=r"line \d"):
+        read(tmp_path, HEAD + body + "\nM2\n")
+
+
+@pytest.mark.parametrize("body", ["G1 X1 F0.5", "G1 X100 F5", "G95\nS3000 M3\nG1 X100 F0.15", "G1 X5000. F60"])
+def test_slow_feeds_that_can_be_meant_are_read(tmp_path: Path, body: str) -> None:
+    assert len(read(tmp_path, HEAD + body + "\nM2\n")) == 2
+
+
+def test_rigid_tapping_goes_there_and_back(tmp_path: Path) -> None:
+    t = read(tmp_path, HEAD + "S500 M3\nG33.1 X2 Z5 K0.5\nG1 X5\nM2\n")
+    assert np.round(t.position * 1e3, 6).tolist() == [[0, 0, 10], [2, 0, 5], [0, 0, 10], [5, 0, 10]]
+    assert t.feed[1] * 60e3 == pytest.approx(250.0)
+    with pytest.raises(InputError, match="without K"):
+        read(tmp_path, HEAD + "S500 M3\nG33.1 Z5\nM2\n")

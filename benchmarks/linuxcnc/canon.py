@@ -97,6 +97,10 @@ def _elements(out: str) -> list[Element]:
         elif name in ("STRAIGHT_TRAVERSE", "STRAIGHT_FEED"):
             p = np.array([float(t) for t in text.split(",")][:3]) * state.unit
             found.append(Element(name == "STRAIGHT_TRAVERSE", state.place(p)))
+        elif name == "RIGID_TAP":  # there and back
+            start = found[-1].end if found else np.zeros(3)
+            p = np.array([float(t) for t in text.split(",")][:3]) * state.unit
+            found += [Element(False, state.place(p)), Element(False, start)]
         elif name == "ARC_FEED":
             found.append(_arc(text, state))
     return found

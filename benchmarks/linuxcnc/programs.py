@@ -318,12 +318,17 @@ class Writer:
         self.add(f"G93 G1 {self.words('XYZ')} F{self.rng.integers(1, 9)}")
         self.add(f"G94 F{self.rng.integers(100, 900)}")
 
+    def tap(self) -> None:
+        self.lines.append("S500 M3")
+        self.add(f"G33.1 {self.words('XYZ')} K{self.number(0.5 if not self.inch else 0.02)}")
+        self.straight()
+
     def text(self) -> str:
         """The whole program."""
         kinds: list[Callable[[], None]] = [
             self.straight, self.straight, self.incremental, self.arc, self.arc, self.change_plane, self.polar,
             self.parameters, self.branch, self.loop, self.subroutine, self.frames, self.frames, self.cycle, self.cycle,
-            self.units, self.modes, self.quiet, self.inverse_time,
+            self.units, self.tap, self.modes, self.quiet, self.inverse_time,
         ]  # fmt: skip
         head = [HEAD, *(f"G10 L2 P{p} X{self.some()} Y{self.some()} Z{self.some()} R0" for p in (1, 2, 3)), "G54"]
         for _ in range(int(self.rng.integers(3, 12))):

@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 from machopt.arrays import Array
 from machopt.domain.toolpath import Event, IgnoredWord, Move, Operation, Toolpath, cut_off_words
 from machopt.formats.arcs import RADIUS_FAULT, RADIUS_WARN, Arc, ArcError, even_axes
-from machopt.formats.pathchecks import ArcSpan, arc_directions, check_extent, check_numbers, with_kinds
+from machopt.formats.pathchecks import (
+    SLOW_MM_MIN,
+    ArcSpan,
+    arc_directions,
+    check_extent,
+    check_feeds,
+    check_numbers,
+    with_kinds,
+)
 from machopt.formats.source import ReadOptions, Source
 
 MAX_EVENT_TEXT = 200
@@ -276,6 +284,7 @@ class PathBuilder:
         line = codes[:, 2].copy()
         check_numbers(self.source, table, line)
         check_extent(self.source, table[:, :3], line, self.options.max_extent * 1e3)
+        check_feeds(self.source, table[:, :3], codes[:, 0], table[:, 6], line)
         move = codes[:, 0].astype(np.int8)
         if not (move == Move.CUT).any():
             raise self.source.error(
@@ -296,6 +305,9 @@ class PathBuilder:
         fast = np.flatnonzero((move == Move.CUT) & (table[:, 6] > FAST_MM_MIN))
         if len(fast):
             self.warn(f"{len(fast)} cuts at up to {table[fast, 6].max():.3g} mm/min", int(line[fast[0]]))
+        slow = np.flatnonzero((move == Move.CUT) & (table[:, 6] < SLOW_MM_MIN))
+        if len(slow):
+            self.warn(f"{len(slow)} cuts at {table[slow, 6].min():.3g} mm/min and more", int(line[slow[0]]))
         strange = [w for w in ignored if not w.understood]
         if strange:
             self.warn(f"{sum(w.count for w in strange)} words were not understood: {_some([w.word for w in strange])}")

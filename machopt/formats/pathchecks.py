@@ -15,6 +15,9 @@ from machopt.formats.source import Source
 
 MAX_COORDINATE_MM = 1e6  # a kilometre: no robot cell is larger, so the number is a fault
 MAX_FEED_MM_MIN = 1e9  # 1,000 km/h: demonstration files run at 4.5e6 mm/min
+MAX_MOVE_H = 3.0  # of one cut: 5 m at 30 mm/min, slower than any robot cuts such a length
+SLOW_MM_MIN = 1.0  # cuts below it are in another unit (mm per turn, m/min), unless they are few and short
+MAX_SLOW_H = 1.0  # of all cuts below it
 ALONG_AXIS = math.cos(math.radians(1.0))  # a cut within 1° of the tool axis counts as drilling
 TANGENT = math.cos(math.radians(3.0))  # a line that runs within 3° into an arc is meant to be tangential
 
@@ -82,6 +85,38 @@ def check_extent(source: Source, p: Array, line: NDArray[np.int32], limit: float
         f"the path is {(high[k] - low[k]) * 1e-3:.4g} m long in {'XYZ'[k]} ({low[k]:g} … {high[k]:g} mm); expected "
         f"less than {limit * 1e-3:g} m. If its numbers have implied decimals give --decimals N, if the file says no "
         "unit give the right one with --unit, and if the part is that large give --max-extent MM",
+        int(line[at]),
+    )
+
+
+def check_feeds(source: Source, p: Array, move: NDArray[np.int32], feed: Array, line: NDArray[np.int32]) -> None:
+    """No cut takes hours: its feed is then in another unit, per revolution for instance.
+
+    Args:
+        source: the file, for messages.
+        p: (N, 3) points, mm.
+        move: (N,) Move codes.
+        feed: (N,) mm/min of the move that ends at each point.
+        line: (N,) lines of the source.
+    Raises:
+        InputError: the first cut that does, or all cuts below SLOW_MM_MIN together.
+    """
+    step = np.diff(p, axis=0, prepend=p[:1])
+    cut = (move == Move.CUT) & (feed > 0.0)
+    hours = np.where(cut, np.sqrt(np.einsum("ij,ij->i", step, step)) / np.where(cut, feed, 1.0) / 60.0, 0.0)
+    slow = cut & (feed < SLOW_MM_MIN)
+    together = float(hours[slow].sum())
+    at = int(np.argmax(hours))
+    if hours[at] > MAX_MOVE_H:
+        what = f"one move would take {hours[at]:.3g} h at {feed[at]:g} mm/min"
+    elif together > MAX_SLOW_H:
+        at = int(np.argmax(slow))
+        what = f"moves below {SLOW_MM_MIN:g} mm/min would take {together:.3g} h, the first at {feed[at]:g} mm/min"
+    else:
+        return
+    raise source.error(
+        f"{what}; expected a feed in mm/min (inch/min). A feed per revolution needs its word (G95, MMPR, IPR) and a "
+        "spindle speed, a feed in m/min the right number; correct the feed or give the unit",
         int(line[at]),
     )
 

@@ -15,7 +15,7 @@ from machopt.formats.pathbuilder import Vector
 from machopt.formats.rotarysteps import angle_before
 
 _TURNED = 1e-9  # deg
-THROUGH, TANGENTIAL = 4, 5  # CIP and CT, beside the motions 0 … 3 of G0 … G3
+THROUGH, TANGENTIAL, TAP = 4, 5, 6  # CIP, CT and G33.1, besides the motions 0 … 3 of G0 … G3
 CORNERS: dict[str, Kind] = {"RND": "round", "CHR": "setback", "CHF": "length", ",R": "round", ",C": "setback"}
 
 
@@ -63,12 +63,31 @@ class MotionReader(HoleReader):
         elif self.motion == TANGENTIAL:
             self.tangential(to, axis, b.line)
             self.motion = TANGENTIAL
+        elif self.motion == TAP:
+            self.tap(to, axis, words, b.line)
         elif polar and not arc_words:
             self.about_the_pole(to, axis, b)
         else:
             self.arc(to, axis, words, b)
         self.take_corner(b, element=self.motion != 0)
         self.leftovers(words, b)
+
+    def tap(self, to: list[float], axis: Vector, words: dict[str, float], line: int) -> None:
+        """G33.1: to the target and back to the start, K of way a turn of the spindle.
+
+        Raises:
+            InputError: K is not given, or the start is not known.
+        """
+        if not words.get("K"):
+            raise self.source.error("G33.1 without K, the way a turn of the spindle", line)
+        if any(map(math.isnan, self.p)):
+            raise self.source.error("G33.1 goes back to its start, which is not known", line)
+        start, modal = list(self.p), (self.feed, self.feed_scale, self.feed_mode)
+        self.feed, self.feed_scale = abs(words.pop("K")) * self.scale * self.rpm / self.feed_unit, self.feed_unit
+        self.feed_mode = "minute"
+        self.cut(to, axis, line)
+        self.cut(start, axis, line)
+        self.feed, self.feed_scale, self.feed_mode = modal
 
     def take_corner(self, b: Block, *, element: bool) -> None:
         """RND=, CHF=, CHR=, ``,R``, ``,C``: what goes between this block's element and the next one."""

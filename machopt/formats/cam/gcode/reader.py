@@ -26,6 +26,7 @@ from machopt.formats.cam.gcode.fast import PLAIN, SIEMENS, plain_lines, takes_pl
 from machopt.formats.cam.gcode.flow import MacroFlow
 from machopt.formats.cam.gcode.guard import FlowError
 from machopt.formats.cam.gcode.head import check_ascii, end_of_tape, first_unit, is_siemens
+from machopt.formats.cam.gcode.motion import TAP
 from machopt.formats.cam.gcode.owords import Item
 from machopt.formats.cam.gcode.questions import find_fault_behind
 from machopt.formats.cam.gcode.words import (
@@ -289,6 +290,8 @@ class ProgramReader(AuxiliaryReader):
         if g in MOTION:
             self.motion = MOTION[g]
             self.canned = None
+        elif g == 331:
+            self.motion, self.canned = TAP, None
         elif g in (900, 910):
             self.incremental = g == 910
         elif g in HOLE_PATTERNS and words.keys() & set("IJKL"):
