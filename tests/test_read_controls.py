@@ -373,3 +373,54 @@ def test_rigid_tapping_goes_there_and_back(tmp_path: Path) -> None:
     assert t.feed[1] * 60e3 == pytest.approx(250.0)
     with pytest.raises(InputError, match="without K"):
         read(tmp_path, HEAD + "S500 M3\nG33.1 Z5\nM2\n")
+
+
+IMPLIED = [  # a file whose numbers mean something else by a parameter; the letter and place of one with 3 decimals
+    ("G71 G90\nG00X0000000Y0000000Z0005\nG01X0019685Y-0008937Z0005F100\nM30\n", "X", 19.685),
+    ("N1G21G90\nN2G0X0Y0Z5\nN3G1F100Z0\nN4X45000\nM30\n", "X", 45.0),
+    ("N1G21G90G0X0Y0Z5.\nN3G1F100Z0.\nN4X45000Y0\nM30\n", "X", 45.0),
+    ("G21 G90\nG0 X0. Y0. Z5.\nG1 Z-.1 F10.\nX1.5\nX0019685Y0008937\nM30\n", "Y", 8.937),
+    ("G21 G90\nG0 X0. Y0. Z5.\nG1 Z-.1 F10.\nN7X15000Y20000\nM30\n", "Y", 20.0),
+    ("G21 G90\nG0 X0 Y0 Z5\nG1 X0100 F100\nM30\n", "X", 0.1),
+    ("G21 G90\nG0 X0. Y0. Z5.\nG2 X10. Y0. I0005000 J0.F100\nM30\n", "X", 10.0),
+    ("N1G21G90\nN2G0X-0012000Y0Z5000\nN3G1X12000F100\nM30\n", "X", 12.0),
+    ("G21 G90 G98\nG0X0Y0Z5000\nG81X1000Y2000Z-3000R1000F100K2\nX2000K1\nG80\nM30\n", "X", 2.0),
+    ("G21 G90\nG0X0Y0Z5(X5.)\nG1X1500F100;X1.\nM30\n", "X", 1.5),
+    ("G21 G90\nG0X 0Y 0Z 00500\nG1X- 01500F100\nM30\n", "X", -1.5),
+    ("G21G90G0X0Y0Z5.\nG1F100Z0.X1.\nG1X2.Y12000\nM30\n", "Y", 12.0),
+]
+
+
+@pytest.mark.parametrize(("text", "letter", "place"), IMPLIED)
+def test_implied_decimals_are_asked_for_and_then_hold_everywhere(
+    tmp_path: Path, text: str, letter: str, place: float
+) -> None:
+    with pytest.raises(OptionNeededError) as asked:
+        read(tmp_path, text)
+    assert asked.value.option == "decimals"
+    t = read(tmp_path, text, decimals=3)
+    assert end(t)["XYZ".index(letter)] == pytest.approx(place)
+    assert sum("--decimals 3" in w for w in t.warnings) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("G21 G90\n(X0019685)\nG0 X0. Y0. Z5.\nG1 X1. F100\nM30\n", "a.nc"),
+        ("G21 G90\n;X0019685\nG0 X0. Y0. Z5.\nG1 X1. F100\nG4 X0500\nM30\n", "a.nc"),
+        ("G21 G90\n#1=1500\nG0 X0 Y0 Z5\nG1 X#1 F100\nM30\n", "a.nc"),
+        ("G71 G90 G17\nTRANS X0\nG0 X0 Y0 Z5\nG1 X1500 F100\nM30\n", "a.mpf"),
+        ("BEGIN PGM A MM\nL X+0 Y+0 Z+5 R0 FMAX\nL X+1500 F100\nEND PGM A MM\n", "a.h"),
+        ("x_mm,y_mm,z_mm,i,j,k\n0,0,0,0,0,1\n1,0,0,0,0,1\n", "a.csv"),
+    ],
+)
+def test_decimals_that_cannot_apply_are_refused(tmp_path: Path, text: str, name: str) -> None:
+    with pytest.raises(InputError, match="--decimals"):
+        read(tmp_path, text, name, decimals=3)
+
+
+@pytest.mark.parametrize("options", [{"tool_axis": "+x"}, {"cycle_order": ("clear", "depth")}])
+def test_options_without_effect_on_g_code_are_refused(tmp_path: Path, options: dict[str, object]) -> None:
+    with pytest.raises(InputError, match="no effect"):
+        read(tmp_path, HEAD + "G1 X1\nM2\n", **options)
+    assert len(read(tmp_path, HEAD + "G1 X1\nM2\n", machine="table-ac").warnings) == 1

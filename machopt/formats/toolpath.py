@@ -106,6 +106,8 @@ def read_toolpath(
     if is_program(source):
         return read_program_as_toolpath(path, options, robot=robot)
     reader = _sniff(source)
+    if options.decimals is not None and reader.__name__ != "read_gcode":
+        raise source.error("--decimals is for numbers of G-code without a decimal point; leave it out for this file")
     return reader(source, options)
 
 

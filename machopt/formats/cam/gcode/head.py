@@ -112,3 +112,15 @@ def check_ascii(source: Source, text: str, line: int) -> None:
             raise source.error(
                 f"{c!r} ({unicodedata.name(c, 'unnamed')}) in a block: no control reads it; expected ASCII", line
             )
+
+
+def check_options(source: Source, options: ReadOptions) -> None:
+    """Refuse options that have no effect on G-code.
+
+    Raises:
+        InputError: one of them is given.
+    """
+    usual = ReadOptions()
+    for name in ("cycle_order", "tool_axis"):
+        if getattr(options, name) != getattr(usual, name):
+            raise source.error(f"--{name.replace('_', '-')} has no effect on G-code; leave it out for this file")

@@ -134,6 +134,7 @@ class MotionReader(HoleReader):
             i, j, k = (words.pop(c, 0.0) for c in "IJK")
         else:
             return None
+        self.rotary_words = True
         length = math.sqrt(i * i + j * j + k * k)
         if not 1e-6 < length < 1e9:
             raise self.source.error("the tool vector is zero or not finite", b.line)
@@ -156,6 +157,7 @@ class MotionReader(HoleReader):
                 before_turn[letter] = angle_before(at, given[letter], mode)
         if not given:
             return False
+        self.rotary_words = True
         if any(abs(v - before_turn[c]) > _TURNED for c, v in given.items()):
             self.turned_from = before_turn
         before = self.setup.transfer

@@ -25,10 +25,10 @@ from machopt.formats.cam.gcode.expr import ExpressionError
 from machopt.formats.cam.gcode.fast import PLAIN, SIEMENS, plain_lines, takes_plain_lines
 from machopt.formats.cam.gcode.flow import MacroFlow
 from machopt.formats.cam.gcode.guard import FlowError
-from machopt.formats.cam.gcode.head import check_ascii, end_of_tape, first_unit, is_siemens
+from machopt.formats.cam.gcode.head import check_ascii, check_options, end_of_tape, first_unit, is_siemens
 from machopt.formats.cam.gcode.motion import TAP
 from machopt.formats.cam.gcode.owords import Item
-from machopt.formats.cam.gcode.questions import find_fault_behind
+from machopt.formats.cam.gcode.questions import MAX_LINES, find_fault_behind
 from machopt.formats.cam.gcode.words import (
     ADDRESSES,
     CYCLES,
@@ -61,9 +61,12 @@ def read_gcode(source: Source, options: ReadOptions) -> Toolpath:
     Raises:
         InputError: see :func:`machopt.formats.toolpath.read_toolpath`.
     """
+    check_options(source, options)
     try:
         return ProgramReader(source, options).run()
     except OptionNeededError as question:
+        if len(source.lines) > MAX_LINES:
+            raise
         fault = find_fault_behind(question, options, lambda o: ProgramReader(source, o).carry_out_program())
         raise (fault or question) from None
 
@@ -112,6 +115,8 @@ class ProgramReader(AuxiliaryReader):
     def finish(self) -> Toolpath:
         self.end_contour("the program ends")
         self.check_offsets_given()
+        if self.options.machine and not self.rotary_words:
+            self.out.warn("--machine has no effect: the program has no rotary words (A, B, C) and no tool vectors")
         if not self.ended and not self.closed:
             whole = self.source.complete
             self.out.cut_off = "no program end (M30, M2, M99 or %)" + (

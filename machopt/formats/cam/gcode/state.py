@@ -51,6 +51,7 @@ class ControlState:
         self.p: list[float] = [math.nan] * 3  # mm, as programmed; NaN: not known
         self.lost = [""] * 3  # what made a coordinate unknown since it was last programmed (G53, G28 …)
         self.axis: Vector = _Z  # in the workpiece
+        self.rotary_words = False  # a rotary word or tool vector was carried out
         self.turned_from: dict[str, float] | None = None  # rotary angles before a block that turns them (deg)
         self.shortest_turns = False  # rotary axes take the shortest way (Heidenhain's M126)
         self.motion: int | None = None
