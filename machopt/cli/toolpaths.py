@@ -173,11 +173,13 @@ def _inspect(args: argparse.Namespace) -> int:
         from machopt.effects.own import in_use, with_effects
         from machopt.formats.cell import load_cell
         from machopt.formats.setups import placed
+        from machopt.plan.job.drive import with_reach_warning
         from machopt.services.knownrobot import reading_of
 
         with in_use(with_effects(args.effects)):
             cell = load_cell(args.cell, allow_external=args.allow_external)
             toolpath = placed(read_toolpath(args.file, **reading_of(cell), **reading(args)), cell)
+            toolpath = with_reach_warning(cell, toolpath)
     if args.html is not None:
         from machopt.report.toolpath_page import write_toolpath_page
 

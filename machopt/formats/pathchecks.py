@@ -15,7 +15,8 @@ from machopt.formats.source import Source
 
 MAX_COORDINATE_MM = 1e6  # a kilometre: no robot cell is larger, so the number is a fault
 MAX_FEED_MM_MIN = 1e9  # 1,000 km/h: demonstration files run at 4.5e6 mm/min
-MAX_MOVE_H = 3.0  # of one cut: 5 m at 30 mm/min, slower than any robot cuts such a length
+MAX_MOVE_H = 3.0  # of one cut that is not faster than CUTTING_MM_MIN: 5 m at 30 mm/min
+CUTTING_MM_MIN = 60.0  # a longer cut at more than that is no matter of its feed, but of its length
 SLOW_MM_MIN = 1.0  # cuts below it are in another unit (mm per turn, m/min), unless they are few and short
 MAX_SLOW_H = 1.0  # of all cuts below it
 ALONG_AXIS = math.cos(math.radians(1.0))  # a cut within 1° of the tool axis counts as drilling
@@ -106,6 +107,7 @@ def check_feeds(source: Source, p: Array, move: NDArray[np.int32], feed: Array, 
     hours = np.where(cut, np.sqrt(np.einsum("ij,ij->i", step, step)) / np.where(cut, feed, 1.0) / 60.0, 0.0)
     slow = cut & (feed < SLOW_MM_MIN)
     together = float(hours[slow].sum())
+    hours[feed > CUTTING_MM_MIN] = 0.0
     at = int(np.argmax(hours))
     if hours[at] > MAX_MOVE_H:
         what = f"one move would take {hours[at]:.3g} h at {feed[at]:g} mm/min"

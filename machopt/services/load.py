@@ -19,7 +19,7 @@ from machopt.formats.posts.densify import Tolerance
 from machopt.formats.setups import placed
 from machopt.formats.toolchoice import stints_of, with_tools
 from machopt.formats.toolpath import read_toolpath
-from machopt.plan.job.drive import refuse_unplannable, refuse_wrong_unit
+from machopt.plan.job.drive import refuse_unplannable, refuse_wrong_unit, with_reach_warning
 from machopt.plan.job.pareto import refuse
 from machopt.postprocess.wanted import Wanted, is_post_file, wanted_posts
 from machopt.recheck.posts import tolerance_of
@@ -87,7 +87,7 @@ def prepared(cell: Cell, read: Callable[[], Toolpath], request: OptimizeRequest)
     refuse_without_pyarrow(request.tables)
     options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
     posts, tolerance = wanted_posts(cell, request.posts), tolerance_of(request.program_tolerance_mm, options)
-    toolpath = placed(read(), cell)
+    toolpath = with_reach_warning(cell, placed(read(), cell))
     cell = with_tools(cell, toolpath)
     stints = stints_of(cell, toolpath)
     if request.front:

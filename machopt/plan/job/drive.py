@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from machopt.model.robot import load_robot
 from machopt.plan.motion.timeline import Timeline, build_timeline
 from machopt.plan.pipeline.planned import Plan
 from machopt.plan.pipeline.setup import Timings
-from machopt.plan.written.wrong_unit import wrong_unit
+from machopt.plan.written.wrong_unit import reach_of, wrong_unit
 
 SAMPLES = 2e7  # 67 h at 12 ms: more is no motion but a feed in another unit
 
@@ -37,6 +38,30 @@ def refuse_wrong_unit(cell: Cell, toolpath: Toolpath, file: Path, *, stated: boo
     why = [wrong_unit(toolpath, robot, T, cell.tool.T_flange_tcp, stated=stated) for T in stands]
     if all(why):  # wherever the external joints stand
         raise InputError(why[0], file=file)
+
+
+def with_reach_warning(cell: Cell, toolpath: Toolpath) -> Toolpath:
+    """The path with a warning where cuts lie farther from the robot than it reaches, wherever external joints stand.
+
+    Args:
+        cell: the robot cell.
+        toolpath: points in the workpiece frame.
+    """
+    robot = load_robot(cell)
+    machine = load_machine(cell, robot)
+    reach = reach_of(robot, cell.tool.T_flange_tcp)
+    cuts = toolpath.position[toolpath.cutting]
+    distance = np.full(len(cuts), np.inf)
+    for T in machine.T_base_workpiece(_corners(cell)):
+        distance = np.minimum(distance, np.linalg.norm(cuts @ T[:3, :3].T + T[:3, 3] - robot.point[0], axis=1))
+    beyond = int((distance > reach).sum())
+    if not beyond:
+        return toolpath
+    told = (
+        f"{beyond} of {len(cuts)} cut points lie beyond the reach of the robot ({reach:.3g} m), the farthest at "
+        f"{distance.max():.4g} m: are unit (--unit), decimals (--decimals) and the pose of the workpiece right?"
+    )
+    return replace(toolpath, warnings=(*toolpath.warnings, told))
 
 
 def _corners(cell: Cell) -> Array:
