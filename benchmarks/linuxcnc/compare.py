@@ -22,6 +22,7 @@ CONVENTIONS = (  # warnings that say a point depends on the control, and which r
     r"less than a control resolves",
 )
 _NOT_CARRIED_OUT = r"cutter compensation \(G41, G42\) is not carried out"
+_CYCLE = r"G\s*(?:73|8[1-9])(?![\d.])"
 _FILLED = "stands only later in the file"
 
 
@@ -54,6 +55,9 @@ def compare(text: str) -> Outcome:
     why = difference(toolpath, canon, PRINTED_INCH if inch else PRINTED_MM)
     if not why:
         return Outcome("agree")
+    tolerance = PRINTED_INCH if inch else PRINTED_MM
+    if re.search(_CYCLE, text, re.IGNORECASE) and not difference(toolpath, canon, tolerance, ends_only=True):
+        return Outcome("agree but for rapids between holes", why)
     notes = [w for w in toolpath.warnings if any(re.search(c, w) for c in CONVENTIONS)]
     return Outcome("noted", f"{why} [{notes[0]}]") if notes else Outcome("differ", why)
 
@@ -62,14 +66,27 @@ def _unit(text: str) -> str | None:
     return None if re.search(r"G\s*2[01](?!\d)", text, re.IGNORECASE) else "mm"
 
 
-def difference(toolpath: Toolpath, canon: Canon, tolerance: float) -> str:
-    """The first difference of the two, empty where there is none."""
-    points, moves = toolpath.position * 1e3, toolpath.move.tolist()
-    elements = list(canon.elements)
+def difference(toolpath: Toolpath, canon: Canon, tolerance: float, *, ends_only: bool = False) -> str:
+    """The first difference of the two, empty where there is none.
+
+    Args:
+        toolpath: what machopt read.
+        canon: what the interpreter did.
+        tolerance: mm.
+        ends_only: of rapid moves that follow each other only the last one counts.
+    """
+    points, moves, elements = toolpath.position * 1e3, toolpath.move.tolist(), list(canon.elements)
+    feeds = toolpath.feed
+    if ends_only:
+        fed = (toolpath.move == Move.CUT) | np.isfinite(feeds)
+        kept = np.flatnonzero(fed | np.append(fed[1:], True) | (np.arange(len(fed)) == 0))
+        points, moves, feeds = points[kept], [moves[k] for k in kept], feeds[kept]
+        pairs = list(zip(elements, [*elements[1:], None], strict=True))
+        elements = [e for n, (e, after) in enumerate(pairs) if not (n and e.rapid and after and after.rapid)]
+    at, place = 0, None
     if any(_FILLED in w for w in toolpath.warnings):  # rs274 begins at its zero, machopt where the program says so
         while elements and elements[0].rapid and np.linalg.norm(points[0] - elements[0].end) > tolerance:
             elements.pop(0)
-    at, place = 0, None
     for n, element in enumerate(elements):
         if place is None:
             place = element.end
@@ -90,11 +107,13 @@ def difference(toolpath: Toolpath, canon: Canon, tolerance: float) -> str:
         else:
             off = points[at] - element.end
             peck = (
-                moves[at] in (Move.APPROACH, Move.RETRACT) and element.rapid and np.count_nonzero(abs(off) > 1e-3) == 1
+                moves[at] in (Move.APPROACH, Move.RETRACT)
+                and element.rapid
+                and np.count_nonzero(abs(off) > tolerance) == 1
             )
             if np.linalg.norm(off) > (PECK_MM if peck else tolerance):
                 return f"move {n}: {points[at].round(4)}, rs274 {element.end.round(4)}"
-            fed = moves[at] == Move.CUT or math.isfinite(toolpath.feed[at])
+            fed = moves[at] == Move.CUT or math.isfinite(feeds[at])
             if fed == element.rapid:
                 return f"move {n}: {'cut' if fed else 'rapid'}, rs274 {'rapid' if element.rapid else 'cut'}"
             at += 1

@@ -66,6 +66,10 @@ class Writer:
         return str(self.rng.choice(np.array(forms)))
 
     def add(self, text: str) -> None:
+        words = text.split(" ")
+        plain = all((w[:1].isalpha() and w[:1] not in "oO") or w[:1] in "@^" for w in words) and "[" not in text
+        if plain and self.chance(0.3):  # the order of words in a block means nothing
+            text = " ".join(str(w) for w in self.rng.permutation(np.array(words)))
         form = int(self.rng.integers(0, 12))
         o_word = text[0] in "oO"  # LinuxCNC wants nothing before it
         if form == 0:
@@ -318,6 +322,60 @@ class Writer:
         self.add(f"G93 G1 {self.words('XYZ')} F{self.rng.integers(1, 9)}")
         self.add(f"G94 F{self.rng.integers(100, 900)}")
 
+    def nested(self) -> None:
+        """Subroutines that call each other, recursion, returns, names of their own and shared ones.
+
+        No return stands in a loop: LinuxCNC 2.9 then skips that loop in the next call.
+        """
+        self.label += 1
+        k = self.label
+        self.subs.append(
+            f"o<deep{k}> sub\n#<own>=[#1*2]\n#<_shared>=[#<_shared>+1]\no{k + 200} if [#1 GT 1]\n"
+            f"o<deep{k}> call [#1-1] [#2+1]\no{k + 200} endif\nG1 X#<own> Y#2\no<deep{k}> endsub\n"
+            f"o{k} sub\no{k + 300} repeat [3]\n#3=[#3+1]\nG1 Z#3\no{k + 300} endrepeat\n"
+            f"o{k + 400} if [#3 GT #1]\no{k} return [#3]\no{k + 400} endif\no<deep{k}> call [2] [#1]\no{k} endsub\n"
+        )
+        self.lines.append("#<_shared>=0")
+        self.lines.append(f"o<deep{k}> call [{self.rng.integers(1, 4)}] [{self.some()}]")
+        self.lines.append(f"o{k} call [{self.rng.integers(0, 5)}]")
+        self.lines.append("G1 X#<_value> Y#<_shared> Z[EXISTS[#<own>]]")
+        self.lines.append(f"#7={k}")
+        self.lines.append(f"o[#7] call [{self.rng.integers(0, 5)}]")
+
+    def turned_frames(self) -> None:
+        """G52 and G92 in a turned work offset."""
+        if self.plane != 17:
+            self.add("G17")
+            self.plane = 17
+        self.add(f"G10 L2 P{self.rng.integers(1, 4)} R{self.some(-180, 180)}")
+        self.straight()
+        self.add(f"{self.rng.choice(['G52', 'G92'])} {self.words('XYZ', -5, 5)}")
+        self.straight()
+        self.arc()
+        self.add(str(self.rng.choice(["G54", "G55", "G56"])))
+        self.straight()
+        self.add("G92.1")
+        self.polar()
+        self.cycle()
+        for p in (1, 2, 3):
+            self.lines.append(f"G10 L2 P{p} R0")
+        self.straight()
+
+    def cycles_in_a_row(self) -> None:
+        """Cycles that follow each other without G80, with words that stay and heights that change."""
+        a, b, n, _, _ = self.axes()
+        self.add(f"G0 {n}30")
+        self.add(f"G99 G81 {a}{self.some()} {b}{self.some()} {n}{self.some(-9, 1)} R{self.some(4, 9)}")
+        for _ in range(int(self.rng.integers(1, 5))):
+            code = str(self.rng.choice(["G82 P0.2", "G83 Q3.0137", "G81", "G85", "G98", "G99", ""]))
+            code += (
+                f" R{self.some(4, 9)} {n}{self.some(-9, 1)}" if code not in ("G98", "G99") else ""
+            )  # with each new cycle
+            self.add(f"{code.strip()} {a}{self.number(self.some())} {b}{self.some()}")
+        self.add(str(self.rng.choice(["G80", f"G0 {a}1", f"G1 {b}2"])))
+        self.add("G98")
+        self.straight()
+
     def tap(self) -> None:
         self.lines.append("S500 M3")
         self.add(f"G33.1 {self.words('XYZ')} K{self.number(0.5 if not self.inch else 0.02)}")
@@ -325,11 +383,12 @@ class Writer:
 
     def text(self) -> str:
         """The whole program."""
-        kinds: list[Callable[[], None]] = [
-            self.straight, self.straight, self.incremental, self.arc, self.arc, self.change_plane, self.polar,
-            self.parameters, self.branch, self.loop, self.subroutine, self.frames, self.frames, self.cycle, self.cycle,
-            self.units, self.tap, self.modes, self.quiet, self.inverse_time,
-        ]  # fmt: skip
+        kinds: tuple[Callable[[], None], ...] = (
+            *(self.straight, self.straight, self.incremental, self.arc, self.arc, self.change_plane, self.polar),
+            *(self.parameters, self.branch, self.loop, self.subroutine, self.nested, self.frames, self.frames),
+            *(self.turned_frames, self.cycle, self.cycle, self.cycles_in_a_row, self.units, self.tap, self.modes),
+            *(self.quiet, self.inverse_time),
+        )
         head = [HEAD, *(f"G10 L2 P{p} X{self.some()} Y{self.some()} Z{self.some()} R0" for p in (1, 2, 3)), "G54"]
         for _ in range(int(self.rng.integers(3, 12))):
             kinds[int(self.rng.integers(0, len(kinds)))]()
