@@ -197,8 +197,9 @@ def test_g92_at_the_start_says_where_the_tool_is(tmp_path: Path) -> None:
         "G1 X１0",
         "G1 X−5",
         "G1 Ｘ5",
+        "IF [1 EQ 1] THEN\nG1 X1\nENDIF",
+        "G65 P5 A1 G90\nM2\nO5\nG1 X1\nM99",
         "M98 P5 Q10\nM2\nO5\nG1 X1\nM99",
-        "G90 G0 X1 G65 P5\nM2\nO5\nG1 X1\nM99",
         "G2 X10 Y0 I5\nG33 Z1 K1",
     ],
 )
@@ -223,6 +224,7 @@ def test_what_would_move_points_otherwise_is_refused(tmp_path: Path, body: str) 
         ("G1 X1\nG0 Z50. M30\nG1 X9", (1, 0, 50)),
         ("#1=0\nN10 #1=#1+1\nG1 X#1\nIF [#1 LT 3] GOTO 10\nM30\nO2\nN10 G1 X99\nM99", (3, 0, 10)),
         ("M98 P100\nG1 Y2\nM30\nO100\nIF [1 EQ 1] THEN G0 X8 M99\nG1 Y9\nM99", (8, 2, 10)),
+        ("G90 G0 X2 G65 P100 A1.\nM30\nO100\nG91 G1 X#1\nG90\nM99", (3, 0, 10)),
         ("N1 M97 P50\nG1 Y3\nM30\nN50 G1 X4\nZ1 M99", (4, 3, 1)),
     ],
 )

@@ -146,3 +146,29 @@ def test_an_arc_that_turns_an_axis_without_tool_centre_point_control_is_refused(
     text = "G21 G90\nG0 X10 Y0 Z0 C0\nG3 X-10 Y0 I-10 J0 C90 F500\nM30\n"
     with pytest.raises(InputError, match="line 3"):
         read(tmp_path, text, "gcode", "table-ac@0,0,0")
+
+
+@pytest.mark.parametrize("words", ["ORIVECT", "ORIPLANE", "ORIVECT\nORIAXES\nORIVECT"])
+@pytest.mark.parametrize("cut", ["G1 X-10", "G3 X-10 Y0 I-10 J0"])
+def test_sinumerik_turns_the_axis_in_one_plane_where_the_program_says_so(tmp_path: Path, words: str, cut: str) -> None:
+    text = f"G71 G90 G17\nG0 A30 C0\nTRAORI\n{words}\nG0 X10 Y0 Z0\n{cut} A=30 C=90 F500\nTRAFOOF\nM30\n"
+    t = read(tmp_path, text, "siemens", "table-ac")
+    axis = t.axis[t.cutting]
+    normal = np.cross(tool_axis("table-ac", 30, 0), tool_axis("table-ac", 30, 90))
+    assert axis[-1] == pytest.approx(tool_axis("table-ac", 30, 90), abs=1e-9)
+    assert np.abs(axis @ normal).max() < 1e-9
+    if "G1" in cut:
+        assert len(axis) == 1
+    else:
+        steps = np.degrees(np.arccos(np.clip((axis[1:] * axis[:-1]).sum(axis=1), -1, 1)))
+        assert np.ptp(steps) < 1e-6  # evenly
+
+
+def test_heidenhain_path_control_by_vectors_is_not_divided(tmp_path: Path) -> None:
+    text = (
+        "0 BEGIN PGM T MM\n1 TOOL CALL 1 Z S1000\n"
+        "2 FUNCTION TCPM F TCP AXIS POS PATHCTRL {}\n3 L X+10 Y+0 Z+0 A+30 C+0 R0 FMAX\n"
+        "4 L X+10 F1000\n5 L X-10 A+30 C+90\n6 END PGM T MM\n"
+    )
+    assert read(tmp_path, text.format("VECTOR"), "heidenhain", "table-ac").cutting.sum() == 2
+    assert read(tmp_path, text.format("AXIS"), "heidenhain", "table-ac").cutting.sum() > 5

@@ -165,7 +165,8 @@ class ArcReader(ControlState):
             axes = turn.axes(np.arange(1, len(points) + 1) / len(points))
             self.out.add_arc(self.setup.points(points), axes, Move.CUT, feed, line)
         else:
-            self.out.add_arc(self.setup.points(points), axis, Move.CUT, feed, line, axis_before=self.axis)
+            before = self.axis_before_turn or self.axis
+            self.out.add_arc(self.setup.points(points), axis, Move.CUT, feed, line, axis_before=before)
         x, y, z = points[-1].tolist()
         self.p, self.axis = [x, y, z], axis
         self.segment = one if in_plane else None

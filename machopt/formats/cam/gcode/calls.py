@@ -17,6 +17,7 @@ OPERATION = re.compile(r"^[^\w$]*(?:OPER(?:ATION)?(?:[ _]*NAME)?|TOOLPATH|PATH)\
 _RUN_TOGETHER = re.compile(r"[XYZABCGIJKRFM]+\d\w*")
 _FRAMES = ("TRANS", "ATRANS", "ROT", "AROT", "SCALE", "ASCALE", "MIRROR", "AMIRROR")
 _KNOWN = ("SUPA", "TRAORI", "TRAFOOF", "TRAOOF", "MCALL", "CYCLE80", "TOROT", "TOFRAME")  # carried out
+_AXIS_WAYS = {"ORIVECT": True, "ORIPLANE": True, "ORIAXES": False, "ORIMACHAX": False}  # in one plane or by axes
 _DEFAULT_FGROUP = {"X", "Y", "Z"}
 
 
@@ -72,6 +73,8 @@ class CallReader(FrameReader):
         if _RUN_TOGETHER.fullmatch(name):
             raise self.source.error(f"found {name!r}; expected words such as X10.5 or G1", line)
         known = name in reviewed.SINUMERIK_CALLS or name in _KNOWN
+        if name in _AXIS_WAYS:
+            self.turns_in_plane = _AXIS_WAYS[name]
         if name == "FGROUP":
             known = {a.strip() for a in args.split(",") if a.strip()} in (set(), _DEFAULT_FGROUP)
         if not known and name != "FGROUP" and self.siemens and not b.words_but_number():

@@ -131,6 +131,10 @@ class MacroFlow(SubroutineFlow):
                     return at + 1
                 if found.group(2) == "GOTO":
                     return self._label(found.group(3), at)
+                if not found.group(3):
+                    raise FlowError(
+                        "IF … THEN over several blocks is not followed; expected THEN and a statement", line
+                    )
                 return self._step(at, found.group(3))
             if found := _WHILE.fullmatch(text):
                 if at not in self.ends:
@@ -211,11 +215,17 @@ class MacroFlow(SubroutineFlow):
         return rest, start + 1
 
     def _macro(self, at: int, text: str) -> tuple[str, int]:
+        """G65: words before it are carried out first, those behind it are the macro's arguments."""
         line = self.items[at][0]
-        found = [(c, float(re.sub(r"\s", "", n))) for c, n in _WORD.findall(_MACRO.sub(" ", text)) if c != "N"]
+        macro = _MACRO.search(text)
+        assert macro is not None
+        before = text[: macro.start()]
+        found = [(c, float(re.sub(r"\s", "", n))) for c, n in _WORD.findall(text[macro.end() :])]
         arguments = dict(found)
-        if len(arguments) < len(found) or arguments.keys() & {"G", "O"}:
-            raise FlowError("G65 with other G words or a letter twice: not followed; expected P, L and arguments", line)
+        if len(arguments) < len(found) or arguments.keys() & {"G", "O", "N"}:
+            raise FlowError(
+                "G65 with G, N or a letter twice behind it: not followed; expected P, L and arguments", line
+            )
         number, repeats = round(arguments.pop("P", -1.0)), round(arguments.pop("L", 1.0))
         start = self.programs.get(number)
         if start is None and str(number) in self.o_words:
@@ -224,4 +234,4 @@ class MacroFlow(SubroutineFlow):
             raise FlowError(f"G65 P{number} calls a macro that is not in this file: its motion is not known", line)
         own = {str(_ARGUMENT[c]): v for c, v in arguments.items() if c in _ARGUMENT}
         self._enter(at + 1, start, max(repeats, 1) - 1, line, own)
-        return "", start + 1
+        return before, start + 1

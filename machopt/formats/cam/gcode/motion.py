@@ -23,7 +23,7 @@ class MotionReader(HoleReader):
     """Carries out what the words of a block move."""
 
     def move(self, words: dict[str, float], b: Block) -> None:
-        self.turned_from = None
+        self.turned_from = self.axis_before_turn = None
         vector = self.vector(words, b)
         turns = vector is None and self.turn(words, b)
         polar = bool(b.named.keys() & {"AP", "RP"})
@@ -144,7 +144,7 @@ class MotionReader(HoleReader):
 
     def turn(self, words: dict[str, float], b: Block) -> bool:
         """Take the rotary words; True where the block has any."""
-        self.turned_from = None
+        self.turned_from, self.axis_before_turn = None, self.axis
         given: dict[str, float] = {}
         before_turn = dict(self.setup.angles)
         for letter in "ABC":

@@ -163,7 +163,7 @@ class OriginReader(MotionReader):
         if len(self.out) and (kind != 2.0 or not name or self.incremental or words.keys() & set("ABC")):
             raise self.source.error("G10 changes offsets in the middle of the path: not supported", line)
         if not name or self.incremental:
-            self.table.pop(active, None)
+            self.table.pop(name or active, None)
             return
         self.keep_first_place()
         place, angle = self.table.get(name, ([math.nan] * 3, 0.0))

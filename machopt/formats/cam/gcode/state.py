@@ -53,6 +53,8 @@ class ControlState:
         self.axis: Vector = _Z  # in the workpiece
         self.rotary_words = False  # a rotary word or tool vector was carried out
         self.turned_from: dict[str, float] | None = None  # rotary angles before a block that turns them (deg)
+        self.axis_before_turn: Vector | None = None  # the tool axis before such a block
+        self.turns_in_plane = False  # the tool axis turns in one plane, not on the path of the rotary axes
         self.shortest_turns = False  # rotary axes take the shortest way (Heidenhain's M126)
         self.motion: int | None = None
         self.plane = np.array(_Z)
@@ -193,7 +195,12 @@ class ControlState:
     def rotary_turn(self) -> RotaryTurn | None:
         """The turn of the rotary axes under tool-centre-point control in this block; None where there is none."""
         s = self.setup
-        if self.turned_from is None or s.tcp not in ("angles", "vector") or s.tilted == "aligned":
+        if (
+            self.turned_from is None
+            or self.turns_in_plane
+            or s.tcp not in ("angles", "vector")
+            or s.tilted == "aligned"
+        ):
             return None
         if s.machine is None or s.vector is not None:
             return None

@@ -66,6 +66,7 @@ class DefinitionReader(SentenceReader):
                 "post it with REFPNT TIP-TIP or TIP-CENTER",
                 line,
             )
+        self.turns_in_plane = re.search(r"\bPATHCTRL\s+VECTOR\b", text) is not None
         self.use_tcp("spatial" if re.search(r"\bAXIS\s+SPAT\b", text) else "angles", line)
 
     def end_tcpm(self, _: str, line: int) -> None:
