@@ -225,6 +225,8 @@ def test_what_would_move_points_otherwise_is_refused(tmp_path: Path, body: str) 
         ("#1=0\nN10 #1=#1+1\nG1 X#1\nIF [#1 LT 3] GOTO 10\nM30\nO2\nN10 G1 X99\nM99", (3, 0, 10)),
         ("M98 P100\nG1 Y2\nM30\nO100\nIF [1 EQ 1] THEN G0 X8 M99\nG1 Y9\nM99", (8, 2, 10)),
         ("G90 G0 X2 G65 P100 A1.\nM30\nO100\nG91 G1 X#1\nG90\nM99", (3, 0, 10)),
+        ("G1 X5\nM99 P5\nX6\nN5 Y7\nM30", (5, 7, 10)),
+        ("N5 G1 X5\nY2 P5 M99", (5, 2, 10)),
         ("N1 M97 P50\nG1 Y3\nM30\nN50 G1 X4\nZ1 M99", (4, 3, 1)),
     ],
 )

@@ -17,7 +17,7 @@ from machopt.formats.cam.gcode.guard import FlowError, StepGuard
 from machopt.formats.cam.gcode.owords import O_WITHIN, O_WORD, Item, SubroutineFlow, label_of
 
 NEEDS_FLOW = re.compile(
-    r"[#\[]|M\s*9[78](?!\d)|G\s*6[56](?![\d.])|M\s*73(?!\d)|\bGOTO\b|\bWHILE\b|\bDO\s*\d|[XYZABCFIJKPQR]\s*[-+]*\s*[A-Z]{2,5}\s*\["
+    r"[#\[]|M\s*9[78](?!\d)|G\s*6[56](?![\d.])|M\s*73(?!\d)|M\s*99\s*P|P\s*\d+\s*M\s*99(?!\d)|\bGOTO\b|\bWHILE\b|\bDO\s*\d|[XYZABCFIJKPQR]\s*[-+]*\s*[A-Z]{2,5}\s*\["
     r"|^[ \t]*(?:N\d+[ \t]*)?O[ \t]*(?:[<\[#]|\d+[ \t]*[A-Z])",
     re.IGNORECASE | re.MULTILINE,
 )
@@ -175,7 +175,10 @@ class MacroFlow(SubroutineFlow):
         to = re.search(r"P\s*(\d+)(?:\.0*(?!\d))?", text)
         rest = _RETURN.sub(" ", text if to is None else text.replace(to.group(), " "))
         if not self.calls:
-            return (text, len(self.items)) if to is None else (rest, self._label(to.group(1), at))
+            goal = len(self.items) if to is None else self._label(to.group(1), at)
+            if goal > at:
+                return (text, goal) if to is None else (rest, goal)
+            return f"{rest} M30", len(self.items)  # the program begins again: once is its path
         call = self.calls[-1]
         if call.repeats and to is None:
             call.repeats -= 1
