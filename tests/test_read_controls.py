@@ -428,3 +428,10 @@ def test_options_without_effect_on_g_code_are_refused(tmp_path: Path, options: d
     with pytest.raises(InputError, match="no effect"):
         read(tmp_path, HEAD + "G1 X1\nM2\n", **options)
     assert len(read(tmp_path, HEAD + "G1 X1\nM2\n", machine="table-ac").warnings) == 1
+
+
+def test_increments_from_the_start_count_from_zero(tmp_path: Path) -> None:
+    for first in ("G91\nG0 X0 Y0 Z5", "G0 Z5\nG91"):
+        t = read(tmp_path, f"G21 G90\n{first}\nG1 X5 F50\nY2\nX3\nM2\n")
+        assert cut_length(t) == pytest.approx(10.0)
+        assert end(t) == [8, 2, 5]
