@@ -203,7 +203,7 @@ class _Table:
         near = difflib.get_close_matches(column.lower(), [k for k in known if k not in header], 1, 0.8)
         if near:
             raise self.source.error(f"unknown column {column!r}; did you mean {near[0]!r}?", self.header_line)
-        self.out.ignore(f"column {column}", self.header_line, understood=False)
+        self.out.ignore(f"column {column}", self.header_line, understood=False, stops=False)
 
     def wanted_numbers(self) -> dict[str, bool]:
         return {column: name in _OPTIONAL for name, column in self.names.items() if name not in _WORDS}

@@ -79,7 +79,7 @@ class _Reader:
         self.axis_layout = self.layout_of_axes(records)
         for record in records:
             if self.ended:
-                self.out.ignore("records after the end", record.line, understood=False)
+                self.out.ignore("records after the end", record.line, understood=False, stops=False)
                 continue
             try:
                 self.record(record)

@@ -14,7 +14,7 @@ from machopt.domain.program import Controller
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.formats.pathbuilder import PathBuilder
 from machopt.formats.programs.joints import urdf_joints
-from machopt.formats.programs.parsed import ParsedProgram
+from machopt.formats.programs.parsed import LINEAR, ParsedProgram
 from machopt.formats.programs.rotations import inverted
 from machopt.formats.source import TOOL_AXES, ReadOptions, Source
 
@@ -89,6 +89,12 @@ def to_toolpath(
             out.event(events[told].kind, events[told].text, events[told].value)
             told += 1
         line = int(program.line[k])
+        if not known[k] and program.kind[k] == LINEAR and program.move[k] == Move.CUT:
+            raise source.error(
+                "a linear move to joint positions, whose place is not known without the robot: with a cell it is "
+                "(optimize has one, inspect takes one with --cell); or post it with a Cartesian target",
+                line,
+            )
         if not known[k]:
             out.ignore("joint move (no place without the robot)", line, understood=True)
             away = line if len(out) else 0
@@ -113,7 +119,7 @@ def to_toolpath(
         out.event(event.kind, event.text, event.value)
     for word in program.ignored:
         for _ in range(word.count):
-            out.ignore(word.word, word.first_line, understood=word.understood)
+            out.ignore(word.word, word.first_line, understood=word.understood, stops=word.stops)
     out.warnings.extend(w for w in program.warnings if not w.startswith("not understood"))
     _warn_upside_down(out, sign * T[known & (program.move == Move.CUT), 2, column], options.tool_axis)
     out.meta |= {

@@ -54,6 +54,7 @@ class CycleWords:
     next_peck: float = 0.0
     dwell: float = 0.0
     deep: bool = False
+    retract_to_start: bool = False  # NX RTRCTO,AUTO: to the height that the tool had before the cycle
     unknown: tuple[str, ...] = ()
 
 
@@ -75,6 +76,7 @@ def parse_cycle(parts: list[str], order: tuple[str, ...] = POSITIONAL) -> CycleW
     feed_word: str | None = None
     loose: list[float] = []
     unknown: list[str] = []
+    to_start = False
     deep = name.startswith(("DEEP", "BRKCHP")) or "DEEP" in parts or "BRKCHP" in parts
     k = 1
     while k < len(parts):
@@ -93,6 +95,9 @@ def parse_cycle(parts: list[str], order: tuple[str, ...] = POSITIONAL) -> CycleW
                 values["FEED"] = loose.pop()
         elif word in (*_DEPTH, *_CLEAR, *_RETRACT, *_FIRST, *_NEXT, "DWELL") and value is not None:
             values[word] = value
+            k += 1
+        elif word == "RTRCTO" and parts[k : k + 1] == ["AUTO"]:
+            to_start = True
             k += 1
         elif word == "ORIENT" and value is not None:
             k += 1  # angle of the spindle
@@ -131,6 +136,7 @@ def parse_cycle(parts: list[str], order: tuple[str, ...] = POSITIONAL) -> CycleW
         next_peck=pick(_NEXT) or 0.0,
         dwell=found["dwell"] or 0.0,
         deep=deep,
+        retract_to_start=to_start,
         unknown=tuple(unknown),
     )
 
@@ -155,7 +161,9 @@ def hole_cycle(words: CycleWords, *, signed_depth: bool, scale: float, feed: flo
         name=words.name,
         bottom=bottom * scale,
         clear=words.clear * scale,
-        retract=max(words.clear if words.retract is None else words.retract, words.clear) * scale,
+        retract=None
+        if words.retract_to_start
+        else max(words.clear if words.retract is None else words.retract, words.clear) * scale,
         feed=feed,
         first_peck=(words.first_peck or words.next_peck) * scale if words.deep else 0.0,
         next_peck=words.next_peck * scale if words.deep else 0.0,

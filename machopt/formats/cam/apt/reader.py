@@ -17,14 +17,16 @@ from machopt.formats.cam import reviewed
 from machopt.formats.cam.apt.cycles import FEED_UNITS, NO_SPEED, HsmCycle, hole_cycle, parse_cycle
 from machopt.formats.cam.apt.dialect import Dialect, unit_of
 from machopt.formats.cam.apt.fast import plain_gotos, takes_plain_gotos
+from machopt.formats.cam.apt.inserted import AUXILIARY, holds_nc_words
 from machopt.formats.cam.apt.systems import SystemReader
 from machopt.formats.cam.apt.tokens import COMMENT, fields, number, numbers, numbers_or_none, statement_at
 from machopt.formats.cam.apt.words import REFUSED
 from machopt.formats.frames import Frame, FrameError
 from machopt.formats.holecycle import CycleError
-from machopt.formats.source import ReadOptions, Source
+from machopt.formats.source import ReadOptions, Source, word_key
 
 _OPERATION_COMMENT = re.compile(r"\s*(?:OPERATION(?: NAME)?|OPNAME)\s*[:=]\s*(.+)", re.IGNORECASE)
+SLOWEST_PER_MINUTE = 5.0  # mm/min; twice the largest feed per revolution of drills, below that of any milling cut
 _ROW = 4  # numbers in one line of a CATIA matrix
 Handler = Callable[[str, str, int], None]
 
@@ -79,6 +81,10 @@ class _Reader(SystemReader):
             "TRACUT": self.coordinate_word,
             "COPY": self.coordinate_word,
             "MIRROR": self.coordinate_word,
+            "ROTATE": self.coordinate_word,
+            "ROTHED": self.coordinate_word,
+            "PREFUN": self.function_code,
+            "AUXFUN": self.function_code,
             "CIRCLE": self.circle,
             "MOVARC": self.circle,
             "INDIRV": self.circle,
@@ -100,7 +106,7 @@ class _Reader(SystemReader):
 
     def carry_out(self, line: int, word: str, rest: str, handlers: dict[str, Handler]) -> None:
         if self.ended and word not in (COMMENT, "TOOL PATH", "FINI"):
-            self.out.ignore("text after the end", line, understood=False)
+            self.out.ignore("text after the end", line, understood=False, stops=False)
             return
         try:
             if word == "GOTO":
@@ -117,7 +123,7 @@ class _Reader(SystemReader):
             if line != len(self.source.lines) or self.source.complete or self.ended:
                 raise self.source.error(f"{word[:20]}: {problem}", line) from problem
             self.out.cut_off = f"line {line}: the last line is cut off and was left out ({problem})"
-            self.out.ignore("cut-off last line", line, understood=False)
+            self.out.ignore("cut-off last line", line, understood=False, stops=False)
 
     def finish(self, last_line: int) -> Toolpath:
         if self.curves.spline_open:
@@ -150,11 +156,27 @@ class _Reader(SystemReader):
             if strange:
                 return
             raise ValueError("no number; expected e.g. FEDRAT/600,MMPM")
-        self.feed, self.per_revolution = self.feed_in_mm(value, unit)
+        self.feed, self.per_revolution = self.feed_in_mm(value, unit, line)
 
-    def feed_in_mm(self, value: float, unit: str | None) -> tuple[float, bool]:
+    def feed_in_mm(self, value: float, unit: str | None, line: int) -> tuple[float, bool]:
+        """A feed in mm/min or mm per revolution, and which of both it is; NaN where ``--feed`` stands in for it.
+
+        Raises:
+            InputError: it names no unit and is as small as feeds per revolution are.
+        """
         scale, per_revolution = FEED_UNITS[unit] if unit else (None, False)
-        return value * (self.scale if scale is None else scale), per_revolution
+        feed = value * (self.scale if scale is None else scale)
+        if unit is None and 0.0 < feed < SLOWEST_PER_MINUTE:
+            if self.options.default_feed is None:
+                raise self.source.error(
+                    f"the feed {value:g} names no unit: per minute it is slower than any cut, per revolution the file "
+                    "does not say so. Expected MMPM or MMPR (IPM or IPR) behind it, or the feed of these cuts with "
+                    "--feed MM_MIN",
+                    line,
+                )
+            self.out.warn_once("feeds without a unit that look like feeds per revolution take the given feed", line)
+            feed = math.nan
+        return feed, per_revolution
 
     def spindle(self, word: str, rest: str, line: int) -> None:
         parts = fields(rest)
@@ -184,10 +206,11 @@ class _Reader(SystemReader):
             self.cycle = self.last_cycle
             return
         words = parse_cycle(parts, self.options.cycle_order)
+        self.back_to = None
         for strange in words.unknown:
             self.out.ignore(f"CYCLE/{words.name},{strange}", line, understood=False)
         if words.feed is not None:
-            feed, per_revolution = self.feed_in_mm(words.feed, words.feed_word)
+            feed, per_revolution = self.feed_in_mm(words.feed, words.feed_word, line)
         else:
             feed, per_revolution = self.feed, self.per_revolution
         if per_revolution:
@@ -272,7 +295,20 @@ class _Reader(SystemReader):
     def insert(self, word: str, rest: str, line: int) -> None:
         if rest.startswith("["):
             self.tool_text = rest.partition("]")[2].strip() or rest
+        if holds_nc_words(rest):  # the post copies the text into its program
+            self.out.ignore(f"INSERT/{' '.join(rest.split())[:40]}", line, understood=False)
         self.out.event("comment", rest)
+
+    def function_code(self, word: str, rest: str, line: int) -> None:
+        """PREFUN/n writes Gn, AUXFUN/n writes Mn into the program: read are codes that move nothing."""
+        code = number((fields(rest) or [""])[0])
+        if code is None:
+            known = False
+        elif word == "PREFUN":
+            known = round(code * 10) in reviewed.G
+        else:
+            known = round(code) in reviewed.M or round(code) in AUXILIARY
+        self.out.ignore(word if known else f"{word}/{rest.strip()[:20]}", line, understood=known)
 
     def tool_number(self, word: str, rest: str, line: int) -> None:
         if "TURN" in fields(rest):
@@ -304,10 +340,25 @@ class _Reader(SystemReader):
 
     def set_mode(self, word: str, rest: str, line: int) -> None:
         parts = fields(rest)
-        if "INCR" in parts or "ABSOL" in parts:
-            self.incremental = "INCR" in parts
+        if "INCR" in parts:
+            self.ask_for_increments("SET/MODE,INCR", line)
         name = parts[0] if parts else ""
         self.out.ignore(f"SET/{name[:20]}", line, understood=name in reviewed.APT_SET)
+
+    def ask_for_increments(self, word: str, line: int) -> None:
+        """INCR: an order to the post to write increments (NX), whose GOTO stay absolute, or GOTO in increments.
+
+        Raises:
+            InputError: the user has not said which.
+        """
+        if word_key(word) not in self.options.accept_unknown:
+            raise self.source.error(
+                f"{word}: it tells the post to write increments while GOTO stays absolute (NX), or it says that GOTO "
+                f"itself counts in increments. Give --accept-unknown {word} where GOTO stays absolute; expected "
+                "absolute points otherwise",
+                line,
+            )
+        self.out.ignore(word, line, understood=False)
 
     def units(self, word: str, rest: str, line: int) -> None:
         """A further UNITS statement holds for what follows (HSM/Fusion writes one a section)."""
@@ -319,8 +370,8 @@ class _Reader(SystemReader):
 
     def mode(self, word: str, rest: str, line: int) -> None:
         parts = fields(rest)
-        if "INCR" in parts or "ABSOL" in parts:
-            self.incremental = "INCR" in parts
+        if "INCR" in parts:
+            self.ask_for_increments("MODE/INCR", line)
         if "TURN" in parts:
             self.tool_number(word, rest, line)
         else:

@@ -11,6 +11,7 @@ from machopt.formats.cam.gcode.frames import FrameReader
 from machopt.formats.cam.gcode.motion import TANGENTIAL, THROUGH
 from machopt.formats.cam.gcode.patterns import MOST_HOLES, circle, row
 from machopt.formats.cam.gcode.words import REFUSED_CALLS
+from machopt.formats.source import word_key
 
 # not Sinumerik's ;$PATH=/_N_WKS_DIR, a folder of the control
 OPERATION = re.compile(r"^[^\w$]*(?:OPER(?:ATION)?(?:[ _]*NAME)?|TOOLPATH|PATH)\s*[:=]\s*(.*?)[\s*]*$", re.IGNORECASE)
@@ -74,10 +75,11 @@ class CallReader(FrameReader):
         known = name in reviewed.SINUMERIK_CALLS or name in _KNOWN
         if name == "FGROUP":
             known = {a.strip() for a in args.split(",") if a.strip()} in (set(), _DEFAULT_FGROUP)
-        if not known and name != "FGROUP" and self.siemens and not b.words_but_number():
+        accepted = word_key(name) in self.options.accept_unknown
+        if not known and not accepted and name != "FGROUP" and self.siemens and not b.words_but_number():
             raise self.source.error(
                 f"{name} is no word that is known here: a subprogram of that name moves the axes, and it is not in "
-                "this file. Append it or expand it; take the word out where it moves nothing",
+                f"this file. Append it or expand it; where it moves nothing: --accept-unknown {name}",
                 line,
             )
         self.out.ignore(name, line, understood=known)

@@ -99,6 +99,8 @@ class ProgramReader(AuxiliaryReader):
         unit, self.unit_from = self.first_unit(source, options)
         super().__init__(source, options, unit)
         self.out.meta.update(unit=unit, unit_from=self.unit_from)
+        if self.siemens:
+            self.out.meta["control"] = "sinumerik"
         self.ended = False
         self.listing = 0  # "====" lines of an information listing; the program starts after the second
         self.closed = False  # a % after the program began

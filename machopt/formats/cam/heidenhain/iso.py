@@ -85,7 +85,7 @@ class _Reader(ControlReader):
             self.ended = True
             return
         cycle = re.match(r"G(2\d\d)(?![\d.])", text)
-        if cycle or text.startswith("Q"):
+        if cycle or _Q.match(text):
             if cycle:
                 self.begin_q_cycle(int(cycle.group(1)), line)
             for number, v in _Q.findall(text):
