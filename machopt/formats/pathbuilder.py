@@ -85,6 +85,7 @@ class PathBuilder:
         line: NDArray[np.int32],
         labels: list[tuple[int, str]],
         tools: Mapping[int, str] | None = None,
+        from_cycle: NDArray[np.bool_] | None = None,
     ) -> None:
         """Append a whole table.
 
@@ -93,12 +94,15 @@ class PathBuilder:
             move, line: (N,) Move codes and source lines.
             labels: first row and label of each operation; none: they go on in the present one.
             tools: of operations by their first row.
+            from_cycle: (N,) rows that are strokes of a drilling cycle; none by default.
         """
         lacking = np.flatnonzero((move == Move.CUT) & ~(numbers[:, 6] > 0.0))
         for row in lacking.tolist():
             numbers[row, 6] = self.feed_fallback(float(numbers[row, 6]), int(line[row]))
         codes = np.zeros((len(numbers), 4), dtype=np.int32)
         codes[:, 0], codes[:, 2] = move, line
+        if from_cycle is not None:
+            codes[:, 3] = from_cycle
         stops = [start for start, _ in labels[1:]] + [len(numbers)]
         for (start, label), stop in zip(labels or [(0, "")], stops, strict=True):
             if labels:
