@@ -139,6 +139,7 @@ class _Reader:
         kind = JOINT if motion.group(1) == "J" else LINEAR
         tail, incremental = re.subn(r"\bINC\b,?", " ", motion.group(4), flags=re.IGNORECASE)
         feed, blend = self.tail(tail, line, part)
+        tail = _SWITCHES.sub(" ", tail)  # their seconds are no time of the move
         if incremental:
             self.step(found, kind, feed, blend, line, part)
             return
