@@ -118,8 +118,9 @@ HEIDENHAIN_CYCLES: dict[int, str] = {
     9: "dwell, kept as an event",
     13: _SPINDLE,
     32: _SMOOTH,
+    238: "measures the state of the machine's axes",
     239: "the load on the table, for the control's drives",
-    332: _SMOOTH,
+    **dict.fromkeys((332, 392), _SMOOTH),
     247: "the datum preset; another one than the first is a work offset",
 }
 DIN_ISO: dict[int, str] = {

@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from machopt.arrays import Array
 from machopt.domain.toolpath import Move
 from machopt.formats.cam.gcode.arcmotion import ArcReader
 from machopt.formats.cam.gcode.blocks import Block
 from machopt.formats.cam.gcode.cycles import Canned
+from machopt.formats.cam.gcode.state import AXES
 from machopt.formats.holecycle import CycleError, HoleCycle, drill
 
 _Z = (0.0, 0.0, 1.0)
@@ -34,6 +37,10 @@ class HoleReader(ArcReader):
                 raise self.source.error(self.setup.nowhere or f"G{code} begins where Z is not known", b.line)
             self.canned = Canned(initial=self.p[2])
         self.canned.code = code
+
+    def depth_axis(self) -> int:
+        """Index of the axis that cycles drill along: the normal of the working plane."""
+        return int(np.argmax(np.abs(self.plane)))
 
     def cycle_of_block(self, words: dict[str, float], b: Block) -> HoleCycle | None:
         if self.canned is None:
@@ -78,17 +85,23 @@ class HoleReader(ArcReader):
                 repeats = round(words.pop(letter))
         if repeats > 10_000:
             raise CycleError(f"{repeats} repeats of one cycle; the limit is 10000")
-        x, y = (self.p[0], self.p[1]) if target is None else (target[0], target[1])
-        if math.isnan(x) or math.isnan(y):
-            raise self.source.error("a drilling cycle where X or Y is not known", b.line)
-        dx, dy = (x - self.p[0], y - self.p[1]) if self.incremental else (0.0, 0.0)
+        along = self.depth_axis()
+        place = self.p if target is None else target
+        across = [k for k in range(3) if k != along]
+        if any(math.isnan(place[k]) for k in across):
+            raise self.source.error(
+                f"a drilling cycle where {' or '.join(AXES[k] for k in across)} is not known", b.line
+            )
+        step = [place[k] - self.p[k] if self.incremental and k != along else 0.0 for k in range(3)]
+        normal = self.setup.direction((float(along == 0), float(along == 1), float(along == 2)))
         for n in range(repeats):
-            hole = (x + n * dx, y + n * dy, 0.0)
+            hole = [0.0 if k == along else place[k] + n * step[k] for k in range(3)]
             before = None
             if not any(math.isnan(v) for v in self.p):
                 before = self.setup.point((self.p[0], self.p[1], self.p[2]))
-            height = drill(self.out, cycle, self.setup.point(hole), self.setup.direction(_Z), b.line, before)
-            self.p, self.lost = [hole[0], hole[1], height], [""] * 3
+            height = drill(self.out, cycle, self.setup.point((hole[0], hole[1], hole[2])), normal, b.line, before)
+            hole[along] = height
+            self.p, self.lost = hole, [""] * 3
         if self.once == b.line:
             self.modal_call = None
 

@@ -91,6 +91,8 @@ class _Reader(ControlReader):
             for number, v in _Q.findall(text):
                 self.q[int(number)] = value(v)
             return
+        if " COMPUTED" in text:
+            text = self.computed(text, line)
         if _MIRROR.fullmatch(text):  # its axes stand without numbers; none: off
             self.mirror_axes(text[text.index("G28") + 3 :], "G28", line)
             return
@@ -159,7 +161,8 @@ class _Reader(ControlReader):
         elif special == 54:
             self.shift_datum({("I" if self.incremental else "") + k: v for k, v in words.items() if k in "XYZ"}, b.line)
         elif special == 73:
-            self.turn_plane(words.get("H", 0.0), b.line)
+            more = self.turned_by if self.incremental else 0.0  # G73 G91 H: on top of the rotation in force
+            self.turn_plane(words.get("H", 0.0) + more, b.line)
         elif special == 80:
             self.tilt_angles({k: v for k, v in words.items() if k in "ABC"}, b.line)
         elif special != 98:
