@@ -6,10 +6,12 @@ that the file does not use, a word that it does not hold.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
+from machopt.formats.pathbuilder import USED, USED_OFFSETS
 from machopt.formats.source import ReadOptions, word_key
 
 APT, G_CODE, SINUMERIK, HEIDENHAIN, NCI, ROBOT, TABLE = (
@@ -35,6 +37,12 @@ APPLIES = {  # option → kinds of files that it can have an effect on
     "--tool-axis": (ROBOT, TABLE),
     "--kind": (TABLE,),
 }
+TRACKED = (
+    "--feed",
+    "--cycle-order",
+    "--tool-axis",
+    "--machine",
+)  # readers note in ``used_options`` where they take them
 DEFAULTS = {"tool_axis": "-z", "cycle_order": ("depth", "clear", "retract")}
 
 
@@ -48,8 +56,11 @@ def kind_of(toolpath: Toolpath) -> str:
     )
 
 
-def check_options(path: Path, toolpath: Toolpath, options: ReadOptions) -> None:
-    """Refuse options that have no effect on a file.
+def check_options(path: Path, toolpath: Toolpath, options: ReadOptions) -> Toolpath:
+    """Refuse options that can have no effect on a kind of file; warn of those without effect on this one.
+
+    Returns:
+        The toolpath with its warnings.
 
     Raises:
         InputError: names the option, the kind of file, and what the option applies to.
@@ -64,6 +75,12 @@ def check_options(path: Path, toolpath: Toolpath, options: ReadOptions) -> None:
                 where=option,
             )
     _check_words(path, toolpath, options)
+    meta = dict(toolpath.meta)
+    _check_offsets(path, meta.pop(USED_OFFSETS, "").split("\n"), options)
+    used = meta.pop(USED, "").split()
+    idle = [o for o in given_options(options) if o in TRACKED and o not in used]
+    warnings = tuple(f"{o} has no effect on this file" for o in idle)
+    return replace(toolpath, meta=meta, warnings=(*toolpath.warnings, *warnings))
 
 
 def given_options(options: ReadOptions) -> list[str]:
@@ -92,4 +109,13 @@ def _check_words(path: Path, toolpath: Toolpath, options: ReadOptions) -> None:
             f"the file has no unknown word {lacking[0]!r}; its unknown words: {known}",
             file=path,
             where="--accept-unknown",
+        )
+
+
+def _check_offsets(path: Path, used: list[str], options: ReadOptions) -> None:
+    unused = [name for name, _ in options.offsets if name not in used]
+    if unused:
+        named = ", ".join(n for n in used if n) or "none"
+        raise InputError(
+            f"--offset {unused[0]} has no effect: the program names no such work offset (it names: {named})", file=path
         )

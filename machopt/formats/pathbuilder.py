@@ -17,6 +17,8 @@ from machopt.formats.pathchecks import ArcSpan, arc_directions, check_extent, ch
 from machopt.formats.source import ReadOptions, Source, word_key
 
 MAX_EVENT_TEXT = 200
+USED = "options_used"  # key of ``meta`` between a reader and :mod:`machopt.formats.optionuse`, as is the next one
+USED_OFFSETS = "offsets_used"
 FAST_MM_MIN = 100e3  # no robot cuts faster: a slip of units, or a placeholder
 MAX_POINTS = 10_000_000  # 0.7 GB: beyond it a loop or a radius is a fault
 Vector = tuple[float, float, float]
@@ -40,6 +42,7 @@ class PathBuilder:
     _offsets: list[tuple[int, str]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     meta: dict[str, str] = field(default_factory=dict)
+    used_options: set[str] = field(default_factory=set)  # options that had an effect
     used_offsets: set[str] = field(default_factory=set)  # work offsets that the program names
     cut_off: str | None = None  # why the file looks as if a part of it were missing
 
@@ -170,6 +173,7 @@ class PathBuilder:
             raise self.source.error(
                 "cutting move without a feed; expected a feed word before it, or give one with --feed MM_MIN", line
             )
+        self.used_options.add("--feed")
         self.warn_once("cutting moves without a feed of their own take the given default feed")
         return self.options.default_feed * 60e3
 
@@ -302,7 +306,10 @@ class PathBuilder:
                 f"no plan is made from this file, because these words may move points or frames: {_some(stopping)}. "
                 "--accept-unknown WORD accepts one that moves nothing"
             )
-        self._refuse_unused_offsets()
+        if self.options.offsets:
+            self.meta[USED_OFFSETS] = "\n".join(sorted(self.used_offsets))
+        if self.used_options:
+            self.meta[USED] = " ".join(sorted(self.used_options))
         if self.cut_off is not None:
             if self.options.strict:
                 raise self.source.error(f"the file seems incomplete, and strict reading was asked for: {self.cut_off}")
@@ -327,14 +334,6 @@ class PathBuilder:
             meta=dict(self.meta),
             offsets=tuple((first, name) for first, name in self._offsets if first < n),
         )
-
-    def _refuse_unused_offsets(self) -> None:
-        unused = [name for name, _ in self.options.offsets if name not in self.used_offsets]
-        if unused:
-            used = ", ".join(sorted(self.used_offsets)) or "none"
-            raise self.source.error(
-                f"--offset {unused[0]} has no effect: the program names no such work offset (it names: {used})"
-            )
 
     def _unit_axes(self, axis: Array, line: NDArray[np.int32]) -> Array:
         length = np.sqrt(np.einsum("ij,ij->i", axis, axis))

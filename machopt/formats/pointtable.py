@@ -284,6 +284,7 @@ class _Table:
             off = np.abs(np.linalg.norm(values, axis=1) - 1.0) > UNIT_QUATERNION
             if off.any():
                 raise self.error("the quaternion is not of unit length", int(np.argmax(off)), ", ".join(one.columns))
+        self.out.used_options.add("--tool-axis")
         self.out.meta["attitude"] = f"{one.words}; tool axis {self.options.tool_axis}"
         return rotations(self.attitude, values)
 

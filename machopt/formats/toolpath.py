@@ -100,9 +100,7 @@ def read_toolpath(
         raise InputError(
             "the cell itself has offsets, and says where they lie; without --offset it would work", where="--offset"
         )
-    toolpath = _read(path, options, robot)
-    check_options(path, toolpath, options)
-    return toolpath
+    return check_options(path, _read(path, options, robot), options)
 
 
 def _read(path: Path, options: ReadOptions, robot: KnownRobot | None) -> Toolpath:

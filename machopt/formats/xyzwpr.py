@@ -48,6 +48,7 @@ def read_xyzwpr(source: Source, options: ReadOptions) -> Toolpath:
     out = PathBuilder(source=source, options=options, format="csv/xyzwpr")
     column, sign = TOOL_AXES[options.tool_axis]
     out.meta.update(unit="mm", attitude=f"R = Rz(r) Ry(p) Rx(w), degrees; tool axis {options.tool_axis}")
+    out.used_options.update(("--feed", "--tool-axis"))
     out.warn("no header: rows are read as x, y, z (mm), w, p, r (degrees about fixed X, Y, Z), all of them cuts")
     if width == 7:
         out.ignore("column 7 (running number)", first, understood=True)

@@ -72,6 +72,7 @@ def to_toolpath(
     if options.unit not in (None, "mm"):
         raise source.error(f"robot programs are in mm (URScript in m), but --unit {options.unit} was given")
     out = PathBuilder(source=source, options=options, format=f"robot/{program.dialect}")
+    out.used_options.add("--tool-axis")
     T, known = _in_first_base(program, source, out)
     base = program.bases[int(program.base[known][0])].name if known.any() else ""
     rows = np.flatnonzero(~known & np.isfinite(program.axes_deg).all(axis=1))

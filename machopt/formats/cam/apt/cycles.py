@@ -55,6 +55,7 @@ class CycleWords:
     dwell: float = 0.0
     deep: bool = False
     retract_to_start: bool = False  # NX RTRCTO,AUTO: to the height that the tool had before the cycle
+    loose: bool = False  # numbers without a word of their own
     unknown: tuple[str, ...] = ()
 
 
@@ -110,6 +111,8 @@ def parse_cycle(parts: list[str], order: tuple[str, ...] = POSITIONAL) -> CycleW
         elif word and word not in _FLAGS:
             unknown.append(word)
 
+    has_loose = bool(loose)
+
     def pick(names: tuple[str, ...]) -> float | None:
         return next((values[n] for n in names if n in values), None)
 
@@ -137,6 +140,7 @@ def parse_cycle(parts: list[str], order: tuple[str, ...] = POSITIONAL) -> CycleW
         dwell=found["dwell"] or 0.0,
         deep=deep,
         retract_to_start=to_start,
+        loose=has_loose,
         unknown=tuple(unknown),
     )
 

@@ -105,7 +105,8 @@ class CallReader(FrameReader):
     def pattern(self, name: str, text: str, line: int) -> None:
         """HOLES1(SPCA, SPCO, STA1, FDIS, DBH, NUM): a row; HOLES2(CPA, CPO, RAD, STA1, INDA, NUM): a circle.
 
-        Places are in the axes of the working plane: X, Y in G17; Z, X in G18; Y, Z in G19. The modal cycle (MCALL) is carried out at every hole.
+        Places are in the axes of the working plane: X, Y in G17; Z, X in G18; Y, Z in G19. The modal cycle (MCALL) is
+        carried out at every hole.
         """
         if self.modal_call is None:
             raise self.source.error(f"{name} without a modal cycle (MCALL CYCLE81 …) before it", line)

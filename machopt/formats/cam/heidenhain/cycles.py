@@ -1,4 +1,7 @@
-"""Heidenhain's drilling cycles as stroke plans: 1, 2, 17 and 200 … 209, 240, 241. Heights in mm over the program's z = 0."""
+"""Heidenhain's drilling cycles as stroke plans: 1, 2, 17, 200 to 209, 240 and 241.
+
+Heights are in mm over the program's z = 0.
+"""
 
 from __future__ import annotations
 
