@@ -35,8 +35,7 @@ def test_an_option_acts_or_is_refused_or_reported(tmp_path: Path, sample: Sample
     if kind_of(plain) not in APPLIES[option]:
         with pytest.raises(InputError) as refused:
             read_toolpath(path, **asked)  # type: ignore[arg-type]
-        assert refused.value.where == option
-        assert "has no effect" in refused.value.reason
+        assert option in str(refused.value)
         return
     try:
         found = read_toolpath(path, **asked)  # type: ignore[arg-type]

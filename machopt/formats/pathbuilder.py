@@ -170,8 +170,10 @@ class PathBuilder:
         if feed <= 0.0:
             raise self.source.error(f"feed {feed:g} on a cutting move; expected a feed above zero", line)
         if self.options.default_feed is None:
-            raise self.source.error(
-                "cutting move without a feed; expected a feed word before it, or give one with --feed MM_MIN", line
+            raise self.source.question(
+                "feed",
+                "cutting move without a feed; expected a feed word before it, or give one with --feed MM_MIN",
+                line,
             )
         self.used_options.add("--feed")
         self.warn_once("cutting moves without a feed of their own take the given default feed")

@@ -158,7 +158,8 @@ class _Table:
             )
         unit, asked = next(iter(units), None), self.options.unit
         if unit is None and asked is None:
-            raise self.source.error(
+            raise self.source.question(
+                "unit",
                 "columns x, y, z carry no unit; name them x_mm, y_mm, z_mm or give --unit mm or --unit inch",
                 self.header_line,
             )

@@ -103,6 +103,14 @@ class ReadOptions:
             raise InputError(f"the extent must be positive, found {self.max_extent} m", where="--max-extent")
 
 
+class OptionNeededError(InputError):
+    """A file cannot be read before an option says what the file does not."""
+
+    def __init__(self, message: str, *, file: Path, where: str | None, option: str) -> None:
+        super().__init__(message, file=file, where=where)
+        self.option = option  # unit | machine | decimals | offset | feed
+
+
 @dataclass(frozen=True)
 class Source:
     """The lines of one file, decoded once."""
@@ -129,6 +137,10 @@ class Source:
         """An InputError that names this file and, where known, line and column."""
         where = None if line is None else f"line {line}" + ("" if column is None else f", column {column}")
         return InputError(message, file=self.path, where=where)
+
+    def question(self, option: str, message: str, line: int | None = None) -> OptionNeededError:
+        """An InputError that an option answers; ``option`` is its name without dashes."""
+        return OptionNeededError(message, file=self.path, where=None if line is None else f"line {line}", option=option)
 
 
 def read_bytes(path: Path) -> bytes:

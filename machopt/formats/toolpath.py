@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.formats.cam import heads
+from machopt.formats.cam.gcode.questions import find_fault_behind
 from machopt.formats.optionuse import check_options
 from machopt.formats.pointtable import looks_like_table, read_csv, read_parquet
-from machopt.formats.source import MAX_EXTENT, ReadOptions, Source, decode, read_bytes, word_key
+from machopt.formats.source import MAX_EXTENT, OptionNeededError, ReadOptions, Source, decode, read_bytes, word_key
 from machopt.formats.source import offsets as work_offsets
 
 if TYPE_CHECKING:
@@ -100,7 +101,17 @@ def read_toolpath(
         raise InputError(
             "the cell itself has offsets, and says where they lie; without --offset it would work", where="--offset"
         )
-    return check_options(path, _read(path, options, robot), options)
+    try:
+        found = _read(path, options, robot)
+    except OptionNeededError as question:  # what no option can cure comes first
+        fault = find_fault_behind(question, options, lambda assumed: read_again(path, assumed, robot))
+        raise (fault or question) from None
+    return check_options(path, found, options)
+
+
+def read_again(path: Path, options: ReadOptions, robot: KnownRobot | None) -> None:
+    """Read a file for its faults only."""
+    _read(path, options, robot)
 
 
 def _read(path: Path, options: ReadOptions, robot: KnownRobot | None) -> Toolpath:

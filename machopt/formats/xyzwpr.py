@@ -53,7 +53,7 @@ def read_xyzwpr(source: Source, options: ReadOptions) -> Toolpath:
     if width == 7:
         out.ignore("column 7 (running number)", first, understood=True)
     if options.default_feed is None:
-        raise source.error("a list of x, y, z, w, p, r has no feeds; give one with --feed", first)
+        raise source.question("feed", "a list of x, y, z, w, p, r has no feeds; give one with --feed", first)
     numbers = np.column_stack([table[:, :3], sign * R[:, :, column], np.full(len(rows), options.default_feed * 60e3)])
     if options.kind == "holes":
         raise source.error("a list without a header has no depth_mm and approach_mm, which holes need", first)

@@ -167,7 +167,8 @@ class _Reader(RecordReader):
         feed = value * (self.scale if scale is None else scale)
         if unit is None and 0.0 < feed < SLOWEST_PER_MINUTE:
             if self.options.default_feed is None:
-                raise self.source.error(
+                raise self.source.question(
+                    "feed",
                     f"the feed {value:g} names no unit: per minute it is slower than any cut, per revolution the file "
                     "does not say so. Expected MMPM or MMPR (IPM or IPR) behind it, or the feed of these cuts with "
                     "--feed MM_MIN",

@@ -117,11 +117,12 @@ class Setup:
             return  # of the coordinates, whatever the machine
         strange = sorted(turned(self.angles).keys() - set(self.machine.letters if self.machine else "ABC"))
         if strange and self.machine is not None and not self.tilted:
-            raise self.out.source.error(
-                f"rotary word {strange[0]} but machine {self.machine.name} has no such axis", line
+            raise self.out.source.question(
+                "machine", f"rotary word {strange[0]} but machine {self.machine.name} has no such axis", line
             )
         if self.tcp == "angles" and turned(self.angles) and self.machine is None:
-            raise self.out.source.error(
+            raise self.out.source.question(
+                "machine",
                 f"rotary words ({', '.join(sorted(turned(self.angles)))}) under tool-centre-point control: the tool "
                 f"axis depends on the machine; give --machine, one of {HELP}",
                 line,

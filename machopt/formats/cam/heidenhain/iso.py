@@ -64,7 +64,9 @@ class _Reader(ControlReader):
         found = HEIDENHAIN_ISO.search("\n".join(source.lines))
         named = None if not found else "inch" if found.group(1) == "0" else "mm"
         if named is None and options.unit is None:
-            raise source.error("has no G70 or G71 in its first block; give the unit with --unit mm or --unit inch")
+            raise source.question(
+                "unit", "has no G70 or G71 in its first block; give the unit with --unit mm or --unit inch"
+            )
         if named and options.unit and named != options.unit:
             raise source.error(f"the program is in {named} but --unit {options.unit} was given")
         return named or options.unit or "", "first block" if named else "option"

@@ -81,7 +81,7 @@ class _Reader(DefinitionReader):
                 break
         asked = options.unit
         if named is None and asked is None:
-            raise source.error("BEGIN PGM names neither MM nor INCH; give --unit mm or --unit inch")
+            raise source.question("unit", "BEGIN PGM names neither MM nor INCH; give --unit mm or --unit inch")
         if named and asked and named != asked:
             raise source.error(f"the program is in {named} but --unit {asked} was given")
         return named or asked or "", "BEGIN PGM" if named else "option"
