@@ -220,6 +220,90 @@ DIALECTS = {
 NOT_UNKNOWN = {"urscript": 1}  # forms that assign
 
 
+REAL_WORDS: dict[str, tuple[str, ...]] = {  # words of frames and motion that the dialects do have
+    "apt": (
+        "MCSYS/NUM,1,POINT,0,0,0",
+        "LOCALCS/1",
+        "WORKPLANE/1",
+        "COORD/2",
+        "COPY/1,TRANSL,1,2,3,2",
+        "TRACUT/1,0,0,1,0,1,0,1,0,0,1,1",
+        "ROTATE/TABLE,ATANGL,30",
+        "ROTHED/BAXIS,30",
+        "RETRCT",
+        "CLEARP/XYPLAN,10",
+        "SAFPOS/1,2,3",
+        "VTLAXS/1",
+        "PREFUN/68",
+        "INSERT/G68.2 X0 Y0 Z0 I0 J30 K0",
+        "REFSYS/M1",
+        "MATRIX/1",
+        "TRANSL/1,2,3",
+        "COUPLE/1",
+        "MODE/POLAR",
+        "UNITS/FURLONGS",
+        "SET/FRAME,2",
+        "LOAD/HEAD,2",
+    ),
+    "sinumerik": (
+        "$P_UIFR[1,X,TR]=100",
+        "$P_PFRAME=CTRANS(X,10):CROT(Z,30)",
+        "DIAMON",
+        "TOROTX",
+        "PAROT",
+        "OFFN=5",
+        "TOFFL=5",
+        "TOFF[X]=3",
+        "TRANSMIT",
+        "TRACYL(40)",
+        "MEAFRAME",
+        "POSA[X]=100",
+        "COUPON(A,B)",
+        "TANG(C,X,Y,1)",
+        "PRESETON(X,5)",
+        'EXTCALL "ABC"',
+    ),
+    "heidenhain": (
+        "FUNCTION MODE TURN",
+        "FUNCTION PARAXCOMP DISPLAY Z",
+        "FUNCTION CORRDATA TCS #1",
+        "TCH PROBE 408 SLOT",
+        'SEL TABLE "A"',
+        "CYCL DEF 12.0 PGM CALL",
+        "CYCL DEF 14.0 CONTOUR",
+        "CYCL DEF 28.0 CYLINDER SURFACE",
+        "CYCL DEF 800 ADJUST XZ",
+        "CYCL DEF 33.0 FRAME",
+        "TRANS DATUM TABLE TABLINE3",
+        "POLARKIN AXES Z C",
+        "M114",
+        "M130 X1 Q",
+    ),
+    "krl": (
+        "MYMOVE XP1",
+        "SPTP_X #A",
+        "PTP_SHIFT {X 1}",
+        "$ET1_KIN={X 1}",
+        "$MAMES[1]=5",
+        "$EX_AX_ASYNC=1",
+        "BASE_CHG 5",
+    ),
+    "urscript": ("run mover()", "start_conveyor(1)", "servoc(p[0,0,0,0,0,0],1,1)", "speedl([0,0,0,0,0,0],1,1)"),
+}
+
+
+@pytest.mark.parametrize("name", REAL_WORDS)
+def test_words_of_frames_and_motion_are_refused_with_their_line(tmp_path: Path, name: str) -> None:
+    dialect = DIALECTS[name]
+    for statement in REAL_WORDS[name]:
+        text, line = put_in(dialect.sample, statement, dialect.before[-1], 0)
+        text = text.replace("def part():", "thread mover():\nmovel(p[0,0,0,0,0,0],1,1)\nend\ndef part():")
+        line += 3 * ("thread mover" in text)
+        where = refused_at(write(tmp_path, dialect.sample, text), dialect.sample.options)
+        assert where is not None, statement
+        assert where.partition(",")[0] == f"line {line}", (statement, where)
+
+
 def put_in(sample: Sample, statement: str, before: str, nth: int) -> tuple[str, int]:
     """The sample with a statement before the nth line that begins so, and the statement's line (1-based)."""
     lines = sample.text.split("\n")

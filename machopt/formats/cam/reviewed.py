@@ -102,7 +102,13 @@ SINUMERIK_NAMES: dict[str, str] = {
     "FP": "which fixed point G75 goes to; that move is the machine's",
 }
 HEIDENHAIN: dict[str, str] = {
-    **dict.fromkeys(("BLK FORM", "TOOL DEF", "FUNCTION MODE"), _DISPLAY),
+    **dict.fromkeys(("BLK FORM", "TOOL DEF", "FUNCTION COUNT"), _DISPLAY),
+    **dict.fromkeys(("FN 15", "FN 16", "FN 38"), "texts for the screen, files or the network"),
+    "FUNCTION MODE MILL": "milling, which is read anyway",
+    **dict.fromkeys(
+        ("FUNCTION FEED DWELL", "FUNCTION RESET FEED DWELL", "FUNCTION DWELL"), "waits; the points are the same"
+    ),
+    **dict.fromkeys(("FUNCTION S-PULSE", "FUNCTION RESET S-PULSE"), _SPINDLE),
     "END PGM": "the end",
     "LBL": "a place that jumps name; the jumps are followed",
     "STOP": "kept as an event",

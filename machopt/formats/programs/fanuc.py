@@ -29,6 +29,7 @@ _MODIFIER = re.compile(
 _QUIET = begins_with(FANUC)
 _EVENT = re.compile(r"(?:DO|RO|SO|M)\[|ARC |Arc |Weave|WEAVE|SPOT|Spot|WAIT|PULSE")
 _STRANGE_MOTION = re.compile(r"[A-Z]\s+(?:P|PR|PAL_\d+)\s*\[")
+_BRANCH = re.compile(r"LBL\s*\[|(?:IF|ENDIF|ELSE|END)\b")
 _JUMP = re.compile(r"(?:JMP\b|FOR\b|ENDFOR\b|SELECT\b|SKIP\b|.*\bJMP\s+LBL)")
 _SWITCHES = re.compile(  # an output at a time or distance before or after the target
     r"\b(?:T[AB]|DB)\s*-?\d*\.?\d+\s*(?:sec|mm)\s*,?\s*(?:[DRG]O|AO|F)\[[^\]]*\]\s*=\s*[\w.()]+", re.IGNORECASE
@@ -315,7 +316,7 @@ class _Reader:
             self.out.event(text, "dwell", math.nan if seconds is None else seconds)
         elif _EVENT.match(text):
             self.out.event(text, "comment")
-        elif text.startswith(("LBL", "IF", "ENDIF", "ELSE", "END")) or _QUIET.match(text):
+        elif _BRANCH.match(text) or _QUIET.match(text):
             if text.startswith("IF") and _DECIDES.search(text):
                 self.jump = self.jump or (line, text, part.source)
             if text.startswith("IF") and text.endswith("THEN"):

@@ -35,6 +35,28 @@ _KINEMATIC = re.compile(
 )
 _TEXT_ARRAY = re.compile(r"\$?\w+\s*\[\s*\]\s*")
 _SWITCHES = re.compile(r"\bDO\s+(?:\$(?:OUT|ANOUT|CYCFLAG|FLAG)\b|PULSE\s*\()", re.IGNORECASE)  # at a place of the path
+_TYPES = frozenset(  # words that a declaration begins with; a type of one's own needs DECL
+    (
+        "DECL",
+        "GLOBAL",
+        "CONST",
+        "INT",
+        "REAL",
+        "BOOL",
+        "CHAR",
+        "FRAME",
+        "POS",
+        "E3POS",
+        "E6POS",
+        "AXIS",
+        "E3AXIS",
+        "E6AXIS",
+        "LOAD",
+        "FDAT",
+        "PDAT",
+        "LDAT",
+    )
+)
 _DEEPEST = 20
 EVENTFUL = ("$OUT", "$ANOUT", "$CYCFLAG", "$FLAG")
 
@@ -185,7 +207,7 @@ class _Reader:
             self.out.ignore(word, line.number, understood=True)
         elif word == "TRIGGER" and _SWITCHES.search(code):
             self.out.event(code, "comment")
-        elif _DECLARE.fullmatch(code) and word not in ("PULSE", "TRIGGER", "ANIN", "ANOUT", "BRAKE", "CWRITE"):
+        elif _DECLARE.fullmatch(code) and word in _TYPES:
             self.declaration(code, line.number, routine.source)
         else:
             self.out.ignore(word or code, line.number, understood=False)

@@ -23,6 +23,7 @@ _MOVES = ("movej", "movel", "movep", "movec", "servoj", "servoc", "speedj", "spe
 _QUIET = re.compile("(?:" + "|".join(map(re.escape, URSCRIPT)) + r")\w*")
 _VALUES = re.compile(r"(?:get_|is_|read_|to_|str_|norm|size|random|sqrt|floor|ceil|sin|cos|tan|atan|acos|asin)\w*")
 _EVENT = re.compile(r"set_\w*(?:digital_out|analog_out|flag)\w*|write_output\w*")
+_RUN = re.compile(r"\brun\s+([A-Za-z_]\w*)\s*\(")
 _ELEMENT = re.compile(r"([A-Za-z_]\w*)\s*\[([^\[\]]+)\]\s*=(?!=)\s*(.+)")
 _OFF_TARGET = (
     "force_mode",
@@ -166,6 +167,10 @@ class _Reader:
             self.not_followed(inside, code)
             self.out.ignore(f"{code.split()[0]} without moves inside", line.number, understood=True)
             return body.ends[k]
+        if (started := _RUN.search(code)) and started.group(1) in self.bodies:
+            if self.moves(self.bodies[started.group(1)]):
+                raise ScriptError(f"run {started.group(1)}: a thread that moves the robot is not followed")
+            self.not_followed(self.bodies[started.group(1)], code)
         if found := _ELEMENT.fullmatch(code):
             self.memory[found.group(1)] = self.with_element(*found.groups())
         elif found := _ASSIGN.fullmatch(code):

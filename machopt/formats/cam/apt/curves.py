@@ -12,6 +12,7 @@ from machopt.formats.arcs import RADIUS_FAULT, RADIUS_WARN, ArcError, arc, cubic
 from machopt.formats.cam.apt.tokens import groups, leading_numbers, number
 from machopt.formats.pathbuilder import PathBuilder, check_radius
 
+_ARC_WORDS = ("TIMES", "ANGLE", "CLOCKWISE", "COUNTERCLOCKWISE", "CLW", "CCLW")  # the axis says the direction
 ANGLE_WARN = 0.02  # rad
 _PLACE_WORDS = ("CENTER", "AXIS", "RADIUS")  # of MOVARC, before the numbers they name
 _SWEEP_AT, _WITH_SWEEP = 7, 11  # place of the sweep, and how many numbers such a record has
@@ -59,6 +60,9 @@ class Curves:
             raise ArcError(f"{len(values)} numbers; expected centre and axis (6) at least")
         if len(values) >= 7 and not values[6] > 0.0:
             raise ArcError(f"the radius is {values[6]:g}")
+        strange = [p for p in after if p and p not in _ARC_WORDS and number(p) is None]
+        if strange:
+            raise ArcError(f"found {strange[0]!r}; expected TIMES or ANGLE and a number behind the numbers")
         turns, angle = 1, None
         for word_at, text in enumerate(after):
             value = number(after[word_at + 1]) if word_at + 1 < len(after) else None

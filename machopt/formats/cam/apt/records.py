@@ -11,6 +11,8 @@ from machopt.formats.cam.apt.systems import SystemReader
 from machopt.formats.cam.apt.tokens import fields, number
 from machopt.formats.source import word_key
 
+_MODES = ("MILL", "INCR", "ABSOL")
+
 
 class RecordReader(SystemReader):
     """Keeps them as operations and events; what may move points is counted as not understood."""
@@ -120,7 +122,7 @@ class RecordReader(SystemReader):
         if scale is not None and scale != self.scale:
             self.out.warn_once("the unit changes within the file", line)
             self.scale = scale
-        self.out.ignore(word, line, understood=True)
+        self.out.ignore(word if scale else f"{word}/{rest.strip()[:20]}", line, understood=scale is not None)
 
     def mode(self, word: str, rest: str, line: int) -> None:
         parts = fields(rest)
@@ -129,7 +131,8 @@ class RecordReader(SystemReader):
         if "TURN" in parts:
             self.tool_number(word, rest, line)
         else:
-            self.out.ignore(word, line, understood=True)
+            strange = [p for p in parts if p and p not in _MODES and number(p) is None]
+            self.out.ignore(f"MODE/{strange[0]}" if strange else word, line, understood=not strange)
 
     def multi_axis(self, word: str, rest: str, line: int) -> None:
         self.multax = "OFF" not in fields(rest)
