@@ -11,7 +11,7 @@ from pathlib import Path
 
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
-from machopt.formats.pathbuilder import USED, USED_OFFSETS
+from machopt.formats.pathbuilder import USED
 from machopt.formats.source import ReadOptions, word_key
 
 APT, G_CODE, SINUMERIK, HEIDENHAIN, NCI, ROBOT, TABLE = (
@@ -76,7 +76,6 @@ def check_options(path: Path, toolpath: Toolpath, options: ReadOptions) -> Toolp
             )
     _check_words(path, toolpath, options)
     meta = dict(toolpath.meta)
-    _check_offsets(path, meta.pop(USED_OFFSETS, "").split("\n"), options)
     used = meta.pop(USED, "").split()
     idle = [o for o in given_options(options) if o in TRACKED and o not in used]
     warnings = tuple(f"{o} has no effect on this file" for o in idle)
@@ -109,13 +108,4 @@ def _check_words(path: Path, toolpath: Toolpath, options: ReadOptions) -> None:
             f"the file has no unknown word {lacking[0]!r}; its unknown words: {known}",
             file=path,
             where="--accept-unknown",
-        )
-
-
-def _check_offsets(path: Path, used: list[str], options: ReadOptions) -> None:
-    unused = [name for name, _ in options.offsets if name not in used]
-    if unused:
-        named = ", ".join(n for n in used if n) or "none"
-        raise InputError(
-            f"--offset {unused[0]} has no effect: the program names no such work offset (it names: {named})", file=path
         )

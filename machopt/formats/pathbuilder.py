@@ -17,8 +17,7 @@ from machopt.formats.pathchecks import ArcSpan, arc_directions, check_extent, ch
 from machopt.formats.source import ReadOptions, Source, word_key
 
 MAX_EVENT_TEXT = 200
-USED = "options_used"  # key of ``meta`` between a reader and :mod:`machopt.formats.optionuse`, as is the next one
-USED_OFFSETS = "offsets_used"
+USED = "options_used"  # key of ``meta`` between a reader and :mod:`machopt.formats.optionuse`
 FAST_MM_MIN = 100e3  # no robot cuts faster: a slip of units, or a placeholder
 MAX_POINTS = 10_000_000  # 0.7 GB: beyond it a loop or a radius is a fault
 Vector = tuple[float, float, float]
@@ -43,7 +42,6 @@ class PathBuilder:
     warnings: list[str] = field(default_factory=list)
     meta: dict[str, str] = field(default_factory=dict)
     used_options: set[str] = field(default_factory=set)  # options that had an effect
-    used_offsets: set[str] = field(default_factory=set)  # work offsets that the program names
     cut_off: str | None = None  # why the file looks as if a part of it were missing
 
     def __len__(self) -> int:
@@ -308,8 +306,6 @@ class PathBuilder:
                 f"no plan is made from this file, because these words may move points or frames: {_some(stopping)}. "
                 "--accept-unknown WORD accepts one that moves nothing"
             )
-        if self.options.offsets:
-            self.meta[USED_OFFSETS] = "\n".join(sorted(self.used_offsets))
         if self.used_options:
             self.meta[USED] = " ".join(sorted(self.used_options))
         if self.cut_off is not None:

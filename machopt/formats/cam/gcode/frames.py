@@ -49,7 +49,6 @@ class FrameReader(MotionReader):
                 self.of_cell(offset_name(number), line)
             self.work_offset = number
             return
-        self.out.used_offsets.add(offset_key(offset_name(number)))
         told = offset_key(offset_name(number)) in {**self.table, **dict(self.options.offsets)}
         if self.first_offset is None and len(self.out) and told:
             self.first_offset = _FIRST  # what controls start with
@@ -85,7 +84,6 @@ class FrameReader(MotionReader):
         if self.options.cell_offsets:
             self.of_cell(name)
             return
-        self.out.used_offsets.update((offset_key(name), offset_key(first)))
         places = {**self.table, **dict(self.options.offsets)}
         nowhere = ""
         offset = None
