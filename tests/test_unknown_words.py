@@ -173,7 +173,7 @@ DIALECTS = {
             lambda w: f"IF DI1=1 THEN\n{w} 5;\nENDIF",
         ),
         ("MoveJ", "MoveL"),
-        tuple(f"{w};" for w in sorted(programs_reviewed.RAPID) if w not in ("VELSET",)),
+        tuple(f"{w};" for w in sorted(programs_reviewed.RAPID) if w not in ("VELSET", "SPEEDREFRESH")),
     ),
     "fanuc": Dialect(
         TP,

@@ -35,6 +35,10 @@ M: dict[int, str] = {
     **dict.fromkeys(range(40, 46), _MACHINE),
     **dict.fromkeys((48, 49), "overrides of the operator on or off"),
     60: "pallet or part change: the program's coordinates stay",
+    **dict.fromkeys((29, 135), "rigid tapping: the spindle follows the feed; the cycle states the stroke"),
+    **dict.fromkeys((31, 32, 33, 34, 35), _MACHINE),  # chip conveyor, coolant nozzle
+    **dict.fromkeys((50, 51, 52, 53), "overrides of the operator, or coolant through the spindle"),
+    **dict.fromkeys((59, *range(62, 69)), "switches or reads inputs and outputs"),
 }
 G_LETTERS: dict[str, str] = {
     "T": "preselects a tool; M6 changes it",

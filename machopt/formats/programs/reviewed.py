@@ -40,7 +40,7 @@ KRL_VARIABLES: dict[str, str] = {
         ),
         _SPEED,
     ),
-    "$LOAD": _LOAD,
+    **dict.fromkeys(("$LOAD", "$LOAD_A1", "$LOAD_A2", "$LOAD_A3"), _LOAD),
     **dict.fromkeys(("$ACT_BASE", "$ACT_TOOL", "$ACT_EX_AX"), _READ_ONLY),
     "$H_POS": "the place of the home position, which moves to it use",
     **dict.fromkeys(("$LOOP_MSG", "$LOOP_CONT", "$MSG_T", "$ERR"), _TEXT),
@@ -68,7 +68,14 @@ RAPID: dict[str, str] = {
         ("SYNCMOVEON", "SYNCMOVEOFF", "WAITSYNCTASK", "WAITROB", "STARTMOVE", "STOPMOVE"), "when robots move, not where"
     ),
     **dict.fromkeys(("SOFTACT", "SOFTDEACT"), "stiffness of the servo control; targets stay"),
-    "GRIPLOAD": _LOAD,
+    **dict.fromkeys(("GRIPLOAD", "MECHUNITLOAD"), _LOAD),
+    **dict.fromkeys(
+        ("IDISABLE", "IENABLE", "IWATCH", "ISLEEP", "IDELETE", "CONNECT", "ISIGNALDI", "ISIGNALDO", "ITIMER"),
+        "interrupts: they act only when something happens",
+    ),
+    **dict.fromkeys(("TRIGGIO", "TRIGGEQUIP", "TRIGGINT"), "prepares an output for TriggL, which is refused"),
+    "SPEEDREFRESH": "the override, which is read and refused unless it is 100 %",
+    "TPREADNUM": "a number from the operator; targets that need it are refused",
     **dict.fromkeys(("TPERASE", "TPWRITE", "ERRWRITE", "OPEN", "CLOSE", "WRITE", "UIMSGBOX"), _TEXT),
     "TPREADFK": "a number from the operator; targets that need it are refused",
     **dict.fromkeys(("EOFFSOFF", "PDISPOFF"), "ends a displacement; those that begin one are refused"),
@@ -80,7 +87,8 @@ FANUC: dict[str, str] = {
     "TOOL_OFFSET CONDITION": "names the register of a shift; moves that use it are refused",
     "OFFSET CONDITION": "names the register of a shift; moves that use it are refused",
     **dict.fromkeys(("JOINT_MAX_SPEED", "LINEAR_MAX_SPEED"), _SPEED),
-    "COL DETECT": _CHECKS,
+    **dict.fromkeys(("COL DETECT", "COL GUARD"), _CHECKS),
+    **dict.fromkeys(("ERROR_PROG", "RESUME_PROG"), "which program runs after a fault"),
     **dict.fromkeys(("TIMER", "R[", "SR[", "F["), _NUMBER),
     "PR[": "a position register; moves to it or by it are refused",
     **dict.fromkeys(("MESSAGE", "REMARK", "UALM"), _TEXT),
@@ -104,19 +112,36 @@ JBI: dict[str, str] = {
     "SETTOOL": "the dimensions of a tool; targets are those of its tip",
     "ARATION": _NUMBER,
     "REFP": "reference points of weaving",
+    **dict.fromkeys(("DIN", "AIN", "SETREG", "GETREG"), "reads inputs and registers into variables"),
+    **dict.fromkeys(("NWAIT", "CWAIT", "ADVINIT", "ADVSTOP"), "how far the controller reads ahead"),
+    **dict.fromkeys(("SHCKSET", "SHCKRST"), _CHECKS),
+    **dict.fromkeys(("HAND", "CLS"), _OUTPUT),
 }
 URSCRIPT: dict[str, str] = {
     **dict.fromkeys(("set_gravity", "set_payload", "set_target_payload"), _LOAD),
     **dict.fromkeys(("set_safety_mode", "protect"), _CHECKS),
     **dict.fromkeys(
-        ("set_tool_voltage", "set_analog", "set_configurable", "write_port", "set_standard", "set_tool"), _OUTPUT
+        (
+            "set_tool_voltage",
+            "set_analog",
+            "set_configurable",
+            "write_port",
+            "set_standard",
+            "set_tool",
+            "set_runstate",
+            "set_input_actions",
+        ),
+        _OUTPUT,
     ),
     "set_conveyor": "tick counts of a conveyor; following one is refused",
     **dict.fromkeys(("textmsg", "socket_", "modbus", "rtde", "popup"), _TEXT),
     **dict.fromkeys(
         ("stopj", "stopl", "sync", "enter_critical", "exit_critical", "return"), "when the robot moves, not where"
     ),
-    **dict.fromkeys(("zero_ftsensor", "end_force_mode"), "force control off; it is refused when it begins"),
+    **dict.fromkeys(
+        ("zero_ftsensor", "end_force_mode", "enable_external_ft_sensor"),
+        "the force sensor, and force control off; it is refused when it begins",
+    ),
 }
 VAL3: dict[str, str] = {
     **dict.fromkeys(
