@@ -51,7 +51,8 @@ def reading_parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--kind",
         choices=("path", "holes"),
-        help="what the rows of a point table are that does not say it: points of a path, or the bottoms of holes",
+        help="what the rows of a point table without a column kind are: points of a path, or the bottoms of holes with "
+        "columns depth_mm (surface to row) and approach_mm (above the surface, where the feed starts)",
     )
     p.add_argument("--max-extent", type=float, metavar="MM", help="largest extent of a path that is believed (50000)")
     p.add_argument("--strict", action="store_true", help="refuse words that are not understood, and files cut off")
