@@ -28,7 +28,7 @@ from machopt.formats.toolpath import read_toolpath
 ASKED = (  # words of a refusal, and what it asks for
     ("--unit mm", {"unit": "mm"}),
     ("--feed", {"default_feed": 1000.0 / 60e3}),
-    ("--kind path", {"kind": "path"}),
+    ("--kind", {"kind": "path"}),
 )
 MACHINES = ("table-ac", "table-bc", "table-ab", "table-b", *(f"table-{a}@0,0,0" for a in ("ac", "bc", "ab", "b")))
 KINDS = (  # words of a reason, and how it is counted

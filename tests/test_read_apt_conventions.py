@@ -109,7 +109,7 @@ def test_another_word_behind_rtrcto_stops_a_plan(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("value", ["0.15", "0.02", ".1", "0.5", "1.2", "2", "3.5", "4.9", "0.001", "0.08"])
 def test_a_feed_without_a_unit_as_small_as_one_per_revolution_is_asked_for(tmp_path: Path, value: str) -> None:
-    text = f"UNITS/MM\nSPINDL/1000,RPM,CLW\nFEDRAT/{value}\nGOTO/0,0,0\nGOTO/0.02,0,0\nFINI\n"
+    text = f"UNITS/MM\nSPINDL/1000,RPM,CLW\nFEDRAT/{value}\nGOTO/0,0,0\nGOTO/0.03,0,0\nFINI\n"
     problem = refused(tmp_path, text)
     assert problem.where == "line 3"
     assert "--feed" in problem.reason

@@ -151,6 +151,7 @@ DIALECTS = {
             lambda w: f"{w} #BASE",
             lambda w: f"IF $IN[1] THEN\n{w}(1)\nENDIF",
             lambda w: f"TRIGGER WHEN DISTANCE=0 DELAY=0 DO {w}( ) PRIO=-1",
+            lambda w: f"WHILE $IN[1]\n{w} #BASE\nENDWHILE",
         ),
         ("PTP", "LIN"),
         (
@@ -171,6 +172,8 @@ DIALECTS = {
             lambda w: f"{w} wobj1,10\\X:=3;",
             lambda w: f"MoveL p1,v100,fine,tool0\\{w}:=5\\WObj:=wobj1;",
             lambda w: f"IF DI1=1 THEN\n{w} 5;\nENDIF",
+            lambda w: f"IF DI1=1 AND (reg1>3) {w} 5;",
+            lambda w: f"IF DI1=1 {w};",
         ),
         ("MoveJ", "MoveL"),
         tuple(f"{w};" for w in sorted(programs_reviewed.RAPID) if w not in ("VELSET", "SPEEDREFRESH")),

@@ -57,6 +57,20 @@ _TYPES = frozenset(  # words that a declaration begins with; a type of one's own
         "LDAT",
     )
 )
+_WITHIN = (
+    "ELSE",
+    "CASE",
+    "DEFAULT",
+    "HALT",
+    "WAIT",
+    "RETURN",
+    "EXIT",
+    "GOTO",
+    "RESUME",
+    "SPLINE",
+    "ENDSPLINE",
+    "PULSE",
+)
 _DEEPEST = 20
 EVENTFUL = ("$OUT", "$ANOUT", "$CYCFLAG", "$FLAG")
 
@@ -240,10 +254,25 @@ class _Reader:
                 self.decides(word, line.number, routine.source)
             elif calls and calls.group(1).upper() not in (*self.routines, *KRL_CALLS):
                 self.out.ignore(f"{calls.group(1)}( )", inner.number, understood=False)
+            elif not calls and inner.code and not self.moves_nothing(inner.code):
+                self.out.ignore(first_word(inner.code), inner.number, understood=False)
             if _MOVE.fullmatch(inner.code) or (calls and calls.group(1).upper() in self.routines):
                 self.decides(word, line.number, routine.source)
         self.out.ignore(f"{word} without moves inside", line.number, understood=True)
         return end
+
+    @staticmethod
+    def moves_nothing(code: str) -> bool:
+        """True for a statement within a branch that neither moves nor assigns, or that another check looks at."""
+        word = first_word(code)
+        known = (*OPENS, *OPENS.values(), *_WITHIN, *KRL_STATEMENTS, *_TYPES)
+        switches = word == "TRIGGER" and _SWITCHES.search(code) is not None
+        return (
+            word in known
+            or switches
+            or code.endswith(":")
+            or bool(_WITHOUT_EFFECT.match(code) or _MOVE.fullmatch(code))
+        )
 
     def forget(self, left: str, word: str, line: int, source: Source) -> None:
         """A variable that a branch assigns while the robot runs: its value is not known from here on.

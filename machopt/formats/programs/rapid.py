@@ -5,6 +5,7 @@ What names stand for is in :mod:`machopt.formats.programs.rapid_data`.
 
 from __future__ import annotations
 
+import itertools
 import math
 
 from machopt.formats.programs.builder import Builder
@@ -205,8 +206,8 @@ class _Reader:
             for t in inner.tokens[start + 1 : at]:
                 if t.kind == "name":
                     self.data.forget(t.text.upper(), inner.line)
-        elif inner.word not in (*RAPID, *_EVENTS, *_STOPS, *_BRANCHES, *BLOCKS, *BLOCKS.values(), ""):
-            self.out.ignore(inner.word, inner.line, understood=False)
+        elif (word := _behind_if(inner)) not in (*RAPID, *_EVENTS, *_STOPS, *_BRANCHES, *BLOCKS, *BLOCKS.values(), ""):
+            self.out.ignore(word, inner.line, understood=False)
         if inner is s:
             self.out.ignore("IF without a move behind it", s.line, understood=True)
 
@@ -303,6 +304,18 @@ class _Reader:
             self.base_name = base_name
             self.out.set_base(Frame(base_name.lower(), self.data.frame(base, "WOBJ0", True), self.data.moved_by(base)))
             self.out.last = None
+
+
+def _behind_if(s: Statement) -> str:
+    """The instruction of a statement; of a compact ``IF condition instruction …`` the one behind its condition."""
+    if s.word != "IF":
+        return s.word
+    for before, token in itertools.pairwise(s.tokens[1:]):
+        ends = before.kind in ("number", "text", "name") or before.text in (")", "}", "]")
+        joins = {before.text.upper(), token.text.upper()} & {"AND", "OR", "XOR", "NOT", "DIV", "MOD", "THEN"}
+        if ends and not joins and token.kind == "name":
+            return token.text.upper()
+    return s.word
 
 
 def _plain(s: Statement) -> str:
