@@ -12,6 +12,7 @@ from machopt.cli import main
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.errors import InputError
 from machopt.formats.toolpath import read_toolpath
+from machopt.formats.unknownwords import refuse_unknown_words
 
 Rows = list[tuple[float, ...]]  # x y z i j k, and perhaps a feed
 RNG = np.random.default_rng(7)
@@ -183,3 +184,46 @@ def test_the_commands_take_the_option(tmp_path: Path, capsys: pytest.CaptureFixt
 def test_the_shipped_tables_say_what_they_are() -> None:
     for file in sorted((Path(__file__).resolve().parents[1] / "toolpaths").glob("*.csv")):
         assert len(read(file)) > 0
+
+
+MOVING = (
+    "dx_mm",
+    "shift_x_mm",
+    "b_deg",
+    "lead_deg",
+    "tool_offset_mm",
+    "frame",
+    "wcs",
+    "uframe",
+    "mirror",
+    "scale_x",
+    "z2_inch",
+)
+HARMLESS = (
+    "colour",
+    "comment",
+    "id",
+    "hole",
+    "diameter_mm",
+    "thickness_mm",
+    "gamma_deg",
+    "q1_deg",
+    "s_mm",
+    "spindle_rpm",
+)
+
+
+@pytest.mark.parametrize("column", MOVING)
+def test_a_column_that_may_move_points_stops_a_plan(tmp_path: Path, column: str) -> None:
+    file = write(tmp_path, PATHS["a dense line"], f",{column}", ",1")
+    with pytest.raises(InputError) as refused:
+        refuse_unknown_words(read(file), file)
+    assert f"--accept-unknown 'column {column}'" in refused.value.reason
+    refuse_unknown_words(read(file, accept_unknown=(f"column {column}",)), file)
+
+
+@pytest.mark.parametrize("column", HARMLESS)
+def test_other_columns_are_counted(tmp_path: Path, column: str) -> None:
+    file = write(tmp_path, PATHS["a dense line"], f",{column}", ",1")
+    found = refuse_unknown_words(read(file), file)
+    assert [w.word for w in found.ignored] == [f"column {column}"]

@@ -20,6 +20,7 @@ from machopt.formats.holekind import hole_lengths, holes_of, refuse_possible_hol
 from machopt.formats.holetable import write_out
 from machopt.formats.pathbuilder import PathBuilder
 from machopt.formats.source import TOOL_AXES, UNIT_NAMES, ReadOptions, Source, offset_key
+from machopt.formats.tablewords import may_move_points
 from machopt.formats.xyzwpr import across, read_xyzwpr
 
 _UNIT_ENDINGS = {"_mm": "mm", "_inch": "inch", "_in": "inch", "": None}
@@ -207,7 +208,8 @@ class _Table:
         near = difflib.get_close_matches(column.lower(), [k for k in known if k not in header], 1, 0.8)
         if near:
             raise self.source.error(f"unknown column {column!r}; did you mean {near[0]!r}?", self.header_line)
-        self.out.ignore(f"column {column}", self.header_line, understood=False, stops=False)
+        stops = may_move_points(column)
+        self.out.ignore(f"column {column}", self.header_line, understood=False, stops=stops)
 
     def wanted_numbers(self) -> dict[str, bool]:
         return {column: name in _OPTIONAL for name, column in self.names.items() if name not in _WORDS}
