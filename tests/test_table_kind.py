@@ -189,7 +189,7 @@ def test_the_shipped_tables_say_what_they_are() -> None:
 MOVING = (
     "dx_mm",
     "shift_x_mm",
-    "b_deg",
+    "theta_deg",
     "lead_deg",
     "tool_offset_mm",
     "frame",

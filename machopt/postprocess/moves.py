@@ -99,9 +99,7 @@ def _must_stay(
         stays[:-1] |= changes
     after = np.zeros(len(toolpath) + 1, bool)
     after[[event.index for event in toolpath.events]] = True  # an event comes before its point is moved to
-    events = np.isfinite(index) & (
-        after[np.minimum(point + 1, len(toolpath))] | ~np.isfinite(np.append(index[1:], 0.0))
-    )
+    events = np.isfinite(index) & (after[np.minimum(point + 1, len(toolpath))] | ~np.isfinite(np.append(index[1:], 0.0)))
     return stays | events
 
 
