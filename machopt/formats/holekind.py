@@ -15,9 +15,9 @@ from machopt.formats.holetable import could_be_holes
 from machopt.formats.source import ReadOptions, Source
 
 KIND_HELP = (
-    "give a column kind or --kind holes|path. path: the tool cuts from row to row. holes: each row is the bottom of one "
-    "hole, with the columns depth_mm (from the surface to the row, along the axis) and approach_mm (above the surface, "
-    "where the feed starts)"
+    "give a column kind or --kind holes|path. path: the tool cuts from row to row. holes: each row is the bottom of "
+    "one hole, with the columns depth_mm (from the surface to the row, along the axis) and approach_mm (above the "
+    "surface, where the feed starts)"
 )
 _KINDS = ("path", "holes")
 
