@@ -62,7 +62,6 @@ class Setup:
             self.out.warn_once("rotary words in a tilted plane are taken as those that put the tool upright on it")
         after = after.changed(tilted="aligned")
         if self.machine is not None and turned(after.angles):
-            self.out.used_options.add("--machine")
             cosine = sum(a * b for a, b in zip(self.machine.tool_axis(after.angles), after.tool_axis(), strict=True))
             if cosine < _UPRIGHT:
                 off = math.degrees(math.acos(max(min(cosine, 1.0), -1.0)))
@@ -137,7 +136,6 @@ class Setup:
         if self.tilted == "aligned":
             return self.direction(_Z)
         if self.machine is not None and turned(self.angles):
-            self.out.used_options.add("--machine")
             return self.machine.tool_axis(self.angles)
         return _Z
 
@@ -154,7 +152,6 @@ class Setup:
             found = self.offset if found is None else found.then(self.offset)
         if self.by_machine and turned(self.angles):
             assert self.machine is not None
-            self.out.used_options.add("--machine")
             tip = self.machine.tip(self.angles)
             found = tip if found is None else found.then(tip)
         return None if found is None or found.nothing else found
