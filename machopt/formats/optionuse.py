@@ -37,12 +37,7 @@ APPLIES = {  # option → kinds of files that it can have an effect on
     "--tool-axis": (ROBOT, TABLE),
     "--kind": (TABLE,),
 }
-TRACKED = (
-    "--feed",
-    "--cycle-order",
-    "--tool-axis",
-    "--machine",
-)  # readers note in ``used_options`` where they take them
+TRACKED = ("--feed", "--cycle-order", "--tool-axis")  # readers note in ``used_options`` where they take them
 DEFAULTS = {"tool_axis": "-z", "cycle_order": ("depth", "clear", "retract")}
 
 
