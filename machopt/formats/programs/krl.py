@@ -9,6 +9,7 @@ from typing import NoReturn
 from machopt.formats.programs.builder import MOST_MOVES, STANDING_TOOL, Builder
 from machopt.formats.programs.krl_files import OPENS, Line, Routine, first_word, read_module
 from machopt.formats.programs.krl_moves import Moves
+from machopt.formats.programs.krl_statements import MOVE, SWITCHES, TYPES, WITHOUT_EFFECT, moves_nothing
 from machopt.formats.programs.krl_targets import POSE, placed
 from machopt.formats.programs.krl_values import KrlError, Memory, evaluate, quietly, split_name, whole
 from machopt.formats.programs.nearby import called, opened, siblings
@@ -16,7 +17,6 @@ from machopt.formats.programs.parsed import Frame, ParsedProgram
 from machopt.formats.programs.reviewed import KRL_CALLS, KRL_STATEMENTS, KRL_VARIABLES
 from machopt.formats.source import Source
 
-_MOVE = re.compile(r"((?:S?(?:PTP|LIN|CIRC)|SPL)(?:_REL)?)\s*(?=[\s{])(.*)", re.IGNORECASE)
 _DECLARE = re.compile(
     r"(?:DECL\s+|GLOBAL\s+|CONST\s+)*(?!PTP\b|LIN\b|RETURN\b|WAIT\b)([A-Za-z_]\w*)\s+(?:GLOBAL\s+)?(\$?[A-Za-z_]\w*)\s*"
     r"(\[[^\]]*\])?\s*((?:,[^=]*)?)(?:=(.*))?",
@@ -25,52 +25,12 @@ _DECLARE = re.compile(
 _ASSIGN = re.compile(r"(\$?[A-Za-z_]\w*\s*(?:\[[^\]]*\])?\s*(?:\.\s*\w+\s*)*)=(?!=)(.*)")
 _CALL = re.compile(r"([A-Za-z_]\w*)\s*\((.*)\)\s*")
 _FOR = re.compile(r"FOR\s+(\w+)\s*=\s*(.+?)\s+TO\s+(.+?)(?:\s+STEP\s+(.+))?", re.IGNORECASE)
-_WITHOUT_EFFECT = re.compile(
-    r"(?:INTERRUPT|GLOBAL\s+INTERRUPT|CONTINUE|INI|EXT|EXTFCT|ENDDAT|IMPORT|SIGNAL|STRUC|ENUM)\b", re.IGNORECASE
-)
 _KINEMATIC = re.compile(
     r"EK\s*\(\s*MACHINE_DEF\s*\[([^\]]+)\]\s*\.\s*ROOT\s*,"
     r"\s*MACHINE_DEF\s*\[([^\]]+)\]\s*\.\s*MECH_TYPE\s*,\s*(.+)\)",
     re.IGNORECASE,
 )
 _TEXT_ARRAY = re.compile(r"\$?\w+\s*\[\s*\]\s*")
-_SWITCHES = re.compile(r"\bDO\s+(?:\$(?:OUT|ANOUT|CYCFLAG|FLAG)\b|PULSE\s*\()", re.IGNORECASE)  # at a place of the path
-_TYPES = frozenset(  # words that a declaration begins with; a type of one's own needs DECL
-    (
-        "DECL",
-        "GLOBAL",
-        "CONST",
-        "INT",
-        "REAL",
-        "BOOL",
-        "CHAR",
-        "FRAME",
-        "POS",
-        "E3POS",
-        "E6POS",
-        "AXIS",
-        "E3AXIS",
-        "E6AXIS",
-        "LOAD",
-        "FDAT",
-        "PDAT",
-        "LDAT",
-    )
-)
-_WITHIN = (
-    "ELSE",
-    "CASE",
-    "DEFAULT",
-    "HALT",
-    "WAIT",
-    "RETURN",
-    "EXIT",
-    "GOTO",
-    "RESUME",
-    "SPLINE",
-    "ENDSPLINE",
-    "PULSE",
-)
 _DEEPEST = 20
 EVENTFUL = ("$OUT", "$ANOUT", "$CYCFLAG", "$FLAG")
 
@@ -156,7 +116,7 @@ class _Reader:
             found = _DECLARE.fullmatch(code)
             if found is None:
                 # a name that it may declare stays unknown, and a move to it is refused
-                self.out.ignore(first_word(code), line, understood=bool(_WITHOUT_EFFECT.match(code)), stops=False)
+                self.out.ignore(first_word(code), line, understood=bool(WITHOUT_EFFECT.match(code)), stops=False)
                 return
             name = found.group(2).upper()
             if found.group(5) is not None:
@@ -196,7 +156,7 @@ class _Reader:
         word = first_word(code)
         if word in OPENS:
             return self.block(routine, k, word, depth)
-        if found := _MOVE.fullmatch(code):
+        if found := MOVE.fullmatch(code):
             self.moves.move(found.group(1).upper(), found.group(2), line.number)
         elif word in ("GOTO", "EXIT", "RETURN", "RESUME") or code.endswith(":"):
             if word == "GOTO":
@@ -217,11 +177,11 @@ class _Reader:
             self.assign(found.group(1), found.group(2), line.number)
         elif found := _CALL.fullmatch(code):
             self.call(found.group(1), found.group(2), line, routine, depth)
-        elif _WITHOUT_EFFECT.match(code) or word in KRL_STATEMENTS:
+        elif WITHOUT_EFFECT.match(code) or word in KRL_STATEMENTS:
             self.out.ignore(word, line.number, understood=True)
-        elif word == "TRIGGER" and _SWITCHES.search(code):
+        elif word == "TRIGGER" and SWITCHES.search(code):
             self.out.event(code, "comment")
-        elif _DECLARE.fullmatch(code) and word in _TYPES:
+        elif _DECLARE.fullmatch(code) and word in TYPES:
             self.declaration(code, line.number, routine.source)
         else:
             self.out.ignore(word or code, line.number, understood=False)
@@ -254,25 +214,12 @@ class _Reader:
                 self.decides(word, line.number, routine.source)
             elif calls and calls.group(1).upper() not in (*self.routines, *KRL_CALLS):
                 self.out.ignore(f"{calls.group(1)}( )", inner.number, understood=False)
-            elif not calls and inner.code and not self.moves_nothing(inner.code):
+            elif not calls and inner.code and not moves_nothing(inner.code):
                 self.out.ignore(first_word(inner.code), inner.number, understood=False)
-            if _MOVE.fullmatch(inner.code) or (calls and calls.group(1).upper() in self.routines):
+            if MOVE.fullmatch(inner.code) or (calls and calls.group(1).upper() in self.routines):
                 self.decides(word, line.number, routine.source)
         self.out.ignore(f"{word} without moves inside", line.number, understood=True)
         return end
-
-    @staticmethod
-    def moves_nothing(code: str) -> bool:
-        """True for a statement within a branch that neither moves nor assigns, or that another check looks at."""
-        word = first_word(code)
-        known = (*OPENS, *OPENS.values(), *_WITHIN, *KRL_STATEMENTS, *_TYPES)
-        switches = word == "TRIGGER" and _SWITCHES.search(code) is not None
-        return (
-            word in known
-            or switches
-            or code.endswith(":")
-            or bool(_WITHOUT_EFFECT.match(code) or _MOVE.fullmatch(code))
-        )
 
     def forget(self, left: str, word: str, line: int, source: Source) -> None:
         """A variable that a branch assigns while the robot runs: its value is not known from here on.
