@@ -3,8 +3,8 @@
 Run: ``python benchmarks/cam_table.py FOLDER [--unit mm] [--feed MM_MIN] [--machine NAME] [--csv OUT.csv]``. One row
 a file: dialect, points, operations, words that were not understood, or why it is refused. Without options a file that
 does not state its unit or its feeds is refused; with ``--ask`` it is asked again with what the refusal asks for (mm,
-1000 mm/min, the usual kinematics one after the other, at last with the axes through the program's zero), and the row
-says what had to be given: such a path shows that the reader takes the file, not where the part is.
+1000 mm/min, a path, the usual kinematics one after the other, at last with the axes through the program's zero), and
+the row says what had to be given: such a path shows that the reader takes the file, not where the part is.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from machopt.formats.toolpath import read_toolpath
 ASKED = (  # words of a refusal, and what it asks for
     ("--unit mm", {"unit": "mm"}),
     ("--feed", {"default_feed": 1000.0 / 60e3}),
+    ("--kind", {"kind": "path"}),
 )
 MACHINES = ("table-ac", "table-bc", "table-ab", "table-b", *(f"table-{a}@0,0,0" for a in ("ac", "bc", "ab", "b")))
 KINDS = (  # words of a reason, and how it is counted

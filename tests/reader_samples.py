@@ -316,8 +316,8 @@ TABLE = Sample(
 )
 POSES = Sample(
     "poses.csv",
-    "x_mm,y_mm,z_mm,qw,qx,qy,qz,feed_mm_min\n0,0,10,0,1,0,0,600\n10,0,10,0,1,0,0,600\n"
-    "20,0,10,0.0871557,0.9961947,0,0,600\n",
+    "x_mm,y_mm,z_mm,qw,qx,qy,qz,feed_mm_min,kind\n0,0,10,0,1,0,0,600,path\n10,0,10,0,1,0,0,600,path\n"
+    "20,0,10,0.0871557,0.9961947,0,0,600,path\n",
 )
 SAMPLES = (
     NX,

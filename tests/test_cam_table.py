@@ -15,7 +15,7 @@ FILES = {
     "good.nc": "G21 G90\nG0 X0 Y0 Z5\nG1 Z-1 F300\nX50\nFOO\nM30\n",
     "unitless.nc": "G90\nG0 X0 Y0 Z5\nG1 Z-1 F300\nX50\nM30\n",
     "bare.csv": "x_mm,y_mm,z_mm\n0,0,0\n10,0,0\n",
-    "fast.csv": "x_mm,y_mm,z_mm,feed_mm_min\n0,0,0,4500000\n10,0,0,4500000\n",
+    "fast.csv": "x_mm,y_mm,z_mm,feed_mm_min,kind\n0,0,0,4500000,path\n10,0,0,4500000,\n",
     "joints.src": "DEF a()\nPTP {A1 0,A2 -90,A3 90,A4 0,A5 0,A6 0}\nEND\n",
     "sub/index.csv": "not looked at\n",
 }
@@ -42,7 +42,7 @@ def test_the_table_says_what_was_read_and_what_was_not(
     assert cam_table.kind_of(rows["joints.src"].refused) == "robot program of joint moves only"
     asked = {f.name: cam_table.look(f, folder, {}, ask=True) for f in cam_table.files_in(folder)}
     assert asked["unitless.nc"].given == ["--unit mm"]
-    assert asked["bare.csv"].given == ["--feed 1000"]
+    assert asked["bare.csv"].given == ["--feed 1000", "--kind path"]
     assert (asked["unitless.nc"].points, asked["bare.csv"].points) == (3, 2)
     monkeypatch.setattr(sys, "argv", ["cam_table.py", str(folder), "--ask", "--csv", str(folder / "sub" / "index.csv")])
     assert cam_table.main() == 0

@@ -188,7 +188,7 @@ def test_a_workpiece_is_placed_where_neither_wrist_nor_elbow_is_stretched_anywhe
 def test_a_path_too_large_for_the_arm_has_its_middle_in_reach(robot: Path, tmp_path: Path) -> None:
     """A start that validates: the report of a plan then says which points lack what."""
     file = tmp_path / "large.csv"
-    file.write_text("x_mm,y_mm,z_mm,i,j,k,feed_mm_min\n100,0,0,0,0,1,600\n9100,0,0,0,0,1,600\n")
+    file.write_text("x_mm,y_mm,z_mm,i,j,k,feed_mm_min,kind\n100,0,0,0,0,1,600,path\n9100,0,0,0,0,1,600,\n")
     done = run_init(InitRequest(robot=robot, out=tmp_path / "cell", toolpath=file))
     assert any("reaches all of large.csv, so workpiece.pose has its middle in reach" in g for g in done.guesses)
     middle = done.cell.workpiece.T_link_workpiece @ [4.6, 0.0, 0.0, 1.0]
@@ -282,7 +282,9 @@ def test_a_path_that_does_not_say_its_unit_or_feed_is_asked_for_and_taken(
     assert "--unit" in capsys.readouterr().err
     assert main([*asked, "--unit", "inch"]) == 2
     assert "--feed" in capsys.readouterr().err
-    assert main([*asked, "--unit", "inch", "--feed", "600"]) == 0
+    assert main([*asked, "--unit", "inch", "--feed", "600"]) == 2
+    assert "--kind" in capsys.readouterr().err
+    assert main([*asked, "--unit", "inch", "--feed", "600", "--kind", "path"]) == 0
     assert capsys.readouterr().out.endswith(f"next: machopt validate '{tmp_path / 'a b'}'\n")
 
 

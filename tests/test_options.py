@@ -224,7 +224,9 @@ def test_options_that_others_keep_from_acting_are_named(words: list[str], part: 
 
 
 def test_fixed_rotations_that_a_method_would_not_keep_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "path.csv").write_text("x_mm,y_mm,z_mm,i,j,k,feed_mm_min\n0,0,0,0,0,1,100\n9,0,0,0,0,1,100\n")
+    (tmp_path / "path.csv").write_text(
+        "x_mm,y_mm,z_mm,i,j,k,feed_mm_min,kind\n0,0,0,0,0,1,100,path\n9,0,0,0,0,1,100,\n"
+    )
     cell = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
     words = ("method=jiao2022", "fixed=[{point: 0, gamma_deg: 10}]")
     with pytest.raises(InputError, match="method jiao2022 chooses every rotation by itself"):

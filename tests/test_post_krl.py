@@ -153,7 +153,7 @@ def test_half_turns(axis: np.ndarray) -> None:
     [
         ("krl", "2nd op-A", "p2nd_op_A"),
         ("krl", "part", "part"),
-        ("krl", "ü", "p"),
+        ("krl", "ü", "u_6074"),
         ("krl", "x" * 40, "x" * 19 + "_bd91"),
         ("fanuc", "2nd op-A", "P2ND_OP_A"),
         ("val3", "x" * 40, "x" * 10 + "_bd91"),

@@ -131,10 +131,11 @@ def test_tables_of_robot_poses(tmp_path: Path, header: str, attitude: str) -> No
     (tmp_path / "a.csv").write_text(
         f"x_mm,y_mm,z_mm,{header},feed_mm_min\n1,2,3,{attitude},600\n4,2,3,{attitude},600\n"
     )
-    t = read_toolpath(tmp_path / "a.csv")
+    t = read_toolpath(tmp_path / "a.csv", kind="path")
     np.testing.assert_allclose(t.axis[0], [0, 0, 1], atol=1e-6)  # seven printed decimals
     np.testing.assert_allclose(t.reference[0], [np.cos(np.pi / 6), 0.5, 0], atol=1e-6)
-    np.testing.assert_allclose(read_toolpath(tmp_path / "a.csv", tool_axis="+z").axis[0], [0, 0, -1], atol=1e-6)
+    turned = read_toolpath(tmp_path / "a.csv", tool_axis="+z", kind="path")
+    np.testing.assert_allclose(turned.axis[0], [0, 0, -1], atol=1e-6)
 
 
 # ---- by the commands

@@ -282,7 +282,7 @@ def test_cut_off_files_are_told(tmp_path: Path) -> None:
         ),
         ("UNITS/MM\nFEDRAT/100\nGOTO/1,2,3\nCYCLE81/1,2\nFINI\n", "line 4.*CYCLE81"),
         ("UNITS/MM\nFEDRAT/100\nGOTO/1,2,3\nTRACUT/M1\nFINI\n", "line 4.*TRACUT"),
-        ("UNITS/MM\nSET/MODE,INCR\nFEDRAT/100\nGOTO/1,2,3\nFINI\n", "line 4.*incremental"),
+        ("UNITS/MM\nSET/MODE,INCR\nFEDRAT/100\nGOTO/1,2,3\nFINI\n", "line 2.*--accept-unknown"),
         ("UNITS/MM\nFEDRAT/100\nGOTO/1,2,3\nMIRROR/YZPLAN\nFINI\n", "line 4.*MIRROR"),
         ("partno x\nclprnt\npl1=plane/0,0,1,4\ngoto/1,2,3\nfini\n", "part program"),
     ],
@@ -412,11 +412,15 @@ def test_units_may_change_from_section_to_section(tmp_path: Path) -> None:
     assert any("unit changes" in w for w in t.warnings)
 
 
-def test_incremental_goto_and_godlta(tmp_path: Path) -> None:
+def test_increments_are_asked_for_and_godlta_is_read(tmp_path: Path) -> None:
     text = "UNITS/MM\nTRANS/0,0,0\nFEDRAT/100\nGOTO/1,2,3\nSET/MODE,INCR\nGOTO/1,0,0\nSET/MODE,ABSOL\nGOTO/9,9,9\n"
     text += "GODLTA/-2\nGODLTA/1,0,0\nFINI\n"
-    t = read(tmp_path, text, "x.apt")
-    assert mm(t).tolist() == [[1, 2, 3], [2, 2, 3], [9, 9, 9], [9, 9, 7], [10, 9, 7]]
+    with pytest.raises(InputError) as refused:
+        read(tmp_path, text, "x.apt")
+    assert refused.value.where == "line 5"
+    assert "--accept-unknown" in refused.value.reason
+    t = read(tmp_path, text, "x.apt", accept_unknown=("set/mode,incr",))
+    assert mm(t).tolist() == [[1, 2, 3], [1, 0, 0], [9, 9, 9], [9, 9, 7], [10, 9, 7]]
 
 
 def test_the_order_of_numbers_in_cycle_is_an_option(tmp_path: Path) -> None:

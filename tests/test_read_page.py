@@ -108,7 +108,7 @@ def test_a_long_path_makes_a_small_page(tmp_path: Path) -> None:
 
 
 def test_numbers_of_a_flat_view_do_not_lie_on_each_other(tmp_path: Path) -> None:
-    t = read(tmp_path, TABLE, "x_mm,y_mm,z_mm,feed_mm_min\n0,0,0,600\n400,0,10,600\n400,300,10,600\n")
+    t = read(tmp_path, TABLE, "x_mm,y_mm,z_mm,feed_mm_min,kind\n0,0,0,600,path\n400,0,10,600,\n400,300,10,600,\n")
     front = view_svg(t, VIEWS[1])
     heights = [float(v) for v in re.findall(r'<text class="tick" x="35" y="([\d.]+)"', front)]
     assert heights

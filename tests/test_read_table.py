@@ -59,15 +59,17 @@ def test_an_empty_feed_holds_from_the_cut_before_within_its_operation(tmp_path: 
 
 
 def test_bom_crlf_and_defaults(tmp_path: Path) -> None:
-    t = read(tmp_path, "\ufeffx_mm,y_mm,z_mm,feed_mm_min\r\n1,2,3,60\r\n4,5,6,60\r\n")
+    t = read(tmp_path, "\ufeffx_mm,y_mm,z_mm,feed_mm_min\r\n1,2,3,60\r\n4,5,6,60\r\n", kind="path")
     assert t.cutting.all()
     assert t.axis.tolist() == [[0, 0, 1]] * 2
     assert t.operations[0].label == "main"
 
 
 def test_units_by_column_or_option(tmp_path: Path) -> None:
-    assert read(tmp_path, "x,y,z,feed\n1,0,0,10\n2,0,0,10\n", unit="inch").position[0, 0] == pytest.approx(0.0254)
-    assert read(tmp_path, "x_inch,y_inch,z_inch,feed\n1,0,0,10\n").feed[0] == pytest.approx(254 / 60e3)
+    assert read(tmp_path, "x,y,z,feed\n1,0,0,10\n2,0,0,10\n", unit="inch", kind="path").position[0, 0] == pytest.approx(
+        0.0254
+    )
+    assert read(tmp_path, "x_inch,y_inch,z_inch,feed\n1,0,0,10\n", kind="path").feed[0] == pytest.approx(254 / 60e3)
     with pytest.raises(InputError, match="give --unit"):
         read(tmp_path, "x,y,z\n1,0,0\n")
     with pytest.raises(InputError, match="'x_mm' is in mm but --unit inch"):
@@ -106,13 +108,13 @@ def test_faults_are_named(tmp_path: Path, text: str, message: str) -> None:
 
 def test_an_unknown_column_is_counted(tmp_path: Path) -> None:
     text = "x_mm,y_mm,z_mm,feed_mm_min,colour\n1,2,3,9,red\n"
-    assert [w.word for w in read(tmp_path, text).ignored] == ["column colour"]
+    assert [w.word for w in read(tmp_path, text, kind="path").ignored] == ["column colour"]
     with pytest.raises(InputError, match="strict"):
         read(tmp_path, text, strict=True)
 
 
 def test_xyzwpr_list(tmp_path: Path) -> None:
-    t = read(tmp_path, "0,0,100,180,0,0,0\n10,0,100,180,0,90,1\n20,0,100,90,0,0,2\n", default_feed=0.01)
+    t = read(tmp_path, "0,0,100,180,0,0,0\n10,0,100,180,0,90,1\n20,0,100,90,0,0,2\n", default_feed=0.01, kind="path")
     assert t.format == "csv/xyzwpr"
     assert t.axis == pytest.approx(np.array([[0, 0, 1], [0, 0, 1], [0, 1, 0]]))
     assert t.reference == pytest.approx(np.array([[1, 0, 0], [0, 1, 0], [1, 0, 0]]))
@@ -185,7 +187,7 @@ def _vector(R: np.ndarray) -> list[float]:  # type: ignore[type-arg]
 )
 def test_robot_poses_however_they_are_written(tmp_path: Path, columns: str, values: list[float]) -> None:
     row = ",".join(f"{v:.12f}" for v in values)
-    t = read(tmp_path, f"x_mm,y_mm,z_mm,{columns},feed_mm_min\n1,2,3,{row},600\n4,5,6,{row},600\n")
+    t = read(tmp_path, f"x_mm,y_mm,z_mm,{columns},feed_mm_min\n1,2,3,{row},600\n4,5,6,{row},600\n", kind="path")
     assert np.allclose(t.axis, -R_TCP[:, 2], atol=1e-9)
     assert np.allclose(t.reference, R_TCP[:, 0], atol=1e-9)
     assert np.allclose(t.position[0] * 1e3, [1, 2, 3])
@@ -210,7 +212,7 @@ def test_poses_that_are_not_clear(tmp_path: Path, header: str, row: str, message
 
 
 def test_a_last_line_without_an_end_is_told(tmp_path: Path) -> None:
-    t = read(tmp_path, "x_mm,y_mm,z_mm,feed_mm_min\n1,2,3,60\n4,5,6,60")
+    t = read(tmp_path, "x_mm,y_mm,z_mm,feed_mm_min\n1,2,3,60\n4,5,6,60", kind="path")
     assert any("last line does not end" in w for w in t.warnings)
 
 
@@ -218,9 +220,9 @@ def test_rows_are_read_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     from machopt.formats import csvcolumns
 
     text = "x_mm,y_mm,z_mm,feed_mm_min,operation\n" + "".join(f"{k},0,0,{60 + k},op{k // 3}\n" for k in range(10))
-    whole = read(tmp_path, text)
+    whole = read(tmp_path, text, kind="path")
     monkeypatch.setattr(csvcolumns, "_ROWS", 4)
-    parts = read(tmp_path, text)
+    parts = read(tmp_path, text, kind="path")
     assert np.array_equal(whole.position, parts.position)
     assert np.array_equal(whole.feed, parts.feed)
     assert np.array_equal(whole.operation, parts.operation)

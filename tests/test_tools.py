@@ -114,7 +114,7 @@ def test_a_column_of_tools(tmp_path: Path) -> None:
         file = tmp_path / "path.csv"
         text = [f"{k},0,0,0,0,1,600,{c}" for k, c in enumerate(cells)]
         file.write_text("\n".join([f"x_mm,y_mm,z_mm,i,j,k,feed_mm_min,{header}", *text]) + "\n")
-        assert [(o.label, o.tool) for o in read_toolpath(file).operations] == labels
+        assert [(o.label, o.tool) for o in read_toolpath(file, kind="path").operations] == labels
 
 
 def test_a_name_beside_a_number(tmp_path: Path) -> None:

@@ -36,7 +36,8 @@ class Toolpath:
             path: the file; what it is is told by its content.
             cell: whose robot a program with joint positions was written for.
             reading: what the file does not say itself, by the names of ``manifest.json``: ``unit`` ("mm", "inch"),
-                ``machine``, ``feed_mm_min``, ``tool_axis``, ``offsets``, ``decimals``, ``cycle_order``, ``strict`` …
+                ``machine``, ``feed_mm_min``, ``tool_axis``, ``offsets``, ``decimals``, ``cycle_order``, ``kind``,
+                ``accept_unknown``, ``strict`` …
 
         Raises:
             InputError: names file and line, what was found and what was expected; or a keyword that is none of these.
@@ -82,7 +83,7 @@ class Toolpath:
 
     @property
     def not_understood(self) -> tuple[str, ...]:
-        """Words of the file that no reader here knows, each with the line it first stands in."""
+        """Words of the file that no reader knows, each with its first line; those that may move points stop a plan."""
         words = self.description.ignored
         return tuple(f"{w.word} (line {w.first_line})" for w in words if not w.understood)
 

@@ -40,6 +40,20 @@ def reading_parser() -> argparse.ArgumentParser:
         metavar="WORDS",
         help="what numbers without a word in an APT CYCLE/ stand for (depth,clear,retract)",
     )
+    p.add_argument(
+        "--accept-unknown",
+        action="append",
+        default=[],
+        metavar="WORD",
+        help="a word of the file that is not understood and moves neither points nor frames; without this option it "
+        "stops a plan; may be repeated",
+    )
+    p.add_argument(
+        "--kind",
+        choices=("path", "holes"),
+        help="what the rows of a point table without a column kind are: points of a path, or the bottoms of holes with "
+        "columns depth_mm (surface to row) and approach_mm (above the surface, where the feed starts)",
+    )
     p.add_argument("--max-extent", type=float, metavar="MM", help="largest extent of a path that is believed (50000)")
     p.add_argument("--strict", action="store_true", help="refuse words that are not understood, and files cut off")
     return p
@@ -62,10 +76,13 @@ def reading(args: argparse.Namespace) -> dict[str, Any]:
         "strict": args.strict or None,
         "default_feed": feed,
         "tool_axis": args.tool_axis,
+        "kind": args.kind,
     }
     given: dict[str, Any] = {key: value for key, value in said.items() if value is not None}
     if args.offset:
         given["offsets"] = list(args.offset)
+    if args.accept_unknown:
+        given["accept_unknown"] = list(args.accept_unknown)
     if args.decimals is not None:
         given["decimals"] = args.decimals
     if args.cycle_order is not None:

@@ -92,12 +92,14 @@ def _view(args: argparse.Namespace) -> int:
 def _words(args: argparse.Namespace) -> tuple[str, ...]:
     """The reading options as they were given, for the command that plans the same."""
     out: list[str] = []
-    for name in ("unit", "machine", "feed", "tool_axis", "decimals", "cycle_order", "max_extent"):
+    for name in ("unit", "machine", "feed", "tool_axis", "decimals", "cycle_order", "max_extent", "kind"):
         value = getattr(args, name)
         if value is not None:
             out.append(f"--{name.replace('_', '-')}={value}")
     for value in args.offset:
         out.append(f"--offset={value}")
+    for value in args.accept_unknown:
+        out.append(f"--accept-unknown={value}")
     for value in args.effects:
         out.append(f"--effects={value}")
     return (*out, *(["--strict"] if args.strict else []), *(["--allow-external"] if args.allow_external else []))

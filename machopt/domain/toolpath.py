@@ -60,6 +60,7 @@ class IgnoredWord:
     count: int
     first_line: int
     understood: bool  # True: known and without effect on motion; False: not understood
+    stops: bool = False  # True: it may move points or frames, so no plan is made unless the user accepts it
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,7 +26,7 @@ class HoleCycle:
     name: str  # the source's word, e.g. DRILL or G83
     bottom: float
     clear: float  # rapid down to here, feed from here
-    retract: float  # rapid up to here after the hole
+    retract: float | None  # rapid up to here after the hole; None: to the height before the cycle, not known yet
     feed: float  # mm/min; NaN: the one in force at the hole
     first_peck: float = 0.0  # mm; 0: one stroke
     next_peck: float = 0.0  # mm; 0: as the first
@@ -64,9 +64,10 @@ class HoleCycle:
                 yield self.clear, Move.RETRACT
                 yield min(depth + self.gap, self.clear), Move.APPROACH
         yield self.bottom, Move.CUT
-        yield max(self.retract, self.clear) if not self.feed_out else self.clear, Move.RETRACT
-        if self.feed_out and self.retract > self.clear:
-            yield self.retract, Move.RAPID
+        back = self.clear if self.retract is None else self.retract
+        yield max(back, self.clear) if not self.feed_out else self.clear, Move.RETRACT
+        if self.feed_out and back > self.clear:
+            yield back, Move.RAPID
 
     def _pecks(self) -> Iterator[float]:
         """Heights above the bottom down to which a peck goes.

@@ -50,6 +50,12 @@ class ReadingKeys(Strict):
         default=None, min_length=3, max_length=3, description="what the bare numbers of CYCLE/ stand for"
     )
     decimals: int | None = Field(default=None, ge=0, le=6, description="places of G-code numbers without a point")
+    accept_unknown: list[str] | None = Field(
+        default=None, min_length=1, description="words that are not understood and move nothing, e.g. [PPRINTX]"
+    )
+    kind: Literal["path", "holes"] | None = Field(
+        default=None, description="what the rows of a point table are that does not say it"
+    )
     max_extent_mm: float | None = Field(default=None, gt=0, description="longest path that is believed")
 
 

@@ -22,9 +22,10 @@ from machopt.formats.pathchecks import (
     check_numbers,
     with_kinds,
 )
-from machopt.formats.source import ReadOptions, Source
+from machopt.formats.source import ReadOptions, Source, word_key
 
 MAX_EVENT_TEXT = 200
+USED = "options_used"  # key of ``meta`` between a reader and :mod:`machopt.formats.optionuse`
 FAST_MM_MIN = 100e3  # no robot cuts faster: a slip of units, or a placeholder
 MAX_POINTS = 10_000_000  # 0.7 GB: beyond it a loop or a radius is a fault
 Vector = tuple[float, float, float]
@@ -43,11 +44,12 @@ class PathBuilder:
     _pending: Operation = field(default_factory=lambda: Operation("main", "trajectory"))
     _open: bool = False
     _events: list[Event] = field(default_factory=list)
-    _ignored: dict[tuple[str, bool], list[int]] = field(default_factory=dict)
+    _ignored: dict[str, IgnoredWord] = field(default_factory=dict)
     _arcs: list[ArcSpan] = field(default_factory=list)
     _offsets: list[tuple[int, str]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     meta: dict[str, str] = field(default_factory=dict)
+    used_options: set[str] = field(default_factory=set)  # options that had an effect
     cut_off: str | None = None  # why the file looks as if a part of it were missing
 
     def __len__(self) -> int:
@@ -92,6 +94,7 @@ class PathBuilder:
         line: NDArray[np.int32],
         labels: list[tuple[int, str]],
         tools: Mapping[int, str] | None = None,
+        from_cycle: NDArray[np.bool_] | None = None,
     ) -> None:
         """Append a whole table.
 
@@ -100,12 +103,15 @@ class PathBuilder:
             move, line: (N,) Move codes and source lines.
             labels: first row and label of each operation; none: they go on in the present one.
             tools: of operations by their first row.
+            from_cycle: (N,) rows that are strokes of a drilling cycle; none by default.
         """
         lacking = np.flatnonzero((move == Move.CUT) & ~(numbers[:, 6] > 0.0))
         for row in lacking.tolist():
             numbers[row, 6] = self.feed_fallback(float(numbers[row, 6]), int(line[row]))
         codes = np.zeros((len(numbers), 4), dtype=np.int32)
         codes[:, 0], codes[:, 2] = move, line
+        if from_cycle is not None:
+            codes[:, 3] = from_cycle
         stops = [start for start, _ in labels[1:]] + [len(numbers)]
         for (start, label), stop in zip(labels or [(0, "")], stops, strict=True):
             if labels:
@@ -187,6 +193,7 @@ class PathBuilder:
                 "cutting move without a feed; expected a feed word before it, or give one with --feed MM_MIN",
                 line,
             )
+        self.used_options.add("--feed")
         self.warn_once("cutting moves without a feed of their own take the given default feed")
         return self.options.default_feed * 60e3
 
@@ -223,16 +230,29 @@ class PathBuilder:
                 del self._events[k]
                 return
 
-    def ignore(self, word: str, line: int, *, understood: bool) -> None:
-        """Count a word without effect here; with ``strict`` the first not understood one is refused."""
-        key = (word, understood)
-        entry = self._ignored.get(key)
-        if entry is None:
-            if self.options.strict and not understood:
+    def ignore(self, word: str, line: int, *, understood: bool, stops: bool | None = None) -> None:
+        """Count a word without effect here.
+
+        A word that is not understood may move points or frames, so it stops a plan
+        (:func:`machopt.formats.unknownwords.refuse_unknown_words`) unless the user accepts it.
+
+        Args:
+            word: as the file has it, and as ``--accept-unknown`` takes it.
+            line: where it is.
+            understood: it is on the dialect's reviewed list, or the reader uses it.
+            stops: False where a word that is not understood cannot move anything; by default it may.
+
+        Raises:
+            InputError: it is not understood, not accepted, and reading is strict.
+        """
+        entry = self._ignored.get(word)
+        if entry is None or (entry.understood and not understood):
+            accepted = not understood and word_key(word) in self.options.accept_unknown
+            if self.options.strict and not understood and not accepted:
                 raise self.source.error(f"word {word!r} is not understood and strict reading was asked for", line)
-            self._ignored[key] = [1, line]
-        else:
-            entry[0] += 1
+            may_move = not understood if stops is None else stops
+            entry = IgnoredWord(word, 0, line, understood, may_move and not accepted)
+        self._ignored[word] = replace(entry, count=entry.count + 1)
 
     def warn(self, message: str, line: int | None = None) -> None:
         self.warnings.append(message if line is None else f"line {line}: {message}")
@@ -299,9 +319,7 @@ class PathBuilder:
                 f"{len(found.against)} arcs run against the tangents of their neighbours ({found.agree} run with "
                 f"them), at lines {_some([str(k) for k in found.against])}: check the arc direction"
             )
-        ignored = tuple(
-            IgnoredWord(word, count, first, understood) for (word, understood), (count, first) in self._ignored.items()
-        )
+        ignored = tuple(self._ignored.values())
         fast = np.flatnonzero((move == Move.CUT) & (table[:, 6] > FAST_MM_MIN))
         if len(fast):
             self.warn(f"{len(fast)} cuts at up to {table[fast, 6].max():.3g} mm/min", int(line[fast[0]]))
@@ -311,6 +329,14 @@ class PathBuilder:
         strange = [w for w in ignored if not w.understood]
         if strange:
             self.warn(f"{sum(w.count for w in strange)} words were not understood: {_some([w.word for w in strange])}")
+        stopping = [f"{w.word} (line {w.first_line})" for w in strange if w.stops]
+        if stopping:
+            self.warn(
+                f"no plan is made from this file, because these words may move points or frames: {_some(stopping)}. "
+                "--accept-unknown WORD accepts one that moves nothing"
+            )
+        if self.used_options:
+            self.meta[USED] = " ".join(sorted(self.used_options))
         if self.cut_off is not None:
             if self.options.strict:
                 raise self.source.error(f"the file seems incomplete, and strict reading was asked for: {self.cut_off}")

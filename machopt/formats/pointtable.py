@@ -16,17 +16,21 @@ from machopt.errors import InputError
 from machopt.formats import parquet
 from machopt.formats.attitude import ATTITUDES, UNIT_QUATERNION, rotations
 from machopt.formats.csvcolumns import Columns, Words, cells_of, data_lines, is_number, number_cell, read_columns
+from machopt.formats.holekind import hole_lengths, holes_of, refuse_possible_holes
+from machopt.formats.holetable import write_out
 from machopt.formats.pathbuilder import PathBuilder
 from machopt.formats.source import TOOL_AXES, UNIT_NAMES, ReadOptions, Source, offset_key
+from machopt.formats.tablewords import may_move_points
 from machopt.formats.xyzwpr import across, read_xyzwpr
 
 _UNIT_ENDINGS = {"_mm": "mm", "_inch": "inch", "_in": "inch", "": None}
 _POINT = ("x", "y", "z")
 _AXIS = ("i", "j", "k")
 _REFERENCE = ("rx", "ry", "rz")
-_WORDS = ("move", "operation", "tool", "offset")
+_WORDS = ("move", "operation", "tool", "offset", "kind")
 _PLAIN = (*_AXIS, *_WORDS, *_REFERENCE)
-_OPTIONAL = ("feed", "tolerance", *_REFERENCE)
+_HOLE = ("depth", "approach")
+_OPTIONAL = ("feed", "tolerance", *_HOLE, *_REFERENCE)
 _MOVES = {m.word: m for m in Move}
 
 
@@ -155,7 +159,8 @@ class _Table:
             )
         unit, asked = next(iter(units), None), self.options.unit
         if unit is None and asked is None:
-            raise self.source.error(
+            raise self.source.question(
+                "unit",
                 "columns x, y, z carry no unit; name them x_mm, y_mm, z_mm or give --unit mm or --unit inch",
                 self.header_line,
             )
@@ -199,11 +204,12 @@ class _Table:
         return rest
 
     def unknown(self, column: str, header: list[str]) -> None:
-        known = [f"{c}_mm" for c in _POINT] + [*_PLAIN, "feed_mm_min", "tolerance_mm"]
+        known = [f"{c}_mm" for c in (*_POINT, *_HOLE, "tolerance")] + [*_PLAIN, "feed_mm_min"]
         near = difflib.get_close_matches(column.lower(), [k for k in known if k not in header], 1, 0.8)
         if near:
             raise self.source.error(f"unknown column {column!r}; did you mean {near[0]!r}?", self.header_line)
-        self.out.ignore(f"column {column}", self.header_line, understood=False)
+        stops = may_move_points(column)
+        self.out.ignore(f"column {column}", self.header_line, understood=False, stops=stops)
 
     def wanted_numbers(self) -> dict[str, bool]:
         return {column: name in _OPTIONAL for name, column in self.names.items() if name not in _WORDS}
@@ -238,13 +244,40 @@ class _Table:
         move = self.moves()
         table[(move == Move.RAPID) | ((table[:, 6] == 0.0) & (move != Move.CUT)), 6] = np.nan
         self.out.meta["unit"] = self.unit
-        for first, name in self.offsets(n):
-            self.out.count_from(name, first)
         labels, tools = self.labels()
+        starts = [k for k, _ in labels] or [0]
         if self.options.default_feed is None:
-            self.hold_feeds(table[:, 6], move == Move.CUT, np.array([k for k, _ in labels] or [0]))
-        self.out.add_table(table, move, self.columns.line, labels, tools)
-        return self.out.build(reference=reference, tolerance_mm=tolerance)
+            self.hold_feeds(table[:, 6], move == Move.CUT, np.array(starts))
+        is_hole = holes_of(self, move)
+        if not is_hole.any():
+            for first, name in self.offsets(n):
+                self.out.count_from(name, first)
+            self.out.add_table(table, move, self.columns.line, labels, tools)
+            path = self.out.build(reference=reference, tolerance_mm=tolerance)
+            refuse_possible_holes(self, table, starts)
+            return path
+        depth, approach = (hole_lengths(self, name, is_hole) * scale for name in _HOLE)
+        rows = write_out(is_hole, move, depth, approach)
+        first_of = np.searchsorted(rows.source, np.arange(n))  # of each row of the table
+        for first, name in self.offsets(n):
+            self.out.count_from(name, int(first_of[first]))
+        found = table[rows.source]
+        unit = found[:, 3:6] / np.maximum(np.linalg.norm(found[:, 3:6], axis=1), 1e-12)[:, None]
+        found[:, :3] += rows.offset[:, None] * unit
+        found[rows.is_hole & (rows.move != Move.CUT), 6] = np.nan
+        self.out.meta["holes"] = str(int(is_hole.sum()))
+        self.out.add_table(
+            found,
+            rows.move,
+            self.columns.line[rows.source],
+            [(int(first_of[k]), label) for k, label in labels],
+            {int(first_of[k]): tool for k, tool in tools.items()},
+            from_cycle=rows.is_hole,
+        )
+        return self.out.build(
+            reference=None if reference is None else reference[rows.source],
+            tolerance_mm=None if tolerance is None else tolerance[rows.source],
+        )
 
     def attitudes(self) -> Array:
         assert self.attitude is not None
@@ -254,6 +287,7 @@ class _Table:
             off = np.abs(np.linalg.norm(values, axis=1) - 1.0) > UNIT_QUATERNION
             if off.any():
                 raise self.error("the quaternion is not of unit length", int(np.argmax(off)), ", ".join(one.columns))
+        self.out.used_options.add("--tool-axis")
         self.out.meta["attitude"] = f"{one.words}; tool axis {self.options.tool_axis}"
         return rotations(self.attitude, values)
 
@@ -345,7 +379,7 @@ class _Table:
 
 
 def _split_unit(column: str) -> tuple[str | None, str | None]:
-    for base in (*_POINT, "tolerance"):
+    for base in (*_POINT, *_HOLE, "tolerance"):
         for ending, unit in _UNIT_ENDINGS.items():
             if column == base + ending:
                 return base, unit

@@ -55,6 +55,11 @@ def offset_key(name: str) -> str:
     return "".join(name.upper().split())
 
 
+def word_key(word: str) -> str:
+    """One spelling of an unknown word: single blanks, upper case."""
+    return " ".join(word.upper().split())
+
+
 @dataclass(frozen=True, kw_only=True)
 class ReadOptions:
     """What the caller knows and the file may not say."""
@@ -69,6 +74,8 @@ class ReadOptions:
     tool_axis: str = "-z"  # one of TOOL_AXES
     decimals: int | None = None  # places of G-code numbers without a point; 0: they stand as they are; None: not said
     max_extent: float = MAX_EXTENT  # m, along one axis
+    accept_unknown: tuple[str, ...] = ()  # words that the user says move nothing, as :func:`word_key` spells them
+    kind: str | None = None  # "path" or "holes": rows of a point table that does not say it
     cell_offsets: tuple[str, ...] = ()  # names of the cell's work offsets: points in them are placed once they are read
 
     def __post_init__(self) -> None:
@@ -82,6 +89,8 @@ class ReadOptions:
             raise InputError(
                 f"unknown tool axis {self.tool_axis!r}: known are {', '.join(TOOL_AXES)}", where="--tool-axis"
             )
+        if self.kind not in (None, "path", "holes"):
+            raise InputError(f"unknown kind {self.kind!r}: known are path, holes", where="--kind")
         strange = [w for w in self.cycle_order if w not in CYCLE_QUANTITIES]
         if strange or len(set(self.cycle_order)) != len(self.cycle_order):
             raise InputError(

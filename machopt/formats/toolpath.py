@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING
 from machopt.domain.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.formats.cam import heads
+from machopt.formats.cam.gcode.questions import find_fault_behind
+from machopt.formats.optionuse import check_options
 from machopt.formats.pointtable import looks_like_table, read_csv, read_parquet
-from machopt.formats.source import MAX_EXTENT, ReadOptions, Source, decode, read_bytes
+from machopt.formats.source import MAX_EXTENT, OptionNeededError, ReadOptions, Source, decode, read_bytes, word_key
 from machopt.formats.source import offsets as work_offsets
 
 if TYPE_CHECKING:
@@ -47,6 +49,8 @@ def read_toolpath(
     tool_axis: str = "-z",
     decimals: int | None = None,
     max_extent: float = MAX_EXTENT,
+    accept_unknown: Sequence[str] = (),
+    kind: str | None = None,
     robot: KnownRobot | None = None,
     cell_offsets: Sequence[str] = (),
 ) -> Toolpath:
@@ -67,6 +71,8 @@ def read_toolpath(
         offsets: where further work offsets lie in the first one, such as ``("G55=100,0,0",)`` (mm).
         decimals: G-code numbers without a decimal point count this decimal (3: ``X1500`` is 1.5); 0: as they stand;
             None: a file in which that matters is refused.
+        kind: ``path`` or ``holes``: what the rows of a point table are that does not say it.
+        accept_unknown: words of the file that are not understood and, as the user says, move nothing.
         cell_offsets: names of the cell's work offsets. What counts from them is told in the toolpath's ``offsets`` and
             is in the workpiece once :func:`machopt.formats.setups.placed` has placed it.
         max_extent: m, the longest path along one axis that is believed.
@@ -87,12 +93,29 @@ def read_toolpath(
         tool_axis=tool_axis,
         decimals=decimals,
         max_extent=max_extent,
+        kind=kind,
+        accept_unknown=tuple(word_key(w) for w in accept_unknown),
         cell_offsets=tuple(cell_offsets),
     )
     if options.cell_offsets and options.offsets:
         raise InputError(
             "the cell itself has offsets, and says where they lie; without --offset it would work", where="--offset"
         )
+    try:
+        found = _read(path, options, robot)
+    except OptionNeededError as question:  # what no option can cure comes first
+        fault = find_fault_behind(question, options, lambda assumed: read_again(path, assumed, robot))
+        raise (fault or question) from None
+    return check_options(path, found, options)
+
+
+def read_again(path: Path, options: ReadOptions, robot: KnownRobot | None) -> None:
+    """Read a file for its faults only."""
+    _read(path, options, robot)
+
+
+def _read(path: Path, options: ReadOptions, robot: KnownRobot | None) -> Toolpath:
+    """The file, by the reader that its content asks for."""
     data = read_bytes(path)
     if data[:4] == b"PAR1":
         return read_parquet(path, data, options)

@@ -7,6 +7,8 @@ import numpy as np
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.formats.attitude import rotations
 from machopt.formats.csvcolumns import cells_of, data_lines, number_cell
+from machopt.formats.holekind import KIND_HELP
+from machopt.formats.holetable import could_be_holes
 from machopt.formats.pathbuilder import PathBuilder
 from machopt.formats.source import TOOL_AXES, ReadOptions, Source
 
@@ -46,15 +48,21 @@ def read_xyzwpr(source: Source, options: ReadOptions) -> Toolpath:
     out = PathBuilder(source=source, options=options, format="csv/xyzwpr")
     column, sign = TOOL_AXES[options.tool_axis]
     out.meta.update(unit="mm", attitude=f"R = Rz(r) Ry(p) Rx(w), degrees; tool axis {options.tool_axis}")
+    out.used_options.update(("--feed", "--tool-axis"))
     out.warn("no header: rows are read as x, y, z (mm), w, p, r (degrees about fixed X, Y, Z), all of them cuts")
     if width == 7:
         out.ignore("column 7 (running number)", first, understood=True)
     if options.default_feed is None:
-        raise source.error("a list of x, y, z, w, p, r has no feeds; give one with --feed", first)
+        raise source.question("feed", "a list of x, y, z, w, p, r has no feeds; give one with --feed", first)
     numbers = np.column_stack([table[:, :3], sign * R[:, :, column], np.full(len(rows), options.default_feed * 60e3)])
+    if options.kind == "holes":
+        raise source.error("a list without a header has no depth_mm and approach_mm, which holes need", first)
     move = np.full(len(rows), int(Move.CUT), dtype=np.int32)
     out.add_table(numbers, move, np.array([line for line, _ in rows], dtype=np.int32), [])
-    return out.build(reference=R[:, :, across(column)].copy())
+    path = out.build(reference=R[:, :, across(column)].copy())
+    if options.kind is None and could_be_holes(numbers[:, :3], numbers[:, 3:6], numbers[:, 6], [0]) is not None:
+        raise source.error(f"says not what its rows are, and they could be holes: {KIND_HELP}", first)
+    return path
 
 
 def across(column: int) -> int:

@@ -15,7 +15,7 @@ from machopt.formats.options import load_options, options_as_user
 from machopt.formats.programs.toolpath import KnownRobot
 from machopt.formats.reading import reading_as_user, reading_from_user
 from machopt.formats.setups import placed
-from machopt.formats.toolpath import read_toolpath
+from machopt.formats.unknownwords import read_for_plan
 from machopt.output.jsonfile import plain
 from machopt.verify import Check
 from machopt.verify.check import Promise
@@ -65,14 +65,14 @@ def in_force(request: VerifyRequest, cell: Cell, robot: KnownRobot | None, manif
             checks.append(failed(Promise.OPTIONS, f"the manifest's cannot be used: {problem.reason}"))
         try:
             reading = reading_from_user(manifest.reading)
-            toolpath = read_toolpath(
+            toolpath = read_for_plan(
                 request.toolpath, robot=robot, cell_offsets=tuple(cell.offsets), **{**reading, **given}
             )
         except InputError as problem:
             checks.append(failed(Promise.READING, f"the toolpath cannot be read with the manifest's: {problem}"))
             reading = {}
     if not reading:
-        toolpath = read_toolpath(request.toolpath, robot=robot, cell_offsets=tuple(cell.offsets), **given)
+        toolpath = read_for_plan(request.toolpath, robot=robot, cell_offsets=tuple(cell.offsets), **given)
     options = load_options(below, request.plan_file, list(request.overrides))
     notes = _contradictions(plain(options_as_user(options)), below) if manifest is not None and not checks else []
     notes += _contradictions(reading_as_user(given), reading_as_user(reading)) if manifest is not None else []

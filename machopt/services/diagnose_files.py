@@ -19,7 +19,7 @@ from machopt.formats.residuals import write_residuals_csv
 from machopt.formats.setups import placed
 from machopt.formats.stiffness import load_stiffness, write_stiffness
 from machopt.formats.toolchoice import with_tool
-from machopt.formats.toolpath import read_toolpath
+from machopt.formats.unknownwords import read_for_plan
 from machopt.report.gather.diagnose import places_of
 from machopt.services.knownrobot import reading_of
 
@@ -95,5 +95,5 @@ def effect_of(
         return None
     from machopt.diagnose.written.onjob import effect_on_job  # the planner takes a second to load
 
-    path = placed(read_toolpath(toolpath, **reading_of(cell)), cell)
+    path = placed(read_for_plan(toolpath, **reading_of(cell)), cell)
     return effect_on_job(with_tool(cell, path), before, after, path, load_options(cell.plan, overrides=overrides))

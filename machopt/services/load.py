@@ -18,7 +18,7 @@ from machopt.formats.parquet import refuse_without_pyarrow
 from machopt.formats.posts.densify import Tolerance
 from machopt.formats.setups import placed
 from machopt.formats.toolchoice import stints_of, with_tools
-from machopt.formats.toolpath import read_toolpath
+from machopt.formats.unknownwords import read_for_plan, refuse_unknown_words
 from machopt.plan.job.drive import refuse_unplannable, refuse_wrong_unit, with_reach_warning
 from machopt.plan.job.pareto import refuse
 from machopt.postprocess.wanted import Wanted, is_post_file, wanted_posts
@@ -70,7 +70,7 @@ def load(request: OptimizeRequest) -> Loaded:
         InputError: bad cell, toolpath, options or post.
     """
     cell = load_cell(request.cell, allow_external=request.allow_external)
-    return prepared(cell, lambda: read_toolpath(request.toolpath, **reading_of(cell), **request.reading), request)
+    return prepared(cell, lambda: read_for_plan(request.toolpath, **reading_of(cell), **request.reading), request)
 
 
 def prepared(cell: Cell, read: Callable[[], Toolpath], request: OptimizeRequest) -> Loaded:
@@ -87,7 +87,7 @@ def prepared(cell: Cell, read: Callable[[], Toolpath], request: OptimizeRequest)
     refuse_without_pyarrow(request.tables)
     options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
     posts, tolerance = wanted_posts(cell, request.posts), tolerance_of(request.program_tolerance_mm, options)
-    toolpath = with_reach_warning(cell, placed(read(), cell))
+    toolpath = with_reach_warning(cell, placed(refuse_unknown_words(read(), request.toolpath), cell))
     cell = with_tools(cell, toolpath)
     stints = stints_of(cell, toolpath)
     if request.front:

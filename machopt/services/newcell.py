@@ -20,7 +20,7 @@ from machopt.domain.cell import Cell
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
 from machopt.formats.schema import schema_name, schema_text
-from machopt.formats.toolpath import read_toolpath
+from machopt.formats.unknownwords import read_for_plan
 from machopt.formats.urdf import describe_alone, find_arm
 from machopt.model.collision import CollisionModel
 from machopt.model.machine import load_machine
@@ -84,7 +84,7 @@ def _placed(new: NewCell, request: InitRequest, cell: Cell, span: float) -> tupl
         return not bodies.check(x, np.ones(len(q), bool)).any
 
     if request.toolpath is not None:
-        path = read_toolpath(request.toolpath, **reading_of(cell), **request.reading)
+        path = read_for_plan(request.toolpath, **reading_of(cell), **request.reading)
         position, axis, of = path.position, path.axis, request.toolpath.name
     else:
         position, axis = sample_path(span)

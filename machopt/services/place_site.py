@@ -17,6 +17,7 @@ from machopt.formats.options import load_options
 from machopt.formats.setups import placed
 from machopt.formats.toolchoice import stints_of, with_tools
 from machopt.formats.toolpath import read_toolpath
+from machopt.formats.unknownwords import refuse_unknown_words
 from machopt.placement.moved import refuse
 from machopt.placement.search import Site
 from machopt.services.knownrobot import reading_of
@@ -45,6 +46,8 @@ def site_of(request: PlaceRequest, cell: Cell, toolpaths: tuple[Toolpath, ...]) 
         InputError: the cell, an option or a range is wrong.
     """
     refuse(cell, base=request.search.base)
+    for toolpath, file in zip(toolpaths, request.toolpaths, strict=True):
+        refuse_unknown_words(toolpath, file)
     toolpaths = tuple(placed(toolpath, cell) for toolpath in toolpaths)
     stints = [stints_of(with_tools(cell, toolpath), toolpath) for toolpath in toolpaths]
     options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))

@@ -15,7 +15,7 @@ from machopt.errors import InputError
 from machopt.formats.options import load_options
 from machopt.formats.setups import placed
 from machopt.formats.toolchoice import with_tool
-from machopt.formats.toolpath import read_toolpath
+from machopt.formats.unknownwords import read_for_plan
 from machopt.model.gravity import weight_torque
 from machopt.services.knownrobot import reading_of
 
@@ -38,7 +38,7 @@ def job_of(request: PosesRequest, cell: Cell) -> JobLoads | None:
             file=request.toolpath,
             where="--toolpath",
         )
-    path = placed(read_toolpath(request.toolpath, **reading_of(cell)), cell)
+    path = placed(read_for_plan(request.toolpath, **reading_of(cell)), cell)
     toolled = with_tool(cell, path)
     found = plan(replace(toolled, stiffness=prior_of(request, cell)), path, options)
     rows = np.flatnonzero(found.path.counted & (found.chosen.assignment.reason == Reason.OK))

@@ -14,6 +14,7 @@ class IgnoredWord(Part):
     count: Count
     first_line: Count
     understood: Flag
+    stops: Flag = False  # it may move points or frames: no plan is made unless --accept-unknown names it
 
 
 class ToolpathRead(Part):

@@ -62,7 +62,9 @@ class _Reader:
         self.source = source
         self.out = PathBuilder(source=source, options=options, format="nci")
         if options.unit is None:
-            raise source.error("is Mastercam NCI, which does not say its unit; give --unit mm or --unit inch")
+            raise source.question(
+                "unit", "is Mastercam NCI, which does not say its unit; give --unit mm or --unit inch"
+            )
         self.scale = UNIT_NAMES[options.unit]
         self.out.meta.update(unit=options.unit, unit_from="option")
         self.tolerance = options.arc_tolerance * 1e3
@@ -79,7 +81,7 @@ class _Reader:
         self.axis_layout = self.layout_of_axes(records)
         for record in records:
             if self.ended:
-                self.out.ignore("records after the end", record.line, understood=False)
+                self.out.ignore("records after the end", record.line, understood=False, stops=False)
                 continue
             try:
                 self.record(record)

@@ -35,6 +35,10 @@ M: dict[int, str] = {
     **dict.fromkeys(range(40, 46), _MACHINE),
     **dict.fromkeys((48, 49), "overrides of the operator on or off"),
     60: "pallet or part change: the program's coordinates stay",
+    **dict.fromkeys((29, 135), "rigid tapping: the spindle follows the feed; the cycle states the stroke"),
+    **dict.fromkeys((31, 32, 33, 34, 35), _MACHINE),  # chip conveyor, coolant nozzle
+    **dict.fromkeys((50, 51, 52, 53), "overrides of the operator, or coolant through the spindle"),
+    **dict.fromkeys((59, *range(62, 69)), "switches or reads inputs and outputs"),
 }
 G_LETTERS: dict[str, str] = {
     "T": "preselects a tool; M6 changes it",
@@ -102,7 +106,13 @@ SINUMERIK_NAMES: dict[str, str] = {
     "FP": "which fixed point G75 goes to; that move is the machine's",
 }
 HEIDENHAIN: dict[str, str] = {
-    **dict.fromkeys(("BLK FORM", "TOOL DEF", "FUNCTION MODE"), _DISPLAY),
+    **dict.fromkeys(("BLK FORM", "TOOL DEF", "FUNCTION COUNT"), _DISPLAY),
+    **dict.fromkeys(("FN 15", "FN 16", "FN 38"), "texts for the screen, files or the network"),
+    "FUNCTION MODE MILL": "milling, which is read anyway",
+    **dict.fromkeys(
+        ("FUNCTION FEED DWELL", "FUNCTION RESET FEED DWELL", "FUNCTION DWELL"), "waits; the points are the same"
+    ),
+    **dict.fromkeys(("FUNCTION S-PULSE", "FUNCTION RESET S-PULSE"), _SPINDLE),
     "END PGM": "the end",
     "LBL": "a place that jumps name; the jumps are followed",
     "STOP": "kept as an event",
@@ -118,8 +128,9 @@ HEIDENHAIN_CYCLES: dict[int, str] = {
     9: "dwell, kept as an event",
     13: _SPINDLE,
     32: _SMOOTH,
+    238: "measures the state of the machine's axes",
     239: "the load on the table, for the control's drives",
-    332: _SMOOTH,
+    **dict.fromkeys((332, 392), _SMOOTH),
     247: "the datum preset; another one than the first is a work offset",
 }
 DIN_ISO: dict[int, str] = {
@@ -165,8 +176,6 @@ APT: dict[str, str] = {
             "OPTION",
             "MACHIN",
             "PPFUN",
-            "PREFUN",
-            "AUXFUN",
             "NOPOST",
             "POSTN",
             "TLDATA",
@@ -182,7 +191,39 @@ APT: dict[str, str] = {
         _RECORD,
     ),
     **dict.fromkeys(("INTOL", "OUTTOL", "TOLER", "LINTOL", "ARCSLP", "LINCIR", "SLOWDN"), _SMOOTH),
-    **dict.fromkeys(("CLAMP", "OPSKIP", "SWITCH", "HEAD", "BREAK"), _MACHINE),
+    **dict.fromkeys(
+        (
+            "BEGIN",
+            "MATERL",
+            "MATERIAL",
+            "OPNAME",
+            "OPTYPE",
+            "APPLY",
+            "TITLES",
+            "NOPLOT",
+            "LETTER",
+            "DRAFT",
+            "PPLOT",
+            "PENUP",
+            "PENDWN",
+            "OVPLOT",
+            "INTCOD",
+            "STOCK",
+            "STKGEO",
+            "PRTGEO",
+            "CATPROCESS",
+            "TOOLCHANGEBEGINNING",
+            "TOOLCHANGEEND",
+        ),
+        _RECORD,
+    ),
+    **dict.fromkeys(("CLAMP", "OPSKIP", "SWITCH", "HEAD", "BREAK", "AIR", "MAGTAP", "RESET"), _MACHINE),
+    **dict.fromkeys(
+        ("SELCTL", "TURRET", "UNLOAD"), "takes a tool from or to the magazine; LOADTL names the one in use"
+    ),
+    **dict.fromkeys(("MCHTOL", "MCHFIN", "MAXVEL", "MAXDPM"), _SMOOTH),
+    "CHECK": "limits of the machine that the post watches",
+    "PITCH": "pitch of threads that are cut by other statements",
     **dict.fromkeys(
         ("CLDIST", "CLRSRF"), "clearance of moves that the post adds; cycles must name theirs, and those are read"
     ),

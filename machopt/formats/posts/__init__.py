@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from anyascii import anyascii
 
 from machopt.domain.program import Controller, RobotProgram
 from machopt.errors import InputError, nearest
@@ -126,13 +127,14 @@ def write_program(
 def program_name(text: str, post: str | Path) -> str:
     """The nearest name the post's controller takes: ``"2nd op-A"`` becomes ``p2nd_op_A``.
 
-    Names that were cut short end in a mark of the whole, so that two programs of one controller keep two names; words
-    of the language get a ``p`` in front.
+    Letters of other scripts are written in ASCII. Names that were written so or cut short end in a mark of the whole,
+    so that two programs of one controller keep two names; words of the language get a ``p`` in front.
     """
     keys = load_post(post).keys.name
-    name = re.sub(r"[^A-Za-z0-9_]+", "_", text).strip("_")
+    latin = text if text.isascii() else anyascii(text)
+    name = re.sub(r"[^A-Za-z0-9_]+", "_", latin).strip("_")
     name = name if name[:1].isalpha() and name.lower() not in keys.reserved else f"p{name}"
-    if len(name) > keys.length:
+    if len(name) > keys.length or not text.isascii():
         mark = hashlib.sha256(text.encode()).hexdigest()[:MARK]
         name = f"{name[: keys.length - MARK - 1].rstrip('_')}_{mark}"
     return name.upper() if keys.upper else name

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 
@@ -42,7 +42,8 @@ class _Language:
         return parsed
 
 
-_READERS = (
+_READERS = (  # the first that fits: VAL3 holds movej( and movel( as URScript does
+    _Language("Staubli VAL3", _has(r"staubli\.com/robotics/VAL3"), "val3", "read_val3"),
     _Language(
         "URScript",
         _has(r"^\s*(?:def|thread)\s+\w+\(.*\)\s*:|^\s*(?:movej|movel|movep|servoj)\("),
@@ -53,7 +54,6 @@ _READERS = (
     _Language("ABB RAPID", _has(r"(?i)^\s*(?:%%%|MODULE\s+\w+|(?:LOCAL\s+)?PROC\s+\w+\s*\()"), "rapid", "read_rapid"),
     _Language("FANUC", _has(r"^\s*/PROG\b"), "fanuc", "read_fanuc"),
     _Language("Yaskawa", _has(r"^\s*/JOB\b"), "jbi", "read_jbi"),
-    _Language("Staubli VAL3", _has(r"staubli\.com/robotics/VAL3"), "val3", "read_val3"),
     _Language("program table", _has(r"^# machopt_program\b|^item,.*\bq1_deg\b"), "tables", "read_csv_program"),
     _Language("program JSON", _has(r'\A\s*\{\s*"machopt_program"'), "tables", "read_json_program"),
     _Language("ROS JointTrajectory", _has(r'^"?joint_names"?\s*:|^\s*\{.*"joint_names"\s*:'), "ros", "read_ros"),
@@ -111,7 +111,8 @@ def read_program_as_toolpath(
     """
     options = options or ReadOptions()
     pulses = None if robot is None or robot.controller.pulses_per_deg is None else robot.controller.pulses_per_deg
-    program = read_program(path, options, pulses_per_deg=None if pulses is None else pulses.tolist())
+    loose = replace(options, strict=False)  # the toolpath refuses what is not understood, and knows what is accepted
+    program = read_program(path, loose, pulses_per_deg=None if pulses is None else pulses.tolist())
     return to_toolpath(program, _source(Path(path)), options, robot)
 
 

@@ -69,7 +69,7 @@ class Builder:
     _operation: int = -1
     _word: Move = Move.CUT
     _told: bool = False  # a comment said what kind of move follows
-    _ignored: dict[tuple[str, bool], list[int]] = field(default_factory=dict)
+    _ignored: dict[tuple[str, bool, bool], list[int]] = field(default_factory=dict)
     _steps: int = 0
 
     def __len__(self) -> int:
@@ -296,9 +296,12 @@ class Builder:
         self._events.append(Event(len(self), kind, text[:200], value))  # type: ignore[arg-type]
         self._fresh = fresh
 
-    def ignore(self, word: str, line: int, *, understood: bool) -> None:
-        """Count a statement without effect here; with ``strict`` the first not understood one is refused."""
-        key = (word[:40], understood)
+    def ignore(self, word: str, line: int, *, understood: bool, stops: bool | None = None) -> None:
+        """Count a statement without effect here; with ``strict`` the first not understood one is refused.
+
+        One that is not understood may move points or frames, so it stops a plan; ``stops=False``: it cannot.
+        """
+        key = (word[:40], understood, not understood if stops is None else stops)
         entry = self._ignored.setdefault(key, [0, line])
         entry[0] += 1
         if self.strict and not understood and entry[0] == 1:
@@ -326,7 +329,7 @@ class Builder:
         external = np.full((n, most), np.nan)
         for k, row in enumerate(self._external):
             external[k, : len(row)] = row
-        strange = [w for (w, understood) in self._ignored if not understood]
+        strange = [w for w, understood, _ in self._ignored if not understood]
         if strange:
             some = ", ".join(strange[:8]) + (f" and {len(strange) - 8} more" if len(strange) > 8 else "")
             self.warnings.append(f"not understood: {some}")
@@ -352,7 +355,7 @@ class Builder:
             events=tuple(self._events),
             line=codes[:, 5].copy(),
             warnings=tuple(self.warnings),
-            ignored=tuple(IgnoredWord(w, c, at, u) for (w, u), (c, at) in self._ignored.items()),
+            ignored=tuple(IgnoredWord(w, c, at, u, stops) for (w, u, stops), (c, at) in self._ignored.items()),
         )
 
 

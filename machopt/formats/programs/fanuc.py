@@ -12,6 +12,7 @@ from machopt.formats.programs.builder import STANDING_TOOL, Builder, number
 from machopt.formats.programs.fanuc_files import Part, Position, split
 from machopt.formats.programs.nearby import called
 from machopt.formats.programs.parsed import JOINT, LINEAR, Frame, ParsedProgram
+from machopt.formats.programs.reviewed import FANUC, begins_with
 from machopt.formats.programs.rotations import fixed_xyz, halfway, matrix
 from machopt.formats.source import Source
 
@@ -25,14 +26,17 @@ _TO_M_S = {"mm/sec": 1e-3, "cm/min": 1e-2 / 60.0, "inch/min": 0.0254 / 60.0, "in
 _MODIFIER = re.compile(
     r"(?:ACC\s*\d+|COORD|PTH|WJNT|BREAK|MROT|EV\s*\d+%?|IND|AP_LD[\d.]*|RT_LD[\d.]*|PSPD\s*\d+|CR\s*\d+)$"
 )
-_QUIET = re.compile(
-    r"(?:PAYLOAD|TOOL_OFFSET CONDITION|JOINT_MAX_SPEED|LINEAR_MAX_SPEED|COL |\$|TIMER|MESSAGE|REMARK|UALM|"
-    r"RSR|"
-    r"PARAM|LOCK|UNLOCK|MONITOR|R\[|PR\[|SR\[|F\[|GO\[|AO\[|POINT_LOGIC|-+$|TC_ONLINE|PALLETIZING)"
-)
+_QUIET = begins_with(FANUC)
 _EVENT = re.compile(r"(?:DO|RO|SO|M)\[|ARC |Arc |Weave|WEAVE|SPOT|Spot|WAIT|PULSE")
 _STRANGE_MOTION = re.compile(r"[A-Z]\s+(?:P|PR|PAL_\d+)\s*\[")
+_BRANCH = re.compile(r"LBL\s*\[|(?:IF|ENDIF|ELSE|END)\b")
 _JUMP = re.compile(r"(?:JMP\b|FOR\b|ENDFOR\b|SELECT\b|SKIP\b|.*\bJMP\s+LBL)")
+_SWITCHES = re.compile(  # an output at a time or distance before or after the target
+    r"\b(?:T[AB]|DB)\s*-?\d*\.?\d+\s*(?:sec|mm)\s*,?\s*(?:[DRG]O|AO|F)\[[^\]]*\]\s*=\s*[\w.()]+", re.IGNORECASE
+)
+_FRAME_SET = re.compile(r"(?:UFRAME|UTOOL)(?:_NUM\b|\s*\[)")
+_POSITION_SET = re.compile(r"P\s*\[[^\]]*\]\s*=")
+_DECIDES = re.compile(r"\bCALL\b|\bOVERRIDE\b|,\s*(?:UFRAME|UTOOL|P\s*\[)")
 _DEEPEST = 20
 
 
@@ -54,6 +58,7 @@ class _Reader:
         self.moves = 0
         self.row: list[tuple[Array, re.Match[str], int]] = []  # A moves so far: pose, words, line
         self.jump: tuple[int, str, Source] | None = None
+        self.branches: list[tuple[int, str]] = []  # IF … THEN that are open: line and text
 
     def run(self) -> ParsedProgram:
         part = split(self.out.source)
@@ -85,6 +90,8 @@ class _Reader:
                 pending = None
                 continue
             motion = _MOTION.fullmatch(text)
+            if self.branches and (motion is not None or text.startswith(("CALL", "UFRAME", "UTOOL", "OVERRIDE"))):
+                self.jump = self.jump or (*self.branches[0], part.source)
             if motion is None:
                 self.other(text, line, part, depth)
                 continue
@@ -133,6 +140,7 @@ class _Reader:
         kind = JOINT if motion.group(1) == "J" else LINEAR
         tail, incremental = re.subn(r"\bINC\b,?", " ", motion.group(4), flags=re.IGNORECASE)
         feed, blend = self.tail(tail, line, part)
+        tail = _SWITCHES.sub(" ", tail)  # their seconds are no time of the move
         if incremental:
             self.step(found, kind, feed, blend, line, part)
             return
@@ -229,6 +237,9 @@ class _Reader:
     def tail(self, text: str, line: int, part: Part) -> tuple[float, float]:
         """Feed in m/s and blend in m of what stands behind a position."""
         feed, blend = math.nan, math.nan
+        for switched in _SWITCHES.findall(text):
+            self.out.event(switched, "comment")
+        text = _SWITCHES.sub(" ", text)
         speed = _SPEED.search(text)
         if speed is not None:
             factor = _TO_M_S.get(speed.group(2).lower())
@@ -253,7 +264,7 @@ class _Reader:
                     line,
                     part.source,
                 )
-            self.out.ignore(re.sub(r"\d+", "n", word), line, understood=False)
+            self.out.ignore(word, line, understood=False)
         return feed, blend
 
     # ---- what is no motion
@@ -270,6 +281,19 @@ class _Reader:
                 self.out.last = None
             else:
                 self.tool = n
+        elif _FRAME_SET.match(text):
+            raise self.out.error(
+                f"{text[:30]!r} sets a frame to what only the controller knows: not followed; post UFRAME_NUM and "
+                "UTOOL_NUM with numbers, and the points where they lie",
+                line,
+                part.source,
+            )
+        elif _POSITION_SET.match(text):
+            raise self.out.error(
+                f"{text[:30]!r} changes a position while the robot runs: not followed; post the points where they lie",
+                line,
+                part.source,
+            )
         elif _STRANGE_MOTION.match(text):
             raise self.out.error(
                 f"{text[:30]!r}: a move to a position that the program does not hold (register, pallet, indirect "
@@ -292,9 +316,13 @@ class _Reader:
             self.out.event(text, "dwell", math.nan if seconds is None else seconds)
         elif _EVENT.match(text):
             self.out.event(text, "comment")
-        elif text.startswith(("LBL", "IF", "ENDIF", "ELSE", "END")) or _QUIET.match(text):
-            if text.startswith("IF") and re.search(r"\bCALL\b", text):
+        elif _BRANCH.match(text) or _QUIET.match(text):
+            if text.startswith("IF") and _DECIDES.search(text):
                 self.jump = self.jump or (line, text, part.source)
+            if text.startswith("IF") and text.endswith("THEN"):
+                self.branches.append((line, text))
+            elif text.startswith("ENDIF") and self.branches:
+                self.branches.pop()
             self.out.ignore(re.split(r"[\s\[(]", text)[0], line, understood=True)
         else:
             self.out.ignore(re.split(r"[\s\[(]", text)[0], line, understood=False)
@@ -304,7 +332,7 @@ class _Reader:
         other = called(part.source.path, plain, (".ls",)) if re.fullmatch(r"\w+", plain) else None
         if other is None:
             self.out.event(f"CALL {name}")
-            self.out.ignore(f"CALL {plain}, which is not in this folder", line, understood=False)
+            self.out.ignore(f"CALL {plain}", line, understood=False)
             return
         self.out.files.append(other.path)
         self.follow(split(other), depth + 1)

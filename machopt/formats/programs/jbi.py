@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from machopt.formats.programs.builder import Builder, number
 from machopt.formats.programs.nearby import called
 from machopt.formats.programs.parsed import JOINT, LINEAR, Frame, ParsedProgram
+from machopt.formats.programs.reviewed import JBI, begins_with
 from machopt.formats.programs.rotations import fixed_xyz
 from machopt.formats.source import Source
 
@@ -17,10 +18,8 @@ _REFERENCE = re.compile(r"\b((?:C|P)\d+)\b")
 _BASE, _STATION = re.compile(r"\b(BC\d+|BP\d+)\b"), re.compile(r"\b(EC\d+|EX\d+)\b")
 _LED = re.compile(r"\+MOV[JLC]\s+((?:EC|EX)\d+)(?:\s+V[JRE]?\s*=\s*[\d.]+)?")  # what the station does meanwhile
 _OPTION = re.compile(r"\b(VJ|VR|VE|V|PL|CR|ACC|DEC|NWAIT|FPT)\s*=?\s*(\d+\.?\d*|\.\d+)?")
-_QUIET = re.compile(
-    r"(?:NOP|END|SETE|SETTOOL|MSG|COMM|CLEAR|SET|INC|DEC|ADD|SUB|MUL|DIV|ARATION|REFP|SFTOF|GETE|GETS|MFRAME|CNVRT)\b"
-)
-_CHANGES = re.compile(r"(?:SETE|SET|ADD|SUB|MUL|DIV|GETS|CNVRT|INC|DEC)\s+P?X?(P\d+)\b")
+_QUIET = begins_with(JBI)
+_CHANGES = re.compile(r"(?:SETE|SET|ADD|SUB|MUL|DIV|GETS|CNVRT|INC|DEC|CLEAR)\s+P(?:X|\[)?(\d+)\b")
 _EVENT = re.compile(r"(?:DOUT|AOUT|PULSE|WAIT|ARCON|ARCOF|TOOLON|TOOLOF|SPINDLE|AND|OR|NOT)\b")
 _JUMP = re.compile(r"(?:JUMP|IFTHEN|ELSE|ENDIF|WHILE|ENDWHILE|FOR|NEXT|CASE|SWITCH|RET)\b")
 _DEEPEST = 20
@@ -108,9 +107,9 @@ class _Reader:
                 self.speed = {k: number(v) for k, v in _OPTION.findall(text[5:])}.get("V")
                 if self.speed is None:
                     self.out.ignore("SPEED without V", line, understood=True)
-            elif (changed := _CHANGES.match(text)) and changed.group(1) in job.positions:
+            elif (changed := _CHANGES.match(text)) and (name := _position_of(changed.group(1), job)):
                 raise self.out.error(
-                    f"{text[:30]!r} changes the position {changed.group(1)} while the job runs: not followed; post the "
+                    f"{text[:30]!r} changes the position {name} while the job runs: not followed; post the "
                     "points where they lie",
                     line,
                     job.source,
@@ -209,10 +208,15 @@ class _Reader:
         other = called(job.source.path, name, (".jbi",)) if re.fullmatch(r"[\w.-]+", name) else None
         if other is None:
             self.out.event(text)
-            self.out.ignore(f"{text[:24]}, which is not in this folder", line, understood=False)
+            self.out.ignore(text[:40], line, understood=False)
             return
         self.out.files.append(other.path)
         self.follow(_split(self.out, other), depth + 1)
+
+
+def _position_of(number: str, job: Job) -> str:
+    """The name of a position variable of //POS by its number, however many digits it is written with; else empty."""
+    return next((name for name in job.positions if re.fullmatch(rf"P0*{int(number)}", name)), "")
 
 
 def _split(out: Builder, source: Source | None = None) -> Job:
@@ -262,7 +266,7 @@ def _position(
 ) -> None:
     found = _POSITION.fullmatch(text)
     if found is None:
-        out.ignore(text[:24], line, understood=False)
+        out.ignore(text[:24], line, understood=False, stops=False)  # a move to what it may state is refused
         return
     name = found.group(1)
     values = [number(v) for v in found.group(2).split(",")]

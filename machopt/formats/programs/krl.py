@@ -9,13 +9,14 @@ from typing import NoReturn
 from machopt.formats.programs.builder import MOST_MOVES, STANDING_TOOL, Builder
 from machopt.formats.programs.krl_files import OPENS, Line, Routine, first_word, read_module
 from machopt.formats.programs.krl_moves import Moves
+from machopt.formats.programs.krl_statements import MOVE, SWITCHES, TYPES, WITHOUT_EFFECT, moves_nothing
 from machopt.formats.programs.krl_targets import POSE, placed
 from machopt.formats.programs.krl_values import KrlError, Memory, evaluate, quietly, split_name, whole
 from machopt.formats.programs.nearby import called, opened, siblings
 from machopt.formats.programs.parsed import Frame, ParsedProgram
+from machopt.formats.programs.reviewed import KRL_CALLS, KRL_STATEMENTS, KRL_VARIABLES
 from machopt.formats.source import Source
 
-_MOVE = re.compile(r"((?:S?(?:PTP|LIN|CIRC)|SPL)(?:_REL)?)\s*(?=[\s{])(.*)", re.IGNORECASE)
 _DECLARE = re.compile(
     r"(?:DECL\s+|GLOBAL\s+|CONST\s+)*(?!PTP\b|LIN\b|RETURN\b|WAIT\b)([A-Za-z_]\w*)\s+(?:GLOBAL\s+)?(\$?[A-Za-z_]\w*)\s*"
     r"(\[[^\]]*\])?\s*((?:,[^=]*)?)(?:=(.*))?",
@@ -24,35 +25,13 @@ _DECLARE = re.compile(
 _ASSIGN = re.compile(r"(\$?[A-Za-z_]\w*\s*(?:\[[^\]]*\])?\s*(?:\.\s*\w+\s*)*)=(?!=)(.*)")
 _CALL = re.compile(r"([A-Za-z_]\w*)\s*\((.*)\)\s*")
 _FOR = re.compile(r"FOR\s+(\w+)\s*=\s*(.+?)\s+TO\s+(.+?)(?:\s+STEP\s+(.+))?", re.IGNORECASE)
-_WITHOUT_EFFECT = re.compile(
-    r"(?:INTERRUPT|GLOBAL\s+INTERRUPT|CONTINUE|INI|EXT|EXTFCT|ENDDAT|IMPORT|SIGNAL|STRUC|ENUM)\b", re.IGNORECASE
-)
 _KINEMATIC = re.compile(
     r"EK\s*\(\s*MACHINE_DEF\s*\[([^\]]+)\]\s*\.\s*ROOT\s*,"
     r"\s*MACHINE_DEF\s*\[([^\]]+)\]\s*\.\s*MECH_TYPE\s*,\s*(.+)\)",
     re.IGNORECASE,
 )
+_TEXT_ARRAY = re.compile(r"\$?\w+\s*\[\s*\]\s*")
 _DEEPEST = 20
-_QUIET = frozenset(
-    (
-        "$ADVANCE",
-        "$ORI_TYPE",
-        "$CIRC_TYPE",
-        "$APO",
-        "$ACC",
-        "$ACC_AXIS",
-        "$VEL_AXIS",
-        "$BWDSTART",
-        "$LOAD",
-        "$VEL",
-        "$ACT_BASE",
-        "$ACT_TOOL",
-        "$ACT_EX_AX",
-        "$H_POS",
-        "$JERK",
-        "$ORI_CHECK",
-    )
-)
 EVENTFUL = ("$OUT", "$ANOUT", "$CYCFLAG", "$FLAG")
 
 
@@ -98,7 +77,7 @@ class _Reader:
             self.routines.setdefault(routine.name.upper(), routine)
         if module.routines:
             for line in module.strays:
-                self.out.ignore("text outside of DEF … END", line.number, understood=False)
+                self.out.ignore("text outside of DEF … END", line.number, understood=False, stops=False)
         if module.cut_off:
             self.out.warn_once("the program has no END: the file may be cut off", len(source.lines))
         for line in module.data:
@@ -136,7 +115,8 @@ class _Reader:
                 return
             found = _DECLARE.fullmatch(code)
             if found is None:
-                self.out.ignore(first_word(code), line, understood=bool(_WITHOUT_EFFECT.match(code)))
+                # a name that it may declare stays unknown, and a move to it is refused
+                self.out.ignore(first_word(code), line, understood=bool(WITHOUT_EFFECT.match(code)), stops=False)
                 return
             name = found.group(2).upper()
             if found.group(5) is not None:
@@ -176,14 +156,14 @@ class _Reader:
         word = first_word(code)
         if word in OPENS:
             return self.block(routine, k, word, depth)
-        if found := _MOVE.fullmatch(code):
+        if found := MOVE.fullmatch(code):
             self.moves.move(found.group(1).upper(), found.group(2), line.number)
         elif word in ("GOTO", "EXIT", "RETURN", "RESUME") or code.endswith(":"):
             if word == "GOTO":
                 raise self.out.error(
                     "GOTO: jumps are not followed; expand the program first", line.number, routine.source
                 )
-            self.out.ignore(word, line.number, understood=code.endswith(":"))
+            self.out.ignore(word, line.number, understood=code.endswith(":") or word == "RETURN")
             self.returned = word == "RETURN"
         elif word == "WAIT":
             seconds = quietly(code[4:].strip()[3:], self.memory) if code[4:].strip().upper().startswith("SEC") else None
@@ -197,9 +177,11 @@ class _Reader:
             self.assign(found.group(1), found.group(2), line.number)
         elif found := _CALL.fullmatch(code):
             self.call(found.group(1), found.group(2), line, routine, depth)
-        elif _WITHOUT_EFFECT.match(code):
+        elif WITHOUT_EFFECT.match(code) or word in KRL_STATEMENTS:
             self.out.ignore(word, line.number, understood=True)
-        elif _DECLARE.fullmatch(code) and word not in ("PULSE", "TRIGGER", "ANIN", "ANOUT", "BRAKE", "CWRITE"):
+        elif word == "TRIGGER" and SWITCHES.search(code):
+            self.out.event(code, "comment")
+        elif _DECLARE.fullmatch(code) and word in TYPES:
             self.declaration(code, line.number, routine.source)
         else:
             self.out.ignore(word or code, line.number, understood=False)
@@ -226,10 +208,36 @@ class _Reader:
             elif first_word(inner.code) == "RETURN":
                 self.out.may_end(inner.number)
             calls = _CALL.fullmatch(inner.code)
-            if _MOVE.fullmatch(inner.code) or (calls and calls.group(1).upper() in self.routines):
+            if (assigned := _ASSIGN.fullmatch(inner.code)) is not None:
+                self.forget(assigned.group(1), word, line.number, routine.source)
+            elif calls and calls.group(1).upper() == "BAS":
+                self.decides(word, line.number, routine.source)
+            elif calls and calls.group(1).upper() not in (*self.routines, *KRL_CALLS):
+                self.out.ignore(f"{calls.group(1)}( )", inner.number, understood=False)
+            elif not calls and inner.code and not moves_nothing(inner.code):
+                self.out.ignore(first_word(inner.code), inner.number, understood=False)
+            if MOVE.fullmatch(inner.code) or (calls and calls.group(1).upper() in self.routines):
                 self.decides(word, line.number, routine.source)
         self.out.ignore(f"{word} without moves inside", line.number, understood=True)
         return end
+
+    def forget(self, left: str, word: str, line: int, source: Source) -> None:
+        """A variable that a branch assigns while the robot runs: its value is not known from here on.
+
+        Raises:
+            InputError: it is a frame, or what frames and feeds are counted in.
+        """
+        name = left.split("[", maxsplit=1)[0].split(".", maxsplit=1)[0].strip().upper()
+        if name in ("$BASE", "$TOOL", "$IPO_MODE", "$OV_PRO"):
+            self.decides(word, line, source)
+        if name == "$VEL":
+            self.out.feed = math.nan
+        elif not name.startswith("$"):
+            self.memory.plain[name] = None
+            for index in self.memory.arrays.get(name, {}):
+                self.memory.arrays[name][index] = None
+        elif name not in (*KRL_VARIABLES, *EVENTFUL):
+            self.out.ignore(f"{name}=", line, understood=False)
 
     def decides(self, word: str, line: int, source: Source) -> NoReturn:
         raise self.out.error(
@@ -244,6 +252,9 @@ class _Reader:
             self.bas(arguments)
             return
         target = self.routines.get(upper)
+        if target is None and upper in KRL_CALLS:
+            self.out.event(f"{name}({arguments})", "comment")
+            return
         if target is None:
             other = called(routine.source.path, name, (".src",))
             if other is not None:
@@ -252,7 +263,7 @@ class _Reader:
                 target = self.routines.get(upper)
         if target is None:
             self.out.event(f"{name}( )")
-            self.out.ignore(f"call of {name}, which is not in this folder", line.number, understood=False)
+            self.out.ignore(f"{name}( )", line.number, understood=False)
             return
         self.follow(target, 0, len(target.lines), depth + 1)
         self.returned = False
@@ -294,6 +305,9 @@ class _Reader:
                     self.framed[word] = name
 
     def assign(self, left: str, right: str, line: int) -> None:
+        if _TEXT_ARRAY.fullmatch(left):  # NAME[] is a whole array of characters: no target is one
+            self.out.ignore("text", line, understood=True)
+            return
         name = split_name(left, self.memory)
         if name is None:
             raise KrlError(f"{left.strip()[:30]!r} cannot be assigned to")
@@ -320,8 +334,8 @@ class _Reader:
             self.moves.corner = value * 1e-3 if isinstance(value, float) else math.nan
         elif word in EVENTFUL:
             self.out.event(f"{left.strip()}={right.strip()}", "comment")
-        elif word.startswith("$") and word not in _QUIET:
-            self.out.ignore(f"{word}=", line, understood=False)
+        elif word.startswith("$"):
+            self.out.ignore(f"{word}=", line, understood=word in KRL_VARIABLES)
 
     def frame(self, word: str, text: str) -> None:
         rides = ""

@@ -5,6 +5,7 @@ What names stand for is in :mod:`machopt.formats.programs.rapid_data`.
 
 from __future__ import annotations
 
+import itertools
 import math
 
 from machopt.formats.programs.builder import Builder
@@ -14,7 +15,6 @@ from machopt.formats.programs.rapid_data import DEEPEST, ENDINGS, Data
 from machopt.formats.programs.rapid_syntax import (
     BLOCKS,
     Call,
-    Name,
     Proc,
     RapidError,
     Reader,
@@ -25,6 +25,7 @@ from machopt.formats.programs.rapid_syntax import (
     robtarget,
 )
 from machopt.formats.programs.rapid_syntax import external as externals
+from machopt.formats.programs.reviewed import RAPID
 from machopt.formats.programs.rotations import from_quaternion, matrix
 from machopt.formats.source import Source
 
@@ -52,41 +53,12 @@ _MOVES = frozenset(
         "MOVEEXTJ",
     )
 )
-_QUIET = frozenset(
-    (
-        "CONFL",
-        "CONFJ",
-        "SINGAREA",
-        "ACCSET",
-        "VELSET",
-        "ACTUNIT",
-        "DEACTUNIT",
-        "SYNCMOVEON",
-        "SYNCMOVEOFF",
-        "WAITSYNCTASK",
-        "SOFTACT",
-        "SOFTDEACT",
-        "GRIPLOAD",
-        "PATHACCLIM",
-        "WORLDACCLIM",
-        "TPERASE",
-        "TPWRITE",
-        "TPREADFK",
-        "CIRPATHMODE",
-        "EOFFSOFF",
-        "PDISPOFF",
-        "WAITROB",
-        "CLKRESET",
-        "CLKSTART",
-        "CLKSTOP",
-        "MOTIONSUP",
-        "ERRWRITE",
-        "STARTMOVE",
-        "STOPMOVE",
-    )
-)
 _EVENTS = frozenset(("SETDO", "SETGO", "SETAO", "SET", "RESET", "PULSEDO", "WAITDI", "WAITDO", "WAITUNTIL", "INVERTDO"))
+_DISPLACES = frozenset(("PDISPON", "PDISPSET", "EOFFSON", "EOFFSSET"))
 _STOPS = frozenset(("STOP", "EXIT", "BREAK"))
+_BRANCHES = frozenset(
+    ("ELSE", "ELSEIF", "CASE", "DEFAULT", "RETURN", "WAITTIME", "CONST", "VAR", "PERS")
+)  # words within a branch that move nothing
 NORMALISED = 1e-3  # of the sum of squares: three printed decimals are within; a control stops at worse
 
 
@@ -183,7 +155,7 @@ class _Reader:
             self.out.event(_plain(s), "comment")
         elif word in _STOPS:
             self.out.event(_plain(s), "stop")
-        elif word in ("PDISPON", "PDISPSET", "EOFFSON", "EOFFSSET"):
+        elif word in _DISPLACES:
             raise RapidError(f"{word}: displacements set while the robot runs are not followed")
         elif word == "VELSET":
             self.velocity(Reader(s.tokens[1:]).arguments()[0])
@@ -193,11 +165,11 @@ class _Reader:
             self.decision(s, s)
         elif word == "RETURN":
             self.returned = True
-        elif word in _QUIET:
+        elif word in RAPID and word not in self.procs:
             self.out.ignore(word, s.line, understood=True)
         elif word == "GOTO":
             raise RapidError("GOTO: jumps are not followed; expand the program first")
-        elif len(s.tokens) > 1 and any(t.text == ":=" for t in s.tokens):
+        elif len(s.tokens) > 1 and s.tokens[1].text in (":=", "{", ".") and any(t.text == ":=" for t in s.tokens):
             self.data.assign(s)
         elif word:
             self.call(word, s, proc, depth)
@@ -218,7 +190,7 @@ class _Reader:
             RapidError: it does.
         """
         names = {t.text.upper() for t in (inner.tokens if inner.word == "IF" else inner.tokens[:1])}
-        if names & {*_MOVES, *self.procs, "GOTO"}:
+        if names & {*_MOVES, *self.procs, *_DISPLACES, "GOTO", "VELSET", "SPEEDREFRESH"}:
             until = f" … {BLOCKS[s.word]}" if inner is not s else ""
             raise RapidError(
                 f"{s.word}{until} decides about moves while the robot runs: they are not known here; "
@@ -226,6 +198,16 @@ class _Reader:
             )
         if "RETURN" in names:
             self.out.may_end(inner.line)
+        at = next((k for k, t in enumerate(inner.tokens) if t.text == ":="), None)
+        if at is not None:
+            start = max(
+                (k for k, t in enumerate(inner.tokens[:at]) if t.text.upper() in ("THEN", "DO", "IF")), default=-1
+            )
+            for t in inner.tokens[start + 1 : at]:
+                if t.kind == "name":
+                    self.data.forget(t.text.upper(), inner.line)
+        elif (word := _behind_if(inner)) not in (*RAPID, *_EVENTS, *_STOPS, *_BRANCHES, *BLOCKS, *BLOCKS.values(), ""):
+            self.out.ignore(word, inner.line, understood=False)
         if inner is s:
             self.out.ignore("IF without a move behind it", s.line, understood=True)
 
@@ -239,7 +221,7 @@ class _Reader:
                 target = self.procs.get(word)
         if target is None:
             self.out.event(_plain(s))
-            self.out.ignore(f"call of {s.tokens[0].text}, which is not in this folder", s.line, understood=False)
+            self.out.ignore(s.tokens[0].text, s.line, understood=False)
             return
         self.follow(target, 0, len(target.statements), depth + 1)
         self.returned = False
@@ -283,7 +265,7 @@ class _Reader:
         if rows is None:
             raise RapidError(f"quaternion {list(q)} is not of unit length")
         if abs(sum(c * c for c in q) - 1.0) > NORMALISED:
-            self.out.ignore("length of a quaternion", line, understood=False)
+            self.out.ignore("length of a quaternion", line, understood=False, stops=False)
         external = externals(rest[1]) if len(rest) > 1 else []
         bits = confdata(rest[0]) if rest else {}
         if word.startswith("MOVEC"):
@@ -313,8 +295,8 @@ class _Reader:
         )
 
     def frames(self, tool: object, base: object) -> None:
-        tool_name = tool.text if isinstance(tool, Name) else "TOOL"
-        base_name = base.text if isinstance(base, Name) else "WOBJ0"
+        tool_name = self.data.frame_name(tool, "TOOL")
+        base_name = self.data.frame_name(base, "WOBJ0")
         if tool_name != self.tool_name:
             self.tool_name = tool_name
             self.out.set_tool(Frame(tool_name.lower(), self.data.frame(tool, "TOOL0", False)))
@@ -322,6 +304,18 @@ class _Reader:
             self.base_name = base_name
             self.out.set_base(Frame(base_name.lower(), self.data.frame(base, "WOBJ0", True), self.data.moved_by(base)))
             self.out.last = None
+
+
+def _behind_if(s: Statement) -> str:
+    """The instruction of a statement; of a compact ``IF condition instruction …`` the one behind its condition."""
+    if s.word != "IF":
+        return s.word
+    for before, token in itertools.pairwise(s.tokens[1:]):
+        ends = before.kind in ("number", "text", "name") or before.text in (")", "}", "]")
+        joins = {before.text.upper(), token.text.upper()} & {"AND", "OR", "XOR", "NOT", "DIV", "MOD", "THEN"}
+        if ends and not joins and token.kind == "name":
+            return token.text.upper()
+    return s.word
 
 
 def _plain(s: Statement) -> str:

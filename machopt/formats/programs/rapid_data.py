@@ -10,6 +10,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.formats.programs.builder import STANDING_TOOL, Builder
 from machopt.formats.programs.nearby import opened, siblings
+from machopt.formats.programs.rapid_components import with_component
 from machopt.formats.programs.rapid_syntax import (
     Call,
     Name,
@@ -36,6 +37,7 @@ class Data:
     def __init__(self, out: Builder) -> None:
         self.out = out
         self.values: dict[str, tuple[object, str]] = {}  # value and type
+        self.changed: dict[str, int] = {}  # name → line of its last assignment
         self.looked_around = False
 
     def declare(self, s: Statement) -> None:
@@ -62,6 +64,10 @@ class Data:
         self.values[name] = (value, kind)
 
     def assign(self, s: Statement) -> None:
+        """Give a variable, an element or a component its value from here on, as the controller would.
+
+        What cannot be had is unknown from here on, so that a target or a frame that needs it is refused.
+        """
         at = next(k for k, t in enumerate(s.tokens) if t.text == ":=")
         target = Reader(s.tokens[:at]).value()
         if not isinstance(target, Name):
@@ -69,11 +75,37 @@ class Data:
         value: object
         try:
             value = Reader(s.tokens[at + 1 :]).value()
-            value = self.resolved(value) if isinstance(value, Name) else value
+            value = self.resolved(value) if isinstance(value, Name | Call) else value
         except RapidError:
             value = None
-        _, kind = self.values.get(target.text, (None, ""))
-        self.values[target.text] = (None if target.tail else value, kind)
+        old, kind = self.values.get(target.text, (None, ""))
+        self.forget(target.text, s.line, keep_elements=self.has(target))
+        if not target.tail:
+            self.values[target.text] = (value, kind)
+        elif self.has(target):
+            self.values[target.text + target.tail] = (value, kind)
+        elif value is not None:
+            self.values[target.text] = (with_component(old, kind, target.tail, value), kind)
+
+    def has(self, name: Name) -> bool:
+        """True for an element of an array whose elements are known one by one."""
+        return name.tail.startswith("{") and name.text + name.tail in self.values
+
+    def forget(self, name: str, line: int, *, keep_elements: bool = False) -> None:
+        """What a variable holds is not known from this line on."""
+        _, kind = self.values.get(name, (None, ""))
+        self.values[name] = (None, kind)
+        self.changed[name] = line
+        if not keep_elements:
+            for key in [k for k in self.values if k.startswith(name + "{")]:
+                self.values[key] = (None, kind)
+
+    def frame_name(self, value: object, default: str) -> str:
+        """A name of a tool or work object that is another one after each assignment to it."""
+        if not isinstance(value, Name):
+            return default
+        line = self.changed.get(value.text)
+        return value.text + value.tail + ("" if line is None else f" of line {line}")
 
     def resolved(self, value: object, depth: int = 0) -> object:
         """A list from a name or an Offs, RelTool of one.
@@ -152,7 +184,8 @@ class Data:
                 return float(known.group(1)) * 1e-3
             if value.text != "VMAX":
                 where = "an argument of the procedure" if value.text in proc.parameters else "declared elsewhere"
-                self.out.ignore(f"speed {value.shown} ({where})", line, understood=False)
+                # its feed is asked for
+                self.out.ignore(f"speed {value.shown} ({where})", line, understood=False, stops=False)
             return math.nan
         found = self.resolved(value)
         if isinstance(found, list) and found and isinstance(found[0], float):

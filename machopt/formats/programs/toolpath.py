@@ -14,7 +14,7 @@ from machopt.domain.program import Controller
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.formats.pathbuilder import PathBuilder
 from machopt.formats.programs.joints import urdf_joints
-from machopt.formats.programs.parsed import ParsedProgram
+from machopt.formats.programs.parsed import LINEAR, ParsedProgram
 from machopt.formats.programs.rotations import inverted
 from machopt.formats.source import TOOL_AXES, ReadOptions, Source
 
@@ -72,6 +72,7 @@ def to_toolpath(
     if options.unit not in (None, "mm"):
         raise source.error(f"robot programs are in mm (URScript in m), but --unit {options.unit} was given")
     out = PathBuilder(source=source, options=options, format=f"robot/{program.dialect}")
+    out.used_options.add("--tool-axis")
     T, known = _in_first_base(program, source, out)
     base = program.bases[int(program.base[known][0])].name if known.any() else ""
     rows = np.flatnonzero(~known & np.isfinite(program.axes_deg).all(axis=1))
@@ -89,6 +90,12 @@ def to_toolpath(
             out.event(events[told].kind, events[told].text, events[told].value)
             told += 1
         line = int(program.line[k])
+        if not known[k] and program.kind[k] == LINEAR and program.move[k] == Move.CUT:
+            raise source.error(
+                "a linear move to joint positions, whose place is not known without the robot: with a cell it is "
+                "(optimize has one, inspect takes one with --cell); or post it with a Cartesian target",
+                line,
+            )
         if not known[k]:
             out.ignore("joint move (no place without the robot)", line, understood=True)
             away = line if len(out) else 0
@@ -113,7 +120,7 @@ def to_toolpath(
         out.event(event.kind, event.text, event.value)
     for word in program.ignored:
         for _ in range(word.count):
-            out.ignore(word.word, word.first_line, understood=word.understood)
+            out.ignore(word.word, word.first_line, understood=word.understood, stops=word.stops)
     out.warnings.extend(w for w in program.warnings if not w.startswith("not understood"))
     _warn_upside_down(out, sign * T[known & (program.move == Move.CUT), 2, column], options.tool_axis)
     out.meta |= {

@@ -10,6 +10,7 @@ import numpy as np
 
 from machopt.formats.programs.builder import Builder
 from machopt.formats.programs.parsed import JOINT, LINEAR, Frame, ParsedProgram
+from machopt.formats.programs.reviewed import URSCRIPT
 from machopt.formats.programs.rotations import matrix
 from machopt.formats.programs.urscript_values import Pose, ScriptError, UnknownValue, arguments, evaluate
 from machopt.formats.source import Source
@@ -19,11 +20,21 @@ _ASSIGN = re.compile(r"(?:global\s+|local\s+)?([A-Za-z_]\w*)\s*=(?!=)\s*(.+)")
 _CALL = re.compile(r"([A-Za-z_]\w*)\s*\((.*)\)")
 _OPENS = ("if", "while", "for", "sec", "switch")
 _MOVES = ("movej", "movel", "movep", "movec", "servoj", "servoc", "speedj", "speedl", "optimovej", "optimovel")
-_QUIET = re.compile(
-    r"(?:set_(?:gravity|payload|safety_mode|tool_voltage|analog|configurable|target_payload|conveyor)|textmsg|sync|stopj|"
-    r"stopl|zero_ftsensor|enter_critical|exit_critical|end_force_mode|protect|modbus|rtde|socket_|popup|return)\w*"
-)
+_QUIET = re.compile("(?:" + "|".join(map(re.escape, URSCRIPT)) + r")\w*")
+_VALUES = re.compile(r"(?:get_|is_|read_|to_|str_|norm|size|random|sqrt|floor|ceil|sin|cos|tan|atan|acos|asin)\w*")
 _EVENT = re.compile(r"set_\w*(?:digital_out|analog_out|flag)\w*|write_output\w*")
+_RUN = re.compile(r"\brun\s+([A-Za-z_]\w*)\s*\(")
+_ELEMENT = re.compile(r"([A-Za-z_]\w*)\s*\[([^\[\]]+)\]\s*=(?!=)\s*(.+)")
+_OFF_TARGET = (
+    "force_mode",
+    "path_offset_enable",
+    "conveyor_pulse_decode",
+    "track_conveyor_linear",
+    "track_conveyor_circular",
+    "freedrive_mode",
+    "teach_mode",
+)
+_FRAMES = ("set_tcp", "set_reference", *_OFF_TARGET)
 _DEEPEST = 20
 
 
@@ -153,9 +164,16 @@ class _Reader:
                     f"{code[:30]!r} decides about moves while the robot runs: they are not "
                     "known here; expand the program first"
                 )
+            self.not_followed(inside, code)
             self.out.ignore(f"{code.split()[0]} without moves inside", line.number, understood=True)
             return body.ends[k]
-        if found := _ASSIGN.fullmatch(code):
+        if (started := _RUN.search(code)) and started.group(1) in self.bodies:
+            if self.moves(self.bodies[started.group(1)]):
+                raise ScriptError(f"run {started.group(1)}: a thread that moves the robot is not followed")
+            self.not_followed(self.bodies[started.group(1)], code)
+        if found := _ELEMENT.fullmatch(code):
+            self.memory[found.group(1)] = self.with_element(*found.groups())
+        elif found := _ASSIGN.fullmatch(code):
             self.memory[found.group(1)] = evaluate(found.group(2), self.memory, quietly=True)
         elif found := _CALL.fullmatch(code):
             self.call(found.group(1), found.group(2), line, depth)
@@ -168,6 +186,38 @@ class _Reader:
             self.out.ignore(code.split(" ")[0], line.number, understood=quiet)
         return k
 
+    def with_element(self, name: str, index: str, text: str) -> object:
+        """The list or pose ``name`` after ``name[index] = text``; unknown where one of the three is."""
+        old, at = self.memory.get(name), evaluate(index, self.memory, quietly=True)
+        value = evaluate(text, self.memory, quietly=True)
+        if not (isinstance(old, list) and isinstance(at, float) and at == int(at) and 0 <= at < len(old)):
+            return UnknownValue(f"{name}[{index}] = {text}"[:40])
+        return [*old[: int(at)], value, *old[int(at) + 1 :]]
+
+    def not_followed(self, body: Body, why: str) -> None:
+        """What a branch or function that is not followed assigns is unknown from here on.
+
+        Raises:
+            ScriptError: it changes frames, or moves the tool off its targets.
+        """
+        for line in body.lines:
+            called = _CALL.search(line.code)
+            if found := _ELEMENT.fullmatch(line.code) or _ASSIGN.fullmatch(line.code):
+                self.memory[found.group(1)] = UnknownValue(line.code[:40])
+            elif called and called.group(1) in _FRAMES:
+                raise ScriptError(
+                    f"{why[:30]!r} decides about {called.group(1)} while the robot runs: frames are not known here; "
+                    "expand the program first"
+                )
+            elif called and called.group(1) in self.bodies and self.bodies[called.group(1)] is not body:
+                self.not_followed(self.bodies[called.group(1)], why)
+            elif called and not (_QUIET.fullmatch(called.group(1)) or _EVENT.fullmatch(called.group(1))):
+                self.unknown_call(called.group(1), line.number)
+
+    def unknown_call(self, name: str, line: int) -> None:
+        if name not in ("sleep", "if", "while", "elif", "for", "not", "and", "or", "switch", "case"):
+            self.out.ignore(name, line, understood=bool(_VALUES.fullmatch(name)))
+
     def call(self, name: str, text: str, line: Line, depth: int) -> None:
         if name in _MOVES:
             self.motion(name, text, line)
@@ -175,6 +225,11 @@ class _Reader:
             body = self.bodies[name]
             if not self.moves(body):
                 self.out.event(f"{name}({text})")
+                if any(c.group(1) in _FRAMES for i in body.lines if (c := _CALL.search(i.code))):
+                    self.follow(body, 0, len(body.lines), depth + 1)
+                    self.returned = False
+                else:
+                    self.not_followed(body, name)
                 return
             given, _ = arguments(text, self.memory, quietly=True)
             self.memory |= dict(zip(body.parameters, given, strict=False))
@@ -191,13 +246,7 @@ class _Reader:
             self.out.event(f"{name}({text})", "comment")
         elif name == "set_reference":
             raise ScriptError("set_reference is not followed; poses in the base would work")
-        elif name in (
-            "force_mode",
-            "path_offset_enable",
-            "conveyor_pulse_decode",
-            "track_conveyor_linear",
-            "track_conveyor_circular",
-        ):
+        elif name in _OFF_TARGET:
             raise ScriptError(f"{name} moves the tool off its targets while the robot runs: not followed")
         else:
             self.out.ignore(name, line.number, understood=bool(_QUIET.fullmatch(name)))

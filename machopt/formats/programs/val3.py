@@ -15,32 +15,17 @@ from machopt.errors import InputError
 from machopt.formats.programs.builder import Builder, number
 from machopt.formats.programs.nearby import opened, siblings
 from machopt.formats.programs.parsed import JOINT, LINEAR, Frame, ParsedProgram
+from machopt.formats.programs.reviewed import VAL3, VAL3_TYPES
 from machopt.formats.programs.rotations import matrix, moving_xyz
 from machopt.formats.source import Source
 
 _ITEM = re.compile(r"\s*([A-Za-z_]\w*)\s*(?:\[\s*(\d+)\s*\])?\s*")
 _CALL = re.compile(r"(?:\w+\s*=\s*)?(?:call\s+)?([A-Za-z_]\w*)\s*\((.*)\)")
+_ASSIGNED = re.compile(
+    r"(?:\s*(?:num|bool|string)\s+)?([A-Za-z_]\w*)\s*(?:\[[^\]]*\])?((?:\.\w+)*)\s*[-+*/&|]?=(?!=).*"
+)
 _BLOCK = re.compile(r"(if|for|while|do|switch)\b")
 _DEEPEST = 20
-_QUIET = frozenset(
-    (
-        "waitEndMove",
-        "resetMotion",
-        "enablePower",
-        "disablePower",
-        "autoConnectMove",
-        "restartMove",
-        "stopMove",
-        "put",
-        "putln",
-        "logMsg",
-        "popUpMsg",
-        "cls",
-        "userPage",
-        "gotoxy",
-        "title",
-    )
-)
 _EVENTS = frozenset(("open", "close", "watch", "wait", "setDio", "aioSet", "dioSet"))
 MOST_FRAMES = 20
 
@@ -51,6 +36,7 @@ class Application:
 
     data: dict[str, tuple[str, dict[int, dict[str, str]]]] = field(default_factory=dict)  # name: type, values by key
     programs: dict[str, list[tuple[int, str]]] = field(default_factory=dict)
+    locals: dict[str, str] = field(default_factory=dict)  # type of each local variable
     files: list[Path] = field(default_factory=list)
 
 
@@ -114,6 +100,8 @@ class _Reader:
                 first = _line_of(source, code)
                 self.app.programs[str(item.get("name"))] = list(enumerate(code.split("\n"), first))
                 names.append(str(item.get("name")))
+            elif item.tag in ("Local", "Parameter") and item.get("name"):
+                self.app.locals[str(item.get("name"))] = str(item.get("type"))
             elif item.tag == "Data" and item.get("name"):
                 values = {}
                 for value in item.iter():
@@ -149,9 +137,13 @@ class _Reader:
 
     def statement(self, code: str, line: int, depth: int, inside: bool) -> None:
         found = _CALL.fullmatch(code)
+        assigned = _ASSIGNED.fullmatch(code)
+        if assigned and not (found and found.group(1) in ("movej", "movel", "movec", *self.app.programs)):
+            self.assign(assigned.group(1), line)
+            return
         word = found.group(1) if found else code.split(" ", maxsplit=1)[0]
         if found is None:
-            known = word in ("begin", "end", "else", "return", "local", "num", "string", "bool") or "=" in code
+            known = word in ("begin", "end", "else", "return", "local", "num", "string", "bool")
             self.out.ignore(word, line, understood=known)
             return
         if word in ("movej", "movel", "movec"):
@@ -172,7 +164,20 @@ class _Reader:
         elif word in _EVENTS:
             self.out.event(code, "comment")
         else:
-            self.out.ignore(word, line, understood=word in _QUIET)
+            self.out.ignore(word, line, understood=word in VAL3)
+
+    def assign(self, name: str, line: int) -> None:
+        """A variable gets a value while the robot runs: points, frames, tools and speeds may not.
+
+        Raises:
+            InputError: it is one of those.
+        """
+        kind = self.app.data[name][0] if name in self.app.data else self.app.locals.get(name, "")
+        if kind and kind not in VAL3_TYPES:
+            raise self.out.error(
+                f"{name} ({kind}) is changed while the robot runs: not followed; post the points where they lie", line
+            )
+        self.out.ignore(f"{name} =", line, understood=kind in VAL3_TYPES)
 
     # ---- data
 

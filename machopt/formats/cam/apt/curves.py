@@ -12,10 +12,13 @@ from machopt.formats.arcs import RADIUS_FAULT, RADIUS_WARN, ArcError, arc, cubic
 from machopt.formats.cam.apt.tokens import groups, leading_numbers, number
 from machopt.formats.pathbuilder import PathBuilder, check_radius
 
+_ARC_WORDS = ("TIMES", "ANGLE", "CLOCKWISE", "COUNTERCLOCKWISE", "CLW", "CCLW")  # the axis says the direction
 ANGLE_WARN = 0.02  # rad
+_PLACE_WORDS = ("CENTER", "AXIS", "RADIUS")  # of MOVARC, before the numbers they name
+_SWEEP_AT, _WITH_SWEEP = 7, 11  # place of the sweep, and how many numbers such a record has
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Pending:
     """An arc that waits for its end point."""
 
@@ -24,6 +27,7 @@ class Pending:
     turns: int
     line: int
     angle: float | None = None  # rad, MOVARC
+    sweep: float | None = None  # rad, what the record states: it decides about the direction
 
 
 @dataclass(kw_only=True)
@@ -32,6 +36,7 @@ class Curves:
 
     left_handed: bool  # NX: CIRCLE's axis is that of clockwise travel
     tolerance: float  # mm
+    states_sweep: bool = False  # CIRCLE with eleven numbers states its sweep
     pending: Pending | None = None
     on_the_way: Array | None = None  # (N, 3) mm, points the pending arc should run through
     tangent: list[float] | None = None
@@ -40,14 +45,24 @@ class Curves:
     control: list[list[float]] = field(default_factory=list)
 
     def begin(self, word: str, parts: list[str], line: int, scale: float) -> None:
-        """``CIRCLE/x,y,z,i,j,k[,r,…][,TIMES,n]`` or ``MOVARC/x,y,z,i,j,k,r,ANGLE,deg``."""
+        """Begin an arc that the next GOTO ends.
+
+        Read are ``CIRCLE/x,y,z,i,j,k[,r,…][,TIMES,n]``, ``MOVARC/x,y,z,i,j,k,r,ANGLE,deg`` and
+        ``MOVARC/CENTER,x,y,z,AXIS,i,j,k,RADIUS,r``. With ``states_sweep``, the number behind the radius of a CIRCLE of
+        eleven numbers is the sweep in degrees (CAMplete).
+        """
         if self.pending is not None:
             raise ArcError(f"the arc of line {self.pending.line} has no end point (GOTO) yet")
+        if word == "MOVARC":
+            parts = [p for p in parts if p not in _PLACE_WORDS]
         values, after = leading_numbers(parts)
         if len(values) < 6:
             raise ArcError(f"{len(values)} numbers; expected centre and axis (6) at least")
         if len(values) >= 7 and not values[6] > 0.0:
             raise ArcError(f"the radius is {values[6]:g}")
+        strange = [p for p in after if p and p not in _ARC_WORDS and number(p) is None]
+        if strange:
+            raise ArcError(f"found {strange[0]!r}; expected TIMES or ANGLE and a number behind the numbers")
         turns, angle = 1, None
         for word_at, text in enumerate(after):
             value = number(after[word_at + 1]) if word_at + 1 < len(after) else None
@@ -60,13 +75,22 @@ class Curves:
             normal, angle = -normal, -angle
         if turns > 1000:
             raise ArcError(f"TIMES,{turns}: expected at most 1000 turns")
-        self.pending = Pending(np.array(values[:3]) * scale, normal, turns, line, angle)
+        sweep = None
+        if self.states_sweep and word == "CIRCLE" and len(values) == _WITH_SWEEP:
+            sweep = math.radians(values[_SWEEP_AT])
+            if not 0.0 < sweep <= 1000.0 * math.tau:
+                raise ArcError(f"the sweep is {values[_SWEEP_AT]:g}°; expected more than 0")
+            normal = -normal  # the axis of clockwise travel; the sweep decides where it says otherwise
+        centre = np.array(values[:3]) * scale
+        self.pending = Pending(centre=centre, normal=normal, turns=turns, line=line, angle=angle, sweep=sweep)
 
     def arc_to(self, start: Array, end: Array, out: PathBuilder) -> Array:
         """Chord ends of the pending arc."""
         wait, on_the_way = self.pending, self.on_the_way
         assert wait is not None
         self.pending = self.on_the_way = None
+        if wait.sweep is not None:
+            return self.arc_of_sweep(wait, wait.sweep, start, end, out)
         turns = wait.turns
         if wait.angle is not None:
             turns = int(wait.angle // math.tau) + 1
@@ -91,6 +115,24 @@ class Curves:
                 wait.line,
             )
         return found.points
+
+    def arc_of_sweep(self, wait: Pending, sweep: float, start: Array, end: Array, out: PathBuilder) -> Array:
+        """Chord ends of an arc whose record states its sweep: that one of the two directions which has it.
+
+        Raises:
+            ArcError: neither direction has that sweep.
+        """
+        whole = max(math.ceil(sweep / math.tau - ANGLE_WARN) - 1, 0)
+        for normal in (wait.normal, -wait.normal):
+            found = arc(start, end, wait.centre, normal, self.tolerance, turns=whole + 1)
+            if abs(found.sweep - sweep) <= ANGLE_WARN:
+                check_radius(found, wait.line, out)
+                return found.points
+        other = math.degrees(arc(start, end, wait.centre, wait.normal, self.tolerance).sweep)
+        raise ArcError(
+            f"the arc of line {wait.line} states a sweep of {math.degrees(sweep):g}°, but its points give {other:.4g}° "
+            f"or {360.0 - other:.4g}°: expected one of these"
+        )
 
     def expect(self, points: Array) -> None:
         """Points (N, 3) mm on the way of the pending arc."""

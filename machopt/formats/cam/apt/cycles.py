@@ -54,6 +54,8 @@ class CycleWords:
     next_peck: float = 0.0
     dwell: float = 0.0
     deep: bool = False
+    retract_to_start: bool = False  # NX RTRCTO,AUTO: to the height that the tool had before the cycle
+    loose: bool = False  # numbers without a word of their own
     unknown: tuple[str, ...] = ()
 
 
@@ -75,6 +77,7 @@ def parse_cycle(parts: list[str], order: tuple[str, ...] = POSITIONAL) -> CycleW
     feed_word: str | None = None
     loose: list[float] = []
     unknown: list[str] = []
+    to_start = False
     deep = name.startswith(("DEEP", "BRKCHP")) or "DEEP" in parts or "BRKCHP" in parts
     k = 1
     while k < len(parts):
@@ -94,6 +97,9 @@ def parse_cycle(parts: list[str], order: tuple[str, ...] = POSITIONAL) -> CycleW
         elif word in (*_DEPTH, *_CLEAR, *_RETRACT, *_FIRST, *_NEXT, "DWELL") and value is not None:
             values[word] = value
             k += 1
+        elif word == "RTRCTO" and parts[k : k + 1] == ["AUTO"]:
+            to_start = True
+            k += 1
         elif word == "ORIENT" and value is not None:
             k += 1  # angle of the spindle
         elif word == "PECKING" and k + 1 < len(parts):  # CLT: PECKING, first, following
@@ -104,6 +110,8 @@ def parse_cycle(parts: list[str], order: tuple[str, ...] = POSITIONAL) -> CycleW
                 k += 2
         elif word and word not in _FLAGS:
             unknown.append(word)
+
+    has_loose = bool(loose)
 
     def pick(names: tuple[str, ...]) -> float | None:
         return next((values[n] for n in names if n in values), None)
@@ -131,6 +139,8 @@ def parse_cycle(parts: list[str], order: tuple[str, ...] = POSITIONAL) -> CycleW
         next_peck=pick(_NEXT) or 0.0,
         dwell=found["dwell"] or 0.0,
         deep=deep,
+        retract_to_start=to_start,
+        loose=has_loose,
         unknown=tuple(unknown),
     )
 
@@ -155,7 +165,9 @@ def hole_cycle(words: CycleWords, *, signed_depth: bool, scale: float, feed: flo
         name=words.name,
         bottom=bottom * scale,
         clear=words.clear * scale,
-        retract=max(words.clear if words.retract is None else words.retract, words.clear) * scale,
+        retract=None
+        if words.retract_to_start
+        else max(words.clear if words.retract is None else words.retract, words.clear) * scale,
         feed=feed,
         first_peck=(words.first_peck or words.next_peck) * scale if words.deep else 0.0,
         next_peck=words.next_peck * scale if words.deep else 0.0,

@@ -79,7 +79,9 @@ def unit_scale(source: Source, options: ReadOptions, out: PathBuilder) -> float:
     out.meta["unit_from"] = "UNITS" if named else "feed words" if feeds else "option"
     if unit is None:
         if options.unit is None:
-            raise source.error("says nowhere whether it is in mm or inch; give it with --unit mm or --unit inch")
+            raise source.question(
+                "unit", "says nowhere whether it is in mm or inch; give it with --unit mm or --unit inch"
+            )
         unit = options.unit
     elif options.unit is not None and options.unit != unit and len(named) < 2:
         said = (named or feeds).get(unit)

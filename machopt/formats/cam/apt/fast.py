@@ -20,7 +20,7 @@ def takes_plain_gotos(r: MotionReader) -> bool:
         and r.curves.pending is None
         and not r.curves.spline_open
         and r.transfer is None
-        and not r.incremental
+        and not r.away
         and not r.rotations
         and r.cut_rotation is None
         and r.feed_mm_min() > 0.0

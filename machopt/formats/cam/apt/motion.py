@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +19,14 @@ from machopt.formats.pathbuilder import PathBuilder, Vector
 from machopt.formats.source import ReadOptions, Source
 
 
+@dataclass(frozen=True)
+class Plane:
+    """A plane across the tool axis, in the present coordinate system."""
+
+    point: Array  # (3,) mm
+    normal: Array  # (3,) unit
+
+
 class MotionReader:
     """State of the tool while statements are read, and the statements that move it."""
 
@@ -26,7 +35,11 @@ class MotionReader:
         self.dialect = sniff_dialect(source)
         self.out = PathBuilder(source=source, options=options, format=self.dialect.value)
         self.scale = unit_scale(source, options, self.out)
-        self.curves = Curves(left_handed=self.dialect is Dialect.NX, tolerance=options.arc_tolerance * 1e3)
+        self.curves = Curves(
+            left_handed=self.dialect is Dialect.NX,
+            tolerance=options.arc_tolerance * 1e3,
+            states_sweep=self.dialect is Dialect.GENERIC,
+        )
         self.position: Vector | None = None  # mm, in the present system
         self.axis: Vector = (0.0, 0.0, 1.0)
         self.rapid = False  # holds for the next motion only
@@ -34,7 +47,7 @@ class MotionReader:
         self.rpm = math.nan
         self.cycle: HoleCycle | HsmCycle | None = None
         self.last_cycle: HoleCycle | HsmCycle | None = None
-        self.incremental, self.multax = False, False
+        self.multax = False
         self.remarks = ""  # the last PPRINT
         self.shifts: dict[str, list[float]] = {}  # TRANS, ORIGIN
         self.first_frame: Frame | None = None
@@ -47,6 +60,8 @@ class MotionReader:
         self.rotations: dict[str, float] = {}
         self.cut_rotation: dict[str, float] | None = None
         self.ended = False
+        self.away = 0  # line of a move to a place that the file does not state, 0 where the place is known
+        self.back_to: Plane | None = None  # of RTRCTO,AUTO
 
     # ---- motion
 
@@ -66,10 +81,6 @@ class MotionReader:
             raise ValueError(f"{count} numbers; expected x, y, z or x, y, z, i, j, k")
         s = self.scale
         to: Vector = (values[0] * s, values[1] * s, values[2] * s)
-        if self.incremental:
-            if self.position is None:
-                raise ValueError("incremental (SET/MODE,INCR) before any point is known")
-            to = (self.position[0] + to[0], self.position[1] + to[1], self.position[2] + to[2])
         axis = self.axis if count == 3 else (values[3], values[4], values[5])
         if self.curves.spline_open:
             self.end_spline(line)
@@ -99,6 +110,12 @@ class MotionReader:
             self.goto(",".join(map(repr, row)), line)
 
     def move_to(self, to: Vector, axis: Vector, line: int, *, rapid: bool = False) -> None:
+        if self.away and not (self.rapid or rapid):
+            raise ValueError(
+                f"a cut from an unknown place: the move of line {self.away} ends where the file does not say; expected "
+                "RAPID before this GOTO"
+            )
+        self.away = 0
         self.position, self.axis = to, axis
         if self.transfer is not None:
             to, axis = self.transfer.point(to), self.transfer.direction(axis)
@@ -127,6 +144,9 @@ class MotionReader:
         self.rapid = False
         axis, before = self.axis, self.position
         cycle = self.cycle.at(hole, axis) if isinstance(self.cycle, HsmCycle) else self.cycle
+        if cycle.retract is None:
+            cycle = replace(cycle, retract=self.height_before(hole, axis, cycle.clear))
+        self.away = 0
         if self.transfer is not None:
             turned = self.transfer.direction(axis)
             start = None if before is None else self.transfer.point(before)
@@ -137,6 +157,22 @@ class MotionReader:
         x, y, z = (np.array(hole) + height * n).tolist()
         self.position = (x, y, z)
         self.check_rotation(line)
+
+    def height_before(self, hole: Vector, axis: Vector, clear: float) -> float:
+        """Height over a hole of the plane that the tool was in before the cycle (RTRCTO,AUTO).
+
+        Raises:
+            ValueError: that plane is not known, or the tool axis has turned since.
+        """
+        n = np.array(axis) / max(float(np.linalg.norm(axis)), 1e-12)
+        if self.back_to is None and self.position is not None:
+            self.back_to = Plane(np.array(self.position), n)
+        if self.back_to is None or not np.allclose(self.back_to.normal, n, atol=1e-6):
+            raise ValueError(
+                "RTRCTO,AUTO retracts to where the tool was before the cycle, and that height is not known for this "
+                "tool axis; expected RTRCTO with a distance, or a GOTO along the same axis before the cycle"
+            )
+        return max(float((self.back_to.point - np.array(hole)) @ n), clear)
 
     def feed_mm_min(self) -> float:
         return self.feed * self.rpm if self.per_revolution else self.feed
@@ -154,6 +190,7 @@ class MotionReader:
             self.go_from(word, rest, line)
         else:
             self.out.ignore("GOHOME without coordinates", line, understood=True)
+            self.position, self.away = None, line
 
     def go_delta(self, word: str, rest: str, line: int) -> None:
         values = [v * self.scale for v in numbers(rest)]

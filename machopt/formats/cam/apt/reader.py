@@ -15,9 +15,9 @@ import numpy as np
 from machopt.domain.toolpath import Toolpath
 from machopt.formats.cam import reviewed
 from machopt.formats.cam.apt.cycles import FEED_UNITS, NO_SPEED, HsmCycle, hole_cycle, parse_cycle
-from machopt.formats.cam.apt.dialect import Dialect, unit_of
+from machopt.formats.cam.apt.dialect import Dialect
 from machopt.formats.cam.apt.fast import plain_gotos, takes_plain_gotos
-from machopt.formats.cam.apt.systems import SystemReader
+from machopt.formats.cam.apt.records import RecordReader
 from machopt.formats.cam.apt.tokens import COMMENT, fields, number, numbers, numbers_or_none, statement_at
 from machopt.formats.cam.apt.words import REFUSED
 from machopt.formats.frames import Frame, FrameError
@@ -25,6 +25,7 @@ from machopt.formats.holecycle import CycleError
 from machopt.formats.source import ReadOptions, Source
 
 _OPERATION_COMMENT = re.compile(r"\s*(?:OPERATION(?: NAME)?|OPNAME)\s*[:=]\s*(.+)", re.IGNORECASE)
+SLOWEST_PER_MINUTE = 5.0  # mm/min; twice the largest feed per revolution of drills, below that of any milling cut
 _ROW = 4  # numbers in one line of a CATIA matrix
 Handler = Callable[[str, str, int], None]
 
@@ -38,7 +39,7 @@ def read_apt(source: Source, options: ReadOptions) -> Toolpath:
     return _Reader(source, options).run()
 
 
-class _Reader(SystemReader):
+class _Reader(RecordReader):
     """Carries out the statements one by one."""
 
     def run(self) -> Toolpath:
@@ -79,6 +80,10 @@ class _Reader(SystemReader):
             "TRACUT": self.coordinate_word,
             "COPY": self.coordinate_word,
             "MIRROR": self.coordinate_word,
+            "ROTATE": self.coordinate_word,
+            "ROTHED": self.coordinate_word,
+            "PREFUN": self.function_code,
+            "AUXFUN": self.function_code,
             "CIRCLE": self.circle,
             "MOVARC": self.circle,
             "INDIRV": self.circle,
@@ -100,7 +105,7 @@ class _Reader(SystemReader):
 
     def carry_out(self, line: int, word: str, rest: str, handlers: dict[str, Handler]) -> None:
         if self.ended and word not in (COMMENT, "TOOL PATH", "FINI"):
-            self.out.ignore("text after the end", line, understood=False)
+            self.out.ignore("text after the end", line, understood=False, stops=False)
             return
         try:
             if word == "GOTO":
@@ -117,7 +122,7 @@ class _Reader(SystemReader):
             if line != len(self.source.lines) or self.source.complete or self.ended:
                 raise self.source.error(f"{word[:20]}: {problem}", line) from problem
             self.out.cut_off = f"line {line}: the last line is cut off and was left out ({problem})"
-            self.out.ignore("cut-off last line", line, understood=False)
+            self.out.ignore("cut-off last line", line, understood=False, stops=False)
 
     def finish(self, last_line: int) -> Toolpath:
         if self.curves.spline_open:
@@ -150,11 +155,29 @@ class _Reader(SystemReader):
             if strange:
                 return
             raise ValueError("no number; expected e.g. FEDRAT/600,MMPM")
-        self.feed, self.per_revolution = self.feed_in_mm(value, unit)
+        self.feed, self.per_revolution = self.feed_in_mm(value, unit, line)
 
-    def feed_in_mm(self, value: float, unit: str | None) -> tuple[float, bool]:
+    def feed_in_mm(self, value: float, unit: str | None, line: int) -> tuple[float, bool]:
+        """A feed in mm/min or mm per revolution, and which of both it is; NaN where ``--feed`` stands in for it.
+
+        Raises:
+            InputError: it names no unit and is as small as feeds per revolution are.
+        """
         scale, per_revolution = FEED_UNITS[unit] if unit else (None, False)
-        return value * (self.scale if scale is None else scale), per_revolution
+        feed = value * (self.scale if scale is None else scale)
+        if unit is None and 0.0 < feed < SLOWEST_PER_MINUTE:
+            if self.options.default_feed is None:
+                raise self.source.question(
+                    "feed",
+                    f"the feed {value:g} names no unit: per minute it is slower than any cut, per revolution the file "
+                    "does not say so. Expected MMPM or MMPR (IPM or IPR) behind it, or the feed of these cuts with "
+                    "--feed MM_MIN",
+                    line,
+                )
+            self.out.used_options.add("--feed")
+            self.out.warn_once("feeds without a unit that look like feeds per revolution take the given feed", line)
+            feed = math.nan
+        return feed, per_revolution
 
     def spindle(self, word: str, rest: str, line: int) -> None:
         parts = fields(rest)
@@ -184,10 +207,13 @@ class _Reader(SystemReader):
             self.cycle = self.last_cycle
             return
         words = parse_cycle(parts, self.options.cycle_order)
+        self.back_to = None
+        if words.loose:
+            self.out.used_options.add("--cycle-order")
         for strange in words.unknown:
             self.out.ignore(f"CYCLE/{words.name},{strange}", line, understood=False)
         if words.feed is not None:
-            feed, per_revolution = self.feed_in_mm(words.feed, words.feed_word)
+            feed, per_revolution = self.feed_in_mm(words.feed, words.feed_word, line)
         else:
             feed, per_revolution = self.feed, self.per_revolution
         if per_revolution:
@@ -235,108 +261,6 @@ class _Reader(SystemReader):
             self.out.ignore("TLAXIS", line, understood=True)  # of the part; the points are in the tool's system
         else:
             self.axis = (values[0], values[1], values[2])
-
-    # ---- operations, tools, events
-
-    def tool_path(self, word: str, rest: str, line: int) -> None:
-        parts = [p.strip() for p in rest.split(",")]
-        tool = parts[2] if len(parts) > 2 else ""
-        self.ended = False
-        self.cycle, self.rapid = None, False
-        self.out.begin_operation(parts[0] or "TOOL PATH", tool=tool)
-
-    def feature(self, word: str, rest: str, line: int) -> None:
-        self.out.begin_operation(rest, tool=self.tool)
-
-    def load_tool(self, word: str, rest: str, line: int) -> None:
-        parts = fields(rest)
-        value = number(parts[0]) if parts else None
-        if parts and parts[0] == self.tool:
-            return  # named again, not changed
-        self.tool = parts[0] if parts else ""
-        self.out.event("tool", f"{word}/{rest}", math.nan if value is None else value)
-        if self.dialect in (Dialect.GENERIC, Dialect.CREO):
-            self.out.begin_operation(f"tool {self.tool}", tool=self.tool)
-        elif self.dialect is Dialect.HSM:
-            self.out.change_tool(self.tool)
-        else:
-            self.out.also_tool(self.tool)
-
-    def load(self, word: str, rest: str, line: int) -> None:
-        parts = rest.split(",")
-        if parts[0].strip().upper() == "TOOL" and len(parts) > 1:
-            self.load_tool("LOAD", ",".join(parts[1:]), line)
-        else:
-            self.out.ignore(f"LOAD/{parts[0].strip()}", line, understood=False)
-
-    def insert(self, word: str, rest: str, line: int) -> None:
-        if rest.startswith("["):
-            self.tool_text = rest.partition("]")[2].strip() or rest
-        self.out.event("comment", rest)
-
-    def tool_number(self, word: str, rest: str, line: int) -> None:
-        if "TURN" in fields(rest):
-            self.out.warn_once("a turning tool: the work turns, its points are not those of a milling tool", line)
-        self.out.ignore(word, line, understood=True)
-
-    def coolant(self, word: str, rest: str, line: int) -> None:
-        self.out.event("coolant", f"COOLNT/{rest}")
-
-    def compensation(self, word: str, rest: str, line: int) -> None:
-        side = fields(rest)[:1]
-        if side and side[0] in ("LEFT", "RIGHT"):
-            self.out.warn_once(
-                "CUTCOM is taken as wear compensation of zero: the points are the tool's, not the contour's", line
-            )
-        self.out.ignore("CUTCOM", line, understood=True)
-
-    def delay(self, word: str, rest: str, line: int) -> None:
-        value = number((fields(rest) or [""])[0])
-        self.out.event("dwell", f"DELAY/{rest}", math.nan if value is None else value)
-
-    def stop(self, word: str, rest: str, line: int) -> None:
-        self.out.event("stop", word)
-
-    def remark(self, word: str, rest: str, line: int) -> None:
-        text = rest.strip().strip("'")
-        self.remarks = text or self.remarks
-        self.out.event("comment", text)
-
-    def set_mode(self, word: str, rest: str, line: int) -> None:
-        parts = fields(rest)
-        if "INCR" in parts or "ABSOL" in parts:
-            self.incremental = "INCR" in parts
-        name = parts[0] if parts else ""
-        self.out.ignore(f"SET/{name[:20]}", line, understood=name in reviewed.APT_SET)
-
-    def units(self, word: str, rest: str, line: int) -> None:
-        """A further UNITS statement holds for what follows (HSM/Fusion writes one a section)."""
-        scale = unit_of(rest)
-        if scale is not None and scale != self.scale:
-            self.out.warn_once("the unit changes within the file", line)
-            self.scale = scale
-        self.out.ignore(word, line, understood=True)
-
-    def mode(self, word: str, rest: str, line: int) -> None:
-        parts = fields(rest)
-        if "INCR" in parts or "ABSOL" in parts:
-            self.incremental = "INCR" in parts
-        if "TURN" in parts:
-            self.tool_number(word, rest, line)
-        else:
-            self.out.ignore(word, line, understood=True)
-
-    def multi_axis(self, word: str, rest: str, line: int) -> None:
-        self.multax = "OFF" not in fields(rest)
-        if not self.multax and self.dialect is Dialect.HSM:
-            self.axis = (0.0, 0.0, 1.0)
-        self.out.ignore(word, line, understood=True)
-
-    def cutter(self, word: str, rest: str, line: int) -> None:
-        """HSM/Fusion: the first statement of an operation after its name."""
-        if self.dialect is Dialect.HSM and self.remarks:
-            self.out.begin_operation(self.remarks, tool=self.tool)
-        self.out.ignore(word, line, understood=True)
 
     def other(self, word: str, rest: str, line: int) -> None:
         if word in REFUSED:

@@ -53,8 +53,9 @@ class SystemReader(MotionReader):
             self.use_frame(frame, line)
 
     def transfer_type(self, word: str, rest: str, line: int) -> None:
-        self.world = (fields(rest) or [""])[0] == "WORLD"
-        self.out.ignore("TRNTYP", line, understood=self.world)
+        name = (fields(rest) or [""])[0]
+        self.world = name == "WORLD"
+        self.out.ignore("TRNTYP" if self.world else f"TRNTYP/{name}", line, understood=self.world)
 
     def shift(self, word: str, rest: str, line: int) -> None:
         """TRANS/x,y,z is added to every point that follows; TRANS/0,0,0 or none ends it."""
@@ -90,8 +91,9 @@ class SystemReader(MotionReader):
         parts = fields(rest)
         if parts in (["NOMORE"], ["OFF"]):
             return
-        if word in ("ROTATE", "ROTHED") and parts and not any(number(p) or 0.0 for p in parts):
-            self.out.ignore(word, line, understood=False)
+        angles = [v for p in parts if (v := number(p)) is not None]
+        if word in ("ROTATE", "ROTHED") and angles and not any(angles):
+            self.out.ignore(f"{word} by 0", line, understood=True)
             return
         raise self.source.error(f"{word}/ is not supported: {REFUSED[word]}", line)
 

@@ -10,7 +10,9 @@ from machopt.formats.cam.gcode.cycles import SIEMENS, siemens_cycle
 from machopt.formats.cam.gcode.frames import FrameReader
 from machopt.formats.cam.gcode.motion import TANGENTIAL, THROUGH
 from machopt.formats.cam.gcode.patterns import MOST_HOLES, circle, row
+from machopt.formats.cam.gcode.polar import plane_axes
 from machopt.formats.cam.gcode.words import REFUSED_CALLS
+from machopt.formats.source import word_key
 
 # not Sinumerik's ;$PATH=/_N_WKS_DIR, a folder of the control
 OPERATION = re.compile(r"^[^\w$]*(?:OPER(?:ATION)?(?:[ _]*NAME)?|TOOLPATH|PATH)\s*[:=]\s*(.*?)[\s*]*$", re.IGNORECASE)
@@ -60,6 +62,12 @@ class CallReader(FrameReader):
         elif SIEMENS.fullmatch(name):
             self.modal_call = siemens_cycle(name, args, self.scale)
             self.once = line
+            if plane_axes(self.plane) != (0, 1):
+                self.out.warn_once(
+                    "a drilling cycle in G18 or G19 drills along the normal of that plane: the tool is taken to point "
+                    "along it",
+                    line,
+                )
             return
         if re.fullmatch(r"L\d+", name):
             raise self.source.error(
@@ -77,10 +85,11 @@ class CallReader(FrameReader):
             self.turns_in_plane = _AXIS_WAYS[name]
         if name == "FGROUP":
             known = {a.strip() for a in args.split(",") if a.strip()} in (set(), _DEFAULT_FGROUP)
-        if not known and name != "FGROUP" and self.siemens and not b.words_but_number():
+        accepted = word_key(name) in self.options.accept_unknown
+        if not known and not accepted and name != "FGROUP" and self.siemens and not b.words_but_number():
             raise self.source.error(
                 f"{name} is no word that is known here: a subprogram of that name moves the axes, and it is not in "
-                "this file. Append it or expand it; take the word out where it moves nothing",
+                f"this file. Append it or expand it; where it moves nothing: --accept-unknown {name}",
                 line,
             )
         self.out.ignore(name, line, understood=known)
@@ -99,7 +108,8 @@ class CallReader(FrameReader):
     def pattern(self, name: str, text: str, line: int) -> None:
         """HOLES1(SPCA, SPCO, STA1, FDIS, DBH, NUM): a row; HOLES2(CPA, CPO, RAD, STA1, INDA, NUM): a circle.
 
-        The modal cycle (MCALL) is carried out at every hole.
+        Places are in the axes of the working plane: X, Y in G17; Z, X in G18; Y, Z in G19. The modal cycle (MCALL) is
+        carried out at every hole.
         """
         if self.modal_call is None:
             raise self.source.error(f"{name} without a modal cycle (MCALL CYCLE81 …) before it", line)
@@ -109,6 +119,8 @@ class CallReader(FrameReader):
             raise self.source.error(f"{name}({text}): expected six numbers", line) from None
         if len(v) != 6 or v[5] != round(v[5]) or not 0 < v[5] <= MOST_HOLES:
             raise self.source.error(f"{name}({text}): expected six numbers, the last one of holes", line)
-        count, s = round(v[5]), self.scale
+        count, (first, second) = round(v[5]), plane_axes(self.plane)
         for place in row(v, count) if name == "HOLES1" else circle(v, count):
-            self.holes(self.modal_call, {}, [place[0] * s, place[1] * s, self.p[2]], Block(line=line, words=[]))
+            hole = list(self.p)
+            hole[first], hole[second] = place[0] * self.scale, place[1] * self.scale
+            self.holes(self.modal_call, {}, hole, Block(line=line, words=[]))

@@ -89,6 +89,8 @@ class ProgramReader(AuxiliaryReader):
         self.out.meta.update(unit=unit, unit_from=self.unit_from)
         if note:
             self.out.warn(note)
+        if self.siemens:
+            self.out.meta["control"] = "sinumerik"
         self.ended = False
         self.listing = 0  # "====" lines of an information listing; the program starts after the second
         self.closed = self.tape_end is not None

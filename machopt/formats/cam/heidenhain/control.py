@@ -290,6 +290,9 @@ class ControlReader(PlaneReader):
         else:
             columns, rows = round(q[242]), round(q[243])
             places = list(grid((q[225], q[226]), (q[237], q[238]), columns, rows, q.get(224, 0.0)))
+        if q.get(201) == 0.0:
+            self.out.warn_once(f"cycle {self.cycle} with Q201=0 (no depth) is not carried out, as on the control", line)
+            return
         plan = q_cycle(self.cycle, self.q, s, self.rpm)
         for x, y in places:
             self.holes(plan, {}, [x * s, y * s, self.p[2]], Block(line=line, words=[]))
@@ -327,6 +330,12 @@ class ControlReader(PlaneReader):
                 "motion as blocks, or APT/CL data",
                 line,
             )
+        if number == 241:
+            self.out.warn_once(
+                "cycle 241 is read as one stroke at Q206: feeds, speeds and the start of the pre-drilled part are not "
+                "carried out",
+                line,
+            )
         if number == 204:
             self.out.warn_once("cycle 204 (back boring) is read without its step beside the axis", line)
         self.cycle, self.cycle_words = number, {}
@@ -339,6 +348,11 @@ class ControlReader(PlaneReader):
             raise CycleError("a cycle call (M99, CYCL CALL, G79) before any drilling cycle was defined")
         if np.isnan(self.p).any():
             raise CycleError("a drilling cycle where the tool's place is not known")
+        if self.cycle >= 200 and self.q.get(201) == 0.0:
+            self.out.warn_once(
+                f"cycle {self.cycle} with Q201=0 (no depth) is not carried out, as on the control", b.line
+            )
+            return
         if self.cycle >= 200:
             plan = q_cycle(self.cycle, self.q, self.scale, self.rpm)
         else:

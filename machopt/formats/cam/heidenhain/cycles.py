@@ -1,4 +1,7 @@
-"""Heidenhain's drilling cycles as stroke plans: 1, 2, 17 and 200 … 209, 240. Heights in mm over the program's z = 0."""
+"""Heidenhain's drilling cycles as stroke plans: 1, 2, 17, 200 to 209, 240 and 241.
+
+Heights are in mm over the program's z = 0.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ import math
 
 from machopt.formats.holecycle import CycleError, HoleCycle
 
-SUPPORTED = (1, 2, 17, 200, 201, 202, 203, 204, 205, 206, 207, 209, 240)
+SUPPORTED = (1, 2, 17, 200, 201, 202, 203, 204, 205, 206, 207, 209, 240, 241)
 _OLD_WORDS = {
     "DIST": "SETUP",
     "SETUP": "SETUP",
@@ -40,6 +43,8 @@ def old_cycle(number: int, words: dict[str, float], height: float, scale: float,
     """
     if "SETUP" not in words or "DEPTH" not in words:
         raise CycleError(f"cycle {number} without set-up clearance or depth")
+    if words["DEPTH"] > 0.0:
+        raise CycleError(_upwards("DEPTH", words["DEPTH"]))
     top = height - abs(words["SETUP"]) * scale
     feed = words.get("F", math.nan) if number != 17 else abs(words.get("PITCH", math.nan)) * rpm
     return HoleCycle(
@@ -67,6 +72,8 @@ def q_cycle(number: int, q: dict[int, float], scale: float, rpm: float) -> HoleC
         raise CycleError("cycle 240 with Q343=1 takes its depth from the tool's point angle: not in the file")
     if 201 not in q or 200 not in q:
         raise CycleError(f"cycle {number} without Q200 (clearance) or Q201 (depth)")
+    if q[201] > 0.0:
+        raise CycleError(_upwards("Q201", q[201]))
     top = q.get(203, 0.0) * scale
     clear = top + q[200] * scale
     feed = q.get(206, math.nan)
@@ -87,6 +94,13 @@ def q_cycle(number: int, q: dict[int, float], scale: float, rpm: float) -> HoleC
         feed_out=number in (201, 206, 207, 209),
         dwell=q.get(211, 0.0),
         peck_from=top,
+    )
+
+
+def _upwards(word: str, depth: float) -> str:
+    """Its sign says which way a cycle drills; controls stop at a positive one, or turn the hole upwards."""
+    return (
+        f"{word}={depth:g}: a positive depth drills upwards, where the control does not stop at it; expected {-depth:g}"
     )
 
 

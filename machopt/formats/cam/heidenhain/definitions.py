@@ -10,6 +10,8 @@ from machopt.formats.cam.heidenhain.planes import NUMBER, value
 from machopt.formats.cam.heidenhain.sentence import SentenceReader
 from machopt.formats.frames import Transfer
 
+MACHINE_CYCLES = frozenset((238, 239, 332, 392))
+BUILDER_CYCLES = range(300, 400)  # numbers that Heidenhain leaves to machine builders
 _Q = re.compile(r"\bQ(\d+)\s*=\s*" + NUMBER)
 
 
@@ -39,13 +41,6 @@ class DefinitionReader(SentenceReader):
         found = re.match(r"TOOL CALL\s*(\"[^\"]*\"|\d+)?(?:.*?\bS\s*" + NUMBER + ")?", text)
         rpm = value(found.group(2)) if found and found.group(2) else None
         self.call_tool((found.group(1) or "").strip('"') if found else "", rpm, text, line)
-
-    def computed(self, text: str, line: int) -> str:
-        """The line with the axes of PLANE … STAY in place of Q120 to Q122."""
-        if not self.stays:
-            raise self.source.error("Q120, Q121, Q122 hold the axes of PLANE … STAY, and there is none before", line)
-        self.change_setup(tilted="aligned" if self.setup.tilted else "", stood_up=bool(self.setup.tilted))
-        return " ".join(text.replace("COMPUTED", " ").split())
 
     def select_preset(self, text: str, line: int) -> None:
         preset = re.fullmatch(r"PRESET SELECT\s*#\s*(\d+)(?: KEEP TRANS)?", text)
@@ -92,9 +87,12 @@ class DefinitionReader(SentenceReader):
             if part not in (None, "0"):
                 self.tilt_angles({k: value(v) for k, v in re.findall(r"\b([ABC])\s*" + NUMBER, rest)}, line)
         elif number == 10:
-            angle = re.search(r"\bROT\s*" + NUMBER, rest)
+            angle = re.search(r"\b(I?)ROT\s*" + NUMBER, rest)
+            if part != "0" and angle is None and rest.strip():
+                raise self.source.error(f"CYCL DEF 10: found {rest[:20]!r}; expected ROT or IROT and an angle", line)
             if part != "0":
-                self.turn_plane(value(angle.group(1)) if angle else 0.0, line)
+                more = self.turned_by if angle and angle.group(1) else 0.0  # IROT: on top of the rotation in force
+                self.turn_plane((value(angle.group(2)) if angle else 0.0) + more, line)
         elif number == 11:
             factor = re.search(r"\bSCL\s*" + NUMBER, rest)
             if factor:
@@ -109,8 +107,11 @@ class DefinitionReader(SentenceReader):
         elif number == 8:
             if part != "0":
                 self.mirror_axes(rest, "CYCL DEF 8", line)
-        elif number in (239, 247, 332):
+        elif number == 247:
             self.out.ignore(f"CYCL DEF {number}", line, understood=number in reviewed.HEIDENHAIN_CYCLES)
+            return True
+        elif number in MACHINE_CYCLES or number in BUILDER_CYCLES:
+            self.machine_cycle(number, line)
             return True
         elif number in (220, 221):
             self.pattern_text = (number, line)
@@ -126,6 +127,15 @@ class DefinitionReader(SentenceReader):
             self.begin_q_cycle(number, line)
             return True
         return False
+
+    def machine_cycle(self, number: int, line: int) -> None:
+        """A cycle that tunes the machine is left out; one of the machine builder's own may do anything."""
+        known = number in reviewed.HEIDENHAIN_CYCLES
+        if known:
+            self.out.warn_once(f"cycle {number} (tunes or checks the machine) is left out: it moves no point", line)
+        else:
+            self.cycle = None
+        self.out.ignore(f"CYCL DEF {number}", line, understood=known)
 
     def old_cycle_line(self, number: int, part: str | None, rest: str, line: int) -> None:
         if part in (None, "0"):

@@ -84,7 +84,7 @@ class LabelFlow:
             number = int(found.group(1))
             self.q.values[f"Q{number}"] = value = self.q.value(found.group(2) or "0")
             return (f"Q{number}={value:.9f}" if number in _CYCLE_Q else ""), at + 1
-        if text.startswith("L") and not {"Q120", "Q121", "Q122"} & self.q.values.keys():
+        if text.startswith(("L", "G0", "G1")) and not {"Q120", "Q121", "Q122"} & self.q.values.keys():
             text = _COMPUTED.sub(" COMPUTED ", text, count=1)  # places the control worked out for PLANE … STAY
             text = _COMPUTED.sub(" ", text)
         return _USE.sub(self._value, text), at + 1

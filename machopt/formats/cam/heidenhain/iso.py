@@ -64,7 +64,9 @@ class _Reader(ControlReader):
         found = HEIDENHAIN_ISO.search("\n".join(source.lines))
         named = None if not found else "inch" if found.group(1) == "0" else "mm"
         if named is None and options.unit is None:
-            raise source.error("has no G70 or G71 in its first block; give the unit with --unit mm or --unit inch")
+            raise source.question(
+                "unit", "has no G70 or G71 in its first block; give the unit with --unit mm or --unit inch"
+            )
         if named and options.unit and named != options.unit:
             raise source.error(f"the program is in {named} but --unit {options.unit} was given")
         return named or options.unit or "", "first block" if named else "option"
@@ -85,12 +87,14 @@ class _Reader(ControlReader):
             self.ended = True
             return
         cycle = re.match(r"G(2\d\d)(?![\d.])", text)
-        if cycle or text.startswith("Q"):
+        if cycle or _Q.match(text):
             if cycle:
                 self.begin_q_cycle(int(cycle.group(1)), line)
             for number, v in _Q.findall(text):
                 self.q[int(number)] = value(v)
             return
+        if " COMPUTED" in text:
+            text = self.computed(text, line)
         if _MIRROR.fullmatch(text):  # its axes stand without numbers; none: off
             self.mirror_axes(text[text.index("G28") + 3 :], "G28", line)
             return
@@ -159,7 +163,8 @@ class _Reader(ControlReader):
         elif special == 54:
             self.shift_datum({("I" if self.incremental else "") + k: v for k, v in words.items() if k in "XYZ"}, b.line)
         elif special == 73:
-            self.turn_plane(words.get("H", 0.0), b.line)
+            more = self.turned_by if self.incremental else 0.0  # G73 G91 H: on top of the rotation in force
+            self.turn_plane(words.get("H", 0.0) + more, b.line)
         elif special == 80:
             self.tilt_angles({k: v for k, v in words.items() if k in "ABC"}, b.line)
         elif special != 98:

@@ -25,6 +25,7 @@ class PlaneReader(ProgramReader):
     """What the program's coordinates are in."""
 
     stays = False  # the last PLANE left the rotary axes where they were
+    cycle_19 = False  # the last tilt was cycle 19, which fills Q120 to Q122
 
     def __init__(self, source: Source, options: ReadOptions) -> None:
         super().__init__(source, options)
@@ -144,7 +145,7 @@ class PlaneReader(ProgramReader):
 
     def plane_statement(self, text: str, line: int) -> None:
         kind = text.split()[1] if len(text.split()) > 1 else ""
-        self.stays = re.search(r"\bSTAY\b", text) is not None
+        self.stays, self.cycle_19 = re.search(r"\bSTAY\b", text) is not None, False
         v = {name: value(n) for name, n in _ANGLE.findall(text)}
         if kind == "RESET":
             self.set_plane(None, line)
@@ -176,7 +177,24 @@ class PlaneReader(ProgramReader):
                 "cycle 19 is read as spatial angles A, B, C; a machine setting can make them axis angles", line
             )
         a, b, c = (angles.get(k, 0.0) for k in "ABC")
+        self.stays, self.cycle_19 = False, True
         self.set_plane(spatial(a, b, c), line)
+
+    def computed(self, text: str, line: int) -> str:
+        """The line with the axes that PLANE … STAY or cycle 19 worked out in place of Q120 to Q122.
+
+        Raises:
+            InputError: neither was before it.
+        """
+        if not (self.stays or self.cycle_19):
+            raise self.source.error(
+                "Q120, Q121, Q122 hold the axes of PLANE … STAY or cycle 19, and there is none before", line
+            )
+        if self.setup.tilted:
+            self.change_setup(tilted="aligned", stood_up=True)
+        else:
+            self.change_setup(tilted="", stood_up=False, unaligned=False, angles={})  # they hold zeros
+        return " ".join(text.replace("COMPUTED", " ").split())
 
     def use_preset(self, number: float) -> None:
         """CYCL DEF 247: another datum of the preset table is another work offset."""

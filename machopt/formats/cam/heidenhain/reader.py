@@ -26,8 +26,16 @@ _IGNORED = (
     "TOOL DEF",
     "LBL",
     "STOP",
-    "FUNCTION MODE",
+    "FUNCTION MODE MILL",
+    "FUNCTION FEED DWELL",
+    "FUNCTION RESET FEED DWELL",
+    "FUNCTION S-PULSE",
+    "FUNCTION RESET S-PULSE",
+    "FUNCTION DWELL",
+    "FUNCTION COUNT",
 )
+_OUTPUT = re.compile(r"FN (15|16|38)\b")  # texts for the screen, files or the network
+_NAME = re.compile(r"[A-Z][A-Z-]+(?: [A-Z][A-Z-]+)*")  # words that a sentence begins with
 _CORNER = re.compile(r"(RND|CHF)\s+(?:R\s*)?" + NUMBER + r"(?:\s+F\s*" + NUMBER + ")?$")
 _MOVE = re.compile(r"(?:LN?|CC|CR|CT|C|LP|CP|M\s*\d+)(?=\s|$|\d)|I?[XYZABC]\s*[+-]?\.?\d|R0\b|F ?MAX\b|S ?\d")
 _REFUSED = {
@@ -81,7 +89,7 @@ class _Reader(DefinitionReader):
                 break
         asked = options.unit
         if named is None and asked is None:
-            raise source.error("BEGIN PGM names neither MM nor INCH; give --unit mm or --unit inch")
+            raise source.question("unit", "BEGIN PGM names neither MM nor INCH; give --unit mm or --unit inch")
         if named and asked and named != asked:
             raise source.error(f"the program is in {named} but --unit {asked} was given")
         return named or asked or "", "BEGIN PGM" if named else "option"
@@ -126,18 +134,22 @@ class _Reader(DefinitionReader):
             feed = value(found.group(3)) if found.group(3) else None
             self.wait_for_corner("round" if found.group(1) == "RND" else "setback", value(found.group(2)), feed, line)
         elif text.startswith(_IGNORED):
-            self.out.ignore(" ".join(text.split()[:3])[:14], line, understood=True)
+            word = next(w for w in _IGNORED if text.startswith(w))
+            self.out.ignore(word, line, understood=True)
             if text.startswith("STOP"):
                 self.out.event("stop", text)
                 if re.search(r"\bM(?:2|30)\b", text):
                     self.ended = True
         elif _MOVE.match(text):
             self.statement(text, line)
+        elif found := _OUTPUT.match(text):
+            self.out.ignore(f"FN {found.group(1)}", line, understood=True)
         else:
             for word, reason in _REFUSED.items():
                 if re.match(re.escape(word) + r"\b", text):
                     raise self.source.error(f"{text[:24]!r}: {reason} are not supported; export APT/CL data", line)
-            self.out.ignore(text[:14], line, understood=False)
+            name = _NAME.match(text)
+            self.out.ignore(name.group(0)[:40] if name else text[:14], line, understood=False)
 
     def statement(self, text: str, line: int) -> None:
         kind, rest = "L", text

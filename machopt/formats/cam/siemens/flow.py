@@ -73,6 +73,9 @@ class SiemensFlow:
         self._parts: dict[str, list[str | Callable[[], str]]] = {}  # lines split once
         self.plain: set[int] = set()  # places of lines that only assign and move
         self.called = False
+        self.read = {  # names that some line reads: variables, not words of the control
+            name for _, _, code, _ in self.items for name in re.findall(r"[A-Z_]\w*", _ASSIGN.sub(" ", code))
+        }
         self._index()
 
     @property
@@ -321,7 +324,8 @@ class SiemensFlow:
             value = self.variables.part(code, begin)[0]
             if mode is not None:
                 return f" {name}={mode.group(1)}({value:.9f}) "
-            if not (parameter or address or name in self.variables.values) and _MOVES_TOO.search(code):
+            is_variable = parameter or address or name in self.variables.values
+            if not is_variable and (_MOVES_TOO.search(code) or name.partition("[")[0] not in self.read):
                 return f" {name}={value:.9f} "  # no variable: those are assigned in blocks of their own
             if parameter or not address or name in self.variables.values:
                 self.variables.values[name] = value
