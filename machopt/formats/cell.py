@@ -239,7 +239,10 @@ class _Reader:
             found = find_package(name, path, packages, self.folder.path)
             return self.folder.inside(found, f"$(find {name})", partial(of_file, path))
 
-        found = describe(path, {k: xacro_word(v) for k, v in self.keys.robot.xacro_args.items()}, find)
+        def may(file: Path) -> None:
+            self.folder.inside(file, file.name, partial(of_file, path))
+
+        found = describe(path, {k: xacro_word(v) for k, v in self.keys.robot.xacro_args.items()}, find, may)
         for file in found.files:
             self.folder.read.append(self.folder.inside(file, file.name, partial(of_file, file)))
         self.warnings += found.warnings

@@ -14,6 +14,7 @@ from machopt.formats.urdf.markup import with_prefixes
 from machopt.formats.urdf.meshes import find_package, holding, package_around
 from machopt.formats.urdf.read import read_urdf
 from machopt.formats.urdf.tree import Urdf
+from machopt.formats.urdf.xacro_limits import May
 
 _UP = 5  # folders above a lone robot's file in which its packages are looked for
 
@@ -29,13 +30,14 @@ class Description:
     warnings: tuple[str, ...] = ()
 
 
-def describe(path: Path, arguments: Mapping[str, str], find: Find) -> Description:
+def describe(path: Path, arguments: Mapping[str, str], find: Find, may: May) -> Description:
     """Read a robot.
 
     Args:
         path: URDF or xacro file.
         arguments: of a xacro file.
         find: folder of a package that a xacro file asks for.
+        may: called with every further file before it is opened; raises InputError where it may not be read.
 
     Raises:
         InputError: what :func:`read_urdf` and :func:`expand` refuse, or arguments for a file that takes none.
@@ -44,7 +46,7 @@ def describe(path: Path, arguments: Mapping[str, str], find: Find) -> Descriptio
         if arguments:
             raise InputError("is no xacro file, so it takes no xacro_args; leave them out", file=path)
         return Description(read_urdf(path), with_prefixes(read_text(path, expected="a URDF", most=MARKUP)))
-    found = expand(path, arguments, find)
+    found = expand(path, arguments, find, may)
     try:
         urdf = read_urdf(path, found.text)
     except InputError as problem:
@@ -58,14 +60,50 @@ def describe(path: Path, arguments: Mapping[str, str], find: Find) -> Descriptio
     )
 
 
-def read_robot(path: Path) -> Urdf:
+def read_robot(path: Path, arguments: Mapping[str, str] | None = None) -> Urdf:
     """A URDF or xacro file by itself, its packages beside it or a few folders above."""
-    return describe_alone(path).urdf
+    return describe_alone(path, arguments=arguments).urdf
 
 
-def describe_alone(path: Path, packages: Mapping[str, Path] | None = None) -> Description:
-    """The same with the text that a xacro file expands to; ``packages``: folders by name, looked at first."""
-    return describe(path, {}, lambda name: package_alone(name, path, packages or {}, _included(name, path)))
+def describe_alone(
+    path: Path,
+    packages: Mapping[str, Path] | None = None,
+    arguments: Mapping[str, str] | None = None,
+    *,
+    allow_external: bool = False,
+) -> Description:
+    """The same with the text that a xacro file expands to.
+
+    Args:
+        path: URDF or xacro file.
+        packages: folders by name, looked at first.
+        arguments: values of the arguments of a xacro file.
+        allow_external: let a xacro file read files outside its own package, or its parent folder, and the packages
+            that it names.
+    """
+    given = packages or {}
+    roots = [_own_folder(path), *(folder.resolve() for folder in given.values())]
+
+    def find(name: str) -> Path:
+        found = package_alone(name, path, given, _included(name, path))
+        roots.append(found.resolve())
+        return found
+
+    def may(file: Path) -> None:
+        if not allow_external and not any(file.resolve().is_relative_to(root) for root in roots):
+            raise InputError(
+                f"names {file}, outside of its package and of those it names; --package NAME=FOLDER with $(find NAME), "
+                "or --allow-external, would work",
+                file=path,
+            )
+
+    return describe(path, arguments or {}, find, may)
+
+
+def _own_folder(path: Path) -> Path:
+    """The package around a robot's file; where none is, the folder above the file's own."""
+    above = path.resolve().parents
+    return next((f for f in above[:_UP] if (f / "package.xml").is_file()), above[min(1, len(above) - 1)])
 
 
 def package_alone(name: str, path: Path, packages: Mapping[str, Path], rests: Iterable[str]) -> Path:

@@ -19,6 +19,7 @@ from xml.parsers.expat import ExpatError
 
 from machopt.errors import InputError
 from machopt.formats.opener import MARKUP, read_text
+from machopt.formats.urdf.xacro_limits import May, limited_xacro
 
 Find = Callable[[str], Path]
 _ELEMENT = re.compile(r"<xacro:\w")
@@ -46,13 +47,14 @@ def _said(path: Path, expected: str) -> str:
     return _COMMENT.sub("", read_text(path, expected=expected, most=MARKUP))
 
 
-def expand(path: Path, arguments: Mapping[str, str], find: Find) -> Expanded:
+def expand(path: Path, arguments: Mapping[str, str], find: Find, may: May) -> Expanded:
     """Carry out a xacro file.
 
     Args:
         path: the file.
         arguments: values of its ``<xacro:arg>``.
         find: folder of a package, by name; raises InputError where there is none.
+        may: called with every file before it is opened; raises InputError where it may not be read.
 
     Raises:
         InputError: the package xacro is missing, the file cannot be carried out, an argument is missing or unknown, or
@@ -83,8 +85,18 @@ def expand(path: Path, arguments: Mapping[str, str], find: Find) -> Expanded:
     )
     said, known = io.StringIO(), len(xacro.all_includes)
     try:
-        with _packages(find), contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
+        with (
+            _packages(find),
+            limited_xacro(xacro, find, may),
+            contextlib.redirect_stderr(said),
+            contextlib.redirect_stdout(said),
+        ):
             document = xacro.process_file(str(path), mappings=dict(arguments))
+            text = document.toprettyxml(indent="  ")
+    except InputError as problem:
+        raise InputError(
+            problem.reason, file=problem.file or _last(xacro.filestack, path), where=problem.where
+        ) from None
     except ExpatError as problem:
         where = xacro.filestack[-1] if xacro.filestack else path
         raise InputError(f"is not XML: {problem}", file=where) from None
@@ -101,12 +113,19 @@ def expand(path: Path, arguments: Mapping[str, str], find: Find) -> Expanded:
         raise InputError(f"cannot be expanded: {_short(problem)}", file=path, where=where) from None
     files = tuple(dict.fromkeys(Path(f).resolve() for f in (path, *xacro.all_includes[known:])))
     _check(path, files, arguments)
-    return Expanded(document.toprettyxml(indent="  "), files, tuple(dict.fromkeys(_lines(said.getvalue()))))
+    return Expanded(text, files, tuple(dict.fromkeys(_lines(said.getvalue()))))
+
+
+def _last(stack: list[str | None] | None, path: Path) -> Path:
+    """The file that was being read."""
+    return Path(next((f for f in reversed(stack or []) if f), path))
 
 
 def _check(path: Path, files: tuple[Path, ...], arguments: Mapping[str, str]) -> None:
     declared: set[str] = set()
     for file in files:
+        if file.suffix.lower() in (".yaml", ".yml"):
+            continue
         text = _said(file, "a xacro file")
         declared |= {name for found in _ARGUMENT.findall(text) for name in found if name}
         if _ENVIRONMENT.search(text):
