@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from pathlib import Path
 
@@ -10,7 +11,9 @@ import pytest
 import trimesh
 from damaged_cell import change, make, refusal
 
+from machopt.errors import InputError
 from machopt.formats.cell import load_cell
+from machopt.formats.mesh import read_surface
 
 BOX = trimesh.creation.box((0.1, 0.2, 0.3))
 FACET = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
@@ -182,3 +185,21 @@ def test_a_mesh_may_not_be_a_pipe_or_a_folder(folder: Path) -> None:
     refusal(folder, "tool.geometry[0].mesh", "links in a circle")
     change(folder, "spindle.stl", "x" * 300 + ".stl")
     refusal(folder, "tool.geometry[0].mesh", "no such file: xxx")
+
+
+@pytest.mark.parametrize("name", ["pipe", "/dev/zero", "../outside.mtl", "link.mtl", "."])
+def test_material_libraries_outside_the_folder_are_not_opened(name: str, tmp_path: Path) -> None:
+    """The importer of the verifier opens what an OBJ names, and would wait for a pipe without end."""
+    folder = tmp_path / "meshes"
+    folder.mkdir()
+    os.mkfifo(folder / "pipe")
+    (tmp_path / "outside.mtl").write_text("newmtl a\n")
+    (folder / "link.mtl").symlink_to(tmp_path / "outside.mtl")
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(folder / "a.obj")
+    text = (folder / "a.obj").read_text()
+    (folder / "a.obj").write_text(f"mtllib {name}\n{text}")
+    with pytest.raises(InputError, match="material library"):
+        read_surface(folder / "a.obj", InputError)
+    for ordinary in ("none.mtl", "a b.mtl"):
+        (folder / "a.obj").write_text(f"mtllib {ordinary}\n{text}")
+        assert read_surface(folder / "a.obj", InputError).open_edges == 0

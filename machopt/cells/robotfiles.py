@@ -23,8 +23,8 @@ def copy_robot(description: Description, folder: Path, packages: Mapping[str, Pa
     """Write ``robot.urdf`` and its collision meshes into a folder.
 
     Meshes of a package go to ``PACKAGE/…`` beside the URDF, where ``package://`` finds them; those beside the URDF keep
-    their place; those elsewhere go to ``meshes/``, and the URDF says so. COLLADA becomes STL, ``NAME.dae.stl``.
-    Pictures (visual meshes) are left out.
+    their place; those elsewhere go to ``meshes/``, and the URDF says so. COLLADA becomes STL,
+    ``NAME.dae.stl``, and stays beside it, where the verifier reads it. Pictures (visual meshes) are left out.
 
     Args:
         description: of the robot.
@@ -63,12 +63,12 @@ def copy_robot(description: Description, folder: Path, packages: Mapping[str, Pa
 
 
 def _copy_mesh(source: Path, target: Path) -> None:
-    """COLLADA as STL, which planner and verifier read; any other mesh as it is."""
+    """COLLADA as STL for the planner, with the original beside it for the verifier; any other mesh as it is."""
     if source.suffix.lower() != COLLADA:
         copy_file(source, target)
         return
-    target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_bytes(stl_bytes(read_collada(source)))
+    copy_file(source, target.with_suffix(""))
+    target.write_bytes(stl_bytes(read_collada(source).corners))
 
 
 def copy_file(source: Path, target: Path) -> None:

@@ -41,7 +41,7 @@ from machopt.formats.external_springs import resolved
 from machopt.formats.joints import read_joints
 from machopt.formats.kinematics import load_kinematics
 from machopt.formats.maytouch import PairReader
-from machopt.formats.mesh import Fail, Scene, Sized, Surface, judge_size, open_surfaces, read_surface
+from machopt.formats.mesh import Fail, Scene, Sized, Surface, judge_size, open_surfaces, original_of, read_surface
 from machopt.formats.mesh.size import Role
 from machopt.formats.opener import check_file
 from machopt.formats.plausible import (
@@ -262,7 +262,7 @@ class _Reader:
             self.folder.existing(path, mesh.uri, fail)
             if hit.package is not None and hit.folder is not None:
                 found[hit.package] = hit.folder
-            self.folder.read.append(path)
+            self.folder.read += [path, *filter(None, [original_of(path)])]
             scale = mesh.scale
 
             def scaled(factor: float, scale: float = scale) -> str:

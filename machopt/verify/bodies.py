@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from machopt.errors import InputError
 from machopt.verify.arm import Arm
 from machopt.verify.between import between
 from machopt.verify.convex import Parts, parts_of
+from machopt.verify.originals import load_mesh
 
 DRAWN_IN = 1e-4  # m, cutter smaller in rapid moves, which may start and end where it just touches
 POSES = 120  # random poses that tell link pairs that touch by construction
@@ -186,8 +188,10 @@ def all_bodies(cell: Cell, arm: Arm) -> list[Body]:
         raise InputError(f"its collision bodies cannot be loaded: {_short(problem)}", file=cell.urdf) from None
     out = []
     for g in geometry.geometryObjects:
-        joint = int(g.parentJoint)
-        out.append(_body(g.name, "link", arm.link_of(int(g.parentFrame)), joint, g.placement.homogeneous, g.geometry))
+        joint, shape = int(g.parentJoint), g.geometry
+        if g.meshPath.endswith(".dae.stl"):
+            shape = load_mesh(Path(g.meshPath), np.asarray(g.meshScale, float))
+        out.append(_body(g.name, "link", arm.link_of(int(g.parentFrame)), joint, g.placement.homogeneous, shape))
     flange, part = arm.model.njoints, arm.model.njoints + 1
     out += [_body(s.name, "tool", 7, flange, s.T_parent_shape, _shape(s)) for s in cell.tool.geometry]
     out += [_body(s.name, "workpiece", -1, part, s.T_parent_shape, _shape(s)) for s in cell.workpiece.geometry]

@@ -1,45 +1,66 @@
-"""Triangles of a COLLADA file (.dae), for a copy as STL: no library reads it for planner and verifier alike.
+"""Triangles of a COLLADA file (.dae), for a copy as STL that the planner reads.
 
-COLLADA 1.4.1 (Khronos, 2008): ``library_geometries`` placed by the nodes of the scene. As RViz and MoveIt read the
+COLLADA 1.4.1 and 1.5 (Khronos). The pycollada library reads the geometries and the transforms of the scene's nodes; the
+triangles it finds are compared with the file's own counts (:mod:`machopt.formats.mesh.collada_counts`), so nothing is
+dropped; the verifier's library must see the same body (:mod:`machopt.formats.mesh.second`). As RViz and MoveIt read the
 meshes of a URDF, the file's unit counts and its ``up_axis`` does not: the coordinates are those of the link.
 """
 
 from __future__ import annotations
 
+import io
 import struct
+import warnings
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
 from machopt.arrays import Array
 from machopt.errors import InputError
+from machopt.formats.mesh.collada_counts import ColladaCounts, count_collada
+from machopt.formats.mesh.polygons import triangulate
 from machopt.formats.opener import MESH, read_text
-from machopt.formats.urdf.markup import Element, parse_markup
-from machopt.se3 import axis_rotation
+from machopt.formats.urdf.markup import parse_markup
 
-_FACES = ("triangles", "polylist", "polygons")
-_STRIPS = ("tristrips", "trifans")
-_DEEPEST = 20  # nodes in nodes; a reference to itself ends here
-_UNKNOWN = ("skew", "lookat", "instance_controller")
+_NAMESPACE = "http://www.collada.org/2005/11/COLLADASchema"
+_KEPT = ("asset", "library_geometries", "library_nodes", "library_visual_scenes", "scene")
+_LEFT_OUT = ("extra", "bind_material", "instance_camera", "instance_light", "technique")
+_BROKEN = (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError, StopIteration)
 
 
-def read_collada(path: Path) -> Array:
-    """(n, 3, 3) corners of the triangles, m.
+@dataclass(frozen=True, eq=False)
+class ColladaMesh:
+    """A mesh as one list of triangles."""
+
+    corners: Array  # (n, 3, 3) m
+    counts: ColladaCounts
+
+
+def read_collada(path: Path) -> ColladaMesh:
+    """Read a COLLADA file.
 
     Raises:
-        InputError: not COLLADA, cut, without triangles, or with something that would move them and is not read.
+        InputError: not COLLADA, cut, without triangles, or with something that would make or move them and is not read.
     """
-    root = parse_markup(read_text(path, expected="COLLADA", most=MESH), path, "COLLADA")
-    if root.tag != "COLLADA":
-        raise InputError(f"is no COLLADA: its root is <{root.tag}>; an STL would work", file=path)
-    try:
-        found = _Reader(root, path).scene()
-    except (ValueError, KeyError, IndexError, StopIteration) as problem:  # a number, a name or an index that is not one
-        raise InputError(f"is a damaged COLLADA file: {problem}; an STL would work", file=path) from None
-    corners = np.concatenate(found) if found else np.empty((0, 3, 3))
-    if not len(corners) or not np.isfinite(corners).all():
-        raise InputError("holds no triangles whose corners are numbers; an STL would work", file=path)
-    return corners
+    text = read_text(path, expected="COLLADA", most=MESH)
+    counts = count_collada(parse_markup(text, path, "COLLADA"), path)
+    if not counts.triangles:
+        raise InputError("holds no triangles in its scene; an STL would work", file=path)
+    found, errors = _triangles(text, path)
+    if len(found) != counts.triangles:
+        reason = f" ({errors[0]})" if errors else ""
+        raise InputError(
+            f"counts {counts.triangles} triangles in its scene, and {len(found)} can be read{reason}; a fresh export, "
+            "or an STL, would work",
+            file=path,
+        )
+    corners = np.asarray(found * counts.metre, float)
+    if not np.isfinite(corners).all():
+        raise InputError("holds triangles whose corners are not finite; an STL would work", file=path)
+    return ColladaMesh(corners, counts)
 
 
 def stl_bytes(corners: Array) -> bytes:
@@ -49,101 +70,69 @@ def stl_bytes(corners: Array) -> bytes:
     return b"\0" * 80 + struct.pack("<I", len(corners)) + rows.tobytes()
 
 
-class _Reader:
-    def __init__(self, root: Element, path: Path) -> None:
-        self.path = path
-        self.by_id = {e.attributes["id"]: e for e in root.descendants() if "id" in e.attributes}
-        self.root = root
-        asset = root.first("asset")
-        unit = asset.first("unit") if asset else None
-        self.metre = float(unit.attributes.get("meter", "1")) if unit else 1.0
-
-    def scene(self) -> list[Array]:
-        scene = self.root.first("scene")
-        shown = scene.first("instance_visual_scene") if scene else None
-        if shown is None:
-            raise InputError("shows no scene; an STL would work", file=self.path)
-        T = np.diag([self.metre, self.metre, self.metre, 1.0])
-        return [t for node in self._at(shown.attributes["url"]).named("node") for t in self._node(node, T, 0)]
-
-    def _node(self, node: Element, T: Array, depth: int) -> list[Array]:
-        if depth > _DEEPEST:
-            raise InputError(f"has nodes more than {_DEEPEST} deep, or one in itself", file=self.path)
-        out: list[Array] = []
-        for e in node.children:
-            if e.tag in _UNKNOWN:
-                raise InputError(
-                    f"has a <{e.tag}>, which is not read; an STL would work", file=self.path, where=f"line {e.line}"
-                )
-            T = T @ _transform(e)
-        for e in node.children:
-            if e.tag == "instance_geometry":
-                found = self._geometry(self._at(e.attributes["url"]))
-                out += [t @ T[:3, :3].T + T[:3, 3] for t in found]
-            elif e.tag == "instance_node":
-                out += self._node(self._at(e.attributes["url"]), T, depth + 1)
-            elif e.tag == "node":
-                out += self._node(e, T, depth + 1)
-        return out
-
-    def _geometry(self, geometry: Element) -> list[Array]:
-        mesh = geometry.first("mesh")
-        if mesh is None:
-            raise InputError("has a geometry that is no mesh; an STL would work", file=self.path)
-        for e in mesh.children:
-            if e.tag in _STRIPS:
-                raise InputError(
-                    f"has <{e.tag}>, which is not read; an STL would work", file=self.path, where=f"line {e.line}"
-                )
-        return [self._faces(e) for e in mesh.children if e.tag in _FACES]
-
-    def _faces(self, faces: Element) -> Array:
-        """(n, 3, 3) corners; polygons as fans."""
-        inputs = faces.named("input")
-        vertex = next(i for i in inputs if i.attributes["semantic"] == "VERTEX")
-        stride = 1 + max(int(i.attributes.get("offset", "0")) for i in inputs)
-        points = self._positions(vertex.attributes["source"])
-        at = int(vertex.attributes.get("offset", "0"))
-        told = [np.array(p.text.split(), int)[at::stride] for p in faces.named("p")]
-        if faces.tag == "polygons":
-            counts, index = np.array([len(t) for t in told], int), np.concatenate([*told, np.empty(0, int)])
-        else:
-            index = np.concatenate([*told, np.empty(0, int)])
-            given = faces.first("vcount")
-            counts = np.array(given.text.split(), int) if given else np.full(len(index) // 3, 3)
-        if counts.sum() != len(index) or (len(index) and not 0 <= index.min() <= index.max() < len(points)):
-            raise ValueError(f"line {faces.line}: the corners of <{faces.tag}> are not those it counts")
-        begin = np.repeat(np.cumsum(counts) - counts, np.maximum(counts - 2, 0))
-        step = np.concatenate([np.arange(1, n - 1) for n in counts if n > 2] or [np.empty(0, int)])
-        return np.asarray(points[index[np.stack([begin, begin + step, begin + step + 1], axis=1)]], float)
-
-    def _positions(self, url: str) -> Array:
-        """(n, 3) in the file's unit."""
-        source = next(
-            i.attributes["source"] for i in self._at(url).named("input") if i.attributes["semantic"] == "POSITION"
-        )
-        element = self._at(source)
-        values = next(e for e in element.descendants() if e.tag == "float_array").text.split()
-        accessor = next((e for e in element.descendants() if e.tag == "accessor"), None)
-        stride = int(accessor.attributes.get("stride", "3")) if accessor else 3
-        return np.array(values, float).reshape(-1, stride)[:, :3]
-
-    def _at(self, url: str) -> Element:
-        return self.by_id[url.removeprefix("#")]
+def _triangles(text: str, path: Path) -> tuple[Array, list[str]]:
+    """(n, 3, 3) in the file's unit, as pycollada reads them, and what it could not read."""
+    try:
+        import collada
+    except ImportError:
+        raise InputError(
+            "is COLLADA, and the Python package pycollada is not installed; `pip install pycollada`, or an STL, "
+            "would work",
+            file=path,
+        ) from None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of materials and textures, which are not used
+            # errors of geometries that the scene places are seen by the count
+            file: Any = collada.Collada(io.BytesIO(_shapes_only(text)), ignore=[collada.common.DaeError])
+            bound = [] if file.scene is None else list(file.scene.objects("geometry"))
+            parts = [_corners(part) for geometry in bound for part in geometry.primitives()]
+    except (*_BROKEN, collada.common.DaeError) as problem:
+        said = " ".join(str(problem).split())[:200]
+        raise InputError(f"is a damaged COLLADA file: {said}; an STL would work", file=path) from None
+    errors = [" ".join(str(e).split())[:200] for e in file.errors]
+    return np.concatenate([np.empty((0, 3, 3)), *parts]), errors
 
 
-def _transform(e: Element) -> Array:
-    """(4, 4) of a node's own element; the unit matrix for one that moves nothing."""
-    T = np.eye(4)
-    if e.tag not in ("matrix", "translate", "rotate", "scale"):
-        return T
-    v = np.array(e.text.split(), float)
-    if e.tag == "matrix":
-        return np.asarray(v.reshape(4, 4), float)
-    if e.tag == "rotate":
-        T[:3, :3] = axis_rotation(v[:3] / np.linalg.norm(v[:3]), np.radians(v[3]))
-    elif e.tag == "scale":
-        T[:3, :3] = np.diag(v[:3])
-    else:
-        T[:3, 3] = v[:3]
-    return T
+def _shapes_only(text: str) -> bytes:
+    """The same file in one name space without appearance, lights and cameras, whose mistakes would drop geometries."""
+    root = ElementTree.fromstring(text)  # document types and entities were refused
+    for e in root.iter():
+        e.tag = f"{{{_NAMESPACE}}}{_local(e)}"
+        for child in [c for c in e if _local(c) in _LEFT_OUT or (e is root and _local(c) not in _KEPT)]:
+            e.remove(child)
+        if _local(e) == "accessor" and not any(p.get("name") for p in e):
+            e[:] = [ElementTree.Element("param", name=name, type="float") for name in "XYZ"]
+        elif _local(e) == "mesh":
+            _points_only(e)
+    return ElementTree.tostring(root)
+
+
+def _points_only(mesh: ElementTree.Element) -> None:
+    """Leave out normals, colours and the like; their places between the indices stay."""
+    vertices = next(v for v in mesh if _local(v) == "vertices")
+    for i in [i for i in vertices if i.get("semantic") != "POSITION"]:
+        vertices.remove(i)
+    used = vertices[0].get("source", "")
+    for source in [s for s in mesh if _local(s) == "source" and f"#{s.get('id')}" != used]:
+        mesh.remove(source)
+    for part in mesh:
+        for i in [i for i in part if _local(i) == "input" and part is not vertices]:
+            i.set("offset", i.get("offset", "0"))
+            if i.get("semantic") != "VERTEX":
+                i.attrib.update(semantic="COLOR", source=used)  # a meaning whose indices are not used
+
+
+def _local(e: ElementTree.Element) -> str:
+    return e.tag.rpartition("}")[2]
+
+
+def _corners(part: Any) -> Array:
+    """(n, 3, 3) of one group of faces, placed; none of lines."""
+    import collada
+
+    if isinstance(part, collada.triangleset.BoundTriangleSet):
+        return np.asarray(part.vertex[part.vertex_index], float).reshape(-1, 3, 3)
+    if isinstance(part, collada.polylist.BoundPolylist):
+        return triangulate(np.asarray(part.vertex, float), np.asarray(part.vertex_index), part.original.vcounts)
+    return np.empty((0, 3, 3))

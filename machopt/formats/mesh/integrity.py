@@ -5,6 +5,7 @@ The libraries behind planner and verifier differ in what they make of a cut file
 
 from __future__ import annotations
 
+import os
 import re
 import struct
 from pathlib import Path
@@ -25,6 +26,8 @@ _STL_LINE = re.compile(  # lower case; the normals are not used, and exporters w
 _OBJ_LINE = re.compile(
     rb"\s*(?:v\s+%b\s+%b\s+%b(?:\s+%b)*|f(?:\s+-?\d+(?:/-?\d*){0,2}){3,}|v[tnp]\s.*|[^vf\s].*)?\s*" % (_N, _N, _N, _N)
 )
+
+_LIBRARY = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]*)", re.MULTILINE)
 
 
 def whole_mesh(path: Path, fail: Fail) -> bytes:
@@ -59,6 +62,7 @@ def whole_mesh(path: Path, fail: Fail) -> bytes:
             )
     else:
         _check_obj(path.name, data, fail)
+        _check_libraries(path, data, fail)
     return data
 
 
@@ -102,6 +106,29 @@ def _check_obj(name: str, data: bytes, fail: Fail) -> None:
     if b"\0" in data:
         raise fail(f"mesh {name} cannot be read: it is binary, and OBJ is text")
     _check_lines(name, data, _OBJ_LINE, fail)
+
+
+def _check_libraries(path: Path, data: bytes, fail: Fail) -> None:
+    """Refuse material libraries outside the mesh's folder: the verifier's importer opens what the file names.
+
+    Where none is, nothing is opened; a named pipe would block.
+    """
+    folder = path.resolve().parent
+    for found in _LIBRARY.finditer(data):
+        for name in {found[1].strip(), *found[1].split()}:  # names may hold blanks, or stand one after the other
+            library = folder / os.fsdecode(name)
+            try:
+                there = library.resolve()
+                outside = os.path.lexists(library) and not there.is_relative_to(folder)
+                special = os.path.lexists(there) and not there.is_file()
+                large = there.is_file() and there.stat().st_size > MESH
+            except (OSError, RuntimeError, ValueError):
+                outside, special, large = True, False, False
+            if outside or special or large:
+                raise fail(
+                    f"mesh {path.name} names the material library {os.fsdecode(name)!r}, which is no ordinary file in "
+                    "its folder; the mesh without its mtllib line would work"
+                )
 
 
 def _check_lines(name: str, data: bytes, pattern: re.Pattern[bytes], fail: Fail) -> None:

@@ -16,7 +16,7 @@ from machopt import triangulated
 from machopt.arrays import Array
 from machopt.formats.mesh.fail import Fail
 from machopt.formats.mesh.integrity import whole_mesh
-from machopt.formats.mesh.second import check_same
+from machopt.formats.mesh.second import check_original, check_same
 from machopt.triangulated import Triangles
 
 _LEAST_TRIANGLES = 4  # a tetrahedron; fewer enclose nothing
@@ -79,6 +79,7 @@ def read_surface(path: Path, fail: Fail) -> Surface:
         raise fail(f"mesh {path.name} is flat and encloses nothing; a body, or a box in its place, would work")
     vertices, faces = triangulated.merged(surface)
     check_same(path, vertices, faces, fail)
+    check_original(path, fail)
     open_edges = _open_edges(faces)
     volume = 0.0 if open_edges else _volume(vertices - used.mean(0), faces)
     if not open_edges and abs(volume) <= _HOLLOW * float(np.prod(box)):

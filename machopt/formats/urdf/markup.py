@@ -97,6 +97,7 @@ class _Builder:
         self.path, self._count = path, 0
         self.root: Element | None = None
         self._open: list[Element] = []
+        self._texts: list[list[str]] = []  # pieces of text of each open element
         self.parser = expat.ParserCreate("utf-8")
         self.parser.StartElementHandler = self._start
         self.parser.EndElementHandler = self._end
@@ -119,6 +120,7 @@ class _Builder:
         else:
             self.root = element
         self._open.append(element)
+        self._texts.append([])
 
     def expected(self) -> str:
         """What would close the element that stands open, for messages; nothing where none does."""
@@ -128,12 +130,10 @@ class _Builder:
         return f"; expected </{last.tag}>, which line {last.line} opens"
 
     def _end(self, _: str) -> None:
-        done = self._open.pop()
-        done.text = done.text.strip()
+        self._open.pop().text = "".join(self._texts.pop()).strip()
 
     def _data(self, text: str) -> None:
-        if len(self._open[-1].text) < 1000:  # only its beginning is ever shown
-            self._open[-1].text += text
+        self._texts[-1].append(text)  # all of it: meshes have their numbers here
 
     def _doctype(self, name: str, system: str | None, public: str | None, internal: bool) -> None:
         if system or public or internal:
