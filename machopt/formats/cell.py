@@ -38,12 +38,12 @@ from machopt.formats.chain import (
 )
 from machopt.formats.controller import controller_of
 from machopt.formats.external_springs import resolved
-from machopt.formats.joints import read_joints
+from machopt.formats.joints import Joints, read_joints
 from machopt.formats.kinematics import load_kinematics
 from machopt.formats.maytouch import PairReader
 from machopt.formats.mesh import Fail, Scene, Sized, Surface, judge_size, open_surfaces, original_of, read_surface
 from machopt.formats.mesh.size import Role
-from machopt.formats.opener import check_file
+from machopt.formats.opener import MARKUP, check_file, read_text
 from machopt.formats.plausible import (
     box_extent,
     check_pose,
@@ -52,7 +52,15 @@ from machopt.formats.plausible import (
 )
 from machopt.formats.setups import Setups
 from machopt.formats.stiffness import load_stiffness
-from machopt.formats.urdf import Description, Urdf, describe, find_mesh, find_package
+from machopt.formats.urdf import (
+    Description,
+    Urdf,
+    describe,
+    find_mesh,
+    find_package,
+    remove_bodies,
+    without_bodies,
+)
 from machopt.formats.yamlstrict import Document, Loc, read_yaml, validate
 from machopt.se3 import rpy_matrix, transform
 
@@ -128,6 +136,7 @@ class _Reader:
         description = self.urdf(self.folder.file(("robot", "urdf"), robot.urdf), named)
         urdf = description.urdf
         joints = read_joints(urdf, keys, self.document, self.warnings, any_chain=self.any_chain)
+        urdf, text = self.without_side_bodies(description, joints)
         self.reach, self.scene = joints.reach, Scene(joints.reach + joints.sliding)
         chain, prismatic = joints.chain, tuple(j.kind == "prismatic" for j in joints.chain.arm)
         packages = self.urdf_meshes(urdf, named)
@@ -148,7 +157,7 @@ class _Reader:
             arm_joints=tuple(j.name for j in chain.arm),
             external_joints=tuple(j.name for j in chain.external),
             external_prismatic=tuple(j.kind == "prismatic" for j in chain.external),
-            expanded=description.text,
+            expanded=text,
             mimics=joints.mimics,
             may_touch=may_touch,
             arm_prismatic=prismatic if any(prismatic) else (),
@@ -247,6 +256,16 @@ class _Reader:
             self.folder.read.append(self.folder.inside(file, file.name, partial(of_file, file)))
         self.warnings += found.warnings
         return found
+
+    def without_side_bodies(self, description: Description, joints: Joints) -> tuple[Urdf, str | None]:
+        """The robot and its text without the bodies of joints outside of the chain, which a warning names."""
+        self.warnings += filter(None, [side.warning(description.urdf) for side in joints.side])
+        links = {link for side in joints.side for link in side.links}
+        if not any(p.collisions for p in description.urdf.parts if p.name in links):
+            return description.urdf, description.text
+        path = description.urdf.path
+        text = read_text(path, expected="a URDF", most=MARKUP) if description.text is None else description.text
+        return without_bodies(description.urdf, links), remove_bodies(text, links)
 
     def urdf_meshes(self, urdf: Urdf, packages: dict[str, Path]) -> dict[str, Path]:
         """Check every collision mesh; returns all packages, the map's and those found beside the URDF."""

@@ -8,7 +8,7 @@ from machopt.arrays import Array
 from machopt.domain.cell import JointLimits, Mimic
 from machopt.formats.cell_schema import CellKeys
 from machopt.formats.chain import Chain, read_chain, read_change, read_home, read_limits
-from machopt.formats.linkage import followers, narrowed
+from machopt.formats.linkage import SideFollower, find_side_followers, followers, narrowed
 from machopt.formats.plausible import check_arm, check_limits, reach
 from machopt.formats.urdf import Urdf
 from machopt.formats.yamlstrict import Document
@@ -21,6 +21,7 @@ class Joints:
     chain: Chain
     limits: JointLimits
     mimics: tuple[Mimic, ...]
+    side: tuple[SideFollower, ...]  # whose bodies are left out
     home: Array
     change: Array | None  # where tools are changed
     tightened: tuple[str, ...]  # limits that followers narrow, in words
@@ -43,13 +44,16 @@ def read_joints(urdf: Urdf, keys: CellKeys, document: Document, warnings: list[s
     far = reach(urdf, keys, chain)
     check_arm(urdf, chain, far, document)
     limits = read_limits(chain, keys, document, warnings)
-    mimics = followers(urdf, chain.arm, chain.external)
-    limits, tightened = narrowed(limits, urdf, chain.moving, mimics)
+    ways = (*urdf.chain(keys.robot.flange_link), *urdf.chain(keys.workpiece.link if keys.workpiece else ""))
+    side = find_side_followers(urdf, chain.arm, chain.external, ways)
+    mimics = followers(urdf, chain.arm, chain.external, side)
+    limits, tightened = narrowed(limits, urdf, chain.moving, mimics, side)
     check_limits(keys, chain, document, warnings)
     return Joints(
         chain=chain,
         limits=limits,
         mimics=mimics,
+        side=side,
         home=read_home(chain, limits, keys, document),
         change=read_change(chain, limits, keys, document),
         tightened=tightened,

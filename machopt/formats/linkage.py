@@ -1,14 +1,18 @@
 """Mimic joints of a URDF: which of them follow the arm, and what they do to its limits.
 
-A joint with ``<mimic joint="s" multiplier="m" offset="o"/>`` stands at m·q_s + o. Parallel linkages are written so: an
-elbow that keeps its attitude while axis 2 turns is a joint behind it with m = −1. What such a joint may carry is only
-what a joint of the arm moves on: a body or a mass of its own would need a place that the model of a serial arm has not.
+A joint with ``<mimic joint="s" multiplier="m" offset="o"/>`` has the value m·q_s + o. Parallel linkages are written so:
+an elbow that keeps its attitude while axis 2 turns is a joint in the chain with m = −1. A body on such a joint, which no
+joint of the arm moves on, would need a place that the model of a serial arm has not.
+
+A joint outside of the chain from base to flange (the cylinder of a balancer, the rod of a linkage) does not change where
+the flange is. Such joints are left out: their collision bodies are removed, their masses count where they are at zero,
+and a warning names them.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from machopt.domain.cell import JointLimits, Mimic
 from machopt.errors import InputError
@@ -17,18 +21,80 @@ from machopt.formats.urdf import Urdf, UrdfJoint
 TURNING = ("revolute", "continuous")
 
 
-def followers(urdf: Urdf, arm: tuple[UrdfJoint, ...], external: tuple[UrdfJoint, ...]) -> tuple[Mimic, ...]:
-    """Every mimic joint of the URDF, those of other joints than the arm's too (they stand still).
+@dataclass(frozen=True)
+class SideFollower:
+    """A joint outside of the chain that moves with it, and what hangs on it."""
+
+    joint: UrdfJoint
+    source: UrdfJoint  # joint of the arm or external joint that moves it, at last
+    links: tuple[str, ...]
+
+    def warning(self, urdf: Urdf) -> str | None:
+        """What is not checked and not counted; None where nothing hangs on the joint."""
+        parts = [p for p in urdf.parts if p.name in self.links]
+        bodies = [p.name for p in parts if p.collisions]
+        mass = sum(p.mass or 0.0 for p in parts)
+        if not bodies and not mass:
+            return None
+        said = (
+            [f"the collision bodies of {', '.join(bodies)} are left out: what touches them is not seen"]
+            if bodies
+            else []
+        )
+        said += [f"its {mass:g} kg count where they are at zero"] if mass else []
+        return (
+            f"{urdf.path.name}: line {self.joint.line}: joint {self.joint.name!r} follows {self.source.name!r} outside of "
+            f"the chain to the flange (as the cylinder of a balancer does); {'; '.join(said)}"
+        )
+
+
+def find_side_followers(
+    urdf: Urdf, arm: tuple[UrdfJoint, ...], external: tuple[UrdfJoint, ...], chain: tuple[UrdfJoint, ...]
+) -> tuple[SideFollower, ...]:
+    """Joints outside of the chain that follow a joint of the arm or an external one, directly or by another follower.
+
+    Args:
+        urdf: the robot.
+        arm, external: the driven joints.
+        chain: every joint from the root to the flange, and to the workpiece.
+    """
+    by_name = {j.name: j for j in urdf.joints}
+    out = []
+    for j in urdf.joints:
+        source, seen = j, {j.name}
+        while source.mimic is not None and source.mimic.joint in by_name and source.mimic.joint not in seen:
+            source = by_name[source.mimic.joint]
+            seen.add(source.name)
+        if j.mimic is None or j in chain or source not in (*arm, *external):
+            continue
+        links = [j.child]
+        for link in links:  # grows while it is walked
+            links += [k.child for k in urdf.joints if k.parent == link]
+        out.append(SideFollower(j, source, tuple(links)))
+    return tuple(out)
+
+
+def followers(
+    urdf: Urdf,
+    arm: tuple[UrdfJoint, ...],
+    external: tuple[UrdfJoint, ...],
+    side: tuple[SideFollower, ...] = (),
+) -> tuple[Mimic, ...]:
+    """Every mimic joint of the URDF; those of other joints than the arm's, and those of ``side``, stand still.
 
     Raises:
         InputError: one that follows the arm and cannot be planned: names it, and what would work.
     """
     by_name = {j.name: j for j in urdf.joints}
+    beside = {s.joint.name for s in side}
     out = []
     for j in urdf.joints:
         if j.mimic is None:
             continue
         m = j.mimic
+        if j.name in beside:
+            out.append(Mimic(j.name, j.name, 0.0, m.offset))  # its own source: nothing drives it
+            continue
         if m.joint not in by_name:
             raise _at(urdf, j, f"joint {j.name!r} mimics {m.joint!r}, which the URDF does not have")
         if j.kind not in (*TURNING, "prismatic"):
@@ -61,7 +127,11 @@ def followers(urdf: Urdf, arm: tuple[UrdfJoint, ...], external: tuple[UrdfJoint,
 
 
 def narrowed(
-    limits: JointLimits, urdf: Urdf, moving: tuple[UrdfJoint, ...], mimics: tuple[Mimic, ...]
+    limits: JointLimits,
+    urdf: Urdf,
+    moving: tuple[UrdfJoint, ...],
+    mimics: tuple[Mimic, ...],
+    side: tuple[SideFollower, ...] = (),
 ) -> tuple[JointLimits, tuple[str, ...]]:
     """Limits of the arm that keep the places and speeds of its followers in theirs, and what was narrowed, in words.
 
@@ -73,7 +143,9 @@ def narrowed(
     """
     lower, upper, velocity, said = limits.lower.copy(), limits.upper.copy(), limits.velocity.copy(), []
     by_name = {j.name: j for j in urdf.joints}
-    for m in mimics:
+    given = [s.joint for s in side if s.joint.mimic is not None and s.joint.mimic.multiplier != 0.0]
+    direct = [Mimic(j.name, j.mimic.joint, j.mimic.multiplier, j.mimic.offset) for j in given if j.mimic is not None]
+    for m in (*mimics, *direct):
         follower, n = by_name[m.joint], next((k for k, j in enumerate(moving) if j.name == m.source), None)
         if n is None:
             continue
@@ -118,16 +190,15 @@ def _plannable(urdf: Urdf, j: UrdfJoint, source: UrdfJoint, arm: tuple[UrdfJoint
         )
     riding = [j.child]
     for link in riding:  # grows while it is walked
-        riding += [k.child for k in urdf.joints if k.parent == link and k not in arm]
+        riding += [k.child for k in urdf.joints if k.parent == link and k not in arm and k.mimic is None]
     for part in urdf.parts:
         if part.name in riding and (part.collisions or part.mass):
-            bodies = "a collision body" if part.collisions == 1 else f"{part.collisions} collision bodies"
-            what = [bodies] if part.collisions else []
+            what = ["a collision body"] if part.collisions else []
             what += [f"a mass of {part.mass:g} kg"] if part.mass else []
             raise InputError(
-                f"link {part.name!r} rides on joint {j.name!r}, which mimics {source.name!r}, and has "
-                f"{' and '.join(what)}: the rods of a linkage are not followed; without its <collision> and <inertial> "
-                "it would be planned (give the mass, and a body that holds both, to the link of the arm beside it)",
+                f"link {part.name!r} has {' and '.join(what)} on joint {j.name!r}, which mimics {source.name!r} inside of "
+                "the chain to the flange; an arm is planned where such a link has neither (as at the elbow of a "
+                "parallel linkage), and not where the wrist itself is coupled so",
                 file=urdf.path,
                 where=f"line {part.line}",
             )

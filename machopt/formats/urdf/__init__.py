@@ -5,6 +5,7 @@ from machopt.formats.urdf.describe import Description, describe, describe_alone,
 from machopt.formats.urdf.meshes import Fail, FoundMesh, find_mesh, find_package
 from machopt.formats.urdf.read import read_urdf
 from machopt.formats.urdf.tree import Urdf, UrdfJoint, UrdfLink, UrdfMesh, UrdfSolid
+from machopt.formats.urdf.without import remove_bodies, without_bodies
 
 __all__ = [
     "ArmLinks",
@@ -24,4 +25,6 @@ __all__ = [
     "package_alone",
     "read_robot",
     "read_urdf",
+    "remove_bodies",
+    "without_bodies",
 ]

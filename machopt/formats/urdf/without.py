@@ -1,0 +1,29 @@
+"""A URDF without the collision bodies of some links."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+from xml.etree import ElementTree
+
+from machopt.formats.urdf.tree import Urdf
+
+
+def remove_bodies(text: str, links: Collection[str]) -> str:
+    """Return the text of a URDF, already checked, without the ``<collision>`` elements of some links."""
+    root = ElementTree.fromstring(text)
+    for link in root.findall("link"):
+        if link.get("name") in links:
+            for body in link.findall("collision"):
+                link.remove(body)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def without_bodies(urdf: Urdf, links: Collection[str]) -> Urdf:
+    """Return the same robot without the collision bodies of some links."""
+    return replace(
+        urdf,
+        parts=tuple(replace(p, collisions=0, visuals=0) if p.name in links else p for p in urdf.parts),
+        meshes=tuple(m for m in urdf.meshes if m.link not in links),
+        solids=tuple(s for s in urdf.solids if s.link not in links),
+    )
