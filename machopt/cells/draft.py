@@ -13,6 +13,7 @@ from machopt.cells.place import pointing
 from machopt.cells.robotfiles import URDF
 from machopt.cells.text import NewCell
 from machopt.errors import InputError
+from machopt.formats.plausible import check_velocity
 from machopt.formats.urdf import ArmLinks, Urdf, UrdfJoint
 
 SLOW_DEG_S, SLOW_MM_S = 45.0, 200.0
@@ -49,7 +50,7 @@ def draft(request: InitRequest, urdf: Urdf, links: ArmLinks) -> tuple[NewCell, t
     slides = tuple(j.kind == "prismatic" for j in joints)
     scale = [1e3 if slide else 180.0 / math.pi for slide in slides]
     lower, upper = _ranges(joints, scale, urdf)
-    velocity, of, slow = _velocities(request, joints, slides)
+    velocity, of, slow = _velocities(request, joints, slides, urdf)
     guesses = [] if request.tool_mass_kg else ["tool.mass_kg is 0: the tool's weight is not counted"]
     body = '{name: spindle, mesh: "tool' + request.tool_mesh.suffix.lower() + '"}' if request.tool_mesh else ""
     if not body:
@@ -172,7 +173,7 @@ def _ranges(joints: tuple[UrdfJoint, ...], scale: list[float], urdf: Urdf) -> tu
 
 
 def _velocities(
-    request: InitRequest, joints: tuple[UrdfJoint, ...], slides: tuple[bool, ...]
+    request: InitRequest, joints: tuple[UrdfJoint, ...], slides: tuple[bool, ...], urdf: Urdf
 ) -> tuple[list[float], str, tuple[str, ...]]:
     """deg/s (mm/s), who says so, and the joints for which nobody does."""
     given = request.velocity_deg_s
@@ -180,6 +181,8 @@ def _velocities(
         if len(given) != len(joints):
             raise InputError(f"found {len(given)} numbers; expected {len(joints)}", where="--velocity-deg-s")
         return [float(v) for v in given], "as given", ()
+    for j in joints:
+        check_velocity(j, urdf, "--velocity-deg-s with one value a joint")
     missing = tuple(j.name for j in joints if not j.velocity > 0.0)
     slow = [SLOW_MM_S if slide else SLOW_DEG_S for slide in slides]
     own = [j.velocity * (1e3 if slide else 180.0 / math.pi) for j, slide in zip(joints, slides, strict=True)]

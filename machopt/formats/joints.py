@@ -48,7 +48,7 @@ def read_joints(urdf: Urdf, keys: CellKeys, document: Document, warnings: list[s
     side = find_side_followers(urdf, chain.arm, chain.external, ways)
     mimics = followers(urdf, chain.arm, chain.external, side)
     limits, tightened = narrowed(limits, urdf, chain.moving, mimics, side)
-    check_limits(keys, chain, document, warnings)
+    check_limits(keys, chain, urdf, document, warnings)
     return Joints(
         chain=chain,
         limits=limits,

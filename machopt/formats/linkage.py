@@ -1,12 +1,12 @@
 """Mimic joints of a URDF: which of them follow the arm, and what they do to its limits.
 
 A joint with ``<mimic joint="s" multiplier="m" offset="o"/>`` has the value m·q_s + o. Parallel linkages are written so:
-an elbow that keeps its attitude while axis 2 turns is a joint in the chain with m = −1. A body on such a joint, which no
-joint of the arm moves on, would need a place that the model of a serial arm has not.
+an elbow that keeps its attitude while axis 2 turns is a joint in the chain with m = −1. A body on such a joint, which
+no joint of the arm moves on, would need a place that the model of a serial arm has not.
 
-A joint outside of the chain from base to flange (the cylinder of a balancer, the rod of a linkage) does not change where
-the flange is. Such joints are left out: their collision bodies are removed, their masses count where they are at zero,
-and a warning names them.
+A joint outside of the chain from base to flange (the cylinder of a balancer, the rod of a linkage) does not change
+where the flange is. Such joints are left out: their collision bodies are removed, their masses count where they are at
+zero, and a warning names them.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ class SideFollower:
         )
         said += [f"its {mass:g} kg count where they are at zero"] if mass else []
         return (
-            f"{urdf.path.name}: line {self.joint.line}: joint {self.joint.name!r} follows {self.source.name!r} outside of "
-            f"the chain to the flange (as the cylinder of a balancer does); {'; '.join(said)}"
+            f"{urdf.path.name}: line {self.joint.line}: joint {self.joint.name!r} follows {self.source.name!r} outside "
+            f"of the chain to the flange (as the cylinder of a balancer does); {'; '.join(said)}"
         )
 
 
@@ -196,8 +196,8 @@ def _plannable(urdf: Urdf, j: UrdfJoint, source: UrdfJoint, arm: tuple[UrdfJoint
             what = ["a collision body"] if part.collisions else []
             what += [f"a mass of {part.mass:g} kg"] if part.mass else []
             raise InputError(
-                f"link {part.name!r} has {' and '.join(what)} on joint {j.name!r}, which mimics {source.name!r} inside of "
-                "the chain to the flange; an arm is planned where such a link has neither (as at the elbow of a "
+                f"link {part.name!r} has {' and '.join(what)} on joint {j.name!r}, which mimics {source.name!r} inside "
+                "of the chain to the flange; an arm is planned where such a link has neither (as at the elbow of a "
                 "parallel linkage), and not where the wrist itself is coupled so",
                 file=urdf.path,
                 where=f"line {part.line}",

@@ -12,9 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from machopt.domain.stiffness import Stiffness
+from machopt.errors import InputError
 from machopt.formats.cell_schema import CellKeys, CutterKeys, PoseKeys, ToolKeys
 from machopt.formats.chain import Chain, velocities
-from machopt.formats.urdf import Urdf
+from machopt.formats.urdf import Urdf, UrdfJoint
 from machopt.formats.yamlstrict import Document, Loc
 
 _GRAVITY = 9.80665  # m/s²
@@ -24,7 +25,7 @@ _TCP = (3.0, 5.0)  # reaches, or m if that is more: the longest lances stay belo
 _HEAVY, _HEAVIEST = 2_500.0, 1e4  # kg; the strongest robots carry 2.3 t
 _CUTTER = ((0.1, 1_000.0), (1.0, 3_000.0))  # mm, least and most diameter and length
 _REACH = (0.05, 30.0)  # m of a six-axis arm; built are 0.3 to 6
-_REVOLUTIONS = 4 * math.pi  # rad; a wrist with 450° stays below, a range in degrees does not
+_REVOLUTIONS = 8 * math.pi  # rad; wrists with two turns and a little more stay below, a range in degrees does not
 _ENDLESS = 1e3  # rad; more than the hoses of any joint bear, "continuous" is meant
 _RAIL = 200.0  # m
 _FASTEST = {
@@ -32,6 +33,7 @@ _FASTEST = {
     "acceleration_deg_s2": 1e6,
     "jerk_deg_s3": 1e8,
 }  # ten times a small SCARA's, and more
+_FAST = 2_000.0  # deg/s; the joints of the fastest six-axis arms turn at 1,500 by their data sheets
 _SLOWEST = 1e-2  # deg/s (mm/s): a move of a quarter turn would take hours
 _RUN_UP = 5.0  # s to full speed, or full acceleration; built are 0.1 to 1
 _ODD = 3  # values of a home with more than one decimal
@@ -82,7 +84,7 @@ def check_arm(urdf: Urdf, chain: Chain, arm_reach: float, document: Document) ->
             )
 
 
-def check_limits(keys: CellKeys, chain: Chain, document: Document, warnings: list[str]) -> None:
+def check_limits(keys: CellKeys, chain: Chain, urdf: Urdf, document: Document, warnings: list[str]) -> None:
     """Velocities, accelerations, jerks, home and the cell's own ranges.
 
     Raises:
@@ -97,11 +99,17 @@ def check_limits(keys: CellKeys, chain: Chain, document: Document, warnings: lis
     for key, most in _FASTEST.items():
         values = told[key]
         for i, value in enumerate(values):
-            found = f"found {value:g} for joint {chain.moving[i].name!r}"
+            joint = chain.moving[i]
+            if key == "velocity_deg_s" and limits.velocity_deg_s is None:
+                _check_velocity(joint, urdf, warnings)
+                continue
+            found = f"found {value:g} for joint {joint.name!r}"
             if not value <= most:
                 raise document.error((*loc, key, i), f"{found}; expected at most {most:g}: no drive does more")
             if key == "velocity_deg_s" and value < _SLOWEST:
                 raise document.error((*loc, key, i), f"{found}; expected at least {_SLOWEST:g}")
+            if key == "velocity_deg_s" and value > _FAST and joint.kind != "prismatic":
+                warnings.append(f"{document.where((*loc, key, i))}: {found} is faster than any arm; is its unit meant?")
     steps = (("velocity_deg_s", "acceleration_deg_s2", "speed"), ("acceleration_deg_s2", "jerk_deg_s3", "acceleration"))
     for lower, upper, what in steps:
         slow = max(a / b for a, b in zip(told[lower], told[upper], strict=True))
@@ -118,6 +126,41 @@ def check_limits(keys: CellKeys, chain: Chain, document: Document, warnings: lis
     odd = sum(abs(v - round(v, 1)) > 1e-9 for v in home)  # nobody puts a home near zero to hundredths of a degree
     if home and max(map(abs, home)) <= math.pi + 0.1 and (any(_right_angle(v) for v in home) or odd >= _ODD):
         warnings.append(f"{document.where(('robot', 'home_deg'))}: {home} looks like radians; degrees are expected")
+
+
+def check_velocity(joint: UrdfJoint, urdf: Urdf, remedy: str) -> str | None:
+    """A warning where the velocity that a URDF states is odd; nothing where it states none.
+
+    Args:
+        joint: of the URDF.
+        urdf: the robot.
+        remedy: what would work, in words.
+
+    Raises:
+        InputError: of no drive; names the line of the URDF.
+    """
+    if not joint.velocity > 0.0:
+        return None
+    slides = joint.kind == "prismatic"
+    unit, per = ("mm/s", 1e3) if slides else ("deg/s", math.degrees(1.0))
+    value = joint.velocity * per
+    found = (
+        f"joint {joint.name!r} has the velocity {joint.velocity:g} {'m/s' if slides else 'rad/s'}, {value:.6g} {unit}"
+    )
+    if not _SLOWEST <= value <= _FASTEST["velocity_deg_s"]:
+        raise InputError(
+            f"{found}; expected {_SLOWEST:g} to {_FASTEST['velocity_deg_s']:g} {unit}; {remedy} would work",
+            file=urdf.path,
+            where=f"line {joint.line}",
+        )
+    if value > _FAST and not slides:
+        return f"{urdf.path.name}: line {joint.line}: {found}, which is faster than any arm; is its unit meant?"
+    return None
+
+
+def _check_velocity(joint: UrdfJoint, urdf: Urdf, warnings: list[str]) -> None:
+    said = check_velocity(joint, urdf, "a velocity in rad/s there, or robot.limits.velocity_deg_s in cell.yaml,")
+    warnings += [said] if said else []
 
 
 def check_pose(keys: PoseKeys, loc: Loc, document: Document, warnings: list[str], *, near: bool = True) -> None:

@@ -14,6 +14,7 @@ from machopt.formats.urdf.markup import with_prefixes
 from machopt.formats.urdf.meshes import find_package, holding, package_around
 from machopt.formats.urdf.read import read_urdf
 from machopt.formats.urdf.tree import Urdf
+from machopt.formats.urdf.without import remove_empty_dynamics
 from machopt.formats.urdf.xacro_limits import May
 
 _UP = 5  # folders above a lone robot's file in which its packages are looked for
@@ -45,7 +46,8 @@ def describe(path: Path, arguments: Mapping[str, str], find: Find, may: May) -> 
     if not is_xacro(path):
         if arguments:
             raise InputError("is no xacro file, so it takes no xacro_args; leave them out", file=path)
-        return Description(read_urdf(path), with_prefixes(read_text(path, expected="a URDF", most=MARKUP)))
+        urdf, text = read_urdf(path), read_text(path, expected="a URDF", most=MARKUP)
+        return Description(urdf, _accepted(urdf, text))
     found = expand(path, arguments, find, may)
     try:
         urdf = read_urdf(path, found.text)
@@ -54,10 +56,16 @@ def describe(path: Path, arguments: Mapping[str, str], find: Find, may: May) -> 
         raise InputError(problem.reason, file=problem.file, where=where) from None
     return Description(
         urdf,
-        with_prefixes(found.text) or found.text,
+        _accepted(urdf, found.text) or found.text,
         found.files,
         tuple(f"{path.name}: xacro: {line}" for line in found.warnings),
     )
+
+
+def _accepted(urdf: Urdf, text: str) -> str | None:
+    """A text that the parser of the robot model accepts; None where the file is one already."""
+    changed = with_prefixes(text)
+    return remove_empty_dynamics(changed or text) if urdf.empty_dynamics else changed
 
 
 def read_robot(path: Path, arguments: Mapping[str, str] | None = None) -> Urdf:
@@ -81,7 +89,7 @@ def describe_alone(
         allow_external: let a xacro file read files outside its own package, or its parent folder, and the packages
             that it names.
     """
-    given = packages or {}
+    given = {name: folder.absolute() for name, folder in (packages or {}).items()}  # of the current folder
     roots = [_own_folder(path), *(folder.resolve() for folder in given.values())]
 
     def find(name: str) -> Path:

@@ -62,6 +62,7 @@ def read_urdf(path: Path, text: str | None = None) -> Urdf:
         solids=tuple(reader.solids),
         unused=unused.counts,
         warnings=tuple(reader.warnings),
+        empty_dynamics=reader.empty_dynamics,
     )
 
 
@@ -86,6 +87,7 @@ class _Reader:
     def __post_init__(self) -> None:
         self.meshes: list[UrdfMesh] = []
         self.solids: list[UrdfSolid] = []
+        self.empty_dynamics = False  # some <dynamics> for which the model's parser would refuse the file
 
     def error(self, e: Element, message: str) -> InputError:
         return InputError(message, file=self.path, where=f"line {e.line}")
@@ -249,10 +251,8 @@ class _Reader:
         if dynamics is not None:
             self.numbers(dynamics, ("damping", "friction", "armature"), f"dynamics of {of}")
             if not {"damping", "friction"} & set(dynamics.attributes):
-                raise self.error(
-                    dynamics,
-                    f"dynamics of {of} has neither damping nor friction; one of them, or no <dynamics>, would work",
-                )
+                self.warn(dynamics, f"dynamics of {of} has neither damping nor friction; it was not read")
+                self.empty_dynamics = True
         if calibration is not None:
             self.numbers(calibration, ("rising", "falling", "reference_position"), f"calibration of {of}")
         if safety is not None:

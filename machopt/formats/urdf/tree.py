@@ -82,6 +82,7 @@ class Urdf:
     solids: tuple[UrdfSolid, ...]
     unused: dict[str, int] = field(default_factory=dict)  # element → how often; nothing in them is used
     warnings: tuple[str, ...] = ()
+    empty_dynamics: bool = False  # some <dynamics> without values, which the model's parser does not accept
 
     @property
     def links(self) -> tuple[str, ...]:

@@ -1,10 +1,11 @@
 """Which elements and attributes a URDF has, and what becomes of the others.
 
 The parser behind the robot model drops what it does not know, or knows but cannot read, with a line on the log; a
-link then is lighter, or is not there in the collision check. So inside links and joints everything unknown is
-refused. Beside them stands what other programs keep in the same file: on :data:`ELSEWHERE` what is known to say
-nothing about bodies, masses and joints is counted; the rest is refused where its name is near one of the URDF's or
-where it holds links, joints or bodies, and warned of otherwise.
+link then is lighter, or is not there in the collision check. So what is unknown is refused wherever it may be meant for
+something that is read: an element whose name is near one of the URDF's or that holds links, joints or bodies, an
+attribute whose name is near one that is missing, and every unknown attribute of an element that places, scales or
+couples (:data:`EXACT`). The rest is not used by any URDF parser: elements on :data:`ELSEWHERE` are counted, others are
+named in a warning.
 """
 
 from __future__ import annotations
@@ -33,9 +34,16 @@ ELSEWHERE = frozenset(
         "rviz",
         "compiler",
         "actuator",
+        "kinematic",
     }
 )
 """Of a robot: appearance, drives, simulators, sensors."""
+
+
+EXACT = frozenset(
+    {"origin", "mesh", "box", "sphere", "cylinder", "capsule", "mass", "inertia", "parent", "child", "mimic"}
+)
+"""Elements of which an attribute more may be a place, a size or a factor that would be dropped."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +116,7 @@ def check_vocabulary(path: Path, robot: Element) -> Unused:
     warnings: list[str] = []
     for child in robot.children:
         if child.tag in RULES["robot"].many:
-            _check(path, child, child.tag, counts)
+            _check(path, child, child.tag, counts, warnings)
         elif child.tag in ELSEWHERE or (":" in child.tag and not _like_ours(_local(child.tag))):
             counts[child.tag] += 1
         elif _like_ours(child.tag) or any(d.tag in _BODIES for d in child.descendants()):
@@ -116,7 +124,7 @@ def check_vocabulary(path: Path, robot: Element) -> Unused:
         else:
             counts[child.tag] += 1
             warnings.append(f"{path.name}: line {child.line}: <{child.tag}> is no element of a URDF; it was not read")
-    _check_attributes(path, robot, "robot")
+    _check_attributes(path, robot, "robot", warnings)
     if robot.text:
         warnings.append(
             f"{path.name}: line {robot.line}: the text {robot.text[:40]!r} between the elements was not read"
@@ -124,10 +132,10 @@ def check_vocabulary(path: Path, robot: Element) -> Unused:
     return Unused(dict(+counts), tuple(warnings))
 
 
-def _check(path: Path, element: Element, context: str, counts: Counter[str]) -> None:
+def _check(path: Path, element: Element, context: str, counts: Counter[str], warnings: list[str]) -> None:
     """An element of a link or joint, and all in it."""
     rule = RULES[element.tag]
-    _check_attributes(path, element, context)
+    _check_attributes(path, element, context, warnings)
     if element.text:
         raise InputError(
             f"the text {element.text[:40]!r} inside {context} is not read by any URDF parser; "
@@ -144,25 +152,46 @@ def _check(path: Path, element: Element, context: str, counts: Counter[str]) -> 
                     file=path,
                     where=f"line {child.line}",
                 )
-            _check(path, child, inside, counts)
+            _check(path, child, inside, counts, warnings)
         elif child.tag in rule.many:
-            _check(path, child, inside, counts)
+            _check(path, child, inside, counts, warnings)
         elif child.tag in rule.ignored or (":" in child.tag and not _like_ours(_local(child.tag))):
             counts[child.tag] += child.tag != "material"
+        elif _is_unused(element, child, (*rule.one, *rule.many)):
+            counts[child.tag] += 1
+            warnings.append(
+                f"{path.name}: line {child.line}: <{child.tag}> inside {context} is used by no URDF parser and was not "
+                "read"
+            )
         else:
             raise _unknown(path, child, context, (*rule.one, *rule.many))
 
 
-def _check_attributes(path: Path, element: Element, context: str) -> None:
+def _is_unused(parent: Element, child: Element, valid: tuple[str, ...]) -> bool:
+    """Whether an element inside of a link or joint says nothing that is read anywhere."""
+    if parent.tag == "link" and child.tag == "origin":  # a link has no place of its own: its joint places it
+        return True
+    words = [child.tag, *(d.tag for d in child.descendants())]
+    near = difflib.get_close_matches(_local(child.tag).lower(), valid, n=1, cutoff=_NEAR)
+    return parent.tag in ("link", "joint") and not near and not any(w in RULES or _like_ours(w) for w in words)
+
+
+def _check_attributes(path: Path, element: Element, context: str, warnings: list[str]) -> None:
     known = RULES[element.tag].attributes
+    missing = [k for k in known if k not in element.attributes]
     for name in element.attributes:
         if name in known or name == "xmlns" or ":" in name:
             continue
-        raise InputError(
-            f"<{element.tag}> of {context} has an unknown attribute {name!r}"
-            f"{_hint(name, known)}; valid: {', '.join(known) or 'none'}",
-            file=path,
-            where=f"line {element.line}",
+        if element.tag in EXACT or difflib.get_close_matches(_local(name).lower(), missing, n=1, cutoff=_NEAR):
+            raise InputError(
+                f"<{element.tag}> of {context} has an unknown attribute {name!r}"
+                f"{_hint(name, known)}; valid: {', '.join(known) or 'none'}",
+                file=path,
+                where=f"line {element.line}",
+            )
+        warnings.append(
+            f"{path.name}: line {element.line}: {name!r} of <{element.tag}> in {context} is used by no URDF parser and "
+            "was not read"
         )
 
 

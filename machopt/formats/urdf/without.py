@@ -1,4 +1,4 @@
-"""A URDF without the collision bodies of some links."""
+"""A URDF without what is left out: collision bodies of some links, elements that say nothing."""
 
 from __future__ import annotations
 
@@ -16,6 +16,16 @@ def remove_bodies(text: str, links: Collection[str]) -> str:
         if link.get("name") in links:
             for body in link.findall("collision"):
                 link.remove(body)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def remove_empty_dynamics(text: str) -> str:
+    """Return the text of a URDF, already checked, without ``<dynamics>`` that have neither damping nor friction."""
+    root = ElementTree.fromstring(text)
+    for joint in root.findall("joint"):
+        for dynamics in joint.findall("dynamics"):
+            if not {"damping", "friction"} & set(dynamics.attrib):
+                joint.remove(dynamics)
     return ElementTree.tostring(root, encoding="unicode")
 
 
