@@ -32,7 +32,7 @@ Make = Callable[..., Path]
 def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("cell")
     (folder / "arm.urdf").write_text(urdf_text())
-    run_init(InitRequest(robot=folder / "arm.urdf", out=folder / "cell", post="krl"))
+    run_init(InitRequest(robot=folder / "arm.urdf", out=folder / "cell", post="krl", tool_angle_deg=0.0))
     return folder / "cell"
 
 

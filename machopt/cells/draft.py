@@ -9,7 +9,8 @@ import numpy as np
 
 from machopt.arrays import Array
 from machopt.cells.asked import InitRequest
-from machopt.cells.place import pointing
+from machopt.cells.meshunit import detect_unit
+from machopt.cells.newtool import build_tool, tool_angle
 from machopt.cells.robotfiles import URDF
 from machopt.cells.text import NewCell
 from machopt.errors import InputError
@@ -21,7 +22,6 @@ SLOW_DEG_S, SLOW_MM_S = 45.0, 200.0
 The arms of cells/ have 75 deg/s and more."""
 TOOL_MM, TOOL_SHARE = (80.0, 200.0), 0.1
 """Where no length is given: a tenth of the arm's links end to end, not less or more than this, in steps of 10 mm."""
-_BODY_RADIUS_MM = 40.0  # of the spindle that stands for one that is not given
 
 
 def tool_length(request: InitRequest, span: float) -> float:
@@ -36,8 +36,14 @@ def tool_length(request: InitRequest, span: float) -> float:
     return float(np.clip(round(1e2 * TOOL_SHARE * span) * 10.0, *TOOL_MM))
 
 
-def draft(request: InitRequest, urdf: Urdf, links: ArmLinks) -> tuple[NewCell, tuple[str, ...]]:
+def draft(request: InitRequest, urdf: Urdf, links: ArmLinks, span: float) -> tuple[NewCell, tuple[str, ...]]:
     """Links, limits and tool; the workpiece and home are provisional.
+
+    Args:
+        request: the options.
+        urdf: the robot.
+        links: its arm.
+        span: m, of the arm's links end to end.
 
     Returns:
         The cell, and what of it is a guess.
@@ -52,12 +58,20 @@ def draft(request: InitRequest, urdf: Urdf, links: ArmLinks) -> tuple[NewCell, t
     lower, upper = _ranges(joints, scale, urdf)
     velocity, of, slow = _velocities(request, joints, slides, urdf)
     guesses = [] if request.tool_mass_kg else ["tool.mass_kg is 0: the tool's weight is not counted"]
-    body = '{name: spindle, mesh: "tool' + request.tool_mesh.suffix.lower() + '"}' if request.tool_mesh else ""
+    body = ""
+    if request.tool_mesh is not None:
+        unit = detect_unit(request.tool_mesh, "tool", span, request.mesh_unit)
+        guesses += [unit.note] if unit.note else []
+        body = _mesh_body("spindle", "tool" + request.tool_mesh.suffix.lower(), unit.scale)
     if not body:
-        guesses.append("the tool's body is a plain cylinder; give its mesh or its boxes")
-    part = request.workpiece_mesh
+        guesses.append("the tool's body is plain cylinders; give its mesh or its boxes")
+    part, part_body = request.workpiece_mesh, ""
     if part is None:
         guesses.append("the workpiece has no body, so nothing is checked against it")
+    else:
+        unit = detect_unit(part, "workpiece", span, request.mesh_unit)
+        guesses += [unit.note] if unit.note else []
+        part_body = _mesh_body("part", "workpiece" + part.suffix.lower(), unit.scale)
     if links.gripper:
         guesses.append(
             f"{', '.join(j.name for j in links.gripper)} behind {links.flange_link} {_is_or_are(links.gripper)} taken "
@@ -89,11 +103,11 @@ def draft(request: InitRequest, urdf: Urdf, links: ArmLinks) -> tuple[NewCell, t
         mass_kg=request.tool_mass_kg,
         com_mm=(0.0, 0.0, 0.0),
         body=body,
-        body_note="in flange_link" if body else "GUESS: a cylinder from the flange to the cutter",
+        body_note="in flange_link" if body else "GUESS: cylinders from the flange to the cutter",
         cutter_mm=(request.cutter_diameter_mm, request.cutter_length_mm),
         workpiece_mm=request.workpiece_mm or (1000.0, 0.0, 500.0),
         workpiece_rpy_deg=request.workpiece_rpy_deg or (0.0, 0.0, 0.0),
-        workpiece_body="" if part is None else '{name: part, mesh: "workpiece' + part.suffix.lower() + '"}',
+        workpiece_body=part_body,
         workpiece_note="as given: the CAM coordinates in world",
         stiffness_note="as given" if request.stiffness else "ESTIMATED: see there, and measure",
         post=request.post,
@@ -113,33 +127,35 @@ def aimed(new: NewCell, request: InitRequest, out: Array | None, span: float) ->
     Raises:
         InputError: the cutter is longer than the tool.
     """
-    reach = tool_length(request, span)
-    if request.tcp_mm is None and not 0 < request.cutter_length_mm < reach:
-        raise InputError(
-            f"found {request.cutter_length_mm:g}; expected more than zero and less than --tool-length-mm, {reach:g}",
-            where="--cutter-length-mm",
-        )
+    reach, angle = tool_length(request, span), tool_angle(request)
     guesses: list[str] = []
     if out is None:
         out, known = np.array([0.0, 0.0, 1.0]), "GUESS: along z of the flange; the URDF does not tell where it looks"
         guesses.append("the URDF does not tell where the flange looks; check tool.tcp")
     else:
         axis = np.round(out, 3) + 0.0
-        known = f"z out of the flange, which looks along [{', '.join(f'{v:g}' for v in axis)}] of {new.flange_link}"
-    rpy = [float(v) for v in np.round(np.degrees(pointing(out)), 4)] if request.tcp_rpy_deg is None else None
-    along = [float(v) for v in np.round(reach * out, 3)] if request.tcp_mm is None else None
-    if along is not None:
-        known += "; GUESS: the length"
-        guesses.append(f"the TCP is {reach:g} mm out of the flange; put in the tool's own data")
-    tcp, turn = along or new.tcp_mm, rpy or new.tcp_rpy_deg
-    length = float(np.linalg.norm(tcp)) - new.cutter_mm[1]
-    body = new.body
-    middle = [float(v) + 0.0 for v in np.round(0.5 * length * out, 3)]
-    if not body and length > 0:
-        angles = [float(v) + 0.0 for v in np.round(np.degrees(pointing(out)), 4)]
-        body = f"{{name: spindle, cylinder_mm: [{_BODY_RADIUS_MM:g}, {length:g}], xyz_mm: {middle}, rpy_deg: {angles}}}"
-    note = "as given" if along is None and rpy is None else known
-    return replace(new, tcp_mm=tcp, tcp_rpy_deg=turn, tcp_note=note, body=body, com_mm=middle), tuple(guesses)
+        known = f"the flange looks along [{', '.join(f'{v:g}' for v in axis)}] of {new.flange_link}"
+    if request.tcp_mm is not None:  # the bodies end where its cutter begins
+        reach = max(float(np.linalg.norm(request.tcp_mm)), request.cutter_length_mm + 1.0)
+    made = build_tool(out, angle, reach, request.cutter_length_mm)
+    if request.tcp_mm is None:
+        known = f"{made.note}; {known}; GUESS: the length"
+        guesses.append(f"the TCP is {reach:g} mm along the tool from the flange; put in the tool's own data")
+    else:
+        known = "as given" if request.tcp_rpy_deg is not None else f"as given; {known}"
+    return replace(
+        new,
+        tcp_mm=request.tcp_mm or made.tcp_mm,
+        tcp_rpy_deg=request.tcp_rpy_deg or made.rpy_deg,
+        tcp_note=known,
+        body=new.body or made.bodies,
+        com_mm=made.middle_mm,
+    ), tuple(guesses)
+
+
+def _mesh_body(name: str, file: str, scale: float) -> str:
+    """One line of YAML."""
+    return f'{{name: {name}, mesh: "{file}"{"" if scale == 1.0 else f", scale: {scale:g}"}}}'
 
 
 def _check(r: InitRequest) -> None:

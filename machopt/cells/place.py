@@ -49,6 +49,18 @@ def outward(robot: Robot) -> Array | None:
     return np.asarray(normalise(np.sign(along) * flange[:3, :3].T @ a6))
 
 
+NO_ROTATION = "the tool axis is that of the last joint, so the rotation has no effect: expected gain 0 %"
+_ON_AXIS = (1e-3, 1e-3)  # m and rad by which a tool on the last joint's axis may miss it
+
+
+def lies_on_last_axis(robot: Robot, T_flange_tcp: Array) -> bool:
+    """Whether the tool axis is the axis of joint 6, which then carries out every rotation about it alone."""
+    T = robot.T_base_flange_zero @ T_flange_tcp
+    axis, way = robot.axis[5], T[:3, 3] - robot.point[5]
+    beside = float(np.linalg.norm(way - (way @ axis) * axis))
+    return beside < _ON_AXIS[0] and float(np.linalg.norm(np.cross(axis, T[:3, 2]))) < _ON_AXIS[1]
+
+
 def pointing(direction: Array) -> Array:
     """(3,) rad, roll, pitch and yaw of a frame whose z has this direction (3,), turned no further than that needs."""
     z = normalise(np.asarray(direction, float))

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.cells.place import outward, pointing
+from machopt.cells.place import NO_ROTATION, lies_on_last_axis, outward, pointing
 from machopt.domain.cell import Cell, Shape
 from machopt.domain.options import PlanOptions
 from machopt.domain.reason import Reason
@@ -124,6 +124,8 @@ def _tool(cell: Cell, setup: Setup) -> Iterator[Remark]:
             )
         elif float(z @ out) < math.cos(math.radians(120.0)):
             yield Remark("warning", "tool.tcp", f"the TCP's z points back at the arm; {looks}")
+    if lies_on_last_axis(setup.robot, T):
+        yield Remark("warning", "tool.tcp", f"{NO_ROTATION}; a tool at an angle to the flange axis would have one")
     cut = 0.0 if cell.tool.cutter is None else cell.tool.cutter.length
     bodies = tool_bodies(cell)
     for body in bodies:

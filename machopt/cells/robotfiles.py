@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from machopt.cells.asked import InitRequest
+from machopt.cells.meshunit import detect_unit
 from machopt.errors import InputError
 from machopt.formats.mesh.collada import read_collada, stl_bytes
 from machopt.formats.urdf import Description, UrdfMesh, find_mesh, package_alone
@@ -19,7 +21,9 @@ MESHES = "meshes"
 COLLADA = ".dae"
 
 
-def copy_robot(description: Description, folder: Path, packages: Mapping[str, Path]) -> tuple[Path, ...]:
+def copy_robot(
+    description: Description, folder: Path, packages: Mapping[str, Path], span: float = 0.0
+) -> tuple[str, ...]:
     """Write ``robot.urdf`` and its collision meshes into a folder.
 
     Meshes of a package go to ``PACKAGE/…`` beside the URDF, where ``package://`` finds them; those beside the URDF keep
@@ -30,16 +34,19 @@ def copy_robot(description: Description, folder: Path, packages: Mapping[str, Pa
         description: of the robot.
         folder: of the new cell.
         packages: folders of ROS packages, by name; others are looked for around the robot's file.
+        span: m, of the arm's links end to end; a mesh that would be larger than any link is scaled from mm.
 
     Returns:
-        The meshes that were copied, where they lay.
+        What was changed, one sentence each.
 
     Raises:
         InputError: a mesh is missing, or something cannot be copied.
     """
     urdf = description.urdf
-    text = urdf.path.read_text(encoding="utf-8-sig") if description.text is None else description.text
+    text = urdf.path.read_text(encoding="utf-8-sig") if description.whole is None else description.whole
     source, taken = urdf.path.parent.resolve(), dict[str, str]()
+    notes: list[str] = []
+    scales = {mesh.uri: mesh.scale for mesh in urdf.meshes}
     found: dict[str, Path] = {mesh.uri: _path(description, mesh, packages) for mesh in urdf.meshes}
     for uri, path in found.items():
         scheme = ""
@@ -58,8 +65,22 @@ def copy_robot(description: Description, folder: Path, packages: Mapping[str, Pa
         if ".." in Path(place).parts:
             raise InputError(f"the mesh {uri} leads out of its package", file=urdf.path)
         _copy_mesh(path, target)
+        unit = detect_unit(target, "link", span, scale=scales[uri])
+        if unit.note is not None:
+            text = _scaled(text, f"{scheme}{place}", unit.scale)
+            notes.append(unit.note)
     (folder / URDF).write_text(text, encoding="utf-8", newline="\n")
-    return tuple(found.values())
+    return tuple(notes)
+
+
+def _scaled(text: str, uri: str, scale: float) -> str:
+    """A URDF in which every <mesh> of a file has another scale."""
+
+    def changed(found: re.Match[str]) -> str:
+        element = re.sub(r"\s+scale\s*=\s*(\"[^\"]*\"|'[^']*')", "", found[0])
+        return element.replace("<mesh", f'<mesh scale="{scale:g} {scale:g} {scale:g}"', 1)
+
+    return re.sub(rf"<mesh\b[^>]*filename\s*=\s*[\"']{re.escape(uri)}[\"'][^>]*>", changed, text)
 
 
 def _copy_mesh(source: Path, target: Path) -> None:

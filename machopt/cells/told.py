@@ -16,6 +16,7 @@ class InitOutcome:
     cell: Cell
     folder: Path
     guesses: tuple[str, ...]  # what the user should put in or look at, one sentence each
+    notes: tuple[str, ...] = ()  # what was changed of the robot's files
 
     @property
     def result(self) -> InitResult:
@@ -25,5 +26,5 @@ class InitOutcome:
             joints=self.cell.arm_joints,
             flange_link=self.cell.flange_link,
             guesses=self.guesses,
-            warnings=self.cell.warnings,
+            warnings=(*self.notes, *self.cell.warnings),
         )

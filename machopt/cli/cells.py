@@ -17,6 +17,7 @@ from machopt.cli.shared import share
 
 Commands = Any  # argparse keeps its subparsers' type private
 
+_COLLECTED = ("reading", "packages", "xacro_args")  # of the request, from several options each
 _QUESTIONS = (
     ("tool_length_mm", "flange to TCP, mm"),
     ("tool_mass_kg", "mass of spindle, holder and cutter, kg"),
@@ -29,7 +30,7 @@ _QUESTIONS = (
 
 def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     """Add the commands to the parser."""
-    from machopt.cells.asked import InitRequest
+    from machopt.cells.asked import UNITS, InitRequest
 
     p = commands.add_parser(
         "init", parents=[common, reading_parser()], help="a new cell from a robot's URDF or xacro file"
@@ -39,18 +40,20 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     p.add_argument("--ask", action="store_true", help="ask for the tool on the terminal; without it nothing is asked")
     p.add_argument("--name", help="of the cell (the robot file's)")
     p.add_argument("--base-link", metavar="LINK", help="(base_link, or what bears the first joint)")
-    p.add_argument(
-        "--package",
-        type=_package,
-        action="append",
-        default=[],
-        metavar="NAME=FOLDER",
-        help="where a ROS package lies that the robot's file names (beside it or above it); may be repeated",
-    )
+    share(p, "--package")
+    share(p, "--xacro-arg")
+    share(p, "--allow-external", help="let a xacro file read files outside of its package and those it names")
     p.add_argument("--flange-link", metavar="LINK", help="(tool0, flange, or the last link)")
     tool = p.add_argument_group("tool")
     tool.add_argument(
         "--tool-length-mm", type=float, help="flange to TCP, the way the flange looks (a tenth of the arm, 80 to 200)"
+    )
+    tool.add_argument(
+        "--tool-angle-deg",
+        type=float,
+        choices=(0.0, 45.0, 90.0),
+        metavar="0|45|90",
+        help="between spindle and flange axis (45 where no other option states the tool's place, else 0)",
     )
     tool.add_argument("--tcp-mm", type=_floats, metavar="X,Y,Z", help="TCP in the flange link, instead of a length")
     tool.add_argument("--tcp-rpy-deg", type=_floats, metavar="R,P,Y", help="(z the way the flange looks)")
@@ -58,6 +61,9 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     tool.add_argument("--tool-mesh", type=Path, metavar="FILE", help="its body, in the flange link (a cylinder)")
     _number(tool, "--cutter-diameter-mm", InitRequest.cutter_diameter_mm, "of the cutter")
     _number(tool, "--cutter-length-mm", InitRequest.cutter_length_mm, "of the cutter")
+    p.add_argument(
+        "--mesh-unit", choices=tuple(UNITS), help="of --tool-mesh and --workpiece-mesh (mm where m would be too large)"
+    )
     part = p.add_argument_group("workpiece")
     part.add_argument("--toolpath", type=Path, metavar="FILE", help="put it where the arm reaches all of this path")
     part.add_argument("--workpiece-mm", type=_floats, metavar="X,Y,Z", help="CAM frame in world (in reach)")
@@ -77,13 +83,6 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     look.set_defaults(run=_validate)
 
 
-def _package(text: str) -> tuple[str, Path]:
-    name, mark, folder = text.partition("=")
-    if not (name and mark and Path(folder).is_dir()):
-        raise argparse.ArgumentTypeError(f"found {text!r}; expected NAME=FOLDER, a folder that is there")
-    return name, Path(folder)
-
-
 def _number(group: Any, option: str, default: float, what: str) -> None:
     group.add_argument(option, type=float, default=default, help=f"{what} ({default:g})")
 
@@ -96,14 +95,16 @@ def _init(args: argparse.Namespace) -> int:
 
     if args.ask:
         _ask(args)
-    given = {f.name: getattr(args, f.name) for f in fields(InitRequest) if f.name not in ("reading", "packages")}
-    done = run_init(InitRequest(**given, packages=dict(args.package), reading=reading(args)))
+    given = {f.name: getattr(args, f.name) for f in fields(InitRequest) if f.name not in _COLLECTED}
+    packages, arguments = dict(args.package), dict(args.xacro_arg)
+    done = run_init(InitRequest(**given, packages=packages, xacro_args=arguments, reading=reading(args)))
     cell = done.cell
     if args.json:
         print_result(done.result)
     elif not args.quiet:
         print(f"{done.folder / 'cell.yaml'}: {cell.base_link} to {cell.flange_link} by {', '.join(cell.arm_joints)}")
         print("\n".join(f"  put in your own: {g}" for g in done.guesses))
+        print("\n".join([*(f"  note: {n}" for n in done.notes), *(f"  warning: {w}" for w in cell.warnings)]))
         print(f"next: machopt validate {shlex.quote(str(done.folder))}")
     return 0
 

@@ -11,12 +11,43 @@ from machopt.cli.display import natural, positive
 from machopt.cli.parser import options_of
 from machopt.formats.parquet import KINDS
 
+
+def package(text: str) -> tuple[str, Path]:
+    """NAME=FOLDER, a folder that exists, relative to the current one."""
+    name, mark, folder = text.partition("=")
+    if not (name and mark and Path(folder).is_dir()):
+        raise argparse.ArgumentTypeError(f"found {text!r}; expected NAME=FOLDER, a folder that is there")
+    return name, Path(folder).absolute()
+
+
+def xacro_argument(text: str) -> tuple[str, str]:
+    """NAME=VALUE, in which the value may be empty."""
+    name, mark, value = text.partition("=")
+    if not (name and mark):
+        raise argparse.ArgumentTypeError(f"found {text!r}; expected NAME=VALUE")
+    return name, value
+
+
 _ONE_PROCESS = "accepted for scripts; one process runs"
 SHARED: dict[str, dict[str, Any]] = {
     "cell": {"type": Path, "help": "cell folder or its cell.yaml"},
     "toolpath": {"type": Path, "help": "CAM export or point table"},
     "--out": {"flags": ("-o",), "type": Path, "required": True, "help": "output folder"},
     "--allow-external": {"action": "store_true", "help": "let the cell use files outside its folder"},
+    "--package": {
+        "type": package,
+        "action": "append",
+        "default": [],
+        "metavar": "NAME=FOLDER",
+        "help": "where a ROS package lies that the robot's file names (beside it or above it); may be repeated",
+    },
+    "--xacro-arg": {
+        "type": xacro_argument,
+        "action": "append",
+        "default": [],
+        "metavar": "NAME=VALUE",
+        "help": "value of an argument of a xacro file; may be repeated",
+    },
     "--seed": {"type": natural, "default": 0, "help": "same input and seed, same bytes"},
     "--jobs": {"type": positive, "default": 1, "metavar": "N", "help": _ONE_PROCESS},
     "--plan": {"type": Path, "metavar": "FILE", "help": "planning options as YAML"},

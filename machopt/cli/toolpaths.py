@@ -90,6 +90,8 @@ def _add_inspect(commands: Commands, common: argparse.ArgumentParser) -> None:
     look.add_argument("--html", type=Path, metavar="OUT.html", help="write a page with pictures of the path")
     look.add_argument("--cell", type=Path, help="cell whose robot a program with joint positions was written for")
     share(look, "--allow-external")
+    share(look, "--package")
+    share(look, "--xacro-arg")
     share(look, "--effects")
     look.set_defaults(run=_inspect)
 
@@ -163,6 +165,11 @@ def _inspect(args: argparse.Namespace) -> int:
     told_of_effects(args)
     if _is_robot(args.file):
         return _inspect_robot(args)
+    if args.package or args.xacro_arg:
+        raise InputError(
+            "found a toolpath; a robot's .urdf or .xacro file has packages and arguments",
+            where="--package" if args.package else "--xacro-arg",
+        )
     if args.effects and args.cell is None:
         raise InputError(
             "found a toolpath and no cell whose files could hold effects; --cell CELL would work", where="--effects"
@@ -212,7 +219,13 @@ def _inspect_robot(args: argparse.Namespace) -> int:
             "'machopt validate CELL --picture FILE.svg' draws it",
             where="--html",
         )
-    found = look(args.file, allow_external=args.allow_external, effects=tuple(args.effects))
+    found = look(
+        args.file,
+        allow_external=args.allow_external,
+        effects=tuple(args.effects),
+        packages=dict(args.package),
+        xacro_args=dict(args.xacro_arg),
+    )
     if args.json:
         print_result(found)
     elif not args.quiet:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,18 +10,13 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.domain.cell import Cell
 from machopt.domain.results.inspected import CellJoint, Mounting, RobotInspected, RobotJoint
-from machopt.formats.urdf import UrdfJoint, read_robot
+from machopt.formats.urdf import Urdf, UrdfJoint
 
 _LEVEL = math.radians(0.5)  # a robot nearer to upright counts as upright
 
 
-def robot_inspected(path: Path) -> RobotInspected:
-    """A URDF or xacro file by itself.
-
-    Raises:
-        InputError: it cannot be read.
-    """
-    urdf = read_robot(path)
+def robot_inspected(urdf: Urdf) -> RobotInspected:
+    """A robot's description by itself."""
     return RobotInspected(
         robot=urdf.path.name,
         links=len(urdf.parts),

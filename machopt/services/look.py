@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,25 +13,39 @@ from machopt.errors import InputError
 from machopt.formats.cell import load_cell
 from machopt.formats.inspect_robot import joints_in_force, mounting, robot_inspected
 from machopt.formats.options import load_options
+from machopt.formats.urdf import describe_alone
 from machopt.model.collision import CollisionModel
 from machopt.model.ik import solver_for
 from machopt.model.ik_spherical import SphericalWristSolver
 from machopt.model.robot import load_chain, load_masses
 
 
-def look(path: Path, *, allow_external: bool = False, effects: Sequence[Path] = ()) -> CellInspected | RobotInspected:
+def look(
+    path: Path,
+    *,
+    allow_external: bool = False,
+    effects: Sequence[Path] = (),
+    packages: Mapping[str, Path] | None = None,
+    xacro_args: Mapping[str, str] | None = None,
+) -> CellInspected | RobotInspected:
     """Everything worth a line; mm and degrees.
 
     Args:
-        allow_external: let the cell use files outside its folder.
+        path: a cell's folder or its cell.yaml, or a robot's URDF or xacro file.
+        allow_external: let the cell, or the xacro file, use files outside its folder.
         effects: Python files with effects of the user's own that the cell's files hold; runs the code in them.
+        packages: folders of ROS packages by name, of a robot's file.
+        xacro_args: values of the arguments of a xacro file.
 
     Raises:
         InputError: it cannot be planned with, and why.
     """
     with in_use(with_effects(effects)):
         if path.suffix.lower() in (".urdf", ".xacro"):
-            return robot_inspected(path)
+            return robot_inspected(describe_alone(path, packages, xacro_args, allow_external=allow_external).urdf)
+        for option, given in (("--package", packages), ("--xacro-arg", xacro_args)):
+            if given:
+                raise InputError("found a cell, whose cell.yaml has packages and xacro_args", where=option)
         cell = load_cell(path, allow_external=allow_external)
         return CellInspected(
             cell=cell.name,

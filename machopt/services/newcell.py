@@ -11,7 +11,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.cells.asked import InitRequest
 from machopt.cells.draft import aimed, draft
-from machopt.cells.place import outward, place_or_middle, sample_path
+from machopt.cells.place import NO_ROTATION, lies_on_last_axis, outward, place_or_middle, sample_path
 from machopt.cells.post import with_post
 from machopt.cells.robotfiles import copy_file, copy_robot, named_as_given, new_folder
 from machopt.cells.text import NewCell, cell_text, estimated_stiffness, stiffness_text
@@ -40,12 +40,14 @@ def run_init(request: InitRequest) -> InitOutcome:
     Raises:
         InputError: the robot cannot be read or is no six-axis arm, an option is wrong, or the folder is taken.
     """
-    description = describe_alone(request.robot, request.packages)
+    description = describe_alone(
+        request.robot, request.packages, request.xacro_args, allow_external=request.allow_external
+    )
     links = find_arm(description.urdf, request.base_link, request.flange_link)
     span = sum(j.offset for j in description.urdf.chain(links.flange_link) if j not in links.external)
-    new, guesses = draft(request, description.urdf, links)
+    new, guesses = draft(request, description.urdf, links, span)
     with new_folder(request.out) as folder, named_as_given(folder, request):
-        copy_robot(description, folder, request.packages)
+        notes = copy_robot(description, folder, request.packages, span)
         for file, name in ((request.tool_mesh, "tool"), (request.workpiece_mesh, "workpiece")):
             if file is not None:
                 copy_file(file, folder / f"{name}{file.suffix.lower()}")
@@ -61,7 +63,10 @@ def run_init(request: InitRequest) -> InitOutcome:
         cell = _written(folder, new)
         robot = load_robot(cell)
         new, said = aimed(new, request, outward(robot), span)
-        new, more = with_post(new, _written(folder, new))
+        cell = _written(folder, new)
+        if lies_on_last_axis(robot, cell.tool.T_flange_tcp):
+            said += (f"{NO_ROTATION}; --tool-angle-deg 45, or the tool's own --tcp-mm and --tcp-rpy-deg, would work",)
+        new, more = with_post(new, cell)
         said += more
         cell = _written(folder, new)
         if request.workpiece_mm is None:
@@ -69,7 +74,7 @@ def run_init(request: InitRequest) -> InitOutcome:
             said += more
             cell = _written(folder, new)
         guesses += said
-    return InitOutcome(load_cell(request.out), request.out, guesses)
+    return InitOutcome(load_cell(request.out), request.out, guesses, notes)
 
 
 def _placed(new: NewCell, request: InitRequest, cell: Cell, span: float) -> tuple[NewCell, tuple[str, ...]]:

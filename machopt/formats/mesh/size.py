@@ -10,7 +10,7 @@ from machopt.formats.mesh.fail import Fail
 
 _LARGE, _SMALL = 10.0, 1 / 500.0  # of the robot's reach: a thousand times off any part lies far beyond, both ways
 _LARGEST = 50.0  # m; what stands in a hall beside the robot
-_SMALLEST = 2e-3  # m; nothing in a cell that collides is smaller
+_SMALLEST = 3e-3  # m; the longest side of nothing in a cell that collides is shorter; a link of 3 m in mm has that
 _ODD = 5e-3  # m; few things are
 
 Role = Literal["link", "tool", "workpiece", "obstacle"]
@@ -44,8 +44,9 @@ def judge_size(body: Sized, scene: Scene, fail: Fail) -> str | None:
     large = _LARGE * scene.reach if scene.reach and body.role != "obstacle" else _LARGEST
     if body.extent > min(large, _LARGEST):
         raise fail(f"{wide}{beside}; if it is in mm, {body.remedy(1e-3)} would work")
-    small = _SMALL * scene.reach
-    if body.extent < max(_SMALLEST, small if body.role == "link" else 0.0):
+    # an adapter plate is small, too: only below what any body has is a unit wrong for sure
+    small = _SMALL * scene.reach if body.role == "link" else 0.0
+    if body.extent < _SMALLEST:
         raise fail(
             f"{body.what} is only {body.extent * 1e3:.3g} mm wide{beside}; if it is in m, {body.remedy(1e3)} would work"
         )

@@ -22,11 +22,16 @@ _UP = 5  # folders above a lone robot's file in which its packages are looked fo
 
 @dataclass(frozen=True)
 class Description:
-    """``text`` is the URDF where the file itself is xacro, or has prefixes that it does not declare; ``files`` are
-    those that made it."""
+    """A robot's file as it was read.
+
+    ``text`` is the URDF where the file itself is xacro, or has prefixes that it does not declare, or elements that the
+    parser of the robot model does not accept; ``whole`` is the same with those elements, for a copy; ``files`` are
+    those that made it.
+    """
 
     urdf: Urdf
     text: str | None = None
+    whole: str | None = None
     files: tuple[Path, ...] = ()
     warnings: tuple[str, ...] = ()
 
@@ -45,9 +50,9 @@ def describe(path: Path, arguments: Mapping[str, str], find: Find, may: May) -> 
     """
     if not is_xacro(path):
         if arguments:
-            raise InputError("is no xacro file, so it takes no xacro_args; leave them out", file=path)
+            raise InputError("is no xacro file, so it takes no xacro arguments (xacro_args, --xacro-arg)", file=path)
         urdf, text = read_urdf(path), read_text(path, expected="a URDF", most=MARKUP)
-        return Description(urdf, _accepted(urdf, text))
+        return Description(urdf, _accepted(urdf, text), with_prefixes(text))
     found = expand(path, arguments, find, may)
     try:
         urdf = read_urdf(path, found.text)
@@ -57,6 +62,7 @@ def describe(path: Path, arguments: Mapping[str, str], find: Find, may: May) -> 
     return Description(
         urdf,
         _accepted(urdf, found.text) or found.text,
+        with_prefixes(found.text) or found.text,
         found.files,
         tuple(f"{path.name}: xacro: {line}" for line in found.warnings),
     )

@@ -19,7 +19,7 @@ from xml.parsers.expat import ExpatError
 
 from machopt.errors import InputError
 from machopt.formats.opener import MARKUP, read_text
-from machopt.formats.urdf.xacro_limits import May, limited_xacro
+from machopt.formats.urdf.xacro_limits import May, limited_xacro, needed_argument
 
 Find = Callable[[str], Path]
 _ELEMENT = re.compile(r"<xacro:\w")
@@ -105,9 +105,7 @@ def expand(path: Path, arguments: Mapping[str, str], find: Find, may: May) -> Ex
         if isinstance(missing, InputError):  # a package that was not found, wrapped by xacro
             raise missing from None
         if isinstance(missing, ArgException):
-            raise InputError(
-                f"needs the argument {missing}; `xacro_args: {{{missing}: …}}` under robot: would work", file=path
-            ) from None
+            raise needed_argument(str(missing), path) from None
         stack = [f for f in (xacro.filestack or []) if f]
         where = f"in {stack[-1]}" if len(stack) > 1 else None
         raise InputError(f"cannot be expanded: {_short(problem)}", file=path, where=where) from None
@@ -131,7 +129,7 @@ def _check(path: Path, files: tuple[Path, ...], arguments: Mapping[str, str]) ->
         if _ENVIRONMENT.search(text):
             raise InputError(
                 "asks for an environment variable, so it is another robot on another machine; $(arg NAME) with "
-                "`xacro_args: {NAME: …}` under robot: would work",
+                "--xacro-arg NAME=VALUE (in cell.yaml `xacro_args: {NAME: …}` under robot:) would work",
                 file=file,
             )
     unknown = [name for name in arguments if name not in declared]

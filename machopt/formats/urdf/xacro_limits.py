@@ -188,6 +188,11 @@ class _Limits:
 
     def eval_all(self, node: Any, macros: Any, symbols: Any) -> None:
         self._add(1)
+        for child in node.childNodes:  # the package takes no argument without a default, even where its value is given
+            if getattr(child, "tagName", "") == "xacro:arg" and not child.hasAttribute("default"):
+                if child.getAttribute("name") not in self.arguments():
+                    raise needed_argument(child.getAttribute("name"))
+                child.setAttribute("default", "")
         self._eval_all(node, macros, symbols)
 
     def resolve_macro(self, name: str, macros: Any, symbols: Any) -> Any:
@@ -244,7 +249,16 @@ class _Limits:
 def _environment() -> InputError:
     return InputError(
         "asks for an environment variable, so it is another robot on another machine; $(arg NAME) with "
-        "`xacro_args: {NAME: …}` under robot: would work"
+        "--xacro-arg NAME=VALUE (in cell.yaml `xacro_args: {NAME: …}` under robot:) would work"
+    )
+
+
+def needed_argument(name: str, path: Path | None = None) -> InputError:
+    """The refusal of a file whose argument has no value."""
+    return InputError(
+        f"needs the argument {name}; --xacro-arg {name}=VALUE (in cell.yaml `xacro_args: {{{name}: …}}` under robot:) "
+        "would work",
+        file=path,
     )
 
 
