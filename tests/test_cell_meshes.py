@@ -203,3 +203,46 @@ def test_material_libraries_outside_the_folder_are_not_opened(name: str, tmp_pat
     for ordinary in ("none.mtl", "a b.mtl"):
         (folder / "a.obj").write_text(f"mtllib {ordinary}\n{text}")
         assert read_surface(folder / "a.obj", InputError).open_edges == 0
+
+
+SQUARES = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+CORNERS = [[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+ELL = [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]
+
+
+def obj_of(points: list[list[float]], faces: list[list[int]], more: str = "") -> str:
+    lines = ["v " + " ".join(map(str, p)) for p in points] + ["f " + " ".join(str(k + 1) for k in f) for f in faces]
+    return "\n".join(lines) + f"\n{more}"
+
+
+def prism(first: int) -> str:
+    """An L of height 1, its two ends begun at a corner: a fan from there keeps to it or leaves it."""
+    points = [[x, y, z] for z in (0, 1) for x, y in ELL]
+    ring = [(k + first) % 6 for k in range(6)]
+    sides = [[k, (k + 1) % 6, (k + 1) % 6 + 6, k + 6] for k in range(6)]
+    return obj_of(points, [[ring[0], *ring[:0:-1]], [k + 6 for k in ring], *sides])
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (obj_of(CORNERS, SQUARES), ""),
+        (obj_of(CORNERS, SQUARES, "l 1 2\np 1\nvt 0 0\ns off\ng a b\n"), ""),
+        (prism(3), ""),
+        (prism(1), "not convex"),
+        (prism(5), "not convex"),
+        (obj_of(CORNERS, SQUARES, "cstype bspline\ndeg 3\n"), "'cstype'"),
+        (obj_of(CORNERS, SQUARES, "surf 0 1 0 1 1 2 3\nend\n"), "'surf'"),
+        (obj_of(CORNERS, SQUARES, "curv 0 1 1 2\n"), "'curv'"),
+        (obj_of(CORNERS, SQUARES, "  parm u 0 1\n"), "'parm'"),
+        (obj_of(CORNERS, [*SQUARES, [0, 1, 2, 99]]), "of 8"),
+    ],
+)
+def test_what_an_obj_holds_is_read_whole_or_refused(text: str, words: str, tmp_path: Path) -> None:
+    file = tmp_path / "a.obj"
+    file.write_text(text)
+    if not words:
+        assert read_surface(file, InputError).open_edges == 0
+        return
+    with pytest.raises(InputError, match=words):
+        read_surface(file, InputError)

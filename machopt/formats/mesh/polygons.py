@@ -24,6 +24,21 @@ def triangulate(points: Array, index: NDArray[np.int_], corners: NDArray[np.int_
     """
     corners = corners.astype(int)
     begins = np.cumsum(corners) - corners
+    fan, of, normal = _fans(points, index, corners)
+    for polygon in _left_by_fan(fan, of, normal):
+        own = points[index[begins[polygon] : begins[polygon] + corners[polygon]]]
+        fan[of == polygon] = _cut_ears(own, normal[polygon])
+    return fan
+
+
+def find_concave(points: Array, index: NDArray[np.int_], corners: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Return the polygons that a fan from their first corner leaves; arguments as :func:`triangulate` takes them."""
+    return _left_by_fan(*_fans(points, index, corners.astype(int)))
+
+
+def _fans(points: Array, index: NDArray[np.int_], corners: NDArray[np.int_]) -> tuple[Array, NDArray[np.int_], Array]:
+    """Triangles (n, 3, 3), the polygon of each (n,), and twice the area vector of each polygon (P, 3)."""
+    begins = np.cumsum(corners) - corners
     count = np.maximum(corners - 2, 0)
     of = np.repeat(np.arange(len(corners)), count)  # polygon of each triangle
     step = np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)
@@ -31,14 +46,15 @@ def triangulate(points: Array, index: NDArray[np.int_], corners: NDArray[np.int_
     fan = (
         points[index[np.stack([first, first + step + 1, first + step + 2], axis=1)]] if len(of) else np.empty((0, 3, 3))
     )
-    area = np.cross(fan[:, 1] - fan[:, 0], fan[:, 2] - fan[:, 0])
     normal = np.zeros((len(corners), 3))
-    np.add.at(normal, of, area)  # Newell's, of the whole polygon
+    np.add.at(normal, of, np.cross(fan[:, 1] - fan[:, 0], fan[:, 2] - fan[:, 0]))  # Newell's, of the whole polygon
+    return fan, of, normal
+
+
+def _left_by_fan(fan: Array, of: NDArray[np.int_], normal: Array) -> NDArray[np.int_]:
+    area = np.cross(fan[:, 1] - fan[:, 0], fan[:, 2] - fan[:, 0])
     wrong = np.einsum("ij,ij->i", area, normal[of]) < -_TURN * (normal[of] ** 2).sum(axis=1)
-    for polygon in np.unique(of[wrong]):
-        own = points[index[begins[polygon] : begins[polygon] + corners[polygon]]]
-        fan[of == polygon] = _cut_ears(own, normal[polygon])
-    return fan
+    return np.unique(of[wrong])
 
 
 def _cut_ears(polygon: Array, normal: Array) -> Array:
