@@ -454,30 +454,7 @@ LINKAGES = [
     ),
     (
         linked(body=BODY),
-        ["link 'knee' rides on joint 'm3', which mimics 'a2', and has a collision body", "would be planned"],
-    ),
-    (
-        linked(
-            '<link name="rod"/>',
-            joint("r", "l1", "rod", limit='<limit lower="0" upper="1" velocity="1" effort="0"/><mimic joint="m3"/>'),
-        ),
-        ["'r' mimics 'm3', which mimics 'a2' itself", "product of both multipliers"],
-    ),
-    (
-        urdf(
-            f'<link name="rod">{BODY}</link>',
-            joint("r", "l1", "rod", limit='<limit lower="0" upper="1" velocity="1" effort="0"/><mimic joint="a3"/>'),
-        ),
-        ["link 'rod' rides on joint 'r', which mimics 'a3'"],
-    ),
-    (
-        urdf(
-            '<link name="rod"/>',
-            joint(
-                "r", "l1", "rod", "prismatic", '<limit lower="0" upper="1" velocity="1" effort="0"/><mimic joint="a3"/>'
-            ),
-        ),
-        ["'r' mimics 'a3' and is prismatic", "a revolute joint that follows a revolute one would work"],
+        ["link 'knee' has a collision body on joint 'm3', which mimics 'a2'"],
     ),
     (
         linked().replace('lower="-2" upper="3.2"', 'lower="5" upper="6"'),
@@ -490,6 +467,17 @@ LINKAGES = [
 def test_followers_that_cannot_be_planned_are_refused_by_name(folder: Path, text: str, parts: list[str]) -> None:
     (folder / "robot.urdf").write_text(text)
     expect(refusal(folder), *parts)
+
+
+def test_rods_outside_of_the_chain_narrow_their_source_and_are_left_out(folder: Path) -> None:
+    """By their own range; a rod that slides does, too. Before, such a joint was refused."""
+    for kind in ("revolute", "prismatic"):
+        limit = '<limit lower="0" upper="2" velocity="9" effort="0"/><mimic joint="a3"/>'
+        text = urdf(f'<link name="rod">{BODY}</link>', joint("r", "l1", "rod", kind, limit))
+        (folder / "robot.urdf").write_text(text)
+        cell = load_cell(folder)
+        assert (cell.limits.lower[2], cell.limits.upper[2]) == pytest.approx((0.0, 2.0))
+        assert sum("bodies of rod are left out" in w for w in cell.warnings) == 1
 
 
 # what is refused: files ---------------------------------------------------------------------------------------

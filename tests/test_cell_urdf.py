@@ -91,7 +91,6 @@ DAMAGES = [  # what stands in the file, what it becomes (once), what the refusal
     ('type="revolute"', 'type="hinge"', ["joint 'a1' has type 'hinge'", "valid: revolute"]),
     ('type="revolute"', "", ["joint 'a1' has type ''"]),
     ('<child link="l1"/>', '<child lnk="l1"/>', ["unknown attribute 'lnk'", "did you mean 'link'?"]),
-    ('<child link="l1"/>', '<child link="l1"/><dynamics/>', ["neither damping nor friction"]),
     ('<link name="l1">', '<link name="l2">', ["link 'l2' stands twice, first in line 2"]),
     ('<link name="l1">', "<link>", ["a link has no 'name'"]),
     ('<link name="l1">', '<lnik name="l1">', ["<lnik> inside robot", "did you mean 'link'?"]),

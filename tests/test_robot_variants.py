@@ -308,3 +308,18 @@ def test_a_link_in_thousandths_is_refused(sides: tuple[float, ...], tmp_path: Pa
     mesh = '<link name="flange"><collision><geometry><mesh filename="a.stl"/></geometry></collision></link>'
     with pytest.raises(InputError, match="scale="):
         made(urdf_text().replace('<link name="flange"/>', mesh), tmp_path)
+
+
+@pytest.mark.parametrize("uri", ["package://gone/meshes/a.stl", "gone.stl", "../gone.stl"])
+def test_a_missing_mesh_is_a_note_where_only_kinematics_is_needed(uri: str, tmp_path: Path) -> None:
+    folder = made(urdf_text(), tmp_path).folder
+    body = f'<collision><geometry><mesh filename="{uri}"/></geometry></collision>'
+    robot = folder / "robot.urdf"
+    robot.write_text(robot.read_text().replace('<link name="flange"/>', f'<link name="flange">{body}</link>'))
+    with pytest.raises(InputError):
+        load_cell(folder)
+    cell = load_cell(folder, bodies=False)
+    assert sum("'flange' is missing" in w for w in cell.warnings) == 1
+    assert len(load_chain(cell)[1]) == 7
+    with pytest.raises(InputError, match=r"--package gone=FOLDER" if "package" in uri else "gone"):
+        made(robot.read_text(), plain_folder(tmp_path))

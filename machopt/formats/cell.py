@@ -38,35 +38,33 @@ from machopt.formats.chain import (
 )
 from machopt.formats.controller import controller_of
 from machopt.formats.external_springs import resolved
-from machopt.formats.joints import Joints, read_joints
+from machopt.formats.joints import read_joints
 from machopt.formats.kinematics import load_kinematics
 from machopt.formats.maytouch import PairReader
 from machopt.formats.mesh import Fail, Scene, Sized, Surface, judge_size, open_surfaces, original_of, read_surface
 from machopt.formats.mesh.size import Role
-from machopt.formats.opener import MARKUP, check_file, read_text
+from machopt.formats.opener import check_file
 from machopt.formats.plausible import (
     box_extent,
     check_pose,
     check_stiffness,
     check_tool,
 )
+from machopt.formats.robotbodies import find_missing_meshes, select_bodies
 from machopt.formats.setups import Setups
 from machopt.formats.stiffness import load_stiffness
-from machopt.formats.urdf import (
-    Description,
-    Urdf,
-    describe,
-    find_mesh,
-    find_package,
-    remove_bodies,
-    without_bodies,
-)
+from machopt.formats.urdf import Description, Urdf, describe, find_mesh, find_package
 from machopt.formats.yamlstrict import Document, Loc, read_yaml, validate
 from machopt.se3 import rpy_matrix, transform
 
 
 def load_cell(
-    path: Path | str, *, allow_external: bool = False, any_chain: bool = False, stiffness: Path | None = None
+    path: Path | str,
+    *,
+    allow_external: bool = False,
+    any_chain: bool = False,
+    stiffness: Path | None = None,
+    bodies: bool = True,
 ) -> Cell:
     """Read a cell folder.
 
@@ -76,12 +74,13 @@ def load_cell(
         any_chain: accept any number of revolute and prismatic joints between base and flange, and no tool and no
             workpiece: for a recorded motion, which needs no more than the chain's dynamics.
         stiffness: a stiffness.yaml to take in place of the one that the cell names, wherever it lies.
+        bodies: False where only the kinematics is used: a missing collision mesh of the robot is a warning then.
 
     Raises:
         InputError: names file, line and key, what was found and what was expected.
     """
     document = read_yaml(cell_file(path))
-    return cell_of(document, allow_external=allow_external, any_chain=any_chain, stiffness=stiffness)
+    return cell_of(document, allow_external=allow_external, any_chain=any_chain, stiffness=stiffness, bodies=bodies)
 
 
 def cell_file(path: Path | str) -> Path:
@@ -101,7 +100,12 @@ def cell_file(path: Path | str) -> Path:
 
 
 def cell_of(
-    document: Document, *, allow_external: bool = False, any_chain: bool = False, stiffness: Path | None = None
+    document: Document,
+    *,
+    allow_external: bool = False,
+    any_chain: bool = False,
+    stiffness: Path | None = None,
+    bodies: bool = True,
 ) -> Cell:
     """A cell from cell.yaml as it was parsed; otherwise as :func:`load_cell`."""
     keys = validate(AnyChainKeys if any_chain else CellKeys, document)
@@ -111,6 +115,7 @@ def cell_of(
         folder=CellFolder(document, Path(document.file).resolve().parent, allow_external),
         any_chain=any_chain,
         other_stiffness=stiffness,
+        bodies=bodies,
     ).cell()
 
 
@@ -123,6 +128,7 @@ class _Reader:
     folder: CellFolder
     any_chain: bool = False
     other_stiffness: Path | None = None
+    bodies: bool = True  # of the robot, all
     warnings: list[str] = field(default_factory=list)
     read: dict[Path, Surface] = field(default_factory=dict)
     surfaces: list[Surface] = field(default_factory=list)  # of all meshes
@@ -136,7 +142,10 @@ class _Reader:
         description = self.urdf(self.folder.file(("robot", "urdf"), robot.urdf), named)
         urdf = description.urdf
         joints = read_joints(urdf, keys, self.document, self.warnings, any_chain=self.any_chain)
-        urdf, text = self.without_side_bodies(description, joints)
+        missing = {} if self.bodies else find_missing_meshes(urdf, named, self.folder.path)
+        robot_bodies = select_bodies(description, joints.side, missing)
+        urdf = robot_bodies.urdf
+        self.warnings += robot_bodies.warnings
         self.reach, self.scene = joints.reach, Scene(joints.reach + joints.sliding)
         chain, prismatic = joints.chain, tuple(j.kind == "prismatic" for j in joints.chain.arm)
         packages = self.urdf_meshes(urdf, named)
@@ -157,7 +166,7 @@ class _Reader:
             arm_joints=tuple(j.name for j in chain.arm),
             external_joints=tuple(j.name for j in chain.external),
             external_prismatic=tuple(j.kind == "prismatic" for j in chain.external),
-            expanded=text,
+            expanded=robot_bodies.text,
             mimics=joints.mimics,
             may_touch=may_touch,
             arm_prismatic=prismatic if any(prismatic) else (),
@@ -256,16 +265,6 @@ class _Reader:
             self.folder.read.append(self.folder.inside(file, file.name, partial(of_file, file)))
         self.warnings += found.warnings
         return found
-
-    def without_side_bodies(self, description: Description, joints: Joints) -> tuple[Urdf, str | None]:
-        """The robot and its text without the bodies of joints outside of the chain, which a warning names."""
-        self.warnings += filter(None, [side.warning(description.urdf) for side in joints.side])
-        links = {link for side in joints.side for link in side.links}
-        if not any(p.collisions for p in description.urdf.parts if p.name in links):
-            return description.urdf, description.text
-        path = description.urdf.path
-        text = read_text(path, expected="a URDF", most=MARKUP) if description.text is None else description.text
-        return without_bodies(description.urdf, links), remove_bodies(text, links)
 
     def urdf_meshes(self, urdf: Urdf, packages: dict[str, Path]) -> dict[str, Path]:
         """Check every collision mesh; returns all packages, the map's and those found beside the URDF."""

@@ -50,7 +50,7 @@ def identified(request: IdentifyRequest, progress: Callable[[str], None], cell: 
     check(request)
     options = options_of(request, tuple(term_from_text(t) for t in request.terms))
     progress("reading cell and recording")
-    cell = load_cell(request.cell, allow_external=request.allow_external) if cell is None else cell
+    cell = load_cell(request.cell, allow_external=request.allow_external, bodies=False) if cell is None else cell
     recording = _recording(request.recordings)
     refuse_linked(cell, "identify")
     robot = load_robot(cell)
