@@ -61,6 +61,13 @@ def lies_on_last_axis(robot: Robot, T_flange_tcp: Array) -> bool:
     return beside < _ON_AXIS[0] and float(np.linalg.norm(np.cross(axis, T[:3, 2]))) < _ON_AXIS[1]
 
 
+def report_last_axis(robot: Robot, T_flange_tcp: Array) -> tuple[str, ...]:
+    """A sentence where the tool is one for which rotations have no effect."""
+    if not lies_on_last_axis(robot, T_flange_tcp):
+        return ()
+    return (f"{NO_ROTATION}; --tool-angle-deg 45, or the tool's own --tcp-mm and --tcp-rpy-deg, would work",)
+
+
 def pointing(direction: Array) -> Array:
     """(3,) rad, roll, pitch and yaw of a frame whose z has this direction (3,), turned no further than that needs."""
     z = normalise(np.asarray(direction, float))

@@ -92,6 +92,13 @@ def _copy_mesh(source: Path, target: Path) -> None:
     target.write_bytes(stl_bytes(read_collada(source).corners))
 
 
+def copy_meshes(request: InitRequest, folder: Path) -> None:
+    """Copy the meshes of tool and workpiece that the user names into a folder."""
+    for file, name in ((request.tool_mesh, "tool"), (request.workpiece_mesh, "workpiece")):
+        if file is not None:
+            copy_file(file, folder / f"{name}{file.suffix.lower()}")
+
+
 def copy_file(source: Path, target: Path) -> None:
     """Copy the content of a file.
 

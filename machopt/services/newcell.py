@@ -11,9 +11,9 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.cells.asked import InitRequest
 from machopt.cells.draft import aimed, draft
-from machopt.cells.place import NO_ROTATION, lies_on_last_axis, outward, place_or_middle, sample_path
+from machopt.cells.place import outward, place_or_middle, report_last_axis, sample_path
 from machopt.cells.post import with_post
-from machopt.cells.robotfiles import copy_file, copy_robot, named_as_given, new_folder
+from machopt.cells.robotfiles import copy_file, copy_meshes, copy_robot, named_as_given, new_folder
 from machopt.cells.text import NewCell, cell_text, estimated_stiffness, stiffness_text
 from machopt.cells.told import InitOutcome
 from machopt.domain.cell import Cell
@@ -48,9 +48,7 @@ def run_init(request: InitRequest) -> InitOutcome:
     new, guesses = draft(request, description.urdf, links, span)
     with new_folder(request.out) as folder, named_as_given(folder, request):
         notes = copy_robot(description, folder, request.packages, span)
-        for file, name in ((request.tool_mesh, "tool"), (request.workpiece_mesh, "workpiece")):
-            if file is not None:
-                copy_file(file, folder / f"{name}{file.suffix.lower()}")
+        copy_meshes(request, folder)
         for schema in ("cell.yaml", "stiffness.yaml"):
             (folder / "schemas").mkdir(exist_ok=True)
             (folder / "schemas" / schema_name(schema)).write_text(schema_text(schema), encoding="utf-8")
@@ -64,8 +62,7 @@ def run_init(request: InitRequest) -> InitOutcome:
         robot = load_robot(cell)
         new, said = aimed(new, request, outward(robot), span)
         cell = _written(folder, new)
-        if lies_on_last_axis(robot, cell.tool.T_flange_tcp):
-            said += (f"{NO_ROTATION}; --tool-angle-deg 45, or the tool's own --tcp-mm and --tcp-rpy-deg, would work",)
+        said += report_last_axis(robot, cell.tool.T_flange_tcp)
         new, more = with_post(new, cell)
         said += more
         cell = _written(folder, new)
