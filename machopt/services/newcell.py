@@ -62,9 +62,8 @@ def run_init(request: InitRequest) -> InitOutcome:
         robot = load_robot(cell)
         new, said = aimed(new, request, outward(robot), span)
         cell = _written(folder, new)
-        said += report_last_axis(robot, cell.tool.T_flange_tcp)
         new, more = with_post(new, cell)
-        said += more
+        said += (*report_last_axis(robot, cell.tool.T_flange_tcp), *more)
         cell = _written(folder, new)
         if request.workpiece_mm is None:
             new, more = _placed(new, request, cell, span)
