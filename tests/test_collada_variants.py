@@ -393,8 +393,14 @@ def test_a_copy_that_lost_triangles_is_refused_wherever_it_is_used(tmp_path: Pat
     copy = done.folder / "a.dae.stl"
     assert (done.folder / "a.dae").read_bytes() == (tmp_path / "a.dae").read_bytes()
     assert {"a.dae", "a.dae.stl"} <= {f.name for f in load_cell(done.folder).files}
+    outside = tmp_path / "outside.dae"
+    (done.folder / "a.dae").rename(outside)
+    (done.folder / "a.dae").symlink_to(outside)
+    with pytest.raises(InputError, match="--allow-external"):
+        load_cell(done.folder)
+    assert len(load_cell(done.folder, allow_external=True).files) > 0
     whole = read_collada(tmp_path / "a.dae").corners
     copy.write_bytes(stl_bytes(whole[:8]))
     with pytest.raises(InputError, match=r"a\.dae is read differently"):
-        load_cell(done.folder)
+        load_cell(done.folder, allow_external=True)
     assert load_mesh(copy, np.full(3, 0.2)).num_tris == 12  # the verifier's own

@@ -306,8 +306,38 @@ def test_an_adapter_plate_is_no_wrong_unit(name: str, tmp_path: Path) -> None:
 def test_a_link_in_thousandths_is_refused(sides: tuple[float, ...], tmp_path: Path) -> None:
     trimesh.creation.box(sides).export(tmp_path / "a.stl")
     mesh = '<link name="flange"><collision><geometry><mesh filename="a.stl"/></geometry></collision></link>'
-    with pytest.raises(InputError, match="scale="):
+    with pytest.raises(InputError, match="scale=") as refused:
         made(urdf_text().replace('<link name="flange"/>', mesh), tmp_path)
+    scale = re.findall(r'scale="[^"]*"', str(refused.value))[0]
+    made(urdf_text().replace('<link name="flange"/>', mesh.replace("/></geo", f" {scale}/></geo")), tmp_path)
+
+
+def test_an_endless_joint_becomes_continuous_as_advised(tmp_path: Path) -> None:
+    text = limited(("a6",), lower=-1e4, upper=1e4)
+    with pytest.raises(InputError, match='type="continuous"'):
+        made(text, tmp_path)
+    made(text.replace('<joint name="a6" type="revolute">', '<joint name="a6" type="continuous">'), tmp_path)
+
+
+@pytest.mark.parametrize("kind", ["seven", "turntable"])
+def test_the_link_that_is_advised_gives_an_arm(kind: str, tmp_path: Path) -> None:
+    joint = (
+        '<link name="more"/><joint name="a0" type="revolute"><parent link="PARENT"/><child link="CHILD"/>'
+        f'<origin xyz="0 0 0.1"/><axis xyz="0 0 1"/>{LIMIT}</joint>'
+    )
+    text = urdf_text()
+    axis = "0 0 1" if kind == "turntable" else "0 1 0"
+    joint = (
+        joint.replace("PARENT", "more").replace("CHILD", "base_link").replace('axis xyz="0 0 1"', f'axis xyz="{axis}"')
+    )
+    text = text.replace("</robot>", joint + "</robot>")
+    with pytest.raises(InputError) as refused:
+        made(text, tmp_path)
+    for option, link in re.findall(r"--(base|flange)-link (\S+?)[ ;]", str(refused.value)):
+        place = {} if option == "base" else {"workpiece_mm": PLACE}
+        file = tmp_path / "arm.urdf"
+        done = run_init(InitRequest(robot=file, out=tmp_path / f"{option}", **{f"{option}_link": link}, **place))  # type: ignore[arg-type]
+        assert len(done.cell.arm_joints) == 6
 
 
 @pytest.mark.parametrize("uri", ["package://gone/meshes/a.stl", "gone.stl", "../gone.stl"])

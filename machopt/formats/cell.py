@@ -280,7 +280,7 @@ class _Reader:
             self.folder.existing(path, mesh.uri, fail)
             if hit.package is not None and hit.folder is not None:
                 found[hit.package] = hit.folder
-            self.folder.read += [path, *filter(None, [original_of(path)])]
+            self.folder.read.append(path)
             scale = mesh.scale
 
             def scaled(factor: float, scale: float = scale) -> str:
@@ -301,6 +301,8 @@ class _Reader:
 
     def mesh(self, path: Path, scale: float, role: Role, fail: Fail, remedy: Callable[[float], str]) -> None:
         """Read a mesh, judge its size, and note what surface it has."""
+        if (original := original_of(path)) is not None:  # what the verifier reads in its place
+            self.folder.read.append(self.folder.inside(original, original.name, fail))
         surface = self.read.get(path) or read_surface(path, fail)
         self.read[path] = surface
         self.surfaces.append(surface)

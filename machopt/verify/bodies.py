@@ -224,10 +224,7 @@ def _shape(shape: Shape) -> Any:
         return coal.Cylinder(*shape.size)
     if shape.kind == "sphere":
         return coal.Sphere(*shape.size)
-    try:
-        return coal.MeshLoader().load(str(shape.mesh), np.full(3, shape.size[0]))
-    except ValueError as problem:
-        raise InputError(f"mesh of {shape.name!r} cannot be loaded: {_short(problem)}", file=shape.mesh) from None
+    return load_mesh(Path(str(shape.mesh)), np.full(3, shape.size[0]))
 
 
 def _short(problem: ValueError) -> str:
