@@ -387,6 +387,13 @@ def robot_with_mesh(folder: Path) -> Path:
     return file
 
 
+@pytest.mark.parametrize(("axis", "notes"), [("X_UP", 1), ("Y_UP", 1), ("Z_UP", 0)])
+def test_an_axis_that_is_not_used_is_a_note(axis: str, notes: int, tmp_path: Path) -> None:
+    robot = robot_with_mesh(tmp_path)
+    (tmp_path / "a.dae").write_text((tmp_path / "a.dae").read_text().replace("Z_UP", axis))
+    assert len(run_init(InitRequest(robot=robot, out=tmp_path / "cell")).notes) == notes
+
+
 def test_a_copy_that_lost_triangles_is_refused_wherever_it_is_used(tmp_path: Path) -> None:
     """Planner and verifier do not read the same copy: the original lies beside it and is an input of the cell."""
     done = run_init(InitRequest(robot=robot_with_mesh(tmp_path), out=tmp_path / "cell"))

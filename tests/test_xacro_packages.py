@@ -191,6 +191,26 @@ def other_package() -> Files:
     }
 
 
+def forwarded() -> Files:
+    """Values of a YAML file, passed through macros and put into the caller's scope, and a package named by one."""
+    head = (
+        '<xacro:macro name="read" params="file"><xacro:property name="config" value="${xacro.load_yaml(file)}"/>'
+        '<xacro:property name="arm" value="${config[\'arm\']}" scope="parent"/></xacro:macro>'
+        '<xacro:macro name="get" params="arm:=^"><xacro:property name="mesh" scope="parent" '
+        "value=\"package://$(find_name ${arm['package']})\"/></xacro:macro>"
+    ).replace("$(find_name ${arm['package']})", "${arm['package']}/meshes/made/collision/link.stl")
+    call = '<xacro:read file="$(find made_support)/config/arm.yaml"/><xacro:get/>'
+    link = LINK.replace("package://made_support/meshes/made/collision/link.stl", "${mesh}")
+    text = body().replace('xyz="1.15 0.0 0.0"', "xyz=\"${arm['reach']} 0 0\"")
+    text = text.replace('<link name="${prefix}link_1">', f'<link name="${{prefix}}link_1">{link}')
+    made = macro(text, head=head).replace('params="prefix">', f'params="prefix">{call}')
+    return {
+        "urdf/made_macro.xacro": made,
+        "urdf/made.xacro": robot(INCLUDE.replace("made_support", "${'made' + '_support'}") + CALL),
+        "config/arm.yaml": "arm: {reach: 1.15, package: made_support, angle: !radians 1.5 * 2}\n",
+    }
+
+
 VARIANTS: dict[str, Callable[[], Files]] = {
     "plain": plain,
     "mathematics": lambda: replaced('xyz="1.15 0.0 0.0"', 'xyz="${sqrt(1.15**2) * cos(radians(0))} 0 ${-pi/2 + pi/2}"'),
@@ -204,6 +224,7 @@ VARIANTS: dict[str, Callable[[], Files]] = {
     ),
     "limits_of_yaml": limits_of_yaml,
     "nested": nested,
+    "forwarded": forwarded,
     "name_space": name_space,
     "blocks": blocks,
     "conditions": conditions,

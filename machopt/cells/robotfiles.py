@@ -64,7 +64,7 @@ def copy_robot(
         target = folder / place
         if ".." in Path(place).parts:
             raise InputError(f"the mesh {uri} leads out of its package", file=urdf.path)
-        _copy_mesh(path, target)
+        notes += _copy_mesh(path, target)
         unit = detect_unit(target, "link", span, scale=scales[uri])
         if unit.note is not None:
             text = _scaled(text, f"{scheme}{place}", unit.scale)
@@ -83,13 +83,22 @@ def _scaled(text: str, uri: str, scale: float) -> str:
     return re.sub(rf"<mesh\b[^>]*filename\s*=\s*[\"']{re.escape(uri)}[\"'][^>]*>", changed, text)
 
 
-def _copy_mesh(source: Path, target: Path) -> None:
-    """COLLADA as STL for the planner, with the original beside it for the verifier; any other mesh as it is."""
+def _copy_mesh(source: Path, target: Path) -> list[str]:
+    """COLLADA as STL for the planner, with the original beside it for the verifier; any other mesh as it is.
+
+    Returns:
+        A note where the file states an axis that is not used.
+    """
     if source.suffix.lower() != COLLADA:
         copy_file(source, target)
-        return
+        return []
     copy_file(source, target.with_suffix(""))
-    target.write_bytes(stl_bytes(read_collada(source).corners))
+    mesh = read_collada(source)
+    target.write_bytes(stl_bytes(mesh.corners))
+    up = mesh.counts.up_axis
+    if up == "Z_UP":
+        return []
+    return [f"{source.name} states {up}; as in RViz and MoveIt its coordinates are those of the link all the same"]
 
 
 def copy_meshes(request: InitRequest, folder: Path) -> None:
