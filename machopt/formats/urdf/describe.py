@@ -17,6 +17,7 @@ from machopt.formats.urdf.tree import Urdf
 from machopt.formats.urdf.without import remove_empty_dynamics
 from machopt.formats.urdf.xacro_limits import May
 
+_PACKAGE = re.compile(r"[A-Za-z0-9][\w.-]*", re.ASCII)
 _UP = 5  # folders above a lone robot's file in which its packages are looked for
 
 
@@ -104,7 +105,7 @@ def describe_alone(
         return found
 
     def may(file: Path) -> None:
-        if not allow_external and not any(file.resolve().is_relative_to(root) for root in roots):
+        if not allow_external and not any(_lies_openly(file.resolve(), root) for root in roots):
             raise InputError(
                 f"names {file}, outside of its package and of those it names; --package NAME=FOLDER with $(find NAME), "
                 "or --allow-external, would work",
@@ -112,6 +113,11 @@ def describe_alone(
             )
 
     return describe(path, arguments or {}, find, may)
+
+
+def _lies_openly(file: Path, root: Path) -> bool:
+    """Whether a file lies in a folder and in no hidden one of it."""
+    return file.is_relative_to(root) and not any(part.startswith(".") for part in file.relative_to(root).parts)
 
 
 def _own_folder(path: Path) -> Path:
@@ -132,6 +138,10 @@ def package_alone(name: str, path: Path, packages: Mapping[str, Path], rests: It
     Raises:
         InputError: there is none.
     """
+    if not _PACKAGE.fullmatch(name):
+        raise InputError(
+            f"asks for the ROS package {name!r}; expected a name of letters, digits, _, - and .", file=path
+        )
     above = path.resolve().parents
     try:
         if name not in packages and (sure := holding(name, path, rests, _UP)) is not None:

@@ -311,8 +311,8 @@ def _call_method(method: _Method, args: list[object], named: dict[str, object]) 
     owner, name = method.owner, method.name
     if named:
         raise ExpressionError(f"calls {name} with named arguments, which are not evaluated")
-    if isinstance(owner, str) and name == "replace" and len(args) == 2:
-        old, new = args
+    if isinstance(owner, str) and name == "replace" and len(args) >= 2:
+        old, new = args[:2]
         if isinstance(old, str) and isinstance(new, str) and owner.count(old) * len(new) > MAX_TEXT:
             raise ExpressionError(f"replaces to more than {MAX_TEXT} characters")
     if isinstance(owner, str) and name == "join" and len(args) == 1:
