@@ -337,6 +337,7 @@ def symbols() -> dict[str, object]:
         ("7 // 2 + 7 % 4 + 2**10", 1030),
         ("sqrt(2) * sin(1) + atan2(1, 2) + hypot(3, 4)", math.sqrt(2) * math.sin(1) + math.atan2(1, 2) + 5),
         ("(1, 2)[0]", 1),
+        (r"'a\d'", r"a\d"),
         ("None is None", True),
         ("bool('') == False", True),
         ("degrees(1) + tau - e + ceil(1.2) + floor(1.8) + fabs(-1)", math.degrees(1) + math.tau - math.e + 4),

@@ -15,6 +15,7 @@ from __future__ import annotations
 import ast
 import operator
 import re
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -121,7 +122,9 @@ def evaluate_expression(text: str, symbols: Symbols, budget: Budget | None = Non
     if len(text) > MAX_EXPRESSION:
         raise ExpressionError(f"has {len(text)} characters; at most {MAX_EXPRESSION} are evaluated")
     try:
-        tree = ast.parse(text, mode="eval")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of unknown escapes in texts
+            tree = ast.parse(text, mode="eval")
     except (SyntaxError, ValueError, MemoryError, RecursionError) as problem:
         raise ExpressionError(f"is no expression: {getattr(problem, 'msg', None) or problem}") from None
     return _Evaluator(symbols, budget or Budget()).value(tree.body, 0)
