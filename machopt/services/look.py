@@ -55,6 +55,7 @@ def look(
             followers=tuple(
                 FollowerTold(name=m.joint, mimics=m.source, multiplier=m.multiplier, offset=m.offset)
                 for m in cell.mimics
+                if m.source != m.joint  # left out: a warning names it
             ),
             **_model(cell),
             warnings=tuple(cell.warnings),
