@@ -216,7 +216,8 @@ def obj_of(points: list[list[float]], faces: list[list[int]], more: str = "") ->
 
 
 def prism(first: int) -> str:
-    """An L of height 1, its two ends begun at a corner: a fan from there keeps to it or leaves it."""
+    """An L of height 1, its two ends begun at a corner. A fan from there keeps to the L or holds more than it: the planner
+    then keeps farther away than it must, the verifier's library cuts ears."""
     points = [[x, y, z] for z in (0, 1) for x, y in ELL]
     ring = [(k + first) % 6 for k in range(6)]
     sides = [[k, (k + 1) % 6, (k + 1) % 6 + 6, k + 6] for k in range(6)]
@@ -229,13 +230,13 @@ def prism(first: int) -> str:
         (obj_of(CORNERS, SQUARES), ""),
         (obj_of(CORNERS, SQUARES, "l 1 2\np 1\nvt 0 0\ns off\ng a b\n"), ""),
         (prism(3), ""),
-        (prism(1), "not convex"),
-        (prism(5), "not convex"),
+        (prism(1), ""),
+        (prism(5), ""),
         (obj_of(CORNERS, SQUARES, "cstype bspline\ndeg 3\n"), "'cstype'"),
         (obj_of(CORNERS, SQUARES, "surf 0 1 0 1 1 2 3\nend\n"), "'surf'"),
         (obj_of(CORNERS, SQUARES, "curv 0 1 1 2\n"), "'curv'"),
         (obj_of(CORNERS, SQUARES, "  parm u 0 1\n"), "'parm'"),
-        (obj_of(CORNERS, [*SQUARES, [0, 1, 2, 99]]), "of 8"),
+        (obj_of(CORNERS, [*SQUARES, [0, 1, 2, 99]]), "a.obj"),
     ],
 )
 def test_what_an_obj_holds_is_read_whole_or_refused(text: str, words: str, tmp_path: Path) -> None:

@@ -10,12 +10,9 @@ import re
 import struct
 from pathlib import Path
 
-import numpy as np
-
 from machopt.errors import InputError
 from machopt.formats.mesh.fail import Fail
 from machopt.formats.mesh.ply import check_off, check_ply
-from machopt.formats.mesh.polygons import find_concave
 from machopt.formats.opener import MESH, read_file
 
 READABLE = (".stl", ".obj", ".ply", ".off")
@@ -32,8 +29,6 @@ _OBJ_LINE = re.compile(
 
 _LIBRARY = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]*)", re.MULTILINE)
 _FREE_FORM = re.compile(rb"^[ \t]*(cstype|surf|curv2?|bmat|parm)\b", re.MULTILINE)
-_POLYGON = re.compile(rb"^[ \t]*f[ \t]+((?:-?\d\S*[ \t]+){3,}-?\d\S*)[ \t]*\r?$", re.MULTILINE)
-_POINT = re.compile(rb"^[ \t]*v[ \t]+([^\r\n]+)", re.MULTILINE)
 
 
 def whole_mesh(path: Path, fail: Fail) -> bytes:
@@ -116,27 +111,6 @@ def _check_obj(name: str, data: bytes, fail: Fail) -> None:
         line = data.count(10, 0, curved.start(1)) + 1
         raise fail(
             f"mesh {name} holds the free-form element {curved[1].decode()!r} in its line {line}, which is not read; a "
-            "triangulated export would work"
-        )
-    _check_polygons(name, data, fail)
-
-
-def _check_polygons(name: str, data: bytes, fail: Fail) -> None:
-    """Refuse polygons that a fan from their first corner would leave: readers divide them differently."""
-    rows = [found[1].split() for found in _POLYGON.finditer(data)]
-    if not rows:
-        return
-    points = np.array([found[1].split()[:3] for found in _POINT.finditer(data)], float).reshape(-1, 3)
-    corners = [[int(word.partition(b"/")[0]) for word in row] for row in rows]
-    index = np.array([k - 1 if k > 0 else k for row in corners for k in row], int)
-    if any(k < 0 for row in corners for k in row):
-        return  # counted back from where the face is: the other library's box and count still have to agree
-    if len(index) and not 0 <= index.min() <= index.max() < len(points):
-        raise fail(f"mesh {name} names corners {index.min() + 1} to {index.max() + 1} of {len(points)}; it is damaged")
-    wrong = find_concave(points, index, np.array([len(row) for row in corners], int))
-    if len(wrong):
-        raise fail(
-            f"mesh {name} holds {len(wrong)} polygons that are not convex, which readers divide differently; a "
             "triangulated export would work"
         )
 

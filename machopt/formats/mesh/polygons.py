@@ -31,11 +31,6 @@ def triangulate(points: Array, index: NDArray[np.int_], corners: NDArray[np.int_
     return fan
 
 
-def find_concave(points: Array, index: NDArray[np.int_], corners: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Return the polygons that a fan from their first corner leaves; arguments as :func:`triangulate` takes them."""
-    return _left_by_fan(*_fans(points, index, corners.astype(int)))
-
-
 def _fans(points: Array, index: NDArray[np.int_], corners: NDArray[np.int_]) -> tuple[Array, NDArray[np.int_], Array]:
     """Triangles (n, 3, 3), the polygon of each (n,), and twice the area vector of each polygon (P, 3)."""
     begins = np.cumsum(corners) - corners
