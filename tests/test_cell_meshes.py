@@ -216,8 +216,10 @@ def obj_of(points: list[list[float]], faces: list[list[int]], more: str = "") ->
 
 
 def prism(first: int) -> str:
-    """An L of height 1, its two ends begun at a corner. A fan from there keeps to the L or holds more than it: the planner
-    then keeps farther away than it must, the verifier's library cuts ears."""
+    """An L of height 1, its two ends begun at a corner. A fan from there keeps to the L or holds more than it.
+
+    The planner then keeps farther away than it must; the verifier's library cuts ears.
+    """
     points = [[x, y, z] for z in (0, 1) for x, y in ELL]
     ring = [(k + first) % 6 for k in range(6)]
     sides = [[k, (k + 1) % 6, (k + 1) % 6 + 6, k + 6] for k in range(6)]
