@@ -62,13 +62,20 @@ def _load_cell(path: Path, **how: bool) -> Cell:
     return _CELLS[key]
 
 
-def _verify_stints(stints: Sequence[Stint], out: Path, *, options: PlanOptions, motion: Motion | None) -> Verification:
+def _verify_stints(
+    stints: Sequence[Stint],
+    out: Path,
+    *,
+    options: PlanOptions,
+    motion: Motion | None,
+    touching: Sequence[tuple[str, str]] | None,
+) -> Verification:
     cell, toolpath = stints[0].cell, stints[0].whole
     read = digest(toolpath.position.tobytes() + toolpath.axis.tobytes() + toolpath.feed.tobytes())
     tables = [(name, (out / name).is_file() and sha256_of(out / name)) for name in TABLES]
-    key = repr((_bytes_of(cell.folder), read, tables, options))
+    key = repr((_bytes_of(cell.folder), read, tables, options, touching))
     if key not in _FOUND:
-        _FOUND[key] = _CHECKED(stints, out, options=options, motion=motion)
+        _FOUND[key] = _CHECKED(stints, out, options=options, motion=motion, touching=touching)
     return _FOUND[key]
 
 

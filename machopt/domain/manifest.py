@@ -33,6 +33,15 @@ class Covered:
     how: str
 
 
+@dataclass(frozen=True)
+class TouchingPair:
+    """Two bodies that touch by construction, so that contacts between them are not looked for."""
+
+    a: str
+    b: str
+    reason: str
+
+
 @dataclass(frozen=True, kw_only=True)
 class Manifest:
     """manifest.json of one output folder."""
@@ -49,6 +58,7 @@ class Manifest:
     program_tolerance_mm: float | None = None
     checked: tuple[Covered, ...] = ()
     unchecked: tuple[str, ...] = ()  # what was switched off or left out, in the words of the verdict
+    touching_pairs: tuple[TouchingPair, ...] | None = None  # None: of a version that did not list them
     warnings: tuple[str, ...] = ()  # what somebody has to see to before a program runs
 
     def file(self, name: str) -> ManifestFile | None:

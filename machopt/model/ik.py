@@ -39,6 +39,13 @@ class Solver(Protocol):
 
     def solve_grid(self, T_base_flange: Array, q: Array | None = None) -> Branches: ...
 
+    def measure(self, T_base_flange: Array, q: Array) -> Branches | None:
+        """The margins of configurations q (M, 6) that are known to reach their poses, as branches (M, 1, 6).
+
+        A general solver finds its branches numerically and may miss a pair of them; a configuration that forward
+        kinematics confirms exists all the same. None for solvers in closed form, which miss none.
+        """
+
 
 def solver_for(robot: Robot) -> Solver:
     """The closed form where the wrist is spherical, else the general solver; with a linkage, either behind it.
@@ -54,28 +61,6 @@ def solver_for(robot: Robot) -> Solver:
     from machopt.model.ik_bridge import GeneralBranches
 
     return GeneralBranches(robot)
-
-
-def measure_configurations(solver: Solver, T_base_flange: Array, q: Array) -> Branches | None:
-    """The margins of configurations that are known to reach their poses, as branches (M, 1, 6).
-
-    A general solver finds its branches numerically and may miss a pair of them; a configuration that forward
-    kinematics confirms exists all the same.
-
-    Args:
-        T_base_flange: (M, 4, 4).
-        q: (M, 6) rad.
-
-    Returns:
-        None for solvers in closed form, which miss none.
-    """
-    from machopt.model.ik_bridge import GeneralBranches
-
-    if isinstance(solver, Linked):
-        return measure_configurations(solver.lines, T_base_flange, solver.robot.turned(q))
-    if isinstance(solver, GeneralBranches):
-        return solver.measure(T_base_flange, q)
-    return None
 
 
 class Linked:
@@ -95,6 +80,11 @@ class Linked:
     def solve_grid(self, T_base_flange: Array, q: Array | None = None) -> Branches:
         """All branches of (N, R, 4, 4) poses; ``q`` (N·R, B, 6) is filled where it is given."""
         return self._driven(self.lines.solve_grid(T_base_flange, q), q)
+
+    def measure(self, T_base_flange: Array, q: Array) -> Branches | None:
+        """The margins of known configurations q (M, 6) rad, as branches (M, 1, 6); None where none can be missed."""
+        found = self.lines.measure(T_base_flange, self.robot.turned(q))
+        return None if found is None else replace(found, q=q[:, None])
 
     def _driven(self, found: Branches, out: Array | None) -> Branches:
         q = self.robot.driven(found.q)

@@ -39,6 +39,9 @@ class BuiltSolver:
         """All branches of (M, 4, 4) poses; those that the built arm does not reach are NaN."""
         return self._led(self._drawn.solve(T_base_flange), T_base_flange)  # type: ignore[attr-defined]
 
+    def measure(self, T_base_flange: Array, q: Array) -> None:
+        """None: no branch can be missed."""
+
     def solve_grid(self, T_base_flange: Array, q: Array | None = None) -> Branches:
         """All branches of (N, R, 4, 4) poses; ``q`` (N·R, B, 6) is filled where it is given."""
         found = self._drawn.solve_grid(T_base_flange, q)  # type: ignore[attr-defined]

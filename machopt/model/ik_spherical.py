@@ -86,6 +86,9 @@ class SphericalWristSolver:
             parallel and skewed and np.linalg.norm(np.cross(h[4], h[5])) > 0.1 and wrist_centre(robot) is not None
         )
 
+    def measure(self, T_base_flange: Array, q: Array) -> None:
+        """None: no branch can be missed."""
+
     def solve_grid(self, T_base_flange: Array, q: Array | None = None) -> Branches:
         """All branches of (N, R, 4, 4) poses, flattened to N·R rows; ``q`` (N·R, 8, 6) is filled where it is given."""
         return self.solve(T_base_flange.reshape(-1, 4, 4), q)

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
-from machopt.domain.manifest import Covered, Manifest, ManifestFile, ManifestProgram
-from machopt.domain.results.manifest import CoveredTold, FileTold, ManifestResult, ProgramTold
+from machopt.domain.manifest import Covered, Manifest, ManifestFile, ManifestProgram, TouchingPair
+from machopt.domain.results.manifest import CoveredTold, FileTold, ManifestResult, ProgramTold, TouchingPairDocument
 from machopt.errors import InputError
 from machopt.output.hashes import digest, entry, sha256_of
 from machopt.output.jsonfile import plain, read_json, write_json
@@ -33,10 +33,13 @@ _KEYS: dict[str, Any] = {
     "program_tolerance_mm": (int, float, type(None)),
     "checked": list,
     "unchecked": list,
+    "touching_pairs": list,
     "warnings": list,
     "files": dict,
     "seal": str,
 }
+
+_LATER = ("touching_pairs",)  # keys that manifests of earlier versions lack
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,8 @@ def read_manifest(folder: Path) -> tuple[Manifest, bool]:
     if unknown:
         raise InputError(f"found the key {unknown[0]!r}; known are {', '.join(_KEYS)}", file=file)
     for key, kind in _KEYS.items():
+        if key not in value and key in _LATER:
+            continue
         if key not in value:
             raise InputError(f"the key {key!r} is missing", file=file)
         if not isinstance(value[key], kind) or (isinstance(value[key], bool)):
@@ -167,6 +172,7 @@ def _as_json(m: Manifest) -> dict[str, Any]:
         program_tolerance_mm=m.program_tolerance_mm,
         checked=tuple(CoveredTold(what=c.what, how=c.how) for c in m.checked),
         unchecked=tuple(m.unchecked),
+        touching_pairs=tuple(TouchingPairDocument(a=p.a, b=p.b, reason=p.reason) for p in (m.touching_pairs or ())),
         warnings=tuple(m.warnings),
         files=files(m.files),
     ).plain()
@@ -213,6 +219,15 @@ def _read(value: Mapping[str, Any], file: Path) -> Manifest:
             out.append(ManifestProgram(post, words("programs", own), stint))
         return tuple(out)
 
+    def touching_pairs() -> tuple[TouchingPair, ...] | None:
+        if "touching_pairs" not in value:
+            return None
+        for n, item in enumerate(value["touching_pairs"]):
+            if not isinstance(item, dict) or set(item) != {"a", "b", "reason"}:
+                raise wrong(f"touching_pairs.{n}", item, "a, b and reason")
+            words(f"touching_pairs.{n}", list(item.values()))
+        return tuple(TouchingPair(**item) for item in value["touching_pairs"])
+
     versions = value["versions"]
     if not all(isinstance(v, str) for v in versions.values()):
         raise wrong("versions", versions, "a word for each name")
@@ -230,6 +245,7 @@ def _read(value: Mapping[str, Any], file: Path) -> Manifest:
         program_tolerance_mm=None if tolerance is None else float(tolerance),
         checked=tuple(Covered(what, str(how)) for what, how in pairs("checked", ("what", "how"))),
         unchecked=words("unchecked", value["unchecked"]),
+        touching_pairs=touching_pairs(),
         warnings=words("warnings", value["warnings"]),
     )
 

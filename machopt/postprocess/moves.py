@@ -52,7 +52,8 @@ def robot_program(plan: Plan, toolpath: Toolpath, timeline: Timeline, tolerance:
     needed = find_needed_targets(
         _tcp(plan, X), X[:, 6:], feed, _must_stay(toolpath, index, feed, move, legs), tolerance or Tolerance()
     )
-    X, index, feed, move, drawn, at = (values[needed] for values in (X, index, feed, move, drawn, at))
+    X, index, feed, at = X[needed], index[needed], feed[needed], at[needed]
+    move, drawn = move[needed], drawn[needed]
     driven = np.hstack([trajectory.q, trajectory.external])
     external = (trajectory.external, X[:, 6:]) if cell.external_joints else None
     added = densify(_tcp(plan, driven), _tcp(plan, X), at, np.isfinite(feed), tolerance or Tolerance(), external)
@@ -99,8 +100,10 @@ def _must_stay(
         stays[:-1] |= changes
     after = np.zeros(len(toolpath) + 1, bool)
     after[[event.index for event in toolpath.events]] = True  # an event comes before its point is moved to
-    events = np.isfinite(index) & (after[np.minimum(point + 1, len(toolpath))] | ~np.isfinite(np.append(index[1:], 0.0)))
-    return stays | events
+    events = np.isfinite(index) & (
+        after[np.minimum(point + 1, len(toolpath))] | ~np.isfinite(np.append(index[1:], 0.0))
+    )
+    return np.asarray(stays | events)
 
 
 def _driven(timeline: Timeline) -> Trajectory:

@@ -104,8 +104,11 @@ def content_checks(
     try:
         stints = stints_of(cell, toolpath)
 
+        listed = None if manifest is None else manifest.touching_pairs
+        touching = None if listed is None else tuple((p.a, p.b) for p in listed)
+
         def of_tables() -> Verification:
-            return verify_stints(stints, folder, options=options, motion=motion)
+            return verify_stints(stints, folder, options=options, motion=motion, touching=touching)
 
         def of_programs(found: Verification | None = None) -> list[Check]:
             return _programs(stints, folder, options, manifest, motion, found)

@@ -39,8 +39,8 @@ from machopt.recheck.terms import COUPLED, controller_axes, external_of, frame_g
 from machopt.verify.arm import Arm
 from machopt.verify.check import Check, Promise, of_file
 from machopt.verify.encoder import true_angles
-from machopt.verify.output import Tables
 from machopt.verify.motion_polyline import CommandedPath, polyline
+from machopt.verify.output import Tables
 from machopt.verify.program import along_motion
 from machopt.verify.programcam import Cuts, against_cam
 from machopt.verify.programtargets import Allowed

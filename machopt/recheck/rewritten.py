@@ -65,7 +65,11 @@ class Rewritten:
         program = self._again(parsed, said, controller, q, external)
         law = rounding(program, controller.moves_per_part or keys.moves_per_part if keys.moves_per_part else None)
         zones, own = bool(load_post(post).used & ROUNDED), isinstance(post, Path)
-        checks = [] if said.streamed else zone_check(name, parsed, program, law, controller, zones=zones, own=own)
+        checks = (
+            []
+            if said.streamed
+            else zone_check(name, parsed, program, law, controller, zones=zones, own=own, printed=said.printed_distance)
+        )
         blend = np.where(np.isfinite(parsed.blend), parsed.blend, law.distance)
         columns = _said_columns(parsed)
         try:

@@ -10,7 +10,7 @@ import numpy as np
 from machopt.arrays import Array, Bools
 from machopt.domain.program import LIN, Controller, RobotProgram
 from machopt.formats.posts.feedmodel import acceleration
-from machopt.formats.posts.rounding import HALF, LEAST, SHORTEST, STRAIGHT, Rounding
+from machopt.formats.posts.rounding import HALF, LEAST, SHARP, SHORTEST, STRAIGHT, Rounding
 from machopt.formats.programs import ParsedProgram
 from machopt.recheck.printed import last_digit
 from machopt.verify.check import Check, of_file
@@ -32,6 +32,7 @@ def zone_check(
     *,
     zones: bool,
     own: bool,
+    printed: float = 0.0,
 ) -> list[Check]:
     """One check; none where the format has no zones.
 
@@ -42,11 +43,12 @@ def zone_check(
         controller: of the cell.
         zones: the post prints some; else every end is a stop.
         own: a user's post, which may round by other words than distances: those are not judged.
+        printed: m, between two targets that mean one place, by the program's decimals.
     """
     if parsed.dialect == "fanuc":
         bad = _continuous(parsed, program, law)
     elif parsed.dialect == "jbi":
-        bad = _levels(parsed, law, controller)
+        bad = _levels(parsed, program, law, controller, printed)
     elif parsed.dialect in ("ros",):
         return []
     else:
@@ -129,12 +131,38 @@ def _acceleration_bounds(parsed: ParsedProgram, program: RobotProgram) -> tuple[
     return ends[0], a, ends[1]
 
 
-def _levels(parsed: ParsedProgram, law: Rounding, controller: Controller) -> list[tuple[int, str]]:
+def _unsure(program: RobotProgram, law: Rounding, printed: float) -> Bools:
+    """(M,) True where the decimals of the program decide whether its line ends in a stop or may be rounded at will."""
+    length = np.linalg.norm(np.diff(program.T_workpiece_tcp[:, :3, 3], axis=0, append=np.full((1, 3), np.nan)), axis=1)
+    before = np.append(np.nan, length[:-1])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        shorter = np.fmin(before, length)
+        angle = 2.0 * printed / shorter  # by which the turn between the two lines may be off
+        reach = program.blend / np.tan((np.nan_to_num(law.turn) + angle) / 4.0)
+        barely = law.free & ~(reach > HALF * (shorter + printed))
+        cosine = _cosines(program)
+        sharp = np.abs(np.arccos(np.clip(cosine, -1.0, 1.0)) - SHARP) < angle
+    return np.asarray(barely | sharp | (np.abs(shorter - LEAST) < printed))
+
+
+def _cosines(program: RobotProgram) -> Array:
+    """(M,) cosine of the turn between the line that ends at each target and the next."""
+    way = np.diff(program.T_workpiece_tcp[:, :3, 3], axis=0)
+    size = np.linalg.norm(way, axis=1)
+    out = np.full(len(program), np.nan)
+    out[1:-1] = np.einsum("ij,ij->i", way[:-1], way[1:]) / (size[:-1] * size[1:])
+    return out
+
+
+def _levels(
+    parsed: ParsedProgram, program: RobotProgram, law: Rounding, controller: Controller, printed: float
+) -> list[tuple[int, str]]:
     out = []
+    unsure = _unsure(program, law, printed)
     stated = controller.position_levels
     for k, words in enumerate(parsed.configuration):
         level = _whole(words, "pl")
-        if level == 0 and not law.free[k]:
+        if (level == 0 and not law.free[k]) or unsure[k]:
             continue
         room, reach = float(law.room[k]), float(law.distance[k])
         if not np.isfinite(law.turn[k]):

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from machopt.domain.cell import Cell
-from machopt.domain.manifest import Manifest, ManifestProgram, with_scope
+from machopt.domain.manifest import Manifest, ManifestProgram, TouchingPair, with_scope
 from machopt.domain.options import PlanOptions
 from machopt.domain.stint import Stint
 from machopt.domain.toolpath import Toolpath
@@ -76,6 +78,13 @@ class Made:
         named = tuple(ManifestProgram(p.label, p.files, p.stint) for p in programs if p.files)
         said = tuple(f"{p.files[0]}: {text}" for p in programs if p.files for text in (*p.unstarted, *p.assumed))
         return replace(self, programs=programs, manifest=replace(self.manifest, programs=named, warnings=said))
+
+    def with_touching_pairs(self) -> Made:
+        """The same with the pairs of bodies that the planner leaves out, in the manifest."""
+        models = [s.plan.setup.collision for s in self.stints]
+        pairs = {(e.a, e.b): e.reason for m in models if m is not None for e in m.excluded if np.isfinite(e.share)}
+        listed = tuple(TouchingPair(a, b, reason) for (a, b), reason in pairs.items())
+        return replace(self, manifest=replace(self.manifest, touching_pairs=listed))
 
     def verified(self, found: Verification) -> Made:
         """The same with what the verification found, of each program too."""

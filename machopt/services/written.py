@@ -38,7 +38,7 @@ def write(the_plan: Planned, folder: Path) -> Written:
 
 
 def _written(the_plan: Planned, folder: Path) -> Written:
-    given, made, timings = the_plan.given, the_plan.made, the_plan.timings
+    given, made, timings = the_plan.given, the_plan.made.with_touching_pairs(), the_plan.timings
     timeline = made.timeline
     with timings.stage("export"):
         write_tables(folder, made.plan, made.points, timeline)

@@ -96,6 +96,20 @@ def pairs(cell: Cell, arm: Arm, bodies: list[Body], clearance: float = 0.0) -> l
     in most random poses are built touching and left out, like link 1 and what the robot stands on, and so are those
     that are nearer than ``clearance`` m in them: no plan could keep it. What the cell lets touch is left out too.
     """
+    out, robot = candidate_pairs(cell, arm, bodies)
+    for a, b in robot:
+        T = random_placements(cell, arm, a, b, POSES)
+        if np.mean([near(a, b, x, clearance) for x in T]) > TOUCHING:
+            continue
+        if not (is_two_apart(a, b) and np.mean([near(a, b, x) for x in T]) > COARSE):
+            out.append((a, b))
+    return out
+
+
+def candidate_pairs(
+    cell: Cell, arm: Arm, bodies: list[Body]
+) -> tuple[list[tuple[Body, Body]], list[tuple[Body, Body]]]:
+    """Pairs that are always checked, and those of robot and tool that may touch by construction."""
     may = may_touch(cell)
     out: list[tuple[Body, Body]] = []
     robot = _by_external_joints(arm, bodies, may) if cell.external_joints else []
@@ -115,18 +129,21 @@ def pairs(cell: Cell, arm: Arm, bodies: list[Body], clearance: float = 0.0) -> l
                 (out if a.link <= 4 else robot).append((a, b))
             elif a.kind == "link" and b.kind in ("link", "tool") and b.link - a.link >= 2:
                 robot.append((a, b))
-    rng = np.random.default_rng(20)  # the planner's poses are others
+    return out, robot
+
+
+def is_two_apart(a: Body, b: Body) -> bool:
+    """One link lies between two bodies of the arm; meshes of such links often overlap."""
+    return a.kind == "link" and a.link >= 0 and b.link - a.link == 2 and b.kind != "cutter"
+
+
+def random_placements(cell: Cell, arm: Arm, a: Body, b: Body, count: int) -> Array:
+    """(count, 4, 4) of b's carrier seen from a's, in random poses of the machine; the planner's poses are others."""
+    rng = np.random.default_rng(20)
     lower, upper = cell.limits.lower, cell.limits.upper
-    x = lower + (upper - lower) * rng.random((POSES, len(lower)))
+    x = lower + (upper - lower) * rng.random((count, len(lower)))
     world = arm.placements(x[:, :6], x[:, 6:])
-    for a, b in robot:
-        T = world[:, b.carrier] if a.carrier < 0 else inverse(world[:, a.carrier]) @ world[:, b.carrier]
-        if np.mean([near(a, b, x, clearance) for x in T]) > TOUCHING:
-            continue
-        two_apart = a.kind == "link" and a.link >= 0 and b.link - a.link == 2 and b.kind != "cutter"
-        if not (two_apart and np.mean([near(a, b, x) for x in T]) > COARSE):
-            out.append((a, b))
-    return out
+    return np.asarray(world[:, b.carrier] if a.carrier < 0 else inverse(world[:, a.carrier]) @ world[:, b.carrier])
 
 
 def _by_external_joints(arm: Arm, bodies: list[Body], may: set[tuple[str, str]]) -> list[tuple[Body, Body]]:

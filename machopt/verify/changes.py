@@ -22,7 +22,12 @@ from machopt.verify.table import Motion, Points, Shift
 
 
 def verify_stints(
-    stints: Sequence[Stint], out: Path, *, options: PlanOptions | None = None, motion: Motion | None = None
+    stints: Sequence[Stint],
+    out: Path,
+    *,
+    options: PlanOptions | None = None,
+    motion: Motion | None = None,
+    touching: Sequence[tuple[str, str]] | None = None,
 ) -> Verification:
     """Check the tables of a folder, whether the job changes tools or not; otherwise as :func:`verify_output`.
 
@@ -31,11 +36,12 @@ def verify_stints(
         out: the output folder.
         options: those of the run, for the whole job.
         motion: trajectory.csv where it has been read already.
+        touching: names of the bodies that the folder's manifest says touch by construction; None: it lists none.
     """
     options = options or PlanOptions()
     whole = stints[0]
     if len(stints) == 1:
-        return verify_output(whole.cell, whole.toolpath, out, options=options, motion=motion)
+        return verify_output(whole.cell, whole.toolpath, out, options=options, motion=motion, touching=touching)
     cell = replace(whole.cell, tools={s.tool: s.cell.tool for s in stints}, tool_name=None)
     tables = read_tables(cell, Path(out), motion)
     if isinstance(tables, Verification):
@@ -46,7 +52,10 @@ def verify_stints(
     checks.append(counted(Promise.CHANGES, wrong, "places"))
     if not wrong:
         parts = slices(tables, stints)
-        found = [with_one_tool(s.cell, s.toolpath, part, s.of(options)) for s, part in zip(stints, parts, strict=True)]
+        found = [
+            with_one_tool(s.cell, s.toolpath, part, s.of(options), touching)
+            for s, part in zip(stints, parts, strict=True)
+        ]
         checks += _together(stints, found)
     return Verification(tuple(checks), len(motion.time), float(motion.time[-1] - motion.time[0]))
 

@@ -27,6 +27,7 @@ class Promise(StrEnum):
     OPTIONS = "options"
     READING = "reading options"
     CHANGES = "tool changes"
+    TOUCHING = "pairs that touch by construction"
     CONTACTS = "collisions"  # the row that says that contacts and clearances were not looked at
     VELOCITY = "joint velocity"
     ACCELERATION = "joint acceleration"

@@ -208,9 +208,7 @@ def lines_in_order(
 
 
 @compiled
-def _share_of_line(
-    ends: Array, axes: Array, j: int, place: Array, axis: Array, lever: float
-) -> tuple[float, float]:
+def _share_of_line(ends: Array, axes: Array, j: int, place: Array, axis: Array, lever: float) -> tuple[float, float]:
     """Share of line j behind a wanted pose, and the line's length (m): by place, or by axis where that changes more."""
     length, along, turned, done = 0.0, 0.0, 0.0, 0.0
     for c in range(3):

@@ -194,6 +194,6 @@ def _along(toolpath: Toolpath, line: tuple[Array, Array], cuts: NDArray[np.intp]
         count = int(np.clip(np.ceil(np.linalg.norm(b - a) / step), 1, 20))
         f = np.linspace(0.0, 1.0, count + 1)
         places.append(np.column_stack([np.interp(k - 1 + f, line[0], line[1][:, c]) for c in range(3)]))
-        ends = (np.tile(toolpath.axis[n], (count + 1, 1)) for n in (k - 1, k))
-        axes.append(interpolate_axis(*ends, f))
+        before, after = (np.tile(toolpath.axis[n], (count + 1, 1)) for n in (k - 1, k))
+        axes.append(interpolate_axis(before, after, f))
     return np.concatenate(places), np.concatenate(axes)

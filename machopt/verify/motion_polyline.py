@@ -81,7 +81,9 @@ def _corners_between(motion: Motion, path: CommandedPath) -> tuple[NDArray[np.in
     nth = np.repeat(np.arange(len(a)), count)
     corner = first[nth] + np.arange(len(nth)) - np.repeat(np.cumsum(count) - count, count)
     toward = np.clip(np.ceil(path.index[corner] - SAME).astype(int), 0, len(path.toolpath) - 1)
-    led = (path.toolpath.move[toward] != Move.RAPID) | (path.toolpath.move[np.minimum(toward + 1, len(path.toolpath) - 1)] != Move.RAPID)
+    led = (path.toolpath.move[toward] != Move.RAPID) | (
+        path.toolpath.move[np.minimum(toward + 1, len(path.toolpath) - 1)] != Move.RAPID
+    )
     return a[nth][led], corner[led]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from machopt.errors import InputError
 from machopt.verify.arm import Arm
 from machopt.verify.asked import check_asked
 from machopt.verify.bodies import Body, all_bodies, pairs
-from machopt.verify.check import Check, Promise, Verification, not_run, of_file, worst
+from machopt.verify.check import Check, Promise, Verification, counted, not_run, of_file, worst
 from machopt.verify.clearance import TOLERANCE, check_clearances, may_cut, telling
 from machopt.verify.contact import Scene, contacts
 from machopt.verify.encoder import outside, true_angles, unchecked
@@ -30,6 +31,7 @@ from machopt.verify.rests import check_rests
 from machopt.verify.ride import ride
 from machopt.verify.shift import Found, compare_shift, corners
 from machopt.verify.table import Motion, Points, Shift, read_motion, read_points, read_shift
+from machopt.verify.touching_pairs import checked_pairs
 
 OFF = "collision checks are switched off (collision: false)"
 
@@ -63,7 +65,13 @@ def read_tables(cell: Cell, out: Path, motion: Motion | None = None) -> Tables |
 
 
 def verify_output(
-    cell: Cell, toolpath: Toolpath, out: Path, *, options: PlanOptions | None = None, motion: Motion | None = None
+    cell: Cell,
+    toolpath: Toolpath,
+    out: Path,
+    *,
+    options: PlanOptions | None = None,
+    motion: Motion | None = None,
+    touching: Sequence[tuple[str, str]] | None = None,
 ) -> Verification:
     """Check ``out/trajectory.csv`` and ``out/points.csv``, and ``compensation.csv`` where points.csv tells a shift.
 
@@ -79,18 +87,28 @@ def verify_output(
         options: those of the run; with ``allow_gaps`` points that points.csv gives up need not be visited; without
             ``collision`` contacts are not looked for, and that is told.
         motion: trajectory.csv where it has been read already.
+        touching: names of the bodies that the folder's manifest says touch by construction; None: it lists none.
     """
     options = options or PlanOptions()
     tables = read_tables(cell, Path(out), motion)
     if isinstance(tables, Verification):
         return tables
     motion, home = tables.motion, cell.stands_at_home
-    checks = [*check_limits(motion, cell, options, (home, home)), *with_one_tool(cell, toolpath, tables, options)]
+    checks = [
+        *check_limits(motion, cell, options, (home, home)),
+        *with_one_tool(cell, toolpath, tables, options, touching),
+    ]
     return Verification(tuple(checks), len(motion.time), float(motion.time[-1] - motion.time[0]))
 
 
-def with_one_tool(cell: Cell, toolpath: Toolpath, tables: Tables, options: PlanOptions) -> list[Check]:
-    """Everything but time, joint limits and where the motion begins and ends."""
+def with_one_tool(
+    cell: Cell,
+    toolpath: Toolpath,
+    tables: Tables,
+    options: PlanOptions,
+    touching: Sequence[tuple[str, str]] | None = None,
+) -> list[Check]:
+    """Everything but time, joint limits and both ends of the motion; arguments as for :func:`verify_output`."""
     motion, points, shift = tables.motion, tables.points, tables.shift
     arm = Arm(cell)
     index, position = (
@@ -106,15 +124,18 @@ def with_one_tool(cell: Cell, toolpath: Toolpath, tables: Tables, options: PlanO
         *check_rests(motion, toolpath, points, on, (index, position), cell),
     ]
     bodies = all_bodies(cell, arm)
-    wanted = pairs(cell, arm, bodies)
     table = PointsCheck(cell, toolpath, points, arm, np.nan_to_num(stood.q), options)
-    kept = pairs(cell, arm, bodies, options.clearance)  # that a plan can be asked to keep apart by so much
+    # pairs that a plan can be asked to keep apart by the clearance
+    kept, unfounded = checked_pairs(cell, arm, bodies, options.clearance, touching)
+    wanted = kept if touching is not None else pairs(cell, arm, bodies)
     of_points = [*table.all(motion, on), *_clearance(table, stood, bodies, kept, options)]
     checks += [replace(c, file="points.csv") for c in of_points]
     checks += check_asked(cell, toolpath, points, np.flatnonzero(table.live), options, motion)
     checks += [*outside(cell.kinematics, motion.q), *unchecked(cell.kinematics)]
     if shift is not None:
         checks += [_shift_check(f) for f in compare_shift(cell, toolpath, stands, stood, shift, arm, options)]
+    if options.collision and touching is not None:
+        checks.append(counted(Promise.TOUCHING, unfounded, "pairs"))
     checks += check_inventory(cell, arm, bodies, wanted)
     checks += check_gouges(stands, toolpath, on, arm, bodies, options, shift is not None)
     if options.collision:

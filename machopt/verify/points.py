@@ -303,7 +303,9 @@ class PointsCheck:
             branch[some] = np.nan if stands.branch is None else stands.branch
         out = [
             self.column("limit_margin_deg", np.degrees(margin), rows, "deg", ANGLE_DEG),
-            self.column("singularity", np.degrees(singularity), rows, "deg", ANGLE_DEG, ambiguity=np.degrees(ambiguity)),
+            self.column(
+                "singularity", np.degrees(singularity), rows, "deg", ANGLE_DEG, ambiguity=np.degrees(ambiguity)
+            ),
         ]
         if not numbered:
             why = "this arm has no branches by shape: they are numbered by the planner's solver"

@@ -23,7 +23,7 @@ NO_MOVE = 1e-10  # m, far below the decimals of any file
 ALONG = np.radians(1.0)  # a move this near the tool axis has no direction across it
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Directions:
     """At M places of the path: where gamma is zero and where the tool travels, both normal to the axis there.
 
@@ -79,12 +79,12 @@ def between(toolpath: Toolpath, known: Directions, index: Array, *, leaving: boo
     high = np.minimum(low + 1, last)
     axis = interpolate_axis(toolpath.axis[low], toolpath.axis[high], np.clip(index - low, 0.0, 1.0))
     move = _without_noise(toolpath.position[high] - toolpath.position[low])
-    good = _across(move, axis)[1]
+    good: NDArray[np.bool_] = _across(move, axis)[1]
     # the axis turns without travel, or the tool travels along it: the move that gives the direction at the point
     used = np.where(good[:, None], move, known.move[low])
-    clear = _across(used, axis)[1]
+    clear: NDArray[np.bool_] = _across(used, axis)[1]
     travel = np.where(clear[:, None], _flat(used, axis), _flat(known.travel[low], axis))
-    nowhere = ~used.any(axis=1)  # no move of the run has a direction
+    nowhere = np.asarray(~used.any(axis=1))  # no move of the run has a direction
     travel = np.where(nowhere[:, None], _flat(_workpiece_x(axis), axis), travel)
     # inside a plunge whose axis turns: what the same move says farther on
     there = toolpath.axis[high]
@@ -109,7 +109,7 @@ def _without_noise(move: Array) -> Array:
 
 
 def _filled(move: Array, axis: Array, joined: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """(N, 3) direction of travel, and (N, 3) the move it is taken from: the next of the run that has one, else the last."""
+    """(N, 3) direction of travel, and (N, 3) the move it is from: the next of the run, else the last."""
     flat, good = _flat(move, axis), _across(move, axis)[1]
     n = len(move)
     run = np.cumsum(~joined)
@@ -141,7 +141,7 @@ def _directions(
         out = np.where(drilling[:, None] & ~np.isnan(across), _unit(_workpiece_x(axis)), across)
         return np.where(useful[:, None] & ~np.isnan(across), own, _flat(out, axis))
 
-    return Directions(axis, travel, other, move, zero(travel), zero(other))
+    return Directions(axis=axis, travel=travel, other=other, move=move, zero=zero(travel), second=zero(other))
 
 
 def _across(v: Array, axis: Array) -> tuple[Array, NDArray[np.bool_]]:

@@ -28,6 +28,14 @@ class CoveredTold(Part):
     how: Text
 
 
+class TouchingPairDocument(Part):
+    """Two bodies that touch by construction: contacts between them are not looked for."""
+
+    a: Text
+    b: Text
+    reason: Text  # share of random poses in which they touch
+
+
 class ManifestResult(Part):
     """What a folder says of itself."""
 
@@ -43,6 +51,7 @@ class ManifestResult(Part):
     program_tolerance_mm: Known
     checked: tuple[CoveredTold, ...]
     unchecked: tuple[Text, ...]
+    touching_pairs: tuple[TouchingPairDocument, ...] = ()
     warnings: tuple[Text, ...]
     files: dict[Text, FileTold]  # every file of the folder but this one
     seal: Text = ""  # SHA-256 of all the rest: shows that it was edited, not by whom

@@ -7,6 +7,8 @@ shorter than it can hold. So of targets nearer than :data:`APART` only those sta
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -49,9 +51,9 @@ def find_needed_targets(
         return np.arange(count)
     within = Tolerance(*(SHARE * min(getattr(tolerance, n), getattr(PATH, n)) for n in _FIELDS))
     kept, ends = [0], np.flatnonzero(stays)
-    for a, b in zip(ends[:-1], ends[1:], strict=True):
-        inner = _thin_stretch(targets, external, feed, length, int(a), int(b), within) if b - a > 1 else []
-        kept += [*inner, int(b)]
+    for a, b in itertools.pairwise(ends.tolist()):
+        inner = _thin_stretch(targets, external, feed, length, a, b, within) if b - a > 1 else []
+        kept += [*inner, b]
     return np.array(kept, np.intp)
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array, held
 from machopt.domain.reason import Reason
-from machopt.model.ik import branch_reasons, measure_configurations, refine
+from machopt.model.ik import branch_reasons, refine
 from machopt.model.robot import Robot
 from machopt.plan.configurations.candidates import PlanningArm
 from machopt.plan.stations.path import Path, tcp_poses
@@ -79,7 +79,7 @@ def _solved(
     why = branch_reasons(branches, arm.margins)[rows, b]
     margins = {name: getattr(branches, name)[rows, b] for name in MARGINS}
     missed = np.flatnonzero(distance[rows, b] > SAME_POSE)
-    known_ones = measure_configurations(arm.solver, flange[missed], q[missed]) if len(missed) else None
+    known_ones = arm.solver.measure(flange[missed], q[missed]) if len(missed) else None
     if known_ones is not None:
         why[missed] = branch_reasons(known_ones, arm.margins)[:, 0]
         for name in MARGINS:
