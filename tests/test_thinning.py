@@ -1,0 +1,88 @@
+"""Targets closer than 0.1 mm: left out where the line keeps to them, kept where the shape of the path needs them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from machopt.formats.posts.densify import Tolerance, compare_with_line
+from machopt.formats.posts.thinning import find_needed_targets
+from machopt.services.load import OptimizeRequest
+from machopt.services.run import optimize
+
+ROOT = Path(__file__).resolve().parents[1]
+TOLERANCE = Tolerance()
+
+
+def poses(place: np.ndarray, tilt: np.ndarray | None = None) -> np.ndarray:
+    """(M, 4, 4) at places (M, 3) mm, tilted about y by (M,) rad."""
+    T = np.tile(np.eye(4), (len(place), 1, 1))
+    T[:, :3, 3] = 1e-3 * place
+    if tilt is not None:
+        T[:, 0, 0] = T[:, 2, 2] = np.cos(tilt)
+        T[:, 0, 2], T[:, 2, 0] = np.sin(tilt), -np.sin(tilt)
+    return T
+
+
+def needed(T: np.ndarray, feed: float = 0.02, fixed: tuple[int, ...] = ()) -> np.ndarray:
+    marks = np.zeros(len(T), bool)
+    marks[list(fixed)] = True
+    return find_needed_targets(T, np.empty((len(T), 0)), np.full(len(T), feed), marks, TOLERANCE)
+
+
+def departures(T: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """(M, 4) of every target from the line past it."""
+    rows = np.setdiff1d(np.arange(len(T)), kept)
+    after = np.searchsorted(kept, rows)
+    return compare_with_line(T[rows], T[kept[after - 1]], T[kept[after]])
+
+
+@pytest.mark.parametrize("step", [0.001, 0.01, 0.05, 0.09])
+@pytest.mark.parametrize("shape", ["line", "sine", "circle", "noise"])
+def test_dense_points_are_thinned_within_the_tolerance(shape: str, step: float) -> None:
+    s = step * np.arange(1000)
+    across = {
+        "line": 0 * s,
+        "sine": 3 * np.sin(s / 4),
+        "circle": 10 - np.sqrt(np.maximum(100 - (s / 20) ** 2, 0)),
+        "noise": 0.004 * np.random.default_rng(1).standard_normal(len(s)),
+    }[shape]
+    T = poses(np.column_stack([s, across, 0 * s]))
+    kept = needed(T)
+    off = departures(T, kept)
+    assert off[:, 0].max() <= 2e-5  # m, the CAM file's own points
+    if shape != "noise":
+        lengths = np.linalg.norm(np.diff(T[kept, :3, 3], axis=0), axis=1)
+        assert (lengths[:-1] >= 1e-4).all()  # m
+    assert len(kept) < len(T) / 2 or step > 0.05
+
+
+def test_what_the_path_needs_stays() -> None:
+    corner = np.array([[0, 0, 0], [0.05, 0, 0], [0.1, 0, 0], [0.1, 0.05, 0], [0.1, 0.1, 0]])
+    assert 2 in needed(poses(corner))  # a corner 35 µm off any line past it
+    line = poses(np.column_stack([0.01 * np.arange(100), np.zeros((100, 2))]))
+    assert {30, 60} <= set(needed(line, fixed=(30, 60)).tolist())
+    turning = poses(np.zeros((30, 3)), np.radians(3.0) * np.arange(30))
+    kept = needed(turning)
+    assert departures(turning, kept)[:, 1].max(initial=0.0) <= np.radians(0.05)
+    far = poses(np.column_stack([np.arange(10.0), np.zeros((10, 2))]))
+    assert needed(far).tolist() == list(range(10))  # nothing is left out of a path with wide points
+
+
+@pytest.mark.slow
+def test_the_feed_is_held_on_points_a_hundredth_of_a_millimetre_apart(tmp_path: Path) -> None:
+    s = np.arange(0, 30, 0.01)
+    rows = ["x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation", "0,0,60,0,0,1,rapid,,f"]
+    rows += [f"{x:.6f},{3 * np.sin(x / 4):.6f},20,0,0,1,cut,1200,f" for x in s]
+    file = tmp_path / "dense.csv"
+    file.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    posts = ("krl", "rapid", "urscript", "val3", "jbi", "fanuc_joint")
+    cell = ROOT / "cells" / "kr500_milling"
+    outcome = optimize(OptimizeRequest(cell=cell, toolpath=file, out=tmp_path / "out", posts=posts))
+    assert outcome.exit_code == 0
+    for program in outcome.result.programs:
+        assert program.feed_model is not None
+        assert program.feed_model.mean_percent >= 95.0, program.post
+        assert program.feed_model.exact_stops <= 2, program.post
