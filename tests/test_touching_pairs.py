@@ -1,0 +1,64 @@
+"""Pairs of bodies that touch by construction: one decision, made by the planner, confirmed by the verifier."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_cell import pose, small_cell
+
+from machopt.domain.cell import Cell, Shape
+from machopt.model.collision import CollisionModel
+from machopt.model.robot import load_chain
+from machopt.verify.arm import Arm
+from machopt.verify.bodies import all_bodies
+from machopt.verify.touching_pairs import checked_pairs
+
+CLEARANCE = 0.002
+
+
+def cell_with(folder: Path, size: float, offset: float) -> Cell:
+    """The small cell with a box on the flange that meets the forearm in a share of all poses."""
+    cell = small_cell(folder)
+    box = Shape(name="box", kind="box", size=(size, size, 0.3), mesh=None, T_parent_shape=pose(offset, 0, -0.1))
+    return replace(cell, tool=replace(cell.tool, geometry=(box,)))
+
+
+def excluded_by_planner(cell: Cell) -> list[tuple[str, str]]:
+    robot, shapes = load_chain(cell)
+    model = CollisionModel(cell, robot, shapes, CLEARANCE)
+    return [(e.a, e.b) for e in model.excluded if np.isfinite(e.share)]
+
+
+def confirmed(cell: Cell, listed: list[tuple[str, str]]) -> tuple[set[frozenset[str]], list[str]]:
+    """The pairs that the verifier checks, and listed ones that it does not confirm."""
+    arm = Arm(cell)
+    found, unfounded = checked_pairs(cell, arm, all_bodies(cell, arm), CLEARANCE, listed)
+    return {frozenset((a.name, b.name)) for a, b in found}, unfounded
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.1])
+@pytest.mark.parametrize("size", [0.1, 0.2, 0.3, 0.36, 0.4, 0.44, 0.5, 0.6, 0.8])
+def test_the_verifier_confirms_what_the_planner_leaves_out(size: float, offset: float, tmp_path: Path) -> None:
+    cell = cell_with(tmp_path, size, offset)
+    listed = excluded_by_planner(cell)
+    checked, unfounded = confirmed(cell, listed)
+    assert unfounded == []
+    assert not {frozenset(pair) for pair in listed} & checked
+
+
+def test_a_pair_that_does_not_touch_is_named_and_checked(tmp_path: Path) -> None:
+    cell = cell_with(tmp_path, 0.1, 0.0)
+    checked, unfounded = confirmed(cell, [("link_2_0", "box")])
+    assert unfounded == ["link_2_0 ~ box"]
+    assert frozenset(("link_2_0", "box")) in checked
+
+
+def test_without_a_list_the_verifier_decides(tmp_path: Path) -> None:
+    cell = cell_with(tmp_path, 0.1, 0.0)
+    arm = Arm(cell)
+    found, unfounded = checked_pairs(cell, arm, all_bodies(cell, arm), CLEARANCE, None)
+    assert unfounded == []
+    assert any(b.name == "box" for _, b in found)
