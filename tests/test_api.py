@@ -168,7 +168,7 @@ def test_tables_are_columns_that_nobody_writes_into(monkeypatch: pytest.MonkeyPa
 
 def test_pictures_are_svg(tmp_path: Path) -> None:
     figure = machopt.Figure("<svg/>")
-    assert figure.save(tmp_path / "a.svg").read_text() == "<svg/>\n"
+    assert figure.save(tmp_path / "a.svg").read_text().startswith("<svg/>\n")
     with pytest.raises(machopt.InputError, match=r"a\.svg would work"):
         figure.save(tmp_path / "a.png")
 

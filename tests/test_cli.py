@@ -174,7 +174,10 @@ def test_an_earlier_output_is_replaced_and_a_foreign_folder_is_not(
     table, out = passed[0], tmp_path / "out"
     shutil.copytree(passed[1], out)
     (out / "report.html").write_text("spoilt")
-    assert optimize(KR500, table, out) == 0
+    assert optimize(KR500, table, out) == 2
+    assert "report.html" in capsys.readouterr().err
+    assert (out / "report.html").read_text() == "spoilt"
+    assert optimize(KR500, table, out, "--force") == 0
     assert (out / "report.html").read_text() != "spoilt"
     (out / "notes.txt").write_text("the user's own")
     assert optimize(KR500, table, out) == 2

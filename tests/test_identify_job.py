@@ -304,7 +304,7 @@ def test_plan_poses_and_map_are_commands(tmp_path: Path, capsys: pytest.CaptureF
     assert main([*words, "--weights-kg", "50,100", "--arms-mm", "0,300", "--no-collision", "--quiet"]) == 0
     assert (tmp_path / "poses" / "recording_template" / "recording.yaml").is_file()
     words = ["map", str(CELL), "-o", str(tmp_path / "map"), "--joints", "a2,a3", "--step", "30", "--collision", "none"]
-    assert main([*words, "--force=0,0,-500"]) == 0
+    assert main([*words, "--load-N=0,0,-500"]) == 0
     assert "report:" in capsys.readouterr().out
     assert main([*words, "--joints", "a9"]) == 2
     assert "a9" in capsys.readouterr().err

@@ -69,7 +69,7 @@ def test_what_is_wrong_stands_on_top(tmp_path: Path) -> None:
     assert "FOO<b>" not in html
     file = tmp_path / "page.html"
     write_toolpath_page(file, t, summarise(t))
-    assert file.read_text(encoding="utf-8") == html
+    assert file.read_text(encoding="utf-8").startswith(html)
 
 
 def test_views_look_from_where_they_say(tmp_path: Path) -> None:

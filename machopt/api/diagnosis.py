@@ -61,13 +61,17 @@ class Diagnosis:
     def warnings(self) -> tuple[str, ...]:
         return tuple(self.result.warnings)
 
-    def save(self, out: Named) -> Path | None:
+    def save(self, out: Named, *, force: bool = False) -> Path | None:
         """Write what ``machopt diagnose`` writes; returns its stiffness.yaml, None where nothing elastic was fitted.
+
+        Args:
+            out: a folder that is new, empty or an earlier output, which is replaced as a whole.
+            force: replace an earlier output though files in it were edited or added.
 
         Raises:
             InputError: OUT holds something else or cannot be written.
         """
-        with in_use(self._own), output_folder(Path(out)) as folder:
+        with in_use(self._own), output_folder(Path(out), force=force) as folder:
             write(self._made, folder)
         return None if self.result.model is None else Path(out) / self.result.model
 

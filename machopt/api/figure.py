@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from machopt.errors import InputError
+from machopt.output.single_file import write_text_file
 
 
 @dataclass(frozen=True)
@@ -15,8 +16,12 @@ class Figure:
 
     svg: str  # one SVG document without anything outside it
 
-    def save(self, path: str | os.PathLike[str]) -> Path:
+    def save(self, path: str | os.PathLike[str], *, force: bool = False) -> Path:
         """Write the picture as an SVG file.
+
+        Args:
+            path: ends in .svg; a picture that machopt wrote there, and nobody edited, is replaced.
+            force: replace any file.
 
         Raises:
             InputError: the name does not end in .svg, or the file cannot be written.
@@ -24,10 +29,7 @@ class Figure:
         file = Path(path)
         if file.suffix.lower() != ".svg":
             raise InputError(f"pictures are SVG; {file.stem}.svg would work", file=file)
-        try:
-            file.write_text(self.svg + "\n", encoding="utf-8", newline="\n")
-        except OSError as problem:
-            raise InputError(f"cannot be written: {problem.strerror}", file=file) from None
+        write_text_file(file, self.svg + "\n", force=force)
         return file
 
     def _repr_svg_(self) -> str:

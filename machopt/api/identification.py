@@ -42,13 +42,17 @@ class Identification:
     def warnings(self) -> tuple[str, ...]:
         return tuple(self.result.warnings)
 
-    def save(self, out: Named) -> Path:
+    def save(self, out: Named, *, force: bool = False) -> Path:
         """Write what ``machopt identify`` writes; returns its stiffness.yaml, for :meth:`Cell.with_stiffness`.
+
+        Args:
+            out: a folder that is new, empty or an earlier output, which is replaced as a whole.
+            force: replace an earlier output though files in it were edited or added.
 
         Raises:
             InputError: OUT holds something else or cannot be written; or the cell has changed since.
         """
-        saved(self.cell, out, lambda folder: write(self._made, folder))
+        saved(self.cell, out, lambda folder: write(self._made, folder), force=force)
         return Path(out) / "stiffness.yaml"
 
     def __repr__(self) -> str:

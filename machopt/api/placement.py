@@ -54,13 +54,17 @@ class Placement:
         """The columns of ``places.csv``, one row a place, the cell's own first."""
         return Table(columns_of(self._found.site, self._found.siting))
 
-    def save(self, out: Named) -> PlaceResult:
+    def save(self, out: Named, *, force: bool = False) -> PlaceResult:
         """Write what ``machopt place`` writes: the best as moved cells with whole verified plans.
+
+        Args:
+            out: a folder that is new, empty or an earlier output, which is replaced as a whole.
+            force: replace an earlier output though files in it were edited or added.
 
         Raises:
             InputError: OUT holds something else or cannot be written; or the cell has changed since.
         """
-        return saved(self.cell, out, lambda folder: write(self._found, folder))
+        return saved(self.cell, out, lambda folder: write(self._found, folder), force=force)
 
     def __repr__(self) -> str:
         return f"<Placement in {self.cell.name!r}: {self.verdict}>"

@@ -155,11 +155,12 @@ class Plan:
             raise AssertionError("a motion was written and not checked")
         return found
 
-    def save(self, out: Named) -> OptimizeResult:
+    def save(self, out: Named, *, force: bool = False) -> OptimizeResult:
         """Write what ``machopt optimize`` writes: tables, programs, report, result.json, manifest.json.
 
         Args:
             out: a folder that is new, empty or an earlier output, which is replaced as a whole.
+            force: replace an earlier output though files in it were edited or added.
 
         Returns:
             result.json, typed. Its ``exit_code`` is the command's: 0; 3 without a feasible answer; 4 where the
@@ -168,7 +169,7 @@ class Plan:
         Raises:
             InputError: OUT holds something else or cannot be written; or the cell has changed since.
         """
-        return saved(self.cell, out, lambda folder: self._written(folder).result)
+        return saved(self.cell, out, lambda folder: self._written(folder).result, force=force)
 
     def _written(self, folder: Path) -> Written:
         made = self._made

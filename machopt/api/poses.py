@@ -47,13 +47,17 @@ class PosePlan:
     def warnings(self) -> tuple[str, ...]:
         return tuple(self.result.warnings)
 
-    def save(self, out: Named) -> PosesResult:
+    def save(self, out: Named, *, force: bool = False) -> PosesResult:
         """Write what ``machopt plan-poses`` writes; returns plan.json, typed.
+
+        Args:
+            out: a folder that is new, empty or an earlier output, which is replaced as a whole.
+            force: replace an earlier output though files in it were edited or added.
 
         Raises:
             InputError: OUT holds something else or cannot be written; or the cell has changed since.
         """
-        saved(self.cell, out, lambda folder: write(self._made, folder))
+        saved(self.cell, out, lambda folder: write(self._made, folder), force=force)
         return self.result
 
     def __repr__(self) -> str:

@@ -21,13 +21,13 @@ def silent(_: str) -> None:
     """Progress that nobody wants to hear of."""
 
 
-def saved(cell: Cell, out: Named, write: Callable[[Path], W]) -> W:
+def saved(cell: Cell, out: Named, write: Callable[[Path], W], *, force: bool = False) -> W:
     """Write a result made from a cell into OUT: whole or not at all.
 
     Raises:
         InputError: OUT holds something else, or a file of the cell has changed since it was loaded.
     """
-    with effects_of(cell.unchanged()), output_folder(Path(out)) as folder:
+    with effects_of(cell.unchanged()), output_folder(Path(out), force=force, inputs=cell.description.files) as folder:
         return write(folder)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.errors import InputError, nearest
+from machopt.output.single_file import write_bytes_file
 
 if TYPE_CHECKING:
     import pandas
@@ -100,30 +102,33 @@ class Table(Mapping[str, NDArray[Any]]):
             raise InputError("an Arrow table needs pyarrow; pip install 'machopt[parquet]'") from None
         return pyarrow.table({name: values.tolist() for name, values in self._columns.items()})
 
-    def write(self, file: str | os.PathLike[str]) -> None:
+    def write(self, file: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write the table, as CSV or Parquet by the file's ending.
 
+        Args:
+            file: ends in .csv or .parquet.
+            force: replace a file that is there and holds something else.
+
         Raises:
-            InputError: another ending, a folder that is not there, or pyarrow is not installed.
+            InputError: another ending, a file with other content, a folder that is not there, or pyarrow is not
+                installed.
         """
         path = Path(file)
-        try:
-            if path.suffix.lower() == ".parquet":
-                table = self.arrow()
-                import pyarrow.parquet
+        if path.suffix.lower() == ".parquet":
+            table = self.arrow()
+            import pyarrow.parquet
 
-                pyarrow.parquet.write_table(table, path)
-            elif path.suffix.lower() == ".csv":
-                with path.open("w", encoding="utf-8", newline="") as out:
-                    rows = csv.writer(out, lineterminator="\n")
-                    rows.writerow(self._columns)
-                    rows.writerows(zip(*(_texts(values) for values in self._columns.values()), strict=True))
-            else:
-                raise InputError(
-                    f"tables are CSV or Parquet; {path.stem}.csv or {path.stem}.parquet would work", file=path
-                )
-        except OSError as problem:
-            raise InputError(f"cannot be written: {problem.strerror}", file=path) from None
+            packed = io.BytesIO()
+            pyarrow.parquet.write_table(table, packed)
+            write_bytes_file(path, packed.getvalue(), force=force)
+        elif path.suffix.lower() == ".csv":
+            text = io.StringIO(newline="")
+            rows = csv.writer(text, lineterminator="\n")
+            rows.writerow(self._columns)
+            rows.writerows(zip(*(_texts(values) for values in self._columns.values()), strict=True))
+            write_bytes_file(path, text.getvalue().encode(), force=force)
+        else:
+            raise InputError(f"tables are CSV or Parquet; {path.stem}.csv or {path.stem}.parquet would work", file=path)
 
 
 def _texts(values: NDArray[Any]) -> list[str]:

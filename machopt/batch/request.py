@@ -17,6 +17,7 @@ class BatchRequest:
 
     jobs: tuple[str, ...]  # folders, patterns, lists (YAML, CSV) or toolpath files
     out: Path
+    overwrite: bool = False  # replace finished jobs whose files were edited
     cell: Path | None = None  # for toolpaths that have no cell of their own
     plan_file: Path | None = None
     overrides: tuple[str, ...] = ()  # key=value; a job's own options in a list win over these

@@ -57,7 +57,7 @@ def run_batch(request: BatchRequest, progress: Callable[[Progress], None] = lamb
         raise InputError(f"none of {len(plans)} jobs can start; the first: {_first_reason(plans)}")
     other = None if request.compare is None else _other(request.compare)
     batch = f"machopt-{uuid.uuid4().hex[:12]}"
-    with _taken_back(request.out), open_store(request.out, batch) as store:
+    with _taken_back(request.out), open_store(request.out, batch, force=request.overwrite) as store:
         _put_away(store, plans, request)
         todo, clock = _todo(store, plans, request), _Clock(len(plans), plans)
         lines = _lines(store, plans, again={plan.job.label for plan in todo})

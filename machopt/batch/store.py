@@ -22,6 +22,7 @@ from machopt.domain.results.batch import BatchRecord, BatchResult, BatchRow, Job
 from machopt.errors import InputError
 from machopt.formats.parquet import write_beside
 from machopt.output import MANIFEST, read_manifest, read_result, write_manifest, write_result
+from machopt.output.folder import edited_files
 from machopt.output.jsonfile import read_json
 from machopt.output.lock import locked
 from machopt.output.manifest import differences
@@ -200,11 +201,17 @@ def told(folder: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def open_store(folder: Path, batch: str) -> Iterator[Store]:
+def open_store(folder: Path, batch: str, *, force: bool = False) -> Iterator[Store]:
     """Lock the output folder and load what is finished; in the end clear away what this and killed runs left.
 
+    Args:
+        folder: of the batch.
+        batch: name of this run.
+        force: replace finished jobs and summaries whose files were edited.
+
     Raises:
-        InputError: the folder is not a batch's, cannot be written, or another batch is at work in it.
+        InputError: the folder is not a batch's, holds files that were edited or added, cannot be written, or another
+            batch is at work in it.
     """
     _refuse_foreign(folder)
     store = Store(folder.resolve(), batch)
@@ -213,6 +220,8 @@ def open_store(folder: Path, batch: str) -> Iterator[Store]:
             store.jobs.mkdir(parents=True, exist_ok=True)
             busy = "another batch is at work in this folder; wait for it, or name another"
             held.enter_context(locked(folder / LOCK, busy, folder, keep=True))
+            if not force:
+                _refuse_edited(folder)
             store.work.mkdir(parents=True)
             store.load()
         except OSError as problem:
@@ -230,6 +239,28 @@ def _refuse_foreign(folder: Path) -> None:
             f"exists and is no batch's output (no {MAIN} of ours in it); name a new folder, or empty this one",
             file=folder,
         )
+
+
+def _refuse_edited(folder: Path) -> None:
+    """Refuse to do a job again where its folder, and what somebody changed or added in it, would be lost.
+
+    A job whose files are missing is done again without a question: nothing is lost by that.
+    """
+    for place in (folder, *sorted(p for p in (folder / JOBS).iterdir() if p.is_dir() and not p.is_symlink())):
+        if not (place / MANIFEST).is_file():
+            continue
+        lost = [name for name in edited_files(place) if place != folder or _of_summary(name)]
+        if lost:
+            raise InputError(
+                f"holds {lost[0]}; the job would be done again and the file lost: copy it elsewhere, name another "
+                "folder, or give --force",
+                file=place,
+            )
+
+
+def _of_summary(text: str) -> bool:
+    """A file of the batch itself that was changed; jobs are compared with their own manifests."""
+    return text.partition(",")[0] in (*SUMMARY, *TIMINGS)
 
 
 def is_batch(folder: Path) -> bool:

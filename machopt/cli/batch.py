@@ -29,6 +29,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="folders of toolpaths, patterns in quotes ('parts/*.nc'), toolpath files, or lists of jobs (YAML, CSV)",
     )
     share(job, "--out", help="output folder; the same goes on where it stopped")
+    share(job, "--force")
     job.add_argument("--cell", type=Path, help="cell of toolpaths with no folder named cell beside or above them")
     job.add_argument("--jobs", type=int, metavar="N", help="jobs at a time on this machine (one a core)")
     job.add_argument("--scheduler", metavar="ADDRESS", help="use a running Dask scheduler, e.g. tcp://10.0.0.5:8786")
@@ -61,6 +62,7 @@ def _batch(args: argparse.Namespace) -> int:
     request = BatchRequest(
         jobs=tuple(args.toolpaths),
         out=args.out,
+        overwrite=args.overwrite,
         cell=args.cell,
         plan_file=args.plan,
         overrides=tuple(overrides),

@@ -79,6 +79,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     share(look, "cell")
     share(look, "--allow-external")
     look.add_argument("--picture", type=Path, metavar="FILE.svg", help="draw the cell at home from three sides")
+    share(look, "--force")
     share(look, "--effects")
     look.set_defaults(run=_validate)
 
@@ -114,7 +115,11 @@ def _validate(args: argparse.Namespace) -> int:
 
     told_of_effects(args)
     done = validate(
-        args.cell, allow_external=args.allow_external, picture_file=args.picture, effects=tuple(args.effects)
+        args.cell,
+        allow_external=args.allow_external,
+        picture_file=args.picture,
+        effects=tuple(args.effects),
+        overwrite=args.overwrite,
     )
     if args.json:
         print_result(done.result)

@@ -32,6 +32,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     share(p, "cell")
     p.add_argument("recording", type=Path, nargs="+", help="recording folders (sessions or runs of the same robot)")
     share(p, "--out")
+    share(p, "--force")
     p.add_argument(
         "--channel",
         choices=("auto", "torque", "link", "tip"),
@@ -74,6 +75,7 @@ def _diagnose(args: argparse.Namespace) -> int:
         cell=args.cell,
         recordings=tuple(args.recording),
         out=args.out,
+        overwrite=args.overwrite,
         channel=args.channel,
         toolpath=args.toolpath,
         overrides=tuple(args.set),

@@ -23,6 +23,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     cell = argparse.ArgumentParser(add_help=False)
     share(cell, "cell")
     share(cell, "--out")
+    share(cell, "--force")
     share(cell, "--allow-external")
     share(cell, "--seed")
     share(cell, "--jobs")
@@ -77,6 +78,7 @@ def _identify(args: argparse.Namespace) -> int:
         cell=args.cell,
         recordings=tuple(args.recording),
         out=args.out,
+        overwrite=args.overwrite,
         model=args.model,
         terms=tuple(args.fit),
         geometric=args.geometric,
@@ -266,7 +268,9 @@ def _add_map(p: argparse.ArgumentParser) -> None:
     tool.add_argument("--by", metavar="FIELD", help="what best means (deflection under a load, else k_min)")
     tool.add_argument("--collision", choices=("none", "self", "cell"), default="self", help="what may not touch (self)")
     load = p.add_argument_group("quantities")
-    load.add_argument("--force", metavar="FX,FY,FZ", help="load in N, for deflection and K_C")
+    load.add_argument(
+        "--load-N", dest="force", metavar="FX,FY,FZ", help="force on the tool in N, for deflection and K_C"
+    )
     load.add_argument("--wrench", metavar="FX,…,MZ", help="load in N and N·m")
     load.add_argument("--load-axes", choices=("frame", "tool"), default="frame", help="of the load (frame)")
     load.add_argument("--length", type=float, metavar="MM", help="characteristic length (computed)")

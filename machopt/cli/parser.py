@@ -13,7 +13,13 @@ N = TypeVar("N")
 
 
 class Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line, without two screens of usage above it."""
+    """Says what is wrong in one line, without two screens of usage above it.
+
+    Options are never abbreviated: the beginning of one word may mean another command's option, or tomorrow's.
+    """
+
+    def __init__(self, *args: Any, **settings: Any) -> None:
+        super().__init__(*args, **{**settings, "allow_abbrev": False})
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"machopt: {message} ({self.prog} --help lists the options)\n")

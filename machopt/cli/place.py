@@ -32,6 +32,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
         "toolpaths", nargs="+", type=Path, metavar="TOOLPATH", help="CAM exports or point tables, one job each"
     )
     share(job, "--out", help="output folder; the same command goes on where it was stopped")
+    share(job, "--force")
     for name, reach, what in (
         ("x-mm", 300, "shift along x of world"),
         ("y-mm", 300, "shift along y of world"),
@@ -81,6 +82,7 @@ def _place(args: argparse.Namespace) -> int:
         cell=there(args.cell),
         toolpaths=tuple(there(f) for f in args.toolpaths),
         out=there(args.out),
+        overwrite=args.overwrite,
         search=Search(
             x=x,
             y=y,

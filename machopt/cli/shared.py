@@ -33,6 +33,11 @@ SHARED: dict[str, dict[str, Any]] = {
     "cell": {"type": Path, "help": "cell folder or its cell.yaml"},
     "toolpath": {"type": Path, "help": "CAM export or point table"},
     "--out": {"flags": ("-o",), "type": Path, "required": True, "help": "output folder"},
+    "--force": {
+        "dest": "overwrite",
+        "action": "store_true",
+        "help": "replace output files that machopt did not write or that were edited since",
+    },
     "--allow-external": {"action": "store_true", "help": "let the cell use files outside its folder"},
     "--package": {
         "type": package,

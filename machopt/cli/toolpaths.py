@@ -40,6 +40,7 @@ def _add_optimize(commands: Commands, common: argparse.ArgumentParser, planning:
     share(job, "cell")
     share(job, "toolpath")
     share(job, "--out")
+    share(job, "--force")
     job.add_argument("--method", choices=("global", "jiao2022", "default"))
     job.add_argument("--index", choices=("auto", "deflection", "stiffness", "jiao2022"))
     job.add_argument(
@@ -88,6 +89,7 @@ def _add_inspect(commands: Commands, common: argparse.ArgumentParser) -> None:
     )
     look.add_argument("file", type=Path)
     look.add_argument("--html", type=Path, metavar="OUT.html", help="write a page with pictures of the path")
+    share(look, "--force")
     look.add_argument("--cell", type=Path, help="cell whose robot a program with joint positions was written for")
     share(look, "--allow-external")
     share(look, "--package")
@@ -126,6 +128,7 @@ def _optimize(args: argparse.Namespace) -> int:
         cell=args.cell,
         toolpath=args.toolpath,
         out=args.out,
+        overwrite=args.overwrite,
         plan_file=args.plan,
         overrides=tuple(args.set),
         direct=direct,
@@ -161,6 +164,7 @@ def _optimize(args: argparse.Namespace) -> int:
 def _inspect(args: argparse.Namespace) -> int:
     from machopt.formats.inspect import summarise, summary_values
     from machopt.formats.toolpath import read_toolpath
+    from machopt.output.single_file import refuse_overwriting
 
     told_of_effects(args)
     if _is_robot(args.file):
@@ -174,6 +178,9 @@ def _inspect(args: argparse.Namespace) -> int:
         raise InputError(
             "found a toolpath and no cell whose files could hold effects; --cell CELL would work", where="--effects"
         )
+    inputs: tuple[Path, ...] = (args.file, *args.effects)
+    if args.html is not None:
+        refuse_overwriting(args.html, force=args.overwrite, inputs=inputs)
     if args.cell is None:
         toolpath = read_toolpath(args.file, **reading(args))
     else:
@@ -185,15 +192,13 @@ def _inspect(args: argparse.Namespace) -> int:
 
         with in_use(with_effects(args.effects)):
             cell = load_cell(args.cell, allow_external=args.allow_external)
+            inputs += cell.files
             toolpath = placed(read_toolpath(args.file, **reading_of(cell), **reading(args)), cell)
             toolpath = with_reach_warning(cell, toolpath)
     if args.html is not None:
         from machopt.report.toolpath_page import write_toolpath_page
 
-        try:
-            write_toolpath_page(args.html, toolpath, summarise(toolpath))
-        except OSError as problem:
-            raise InputError(f"cannot be written: {problem.strerror}", file=args.html) from None
+        write_toolpath_page(args.html, toolpath, summarise(toolpath), force=args.overwrite, inputs=inputs)
     if args.json:
         print_result(summarise(toolpath))
     elif not args.quiet:

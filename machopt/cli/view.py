@@ -39,6 +39,7 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--save", type=Path, default=Path("plan.yaml"), metavar="FILE", help="where the page saves the plan (plan.yaml)"
     )
+    share(p, "--force")
     p.add_argument("--open", action="store_true", help="open the page in the browser of the system")
     p.add_argument("--as-it-is", action="store_true", help="of OUT: show the report, plan nothing")
     share(p, "--effects")
@@ -54,6 +55,7 @@ def _view(args: argparse.Namespace) -> int:
         cell=args.places[0],
         toolpath=args.places[-1],
         out=Path("steered"),
+        overwrite=args.overwrite,
         plan_file=args.plan,
         overrides=(*args.set, *(() if args.seed is None else (f"seed={args.seed}",))),
         reading=reading(args),

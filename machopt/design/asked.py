@@ -79,6 +79,7 @@ class PosesRequest:
     starts: int = 2
     seed: int = 0
     tables: str = "csv"  # parquet: every table as Parquet, too
+    overwrite: bool = False  # replace an earlier output though files in it were edited or added
     external: tuple[str, ...] = ()  # name=value of external joints that do not stand at home, mm or degrees
     allow_external: bool = False
     effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which --terms may name

@@ -34,6 +34,7 @@ class IdentifyRequest:
     allow_external: bool = False
     effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which --fit may name
     tables: str = "csv"  # parquet: every table as Parquet, too
+    overwrite: bool = False  # replace an earlier output though files in it were edited or added
 
 
 def check(request: IdentifyRequest) -> None:

@@ -16,13 +16,14 @@ import hashlib
 import os
 import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from machopt.errors import InputError
 from machopt.output.jsonfile import read_json
 from machopt.output.lock import locked
-from machopt.output.manifest import MANIFEST, listed, read_manifest
+from machopt.output.manifest import ADDED, MANIFEST, MISSING, differences, listed, read_manifest
+from machopt.output.roles import BATCH_ROLES, ROLES
 from machopt.output.signals import Signals
 from machopt.output.swap import exchange, sync_folder, sync_tree
 
@@ -40,30 +41,36 @@ _SHOWN = 40  # letters of the name in those of its siblings, which may be no lon
 
 
 @contextlib.contextmanager
-def output_folder(path: Path | str) -> Iterator[Path]:
+def output_folder(path: Path | str, *, force: bool = False, inputs: Iterable[Path] = ()) -> Iterator[Path]:
     """Yield a temporary sibling of ``path``; put it in the place of ``path`` on success, remove it on any failure.
 
     An existing ``path`` is replaced only if it is an empty folder or an earlier machopt output in which nobody else
-    has put anything. Only one run at a time writes one ``path``. Ctrl-C and SIGTERM inside the block remove the
-    temporary folder; while the swap runs they wait until it is done. SIGKILL may leave hidden siblings, which the next
-    run recovers or removes, never a half-written ``path``.
+    has put or changed anything and which holds no input. ``force`` replaces every earlier machopt output; a folder
+    that is none is never replaced. Only one run at a time writes one ``path``. Ctrl-C and SIGTERM inside the block
+    remove the temporary folder; while the swap runs they wait until it is done. SIGKILL may leave hidden siblings,
+    which the next run recovers or removes, never a half-written ``path``.
+
+    Args:
+        path: the output folder.
+        force: replace files of an earlier output that were edited or added.
+        inputs: files and folders that this run reads.
 
     Raises:
         InputError: ``path`` is a file, a folder that is not ours, the working directory or in use by another run; or
             the disk does not take what is written.
     """
-    named = Path(path)
+    named, read = Path(path), () if force else tuple(inputs)
     target = _resolved(named)
     place = _Place(target)
     with contextlib.ExitStack() as held:
         try:
-            _refuse_foreign(target, named)
+            _refuse_foreign(target, named, force=force, inputs=read)
             held.callback(_remove_empty, _make_parents(target.parent))
             held.enter_context(
                 locked(place.lock, "another run is writing this folder; wait for it, or name another", named)
             )
             place.recover()
-            _refuse_foreign(target, named)
+            _refuse_foreign(target, named, force=force, inputs=read)
             partial = place.new("partial")
         except OSError as problem:
             raise _refused(problem, named) from None
@@ -81,7 +88,7 @@ def output_folder(path: Path | str) -> Iterator[Path]:
             try:
                 sync_tree(partial)
                 signals.hold()
-                _refuse_foreign(target, named)  # it may have appeared meanwhile
+                _refuse_foreign(target, named, force=force, inputs=read)  # it may have appeared meanwhile
                 place.swap(partial)
             except OSError as problem:
                 raise _refused(problem, named) from problem
@@ -170,7 +177,7 @@ def _carries_our_key(file: Path) -> bool:
     return any(str(key).startswith("machopt") for key in value)
 
 
-def _refuse_foreign(target: Path, named: Path) -> None:
+def _refuse_foreign(target: Path, named: Path, *, force: bool, inputs: tuple[Path, ...]) -> None:
     if not target.exists():
         return
     if not target.is_dir():
@@ -188,23 +195,34 @@ def _refuse_foreign(target: Path, named: Path) -> None:
             "name a new folder, or empty this one",
             file=named,
         )
-    foreign = _not_written_by_us(target)
-    if foreign:
-        more = f" and {len(foreign) - 1} more" if len(foreign) > 1 else ""
+    inside = next((p for p in inputs if p.resolve().is_relative_to(target)), None)
+    if inside is not None:
+        raise InputError(f"holds {inside}, an input of this command; name a new folder, or give --force", file=named)
+    lost = () if force else edited_files(target)
+    if lost:
+        more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
         raise InputError(
-            f"holds {foreign[0]}{more}, which machopt did not write and would remove with the folder; move it away, "
-            "or name a new folder",
+            f"holds {lost[0]}{more} and would be replaced as a whole; name a new folder, copy the file elsewhere, or "
+            "give --force (force=True in Python)",
             file=named,
         )
 
 
-def _not_written_by_us(target: Path) -> list[str]:
-    """Files that are not in the folder's manifest; nothing can be told where there is none."""
+def edited_files(folder: Path) -> tuple[str, ...]:
+    """Files of an earlier output that would be lost with it, each with what happened to it.
+
+    These are files that were changed since machopt wrote them and files that machopt did not write. Where no manifest
+    can be read, every file counts whose name is not one that machopt gives.
+    """
     try:
-        manifest, _ = read_manifest(target)
+        manifest, _ = read_manifest(folder)
     except InputError:
-        return []
-    return sorted(listed(target) - {f.name for f in manifest.files} - {MANIFEST})
+        return tuple(
+            f"{name}, which is in no manifest" for name in sorted(listed(folder) - {*ROLES, *BATCH_ROLES, MANIFEST})
+        )
+    lost = [d for d in differences(folder, manifest) if d.what != MISSING]
+    words = {ADDED: "which machopt did not write"}
+    return tuple(f"{d.name}, {words.get(d.what, 'which was changed since machopt wrote it')}" for d in lost)
 
 
 def _is_mount(target: Path) -> bool:

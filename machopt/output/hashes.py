@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import stat
 from pathlib import Path
 
 from machopt.domain.manifest import ManifestFile
@@ -16,6 +17,8 @@ def sha256_of(file: Path) -> str:
         InputError: the file cannot be read.
     """
     try:
+        if not stat.S_ISREG(file.stat().st_mode):  # opening a named pipe waits for whoever writes into it
+            raise InputError("is not a plain file", file=file)
         with file.open("rb") as data:
             return hashlib.file_digest(data, "sha256").hexdigest()
     except OSError as problem:

@@ -19,6 +19,7 @@ from machopt.output.jsonfile import plain, read_json, write_json
 MANIFEST = "manifest.json"
 FORMAT: Literal[1] = 1
 NOT_OURS = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})  # file managers leave these wherever one looks
+ADDED, MISSING = "is not in the manifest", "is missing"
 _SHA = re.compile(r"[0-9a-f]{64}")
 _KEYS: dict[str, Any] = {
     "machopt_manifest": int,
@@ -129,11 +130,11 @@ def listed(folder: Path) -> set[str]:
 def differences(folder: Path, manifest: Manifest) -> tuple[Difference, ...]:
     """What is missing from the folder, changed in it, or there without being listed."""
     there = listed(folder) - {MANIFEST}
-    out = [Difference(name, "is not in the manifest") for name in sorted(there - {f.name for f in manifest.files})]
+    out = [Difference(name, ADDED) for name in sorted(there - {f.name for f in manifest.files})]
     for f in manifest.files:
         path = folder / f.name
         if f.name not in there:
-            out.append(Difference(f.name, "is missing"))
+            out.append(Difference(f.name, MISSING))
         elif path.is_symlink() or not path.is_file():
             out.append(Difference(f.name, "is not a plain file"))
         else:
@@ -142,12 +143,14 @@ def differences(folder: Path, manifest: Manifest) -> tuple[Difference, ...]:
 
 
 def _changed(path: Path, f: ManifestFile) -> Iterable[Difference]:
+    """The size first: a file of another size is not hashed, however large it is."""
     try:
-        size, found = path.stat().st_size, sha256_of(path)
+        size = path.lstat().st_size
+        if size != f.size:
+            return (Difference(f.name, f"is changed: {size} bytes, {f.size} were written"),)
+        found = sha256_of(path)
     except (OSError, InputError) as problem:
         return (Difference(f.name, f"cannot be read: {problem}"),)
-    if size != f.size:
-        return (Difference(f.name, f"is changed: {size} bytes, {f.size} were written"),)
     if found != f.sha256:
         return (Difference(f.name, f"is changed: sha256 {found[:12]}…, {f.sha256[:12]}… was written"),)
     return ()

@@ -16,7 +16,31 @@ from machopt.errors import InputError
 from machopt.placement.asked import Shift
 from machopt.placement.found import Place, Planned
 
+_FIRST_LINE = 4096  # bytes; that of a journal is shorter
 One = TypeVar("One", Place, Planned)
+
+
+def refuse_foreign_journal(path: Path, *, force: bool) -> None:
+    """Refuse a file of another origin in the place of the journal, which would overwrite it.
+
+    Raises:
+        InputError: it is no plain file, or its first line is not that of a journal.
+    """
+    if not path.is_symlink() and not path.exists():
+        return
+    first: object = None
+    if path.is_file() and not path.is_symlink():
+        if force:
+            return
+        with path.open("rb") as data:
+            line = data.readline(_FIRST_LINE)
+        first = _object(line.decode("utf-8", errors="replace")) if line else {"placement": ""}
+    if not (isinstance(first, dict) and set(first) == {"placement"}):
+        raise InputError(
+            "is where the search notes its progress, and machopt did not write it; move it, name another output "
+            "folder, or give --force",
+            file=path,
+        )
 
 
 class Journal:

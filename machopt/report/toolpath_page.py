@@ -11,6 +11,7 @@ import numpy as np
 from machopt.domain.results.inspected import OperationInspected, ToolpathInspected
 from machopt.domain.results.optimize import IgnoredWord
 from machopt.domain.toolpath import Move, Toolpath, cut_off_words
+from machopt.output.single_file import write_text_file
 from machopt.report.display import LENGTH
 from machopt.report.scene import Path3D
 from machopt.report.scene_spec import bare_scene, posture_view
@@ -29,15 +30,22 @@ if TYPE_CHECKING:
 MOST_POINTS = 10_000  # of the picture in three dimensions
 
 
-def write_toolpath_page(path: Path, toolpath: Toolpath, summary: ToolpathInspected) -> None:
+def write_toolpath_page(
+    path: Path, toolpath: Toolpath, summary: ToolpathInspected, *, force: bool = False, inputs: Sequence[Path] = ()
+) -> None:
     """Write the page.
 
     Args:
         path: the HTML file.
         toolpath: what was read.
         summary: of :func:`machopt.formats.inspect.summarise`.
+        force: replace whatever file is there.
+        inputs: files that were read.
+
+    Raises:
+        InputError: the file is an input, machopt did not write it, it was edited, or it cannot be written.
     """
-    path.write_text(toolpath_page(toolpath, summary), encoding="utf-8", newline="\n")
+    write_text_file(path, toolpath_page(toolpath, summary), force=force, inputs=inputs)
 
 
 def toolpath_page(toolpath: Toolpath, summary: ToolpathInspected) -> str:

@@ -28,7 +28,7 @@ from machopt.report.gather.cell import cell_scene
 from machopt.report.gather.diagnose import page_of
 from machopt.services.diagnose_files import KINEMATICS, STIFFNESS, corrections_of, effect_of
 from machopt.services.diagnosed import Diagnosed, write
-from machopt.services.inputs import input_hashes
+from machopt.services.inputs import input_hashes, paths_read
 
 Progress = Callable[[str], None]
 
@@ -49,7 +49,7 @@ def run_diagnose(request: DiagnoseRequest, progress: Progress = lambda _: None) 
         InputError: bad cell, recording, laws or output folder.
     """
     own = run(request.terms)
-    with in_use(own), output_folder(request.out) as folder:
+    with in_use(own), output_folder(request.out, force=request.overwrite, inputs=paths_read(request)) as folder:
         refuse_without_pyarrow(request.tables)
         done = diagnosed(request, own, progress)
         write(done, folder, progress)

@@ -18,7 +18,7 @@ from machopt.report.display import in_words
 from machopt.report.gather.identify import page_of
 from machopt.report.identification_page import write_identification
 from machopt.services.identified import Identified, identified
-from machopt.services.inputs import recording_inputs, single
+from machopt.services.inputs import paths_read, recording_inputs, single
 from machopt.services.manifest import write_command_manifest
 
 
@@ -37,7 +37,10 @@ def run_identify(request: IdentifyRequest, progress: Callable[[str], None] = lam
     Raises:
         InputError: bad cell, recording, options or output folder; a record that cannot be right.
     """
-    with in_use(with_effects(request.effects)), output_folder(request.out) as folder:
+    with (
+        in_use(with_effects(request.effects)),
+        output_folder(request.out, force=request.overwrite, inputs=paths_read(request)) as folder,
+    ):
         refuse_without_pyarrow(request.tables)
         done = identified(request, progress)
         write(done, folder, progress)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import fields
 from pathlib import Path
 
 from machopt.domain.cell import Cell
@@ -30,6 +31,16 @@ def recording_inputs(recordings: Sequence[Path], role: str = "recording") -> tup
         folder = path if path.is_dir() else path.parent
         files = sorted(p for p in folder.iterdir() if p.is_file())
         out += [entry(f, f"{folder.name}/{f.name}", role) for f in files]
+    return tuple(out)
+
+
+def paths_read(request: object) -> tuple[Path, ...]:
+    """Every file and folder that a command's request names, but for its output folder."""
+    out: list[Path] = []
+    for f in fields(request):  # type: ignore[arg-type]
+        value = getattr(request, f.name)
+        if f.name != "out":
+            out += [v for v in (value if isinstance(value, tuple) else (value,)) if isinstance(v, Path)]
     return tuple(out)
 
 

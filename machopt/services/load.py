@@ -44,6 +44,7 @@ class OptimizeRequest:
     program_tolerance_mm: float | None = None  # 0.05, or twice path_tolerance_mm where that is more
     effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which stiffness.yaml may hold
     tables: str = "csv"  # parquet: every table as Parquet, too
+    overwrite: bool = False  # replace an earlier output though files in it were edited or added
     map_all: bool = False  # look for the collisions of every configuration, for the report's map
 
 

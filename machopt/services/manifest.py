@@ -27,6 +27,7 @@ from machopt.version import __version__
 _PLACES = (
     "cell",
     "out",
+    "overwrite",
     "recordings",
     "toolpath",
     "toolpaths",
@@ -35,7 +36,7 @@ _PLACES = (
     "discriminate",
     "effects",
     "tables",
-)  # inputs, by hash; and how tables are written, which the files show
+)  # inputs, by hash; and how files are written, which they show
 _LIBRARIES = ("numpy", "scipy", "numba", "pin", "coal", "python-fcl", "trimesh")  # whose numbers are in the output
 
 

@@ -13,7 +13,7 @@ from machopt.formats.parquet import refuse_without_pyarrow
 from machopt.output import output_folder, write_result
 from machopt.report.map_page import write_map_page
 from machopt.report.map_svg import write_map_svg
-from machopt.services.inputs import single
+from machopt.services.inputs import paths_read, single
 from machopt.services.manifest import write_command_manifest
 from machopt.services.map_columns import map_columns
 from machopt.services.mapped import Mapped, mapped
@@ -41,7 +41,10 @@ def run_map(request: MapRequest, progress: Callable[[str], None] = lambda _: Non
     Raises:
         InputError: bad cell, options, measured table or output folder.
     """
-    with in_use(with_effects(request.effects)), output_folder(request.out) as folder:
+    with (
+        in_use(with_effects(request.effects)),
+        output_folder(request.out, force=request.overwrite, inputs=paths_read(request)) as folder,
+    ):
         refuse_without_pyarrow(request.tables)
         done = mapped(request, progress)
         write(done, folder, progress)

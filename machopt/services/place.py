@@ -15,12 +15,12 @@ from machopt.formats.parquet import refuse_without_pyarrow
 from machopt.output import output_folder, write_result
 from machopt.placement.found import Siting
 from machopt.placement.hands import Hands
-from machopt.placement.journal import Journal
+from machopt.placement.journal import Journal, refuse_foreign_journal
 from machopt.placement.search import Site, find
 from machopt.plan.job.drive import refuse_wrong_unit
 from machopt.report.gather.place import page_of, result_of, write_places
 from machopt.report.place_page import write_place_page
-from machopt.services.inputs import input_hashes, single
+from machopt.services.inputs import input_hashes, paths_read, single
 from machopt.services.manifest import write_command_manifest
 from machopt.services.place_asked import PlaceRequest, key_of
 from machopt.services.place_best import confirmed
@@ -60,10 +60,11 @@ def place(request: PlaceRequest, progress: Progress = lambda _: None, crew: Hand
     """
     refuse_without_pyarrow(request.tables)
     with in_use(with_effects(request.effects)):
+        journal = request.out.with_name(request.out.name + ".progress.jsonl")
+        refuse_foreign_journal(journal, force=request.overwrite)
         progress("load")
         cell, toolpaths = read(request)
-        with output_folder(request.out) as folder:
-            journal = request.out.with_name(request.out.name + ".progress.jsonl")
+        with output_folder(request.out, force=request.overwrite, inputs=paths_read(request)) as folder:
             try:
                 found = sited(request, cell, toolpaths, progress, journal, crew)
             except InputError:  # nothing can go on from what was asked wrongly

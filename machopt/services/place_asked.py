@@ -36,6 +36,7 @@ class PlaceRequest:
     posts: tuple[str, ...] = ()
     effects: tuple[Path, ...] = ()
     tables: str = "csv"  # parquet: every table, those of the best plans too, as Parquet beside its CSV
+    overwrite: bool = False  # replace an earlier output though files in it were edited or added
 
 
 def refuse_options(options: PlanOptions) -> None:

@@ -17,7 +17,7 @@ from machopt.formats.parquet import refuse_without_pyarrow
 from machopt.formats.poses import write_poses_csv, write_recording_template
 from machopt.output import output_folder, write_result
 from machopt.report.poses_page import write_poses_page
-from machopt.services.inputs import recording_inputs, single
+from machopt.services.inputs import paths_read, recording_inputs, single
 from machopt.services.manifest import write_command_manifest
 from machopt.services.poses_planned import Planned, planned
 
@@ -48,7 +48,10 @@ def run_plan_poses(request: PosesRequest, progress: Callable[[str], None] = lamb
     Raises:
         InputError: bad cell, option or output folder.
     """
-    with in_use(with_effects(request.effects)), output_folder(request.out) as folder:
+    with (
+        in_use(with_effects(request.effects)),
+        output_folder(request.out, force=request.overwrite, inputs=paths_read(request)) as folder,
+    ):
         refuse_without_pyarrow(request.tables)
         done = planned(request, progress)
         write(done, folder, progress)

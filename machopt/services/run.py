@@ -11,6 +11,7 @@ from machopt.effects.own import in_use, with_effects
 from machopt.output import output_folder
 from machopt.plan.kernels import taken_beside
 from machopt.plan.pipeline.setup import Timings
+from machopt.services.inputs import paths_read
 from machopt.services.load import OptimizeRequest, load
 from machopt.services.planned import planned
 
@@ -41,7 +42,7 @@ def optimize(request: OptimizeRequest, progress: Callable[[str], None] = lambda 
         with taken_beside(WRITING):
             with timings.stage("load"):
                 given = load(request)
-            with output_folder(request.out) as folder:
+            with output_folder(request.out, force=request.overwrite, inputs=paths_read(request)) as folder:
                 the_plan = planned(given, timings)
                 from machopt.services.written import write
 

@@ -14,6 +14,7 @@ from machopt.domain.results.cells import RemarkTold, ValidateResult
 from machopt.effects.own import in_use, with_effects
 from machopt.errors import InputError
 from machopt.formats.cell import cell_file
+from machopt.output.single_file import refuse_overwriting, write_text_file
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,12 @@ class Validated:
 
 
 def validate(
-    path: Path, *, allow_external: bool = False, picture_file: Path | None = None, effects: Sequence[Path] = ()
+    path: Path,
+    *,
+    allow_external: bool = False,
+    picture_file: Path | None = None,
+    effects: Sequence[Path] = (),
+    overwrite: bool = False,
 ) -> Validated:
     """Look at a cell.
 
@@ -56,6 +62,7 @@ def validate(
         allow_external: let the cell use files outside its folder.
         picture_file: where to draw it, .svg.
         effects: Python files with effects of the user's own that the cell's files hold; runs the code in them.
+        overwrite: replace whatever file is where the picture goes.
 
     Raises:
         InputError: there is no such cell, the picture cannot be written, or a file with effects is wrong.
@@ -64,10 +71,14 @@ def validate(
         raise InputError(f"pictures are SVG; {picture_file.stem}.svg would work", file=picture_file)
     cell_file(path)  # none there is no finding about a cell
     with in_use(with_effects(effects)):
-        return _validated(path, allow_external, picture_file)
+        return _validated(path, allow_external, picture_file, effects, overwrite=overwrite)
 
 
-def _validated(path: Path, allow_external: bool, picture_file: Path | None) -> Validated:
+def _validated(
+    path: Path, allow_external: bool, picture_file: Path | None, effects: Sequence[Path], *, overwrite: bool
+) -> Validated:
+    if picture_file is not None:
+        refuse_overwriting(picture_file, force=overwrite, inputs=(cell_file(path), *effects))
     read = read_all(path, allow_external=allow_external)
     found = [Remark("error", "", str(p)) for p in read.problems]
     drawn = None
@@ -75,7 +86,7 @@ def _validated(path: Path, allow_external: bool, picture_file: Path | None) -> V
         found += [f for f in review(read.cell) if not _put_aside(f, read.put_aside)]
         found += [Remark("warning", "", w) for w in read.cell.warnings]
         if picture_file is not None:
-            drawn = _draw(read.cell, picture_file, found)
+            drawn = _draw(read.cell, picture_file, found, effects, overwrite=overwrite)
     found.sort(key=lambda f: f.level)  # stable, and errors come first by the alphabet
     return Validated(path, read.cell, tuple(found), drawn)
 
@@ -85,14 +96,11 @@ def _put_aside(finding: Remark, keys: tuple[str, ...]) -> bool:
     return finding.where != "" and any(k.split(".")[0] == finding.where.split(".")[0] for k in keys)
 
 
-def _draw(cell: Cell, file: Path, found: list[Remark]) -> Path | None:
+def _draw(cell: Cell, file: Path, found: list[Remark], effects: Sequence[Path], *, overwrite: bool) -> Path | None:
     try:
         text = picture(cell)
     except InputError as problem:
         found.append(Remark("error", "", str(problem)))
         return None
-    try:
-        file.write_text(text + "\n", encoding="utf-8", newline="\n")
-    except OSError as problem:
-        raise InputError(f"cannot be written: {problem.strerror}", file=file) from None
+    write_text_file(file, text + "\n", force=overwrite, inputs=(*cell.files, *effects))
     return file

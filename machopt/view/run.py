@@ -14,6 +14,7 @@ from machopt.formats.options import load_options, options_as_user
 from machopt.formats.reading import reading_from_user
 from machopt.output.manifest import MANIFEST, read_manifest
 from machopt.report.cell_page import cell_html
+from machopt.services.inputs import paths_read
 from machopt.services.load import OptimizeRequest, load
 from machopt.view.origin import changed, origin_of
 from machopt.view.server import Server
@@ -52,10 +53,18 @@ def serve(asked: Asked, say: Callable[[str], None], progress: Callable[[str], No
         return _fixed(cell_html(cell), asked.port)
     if len(places) != 2:
         raise InputError("too many places; OUT, CELL, CELL TOOLPATH or OUT CELL TOOLPATH would work", where="view")
-    given = load(_request(asked, out, *places))
+    request = _request(asked, out, *places)
+    given = load(request)
     if out is not None and (other := changed(read_manifest(out)[0].inputs, given.manifest.inputs)):
         say(f"{', '.join(other)} changed since {out} was made: the plan is that of today's files")
-    session = Session.begun(given, asked.save, _words(asked, *places), progress)
+    session = Session.begun(
+        given,
+        asked.save,
+        _words(asked, *places),
+        progress,
+        overwrite=request.overwrite,
+        inputs=(*given.cell.files, *paths_read(request), *paths_read(asked.request)),
+    )
     return Server(session.html, Acting(session).act, ACTIONS, asked.port)
 
 

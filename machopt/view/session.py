@@ -16,6 +16,7 @@ from machopt.domain.results.view import ViewAnswer
 from machopt.domain.steering import refuse_narrow, steered, stretches
 from machopt.errors import InputError
 from machopt.formats.options import load_options, options_as_user
+from machopt.output.single_file import write_text_file
 from machopt.plan.external.axes import axes_of
 from machopt.plan.job.conflict import whole
 from machopt.plan.kept import Store, keeping
@@ -47,16 +48,37 @@ class Session:
     before: Planned | None = None
     told: str = ""
     good: bool = True
+    overwrite: bool = False  # replace whatever file is where the plan is saved
+    inputs: tuple[Path, ...] = ()  # files that were read
     kept: Store = field(default_factory=Store)  # what the steps of earlier plans came to
 
     @classmethod
-    def begun(cls, given: Loaded, file: Path, words: tuple[str, ...], progress: Progress) -> Session:
+    def begun(
+        cls,
+        given: Loaded,
+        file: Path,
+        words: tuple[str, ...],
+        progress: Progress,
+        *,
+        overwrite: bool = False,
+        inputs: tuple[Path, ...] = (),
+    ) -> Session:
         """Plan as asked."""
         store = Store()
         with keeping(store):
             made = planned(given, Timings(progress=progress))
         told, good = _outcome(made)
-        return cls(given=given, file=file, words=words, now=made, told=told, good=good, kept=store)
+        return cls(
+            given=given,
+            file=file,
+            words=words,
+            now=made,
+            told=told,
+            good=good,
+            overwrite=overwrite,
+            inputs=inputs,
+            kept=store,
+        )
 
     def wishes(self) -> dict[str, Any]:
         """What the plan shown was steered by, under the keys of a plan file."""
@@ -94,10 +116,7 @@ class Session:
 
     def save(self) -> str:
         """Write the plan file; its command."""
-        try:
-            self.file.write_text(self.plan_text(), encoding="utf-8", newline="\n")
-        except OSError as problem:
-            raise InputError(f"cannot be written: {problem.strerror}", file=self.file) from None
+        write_text_file(self.file, self.plan_text(), force=self.overwrite, inputs=self.inputs)
         return self.command
 
     def verified(self, progress: Progress) -> ViewAnswer:

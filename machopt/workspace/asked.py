@@ -57,6 +57,7 @@ class MapRequest:
     allow_external: bool = False
     effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which stiffness.yaml may hold
     tables: str = "csv"  # parquet: every table as Parquet, too
+    overwrite: bool = False  # replace an earlier output though files in it were edited or added
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -279,9 +280,9 @@ def _load(request: MapRequest) -> Load | None:
         raise InputError(f"found {request.load_axes!r}, expected frame or tool", where="--load-axes")
     axes = cast(Literal["frame", "tool"], request.load_axes)
     if request.force is not None and request.wrench is not None:
-        raise InputError("--force and --wrench are both given; one would work", where="--wrench")
+        raise InputError("--load-N and --wrench are both given; one would work", where="--wrench")
     if request.force is not None:
-        values = (*numbers(request.force, 3, "--force", "0,0,-1000"), 0.0, 0.0, 0.0)
+        values = (*numbers(request.force, 3, "--load-N", "0,0,-1000"), 0.0, 0.0, 0.0)
     elif request.wrench is not None:
         values = numbers(request.wrench, 6, "--wrench", "0,0,-2000,200,200,0")
     else:
@@ -289,7 +290,7 @@ def _load(request: MapRequest) -> Load | None:
     if not any(values):
         raise InputError(
             "a load of zero bends nothing; leave it out or give one",
-            where="--force" if request.force is not None else "--wrench",
+            where="--load-N" if request.force is not None else "--wrench",
         )
     return Load(np.array(values), axes)
 

@@ -74,7 +74,7 @@ def criterion_of(options: MapOptions, setting: Setting) -> Field:
     key = options.by or default_criterion(setting)
     field = next(f for f in FIELDS if f.key == key)
     if field not in offered(setting):
-        lacks = "--force or --wrench" if setting.elasticity is not None else "a cell with stiffness"
+        lacks = "--load-N or --wrench" if setting.elasticity is not None else "a cell with stiffness"
         raise InputError(f"{key} needs {lacks}; {', '.join(f.key for f in offered(setting))} would work", where="--by")
     return field
 

@@ -26,6 +26,7 @@ class DiagnoseRequest:
     accept: tuple[str, ...] = ()
     seed: int = 0
     tables: str = "csv"  # parquet: every table as Parquet, too
+    overwrite: bool = False  # replace an earlier output though files in it were edited or added
     allow_external: bool = False
     overrides: tuple[str, ...] = ()  # planning options for the toolpath, key=value
 
