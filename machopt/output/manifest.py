@@ -20,6 +20,7 @@ MANIFEST = "manifest.json"
 FORMAT: Literal[1] = 1
 NOT_OURS = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})  # file managers leave these wherever one looks
 ADDED, MISSING = "is not in the manifest", "is missing"
+MOST_FILE_BYTES = 2 << 30  # no file that machopt writes comes near; a larger one is neither hashed nor read
 _SHA = re.compile(r"[0-9a-f]{64}")
 _KEYS: dict[str, Any] = {
     "machopt_manifest": int,
@@ -148,6 +149,8 @@ def _changed(path: Path, f: ManifestFile) -> Iterable[Difference]:
         size = path.lstat().st_size
         if size != f.size:
             return (Difference(f.name, f"is changed: {size} bytes, {f.size} were written"),)
+        if size > MOST_FILE_BYTES:
+            return (Difference(f.name, f"has {size} bytes; files of machopt have {MOST_FILE_BYTES} at most"),)
         found = sha256_of(path)
     except (OSError, InputError) as problem:
         return (Difference(f.name, f"cannot be read: {problem}"),)

@@ -19,8 +19,8 @@ from machopt.formats.parquet import difference
 from machopt.formats.toolchoice import stints_of
 from machopt.model.threads import both
 from machopt.output.manifest import MANIFEST, differences, read_manifest
-from machopt.output.roles import BATCH_ROLES, ROLES
 from machopt.recheck.compared import Posted
+from machopt.recheck.folder_files import COPIES, find_unreadable_files, find_wrong_roles
 from machopt.recheck.inforce import failed
 from machopt.recheck.posts import post_of, tolerance_of
 from machopt.recheck.readback import check_programs
@@ -36,13 +36,6 @@ from machopt.verify.table import Motion, read_motion
 
 NAN = float("nan")
 BESIDE = 200_000  # samples of a motion up to which programs are checked beside the tables: longer, memory counts more
-
-
-_COPIES = ("points.parquet", "trajectory.parquet", "compensation.parquet", "front.parquet")
-_RESULTS = (*_COPIES, "points.csv", "trajectory.csv", "compensation.csv", "front.csv", "result.json", "report.html")
-
-
-OPTIMIZE_ROLES = {name: ROLES[name] for name in _RESULTS} | BATCH_ROLES
 
 
 def verify_folder(
@@ -69,6 +62,10 @@ def verify_folder(
         Files that are missing or unreadable are failed checks, never exceptions.
     """
     manifest, checks = manifest_checks(folder, inputs)
+    unreadable = find_unreadable_files(folder, manifest)
+    if unreadable:  # nothing is opened, so that nothing can block or fill the memory
+        found = failed(Promise.READABLE, "; ".join(f"{name} {why}" for name, why in unreadable[:3]))
+        return Verification((*checks, replace(found, file=unreadable[0][0], what=Promise.READABLE)), 0, NAN)
     with read_once():
         if manifest is not None and manifest.exit_code == 3 and not (folder / "trajectory.csv").exists():
             contents, found = None, Verification((), 0, 0.0)
@@ -81,7 +78,7 @@ def verify_folder(
 
 def check_copies(folder: Path) -> list[Check]:
     """Parquet tables beside the CSV ones, which say the same."""
-    there = [folder / name for name in _COPIES if (folder / name).exists()]
+    there = [folder / name for name in COPIES if (folder / name).exists()]
     try:
         odd = [(copy, difference(copy.with_suffix(".csv"), copy)) for copy in there]
     except InputError as problem:
@@ -197,22 +194,8 @@ def manifest_checks(folder: Path, inputs: tuple[ManifestFile, ...]) -> tuple[Man
 def _files(folder: Path, manifest: Manifest) -> Check:
     """What the folder holds, by name and hash, against what the manifest lists."""
     changed = differences(folder, manifest)
-    check = _check(Promise.FILES, [*(f"{d.name} {d.what}" for d in changed), *_other_roles(manifest)])
+    check = _check(Promise.FILES, [*(f"{d.name} {d.what}" for d in changed), *find_wrong_roles(folder, manifest)])
     return replace(check, file=changed[0].name, what=Promise.FILES) if changed else check
-
-
-def _other_roles(manifest: Manifest) -> list[str]:
-    """Files that the manifest lists and optimize does not write, or calls otherwise."""
-    programs = {name for p in manifest.programs for name in p.files}
-    templates = {p.post for p in manifest.programs}  # a user's template lies beside its program
-    out = []
-    for f in manifest.files:
-        role = "program" if f.name in programs else OPTIMIZE_ROLES.get(f.name)
-        if role is None and f.name not in templates:
-            out.append(f"{f.name} is listed as {f.role}, but it is no program of the manifest and no file of optimize")
-        elif role is not None and f.role != role:
-            out.append(f"{f.name} is listed as {f.role}; it is the {role}")
-    return out
 
 
 def input_differences(recorded: tuple[ManifestFile, ...], given: tuple[ManifestFile, ...]) -> list[str]:

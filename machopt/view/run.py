@@ -13,6 +13,7 @@ from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options, options_as_user
 from machopt.formats.reading import reading_from_user
 from machopt.output.manifest import MANIFEST, read_manifest
+from machopt.recheck.folder_files import find_unreadable_files
 from machopt.report.cell_page import cell_html
 from machopt.services.inputs import paths_read
 from machopt.services.load import OptimizeRequest, load
@@ -43,6 +44,9 @@ def serve(asked: Asked, say: Callable[[str], None], progress: Callable[[str], No
     """
     places = list(asked.places)
     out = places.pop(0) if (places[0] / MANIFEST).is_file() else None
+    if out is not None:
+        for name, why in find_unreadable_files(out, read_manifest(out)[0])[:1]:
+            raise InputError(why, file=out / name)
     if out is not None and not places:
         places = [] if asked.as_it_is else _found(out, say)
         if not places:
