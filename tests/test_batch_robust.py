@@ -257,7 +257,7 @@ def test_the_manifest_of_a_batch_holds_its_summary_and_is_gone_while_it_runs(tmp
     assert changed == ["summary.csv"]
 
 
-def test_a_result_that_was_edited_is_made_again(tmp_path: Path) -> None:
+def test_a_result_that_was_edited_is_made_again_with_force_alone(tmp_path: Path) -> None:
     """As far as it has a manifest; the jobs here have none, so one is written for them."""
     from machopt.domain.manifest import Manifest
     from machopt.output import write_manifest
@@ -272,7 +272,10 @@ def test_a_result_that_was_edited_is_made_again(tmp_path: Path) -> None:
     assert run_batch(request).done == 0
     with (folders[0] / "points.csv").open("a") as file:
         file.write("# touched\n")
-    assert run_batch(request).done == 1
+    with pytest.raises(InputError, match=r"points\.csv"):
+        run_batch(request)
+    assert "# touched" in (folders[0] / "points.csv").read_text()
+    assert run_batch(replace(request, overwrite=True)).done == 1
 
 
 # ── the key ──────────────────────────────────────────────────────────────────────────────────────────────────────────

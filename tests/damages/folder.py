@@ -8,7 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from damages.damage import Damage, Job, edited, in_text, one
+from damages.damage import Damage, Job, edited, editing, in_text, one
+
+from machopt.output.hashes import sha256_of
+from machopt.output.manifest import seal
 
 POINTS, MOTION = "points.csv can be read", "trajectory.csv can be read"
 LISTED, MANIFEST, INPUTS = "files as listed", "manifest.json", "made from these inputs"
@@ -188,6 +191,45 @@ FORGED_MANIFESTS = [
         ("roles swapped", "2 words", lambda m: roles(m, {"points.csv": "report", "report.html": "points"}), LISTED),
         ("another command", "1 word", lambda m: m.update(command="map"), MANIFEST),
         ("version", "1 word", lambda m: m["versions"].update(machopt="9.9"), "result.json verdict"),
+    )
+]
+
+def with_program(name: str, post: str, *, role: str = "program", own: bool = True) -> Callable[[Job], None]:
+    """A file of another origin that the manifest calls a program, of a post of its own or of the folder's own post."""
+
+    def apply(job: Job) -> None:
+        file = job.out / name
+        file.parent.mkdir(exist_ok=True)
+        file.write_bytes(b"\xd0\xcf\x11\xe0")
+        with editing(job.out / "manifest.json") as m:
+            m["files"][name] = {"role": role, "sha256": sha256_of(file), "size": file.stat().st_size}
+            if own:
+                m["programs"].append({"post": post, "files": [name]})
+            m["files"] = dict(sorted(m["files"].items()))
+            m["seal"] = seal(m)
+
+    return apply
+
+
+GIVEN_ROLES = [
+    Damage(f"a role for an unknown file: {name} as {role} of {post or 'none'}", "1 file", change, LISTED, reseal=False)
+    for name, post, role, change in (
+        (name, post, role, with_program(name, post, role=role, own=bool(post)))
+        for name, post, role in (
+            ("Thumbs.db", "krl", "program"),
+            ("Thumbs.db", "explorer", "program"),
+            ("Thumbs.db", "Thumbs.db", "program"),
+            (".DS_Store", "rapid", "program"),
+            ("desktop.ini", "csv", "program"),
+            ("krl/Thumbs.db", "krl", "program"),
+            ("setup.exe", "krl", "program"),
+            ("notes", "fanuc", "program"),
+            ("a.src", "kuka", "program"),
+            ("a.mod", "krl", "program"),
+            ("notes.txt", "", "program"),
+            ("notes.txt", "", "report"),
+            ("notes.toml", "notes.toml", "other"),
+        )
     )
 ]
 
@@ -399,4 +441,4 @@ FORGED_OPTIONS = [
     )
 ]
 
-DAMAGES = [*FILES, *MANIFESTS, *FORGED_OPTIONS, *FORGED_MANIFESTS, *RESULTS, *OTHERS]
+DAMAGES = [*FILES, *GIVEN_ROLES, *MANIFESTS, *FORGED_OPTIONS, *FORGED_MANIFESTS, *RESULTS, *OTHERS]
