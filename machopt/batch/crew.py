@@ -37,7 +37,8 @@ class Crew:
         """Answers in the order of the questions.
 
         Raises:
-            MachoptError: a process has ended, or the scheduler is gone.
+            MachoptError: a process has ended.
+            SchedulerLostError: the scheduler is gone.
         """
         futures = [self.submit(answer, self.order, ask, item) for item in items]
         try:

@@ -8,24 +8,42 @@ be killed are the process servers that :mod:`machopt.batch.supervise` starts, an
 from __future__ import annotations
 
 import contextlib
+import errno
 import functools
 import logging
 import queue
 import tempfile
 import time
 from collections.abc import Generator, Sequence
+from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import Any
 
 from machopt.batch.key import program_version
 from machopt.batch.supervise import Ended, Spec, stop_servers, supervise
-from machopt.errors import InputError, MachoptError
+from machopt.errors import InputError
 
 CONNECT = 15.0  # s to reach a scheduler
 WORKERS = 60.0  # s to wait for its first worker, and for another where all are gone
 CLOSE = 5.0  # s to part from a scheduler
 LOOK = 5.0  # s between two looks whether the scheduler and a worker are there
 PROBE = "probe.txt"
+
+
+class SchedulerLostError(InputError):
+    """The scheduler that the user named, or the last of its workers, has gone while jobs were open.
+
+    Args:
+        what: that happened.
+        address: of the scheduler.
+    """
+
+    def __init__(self, what: str, address: str) -> None:
+        self.address = address
+        super().__init__(
+            f"{what}; finished jobs are kept: start a scheduler with workers, and the same command resumes the rest",
+            where=f"--scheduler {address}",
+        )
 
 
 class Engine:
@@ -52,7 +70,18 @@ class Engine:
         self._seen = time.monotonic()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, problem: BaseException | None, _: object) -> None:
+        """Part from the workers.
+
+        Raises:
+            SchedulerLostError: the connection to the scheduler of another process broke; Dask has its own exceptions
+                for that, which nobody outside of this file knows.
+        """
+        self._close()
+        if self._address is not None and _is_lost_connection(problem):
+            raise self._lost(f"the Dask scheduler is gone ({type(problem).__name__})") from problem
+
+    def _close(self) -> None:
         with self._held:
             if self._address is None:
                 stop_servers(self.batch)  # the workers are this process
@@ -115,7 +144,7 @@ class Engine:
         """Hand out all jobs in order; yields each with its end as they finish.
 
         Raises:
-            MachoptError: the scheduler is gone.
+            SchedulerLostError: the scheduler is gone.
         """
         names = {f"{self.batch}-{name}": name for name, _ in specs}
         ends: queue.SimpleQueue[Any] = queue.SimpleQueue()
@@ -132,9 +161,12 @@ class Engine:
             elif future.status == "error":
                 ended = Ended(how="server", folder="", text=_words(future.exception()))
             else:
-                raise _gone("the Dask scheduler is gone")
+                raise self._lost("the Dask scheduler is gone")
             future.release()
             yield names[future.key], ended
+
+    def _lost(self, what: str) -> SchedulerLostError:
+        return SchedulerLostError(what, self._address or "this process")
 
     def _next(self, ends: queue.SimpleQueue[Any]) -> Any:
         """The next future that is over; never waits for a scheduler or workers that are no more."""
@@ -145,7 +177,7 @@ class Engine:
 
     def _look(self) -> None:
         if self._client.status in ("closed", "closing"):
-            raise _gone("the Dask scheduler is gone")
+            raise self._lost("the Dask scheduler is gone")
         try:
             workers = self._client.sync(self._client.scheduler.ncores, callback_timeout=CONNECT)
         except (OSError, TimeoutError, _distributed().TimeoutError):
@@ -154,7 +186,7 @@ class Engine:
         if workers:
             self._seen = now
         elif now - self._seen > WORKERS:
-            raise _gone(f"no Dask worker has been there for {WORKERS:.0f} s")
+            raise self._lost(f"no Dask worker has been there for {WORKERS:.0f} s")
 
 
 @contextlib.contextmanager
@@ -187,10 +219,6 @@ def _portless() -> tuple[type, type]:
     return scheduler, type("PortlessWorker", (Portless, distributed.Worker), {})
 
 
-def _gone(what: str) -> MachoptError:
-    return MachoptError(f"{what}; finished jobs are kept, the same command goes on with the rest")
-
-
 def _probe(file: str) -> tuple[str, str | None]:
     """What a worker runs, and what it sees."""
     try:
@@ -205,6 +233,13 @@ def _words(problem: BaseException) -> str:
     if type(problem).__name__ == "KilledWorker":
         return "every worker that took it was killed"
     return f"{type(problem).__name__}: {problem}"
+
+
+def _is_lost_connection(problem: BaseException | None) -> bool:
+    """Whether an exception is one that Dask raises where the other side of a connection has gone."""
+    if isinstance(problem, OSError) and not isinstance(problem, TimeoutError):
+        return problem.errno in (None, errno.ECONNREFUSED, errno.ECONNRESET, errno.EPIPE, errno.ETIMEDOUT)
+    return isinstance(problem, (CancelledError, TimeoutError, _distributed().TimeoutError))
 
 
 def check_installed() -> None:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
         ExternalSearchBound,
         OptimizeResult,
     )
-    from machopt.verify import Check
+    from machopt.verify import Check, Information
 
 
 STOPS = 6  # places that are named where the motion stops
@@ -32,6 +32,12 @@ def check_line(c: Check) -> str:
     if math.isnan(c.value) and math.isnan(c.limit):
         return f"{'ok  ' if c.passed else 'FAIL'} {c.name}{where.replace(' at ', ': ', 1)}"
     return f"{'ok  ' if c.passed else 'FAIL'} {c.name}: {c.value:.4g} {c.unit} (limit {c.limit:.4g}){where}"
+
+
+def information_line(i: Information) -> str:
+    """A value that is no check: it has neither a limit nor a verdict."""
+    value = "" if math.isnan(i.value) else f": {i.value:.4g} {i.unit}"
+    return f"info {i.name}{value}{f', {i.where}' if i.where else ''}"
 
 
 def summary(result: OptimizeResult, report: Path) -> list[str]:
@@ -140,10 +146,12 @@ def _certificate_lines(result: OptimizeResult) -> list[str]:
     if search is None:
         return []
     total, beyond = _nan(result.objective.chosen.total), search.beyond_grid_percent
+    above = _nan(search.plan_above_bound_percent)
     return [
-        f"  objective {total:.4f}; no sequence on the {step:g}° grid is below {search.lower_bound:.4f} (found "
-        f"{search.sequence:.4f}, gap {search.gap_percent:.2f} %), the smooth curve off the "
-        f"grid {abs(beyond):.2f} % {'below' if beyond >= 0 else 'above'} that sequence",
+        f"  objective of the driven curve {total:.4f}, {abs(above):.2f} % {'above' if above >= 0 else 'below'} the "
+        f"bound of the grid and {abs(beyond):.2f} % {'below' if beyond >= 0 else 'above'} the grid's sequence",
+        f"    bound for the {step:g}° grid at the stations alone: no sequence is below {search.lower_bound:.4f} (found "
+        f"{search.sequence:.4f}, gap of the search {search.gap_percent:.2f} %)",
         *_external_lines(search.external),
     ]
 

@@ -13,7 +13,7 @@ from machopt.cli.display import Display, print_result, tree
 from machopt.cli.effects import told_of_effects
 from machopt.cli.readingoptions import reading, reading_parser
 from machopt.cli.shared import share
-from machopt.cli.toolpath_words import check_line, failed, first_reason, summary
+from machopt.cli.toolpath_words import check_line, failed, first_reason, information_line, summary
 from machopt.errors import InputError, VerificationError
 
 Commands = Any  # argparse keeps its subparsers' type private
@@ -241,6 +241,7 @@ def _inspect_robot(args: argparse.Namespace) -> int:
 def _verify(args: argparse.Namespace) -> int:
     from machopt.cli.failures import causes_first, failures
     from machopt.recheck.inforce import VerifyRequest
+    from machopt.recheck.scope import NOT_RECOMPUTED
     from machopt.services.verify import verify
 
     told_of_effects(args)
@@ -261,6 +262,9 @@ def _verify(args: argparse.Namespace) -> int:
         print_result(done.result)
     elif not args.quiet:
         print("\n".join(check_line(c) for c in causes_first(found.checks)))
+        print(
+            "\n".join([*map(information_line, found.information), f"info not recomputed: {', '.join(NOT_RECOMPUTED)}"])
+        )
         print("\n".join([*(f"note: {n}" for n in done.notes), *([done.line] if found.ok else [])]))
     if not found.ok:
         raise VerificationError(f"{done.line}: {failures(found.checks)}")

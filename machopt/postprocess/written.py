@@ -183,7 +183,7 @@ def stint_name(stint: Stint, post: str | Path) -> str:
 
 def read_back(programs: Sequence[Written], verification: Verification) -> tuple[Written, ...]:
     """The programs with what the verification says of each."""
-    return tuple(replace(p, checked=Compared.of(p.posted, verification.checks)) if p.files else p for p in programs)
+    return tuple(replace(p, checked=Compared.of(p.posted, verification)) if p.files else p for p in programs)
 
 
 def withheld(wanted: Sequence[Wanted], tolerance: Tolerance, why: str) -> tuple[Written, ...]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from machopt.domain.results.optimize import ReadBack
-from machopt.verify.check import Check, Promise
+from machopt.verify.check import Check, Information, Promise, Verification
 
 
 @dataclass(frozen=True)
@@ -29,13 +28,15 @@ class Compared:
     moves: int
     checks: tuple[Check, ...]
     readable: bool = True  # False: no reader here knows its language
+    information: tuple[Information, ...] = ()
 
     @classmethod
-    def of(cls, posted: Posted, checks: Sequence[Check]) -> Compared:
-        """From the checks of a whole folder those of one program."""
-        mine = tuple(c for c in checks if c.file == posted.files[0])
-        moves = next((c.value for c in mine if c.promise == Promise.MOVES), 0.0)
-        return cls(posted, int(moves), mine, not any(c.promise == Promise.COMPARED for c in mine))
+    def of(cls, posted: Posted, found: Verification | None) -> Compared:
+        """From the verification of a whole folder what is about one program."""
+        mine = tuple(c for c in found.checks if c.file == posted.files[0]) if found else ()
+        stated = tuple(i for i in found.information if i.file == posted.files[0]) if found else ()
+        moves = next((i.value for i in stated if i.promise == Promise.MOVES), 0.0)
+        return cls(posted, int(moves), mine, not any(c.promise == Promise.COMPARED for c in mine), stated)
 
     @property
     def differences(self) -> tuple[str, ...]:

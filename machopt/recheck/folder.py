@@ -29,7 +29,7 @@ from machopt.recheck.rewritten import failed_check
 from machopt.recheck.strays import strays
 from machopt.verify import Check, Verification
 from machopt.verify.changes import slices, verify_stints
-from machopt.verify.check import Promise, not_run
+from machopt.verify.check import Promise, Row, not_run
 from machopt.verify.output import Tables, read_tables
 from machopt.verify.readonce import read_once
 from machopt.verify.table import Motion, read_motion
@@ -64,8 +64,8 @@ def verify_folder(
     manifest, checks = manifest_checks(folder, inputs)
     unreadable = find_unreadable_files(folder, manifest)
     if unreadable:  # nothing is opened, so that nothing can block or fill the memory
-        found = failed(Promise.READABLE, "; ".join(f"{name} {why}" for name, why in unreadable[:3]))
-        return Verification((*checks, replace(found, file=unreadable[0][0], what=Promise.READABLE)), 0, NAN)
+        stopped = failed(Promise.READABLE, "; ".join(f"{name} {why}" for name, why in unreadable[:3]))
+        return Verification((*checks, replace(stopped, file=unreadable[0][0], what=Promise.READABLE)), 0, NAN)
     with read_once():
         if manifest is not None and manifest.exit_code == 3 and not (folder / "trajectory.csv").exists():
             contents, found = None, Verification((), 0, 0.0)
@@ -107,7 +107,7 @@ def content_checks(
         def of_tables() -> Verification:
             return verify_stints(stints, folder, options=options, motion=motion, touching=touching)
 
-        def of_programs(found: Verification | None = None) -> list[Check]:
+        def of_programs(found: Verification | None = None) -> list[Row]:
             return _programs(stints, folder, options, manifest, motion, found)
 
         if len(stints) == 1 and motion is not None and len(motion.time) <= BESIDE:
@@ -117,7 +117,12 @@ def content_checks(
             programs = of_programs(found)
     except InputError as problem:
         return Verification((failed(Promise.TABLES, str(problem), because=problem),), 0, NAN)
-    return replace(found, checks=(*found.checks, *programs))
+    of_all = Verification.of_rows(programs, 0, NAN)
+    return replace(
+        found,
+        checks=(*found.checks, *of_all.checks),
+        information=(*found.information, *of_all.information),
+    )
 
 
 def _programs(
@@ -127,7 +132,7 @@ def _programs(
     manifest: Manifest | None,
     motion: Motion | None,
     found: Verification | None,
-) -> list[Check]:
+) -> list[Row]:
     """The robot programs that the manifest lists, and files that look like one and belong to none.
 
     Args:
@@ -159,7 +164,10 @@ def _programs(
         return [failed(Promise.PROGRAMS, str(problem), because=problem)]
     odd = [one.files[0] for number, one in every if number not in {s.number for s in stints}]
     checks = [failed_check(file, "of this job", "no tool of the job is its") for file in odd]
-    return [*checks, *(check for one in compared for check in one.checks)]
+    rows: list[Row] = [*checks]
+    for one in compared:
+        rows += [*one.information, *one.checks]
+    return rows
 
 
 def _tables(

@@ -37,7 +37,7 @@ from machopt.recheck.printed import target_step
 from machopt.recheck.rewritten import Rewritten, failed_check
 from machopt.recheck.terms import COUPLED, controller_axes, external_of, frame_given, index_at, wrong_frames
 from machopt.verify.arm import Arm
-from machopt.verify.check import Check, Promise, of_file
+from machopt.verify.check import Check, Information, Promise, of_file
 from machopt.verify.encoder import true_angles
 from machopt.verify.motion_polyline import CommandedPath, polyline
 from machopt.verify.output import Tables
@@ -192,7 +192,14 @@ class _Ground:
             axis_corner=o.axis_tolerance,
             external=self.tolerance.external,
         )
-        read = of_file(name, Promise.MOVES, True, float(len(said)), float(len(said)), "moves", f"{parsed.dialect}")
+        read = Information(
+            name=f"{name}: {Promise.MOVES}",
+            value=float(len(said)),
+            unit="moves",
+            where=parsed.dialect,
+            file=name,
+            what=Promise.MOVES,
+        )
         path = CommandedPath(
             toolpath=self.toolpath,
             index=self.corners[0],
@@ -240,7 +247,7 @@ class _Ground:
             external = self._external(said, rows)
             q = self._joints_of(said, self._joints_at(said, rows), external, load_robot(self.cell).drawn)
             checks += job.checks(posted.files, posted.post, parsed, said, controller, q, external)
-        return Compared(posted, len(said), (read, *checks))
+        return Compared(posted, len(said), tuple(checks), information=(read,))
 
     def _in_cell_terms(self, name: str, parsed: ParsedProgram, controller: Controller) -> ReadProgram:
         """Joints of the URDF; poses of joint targets by forward kinematics."""

@@ -114,6 +114,8 @@ def _verdict(t: Told) -> Iterable[str]:
     word = VERDICTS.get(expected)
     if word is None:
         lacking = ~Points.read(t).ok
+        if lacking.any() and not t.options.allow_gaps:
+            yield f"{int(lacking.sum())} points are left out, yet allow_gaps is false: exit code 3 follows"
         word = done(int((lacking & t.toolpath.cutting).sum()), int((lacking & ~t.toolpath.cutting).sum()))
     yield from same("verdict", t.result.verdict, with_scope(word, missing))
     if t.manifest is not None:
@@ -332,6 +334,10 @@ def _verification(t: Told) -> Iterable[str]:
     yield from same("verification.passed", told.passed, all(c.passed is not False for c in told.checks))
     if told.passed != found.ok:
         yield f"says verification {'passed' if told.passed else 'failed'}, which is not so"
+    yield from same("verification.information", [i.name for i in told.information], [i.name for i in found.information])
+    for stated, measured in zip(told.information, found.information, strict=False):
+        room = AGREE * abs(measured.value) + 1e-9
+        yield from near(f"{measured.name}: value", stated.value, measured.value, AGREE, room)
     expected = {c.name: c for c in found.checks}
     names = [c.name for c in told.checks]
     if names != list(expected):

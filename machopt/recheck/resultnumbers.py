@@ -62,6 +62,11 @@ def objective(t: Told) -> Iterable[str]:
         if not 0.0 <= search.lower_bound <= search.sequence * (1 + DIGITS):
             yield "objective.search.lower_bound is not between nothing and the sequence"
         yield from _over_external(search.external)
+        driven = known("chosen.total", parts.chosen.total)
+        above = 100.0 * (driven / search.lower_bound - 1.0) if search.lower_bound > 0 else 0.0
+        yield from near(
+            "objective.search.plan_above_bound_percent", search.plan_above_bound_percent, above, DIGITS, 1e-7
+        )
         grid, total = known("grid.total", parts.grid.total), known("chosen.total", parts.chosen.total)
         beyond = 100.0 * (1.0 - total / grid) if grid > 0 else 0.0
         yield from near("objective.search.beyond_grid_percent", search.beyond_grid_percent, beyond, DIGITS, 1e-7)

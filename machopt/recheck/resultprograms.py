@@ -76,7 +76,7 @@ def _program_told(t: Told, p: ProgramTold) -> Iterable[str]:
         assumed, left = to_be_told(stint.cell, stint.toolpath, post)
         yield from same(f"{p.post}: assumed", p.assumed, list(assumed))
         yield from same(f"{p.post}: not_in_program", p.not_in_program, list(left))
-    found = Compared.of(Posted(p.post, post, tuple(p.files)), t.contents.checks if t.contents else ()).as_result()
+    found = Compared.of(Posted(p.post, post, tuple(p.files)), t.contents).as_result()
     told = p.checked
     if (found is None) != (told is None):
         yield f"{p.post}: checked is {short(told)}, {short(found)} follows"

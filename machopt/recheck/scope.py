@@ -21,6 +21,29 @@ _NAMED = 3  # pairs that may touch are named in the verdict; all stand in the re
 _ROUNDING = 1e-9  # of a limit: what the conversion from user units leaves
 
 
+NOT_RECOMPUTED = (
+    "index_scale",
+    "objective.cam_default",
+    "objective.jiao2022",
+    "objective.grid",
+    "objective.search.sequence",
+    "objective.search.lower_bound",
+    "objective.search.external",
+    "objective.gain.std_percent",
+    "front",
+    "compensation.removed",
+    "compensation.operations",
+    "programs.feed_model",
+    "breaks.help",
+    "rapid_detours",
+    "obstructions",
+    "timings_s",
+    "warnings.hints",
+)
+"""Keys of result.json whose values follow from the planner alone: verify recomputes sums, ratios and bounds made of
+them and that they can be so at all, not the values themselves. ``objective.*`` are costs of choices that are not in the
+folder, ``front`` is every plan of the trade-off but the first, which is the motion in the folder."""
+
 def unchecked(cell: Cell, options: PlanOptions, toolpath: Toolpath | None = None) -> tuple[str, ...]:
     """What is switched off, wider than the defaults or not there to be checked, in the words of the verdict.
 

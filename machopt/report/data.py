@@ -60,6 +60,7 @@ class Certificate:
     bound: float  # no sequence over the grid has less
     gap: float  # share that a better sequence over the grid could save at most
     beyond: float  # share saved by leaving the grid; negative: lost
+    above: float = 0.0  # share by which the driven curve is above the bound; negative: below
     external: str = ""  # what holds over the values of the external joints, in words
 
 
@@ -246,6 +247,15 @@ class Check:
     where: str = ""
 
 
+@dataclass(frozen=True)
+class Information:
+    """A measured value without a condition: no check."""
+
+    name: str
+    found: str
+    where: str = ""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Program:
     """One robot program that was written, and what came back when it was read. NaN for what a format does not say."""
@@ -308,6 +318,7 @@ class ReportData:
     excluded_pairs: tuple[ExcludedPair, ...] = ()
     adjacent_pairs: tuple[ExcludedPair, ...] = ()  # of links next to each other, which no check compares
     checks: tuple[Check, ...] = ()
+    information: tuple[Information, ...] = ()
     programs: tuple[Program, ...] = ()
     front: tuple[FrontPoint, ...] = ()
     timings: tuple[tuple[str, float], ...] = ()  # stage, s

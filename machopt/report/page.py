@@ -209,6 +209,7 @@ def _axes(data: ReportData, charts: set[str]) -> Body:
 
 def _verification(data: ReportData) -> Body:
     body: Body = tables.checks(data) if data.checks else ""
+    body += tables.part(len(data.information), "Information (no checks)", tables.information, data)
     body += tables.part(
         len(data.excluded_pairs) + len(data.adjacent_pairs),
         "Pairs left out of the collision check",

@@ -197,6 +197,12 @@ def checks(data: ReportData) -> Markup:
     return table(columns, [(c.name, words[c.passed], c.found, c.allowed, c.where) for c in data.checks])
 
 
+def information(data: ReportData) -> Markup:
+    """Measured values without a condition: no checks, so without a result."""
+    columns = [Column("Information"), Column("Found"), Column("Where")]
+    return table(columns, [(i.name, i.found, i.where) for i in data.information])
+
+
 def cam_words(data: ReportData) -> Markup:
     words = {True: "known, no effect on the motion", False: "not understood"}
     columns = [Column("Word", "mono"), Column("Times", "n"), Column("First line", "n"), Column("Understood")]

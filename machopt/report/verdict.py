@@ -108,9 +108,10 @@ def cards(data: ReportData) -> list[Card]:
     if s.certificate is not None:
         c = s.certificate
         side = "below" if c.beyond >= 0.0 else "above"
+        over = "above" if c.above >= 0.0 else "below"
         more = (
-            f"no sequence on the grid below {c.bound:.4f}: gap {100 * c.gap:.2f} %; "
-            f"the smooth curve {100 * abs(c.beyond):.2f} % {side} the sequence"
+            f"driven curve {100 * abs(c.above):.2f} % {over} the bound {c.bound:.4f}, "
+            f"{100 * abs(c.beyond):.2f} % {side} the grid's sequence; at the stations no sequence on the grid is below the bound (gap {100 * c.gap:.2f} %)"
             f"{f'; {c.external}' if c.external else ''}"
         )
         out.append(Card("objective", f"{c.objective:.4f}", "", more))

@@ -71,7 +71,9 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> told.Optim
         verification=None
         if verification is None
         else told.VerificationTold(
-            passed=verification.ok, checks=tuple(told.CheckTold.from_fields(c) for c in verification.checks)
+            passed=verification.ok,
+            checks=tuple(told.CheckTold.from_fields(c) for c in verification.checks),
+            information=tuple(told.InformationTold.from_fields(i) for i in verification.information),
         ),
         programs=tuple(p.as_result() for p in made.programs),
         notes=tuple(cell.notes),

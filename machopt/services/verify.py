@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from machopt.domain.manifest import Manifest, with_scope
+from machopt.domain.results.optimize import InformationTold
 from machopt.domain.results.verified import CheckMade, VerifyResult
 from machopt.effects.own import in_use, with_effects
 from machopt.errors import InputError
@@ -14,7 +15,7 @@ from machopt.output.manifest import read_manifest
 from machopt.recheck.age import made_otherwise
 from machopt.recheck.folder import verify_folder
 from machopt.recheck.inforce import VerifyRequest, in_force
-from machopt.recheck.scope import not_run, unchecked
+from machopt.recheck.scope import NOT_RECOMPUTED, not_run, unchecked
 from machopt.services.inputs import cell_inputs, distinct, single
 from machopt.services.knownrobot import known_robot
 from machopt.verify import Verification
@@ -40,6 +41,8 @@ class Verified:
             duration_s=found.duration,
             notes=self.notes,
             checks=tuple(CheckMade.from_fields(c) for c in found.checks),
+            information=tuple(InformationTold.from_fields(i) for i in found.information),
+            not_recomputed=NOT_RECOMPUTED,
         )
 
 

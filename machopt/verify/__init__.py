@@ -6,6 +6,6 @@ unit conversions shows here. :mod:`machopt.verify.changes` checks a whole folder
 tool did; words of a check are wanted where nothing is checked yet, so neither is imported here.
 """
 
-from machopt.verify.check import Check, Verification
+from machopt.verify.check import Check, Information, Verification
 
-__all__ = ["Check", "Verification"]
+__all__ = ["Check", "Information", "Verification"]

@@ -15,7 +15,7 @@ import numpy as np
 
 from machopt.domain.options import PlanOptions
 from machopt.domain.stint import Stint
-from machopt.verify.check import Check, Promise, Verification, counted
+from machopt.verify.check import Information, Promise, Row, Verification, counted
 from machopt.verify.limits import HOME_DEG, check_limits
 from machopt.verify.output import Tables, read_tables, verify_output, with_one_tool
 from machopt.verify.table import Motion, Points, Shift
@@ -47,7 +47,7 @@ def verify_stints(
     if isinstance(tables, Verification):
         return tables
     motion = tables.motion
-    checks = check_limits(motion, cell, options, (stints[0].begin, stints[-1].end))
+    checks: list[Row] = list(check_limits(motion, cell, options, (stints[0].begin, stints[-1].end)))
     wrong = _changes(motion, stints) + _rows_of_points(tables.points, stints)
     checks.append(counted(Promise.CHANGES, wrong, "places"))
     if not wrong:
@@ -57,7 +57,7 @@ def verify_stints(
             for s, part in zip(stints, parts, strict=True)
         ]
         checks += _together(stints, found)
-    return Verification(tuple(checks), len(motion.time), float(motion.time[-1] - motion.time[0]))
+    return Verification.of_rows(checks, len(motion.time), float(motion.time[-1] - motion.time[0]))
 
 
 def _starts(motion: Motion) -> list[int]:
@@ -138,10 +138,10 @@ def _shift_of(shift: Shift, stint: Stint) -> Shift:
     return Shift(shift.index[rows] - stint.first, shift.offset[rows], shift.force[rows])
 
 
-def _together(stints: Sequence[Stint], found: Sequence[list[Check]]) -> list[Check]:
+def _together(stints: Sequence[Stint], found: Sequence[list[Row]]) -> list[Row]:
     """One check of each name: of all tools the one that keeps it worst."""
     names = list(dict.fromkeys(c.name for checks in found for c in checks))
-    out = []
+    out: list[Row] = []
     for name in names:
         same = [(s, c) for s, checks in zip(stints, found, strict=True) for c in checks if c.name == name]
         stint, check = max(same, key=lambda one: _badness(one[1]))
@@ -150,8 +150,10 @@ def _together(stints: Sequence[Stint], found: Sequence[list[Check]]) -> list[Che
     return out
 
 
-def _badness(check: Check) -> tuple[int, float]:
+def _badness(check: Row) -> tuple[int, float]:
     """Failed before not run before kept; among these by what is measured."""
+    if isinstance(check, Information):
+        return 0, check.value if np.isfinite(check.value) else -np.inf
     order = {False: 2, None: 1, True: 0}[check.passed]
     value = check.value - check.limit if np.isfinite(check.limit) else check.value
     return order, float(value) if np.isfinite(value) else -np.inf

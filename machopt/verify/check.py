@@ -73,13 +73,40 @@ class Check:
         return self.what or self.name
 
 
+@dataclass(frozen=True, kw_only=True)
+class Information:
+    """A measured value that no condition is put on: it cannot fail, so it is no check and is not counted as one."""
+
+    name: str
+    value: float  # NaN where there was nothing to measure
+    unit: str
+    where: str
+    file: str = ""  # of the folder, where the value is about one
+    what: str = ""  # the name without the file
+
+    @property
+    def promise(self) -> str:
+        """The name without the file that it is about."""
+        return self.what or self.name
+
+
+Row = Check | Information
+
+
 @dataclass(frozen=True)
 class Verification:
-    """All checks of one exported trajectory."""
+    """All checks of one exported trajectory, and what else was measured."""
 
     checks: tuple[Check, ...]
     samples: int
     duration: float  # s
+    information: tuple[Information, ...] = ()
+
+    @classmethod
+    def of_rows(cls, rows: Sequence[Row], samples: int, duration: float) -> Verification:
+        """Build a verification from checks and information in the order in which they were found."""
+        checks = tuple(row for row in rows if isinstance(row, Check))
+        return cls(checks, samples, duration, tuple(row for row in rows if isinstance(row, Information)))
 
     @property
     def ok(self) -> bool:

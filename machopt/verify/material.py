@@ -11,7 +11,7 @@ from machopt.domain.toolpath import Toolpath
 from machopt.verify.arm import Arm
 from machopt.verify.axis_interpolation import interpolate_axis
 from machopt.verify.bodies import Body, inverse, near
-from machopt.verify.check import Check, not_run
+from machopt.verify.check import Check, Information, not_run
 from machopt.verify.contact import Contact
 from machopt.verify.ride import Ride
 from machopt.verify.table import Motion
@@ -92,21 +92,20 @@ def _depth(cutter: Body, part: Body, places: Array, z_flange: Array) -> float:
     return min(free, DEEPEST)
 
 
-def outside_cuts(motion: Motion, toolpath: Toolpath, ride: Ride, arm: Arm, bodies: list[Body]) -> list[Check]:
-    """Where the CAM file itself drives the cutter into the workpiece in a move that is no cut: passed, and told."""
+def outside_cuts(motion: Motion, toolpath: Toolpath, ride: Ride, arm: Arm, bodies: list[Body]) -> list[Information]:
+    """How deep the CAM file itself drives the cutter into the workpiece in a move that is no cut.
+
+    The motion follows the file there, so nothing that was planned is wrong: it is information and no check.
+    """
     name = "cutter in the workpiece outside cuts"
     if arm.cell.tool.cutter is None or not arm.cell.workpiece.geometry:
         return []  # nothing to look at, which the verdict says of the cell
     rows = np.flatnonzero((ride.fed & ~toolpath.cutting[ride.toward]) | ride.lifted)
     depth, at = deepest(motion, arm, bodies, rows) if len(rows) else (float("nan"), -1)
     if not np.isfinite(depth):
-        return [Check(name=name, passed=True, value=0.0, limit=DEEPEST * 1e3, unit="mm", where="nowhere")]
+        return [Information(name=name, value=0.0, unit="mm", where="nowhere")]
     why = "the CAM file moves at a feed there" if ride.fed[at] else "the CAM file begins or ends a move there"
-    return [
-        Check(
-            name=name, passed=True, value=1e3 * depth, limit=DEEPEST * 1e3, unit="mm", where=f"{motion.at(at)}: {why}"
-        )
-    ]
+    return [Information(name=name, value=1e3 * depth, unit="mm", where=f"{motion.at(at)}: {why}")]
 
 
 def level(

@@ -15,7 +15,7 @@ from machopt.errors import InputError
 from machopt.verify.arm import Arm
 from machopt.verify.asked import check_asked
 from machopt.verify.bodies import Body, all_bodies, pairs
-from machopt.verify.check import Check, Promise, Verification, counted, not_run, of_file, worst
+from machopt.verify.check import Check, Promise, Row, Verification, counted, not_run, of_file, worst
 from machopt.verify.clearance import TOLERANCE, check_clearances, may_cut, telling
 from machopt.verify.contact import Scene, contacts
 from machopt.verify.encoder import outside, true_angles, unchecked
@@ -98,7 +98,7 @@ def verify_output(
         *check_limits(motion, cell, options, (home, home)),
         *with_one_tool(cell, toolpath, tables, options, touching),
     ]
-    return Verification(tuple(checks), len(motion.time), float(motion.time[-1] - motion.time[0]))
+    return Verification.of_rows(checks, len(motion.time), float(motion.time[-1] - motion.time[0]))
 
 
 def with_one_tool(
@@ -107,7 +107,7 @@ def with_one_tool(
     tables: Tables,
     options: PlanOptions,
     touching: Sequence[tuple[str, str]] | None = None,
-) -> list[Check]:
+) -> list[Row]:
     """Everything but time, joint limits and both ends of the motion; arguments as for :func:`verify_output`."""
     motion, points, shift = tables.motion, tables.points, tables.shift
     arm = Arm(cell)
@@ -117,7 +117,7 @@ def with_one_tool(
     stands = replace(motion, q=true_angles(cell.kinematics, motion.q))
     stood = replace(points, q=true_angles(cell.kinematics, points.q))
     on = ride(motion, toolpath, index, position, arm.tcp_in_workpiece(stands.q, motion.external), options)
-    checks = [
+    checks: list[Row] = [
         *check_path(motion, toolpath, points, on, options.allow_gaps),
         *check_labels(motion, toolpath, points, on, options.allow_gaps),
         *check_feed(motion, toolpath, on, options),

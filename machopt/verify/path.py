@@ -38,7 +38,7 @@ def check_path(motion: Motion, toolpath: Toolpath, points: Points, ride: Ride, a
             ride.fed | ride.lifted,
             (toolpath.move != Move.RAPID) & ~(given_up & allow_gaps),
         ),
-        _rapid_points(motion, toolpath, ride, given_up),
+        _rapid_points(motion, toolpath, ride, given_up & allow_gaps),
         _order(motion),
         _not_driven(motion, ride, points),
     ]

@@ -75,6 +75,7 @@ class SearchBound(Part):
     lower_bound: Number
     gap_percent: Number
     beyond_grid_percent: Number
+    plan_above_bound_percent: Known = None  # of the driven curve at all points; the gap holds at the stations alone
     external: ExternalSearchBound | None = None  # None: no external joint was free
 
 
@@ -221,11 +222,27 @@ class CheckTold(Part):
         return cls(**{key: getattr(found, key) for key in cls.model_fields})
 
 
+class InformationTold(Part):
+    """A measured value that no condition is put on: no check."""
+
+    name: Text
+    value: Known
+    unit: Text
+    where: Text
+    file: Text = ""
+
+    @classmethod
+    def from_fields(cls, found: object) -> Self:
+        """Without the key by which code asks for it."""
+        return cls(**{key: getattr(found, key) for key in cls.model_fields})
+
+
 class VerificationTold(Part):
-    """All checks."""
+    """All checks, and beside them what was measured without a condition."""
 
     passed: Flag
     checks: tuple[CheckTold, ...]
+    information: tuple[InformationTold, ...] = ()
 
 
 class FeedModel(Part):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from machopt.domain.results.base import Count, Flag, Number, Part, Text
-from machopt.domain.results.optimize import CheckTold
+from machopt.domain.results.optimize import CheckTold, InformationTold
 
 
 class CheckMade(CheckTold):
@@ -23,3 +23,5 @@ class VerifyResult(Part):
     duration_s: Number
     notes: tuple[Text, ...]  # options that were given and that the folder was not made with
     checks: tuple[CheckMade, ...]
+    information: tuple[InformationTold, ...] = ()  # no checks: nothing of it can fail
+    not_recomputed: tuple[Text, ...] = ()  # claims of result.json that follow from the planner alone, by their keys

@@ -32,6 +32,15 @@ class Certificate:
         return 1.0 - self.bound / self.sequence if self.sequence > 0 else 0.0
 
     @property
+    def above(self) -> float:
+        """Share by which the plan as it is driven is above the bound; negative below it, where the bound is no limit.
+
+        The gap is proven for sequences at the stations. The driven curve is priced at all points, so its own figure is
+        another one, and both are stated.
+        """
+        return self.objective / self.bound - 1.0 if self.bound > 0 else 0.0
+
+    @property
     def beyond(self) -> float:
         """Share that the plan saves against the grid's own sequence; negative where it costs more."""
         return 1.0 - self.objective / self.grid if self.grid > 0 else 0.0

@@ -124,7 +124,8 @@ def motion_of(the_plan: Plan, toolpath: Toolpath, options: PlanOptions, timings:
     """The motion, unless points are missing that the user did not allow to miss."""
     cut = the_plan.path.counted
     missing = the_plan.missing
-    needed = missing[the_plan.path.may_touch[missing]]  # rapid points that cannot be reached are passed by
+    path = the_plan.path
+    needed = missing[path.may_touch[missing] | path.is_point[missing]]  # between rapid points another way may be found
     if (len(needed) or the_plan.breaks) and not options.allow_gaps:
         return None
     if cut.any() and not np.setdiff1d(np.flatnonzero(cut), missing).size:

@@ -71,6 +71,7 @@ def search_told(the_plan: Plan) -> told.SearchBound | None:
         lower_bound=found.bound,
         gap_percent=100.0 * found.gap,
         beyond_grid_percent=100.0 * found.beyond,
+        plan_above_bound_percent=100.0 * found.above,
         external=_external_told(the_plan),
     )
 

@@ -113,6 +113,10 @@ def report_data(
         excluded_pairs=_once(page.ExcludedPair(e.a, e.b, e.reason) for model in models for e in model.excluded),
         adjacent_pairs=_once(page.ExcludedPair(e.a, e.b, e.reason) for model in models for e in model.adjacent),
         checks=_checks(verification),
+        information=tuple(
+            page.Information(i.name, f"{i.value:.4g} {i.unit}", i.where)
+            for i in (verification.information if verification else ())
+        ),
         programs=tuple(programs),
         front=tuple(_front_point(p) for p in front),
         timings=tuple(timings.items()),
@@ -225,7 +229,14 @@ def _certificate(plan: Plan) -> page.Certificate | None:
     found = certificate(plan)
     if found is None:
         return None
-    return page.Certificate(found.objective, found.bound, found.gap, found.beyond, _over_external(plan))
+    return page.Certificate(
+        objective=found.objective,
+        bound=found.bound,
+        gap=found.gap,
+        beyond=found.beyond,
+        above=found.above,
+        external=_over_external(plan),
+    )
 
 
 def _over_external(plan: Plan) -> str:
