@@ -131,6 +131,7 @@ def cell_text(c: NewCell) -> str:
             if c.post
             else _NO_POST
         ),
+        "# under controller, absolute_accuracy: on | off | unknown; on: it corrects geometry and gravity sag itself",
     ]
     return "\n".join(lines) + "\n"
 

@@ -79,6 +79,7 @@ class Controller:
     moves_per_part: int | None = None  # instead of the template's
     nonflip_j5: Literal["negative", "positive"] | None = None  # FANUC: the sign of J5 that its N stands for
     lines: Mapping[str, str] = field(default_factory=dict)  # program lines by event, keys EVENT_LINES
+    absolute_accuracy: Literal["on", "off", "unknown"] = "unknown"  # on: it corrects geometry and gravity sag itself
 
 
 @dataclass(frozen=True, kw_only=True)

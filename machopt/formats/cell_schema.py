@@ -212,6 +212,10 @@ class ControllerKeys(Strict):
     )
     moves_per_part: int | None = Field(default=None, ge=2, description="longer programs are split")
     nonflip_j5: Literal["negative", "positive"] | None = Field(default=None, description="FANUC: J5 of CONFIG N")
+    absolute_accuracy: Literal["on", "off", "unknown"] = Field(
+        default="unknown",
+        description="on: the controller corrects geometry and gravity sag itself, so that neither is corrected again",
+    )
     lines: EventLineKeys = Field(
         default=EventLineKeys(), description="program lines for events, with @{value} (rpm, tool number, s) and @{text}"
     )

@@ -60,6 +60,7 @@ def controller_of(
         position_levels=None if levels is None else frozen(np.array(levels) / 1e3),
         moves_per_part=keys.moves_per_part,
         nonflip_j5=keys.nonflip_j5,
+        absolute_accuracy=keys.absolute_accuracy,
         lines={name: line for name, line in keys.lines.model_dump().items() if line is not None},
     )
 

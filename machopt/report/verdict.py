@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 from machopt.domain.manifest import with_scope
+from machopt.formats import absolute_accuracy
 from machopt.report.data import Gain, ReportData, Shift, Summary
 from machopt.report.display import FINE_LENGTH, LENGTH, QUANTITY, SHARE, TIME, WORDS
 
@@ -111,7 +112,8 @@ def cards(data: ReportData) -> list[Card]:
         over = "above" if c.above >= 0.0 else "below"
         more = (
             f"driven curve {100 * abs(c.above):.2f} % {over} the bound {c.bound:.4f}, "
-            f"{100 * abs(c.beyond):.2f} % {side} the grid's sequence; at the stations no sequence on the grid is below the bound (gap {100 * c.gap:.2f} %)"
+            f"{100 * abs(c.beyond):.2f} % {side} the grid's sequence; at the stations no sequence on the grid is below "
+            f"the bound (gap {100 * c.gap:.2f} %)"
             f"{f'; {c.external}' if c.external else ''}"
         )
         out.append(Card("objective", f"{c.objective:.4f}", "", more))
@@ -252,6 +254,7 @@ def _cautions(data: ReportData) -> tuple[str, ...]:
     if data.excluded_pairs:
         number = counted(len(data.excluded_pairs), "pair")
         out.append(f"{number} of bodies left out of the collision check, listed below with the reason.")
+    out += [f"{w[0].upper()}{w[1:]}." for w in data.warnings if w.startswith(absolute_accuracy.KEY)]
     if data.warnings:
         out.append(f"{counted(len(data.warnings), 'warning')}, listed below.")
     return tuple(out)

@@ -12,6 +12,7 @@ from machopt.domain.manifest import Manifest
 from machopt.domain.options import PlanOptions
 from machopt.domain.stint import Stint
 from machopt.domain.toolpath import Toolpath
+from machopt.formats.absolute_accuracy import apply_absolute_accuracy
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
 from machopt.formats.parquet import refuse_without_pyarrow
@@ -87,6 +88,7 @@ def prepared(cell: Cell, read: Callable[[], Toolpath], request: OptimizeRequest)
     """
     refuse_without_pyarrow(request.tables)
     options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
+    cell = apply_absolute_accuracy(cell, options)
     posts, tolerance = wanted_posts(cell, request.posts), tolerance_of(request.program_tolerance_mm, options)
     toolpath = with_reach_warning(cell, placed(refuse_unknown_words(read(), request.toolpath), cell))
     cell = with_tools(cell, toolpath)

@@ -12,6 +12,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.options import PlanOptions
 from machopt.domain.toolpath import Toolpath
 from machopt.effects.own import in_use, with_effects
+from machopt.formats.absolute_accuracy import apply_absolute_accuracy
 from machopt.formats.cell import load_cell
 from machopt.formats.options import load_options
 from machopt.formats.setups import placed
@@ -52,6 +53,7 @@ def site_of(request: PlaceRequest, cell: Cell, toolpaths: tuple[Toolpath, ...]) 
     stints = [stints_of(with_tools(cell, toolpath), toolpath) for toolpath in toolpaths]
     options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
     refuse_options(options)
+    cell = apply_absolute_accuracy(cell, options)
     return Site.of(cell, toolpaths, options, request.search, stints), options
 
 

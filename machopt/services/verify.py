@@ -9,6 +9,7 @@ from machopt.domain.results.optimize import InformationTold
 from machopt.domain.results.verified import CheckMade, VerifyResult
 from machopt.effects.own import in_use, with_effects
 from machopt.errors import InputError
+from machopt.formats.absolute_accuracy import apply_absolute_accuracy
 from machopt.formats.cell import load_cell
 from machopt.formats.toolchoice import with_tools
 from machopt.output.manifest import read_manifest
@@ -65,7 +66,7 @@ def _verified(request: VerifyRequest) -> Verified:
     except InputError:
         manifest = None  # a failed check of its own, below
     used = in_force(request, cell, known_robot(cell), manifest)
-    cell = with_tools(cell, used.toolpath)
+    cell = with_tools(apply_absolute_accuracy(cell, used.options), used.toolpath)
     found = verify_folder(
         cell,
         used.toolpath,

@@ -164,6 +164,9 @@ def common_notes(job: Job, used: frozenset[str], samples: bool) -> list[str]:
         f"written by machopt{f' from {p.source}' if p.source else ''}",
         f"{len(p)} moves. First run slowly and by hand",
     ]
+    if job.controller.absolute_accuracy == "on":
+        notes.append("absolute accuracy on: geometry and gravity are left to the controller")
+        notes.append("a compensation is of the process force alone")
     if p.external_axes:
         notes += external_notes(p, job.controller)
         if p.T_carrier_workpiece is None:
