@@ -44,6 +44,7 @@ NOT_RECOMPUTED = (
 them and that they can be so at all, not the values themselves. ``objective.*`` are costs of choices that are not in the
 folder, ``front`` is every plan of the trade-off but the first, which is the motion in the folder."""
 
+
 def unchecked(cell: Cell, options: PlanOptions, toolpath: Toolpath | None = None) -> tuple[str, ...]:
     """What is switched off, wider than the defaults or not there to be checked, in the words of the verdict.
 

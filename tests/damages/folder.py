@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from damages.damage import Damage, Job, edited, editing, in_text, one
-
 from machopt.output.hashes import sha256_of
 from machopt.output.manifest import seal
 
@@ -193,6 +192,7 @@ FORGED_MANIFESTS = [
         ("version", "1 word", lambda m: m["versions"].update(machopt="9.9"), "result.json verdict"),
     )
 ]
+
 
 def with_program(name: str, post: str, *, role: str = "program", own: bool = True) -> Callable[[Job], None]:
     """A file of another origin that the manifest calls a program, of a post of its own or of the folder's own post."""
