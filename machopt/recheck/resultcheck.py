@@ -29,7 +29,7 @@ from machopt.formats.toolchoice import stints_of, used_operations
 from machopt.output.hashes import sha256_of
 from machopt.output.jsonfile import plain, read_json
 from machopt.output.manifest import MANIFEST, listed
-from machopt.output.roles import BATCH_ROLES
+from machopt.output.roles import BATCH_ROLES, TABLES
 from machopt.recheck.inforce import file_of
 from machopt.recheck.resultform import wrong_parts
 from machopt.recheck.resultnumbers import PRINTED, compensation, front, not_beyond, objective
@@ -41,6 +41,7 @@ from machopt.verify import Check, Verification
 from machopt.verify.check import Promise, of_file
 
 LAST = {"k_axial_N_mm": 6e-5, "k_normal_N_mm": 6e-5, "k_jiao_x_N_mm": 6e-5, "deflection_mm": 1e-6, "gamma_deg": 1e-6}
+CHOSEN = 0.05  # of the mean index: what rescoring a choice as it is driven may move it by
 HELD = 0.95  # of the programmed feed: what counts as held
 ON_POINT = 1e-6  # of a point index: printed with six decimals or more
 FEED = 1e-4  # of the programmed feed: feeds are printed to 0.001 mm/min
@@ -139,6 +140,18 @@ def _outputs(t: Told) -> Iterable[str]:
     for name in ("points.csv", "report.html", *(("trajectory.csv",) if t.contents is not None else ())):
         if name not in there:
             yield f"{name} is missing; optimize writes it always"
+    for name in sorted(there.keys() & set(TABLES)):
+        line = _first_comment(t.folder / name)
+        if line:
+            yield f"{name} has a comment in line {line}; machopt writes none, units are in the names of columns"
+
+
+def _first_comment(table: Path) -> int:
+    """Number of the first line of a CSV table that readers skip: a comment or an empty line; 0 where there is none."""
+    if table.suffix != ".csv":
+        return 0
+    with table.open("rb") as lines:
+        return next((n for n, line in enumerate(lines, 1) if line.startswith(b"#") or not line.strip()), 0)
 
 
 def _options(t: Told) -> Iterable[str]:
@@ -157,6 +170,12 @@ def _options(t: Told) -> Iterable[str]:
     }[t.options.method]
     if not {*t.result.chosen_from.split(" / ")} <= {*own}:
         yield f"chosen_from is {short(t.result.chosen_from)}; method {t.options.method} gives {', '.join(own)}"
+    parts = t.result.objective
+    source = {"jiao2022": parts.jiao2022, "cam default": parts.cam_default}.get(t.result.chosen_from)
+    if source is not None and (source.mean is None or parts.chosen.mean is None):
+        yield f"chosen_from is {short(t.result.chosen_from)}, which has no objective"
+    elif source is not None and not t.options.compensate:
+        yield from near("chosen_from: mean", parts.chosen.mean, source.mean, CHOSEN, 0.0)
 
 
 def _toolpath(t: Told) -> Iterable[str]:

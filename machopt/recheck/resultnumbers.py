@@ -120,10 +120,13 @@ def _crowding(t: Told, told: float) -> Iterable[str]:
 def _gain(gain: MeanGain, own: ObjectiveParts, other: ObjectiveParts) -> Iterable[str]:
     name = f"gain over {gain.over}"
     if gain.mean_percent is None:
+        yield from same(f"{name}: std_percent", gain.std_percent, None)
+        yield from same(f"{name}: ci90", gain.ci90, None)
         return
     expected = 100.0 * (1.0 - known("chosen.mean", own.mean) / known(f"{gain.over}: mean", other.mean))
     yield from near(f"{name}: mean_percent", gain.mean_percent, expected, DIGITS, 1e-7)
     half = NONE_PERCENT
+    yield from same(f"{name}: ci90 is there", gain.ci90 is not None, gain.std_percent is not None)
     if gain.std_percent is not None:
         half = max(half, NINETY * gain.std_percent)
         for value, sign in zip(gain.ci90 or (), (-1.0, 1.0), strict=True):

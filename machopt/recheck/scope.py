@@ -23,6 +23,7 @@ _ROUNDING = 1e-9  # of a limit: what the conversion from user units leaves
 
 NOT_RECOMPUTED = (
     "index_scale",
+    "chosen_from",
     "objective.cam_default",
     "objective.jiao2022",
     "objective.grid",
@@ -34,6 +35,7 @@ NOT_RECOMPUTED = (
     "compensation.removed",
     "compensation.operations",
     "programs.feed_model",
+    "programs.order",
     "breaks.help",
     "rapid_detours",
     "obstructions",

@@ -52,7 +52,7 @@ class Shift:
     removed90: tuple[float, float] | None = None  # share of the mean deflection
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Certificate:
     """How far from the best the plan can be; values of the objective."""
 

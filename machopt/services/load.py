@@ -66,11 +66,7 @@ class Loaded:
 
 
 def load(request: OptimizeRequest) -> Loaded:
-    """Read every file that was named.
-
-    Raises:
-        InputError: bad cell, toolpath, options or post.
-    """
+    """Read every file that was named; an InputError names a bad cell, toolpath, option or post."""
     cell = load_cell(request.cell, allow_external=request.allow_external)
     return prepared(cell, lambda: read_for_plan(request.toolpath, **reading_of(cell), **request.reading), request)
 
@@ -88,10 +84,9 @@ def prepared(cell: Cell, read: Callable[[], Toolpath], request: OptimizeRequest)
     """
     refuse_without_pyarrow(request.tables)
     options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
-    cell = apply_absolute_accuracy(cell, options)
     posts, tolerance = wanted_posts(cell, request.posts), tolerance_of(request.program_tolerance_mm, options)
     toolpath = with_reach_warning(cell, placed(refuse_unknown_words(read(), request.toolpath), cell))
-    cell = with_tools(cell, toolpath)
+    cell = with_tools(apply_absolute_accuracy(cell, options), toolpath)
     stints = stints_of(cell, toolpath)
     if request.front:
         refuse(options)

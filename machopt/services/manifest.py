@@ -26,8 +26,7 @@ from machopt.version import __version__
 
 _PLACES = (
     "cell",
-    "out",
-    "overwrite",
+    *("out", "overwrite"),
     "recordings",
     "toolpath",
     "toolpaths",

@@ -79,6 +79,10 @@ def elsewhere(file: Path) -> None:
     os.symlink(target, file)
 
 
+def commented(file: Path) -> None:
+    file.write_bytes(b"# lengths are in inch\n" + file.read_bytes())
+
+
 def as_folder(file: Path) -> None:
     file.unlink()
     file.mkdir()
@@ -233,6 +237,42 @@ GIVEN_ROLES = [
     )
 ]
 
+FRONT_PLAN = {
+    "plan": "as asked",
+    "changed": "",
+    "mean_index": 1.0,
+    "worst_index": 1.0,
+    "cycle_time_s": 1.0,
+    "joint_travel_deg": 1.0,
+    "clearance_mm": 1.0,
+    "objective": 1.0,
+    "dominated": False,
+}
+TOOL = {"tool": "1", "first_point": 0, "last_point": 1, "operations": [], "mean_index": None, "worst_index": None}
+
+
+def interval(result: dict[str, Any], ci90: list[float]) -> None:
+    gain = result["objective"]["gain"][0]
+    assert gain["std_percent"] is None
+    gain["ci90"] = ci90
+
+
+def lower_bound(result: dict[str, Any], factor: float) -> None:
+    search = result["objective"]["search"]
+    search["lower_bound"] *= factor
+    search["gap_percent"] = 100.0 * (1.0 - search["lower_bound"] / search["sequence"])
+
+
+def lower_information(result: dict[str, Any]) -> None:
+    one = next(i for i in result["verification"]["information"] if i["value"])
+    one["value"] *= 0.5
+
+
+COMMENTS = [
+    Damage(f"a comment on units in {name}", "1 line", at(name, commented), "result.json outputs")
+    for name in ("points.csv", "trajectory.csv")
+]
+
 RESULTS = [
     Damage(f"result: {name}", how_much, in_result(change), caught_by)
     for name, how_much, change, caught_by in (
@@ -372,6 +412,22 @@ RESULTS = [
             lambda r: r["programs"][0]["feed_model"].update(mean_percent=120.0),
             "result.json programs",
         ),
+        ("a front made up", "1 plan", lambda r: r.update(front=[FRONT_PLAN]), "result.json front"),
+        ("tools made up", "1 tool", lambda r: r.update(tools=[TOOL]), "result.json tools"),
+        ("an interval made up", "1 interval", lambda r: interval(r, [0.0, 99.0]), "result.json objective"),
+        (
+            "chosen from another",
+            "1 word",
+            lambda r: r.update(chosen_from="cam default"),
+            "result.json options",
+        ),
+        (
+            "the bound with its gap, the curve's figure left",
+            "−1 %",
+            lambda r: lower_bound(r, 0.99),
+            "result.json objective",
+        ),
+        ("the information", "1 figure", lower_information, "result.json verification"),
         ("a key missing", "1 key", lambda r: r.pop("programs") and None, "result.json programs"),
     )
 ]
@@ -441,4 +497,4 @@ FORGED_OPTIONS = [
     )
 ]
 
-DAMAGES = [*FILES, *GIVEN_ROLES, *MANIFESTS, *FORGED_OPTIONS, *FORGED_MANIFESTS, *RESULTS, *OTHERS]
+DAMAGES = [*FILES, *GIVEN_ROLES, *COMMENTS, *MANIFESTS, *FORGED_OPTIONS, *FORGED_MANIFESTS, *RESULTS, *OTHERS]
