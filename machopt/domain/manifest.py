@@ -58,6 +58,7 @@ class Manifest:
     program_tolerance_mm: float | None = None
     checked: tuple[Covered, ...] = ()
     unchecked: tuple[str, ...] = ()  # what was switched off or left out, in the words of the verdict
+    not_recomputed: tuple[str, ...] = ()  # keys of result.json that verify takes as they are
     touching_pairs: tuple[TouchingPair, ...] | None = None  # None: of a version that did not list them
     warnings: tuple[str, ...] = ()  # what somebody has to see to before a program runs
 

@@ -35,13 +35,14 @@ _KEYS: dict[str, Any] = {
     "program_tolerance_mm": (int, float, type(None)),
     "checked": list,
     "unchecked": list,
+    "not_recomputed": list,
     "touching_pairs": list,
     "warnings": list,
     "files": dict,
     "seal": str,
 }
 
-_LATER = ("touching_pairs",)  # keys that manifests of earlier versions lack
+_LATER = ("not_recomputed", "touching_pairs")  # keys that manifests of earlier versions lack
 
 
 @dataclass(frozen=True)
@@ -178,6 +179,7 @@ def _as_json(m: Manifest) -> dict[str, Any]:
         program_tolerance_mm=m.program_tolerance_mm,
         checked=tuple(CoveredTold(what=c.what, how=c.how) for c in m.checked),
         unchecked=tuple(m.unchecked),
+        not_recomputed=tuple(m.not_recomputed),
         touching_pairs=tuple(TouchingPairDocument(a=p.a, b=p.b, reason=p.reason) for p in (m.touching_pairs or ())),
         warnings=tuple(m.warnings),
         files=files(m.files),
@@ -251,6 +253,7 @@ def _read(value: Mapping[str, Any], file: Path) -> Manifest:
         program_tolerance_mm=None if tolerance is None else float(tolerance),
         checked=tuple(Covered(what, str(how)) for what, how in pairs("checked", ("what", "how"))),
         unchecked=words("unchecked", value["unchecked"]),
+        not_recomputed=words("not_recomputed", value.get("not_recomputed", [])),
         touching_pairs=touching_pairs(),
         warnings=words("warnings", value["warnings"]),
     )

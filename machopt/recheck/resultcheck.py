@@ -1,9 +1,7 @@
 """result.json held against what it was drawn from: tables, inputs, options, the manifest and the verification itself.
 
-What is not checked here follows from the planner alone: the two yardsticks' costs (their sums and the gains made of
-them are), the standard deviations of the gains, stage times, detours, how
-deep each feed dip is, and the hints among the warnings; and the sentences under ``reason`` of points.csv (that a point
-has one, and its status, are checked).
+What follows from the planner alone is listed in ``scope.NOT_RECOMPUTED`` (sums and ratios made of it are checked), and so
+are the sentences under ``reason`` of points.csv (that a point has one, and its status, are checked).
 """
 
 from __future__ import annotations
@@ -35,7 +33,7 @@ from machopt.recheck.resultform import wrong_parts
 from machopt.recheck.resultnumbers import PRINTED, compensation, front, not_beyond, objective
 from machopt.recheck.resultposition import position_error
 from machopt.recheck.resultprograms import programs
-from machopt.recheck.scope import checked, done, not_run, unchecked
+from machopt.recheck.scope import NOT_RECOMPUTED, checked, done, not_run, unchecked
 from machopt.recheck.told import AGREE, DIGITS, Points, Told, known, near, same, same_items, short
 from machopt.verify import Check, Verification
 from machopt.verify.check import Promise, of_file
@@ -123,6 +121,7 @@ def _verdict(t: Told) -> Iterable[str]:
         for key, value in (("verdict", t.manifest.verdict), ("exit_code", t.manifest.exit_code)):
             yield from same(f"{key} (of the manifest)", value, getattr(t.result, key))
         yield from same("unchecked (of the manifest)", list(t.manifest.unchecked), list(missing))
+        yield from same("not_recomputed (of the manifest)", list(t.manifest.not_recomputed), list(NOT_RECOMPUTED))
         told = [f"{c.what}: {c.how}" for c in t.manifest.checked]
         yield from same("checked (of the manifest)", told, [f"{c.what}: {c.how}" for c in checked(t.options)])
         yield from same("version", t.result.version, t.manifest.versions.get("machopt"))

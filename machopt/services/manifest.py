@@ -71,8 +71,8 @@ def optimize_manifest(
 
 def under(cell: Cell, options: PlanOptions, toolpath: Toolpath) -> dict[str, Any]:
     """What a manifest says of the options in force, by its fields: they change where a plan is steered."""
-    checked, unchecked = scope.checked(options), scope.unchecked(cell, options, toolpath)
-    return {"options": options_as_user(options), "checked": checked, "unchecked": unchecked}
+    said = {"checked": scope.checked(options), "unchecked": scope.unchecked(cell, options, toolpath)}
+    return {"options": options_as_user(options), "not_recomputed": scope.NOT_RECOMPUTED, **said}
 
 
 def write_command_manifest(

@@ -190,6 +190,7 @@ FORGED_MANIFESTS = [
             lambda m: m["checked"].append({"what": "all", "how": "well"}),
             "result.json verdict",
         ),
+        ("a claim called recomputed", "1 key", lambda m: m["not_recomputed"].pop() and None, "result.json verdict"),
         ("a warning left out", "all", lambda m: m.update(warnings=["none"]), "result.json programs"),
         ("roles swapped", "2 words", lambda m: roles(m, {"points.csv": "report", "report.html": "points"}), LISTED),
         ("another command", "1 word", lambda m: m.update(command="map"), MANIFEST),

@@ -51,6 +51,7 @@ class ManifestResult(Part):
     program_tolerance_mm: Known
     checked: tuple[CoveredTold, ...]
     unchecked: tuple[Text, ...]
+    not_recomputed: tuple[Text, ...] = ()  # keys of result.json that verify takes as they are
     touching_pairs: tuple[TouchingPairDocument, ...] = ()
     warnings: tuple[Text, ...]
     files: dict[Text, FileTold]  # every file of the folder but this one
