@@ -1,6 +1,6 @@
 """result.json held against what it was drawn from: tables, inputs, options, the manifest and the verification itself.
 
-What follows from the planner alone is listed in ``scope.NOT_RECOMPUTED`` (sums and ratios made of it are checked), and so
+What follows from the planner alone is listed in ``scope.NOT_RECOMPUTED``; sums and ratios made of it are checked. So
 are the sentences under ``reason`` of points.csv (that a point has one, and its status, are checked).
 """
 
