@@ -56,6 +56,13 @@ def build_timeline(plan: Plan, toolpath: Toolpath, progress: Callable[[float], N
     return _Builder(plan, toolpath, progress or (lambda _: None)).build()
 
 
+def has_motion(plan: Plan, toolpath: Toolpath) -> bool:
+    """Whether the chosen assignment can be driven; the first obstruction decides, and no other is looked for."""
+    builder = _Builder(plan, toolpath, lambda _: None)
+    builder.first_only = True
+    return builder.build().trajectory is not None
+
+
 class _Builder:
     def __init__(self, plan: Plan, toolpath: Toolpath, progress: Callable[[float], None]) -> None:
         self.plan, self.toolpath, self.progress = plan, toolpath, progress
@@ -69,6 +76,7 @@ class _Builder:
         self.driven: list[Stretch] = []
         self.given_up: dict[Stretch, str] = {}
         self.in_the_way: list[Break] = []  # what stretches were given up for
+        self.first_only = False  # end at the first obstruction
 
     def build(self) -> Timeline:
         here, home = (
@@ -80,8 +88,11 @@ class _Builder:
         self.made.free = self.lifts.free_between(pieces)
         for n, (first, last) in enumerate(pieces):
             here = self._stretch(here, first, last) or here
+            if self.first_only and self.obstructions:
+                break
             self.progress((n + 1) / max(len(pieces), 1))
-        back = self._rapid(here, home)
+        decided = self.first_only and self.obstructions
+        back = self.obstructions[0] if decided else self._rapid(here, home)
         if isinstance(back, Break):
             self.obstructions.append(back)
         else:
