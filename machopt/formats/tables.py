@@ -7,7 +7,7 @@ exist is an empty field.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ MM_MIN_PER_M_S = 6e4
 N_MM_PER_N_M = 1e-3
 
 _ROWS_AT_ONCE = 4096
+_SAMPLES_AT_ONCE = 16 * _ROWS_AT_ONCE
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,21 @@ def write_trajectory_csv(
         external_prismatic: (E,) True where the external axis moves along (mm), False where it turns (deg).
         tools: names that ``trajectory.tool`` points to, one where it has none; where the cell has a table of them.
     """
-    _write(path, _trajectory(trajectory, operations, external_prismatic, tools))
+    decimals = _time_decimals(trajectory.time)
+    rows = range(0, max(len(trajectory.time), 1), _SAMPLES_AT_ONCE)  # as fields, all rows would be ten times the arrays
+    parts = (_rows_of(trajectory, slice(start, start + _SAMPLES_AT_ONCE)) for start in rows)
+    with path.open("w", encoding="utf-8", newline="\n") as out:
+        for n, part in enumerate(parts):
+            columns = _trajectory(part, operations, external_prismatic, tools, decimals)
+            if n == 0:
+                out.write(",".join(c.name for c in columns) + "\n")
+            out.writelines(_blocks(columns))
+
+
+def _rows_of(t: Trajectory, rows: slice) -> Trajectory:
+    every = ((f.name, getattr(t, f.name)) for f in fields(t))
+    some: dict[str, Any] = {name: value[rows] for name, value in every if value is not None}
+    return replace(t, **some)
 
 
 def _tools(t: Trajectory, names: Sequence[str]) -> list[str]:
@@ -84,11 +99,16 @@ def trajectory_columns(
 
 
 def _trajectory(
-    t: Trajectory, operations: Sequence[str], external_prismatic: Sequence[bool], tools: Sequence[str]
+    t: Trajectory,
+    operations: Sequence[str],
+    external_prismatic: Sequence[bool],
+    tools: Sequence[str],
+    time_decimals: int | None = None,
 ) -> list[_Column]:
+    decimals = _time_decimals(t.time) if time_decimals is None else time_decimals
     move, operation = _words(t.move, t.operation, operations)
     return [
-        _Column("time_s", f"%.{_time_decimals(t.time)}f", t.time.tolist()),
+        _Column("time_s", f"%.{decimals}f", t.time.tolist()),
         _optional("point", t.point, 6),
         operation,
         move,

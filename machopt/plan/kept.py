@@ -58,6 +58,11 @@ def kept_through() -> Iterator[None]:
         yield
 
 
+def is_keeping() -> bool:
+    """A store is at work, so that steps are worth being asked for in small parts."""
+    return _AT_WORK.get() is not None
+
+
 def recalled(step: str, inputs: Callable[[], tuple[object, ...]], make: Callable[[], T]) -> T:
     """The result of a step, from the store where it has it.
 

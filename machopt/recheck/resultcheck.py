@@ -291,16 +291,28 @@ def _feed(t: Told) -> Iterable[str]:
     slack = 1e-9 if still else slack
     if not least - slack <= share <= most + slack:
         yield f"feed_held_share is {share:.6g}, {least:.6g} to {most:.6g} follows"
-    inside, axes = np.zeros(len(at), bool), len(t.cell.limits.velocity)
-    for n, dip in enumerate(dips):
-        first, last = known("first_point", dip.first_point), known("last_point", dip.last_point)
-        inside |= (at >= first - ON_POINT) & (at <= last + ON_POINT)
+    axes = len(t.cell.limits.velocity)
+    ranges = [(known("first_point", dip.first_point), known("last_point", dip.last_point)) for dip in dips]
+    inside = _within(at, np.array([(a - ON_POINT, b + ON_POINT) for a, b in ranges]).reshape(-1, 2))
+    for n, (dip, (first, last)) in enumerate(zip(dips, ranges, strict=True)):
         if not (0.0 <= dip.lowest_ratio < HELD and 1 <= dip.axis <= axes and first <= last):
             yield f"feed_dips.{n} is none: {short(dip)}"
     yield from _slow_rows(t)
     missed = 0 if still else int((cut & (ratio[1] < HELD - FEED) & ~inside).sum())
     if missed > 2 * runs:
         yield f"{missed} samples below {HELD:g} of the programmed feed are in no feed_dips"
+
+
+def _within(values: Array, ranges: Array) -> Bools:
+    """(n,) which of the values (n,) lie in any of the closed ranges (K, 2); the time follows n + K, not n · K."""
+    order = np.argsort(values, kind="stable")
+    first = np.searchsorted(values[order], ranges[:, 0], side="left")
+    stop = np.searchsorted(values[order], ranges[:, 1], side="right")
+    real = first < stop
+    steps = np.bincount(first[real], minlength=len(values) + 1) - np.bincount(stop[real], minlength=len(values) + 1)
+    out = np.zeros(len(values), bool)
+    out[order] = np.cumsum(steps)[:-1] > 0
+    return out
 
 
 def _slow_rows(t: Told) -> Iterable[str]:

@@ -23,6 +23,7 @@ from machopt.errors import InputError
 from machopt.verify.built import is_rebuilt, rebuild
 from machopt.verify.stance import Stance, columns
 
+BLOCK = 20_000  # rows whose frames of all joints are held at a time
 REACHED = 6  # Newton steps between two arms that differ by millimetres; the third is exact
 
 
@@ -334,10 +335,13 @@ class Arm:
 
     def tcp_in_workpiece(self, q: Array, external: Array) -> Array:
         """(S, 4, 4) pose of the TCP in the CAM frame."""
-        T = self.placements(q, external)
+        out = np.empty((len(q), 4, 4))
         still = slice(0, 1) if self._part is None else slice(None)  # one that no joint turns is the same in all rows
-        tcp: Array = np.linalg.inv(T[still, -1]) @ T[:, -2] @ self.cell.tool.T_flange_tcp
-        return tcp
+        for start in range(0, len(q), BLOCK):  # the frames of all joints are many times what is kept
+            some = slice(start, start + BLOCK)
+            T = self.placements(q[some], external[some])
+            out[some] = np.linalg.inv(T[still, -1]) @ T[:, -2] @ self.cell.tool.T_flange_tcp
+        return out
 
 
 @compiled

@@ -8,6 +8,7 @@ that is not so, the stretch is halved, first at samples, then between two sample
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ from machopt.verify.arm import Arm
 from machopt.verify.bodies import Body, bounds, gap, inverse, near, reach
 
 STEP = np.radians(0.5)  # joint motion between rows that are looked at first
+BLOCK = 20_000  # rows whose frames are held at a time
 FLOOR = 1e-4  # m, motion below which a stretch is not halved any more
 
 
@@ -47,29 +49,54 @@ def contacts(arm: Arm, wanted: list[tuple[Body, Body]], q: Array, external: Arra
     nth = np.arange(len(before)) - np.repeat(np.cumsum(parts) - parts, parts)  # 0 … parts − 1 in each step
     place = np.append(0.0, before + (nth + 1.0) / parts[before])
     rows = np.column_stack([np.interp(place, np.arange(len(q)), column) for column in joints.T])
-    scene = Scene(arm, [b for pair in wanted for b in pair], rows)
     fast = free[np.ceil(place - 1e-9).astype(int)]
     stops = _stops(rows, fast)
-    out = []
-    for a, b in wanted:
-        asked = fast[stops[1:]] if (a.kind, b.kind) == ("workpiece", "grazing") else np.ones(len(stops) - 1, bool)
-        hits = scene.follow(a, b, stops, asked)
-        if hits:
-            out.append(Contact(f"{a.name} ~ {b.name}", int(place[hits[0]]), tuple(int(place[h]) for h in hits)))
-    return out
+    bodies = [b for pair in wanted for b in pair]
+    lever = _lever(arm, bodies, rows)
+    hits: list[list[int]] = [[] for _ in wanted]
+    for some in _blocks(stops):  # stretch after stretch, so that frames of few rows are held at a time
+        first, last = int(some[0]), int(some[-1])
+        scene, ends = Scene(arm, bodies, rows[first : last + 1], lever), some - first
+        for n, (a, b) in enumerate(wanted):
+            asked = fast[some[1:]] if (a.kind, b.kind) == ("workpiece", "grazing") else np.ones(len(ends) - 1, bool)
+            hits[n] += [first + hit for hit in scene.follow(a, b, ends, asked)]
+    return [
+        Contact(f"{a.name} ~ {b.name}", int(place[found[0]]), tuple(int(place[h]) for h in found))
+        for (a, b), found in zip(wanted, hits, strict=True)
+        if found
+    ]
+
+
+def _blocks(stops: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
+    """The stops in successive parts, each beginning with the last one of the part before, of about BLOCK rows."""
+    first = 0
+    while first < len(stops) - 1:
+        last = int(np.searchsorted(stops, stops[first] + BLOCK, side="right")) - 1
+        last = min(max(last, first + 1), len(stops) - 1)  # a stretch longer than a block is not divided
+        yield stops[first : last + 1]
+        first = last
+
+
+def _lever(arm: Arm, bodies: list[Body], rows: Array) -> float:
+    """m, twice a bound on how far any point of the moving bodies is from any axis, over all rows."""
+    rides = bool(arm.moved_by(arm.part))
+    size = max((reach(b) for b in bodies if b.link >= 0 or arm.moved_by(b.carrier)), default=0.0)
+    length = 0.0
+    for start in range(0, len(rows), BLOCK):
+        some = rows[start : start + BLOCK]
+        origins = arm.placements(some[:, :6], some[:, 6:])[:, : None if rides else -1, :3, 3]
+        length = max(length, float(np.linalg.norm(origins - origins[:, :1], axis=-1).max()))
+    return 2.0 * (length + size)
 
 
 class Scene:
     """Bodies and where they are in each row of joint positions (M, 6 + E) rad or m, arm joints first."""
 
-    def __init__(self, arm: Arm, bodies: list[Body], rows: Array) -> None:
+    def __init__(self, arm: Arm, bodies: list[Body], rows: Array, lever: float | None = None) -> None:
         self.arm, self.rows, self.bodies = arm, rows, bodies
         self.world = arm.placements(rows[:, :6], rows[:, 6:])
-        rides = bool(arm.moved_by(arm.part))
-        origins = self.world[:, : None if rides else -1, :3, 3]
-        size = max((reach(b) for b in self.bodies if b.link >= 0 or arm.moved_by(b.carrier)), default=0.0)
-        arm_length = float(np.linalg.norm(origins - origins[:, :1], axis=-1).max())
-        self.lever = 2.0 * (arm_length + size)  # m, no point of the robot is farther from any axis
+        # m, no point of the robot is farther from any axis; of the whole motion where the rows are a part of one
+        self.lever = _lever(arm, bodies, rows) if lever is None else lever
         # a slide by d moves points as a turn by d over the lever would, and bends no path by more than that does
         self.turn = np.abs(np.diff(rows, axis=0)) @ (arm.turning / np.where(arm.slides, self.lever, 1.0))
         self._turned = np.append(0.0, np.cumsum(self.turn))
@@ -218,4 +245,7 @@ def _stops(rows: Array, fast: Bools) -> NDArray[np.int64]:
     keep = np.append(True, np.diff(np.floor(gone / STEP)) > 0)
     keep[:-1] |= fast[1:] != fast[:-1]
     keep[[0, -1]] = True
-    return np.flatnonzero(keep)
+    stops = np.flatnonzero(keep)
+    long = np.flatnonzero(np.diff(stops) > BLOCK)  # where the arm hardly moves
+    between = [np.arange(stops[k] + BLOCK, stops[k + 1], BLOCK) for k in long]
+    return np.sort(np.concatenate([stops, *between])) if between else stops

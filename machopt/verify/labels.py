@@ -20,6 +20,7 @@ from machopt.verify.reference import SAME
 from machopt.verify.ride import Ride
 from machopt.verify.table import Motion, Points
 
+BLOCK = 50_000  # samples compared at a time
 GAMMA_DEG = 0.1  # the axis may be 0.05° off while the tool rounds a corner, which turns what is measured about it
 
 
@@ -122,16 +123,27 @@ def _gamma(motion: Motion, toolpath: Toolpath, ride: Ride) -> list[Check]:
     out = [counted("rotation of the samples told", wrong)]
     if not len(rows):
         return out
-    s = np.clip(motion.point[rows], 0.0, len(toolpath) - 1)
     known = reference.at_points(toolpath)
+    off = np.full(len(rows), np.inf)
+    for start in range(0, len(rows), BLOCK):
+        some = rows[start : start + BLOCK]
+        off[start : start + BLOCK] = _off_rotation(motion, toolpath, known, ride.tcp[some], some)
+    out.append(worst("rotation of the samples", "deg", np.degrees(off), GAMMA_DEG, lambda n: motion.at(rows[n])))
+    return out
+
+
+def _off_rotation(
+    motion: Motion, toolpath: Toolpath, known: reference.Directions, tcp: Array, rows: NDArray[np.intp]
+) -> Array:
+    """(M,) rad by which some rows (M,) with TCP poses (M, 4, 4) miss the nearest rotation that the path gives them."""
+    s = np.clip(motion.point[rows], 0.0, len(toolpath) - 1)
     off = np.full(len(rows), np.inf)
     for leaving in (False, True):
         there = reference.between(toolpath, known, s, leaving=leaving)
-        for found in there.gamma(ride.tcp[rows]).T:
+        for found in there.gamma(tcp).T:
             apart = np.abs((found - motion.gamma[rows] + np.pi) % (2.0 * np.pi) - np.pi)
             off = np.fmin(off, np.maximum(apart - _leeway(toolpath, known, s, there), 0.0))
-    out.append(worst("rotation of the samples", "deg", np.degrees(off), GAMMA_DEG, lambda n: motion.at(rows[n])))
-    return out
+    return off
 
 
 def _leeway(toolpath: Toolpath, known: reference.Directions, s: Array, there: reference.Directions) -> Array:

@@ -21,6 +21,7 @@ from machopt.verify.reference import SAME
 from machopt.verify.table import Motion
 
 PATH_MM, AXIS_DEG = 0.02, 0.05  # how far the TCP may leave the toolpath at a feed
+BLOCK = 50_000  # samples compared at a time: what lies between is many times what is kept
 HIGHEST = 0.5  # m, to which the tool is lifted along its axis
 
 
@@ -75,20 +76,23 @@ def ride(motion: Motion, toolpath: Toolpath, corners: Array, position: Array, tc
     known = np.isfinite(motion.point)
     s = np.clip(np.nan_to_num(motion.point), 0.0, last)
     toward = np.clip(np.ceil(s - SAME), 0, last).astype(int)
-    low = np.minimum(s.astype(int), max(last - 1, 0))
-    axis = interpolate_axis(toolpath.axis[low], toolpath.axis[np.minimum(low + 1, last)], s - low)
-    shank = -tcp[:, :3, 2]
-    angle = np.arctan2(np.linalg.norm(np.cross(shank, axis), axis=1), np.einsum("ij,ij->i", shank, axis))
-    there = np.column_stack([np.interp(s, corners, position[:, c]) for c in range(3)])
-    off_index = np.where(known, np.linalg.norm(x - there, axis=1), np.inf)
     fed_moves = toolpath.move[np.clip(np.ceil(corners[1:] - SAME).astype(int), 0, last)] != Move.RAPID
-    off_path = np.where(known, _from_polyline(x, s, corners, position, fed_moves), np.inf)
+    angle, off_index, off_path, height, aside = (np.empty(len(s)) for _ in range(5))
+    for start in range(0, len(s), BLOCK):
+        some = slice(start, start + BLOCK)
+        low = np.minimum(s[some].astype(int), max(last - 1, 0))
+        axis = interpolate_axis(toolpath.axis[low], toolpath.axis[np.minimum(low + 1, last)], s[some] - low)
+        shank = -tcp[some, :3, 2]
+        angle[some] = np.arctan2(np.linalg.norm(np.cross(shank, axis), axis=1), np.einsum("ij,ij->i", shank, axis))
+        up = x[some] - np.column_stack([np.interp(s[some], corners, position[:, c]) for c in range(3)])
+        off_index[some] = np.linalg.norm(up, axis=1)
+        height[some] = np.einsum("ij,ij->i", up, axis)
+        aside[some] = np.linalg.norm(up - height[some, None] * axis, axis=1)
+        off_path[some] = _from_polyline(x[some], s[some], corners, position, fed_moves)
+    off_index, off_path = (np.where(known, off, np.inf) for off in (off_index, off_path))
     straight = known & (angle <= axis_limit)
     fed = straight & (off_path <= path_limit) & (toolpath.move[toward] != Move.RAPID) & (toward > 0)
     whole = np.abs(s - np.round(s)) <= SAME
-    up = x - there
-    height = np.einsum("ij,ij->i", up, axis)
-    aside = np.linalg.norm(up - height[:, None] * axis, axis=1)
     away = ~fed | (off_index > path_limit)  # drawn out along the very line it came in on: the index stays at the point
     lifted = straight & whole & away & (aside <= path_limit) & (height >= -path_limit) & (height <= HIGHEST)
     fed &= ~lifted

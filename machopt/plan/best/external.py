@@ -34,7 +34,7 @@ from machopt.plan.external.stands import refuse_strangers
 from machopt.plan.external.values import STEP, Values
 from machopt.plan.jointly.refinement import TRUST
 from machopt.plan.jointly.tried import PASSES, driven, on_another_grid, refined
-from machopt.plan.motion.timeline import build_timeline
+from machopt.plan.motion.timeline import has_motion
 from machopt.plan.pipeline.planned import Plan
 from machopt.plan.pipeline.run import plan
 from machopt.plan.pipeline.setup import Setup, Timings, prepare
@@ -291,8 +291,8 @@ class _Tries:
             return [best[1], *fixed]
         if fixed:  # there is another answer, should this one not be driven
             with self.asked.clock.stage("external"):
-                timeline = build_timeline(found, self.asked.toolpath)
-            if timeline.trajectory is None:
+                drives = has_motion(found, self.asked.toolpath)
+            if not drives:
                 return [best[1], *fixed]
         return [found, *fixed]
 

@@ -112,6 +112,10 @@ class Candidates:
             return np.asarray(self.phi[None, :] + nudge[:, None])
         return np.asarray(self.phi[rotation] + nudge)
 
+    def phi_of(self, stations: NDArray[np.integer[Any]], rotation: NDArray[np.integer[Any]]) -> Array:
+        """(n,) rad of some stations (n,), one rotation index (n,) each."""
+        return np.asarray(self.phi[rotation] + (0.0 if self.nudge is None else self.nudge[stations]))
+
     def reason_of_rotation(self) -> NDArray[np.uint8]:
         """(S, R) OK where any branch works, else the reason of the branch that came furthest."""
         ok = any_last(self.reason == Reason.OK)

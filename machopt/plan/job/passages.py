@@ -21,6 +21,7 @@ from machopt.plan.compensation.compensate import rescored
 from machopt.plan.job.conflict import whole
 from machopt.plan.motion.lifts import rests_of
 from machopt.plan.motion.rapids import UNDER, Blocked, plan_rapid
+from machopt.plan.motion.search_budget import is_used_up
 from machopt.plan.motion.timeline import SEARCHED, Timeline
 from machopt.plan.pipeline.breaks import Break
 from machopt.plan.pipeline.planned import Plan
@@ -64,7 +65,7 @@ def past_blocked(plan: Plan, motion: Motion, timings: Timings) -> tuple[Plan, Ti
     shut, told = _Shut(np.zeros((B, B), bool), frozenset(), ()), dict[str, str]()
     for _ in range(TRIES):
         stops = _stops(timeline)
-        if timeline is None or timeline.trajectory is not None or not stops:
+        if timeline is None or timeline.trajectory is not None or not stops or is_used_up():
             break
         stuck: list[Break] = []
         with timings.stage("retime"):

@@ -15,11 +15,13 @@ from machopt.plan.job.compensable import shifted_where_it_can
 from machopt.plan.job.conflict import undriven, with_conflict
 from machopt.plan.job.conflict import whole as is_whole
 from machopt.plan.job.drive import motion_of
+from machopt.plan.job.fewer_freedoms import has_trajectory, locked_subsets, with_locked
 from machopt.plan.job.joined import Stretch, joined, shares_of
 from machopt.plan.job.joined_motion import Done, joined_points, joined_timeline
 from machopt.plan.job.passages import past_blocked
 from machopt.plan.job.worst_over_tools import together
 from machopt.plan.kept import kept_through
+from machopt.plan.motion.search_budget import SearchBudget, limit_search
 from machopt.plan.motion.timeline import Timeline
 from machopt.plan.pipeline.gaps import told
 from machopt.plan.pipeline.planned import Plan
@@ -71,10 +73,10 @@ def _job(
     stints: Sequence[Stint], toolpath: Toolpath, options: PlanOptions, timings: Timings, before: Sequence[Plan]
 ) -> Job:
     lent = before if len(before) == len(stints) else (None,) * len(stints)
-    plans = [_planned(stints[0], options, timings, len(stints), lent[0])]
     if len(stints) == 1:
-        done = _done(stints[0], plans[0], options, timings, lambda o: _planned(stints[0], o, timings, 1))
+        done = _whole_job(stints[0], options, timings, lent[0])
         return Job(done.stretch.plan, done.points, done.timeline, (done,))
+    plans = [_planned(stints[0], options, timings, len(stints), lent[0])]
     scale = plans[0].scores.scale  # of all: the worst index is that of the whole job
     rest = zip(stints[1:], lent[1:], strict=True)
     plans += [_planned(s, options, timings, len(stints), one, scale=scale) for s, one in rest]
@@ -86,6 +88,28 @@ def _job(
     parts = [_done(s, one, options, timings, again(s)) for s, one in zip(stints, plans, strict=True)]
     whole = replace(joined([p.stretch for p in parts], bound), options=options)
     return Job(whole, joined_points(parts, toolpath), joined_timeline(parts), tuple(parts))
+
+
+def _whole_job(stint: Stint, options: PlanOptions, timings: Timings, before: Plan | None) -> Done:
+    """A job of one tool; with fewer external joints free where it has no complete motion with all of them."""
+
+    def done(asked: PlanOptions, lent: Plan | None = None) -> Done:
+        first = _planned(stint, asked, timings, 1, lent)
+        return _done(stint, first, asked, timings, lambda o: _planned(stint, o, timings, 1))
+
+    subsets = list(locked_subsets(stint.cell, stint.of(options))) if stint.cell.external_joints else []
+    if not subsets:
+        return done(options, before)
+    with limit_search(SearchBudget()):
+        free = done(options, before)
+    if has_trajectory(free):
+        return free
+    for names, asked in subsets:
+        with limit_search(SearchBudget()):
+            found = done(replace(options, external=asked.external))
+        if has_trajectory(found):
+            return with_locked(found, names, options)
+    return free
 
 
 def _planned(

@@ -25,7 +25,7 @@ from machopt.plan.external.groups import Group
 from machopt.plan.external.ranking import Worth
 from machopt.plan.jointly.beginning import Start
 from machopt.plan.jointly.refinement import TRUST, Refined, Refinement
-from machopt.plan.motion.timeline import build_timeline
+from machopt.plan.motion.timeline import has_motion
 from machopt.plan.pipeline.planned import Plan
 from machopt.plan.pipeline.run import obeys
 from machopt.plan.pipeline.run import plan as planned
@@ -85,7 +85,7 @@ def refined(
 def driven(plan: Plan, toolpath: Toolpath, clock: Timings) -> bool:
     """Whether all of a plan keeps the limits of every joint."""
     with clock.stage("external"):
-        return build_timeline(plan, toolpath).trajectory is not None
+        return has_motion(plan, toolpath)
 
 
 def on_another_grid(

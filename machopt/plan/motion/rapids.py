@@ -18,6 +18,7 @@ import numpy as np
 from machopt.arrays import Array
 from machopt.domain.cell import JointLimits
 from machopt.model.collision import CollisionModel
+from machopt.plan.motion.search_budget import allow_extensions, count_in_vain
 
 STILL = 1e-9  # rad, joints that differ by less do not move
 REACH = 0.8  # rad, longest extension of the tree: benchmarks/rapids_ompl.py
@@ -106,8 +107,10 @@ def plan_rapid(
                     return around
     measure = np.ones(len(q_from)) if per_rad is None else per_rad
     space = _Space(collision=collision, barred=barred, step=step, measure=measure)
-    path = _connect(space, direct, limits, rng, iterations=iterations)
+    extensions = allow_extensions(iterations)
+    path = _connect(space, direct, limits, rng, iterations=extensions)
     if path is None:
+        count_in_vain(extensions)
         return blocked
     for waypoints in (_shortcut(space, path, rng), path):  # between the tree's looks the shorter one may be barred
         sampled = moved(waypoints, "sampled")

@@ -34,6 +34,7 @@ from machopt.plan.pipeline.planned import Plan
 SEARCH = 2000  # extensions of the random tree for a rapid move that nothing simpler frees
 SEARCH_IN_VAIN = 100  # the same once a stretch is given up, or so many moves are known to be stuck
 SEARCHED = 6
+BLOCK = 20_000  # samples whose frames are held at a time
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +57,13 @@ def build_timeline(plan: Plan, toolpath: Toolpath, progress: Callable[[float], N
     return _Builder(plan, toolpath, progress or (lambda _: None)).build()
 
 
+def has_motion(plan: Plan, toolpath: Toolpath) -> bool:
+    """Whether the chosen assignment can be driven; the first obstruction decides, and no other is looked for."""
+    builder = _Builder(plan, toolpath, lambda _: None)
+    builder.first_only = True
+    return builder.build().trajectory is not None
+
+
 class _Builder:
     def __init__(self, plan: Plan, toolpath: Toolpath, progress: Callable[[float], None]) -> None:
         self.plan, self.toolpath, self.progress = plan, toolpath, progress
@@ -69,6 +77,7 @@ class _Builder:
         self.driven: list[Stretch] = []
         self.given_up: dict[Stretch, str] = {}
         self.in_the_way: list[Break] = []  # what stretches were given up for
+        self.first_only = False  # end at the first obstruction
 
     def build(self) -> Timeline:
         here, home = (
@@ -80,8 +89,11 @@ class _Builder:
         self.made.free = self.lifts.free_between(pieces)
         for n, (first, last) in enumerate(pieces):
             here = self._stretch(here, first, last) or here
+            if self.first_only and self.obstructions:
+                break
             self.progress((n + 1) / max(len(pieces), 1))
-        back = self._rapid(here, home)
+        decided = self.first_only and self.obstructions
+        back = self.obstructions[0] if decided else self._rapid(here, home)
         if isinstance(back, Break):
             self.obstructions.append(back)
         else:
@@ -224,11 +236,17 @@ class _Builder:
         return height
 
     def _in_part(self, q: Array, external: Array) -> Array:
-        """(S, 4, 4) TCP where feed is measured: as the workpiece sees it where anything moves it."""
+        """(S, 3) m, the TCP where feed is measured: as the workpiece sees it where anything moves it."""
         setup, T_flange_tcp = self.plan.setup, self.plan.setup.cell.tool.T_flange_tcp
-        if not setup.arm.machine.external:
-            return setup.robot.fk(q, T_flange_tcp)
-        return setup.arm.machine.fk(np.hstack([q, external]), T_flange_tcp)
+        out = np.empty((len(q), 3))
+        for start in range(0, len(q), BLOCK):  # the frames of all joints are many times what is kept
+            some = slice(start, start + BLOCK)
+            if not setup.arm.machine.external:
+                T = setup.robot.fk(q[some], T_flange_tcp)
+            else:
+                T = setup.arm.machine.fk(np.hstack([q[some], external[some]]), T_flange_tcp)
+            out[some] = T[:, :3, 3]
+        return out
 
     def _joined(self) -> Trajectory:
         """Legs share their ends; the later one's first row is dropped."""
@@ -241,8 +259,8 @@ class _Builder:
         correction = self.plan.setup.correction
         stands = q if correction is None else correction.true_angles(q)
         external = join("external")
-        T = self._in_part(stands, external)
-        speed = np.r_[0.0, np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1) / self.options.sample]
+        place = self._in_part(stands, external)
+        speed = np.r_[0.0, np.linalg.norm(np.diff(place, axis=0), axis=1) / self.options.sample]
         return Trajectory(
             time=np.arange(len(q), dtype=float) * self.options.sample,
             q=q,

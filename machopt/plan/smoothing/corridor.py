@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +15,7 @@ from machopt.plan.choice.choose import Choice
 from machopt.plan.configurations.candidates import Candidates
 from machopt.plan.cost.objective import Terms
 from machopt.plan.cost.score import Scores
-from machopt.plan.kept import recalled
+from machopt.plan.kept import is_keeping, recalled
 from machopt.plan.smoothing.curves import Spline
 from machopt.plan.stations.path import Path
 from machopt.plan.stations.pinned import pinned
@@ -72,10 +72,17 @@ class Stretch:
 
     @classmethod
     def of(
-        cls, path: Path, candidates: Candidates, scores: Scores, choice: Choice, rows: NDArray[np.intp], terms: Terms
+        cls,
+        path: Path,
+        candidates: Candidates,
+        scores: Scores,
+        choice: Choice,
+        rows: NDArray[np.intp],
+        terms: Terms,
+        band: Corridor | None = None,
     ) -> Stretch:
         points = path.stations[rows]
-        band = corridor(candidates, scores, choice, rows)
+        band = corridor(candidates, scores, choice, rows) if band is None else band
         turning = turning_length(path, points[0], points[-1])
         return cls(
             rows=rows,
@@ -131,6 +138,40 @@ class Stretch:
         return float(sum(price * np.abs(own - other).sum() for own, other, price in flown if other is not None))
 
 
+def corridors(
+    candidates: Candidates, scores: Scores, choice: Choice, parts: list[NDArray[np.intp]]
+) -> Iterator[Corridor]:
+    """The corridor of each of many stretches, walked side by side: a job of holes has thousands of short ones.
+
+    With a store they are walked one by one, so that a steered plan finds those that stayed as they were.
+    """
+    if is_keeping() or not parts:
+        yield from (corridor(candidates, scores, choice, rows) for rows in parts)
+        return
+    tables = [scores.cost] if scores.crowded is None else [scores.cost, scores.crowded]
+    whole = _walked(candidates, tables, choice, np.concatenate(parts))
+    whole = replace(whole, cost=whole.cost / scores.scale)
+    first = 0
+    for rows in parts:
+        some = slice(first, first + len(rows))
+        first = some.stop
+        yield replace(
+            whole,
+            phi=_chosen_rotations(candidates, choice, rows),
+            low=whole.low[some].copy(),
+            high=whole.high[some].copy(),
+            cost=whole.cost[some],
+            slope=whole.slope[some],
+            q=whole.q[some],
+            crowded=None if whole.crowded is None else whole.crowded[some],
+        )
+
+
+def _chosen_rotations(candidates: Candidates, choice: Choice, rows: NDArray[np.intp]) -> Array:
+    """(n,) rad, unwrapped along the stretch."""
+    return np.unwrap(candidates.phi_of(rows, np.maximum(choice.rotation[rows], 0)))
+
+
 def corridor(candidates: Candidates, scores: Scores, choice: Choice, rows: NDArray[np.intp]) -> Corridor:
     """Walk from the chosen vertex to both sides while the same branch and turn stay feasible."""
     b, tables = choice.branch[rows], [scores.cost] if scores.crowded is None else [scores.cost, scores.crowded]
@@ -140,7 +181,7 @@ def corridor(candidates: Candidates, scores: Scores, choice: Choice, rows: NDArr
         r = choice.rotation[rows]
         return (
             candidates.phi,
-            candidates.phi_at(np.maximum(choice.rotation, 0))[rows],
+            candidates.phi_of(rows, np.maximum(choice.rotation[rows], 0)),
             candidates.turns,
             r,
             b,
@@ -159,7 +200,7 @@ def _walked(candidates: Candidates, tables: list[Array], choice: Choice, rows: N
     grid = 2 * np.pi / R
     stride = max(1, round(STEP / grid))  # a finer grid is walked step by step, so that its corridor is as wide
     r, b = choice.rotation[rows], choice.branch[rows]
-    phi = np.unwrap(candidates.phi_at(np.maximum(choice.rotation, 0))[rows])
+    phi = _chosen_rotations(candidates, choice, rows)
     n = len(rows)
     found = np.empty((len(tables), n, 2 * REACH + 1))
     found[:, :, REACH] = [table[rows, r, b] for table in tables]

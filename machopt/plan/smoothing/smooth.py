@@ -20,7 +20,7 @@ from machopt.plan.configurations.candidates import Candidates
 from machopt.plan.configurations.realise import between_stations
 from machopt.plan.cost.objective import Terms
 from machopt.plan.cost.score import Scores
-from machopt.plan.smoothing.corridor import REACH, Ends, Stretch, turning_length
+from machopt.plan.smoothing.corridor import REACH, Ends, Stretch, corridors, turning_length
 from machopt.plan.smoothing.spline import spline_answers
 from machopt.plan.stations.path import Path
 
@@ -48,10 +48,14 @@ def smooth(
     worst = max(_grid_worst(path, scores, choice), scores.elsewhere)
     terms = Terms.at_stations(path, velocity, options)
     position = np.searchsorted(st, np.arange(P))
-    parts = [
-        Stretch.of(path, candidates, scores, choice, np.arange(a, b + 1), terms)
+    rows = [
+        np.arange(a, b + 1)
         for first, last in path.runs
         for a, b in _whole_stretches(choice, position[first], position[last])
+    ]
+    parts = [
+        Stretch.of(path, candidates, scores, choice, some, terms, band)
+        for some, band in zip(rows, corridors(candidates, scores, choice, rows), strict=True)
     ]
     for part, ends in zip(parts, [_ends(parts, n) for n in range(len(parts))], strict=True):
         if part.x[-1] > 0 and len(part.rows) >= 3:
@@ -73,13 +77,13 @@ def smooth(
         _constant_rotations(parts, worst)
     phi, seed = np.full(P, np.nan), np.full((P, 6), np.nan)
     for part in parts:
-        rows = slice(part.points[0], part.points[-1] + 1)
+        within = slice(part.points[0], part.points[-1] + 1)
         turning = turning_length(path, part.points[0], part.points[-1])
         bend = part.spline(turning) if part.spline else np.interp(turning, part.x, part.band.phi + part.offset)
-        phi[rows] = bend
+        phi[within] = bend
         near = part.joints()
         for i in range(6):
-            seed[rows, i] = np.interp(path.s[rows], path.s[part.points], near[:, i])
+            seed[within, i] = np.interp(path.s[within], path.s[part.points], near[:, i])
         seed[part.points] = near
     return Smoothed(phi=phi, seed=seed)
 

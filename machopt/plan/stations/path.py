@@ -69,12 +69,12 @@ class Path:
         """(n, 6 + E): joints q (n, 6) rad at planning points ``rows``, and where the external joints stand there."""
         return np.hstack([q, self.external[rows]])
 
-    @property
+    @cached_property
     def may_touch(self) -> NDArray[np.bool_]:
         """(P,) True in runs with linear moves: there the cutter may be in the workpiece, after a rapid move never."""
         return np.asarray((np.bincount(self.run)[self.run] > 1) | (self.move != Move.RAPID))
 
-    @property
+    @cached_property
     def motion_share(self) -> Array:
         """(P,) weight of the motion into each point: the share of the length cut that its run has.
 
@@ -88,7 +88,7 @@ class Path:
             share[k] = share[k] or share[k - 1]
         return np.asarray(share[self.run])
 
-    @property
+    @cached_property
     def counted(self) -> NDArray[np.bool_]:
         """(P,) True where the index counts: toolpath points the tool cuts to, and points inside cut segments."""
         return np.asarray(self.move == Move.CUT)

@@ -279,11 +279,12 @@ def _dips(plan: Plan, timeline: Timeline | None, s: Array) -> tuple[page.FeedDip
         return ()
     t = timeline.trajectory
     cut = np.flatnonzero((t.move != Move.RAPID) & np.isfinite(t.point))
+    index = t.point[cut]  # once: a job of many holes has a dip and more in each
     out = []
     for dip in timeline.dips:
-        known = len(cut) > 0 and dip.first <= t.point[cut[-1]]  # where the machine stood before: the last row of that
-        at = cut[max(int(np.searchsorted(t.point[cut], dip.first + 1e-9, side="right")) - 1, 0)] if known else None
-        end = cut[min(int(np.searchsorted(t.point[cut], dip.last)), len(cut) - 1)] if len(cut) else 0
+        known = len(cut) > 0 and dip.first <= index[-1]  # where the machine stood before: the last row of that
+        at = cut[max(int(np.searchsorted(index, dip.first + 1e-9, side="right")) - 1, 0)] if known else None
+        end = cut[min(int(np.searchsorted(index, dip.last)), len(cut) - 1)] if len(cut) else 0
         programmed = float(
             plan.path.feed[min(int(np.searchsorted(plan.path.index, dip.last)), len(plan.path.feed) - 1)]
         )
