@@ -71,10 +71,11 @@ def summary(result: OptimizeResult, report: Path) -> list[str]:
         )
         lines += _removed_lines(shift)
     if result.cycle_time_s is not None and result.feed_held_share is not None:
-        dips = len(result.feed_dips)
+        dips, ramps = len(result.feed_dips), len(result.feed_stops)
+        rest = f", {dips} dips" if dips else ", the rest are ramps at stops that the path demands" if ramps else ""
         lines.append(
             f"  {result.cycle_time_s:.1f} s cycle, programmed feed held for "
-            f"{100 * result.feed_held_share:.1f} % of the cutting time" + (f", {dips} dips" if dips else "")
+            f"{100 * result.feed_held_share:.1f} % of the cutting time{rest}"
         )
     for stop in result.obstructions[:STOPS]:
         lines.append(f"  stopped from {_place(stop.before)} to {_place(stop.after)}: {stop.reason}")

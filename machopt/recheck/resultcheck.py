@@ -21,7 +21,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.manifest import Manifest, ManifestFile, with_scope
 from machopt.domain.options import PlanOptions
 from machopt.domain.results.optimize import OptimizeResult
-from machopt.domain.slowmoves import Slow, said_at
+from machopt.domain.slowmoves import RAMPS, TURN_BACK, Slow, is_turn_back, said_at
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.errors import InputError
 from machopt.formats.options import options_as_user
@@ -44,6 +44,7 @@ LAST = {"k_axial_N_mm": 6e-5, "k_normal_N_mm": 6e-5, "k_jiao_x_N_mm": 6e-5, "def
 HELD = 0.95  # of the programmed feed: what counts as held
 ON_POINT = 1e-6  # of a point index: printed with six decimals or more
 FEED = 1e-4  # of the programmed feed: feeds are printed to 0.001 mm/min
+SHIFTED = math.radians(10.0)  # by this much a path shifted against the deflection may turn a corner less sharply
 RESULT = "result.json"
 VERDICTS = {3: "infeasible", 4: "verification failed"}
 
@@ -246,10 +247,11 @@ def _times(t: Told) -> Iterable[str]:
 
 def _feed(t: Told) -> Iterable[str]:
     """Share of the cutting time near the programmed feed, and where it falls short of it, from the samples."""
-    share, dips = t.result.feed_held_share, t.result.feed_dips
+    share, dips, stops = t.result.feed_held_share, t.result.feed_dips, t.result.feed_stops
     if t.contents is None:
         yield from same("feed_held_share", share, None)
         yield from same("feed_dips", dips, [])
+        yield from same("feed_stops", stops, [])
         return
     number = {k: t.motion.numbers(k, empty=True) for k in ("point", "feed_mm_min")}
     move = np.array(t.motion.words("move"))
@@ -272,15 +274,21 @@ def _feed(t: Told) -> Iterable[str]:
     if not least - slack <= share <= most + slack:
         yield f"feed_held_share is {share:.6g}, {least:.6g} to {most:.6g} follows"
     inside, axes = np.zeros(len(at), bool), len(t.cell.limits.velocity)
-    for n, dip in enumerate(dips):
+    named = [(f"feed_dips.{n}", dip) for n, dip in enumerate(dips)]
+    named += [(f"feed_stops.{n}", stop) for n, stop in enumerate(stops)]
+    for name, dip in named:
         first, last = known("first_point", dip.first_point), known("last_point", dip.last_point)
         inside |= (at >= first - ON_POINT) & (at <= last + ON_POINT)
         if not (0.0 <= dip.lowest_ratio < HELD and 1 <= dip.axis <= axes and first <= last):
-            yield f"feed_dips.{n} is none: {short(dip)}"
+            yield f"{name} is none: {short(dip)}"
+        elif (dip.where in RAMPS) != name.startswith("feed_stops"):
+            yield f"{name} belongs into the other list: {short(dip)}"
+        elif dip.where == "reversal" and not any(_turns_back(t.toolpath, at) for at in (first, last)):
+            yield f"{name}: the path does not turn back there: {short(dip)}"
     yield from _slow_rows(t)
     missed = 0 if still else int((cut & (ratio[1] < HELD - FEED) & ~inside).sum())
     if missed > 2 * runs:
-        yield f"{missed} samples below {HELD:g} of the programmed feed are in no feed_dips"
+        yield f"{missed} samples below {HELD:g} of the programmed feed are in no feed_dips or feed_stops"
 
 
 def _slow_rows(t: Told) -> Iterable[str]:
@@ -302,6 +310,13 @@ def _slow_rows(t: Told) -> Iterable[str]:
     wrong = [k for k, (ok, text) in enumerate(rows) if ok and text != wanted.get(k, "")]
     if wrong:
         yield f"the reason at {len(wrong)} points of points.csv does not follow from feed_dips, the first is {wrong[0]}"
+
+
+def _turns_back(toolpath: Toolpath, at: float) -> bool:
+    """True where the path turns back at the point that a ramp begins or ends at."""
+    point = round(at)
+    on_point = abs(at - point) <= ON_POINT and 0 <= point < len(toolpath)
+    return on_point and is_turn_back(toolpath.position, toolpath.axis, point, TURN_BACK - SHIFTED)
 
 
 def _dwelling(t: Told, point: Array) -> Bools:

@@ -298,6 +298,7 @@ class ReportData:
     path: PathSeries | None = None
     motion: MotionSeries | None = None
     dips: tuple[FeedDip, ...] = ()
+    feed_stops: tuple[tuple[str, int], ...] = ()  # ramps from and to stops that the path demands: where, how many
     worst: tuple[WorstPoint, ...] = ()
     infeasible: tuple[InfeasiblePoint, ...] = ()
     breaks: tuple[Break, ...] = ()

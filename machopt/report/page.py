@@ -188,8 +188,11 @@ def _worst(data: ReportData) -> Body:
 def _feed(data: ReportData, charts: set[str]) -> Body:
     if "c-feed" not in charts:
         return ""
-    held = part("paragraph", "The programmed feed is held throughout.")
+    held = part("paragraph", "The axes hold the programmed feed throughout, apart from stops that the path demands.")
     body = part("chart", "c-feed") + (part("heading", "Dips") + tables.feed_dips(data) if data.dips else held)
+    if data.feed_stops:
+        ramps = ", ".join(f"{count} {where}" for where, count in data.feed_stops)
+        body += part("note", f"Ramps from and to stops that the path itself demands, no lost feed: {ramps}.")
     lead = "The programmed feed is held wherever the axes can; a dip names the axis and the limit that caused it."
     return section("feed", "Feed", lead, body)
 

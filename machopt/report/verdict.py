@@ -52,7 +52,7 @@ def verdict(data: ReportData) -> Verdict:
         return Verdict(with_scope("NO FEASIBLE ANSWER", s.unchecked), "bad", _joined(s.note, sentence), _cautions(data))
     parts = [_gain_words(s), _mean_words(s)]
     if math.isfinite(s.feed_held):
-        parts.append(f"feed held on {SHARE.text(s.feed_held, unit=True)} of the cutting time")
+        parts.append(f"feed held on {SHARE.text(s.feed_held, unit=True)} of the cutting time{_ramps_in(data)}")
     if math.isfinite(s.nearest_miss):
         where = ", ".join(filter(None, [s.nearest_pair, f"point {s.nearest_point}" if s.nearest_point >= 0 else ""]))
         parts.append(
@@ -74,6 +74,11 @@ def verdict(data: ReportData) -> Verdict:
         return Verdict(with_scope("NOT VERIFIED", s.unchecked), "warn", sentence, _cautions(data))
     tone = "warn" if s.infeasible_points or s.unchecked or s.misfit else ""
     return Verdict(with_scope("VERIFIED", s.unchecked), tone, sentence, _cautions(data))
+
+
+def _ramps_in(data: ReportData) -> str:
+    """What the rest of the cutting time is where the axes hold the feed."""
+    return ", the rest are ramps at stops that the path demands" if data.feed_stops and not data.dips else ""
 
 
 def _first_of(data: ReportData) -> str:

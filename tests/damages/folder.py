@@ -225,6 +225,18 @@ RESULTS = [
         ("feed held", "+10 %", lambda r: r.update(feed_held_share=r["feed_held_share"] + 0.1), "result.json feed"),
         ("a feed dip left out", "1 of 6", lambda r: r["feed_dips"].pop(2) and None, "result.json feed"),
         ("a feed dip made up", "1 figure", lambda r: r["feed_dips"][1].update(lowest_ratio=1.2), "result.json feed"),
+        (
+            "a lost feed called a stop",
+            "1 dip",
+            lambda r: r["feed_stops"].append(r["feed_dips"].pop(0)),
+            "result.json feed",
+        ),
+        (
+            "a reversal made up",
+            "1 word",
+            lambda r: r["feed_stops"].append(r["feed_dips"].pop(0) | {"where": "reversal"}),
+            "result.json feed",
+        ),
         ("a stage's time", "below zero", lambda r: r["timings_s"].update(verify=-1.0), "result.json times"),
         ("cutting points", "−1", lambda r: r["toolpath"].update(cutting_points=5), "result.json toolpath"),
         ("operations", "1 name", lambda r: r["toolpath"].update(operations=["other"]), "result.json toolpath"),

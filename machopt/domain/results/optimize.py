@@ -311,7 +311,8 @@ class OptimizeResult(Part):
     cycle_time_s: Known
     dwell_s: Known  # of it, what the file waits at the points that are driven and before the first
     feed_held_share: Known
-    feed_dips: tuple[FeedDip, ...]
+    feed_dips: tuple[FeedDip, ...]  # where the axes do not hold the feed
+    feed_stops: tuple[FeedDip, ...]  # ramps from and to stops that the path demands: no lost feed
     rapid_detours: tuple[Text, ...]
     obstructions: tuple[Obstruction, ...]
     verification: VerificationTold | None

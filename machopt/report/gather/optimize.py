@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
@@ -95,6 +96,7 @@ def report_data(
         path=path_series(plan, toolpath, points, series),
         motion=motion_series(plan, toolpath, points, timeline),
         dips=_dips(plan, timeline, s),
+        feed_stops=_feed_stops(timeline),
         worst=worst_points(plan, toolpath, points, series),
         infeasible=_infeasible(plan, toolpath, points),
         operations=_operations(plan, toolpath, points, timeline, series),
@@ -269,7 +271,7 @@ def _dips(plan: Plan, timeline: Timeline | None, s: Array) -> tuple[page.FeedDip
     t = timeline.trajectory
     cut = np.flatnonzero((t.move != Move.RAPID) & np.isfinite(t.point))
     out = []
-    for dip in timeline.dips:
+    for dip in (d for d in timeline.dips if d.lost):
         known = len(cut) > 0 and dip.first <= t.point[cut[-1]]  # where the machine stood before: the last row of that
         at = cut[max(int(np.searchsorted(t.point[cut], dip.first + 1e-9, side="right")) - 1, 0)] if known else None
         end = cut[min(int(np.searchsorted(t.point[cut], dip.last)), len(cut) - 1)] if len(cut) else 0
@@ -290,16 +292,21 @@ def _dips(plan: Plan, timeline: Timeline | None, s: Array) -> tuple[page.FeedDip
     return tuple(out)
 
 
+def _feed_stops(timeline: Timeline | None) -> tuple[tuple[str, int], ...]:
+    """How many ramps there are from and to each kind of stop that the path demands."""
+    words = {
+        "reversal": "at reversals",
+        "start": "at the start of cuts",
+        "stop": "at the end of cuts",
+        "rest": "at dwells",
+    }
+    ramps = Counter(d.where for d in timeline.dips if not d.lost) if timeline and timeline.trajectory else Counter()
+    return tuple((text, ramps[where]) for where, text in words.items() if ramps[where])
+
+
 def cause(dip: Dip) -> str:
     """What slowed the feed, in words."""
-    where = {
-        "path": "",
-        "start": " while starting",
-        "stop": " while stopping",
-        "reversal": " at a reversal",
-        "reorientation": " while the tool turns on the spot",
-        "rest": " at a dwell or stop of the file",
-    }[dip.where]
+    where = " while the tool turns on the spot" if dip.where == "reorientation" else ""
     return f"{axis_name(dip.joint - 1)} {dip.limit}{where}"
 
 
