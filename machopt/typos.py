@@ -3,7 +3,8 @@
 A suggestion is a slip of the same word, never a word of another meaning. Words are compared piece by piece, cut at
 hyphens, underscores and dots: digits, units and pieces of one or two letters carry meaning and have to be the same; a
 longer piece may differ by one slip (two from seven letters on), a slip being a letter more, less, another one, or two
-letters exchanged; in pieces of up to four letters another letter is none. A unit that is left out is no other meaning; another unit, or another number of pieces, is.
+letters exchanged; in pieces of up to four letters another letter is none. A unit that is left out is no other meaning;
+another unit, or another number of pieces, is.
 """
 
 from __future__ import annotations
@@ -11,7 +12,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
-UNITS = frozenset("mm m um deg rad s ms min n nm kn kg g hz rpm percent nm2 n2 mib um".split())
+UNITS = frozenset(
+    ("mm", "m", "um", "deg", "rad", "s", "ms", "min", "n", "nm", "nm2", "kn", "kg", "hz", "rpm", "percent")
+)
 OPPOSITE = (frozenset({"least", "most"}), frozenset({"first", "last"}), frozenset({"lower", "upper"}))
 SHORT = 4  # letters up to which another letter makes another word: post and port, tcp and tip
 LONG = 7  # letters from which on two slips are believed

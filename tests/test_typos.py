@@ -66,7 +66,7 @@ def test_words_of_another_meaning_are_not_suggested(word: str, valid: list[str])
 
 @pytest.mark.parametrize("option", OPTIONS)
 def test_every_single_slip_of_an_option_finds_it_and_no_other_unit(option: str) -> None:
-    head, letters = option.split("_")[0], string.ascii_lowercase
+    head, letters = option.split("_", maxsplit=1)[0], string.ascii_lowercase
     if len(head) >= 5:
         for at in range(1, len(head) - 1):
             for slip in (head[:at] + head[at + 1 :], head[:at] + letters[at] + head[at:]):
