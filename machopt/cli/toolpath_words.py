@@ -37,7 +37,8 @@ def check_line(c: Check) -> str:
 def summary(result: OptimizeResult, report: Path) -> list[str]:
     """What a process engineer wants to read first."""
     path, objective = result.toolpath, result.objective
-    lines = [
+    lines = [f"before production: {text}" for text in result.production_blockers]
+    lines += [
         f"{result.verdict}: {path.cutting_points} cutting points of {path.points}, "
         f"{len(path.operations)} operations, {path.format}"
     ]
@@ -221,8 +222,6 @@ def _programs(result: OptimizeResult) -> list[str]:
                 f"({feed.lowest_percent:.0f} % in the slowest move, {feed.exact_stops} exact stops), rounding "
                 f"points by {feed.rounding_max_mm:.3f} mm at most"
             )
-        lines += [f"    WARNING: {text}" for text in p.not_in_program]
-        lines += [f"    assumed: {text}" for text in p.assumed]
     return lines
 
 

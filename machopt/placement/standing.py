@@ -135,13 +135,28 @@ class Refusal:
             resting=tuple(sorted(resting)),
         )
 
+    def lost_support(self, S: Array) -> tuple[str, ...]:
+        """What stays and carries what moves today, and would be farther than GAP from it at a place.
+
+        Args:
+            S: (4, 4) the shift in world.
+        """
+        self._move(S)
+        return tuple(name for name in self.resting if self.moving.min_distance_other(self._alone(name)) > GAP)
+
+    def _alone(self, name: str) -> CollisionManager:
+        return _manager({name: self.standing.bodies[name]}, self.standing.T_world_base)
+
+    def _move(self, S: Array) -> None:
+        for name in sorted(self.movers):
+            for k, _ in enumerate(self.standing.bodies[name]):
+                self.moving.set_transform(f"{name}#{k}", S)
+
     def why(self, shift: Shift, S: Array) -> str:
         """One sentence, empty where the cell can stand so. S (4, 4): the shift in world."""
         if self.resting and shift.z < -SINK:
             return f"it rests on {', '.join(self.resting)} and would sink into it"
-        for name in sorted(self.movers):
-            for k, _ in enumerate(self.standing.bodies[name]):
-                self.moving.set_transform(f"{name}#{k}", S)
+        self._move(S)
         hit, pairs = self.moving.in_collision_other(self.stayers, return_names=True)
         if hit:
             new = {frozenset((_plain(a), _plain(b))) for a, b in pairs} - self.touching

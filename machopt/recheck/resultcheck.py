@@ -35,7 +35,7 @@ from machopt.recheck.resultform import wrong_parts
 from machopt.recheck.resultnumbers import PRINTED, compensation, front, not_beyond, objective
 from machopt.recheck.resultposition import position_error
 from machopt.recheck.resultprograms import programs
-from machopt.recheck.scope import checked, done, not_run, unchecked
+from machopt.recheck.scope import checked, done, not_run, production_blockers, unchecked
 from machopt.recheck.told import AGREE, DIGITS, Points, Told, known, near, same, same_items, short
 from machopt.verify import Check, Verification
 from machopt.verify.check import Promise, of_file
@@ -112,6 +112,8 @@ def _verdict(t: Told) -> Iterable[str]:
     yield from same("exit_code", code, expected)
     missing = (*unchecked(t.cell, t.options, t.toolpath), *(not_run(found.checks) if found else ()))
     yield from same("unchecked", t.result.unchecked, list(missing))
+    blockers = () if expected == 3 else production_blockers(t.cell, missing, t.result.programs)
+    yield from same("production_blockers", t.result.production_blockers, list(blockers))
     word = VERDICTS.get(expected)
     if word is None:
         lacking = ~Points.read(t).ok

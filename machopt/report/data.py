@@ -104,6 +104,7 @@ class Summary:
     misfit: str = ""  # a sentence where the stiffness is known to miss its own readings
     note: str = ""  # one further sentence for the verdict
     unchecked: tuple[str, ...] = ()  # what was switched off or left out, in the words of the verdict
+    blockers: tuple[str, ...] = ()  # what has to be settled before the part is made, the gravest first
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -86,7 +86,7 @@ def report_html(data: ReportData, steering: Steering | None = None) -> str:
 def _verdict(data: ReportData) -> Body:
     v = verdict(data)
     boxes = [(c.name, c.value, c.unit, c.more) for c in cards(data)]
-    return part("verdict", "verdict", v.tone, v.badge, v.sentence, v.cautions, boxes)
+    return part("verdict", "verdict", v.tone, v.badge, v.sentence, v.cautions, boxes, data.summary.blockers)
 
 
 def _plot(name: str, charts: set[str]) -> Body:

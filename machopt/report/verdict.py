@@ -72,7 +72,7 @@ def verdict(data: ReportData) -> Verdict:
         return Verdict(with_scope("VERIFICATION FAILED: DO NOT RUN", s.unchecked), "bad", sentence, _cautions(data))
     if s.verification == "not run":
         return Verdict(with_scope("NOT VERIFIED", s.unchecked), "warn", sentence, _cautions(data))
-    tone = "warn" if s.infeasible_points or s.unchecked or s.misfit else ""
+    tone = "warn" if s.infeasible_points or s.unchecked or s.blockers or s.misfit else ""
     return Verdict(with_scope("VERIFIED", s.unchecked), tone, sentence, _cautions(data))
 
 

@@ -44,6 +44,7 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> told.Optim
         version=__version__,
         verdict=made.verdict,
         exit_code=made.exit_code,
+        production_blockers=made.production_blockers,
         unchecked=made.unchecked,
         inputs=hashes_of(made.manifest.inputs),
         outputs={name: sha256_of(folder / name) for name in sorted(listed(folder))},

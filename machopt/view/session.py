@@ -151,6 +151,7 @@ class Session:
             made.timeline,
             None,
             shown=mapped(made.plan),
+            blockers=made.production_blockers,
             before=None if self.before is None else self.before.made.plan,
             hashes=hashes_of(made.manifest.inputs),
             options=options_as_user(made.options),

@@ -237,6 +237,7 @@ RESULTS = [
             lambda r: r["feed_stops"].append(r["feed_dips"].pop(0) | {"where": "reversal"}),
             "result.json feed",
         ),
+        ("a blocker made up", "1 sentence", lambda r: r["production_blockers"].append("none"), "result.json verdict"),
         ("a stage's time", "below zero", lambda r: r["timings_s"].update(verify=-1.0), "result.json times"),
         ("cutting points", "−1", lambda r: r["toolpath"].update(cutting_points=5), "result.json toolpath"),
         ("operations", "1 name", lambda r: r["toolpath"].update(operations=["other"]), "result.json toolpath"),

@@ -290,6 +290,7 @@ class OptimizeResult(Part):
     version: Text
     verdict: Text
     exit_code: Count
+    production_blockers: tuple[Text, ...]  # what has to be settled before the part is made, the gravest first
     unchecked: tuple[Text, ...]
     inputs: Hashes
     outputs: Hashes

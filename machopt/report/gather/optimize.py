@@ -65,6 +65,7 @@ def report_data(
     shown: Mapped | None = None,
     before: Plan | None = None,
     unchecked: tuple[str, ...] = (),
+    blockers: tuple[str, ...] = (),
     hashes: dict[str, str],
     options: dict[str, object],
     timings: dict[str, float],
@@ -72,6 +73,7 @@ def report_data(
     """Collect everything the page shows; parts that were not reached stay empty.
 
     Args:
+        blockers: what has to be settled before production.
         before: a plan to compare with, on the map.
     """
     index = plan.scores.index
@@ -80,7 +82,7 @@ def report_data(
     s = cut_length(toolpath, plan.path.counted[points.rows])
     shift = _shift(plan, toolpath)
     summary = _summary(plan, points, timeline, verification, quantity, float(s[-1]), shift)
-    summary = replace(summary, unchecked=unchecked)
+    summary = replace(summary, unchecked=unchecked, blockers=blockers)
     models = [p.setup.collision for p in ([part.plan for part in plan.parts] or [plan]) if p.setup.collision]
     shown = shown or mapped(plan)
     return page.ReportData(
