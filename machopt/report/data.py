@@ -24,6 +24,7 @@ STATUS_NAMES = (
     "shoulder singularity",
     "collision",
     "not checked",
+    "excluded by the rotation range, a pin or a zone",
 )
 """Meaning of the codes in :attr:`RotationMap.status`, by :class:`machopt.report.placecodes.PlaceCode`."""
 
