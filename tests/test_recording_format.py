@@ -383,7 +383,10 @@ def test_a_damaged_file_is_read_or_refused_never_worse(
 def test_parquet_needs_pyarrow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = folder(tmp_path, b"PAR1 and so on")
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    refused(path, "is Parquet, which needs pyarrow: pip install '.[parquet]' in machopt's source folder, or save the table as CSV")
+    refused(
+        path,
+        "is Parquet, which needs pyarrow: pip install '.[parquet]' in machopt's source folder, or save the table as CSV",
+    )
 
 
 def test_parquet_reads_as_csv_does(tmp_path: Path) -> None:

@@ -107,9 +107,7 @@ def not_run(checks: Iterable[Check]) -> tuple[str, ...]:
     return tuple(f"{c.name} NOT checked" for c in checks if c.passed is None and c.promise != Promise.CONTACTS)
 
 
-def production_blockers(
-    cell: Cell, unchecked: Sequence[str], programs: Sequence[ProgramTold]
-) -> tuple[str, ...]:
+def production_blockers(cell: Cell, unchecked: Sequence[str], programs: Sequence[ProgramTold]) -> tuple[str, ...]:
     """What somebody has to settle before the part is made, the gravest first; it begins verdict and report.
 
     It follows from the cell, the verdict's scope and the programs as read back, so that ``verify`` finds the same words.
