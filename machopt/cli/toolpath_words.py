@@ -59,10 +59,20 @@ def summary(result: OptimizeResult, report: Path) -> list[str]:
             lines.append("  another of them is nowhere worse than the plan as asked")
     soft = result.worst_point
     if soft:
-        bend = "" if soft.deflection_mm is None else f", deflection {soft.deflection_mm:.3f} mm"
+        if soft.deflection_mm is not None:
+            parts = [
+                f"{_with_interval(value, interval)} {where}"
+                for where, value, interval in (
+                    ("in all", soft.deflection_mm, soft.deflection_ci90_mm),
+                    ("along the tool axis", soft.deflection_along_mm, soft.deflection_along_ci90_mm),
+                    ("across it", soft.deflection_across_mm, soft.deflection_across_ci90_mm),
+                )
+            ]
+            lines.append(f"  worst point {soft.point}: deflection {', '.join(parts)}")
         lines.append(
-            f"  worst point {soft.point}: {_nan(soft.k_axial_N_mm):.0f} N/mm along the tool, "
-            f"{_nan(soft.k_normal_N_mm):.0f} N/mm across{bend}"
+            f"  {'stiffness there' if soft.deflection_mm is not None else f'worst point {soft.point}'}: "
+            f"{1e-3 * _nan(soft.k_axial_N_mm):.3f} N/µm along the tool axis, "
+            f"{1e-3 * _nan(soft.k_normal_N_mm):.3f} N/µm across it"
         )
     shift = result.compensation
     if shift:
@@ -93,6 +103,14 @@ def summary(result: OptimizeResult, report: Path) -> list[str]:
         lines.append("  " + with_scope(f"verification {passed}", result.unchecked))
     lines.append(f"report: {report}")
     return lines
+
+
+def _with_interval(value: float | None, interval: tuple[float, float] | None) -> str:
+    """A length in mm with its 90 % interval, where one is known."""
+    text = f"{_nan(value):.3f} mm"
+    if interval is not None:
+        text += f" (90 %: {interval[0]:.3f} to {interval[1]:.3f} mm)"
+    return text.replace("-", "−")
 
 
 def _place(index: float | None) -> str:

@@ -1,9 +1,9 @@
 """result.json held against what it was drawn from: tables, inputs, options, the manifest and the verification itself.
 
 What is not checked here follows from the planner alone: the two yardsticks' costs (their sums and the gains made of
-them are), the standard deviations of the gains, stage times, detours, how
-deep each feed dip is, and the hints among the warnings; and the sentences under ``reason`` of points.csv (that a point
-has one, and its status, are checked).
+them are), the standard deviations of the gains, stage times, detours, how deep each feed dip is, how the worst
+deflection divides along and across the tool axis, and the hints among the warnings; and the sentences under ``reason``
+of points.csv (that a point has one, and its status, are checked).
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from machopt.recheck.resultform import wrong_parts
 from machopt.recheck.resultnumbers import PRINTED, compensation, front, not_beyond, objective
 from machopt.recheck.resultposition import position_error
 from machopt.recheck.resultprograms import programs
+from machopt.recheck.resultworst import worst_point
 from machopt.recheck.scope import checked, done, not_run, production_blockers, unchecked
 from machopt.recheck.told import AGREE, DIGITS, Points, Told, known, near, same, same_items, short
 from machopt.verify import Check, Verification
 from machopt.verify.check import Promise, of_file
 
-LAST = {"k_axial_N_mm": 6e-5, "k_normal_N_mm": 6e-5, "k_jiao_x_N_mm": 6e-5, "deflection_mm": 1e-6, "gamma_deg": 1e-6}
 HELD = 0.95  # of the programmed feed: what counts as held
 ON_POINT = 1e-6  # of a point index: printed with six decimals or more
 FEED = 1e-4  # of the programmed feed: feeds are printed to 0.001 mm/min
@@ -195,27 +195,6 @@ def _tools(t: Told) -> Iterable[str]:
             rounding = points.cost_rounding(t)[s.first + int(np.nanargmax(own))]
             if not most * (1 - PRINTED) - rounding <= p.worst_index <= not_beyond(t, most, along):
                 yield f"tools: the worst index with {s.tool} is {p.worst_index:.6g}, points.csv has {most:.6g}"
-
-
-def _worst(t: Told) -> Iterable[str]:
-    points = Points.read(t)
-    worst = t.result.worst_point
-    cost = points.cost(t)
-    if not np.isfinite(cost).any():
-        yield from same("worst_point", worst, None)
-        return
-    if worst is None:
-        yield "worst_point is null, yet points are cut to"
-        return
-    n, most = worst.point, float(np.nanmax(cost))
-    rounding = points.cost_rounding(t)
-    if not cost[n] >= most * (1 - PRINTED) - rounding[n] - rounding[int(np.nanargmax(cost))]:
-        yield f"worst_point is {n}, but point {int(np.nanargmax(cost))} is softer"
-    for key in ("k_axial_N_mm", "k_normal_N_mm", "deflection_mm", "k_jiao_x_N_mm", "gamma_deg"):
-        yield from near(f"worst_point.{key}", getattr(worst, key), points.number(key)[n], PRINTED, LAST[key])
-    for joint, degrees in enumerate(worst.q_deg, 1):  # to four decimals
-        yield from near(f"worst_point.q{joint}", degrees, points.number(f"q{joint}_deg")[n], 0.0, 6e-5)
-    yield from same("worst_point.q_deg", len(worst.q_deg), 6)
 
 
 def _infeasible(t: Told) -> Iterable[str]:
@@ -378,7 +357,7 @@ _PARTS: dict[str, Callable[[Told], Iterable[str]]] = {
     "options": _options,
     "toolpath": _toolpath,
     "tools": _tools,
-    "worst point": _worst,
+    "worst point": worst_point,
     "infeasible points": _infeasible,
     "times": _times,
     "feed": _feed,

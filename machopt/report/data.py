@@ -90,6 +90,7 @@ class Summary:
     worst_chosen: float
     mean_default: float  # mean over the length cut; of a stiffness: the stiffness of the mean compliance
     mean_chosen: float
+    worst_parts: str = ""  # the deflection at the worst point along and across the tool axis, with intervals, in words
     gains: tuple[Gain, ...] = ()  # of the mean, over each yardstick
     shift: Shift | None = None
     certificate: Certificate | None = None

@@ -104,6 +104,8 @@ def cards(data: ReportData) -> list[Card]:
     ):
         if math.isfinite(chosen):
             more = f"CAM default {unit.text(default)}" if math.isfinite(default) else "CAM default not feasible"
+            if name.startswith(least) and s.worst_parts:
+                more = f"{s.worst_parts}; {more}"
             out.append(Card(name, unit.text(chosen), unit.name, more))
     if s.shift is not None:
         leaves = s.shift.left_mean if s.shift.left_mean90 is None else s.shift.left_mean90[1]

@@ -120,6 +120,11 @@ class WorstPoint(Part):
     k_axial_N_mm: Known
     k_normal_N_mm: Known
     deflection_mm: Known
+    deflection_ci90_mm: tuple[Number, Number] | None  # intervals: null where no uncertainty of the springs is known
+    deflection_along_mm: Known  # along the tool axis, + towards the shank
+    deflection_along_ci90_mm: tuple[Number, Number] | None
+    deflection_across_mm: Known
+    deflection_across_ci90_mm: tuple[Number, Number] | None
     gamma_deg: Number
     k_jiao_x_N_mm: Known
     q_deg: Numbers

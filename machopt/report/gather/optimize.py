@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.domain.reason import Reason
+from machopt.domain.results.optimize import WorstPoint
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.formats.options import without_effect
 from machopt.plan.certainty.certificate import certificate, with_external
@@ -25,6 +26,7 @@ from machopt.plan.pipeline.setup import Scored
 from machopt.plan.written.contact_map import Mapped, mapped
 from machopt.plan.written.explain import all_breaks, help_of, hints, misfit_words, shortfall_of
 from machopt.plan.written.points import PointResults, reason_of
+from machopt.plan.written.told import worst_told
 from machopt.report import data as page
 from machopt.report import verdict as told
 from machopt.report.gather.optimize_map import rotation_map
@@ -213,6 +215,7 @@ def _summary(
         nearest_miss=float(clearance[nearest]) if nearest >= 0 else float("nan"),
         nearest_pair=points.nearest_pair[nearest] if nearest >= 0 else "",
         nearest_point=nearest,
+        worst_parts=deflection_words(worst_told(plan, points)),
         gains=tuple(
             page.Gain(_YARDSTICKS[g.over], g.mean, g.std, g.interval, g.distinguishable)
             for g in gains(plan)
@@ -223,6 +226,22 @@ def _summary(
         misfit=misfit_words(plan),
         note="" if feasible else plan.conflict,
     )
+
+
+def deflection_words(worst: WorstPoint | None) -> str:
+    """The worst point's deflection along and across the tool axis, as the terminal shows it too."""
+    if worst is None or worst.deflection_along_mm is None or worst.deflection_across_mm is None:
+        return ""
+
+    def text(value: float, interval: tuple[float, float] | None) -> str:
+        around = "" if interval is None else f" (90 %: {interval[0]:.3f} to {interval[1]:.3f})"
+        return f"{value:.3f}{around}".replace("-", "−")
+
+    whole = worst.deflection_ci90_mm
+    parts = [] if whole is None else [f"90 %: {whole[0]:.3f} to {whole[1]:.3f}".replace("-", "−")]
+    parts.append(f"along the tool axis {text(worst.deflection_along_mm, worst.deflection_along_ci90_mm)}")
+    parts.append(f"across it {text(worst.deflection_across_mm, worst.deflection_across_ci90_mm)}")
+    return ", ".join(parts)
 
 
 def _certificate(plan: Plan) -> page.Certificate | None:
