@@ -385,7 +385,7 @@ def test_parquet_needs_pyarrow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     refused(
         path,
-        "is Parquet, which needs pyarrow: pip install '.[parquet]' in machopt's source folder, or save the table as CSV",
+        "is Parquet, which needs pyarrow: pip install '.[parquet]' in machopt's folder, or save the table as CSV",
     )
 
 

@@ -2,7 +2,7 @@
 
 Written by the planner, and compared by the verification with the dips of result.json: both use this module.
 
-A stop that the path itself demands is no lost feed: where a run begins or ends, where the file dwells or stops, and where
+A stop that the path itself demands is no lost feed: where a run begins or ends, where the file dwells or stops, where
 the path turns back by more than ``TURN_BACK``. The ramps from and to such a stop are listed apart (``feed_stops`` of
 result.json) and give no reason in points.csv. A stretch of a ramp that the axes could not drive at the programmed feed
 even without the stop is a dip of its own.

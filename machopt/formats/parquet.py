@@ -56,7 +56,7 @@ def reading(file: Path) -> Iterator[Any]:
         import pyarrow.parquet
     except ImportError:
         raise InputError(
-            "is Parquet, which needs pyarrow: pip install '.[parquet]' in machopt's source folder, or save the table as CSV",
+            "is Parquet, which needs pyarrow: pip install '.[parquet]' in machopt's folder, or save the table as CSV",
             file=file,
         ) from None
     try:

@@ -110,7 +110,7 @@ def not_run(checks: Iterable[Check]) -> tuple[str, ...]:
 def production_blockers(cell: Cell, unchecked: Sequence[str], programs: Sequence[ProgramTold]) -> tuple[str, ...]:
     """What somebody has to settle before the part is made, the gravest first; it begins verdict and report.
 
-    It follows from the cell, the verdict's scope and the programs as read back, so that ``verify`` finds the same words.
+    It follows from the cell, the verdict's scope and the programs as read back, so ``verify`` finds the same words.
 
     Args:
         cell: of the job.
