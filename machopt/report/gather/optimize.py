@@ -321,7 +321,8 @@ def _feed_stops(timeline: Timeline | None) -> tuple[tuple[str, int], ...]:
         "stop": "at the end of cuts",
         "rest": "at dwells",
     }
-    ramps = Counter(d.where for d in timeline.dips if not d.lost) if timeline and timeline.trajectory else Counter()
+    dips = timeline.dips if timeline is not None and timeline.trajectory is not None else ()
+    ramps = Counter(str(d.where) for d in dips if not d.lost)
     return tuple((text, ramps[where]) for where, text in words.items() if ramps[where])
 
 
