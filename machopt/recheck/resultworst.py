@@ -39,13 +39,14 @@ def worst_point(t: Told) -> Iterable[str]:
 
 def _worst_deflection(t: Told, worst: WorstPoint) -> Iterable[str]:
     """Both parts make up the whole, and every interval lies about its value; how it divides is the planner's alone."""
-    points, whole = Points.read(t), known("deflection_mm", worst.deflection_mm)
-    along, across = known("along", worst.deflection_along_mm), known("across", worst.deflection_across_mm)
-    room = LAST["deflection_mm"]
-    if not math.isfinite(whole) or not math.isfinite(along) or not math.isfinite(across):
-        yield from same("worst_point.deflection_along_mm", worst.deflection_along_mm, worst.deflection_mm)
-    else:
-        yield from near("worst_point.deflection_mm of its parts", math.hypot(along, across), whole, PRINTED, room)
+    parts = worst.deflection_along_mm, worst.deflection_across_mm
+    if worst.deflection_mm is None or None in parts:
+        intervals = (worst.deflection_ci90_mm, worst.deflection_along_ci90_mm, worst.deflection_across_ci90_mm)
+        yield from same("worst_point.deflection", [worst.deflection_mm, *parts, *intervals], [None] * 6)
+        return
+    points, room = Points.read(t), LAST["deflection_mm"]
+    whole, along, across = (known("worst_point.deflection", v) for v in (worst.deflection_mm, *parts))
+    yield from near("worst_point.deflection_mm of its parts", math.hypot(along, across), whole, PRINTED, room)
     std = points.number("deflection_std_mm")[worst.point] if "deflection_std_mm" in points.table else math.nan
     if worst.deflection_ci90_mm is None or not math.isfinite(std):
         yield from same("worst_point.deflection_ci90_mm", worst.deflection_ci90_mm is None, not math.isfinite(std))
