@@ -9,8 +9,9 @@
 
 from __future__ import annotations
 
-import difflib
 from pathlib import Path
+
+from machopt.typos import suggest_word
 
 
 class MachoptError(Exception):
@@ -47,6 +48,4 @@ class VerificationError(MachoptError):
 
 def nearest(word: str, valid: list[str]) -> str:
     """``did you mean 'x'? valid: a, b, c`` for an unknown name."""
-    close = difflib.get_close_matches(word, valid, n=1, cutoff=0.5)
-    hint = f"did you mean {close[0]!r}? " if close else ""
-    return f"{hint}valid: {', '.join(valid)}"
+    return f"{suggest_word(word, valid)}valid: {', '.join(valid)}"

@@ -26,6 +26,8 @@ def _told(x: float, worst: float, folder: str | None) -> PlaceTold:
             NearTold(moved="x +20 mm", worst=None, change_percent=None, refused="out of reach"),
         ),
         verdict="part.cls: done",
+        plans=(f"{folder}/part/report.html",) if folder else (),
+        leaves=("table",) if folder else (),
     )
 
 

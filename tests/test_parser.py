@@ -21,7 +21,7 @@ CELLS = Path(__file__).resolve().parents[1] / "cells"
         (["optimise", "a"], "COMMAND: found 'optimise'; did you mean 'optimize'?"),
         (["optimize", "a", "b", "-o", "c", "--alow-gaps"], "--alow-gaps; did you mean --allow-gaps? (machopt optimize"),
         (["map", "c", "-o", "d", "--collision", "cel"], "--collision: found 'cel'; did you mean 'cell'?"),
-        (["validate", "a", "--toolpath", "b"], "not understood: --toolpath, b (machopt validate"),  # nothing like it
+        (["validate", "a", "--toolpath", "b"], "not understood: --toolpath (an option of plan-poses"),
         (["inspect", "a", "b"], "not understood: b (machopt inspect"),
     ],
 )

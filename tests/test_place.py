@@ -18,6 +18,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from made_up_place import placed
+from ruamel.yaml import YAML
 from small_cell import pose, small_cell
 
 import machopt
@@ -36,6 +38,7 @@ from machopt.placement.moved import Carried, centre_of, moved, named, refuse
 from machopt.placement.search import Site, find
 from machopt.placement.standing import Standing
 from machopt.report.gather.place import _verdict
+from machopt.report.place_page import place_html
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 HOLES = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min\n" + "".join(
@@ -479,3 +482,25 @@ def test_a_search_that_was_stopped_calls_nothing_best_that_it_did_not_compare(
         stopped="" if open_bound == 2.0 else "after 10 min",
     )  # type: ignore[arg-type]
     assert _verdict(siting, 0.0, 0, (), of_grid=False).startswith(says)
+
+
+@pytest.mark.parametrize("x", [-1.2, -0.8, -0.57, -0.4, -0.1, 0.0, 0.2, 0.5, 0.58, 0.7, 1.5])
+@pytest.mark.parametrize("z", [0.0, 0.005, 0.02])
+def test_a_part_that_leaves_its_table_is_named(tmp_path: Path, x: float, z: float) -> None:
+    """A plate of 100 mm on a table of 1 m: it leaves it where no part of it is within 10 mm of the table."""
+    table = Shape(name="table", kind="box", size=(1.0, 1.0, 0.1), mesh=None, T_parent_shape=pose(1.5, 0.0, -0.05))
+    plate = Shape(name="plate", kind="box", size=(0.1, 0.1, 0.02), mesh=None, T_parent_shape=pose(0.0, 0.0, 0.01))
+    cell = replace(small_cell(tmp_path), obstacles=(table,))
+    part = replace(cell.workpiece, link="world", T_link_workpiece=pose(1.5, 0.0, 0.0), geometry=(plate,))
+    refusal = Standing.of(replace(cell, workpiece=part)).refusal(frozenset(), base=False)
+    assert refusal.held_by == ("table",)
+    gap = np.hypot(max(abs(x) - 0.55, 0.0), z)
+    assert refusal.lost_support(Shift(x=x, z=z).matrix(np.zeros(3))) == (("table",) if gap > 0.010 else ())
+
+
+def test_a_pose_is_shown_as_the_cell_takes_it() -> None:
+    one = placed().result.best[0].model_copy(update={"xyz_mm": (1234.567891, -0.0, 5e5), "rpy_deg": (0.0, -90.0, 12.5)})
+    assert YAML(typ="safe").load(one.pose_text) == {"xyz_mm": [1234.567891, 0, 500000], "rpy_deg": [0, -90, 12.5]}
+    page = place_html(placed())
+    assert one.plans[0] in page
+    assert "workpiece.pose" in page

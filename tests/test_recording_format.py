@@ -244,9 +244,9 @@ def test_wrong_folders(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "parts"),
     [
-        ("q1_deg", "q1_rad", ["line 2: unknown column 'q1_rad'; did you mean 'q1_deg'? valid: pose, cycle"]),
+        ("q1_deg", "q1_rad", ["line 2: unknown column 'q1_rad'; valid: pose, cycle"]),
         ("fx_N", "fx_n", ["line 2: unknown column 'fx_n'; did you mean 'fx_N'?"]),
-        ("fx_N", "fx_kN", ["did you mean 'fx_N'?"]),
+        ("fx_N", "fx_kN", ["unknown column 'fx_kN'; valid: p"]),
         ("fx_N", "", ["line 2: column 10 has no name"]),
         ("fx_N", "wholly_else", ["unknown column 'wholly_else'; valid:"]),
         ("q1_deg", "q1_mm", ["line 2, column q1_mm: joints that slide are read in", "kind absolute and motion"]),
@@ -383,7 +383,10 @@ def test_a_damaged_file_is_read_or_refused_never_worse(
 def test_parquet_needs_pyarrow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = folder(tmp_path, b"PAR1 and so on")
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    refused(path, "is Parquet, which needs pyarrow: pip install 'machopt[parquet]', or save the table as CSV")
+    refused(
+        path,
+        "is Parquet, which needs pyarrow: pip install '.[parquet]' in machopt's folder, or save the table as CSV",
+    )
 
 
 def test_parquet_reads_as_csv_does(tmp_path: Path) -> None:
@@ -416,7 +419,7 @@ def test_parquet_reads_as_csv_does(tmp_path: Path) -> None:
     write(branch=[1, 2, 3])
     refused(path, "row 1, column branch: found 1; expected a word")
     write(q7_deg=[1.0, 2.0, 3.0])
-    refused(path, "schema: unknown column 'q7_deg'; did you mean")
+    refused(path, "schema: unknown column 'q7_deg'; valid: pose")
     file.write_bytes(b"PAR1 and so on")
     refused(path, "is not readable as Parquet")
 

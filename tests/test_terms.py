@@ -348,7 +348,7 @@ def test_terms_still_to_be_fitted_have_coefficients_without_values(arm: tuple[Ro
         ("link_compliance", "link:2", {"compliance_diagonal": [0] * 6, "taper": 0.5}, "unknown key", "taper"),
         ("tool_compliance", "tool", {"EI_Nm2": 1e6, "taper": 0.5}, "unknown key", "terms[0].parameters.taper"),
         ("link_compliance", "link:2", {"EI_across_Nm2": 1e6, "normal": [0, 0, 0]}, "an axis across it", "normal"),
-        ("link_compliance", "link:4", {"EI_Nm": 1.0}, "did you mean 'EI_Nm2'", "terms[0].parameters.EI_Nm"),
+        ("link_compliance", "link:4", {"EI_Nm": 1.0}, "EI_Nm2", "terms[0].parameters.EI_Nm"),
         ("link_compliance", "link:4", {"EI_Nm2": -1.0}, "found -1; expected more than zero", "parameters.EI_Nm2"),
         ("link_compliance", "link:4", {"EI_Nm2": "soft"}, "'soft'; expected a number", "parameters.EI_Nm2"),
         ("link_compliance", "link:5", {"from_mm": [1, 2, 3], "to_mm": [1, 2, 3]}, "makes no beam", "[0].parameters"),

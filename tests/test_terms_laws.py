@@ -408,7 +408,7 @@ def test_every_elastic_law_of_diagnose_is_a_term_and_predicts_what_it_fitted(tmp
         ("joint_creep", "joint:2", {"extra_rad_per_Nm": -1e-9}, "at least zero", "extra_rad_per_Nm"),
         ("joint_creep", "joint:2", {"time_constant_s": 0}, "more than zero", "time_constant_s"),
         ("joint_pose_dependent_stiffness", "joint:2", {"law": "sector"}, "centre_deg is needed", "centre_deg"),
-        ("joint_pose_dependent_stiffness", "joint:2", {"cos3_rad_per_Nm": 1.0}, "did you mean 'cos", "cos3_rad_per_Nm"),
+        ("joint_pose_dependent_stiffness", "joint:2", {"cos3_rad_per_Nm": 1.0}, "valid: cos", "cos3_rad_per_Nm"),
         ("gravity_compensator", "joint:3", {}, "cannot be at 'joint:3'; valid: joint:2", "location"),
         ("gravity_compensator", "joint:2", {"ratio": 1.0}, "the pivots meet", "ratio"),
     ],

@@ -155,7 +155,7 @@ def test_mistakes_in_the_robot_are_told_with_all_others(good: Path, changed: Mak
     said = [str(p) for p in read_all(folder).problems]
     parts = (
         "did you mean 'base_link'",
-        "did you mean 'flange'",
+        "'flansch' is not in",
         "jerk_deg_s3",
         "home_deg[2]",
         "no such file: gone.stl",

@@ -21,6 +21,10 @@ from test_cli import optimize as optimized
 
 from machopt.cli import main
 from machopt.errors import InputError
+from machopt.plan.written.contact_map import mapped
+from machopt.report.data import STATUS_NAMES
+from machopt.report.gather.optimize_map import rotation_map
+from machopt.report.placecodes import PlaceCode
 from machopt.services.load import OptimizeRequest, load
 from machopt.services.planned import planned
 from machopt.view.run import Acting, Asked, serve
@@ -63,6 +67,78 @@ def test_a_session_pins_compares_goes_back_and_saves(tmp_path: Path) -> None:
     session.back()
     assert gammas(session) == free
     assert session.wishes()["fixed"] == []
+
+
+def test_a_pinned_column_says_that_the_pin_excludes_the_rest_of_it(tmp_path: Path) -> None:
+    session = begun(tmp_path, "rotation_step_deg=10")
+    made = session.now.made.plan
+    before = rotation_map(made, mapped(made), np.zeros(len(session.given.toolpath)))
+    want = round(gammas(session)[6], 1)
+    session.replan({"fixed": [{"point": 6, "gamma_deg": want}], "steer": [], "external": {}}, quiet)
+    made = session.now.made.plan
+    after = rotation_map(made, mapped(made), np.zeros(len(session.given.toolpath)))
+    assert before is not None
+    assert after is not None
+    k, b = int(np.argmin(np.abs(after.point - 6))), int(np.argmin(np.abs(before.point - 6)))
+    was_free = np.isin(before.status[b], (PlaceCode.OK, PlaceCode.NOT_CHECKED))
+    now = after.status[k]
+    assert (now == PlaceCode.BOUNDS).sum() >= was_free.sum() - 1 > 10
+    changed = was_free & ~np.isin(now, (PlaceCode.OK, PlaceCode.NOT_CHECKED))
+    assert set(now[changed].tolist()) == {int(PlaceCode.BOUNDS)}
+    assert "pin" in STATUS_NAMES[PlaceCode.BOUNDS]
+
+
+def test_the_verified_state_stays_until_another_plan_is_shown(tmp_path: Path) -> None:
+    session = begun(tmp_path, "rotation_step_deg=10")
+    nothing = session.wishes()
+    assert session.verified(quiet).good
+    kept = session.now
+    assert '"verified":{' in session.html()
+    assert session.replan(nothing, quiet)[1]
+    assert session.now is kept  # nothing was planned again
+    assert session.before is None
+    pin = {**nothing, "fixed": [{"point": 6, "gamma_deg": round(gammas(session)[6] + 15, 1)}]}
+    assert session.replan(pin, quiet)[1]
+    assert '"verified":null' in session.html()
+    session.back()
+    assert '"verified":{' in session.html()
+
+
+def test_while_a_handle_is_dragged_angle_deflection_and_state_are_shown(tmp_path: Path) -> None:
+    request = job(tmp_path, "rotation_step_deg=10")
+    server = serve(
+        Asked(places=(request.cell, request.toolpath), request=request, save=tmp_path / "plan.yaml"), quiet, quiet
+    )
+
+    def user(browser: Browser) -> None:
+        browser.script("document.getElementById('rotation').scrollIntoView()")
+        dots = browser.script(DOTS)
+        points = browser.script("DATA.map.point.filter(p => Math.abs(p - Math.round(p)) < 1e-6).length")
+        assert len(dots) == points  # a handle each
+        x, y, point = dots[len(dots) // 2]
+        mouse, seen = browser.page.mouse, []
+        mouse.move(x, y)
+        mouse.down()
+        for step in (6, 14, 22):
+            mouse.move(x, y + step)
+            rows = browser.script("[...document.querySelectorAll('.tip div')].map(r => r.innerText.split('\\n'))")
+            seen.append(browser.script("document.querySelector('.tip').innerText"))
+            assert rows
+        told = browser.script(f"document.querySelector('.pin[data-point=\"{point}\"]').title")
+        gamma = told.split("γ ")[1].split("°")[0]
+        assert f"point\n{point}" in seen[-1] or f"point{point}" in seen[-1].replace("\n", "")
+        assert gamma in seen[-1]
+        assert "deflection" in seen[-1]
+        assert "state" in seen[-1]
+        assert len(set(seen)) == 3
+        mouse.up()
+        assert browser.script("document.getElementById('save').disabled")
+        browser.page.click(".wish + button")  # taken away again: the plan shown is the one wished for
+        assert not browser.script("document.getElementById('save').disabled")
+        assert browser.script("document.getElementById('told').textContent").startswith("Planned in")
+        assert browser.complaints == []
+
+    driven(server, user)
 
 
 def test_a_plan_that_cannot_be_is_told_and_the_old_one_stays(tmp_path: Path) -> None:

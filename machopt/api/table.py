@@ -87,7 +87,9 @@ class Table(Mapping[str, NDArray[Any]]):
         try:
             import pandas
         except ImportError:
-            raise InputError("a data frame needs pandas; pip install 'machopt[frames]', or Table.arrow()") from None
+            raise InputError(
+                "a data frame needs pandas; pip install '.[frames]' in machopt's source folder, or Table.arrow()"
+            ) from None
         return pandas.DataFrame({name: values.copy() for name, values in self._columns.items()})
 
     def arrow(self) -> pyarrow.Table:
@@ -99,7 +101,9 @@ class Table(Mapping[str, NDArray[Any]]):
         try:
             import pyarrow
         except ImportError:
-            raise InputError("an Arrow table needs pyarrow; pip install 'machopt[parquet]'") from None
+            raise InputError(
+                "an Arrow table needs pyarrow; pip install '.[parquet]' in machopt's source folder"
+            ) from None
         return pyarrow.table({name: values.tolist() for name, values in self._columns.items()})
 
     def write(self, file: str | os.PathLike[str], *, force: bool = False) -> None:

@@ -266,7 +266,7 @@ def _distributed() -> Any:
     except ImportError:
         raise InputError(
             "machopt batch runs on Dask distributed and psutil, of which one is not installed; "
-            "pip install 'machopt[batch]' would work",
+            "pip install '.[batch]' in machopt's source folder would work",
             where="batch",
         ) from None
     return distributed

@@ -22,7 +22,7 @@ from machopt.formats.yamlstrict import Document, Loc
 
 _ORDINARY = {"acceleration_deg_s2": 500.0, "jerk_deg_s3": 5000.0}  # of any arm; deg, or mm of a rail
 _BODIES: tuple[Loc, ...] = (("tool", "geometry"), ("workpiece", "geometry"), ("obstacles",))
-_CUTOFF = 0.5  # as close as the message's own "did you mean"
+_CUTOFF = 0.5  # of difflib
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def _renamed(document: Document, loc: Loc, valid: Sequence[str]) -> Iterator[Men
     word = _at(document.value, loc)
     if not isinstance(word, str) or word in valid:
         return
-    close = difflib.get_close_matches(word, valid, n=1, cutoff=_CUTOFF)
+    close = difflib.get_close_matches(word, valid, n=1, cutoff=_CUTOFF)  # for further errors only: nobody reads it
     yield from (_with(document, loc, name) for name in close)
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 from collections.abc import Sequence
 from typing import Any, NoReturn, TypeVar
 
 from machopt.errors import nearest
+from machopt.typos import find_typo
 
 N = TypeVar("N")
 
@@ -25,18 +25,31 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"machopt: {message} ({self.prog} --help lists the options)\n")
 
     def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
-        """As argparse, but an option that no command knows is answered with the nearest one of that command."""
+        """As argparse, but an option that no command knows is answered with the one it is a slip of."""
         found, left = self.parse_known_args(args, namespace)
         if left:
             command = commands_of(self).get(found.command, self)
             options = options_of(command)
             told = []
             for word in left:
-                name = word.partition("=")[0].lstrip("-")  # without dashes, in which all are alike
-                close = difflib.get_close_matches(name, [o.lstrip("-") for o in options], n=1, cutoff=0.55)
-                told.append(f"{word}; did you mean --{close[0]}?" if close and word.startswith("-") else word)
+                told.append(f"{word}{self._hint(word, options)}" if word.startswith("-") else word)
             command.error(f"not understood: {', '.join(told)}")
         return found
+
+    def _hint(self, word: str, options: list[str]) -> str:
+        """What an unknown option may stand for: a slip of one of its command, or an option of other commands."""
+        name = word.partition("=")[0].lstrip("-")  # without dashes, in which all are alike
+        owners: dict[str, list[str]] = {option.lstrip("-"): [] for option in options}
+        for command, parser in commands_of(self).items():
+            for option in options_of(parser):
+                if option not in options:
+                    owners.setdefault(option.lstrip("-"), []).append(command)
+        close = find_typo(name, list(owners))
+        if close is None:
+            return ""
+        if owners[close]:
+            return f" (an option of {' and '.join(owners[close])})" if close == name else ""
+        return f"; did you mean --{close}?"
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:

@@ -135,4 +135,5 @@ def _summary(r: PlaceResult) -> list[str]:
             f"  {k}: x {x:+.0f}, y {y:+.0f}, z {z:+.0f} mm, turn {p.turn_deg:+.1f}°: worst {p.worst:.4g} {r.unit}"
             f"{gain}; {p.folder}/"
         )
+        lines.append(f"     {'robot' if r.moved == 'base_link' else 'workpiece'}.pose: {p.pose_text}")
     return [*lines, *(f"  note: {w}" for w in r.warnings[:6])]

@@ -43,7 +43,8 @@ def information_line(i: Information) -> str:
 def summary(result: OptimizeResult, report: Path) -> list[str]:
     """What a process engineer wants to read first."""
     path, objective = result.toolpath, result.objective
-    lines = [
+    lines = [f"before production: {text}" for text in result.production_blockers]
+    lines += [
         f"{result.verdict}: {path.cutting_points} cutting points of {path.points}, "
         f"{len(path.operations)} operations, {path.format}"
     ]
@@ -64,10 +65,20 @@ def summary(result: OptimizeResult, report: Path) -> list[str]:
             lines.append("  another of them is nowhere worse than the plan as asked")
     soft = result.worst_point
     if soft:
-        bend = "" if soft.deflection_mm is None else f", deflection {soft.deflection_mm:.3f} mm"
+        if soft.deflection_mm is not None:
+            parts = [
+                f"{_with_interval(value, interval)} {where}"
+                for where, value, interval in (
+                    ("in all", soft.deflection_mm, soft.deflection_ci90_mm),
+                    ("along the tool axis", soft.deflection_along_mm, soft.deflection_along_ci90_mm),
+                    ("across it", soft.deflection_across_mm, soft.deflection_across_ci90_mm),
+                )
+            ]
+            lines.append(f"  worst point {soft.point}: deflection {', '.join(parts)}")
         lines.append(
-            f"  worst point {soft.point}: {_nan(soft.k_axial_N_mm):.0f} N/mm along the tool, "
-            f"{_nan(soft.k_normal_N_mm):.0f} N/mm across{bend}"
+            f"  {'stiffness there' if soft.deflection_mm is not None else f'worst point {soft.point}'}: "
+            f"{1e-3 * _nan(soft.k_axial_N_mm):.3f} N/µm along the tool axis, "
+            f"{1e-3 * _nan(soft.k_normal_N_mm):.3f} N/µm across it"
         )
     shift = result.compensation
     if shift:
@@ -77,10 +88,11 @@ def summary(result: OptimizeResult, report: Path) -> list[str]:
         )
         lines += _removed_lines(shift)
     if result.cycle_time_s is not None and result.feed_held_share is not None:
-        dips = len(result.feed_dips)
+        dips, ramps = len(result.feed_dips), len(result.feed_stops)
+        rest = f", {dips} dips" if dips else ", the rest are ramps at stops that the path demands" if ramps else ""
         lines.append(
             f"  {result.cycle_time_s:.1f} s cycle, programmed feed held for "
-            f"{100 * result.feed_held_share:.1f} % of the cutting time" + (f", {dips} dips" if dips else "")
+            f"{100 * result.feed_held_share:.1f} % of the cutting time{rest}"
         )
     for stop in result.obstructions[:STOPS]:
         lines.append(f"  stopped from {_place(stop.before)} to {_place(stop.after)}: {stop.reason}")
@@ -97,6 +109,14 @@ def summary(result: OptimizeResult, report: Path) -> list[str]:
         lines.append("  " + with_scope(f"verification {passed}", result.unchecked))
     lines.append(f"report: {report}")
     return lines
+
+
+def _with_interval(value: float | None, interval: tuple[float, float] | None) -> str:
+    """A length in mm with its 90 % interval, where one is known."""
+    text = f"{_nan(value):.3f} mm"
+    if interval is not None:
+        text += f" (90 %: {interval[0]:.3f} to {interval[1]:.3f} mm)"
+    return text.replace("-", "−")
 
 
 def _place(index: float | None) -> str:
@@ -228,8 +248,6 @@ def _programs(result: OptimizeResult) -> list[str]:
                 f"({feed.lowest_percent:.0f} % in the slowest move, {feed.exact_stops} exact stops), rounding "
                 f"points by {feed.rounding_max_mm:.3f} mm at most"
             )
-        lines += [f"    WARNING: {text}" for text in p.not_in_program]
-        lines += [f"    assumed: {text}" for text in p.assumed]
     return lines
 
 

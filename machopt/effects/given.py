@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from machopt.arrays import Array
-from machopt.errors import InputError
+from machopt.errors import InputError, nearest
 
 
 class Parameters:
@@ -111,9 +110,7 @@ class Parameters:
         for key in self._data:
             if key not in self._asked:
                 valid = sorted(set(self._asked))
-                close = difflib.get_close_matches(key, valid, n=1)
-                hint = f"did you mean {close[0]!r}? " if close else ""
-                raise self.error(key, f"unknown key; {hint}valid: {', '.join(valid)}")
+                raise self.error(key, f"unknown key; {nearest(key, valid)}")
 
 
 def _shape(shape: tuple[int, ...]) -> str:

@@ -39,7 +39,8 @@ def refuse_without_pyarrow(tables: str) -> None:
             import pyarrow.parquet  # noqa: F401  only whether it is there
         except ImportError:
             raise InputError(
-                "Parquet needs pyarrow: pip install 'machopt[parquet]', or --tables csv", where="tables"
+                "Parquet needs pyarrow: pip install '.[parquet]' in machopt's source folder, or --tables csv",
+                where="tables",
             ) from None
 
 
@@ -55,7 +56,8 @@ def reading(file: Path) -> Iterator[Any]:
         import pyarrow.parquet
     except ImportError:
         raise InputError(
-            "is Parquet, which needs pyarrow: pip install 'machopt[parquet]', or save the table as CSV", file=file
+            "is Parquet, which needs pyarrow: pip install '.[parquet]' in machopt's folder, or save the table as CSV",
+            file=file,
         ) from None
     try:
         yield pyarrow
@@ -85,7 +87,9 @@ def difference(table: Path, copy: Path) -> str:
         import pyarrow
         import pyarrow.parquet
     except ImportError:
-        raise InputError("reading Parquet needs pyarrow: pip install 'machopt[parquet]'", file=copy) from None
+        raise InputError(
+            "reading Parquet needs pyarrow: pip install '.[parquet]' in machopt's source folder", file=copy
+        ) from None
     try:
         there = pyarrow.parquet.read_table(pyarrow.BufferReader(copy.read_bytes()))
         here = _arrow(table)

@@ -22,6 +22,7 @@ from machopt.formats.pathbuilder import PathBuilder
 from machopt.formats.source import TOOL_AXES, UNIT_NAMES, ReadOptions, Source, offset_key
 from machopt.formats.tablewords import may_move_points
 from machopt.formats.xyzwpr import across, read_xyzwpr
+from machopt.typos import suggest_word
 
 _UNIT_ENDINGS = {"_mm": "mm", "_inch": "inch", "_in": "inch", "": None}
 _POINT = ("x", "y", "z")
@@ -207,7 +208,8 @@ class _Table:
         known = [f"{c}_mm" for c in (*_POINT, *_HOLE, "tolerance")] + [*_PLAIN, "feed_mm_min"]
         near = difflib.get_close_matches(column.lower(), [k for k in known if k not in header], 1, 0.8)
         if near:
-            raise self.source.error(f"unknown column {column!r}; did you mean {near[0]!r}?", self.header_line)
+            hint = suggest_word(column, near) or f"{near[0]!r} is a column; drop or rename it"
+            raise self.source.error(f"unknown column {column!r}; {hint.strip()}", self.header_line)
         stops = may_move_points(column)
         self.out.ignore(f"column {column}", self.header_line, understood=False, stops=stops)
 

@@ -62,7 +62,10 @@ class _StiffnessFile(Strict):
     machopt_stiffness: Literal[1] = Field(description="the format, 1")
     joints_Nm_per_rad: list[float] = Field(min_length=6, max_length=6, description=_ROW)
     covariance: list[list[float]] | None = Field(
-        default=None, min_length=6, max_length=6, description="six rows of six numbers, (N·m/rad)²"
+        default=None,
+        min_length=6,
+        max_length=6,
+        description="of the joint compliances, six rows of six numbers, (rad/(N·m))²",
     )
     grid: _Grid | None = Field(default=None, description="stiffness that differs over the workspace")
     terms: list[_Term] = Field(default=[], description="further physics, the terms that diagnose finds")

@@ -113,6 +113,7 @@ class Refusal:
     moving: Any
     touching: frozenset[frozenset[str]]  # pairs that touch where the cell has them
     resting: tuple[str, ...]  # what stays and carries something that moves
+    held_by: tuple[str, ...]  # what stays within GAP of something that moves
 
     @classmethod
     def of(cls, standing: Standing, movers: frozenset[str]) -> Refusal:
@@ -120,12 +121,13 @@ class Refusal:
         stayers = _manager({n: b for n, b in standing.bodies.items() if n not in movers}, standing.T_world_base)
         hit, pairs = moving.in_collision_other(stayers, return_names=True) if movers else (False, set())
         touching = frozenset(frozenset((_plain(a), _plain(b))) for a, b in pairs) if hit else frozenset()
-        resting = set()
+        resting, held_by = set(), set()
         for name, bodies in standing.bodies.items():
             if name not in movers and movers:
                 one = _manager({name: bodies}, standing.T_world_base)
-                if moving.min_distance_other(one) <= SINK:
-                    resting.add(name)
+                distance = moving.min_distance_other(one)
+                resting |= {name} if distance <= SINK else set()
+                held_by |= {name} if distance <= GAP else set()
         return cls(
             standing=standing,
             movers=movers,
@@ -133,15 +135,31 @@ class Refusal:
             moving=moving,
             touching=touching,
             resting=tuple(sorted(resting)),
+            held_by=tuple(sorted(held_by)),
         )
+
+    def lost_support(self, S: Array) -> tuple[str, ...]:
+        """What stays and holds what moves today, and would be farther than GAP from it at a place.
+
+        Args:
+            S: (4, 4) the shift in world.
+        """
+        self._move(S)
+        return tuple(name for name in self.held_by if self.moving.min_distance_other(self._alone(name)) > GAP)
+
+    def _alone(self, name: str) -> CollisionManager:
+        return _manager({name: self.standing.bodies[name]}, self.standing.T_world_base)
+
+    def _move(self, S: Array) -> None:
+        for name in sorted(self.movers):
+            for k, _ in enumerate(self.standing.bodies[name]):
+                self.moving.set_transform(f"{name}#{k}", S)
 
     def why(self, shift: Shift, S: Array) -> str:
         """One sentence, empty where the cell can stand so. S (4, 4): the shift in world."""
         if self.resting and shift.z < -SINK:
             return f"it rests on {', '.join(self.resting)} and would sink into it"
-        for name in sorted(self.movers):
-            for k, _ in enumerate(self.standing.bodies[name]):
-                self.moving.set_transform(f"{name}#{k}", S)
+        self._move(S)
         hit, pairs = self.moving.in_collision_other(self.stayers, return_names=True)
         if hit:
             new = {frozenset((_plain(a), _plain(b))) for a, b in pairs} - self.touching

@@ -19,7 +19,7 @@ from machopt.domain.cell import Cell
 from machopt.domain.manifest import Manifest, ManifestFile, with_scope
 from machopt.domain.options import PlanOptions
 from machopt.domain.results.optimize import OptimizeResult
-from machopt.domain.slowmoves import Slow, said_at
+from machopt.domain.slowmoves import RAMPS, TURN_BACK, Slow, is_turn_back, said_at
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.errors import InputError
 from machopt.formats.options import options_as_user
@@ -30,19 +30,20 @@ from machopt.output.manifest import MANIFEST, listed
 from machopt.output.roles import BATCH_ROLES, TABLES
 from machopt.recheck.inforce import file_of
 from machopt.recheck.resultform import wrong_parts
-from machopt.recheck.resultnumbers import PRINTED, compensation, front, not_beyond, objective
+from machopt.recheck.resultnumbers import PRINTED, compensation, front, lie_within, not_beyond, objective
 from machopt.recheck.resultposition import position_error
 from machopt.recheck.resultprograms import programs
-from machopt.recheck.scope import NOT_RECOMPUTED, checked, done, not_run, unchecked
+from machopt.recheck.resultworst import worst_point
+from machopt.recheck.scope import NOT_RECOMPUTED, checked, done, not_run, production_blockers, unchecked
 from machopt.recheck.told import AGREE, DIGITS, Points, Told, known, near, same, same_items, short
 from machopt.verify import Check, Verification
 from machopt.verify.check import Promise, of_file
 
-LAST = {"k_axial_N_mm": 6e-5, "k_normal_N_mm": 6e-5, "k_jiao_x_N_mm": 6e-5, "deflection_mm": 1e-6, "gamma_deg": 1e-6}
 CHOSEN = 0.05  # of the mean index: what rescoring a choice as it is driven may move it by
 HELD = 0.95  # of the programmed feed: what counts as held
 ON_POINT = 1e-6  # of a point index: printed with six decimals or more
 FEED = 1e-4  # of the programmed feed: feeds are printed to 0.001 mm/min
+SHIFTED = math.radians(10.0)  # by this much a path shifted against the deflection may turn a corner less sharply
 RESULT = "result.json"
 VERDICTS = {3: "infeasible", 4: "verification failed"}
 
@@ -110,6 +111,8 @@ def _verdict(t: Told) -> Iterable[str]:
     yield from same("exit_code", code, expected)
     missing = (*unchecked(t.cell, t.options, t.toolpath), *(not_run(found.checks) if found else ()))
     yield from same("unchecked", t.result.unchecked, list(missing))
+    blockers = () if expected == 3 else production_blockers(t.cell, missing, t.result.programs)
+    yield from same("production_blockers", t.result.production_blockers, list(blockers))
     word = VERDICTS.get(expected)
     if word is None:
         lacking = ~Points.read(t).ok
@@ -214,27 +217,6 @@ def _tools(t: Told) -> Iterable[str]:
                 yield f"tools: the worst index with {s.tool} is {p.worst_index:.6g}, points.csv has {most:.6g}"
 
 
-def _worst(t: Told) -> Iterable[str]:
-    points = Points.read(t)
-    worst = t.result.worst_point
-    cost = points.cost(t)
-    if not np.isfinite(cost).any():
-        yield from same("worst_point", worst, None)
-        return
-    if worst is None:
-        yield "worst_point is null, yet points are cut to"
-        return
-    n, most = worst.point, float(np.nanmax(cost))
-    rounding = points.cost_rounding(t)
-    if not cost[n] >= most * (1 - PRINTED) - rounding[n] - rounding[int(np.nanargmax(cost))]:
-        yield f"worst_point is {n}, but point {int(np.nanargmax(cost))} is softer"
-    for key in ("k_axial_N_mm", "k_normal_N_mm", "deflection_mm", "k_jiao_x_N_mm", "gamma_deg"):
-        yield from near(f"worst_point.{key}", getattr(worst, key), points.number(key)[n], PRINTED, LAST[key])
-    for joint, degrees in enumerate(worst.q_deg, 1):  # to four decimals
-        yield from near(f"worst_point.q{joint}", degrees, points.number(f"q{joint}_deg")[n], 0.0, 6e-5)
-    yield from same("worst_point.q_deg", len(worst.q_deg), 6)
-
-
 def _infeasible(t: Told) -> Iterable[str]:
     points = Points.read(t)
     status, reason = points.table.words("status"), points.table.words("reason")
@@ -266,10 +248,11 @@ def _times(t: Told) -> Iterable[str]:
 
 def _feed(t: Told) -> Iterable[str]:
     """Share of the cutting time near the programmed feed, and where it falls short of it, from the samples."""
-    share, dips = t.result.feed_held_share, t.result.feed_dips
+    share, dips, stops = t.result.feed_held_share, t.result.feed_dips, t.result.feed_stops
     if t.contents is None:
         yield from same("feed_held_share", share, None)
         yield from same("feed_dips", dips, [])
+        yield from same("feed_stops", stops, [])
         return
     number = {k: t.motion.numbers(k, empty=True) for k in ("point", "feed_mm_min")}
     move = np.array(t.motion.words("move"))
@@ -292,27 +275,21 @@ def _feed(t: Told) -> Iterable[str]:
     if not least - slack <= share <= most + slack:
         yield f"feed_held_share is {share:.6g}, {least:.6g} to {most:.6g} follows"
     axes = len(t.cell.limits.velocity)
-    ranges = [(known("first_point", dip.first_point), known("last_point", dip.last_point)) for dip in dips]
-    inside = _within(at, np.array([(a - ON_POINT, b + ON_POINT) for a, b in ranges]).reshape(-1, 2))
-    for n, (dip, (first, last)) in enumerate(zip(dips, ranges, strict=True)):
+    named = [(f"feed_dips.{n}", dip) for n, dip in enumerate(dips)]
+    named += [(f"feed_stops.{n}", stop) for n, stop in enumerate(stops)]
+    ranges = [(known("first_point", dip.first_point), known("last_point", dip.last_point)) for _, dip in named]
+    inside = lie_within(at, np.array([(a - ON_POINT, b + ON_POINT) for a, b in ranges]).reshape(-1, 2))
+    for (name, dip), (first, last) in zip(named, ranges, strict=True):
         if not (0.0 <= dip.lowest_ratio < HELD and 1 <= dip.axis <= axes and first <= last):
-            yield f"feed_dips.{n} is none: {short(dip)}"
+            yield f"{name} is none: {short(dip)}"
+        elif (dip.where in RAMPS) != name.startswith("feed_stops"):
+            yield f"{name} belongs into the other list: {short(dip)}"
+        elif dip.where == "reversal" and not any(_turns_back(t.toolpath, at) for at in (first, last)):
+            yield f"{name}: the path does not turn back there: {short(dip)}"
     yield from _slow_rows(t)
     missed = 0 if still else int((cut & (ratio[1] < HELD - FEED) & ~inside).sum())
     if missed > 2 * runs:
-        yield f"{missed} samples below {HELD:g} of the programmed feed are in no feed_dips"
-
-
-def _within(values: Array, ranges: Array) -> Bools:
-    """(n,) which of the values (n,) lie in any of the closed ranges (K, 2); the time follows n + K, not n · K."""
-    order = np.argsort(values, kind="stable")
-    first = np.searchsorted(values[order], ranges[:, 0], side="left")
-    stop = np.searchsorted(values[order], ranges[:, 1], side="right")
-    real = first < stop
-    steps = np.bincount(first[real], minlength=len(values) + 1) - np.bincount(stop[real], minlength=len(values) + 1)
-    out = np.zeros(len(values), bool)
-    out[order] = np.cumsum(steps)[:-1] > 0
-    return out
+        yield f"{missed} samples below {HELD:g} of the programmed feed are in no feed_dips or feed_stops"
 
 
 def _slow_rows(t: Told) -> Iterable[str]:
@@ -334,6 +311,13 @@ def _slow_rows(t: Told) -> Iterable[str]:
     wrong = [k for k, (ok, text) in enumerate(rows) if ok and text != wanted.get(k, "")]
     if wrong:
         yield f"the reason at {len(wrong)} points of points.csv does not follow from feed_dips, the first is {wrong[0]}"
+
+
+def _turns_back(toolpath: Toolpath, at: float) -> bool:
+    """True where the path turns back at the point that a ramp begins or ends at."""
+    point = round(at)
+    on_point = abs(at - point) <= ON_POINT and 0 <= point < len(toolpath)
+    return on_point and is_turn_back(toolpath.position, toolpath.axis, point, TURN_BACK - SHIFTED)
 
 
 def _dwelling(t: Told, point: Array) -> Bools:
@@ -397,7 +381,7 @@ _PARTS: dict[str, Callable[[Told], Iterable[str]]] = {
     "options": _options,
     "toolpath": _toolpath,
     "tools": _tools,
-    "worst point": _worst,
+    "worst point": worst_point,
     "infeasible points": _infeasible,
     "times": _times,
     "feed": _feed,

@@ -27,6 +27,7 @@ _PART_OF = {
     "rapid_detours": "times",
     "feed_held_share": "feed",
     "feed_dips": "feed",
+    "feed_stops": "feed",
     "objective": "objective",
     "index_scale": "objective",
     "front": "front",

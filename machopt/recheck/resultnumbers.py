@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from machopt.arrays import Array, Bools
 from machopt.domain.results.optimize import ChoiceObjective, ExternalSearchBound, MeanGain, ObjectiveParts
 from machopt.recheck.told import DIGITS, Points, Told, known, near, same, short
 from machopt.verify.columns import read_columns
@@ -190,3 +191,15 @@ def front(t: Told) -> Iterable[str]:
     least = Points.read(t).number("clearance_mm")
     if np.isfinite(least).any():
         yield from near("front: clearance_mm", own.clearance_mm, float(np.nanmin(least)), PRINTED, 1e-3)
+
+
+def lie_within(values: Array, ranges: Array) -> Bools:
+    """(n,) which of the values (n,) lie in any of the closed ranges (K, 2); the time follows n + K, not n · K."""
+    order = np.argsort(values, kind="stable")
+    first = np.searchsorted(values[order], ranges[:, 0], side="left")
+    stop = np.searchsorted(values[order], ranges[:, 1], side="right")
+    real = first < stop
+    steps = np.bincount(first[real], minlength=len(values) + 1) - np.bincount(stop[real], minlength=len(values) + 1)
+    out = np.zeros(len(values), bool)
+    out[order] = np.cumsum(steps)[:-1] > 0
+    return out

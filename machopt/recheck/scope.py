@@ -6,12 +6,14 @@ the cell stands in the sentence itself.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from math import degrees
+from pathlib import Path
 
 from machopt.domain.cell import Cell
 from machopt.domain.manifest import Covered
 from machopt.domain.options import PlanOptions
+from machopt.domain.results.optimize import ProgramTold
 from machopt.domain.toolpath import Toolpath
 from machopt.verify import Check
 from machopt.verify.check import Promise
@@ -36,6 +38,8 @@ NOT_RECOMPUTED = (
     "compensation.operations",
     "programs.feed_model",
     "programs.order",
+    "worst_point.deflection_along_mm",
+    "worst_point.deflection_across_mm",
     "breaks.help",
     "rapid_detours",
     "obstructions",
@@ -129,6 +133,30 @@ def done(not_cut: int, not_reached: int) -> str:
 def not_run(checks: Iterable[Check]) -> tuple[str, ...]:
     """Checks that had to be left out, in the same words; what the options switch off is worded by :func:`unchecked`."""
     return tuple(f"{c.name} NOT checked" for c in checks if c.passed is None and c.promise != Promise.CONTACTS)
+
+
+def production_blockers(cell: Cell, unchecked: Sequence[str], programs: Sequence[ProgramTold]) -> tuple[str, ...]:
+    """What somebody has to settle before the part is made, the gravest first; it begins verdict and report.
+
+    It follows from the cell, the verdict's scope and the programs as read back, so ``verify`` finds the same words.
+
+    Args:
+        cell: of the job.
+        unchecked: what the verdict does not cover.
+        programs: of the job, as result.json has them.
+    """
+    out = list(unchecked)
+    for p in programs:
+        if not p.files:
+            continue
+        name = p.files[0]
+        out += [f"{name}: {text}" for text in p.not_in_program]
+        out += [f"{name} NOT checked: no reader knows its language"] if p.checked is None else []
+        out += [f"{name}: assumed of the controller: {text}" for text in p.assumed]
+    if cell.stiffness is not None and cell.stiffness.estimated:
+        name = Path(cell.stiffness.file or "stiffness.yaml").name
+        out.append(f"the stiffness is estimated ({name}), not measured on this arm: deflections and gains are guesses")
+    return tuple(out)
 
 
 def _has_bodies(cell: Cell) -> bool:

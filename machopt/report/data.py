@@ -24,6 +24,7 @@ STATUS_NAMES = (
     "shoulder singularity",
     "collision",
     "not checked",
+    "excluded by the rotation range, a pin or a zone",
 )
 """Meaning of the codes in :attr:`RotationMap.status`, by :class:`machopt.report.placecodes.PlaceCode`."""
 
@@ -90,6 +91,7 @@ class Summary:
     worst_chosen: float
     mean_default: float  # mean over the length cut; of a stiffness: the stiffness of the mean compliance
     mean_chosen: float
+    worst_parts: str = ""  # the deflection at the worst point along and across the tool axis, with intervals, in words
     gains: tuple[Gain, ...] = ()  # of the mean, over each yardstick
     shift: Shift | None = None
     certificate: Certificate | None = None
@@ -105,6 +107,7 @@ class Summary:
     misfit: str = ""  # a sentence where the stiffness is known to miss its own readings
     note: str = ""  # one further sentence for the verdict
     unchecked: tuple[str, ...] = ()  # what was switched off or left out, in the words of the verdict
+    blockers: tuple[str, ...] = ()  # what has to be settled before the part is made, the gravest first
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -308,6 +311,7 @@ class ReportData:
     path: PathSeries | None = None
     motion: MotionSeries | None = None
     dips: tuple[FeedDip, ...] = ()
+    feed_stops: tuple[tuple[str, int], ...] = ()  # ramps from and to stops that the path demands: where, how many
     worst: tuple[WorstPoint, ...] = ()
     infeasible: tuple[InfeasiblePoint, ...] = ()
     breaks: tuple[Break, ...] = ()

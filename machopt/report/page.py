@@ -86,7 +86,7 @@ def report_html(data: ReportData, steering: Steering | None = None) -> str:
 def _verdict(data: ReportData) -> Body:
     v = verdict(data)
     boxes = [(c.name, c.value, c.unit, c.more) for c in cards(data)]
-    return part("verdict", "verdict", v.tone, v.badge, v.sentence, v.cautions, boxes)
+    return part("verdict", "verdict", v.tone, v.badge, v.sentence, v.cautions, boxes, data.summary.blockers)
 
 
 def _plot(name: str, charts: set[str]) -> Body:
@@ -188,8 +188,11 @@ def _worst(data: ReportData) -> Body:
 def _feed(data: ReportData, charts: set[str]) -> Body:
     if "c-feed" not in charts:
         return ""
-    held = part("paragraph", "The programmed feed is held throughout.")
+    held = part("paragraph", "The axes hold the programmed feed throughout, apart from stops that the path demands.")
     body = part("chart", "c-feed") + (part("heading", "Dips") + tables.feed_dips(data) if data.dips else held)
+    if data.feed_stops:
+        ramps = ", ".join(f"{count} {where}" for where, count in data.feed_stops)
+        body += part("note", f"Ramps from and to stops that the path itself demands, no lost feed: {ramps}.")
     lead = "The programmed feed is held wherever the axes can; a dip names the axis and the limit that caused it."
     return section("feed", "Feed", lead, body)
 

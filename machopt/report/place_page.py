@@ -92,7 +92,9 @@ def _verdict(data: PlacePage) -> Body:
             cards.append(("Gain", f"{r.gain_percent:.1f}", "%", "of the worst index over all toolpaths"))
         cards.append(("Places", f"{r.within_reach}", "", f"within reach of {r.looked_at}, {r.planned} planned wholly"))
     said = f"{r.verdict[0].upper()}{r.verdict[1:]}.".replace(" -", " −")
-    return part("verdict", "verdict", tone, badge, said, r.warnings, cards)
+    leaving = [w for w in r.warnings if w.startswith("place ")]
+    others = [w for w in r.warnings if w not in leaving]
+    return part("verdict", "verdict", tone, badge, said, others, cards, leaving)
 
 
 def _map(data: PlacePage) -> Body:
@@ -205,7 +207,7 @@ def _best(r: PlaceResult) -> Body:
         Column(f"Mean ({r.unit})", "n"),
         Column("Gain (%)", "n"),
         Column("Cycle (s)", "n"),
-        Column("Plan"),
+        Column("Plan", "html"),
     ]
     rows = [_row(f"{k}", p) for k, p in enumerate(r.best, 1)]
     if r.as_it_stands is not None:
@@ -214,12 +216,21 @@ def _best(r: PlaceResult) -> Body:
         "Whole plans with collisions and motion. Each folder holds the moved cell and, for every toolpath, what "
         "optimize writes: motion, programs, report, verified."
     )
-    return section("best", "Best places", lead, table(columns, rows))
+    body = table(columns, rows) + part("heading", "Pose for cell.yaml") + _poses(r)
+    return section("best", "Best places", lead, body)
 
 
-def _row(name: str, p: PlaceTold) -> tuple[str, ...]:
+def _poses(r: PlaceResult) -> Body:
+    """The absolute pose of each best place, to be pasted into cell.yaml."""
+    key = "robot.pose, base_link in world" if r.moved == "base_link" else "workpiece.pose, in its link"
+    along = f"; {', '.join(r.carried)} moved along" if r.carried else ""
+    rows = [(str(k), p.pose_text, f"{p.folder}/cell{along}" if p.folder else "–") for k, p in enumerate(r.best, 1)]
+    return table([Column("Place"), Column(key, "mono"), Column("The whole cell")], rows)
+
+
+def _row(name: str, p: PlaceTold) -> tuple[Body, ...]:
     x, y, z = p.shift_mm
-    plan = f"{p.folder}/ ({p.verdict})" if p.folder else p.verdict
+    plan: Body = part("linked", p.plans, p.verdict)
     gain = _n(p.gain_percent, ".1f")
     return (
         name,

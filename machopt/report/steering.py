@@ -43,6 +43,7 @@ class Steering:
     good: bool
     file: str  # where the plan file will be saved
     command: str  # that plans the same anew
+    verified: dict[str, Any] | None = None  # the answer of verify on the very plan shown; None: it is not verified
 
 
 def steering_spec(s: Steering) -> dict[str, Any]:
@@ -56,4 +57,7 @@ def steering_spec(s: Steering) -> dict[str, Any]:
         "before": any(math.isfinite(c.before) for c in s.compared),
         "file": s.file,
         "command": s.command,
+        "told": s.told,
+        "good": s.good,
+        "verified": s.verified,
     }

@@ -53,7 +53,7 @@ def verdict(data: ReportData) -> Verdict:
         return Verdict(with_scope("NO FEASIBLE ANSWER", s.unchecked), "bad", _joined(s.note, sentence), _cautions(data))
     parts = [_gain_words(s), _mean_words(s)]
     if math.isfinite(s.feed_held):
-        parts.append(f"feed held on {SHARE.text(s.feed_held, unit=True)} of the cutting time")
+        parts.append(f"feed held on {SHARE.text(s.feed_held, unit=True)} of the cutting time{_ramps_in(data)}")
     if math.isfinite(s.nearest_miss):
         where = ", ".join(filter(None, [s.nearest_pair, f"point {s.nearest_point}" if s.nearest_point >= 0 else ""]))
         parts.append(
@@ -73,8 +73,13 @@ def verdict(data: ReportData) -> Verdict:
         return Verdict(with_scope("VERIFICATION FAILED: DO NOT RUN", s.unchecked), "bad", sentence, _cautions(data))
     if s.verification == "not run":
         return Verdict(with_scope("NOT VERIFIED", s.unchecked), "warn", sentence, _cautions(data))
-    tone = "warn" if s.infeasible_points or s.unchecked or s.misfit else ""
+    tone = "warn" if s.infeasible_points or s.unchecked or s.blockers or s.misfit else ""
     return Verdict(with_scope("VERIFIED", s.unchecked), tone, sentence, _cautions(data))
+
+
+def _ramps_in(data: ReportData) -> str:
+    """What the rest of the cutting time is where the axes hold the feed."""
+    return ", the rest are ramps at stops that the path demands" if data.feed_stops and not data.dips else ""
 
 
 def _first_of(data: ReportData) -> str:
@@ -100,6 +105,8 @@ def cards(data: ReportData) -> list[Card]:
     ):
         if math.isfinite(chosen):
             more = f"CAM default {unit.text(default)}" if math.isfinite(default) else "CAM default not feasible"
+            if name.startswith(least) and s.worst_parts:
+                more = f"{s.worst_parts}; {more}"
             out.append(Card(name, unit.text(chosen), unit.name, more))
     if s.shift is not None:
         leaves = s.shift.left_mean if s.shift.left_mean90 is None else s.shift.left_mean90[1]

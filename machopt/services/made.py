@@ -16,7 +16,7 @@ from machopt.plan.motion.timeline import Timeline
 from machopt.plan.pipeline.planned import Plan
 from machopt.plan.written.points import PointResults
 from machopt.postprocess.written import Written, read_back
-from machopt.recheck.scope import done, not_run
+from machopt.recheck.scope import done, not_run, production_blockers
 from machopt.verify import Verification
 
 
@@ -64,6 +64,13 @@ class Made:
     def unchecked(self) -> tuple[str, ...]:
         """What the verdict does not cover."""
         return (*self.manifest.unchecked, *(not_run(self.verification.checks) if self.verification else ()))
+
+    @property
+    def production_blockers(self) -> tuple[str, ...]:
+        """What has to be settled before the part is made; nothing where there is no motion to make it with."""
+        if self.exit_code == 3:
+            return ()
+        return production_blockers(self.cell, self.unchecked, [p.as_result() for p in self.programs])
 
     @property
     def _gaps(self) -> str:

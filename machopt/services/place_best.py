@@ -66,7 +66,8 @@ def _confirm(site: Site, wanted: _Wanted) -> Confirmed:
         done = optimize(asked)
         verdicts.append(f"{file.name}: {done.result.verdict}")
         code = max(code, done.exit_code)
-    return Confirmed(one, folder.name, "; ".join(verdicts), code)
+    plans = tuple(f"{folder.name}/{name}/report.html" for name in names_of(request.toolpaths))
+    return Confirmed(one, folder.name, "; ".join(verdicts), code, plans)
 
 
 def names_of(files: tuple[Path, ...]) -> list[str]:

@@ -44,6 +44,7 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> told.Optim
         version=__version__,
         verdict=made.verdict,
         exit_code=made.exit_code,
+        production_blockers=made.production_blockers,
         unchecked=made.unchecked,
         inputs=hashes_of(made.manifest.inputs),
         outputs={name: sha256_of(folder / name) for name in sorted(listed(folder))},
@@ -65,7 +66,8 @@ def result_of(made: Made, folder: Path, seconds: dict[str, float]) -> told.Optim
         cycle_time_s=float(trajectory.time[-1]) if trajectory else None,
         dwell_s=_dwelt(toolpath, points) if trajectory else None,
         feed_held_share=timeline.held_share if trajectory and timeline else None,
-        feed_dips=tuple(dip_told(d) for d in (timeline.dips if timeline else ())),
+        feed_dips=tuple(dip_told(d) for d in (timeline.dips if timeline else ()) if d.lost),
+        feed_stops=tuple(dip_told(d) for d in (timeline.dips if timeline else ()) if not d.lost),
         rapid_detours=timeline.detours if timeline else (),
         obstructions=tuple(told.Obstruction(before=o.before, after=o.after, reason=o.text) for o in stopped),
         verification=None

@@ -38,6 +38,7 @@ def tell(made: Made, folder: Path, timings: Timings, shown: Mapped) -> OptimizeR
             front=made.front,
             shown=shown,
             unchecked=made.unchecked,
+            blockers=made.production_blockers,
             hashes=hashes_of(made.manifest.inputs),
             options=options_as_user(made.options),
             timings=timings.seconds,

@@ -110,7 +110,7 @@ class Server:
         self._since = time.monotonic()
         try:
             asked.answer = self._act(asked.what, asked.body, self._at)
-            if asked.answer.shown:
+            if asked.answer.shown or asked.answer.checks:
                 self._html = self._page()
         finally:
             self._stage = ""

@@ -50,6 +50,7 @@ class Session:
     good: bool = True
     overwrite: bool = False  # replace whatever file is where the plan is saved
     inputs: tuple[Path, ...] = ()  # files that were read
+    answers: list[tuple[Planned, ViewAnswer]] = field(default_factory=list)  # of verify, of plans shown or before
     kept: Store = field(default_factory=Store)  # what the steps of earlier plans came to
 
     @classmethod
@@ -96,6 +97,8 @@ class Session:
             InputError: a wish that cannot be meant; the plan shown stays.
         """
         options = self._options(wishes)
+        if self.good and options_as_user(options) == options_as_user(self.now.given.options):
+            return "Nothing is changed: the plan shown stays, with its verification.", True
         old = [stint.plan for stint in self.now.made.stints]
         lends = old if all(p.compensation is None for p in old) else ()  # its path is another one
         given = self.given
@@ -141,7 +144,15 @@ class Session:
             told = f"VERIFICATION FAILED: {', '.join(bad)}."
         if left := [c.name for c in found.checks if c.passed is None]:
             told += f" Not run: {', '.join(left)}."
-        return ViewAnswer(told=told, good=not bad, checks=rows)
+        answer = ViewAnswer(told=told, good=not bad, checks=rows)
+        shown = [one for one in self.answers if one[0] is self.before]
+        self.answers = [*shown, (self.now, answer)]
+        return answer
+
+    @property
+    def _verification(self) -> ViewAnswer | None:
+        """Of the plan shown."""
+        return next((answer for plan, answer in self.answers if plan is self.now), None)
 
     @property
     def command(self) -> str:
@@ -170,6 +181,7 @@ class Session:
             made.timeline,
             None,
             shown=mapped(made.plan),
+            blockers=made.production_blockers,
             before=None if self.before is None else self.before.made.plan,
             hashes=hashes_of(made.manifest.inputs),
             options=options_as_user(made.options),
@@ -209,6 +221,7 @@ class Session:
             good=self.good,
             file=str(self.file),
             command=self.command,
+            verified=None if (answer := self._verification) is None else answer.plain(),
         )
 
 

@@ -1,6 +1,6 @@
 """The JointTrajectory of ``machopt optimize … --post ros_json`` as a ROS 2 bag, without ROS.
 
-    pip install 'machopt[ros]'
+    pip install '.[ros]'
     python ros_bag.py out/part/part_cls.json bag --topic /joint_trajectory
 
 The bag (sqlite, one message) is a folder that ``ros2 bag play`` and ``ros2 bag info`` take.
@@ -41,7 +41,7 @@ def write(file, bag, topic):
         from rosbags.rosbag2 import Writer
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
-        raise SystemExit("a bag needs rosbags: pip install 'machopt[ros]'") from None
+        raise SystemExit("a bag needs rosbags: pip install '.[ros]'") from None
     store = get_typestore(Stores.ROS2_HUMBLE)
     told = message(json.loads(Path(file).read_text(encoding="utf-8")), store.types, numpy.array)
     with Writer(bag, version=8) as writer:

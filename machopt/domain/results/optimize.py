@@ -121,6 +121,11 @@ class WorstPoint(Part):
     k_axial_N_mm: Known
     k_normal_N_mm: Known
     deflection_mm: Known
+    deflection_ci90_mm: tuple[Number, Number] | None  # intervals: null where no uncertainty of the springs is known
+    deflection_along_mm: Known  # along the tool axis, + towards the shank
+    deflection_along_ci90_mm: tuple[Number, Number] | None
+    deflection_across_mm: Known
+    deflection_across_ci90_mm: tuple[Number, Number] | None
     gamma_deg: Number
     k_jiao_x_N_mm: Known
     q_deg: Numbers
@@ -307,6 +312,7 @@ class OptimizeResult(Part):
     version: Text
     verdict: Text
     exit_code: Count
+    production_blockers: tuple[Text, ...]  # what has to be settled before the part is made, the gravest first
     unchecked: tuple[Text, ...]
     inputs: Hashes
     outputs: Hashes
@@ -328,7 +334,8 @@ class OptimizeResult(Part):
     cycle_time_s: Known
     dwell_s: Known  # of it, what the file waits at the points that are driven and before the first
     feed_held_share: Known
-    feed_dips: tuple[FeedDip, ...]
+    feed_dips: tuple[FeedDip, ...]  # where the axes do not hold the feed
+    feed_stops: tuple[FeedDip, ...]  # ramps from and to stops that the path demands: no lost feed
     rapid_detours: tuple[Text, ...]
     obstructions: tuple[Obstruction, ...]
     verification: VerificationTold | None

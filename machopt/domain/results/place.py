@@ -38,8 +38,10 @@ class PlaceTold(Part):
     folder: Text | None
     shift_mm: Numbers
     turn_deg: Number
-    xyz_mm: Numbers
+    xyz_mm: Numbers  # the pose as cell.yaml has it: of the workpiece in its link, or of base_link in world
     rpy_deg: Numbers
+    plans: tuple[Text, ...] = ()  # report of each toolpath's plan there, relative to the page
+    leaves: tuple[Text, ...] = ()  # bodies that hold today what moves, and do not there
     worst: Known
     mean: Known
     bound: Known
@@ -50,6 +52,12 @@ class PlaceTold(Part):
     joint_share_percent: Numbers
     around: tuple[NearTold, ...]
     verdict: Text
+
+    @property
+    def pose_text(self) -> str:
+        """The pose as cell.yaml takes it."""
+        xyz, rpy = (", ".join(f"{round(v, 6) + 0.0:.10g}" for v in values) for values in (self.xyz_mm, self.rpy_deg))
+        return f"{{xyz_mm: [{xyz}], rpy_deg: [{rpy}]}}"
 
 
 class PlaceResult(Part):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,6 +13,7 @@ from machopt.errors import InputError
 from machopt.model.robot import Robot
 from machopt.model.terms import body, compensator, joint
 from machopt.model.terms.base import LinearTerm
+from machopt.typos import suggest_word
 
 
 def vocabulary() -> dict[str, tuple[str, ...]]:
@@ -78,8 +78,7 @@ def body_of(term: Term, robot: Robot, T_flange_tcp: Array) -> body.BodySpring:
 def _check_place(term: Term, where: str, file: Any) -> None:
     known = vocabulary()
     if term.effect not in known:
-        close = difflib.get_close_matches(term.effect, known, n=1)
-        hint = f"did you mean {close[0]!r}? " if close else ""
+        hint = suggest_word(term.effect, known)
         raise InputError(
             f"effect {term.effect!r} is not known; {hint}valid: {', '.join(known)}; one of your own: "
             "--effects FILE.py, --terms FILE.py in diagnose",

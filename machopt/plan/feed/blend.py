@@ -24,13 +24,13 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.compiled import compiled
+from machopt.domain.slowmoves import ARM, TURN_BACK
 from machopt.plan.feed.taylor import curve_derivatives, frame_derivatives
 from machopt.se3 import normalise, tool_rotation
 
-ARM = 0.1  # m per rad: what a rotation counts as path length
 MERGE = 2e-6  # m of path: points nearer than this to the last kept one are passed, not steered to
 SAME = 1e-9  # m of path: points nearer than this are one point
-TURN_BACK = np.cos(np.radians(120.0))  # sharper corners are stopped in
+TURN_BACK_COS = np.cos(TURN_BACK)  # of corners that are stopped in
 FLIP = np.cos(np.radians(170.0))  # between these axes a straight line of the axis vector is no rotation any more
 TIME = 0.1  # s of travel at the programmed feed: the widest rounding
 SPIN_TOLERANCE = np.radians(0.2)  # of reference and spin, where nothing but smoothness is at stake
@@ -145,7 +145,7 @@ def build_curves(
     X = np.column_stack([position[at], n, base, turn + rest])
     slope = np.diff(X * np.r_[1, 1, 1, np.full(7, ARM)], axis=0) / np.diff(u)[:, None]
     size = np.linalg.norm(slope, axis=1)
-    back = np.sum(slope[1:] * slope[:-1], axis=1) < TURN_BACK * size[1:] * size[:-1]
+    back = np.sum(slope[1:] * slope[:-1], axis=1) < TURN_BACK_COS * size[1:] * size[:-1]
     stops = np.unique(np.r_[0, 1 + np.flatnonzero(back), np.searchsorted(last, rests), len(u) - 1].astype(np.int64))
     wide = np.minimum(feed[last[:-1] + 1], np.r_[np.inf, feed[last[:-2] + 1]]) * TIME
     curves = []

@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.domain.cell import JointLimits
+from machopt.domain.slowmoves import is_turn_back
 from machopt.model.correction import Correction
 from machopt.model.machine import Machine
 from machopt.model.robot import Robot
 from machopt.plan.feed.blend import SPIN_TOLERANCE, Curve, build_curves, path_parameter
 from machopt.plan.feed.feedrate import Bounds, TimeLaw, node_caps, time_law
 from machopt.plan.feed.follow import joints_at, joints_at_nodes, poses_along
-from machopt.plan.feed.slowdowns import HELD, Dip, Where, dips_of
+from machopt.plan.feed.slowdowns import HELD, ON_THE_SPOT, Dip, NodeBounds, Where, dips_of
 
 STEPS_PER_SAMPLE = 3
 ROUNDS = 8  # of lowering the speed where samples exceed a limit
@@ -178,7 +179,8 @@ def retime_run(run: RunInput) -> RunTrajectory | RunFailure:
     parts: list[_Part] = []
     ends = [int(curves[0].last[0]), *(int(curve.last[-1]) for curve in curves)]  # the last point of each stop's vertex
     stop_of = [int(np.searchsorted(ends, k)) for k in run.rests]  # 0: where the run begins
-    why: list[Where] = ["rest" if k in stop_of else "reversal" for k in range(len(ends))]
+    back = [is_turn_back(run.position, run.axis, k) for k in ends]  # else only the chosen rotation turns back there
+    why: list[Where] = ["rest" if k in stop_of else "reversal" if back[k] else "path" for k in range(len(ends))]
     why[0], why[-1] = "start", "stop"
     for k, curve in enumerate(curves):
         part = _drive(run, curve, why[k], why[k + 1])
@@ -230,7 +232,8 @@ def _drive(run: RunInput, curve: Curve, begin: Where, finish: Where) -> _Part | 
         return RunFailure(float(index[node]), f"{run.name(int(joint))} leaves its range between the points")
     v, a, j = (run.limit_scale * x[:axes] for x in (run.limits.velocity, run.limits.acceleration, run.limits.jerk))
     derivatives = np.ascontiguousarray(E[:, 1:].transpose(0, 2, 1))
-    cap, single = node_caps(derivatives, _feed_cap(run, curve, u, p1), v, a, j)
+    feed_cap = _feed_cap(run, curve, u, p1)
+    cap, single = node_caps(derivatives, feed_cap, v, a, j)
     for attempt in range(ROUNDS + 1):
         law = time_law(
             Bounds(u=u, derivatives=derivatives, cap=cap, velocity=v, acceleration=a, jerk=j),
@@ -262,7 +265,8 @@ def _drive(run: RunInput, curve: Curve, begin: Where, finish: Where) -> _Part | 
     ratio = np.r_[np.nan, np.linalg.norm(np.diff(p, axis=0), axis=1) / run.sample / programmed(run, point[1:])]
     slope = np.interp(at, u, p1)
     law_ratio = _law_ratios(u, derivatives, at, vt, at_acc, jt, v, a, j)
-    dips = dips_of(ratio, at, point, vt, slope, u, single, law_ratio, begin, finish)
+    nodes = NodeBounds(u=u, single=single, programmed=np.where(p1 >= ON_THE_SPOT, feed_cap, np.nan))
+    dips = dips_of(ratio, at, point, vt, slope, nodes, law_ratio, begin, finish)
     return _Part(
         q=q[:, :6],
         point=point,

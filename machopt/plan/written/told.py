@@ -11,6 +11,7 @@ from machopt.domain.results import optimize as told
 from machopt.domain.stint import Stint
 from machopt.domain.toolpath import Toolpath
 from machopt.plan.certainty.certificate import certificate, with_external
+from machopt.plan.certainty.discrepancy import NINETY
 from machopt.plan.certainty.position_error import predicted
 from machopt.plan.certainty.uncertainty import Gain
 from machopt.plan.compensation.compensate import residual
@@ -19,6 +20,7 @@ from machopt.plan.feed.slowdowns import Dip
 from machopt.plan.pipeline.breaks import Break
 from machopt.plan.pipeline.planned import Plan
 from machopt.plan.pipeline.setup import Scored
+from machopt.plan.written.deflection_split import split_deflection
 from machopt.plan.written.explain import help_of
 from machopt.plan.written.points import PointResults, reason_of
 
@@ -178,6 +180,10 @@ def removed_told(r: Removal) -> told.Removed:
     )
 
 
+def _in_mm(interval: tuple[float, float] | None) -> tuple[float, float] | None:
+    return None if interval is None else (1e3 * interval[0], 1e3 * interval[1])
+
+
 def worst_told(the_plan: Plan, points: PointResults) -> told.WorstPoint | None:
     there = the_plan.path.counted & (
         the_plan.chosen.assignment.reason == Reason.OK
@@ -186,12 +192,19 @@ def worst_told(the_plan: Plan, points: PointResults) -> told.WorstPoint | None:
     if not np.isfinite(cost).any():
         return None
     i = int(np.nanargmax(cost))
-    t = points.table
+    t, split = points.table, split_deflection(the_plan, int(points.rows[i]))
+    std = np.nan if t.deflection_std is None else 1e3 * float(t.deflection_std[i])
+    value = 1e3 * float(t.deflection[i])
     return told.WorstPoint(
         point=i,
         k_axial_N_mm=t.k_axial[i] / 1e3,
         k_normal_N_mm=t.k_normal[i] / 1e3,
-        deflection_mm=t.deflection[i] * 1e3,
+        deflection_mm=value,
+        deflection_ci90_mm=(value - NINETY * std, value + NINETY * std) if np.isfinite(std) else None,
+        deflection_along_mm=None if split is None else 1e3 * split.along,
+        deflection_along_ci90_mm=_in_mm(split.along90) if split else None,
+        deflection_across_mm=None if split is None else 1e3 * split.across,
+        deflection_across_ci90_mm=_in_mm(split.across90) if split else None,
         gamma_deg=float(np.degrees(t.gamma[i])),
         k_jiao_x_N_mm=t.k_jiao_x[i] / 1e3,
         q_deg=np.degrees(t.q[i]).round(4),

@@ -25,6 +25,7 @@ const PATTERN = {
   4: (x, y) => (x % 9 < 2 ? INK : WHITE),
   5: (x, y) => (x % 10 < 2 || y % 10 < 2 ? INK : WHITE),
   6: (x, y) => ((x - y + 100000) % 10 < 4 ? [126, 34, 40] : [222, 178, 178]),
+  8: (x, y) => ((x + y) % 12 < 2 || (x - y + 1200) % 12 < 2 ? INK : WHITE), // excluded by the user
   [NOT_CHECKED]: (x, y) => (x % 12 < 2 && y % 12 < 2 ? INK : WHITE),
 };
 
@@ -134,17 +135,18 @@ function heatMap(host, spec) {
       const [x, y] = under(u, evt);
       tell(u.posToIdx(x), rowAt(u, y), evt);
     });
-    function tell(k, r, evt) {
-      const phi = spec.rotation[r];
+    function tell(k, r, evt, exact) { // exact: φ itself, where it lies between the rows
+      const phi = exact ?? spec.rotation[r];
       const cell = k * R + r, value = valueOf(cell), rows = [["point", +spec.point[k].toFixed(2)], ["path length", `${spec.s[k].toFixed(1)} mm`], ["φ", degrees(phi)]];
       if (spec.offset) rows.push(["γ", degrees(turned(phi + spec.offset[k]))]);
       if (value !== null) rows.push([spec.label, `${+value.toPrecision(4)} ${spec.unit}`]);
       rows.push(["state", spec.names[status[cell]]]);
       for (const l of spec.lines) if (l.y[k] !== null) rows.push([l.name, spec.offset ? `φ ${degrees(l.y[k])}, γ ${degrees(turned(l.y[k] + spec.offset[k]))}` : `φ ${degrees(l.y[k])}`, l.color]);
-      if (onPick) rows.push(["click", "sets the robot to this place"]);
+      if (onPick && exact === undefined) rows.push(["click", "sets the robot to this place"]);
       showTip(evt, rows);
       return rows;
     }
+    u.tellAt = (k, phi, evt) => tell(k, Math.min(R - 1, Math.max(0, Math.floor((phi - g0) / (g1 - g0) * R))), evt, phi);
     byKeys(u, xs, tell);
     if (onMapDrawn) onMapDrawn(u, xs);
   }

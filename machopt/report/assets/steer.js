@@ -4,6 +4,9 @@ function steerPlan(data) {
   const wrapped = v => v - 360 * Math.round(v / 360), tidy = v => Math.round(wrapped(v) * 10) / 10;
   const make = (tag, name, parent, text) => { const e = document.createElement(tag); if (name) e.className = name; if (text) e.textContent = text; if (parent) parent.appendChild(e); return e; };
   const state = JSON.parse(JSON.stringify(spec.wishes));
+  const same = () => JSON.stringify(tidied(state)) === JSON.stringify(tidied(spec.wishes));
+  // Empty mappings say nothing: a wish that was added and taken away again leaves the plan as it is shown.
+  const tidied = v => ({ ...v, external: Object.fromEntries(Object.entries(v.external).map(([name, own]) => [name, Object.fromEntries(Object.entries(own).filter(([, at]) => !at || typeof at !== "object" || Object.keys(at).length))]).filter(([, own]) => Object.keys(own).length)) });
   let changed = false, busy = false, plot = null, xs = null;
 
   // ---- places ---------------------------------------------------------------------------------------------------------
@@ -35,10 +38,10 @@ function steerPlan(data) {
   }
 
   function touch() {
-    changed = true;
+    changed = !same();
     show();
     if (plot) plot.redraw(false, true);
-    say("Changed, and not planned yet.", null);
+    if (changed) say("Changed, and not planned yet.", null); else say(spec.told, spec.good);
   }
 
   function say(text, good) {
@@ -121,7 +124,7 @@ function steerPlan(data) {
     else if (what.value === "prefer") put({ ...at, prefer_deg: v("gamma"), weight: v("weight") });
     else put({ ...at, branch: v("branch") });
     touch();
-    if (instead.length) say(`Changed, and not planned yet: instead of “${place(instead[0])}: ${words(instead[0])}”.`, null);
+    if (instead.length && changed) say(`Changed, and not planned yet: instead of “${place(instead[0])}: ${words(instead[0])}”.`, null);
   };
 
   function pin(point, gamma) {
@@ -131,7 +134,7 @@ function steerPlan(data) {
   }
 
   // ---- the map's control points -----------------------------------------------------------------------------------------
-  const HANDLES = 14;
+  const HANDLES = 14, EACH = 300; // as many points in view have a handle each: every hole of most jobs, all of them when zoomed
 
   function pins() {
     if (!plot) return;
@@ -139,13 +142,15 @@ function steerPlan(data) {
     for (const w of state.fixed) handle(stationOf(w.point), w.point, phiAt(stationOf(w.point), w.gamma_deg), true);
     const taken = new Set(state.fixed.map(w => w.point)), free = [];
     for (let k = 0; k < map.stations; k++) if (isPoint(k) && chosen[k] !== null && chosen[k] !== undefined && !taken.has(pointOf(k))) free.push(k);
-    const held = state.fixed.map(w => plot.valToPos(xs[stationOf(w.point)], "x")), clear = k => held.every(x => Math.abs(plot.valToPos(xs[k], "x") - x) > 14);
-    const inView = free.filter(k => xs[k] >= plot.scales.x.min && xs[k] <= plot.scales.x.max && clear(k)), n = Math.min(HANDLES, inView.length);
-    for (let i = 0; i < n; i++) { const k = inView[Math.floor((i + 0.5) * inView.length / n)]; handle(k, pointOf(k), chosen[k], false); }
+    const within = free.filter(k => xs[k] >= plot.scales.x.min && xs[k] <= plot.scales.x.max), each = within.length <= EACH;
+    const held = state.fixed.map(w => plot.valToPos(xs[stationOf(w.point)], "x")), clear = k => each || held.every(x => Math.abs(plot.valToPos(xs[k], "x") - x) > 14);
+    const inView = within.filter(clear), n = each ? inView.length : Math.min(HANDLES, inView.length);
+    const tight = n > 1 && plot.over.clientWidth / n < 16;
+    for (let i = 0; i < n; i++) { const k = inView[Math.floor((i + 0.5) * inView.length / n)]; handle(k, pointOf(k), chosen[k], false, tight); }
   }
 
-  function handle(k, point, phi, held) {
-    const dot = make("button", held ? "pin held" : "pin", plot.over);
+  function handle(k, point, phi, held, tight = false) {
+    const dot = make("button", held ? "pin held" : tight ? "pin tight" : "pin", plot.over);
     const put = v => {
       phi = wrapped(v);
       dot.style.left = `${plot.valToPos(xs[k], "x")}px`;
@@ -162,9 +167,9 @@ function steerPlan(data) {
       evt.preventDefault(); evt.stopPropagation(); hideTip();
       dot.setPointerCapture(evt.pointerId);
       const start = phi, y = evt.clientY;
-      dot.onpointermove = move => { put(start + plot.posToVal(move.clientY - plot.over.getBoundingClientRect().top, "y") - plot.posToVal(y - plot.over.getBoundingClientRect().top, "y")); moved = true; };
+      dot.onpointermove = move => { put(start + plot.posToVal(move.clientY - plot.over.getBoundingClientRect().top, "y") - plot.posToVal(y - plot.over.getBoundingClientRect().top, "y")); moved = true; if (plot.tellAt) plot.tellAt(k, phi, move); };
       let moved = false;
-      dot.onpointerup = dot.onpointercancel = () => { dot.onpointermove = dot.onpointerup = dot.onpointercancel = null; if (moved) settle(); };
+      dot.onpointerup = dot.onpointercancel = () => { dot.onpointermove = dot.onpointerup = dot.onpointercancel = null; hideTip(); if (moved) settle(); };
     };
     for (const kind of ["mousedown", "mousemove", "click", "dblclick"]) dot.addEventListener(kind, evt => evt.stopPropagation()); // none of the map's
     dot.onkeydown = evt => {
@@ -246,6 +251,7 @@ function steerPlan(data) {
   by("clear").onclick = () => { state.fixed = []; state.steer = []; for (const own of Object.values(state.external)) { delete own.at_operations_mm; delete own.at_operations_deg; } touch(); };
   fields();
   show();
+  if (spec.verified) checked(spec.verified);
   const at = sessionStorage.getItem("at");
   if (at !== null) { sessionStorage.removeItem("at"); requestAnimationFrame(() => window.scrollTo(0, +at)); }
 }

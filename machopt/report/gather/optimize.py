@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from machopt.arrays import Array
 from machopt.domain.reason import Reason
+from machopt.domain.results.optimize import WorstPoint
 from machopt.domain.toolpath import Move, Toolpath
 from machopt.formats.options import without_effect
 from machopt.plan.certainty.certificate import certificate, with_external
@@ -24,6 +26,7 @@ from machopt.plan.pipeline.setup import Scored
 from machopt.plan.written.contact_map import Mapped, mapped
 from machopt.plan.written.explain import all_breaks, help_of, hints, misfit_words, shortfall_of
 from machopt.plan.written.points import PointResults, reason_of
+from machopt.plan.written.told import worst_told
 from machopt.report import data as page
 from machopt.report import verdict as told
 from machopt.report.gather.optimize_map import rotation_map
@@ -64,6 +67,7 @@ def report_data(
     shown: Mapped | None = None,
     before: Plan | None = None,
     unchecked: tuple[str, ...] = (),
+    blockers: tuple[str, ...] = (),
     hashes: dict[str, str],
     options: dict[str, object],
     timings: dict[str, float],
@@ -71,6 +75,7 @@ def report_data(
     """Collect everything the page shows; parts that were not reached stay empty.
 
     Args:
+        blockers: what has to be settled before production.
         before: a plan to compare with, on the map.
     """
     index = plan.scores.index
@@ -79,7 +84,7 @@ def report_data(
     s = cut_length(toolpath, plan.path.counted[points.rows])
     shift = _shift(plan, toolpath)
     summary = _summary(plan, points, timeline, verification, quantity, float(s[-1]), shift)
-    summary = replace(summary, unchecked=unchecked)
+    summary = replace(summary, unchecked=unchecked, blockers=blockers)
     models = [p.setup.collision for p in ([part.plan for part in plan.parts] or [plan]) if p.setup.collision]
     shown = shown or mapped(plan)
     return page.ReportData(
@@ -95,6 +100,7 @@ def report_data(
         path=path_series(plan, toolpath, points, series),
         motion=motion_series(plan, toolpath, points, timeline),
         dips=_dips(plan, timeline, s),
+        feed_stops=_feed_stops(timeline),
         worst=worst_points(plan, toolpath, points, series),
         infeasible=_infeasible(plan, toolpath, points),
         operations=_operations(plan, toolpath, points, timeline, series),
@@ -213,6 +219,7 @@ def _summary(
         nearest_miss=float(clearance[nearest]) if nearest >= 0 else float("nan"),
         nearest_pair=points.nearest_pair[nearest] if nearest >= 0 else "",
         nearest_point=nearest,
+        worst_parts=deflection_words(worst_told(plan, points)),
         gains=tuple(
             page.Gain(_YARDSTICKS[g.over], g.mean, g.std, g.interval, g.distinguishable)
             for g in gains(plan)
@@ -223,6 +230,22 @@ def _summary(
         misfit=misfit_words(plan),
         note="" if feasible else plan.conflict,
     )
+
+
+def deflection_words(worst: WorstPoint | None) -> str:
+    """The worst point's deflection along and across the tool axis, as the terminal shows it too."""
+    if worst is None or worst.deflection_along_mm is None or worst.deflection_across_mm is None:
+        return ""
+
+    def text(value: float, interval: tuple[float, float] | None) -> str:
+        around = "" if interval is None else f" (90 %: {interval[0]:.3f} to {interval[1]:.3f})"
+        return f"{value:.3f}{around}".replace("-", "−")
+
+    whole = worst.deflection_ci90_mm
+    parts = [] if whole is None else [f"90 %: {whole[0]:.3f} to {whole[1]:.3f}".replace("-", "−")]
+    parts.append(f"along the tool axis {text(worst.deflection_along_mm, worst.deflection_along_ci90_mm)}")
+    parts.append(f"across it {text(worst.deflection_across_mm, worst.deflection_across_ci90_mm)}")
+    return ", ".join(parts)
 
 
 def _certificate(plan: Plan) -> page.Certificate | None:
@@ -281,7 +304,7 @@ def _dips(plan: Plan, timeline: Timeline | None, s: Array) -> tuple[page.FeedDip
     cut = np.flatnonzero((t.move != Move.RAPID) & np.isfinite(t.point))
     index = t.point[cut]  # once: a job of many holes has a dip and more in each
     out = []
-    for dip in timeline.dips:
+    for dip in (d for d in timeline.dips if d.lost):
         known = len(cut) > 0 and dip.first <= index[-1]  # where the machine stood before: the last row of that
         at = cut[max(int(np.searchsorted(index, dip.first + 1e-9, side="right")) - 1, 0)] if known else None
         end = cut[min(int(np.searchsorted(index, dip.last)), len(cut) - 1)] if len(cut) else 0
@@ -302,16 +325,22 @@ def _dips(plan: Plan, timeline: Timeline | None, s: Array) -> tuple[page.FeedDip
     return tuple(out)
 
 
+def _feed_stops(timeline: Timeline | None) -> tuple[tuple[str, int], ...]:
+    """How many ramps there are from and to each kind of stop that the path demands."""
+    words = {
+        "reversal": "at reversals",
+        "start": "at the start of cuts",
+        "stop": "at the end of cuts",
+        "rest": "at dwells",
+    }
+    dips = timeline.dips if timeline is not None and timeline.trajectory is not None else ()
+    ramps = Counter(str(d.where) for d in dips if not d.lost)
+    return tuple((text, ramps[where]) for where, text in words.items() if ramps[where])
+
+
 def cause(dip: Dip) -> str:
     """What slowed the feed, in words."""
-    where = {
-        "path": "",
-        "start": " while starting",
-        "stop": " while stopping",
-        "reversal": " at a reversal",
-        "reorientation": " while the tool turns on the spot",
-        "rest": " at a dwell or stop of the file",
-    }[dip.where]
+    where = " while the tool turns on the spot" if dip.where == "reorientation" else ""
     return f"{axis_name(dip.joint - 1)} {dip.limit}{where}"
 
 

@@ -15,10 +15,7 @@ from machopt.report.gather.optimize_series import along
 from machopt.report.placecodes import PlaceCode, place_codes
 from machopt.se3 import wrap
 
-_SAID_AS = {
-    PlaceCode.BOUNDS: PlaceCode.LIMIT,
-    PlaceCode.NO_PATH: PlaceCode.NOT_CHECKED,
-}  # this map has no words for them
+_SAID_AS = {PlaceCode.NO_PATH: PlaceCode.NOT_CHECKED}  # this map has no word for it
 
 
 def rotation_map(plan: Plan, shown: Mapped, s: Array, before: Plan | None = None) -> page.RotationMap | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import degrees
 from pathlib import Path
@@ -33,6 +34,7 @@ class Confirmed:
     folder: str
     verdict: str
     exit_code: int
+    plans: tuple[str, ...] = ()  # the report of each toolpath's plan, relative to the output folder
 
 
 def unit_of(options: PlanOptions) -> tuple[str, float]:
@@ -95,7 +97,7 @@ def result_of(
         as_it_stands=_told(site, siting, here, base, None) if here is not None else _refused(site, siting.places[0]),
         best=tuple(best),
         options=options_as_user(site.options),
-        warnings=cell.warnings,
+        warnings=(*_leaving(site, best), *cell.warnings),
     )
 
 
@@ -153,6 +155,8 @@ def _told(site: Site, siting: Siting, one: Planned, base: float, done: Confirmed
         turn_deg=degrees(one.place.shift.turn),
         xyz_mm=pose[0],
         rpy_deg=pose[1],
+        plans=done.plans if done is not None else (),
+        leaves=_left(site, one),
         worst=unit * one.worst,
         mean=unit * one.mean,
         bound=unit * one.place.bound,
@@ -164,6 +168,23 @@ def _told(site: Site, siting: Siting, one: Planned, base: float, done: Confirmed
         around=around,
         verdict=done.verdict if done is not None else one.refused or "planned",
     )
+
+
+def _left(site: Site, one: Planned) -> tuple[str, ...]:
+    """What holds today what moves, and does not at the place."""
+    refusal = site.standing.refusal(site.carried.names, base=site.carried.base)
+    return refusal.lost_support(one.place.shift.matrix(site.carried.centre))
+
+
+def _leaving(site: Site, best: Sequence[PlaceTold]) -> list[str]:
+    """A warning for each of the best places where what moves leaves what holds it today."""
+    name = "base_link" if site.carried.base else "workpiece"
+    what = " with ".join(filter(None, [name, ", ".join(sorted(site.carried.names))]))
+    return [
+        f"place {k}: {what} leaves {', '.join(p.leaves)}, which holds it today; that has to be moved or built anew"
+        for k, p in enumerate(best, 1)
+        if p.leaves
+    ]
 
 
 def _refused(site: Site, place: Place) -> PlaceTold:
