@@ -17,6 +17,8 @@ from machopt.formats.toolchoice import stints_of
 from machopt.plan.job import run
 from machopt.plan.job.fewer_freedoms import locked_subsets
 from machopt.plan.motion import search_budget
+from machopt.plan.motion.legmaker import Place, _blocked
+from machopt.plan.motion.rapids import Blocked
 from machopt.plan.motion.search_budget import SearchBudget, allow_extensions, count_in_vain, is_used_up, limit_search
 from machopt.plan.motion.timeline import Timeline
 from machopt.plan.pipeline.breaks import Break
@@ -109,3 +111,11 @@ def test_what_is_spent_in_vain_is_bounded() -> None:
         assert allow_extensions(2000) == search_budget.AFTERWARDS
     assert not is_used_up()
     assert allow_extensions(2000) == 2000
+
+
+def test_a_search_that_was_cut_short_is_told_from_one_that_found_nothing() -> None:
+    blocked = Blocked(pair="a ~ b", where=np.zeros(6), fraction=0.5, reason="way")
+    start, end = Place(np.zeros(6), 0.0, 0), Place(np.ones(6), 1.0, 1)
+    assert _blocked(blocked, start, end).code == "rapid_blocked"
+    with limit_search(SearchBudget(0)):
+        assert _blocked(blocked, start, end).code == "rapid_search_cut_short"

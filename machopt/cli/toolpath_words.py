@@ -193,11 +193,11 @@ def _external_lines(e: ExternalSearchBound | None) -> list[str]:
 
 
 def _in_words(result: OptimizeResult, cost: float | None) -> str:
-    """A cost of the objective as the engineer reads it: deflection in mm, or stiffness in N/mm."""
+    """A cost of the objective as the engineer reads it: deflection in mm, or stiffness in N/µm."""
     value = _nan(cost) * _nan(result.index_scale)
     if result.index == "deflection":
         return f"deflection {1e3 * value:.3f} mm"
-    return f"stiffness {1e-3 / value:.0f} N/mm"
+    return f"stiffness {1e-6 / value:.3f} N/µm"
 
 
 def first_reason(result: OptimizeResult) -> str:

@@ -23,7 +23,7 @@ from machopt.plan.motion.lifts import rests_of
 from machopt.plan.motion.rapids import UNDER, Blocked, plan_rapid
 from machopt.plan.motion.search_budget import is_used_up
 from machopt.plan.motion.timeline import SEARCHED, Timeline
-from machopt.plan.pipeline.breaks import Break
+from machopt.plan.pipeline.breaks import NO_WAY_FOUND, Break
 from machopt.plan.pipeline.planned import Plan
 from machopt.plan.pipeline.run import searched_past
 from machopt.plan.pipeline.setup import Timings
@@ -93,7 +93,7 @@ def past_blocked(plan: Plan, motion: Motion, timings: Timings) -> tuple[Plan, Ti
 def _stops(timeline: Timeline | None) -> list[Break]:
     """Rapid moves between two free places that no way was found for."""
     every = () if timeline is None else timeline.obstructions[:SEARCHED]  # of the others little is known
-    return [stop for stop in every if stop.code == "rapid_blocked" and stop.pair != UNDER]
+    return [stop for stop in every if stop.code in NO_WAY_FOUND and stop.pair != UNDER]
 
 
 def _turned(plan: Plan, stop: Break) -> tuple[Plan, str] | None:

@@ -21,6 +21,7 @@ from machopt.plan.motion.legs import Leg, every_cut_shown, needed, rests
 from machopt.plan.motion.lifts import Lifts
 from machopt.plan.motion.over_cuts import BELOW, Level
 from machopt.plan.motion.rapids import UNDER, Blocked, plan_rapid, time_legs
+from machopt.plan.motion.search_budget import EXTENSIONS, is_used_up
 from machopt.plan.motion.straight import Way, way_between
 from machopt.plan.pipeline.breaks import Break, not_driven, place
 from machopt.plan.pipeline.planned import Plan
@@ -287,6 +288,17 @@ def _blocked(move: Blocked, a: Place, b: Place) -> Break:
             pair=move.pair,
         )
     under = move.pair == UNDER
+    if is_used_up() and not under:
+        return Break(
+            before=a.index,
+            after=b.index,
+            code="rapid_search_cut_short",
+            text=f"no free way past {move.pair} was looked for to the end: the search budget of "
+            f"{EXTENSIONS} tree extensions in vain is used up",
+            help="locking an external joint (external.NAME.mode=locked), a retract to a place clear of everything, or "
+            "another seed would help",
+            pair=move.pair,
+        )
     return Break(
         before=a.index,
         after=b.index,

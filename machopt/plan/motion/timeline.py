@@ -27,7 +27,7 @@ from machopt.plan.feed.slowdowns import Dip
 from machopt.plan.motion.legmaker import LegMaker, Place
 from machopt.plan.motion.legs import BEFORE_ALL, Leg
 from machopt.plan.motion.lifts import Lifts, rests_of
-from machopt.plan.pipeline.breaks import Break
+from machopt.plan.pipeline.breaks import NO_WAY_FOUND, Break
 from machopt.plan.pipeline.gaps import Stretch, stretches, uncut, worth
 from machopt.plan.pipeline.planned import Plan
 
@@ -136,7 +136,7 @@ class _Builder:
                 break
             if not self.options.allow_gaps:
                 self.obstructions.append(found)
-                if found.code != "rapid_blocked":
+                if found.code not in NO_WAY_FOUND:
                     return None
                 height = self.lifts.withdrawal(last)  # what follows is looked at by itself
                 end = self.lifts.lifted(last, height) if height else self.x[last]

@@ -36,9 +36,11 @@ Code = Literal[
     "home_collides",
     "rapid_collides",
     "rapid_blocked",
+    "rapid_search_cut_short",
     "no_room",
     "not_driven",
 ]
+NO_WAY_FOUND = ("rapid_blocked", "rapid_search_cut_short")  # a search ended without a way, which proves nothing
 
 HOME, CHANGE = "home", "the tool change"  # where a motion begins or ends
 
