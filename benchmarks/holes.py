@@ -23,7 +23,9 @@ import json, resource, sys
 from machopt.cli import main
 code = main()
 used = resource.getrusage(resource.RUSAGE_SELF)
-print(json.dumps([code or 0, used.ru_maxrss / 1024, used.ru_utime + used.ru_stime]), file=sys.stderr)
+lines = open("/proc/self/status").read().splitlines()  # ru_maxrss begins with that of the parent process
+peak = next(int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
+print(json.dumps([code or 0, peak / 1024, used.ru_utime + used.ru_stime]), file=sys.stderr)
 """
 
 

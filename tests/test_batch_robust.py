@@ -180,7 +180,7 @@ def test_a_batch_whose_workers_have_all_gone_ends_and_goes_on_later(
 
         with (
             meanwhile(take_away, lambda: 0.1),
-            pytest.raises(MachoptError, match=r"no Dask worker has been there .* the same command goes on"),
+            pytest.raises(MachoptError, match=r"no Dask worker has been there .* the same command resumes"),
         ):
             run_batch(request)
     (tmp_path / "open").touch()

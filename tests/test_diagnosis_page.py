@@ -527,7 +527,7 @@ def test_command_passes_its_options_on_and_every_verdict_is_success(
     command.add_commands(parser.add_subparsers(), common)
     typed = (
         "diagnose cell mon tue -o out --channel torque --toolpath t.apt --terms a.py --terms b.py --max-findings 2 "
-        "--accept units --seed 7 --tables parquet --allow-external --jobs 2 --set seed=3"
+        "--accept units --seed 7 --tables parquet --allow-external --jobs 2 --set seed=3 --force"
     )
     args = parser.parse_args(typed.split())
     assert args.run(args) == 0
@@ -547,9 +547,10 @@ def test_command_passes_its_options_on_and_every_verdict_is_success(
         tables="parquet",
         allow_external=True,
         overrides=("seed=3",),
+        overwrite=True,
     )
     assert seen == [expected]
-    assert len(fields(DiagnoseRequest)) == 12  # no option is dropped on the way
+    assert len(fields(DiagnoseRequest)) == 13  # no option is dropped on the way
     args = parser.parse_args([*typed.split(), "--json"])
     assert args.run(args) == 0
     assert json.loads(capsys.readouterr().out)["verdict"] == getattr(made_up, verdict)().verdict

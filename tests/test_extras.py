@@ -74,7 +74,7 @@ def test_what_is_missing_is_named_with_its_extra(tmp_path: Path) -> None:
     }
     for extra, ask in wanted.items():
         name = extra.split()[0]
-        with pytest.raises(InputError, match=rf"machopt\[{name}\]"):
+        with pytest.raises(InputError, match=rf"\[{name}\]"):
             ask()
         assert name in EXTRAS
     assert not (tmp_path / "out").exists()

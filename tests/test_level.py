@@ -22,6 +22,16 @@ from machopt.plan.motion.over_cuts import MOST, SAME_SIDE, Level
 from machopt.plan.motion.rapids import UNDER, Blocked, RapidMove, plan_rapid
 
 RADIUS = 5e-3
+
+
+def turned(a: np.ndarray, b: np.ndarray, f: float) -> np.ndarray:
+    """The axis turned evenly from a to b."""
+    angle = np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)
+    if angle < 1e-12:
+        return a
+    return np.asarray((np.sin((1 - f) * angle) * a + np.sin(f * angle) * b) / np.sin(angle))
+
+
 SLOT: Rows = [((0, 0, 0.02), UP, R), ((0, 0, 0), UP, A), ((0.1, 0, 0), UP, C), ((0.1, 0, 0.02), UP, R)]
 STEPPED: Rows = [*SLOT, ((0, 0.004, 0.02), UP, R), ((0, 0.004, -0.01), UP, A), ((0.1, 0.004, -0.01), UP, C)]
 
@@ -63,7 +73,7 @@ def test_is_what_plain_loops_say(seed: int) -> None:
             a, b = path.position[k - 1], path.position[k]
             count = int(np.clip(np.ceil(np.linalg.norm(b - a) / RADIUS), 1, MOST))
             for f in np.arange(count + 1) / count:
-                up, axis = T[:3, 3] - a - f * (b - a), (1 - f) * path.axis[k - 1] + f * path.axis[k]
+                up, axis = T[:3, 3] - a - f * (b - a), turned(path.axis[k - 1], path.axis[k], f)
                 aside = np.linalg.norm(up) ** 2 - (up @ axis) ** 2
                 if -axis @ T[:3, 2] > SAME_SIDE and aside <= RADIUS**2:
                     heights.append(up @ axis)

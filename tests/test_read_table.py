@@ -127,7 +127,7 @@ def test_parquet_or_a_clear_word_about_it(tmp_path: Path, monkeypatch: pytest.Mo
     file.write_bytes(b"PAR1 and so on")
     with monkeypatch.context() as m:
         m.setitem(sys.modules, "pyarrow", None)
-        with pytest.raises(InputError, match=r"machopt\[parquet\]"):
+        with pytest.raises(InputError, match=r"\[parquet\]"):
             read_toolpath(file)
     pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is an optional dependency")
     parquet = pytest.importorskip("pyarrow.parquet")

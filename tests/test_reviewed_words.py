@@ -24,6 +24,7 @@ ELSEWHERE = {
     "--plan": {"optimize", "verify", "batch"},
     "--allow-external": READING,
     "--fit": {"identify"},
+    "--compensate": {"optimize"},
     "--tables": {"optimize", "identify", "diagnose", "map", "plan-poses", "place", "batch"},
 }
 

@@ -39,7 +39,11 @@ TAGS = (
 MARKUP = re.compile(
     rf"</?(?:{TAGS})(?:\s[^<>]*)?/?>|<(?:{TAGS})\s+[\w-]+=|</(?:{TAGS})\b|<!doctype html|&(?:amp|lt|gt);"
 )
-NO_MARKUP = {("formats/cam/gcode/blocks.py", "<text>")}  # stands for a file's name
+NO_MARKUP = {
+    ("formats/cam/gcode/blocks.py", "<text>"),  # stands for a file's name
+    ("formats/mesh/collada_counts.py", "<p>"),  # elements of the file that is read
+    ("formats/mesh/collada_counts.py", "<input>"),
+}
 EVIL = "<script>alert(1)</script><b>&\"'"
 
 

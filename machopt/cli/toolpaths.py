@@ -164,7 +164,6 @@ def _optimize(args: argparse.Namespace) -> int:
 def _inspect(args: argparse.Namespace) -> int:
     from machopt.formats.inspect import summarise, summary_values
     from machopt.formats.toolpath import read_toolpath
-    from machopt.output.single_file import refuse_overwriting
 
     told_of_effects(args)
     if _is_robot(args.file):
@@ -180,6 +179,8 @@ def _inspect(args: argparse.Namespace) -> int:
         )
     inputs: tuple[Path, ...] = (args.file, *args.effects)
     if args.html is not None:
+        from machopt.output.single_file import refuse_overwriting
+
         refuse_overwriting(args.html, force=args.overwrite, inputs=inputs)
     if args.cell is None:
         toolpath = read_toolpath(args.file, **reading(args))

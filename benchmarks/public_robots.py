@@ -1,6 +1,6 @@
 """From a robot's URDF to a verified plan, arm by arm, without editing.
 
-    python benchmarks/robots.py FOLDER -o OUT [--angle 0 --angle 45] [--only NAME …]
+    python benchmarks/public_robots.py FOLDER -o OUT [--angle 0 --angle 45] [--only NAME …]
 
 FOLDER holds packages of robots, an ``index.csv`` (robot, package, axes) and ``small_job.csv``. For each arm of six axes
 ``machopt init --toolpath small_job.csv`` makes a cell with a spindle at each angle to the flange axis, and ``machopt
