@@ -100,7 +100,7 @@ def _reached(
         np.ascontiguousarray(place),
         np.ascontiguousarray(shank),
         np.ascontiguousarray(cuts.position),
-        np.ascontiguousarray(cuts.toolpath.axis),
+        np.array(cuts.toolpath.axis, float, order="C"),  # a copy: the kernel is compiled for arrays that may be written
         cuts.wanted,
         limit,
         AXIS_LEVER,
