@@ -95,7 +95,7 @@ $(VENV)/.installed-dev: $(VENV)/.python $(TEST_LOCK) pyproject.toml
 
 # Kernels, once: two processes begin at either end and find what the other one stored. Left to the tests, each of their
 # processes would compile nearly all.
-COMPILE = $(BIN)/python -c 'from machopt.plan.kernels import KERNELS, MORE, compile_all; compile_all((KERNELS + MORE)[::$(1)])'
+COMPILE = $(BIN)/python -c 'from machopt.planning.compiled_kernels import KERNELS, MORE, compile_all; compile_all((KERNELS + MORE)[::$(1)])'
 
 $(VENV)/.compiled: $(VENV)/.installed-dev $(SOURCES)
 	@$(call COMPILE,1) & one=$$!; $(call COMPILE,-1) && wait $$one

@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from machopt.batch.request import BatchOutcome, BatchRequest, Progress
+from machopt.batch.request import BatchProgress, BatchRequest, BatchResult
 from machopt.batch.run import run_batch
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -32,12 +32,12 @@ def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
     return {"exit_code": 0, "verdict": "done", "reason": "", "toolpath": Path(job["request"]["toolpath"]).name}
 
 
-def timed(request: BatchRequest) -> tuple[BatchOutcome, float, float, float]:
+def timed(request: BatchRequest) -> tuple[BatchResult, float, float, float]:
     """The outcome, seconds in all, seconds until the first job was done, jobs a second after that."""
     start = time.perf_counter()
     done: list[float] = []
 
-    def told(progress: Progress) -> None:
+    def told(progress: BatchProgress) -> None:
         if progress.done:
             done.append(time.perf_counter())
 

@@ -17,14 +17,14 @@ from pathlib import Path
 
 import numpy as np
 
-from machopt.domain.cell import Cell
-from machopt.domain.options import Weights
-from machopt.domain.toolpath import Toolpath
-from machopt.formats.cell import load_cell
-from machopt.formats.options import load_options
-from machopt.formats.toolpath import read_toolpath
-from machopt.plan.certainty.certificate import Certificate, certificate
-from machopt.plan.pipeline.run import plan
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.cell import Cell
+from machopt.data_types.plan_options import ObjectiveWeights
+from machopt.data_types.toolpath import Toolpath
+from machopt.options.plan_option_reader import load_options
+from machopt.planning.optimality_certificate import OptimalityCertificate, compute_certificate
+from machopt.planning.pipeline.path_planner import plan_path
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 ROOT = Path(__file__).resolve().parent.parent
 SHIPPED = (
@@ -50,12 +50,12 @@ def main() -> int:
     found = []
     for cell_name, name in SHIPPED:
         cell, toolpath = load_cell(ROOT / "cells" / cell_name), read_toolpath(ROOT / "toolpaths" / name)
-        found.append(_told(f"{cell_name} {name}", cell, toolpath, args.step, Weights()))
+        found.append(_told(f"{cell_name} {name}", cell, toolpath, args.step, ObjectiveWeights()))
     rng = np.random.default_rng(args.seed)
     for n in range(args.random):
         cell_name, name = SHIPPED[int(rng.integers(len(SHIPPED)))]
         cell, toolpath = load_cell(ROOT / "cells" / cell_name), read_toolpath(ROOT / "toolpaths" / name)
-        weights = Weights(
+        weights = ObjectiveWeights(
             worst=float(rng.uniform(0.1, 2.0)),
             travel=float(rng.uniform(0.0, 0.1)),
             rotation=float(rng.uniform(0.0, 0.3)),
@@ -72,9 +72,11 @@ def main() -> int:
     return int(most > MOST or median > MEDIAN)
 
 
-def _told(label: str, cell: Cell, toolpath: Toolpath, step: float, weights: Weights) -> Certificate | None:
+def _told(
+    label: str, cell: Cell, toolpath: Toolpath, step: float, weights: ObjectiveWeights
+) -> OptimalityCertificate | None:
     options = load_options(cell.plan, None, [f"rotation_step_deg={step:g}", "collision=false"])
-    found = certificate(plan(cell, toolpath, replace(options, weights=weights)))
+    found = compute_certificate(plan_path(cell, toolpath, replace(options, weights=weights)))
     if found is None:
         print(f"{label[:44]:44} no continuous way along the whole path")
     else:

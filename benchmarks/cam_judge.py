@@ -29,7 +29,7 @@ import cam_table
 import secondreader
 from secondreader.path import Path3
 
-from machopt.domain.toolpath import Toolpath
+from machopt.data_types.toolpath import Toolpath
 
 Array = NDArray[np.float64]
 

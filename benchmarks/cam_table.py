@@ -21,9 +21,9 @@ from typing import Any
 
 import numpy as np
 
-from machopt.domain.toolpath import Toolpath
+from machopt.data_types.toolpath import Toolpath
 from machopt.errors import InputError
-from machopt.formats.toolpath import read_toolpath
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 ASKED = (  # words of a refusal, and what it asks for
     ("--unit mm", {"unit": "mm"}),

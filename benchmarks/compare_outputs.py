@@ -49,7 +49,13 @@ def run_job(checkout: Path, words: list[str], out: Path) -> None:
     if status.exists():
         return
     inputs = [str(checkout / w) if w.startswith(("cells/", "toolpaths/")) else w for w in words]
-    done = subprocess.run([checkout / ".venv/bin/machopt", *inputs, "-o", str(out), "--quiet"], check=False, cwd=out.parent, capture_output=True, text=True)
+    done = subprocess.run(
+        [checkout / ".venv/bin/machopt", *inputs, "-o", str(out), "--quiet"],
+        check=False,
+        cwd=out.parent,
+        capture_output=True,
+        text=True,
+    )
     status.write_text(f"{done.returncode}\n")
 
 
@@ -60,12 +66,26 @@ def find_json_differences(old: object, new: object, key: str = "") -> list[str]:
         return []
     if isinstance(old, dict) and isinstance(new, dict):
         names = sorted(set(old) | set(new))
-        return [d for n in names for d in ([f"{key}.{n}: only on one side"] if (n in old) != (n in new) else find_json_differences(old[n], new[n], f"{key}.{n}"))]
+        return [
+            d
+            for n in names
+            for d in (
+                [f"{key}.{n}: only on one side"]
+                if (n in old) != (n in new)
+                else find_json_differences(old[n], new[n], f"{key}.{n}")
+            )
+        ]
     if isinstance(old, list) and isinstance(new, list):
         if len(old) != len(new):
             return [f"{key}: {len(old)} and {len(new)} entries"]
-        return [d for i, (a, b) in enumerate(zip(old, new, strict=True)) for d in find_json_differences(a, b, f"{key}[{i}]")]
-    if isinstance(old, float) and isinstance(new, float) and (math.isclose(old, new, rel_tol=1e-9, abs_tol=1e-12) or (math.isnan(old) and math.isnan(new))):
+        return [
+            d for i, (a, b) in enumerate(zip(old, new, strict=True)) for d in find_json_differences(a, b, f"{key}[{i}]")
+        ]
+    if (
+        isinstance(old, float)
+        and isinstance(new, float)
+        and (math.isclose(old, new, rel_tol=1e-9, abs_tol=1e-12) or (math.isnan(old) and math.isnan(new)))
+    ):
         return []
     if isinstance(old, str) and isinstance(new, str) and " " in old and " " in new:
         return []  # a sentence
@@ -102,12 +122,16 @@ def main() -> int:
     parser.add_argument("new", type=Path, nargs="?", default=ROOT)
     parser.add_argument("--work", type=Path, default=Path("out/compare_outputs"))
     parser.add_argument("--job", action="append", default=[])
-    parser.add_argument("--recordings", type=Path, help="folder of further CELL/recording pairs: NAME/cell and NAME/recording")
+    parser.add_argument(
+        "--recordings", type=Path, help="folder of further CELL/recording pairs: NAME/cell and NAME/recording"
+    )
     parser.add_argument("--old-only", action="store_true", help="compute the old side and stop")
     args = parser.parse_args()
     jobs = dict(JOBS)
     if args.recordings:
-        pairs = sorted(p for p in args.recordings.resolve().iterdir() if (p / "cell").is_dir() and (p / "recording").is_dir())
+        pairs = sorted(
+            p for p in args.recordings.resolve().iterdir() if (p / "cell").is_dir() and (p / "recording").is_dir()
+        )
         jobs |= {f"diagnose-{p.name}": ["diagnose", str(p / "cell"), str(p / "recording")] for p in pairs}
     differing = 0
     for name, words in jobs.items():

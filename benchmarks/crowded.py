@@ -61,22 +61,22 @@ def make_job(folder: Path, points: int = POINTS) -> tuple[Path, Path]:
 
 def share_colliding(cell_folder: Path, toolpath: Path) -> float:
     """Share of the configurations within reach, limits and margins that collide, on an even sample."""
-    from machopt.formats.cell import load_cell
-    from machopt.formats.options import load_options
-    from machopt.formats.toolpath import read_toolpath
-    from machopt.plan.configurations.candidates import enumerate_candidates
-    from machopt.plan.pipeline.setup import prepare
-    from machopt.plan.stations.path import build_path
+    from machopt.cell.cell_reader import load_cell
+    from machopt.options.plan_option_reader import load_options
+    from machopt.planning.pipeline.planning_setup import prepare_planning
+    from machopt.planning.sampling.configurations import enumerate_candidates
+    from machopt.planning.stations.planning_path import build_planning_path
+    from machopt.toolpath.toolpath_reader import read_toolpath
 
     cell = load_cell(cell_folder)
     options = load_options(cell.plan, None, [])
-    setup = prepare(cell, options)
-    path = build_path(read_toolpath(toolpath))
+    setup = prepare_planning(cell, options)
+    path = build_planning_path(read_toolpath(toolpath))
     c = enumerate_candidates(path, setup.arm, options)
     found = np.argwhere(c.feasible.any(axis=3))
     some = found[np.linspace(0, len(found) - 1, min(SAMPLE, len(found))).astype(int)]
     assert setup.collision is not None
-    hit = setup.collision.check(c.q[tuple(some.T)], path.may_touch[path.stations[some[:, 0]]]).hit
+    hit = setup.collision.check_configurations(c.q[tuple(some.T)], path.may_touch[path.stations[some[:, 0]]]).hit
     return float(hit.mean())
 
 

@@ -18,15 +18,15 @@ from pathlib import Path as File
 
 import numpy as np
 
-from machopt.domain.options import PlanOptions
-from machopt.domain.toolpath import Toolpath
-from machopt.formats.cell import load_cell
-from machopt.formats.options import load_options
-from machopt.formats.toolpath import read_toolpath
-from machopt.plan.cost.objective import objective
-from machopt.plan.pipeline.planned import Plan
-from machopt.plan.pipeline.run import plan
-from machopt.plan.stations import path as paths
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.toolpath import Toolpath
+from machopt.options.plan_option_reader import load_options
+from machopt.planning.cost.objective import compute_objective
+from machopt.planning.pipeline.path_planner import plan_path
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.stations import planning_path as paths
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 ROOT = File(__file__).resolve().parents[1]
 CELL = ROOT / "cells" / "kr500_milling"
@@ -89,7 +89,7 @@ class Density:
             paths.MAX_STATIONS = 10**9
             paths._detail = by_length if even else finer
         try:
-            return plan(load_cell(CELL), toolpath, options)
+            return plan_path(load_cell(CELL), toolpath, options)
         finally:
             paths._detail = detail
             paths.ALL_STATIONS, paths.MAX_STATIONS = limits
@@ -135,7 +135,7 @@ def main() -> None:
     scale, best = rows[-1][1].scores.scale, np.nan
     for name, made in reversed(rows):
         a, velocity = made.chosen.assignment, made.setup.cell.limits.velocity[:6]
-        j = objective(made.path, made.chosen.cost, a.q, a.phi, scale, velocity, options)
+        j = compute_objective(made.path, made.chosen.cost, a.q, a.phi, scale, velocity, options)
         best = j.total if np.isnan(best) else best
         print(
             f"{name}, on one scale: J {j.total:.5f} ({100 * (j.total / best - 1):+.2f} %), mean {j.mean:.4f}, "

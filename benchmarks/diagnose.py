@@ -18,11 +18,11 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 from simulated_arm import TrueArm, random_loads, record, scattered_poses  # noqa: E402
 
-from machopt.diagnose.resting import deflection  # noqa: E402
-from machopt.diagnose.search import engine  # noqa: E402
-from machopt.estimate.experiment import experiment  # noqa: E402
-from machopt.formats.cell import load_cell  # noqa: E402
-from machopt.model.robot import load_masses, load_robot  # noqa: E402
+from machopt.cell.cell_reader import load_cell  # noqa: E402
+from machopt.kinematics.robot import load_masses, load_robot  # noqa: E402
+from machopt.measurement.diagnosis.model_selection import selection_pipeline  # noqa: E402
+from machopt.measurement.diagnosis.static import load_test_channel  # noqa: E402
+from machopt.measurement.estimation.load_test_equations import build_load_test_experiment  # noqa: E402
 
 CELL = ROOT / "cells" / "kr240_drilling"
 TRUE_K = np.array([3.8e6, 6.6e6, 3.9e6, 5.6e5, 6.6e5, 4.7e5])  # N·m/rad
@@ -41,9 +41,11 @@ def main() -> None:
             loads = random_loads(rng, count, LOADS, 1500.0, 150.0)
             made = record(TrueArm(robot, T, 1.0 / TRUE_K), poses, loads, rng, repeats=CYCLES, rotations=rotations)
             start = time.perf_counter()
-            tests = experiment(made.recording, robot, T)
-            problem, catalogue, _ = deflection.build(made.recording, tests, robot, T, masses)
-            found = engine.diagnose(problem, catalogue, engine.Options(predicted="load tests"), rng)
+            tests = build_load_test_experiment(made.recording, robot, T)
+            problem, catalogue, _ = load_test_channel.build_load_test_problem(made.recording, tests, robot, T, masses)
+            found = selection_pipeline.diagnose_problem(
+                problem, catalogue, selection_pipeline.DiagnosisOptions(predicted="load tests"), rng
+            )
             seconds = time.perf_counter() - start
             peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
             named = [(f.effect, f.location) for f in found.findings]

@@ -9,7 +9,8 @@ same passes, the rail) and with two (a groove that winds one and a half times ro
 table): wall and processor time, peak memory, stages, and in the same run how long a plain pinocchio loop takes for
 the Jacobian and stiffness of every point × rotation × branch where the external joints stand at one place: the ratio
 holds on any machine. Goals on two cores of an ordinary machine: 8 s with one, 25 s with two, 1.5 GiB.
-near (only where it is asked for: some minutes): what ``AS_GOOD`` and ``AS_NEAR`` of :mod:`machopt.plan.best.external`
+near (only where it is asked for: some minutes): what ``AS_GOOD`` and ``AS_NEAR`` of
+:mod:`machopt.planning.external_axis_optimization.coarse_to_fine_search`
 are worth. The shipped jobs of both cells and a short groove, rotations every 15°, with either number set so that
 nothing but the best is tried, as it stands, and so that everything is: J and processor time. On 24 Nov 2026 no setting
 changed J of any of the three (beam 1.206, drum 0.400, groove 2.182 with 2 breaks), for up to 16 % more time.
@@ -29,10 +30,10 @@ from pathlib import Path
 import numpy as np
 from main_job import textbook
 
-from machopt.formats.cell import load_cell
-from machopt.formats.options import load_options
-from machopt.formats.toolpath import read_toolpath
-from machopt.plan.best import external
+from machopt.cell.cell_reader import load_cell
+from machopt.options.plan_option_reader import load_options
+from machopt.planning.external_axis_optimization import coarse_to_fine_search
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 ROOT = Path(__file__).resolve().parents[1]
 TOOLPATHS = ROOT / "toolpaths"
@@ -102,7 +103,7 @@ def gain() -> None:
         found = {}
         for mode in ("operation", "moving"):
             options = load_options(cell.plan, None, ["rotation_step_deg=15", f"external.e1.mode={mode}"])
-            plan = external.best_plan(cell, path, options)
+            plan = coarse_to_fine_search.find_best_external_axis_plan(cell, path, options)
             o, unit = plan.chosen.objective, 1e3 * plan.scores.scale
             found[mode] = (unit * o.mean, unit * o.worst)
             lost = len(plan.missing)
@@ -113,7 +114,7 @@ def gain() -> None:
 
 def near() -> None:
     """Print J and processor time of three jobs by the two numbers that say what is planned beside the best estimate."""
-    kept = {"AS_GOOD": external.AS_GOOD, "AS_NEAR": external.AS_NEAR}
+    kept = {"AS_GOOD": coarse_to_fine_search.AS_GOOD, "AS_NEAR": coarse_to_fine_search.AS_NEAR}
     trials = [kept, *({**kept, name: value} for name in kept for value in (1.0, np.inf))]
     with tempfile.TemporaryDirectory() as name:
         groove = make_groove(Path(name), GROOVE)
@@ -123,15 +124,15 @@ def near() -> None:
             options = load_options(cell.plan, None, ["rotation_step_deg=15"])
             for trial in trials:
                 for key, value in trial.items():
-                    setattr(external, key, value)
+                    setattr(coarse_to_fine_search, key, value)
                 start = time.process_time()
-                plan = external.best_plan(cell, toolpath, options)
+                plan = coarse_to_fine_search.find_best_external_axis_plan(cell, toolpath, options)
                 spent, lost = time.process_time() - start, len(plan.missing) + len(plan.breaks)
                 said = ", ".join(f"{key} {value:g}" for key, value in trial.items())
                 total = plan.chosen.objective.total
                 print(f"{path.stem:12} {said}: J {total:.5f}, {lost} lost, {spent:.1f} s CPU", flush=True)
     for key, value in kept.items():
-        setattr(external, key, value)
+        setattr(coarse_to_fine_search, key, value)
 
 
 def main() -> None:

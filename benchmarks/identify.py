@@ -18,14 +18,14 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 from simulated_arm import TrueArm, random_loads, record, scattered_poses  # noqa: E402
 
-from machopt.domain.stiffness import Stiffness  # noqa: E402
-from machopt.estimate.experiment import experiment  # noqa: E402
-from machopt.formats.cell import load_cell  # noqa: E402
-from machopt.identify.fit import fit  # noqa: E402
-from machopt.identify.options import IdentifyOptions  # noqa: E402
-from machopt.identify.pipeline import identify  # noqa: E402
-from machopt.identify.uncertainty import uncertainty  # noqa: E402
-from machopt.model.robot import load_robot  # noqa: E402
+from machopt.cell.cell_reader import load_cell  # noqa: E402
+from machopt.data_types.stiffness import ArmStiffness  # noqa: E402
+from machopt.kinematics.robot import load_robot  # noqa: E402
+from machopt.measurement.estimation.load_test_equations import build_load_test_experiment  # noqa: E402
+from machopt.measurement.identification.assessment.coefficient_uncertainty import compute_coefficient_uncertainty  # noqa: E402
+from machopt.measurement.identification.fitting.weighted_fit import fit_stiffness  # noqa: E402
+from machopt.measurement.identification.identification_pipeline import identify_stiffness  # noqa: E402
+from machopt.measurement.identification.options import IdentifyOptions  # noqa: E402
 
 CELL = ROOT / "cells" / "kr240_drilling"
 TRUE_K = np.array([3.8e6, 6.6e6, 3.9e6, 5.6e5, 6.6e5, 4.7e5])  # N·m/rad
@@ -46,11 +46,13 @@ def main() -> None:
     print(f"{len(made.recording)} readings of 6 coordinates: {POSES} poses × {LOADS} loads × {CYCLES} cycles")
     for run in range(RUNS):
         start = time.perf_counter()
-        e = experiment(made.recording, robot, T)
+        e = build_load_test_experiment(made.recording, robot, T)
         alone = time.perf_counter()
-        sure = uncertainty(fit(e))
+        sure = compute_coefficient_uncertainty(fit_stiffness(e))
         fitted = time.perf_counter()
-        found = identify(e, robot, T, Stiffness(joints=TRUE_K), IdentifyOptions(), np.random.default_rng(0))
+        found = identify_stiffness(
+            e, robot, T, ArmStiffness(joints=TRUE_K), IdentifyOptions(), np.random.default_rng(0)
+        )
         end = time.perf_counter()
         print(
             f"run {run + 1}: experiment and whole identification {end - fitted + alone - start:.2f} s; "

@@ -18,7 +18,7 @@ import time
 from pathlib import Path
 
 from machopt.output import read_manifest
-from machopt.output.manifest import differences
+from machopt.output.manifest_file import find_differences
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min\n" + "".join(
@@ -79,7 +79,7 @@ def main() -> int:
                     run.kill()
                     killed += 1
             found, sealed = read_manifest(out)  # missing or half-written: this raises
-            wrong = differences(out, found)
+            wrong = find_differences(out, found)
             if wrong or not sealed:
                 print(f"kill {number} at {moment:.3f} of a run: {wrong}")
                 return 1

@@ -53,7 +53,7 @@ def textbook(cell_folder: Path, configurations: int = 3000) -> float:
     """Seconds per configuration of the plain loop: pinocchio Jacobian, C = J K⁻¹ Jᵀ, 1/(eᵀCe)."""
     import pinocchio as pin
 
-    from machopt.formats.cell import load_cell
+    from machopt.cell.cell_reader import load_cell
 
     cell = load_cell(cell_folder)
     model = pin.buildModelFromUrdf(str(cell.urdf))
@@ -70,17 +70,17 @@ def textbook(cell_folder: Path, configurations: int = 3000) -> float:
 
 def ours(cell_folder: Path, configurations: int = 30_000) -> float:
     """Seconds per configuration of the batched kernels doing the same."""
-    from machopt.formats.cell import load_cell
-    from machopt.model.elastic import directional_compliance
-    from machopt.model.robot import load_robot
+    from machopt.cell.cell_reader import load_cell
+    from machopt.kinematics.robot import load_robot
+    from machopt.stiffness.arm_stiffness import compute_directional_compliance
 
     cell = load_cell(cell_folder)
     robot = load_robot(cell)
     q = np.random.default_rng(0).uniform(-1, 1, (configurations, 6))
-    robot.fk_jacobian(q[:1], cell.tool.T_flange_tcp)  # what is compiled is loaded
+    robot.compute_fk_jacobian(q[:1], cell.tool.T_flange_tcp)  # what is compiled is loaded
     start = time.perf_counter()
-    _, J = robot.fk_jacobian(q, cell.tool.T_flange_tcp)
-    1.0 / directional_compliance(
+    _, J = robot.compute_fk_jacobian(q, cell.tool.T_flange_tcp)
+    1.0 / compute_directional_compliance(
         J, np.broadcast_to(cell.stiffness.joints, q.shape), np.tile([0.0, 0.0, 1.0], (len(q), 1))
     )
     return (time.perf_counter() - start) / configurations

@@ -10,7 +10,7 @@ import tempfile
 from pathlib import Path
 from time import perf_counter
 
-from machopt.services.map import MapRequest, run_map
+from machopt.commands.map.run import MapRequest, run_map
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 MAPS: dict[str, tuple[str, dict[str, object]]] = {
@@ -35,7 +35,7 @@ def main() -> None:
             start = perf_counter()
             outcome = run_map(MapRequest(cell=CELLS / cell, out=Path(folder) / "out", **asked))  # type: ignore[arg-type]
             seconds = perf_counter() - start
-        told = outcome.result.plain()
+        told = outcome.result.to_json_types()
         samples, options = told["samples"], told["options"]
         rotations = options["rotations"]  # type: ignore[index]
         poses = samples * (1 if rotations is None else rotations + 1)  # type: ignore[operator]

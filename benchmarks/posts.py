@@ -21,8 +21,8 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 from made_up_program import MAPPED, PLAIN, Recipe, program  # noqa: E402
 from test_post_roundtrip import csv_round_trip, main_file  # noqa: E402
 
-from machopt.formats.posts import post_names, program_name, write_program  # noqa: E402
-from machopt.formats.programs import read_program  # noqa: E402
+from machopt.programs.program_reader import read_program  # noqa: E402
+from machopt.programs.program_writer import format_program_name, list_post_names, write_program  # noqa: E402
 
 LABELS = ("drill", "face 2", "A", "x y z", "op-1")
 
@@ -33,9 +33,9 @@ def speed(moves: int, posts: list[str]) -> None:
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             start = time.perf_counter()
-            files = write_program(folder, program_name("part", post), p, post, MAPPED)
+            files = write_program(folder, format_program_name("part", post), p, post, MAPPED)
             middle = time.perf_counter()
-            parsed = read_program(folder / main_file(post, program_name("part", post)))
+            parsed = read_program(folder / main_file(post, format_program_name("part", post)))
             end = time.perf_counter()
             size = sum(f.stat().st_size for f in files) / 1e6
             print(
@@ -71,9 +71,9 @@ def main() -> None:
     parser.add_argument("posts", nargs="*", help="all by default")
     args = parser.parse_args()
     if args.moves:
-        speed(args.moves, args.posts or list(post_names()))
+        speed(args.moves, args.posts or list(list_post_names()))
     if args.paths:
-        paths(args.paths, args.posts or list(post_names()))
+        paths(args.paths, args.posts or list(list_post_names()))
 
 
 if __name__ == "__main__":

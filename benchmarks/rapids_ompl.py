@@ -47,7 +47,7 @@ def blocked_moves(setup: Any, count: int) -> list[tuple[Any, Any]]:
 
 
 def ours(setup: Any, a: Any, b: Any, seed: int) -> Way:
-    from machopt.plan.motion.rapids import RapidMove, plan_rapid
+    from machopt.planning.motion.rapid_moves import RapidMove, plan_rapid
 
     start = time.perf_counter()
     found = plan_rapid(
@@ -124,16 +124,16 @@ def main() -> int:
     except ImportError:
         print("this benchmark needs OMPL, which machopt does not depend on: pip install ompl", file=sys.stderr)
         return 2
-    from machopt.formats.cell import load_cell
-    from machopt.formats.options import load_options
-    from machopt.plan.motion.rapids import time_legs
-    from machopt.plan.pipeline.setup import prepare
+    from machopt.cell.cell_reader import load_cell
+    from machopt.options.plan_option_reader import load_options
+    from machopt.planning.motion.rapid_moves import retime_straight_segments
+    from machopt.planning.pipeline.planning_setup import prepare_planning
 
     util.setLogLevel(util.LogLevel.LOG_NONE)
     util.RNG.setSeed(SEED)
     with tempfile.TemporaryDirectory() as name:
         cell = load_cell(make_job(Path(name), 10)[0])
-        setup = prepare(cell, load_options(cell.plan, None, []))
+        setup = prepare_planning(cell, load_options(cell.plan, None, []))
     assert setup.collision is not None
     found: dict[str, list[Way]] = {"ours": [], args.planner: []}
     moves = blocked_moves(setup, args.moves)[args.skip :]
@@ -147,7 +147,9 @@ def main() -> int:
     for name, ways in found.items():
         got = [w for w in ways if w.points is not None]
         length = [np.degrees(np.abs(np.diff(ways[n].points, axis=0)).sum()) for n in both]
-        drive = [(len(time_legs(ways[n].points, setup.driven.limits, 0.8, 0.012)) - 1) * 0.012 for n in both]
+        drive = [
+            (len(retime_straight_segments(ways[n].points, setup.driven.limits, 0.8, 0.012)) - 1) * 0.012 for n in both
+        ]
         free = [not setup.collision.check_motion(w.points, np.zeros(len(w.points), bool), STEP).any for w in got]
         took = [w.seconds for w in ways]
         corners = np.mean([len(ways[n].points) - 2 for n in both])

@@ -17,7 +17,7 @@ from typing import TextIO
 MOST_SECONDS, MOST_GIB = 20.0, 1.0  # for a million lines
 _READ = """
 import resource, sys, time
-from machopt.formats.toolpath import read_toolpath
+from machopt.toolpath.toolpath_reader import read_toolpath
 options = {"machine": "table-ac"} if "five" in sys.argv[1] else {}
 start = time.perf_counter()
 toolpath = read_toolpath(sys.argv[1], **options)

@@ -15,7 +15,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from test_retime import make, zigzag
 
-from machopt.plan.feed.retime import RunTrajectory, retime_run
+from machopt.planning.retiming.run_retiming import RunTrajectory, retime_run
 
 
 def loop(n: int, step: float):  # type: ignore[no-untyped-def]

@@ -80,22 +80,22 @@ def answer(case: Case) -> dict[str, Any]:
 
 def _identified(case: Case) -> dict[str, Any]:
     """Which joints are identified, and the warnings without their numbers."""
-    from machopt.identify.asked import IdentifyRequest
-    from machopt.services.identified import identified
+    from machopt.commands.identify.computation import compute_identification
+    from machopt.measurement.identification.request import IdentifyRequest
 
     request = IdentifyRequest(cell=case.at / "cell", recordings=(case.at / "recording",), out=case.at, studies=False)
-    found = identified(request, lambda _: None).identification
+    found = compute_identification(request, lambda _: None).identification
     joints = [f"joint {j.joint}" for j in found.joints if j.identified]
     words = [re.sub(r"[\d.]+", "#", w)[:30] for w in found.warnings]
     return {"verdict": "identified", "named": sorted([*joints, *words]), "wrong": 0, "right": 0}
 
 
 def _diagnosed(case: Case) -> dict[str, Any]:
-    from machopt.diagnose.nouns.asked import DiagnoseRequest
-    from machopt.services.diagnose import diagnosed
+    from machopt.commands.diagnose.run import compute_diagnosis
+    from machopt.measurement.diagnosis.request import DiagnoseRequest
 
     request = DiagnoseRequest(cell=case.at / "cell", recordings=(case.at / "recording",), out=case.at / "out")
-    said = json.loads(diagnosed(request, (), lambda _: None).result.model_dump_json())
+    said = json.loads(compute_diagnosis(request, (), lambda _: None).result.model_dump_json())
     findings = [f for f in said["findings"] if not score.ambient(f, case.truth)]
     right = [score.right(f, case.truth["effects"]) for f in findings]
     return {
@@ -186,9 +186,9 @@ def _told(said: dict[str, Any]) -> tuple[str, list[str]]:
 
 
 def every() -> list[Any]:
-    from machopt.diagnose import calibrated
+    from machopt.measurement.diagnosis import thresholds
 
-    return list(calibrated.every())
+    return list(thresholds.list_thresholds())
 
 
 def vary(out: Path, log: Path, folders: list[Path], seconds: float) -> None:

@@ -37,8 +37,8 @@ import room  # noqa: E402
 import score  # noqa: E402  beside this file's neighbour, no package
 import watched  # noqa: E402
 
-from machopt.diagnose import calibrated  # noqa: E402
-from machopt.diagnose.calibrated import Room  # noqa: E402
+from machopt.measurement.diagnosis import thresholds  # noqa: E402
+from machopt.measurement.diagnosis.thresholds import ThresholdSensitivity  # noqa: E402
 
 FALSE_ALARM, MISS = "null: something named", "recall of single effects"
 RIGHT, OUTSIDE = "precision of a named effect", "outside the catalogue: misnamed"
@@ -47,10 +47,15 @@ FIGURES = (FALSE_ALARM, RIGHT, MISS, OUTSIDE)
 
 def table() -> list[str]:
     """One line a threshold: its name, its value, where that comes from, what it is, what cases say of it."""
-    known = calibrated.measured().rooms
+    known = thresholds.read_sensitivity_table().thresholds
     rows = [
-        (t.key, f"{t.value:g}", t.origin.told(), t.why + (f" ({known[t.key].told()})" if t.key in known else ""))
-        for t in calibrated.every()
+        (
+            t.key,
+            f"{t.value:g}",
+            t.origin.describe(),
+            t.meaning + (f" ({known[t.key].describe()})" if t.key in known else ""),
+        )
+        for t in thresholds.list_thresholds()
     ]
     widths = [max(len(row[k]) for row in rows) for k in range(3)]
     return ["  ".join(text.ljust(w) for text, w in zip(row, (*widths, 0), strict=True)).rstrip() for row in rows]
@@ -90,9 +95,9 @@ def measure(folder: Path, cases: Sequence[str], seconds: float, written: bool) -
     log, varied = folder / "watched.jsonl", folder / "varied.jsonl"
     room.run(log, where, seconds)
     room.vary(varied, log, where, seconds)
-    tests = {key: list(r.tests) for key, r in calibrated.measured().rooms.items()}
+    tests = {key: list(r.tests) for key, r in thresholds.read_sensitivity_table().thresholds.items()}
     rows = room.table(log, varied, tests)
-    print("\n".join(f"{key}: {Room.of(row).told()}" for key, row in rows.items()))
+    print("\n".join(f"{key}: {ThresholdSensitivity.from_row(row).describe()}" for key, row in rows.items()))
     if written:
         done = {line["case"].partition(" ")[2] for line in room.lines(log)}  # some are identified from, too
         sets = [
@@ -122,7 +127,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(line("\nas they are", rates(asked.answers)))
     for change in asked.vary:
         name, _, values = change.partition("=")
-        if name not in {t.key for t in calibrated.every()}:
+        if name not in {t.key for t in thresholds.list_thresholds()}:
             parser.error(f"--vary: there is no threshold {name!r}; the table above lists them")
         for value in values.split(","):
             print(line(f"{name} = {value}", varied(asked.answers, name, float(value))))

@@ -1,6 +1,7 @@
 """A threshold that notes what it is held against, and passes for the number that it is.
 
-``watching()`` puts such numbers into the tables that ``machopt.diagnose.calibrated`` lists. Each carries, through sums,
+``watching()`` puts such numbers into the tables that ``machopt.measurement.diagnosis.thresholds`` lists. Each carries,
+through sums,
 products, powers, roots, ``max`` and ``min``, how to get back from what has become of it to the threshold alone: where
 ``x > k * bar`` is asked, ``x / k`` is the value of the threshold at which the answer would change. Whatever else numpy
 or a kernel does with it, it does with the plain number: such a threshold was read and never held against anything.
@@ -283,9 +284,9 @@ def otherwise(values: dict[str, float]) -> Iterator[None]:
 
 def _tables() -> dict[str, tuple[ModuleType, Any]]:
     """Where each table stands, and the table."""
-    from machopt.diagnose import calibrated
+    from machopt.measurement.diagnosis import thresholds
 
-    return {concern: (module, getattr(module, concern)) for concern, module in calibrated.TABLES.items()}
+    return {concern: (module, getattr(module, concern)) for concern, module in thresholds.TABLES.items()}
 
 
 def _put_back(kept: dict[str, tuple[ModuleType, Any]]) -> None:

@@ -16,11 +16,14 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from machopt.domain.options import PlanOptions
-from machopt.domain.results import tables
-from machopt.domain.results.schema import write_schemas
-from machopt.formats import cell_schema, joblist, kinematics, option_keys, options, schema, stiffness
-from machopt.formats.recording import keys as recording_keys
+from machopt.cell import cell_schema, kinematics_file
+from machopt.cell.stiffness import stiffness_file
+from machopt.data_types.documents import table_rows
+from machopt.data_types.documents.json_schemas import write_schemas
+from machopt.data_types.plan_options import PlanOptions
+from machopt.input_files import job_list, json_schemas
+from machopt.measurement.recording import recording_schema as recording_keys
+from machopt.options import option_schema, plan_option_reader
 
 PAGE = Path(__file__).with_name("reference.md")
 FILES: tuple[tuple[str, str, type[BaseModel]], ...] = (
@@ -34,39 +37,39 @@ FILES: tuple[tuple[str, str, type[BaseModel]], ...] = (
         "Planning options",
         "In `plan:` of cell.yaml, a `--plan` file, `options:` of a batch list, or `--set key=value`; "
         "the later one wins.",
-        option_keys.OptionKeys,
+        option_schema.OptionKeys,
     ),
     (
         "stiffness.yaml",
         "Named by `stiffness:` of cell.yaml; `identify` and `diagnose` write it.",
-        stiffness._StiffnessFile,
+        stiffness_file._StiffnessFileKeys,
     ),
     (
         "kinematics.yaml",
         "Named by `kinematics:` of cell.yaml; `diagnose` writes it. "
         + " ".join(
             f"`{effect}` has {', '.join(f'`{p}`' for p in names)}"
-            + "".join(f", optionally `{p}`" for p in kinematics.optional(effect))
+            + "".join(f", optionally `{p}`" for p in kinematics_file.list_optional_parameters(effect))
             + "."
-            for effect, names in kinematics.parameters().items()
+            for effect, names in kinematics_file.list_required_parameters().items()
         )
         + " `range_deg`: the encoder angles, lower and upper, that it was measured over; beyond them it fades out "
         "within 5 degrees and is not applied, without the key it is applied everywhere.",
-        kinematics._KinematicsFile,
+        kinematics_file._KinematicsFileKeys,
     ),
-    ("recording.yaml", "Beside the data files of a recording folder.", recording_keys.RecordingFile),
-    ("Batch list", "The YAML file of `machopt batch LIST`.", joblist.ListKeys),
+    ("recording.yaml", "Beside the data files of a recording folder.", recording_keys.RecordingKeys),
+    ("Batch list", "The YAML file of `machopt batch LIST`.", job_list.JobListKeys),
 )
 TABLES = (
     (
         "points.csv of optimize",
         "One row a toolpath point. Columns in this order; those that are not **bold** are there where they apply.",
-        tables.PointRow,
+        table_rows.PointsTableRow,
     ),
     (
         "trajectory.csv of optimize",
         "One row a control sample. Columns in this order; those that are not **bold** are there where they apply.",
-        tables.TrajectoryRow,
+        table_rows.TrajectoryTableRow,
     ),
 )
 HEAD = """# Every key of every file, every column of the tables
@@ -89,7 +92,7 @@ def keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, FieldI
     for name, info in model.model_fields.items():
         yield f"{prefix}{name}", info
         inner, mark = _inside(info.annotation)
-        if inner is option_keys.OptionKeys and model is not option_keys.OptionKeys:
+        if inner is option_schema.OptionKeys and model is not option_schema.OptionKeys:
             continue  # they have a section of their own
         if inner is not None:
             yield from keys(inner, f"{prefix}{name}{mark}.")
@@ -97,7 +100,7 @@ def keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, FieldI
 
 def _section(title: str, text: str, model: type[BaseModel]) -> Iterator[str]:
     yield f"## {title}\n{text}\n\n| key | value | default | what |\n|---|---|---|---|"
-    defaults = options.options_as_user(PlanOptions()) if model is option_keys.OptionKeys else {}
+    defaults = plan_option_reader.format_user_options(PlanOptions()) if model is option_schema.OptionKeys else {}
     for name, info in keys(model):
         shown = f"**`{name}`**" if info.is_required() else f"`{name}`"
         default = _default(info, _reach(defaults, name))
@@ -179,4 +182,4 @@ def _words(annotation: object) -> str:
 if __name__ == "__main__":
     PAGE.write_text(page(), encoding="utf-8")
     write_schemas()
-    schema.write_schemas()
+    json_schemas.write_schemas()

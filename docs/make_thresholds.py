@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from machopt.diagnose import calibrated
+from machopt.measurement.diagnosis import thresholds
 
 PAGE = Path(__file__).with_name("thresholds.md")
 CONCERNS = {
@@ -23,8 +23,9 @@ CONCERNS = {
 }
 HEAD = """# Thresholds
 
-Written by `docs/make_thresholds.py` from `machopt/diagnose/calibrated/`, `machopt/identify/calibrated.py` and
-`machopt/estimate/calibrated.py`; do not edit. `measured`: set on the cases named; `statistics`: follows from what it
+Written by `docs/make_thresholds.py` from `machopt/measurement/diagnosis/thresholds/`,
+`machopt/measurement/identification/thresholds.py` and `machopt/measurement/estimation/thresholds.py`; do not edit.
+`measured`: set on the cases named; `statistics`: follows from what it
 means; `judgement`: chosen by an engineer, and no set of cases set it.
 
 What the cases say, whoever chose the number: `{script}` ({date}) took
@@ -43,9 +44,9 @@ count: [architecture](architecture.md).
 
 def page() -> str:
     """The text of the page."""
-    made = calibrated.measured()
-    cases, less, more = made.together
-    sets = "\n".join(f"- {s}" for s in made.sets)
+    made = thresholds.read_sensitivity_table()
+    cases, less, more = made.changes_when_all_perturbed
+    sets = "\n".join(f"- {s}" for s in made.case_sets)
     out = [HEAD.format(script=made.script, date=made.date, sets=sets, cases=cases, less=less, more=more)]
     for concern, title in CONCERNS.items():
         out += [
@@ -54,13 +55,13 @@ def page() -> str:
             "| threshold | value | what it is | from | what the cases say |",
             "|---|---|---|---|---|",
         ]
-        out += [_row(t) for t in calibrated.every() if t.concern == concern]
+        out += [_row(t) for t in thresholds.list_thresholds() if t.concern == concern]
         out.append("")
     return "\n".join(out)
 
 
-def _row(t: calibrated.Threshold) -> str:
-    cells = (f"`{t.key}`", f"{t.value:.4g}", t.why, t.origin.told(), t.room.told())
+def _row(t: thresholds.ThresholdEntry) -> str:
+    cells = (f"`{t.key}`", f"{t.value:.4g}", t.meaning, t.origin.describe(), t.sensitivity.describe())
     return "| " + " | ".join(c.replace("|", "\\|") for c in cells) + " |"
 
 

@@ -9,7 +9,8 @@ Pipeline of the main job (``machopt optimize CELL TOOLPATH -o OUT``)::
     every q       index    best      γ(s) as    FCL      feed,     tables,   other     one page
     or a reason   per q    sequence  a curve             jerk      KRL       code
 
-Each step is one file in :mod:`machopt.plan` and owns its result type; ``plan/pipeline/run.py`` draws the
+Each step is one file in :mod:`machopt.planning` and owns its result type; ``planning/pipeline/path_planner.py`` draws
+the
 arrows. Imports point one way::
 
     cli → api → batch | view → services → cells → postprocess → recheck → report → formats | verify | output
@@ -87,7 +88,7 @@ __all__ = [
 """The names that stay: what is not here may change with any version."""
 
 
-def _late(name: str) -> property:
+def _define_lazy_name(name: str) -> property:
     """A public name, imported when it is first asked for, so that ``import machopt`` loads nothing heavy."""
 
     def get(_: ModuleType) -> object:
@@ -95,12 +96,13 @@ def _late(name: str) -> property:
 
     def keep(_: ModuleType, __: object) -> None:
         """Functions have the names of commands, and so have the packages behind them: importing
-        ``machopt.identify.fit`` puts its package here as an attribute, which must not take the function's place."""
+        ``machopt.measurement.identification.fitting.weighted_fit`` puts its package here as an attribute, which must
+        not take the function's place."""
 
     return property(get, keep)
 
 
-class _Face(ModuleType):
+class _LazyModule(ModuleType):
     """This module, with its public names as properties."""
 
     def __dir__(self) -> list[str]:
@@ -109,5 +111,5 @@ class _Face(ModuleType):
 
 for _name in __all__:
     if _name not in globals():
-        setattr(_Face, _name, _late(_name))
-sys.modules[__name__].__class__ = _Face
+        setattr(_LazyModule, _name, _define_lazy_name(_name))
+sys.modules[__name__].__class__ = _LazyModule

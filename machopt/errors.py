@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from machopt.typos import suggest_word
+from machopt.spelling_suggestions import suggest_word
 
 
 class MachoptError(Exception):
@@ -46,6 +46,6 @@ class VerificationError(MachoptError):
     exit_code = 4
 
 
-def nearest(word: str, valid: list[str]) -> str:
+def suggest_nearest_word(word: str, valid: list[str]) -> str:
     """``did you mean 'x'? valid: a, b, c`` for an unknown name."""
     return f"{suggest_word(word, valid)}valid: {', '.join(valid)}"

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from machopt.batch import task
+from machopt.batch import job_process
 
 ROOT = Path(__file__).resolve().parents[1]
 JOBS, GATED = 60, 30  # the jobs from the thirtieth on wait for the gate
@@ -35,10 +35,10 @@ def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
         ctypes.string_at(0)
     while path.stem == "deaf":
         time.sleep(1000)
-    return task.run(job, out)
+    return job_process.run(job, out)
 
 
-warm = task.warm
+warm = job_process.warm
 
 
 def small_jobs(place: Path) -> Path:

@@ -18,14 +18,14 @@ import trimesh
 from damaged_cell import make
 from mutations import within
 
-from machopt.domain.options import PlanOptions
-from machopt.domain.recording import Recording
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.stiffness.stiffness_file import load_stiffness
+from machopt.data_types.measurements.recording import Recording
+from machopt.data_types.plan_options import PlanOptions
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.option_keys import OptionKeys
-from machopt.formats.options import load_options, options_as_user
-from machopt.formats.recording import load_recording
-from machopt.formats.stiffness import load_stiffness
+from machopt.measurement.recording import load_recording
+from machopt.options.option_schema import OptionKeys
+from machopt.options.plan_option_reader import format_user_options, load_options
 
 HANG = 30.0  # s of computing for one small file
 WILD = (
@@ -188,8 +188,8 @@ def sane_cell(folder: Path, *, model: bool = True) -> None:
         assert np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-9)
         assert np.abs(T[:3, 3]).max() <= 1e3
     if model:
-        from machopt.model.robot import load_chain, load_masses
-        from machopt.verify.arm import Arm
+        from machopt.kinematics.robot import load_chain, load_masses
+        from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
         robot, shapes = load_chain(cell)
         assert np.allclose(np.linalg.norm(robot.axis, axis=1), 1.0)
@@ -197,23 +197,25 @@ def sane_cell(folder: Path, *, model: bool = True) -> None:
         masses = load_masses(cell)
         assert (masses.mass > 0.0).all()
         assert np.isfinite(masses.com).all()
-        flange = Arm(cell).placements(cell.home[None], np.zeros((1, len(cell.external_joints))))[0, -2]
-        assert np.allclose(flange, cell.T_world_base @ robot.fk(cell.home), atol=1e-9)
+        flange = UrdfKinematics(cell).compute_placements(cell.home[None], np.zeros((1, len(cell.external_joints))))[
+            0, -2
+        ]
+        assert np.allclose(flange, cell.T_world_base @ robot.compute_fk(cell.home), atol=1e-9)
 
 
 def sane_mesh(folder: Path) -> None:
     """Planner and verifier load the same body from the file."""
     import coal
 
-    from machopt.model.bodies import cell_bodies
-    from machopt.model.lines import Carriers
-    from machopt.model.machine import load_machine
-    from machopt.model.robot import load_chain
+    from machopt.collision.bodies import build_cell_bodies
+    from machopt.kinematics.machine import load_machine
+    from machopt.kinematics.machine_lines import LinkCarriers
+    from machopt.kinematics.robot import load_chain
 
     cell = load_cell(folder)
     shape = cell.tool.geometry[0]
     robot, _ = load_chain(cell)
-    ours = cell_bodies(cell, Carriers(cell, load_machine(cell, robot)))[0]
+    ours = build_cell_bodies(cell, LinkCarriers(cell, load_machine(cell, robot)))[0]
     theirs = coal.MeshLoader().load(str(shape.mesh), np.full(3, shape.size[0]))
     theirs.computeLocalAABB()
     T = robot.T_base_flange_zero @ shape.T_parent_shape
@@ -245,7 +247,7 @@ def sane_recording(recording: Recording) -> None:
 def sane_options(options: PlanOptions) -> None:
     """They come back from what the user is shown of them."""
     assert 0.0 < options.rotation_step <= np.pi
-    assert load_options(options_as_user(options)) == options
+    assert load_options(format_user_options(options)) == options
 
 
 # the formats ------------------------------------------------------------------------------------------------------
@@ -394,7 +396,7 @@ OPTION_VALUES = (
     "12",
     "false",
 )
-DEFAULTS = options_as_user(PlanOptions())
+DEFAULTS = format_user_options(PlanOptions())
 FORMATS = ("urdf", "mesh", "cell", "stiffness", "recording", "options")
 
 

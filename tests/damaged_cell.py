@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 import trimesh
 
+from machopt.cell.cell_reader import load_cell
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
 
 CELL = """\
 machopt_cell: 1

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from small_cell import pose, small_cell, urdf_text
 
-from machopt.domain.cell import Cell, JointLimits, Shape
+from machopt.data_types.cell import Cell, CollisionShape, JointLimits
 
 _LIMIT = '<limit lower="{}" upper="{}" velocity="3" effort="1"/>'
 RAIL = (
@@ -62,10 +62,14 @@ def external_cell(folder: Path, *, rail: bool = False, table: bool = False, tilt
     )
     part = cell.workpiece
     if table:
-        block = (Shape(name="block", kind="box", size=(0.4, 0.5, 0.1), mesh=None, T_parent_shape=pose(0, 0, -0.05)),)
+        block = (
+            CollisionShape(name="block", kind="box", size=(0.4, 0.5, 0.1), mesh=None, T_parent_shape=pose(0, 0, -0.05)),
+        )
         part = replace(part, link="plate", T_link_workpiece=pose(0.05, 0, 0.11), geometry=block)
     else:
-        block = (Shape(name="block", kind="box", size=(0.4, 2.4, 0.1), mesh=None, T_parent_shape=pose(0, 0, -0.05)),)
+        block = (
+            CollisionShape(name="block", kind="box", size=(0.4, 2.4, 0.1), mesh=None, T_parent_shape=pose(0, 0, -0.05)),
+        )
         part = replace(part, geometry=block)
     return replace(
         cell,

@@ -17,27 +17,27 @@ from test_map_page import made_up as made_up_map
 from test_templates import evil_batch, evil_identification, evil_toolpath
 
 from machopt.cli import main
-from machopt.report.cell_page import cell_html
-from machopt.report.diagnosis_page import diagnosis_html
-from machopt.report.gather.cell import cell_scene
-from machopt.report.map_data import MapScene
-from machopt.report.map_page import map_page_html
-from machopt.report.page import report_html
-from machopt.report.place_page import place_html
-from machopt.report.poses_data import PosesPage
-from machopt.report.poses_page import poses_html
-from machopt.report.steering import Axis, Compared, Steering
+from machopt.report.page_data.cell_scene import build_cell_scene
+from machopt.report.page_types.map_page_data import MapScene
+from machopt.report.page_types.pose_plan_page_data import PosePlanPageData
+from machopt.report.page_types.steering import PlanComparison, SteeringAxis, SteeringData
+from machopt.report.pages.diagnosis.diagnosis_page import build_diagnosis_html
+from machopt.report.pages.map_page import build_map_html
+from machopt.report.pages.optimize.optimize_page import build_report_html
+from machopt.report.pages.placement_page import build_placement_html
+from machopt.report.pages.pose_plan_page import build_pose_plan_html
+from machopt.view.cell_page import build_cell_html
 
 CELL = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
-STEERING = Steering(
+STEERING = SteeringData(
     operations=(("rim", ((0, 20),)), ("holes", ((25, 50),))),
     points=60,
     branches=8,
-    axes=(Axis("rail", "mm", -1000.0, 1000.0),),
+    axes=(SteeringAxis("rail", "mm", -1000.0, 1000.0),),
     wishes={"fixed": [{"point": 3, "gamma_deg": 20.0}], "steer": [{"operation": "rim", "branch": 2}], "external": {}},
-    compared=(Compared(name="Objective", unit="", before=1.0, now=0.9, decimals=3),),
-    told="Planned in 2.0 s.",
-    good=True,
+    compared=(PlanComparison(name="Objective", unit="", before=1.0, now=0.9, decimals=3),),
+    message="Planned in 2.0 s.",
+    has_motion=True,
     file="plan.yaml",
     command="machopt optimize cell part.cls --plan plan.yaml",
 )
@@ -47,27 +47,27 @@ def pages(folder: Path) -> Iterator[tuple[str, str]]:
     """Name and page, one after the other."""
     cell = small_cell(folder)
     report, _ = with_view(cell)
-    yield "report", report_html(report)
-    yield "view", report_html(report, STEERING)
-    yield "infeasible", report_html(infeasible_result())
+    yield "report", build_report_html(report)
+    yield "view", build_report_html(report, STEERING)
+    yield "infeasible", build_report_html(infeasible_result())
     yield "toolpath", evil_toolpath()
-    scene, _ = cell_scene(cell)
-    yield "cell", cell_html(cell)
+    scene, _ = build_cell_scene(cell)
+    yield "cell", build_cell_html(cell)
     space = MapScene(scene, np.eye(4), cell.external_home)
     for kind in ("slice", "volume", "line"):
-        yield f"map of a {kind}", map_page_html(made_up_map(kind, space=space))
+        yield f"map of a {kind}", build_map_html(made_up_map(kind, space=space))
     found = diagnosis_of("explained")
     q = made_up_diagnosis.recording().q
-    yield "diagnosis", diagnosis_html(replace(found, scene=scene, q=q))
-    yield "diagnosis of a motion", diagnosis_html(diagnosis_of("torque"))
+    yield "diagnosis", build_diagnosis_html(replace(found, scene=scene, q=q))
+    yield "diagnosis of a motion", build_diagnosis_html(diagnosis_of("torque"))
     yield "identification", evil_identification()
     yield "batch", evil_batch()
-    yield "place", place_html(placed())
+    yield "place", build_placement_html(placed())
     yield "poses", planned_poses(folder)
     yield (
         "no poses",
-        poses_html(
-            PosesPage(
+        build_pose_plan_html(
+            PosePlanPageData(
                 title="p",
                 cell="c",
                 version="0",

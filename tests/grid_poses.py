@@ -11,13 +11,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.domain.cell import Cell
-from machopt.domain.reason import Reason
-from machopt.identify.gridcells import Region
-from machopt.model.collision import CollisionModel
-from machopt.model.ik import Margins, Solver, branch_reasons, turns
-from machopt.model.robot import Robot
-from machopt.se3 import axis_rotation, inverse, transform
+from machopt.collision.collision_model import CollisionModel
+from machopt.data_types.cell import Cell
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.kinematics.inverse.solver import (
+    InverseKinematicsSolver,
+    SingularityMargins,
+    compute_branch_reasons,
+    list_whole_turns,
+)
+from machopt.kinematics.robot import Robot
+from machopt.measurement.identification.grid_stiffness.grid_cells import GridRegion
+from machopt.numerics.rigid_transforms import build_transform, compute_axis_rotation, invert_transform
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -30,7 +35,7 @@ ANGLES = (0.0, np.deg2rad(-10.0), np.deg2rad(10.0))  # jiao2022 section 5.1: 3 �
 class GridPlan:
     """S positions in A postures each, position by position; M = S·A poses."""
 
-    region: Region
+    region: GridRegion
     position: Array  # (S, 3) m of the TCP in base_link: corners x fastest, then centres in order of the cells
     angle: Array  # (A,) rad about the tool's y axis
     T_base_tcp: Array  # (M, 4, 4)
@@ -42,7 +47,7 @@ class GridPlan:
     @property
     def reached(self) -> Bools:
         """(M,)."""
-        return np.asarray(self.reason == Reason.OK)
+        return np.asarray(self.reason == InfeasibilityReason.OK)
 
     def of_cell(self, cell: int) -> Ints:
         """(9·A,) poses of one cell, 27 with three postures."""
@@ -53,9 +58,9 @@ class GridPlan:
 def grid_plan(
     cell: Cell,
     robot: Robot,
-    solver: Solver,
-    region: Region,
-    margins: Margins,
+    solver: InverseKinematicsSolver,
+    region: GridRegion,
+    margins: SingularityMargins,
     *,
     posture: Array | None = None,
     angles: tuple[float, ...] = ANGLES,
@@ -81,30 +86,32 @@ def grid_plan(
         jiao2022 sections 2.2 and 5.1, fig. 1. The paper turns about any axis; y is what its experiment does.
     """
     position, members = _positions(region)
-    R = _along_edges(robot.fk(cell.home, cell.tool.T_flange_tcp)[:3, :3]) if posture is None else posture
-    turned = R @ axis_rotation(np.array([0.0, 1.0, 0.0]), np.array(angles))
-    poses = transform(
+    R = _along_edges(robot.compute_fk(cell.home, cell.tool.T_flange_tcp)[:3, :3]) if posture is None else posture
+    turned = R @ compute_axis_rotation(np.array([0.0, 1.0, 0.0]), np.array(angles))
+    poses = build_transform(
         np.broadcast_to(turned, (len(position), len(angles), 3, 3)),
         np.broadcast_to(position[:, None], (len(position), len(angles), 3)),
     ).reshape(-1, 4, 4)
-    T_tcp_flange = inverse(cell.tool.T_flange_tcp)
+    T_tcp_flange = invert_transform(cell.tool.T_flange_tcp)
     solved = solver.solve(poses @ T_tcp_flange)
-    reason = branch_reasons(solved, margins)
+    reason = compute_branch_reasons(solved, margins)
     q = _nearest_turn(solved.q, cell, margins)
-    reason[(reason == Reason.OK) & ~np.isfinite(q).all(axis=-1)] = Reason.LIMIT
+    reason[(reason == InfeasibilityReason.OK) & ~np.isfinite(q).all(axis=-1)] = InfeasibilityReason.LIMIT
     if branch is not None:
         chosen = np.full(len(poses), branch)
     elif solver.branch_stable:
-        chosen = np.full(len(poses), _most_serving(reason, solver, robot.fk(cell.home), cell.home))
+        chosen = np.full(len(poses), _most_serving(reason, solver, robot.compute_fk(cell.home), cell.home))
     else:
-        far = np.where(reason == Reason.OK, np.abs(q - cell.home).sum(axis=-1), np.inf)
+        far = np.where(reason == InfeasibilityReason.OK, np.abs(q - cell.home).sum(axis=-1), np.inf)
         chosen = np.where(np.isfinite(far).any(axis=1), far.argmin(axis=1), reason.argmax(axis=1))
     rows = np.arange(len(poses))
     why, chosen_q = reason[rows, chosen], q[rows, chosen]
     if collision is not None:
-        ok = np.flatnonzero(why == Reason.OK)
-        why[ok[collision.check(chosen_q[ok], np.zeros(len(ok), bool)).hit]] = Reason.COLLIDING
-    serves = why == Reason.OK
+        ok = np.flatnonzero(why == InfeasibilityReason.OK)
+        why[ok[collision.check_configurations(chosen_q[ok], np.zeros(len(ok), bool)).hit]] = (
+            InfeasibilityReason.COLLIDING
+        )
+    serves = why == InfeasibilityReason.OK
     return GridPlan(
         region,
         position,
@@ -117,7 +124,7 @@ def grid_plan(
     )
 
 
-def _positions(region: Region) -> tuple[Array, Ints]:
+def _positions(region: GridRegion) -> tuple[Array, Ints]:
     nodes = np.array(region.shape) + 1
     lattice = np.stack(np.unravel_index(np.arange(np.prod(nodes)), nodes, order="F"), axis=1)
     lower = np.stack(np.unravel_index(np.arange(len(region)), region.shape, order="F"), axis=1)
@@ -135,11 +142,11 @@ def _along_edges(R: Array) -> Array:
     return max(found, key=lambda F: float(np.sum(F * R)))
 
 
-def _nearest_turn(q: Array, cell: Cell, margins: Margins) -> Array:
+def _nearest_turn(q: Array, cell: Cell, margins: SingularityMargins) -> Array:
     """Each configuration (M, B, 6) by whole turns inside the limits and nearest to home; NaN where none is."""
     lower, upper = cell.limits.lower[:6] + margins.limit, cell.limits.upper[:6] - margins.limit
     best, least = np.full(q.shape, np.nan), np.full(q.shape[:-1], np.inf)
-    for turn in turns(lower, upper):
+    for turn in list_whole_turns(lower, upper):
         told = q + turn
         with np.errstate(invalid="ignore"):
             inside = ((told >= lower) & (told <= upper)).all(axis=-1)
@@ -149,8 +156,8 @@ def _nearest_turn(q: Array, cell: Cell, margins: Margins) -> Array:
     return best
 
 
-def _most_serving(reason: NDArray[np.uint8], solver: Solver, T_base_flange: Array, home: Array) -> int:
-    served = (reason == Reason.OK).sum(axis=0)
+def _most_serving(reason: NDArray[np.uint8], solver: InverseKinematicsSolver, T_base_flange: Array, home: Array) -> int:
+    served = (reason == InfeasibilityReason.OK).sum(axis=0)
     at_home = solver.solve(T_base_flange[None]).q[0]
     off = np.abs(np.angle(np.exp(1j * (at_home - home)))).sum(axis=-1)
     own = int(np.nanargmin(off)) if np.isfinite(off).any() else 0

@@ -6,19 +6,29 @@ from dataclasses import replace
 
 import numpy as np
 
-from machopt.diagnose.nouns.problem import (
-    Curve,
-    Family,
+from machopt.data_types.documents.diagnosis_document import JobEffectSection
+from machopt.data_types.measurements.recording import Recording
+from machopt.data_types.stiffness import StiffnessTerm
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
+    BaseUnknown,
+    CoordinateFamily,
+    DiagnosisProblem,
     KinematicCorrection,
-    Problem,
+    LawCurve,
     RecordCorrection,
-    Unknown,
-    Untestable,
+    UntestableEffect,
 )
-from machopt.diagnose.nouns.result import Coefficient, Diagnosis, Errors, Estimate, Finding, Limit, Proof, Rival, Share
-from machopt.domain.recording import Recording
-from machopt.domain.results.diagnosis import EffectOnJob
-from machopt.domain.stiffness import Term
+from machopt.measurement.diagnosis.data_types.diagnosis_result import (
+    BaseCoefficient,
+    DetectionLimit,
+    DiagnosisResult,
+    EstimatedValue,
+    Finding,
+    HoldoutErrors,
+    HoldoutProof,
+    MismatchShare,
+    RivalExplanation,
+)
 
 POSES, EACH = 30, 16
 N = POSES * EACH
@@ -50,8 +60,8 @@ def recording(*, motion: bool = False) -> Recording:
     )
 
 
-def _estimate(value: float, unit: str, half: float) -> Estimate:
-    return Estimate(value, unit, (value - half, value + half), (value - 1.2 * half, value + 1.2 * half))
+def _estimate(value: float, unit: str, half: float) -> EstimatedValue:
+    return EstimatedValue(value, unit, (value - half, value + half), (value - 1.2 * half, value + 1.2 * half))
 
 
 def hysteresis(joint: int = 3, after: float = 0.025) -> Finding:
@@ -82,7 +92,7 @@ def hysteresis(joint: int = 3, after: float = 0.025) -> Finding:
         after=after,
         p_value=0.0004,
         rivals=(
-            Rival(
+            RivalExplanation(
                 effect="joint_backlash",
                 location=place,
                 law="dead zone on total torque",
@@ -90,7 +100,7 @@ def hysteresis(joint: int = 3, after: float = 0.025) -> Finding:
                 standing="rejected",
                 p_value=0.0002,
             ),
-            Rival(
+            RivalExplanation(
                 effect="joint_hysteresis",
                 location=place,
                 law="Bouc–Wen",
@@ -98,7 +108,7 @@ def hysteresis(joint: int = 3, after: float = 0.025) -> Finding:
                 standing="not excluded",
                 p_value=0.31,
             ),
-            Rival(
+            RivalExplanation(
                 effect="joint_creep",
                 location=place,
                 law="first order",
@@ -106,7 +116,7 @@ def hysteresis(joint: int = 3, after: float = 0.025) -> Finding:
                 standing="rejected",
                 p_value=0.0001,
             ),
-            Rival(
+            RivalExplanation(
                 effect="joint_hysteresis",
                 location="joint:2",
                 law="play",
@@ -115,7 +125,7 @@ def hysteresis(joint: int = 3, after: float = 0.025) -> Finding:
                 p_value=0.0001,
                 placebo=True,
             ),
-            Rival(
+            RivalExplanation(
                 effect="joint_hysteresis",
                 location=place,
                 law="branches shuffled",
@@ -126,7 +136,7 @@ def hysteresis(joint: int = 3, after: float = 0.025) -> Finding:
             ),
         ),
         correction=RecordCorrection("joint_hysteresis", place, {"width_arcmin": 0.9}) if joint == 99 else None,
-        curve=Curve(
+        curve=LawCurve(
             x=loop_x,
             law=law,
             x_label=f"torque at joint {joint} in N·m",
@@ -157,7 +167,7 @@ def link() -> Finding:
         after=0.021,
         p_value=0.012,
         rivals=(
-            Rival(
+            RivalExplanation(
                 effect="joint_pose_dependent_stiffness",
                 location="joint:4",
                 law="first harmonic",
@@ -165,7 +175,7 @@ def link() -> Finding:
                 standing="rejected",
                 p_value=0.003,
             ),
-            Rival(
+            RivalExplanation(
                 effect="tool_compliance",
                 location="tool",
                 law="6×6 diagonal",
@@ -174,8 +184,8 @@ def link() -> Finding:
                 p_value=0.22,
             ),
         ),
-        correction=Term("link_compliance", "link:4", {"EI_Nm2": 3.1e6, "length_mm": 600.0}),
-        curve=Curve(
+        correction=StiffnessTerm("link_compliance", "link:4", {"EI_Nm2": 3.1e6, "length_mm": 600.0}),
+        curve=LawCurve(
             x=np.array([-900.0, 900.0]),
             law=np.array([-0.2, 0.2]),
             x_label="moment at link 4 in N·m",
@@ -222,7 +232,7 @@ def frame() -> Finding:
     )
 
 
-def _limits() -> tuple[Limit, ...]:
+def _limits() -> tuple[DetectionLimit, ...]:
     out = []
     for effect, unit, size in (
         ("joint_backlash", "arcmin", 0.11),
@@ -234,23 +244,26 @@ def _limits() -> tuple[Limit, ...]:
             value = size * (1 + 0.4 * abs(j - 3))
             if j == 6:
                 out.append(
-                    Limit(effect=effect, location=f"joint:{j}", value=np.inf, unit=unit, standing="not testable")
+                    DetectionLimit(
+                        effect=effect, location=f"joint:{j}", value=np.inf, unit=unit, standing="not testable"
+                    )
                 )
             elif j == 1 and effect == "joint_pose_dependent_stiffness":
                 both = ((effect, "joint:1"), ("base_compliance", "base"))
                 out.append(
-                    Limit(
+                    DetectionLimit(
                         effect=effect, location="joint:1", value=value, unit=unit, standing="only as a set", one_of=both
                     )
                 )
             else:
-                out.append(Limit(effect=effect, location=f"joint:{j}", value=value, unit=unit))
+                out.append(DetectionLimit(effect=effect, location=f"joint:{j}", value=value, unit=unit))
     out += [
-        Limit(effect="link_compliance", location=f"link:{j}", value=3e-8 * j, unit="rad/(N·m)") for j in range(1, 6)
+        DetectionLimit(effect="link_compliance", location=f"link:{j}", value=3e-8 * j, unit="rad/(N·m)")
+        for j in range(1, 6)
     ]
     out += [
-        Limit(effect="base_compliance", location="base", value=4.1e-9, unit="rad/(N·m)"),
-        Limit(
+        DetectionLimit(effect="base_compliance", location="base", value=4.1e-9, unit="rad/(N·m)"),
+        DetectionLimit(
             effect="tool_compliance",
             location="tool",
             value=0.021,
@@ -258,14 +271,14 @@ def _limits() -> tuple[Limit, ...]:
             standing="only as a set",
             one_of=(("tool_compliance", "tool"), ("link_compliance", "link:6")),
         ),
-        Limit(effect="force_sensor_frame", location="sensor:force", value=0.31, unit="deg"),
-        Limit(effect="joint_coupling", location="joint:4-5", value=2.2e-8, unit="rad/(N·m)"),
-        Limit(effect="gravity_compensator", location="joint:2", value=3.3, unit="%"),
+        DetectionLimit(effect="force_sensor_frame", location="sensor:force", value=0.31, unit="deg"),
+        DetectionLimit(effect="joint_coupling", location="joint:4-5", value=2.2e-8, unit="rad/(N·m)"),
+        DetectionLimit(effect="gravity_compensator", location="joint:2", value=3.3, unit="%"),
     ]
     return tuple(out)
 
 
-def _errors(before: float, after: float, spoilt: tuple[int, ...], columns: int = 3) -> Errors:
+def _errors(before: float, after: float, spoilt: tuple[int, ...], columns: int = 3) -> HoldoutErrors:
     rng = np.random.default_rng(9)
     noise = 0.02e-3
     r = recording()
@@ -286,13 +299,13 @@ def _errors(before: float, after: float, spoilt: tuple[int, ...], columns: int =
             for g in range(POSES)
         ]
     )
-    return Errors(residual, final, by, np.arange(POSES))
+    return HoldoutErrors(residual, final, by, np.arange(POSES))
 
 
-def _coefficients() -> tuple[Coefficient, ...]:
+def _coefficients() -> tuple[BaseCoefficient, ...]:
     out = [
-        Coefficient(
-            Unknown(name=f"joint {j + 1}", unit="rad/(N·m)", lower=0.0, location=f"joint:{j + 1}"),
+        BaseCoefficient(
+            BaseUnknown(name=f"joint {j + 1}", unit="rad/(N·m)", lower=0.0, location=f"joint:{j + 1}"),
             1.12 / k,
             1 / k,
             0.03 / k,
@@ -301,18 +314,20 @@ def _coefficients() -> tuple[Coefficient, ...]:
     ]
     out[5] = replace(out[5], value=0.0, sigma=1e-8)  # at its bound
     out.append(
-        Coefficient(Unknown(name="force gain, session 2", unit="1", location="sensor:force"), 0.011, 0.007, 0.002)
+        BaseCoefficient(
+            BaseUnknown(name="force gain, session 2", unit="1", location="sensor:force"), 0.011, 0.007, 0.002
+        )
     )
     return tuple(out)
 
 
-def explained() -> Diagnosis:
+def explained() -> DiagnosisResult:
     """One named effect: hysteresis of joint 3."""
     used = np.ones(N, bool)
     used[[40, 133, 400]] = False
     r = recording()
     force = np.linalg.norm(r.wrench[:, :3], axis=1)  # type: ignore[index]
-    return Diagnosis(
+    return DiagnosisResult(
         channel="deflection",
         predicted="TCP displacement under load",
         verdict="explained",
@@ -329,28 +344,28 @@ def explained() -> Diagnosis:
         repeatable_after=0.0235,
         findings=(hysteresis(),),
         mismatch=(
-            Share("joint:3", 0.78, "on load reversal"),
-            Share("link:3", 0.41, ""),
-            Share("joint:2", 0.19, "in phase"),
-            Share("link:2", 0.16, ""),
-            Share("tool", 0.06, ""),
-            Share("sensor:force", 0.03, ""),
-            Share("base", 0.012, ""),
-            Share("joint:4", 0.004, ""),
-            Share("branch", 0.71, "unloading against loading", "data"),
-            Share("load", 0.22, "at low load", "data"),
-            Share("q3", 0.11, "where joint 3 is stretched", "data"),
-            Share("session", 0.02, "", "data"),
+            MismatchShare("joint:3", 0.78, "on load reversal"),
+            MismatchShare("link:3", 0.41, ""),
+            MismatchShare("joint:2", 0.19, "in phase"),
+            MismatchShare("link:2", 0.16, ""),
+            MismatchShare("tool", 0.06, ""),
+            MismatchShare("sensor:force", 0.03, ""),
+            MismatchShare("base", 0.012, ""),
+            MismatchShare("joint:4", 0.004, ""),
+            MismatchShare("branch", 0.71, "unloading against loading", "data"),
+            MismatchShare("load", 0.22, "at low load", "data"),
+            MismatchShare("q3", 0.11, "where joint 3 is stretched", "data"),
+            MismatchShare("session", 0.02, "", "data"),
         ),
         limits=_limits(),
         untestable=(
-            *(Untestable("joint_creep", f"joint:{j}", "the recording has no time") for j in range(1, 7)),
-            Untestable("thermal_drift", "environment", "the recording has neither time nor temperature"),
-            *(Untestable("joint_friction", f"joint:{j}", "needs a motion with torques") for j in range(1, 7)),
+            *(UntestableEffect("joint_creep", f"joint:{j}", "the recording has no time") for j in range(1, 7)),
+            UntestableEffect("thermal_drift", "environment", "the recording has neither time nor temperature"),
+            *(UntestableEffect("joint_friction", f"joint:{j}", "needs a motion with torques") for j in range(1, 7)),
         ),
         coefficients=_coefficients(),
         errors=_errors(0.061, 0.025, (40, 133, 400)),
-        proof=Proof(
+        proof=HoldoutProof(
             groups=np.array([3, 8, 14, 19, 22, 28]),
             before=0.064,
             after=0.026,
@@ -374,7 +389,7 @@ def explained() -> Diagnosis:
     )
 
 
-def consistent() -> Diagnosis:
+def consistent() -> DiagnosisResult:
     """Nothing is there."""
     return replace(
         explained(),
@@ -400,7 +415,7 @@ def consistent() -> Diagnosis:
     )
 
 
-def insufficient() -> Diagnosis:
+def insufficient() -> DiagnosisResult:
     """Nothing is named, of too few readings."""
     return replace(
         consistent(),
@@ -411,7 +426,7 @@ def insufficient() -> Diagnosis:
     )
 
 
-def unexplained() -> Diagnosis:
+def unexplained() -> DiagnosisResult:
     """Something is there that no term explains."""
     d = explained()
     return replace(
@@ -429,7 +444,7 @@ def unexplained() -> Diagnosis:
     )
 
 
-def three() -> Diagnosis:
+def three() -> DiagnosisResult:
     """Three findings, two of them sets, one open share."""
     d = explained()
     return replace(
@@ -442,9 +457,9 @@ def three() -> Diagnosis:
         errors=_errors(0.061, 0.0423, (40, 133, 400)),
         mismatch=(
             *d.mismatch[:7],
-            Share("joint:4-5", 0.2, "in posture"),
-            Share("rows:41,134,401", 0.05, ""),
-            Share("controller", 0.31, ""),
+            MismatchShare("joint:4-5", 0.2, "in posture"),
+            MismatchShare("rows:41,134,401", 0.05, ""),
+            MismatchShare("controller", 0.31, ""),
             *d.mismatch[8:],
         ),
         sentence="57 µm of 61 µm on unseen poses come back in every repeat. Three effects close 55 % of it: hysteresis "
@@ -452,7 +467,7 @@ def three() -> Diagnosis:
     )
 
 
-def torque() -> Diagnosis:
+def torque() -> DiagnosisResult:
     """Friction found in motor torques of six joints."""
     d, rng = explained(), np.random.default_rng(4)
     before = rng.normal(0, 6, (N, 6)) + 14 * np.sign(np.sin(np.arange(N) / 20))[:, None]
@@ -472,7 +487,7 @@ def torque() -> Diagnosis:
         after=6.5,
         p_value=0.0004,
         correction=RecordCorrection("joint_friction", "joint:2", {"coulomb_Nm": 182.0}),
-        curve=Curve(
+        curve=LawCurve(
             x=line,
             law=14 * np.sign(line) + 3 * line,
             x_label="velocity of joint 2 in rad/s",
@@ -492,35 +507,39 @@ def torque() -> Diagnosis:
         noise_floor=6.1,
         repeatable=13.9,
         findings=(f,),
-        errors=Errors(before, after, by, np.arange(POSES)),
+        errors=HoldoutErrors(before, after, by, np.arange(POSES)),
         mismatch=(
-            Share("joint:2", 0.66, "at reversal"),
-            Share("joint:3", 0.21, "at reversal"),
-            Share("sensor:tau", 0.04, ""),
-            Share("qd2", 0.6, "near standstill", "data"),
+            MismatchShare("joint:2", 0.66, "at reversal"),
+            MismatchShare("joint:3", 0.21, "at reversal"),
+            MismatchShare("sensor:tau", 0.04, ""),
+            MismatchShare("qd2", 0.6, "near standstill", "data"),
         ),
         axes={"qd2": speed, "time": np.arange(N) * 0.012},
         used=np.ones(N, bool),
         outliers=np.zeros(0, np.int64),
-        proof=Proof(groups=np.array([3, 8, 14]), before=15.0, after=6.4, noise_floor=6.1, wins=3, of=3, p_value=0.125),
+        proof=HoldoutProof(
+            groups=np.array([3, 8, 14]), before=15.0, after=6.4, noise_floor=6.1, wins=3, of=3, p_value=0.125
+        ),
         sentence="13.9 N·m of 15.2 N·m come back in every repeat: friction of joint 2, 182 N·m Coulomb.",
     )
 
 
-def problem(d: Diagnosis) -> Problem:
+def problem(d: DiagnosisResult) -> DiagnosisProblem:
     """Labels of the readings as a channel gives them: groups counted from 0, one family a joint for torques."""
     r = recording()
     group = r.pose - 1
     columns = d.errors.residual.shape[1]
     if d.channel == "torque":
-        families = tuple(Family(name=f"joint {j + 1}", columns=(j,), unit="N·m", factor=1.0) for j in range(columns))
+        families = tuple(
+            CoordinateFamily(name=f"joint {j + 1}", columns=(j,), unit="N·m", factor=1.0) for j in range(columns)
+        )
     else:
-        families = (Family(name="translation", columns=(0, 1, 2), unit="mm", factor=1e3),)
-    return Problem(
+        families = (CoordinateFamily(name="translation", columns=(0, 1, 2), unit="mm", factor=1e3),)
+    return DiagnosisProblem(
         channel=d.channel,
         y=d.errors.residual,
         base=np.zeros((N, columns, 1)),
-        unknowns=(Unknown(name="none", unit=""),),
+        unknowns=(BaseUnknown(name="none", unit=""),),
         families=families,
         group=group,
         visit=group,
@@ -532,10 +551,10 @@ def problem(d: Diagnosis) -> Problem:
     )
 
 
-def job() -> EffectOnJob:
+def job() -> JobEffectSection:
     """What --toolpath gives."""
     s = np.arange(60)
-    return EffectOnJob.model_validate(
+    return JobEffectSection.model_validate(
         {
             "toolpath": "rivets.apt",
             "reason": None,

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from machopt.domain.cell import Cell
-from machopt.domain.recording import Recording, StandardUncertainty
-from machopt.estimate.experiment import Experiment, experiment
-from machopt.formats.cell import load_cell
-from machopt.model.robot import Robot, load_robot
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.cell import Cell
+from machopt.data_types.measurements.recording import Recording, StandardUncertainty
+from machopt.kinematics.robot import Robot, load_robot
+from machopt.measurement.estimation.load_test_equations import LoadTestExperiment, build_load_test_experiment
 
 CELL = Path(__file__).resolve().parent.parent / "cells" / "kr240_drilling"
 TRUE_K = np.array([3.8e6, 6.6e6, 3.9e6, 5.6e5, 6.6e5, 4.7e5])  # N·m/rad, dumas2011 table 2
@@ -107,7 +107,7 @@ def measured(
         line=np.arange(2, N + 2),
         wrench=w,
         displacement=d,
-        labelled=frozenset({"pose", "cycle"}) if labels else frozenset(),
+        stated_labels=frozenset({"pose", "cycle"}) if labels else frozenset(),
         uncertainty=StandardUncertainty(
             displacement=WHITE, rotation=PER_METRE * WHITE if rotations else None, force=force
         )
@@ -116,11 +116,13 @@ def measured(
     )
 
 
-def draw(rng: np.random.Generator, *, rotations: bool = False, noise: float = 1.0, **design: object) -> Experiment:
+def draw(
+    rng: np.random.Generator, *, rotations: bool = False, noise: float = 1.0, **design: object
+) -> LoadTestExperiment:
     """New tests, measured."""
     _, robot, T = cell()
     made = planned(rng, **design)  # type: ignore[arg-type]
-    return experiment(measured(made, rng, rotations=rotations, noise=noise), robot, T)
+    return build_load_test_experiment(measured(made, rng, rotations=rotations, noise=noise), robot, T)
 
 
 @cache

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from ruamel.yaml import YAML
 
-from machopt.domain.recording import Recording, StandardUncertainty
+from machopt.data_types.measurements.recording import Recording, StandardUncertainty
 
 CELLS = Path(__file__).resolve().parent.parent / "cells"
 ARCMIN = np.pi / 10800
@@ -238,7 +238,7 @@ def load_tests(
         displacement=d,
         time=plan.time[rows],
         branch=np.where(plan.rising[rows], 1, -1).astype(np.int8),
-        labelled=frozenset({"pose", "cycle", "session"}),
+        stated_labels=frozenset({"pose", "cycle", "session"}),
         uncertainty=StandardUncertainty(
             displacement=dirt.white, rotation=dirt.per_metre * dirt.white if rotations else None
         ),

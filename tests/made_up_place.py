@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from machopt.domain.results.place import NearTold, PlaceResult, PlaceTold, SearchTold
-from machopt.report.place_page import Mark, PlacePage
+from machopt.data_types.documents.place_document import (
+    NeighbourPlaceEntry,
+    PlaceDocument,
+    PlaceEntry,
+    PlaceSearchSection,
+)
+from machopt.report.pages.placement_page import PlaceMark, PlacementPageData
 
 
-def _told(x: float, worst: float, folder: str | None) -> PlaceTold:
-    return PlaceTold(
+def _told(x: float, worst: float, folder: str | None) -> PlaceEntry:
+    return PlaceEntry(
         folder=folder,
         shift_mm=(x, 0.0, 0.0),
         turn_deg=-15.0,
@@ -22,8 +27,8 @@ def _told(x: float, worst: float, folder: str | None) -> PlaceTold:
         worst_point=25.0,
         joint_share_percent=(0.2, 44.0, 35.3, 17.6, 1.9, 1.0),
         around=(
-            NearTold(moved="x -20 mm", worst=0.19, change_percent=-9.2, refused=""),
-            NearTold(moved="x +20 mm", worst=None, change_percent=None, refused="out of reach"),
+            NeighbourPlaceEntry(moved="x -20 mm", worst=0.19, change_percent=-9.2, refused=""),
+            NeighbourPlaceEntry(moved="x +20 mm", worst=None, change_percent=None, refused="out of reach"),
         ),
         verdict="part.cls: done",
         plans=(f"{folder}/part/report.html",) if folder else (),
@@ -31,10 +36,10 @@ def _told(x: float, worst: float, folder: str | None) -> PlaceTold:
     )
 
 
-def placed() -> PlacePage:
+def placed() -> PlacementPageData:
     """Two places planned, one only looked at, one refused."""
     best = (_told(-60.0, 0.32, "best-1"), _told(0.0, 0.4, None))
-    search = SearchTold(
+    search = PlaceSearchSection(
         x_mm=(-60.0, 60.0),
         y_mm=(-60.0, 60.0),
         z_mm=(0.0, 0.0),
@@ -45,7 +50,7 @@ def placed() -> PlacePage:
         plans=3,
         minutes=10.0,
     )
-    result = PlaceResult(
+    result = PlaceDocument(
         machopt_place=1,
         version="0",
         verdict="best place: x -60 mm, worst index 20.0 % less; no other of the 4 places can be better",
@@ -73,10 +78,10 @@ def placed() -> PlacePage:
         warnings=("at the edge of the range",),
     )
     marks = (
-        Mark(x=-60.0, y=0.0, value=0.32, planned=True, words="x -60 mm", refused=""),
-        Mark(x=0.0, y=0.0, value=0.4, planned=True, words="as it stands", refused=""),
-        Mark(x=60.0, y=0.0, value=0.45, planned=False, words="x +60 mm", refused=""),
-        Mark(
+        PlaceMark(x=-60.0, y=0.0, value=0.32, planned=True, words="x -60 mm", refused=""),
+        PlaceMark(x=0.0, y=0.0, value=0.4, planned=True, words="as it stands", refused=""),
+        PlaceMark(x=60.0, y=0.0, value=0.45, planned=False, words="x +60 mm", refused=""),
+        PlaceMark(
             x=60.0,
             y=60.0,
             value=float("nan"),
@@ -85,4 +90,4 @@ def placed() -> PlacePage:
             refused="point 3 is out of reach",
         ),
     )
-    return PlacePage(result, marks)
+    return PlacementPageData(result, marks)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machopt.domain.program import LIN, PTP, Controller, JointMap, RobotProgram
-from machopt.domain.toolpath import Event, Move
-from machopt.model.posture import posture
-from machopt.model.robot import Robot
+from machopt.data_types.robot_program import LIN, PTP, JointMap, RobotController, RobotProgram
+from machopt.data_types.toolpath import MoveKind, ToolpathEvent
+from machopt.kinematics.controller_posture import compute_posture_sides
+from machopt.kinematics.robot import Robot
 
 # the sizes of a KR 210 as URDFs give them: axis 1 downwards, everything stretched forward at zero
 ARM = Robot(
@@ -29,7 +29,7 @@ ROOT = np.array([[C30, -S30, 0, 0.01], [S30, C30, 0, 0], [0, 0, 1, 0.3], [0, 0, 
 MOUNT = np.array([[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0.01], [0, 0, 0, 1.0]])
 
 # as FANUC counts: the upper arm upright is 0, axis 3 is the forearm's angle to the horizontal
-MAPPED = Controller(
+MAPPED = RobotController(
     joint_map=JointMap(
         np.array([-1.0, 1, 1, -1, 1, -1]),
         np.array([-30.0, 90, -90, 0, 0, 180]),
@@ -41,7 +41,7 @@ MAPPED = Controller(
     base_number=2,
     nonflip_j5="negative",
 )
-PLAIN = Controller(nonflip_j5="positive")
+PLAIN = RobotController(nonflip_j5="positive")
 
 EVENTS = (
     ("spindle", "SPINDL/9000,RPM,CLW", 9000.0),
@@ -66,7 +66,7 @@ class Recipe:
     events: int = 3
 
 
-def program(recipe: Recipe, controller: Controller = PLAIN, robot: Robot = ARM) -> RobotProgram:
+def program(recipe: Recipe, controller: RobotController = PLAIN, robot: Robot = ARM) -> RobotProgram:
     """A path within the joint limits: short steps, some rapid moves between."""
     rng = np.random.default_rng(recipe.seed)
     n = recipe.moves
@@ -82,15 +82,17 @@ def program(recipe: Recipe, controller: Controller = PLAIN, robot: Robot = ARM) 
     feeds = np.exp(rng.uniform(np.log(recipe.slowest), 0.0, recipe.feeds))
     feed = np.where(kind == LIN, feeds[np.arange(n) * recipe.feeds // n], np.nan)
     cutting = (kind == LIN) & (rng.random(n) < 0.8)
-    move = np.where(kind == PTP, Move.RAPID, np.where(cutting, Move.CUT, rng.choice([2, 3, 4], n))).astype(np.int8)
+    move = np.where(kind == PTP, MoveKind.RAPID, np.where(cutting, MoveKind.CUT, rng.choice([2, 3, 4], n))).astype(
+        np.int8
+    )
     if not cutting.any() and (kind == LIN).any():
         first = int(np.argmax(kind == LIN))
-        cutting[first], move[first] = True, Move.CUT
+        cutting[first], move[first] = True, MoveKind.CUT
     operation = np.minimum(np.arange(n) * len(recipe.operations) // n, len(recipe.operations) - 1).astype(np.int32)
     at = np.sort(rng.integers(0, n, recipe.events))
     chosen = rng.integers(0, len(EVENTS), recipe.events)
-    events = tuple(Event(int(k), *EVENTS[c]) for k, c in zip(at, chosen, strict=True))  # type: ignore[arg-type]
-    T = np.linalg.inv(WORKPIECE) @ robot.fk(q, TOOL)
+    events = tuple(ToolpathEvent(int(k), *EVENTS[c]) for k, c in zip(at, chosen, strict=True))  # type: ignore[arg-type]
+    T = np.linalg.inv(WORKPIECE) @ robot.compute_fk(q, TOOL)
     standing = standing_of(robot, q, controller)
     return RobotProgram(
         kind=kind,
@@ -106,7 +108,7 @@ def program(recipe: Recipe, controller: Controller = PLAIN, robot: Robot = ARM) 
         events=events,
         blend=recipe.blend,
         source="cell; a.apt",
-        behind=None if standing is None else standing[0],
+        wrist_behind=None if standing is None else standing[0],
         elbow_up=None if standing is None else standing[1],
         time=0.012 * np.arange(n),
         joint_names=robot.joints,
@@ -115,7 +117,7 @@ def program(recipe: Recipe, controller: Controller = PLAIN, robot: Robot = ARM) 
     )
 
 
-def standing_of(robot: Robot, q: np.ndarray, controller: Controller) -> tuple[np.ndarray, np.ndarray] | None:
+def standing_of(robot: Robot, q: np.ndarray, controller: RobotController) -> tuple[np.ndarray, np.ndarray] | None:
     root = np.eye(4) if controller.T_base_root is None else controller.T_base_root
     m = controller.joint_map
-    return posture(robot, q, root[:3, 0], 0.0 if m is None else np.radians(-m.offset_deg[0] * m.sign[0]))
+    return compute_posture_sides(robot, q, root[:3, 0], 0.0 if m is None else np.radians(-m.offset_deg[0] * m.sign[0]))

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from machopt.domain.toolpath import Event, IgnoredWord
-from machopt.report.data import (
-    Check,
-    ExcludedPair,
-    FeedDip,
-    Gain,
-    InfeasiblePoint,
+from machopt.data_types.toolpath import IgnoredWord, ToolpathEvent
+from machopt.report.page_types.optimize_report import (
+    CheckRow,
+    ExcludedPairRow,
+    FeedDipRow,
+    GainOverBaseline,
+    InfeasiblePointRow,
     MotionSeries,
     OperationRow,
     PathSeries,
-    Program,
+    ProgramRow,
     ReportData,
+    ResultSummary,
     RotationMap,
-    Summary,
-    WorstPoint,
+    WorstPointRow,
 )
 
 JOINTS = ("a1", "a2", "a3", "a4", "a5", "a6")
@@ -71,7 +71,7 @@ def full_result(points: int = 800, rotations: int = 72, samples: int = 20_000) -
         cell="KR240 drilling cell",
         toolpath="bracket_op10.aptsource",
         version="0.1.0",
-        summary=Summary(
+        summary=ResultSummary(
             outcome="done",
             verification="passed",
             quantity="deflection",
@@ -80,7 +80,10 @@ def full_result(points: int = 800, rotations: int = 72, samples: int = 20_000) -
             worst_chosen=1.08e-4,
             mean_default=1.4e-4,
             mean_chosen=9.0e-5,
-            gains=(Gain("the CAM's default rotation", 0.36, 0.06, (0.26, 0.46)), Gain("Jiao 2022", 0.14)),
+            gains=(
+                GainOverBaseline("the CAM's default rotation", 0.36, 0.06, (0.26, 0.46)),
+                GainOverBaseline("Jiao 2022", 0.14),
+            ),
             feed_held=0.991,
             cycle_time=240.0,
             cutting_time=188.0,
@@ -106,7 +109,7 @@ def full_result(points: int = 800, rotations: int = 72, samples: int = 20_000) -
         path=path,
         motion=_motion(samples, s),
         dips=(
-            FeedDip(
+            FeedDipRow(
                 point=311.4,
                 s=1.24,
                 time=35.8,
@@ -115,12 +118,12 @@ def full_result(points: int = 800, rotations: int = 72, samples: int = 20_000) -
                 feed_lowest=0.0112,
                 cause="a4 acceleration",
             ),
-            FeedDip(
+            FeedDipRow(
                 point=655.0, s=2.61, time=150.7, duration=1.1, feed_programmed=0.02, feed_lowest=0.0163, cause="a6 jerk"
             ),
         ),
         worst=tuple(
-            WorstPoint(
+            WorstPointRow(
                 point=p,
                 operation="slot",
                 value=1.08e-4 - k * 1e-7,
@@ -151,14 +154,14 @@ def full_result(points: int = 800, rotations: int = 72, samples: int = 20_000) -
         ),
         ignored=(IgnoredWord("PPRINT", 14, 3, True), IgnoredWord("GOFWDX", 1, 812, False)),
         warnings=("line 211: arc direction disagrees with the tangent before it; the tangent was followed",),
-        excluded_pairs=(ExcludedPair("link2", "link3", "neighbours touch at the joint"),),
+        excluded_pairs=(ExcludedPairRow("link2", "link3", "neighbours touch at the joint"),),
         checks=(
-            Check("TCP follows the toolpath", True, "3.1 µm", "15 µm", "t = 71.244 s"),
-            Check("joint velocity", True, "96.8 %", "100 %", "a4, t = 71.3 s"),
-            Check("collision between samples", None, "", "", "no meshes"),
+            CheckRow("TCP follows the toolpath", True, "3.1 µm", "15 µm", "t = 71.244 s"),
+            CheckRow("joint velocity", True, "96.8 %", "100 %", "a4, t = 71.3 s"),
+            CheckRow("collision between samples", None, "", "", "no meshes"),
         ),
         programs=(
-            Program(
+            ProgramRow(
                 post="krl",
                 files=("krl/bracket_op10.src", "krl/bracket_op10.dat"),
                 lines=1210,
@@ -174,7 +177,7 @@ def full_result(points: int = 800, rotations: int = 72, samples: int = 20_000) -
                 turn_error=8e-4,
                 configuration_equal=True,
             ),
-            Program(
+            ProgramRow(
                 post="jbi",
                 files=("jbi/BRACKET.JBI",),
                 lines=1650,
@@ -189,7 +192,7 @@ def full_result(points: int = 800, rotations: int = 72, samples: int = 20_000) -
                 axis_error=1.4e-4,
                 turn_error=9e-4,
             ),
-            Program(
+            ProgramRow(
                 post="ros_json",
                 files=("ros_json/bracket_op10.json",),
                 lines=20100,
@@ -200,12 +203,12 @@ def full_result(points: int = 800, rotations: int = 72, samples: int = 20_000) -
                 angle_error=1e-9,
                 joint_error=1e-9,
             ),
-            Program(
+            ProgramRow(
                 post="mine.toml", files=("mine/bracket_op10.own",), lines=900, added=3, tolerance=5e-5, checked=False
             ),
         ),
         timings=(("read", 0.21), ("candidates", 0.12), ("score", 0.2), ("choose", 0.31), ("smooth", 0.4)),
-        events=(Event(0, "spindle", "SPINDL/9000,RPM,CLW", 9000.0), Event(200, "coolant", "COOLNT/ON")),
+        events=(ToolpathEvent(0, "spindle", "SPINDL/9000,RPM,CLW", 9000.0), ToolpathEvent(200, "coolant", "COOLNT/ON")),
     )
 
 
@@ -217,7 +220,7 @@ def infeasible_result() -> ReportData:
         cell="KR240 drilling cell",
         toolpath="far.csv",
         version="0.1.0",
-        summary=Summary(
+        summary=ResultSummary(
             outcome="infeasible",
             verification="not run",
             quantity="deflection",
@@ -230,7 +233,7 @@ def infeasible_result() -> ReportData:
             infeasible_points=2,
         ),
         infeasible=(
-            InfeasiblePoint(
+            InfeasiblePointRow(
                 point=7,
                 operation="hole <3>",
                 position=np.array([2.9, 0.1, 0.4]),
@@ -238,7 +241,7 @@ def infeasible_result() -> ReportData:
                 reason="no inverse solution",
                 shortfall="38 mm out",
             ),
-            InfeasiblePoint(
+            InfeasiblePointRow(
                 point=8,
                 operation="hole <3>",
                 position=np.array([2.9, 0.2, 0.4]),

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 from made_up_report import full_result
 
-from machopt.domain.cell import Cell
-from machopt.model.robot import Robot, load_chain
-from machopt.report.data import ReportData
-from machopt.report.gather.scene import bodies_of, scene_of
-from machopt.report.scene import Motion3D, Path3D, Stations, View
+from machopt.data_types.cell import Cell
+from machopt.kinematics.robot import Robot, load_chain
+from machopt.report.page_data.machine_scene import build_bodies, build_machine_scene
+from machopt.report.page_types.optimize_report import ReportData
+from machopt.report.scene.scene_types import MotionScene, OptimizeScene, StationPostures, ToolpathScene
 
 POSTURE = np.radians([10, -80, 110, 20, 60, 30])
 
@@ -35,9 +35,9 @@ def with_view(cell: Cell, points: int = 60, rotations: int = 72, samples: int = 
     still = [(0, 0)] * 2 + [(0, more)]
     at = np.interp(motion.s, p.s, np.arange(points), left=np.nan, right=np.nan)
     line = np.column_stack([0.3 * u - 0.15, 0.2 * np.sin(6 * u), 0 * u])
-    view = View(
-        scene=scene_of(cell, robot, bodies_of(cell, robot, shapes)),
-        path=Path3D(
+    view = OptimizeScene(
+        scene=build_machine_scene(cell, robot, build_bodies(cell, robot, shapes)),
+        path=ToolpathScene(
             position=line,
             point=np.arange(points, dtype=float),
             cutting=u > 0.05,
@@ -45,7 +45,7 @@ def with_view(cell: Cell, points: int = 60, rotations: int = 72, samples: int = 
             label="deflection (mm)",
             large_is_good=False,
         ),
-        stations=Stations(
+        stations=StationPostures(
             q=np.pad(q, still),
             chosen=np.pad(chosen, still[1:]),
             k=np.full((points, 6), 1e6),
@@ -56,7 +56,7 @@ def with_view(cell: Cell, points: int = 60, rotations: int = 72, samples: int = 
             nearest=p.nearest_pair,
             singularity=p.singularity,
         ),
-        motion=Motion3D(
+        motion=MotionScene(
             time=motion.time,
             q=np.pad(POSTURE + 0.1 * motion.q, still[1:]),
             point=at,

@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 from made_up_program import ARM, MAPPED, TOOL, WORKPIECE, Recipe, program
 
-from machopt.domain.toolpath import Move, Toolpath
+from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.errors import InputError
-from machopt.formats.posts import program_name, write_program
-from machopt.formats.programs import KnownRobot, read_program
-from machopt.formats.programs.parsed import ParsedProgram
-from machopt.formats.programs.toolpath import to_toolpath
-from machopt.formats.source import ReadOptions, decode, read_bytes
+from machopt.file_formats.source_file import ReadOptions, decode_source, read_bytes
+from machopt.programs.program_reader import ProgramRobot, read_program
+from machopt.programs.program_to_toolpath import convert_to_toolpath
+from machopt.programs.program_writer import format_program_name, write_program
+from machopt.programs.reading.parsed_program import ParsedProgram
 
 FORMATS = {
     "krl": ("krl", "krl_pos", "krl_spline"),
@@ -33,7 +33,7 @@ FORMATS = {
     "json": ("json",),
     "ros": ("ros_yaml", "ros_json", "compas_fab"),
 }
-ROBOT = KnownRobot(ARM.fk, MAPPED, TOOL, WORKPIECE)
+ROBOT = ProgramRobot(ARM.compute_fk, MAPPED, TOOL, WORKPIECE)
 HANG = 20.0  # s of computing for one small file: a reader that takes that long hangs
 MOST_POINTS = 1_000_000  # of a file of a hundred lines
 MAIN_SUFFIXES = (".src", ".mod", ".ls", ".script", ".pjx", ".jbi", ".csv", ".json", ".yaml")
@@ -112,7 +112,7 @@ def seeds(folder: Path, form: str) -> list[Path]:
             place.mkdir(parents=True)
             controller = replace(MAPPED, moves_per_part=split)
             recipe = Recipe(n, moves=9, blend=1e-4 * n)
-            write_program(place, program_name("part", post), program(recipe, controller), post, controller)
+            write_program(place, format_program_name("part", post), program(recipe, controller), post, controller)
             out.append(place)
     return out
 
@@ -178,7 +178,7 @@ def run(place: Path, count: int, rng: random.Random) -> Counter[str]:
             try:
                 parsed = read_program(target)
                 sensible(parsed)
-                check(to_toolpath(parsed, decode(target, read_bytes(target)), options, ROBOT), None)
+                check(convert_to_toolpath(parsed, decode_source(target, read_bytes(target)), options, ROBOT), None)
                 out["read"] += 1
             except InputError as error:
                 if not error.reason.strip():
@@ -199,7 +199,7 @@ def check(toolpath: Toolpath, lines: int | None) -> None:
     assert np.allclose(np.linalg.norm(toolpath.axis, axis=1), 1.0, atol=1e-9)
     assert (toolpath.feed[toolpath.cutting] > 0.0).all()
     assert np.isfinite(toolpath.feed[toolpath.cutting]).all()
-    assert set(np.unique(toolpath.move).tolist()) <= {int(m) for m in Move}
+    assert set(np.unique(toolpath.move).tolist()) <= {int(m) for m in MoveKind}
     assert ((toolpath.operation >= 0) & (toolpath.operation < len(toolpath.operations))).all()
     assert (np.diff(toolpath.operation) >= 0).all()
     assert (toolpath.line >= 1).all()

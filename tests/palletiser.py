@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from small_cell import urdf_text
 
-from machopt.domain.cell import Mimic
+from machopt.data_types.cell import MimicJoint
 
 OFFSET = 0.2  # rad; of no machine, so that a test sees it
 
@@ -27,11 +27,11 @@ def linked_urdf(multiplier: float = -1.0, offset: float = OFFSET, body: str = ""
     return text.replace(old, new).replace("</robot>", f"{joint}</robot>")
 
 
-def mimics(multiplier: float = -1.0, offset: float = OFFSET) -> tuple[Mimic, ...]:
-    return (Mimic("m3", "a2", multiplier, offset),)
+def mimics(multiplier: float = -1.0, offset: float = OFFSET) -> tuple[MimicJoint, ...]:
+    return (MimicJoint("m3", "a2", multiplier, offset),)
 
 
-def full(model: Any, q: np.ndarray, follow: tuple[Mimic, ...]) -> np.ndarray:
+def full(model: Any, q: np.ndarray, follow: tuple[MimicJoint, ...]) -> np.ndarray:
     """pinocchio's configuration at the six driven angles: the independent reading of a mimic joint."""
     value = dict(zip((f"a{i + 1}" for i in range(6)), q, strict=True))
     for m in follow:

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from machopt.arrays import Array, Ints
-from machopt.domain.poses import PosesTable
+from machopt.data_types.measurements.poses_table import PosesTable
 from machopt.errors import InputError
-from machopt.formats.opener import TABLE, read_text
+from machopt.file_formats.file_reading import TABLE, read_text
+from machopt.numerics.array_types import Array, Ints
 
 _DEG, _MM = np.pi / 180.0, 1e-3
 _JOINTS = tuple(f"q{i}_deg" for i in range(1, 7))

@@ -13,10 +13,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.arrays import Array
-from machopt.domain.recording import Recording, StandardUncertainty
-from machopt.model.robot import Masses, Robot
-from machopt.se3 import axis_rotation, rotation_from_vector, rotation_vector
+from machopt.data_types.measurements.recording import Recording, StandardUncertainty
+from machopt.kinematics.robot import Robot, RobotMasses
+from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import (
+    compute_axis_rotation,
+    convert_to_rotation_vector,
+    convert_vector_to_rotation,
+)
 
 Compliance = Callable[[Array, Array], Array]  # q (M, 6) rad, TCP (M, 3) m in base_link → (M, 6) rad/(N·m)
 
@@ -83,12 +87,12 @@ class TrueArm:
     T_flange_tcp: Array  # (4, 4)
     compliance: Array | Compliance  # (6,) rad/(N·m), or a law
     springs: tuple[SpringInBody, ...] = ()
-    masses: Masses | None = None  # None: no weight
+    masses: RobotMasses | None = None  # None: no weight
 
     def compliance_at(self, q: Array) -> Array:
         """(M, 6) rad/(N·m) at commanded joint positions q (M, 6)."""
         if callable(self.compliance):
-            return self.compliance(q, self.robot.fk(q, self.T_flange_tcp)[:, :3, 3])
+            return self.compliance(q, self.robot.compute_fk(q, self.T_flange_tcp)[:, :3, 3])
         return np.broadcast_to(np.asarray(self.compliance, float), q.shape)
 
     def rest(self, q: Array, wrench: Array) -> tuple[Array, Array]:
@@ -114,7 +118,7 @@ class TrueArm:
         """(M, 6) m and rad: TCP with the load against without, rotation as a rotation vector, base axes."""
         R0, p0 = self.rest(q, np.zeros_like(wrench))
         R1, p1 = self.rest(q, wrench)
-        return np.concatenate([p1 - p0, rotation_vector(R1 @ np.swapaxes(R0, -1, -2))], axis=-1)
+        return np.concatenate([p1 - p0, convert_to_rotation_vector(R1 @ np.swapaxes(R0, -1, -2))], axis=-1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,7 +234,7 @@ def record(
         if total
         else StandardUncertainty(),
         notes="simulated",
-        labelled=frozenset({"pose", "cycle"}),
+        stated_labels=frozenset({"pose", "cycle"}),
     )
     return Simulated(
         recording=recording,
@@ -273,14 +277,14 @@ class _Hung:
     R_tcp: Array
     p_tcp: Array
 
-    def torque(self, wrench: Array, masses: Masses | None) -> Array:
+    def torque(self, wrench: Array, masses: RobotMasses | None) -> Array:
         """(M, 6) N·m of load and weight about each joint."""
         moment = wrench[:, None, 3:] + np.cross(self.p_tcp[:, None] - self.o, wrench[:, None, :3])
         for at, force, body in self._weights(masses):
             moment[:, :body] += np.cross(at[:, None] - self.o[:, :body], force)
         return np.asarray(np.einsum("mic,mic->mi", self.z, moment))
 
-    def twist(self, n: int, wrench: Array, masses: Masses | None) -> Array:
+    def twist(self, n: int, wrench: Array, masses: RobotMasses | None) -> Array:
         """(M, 6) what spring n gives way under all that hangs beyond it, in its own axes."""
         spring, (R, o) = self.arm.springs[n], self.springs[n]
         force = wrench[:, :3].copy()
@@ -292,7 +296,7 @@ class _Hung:
         local = np.concatenate([np.einsum("mji,mj->mi", R, force), np.einsum("mji,mj->mi", R, moment)], axis=1)
         return local @ spring.compliance.T
 
-    def _weights(self, masses: Masses | None) -> list[tuple[Array, Array, int]]:
+    def _weights(self, masses: RobotMasses | None) -> list[tuple[Array, Array, int]]:
         """Each mass: where (M, 3), its force (3,), the body it belongs to (its near half)."""
         if masses is None:
             return []
@@ -312,7 +316,7 @@ def _hang(arm: TrueArm, theta: Array, twists: list[Array]) -> _Hung:
         if body:
             i = body - 1
             z[:, i], o[:, i] = R @ robot.axis[i], R @ robot.point[i] + p
-            turn = axis_rotation(robot.axis[i], theta[:, i])
+            turn = compute_axis_rotation(robot.axis[i], theta[:, i])
             p = p + (R @ (robot.point[i] - turn @ robot.point[i])[..., None])[..., 0]
             R = R @ turn
         near[0][:, body], near[1][:, body] = R, p
@@ -321,7 +325,7 @@ def _hang(arm: TrueArm, theta: Array, twists: list[Array]) -> _Hung:
                 continue
             S, s = spring.T_base_spring[:3, :3], spring.T_base_spring[:3, 3]
             springs[n] = (R @ S, R @ s + p)
-            break_ = S @ rotation_from_vector(twists[n][:, 3:]) @ S.T  # what the far half does, seen at q = 0
+            break_ = S @ convert_vector_to_rotation(twists[n][:, 3:]) @ S.T  # what the far half does, seen at q = 0
             shift = s + twists[n][:, :3] @ S.T - break_ @ s
             p = p + (R @ shift[..., None])[..., 0]
             R = R @ break_

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from machopt.domain.cell import Cell, Cutter, JointLimits, Shape, Tool, Workpiece
+from machopt.data_types.cell import Cell, CollisionShape, CutterGeometry, JointLimits, Tool, Workpiece
 
 OWN = Path(__file__).resolve().parent / "real" / "robots"  # SOURCES.md says whose
 BESIDE = (
@@ -100,18 +100,28 @@ def small_cell(folder: Path, **changes: object) -> Cell:
             mass=20.0,
             com=np.zeros(3),
             geometry=(
-                Shape(name="spindle", kind="box", size=(0.12, 0.12, 0.28), mesh=None, T_parent_shape=pose(0, 0, 0.14)),
+                CollisionShape(
+                    name="spindle", kind="box", size=(0.12, 0.12, 0.28), mesh=None, T_parent_shape=pose(0, 0, 0.14)
+                ),
             ),
-            cutter=Cutter(0.012, 0.06),
+            cutter=CutterGeometry(0.012, 0.06),
         ),
         "workpiece": Workpiece(
             "world",
             pose(1.5, 0, 0.6),
-            (Shape(name="block", kind="box", size=(0.4, 0.5, 0.1), mesh=None, T_parent_shape=pose(0, 0, -0.05)),),
+            (
+                CollisionShape(
+                    name="block", kind="box", size=(0.4, 0.5, 0.1), mesh=None, T_parent_shape=pose(0, 0, -0.05)
+                ),
+            ),
         ),
         "obstacles": (
-            Shape(name="table", kind="box", size=(1.0, 1.4, 0.1), mesh=None, T_parent_shape=pose(1.5, 0, 0.44)),
-            Shape(name="post", kind="cylinder", size=(0.05, 0.5), mesh=None, T_parent_shape=pose(1.3, 0.6, 0.75)),
+            CollisionShape(
+                name="table", kind="box", size=(1.0, 1.4, 0.1), mesh=None, T_parent_shape=pose(1.5, 0, 0.44)
+            ),
+            CollisionShape(
+                name="post", kind="cylinder", size=(0.05, 0.5), mesh=None, T_parent_shape=pose(1.3, 0.6, 0.75)
+            ),
         ),
         "stiffness": None,
     }
@@ -128,7 +138,7 @@ def robot_folder(name: str, *, meshes: bool = False) -> Path:
     pytest.skip(f"{name}: {'its meshes are' if meshes else 'its description is'} not here ({BESIDE})")
 
 
-def real_cell(folder: Path, name: str, obstacles: tuple[Shape, ...] = (), *, meshes: bool = False) -> Cell:
+def real_cell(folder: Path, name: str, obstacles: tuple[CollisionShape, ...] = (), *, meshes: bool = False) -> Cell:
     """A real robot with the small cell's tool; the robot's own limits."""
     import xml.etree.ElementTree as ET
 

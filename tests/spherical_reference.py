@@ -5,22 +5,22 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.domain.reason import Reason
-from machopt.model.ik import Margins
-from machopt.model.ik_spherical import Branches, wrist_centre
-from machopt.model.robot import Robot
-from machopt.se3 import axis_rotation, wrap
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.kinematics.inverse.solver import SingularityMargins
+from machopt.kinematics.inverse.spherical_wrist import KinematicBranches, find_wrist_centre
+from machopt.kinematics.robot import Robot
+from machopt.numerics.rigid_transforms import compute_axis_rotation, wrap_angle
 
 Array = NDArray[np.float64]
 
 
 class Reference:
     def __init__(self, robot: Robot) -> None:
-        centre = wrist_centre(robot)
+        centre = find_wrist_centre(robot)
         assert centre is not None
         self.robot, self.centre = robot, centre
 
-    def solve(self, T_base_flange: Array) -> Branches:
+    def solve(self, T_base_flange: Array) -> KinematicBranches:
         """All eight branches.
 
         Args:
@@ -40,30 +40,30 @@ class Reference:
         q1, margin1, miss1 = _harmonic(A, B, C)  # (M, 2), (M,), (M,)
         q1 = np.repeat(q1, 2, axis=1)  # columns: shoulder 0, 0, 1, 1
         # joint 3: distance from axis 2 to the wrist centre
-        v = np.einsum("msij,mj->msi", axis_rotation(h[0], -q1), u) + r.point[0] - r.point[1]
+        v = np.einsum("msij,mj->msi", compute_axis_rotation(h[0], -q1), u) + r.point[0] - r.point[1]
         a, b = r.point[2] - r.point[1], W - r.point[2]
         ha, hb = h[2] @ a, h[2] @ b
         c = (np.sum(v[:, ::2] ** 2, axis=-1) - a @ a - b @ b) / 2 - ha * hb  # (M, 2)
         An, Bn = a @ b - ha * hb, a @ np.cross(h[2], b)
         q3_, angle3, miss3 = _harmonic(np.full(c.shape, An), np.full(c.shape, Bn), c)  # (M, 2, 2)
         q3 = q3_.reshape(M, 4)
-        w = a + np.einsum("msij,j->msi", axis_rotation(h[2], q3), b)
+        w = a + np.einsum("msij,j->msi", compute_axis_rotation(h[2], q3), b)
         q2 = _angle_about(h[1], w, v)
         # wrist
-        R13 = axis_rotation(h[0], q1) @ axis_rotation(h[1], q2) @ axis_rotation(h[2], q3)
+        R13 = compute_axis_rotation(h[0], q1) @ compute_axis_rotation(h[1], q2) @ compute_axis_rotation(h[2], q3)
         Rr = np.swapaxes(R13, -1, -2) @ R06[:, None]
         h45, h56 = h[4] @ h[3], h[4] @ h[5]
         C5 = np.einsum("i,msij,j->ms", h[3], Rr, h[5]) - h45 * h56
         q5, angle5, _ = _harmonic(
             np.full(C5.shape, h[3] @ h[5] - h45 * h56), np.full(C5.shape, h[3] @ np.cross(h[4], h[5])), C5
         )
-        R5 = axis_rotation(h[4], q5)  # (M, 4, 2, 3, 3)
+        R5 = compute_axis_rotation(h[4], q5)  # (M, 4, 2, 3, 3)
         q4 = _angle_about(h[3], R5 @ h[5], (Rr @ h[5])[:, :, None])
         q6 = -_angle_about(h[5], np.einsum("mswji,j->mswi", R5, h[3]), np.einsum("msji,j->msi", Rr, h[3])[:, :, None])
         q = np.empty((M, 4, 2, 6))
         q[..., 0], q[..., 1], q[..., 2] = q1[..., None], q2[..., None], q3[..., None]
         q[..., 3], q[..., 4], q[..., 5] = q4, q5, q6
-        q = wrap(q.reshape(M, 8, 6))
+        q = wrap_angle(q.reshape(M, 8, 6))
         q[~np.isfinite(q).all(axis=-1)] = np.nan  # a branch exists whole or not at all
         elbow = np.repeat(angle3, 2, axis=1)  # (M, 4)
         reach = np.hypot(An, Bn)
@@ -75,17 +75,19 @@ class Reference:
         short = np.where(miss1, np.abs(C) - np.hypot(A, B), short)
         shoulder = np.repeat(np.where(miss1, np.nan, np.sin(margin1) * np.hypot(A, B))[:, None], 8, axis=1)
         wrist = np.repeat(angle5.reshape(M, 4), 2, axis=1)
-        return Branches(q, np.stack([shoulder, np.repeat(elbow, 2, axis=1), wrist], axis=1), np.maximum(short, 0.0))
+        return KinematicBranches(
+            q, np.stack([shoulder, np.repeat(elbow, 2, axis=1), wrist], axis=1), np.maximum(short, 0.0)
+        )
 
 
-def reference_reasons(branches: Branches, margins: Margins) -> NDArray[np.uint8]:
+def reference_reasons(branches: KinematicBranches, margins: SingularityMargins) -> NDArray[np.uint8]:
     exists = np.isfinite(branches.q).all(axis=-1)
-    out = np.full(exists.shape, Reason.UNREACHABLE, np.uint8)
-    out[exists] = Reason.OK
+    out = np.full(exists.shape, InfeasibilityReason.UNREACHABLE, np.uint8)
+    out[exists] = InfeasibilityReason.OK
     with np.errstate(invalid="ignore"):
-        out[exists & (branches.wrist < margins.wrist)] = Reason.SINGULAR_WRIST
-        out[exists & (branches.elbow < margins.elbow)] = Reason.SINGULAR_ELBOW
-        out[exists & (branches.shoulder < margins.shoulder)] = Reason.SINGULAR_SHOULDER
+        out[exists & (branches.wrist < margins.wrist)] = InfeasibilityReason.SINGULAR_WRIST
+        out[exists & (branches.elbow < margins.elbow)] = InfeasibilityReason.SINGULAR_ELBOW
+        out[exists & (branches.shoulder < margins.shoulder)] = InfeasibilityReason.SINGULAR_SHOULDER
     return out
 
 

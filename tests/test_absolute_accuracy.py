@@ -10,10 +10,10 @@ import pytest
 from test_cli import PASS, changed_cell, optimize, toolpath
 from test_kinematics import ALL, joints
 
+from machopt.cell.absolute_accuracy import KEY
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.kinematics_file import write_kinematics
 from machopt.cli import main
-from machopt.formats.absolute_accuracy import KEY
-from machopt.formats.cell import load_cell
-from machopt.formats.kinematics import write_kinematics
 
 STATES = ("on", "off", "unknown", "")
 

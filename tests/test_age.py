@@ -5,22 +5,22 @@ from __future__ import annotations
 from pathlib import Path
 from types import SimpleNamespace
 
-from machopt.recheck.age import made_otherwise
+from machopt.verification.folder.version_mismatch import describe_version_mismatch
 from machopt.version import __version__
 
 
 def test_another_version_is_named(tmp_path: Path) -> None:
-    (said,) = made_otherwise(tmp_path, SimpleNamespace(versions={"machopt": "0.0.9"}))
+    (said,) = describe_version_mismatch(tmp_path, SimpleNamespace(versions={"machopt": "0.0.9"}))
     assert said.startswith(f"the folder was written by machopt 0.0.9, this is {__version__}: ")
 
 
 def test_keys_that_came_later_are_named(tmp_path: Path) -> None:
     (tmp_path / "result.json").write_text("{}")
-    (said,) = made_otherwise(tmp_path, SimpleNamespace(versions={"machopt": __version__}))
+    (said,) = describe_version_mismatch(tmp_path, SimpleNamespace(versions={"machopt": __version__}))
     assert "before result.json had machopt_result" in said
 
 
 def test_a_damaged_file_is_of_no_other_version(tmp_path: Path) -> None:
-    assert made_otherwise(tmp_path, None) == ()
+    assert describe_version_mismatch(tmp_path, None) == ()
     (tmp_path / "result.json").write_text('{"machopt_result": "x"}')
-    assert made_otherwise(tmp_path, None) == ()
+    assert describe_version_mismatch(tmp_path, None) == ()

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from machopt.arrays import Array, Bools
-from machopt.domain.reason import Reason
-from machopt.plan.contacts.lookahead import Ahead
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.numerics.array_types import Array, Bools
+from machopt.planning.collision_handling.contact_lookahead import ContactLookahead
 
 S, R, B = 30, 12, 2
 
@@ -29,16 +29,18 @@ class Bodies:
         return self.truth[pair, s, r, b]
 
 
-def ahead_of(truth: Bools, may_touch: Bools | None = None) -> Ahead:
+def ahead_of(truth: Bools, may_touch: Bools | None = None) -> ContactLookahead:
     q = np.stack(np.meshgrid(np.arange(S), np.arange(R), np.arange(B), indexing="ij"), axis=-1).astype(float)
     candidates = SimpleNamespace(
         q=np.concatenate([q, np.zeros((S, R, B, 3))], axis=-1),
         feasible=np.ones((S, R, B, 1), bool),
-        reason=np.full((S, R, B), Reason.OK, np.int8),
+        reason=np.full((S, R, B), InfeasibilityReason.OK, np.int8),
     )
     touch = np.zeros(S, bool) if may_touch is None else may_touch
     pairs = np.full((S, R, B), -1, np.int32)
-    return Ahead(candidates=candidates, model=Bodies(truth), may_touch=touch, external=np.zeros((S, 0)), pairs=pairs)  # type: ignore[arg-type]
+    return ContactLookahead(
+        candidates=candidates, model=Bodies(truth), may_touch=touch, external=np.zeros((S, 0)), pairs=pairs
+    )  # type: ignore[arg-type]
 
 
 def block(pair: int = 0) -> Bools:
@@ -48,7 +50,7 @@ def block(pair: int = 0) -> Bools:
     return truth
 
 
-def begin(ahead: Ahead, s: int, r: int, b: int, pair: int, budget: int) -> int:
+def begin(ahead: ContactLookahead, s: int, r: int, b: int, pair: int, budget: int) -> int:
     vertex = np.array([np.ravel_multi_index((s, r, b), (S, R, B))])
     pairs = np.array([pair], np.int32)
     ahead.strike(vertex, pairs)
@@ -62,7 +64,7 @@ def test_all_that_touches_around_a_contact_is_struck_out_and_nothing_else() -> N
     assert gone[5:15][:, [11, 0, 1, 2], 0].all()
     assert gone.sum() == 40
     assert (ahead.pairs[gone] == 0).all()
-    assert (ahead.candidates.reason[gone] == Reason.COLLIDING).all()
+    assert (ahead.candidates.reason[gone] == InfeasibilityReason.COLLIDING).all()
     assert (ahead.pairs[~gone] == -1).all()
     asked = ahead.model.asked  # type: ignore[attr-defined]
     assert len(set(asked)) == len(asked)  # nothing twice

@@ -18,13 +18,13 @@ from damages.damage import CELLS, HEADER, PASS
 
 import machopt
 import machopt.api
-from machopt.api.asked import GIVEN, asked, names_of
-from machopt.cli import _parser
-from machopt.design.asked import PosesRequest
-from machopt.diagnose.nouns.asked import DiagnoseRequest
-from machopt.identify.asked import IdentifyRequest
-from machopt.recheck.folder import check_copies
-from machopt.workspace.asked import MapRequest
+from machopt.api.request_options import NON_OPTION_ARGUMENTS, build_request, list_option_names
+from machopt.cli import _build_parser
+from machopt.measurement.design.request import PosesRequest
+from machopt.measurement.diagnosis.request import DiagnoseRequest
+from machopt.measurement.identification.request import IdentifyRequest
+from machopt.verification.folder.folder_checks import check_parquet_copies
+from machopt.workspace_map.request import MapRequest
 
 KR500 = CELLS / "kr500_milling"
 ELSEWHERE = {"InputError", "MachoptError", "VerificationError", "__version__"}
@@ -79,12 +79,12 @@ def test_a_table_shows_itself_small_and_escaped() -> None:
 
 
 def test_packages_of_the_same_name_do_not_take_a_functions_place() -> None:
-    import machopt.diagnose.nouns.asked
-    import machopt.identify.fit
+    import machopt.measurement.diagnosis.request
+    import machopt.measurement.identification.fitting.weighted_fit
 
     assert inspect.isfunction(machopt.identify)
     assert inspect.isfunction(machopt.diagnose)
-    from machopt.identify import asked as module
+    from machopt.measurement.identification import request as module
 
     assert inspect.ismodule(module)
 
@@ -115,11 +115,11 @@ RENAMED = {"anchors": "anchors_mm", "tracker": "tracker_mm", "prior": "prior_Nm_
 def test_a_command_and_its_function_have_the_same_options_and_defaults(
     command: list[str], request_type: type[Any]
 ) -> None:
-    args = vars(_parser().parse_args(command))
+    args = vars(_build_parser().parse_args(command))
     by_field = {RENAMED.get(name, name): value for name, value in args.items()}
     fields = {f.name: f for f in dataclasses.fields(request_type)}
-    shared = [name for name in names_of(request_type) if name in by_field]
-    assert len(shared) > 0.6 * len(names_of(request_type))
+    shared = [name for name in list_option_names(request_type) if name in by_field]
+    assert len(shared) > 0.6 * len(list_option_names(request_type))
     for name in shared:
         value = by_field[name]
         assert fields[name].default == (tuple(value) if isinstance(value, list) else value), name
@@ -127,16 +127,16 @@ def test_a_command_and_its_function_have_the_same_options_and_defaults(
 
 def test_an_option_that_is_none_is_answered_with_the_nearest() -> None:
     with pytest.raises(machopt.InputError, match=r"max_finding: .*did you mean 'max_findings'"):
-        asked(DiagnoseRequest, {"max_finding": 2}, cell=Path("c"), recordings=(), out=Path())
+        build_request(DiagnoseRequest, {"max_finding": 2}, cell=Path("c"), recordings=(), out=Path())
     with pytest.raises(machopt.InputError, match=r"rotation_stepp_deg.*rotation_step_deg"):
         machopt.optimize(KR500, CELLS.parent / "toolpaths" / "plain.csv", rotation_stepp_deg=3)
     with pytest.raises(machopt.InputError, match=r"no cell\.yaml"):
         machopt.Cell.load(CELLS)
-    assert set(GIVEN) >= {"cell", "out"}
+    assert set(NON_OPTION_ARGUMENTS) >= {"cell", "out"}
 
 
 def test_values_are_taken_in_any_form() -> None:
-    request = asked(
+    request = build_request(
         PosesRequest,
         {"weights_kg": [20, 50], "discriminate": "folder", "anchors_mm": [[1, 2, 3]], "terms": "a@b"},
         cell=Path("c"),
@@ -175,7 +175,7 @@ def test_pictures_are_svg(tmp_path: Path) -> None:
 
 def verified_copies(folder: Path) -> list[tuple[str, bool | None]]:
     """What verify says of a folder's Parquet tables."""
-    return [(c.name, c.passed) for c in check_copies(folder)]
+    return [(c.name, c.passed) for c in check_parquet_copies(folder)]
 
 
 @pytest.mark.slow
@@ -241,6 +241,6 @@ def test_a_cell_that_changed_is_not_planned_with(tmp_path: Path) -> None:
 
 
 def test_every_command_is_a_function_or_known_not_to_be() -> None:
-    (commands,) = (a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction))
+    (commands,) = (a for a in _build_parser()._actions if isinstance(a, argparse._SubParsersAction))
     functions = {n.replace("_", "-") for n in machopt.__all__ if inspect.isfunction(getattr(machopt, n))}
     assert functions <= set(commands.choices)

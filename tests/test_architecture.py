@@ -129,7 +129,7 @@ def test_no_room_for_odds_and_ends() -> None:
     assert not {n for n in names if Path(n).stem in ("utils", "helpers", "core", "common", "misc")}
 
 
-@pytest.mark.parametrize("module", ["machopt", "machopt.cli", "machopt.formats.options"])
+@pytest.mark.parametrize("module", ["machopt", "machopt.cli", "machopt.options.plan_option_reader"])
 def test_start_up_loads_nothing_heavy(module: str) -> None:
     """`machopt --help` answers within half a second because these are imported late."""
     code = f"import {module}, sys; print(*({{m.partition('.')[0] for m in sys.modules}} & set({HEAVY})))"
@@ -148,11 +148,12 @@ def test_nothing_lies_about() -> None:
 
 
 def test_the_float_array_has_one_name() -> None:
-    """``machopt.arrays`` names it; a second alias in a file is a second thing to know."""
+    """``machopt.numerics.array_types`` names it; a second alias in a file is a second thing to know."""
     again = [
         str(path.relative_to(PACKAGE))
         for path in PACKAGE.rglob("*.py")
-        if path.name != "arrays.py" and re.search(r"^\w+ = NDArray\[np\.float64\]$", path.read_text(), re.MULTILINE)
+        if path.name != "numerics/array_types.py"
+        and re.search(r"^\w+ = NDArray\[np\.float64\]$", path.read_text(), re.MULTILINE)
     ]
     assert again == []
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from machopt.arrays import SHORT, any_last
+from machopt.numerics.array_types import SHORT, compute_any_last
 
 
 @pytest.mark.parametrize(
@@ -14,6 +14,6 @@ from machopt.arrays import SHORT, any_last
 )
 def test_any_last_is_numpys(shape: tuple[int, ...]) -> None:
     flags = np.random.default_rng(0).random(shape) < 0.2
-    assert np.array_equal(any_last(flags), flags.any(axis=-1))
-    assert np.array_equal(any_last(flags[::2]), flags[::2].any(axis=-1)) if len(shape) > 1 else True
-    assert any_last(flags).dtype == bool
+    assert np.array_equal(compute_any_last(flags), flags.any(axis=-1))
+    assert np.array_equal(compute_any_last(flags[::2]), flags[::2].any(axis=-1)) if len(shape) > 1 else True
+    assert compute_any_last(flags).dtype == bool

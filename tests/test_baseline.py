@@ -11,27 +11,27 @@ from scipy.spatial.transform import Rotation
 from small_cell import pose, small_cell
 from test_path import Rows, at_point, toolpath
 
-from machopt.domain.cell import Cell, Tool, Workpiece
-from machopt.domain.options import PlanOptions
-from machopt.domain.reason import Reason
-from machopt.domain.stiffness import Stiffness
-from machopt.domain.toolpath import Move, Toolpath
-from machopt.model.elastic import jiao_index
-from machopt.plan.choice.baseline import LEAST_TILT, STEP, _groups, _roll, cam_default, jiao2022
-from machopt.plan.configurations.realise import Assignment
-from machopt.plan.cost.score import directions
-from machopt.plan.pipeline.setup import Setup, prepare
-from machopt.plan.stations.path import Path, build_path, tcp_poses
-from machopt.se3 import wrap
+from machopt.data_types.cell import Cell, Tool, Workpiece
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.stiffness import ArmStiffness
+from machopt.data_types.toolpath import MoveKind, Toolpath
+from machopt.numerics.rigid_transforms import wrap_angle
+from machopt.planning.baselines import LEAST_TILT, STEP, _groups, _roll, plan_cam_default, plan_jiao2022
+from machopt.planning.cost.stiffness_index import compute_load_directions
+from machopt.planning.pipeline.planning_setup import PlanningSetup, prepare_planning
+from machopt.planning.sampling.joint_path import JointAssignment
+from machopt.planning.stations.planning_path import PlanningPath, build_planning_path, compute_tcp_poses
+from machopt.stiffness.arm_stiffness import compute_jiao_index
 
-C, R = Move.CUT, Move.RAPID
+C, R = MoveKind.CUT, MoveKind.RAPID
 K = np.array([1.4e6, 4.0e5, 9.4e5, 3.6e5, 3.7e5, 3.8e5])  # N·m/rad, as large as a KR240's
 OPTIONS = PlanOptions(collision=False)
 
 
 def facing_cell(folder: FilePath, pitch: float = -90.0, height: float = 1.4) -> Cell:
     """A wall in front of the robot; the spindle square to axis 6. At pitch −90° the tool lies along base x."""
-    cell = small_cell(folder, stiffness=Stiffness(joints=K))
+    cell = small_cell(folder, stiffness=ArmStiffness(joints=K))
     T_tcp = pose(0.25, 0.0, 0.15, np.pi / 2)  # tool axis along the flange's x
     wall = pose(1.55, 0.0, height, np.radians(pitch))
     return replace(cell, tool=Tool(T_flange_tcp=T_tcp, mass=20.0), workpiece=Workpiece("world", wall, ()), obstacles=())
@@ -56,19 +56,19 @@ def holes(tilt: float = 0.0) -> Toolpath:
     return toolpath(rows, kind="point")
 
 
-def ready(cell: Cell, tp: Toolpath, options: PlanOptions = OPTIONS) -> tuple[Setup, Path]:
-    return prepare(cell, options), build_path(tp)
+def ready(cell: Cell, tp: Toolpath, options: PlanOptions = OPTIONS) -> tuple[PlanningSetup, PlanningPath]:
+    return prepare_planning(cell, options), build_planning_path(tp)
 
 
-def paper(setup: Setup, path: Path, options: PlanOptions = OPTIONS) -> Assignment:
-    d = directions(path, setup.arm, setup.elasticity, options.force)
-    return jiao2022(path, setup.arm, setup.elasticity, d, None, setup.cell.home, options)
+def paper(setup: PlanningSetup, path: PlanningPath, options: PlanOptions = OPTIONS) -> JointAssignment:
+    d = compute_load_directions(path, setup.arm, setup.elasticity, options.force)
+    return plan_jiao2022(path, setup.arm, setup.elasticity, d, None, setup.cell.home, options)
 
 
-def paper_roll(setup: Setup, path: Path, phi: np.ndarray) -> np.ndarray:
+def paper_roll(setup: PlanningSetup, path: PlanningPath, phi: np.ndarray) -> np.ndarray:
     """γ of eq. 27 by scipy: the tool's own axes as the paper has them (its x is the tool axis), Rz Ry Rx in base."""
     every = np.arange(len(path.index), dtype=np.int32)
-    T = setup.arm.machine.T_base_workpiece_zero @ tcp_poses(path, every, np.nan_to_num(phi))
+    T = setup.arm.machine.T_base_workpiece_zero @ compute_tcp_poses(path, every, np.nan_to_num(phi))
     permuted = T[:, :3, [2, 0, 1]]
     return Rotation.from_matrix(permuted).as_euler("ZYX")[:, 2]
 
@@ -79,13 +79,13 @@ def paper_roll(setup: Setup, path: Path, phi: np.ndarray) -> np.ndarray:
 def test_cam_default_has_gamma_zero_everywhere_and_reaches(tmp_path: FilePath) -> None:
     for tp in (milling(0.1), holes(0.2)):
         setup, path = ready(facing_cell(tmp_path), tp)
-        a = cam_default(path, setup.arm, setup.cell.home)
-        np.testing.assert_allclose(wrap(a.phi + path.offset), 0, atol=1e-12)
-        ok = a.reason == Reason.OK
+        a = plan_cam_default(path, setup.arm, setup.cell.home)
+        np.testing.assert_allclose(wrap_angle(a.phi + path.offset), 0, atol=1e-12)
+        ok = a.reason == InfeasibilityReason.OK
         assert ok.mean() > 0.9
         every = np.flatnonzero(ok).astype(np.int32)
-        wanted = setup.arm.machine.T_base_workpiece_zero @ tcp_poses(path, every, a.phi[ok])
-        np.testing.assert_allclose(setup.robot.fk(a.q[ok], setup.arm.T_flange_tcp), wanted, atol=1e-9)
+        wanted = setup.arm.machine.T_base_workpiece_zero @ compute_tcp_poses(path, every, a.phi[ok])
+        np.testing.assert_allclose(setup.robot.compute_fk(a.q[ok], setup.arm.T_flange_tcp), wanted, atol=1e-9)
         assert np.isnan(a.q[a.branch < 0]).all()
         assert (a.q[ok] >= setup.arm.lower).all()
         assert (a.q[ok] <= setup.arm.upper).all()
@@ -93,22 +93,24 @@ def test_cam_default_has_gamma_zero_everywhere_and_reaches(tmp_path: FilePath) -
 
 def test_cam_default_starts_nearest_to_home_and_follows(tmp_path: FilePath) -> None:
     setup, path = ready(facing_cell(tmp_path), milling())
-    a = cam_default(path, setup.arm, setup.cell.home)
+    a = plan_cam_default(path, setup.arm, setup.cell.home)
     first = setup.arm.solver.solve(
         setup.arm.machine.T_base_workpiece_zero
-        @ tcp_poses(path, np.zeros(1, np.int32), a.phi[:1])
+        @ compute_tcp_poses(path, np.zeros(1, np.int32), a.phi[:1])
         @ np.linalg.inv(setup.arm.T_flange_tcp)
     ).q[0]
     every = (first[:, None] + setup.arm.turns).reshape(-1, 6)
     inside = (every >= setup.arm.lower).all(axis=1) & (every <= setup.arm.upper).all(axis=1)
     nearest = every[inside][np.abs(every[inside] - setup.cell.home).max(axis=1).argmin()]
     np.testing.assert_allclose(a.q[0], nearest, atol=1e-9)
-    ok = np.flatnonzero(a.reason == Reason.OK)
+    ok = np.flatnonzero(a.reason == InfeasibilityReason.OK)
     assert len(ok) > 10
     steps = np.abs(np.diff(a.q[ok], axis=0)).max(axis=1)[np.diff(ok) == 1]
     assert np.degrees(steps.max()) < 60  # more would be another configuration; the path weaves, so the rotation does
     assert len(set(a.branch[ok].tolist())) == 1
-    np.testing.assert_array_equal(np.isin(a.reason, [Reason.OK, Reason.NO_PATH]), a.branch >= 0)
+    np.testing.assert_array_equal(
+        np.isin(a.reason, [InfeasibilityReason.OK, InfeasibilityReason.NO_PATH]), a.branch >= 0
+    )
 
 
 # --- jiao2022 ----------------------------------------------------------------------------------------------
@@ -119,11 +121,13 @@ def test_roll_is_the_papers_where_the_paper_has_one(tmp_path: FilePath, tilt: fl
     setup, path = ready(facing_cell(tmp_path), milling(tilt))
     every = np.arange(len(path.index), dtype=np.int32)
     np.testing.assert_allclose(
-        wrap(_roll(path, setup.arm, every) - paper_roll(setup, path, np.zeros(len(every)))), 0, atol=1e-9
+        wrap_angle(_roll(path, setup.arm, every) - paper_roll(setup, path, np.zeros(len(every)))), 0, atol=1e-9
     )
     for phi in (-2.0, 0.7):  # and it grows with phi one to one
         np.testing.assert_allclose(
-            wrap(paper_roll(setup, path, np.full(len(every), phi)) - _roll(path, setup.arm, every) - phi), 0, atol=1e-9
+            wrap_angle(paper_roll(setup, path, np.full(len(every), phi)) - _roll(path, setup.arm, every) - phi),
+            0,
+            atol=1e-9,
         )
 
 
@@ -177,21 +181,21 @@ def test_key_points_take_the_stiffest_of_the_ten_degree_rotations(tmp_path: File
     for p in (rows[0], rows[-1]):
         scores = {}
         for step in range(-18, 18):
-            T = setup.arm.machine.T_base_workpiece_zero @ tcp_poses(
+            T = setup.arm.machine.T_base_workpiece_zero @ compute_tcp_poses(
                 path, np.array([p], np.int32), np.array([step * STEP])
             )
             q = setup.arm.solver.solve(T @ np.linalg.inv(setup.arm.T_flange_tcp)).q[0, a.branch[p]]
             every = q + setup.arm.turns
             inside = ((every >= setup.arm.lower) & (every <= setup.arm.upper)).all(axis=1)
             if np.isfinite(q).all() and inside.any() and _regular(setup, T, a.branch[p]):
-                _, J = setup.robot.fk_jacobian(q, setup.arm.T_flange_tcp)
-                scores[step] = jiao_index(J, K, R_bw @ path.axis[p])
+                _, J = setup.robot.compute_fk_jacobian(q, setup.arm.T_flange_tcp)
+                scores[step] = compute_jiao_index(J, K, R_bw @ path.axis[p])
         best = max(scores, key=lambda s: scores[s])
-        assert wrap(a.phi[p] - best * STEP) == pytest.approx(0.0, abs=1e-9)
+        assert wrap_angle(a.phi[p] - best * STEP) == pytest.approx(0.0, abs=1e-9)
         assert len(scores) < 36  # some rotations were dropped as infeasible
 
 
-def _regular(setup: Setup, T: np.ndarray, b: int) -> bool:
+def _regular(setup: PlanningSetup, T: np.ndarray, b: int) -> bool:
     found = setup.arm.solver.solve(T @ np.linalg.inv(setup.arm.T_flange_tcp))
     m = setup.arm.margins
     return bool(found.wrist[0, b] >= m.wrist and found.elbow[0, b] >= m.elbow and found.shoulder[0, b] >= m.shoulder)
@@ -202,7 +206,7 @@ def test_users_bounds_hold_at_the_key_points(tmp_path: FilePath) -> None:
     setup, path = ready(facing_cell(tmp_path), milling())
     a = paper(setup, path, replace(OPTIONS, rotation_range=(low, high)))
     rows = np.flatnonzero(path.counted)
-    gamma = wrap(a.phi + path.offset)[rows[[0, -1]]]
+    gamma = wrap_angle(a.phi + path.offset)[rows[[0, -1]]]
     assert (gamma >= low - 1e-9).all()
     assert (gamma <= high + 1e-9).all()
 
@@ -231,7 +235,7 @@ def test_nothing_reachable_is_data_not_an_exception(tmp_path: FilePath) -> None:
     cell = facing_cell(tmp_path)
     far = replace(cell, workpiece=Workpiece("world", pose(9.0, 0, 1.4, -np.pi / 2), ()))
     setup, path = ready(far, milling())
-    for a in (paper(setup, path), cam_default(path, setup.arm, cell.home)):
-        assert (a.reason == Reason.UNREACHABLE).all()
+    for a in (paper(setup, path), plan_cam_default(path, setup.arm, cell.home)):
+        assert (a.reason == InfeasibilityReason.UNREACHABLE).all()
         assert np.isnan(a.q).all()
         assert (a.branch == -1).all()

@@ -18,13 +18,13 @@ import psutil
 import pytest
 from batch_stub import CELL, contents, folder_of, request_for, times_run
 
-from machopt.batch.request import BatchOutcome, BatchRequest, Progress
+from machopt.batch.job_supervisor import JobSpec, ProcessServer
+from machopt.batch.request import BatchProgress, BatchRequest, BatchResult
 from machopt.batch.run import run_batch
-from machopt.batch.supervise import Server, Spec
 from machopt.errors import InputError
-from machopt.formats.posts import post_text
 from machopt.output import read_manifest
-from machopt.output.hashes import sha256_of
+from machopt.output.file_hashes import compute_sha256
+from machopt.programs.program_writer import read_post_text
 
 ROOT = Path(__file__).resolve().parents[1]
 TOOLPATHS = ROOT / "toolpaths"
@@ -46,7 +46,7 @@ def test_a_job_that_crashes_hangs_or_eats_memory_is_told_and_takes_no_other_with
     bad = {"boom": "segfault", "gone": "exit", "error": "raise", "deaf": "hang", "fat": "eat 4000"}
     good = {f"good{n}": "sleep 0" for n in range(4)}
     jobs = folder_of(tmp_path, **bad, **good, no="infeasible", open="unverified")
-    told: list[Progress] = []
+    told: list[BatchProgress] = []
     listed = tmp_path / "list.csv"
     limits = {"deaf": "1,", "fat": ",150"}  # s, MiB; a stub job needs some 10 ms and 25 MiB
     listed.write_text(
@@ -71,7 +71,7 @@ def test_a_job_that_crashes_hangs_or_eats_memory_is_told_and_takes_no_other_with
     left = [p for p in psutil.process_iter(["status"]) if _group(p.pid) in pids and p.info["status"] != "zombie"]
     assert left == []  # the children of the deaf one have ended with it
     assert (told[0].done, told[-1].done, told[-1].total, told[-1].trouble) == (0, 11, 11, 7)
-    assert told[-1].left == 0.0
+    assert told[-1].remaining_time == 0.0
 
 
 def _group(pid: int) -> int:
@@ -86,21 +86,21 @@ def test_finished_jobs_stay_and_failed_ones_get_another_try(scheduler: str, tmp_
     out = tmp_path / "out"
     request = request_for(jobs, out, scheduler=scheduler)
     first = run_batch(request)
-    assert (first.exit_code, first.done, first.kept) == (1, 4, 0)
+    assert (first.exit_code, first.done, first.reused) == (1, 4, 0)
     before = contents(out)
     manifest, sealed = read_manifest(out)
     assert sealed
     assert {f.name for f in manifest.files} >= {"batch.json", "summary.csv", "summary.html", "timings.csv"}
-    assert all(sha256_of(out / f.name) == f.sha256 for f in manifest.files)
+    assert all(compute_sha256(out / f.name) == f.sha256 for f in manifest.files)
     assert {Path(f.name).name for f in manifest.inputs} >= {"a.nc", "b.nc", "cell.yaml", "robot.urdf"}
     again = run_batch(request)
-    assert (again.done, again.kept) == (1, 3)
+    assert (again.done, again.reused) == (1, 3)
     assert times_run(tmp_path) == {"a": 1, "b": 1, "broken": 2, "no": 1}
     assert contents(out) == before
     assert run_batch(replace(request, keep_failed=True)).done == 0
     (jobs / "a.nc").write_text("#sleep 0\nanother shape")
     changed = run_batch(replace(request, keep_failed=True))
-    assert (changed.done, changed.kept) == (1, 3)
+    assert (changed.done, changed.reused) == (1, 3)
     assert times_run(tmp_path) == {"a": 2, "b": 1, "broken": 2, "no": 1}
     # an option that all jobs have changes all; one that says what holds anyway changes none
     assert run_batch(replace(request, overrides=("seed=0",), keep_failed=True)).done == 0
@@ -129,13 +129,13 @@ def test_a_process_for_each_job_where_forking_is_not_safe(tmp_path: Path) -> Non
     for name, how in (("good", "ended"), ("boom", "crashed"), ("deaf", "time")):
         work = tmp_path / name
         work.mkdir()
-        server = Server("test", "batch_stub", forks=False)
+        server = ProcessServer("test", "batch_stub", forks=False)
         job = {"request": {"toolpath": str(jobs / f"{name}.nc")}}
         try:
             # 60 s are for the start of an interpreter on a busy machine; the deaf one gets 0.5 s
             limit = 0.5 if name == "deaf" else 60.0
-            ended = server.run(
-                Spec(
+            ended = server.run_job(
+                JobSpec(
                     label=name,
                     key="key",
                     batch="test",
@@ -183,10 +183,10 @@ def test_two_batches_in_one_folder_are_refused(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_real_jobs_give_what_the_single_command_gives_and_batches_are_compared(scheduler: str, tmp_path: Path) -> None:
-    from machopt.recheck.inforce import VerifyRequest as Verify
-    from machopt.services.load import OptimizeRequest as Single
-    from machopt.services.run import optimize
-    from machopt.services.verify import verify
+    from machopt.commands.optimize.request import OptimizeRequest as Single
+    from machopt.commands.optimize.run import run_optimize
+    from machopt.commands.verify import run_verify
+    from machopt.verification.folder.options_in_force import VerifyRequest as Verify
 
     place = tmp_path / "parts"
     place.mkdir()
@@ -197,7 +197,7 @@ def test_real_jobs_give_what_the_single_command_gives_and_batches_are_compared(s
     stiffness = tmp_path / "softer" / "stiffness.yaml"
     stiffness.write_text(re.sub(r"(joints_Nm_per_rad: \[[^,]*,)[^,]*", r"\1 1.0e6", stiffness.read_text()))
     list_text = "machopt_batch: 1\ncells: [{}]\ntoolpaths: [parts/*.csv]\noptions:\n  all: {{rotation_step_deg: 10}}\n"
-    (tmp_path / "mine.toml").write_text(post_text("urscript"))
+    (tmp_path / "mine.toml").write_text(read_post_text("urscript"))
     posts = ("krl", str(tmp_path / "mine.toml"))
     outs = []
     for name, cell in (("one", CELL), ("two", tmp_path / "softer")):
@@ -217,13 +217,13 @@ def test_real_jobs_give_what_the_single_command_gives_and_batches_are_compared(s
         direct={"rotation_step_deg": 10.0},
         posts=posts,
     )
-    assert optimize(single).exit_code == 0
+    assert run_optimize(single).exit_code == 0
     made = next((tmp_path / "one" / "jobs").glob("parts-three-*"))
     programs = ("krl/three_csv.src", "krl/three_csv.dat", "mine/three_csv.script")
     for name in ("points.csv", "trajectory.csv", *programs):
         assert (made / name).read_bytes() == (tmp_path / "single" / name).read_bytes(), name
     checked = Verify(cell=CELL, toolpath=place / "three.csv", out=made)
-    assert verify(checked).verification.failed == ()  # the batch's own files beside the result are in its manifest
+    assert run_verify(checked).verification.failed == ()  # the batch's own files beside the result are in its manifest
     row = rows(tmp_path / "one")["parts/three"]
     assert row["programs"] == "krl/three_csv.src mine/three_csv.script"
     found = json.loads((tmp_path / "single" / "result.json").read_text())
@@ -242,10 +242,10 @@ def test_the_warm_up_compiles_all_that_jobs_need(tmp_path: Path) -> None:
     code = """
 import sys, numba
 from pathlib import Path
-from machopt.batch.warm import tiny_job
-from machopt.services.load import OptimizeRequest
-from machopt.services.run import optimize
-from machopt.plan.kernels import compile_all
+from machopt.batch.warm_up_job import tiny_job
+from machopt.commands.optimize.request import OptimizeRequest
+from machopt.commands.optimize.run import optimize
+from machopt.planning.compiled_kernels import compile_all
 def compiled():
     found = [v for name, m in list(sys.modules.items()) if name.startswith("machopt")
              for v in vars(m).values() if isinstance(v, numba.core.registry.CPUDispatcher)]
@@ -308,7 +308,7 @@ def test_a_job_whose_cell_is_broken_leaves_the_others_alone(scheduler: str, tmp_
     (jobs / "other" / "cell").mkdir(parents=True)
     (jobs / "other" / "cell" / "cell.yaml").write_text("machopt_cell: 1\n")
     (jobs / "other" / "c.nc").write_text("#sleep 0")
-    outcome: BatchOutcome = run_batch(request_for(jobs, tmp_path / "out", scheduler=scheduler))
+    outcome: BatchResult = run_batch(request_for(jobs, tmp_path / "out", scheduler=scheduler))
     assert (outcome.exit_code, outcome.done) == (3, 1)
     found = rows(tmp_path / "out")
     assert found["other/c"]["verdict"] == "refused"

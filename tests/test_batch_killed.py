@@ -120,7 +120,7 @@ def test_sixty_real_jobs_on_two_workers_killed_half_way_and_resumed(scheduler: s
     request = BatchRequest(jobs=(str(jobs),), out=whole, entry="batch_real", version="test", scheduler=scheduler)
     undisturbed = run_batch(request)
     assert (undisturbed.exit_code, undisturbed.done) == (1, JOBS)
-    counts = undisturbed.result.plain()["counts"]
+    counts = undisturbed.result.to_json_types()["counts"]
     assert isinstance(counts, dict)
     assert (counts["crashed"], counts["over time"]) == (1, 1)
     assert counts["done"] >= 40  # the CAM's default rotation cannot be driven everywhere
@@ -167,7 +167,7 @@ def untimed(name: str, data: bytes) -> bytes:
 
 def nursery(process: psutil.Process) -> bool:
     try:
-        return "machopt.batch.nursery" in process.cmdline()
+        return "machopt.batch.process_server" in process.cmdline()
     except psutil.Error:
         return False
 

@@ -13,32 +13,32 @@ from batch_stub import CELL, folder_of, request_for
 from controllers import without_controller
 
 from machopt.batch import run as batch_run
-from machopt.batch.find import find_jobs
-from machopt.batch.key import Keys, Ready, Refused
-from machopt.batch.request import BatchOutcome, BatchRequest
-from machopt.batch.task import row
+from machopt.batch.job_discovery import find_jobs
+from machopt.batch.job_key import JobKeyBuilder, ReadyJob, RefusedJob
+from machopt.batch.job_process import build_summary_row
+from machopt.batch.request import BatchRequest, BatchResult
 from machopt.cli import main
-from machopt.domain.results.batch import BatchResult
-from machopt.domain.results.optimize import OptimizeResult
+from machopt.data_types.documents.batch_document import BatchDocument
+from machopt.data_types.documents.optimize_document import OptimizeDocument
 from machopt.errors import InputError
-from machopt.formats.posts import post_text
+from machopt.programs.program_writer import read_post_text
 
 
-def key_of(request: BatchRequest) -> Ready | Refused:
+def key_of(request: BatchRequest) -> ReadyJob | RefusedJob:
     (job,) = find_jobs(request).jobs
-    return Keys(request, "test").of(job)
+    return JobKeyBuilder(request, "test").build_key(job)
 
 
 def key(request: BatchRequest) -> str:
     found = key_of(request)
-    assert isinstance(found, Ready)
+    assert isinstance(found, ReadyJob)
     return found.key
 
 
 def test_a_job_has_its_own_posts_else_those_of_the_list_else_those_of_the_command(tmp_path: Path) -> None:
     folder_of(tmp_path, a="sleep 0", b="sleep 0")
     mine = tmp_path / "mine.toml"
-    mine.write_text(post_text("krl"))
+    mine.write_text(read_post_text("krl"))
     jobs = (
         "  - {toolpath: jobs/a.nc, post: rapid}\n  - {toolpath: jobs/a.nc, posts: [krl_pos, mine.toml]}\n"
         "  - {toolpath: jobs/b.nc}\n"
@@ -83,23 +83,23 @@ def test_a_wrong_post_in_a_list_is_told_with_its_place(text: str, words: str, tm
 def test_the_key_holds_names_and_the_bytes_of_template_files(tmp_path: Path) -> None:
     jobs = folder_of(tmp_path, a="sleep 0")
     mine = tmp_path / "mine.toml"
-    mine.write_text(post_text("krl"))
+    mine.write_text(read_post_text("krl"))
     plain = request_for(jobs, tmp_path / "out")
     keys = [key(plain), *(key(replace(plain, posts=p)) for p in (("krl",), ("rapid",), ("krl", "rapid"), (str(mine),)))]
     assert len(set(keys)) == 5
     with_file = replace(plain, posts=(str(mine),))
     before = key_of(with_file)
-    assert isinstance(before, Ready)
+    assert isinstance(before, ReadyJob)
     assert str(mine) in before.inputs  # a job whose template changes while it runs is no result
     moved = tmp_path / "elsewhere" / "mine.toml"
     moved.parent.mkdir()
     moved.write_text(mine.read_text())
     assert key(replace(plain, posts=(str(moved),))) == before.key
-    mine.write_text(post_text("krl").replace("C_DIS", "C_VEL"))
+    mine.write_text(read_post_text("krl").replace("C_DIS", "C_VEL"))
     assert key(with_file) != before.key
-    mine.write_text(post_text("krl").replace("A6 @{a6:.5f}", "A6 @{a7"))
+    mine.write_text(read_post_text("krl").replace("A6 @{a6:.5f}", "A6 @{a7"))
     faulty = key_of(with_file)
-    assert isinstance(faulty, Refused)  # before any job is started
+    assert isinstance(faulty, RefusedJob)  # before any job is started
     assert "mine.toml" in faulty.reason
 
 
@@ -110,7 +110,7 @@ def test_the_key_holds_the_bytes_of_files_with_effects(tmp_path: Path) -> None:
     plain = request_for(jobs, tmp_path / "out")
     with_effects = replace(plain, effects=(mine,))
     before = key_of(with_effects)
-    assert isinstance(before, Ready)
+    assert isinstance(before, ReadyJob)
     assert str(mine) in before.inputs
     assert before.key != key(plain)
     mine.write_text("EFFECTS = [1]")
@@ -125,10 +125,10 @@ def test_the_template_of_a_cell_is_in_the_key_too(tmp_path: Path) -> None:
     file, post = tmp_path / "cell" / "cell.yaml", tmp_path / "cell" / "own.toml"
     without_controller(tmp_path / "cell")
     file.write_text(file.read_text() + "\ncontroller: {post: own.toml}\n")
-    post.write_text(post_text("krl"))
+    post.write_text(read_post_text("krl"))
     request = request_for(jobs, tmp_path / "out", cell=tmp_path / "cell")
     before = key(request)
-    post.write_text(post_text("krl").replace("C_DIS", "C_VEL"))
+    post.write_text(read_post_text("krl").replace("C_DIS", "C_VEL"))
     assert key(request) != before
 
 
@@ -138,10 +138,10 @@ def test_the_command_passes_posts_on(
     jobs = folder_of(tmp_path, a="sleep 0")
     asked: list[BatchRequest] = []
 
-    def noted(request: BatchRequest, _: object) -> BatchOutcome:
+    def noted(request: BatchRequest, _: object) -> BatchResult:
         asked.append(request)
-        told = cast(BatchResult, SimpleNamespace(counts={}))
-        return BatchOutcome(0, told, tmp_path / "summary.html", 0, 0)
+        told = cast(BatchDocument, SimpleNamespace(counts={}))
+        return BatchResult(0, told, tmp_path / "summary.html", 0, 0)
 
     words = ["batch", str(jobs), "--cell", str(CELL), "-o", str(tmp_path / "out"), "--quiet"]
     scheduler = "tcp://127.0.0.1:8786"
@@ -184,6 +184,6 @@ def test_a_program_that_does_not_read_back_is_the_reason_in_the_summary() -> Non
         ],
     }
     told = json.loads(json.dumps(result), object_hook=lambda part: SimpleNamespace(**part))
-    found = row(cast(OptimizeResult, told))
+    found = build_summary_row(cast(OptimizeDocument, told))
     assert found.reason == "a.src: CAM points at point 3 is missing"
     assert found.programs == ()  # none is left in OUT

@@ -19,11 +19,11 @@ import pytest
 from batch_stub import CELL, contents, folder_of, request_for, times_run
 
 import machopt
-from machopt.batch import engine, store, supervise, task
-from machopt.batch.key import Keys, Ready, shipped
-from machopt.batch.messages import Begun
+from machopt.batch import dask_executor, job_process, job_store, job_supervisor
+from machopt.batch.job_key import JobKeyBuilder, ReadyJob, compute_package_hash
+from machopt.batch.job_supervisor import JobSpec, ProcessServer
+from machopt.batch.process_messages import JobStartedMessage
 from machopt.batch.run import run_batch
-from machopt.batch.supervise import Server, Spec
 from machopt.errors import InputError, MachoptError
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="POSIX signals")
@@ -34,7 +34,7 @@ def servers() -> list[psutil.Process]:
     out = []
     for p in psutil.Process().children():
         with contextlib.suppress(psutil.Error):
-            if "machopt.batch.nursery" in p.cmdline():
+            if "machopt.batch.process_server" in p.cmdline():
                 out.append(p)
     return out
 
@@ -79,7 +79,7 @@ def test_servers_and_jobs_killed_at_random_never_hang_a_batch_and_the_rest_is_do
 
     with meanwhile(kill, lambda: draw.uniform(0.05, 0.5)):
         outcome = run_batch(request)
-    counts = outcome.result.plain()["counts"]
+    counts = outcome.result.to_json_types()["counts"]
     assert isinstance(counts, dict)
     assert sum(counts.values()) == 8
     assert set(counts) <= {"done", "crashed"}
@@ -90,10 +90,10 @@ def test_servers_and_jobs_killed_at_random_never_hang_a_batch_and_the_rest_is_do
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
 
-def spec_of(tmp_path: Path, words: str, limit: float = 60.0) -> Spec:
+def spec_of(tmp_path: Path, words: str, limit: float = 60.0) -> JobSpec:
     jobs = folder_of(tmp_path, a=words)
     job = {"request": {"toolpath": str(jobs / "a.nc")}}
-    return Spec(
+    return JobSpec(
         label="a",
         key="key",
         batch="test",
@@ -107,20 +107,20 @@ def spec_of(tmp_path: Path, words: str, limit: float = 60.0) -> Spec:
 
 def test_a_server_that_has_gone_says_so_however_often_it_is_asked(tmp_path: Path) -> None:
     """The system closes a killed process's pipe before it tells that the process has ended."""
-    server = Server("test", "batch_stub", forks=True)
+    server = ProcessServer("test", "batch_stub", forks=True)
     (tmp_path / "work").mkdir()
     try:
-        assert server.run(spec_of(tmp_path, "sleep 0"), str(tmp_path / "work")).how == "ended"
+        assert server.run_job(spec_of(tmp_path, "sleep 0"), str(tmp_path / "work")).how == "ended"
         server._process.send_signal(signal.SIGKILL)  # not reaped: nobody asked the system yet
-        assert [server._answer(Begun, 60.0) for _ in range(3)] == [None] * 3
-        assert not server.alive
+        assert [server._wait_for_answer(JobStartedMessage, 60.0) for _ in range(3)] == [None] * 3
+        assert not server.is_alive
     finally:
         server.close()
 
 
 def test_a_time_limit_holds_where_the_server_does_not_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(supervise, "GRACE", 0.2)
-    server = Server("test", "batch_stub", forks=True)
+    monkeypatch.setattr(job_supervisor, "GRACE_PERIOD_S", 0.2)
+    server = ProcessServer("test", "batch_stub", forks=True)
     work = tmp_path / "work"
     work.mkdir()
 
@@ -132,7 +132,7 @@ def test_a_time_limit_holds_where_the_server_does_not_answer(tmp_path: Path, mon
 
     try:
         with meanwhile(stop_at_work, lambda: 0.02):
-            ended = server.run(spec_of(tmp_path, "hang", limit=1.0), str(work))
+            ended = server.run_job(spec_of(tmp_path, "hang", limit=1.0), str(work))
     finally:
         server.close()
     assert ended.how == "time"
@@ -155,7 +155,7 @@ def test_a_local_batch_opens_no_port(tmp_path: Path) -> None:
         return {c.laddr for c in psutil.Process().net_connections() if c.status == psutil.CONN_LISTEN}
 
     before = listening()
-    with engine.Engine("test", scheduler=None, workers=2, version="test") as running:
+    with dask_executor.DaskExecutor("test", scheduler=None, workers=2, version="test") as running:
         running.check_workers(tmp_path)
         assert listening() == before
 
@@ -165,8 +165,8 @@ def test_a_batch_whose_workers_have_all_gone_ends_and_goes_on_later(
 ) -> None:
     from distributed import LocalCluster
 
-    monkeypatch.setattr(engine, "LOOK", 0.1)
-    monkeypatch.setattr(engine, "WORKERS", 1.0)
+    monkeypatch.setattr(dask_executor, "POLL_INTERVAL_S", 0.1)
+    monkeypatch.setattr(dask_executor, "WORKER_TIMEOUT_S", 1.0)
     jobs = folder_of(tmp_path, a="sleep 0", b="gate open")
     pages = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
     with LocalCluster(
@@ -185,7 +185,7 @@ def test_a_batch_whose_workers_have_all_gone_ends_and_goes_on_later(
             run_batch(request)
     (tmp_path / "open").touch()
     outcome = run_batch(replace(request, scheduler=None, workers=1))
-    assert (outcome.exit_code, outcome.kept) == (0, 1)
+    assert (outcome.exit_code, outcome.reused) == (0, 1)
 
 
 # ── the disk ─────────────────────────────────────────────────────────────────────────────────────────────────────────
@@ -205,8 +205,8 @@ def test_a_batch_killed_while_it_puts_a_job_away_goes_on_to_the_same_bytes(
     assert run_batch(request_for(jobs, tmp_path / "whole", workers=1)).exit_code == 0
     request = request_for(jobs, tmp_path / "out", workers=1)
     with monkeypatch.context() as patch:
-        patch.setattr(store, step, die)
-        patch.setattr(store.shutil, "rmtree", lambda *_, **__: None)  # a killed process clears nothing away
+        patch.setattr(job_store, step, die)
+        patch.setattr(job_store.shutil, "rmtree", lambda *_, **__: None)  # a killed process clears nothing away
         with pytest.raises(Killed):
             run_batch(request)
     assert run_batch(request).exit_code == 0
@@ -223,7 +223,7 @@ def test_a_full_disk_is_told_and_the_batch_goes_on_when_there_is_space(
     jobs = folder_of(tmp_path, a="sleep 0", b="sleep 0")
     request = request_for(jobs, tmp_path / "out", workers=1)
     with monkeypatch.context() as patch:
-        patch.setattr(store, "sync_tree", full)
+        patch.setattr(job_store, "sync_tree", full)
         with pytest.raises(InputError, match=r"cannot be written: No space left .* the same command goes on"):
             run_batch(request)
     assert run_batch(request).exit_code == 0
@@ -233,13 +233,13 @@ def test_a_job_that_the_disk_did_not_take_is_tried_again(tmp_path: Path, monkeyp
     def full(_: object) -> None:
         raise InputError("the output folder cannot be written") from OSError(errno.ENOSPC, "full")
 
-    monkeypatch.setattr("machopt.services.run.optimize", full)
-    found = task.run({"request": {"cell": ".", "toolpath": "a.nc", "plan_file": None}}, tmp_path / "out")
-    assert (found["exit_code"], found["verdict"]) == (1, task.NOT_WRITTEN)  # 1 is tried again, 2 is an answer
+    monkeypatch.setattr("machopt.commands.optimize.run.run_optimize", full)
+    found = job_process.run({"request": {"cell": ".", "toolpath": "a.nc", "plan_file": None}}, tmp_path / "out")
+    assert (found["exit_code"], found["verdict"]) == (1, job_process.NOT_WRITTEN)  # 1 is tried again, 2 is an answer
 
 
 def test_the_manifest_of_a_batch_holds_its_summary_and_is_gone_while_it_runs(tmp_path: Path) -> None:
-    from machopt.output.manifest import differences, read_manifest
+    from machopt.output.manifest_file import find_differences, read_manifest
 
     jobs = folder_of(tmp_path, a="sleep 0", broken="raise")
     out = tmp_path / "out"
@@ -251,21 +251,21 @@ def test_the_manifest_of_a_batch_holds_its_summary_and_is_gone_while_it_runs(tmp
     manifest, sealed = read_manifest(out)
     assert (manifest.command, manifest.exit_code, sealed) == ("batch", 1, True)
     assert {Path(f.name).name for f in manifest.inputs} >= {"a.nc", "broken.nc", "cell.yaml"}
-    assert not [d for d in differences(out, manifest) if d.what != "is not in the manifest"]
+    assert not [d for d in find_differences(out, manifest) if d.description != "is not in the manifest"]
     (out / "summary.csv").write_text("nothing went wrong\n")
-    changed = [d.name for d in differences(out, manifest) if d.what != "is not in the manifest"]
+    changed = [d.name for d in find_differences(out, manifest) if d.description != "is not in the manifest"]
     assert changed == ["summary.csv"]
 
 
 def test_a_result_that_was_edited_is_made_again_with_force_alone(tmp_path: Path) -> None:
     """As far as it has a manifest; the jobs here have none, so one is written for them."""
-    from machopt.domain.manifest import Manifest
+    from machopt.data_types.manifest import FolderManifest
     from machopt.output import write_manifest
 
     jobs = folder_of(tmp_path, a="sleep 0", b="sleep 0")
     request = request_for(jobs, tmp_path / "out", workers=1)
     assert run_batch(request).done == 2
-    empty = Manifest(command="optimize", verdict="done", exit_code=0, versions={}, inputs=())
+    empty = FolderManifest(command="optimize", verdict="done", exit_code=0, versions={}, inputs=())
     folders = sorted((tmp_path / "out" / "jobs").iterdir())
     for folder in folders:
         write_manifest(folder, empty, {})
@@ -287,10 +287,10 @@ def test_every_file_that_is_shipped_counts(tmp_path: Path) -> None:
     shutil.copytree(Path(machopt.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
     kinds = {f.suffix: f for f in sorted(package.rglob("*")) if f.is_file()}
     assert {".py", ".toml", ".js", ".css"} <= set(kinds)
-    seen = {shipped(package)}
+    seen = {compute_package_hash(package)}
     for file in kinds.values():
         file.write_bytes(file.read_bytes() + b"\n")
-        seen.add(shipped(package))
+        seen.add(compute_package_hash(package))
     assert len(seen) == len(kinds) + 1
     (package / "__pycache__").mkdir()
     (package / "__pycache__" / "run.cpython-311.pyc").write_bytes(b"made")
@@ -298,7 +298,7 @@ def test_every_file_that_is_shipped_counts(tmp_path: Path) -> None:
     stored = package / "report" / "templates" / "__pycache__"  # by the first report of an installation
     stored.mkdir(parents=True, exist_ok=True)
     (stored / "report.html.cpython-311-abc").write_bytes(b"made")
-    assert shipped(package) in seen
+    assert compute_package_hash(package) in seen
 
 
 def test_the_data_file_of_a_robot_program_is_in_the_key(tmp_path: Path) -> None:
@@ -308,12 +308,12 @@ def test_the_data_file_of_a_robot_program_is_in_the_key(tmp_path: Path) -> None:
         shutil.copy(Path(__file__).parent / "golden" / "krl" / name, place / name)
     request = request_for(place / "golden.src", tmp_path / "out", cell=CELL)
 
-    def ready() -> Ready:
-        from machopt.batch.find import find_jobs
+    def ready() -> ReadyJob:
+        from machopt.batch.job_discovery import find_jobs
 
         (job,) = find_jobs(request).jobs
-        found = Keys(request, "test").of(job)
-        assert isinstance(found, Ready)
+        found = JobKeyBuilder(request, "test").build_key(job)
+        assert isinstance(found, ReadyJob)
         return found
 
     before = ready()

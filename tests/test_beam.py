@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from machopt.effects.beam import (
-    Cylinder,
-    cantilever,
-    cantilever_axial,
-    cantilever_bending,
-    cantilever_torsion,
-    stepped,
-    stepped_as_tian2025,
+from machopt.effects.compliance_matrices.beam_compliance import (
+    BeamCylinder,
+    compute_axial_compliance,
+    compute_bending_compliance,
+    compute_cylinder_compliance,
+    compute_stepped_beam_compliance,
+    compute_tian2025_tip_compliance,
+    compute_torsion_compliance,
 )
 
 EI, GJ, EA = 3.0e5, 2.2e5, 4.0e8  # N·m², N·m², N: a steel tube of about 120 mm
@@ -37,19 +37,23 @@ def slices(w: np.ndarray, length: float, stiffness: list[tuple[float, float, flo
 
 def test_cantilever_is_the_beam_equation_integrated() -> None:
     L = 0.45
-    C = cantilever_bending(L) / EI + cantilever_torsion(L) / GJ + cantilever_axial(L) / EA
+    C = compute_bending_compliance(L) / EI + compute_torsion_compliance(L) / GJ + compute_axial_compliance(L) / EA
     by_slices = np.column_stack([slices(e, L, [(1.0, EI, GJ, EA)], 4000) for e in np.eye(6)])
     # the midpoint rule on a quadratic: 1/(4 n²) of it, 1.6e-8
     np.testing.assert_allclose(C, by_slices, rtol=1e-7, atol=1e-20)
 
 
 def test_stepped_cylinders_are_many_slices_with_their_own_section() -> None:
-    steps = [Cylinder(0.060, 0.09, 210e9, 0.3, 0.025), Cylinder(0.032, 0.03, 210e9), Cylinder(0.020, 0.06, 600e9, 0.22)]
+    steps = [
+        BeamCylinder(0.060, 0.09, 210e9, 0.3, 0.025),
+        BeamCylinder(0.032, 0.03, 210e9),
+        BeamCylinder(0.020, 0.06, 600e9, 0.22),
+    ]
     total = sum(s.length for s in steps)
     ends = np.cumsum([s.length for s in steps]) / total
     parts = [(e + 1e-12, s.EI, s.GJ, s.EA) for e, s in zip(ends, steps, strict=True)]
     by_slices = np.column_stack([slices(e, total, parts, 6000) for e in np.eye(6)])  # 30 µm, a step never inside one
-    np.testing.assert_allclose(stepped(steps), by_slices, rtol=1e-7, atol=1e-18)
+    np.testing.assert_allclose(compute_stepped_beam_compliance(steps), by_slices, rtol=1e-7, atol=1e-18)
     # the section moments by adding up rings: ∫ r² dA over the annulus is twice the bending one
     r = np.linspace(0.0125, 0.030, 200_001)
     middle = 0.5 * (r[1:] + r[:-1])
@@ -64,14 +68,25 @@ def test_tian2025_equations_2_and_3_leave_out_the_lever_arms() -> None:
 
     With two halves of one bar the sum is 2 (L/2)³/3EI, a quarter of L³/3EI; a soft holder far from the tip is worse.
     """
-    bar, half = Cylinder(0.02, 0.1, 210e9), Cylinder(0.02, 0.05, 210e9)
-    assert stepped_as_tian2025([bar]) == pytest.approx(stepped([bar])[1, 1], rel=1e-12)
-    assert stepped_as_tian2025([half, half]) == pytest.approx(stepped([half, half])[1, 1] / 4, rel=1e-12)
-    np.testing.assert_allclose(stepped([half, half]), stepped([bar]), rtol=1e-12, atol=1e-22)
-    holder, bur = Cylinder(0.016, 0.06, 110e9), Cylinder(0.008, 0.05, 210e9)  # an aluminium holder, a steel bur
-    right, printed = stepped([holder, bur])[1, 1], stepped_as_tian2025([holder, bur])
+    bar, half = BeamCylinder(0.02, 0.1, 210e9), BeamCylinder(0.02, 0.05, 210e9)
+    assert compute_tian2025_tip_compliance([bar]) == pytest.approx(
+        compute_stepped_beam_compliance([bar])[1, 1], rel=1e-12
+    )
+    assert compute_tian2025_tip_compliance([half, half]) == pytest.approx(
+        compute_stepped_beam_compliance([half, half])[1, 1] / 4, rel=1e-12
+    )
+    np.testing.assert_allclose(
+        compute_stepped_beam_compliance([half, half]), compute_stepped_beam_compliance([bar]), rtol=1e-12, atol=1e-22
+    )
+    holder, bur = BeamCylinder(0.016, 0.06, 110e9), BeamCylinder(0.008, 0.05, 210e9)  # an aluminium holder, a steel bur
+    right, printed = (
+        compute_stepped_beam_compliance([holder, bur])[1, 1],
+        compute_tian2025_tip_compliance([holder, bur]),
+    )
     assert printed / right == pytest.approx(0.56, abs=0.01)  # 1.8 times too stiff
-    area_for_polar = cantilever(replace(bar, youngs=2 * bar.youngs))[1, 1] / cantilever(bar)[1, 1]
+    area_for_polar = (
+        compute_cylinder_compliance(replace(bar, youngs=2 * bar.youngs))[1, 1] / compute_cylinder_compliance(bar)[1, 1]
+    )
     assert area_for_polar == pytest.approx(0.5)  # and "polar moment of inertia", taken by the word, halves it again
 
 
@@ -104,7 +119,7 @@ def test_zhang2025_equations_17_and_19_are_no_stiffness_of_one_end() -> None:
     for rigid in ([1, 0, 0, 1, 0, 0], [0, 1, 0, 0, 1, 0], [0, 0, 1, 0, L, 1]):
         assert np.abs(K @ rigid).max() < 1e-9 * np.abs(K).max()
     # clamped at the first node, which the paper says the beam is, its other half is the cantilever, in the plane
-    right = cantilever_bending(L) / EI + cantilever_torsion(L) / GJ + cantilever_axial(L) / EA
+    right = compute_bending_compliance(L) / EI + compute_torsion_compliance(L) / GJ + compute_axial_compliance(L) / EA
     plane = np.ix_([0, 1, 5], [0, 1, 5])
     np.testing.assert_allclose(np.linalg.inv(K[3:, 3:]), right[plane], rtol=1e-9, atol=1e-18)
     # what the paper inserts instead, read as it does for (x, y, z, rx, ry, rz)

@@ -12,9 +12,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from machopt.formats.cell import load_cell
-from machopt.formats.recording import load_recording
-from machopt.model.robot import load_robot
+from machopt.cell.cell_reader import load_cell
+from machopt.kinematics.robot import load_robot
+from machopt.measurement.recording import load_recording
 
 HERE = Path(__file__).resolve().parents[1] / "benchmarks" / "yard"
 MODULES = ("arms", "tracker", "draws", "run")
@@ -51,7 +51,7 @@ def test_an_arm_of_the_drawing_is_the_one_that_its_urdf_describes(
     tracker.write(tmp_path / "c", arm, tracker.seen(arm, habit, rng), habit, arm.tool)
     robot = load_robot(load_cell(tmp_path / "c" / "cell"))
     q = rng.uniform(-1.5, 1.5, (20, 6))
-    np.testing.assert_allclose(robot.fk(q)[:, :3], arm.frames(q)[1][:, :3], atol=1e-9)
+    np.testing.assert_allclose(robot.compute_fk(q)[:, :3], arm.frames(q)[1][:, :3], atol=1e-9)
     recording = load_recording(tmp_path / "c" / "rec")
     assert len(recording) == 5
     assert recording.registration == "fixed"

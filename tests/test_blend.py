@@ -5,15 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from machopt.arrays import Array
-from machopt.plan.feed.blend import Curve, build_curves, path_parameter
-from machopt.se3 import tool_rotation
+from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import compute_tool_rotation
+from machopt.planning.retiming.path_curve import PathCurve, build_curves, compute_path_parameter
 
 TOLERANCE = 15e-6  # m
 AXIS_TOLERANCE = np.radians(0.03)
 
 
-def curves(position: Array, axis: Array | None = None, phi: Array | None = None, feed: float = 0.025) -> list[Curve]:
+def curves(
+    position: Array, axis: Array | None = None, phi: Array | None = None, feed: float = 0.025
+) -> list[PathCurve]:
     n = len(position)
     axis = np.tile([0.0, 0.0, 1.0], (n, 1)) if axis is None else axis
     phi = np.zeros(n) if phi is None else phi
@@ -30,7 +32,7 @@ def arc(n: int, step: float, radius: float) -> Array:
     return np.column_stack([radius * np.sin(t), radius * (1 - np.cos(t)), 0 * t])
 
 
-def polyline_at(curve: Curve, u: Array) -> Array:
+def polyline_at(curve: PathCurve, u: Array) -> Array:
     return np.column_stack([np.interp(u, curve.u, curve.X[:, d]) for d in range(curve.X.shape[1])])
 
 
@@ -100,7 +102,7 @@ def test_poses_are_rotations_and_hit_the_ends() -> None:
     R = jets.rotation[:, 0]
     assert np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max() < 1e-12
     reference = np.tile([1.0, 0.0, 0.0], (n, 1))
-    assert np.allclose(R[[0, -1]], tool_rotation(axis, reference, phi)[[0, -1]], atol=1e-12)
+    assert np.allclose(R[[0, -1]], compute_tool_rotation(axis, reference, phi)[[0, -1]], atol=1e-12)
     planned = np.interp(curve.index(curve.nodes()), np.arange(n), phi)
     assert np.abs(driven - planned).max() < np.radians(0.5)
 
@@ -134,6 +136,6 @@ def test_opposite_axes_are_refused() -> None:
 def test_path_parameter_counts_travel_and_turning() -> None:
     position = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.3, 0, 0]])
     axis, ref = np.tile([0.0, 0, 1], (3, 1)), np.tile([1.0, 0, 0], (3, 1))
-    s = path_parameter(position, axis, ref, np.array([0.0, 0.0, 0.1]))
+    s = compute_path_parameter(position, axis, ref, np.array([0.0, 0.0, 0.1]))
     assert s[1] == pytest.approx(0.3)
     assert s[2] - s[1] == pytest.approx(0.01, rel=1e-3)

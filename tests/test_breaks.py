@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from machopt.domain.reason import Reason
-from machopt.plan.choice.choose import Choice
-from machopt.plan.configurations.candidates import Candidates
-from machopt.plan.pipeline.breaks import Break, breaks_of_choice
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.planning.pipeline.sequence_breaks import SequenceBreak, find_sequence_breaks
+from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sequence_search.dynamic_programming import SequenceChoice
 
 ROTATIONS, BRANCHES = 8, 2
 LIMIT = np.radians(50.0)  # of every joint
@@ -19,11 +19,11 @@ AHEAD = (0, 1, 7)  # rotations that a small turn from rotation 0 leads to
 
 
 def broken(
-    reasons: dict[int, Reason],
+    reasons: dict[int, InfeasibilityReason],
     joints: dict[int, tuple[int, float]] | None = None,
     pairs: dict[int, int] | None = None,
     **changes: Any,
-) -> Break:
+) -> SequenceBreak:
     """The one break of three stations of which the last is not reached; rotation 0 of branch 0 is, before it.
 
     Args:
@@ -34,74 +34,83 @@ def broken(
     """
     q = np.zeros((3, ROTATIONS, BRANCHES, 6))
     q[:, :, 1, 0] = np.radians(170.0)  # another assembly mode
-    reason = np.full((3, ROTATIONS, BRANCHES), Reason.BOUNDS, np.uint8)
+    reason = np.full((3, ROTATIONS, BRANCHES), InfeasibilityReason.BOUNDS, np.uint8)
     struck = np.full(reason.shape, -1, np.int32)
-    reason[:2, 0, 0] = Reason.OK
+    reason[:2, 0, 0] = InfeasibilityReason.OK
     for r, why in reasons.items():
         reason[2, r, 0] = why
     for r, (joint, degrees) in (joints or {}).items():
         q[2, r, 0, joint] = np.radians(degrees)
     for r, pair in (pairs or {}).items():
         struck[2, r, 0] = pair
-    feasible = (reason == Reason.OK)[..., None]
+    feasible = (reason == InfeasibilityReason.OK)[..., None]
     if "other" in changes:
-        reason[2, changes["other"], 1], feasible[2, changes["other"], 1] = Reason.OK, True
+        reason[2, changes["other"], 1], feasible[2, changes["other"], 1] = InfeasibilityReason.OK, True
     phi = np.arange(ROTATIONS) * 2 * np.pi / ROTATIONS - np.pi
-    candidates = Candidates(
+    candidates = CandidateGrid(
         phi=phi, q=q, turns=np.zeros((1, 6)), reason=reason, feasible=feasible, stable=True, shortfall=np.zeros(3)
     )
     reached = np.zeros((3, ROTATIONS * BRANCHES), bool)
     reached[1, 0] = True
     nothing = np.zeros(3, int)
-    choice = Choice(rotation=nothing, branch=nothing, turn=nothing, q=np.zeros((3, 6)), broken=(2,), reached=reached)
+    choice = SequenceChoice(
+        rotation=nothing, branch=nothing, turn=nothing, q=np.zeros((3, 6)), broken=(2,), reached=reached
+    )
     plunge = np.array([False, False, changes.get("plunge", False)])
     path: Any = SimpleNamespace(stations=np.arange(3), index=np.array([0.0, 1.0, 2.0]), plunge=plunge)
     bodies = SimpleNamespace(pairs=[SimpleNamespace(name="link_4 ~ post"), SimpleNamespace(name="tool ~ table")])
     setup: Any = SimpleNamespace(arm=SimpleNamespace(lower=np.full(6, -LIMIT), upper=np.full(6, LIMIT)))
     setup.collision = bodies
     found: Any = SimpleNamespace(choice=choice, pairs=struck, banned=changes.get("banned", {}))
-    (one,) = breaks_of_choice(path, setup, candidates, found)
+    (one,) = find_sequence_breaks(path, setup, candidates, found)
     assert (one.before, one.after) == (1.0, 2.0)
     assert one.help.endswith("would help; --allow-gaps leaves the cut out")
     return one
 
 
 def test_a_joint_that_would_leave_its_range_is_named_by_the_way_that_misses_least() -> None:
-    one = broken(dict.fromkeys(AHEAD, Reason.LIMIT), {0: (3, 54.0), 1: (3, 52.5), 7: (4, -58.0)})
+    one = broken(dict.fromkeys(AHEAD, InfeasibilityReason.LIMIT), {0: (3, 54.0), 1: (3, 52.5), 7: (4, -58.0)})
     assert (one.code, one.joint) == ("joint_limit", 4)
     assert (one.value, one.limit) == pytest.approx((52.5, 50.0))
     assert one.text == (
         "joint 4 would have to go to 52.5°, its limit with the margin is 50.0° "
         "(of 3 continuous ways 3 break a joint limit)"
     )
-    below = broken({7: Reason.LIMIT}, {7: (4, -58.0)})
+    below = broken({7: InfeasibilityReason.LIMIT}, {7: (4, -58.0)})
     assert (below.joint, below.value, below.limit) == (5, pytest.approx(-58.0), pytest.approx(-50.0))
 
 
 def test_told_is_the_reason_that_most_ways_have() -> None:
-    one = broken({0: Reason.SINGULAR_WRIST, 1: Reason.SINGULAR_ELBOW, 7: Reason.COLLIDING}, pairs={7: 0})
+    one = broken(
+        {
+            0: InfeasibilityReason.SINGULAR_WRIST,
+            1: InfeasibilityReason.SINGULAR_ELBOW,
+            7: InfeasibilityReason.COLLIDING,
+        },
+        pairs={7: 0},
+    )
     assert one.code == "singularity"
     assert "of 3 continuous ways 2 come too near a singularity, 1 collide" in one.text
     assert "a smaller singularity margin" in one.help
 
 
 def test_bodies_that_most_ways_touch_are_named() -> None:
-    one = broken(dict.fromkeys(AHEAD, Reason.COLLIDING), pairs={0: 1, 1: 0, 7: 1})
+    one = broken(dict.fromkeys(AHEAD, InfeasibilityReason.COLLIDING), pairs={0: 1, 1: 0, 7: 1})
     assert (one.code, one.pair) == ("collision", "tool ~ table")
     assert one.text.startswith("tool ~ table touch or come nearer than the clearance on the way (of 3 ")
 
 
 def test_a_way_between_two_free_poses_is_told_with_what_bars_it() -> None:
-    barred = broken({0: Reason.OK}, banned={2: 0})
+    barred = broken({0: InfeasibilityReason.OK}, banned={2: 0})
     assert (barred.code, barred.pair) == ("collision", "link_4 ~ post")
-    poseless = broken({0: Reason.OK}, banned={2: -1})
+    poseless = broken({0: InfeasibilityReason.OK}, banned={2: -1})
     assert (poseless.code, poseless.pair) == ("no_pose", "")
     assert "no pose of the same configuration is within limits and margins" in poseless.text
     assert "more points between them" in poseless.help
 
 
 def test_the_smallest_jump_of_a_joint_is_told() -> None:
-    one = broken({0: Reason.OK, 1: Reason.OK}, {0: (1, 160.0), 1: (2, -150.0)})
+    one = broken({0: InfeasibilityReason.OK, 1: InfeasibilityReason.OK}, {0: (1, 160.0), 1: (2, -150.0)})
     assert (one.code, one.joint) == ("joint_jump", 3)
     assert one.value == pytest.approx(150.0)
     assert one.text.startswith("joint 3 would have to jump by 150.0° (at most ")

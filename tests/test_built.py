@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 from test_cli import PASS, changed_cell, optimize, toolpath
 
-from machopt.domain.cell import Cell
-from machopt.domain.kinematics import KinematicCorrection, Kinematics
-from machopt.effects import geometry
-from machopt.effects.corrections import extended
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.kinematics_file import load_kinematics, write_kinematics
+from machopt.data_types.cell import Cell
+from machopt.data_types.kinematic_corrections import KinematicCorrection, KinematicCorrections
+from machopt.dynamics.gravity_torque import compute_gravity_torque
+from machopt.effects.kinematic_corrections import extend_kinematics
+from machopt.effects.structure import link_geometry
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.kinematics import load_kinematics, write_kinematics
-from machopt.model.correction import correction_of
-from machopt.model.gravity import gravity_torque
-from machopt.model.ik import solver_for
-from machopt.model.robot import load_chain, load_masses, load_robot
-from machopt.verify.arm import Arm
-from machopt.verify.encoder import true_angles
+from machopt.kinematics.encoder_corrections import build_encoder_correction
+from machopt.kinematics.inverse.solver import build_solver
+from machopt.kinematics.robot import load_chain, load_masses, load_robot
+from machopt.verification.motion.kinematics.encoder_correction import compute_true_angles
+from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
 CELLS = Path(__file__).parents[1] / "cells"
 PLACES = ("base", *(f"joint:{i}" for i in range(1, 7)), "tool")
@@ -34,7 +34,9 @@ def entry(place: str, rng: np.random.Generator) -> KinematicCorrection:
 
 def built_cell(name: str, seed: int = 0) -> Cell:
     rng = np.random.default_rng(seed)
-    return replace(load_cell(CELLS / name), kinematics=Kinematics(tuple(entry(place, rng) for place in PLACES)))
+    return replace(
+        load_cell(CELLS / name), kinematics=KinematicCorrections(tuple(entry(place, rng) for place in PLACES))
+    )
 
 
 def written(tmp_path: Path, text: str) -> Path:
@@ -45,15 +47,21 @@ def written(tmp_path: Path, text: str) -> Path:
 
 def test_planner_and_verifier_build_the_same_arm() -> None:
     cell = built_cell("kr240_drilling")
-    robot, arm = load_robot(cell), Arm(cell)
+    robot, arm = load_robot(cell), UrdfKinematics(cell)
     q = np.random.default_rng(1).uniform(-1.5, 1.5, (50, 6))
-    stance = arm.stance(q)
+    stance = arm.compute_configuration(q)
     # both multiply the same matrices in another order: rounding of metres
-    np.testing.assert_allclose(robot.fk(q, cell.tool.T_flange_tcp), stance.tcp, atol=1e-13)
-    np.testing.assert_allclose(robot.drawn.fk(q), Arm(cell, drawn=True).stance(q).flange, atol=1e-13)
-    state = robot.state(q, cell.tool.T_flange_tcp, bodies=True)
-    np.testing.assert_allclose(gravity_torque(robot, load_masses(cell), state)[0], arm.gravity(q), atol=1e-9)  # of 1e3
-    assert 1e-3 < np.abs(robot.fk(q) - robot.drawn.fk(q)).max() < 2e-2  # millimetres, not nothing
+    np.testing.assert_allclose(robot.compute_fk(q, cell.tool.T_flange_tcp), stance.tcp, atol=1e-13)
+    np.testing.assert_allclose(
+        robot.nominal_robot.compute_fk(q), UrdfKinematics(cell, drawn=True).compute_configuration(q).flange, atol=1e-13
+    )
+    state = robot.compute_state(q, cell.tool.T_flange_tcp, bodies=True)
+    np.testing.assert_allclose(
+        compute_gravity_torque(robot, load_masses(cell), state)[0], arm.compute_gravity_torque(q), atol=1e-9
+    )  # of 1e3
+    assert (
+        1e-3 < np.abs(robot.compute_fk(q) - robot.nominal_robot.compute_fk(q)).max() < 2e-2
+    )  # millimetres, not nothing
 
 
 def test_a_link_of_the_arm_carries_its_bodies_along() -> None:
@@ -68,10 +76,10 @@ def test_a_link_of_the_arm_carries_its_bodies_along() -> None:
 def test_branches_of_the_drawing_are_led_to_the_built_arm(name: str) -> None:
     robot = load_robot(built_cell(name))
     q = np.random.default_rng(2).uniform(-1.4, 1.4, (60, 6))
-    T = robot.fk(q)
-    found, drawn = solver_for(robot).solve(T), solver_for(robot.drawn).solve(T)
+    T = robot.compute_fk(q)
+    found, drawn = build_solver(robot).solve(T), build_solver(robot.nominal_robot).solve(T)
     there = np.isfinite(found.q[..., 0])
-    assert np.abs(robot.fk(np.nan_to_num(found.q)) - T[:, None])[there].max() < 1e-9  # ik_built.MET
+    assert np.abs(robot.compute_fk(np.nan_to_num(found.q)) - T[:, None])[there].max() < 1e-9  # ik_built.MET
     apart = np.abs(np.angle(np.exp(1j * (found.q - drawn.q))))
     regular = there & (drawn.wrist > 0.2) & (drawn.elbow > 0.2) & (drawn.shoulder > 0.1)
     assert apart[regular].max() < 0.1  # milliradians over a sine of 0.2, twice: the same branch under the same index
@@ -80,14 +88,14 @@ def test_branches_of_the_drawing_are_led_to_the_built_arm(name: str) -> None:
 
 
 def test_geometry_is_no_angle() -> None:
-    known = Kinematics((entry("joint:3", np.random.default_rng(3)),))
-    assert correction_of(known) is None
+    known = KinematicCorrections((entry("joint:3", np.random.default_rng(3)),))
+    assert build_encoder_correction(known) is None
     q = np.ones((2, 6))
-    np.testing.assert_array_equal(true_angles(known, q), q)
+    np.testing.assert_array_equal(compute_true_angles(known, q), q)
 
 
 def test_what_is_written_is_read_back(tmp_path: Path) -> None:
-    known = Kinematics(tuple(entry(place, np.random.default_rng(4)) for place in PLACES))
+    known = KinematicCorrections(tuple(entry(place, np.random.default_rng(4)) for place in PLACES))
     write_kinematics(tmp_path / "k.yaml", known)
     assert load_kinematics(tmp_path / "k.yaml") == known
 
@@ -108,10 +116,10 @@ def test_a_geometry_that_cannot_be_is_refused(tmp_path: Path, text: str, said: s
 
 
 def test_what_is_found_beside_what_is_known_adds_up() -> None:
-    known = Kinematics((KinematicCorrection("geometry", "joint:2", {"xyz_mm": [0.25, 0.0, 0.0]}),))
+    known = KinematicCorrections((KinematicCorrection("geometry", "joint:2", {"xyz_mm": [0.25, 0.0, 0.0]}),))
     found = KinematicCorrection("geometry", "joint:2", {"xyz_mm": [0.5, 0.0, 1.0], "turn_mrad": [0.0, 0.5, 0.0]})
-    (both,) = extended(known, [found]).corrections
-    assert geometry.placed(both.parameters).shift.tolist() == [0.00075, 0.0, 0.001]
+    (both,) = extend_kinematics(known, [found]).corrections
+    assert link_geometry.read_frame_offset(both.parameters).shift.tolist() == [0.00075, 0.0, 0.001]
     assert both.parameters["turn_mrad"] == [0.0, 0.5, 0.0]
 
 

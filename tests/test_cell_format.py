@@ -15,12 +15,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_cell import robot_folder
 
-from machopt.domain.cell import Cell
-from machopt.domain.stiffness import PositionError, Stiffness, StiffnessGrid, Term
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.stiffness.stiffness_file import load_stiffness, write_stiffness
+from machopt.data_types.cell import Cell
+from machopt.data_types.stiffness import ArmStiffness, PositionError, StiffnessGrid, StiffnessTerm
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.stiffness import load_stiffness, write_stiffness
-from machopt.formats.yamlstrict import parse_yaml
+from machopt.file_formats.strict_yaml import parse_yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -588,8 +588,8 @@ def test_stiffness_round_trip(seed: int, tmp_path_factory: pytest.TempPathFactor
     rng = np.random.default_rng(seed)
     root = rng.normal(size=(6, 4)) * 1e-8  # rank 4: round-off makes eigenvalues slightly negative
     grid = StiffnessGrid(rng.normal(size=3), 0.3, (2, 1, 2), rng.uniform(1e5, 1e7, (4, 6)), rng.uniform(0, 1e5, (4, 6)))
-    term = Term("link_compliance", "link:4", {"c": np.float64(1e-7), "n": [1, 2]})
-    before = Stiffness(joints=rng.uniform(1e5, 1e7, 6), covariance=root @ root.T, grid=grid, terms=(term,))
+    term = StiffnessTerm("link_compliance", "link:4", {"c": np.float64(1e-7), "n": [1, 2]})
+    before = ArmStiffness(joints=rng.uniform(1e5, 1e7, 6), covariance=root @ root.T, grid=grid, terms=(term,))
     file = tmp_path_factory.mktemp("stiffness") / "stiffness.yaml"
     write_stiffness(file, before)
     after = load_stiffness(file)
@@ -609,7 +609,7 @@ def test_stiffness_round_trip(seed: int, tmp_path_factory: pytest.TempPathFactor
 
 def test_what_poses_left_is_read_as_it_was_written(tmp_path: Path) -> None:
     joints = np.radians([[-120.0, 90.5], *[[-10.0, 10.0]] * 5])
-    before = Stiffness(joints=np.full(6, 1e6), position=PositionError(5.2e-5, 3.11e-4, 2e-5, 632, joints))
+    before = ArmStiffness(joints=np.full(6, 1e6), position=PositionError(5.2e-5, 3.11e-4, 2e-5, 632, joints))
     file = tmp_path / "stiffness.yaml"
     write_stiffness(file, before)
     after = load_stiffness(file).position
@@ -619,7 +619,7 @@ def test_what_poses_left_is_read_as_it_was_written(tmp_path: Path) -> None:
     np.testing.assert_allclose(after.joints, joints, rtol=1e-12)
     assert after.poses == 632
     q = np.radians([[0.0, 0, 0, 0, 0, 0], [95.0, 0, 0, 0, 0, 10.9], [0.0, 0, 0, 0, 0, -12]])
-    np.testing.assert_array_equal(after.covers(q).all(axis=1), [True, False, False])
+    np.testing.assert_array_equal(after.is_in_covered_range(q).all(axis=1), [True, False, False])
     assert after.beyond(q[:1]) == ()
     (said,) = after.beyond(q)
     assert said.startswith("67 % of these poses lie outside the joint angles (joint 1, 6)")

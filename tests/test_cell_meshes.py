@@ -11,9 +11,9 @@ import pytest
 import trimesh
 from damaged_cell import change, make, refusal
 
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.mesh import read_surface
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.mesh import read_surface
 
 BOX = trimesh.creation.box((0.1, 0.2, 0.3))
 FACET = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"

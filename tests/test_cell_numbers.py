@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from damaged_cell import change, make, refusal
 
-from machopt.formats.cell import load_cell
+from machopt.cell.cell_reader import load_cell
 
 
 @pytest.fixture

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from damaged_cell import change, make, refusal, urdf
 
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.urdf import read_urdf
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.urdf import read_urdf
-from machopt.model.robot import load_chain, load_masses
+from machopt.kinematics.robot import load_chain, load_masses
 
 
 @pytest.fixture
@@ -160,7 +160,13 @@ def test_what_others_keep_in_a_urdf_is_counted_and_not_refused(folder: Path) -> 
     text = urdf().replace('<robot name="r">', '<robot name="r" xmlns:xacro="http://ros.org/wiki/xacro" xmlns="x">')
     (folder / "robot.urdf").write_text(text.replace('<link name="base"/>', f'<link name="base"/>{more}'))
     found = read_urdf(folder / "robot.urdf")
-    assert found.unused == {"material": 1, "gazebo": 1, "transmission": 1, "ros2_control": 1, "drake:acceleration": 1}
+    assert found.unused_elements == {
+        "material": 1,
+        "gazebo": 1,
+        "transmission": 1,
+        "ros2_control": 1,
+        "drake:acceleration": 1,
+    }
     cell = load_cell(folder)
     assert cell.warnings == ()
     assert any("gazebo (1)" in note for note in cell.notes)
@@ -203,16 +209,18 @@ def test_the_robot_model_counts_its_bodies(folder: Path) -> None:
 
 
 def test_the_verifier_counts_bodies_by_its_own_reading(folder: Path) -> None:
-    from machopt.verify.arm import Arm
-    from machopt.verify.bodies import all_bodies, pairs
-    from machopt.verify.inventory import check_inventory
+    from machopt.verification.motion.collision.bodies import build_bodies, list_checked_pairs
+    from machopt.verification.motion.collision.urdf_inventory import check_inventory
+    from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
     cell = load_cell(folder)
 
     def lost() -> list[str]:
-        arm = Arm(cell)
-        bodies = all_bodies(cell, arm)
-        return [c.where for c in check_inventory(cell, arm, bodies, pairs(cell, arm, bodies)) if not c.passed]
+        arm = UrdfKinematics(cell)
+        bodies = build_bodies(cell, arm)
+        return [
+            c.where for c in check_inventory(cell, arm, bodies, list_checked_pairs(cell, arm, bodies)) if not c.passed
+        ]
 
     assert not lost()
     change(folder, BOX, '<capsule radius="0.1" length="0.3"/>', "robot.urdf", 1)

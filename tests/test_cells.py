@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from machopt.domain.cell import Cell
-from machopt.formats.cell import load_cell
-from machopt.formats.toolpath import read_toolpath
-from machopt.model.collision import CollisionModel
-from machopt.model.ik import solver_for, turns
-from machopt.model.robot import Robot, load_chain
-from machopt.se3 import inverse, tool_rotation, transform
+from machopt.cell.cell_reader import load_cell
+from machopt.collision.collision_model import CollisionModel
+from machopt.data_types.cell import Cell
+from machopt.kinematics.inverse.solver import build_solver, list_whole_turns
+from machopt.kinematics.robot import Robot, load_chain
+from machopt.numerics.rigid_transforms import build_transform, compute_tool_rotation, invert_transform
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 ROOT = Path(__file__).resolve().parent.parent
 CELLS = ("cutting_cobot", "irb6700_drilling", "kr240_drilling", "kr500_milling", "s420f_handling")
@@ -144,7 +144,7 @@ def test_cells_with_external_axes(name: str, tmp_path: Path) -> None:
 def test_table_2_pair_is_one_tcp_turned_by_the_stated_angle(kr500: tuple[Cell, Robot], tag: int) -> None:
     cell, robot = kr500
     before, gamma_before, after, gamma_after = TAGS[tag]
-    A, B = (robot.fk(np.radians(q), cell.tool.T_flange_tcp) for q in (before, after))
+    A, B = (robot.compute_fk(np.radians(q), cell.tool.T_flange_tcp) for q in (before, after))
     assert np.linalg.norm(A[:3, 3] - B[:3, 3]) < 0.1e-3
     turn = A[:3, :3].T @ B[:3, :3]  # in the TCP frame: a turn about its z
     angle = np.degrees(np.arctan2(turn[1, 0], turn[0, 0]))
@@ -171,7 +171,7 @@ def test_table_2_alone_yields_the_tool_and_the_elbow_offset(kr500: tuple[Cell, R
         )
         rows, right = [], []
         for before, _, after, _ in TAGS.values():
-            A, B = arm.fk(np.radians(before)), arm.fk(np.radians(after))
+            A, B = arm.compute_fk(np.radians(before)), arm.compute_fk(np.radians(after))
             rows.append((A - B)[:3, 1:3])  # flange y and z; x is the tool axis, unobservable
             right.append((B - A)[:3, 3])
         M, b = np.vstack(rows), np.concatenate(right)
@@ -189,9 +189,9 @@ def test_tags_lie_on_the_deck_with_the_tool_square_to_it(kr500: tuple[Cell, Robo
     for before, _, after, _ in TAGS.values():
         for q in (before, after):
             T = (
-                inverse(cell.workpiece.T_link_workpiece)
+                invert_transform(cell.workpiece.T_link_workpiece)
                 @ cell.T_world_base
-                @ robot.fk(np.radians(q), cell.tool.T_flange_tcp)
+                @ robot.compute_fk(np.radians(q), cell.tool.T_flange_tcp)
             )
             assert abs(T[2, 3]) < 0.1e-3  # m: on the deck
             assert abs(T[1, 3]) < 0.5e-3  # on its centre line
@@ -205,8 +205,8 @@ def test_gamma_is_the_papers_rotation_on_the_pass_between_the_tags(kr500: tuple[
     travel = np.array([0.0, 1.0, 0.0])  # Tag 1 to Tag 2, base_link
     before, gamma_before, after, gamma_after = TAGS[tag]
     for q, gamma in ((before, gamma_before), (after, gamma_after)):
-        T = robot.fk(np.radians(q), cell.tool.T_flange_tcp)
-        np.testing.assert_allclose(T[:3, :3], tool_rotation(-T[:3, 2], travel, np.radians(gamma)), atol=1e-4)
+        T = robot.compute_fk(np.radians(q), cell.tool.T_flange_tcp)
+        np.testing.assert_allclose(T[:3, :3], compute_tool_rotation(-T[:3, 2], travel, np.radians(gamma)), atol=1e-4)
 
 
 def test_table_2_configurations_are_within_limits_and_touch_nothing(kr500: tuple[Cell, Robot]) -> None:
@@ -214,7 +214,7 @@ def test_table_2_configurations_are_within_limits_and_touch_nothing(kr500: tuple
     q = np.radians([row for before, _, after, _ in TAGS.values() for row in (before, after)])
     assert ((q > robot.lower) & (q < robot.upper)).all()
     model = CollisionModel(cell, robot, load_chain(cell)[1], clearance=0.002)
-    assert not model.check(q, np.ones(len(q), bool)).any
+    assert not model.check_configurations(q, np.ones(len(q), bool)).any
 
 
 def test_two_grid_stiffness_holds_the_papers_values_around_the_deck(tmp_path: Path) -> None:
@@ -239,7 +239,7 @@ def test_two_grid_stiffness_holds_the_papers_values_around_the_deck(tmp_path: Pa
             [1.50e7, 6.29e6, 4.56e6, 2.79e5, 3.28e5, 1.61e5],
         ],
     )
-    T_base_workpiece = inverse(cell.T_world_base) @ cell.workpiece.T_link_workpiece
+    T_base_workpiece = invert_transform(cell.T_world_base) @ cell.workpiece.T_link_workpiece
     corners = np.array([[x, y, z, 1.0] for x in (-0.23, 0.23) for y in (-0.095, 0.095) for z in (-0.13, 0.0)])
     inside = (corners @ T_base_workpiece.T)[:, :3]
     assert (inside > grid.origin).all()
@@ -282,7 +282,7 @@ def test_kr240_matches_dumas_table_3() -> None:
         T = np.eye(4)
         for (a, alpha, d, _), theta in zip(rows, t, strict=True):
             T = T @ modified_dh(theta, d, a, alpha)
-        np.testing.assert_allclose(robot.fk(q)[:3, 3], T[:3, 3] + [0, 0, 0.750], atol=1e-9)
+        np.testing.assert_allclose(robot.compute_fk(q)[:3, 3], T[:3, 3] + [0, 0, 0.750], atol=1e-9)
 
 
 def test_irb6700_matches_zhang_table_1() -> None:
@@ -299,7 +299,7 @@ def test_irb6700_matches_zhang_table_1() -> None:
             strict=True,
         ):
             T = T @ modified_dh(theta, d, a, alpha)
-        np.testing.assert_allclose(robot.fk(q)[:3, 3], T[:3, 3], atol=1e-9)
+        np.testing.assert_allclose(robot.compute_fk(q)[:3, 3], T[:3, 3], atol=1e-9)
 
 
 def test_s420f_matches_gora_trela_table_1() -> None:
@@ -316,10 +316,10 @@ def test_s420f_matches_gora_trela_table_1() -> None:
             strict=True,
         ):
             T = T @ dh(theta, d, a, alpha)
-        np.testing.assert_allclose(robot.fk(q)[:3, 3], T[:3, 3] + [0, 0, 0.900], atol=1e-9)
+        np.testing.assert_allclose(robot.compute_fk(q)[:3, 3], T[:3, 3] + [0, 0, 0.900], atol=1e-9)
     # the measured compliance 0.0059 mm/N at the paper's pose, from joints 2 and 3 alone; three digits are given
     q = np.radians([-84.91, 65.00 - 90.0, -12.31, 0.00, 9.64, 0.00])
-    J = robot.fk_jacobian(q)[1]
+    J = robot.compute_fk_jacobian(q)[1]
     assert cell.stiffness is not None
     c33 = float(np.sum(J[2, :3] ** 2 / cell.stiffness.joints[:3]))
     assert c33 == pytest.approx(0.0059e-3, rel=0.01)
@@ -338,7 +338,7 @@ def test_cobot_matches_tian_table_5_and_points_down_in_table_1() -> None:
             strict=True,
         ):
             T = T @ dh(theta, d, a, alpha)
-        F = robot.fk(q)
+        F = robot.compute_fk(q)
         np.testing.assert_allclose(F[:3, 3], T[:3, 3], atol=1e-9)
         np.testing.assert_allclose(F[:3, 2], T[:3, 2], atol=1e-9)
     poses = [
@@ -348,7 +348,7 @@ def test_cobot_matches_tian_table_5_and_points_down_in_table_1() -> None:
         [13.75, -77.53, 91.53, 252.95, 91.98, 234.03],
         [54.60, -79.96, 89.42, 259.31, 88.94, 272.86],
     ]
-    F = robot.fk(np.radians(poses))
+    F = robot.compute_fk(np.radians(poses))
     assert (F[:, 2, 2] < -0.99).all()
     assert (F[:, 2, 3] > 0.2).all()
 
@@ -472,12 +472,18 @@ def test_sampled_points_are_reachable_with_many_rotations(name: str, path: str, 
     robot = load_chain(cell)[0]
     tip, axis, _ = (v[::every] for v in tips_and_axes(path))
     gamma = np.radians(np.arange(-180.0, 180.0, 20.0))
-    T = transform(
-        tool_rotation(axis[:, None], np.array([1.0, 0.0, 0.0]), gamma), np.repeat(tip[:, None], len(gamma), 1) / 1e3
+    T = build_transform(
+        compute_tool_rotation(axis[:, None], np.array([1.0, 0.0, 0.0]), gamma),
+        np.repeat(tip[:, None], len(gamma), 1) / 1e3,
     )
-    T_base_flange = inverse(cell.T_world_base) @ cell.workpiece.T_link_workpiece @ T @ inverse(cell.tool.T_flange_tcp)
-    q = solver_for(robot).solve(T_base_flange.reshape(-1, 4, 4)).q
-    q = q[:, :, None] + turns(cell.limits.lower, cell.limits.upper)
+    T_base_flange = (
+        invert_transform(cell.T_world_base)
+        @ cell.workpiece.T_link_workpiece
+        @ T
+        @ invert_transform(cell.tool.T_flange_tcp)
+    )
+    q = build_solver(robot).solve(T_base_flange.reshape(-1, 4, 4)).q
+    q = q[:, :, None] + list_whole_turns(cell.limits.lower, cell.limits.upper)
     fits = (
         ((q >= cell.limits.lower) & (q <= cell.limits.upper))
         .all(axis=-1)

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from trajectory_back import read_trajectory_csv
 
 from machopt.batch.run import run_batch
-from machopt.domain.toolpath import Move
-from machopt.formats.celltext import as_cell, from_cell
-from machopt.formats.tables import write_trajectory_csv
-from machopt.verify.columns import read_columns
+from machopt.data_types.toolpath import MoveKind
+from machopt.file_formats.csv_text_escaping import escape_formula_text, unescape_formula_text
+from machopt.output.tables.plan_tables import write_trajectory_csv
+from machopt.verification.tables.csv_columns import read_columns
 
 BAD = ("=HYPERLINK(1)", "+1", "-1", "@SUM(A1)", "'=1", "''@x", " =1", "＝1+1")
 RUN = tuple("=+-@\t\r＝＋－＠")
@@ -24,27 +24,27 @@ RUN = tuple("=+-@\t\r＝＋－＠")
 
 @given(st.text(alphabet="='+-@ a\t\r＝", max_size=6))
 def test_every_text_comes_back_and_none_is_a_formula(text: str) -> None:
-    assert from_cell(as_cell(text)) == text
-    assert not as_cell(text).lstrip(" ").startswith(RUN)
+    assert unescape_formula_text(escape_formula_text(text)) == text
+    assert not escape_formula_text(text).lstrip(" ").startswith(RUN)
 
 
 def test_words_and_numbers_that_are_harmless_stay_as_they_are() -> None:
     for text in ("", "drill 5", "it's", "'quoted'", "Ünique", "5-1"):
-        assert as_cell(text) == text
+        assert escape_formula_text(text) == text
 
 
 @pytest.mark.parametrize("label", BAD)
 def test_labels_of_operations_survive_the_trajectory_and_both_readers_agree(label: str, tmp_path: Path) -> None:
     import numpy as np
 
-    from machopt.domain.trajectory import Trajectory
+    from machopt.data_types.trajectory import Trajectory
 
     n = 3
     t = Trajectory(
         time=np.arange(n) * 0.012,
         point=np.arange(n, dtype=float),
         operation=np.zeros(n, np.int32),
-        move=np.full(n, int(Move.CUT), np.int8),
+        move=np.full(n, int(MoveKind.CUT), np.int8),
         q=np.zeros((n, 6)),
         external=np.zeros((n, 0)),
         gamma=np.zeros(n),
@@ -83,11 +83,11 @@ def test_names_of_files_and_jobs_and_reasons_in_the_summary_of_a_batch(tmp_path:
 def test_labels_of_operations_survive_the_csv_program(label: str, tmp_path: Path) -> None:
     from made_up_program import Recipe, program
 
-    from machopt.domain.program import Controller
-    from machopt.formats.posts import write_program
-    from machopt.formats.programs import read_program
+    from machopt.data_types.robot_program import RobotController
+    from machopt.programs.program_reader import read_program
+    from machopt.programs.program_writer import write_program
 
-    write_program(tmp_path, "part", program(Recipe(seed=1, operations=(label, "b"))), "csv", Controller())
+    write_program(tmp_path, "part", program(Recipe(seed=1, operations=(label, "b"))), "csv", RobotController())
     (file,) = tmp_path.iterdir()
     for row in csv.reader(io.StringIO(file.read_text(encoding="utf-8"))):
         assert row[0].startswith("#") or not [c for c in (row[1], row[-1]) if c.startswith(RUN)]

@@ -19,22 +19,22 @@ from small_cell import small_cell
 from test_choose import VELOCITY, every_price, random_problem
 from test_path import Rows, toolpath
 
-from machopt.domain.options import PlanOptions, Weights
-from machopt.domain.stiffness import Stiffness
-from machopt.domain.toolpath import Move
-from machopt.plan.certainty.certificate import certificate
-from machopt.plan.choice.choose import choose
-from machopt.plan.choice.worst_cap import GAP
-from machopt.plan.pipeline import coarser_grids, run
-from machopt.plan.pipeline.coarser_grids import strides, thinned
-from machopt.plan.pipeline.planned import Plan
-from machopt.plan.pipeline.run import plan
-from machopt.plan.pipeline.search import Search
+from machopt.data_types.plan_options import ObjectiveWeights, PlanOptions
+from machopt.data_types.stiffness import ArmStiffness
+from machopt.data_types.toolpath import MoveKind
+from machopt.planning.optimality_certificate import compute_certificate
+from machopt.planning.pipeline import nested_grids, path_planner
+from machopt.planning.pipeline.collision_free_search import CollisionFreeSearch
+from machopt.planning.pipeline.nested_grids import list_nested_strides, thin_grid
+from machopt.planning.pipeline.path_planner import plan_path
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.sequence_search.dynamic_programming import choose_sequence
+from machopt.planning.sequence_search.worst_value_constraint import GAP
 
 EXACT = 1e-12  # of J: rounding
 CURVES = 2 * GAP  # of J: a choice may miss GAP, and a smooth curve is a local optimum; 30 jobs lay below 2e-4
 weights = st.builds(
-    Weights,
+    ObjectiveWeights,
     mean=st.floats(0.1, 2.0),
     worst=st.floats(0.0, 4.0),
     travel=st.floats(0.0, 0.5),
@@ -47,13 +47,13 @@ rapids = st.sampled_from([(0, 3), (0,), (0, 2, 4)])
 
 @given(seeds, rapids, weights)
 @settings(max_examples=examples(60), deadline=None)
-def test_bound_and_choice_against_every_sequence(seed: int, rapid: tuple[int, ...], priced: Weights) -> None:
+def test_bound_and_choice_against_every_sequence(seed: int, rapid: tuple[int, ...], priced: ObjectiveWeights) -> None:
     path, candidates, scores = random_problem(seed, rapid)
     options = PlanOptions(weights=priced, preferred_rotation=0.4)
     total, worst = every_price(path, candidates, scores, options)
     ideal, choice = (
         np.min(total + priced.worst * worst, initial=np.inf),
-        choose(path, candidates, scores, VELOCITY, options),
+        choose_sequence(path, candidates, scores, VELOCITY, options),
     )
     if not np.isfinite(ideal):
         assert choice.broken
@@ -64,7 +64,9 @@ def test_bound_and_choice_against_every_sequence(seed: int, rapid: tuple[int, ..
 
 @given(seeds, rapids, weights, st.data())
 @settings(max_examples=examples(60), deadline=None)
-def test_more_freedom_never_costs(seed: int, rapid: tuple[int, ...], priced: Weights, data: st.DataObject) -> None:
+def test_more_freedom_never_costs(
+    seed: int, rapid: tuple[int, ...], priced: ObjectiveWeights, data: st.DataObject
+) -> None:
     """Rotations or branches struck out, as by a narrower range or a coarser grid: what is left is never better."""
     path, candidates, scores = random_problem(seed, rapid)
     options = PlanOptions(weights=priced)
@@ -73,7 +75,7 @@ def test_more_freedom_never_costs(seed: int, rapid: tuple[int, ...], priced: Wei
     mask = np.zeros((4, 2), bool)
     mask[np.ix_(sorted(rotations), sorted(branches))] = True
     narrow = replace(candidates, feasible=candidates.feasible & mask[None, :, :, None])
-    few, many = (choose(path, c, scores, VELOCITY, options) for c in (narrow, candidates))
+    few, many = (choose_sequence(path, c, scores, VELOCITY, options) for c in (narrow, candidates))
     if few.broken or few.dropped.any():
         return
     assert not many.broken
@@ -82,16 +84,16 @@ def test_more_freedom_never_costs(seed: int, rapid: tuple[int, ...], priced: Wei
 
 
 def test_coarser_grids_are_those_of_every_kth_rotation() -> None:
-    assert strides(8) == []  # 45°
-    assert strides(12) == []  # 30°: 60° is too coarse
-    assert strides(24) == [2, 3]  # 15°
-    assert strides(36) == [2, 3, 4]  # 10°
-    assert strides(37) == []
-    assert strides(72) == [2]
-    assert strides(180) == [2, 3, 4, 5]
-    assert strides(360) == [2, 3, 4, 5, 6, 8, 9, 10]
+    assert list_nested_strides(8) == []  # 45°
+    assert list_nested_strides(12) == []  # 30°: 60° is too coarse
+    assert list_nested_strides(24) == [2, 3]  # 15°
+    assert list_nested_strides(36) == [2, 3, 4]  # 10°
+    assert list_nested_strides(37) == []
+    assert list_nested_strides(72) == [2]
+    assert list_nested_strides(180) == [2, 3, 4, 5]
+    assert list_nested_strides(360) == [2, 3, 4, 5, 6, 8, 9, 10]
     _, candidates, scores = random_problem(0)
-    coarse, priced = thinned(candidates, scores, 2)
+    coarse, priced = thin_grid(candidates, scores, 2)
     np.testing.assert_array_equal(coarse.q, candidates.q[:, [0, 2]])
     np.testing.assert_array_equal(priced.cost, scores.cost[:, [0, 2]])
     assert priced.scale == scores.scale
@@ -102,9 +104,9 @@ def test_coarser_choices_made_ahead_are_made_again_once_the_grid_has_lost_a_vert
 ) -> None:
     path, candidates, scores = random_problem(3)
     made: list[int] = []
-    told = coarser_grids.choose
-    monkeypatch.setattr(coarser_grids, "strides", lambda _: [2])
-    monkeypatch.setattr(coarser_grids, "choose", lambda *a: made.append(1) or told(*a))
+    told = nested_grids.choose_sequence
+    monkeypatch.setattr(nested_grids, "list_nested_strides", lambda _: [2])
+    monkeypatch.setattr(nested_grids, "choose_sequence", lambda *a: made.append(1) or told(*a))
     wide = np.zeros(len(path.stations), bool)
     search = SimpleNamespace(
         path=path,
@@ -114,7 +116,7 @@ def test_coarser_choices_made_ahead_are_made_again_once_the_grid_has_lost_a_vert
         options=PlanOptions(),
         chooser=SimpleNamespace(wide=wide),
     )
-    coarser = coarser_grids.Coarser(search)  # type: ignore[arg-type]
+    coarser = nested_grids.NestedGridSearch(search)  # type: ignore[arg-type]
     coarser.choose()
     first = coarser.of(2)[2]
     assert made == [1]
@@ -130,19 +132,19 @@ def test_coarser_choices_made_ahead_are_made_again_once_the_grid_has_lost_a_vert
 
 def one_scale(monkeypatch: pytest.MonkeyPatch, scale: float = 1e-6) -> None:
     """c₀ is the median over the candidates, so that grids and ranges have each their own; here all have one."""
-    told = run.score_candidates
-    monkeypatch.setattr(run, "score_candidates", lambda *a: replace(told(*a), scale=scale))
+    told = path_planner.score_candidates
+    monkeypatch.setattr(path_planner, "score_candidates", lambda *a: replace(told(*a), scale=scale))
 
 
-def planned(folder: FilePath, rows: Rows, priced: Weights, step: float, reach: float = 180.0) -> Plan:
-    cell = small_cell(folder, stiffness=Stiffness(joints=np.array([1.4e6, 4.0e5, 9.4e5, 3.6e5, 3.7e5, 3.8e5])))
+def planned(folder: FilePath, rows: Rows, priced: ObjectiveWeights, step: float, reach: float = 180.0) -> Plan:
+    cell = small_cell(folder, stiffness=ArmStiffness(joints=np.array([1.4e6, 4.0e5, 9.4e5, 3.6e5, 3.7e5, 3.8e5])))
     options = PlanOptions(
         weights=priced,
         rotation_step=math.radians(step),
         collision=False,
         rotation_range=(-math.radians(reach), math.radians(reach)),
     )
-    return plan(cell, toolpath(rows, feed=0.01), options)
+    return plan_path(cell, toolpath(rows, feed=0.01), options)
 
 
 @st.composite
@@ -155,7 +157,9 @@ def jobs(draw: st.DrawFn) -> Rows:
     axis = np.column_stack([lean[0], lean[1], np.ones(n)])
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
     y = draw(st.floats(-0.2, 0.2))
-    return [((float(along[k]) - 0.1, y, 0.02), tuple(axis[k]), Move.RAPID if k == 0 else Move.CUT) for k in range(n)]
+    return [
+        ((float(along[k]) - 0.1, y, 0.02), tuple(axis[k]), MoveKind.RAPID if k == 0 else MoveKind.CUT) for k in range(n)
+    ]
 
 
 @given(
@@ -167,7 +171,7 @@ def test_refining_and_widening_never_make_the_plan_worse(
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:
         one_scale(patch)
-        priced = Weights(worst=worst)
+        priced = ObjectiveWeights(worst=worst)
         coarse, fine, narrow = (
             planned(tmp_path, rows, priced, step, reach)
             for step, reach in ((steps[0], 180.0), (steps[1], 180.0), (steps[1], 60.0))
@@ -178,7 +182,7 @@ def test_refining_and_widening_never_make_the_plan_worse(
     exact = steps != (20.0, 5.0)  # beside a fine grid those coarser than 10° are not looked at
     assert coarse.chosen.objective.total * (1 + (1e-6 if exact else CURVES)) >= J
     assert narrow.chosen.objective.total * (1 + CURVES) >= J
-    found = certificate(fine)
+    found = compute_certificate(fine)
     assert found is not None
     assert 0.0 <= found.gap <= 1.01 * GAP
     assert found.objective <= found.grid * (1 + EXACT)
@@ -188,12 +192,14 @@ def test_refining_and_widening_never_make_the_plan_worse(
 def test_what_is_made_beside_other_work_changes_no_plan_and_is_made_once(
     tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rows: Rows = [((0.02 * k - 0.1, 0.05, 0.02), (0.1, 0.02 * k, 1.0), Move.CUT if k else Move.RAPID) for k in range(8)]
-    searches: list[weakref.ref[Search]] = []
+    rows: Rows = [
+        ((0.02 * k - 0.1, 0.05, 0.02), (0.1, 0.02 * k, 1.0), MoveKind.CUT if k else MoveKind.RAPID) for k in range(8)
+    ]
+    searches: list[weakref.ref[CollisionFreeSearch]] = []
     made: list[str] = []
-    coarse, begun = coarser_grids.choose, Search.begin
+    coarse, begun = nested_grids.choose_sequence, CollisionFreeSearch.begin
 
-    def begin(search: Search) -> None:
+    def begin(search: CollisionFreeSearch) -> None:
         searches.append(weakref.ref(search))
         made.append(f"first {threading.current_thread() is threading.main_thread()}")
         begun(search)
@@ -202,13 +208,13 @@ def test_what_is_made_beside_other_work_changes_no_plan_and_is_made_once(
         made.append(f"coarse {threading.current_thread() is threading.main_thread()}")
         return coarse(*a)
 
-    monkeypatch.setattr(Search, "begin", begin)
-    monkeypatch.setattr(coarser_grids, "choose", choose_coarse)
+    monkeypatch.setattr(CollisionFreeSearch, "begin", begin)
+    monkeypatch.setattr(nested_grids, "choose_sequence", choose_coarse)
     plans = []
     for cores in (1, 2):
-        monkeypatch.setattr("machopt.model.threads.cores", lambda cores=cores: cores)
-        monkeypatch.setattr(coarser_grids, "cores", lambda cores=cores: cores)
-        plans.append(planned(tmp_path, rows, Weights(), 5.0))
+        monkeypatch.setattr("machopt.numerics.worker_threads.count_threads", lambda cores=cores: cores)
+        monkeypatch.setattr(nested_grids, "count_threads", lambda cores=cores: cores)
+        plans.append(planned(tmp_path, rows, ObjectiveWeights(), 5.0))
     assert made == ["first True", "coarse True", "first False", "coarse False"]
     one, two = (p.chosen for p in plans)
     np.testing.assert_array_equal(one.assignment.phi, two.assignment.phi)

@@ -10,37 +10,39 @@ import numpy as np
 import pytest
 from test_path import Rows, length_weight, toolpath
 
-from machopt.domain.options import FixedRotation, PlanOptions, Weights
-from machopt.domain.reason import Reason
-from machopt.domain.toolpath import Move
-from machopt.plan.choice.choose import Choice, Grid, choose
-from machopt.plan.choice.edges import Edges
-from machopt.plan.choice.sequence import JUMP
-from machopt.plan.choice.windows import TURNING, windows
-from machopt.plan.choice.worst_cap import GAP, SOLVES, Capped, trade
-from machopt.plan.configurations.candidates import Candidates, _forbid_by_user
-from machopt.plan.configurations.realise import MARGINS, Assignment
-from machopt.plan.cost.objective import AXIS_SPEED, NEAR
-from machopt.plan.cost.score import Scores
-from machopt.plan.stations.path import Path, build_path
-from machopt.se3 import wrap
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.data_types.plan_options import FixedRotation, ObjectiveWeights, PlanOptions
+from machopt.data_types.toolpath import MoveKind
+from machopt.numerics.rigid_transforms import wrap_angle
+from machopt.planning.cost.objective import AXIS_SPEED, NEAR
+from machopt.planning.cost.stiffness_index import CandidateScores
+from machopt.planning.sampling.configurations import CandidateGrid, _forbid_by_user
+from machopt.planning.sampling.joint_path import MARGINS, JointAssignment
+from machopt.planning.sequence_search.dynamic_programming import SequenceChoice, SequenceGrid, choose_sequence
+from machopt.planning.sequence_search.forbidden_transitions import ForbiddenTransitions
+from machopt.planning.sequence_search.search_kernels import JUMP
+from machopt.planning.sequence_search.transition_windows import TURNING, compute_transition_windows
+from machopt.planning.sequence_search.worst_value_constraint import GAP, SOLVES, WorstLimitedSequence, trade_worst_index
+from machopt.planning.stations.planning_path import PlanningPath, build_planning_path
 
 UP = (0.0, 0.0, 1.0)
-C, R = Move.CUT, Move.RAPID
+C, R = MoveKind.CUT, MoveKind.RAPID
 VELOCITY = np.array([2.0, 2.0, 2.0, 3.0, 3.0, 4.0])
 NO_TURN = np.zeros((1, 6))
 Vertex = tuple[int, int, int]
 Rapid = tuple[int, ...]
 
 
-def line(n: int, rapid: tuple[int, ...] = (0,), spacing: float = 0.019) -> Path:
+def line(n: int, rapid: tuple[int, ...] = (0,), spacing: float = 0.019) -> PlanningPath:
     rows: Rows = [((spacing * k, 0.0, 0.0), UP, R if k in rapid else C) for k in range(n)]
-    path = build_path(toolpath(rows, feed=0.002))  # slow, so that the rotation may change at every station
+    path = build_planning_path(toolpath(rows, feed=0.002))  # slow, so that the rotation may change at every station
     assert len(path.index) == n
     return path
 
 
-def random_problem(seed: int, rapid: tuple[int, ...] = (0, 3), turning: int = 2) -> tuple[Path, Candidates, Scores]:
+def random_problem(
+    seed: int, rapid: tuple[int, ...] = (0, 3), turning: int = 2
+) -> tuple[PlanningPath, CandidateGrid, CandidateScores]:
     """Five stations, four rotations, two branches, two turns of joint 6; joints wander by up to a few ten degrees."""
     rng = np.random.default_rng(seed)
     S, rotations, B = 5, 4, 2
@@ -53,26 +55,26 @@ def random_problem(seed: int, rapid: tuple[int, ...] = (0, 3), turning: int = 2)
     turns[1:, 5] = -2 * np.pi
     feasible = rng.uniform(size=(S, rotations, B, turning)) < 0.75
     cost = np.where(feasible.any(axis=-1), rng.uniform(0.5, 2.0, (S, rotations, B)), np.nan)
-    reason = np.where(feasible.any(axis=-1), Reason.OK, Reason.LIMIT).astype(np.uint8)
-    candidates = Candidates(
+    reason = np.where(feasible.any(axis=-1), InfeasibilityReason.OK, InfeasibilityReason.LIMIT).astype(np.uint8)
+    candidates = CandidateGrid(
         phi=np.arange(rotations) * np.pi / 2 - np.pi,
-        q=wrap(q),
+        q=wrap_angle(q),
         turns=turns,
         reason=reason,
         feasible=feasible,
         stable=True,
         shortfall=np.zeros(S),
     )
-    return path, candidates, Scores(cost=cost, index="stiffness", scale=1.0)
+    return path, candidates, CandidateScores(cost=cost, index="stiffness", scale=1.0)
 
 
-def told(candidates: Candidates, s: int, v: Vertex) -> np.ndarray:
+def told(candidates: CandidateGrid, s: int, v: Vertex) -> np.ndarray:
     return candidates.q[s, v[0], v[1]] + candidates.turns[v[2]]
 
 
 def transition(
-    path: Path,
-    candidates: Candidates,
+    path: PlanningPath,
+    candidates: CandidateGrid,
     window: np.ndarray,
     seconds: np.ndarray,
     s: int,
@@ -105,10 +107,10 @@ class Priced:
     index: Callable[[int, Vertex], float]  # nothing where it does not count
 
 
-def priced(path: Path, candidates: Candidates, scores: Scores, options: PlanOptions) -> Priced:
-    window, seconds = windows(path, candidates, float(VELOCITY.min()))
+def priced(path: PlanningPath, candidates: CandidateGrid, scores: CandidateScores, options: PlanOptions) -> Priced:
+    window, seconds = compute_transition_windows(path, candidates, float(VELOCITY.min()))
     counted = path.counted[path.stations]
-    gamma = wrap(candidates.phi[None] + path.offset[path.stations][:, None])
+    gamma = wrap_angle(candidates.phi[None] + path.offset[path.stations][:, None])
     S = len(path.stations)
     vertices = [[tuple(int(x) for x in v) for v in np.argwhere(candidates.feasible[s])] for s in range(S)]
     price = np.full((S, len(candidates.phi)), 0.0)
@@ -134,7 +136,7 @@ def priced(path: Path, candidates: Candidates, scores: Scores, options: PlanOpti
 
 
 def every_sequence(
-    path: Path, candidates: Candidates, scores: Scores, options: PlanOptions
+    path: PlanningPath, candidates: CandidateGrid, scores: CandidateScores, options: PlanOptions
 ) -> Iterator[tuple[float, float, list[Vertex]]]:
     """(price without the worst index, worst index, sequence) of every allowed sequence, depth first."""
     p = priced(path, candidates, scores, options)
@@ -153,7 +155,7 @@ def every_sequence(
 
 
 def every_price(
-    path: Path, candidates: Candidates, scores: Scores, options: PlanOptions
+    path: PlanningPath, candidates: CandidateGrid, scores: CandidateScores, options: PlanOptions
 ) -> tuple[np.ndarray, np.ndarray]:
     """(N,) price without the worst index and (N,) worst index of the same sequences, all of a length at a time."""
     p = priced(path, candidates, scores, options)
@@ -169,12 +171,12 @@ def every_price(
     return total, worst
 
 
-def sequence(choice: Choice) -> list[Vertex]:
+def sequence(choice: SequenceChoice) -> list[Vertex]:
     return [tuple(int(x) for x in v) for v in zip(choice.rotation, choice.branch, choice.turn, strict=True)]
 
 
 def price_of(
-    found: list[Vertex], path: Path, candidates: Candidates, scores: Scores, options: PlanOptions
+    found: list[Vertex], path: PlanningPath, candidates: CandidateGrid, scores: CandidateScores, options: PlanOptions
 ) -> tuple[float, float]:
     return next((t, w) for t, w, v in every_sequence(path, candidates, scores, options) if v == found)
 
@@ -184,7 +186,7 @@ def price_of(
 
 def test_sequences_one_by_one_and_all_at_once_have_the_same_prices() -> None:
     path, candidates, scores = random_problem(2)
-    options = PlanOptions(weights=Weights(travel=0.3, rotation=0.4), preferred_rotation=0.5)
+    options = PlanOptions(weights=ObjectiveWeights(travel=0.3, rotation=0.4), preferred_rotation=0.5)
     total, worst = every_price(path, candidates, scores, options)
     one_by_one = [(t, w) for t, w, _ in every_sequence(path, candidates, scores, options)]
     assert len(one_by_one) > 1000
@@ -194,9 +196,11 @@ def test_sequences_one_by_one_and_all_at_once_have_the_same_prices() -> None:
 @pytest.mark.parametrize("seed", range(8))
 def test_cheapest_of_all_sequences(seed: int) -> None:
     path, candidates, scores = random_problem(seed)
-    options = PlanOptions(weights=Weights(mean=1.0, worst=0.0, travel=0.3, rotation=0.4), preferred_rotation=0.5)
+    options = PlanOptions(
+        weights=ObjectiveWeights(mean=1.0, worst=0.0, travel=0.3, rotation=0.4), preferred_rotation=0.5
+    )
     best = min(every_sequence(path, candidates, scores, options), key=lambda x: x[0], default=None)
-    choice = choose(path, candidates, scores, VELOCITY, options)
+    choice = choose_sequence(path, candidates, scores, VELOCITY, options)
     if best is None:
         assert choice.broken
         return
@@ -211,13 +215,13 @@ def test_cheapest_of_all_sequences(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(12))
 def test_no_sequence_is_better_than_the_bound_and_the_chosen_one_is_within_the_gap(seed: int, rapid: Rapid) -> None:
     path, candidates, scores = random_problem(seed, rapid)
-    weights = Weights(mean=1.0, worst=0.0, travel=0.3, rotation=0.4)
+    weights = ObjectiveWeights(mean=1.0, worst=0.0, travel=0.3, rotation=0.4)
     found = every_sequence(path, candidates, scores, PlanOptions(weights=weights))
     every = {tuple(v): (t, w) for t, w, v in found}  # prices beside the worst index: the same for each weight of it
     for worst in (0.05, 0.5, 4.0):
         options = PlanOptions(weights=replace(weights, worst=worst))
         ideal = min((t + worst * w for t, w in every.values()), default=None)
-        choice = choose(path, candidates, scores, VELOCITY, options)
+        choice = choose_sequence(path, candidates, scores, VELOCITY, options)
         if ideal is None:
             assert choice.broken
             continue
@@ -231,7 +235,7 @@ def test_no_sequence_is_better_than_the_bound_and_the_chosen_one_is_within_the_g
 @pytest.mark.parametrize("seed", range(12))
 def test_no_rapid_move_joins_branches_that_are_shut(seed: int) -> None:
     path, candidates, scores = random_problem(seed, (0, 2, 4))
-    options = PlanOptions(weights=Weights(mean=1.0, worst=0.0, travel=0.3, rotation=0.4))
+    options = PlanOptions(weights=ObjectiveWeights(mean=1.0, worst=0.0, travel=0.3, rotation=0.4))
     branches = candidates.q.shape[2]
     shut = np.random.default_rng(seed).random((branches, branches)) < 0.4
     np.fill_diagonal(shut, False)
@@ -244,7 +248,7 @@ def test_no_rapid_move_joins_branches_that_are_shut(seed: int) -> None:
 
     every = [(t, v) for t, _, v in every_sequence(path, candidates, scores, options)]
     left = [t for t, v in every if may(v)]
-    choice = choose(path, replace(candidates, shut=shut), scores, VELOCITY, options)
+    choice = choose_sequence(path, replace(candidates, shut=shut), scores, VELOCITY, options)
     if not left:
         assert choice.broken or choice.dropped.any()
         return
@@ -262,15 +266,15 @@ def test_caps_are_searched_until_nothing_better_is_left(seed: int) -> None:
     weight = float(rng.uniform(0.01, 3.0))
     asked = []
 
-    def at(k: int) -> Capped:
-        return Capped(np.full((1, 3), k, np.int32), float(value[k]), float(worst[k]))
+    def at(k: int) -> WorstLimitedSequence:
+        return WorstLimitedSequence(np.full((1, 3), k, np.int32), float(value[k]), float(worst[k]))
 
-    def solve(cap: float, limit: float) -> Capped | None:
+    def solve(cap: float, limit: float) -> WorstLimitedSequence | None:
         asked.append(cap)
         inside = np.flatnonzero((worst <= cap) & (value < limit))
         return at(int(inside[np.argmin(value[inside])])) if len(inside) else None
 
-    found = trade(at(int(np.argmin(value))), float(worst.min()), weight, solve)
+    found = trade_worst_index(at(int(np.argmin(value))), float(worst.min()), weight, solve)
     ideal = float((value + weight * worst).min())
     assert found.bound <= ideal <= found.total <= ideal * (1 + 1.01 * GAP)
     assert found.gap <= 1.01 * GAP
@@ -288,7 +292,7 @@ def test_unstable_branch_indices_may_be_left_for_the_continuous_one() -> None:
     cost[:2, :, 0] = cost[2, :, 1] = cost[3:, :, 0] = 1.0
     for stable, expected in ((False, [0, 0, 1, 0, 0]), (True, None)):
         swapped = replace(candidates, q=q, feasible=free, stable=stable)
-        choice = choose(path, swapped, replace(scores, cost=cost), VELOCITY, PlanOptions())
+        choice = choose_sequence(path, swapped, replace(scores, cost=cost), VELOCITY, PlanOptions())
         if expected is None:
             assert choice.broken
         else:
@@ -299,15 +303,15 @@ def test_unstable_branch_indices_may_be_left_for_the_continuous_one() -> None:
 # --- what continuity means ---------------------------------------------------------------------------------
 
 
-def winding(path: Path, limit_turns: tuple[int, ...]) -> tuple[Candidates, Scores]:
+def winding(path: PlanningPath, limit_turns: tuple[int, ...]) -> tuple[CandidateGrid, CandidateScores]:
     """One rotation, one branch; joint 6 walks from 150° to 210° in steps of 15°: over the cut at 180°."""
     S = len(path.stations)
     q = np.zeros((S, 1, 1, 6))
-    q[:, 0, 0, 5] = wrap(np.radians(150 + 15.0 * np.arange(S)))
+    q[:, 0, 0, 5] = wrap_angle(np.radians(150 + 15.0 * np.arange(S)))
     turns = np.zeros((len(limit_turns), 6))
     turns[:, 5] = 2 * np.pi * np.array(limit_turns)
     feasible = np.ones((S, 1, 1, len(turns)), bool)
-    candidates = Candidates(
+    candidates = CandidateGrid(
         phi=np.zeros(1),
         q=q,
         turns=turns,
@@ -316,13 +320,13 @@ def winding(path: Path, limit_turns: tuple[int, ...]) -> tuple[Candidates, Score
         stable=True,
         shortfall=np.zeros(S),
     )
-    return candidates, Scores(np.ones((S, 1, 1)), "stiffness", 1.0)
+    return candidates, CandidateScores(np.ones((S, 1, 1)), "stiffness", 1.0)
 
 
 def test_joint_6_walks_over_180_degrees_without_a_jump() -> None:
     path = line(5)
     candidates, scores = winding(path, (0, 1))
-    choice = choose(path, candidates, scores, VELOCITY, PlanOptions())
+    choice = choose_sequence(path, candidates, scores, VELOCITY, PlanOptions())
     assert not choice.broken
     np.testing.assert_allclose(np.degrees(choice.q[:, 5]), 150 + 15.0 * np.arange(5))
     assert choice.turn.tolist() == [0, 0, 0, 1, 1]
@@ -331,7 +335,7 @@ def test_joint_6_walks_over_180_degrees_without_a_jump() -> None:
 def test_where_the_next_turn_is_outside_the_limits_the_sequence_breaks_and_says_where() -> None:
     path = line(5)
     candidates, scores = winding(path, (0,))
-    choice = choose(path, candidates, scores, VELOCITY, PlanOptions())
+    choice = choose_sequence(path, candidates, scores, VELOCITY, PlanOptions())
     assert choice.broken == (3,)
     assert not choice.dropped.any()
 
@@ -339,12 +343,12 @@ def test_where_the_next_turn_is_outside_the_limits_the_sequence_breaks_and_says_
 def test_a_rapid_move_unwinds_at_its_price() -> None:
     path = line(5, rapid=(0, 3))
     candidates, scores = winding(path, (0,))
-    choice = choose(path, candidates, scores, VELOCITY, PlanOptions())
+    choice = choose_sequence(path, candidates, scores, VELOCITY, PlanOptions())
     assert choice.broken == ()
     assert np.degrees(choice.q[3, 5] - choice.q[2, 5]) == pytest.approx(-345)
     both, _ = winding(path, (0, 1))
-    dear = PlanOptions(weights=Weights(travel=1.0))
-    assert np.degrees(np.diff(choose(path, both, scores, VELOCITY, dear).q[:, 5])).max() == pytest.approx(15)
+    dear = PlanOptions(weights=ObjectiveWeights(travel=1.0))
+    assert np.degrees(np.diff(choose_sequence(path, both, scores, VELOCITY, dear).q[:, 5])).max() == pytest.approx(15)
 
 
 def test_branch_changes_only_over_a_rapid_move() -> None:
@@ -353,7 +357,7 @@ def test_branch_changes_only_over_a_rapid_move() -> None:
     q = np.broadcast_to(rng.uniform(-1, 1, (1, 1, 2, 6)), (6, 1, 2, 6)).copy()
     cost = np.ones((6, 1, 2))
     cost[:3, :, 1] = cost[3:, :, 0] = 5.0
-    candidates = Candidates(
+    candidates = CandidateGrid(
         phi=np.zeros(1),
         q=q,
         turns=NO_TURN,
@@ -362,10 +366,10 @@ def test_branch_changes_only_over_a_rapid_move() -> None:
         stable=True,
         shortfall=np.zeros(6),
     )
-    choice = choose(path, candidates, Scores(cost, "stiffness", 1.0), VELOCITY, PlanOptions())
+    choice = choose_sequence(path, candidates, CandidateScores(cost, "stiffness", 1.0), VELOCITY, PlanOptions())
     assert choice.branch.tolist() == [0, 0, 0, 1, 1, 1]
     whole = line(6)
-    choice = choose(whole, candidates, Scores(cost, "stiffness", 1.0), VELOCITY, PlanOptions())
+    choice = choose_sequence(whole, candidates, CandidateScores(cost, "stiffness", 1.0), VELOCITY, PlanOptions())
     assert len(set(choice.branch.tolist())) == 1
 
 
@@ -379,9 +383,11 @@ def test_a_branch_that_ends_is_never_read() -> None:
     holes = replace(candidates, q=q, feasible=feasible)
     cost = np.random.default_rng(0).uniform(0.5, 2, scores.cost.shape)
     cost[2, 1:] = np.nan
-    choice = choose(path, holes, replace(scores, cost=cost), VELOCITY, PlanOptions(weights=Weights(worst=0.0)))
+    choice = choose_sequence(
+        path, holes, replace(scores, cost=cost), VELOCITY, PlanOptions(weights=ObjectiveWeights(worst=0.0))
+    )
     best = min(
-        every_sequence(path, holes, replace(scores, cost=cost), PlanOptions(weights=Weights(worst=0.0))),
+        every_sequence(path, holes, replace(scores, cost=cost), PlanOptions(weights=ObjectiveWeights(worst=0.0))),
         key=lambda x: x[0],
     )
     assert sequence(choice) == best[2]
@@ -392,11 +398,13 @@ def test_stations_without_any_vertex_are_dropped_and_the_rest_is_planned() -> No
     feasible = np.ones_like(candidates.feasible)
     feasible[2] = False
     cost = np.where(feasible.any(axis=-1), 1.0, np.nan)
-    choice = choose(path, replace(candidates, feasible=feasible), replace(scores, cost=cost), VELOCITY, PlanOptions())
+    choice = choose_sequence(
+        path, replace(candidates, feasible=feasible), replace(scores, cost=cost), VELOCITY, PlanOptions()
+    )
     assert choice.dropped.tolist() == [False, False, True, False, False]
     assert np.isnan(choice.q[2]).all()
     assert np.isfinite(choice.q[[0, 1, 3, 4]]).all()
-    nothing = choose(
+    nothing = choose_sequence(
         path,
         replace(candidates, feasible=feasible & False),
         replace(scores, cost=cost * np.nan),
@@ -407,7 +415,7 @@ def test_stations_without_any_vertex_are_dropped_and_the_rest_is_planned() -> No
     assert nothing.broken == ()
     first = feasible.copy()
     first[0] = False
-    assert choose(
+    assert choose_sequence(
         path, replace(candidates, feasible=first), replace(scores, cost=cost), VELOCITY, PlanOptions()
     ).dropped[0]
 
@@ -421,9 +429,9 @@ def test_rotation_stays_in_plunges_and_changes_no_faster_than_the_axes() -> None
         ((0.012, 0, 0.01), UP, C),
     ]
     for feed in (0.002, 0.3):
-        path = build_path(toolpath(rows, feed=feed))
+        path = build_planning_path(toolpath(rows, feed=feed))
         n, S = 72, len(path.stations)
-        candidates = Candidates(
+        candidates = CandidateGrid(
             phi=np.arange(n) * 2 * np.pi / n - np.pi,
             q=np.zeros((S, n, 1, 6)),
             turns=NO_TURN,
@@ -432,7 +440,7 @@ def test_rotation_stays_in_plunges_and_changes_no_faster_than_the_axes() -> None
             stable=True,
             shortfall=np.zeros(S),
         )
-        window, seconds = windows(path, candidates, 2.0)
+        window, seconds = compute_transition_windows(path, candidates, 2.0)
         assert (window[path.plunge[path.stations]] == 0).all()
         assert window[0] < 0
         turning = window > 0
@@ -444,9 +452,9 @@ def test_rotation_stays_in_plunges_and_changes_no_faster_than_the_axes() -> None
 # --- the user's wishes -------------------------------------------------------------------------------------
 
 
-def open_grid(path: Path, n: int = 72) -> Candidates:
+def open_grid(path: PlanningPath, n: int = 72) -> CandidateGrid:
     S = len(path.stations)
-    return Candidates(
+    return CandidateGrid(
         phi=np.arange(n) * 2 * np.pi / n - np.pi,
         q=np.zeros((S, n, 1, 6)),
         turns=NO_TURN,
@@ -462,10 +470,10 @@ def test_bounds_fixed_and_preferred_rotation() -> None:
     low, high = np.radians([-20.0, 35.0])
     bounded = open_grid(path)
     _forbid_by_user(path, bounded.phi, PlanOptions(rotation_range=(low, high)), bounded.reason, bounded.feasible)
-    gamma = wrap(bounded.phi[None] + path.offset[path.stations][:, None])
+    gamma = wrap_angle(bounded.phi[None] + path.offset[path.stations][:, None])
     inside = (gamma >= low - 1e-6) & (gamma <= high + 1e-6)
     np.testing.assert_array_equal(bounded.feasible[:, :, 0, 0], inside)
-    assert (bounded.reason[~inside] == Reason.BOUNDS).all()
+    assert (bounded.reason[~inside] == InfeasibilityReason.BOUNDS).all()
     fixed = open_grid(path)
     _forbid_by_user(
         path, fixed.phi, PlanOptions(fixed=(FixedRotation(2, np.radians(42.0)),)), fixed.reason, fixed.feasible
@@ -474,9 +482,9 @@ def test_bounds_fixed_and_preferred_rotation() -> None:
     assert np.degrees(gamma[2, fixed.feasible[2, :, 0, 0]]) == pytest.approx(
         [40.0]
     )  # the nearest step; smoothing makes it exact
-    scores = Scores(np.ones((5, 72, 1)), "stiffness", 1.0)
-    liked = PlanOptions(preferred_rotation=np.radians(65.0), weights=Weights(worst=0.0))
-    choice = choose(path, open_grid(path), scores, VELOCITY, liked)
+    scores = CandidateScores(np.ones((5, 72, 1)), "stiffness", 1.0)
+    liked = PlanOptions(preferred_rotation=np.radians(65.0), weights=ObjectiveWeights(worst=0.0))
+    choice = choose_sequence(path, open_grid(path), scores, VELOCITY, liked)
     np.testing.assert_allclose(np.degrees(gamma[np.arange(1, 5), choice.rotation[1:]]), 65.0)
 
 
@@ -484,8 +492,8 @@ def test_bounds_fixed_and_preferred_rotation() -> None:
 @pytest.mark.parametrize("seed", range(8))
 def test_a_stretch_chosen_again_is_the_best_of_all_sequences_that_keep_the_rest(seed: int, worst: float) -> None:
     path, candidates, scores = random_problem(seed)
-    options = PlanOptions(weights=Weights(mean=1.0, worst=worst, travel=0.3, rotation=0.4))
-    grid = Grid.of(path, candidates, scores, VELOCITY, options)
+    options = PlanOptions(weights=ObjectiveWeights(mean=1.0, worst=worst, travel=0.3, rotation=0.4))
+    grid = SequenceGrid.of(path, candidates, scores, VELOCITY, options)
     choice = grid.choose()
     if choice.broken or choice.dropped.any():
         return
@@ -501,7 +509,7 @@ def test_a_stretch_chosen_again_is_the_best_of_all_sequences_that_keep_the_rest(
         ),
         default=None,
     )
-    again = grid.again(choice, first, last, Edges.none())
+    again = grid.again(choice, first, last, ForbiddenTransitions.none())
     if ideal is None:
         assert again is None
         return
@@ -515,15 +523,15 @@ def test_a_stretch_chosen_again_is_the_best_of_all_sequences_that_keep_the_rest(
 def test_a_choice_and_an_assignment_are_read_only() -> None:
     """Whoever wants another makes another: what one step holds does not change behind it."""
     row = np.zeros(3, np.int32)
-    choice = Choice(rotation=row, branch=row.copy(), turn=row.copy(), q=np.zeros((3, 6)), broken=())
-    assignment = Assignment(
+    choice = SequenceChoice(rotation=row, branch=row.copy(), turn=row.copy(), q=np.zeros((3, 6)), broken=())
+    assignment = JointAssignment(
         phi=np.zeros(3),
         q=np.zeros((3, 6)),
         branch=np.zeros(3, np.int32),
         reason=np.zeros(3, np.uint8),
         **{margin: np.zeros(3) for margin in MARGINS},
     )
-    for found in (choice, assignment, assignment.marked(np.array([True, False, False]), Reason.GAP)):
+    for found in (choice, assignment, assignment.marked(np.array([True, False, False]), InfeasibilityReason.GAP)):
         for values in vars(found).values():
             if isinstance(values, np.ndarray):
                 with pytest.raises(ValueError, match="read-only"):

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import gc
 
-from machopt.cli import circles
+from machopt.cli import garbage_collection
 
 
 def test_what_is_loaded_is_left_out_once() -> None:
     before, frozen = gc.get_threshold(), gc.get_freeze_count()
     try:
-        circles.loading()
-        assert gc.get_threshold()[0] == circles.LOADING
-        circles.loaded()
+        garbage_collection.pause_garbage_collection()
+        assert gc.get_threshold()[0] == garbage_collection.LOADING_THRESHOLD
+        garbage_collection.freeze_loaded_objects()
         first = gc.get_freeze_count()
         assert first > 0
-        assert gc.get_threshold()[0] == circles.WORKING
+        assert gc.get_threshold()[0] == garbage_collection.WORKING_THRESHOLDS
         more: list[list[int]] = [[] for _ in range(10_000)]
-        circles.loaded()
+        garbage_collection.freeze_loaded_objects()
         assert gc.get_freeze_count() - first < len(more)
     finally:
         gc.set_threshold(*before)

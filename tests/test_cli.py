@@ -19,8 +19,8 @@ from pathlib import Path
 import pytest
 
 from machopt.cli import main
-from machopt.domain.results.inspected import ToolpathInspected
-from machopt.domain.results.verified import VerifyResult
+from machopt.data_types.documents.inspect_documents import InspectedToolpathDocument
+from machopt.data_types.documents.verify_document import VerifyDocument
 
 ROOT = Path(__file__).resolve().parents[1]
 CELLS, TOOLPATHS = ROOT / "cells", ROOT / "toolpaths"
@@ -419,7 +419,7 @@ def test_verify_refuses_a_trajectory_that_was_touched(
     capsys.readouterr()
     assert main([*verify, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert VerifyResult.model_validate(told).plain() == told
+    assert VerifyDocument.model_validate(told).to_json_types() == told
     assert told["passed"]
     assert told["checks"]
     assert told["verdict"].startswith("verification passed")
@@ -453,7 +453,7 @@ def test_verify_refuses_a_trajectory_that_was_touched(
 def test_inspect_tells_what_a_file_holds(file: str, points: int, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["inspect", str(TOOLPATHS / file), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert ToolpathInspected.model_validate(told).plain() == told
+    assert InspectedToolpathDocument.model_validate(told).to_json_types() == told
     assert told["points"] == points
     assert main(["inspect", str(TOOLPATHS / file)]) == 0
     assert f"points: {points}" in capsys.readouterr().out

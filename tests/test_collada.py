@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from small_cell import urdf_text
 
-from machopt.cells.asked import InitRequest
+from machopt.cell.mesh.collada_reader import build_binary_stl, read_collada
+from machopt.cell_setup.template.init_request import InitRequest
+from machopt.commands.init import run_init
 from machopt.errors import InputError
-from machopt.formats.mesh.collada import read_collada, stl_bytes
-from machopt.services.newcell import run_init
 
 FACES = {
     "triangles": '<triangles count="4">INPUT<p>0 9 1 9 2 9 0 9 3 9 1 9 0 9 2 9 3 9 1 9 3 9 2 9</p></triangles>',
@@ -58,7 +58,7 @@ def test_triangles_stand_where_the_nodes_put_them_in_metres(faces: str, tmp_path
     )
     np.testing.assert_allclose(first, 0.0254 * turned[index], atol=1e-7)
     np.testing.assert_allclose(second, 0.0254 * np.add(CORNERS, [0, 0, 5])[index], atol=1e-7)
-    assert len(stl_bytes(found)) == 84 + 50 * len(found)
+    assert len(build_binary_stl(found)) == 84 + 50 * len(found)
 
 
 @pytest.mark.parametrize(
@@ -88,5 +88,5 @@ def test_a_robot_with_collada_bodies_gets_a_cell_with_stl(tmp_path: Path) -> Non
     file.write_text(urdf_text().replace('<link name="link_1">', f'<link name="link_1">{body}'))
     written(tmp_path)
     done = run_init(InitRequest(robot=file, out=tmp_path / "cell", workpiece_mm=(1500.0, 0.0, 600.0)))
-    assert (done.folder / "a.dae.stl").read_bytes() == stl_bytes(read_collada(tmp_path / "a.dae").corners)
+    assert (done.folder / "a.dae.stl").read_bytes() == build_binary_stl(read_collada(tmp_path / "a.dae").corners)
     assert 'filename="a.dae.stl" scale="0.5 0.5 0.5"' in (done.folder / "robot.urdf").read_text()

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from small_cell import urdf_text
 
-from machopt.cells.asked import InitRequest
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.mesh.collada_reader import build_binary_stl, read_collada
+from machopt.cell.mesh.polygon_triangulation import triangulate_polygons
+from machopt.cell.mesh.second_library_check import compare_bodies, load_with_second_library
+from machopt.cell_setup.template.init_request import InitRequest
+from machopt.commands.init import run_init
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.mesh.collada import read_collada, stl_bytes
-from machopt.formats.mesh.polygons import triangulate
-from machopt.formats.mesh.second import compare_bodies, load_second
-from machopt.services.newcell import run_init
-from machopt.verify.originals import load_mesh
+from machopt.verification.motion.collision.original_meshes import load_mesh
 
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
@@ -295,10 +295,10 @@ def test_a_variant_has_the_triangles_counted_by_hand(name: str, tmp_path: Path) 
     points = found.corners.reshape(-1, 3)
     np.testing.assert_allclose([points.min(0), points.max(0)], box, atol=1e-6 * np.max(box))
     if name not in ("lights_and_cameras",):  # a reference to nothing ends the other library's reading
-        other = load_second(file, found.counts.metre, failing)
+        other = load_with_second_library(file, found.counts.metre, failing)
         compare_bodies(file.name, other, points, np.arange(3 * count).reshape(-1, 3), failing)
         copy = tmp_path / "a.dae.stl"
-        copy.write_bytes(stl_bytes(found.corners))
+        copy.write_bytes(build_binary_stl(found.corners))
         assert load_mesh(copy, np.full(3, 0.5)).num_tris == pytest.approx(count, abs=1 + 0.01 * count)
 
 
@@ -374,7 +374,7 @@ def test_any_simple_polygon_is_divided_into_its_own_area(seed: int) -> None:
     wanted = abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1))) / 2
     R = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     order = np.roll(np.arange(n), int(rng.integers(n)))[:: (1 if seed % 2 else -1)]
-    found = triangulate(flat @ R.T, order, np.array([n]))
+    found = triangulate_polygons(flat @ R.T, order, np.array([n]))
     assert found.shape == (n - 2, 3, 3)
     assert area(found) == pytest.approx(wanted, rel=1e-9)
 
@@ -407,7 +407,7 @@ def test_a_copy_that_lost_triangles_is_refused_wherever_it_is_used(tmp_path: Pat
         load_cell(done.folder)
     assert len(load_cell(done.folder, allow_external=True).files) > 0
     whole = read_collada(tmp_path / "a.dae").corners
-    copy.write_bytes(stl_bytes(whole[:8]))
+    copy.write_bytes(build_binary_stl(whole[:8]))
     with pytest.raises(InputError, match=r"a\.dae is read differently"):
         load_cell(done.folder, allow_external=True)
     assert load_mesh(copy, np.full(3, 0.2)).num_tris == 12  # the verifier's own

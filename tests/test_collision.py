@@ -12,13 +12,13 @@ import pytest
 import trimesh
 from small_cell import pose, real_cell, small_cell
 
-from machopt.domain.cell import Cell, Cutter, Shape, Tool, Workpiece
+from machopt.collision.bodies import CollisionBody, build_cutter_body, is_point_inside
+from machopt.collision.collision_model import CollisionModel
+from machopt.collision.distance_bounds import MotionRows
+from machopt.data_types.cell import Cell, CollisionShape, CutterGeometry, Tool, Workpiece
 from machopt.errors import InputError
-from machopt.model.bodies import Body, cutter_body, inside
-from machopt.model.bounds import Rows
-from machopt.model.collision import CollisionModel
-from machopt.model.machine import load_machine
-from machopt.model.robot import load_chain
+from machopt.kinematics.machine import load_machine
+from machopt.kinematics.robot import load_chain
 
 ROUND = 0.0022  # the prisms that stand for cylinders are up to 0.22 % larger; spheres up to 0.7 %
 
@@ -33,7 +33,7 @@ def random_q(model: CollisionModel, count: int, seed: int = 0) -> np.ndarray:
     return robot.lower + (robot.upper - robot.lower) * np.random.default_rng(seed).random((count, 6))
 
 
-def coal_shape(shape: Shape) -> coal.CollisionGeometry:
+def coal_shape(shape: CollisionShape) -> coal.CollisionGeometry:
     if shape.kind == "box":
         return coal.Box(*shape.size)
     if shape.kind == "cylinder":
@@ -56,7 +56,7 @@ def coal_distances(cell: Cell, model: CollisionModel, q: np.ndarray) -> np.ndarr
         frames[s.name] = (0, T_base_world @ s.T_parent_shape, s)
     geometry = {name: coal_shape(f[2]) for name, f in frames.items()}
     out = np.full((len(q), len(model.pairs)), np.nan)
-    for n, row in enumerate(robot.link_poses(q)):
+    for n, row in enumerate(robot.compute_link_poses(q)):
         placed = {name: row[link] @ T for name, (link, T, _) in frames.items()}
         for p, pair in enumerate(model.pairs):
             if "cutter" not in pair.kinds:
@@ -82,8 +82,8 @@ def agree(cell: Cell, model: CollisionModel, q: np.ndarray, band: float) -> None
     theirs = np.nanmin(coal_distances(cell, model, q), axis=1)
     free_of_cutter = model_of(replace(cell, tool=replace(cell.tool, cutter=None)))
     cutting = np.ones(len(q), bool)
-    hit = free_of_cutter.check(q, cutting).hit
-    near = free_of_cutter.nearest(q, cutting).distance
+    hit = free_of_cutter.check_configurations(q, cutting).hit
+    near = free_of_cutter.find_nearest_pair(q, cutting).distance
     clear = np.abs(theirs) > band
     assert 0.05 < hit.mean() < 0.95  # the comparison sees both cases
     np.testing.assert_array_equal(hit[clear], theirs[clear] <= 0)
@@ -101,7 +101,9 @@ def test_agrees_with_coal_on_a_real_robot(folder: Path, name: str) -> None:
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.3)
     ball.export(folder / "ball.stl")
     cell = real_cell(folder, name, meshes=True)
-    part = Shape(name="ball", kind="mesh", size=(1.0,), mesh=folder / "ball.stl", T_parent_shape=pose(0, 0, 0.2))
+    part = CollisionShape(
+        name="ball", kind="mesh", size=(1.0,), mesh=folder / "ball.stl", T_parent_shape=pose(0, 0, 0.2)
+    )
     cell = replace(cell, workpiece=replace(cell.workpiece, geometry=(part,)))
     model = model_of(cell)
     agree(cell, model, random_q(model, 60), band=0.05 * ROUND)
@@ -110,22 +112,22 @@ def test_agrees_with_coal_on_a_real_robot(folder: Path, name: str) -> None:
 def test_bounds_never_exceed_the_distance_nor_fall_below_the_motion(folder: Path, model: CollisionModel) -> None:
     q = random_q(model, 40)
     exact = coal_distances(small_cell(folder), model, q)
-    bound = Rows(model.stack, q).bound
+    bound = MotionRows(model.stack, q).bound
     assert (bound[~np.isnan(exact)] <= np.maximum(exact[~np.isnan(exact)], 0) + 1e-9).all()
     # Motion: every vertex of the second body, seen from the first, at ten places of each joint step.
     rng = np.random.default_rng(3)
     for start in q[:10]:
         end = start + rng.uniform(-0.06, 0.06, 6)
         way = np.linspace(start, end, 11)
-        rows = Rows(model.stack, np.array([start, end]))
-        steps = Rows(model.stack, way)
+        rows = MotionRows(model.stack, np.array([start, end]))
+        steps = MotionRows(model.stack, way)
         for p, (_, j) in enumerate(model.stack.index):
             v = model.stack.bodies[j].vertices
-            T = steps.relative(p)
+            T = steps.compute_relative_motion(p)
             path = np.einsum("sij,vj->svi", T[:, :3, :3], v) + T[:, None, :3, 3]
             length = np.linalg.norm(np.diff(path, axis=0), axis=2).sum(axis=0).max()
-            assert length <= rows.travel(p)[0] + 1e-12
-            assert rows.travel(p)[0] <= rows.reach[0] + 1e-12
+            assert length <= rows.bound_motion(p)[0] + 1e-12
+            assert rows.bound_motion(p)[0] <= rows.reach[0] + 1e-12
 
 
 def test_clearance_and_carried_distances_agree_with_fresh_ones(folder: Path) -> None:
@@ -133,10 +135,10 @@ def test_clearance_and_carried_distances_agree_with_fresh_ones(folder: Path) -> 
     a, b = random_q(model, 2, seed=5)
     q = a + np.linspace(0, 1, 600)[:, None] * (b - a)  # neighbours: distances are carried along
     cutting = np.zeros(len(q), bool)
-    together = model.check(q, cutting)
-    alone = np.array([model.check(row[None], cutting[:1]).hit[0] for row in q])
+    together = model.check_configurations(q, cutting)
+    alone = np.array([model.check_configurations(row[None], cutting[:1]).hit[0] for row in q])
     np.testing.assert_array_equal(together.hit, alone)
-    near = model.nearest(q, cutting)
+    near = model.find_nearest_pair(q, cutting)
     wide = np.array([pair.clearance > 0 for pair in model.pairs])
     sure = (near.pair >= 0) & wide[near.pair]
     np.testing.assert_array_equal(near.distance[sure] < 0.03, together.hit[sure])
@@ -146,18 +148,20 @@ def test_clearance_and_carried_distances_agree_with_fresh_ones(folder: Path) -> 
 
 def test_motion_finds_what_lies_between_rows(folder: Path, model: CollisionModel) -> None:
     """A thin plate that no row touches, against brute force at 2,000 places."""
-    plate = Shape(name="plate", kind="box", size=(0.6, 0.002, 0.6), mesh=None, T_parent_shape=pose(1.2, 0.0, 1.2))
+    plate = CollisionShape(
+        name="plate", kind="box", size=(0.6, 0.002, 0.6), mesh=None, T_parent_shape=pose(1.2, 0.0, 1.2)
+    )
     cell = replace(small_cell(folder), obstacles=(plate,))
     thin = model_of(cell)
     ends = np.deg2rad([[-30, -60, 80, 0, 40, 0], [30, -60, 80, 0, 40, 0.0]])
     free = np.zeros(2, bool)
-    assert not thin.check(ends, free).hit.any()
+    assert not thin.check_configurations(ends, free).hit.any()
     found = thin.check_motion(ends, free, step=np.deg2rad(10))
     assert found.first == 1
     assert "plate" in thin.pairs[found.pair[1]].name
     fine = ends[0] + np.linspace(0, 1, 2001)[:, None] * (ends[1] - ends[0])
-    brute = thin.check(fine, np.zeros(len(fine), bool)).hit
-    assert brute[round(found.at[1] * 2000)]
+    brute = thin.check_configurations(fine, np.zeros(len(fine), bool)).hit
+    assert brute[round(found.row[1] * 2000)]
     assert not model.check_motion(ends, free, step=np.deg2rad(10)).any
 
 
@@ -168,7 +172,7 @@ def test_motion_agrees_with_brute_force(model: CollisionModel, seed: int) -> Non
     found = model.check_motion(q, cutting, step=np.deg2rad(2))
     for n in range(1, 6):
         fine = q[n - 1] + np.linspace(0, 1, 800)[:, None] * (q[n] - q[n - 1])
-        assert found.hit[n] == model.check(fine, np.zeros(800, bool)).hit.any()
+        assert found.hit[n] == model.check_configurations(fine, np.zeros(800, bool)).hit.any()
     alone = model.check_motion(q, cutting, step=np.deg2rad(2), first_only=True)
     assert alone.any == found.any
 
@@ -180,7 +184,7 @@ def reach_pose(model: CollisionModel, cell: Cell, tip: tuple[float, float, float
     robot = model.stack.robot
 
     def miss(q: np.ndarray) -> np.ndarray:
-        T = robot.fk(q, cell.tool.T_flange_tcp)
+        T = robot.compute_fk(q, cell.tool.T_flange_tcp)
         return np.append(T[:3, 3] - tip, T[:3, 2] - [0, 0, -1])
 
     return least_squares(miss, np.deg2rad([0, -60, 100, 0, 50, 0]), xtol=1e-15, ftol=1e-15, gtol=1e-15).x
@@ -191,34 +195,36 @@ def test_cutter_may_touch_only_while_cutting(folder: Path, model: CollisionModel
     depth = [0.02, 0.0, -0.00005, -0.00015, -0.03]  # m above the block's top at z = 0.6
     q = np.array([reach_pose(model, cell, (1.5, 0.1, 0.6 + d)) for d in depth])
     rapid, cut = np.zeros(5, bool), np.ones(5, bool)
-    np.testing.assert_array_equal(model.check(q, rapid).hit, [False, False, False, True, True])
-    assert not model.check(q, cut).hit.any()
+    np.testing.assert_array_equal(model.check_configurations(q, rapid).hit, [False, False, False, True, True])
+    assert not model.check_configurations(q, cut).hit.any()
     drill = reach_pose(model, cell, (1.5, 0.1, 0.6 - 0.075))[None]  # 60 mm of cutter: the spindle is in the block
-    hit = model.check(drill, cut[:1])
+    hit = model.check_configurations(drill, cut[:1])
     assert model.pairs[hit.pair[0]].name == "block ~ spindle"
     # A wide clearance does not keep the cutter from starting a rapid move where it cut.
     wide = model_of(cell, clearance=0.02)
-    assert not wide.check(q[1:2], rapid[:1]).hit.any()
-    assert wide.check(np.array([reach_pose(model, cell, (1.5, 0.1, 0.54))]), cut[:1]).hit.all()  # spindle 10 mm off
+    assert not wide.check_configurations(q[1:2], rapid[:1]).hit.any()
+    assert wide.check_configurations(
+        np.array([reach_pose(model, cell, (1.5, 0.1, 0.54))]), cut[:1]
+    ).hit.all()  # spindle 10 mm off
 
 
 def test_a_body_wholly_inside_another_is_a_contact(folder: Path, model: CollisionModel) -> None:
     cell = small_cell(folder)
     q = reach_pose(model, cell, (1.5, 0.1, 1.0))
-    tip = model.stack.robot.fk(q, cell.tool.T_flange_tcp)[:3, 3]
-    speck = Shape(
+    tip = model.stack.robot.compute_fk(q, cell.tool.T_flange_tcp)[:3, 3]
+    speck = CollisionShape(
         name="speck", kind="sphere", size=(0.004,), mesh=None, T_parent_shape=pose(tip[0], tip[1], tip[2] + 0.2)
     )  # within the spindle
     hidden = model_of(replace(cell, obstacles=(speck,)))
-    assert hidden.check(q[None], np.zeros(1, bool)).hit.all()
+    assert hidden.check_configurations(q[None], np.zeros(1, bool)).hit.all()
     assert hidden.check_motion(q[None], np.zeros(1, bool), step=0.01).hit.all()
-    assert hidden.nearest(q[None], np.zeros(1, bool)).distance[0] == 0.0
+    assert hidden.find_nearest_pair(q[None], np.zeros(1, bool)).distance[0] == 0.0
 
 
 def test_inside_by_solid_angle() -> None:
     mesh = trimesh.creation.box((2, 2, 2))
     v, f = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-    body = Body(
+    body = CollisionBody(
         name="b",
         kind="obstacle",
         link=0,
@@ -230,10 +236,10 @@ def test_inside_by_solid_angle() -> None:
         sphere_centres=np.zeros((1, 3)),
         sphere_radius=2.0,
     )
-    assert inside(body, np.array([0.9, -0.9, 0.3]))
-    assert not inside(body, np.array([1.1, 0, 0]))
-    assert not inside(replace(body, faces=f[:, ::-1]), np.zeros(3))  # a room with its normals inwards
-    assert not inside(replace(body, faces=f[1:]), np.zeros(3))  # open
+    assert is_point_inside(body, np.array([0.9, -0.9, 0.3]))
+    assert not is_point_inside(body, np.array([1.1, 0, 0]))
+    assert not is_point_inside(replace(body, faces=f[:, ::-1]), np.zeros(3))  # a room with its normals inwards
+    assert not is_point_inside(replace(body, faces=f[1:]), np.zeros(3))  # open
 
 
 def test_pairs_that_always_touch_are_found_by_computation(folder: Path, model: CollisionModel) -> None:
@@ -246,18 +252,22 @@ def test_pairs_that_always_touch_are_found_by_computation(folder: Path, model: C
     assert not model.suspicious
     stuck = Tool(
         T_flange_tcp=np.eye(4),
-        geometry=(Shape(name="hood", kind="box", size=(0.5, 0.5, 0.6), mesh=None, T_parent_shape=pose(0, 0, -0.1)),),
+        geometry=(
+            CollisionShape(name="hood", kind="box", size=(0.5, 0.5, 0.6), mesh=None, T_parent_shape=pose(0, 0, -0.1)),
+        ),
     )
     cell = replace(small_cell(folder), tool=stuck)
     excluded = {(e.a, e.b): e for e in model_of(cell).excluded}
     assert excluded["link_5_0", "hood"].share == 1.0
-    pedestal = Shape(name="pedestal", kind="box", size=(0.7, 0.7, 0.9), mesh=None, T_parent_shape=pose(0, 0, 0.2))
+    pedestal = CollisionShape(
+        name="pedestal", kind="box", size=(0.7, 0.7, 0.9), mesh=None, T_parent_shape=pose(0, 0, 0.2)
+    )
     cell = replace(small_cell(folder), obstacles=(pedestal,))
     assert ("link_1_0", "pedestal") in {(e.a, e.b)[::d] for e in model_of(cell).excluded for d in (1, -1)}
 
 
 def test_names_the_pairs_in_touch_at_home(folder: Path) -> None:
-    wall = Shape(name="wall", kind="box", size=(0.1, 2.0, 2.0), mesh=None, T_parent_shape=pose(1.2, 0, 1.5))
+    wall = CollisionShape(name="wall", kind="box", size=(0.1, 2.0, 2.0), mesh=None, T_parent_shape=pose(1.2, 0, 1.5))
     suspicious = model_of(replace(small_cell(folder), obstacles=(wall,))).suspicious
     assert any("wall" in text for text in suspicious)
 
@@ -267,7 +277,11 @@ def test_cutter_runs_back_from_the_tcp(folder: Path) -> None:
     robot, _ = load_chain(cell)
     T = np.linalg.inv(robot.T_base_flange_zero @ cell.tool.T_flange_tcp)
     for shrink in (0.0, 1e-4):
-        v = cutter_body(cell, load_machine(cell, robot), Cutter(0.012, 0.06), shrink).vertices @ T[:3, :3].T + T[:3, 3]
+        v = (
+            build_cutter_body(cell, load_machine(cell, robot), CutterGeometry(0.012, 0.06), shrink).vertices
+            @ T[:3, :3].T
+            + T[:3, 3]
+        )
         np.testing.assert_allclose([v[:, 2].min(), v[:, 2].max()], [-0.06, -shrink], atol=1e-9)
         np.testing.assert_allclose(np.hypot(v[:, 0], v[:, 1]).max(), 0.006 - shrink, rtol=ROUND)
 
@@ -279,16 +293,16 @@ def test_bad_input_says_what_would_work(folder: Path) -> None:
     for name, text, expected in (("gone.stl", None, "not a file"), ("x.stl", "solid x\nendsolid x\n", "mesh of 'm'")):
         if text is not None:
             (folder / name).write_text(text)
-        shape = Shape(name="m", kind="mesh", size=(1.0,), mesh=folder / name, T_parent_shape=np.eye(4))
+        shape = CollisionShape(name="m", kind="mesh", size=(1.0,), mesh=folder / name, T_parent_shape=np.eye(4))
         with pytest.raises(InputError, match=expected):
             model_of(replace(cell, obstacles=(shape,)))
 
 
 def test_no_rows_and_no_pairs(folder: Path, model: CollisionModel) -> None:
     none = np.zeros((0, 6)), np.zeros(0, bool)
-    assert not model.check(*none).any
+    assert not model.check_configurations(*none).any
     assert model.check_motion(*none, step=0.1).first == -1
-    assert len(model.nearest(*none).distance) == 0
+    assert len(model.find_nearest_pair(*none).distance) == 0
     robot, _ = load_chain(small_cell(folder))
     bare = replace(
         small_cell(folder), tool=Tool(T_flange_tcp=np.eye(4)), obstacles=(), workpiece=Workpiece("world", np.eye(4))
@@ -296,7 +310,7 @@ def test_no_rows_and_no_pairs(folder: Path, model: CollisionModel) -> None:
     empty = CollisionModel(bare, robot, (), 0.0)
     q = np.zeros((3, 6))
     assert not empty.check_motion(q, np.zeros(3, bool), 0.1).any
-    assert empty.nearest(q, np.zeros(3, bool)).pair.max() == -1
+    assert empty.find_nearest_pair(q, np.zeros(3, bool)).pair.max() == -1
 
 
 def test_long_motions_are_looked_at_block_by_block(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -305,7 +319,7 @@ def test_long_motions_are_looked_at_block_by_block(tmp_path: Path, monkeypatch: 
     q = np.vstack([np.linspace(a, b, 12, endpoint=False) for a, b in pairwise(corners)])
     touch = np.zeros(len(q), bool)
     whole = model.check_motion(q, touch, 0.05)
-    monkeypatch.setattr("machopt.model.collision.MOST", 17)
+    monkeypatch.setattr("machopt.collision.collision_model.MAX_BLOCK_ROWS", 17)
     parts = model.check_motion(q, touch, 0.05)
     assert 0 < whole.hit.sum() < len(q)
     assert np.array_equal(parts.hit, whole.hit)

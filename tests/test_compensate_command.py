@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from test_cli import changed_cell, optimize, result
 
+from machopt.cell.cell_reader import load_cell
 from machopt.cli import main
-from machopt.domain.options import ProcessForce
-from machopt.formats.cell import load_cell
-from machopt.formats.options import load_options
-from machopt.formats.toolpath import read_toolpath
-from machopt.report.template import bound
-from machopt.verify.output import verify_output
+from machopt.data_types.plan_options import ProcessForce
+from machopt.options.plan_option_reader import load_options
+from machopt.report.template_rendering import bind_units
+from machopt.toolpath.toolpath_reader import read_toolpath
+from machopt.verification.motion.motion_verification import verify_motion
 
 ROOT = FilePath(__file__).resolve().parent.parent
 HEADER = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation\n"
@@ -106,13 +106,13 @@ def test_page_and_result_tell_one_mean_and_one_worst(job: tuple[FilePath, FilePa
         exact = 1e-9 if out == job[1] else 1e-3
         assert gain["mean_percent"] == pytest.approx(100 * (1 - chosen["mean"] / other), rel=exact)
         assert gain["std_percent"] is None  # the shipped file states no covariance
-        assert bound(f"mean deflection {gain['mean_percent']:.0f} % less than with Jiao 2022") in page
+        assert bind_units(f"mean deflection {gain['mean_percent']:.0f} % less than with Jiao 2022") in page
 
 
 def checks(out: FilePath, path: FilePath, **changes: object) -> dict[str, object]:
     cell = load_cell(ROOT / "cells" / "kr500_milling")
     options = replace(load_options(cell.plan), **changes)  # type: ignore[arg-type]
-    return {c.name: c.passed for c in verify_output(cell, read_toolpath(path), out, options=options).checks}
+    return {c.name: c.passed for c in verify_motion(cell, read_toolpath(path), out, options=options).checks}
 
 
 def test_the_verification_recomputes_the_shift(job: tuple[FilePath, FilePath, FilePath], tmp_path: FilePath) -> None:

@@ -15,18 +15,18 @@ import numba
 import pytest
 from numba.core.caching import NullCache
 
-from machopt import compiled as module
-from machopt.cli import compiling
-from machopt.cli.compiling import NOT_STORED, STORED
-from machopt.cli.display import Display
-from machopt.plan import kernels
-from machopt.plan.kernels import KERNELS, MORE, compile_all
+from machopt.cli import compilation_notice
+from machopt.cli.compilation_notice import NOT_STORED, STORED
+from machopt.cli.progress_display import ProgressDisplay
+from machopt.numerics import compiled_functions as module
+from machopt.planning import compiled_kernels
+from machopt.planning.compiled_kernels import KERNELS, MORE, compile_all
 
 ROOT = Path(__file__).resolve().parents[1]
 FACTOR = 2.0
 
 
-@module.compiled
+@module.compile_function
 def doubled(x: float) -> float:
     return FACTOR * x
 
@@ -35,17 +35,17 @@ def test_a_kernel_that_the_installation_brought_is_not_compiled_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
-    module.store(first, tmp_path)
+    module.enable_kernel_storage(first, tmp_path)
     first(1.0)
     again = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
-    again._cache = module._Brought(again.py_func, again._cache, tmp_path)
+    again._cache = module._InstalledCache(again.py_func, again._cache, tmp_path)
     assert again(3.0) == 6.0
     assert len(again.stats.cache_hits) == 1
     assert again(3) == 6  # of other types: compiled
     assert len(again.stats.cache_misses) == 1
     monkeypatch.setitem(globals(), "FACTOR", 3.0)  # as if another version had another number
     other = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
-    other._cache = module._Brought(other.py_func, other._cache, tmp_path)
+    other._cache = module._InstalledCache(other.py_func, other._cache, tmp_path)
     assert other(3.0) == 9.0
 
 
@@ -55,7 +55,7 @@ def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(
     """numba looks at the caller's own file: with the callee in another it would go on with the old machine code."""
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "numba"))
     monkeypatch.syspath_prepend(tmp_path)
-    head = "from machopt.compiled import compiled\n"
+    head = "from machopt.numerics.compiled_functions import compiled\n"
     (tmp_path / "outer_kernel.py").write_text(
         f"{head}from inner_kernel import inner\n\n@compiled\ndef outer(x):\n    return inner(x)\n"
     )
@@ -63,14 +63,14 @@ def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(
     for factor in ("2.0", "2.0", "-3.25"):  # lengths differ: a module's bytecode is found by time and size
         (tmp_path / "inner_kernel.py").write_text(f"{head}\n@compiled\ndef inner(x):\n    return {factor} * x\n")
         importlib.invalidate_caches()
-        module._hash.cache_clear()  # as in a new process
+        module._hash_file.cache_clear()  # as in a new process
         for name in made:
             sys.modules.pop(name, None)
         outer = importlib.import_module(made[0]).outer
         said.append((outer(1.0), len(outer.stats.cache_hits)))
     for name in made:
         sys.modules.pop(name)
-    module._hash.cache_clear()
+    module._hash_file.cache_clear()
     assert said == [(2.0, 0), (2.0, 1), (-3.25, 0)]
 
 
@@ -88,15 +88,15 @@ def test_what_is_stored_is_taken_before_it_is_called_and_nothing_is_compiled(
 ) -> None:
     types = (numba.float64,)
     first = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
-    module.store(first, tmp_path)
+    module.enable_kernel_storage(first, tmp_path)
     again = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
-    again._cache = module._Brought(again.py_func, NullCache(), tmp_path)
-    assert not module.take(again, types)  # not stored yet
+    again._cache = module._InstalledCache(again.py_func, NullCache(), tmp_path)
+    assert not module.load_stored_kernel(again, types)  # not stored yet
     assert again.signatures == []
     first(1.0)
-    assert module.take(again, types)
+    assert module.load_stored_kernel(again, types)
     monkeypatch.setattr(again._cache, "load_overload", lambda *_: pytest.fail("taken already"))
-    assert module.take(again, types)
+    assert module.load_stored_kernel(again, types)
     assert again(3.0) == 6.0
     assert (len(again.stats.cache_hits), len(again.stats.cache_misses)) == (1, 0)
 
@@ -104,7 +104,8 @@ def test_what_is_stored_is_taken_before_it_is_called_and_nothing_is_compiled(
 def test_machine_code_is_loaded_without_what_numba_compiles_with(tmp_path: Path) -> None:
     """In a process that finds it stored; what is of other types is compiled there all the same."""
     (tmp_path / "stored_kernel.py").write_text(
-        "from machopt.compiled import compiled\n\n\n@compiled\ndef mean(x):\n    return x.sum() / len(x)\n"
+        "from machopt.numerics.compiled_functions import compiled\n\n\n@compiled\ndef mean(x):\n    return "
+        "x.sum() / len(x)\n"
     )
     code = """
 import numpy as np, numba.core.base as base
@@ -140,9 +141,9 @@ def test_where_there_is_a_second_core_kernels_are_taken_in_order_until_one_is_no
             third.set()
         return len(asked) < 3
 
-    monkeypatch.setattr(module, "take", take)
-    monkeypatch.setattr("machopt.model.threads.cores", lambda: cores)
-    with kernels.taken_beside():
+    monkeypatch.setattr(module, "load_stored_kernel", take)
+    monkeypatch.setattr("machopt.numerics.worker_threads.count_threads", lambda: cores)
+    with compiled_kernels.preload_kernels_in_thread():
         assert cores < 2 or third.wait(60.0)
     assert asked == [name for _, name, _ in KERNELS[:taken]]
 
@@ -153,11 +154,11 @@ def test_an_entry_that_names_nothing_is_no_matter_for_a_plan(
 ) -> None:
     """Nothing is printed, no plan is lost; the next test names the entry."""
     asked: list[str] = []
-    monkeypatch.setattr(module, "take", lambda kernel, _: asked.append(kernel.py_func.__name__) or True)
-    monkeypatch.setattr("machopt.model.threads.cores", lambda: 2)
-    monkeypatch.setattr(kernels, "KERNELS", (KERNELS[0], gone, *KERNELS[1:]))
+    monkeypatch.setattr(module, "load_stored_kernel", lambda kernel, _: asked.append(kernel.py_func.__name__) or True)
+    monkeypatch.setattr("machopt.numerics.worker_threads.count_threads", lambda: 2)
+    monkeypatch.setattr(compiled_kernels, "KERNELS", (KERNELS[0], gone, *KERNELS[1:]))
     before = threading.active_count()
-    with kernels.taken_beside():
+    with compiled_kernels.preload_kernels_in_thread():
         while threading.active_count() > before:
             pass
     assert asked == [KERNELS[0][1]]
@@ -171,7 +172,9 @@ def test_every_kernel_compiled_ahead_is_one() -> None:
 
     for name, function, types in KERNELS + MORE:
         kernel = getattr(import_module(f"machopt.{name}"), function, None)
-        assert kernel is not None, f"plan/kernels.py lists {name}.{function}, which is gone: rename or remove the entry"
+        assert kernel is not None, (
+            f"planning/compiled_kernels.py lists {name}.{function}, which is gone: rename or remove the entry"
+        )
         arguments, _ = normalize_signature(f"({types})")
         assert len(arguments) == kernel.py_func.__code__.co_argcount, (name, function)
 
@@ -231,8 +234,8 @@ assert new <= {"machopt", "numpy", "numba", "llvmlite"}, new
 
 def test_a_compilation_is_told_once(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     started = []
-    monkeypatch.setattr("machopt.plan.kernels.compile_beside", lambda: started.append(True))
-    with Display(show=True) as display, compiling.compiling(display):
+    monkeypatch.setattr("machopt.planning.compiled_kernels.start_compile_process", lambda: started.append(True))
+    with ProgressDisplay(show=True) as display, compilation_notice.announce_compilation(display):
         module._LISTENER.on_start(None)
         module._LISTENER.on_start(None)
     assert capsys.readouterr().err == f"… {STORED}\n"
@@ -240,8 +243,10 @@ def test_a_compilation_is_told_once(capsys: pytest.CaptureFixture[str], monkeypa
 
 
 def test_what_is_compiled_after_the_plan_starts_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("machopt.plan.kernels.compile_beside", lambda: pytest.fail("nobody would end it"))
-    with Display(show=False) as display, compiling.compiling(display):
+    monkeypatch.setattr(
+        "machopt.planning.compiled_kernels.start_compile_process", lambda: pytest.fail("nobody would end it")
+    )
+    with ProgressDisplay(show=False) as display, compilation_notice.announce_compilation(display):
         pass
     module._LISTENER.on_start(None)
 
@@ -256,14 +261,14 @@ def test_a_second_process_compiles_where_there_is_a_core_for_it(monkeypatch: pyt
     monkeypatch.setattr(subprocess, "Popen", start)
     for cores, answer in ((None, None), (1, None), (2, "process")):
         monkeypatch.setattr(os, "cpu_count", lambda cores=cores: cores)
-        assert kernels.compile_beside() == answer
-    assert started == [[sys.executable, "-m", "machopt.plan.kernels"]]
+        assert compiled_kernels.start_compile_process() == answer
+    assert started == [[sys.executable, "-m", "machopt.planning.compiled_kernels"]]
 
     def none(*_: object, **__: object) -> None:
         raise OSError("no process to be had")
 
     monkeypatch.setattr(subprocess, "Popen", none)
-    assert kernels.compile_beside() is None
+    assert compiled_kernels.start_compile_process() is None
 
 
 def test_an_installation_compiles_what_no_other_process_has_taken(
@@ -272,15 +277,15 @@ def test_an_installation_compiles_what_no_other_process_has_taken(
     """Each module once, whoever comes first; all are stored in the folder."""
     made: list[str] = []
     stored: list[str] = []
-    monkeypatch.setattr(kernels, "compile_all", lambda some: made.extend(module for module, *_ in some))
-    monkeypatch.setattr(module, "store", lambda kernel, folder: stored.append(kernel.__name__))
+    monkeypatch.setattr(compiled_kernels, "compile_all", lambda some: made.extend(module for module, *_ in some))
+    monkeypatch.setattr(module, "enable_kernel_storage", lambda kernel, folder: stored.append(kernel.__name__))
     (tmp_path / "plan.external.moving_sequence.claimed").touch()
-    kernels.compile_into(tmp_path)
+    compiled_kernels.compile_into(tmp_path)
     wanted = [name for name, *_ in KERNELS + MORE]
     assert sorted(made) == sorted(name for name in wanted if name != "plan.external.moving_sequence")
-    assert next(iter(dict.fromkeys(made))) == kernels.LONGEST[0]
+    assert next(iter(dict.fromkeys(made))) == compiled_kernels.LONGEST[0]
     assert len(stored) == len(wanted)
-    kernels.compile_into(tmp_path)
+    compiled_kernels.compile_into(tmp_path)
     assert len(made) == len([name for name in wanted if name != "plan.external.moving_sequence"])
 
 
@@ -288,10 +293,14 @@ def test_without_a_place_to_store_it_says_what_would_help(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module._LISTENER, "stored", True)
-    monkeypatch.setattr(module._Stored._impl_class, "_locator_classes", [])  # numba finds no place, and says so itself
-    module.compiled(lambda x: x)
-    monkeypatch.setattr("machopt.plan.kernels.compile_beside", lambda: pytest.fail("would store nothing"))
-    with Display(show=True) as display, compiling.compiling(display):
+    monkeypatch.setattr(
+        module._CallTreeCache._impl_class, "_locator_classes", []
+    )  # numba finds no place, and says so itself
+    module.compile_function(lambda x: x)
+    monkeypatch.setattr(
+        "machopt.planning.compiled_kernels.start_compile_process", lambda: pytest.fail("would store nothing")
+    )
+    with ProgressDisplay(show=True) as display, compilation_notice.announce_compilation(display):
         module._LISTENER.on_start(None)
     assert capsys.readouterr().err == f"… {NOT_STORED}\n"
 

@@ -16,8 +16,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from machopt.formats.cell import load_cell
-from machopt.formats.recording import load_recording
+from machopt.cell.cell_reader import load_cell
+from machopt.measurement.recording import load_recording
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks" / "concealed"))
 

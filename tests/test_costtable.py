@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
-from machopt.plan.smoothing.cost_table import CostTable
+from machopt.planning.smoothing.cost_interpolation import CostInterpolation
 
 STEP = 0.0875
 
@@ -19,7 +19,7 @@ def _costs(n: int) -> np.ndarray:
 def test_holds_the_spline_of_every_station(n: int) -> None:
     """Against scipy's, station by station, at the given values, between them, and at both ends."""
     cost, offset = _costs(n), np.arange(-16, 17) * STEP
-    table = CostTable(cost, STEP)
+    table = CostInterpolation(cost, STEP)
     for off in (*np.linspace(-1.39, 1.39, 7), *offset[[0, 1, 16, 31, 32]]):
         expected = [float(make_interp_spline(offset, c, k=3)(off)) for c in cost]
         assert table.at(np.full(n, off))[0] == pytest.approx(expected, abs=1e-10)
@@ -28,7 +28,7 @@ def test_holds_the_spline_of_every_station(n: int) -> None:
 def test_derivatives_by_differences() -> None:
     """At the chosen rotation, a knot, too, and a little beyond the table."""
     n, h = 12, 1e-5
-    table = CostTable(_costs(n), STEP)
+    table = CostInterpolation(_costs(n), STEP)
     for at in (np.zeros(n), np.random.default_rng(2).uniform(-1.5, 1.5, n)):
         _, slope, bend = table.at(at)
         up, down = table.at(at + h), table.at(at - h)
@@ -40,4 +40,4 @@ def test_derivatives_by_differences() -> None:
 def test_beside_the_table_the_cost_is_that_of_its_end() -> None:
     """The programme may look past the corridor; a cost of zero there would draw it outside."""
     cost = _costs(4)
-    assert CostTable(cost, STEP).at(np.full(4, 16.02 * STEP))[0] == pytest.approx(cost[:, -1], rel=0.05)
+    assert CostInterpolation(cost, STEP).at(np.full(4, 16.02 * STEP))[0] == pytest.approx(cost[:, -1], rel=0.05)

@@ -9,17 +9,17 @@ from pathlib import Path
 import pytest
 from damages.damage import JOBS, Damage, Job, copy_of, reseal
 
-from machopt.domain.cell import Cell
-from machopt.domain.options import PlanOptions
-from machopt.domain.stint import Stint
-from machopt.output.hashes import digest, sha256_of
-from machopt.recheck import folder as contents
-from machopt.recheck.inforce import VerifyRequest
-from machopt.services import verify as service
-from machopt.services.inputs import cell_inputs, distinct, single
-from machopt.services.verify import verify
-from machopt.verify import Check, Verification
-from machopt.verify.table import Motion
+from machopt.commands import verify as service
+from machopt.commands.input_hashes import build_manifest_file, list_cell_inputs, rename_duplicate_names
+from machopt.commands.verify import run_verify
+from machopt.data_types.cell import Cell
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.tool_segments import ToolSegment
+from machopt.output.file_hashes import compute_digest, compute_sha256
+from machopt.verification import Verification, VerificationCheck
+from machopt.verification.folder import folder_checks as contents
+from machopt.verification.folder.options_in_force import VerifyRequest
+from machopt.verification.tables.exported_tables import ExportedMotion
 
 PARTS = sorted(p.stem for p in (Path(__file__).parent / "damages").glob("*.py") if p.stem not in ("__init__", "damage"))
 TABLES = ("points.csv", "trajectory.csv", "compensation.csv")
@@ -43,16 +43,18 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Job]:
 def _remembered(monkeypatch: pytest.MonkeyPatch) -> None:
     """Cells and tables of the same bytes are read and checked once: most rows damage neither, and it takes a second."""
     monkeypatch.setattr(service, "load_cell", _load_cell)
-    monkeypatch.setattr(contents, "verify_stints", _verify_stints)
+    monkeypatch.setattr(contents, "verify_tool_segments", _verify_stints)
 
 
 _CELLS: dict[str, Cell] = {}
 _FOUND: dict[str, Verification] = {}
-_READ, _CHECKED = service.load_cell, contents.verify_stints
+_READ, _CHECKED = service.load_cell, contents.verify_tool_segments
 
 
 def _bytes_of(folder: Path, pattern: str = "*") -> str:
-    return repr(sorted((f.relative_to(folder).as_posix(), sha256_of(f)) for f in folder.rglob(pattern) if f.is_file()))
+    return repr(
+        sorted((f.relative_to(folder).as_posix(), compute_sha256(f)) for f in folder.rglob(pattern) if f.is_file())
+    )
 
 
 def _load_cell(path: Path, **how: bool) -> Cell:
@@ -63,16 +65,16 @@ def _load_cell(path: Path, **how: bool) -> Cell:
 
 
 def _verify_stints(
-    stints: Sequence[Stint],
+    stints: Sequence[ToolSegment],
     out: Path,
     *,
     options: PlanOptions,
-    motion: Motion | None,
+    motion: ExportedMotion | None,
     touching: Sequence[tuple[str, str]] | None,
 ) -> Verification:
     cell, toolpath = stints[0].cell, stints[0].whole
-    read = digest(toolpath.position.tobytes() + toolpath.axis.tobytes() + toolpath.feed.tobytes())
-    tables = [(name, (out / name).is_file() and sha256_of(out / name)) for name in TABLES]
+    read = compute_digest(toolpath.position.tobytes() + toolpath.axis.tobytes() + toolpath.feed.tobytes())
+    tables = [(name, (out / name).is_file() and compute_sha256(out / name)) for name in TABLES]
     key = repr((_bytes_of(cell.folder), read, tables, options, touching))
     if key not in _FOUND:
         _FOUND[key] = _CHECKED(stints, out, options=options, motion=motion, touching=touching)
@@ -80,7 +82,7 @@ def _verify_stints(
 
 
 def found_in(job: Job) -> Verification:
-    return verify(VerifyRequest(cell=job.cell, toolpath=job.toolpath, out=job.out)).verification
+    return run_verify(VerifyRequest(cell=job.cell, toolpath=job.toolpath, out=job.out)).verification
 
 
 @pytest.mark.parametrize("name", list(JOBS))
@@ -114,9 +116,11 @@ def test_a_damage_is_caught(damage: Damage, planned: Callable[[str], Job], tmp_p
         assert any(name.startswith(damage.caught_by) for name in failed), failed
 
 
-def _of_manifest(job: Job) -> list[Check]:
-    inputs = distinct((*cell_inputs(_load_cell(job.cell)), single(job.toolpath, "toolpath")))
-    return contents.manifest_checks(job.out, inputs)[1]
+def _of_manifest(job: Job) -> list[VerificationCheck]:
+    inputs = rename_duplicate_names(
+        (*list_cell_inputs(_load_cell(job.cell)), build_manifest_file(job.toolpath, "toolpath"))
+    )
+    return contents.check_manifest(job.out, inputs)[1]
 
 
 def test_the_command_gives_the_checks_of_the_manifest(planned: Callable[[str], Job], tmp_path: Path) -> None:

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from batch_stub import folder_of, request_for
 
-from machopt.batch import engine
-from machopt.batch.engine import SchedulerLostError
+from machopt.batch import dask_executor
+from machopt.batch.dask_executor import SchedulerLostError
 from machopt.batch.run import run_batch
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -37,8 +37,8 @@ def _address(log: Path) -> str:
 
 @pytest.mark.slow
 def test_a_scheduler_that_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(engine, "LOOK", 0.5)
-    monkeypatch.setattr(engine, "CONNECT", 5.0)
+    monkeypatch.setattr(dask_executor, "POLL_INTERVAL_S", 0.5)
+    monkeypatch.setattr(dask_executor, "CONNECT_TIMEOUT_S", 5.0)
     jobs = folder_of(tmp_path, a="sleep 0", b="sleep 60", c="sleep 60")
     out = tmp_path / "out"
     scheduler = _process(
@@ -86,4 +86,4 @@ def test_a_scheduler_that_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     for job, text in (("b", "sleep 0"), ("c", "sleep 0")):
         next(p for p in jobs.rglob(f"{job}.*")).write_text(f"# {text}\n")
     resumed = run_batch(request_for(jobs, out, workers=1))
-    assert (resumed.exit_code, resumed.kept, resumed.done) == (0, 1, 2)
+    assert (resumed.exit_code, resumed.reused, resumed.done) == (0, 1, 2)

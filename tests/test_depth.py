@@ -10,16 +10,16 @@ import pytest
 import trimesh
 from small_cell import pose
 
-from machopt.domain.cell import Cutter, Shape
+from machopt.collision.gouge_depth import build_cutter_points, build_spiral_points, compute_gouge_depth
+from machopt.data_types.cell import CollisionShape, CutterGeometry
 from machopt.errors import InputError
-from machopt.model.depth import cutter_points, deepest, points_between
 
 LIMIT = 1e-4
 
 
-def exported(mesh: trimesh.Trimesh, folder: Path, name: str = "part.stl") -> Shape:
+def exported(mesh: trimesh.Trimesh, folder: Path, name: str = "part.stl") -> CollisionShape:
     mesh.export(folder / name)
-    return Shape(name="part", kind="mesh", size=(1.0,), mesh=folder / name, T_parent_shape=np.eye(4))
+    return CollisionShape(name="part", kind="mesh", size=(1.0,), mesh=folder / name, T_parent_shape=np.eye(4))
 
 
 def poses(count: int, seed: int, spread: float) -> np.ndarray:
@@ -32,7 +32,7 @@ def poses(count: int, seed: int, spread: float) -> np.ndarray:
 
 def test_points_lie_on_the_cutter() -> None:
     for corner in (0.0, 0.002, 0.006):
-        x = cutter_points(Cutter(0.012, 0.05, corner))
+        x = build_cutter_points(CutterGeometry(0.012, 0.05, corner))
         r, h = np.hypot(x[:, 0], x[:, 1]), -x[:, 2]
         core, rise = np.maximum(r - (0.006 - corner), 0.0), np.maximum(corner - h, 0.0)
         assert h.min() == 0.0
@@ -43,11 +43,13 @@ def test_points_lie_on_the_cutter() -> None:
 
 
 def test_meshes_agree_with_the_solids_they_are_made_of(tmp_path: Path) -> None:
-    points, T = cutter_points(Cutter(0.01, 0.04)), poses(60, 0, 0.12)
-    box = Shape(name="box", kind="box", size=(0.16, 0.2, 0.1), mesh=None, T_parent_shape=pose(0.01, 0, 0.02, 0.3))
+    points, T = build_cutter_points(CutterGeometry(0.01, 0.04)), poses(60, 0, 0.12)
+    box = CollisionShape(
+        name="box", kind="box", size=(0.16, 0.2, 0.1), mesh=None, T_parent_shape=pose(0.01, 0, 0.02, 0.3)
+    )
     mesh = trimesh.creation.box(box.size)
     by_mesh = replace(exported(mesh, tmp_path), T_parent_shape=box.T_parent_shape)
-    a, b = (deepest((s,), points, T, LIMIT) for s in (box, by_mesh))
+    a, b = (compute_gouge_depth((s,), points, T, LIMIT) for s in (box, by_mesh))
     assert 10 < (a.depth > 0).sum() < 60
     np.testing.assert_allclose(a.depth, b.depth, atol=1e-7)  # STL holds single precision
     np.testing.assert_allclose(a.place[a.depth > 0], b.place[a.depth > 0], atol=1e-7)
@@ -57,18 +59,20 @@ def test_meshes_agree_with_the_solids_they_are_made_of(tmp_path: Path) -> None:
     ("shape", "mesh"),
     [
         (
-            Shape(name="bar", kind="cylinder", size=(0.08, 0.15), mesh=None, T_parent_shape=np.eye(4)),
+            CollisionShape(name="bar", kind="cylinder", size=(0.08, 0.15), mesh=None, T_parent_shape=np.eye(4)),
             trimesh.creation.cylinder(0.08, 0.15, sections=256),
         ),
         (
-            Shape(name="ball", kind="sphere", size=(0.1,), mesh=None, T_parent_shape=np.eye(4)),
+            CollisionShape(name="ball", kind="sphere", size=(0.1,), mesh=None, T_parent_shape=np.eye(4)),
             trimesh.creation.icosphere(5, 0.1),
         ),
     ],
 )
-def test_round_solids_are_what_their_facets_come_near(shape: Shape, mesh: trimesh.Trimesh, tmp_path: Path) -> None:
-    points, T = cutter_points(Cutter(0.01, 0.04)), poses(60, 1, 0.12)
-    round_, faceted = (deepest((s,), points, T, LIMIT) for s in (shape, exported(mesh, tmp_path)))
+def test_round_solids_are_what_their_facets_come_near(
+    shape: CollisionShape, mesh: trimesh.Trimesh, tmp_path: Path
+) -> None:
+    points, T = build_cutter_points(CutterGeometry(0.01, 0.04)), poses(60, 1, 0.12)
+    round_, faceted = (compute_gouge_depth((s,), points, T, LIMIT) for s in (shape, exported(mesh, tmp_path)))
     inside = round_.depth > 0.0
     assert 10 < inside.sum() < 60
     # a facet lies up to r (1 − cos(π/256)) = 6 µm below the bar, a triangle of the ball (edge² / 6r) 50 µm
@@ -78,11 +82,11 @@ def test_round_solids_are_what_their_facets_come_near(shape: Shape, mesh: trimes
 def test_a_part_with_a_pocket_agrees_with_trimesh(tmp_path: Path) -> None:
     """Rows that follow one another, so that what is remembered of the row before is used; an independent distance."""
     ring = trimesh.creation.annulus(r_min=0.03, r_max=0.08, height=0.05, sections=16)
-    part, points = exported(ring, tmp_path), cutter_points(Cutter(0.008, 0.06, 0.002))[::7]
+    part, points = exported(ring, tmp_path), build_cutter_points(CutterGeometry(0.008, 0.06, 0.002))[::7]
     t = np.linspace(0.0, 1.0, 12)
     T = np.tile(np.eye(4), (12, 1, 1))
     T[:, :3, 3] = np.column_stack([0.09 - 0.09 * t, 0.01 * t, 0.04 - 0.05 * t])
-    found = deepest((part,), points, T, LIMIT)
+    found = compute_gouge_depth((part,), points, T, LIMIT)
     for m in range(12):
         x = points + T[m, :3, 3]
         tri = ring.triangles - x[:, None, None]
@@ -103,11 +107,11 @@ def test_a_part_with_a_pocket_agrees_with_trimesh(tmp_path: Path) -> None:
 
 def test_what_is_remembered_does_not_change_what_is_found(tmp_path: Path) -> None:
     part = exported(trimesh.creation.icosphere(subdivisions=3, radius=0.05), tmp_path)
-    points, t = cutter_points(Cutter(0.01, 0.05)), np.linspace(0, 1, 200)
+    points, t = build_cutter_points(CutterGeometry(0.01, 0.05)), np.linspace(0, 1, 200)
     T = np.tile(np.eye(4), (200, 1, 1))
     T[:, :3, 3] = np.column_stack([0.1 - 0.2 * t, 0.02 * np.sin(9 * t), 0.05 - 0.01 * t])
-    together = deepest((part,), points, T, LIMIT).depth
-    alone = np.array([deepest((part,), points, row[None], LIMIT).depth[0] for row in T[::40]])
+    together = compute_gouge_depth((part,), points, T, LIMIT).depth
+    alone = np.array([compute_gouge_depth((part,), points, row[None], LIMIT).depth[0] for row in T[::40]])
     np.testing.assert_array_equal(together[::40], alone)
     assert together.max() > 0.005
 
@@ -128,13 +132,13 @@ def test_whatever_is_deepest_is_found_as_if_each_pose_stood_alone(seed: int, tmp
     M = trimesh.transformations.random_rotation_matrix(rng.random(3))
     M[:3, 3] = rng.uniform(-4e-3, 4e-3, 3)
     part, radius = exported(body.apply_transform(M), tmp_path), rng.uniform(3e-3, 6e-3)
-    cutter = Cutter(2.0 * radius, 0.02, float(rng.choice([0.0, 0.3 * radius, radius])))
-    points, between = cutter_points(cutter), points_between(cutter)
+    cutter = CutterGeometry(2.0 * radius, 0.02, float(rng.choice([0.0, 0.3 * radius, radius])))
+    points, between = build_cutter_points(cutter), build_spiral_points(cutter)
     t = np.linspace(0.0, 1.0, 60)
     T = np.array([trimesh.transformations.rotation_matrix(np.pi + 0.4 * v, [1.0, 0.2, 0.0]) for v in t])
     T[:, :3, 3] = np.column_stack([0.012 * t - 0.006, 2e-3 * np.sin(9 * t), 2e-3 * np.cos(5 * t)])
-    together = deepest((part,), points, T, LIMIT, between)
-    alone = [deepest((part,), points, row[None], LIMIT, between) for row in T]
+    together = compute_gouge_depth((part,), points, T, LIMIT, between)
+    alone = [compute_gouge_depth((part,), points, row[None], LIMIT, between) for row in T]
     np.testing.assert_array_equal(together.depth, [one.depth[0] for one in alone])
     np.testing.assert_array_equal(together.place, [one.place[0] for one in alone])
     assert together.depth.max() > LIMIT
@@ -144,4 +148,6 @@ def test_an_open_surface_is_refused(tmp_path: Path) -> None:
     box = trimesh.creation.box((0.1, 0.1, 0.1))
     open_box = trimesh.Trimesh(box.vertices, box.faces[2:])
     with pytest.raises(InputError, match="open, so nothing is inside it"):
-        deepest((exported(open_box, tmp_path),), cutter_points(Cutter(0.01, 0.05)), np.eye(4)[None], LIMIT)
+        compute_gouge_depth(
+            (exported(open_box, tmp_path),), build_cutter_points(CutterGeometry(0.01, 0.05)), np.eye(4)[None], LIMIT
+        )

@@ -8,12 +8,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from machopt.design.accuracy import accuracy, efficiency, smallest_number
-from machopt.design.certificate import efficiency_bound
-from machopt.design.discriminate import discriminate, noncentrality
-from machopt.design.measurement import ReadingNoise
-from machopt.design.schedule import schedule, shortest_way
-from machopt.design.search import Belief, DesignProblem, choose, criterion, information
+from machopt.measurement.design.d_optimal_search import (
+    DesignProblem,
+    ModelBelief,
+    compute_design_criterion,
+    compute_information_matrix,
+    find_d_optimal_design,
+)
+from machopt.measurement.design.efficiency_bound import compute_efficiency_bound
+from machopt.measurement.design.expected_accuracy import (
+    compute_design_efficiency,
+    compute_expected_accuracy,
+    find_smallest_number,
+)
+from machopt.measurement.design.measurement_schedule import build_schedule, order_poses_by_travel
+from machopt.measurement.design.reading_noise import ReadingNoise
+from machopt.measurement.design.two_model_discrimination import compute_noncentrality, design_discrimination
 
 
 def tiny(
@@ -24,7 +34,7 @@ def tiny(
     n = poses * loads
     half = rng.normal(size=(n, rows, rows))
     W = rng.normal(size=(rows, rows))
-    model = Belief(rng.normal(size=(n, rows, unknowns)), 0.3 * half @ half.transpose(0, 2, 1) + 0.2 * np.eye(rows))
+    model = ModelBelief(rng.normal(size=(n, rows, unknowns)), 0.3 * half @ half.transpose(0, 2, 1) + 0.2 * np.eye(rows))
     return DesignProblem((model,), np.repeat(np.arange(poses), loads), shared * W @ W.T)
 
 
@@ -54,17 +64,17 @@ def test_information_is_that_of_generalised_least_squares() -> None:
     problem = tiny(0)
     blocks = ((0, 2), (5,), (9, 10, 11))
     white = stacked(problem, blocks)
-    np.testing.assert_allclose(information(problem, blocks), white.T @ white, rtol=1e-10)
+    np.testing.assert_allclose(compute_information_matrix(problem, blocks), white.T @ white, rtol=1e-10)
 
 
 @pytest.mark.parametrize(("poses", "loads", "shared"), [(2, 1, 0.0), (3, 1, 0.5), (2, 2, 0.5), (3, 2, 5.0)])
 @pytest.mark.parametrize("seed", range(4))
 def test_choice_is_the_best_of_all_designs(poses: int, loads: int, shared: float, seed: int) -> None:
     problem = tiny(seed, shared=shared)
-    found = choose(problem, poses, loads, rng=np.random.default_rng(0), starts=8)
-    best = max(criterion(problem, blocks) for blocks in every_design(problem, poses, loads))
+    found = find_d_optimal_design(problem, poses, loads, rng=np.random.default_rng(0), starts=8)
+    best = max(compute_design_criterion(problem, blocks) for blocks in every_design(problem, poses, loads))
     assert found.value == pytest.approx(best, abs=1e-9)  # 8 starts find the global optimum of problems this small
-    assert criterion(problem, found.blocks) == pytest.approx(found.value, abs=1e-9)
+    assert compute_design_criterion(problem, found.blocks) == pytest.approx(found.value, abs=1e-9)
 
 
 @pytest.mark.parametrize("loads", [1, 2, 3])
@@ -72,15 +82,15 @@ def test_bound_is_below_the_true_efficiency(loads: int) -> None:
     for seed in range(3):
         problem = tiny(seed, poses=5)
         designs = list(every_design(problem, 3, loads))
-        best = max(criterion(problem, b) for b in designs)
+        best = max(compute_design_criterion(problem, b) for b in designs)
         rng = np.random.default_rng(seed)
-        good = choose(problem, 3, loads, rng=rng)
+        good = find_d_optimal_design(problem, 3, loads, rng=rng)
         poor = [designs[i] for i in rng.integers(len(designs), size=10)]
         for blocks in (good.blocks, *poor):
-            true = np.exp((criterion(problem, blocks) - best) / 3)
+            true = np.exp((compute_design_criterion(problem, blocks) - best) / 3)
             # the ridge of the criterion, 1e-4 of information, is not in the bound
-            assert efficiency_bound(problem, type(good)(blocks, 0.0), loads) <= true * (1 + 1e-3)
-        assert efficiency_bound(problem, good, loads) > 0.3  # says something: 0 would hold for anything
+            assert compute_efficiency_bound(problem, type(good)(blocks, 0.0), loads) <= true * (1 + 1e-3)
+        assert compute_efficiency_bound(problem, good, loads) > 0.3  # says something: 0 would hold for anything
 
 
 def big(seed: int = 3) -> DesignProblem:
@@ -89,7 +99,7 @@ def big(seed: int = 3) -> DesignProblem:
 
 def test_exchange_never_makes_it_worse_and_each_pose_comes_once() -> None:
     problem = big()
-    found = choose(problem, 10, 2, rng=np.random.default_rng(5), starts=3)
+    found = find_d_optimal_design(problem, 10, 2, rng=np.random.default_rng(5), starts=3)
     assert len(found.history) > 1
     assert (np.diff(found.history) > 0).all()
     assert found.history[-1] == found.value
@@ -100,13 +110,13 @@ def test_exchange_never_makes_it_worse_and_each_pose_comes_once() -> None:
 
 
 def test_same_seed_same_design() -> None:
-    a, b = (choose(big(), 8, 2, rng=np.random.default_rng(7), starts=3) for _ in range(2))
+    a, b = (find_d_optimal_design(big(), 8, 2, rng=np.random.default_rng(7), starts=3) for _ in range(2))
     assert a.blocks == b.blocks
 
 
 def test_fewer_poses_or_loads_than_asked_are_all_taken() -> None:
     problem = tiny(1, poses=3, loads=2)
-    found = choose(problem, 9, 5, rng=np.random.default_rng(0))
+    found = find_d_optimal_design(problem, 9, 5, rng=np.random.default_rng(0))
     assert sorted(n for b in found.blocks for n in b) == list(range(6))
 
 
@@ -115,22 +125,22 @@ def test_unit_of_an_unknown_does_not_matter() -> None:
     problem = big()
     m = problem.models[0]
     scaled = DesignProblem(
-        (Belief(m.response * np.array([3.0, 0.2, 1, 7, 0.5, 2]), m.covariance),), problem.pose, problem.shared
+        (ModelBelief(m.response * np.array([3.0, 0.2, 1, 7, 0.5, 2]), m.covariance),), problem.pose, problem.shared
     )
-    a, b = (choose(p, 8, 2, rng=np.random.default_rng(0)) for p in (problem, scaled))
+    a, b = (find_d_optimal_design(p, 8, 2, rng=np.random.default_rng(0)) for p in (problem, scaled))
     # the ridge is the only thing with a unit; it moves log det by less than 1e-4
-    assert criterion(problem, b.blocks) == pytest.approx(a.value, abs=1e-3)
+    assert compute_design_criterion(problem, b.blocks) == pytest.approx(a.value, abs=1e-3)
 
 
 def test_design_for_several_beliefs_maximises_their_mean() -> None:
     one, other = tiny(0), tiny(10)
     halves = tuple(replace(p.models[0], weight=0.5) for p in (one, other))
     both = DesignProblem(halves, one.pose, one.shared)
-    found = choose(both, 2, 2, rng=np.random.default_rng(0), starts=8)
-    best = max(criterion(both, blocks) for blocks in every_design(both, 2, 2))
+    found = find_d_optimal_design(both, 2, 2, rng=np.random.default_rng(0), starts=8)
+    best = max(compute_design_criterion(both, blocks) for blocks in every_design(both, 2, 2))
     assert found.value == pytest.approx(best, abs=1e-9)
-    alone = choose(one, 2, 2, rng=np.random.default_rng(0), starts=8)
-    assert criterion(both, alone.blocks) < found.value
+    alone = find_d_optimal_design(one, 2, 2, rng=np.random.default_rng(0), starts=8)
+    assert compute_design_criterion(both, alone.blocks) < found.value
 
 
 def test_discriminating_design_is_the_best_of_all() -> None:
@@ -139,7 +149,9 @@ def test_discriminating_design_is_the_best_of_all() -> None:
     rng = np.random.default_rng(0)
     extra = rng.normal(size=(len(problem.pose), 2, 1))
     full, b = np.concatenate([m.response, extra], axis=-1), np.array([1.0, -2.0, 3.0])
-    found = discriminate(m.response, full, b, m.covariance, problem.pose, problem.shared, 2, 2, rng=rng, starts=8)
+    found = design_discrimination(
+        m.response, full, b, m.covariance, problem.pose, problem.shared, 2, 2, rng=rng, starts=8
+    )
 
     def left(blocks) -> float:  # what the rival leaves of the truth, by least squares on the whitened readings
         A, y = stacked(problem, blocks), stacked(problem, blocks, (full @ b)[..., None])[:, 0]
@@ -157,14 +169,14 @@ def test_discriminating_both_ways_and_laws_that_are_the_same() -> None:
     rng = np.random.default_rng(1)
     rival = rng.normal(size=m.response.shape)
     args = (m.covariance, problem.pose, problem.shared, 3, 2)
-    both = discriminate(m.response, rival, np.ones(2), *args, rng=rng, values_a=np.ones(2), starts=4)
-    one = discriminate(m.response, rival, np.ones(2), *args, rng=rng, starts=4)
+    both = design_discrimination(m.response, rival, np.ones(2), *args, rng=rng, values_a=np.ones(2), starts=4)
+    one = design_discrimination(m.response, rival, np.ones(2), *args, rng=rng, starts=4)
     assert both.a_against_b > 0
     assert both.b_against_a <= one.b_against_a * (1 + 1e-3)
-    assert both.a_against_b * both.b_against_a >= 0.999 * one.b_against_a * noncentrality(
+    assert both.a_against_b * both.b_against_a >= 0.999 * one.b_against_a * compute_noncentrality(
         rival, m.response @ np.ones(2), m.covariance, problem.pose, problem.shared, one.design.blocks
     )
-    same = discriminate(m.response, m.response[..., ::-1] * 2.0, np.ones(2), *args, rng=rng)
+    same = design_discrimination(m.response, m.response[..., ::-1] * 2.0, np.ones(2), *args, rng=rng)
     assert same.b_against_a < 1e-9 * one.b_against_a  # in the rival's span: rounding only
 
 
@@ -174,9 +186,9 @@ def test_readings_that_tell_laws_apart_differ_from_those_that_know_them_best() -
     law, truth = m.response[..., :5], m.response
     b = np.ones(6)
     rng = np.random.default_rng(0)
-    split = discriminate(law, truth, b, m.covariance, problem.pose, problem.shared, 6, 2, rng=rng)
-    known = choose(problem, 6, 2, rng=rng)
-    rest = noncentrality(law, truth @ b, m.covariance, problem.pose, problem.shared, known.blocks)
+    split = design_discrimination(law, truth, b, m.covariance, problem.pose, problem.shared, 6, 2, rng=rng)
+    known = find_d_optimal_design(problem, 6, 2, rng=rng)
+    rest = compute_noncentrality(law, truth @ b, m.covariance, problem.pose, problem.shared, known.blocks)
     assert split.b_against_a > 1.2 * rest
 
 
@@ -185,14 +197,16 @@ def test_accuracy_names_what_is_not_seen() -> None:
     A = rng.normal(size=(40, 5))
     A[:, 3] = -2.0 * A[:, 1]  # these two only appear together
     A[:, 4] = 0.0
-    found = accuracy(A.T @ A)
-    assert found.unseen == ((1, 3), (4,))
+    found = compute_expected_accuracy(A.T @ A)
+    assert found.unidentified_groups == ((1, 3), (4,))
     assert np.isinf(found.sigma[[1, 3, 4]]).all()
     clean = np.linalg.inv(A[:, [0, 1, 2]].T @ A[:, [0, 1, 2]])
     np.testing.assert_allclose(found.sigma[[0, 2]], np.sqrt(np.diag(clean))[[0, 2]], rtol=1e-9)
-    assert efficiency(found, found) == pytest.approx((1, 1, 1))
-    assert efficiency(accuracy(0.25 * A.T @ A), found) == pytest.approx((0.25, 0.25, 0.25))
-    assert efficiency(accuracy(np.diag([0.0, 1, 1, 1, 1])), found) == (0.0, 0.0, 0.0)
+    assert compute_design_efficiency(found, found) == pytest.approx((1, 1, 1))
+    assert compute_design_efficiency(compute_expected_accuracy(0.25 * A.T @ A), found) == pytest.approx(
+        (0.25, 0.25, 0.25)
+    )
+    assert compute_design_efficiency(compute_expected_accuracy(np.diag([0.0, 1, 1, 1, 1])), found) == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("first", [1, 7, 30, 200])
@@ -201,16 +215,16 @@ def test_smallest_number_is_the_smallest(first: int, target: float) -> None:
     def reaches(n: int) -> float:
         return 1.0 / np.sqrt(n) if n > 2 else np.inf
 
-    n = smallest_number(reaches, target, first, 150)
+    n = find_smallest_number(reaches, target, first, 150)
     assert n is not None
     assert reaches(n) <= target < reaches(n - 1)
-    assert smallest_number(reaches, 0.05, first, 150) is None
+    assert find_smallest_number(reaches, 0.05, first, 150) is None
 
 
 def test_rounds_cancel_a_steady_drift() -> None:
     """Second round backwards: the mean time of both visits is the same at every pose."""
     blocks = [(0, 1), (5, 4), (9,), (12, 13)]
-    visits = schedule(blocks, 2, np.random.default_rng(0))
+    visits = build_schedule(blocks, 2, np.random.default_rng(0))
     assert sorted(v.reading for v in visits) == sorted(2 * [n for b in blocks for n in b])
     poses = [v.pose for v in visits]
     assert poses == poses[::-1]
@@ -230,7 +244,7 @@ def test_way_is_short() -> None:
         at = np.concatenate([home[None], q[list(order)]])
         return float(np.max(np.abs(np.diff(at, axis=0)) / v, axis=1).sum())
 
-    way = shortest_way(q, home, v)
+    way = order_poses_by_travel(q, home, v)
     assert sorted(way.tolist()) == list(range(7))
     best = min(seconds(p) for p in itertools.permutations(range(7)))
     assert seconds(way) <= 1.15 * best  # 2-opt is no global optimiser; 15 % is its usual worst on few points

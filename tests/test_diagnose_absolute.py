@@ -15,24 +15,28 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from machopt.diagnose.laws import at_body
-from machopt.diagnose.laws.at_angle import swept
-from machopt.diagnose.nouns.problem import Catalogue, Hypothesis, Problem
-from machopt.diagnose.nouns.readings import Readings
-from machopt.diagnose.nouns.result import Diagnosis
-from machopt.diagnose.resting import absolute
-from machopt.diagnose.resting.absolute_catalogue import left, spanned
-from machopt.diagnose.search import engine
-from machopt.domain.cell import Cell
-from machopt.domain.kinematics import KinematicCorrection, Kinematics
-from machopt.domain.recording import Recording
-from machopt.effects.kinematic import wave_orders
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.cell import Cell
+from machopt.data_types.kinematic_corrections import KinematicCorrection, KinematicCorrections
+from machopt.data_types.measurements.recording import Recording
+from machopt.dynamics.gravity_torque import compute_gravity_torque
+from machopt.effects.joint.joint_angle_errors import list_testable_orders
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.model.gravity import gravity_torque
-from machopt.model.robot import Masses, Robot, load_masses, load_robot
-from machopt.model.terms import term_of
-from machopt.se3 import quaternion, rotation_from_vector
+from machopt.kinematics.robot import Robot, RobotMasses, load_masses, load_robot
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
+    DiagnosisProblem,
+    EffectHypothesis,
+    HypothesisCatalogue,
+)
+from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
+from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
+from machopt.measurement.diagnosis.effect_columns import structural_compliance
+from machopt.measurement.diagnosis.effect_columns.joint_angle_errors import compute_joint_angle_range
+from machopt.measurement.diagnosis.model_selection import selection_pipeline
+from machopt.measurement.diagnosis.static import measured_pose_channel
+from machopt.measurement.diagnosis.static.measured_pose_hypotheses import compute_column_span, compute_remaining_share
+from machopt.numerics.rigid_transforms import convert_to_quaternion, convert_vector_to_rotation
+from machopt.stiffness.terms import build_fitted_term
 
 Array = NDArray[np.float64]
 CELL = Path(__file__).resolve().parents[1] / "cells" / "irb6700_drilling"
@@ -43,7 +47,7 @@ SOFTER = np.array([1.0, 1.25, 0.85, 1.1, 0.9, 1.2])  # springs are never as the 
 
 
 @cache
-def arm() -> tuple[Cell, Robot, Masses]:
+def arm() -> tuple[Cell, Robot, RobotMasses]:
     cell = load_cell(CELL)
     return cell, load_robot(cell), load_masses(cell)
 
@@ -61,7 +65,7 @@ def poses() -> Array:
 def measure(
     *,
     delta: Callable[[Array], Array] = np.zeros_like,
-    masses: Masses | None = None,
+    masses: RobotMasses | None = None,
     load: Array | None = None,
     grow: Array | None = None,
     noise: float = 0.0,
@@ -79,12 +83,12 @@ def measure(
     T[:3, 3] += target
     theta = q + delta(q)
     for _ in range(12):
-        state = robot.state(theta, T, bodies=True)
-        tau = gravity_torque(robot, carried, state)[0]
+        state = robot.compute_state(theta, T, bodies=True)
+        tau = compute_gravity_torque(robot, carried, state)[0]
         if load is not None:
             tau = tau + np.einsum("nci,nc->ni", state.J, load)
         theta = q + delta(q) + c * tau
-    state = robot.state(theta, T, bodies=True)
+    state = robot.compute_state(theta, T, bodies=True)
     p, R = state.T_base_tool[:, :3, 3].copy(), state.T_base_tool[:, :3, :3]
     if grow is not None:
         assert state.R_bodies is not None
@@ -92,11 +96,11 @@ def measure(
         for n, group in enumerate(((1,), (2,), (3, 4, 5, 6))):
             for i in group:
                 p += grow[:, n : n + 1] * (state.R_bodies[:, i] @ (points[i] - points[i - 1]))
-    Q = rotation_from_vector(turn)
+    Q = convert_vector_to_rotation(turn)
     p = p @ Q.T + shift
     rng = np.random.default_rng(11)
     p += noise * rng.normal(size=p.shape)
-    turned = rotation_from_vector(2 * noise * rng.normal(size=p.shape)) @ Q @ R
+    turned = convert_vector_to_rotation(2 * noise * rng.normal(size=p.shape)) @ Q @ R
     N = len(q)
     return Recording(
         kind="absolute",
@@ -108,16 +112,16 @@ def measure(
         line=np.arange(2, N + 2),
         wrench=load,
         position=p,
-        quaternion=quaternion(turned) if six else None,
+        quaternion=convert_to_quaternion(turned) if six else None,
         time=np.concatenate([1e5 * v + 60.0 * np.arange(POSES) for v in range(VISITS)]),
         temperature=np.concatenate([21 + 4 * (1 - np.exp(-np.arange(POSES) / 25.0)) for _ in range(VISITS)]),
         registration="fit" if registration == "fit" else "fixed",
     )
 
 
-def build(recording: Recording, **changes: object) -> tuple[Problem, Catalogue]:
+def build(recording: Recording, **changes: object) -> tuple[DiagnosisProblem, HypothesisCatalogue]:
     cell, robot, masses = arm()
-    found = absolute.build(
+    found = measured_pose_channel.build_measured_pose_problem(
         recording,
         replace(cell, **changes),
         robot,
@@ -127,7 +131,7 @@ def build(recording: Recording, **changes: object) -> tuple[Problem, Catalogue]:
     return found[0], found[1]
 
 
-def fitted(problem: Problem, columns: Array | None = None) -> tuple[Array, Array]:
+def fitted(problem: DiagnosisProblem, columns: Array | None = None) -> tuple[Array, Array]:
     """(coefficients, residual (N, D)) of plain least squares; rotations count as shifts 0.5 m away."""
     A = problem.base if columns is None else np.concatenate([problem.base, columns], axis=2)
     w = np.array([1.0] * 3 + [0.5] * 3)[: problem.dimensions]
@@ -137,11 +141,11 @@ def fitted(problem: Problem, columns: Array | None = None) -> tuple[Array, Array
     return x, problem.y - A @ x
 
 
-def only(catalogue: Catalogue, effect: str, where: str, law: str = "") -> Hypothesis:
+def only(catalogue: HypothesisCatalogue, effect: str, where: str, law: str = "") -> EffectHypothesis:
     return next(h for h in catalogue.hypotheses if h.name == (effect, where) and h.law.startswith(law))
 
 
-def gains(problem: Problem, catalogue: Catalogue) -> dict[tuple[str, str], float]:
+def gains(problem: DiagnosisProblem, catalogue: HypothesisCatalogue) -> dict[tuple[str, str], float]:
     """Fall of the residual's squares per coefficient, each name's best law and shape."""
     before = float(np.sum(fitted(problem)[1] ** 2))
     out: dict[tuple[str, str], float] = {}
@@ -189,7 +193,7 @@ def test_outliers_and_a_foreign_unit_do_not_break_the_first_fit() -> None:
 
 
 def test_known_corrections_of_the_cell_are_counted() -> None:
-    known = Kinematics((KinematicCorrection("joint_zero_offset", "joint:3", {"offset_deg": 0.05}),))
+    known = KinematicCorrections((KinematicCorrection("joint_zero_offset", "joint:3", {"offset_deg": 0.05}),))
     recording = measure(delta=lambda q: np.radians(0.05) * np.eye(6)[2] + 0 * q)
     assert np.abs(fitted(build(recording)[0])[1]).max() > 2e-5
     assert np.abs(fitted(build(recording, kinematics=known)[0])[1]).max() < 2e-7
@@ -214,13 +218,13 @@ def test_refusals() -> None:
     cell, robot, masses = arm()
     for bad in (replace(measure(), kind="deflection"), replace(measure(), position=None)):
         with pytest.raises(InputError, match="absolute"):
-            absolute.build(bad, cell, robot, masses, np.random.default_rng(0))
+            measured_pose_channel.build_measured_pose_problem(bad, cell, robot, masses, np.random.default_rng(0))
 
 
 # what can be told -----------------------------------------------------------------------------------------------
 
 
-def names(catalogue: Catalogue, effect: str) -> set[str]:
+def names(catalogue: HypothesisCatalogue, effect: str) -> set[str]:
     return {h.location for h in catalogue.hypotheses if h.effect == effect}
 
 
@@ -238,13 +242,15 @@ def test_what_the_frame_or_the_target_takes_up_is_not_offered() -> None:
     for catalogue in (three, six, fixed):  # what is offered never vanishes, and nothing is both
         assert not {h.name for h in catalogue.hypotheses} & {(u.effect, u.location) for u in catalogue.untestable}
     problem, _ = build(measure())
-    base = spanned(problem.base)
-    assert all(left(h.columns(h.shapes[0]), base) > 1e-3 for h in three.hypotheses if len(h.shapes) == 1)
+    base = compute_column_span(problem.base)
+    assert all(
+        compute_remaining_share(h.columns(h.shapes[0]), base) > 1e-3 for h in three.hypotheses if len(h.shapes) == 1
+    )
 
 
 def test_a_zero_offset_leaves_nothing_of_itself_but_a_wave_may() -> None:
     """6 % of the offset's gain, which a wave may leave for its form, hid a payload beside it (yard 21, several05)."""
-    exact = {h.effect: h.exact for h in build(measure())[1].hypotheses if h.family == "kinematic"}
+    exact = {h.effect: h.is_exact for h in build(measure())[1].hypotheses if h.family == "kinematic"}
     assert exact["joint_zero_offset"]
     assert exact["geometry"]
     assert not exact["transmission_error"]
@@ -252,7 +258,9 @@ def test_a_zero_offset_leaves_nothing_of_itself_but_a_wave_may() -> None:
 
 def test_without_masses_weight_is_unknown() -> None:
     cell, robot, _ = arm()
-    problem, catalogue, notes = absolute.build(measure(), cell, robot, None, np.random.default_rng(0))
+    problem, catalogue, notes = measured_pose_channel.build_measured_pose_problem(
+        measure(), cell, robot, None, np.random.default_rng(0)
+    )
     missing = {u.effect for u in catalogue.untestable}
     assert {"payload", "gravity_compensator"} <= missing
     assert not names(catalogue, "link_compliance")
@@ -263,10 +271,15 @@ def test_without_masses_weight_is_unknown() -> None:
 def test_poses_without_masses_in_a_known_frame_have_nothing_to_refit_and_are_diagnosed() -> None:
     cell, robot, _ = arm()
     recording = measure(registration="fixed", noise=1e-5)
-    problem, catalogue, _ = absolute.build(recording, cell, robot, None, np.random.default_rng(0))
+    problem, catalogue, _ = measured_pose_channel.build_measured_pose_problem(
+        recording, cell, robot, None, np.random.default_rng(0)
+    )
     assert problem.base.shape[2] == 0
-    d = engine.diagnose(
-        problem, replace(catalogue, hypotheses=catalogue.hypotheses[:2]), engine.Options(), np.random.default_rng(0)
+    d = selection_pipeline.diagnose_problem(
+        problem,
+        replace(catalogue, hypotheses=catalogue.hypotheses[:2]),
+        selection_pipeline.DiagnosisOptions(),
+        np.random.default_rng(0),
     )
     assert d.verdict != "consistent"  # what weight bends is there, and no column for it
 
@@ -288,9 +301,9 @@ def test_orders_follow_what_the_angles_can_show() -> None:
     q = poses()
 
     def orders(angles: Array) -> tuple[float, ...]:
-        state = robot.state(angles, cell.tool.T_flange_tcp, bodies=True)
+        state = robot.compute_state(angles, cell.tool.T_flange_tcp, bodies=True)
         none = np.zeros(len(angles), np.int64)
-        r = Readings(
+        r = StaticReadings(
             recording=measure(),
             robot=robot,
             T_flange_tcp=cell.tool.T_flange_tcp,
@@ -298,13 +311,13 @@ def test_orders_follow_what_the_angles_can_show() -> None:
             state=state,
             wrench=np.zeros((len(angles), 6)),
             dimensions=3,
-            differences=False,
+            is_difference=False,
             compliance=np.full(6, 1e-6),
             session=none,
             visit=none,
             cycle=none,
         )
-        return wave_orders(swept(r, 3))
+        return list_testable_orders(compute_joint_angle_range(r, 3))
 
     many = orders(q)
     assert many[:12] == tuple(float(n) for n in range(1, 13))
@@ -323,11 +336,11 @@ def unit(joint: int) -> Array:
     return np.eye(6)[joint - 1]
 
 
-def heavier(mass: float, at: Array) -> Masses:
+def heavier(mass: float, at: Array) -> RobotMasses:
     _, robot, own = arm()
     flange = robot.T_base_flange_zero
     com = flange[:3, :3] @ at + flange[:3, 3]
-    return Masses(np.r_[own.body, 6], np.r_[own.mass, mass], np.vstack([own.com, com]), own.gravity)
+    return RobotMasses(np.r_[own.body, 6], np.r_[own.mass, mass], np.vstack([own.com, com]), own.gravity)
 
 
 def wave(joint: int, order: float, cos: float, sin: float) -> Callable[[Array], Array]:
@@ -398,11 +411,13 @@ def test_a_gear_finer_than_its_angles_are_many_is_found_where_nothing_else_takes
     """60 angles let 20 orders be tried on noise; a tooth's order lies above, and was left unexplained."""
     problem, catalogue = build(measure(delta=wave(3, 37.0, 30.0, 0.0), noise=2e-5))
 
-    def diagnosed(offered: Catalogue) -> Diagnosis:
-        return engine.diagnose(problem, offered, engine.Options(), np.random.default_rng(0))
+    def diagnosed(offered: HypothesisCatalogue) -> DiagnosisResult:
+        return selection_pipeline.diagnose_problem(
+            problem, offered, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
+        )
 
     assert all(max(s[-1] for s in h.shapes if s) < 37.0 for h in catalogue.hypotheses if h.name[0] == WAVE and h.shapes)
-    assert diagnosed(replace(catalogue, further=())).verdict == "unexplained"
+    assert diagnosed(replace(catalogue, extended_hypotheses=())).verdict == "unexplained"
     found = diagnosed(catalogue)
     assert [(f.effect, f.location) for f in found.findings] == [(WAVE, "joint:3")]
     assert found.verdict == "explained"
@@ -421,7 +436,7 @@ def test_findings_compensate_what_was_put_in() -> None:
     assert found.parameters["per_turn"] == 3.0
     assert found.parameters["cos_arcsec"] == pytest.approx(9.0, rel=0.01)
     assert found.parameters["sin_arcsec"] == pytest.approx(-4.0, rel=0.02)
-    known = Kinematics((KinematicCorrection(found.effect, found.location, found.parameters),))
+    known = KinematicCorrections((KinematicCorrection(found.effect, found.location, found.parameters),))
     before = np.abs(fitted(problem)[1]).max()
     assert np.abs(fitted(build(measure(delta=delta), kinematics=known)[0])[1]).max() < 0.02 * before
 
@@ -458,7 +473,9 @@ def test_a_plate_on_uneven_bolts_is_a_base_and_no_tracker_that_stands_elsewhere(
     plate = only(catalogue, "base_compliance", "base", "tilts and sinks")
     C = 1e-9 * np.array([4.5, 4.0, -3.0, 20.0, -2.0, 28.0])  # m/N, 1/N, rad/(N·m)
     problem = replace(problem, y=problem.y + plate.columns(()) @ C)
-    found = engine.diagnose(problem, catalogue, engine.Options(), np.random.default_rng(0))
+    found = selection_pipeline.diagnose_problem(
+        problem, catalogue, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
+    )
     assert [(f.effect, f.law) for f in found.findings] == [("base_compliance", "tilts and sinks")]
     assert found.verdict == "explained"
     size = found.findings[0].parameters["tilt_compliance"]
@@ -471,19 +488,19 @@ def test_a_plate_that_sinks_is_not_offered_where_the_tracker_s_frame_is_fitted()
     assert "tilts and sinks" not in laws
 
 
-def readings(masses: Masses | None, load: Array, q: Array) -> Readings:
+def readings(masses: RobotMasses | None, load: Array, q: Array) -> StaticReadings:
     cell, robot, _ = arm()
     T = cell.tool.T_flange_tcp
     none = np.zeros(len(q), np.int64)
-    return Readings(
+    return StaticReadings(
         recording=measure(),
         robot=robot,
         T_flange_tcp=T,
         masses=masses,
-        state=robot.state(q, T, bodies=True),
+        state=robot.compute_state(q, T, bodies=True),
         wrench=load,
         dimensions=6,
-        differences=False,
+        is_difference=False,
         compliance=np.full(6, 1e-6),
         session=none,
         visit=none,
@@ -496,16 +513,24 @@ def test_a_beam_under_load_alone_is_the_term_of_stiffness_yaml(link: int) -> Non
     q = poses()[:8]
     load = np.random.default_rng(1).normal(size=(8, 6)) * np.array([500, 500, 500, 80, 80, 80.0])
     r = readings(None, load, q)
-    h = next(h for h in at_body.hypotheses(r) if h.name == ("link_compliance", f"link:{link}") and h.law == "bends")
-    term = term_of("link_compliance", f"link:{link}", r.robot, r.T_flange_tcp)
-    expected = term.response(r.state, load)[:, :, 0]
+    h = next(
+        h
+        for h in structural_compliance.build_structure_hypotheses(r)
+        if h.name == ("link_compliance", f"link:{link}") and h.law == "bends"
+    )
+    term = build_fitted_term("link_compliance", f"link:{link}", r.robot, r.T_flange_tcp)
+    expected = term.compute_response(r.state, load)[:, :, 0]
     np.testing.assert_allclose(h.columns(())[:, :, 0], expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
-    both = next(h for h in at_body.hypotheses(r) if h.location == f"link:{link}" and h.law.startswith("bends in two"))
+    both = next(
+        h
+        for h in structural_compliance.build_structure_hypotheses(r)
+        if h.location == f"link:{link}" and h.law.startswith("bends in two")
+    )
     x = np.array([2e-7, 5e-8, 1e-7])  # its matrix in stiffness.yaml does what its columns do
     written = both.correction(x, ())
     assert written is not None
-    spring = term_of(written.effect, written.location, r.robot, r.T_flange_tcp, **dict(written.parameters))
-    d = spring.response(r.state, load) @ spring.values
+    spring = build_fitted_term(written.effect, written.location, r.robot, r.T_flange_tcp, **dict(written.parameters))
+    d = spring.compute_response(r.state, load) @ spring.values
     np.testing.assert_allclose(both.columns(()) @ x, d, rtol=1e-9, atol=1e-12 * np.abs(d).max())
 
 
@@ -515,9 +540,13 @@ def test_a_link_bends_under_its_own_weight_as_a_beam_does() -> None:
     start, end = robot.point[3], robot.point[4]
     L = float(np.linalg.norm(end - start))
     g = own.gravity
-    alone = Masses(np.array([4]), np.array([60.0]), (0.5 * (start + end))[None], g)
+    alone = RobotMasses(np.array([4]), np.array([60.0]), (0.5 * (start + end))[None], g)
     r = readings(alone, np.zeros((1, 6)), np.zeros((1, 6)))  # the forearm lies along x with all joints at zero
-    h = next(h for h in at_body.hypotheses(r) if h.name == ("link_compliance", "link:4") and h.law == "bends")
+    h = next(
+        h
+        for h in structural_compliance.build_structure_hypotheses(r)
+        if h.name == ("link_compliance", "link:4") and h.law == "bends"
+    )
     w = 60.0 * 9.80665 / L
     column = h.columns(())[0, :, 0]
     turn = w * L**3 / 6  # about y, nose down
@@ -530,9 +559,9 @@ def test_weight_of_everything_is_the_torque_of_gravity() -> None:
     """The wrench of all bodies beyond joint i, through J_i, is the torque that gravity.py says."""
     _, robot, masses = arm()
     r = readings(masses, np.zeros((8, 6)), poses()[:8])
-    torque = gravity_torque(robot, masses, r.state)[0]
+    torque = compute_gravity_torque(robot, masses, r.state)[0]
     for i in range(6):
-        w = at_body.weight_wrench(r, masses.body > i)
+        w = structural_compliance.compute_weight_wrench(r, masses.body > i)
         np.testing.assert_allclose(np.einsum("nc,nc->n", r.state.J[:, :, i], w), torque[:, i], atol=1e-8)
 
 
@@ -559,7 +588,9 @@ def test_about_what_was_found_the_equations_hold_to_the_micrometre() -> None:
     )
 
     def left_by_the_truth(about: tuple[KinematicCorrection, ...]) -> float:
-        problem, catalogue, _ = absolute.build(recording, *arm(), np.random.default_rng(0), about=about)
+        problem, catalogue, _ = measured_pose_channel.build_measured_pose_problem(
+            recording, *arm(), np.random.default_rng(0), about=about
+        )
         laws = {h.location: h for h in catalogue.hypotheses if h.effect == "joint_zero_offset"}
         y = problem.y - sum(laws[f"joint:{j + 1}"].columns(())[:, :, 0] * true[j] for j in (1, 2, 3, 4))
         A = problem.base.reshape(y.size, -1)
@@ -575,7 +606,7 @@ def test_geometry_that_was_found_is_counted_as_its_columns_state_it() -> None:
     recording = measure(registration="fixed")
     twist = {"shift_mm": [0.3, -0.2, 0.4], "turn_mrad": [0.4, 0.3, -0.5]}
     build = [
-        absolute.build(recording, *arm(), np.random.default_rng(0), about=about)[0]
+        measured_pose_channel.build_measured_pose_problem(recording, *arm(), np.random.default_rng(0), about=about)[0]
         for about in ((), (KinematicCorrection("geometry", "joint:3", twist),))
     ]
     y = build[1].y - build[0].y

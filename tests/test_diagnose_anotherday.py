@@ -10,11 +10,11 @@ import pytest
 from test_diagnose_drift import timed
 from test_effects import posed
 
-from machopt.diagnose.evidence.grams import model
-from machopt.diagnose.laws import at_sensor
-from machopt.diagnose.nouns.problem import Catalogue
-from machopt.diagnose.search import engine
-from machopt.diagnose.search.anotherday import transferred
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import HypothesisCatalogue
+from machopt.measurement.diagnosis.effect_columns import sensor_errors
+from machopt.measurement.diagnosis.model_selection import selection_pipeline
+from machopt.measurement.diagnosis.model_selection.screening.session_transfer import compute_session_transfer
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import build_whitened_model
 
 DAYS, VISITS, READINGS = 2, 10, 6
 
@@ -22,11 +22,17 @@ DAYS, VISITS, READINGS = 2, 10, 6
 @pytest.mark.parametrize("days", [(0, 1), (1,)])
 def test_a_law_is_named_where_every_session_shows_it(days: tuple[int, ...]) -> None:
     r, _, _ = timed()
-    laws = tuple(h for h in at_sensor.hypotheses(r) if h.effect in ("force_sensor_frame", "force_sensor_offset"))
+    laws = tuple(
+        h
+        for h in sensor_errors.build_load_test_sensor_hypotheses(r)
+        if h.effect in ("force_sensor_frame", "force_sensor_offset")
+    )
     turned = next(h for h in laws if h.effect == "force_sensor_frame")
     moved = turned.columns(turned.shapes[0]) @ np.full(3, 0.01)
     moved[~np.isin(r.session, days)] = 0.0
-    found = engine.diagnose(posed(r, moved), Catalogue(laws), engine.Options(), np.random.default_rng(0))
+    found = selection_pipeline.diagnose_problem(
+        posed(r, moved), HypothesisCatalogue(laws), selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
+    )
     contradicted = [n for n in found.notes if "sessions differ" in n]
     if len(days) > 1:
         assert [f.effect for f in found.findings] == ["force_sensor_frame"]
@@ -55,10 +61,12 @@ def share(*, days_with_it: int, moved: bool) -> float:
     )
     fold = np.tile(np.arange(VISITS), DAYS)
     of = np.repeat(fold, READINGS)
-    base = model(whitening, X, y, fold, np.zeros(X.shape[1]), tuple(np.flatnonzero(of == f) for f in range(VISITS)))
+    base = build_whitened_model(
+        whitening, X, y, fold, np.zeros(X.shape[1]), tuple(np.flatnonzero(of == f) for f in range(VISITS))
+    )
     gain = base.rss - base.with_columns(law).rss
     scored: Any = SimpleNamespace(gain=gain, shape=0, tried=SimpleNamespace(at=lambda _: law))
-    return transferred(base, scored)
+    return compute_session_transfer(base, scored)
 
 
 @pytest.mark.parametrize("moved", [False, True])

@@ -7,9 +7,9 @@ import pytest
 import test_diagnose_absolute as absolute
 from numpy.typing import NDArray
 
-from machopt.diagnose.nouns.result import Diagnosis
-from machopt.diagnose.search import engine
-from machopt.model.gravity import gravity_torque
+from machopt.dynamics.gravity_torque import compute_gravity_torque
+from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
+from machopt.measurement.diagnosis.model_selection import selection_pipeline
 
 Array = NDArray[np.float64]
 PLACE, WAVE, BALANCER = "joint:2", "transmission_error", "gravity_compensator"
@@ -29,7 +29,7 @@ def spring(q: Array) -> Array:
     cell, robot, masses = absolute.arm()
     assert cell.stiffness is not None
     soft = absolute.SOFTER / cell.stiffness.joints
-    q = q + soft * gravity_torque(robot, masses, robot.state(q, cell.tool.T_flange_tcp, bodies=True))[0]
+    q = q + soft * compute_gravity_torque(robot, masses, robot.compute_state(q, cell.tool.T_flange_tcp, bodies=True))[0]
     c = soft[1]
     a, L, rest, rate, preload = 0.25, 0.55, 0.45, 2.4e4, 1e3
     angle = q[:, 1] - float(np.median(absolute.poses()[:, 1])) + 0.15
@@ -38,9 +38,11 @@ def spring(q: Array) -> Array:
     return np.asarray((c * torque)[:, None] * absolute.unit(2))
 
 
-def diagnosed(delta: object) -> Diagnosis:
+def diagnosed(delta: object) -> DiagnosisResult:
     problem, catalogue = absolute.build(absolute.measure(delta=delta, noise=2e-5))  # type: ignore[arg-type]
-    return engine.diagnose(problem, catalogue, engine.Options(), np.random.default_rng(0))
+    return selection_pipeline.diagnose_problem(
+        problem, catalogue, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
+    )
 
 
 def test_a_part_of_a_wave_is_a_balancer_where_these_data_do_not_exclude_it() -> None:

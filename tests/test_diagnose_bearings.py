@@ -10,30 +10,40 @@ from scipy.spatial.transform import Rotation
 from test_diagnose_drift import timed
 from test_effects import posed
 
-from machopt.arrays import Array
-from machopt.diagnose.laws import at_body, at_joint, at_sensor
-from machopt.diagnose.nouns.problem import Catalogue, Hypothesis
-from machopt.diagnose.nouns.readings import Readings
-from machopt.diagnose.nouns.result import Diagnosis
-from machopt.diagnose.resting import bearings
-from machopt.diagnose.search import engine
-from machopt.effects import backlash, base, hardening
+from machopt.effects.joint import backlash, nonlinear_stiffness
+from machopt.effects.structure import base_compliance
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, HypothesisCatalogue
+from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
+from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
+from machopt.measurement.diagnosis.effect_columns import joint_torque, sensor_errors, structural_compliance
+from machopt.measurement.diagnosis.model_selection import selection_pipeline
+from machopt.measurement.diagnosis.static import bearing_tilt
+from machopt.numerics.array_types import Array
 
 
-def form(r: Readings, joint: int, law: str, which: int = 0) -> Hypothesis:
+def form(r: StaticReadings, joint: int, law: str, which: int = 0) -> EffectHypothesis:
     """One of a joint, from 1; first those whose ways stand in the body before it."""
-    return [h for h in bearings.hypotheses(r) if (h.location, h.law) == (f"joint:{joint}", law)][which]
+    return [h for h in bearing_tilt.build_bearing_hypotheses(r) if (h.location, h.law) == (f"joint:{joint}", law)][
+        which
+    ]
 
 
-def told(r: Readings, moved: Array, *, forms: bool, placed: Readings | None = None) -> Diagnosis:
-    known = [*at_body.hypotheses(r), *at_sensor.hypotheses(r)]
+def told(r: StaticReadings, moved: Array, *, forms: bool, placed: StaticReadings | None = None) -> DiagnosisResult:
+    known = [*structural_compliance.build_structure_hypotheses(r), *sensor_errors.build_load_test_sensor_hypotheses(r)]
     for j in range(3):
-        known += [*at_joint.hypotheses(r, j, backlash.EFFECT)[0], *at_joint.hypotheses(r, j, hardening.EFFECT)[0]]
-    tried = Catalogue(tuple(known), nameless=tuple(bearings.hypotheses(placed or r)) if forms else ())
-    return engine.diagnose(posed(r, moved), tried, engine.Options(), np.random.default_rng(0))
+        known += [
+            *joint_torque.build_joint_hypotheses(r, j, backlash.EFFECT)[0],
+            *joint_torque.build_joint_hypotheses(r, j, nonlinear_stiffness.EFFECT)[0],
+        ]
+    tried = HypothesisCatalogue(
+        tuple(known), uncatalogued_hypotheses=tuple(bearing_tilt.build_bearing_hypotheses(placed or r)) if forms else ()
+    )
+    return selection_pipeline.diagnose_problem(
+        posed(r, moved), tried, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
+    )
 
 
-def tilted(r: Readings, joint: int, about: Array, play: float = 0.0) -> Array:
+def tilted(r: StaticReadings, joint: int, about: Array, play: float = 0.0) -> Array:
     """(N, 6) m, rad at the TCP of an arm that is turned bodily about an axis (N, 3) through a joint, from 0.
 
     By the moment there, in proportion and 0.1 mrad at the largest; or ``play`` rad either way, used up by a twentieth
@@ -49,7 +59,7 @@ def tilted(r: Readings, joint: int, about: Array, play: float = 0.0) -> Array:
     def moment(wrench: Array) -> Array:
         return np.asarray(np.sum((wrench[:, 3:] + np.cross(lever, wrench[:, :3])) * about, axis=1))
 
-    load, weight = moment(r.wrench), moment(at_body.weight_wrench(r, r.masses.body > joint))
+    load, weight = moment(r.wrench), moment(structural_compliance.compute_weight_wrench(r, r.masses.body > joint))
     largest = np.abs(load).max()
     angle = 1e-4 * load / largest
     if play:
@@ -59,9 +69,9 @@ def tilted(r: Readings, joint: int, about: Array, play: float = 0.0) -> Array:
     return np.concatenate([turn.apply(lever) - lever, angle[:, None] * about], axis=1)
 
 
-def across(r: Readings, joint: int, way: float) -> Array:
+def across(r: StaticReadings, joint: int, way: float) -> Array:
     """(N, 3) an axis across that of a joint, from 0, ``way`` rad from the first in the body before it."""
-    b = bearings._bearing(r, joint, joint)
+    b = bearing_tilt._build_bearing_load(r, joint, joint)
     assert np.abs(np.einsum("nwc,nc->nw", b.across, r.state.J[:, 3:, joint])).max() < 1e-9
     return np.asarray(np.cos(way) * b.across[:, 0] + np.sin(way) * b.across[:, 1])
 
@@ -71,7 +81,7 @@ def test_a_form_is_the_arm_turned_bodily_about_its_joint(joint: int) -> None:
     r, _, _ = timed()
     for way in (0.4, 2.0):
         true = tilted(r, joint, across(r, joint, way))
-        seat = form(r, joint + 1, bearings.TILTS).columns(())
+        seat = form(r, joint + 1, bearing_tilt.ELASTIC_TILT_LAW).columns(())
         x = np.linalg.lstsq(seat.reshape(-1, 3), true.reshape(-1), rcond=None)[0]
         assert np.abs(seat @ x - true).max() < 1e-3 * np.abs(true).max()
         C = np.array([[x[0], x[1]], [x[1], x[2]]])
@@ -81,10 +91,12 @@ def test_a_form_is_the_arm_turned_bodily_about_its_joint(joint: int) -> None:
 
 def test_play_is_used_up_by_a_small_moment_and_hidden_where_weight_keeps_it_seated() -> None:
     r, _, _ = timed()
-    way = float(bearings.WAYS[2])
+    way = float(bearing_tilt.TILT_DIRECTIONS[2])
     true = tilted(r, 0, across(r, 0, way), play=1e-4)
-    rocks = form(r, 1, bearings.ROCKS)
-    moment = np.linalg.norm(bearings._across(b := bearings._bearing(r, 0, 0), b.load), axis=1)
+    rocks = form(r, 1, bearing_tilt.BACKLASH_TILT_LAW)
+    moment = np.linalg.norm(
+        bearing_tilt._project_across_axis(b := bearing_tilt._build_bearing_load(r, 0, 0), b.load), axis=1
+    )
     own = np.abs(np.sum(b.load * across(r, 0, way), axis=1)).max()
     shares = np.array([s for s, w in rocks.shapes if w == way]) * np.quantile(moment, 0.98) / own
     near = [s for s, w in rocks.shapes if w == way][int(np.argmin(np.abs(shares - 0.05)))]
@@ -127,16 +139,19 @@ def test_a_base_of_any_law_and_a_play_keep_their_names_beside_bearings(height: f
         plate += np.outer(give, give) / soft
     sinks = np.ix_((2, 3, 4), (2, 3, 4))
     plate[sinks] = np.linalg.inv(plate[sinks])
-    for h in (*(h for h in at_body.hypotheses(r) if h.effect == "base_compliance"), "bolts"):
+    for h in (
+        *(h for h in structural_compliance.build_structure_hypotheses(r) if h.effect == "base_compliance"),
+        "bolts",
+    ):
         if isinstance(h, str):
-            law = next(h for h in at_body.hypotheses(r) if h.law == "tilts and sinks")
-            moved = law.columns(law.shapes[0]) @ np.array([plate[i, j] for i, j in base.SINKS])
+            law = next(h for h in structural_compliance.build_structure_hypotheses(r) if h.law == "tilts and sinks")
+            moved = law.columns(law.shapes[0]) @ np.array([plate[i, j] for i, j in base_compliance.SETTLEMENT_ENTRIES])
         else:
             X = h.columns(h.shapes[0])
             moved = X @ definite(h.law, X.shape[2])
         found = told(r, moved * 1e-4 / np.abs(moved[:, :3]).max(), forms=True, placed=low)
         assert [f.effect for f in found.findings] == ["base_compliance"], h
-    play = at_joint.hypotheses(r, 1, backlash.EFFECT)[0][0]
+    play = joint_torque.build_joint_hypotheses(r, 1, backlash.EFFECT)[0][0]
     moved = play.columns(play.shapes[0]).sum(axis=2)
     found = told(r, moved * 1e-4 / np.abs(moved[:, :3]).max(), forms=True, placed=low)
     assert [f.effect for f in found.findings] == [play.effect]

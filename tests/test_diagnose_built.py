@@ -7,15 +7,15 @@ from typing import cast
 
 import pytest
 
-from machopt.diagnose.nouns.result import Name
-from machopt.diagnose.run import Examined
-from machopt.diagnose.written import built
-from machopt.diagnose.written.extended import Extended
-from machopt.domain.cell import Cell
-from machopt.domain.kinematics import KinematicCorrection
-from machopt.domain.stiffness import Term
+from machopt.data_types.cell import Cell
+from machopt.data_types.kinematic_corrections import KinematicCorrection
+from machopt.data_types.stiffness import StiffnessTerm
+from machopt.measurement.diagnosis.data_types.diagnosis_result import EffectLocation
+from machopt.measurement.diagnosis.diagnosis_pipeline import DiagnosedRecording
+from machopt.measurement.diagnosis.outputs import plausible_corrections
+from machopt.measurement.diagnosis.outputs.extended_stiffness import ExtendedStiffness
 
-SOFT = Term("joint_pose_dependent_stiffness", "joint:4", {})
+SOFT = StiffnessTerm("joint_pose_dependent_stiffness", "joint:4", {})
 
 
 @pytest.mark.parametrize(
@@ -24,21 +24,21 @@ SOFT = Term("joint_pose_dependent_stiffness", "joint:4", {})
 def test_what_is_withheld_is_left_out_and_the_corrections_are_found_again(
     monkeypatch: pytest.MonkeyPatch, kind: str, beside: bool, times: int
 ) -> None:
-    looked: list[frozenset[Name]] = []
+    looked: list[frozenset[EffectLocation]] = []
     wave = KinematicCorrection("transmission_error", "joint:4", {})
 
-    def look(barred: frozenset[Name]) -> Examined:
+    def look(barred: frozenset[EffectLocation]) -> DiagnosedRecording:
         looked.append(barred)
         corrections = [*([] if (SOFT.effect, SOFT.location) in barred else [SOFT]), *([wave] if beside else [])]
-        return Examined(_diagnosis(corrections), cast("object", None), SimpleNamespace(kind=kind))  # type: ignore[arg-type]
+        return DiagnosedRecording(_diagnosis(corrections), cast("object", None), SimpleNamespace(kind=kind))  # type: ignore[arg-type]
 
-    def stiffness_of(cell: Cell, d: object, **_: bool) -> Extended:
-        held = tuple(f.correction for f in d.findings if isinstance(f.correction, Term))  # type: ignore[attr-defined]
-        return Extended(None, None, held)
+    def stiffness_of(cell: Cell, d: object, **_: bool) -> ExtendedStiffness:
+        held = tuple(f.correction for f in d.findings if isinstance(f.correction, StiffnessTerm))  # type: ignore[attr-defined]
+        return ExtendedStiffness(None, None, held)
 
-    monkeypatch.setattr(built, "stiffness_of", stiffness_of)
-    monkeypatch.setattr(Examined, "weight_alone", False)
-    found, made = built.built(cast("Cell", None), look)
+    monkeypatch.setattr(plausible_corrections, "build_extended_stiffness", stiffness_of)
+    monkeypatch.setattr(DiagnosedRecording, "weight_alone", False)
+    found, made = plausible_corrections.diagnose_with_plausible_corrections(cast("Cell", None), look)
     assert looked == [frozenset(), frozenset({(SOFT.effect, SOFT.location)})][:times]
     assert bool(made.withheld) == (times == 1)
     assert ("left out" in " ".join(found.diagnosis.notes)) == (times == 2)

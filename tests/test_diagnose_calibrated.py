@@ -11,19 +11,19 @@ from pathlib import Path
 import pytest
 from scipy.stats import chi2, norm
 
-from machopt.diagnose import calibrated
+from machopt.measurement.diagnosis import thresholds
 
 ROOT = Path(__file__).resolve().parent.parent
 
 
 def test_every_threshold_says_what_it_is_and_where_its_number_comes_from() -> None:
-    rows = list(calibrated.every())
+    rows = list(thresholds.list_thresholds())
     assert len({(r.concern, r.name) for r in rows}) == len(rows) > 50
     for row in rows:
-        assert row.why
+        assert row.meaning
         assert row.value == row.value  # a number
-        assert row.origin.how in ("measured", "statistics", "judgement")
-        if row.origin.how == "measured":
+        assert row.origin.method in ("measured", "statistics", "judgement")
+        if row.origin.method == "measured":
             assert (ROOT / row.origin.script).is_file()
             assert row.origin.cases in ("dev", "sealed")
             assert len(row.origin.date) == len("2026-11-21")
@@ -39,26 +39,26 @@ def test_statistics_are_what_their_words_come_to() -> None:
         "noise.mostly": 0.5,
         "noise.same": 3.0 * 2.0**0.5,
     }
-    said = {t.key: t.value for t in calibrated.every() if t.origin.how == "statistics"}
+    said = {t.key: t.value for t in thresholds.list_thresholds() if t.origin.method == "statistics"}
     assert said == pytest.approx(follows, rel=2e-3)
 
 
 def test_every_threshold_lies_in_the_room_that_cases_leave_it() -> None:
     """A number that is changed, or new, is measured anew: ``benchmarks/thresholds.py --room``."""
-    rooms = calibrated.measured().rooms
-    assert set(rooms) == {t.key for t in calibrated.every()}
-    for t in calibrated.every():
-        assert t.room.value == t.value, f"{t.key}: measured at {t.room.value}"
+    rooms = thresholds.read_sensitivity_table().thresholds
+    assert set(rooms) == {t.key for t in thresholds.list_thresholds()}
+    for t in thresholds.list_thresholds():
+        assert t.sensitivity.value == t.value, f"{t.key}: measured at {t.sensitivity.value}"
         near = 1e-5 * abs(t.value)
-        assert t.room.below is None or t.room.below <= t.value + near
-        assert t.room.above is None or t.room.above >= t.value - near
-        assert len(t.room.told()) > len("no case asks for it")
-        assert t.room.cases or t.room.tests, f"{t.key}: neither a case nor a test asks for it"
+        assert t.sensitivity.lower_limit is None or t.sensitivity.lower_limit <= t.value + near
+        assert t.sensitivity.upper_limit is None or t.sensitivity.upper_limit >= t.value - near
+        assert len(t.sensitivity.describe()) > len("no case asks for it")
+        assert t.sensitivity.cases or t.sensitivity.tests, f"{t.key}: neither a case nor a test asks for it"
 
 
 def test_what_asks_where_no_case_does_is_there() -> None:
-    for t in calibrated.every():
-        for test in t.room.tests:
+    for t in thresholds.list_thresholds():
+        for test in t.sensitivity.tests:
             file, _, name = test.partition("::")
             assert f"def {name}(" in (ROOT / "tests" / file).read_text(encoding="utf-8")
 
@@ -80,7 +80,7 @@ def test_the_script_prints_the_table_again() -> None:
         check=True,
         cwd=ROOT,
     ).stdout
-    for row in calibrated.every():
+    for row in thresholds.list_thresholds():
         assert f"{row.concern.lower()}.{row.name}" in said
 
 

@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 from made_up_loads import ARCMIN, CELLS, Truth, arm, clicking, load_tests, planned, stand
 
+from machopt.cell.kinematics_file import load_kinematics
+from machopt.cell.stiffness.stiffness_file import load_stiffness
 from machopt.cli import main
-from machopt.domain.recording import Recording
-from machopt.formats.kinematics import load_kinematics
-from machopt.formats.recording import load_recording, write_recording
-from machopt.formats.stiffness import load_stiffness
-from machopt.report.template import bound
+from machopt.data_types.measurements.recording import Recording
+from machopt.measurement.recording import load_recording, write_recording
+from machopt.report.template_rendering import bind_units
 
 CELL = CELLS / "kr240_drilling"
 VERDICTS = {"consistent", "explained", "partly_explained", "unexplained"}
@@ -30,7 +30,7 @@ SMALL = {"poses": 12, "sessions": 2, "loads": 3, "directions": 2}
 
 LAW = '''"""Joint 3 softens as joint 1 turns away from its middle: a bundle of cables that pulls."""
 import numpy as np
-from machopt.diagnose.nouns.problem import Hypothesis, Quantity
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import Hypothesis, Quantity
 
 
 def hypotheses(readings):
@@ -117,7 +117,7 @@ def test_what_is_written_is_what_the_contract_says(link: Diagnosed) -> None:
     page = (out / "report.html").read_text()
     words = re.sub(r"<(script|style).*?</\1>", "", page, flags=re.DOTALL)
     assert not re.search(r"\b(NaN|nan|undefined|inf|None)\b(?! needed)", words)
-    assert bound(result["sentence"])[:40] in words
+    assert bind_units(result["sentence"])[:40] in words
 
 
 def test_the_same_seed_gives_the_same_bytes(link: Diagnosed, tmp_path: Path) -> None:
@@ -162,7 +162,7 @@ def test_a_zero_offset_goes_into_kinematics(tmp_path: Path, capsys: pytest.Captu
             position=p[keep] + 20e-6 * rng.standard_normal((N, 3)),
             time=plan.time[keep],
             registration="fit",
-            labelled=frozenset({"pose", "cycle", "session"}),
+            stated_labels=frozenset({"pose", "cycle", "session"}),
         ),
     )
     result = run(tmp_path / "out", tmp_path / "rec")

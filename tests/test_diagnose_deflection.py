@@ -24,17 +24,17 @@ from made_up_loads import (
     stand,
 )
 
-from machopt.diagnose.nouns.asked import DiagnoseRequest
-from machopt.diagnose.resting import deflection
-from machopt.domain.recording import Recording
-from machopt.domain.stiffness import Stiffness, Term
-from machopt.estimate.experiment import experiment
-from machopt.formats.cell import load_cell
-from machopt.formats.recording import write_recording
-from machopt.model.elastic import ArmElasticity
-from machopt.model.gravity import gravity_torque
-from machopt.model.robot import load_masses, load_robot
-from machopt.services.diagnose import run_diagnose
+from machopt.cell.cell_reader import load_cell
+from machopt.commands.diagnose.run import run_diagnose
+from machopt.data_types.measurements.recording import Recording
+from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
+from machopt.dynamics.gravity_torque import compute_gravity_torque
+from machopt.kinematics.robot import load_masses, load_robot
+from machopt.measurement.diagnosis.request import DiagnoseRequest
+from machopt.measurement.diagnosis.static import load_test_channel
+from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
+from machopt.measurement.recording import write_recording
+from machopt.stiffness.arm_stiffness import ArmElasticity
 
 FORCES = {"kr240_drilling": 1500.0, "kr500_milling": 2500.0, "irb6700_drilling": 300.0, "cutting_cobot": 60.0}
 FEW = {"poses": 14, "sessions": 2, "loads": 3, "directions": 2}
@@ -79,7 +79,7 @@ def test_the_simulator_stands_where_forward_kinematics_says(cell: str) -> None:
     assert np.abs(state.T_base_tool[:, :3, :3] - R).max() < 1e-9
     assert np.abs(state.J - J).max() < 1e-9
     load = np.einsum("nci,nc->ni", state.J, plan.wrench)
-    assert np.abs(gravity_torque(robot, masses, state)[0] + load - tau).max() < 1e-6  # N·m of thousands
+    assert np.abs(compute_gravity_torque(robot, masses, state)[0] + load - tau).max() < 1e-6  # N·m of thousands
 
 
 # nothing there -------------------------------------------------------------------------------------------------
@@ -271,11 +271,20 @@ def test_displacements_are_those_of_springs_in_series() -> None:
 def test_sensors_err_through_springs_and_bodies_as_loads_act() -> None:
     recording, truth, _ = made("irb6700_drilling", 31, rotations=True)
     robot, T, masses = model("irb6700_drilling")
-    tests = experiment(recording, robot, T)
-    soft = Term("base_compliance", "base", {"compliance": np.diag([1e-9, 1e-9, 1e-9, 2e-8, 3e-8, 1e-8]).tolist()})
-    bodies = deflection.beside_springs(robot, T, recording.q, [soft])
-    r = replace(deflection.readings_of(recording, tests, robot, T, masses, 1.0 / truth.stiffness), bodies=bodies)
+    tests = build_load_test_experiment(recording, robot, T)
+    soft = StiffnessTerm(
+        "base_compliance", "base", {"compliance": np.diag([1e-9, 1e-9, 1e-9, 2e-8, 3e-8, 1e-8]).tolist()}
+    )
+    bodies = load_test_channel.compute_body_compliance(robot, T, recording.q, [soft])
+    r = replace(
+        load_test_channel.build_load_test_readings(recording, tests, robot, T, masses, 1.0 / truth.stiffness),
+        bodies=bodies,
+    )
     w = np.random.default_rng(2).normal(size=(len(recording), 6))
-    whole = ArmElasticity(robot, T, Stiffness(joints=truth.stiffness, terms=(soft,))).at(recording.q).respond(w)
-    assert r.through(w) == pytest.approx(whole, rel=1e-9, abs=1e-15)
-    assert deflection.beside_springs(robot, T, recording.q, []) is None
+    whole = (
+        ArmElasticity(robot, T, ArmStiffness(joints=truth.stiffness, terms=(soft,)))
+        .evaluate(recording.q)
+        .compute_twist(w)
+    )
+    assert r.compute_displacement(w) == pytest.approx(whole, rel=1e-9, abs=1e-15)
+    assert load_test_channel.compute_body_compliance(robot, T, recording.q, []) is None

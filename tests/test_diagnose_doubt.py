@@ -9,16 +9,16 @@ from typing import cast
 import made_up_load_tests as made
 import numpy as np
 
-from machopt.diagnose.laws import at_joint
-from machopt.diagnose.resting import deflection
-from machopt.diagnose.run import Examined, known_masses
-from machopt.diagnose.written.doubt import with_doubt
-from machopt.domain.stiffness import Stiffness, Term
-from machopt.estimate.experiment import experiment
-from machopt.model.elastic import ArmElasticity
-from machopt.plan.certainty.discrepancy import Doubt
+from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
+from machopt.measurement.diagnosis.diagnosis_pipeline import DiagnosedRecording, read_load_test_masses
+from machopt.measurement.diagnosis.effect_columns import joint_torque
+from machopt.measurement.diagnosis.outputs.model_uncertainty import add_model_uncertainty
+from machopt.measurement.diagnosis.static import load_test_channel
+from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
+from machopt.planning.uncertainty.model_discrepancy import DiscrepancyModel
+from machopt.stiffness.arm_stiffness import ArmElasticity
 
-PLAY = Term(
+PLAY = StiffnessTerm(
     "joint_hysteresis",
     "joint:1",
     {"law": "used_up", "half_clearance_arcmin": 2.0, "threshold_Nm": 900.0, "reach_Nm": 600.0, "memory": "session"},
@@ -28,30 +28,30 @@ PLAY = Term(
 def test_a_plan_foresees_loads_that_only_history_explained() -> None:
     """A law fitted the readings by what had been before each; a plan has no before, was sure and 25 % off."""
     cell, robot, T = made.cell()
-    masses, rng = known_masses(cell), np.random.default_rng(8)
+    masses, rng = read_load_test_masses(cell), np.random.default_rng(8)
     pull = rng.normal(size=(16, 1, 6)) * np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
     pull = 1500.0 * pull / np.linalg.norm(pull, axis=2, keepdims=True) * np.array([0.4, 1.0])[:, None]
     recording = made.measured(made.planned(rng, poses=16, wrench=pull), rng, outliers=0.0)
-    tests = experiment(recording, robot, T)
-    r = deflection.readings_of(recording, tests, robot, T, masses, 1.0 / made.TRUE_K)
-    lived, _ = at_joint.lived_through(r, (PLAY,))
-    springs = ArmElasticity(robot, T, Stiffness(joints=made.TRUE_K)).at(tests.state.q)
-    moved = (springs.respond(tests.wrench) + lived)[:, :3]
+    tests = build_load_test_experiment(recording, robot, T)
+    r = load_test_channel.build_load_test_readings(recording, tests, robot, T, masses, 1.0 / made.TRUE_K)
+    lived, _ = joint_torque.compute_memory_term_displacement(r, (PLAY,))
+    springs = ArmElasticity(robot, T, ArmStiffness(joints=made.TRUE_K)).evaluate(tests.state.q)
+    moved = (springs.compute_twist(tests.wrench) + lived)[:, :3]
     recording = replace(recording, displacement=moved + rng.normal(0.0, made.WHITE, moved.shape))
     diagnosis = SimpleNamespace(used=np.ones(len(tests), bool), coefficients=())
-    found = cast(Examined, SimpleNamespace(recording=recording, diagnosis=diagnosis))
+    found = cast(DiagnosedRecording, SimpleNamespace(recording=recording, diagnosis=diagnosis))
 
-    said = with_doubt(cell, found, Stiffness(joints=made.TRUE_K, terms=(PLAY,)))
+    said = add_model_uncertainty(cell, found, ArmStiffness(joints=made.TRUE_K, terms=(PLAY,)))
 
     assert said is not None
     arm = ArmElasticity(robot, T, said, masses=masses, counted=True)
-    doubt, q, w = Doubt.of(arm), tests.state.q, tests.wrench
+    doubt, q, w = DiscrepancyModel.of(arm), tests.state.q, tests.wrench
     assert doubt is not None
-    off = arm.at(q).respond(w)[:, :3] - moved
-    state = robot.state(q, T, bodies=True)
-    ways = (doubt.suspects.response(state, np.tile(made.TRUE_K, (len(q), 1)), w) @ doubt.ways.T)[:, :3]
+    off = arm.evaluate(q).compute_twist(w)[:, :3] - moved
+    state = robot.compute_state(q, T, bodies=True)
+    ways = (doubt.suspects.compute_columns(state, np.tile(made.TRUE_K, (len(q), 1)), w) @ doubt.ways.T)[:, :3]
     sigma = np.sqrt(np.sum(ways**2, axis=2) + (doubt.local * np.linalg.norm(w[:, :3], axis=1)[:, None]) ** 2)
     alone = ArmElasticity(robot, T, replace(said, discrepancy=None), masses=masses)
-    before = alone.at(q).respond(w)[:, :3] - moved
+    before = alone.evaluate(q).compute_twist(w)[:, :3] - moved
     assert np.sqrt(np.mean(before**2)) > 3.0 * made.WHITE  # of the noise: history mattered
     assert np.mean(np.abs(off) < 1.645 * sigma + made.WHITE) > 0.8

@@ -7,21 +7,21 @@ from dataclasses import replace
 import numpy as np
 from test_effects import load_test, posed
 
-from machopt.arrays import Array
-from machopt.diagnose.laws import at_heat, at_sensor
-from machopt.diagnose.nouns.problem import Catalogue
-from machopt.diagnose.nouns.readings import Readings
-from machopt.diagnose.search import engine
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import HypothesisCatalogue
+from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
+from machopt.measurement.diagnosis.effect_columns import sensor_errors, thermal_drift
+from machopt.measurement.diagnosis.model_selection import selection_pipeline
+from machopt.numerics.array_types import Array
 
 
-def timed() -> tuple[Readings, Array, Array]:
+def timed() -> tuple[StaticReadings, Array, Array]:
     """Four readings a cycle, 20 s apart; when (N,) each was taken and when its cycle stood unloaded."""
     r, _ = load_test()
     cycle = np.arange(len(r)) // 4
     zero = 170.0 * cycle + 50_000.0 * (cycle >= cycle.max() // 2 + 1)
     time = zero + 20.0 * (1 + np.arange(len(r)) % 4)
     recording = replace(r.recording, time=time, cycle=cycle)
-    return replace(r, recording=recording, cycle=cycle, memo={}), time, zero
+    return replace(r, recording=recording, cycle=cycle, histories={}), time, zero
 
 
 def test_a_stand_that_drifts_is_named_and_not_an_instrument() -> None:
@@ -29,34 +29,48 @@ def test_a_stand_that_drifts_is_named_and_not_an_instrument() -> None:
     start = np.where(r.session == 0, 0.0, zero[r.session == 1].min())
     way = np.array([0.4, -0.2, 0.9, 0.0, 0.0, 0.0])
     drift = 2e-4 * (np.exp(-(zero - start) / 1500.0) - np.exp(-(time - start) / 1500.0))[:, None] * way
-    tried = Catalogue((*at_heat.hypotheses(r), *at_sensor.hypotheses(r)))
-    found = engine.diagnose(posed(r, drift), tried, engine.Options(), np.random.default_rng(0))
+    tried = HypothesisCatalogue(
+        (*thermal_drift.build_thermal_hypotheses(r), *sensor_errors.build_load_test_sensor_hypotheses(r))
+    )
+    found = selection_pipeline.diagnose_problem(
+        posed(r, drift), tried, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
+    )
     assert [(f.effect, f.location) for f in found.findings] == [("thermal_drift", "environment")]
     assert found.findings[0].law.startswith("the stand shifts")  # it was an arm that grows by ten µm a minute
     low, high = found.findings[0].parameters["drift"].ci95
     assert low < 1e3 * float(np.linalg.norm(drift, axis=1).max()) < high
-    louder = engine.diagnose(posed(r, 3.0 * drift), tried, engine.Options(), np.random.default_rng(0))
+    louder = selection_pipeline.diagnose_problem(
+        posed(r, 3.0 * drift), tried, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
+    )
     size = louder.findings[0].parameters["drift"].value
     assert 0.8 < size / (3e3 * float(np.linalg.norm(drift, axis=1).max())) < 1.25
-    still = engine.diagnose(posed(r, 0.0 * drift), tried, engine.Options(), np.random.default_rng(0))
+    still = selection_pipeline.diagnose_problem(
+        posed(r, 0.0 * drift), tried, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
+    )
     assert not still.findings
 
 
 def test_drift_counts_from_the_unloaded_state_and_asks_for_a_clock() -> None:
     r, time, zero = timed()
-    even = next(h for h in at_heat.hypotheses(r) if h.law == "the stand shifts evenly over a session")
+    even = next(
+        h for h in thermal_drift.build_thermal_hypotheses(r) if h.law == "the stand shifts evenly over a session"
+    )
     start = np.where(r.session == 0, 0.0, zero[r.session == 1].min())
     longest = (time - start).max()
     columns = even.columns(())
     np.testing.assert_allclose(columns[:, :3], np.eye(3) * ((time - zero) / longest)[:, None, None], rtol=1e-9)
     assert not columns[:, 3:].any()
-    assert not at_heat.hypotheses(replace(r, recording=replace(r.recording, time=None), memo={}))
+    assert not thermal_drift.build_thermal_hypotheses(
+        replace(r, recording=replace(r.recording, time=None), histories={})
+    )
 
 
 def test_castings_do_not_grow_within_a_minute() -> None:
     r, time, _zero = timed()
-    said = {h.law for h in at_heat.hypotheses(r)}
+    said = {h.law for h in thermal_drift.build_thermal_hypotheses(r)}
     assert any("stand" in law for law in said)
     assert not any("grow" in law for law in said)
     slow = replace(r.recording, time=time + 900.0 * (np.arange(len(r)) % 4) + 3600.0 * (np.arange(len(r)) // 4))
-    assert any("grow" in h.law for h in at_heat.hypotheses(replace(r, recording=slow, memo={})))
+    assert any(
+        "grow" in h.law for h in thermal_drift.build_thermal_hypotheses(replace(r, recording=slow, histories={}))
+    )

@@ -10,26 +10,30 @@ from typing import Any
 import numpy as np
 import pytest
 
-from machopt.diagnose.written.onjob import TEST_FORCE, _sentence, effect_on_job
-from machopt.domain.results.diagnosis import EffectOnJob
-from machopt.domain.stiffness import Stiffness, Term
+from machopt.cell.cell_reader import load_cell
+from machopt.commands.diagnose.files import compute_effect_on_job
+from machopt.data_types.documents.diagnosis_document import JobEffectSection
+from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.options import load_options
-from machopt.formats.toolpath import read_toolpath
-from machopt.model.elastic import ArmElasticity
-from machopt.plan.pipeline.planned import Plan
-from machopt.plan.pipeline.run import plan
-from machopt.plan.written.explain import gamma
-from machopt.report.gather.diagnose import job_effect
-from machopt.services.diagnose_files import effect_of
+from machopt.measurement.diagnosis.outputs.effect_on_toolpath import (
+    TEST_FORCE,
+    _format_effect_sentence,
+    compare_toolpath_plans,
+)
+from machopt.options.plan_option_reader import load_options
+from machopt.planning.pipeline.path_planner import plan_path
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.plan_output.infeasibility_reasons import compute_gamma
+from machopt.report.page_data.diagnosis import build_job_effect
+from machopt.stiffness.arm_stiffness import ArmElasticity
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 ROOT = Path(__file__).resolve().parent.parent
 CELL = load_cell(ROOT / "cells" / "kr500_milling")
 assert CELL.stiffness is not None
 OLD = CELL.stiffness
 C = 1.0 / OLD.joints
-FOUND = Term(
+FOUND = StiffnessTerm(
     "joint_hysteresis", "joint:4", {"law": "play", "weights_rad_per_Nm": [2.0 * float(C[3])], "thresholds_Nm": [20.0]}
 )
 NEW = replace(OLD, terms=(*OLD.terms, FOUND))
@@ -42,22 +46,22 @@ OPTIONS = load_options(CELL.plan, None, ONLY_MEAN)
 @pytest.fixture(scope="module")
 def effect() -> dict[str, Any]:
     """As ``diagnose --toolpath`` with these words behind ``--set`` makes it; ``plans`` are of the same options."""
-    found = effect_of(CELL, PATH, OLD, NEW, tuple(ONLY_MEAN))
+    found = compute_effect_on_job(CELL, PATH, OLD, NEW, tuple(ONLY_MEAN))
     assert found is not None
-    return found.plain()
+    return found.to_json_types()
 
 
 @pytest.fixture(scope="module")
 def plans() -> tuple[Plan, Plan]:
     toolpath = read_toolpath(PATH)
-    old, new = (plan(replace(CELL, stiffness=s), toolpath, OPTIONS) for s in (OLD, NEW))
+    old, new = (plan_path(replace(CELL, stiffness=s), toolpath, OPTIONS) for s in (OLD, NEW))
     return old, new
 
 
-def bent(choice: Plan, stiffness: Stiffness) -> np.ndarray:
+def bent(choice: Plan, stiffness: ArmStiffness) -> np.ndarray:
     """(P,) mm of the choice's configurations, from joint springs and the play's dead zone alone."""
     d, q = choice.directions, choice.chosen.assignment.q
-    J = ArmElasticity(choice.setup.robot, CELL.tool.T_flange_tcp, OLD).jacobian(q)[0]
+    J = ArmElasticity(choice.setup.robot, CELL.tool.T_flange_tcp, OLD).compute_jacobian(q)[0]
     tau = np.einsum("mci,mc->mi", J[:, :3], d.force)
     turned = tau * C
     for term in stiffness.terms:
@@ -78,7 +82,7 @@ def test_the_numbers_are_those_of_two_plans(effect: dict[str, Any], plans: tuple
         assert effect["deflection_mm"][case]["worst"] == pytest.approx(points.max(), rel=1e-9)
         assert effect["worst_point"][case] == path.index[points.argmax()]
         np.testing.assert_allclose(effect[f"deflection_{case}_mm"], value[path.is_point], rtol=1e-9)
-    turned = np.degrees(np.abs(np.angle(np.exp(1j * (gamma(new) - gamma(old))))))[cut]
+    turned = np.degrees(np.abs(np.angle(np.exp(1j * (compute_gamma(new) - compute_gamma(old))))))[cut]
     rotation = effect["rotation"]
     assert rotation["mean_change_deg"] == pytest.approx(turned.mean(), abs=1e-9)
     assert rotation["max_change_deg"] == pytest.approx(turned.max(), abs=1e-9)
@@ -99,7 +103,7 @@ def test_the_finding_costs_and_choosing_anew_wins_some_back(effect: dict[str, An
 
 def test_the_page_and_the_file_take_it(effect: dict[str, Any]) -> None:
     json.dumps(effect, allow_nan=False)  # every point of this path is reached, so no NaN
-    page = job_effect(EffectOnJob.model_validate(effect))
+    page = build_job_effect(JobEffectSection.model_validate(effect))
     assert page.toolpath == "plain.csv"
     assert (
         len(page.point)
@@ -113,7 +117,7 @@ def test_the_page_and_the_file_take_it(effect: dict[str, Any]) -> None:
 
 
 def test_nothing_found_changes_nothing() -> None:
-    same = effect_on_job(CELL, OLD, OLD, read_toolpath(PATH), OPTIONS).plain()
+    same = compare_toolpath_plans(CELL, OLD, OLD, read_toolpath(PATH), OPTIONS).to_json_types()
     assert same["rotation"] == {"mean_change_deg": 0.0, "max_change_deg": 0.0, "changed_share": 0.0}
     assert same["deflection_mm"]["before"] == same["deflection_mm"]["unchanged"] == same["deflection_mm"]["after"]
     assert "the rotation stays as it is" in same["sentence"]
@@ -121,7 +125,7 @@ def test_nothing_found_changes_nothing() -> None:
 
 def test_without_a_process_force_a_stated_one_is_taken() -> None:
     options = replace(OPTIONS, force=replace(OPTIONS.force, travel=0.0, normal=0.0, axial=0.0))
-    found = effect_on_job(CELL, OLD, NEW, read_toolpath(PATH), options).plain()
+    found = compare_toolpath_plans(CELL, OLD, NEW, read_toolpath(PATH), options).to_json_types()
     assert found["force"] == f"{TEST_FORCE:g} N along the tool axis"
     assert found["deflection_mm"]["unchanged"]["mean"] >= found["deflection_mm"]["before"]["mean"]
     assert found["force"] in found["sentence"]
@@ -140,18 +144,18 @@ def _table(folder: Path, x: float) -> Path:
 
 
 def test_what_cannot_be_planned_is_a_reason(tmp_path: Path) -> None:
-    far = effect_on_job(CELL, OLD, NEW, read_toolpath(_table(tmp_path, 9000.0)), OPTIONS).plain()
+    far = compare_toolpath_plans(CELL, OLD, NEW, read_toolpath(_table(tmp_path, 9000.0)), OPTIONS).to_json_types()
     assert "out of reach" in far["reason"]
     assert far["reason"] in far["sentence"]
-    assert job_effect(EffectOnJob.model_validate(far)).changes == ()
-    hard = Term(
+    assert build_job_effect(JobEffectSection.model_validate(far)).changes == ()
+    hard = StiffnessTerm(
         "joint_nonlinear_stiffness",
         "joint:3",
         {"law": "knee", "extra_rad_per_Nm": -2.0 * float(C[2]), "knee_Nm": 300.0},
     )
-    against = effect_on_job(
+    against = compare_toolpath_plans(
         CELL, OLD, replace(OLD, terms=(hard,)), read_toolpath(_table(tmp_path, 0.0)), OPTIONS
-    ).plain()
+    ).to_json_types()
     assert "joint_nonlinear_stiffness takes" in against["reason"]
 
 
@@ -160,7 +164,7 @@ def test_points_that_are_out_of_reach_are_left_out_and_counted(tmp_path: Path) -
     rows = "\n".join(["9000,0,50,0,0,1,rapid,,b", "9000,0,0,0,0,1,approach,900,b", "9040,0,0,0,0,1,cut,900,b"])
     file.write_text(file.read_text() + rows + "\n")
     options = load_options(CELL.plan, None, [*ONLY_MEAN, "allow_gaps=true"])
-    found = effect_on_job(CELL, OLD, NEW, read_toolpath(file), options).plain()
+    found = compare_toolpath_plans(CELL, OLD, NEW, read_toolpath(file), options).to_json_types()
     assert found["reason"] is None
     assert found["points_not_reached"] > 0
     assert "out of reach" in found["not_reached_because"]
@@ -170,13 +174,13 @@ def test_points_that_are_out_of_reach_are_left_out_and_counted(tmp_path: Path) -
 
 def test_a_toolpath_that_cannot_be_read_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.csv"):
-        effect_on_job(CELL, OLD, NEW, read_toolpath(tmp_path / "none.csv"), OPTIONS)
+        compare_toolpath_plans(CELL, OLD, NEW, read_toolpath(tmp_path / "none.csv"), OPTIONS)
 
 
 def test_a_new_choice_that_bends_more_is_not_called_less() -> None:
     def said(after: float) -> str:
         point = {"before": 1.0, "unchanged": 1.0, "after": 1.0}
-        return _sentence(
+        return _format_effect_sentence(
             {"before": 1.04, "unchanged": 1.144, "after": after},
             {"before": 1.4, "unchanged": 1.543, "after": 1.543},
             point,

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from made_up_loads import CELLS, Dirt, Truth, arm, load_tests, planned
 
-from machopt.diagnose.nouns.result import Diagnosis, Estimate, Finding
-from machopt.diagnose.resting import elsewhere
-from machopt.diagnose.run import Examined, at_rest
-from machopt.diagnose.search import engine
-from machopt.domain.recording import Recording
-from machopt.formats.cell import load_cell
-from machopt.se3 import transform
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.measurements.recording import Recording
+from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, EstimatedValue, Finding
+from machopt.measurement.diagnosis.diagnosis_pipeline import DiagnosedRecording, diagnose_static_recording
+from machopt.measurement.diagnosis.model_selection import selection_pipeline
+from machopt.measurement.diagnosis.static import tcp_offset
+from machopt.numerics.rigid_transforms import build_transform
 
 CELL = "kr240_drilling"
 OFFSET = np.array([0.0, 0.02, 0.16])  # m in tool axes, from the cell's TCP to the true one
@@ -29,11 +29,11 @@ def recorded() -> Recording:
     return load_tests(a, Truth(a.nominal * rng.uniform(0.8, 1.2, 6)), plan, rng, Dirt(outliers=0.0), rotations=True)
 
 
-def diagnosed(offset: np.ndarray) -> Examined:
+def diagnosed(offset: np.ndarray) -> DiagnosedRecording:
     cell = load_cell(CELLS / CELL)
-    wrong = cell.tool.T_flange_tcp @ transform(np.eye(3), -offset)  # the record is of the cell's own TCP
+    wrong = cell.tool.T_flange_tcp @ build_transform(np.eye(3), -offset)  # the record is of the cell's own TCP
     cell = replace(cell, tool=replace(cell.tool, T_flange_tcp=wrong))
-    return at_rest(cell, recorded(), engine.Options(), [], accept=(), seed=0)
+    return diagnose_static_recording(cell, recorded(), selection_pipeline.DiagnosisOptions(), [], accept=(), seed=0)
 
 
 def test_the_tool_is_measured_and_nothing_is_named_for_what_its_length_does() -> None:
@@ -63,7 +63,7 @@ def test_a_tcp_that_is_no_better_or_never_ends_is_left_where_the_cell_has_it(nev
         note="",
         one_of=(("load_geometry", "sensor:force"),),
         parameters={
-            n: Estimate(1.0, "mm", (0.5, 1.5), (0.4, 1.6)) for n in ("offset", "offset_x", "offset_y", "offset_z")
+            n: EstimatedValue(1.0, "mm", (0.5, 1.5), (0.4, 1.6)) for n in ("offset", "offset_x", "offset_y", "offset_z")
         },
         before=1.0,
         after=0.5,
@@ -73,11 +73,11 @@ def test_a_tcp_that_is_no_better_or_never_ends_is_left_where_the_cell_has_it(nev
     worse = replace(first, findings=(replace(law, law="another"),), heldout_after=0.04, verdict="partly_explained")
     looks = []
 
-    def look(T: np.ndarray) -> tuple[Diagnosis, None]:
+    def look(T: np.ndarray) -> tuple[DiagnosisResult, None]:
         looks.append(T)
         return (named if never or len(looks) == 1 else worse), None
 
-    (d, _), finding = elsewhere.followed(np.eye(4), look)
+    (d, _), finding = tcp_offset.diagnose_about_found_tcp(np.eye(4), look)
     assert d is named
     assert finding is None
     assert len(looks) == (4 if never else 2)

@@ -7,38 +7,61 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from machopt.arrays import Array
-from machopt.diagnose.evidence.grams import Model, base_model, tried
-from machopt.diagnose.evidence.noise import Noise
-from machopt.diagnose.evidence.whitening import whitening
-from machopt.diagnose.nouns.problem import Family, Finer, Hypothesis, Problem, Quantity, Shape, Unknown
-from machopt.diagnose.nouns.result import Estimate
-from machopt.diagnose.search.findings import estimates
-from machopt.diagnose.search.finer import ALIKE, CUT, _middle, beside_each_other, between, closest, worse
-from machopt.diagnose.search.screen import profile, score
-from machopt.diagnose.search.select import Chosen
-from machopt.effects.waves import Turning, waves
+from machopt.effects.joint.harmonic_functions import HarmonicSeries, compute_harmonics
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
+    BaseUnknown,
+    CoordinateFamily,
+    DiagnosisProblem,
+    EffectHypothesis,
+    Quantity,
+    Shape,
+    ShapeRefinement,
+)
+from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedValue
+from machopt.measurement.diagnosis.model_selection.evaluation.finding_estimates import estimate_parameters
+from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import (
+    compute_gain_by_shape,
+    score_hypotheses,
+)
+from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect
+from machopt.measurement.diagnosis.model_selection.search.shape_refinement import (
+    CUT_INTERVAL_NOTE,
+    GAIN_ROUNDING,
+    _select_middle_shape,
+    build_ratio_refinement,
+    build_two_number_refinement,
+    compute_likelihood_margin,
+    refine_law_shape,
+)
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
+    WhitenedModel,
+    build_base_model,
+    whiten_hypotheses,
+)
+from machopt.measurement.diagnosis.statistics.replicate_noise import ReplicateNoise
+from machopt.measurement.diagnosis.statistics.whitening import build_whitening
+from machopt.numerics.array_types import Array
 
 GRID: tuple[Shape, ...] = ((0.5,), (0.75,), (1.1,), (1.6,))
 SIGMA = 1e-3
 
 
-def settled(x: Array, true: float, seed: int, size: float = 8.0) -> tuple[float, Estimate]:
+def settled(x: Array, true: float, seed: int, size: float = 8.0) -> tuple[float, EstimatedValue]:
     """A step of readings (N,) at x beyond ``true``: where it is said to lie, and its interval."""
     base, found = stepped(x, true, seed, size)
-    return found.tried.shapes[found.scored.shape][0], estimates(base, [found], 0, [found.tried])["at"]
+    return found.whitened.shapes[found.scored.shape][0], estimate_parameters(base, [found], 0, [found.whitened])["at"]
 
 
-def stepped(x: Array, true: float, seed: int, size: float) -> tuple[Model, Chosen]:
+def stepped(x: Array, true: float, seed: int, size: float) -> tuple[WhitenedModel, SelectedEffect]:
     """The base, and a step of ``size`` times the noise as it is settled beside that."""
     rng, n = np.random.default_rng(seed), len(x)
     at = np.arange(n)
-    problem = Problem(
+    problem = DiagnosisProblem(
         channel="position",
         y=((x > true) * size * SIGMA + SIGMA * rng.normal(size=n))[:, None],
         base=np.ones((n, 1, 1)),
-        unknowns=(Unknown(name="a", unit="m"),),
-        families=(Family(name="translation", columns=(0,), unit="mm", factor=1e3),),
+        unknowns=(BaseUnknown(name="a", unit="m"),),
+        families=(CoordinateFamily(name="translation", columns=(0,), unit="mm", factor=1e3),),
         group=at % 30,
         visit=at % 30,
         cycle=at % 30,
@@ -51,7 +74,7 @@ def stepped(x: Array, true: float, seed: int, size: float) -> tuple[Model, Chose
     def told(c: Array, shape: Shape) -> dict[str, Quantity]:
         return {"step": Quantity(float(c[0]), "m"), "at": Quantity(float(shape[0]), "1")}
 
-    law = Hypothesis(
+    law = EffectHypothesis(
         effect="made up",
         location="joint:1",
         law="step",
@@ -60,14 +83,16 @@ def stepped(x: Array, true: float, seed: int, size: float) -> tuple[Model, Chose
         quantities=told,
         shapes=GRID,
         family="joint",
-        finer=between(GRID),
-        exact=True,
+        refinement=build_ratio_refinement(GRID),
+        is_exact=True,
     )
-    w = whitening(problem, Noise(np.array([SIGMA]), np.zeros(1), np.zeros(1), 0.0, True), np.ones(n, bool))
-    base, _ = base_model(problem, w, np.random.default_rng(0))
-    first = tried(base, [law])[0]
-    assert law.finer is not None
-    return base, closest(base, base, Chosen(score(base, [first])[0], 0.0), law.finer)
+    w = build_whitening(
+        problem, ReplicateNoise(np.array([SIGMA]), np.zeros(1), np.zeros(1), 0.0, True), np.ones(n, bool)
+    )
+    base, _ = build_base_model(problem, w, np.random.default_rng(0))
+    first = whiten_hypotheses(base, [law])[0]
+    assert law.refinement is not None
+    return base, refine_law_shape(base, base, SelectedEffect(score_hypotheses(base, [first])[0], 0.0), law.refinement)
 
 
 @pytest.mark.parametrize("true", [0.83, 0.87, 0.97, 1.03])
@@ -95,9 +120,9 @@ def test_an_interval_ends_where_a_shape_is_not_as_likely_not_where_the_last_one_
     x = np.random.default_rng(5).uniform(0.0, 2.0, 400)
     for seed in range(30):
         base, found = stepped(x, true, seed, 0.4)
-        law, h = found.tried, found.tried.hypothesis
-        assert h.finer is not None
-        if CUT in h.note:
+        law, h = found.whitened, found.whitened.hypothesis
+        assert h.refinement is not None
+        if CUT_INTERVAL_NOTE in h.note:
             continue
         ends = min(law.shapes)[0], max(law.shapes)[0]
         fine = [
@@ -105,8 +130,10 @@ def test_an_interval_ends_where_a_shape_is_not_as_likely_not_where_the_last_one_
             for e, way in zip(ends, (-1.0, 1.0), strict=True)
             for f in 1.5 ** (way * np.arange(21) / 400.0)
         ]
-        gain = profile(base, tried(base, [replace(h, shapes=((law.shapes[found.scored.shape]), *fine))])[0])
-        least = gain[0] - worse(h) * max((base.rss - gain[0]) / (len(base.y) - base.count - 1), 1.0)
+        gain = compute_gain_by_shape(
+            base, whiten_hypotheses(base, [replace(h, shapes=((law.shapes[found.scored.shape]), *fine))])[0]
+        )
+        least = gain[0] - compute_likelihood_margin(h) * max((base.rss - gain[0]) / (len(base.y) - base.count - 1), 1.0)
         assert gain[1:22].min() <= least, seed  # within a twentieth of a step of the grid
         assert gain[22:].min() <= least, seed
 
@@ -115,28 +142,28 @@ def test_an_interval_that_is_cut_where_its_law_ends_says_so() -> None:
     """No reading lies below a third of the largest x: of what is beyond nothing tells."""
     x = np.random.default_rng(5).uniform(0.0, 2.0, 1200)
     _, found = stepped(np.where(x < 0.7, 0.2, x), 0.4, 1, 8.0)
-    assert CUT in found.tried.hypothesis.note
-    assert min(found.tried.shapes)[0] == pytest.approx(0.5 / 1.5)
+    assert CUT_INTERVAL_NOTE in found.whitened.hypothesis.note
+    assert min(found.whitened.shapes)[0] == pytest.approx(0.5 / 1.5)
 
 
 def test_shapes_are_alike_by_what_they_lose_however_large_the_gain_is() -> None:
     """A millionth of a gain of ten millions is more than another shape may be worse."""
     seen = {(1.0,): 1e7, (1.1,): 1e7 - 9.0, (1.2,): 1e7 - 9.5}
-    assert max(seen.values()) * ALIKE > 9.5
-    assert _middle(list(seen), seen) == (1.0,)
+    assert max(seen.values()) * GAIN_ROUNDING > 9.5
+    assert _select_middle_shape(list(seen), seen) == (1.0,)
 
 
 def test_waves_of_angles_asked_over_and_over_are_those_asked_once() -> None:
     angle = np.random.default_rng(1).uniform(-6.0, 6.0, 500)
-    turning = Turning(angle)
+    turning = HarmonicSeries(angle)
     for orders in ((1.0,), (7.0, 14.0), (200.0,), (2.5,), (0.5, 1.0)):
-        np.testing.assert_allclose(turning.waves(orders), waves(angle, orders), atol=1e-12)
+        np.testing.assert_allclose(turning.compute(orders), compute_harmonics(angle, orders), atol=1e-12)
 
 
 def test_a_bump_of_two_numbers_is_settled_between_those_of_its_grid_and_its_intervals_hold_the_truth() -> None:
     """A soft sector: its grid knew five places and three widths, and intervals had no width at all."""
     grid = tuple((float(q), w) for q in np.linspace(-1.0, 1.0, 5) for w in (0.15, 0.3, 0.6))
-    finer = beside_each_other(grid)
+    finer = build_two_number_refinement(grid)
     assert finer is not None
     held, draws = np.zeros(2), 40
     for seed in range(draws):
@@ -145,9 +172,9 @@ def test_a_bump_of_two_numbers_is_settled_between_those_of_its_grid_and_its_inte
         x = rng.uniform(-1.2, 1.2, 400)
         y = 3.0 * SIGMA * np.exp(-0.5 * ((x - true[0]) / true[1]) ** 2) + SIGMA * rng.normal(size=len(x))
         base, law = _bump(x, y, grid, finer)
-        first = tried(base, [law])[0]
-        found = closest(base, base, Chosen(score(base, [first])[0], 0.0), finer)
-        said = estimates(base, [found], 0, [found.tried])
+        first = whiten_hypotheses(base, [law])[0]
+        found = refine_law_shape(base, base, SelectedEffect(score_hypotheses(base, [first])[0], 0.0), finer)
+        said = estimate_parameters(base, [found], 0, [found.whitened])
         for n, name in enumerate(("at", "wide")):
             low, high = said[name].ci95
             assert 0.0 < high - low < 0.5
@@ -162,40 +189,42 @@ def test_a_bump_at_the_end_of_few_angles_stays_a_bump(seed: int) -> None:
     poses = rng.uniform(-1.2, 1.2, 14)
     low, high = float(poses.min()), float(poses.max())
     grid = tuple((float(q), w * (high - low)) for q in np.linspace(low, high, 6) for w in (0.08, 0.16, 0.3))
-    finer = beside_each_other(grid)
+    finer = build_two_number_refinement(grid)
     assert finer is not None
     true = rng.choice([low, high, rng.uniform(low, high)]), rng.uniform(0.1, 0.6)
     x = np.repeat(poses, 20)
     y = 2.0 * SIGMA * np.exp(-0.5 * ((x - true[0]) / true[1]) ** 2) + SIGMA * rng.normal(size=len(x))
     base, law = _bump(x, y, grid, finer)
-    first = tried(base, [law])[0]
-    found = closest(base, base, Chosen(score(base, [first])[0], 0.0), finer)
-    said = estimates(base, [found], 0, [found.tried])
+    first = whiten_hypotheses(base, [law])[0]
+    found = refine_law_shape(base, base, SelectedEffect(score_hypotheses(base, [first])[0], 0.0), finer)
+    said = estimate_parameters(base, [found], 0, [found.whitened])
     ends = np.array([said["at"].ci95, said["wide"].ci95])
     assert low <= ends[0, 0] <= ends[0, 1] <= high
     assert min(s[1] for s in grid) <= ends[1, 0] <= ends[1, 1] <= max(s[1] for s in grid)
     at_end = any(
-        value in limits for value, limits in zip(ends.ravel(), np.repeat(finer.within, 2, axis=0), strict=True)
+        value in limits for value, limits in zip(ends.ravel(), np.repeat(finer.search_ranges, 2, axis=0), strict=True)
     )
-    assert (CUT in found.tried.hypothesis.note) or not at_end
+    assert (CUT_INTERVAL_NOTE in found.whitened.hypothesis.note) or not at_end
 
 
 def test_a_grid_that_is_no_product_of_two_is_left_alone() -> None:
-    assert beside_each_other(((1.0, 2.0),)) is None
-    assert beside_each_other(((1.0, 2.0), (2.0, 3.0), (3.0, 4.0))) is None
-    assert beside_each_other(((1.0,), (2.0,))) is None
+    assert build_two_number_refinement(((1.0, 2.0),)) is None
+    assert build_two_number_refinement(((1.0, 2.0), (2.0, 3.0), (3.0, 4.0))) is None
+    assert build_two_number_refinement(((1.0,), (2.0,))) is None
 
 
-def _bump(x: Array, y: Array, grid: tuple[Shape, ...], finer: Finer) -> tuple[Model, Hypothesis]:
+def _bump(
+    x: Array, y: Array, grid: tuple[Shape, ...], finer: ShapeRefinement
+) -> tuple[WhitenedModel, EffectHypothesis]:
     """The base, and the law of a bump."""
     n = len(x)
     at = np.arange(n)
-    problem = Problem(
+    problem = DiagnosisProblem(
         channel="position",
         y=y[:, None],
         base=np.ones((n, 1, 1)),
-        unknowns=(Unknown(name="a", unit="m"),),
-        families=(Family(name="translation", columns=(0,), unit="mm", factor=1e3),),
+        unknowns=(BaseUnknown(name="a", unit="m"),),
+        families=(CoordinateFamily(name="translation", columns=(0,), unit="mm", factor=1e3),),
         group=at % 30,
         visit=at % 30,
         cycle=at % 30,
@@ -204,7 +233,7 @@ def _bump(x: Array, y: Array, grid: tuple[Shape, ...], finer: Finer) -> tuple[Mo
         line=at + 2,
         row=at + 1,
     )
-    law = Hypothesis(
+    law = EffectHypothesis(
         effect="made up",
         location="joint:1",
         law="bump",
@@ -217,8 +246,10 @@ def _bump(x: Array, y: Array, grid: tuple[Shape, ...], finer: Finer) -> tuple[Mo
         },
         shapes=grid,
         family="joint",
-        finer=finer,
-        exact=True,
+        refinement=finer,
+        is_exact=True,
     )
-    w = whitening(problem, Noise(np.array([SIGMA]), np.zeros(1), np.zeros(1), 0.0, True), np.ones(n, bool))
-    return base_model(problem, w, np.random.default_rng(0))[0], law
+    w = build_whitening(
+        problem, ReplicateNoise(np.array([SIGMA]), np.zeros(1), np.zeros(1), 0.0, True), np.ones(n, bool)
+    )
+    return build_base_model(problem, w, np.random.default_rng(0))[0], law

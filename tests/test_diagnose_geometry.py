@@ -13,13 +13,13 @@ import pytest
 from test_diagnose_absolute import arm, measure, poses
 from test_diagnose_absolute import readings as readings_of
 
-from machopt.arrays import Array
-from machopt.diagnose import calibrated
-from machopt.diagnose.laws import laws_geometry
-from machopt.diagnose.nouns.problem import Hypothesis
-from machopt.domain.kinematics import KinematicCorrection, Kinematics
-from machopt.se3 import rotation_vector, skew
-from machopt.verify.arm import Arm
+from machopt.data_types.kinematic_corrections import KinematicCorrection, KinematicCorrections
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis
+from machopt.measurement.diagnosis.effect_columns import link_geometry
+from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import convert_to_rotation_vector, skew_matrix
+from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
 PLACES = ("base", *(f"joint:{j}" for j in range(1, 7)), "tool")
 NOISE = 1e-5  # m
@@ -28,7 +28,9 @@ PLANTED = KinematicCorrection("geometry", "joint:3", {"xyz_mm": [0.1, 0.15, 0.0]
 
 def built(found: tuple[KinematicCorrection, ...], q: Array) -> Array:
     """(N, 4, 4) TCP of the arm whose frames are off."""
-    return np.asarray(Arm(replace(arm()[0], kinematics=Kinematics(found))).stance(q).tcp)
+    return np.asarray(
+        UrdfKinematics(replace(arm()[0], kinematics=KinematicCorrections(found))).compute_configuration(q).tcp
+    )
 
 
 def angles() -> Array:
@@ -36,14 +38,14 @@ def angles() -> Array:
 
 
 @cache
-def laws() -> tuple[Array, tuple[Hypothesis, ...]]:
+def laws() -> tuple[Array, tuple[EffectHypothesis, ...]]:
     """(N, 3, 9) of a tracker's frame and a target that nobody knows, and the geometry beside them."""
     q = angles()
     r = replace(readings_of(arm()[2], np.zeros((len(q), 6)), q), dimensions=3)
     T = r.state.T_base_tool
-    turned = -skew(T[:, :3, 3] - T[:, :3, 3].mean(axis=0))
+    turned = -skew_matrix(T[:, :3, 3] - T[:, :3, 3].mean(axis=0))
     base = np.concatenate([np.broadcast_to(np.eye(3), (len(q), 3, 3)), turned, T[:, :3, :3]], axis=2)
-    return base, tuple(laws_geometry.hypotheses(r, base))
+    return base, tuple(link_geometry.build_geometry_hypotheses(r, base))
 
 
 def gains(y: Array) -> dict[str, tuple[float, Array]]:
@@ -58,8 +60,8 @@ def gains(y: Array) -> dict[str, tuple[float, Array]]:
     return out
 
 
-def least(h: Hypothesis) -> float:
-    d = calibrated.DETECTION
+def least(h: EffectHypothesis) -> float:
+    d = thresholds.DETECTION
     return d.gain + d.per_coefficient * (h.columns(()).shape[2] - 1)
 
 
@@ -67,7 +69,7 @@ def least(h: Hypothesis) -> float:
 def test_columns_are_what_the_built_arm_does(place: str) -> None:
     """Central differences over 0.05 mm and 0.05 mrad leave their cube, 1e-13 m, and rounding by 1e-4."""
     q = angles()[:5]
-    columns = laws_geometry.twists(readings_of(arm()[2], np.zeros((len(q), 6)), q), place)
+    columns = link_geometry.compute_frame_columns(readings_of(arm()[2], np.zeros((len(q), 6)), q), place)
     h = 0.05
     for k in range(6):
         one, two = (
@@ -75,7 +77,7 @@ def test_columns_are_what_the_built_arm_does(place: str) -> None:
             for t in (-h * np.eye(6)[k], h * np.eye(6)[k])
         )
         moved = (two - one)[:, :3, 3] / (2e-3 * h)
-        turned = rotation_vector(two[:, :3, :3] @ np.swapaxes(one[:, :3, :3], 1, 2)) / (2e-3 * h)
+        turned = convert_to_rotation_vector(two[:, :3, :3] @ np.swapaxes(one[:, :3, :3], 1, 2)) / (2e-3 * h)
         np.testing.assert_allclose(columns[:, :3, k], moved, atol=1e-7)
         np.testing.assert_allclose(columns[:, 3:, k], turned, atol=1e-7)
 
@@ -83,7 +85,9 @@ def test_columns_are_what_the_built_arm_does(place: str) -> None:
 def test_a_twist_is_found_at_its_joint_and_written_it_takes_the_mismatch_away() -> None:
     q, (base, offered) = angles(), laws()
     rng = np.random.default_rng(2)
-    y = (built((PLANTED,), q) - Arm(arm()[0]).stance(q).tcp)[:, :3, 3] + NOISE * rng.normal(size=(len(q), 3))
+    y = (built((PLANTED,), q) - UrdfKinematics(arm()[0]).compute_configuration(q).tcp)[:, :3, 3] + NOISE * rng.normal(
+        size=(len(q), 3)
+    )
     found = gains(y)
     assert max(found, key=lambda place: found[place][0]) == "joint:3"
     h = next(h for h in offered if h.location == "joint:3")
@@ -111,11 +115,13 @@ def test_only_what_the_base_leaves_is_offered() -> None:
     for h in offered:
         A = h.columns(()).reshape(len(Q), -1)
         whole, left = (np.linalg.svd(M, compute_uv=False) for M in (A, A - Q @ (Q.T @ A)))
-        assert left[-1] > calibrated.RESTING.weak_geometry * calibrated.RESTING.shown_geometry * whole[0]
-    assert laws_geometry.shown(base[:, :, :6], base).shape[1] == 0
+        assert left[-1] > thresholds.RESTING.weak_geometry * thresholds.RESTING.shown_geometry * whole[0]
+    assert link_geometry.find_observable_directions(base[:, :, :6], base).shape[1] == 0
     r = readings_of(arm()[2], np.zeros((60, 6)), angles())
     fixed = replace(r, recording=measure(registration="fixed"))
-    known = {h.location: h for h in laws_geometry.hypotheses(fixed, base[:, :, :0].repeat(2, axis=1))}  # D = 6, P = 0
+    known = {
+        h.location: h for h in link_geometry.build_geometry_hypotheses(fixed, base[:, :, :0].repeat(2, axis=1))
+    }  # D = 6, P = 0
     assert set(known) == set(PLACES)
     # the tracker's frame, which moves everything alike too, comes before a robot that stands elsewhere on its plate
     assert {where for where, h in known.items() if h.penalty > 0.0} == {"base", "joint:1"}

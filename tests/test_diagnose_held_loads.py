@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from made_up_loads import CELLS, Dirt, Truth, arm, load_tests, planned
 
-from machopt.diagnose.evidence import noise
-from machopt.diagnose.nouns.problem import Problem
-from machopt.diagnose.resting import deflection
-from machopt.domain.recording import Recording
-from machopt.estimate.experiment import experiment
-from machopt.formats.cell import load_cell
-from machopt.model.robot import load_robot
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.measurements.recording import Recording
+from machopt.kinematics.robot import load_robot
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem
+from machopt.measurement.diagnosis.static import load_test_channel
+from machopt.measurement.diagnosis.statistics import replicate_noise
+from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
 
 CELL = "kr240_drilling"
 TIMES, WHITE, FORCE = 3, 15e-6, 4.0  # readings of a load; m and N, 1 sigma
@@ -42,13 +42,15 @@ def held(crept: float) -> Recording:
     return replace(r, **whole)
 
 
-def split(r: Recording) -> tuple[noise.Noise, Problem]:
+def split(r: Recording) -> tuple[replicate_noise.ReplicateNoise, DiagnosisProblem]:
     cell = load_cell(CELLS / CELL)
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
-    problem, _, _ = deflection.build(r, experiment(r, robot, T), robot, T, None)
+    problem, _, _ = load_test_channel.build_load_test_problem(
+        r, build_load_test_experiment(r, robot, T), robot, T, None
+    )
     A, y = problem.base.reshape(-1, problem.base.shape[2]), problem.y.reshape(-1)
     left = (y - A @ np.linalg.lstsq(A, y, rcond=None)[0]).reshape(problem.y.shape)
-    return noise.estimate(problem, left, np.ones(len(problem), bool)), problem
+    return replicate_noise.estimate_replicate_noise(problem, left, np.ones(len(problem), bool)), problem
 
 
 def test_a_load_that_stays_the_same_tells_no_gain() -> None:
@@ -56,14 +58,14 @@ def test_a_load_that_stays_the_same_tells_no_gain() -> None:
     moved = float(np.abs(problem.y).max())
     assert found.replicated
     assert found.gain < 0.05
-    assert found.together(0) < 3.0 * WHITE
+    assert found.total(0) < 3.0 * WHITE
     assert moved > 20.0 * WHITE  # a gain that is wrong by its size would be far more than this noise
 
 
 def test_what_creeps_while_a_load_rests_is_no_noise() -> None:
     still, _ = split(held(0.0))
     crept, problem = split(held(6.0 * WHITE))
-    assert crept.own[0] < 1.5 * still.own[0]
+    assert crept.reading[0] < 1.5 * still.reading[0]
     # a first reading is a twin of first ones
     turn = np.tile(np.arange(TIMES), len(problem) // TIMES)
     for label in np.unique(problem.replicate[problem.replicate >= 0]):

@@ -10,14 +10,14 @@ import pytest
 from numpy.typing import NDArray
 from test_diagnose_absolute import SOFTER, arm, measure, poses
 
-from machopt.diagnose.nouns.problem import Hypothesis, Problem
-from machopt.diagnose.nouns.result import Diagnosis
-from machopt.diagnose.resting import absolute, inclinometer
-from machopt.diagnose.search import engine
-from machopt.domain.recording import Recording
+from machopt.data_types.measurements.recording import Recording
+from machopt.dynamics.gravity_torque import compute_gravity_torque
 from machopt.errors import InputError
-from machopt.model.gravity import gravity_torque
-from machopt.se3 import rotation_from_vector, rotation_vector
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem, EffectHypothesis
+from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
+from machopt.measurement.diagnosis.model_selection import selection_pipeline
+from machopt.measurement.diagnosis.static import inclinometer_equations, measured_pose_channel
+from machopt.numerics.rigid_transforms import convert_to_rotation_vector, convert_vector_to_rotation
 
 Array = NDArray[np.float64]
 LINK = 1
@@ -44,21 +44,21 @@ def recorded(
     theta = q.copy()
     off = np.array([0.0, zero, 0.0, 0.0, 0.0, 0.0])
     for _ in range(12):
-        state = robot.state(theta, T, bodies=True)
-        theta = q + off + c * gravity_torque(robot, masses, state)[0]
-    state, plain = robot.state(theta, T, bodies=True), robot.state(q, T, bodies=True)
+        state = robot.compute_state(theta, T, bodies=True)
+        theta = q + off + c * compute_gravity_torque(robot, masses, state)[0]
+    state, plain = robot.compute_state(theta, T, bodies=True), robot.compute_state(q, T, bodies=True)
     assert state.R_bodies is not None
     assert state.p_bodies is not None
     assert plain.R_bodies is not None
     b = masses.body
     at = np.einsum("nbij,bj->nbi", state.R_bodies[:, b], masses.com) + state.p_bodies[:, b]
     moment = np.cross(at, masses.mass[:, None] * masses.gravity).sum(axis=1)
-    Q = rotation_from_vector(rocks * moment * np.array([1.0, 1.0, 0.0]))
+    Q = convert_vector_to_rotation(rocks * moment * np.array([1.0, 1.0, 0.0]))
     p = np.einsum("nij,nj->ni", Q, state.T_base_tool[:, :3, 3])
     turned = Q @ (state.R_bodies[:, link] @ np.swapaxes(plain.R_bodies[:, link], 1, 2) if link else np.eye(3))
     rng = np.random.default_rng(seed)
     like = measure()
-    tilt = rotation_vector(np.broadcast_to(turned, (len(q), 3, 3)))[:, :2] + LEVEL[like.session]
+    tilt = convert_to_rotation_vector(np.broadcast_to(turned, (len(q), 3, 3)))[:, :2] + LEVEL[like.session]
     return replace(
         like,
         position=p + noise * rng.normal(size=p.shape),
@@ -69,13 +69,15 @@ def recorded(
     )
 
 
-def problem_of(recording: Recording) -> tuple[Problem, tuple[Hypothesis, ...]]:
+def problem_of(recording: Recording) -> tuple[DiagnosisProblem, tuple[EffectHypothesis, ...]]:
     cell, robot, masses = arm()
-    problem, catalogue, _ = absolute.build(recording, cell, robot, masses, np.random.default_rng(0))
+    problem, catalogue, _ = measured_pose_channel.build_measured_pose_problem(
+        recording, cell, robot, masses, np.random.default_rng(0)
+    )
     return problem, catalogue.hypotheses
 
 
-def left_over(problem: Problem, more: Array | None = None) -> Array:
+def left_over(problem: DiagnosisProblem, more: Array | None = None) -> Array:
     """(D,) largest residual of each coordinate, by least squares of everything."""
     A = problem.base if more is None else np.concatenate([problem.base, more], axis=2)
     flat = A.reshape(-1, A.shape[2])
@@ -125,7 +127,7 @@ def test_a_base_that_rocks_is_sharper_with_the_inclinometer() -> None:
 
 
 @cache
-def diagnosed(rocks: float, *, tilts: bool = True, some: bool = False) -> Diagnosis:
+def diagnosed(rocks: float, *, tilts: bool = True, some: bool = False) -> DiagnosisResult:
     recording = recorded(rocks=rocks, noise=3e-5, tilt_noise=1e-5)
     if not tilts:
         recording = replace(recording, tilt=None, tilt_link="")
@@ -135,10 +137,14 @@ def diagnosed(rocks: float, *, tilts: bool = True, some: bool = False) -> Diagno
     return diagnosis(recording)
 
 
-def diagnosis(recording: Recording) -> Diagnosis:
+def diagnosis(recording: Recording) -> DiagnosisResult:
     cell, robot, masses = arm()
-    problem, catalogue, _ = absolute.build(recording, cell, robot, masses, np.random.default_rng(0))
-    return engine.diagnose(problem, catalogue, engine.Options(), np.random.default_rng(0))
+    problem, catalogue, _ = measured_pose_channel.build_measured_pose_problem(
+        recording, cell, robot, masses, np.random.default_rng(0)
+    )
+    return selection_pipeline.diagnose_problem(
+        problem, catalogue, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
+    )
 
 
 def test_a_null_stays_a_null() -> None:
@@ -187,7 +193,7 @@ def test_columns_that_are_written_otherwise_are_refused(fault: str) -> None:
     elif fault == "degrees":
         tilt = tilt * np.degrees(1.0) / 1e3
     else:
-        R = robot.state(recording.q, arm()[0].tool.T_flange_tcp, bodies=True).R_bodies
+        R = robot.compute_state(recording.q, arm()[0].tool.T_flange_tcp, bodies=True).R_bodies
         assert R is not None
         tilt = np.einsum("nji,nj->ni", R[:, 3], np.column_stack([tilt, np.zeros(len(tilt))]))[:, :2]
     with pytest.raises(InputError, match=fault):
@@ -196,7 +202,10 @@ def test_columns_that_are_written_otherwise_are_refused(fault: str) -> None:
 
 def test_a_link_may_be_named_or_numbered_and_a_wrong_one_is_refused() -> None:
     cell = arm()[0]
-    assert [inclinometer.link_of(n, cell) for n in ("0", "3", "link:2", cell.base_link, cell.flange_link)] == [
+    assert [
+        inclinometer_equations.find_inclinometer_link(n, cell)
+        for n in ("0", "3", "link:2", cell.base_link, cell.flange_link)
+    ] == [
         0,
         3,
         2,
@@ -204,4 +213,4 @@ def test_a_link_may_be_named_or_numbered_and_a_wrong_one_is_refused() -> None:
         6,
     ]
     with pytest.raises(InputError, match="nowhere"):
-        inclinometer.link_of("nowhere", cell)
+        inclinometer_equations.find_inclinometer_link("nowhere", cell)

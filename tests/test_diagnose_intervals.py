@@ -13,25 +13,25 @@ import numpy as np
 import pytest
 
 import machopt
-from machopt.diagnose.nouns.problem import Hypothesis, Quantity
-from machopt.diagnose.search import findings
-from machopt.effects.nouns import FORM
+from machopt.effects.law_interfaces.law_parameters import DEFAULT_FORM_UNCERTAINTY
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, Quantity
+from machopt.measurement.diagnosis.model_selection.evaluation import finding_estimates
 
 if TYPE_CHECKING:
-    from machopt.diagnose.evidence.grams import Tried
-    from machopt.diagnose.search.select import Chosen
+    from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect
+    from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedHypothesis
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks" / "concealed"))
 import generate
 
-LENGTH = Hypothesis(
+LENGTH = EffectHypothesis(
     effect="geometry",  # whose form adds nothing
     location="sensor:force",
     law="a vector",
     equation="",
     columns=lambda _: np.zeros((1, 1, 3)),
     quantities=lambda x, _: {},
-    exact=True,
+    is_exact=True,
 )
 
 
@@ -54,8 +54,8 @@ def test_the_interval_of_a_length_knows_that_noise_across_it_makes_it_longer(acr
     law = replace(LENGTH, quantities=lambda x, _: {"length": Quantity(float(np.linalg.norm(x)), "N")})
     high = low = 0
     for x in np.array([1.0, 0.0, 0.0]) + sigma * rng.normal(size=(300, 3)):
-        fitted = cast("Tried", SimpleNamespace(hypothesis=law, shapes=((),), unit=np.ones((1, 3))))
-        ends = findings._quantity_intervals(fitted, 0, x, np.diag(sigma**2), 1e6)["length"][1]
+        fitted = cast("WhitenedHypothesis", SimpleNamespace(hypothesis=law, shapes=((),), unit=np.ones((1, 3))))
+        ends = finding_estimates._compute_quantity_intervals(fitted, 0, x, np.diag(sigma**2), 1e6)["length"][1]
         high, low = high + (ends[0] > 1.0), low + (ends[1] < 1.0)
     assert high <= 8  # 12 and 9 by the slope alone
     assert low <= 8
@@ -74,23 +74,27 @@ def test_a_sensor_is_wrong_through_what_bodies_give_too(tmp_path: Path) -> None:
     assert said.ci95[0] < offset < said.ci95[1]
 
 
-def _chosen(*effects: str) -> list[Chosen]:
+def _chosen(*effects: str) -> list[SelectedEffect]:
     return [
-        cast("Chosen", SimpleNamespace(tried=SimpleNamespace(hypothesis=replace(LENGTH, effect=e)))) for e in effects
+        cast("SelectedEffect", SimpleNamespace(tried=SimpleNamespace(hypothesis=replace(LENGTH, effect=e))))
+        for e in effects
     ]
 
 
 def test_an_exact_law_is_as_sure_as_those_beside_it() -> None:
     """What the form of a gear or a body leaves goes into a zero or a frame beside it; exact ones leave nothing."""
-    assert findings._doubt(_chosen("force_sensor_offset", "displacement_frame"), 0) == 0.0
-    assert findings._doubt(_chosen("force_sensor_offset", "base_compliance"), 0) == FORM
-    assert findings._doubt(_chosen("joint_hysteresis", "force_sensor_offset"), 0) == 0.0
+    assert finding_estimates._compute_model_uncertainty(_chosen("force_sensor_offset", "displacement_frame"), 0) == 0.0
+    assert (
+        finding_estimates._compute_model_uncertainty(_chosen("force_sensor_offset", "base_compliance"), 0)
+        == DEFAULT_FORM_UNCERTAINTY
+    )
+    assert finding_estimates._compute_model_uncertainty(_chosen("joint_hysteresis", "force_sensor_offset"), 0) == 0.0
     x, sigma = np.array([1.0, 0.0, 0.0]), np.full(3, 0.01)
     law = replace(LENGTH, quantities=lambda x, _: {"length": Quantity(float(np.linalg.norm(x)), "N")})
-    fitted = cast("Tried", SimpleNamespace(hypothesis=law, shapes=((),), unit=np.ones((1, 3))))
+    fitted = cast("WhitenedHypothesis", SimpleNamespace(hypothesis=law, shapes=((),), unit=np.ones((1, 3))))
     alone, beside = (
-        np.ptp(findings._quantity_intervals(fitted, 0, x, np.diag(sigma**2), 1e6, doubt)["length"][1])
-        for doubt in (0.0, FORM)
+        np.ptp(finding_estimates._compute_quantity_intervals(fitted, 0, x, np.diag(sigma**2), 1e6, doubt)["length"][1])
+        for doubt in (0.0, DEFAULT_FORM_UNCERTAINTY)
     )
     assert alone == pytest.approx(2 * 1.96 * 0.01, rel=1e-3)
-    assert beside == pytest.approx(2 * 1.96 * np.hypot(0.01, FORM), rel=1e-3)
+    assert beside == pytest.approx(2 * 1.96 * np.hypot(0.01, DEFAULT_FORM_UNCERTAINTY), rel=1e-3)

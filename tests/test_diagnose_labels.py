@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from made_up_loads import ARCMIN, CELLS, Dirt, Truth, arm, clicking, load_tests, planned
 
-from machopt.diagnose.record import labels
-from machopt.diagnose.run import at_rest
-from machopt.diagnose.search import engine
-from machopt.domain.recording import Recording
-from machopt.effects.sensor import GAIN
-from machopt.formats.cell import load_cell
-from machopt.model.robot import load_robot
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.measurements.recording import Recording
+from machopt.effects.recording.sensor_errors import GAIN
+from machopt.kinematics.robot import load_robot
+from machopt.measurement.diagnosis.data_quality import wrong_weight_label
+from machopt.measurement.diagnosis.diagnosis_pipeline import diagnose_static_recording
+from machopt.measurement.diagnosis.model_selection import selection_pipeline
 
 CELL = "kr240_drilling"
 
@@ -40,7 +40,7 @@ def mislabelled(r: Recording, rows: np.ndarray, factor: float) -> Recording:
 
 def mended(r: Recording) -> tuple[Recording, list]:
     cell = load_cell(CELLS / CELL)
-    return labels.mended(r, load_robot(cell), cell.tool.T_flange_tcp)
+    return wrong_weight_label.correct_wrong_weight_labels(r, load_robot(cell), cell.tool.T_flange_tcp)
 
 
 @pytest.mark.parametrize(("share", "factor"), [(0.75, 0.8), (1.0, 1.15), (0.25, 0.8), (0.5, 1.12)])
@@ -88,7 +88,9 @@ def test_loads_of_every_size_have_no_labels() -> None:
 def test_a_diagnosis_names_the_weight_and_nothing_else() -> None:
     r = recorded()
     bad = mislabelled(r, of_size(r, 0.75) & (r.session == r.session.max()), 0.8)
-    d = at_rest(load_cell(CELLS / CELL), bad, engine.Options(), [], accept=(), seed=0).diagnosis
+    d = diagnose_static_recording(
+        load_cell(CELLS / CELL), bad, selection_pipeline.DiagnosisOptions(), [], accept=(), seed=0
+    ).diagnosis
     assert [f.effect for f in d.findings] == ["columns"]
     assert GAIN.name not in {f.effect for f in d.findings}
     assert d.verdict == "consistent"

@@ -9,14 +9,16 @@ import pytest
 from test_diagnose_engine import law, made_up
 from test_diagnose_sessions import CELL, CELLS, sound
 
-from machopt.diagnose.nouns.problem import Catalogue, Quantity
-from machopt.diagnose.nouns.result import Diagnosis
-from machopt.diagnose.resting import deflection
-from machopt.diagnose.search import engine, limiting, rounds, select
-from machopt.diagnose.search.screen import score
-from machopt.estimate.experiment import experiment
-from machopt.formats.cell import load_cell
-from machopt.model.robot import load_masses, load_robot
+from machopt.cell.cell_reader import load_cell
+from machopt.kinematics.robot import load_masses, load_robot
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import HypothesisCatalogue, Quantity
+from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
+from machopt.measurement.diagnosis.model_selection import selection_pipeline
+from machopt.measurement.diagnosis.model_selection.attribution import limiting_case_laws
+from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import score_hypotheses
+from machopt.measurement.diagnosis.model_selection.search import forward_selection, search_iterations
+from machopt.measurement.diagnosis.static import load_test_channel
+from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
 
 KNEE, STEP = "joint_nonlinear_stiffness", "joint_backlash"
 
@@ -49,7 +51,9 @@ def test_a_knee_below_every_load_is_backlash_unless_the_data_exclude_it(
         quantities=lambda x, shape: {"stiffness_change": Quantity(1e6 * float(x[0]), "µm")},
     )
     step = law(mixed(column, noise, alike), STEP, "joint:2")
-    d = engine.diagnose(problem, Catalogue((knees, step)), engine.Options(), rng)
+    d = selection_pipeline.diagnose_problem(
+        problem, HypothesisCatalogue((knees, step)), selection_pipeline.DiagnosisOptions(), rng
+    )
     assert [f.effect for f in d.findings] == [named]
     assert ((KNEE, "joint:2") in d.findings[0].one_of and (STEP, "joint:2") in d.findings[0].one_of) is (alike > 0.9)
 
@@ -69,10 +73,17 @@ def test_slopes_that_say_much_more_than_a_step_keep_their_name(
         shapes=((60.0, 200.0), (300.0, 360.0)),
         quantities=lambda x, shape: {"stiffness_change": Quantity(1e6 * float(x[0]), "µm")},
     )
-    state = rounds.in_rounds(problem, Catalogue((knees, law(column, STEP, "joint:2"))), 3, 0)
-    chosen = (select.Chosen(score(state.base, [state.tried[0]])[0], 0.001),)
-    monkeypatch.setattr(limiting, "rivals", lambda *_: ([], [(KNEE, "joint:2"), (STEP, "joint:2")]))
-    assert [c.tried.hypothesis.effect for c in limiting.named(replace(state, chosen=chosen)).chosen] == [named]
+    state = search_iterations.search_iteratively(
+        problem, HypothesisCatalogue((knees, law(column, STEP, "joint:2"))), 3, 0
+    )
+    chosen = (forward_selection.SelectedEffect(score_hypotheses(state.base, [state.whitened_hypotheses[0]])[0], 0.001),)
+    monkeypatch.setattr(
+        limiting_case_laws, "find_rival_explanations", lambda *_: ([], [(KNEE, "joint:2"), (STEP, "joint:2")])
+    )
+    assert [
+        c.whitened.hypothesis.effect
+        for c in limiting_case_laws.rename_limiting_cases(replace(state, chosen=chosen)).chosen
+    ] == [named]
 
 
 @pytest.mark.parametrize("longest", [True, False])
@@ -85,14 +96,18 @@ def test_creep_of_which_nothing_fades_is_hysteresis(longest: bool) -> None:
         law(column, "joint_creep", "joint:3"), columns=lambda shape: at[shape[0]], shapes=((20.0, 0.0), (300.0, 0.0))
     )
     loop = law(mixed(column, noise, 0.9999), "joint_hysteresis", "joint:3")
-    d = engine.diagnose(problem, Catalogue((creep, loop)), engine.Options(), rng)
+    d = selection_pipeline.diagnose_problem(
+        problem, HypothesisCatalogue((creep, loop)), selection_pipeline.DiagnosisOptions(), rng
+    )
     assert [f.effect for f in d.findings] == ["joint_hysteresis" if longest else "joint_creep"]
 
 
 def test_a_law_that_nothing_built_can_obey_keeps_its_place_and_has_no_name() -> None:
     problem, column = made_up(23, extra=40e-6)
-    impossible = replace(law(column), buildable=lambda x, shape: float(x[0]) < 1e-6)
-    d = engine.diagnose(problem, Catalogue((impossible,)), engine.Options(), np.random.default_rng(2))
+    impossible = replace(law(column), is_plausible=lambda x, shape: float(x[0]) < 1e-6)
+    d = selection_pipeline.diagnose_problem(
+        problem, HypothesisCatalogue((impossible,)), selection_pipeline.DiagnosisOptions(), np.random.default_rng(2)
+    )
     assert (d.findings, d.verdict) == ((), "unexplained")
     assert any("numbers that nothing built has" in n for n in d.notes)
 
@@ -105,10 +120,14 @@ def test_a_drift_has_no_name_where_the_days_differ_by_more_of_something_else() -
     drift = replace(
         law(mixed(column * first, rng.standard_normal(column.shape), 0.6), "thermal_drift"), family="environment"
     )
-    d = engine.diagnose(spoilt, Catalogue((drift, law(column))), engine.Options(), rng)
+    d = selection_pipeline.diagnose_problem(
+        spoilt, HypothesisCatalogue((drift, law(column))), selection_pipeline.DiagnosisOptions(), rng
+    )
     assert (d.findings, d.verdict) == ((), "unexplained")
     sound = replace(problem, y=problem.y + 60e-6 * drift.columns(())[:, :, 0])
-    d = engine.diagnose(sound, Catalogue((drift, law(column))), engine.Options(), rng)
+    d = selection_pipeline.diagnose_problem(
+        sound, HypothesisCatalogue((drift, law(column))), selection_pipeline.DiagnosisOptions(), rng
+    )
     assert [f.effect for f in d.findings] == ["thermal_drift"]
 
 
@@ -116,17 +135,21 @@ def test_a_balancer_carries_no_hundred_times_the_weight() -> None:
     cell, r = load_cell(CELLS / CELL), sound()
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
     masses = load_masses(cell)
-    _, tried, _ = deflection.build(r, experiment(r, robot, T), robot, T, masses)
+    _, tried, _ = load_test_channel.build_load_test_problem(
+        r, build_load_test_experiment(r, robot, T), robot, T, masses
+    )
     balancer = next(h for h in tried.hypotheses if h.effect == "gravity_compensator")
     shape = balancer.shapes[5]
-    assert balancer.buildable(np.array([0.0, 5e3]), shape)
-    assert not balancer.buildable(np.array([0.0, 1e7]), shape)
-    _, tried, _ = deflection.build(r, experiment(r, robot, T), robot, T, None)  # weight that nobody knows does the same
+    assert balancer.is_plausible(np.array([0.0, 5e3]), shape)
+    assert not balancer.is_plausible(np.array([0.0, 1e7]), shape)
+    _, tried, _ = load_test_channel.build_load_test_problem(
+        r, build_load_test_experiment(r, robot, T), robot, T, None
+    )  # weight that nobody knows does the same
     assert "gravity_compensator" not in {h.effect for h in tried.hypotheses}
     assert "gravity_compensator" in {u.effect for u in tried.untestable}
 
 
-def laws_of_two_forms(one: float, two: float) -> Diagnosis:
+def laws_of_two_forms(one: float, two: float) -> DiagnosisResult:
     """Of a mismatch between two forms of one effect that state its size twofold otherwise."""
     problem, column = made_up(24, extra=60e-6)
     rng = np.random.default_rng(2)
@@ -137,7 +160,9 @@ def laws_of_two_forms(one: float, two: float) -> Diagnosis:
         law="far",
         quantities=lambda x, shape: {"size": Quantity(2e6 * float(x[0]), "µm")},
     )
-    return engine.diagnose(problem, Catalogue((near, far)), engine.Options(), rng)
+    return selection_pipeline.diagnose_problem(
+        problem, HypothesisCatalogue((near, far)), selection_pipeline.DiagnosisOptions(), rng
+    )
 
 
 @pytest.mark.parametrize(("one", "two", "both"), [(0.98, 0.977, True), (1.0, 0.97, False)])

@@ -11,22 +11,22 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from machopt.cell.cell_reader import load_cell
 from machopt.cli import main
-from machopt.diagnose.moving import checks, motion
-from machopt.diagnose.moving.friction import rest_of
-from machopt.diagnose.nouns.motion_signals import signals
-from machopt.diagnose.search import engine
-from machopt.domain.cell import Cell, JointLimits, Tool, Workpiece
-from machopt.domain.recording import Recording
-from machopt.effects.creep import lag
-from machopt.effects.friction import presliding
-from machopt.effects.hysteresis import drag, play
-from machopt.effects.vibration import mass_on_spring
+from machopt.data_types.cell import Cell, JointLimits, Tool, Workpiece
+from machopt.data_types.measurements.recording import Recording
+from machopt.dynamics.rigid_body import load_dynamics
+from machopt.effects.joint.creep import filter_first_order
+from machopt.effects.joint.friction import compute_presliding_direction
+from machopt.effects.joint.hysteresis import compute_drag, compute_play
+from machopt.effects.joint.joint_vibration import simulate_mass_on_spring
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.recording import load_recording, write_recording
-from machopt.model.rigid import load_dynamics
-from machopt.model.robot import GRAVITY
+from machopt.kinematics.robot import GRAVITY
+from machopt.measurement.diagnosis.dynamic import motion_channels, motion_record_checks
+from machopt.measurement.diagnosis.dynamic.friction import fit_least_squares
+from machopt.measurement.diagnosis.model_selection import selection_pipeline
+from machopt.measurement.diagnosis.motion_data.motion_signals import build_motion_signals
+from machopt.measurement.recording import load_recording, write_recording
 
 MASS, LENGTH, INERTIA = 20.0, 0.7, 1.5  # kg, m, kg·m² about the centre
 LINK = (
@@ -103,8 +103,12 @@ def recorded(t, q, v, tau=None, **more) -> Recording:
 
 
 def diagnosed(recording: Recording, cell: Cell, channel):
-    problem, catalogue, notes, first = motion.build(recording, cell, channel, np.random.default_rng(0))
-    found = engine.diagnose(problem, catalogue, engine.Options(), np.random.default_rng(0))
+    problem, catalogue, notes, first = motion_channels.build_motion_problem(
+        recording, cell, channel, np.random.default_rng(0)
+    )
+    found = selection_pipeline.diagnose_problem(
+        problem, catalogue, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
+    )
     return found, notes, first
 
 
@@ -114,8 +118,8 @@ def test_torque_of_a_pendulum(tmp_path: Path) -> None:
     q = np.linspace(-2, 2, 9)[:, None]
     a = np.linspace(3, -1, 9)[:, None]
     expected = (MASS * LENGTH**2 + INERTIA) * a + MASS * GRAVITY * LENGTH * np.cos(q)
-    assert dynamics.torque(q, 0 * q, a) == pytest.approx(expected, rel=1e-12, abs=1e-9)
-    assert dynamics.own_inertia(q) == pytest.approx(np.full((9, 1), MASS * LENGTH**2 + INERTIA), rel=1e-12)
+    assert dynamics.compute_torque(q, 0 * q, a) == pytest.approx(expected, rel=1e-12, abs=1e-9)
+    assert dynamics.compute_own_inertia(q) == pytest.approx(np.full((9, 1), MASS * LENGTH**2 + INERTIA), rel=1e-12)
 
 
 def test_regressors_are_what_changing_the_tool_does(tmp_path: Path) -> None:
@@ -123,10 +127,12 @@ def test_regressors_are_what_changing_the_tool_does(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     _, q, v, a = excited(3, rng, periods=1, rate=5.0)
     light, heavy = (load_dynamics(arm(tmp_path, 3, tool=m)) for m in (5.0, 7.5))
-    P, _, L = light.regressors(q, v, a)
-    assert 2.5 * P[:, :, 0] == pytest.approx(heavy.torque(q, v, a) - light.torque(q, v, a), rel=1e-9, abs=1e-9)
+    P, _, L = light.compute_regressors(q, v, a)
+    assert 2.5 * P[:, :, 0] == pytest.approx(
+        heavy.compute_torque(q, v, a) - light.compute_torque(q, v, a), rel=1e-9, abs=1e-9
+    )
     # all links scaled by one: the whole torque, tool (in the last link) included
-    assert L.sum(axis=2) == pytest.approx(light.torque(q, v, a), rel=1e-9, abs=1e-9)
+    assert L.sum(axis=2) == pytest.approx(light.compute_torque(q, v, a), rel=1e-9, abs=1e-9)
 
 
 def test_gravity_follows_how_the_robot_is_mounted(tmp_path: Path) -> None:
@@ -135,7 +141,7 @@ def test_gravity_follows_how_the_robot_is_mounted(tmp_path: Path) -> None:
     turned[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
     dynamics = load_dynamics(replace(arm(tmp_path), T_world_base=turned))
     q = np.linspace(-1, 1, 5)[:, None]
-    assert dynamics.torque(q, 0 * q, 0 * q) == pytest.approx(0 * q, abs=1e-9)
+    assert dynamics.compute_torque(q, 0 * q, 0 * q) == pytest.approx(0 * q, abs=1e-9)
 
 
 def test_urdf_without_inertias_is_refused(tmp_path: Path) -> None:
@@ -150,12 +156,12 @@ def test_urdf_without_inertias_is_refused(tmp_path: Path) -> None:
 def test_play_and_presliding() -> None:
     """Play keeps half its width behind at a turn; presliding turns over exponentially with the way."""
     first = np.array([1, 0, 0, 0, 0], np.int64)
-    assert play(np.array([0.0, 1.0, 3.0, 2.5, 0.0]), first, 1.0) == pytest.approx([0.0, 0.0, 2.0, 2.0, 1.0])
+    assert compute_play(np.array([0.0, 1.0, 3.0, 2.5, 0.0]), first, 1.0) == pytest.approx([0.0, 0.0, 2.0, 2.0, 1.0])
     v = np.full(101, 1e-3)
     v[0] = -1e-3
     first = np.zeros(101, np.int64)
     first[0] = 1
-    z = presliding(v, 0.01, first, 5e-4)
+    z = compute_presliding_direction(v, 0.01, first, 5e-4)
     # speed turns within the first interval: a quarter of it forward, then 49 whole ones: 4.925e-4 rad
     assert z[50] == pytest.approx(1.0 - 2.0 * np.exp(-0.985), abs=1e-6)
 
@@ -167,7 +173,7 @@ def test_bouc_wen_between_two_loads() -> None:
     first = np.zeros(len(x), np.int64)
     first[0] = 1
     # rising from rest with β = ½, γ = ½: dz = (1 − z) dx, z = 1 − exp(−x)
-    z = drag(x, first, 1.0, 0.5)
+    z = compute_drag(x, first, 1.0, 0.5)
     assert z[49] == pytest.approx(1.0 - np.exp(-0.5), abs=1e-12)
     # back to zero straight, beyond it along the same exponential, either way
     expected = z[49]
@@ -188,10 +194,10 @@ def test_lag_and_spring_follow_their_closed_forms() -> None:
     x = np.ones(n)
     x[0] = 0.0
     t = h * np.arange(n)
-    assert lag(x, np.full(n, h), first, 0.3) == pytest.approx(1 - np.exp(-t / 0.3), abs=1e-12)
+    assert filter_first_order(x, np.full(n, h), first, 0.3) == pytest.approx(1 - np.exp(-t / 0.3), abs=1e-12)
     load = np.zeros(n)
     load[0] = 100.0
-    swing = mass_on_spring(load, np.full(n, 2.0), np.full(n, h), first, 5000.0, 0.05)
+    swing = simulate_mass_on_spring(load, np.full(n, 2.0), np.full(n, h), first, 5000.0, 0.05)
     w = 50.0 * np.sqrt(1 - 0.05**2)
     # the load is taken as falling over the first step: the phase may be half a step off, the decay is not
     peak = np.abs(swing[200:]).max() / np.abs(swing[:40]).max()
@@ -203,13 +209,13 @@ def test_lag_and_spring_follow_their_closed_forms() -> None:
 def test_periods_groups_and_twins_of_a_repeating_motion(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     t, q, v, a = excited(1, rng)
-    m = signals(recorded(t, q, v), 1)
+    m = build_motion_signals(recorded(t, q, v), 1)
     assert m.length == pytest.approx(6.0, abs=0.011)  # one sample
     assert len(np.unique(m.group)) >= 6
     # twins stand at the same joint angle and in other periods
     label = m.replicate[m.replicate >= 0]
     assert len(label) > 0.9 * len(m)
-    position = m.mean(m.q[:, 0])[m.replicate >= 0]
+    position = m.average_blocks(m.q[:, 0])[m.replicate >= 0]
     kind = np.unique(label)[5]
     assert np.ptp(position[label == kind]) < 1e-6
     # twins never stand in different groups, or one would tell of the other
@@ -222,54 +228,54 @@ def test_periods_groups_and_twins_of_a_repeating_motion(tmp_path: Path) -> None:
 def test_an_offset_of_one_period_is_not_physics(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     t, q, v, _ = excited(1, rng)
-    m = signals(recorded(t, q, v), 1)
-    x = 3.0 + m.first(m.period).astype(float)
-    assert m.within(x[:, None]) == pytest.approx(np.full((len(m), 1), x.mean()), abs=1e-9)
+    m = build_motion_signals(recorded(t, q, v), 1)
+    x = 3.0 + m.select_block_labels(m.period).astype(float)
+    assert m.subtract_period_mean(x[:, None]) == pytest.approx(np.full((len(m), 1), x.mean()), abs=1e-9)
 
 
 def test_gaps_split_and_short_records_are_refused() -> None:
     rng = np.random.default_rng(2)
     t, q, v, _ = excited(1, rng)
     keep = (t < 10.0) | (t > 11.0)
-    m = signals(recorded(t[keep], q[keep], v[keep]), 1)
+    m = build_motion_signals(recorded(t[keep], q[keep], v[keep]), 1)
     assert len(m.segments()) == 2
     assert any("gap" in n for n in m.notes)
     with pytest.raises(InputError, match="no stretch"):
-        signals(recorded(t[:20], q[:20], v[:20]), 1)
+        build_motion_signals(recorded(t[:20], q[:20], v[:20]), 1)
     twice = t.copy()
     twice[7] = twice[6]
     with pytest.raises(InputError, match="time stands still"):
-        signals(recorded(twice, q, v), 1)
+        build_motion_signals(recorded(twice, q, v), 1)
 
 
 def test_speeds_in_radians_are_put_right_and_said() -> None:
     rng = np.random.default_rng(3)
     t, q, v, _ = excited(2, rng)
-    fixed, found = checks.units(recorded(t, 20 * q, 20 * v * np.pi / 180.0), 2)
+    fixed, found = motion_record_checks.correct_motion_units(recorded(t, 20 * q, 20 * v * np.pi / 180.0), 2)
     assert [(f.effect, f.location) for f in found] == [("units", "column:qd1_deg_s")]
     assert fixed.velocity == pytest.approx(20 * v, rel=1e-12)
-    _, none = checks.units(recorded(t, q, v), 2)
+    _, none = motion_record_checks.correct_motion_units(recorded(t, q, v), 2)
     assert not none
     with pytest.raises(InputError, match="runs against"):
-        checks.units(recorded(t, q, -v), 2)
+        motion_record_checks.correct_motion_units(recorded(t, q, -v), 2)
 
 
 def test_torque_before_the_gear_is_refused(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     cell = arm(tmp_path, 2)
     t, q, v, a = excited(2, rng)
-    tau = load_dynamics(cell).torque(q, v, a) / np.array([120.0, 90.0])
+    tau = load_dynamics(cell).compute_torque(q, v, a) / np.array([120.0, 90.0])
     with pytest.raises(InputError, match="before their gears"):
-        motion.build(recorded(t, q, v, tau), cell, "torque", rng)
+        motion_channels.build_motion_problem(recorded(t, q, v, tau), cell, "torque", rng)
 
 
 def test_channels_follow_the_signals(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     cell = arm(tmp_path, 1)
     t, q, v, _ = excited(1, rng)
-    assert motion.channels(recorded(t, q, v, q), cell) == ("torque",)
-    assert motion.channels(recorded(t, q, v, q, q_secondary=q), cell)[0] == "link"
-    assert motion.channels(recorded(t, q, v), cell) == ()
+    assert motion_channels.list_testable_channels(recorded(t, q, v, q), cell) == ("torque",)
+    assert motion_channels.list_testable_channels(recorded(t, q, v, q, q_secondary=q), cell)[0] == "link"
+    assert motion_channels.list_testable_channels(recorded(t, q, v), cell) == ()
 
 
 @pytest.mark.parametrize("late", [-0.0043, 0.0, 0.0121])
@@ -279,9 +285,9 @@ def test_delay_of_torque_is_found_to_a_millisecond(tmp_path: Path, late: float) 
     cell = arm(tmp_path)
     t, q, v, _ = excited(1, rng)
     fine, qf, vf, af = excited(1, np.random.default_rng(4), rate=2000.0)
-    tau = load_dynamics(cell).torque(qf, vf, af)[:, 0] + 8.0 * np.tanh(vf[:, 0] / 0.05) + 3.0 * vf[:, 0]
+    tau = load_dynamics(cell).compute_torque(qf, vf, af)[:, 0] + 8.0 * np.tanh(vf[:, 0] / 0.05) + 3.0 * vf[:, 0]
     seen = np.interp(t - late, fine, tau)[:, None] + 0.5 * rng.normal(size=(len(t), 1))
-    _, catalogue, _, _ = motion.build(recorded(t, q, v, seen), cell, "torque", rng)
+    _, catalogue, _, _ = motion_channels.build_motion_problem(recorded(t, q, v, seen), cell, "torque", rng)
     clock = next(h for h in catalogue.hypotheses if h.effect == "time_skew")
     assert clock.shapes[0][0] == pytest.approx(late, abs=1e-3)
 
@@ -290,7 +296,7 @@ def shaken(tmp_path: Path, joints: int, seed: int):
     rng = np.random.default_rng(seed)
     cell = arm(tmp_path, joints, tool=5.0)
     t, q, v, a = excited(joints, rng, periods=5)
-    tau = load_dynamics(cell).torque(q, v, a) + 6.0 * np.sign(v) + 2.0 * v
+    tau = load_dynamics(cell).compute_torque(q, v, a) + 6.0 * np.sign(v) + 2.0 * v
     return rng, cell, t, q, v, tau
 
 
@@ -300,12 +306,12 @@ def test_what_a_recorder_brought_together_by_straight_lines_is_late_by_so_much(t
     rng = np.random.default_rng(4)
     cell = arm(tmp_path)
     t, q, v, a = excited(1, rng)
-    tau = load_dynamics(cell).torque(q, v, a)[:, 0] + 8.0 * np.sign(v[:, 0]) + 3.0 * v[:, 0]
+    tau = load_dynamics(cell).compute_torque(q, v, a)[:, 0] + 8.0 * np.sign(v[:, 0]) + 3.0 * v[:, 0]
     seen = np.interp(t - late, t, tau)[:, None] + 0.2 * rng.normal(size=(len(t), 1))
-    problem, catalogue, _, _ = motion.build(recorded(t, q, v, seen), cell, "torque", rng)
+    problem, catalogue, _, _ = motion_channels.build_motion_problem(recorded(t, q, v, seen), cell, "torque", rng)
     clock = next(h for h in catalogue.hypotheses if h.effect == "time_skew")
     X = np.concatenate([problem.base, clock.columns(clock.shapes[0])], axis=2)[:, 0]
-    left, x = rest_of(problem.y[:, 0], X)
+    left, x = fit_least_squares(problem.y[:, 0], X)
     assert x[-1] == pytest.approx(late, rel=0.03)
     assert np.std(left) < 1.1 * 0.2 / np.sqrt(2.0)  # two samples a reading
 
@@ -337,7 +343,7 @@ def test_clearance_of_a_gear_is_named_from_link_side_encoders(tmp_path: Path) ->
     upright[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # no weight, or the torque would keep its sign
     cell = replace(cell, T_world_base=upright)
     a = np.gradient(v[:, 0], t)[:, None]
-    tau = load_dynamics(cell).torque(q, v, a) + 6.0 * np.sign(v) + 2.0 * v
+    tau = load_dynamics(cell).compute_torque(q, v, a) + 6.0 * np.sign(v) + 2.0 * v
     load = -(tau - 6.0 * np.sign(v) - 2.0 * v)
     other = q + load / 2e6 + 5e-5 * np.tanh(load / 2.0) + 2e-5 * rng.normal(size=q.shape)
     found, _, _ = diagnosed(recorded(t, q, v, tau, q_secondary=other), cell, "link")
@@ -349,7 +355,7 @@ def test_clearance_of_a_gear_is_named_from_link_side_encoders(tmp_path: Path) ->
 def test_a_late_encoder_is_late_with_the_twist_of_its_gear(tmp_path: Path) -> None:
     """What of the twist was left at its old time looked like a gear that creeps (delays of 3 to 17 ms)."""
     rng, cell, t, q, v, _ = shaken(tmp_path, 1, 7)
-    tau = load_dynamics(cell).torque(q, v, np.gradient(v[:, 0], t)[:, None])
+    tau = load_dynamics(cell).compute_torque(q, v, np.gradient(v[:, 0], t)[:, None])
     other = CubicSpline(t, q - tau / 2e4)(t - 0.008) + 2e-6 * rng.normal(size=q.shape)
     keep = slice(10, -10)
     found, _, _ = diagnosed(recorded(t[keep], q[keep], v[keep], tau[keep], q_secondary=other[keep]), cell, "link")
@@ -361,12 +367,12 @@ def test_encoders_behind_their_command_are_said(tmp_path: Path) -> None:
     rng, _, t, q, v, tau = shaken(tmp_path, 2, 8)
     asked = q + 0.012 * v
     late = recorded(t, q, v, tau, q_command=asked)
-    lags = checks.servo_lag(late, signals(late, 2))
+    lags = motion_record_checks.find_servo_lag(late, build_motion_signals(late, 2))
     assert [(f.effect, f.location) for f in lags] == [("servo_lag", "controller")]
     assert lags[0].parameters["delay"].value == pytest.approx(12.0, abs=0.3)  # ms; the derivative of a delayed command
     assert lags[0].p_value < 1e-6  # better on all of 24 stretches: a coin does so once in 17 million
     close = recorded(t, q, v, tau, q_command=q + 1e-6 * rng.normal(size=q.shape))
-    assert not checks.servo_lag(close, signals(close, 2))
+    assert not motion_record_checks.find_servo_lag(close, build_motion_signals(close, 2))
 
 
 def test_a_slide_is_a_chain_too(tmp_path: Path) -> None:
@@ -375,7 +381,7 @@ def test_a_slide_is_a_chain_too(tmp_path: Path) -> None:
     cell = arm(tmp_path, 1, "prismatic")
     t, q, v, a = excited(1, rng)
     force = MASS * a + 5.0 * np.sign(v) + 0.2 * rng.normal(size=q.shape)
-    problem, _, _, _ = motion.build(recorded(t, q, v, force), cell, "torque", rng)
+    problem, _, _, _ = motion_channels.build_motion_problem(recorded(t, q, v, force), cell, "torque", rng)
     assert problem.families[0].unit == "N"
     x = np.linalg.lstsq(problem.base[:, 0], problem.y[:, 0], rcond=None)[0]
     coulomb = next(k for k, u in enumerate(problem.unknowns) if u.name.startswith("Coulomb"))
@@ -427,14 +433,14 @@ def test_joints_of_cell_and_recording_must_agree(tmp_path: Path) -> None:
     cell, record = slide(tmp_path, q="q1_deg", force="tau1_Nm")
     loaded = load_cell(cell, any_chain=True)
     with pytest.raises(InputError, match="q1_mm is expected"):
-        motion.refuse_other_joints(load_recording(record), loaded)
+        motion_channels.check_joint_names(load_recording(record), loaded)
     data = (record / "data.csv").read_text(encoding="utf-8")
     (record / "data.csv").write_text(data.replace("q1_deg", "q1_mm", 1), encoding="utf-8")
     with pytest.raises(InputError, match="found column qd1_deg_s; joint 1 slides"):
         load_recording(record)
     t, q, v, a = excited(2, np.random.default_rng(0), periods=1)
     with pytest.raises(InputError, match="has 2 joints, the cell's arm 1"):
-        motion.refuse_other_joints(recorded(t, q, v, a), loaded)
+        motion_channels.check_joint_names(recorded(t, q, v, a), loaded)
 
 
 def test_slides_are_written_and_read_again(tmp_path: Path) -> None:
@@ -454,7 +460,7 @@ def test_friction_that_turns_at_once_is_not_late() -> None:
     v = np.sin(np.linspace(0.1, 20.0, 4000))
     first = np.zeros(len(v), np.int64)
     first[0] = 1
-    assert np.array_equal(presliding(v, 0.004, first, 0.0), np.sign(v))
+    assert np.array_equal(compute_presliding_direction(v, 0.004, first, 0.0), np.sign(v))
 
 
 def test_lost_samples_do_not_bend_velocities() -> None:
@@ -462,7 +468,7 @@ def test_lost_samples_do_not_bend_velocities() -> None:
     rng = np.random.default_rng(12)
     t, q, v, a = excited(1, rng, rate=250.0, periods=2)
     keep = np.sort(rng.choice(len(t), int(0.7 * len(t)), replace=False))
-    m = signals(recorded(t[keep], q[keep], v[keep]), 1)
+    m = build_motion_signals(recorded(t[keep], q[keep], v[keep]), 1)
     assert any("even grid" in n for n in m.notes)
     inside = slice(100, -100)
     assert np.abs(m.a[inside, 0] - a[keep][m.index][inside, 0]).max() < 0.02 * np.ptp(a)
@@ -472,14 +478,14 @@ def test_records_that_are_no_motion_are_refused(tmp_path: Path) -> None:
     rng = np.random.default_rng(13)
     t, q, v, a = excited(2, rng, periods=2)
     cell = arm(tmp_path, 2)
-    tau = load_dynamics(cell).torque(q, v, a) + rng.normal(size=q.shape)
+    tau = load_dynamics(cell).compute_torque(q, v, a) + rng.normal(size=q.shape)
     with pytest.raises(InputError, match="no joint moves"):
-        motion.build(recorded(t, 0 * q, 0 * v, tau), cell, "torque", rng)
+        motion_channels.build_motion_problem(recorded(t, 0 * q, 0 * v, tau), cell, "torque", rng)
     with pytest.raises(InputError, match="tau2_Nm never changes"):
-        motion.build(recorded(t, q, v, tau * [1, 0]), cell, "torque", rng)
+        motion_channels.build_motion_problem(recorded(t, q, v, tau * [1, 0]), cell, "torque", rng)
     with pytest.raises(InputError, match="tau2_Nm runs against"):
-        motion.build(recorded(t, q, v, tau * [1, -1]), cell, "torque", rng)
-    fixed, words = checks.quality(recorded(t, q, v * [1, 0], tau), 2)
+        motion_channels.build_motion_problem(recorded(t, q, v, tau * [1, -1]), cell, "torque", rng)
+    fixed, words = motion_record_checks.check_channel_quality(recorded(t, q, v * [1, 0], tau), 2)
     assert fixed.velocity is None
     assert "qd2_deg_s never changes" in words[0]
 
@@ -488,12 +494,12 @@ def test_a_clock_in_milliseconds_and_torques_in_kilo_are_put_right(tmp_path: Pat
     rng = np.random.default_rng(14)
     cell = arm(tmp_path, 2)
     t, q, v, a = excited(2, rng)
-    tau = load_dynamics(cell).torque(q, v, a) + 6.0 * np.sign(v) + rng.normal(size=q.shape)
+    tau = load_dynamics(cell).compute_torque(q, v, a) + 6.0 * np.sign(v) + rng.normal(size=q.shape)
     for record, where in (
         (recorded(100.0 * 1e3 * t, q, 1e-2 * v, tau), "column:time_s"),
         (recorded(t, q, v, tau / 1e3), "column:tau1_Nm"),
     ):
-        _, _, _, found = motion.build(record, cell, "torque", rng)
+        _, _, _, found = motion_channels.build_motion_problem(record, cell, "torque", rng)
         assert [(f.effect, f.location) for f in found] == [("units", where)]
         assert found[0].after < found[0].before
         assert found[0].p_value < 1e-6  # better on all of 24 stretches

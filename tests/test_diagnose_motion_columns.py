@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from test_diagnose_motion import arm, excited, recorded
 
-from machopt.arrays import Array
-from machopt.diagnose.moving import columns, motion
-from machopt.diagnose.nouns.motion_signals import Motion, signals
-from machopt.domain.recording import Recording
+from machopt.data_types.measurements.recording import Recording
+from machopt.dynamics.rigid_body import load_dynamics
 from machopt.errors import InputError
-from machopt.model.rigid import load_dynamics
+from machopt.measurement.diagnosis.dynamic import exchanged_torque_columns, motion_channels
+from machopt.measurement.diagnosis.motion_data.motion_signals import MotionSignals, build_motion_signals
+from machopt.numerics.array_types import Array
 
 
 def moved(folder: Path, seed: int) -> tuple[Array, Array, Array, Array, Array]:
@@ -21,14 +21,14 @@ def moved(folder: Path, seed: int) -> tuple[Array, Array, Array, Array, Array]:
     rng = np.random.default_rng(seed)
     cell = arm(folder, 3, tool=8.0)
     t, q, v, a = excited(3, rng)
-    need = load_dynamics(cell).torque(q, v, a)
+    need = load_dynamics(cell).compute_torque(q, v, a)
     return t, q, v, need, need + 5.0 * np.sign(v) + 2.0 * v + 0.5 * rng.normal(size=q.shape)
 
 
-def seen(t: Array, q: Array, v: Array, tau: Array, cell_folder: Path) -> tuple[Recording, Motion, Array]:
+def seen(t: Array, q: Array, v: Array, tau: Array, cell_folder: Path) -> tuple[Recording, MotionSignals, Array]:
     recording = recorded(t, q, v, tau)
-    m = signals(recording, 3)
-    return recording, m, load_dynamics(arm(cell_folder, 3, tool=8.0)).torque(m.q, m.v, m.a)
+    m = build_motion_signals(recording, 3)
+    return recording, m, load_dynamics(arm(cell_folder, 3, tool=8.0)).compute_torque(m.q, m.v, m.a)
 
 
 @pytest.mark.parametrize("pair", [(0, 1), (1, 2), (0, 2)])
@@ -36,7 +36,7 @@ def test_torques_under_each_others_names_are_exchanged_and_said(tmp_path: Path, 
     t, q, v, _, tau = moved(tmp_path, 3)
     swapped = tau.copy()
     swapped[:, pair] = tau[:, pair[::-1]]
-    mended, found = columns.mended(*seen(t, q, v, swapped, tmp_path))
+    mended, found = exchanged_torque_columns.correct_exchanged_torques(*seen(t, q, v, swapped, tmp_path))
     assert mended.torque is not None
     np.testing.assert_array_equal(mended.torque, tau)
     assert [(f.effect, f.location) for f in found] == [("columns", f"column:tau{pair[0] + 1}_Nm")]
@@ -49,7 +49,7 @@ def test_torques_that_are_right_stay(tmp_path: Path) -> None:
     """So they do where a balancer takes most of a joint's torque, or one joint's masses are a third off."""
     t, q, v, need, tau = moved(tmp_path, 4)
     for given in (tau, tau + [0.0, -0.8, 0.0] * need, tau + [0.3, 0.0, -0.3] * need):
-        mended, found = columns.mended(*seen(t, q, v, given, tmp_path))
+        mended, found = exchanged_torque_columns.correct_exchanged_torques(*seen(t, q, v, given, tmp_path))
         assert not found
         assert mended.torque is given
 
@@ -58,4 +58,6 @@ def test_one_torque_before_its_gear_is_refused(tmp_path: Path) -> None:
     t, q, v, _, tau = moved(tmp_path, 5)
     tau = tau / [1.0, 120.0, 1.0]
     with pytest.raises(InputError, match=r"tau2_Nm.*1:1[12]\d\?"):
-        motion.build(recorded(t, q, v, tau), arm(tmp_path, 3, tool=8.0), "torque", np.random.default_rng(0))
+        motion_channels.build_motion_problem(
+            recorded(t, q, v, tau), arm(tmp_path, 3, tool=8.0), "torque", np.random.default_rng(0)
+        )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from test_diagnose_motion import arm, diagnosed, excited, recorded
 
-from machopt.model.rigid import load_dynamics
+from machopt.dynamics.rigid_body import load_dynamics
 
 
 @pytest.mark.parametrize("tool", [0.0, 5.0])
@@ -21,9 +21,9 @@ def test_a_last_link_without_mass_swings_on_nothing(tmp_path: Path, tool: float)
     cell.urdf.write_text(f"{head}<inertial>{bare}", encoding="utf-8")
     t, q, v, a = excited(3, rng, periods=5)
     dynamics = load_dynamics(cell)
-    assert (dynamics.own_inertia(q)[:, 2].max() > 0.0) == (tool > 0.0)
-    tau = dynamics.torque(q, v, a) + 6.0 * np.sign(v) + 2.0 * v
+    assert (dynamics.compute_own_inertia(q)[:, 2].max() > 0.0) == (tool > 0.0)
+    tau = dynamics.compute_torque(q, v, a) + 6.0 * np.sign(v) + 2.0 * v
     found, *_ = diagnosed(recorded(t, q, v, tau + rng.normal(size=q.shape)), cell, "torque")
     assert found.verdict == "consistent"
-    link = q + 1e-6 * (dynamics.torque(q, v, a) + rng.normal(size=q.shape))
+    link = q + 1e-6 * (dynamics.compute_torque(q, v, a) + rng.normal(size=q.shape))
     assert diagnosed(recorded(t, q, v, tau, q_secondary=link), cell, "link")[0].verdict in ("consistent", "explained")

@@ -10,10 +10,10 @@ import pytest
 from numpy.typing import NDArray
 from test_diagnose_motion import arm, diagnosed, excited, recorded, shaken
 
-from machopt.diagnose import calibrated
-from machopt.diagnose.evidence import aside
-from machopt.diagnose.moving import motion, torque
-from machopt.model.rigid import load_dynamics
+from machopt.dynamics.rigid_body import load_dynamics
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.dynamic import joint_torque_channel, motion_channels
+from machopt.measurement.diagnosis.statistics import outlier_rejection
 
 
 @dataclass(frozen=True)
@@ -55,16 +55,18 @@ def test_friction_that_turns_over_gradually_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize("late", [0.0, 0.01])
 def test_a_clock_counts_where_it_says_something(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, late: float) -> None:
     """Some delay is always a little better than none, and was read into the reversals, which it smeared."""
-    seen, clock = [], torque._clock
-    monkeypatch.setattr(torque, "_clock", lambda *given: seen.append(clock(*given)) or seen[-1])
+    seen, clock = [], joint_torque_channel._estimate_torque_delay
+    monkeypatch.setattr(
+        joint_torque_channel, "_estimate_torque_delay", lambda *given: seen.append(clock(*given)) or seen[-1]
+    )
     cell = arm(tmp_path, 1, tool=5.0)
     fine, qf, vf, af = excited(1, np.random.default_rng(4), rate=2000.0)
-    tau = load_dynamics(cell).torque(qf, vf, af) + 6.0 * np.sign(vf) + 2.0 * vf
+    tau = load_dynamics(cell).compute_torque(qf, vf, af) + 6.0 * np.sign(vf) + 2.0 * vf
     t, q, v, _ = excited(1, np.random.default_rng(4))
     moved = np.stack([np.interp(t - late, fine, x) for x in tau.T], axis=1)
     for seed in range(6):
         noise = np.random.default_rng(seed).normal(size=q.shape)
-        motion.build(recorded(t, q, v, moved + noise), cell, "torque", np.random.default_rng(0))
+        motion_channels.build_motion_problem(recorded(t, q, v, moved + noise), cell, "torque", np.random.default_rng(0))
     assert [shared for _, shared, _ in seen] == [late > 0.0] * 6
 
 
@@ -78,7 +80,7 @@ def test_a_load_of_twice_its_limit_is_named(tmp_path: Path) -> None:
     assert limit.unit == "kg"
     heavier = replace(cell, tool=replace(cell.tool, mass=cell.tool.mass + 2.0 * limit.value))
     a = np.gradient(v, t, axis=0)
-    more = load_dynamics(heavier).torque(q, v, a) - load_dynamics(cell).torque(q, v, a)
+    more = load_dynamics(heavier).compute_torque(q, v, a) - load_dynamics(cell).compute_torque(q, v, a)
     found, _, _ = diagnosed(recorded(t, q, v, tau + more + noise), cell, "torque")
     assert [(f.effect, f.location) for f in found.findings] == [("payload", "tool")]
     mass = found.findings[0].parameters["mass"]
@@ -88,14 +90,16 @@ def test_a_load_of_twice_its_limit_is_named(tmp_path: Path) -> None:
 def test_a_torque_that_comes_back_with_each_period_is_no_outlier(tmp_path: Path) -> None:
     """Late friction stands in single samples about each reversal: as gross ones they hid clocks and small shafts."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)
-    problem, _, _, _ = motion.build(recorded(t, q, v, tau + rng.normal(size=q.shape)), cell, "torque", rng)
+    problem, _, _, _ = motion_channels.build_motion_problem(
+        recorded(t, q, v, tau + rng.normal(size=q.shape)), cell, "torque", rng
+    )
     left = rng.normal(size=problem.y.shape)
     again = problem.replicate == problem.replicate[400]
     assert again.sum() == 5
     left[again, 1] += 30.0
     left[123, 1] += 30.0
     left[321, 1] -= 30.0
-    used = aside.good(problem, left)
+    used = outlier_rejection.find_inlier_readings(problem, left)
     assert used[again].all()
     assert np.flatnonzero(~used).tolist() == [123, 321]
 
@@ -112,7 +116,7 @@ def test_what_comes_back_is_what_one_look_at_a_time_finds(channel: str) -> None:
         left = kinds + rng.normal(size=(n, 6)) * rng.choice([0.0, 0.3, 3.0], (n, 1))
         off = rng.random(n) < rng.choice([0.0, 0.2, 0.8])
         problem = Labelled(channel, replicate, visit)
-        found = aside.comes_back(problem, left, off)  # type: ignore[arg-type]
+        found = outlier_rejection.find_repeated_deviations(problem, left, off)  # type: ignore[arg-type]
         e = left if channel == "torque" else left[:, :3]
         for k in range(n):
             twins = (replicate == replicate[k]) & (visit != visit[k])
@@ -122,7 +126,7 @@ def test_what_comes_back_is_what_one_look_at_a_time_finds(channel: str) -> None:
                 continue
             other = e[twins].mean(axis=0)
             one, two = np.linalg.norm(e[k]), np.linalg.norm(other)
-            again = e[k] @ other > calibrated.RECORD.alike * one * two and calibrated.RECORD.like_size * two > one
+            again = e[k] @ other > thresholds.RECORD.alike * one * two and thresholds.RECORD.like_size * two > one
             assert found[k] == again
             both[int(again)] += 1
     assert min(*both, twinless) > 50
@@ -133,7 +137,7 @@ def test_a_gain_is_of_the_load_besides_too(tmp_path: Path) -> None:
     rng, cell, t, q, v, tau = shaken(tmp_path, 3, 5)
     a = np.gradient(v, t, axis=0)
     heavier = replace(cell, tool=replace(cell.tool, mass=11.0))
-    tau = tau + load_dynamics(heavier).torque(q, v, a) - load_dynamics(cell).torque(q, v, a)
+    tau = tau + load_dynamics(heavier).compute_torque(q, v, a) - load_dynamics(cell).compute_torque(q, v, a)
     tau[:, 1] *= 0.5
     found, _, _ = diagnosed(recorded(t, q, v, tau + rng.normal(size=q.shape)), cell, "torque")
     said = {(f.effect, f.location): next(iter(f.parameters.values())) for f in found.findings}

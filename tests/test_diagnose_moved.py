@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 from test_diagnose_absolute import arm, measure, unit
 
-from machopt.diagnose.nouns.repaired import exact
-from machopt.diagnose.record import moved
-from machopt.domain.recording import Recording
-from machopt.se3 import rotation_from_vector
+from machopt.data_types.measurements.recording import Recording
+from machopt.measurement.diagnosis.data_quality import moved_tracker_or_target
+from machopt.measurement.diagnosis.data_types.record_findings import build_exact_estimate
+from machopt.numerics.rigid_transforms import convert_vector_to_rotation
 
 Array = NDArray[np.float64]
 NOISE = 3e-5
@@ -36,8 +36,10 @@ def test_a_tracker_put_down_again_has_a_frame_of_its_own(fit: bool) -> None:
     cell, robot, _ = arm()
     r, rows = visits(fit=fit)
     x = np.array(r.position)
-    x[rows] = x[rows] @ rotation_from_vector(TURN).T + SHIFT
-    read, (finding,) = moved.mended(replace(r, position=x), robot, cell.tool.T_flange_tcp)
+    x[rows] = x[rows] @ convert_vector_to_rotation(TURN).T + SHIFT
+    read, (finding,) = moved_tracker_or_target.correct_session_changes(
+        replace(r, position=x), robot, cell.tool.T_flange_tcp
+    )
     assert (finding.effect, finding.location, finding.record) == ("displacement_frame", "sensor:displacement", True)
     assert finding.parameters["session"].value == 1
     assert finding.parameters["angle"].value == pytest.approx(np.degrees(np.linalg.norm(TURN)), rel=0.1)
@@ -45,7 +47,12 @@ def test_a_tracker_put_down_again_has_a_frame_of_its_own(fit: bool) -> None:
         np.testing.assert_array_equal(read.frame == 1, rows)
     else:
         assert spread(read) < 1.3 * spread(r) < 0.5 * spread(replace(r, position=x))
-    assert moved.mended(replace(r, position=x), robot, cell.tool.T_flange_tcp, ("displacement_frame",))[1] == []
+    assert (
+        moved_tracker_or_target.correct_session_changes(
+            replace(r, position=x), robot, cell.tool.T_flange_tcp, ("displacement_frame",)
+        )[1]
+        == []
+    )
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -54,7 +61,7 @@ def test_an_encoder_with_another_zero_is_a_column(sign: float) -> None:
     r, rows = visits(fit=True)
     q = r.q.copy()
     q[rows, 4] += sign * 2e-3
-    read, (finding,) = moved.mended(replace(r, q=q), robot, cell.tool.T_flange_tcp)
+    read, (finding,) = moved_tracker_or_target.correct_session_changes(replace(r, q=q), robot, cell.tool.T_flange_tcp)
     assert (finding.effect, finding.location) == ("columns", "column:q5_deg")
     assert finding.parameters["offset"].value == pytest.approx(sign * np.degrees(2e-3), rel=0.02)
     np.testing.assert_allclose(read.q, r.q, atol=2e-5)
@@ -64,10 +71,10 @@ def test_a_reflector_put_back_otherwise_is_brought_to_where_it_was() -> None:
     cell, robot, _ = arm()
     r, rows = visits(fit=True)
     T = cell.tool.T_flange_tcp
-    R = robot.fk(r.q, T)[:, :3, :3] @ T[:3, :3].T
+    R = robot.compute_fk(r.q, T)[:, :3, :3] @ T[:3, :3].T
     x = np.array(r.position)
     x[rows] += R[rows] @ np.array([4e-4, 1e-4, -3e-4])
-    read, (finding,) = moved.mended(replace(r, position=x), robot, T)
+    read, (finding,) = moved_tracker_or_target.correct_session_changes(replace(r, position=x), robot, T)
     assert finding.location == "sensor:displacement"
     assert finding.parameters["shift x"].value == pytest.approx(0.4, abs=0.03)
     assert spread(read) < 1.2 * spread(r)
@@ -77,9 +84,9 @@ def test_noise_and_warm_links_are_left_to_the_catalogue() -> None:
     cell, robot, _ = arm()
     T = cell.tool.T_flange_tcp
     r, rows = visits(fit=True)
-    assert moved.mended(r, robot, T) == (r, [])
+    assert moved_tracker_or_target.correct_session_changes(r, robot, T) == (r, [])
     grown = measure(noise=NOISE, grow=np.repeat(2e-4 * rows[:, None], 3, axis=1))
-    assert moved.mended(grown, robot, T) == (grown, [])
+    assert moved_tracker_or_target.correct_session_changes(grown, robot, T) == (grown, [])
 
 
 def test_a_shift_alone_may_be_warmth_unless_temperatures_say_otherwise() -> None:
@@ -87,12 +94,12 @@ def test_a_shift_alone_may_be_warmth_unless_temperatures_say_otherwise() -> None
     T = cell.tool.T_flange_tcp
     r, rows = visits(fit=True)
     up = replace(r, position=np.array(r.position) + 3e-4 * rows[:, None] * [0.0, 0.0, 1.0])
-    _, (finding,) = moved.mended(up, robot, T)
+    _, (finding,) = moved_tracker_or_target.correct_session_changes(up, robot, T)
     assert finding.one_of == (("displacement_frame", "sensor:displacement"), ("thermal_drift", "environment"))
     warm = replace(up, temperature=20.0 + 5.0 * rows)
-    assert moved.mended(warm, robot, T) == (warm, [])
+    assert moved_tracker_or_target.correct_session_changes(warm, robot, T) == (warm, [])
     alike = replace(up, temperature=20.0 + 0.1 * rows)
-    assert len(moved.mended(alike, robot, T)[1]) == 1
+    assert len(moved_tracker_or_target.correct_session_changes(alike, robot, T)[1]) == 1
 
 
 @pytest.mark.parametrize(("drifts", "blamed"), [(0.5, False), (0.1, True)])
@@ -100,8 +107,8 @@ def test_no_tracker_is_blamed_for_a_shift_that_a_drift_makes_within_a_session(dr
     cell, robot, _ = arm()
     r, rows = visits(fit=True)
     up = replace(r, position=np.array(r.position) + 3e-4 * rows[:, None] * [0.0, 0.0, 1.0])
-    _, mended = moved.mended(up, robot, cell.tool.T_flange_tcp)
-    drift = replace(mended[0], effect="thermal_drift", parameters={"drift": exact(drifts, "mm")})
-    kept, said = moved.warmed(mended, (drift,))
+    _, mended = moved_tracker_or_target.correct_session_changes(up, robot, cell.tool.T_flange_tcp)
+    drift = replace(mended[0], effect="thermal_drift", parameters={"drift": build_exact_estimate(drifts, "mm")})
+    kept, said = moved_tracker_or_target.merge_with_thermal_drift(mended, (drift,))
     assert (kept == mended, bool(said)) == (blamed, not blamed)
-    assert moved.warmed(mended, ()) == (mended, ())
+    assert moved_tracker_or_target.merge_with_thermal_drift(mended, ()) == (mended, ())

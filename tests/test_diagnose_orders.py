@@ -12,21 +12,25 @@ import numpy as np
 import pytest
 from test_diagnose_motion import arm, diagnosed, excited, recorded, shaken
 
-from machopt.arrays import Array
-from machopt.diagnose.evidence import noise
-from machopt.diagnose.evidence.grams import base_model, tried
-from machopt.diagnose.evidence.whitening import whitening
-from machopt.diagnose.moving import masses, motion, next_motion
-from machopt.diagnose.nouns.motion_signals import signals
-from machopt.diagnose.nouns.result import Finding
-from machopt.diagnose.search import engine, mismatch
-from machopt.diagnose.search.finer import between
-from machopt.diagnose.search.screen import by_chance, score
-from machopt.domain.cell import Cell, JointLimits
-from machopt.domain.kinematics import KinematicCorrection, Kinematics
-from machopt.domain.recording import Recording
+from machopt.data_types.cell import Cell, JointLimits
+from machopt.data_types.kinematic_corrections import KinematicCorrection, KinematicCorrections
+from machopt.data_types.measurements.recording import Recording
+from machopt.dynamics.rigid_body import load_dynamics
 from machopt.errors import InputError
-from machopt.model.rigid import load_dynamics
+from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
+from machopt.measurement.diagnosis.dynamic import link_mass_uncertainty, motion_channels, next_motion
+from machopt.measurement.diagnosis.model_selection import selection_pipeline
+from machopt.measurement.diagnosis.model_selection.evaluation import repeatable_mismatch
+from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import (
+    compute_chance_probability,
+    score_hypotheses,
+)
+from machopt.measurement.diagnosis.model_selection.search.shape_refinement import build_ratio_refinement
+from machopt.measurement.diagnosis.motion_data.motion_signals import build_motion_signals
+from machopt.measurement.diagnosis.statistics import replicate_noise
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import build_base_model, whiten_hypotheses
+from machopt.measurement.diagnosis.statistics.whitening import build_whitening
+from machopt.numerics.array_types import Array
 
 SECOND = np.pi / 648000.0  # rad
 
@@ -38,11 +42,11 @@ def far_side(folder: Path, order: float, arcsec: float, sigma: float, size: floa
     q, v, a = size * q, size * v, size * a
     cell = arm(folder, 1)
     wave = arcsec * SECOND * np.sin(order * q + 0.4)
-    bent = q - load_dynamics(cell).torque(q, v, a) / 2e6
+    bent = q - load_dynamics(cell).compute_torque(q, v, a) / 2e6
     return cell, recorded(t, q, v, q_secondary=bent + wave + sigma * rng.normal(size=q.shape))
 
 
-def wave_of(found: engine.Diagnosis) -> Finding:
+def wave_of(found: selection_pipeline.DiagnosisResult) -> Finding:
     assert [(f.effect, f.location) for f in found.findings] == [("transmission_error", "joint:1")]
     return found.findings[0]
 
@@ -86,7 +90,7 @@ def test_the_next_motion_keeps_the_limits_and_parts_the_rivals(tmp_path: Path) -
     cell = replace(
         cell, limits=JointLimits(np.array([-0.6]), np.array([0.9]), *(np.array([v]) for v in (0.8, 2.0, 9.0)))
     )
-    tried_motions = list(next_motion.motions(cell, 0))
+    tried_motions = list(next_motion.generate_candidate_motions(cell, 0))
     assert len(tried_motions) == 7
     for one in tried_motions:
         assert one.q.min() > -0.6
@@ -96,11 +100,11 @@ def test_the_next_motion_keeps_the_limits_and_parts_the_rivals(tmp_path: Path) -
         np.testing.assert_allclose(np.gradient(one.q[:, 0], one.time)[2:-2], one.v[2:-2, 0], atol=5e-3)
     assert f.rivals
     doubtful = replace(f, one_of=(("transmission_error", "joint:1"), ("joint_hysteresis", "joint:1")))
-    said = next_motion.suggested(cell, "link", replace(found, findings=(doubtful,)))
+    said = next_motion.suggest_next_motion(cell, "link", replace(found, findings=(doubtful,)))
     assert said.startswith("To tell transmission error of joint 1 from hysteresis of joint 1: drive ")
     assert "standard deviations" in said
     for other in (replace(found, findings=()), replace(found, findings=(), verdict="unexplained"), found):
-        assert "plan-poses" not in next_motion.suggested(cell, "link", other)
+        assert "plan-poses" not in next_motion.suggest_next_motion(cell, "link", other)
 
 
 def test_a_load_that_nobody_states_is_no_clock(tmp_path: Path) -> None:
@@ -108,7 +112,7 @@ def test_a_load_that_nobody_states_is_no_clock(tmp_path: Path) -> None:
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)
     heavy = arm(tmp_path, 2, tool=10.0)
     a = np.gradient(v, t, axis=0)
-    more = load_dynamics(heavy).torque(q, v, a) - load_dynamics(arm(tmp_path, 2)).torque(q, v, a)
+    more = load_dynamics(heavy).compute_torque(q, v, a) - load_dynamics(arm(tmp_path, 2)).compute_torque(q, v, a)
     found, _, _ = diagnosed(recorded(t, q, v, tau + more + rng.normal(size=q.shape)), cell, "torque")
     assert [f.effect for f in found.findings] == ["payload"]
 
@@ -118,23 +122,23 @@ def test_columns_of_one_joint_are_summed_as_those_of_all(tmp_path: Path) -> None
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)
     tau[:, 1] += 3.0 * np.sign(v[:, 1]) * np.exp(-np.abs(v[:, 1]) / 0.1)
     recording = recorded(t, q, v, tau + rng.normal(size=q.shape))
-    problem, catalogue, _, _ = motion.build(recording, cell, "torque", np.random.default_rng(0))
+    problem, catalogue, _, _ = motion_channels.build_motion_problem(recording, cell, "torque", np.random.default_rng(0))
     used = np.ones(len(problem), bool)
-    w = whitening(problem, noise.estimate(problem, problem.y, used), used)
-    full = replace(w, apart=False)
-    assert w.apart
+    w = build_whitening(problem, replicate_noise.estimate_replicate_noise(problem, problem.y, used), used)
+    full = replace(w, is_independent=False)
+    assert w.is_independent
     each = []
     for one in (w, full):
-        base, _ = base_model(problem, one, np.random.default_rng(1))
-        laws = tried(base, [h for h in catalogue.hypotheses if h.effect in ("joint_friction", "payload")])
-        scored = score(base, laws)
-        chance = by_chance(base, scored, base.residual, np.random.default_rng(2))
+        base, _ = build_base_model(problem, one, np.random.default_rng(1))
+        laws = whiten_hypotheses(base, [h for h in catalogue.hypotheses if h.effect in ("joint_friction", "payload")])
+        scored = score_hypotheses(base, laws)
+        chance = compute_chance_probability(base, scored, base.residual, np.random.default_rng(2))
         each.append((laws, scored, chance))
     (few, of_few, p_few), (whole, of_whole, p_whole) = each
     assert {t.rows is None for t in few if t.hypothesis.effect == "joint_friction"} == {False}
     assert all(t.rows is None for t in whole)
     for a, b in zip(few, whole, strict=True):
-        np.testing.assert_allclose(a.at(0), b.at(0), rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(a.columns_at(0), b.columns_at(0), rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(a.XX, b.XX, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose([s.total for s in of_few], [s.total for s in of_whole], rtol=1e-6, atol=1e-6)
     np.testing.assert_array_equal(p_few, p_whole)
@@ -145,20 +149,23 @@ def test_chance_of_twins_is_that_of_their_products() -> None:
     rng = np.random.default_rng(3)
     pairs = np.array([(a, b) for a in range(9) for b in range(a + 1, 9)], float).T
     products: Array = rng.normal(size=pairs.shape[1]) + 0.4
-    signs = np.random.default_rng(4).choice([-1.0, 1.0], (mismatch.FLIPS, 9))
+    signs = np.random.default_rng(4).choice([-1.0, 1.0], (repeatable_mismatch.FLIPS, 9))
     drawn = (signs[:, pairs[0].astype(int)] * signs[:, pairs[1].astype(int)]) @ products / 5.0
-    expected = (1 + np.sum(drawn >= products.sum() / 5.0)) / (mismatch.FLIPS + 1)
-    assert mismatch._chance(pairs, products, 5.0, np.random.default_rng(4)).p_value == expected
+    expected = (1 + np.sum(drawn >= products.sum() / 5.0)) / (repeatable_mismatch.FLIPS + 1)
+    assert (
+        repeatable_mismatch._compute_sign_flip_chance(pairs, products, 5.0, np.random.default_rng(4)).p_value
+        == expected
+    )
 
 
 def test_shapes_are_taken_as_far_as_the_next_of_the_grid() -> None:
-    finer = between([(1.0,), (2.0,), (4.0,)])
+    finer = build_ratio_refinement([(1.0,), (2.0,), (4.0,)])
     assert finer is not None
-    wide, narrow = ([s[0] for s in finer.about((2.0,), share)] for share in (1.0, 0.5))
+    wide, narrow = ([s[0] for s in finer.shapes_around((2.0,), share)] for share in (1.0, 0.5))
     assert (min(wide), max(wide)) == pytest.approx((1.0, 4.0))
     assert (min(narrow), max(narrow)) == pytest.approx((2.0**0.5, 2.0**1.5))
-    assert between([()]) is None
-    assert between([(1.0, 2.0), (2.0, 3.0)]) is None
+    assert build_ratio_refinement([()]) is None
+    assert build_ratio_refinement([(1.0, 2.0), (2.0, 3.0)]) is None
 
 
 def test_several_orders_of_one_gear_are_one_finding_with_all_of_them(tmp_path: Path) -> None:
@@ -177,7 +184,7 @@ def test_several_orders_of_one_gear_are_one_finding_with_all_of_them(tmp_path: P
     # what is written is what was found: the cell with it leaves nothing
     again = diagnosed(
         replace(recording, q_secondary=recording.q_secondary + second),
-        replace(cell, kinematics=Kinematics((found.correction,))),
+        replace(cell, kinematics=KinematicCorrections((found.correction,))),
         "link",
     )[0]
     assert not again.findings
@@ -197,8 +204,8 @@ def test_a_signal_late_by_part_of_a_sample_keeps_its_noise() -> None:
     """Straight lines between samples would take a third of it off, and any clock would look better than none."""
     t = np.arange(4000) / 100.0
     one = recorded(t, np.sin(t)[:, None] + 0.01 * np.sin(2.0 * np.pi * 10.0 * t)[:, None], None)
-    motion_ = signals(one, 1)
-    late = motion_.late(motion_.q, 0.005)[500:-500, 0]
+    motion_ = build_motion_signals(one, 1)
+    late = motion_.delay_cubic(motion_.q, 0.005)[500:-500, 0]
     true = np.sin(t - 0.005) + 0.01 * np.sin(2.0 * np.pi * 10.0 * (t - 0.005))
     assert np.std(late - true[500:-500]) < 2e-4  # of 0.007; straight lines leave 4.8 % of it, as much as 3.4e-4
 
@@ -207,14 +214,14 @@ def test_a_signal_late_by_part_of_a_sample_keeps_its_noise() -> None:
 def test_a_balancer_that_outweighs_its_joint_is_no_wrong_sign(tmp_path: Path, sign: float) -> None:
     """What the masses ask for comes out reversed; friction tells whether the channel is."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 6)
-    still = load_dynamics(cell).torque(q, np.zeros_like(q), np.zeros_like(q))
+    still = load_dynamics(cell).compute_torque(q, np.zeros_like(q), np.zeros_like(q))
     tau[:, 1] -= 3.0 * still[:, 1]
     record = recorded(t, q, v, sign * (tau + 0.25 * rng.normal(size=q.shape)))
     if sign > 0:
-        motion.build(record, cell, "torque", rng)
+        motion_channels.build_motion_problem(record, cell, "torque", rng)
     else:
         with pytest.raises(InputError, match="runs against"):
-            motion.build(record, cell, "torque", rng)
+            motion_channels.build_motion_problem(record, cell, "torque", rng)
 
 
 def test_masses_that_would_have_to_be_far_off_are_no_reason_where_a_payload_is(tmp_path: Path) -> None:
@@ -222,7 +229,7 @@ def test_masses_that_would_have_to_be_far_off_are_no_reason_where_a_payload_is(t
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 6)
     assert cell.tool is not None
     heavier = replace(cell, tool=replace(cell.tool, mass=cell.tool.mass + 12.0))
-    tau = tau + load_dynamics(heavier).torque(q, v, q * 0.0) - load_dynamics(cell).torque(q, v, q * 0.0)
+    tau = tau + load_dynamics(heavier).compute_torque(q, v, q * 0.0) - load_dynamics(cell).compute_torque(q, v, q * 0.0)
     found, _, _ = diagnosed(recorded(t, q, v, tau + 0.25 * rng.normal(size=q.shape)), cell, "torque")
     assert ("payload", "tool") in {(f.effect, f.location) for f in found.findings}
 
@@ -234,7 +241,7 @@ def test_a_last_link_four_sigma_off_is_a_payload_where_that_predicts_as_well(off
     base, links, rest = (rng.normal(size=(600, 2, p)) for p in (3, 2, 3))
     load = np.concatenate([links[:, :, 1:], rest], axis=2)
     y = off * links[:, :, 1] + 0.02 * rng.normal(size=(600, 2))
-    doubt, _ = masses.links_of(y, base, load, load, links, np.repeat(np.arange(12), 50))
+    doubt, _ = link_mass_uncertainty.estimate_link_mass_sigma(y, base, load, load, links, np.repeat(np.arange(12), 50))
     assert (doubt > 0.0) == unsure
 
 

@@ -8,19 +8,21 @@ import numpy as np
 import pytest
 from test_diagnose_engine import catalogue, law, made_up
 
-from machopt.diagnose.nouns.problem import Catalogue, Quantity
-from machopt.diagnose.nouns.result import Diagnosis
-from machopt.diagnose.search import engine
-from machopt.diagnose.verdict import enough
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import HypothesisCatalogue, Quantity
+from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
+from machopt.measurement.diagnosis.model_selection import selection_pipeline
+from machopt.measurement.diagnosis.verdict import data_sufficiency
 
 
-def nearest(like: float, extra: float = 40e-6) -> Diagnosis:
+def nearest(like: float, extra: float = 40e-6) -> DiagnosisResult:
     """Of a mismatch that the only law of the catalogue is alike by a cosine."""
     rng = np.random.default_rng(5)
     problem, column = made_up(400, extra=extra)
     other = rng.standard_normal((len(column) // 2, *column.shape[1:]))  # on both days alike
     near = like * column + np.sqrt(1.0 - like**2) * np.concatenate([other, other])
-    return engine.diagnose(problem, Catalogue((law(near),)), engine.Options(), rng)
+    return selection_pipeline.diagnose_problem(
+        problem, HypothesisCatalogue((law(near),)), selection_pipeline.DiagnosisOptions(), rng
+    )
 
 
 @pytest.mark.parametrize(("like", "named"), [(0.97, True), (0.6, False)])
@@ -45,7 +47,7 @@ def test_what_comes_back_beside_an_explanation_is_said(like: float, said: bool) 
 def test_a_true_law_is_named_however_small_beside_the_noise() -> None:
     problem, column = made_up(208, extra=6e-6)
     rng = np.random.default_rng(3)
-    d = engine.diagnose(problem, catalogue(column, rng), engine.Options(), rng)
+    d = selection_pipeline.diagnose_problem(problem, catalogue(column, rng), selection_pipeline.DiagnosisOptions(), rng)
     assert [f.effect for f in d.findings] == ["wind"]
 
 
@@ -53,7 +55,7 @@ def test_readings_that_cannot_tell_noise_from_mismatch_are_not_consistent() -> N
     problem, column = made_up(300)
     rng = np.random.default_rng(4)
     alone = replace(problem, replicate=np.full(len(problem), -1))
-    stated = replace(alone, families=(replace(alone.families[0], stated=15e-6),))
+    stated = replace(alone, families=(replace(alone.families[0], stated_uncertainty=15e-6),))
     few = replace(problem, excluded=problem.group > 5)
     for p, verdict, words in (
         (problem, "consistent", "Consistent"),
@@ -61,7 +63,12 @@ def test_readings_that_cannot_tell_noise_from_mismatch_are_not_consistent() -> N
         (stated, "consistent", "Consistent"),
         (few, "insufficient", "6 poses"),
     ):
-        d = enough.judged(engine.diagnose(p, Catalogue((law(column),)), engine.Options(), rng), p)
+        d = data_sufficiency.downgrade_if_insufficient(
+            selection_pipeline.diagnose_problem(
+                p, HypothesisCatalogue((law(column),)), selection_pipeline.DiagnosisOptions(), rng
+            ),
+            p,
+        )
         assert (d.findings, d.verdict) == ((), verdict)
         assert words in d.sentence
 
@@ -69,9 +76,11 @@ def test_readings_that_cannot_tell_noise_from_mismatch_are_not_consistent() -> N
 def test_what_was_never_measured_twice_is_explained_in_part() -> None:
     problem, column = made_up(400, extra=40e-6)
     alone = replace(problem, replicate=np.full(len(problem), -1))
-    found = engine.diagnose(alone, Catalogue((law(column),)), engine.Options(), np.random.default_rng(5))
+    found = selection_pipeline.diagnose_problem(
+        alone, HypothesisCatalogue((law(column),)), selection_pipeline.DiagnosisOptions(), np.random.default_rng(5)
+    )
     assert found.verdict == "explained"
-    told = enough.judged(found, alone)
+    told = data_sufficiency.downgrade_if_insufficient(found, alone)
     assert (told.verdict, told.findings) == ("partly_explained", found.findings)
     assert "nothing was measured twice" in told.notes[-1]
     assert told.sentence.startswith("Partly explained: ")
@@ -87,7 +96,9 @@ def test_a_law_whose_size_may_be_none_is_no_name() -> None:
         one = replace(
             law(both), family="joint", quantities=lambda x, shape, of=of: {"size": Quantity(1e6 * float(x[of]), "µm")}
         )
-        d = engine.diagnose(problem, Catalogue((one,)), engine.Options(), np.random.default_rng(5))
+        d = selection_pipeline.diagnose_problem(
+            problem, HypothesisCatalogue((one,)), selection_pipeline.DiagnosisOptions(), np.random.default_rng(5)
+        )
         assert [f.effect for f in d.findings] == (["wind"] if named else [])
         assert any("may as well be of no size at all" in n for n in d.notes) is not named
         if named:
@@ -106,7 +117,9 @@ def test_a_law_is_told_by_a_size_that_is_sure() -> None:
         return {"variation": Quantity(1e6 * float(x[1]), "%"), "peak_torque": torque, "knee": knee}
 
     one = replace(law(both), quantities=sizes, family="joint")
-    (f,) = engine.diagnose(problem, Catalogue((one,)), engine.Options(), np.random.default_rng(5)).findings
+    (f,) = selection_pipeline.diagnose_problem(
+        problem, HypothesisCatalogue((one,)), selection_pipeline.DiagnosisOptions(), np.random.default_rng(5)
+    ).findings
     assert list(f.parameters) == ["peak_torque", "variation", "knee"]
     assert f.parameters["peak_torque"].ci95[0] > 0.0
 
@@ -117,7 +130,9 @@ def test_the_size_of_a_body_is_of_what_holds_it() -> None:
     hardly = np.tile(np.random.default_rng(7).standard_normal((len(column) // 2, *column.shape[1:])), (2, 1, 1))
     both = np.concatenate([column, 1e-3 * hardly], axis=2)
     one = replace(law(both), quantities=lambda x, shape: {"size": Quantity(1e6 * float(np.abs(x).max()), "µm")})
-    d = engine.diagnose(problem, Catalogue((one,)), engine.Options(), np.random.default_rng(5))
+    d = selection_pipeline.diagnose_problem(
+        problem, HypothesisCatalogue((one,)), selection_pipeline.DiagnosisOptions(), np.random.default_rng(5)
+    )
     assert [f.effect for f in d.findings] == ["wind"]
     size = d.findings[0].parameters["size"]
     assert size.value == pytest.approx(40.0, rel=0.2)

@@ -9,9 +9,9 @@ import pytest
 from test_diagnose_absolute import arm, measure
 from test_diagnose_sessions import CELL, CELLS, sound
 
-from machopt.diagnose.record.pasted import pasted
-from machopt.formats.cell import load_cell
-from machopt.model.robot import load_robot
+from machopt.cell.cell_reader import load_cell
+from machopt.kinematics.robot import load_robot
+from machopt.measurement.diagnosis.data_quality.duplicated_rows import find_duplicated_rows
 
 
 @pytest.mark.parametrize("turned", [0.0, 2.0])
@@ -22,16 +22,16 @@ def test_of_two_rows_that_read_alike_the_one_farther_from_the_arm_is_the_copy(tu
     frame = np.array([0.3, -1.0, 0.2]), np.array([0.0, 0.0, turned]), np.zeros(3)
     exact = measure(frame=frame)
     assert exact.position is not None
-    assert not pasted(exact, robot, T).any()
+    assert not find_duplicated_rows(exact, robot, T).any()
     r = measure(frame=frame, noise=2e-5)
     assert r.position is not None
-    assert not pasted(r, robot, T).any()
+    assert not find_duplicated_rows(r, robot, T).any()
     x = r.position.copy()
     x[[4, 21]] = x[[17, 3]]
     spoilt = replace(r, position=x)
-    assert np.flatnonzero(pasted(spoilt, robot, T)).tolist() == [4, 21]
+    assert np.flatnonzero(find_duplicated_rows(spoilt, robot, T)).tolist() == [4, 21]
     coarse = replace(spoilt, position=np.round(x, 5))  # read to 0.01 mm: alike by chance
-    assert not pasted(coarse, robot, T).any()
+    assert not find_duplicated_rows(coarse, robot, T).any()
 
 
 @pytest.mark.parametrize("digits", [9, 5])
@@ -41,10 +41,10 @@ def test_a_visit_of_a_load_test_pasted_over_another_is_found_in_coarse_readings_
     assert r.displacement is not None
     d = np.round(r.displacement, digits)
     r = replace(r, displacement=d)
-    assert not pasted(r, robot, T).any()
+    assert not find_duplicated_rows(r, robot, T).any()
     source, goal = (np.flatnonzero((r.pose == p) & (r.session == 1)) for p in np.unique(r.pose)[[2, 7]])
     d = d.copy()
     d[goal] = d[source]
-    assert np.flatnonzero(pasted(replace(r, displacement=d), robot, T)).tolist() == goal.tolist()
+    assert np.flatnonzero(find_duplicated_rows(replace(r, displacement=d), robot, T)).tolist() == goal.tolist()
     twice = np.where(r.pose == np.unique(r.pose)[7], np.unique(r.pose)[2], r.pose)  # another number of the same pose
-    assert not pasted(replace(r, displacement=d, pose=twice), robot, T).any()
+    assert not find_duplicated_rows(replace(r, displacement=d, pose=twice), robot, T).any()

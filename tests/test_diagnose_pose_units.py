@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from test_diagnose_absolute import arm, measure
 
-from machopt.diagnose.record import pose_units
-from machopt.diagnose.run import Examined
-from machopt.diagnose.written.doubt import of_poses
-from machopt.domain.recording import Recording
-from machopt.se3 import rotation_from_vector
+from machopt.data_types.measurements.recording import Recording
+from machopt.measurement.diagnosis.data_quality import pose_units
+from machopt.measurement.diagnosis.diagnosis_pipeline import DiagnosedRecording
+from machopt.measurement.diagnosis.outputs.model_uncertainty import estimate_position_error
+from machopt.numerics.rigid_transforms import convert_vector_to_rotation
 
 ANGLES = {"radians": np.degrees(1.0), "turns": 360.0, "gon": 0.9}
 LENGTHS = {"metres": 1e3, "inches": 25.4}
@@ -26,7 +26,7 @@ def sound(*, fit: bool) -> Recording:
     if not fit:
         return r
     assert r.position is not None
-    return replace(r, position=r.position @ rotation_from_vector(np.array([0.3, -1.9, 1.0])).T + [2.0, -3.0, 0.4])
+    return replace(r, position=r.position @ convert_vector_to_rotation(np.array([0.3, -1.9, 1.0])).T + [2.0, -3.0, 0.4])
 
 
 @pytest.mark.parametrize("fit", [True, False])
@@ -42,7 +42,7 @@ def test_a_unit_is_known_by_what_fits_the_arm(fit: bool, hit: tuple[int, ...], a
     q, x = right.q.copy(), np.array(right.position)
     q[rows] /= ANGLES.get(angle, 1.0)
     x[rows] /= LENGTHS.get(length, 1.0)
-    read, findings = pose_units.mended(replace(right, q=q, position=x), robot, T)
+    read, findings = pose_units.correct_pose_units(replace(right, q=q, position=x), robot, T)
     np.testing.assert_allclose(read.q, right.q, rtol=1e-12)
     np.testing.assert_allclose(np.array(read.position), np.array(right.position), rtol=1e-12)
     columns = (["column:q1_deg"] if angle else []) + (["column:x_mm"] if length else [])
@@ -52,7 +52,7 @@ def test_a_unit_is_known_by_what_fits_the_arm(fit: bool, hit: tuple[int, ...], a
         assert f.parameters["factor"].value == pytest.approx(1.0 / factor)
         assert ("session" in f.parameters) == (len(hit) == 1)
         assert f.after < 0.5 * f.before
-    kept, none = pose_units.mended(replace(right, q=q, position=x), robot, T, ("units",))
+    kept, none = pose_units.correct_pose_units(replace(right, q=q, position=x), robot, T, ("units",))
     assert not none
     assert kept.q is q
 
@@ -65,7 +65,7 @@ def test_one_joint_from_another_list(fit: bool, hit: tuple[int, ...], joint: int
     right = sound(fit=fit)
     q = right.q.copy()
     q[np.isin(right.session, hit), joint] /= ANGLES[angle]
-    read, (finding,) = pose_units.mended(replace(right, q=q), robot, cell.tool.T_flange_tcp)
+    read, (finding,) = pose_units.correct_pose_units(replace(right, q=q), robot, cell.tool.T_flange_tcp)
     np.testing.assert_allclose(read.q, right.q, rtol=1e-12)
     assert finding.location == f"column:q{joint + 1}_deg"
     assert f"the column q{joint + 1}_deg holds {angle}" in finding.note
@@ -77,7 +77,7 @@ def test_a_sound_record_and_a_wrong_tcp_are_left_alone() -> None:
     for wrong in (0.0, 0.15):
         T[:3, 3] += wrong
         right = sound(fit=True)
-        assert pose_units.mended(right, robot, T) == (right, [])
+        assert pose_units.correct_pose_units(right, robot, T) == (right, [])
 
 
 def test_what_poses_leave_is_written_with_the_angles_it_holds_for() -> None:
@@ -88,10 +88,10 @@ def test_what_poses_leave_is_written_with_the_angles_it_holds_for() -> None:
     left[7] = 1.0
     errors = SimpleNamespace(residual=10 * left, final=left)
     d = SimpleNamespace(errors=errors, used=used, noise_floor=0.015)
-    found = of_poses(cast("Examined", SimpleNamespace(diagnosis=d, recording=r)))
+    found = estimate_position_error(cast("DiagnosedRecording", SimpleNamespace(diagnosis=d, recording=r)))
     assert found is not None
     assert (found.std, found.plain, found.noise) == pytest.approx((2e-5, 2e-4, 1.5e-5))
     assert found.poses == 60
     np.testing.assert_array_equal(found.joints, np.stack([r.q[used].min(axis=0), r.q[used].max(axis=0)], axis=1))
     d.used = r.pose < 5
-    assert of_poses(cast("Examined", SimpleNamespace(diagnosis=d, recording=r))) is None
+    assert estimate_position_error(cast("DiagnosedRecording", SimpleNamespace(diagnosis=d, recording=r))) is None

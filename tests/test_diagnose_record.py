@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 from made_up_loads import ARCMIN, CELLS, Dirt, Truth, arm, clicking, load_tests, planned
 
-from machopt.diagnose.nouns.problem import Unknown
-from machopt.diagnose.nouns.result import Coefficient, Finding
-from machopt.diagnose.record import gross, pose_units, repairs
-from machopt.diagnose.resting import loaded
-from machopt.diagnose.verdict.cellvalues import far_off
-from machopt.domain.parameters import joint_spring
-from machopt.domain.recording import Recording
-from machopt.estimate.experiment import experiment
-from machopt.formats.cell import load_cell
-from machopt.identify.finding import RecordFault as Problem
-from machopt.model.robot import Robot, load_masses, load_robot
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.measurements.recording import Recording
+from machopt.data_types.parameter_keys import build_joint_spring_key
+from machopt.kinematics.robot import Robot, load_masses, load_robot
+from machopt.measurement.diagnosis.data_quality import outlier_rows, pose_units, static_record_correction
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import BaseUnknown
+from machopt.measurement.diagnosis.data_types.diagnosis_result import BaseCoefficient, Finding
+from machopt.measurement.diagnosis.static import loaded_equilibrium_terms
+from machopt.measurement.diagnosis.verdict.cell_stiffness_comparison import describe_deviating_springs
+from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
+from machopt.measurement.identification.data_quality.record_fault import RecordFault as Problem
 
 CELL = "kr240_drilling"
 
@@ -61,7 +61,7 @@ def scaled(r: Recording, group: str, factor: float) -> Recording:
 
 def mend(r: Recording, cell: str = CELL, **options) -> tuple[Recording, list[Finding], list[str]]:
     arm_, T, prior = robot(cell)
-    return repairs.mend(r, arm_, T, prior, **options)
+    return static_record_correction.correct_static_record(r, arm_, T, prior, **options)
 
 
 def test_a_sound_record_is_left_as_it_is() -> None:
@@ -124,7 +124,7 @@ def test_a_million_is_one_finding() -> None:
 def test_springs_three_times_off_the_cell_are_no_unit(factor: float) -> None:
     arm_, T, prior = robot()
     r = sound()
-    mended, findings, _ = repairs.mend(r, arm_, T, prior * factor)
+    mended, findings, _ = static_record_correction.correct_static_record(r, arm_, T, prior * factor)
     assert findings == []
     assert mended is r
 
@@ -135,7 +135,7 @@ def test_a_joint_ten_times_softer_is_no_unit() -> None:
     r = sound()
     for joint in range(3):
         soft = prior * np.where(np.arange(6) == joint, 40.0, 1.0)  # of the cell; the arm has a fortieth of it
-        mended, findings, _ = repairs.mend(r, arm_, T, soft)
+        mended, findings, _ = static_record_correction.correct_static_record(r, arm_, T, soft)
         assert findings == [], f"joint {joint + 1}"
         assert mended is r
 
@@ -145,24 +145,31 @@ def test_displacements_that_scatter_as_stated_are_in_the_unit_that_is_stated() -
     arm_, T, prior = robot()
     r = sound()
     stiff = replace(r, displacement=r.displacement / 7.0)  # type: ignore[operator]
-    assert [f.effect for f in repairs.mend(stiff, arm_, T, prior)[1]] == [
+    assert [f.effect for f in static_record_correction.correct_static_record(stiff, arm_, T, prior)[1]] == [
         "units"
     ]  # repeats a seventh of what is stated
     rng = np.random.default_rng(0)
     noisy = replace(stiff, displacement=stiff.displacement + 15e-6 * rng.standard_normal(r.displacement.shape))  # type: ignore[union-attr]
     stated = replace(r.uncertainty, displacement=15e-6)
-    assert repairs.mend(replace(noisy, uncertainty=stated), arm_, T, prior)[1] == []
+    assert static_record_correction.correct_static_record(replace(noisy, uncertainty=stated), arm_, T, prior)[1] == []
     unsaid = replace(r.uncertainty, displacement=None)
-    assert [f.effect for f in repairs.mend(replace(noisy, uncertainty=unsaid), arm_, T, prior)[1]] == ["units"]
+    assert [
+        f.effect
+        for f in static_record_correction.correct_static_record(replace(noisy, uncertainty=unsaid), arm_, T, prior)[1]
+    ] == ["units"]
 
 
 def test_a_guessed_stiffness_does_not_tell_pounds_from_a_soft_arm() -> None:
     arm_, T, prior = robot()
     pounds = scaled(sound(), "fx_N", 1 / 4.44822)
-    assert [f.location for f in repairs.mend(pounds, arm_, T, prior)[1]] == ["column:fx_N"]
-    assert repairs.mend(pounds, arm_, T, prior, estimated=True)[1] == []
+    assert [f.location for f in static_record_correction.correct_static_record(pounds, arm_, T, prior)[1]] == [
+        "column:fx_N"
+    ]
+    assert static_record_correction.correct_static_record(pounds, arm_, T, prior, estimated=True)[1] == []
     kilograms = scaled(sound(), "fx_N", 1 / 9.80665)
-    assert [f.location for f in repairs.mend(kilograms, arm_, T, prior, estimated=True)[1]] == ["column:fx_N"]
+    assert [
+        f.location for f in static_record_correction.correct_static_record(kilograms, arm_, T, prior, estimated=True)[1]
+    ] == ["column:fx_N"]
 
 
 def test_what_the_user_accepts_is_not_mended() -> None:
@@ -192,25 +199,25 @@ def test_moments_about_the_flange_are_named_and_put_right() -> None:
     r = sound(rotations=True)
     arm_, T, _ = robot()
     assert r.wrench is not None
-    lever = arm_.fk(r.q, T)[:, :3, 3] - arm_.fk(r.q)[:, :3, 3]
+    lever = arm_.compute_fk(r.q, T)[:, :3, 3] - arm_.compute_fk(r.q)[:, :3, 3]
     w = r.wrench.copy()
     w[:, 3:] += np.cross(lever, w[:, :3])
     mended, findings, _ = mend(replace(r, wrench=w))
     assert [(f.effect, f.location) for f in findings] == [("load_geometry", "sensor:force")]
-    told, want = experiment(mended, arm_, T), experiment(r, arm_, T)
+    told, want = build_load_test_experiment(mended, arm_, T), build_load_test_experiment(r, arm_, T)
     assert np.abs(told.wrench - want.wrench).max() < 1e-9
 
 
 def test_copies_are_told_from_repeats() -> None:
     r = sound()
     assert r.displacement is not None
-    assert not gross.copied(r).any()
+    assert not outlier_rows.find_copied_rows(r).any()
     d = r.displacement.copy()
     for n in (12, 33, 51):
         d[n] = d[n - 1]
-    assert np.flatnonzero(gross.copied(replace(r, displacement=d))).tolist() == [12, 33, 51]
+    assert np.flatnonzero(outlier_rows.find_copied_rows(replace(r, displacement=d))).tolist() == [12, 33, 51]
     coarse = replace(r, displacement=np.round(d, 5))  # read to 0.01 mm: equal neighbours mean nothing
-    assert not gross.copied(coarse).any()
+    assert not outlier_rows.find_copied_rows(coarse).any()
 
 
 def test_a_wrench_in_tool_axes_turns_with_the_sagging_tool() -> None:
@@ -218,14 +225,16 @@ def test_a_wrench_in_tool_axes_turns_with_the_sagging_tool() -> None:
     arm_, T, _ = robot()
     base, tool = sound(), sound(frame="tool")
     masses = load_masses(load_cell(CELLS / CELL))
-    true = experiment(base, arm_, T).wrench
-    tests = experiment(tool, arm_, T)
+    true = build_load_test_experiment(base, arm_, T).wrench
+    tests = build_load_test_experiment(tool, arm_, T)
     straight = np.abs(tests.wrench - true).max()
-    turned = np.abs(loaded.where_it_stands(tests, tool, arm_, T, masses).wrench - true).max()
+    turned = np.abs(
+        loaded_equilibrium_terms.convert_wrench_at_loaded_pose(tests, tool, arm_, T, masses).wrench - true
+    ).max()
     assert straight > 5.0  # N of 1500: 3 mrad
     assert turned < 0.2 * straight  # springs are known to some per cent, backlash and the load's own turn apart
-    told = experiment(base, arm_, T)
-    assert loaded.where_it_stands(told, base, arm_, T, masses) is told
+    told = build_load_test_experiment(base, arm_, T)
+    assert loaded_equilibrium_terms.convert_wrench_at_loaded_pose(told, base, arm_, T, masses) is told
 
 
 @pytest.mark.parametrize("offset_N", [(7.0, 19.0, -2.0), (48.0, 19.0, 31.0)])
@@ -235,8 +244,13 @@ def test_a_zero_of_the_force_does_not_hide_that_the_tool_sags(offset_N: tuple[fl
     tool = sound(frame="tool")
     assert tool.wrench is not None
     off = replace(tool, wrench=tool.wrench + np.array([*offset_N, 0.0, 0.0, 0.0]))
-    tests = experiment(off, arm_, T)
-    assert loaded.where_it_stands(tests, off, arm_, T, load_masses(load_cell(CELLS / CELL))) is not tests
+    tests = build_load_test_experiment(off, arm_, T)
+    assert (
+        loaded_equilibrium_terms.convert_wrench_at_loaded_pose(
+            tests, off, arm_, T, load_masses(load_cell(CELLS / CELL))
+        )
+        is not tests
+    )
 
 
 def test_weights_turned_into_tool_axes_by_the_encoders_stay_where_these_say() -> None:
@@ -244,40 +258,44 @@ def test_weights_turned_into_tool_axes_by_the_encoders_stay_where_these_say() ->
     arm_, T, _ = robot()
     base = sound()
     assert base.wrench is not None
-    R = arm_.fk(base.q, T)[:, :3, :3]
+    R = arm_.compute_fk(base.q, T)[:, :3, :3]
     w = np.einsum("nji,nbj->nbi", R, base.wrench.reshape(-1, 2, 3)).reshape(-1, 6)
-    told = experiment(replace(base, wrench=w, wrench_frame="tool"), arm_, T)
-    kept = loaded.where_it_stands(
+    told = build_load_test_experiment(replace(base, wrench=w, wrench_frame="tool"), arm_, T)
+    kept = loaded_equilibrium_terms.convert_wrench_at_loaded_pose(
         told, replace(base, wrench=w, wrench_frame="tool"), arm_, T, load_masses(load_cell(CELLS / CELL))
     )
     assert kept is told
 
 
 def test_a_spring_that_the_cell_misses_by_far_is_said() -> None:
-    def joint(number: int, value: float, sigma: float) -> Coefficient:
-        return Coefficient(
-            Unknown(name=f"joint {number}", unit="rad/(N·m)", key=joint_spring(number)), value, value, sigma
+    def joint(number: int, value: float, sigma: float) -> BaseCoefficient:
+        return BaseCoefficient(
+            BaseUnknown(name=f"joint {number}", unit="rad/(N·m)", key=build_joint_spring_key(number)),
+            value,
+            value,
+            sigma,
         )
 
     found = [joint(1, 1e-6, 1e-8), joint(2, 1e-5, 1e-7), joint(3, 1e-5, 9e-6), joint(4, 1e-7, 1e-9)]
-    said = far_off(SimpleNamespace(coefficients=found), np.full(6, 1e6))  # type: ignore[arg-type]
+    said = describe_deviating_springs(SimpleNamespace(coefficients=found), np.full(6, 1e6))  # type: ignore[arg-type]
     assert [s[:27] for s in said] == ["joint 2 comes out 10 times ", "joint 4 comes out 10 times "]
     assert "softer (100000 N·m/rad)" in said[0]  # written out, as a data sheet has it
     assert "stiffer" in said[1]
-    assert far_off(SimpleNamespace(coefficients=found), None) == []  # type: ignore[arg-type]
+    assert describe_deviating_springs(SimpleNamespace(coefficients=found), None) == []  # type: ignore[arg-type]
 
 
 def test_every_word_of_the_check_has_its_mend_or_none() -> None:
-    """What a check says goes through :func:`repairs._mended`; what it has no rule for is left and said."""
+    """What a check says goes through :func:`static_record_correction._mended`; what it has no rule for is left and
+    said."""
     arm_, T, _ = robot()
     r = sound(rotations=True)
     assert r.wrench is not None
     at_base = r.wrench.copy()
-    p = arm_.fk(r.q, T)[:, :3, 3]
+    p = arm_.compute_fk(r.q, T)[:, :3, 3]
     at_base[:, 3:] += np.cross(p, at_base[:, :3])
 
     def put_right(code: str, wrong: Recording, column: str = "", factor: float = 1.0) -> Recording | None:
-        return repairs._mended(
+        return static_record_correction._apply_correction(
             wrong, Problem(code=code, severity="error", message="said", column=column, factor=factor), arm_, T
         )
 
@@ -298,18 +316,20 @@ def test_every_word_of_the_check_has_its_mend_or_none() -> None:
 def test_an_error_that_nothing_mends_is_said_first(monkeypatch: pytest.MonkeyPatch) -> None:
     arm_, T, prior = robot()
     odd = Problem(code="something new", severity="error", message="nobody has seen this before")
-    monkeypatch.setattr(repairs, "check_experiment", lambda *_: [odd])
+    monkeypatch.setattr(static_record_correction, "check_experiment", lambda *_: [odd])
     r = sound()
-    mended, findings, warnings = repairs.mend(r, arm_, T, prior)
+    mended, findings, warnings = static_record_correction.correct_static_record(r, arm_, T, prior)
     assert mended is r
     assert findings == []
     assert warnings == ["nobody has seen this before"]
-    assert repairs.mend(r, arm_, T, prior, accept=("something new",))[2] == ["nobody has seen this before"]
+    assert static_record_correction.correct_static_record(r, arm_, T, prior, accept=("something new",))[2] == [
+        "nobody has seen this before"
+    ]
 
 
 def test_nothing_was_measured_nothing_is_a_copy() -> None:
     r = sound()
-    assert not gross.copied(replace(r, displacement=None)).any()
+    assert not outlier_rows.find_copied_rows(replace(r, displacement=None)).any()
     arm_, T, _ = robot()
     poses = replace(r, kind="absolute", displacement=None, wrench=None, position=None)
-    assert pose_units.mended(poses, arm_, T) == (poses, [])
+    assert pose_units.correct_pose_units(poses, arm_, T) == (poses, [])

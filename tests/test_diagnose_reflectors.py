@@ -12,16 +12,16 @@ import pytest
 from numpy.typing import NDArray
 from test_diagnose_absolute import arm, measure, poses
 
-from machopt.diagnose import run
-from machopt.diagnose.laws import laws_geometry
-from machopt.diagnose.nouns import reflectors
-from machopt.diagnose.record import nests
-from machopt.diagnose.resting import absolute
-from machopt.diagnose.resting.nominal_poses import Nominal
-from machopt.diagnose.search import engine
-from machopt.domain.recording import Recording, Target
+from machopt.data_types.measurements.recording import Recording, TrackerTarget
 from machopt.errors import InputError
-from machopt.se3 import rotation_from_vector
+from machopt.measurement.diagnosis import diagnosis_pipeline
+from machopt.measurement.diagnosis.data_quality import misplaced_reflectors
+from machopt.measurement.diagnosis.data_types import reflectors_and_tracker_frames
+from machopt.measurement.diagnosis.effect_columns import link_geometry
+from machopt.measurement.diagnosis.model_selection import selection_pipeline
+from machopt.measurement.diagnosis.static import measured_pose_channel
+from machopt.measurement.diagnosis.static.nominal_pose_model import NominalPoseModel
+from machopt.numerics.rigid_transforms import convert_vector_to_rotation
 
 Array = NDArray[np.float64]
 PLACES = np.array([[0.15, 0.01, 0.02], [-0.06, 0.13, 0.05], [-0.08, -0.12, 0.03]])  # m in flange
@@ -51,7 +51,7 @@ def recorded(*, wrong: Array | None = None, noise: float = 0.0, stands: int = 2)
     frame = np.minimum(session, stands - 1)
     for n, (turn, shift) in enumerate(STANDS[:stands]):
         rows = frame == n
-        position[rows] = position[rows] @ rotation_from_vector(turn).T + shift
+        position[rows] = position[rows] @ convert_vector_to_rotation(turn).T + shift
     said = PLACES if wrong is None else PLACES + wrong
     return replace(
         one,
@@ -63,18 +63,18 @@ def recorded(*, wrong: Array | None = None, noise: float = 0.0, stands: int = 2)
         time=None,
         temperature=None,
         position=position,
-        targets=tuple(Target(str(n + 1), (float(x), float(y), float(z))) for n, (x, y, z) in enumerate(said)),
+        targets=tuple(TrackerTarget(str(n + 1), (float(x), float(y), float(z))) for n, (x, y, z) in enumerate(said)),
         target=np.tile(np.arange(3), N),
         frame=frame,
-        labelled=frozenset({"cycle", "pose", "session"}),
+        stated_labels=frozenset({"cycle", "pose", "session"}),
     )
 
 
-def first(recording: Recording) -> tuple[Nominal, Array]:
+def first(recording: Recording) -> tuple[NominalPoseModel, Array]:
     cell, robot, masses = arm()
-    brought, _ = reflectors.brought(recording, robot, cell.tool.T_flange_tcp)
-    model = Nominal(brought, cell, robot, masses, frozenset())
-    frame = model.first_fit()
+    brought, _ = reflectors_and_tracker_frames.transform_to_base(recording, robot, cell.tool.T_flange_tcp)
+    model = NominalPoseModel(brought, cell, robot, masses, frozenset())
+    frame = model.fit_base()
     _, p, R = model.predict(frame)
     return model, np.concatenate([frame.target, [model.residual(frame, p, R).std(axis=0)]])
 
@@ -87,8 +87,10 @@ def test_stands_and_places_come_out_where_they_are() -> None:
 
 def test_base_and_notes_hold_every_frame_and_place() -> None:
     cell, robot, masses = arm()
-    recording, said = reflectors.brought(recorded(), robot, cell.tool.T_flange_tcp)
-    problem, catalogue, notes = absolute.build(recording, cell, robot, masses, np.random.default_rng(0))
+    recording, said = reflectors_and_tracker_frames.transform_to_base(recorded(), robot, cell.tool.T_flange_tcp)
+    problem, catalogue, notes = measured_pose_channel.build_measured_pose_problem(
+        recording, cell, robot, masses, np.random.default_rng(0)
+    )
     names = [u.name for u in problem.unknowns if u.location in ("registration", "tool")]
     assert len(names) == len(set(names)) == 2 * 6 + 3 * 3
     assert all(u.prior is not None for u in problem.unknowns if u.location == "tool")
@@ -100,7 +102,7 @@ def test_base_and_notes_hold_every_frame_and_place() -> None:
     assert np.abs(problem.y - problem.base @ _fit(problem)).max() < 1e-6
 
 
-def _fit(problem: absolute.Problem) -> Array:
+def _fit(problem: measured_pose_channel.DiagnosisProblem) -> Array:
     A = problem.base.reshape(-1, problem.base.shape[2])
     size = np.linalg.norm(A, axis=0)
     return np.asarray(np.linalg.lstsq(A / size, problem.y.reshape(-1), rcond=1e-12)[0] / size)
@@ -109,18 +111,21 @@ def _fit(problem: absolute.Problem) -> Array:
 def test_twelve_poses_of_three_reflectors_see_turned_axes_far_sharper_than_those_of_one() -> None:
     """1 sigma of each joint's turn, all frames of joints fitted beside the base, maker's priors on them."""
     cell, robot, masses = arm()
-    whole, _ = reflectors.brought(recorded(stands=1), robot, cell.tool.T_flange_tcp)
+    whole, _ = reflectors_and_tracker_frames.transform_to_base(recorded(stands=1), robot, cell.tool.T_flange_tcp)
     assert whole.target is not None
     few = (whole.pose < 12) & (whole.session == 0)
     three, one = _of(whole, few), replace(_of(whole, few & (whole.target == 0)), targets=whole.targets[:1])
     sigma = []
     for recording in (one, three):
-        model = Nominal(recording, cell, robot, masses, frozenset())
-        frame = model.first_fit()
+        model = NominalPoseModel(recording, cell, robot, masses, frozenset())
+        frame = model.fit_base()
         state, p, _ = model.predict(frame)
         base, unknowns = model.columns(state, p)
-        readings = model.readings(state, frame, model.nominal)
-        twists = [laws_geometry.twists(readings, f"joint:{j}") * laws_geometry.held() for j in range(1, 7)]
+        readings = model.build_readings(state, frame, model.nominal)
+        twists = [
+            link_geometry.compute_frame_columns(readings, f"joint:{j}") * link_geometry.list_manufacturing_tolerances()
+            for j in range(1, 7)
+        ]
         A = np.concatenate([base, *twists], axis=2).reshape(3 * len(recording), -1)
         scale = np.r_[1.0 / np.linalg.norm(A[:, : len(unknowns)], axis=0), np.ones(36)]
         known = np.r_[np.full(len(unknowns), 1e-12), np.ones(36)]
@@ -141,8 +146,8 @@ def test_a_wrong_place_is_a_fault_of_the_record() -> None:
     cell, robot, masses = arm()
     wrong = np.zeros((3, 3))
     wrong[1] = [0.02, -0.01, 0.015]
-    recording, _ = reflectors.brought(recorded(wrong=wrong), robot, cell.tool.T_flange_tcp)
-    mended, (finding,) = nests.mended(recording, cell, robot, masses)
+    recording, _ = reflectors_and_tracker_frames.transform_to_base(recorded(wrong=wrong), robot, cell.tool.T_flange_tcp)
+    mended, (finding,) = misplaced_reflectors.correct_misplaced_reflectors(recording, cell, robot, masses)
     assert (finding.effect, finding.location, finding.record) == ("columns", "column:target", True)
     assert "target 2" in finding.note
     np.testing.assert_allclose([finding.parameters[f"shift {a}"].value for a in "xyz"], -1e3 * wrong[1], atol=0.6)
@@ -153,17 +158,19 @@ def test_a_wrong_place_is_a_fault_of_the_record() -> None:
 def test_exchanged_names_are_put_right() -> None:
     cell, robot, masses = arm()
     wrong = PLACES[[1, 0, 2]] - PLACES
-    recording, _ = reflectors.brought(recorded(wrong=wrong), robot, cell.tool.T_flange_tcp)
-    mended, (finding,) = nests.mended(recording, cell, robot, masses)
+    recording, _ = reflectors_and_tracker_frames.transform_to_base(recorded(wrong=wrong), robot, cell.tool.T_flange_tcp)
+    mended, (finding,) = misplaced_reflectors.correct_misplaced_reflectors(recording, cell, robot, masses)
     assert "exchanged" in finding.note
     np.testing.assert_allclose([t.place for t in mended.targets], PLACES)
 
 
 def test_a_plate_that_is_turned_as_a_whole_is_none() -> None:
     cell, robot, masses = arm()
-    turned = PLACES @ rotation_from_vector(np.array([0.0, 0.0, 0.3])).T
-    recording, _ = reflectors.brought(recorded(wrong=turned - PLACES), robot, cell.tool.T_flange_tcp)
-    assert nests.mended(recording, cell, robot, masses)[1] == []
+    turned = PLACES @ convert_vector_to_rotation(np.array([0.0, 0.0, 0.3])).T
+    recording, _ = reflectors_and_tracker_frames.transform_to_base(
+        recorded(wrong=turned - PLACES), robot, cell.tool.T_flange_tcp
+    )
+    assert misplaced_reflectors.correct_misplaced_reflectors(recording, cell, robot, masses)[1] == []
 
 
 def test_a_stand_without_points_enough_is_refused() -> None:
@@ -173,13 +180,13 @@ def test_a_stand_without_points_enough_is_refused() -> None:
     frame = recording.frame.copy()
     frame[:2] = 7
     with pytest.raises(InputError, match="frame 7 has 2 readings"):
-        reflectors.brought(replace(recording, frame=frame), robot, cell.tool.T_flange_tcp)
+        reflectors_and_tracker_frames.transform_to_base(replace(recording, frame=frame), robot, cell.tool.T_flange_tcp)
 
 
 def test_one_frame_near_the_base_is_left_to_the_fit() -> None:
     cell, robot, _ = arm()
     recording = measure()
-    assert reflectors.brought(recording, robot, cell.tool.T_flange_tcp) == (recording, ())
+    assert reflectors_and_tracker_frames.transform_to_base(recording, robot, cell.tool.T_flange_tcp) == (recording, ())
     assert len(poses())
 
 
@@ -191,4 +198,6 @@ def test_three_poses_of_three_reflectors_are_no_twelve_poses() -> None:
     rows[np.flatnonzero(rows)[9:]] = False
     parts = {k: v[rows] for k, v in vars(few).items() if isinstance(v, np.ndarray) and len(v) == len(few)}
     with pytest.raises(InputError, match=r"9 readings of 3 coordinates in 3 poses .* refits 15 numbers"):
-        run.at_rest(cell, replace(few, **parts), engine.Options(), [], accept=(), seed=0)
+        diagnosis_pipeline.diagnose_static_recording(
+            cell, replace(few, **parts), selection_pipeline.DiagnosisOptions(), [], accept=(), seed=0
+        )

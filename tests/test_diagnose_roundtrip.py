@@ -16,25 +16,29 @@ from test_diagnose_absolute import readings as at_rest
 from test_diagnose_motion import arm, excited, recorded
 from test_effects import TOY, toy
 
-from machopt.arrays import Array
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.stiffness.stiffness_file import load_stiffness
 from machopt.cli import main
-from machopt.diagnose.laws import held
-from machopt.diagnose.moving import motion
-from machopt.diagnose.nouns.problem import Catalogue, Problem, RecordCorrection
-from machopt.diagnose.nouns.result import Finding
-from machopt.diagnose.resting import absolute_catalogue
-from machopt.diagnose.search import engine
-from machopt.domain.kinematics import Kinematics
-from machopt.domain.recording import Recording
-from machopt.domain.stiffness import Term
+from machopt.data_types.kinematic_corrections import KinematicCorrections
+from machopt.data_types.measurements.recording import Recording
+from machopt.data_types.stiffness import StiffnessTerm
+from machopt.dynamics.gravity_torque import compute_gravity_torque
+from machopt.dynamics.rigid_body import load_dynamics
 from machopt.effects import registry
-from machopt.effects.protocol import Drive
-from machopt.formats.cell import load_cell
-from machopt.formats.recording import write_recording
-from machopt.formats.stiffness import load_stiffness
-from machopt.model.gravity import gravity_torque
-from machopt.model.rigid import load_dynamics
-from machopt.model.robot import load_masses, load_robot
+from machopt.effects.protocol import JointLoading
+from machopt.kinematics.robot import load_masses, load_robot
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
+    DiagnosisProblem,
+    HypothesisCatalogue,
+    RecordCorrection,
+)
+from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
+from machopt.measurement.diagnosis.dynamic import motion_channels
+from machopt.measurement.diagnosis.effect_columns import existing_terms
+from machopt.measurement.diagnosis.model_selection import selection_pipeline
+from machopt.measurement.diagnosis.static import measured_pose_hypotheses
+from machopt.measurement.recording import write_recording
+from machopt.numerics.array_types import Array
 
 __all__ = ["toy"]  # a fixture
 NO_FILE = {
@@ -74,7 +78,7 @@ def test_what_poses_find_is_what_a_cell_with_it_explains() -> None:
     load = np.random.default_rng(1).normal(size=(20, 6)) * np.array([500, 500, 500, 80, 80, 80.0])
     r = at_rest(load_masses(cell), load, q)
     r = replace(r, recording=replace(r.recording, time=None, temperature=None))
-    catalogue = absolute_catalogue.catalogue(r, _Bare(20))  # type: ignore[arg-type]
+    catalogue = measured_pose_hypotheses.build_measured_pose_catalogue(r, _Bare(20))  # type: ignore[arg-type]
     seen = set()
     for h in catalogue.hypotheses:
         for shape in h.shapes[:: max(len(h.shapes) // 3, 1)]:
@@ -82,8 +86,8 @@ def test_what_poses_find_is_what_a_cell_with_it_explains() -> None:
             size = np.abs(columns).max(axis=(0, 1))
             x = 1e-5 / np.where(size > 0.0, size, np.inf) * np.arange(1.0, columns.shape[2] + 1.0)
             term = h.correction(x, shape)
-            if isinstance(term, Term):
-                moved = held.at_rest(r, (term,))
+            if isinstance(term, StiffnessTerm):
+                moved = existing_terms.compute_known_pose_displacement(r, (term,))
                 np.testing.assert_allclose(moved, columns @ x, rtol=1e-9, atol=1e-16, err_msg=f"{h.name} {h.law}")
                 seen.add(h.effect)
     assert seen == {
@@ -104,7 +108,7 @@ def upright(folder: Path) -> tuple[Recording, Array, object]:
     turned[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
     cell = replace(arm(folder, 1, tool=5.0), T_world_base=turned)
     t, q, v, a = excited(1, rng, periods=5)
-    load = -load_dynamics(cell).torque(q, v, a)
+    load = -load_dynamics(cell).compute_torque(q, v, a)
     return recorded(t, q, v), load, cell
 
 
@@ -112,17 +116,19 @@ def test_what_a_motion_finds_is_what_a_cell_with_it_explains(tmp_path: Path) -> 
     """Every law of one joint's torque, memory included."""
     recording, load, cell = upright(tmp_path)
     other = replace(recording, q_secondary=recording.q + load / 2e6)
-    problem, catalogue, _, _ = motion.build(other, cell, "link", np.random.default_rng(0))  # type: ignore[arg-type]
+    problem, catalogue, _, _ = motion_channels.build_motion_problem(other, cell, "link", np.random.default_rng(0))  # type: ignore[arg-type]
     seen = set()
     for h in catalogue.hypotheses:
-        if h.effect not in {e.name for e in registry.of_joint_torque()}:
+        if h.effect not in {e.name for e in registry.select_joint_torque_effects()}:
             continue
         for shape in h.shapes[-1:]:
             columns = h.columns(shape)
             x = 1e-5 / np.abs(columns).max(axis=(0, 1)) * np.arange(1.0, columns.shape[2] + 1.0)
             term = h.correction(x, shape)
-            assert isinstance(term, Term)
-            less, *_ = motion.build(other, cell, "link", np.random.default_rng(0), terms=(term,))  # type: ignore[arg-type]
+            assert isinstance(term, StiffnessTerm)
+            less, *_ = motion_channels.build_motion_problem(
+                other, cell, "link", np.random.default_rng(0), terms=(term,)
+            )  # type: ignore[arg-type]
             np.testing.assert_allclose(problem.y - less.y, columns @ x, rtol=1e-7, atol=1e-15, err_msg=h.law)
             seen.add(h.law)
     assert {"play", "Bouc–Wen", "cubic"} <= seen
@@ -131,22 +137,26 @@ def test_what_a_motion_finds_is_what_a_cell_with_it_explains(tmp_path: Path) -> 
 def test_an_effect_of_one_file_and_one_line_is_found_in_a_motion(toy: object, tmp_path: Path) -> None:
     """From link-side encoders, written as a term, and known it leaves nothing."""
     recording, load, cell = upright(tmp_path)
-    law, shape = TOY.laws[0], np.array([0.3 * np.abs(load).max()])
-    more = 2e-6 * law.columns(shape, Drive(load[:, 0]))
+    law, shape = TOY.joint_laws[0], np.array([0.3 * np.abs(load).max()])
+    more = 2e-6 * law.columns(shape, JointLoading(load[:, 0]))
     noise = 5e-6 * np.random.default_rng(2).normal(size=load.shape)
     other = replace(recording, q_secondary=recording.q + load / 2e6 + more + noise)
 
-    def diagnosed(terms: tuple[Term, ...]) -> tuple[engine.Diagnosis, Problem]:
-        problem, catalogue, *_ = motion.build(other, cell, "link", np.random.default_rng(0), terms=terms)  # type: ignore[arg-type]
+    def diagnosed(terms: tuple[StiffnessTerm, ...]) -> tuple[selection_pipeline.DiagnosisResult, DiagnosisProblem]:
+        problem, catalogue, *_ = motion_channels.build_motion_problem(
+            other, cell, "link", np.random.default_rng(0), terms=terms
+        )  # type: ignore[arg-type]
         own = replace(catalogue, hypotheses=tuple(h for h in catalogue.hypotheses if h.effect in OWN))
-        return engine.diagnose(problem, own, engine.Options(), np.random.default_rng(0)), problem
+        return selection_pipeline.diagnose_problem(
+            problem, own, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
+        ), problem
 
     OWN = (TOY.name, "joint_backlash", "joint_hysteresis")
     found, _ = diagnosed(())
     assert [(f.effect, f.location) for f in found.findings] == [(TOY.name, "joint:1")]
     term = found.findings[0].correction
-    assert isinstance(term, Term)
-    again, _ = held.diagnosed((term,), diagnosed)
+    assert isinstance(term, StiffnessTerm)
+    again, _ = existing_terms.diagnose_with_known_terms((term,), diagnosed)
     assert again.verdict == "consistent"
     assert "count as known: joint_jelly joint:1" in again.notes[-1]
 
@@ -156,21 +166,26 @@ def test_terms_that_a_channel_does_not_count_are_said_apart() -> None:
 
     What a balancer carries no gear and no motor of a motion does.
     """
-    play = Term("joint_backlash", "joint:2", {"half_gap_arcmin": 1.0})
-    link = Term("link_compliance", "link:3", {"EI_Nm2": 1e7})
-    across = Term("joint_coupling", "joint:4-5", {})
-    balancer = Term("gravity_compensator", "joint:2", {})
-    assert [held.in_motions(t) for t in (play, link, across, balancer)] == [True, False, False, True]
-    assert [held.in_torques(t) for t in (play, link, across, balancer)] == [False, False, False, True]
-    assert [held.in_poses(t) for t in (play, link, balancer)] == [True, True, False]
-    d = cast("engine.Diagnosis", Noted())
-    known: list[tuple[Term, ...]] = []
+    play = StiffnessTerm("joint_backlash", "joint:2", {"half_gap_arcmin": 1.0})
+    link = StiffnessTerm("link_compliance", "link:3", {"EI_Nm2": 1e7})
+    across = StiffnessTerm("joint_coupling", "joint:4-5", {})
+    balancer = StiffnessTerm("gravity_compensator", "joint:2", {})
+    assert [existing_terms.is_known_in_motions(t) for t in (play, link, across, balancer)] == [True, False, False, True]
+    assert [existing_terms.is_known_in_torques(t) for t in (play, link, across, balancer)] == [
+        False,
+        False,
+        False,
+        True,
+    ]
+    assert [existing_terms.is_known_in_poses(t) for t in (play, link, balancer)] == [True, True, False]
+    d = cast("selection_pipeline.DiagnosisResult", Noted())
+    known: list[tuple[StiffnessTerm, ...]] = []
 
-    def look(terms: tuple[Term, ...]) -> tuple[engine.Diagnosis, Problem]:
+    def look(terms: tuple[StiffnessTerm, ...]) -> tuple[selection_pipeline.DiagnosisResult, DiagnosisProblem]:
         known.append(terms)
-        return d, cast("Problem", None)
+        return d, cast("DiagnosisProblem", None)
 
-    said, _ = held.diagnosed((play, link), look, held.in_motions)
+    said, _ = existing_terms.diagnose_with_known_terms((play, link), look, existing_terms.is_known_in_motions)
     assert known == [(play,)]
     assert said.notes == (
         "before",
@@ -185,23 +200,25 @@ def moving() -> Recording:
     assert cell.stiffness is not None
     t, q, v, a = excited(6, rng, periods=2, rate=50.0)
     q, v, a = 0.9 * q + np.radians([0, -90, 100, 0, 60, 0]), 0.9 * v, 0.9 * a
-    tau = load_dynamics(cell).torque(q, v, a)
+    tau = load_dynamics(cell).compute_torque(q, v, a)
     bent = q - tau / cell.stiffness.joints
-    tip = load_robot(cell).fk(bent, cell.tool.T_flange_tcp)[:, :3, 3]
+    tip = load_robot(cell).compute_fk(bent, cell.tool.T_flange_tcp)[:, :3, 3]
     noisy = tau + 0.01 * np.abs(tau).max(axis=0) * rng.normal(size=tau.shape)
     return recorded(t, q, v, noisy, q_secondary=bent, position=tip)
 
 
 @pytest.mark.parametrize("channel", ["link", "tip", "torque"])
-def test_what_any_motion_names_is_taken_off_where_the_cell_holds_it(channel: motion.Predicted) -> None:
+def test_what_any_motion_names_is_taken_off_where_the_cell_holds_it(channel: motion_channels.MotionChannel) -> None:
     """Over the registry: what goes into a file moves the readings of a cell that holds it as the law's columns do."""
     cell, recording = load_cell(CELL), moving()
     assert cell.stiffness is not None
     cell = replace(cell, stiffness=replace(cell.stiffness, terms=()))
 
-    def made(terms: tuple[Term, ...], kinematics: Kinematics | None = None) -> tuple[Problem, Catalogue]:
+    def made(
+        terms: tuple[StiffnessTerm, ...], kinematics: KinematicCorrections | None = None
+    ) -> tuple[DiagnosisProblem, HypothesisCatalogue]:
         rng, holding = np.random.default_rng(0), replace(cell, kinematics=kinematics)
-        return motion.build(recording, holding, channel, rng, terms=terms)[:2]
+        return motion_channels.build_motion_problem(recording, holding, channel, rng, terms=terms)[:2]
 
     problem, catalogue = made(())
     seen: dict[str, str] = {}
@@ -215,8 +232,8 @@ def test_what_any_motion_names_is_taken_off_where_the_cell_holds_it(channel: mot
         if found is None or isinstance(found, RecordCorrection):
             assert h.effect in NO_FILE, h.name
             continue
-        elastic = isinstance(found, Term)
-        less, _ = made((found,) if elastic else (), None if elastic else Kinematics((found,)))
+        elastic = isinstance(found, StiffnessTerm)
+        less, _ = made((found,) if elastic else (), None if elastic else KinematicCorrections((found,)))
         off, moved = problem.y - less.y, columns @ x
         # of the tip springs are fitted first, and torques are weighted by a noise that is estimated anew
         assert np.abs(off - moved).max() < (0.05 if channel != "link" else 1e-6) * np.abs(moved).max(), h.law
@@ -235,7 +252,7 @@ def angled() -> Recording:
     a = 0.5 / cell.stiffness.joints[2]
 
     def delta(q: Array) -> Array:
-        tau = gravity_torque(robot, masses, robot.state(q, cell.tool.T_flange_tcp, bodies=True))[0]
+        tau = compute_gravity_torque(robot, masses, robot.compute_state(q, cell.tool.T_flange_tcp, bodies=True))[0]
         out = np.zeros_like(q)
         out[:, 2] = a * np.sin(2.0 * q[:, 2]) * tau[:, 2]
         return out
@@ -250,13 +267,15 @@ def swung() -> Recording:
     rng = np.random.default_rng(3)
     t, q, v, a = excited(6, rng, periods=4)
     q = 0.5 * q + np.radians([0, -90, 100, 0, 60, 0])
-    load = -load_dynamics(cell).torque(q, 0.5 * v, 0.5 * a)
-    law = registry.EFFECTS["joint_hysteresis"].laws[0]
+    load = -load_dynamics(cell).compute_torque(q, 0.5 * v, 0.5 * a)
+    law = registry.EFFECTS["joint_hysteresis"].joint_laws[0]
     first = np.zeros(len(t), np.int64)
     first[0] = 1
     twist = load / cell.stiffness.joints
     shape = np.array([0.3 * np.abs(load[:, 0]).max()])
-    twist[:, 0] += 2.0 / cell.stiffness.joints[0] * law.columns(shape, Drive(load[:, 0], first=first))[:, 0]
+    twist[:, 0] += (
+        2.0 / cell.stiffness.joints[0] * law.columns(shape, JointLoading(load[:, 0], segment_start=first))[:, 0]
+    )
     return recorded(t, q, 0.5 * v, q_secondary=q + twist + 5e-5 * rng.normal(size=q.shape))
 
 

@@ -13,18 +13,18 @@ from made_up_loads import ARCMIN, CELLS, Dirt, Truth, arm, clicking, load_tests,
 from test_diagnose_absolute import arm as measured_arm
 from test_diagnose_absolute import measure
 
-from machopt.diagnose.evidence import aside, instruments
-from machopt.diagnose.evidence.noise import Noise
-from machopt.diagnose.nouns import loads
-from machopt.diagnose.nouns.problem import Family, Problem
-from machopt.diagnose.nouns.result import Finding
-from machopt.diagnose.record import sessions, throughout
-from machopt.diagnose.run import at_rest
-from machopt.diagnose.search import engine
-from machopt.domain.recording import Recording, StandardUncertainty
-from machopt.effects.bodies import pushing_back_nowhere
-from machopt.formats.cell import load_cell
-from machopt.model.robot import load_robot
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.measurements.recording import Recording, StandardUncertainty
+from machopt.effects.compliance_matrices.body_compliance_laws import project_to_semidefinite
+from machopt.kinematics.robot import load_robot
+from machopt.measurement.diagnosis.data_quality import session_corrections, swapped_columns
+from machopt.measurement.diagnosis.data_types import load_resolution
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import CoordinateFamily, DiagnosisProblem
+from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
+from machopt.measurement.diagnosis.diagnosis_pipeline import diagnose_static_recording
+from machopt.measurement.diagnosis.model_selection import selection_pipeline
+from machopt.measurement.diagnosis.statistics import instrument_uncertainty_check, outlier_rejection
+from machopt.measurement.diagnosis.statistics.replicate_noise import ReplicateNoise
 
 CELL = "kr240_drilling"
 
@@ -42,7 +42,9 @@ def sound(sessions: int = 2, frame: str = "base", moment: float = 0.0, concealed
 def mended(r: Recording, accept: tuple[str, ...] = ()) -> tuple[Recording, list[Finding]]:
     cell = load_cell(CELLS / CELL)
     assert cell.stiffness is not None
-    return sessions.mended(r, load_robot(cell), cell.tool.T_flange_tcp, cell.stiffness.joints, accept)
+    return session_corrections.correct_sessions_and_poses(
+        r, load_robot(cell), cell.tool.T_flange_tcp, cell.stiffness.joints, accept
+    )
 
 
 def spoilt(r: Recording, name: str, change: Callable[[np.ndarray], np.ndarray], rows: np.ndarray) -> Recording:
@@ -106,7 +108,7 @@ def test_a_session_whose_forces_are_off_is_told_with_the_share(share: float, sai
     cell = load_cell(CELLS / CELL)
     r = sound(concealed=False)
     bad = spoilt(r, "wrench", lambda v: forces(v, share), r.session == r.session.max())
-    d = at_rest(cell, bad, engine.Options(), [], accept=(), seed=0).diagnosis
+    d = diagnose_static_recording(cell, bad, selection_pipeline.DiagnosisOptions(), [], accept=(), seed=0).diagnosis
     found = [f for f in d.findings if f.effect == "force_sensor_gain"]
     assert bool(found) is said
     if said:
@@ -167,8 +169,10 @@ def test_a_session_of_poses_is_read_like_the_others(
     r = measure(noise=25e-6, registration=registration)
     r = replace(r, session=np.repeat(np.arange(3), len(r) // 3))
     T = cell.tool.T_flange_tcp
-    assert sessions.mended(r, robot, T, None)[0] is r
-    out, findings = sessions.mended(spoilt(r, "position", change, r.session == 2), robot, T, None)
+    assert session_corrections.correct_sessions_and_poses(r, robot, T, None)[0] is r
+    out, findings = session_corrections.correct_sessions_and_poses(
+        spoilt(r, "position", change, r.session == 2), robot, T, None
+    )
     assert [(f.effect, f.location) for f in findings] == [(effect, "column:x_mm")]
     assert np.allclose(out.position, r.position)  # type: ignore[arg-type]
 
@@ -187,12 +191,12 @@ def test_columns_exchanged_in_the_whole_record_are_put_right(name: str) -> None:
     column, change, where = THROUGHOUT[name]
     cell, r = load_cell(CELLS / CELL), sound()
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
-    assert throughout.mended(r, robot, T) == (r, [])
+    assert swapped_columns.correct_swapped_columns(r, robot, T) == (r, [])
     bad = spoilt(r, column, change, np.ones(len(r), bool))
-    out, findings = throughout.mended(bad, robot, T)
+    out, findings = swapped_columns.correct_swapped_columns(bad, robot, T)
     assert [(f.effect, f.location) for f in findings] == [("columns", f"column:{where}")]
     assert np.allclose(getattr(out, column), getattr(r, column))
-    assert throughout.mended(bad, robot, T, ("columns",)) == (bad, [])
+    assert swapped_columns.correct_swapped_columns(bad, robot, T, ("columns",)) == (bad, [])
 
 
 def test_a_tracker_turned_far_is_a_frame_and_a_mirrored_one_is_not() -> None:
@@ -201,12 +205,12 @@ def test_a_tracker_turned_far_is_a_frame_and_a_mirrored_one_is_not() -> None:
     r = measure(noise=25e-6)
     assert r.position is not None
     turned = replace(r, position=r.position[:, [2, 0, 1]] * [1, -1, -1] + 0.5)
-    assert throughout.mended(turned, robot, T) == (turned, [])
+    assert swapped_columns.correct_swapped_columns(turned, robot, T) == (turned, [])
     assert turned.position is not None
     mirrored = replace(turned, position=turned.position * np.array([1.0, 1.0, -1.0]))
-    _, findings = throughout.mended(mirrored, robot, T)
+    _, findings = swapped_columns.correct_swapped_columns(mirrored, robot, T)
     assert [(f.effect, f.location) for f in findings] == [("columns", "column:x_mm")]
-    out, findings = throughout.mended(replace(turned, q=turned.q * [1, 1, 1, -1, 1, 1]), robot, T)
+    out, findings = swapped_columns.correct_swapped_columns(replace(turned, q=turned.q * [1, 1, 1, -1, 1, 1]), robot, T)
     assert [(f.effect, f.location) for f in findings] == [("columns", "column:q4_deg")]
     assert np.array_equal(out.q, turned.q)
 
@@ -214,17 +218,19 @@ def test_a_tracker_turned_far_is_a_frame_and_a_mirrored_one_is_not() -> None:
 # outliers ------------------------------------------------------------------------------------------------------
 
 
-def small(N: int = 24, stated: float | None = 1e-5, scale: float | None = None) -> Problem:
+def small(N: int = 24, stated: float | None = 1e-5, scale: float | None = None) -> DiagnosisProblem:
     """Six poses, twice a session, two sessions; every reading has twins."""
     pose = np.tile(np.repeat(np.arange(N // 4), 2), 2)
     session = np.repeat([0, 1], N // 2)
     visit = session * 100 + pose
-    return Problem(
+    return DiagnosisProblem(
         channel="deflection",
         y=np.zeros((N, 3)),
         base=np.zeros((N, 3, 1)),
         unknowns=(),
-        families=(Family(name="translation", columns=(0, 1, 2), unit="mm", factor=1e3, stated=stated),),
+        families=(
+            CoordinateFamily(name="translation", columns=(0, 1, 2), unit="mm", factor=1e3, stated_uncertainty=stated),
+        ),
         group=pose,
         visit=visit,
         cycle=visit,
@@ -239,19 +245,19 @@ def small(N: int = 24, stated: float | None = 1e-5, scale: float | None = None) 
 def test_few_rows_are_outliers_and_most_of_a_session_or_what_comes_back_is_none() -> None:
     p, rng = small(), np.random.default_rng(0)
     e = 1e-5 * rng.standard_normal((24, 3))
-    assert aside.good(p, e).all()
+    assert outlier_rejection.find_inlier_readings(p, e).all()
     one = e.copy()
     one[5] += 1e-3
-    assert np.flatnonzero(~aside.good(p, one)).tolist() == [5]
+    assert np.flatnonzero(~outlier_rejection.find_inlier_readings(p, one)).tolist() == [5]
     session = e.copy()
     session[12:20] += rng.choice([-1, 1], (8, 1)) * 1e-3  # eight of the twelve, each its own way
-    assert aside.good(p, session).all()
+    assert outlier_rejection.find_inlier_readings(p, session).all()
     again = e.copy()
     again[[4, 16]] += 1e-3  # the same pose in both sessions
-    assert aside.good(p, again).all()
+    assert outlier_rejection.find_inlier_readings(p, again).all()
     lean = e.copy()
     lean[[12, 14, 15, 17, 20]] += np.array([0.0, 0.0, -1e-3])  # five of the second session, all one way: a floor
-    assert aside.good(p, lean).all()
+    assert outlier_rejection.find_inlier_readings(p, lean).all()
 
 
 # loads ---------------------------------------------------------------------------------------------------------
@@ -262,28 +268,28 @@ def test_load_columns_of_noise_count_as_zero_and_no_others() -> None:
     r = sound(moment=200.0)
     assert r.wrench is not None
     stated = replace(r, uncertainty=StandardUncertainty(displacement=15e-6, rotation=None, force=5.0, moment=2.0))
-    assert loads.heard(stated) == (stated, [])
+    assert load_resolution.discard_noise_components(stated) == (stated, [])
     w = r.wrench.copy()
     w[:, 3:] = 2.0 * rng.standard_normal((len(r), 3))
     noisy = replace(stated, wrench=w)
-    heard, said = loads.heard(noisy)
+    heard, said = load_resolution.discard_noise_components(noisy)
     assert heard.wrench is not None
     assert not heard.wrench[:, 3:].any()
     assert np.array_equal(heard.wrench[:, :3], w[:, :3])
     assert len(said) == 1
     w = w.copy()
     w[r.pose == 2, 3] += 40.0  # a true moment in a tenth of the readings
-    heard, _ = loads.heard(replace(stated, wrench=w))
+    heard, _ = load_resolution.discard_noise_components(replace(stated, wrench=w))
     assert heard.wrench is not None
     assert heard.wrench[:, 3].any()
     unstated = replace(noisy, uncertainty=StandardUncertainty())
-    heard, _ = loads.heard(unstated)  # its repeats tell what nobody stated
+    heard, _ = load_resolution.discard_noise_components(unstated)  # its repeats tell what nobody stated
     assert heard.wrench is not None
     assert not heard.wrench[:, 3:].any()
     once = replace(unstated, pose=np.arange(len(unstated)))
-    assert loads.heard(once)[0] is once
+    assert load_resolution.discard_noise_components(once)[0] is once
     loaded = replace(r, uncertainty=StandardUncertainty())
-    assert loads.heard(loaded)[0] is loaded
+    assert load_resolution.discard_noise_components(loaded)[0] is loaded
 
 
 def test_a_hung_weight_s_sideways_noise_is_no_load() -> None:
@@ -295,19 +301,19 @@ def test_a_hung_weight_s_sideways_noise_is_no_load() -> None:
     w[:, 2] = -np.abs(r.wrench[:, 2]).max() * (0.5 + 0.5 * (np.arange(len(r)) % 2))
     w[:, :2] = 1e-3 * w[:, 2].min() * rng.standard_normal((len(r), 2))
     hung = replace(r, wrench=w, uncertainty=StandardUncertainty())
-    heard, _ = loads.heard(hung)
+    heard, _ = load_resolution.discard_noise_components(hung)
     assert heard.wrench is not None
     assert not heard.wrench[:, :2].any()
     assert heard.wrench[:, 2].all()
 
 
 def test_loads_that_the_sensor_cannot_tell_apart_are_the_same() -> None:
-    apart = loads.same(
+    apart = load_resolution.compute_load_tolerance(
         np.array([1000.0, 3.0]), 0.08, StandardUncertainty(displacement=None, rotation=None, force=5.0, moment=2.0)
     )
     assert apart[:3] == pytest.approx([80.0] * 3)
     assert (apart[3:] > 8.0).all()
-    assert (loads.same(np.zeros(2), 0.08, StandardUncertainty()) > 0).all()
+    assert (load_resolution.compute_load_tolerance(np.zeros(2), 0.08, StandardUncertainty()) > 0).all()
 
 
 # what is said --------------------------------------------------------------------------------------------------
@@ -315,10 +321,10 @@ def test_loads_that_the_sensor_cannot_tell_apart_are_the_same() -> None:
 
 def test_what_no_such_instrument_makes_is_not_all_well() -> None:
     p, used = small(), np.ones(24, bool)
-    noise = Noise(np.array([1e-5]), np.zeros(1), np.zeros(1), 0.0, True)
+    noise = ReplicateNoise(np.array([1e-5]), np.zeros(1), np.zeros(1), 0.0, True)
     fine, poor = np.full((24, 3), 3e-5), np.full((24, 3), 5e-4)
-    assert instruments.beyond(p, fine, noise, used) is None
-    left = instruments.beyond(p, poor, noise, used)
+    assert instrument_uncertainty_check.check_stated_uncertainty(p, fine, noise, used) is None
+    left = instrument_uncertainty_check.check_stated_uncertainty(p, poor, noise, used)
     assert left is not None
     assert [left.verdict(v) for v in ("consistent", "explained", "partly_explained")] == [
         "unexplained",
@@ -326,16 +332,18 @@ def test_what_no_such_instrument_makes_is_not_all_well() -> None:
         "partly_explained",
     ]
     assert "50 times" in left.words
-    loud = replace(noise, own=np.array([1e-3]))
-    assert instruments.beyond(p, fine, loud, used) is not None
-    assert instruments.beyond(small(stated=None), poor, loud, used) is None
-    assert instruments.beyond(small(scale=0.05), poor, noise, used) is None  # a soft arm: 1 % of 50 mm
+    loud = replace(noise, reading=np.array([1e-3]))
+    assert instrument_uncertainty_check.check_stated_uncertainty(p, fine, loud, used) is not None
+    assert instrument_uncertainty_check.check_stated_uncertainty(small(stated=None), poor, loud, used) is None
+    assert (
+        instrument_uncertainty_check.check_stated_uncertainty(small(scale=0.05), poor, noise, used) is None
+    )  # a soft arm: 1 % of 50 mm
 
 
 def test_no_body_is_made_infinitely_soft_by_an_entry_below_zero() -> None:
     C = np.diag([1e-8, 2e-8, 1e-8, 1e-7, 1e-7, -1e-9])
     C[1, 5] = C[5, 1] = 3e-8
-    out = pushing_back_nowhere(C)
+    out = project_to_semidefinite(C)
     assert np.linalg.eigvalsh(out).min() >= -1e-20
     assert np.abs(out).max() <= 1e-7
     assert np.allclose(out, np.diag([1e-8, 2e-8, 1e-8, 1e-7, 1e-7, 0.0]))

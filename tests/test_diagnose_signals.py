@@ -10,18 +10,23 @@ import numpy as np
 import pytest
 from test_diagnose_motion import arm, excited, recorded
 
-from machopt.diagnose import run
-from machopt.diagnose.moving import columns, friction, masses, motion
-from machopt.diagnose.moving.checks import servo_lag, slope, torque_side
-from machopt.diagnose.nouns.motion_signals import signals
-from machopt.diagnose.search.engine import Options
-from machopt.domain.cell import Cell
-from machopt.domain.recording import Recording
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.cell import Cell
+from machopt.data_types.measurements.recording import Recording
+from machopt.dynamics.rigid_body import load_dynamics
 from machopt.effects import registry
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.model.rigid import load_dynamics
-from machopt.model.robot import load_robot
+from machopt.kinematics.robot import load_robot
+from machopt.measurement.diagnosis import diagnosis_pipeline
+from machopt.measurement.diagnosis.dynamic import (
+    exchanged_torque_columns,
+    friction,
+    link_mass_uncertainty,
+    motion_channels,
+)
+from machopt.measurement.diagnosis.dynamic.motion_record_checks import correct_torque_side, find_servo_lag, fit_slope
+from machopt.measurement.diagnosis.model_selection.selection_pipeline import DiagnosisOptions
+from machopt.measurement.diagnosis.motion_data.motion_signals import build_motion_signals
 
 CELLS = Path(__file__).resolve().parent.parent / "cells"
 
@@ -43,14 +48,14 @@ def test_what_has_no_running_clock_is_no_motion() -> None:
         (replace(r, time=r.time + 5.0 * (lone // 20)), "no stretch without a gap lasts"),
     ):
         with pytest.raises(InputError, match=said):
-            signals(wrong, 1)
+            build_motion_signals(wrong, 1)
 
 
 def test_stretches_too_short_are_left_out_and_velocities_are_differentiated() -> None:
     """The last half second behind a gap is no stretch; q̇ of encoders alone is that of the motion."""
     t, q, v, _ = excited(1, np.random.default_rng(4), periods=2)
     late = t + 3.0 * (np.arange(len(t)) >= len(t) - 20)
-    m = signals(replace(recorded(late, q, v), velocity=None), 1)
+    m = build_motion_signals(replace(recorded(late, q, v), velocity=None), 1)
     assert len(m.q) == len(t) - 20
     assert any("20 samples in stretches shorter than" in n for n in m.notes)
     assert any("velocity differentiated" in n for n in m.notes)
@@ -60,9 +65,9 @@ def test_stretches_too_short_are_left_out_and_velocities_are_differentiated() ->
 @pytest.mark.parametrize("by", [0.0, 0.03, -0.017, 0.2, -0.2, 1e3, -1e3])
 def test_what_is_late_is_moved_by_parts_of_a_sample_its_ends_held(by: float) -> None:
     r = moved(2, periods=2)
-    m = signals(r, 2)
+    m = build_motion_signals(r, 2)
     x = np.stack([np.sin(0.7 * m.time), np.cos(0.4 * m.time)], axis=1)
-    late = m.late(x, by)
+    late = m.delay_cubic(x, by)
     t = np.clip(m.time - by, m.time[0], m.time[-1])
     away = (m.time - by > m.time[2]) & (m.time - by < m.time[-3])
     np.testing.assert_allclose(late[away], np.stack([np.sin(0.7 * t), np.cos(0.4 * t)], axis=1)[away], atol=1e-6)
@@ -75,41 +80,45 @@ def test_periods_are_those_of_the_labels_where_these_come_back() -> None:
     """Labels name the period; those that do not come back, or are uneven, are no periods and the shape decides."""
     r, each = moved(periods=4), 600
     label = np.arange(len(r)) // each
-    named = signals(replace(r, cycle=label, labelled=frozenset({"cycle"})), 1)
+    named = build_motion_signals(replace(r, cycle=label, stated_labels=frozenset({"cycle"})), 1)
     assert named.length == pytest.approx(6.0)
     np.testing.assert_array_equal(named.period, label[named.index])
     for wrong in (np.arange(len(r)) // 450, np.minimum(np.arange(len(r)) // 300, 2)):
-        shaped = signals(replace(r, cycle=wrong, labelled=frozenset({"cycle"})), 1)
+        shaped = build_motion_signals(replace(r, cycle=wrong, stated_labels=frozenset({"cycle"})), 1)
         assert shaped.length == pytest.approx(6.0, abs=0.02)
     drifting = replace(r, q=np.linspace(0.0, 2.0, len(r))[:, None] + 0.01 * r.q)
-    assert signals(drifting, 1).length == 0.0
-    assert signals(r, 1, repeats=False).length == 0.0
+    assert build_motion_signals(drifting, 1).length == 0.0
+    assert build_motion_signals(r, 1, repeats=False).length == 0.0
 
 
 def test_a_channel_that_was_not_recorded_is_refused_by_what_it_needs(tmp_path: Path) -> None:
     cell, r = arm(tmp_path, 2), moved(2)
     rng = np.random.default_rng(0)
     with pytest.raises(InputError, match=r"qse1_deg … are needed for the channel link"):
-        motion.build(r, cell, "link", rng)
+        motion_channels.build_motion_problem(r, cell, "link", rng)
     with pytest.raises(InputError, match=r"needs an arm of six joints; the cell has 2"):
-        motion.build(replace(r, position=np.zeros((len(r), 3))), cell, "tip", rng)
+        motion_channels.build_motion_problem(replace(r, position=np.zeros((len(r), 3))), cell, "tip", rng)
     with pytest.raises(InputError, match=r"needs tau1_Nm … and a URDF with inertias"):
-        motion.build(r, cell, "torque", rng)
+        motion_channels.build_motion_problem(r, cell, "torque", rng)
     with pytest.raises(InputError, match=r"a toolpath needs an arm of six revolute joints"):
-        run.in_motion(cell, r, Options(), asked="auto", seed=0, toolpath=True)
+        diagnosis_pipeline.diagnose_motion_recording(cell, r, DiagnosisOptions(), asked="auto", seed=0, toolpath=True)
     with pytest.raises(InputError, match=r"current1_A, current2_A never change: .*currents of all joints"):
-        run.in_motion(cell, replace(r, current=np.ones_like(r.q)), Options(), asked="auto", seed=0, toolpath=False)
+        diagnosis_pipeline.diagnose_motion_recording(
+            cell, replace(r, current=np.ones_like(r.q)), DiagnosisOptions(), asked="auto", seed=0, toolpath=False
+        )
     assert r.time is not None
-    tau = load_dynamics(cell).torque(r.q, r.velocity, np.gradient(r.velocity, r.time, axis=0))
+    tau = load_dynamics(cell).compute_torque(r.q, r.velocity, np.gradient(r.velocity, r.time, axis=0))
     with pytest.raises(InputError, match=r"found link; this recording allows torque"):
-        run.in_motion(cell, replace(r, torque=tau), Options(), asked="link", seed=0, toolpath=False)
-    assert columns.mended(r, signals(r, 2), tau) == (r, [])
-    assert torque_side(r, signals(r, 2), tau) == (r, [])
+        diagnosis_pipeline.diagnose_motion_recording(
+            cell, replace(r, torque=tau), DiagnosisOptions(), asked="link", seed=0, toolpath=False
+        )
+    assert exchanged_torque_columns.correct_exchanged_torques(r, build_motion_signals(r, 2), tau) == (r, [])
+    assert correct_torque_side(r, build_motion_signals(r, 2), tau) == (r, [])
 
 
 def test_a_line_through_what_stands_still_has_no_slope() -> None:
-    assert slope(np.ones(9), np.arange(9.0)) == (0.0, 0.0)
-    assert slope(np.arange(9.0), 3.0 * np.arange(9.0)) == pytest.approx((3.0, 1.0))
+    assert fit_slope(np.ones(9), np.arange(9.0)) == (0.0, 0.0)
+    assert fit_slope(np.arange(9.0), 3.0 * np.arange(9.0)) == pytest.approx((3.0, 1.0))
 
 
 def massless(folder: Path) -> Cell:
@@ -122,10 +131,10 @@ def massless(folder: Path) -> Cell:
 def test_link_side_encoders_without_inertias_are_loaded_by_the_recorded_torque_or_not_at_all(tmp_path: Path) -> None:
     """Springs of 1e-6 and 2e-6 rad/(N·m) are found from the torque, whose friction has columns of its own."""
     t, q, v, a = excited(2, np.random.default_rng(6))
-    tau = load_dynamics(arm(tmp_path, 2)).torque(q, v, a)
+    tau = load_dynamics(arm(tmp_path, 2)).compute_torque(q, v, a)
     cell = massless(tmp_path)
     r = replace(recorded(t, q, v, tau), q_secondary=q - tau * [1e-6, 2e-6] + 1e-9)
-    problem, catalogue, notes, _ = motion.build(r, cell, "link", np.random.default_rng(0))
+    problem, catalogue, notes, _ = motion_channels.build_motion_problem(r, cell, "link", np.random.default_rng(0))
     names = [u.name for u in problem.unknowns]
     assert any("recorded torque, smoothed" in n for n in notes)
     assert names[4:] == [f"friction in the torque {j}, {k}" for j in (1, 2) for k in ("Coulomb", "viscous")]
@@ -134,7 +143,9 @@ def test_link_side_encoders_without_inertias_are_loaded_by_the_recorded_torque_o
     x = np.linalg.lstsq(A / size, problem.y.reshape(-1), rcond=1e-12)[0] / size
     assert x[names.index("compliance 1")] == pytest.approx(1e-6, rel=0.02)
     assert x[names.index("compliance 2")] == pytest.approx(2e-6, rel=0.02)
-    bare, left, _, _ = motion.build(replace(r, torque=None), cell, "link", np.random.default_rng(0))
+    bare, left, _, _ = motion_channels.build_motion_problem(
+        replace(r, torque=None), cell, "link", np.random.default_rng(0)
+    )
     assert [u.name for u in bare.unknowns] == ["offset 1", "offset 2"]
     why = "neither torques are recorded nor does the URDF have inertias"
     assert {u.effect for u in left.untestable if u.reason == why} >= {"joint_hysteresis", "joint_nonlinear_stiffness"}
@@ -146,12 +157,14 @@ def test_link_side_encoders_without_inertias_are_loaded_by_the_recorded_torque_o
 def test_a_second_encoder_that_is_lost_or_stands_still_is_none(tmp_path: Path) -> None:
     cell, r = massless(tmp_path), moved(2)
     lost = np.column_stack([r.q[:, 0], np.full(len(r), np.nan)])
-    problem, *_ = motion.build(replace(r, q_secondary=lost), cell, "link", np.random.default_rng(0))
+    problem, *_ = motion_channels.build_motion_problem(
+        replace(r, q_secondary=lost), cell, "link", np.random.default_rng(0)
+    )
     assert problem.dimensions == 1
     still = replace(r, q=r.q * [1.0, 0.0], q_secondary=r.q)
-    problem, *_ = motion.build(still, cell, "link", np.random.default_rng(0))
+    problem, *_ = motion_channels.build_motion_problem(still, cell, "link", np.random.default_rng(0))
     assert problem.dimensions == 1
-    assert motion.channels(replace(r, q_secondary=0.0 * r.q), cell) == ()
+    assert motion_channels.list_testable_channels(replace(r, q_secondary=0.0 * r.q), cell) == ()
 
 
 def test_a_tracked_tool_of_an_arm_whose_loads_nobody_knows(tmp_path: Path) -> None:
@@ -163,26 +176,31 @@ def test_a_tracked_tool_of_an_arm_whose_loads_nobody_knows(tmp_path: Path) -> No
     cell, robot = replace(cell, urdf=urdf), load_robot(cell)
     t, q, v, _ = excited(6, np.random.default_rng(9), periods=2, rate=50.0)
     q = 0.5 * q + cell.home[:6]
-    r = replace(recorded(t, q, 0.5 * v), position=robot.fk(q, cell.tool.T_flange_tcp)[:, :3, 3])
-    problem, catalogue, *_ = motion.build(r, cell, "tip", np.random.default_rng(0))
+    r = replace(recorded(t, q, 0.5 * v), position=robot.compute_fk(q, cell.tool.T_flange_tcp)[:, :3, 3])
+    problem, catalogue, *_ = motion_channels.build_motion_problem(r, cell, "tip", np.random.default_rng(0))
     assert not any("compliance" in u.name for u in problem.unknowns)
     assert {"joint_backlash", "servo_lag"} <= {u.effect for u in catalogue.untestable}
-    assert not {h.effect for h in catalogue.hypotheses} & {e.name for e in registry.of_joint_torque()}
+    assert not {h.effect for h in catalogue.hypotheses} & {e.name for e in registry.select_joint_torque_effects()}
     assert np.abs(problem.y).max() < 1e-9  # it stands where it is expected
 
 
 def test_warming_follows_the_recorded_temperature_or_the_clock(tmp_path: Path) -> None:
     cell, r = massless(tmp_path), moved(2)
-    m = signals(r, 2)
+    m = build_motion_signals(r, 2)
     warm_one = np.linspace(20.0, 30.0, len(r))
     for temperature, shapes in ((None, ((15.0,),)), (np.full(len(r), 20.5), ((15.0,),)), (warm_one, ((0.0,),))):
-        scene = motion._scene(replace(r, temperature=temperature), cell, m, None, None)
-        assert friction.warmth(scene) == shapes
-    np.testing.assert_allclose(friction.warm(scene, 0.0), (warm_one[m.index] - 20.0) / 10.0, atol=0.01)
-    risen = friction.warm(motion._scene(r, cell, m, None, None), 10.0)
+        scene = motion_channels._build_motion_model(replace(r, temperature=temperature), cell, m, None, None)
+        assert friction.list_warming_shapes(scene) == shapes
+    np.testing.assert_allclose(friction.compute_joint_warmth(scene, 0.0), (warm_one[m.index] - 20.0) / 10.0, atol=0.01)
+    risen = friction.compute_joint_warmth(motion_channels._build_motion_model(r, cell, m, None, None), 10.0)
     np.testing.assert_allclose(risen, 1.0 - np.exp(-(m.time - m.time[0]) / 10.0), rtol=1e-12)
     still = replace(m, q=0.0 * m.q)
-    assert friction.friction(motion._scene(r, cell, still, None, None), 0, friction.Turn) == []  # type: ignore[arg-type]
+    assert (
+        friction.build_friction_hypotheses(
+            motion_channels._build_motion_model(r, cell, still, None, None), 0, friction.FrictionReversal
+        )
+        == []
+    )  # type: ignore[arg-type]
 
 
 def test_a_command_that_stands_still_has_no_lag(tmp_path: Path) -> None:
@@ -190,8 +208,8 @@ def test_a_command_that_stands_still_has_no_lag(tmp_path: Path) -> None:
     t, q, v, _ = excited(2, np.random.default_rng(7))
     asked = np.column_stack([q[:, 0] + 0.02 * v[:, 0], np.zeros(len(t))])
     r = recorded(t, q * [1.0, 0.0], v * [1.0, 0.0])
-    assert servo_lag(r, signals(r, 2)) == []
-    (found,) = servo_lag(replace(r, q_command=asked), signals(r, 2))
+    assert find_servo_lag(r, build_motion_signals(r, 2)) == []
+    (found,) = find_servo_lag(replace(r, q_command=asked), build_motion_signals(r, 2))
     assert found.effect == "servo_lag"
     assert next(iter(found.parameters.values())).value == pytest.approx(20.0, rel=0.05)
 
@@ -207,7 +225,10 @@ def test_masses_are_as_stated_where_a_balancer_and_gains_say_the_same_with_less_
     base = np.zeros((n, joints, joints))
     base[:, np.arange(joints), np.arange(joints)] = 1.0
     noise = 20.0 * rng.normal(size=(n, joints))
-    assert masses.links_of(noise + balancer, base, load, rivals, links, group) == (0.0, [])
+    assert link_mass_uncertainty.estimate_link_mass_sigma(noise + balancer, base, load, rivals, links, group) == (
+        0.0,
+        [],
+    )
     off = links @ np.array([0.04, 0.03, -0.05])  # as makers are off, and nothing else is like it
-    assert masses.links_of(noise + off, base, load, rivals, links, group)[0] > 0.0
-    assert masses.links_of(noise, base, load, rivals, links, group)[0] > 0.0
+    assert link_mass_uncertainty.estimate_link_mass_sigma(noise + off, base, load, rivals, links, group)[0] > 0.0
+    assert link_mass_uncertainty.estimate_link_mass_sigma(noise, base, load, rivals, links, group)[0] > 0.0

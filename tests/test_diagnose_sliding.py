@@ -9,10 +9,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from machopt.cell.cell_reader import load_cell
 from machopt.cli import main
-from machopt.formats.cell import load_cell
-from machopt.model.gravity import gravity_torque
-from machopt.model.robot import GRAVITY, load_masses, load_robot
+from machopt.dynamics.gravity_torque import compute_gravity_torque
+from machopt.kinematics.robot import GRAVITY, load_masses, load_robot
 
 JOINTS = (  # kind, origin in the link before, axis, mass of the link
     ("prismatic", (0.0, 0.0, 0.0), (0.6, 0.0, 0.8), 400.0),
@@ -119,8 +119,8 @@ def test_poses_slopes_and_weights_are_those_of_pinocchio(cell: Path) -> None:
     model = pin.buildModelFromXML(urdf())
     model.gravity.linear = np.array([0.0, 0.0, -GRAVITY])
     data, q = model.createData(), angles(rng, 5)
-    state = robot.state(q, bodies=True)
-    weight, slope = gravity_torque(robot, masses, state)
+    state = robot.compute_state(q, bodies=True)
+    weight, slope = compute_gravity_torque(robot, masses, state)
     assert robot.slides is not None
     assert robot.slides.tolist() == [True] + [False] * 5
     flange = model.getFrameId("flange")
@@ -129,8 +129,8 @@ def test_poses_slopes_and_weights_are_those_of_pinocchio(cell: Path) -> None:
         pin.framesForwardKinematics(model, data, q[m])
         assert np.abs(state.J[m] - J).max() < 1e-12
         assert np.abs(state.T_base_tool[m] - data.oMf[flange].homogeneous).max() < 1e-12
-        assert np.abs(robot.fk(q)[m] - state.T_base_tool[m]).max() == 0.0
-        assert np.abs(robot.link_poses(q)[m, 6] @ robot.T_base_flange_zero - state.T_base_tool[m]).max() < 1e-12
+        assert np.abs(robot.compute_fk(q)[m] - state.T_base_tool[m]).max() == 0.0
+        assert np.abs(robot.compute_link_poses(q)[m, 6] @ robot.T_base_flange_zero - state.T_base_tool[m]).max() < 1e-12
         assert np.abs(weight[m] + pin.computeGeneralizedGravity(model, data, q[m])).max() < 1e-8
         turned = pin.computeStaticTorqueDerivatives(model, data, q[m], [pin.Force.Zero()] * model.njoints)
         assert np.abs(slope[m] + turned).max() < 1e-7

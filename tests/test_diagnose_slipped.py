@@ -11,16 +11,18 @@ from test_diagnose_absolute import arm as measured_arm
 from test_diagnose_absolute import measure
 from test_diagnose_sessions import CELL, sound
 
-from machopt.diagnose.nouns.result import Finding
-from machopt.diagnose.record import repairs, slipped, throughout
-from machopt.diagnose.run import at_rest
-from machopt.diagnose.search import engine
-from machopt.domain.recording import Recording, StandardUncertainty
-from machopt.formats.cell import load_cell
-from machopt.model.robot import load_robot
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.measurements.recording import Recording, StandardUncertainty
+from machopt.kinematics.robot import load_robot
+from machopt.measurement.diagnosis.data_quality import shifted_rows, static_record_correction, swapped_columns
+from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
+from machopt.measurement.diagnosis.diagnosis_pipeline import diagnose_static_recording
+from machopt.measurement.diagnosis.model_selection import selection_pipeline
 
 
-def at_arm(r: Recording, mend=slipped.mended, accept: tuple[str, ...] = ()) -> tuple[Recording, list[Finding]]:
+def at_arm(
+    r: Recording, mend=shifted_rows.correct_shifted_rows, accept: tuple[str, ...] = ()
+) -> tuple[Recording, list[Finding]]:
     cell = load_cell(CELLS / CELL)
     return mend(r, load_robot(cell), cell.tool.T_flange_tcp, accept)
 
@@ -58,7 +60,7 @@ def test_a_cell_that_was_deleted_anywhere_shifts_all_that_follow_and_its_own_rea
     values = r.displacement.copy()
     values[deleted:] = np.roll(r.displacement[deleted:], -1, axis=0)
     out, (finding,) = at_arm(replace(r, displacement=values))
-    away = slipped.lost([finding], len(r))
+    away = shifted_rows.find_lost_rows([finding], len(r))
     kept = ~away
     kept[-1] = False  # the file's end, where another's reading stands
     assert away.sum() == 1
@@ -74,13 +76,17 @@ def test_a_slip_over_two_sessions_is_told_by_its_rows_and_a_whole_session_as_tha
     values[120:] = np.roll(r.displacement[120:], -1, axis=0)
     cell = load_cell(CELLS / CELL)
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
-    _, found, _ = repairs.mend(replace(r, displacement=values), robot, T, cell.stiffness.joints)
+    _, found, _ = static_record_correction.correct_static_record(
+        replace(r, displacement=values), robot, T, cell.stiffness.joints
+    )
     (finding,) = (f for f in found if f.effect == "columns")
     assert abs(finding.parameters["first row"].value - 121) <= 2
     whole = r.displacement.copy()
     rows = r.session == r.session.max()
     whole[rows] = np.roll(r.displacement[rows], -1, axis=0)
-    _, found, _ = repairs.mend(replace(r, displacement=whole), robot, T, cell.stiffness.joints)
+    _, found, _ = static_record_correction.correct_static_record(
+        replace(r, displacement=whole), robot, T, cell.stiffness.joints
+    )
     (finding,) = (f for f in found if f.effect == "columns")
     assert "first row" not in finding.parameters
     assert finding.parameters["session"].value == r.session.max()
@@ -91,7 +97,9 @@ def test_nothing_of_the_arm_is_named_where_a_cell_was_deleted_early() -> None:
     values = r.displacement.copy()
     values[20:] = np.roll(r.displacement[20:], -1, axis=0)
     cell = load_cell(CELLS / CELL)
-    d = at_rest(cell, replace(r, displacement=values), engine.Options(), [], accept=(), seed=0).diagnosis
+    d = diagnose_static_recording(
+        cell, replace(r, displacement=values), selection_pipeline.DiagnosisOptions(), [], accept=(), seed=0
+    ).diagnosis
     assert {f.effect for f in d.findings} <= {"columns", "geometric_stiffness", "outliers"}
     assert d.verdict in ("consistent", "explained", "insufficient")
 
@@ -101,7 +109,7 @@ def test_a_slip_of_measured_poses_is_put_back() -> None:
     r = measure(noise=25e-6, registration="fit")
     values = r.position.copy()
     values[20:34] = r.position[19:33]
-    out, (finding,) = slipped.mended(replace(r, position=values), robot, cell.tool.T_flange_tcp)
+    out, (finding,) = shifted_rows.correct_shifted_rows(replace(r, position=values), robot, cell.tool.T_flange_tcp)
     assert (finding.effect, finding.location) == ("columns", "column:x_mm")
     assert np.array_equal(out.position[21:32], r.position[21:32])
 
@@ -113,7 +121,7 @@ def test_sound_records_with_backlash_and_what_the_user_accepts_stay() -> None:
     assert at_arm(wrong, accept=("columns",))[0] is wrong
     cell, robot, _ = measured_arm()
     poses = measure(noise=25e-6, registration="fit")
-    assert slipped.mended(poses, robot, cell.tool.T_flange_tcp)[0] is poses
+    assert shifted_rows.correct_shifted_rows(poses, robot, cell.tool.T_flange_tcp)[0] is poses
 
 
 def test_a_load_of_other_size_at_every_row_is_no_slip() -> None:
@@ -129,7 +137,7 @@ def test_moments_in_another_unit_than_forces_are_read_as_they_were_meant(factor:
     wrench = r.wrench.copy()
     wrench[:, 3:] *= factor
     told = replace(r, wrench=wrench, uncertainty=StandardUncertainty(force=5.0, moment=2.0))
-    out, (finding,) = at_arm(told, throughout.moments)
+    out, (finding,) = at_arm(told, swapped_columns.correct_moment_units)
     assert (finding.effect, finding.location) == ("units", "column:mx_Nm")
     assert unit in finding.note
     assert np.allclose(out.wrench, r.wrench)
@@ -137,9 +145,9 @@ def test_moments_in_another_unit_than_forces_are_read_as_they_were_meant(factor:
 
 def test_moments_as_stated_and_moments_of_noise_stay() -> None:
     r = sound(moment=400.0)
-    assert at_arm(r, throughout.moments)[0] is r
+    assert at_arm(r, swapped_columns.correct_moment_units)[0] is r
     plain = sound()
     wrench = plain.wrench.copy()
     wrench[:, 3:] = np.random.default_rng(1).normal(0.0, 1.0, (len(plain), 3))
     noise = replace(plain, wrench=wrench)
-    assert at_arm(noise, throughout.moments)[0] is noise
+    assert at_arm(noise, swapped_columns.correct_moment_units)[0] is noise

@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 from test_diagnose_absolute import arm, measure
 
-from machopt.arrays import Array
-from machopt.diagnose.nouns.problem import Problem, Unknown
-from machopt.diagnose.resting import absolute
-from machopt.diagnose.search import rounds
-from machopt.domain.recording import Recording
+from machopt.data_types.measurements.recording import Recording
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import BaseUnknown, DiagnosisProblem
+from machopt.measurement.diagnosis.model_selection.search import search_iterations
+from machopt.measurement.diagnosis.static import measured_pose_channel
+from machopt.numerics.array_types import Array
 
 NOISE = 1e-5
 
@@ -23,13 +23,13 @@ def waves(q: Array) -> Array:
     return out
 
 
-def problem(recording: Recording, kept: frozenset[int] = frozenset()) -> Problem:
-    return absolute.build(recording, *arm(), np.random.default_rng(0), kept=kept)[0]
+def problem(recording: Recording, kept: frozenset[int] = frozenset()) -> DiagnosisProblem:
+    return measured_pose_channel.build_measured_pose_problem(recording, *arm(), np.random.default_rng(0), kept=kept)[0]
 
 
 def springs(recording: Recording, kept: frozenset[int] = frozenset()) -> set[int]:
     """Joints whose springs are refitted."""
-    return {u.spring for u in problem(recording, kept).unknowns if u.spring is not None}
+    return {u.spring_joint for u in problem(recording, kept).unknowns if u.spring_joint is not None}
 
 
 def test_what_weight_bends_above_the_noise_is_refitted_but_for_what_is_kept() -> None:
@@ -54,10 +54,14 @@ def test_a_spring_nothing_built_has_is_doubted_beside_what_is_there_without_load
     assert cell is not None
 
     def doubted(times: float, family: str) -> set[int | None]:
-        x = np.array([0.0 if u.spring is None else 1.0 / cell.joints[u.spring - 1] for u in stated.unknowns])
-        x[[u.spring == 4 for u in stated.unknowns]] *= times
+        x = np.array(
+            [0.0 if u.spring_joint is None else 1.0 / cell.joints[u.spring_joint - 1] for u in stated.unknowns]
+        )
+        x[[u.spring_joint == 4 for u in stated.unknowns]] *= times
         chosen = [SimpleNamespace(tried=SimpleNamespace(hypothesis=SimpleNamespace(family=family)))]
-        return {stated.unknowns[n].spring for n in rounds._doubted(stated, x, chosen)}  # type: ignore[arg-type]
+        return {
+            stated.unknowns[n].spring_joint for n in search_iterations._find_implausible_unknowns(stated, x, chosen)
+        }  # type: ignore[arg-type]
 
     assert doubted(50.0, "kinematic") == doubted(-1.0, "kinematic") == doubted(0.1, "kinematic") == {4}
     assert doubted(1.5, "kinematic") == set()
@@ -65,6 +69,6 @@ def test_a_spring_nothing_built_has_is_doubted_beside_what_is_there_without_load
 
 
 def test_an_unknown_without_bounds_may_have_any_value() -> None:
-    assert Unknown(name="a", unit="m").possible(-1e9)
-    some = Unknown(name="a", unit="m", built=(1.0, 3.0))
-    assert [some.possible(v) for v in (0.9, 1.0, 3.0, 3.1)] == [False, True, True, False]
+    assert BaseUnknown(name="a", unit="m").is_plausible(-1e9)
+    some = BaseUnknown(name="a", unit="m", plausible_range=(1.0, 3.0))
+    assert [some.is_plausible(v) for v in (0.9, 1.0, 3.0, 3.1)] == [False, True, True, False]

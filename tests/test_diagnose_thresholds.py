@@ -15,20 +15,20 @@ from test_diagnose_engine import law, made_up
 from test_diagnose_motion import arm as moved_arm
 from test_diagnose_motion import excited, recorded
 
-from machopt.diagnose import calibrated
-from machopt.diagnose.evidence import heldout
-from machopt.diagnose.moving import checks
-from machopt.diagnose.moving.checks import torque_side
-from machopt.diagnose.nouns.motion_signals import signals
-from machopt.diagnose.nouns.problem import Catalogue
-from machopt.diagnose.record.contradiction import contradictions
-from machopt.diagnose.resting.nominal_poses import Nominal
-from machopt.diagnose.search import engine
-from machopt.domain.recording import Recording
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.measurements.recording import Recording
+from machopt.dynamics.rigid_body import load_dynamics
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.model.rigid import load_dynamics
-from machopt.model.robot import load_robot
+from machopt.kinematics.robot import load_robot
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_quality.inconsistent_loads import correct_inconsistent_loads
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import HypothesisCatalogue
+from machopt.measurement.diagnosis.dynamic import motion_record_checks
+from machopt.measurement.diagnosis.dynamic.motion_record_checks import correct_torque_side
+from machopt.measurement.diagnosis.model_selection import selection_pipeline
+from machopt.measurement.diagnosis.motion_data.motion_signals import build_motion_signals
+from machopt.measurement.diagnosis.static.nominal_pose_model import NominalPoseModel
+from machopt.measurement.diagnosis.statistics import holdout_residuals
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 
@@ -42,7 +42,9 @@ def test_a_frame_that_is_not_quite_right_may_leave_more_than_a_body(like: float,
         problem, column = made_up(400, extra=40e-6)
         other = rng.standard_normal((len(column) // 2, *column.shape[1:]))
         near = like * column + np.sqrt(1.0 - like**2) * np.concatenate([other, other])
-        found = engine.diagnose(problem, Catalogue((law(near, effect),)), engine.Options(), rng)
+        found = selection_pipeline.diagnose_problem(
+            problem, HypothesisCatalogue((law(near, effect),)), selection_pipeline.DiagnosisOptions(), rng
+        )
         named.append(effect in {f.effect for f in found.findings})
     assert named == [frame, body]
 
@@ -56,8 +58,8 @@ def test_few_groups_are_better_where_the_error_falls_by_half_its_power(left: flo
     before = rng.standard_normal(problem.y.shape)
     uneven = np.array([0.02, 1.05, 1.0])[np.minimum(problem.group, 2)][:, None]
     after = before * uneven
-    after *= left / (heldout.rms(after[used]) / heldout.rms(before[used]))
-    assert bool(heldout._better(problem, before, after, used, problem.families[0])) is better
+    after *= left / (holdout_residuals.compute_rms(after[used]) / holdout_residuals.compute_rms(before[used]))
+    assert bool(holdout_residuals._is_family_better(problem, before, after, used, problem.families[0])) is better
 
 
 def hung(share: float) -> Recording:
@@ -76,7 +78,7 @@ def hung(share: float) -> Recording:
 def test_what_moves_against_its_load_is_said_where_nearly_all_does(share: float, said: bool) -> None:
     """``against``: either way the load is read as weights that hang."""
     cell = load_cell(CELLS / "kr240_drilling")
-    _, found = contradictions(hung(share), load_robot(cell), cell.tool.T_flange_tcp)
+    _, found = correct_inconsistent_loads(hung(share), load_robot(cell), cell.tool.T_flange_tcp)
     assert [f.effect for f in found] == ["load_geometry"]
     assert ("move against their load" in found[0].note) is said
 
@@ -90,14 +92,14 @@ def test_a_balancer_may_outweigh_the_masses_where_friction_points_forward(
     rng = np.random.default_rng(6)
     t, q, v, a = excited(1, rng, period=60.0, rate=20.0)
     dynamics = load_dynamics(cell)
-    needed, weight = dynamics.torque(q, v, a), dynamics.torque(q, 0.0 * v, 0.0 * a)
+    needed, weight = dynamics.compute_torque(q, v, a), dynamics.compute_torque(q, 0.0 * v, 0.0 * a)
     r = recorded(t, q, v, needed - 2.0 * weight + rubs * np.sign(v) + 0.5 * rng.standard_normal(q.shape))
-    motion = signals(r, 1)
+    motion = build_motion_signals(r, 1)
     if accepted:
-        assert torque_side(r, motion, needed[motion.index])[1] == []
+        assert correct_torque_side(r, motion, needed[motion.index])[1] == []
     else:
         with pytest.raises(InputError, match="runs against what the arm needs"):
-            torque_side(r, motion, needed[motion.index])
+            correct_torque_side(r, motion, needed[motion.index])
 
 
 @pytest.mark.parametrize(("size", "column"), [(1e-3, "q"), (1.0, "velocity")])
@@ -106,17 +108,17 @@ def test_slides_within_a_few_millimetres_were_metres(size: float, column: str) -
     t, q, v, a = excited(1, np.random.default_rng(1))
     scale = size / np.abs(q).max()
     r = replace(recorded(t, scale * q, 1e3 * scale * v, a), prismatic=(True,))
-    found = checks.units(r, 1)[1]
-    assert [f.location for f in found] == [f"column:{checks.column(r, column, 0)}"]
+    found = motion_record_checks.correct_motion_units(r, 1)[1]
+    assert [f.location for f in found] == [f"column:{motion_record_checks.format_column_name(r, column, 0)}"]
 
 
 def test_springs_that_no_cell_states_are_usual_ones_and_weights_are_seen_through_stiff_ones() -> None:
     """``usual_joint`` and ``near_usual``."""
     cell, robot, masses = posed_arm()
     bare = replace(cell, stiffness=None)
-    model = Nominal(measure(noise=10e-6), bare, robot, masses, frozenset())
-    assert (model.nominal == calibrated.RESTING.usual_joint).all()
-    first = model.first_fit()
+    model = NominalPoseModel(measure(noise=10e-6), bare, robot, masses, frozenset())
+    assert (model.nominal == thresholds.RESTING.usual_joint).all()
+    first = model.fit_base()
     state = model.predict(first)[0]
-    seen = model.readings(state, first, np.array([1e-9, 1e-7, 1e-6, 1e-4, 1e-2, 0.0])).compliance
+    seen = model.build_readings(state, first, np.array([1e-9, 1e-7, 1e-6, 1e-4, 1e-2, 0.0])).compliance
     np.testing.assert_allclose(seen, [5e-8, 1e-7, 1e-6, 1e-4, 1e-2, 5e-8])

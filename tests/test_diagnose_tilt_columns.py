@@ -9,14 +9,16 @@ import pytest
 from test_diagnose_absolute import arm
 from test_diagnose_inclinometer import ROCKS, recorded
 
-from machopt.diagnose.record import tilt_columns
-from machopt.diagnose.resting import inclinometer
-from machopt.domain.recording import Recording
+from machopt.data_types.measurements.recording import Recording
+from machopt.measurement.diagnosis.data_quality import inclinometer_columns
+from machopt.measurement.diagnosis.static import inclinometer_equations
 
 
 def read(recording: Recording, tilt: np.ndarray, *accept: str) -> tuple[Recording, list[tuple[str, str]]]:
     cell, robot, masses = arm()
-    out, findings = tilt_columns.mended(replace(recording, tilt=tilt), cell, robot, masses, accept)
+    out, findings = inclinometer_columns.correct_inclinometer_columns(
+        replace(recording, tilt=tilt), cell, robot, masses, accept
+    )
     assert all(f.record for f in findings)
     return out, [(f.effect, f.location) for f in findings]
 
@@ -38,7 +40,7 @@ def test_columns_written_otherwise_are_read_right(link: int) -> None:
         np.testing.assert_array_equal(out.tilt, right, words)
         assert read(recording, written, "columns")[1] == []
     for unit in ("degrees", "arcsec"):
-        out, found = read(recording, right * inclinometer.UNITS[unit])
+        out, found = read(recording, right * inclinometer_equations.UNITS[unit])
         assert found == [("units", "column:tilt_x_mrad")], unit
         np.testing.assert_allclose(np.array(out.tilt), right, rtol=1e-12)
 
@@ -49,4 +51,4 @@ def test_what_no_weight_makes_is_left_for_the_search() -> None:
     assert read(recording, right)[1] == []  # noise alone
     assert read(recording, right + 2e-4 * np.sin(7.0 * recording.q[:, [4, 5]]))[1] == []
     cell, robot, _ = arm()
-    assert tilt_columns.mended(recording, cell, robot, None) == (recording, [])
+    assert inclinometer_columns.correct_inclinometer_columns(recording, cell, robot, None) == (recording, [])

@@ -8,14 +8,18 @@ import long_motion
 import numpy as np
 import pytest
 
-from machopt.diagnose.moving import motion
-from machopt.diagnose.nouns.problem import Catalogue, Hypothesis, Problem
-from machopt.diagnose.nouns.result import Finding
-from machopt.domain.cell import Cell
-from machopt.domain.recording import Recording
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.cell import Cell
+from machopt.data_types.measurements.recording import Recording
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.recording import load_recording
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
+    DiagnosisProblem,
+    EffectHypothesis,
+    HypothesisCatalogue,
+)
+from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
+from machopt.measurement.diagnosis.dynamic import motion_channels
+from machopt.measurement.recording import load_recording
 
 COMPLIANCE = np.array([0.3, 0.5, 0.7, 2.0, 2.5, 3.0]) * 1e-6  # rad/(N·m), of long_motion.write
 LATE = 0.012  # s
@@ -27,12 +31,14 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[Cell, Recording]:
     return load_cell(cell), load_recording(recording)
 
 
-def built(cell: Cell, recording: Recording) -> tuple[Problem, Catalogue, tuple[Finding, ...]]:
-    problem, catalogue, _, found = motion.build(recording, cell, "tip", np.random.default_rng(0))
+def built(cell: Cell, recording: Recording) -> tuple[DiagnosisProblem, HypothesisCatalogue, tuple[Finding, ...]]:
+    problem, catalogue, _, found = motion_channels.build_motion_problem(
+        recording, cell, "tip", np.random.default_rng(0)
+    )
     return problem, catalogue, found
 
 
-def solved(problem: Problem, *more: np.ndarray) -> np.ndarray:
+def solved(problem: DiagnosisProblem, *more: np.ndarray) -> np.ndarray:
     """Coefficients of the base and of further columns (M, 3, 1), least squares."""
     A = np.concatenate([problem.base, *more], axis=2)
     A = A.reshape(-1, A.shape[2])
@@ -40,7 +46,7 @@ def solved(problem: Problem, *more: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.lstsq(A / size, problem.y.reshape(-1), rcond=None)[0] / size)
 
 
-def lags(catalogue: Catalogue) -> dict[str, Hypothesis]:
+def lags(catalogue: HypothesisCatalogue) -> dict[str, EffectHypothesis]:
     return {h.law: h for h in catalogue.hypotheses if h.effect == "servo_lag"}
 
 

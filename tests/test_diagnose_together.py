@@ -8,16 +8,37 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from machopt.arrays import Array
-from machopt.diagnose.evidence import grams
-from machopt.diagnose.evidence.grams import Model, Tried, base_model, tried
-from machopt.diagnose.evidence.grams import model as grams_model
-from machopt.diagnose.evidence.noise import Noise
-from machopt.diagnose.evidence.whitening import whitening
-from machopt.diagnose.nouns.problem import Family, Hypothesis, Problem, Quantity, Unknown
-from machopt.diagnose.search import fewest, outweighed, sums, together
-from machopt.diagnose.search.screen import fitted, score
-from machopt.diagnose.search.select import Chosen, select, settled, with_chosen
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
+    BaseUnknown,
+    CoordinateFamily,
+    DiagnosisProblem,
+    EffectHypothesis,
+    Quantity,
+)
+from machopt.measurement.diagnosis.model_selection.attribution import attribution_guard
+from machopt.measurement.diagnosis.model_selection.screening import normal_equation_sums
+from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import (
+    fit_hypotheses,
+    score_hypotheses,
+)
+from machopt.measurement.diagnosis.model_selection.search import description_length, joint_selection
+from machopt.measurement.diagnosis.model_selection.search.forward_selection import (
+    SelectedEffect,
+    add_selected_effects,
+    prune_joint_effects,
+    select_effects,
+)
+from machopt.measurement.diagnosis.statistics import normal_equations_by_fold
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
+    WhitenedHypothesis,
+    WhitenedModel,
+    build_base_model,
+    whiten_hypotheses,
+)
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import build_whitened_model as grams_model
+from machopt.measurement.diagnosis.statistics.replicate_noise import ReplicateNoise
+from machopt.measurement.diagnosis.statistics.whitening import build_whitening
+from machopt.numerics.array_types import Array
 
 POSES, VISITS, ORDERS, SIGMA = 90, 2, tuple((float(n),) for n in range(1, 7)), 1e-5
 N = POSES * VISITS
@@ -38,28 +59,30 @@ def again(columns: Array) -> Array:
     return np.tile(columns, (VISITS, 1, 1))
 
 
-def hypotheses(rng: np.random.Generator) -> list[Hypothesis]:
+def hypotheses(rng: np.random.Generator) -> list[EffectHypothesis]:
     q, lever = rng.uniform(-2.5, 2.5, (POSES, 6)), rng.normal(size=(POSES, 3, 6))
     frames = rng.normal(size=(6, POSES, 3, 3))
     mass = rng.normal(size=(POSES, 3, 2))
 
-    def waves(j: int) -> Hypothesis:
+    def waves(j: int) -> EffectHypothesis:
         def columns(shape: tuple[float, ...]) -> Array:
             parts = [f(n * q[:, None, j]) * lever[:, :, j] for n in shape for f in (np.cos, np.sin)]
             return again(np.stack(parts, axis=2))
 
-        return replace(made("transmission_error", f"joint:{j + 1}", columns, ORDERS, "kinematic"), summed="waves")
+        return replace(made("transmission_error", f"joint:{j + 1}", columns, ORDERS, "kinematic"), sum_name="waves")
 
     found = [waves(j) for j in range(6)]
     found += [made("geometry", f"joint:{j + 1}", lambda s, j=j: again(frames[j]), ((),), "kinematic") for j in range(6)]
     return [*found, made("payload", "tool", lambda s: again(mass), ((),), "body")]
 
 
-def made(effect: str, where: str, columns: object, shapes: tuple[tuple[float, ...], ...], family: str) -> Hypothesis:
+def made(
+    effect: str, where: str, columns: object, shapes: tuple[tuple[float, ...], ...], family: str
+) -> EffectHypothesis:
     def size(x: Array, shape: tuple[float, ...]) -> dict[str, Quantity]:
         return {"size": Quantity(float(np.linalg.norm(x)), "m")}
 
-    return Hypothesis(
+    return EffectHypothesis(
         effect=effect,
         location=where,
         law="made up",
@@ -71,7 +94,7 @@ def made(effect: str, where: str, columns: object, shapes: tuple[tuple[float, ..
     )  # type: ignore[arg-type]
 
 
-def model(planted: Planted, seed: int, size: float = 4.0) -> tuple[Model, list[Tried]]:
+def model(planted: Planted, seed: int, size: float = 4.0) -> tuple[WhitenedModel, list[WhitenedHypothesis]]:
     """Two base unknowns, 540 coordinates; what is planted has ``size`` times the noise a column."""
     rng = np.random.default_rng(seed)
     laws = hypotheses(rng)
@@ -82,12 +105,12 @@ def model(planted: Planted, seed: int, size: float = 4.0) -> tuple[Model, list[T
             columns = h.columns(planted[h.name])
             y = y + columns @ (size * SIGMA * rng.choice([-1.0, 1.0], columns.shape[2]))
     pose, visit = np.tile(np.arange(POSES), VISITS), np.arange(N)
-    problem = Problem(
+    problem = DiagnosisProblem(
         channel="position",
         y=y,
         base=base,
-        unknowns=(Unknown(name="a", unit="m"), Unknown(name="b", unit="m")),
-        families=(Family(name="translation", columns=(0, 1, 2), unit="mm", factor=1e3),),
+        unknowns=(BaseUnknown(name="a", unit="m"), BaseUnknown(name="b", unit="m")),
+        families=(CoordinateFamily(name="translation", columns=(0, 1, 2), unit="mm", factor=1e3),),
         group=pose,
         visit=visit,
         cycle=visit,
@@ -96,63 +119,67 @@ def model(planted: Planted, seed: int, size: float = 4.0) -> tuple[Model, list[T
         line=visit + 2,
         row=visit + 1,
     )
-    w = whitening(problem, Noise(np.array([SIGMA]), np.zeros(1), np.zeros(1), 0.0, True), np.ones(N, bool))
-    found, _ = base_model(problem, w, np.random.default_rng(0))
-    return found, tried(found, laws)
+    w = build_whitening(
+        problem, ReplicateNoise(np.array([SIGMA]), np.zeros(1), np.zeros(1), 0.0, True), np.ones(N, bool)
+    )
+    found, _ = build_base_model(problem, w, np.random.default_rng(0))
+    return found, whiten_hypotheses(found, laws)
 
 
 def test_exactly_what_was_planted_is_found() -> None:
     base, laws = model(MANY, 1)
-    among, found = together.searched(base, laws, 3, np.random.default_rng(0), 1.0)
-    assert {c.tried.hypothesis.name for c in found} == set(MANY)
+    among, found = joint_selection.search_effects(base, laws, 3, np.random.default_rng(0), 1.0)
+    assert {c.whitened.hypothesis.name for c in found} == set(MANY)
     for c in found:
-        assert tuple(sorted(c.tried.shapes[c.scored.shape])) == MANY[c.tried.hypothesis.name]
+        assert tuple(sorted(c.whitened.shapes[c.scored.shape])) == MANY[c.whitened.hypothesis.name]
     assert {t.hypothesis.name for t in among} == {t.hypothesis.name for t in laws}  # rivals stay
 
 
 def test_fewer_than_three_effects_asked_for_are_no_more_than_that() -> None:
     base, laws = model(MANY, 1)
-    assert len(together.searched(base, laws, 2, np.random.default_rng(0), 1.0)[1]) == 2
+    assert len(joint_selection.search_effects(base, laws, 2, np.random.default_rng(0), 1.0)[1]) == 2
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_nothing_is_found_in_noise_and_few_effects_are_left_to_the_search_one_by_one(seed: int) -> None:
     base, laws = model({}, seed)
-    assert together.many(base, laws, 1.0) == []
+    assert joint_selection.select_many_effects(base, laws, 1.0) == []
     few = dict(list(MANY.items())[:3])
-    assert together.many(*model(few, seed), 1.0) == []
+    assert joint_selection.select_many_effects(*model(few, seed), 1.0) == []
 
 
 def test_other_channels_and_small_recordings_are_not_searched_so() -> None:
     base, laws = model(MANY, 1)
-    assert together.many(base, [t for t in laws if t.hypothesis.effect != "geometry"], 1.0) == []
+    assert joint_selection.select_many_effects(base, [t for t in laws if t.hypothesis.effect != "geometry"], 1.0) == []
     wide = np.tile(base.X, (1, 10))  # 540 coordinates, 20 unknowns
-    assert together.many(base.with_columns(wide), laws, 1.0) == []
+    assert joint_selection.select_many_effects(base.with_columns(wide), laws, 1.0) == []
 
 
 def test_sums_are_those_of_explicit_refits() -> None:
     base, laws = model(MANY, 2)
-    found = sums.Summed(base, laws).whole
+    found = normal_equation_sums.CachedSums(base, laws).sum_all
     taken, more = found.groups[3], found.groups[10]
-    X = np.concatenate([base.X, taken.law.at(taken.shape)], axis=1)
+    X = np.concatenate([base.X, taken.law.columns_at(taken.shape)], axis=1)
     columns = [*range(found.base), *range(taken.columns.start, taken.columns.stop)]
-    whole = np.concatenate([X, more.law.at(more.shape)], axis=1)
+    whole = np.concatenate([X, more.law.columns_at(more.shape)], axis=1)
     left = [float(np.sum((base.y - A @ np.linalg.lstsq(A, base.y, rcond=None)[0]) ** 2)) for A in (X, whole)]
-    left_over = sums.swept(found.total, np.array(columns))
+    left_over = normal_equation_sums.eliminate_columns(found.total, np.array(columns))
     assert left_over[-1, -1] == pytest.approx(left[0], rel=1e-6)
-    assert sums.gains(left_over, found)[10] == pytest.approx(left[0] - left[1], rel=1e-6)
+    assert normal_equation_sums.compute_group_gains(left_over, found)[10] == pytest.approx(left[0] - left[1], rel=1e-6)
     unseen = 0.0
-    for some in np.array_split(np.arange(base.folds), sums.FOLDS):
+    for some in np.array_split(np.arange(base.folds), normal_equation_sums.FOLDS):
         out = np.zeros(len(base.y), bool)
         out[np.concatenate([base.rows[f] for f in some])] = True
         unseen += float(np.sum((base.y[out] - X[out] @ np.linalg.lstsq(X[~out], base.y[~out], rcond=None)[0]) ** 2))
-    assert together._heldout(found, columns) == pytest.approx(unseen, rel=1e-6)
+    assert joint_selection._compute_holdout_squares(found, columns) == pytest.approx(unseen, rel=1e-6)
 
 
 def test_sums_beside_some_laws_are_those_of_explicit_products() -> None:
     base, laws = model(MANY, 2)
     first = [(next(t for t in laws if t.hypothesis.name == ("payload", "tool")), 0), (laws[0], len(laws[0].shapes) - 1)]
-    found = sums.Summed(base, laws).beside(first, lambda t: t.hypothesis.effect == "geometry")
+    found = normal_equation_sums.CachedSums(base, laws).select_groups(
+        first, lambda t: t.hypothesis.effect == "geometry"
+    )
     assert {g.law.hypothesis.effect for g in found.groups[2:]} == {"geometry"}
     assert [(g.law, g.shape) for g in found.groups[:2]] == first
     A = np.zeros((len(base.y), len(found.total)))
@@ -160,7 +187,7 @@ def test_sums_beside_some_laws_are_those_of_explicit_products() -> None:
     known = np.zeros(len(found.total))
     known[: found.base] = base.prior
     for g in found.groups:
-        A[:, g.columns], known[g.columns] = g.law.at(g.shape), g.law.precision(g.shape)
+        A[:, g.columns], known[g.columns] = g.law.columns_at(g.shape), g.law.precision(g.shape)
     np.testing.assert_allclose(found.total, A.T @ A + np.diag(known), rtol=1e-9, atol=1e-8)
 
 
@@ -170,9 +197,9 @@ def test_what_is_written_is_the_fit_of_the_whole_sum() -> None:
     one, other = (next(t for t in laws if t.hypothesis.name == ("geometry", f"joint:{j}")) for j in (3, 5))
     columns = one.hypothesis.columns(())
     twin = replace(other.hypothesis, columns=lambda s: columns + 7e-3 * other.hypothesis.columns(()))
-    found = settled(base, tried(base, [one.hypothesis, twin]), laws, np.random.default_rng(0))
+    found = prune_joint_effects(base, whiten_hypotheses(base, [one.hypothesis, twin]), laws, np.random.default_rng(0))
     assert len(found) == 2
-    whole = with_chosen(base, found)
+    whole = add_selected_effects(base, found)
     rest = base.y - sum(c.columns @ c.scored.x for c in found)
     x = np.linalg.lstsq(base.X, rest, rcond=None)[0]
     assert float(np.sum((rest - base.X @ x) ** 2)) == pytest.approx(whole.rss, rel=1e-4)
@@ -182,28 +209,30 @@ def test_laws_of_weight_that_do_not_gain_clearly_more_take_no_place_among_the_le
     """As many loads as are looked at in a step, each a little of everything: 1.2 times the gain of the best frame."""
     base, laws = model(MANY, 1)
     among = [t for t in laws if t.hypothesis.family == "kinematic"]
-    plain = sums.Summed(base, among).whole
-    beside = sums.swept(plain.total, np.arange(plain.base))  # type: ignore[arg-type]  # numbers
-    share = 1.2 * sums.gains(beside, plain).max() / beside[-1, -1]
+    plain = normal_equation_sums.CachedSums(base, among).sum_all
+    beside = normal_equation_sums.eliminate_columns(plain.total, np.arange(plain.base))  # type: ignore[arg-type]  # numbers
+    share = 1.2 * normal_equation_sums.compute_group_gains(beside, plain).max() / beside[-1, -1]
     rng, signal = np.random.default_rng(5), base.residual
     crowd = []
-    for k in range(together.LEADING):
+    for k in range(joint_selection.LEADING_GROUPS):
         other = rng.normal(size=len(signal))
         other -= signal * (other @ signal) / (signal @ signal)
         other *= np.linalg.norm(signal) / np.linalg.norm(other) * np.sqrt(1.0 / share - 1.0)
         column = np.zeros((N, 3, 1))
         column[base.w.index, :, 0] = (signal + other).reshape(-1, 3)
         crowd.append(made("base_compliance", f"base:{k}", lambda s, c=column: c, ((),), "body"))
-    whole = sums.Summed(base, tried(base, [*(t.hypothesis for t in among), *crowd])).whole
-    found = {g.law.hypothesis.name for g in together._pursue(whole, 1.0)}
+    whole = normal_equation_sums.CachedSums(
+        base, whiten_hypotheses(base, [*(t.hypothesis for t in among), *crowd])
+    ).sum_all
+    found = {g.law.hypothesis.name for g in joint_selection._select_groups_greedily(whole, 1.0)}
     assert found >= {name for name in MANY if name[0] != "payload"}
 
 
 def test_the_fit_that_chance_is_judged_by_is_the_one_that_unseen_folds_are_held_against() -> None:
     base, laws = model({("geometry", "joint:3"): (), ("transmission_error", "joint:2"): (5.0,)}, 3)
-    for alone, whole in zip(fitted(base, laws), score(base, laws), strict=True):
-        assert (alone.tried, alone.shape, alone.gain, alone.visible) == (
-            whole.tried,
+    for alone, whole in zip(fit_hypotheses(base, laws), score_hypotheses(base, laws), strict=True):
+        assert (alone.whitened, alone.shape, alone.gain, alone.visible) == (
+            whole.whitened,
             whole.shape,
             whole.gain,
             whole.visible,
@@ -211,7 +240,9 @@ def test_the_fit_that_chance_is_judged_by_is_the_one_that_unseen_folds_are_held_
         np.testing.assert_array_equal(alone.x, whole.x)
 
 
-def offsets_in_frames(seed: int, frames: tuple[int, ...], offsets: tuple[int, ...]) -> tuple[Model, list[Tried]]:
+def offsets_in_frames(
+    seed: int, frames: tuple[int, ...], offsets: tuple[int, ...]
+) -> tuple[WhitenedModel, list[WhitenedHypothesis]]:
     """A frame of each joint holds the offset of its own joint and of the one before among its three directions."""
     rng = np.random.default_rng(seed)
     base, _ = model({}, seed)
@@ -223,31 +254,33 @@ def offsets_in_frames(seed: int, frames: tuple[int, ...], offsets: tuple[int, ..
         offered.append(made("geometry", f"joint:{j + 1}", lambda s, c=frame: c, ((),), "kinematic"))
         turn = again(turns[j])
         offered.append(made("joint_zero_offset", f"joint:{j + 1}", lambda s, c=turn: c, ((),), "kinematic"))
-    known = tried(base, offered)
+    known = whiten_hypotheses(base, offered)
     y = base.y.copy()
     for t in known:
         h = t.hypothesis
         if int(h.location[-1]) in (frames if h.effect == "geometry" else offsets):
             y = y + t.X[:, 0] @ np.full(t.X.shape[2], 2.0)
     planted = grams_model(base.w, base.X, y, base.fold, base.prior, base.rows)
-    return planted, tried(planted, offered)
+    return planted, whiten_hypotheses(planted, offered)
 
 
 def test_offsets_that_frames_hold_among_their_directions_are_told_as_offsets() -> None:
     """Frames of joints 2 and 4 hold offsets 2 to 5 and gain more at each step: six numbers where four are enough."""
     base, laws = offsets_in_frames(7, (), (2, 3, 4, 5))
-    greedy = select(base, [t for t in laws if t.hypothesis.effect == "geometry"], 6, np.random.default_rng(0))
-    assert {c.tried.hypothesis.effect for c in greedy} == {"geometry"}
-    found = fewest.shortest(base, greedy, sums.Summed(base, laws), 6)
-    assert {c.tried.hypothesis.name for c in found} == {("joint_zero_offset", f"joint:{j}") for j in (2, 3, 4, 5)}
-    kept = fewest.shortest(base, greedy, sums.Summed(base, laws), 2)
+    greedy = select_effects(base, [t for t in laws if t.hypothesis.effect == "geometry"], 6, np.random.default_rng(0))
+    assert {c.whitened.hypothesis.effect for c in greedy} == {"geometry"}
+    found = description_length.find_shortest_description(base, greedy, normal_equation_sums.CachedSums(base, laws), 6)
+    assert {c.whitened.hypothesis.name for c in found} == {("joint_zero_offset", f"joint:{j}") for j in (2, 3, 4, 5)}
+    kept = description_length.find_shortest_description(base, greedy, normal_equation_sums.CachedSums(base, laws), 2)
     assert len(kept) <= 2  # never more than are asked for
 
 
 def test_a_frame_whose_own_direction_shows_stays_a_frame() -> None:
     base, laws = offsets_in_frames(8, (3,), (5,))
-    found = fewest.shortest(base, select(base, laws, 6, np.random.default_rng(0)), sums.Summed(base, laws), 6)
-    assert {c.tried.hypothesis.name for c in found} == {("geometry", "joint:3"), ("joint_zero_offset", "joint:5")}
+    found = description_length.find_shortest_description(
+        base, select_effects(base, laws, 6, np.random.default_rng(0)), normal_equation_sums.CachedSums(base, laws), 6
+    )
+    assert {c.whitened.hypothesis.name for c in found} == {("geometry", "joint:3"), ("joint_zero_offset", "joint:5")}
 
 
 @pytest.mark.parametrize(("varies", "named"), [(0.25, "gravity_compensator"), (0.0, "joint_zero_offset")])
@@ -261,10 +294,10 @@ def test_a_number_counts_by_the_noise_however_loud_the_effect_is(varies: float, 
         made("joint_zero_offset", "joint:2", lambda s: constant, ((),), "kinematic"),
         made("gravity_compensator", "joint:2", lambda s: both, ((),), "joint"),
     ]
-    y = base.y + tried(base, offered)[1].X[:, 0] @ np.array([3.0, varies])
+    y = base.y + whiten_hypotheses(base, offered)[1].X[:, 0] @ np.array([3.0, varies])
     loud = grams_model(base.w, base.X, y, base.fold, base.prior, base.rows)
-    found = select(loud, tried(loud, offered), 3, np.random.default_rng(0))
-    assert [c.tried.hypothesis.effect for c in found] == [named]
+    found = select_effects(loud, whiten_hypotheses(loud, offered), 3, np.random.default_rng(0))
+    assert [c.whitened.hypothesis.effect for c in found] == [named]
 
 
 @pytest.mark.parametrize(("varies", "named"), [(0.6, "gravity_compensator"), (0.2, "joint_zero_offset")])
@@ -279,26 +312,30 @@ def test_an_offset_that_a_torque_at_its_joint_says_clearly_better_is_that_torque
         made("gravity_compensator", "joint:3", lambda s: both, ((),), "joint"),  # elsewhere: no part of this
         made("unnamed", "joint:2", lambda s: both, ((),), "unnamed"),  # as good, and no name
     ]
-    y = base.y + tried(base, offered)[1].X[:, 0] @ np.array([3.0, varies])
+    y = base.y + whiten_hypotheses(base, offered)[1].X[:, 0] @ np.array([3.0, varies])
     loud = grams_model(base.w, base.X, y, base.fold, base.prior, base.rows)
-    laws = tried(loud, offered)
+    laws = whiten_hypotheses(loud, offered)
     first, last = laws[0], laws[3]
-    found = fewest.at_same_places(loud, [Chosen(score(loud, [first])[0], 0.5)], laws, np.random.default_rng(0))
-    assert [c.tried.hypothesis.name for c in found] == [(named, "joint:2")]
+    found = description_length.exchange_for_weight_laws(
+        loud, [SelectedEffect(score_hypotheses(loud, [first])[0], 0.5)], laws, np.random.default_rng(0)
+    )
+    assert [c.whitened.hypothesis.name for c in found] == [(named, "joint:2")]
     assert found[0].p_value == (0.002 if varies > 0.5 else 0.5)  # a new law's own chance, not that of the one before
-    alone = [Chosen(score(loud, [first])[0], 0.5)]
-    kept = fewest.at_same_places(loud, alone, [first, last], np.random.default_rng(0))
-    assert [c.tried for c in kept] == [first]  # an unnamed form takes no name's place
+    alone = [SelectedEffect(score_hypotheses(loud, [first])[0], 0.5)]
+    kept = description_length.exchange_for_weight_laws(loud, alone, [first, last], np.random.default_rng(0))
+    assert [c.whitened for c in kept] == [first]  # an unnamed form takes no name's place
 
 
 def test_forms_without_a_name_are_made_once_and_only_those_of_few_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     base, laws = model({}, 3)
     forms, calls = [made("unnamed", "tool", lambda s, p=p: np.ones((N, 3, p)), ((),), "unnamed") for p in (3, 12)], []
-    wide = tried(base, [made("geometry", "joint:3", lambda s: np.ones((N, 3, 6)), ((1.0,),), "kinematic")])
-    chosen = tuple(Chosen(score(base, [t])[0], 0.002) for t in (*wide, *wide, laws[-1]))
-    monkeypatch.setattr(outweighed, "tried", lambda b, some: calls.append(list(some)) or tried(b, some))
+    wide = whiten_hypotheses(base, [made("geometry", "joint:3", lambda s: np.ones((N, 3, 6)), ((1.0,),), "kinematic")])
+    chosen = tuple(SelectedEffect(score_hypotheses(base, [t])[0], 0.002) for t in (*wide, *wide, laws[-1]))
+    monkeypatch.setattr(
+        attribution_guard, "whiten_hypotheses", lambda b, some: calls.append(list(some)) or whiten_hypotheses(b, some)
+    )
     state = SimpleNamespace(base=base, chosen=chosen, catalogue=SimpleNamespace(nameless=tuple(forms)))
-    few = outweighed._as_few(state)  # type: ignore[arg-type]  # what it asks for
+    few = attribution_guard._list_comparable_uncatalogued(state)  # type: ignore[arg-type]  # what it asks for
     assert calls == [[forms[0]]]
     assert [[t.hypothesis for t in some] for some in few] == [[forms[0]], [forms[0]], []]
 
@@ -313,24 +350,24 @@ def test_what_was_found_is_the_first_groups_a_wave_and_its_double_too() -> None:
 
     name = ("transmission_error", "joint:1")
     double = made(*name, lambda s: waves(s[0], 2.0 * s[0]), ORDERS, "kinematic")
-    summed = replace(made(*name, lambda s: waves(*s), ORDERS, "kinematic"), summed="waves")
+    summed = replace(made(*name, lambda s: waves(*s), ORDERS, "kinematic"), sum_name="waves")
     offered = [double, summed, *(t.hypothesis for t in laws)]
-    at_two = tried(base, [double])[0].at(1)
+    at_two = whiten_hypotheses(base, [double])[0].columns_at(1)
     base = grams_model(base.w, base.X, base.y + at_two @ np.full(4, 6.0), base.fold, base.prior, base.rows)
-    laws = tried(base, offered)
+    laws = whiten_hypotheses(base, offered)
     frames = [t for t in laws if t.hypothesis.effect == "geometry"]
-    greedy = select(base, [laws[0], *frames], 6, np.random.default_rng(0))
-    assert greedy[0].tried.hypothesis.name == name  # so that all others stand behind it
-    own = [(c.tried, c.scored.shape) for c in greedy]
-    groups = sums.Summed(base, laws).beside(own, fewest._takes_part).groups
+    greedy = select_effects(base, [laws[0], *frames], 6, np.random.default_rng(0))
+    assert greedy[0].whitened.hypothesis.name == name  # so that all others stand behind it
+    own = [(c.whitened, c.scored.shape) for c in greedy]
+    groups = normal_equation_sums.CachedSums(base, laws).select_groups(own, description_length._is_exchangeable).groups
     assert [(g.law, g.shape) for g in groups[: len(own)]] == own
-    found = fewest.shortest(base, greedy, sums.Summed(base, laws), 6)
+    found = description_length.find_shortest_description(base, greedy, normal_equation_sums.CachedSums(base, laws), 6)
     offsets = {("joint_zero_offset", f"joint:{j}") for j in (2, 3, 4, 5)}
-    assert {c.tried.hypothesis.name for c in found} == {name, *offsets}
-    assert next(c for c in found if c.tried.hypothesis.name == name).tried is laws[0]
+    assert {c.whitened.hypothesis.name for c in found} == {name, *offsets}
+    assert next(c for c in found if c.whitened.hypothesis.name == name).whitened is laws[0]
 
 
-def soft(body: tuple[str, str], other: Hypothesis, strength: float, seed: int = 2) -> list[Chosen]:
+def soft(body: tuple[str, str], other: EffectHypothesis, strength: float, seed: int = 2) -> list[SelectedEffect]:
     """A body whose law takes 400 of the noise's power, and another law that takes some of what it leaves."""
     rng = np.random.default_rng(seed)
     base, _ = model({}, seed)
@@ -340,14 +377,14 @@ def soft(body: tuple[str, str], other: Hypothesis, strength: float, seed: int = 
         made("geometry", "joint:6", lambda s: frame, ((),), "kinematic"),
         other,
     ]
-    known = tried(base, offered)
+    known = whiten_hypotheses(base, offered)
     each = [t.X[:, 0, 0] for t in (known[0], known[2])]
     y = base.residual * 1.0
     for x, gain in zip(each, (400.0, strength), strict=True):
         left = x - base.X @ np.linalg.lstsq(base.X, x, rcond=None)[0]
         y = y + left * np.sqrt(gain / float(left @ left))
     planted = grams_model(base.w, base.X, y, base.fold, base.prior, base.rows)
-    return select(planted, tried(planted, offered), 6, np.random.default_rng(0))
+    return select_effects(planted, whiten_hypotheses(planted, offered), 6, np.random.default_rng(0))
 
 
 LINK, BASE = ("link_compliance", "link:2"), ("base_compliance", "base")
@@ -369,28 +406,30 @@ def test_what_the_law_of_a_soft_body_leaves_of_it_is_no_second_effect(
 ) -> None:
     columns = again(np.random.default_rng(11).normal(size=(POSES, 3, 1)))
     found = soft(body, made(effect, where, lambda s: columns, ((),), "environment"), gain)
-    assert body in {c.tried.hypothesis.name for c in found}
-    assert ((effect, where) in {c.tried.hypothesis.name for c in found}) == named
+    assert body in {c.whitened.hypothesis.name for c in found}
+    assert ((effect, where) in {c.whitened.hypothesis.name for c in found}) == named
 
 
 def test_products_with_a_model_are_worked_out_once_for_each_of_its_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     base, laws = model(MANY, 4)
-    laws = tried(base, [t.hypothesis for t in laws])
+    laws = whiten_hypotheses(base, [t.hypothesis for t in laws])
     worked: list[int] = []
-    plain = grams.cross
-    monkeypatch.setattr(grams, "cross", lambda x, y: worked.append(1) or plain(x, y))
-    score(base, laws)
+    plain = normal_equations_by_fold.compute_cross_products
+    monkeypatch.setattr(
+        normal_equations_by_fold, "compute_cross_products", lambda x, y: worked.append(1) or plain(x, y)
+    )
+    score_hypotheses(base, laws)
     first = len(worked)
-    score(base, laws)
+    score_hypotheses(base, laws)
     assert len(worked) == first == base.folds * len(laws)
     beside = base.with_law(laws[0], 2)
-    score(beside, laws)
+    score_hypotheses(beside, laws)
     assert len(worked) == 2 * first  # with the further part alone
-    score(base.with_law(laws[0], 2), laws)  # the same once more
+    score_hypotheses(base.with_law(laws[0], 2), laws)  # the same once more
     assert len(worked) == 2 * first
-    explicit = base.with_columns(laws[0].at(2))
+    explicit = base.with_columns(laws[0].columns_at(2))
     for a, b in ((beside.XX, explicit.XX), (beside.Xy, explicit.Xy), (beside.X, explicit.X)):
         np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-9)
-    for one, other in zip(score(beside, laws), score(explicit, laws), strict=True):
+    for one, other in zip(score_hypotheses(beside, laws), score_hypotheses(explicit, laws), strict=True):
         assert one.gain == pytest.approx(other.gain, rel=1e-9, abs=1e-6)
         np.testing.assert_allclose(one.heldout, other.heldout, rtol=1e-6, atol=1e-6)

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from test_diagnose_motion import diagnosed, recorded, shaken
 
-from machopt.arrays import Array
-from machopt.diagnose.moving import motion, torque
-from machopt.diagnose.nouns.motion_signals import signals
-from machopt.diagnose.nouns.result import Diagnosis
-from machopt.model.rigid import load_dynamics
+from machopt.dynamics.rigid_body import load_dynamics
+from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
+from machopt.measurement.diagnosis.dynamic import joint_torque_channel, motion_channels
+from machopt.measurement.diagnosis.motion_data.motion_signals import build_motion_signals
+from machopt.numerics.array_types import Array
 
 
-def left_open(tmp_path: Path, added: Callable[[Array], Array], seed: int, joint: int = 0) -> Diagnosis:
+def left_open(tmp_path: Path, added: Callable[[Array], Array], seed: int, joint: int = 0) -> DiagnosisResult:
     """A sound arm of two joints one of whose motors gives ``added`` of its angle more, diagnosed."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, seed)
     tau[:, joint] += added(q[:, joint])
@@ -70,9 +70,11 @@ def test_a_clock_that_one_joint_alone_asks_for_is_not_of_the_record(
     given = tau.copy()
     given[3:, late] = tau[:-3, late]  # 30 ms
     recording = recorded(t, q, v, given + 0.5 * rng.normal(size=q.shape))
-    m, dynamics = signals(recording, 2), load_dynamics(cell)
-    scene = motion._scene(recording, cell, m, dynamics, dynamics.torque(m.q, m.v, m.a))
+    m, dynamics = build_motion_signals(recording, 2), load_dynamics(cell)
+    scene = motion_channels._build_motion_model(recording, cell, m, dynamics, dynamics.compute_torque(m.q, m.v, m.a))
     assert recording.torque is not None
-    best, of_most, _ = torque._clock(scene, recording.torque[m.index], m.mean(np.zeros((len(m.q), 2, 1))))
+    best, of_most, _ = joint_torque_channel._estimate_torque_delay(
+        scene, recording.torque[m.index], m.average_blocks(np.zeros((len(m.q), 2, 1)))
+    )
     assert best == pytest.approx(0.03, abs=1e-3)
     assert of_most == shared

@@ -7,20 +7,24 @@ from dataclasses import replace
 import numpy as np
 from test_diagnose_absolute import ARCSEC, Array, arm, build, measure, only, poses, unit, wave
 
-from machopt.diagnose.nouns.problem import Catalogue
-from machopt.diagnose.nouns.result import Diagnosis
-from machopt.diagnose.resting import unnamed_poses
-from machopt.diagnose.search import engine, outweighed, rounds, select
-from machopt.diagnose.search.screen import score
-from machopt.domain.recording import Recording
+from machopt.data_types.measurements.recording import Recording
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import HypothesisCatalogue
+from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
+from machopt.measurement.diagnosis.model_selection import selection_pipeline
+from machopt.measurement.diagnosis.model_selection.attribution import attribution_guard
+from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import score_hypotheses
+from machopt.measurement.diagnosis.model_selection.search import forward_selection, search_iterations
+from machopt.measurement.diagnosis.static import unmodelled_pose_errors
 
 NOISE = 2e-5  # m
 TRACKER = np.array([-2.5, 2.0, 0.5])  # m in base_link
 
 
-def diagnosed(recording: Recording) -> Diagnosis:
+def diagnosed(recording: Recording) -> DiagnosisResult:
     problem, catalogue = build(recording)
-    return engine.diagnose(problem, catalogue, engine.Options(), np.random.default_rng(0))
+    return selection_pipeline.diagnose_problem(
+        problem, catalogue, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
+    )
 
 
 def moved(by: Array, registration: str = "fixed") -> Recording:
@@ -79,13 +83,15 @@ def test_a_wave_is_named_beside_an_axis_that_nods() -> None:
 def test_a_hose_is_not_named_as_the_payload_that_it_carries_a_part_of() -> None:
     """A pull at the end of link 4 that follows its place; 600 N up in the middle, a spring of 200 N/m."""
     problem, catalogue = build(measure(noise=NOISE))
-    hose = next(h for h in catalogue.nameless if h.name[1] == "link:4")
+    hose = next(h for h in catalogue.uncatalogued_hypotheses if h.name[1] == "link:4")
     problem = replace(problem, y=problem.y + hose.columns(()) @ np.array([0.0, 0.0, 600.0, -200.0]))
 
-    def answered(offered: Catalogue) -> Diagnosis:
-        return engine.diagnose(problem, offered, engine.Options(), np.random.default_rng(0))
+    def answered(offered: HypothesisCatalogue) -> DiagnosisResult:
+        return selection_pipeline.diagnose_problem(
+            problem, offered, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
+        )
 
-    assert [f.effect for f in answered(replace(catalogue, nameless=())).findings] == ["payload"]
+    assert [f.effect for f in answered(replace(catalogue, uncatalogued_hypotheses=())).findings] == ["payload"]
     found = answered(catalogue)
     assert not found.findings
     assert [n for n in found.notes if "something at link:4" in n]
@@ -95,26 +101,31 @@ def test_a_taut_hose_is_not_named_as_a_payload_and_a_frame() -> None:
     """A spring between the end of link 4 and a place in the hall: stiff along itself, by its tension across."""
     problem, catalogue = build(measure(noise=NOISE))
     _, robot, _ = arm()
-    forms = {h.law: h for h in catalogue.nameless if h.location == "link:4"}
-    state = robot.state(poses(), arm()[0].tool.T_flange_tcp, bodies=True)
+    forms = {h.law: h for h in catalogue.uncatalogued_hypotheses if h.location == "link:4"}
+    state = robot.compute_state(poses(), arm()[0].tool.T_flange_tcp, bodies=True)
     assert state.R_bodies is not None
     assert state.p_bodies is not None
     line = np.array([2.0, 1.5, 4.0]) - (state.R_bodies[:, 4] @ robot.point[4] + state.p_bodies[:, 4])
     length = np.linalg.norm(line, axis=1)[:, None]
     force = line / length * (400.0 + 500.0 * (length - length.mean()))
-    columns = {name: forms[name].columns(()) for name in (unnamed_poses.PULLS, unnamed_poses.LEADS)}
+    columns = {
+        name: forms[name].columns(())
+        for name in (unmodelled_pose_errors.POINT_PULL_LAW, unmodelled_pose_errors.LINE_PULL_LAW)
+    }
     force = np.tile(force, (len(problem) // len(force), 1))
-    moved = np.einsum("ndk,nk->nd", columns[unnamed_poses.PULLS][:, :, :3], force)
+    moved = np.einsum("ndk,nk->nd", columns[unmodelled_pose_errors.POINT_PULL_LAW][:, :, :3], force)
     left = {}
     for name, c in columns.items():
         A = np.concatenate([problem.base, c], axis=2).reshape(moved.size, -1)
         A = A / np.maximum(np.linalg.norm(A, axis=0), 1e-300)
         rest = moved.reshape(-1) - A @ np.linalg.lstsq(A, moved.reshape(-1), rcond=1e-10)[0]
         left[name] = float(np.linalg.norm(rest))
-    assert left[unnamed_poses.LEADS] < 0.5 * left[unnamed_poses.PULLS]
+    assert left[unmodelled_pose_errors.LINE_PULL_LAW] < 0.5 * left[unmodelled_pose_errors.POINT_PULL_LAW]
     problem = replace(problem, y=problem.y + moved)
 
-    found = engine.diagnose(problem, catalogue, engine.Options(), np.random.default_rng(0))
+    found = selection_pipeline.diagnose_problem(
+        problem, catalogue, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
+    )
     assert (found.findings, found.verdict) == ((), "unexplained")
     assert [n for n in found.notes if "something at link:4" in n]
 
@@ -122,19 +133,23 @@ def test_a_taut_hose_is_not_named_as_a_payload_and_a_frame() -> None:
 def test_a_frame_that_a_form_of_as_few_numbers_beats_has_no_name() -> None:
     """An axis that nods twice a turn was a tracker's frame that stands elsewhere: that left no more than noise may."""
     problem, catalogue = build(measure(noise=NOISE))
-    nods = next(h for h in catalogue.nameless if h.name[1] == "joint:6" and h.law == unnamed_poses.DRAGS)
+    nods = next(
+        h
+        for h in catalogue.uncatalogued_hypotheses
+        if h.name[1] == "joint:6" and h.law == unmodelled_pose_errors.NEIGHBOUR_JOINT_LAW
+    )
     frame = only(catalogue, "geometry", "joint:5")
     count = nods.columns((2.0,)).shape[2]
     for true in (nods.columns((2.0,)), frame.columns(())):
         moved = true @ np.cos(np.arange(true.shape[2]))  # any
         spoilt = replace(problem, y=problem.y + 1e-4 * moved / np.abs(moved).max())
-        state = rounds.in_rounds(spoilt, replace(catalogue, nameless=()), 1, 0)
-        law = next(t for t in state.tried if t.hypothesis.name == frame.name)
-        chosen = (select.Chosen(score(state.base, [law])[0], 0.002),)
+        state = search_iterations.search_iteratively(spoilt, replace(catalogue, uncatalogued_hypotheses=()), 1, 0)
+        law = next(t for t in state.whitened_hypotheses if t.hypothesis.name == frame.name)
+        chosen = (forward_selection.SelectedEffect(score_hypotheses(state.base, [law])[0], 0.002),)
         state = replace(state, chosen=chosen, catalogue=catalogue)
-        (told,) = outweighed.withheld(state, np.random.default_rng(0)).chosen
-        assert told.tried.hypothesis.named is (true.shape[2] > count)
-        assert (outweighed.AS_LIKE in told.tried.hypothesis.note) is (true.shape[2] == count)
+        (told,) = attribution_guard.withhold_unsupported_names(state, np.random.default_rng(0)).chosen
+        assert told.whitened.hypothesis.is_in_catalogue is (true.shape[2] > count)
+        assert (attribution_guard.UNCATALOGUED_REASON in told.whitened.hypothesis.note) is (true.shape[2] == count)
 
 
 def bowed(course: Array) -> Recording:
@@ -178,15 +193,15 @@ def test_a_pull_acts_through_the_joints_before_it() -> None:
     q, T, step = poses()[:4], cell.tool.T_flange_tcp, 1e-6
 
     def end(angles: Array) -> Array:
-        state = robot.state(angles, T, bodies=True)
+        state = robot.compute_state(angles, T, bodies=True)
         assert state.R_bodies is not None
         assert state.p_bodies is not None
         return np.asarray(state.R_bodies[:, 4] @ robot.point[4] + state.p_bodies[:, 4])
 
     slope = np.stack([(end(q + step * unit(j)) - end(q - step * unit(j))) / (2 * step) for j in range(1, 7)], axis=2)
     assert np.abs(slope[:, :, 4:]).max() < 1e-9  # joints behind it carry nothing
-    hose = next(h for h in catalogue.nameless if h.name[1] == "link:4")
-    J = robot.state(q, T).J[:, :3]
+    hose = next(h for h in catalogue.uncatalogued_hypotheses if h.name[1] == "link:4")
+    J = robot.compute_state(q, T).J[:, :3]
     for k in range(3):
         given = hose.columns(())[:4, :, k]
         # (N, 3, 3) per compliance; link 4 ends on the axis of joint 4
@@ -212,7 +227,7 @@ def test_forms_without_a_name_take_nothing_of_what_has_one() -> None:
 
 def test_every_form_is_offered_where_its_joint_turns() -> None:
     catalogue = build(measure())[1]
-    offered = {(h.location, h.law) for h in catalogue.nameless}
-    assert {(f"joint:{j}", unnamed_poses.NODS) for j in range(1, 7)} <= offered
-    assert not any(h.named for h in catalogue.nameless)
-    assert only(catalogue, "transmission_error", "joint:3", "one").named
+    offered = {(h.location, h.law) for h in catalogue.uncatalogued_hypotheses}
+    assert {(f"joint:{j}", unmodelled_pose_errors.AXIS_WOBBLE_LAW) for j in range(1, 7)} <= offered
+    assert not any(h.is_in_catalogue for h in catalogue.uncatalogued_hypotheses)
+    assert only(catalogue, "transmission_error", "joint:3", "one").is_in_catalogue

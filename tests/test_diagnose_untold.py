@@ -8,19 +8,19 @@ from dataclasses import replace
 import numpy as np
 from test_diagnose_finer import SIGMA, _bump
 
-from machopt.arrays import Array
-from machopt.diagnose.evidence.grams import tried
-from machopt.diagnose.nouns.problem import Quantity
-from machopt.diagnose.nouns.result import Estimate
-from machopt.diagnose.search.findings import estimates
-from machopt.diagnose.search.finer import beside_each_other
-from machopt.diagnose.search.screen import score
-from machopt.diagnose.search.select import Chosen
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import Quantity
+from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedValue
+from machopt.measurement.diagnosis.model_selection.evaluation.finding_estimates import estimate_parameters
+from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import score_hypotheses
+from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect
+from machopt.measurement.diagnosis.model_selection.search.shape_refinement import build_two_number_refinement
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import whiten_hypotheses
+from machopt.numerics.array_types import Array
 
 GRID = tuple((float(q), w) for q in np.linspace(-1.0, 1.0, 3) for w in (0.2, 0.4))
 
 
-def told(family: str, share: float, *, nearly: bool = False) -> dict[str, Estimate]:
+def told(family: str, share: float, *, nearly: bool = False) -> dict[str, EstimatedValue]:
     """Sizes of a law of two numbers, the second of which moves readings by ``share`` of what the first does.
 
     ``nearly``: readings in which the second comes out as next to nothing.
@@ -34,9 +34,11 @@ def told(family: str, share: float, *, nearly: bool = False) -> dict[str, Estima
     return fitted(x, y, columns, family, abs)
 
 
-def fitted(x: Array, y: Array, columns: Array, family: str, size: Callable[[float], float]) -> dict[str, Estimate]:
+def fitted(
+    x: Array, y: Array, columns: Array, family: str, size: Callable[[float], float]
+) -> dict[str, EstimatedValue]:
     """The two numbers of a law as told, each by its ``size``."""
-    finer = beside_each_other(GRID)
+    finer = build_two_number_refinement(GRID)
     assert finer is not None
     base, bump = _bump(x, y, GRID, finer)
     law = replace(
@@ -44,11 +46,11 @@ def fitted(x: Array, y: Array, columns: Array, family: str, size: Callable[[floa
         columns=lambda s: columns,
         quantities=lambda c, s: {"shift": Quantity(size(c[0]), "m"), "tilt": Quantity(size(c[1]), "rad")},
         shapes=((),),
-        finer=None,
+        refinement=None,
         family=family,
     )
-    found = tried(base, [law])[0]
-    return estimates(base, [Chosen(score(base, [found])[0], 0.0)], 0, [found])
+    found = whiten_hypotheses(base, [law])[0]
+    return estimate_parameters(base, [SelectedEffect(score_hypotheses(base, [found])[0], 0.0)], 0, [found])
 
 
 def test_what_no_reading_holds_has_no_upper_end_and_is_not_negative() -> None:

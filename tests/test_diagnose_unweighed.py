@@ -13,13 +13,17 @@ import pytest
 import test_diagnose_absolute as poses
 from made_up_loads import CELLS, Dirt, Truth, arm, displaced, load_tests, planned
 
-from machopt.diagnose.resting import deflection, unweighed
-from machopt.diagnose.run import at_rest, known_masses, stated_masses
-from machopt.diagnose.search import engine
-from machopt.domain.cell import Cell
-from machopt.estimate.experiment import experiment
-from machopt.formats.cell import load_cell
-from machopt.model.robot import Masses, load_masses, load_robot
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.cell import Cell
+from machopt.kinematics.robot import RobotMasses, load_masses, load_robot
+from machopt.measurement.diagnosis.diagnosis_pipeline import (
+    diagnose_static_recording,
+    read_load_test_masses,
+    read_stated_masses,
+)
+from machopt.measurement.diagnosis.model_selection import selection_pipeline
+from machopt.measurement.diagnosis.static import load_test_channel, unknown_link_masses
+from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
 
 CELL = "kr240_drilling"
 DOWN = np.array([0.0, 0.0, -9.80665])
@@ -40,8 +44,10 @@ def test_weight_stiffens_and_sags_as_its_columns_say() -> None:
     bare = replace(a, mass=0.0 * a.mass)
     own = displaced(a, Truth(k), plan) - displaced(bare, Truth(k), plan)
     r = load_tests(a, Truth(k), plan, np.random.default_rng(0), Dirt(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-    readings = deflection.readings_of(r, experiment(r, robot, T), robot, T, None, 1.0 / k)
-    columns, unknowns = unweighed.columns(readings, DOWN)
+    readings = load_test_channel.build_load_test_readings(
+        r, build_load_test_experiment(r, robot, T), robot, T, None, 1.0 / k
+    )
+    columns, unknowns = unknown_link_masses.build_link_moment_columns(readings, DOWN)
     assert {u.location for u in unknowns} == {"link:2", "link:3"}
     A = columns.reshape(own.size, -1)
     x = np.linalg.lstsq(A, own.ravel(), rcond=1e-8)[0]
@@ -56,22 +62,26 @@ def test_no_balancer_is_named_for_weight_that_no_file_tells() -> None:
     a, k, plan, robot, T, masses = heavy()
     quiet = Dirt(2e-6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     r = load_tests(a, Truth(k), plan, np.random.default_rng(1), quiet)
-    tests = experiment(r, robot, T)
+    tests = build_load_test_experiment(r, robot, T)
 
     def found(down: np.ndarray | None) -> tuple[list[str], list[str], float]:
-        problem, tried, _readings = deflection.build(r, tests, robot, T, None, down=down)
+        problem, tried, _readings = load_test_channel.build_load_test_problem(r, tests, robot, T, None, down=down)
 
         def again(x: np.ndarray, _: object, __: object):  # type: ignore[no-untyped-def]
-            return deflection.build(r, tests, robot, T, None, np.maximum(x[:6], 0.0), down=down)[:2]
+            return load_test_channel.build_load_test_problem(
+                r, tests, robot, T, None, np.maximum(x[:6], 0.0), down=down
+            )[:2]
 
-        d = engine.diagnose(problem, tried, engine.Options(), np.random.default_rng(0), again)
+        d = selection_pipeline.diagnose_problem(
+            problem, tried, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0), again
+        )
         return [f.effect for f in d.findings], [u.effect for u in tried.untestable], d.heldout_after
 
     effects, untestable, left = found(DOWN)
     assert "gravity_compensator" in untestable
     assert set(effects) <= {"geometric_stiffness"}
     assert left < 0.5 * found(None)[2]  # what the columns hold comes back in every repeat
-    known = deflection.build(r, tests, robot, T, masses)
+    known = load_test_channel.build_load_test_problem(r, tests, robot, T, masses)
     assert any(h.effect == "gravity_compensator" for h in known[1].hypotheses)
 
 
@@ -80,8 +90,8 @@ def test_a_tool_alone_does_not_make_an_arm_weigh(tmp_path) -> None:  # type: ign
     shutil.copytree(CELLS / CELL, bare, ignore=shutil.ignore_patterns("recordings"))
     urdf = (bare / "robot.urdf").read_text(encoding="utf-8")
     (bare / "robot.urdf").write_text(re.sub(r"<inertial>.*?</inertial>", "", urdf, flags=re.DOTALL), encoding="utf-8")
-    assert known_masses(load_cell(bare)) is None
-    assert known_masses(load_cell(CELLS / CELL)) is not None
+    assert read_load_test_masses(load_cell(bare)) is None
+    assert read_load_test_masses(load_cell(CELLS / CELL)) is not None
 
 
 def without_mass(name: str, at: Path, *links: int) -> Cell:
@@ -103,11 +113,13 @@ def without_mass(name: str, at: Path, *links: int) -> Cell:
 def test_poses_keep_the_weight_that_is_stated(tmp_path: Path, links: tuple[int, ...]) -> None:
     """An arm that really has no mass there is sound: the weight of all else, tool included, still bends it."""
     cell = without_mass(poses.CELL.name, tmp_path, *links)
-    stated = stated_masses(cell)
+    stated = read_stated_masses(cell)
     assert stated is not None
-    assert unweighed.missing(stated) == links
+    assert unknown_link_masses.list_links_without_mass(stated) == links
     r = poses.measure(noise=15e-6, masses=stated)
-    d = at_rest(cell, r, engine.Options(most=3), [], accept=(), seed=0).diagnosis
+    d = diagnose_static_recording(
+        cell, r, selection_pipeline.DiagnosisOptions(max_effects=3), [], accept=(), seed=0
+    ).diagnosis
     assert (d.verdict, d.findings) == ("consistent", ())
     assert d.heldout_after < 0.02  # mm; 4.6 with all weight dropped for link 3
     named = f"link{'s' if len(links) > 1 else ''} {' and '.join(map(str, links))}"
@@ -126,15 +138,15 @@ def test_load_tests_leave_open_what_a_link_weighs_and_keep_the_rest(
 ) -> None:
     a, k, plan, robot, T, masses = heavy()
     cell = without_mass(CELL, tmp_path, *links)
-    known = known_masses(cell)
+    known = read_load_test_masses(cell)
     assert known is not None
     assert set(known.body.tolist()) == {1, 2, 3, 4, 5, 6} - set(links)
     r = load_tests(a, Truth(k), plan, np.random.default_rng(1), Dirt(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-    tests = experiment(r, robot, T)
+    tests = build_load_test_experiment(r, robot, T)
 
-    def built(m: Masses | None, down: np.ndarray | None) -> tuple[set[str], float, list[str]]:
+    def built(m: RobotMasses | None, down: np.ndarray | None) -> tuple[set[str], float, list[str]]:
         """What is open, what least squares leave (m), and why no balancer is looked for."""
-        problem, tried, _ = deflection.build(r, tests, robot, T, m, 1.0 / k, down=down)
+        problem, tried, _ = load_test_channel.build_load_test_problem(r, tests, robot, T, m, 1.0 / k, down=down)
         size = np.array([u.prior or 1.0 for u in problem.unknowns])
         A = (problem.base * size).reshape(problem.y.size, -1)
         y = problem.y.ravel()

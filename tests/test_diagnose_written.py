@@ -11,28 +11,38 @@ from typing import cast
 import numpy as np
 import pytest
 
-from machopt.diagnose.nouns.problem import RecordCorrection, Unknown
-from machopt.diagnose.nouns.result import Coefficient, Diagnosis, Finding
-from machopt.diagnose.written.extended import Extended, beside, stiffness_of
-from machopt.domain.parameters import ParameterKey, joint_spring
-from machopt.domain.stiffness import ExternalSpring, Stiffness, Term
-from machopt.formats.cell import load_cell
-from machopt.formats.stiffness import load_stiffness, write_stiffness
-from machopt.model.elastic import ArmElasticity
-from machopt.model.robot import load_robot
-from machopt.model.terms import compile_terms, term_of
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.stiffness.stiffness_file import load_stiffness, write_stiffness
+from machopt.data_types.parameter_keys import ParameterKey, build_joint_spring_key
+from machopt.data_types.stiffness import ArmStiffness, ExternalJointSpring, StiffnessTerm
+from machopt.kinematics.robot import load_robot
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import BaseUnknown, RecordCorrection
+from machopt.measurement.diagnosis.data_types.diagnosis_result import BaseCoefficient, DiagnosisResult, Finding
+from machopt.measurement.diagnosis.outputs.extended_stiffness import (
+    ExtendedStiffness,
+    add_withheld_notes,
+    build_extended_stiffness,
+)
+from machopt.stiffness.arm_stiffness import ArmElasticity
+from machopt.stiffness.terms import build_fitted_term, compile_terms
 
 ROOT = Path(__file__).resolve().parent.parent
 CELL = load_cell(ROOT / "cells" / "kr240_drilling")
-LINK = Term("link_compliance", "link:3", {"EI_Nm2": 1e7})
+LINK = StiffnessTerm("link_compliance", "link:3", {"EI_Nm2": 1e7})
 
 
-def diagnosed(joints: dict[int, float], terms: tuple[Term, ...], sigma: float = 0.1) -> Diagnosis:
+def diagnosed(joints: dict[int, float], terms: tuple[StiffnessTerm, ...], sigma: float = 0.1) -> DiagnosisResult:
     """Only what is looked at: compliances under the names of a motion's channel, and findings."""
-    other = Coefficient(Unknown(name="offset 1", unit="rad", location="joint:1"), 0.0, 1e-3, 1e-5)
+    other = BaseCoefficient(BaseUnknown(name="offset 1", unit="rad", location="joint:1"), 0.0, 1e-3, 1e-5)
     springs = [
-        Coefficient(
-            Unknown(name=f"compliance {j}", unit="rad/(N·m)", lower=0.0, location=f"joint:{j}", key=joint_spring(j)),
+        BaseCoefficient(
+            BaseUnknown(
+                name=f"compliance {j}",
+                unit="rad/(N·m)",
+                lower=0.0,
+                location=f"joint:{j}",
+                key=build_joint_spring_key(j),
+            ),
             2 * c,
             c,
             sigma * c,
@@ -40,12 +50,12 @@ def diagnosed(joints: dict[int, float], terms: tuple[Term, ...], sigma: float = 
         for j, c in joints.items()
     ]
     found = [SimpleNamespace(effect=t.effect, location=t.location, correction=t) for t in terms]
-    return cast("Diagnosis", SimpleNamespace(coefficients=(other, *springs), findings=tuple(found)))
+    return cast("DiagnosisResult", SimpleNamespace(coefficients=(other, *springs), findings=tuple(found)))
 
 
 def test_joints_that_are_shown_are_written_and_the_others_are_the_cell_s() -> None:
     assert CELL.stiffness is not None
-    made = stiffness_of(CELL, diagnosed({2: 1e-6, 3: 2e-6}, (LINK,)))
+    made = build_extended_stiffness(CELL, diagnosed({2: 1e-6, 3: 2e-6}, (LINK,)))
     before, after = made.before, made.after
     assert before is not None
     assert after is not None
@@ -56,7 +66,7 @@ def test_joints_that_are_shown_are_written_and_the_others_are_the_cell_s() -> No
     np.testing.assert_allclose(before.joints, expected, rtol=1e-12)
     assert after.terms == (LINK,)
     assert before.terms == ()
-    unsure = stiffness_of(CELL, diagnosed({2: 1e-6}, (), sigma=0.9)).after
+    unsure = build_extended_stiffness(CELL, diagnosed({2: 1e-6}, (), sigma=0.9)).after
     assert unsure is not None
     np.testing.assert_array_equal(unsure.joints, CELL.stiffness.joints)
 
@@ -64,11 +74,11 @@ def test_joints_that_are_shown_are_written_and_the_others_are_the_cell_s() -> No
 @pytest.mark.parametrize("joints", [{2: 1e-6}, {}])
 def test_what_the_file_says_of_external_joints_is_kept(joints: dict[int, float]) -> None:
     assert CELL.stiffness is not None
-    rail = ExternalSpring(
+    rail = ExternalJointSpring(
         joint="rail", stiffness=4e7, slides=True, compliance=np.zeros((6, 6)), at=np.zeros(3), mass=900.0
     )
     cell = replace(CELL, stiffness=replace(CELL.stiffness, external=(rail,)))
-    made = stiffness_of(cell, diagnosed(joints, (LINK,)))
+    made = build_extended_stiffness(cell, diagnosed(joints, (LINK,)))
     assert made.after is not None
     assert made.after.external == (rail,)
     assert made.before is None or made.before.external == (rail,)
@@ -76,18 +86,20 @@ def test_what_the_file_says_of_external_joints_is_kept(joints: dict[int, float])
 
 def test_a_term_is_written_where_no_joint_is_shown_and_replaces_its_own() -> None:
     assert CELL.stiffness is not None
-    old = Term("link_compliance", "link:3", {"EI_Nm2": 5e7})
+    old = StiffnessTerm("link_compliance", "link:3", {"EI_Nm2": 5e7})
     cell = replace(CELL, stiffness=replace(CELL.stiffness, terms=(old,)))
-    made = stiffness_of(cell, diagnosed({}, (LINK,)))
+    made = build_extended_stiffness(cell, diagnosed({}, (LINK,)))
     before, after = made.before, made.after
     assert before is cell.stiffness
     assert after is not None
     assert after.terms == (LINK,)
-    assert stiffness_of(replace(CELL, stiffness=None), diagnosed({2: 1e-6}, (LINK,))) == Extended(None, None)
+    assert build_extended_stiffness(replace(CELL, stiffness=None), diagnosed({2: 1e-6}, (LINK,))) == ExtendedStiffness(
+        None, None
+    )
 
 
 def test_keys_name_single_joints() -> None:
-    assert joint_spring(3).joint == 3
+    assert build_joint_spring_key(3).joint == 3
     with pytest.raises(ValueError, match="no single joint"):
         _ = ParameterKey("joint_coupling", "joint:4-5", "ratio").joint
 
@@ -95,30 +107,32 @@ def test_keys_name_single_joints() -> None:
 def test_a_beam_that_gives_nothing_stays_one(tmp_path: Path) -> None:
     """Zero is a finding; it must not come back as a term that is still to be fitted."""
     robot, tool = load_robot(CELL), CELL.tool.T_flange_tcp
-    beam = term_of("link_compliance", "link:2", robot, tool).with_values(np.zeros(2))
+    beam = build_fitted_term("link_compliance", "link:2", robot, tool).with_values(np.zeros(2))
     file = tmp_path / "stiffness.yaml"
-    write_stiffness(file, Stiffness(joints=np.full(6, 1e6), terms=(beam.to_file(),)))
+    write_stiffness(file, ArmStiffness(joints=np.full(6, 1e6), terms=(beam.to_file(),)))
     again, _ = compile_terms(load_stiffness(file).terms, robot, tool)
-    state = robot.state(np.zeros((1, 6)), tool, bodies=True)
+    state = robot.compute_state(np.zeros((1, 6)), tool, bodies=True)
     assert np.isfinite(again[0].values).all()
-    np.testing.assert_array_equal(again[0].response(state, np.ones((1, 6))) @ again[0].values, 0.0)
+    np.testing.assert_array_equal(again[0].compute_response(state, np.ones((1, 6))) @ again[0].values, 0.0)
 
 
-KNEE = Term("joint_nonlinear_stiffness", "joint:3", {"law": "knee", "extra_rad_per_Nm": -3e-6, "knee_Nm": 100.0})
-DRAG = Term(
+KNEE = StiffnessTerm(
+    "joint_nonlinear_stiffness", "joint:3", {"law": "knee", "extra_rad_per_Nm": -3e-6, "knee_Nm": 100.0}
+)
+DRAG = StiffnessTerm(
     "joint_hysteresis", "joint:3", {"law": "bouc_wen", "drag_arcmin": 10.0, "reach_Nm": 100.0, "beta": 0.6}
 )  # takes 29 rad/(MN·m)
 
 
 @pytest.mark.parametrize("soft", [KNEE, DRAG], ids=lambda t: str(t.parameters["law"]))
-def test_a_finding_that_turns_its_joint_against_the_load_is_withheld_with_a_word(soft: Term) -> None:
+def test_a_finding_that_turns_its_joint_against_the_load_is_withheld_with_a_word(soft: StiffnessTerm) -> None:
     """What is written the planner takes: the joint keeps the spring that fits without it, other findings stay."""
-    made = stiffness_of(CELL, diagnosed({2: 1e-6, 3: 2e-6}, (soft, LINK)))
+    made = build_extended_stiffness(CELL, diagnosed({2: 1e-6, 3: 2e-6}, (soft, LINK)))
     assert made.after is not None
     assert made.after.terms == (LINK,)
     assert made.after.joints[1:3] == pytest.approx([1e6, 2.5e5])  # of joint 3 the fit without it
     assert made.withheld == (soft,)
-    (said,) = made.said
+    (said,) = made.notes
     assert re.match(r"(nonlinear stiffness|hysteresis) of joint 3 is not in stiffness.yaml", said)
     assert "from joint 3, which has 2e-06 (1/stiffness); less than that would work" in said
     limits = CELL.limits.lower[:6], CELL.limits.upper[:6]
@@ -126,7 +140,7 @@ def test_a_finding_that_turns_its_joint_against_the_load_is_withheld_with_a_word
     fits = replace(
         soft, parameters={**soft.parameters, **({"extra_rad_per_Nm": -1e-6} if soft is KNEE else {"drag_arcmin": 0.5})}
     )
-    made = stiffness_of(CELL, diagnosed({2: 1e-6, 3: 2e-6}, (fits,)))
+    made = build_extended_stiffness(CELL, diagnosed({2: 1e-6, 3: 2e-6}, (fits,)))
     assert made.after is not None
     assert (made.after.terms, made.withheld) == ((fits,), ())
 
@@ -134,16 +148,16 @@ def test_a_finding_that_turns_its_joint_against_the_load_is_withheld_with_a_word
 def test_a_body_that_would_push_back_is_withheld_and_the_cell_s_own_stays() -> None:
     """A matrix fitted to noise may have a negative eigenvalue: no file may hold it; the diagnosis is told."""
     C = np.diag([1e-9, 1e-9, 0.0, 1e-6, -1e-6, 0.0]).tolist()
-    wrong = Term("tool_compliance", "tool", {"compliance": C})
+    wrong = StiffnessTerm("tool_compliance", "tool", {"compliance": C})
     own = replace(wrong, parameters={"compliance": np.diag([1e-9] * 3 + [1e-7] * 3).tolist()})
     assert CELL.stiffness is not None
     cell = replace(CELL, stiffness=replace(CELL.stiffness, terms=(own,)))
-    made = stiffness_of(cell, diagnosed({2: 1e-6}, (wrong, LINK)))
+    made = build_extended_stiffness(cell, diagnosed({2: 1e-6}, (wrong, LINK)))
     assert made.after is not None
     assert made.after.terms == (own, LINK)
     assert made.after.joints[1] == pytest.approx(5e5)  # fitted without it, not beside it
     assert made.withheld == (wrong,)
-    (said,) = made.said
+    (said,) = made.notes
     assert "tool compliance is not in stiffness.yaml" in said
     assert "gives way against the load" in said
 
@@ -152,19 +166,19 @@ def test_terms_that_are_too_much_together_are_withheld_one_after_the_other() -> 
     """Two findings at a joint, then one beside a term of the cell's own, which stays."""
     half = replace(KNEE, parameters={**KNEE.parameters, "extra_rad_per_Nm": -1.5e-6})
     drag = replace(DRAG, parameters={**DRAG.parameters, "drag_arcmin": 0.5})
-    made = stiffness_of(CELL, diagnosed({3: 2e-6}, (half, drag)))
+    made = build_extended_stiffness(CELL, diagnosed({3: 2e-6}, (half, drag)))
     assert made.after is not None
     assert len(made.after.terms) == len(made.withheld) == 1
     assert CELL.stiffness is not None
     cell = replace(CELL, stiffness=replace(CELL.stiffness, terms=(half,)))
-    made = stiffness_of(cell, diagnosed({3: 2e-6}, (drag,)))
+    made = build_extended_stiffness(cell, diagnosed({3: 2e-6}, (drag,)))
     assert made.after is not None
     assert made.after.terms == (half,)
     assert len(made.withheld) == 1
 
 
 def test_a_withheld_finding_says_that_it_stays_in_the_diagnosis() -> None:
-    made = Extended(None, None, (KNEE,), ("said",))
+    made = ExtendedStiffness(None, None, (KNEE,), ("said",))
     f = Finding(
         effect="e",
         location="joint:3",
@@ -177,11 +191,11 @@ def test_a_withheld_finding_says_that_it_stays_in_the_diagnosis() -> None:
         after=0.5,
         p_value=0.0,
     )
-    d = Diagnosis.__new__(Diagnosis)
-    for field in fields(Diagnosis):
+    d = DiagnosisResult.__new__(DiagnosisResult)
+    for field in fields(DiagnosisResult):
         object.__setattr__(d, field.name, ())
     object.__setattr__(d, "findings", (replace(f, correction=KNEE), replace(f, correction=LINK), f))
-    told = beside(d, made)
+    told = add_withheld_notes(d, made)
     assert told.findings[0].correction == RecordCorrection(KNEE.effect, KNEE.location, KNEE.parameters)
     assert told.findings[1:] == d.findings[1:]
     assert told.warnings == ("said",)
@@ -190,10 +204,10 @@ def test_a_withheld_finding_says_that_it_stays_in_the_diagnosis() -> None:
 def test_a_joint_softer_than_a_file_may_say_is_not_shown() -> None:
     """Weight hardly turns joint 6: whatever its fit, the cell's value stands; without one the softest that is read."""
     assert CELL.stiffness is not None
-    made = stiffness_of(CELL, diagnosed({6: 0.09}, ()))
+    made = build_extended_stiffness(CELL, diagnosed({6: 0.09}, ()))
     assert made.after is not None
     np.testing.assert_array_equal(made.after.joints, CELL.stiffness.joints)
-    alone = stiffness_of(
+    alone = build_extended_stiffness(
         replace(CELL, stiffness=None), diagnosed({j: 0.09 if j == 6 else 1e-6 for j in range(1, 7)}, ())
     )
     assert alone.after is not None
@@ -205,13 +219,13 @@ def test_a_spring_far_from_the_cell_s_is_not_taken_from_poses_under_weight_alone
     assert CELL.stiffness is not None
     k = CELL.stiffness.joints
     d = diagnosed({2: 1.4 / k[1], 4: 30.0 / k[3]}, ())
-    alone, loaded = stiffness_of(CELL, d, weight_alone=True), stiffness_of(CELL, d)
+    alone, loaded = build_extended_stiffness(CELL, d, weight_alone=True), build_extended_stiffness(CELL, d)
     assert alone.before is not None
     assert alone.after is not None
     assert loaded.after is not None
     assert alone.after.joints / k == pytest.approx([1.0, 1.0 / 1.4, 1.0, 1.0, 1.0, 1.0])
     assert alone.before.joints[1] == pytest.approx(k[1] / 2.8)  # twice as soft without what was found
     assert loaded.after.joints[3] == pytest.approx(k[3] / 30.0)
-    assert len(alone.said) == 1
-    assert "joint 4 keeps the cell's spring" in alone.said[0]
-    assert not loaded.said
+    assert len(alone.notes) == 1
+    assert "joint 4 keeps the cell's spring" in alone.notes[0]
+    assert not loaded.notes

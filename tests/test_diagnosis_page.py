@@ -18,25 +18,43 @@ import made_up_diagnosis as made_up
 import numpy as np
 import pytest
 
-from machopt.cli import diagnose as command
-from machopt.diagnose.nouns.asked import DiagnoseRequest
-from machopt.diagnose.nouns.result import Diagnosis, Estimate, Share, Stretch
-from machopt.diagnose.verdict.words import sentence
-from machopt.diagnose.written.told import result_of, rows_location
+from machopt.cell.cell_reader import load_cell
+from machopt.cli import diagnose_command as command
+from machopt.commands.diagnose.files import write_residual_table
 from machopt.effects import registry
-from machopt.effects.words import named, place
-from machopt.formats.cell import load_cell
+from machopt.effects.effect_wording import format_effect_at_place, format_place
+from machopt.measurement.diagnosis.data_types.diagnosis_result import (
+    AxisInterval,
+    DiagnosisResult,
+    EstimatedValue,
+    MismatchShare,
+)
+from machopt.measurement.diagnosis.outputs.diagnosis_document import build_diagnosis_document, format_rows_location
+from machopt.measurement.diagnosis.request import DiagnoseRequest
+from machopt.measurement.diagnosis.verdict.verdict_text import format_verdict
 from machopt.output import write_json
-from machopt.report.diagnosis_figures import binned_mean, binned_rms, law, over_axis, per_group, window
-from machopt.report.diagnosis_limits import limits_html
-from machopt.report.diagnosis_page import diagnosis_html, write_diagnosis
-from machopt.report.diagnosis_space import residual_view
-from machopt.report.diagnosis_svg import machine_column, machine_strip, share_bars
-from machopt.report.diagnosis_words import alternatives, measured, numeral, share_note, sized
-from machopt.report.gather.cell import cell_scene
-from machopt.report.gather.diagnose import page_of
-from machopt.report.template import bound
-from machopt.services.diagnose_files import write_residuals
+from machopt.report.charts.diagnosis_charts import (
+    build_axis_chart,
+    build_group_chart,
+    build_law_chart,
+    compute_binned_median,
+    compute_binned_rms,
+    compute_value_range,
+)
+from machopt.report.page_data.cell_scene import build_cell_scene
+from machopt.report.page_data.diagnosis import build_diagnosis_page_data
+from machopt.report.pages.diagnosis.detection_limits_section import build_limits_html
+from machopt.report.pages.diagnosis.diagnosis_page import build_diagnosis_html, write_diagnosis_page
+from machopt.report.pages.diagnosis.residual_scene_section import build_residual_scene
+from machopt.report.svg.machine_diagram import build_machine_column, build_machine_strip, build_share_bars
+from machopt.report.template_rendering import bind_units
+from machopt.report.wording.diagnosis_terms import (
+    describe_alternatives,
+    describe_share,
+    format_error,
+    format_estimate,
+    format_interval_parts,
+)
 
 CELL = load_cell(Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling")
 CASES = ("explained", "consistent", "unexplained", "three", "insufficient", "torque")
@@ -104,15 +122,15 @@ class Balanced(HTMLParser):
             self.text += data
 
 
-def page(name: str | Diagnosis, **changes: Any) -> Any:
-    d: Diagnosis = getattr(made_up, name)() if isinstance(name, str) else name
+def page(name: str | DiagnosisResult, **changes: Any) -> Any:
+    d: DiagnosisResult = getattr(made_up, name)() if isinstance(name, str) else name
     r = made_up.recording(motion=d.channel == "torque")
     job = made_up.job() if len(d.findings) in (1, 3) and d.channel != "torque" else None
-    return replace(page_of(CELL, r, d, (("seed", "0"),), job, problem=made_up.problem(d)), **changes)
+    return replace(build_diagnosis_page_data(CELL, r, d, (("seed", "0"),), job, problem=made_up.problem(d)), **changes)
 
 
-def read(name: str | Diagnosis) -> Balanced:
-    return Balanced(diagnosis_html(page(name)))
+def read(name: str | DiagnosisResult) -> Balanced:
+    return Balanced(build_diagnosis_html(page(name)))
 
 
 def specs(html: str) -> list[dict[str, Any]]:
@@ -124,9 +142,9 @@ def specs(html: str) -> list[dict[str, Any]]:
 @pytest.mark.parametrize("name", CASES)
 def test_page_stands_alone(name: str, tmp_path: Path) -> None:
     """One file: tags balanced, nothing fetched, every menu entry leads somewhere, every chart has its place."""
-    write_diagnosis(tmp_path / "report.html", page(name))
+    write_diagnosis_page(tmp_path / "report.html", page(name))
     html = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert html == diagnosis_html(page(name))  # the same data, the same bytes
+    assert html == build_diagnosis_html(page(name))  # the same data, the same bytes
     seen = Balanced(html)
     assert set(seen.anchors) <= set(seen.ids)
     assert len(seen.ids) == len(set(seen.ids))
@@ -134,7 +152,7 @@ def test_page_stands_alone(name: str, tmp_path: Path) -> None:
     assert drawn
     assert set(drawn) <= set(seen.ids)
     d = page(name).diagnosis
-    assert bound(d.sentence) in seen.text
+    assert bind_units(d.sentence) in seen.text
     for word in ("nan", "None", "inf "):
         assert not re.search(rf"\b{word}\b", seen.text)
 
@@ -161,7 +179,7 @@ def test_sets_are_said_in_words_and_drawn() -> None:
     assert "Goes into stiffness.yaml as a term, which optimize takes: link_compliance link:4 (EI_Nm2 3.1e+06" in text
     assert "Goes into kinematics.yaml" in text
     assert "38 µm rms still come back in every repeat" in text
-    strip = machine_strip(made_up.three())
+    strip = build_machine_strip(made_up.three())
     assert strip.count("<circle") - strip.count('r="10.5"') == 3 + 3  # three found, and three other places of the sets
     assert strip.count("stroke-dasharray") == 3
 
@@ -170,7 +188,9 @@ def test_strip_gathers_what_concerns_the_record() -> None:
     """Rows and columns are one place; two findings of one joint stand side by side."""
     d = made_up.three()
     spoilt = replace(made_up.frame(), effect="outliers", location="rows:1,2", one_of=(("outliers", "rows:1,2"),))
-    strip = machine_strip(replace(d, findings=(made_up.hysteresis(), spoilt, replace(made_up.hysteresis(), note="b"))))
+    strip = build_machine_strip(
+        replace(d, findings=(made_up.hysteresis(), spoilt, replace(made_up.hysteresis(), note="b")))
+    )
     assert strip.count(">record<") == 1
     assert re.findall(r'font-weight="700" fill="#fff">(\d)<', strip) == [
         "1",
@@ -181,11 +201,11 @@ def test_strip_gathers_what_concerns_the_record() -> None:
     assert abs(at[1] - at[0]) >= 18.0  # two marks of radius 9 do not overlap
 
 
-def of_the_record(explained: float) -> Diagnosis:
+def of_the_record(explained: float) -> DiagnosisResult:
     """Only the record is found at fault: nothing of the machine is drawn as an after."""
     d = replace(made_up.three(), findings=(made_up.frame(),), verdict="partly_explained", explained=explained)
     d = replace(d, mismatch_p=np.nan)
-    return replace(d, sentence=sentence(d))
+    return replace(d, sentence=format_verdict(d))
 
 
 def test_a_record_put_right_that_closes_nothing_is_not_called_an_explanation() -> None:
@@ -209,7 +229,7 @@ def test_where_only_the_record_is_found_charts_show_one_state_not_two_that_are_t
     assert "The record is put right in all that is drawn here; as stated, it is off by" in text
     names = {
         layer["name"]
-        for c in specs(diagnosis_html(page(d)))
+        for c in specs(build_diagnosis_html(page(d)))
         if c["id"] not in ("d-gamma", "d-deflection")
         for layer in c["layers"]
     }
@@ -245,7 +265,7 @@ def test_a_broken_record_is_not_a_green_page() -> None:
 def test_law_is_drawn_through_what_the_readings_show() -> None:
     data = page("explained")
     f = data.diagnosis.findings[0]
-    spec = law(data, 1, f)
+    spec = build_law_chart(data, 1, f)
     assert spec is not None
     by_name = {x["name"]: x for x in spec["layers"]}
     line = by_name["fitted law: play operator on the joint torque"]
@@ -263,7 +283,7 @@ def test_law_is_drawn_through_what_the_readings_show() -> None:
 
 
 def test_window_keeps_the_law_whole() -> None:
-    low, high = window(np.array([0.0, 0.1, -0.1, 0.05, 500.0]), np.array([-3.0, 2.0]))
+    low, high = compute_value_range(np.array([0.0, 0.1, -0.1, 0.05, 500.0]), np.array([-3.0, 2.0]))
     assert low <= -3.0
     assert 2.0 <= high < 500.0
 
@@ -271,10 +291,10 @@ def test_window_keeps_the_law_whole() -> None:
 def test_bins_lose_no_power() -> None:
     rng = np.random.default_rng(2)
     x, r = np.sort(rng.integers(0, 40, 500)).astype(float), rng.normal(size=500)
-    at, mean = binned_rms(x, np.abs(r), few=True)
+    at, mean = compute_binned_rms(x, np.abs(r), few=True)
     count = np.array([(x == v).sum() for v in at])
     assert np.isclose((count * mean**2).sum(), (r**2).sum(), rtol=1e-12)  # a sum in another order
-    middle, height, half = binned_mean(x, 2 * x + 0.1 * r)
+    middle, height, half = compute_binned_median(x, 2 * x + 0.1 * r)
     # values stand one apart and slope is 2: the two medians of a bin differ by one step at most, and by 5 σ of 0.022
     assert np.abs(height - 2 * middle).max() < 2.11
     assert (half > 0).all()
@@ -282,7 +302,7 @@ def test_bins_lose_no_power() -> None:
 
 def test_groups_worst_first_and_named_as_the_recording_names_them() -> None:
     data = page("explained")
-    spec = per_group(data)
+    spec = build_group_chart(data)
     assert spec is not None
     before = next(x for x in spec["layers"] if x["name"] == "model as it was, refitted")["y"]
     assert before == sorted(before, reverse=True)
@@ -293,7 +313,7 @@ def test_groups_worst_first_and_named_as_the_recording_names_them() -> None:
 
 
 def test_motion_shows_the_joint_that_carries_it() -> None:
-    spec = over_axis(page("torque"), "qd2", "a")
+    spec = build_axis_chart(page("torque"), "qd2", "a")
     assert spec is not None
     assert spec["title"] == "Size of the residual of joint 2 over velocity of joint 2"
     assert "(N·m)" in spec["ylabel"]
@@ -301,7 +321,9 @@ def test_motion_shows_the_joint_that_carries_it() -> None:
     # made with 14 N·m of friction and 6 N·m of noise: 15.2; a bin of 30 readings errs by 2 or so
     assert np.abs(np.array(before) - 15.2).max() < 4
     assert (
-        over_axis(page("torque", diagnosis=replace(made_up.torque(), used=np.zeros(made_up.N, bool))), "qd2", "a")
+        build_axis_chart(
+            page("torque", diagnosis=replace(made_up.torque(), used=np.zeros(made_up.N, bool))), "qd2", "a"
+        )
         is None
     )
 
@@ -309,13 +331,15 @@ def test_motion_shows_the_joint_that_carries_it() -> None:
 def test_axis_without_numbers_is_not_drawn() -> None:
     d = made_up.explained()
     data = page(replace(d, axes={"temperature": np.full(made_up.N, np.nan), "session": np.zeros(made_up.N)}))
-    assert over_axis(data, "temperature", "a") is None
-    assert over_axis(data, "session", "a") is None
+    assert build_axis_chart(data, "temperature", "a") is None
+    assert build_axis_chart(data, "session", "a") is None
 
 
 def test_json_is_what_the_contract_says() -> None:
     d = replace(made_up.three(), explained=np.nan, repeatable_after=np.inf)
-    got = result_of(CELL, made_up.recording(), d, kinematics="kinematics.yaml", effect_on_job=made_up.job()).plain()
+    got = build_diagnosis_document(
+        CELL, made_up.recording(), d, kinematics="kinematics.yaml", effect_on_job=made_up.job()
+    ).to_json_types()
     assert json.loads(json.dumps(got, allow_nan=False)) == got
     assert got["machopt_diagnosis"] == 1
     assert (got["verdict"], got["channel"], got["rmse_unit"]) == ("partly_explained", "deflection", "mm")
@@ -345,7 +369,9 @@ def test_json_is_what_the_contract_says() -> None:
 def test_the_named_one_stands_first_in_its_set() -> None:
     """Even where an engine leaves it out or puts it last."""
     f = replace(made_up.link(), one_of=(("tool_compliance", "tool"), ("link_compliance", "link:4")))
-    got = result_of(CELL, made_up.recording(), replace(made_up.explained(), findings=(f,))).plain()
+    got = build_diagnosis_document(
+        CELL, made_up.recording(), replace(made_up.explained(), findings=(f,))
+    ).to_json_types()
     assert got["findings"][0]["one_of"] == [["link_compliance", "link:4"], ["tool_compliance", "tool"]]
     assert "cannot tell it from compliance of the tool." in read(replace(made_up.explained(), findings=(f,))).text
 
@@ -354,7 +380,9 @@ def test_json_takes_numpy_inside_corrections(tmp_path: Path) -> None:
     f = made_up.frame()
     assert f.correction is not None
     f = replace(f, correction=replace(f.correction, parameters={"R": np.eye(2), "n": np.int64(3), "bad": np.nan}))
-    got = result_of(CELL, made_up.recording(), replace(made_up.explained(), findings=(f,))).plain()
+    got = build_diagnosis_document(
+        CELL, made_up.recording(), replace(made_up.explained(), findings=(f,))
+    ).to_json_types()
     assert got["findings"][0]["correction"]["parameters"] == {"R": [[1.0, 0.0], [0.0, 1.0]], "n": 3, "bad": None}
     assert got["findings"][0]["correction"]["of"] == "record"
     write_json(tmp_path / "diagnosis.json", got)
@@ -362,18 +390,18 @@ def test_json_takes_numpy_inside_corrections(tmp_path: Path) -> None:
 
 
 def test_outlier_rows_as_a_location() -> None:
-    assert rows_location([12, 3, 7]) == "rows:3,7,12"
-    assert place("rows:3,7,12") == "rows 3, 7 and 12"
-    assert place("rows:" + ",".join(map(str, range(1, 41)))) == "40 rows (1, 2, 3, 4 …)"
+    assert format_rows_location([12, 3, 7]) == "rows:3,7,12"
+    assert format_place("rows:3,7,12") == "rows 3, 7 and 12"
+    assert format_place("rows:" + ",".join(map(str, range(1, 41)))) == "40 rows (1, 2, 3, 4 …)"
 
 
 @pytest.mark.parametrize("name", ["three", "torque"])
 def test_residuals_come_back_from_the_table(name: str, tmp_path: Path) -> None:
-    d: Diagnosis = getattr(made_up, name)()
+    d: DiagnosisResult = getattr(made_up, name)()
     final = d.errors.final.copy()
     final[5, 1] = np.nan
     d = replace(d, errors=replace(d.errors, final=final))
-    write_residuals(tmp_path / "residuals.csv", made_up.recording(motion=name == "torque"), d, made_up.problem(d))
+    write_residual_table(tmp_path / "residuals.csv", made_up.recording(motion=name == "torque"), d, made_up.problem(d))
     with (tmp_path / "residuals.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == made_up.N
@@ -390,29 +418,31 @@ def test_several_files_say_which_one() -> None:
     d = made_up.explained()
     r = made_up.recording()
     two = replace(r, files=("monday.csv", "tuesday.csv"), file=(r.session > 0).astype(np.int64))
-    text = Balanced(diagnosis_html(page_of(CELL, two, d, ()))).text
+    text = Balanced(build_diagnosis_html(build_diagnosis_page_data(CELL, two, d, ()))).text
     assert "401tuesday.csv line 402" in text
     apart = [replace(r, source="a", files=("a.csv",)), replace(r, source="b", files=("b.csv",))]
-    assert page_of(CELL, apart, d, ()).recording == "a, b"
+    assert build_diagnosis_page_data(CELL, apart, d, ()).recording == "a, b"
 
 
 def test_text_from_outside_cannot_end_the_page() -> None:
     bad = "</script><b onclick=x>"
     d = made_up.three()
     f = replace(d.findings[0], law=bad, note=bad, equation=bad)
-    html = diagnosis_html(page(replace(d, sentence=bad, findings=(f, *d.findings[1:]), warnings=(bad,)), cell=bad))
+    html = build_diagnosis_html(
+        page(replace(d, sentence=bad, findings=(f, *d.findings[1:]), warnings=(bad,)), cell=bad)
+    )
     assert bad not in html
     assert Balanced(html).text.count(bad) >= 4
 
 
 def test_every_word_of_the_vocabulary_has_a_name() -> None:
-    assert {e.called for e in registry.EFFECTS.values()} == VOCABULARY
-    assert named("joint_hysteresis", "joint:3") == "hysteresis of joint 3"
-    assert named("joint_coupling", "joint:4-5") == "coupling of joints 4 and 5"
-    assert named("units", "column:fx_N") == "wrong unit in column fx_N"
-    assert named("time_skew", "sensor:tau") == "time skew of the torque channel"
-    assert named("my_own_law", "link:2") == "my own law of link 2"
-    assert alternatives((("base_compliance", "base"), ("joint_creep", "joint:1"))) == (
+    assert {e.file_word for e in registry.EFFECTS.values()} == VOCABULARY
+    assert format_effect_at_place("joint_hysteresis", "joint:3") == "hysteresis of joint 3"
+    assert format_effect_at_place("joint_coupling", "joint:4-5") == "coupling of joints 4 and 5"
+    assert format_effect_at_place("units", "column:fx_N") == "wrong unit in column fx_N"
+    assert format_effect_at_place("time_skew", "sensor:tau") == "time skew of the torque channel"
+    assert format_effect_at_place("my_own_law", "link:2") == "my own law of link 2"
+    assert describe_alternatives((("base_compliance", "base"), ("joint_creep", "joint:1"))) == (
         "These data cannot tell it from creep of joint 1."
     )
 
@@ -431,22 +461,23 @@ def test_every_word_of_the_vocabulary_has_a_name() -> None:
 def test_numbers_carry_the_digits_their_interval_deserves(
     value: float, low: float, high: float, texts: tuple[str, str, str]
 ) -> None:
-    assert numeral(value, low, high) == texts
+    assert format_interval_parts(value, low, high) == texts
 
 
 def test_compliances_read_in_small_units() -> None:
     assert (
-        measured(Estimate(2.4e-7, "rad/(N·m)", (2.0e-7, 2.8e-7), (1.9e-7, 2.9e-7))) == "0.24 µrad/(N·m) (0.20 … 0.28)"
+        format_estimate(EstimatedValue(2.4e-7, "rad/(N·m)", (2.0e-7, 2.8e-7), (1.9e-7, 2.9e-7)))
+        == "0.24 µrad/(N·m) (0.20 … 0.28)"
     )
-    assert sized(0.0613, "mm") == "61.3 µm"
-    assert sized(1.25, "mm") == "1.25 mm"
-    assert sized(np.nan, "mm") == "–"
+    assert format_error(0.0613, "mm") == "61.3 µm"
+    assert format_error(1.25, "mm") == "1.25 mm"
+    assert format_error(np.nan, "mm") == "–"
 
 
 def test_notes_on_the_data_leave_si() -> None:
     def told(axis: str, low: float, high: float, readings: float) -> tuple[str, str]:
-        there = Stretch(low, high, readings)
-        return there.words, share_note(Share(axis, 0.5, there.words, "data", there))
+        there = AxisInterval(low, high, readings)
+        return there.words, describe_share(MismatchShare(axis, 0.5, there.words, "data", there))
 
     assert told("q3", 0.7854, 1.5708, 0.33) == (
         "0.7854 … 1.571: 33 % of the readings",
@@ -457,27 +488,29 @@ def test_notes_on_the_data_leave_si() -> None:
         "500 … 1000: 20 % of the readings",
         "500 … 1000 N, 20 % of the readings",
     )
-    assert share_note(Share("q3", 0.5, "where joint 3 is stretched", "data")) == "where joint 3 is stretched"
+    assert (
+        describe_share(MismatchShare("q3", 0.5, "where joint 3 is stretched", "data")) == "where joint 3 is stretched"
+    )
 
 
 def test_limits_name_sets_and_reasons() -> None:
-    html = limits_html(made_up.explained())
+    html = build_limits_html(made_up.explained())
     assert 'title="cannot be told from compliance of the base">(11)</span>' in html
     text = Balanced(html).text
     assert "Creep (joints 1, 2, 3, 4, 5 and 6)the recording has no time" in text.replace("; ", "; ")
-    assert limits_html(replace(made_up.explained(), limits=(), untestable=())) == ""
+    assert build_limits_html(replace(made_up.explained(), limits=(), untestable=())) == ""
 
 
 def test_shares_of_the_data_are_bars_in_order() -> None:
-    bars = share_bars([s for s in made_up.explained().mismatch if s.kind == "data"])
+    bars = build_share_bars([s for s in made_up.explained().mismatch if s.kind == "data"])
     assert [float(w) for w in re.findall(r'style="width:([\d.]+)%"', bars)] == [71.0, 22.0, 11.0, 2.0]
-    assert share_bars([]) == ""
+    assert build_share_bars([]) == ""
 
 
 def test_the_machine_of_narrow_pages_says_the_same_as_the_strip() -> None:
     """Every part, share and mark of the strip stands on the column, too, and no two of its lines overlap."""
     for d in (made_up.three(), made_up.explained(), made_up.unexplained()):
-        strip, column = machine_strip(d), machine_column(d)
+        strip, column = build_machine_strip(d), build_machine_column(d)
         numbers = re.compile(r'font-weight="(\d+)" fill="#\w+">(\d+)<')
         assert sorted(numbers.findall(column)) == sorted(numbers.findall(strip))
         assert re.search('aria-label="[^"]*"', column)[0] == re.search('aria-label="[^"]*"', strip)[0]  # type: ignore[index]
@@ -487,7 +520,9 @@ def test_the_machine_of_narrow_pages_says_the_same_as_the_strip() -> None:
 
 
 def test_terminal_summary() -> None:
-    lines = command.summary(result_of(CELL, made_up.recording(), made_up.three(), effect_on_job=made_up.job()))
+    lines = command.format_diagnosis_summary(
+        build_diagnosis_document(CELL, made_up.recording(), made_up.three(), effect_on_job=made_up.job())
+    )
     text = "\n".join(lines)
     assert lines[0] == made_up.three().sentence
     assert "held-out error 61 µm → 42.3 µm, noise floor 22 µm, repeatable 57 µm, 55 % of it closed" in text
@@ -496,7 +531,7 @@ def test_terminal_summary() -> None:
     assert "put aside: 3 readings (rows:41,134,401)" in text
     assert "lives in: joint:3 78 %" in text
     empty = replace(made_up.consistent(), explained=np.nan, heldout_before=np.nan)
-    quiet = "\n".join(command.summary(result_of(CELL, made_up.recording(), empty)))
+    quiet = "\n".join(command.format_diagnosis_summary(build_diagnosis_document(CELL, made_up.recording(), empty)))
     assert "nothing repeatable above the noise" in quiet
     assert "nan" not in quiet
 
@@ -515,11 +550,14 @@ def test_command_passes_its_options_on_and_every_verdict_is_success(
     def run(request: DiagnoseRequest, progress: Any) -> Outcome:
         progress("screening")
         seen.append(request)
-        return Outcome(result_of(CELL, made_up.recording(), getattr(made_up, verdict)()), request.out / "report.html")
+        return Outcome(
+            build_diagnosis_document(CELL, made_up.recording(), getattr(made_up, verdict)()),
+            request.out / "report.html",
+        )
 
-    stub = ModuleType("machopt.services.diagnose")
+    stub = ModuleType("machopt.commands.diagnose.run")
     stub.run_diagnose = run  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "machopt.services.diagnose", stub)
+    monkeypatch.setitem(sys.modules, "machopt.commands.diagnose.run", stub)
     common = argparse.ArgumentParser(add_help=False)
     for flag in ("--quiet", "--json", "--debug"):
         common.add_argument(flag, action="store_true")
@@ -557,11 +595,11 @@ def test_command_passes_its_options_on_and_every_verdict_is_success(
 
 
 def test_residuals_stand_at_the_arm_before_and_after() -> None:
-    scene, _ = cell_scene(CELL)
+    scene, _ = build_cell_scene(CELL)
     data = page("explained", scene=scene)
     recording = made_up.recording()
     data = replace(data, q=recording.q)
-    view = residual_view(data)
+    view = build_residual_scene(data)
     assert view is not None
     d, postures = data.diagnosis, view["postures"]
     assert len(postures["names"]) == len(np.unique(data.pose[d.used]))
@@ -573,8 +611,8 @@ def test_residuals_stand_at_the_arm_before_and_after() -> None:
     assert len(at[0]) == seen.sum()
     np.testing.assert_allclose(np.sum(at[0] ** 2), np.sum(d.errors.residual[seen, :3] ** 2), rtol=1e-5)
     np.testing.assert_allclose(np.sum(at[1] ** 2), np.sum(d.errors.final[seen, :3] ** 2), rtol=1e-5)
-    html = diagnosis_html(data)
+    html = build_diagnosis_html(data)
     assert html.count("var THREE=") == 1
     assert "each reading predicted by fits that never saw it" in html
-    assert residual_view(page("torque", scene=scene)) is None
-    assert "THREE" not in diagnosis_html(page("explained"))
+    assert build_residual_scene(page("torque", scene=scene)) is None
+    assert "THREE" not in build_diagnosis_html(page("explained"))

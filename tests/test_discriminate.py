@@ -14,47 +14,79 @@ import pytest
 from poses_back import read_poses_csv
 from scipy import stats
 
-from machopt.design.candidates import PoseScreen, sample_poses
-from machopt.design.loadcases import LoadCases, LoadCriteria, load_cases
-from machopt.design.loads import load_ways
-from machopt.design.maximin import Contest, best_readings, by_pose, left_of_all, needed_noncentrality, power
-from machopt.design.measurement import ReadingNoise
-from machopt.design.poseplan import PlanSize
-from machopt.diagnose.apart.advice import advice, words
-from machopt.diagnose.apart.disputes import HIDDEN, MOST, NOTHING, PLACES, Diagnosed, Dispute, Stand
-from machopt.diagnose.apart.predicted import Predicted, law_of, load_tests, noise_of_cases, steps_for
-from machopt.diagnose.apart.separate import Asked, _contests, _laws, compliance_for, noise_for
-from machopt.diagnose.apart.sized import MOST_POSES, chosen, rounds_of_all, rounds_to_exclude
-from machopt.domain.cell import Cell
-from machopt.domain.parameters import joint_spring
-from machopt.domain.stiffness import Stiffness
+from machopt.cell.cell_reader import load_cell
+from machopt.commands.plan_poses.diagnosis_input import read_diagnosis
+from machopt.commands.plan_poses.run import PlanPosesResult, PosesRequest, run_plan_poses
+from machopt.data_types.cell import Cell
+from machopt.data_types.parameter_keys import build_joint_spring_key
+from machopt.data_types.stiffness import ArmStiffness
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.model.elastic import ArmElasticity
-from machopt.model.robot import load_masses, load_robot
-from machopt.services.poses import PosesOutcome, PosesRequest, run_plan_poses
-from machopt.services.poses_diagnosed import diagnosed
+from machopt.kinematics.robot import load_masses, load_robot
+from machopt.measurement.design.load_cases import LoadCases, LoadCriteria, build_load_cases
+from machopt.measurement.design.load_methods import build_load_method_combinations
+from machopt.measurement.design.maximin_discrimination import (
+    ModelContest,
+    compute_contest_noncentrality,
+    compute_noncentrality_by_pose,
+    compute_required_noncentrality,
+    compute_total_noncentrality,
+    select_maximin_readings,
+)
+from machopt.measurement.design.measurement_plan import MeasurementPlanSize
+from machopt.measurement.design.pose_candidates import PoseScreen, sample_poses
+from machopt.measurement.design.reading_noise import ReadingNoise
+from machopt.measurement.diagnosis.discrimination.discrimination_plan import (
+    DiscriminationOptions,
+    _build_contests,
+    _select_rival_laws,
+    compute_planning_noise,
+    select_planning_compliance,
+)
+from machopt.measurement.diagnosis.discrimination.open_hypotheses import (
+    MAX_HIDDEN_EFFECTS,
+    MAX_LOCATIONS,
+    MAX_RIVALS,
+    NO_EFFECT,
+    CandidateLaw,
+    OpenDiagnosis,
+    RivalLawSet,
+)
+from machopt.measurement.diagnosis.discrimination.predicted_signals import (
+    PredictedCases,
+    compute_case_noise,
+    predict_law,
+    predict_load_tests,
+    select_load_steps,
+)
+from machopt.measurement.diagnosis.discrimination.required_measurements import (
+    MOST_POSES,
+    combine_required_rounds,
+    compute_rounds_to_exclude,
+    select_poses_for_exclusion,
+)
+from machopt.measurement.diagnosis.discrimination.separation_advice import advise_on_separation, format_hypothesis_name
+from machopt.stiffness.arm_stiffness import ArmElasticity
 
 CELL = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
 COMPLIANCE = 1.0 / np.array([1.41e6, 4.01e5, 9.35e5, 3.60e5, 3.70e5, 3.80e5])
-LINK_3 = Stand(
+LINK_3 = CandidateLaw(
     effect="link_compliance", location="link:3", law="bends", coefficients=(6e-8,), shape=(), correction=None
 )
-LINK_4 = Stand(
+LINK_4 = CandidateLaw(
     effect="link_compliance", location="link:4", law="bends", coefficients=(8e-8,), shape=(), correction=None
 )
-TWIST_4 = Stand(
+TWIST_4 = CandidateLaw(
     effect="link_compliance", location="link:4", law="twists", coefficients=(2e-7,), shape=(), correction=None
 )
 
 
-def small(rng: np.random.Generator) -> tuple[list[Contest], np.ndarray, np.ndarray, np.ndarray]:
+def small(rng: np.random.Generator) -> tuple[list[ModelContest], np.ndarray, np.ndarray, np.ndarray]:
     """Six poses with two readings each, three laws against each other."""
     N, R, P = 12, 3, 2
     base = rng.normal(size=(N, R, P))
     laws = [rng.normal(size=(N, R, 1)) for _ in range(3)]
     contests = [
-        Contest(t, r, np.concatenate([base, laws[r]], axis=2), 3.0 * laws[t][:, :, 0])
+        ModelContest(t, r, np.concatenate([base, laws[r]], axis=2), 3.0 * laws[t][:, :, 0])
         for t, r in product(range(3), repeat=2)
         if t != r
     ]
@@ -63,7 +95,7 @@ def small(rng: np.random.Generator) -> tuple[list[Contest], np.ndarray, np.ndarr
 
 def test_needed_noncentrality_is_the_textbook_value() -> None:
     # (2.576 + 1.282)²: two-sided 1 %, power 90 %; tables of Pearson & Hartley give 14.88
-    assert needed_noncentrality() == pytest.approx(14.88, abs=0.005)
+    assert compute_required_noncentrality() == pytest.approx(14.88, abs=0.005)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -71,13 +103,13 @@ def test_least_separation_is_near_the_best_of_all_designs(seed: int) -> None:
     contests, own, shared, pose = small(np.random.default_rng(seed))
 
     def least(blocks: Any) -> float:
-        return min(power(c, own, shared, pose, blocks) for c in contests)
+        return min(compute_contest_noncentrality(c, own, shared, pose, blocks) for c in contests)
 
     def blocks_of(chosen: tuple[int, ...]) -> list[tuple[int, ...]]:
         return [(2 * p, 2 * p + 1) for p in chosen]
 
     best = max(least(blocks_of(chosen)) for chosen in combinations(range(6), 3))
-    found = best_readings(contests, own, shared, pose, 3, 2, np.random.default_rng(0), starts=6)
+    found = select_maximin_readings(contests, own, shared, pose, 3, 2, np.random.default_rng(0), starts=6)
     assert sorted(len(b) for b in found) == [2, 2, 2]
     # exchanges of single readings may end a little short of the best of all designs
     assert least(found) >= 0.9 * best
@@ -92,10 +124,10 @@ def test_noncentrality_is_what_the_rival_leaves_on_average() -> None:
     keep = np.eye(36) - A @ np.linalg.pinv(A)
     noisy = s + rng.normal(size=(4000, 36))
     left = np.einsum("ki,ij,kj->k", noisy, keep, noisy).mean() - (36 - A.shape[1])
-    expected = power(c, own, shared, pose, blocks)
+    expected = compute_contest_noncentrality(c, own, shared, pose, blocks)
     assert left == pytest.approx(expected, abs=4 * np.sqrt((2 * 33 + 4 * expected) / 4000))  # four standard errors
-    assert by_pose(c, own, blocks).sum() == pytest.approx(expected, rel=1e-9)
-    assert left_of_all(c, own)[0] == pytest.approx(expected, rel=1e-9)
+    assert compute_noncentrality_by_pose(c, own, blocks).sum() == pytest.approx(expected, rel=1e-9)
+    assert compute_total_noncentrality(c, own)[0] == pytest.approx(expected, rel=1e-9)
 
 
 def share_excluded(rounds: int, size: float) -> float:
@@ -114,19 +146,19 @@ def share_excluded(rounds: int, size: float) -> float:
     return hits / draws
 
 
-def even(size: float, poses: int) -> tuple[Contest, np.ndarray, tuple[tuple[int, ...], ...]]:
+def even(size: float, poses: int) -> tuple[ModelContest, np.ndarray, tuple[tuple[int, ...], ...]]:
     """A law that a rival imitates for the most part, alike at every pose."""
     rng = np.random.default_rng(2)
     base, rival = rng.normal(size=(poses, 3, 2)), rng.normal(size=(poses, 3, 1))
     signal = size * (3.0 * rival[:, :, 0] + rng.choice([-1.0, 1.0], (poses, 3)))
-    contest = Contest(0, 1, np.concatenate([base, rival], axis=2), signal)
+    contest = ModelContest(0, 1, np.concatenate([base, rival], axis=2), signal)
     return contest, np.broadcast_to(np.eye(3), (poses, 3, 3)), tuple((n,) for n in range(poses))
 
 
 @pytest.mark.parametrize("size", [0.35, 0.6])
 def test_rounds_until_a_rival_is_excluded_are_those_that_a_simulation_needs(size: float) -> None:
     contest, own, blocks = even(size, 20)
-    rounds = rounds_to_exclude([contest], own, blocks, contest.columns[:, :, :2])
+    rounds = compute_rounds_to_exclude([contest], own, blocks, contest.columns[:, :, :2])
     assert rounds is not None
     assert share_excluded(rounds, size) >= 0.85  # nine of ten, counted on 300 draws
     assert rounds == 1 or share_excluded(max(rounds // 2, 1), size) < 0.85
@@ -136,19 +168,19 @@ def test_a_rival_that_few_poses_tell_is_not_excluded_by_rounds() -> None:
     contest, own, blocks = even(1.0, 20)
     alone = contest.signal.copy()
     alone[2:] = 3.0 * contest.columns[2:, :, 2]
-    assert rounds_to_exclude([replace(contest, signal=alone)], own, blocks, contest.columns[:, :, :2]) is None
-    assert rounds_of_all([1, 3], [None, 4]) == 4  # as far as rounds do it
-    assert rounds_of_all([None, None], [None, 7]) == 1  # nothing is gained by ten
-    assert rounds_of_all([12], [None]) == 10
+    assert compute_rounds_to_exclude([replace(contest, signal=alone)], own, blocks, contest.columns[:, :, :2]) is None
+    assert combine_required_rounds([1, 3], [None, 4]) == 4  # as far as rounds do it
+    assert combine_required_rounds([None, None], [None, 7]) == 1  # nothing is gained by ten
+    assert combine_required_rounds([12], [None]) == 10
 
 
 def test_a_plan_has_more_poses_where_diagnoses_test_asks_for_them() -> None:
     contest, own, _ = even(0.35, 60)
     base, none = contest.columns[:, :, :2], np.zeros((3, 3))
-    size = PlanSize(poses=4, loads=1, candidates=60, starts=1)
-    found = chosen([[contest]], base, own, none, np.arange(60), size, np.random.default_rng(0))
+    size = MeasurementPlanSize(poses=4, loads=1, candidates=60, starts=1)
+    found = select_poses_for_exclusion([[contest]], base, own, none, np.arange(60), size, np.random.default_rng(0))
     assert 4 < len(found) <= MOST_POSES
-    assert rounds_to_exclude([contest], own, found, base) is not None
+    assert compute_rounds_to_exclude([contest], own, found, base) is not None
 
 
 @pytest.fixture(scope="module")
@@ -167,21 +199,21 @@ def tests(cell: Cell) -> tuple[LoadCases, np.ndarray]:
         40,
         0,
     )
-    prior = ArmElasticity(robot, T, Stiffness(joints=1.0 / COMPLIANCE))
-    ways = load_ways((50.0,), (300.0, 1500.0), 3, np.zeros((0, 3)), (0.0,), np.eye(3))
-    cases = load_cases(pool, ways, prior, (), LoadCriteria(), ReadingNoise(displacement=1e-5))
+    prior = ArmElasticity(robot, T, ArmStiffness(joints=1.0 / COMPLIANCE))
+    ways = build_load_method_combinations((50.0,), (300.0, 1500.0), 3, np.zeros((0, 3)), (0.0,), np.eye(3))
+    cases = build_load_cases(pool, ways, prior, (), LoadCriteria(), ReadingNoise(displacement=1e-5))
     return cases, pool.q[cases.pose]
 
 
 def _no_criteria() -> Any:
-    from machopt.design.candidates import PoseCriteria
+    from machopt.measurement.design.pose_candidates import PoseCriteria
 
     return PoseCriteria()
 
 
-def open_(*stands: Stand, pairs: tuple[tuple[int, int], ...] = ((0, 1),)) -> Diagnosed:
-    dispute = Dispute("made up", stands, pairs)
-    return Diagnosed(
+def open_(*stands: CandidateLaw, pairs: tuple[tuple[int, int], ...] = ((0, 1),)) -> OpenDiagnosis:
+    dispute = RivalLawSet("made up", stands, pairs)
+    return OpenDiagnosis(
         channel="deflection",
         verdict="explained",
         coordinates=3,
@@ -191,14 +223,14 @@ def open_(*stands: Stand, pairs: tuple[tuple[int, int], ...] = ((0, 1),)) -> Dia
         scatter=(2e-5, 1e-5),
         turn=None,
         compliance={},
-        disputes=(dispute,),
+        rival_sets=(dispute,),
         notes=(),
     )
 
 
-def predicted(cell: Cell, cases: LoadCases, q: np.ndarray, steps: tuple[float, ...]) -> Predicted:
+def predicted(cell: Cell, cases: LoadCases, q: np.ndarray, steps: tuple[float, ...]) -> PredictedCases:
     robot = load_robot(cell)
-    return load_tests(open_(), cases, q, robot, cell.tool.T_flange_tcp, load_masses(cell), COMPLIANCE, steps, 3)
+    return predict_load_tests(open_(), cases, q, robot, cell.tool.T_flange_tcp, load_masses(cell), COMPLIANCE, steps, 3)
 
 
 def fewer(cases: LoadCases, keep: np.ndarray) -> LoadCases:
@@ -222,14 +254,14 @@ def test_a_law_is_the_same_beside_other_readings(
     cell: Cell, tests: tuple[LoadCases, np.ndarray], effect: str, law: str
 ) -> None:
     cases, q = tests
-    steps = steps_for([Stand(effect=effect, location="joint:3")])
+    steps = select_load_steps([CandidateLaw(effect=effect, location="joint:3")])
     light = np.flatnonzero(cases.magnitude < 600.0)  # the hanging weights: other largest torques than all loads have
     few = predicted(cell, fewer(cases, light), q[light], steps)
     h = next(h for h in few.hypotheses if h.name == (effect, "joint:3") and h.law == law)
     shape = h.shapes[0]
     x = np.full(h.columns(shape).shape[2], 2e-7)
     made = h.correction(x, shape)
-    stand = Stand(
+    stand = CandidateLaw(
         effect=effect,
         location="joint:3",
         law=law,
@@ -237,8 +269,8 @@ def test_a_law_is_the_same_beside_other_readings(
         shape=shape,
         correction=None if made is None else dict(made.parameters),
     )  # type: ignore[union-attr]
-    everywhere = law_of(stand, predicted(cell, cases, q, steps), 1.0)
-    alone = law_of(stand, few, 1.0)
+    everywhere = predict_law(stand, predicted(cell, cases, q, steps), 1.0)
+    alone = predict_law(stand, few, 1.0)
     assert everywhere is not None
     assert alone is not None
     assert np.abs(alone.signal).max() > 1e-6  # it shows
@@ -249,28 +281,28 @@ def test_a_law_is_the_same_beside_other_readings(
 def test_twist_of_the_forearm_is_joint_4_for_every_experiment(cell: Cell, tests: tuple[LoadCases, np.ndarray]) -> None:
     cases, q = tests
     at = predicted(cell, cases, q, (1.0,))
-    own, shared = noise_of_cases(cases, ReadingNoise(displacement=1e-5), (1.0,))
-    possible, impossible, _ = _contests(open_(TWIST_4, NOTHING), at, own + shared, 3)
+    own, shared = compute_case_noise(cases, ReadingNoise(displacement=1e-5), (1.0,))
+    possible, impossible, _ = _build_contests(open_(TWIST_4, NO_EFFECT), at, own + shared, 3)
     assert not possible
     assert "second target" in impossible[0].advice or "larger loads" in impossible[0].advice
-    possible, impossible, _ = _contests(open_(LINK_3, LINK_4), at, own + shared, 3)
+    possible, impossible, _ = _build_contests(open_(LINK_3, LINK_4), at, own + shared, 3)
     assert len(possible) == 1
     assert not impossible
 
 
 def test_the_noise_of_a_plan_is_what_the_diagnosis_saw_or_what_was_typed() -> None:
     typed = ReadingNoise(displacement=3e-5, targets=0.4)
-    asked = Asked(typed, stated=False, targets=0.2)
+    asked = DiscriminationOptions(typed, has_stated_noise=False, targets=0.2)
     three, six = open_(), replace(open_(), coordinates=6, turn=1e-4)
-    seen = noise_for(asked, three, 4)
+    seen = compute_planning_noise(asked, three, 4)
     assert seen.shared()[0, 0] ** 0.5 == pytest.approx(0.5e-5)  # what a visit shares is new in each of four rounds
     assert seen.targets is None
-    assert noise_for(asked, six, 1).targets == pytest.approx(0.2)  # 20 µm and 100 µrad
-    assert noise_for(asked, replace(six, turn=None), 1).targets == asked.targets
-    for found in (replace(asked, stated=True), asked):
+    assert compute_planning_noise(asked, six, 1).targets == pytest.approx(0.2)  # 20 µm and 100 µrad
+    assert compute_planning_noise(asked, replace(six, turn=None), 1).targets == asked.targets
+    for found in (replace(asked, has_stated_noise=True), asked):
         by = replace(six, scatter=None) if found is asked else six
-        assert noise_for(found, by, 2) == replace(typed, cycles=2)
-        assert noise_for(found, replace(by, coordinates=3), 2).targets is None
+        assert compute_planning_noise(found, by, 2) == replace(typed, cycles=2)
+        assert compute_planning_noise(found, replace(by, coordinates=3), 2).targets is None
 
 
 def test_what_would_split_two_laws_is_said_by_what_they_are() -> None:
@@ -281,9 +313,11 @@ def test_what_would_split_two_laws_is_said_by_what_they_are() -> None:
         ("thermal_drift", "geometry", "the same poses without load"),
         ("link_compliance", "base_compliance", "a second target on the arm between here and there"),
     ):
-        assert said in advice(Stand(effect=one, location="here"), Stand(effect=two, location="there"))
-    assert "larger loads" in advice(NOTHING, Stand(effect="link_compliance", location="link:3"))
-    assert words(Stand(effect="", location="link:3")) == "something at link:3"
+        assert said in advise_on_separation(
+            CandidateLaw(effect=one, location="here"), CandidateLaw(effect=two, location="there")
+        )
+    assert "larger loads" in advise_on_separation(NO_EFFECT, CandidateLaw(effect="link_compliance", location="link:3"))
+    assert format_hypothesis_name(CandidateLaw(effect="", location="link:3")) == "something at link:3"
 
 
 def test_a_law_of_which_only_the_size_is_known_moves_the_tool_by_it(
@@ -291,39 +325,39 @@ def test_a_law_of_which_only_the_size_is_known_moves_the_tool_by_it(
 ) -> None:
     cases, q = tests
     at = predicted(cell, cases, q, (1.0,))
-    unsized = Stand(effect="link_compliance", location="link:3")
-    assert law_of(unsized, at, 1.0) is None
-    assert law_of(Stand(effect="no_such_effect", location="link:3"), at, 1.0) is None
+    unsized = CandidateLaw(effect="link_compliance", location="link:3")
+    assert predict_law(unsized, at, 1.0) is None
+    assert predict_law(CandidateLaw(effect="no_such_effect", location="link:3"), at, 1.0) is None
     h = next(h for h in at.hypotheses if h.name == unsized.name)
-    one, two = (law_of(replace(unsized, size=s), at, 1.0) for s in (1.0, 2.0))
+    one, two = (predict_law(replace(unsized, size=s), at, 1.0) for s in (1.0, 2.0))
     assert one is not None
     assert two is not None
     np.testing.assert_allclose(two.signal, 2.0 * one.signal)
     x, *_ = np.linalg.lstsq(one.columns[0].reshape(-1, one.columns[0].shape[2]), one.signal.reshape(-1), rcond=None)
     assert abs(next(iter(h.quantities(x, h.shapes[len(h.shapes) // 2]).values())).value) == pytest.approx(1.0)
-    moved = law_of(Stand(effect="", location="link:3", rms=1e-4), at, 1.0)
+    moved = predict_law(CandidateLaw(effect="", location="link:3", rms=1e-4), at, 1.0)
     assert moved is not None
     assert np.sqrt(np.mean(moved.signal**2)) == pytest.approx(1e-4)
-    nothing = law_of(NOTHING, at, 1.0)
+    nothing = predict_law(NO_EFFECT, at, 1.0)
     assert nothing is not None
     assert not nothing.signal.any()
     still = replace(at, hypotheses=tuple(replace(h, columns=lambda s, h=h: 0.0 * h.columns(s)) for h in at.hypotheses))
-    assert law_of(replace(unsized, size=1.0), still, 1.0) is None  # it shows nowhere in these poses
+    assert predict_law(replace(unsized, size=1.0), still, 1.0) is None  # it shows nowhere in these poses
 
 
 def test_of_many_laws_only_the_nearest_are_told_apart_at_once(cell: Cell, tests: tuple[LoadCases, np.ndarray]) -> None:
     cases, q = tests
     at = predicted(cell, cases, q, (1.0,))
-    own, shared = noise_of_cases(cases, ReadingNoise(displacement=1e-5), (1.0,))
-    names = list(dict.fromkeys(h.name for h in at.hypotheses))[: MOST + 2]
-    assert len(names) == MOST + 2
-    gone = Stand(effect="link_compliance", location="link:9", law="bends", coefficients=(1e-8,))
+    own, shared = compute_case_noise(cases, ReadingNoise(displacement=1e-5), (1.0,))
+    names = list(dict.fromkeys(h.name for h in at.hypotheses))[: MAX_RIVALS + 2]
+    assert len(names) == MAX_RIVALS + 2
+    gone = CandidateLaw(effect="link_compliance", location="link:9", law="bends", coefficients=(1e-8,))
     known = []
     for effect, where in names:
         h = next(h for h in at.hypotheses if h.name == (effect, where))
         shape = h.shapes[0]
         known.append(
-            Stand(
+            CandidateLaw(
                 effect=effect,
                 location=where,
                 law=h.law,
@@ -332,18 +366,18 @@ def test_of_many_laws_only_the_nearest_are_told_apart_at_once(cell: Cell, tests:
             )
         )
     notes: list[str] = []
-    laws, _ = _laws(Dispute("many", (*known, gone), ()), at, own + shared, 1.0, notes)
-    assert len(laws) == MOST
+    laws, _ = _select_rival_laws(RivalLawSet("many", (*known, gone), ()), at, own + shared, 1.0, notes)
+    assert len(laws) == MAX_RIVALS
     assert sum("the nearest" in n for n in notes) == 2
     assert any("cannot be predicted at these poses" in n for n in notes)
-    sized = tuple(Stand(effect=e, location=w, size=1.0) for e, w in names)
-    laws, _ = _laws(Dispute("hidden", (NOTHING, *sized), ()), at, own + shared, 1.0, notes)
-    assert len(laws) == min(HIDDEN, len(sized)) + 1
+    sized = tuple(CandidateLaw(effect=e, location=w, size=1.0) for e, w in names)
+    laws, _ = _select_rival_laws(RivalLawSet("hidden", (NO_EFFECT, *sized), ()), at, own + shared, 1.0, notes)
+    assert len(laws) == min(MAX_HIDDEN_EFFECTS, len(sized)) + 1
     places = tuple(
-        Stand(effect="", location=w, rms=1e-4) for w in ("link:1", "link:2", "link:3", "link:4", "base", "tool")
+        CandidateLaw(effect="", location=w, rms=1e-4) for w in ("link:1", "link:2", "link:3", "link:4", "base", "tool")
     )
-    laws, _ = _laws(Dispute("places", places, ()), at, own + shared, 1.0, notes)
-    assert len(laws) == PLACES
+    laws, _ = _select_rival_laws(RivalLawSet("places", places, ()), at, own + shared, 1.0, notes)
+    assert len(laws) == MAX_LOCATIONS
 
 
 def diagnosis(folder: Path, findings: list[dict[str, Any]], **changes: Any) -> Path:
@@ -384,7 +418,7 @@ def diagnosis(folder: Path, findings: list[dict[str, Any]], **changes: Any) -> P
                 "before": None,
                 "value": float(c),
                 "sigma": 0.01 * float(c),
-                "key": asdict(joint_spring(j + 1)),
+                "key": asdict(build_joint_spring_key(j + 1)),
             }
             for j, c in enumerate(COMPLIANCE)
         ],
@@ -401,8 +435,8 @@ def diagnosis(folder: Path, findings: list[dict[str, Any]], **changes: Any) -> P
     return folder
 
 
-def finding(own: Stand, *rivals: Stand, open_too: bool = True) -> dict[str, Any]:
-    def as_fitted(s: Stand) -> dict[str, Any]:
+def finding(own: CandidateLaw, *rivals: CandidateLaw, open_too: bool = True) -> dict[str, Any]:
+    def as_fitted(s: CandidateLaw) -> dict[str, Any]:
         fit = {"coefficients": list(s.coefficients), "shape": list(s.shape), "correction": None}
         return {"effect": s.effect, "location": s.location, "law": s.law, "fit": fit}
 
@@ -422,11 +456,11 @@ def finding(own: Stand, *rivals: Stand, open_too: bool = True) -> dict[str, Any]
 
 
 def test_what_is_open_is_read_from_the_diagnosis(tmp_path: Path) -> None:
-    sets = diagnosed(diagnosis(tmp_path / "a", [finding(LINK_4, LINK_3, TWIST_4)]))
-    assert sets.disputes[0].pairs == ((0, 1), (0, 2), (1, 2))
+    sets = read_diagnosis(diagnosis(tmp_path / "a", [finding(LINK_4, LINK_3, TWIST_4)]))
+    assert sets.rival_sets[0].pairs == ((0, 1), (0, 2), (1, 2))
     assert sets.scatter == (1.7e-5, 1e-5)
-    alone = diagnosed(diagnosis(tmp_path / "b", [finding(LINK_4, LINK_3, open_too=False)]))
-    assert alone.disputes[0].stands == (LINK_4, LINK_3, NOTHING)
+    alone = read_diagnosis(diagnosis(tmp_path / "b", [finding(LINK_4, LINK_3, open_too=False)]))
+    assert alone.rival_sets[0].candidate_laws == (LINK_4, LINK_3, NO_EFFECT)
     limit = {
         "effect": "joint_backlash",
         "location": "joint:2",
@@ -435,12 +469,15 @@ def test_what_is_open_is_read_from_the_diagnosis(tmp_path: Path) -> None:
         "standing": "testable",
         "one_of": [],
     }
-    quiet = diagnosed(diagnosis(tmp_path / "c", [], verdict="consistent", detection_limits=[limit]))
-    assert quiet.disputes[0].stands == (NOTHING, Stand(effect="joint_backlash", location="joint:2", size=0.2))
+    quiet = read_diagnosis(diagnosis(tmp_path / "c", [], verdict="consistent", detection_limits=[limit]))
+    assert quiet.rival_sets[0].candidate_laws == (
+        NO_EFFECT,
+        CandidateLaw(effect="joint_backlash", location="joint:2", size=0.2),
+    )
     share = [{"axis": a, "share": s, "note": "", "kind": "machine"} for a, s in (("link:2", 0.2), ("joint:3", 0.7))]
-    lost = diagnosed(diagnosis(tmp_path / "d", [], verdict="unexplained", mismatch=share))
-    assert [s.location for s in lost.disputes[0].stands] == ["joint:3", "link:2"]
-    assert lost.disputes[0].stands[0].rms == pytest.approx(5e-5)
+    lost = read_diagnosis(diagnosis(tmp_path / "d", [], verdict="unexplained", mismatch=share))
+    assert [s.location for s in lost.rival_sets[0].candidate_laws] == ["joint:3", "link:2"]
+    assert lost.rival_sets[0].candidate_laws[0].rms == pytest.approx(5e-5)
 
 
 def test_a_spring_that_readings_do_not_tell_is_the_cells(tmp_path: Path) -> None:
@@ -449,24 +486,24 @@ def test_a_spring_that_readings_do_not_tell_is_the_cells(tmp_path: Path) -> None
     data["coefficients"][2] |= {"value": -5e-8, "sigma": 5e-8}  # no arm gives way against its load
     data["coefficients"][5] |= {"value": 4e-7, "sigma": 3e-7}
     (folder / "diagnosis.json").write_text(json.dumps(data))
-    found = diagnosed(folder)
+    found = read_diagnosis(folder)
     assert set(found.compliance) == {1, 2, 4, 5}
     stiffness = np.full(6, 2e6)
-    assert compliance_for(found, stiffness)[[2, 5]] == pytest.approx(5e-7)
-    assert compliance_for(found, stiffness)[0] == pytest.approx(COMPLIANCE[0])
+    assert select_planning_compliance(found, stiffness)[[2, 5]] == pytest.approx(5e-7)
+    assert select_planning_compliance(found, stiffness)[0] == pytest.approx(COMPLIANCE[0])
 
 
 def test_what_cannot_be_planned_for_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="diagnosis of a motion"):
-        diagnosed(diagnosis(tmp_path / "m", [], channel="torque"))
+        read_diagnosis(diagnosis(tmp_path / "m", [], channel="torque"))
     with pytest.raises(InputError, match="machopt diagnose wrote"):
-        diagnosed(tmp_path / "nowhere")
+        read_diagnosis(tmp_path / "nowhere")
     old = diagnosis(tmp_path / "old", [])
     data = json.loads((old / "diagnosis.json").read_text())
     del data["recorded"]
     (old / "diagnosis.json").write_text(json.dumps(data))
     with pytest.raises(InputError, match="fresh machopt diagnose"):
-        diagnosed(old)
+        read_diagnosis(old)
     with pytest.raises(InputError, match="leaves nothing"):
         run_plan_poses(
             PosesRequest(
@@ -475,7 +512,7 @@ def test_what_cannot_be_planned_for_is_refused(tmp_path: Path) -> None:
         )
 
 
-def plan(folder: Path, *stands: Stand) -> PosesOutcome:
+def plan(folder: Path, *stands: CandidateLaw) -> PlanPosesResult:
     found = diagnosis(folder / "diagnosis", [finding(*stands)])
     request = PosesRequest(
         cell=CELL,
@@ -518,13 +555,15 @@ def test_command_plans_what_tells_two_links_apart(tmp_path: Path) -> None:
 
 
 def test_cycles_are_stepped_where_a_law_remembers(tmp_path: Path) -> None:
-    play = Stand(effect="joint_hysteresis", location="joint:3", law="play", coefficients=(1.5e-7,), shape=(0.3, 0.0))
-    late = Stand(
+    play = CandidateLaw(
+        effect="joint_hysteresis", location="joint:3", law="play", coefficients=(1.5e-7,), shape=(0.3, 0.0)
+    )
+    late = CandidateLaw(
         effect="joint_creep", location="joint:3", law="one time constant", coefficients=(1.5e-7,), shape=(20.0, 0.0)
     )
     done = plan(tmp_path, play, late)
     folder = done.report.parent
-    told = done.result.plain()["discriminate"]
+    told = done.result.to_json_types()["discriminate"]
     assert isinstance(told, dict)
     assert told["steps"] == [0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25, 0.0]
     table = read_poses_csv(folder / "poses.csv")
@@ -537,8 +576,10 @@ def test_cycles_are_stepped_where_a_law_remembers(tmp_path: Path) -> None:
 
 
 def test_measured_poses_are_planned_too(tmp_path: Path) -> None:
-    zero = Stand(effect="joint_zero_offset", location="joint:2", law="constant angle", coefficients=(5e-5,))
-    heavy = Stand(effect="payload", location="tool", law="another mass at the stated centre", coefficients=(12.0,))
+    zero = CandidateLaw(effect="joint_zero_offset", location="joint:2", law="constant angle", coefficients=(5e-5,))
+    heavy = CandidateLaw(
+        effect="payload", location="tool", law="another mass at the stated centre", coefficients=(12.0,)
+    )
     recorded = {
         "kind": "absolute",
         "coordinates": 3,
@@ -558,7 +599,7 @@ def test_measured_poses_are_planned_too(tmp_path: Path) -> None:
         weights_kg=(80.0,),
         no_collision=True,
     )
-    told = run_plan_poses(request).result.plain()["discriminate"]
+    told = run_plan_poses(request).result.to_json_types()["discriminate"]
     assert isinstance(told, dict)
     (pair,) = told["pairs"]
     assert pair["noncentrality_per_cycle"] > pair["random_noncentrality_per_cycle"] > 0.0

@@ -11,14 +11,14 @@ import pytest
 from test_diagnose_motion import arm, excited, recorded
 from test_effects import load_test
 
-from machopt.arrays import Array
-from machopt.diagnose.laws import at_beside
-from machopt.diagnose.moving import motion
-from machopt.diagnose.nouns.readings import Readings
-from machopt.domain.stiffness import Term
+from machopt.data_types.stiffness import StiffnessTerm
+from machopt.dynamics.rigid_body import load_dynamics
 from machopt.effects import registry
-from machopt.effects.protocol import Parameter, Quantity, Shape
-from machopt.model.rigid import load_dynamics
+from machopt.effects.protocol import LawParameter, Quantity, Shape
+from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
+from machopt.measurement.diagnosis.dynamic import motion_channels
+from machopt.measurement.diagnosis.effect_columns import gravity_compensator
+from machopt.numerics.array_types import Array
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class Hose:
     penalty = 0.0
     word = ""
     remembers = False
-    coefficients = (Parameter(key="rate_Nm_per_rad", unit="N·m/rad"),)
-    shape: tuple[Parameter, ...] = ()
+    coefficients = (LawParameter(key="rate_Nm_per_rad", unit="N·m/rad"),)
+    shape: tuple[LawParameter, ...] = ()
 
     def torque(self, shape: Array, angle: Array) -> Array:
         return np.asarray(-angle[..., None])
@@ -47,21 +47,24 @@ class Hose:
 
 
 def test_one_file_and_one_line_add_a_spring_beside_a_gear(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    toy = replace(registry.EFFECTS["gravity_compensator"], name="hose", places=("joint:1",), beside=(Hose(),))
-    monkeypatch.setattr(registry, "EFFECTS", registry.registry((*registry.LISTED, toy)))
+    toy = replace(
+        registry.EFFECTS["gravity_compensator"], name="hose", places=("joint:1",), parallel_torque_laws=(Hose(),)
+    )
+    monkeypatch.setattr(registry, "EFFECTS", registry.build_registry((*registry.ALL_EFFECTS, toy)))
     r, _ = load_test()
     ((poses,), (loads,)) = (
-        [h for h in of(r) if h.effect == toy.name] for of in (at_beside.in_poses, at_beside.in_load_tests)
+        [h for h in of(r) if h.effect == toy.name]
+        for of in (gravity_compensator.build_pose_hypotheses, gravity_compensator.build_load_test_hypotheses)
     )
     assert poses.location == loads.location == "joint:1"
     bent = -r.compliance[0] * r.state.q[:, :1] * r.state.J[:, :, 0]
     np.testing.assert_allclose(poses.columns(())[:, :, 0], bent, rtol=1e-14, atol=1e-20)
-    assert loads.correction(np.array([50.0]), ()) == Term(toy.name, "joint:1", {"rate_Nm_per_rad": 50.0})
+    assert loads.correction(np.array([50.0]), ()) == StiffnessTerm(toy.name, "joint:1", {"rate_Nm_per_rad": 50.0})
     # a spring beside the gear: 1/(k + 1) in place of 1/k under load, and the lever arms at the bent rest
     rate, step, c = 1.0, 1e-4, r.compliance.copy()
     straight = c[0] * r.load_torque[:, 0]
     c[0] = 1.0 / (1.0 / c[0] + rate)
-    bent_rest = r.robot.state(r.state.q - step * bent_of(r), r.T_flange_tcp)
+    bent_rest = r.robot.compute_state(r.state.q - step * bent_of(r), r.T_flange_tcp)
     stiffened = (c[0] * r.load_torque[:, 0] - straight)[:, None] * r.state.J[:, :, 0]
     A = [np.einsum("nci,i,nki,nk->nc", s.J, r.compliance, s.J, r.wrench) for s in (bent_rest, r.state)]
     levers = (A[0] - A[1]) / step
@@ -69,14 +72,14 @@ def test_one_file_and_one_line_add_a_spring_beside_a_gear(monkeypatch: pytest.Mo
 
     cell = arm(tmp_path, 2, tool=5.0)
     t, q, v, a = excited(2, np.random.default_rng(1))
-    record = recorded(t, q, v, load_dynamics(cell).torque(q, v, a))
-    _, catalogue, *_ = motion.build(record, cell, "torque", np.random.default_rng(0))
+    record = recorded(t, q, v, load_dynamics(cell).compute_torque(q, v, a))
+    _, catalogue, *_ = motion_channels.build_motion_problem(record, cell, "torque", np.random.default_rng(0))
     (torque,) = (h for h in catalogue.hypotheses if h.effect == toy.name)
     assert np.abs(torque.columns(())[:, 0]).max() > 0.0
     assert not torque.columns(())[:, 1].any()
 
 
-def bent_of(r: Readings) -> Array:
+def bent_of(r: StaticReadings) -> Array:
     """(N, 6) rad that the hose bends joint 1 by, per N·m/rad; minus."""
     q = r.state.q
     out = np.zeros_like(q)

@@ -13,20 +13,20 @@ from test_diagnose_motion import arm, diagnosed, excited, recorded
 from test_effects_own import JELLY
 
 from machopt.api import Cell
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.stiffness.stiffness_file import load_stiffness
 from machopt.cli import main
-from machopt.diagnose.moving import motion
-from machopt.domain.kinematics import KinematicCorrection
-from machopt.domain.recording import Recording
-from machopt.effects import own, registry
-from machopt.effects.protocol import JOINTS, Drive
-from machopt.estimate.experiment import experiment
-from machopt.formats.cell import load_cell
-from machopt.formats.recording import write_recording
-from machopt.formats.stiffness import load_stiffness
-from machopt.identify.equilibrium import Equilibrium
-from machopt.model.gravity import gravity_torque
-from machopt.model.rigid import load_dynamics
-from machopt.model.robot import load_masses, load_robot
+from machopt.data_types.kinematic_corrections import KinematicCorrection
+from machopt.data_types.measurements.recording import Recording
+from machopt.dynamics.gravity_torque import compute_gravity_torque
+from machopt.dynamics.rigid_body import load_dynamics
+from machopt.effects import registry, user_effects
+from machopt.effects.protocol import JOINTS, JointLoading
+from machopt.kinematics.robot import load_masses, load_robot
+from machopt.measurement.diagnosis.dynamic import motion_channels
+from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
+from machopt.measurement.identification.fitting.loaded_equilibrium import LoadedEquilibriumModel
+from machopt.measurement.recording import write_recording
 
 CELL = Path(__file__).resolve().parent.parent / "cells" / "kr240_drilling"
 BEND, HALF = 2e-6, 0.3  # rad/(N·m) more at no torque; of the largest torque at the joint
@@ -47,9 +47,9 @@ def load_test(jelly: Path) -> Recording:
     q = np.tile(np.repeat(poses, 6, axis=0), (2, 1))
     way = rng.uniform(-1.0, 1.0, (40, 6)) * np.repeat([300.0, 60.0], 3)
     w = np.tile(np.repeat(way, 3, axis=0) * np.tile([0.5, 1.0, 0.5], 40)[:, None], (2, 1))
-    state = robot.state(q, tool, bodies=True)
+    state = robot.compute_state(q, tool, bodies=True)
     tau = np.einsum("nci,nc->ni", state.J, w)
-    weight = gravity_torque(robot, masses, state)[0]
+    weight = compute_gravity_torque(robot, masses, state)[0]
     rows, pose = np.arange(len(q)), np.tile(np.repeat(np.arange(20), 6), 2)
     cycle, session = rows // 3, rows // 120
     still = Recording(
@@ -63,11 +63,13 @@ def load_test(jelly: Path) -> Recording:
         wrench=w,
         displacement=np.zeros_like(w),
     )
-    springs, _ = Equilibrium(experiment(still, robot, tool), robot, tool, masses).predict(1.0 / cell.stiffness.joints)
-    with own.in_use(own.run((jelly,))):
-        law = registry.EFFECTS["joint_jelly"].laws[0]
+    springs, _ = LoadedEquilibriumModel(build_load_test_experiment(still, robot, tool), robot, tool, masses).predict(
+        1.0 / cell.stiffness.joints
+    )
+    with user_effects.activate_user_effects(user_effects.run_user_files((jelly,))):
+        law = registry.EFFECTS["joint_jelly"].joint_laws[0]
         half = np.array([HALF * np.abs(tau + weight)[:, 2].max()])
-        with_load, without = (law.columns(half, Drive(t[:, 2])) for t in (tau + weight, weight))
+        with_load, without = (law.columns(half, JointLoading(t[:, 2])) for t in (tau + weight, weight))
     gives = BEND * (with_load - without) * state.J[:, :, 2]
     return replace(still, displacement=springs + gives + 5e-6 * rng.normal(size=w.shape))
 
@@ -89,7 +91,7 @@ def test_one_file_goes_through_every_command(tmp_path: Path) -> None:
 
     shutil.copytree(CELL, cell)
     shutil.copy(out / "stiffness.yaml", cell / "stiffness.yaml")
-    with own.in_use(own.run((jelly,))):
+    with user_effects.activate_user_effects(user_effects.run_user_files((jelly,))):
         written = {(t.effect, t.location) for t in load_stiffness(cell / "stiffness.yaml").terms}
     assert ("joint_jelly", "joint:3") in written
 
@@ -190,15 +192,15 @@ def test_an_angle_of_ones_own_is_found_in_motions(tmp_path: Path) -> None:
     scale.write_text(SCALE)
     rng, bench = np.random.default_rng(6), arm(tmp_path)
     t, q, v, a = excited(1, rng)
-    tau = load_dynamics(bench).torque(q, v, a) + 0.1 * rng.normal(size=q.shape)
+    tau = load_dynamics(bench).compute_torque(q, v, a) + 0.1 * rng.normal(size=q.shape)
     other = 1.002 * q + 2e-5 * rng.normal(size=q.shape)
-    with own.in_use(own.run((scale,))):
+    with user_effects.activate_user_effects(user_effects.run_user_files((scale,))):
         found, _, _ = diagnosed(recorded(t, q, v, tau, q_secondary=other), bench, "link")
         cell = load_cell(CELL)
         t, q, v, _ = excited(6, rng, periods=2, rate=20.0)
         q = np.radians([0, -90, 100, 0, 60, 0]) + 0.5 * q
-        tip = load_robot(cell).state(q, cell.tool.T_flange_tcp).T_base_tool[:, :3, 3]
-        _, searched, _, _ = motion.build(recorded(t, q, v, position=tip), cell, "tip", rng)
+        tip = load_robot(cell).compute_state(q, cell.tool.T_flange_tcp).T_base_tool[:, :3, 3]
+        _, searched, _, _ = motion_channels.build_motion_problem(recorded(t, q, v, position=tip), cell, "tip", rng)
     assert [(f.effect, f.location) for f in found.findings] == [("encoder_scale", "joint:1")]
     size = found.findings[0].parameters["scale"]
     assert size.value == pytest.approx(2.0, rel=0.02)
@@ -209,9 +211,11 @@ def test_an_angle_of_ones_own_is_found_in_motions(tmp_path: Path) -> None:
 
     whole = SCALE.replace("encoder_scale", "encoder_zero").replace("np.asarray(of, float)", "np.ones_like(of)")
     scale.write_text(whole)
-    with own.in_use(own.run((scale,))):
+    with user_effects.activate_user_effects(user_effects.run_user_files((scale,))):
         t, q, v, _ = excited(1, rng)
-        _, searched, _, _ = motion.build(recorded(t, q, v, q_secondary=q + 1e-5), bench, "link", rng)
+        _, searched, _, _ = motion_channels.build_motion_problem(
+            recorded(t, q, v, q_secondary=q + 1e-5), bench, "link", rng
+        )
     assert [(u.effect, u.location) for u in searched.untestable if u.effect == "encoder_zero"] == [
         ("encoder_zero", "joint:1")
     ]
@@ -228,9 +232,9 @@ def tracked() -> Recording:
     q = np.tile(q, (2, 1))
     stands = q * [1.002, 1.0, 1.0, 1.0, 1.0, 1.0]
     for _ in range(8):
-        tau = gravity_torque(robot, load_masses(cell), robot.state(stands, tool, bodies=True))[0]
+        tau = compute_gravity_torque(robot, load_masses(cell), robot.compute_state(stands, tool, bodies=True))[0]
         stands = q * [1.002, 1.0, 1.0, 1.0, 1.0, 1.0] + tau / cell.stiffness.joints
-    position = robot.state(stands, tool).T_base_tool[:, :3, 3] + 1e-5 * rng.normal(size=(len(q), 3))
+    position = robot.compute_state(stands, tool).T_base_tool[:, :3, 3] + 1e-5 * rng.normal(size=(len(q), 3))
     visit, rows = np.repeat([0, 1], 40), np.arange(len(q))
     return Recording(
         kind="absolute", source="made up", q=q, pose=np.tile(np.arange(40), 2), cycle=visit, session=visit,

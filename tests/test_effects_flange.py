@@ -10,26 +10,28 @@ import numpy as np
 import pytest
 from test_effects import ROOT, load_test
 
-from machopt.arrays import Array
-from machopt.diagnose.laws import at_flange
-from machopt.diagnose.laws.motion_frame import Scene
-from machopt.diagnose.nouns.readings import Readings
+from machopt.cell.cell_reader import load_cell
+from machopt.dynamics.rigid_body import RigidBodyDynamics, load_dynamics
 from machopt.effects import registry
-from machopt.effects.payload import Heavier
-from machopt.effects.protocol import Carried, CarriedLaw, Effect, Parameter, Quantity
-from machopt.formats.cell import load_cell
-from machopt.model.rigid import Dynamics, load_dynamics
+from machopt.effects.protocol import Effect, LawParameter, PayloadLaw, Quantity, ToolSideLoad
+from machopt.effects.structure.payload import MassDeviation
+from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
+from machopt.measurement.diagnosis.effect_columns import payload
+from machopt.measurement.diagnosis.effect_columns.motion_columns import MotionModel
+from machopt.numerics.array_types import Array
 
-LAWS = [pytest.param(e, law, id=f"{e.name} {law.name}") for e in registry.of_flange() for law in e.carries]
+LAWS = [
+    pytest.param(e, law, id=f"{e.name} {law.name}") for e in registry.select_payload_effects() for law in e.payload_laws
+]
 
 
-def seen(mass: float = 8.0) -> Carried:
+def seen(mass: float = 8.0) -> ToolSideLoad:
     rng = np.random.default_rng(0)
-    return Carried(mass, np.array([0.1, 0.0, 0.2]), np.array([0.0, 0.0, 0.1]), rng.normal(size=(5, 6, 4)))
+    return ToolSideLoad(mass, np.array([0.1, 0.0, 0.2]), np.array([0.0, 0.0, 0.1]), rng.normal(size=(5, 6, 4)))
 
 
 @pytest.mark.parametrize(("effect", "law"), LAWS)
-def test_sizes_grow_and_are_the_load_s(effect: Effect, law: CarriedLaw) -> None:
+def test_sizes_grow_and_are_the_load_s(effect: Effect, law: PayloadLaw) -> None:
     whole = seen()
     columns, values = law.columns(whole), np.arange(1.0, len(law.coefficients) + 1.0)
     assert columns.shape == (5, 6, len(values))
@@ -39,30 +41,30 @@ def test_sizes_grow_and_are_the_load_s(effect: Effect, law: CarriedLaw) -> None:
     # what it says of mass and moments about the flange's origin is what acts
     said = {k: q.value for k, q in one.items()}
     mass, moment = said.get("mass", 0.0), np.array([said[f"moment_{a}"] for a in "xyz"])
-    acting = whole.columns @ np.r_[mass, moment - mass * whole.about]
+    acting = whole.columns @ np.r_[mass, moment - mass * whole.reference_point]
     np.testing.assert_allclose(columns @ values, acting, rtol=1e-12)
     assert law.equation
     assert effect.places == ("tool",)
 
 
 def test_nothing_cannot_hang_elsewhere() -> None:
-    laws = [law for e in registry.of_flange() for law in e.carries]
+    laws = [law for e in registry.select_payload_effects() for law in e.payload_laws]
     assert [law.name for law in laws if not law.grid(seen(0.0))] == ["the stated mass at another place"]
 
 
-def both() -> tuple[Readings, Scene, Dynamics]:
+def both() -> tuple[StaticReadings, MotionModel, RigidBodyDynamics]:
     """An arm at rest, as a load test's state and as a motion that stands still."""
     r, _ = load_test()
     dynamics = load_dynamics(load_cell(ROOT / "cells" / "kr240_drilling"))
-    return r, cast("Scene", type("Still", (), {"dynamics": dynamics})), dynamics
+    return r, cast("MotionModel", type("Still", (), {"dynamics": dynamics})), dynamics
 
 
 def test_both_channels_see_one_load() -> None:
     """Weight through the springs, and what the joints' torques have to hold: J c (−τ)."""
     r, scene, dynamics = both()
     still = np.zeros_like(r.state.q)
-    torque, _, _ = dynamics.regressors(r.state.q, still, still)
-    resting, moving = at_flange.at_rest(r), at_flange.in_motion(scene, torque)
+    torque, _, _ = dynamics.compute_regressors(r.state.q, still, still)
+    resting, moving = payload.build_static_payload_hypotheses(r), payload.build_motion_payload_hypotheses(scene, torque)
     assert {h.law for h in resting} == {h.law for h in moving}
     for one in resting:
         x = np.arange(1.0, one.columns(()).shape[2] + 1.0)
@@ -78,26 +80,26 @@ def test_both_channels_see_one_load() -> None:
 
 
 @dataclass(frozen=True)
-class Water(Heavier):
+class Water(MassDeviation):
     """A tank above the flange that fills: its centre is where the water stands."""
 
     name = "a tank that fills"
-    coefficients = (Parameter(key="filled_kg", unit="kg"),)
+    coefficients = (LawParameter(key="filled_kg", unit="kg"),)
 
-    def columns(self, seen: Carried) -> Array:
-        return np.asarray(seen.columns @ np.r_[1.0, np.array([0.0, 0.0, -0.3]) - seen.about][:, None])
+    def columns(self, seen: ToolSideLoad) -> Array:
+        return np.asarray(seen.columns @ np.r_[1.0, np.array([0.0, 0.0, -0.3]) - seen.reference_point][:, None])
 
-    def sizes(self, values: Array, seen: Carried) -> Mapping[str, Quantity]:
+    def sizes(self, values: Array, seen: ToolSideLoad) -> Mapping[str, Quantity]:
         return {"filled": Quantity(float(values[0]), "kg")}
 
 
 def test_one_file_and_one_line_add_a_load(monkeypatch: pytest.MonkeyPatch) -> None:
     """Seen in both channels."""
-    toy = replace(registry.EFFECTS["payload"], name="tank", carries=(Water(),))
-    monkeypatch.setattr(registry, "EFFECTS", registry.registry((*registry.LISTED, toy)))
+    toy = replace(registry.EFFECTS["payload"], name="tank", payload_laws=(Water(),))
+    monkeypatch.setattr(registry, "EFFECTS", registry.build_registry((*registry.ALL_EFFECTS, toy)))
     r, scene, dynamics = both()
     still = np.zeros_like(r.state.q)
-    torque, _, _ = dynamics.regressors(r.state.q, still, still)
-    for offered in (at_flange.at_rest(r), at_flange.in_motion(scene, torque)):
+    torque, _, _ = dynamics.compute_regressors(r.state.q, still, still)
+    for offered in (payload.build_static_payload_hypotheses(r), payload.build_motion_payload_hypotheses(scene, torque)):
         (h,) = (h for h in offered if h.effect == toy.name)
         assert h.quantities(np.array([3.0]), ()) == {"filled": Quantity(3.0, "kg")}

@@ -9,30 +9,31 @@ import numpy as np
 import pytest
 from test_diagnose_motion import arm, excited, recorded
 
-from machopt.arrays import Array
-from machopt.diagnose.moving import motion
-from machopt.effects import friction, registry
-from machopt.effects.protocol import FrictionLaw, Pace, Parameter, Quantity, Rubbing
-from machopt.model.rigid import load_dynamics
+from machopt.dynamics.rigid_body import load_dynamics
+from machopt.effects import registry
+from machopt.effects.joint import friction
+from machopt.effects.protocol import FrictionLaw, FrictionState, JointSpeedRange, LawParameter, Quantity
+from machopt.measurement.diagnosis.dynamic import motion_channels
+from machopt.numerics.array_types import Array
 
-LAWS = [pytest.param(law, id=law.name) for e in registry.of_friction() for law in e.rubs]
-PACES = (Pace(1.5, True, (15.0, 60.0)), Pace(1.5, False))
+LAWS = [pytest.param(law, id=law.name) for e in registry.select_friction_effects() for law in e.friction_laws]
+PACES = (JointSpeedRange(1.5, True, (15.0, 60.0)), JointSpeedRange(1.5, False))
 
 
-def seen(count: int = 400, *, slides: bool = False) -> Rubbing:
+def seen(count: int = 400, *, slides: bool = False) -> FrictionState:
     t = np.arange(count) / 100.0
     v = 1.5 * np.sin(3.0 * t) + 0.2
     first = np.zeros(count, np.int64)
     first[0] = 1
     load = 100.0 + 50.0 * np.cos(t)
-    return Rubbing(
+    return FrictionState(
         speed=v,
-        way=np.sign(v),
+        friction_direction=np.sign(v),
         load=load,
-        first=first,
-        step=0.01,
+        segment_start=first,
+        time_step=0.01,
         warmth=lambda T: 1.0 - np.exp(-t / max(T, 1.0)),
-        slides=slides,
+        is_prismatic=slides,
     )
 
 
@@ -58,35 +59,39 @@ def test_a_law_has_a_column_for_each_coefficient_and_sizes_that_grow(law: Fricti
 
 
 def test_what_a_recording_cannot_show_is_not_offered() -> None:
-    bare, warmed = ({law.name for law in friction.EFFECT.rubs if law.grid(pace)} for pace in (PACES[1], PACES[0]))
+    bare, warmed = (
+        {law.name for law in friction.EFFECT.friction_laws if law.grid(pace)} for pace in (PACES[1], PACES[0])
+    )
     assert "load-dependent" in warmed - bare
     assert {"warms up", "Stribeck, load, direction, warmth"} <= warmed - bare
     assert bare - warmed == {"Stribeck, load, direction"}
 
 
 @dataclass(frozen=True)
-class Sticky(friction.Bends):
+class Sticky(friction.CurvedViscousFriction):
     """A torque with the cube of speed."""
 
     name = "churns"
     equation = "τ_f += d₃ q̇³"
-    coefficients = (Parameter(key="cube", unit="N·m·s³/rad³"),)
+    coefficients = (LawParameter(key="cube", unit="N·m·s³/rad³"),)
 
-    def columns(self, shape: Array, seen: Rubbing) -> Array:
+    def columns(self, shape: Array, seen: FrictionState) -> Array:
         return np.asarray(seen.speed**3)[:, None]
 
-    def sizes(self, values: Array, shape: Array, seen: Rubbing) -> dict[str, Quantity]:
+    def sizes(self, values: Array, shape: Array, seen: FrictionState) -> dict[str, Quantity]:
         return {"cube": Quantity(float(values[0]), "N·m·s³/rad³")}
 
 
 def test_one_file_and_one_line_add_friction(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Offered at every joint that moves; its column is the law at the speeds of the motion."""
-    toy = replace(friction.EFFECT, name="joint_churning", rubs=(Sticky(),))
-    monkeypatch.setattr(registry, "EFFECTS", registry.registry((*registry.LISTED, toy)))
+    toy = replace(friction.EFFECT, name="joint_churning", friction_laws=(Sticky(),))
+    monkeypatch.setattr(registry, "EFFECTS", registry.build_registry((*registry.ALL_EFFECTS, toy)))
     cell = arm(tmp_path, 2, tool=5.0)
     t, q, v, a = excited(2, np.random.default_rng(1))
-    tau = load_dynamics(cell).torque(q, v, a)
-    _, catalogue, *_ = motion.build(recorded(t, q, v, tau), cell, "torque", np.random.default_rng(0))
+    tau = load_dynamics(cell).compute_torque(q, v, a)
+    _, catalogue, *_ = motion_channels.build_motion_problem(
+        recorded(t, q, v, tau), cell, "torque", np.random.default_rng(0)
+    )
     found = [h for h in catalogue.hypotheses if h.effect == toy.name]
     assert [h.location for h in found] == ["joint:1", "joint:2"]
     assert found[0].quantities(np.array([0.3]), ())["cube"].value == 0.3

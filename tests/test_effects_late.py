@@ -10,31 +10,35 @@ import numpy as np
 import pytest
 from test_diagnose_motion import arm, excited, recorded
 
-from machopt.arrays import Array
-from machopt.diagnose.moving import motion
-from machopt.diagnose.nouns.problem import RecordCorrection
+from machopt.dynamics.rigid_body import load_dynamics
 from machopt.effects import registry
-from machopt.effects.delay import Clock
+from machopt.effects.joint.joint_vibration import JointVibration
 from machopt.effects.protocol import (
     COMPLIANCE,
-    Delayed,
+    DelayedChannel,
     DelayLaw,
     Effect,
-    Parameter,
+    LawParameter,
     Quantity,
     Shape,
-    Swinging,
-    SwingLaw,
+    VibrationLaw,
+    VibrationLoading,
 )
-from machopt.effects.vibration import Swings
-from machopt.model.rigid import load_dynamics
+from machopt.effects.recording.time_delay import ChannelDelay
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import RecordCorrection
+from machopt.measurement.diagnosis.dynamic import motion_channels
+from machopt.numerics.array_types import Array
 
 LATE = [
     pytest.param(e, law, id=f"{e.name} {law.name}")
-    for e in (*registry.of_clocks(), *registry.of_followers())
-    for law in e.delays
+    for e in (*registry.select_channel_delay_effects(), *registry.select_command_delay_effects())
+    for law in e.delay_laws
 ]
-SWINGS = [pytest.param(e, law, id=f"{e.name} {law.name}") for e in registry.of_swings() for law in e.swings]
+SWINGS = [
+    pytest.param(e, law, id=f"{e.name} {law.name}")
+    for e in registry.select_vibration_effects()
+    for law in e.vibration_laws
+]
 RATE = 100.0  # Hz
 
 
@@ -44,14 +48,14 @@ def wave(late: float) -> Array:
     return np.stack([np.sin(3.0 * t), np.cos(5.0 * t)], axis=1)
 
 
-def seen(best: float) -> Delayed:
+def seen(best: float) -> DelayedChannel:
     followed = (wave(0.004) - wave(0.0))[:, :, None]
-    return Delayed(
-        change=lambda d: wave(d) - wave(0.0),
-        best=best,
-        step=0.25 / RATE,
+    return DelayedChannel(
+        compute_change=lambda d: wave(d) - wave(0.0),
+        best_delay=best,
+        tangent_step=0.25 / RATE,
         sign=1.0,
-        followed=followed,
+        following_columns=followed,
         delays=(0.004, 0.0, 0.004),
     )
 
@@ -70,7 +74,7 @@ def test_a_channel_that_is_late_by_so_much_is_the_column_times_it(effect: Effect
             x = np.array([1.0 if share else late])
             exact = 1e-12 if (best and shape.any()) or share else 2e-2
             np.testing.assert_allclose(columns @ x, wave(late) - wave(0.0), rtol=0.0, atol=exact * 5.0 * late)
-            said = law.stated(x, whole)
+            said = law.to_file_parameters(x, whole)
             (value,) = said.values()
             assert 1e3 * late == pytest.approx(value[0] if isinstance(value, list) else value)
     assert effect.note
@@ -78,18 +82,18 @@ def test_a_channel_that_is_late_by_so_much_is_the_column_times_it(effect: Effect
 
 
 def test_what_stays_with_its_command_shows_no_lag() -> None:
-    still = replace(seen(0.0), followed=None, delays=())
-    offered = [law.name for e in registry.of_followers() for law in e.delays if law.grid(still)]
+    still = replace(seen(0.0), following_columns=None, delays=())
+    offered = [law.name for e in registry.select_command_delay_effects() for law in e.delay_laws if law.grid(still)]
     assert offered == ["one delay of all joints"]
 
 
 @pytest.mark.parametrize(("effect", "law"), SWINGS)
-def test_a_spring_with_nothing_to_swing_gives_way_at_once(effect: Effect, law: SwingLaw) -> None:
+def test_a_spring_with_nothing_to_swing_gives_way_at_once(effect: Effect, law: VibrationLaw) -> None:
     load, n = 100.0 * np.sin(np.linspace(0.0, 6.0, 300)), 300
     first = np.zeros(n, np.int64)
     first[[0, 150]] = 1
     inertia = np.linspace(1.0, 2.0, n)
-    whole = Swinging(load, inertia, np.full(n, 1.0 / RATE), first)
+    whole = VibrationLoading(load, inertia, np.full(n, 1.0 / RATE), first)
     for shape in (np.array(s) for s in law.grid(RATE)):
         k, x = law.stiffness(shape, whole), law.deflection(shape, whole)
         assert x[0] == pytest.approx(load[0] / k, abs=1e-15)
@@ -108,7 +112,7 @@ def test_a_spring_with_nothing_to_swing_gives_way_at_once(effect: Effect, law: S
 
 def test_a_search_ends_at_the_best() -> None:
     """A peak narrower than the bands is found between them."""
-    law = registry.of_swings()[0].swings[0]
+    law = registry.select_vibration_effects()[0].vibration_laws[0]
     found = law.grid(200.0, lambda s: 1.0 / (1.0 + ((s[0] - 7.3) / 0.3) ** 2) - abs(s[1] - 0.045))
     assert found[-1] == pytest.approx((7.3, 0.045), rel=0.01)
 
@@ -117,27 +121,27 @@ def test_a_search_ends_at_the_best() -> None:
 
 
 @dataclass(frozen=True)
-class Stuttering(Clock):
+class Stuttering(ChannelDelay):
     """A clock that is late where the channel moves, twice as much as stated."""
 
     name = "stutters"
-    coefficients = (Parameter(key="late_ms", unit="s", factor=1e-3),)
+    coefficients = (LawParameter(key="late_ms", unit="s", factor=1e-3),)
 
-    def columns(self, shape: Array, seen: Delayed) -> Array:
-        return np.asarray(seen.sign * (seen.change(seen.step) * 2.0 / seen.step)[:, :, None])
+    def columns(self, shape: Array, seen: DelayedChannel) -> Array:
+        return np.asarray(seen.sign * (seen.compute_change(seen.tangent_step) * 2.0 / seen.tangent_step)[:, :, None])
 
-    def grid(self, seen: Delayed) -> tuple[Shape, ...]:
+    def grid(self, seen: DelayedChannel) -> tuple[Shape, ...]:
         return ((),)
 
 
 @dataclass(frozen=True)
-class Limps(Swings):
+class Limps(JointVibration):
     """A spring that only ever swings at one frequency, given by its softness."""
 
     name = "limps"
-    coefficients = (Parameter(key="limp", unit=COMPLIANCE, least=0.0),)
+    coefficients = (LawParameter(key="limp", unit=COMPLIANCE, lower_limit=0.0),)
 
-    def sizes(self, compliance: float, shape: Array, seen: Swinging) -> Mapping[str, Quantity]:
+    def sizes(self, compliance: float, shape: Array, seen: VibrationLoading) -> Mapping[str, Quantity]:
         return {"limp": Quantity(compliance, COMPLIANCE)}
 
     def grid(self, rate: float, gain: Callable[[Shape], float] | None = None) -> tuple[Shape, ...]:
@@ -148,15 +152,15 @@ def test_one_file_and_one_line_add_what_is_late_and_what_swings(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """Offered by every channel that has a clock or a spring."""
-    clock = replace(registry.EFFECTS["time_skew"], name="stutter", delays=(Stuttering(),))
-    limp = replace(registry.EFFECTS["joint_elasticity"], name="limp", swings=(Limps(),))
-    monkeypatch.setattr(registry, "EFFECTS", registry.registry((*registry.LISTED, clock, limp)))
+    clock = replace(registry.EFFECTS["time_skew"], name="stutter", delay_laws=(Stuttering(),))
+    limp = replace(registry.EFFECTS["joint_elasticity"], name="limp", vibration_laws=(Limps(),))
+    monkeypatch.setattr(registry, "EFFECTS", registry.build_registry((*registry.ALL_EFFECTS, clock, limp)))
     cell = arm(tmp_path, 2, tool=5.0)
     t, q, v, a = excited(2, np.random.default_rng(1))
-    tau = load_dynamics(cell).torque(q, v, a)
+    tau = load_dynamics(cell).compute_torque(q, v, a)
     record = recorded(t, q, v, tau, q_secondary=q - tau / 1e6)
     for channel, sensors in (("torque", {"sensor:tau", "sensor:q"}), ("link", {"sensor:qse", "sensor:q"})):
-        _, catalogue, *_ = motion.build(record, cell, channel, np.random.default_rng(0))  # type: ignore[arg-type]
+        _, catalogue, *_ = motion_channels.build_motion_problem(record, cell, channel, np.random.default_rng(0))  # type: ignore[arg-type]
         offered = {h.location: h for h in catalogue.hypotheses if h.effect == clock.name}
         assert set(offered) == sensors
         said = offered["sensor:q"].correction(np.array([2e-3]), ())

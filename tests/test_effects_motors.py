@@ -10,28 +10,32 @@ import numpy as np
 import pytest
 from test_diagnose_motion import arm, diagnosed, excited, recorded, shaken
 
-from machopt.arrays import Array
-from machopt.diagnose.moving import drives, friction, motion
-from machopt.diagnose.nouns.result import Diagnosis
-from machopt.domain.recording import Recording
-from machopt.effects import coupling, gain, registry
-from machopt.effects.protocol import JOINTS, Geared, MotorLaw, Parameter, Quantity
+from machopt.data_types.measurements.recording import Recording
+from machopt.dynamics.rigid_body import load_dynamics
+from machopt.effects import registry
+from machopt.effects.joint import drive_gain, joint_coupling
+from machopt.effects.protocol import JOINTS, LawParameter, MotorLaw, MotorLoading, Quantity
 from machopt.errors import InputError
-from machopt.model.rigid import load_dynamics
+from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
+from machopt.measurement.diagnosis.dynamic import drive_gain_and_coupling, friction, motion_channels
+from machopt.numerics.array_types import Array
 
-LAWS = [pytest.param(e, law, id=law.name) for e in registry.of_motors() for law in e.motors]
+LAWS = [pytest.param(e, law, id=law.name) for e in registry.select_motor_effects() for law in e.motor_laws]
 
 
-def seen(joints: int, count: int = 300) -> Geared:
+def seen(joints: int, count: int = 300) -> MotorLoading:
     t = np.arange(count)[:, None] / 100.0 + np.arange(joints)
-    return Geared(
-        needed=90.0 + 40.0 * np.cos(2.0 * t), speed=np.sin(3.0 * t), acceleration=np.cos(3.0 * t), way=np.sign
+    return MotorLoading(
+        required_torque=90.0 + 40.0 * np.cos(2.0 * t),
+        speed=np.sin(3.0 * t),
+        acceleration=np.cos(3.0 * t),
+        compute_friction_direction=np.sign,
     )
 
 
 @pytest.mark.parametrize(("effect", "law"), LAWS)
 def test_a_law_has_columns_of_its_joints_and_sizes_that_grow(effect: registry.Effect, law: MotorLaw) -> None:
-    joints = 2 if effect.paired else 1
+    joints = 2 if effect.is_joint_pair else 1
     whole = seen(joints)
     for shape in map(np.array, law.grid()):
         assert len(shape) == len(law.shape)
@@ -50,34 +54,42 @@ def test_both_ways_of_telling_torques_are_one_power(forward: bool) -> None:
     whole, ratio = seen(2), 0.4 if forward else -0.4
     F = np.array([5.0, 2.0, 0.7])
     turns = np.stack([whole.speed[:, 0], whole.speed[:, 1] + ratio * whole.speed[:, 0]], axis=1)
-    joints = whole.needed + coupling.Through(False, forward).columns(np.array([0.4]), whole) @ F
-    motors = whole.needed + coupling.Through(True, forward).columns(np.array([0.4]), whole) @ np.append(F, 1.0)
+    joints = (
+        whole.required_torque + joint_coupling.ThroughShaftCoupling(False, forward).columns(np.array([0.4]), whole) @ F
+    )
+    motors = whole.required_torque + joint_coupling.ThroughShaftCoupling(True, forward).columns(
+        np.array([0.4]), whole
+    ) @ np.append(F, 1.0)
     np.testing.assert_allclose(np.sum(joints * whole.speed, axis=1), np.sum(motors * turns, axis=1), rtol=1e-12)
 
 
 @dataclass(frozen=True)
-class Bent(gain.TooMuch):
+class Bent(drive_gain.DriveGainError):
     """A drive whose constant falls with the current."""
 
     name = "saturates"
     equation = "τ recorded = τ (1 + g τ²)"
-    coefficients = (Parameter(key="cube", unit="1/(N·m)²"),)
+    coefficients = (LawParameter(key="cube", unit="1/(N·m)²"),)
 
-    def columns(self, shape: Array, seen: Geared) -> Array:
-        return seen.needed[:, :, None] ** 3
+    def columns(self, shape: Array, seen: MotorLoading) -> Array:
+        return seen.required_torque[:, :, None] ** 3
 
-    def sizes(self, values: Array, shape: Array, seen: Geared) -> dict[str, Quantity]:
+    def sizes(self, values: Array, shape: Array, seen: MotorLoading) -> dict[str, Quantity]:
         return {"cube": Quantity(float(values[0]), "1/(N·m)²")}
 
 
 def test_one_file_and_one_line_add_what_a_drive_tells(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Offered at every joint that moves, in its own coordinate; a gain of the load besides, too."""
-    toy = replace(registry.EFFECTS["units"], name="saturation", places=JOINTS, likely=(), motors=(Bent(),))
-    monkeypatch.setattr(registry, "EFFECTS", registry.registry((*registry.LISTED, toy)))
+    toy = replace(
+        registry.EFFECTS["units"], name="saturation", places=JOINTS, preferred_places=(), motor_laws=(Bent(),)
+    )
+    monkeypatch.setattr(registry, "EFFECTS", registry.build_registry((*registry.ALL_EFFECTS, toy)))
     cell = arm(tmp_path, 2, tool=5.0)
     t, q, v, a = excited(2, np.random.default_rng(1))
-    tau = load_dynamics(cell).torque(q, v, a)
-    _, catalogue, *_ = motion.build(recorded(t, q, v, tau), cell, "torque", np.random.default_rng(0))
+    tau = load_dynamics(cell).compute_torque(q, v, a)
+    _, catalogue, *_ = motion_channels.build_motion_problem(
+        recorded(t, q, v, tau), cell, "torque", np.random.default_rng(0)
+    )
     found = [h for h in catalogue.hypotheses if h.effect == toy.name]
     assert [h.location for h in found] == ["joint:1", "joint:1", "joint:2", "joint:2"]
     assert [h.law.endswith("with the load besides") for h in found] == [False, True] * 2
@@ -98,14 +110,14 @@ def test_a_wrong_gain_is_named_at_its_joint(tmp_path: Path, share: float) -> Non
     assert low < 100.0 * share < high
 
 
-def coupled(tmp_path: Path, *, by_motors: bool) -> Diagnosis:
+def coupled(tmp_path: Path, *, by_motors: bool) -> DiagnosisResult:
     """Motor 6 turns with half of joint 5; rigid bodies and friction by power, not by the catalogue's columns."""
     rng = np.random.default_rng(13)
     cell = arm(tmp_path, 6, tool=5.0)
     t, q, v, a = excited(6, rng, periods=4)
     A = np.eye(6)
     A[5, 4] = 0.5
-    motors = np.linalg.solve(A.T, load_dynamics(cell).torque(q, v, a).T).T
+    motors = np.linalg.solve(A.T, load_dynamics(cell).compute_torque(q, v, a).T).T
     turns = v @ A.T
     motors += 6.0 * np.sign(turns) + 2.0 * turns + 0.3 * (a @ A.T)
     told = motors if by_motors else motors @ A
@@ -136,10 +148,17 @@ def test_a_ratio_moves_leaps_where_its_friction_turns_over_at_once_and_slopes_wh
     torque = (np.sign(v) if over is None else np.tanh(v / over)) + 0.01 * rng.normal(size=n)
     still = SimpleNamespace(rate=250.0, mean=lambda x: x, within=lambda x: x, q=speed, v=speed, a=0.0 * speed)
     scene = SimpleNamespace(motion=still, first=(np.arange(n) == 0).astype(int))
-    last = drives._Last(scene, (0, 1), friction.AT_ONCE, torque, np.zeros((n, 0)))  # type: ignore[arg-type]
-    felt = Geared(needed=0.0 * speed, speed=speed, acceleration=0.0 * speed, way=last.way)
-    law = coupling.Through(by_motors=False, forward=True)
-    assert drives._leaps(law, (ratio,), felt, last) == leaps
+    last = drive_gain_and_coupling._LastJointTorque(
+        scene, (0, 1), friction.IMMEDIATE_REVERSAL, torque, np.zeros((n, 0))
+    )  # type: ignore[arg-type]
+    felt = MotorLoading(
+        required_torque=0.0 * speed,
+        speed=speed,
+        acceleration=0.0 * speed,
+        compute_friction_direction=last.compute_friction_direction,
+    )
+    law = joint_coupling.ThroughShaftCoupling(is_motor_side=False, forward=True)
+    assert drive_gain_and_coupling._has_friction_jump(law, (ratio,), felt, last) == leaps
 
 
 def in_amperes(recording: Recording, gains: Array) -> Recording:
@@ -188,7 +207,7 @@ def test_a_joint_whose_masses_ask_nothing_keeps_its_amperes_to_itself(tmp_path: 
     assert recording.current is not None
     lone = recording.current.copy()
     lone[:, 2] = np.sign(v[:, 2]) + 0.1 * rng.normal(size=len(v))
-    problem, catalogue, notes, _ = motion.build(
+    problem, catalogue, notes, _ = motion_channels.build_motion_problem(
         replace(recording, current=lone), cell, "torque", np.random.default_rng(0)
     )
     assert any("at joint 3 masses ask too little" in n for n in notes)

@@ -15,19 +15,20 @@ import pytest
 from machopt.batch import request as batch
 from machopt.batch.run import run_batch
 from machopt.cli import main
-from machopt.diagnose.laws import userterms
-from machopt.diagnose.resting import deflection
-from machopt.domain.stiffness import Stiffness, Term
-from machopt.effects import files, own, registry
-from machopt.effects.given import Parameters
-from machopt.effects.protocol import Parameter
+from machopt.commands.identify import run
+from machopt.commands.identify.run import run_identify
+from machopt.commands.plan_poses import run as plan_poses_run
+from machopt.commands.plan_poses.run import run_plan_poses
+from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
+from machopt.effects import parameter_conversion, registry, user_effects
+from machopt.effects.law_interfaces.parameter_reader import ParameterReader
+from machopt.effects.protocol import LawParameter
 from machopt.errors import InputError
-from machopt.identify.fit import fit
-from machopt.model.elastic import ArmElasticity
-from machopt.model.terms import term_of, vocabulary
-from machopt.services import identify, poses
-from machopt.services.identify import run_identify
-from machopt.services.poses import run_plan_poses
+from machopt.measurement.diagnosis.effect_columns import user_hypotheses
+from machopt.measurement.diagnosis.static import load_test_channel
+from machopt.measurement.identification.fitting.weighted_fit import fit_stiffness
+from machopt.stiffness.arm_stiffness import ArmElasticity
+from machopt.stiffness.terms import build_fitted_term, list_effects_and_locations
 
 JELLY = '''
 from dataclasses import dataclass
@@ -82,22 +83,28 @@ def test_a_file_adds_an_effect_to_diagnosis_and_plan_while_it_is_in_use(jelly: P
     from test_effects import load_test
 
     r, cell = load_test()
-    term = Term("joint_jelly", "joint:2", {"extra_rad_per_Nm": 1e-7, "half_way_Nm": 300.0})
-    softer = Stiffness(joints=cell.joints, terms=(term,))
-    loaded = own.run((jelly,))
-    assert userterms.load(loaded) == []  # no laws of one channel beside it
-    with own.in_use(loaded):
-        assert "joint_jelly" in vocabulary()
-        found = {h.location for h in deflection.catalogue(r, None).hypotheses if h.effect == "joint_jelly"}
+    term = StiffnessTerm("joint_jelly", "joint:2", {"extra_rad_per_Nm": 1e-7, "half_way_Nm": 300.0})
+    softer = ArmStiffness(joints=cell.joints, terms=(term,))
+    loaded = user_effects.run_user_files((jelly,))
+    assert user_hypotheses.load_hypothesis_sources(loaded) == []  # no laws of one channel beside it
+    with user_effects.activate_user_effects(loaded):
+        assert "joint_jelly" in list_effects_and_locations()
+        found = {
+            h.location
+            for h in load_test_channel.build_load_test_catalogue(r, None).hypotheses
+            if h.effect == "joint_jelly"
+        }
         assert found == set(registry.EFFECTS["joint_jelly"].places)
         along = [
-            ArmElasticity(r.robot, r.T_flange_tcp, s, None, r.masses).at(r.state.q).along(np.eye(3)[[2]])
-            for s in (softer, Stiffness(joints=cell.joints))
+            ArmElasticity(r.robot, r.T_flange_tcp, s, None, r.masses)
+            .evaluate(r.state.q)
+            .compute_compliance_along(np.eye(3)[[2]])
+            for s in (softer, ArmStiffness(joints=cell.joints))
         ]
         assert (along[0] > along[1]).any()  # m/N
-        with own.in_use(loaded):  # once more is no second effect
-            assert "joint_jelly" in vocabulary()
-    assert "joint_jelly" not in vocabulary()
+        with user_effects.activate_user_effects(loaded):  # once more is no second effect
+            assert "joint_jelly" in list_effects_and_locations()
+    assert "joint_jelly" not in list_effects_and_locations()
     with pytest.raises(InputError, match=r"'joint_jelly' is not known.*--effects"):
         ArmElasticity(r.robot, r.T_flange_tcp, softer, None, r.masses)
 
@@ -132,7 +139,7 @@ def test_a_file_that_will_not_do_says_what_would(jelly: Path, old: str, new: str
     assert old in JELLY
     jelly.write_text(JELLY.replace(old, new))
     before = registry.EFFECTS
-    with pytest.raises(InputError) as caught, own.in_use(own.run((jelly,))):
+    with pytest.raises(InputError) as caught, user_effects.activate_user_effects(user_effects.run_user_files((jelly,))):
         pass
     assert said in str(caught.value)
     assert "jelly.py" in str(caught.value)
@@ -141,52 +148,55 @@ def test_a_file_that_will_not_do_says_what_would(jelly: Path, old: str, new: str
 
 def test_a_file_without_laws_is_refused(jelly: Path) -> None:
     with pytest.raises(InputError, match="no such file"):
-        own.run((jelly.with_name("none.py"),))
+        user_effects.run_user_files((jelly.with_name("none.py"),))
     jelly.write_text("x = 1\n")
     with pytest.raises(InputError, match=r"no function hypotheses\(readings\).*EFFECTS"):
-        userterms.load(own.run((jelly,)))
-    with pytest.raises(InputError, match="has no EFFECTS"), own.in_use(own.with_effects((jelly,))):
+        user_hypotheses.load_hypothesis_sources(user_effects.run_user_files((jelly,)))
+    with (
+        pytest.raises(InputError, match="has no EFFECTS"),
+        user_effects.activate_user_effects(user_effects.load_effect_files((jelly,))),
+    ):
         pass
 
 
 def test_laws_of_the_catalogue_answer_as_a_users_must() -> None:
-    for effect in registry.of_joint_torque():
-        for law in effect.laws:
-            own._try(effect, law, "the catalogue")
+    for effect in registry.select_joint_torque_effects():
+        for law in effect.joint_laws:
+            user_effects._try_joint_law(effect, law, "the catalogue")
 
 
 def test_a_package_that_does_not_load_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module, group in ((own, own.GROUP), (own, userterms.GROUP)):
+    for module, group in ((user_effects, user_effects.GROUP), (user_effects, user_hypotheses.GROUP)):
         broken = EntryPoint("x", "nothere.at_all:EFFECTS", group)
         monkeypatch.setattr(
             module, "entry_points", lambda group, broken=broken: [broken] if broken.group == group else []
         )
         with pytest.raises(InputError, match=r"nothere.at_all.*does not load: ModuleNotFoundError"):
-            own.installed(group)
+            user_effects.find_entry_points(group)
     with pytest.raises(InputError, match="does not load"):
-        userterms.load()
+        user_hypotheses.load_hypothesis_sources()
 
 
 def test_numbers_of_a_law_go_to_a_file_and_back_in_any_order() -> None:
     """A list before a single number was read and written by different rules."""
     law = SimpleNamespace(
         word="",
-        coefficients=(Parameter(key="b", unit="", many=True), Parameter(key="a", unit="")),
+        coefficients=(LawParameter(key="b", unit="", is_list=True), LawParameter(key="a", unit="")),
         shape=(),
         remembers=False,
     )
     stated = {"a": 5.0, "b": [1.0, 2.0]}
-    values, shape, _ = files.read(law, Parameters(stated, "x"))
-    assert files.write(law, values, shape) == stated
-    assert [name for name, *_ in files.named(law, 3)] == ["a", "b[0]", "b[1]"]
+    values, shape, _ = parameter_conversion.read_law_parameters(law, ParameterReader(stated, "x"))
+    assert parameter_conversion.write_law_parameters(law, values, shape) == stated
+    assert [name for name, *_ in parameter_conversion.list_coefficient_names(law, 3)] == ["a", "b[0]", "b[1]"]
 
 
 @pytest.mark.parametrize(
     ("words", "runs"),
     [
-        (["identify", "cell", "rec"], "machopt.services.identify.run_identify"),
-        (["plan-poses", "cell"], "machopt.services.poses.run_plan_poses"),
-        (["map", "cell"], "machopt.services.map.run_map"),
+        (["identify", "cell", "rec"], "machopt.commands.identify.run.run_identify"),
+        (["plan-poses", "cell"], "machopt.commands.plan_poses.run.run_plan_poses"),
+        (["map", "cell"], "machopt.commands.map.run.run_map"),
         (["batch", "parts"], "machopt.batch.run.run_batch"),
     ],
     ids=lambda w: w[0] if isinstance(w, list) else "",
@@ -210,9 +220,9 @@ def test_commands_hand_on_files_with_effects_and_say_that_they_run_them(
 def test_a_missing_file_is_refused_before_anything_else_is_read(tmp_path: Path) -> None:
     gone, none = (tmp_path / "none.py",), tmp_path / "no cell"
     with pytest.raises(InputError, match="no such file; a Python file"):
-        run_identify(identify.IdentifyRequest(cell=none, recordings=(none,), out=tmp_path / "out", effects=gone))
+        run_identify(run.IdentifyRequest(cell=none, recordings=(none,), out=tmp_path / "out", effects=gone))
     with pytest.raises(InputError, match="no such file; a Python file"):
-        run_plan_poses(poses.PosesRequest(cell=none, out=tmp_path / "out", effects=gone))
+        run_plan_poses(plan_poses_run.PosesRequest(cell=none, out=tmp_path / "out", effects=gone))
     with pytest.raises(InputError, match="no such file; a Python file"):
         run_batch(batch.BatchRequest(jobs=("parts",), out=tmp_path / "out", effects=gone))
 
@@ -223,10 +233,10 @@ def test_identify_fits_a_law_of_the_users_and_its_shape_is_stated(jelly: Path) -
 
     e = draw(np.random.default_rng(1), rotations=True, noise=0.0)
     _, robot, tool = cell()
-    with own.in_use(own.run((jelly,))):
-        term = term_of("joint_jelly", "joint:2", robot, tool, half_way_Nm=300.0)
-        more = (term.response(e.state, e.wrench) @ np.array([2e-7]))[:, : e.dimensions]
+    with user_effects.activate_user_effects(user_effects.run_user_files((jelly,))):
+        term = build_fitted_term("joint_jelly", "joint:2", robot, tool, half_way_Nm=300.0)
+        more = (term.compute_response(e.state, e.wrench) @ np.array([2e-7]))[:, : e.dimensions]
         J = e.state.J[:, : e.dimensions]
         measured = np.einsum("nci,ni->nc", J, np.einsum("nci,nc->ni", e.state.J, e.wrench) / TRUE_K) + more
-        found = fit(replace(e, measured=measured), terms=(term,))
+        found = fit_stiffness(replace(e, measured=measured), terms=(term,))
     np.testing.assert_allclose(found.x[6], 2e-7, rtol=1e-6)

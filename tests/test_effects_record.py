@@ -9,21 +9,23 @@ import numpy as np
 import pytest
 from test_effects import load_test
 
-from machopt.arrays import Array
-from machopt.diagnose.laws import at_sensor
-from machopt.diagnose.nouns.problem import RecordCorrection
-from machopt.diagnose.resting import deflection
 from machopt.effects import registry
-from machopt.effects.protocol import Effect, Parameter, Quantity, Recorded, RecordLaw, Shape
+from machopt.effects.protocol import Effect, LawParameter, Quantity, RecordedLoad, RecordLaw, Shape
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import RecordCorrection
+from machopt.measurement.diagnosis.effect_columns import sensor_errors
+from machopt.measurement.diagnosis.static import load_test_channel
+from machopt.numerics.array_types import Array
 
-LAWS = [pytest.param(e, law, id=f"{e.name} {law.name}") for e in registry.of_records() for law in e.recorded]
+LAWS = [
+    pytest.param(e, law, id=f"{e.name} {law.name}") for e in registry.select_record_effects() for law in e.record_laws
+]
 
 
-def seen() -> Recorded:
+def seen() -> RecordedLoad:
     rng = np.random.default_rng(0)
     axes, tool = (np.linalg.qr(rng.normal(size=(5, 3, 3)))[0] for _ in range(2))
     wrench, moved = rng.normal(size=(5, 6)) * 100.0, rng.normal(size=(5, 6)) * 1e-3
-    return Recorded(wrench, moved, axes, tool, rng.normal(size=(5, 3)))
+    return RecordedLoad(wrench, moved, axes, tool, rng.normal(size=(5, 3)))
 
 
 @pytest.mark.parametrize(("effect", "law"), LAWS)
@@ -37,7 +39,7 @@ def test_a_law_counts_each_reading_by_itself_and_its_size_grows(effect: Effect, 
         some = [2, 3]
         middle = whole.position.mean(axis=0)  # a frame turns about the middle of the points
         at = np.stack([whole.position[2], 2.0 * middle - whole.position[2]])
-        one = Recorded(whole.wrench[some], whole.displacement[some], whole.axes[some], whole.tool[some], at)
+        one = RecordedLoad(whole.wrench[some], whole.displacement[some], whole.axes[some], whole.tool[some], at)
         np.testing.assert_allclose(law.columns(shape, one)[0], columns[2], rtol=1e-14, atol=1e-15)
         values = 1e-9 * np.arange(1.0, len(law.coefficients) + 1.0)
         one_size, two = (next(iter(law.sizes(k * values, shape).values())) for k in (1.0, 2.0))
@@ -49,7 +51,7 @@ def test_a_law_counts_each_reading_by_itself_and_its_size_grows(effect: Effect, 
 def test_laws_are_the_errors_that_a_sensor_makes() -> None:
     """Recorded by hand with a small error: what acts is recorded plus column times coefficient, to first order."""
     s, size = seen(), 1e-6
-    effects = {(e.name, law.name): law for e in registry.of_records() for law in e.recorded}
+    effects = {(e.name, law.name): law for e in registry.select_record_effects() for law in e.record_laws}
     force, moment = s.wrench[:, :3], s.wrench[:, 3:]
     zero = np.zeros_like(force)
     about = s.axes[:, :, 1]
@@ -93,10 +95,10 @@ class Leaks:
     word = ""
     remembers = False
     moves = "wrench"
-    coefficients = (Parameter(key="crosstalk", unit="1"),)
-    shape: tuple[Parameter, ...] = ()
+    coefficients = (LawParameter(key="crosstalk", unit="1"),)
+    shape: tuple[LawParameter, ...] = ()
 
-    def columns(self, shape: Array, seen: Recorded) -> Array:
+    def columns(self, shape: Array, seen: RecordedLoad) -> Array:
         out = np.zeros((len(seen.wrench), 6, 1))
         out[:, 2, 0] = -np.linalg.norm(seen.wrench[:, :2], axis=1)
         return out
@@ -109,21 +111,21 @@ class Leaks:
 
 
 def test_one_file_and_one_line_add_a_sensor_s_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    toy = replace(registry.EFFECTS["force_sensor_gain"], name="force_sensor_crosstalk", recorded=(Leaks(),))
-    monkeypatch.setattr(registry, "EFFECTS", registry.registry((*registry.LISTED, toy)))
+    toy = replace(registry.EFFECTS["force_sensor_gain"], name="force_sensor_crosstalk", record_laws=(Leaks(),))
+    monkeypatch.setattr(registry, "EFFECTS", registry.build_registry((*registry.ALL_EFFECTS, toy)))
     r, _ = load_test()
-    (h,) = (h for h in at_sensor.hypotheses(r) if h.effect == toy.name)
-    assert any(other.name == h.name for other in deflection.catalogue(r, None).hypotheses)
+    (h,) = (h for h in sensor_errors.build_load_test_sensor_hypotheses(r) if h.effect == toy.name)
+    assert any(other.name == h.name for other in load_test_channel.build_load_test_catalogue(r, None).hypotheses)
     wrench = np.zeros_like(r.wrench)
     wrench[:, 2] = -np.linalg.norm(r.wrench[:, :2], axis=1)
-    np.testing.assert_allclose(h.columns(())[:, :, 0], r.through(wrench), rtol=1e-12, atol=1e-18)
+    np.testing.assert_allclose(h.columns(())[:, :, 0], r.compute_displacement(wrench), rtol=1e-12, atol=1e-18)
     assert h.correction(np.array([0.02]), ()) == RecordCorrection(toy.name, "sensor:force", {"crosstalk": 2.0})
 
 
 def test_a_tool_of_another_length_moves_load_and_target_alike() -> None:
     """Held against the arm's compliance at the other point: J there, the same force there."""
     r, _ = load_test()
-    (h,) = (h for h in at_sensor.hypotheses(r) if h.law == "TCP elsewhere in the tool")
+    (h,) = (h for h in sensor_errors.build_load_test_sensor_hypotheses(r) if h.law == "TCP elsewhere in the tool")
     columns, step = h.columns(()), 1e-6
     for k in range(3):
         off = step * r.state.T_base_tool[:, :3, k]
@@ -132,4 +134,6 @@ def test_a_tool_of_another_length_moves_load_and_target_alike() -> None:
         lever = np.concatenate([J[:, :3], r.state.J[:, 3:]], axis=1)
         tau = np.einsum("nci,nc->ni", lever, r.wrench)
         there = np.einsum("nci,ni->nc", lever, tau * r.compliance)[:, : r.dimensions]
-        np.testing.assert_allclose((there - r.through(r.wrench)) / step, columns[:, :, k], rtol=1e-4, atol=1e-9)
+        np.testing.assert_allclose(
+            (there - r.compute_displacement(r.wrench)) / step, columns[:, :, k], rtol=1e-4, atol=1e-9
+        )

@@ -9,17 +9,22 @@ import numpy as np
 import pytest
 from simulated_arm import Noise, SmoothField, SpringInBody, TrueArm, random_loads, record, scattered_poses
 
-from machopt.domain.cell import Cell
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.cell import Cell
+from machopt.dynamics.gravity_torque import compute_gravity_torque
 from machopt.errors import InputError
-from machopt.estimate.experiment import Experiment, experiment
-from machopt.formats.cell import load_cell
-from machopt.identify.equilibrium import Equilibrium, influence, least_squares, refine
-from machopt.identify.fit import fit
-from machopt.model.gravity import gravity_torque
-from machopt.model.kinetostatic import geometric_stiffness, influence_of_geometric
-from machopt.model.robot import Masses, Robot, load_masses, load_robot
-from machopt.model.terms import term_of
-from machopt.model.terms.body import BodySpring
+from machopt.kinematics.robot import Robot, RobotMasses, load_masses, load_robot
+from machopt.measurement.estimation.load_test_equations import LoadTestExperiment, build_load_test_experiment
+from machopt.measurement.identification.fitting.loaded_equilibrium import (
+    LoadedEquilibriumModel,
+    compute_nonlinear_share,
+    fit_unweighted_compliances,
+    refine_at_equilibrium,
+)
+from machopt.measurement.identification.fitting.weighted_fit import fit_stiffness
+from machopt.stiffness.kinetostatic_indices import compute_geometric_influence, compute_geometric_stiffness
+from machopt.stiffness.terms import build_fitted_term
+from machopt.stiffness.terms.body_spring import BodySpring
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 
@@ -35,7 +40,7 @@ def robot(cell: Cell) -> Robot:
 
 
 @pytest.fixture(scope="module")
-def masses(cell: Cell) -> Masses:
+def masses(cell: Cell) -> RobotMasses:
     return load_masses(cell)
 
 
@@ -49,8 +54,8 @@ def poses(cell: Cell, robot: Robot, rng: np.random.Generator, count: int = 30) -
 
 
 def soft_test(
-    cell: Cell, robot: Robot, masses: Masses | None, soft: float = 10.0, noise: Noise | None = None
-) -> tuple[Experiment, np.ndarray]:
+    cell: Cell, robot: Robot, masses: RobotMasses | None, soft: float = 10.0, noise: Noise | None = None
+) -> tuple[LoadTestExperiment, np.ndarray]:
     """2 kN on an arm ten times softer than the KR 500: centimetres of deflection."""
     rng = np.random.default_rng(3)
     c = soft * constant(cell)
@@ -63,19 +68,19 @@ def soft_test(
         rotations=True,
         noise=Noise.none() if noise is None else noise,
     )
-    return experiment(made.recording, robot, cell.tool.T_flange_tcp), c
+    return build_load_test_experiment(made.recording, robot, cell.tool.T_flange_tcp), c
 
 
 # ------------------------------------------------------------------------------------------------------- gravity
 
 
-def test_gravity_torques_are_those_of_pinocchio(cell: Cell, robot: Robot, masses: Masses) -> None:
+def test_gravity_torques_are_those_of_pinocchio(cell: Cell, robot: Robot, masses: RobotMasses) -> None:
     import pinocchio as pin
 
     links = len(masses.mass) - 1  # the last is the tool, which the URDF does not have
-    bare = Masses(masses.body[:links], masses.mass[:links], masses.com[:links], masses.gravity)
+    bare = RobotMasses(masses.body[:links], masses.mass[:links], masses.com[:links], masses.gravity)
     q = np.random.default_rng(0).uniform(-2, 2, (6, 6))
-    torque, slope = gravity_torque(robot, bare, robot.state(q, None, bodies=True))
+    torque, slope = compute_gravity_torque(robot, bare, robot.compute_state(q, None, bodies=True))
     model = pin.buildModelFromUrdf(str(cell.urdf))
     model.gravity.linear = masses.gravity
     for row, expected in zip(q, torque, strict=True):
@@ -84,11 +89,13 @@ def test_gravity_torques_are_those_of_pinocchio(cell: Cell, robot: Robot, masses
     h = 1e-5  # rad; central differences of 10 kN·m torques are good to about 1e-5 N·m/rad there
     for j in range(6):
         d = h * np.eye(6)[j]
-        ends = [gravity_torque(robot, bare, robot.state(q + s * d, None, bodies=True))[0] for s in (1, -1)]
+        ends = [
+            compute_gravity_torque(robot, bare, robot.compute_state(q + s * d, None, bodies=True))[0] for s in (1, -1)
+        ]
         np.testing.assert_allclose((ends[0] - ends[1]) / (2 * h), slope[..., j], atol=1e-4)
 
 
-def test_the_tool_counts_as_a_mass_of_the_last_link(cell: Cell, robot: Robot, masses: Masses) -> None:
+def test_the_tool_counts_as_a_mass_of_the_last_link(cell: Cell, robot: Robot, masses: RobotMasses) -> None:
     assert masses.body[-1] == 6
     assert masses.mass[-1] == cell.tool.mass
     expected = robot.T_base_flange_zero[:3, :3] @ cell.tool.com + robot.T_base_flange_zero[:3, 3]
@@ -105,9 +112,9 @@ def test_the_simulated_arm_follows_the_linear_law_in_the_limit_of_small_loads(ce
     rng = np.random.default_rng(0)
     T = cell.tool.T_flange_tcp
     terms = [
-        term_of("link_compliance", "link:2", robot, T, EI_Nm2=2e7, GJ_Nm2=1.6e7),
-        term_of("base_compliance", "base", robot, T, compliance_diagonal=[1e-9] * 6),
-        term_of("tool_compliance", "tool", robot, T, compliance_diagonal=[1e-8] * 6),
+        build_fitted_term("link_compliance", "link:2", robot, T, EI_Nm2=2e7, GJ_Nm2=1.6e7),
+        build_fitted_term("base_compliance", "base", robot, T, compliance_diagonal=[1e-9] * 6),
+        build_fitted_term("tool_compliance", "tool", robot, T, compliance_diagonal=[1e-8] * 6),
     ]
     springs = []
     for t in terms:
@@ -119,7 +126,7 @@ def test_the_simulated_arm_follows_the_linear_law_in_the_limit_of_small_loads(ce
     off = []
     for share in (1.0, 0.1):
         made = record(arm, q, share * loads, rng, rotations=True, noise=Noise.none())
-        e = experiment(made.recording, robot, T)
+        e = build_load_test_experiment(made.recording, robot, T)
         off.append(np.abs(e.response(terms) @ x - e.measured).max() / np.abs(e.measured).max())
     assert off[0] < 0.01  # 1 kN on a KR 500 is a small load
     np.testing.assert_allclose(off[0] / off[1], 10.0, rtol=0.02)  # first order in the load
@@ -173,17 +180,19 @@ def _tiny_arm(cell: Cell) -> tuple[Robot, np.ndarray]:
 
 
 @pytest.mark.parametrize("weight", [False, True])
-def test_prediction_is_the_simulated_arm_to_rounding(cell: Cell, robot: Robot, masses: Masses, weight: bool) -> None:
+def test_prediction_is_the_simulated_arm_to_rounding(
+    cell: Cell, robot: Robot, masses: RobotMasses, weight: bool
+) -> None:
     """Newton on joint angles here, a chain of bodies brought to rest by iteration there."""
     e, c = soft_test(cell, robot, masses if weight else None)
     assert np.abs(e.measured[:, :3]).max() > 0.01  # centimetres: no small-angle shortcut could pass
-    predicted, _ = Equilibrium(e, robot, cell.tool.T_flange_tcp, masses if weight else None).predict(c)
+    predicted, _ = LoadedEquilibriumModel(e, robot, cell.tool.T_flange_tcp, masses if weight else None).predict(c)
     np.testing.assert_allclose(predicted, e.measured, atol=1e-11)  # rounding of 3 m through two iterations
 
 
-def test_sensitivities_against_finite_differences(cell: Cell, robot: Robot, masses: Masses) -> None:
+def test_sensitivities_against_finite_differences(cell: Cell, robot: Robot, masses: RobotMasses) -> None:
     e, c = soft_test(cell, robot, masses)
-    eq = Equilibrium(e, robot, cell.tool.T_flange_tcp, masses)
+    eq = LoadedEquilibriumModel(e, robot, cell.tool.T_flange_tcp, masses)
     _, S = eq.predict(c)
     for j in range(6):
         h = 1e-3 * c[j] * np.eye(6)[j]
@@ -194,7 +203,7 @@ def test_sensitivities_against_finite_differences(cell: Cell, robot: Robot, mass
 
 def test_a_rigid_joint_is_allowed(cell: Cell, robot: Robot) -> None:
     e, c = soft_test(cell, robot, None)
-    d, S = Equilibrium(e, robot, cell.tool.T_flange_tcp).predict(np.where(np.arange(6) == 3, 0.0, c))
+    d, S = LoadedEquilibriumModel(e, robot, cell.tool.T_flange_tcp).predict(np.where(np.arange(6) == 3, 0.0, c))
     assert np.isfinite(d).all()
     assert np.abs(S[..., 3]).max() > 0
 
@@ -202,37 +211,39 @@ def test_a_rigid_joint_is_allowed(cell: Cell, robot: Robot) -> None:
 # ------------------------------------------------------------------------------------------------------------ fit
 
 
-def test_the_truth_is_found_where_the_linear_fit_is_biased(cell: Cell, robot: Robot, masses: Masses) -> None:
+def test_the_truth_is_found_where_the_linear_fit_is_biased(cell: Cell, robot: Robot, masses: RobotMasses) -> None:
     e, c = soft_test(cell, robot, masses)
-    linear = least_squares(e)
+    linear = fit_unweighted_compliances(e)
     assert np.abs(linear / c - 1).max() > 0.1  # tens of percent off at the soft joints
-    found = refine(Equilibrium(e, robot, cell.tool.T_flange_tcp, masses), linear)
+    found = refine_at_equilibrium(LoadedEquilibriumModel(e, robot, cell.tool.T_flange_tcp, masses), linear)
     np.testing.assert_allclose(found.compliance, c, rtol=1e-8)  # data without noise: only the iteration's end
     assert found.rounds <= 5  # Gauss–Newton on residuals that vanish converges quadratically
     assert found.influence.max() > 0.1
 
 
-def test_weight_that_is_left_out_biases_the_fit(cell: Cell, robot: Robot, masses: Masses) -> None:
+def test_weight_that_is_left_out_biases_the_fit(cell: Cell, robot: Robot, masses: RobotMasses) -> None:
     """1.8 t of links and tool on springs: K_C of the load alone is not enough."""
     e, c = soft_test(cell, robot, masses, soft=1.0)
     T = cell.tool.T_flange_tcp
-    start = least_squares(e)
-    without = refine(Equilibrium(e, robot, T), start).compliance / c - 1
-    with_weight = refine(Equilibrium(e, robot, T, masses), start).compliance / c - 1
+    start = fit_unweighted_compliances(e)
+    without = refine_at_equilibrium(LoadedEquilibriumModel(e, robot, T), start).compliance / c - 1
+    with_weight = refine_at_equilibrium(LoadedEquilibriumModel(e, robot, T, masses), start).compliance / c - 1
     assert np.abs(without).max() > 0.005
     assert np.abs(with_weight).max() < 1e-8
 
 
-def test_the_weighted_robust_fit_serves_at_the_equilibrium(cell: Cell, robot: Robot, masses: Masses) -> None:
+def test_the_weighted_robust_fit_serves_at_the_equilibrium(cell: Cell, robot: Robot, masses: RobotMasses) -> None:
     """Same noise, same method: only the equations change."""
     e, c = soft_test(cell, robot, masses, noise=Noise())
-    linear = fit(e)
-    found = refine(
-        Equilibrium(e, robot, cell.tool.T_flange_tcp, masses), linear.compliance, lambda at: fit(at).compliance
+    linear = fit_stiffness(e)
+    found = refine_at_equilibrium(
+        LoadedEquilibriumModel(e, robot, cell.tool.T_flange_tcp, masses),
+        linear.compliance,
+        lambda at: fit_stiffness(at).compliance,
     )
     assert np.abs(linear.compliance / c - 1).max() > 0.05
     assert np.abs(found.compliance / c - 1).max() < 0.02  # noise of 35 µm and 0.75 % of force on 10 mm
-    one = found.linear.take(np.arange(len(e)) < 8)
+    one = found.linear.select_readings(np.arange(len(e)) < 8)
     assert one.response().shape == (8, 6, 6)
     np.testing.assert_array_equal(one.response(), found.linear.response()[:8])
 
@@ -244,9 +255,11 @@ def test_small_loads_give_the_linear_result(cell: Cell, robot: Robot) -> None:
     q, loads = poses(cell, robot, rng), random_loads(rng, 30, 4, 1000, 200)
     off = []
     for share in (1.0, 0.1, 0.01):
-        e = experiment(record(TrueArm(robot, T, c), q, share * loads, rng, noise=Noise.none()).recording, robot, T)
-        linear = least_squares(e)
-        found = refine(Equilibrium(e, robot, T), linear)
+        e = build_load_test_experiment(
+            record(TrueArm(robot, T, c), q, share * loads, rng, noise=Noise.none()).recording, robot, T
+        )
+        linear = fit_unweighted_compliances(e)
+        found = refine_at_equilibrium(LoadedEquilibriumModel(e, robot, T), linear)
         off.append(np.abs(linear / found.compliance - 1).max())
     assert off[0] < 0.01
     np.testing.assert_allclose(np.array(off[:-1]) / np.array(off[1:]), 10.0, rtol=0.1)
@@ -255,8 +268,8 @@ def test_small_loads_give_the_linear_result(cell: Cell, robot: Robot) -> None:
 def test_terms_beside_the_joints_stay_linear(cell: Cell, robot: Robot) -> None:
     e, c = soft_test(cell, robot, None)
     T = cell.tool.T_flange_tcp
-    base = term_of("base_compliance", "base", robot, T)
-    at = Equilibrium(e, robot, T).linear(c)
+    base = build_fitted_term("base_compliance", "base", robot, T)
+    at = LoadedEquilibriumModel(e, robot, T).linearise(c)
     np.testing.assert_array_equal(at.response([base])[..., 6:], e.response([base])[..., 6:])
     # at the truth the linearised readings are what the sensitivities say
     np.testing.assert_allclose(at.response() @ c, at.measured, atol=1e-11)
@@ -275,8 +288,8 @@ def test_how_much_the_load_itself_matters_on_the_kr240() -> None:
     q2, q3 = np.meshgrid(np.radians(np.arange(-140, -5, 5)), np.radians(np.arange(-100, 140, 5)))
     q = np.stack([np.zeros(q2.size), q2.ravel(), q3.ravel(), *[np.full(q2.size, np.pi / 4)] * 3], axis=1)
     w = np.tile([0, 0, -2000.0, 200, 200, 0], (len(q), 1))
-    state, zero, number = robot.state(q, T, bodies=True), np.zeros(len(q), int), np.arange(len(q))
-    e = Experiment(
+    state, zero, number = robot.compute_state(q, T, bodies=True), np.zeros(len(q), int), np.arange(len(q))
+    e = LoadTestExperiment(
         source="joint space",
         state=state,
         T_base_tcp=state.T_base_tool,
@@ -288,9 +301,9 @@ def test_how_much_the_load_itself_matters_on_the_kr240() -> None:
         line=zero,
     )
     k = np.broadcast_to(cell.stiffness.joints, q.shape)
-    nu = influence_of_geometric(state.J, k, geometric_stiffness(state.J, w), w).nu_p
-    settled = influence(Equilibrium(e, robot, T), 1 / cell.stiffness.joints)
-    weighed = influence(Equilibrium(e, robot, T, load_masses(cell)), 1 / cell.stiffness.joints)
+    nu = compute_geometric_influence(state.J, k, compute_geometric_stiffness(state.J, w), w).nu_p
+    settled = compute_nonlinear_share(LoadedEquilibriumModel(e, robot, T), 1 / cell.stiffness.joints)
+    weighed = compute_nonlinear_share(LoadedEquilibriumModel(e, robot, T, load_masses(cell)), 1 / cell.stiffness.joints)
     assert nu.max() == pytest.approx(0.0159, abs=2e-4)  # the paper's figure to its printed digit
     assert settled.max() == pytest.approx(0.0154, abs=2e-4)
     assert settled.max() < weighed.max() < 0.1
@@ -299,4 +312,4 @@ def test_how_much_the_load_itself_matters_on_the_kr240() -> None:
 def test_springs_that_do_not_hold_are_named(cell: Cell, robot: Robot) -> None:
     e, c = soft_test(cell, robot, None)
     with pytest.raises(InputError, match=r"do not hold the load of the reading on line \d+"):
-        Equilibrium(e, robot, cell.tool.T_flange_tcp).predict(1e4 * c)
+        LoadedEquilibriumModel(e, robot, cell.tool.T_flange_tcp).predict(1e4 * c)

@@ -7,29 +7,35 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from machopt.arrays import Array
-from machopt.domain.program import LIN, PTP
-from machopt.domain.readprogram import ReadProgram
-from machopt.domain.toolpath import Event, Move, Operation, Toolpath
-from machopt.recheck.printed import last_digit
-from machopt.recheck.terms import index_at
-from machopt.verify.program import _kinds
-from machopt.verify.programcam import NOISE, Cuts, _events, _reached, against_cam
-from machopt.verify.programtargets import AXIS_LEVER, Allowed, external_axes
-from machopt.verify.programways import _off_line, _on_the_spot
-from machopt.verify.table import Motion
+from machopt.data_types.program_in_cell import ProgramInCell
+from machopt.data_types.robot_program import LIN, PTP
+from machopt.data_types.toolpath import MoveKind, Toolpath, ToolpathEvent, ToolpathOperation
+from machopt.numerics.array_types import Array
+from machopt.verification.folder.programs.frames_and_axes import compute_toolpath_index
+from machopt.verification.folder.programs.printed_precision import compute_last_digit
+from machopt.verification.programs.cam_comparison import (
+    LINE_TIE_M,
+    ExpectedCuts,
+    _check_events,
+    _find_cut_moves,
+    compare_with_cam,
+)
+from machopt.verification.programs.motion_comparison import _check_move_kinds
+from machopt.verification.programs.moves_between_targets import _choose_adjacent_move, _compute_line_deviation
+from machopt.verification.programs.target_matching import AXIS_LEVER_M, TargetTolerances, check_external_axes
+from machopt.verification.tables.exported_tables import ExportedMotion
 
 
-def path(position: list[list[float]], move: list[Move], events: tuple[Event, ...]) -> Toolpath:
+def path(position: list[list[float]], move: list[MoveKind], events: tuple[ToolpathEvent, ...]) -> Toolpath:
     n = len(position)
-    feed = np.where(np.array(move) == Move.RAPID, np.nan, 0.05)
+    feed = np.where(np.array(move) == MoveKind.RAPID, np.nan, 0.05)
     return Toolpath(
         position=1e-3 * np.array(position),
         axis=np.tile([0.0, 0.0, 1.0], (n, 1)),
         move=np.array(move, np.int8),
         feed=feed,
         operation=np.zeros(n, np.int32),
-        operations=(Operation("a", "trajectory"),),
+        operations=(ToolpathOperation("a", "trajectory"),),
         reference=np.full((n, 3), np.nan),
         tolerance=np.full(n, np.nan),
         line=np.arange(1, n + 1, dtype=np.int32),
@@ -40,11 +46,11 @@ def path(position: list[list[float]], move: list[Move], events: tuple[Event, ...
     )
 
 
-def program(place: Array, kind: list[int], events: tuple[Event, ...], place_step: float = 0.0) -> ReadProgram:
+def program(place: Array, kind: list[int], events: tuple[ToolpathEvent, ...], place_step: float = 0.0) -> ProgramInCell:
     n = len(place)
     T = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (n, 1, 1))
     T[:, :3, 3] = 1e-3 * place
-    return ReadProgram(
+    return ProgramInCell(
         file="p",
         kind=np.array(kind, np.int8),
         q=np.zeros((n, 6)),
@@ -60,10 +66,10 @@ def program(place: Array, kind: list[int], events: tuple[Event, ...], place_step
     )
 
 
-def driven(point: Array, move: Array) -> Motion:
+def driven(point: Array, move: Array) -> ExportedMotion:
     n = len(point)
     q = np.repeat(0.01 * np.arange(n)[:, None], 6, axis=1)
-    return Motion(
+    return ExportedMotion(
         time=0.012 * np.arange(n),
         point=point,
         move=move,
@@ -75,12 +81,12 @@ def driven(point: Array, move: Array) -> Motion:
     )
 
 
-def cuts(toolpath: Toolpath, axis_corner: float = 0.0) -> Cuts:
+def cuts(toolpath: Toolpath, axis_corner: float = 0.0) -> ExpectedCuts:
     n = len(toolpath)
     wanted = toolpath.cutting
     corners = (np.arange(float(n)), toolpath.position)
     none = np.zeros((n, 3))
-    return Cuts(
+    return ExpectedCuts(
         toolpath=toolpath,
         position=toolpath.position,
         corners=corners,
@@ -95,38 +101,38 @@ def cuts(toolpath: Toolpath, axis_corner: float = 0.0) -> Cuts:
 
 def test_where_a_long_move_meets_a_short_one_the_index_goes_with_the_way() -> None:
     """340 mm, then 1 mm pieces of an arc, 0.6 mm a sample: point 1 is 0.2 mm behind one sample, 0.4 before the next."""
-    toolpath = path([[0, 0, 0], [340, 0, 0], [341, 0, 0]], [Move.CUT] * 3, ())
+    toolpath = path([[0, 0, 0], [340, 0, 0], [341, 0, 0]], [MoveKind.CUT] * 3, ())
     motion = driven(np.array([1 - 0.2 / 340, 1.4]), np.zeros(2, np.int64))
-    (index,) = index_at(motion, np.array([0.2 / 0.6]), toolpath)
+    (index,) = compute_toolpath_index(motion, np.array([0.2 / 0.6]), toolpath)
     assert abs(index - 1.0) < 1e-6  # the nanometre that a step on which nothing moves counts
 
 
 def test_an_event_between_two_moves_to_one_place_is_in_place() -> None:
     """A rapid move, the spindle's start, a move to where the tool stands already: decimals leave 4 µm of way open."""
-    spindle = Event(2, "spindle", "S6000", 6000.0)
-    rapid, cut = Move.RAPID, Move.CUT
+    spindle = ToolpathEvent(2, "spindle", "S6000", 6000.0)
+    rapid, cut = MoveKind.RAPID, MoveKind.CUT
     toolpath = path([[0, 0, 50], [9, 0, 50], [9, 0, 50], [9, 0, 0]], [rapid, rapid, rapid, cut], (spindle,))
     place = np.array([[0, 0, 99], [0, 0, 50], [9, 0, 50], [9, 0, 50], [9, 0, 0.0]])
     reached = np.array([-1, -1, -1, 4])
     at = np.array([np.nan, 0.0, 0.9955, 0.9955, 3.0])
     for index, passed in ((3, True), (2, False), (1, False), (4, True)):
-        event = Event(index, "spindle", "S6000", 6000.0)
+        event = ToolpathEvent(index, "spindle", "S6000", 6000.0)
         said = program(place, [PTP, PTP, PTP, PTP, LIN], (event,), place_step=5e-6)
-        (check,) = _events(said, cuts(toolpath), reached, at)
+        (check,) = _check_events(said, cuts(toolpath), reached, at)
         assert check.passed is passed, (index, check.where)
 
 
 def test_an_event_where_a_free_way_sets_out_from_rest_is_in_place() -> None:
     """The index of the way to point 2 runs with time: it is 1.0002 while the tool is still at point 1."""
-    rapid = Move.RAPID
+    rapid = MoveKind.RAPID
     toolpath = path([[0, 0, 50], [9, 0, 50], [1400, 0, 50], [1400, 0, 60]], [rapid] * 4, ())
     reached = np.full(4, -1)
     for x, index, passed in ((9.0, 1.0002, True), (9.5, 1.0002, False), (9.0, 1.9, False)):
         place = np.array([[0, 0, 99], [0, 0, 50], [x, 0, 50], [1400, 0, 50], [1400, 0, 60.0]])
-        event = Event(2, "comment", "SLOT B")
+        event = ToolpathEvent(2, "comment", "SLOT B")
         toolpath = replace(toolpath, events=(event,))
         said = program(place, [PTP] * 5, (replace(event, index=3),), place_step=5e-6)
-        (check,) = _events(said, cuts(toolpath), reached, np.array([np.nan, 0.0, index, 2.0, 3.0]))
+        (check,) = _check_events(said, cuts(toolpath), reached, np.array([np.nan, 0.0, index, 2.0, 3.0]))
         assert check.passed is passed, (x, index, check.where)
 
 
@@ -134,20 +140,22 @@ def test_where_the_tool_comes_to_rest_samples_within_the_printed_decimals_tell_n
     """The last samples of a retract are a micrometre apart; the program's target is found two of them too early."""
     p = np.zeros((6, 3))
     p[:, 2] = 1e-3 * np.array([0, 9.998, 9.9995, 10.0, 15.0, 20.0])
-    move = np.array([Move.CUT, Move.RETRACT, Move.RETRACT, Move.RETRACT, Move.RAPID, Move.RAPID])
+    move = np.array(
+        [MoveKind.CUT, MoveKind.RETRACT, MoveKind.RETRACT, MoveKind.RETRACT, MoveKind.RAPID, MoveKind.RAPID]
+    )
     place = np.array([[0, 0, 0], [0, 0, 10], [0, 0, 20.0]])
     for step, passed in ((2e-6, True), (0.0, False)):
         said = program(place, [LIN, LIN, PTP], (), place_step=step)
         at, linear = np.array([0.0, 1.2, 5.0]), np.array([True, True, False])
         motion = driven(np.array([0, 1, 1, 1, 1.5, 2.0]), move.astype(np.int64))
-        check = _kinds(said, motion, p, at, linear, ["1", "2", "3"], 2e-5)
+        check = _check_move_kinds(said, motion, p, at, linear, ["1", "2", "3"], 2e-5)
         assert ("joint move" not in check.where) is passed, check.where
 
 
 def test_where_the_tool_stands_a_joint_move_to_or_from_there_is_none_on_the_path() -> None:
     """One point that is cut to: the joint target's own decimals are 2 µm from where the tool stands for two samples."""
     p = 1e-3 * np.array([[0, 0, 90.0], [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 90.0]])
-    move = np.array([Move.RAPID, Move.RAPID, Move.CUT, Move.CUT, Move.RAPID])
+    move = np.array([MoveKind.RAPID, MoveKind.RAPID, MoveKind.CUT, MoveKind.CUT, MoveKind.RAPID])
     place = np.array([[0, 0, 90], [0, 0, 2e-3], [0, 0, 2e-3], [0, 0, 90.0]])
     said = program(place, [PTP, PTP, LIN, PTP], ())
     at, linear = np.array([0.0, 1.0, 1.0, 4.0]), np.array([False, False, True, False])
@@ -155,22 +163,22 @@ def test_where_the_tool_stands_a_joint_move_to_or_from_there_is_none_on_the_path
     q = moving.q.copy()
     q[1:4] = q[1]
     for motion, passed in ((replace(moving, q=q), True), (moving, False)):
-        check = _kinds(said, motion, p, at, linear, ["1", "2", "3", "4"], 2e-5)
+        check = _check_move_kinds(said, motion, p, at, linear, ["1", "2", "3", "4"], 2e-5)
         assert ("joint move" not in check.where) is passed, check.where
 
 
 def test_decimals_of_joint_targets_are_worth_a_place_as_pulses_are() -> None:
     """With a positioner a target of five decimals lay 1.2 µm from the tool's own place, and exit was 4."""
-    assert last_digit(np.array([[-74.22112, np.nan], [0.0, 90.0]])) == 1e-5
-    assert last_digit(np.array([-90.0, 45.0])) == 1e-4  # round by chance
-    assert last_digit(np.array([np.pi, np.nan])) == last_digit(np.array([np.nan])) == 0.0
+    assert compute_last_digit(np.array([[-74.22112, np.nan], [0.0, 90.0]])) == 1e-5
+    assert compute_last_digit(np.array([-90.0, 45.0])) == 1e-4  # round by chance
+    assert compute_last_digit(np.array([np.pi, np.nan])) == compute_last_digit(np.array([np.nan])) == 0.0
     p = 1e-3 * np.array([[0, 0, 0], [0, 0, 9.9988], [0, 0, 10.0], [0, 0, 15.0], [0, 0, 20.0]])
-    move = np.array([Move.CUT, Move.RETRACT, Move.RETRACT, Move.RAPID, Move.RAPID]).astype(np.int64)
+    move = np.array([MoveKind.CUT, MoveKind.RETRACT, MoveKind.RETRACT, MoveKind.RAPID, MoveKind.RAPID]).astype(np.int64)
     said = program(np.array([[0, 0, 0], [0, 0, 10], [0, 0, 20.0]]), [LIN, LIN, PTP], ())
     at, linear = np.array([0.0, 0.4, 4.0]), np.array([True, True, False])
     motion = driven(np.array([0, 1, 1, 1.5, 2.0]), move)
     for step, passed in ((1e-6, True), (1e-7, False)):
-        check = _kinds(replace(said, target_step=step), motion, p, at, linear, ["1", "2", "3"], 2e-5)
+        check = _check_move_kinds(replace(said, target_step=step), motion, p, at, linear, ["1", "2", "3"], 2e-5)
         assert ("joint move" not in check.where) is passed, check.where
 
 
@@ -181,9 +189,9 @@ def turned(T: Array, angle: float) -> Array:
     return out
 
 
-def on_the_spot() -> tuple[Toolpath, ReadProgram]:
+def on_the_spot() -> tuple[Toolpath, ProgramInCell]:
     """A cut, the axis tilted by 0.5 rad where it ends, a cut."""
-    toolpath = path([[0, 0, 0], [30, 0, 0], [30, 0, 0], [60, 0, 0]], [Move.CUT] * 4, ())
+    toolpath = path([[0, 0, 0], [30, 0, 0], [30, 0, 0], [60, 0, 0]], [MoveKind.CUT] * 4, ())
     axis = toolpath.axis.copy()
     axis[2:] = [np.sin(0.5), 0.0, np.cos(0.5)]
     toolpath = replace(toolpath, axis=axis)
@@ -196,12 +204,12 @@ def on_the_spot() -> tuple[Toolpath, ReadProgram]:
 def test_an_axis_that_turns_on_the_spot_is_found_where_it_has_turned() -> None:
     toolpath, said = on_the_spot()
     T = said.T_workpiece_tcp
-    reached, gap, tilt = _reached(T[:, :3, 3], -T[:, :3, 2], cuts(toolpath), 2e-5)
+    reached, gap, tilt = _find_cut_moves(T[:, :3, 3], -T[:, :3, 2], cuts(toolpath), 2e-5)
     assert reached.tolist()[1:] == [1, 2, 3]
     assert np.nanmax(gap) < 1e-9
     assert np.nanmax(tilt[1:]) < 1e-6
     left_out = np.array([0, 1, 3])  # a program that turns the axis on the way instead
-    _, _, tilt = _reached(T[left_out, :3, 3], -T[left_out, :3, 2], cuts(toolpath), 2e-5)
+    _, _, tilt = _find_cut_moves(T[left_out, :3, 3], -T[left_out, :3, 2], cuts(toolpath), 2e-5)
     assert tilt[2] > 0.4
 
 
@@ -213,21 +221,21 @@ def test_of_a_streamed_motion_the_axis_turns_on_while_it_is_beside_the_point_by_
     T = said.T_workpiece_tcp
     for n, angle in ((4, 0.25), (5, 0.4999), (6, 0.5), (7, 0.5), (8, 0.5)):
         T[n] = turned(T[n], angle)
-    reached, _, tilt = _reached(T[:, :3, 3], -T[:, :3, 2], cuts(toolpath), 2e-5)
+    reached, _, tilt = _find_cut_moves(T[:, :3, 3], -T[:, :3, 2], cuts(toolpath), 2e-5)
     assert reached.tolist()[1:] == [3, 5, 8]
-    assert np.nanmax(tilt[1:]) < NOISE / AXIS_LEVER + 1e-9
+    assert np.nanmax(tilt[1:]) < LINE_TIE_M / AXIS_LEVER_M + 1e-9
     T[6:8] = turned(T[6], -0.5)  # turned back before it goes: it never was at 0.5 rad where it left
-    _, _, tilt = _reached(T[[0, 1, 2, 3, 7, 8], :3, 3], -T[[0, 1, 2, 3, 7, 8], :3, 2], cuts(toolpath), 2e-5)
+    _, _, tilt = _find_cut_moves(T[[0, 1, 2, 3, 7, 8], :3, 3], -T[[0, 1, 2, 3, 7, 8], :3, 2], cuts(toolpath), 2e-5)
     assert tilt[2] > 0.4
 
 
 def test_a_streamed_motion_may_leave_the_axis_by_what_the_user_allowed_and_targets_may_not() -> None:
-    toolpath = path([[0, 0, 0], [30, 0, 0], [60, 0, 0]], [Move.CUT] * 3, ())
+    toolpath = path([[0, 0, 0], [30, 0, 0], [60, 0, 0]], [MoveKind.CUT] * 3, ())
     said = program(1e3 * toolpath.position, [LIN] * 3, ())
     said.T_workpiece_tcp[1] = turned(said.T_workpiece_tcp[1], np.radians(0.5))
     for streamed, most, passed in ((True, 1.0, True), (True, 0.4, False), (True, 0.0, False), (False, 1.0, False)):
         wanted = cuts(toolpath, np.radians(most))
-        checks = against_cam(replace(said, streamed=streamed), wanted, np.arange(3.0))
+        checks = compare_with_cam(replace(said, is_streamed=streamed), wanted, np.arange(3.0))
         (check,) = (c for c in checks if c.what == "CAM tool axis")
         assert check.passed is passed, (streamed, most, check.value, check.limit)
 
@@ -243,23 +251,23 @@ def test_a_rail_that_rounds_its_bend_is_beside_its_target_by_what_the_tolerance_
     for beside, corner, passed in ((0.0, 5e-4, True), (0.0, 0.0, False), (0.1, 5e-4, True), (0.3, 5e-4, False)):
         motion = replace(moving, external=1e-3 * rail[:, None], slides=(True,))
         said = replace(said, external=np.array([[1e-3 * -beside]]))
-        check = external_axes(
+        check = check_external_axes(
             said,
             motion,
             tcp,
             np.array([100.0]),
-            Allowed(position=1e-3, axis=1e-3, turn=0.01, corner=corner, axis_corner=0.0),
+            TargetTolerances(position=1e-3, axis=1e-3, turn=0.01, corner=corner, axis_corner=0.0),
             ["1"],
         )
         assert check.passed is passed, (beside, corner, check.value)
     even = replace(moving, external=1e-3 * x[:, None], slides=(True,))
     said = replace(said, external=np.array([[2e-4]]))
-    check = external_axes(
+    check = check_external_axes(
         said,
         even,
         tcp,
         np.array([100.0]),
-        Allowed(position=1e-3, axis=1e-3, turn=0.01, corner=5e-4, axis_corner=0.0),
+        TargetTolerances(position=1e-3, axis=1e-3, turn=0.01, corner=5e-4, axis_corner=0.0),
         ["1"],
     )
     assert not check.passed
@@ -273,8 +281,8 @@ def test_a_sample_that_has_begun_to_turn_on_the_spot_is_on_that_move() -> None:
     tcp[1, 0, 3] -= 1e-4  # one on the way, which is left as it is
     tcp[1, :3, :3] = tcp[0, :3, :3]
     rows, move = np.arange(2), np.array([1, 1])
-    off = _off_line(tcp, T[move - 1], T[move])
+    off = _compute_line_deviation(tcp, T[move - 1], T[move])
     assert off[:, 1].min() > 9e-4
-    _on_the_spot(off, said, tcp, rows, move)
+    _choose_adjacent_move(off, said, tcp, rows, move)
     assert off[0, 1] < 1e-9
     assert off[1, 1] > 9e-4

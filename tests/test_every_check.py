@@ -9,12 +9,12 @@ import pytest
 from damages.damage import JOBS, Damage, copy_of, in_table, reseal
 from test_damages import DAMAGES, _of_manifest, _remembered, found_in  # noqa: F401
 
-from machopt.formats.cell import load_cell
-from machopt.verify import Check, Information
-from machopt.verify.arm import Arm
-from machopt.verify.bodies import all_bodies, pairs
-from machopt.verify.check import Verification
-from machopt.verify.inventory import check_inventory
+from machopt.cell.cell_reader import load_cell
+from machopt.verification import VerificationCheck, VerificationInformation
+from machopt.verification.checks import Verification
+from machopt.verification.motion.collision.bodies import build_bodies, list_checked_pairs
+from machopt.verification.motion.collision.urdf_inventory import check_inventory
+from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
 CELL = Path(__file__).parents[1] / "cells" / "kr500_milling"
 INVENTORY = {"bodies of the URDF", "joints and masses of the URDF", "bodies checked for contacts"}
@@ -46,8 +46,8 @@ def test_every_check_of_the_jobs_can_fail(tmp_path_factory: pytest.TempPathFacto
     """All names are collected from intact outputs of all jobs; the damages are tried until each has failed."""
     jobs = {name: make(tmp_path_factory.mktemp("job")) for name, make in JOBS.items()}
     intact = {name: found_in(job) for name, job in jobs.items()}
-    names = {str(c.promise) for found in intact.values() for c in found.checks}
-    information = {i.promise for found in intact.values() for i in found.information}
+    names = {str(c.check_name) for found in intact.values() for c in found.checks}
+    information = {i.check_name for found in intact.values() for i in found.information}
     assert information
     assert not names & information
     lacking = names - INVENTORY - MANIFEST - OPEN
@@ -58,16 +58,16 @@ def test_every_check_of_the_jobs_can_fail(tmp_path_factory: pytest.TempPathFacto
         damage.apply(job)
         lacking -= {c.name for c in _of_manifest(job) if c.passed is False}
         reseal(job.out)
-        lacking -= {str(c.promise) for c in found_in(job).failed}
+        lacking -= {str(c.check_name) for c in found_in(job).failed}
     assert lacking <= set(), lacking
 
 
 @pytest.mark.parametrize("name", sorted(INVENTORY))
 def test_the_inventory_can_fail(name: str) -> None:
     cell = load_cell(CELL)
-    arm = Arm(cell)
-    bodies = all_bodies(cell, arm)
-    checked = pairs(cell, arm, bodies)
+    arm = UrdfKinematics(cell)
+    bodies = build_bodies(cell, arm)
+    checked = list_checked_pairs(cell, arm, bodies)
     assert all(c.passed for c in check_inventory(cell, arm, bodies, checked))
     if name == "bodies of the URDF":
         found = check_inventory(cell, arm, [b for b in bodies if "link" not in b.name], checked)
@@ -80,9 +80,9 @@ def test_the_inventory_can_fail(name: str) -> None:
 
 
 def test_information_is_no_check() -> None:
-    check = Check(name="path", passed=True, value=0.0, limit=1.0, unit="mm", where="")
-    stated = Information(name="depth", value=3.0, unit="mm", where="row 1")
-    found = Verification.of_rows([check, stated], 1, 0.0)
+    check = VerificationCheck(name="path", passed=True, value=0.0, limit=1.0, unit="mm", where="")
+    stated = VerificationInformation(name="depth", value=3.0, unit="mm", where="row 1")
+    found = Verification.from_rows([check, stated], 1, 0.0)
     assert (found.checks, found.information, found.ok) == ((check,), (stated,), True)
     assert replace(found, checks=(replace(check, passed=False),)).failed
     assert not hasattr(stated, "passed")

@@ -11,16 +11,23 @@ import pytest
 from test_path import Rows, toolpath
 from test_pipeline import UP, C, R, small_job
 
-from machopt.domain.kinematics import KinematicCorrection, Kinematics
-from machopt.domain.options import PlanOptions
-from machopt.domain.reason import Reason
-from machopt.domain.stiffness import Discrepancy, PositionError
-from machopt.model.elastic import ArmElasticity
-from machopt.plan.certainty.position_error import predicted
-from machopt.plan.pipeline.planned import Compensation, Plan
-from machopt.plan.written.explain import _lost_by_shift, all_breaks, explain_points, help_of, hints, misfit_words
-from machopt.plan.written.points import point_results, reason_of
-from machopt.plan.written.told import worst_told
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.data_types.kinematic_corrections import KinematicCorrection, KinematicCorrections
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.stiffness import ModelDiscrepancy, PositionError
+from machopt.planning.pipeline.plan import PathCompensation, Plan
+from machopt.planning.plan_output.document_sections import build_worst_point_entry
+from machopt.planning.plan_output.infeasibility_reasons import (
+    _lost_by_shift,
+    describe_model_misfit,
+    describe_remedy,
+    explain_points,
+    list_breaks,
+    list_hints,
+)
+from machopt.planning.plan_output.point_table import build_point_table, find_reason
+from machopt.planning.uncertainty.position_error import predict_position_error
+from machopt.stiffness.arm_stiffness import ArmElasticity
 
 ROWS: Rows = []
 for y in (-0.1, 0.1):
@@ -42,40 +49,42 @@ def answered(plan: Plan, **changes: np.ndarray) -> Plan:
     return replace(plan, chosen=replace(plan.chosen, assignment=assignment))
 
 
-def lost(plan: Plan, row: int, why: Reason) -> Plan:
+def lost(plan: Plan, row: int, why: InfeasibilityReason) -> Plan:
     reason = plan.chosen.assignment.reason.copy()
     reason[row] = why
     return answered(plan, reason=reason)
 
 
 def test_a_change_of_configuration_between_runs_is_told(made: Plan) -> None:
-    assert not any("changes its configuration" in h for h in hints(made))
+    assert not any("changes its configuration" in h for h in list_hints(made))
     first, last = made.path.runs[1]
     branch, q = made.chosen.assignment.branch.copy(), made.chosen.assignment.q.copy()
     was = int(branch[first])
     branch[first : last + 1] = was + 1
     at = f"before point {made.path.index[first]:g}"
-    assert any(f"branch {was} → {was + 1} {at}" in h for h in hints(answered(made, branch=branch)))
+    assert any(f"branch {was} → {was + 1} {at}" in h for h in list_hints(answered(made, branch=branch)))
     q[first : last + 1, 5] += 2 * np.pi
     turned = 360.0 + np.degrees(made.chosen.assignment.q[first, 5] - made.chosen.assignment.q[made.path.runs[0][1], 5])
-    assert any(f"joint 6 unwinds {turned:.0f}° {at}" in h for h in hints(answered(made, q=q)))
+    assert any(f"joint 6 unwinds {turned:.0f}° {at}" in h for h in list_hints(answered(made, q=q)))
 
 
 def test_a_force_that_bends_the_arm_beyond_linear_elasticity_is_doubted(made: Plan) -> None:
     bent = replace(made.chosen, cost=np.full(len(made.path.index), 0.05))
     other = replace(made, chosen=bent, scores=replace(made.scores, index="deflection"))
-    (said,) = (h for h in hints(other) if "bends the arm" in h)
+    (said,) = (h for h in list_hints(other) if "bends the arm" in h)
     assert "by up to 50 mm, beyond linear elasticity" in said
     assert "is force_N in N" in said
     small = replace(other, chosen=replace(bent, cost=bent.cost / 1e3))
-    assert not any("bends the arm" in h for h in hints(small))
+    assert not any("bends the arm" in h for h in list_hints(small))
 
 
 def test_what_would_help_follows_the_reason(made: Plan) -> None:
     row = made.path.runs[0][1]
-    assert "what helps at the gap" in help_of(lost(made, row, Reason.GAP), row)
-    assert "another path in the CAM file would help" in help_of(lost(made, row, Reason.GOUGING), row)
-    assert "compensation_max_mm" in help_of(lost(made, row, Reason.SHIFT), row)
+    assert "what helps at the gap" in describe_remedy(lost(made, row, InfeasibilityReason.GAP), row)
+    assert "another path in the CAM file would help" in describe_remedy(
+        lost(made, row, InfeasibilityReason.GOUGING), row
+    )
+    assert "compensation_max_mm" in describe_remedy(lost(made, row, InfeasibilityReason.SHIFT), row)
 
 
 def test_a_point_that_is_near_enough_is_not_to_be_moved_by_nothing(made: Plan) -> None:
@@ -83,15 +92,15 @@ def test_a_point_that_is_near_enough_is_not_to_be_moved_by_nothing(made: Plan) -
     row = int(made.path.stations[0])
     c = made.candidates
     reason, shortfall = c.reason.copy(), c.shortfall.copy()
-    reason[0] = Reason.UNREACHABLE
-    beyond = lost(replace(made, candidates=replace(c, reason=reason)), row, Reason.UNREACHABLE)
+    reason[0] = InfeasibilityReason.UNREACHABLE
+    beyond = lost(replace(made, candidates=replace(c, reason=reason)), row, InfeasibilityReason.UNREACHABLE)
     told = [explain_points(p)[row] for p in (beyond, _short(beyond, shortfall, 0.0), _short(beyond, shortfall, 0.05))]
     assert told[0] == told[1]
     assert "not too far away" in told[0]
-    assert "(0, 0, 0)" not in help_of(beyond, row)
-    assert "machopt place" in help_of(beyond, row)
+    assert "(0, 0, 0)" not in describe_remedy(beyond, row)
+    assert "machopt place" in describe_remedy(beyond, row)
     assert "50 mm outside the workspace" in told[2]
-    assert "moving the part by about (" in help_of(_short(beyond, shortfall, 0.05), row)
+    assert "moving the part by about (" in describe_remedy(_short(beyond, shortfall, 0.05), row)
 
 
 def _short(plan: Plan, shortfall: np.ndarray, by: float) -> Plan:
@@ -104,9 +113,9 @@ def _short(plan: Plan, shortfall: np.ndarray, by: float) -> Plan:
 def test_rotations_that_work_but_cannot_be_reached_are_counted(made: Plan) -> None:
     row = made.path.runs[0][1]
     s = min(int(np.searchsorted(made.path.stations, row)), len(made.path.stations) - 1)
-    working = int((made.candidates.reason_of_rotation()[s] == Reason.OK).sum())
+    working = int((made.candidates.reason_of_rotation()[s] == InfeasibilityReason.OK).sum())
     assert working > 0
-    said = explain_points(lost(made, row, Reason.NO_PATH))[row]
+    said = explain_points(lost(made, row, InfeasibilityReason.NO_PATH))[row]
     assert said.startswith(f"{working} of {len(made.candidates.phi)} rotations work here, but none can be reached")
 
 
@@ -115,7 +124,7 @@ def test_what_a_point_touches_is_named(made: Plan) -> None:
     assert made.setup.collision is not None
     row, pair = made.path.runs[0][1], made.check.pair.copy()
     pair[row] = 0
-    touching = lost(replace(made, check=replace(made.check, pair=pair)), row, Reason.COLLIDING)
+    touching = lost(replace(made, check=replace(made.check, pair=pair)), row, InfeasibilityReason.COLLIDING)
     own = made.setup.collision.pairs[0]
     assert own.kinds == ("link", "link")
     said = explain_points(touching)[row]
@@ -127,13 +136,13 @@ def test_a_place_between_two_points_is_a_break_of_its_own(made: Plan) -> None:
     between = np.flatnonzero(~made.path.is_point)
     assert len(between)
     row = int(between[0])
-    (one,) = all_breaks(lost(made, row, Reason.LIMIT))
+    (one,) = list_breaks(lost(made, row, InfeasibilityReason.LIMIT))
     assert one.code == "no_pose"
     assert (one.before, one.after) == (np.floor(made.path.index[row]), np.ceil(made.path.index[row]))
     assert one.text.startswith(f"at {made.path.index[row]:.2f} between them: ")
     point = int(np.searchsorted(made.path.index, one.after))
-    both = lost(lost(made, row, Reason.LIMIT), point, Reason.LIMIT)
-    assert all_breaks(both) == ()  # the point itself tells
+    both = lost(lost(made, row, InfeasibilityReason.LIMIT), point, InfeasibilityReason.LIMIT)
+    assert list_breaks(both) == ()  # the point itself tells
 
 
 def test_a_misfit_of_the_stiffness_is_said_with_what_it_counts_for(made: Plan) -> None:
@@ -143,17 +152,17 @@ def test_a_misfit_of_the_stiffness_is_said_with_what_it_counts_for(made: Plan) -
         (True, "count in, in the mean"),
         (False, "of the springs alone (discrepancy.counted: false)"),
     ):
-        told = Discrepancy(
+        told = ModelDiscrepancy(
             parts=tuple(f"joint {j}" for j in range(1, 7)), torque=np.ones(6), shift=none[0], modes=none, local=0.0,
             left=6e-5, noise=2e-5, misfit=True, counted=counted,
         )  # fmt: skip
         other = ArmElasticity(
             made.setup.robot, made.setup.arm.T_flange_tcp, replace(stiffness, discrepancy=told), None, None
         )
-        said = misfit_words(replace(made, setup=replace(made.setup, elasticity=other)))
+        said = describe_model_misfit(replace(made, setup=replace(made.setup, elasticity=other)))
         assert "0.06 mm of the readings it comes from, 3.0 times their noise of 0.02 mm" in said
         assert words in said
-    assert misfit_words(made) == ""
+    assert describe_model_misfit(made) == ""
 
 
 def test_what_a_shift_takes_away_is_said_with_its_size(made: Plan) -> None:
@@ -162,44 +171,51 @@ def test_what_a_shift_takes_away_is_said_with_its_size(made: Plan) -> None:
     row, pair = made.path.runs[0][1], made.check.pair.copy()
     offset = np.zeros((len(made.path.index), 3))
     offset[row] = [0.0, 0.0, 3e-4]
-    shifted = replace(made, compensation=cast(Compensation, SimpleNamespace(offset=offset)))
+    shifted = replace(made, compensation=cast(PathCompensation, SimpleNamespace(offset=offset)))
     for named, words in ((0, made.setup.collision.pairs[0].name), (-1, "0.300 mm")):
         pair[row] = named
-        said = _lost_by_shift(replace(shifted, check=replace(made.check, pair=pair)), Reason.COLLIDING, row)
+        said = _lost_by_shift(
+            replace(shifted, check=replace(made.check, pair=pair)), InfeasibilityReason.COLLIDING, row
+        )
         assert said.startswith("possible as programmed, but not with the compensation of 0.300 mm: ")
         assert words in said
     lacks = SimpleNamespace(offset=offset, lost=np.arange(len(offset)) == row)
-    for reason, key in ((Reason.COLLIDING, "clearance_mm"), (Reason.LIMIT, "a larger limit_margin_deg")):
-        help_there = help_of(replace(lost(made, row, reason), compensation=cast(Compensation, lacks)), row)
+    for reason, key in (
+        (InfeasibilityReason.COLLIDING, "clearance_mm"),
+        (InfeasibilityReason.LIMIT, "a larger limit_margin_deg"),
+    ):
+        help_there = describe_remedy(replace(lost(made, row, reason), compensation=cast(PathCompensation, lacks)), row)
         assert key in help_there
         assert "no compensation would help; --allow-gaps" in help_there
 
 
 def test_a_method_that_takes_one_rotation_says_that_others_work(made: Plan) -> None:
     row = made.path.runs[0][1]
-    stopped = lost(made, row, Reason.LIMIT)
+    stopped = lost(made, row, InfeasibilityReason.LIMIT)
     for method, words in (("default", "the CAM file's own rotation"), ("jiao2022", "the rotation that jiao2022 takes")):
         one = replace(stopped, options=replace(made.options, method=method))  # type: ignore[arg-type]
         said = explain_points(one)[row]
         assert said.startswith(f"{words} does not work here (a joint would leave its range); ")
-        assert "--method global" in help_of(one, row)
+        assert "--method global" in describe_remedy(one, row)
 
 
 def test_a_finer_step_is_advised_only_where_it_could_help(made: Plan) -> None:
     """Not where the nearest configuration misses a joint's limit by more than rotations a step apart can differ."""
     row = made.path.runs[0][1]
-    stopped = lost(made, row, Reason.LIMIT)
+    stopped = lost(made, row, InfeasibilityReason.LIMIT)
     s = int(np.searchsorted(made.path.stations, row))
     reason = made.candidates.reason.copy()
-    reason[s] = np.where(np.isfinite(made.candidates.q[s]).all(axis=-1), Reason.LIMIT, Reason.UNREACHABLE)
-    of_joint = np.abs(np.asarray(made.candidates.q[s])[reason[s] == Reason.LIMIT]).min()
+    reason[s] = np.where(
+        np.isfinite(made.candidates.q[s]).all(axis=-1), InfeasibilityReason.LIMIT, InfeasibilityReason.UNREACHABLE
+    )
+    of_joint = np.abs(np.asarray(made.candidates.q[s])[reason[s] == InfeasibilityReason.LIMIT]).min()
     for missed, margin, finer in ((np.radians(3.0), np.radians(5.0), True), (np.radians(36.0), np.radians(5.0), False)):
         upper = np.full(6, of_joint)
         upper[0] = np.nanmin(made.candidates.q[s][..., 0]) - missed
         arm = replace(made.setup.arm, lower=np.full(6, -10.0), upper=np.r_[upper[0], np.full(5, 10.0)])
         setup = replace(made.setup, arm=replace(arm, turns=np.zeros((1, 6))))
         options = replace(made.options, limit_margin=margin)
-        help_there = help_of(
+        help_there = describe_remedy(
             replace(stopped, setup=setup, options=options, candidates=replace(made.candidates, reason=reason)), row
         )
         assert ("a finer rotation_step_deg" in help_there) is finer
@@ -209,24 +225,27 @@ def test_a_finer_step_is_advised_only_where_it_could_help(made: Plan) -> None:
 
 def test_what_is_allowed_already_is_not_advised(made: Plan) -> None:
     row = made.path.runs[0][1]
-    stopped = lost(made, row, Reason.LIMIT)
-    assert "--allow-gaps" in help_of(stopped, row)
-    assert "--allow-gaps" not in help_of(replace(stopped, options=replace(made.options, allow_gaps=True)), row)
+    stopped = lost(made, row, InfeasibilityReason.LIMIT)
+    assert "--allow-gaps" in describe_remedy(stopped, row)
+    assert "--allow-gaps" not in describe_remedy(replace(stopped, options=replace(made.options, allow_gaps=True)), row)
 
 
 def test_a_point_that_lost_its_way_has_the_reason_of_what_came_farthest(made: Plan) -> None:
     row = made.path.runs[0][1]
     s = min(int(np.searchsorted(made.path.stations, row)), len(made.path.stations) - 1)
-    no_path, reason = lost(made, row, Reason.NO_PATH), made.candidates.reason.copy()
-    assert reason_of(no_path, row) is Reason.NO_PATH  # some rotation works
-    assert reason_of(lost(made, row, Reason.LIMIT), row) is Reason.LIMIT
+    no_path, reason = lost(made, row, InfeasibilityReason.NO_PATH), made.candidates.reason.copy()
+    assert find_reason(no_path, row) is InfeasibilityReason.NO_PATH  # some rotation works
+    assert find_reason(lost(made, row, InfeasibilityReason.LIMIT), row) is InfeasibilityReason.LIMIT
     feasible = made.candidates.feasible.copy()
     feasible[s] = False
-    for given, told in (((Reason.BOUNDS, Reason.LIMIT), Reason.LIMIT), ((Reason.BOUNDS,), Reason.BOUNDS)):
-        reason[s] = Reason.BOUNDS
+    for given, told in (
+        ((InfeasibilityReason.BOUNDS, InfeasibilityReason.LIMIT), InfeasibilityReason.LIMIT),
+        ((InfeasibilityReason.BOUNDS,), InfeasibilityReason.BOUNDS),
+    ):
+        reason[s] = InfeasibilityReason.BOUNDS
         reason[s, 0] = given[-1]
         stopped = replace(no_path, candidates=replace(made.candidates, reason=reason.copy(), feasible=feasible))
-        assert reason_of(stopped, row) is told
+        assert find_reason(stopped, row) is told
 
 
 def test_what_poses_left_of_the_position_is_said_and_moves_nothing(made: Plan) -> None:
@@ -238,23 +257,23 @@ def test_what_poses_left_of_the_position_is_said_and_moves_nothing(made: Plan) -
     def told(joints: np.ndarray, *, corrected: bool) -> Plan:
         error = PositionError(5e-5, 3e-4, 2e-5, 40, joints)
         stiffness = replace(elasticity.stiffness, position=error)
-        known = Kinematics((KinematicCorrection("joint_zero_offset", "joint:1", {"offset_deg": 0.01}),))
+        known = KinematicCorrections((KinematicCorrection("joint_zero_offset", "joint:1", {"offset_deg": 0.01}),))
         cell = replace(made.setup.cell, kinematics=known if corrected else None)
         springs = ArmElasticity(elasticity.robot, elasticity.T_flange_tcp, stiffness)
         return replace(made, setup=replace(made.setup, cell=cell, elasticity=springs))
 
-    assert predicted(made) is None
-    found = predicted(told(whole, corrected=True))
+    assert predict_position_error(made) is None
+    found = predict_position_error(told(whole, corrected=True))
     assert found is not None
     assert (found.std, found.uncovered, found.joints) == (5e-5, 0.0, ())
-    assert "± 0.05 mm" in misfit_words(told(whole, corrected=True))
-    plain = predicted(told(whole, corrected=False))
+    assert "± 0.05 mm" in describe_model_misfit(told(whole, corrected=True))
+    plain = predict_position_error(told(whole, corrected=False))
     assert plain is not None
     assert plain.std == 3e-4
     assert "kinematics.yaml that was found with it" in plain.words()
     narrow = whole.copy()
     narrow[3] = np.median(q[:, 3]) + np.radians([-0.5, 0.5])
-    outside = predicted(told(narrow, corrected=True))
+    outside = predict_position_error(told(narrow, corrected=True))
     assert outside is not None
     beyond = np.abs(q[:, 3] - np.median(q[:, 3])) > np.radians(1.5)
     assert outside.joints == ((4,) if beyond.any() else ())
@@ -265,10 +284,10 @@ def test_what_poses_left_of_the_position_is_said_and_moves_nothing(made: Plan) -
 def test_the_worst_point_is_one_that_the_plan_keeps(made: Plan) -> None:
     """One that is ruled out by a contact has an index as well; it was told without a rotation: an internal error."""
     path = toolpath(ROWS)
-    worst = worst_told(made, point_results(made, path))
+    worst = build_worst_point_entry(made, build_point_table(made, path))
     assert worst is not None
-    stopped = lost(made, int(np.flatnonzero(made.path.is_point)[worst.point]), Reason.COLLIDING)
-    other = worst_told(stopped, point_results(stopped, path))
+    stopped = lost(made, int(np.flatnonzero(made.path.is_point)[worst.point]), InfeasibilityReason.COLLIDING)
+    other = build_worst_point_entry(stopped, build_point_table(stopped, path))
     assert other is not None
     assert other.point != worst.point
 
@@ -277,7 +296,7 @@ def test_rotations_that_nobody_looked_at_for_contacts_are_not_promised(made: Pla
     """jiao2022 said that 72 of 72 rotations work at a point where global found that all of them collide."""
     assert made.setup.collision is not None
     row = made.path.runs[0][1]
-    one = replace(lost(made, row, Reason.COLLIDING), options=replace(made.options, method="jiao2022"))
+    one = replace(lost(made, row, InfeasibilityReason.COLLIDING), options=replace(made.options, method="jiao2022"))
     assert explain_points(one)[row].startswith("the rotation that jiao2022 takes does not work here (it collides); ")
     assert explain_points(one)[row].endswith("rotations do, contacts not looked for")
-    assert "which chooses among them, may help" in help_of(one, row)
+    assert "which chooses among them, may help" in describe_remedy(one, row)

@@ -13,13 +13,13 @@ import trimesh
 from external_cell import external_cell
 from small_cell import pose
 
-from machopt.domain.cell import Cell, Shape
-from machopt.model.bounds import Memory, Rows
-from machopt.model.collision import CollisionModel
-from machopt.model.robot import load_chain
-from machopt.verify.arm import Arm
-from machopt.verify.bodies import all_bodies, pairs
-from machopt.verify.clearance import telling
+from machopt.collision.collision_model import CollisionModel
+from machopt.collision.distance_bounds import DistanceMemory, MotionRows
+from machopt.data_types.cell import Cell, CollisionShape
+from machopt.kinematics.robot import load_chain
+from machopt.verification.motion.collision.bodies import build_bodies, list_checked_pairs
+from machopt.verification.motion.collision.clearance_column import list_varying_pairs
+from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
 ROUND = 0.0022 * 0.5  # m: the prisms that stand for cylinders (0.5 m at most) are up to 0.22 % larger
 KINDS = [{"rail": True}, {"table": True, "tilt": True}, {"rail": True, "table": True, "tilt": True}]
@@ -28,10 +28,12 @@ KINDS = [{"rail": True}, {"table": True, "tilt": True}, {"rail": True, "table": 
 def cell_of(folder: Path, **kind: bool) -> Cell:
     """Things in the hall, and things that ride on what moves."""
     cell = external_cell(folder, **kind)
-    things = [Shape(name="post", kind="cylinder", size=(0.05, 1.2), mesh=None, T_parent_shape=pose(1.0, 0.8, 0.6))]
+    things = [
+        CollisionShape(name="post", kind="cylinder", size=(0.05, 1.2), mesh=None, T_parent_shape=pose(1.0, 0.8, 0.6))
+    ]
     if kind.get("rail"):
         things.append(
-            Shape(
+            CollisionShape(
                 name="cabinet",
                 kind="box",
                 size=(0.3, 0.4, 0.9),
@@ -42,7 +44,7 @@ def cell_of(folder: Path, **kind: bool) -> Cell:
         )
     if kind.get("table"):
         things.append(
-            Shape(
+            CollisionShape(
                 name="clamp",
                 kind="box",
                 size=(0.08, 0.06, 0.25),
@@ -125,55 +127,55 @@ def test_poses_agree_with_pinocchio_and_coal(both: tuple[Cell, CollisionModel]) 
     cell, model = both
     x = random_x(cell, 50)
     exact = Independent(cell).distances(x, named(model))
-    touch = np.array([model.touching(x, np.full(len(x), p)) for p in range(len(model.pairs))]).T
+    touch = np.array([model.check_single_pairs(x, np.full(len(x), p)) for p in range(len(model.pairs))]).T
     sure = np.abs(exact) > ROUND
     np.testing.assert_array_equal(touch[sure], exact[sure] <= 0)
     assert 0.05 < touch.any(axis=1).mean() < 0.95  # both cases are seen
     cutting = np.zeros(len(x), bool)
-    np.testing.assert_array_equal(model.check(x, cutting).hit, touch.any(axis=1))
-    near, least = model.nearest(x, cutting).distance, exact.min(axis=1)
+    np.testing.assert_array_equal(model.check_configurations(x, cutting).hit, touch.any(axis=1))
+    near, least = model.find_nearest_pair(x, cutting).distance, exact.min(axis=1)
     free = (least > ROUND) & (least < 0.49)
     np.testing.assert_allclose(near[free], least[free], atol=ROUND)
 
 
 def test_what_lies_between_two_links_is_their_poses_apart(both: tuple[Cell, CollisionModel]) -> None:
     cell, model = both
-    theta = model.stack.lines.moved(random_x(cell, 20))
-    poses = model.stack.lines.link_poses(theta)
+    theta = model.stack.lines.compute_line_positions(random_x(cell, 20))
+    poses = model.stack.lines.compute_link_poses(theta)
     for p, (i, j) in enumerate(model.stack.links):
         want = np.linalg.inv(poses[:, i]) @ poses[:, j]
-        np.testing.assert_allclose(model.stack.relative(p, theta), want, atol=1e-12)
+        np.testing.assert_allclose(model.stack.compute_relative_motion(p, theta), want, atol=1e-12)
 
 
 def test_bounds_hold_with_shifts_among_turns(both: tuple[Cell, CollisionModel]) -> None:
     cell, model = both
     x = random_x(cell, 12, seed=1)
     exact = Independent(cell).distances(x, named(model))
-    assert (Rows(model.stack, model._lines.moved(x)).bound <= np.maximum(exact, 0) + 1e-9).all()
+    assert (MotionRows(model.stack, model._lines.compute_line_positions(x)).bound <= np.maximum(exact, 0) + 1e-9).all()
     rng, lines = np.random.default_rng(2), model._lines
-    for start in lines.moved(x):
+    for start in lines.compute_line_positions(x):
         step = np.where(lines.slides, 0.3, 0.05) * rng.uniform(-1, 1, len(start))
         way = np.linspace(start, start + step, 9)
-        rows, steps = Rows(model.stack, way[[0, -1]]), Rows(model.stack, way)
+        rows, steps = MotionRows(model.stack, way[[0, -1]]), MotionRows(model.stack, way)
         for p, (_, j) in enumerate(model.stack.index):
             v = model.stack.bodies[j].vertices
-            T = steps.relative(p)
+            T = steps.compute_relative_motion(p)
             path = np.einsum("sij,vj->svi", T[:, :3, :3], v) + T[:, None, :3, 3]
             length = np.linalg.norm(np.diff(path, axis=0), axis=2).sum(axis=0).max()
-            assert length <= rows.travel(p)[0] + 1e-12
-            assert rows.travel(p)[0] <= rows.reach[0] + 1e-12
+            assert length <= rows.bound_motion(p)[0] + 1e-12
+            assert rows.bound_motion(p)[0] <= rows.reach[0] + 1e-12
 
 
 def test_memory_bounds_the_distance_over_one_or_two_lines(both: tuple[Cell, CollisionModel]) -> None:
     cell, model = both
     x = random_x(cell, 15, seed=3)
-    theta, exact = model._lines.moved(x), Independent(cell).distances(x, named(model))
+    theta, exact = model._lines.compute_line_positions(x), Independent(cell).distances(x, named(model))
     for p, (i, j) in enumerate(model.stack.links):
         if j - i <= 2:
-            memory = Memory(model._lines, i, model.stack.bodies[model.stack.index[p][1]])
+            memory = DistanceMemory(model._lines, i, model.stack.bodies[model.stack.index[p][1]])
             for n in range(10):
-                memory.add(theta[n], max(exact[n, p], 0.0))
-            assert all(memory.bound(theta[n]) <= max(exact[n, p], 0.0) + ROUND for n in range(len(x)))
+                memory.add_distance(theta[n], max(exact[n, p], 0.0))
+            assert all(memory.bound_distance(theta[n]) <= max(exact[n, p], 0.0) + ROUND for n in range(len(x)))
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -184,23 +186,25 @@ def test_ways_between_configurations_agree_with_brute_force(both: tuple[Cell, Co
     found = model.check_motion(x, cutting, step=np.deg2rad(2))
     for n in range(1, 5):
         fine = x[n - 1] + np.linspace(0, 1, 500)[:, None] * (x[n] - x[n - 1])
-        assert found.hit[n] == model.check(fine, np.zeros(500, bool)).hit.any()
+        assert found.hit[n] == model.check_configurations(fine, np.zeros(500, bool)).hit.any()
 
 
 def test_a_plate_that_only_the_rail_passes(tmp_path: Path) -> None:
     """Thinner than a step, and no row touches it: what moves past it is shifted, not turned."""
-    plate = Shape(name="plate", kind="box", size=(2.0, 0.002, 0.4), mesh=None, T_parent_shape=pose(1.2, 0.313, 1.9))
+    plate = CollisionShape(
+        name="plate", kind="box", size=(2.0, 0.002, 0.4), mesh=None, T_parent_shape=pose(1.2, 0.313, 1.9)
+    )
     cell = replace(external_cell(tmp_path, rail=True), obstacles=(plate,))
     model = model_of(cell)
     x = np.tile(np.append(cell.home, 0.0), (2, 1))
     x[:, 6] = -1.5, 1.5
     free = np.zeros(2, bool)
-    assert not model.check(x, free).hit.any()
+    assert not model.check_configurations(x, free).hit.any()
     found = model.check_motion(x, free, step=np.deg2rad(5))
     assert found.first == 1
     assert "plate" in model.pairs[found.pair[1]].name
     fine = x[0] + np.linspace(0, 1, 3001)[:, None] * (x[1] - x[0])
-    assert model.check(fine, np.zeros(len(fine), bool)).hit[round(found.at[1] * 3000)]
+    assert model.check_configurations(fine, np.zeros(len(fine), bool)).hit[round(found.row[1] * 3000)]
 
 
 def test_which_pairs_are_worth_checking(tmp_path: Path) -> None:
@@ -256,17 +260,17 @@ def test_the_cutter_follows_the_part(tmp_path: Path) -> None:
     x = np.zeros((1, 7))
     machine = model._lines.machine
     x[0, :6] = np.deg2rad([0, -60, 100, 0, 50, 0])
-    tcp = machine.robot.fk(x[0, :6], cell.tool.T_flange_tcp)
+    tcp = machine.robot.compute_fk(x[0, :6], cell.tool.T_flange_tcp)
     # put the part so that the cutter is 5 mm into the block's top at e = 0, near its edge
     place = pose(0, 0, 0) @ np.linalg.inv(pose(1.6, 0, 0.5)) @ tcp @ np.diag([1.0, -1, -1, 1]) @ pose(0, 0.24, 0.005)
     cell = replace(cell, workpiece=replace(cell.workpiece, T_link_workpiece=place))
     model = model_of(cell)
     x = np.repeat(x, 2, axis=0)
     x[1, 6] = 1.2
-    hit = model.check(x, np.zeros(2, bool))
+    hit = model.check_configurations(x, np.zeros(2, bool))
     assert hit.hit[0]
     assert model.pairs[hit.pair[0]].name == "block ~ cutter"
-    assert not model.check(x[:1], np.ones(1, bool)).hit.any()
+    assert not model.check_configurations(x[:1], np.ones(1, bool)).hit.any()
 
 
 def test_external_joints_that_stand_at_home_need_no_values(both: tuple[Cell, CollisionModel]) -> None:
@@ -277,10 +281,10 @@ def test_external_joints_that_stand_at_home_need_no_values(both: tuple[Cell, Col
     model, still = model_of(cell), CollisionModel(cell, robot, shapes, 0.0, still=True)
     q, free = random_x(cell, 60, seed=7)[:, :6], np.zeros(60, bool)
     x = np.hstack([q, np.tile(home, (60, 1))])
-    np.testing.assert_array_equal(still.check(q, free).hit, model.check(x, free).hit)
-    np.testing.assert_array_equal(still.nearest(q, free).distance, model.nearest(x, free).distance)
+    np.testing.assert_array_equal(still.check_configurations(q, free).hit, model.check_configurations(x, free).hit)
+    np.testing.assert_array_equal(still.find_nearest_pair(q, free).distance, model.find_nearest_pair(x, free).distance)
     bare = replace(cell, workpiece=replace(cell.workpiece, link="world", geometry=()), obstacles=())
-    assert CollisionModel(bare, robot, shapes, 0.0, still=True).check(q, free).hit.shape == (60,)
+    assert CollisionModel(bare, robot, shapes, 0.0, still=True).check_configurations(q, free).hit.shape == (60,)
 
 
 def test_what_a_carriage_keeps_from_its_own_bed_is_not_told_as_clearance(tmp_path: Path) -> None:
@@ -290,7 +294,7 @@ def test_what_a_carriage_keeps_from_its_own_bed_is_not_told_as_clearance(tmp_pat
     """
     cell = external_cell(tmp_path, rail=True, table=True)
     things = (
-        Shape(
+        CollisionShape(
             name="cabinet",
             kind="box",
             size=(0.3, 0.4, 0.9),
@@ -298,9 +302,9 @@ def test_what_a_carriage_keeps_from_its_own_bed_is_not_told_as_clearance(tmp_pat
             T_parent_shape=pose(-0.9, 0.0, 0.9),
             link="carriage",
         ),
-        Shape(name="bed", kind="box", size=(0.5, 9.0, 0.1), mesh=None, T_parent_shape=pose(-0.9, 0.0, 0.05)),
-        Shape(name="stop", kind="box", size=(0.5, 0.1, 2.0), mesh=None, T_parent_shape=pose(-0.9, 3.2, 1.0)),
-        Shape(
+        CollisionShape(name="bed", kind="box", size=(0.5, 9.0, 0.1), mesh=None, T_parent_shape=pose(-0.9, 0.0, 0.05)),
+        CollisionShape(name="stop", kind="box", size=(0.5, 0.1, 2.0), mesh=None, T_parent_shape=pose(-0.9, 3.2, 1.0)),
+        CollisionShape(
             name="wheel",
             kind="cylinder",
             size=(0.3, 0.1),
@@ -308,23 +312,23 @@ def test_what_a_carriage_keeps_from_its_own_bed_is_not_told_as_clearance(tmp_pat
             T_parent_shape=pose(0.0, 0.0, -0.25),
             link="plate",
         ),
-        Shape(name="foot", kind="cylinder", size=(0.2, 0.05), mesh=None, T_parent_shape=pose(1.5, 0.0, 0.05)),
-        Shape(
+        CollisionShape(name="foot", kind="cylinder", size=(0.2, 0.05), mesh=None, T_parent_shape=pose(1.5, 0.0, 0.05)),
+        CollisionShape(
             name="ram", kind="box", size=(0.1, 0.1, 0.1), mesh=None, T_parent_shape=pose(1.0, 0.0, -0.25), link="plate"
         ),
     )
     cell = replace(cell, obstacles=things)
-    model, arm = model_of(cell), Arm(cell)
+    model, arm = model_of(cell), UrdfKinematics(cell)
     unchanging = {frozenset(("cabinet", "bed"))}
     named = [frozenset((p.a, p.b)) for p in model.pairs]
     assert unchanging <= set(named)  # checked for contact as before
     q = random_x(cell, 200)
-    told = {named[k] for k in model.nearest(q, np.zeros(len(q), bool)).pair if k >= 0}
+    told = {named[k] for k in model.find_nearest_pair(q, np.zeros(len(q), bool)).pair if k >= 0}
     assert told
     assert not unchanging & told
-    wanted = pairs(cell, arm, all_bodies(cell, arm))
+    wanted = list_checked_pairs(cell, arm, build_bodies(cell, arm))
     left_out = {frozenset((a.name, b.name)) for a, b in wanted} - {
-        frozenset((a.name, b.name)) for a, b in telling(arm, wanted)
+        frozenset((a.name, b.name)) for a, b in list_varying_pairs(arm, wanted)
     }
     assert left_out == {named[k] for k in np.flatnonzero(model._told_nothing)}
     assert unchanging <= left_out
@@ -355,7 +359,7 @@ def test_planner_and_verifier_leave_the_same_pairs_out_whatever_the_bed_carries(
         bed = trimesh.util.concatenate([bed, trimesh.creation.box((0.5, size, 0.4), pose(-0.9, y, 0.2))])
     bed.export(tmp_path / "bed.stl")
     things = (
-        Shape(
+        CollisionShape(
             name="cabinet",
             kind="box",
             size=(0.3, 2 * half, 0.9),
@@ -363,13 +367,13 @@ def test_planner_and_verifier_leave_the_same_pairs_out_whatever_the_bed_carries(
             T_parent_shape=pose(-0.9, 0.0, 0.75 + gap),
             link="carriage",
         ),
-        Shape(name="bed", kind="mesh", size=(1.0,), mesh=tmp_path / "bed.stl", T_parent_shape=np.eye(4)),
+        CollisionShape(name="bed", kind="mesh", size=(1.0,), mesh=tmp_path / "bed.stl", T_parent_shape=np.eye(4)),
     )
     cell = replace(cell, obstacles=things)
-    model, arm = model_of(cell), Arm(cell)
+    model, arm = model_of(cell), UrdfKinematics(cell)
     pair = frozenset(("cabinet", "bed"))
     named = [frozenset((p.a, p.b)) for p in model.pairs]
-    wanted = pairs(cell, arm, all_bodies(cell, arm))
-    told = {frozenset((a.name, b.name)) for a, b in telling(arm, wanted)}
+    wanted = list_checked_pairs(cell, arm, build_bodies(cell, arm))
+    told = {frozenset((a.name, b.name)) for a, b in list_varying_pairs(arm, wanted)}
     assert (pair in told) is tells
     assert {named[k] for k in np.flatnonzero(~model._told_nothing)} == told

@@ -13,33 +13,33 @@ from external_cell import external_cell, external_folder
 from small_cell import pose
 from test_machine import KINDS, by_pinocchio, machine
 
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.stiffness.stiffness_file import load_stiffness, write_stiffness
 from machopt.cli import main
-from machopt.domain.cell import Cell
-from machopt.domain.stiffness import ExternalSpring, Stiffness, Term
+from machopt.data_types.cell import Cell
+from machopt.data_types.stiffness import ArmStiffness, ExternalJointSpring, StiffnessTerm
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.stiffness import load_stiffness, write_stiffness
-from machopt.model.beside import Beside
-from machopt.model.elastic import ArmElasticity
-from machopt.model.robot import load_masses, load_robot
-from machopt.plan.certainty.external_springs import weight_on_base
-from machopt.se3 import inverse
-from machopt.verify.arm import Arm
-from machopt.verify.carriers import given_way
-from machopt.verify.elastic import Elasticity
+from machopt.kinematics.robot import load_masses, load_robot
+from machopt.numerics.rigid_transforms import invert_transform
+from machopt.planning.uncertainty.external_axis_springs import compute_base_wrench
+from machopt.stiffness.arm_stiffness import ArmElasticity
+from machopt.stiffness.external_joint_compliance import ExternalJointCompliance
+from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
+from machopt.verification.motion.stiffness.arm_compliance import ComplianceModel
+from machopt.verification.motion.stiffness.external_joints import compute_external_compliance
 
 STEP = 1e-6  # rad or m of a central difference; its error is of the order STEP²
 K = {"rail": 4.0e7, "turn": 6.0e5, "tilt": 9.0e5}  # N/m, N·m/rad
 RIGID = np.zeros((6, 6))
 
 
-def springs(cell: Cell, body: bool = False) -> tuple[ExternalSpring, ...]:
+def springs(cell: Cell, body: bool = False) -> tuple[ExternalJointSpring, ...]:
     """One a joint, the bodies with a full matrix each where ``body``."""
     rng, out = np.random.default_rng(3), []
     for name, slides in zip(cell.external_joints, cell.external_prismatic, strict=True):
         A = rng.normal(size=(6, 6)) * np.r_[np.full(3, 1e-4), np.full(3, 3e-4)][:, None]
         C, at = (A @ A.T, rng.uniform(-0.3, 0.3, 3)) if body else (RIGID, np.zeros(3))
-        out.append(ExternalSpring(joint=name, stiffness=K[name], slides=slides, compliance=C, at=at))
+        out.append(ExternalJointSpring(joint=name, stiffness=K[name], slides=slides, compliance=C, at=at))
     return tuple(out)
 
 
@@ -56,7 +56,7 @@ def turned(R: np.ndarray) -> np.ndarray:
 def test_joints_give_as_they_move(tmp_path: Path, kind: dict[str, bool]) -> None:
     cell = external_cell(tmp_path, **kind)
     m = machine(cell)
-    found = Beside.of(m, springs(cell))
+    found = ExternalJointCompliance.build(m, springs(cell))
     assert found is not None
     for x in postures(cell):
         T, T_base_part, _ = by_pinocchio(cell, x)
@@ -69,7 +69,7 @@ def test_joints_give_as_they_move(tmp_path: Path, kind: dict[str, bool]) -> None
             s = turned(T_base_part[:3, :3]) @ s  # of the tool against the part, base_link axes
             C += np.outer(s, s) / K[name]
         place = (T_base_part @ T)[:3, 3]
-        own = found.compliance(x[None, 6:], place[None])[0]
+        own = found.compute_compliance(x[None, 6:], place[None])[0]
         assert np.allclose(own, C, rtol=0.0, atol=1e-8 * np.abs(C).max())
 
 
@@ -77,11 +77,16 @@ def test_joints_give_as_they_move(tmp_path: Path, kind: dict[str, bool]) -> None
 def test_the_verifier_has_the_same_by_its_own_laws(tmp_path: Path, kind: dict[str, bool]) -> None:
     cell = external_cell(tmp_path, **kind)
     known, x = springs(cell, body=True), postures(cell)
-    stance = Arm(cell).stance(x[:, :6], x[:, 6:])
-    found = Beside.of(machine(cell), known)
+    stance = UrdfKinematics(cell).compute_configuration(x[:, :6], x[:, 6:])
+    found = ExternalJointCompliance.build(machine(cell), known)
     assert found is not None
-    own = found.compliance(x[:, 6:], stance.tcp[:, :3, 3])
-    assert np.allclose(own, given_way(Arm(cell), stance, known), rtol=1e-10, atol=1e-10 * np.abs(own).max())
+    own = found.compute_compliance(x[:, 6:], stance.tcp[:, :3, 3])
+    assert np.allclose(
+        own,
+        compute_external_compliance(UrdfKinematics(cell), stance, known),
+        rtol=1e-10,
+        atol=1e-10 * np.abs(own).max(),
+    )
     assert np.allclose(own, np.swapaxes(own, 1, 2), atol=1e-12 * np.abs(own).max())
     assert (np.linalg.eigvalsh(own) > -1e-12 * np.abs(own).max()).all()
 
@@ -92,39 +97,41 @@ def test_a_carriage_is_the_spring_of_the_base(tmp_path: Path) -> None:
     robot, x = load_robot(cell), postures(cell)
     diagonal = [2e-8, 3e-8, 1e-8, 2e-8, 4e-8, 1e-8]
     base = replace(
-        cell.stiffness or Stiffness(joints=np.full(6, 1e6)),
-        terms=(Term("base_compliance", "base", {"compliance_diagonal": diagonal}),),
+        cell.stiffness or ArmStiffness(joints=np.full(6, 1e6)),
+        terms=(StiffnessTerm("base_compliance", "base", {"compliance_diagonal": diagonal}),),
     )
-    on = ExternalSpring(
+    on = ExternalJointSpring(
         joint="rail", stiffness=np.inf, slides=None, compliance=np.diag(diagonal), at=np.array([-0.1, 0.0, 0.2])
     )  # base_link on the carriage
-    place = robot.fk(x[:, :6], cell.tool.T_flange_tcp)[:, :3, 3]
-    found = Beside.of(machine(cell), (on,))
+    place = robot.compute_fk(x[:, :6], cell.tool.T_flange_tcp)[:, :3, 3]
+    found = ExternalJointCompliance.build(machine(cell), (on,))
     assert found is not None
     tool, k = cell.tool.T_flange_tcp, np.full((len(x), 6), 1e6)
-    by_rail = ArmElasticity(robot, tool, replace(base, terms=())).at(x[:, :6], k, found.compliance(x[:, 6:], place))
-    by_base = ArmElasticity(robot, tool, base).at(x[:, :6], k)
+    by_rail = ArmElasticity(robot, tool, replace(base, terms=())).evaluate(
+        x[:, :6], k, found.compute_compliance(x[:, 6:], place)
+    )
+    by_base = ArmElasticity(robot, tool, base).evaluate(x[:, :6], k)
     force, e = np.tile([100.0, -250.0, 400.0], (len(x), 1)), np.tile([0.0, 0.6, 0.8], (len(x), 1))
-    assert np.allclose(by_rail.deflection(force), by_base.deflection(force), rtol=1e-10)
-    assert np.allclose(by_rail.along(e), by_base.along(e), rtol=1e-10)
-    assert np.allclose(by_rail.compliance(), by_base.compliance(), rtol=1e-9, atol=1e-18)
-    assert np.allclose(by_rail.jiao_index(e), by_base.jiao_index(e), rtol=1e-9)
+    assert np.allclose(by_rail.compute_deflection(force), by_base.compute_deflection(force), rtol=1e-10)
+    assert np.allclose(by_rail.compute_compliance_along(e), by_base.compute_compliance_along(e), rtol=1e-10)
+    assert np.allclose(by_rail.compute_compliance(), by_base.compute_compliance(), rtol=1e-9, atol=1e-18)
+    assert np.allclose(by_rail.compute_jiao_index(e), by_base.compute_jiao_index(e), rtol=1e-9)
 
 
 def test_a_rail_gives_the_same_wherever_it_stands(tmp_path: Path) -> None:
     cell = external_cell(tmp_path, rail=True)
-    found = Beside.of(machine(cell), springs(cell, body=True))
+    found = ExternalJointCompliance.build(machine(cell), springs(cell, body=True))
     assert found is not None
-    C = found.compliance(np.linspace(-2.5, 2.5, 5)[:, None], np.tile([1.4, 0.3, 0.8], (5, 1)))
+    C = found.compute_compliance(np.linspace(-2.5, 2.5, 5)[:, None], np.tile([1.4, 0.3, 0.8], (5, 1)))
     assert np.allclose(C, C[0], rtol=1e-12)
 
 
 def test_a_table_gives_most_at_its_rim(tmp_path: Path) -> None:
     """r²/k tangentially, nothing on the axis: the line stands at x = 1.6 m."""
     cell = external_cell(tmp_path, table=True)
-    found = Beside.of(machine(cell), springs(cell))
+    found = ExternalJointCompliance.build(machine(cell), springs(cell))
     assert found is not None
-    C = found.compliance(np.array([[0.0], [0.7]]), np.array([[1.6, 0.0, 0.9], [1.6, 0.4, 0.9]]))
+    C = found.compute_compliance(np.array([[0.0], [0.7]]), np.array([[1.6, 0.0, 0.9], [1.6, 0.4, 0.9]]))
     assert np.abs(C[0, :3, :3]).max() < 1e-20
     assert np.isclose(C[1, 0, 0], 0.4**2 / K["turn"], rtol=1e-12)
 
@@ -197,7 +204,7 @@ def test_weight_settles_as_its_torques_are(tmp_path: Path, kind: dict[str, bool]
     cell = replace(external_cell(tmp_path, **kind), T_world_base=askew)
     known = tuple(replace(s, mass=100.0 * (n + 1), com=np.array([0.2, -0.1, 0.3])) for n, s in enumerate(springs(cell)))
     m, x = machine(cell), postures(cell)
-    found = Beside.of(m, known)
+    found = ExternalJointCompliance.build(m, known)
     assert found is not None
     model = pin.buildModelFromXML(cell.urdf_text)
     frame = model.frames[model.getFrameId(cell.flange_link)]
@@ -222,10 +229,10 @@ def test_weight_settles_as_its_torques_are(tmp_path: Path, kind: dict[str, bool]
             step = STEP * np.eye(len(row))[6 + n]
             after, before = (by_pinocchio(cell, row + sign * step)[0][:3, 3] for sign in (1.0, -1.0))
             expected += (after - before) / (2.0 * STEP) * torque[model.idx_vs[model.getJointId(s.joint)]] / s.stiffness
-        state = robot.state(row[None, :6], cell.tool.T_flange_tcp, bodies=True)
-        gravity = inverse(m.T_world_base(row[None, 6:]))[0, :3, :3] @ np.array([0.0, 0.0, -9.80665])
-        arm = weight_on_base(replace(masses, gravity=gravity), state)
-        moved = found.settled(row[None, 6:], T[None, :3, 3], arm)[0]
+        state = robot.compute_state(row[None, :6], cell.tool.T_flange_tcp, bodies=True)
+        gravity = invert_transform(m.compute_T_world_base(row[None, 6:]))[0, :3, :3] @ np.array([0.0, 0.0, -9.80665])
+        arm = compute_base_wrench(replace(masses, gravity=gravity), state)
+        moved = found.compute_gravity_settling(row[None, 6:], T[None, :3, 3], arm)[0]
         assert np.allclose(moved, expected, rtol=0.0, atol=1e-7 * np.abs(expected).max())
 
 
@@ -249,12 +256,16 @@ def test_the_whole_command_counts_them(tmp_path: Path) -> None:
     with (tmp_path / "out" / "points.csv").open() as file:
         rows = list(csv.DictReader(file))
     q = np.radians([[float(r[f"q{j}_deg"]) for j in range(1, 7)] for r in rows])
-    stance = Arm(cell).stance(q, np.array([[float(r["e1_mm"]) / 1e3, np.radians(float(r["e2_deg"]))] for r in rows]))
+    stance = UrdfKinematics(cell).compute_configuration(
+        q, np.array([[float(r["e1_mm"]) / 1e3, np.radians(float(r["e2_deg"]))] for r in rows])
+    )
     force = np.tile([0.0, 0.0, 200.0], (len(rows), 1))
     told = 1.0 / np.array([1e3 * float(r["k_axial_N_mm"]) for r in rows])
-    rigid_axes = Elasticity(cell, Arm(cell), replace(cell.stiffness, external=())).at(stance, stance.tcp[:, :3, 3])
-    alone = rigid_axes.displacement(force)[:, 2] / 200.0
-    more = given_way(Arm(cell), stance, cell.stiffness.external)[:, 2, 2]
+    rigid_axes = ComplianceModel(cell, UrdfKinematics(cell), replace(cell.stiffness, external=())).evaluate(
+        stance, stance.tcp[:, :3, 3]
+    )
+    alone = rigid_axes.compute_displacement(force)[:, 2] / 200.0
+    more = compute_external_compliance(UrdfKinematics(cell), stance, cell.stiffness.external)[:, 2, 2]
     assert np.allclose(told, alone + more, rtol=1e-5)
     assert (more > 1e-3 * alone).all()
 

@@ -11,22 +11,26 @@ from external_cell import external_cell
 from test_external import OPTIONS, slots
 from test_path import toolpath
 
-from machopt.domain.cell import Cell
-from machopt.domain.options import ExternalAxis, Index, ProcessForce
-from machopt.domain.stiffness import ExternalSpring, Stiffness
-from machopt.model.elastic import ArmElasticity
-from machopt.plan.best.base import best_plan
-from machopt.plan.certainty.uncertainty import bends, by_carriers, gains
-from machopt.plan.cost.score import configuration_cost, directions
-from machopt.plan.pipeline.planned import Plan
-from machopt.plan.pipeline.setup import Setup, prepare, standing
-from machopt.plan.stations.path import Path as Planned
-from machopt.plan.stations.path import build_path
+from machopt.data_types.cell import Cell
+from machopt.data_types.plan_options import ExternalJointOptions, ProcessForce, StiffnessIndex
+from machopt.data_types.stiffness import ArmStiffness, ExternalJointSpring
+from machopt.planning.cost.stiffness_index import compute_configuration_cost, compute_load_directions
+from machopt.planning.external_axis_optimization.best_plan import find_best_plan
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import PlanningSetup, fix_external_axes, prepare_planning
+from machopt.planning.stations.planning_path import PlanningPath as Planned
+from machopt.planning.stations.planning_path import build_planning_path
+from machopt.planning.uncertainty.stiffness_uncertainty import (
+    compute_carrier_sensitivity,
+    compute_gains,
+    compute_mean_cost_std,
+)
+from machopt.stiffness.arm_stiffness import ArmElasticity
 
 RIGID = np.zeros((6, 6))
 SPRINGS = (
-    ExternalSpring(joint="rail", stiffness=5e6, slides=True, compliance=RIGID, at=np.zeros(3), std=1e6),
-    ExternalSpring(joint="turn", stiffness=6e5, slides=False, compliance=RIGID, at=np.zeros(3), std=9e4),
+    ExternalJointSpring(joint="rail", stiffness=5e6, slides=True, compliance=RIGID, at=np.zeros(3), std=1e6),
+    ExternalJointSpring(joint="turn", stiffness=6e5, slides=False, compliance=RIGID, at=np.zeros(3), std=9e4),
 )
 ASKED = replace(OPTIONS, force=ProcessForce(travel=150.0, normal=200.0, axial=100.0))  # a rail gives along itself
 STEP = 1e-3  # of a compliance, of a central difference: its error is a millionth
@@ -35,27 +39,31 @@ STEP = 1e-3  # of a compliance, of a central difference: its error is a milliont
 def with_springs(cell: Cell, count: int = 2) -> Cell:
     """The arm's own springs all but known."""
     k = np.array([1.4e6, 4e5, 9e5, 3.6e5, 3.7e5, 3.8e5])
-    return replace(cell, stiffness=Stiffness(joints=k, covariance=np.diag((1e-9 / k) ** 2), external=SPRINGS[:count]))
+    return replace(
+        cell, stiffness=ArmStiffness(joints=k, covariance=np.diag((1e-9 / k) ** 2), external=SPRINGS[:count])
+    )
 
 
-def cost(setup: Setup, path: Planned, q: np.ndarray, index: Index, softer: int, share: float) -> np.ndarray:
+def cost(
+    setup: PlanningSetup, path: Planned, q: np.ndarray, index: StiffnessIndex, softer: int, share: float
+) -> np.ndarray:
     """Of all points, with one spring softer by a share."""
     known = setup.elasticity
     springs = list(known.stiffness.external)
     springs[softer] = replace(springs[softer], stiffness=springs[softer].stiffness / (1.0 + share))
     stiffness = replace(known.stiffness, external=tuple(springs))
     elasticity = ArmElasticity(known.robot, setup.arm.T_flange_tcp, stiffness)
-    d = directions(path, setup.arm, elasticity, ASKED.force)
-    return configuration_cost(elasticity, d, np.arange(len(q)), q, index)
+    d = compute_load_directions(path, setup.arm, elasticity, ASKED.force)
+    return compute_configuration_cost(elasticity, d, np.arange(len(q)), q, index)
 
 
 @pytest.mark.parametrize("index", ["deflection", "stiffness", "jiao2022"])
-def test_a_cost_follows_a_spring_as_differences_say(tmp_path: Path, index: Index) -> None:
-    setup = prepare(with_springs(external_cell(tmp_path, rail=True, table=True)), ASKED)
-    path = standing(build_path(toolpath(slots(0.0, 0.2))), np.array([0.3, 0.7]))
+def test_a_cost_follows_a_spring_as_differences_say(tmp_path: Path, index: StiffnessIndex) -> None:
+    setup = prepare_planning(with_springs(external_cell(tmp_path, rail=True, table=True)), ASKED)
+    path = fix_external_axes(build_planning_path(toolpath(slots(0.0, 0.2))), np.array([0.3, 0.7]))
     q = np.random.default_rng(1).uniform(-1.0, 1.0, (len(path.index), 6))
-    d = directions(path, setup.arm, setup.elasticity, ASKED.force)
-    found = by_carriers(setup.elasticity, d, np.arange(len(q)), q, index)
+    d = compute_load_directions(path, setup.arm, setup.elasticity, ASKED.force)
+    found = compute_carrier_sensitivity(setup.elasticity, d, np.arange(len(q)), q, index)
     assert found.any()
     for n, spring in enumerate(SPRINGS):
         more, less = (cost(setup, path, q, index, n, share) for share in (STEP, -STEP))
@@ -66,14 +74,14 @@ def test_a_cost_follows_a_spring_as_differences_say(tmp_path: Path, index: Index
 @pytest.fixture(scope="module")
 def on_rail(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     cell = with_springs(external_cell(tmp_path_factory.mktemp("unsure"), rail=True), 1)
-    axis = ExternalAxis(joint="rail", mode="operation")
-    return best_plan(cell, toolpath(slots(0.4)), replace(ASKED, external=(axis,)))
+    axis = ExternalJointOptions(joint="rail", mode="operation")
+    return find_best_plan(cell, toolpath(slots(0.4)), replace(ASKED, external=(axis,)))
 
 
 def test_the_gain_scatters_by_the_rail(on_rail: Plan) -> None:
     """The yardstick stands at home, the plan elsewhere."""
     p, w = on_rail, on_rail.path.weight
-    home = standing(p.path, p.setup.cell.external_home)
+    home = fix_external_axes(p.path, p.setup.cell.external_home)
     assert not np.array_equal(home.external, p.path.external)
 
     def gain(share: float) -> float:
@@ -84,7 +92,7 @@ def test_the_gain_scatters_by_the_rail(on_rail: Plan) -> None:
         )
         return 1.0 - a / b
 
-    found = next(g for g in gains(p) if g.over == "cam default")
+    found = next(g for g in compute_gains(p) if g.over == "cam default")
     by_share = (gain(STEP) - gain(-STEP)) / (2.0 * STEP)
     assert found.std == pytest.approx(abs(by_share) * SPRINGS[0].std / SPRINGS[0].stiffness, rel=1e-3)
     assert found.std > 0.0
@@ -93,6 +101,6 @@ def test_the_gain_scatters_by_the_rail(on_rail: Plan) -> None:
 def test_a_deflection_scatters_by_the_rail(on_rail: Plan) -> None:
     sure = replace(on_rail, directions=replace(on_rail.directions, unsure=None))
     cut = on_rail.path.counted
-    (mean, each), (less, fewer) = bends(on_rail), bends(sure)
+    (mean, each), (less, fewer) = compute_mean_cost_std(on_rail), compute_mean_cost_std(sure)
     assert mean > 100.0 * less
     assert (each[cut] > 100.0 * fewer[cut]).all()

@@ -12,8 +12,8 @@ import pytest
 
 import machopt
 from machopt.errors import InputError
-from machopt.formats.parquet import difference, refuse_without_pyarrow, write_beside
-from machopt.formats.toolpath import read_toolpath
+from machopt.file_formats.parquet_tables import find_parquet_difference, refuse_without_pyarrow, write_parquet_copies
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 ROOT = Path(__file__).resolve().parents[1]
 HEAVY = ("dask", "distributed", "psutil", "pyarrow", "pandas", "xacro", "rosbags")
@@ -29,7 +29,7 @@ def without(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_importing_the_library_and_the_planner_loads_no_extra() -> None:
     code = (
-        "import sys, machopt, machopt.cli, machopt.services.run, machopt.services.verify\n"
+        "import sys, machopt, machopt.cli, machopt.commands.optimize.run, machopt.commands.verify\n"
         f"print(sorted({{m.partition('.')[0] for m in sys.modules}} & set({HEAVY!r})))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
@@ -40,7 +40,7 @@ def test_a_parquet_copy_says_what_the_csv_says(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is an optional dependency")
     table = tmp_path / "points.csv"
     table.write_text('point,operation,x_mm,reason\n0,1,0.1,\n1,2,,"a, b"\n', encoding="utf-8")
-    assert write_beside([table]) == ["points.parquet"]
+    assert write_parquet_copies([table]) == ["points.parquet"]
     copy = tmp_path / "points.parquet"
     assert parquet.read_table(copy).to_pydict() == {
         "point": [0.0, 1.0],
@@ -48,7 +48,7 @@ def test_a_parquet_copy_says_what_the_csv_says(tmp_path: Path) -> None:
         "x_mm": [0.1, None],
         "reason": ["", "a, b"],
     }
-    assert difference(table, copy) == ""
+    assert find_parquet_difference(table, copy) == ""
     whole = table.read_text(encoding="utf-8")
     for old, new, told in (
         ("0.1", "0.11", "x_mm, row 1: 0.1, where points.csv has 0.11"),
@@ -57,9 +57,9 @@ def test_a_parquet_copy_says_what_the_csv_says(tmp_path: Path) -> None:
         ('1,2,,"a, b"\n', "", "has 2 rows; points.csv has 1"),
     ):
         table.write_text(whole.replace(old, new), encoding="utf-8")
-        assert told in difference(table, copy)
+        assert told in find_parquet_difference(table, copy)
     copy.write_bytes(b"PAR1xxxxPAR1")
-    assert "is not readable" in difference(table, copy)
+    assert "is not readable" in find_parquet_difference(table, copy)
 
 
 @pytest.mark.usefixtures("without")

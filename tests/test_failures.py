@@ -7,15 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from machopt.cli.failures import causes_first, failures
-from machopt.domain.manifest import Covered
-from machopt.recheck.told import short
-from machopt.verify import Check
-from machopt.verify.check import Promise, of_file
+from machopt.cli.check_failures import format_failures, sort_causes_first
+from machopt.data_types.manifest import CheckCoverage
+from machopt.verification import VerificationCheck
+from machopt.verification.checks import CheckName, build_file_check
+from machopt.verification.folder.result_json.comparison_inputs import format_json_value
 
-OK = Check(name="path", passed=True, value=0.006, limit=0.02, unit="mm", where="sample 3")
-FILES = Check(
-    name=Promise.FILES,
+OK = VerificationCheck(name="path", passed=True, value=0.006, limit=0.02, unit="mm", where="sample 3")
+FILES = VerificationCheck(
+    name=CheckName.FILES,
     passed=False,
     value=1.0,
     limit=0.0,
@@ -23,15 +23,15 @@ FILES = Check(
     where="points.csv is changed: 9 bytes, 8 were written",
     file="points.csv",
 )
-INPUTS = Check(
-    name=Promise.INPUTS,
+INPUTS = VerificationCheck(
+    name=CheckName.INPUTS,
     passed=False,
     value=1.0,
     limit=0.0,
     unit="differences",
     where="another stiffness: stiffness.yaml is other",
 )
-COLUMN = Check(
+COLUMN = VerificationCheck(
     name="points.csv k_axial_N_mm",
     passed=False,
     value=9618.0,
@@ -43,16 +43,24 @@ COLUMN = Check(
     instead=True,
 )
 NOT_THERE = "cannot be read: No such file or directory"
-LOST = of_file("trajectory.csv", Promise.READABLE, False, math.nan, math.nan, "", NOT_THERE, of=" ")
+LOST = build_file_check("trajectory.csv", CheckName.READABLE, False, math.nan, math.nan, "", NOT_THERE, of=" ")
 UNREAD = "/out/trajectory.csv: cannot be read"
-PROGRAMS = Check(
-    name=Promise.PROGRAMS, passed=False, value=math.nan, limit=math.nan, unit="", where=UNREAD, because="trajectory.csv"
+PROGRAMS = VerificationCheck(
+    name=CheckName.PROGRAMS,
+    passed=False,
+    value=math.nan,
+    limit=math.nan,
+    unit="",
+    where=UNREAD,
+    because="trajectory.csv",
 )
 SAID = "exit_code is 0, 4 follows"
-VERDICT = of_file("result.json", Promise.VERDICT, False, 1.0, 0.0, "differences", SAID, of=" ")
-TIMES = of_file("result.json", "times", False, 1.0, 0.0, "differences", UNREAD, of=" ")
-JERK = Check(name=Promise.JERK, passed=False, value=2.577, limit=1.1, unit="of the limit", where="axis 2, sample 775")
-INDEX = Check(
+VERDICT = build_file_check("result.json", CheckName.VERDICT, False, 1.0, 0.0, "differences", SAID, of=" ")
+TIMES = build_file_check("result.json", "times", False, 1.0, 0.0, "differences", UNREAD, of=" ")
+JERK = VerificationCheck(
+    name=CheckName.JERK, passed=False, value=2.577, limit=1.1, unit="of the limit", where="axis 2, sample 775"
+)
+INDEX = VerificationCheck(
     name="index of the samples", passed=False, value=4.0, limit=0.02, unit="mm", where="sample 766, point 8.000"
 )
 
@@ -88,18 +96,18 @@ INDEX = Check(
         ((VERDICT,), f"result.json verdict: {SAID}", f"result.json verdict: {SAID}"),
     ],
 )
-def test_the_first_line_is_the_cause(checks: tuple[Check, ...], first: str, last: str) -> None:
-    lines = failures(checks).split("\n")
+def test_the_first_line_is_the_cause(checks: tuple[VerificationCheck, ...], first: str, last: str) -> None:
+    lines = format_failures(checks).split("\n")
     assert lines[0] == first
     assert lines[-1] == last
-    assert causes_first((OK, *checks))[-1] is OK
+    assert sort_causes_first((OK, *checks))[-1] is OK
 
 
 def test_values_stand_as_the_file_would_write_them() -> None:
-    assert short(None) == "null"
-    assert short(True) == "true"
-    assert short("done") == '"done"'
-    assert short(0.1 + 0.2) == "0.3"
-    assert short(np.float64(2.5)) == "2.5"
-    assert "Covered" not in short((Covered("path", "every sample"),))
-    assert short({"a": np.arange(2)}) == '{"a": [0, 1]}'
+    assert format_json_value(None) == "null"
+    assert format_json_value(True) == "true"
+    assert format_json_value("done") == '"done"'
+    assert format_json_value(0.1 + 0.2) == "0.3"
+    assert format_json_value(np.float64(2.5)) == "2.5"
+    assert "Covered" not in format_json_value((CheckCoverage("path", "every sample"),))
+    assert format_json_value({"a": np.arange(2)}) == '{"a": [0, 1]}'

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from machopt.cli import main
-from machopt.domain.cell import JointLimits
-from machopt.domain.slowmoves import RAMPS, TURN_BACK, is_turn_back
-from machopt.plan.feed.retime import RunTrajectory, retime_run
+from machopt.data_types.cell import JointLimits
+from machopt.data_types.slow_moves import RAMPS, TURN_BACK, is_turn_back
+from machopt.planning.retiming.run_retiming import RunTrajectory, retime_run
 from tests.test_retime import LIMITS, make
 
 UP = np.tile([0.0, 0.0, 1.0], (3, 1))

@@ -15,15 +15,15 @@ from test_external import OPTIONS, UP, K
 from test_path import Rows, toolpath
 from test_refine_external import MOVING, chosen, weaving
 
-from machopt.domain.options import ExternalAxis
-from machopt.domain.toolpath import Move, Toolpath
-from machopt.plan.best import external
-from machopt.plan.best.base import best_plan
-from machopt.plan.external.axes import axes_of
-from machopt.plan.external.ranking import Worth
-from machopt.plan.jointly.beginning import Start
-from machopt.plan.jointly.refinement import Refinement
-from machopt.plan.pipeline.planned import Plan
+from machopt.data_types.plan_options import ExternalJointOptions
+from machopt.data_types.toolpath import MoveKind, Toolpath
+from machopt.planning.continuous_refinement.refinement import PlanRefinement
+from machopt.planning.continuous_refinement.starting_point import RefinementStart
+from machopt.planning.external_axes.axis_modes import resolve_axis_options
+from machopt.planning.external_axes.plan_comparison import AxisPlanRanking
+from machopt.planning.external_axis_optimization import coarse_to_fine_search
+from machopt.planning.external_axis_optimization.best_plan import find_best_plan
+from machopt.planning.pipeline.plan import Plan
 
 ROUNDED = 1e-9  # of J
 
@@ -32,12 +32,16 @@ def holes(y: float, apart: float) -> Toolpath:
     rows: Rows = []
     for k in range(4):
         x, at = 0.1 * (-1.0) ** k, y + k * apart
-        rows += [((x, at, 0.06), UP, Move.RAPID), ((x, at, -0.01), UP, Move.CUT), ((x, at, 0.06), UP, Move.RETRACT)]
+        rows += [
+            ((x, at, 0.06), UP, MoveKind.RAPID),
+            ((x, at, -0.01), UP, MoveKind.CUT),
+            ((x, at, 0.06), UP, MoveKind.RETRACT),
+        ]
     return toolpath(rows)
 
 
 def worth(plan: Plan) -> float:
-    return Worth.of(plan.setup, axes_of(plan.setup.cell, plan.options)).plan(plan)
+    return AxisPlanRanking.of(plan.setup, resolve_axis_options(plan.setup.cell, plan.options)).plan(plan)
 
 
 @pytest.mark.slow
@@ -53,12 +57,12 @@ def test_a_finer_grid_makes_no_plan_worse(
 ) -> None:
     cell = replace(external_cell(tmp_path, **kind), stiffness=K)
     names = [n for n in ("rail", "turn") if {"rail": "rail", "turn": "table"}[n] in kind]
-    axes = tuple(ExternalAxis(joint=n, mode=mode, range=(-0.5, 0.5)) for n in names)  # type: ignore[arg-type]
-    rows: Rows = [((0.0, y - 0.1, 0.05), UP, Move.RAPID)]
-    rows += [((0.08 * float(np.sin(30 * v)), y + float(v), 0.0), UP, Move.CUT) for v in np.linspace(-0.1, 0.1, 6)]
+    axes = tuple(ExternalJointOptions(joint=n, mode=mode, range=(-0.5, 0.5)) for n in names)  # type: ignore[arg-type]
+    rows: Rows = [((0.0, y - 0.1, 0.05), UP, MoveKind.RAPID)]
+    rows += [((0.08 * float(np.sin(30 * v)), y + float(v), 0.0), UP, MoveKind.CUT) for v in np.linspace(-0.1, 0.1, 6)]
     path = holes(y, 0.05) if drilled else toolpath(rows)
     plans = [
-        best_plan(cell, path, replace(OPTIONS, external=axes, rotation_step=np.radians(step)))
+        find_best_plan(cell, path, replace(OPTIONS, external=axes, rotation_step=np.radians(step)))
         for step in (15.0, 10.0, 5.0)
     ]
     assert len({plan.scores.scale for plan in plans}) == 1
@@ -74,10 +78,10 @@ def test_a_finer_grid_makes_no_plan_worse(
 def test_leaps_make_no_plan_worse(tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch) -> None:
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
     found = []
-    for leaps in (0, 0), external.LEAPS:
-        monkeypatch.setattr(external, "LEAPS", leaps)
-        monkeypatch.setattr(external, "WORTH_IT", 1e-4)
-        found.append(worth(best_plan(cell, weaving(), MOVING)))
+    for leaps in (0, 0), coarse_to_fine_search.LEAPS:
+        monkeypatch.setattr(coarse_to_fine_search, "LEAPS", leaps)
+        monkeypatch.setattr(coarse_to_fine_search, "WORTH_IT", 1e-4)
+        found.append(worth(find_best_plan(cell, weaving(), MOVING)))
     assert found[1] <= found[0] * (1 + ROUNDED)
 
 
@@ -85,14 +89,14 @@ def test_leaps_make_no_plan_worse(tmp_path: FilePath, monkeypatch: pytest.Monkey
 def test_a_refinement_begins_on_its_own_curves(tmp_path: FilePath) -> None:
     """What a start has that no offset takes away is gone; and a curve stays what it is."""
     plan, groups, axes = chosen(tmp_path, weaving(), MOVING, rail=True)
-    refinement = Refinement(plan, groups, Worth.of(plan.setup, axes))
+    refinement = PlanRefinement(plan, groups, AxisPlanRanking.of(plan.setup, axes))
     a = plan.chosen.assignment
-    ragged = Start(a.phi + 1e-3 * (-1.0) ** np.arange(len(a.phi)), plan.path.external, a.q)
+    ragged = RefinementStart(a.phi + 1e-3 * (-1.0) ** np.arange(len(a.phi)), plan.path.external, a.q)
     begun = refinement._begun(ragged)
     assert begun is not None
     state, phi, e = begun
     assert state.phi == pytest.approx(phi[refinement.rows], abs=1e-12)
-    again = refinement._begun(Start(phi, e, a.q))
+    again = refinement._begun(RefinementStart(phi, e, a.q))
     assert again is not None
     assert again[1] == pytest.approx(phi, abs=1e-6)
     assert again[2] == pytest.approx(e, abs=1e-6)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from machopt.services.load import OptimizeRequest
-from machopt.services.run import optimize
+from machopt.commands.optimize.request import OptimizeRequest
+from machopt.commands.optimize.run import run_optimize
 
 CELL = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
 REST = "".join(f"{x},-60,0,0,0,1,cut,600\n" for x in (-60, -40, -20))
@@ -19,7 +19,7 @@ def test_a_path_that_begins_so_is_planned_programmed_and_verified(first: str, tm
     """Rows are cuts where nothing else is said: the shortest table a user writes begins with one."""
     table = tmp_path / "path.csv"
     table.write_text(f"x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min\n-80,-60,0,0,0,1,{first},600\n{REST}")
-    done = optimize(
+    done = run_optimize(
         OptimizeRequest(cell=CELL, toolpath=table, out=tmp_path / "out", posts=("krl", "rapid", "fanuc_joint"))
     )
     assert done.exit_code == 0, done.result.verdict

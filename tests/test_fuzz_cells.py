@@ -9,7 +9,7 @@ import pytest
 from cell_mutations import FORMATS, Case, run, sane_cell, sane_mesh
 
 from machopt.errors import InputError
-from machopt.formats.recording import load_recording
+from machopt.measurement.recording import load_recording
 
 CASES = {"urdf": 60, "mesh": 80, "cell": 60, "stiffness": 60, "recording": 80, "options": 150}
 

@@ -14,9 +14,9 @@ import pytest
 from mutations import HANG, check, within
 from reader_samples import SAMPLES, Sample
 
-from machopt.domain.toolpath import Toolpath
+from machopt.data_types.toolpath import Toolpath
 from machopt.errors import InputError
-from machopt.formats.toolpath import read_toolpath
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 CASES = 120  # a dialect
 NUMBERS = ("1e308", "-1e308", "nan", "inf", "99999999999", "0", "-0.", ".", "1e-300", "--3", "1.2.3", "1_0", "\u0663")

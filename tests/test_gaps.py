@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from test_choose import line
 
-from machopt.domain.reason import Reason
-from machopt.plan.pipeline.breaks import Break, jumps
-from machopt.plan.pipeline.gaps import stretches, told, uncut
-from machopt.plan.stations.path import Path
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.planning.pipeline.gaps import find_driven_stretches, find_uncut_points, mark_gaps
+from machopt.planning.pipeline.sequence_breaks import SequenceBreak, find_configuration_jumps
+from machopt.planning.stations.planning_path import PlanningPath
 
 
 @dataclass
@@ -31,14 +31,14 @@ class Chosen:
 
 @dataclass
 class Planned:
-    path: Path
+    path: PlanningPath
     chosen: Chosen
-    breaks: tuple[Break, ...] = ()
+    breaks: tuple[SequenceBreak, ...] = ()
     notes: dict[int, str] = field(default_factory=dict)
 
 
 @pytest.fixture(scope="module")
-def path() -> Path:
+def path() -> PlanningPath:
     """Points 0 … 3 and 4 … 8; a rapid move leads to 0 and to 4, cuts to the others."""
     found = line(9, rapid=(0, 4))
     assert found.runs == ((0, 3), (4, 8))
@@ -46,13 +46,13 @@ def path() -> Path:
 
 
 def reasons(*unreachable: int) -> np.ndarray:
-    out = np.full(9, Reason.OK, np.uint8)
-    out[list(unreachable)] = Reason.LIMIT
+    out = np.full(9, InfeasibilityReason.OK, np.uint8)
+    out[list(unreachable)] = InfeasibilityReason.LIMIT
     return out
 
 
-def jump_between(before: float, after: float) -> Break:
-    return Break(
+def jump_between(before: float, after: float) -> SequenceBreak:
+    return SequenceBreak(
         before=before, after=after, code="joint_jump", text="joint 4 jumps", help="", joint=4, value=150.0, limit=120.0
     )
 
@@ -69,24 +69,35 @@ def jump_between(before: float, after: float) -> Break:
     ],
 )
 def test_stretches_and_the_cuts_that_are_left_out(
-    path: Path, unreachable: tuple[int, ...], breaks: tuple[Break, ...], driven: list[tuple[int, int]], left: list[int]
+    path: PlanningPath,
+    unreachable: tuple[int, ...],
+    breaks: tuple[SequenceBreak, ...],
+    driven: list[tuple[int, int]],
+    left: list[int],
 ) -> None:
-    found = stretches(path, reasons(*unreachable), breaks)
+    found = find_driven_stretches(path, reasons(*unreachable), breaks)
     assert found == driven
-    assert np.flatnonzero(uncut(path, found)).tolist() == left
+    assert np.flatnonzero(find_uncut_points(path, found)).tolist() == left
 
 
-def marked(path: Path, unreachable: tuple[int, ...], given_up: Any = None, breaks: tuple[Break, ...] = ()) -> Any:
+def marked(
+    path: PlanningPath, unreachable: tuple[int, ...], given_up: Any = None, breaks: tuple[SequenceBreak, ...] = ()
+) -> Any:
     plan: Any = Planned(path, Chosen(Assignment(reasons(*unreachable))), breaks)
-    driven = stretches(path, plan.chosen.assignment.reason, breaks)
+    driven = find_driven_stretches(path, plan.chosen.assignment.reason, breaks)
     if given_up:
         driven = [s for s in driven if s not in given_up]
-    return told(plan, driven, given_up or {})
+    return mark_gaps(plan, driven, given_up or {})
 
 
-def test_every_cut_that_is_left_out_says_why(path: Path) -> None:
+def test_every_cut_that_is_left_out_says_why(path: PlanningPath) -> None:
     plan = marked(path, (6,))
-    assert plan.chosen.assignment.reason[[5, 6, 7, 8]].tolist() == [Reason.OK, Reason.LIMIT, Reason.GAP, Reason.OK]
+    assert plan.chosen.assignment.reason[[5, 6, 7, 8]].tolist() == [
+        InfeasibilityReason.OK,
+        InfeasibilityReason.LIMIT,
+        InfeasibilityReason.GAP,
+        InfeasibilityReason.OK,
+    ]
     assert np.flatnonzero(np.isnan(plan.chosen.cost)).tolist() == [7]
     assert plan.notes[7].startswith("the cut to it is left out: point 6 cannot be reached")
 
@@ -97,23 +108,23 @@ def test_every_cut_that_is_left_out_says_why(path: Path) -> None:
     assert plan.notes == dict.fromkeys((5, 6, 7, 8), "no way to it is free")
 
 
-def test_where_all_is_driven_nothing_is_marked(path: Path) -> None:
+def test_where_all_is_driven_nothing_is_marked(path: PlanningPath) -> None:
     plan = marked(path, ())
     assert plan.notes == {}
     assert np.isfinite(plan.chosen.cost).all()
 
 
-def test_a_jump_of_a_sequence_that_was_not_searched_for_is_a_break(path: Path) -> None:
+def test_a_jump_of_a_sequence_that_was_not_searched_for_is_a_break(path: PlanningPath) -> None:
     """130° at joint 4 on the way to point 6; as much on the rapid way to 4 is none, nor 110° anywhere."""
     q = np.zeros((9, 6))
     q[4:, 1] += np.radians(130.0)
     q[6:, 3] -= np.radians(130.0)
     q[8:, 5] += np.radians(110.0)
     scored: Any = Chosen(Assignment(reasons(), q))
-    (found,) = jumps(path, scored)
+    (found,) = find_configuration_jumps(path, scored)
     assert (found.before, found.after, found.code, found.joint) == (5.0, 6.0, "joint_jump", 4)
     assert found.value == pytest.approx(130.0)
     assert "joint 4 would have to jump by 130.0°" in found.text
     for unknown in (5, 6):  # what the arm does where it has no answer is no jump
         scored = Chosen(Assignment(reasons(unknown), q))
-        assert jumps(path, scored) == ()
+        assert find_configuration_jumps(path, scored) == ()

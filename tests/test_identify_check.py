@@ -8,21 +8,25 @@ import numpy as np
 import pytest
 from made_up_load_tests import TRUE_K, cell, measured, planned
 
-from machopt.domain.recording import Recording
-from machopt.domain.stiffness import Stiffness
+from machopt.data_types.measurements.recording import Recording
+from machopt.data_types.stiffness import ArmStiffness
 from machopt.errors import InputError
-from machopt.estimate.experiment import experiment
-from machopt.identify.check import CODES, check_experiment, refuse
-from machopt.identify.finding import RecordFault
-from machopt.identify.options import IdentifyOptions
-from machopt.identify.pipeline import identify
+from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
+from machopt.measurement.identification.data_quality.load_test_checks import (
+    CODES,
+    check_experiment,
+    refuse_record_faults,
+)
+from machopt.measurement.identification.data_quality.record_fault import RecordFault
+from machopt.measurement.identification.identification_pipeline import identify_stiffness
+from machopt.measurement.identification.options import IdentifyOptions
 
 TOO_LITTLE = {"few_poses", "few_readings"}
 
 
 def found(record: Recording, prior: np.ndarray | None = TRUE_K) -> dict[str, RecordFault]:
     _, robot, T = cell()
-    return {f.code: f for f in check_experiment(experiment(record, robot, T), robot, T, prior)}
+    return {f.code: f for f in check_experiment(build_load_test_experiment(record, robot, T), robot, T, prior)}
 
 
 def good(seed: int = 41, *, rotations: bool = True, **design: object) -> Recording:
@@ -77,16 +81,28 @@ def test_a_frame_stated_wrongly_is_refused(wrench: str, displacement: str, code:
 def test_tool_axes_taken_for_base_axes_are_refused() -> None:
     _, robot, T = cell()
     record = good(rotations=False)
-    R = robot.fk(record.q, T)[:, :3, :3]
+    R = robot.compute_fk(record.q, T)[:, :3, :3]
     turned = replace(record, displacement=np.einsum("nji,nj->ni", R, record.displacement))
     finding = found(turned)["displacement_frame"]
     assert (finding.severity, "displacement_frame: tool would work" in finding.message) == ("error", True)
     options = IdentifyOptions(studies=False)
     with pytest.raises(InputError, match=r"made up: displacement_frame is stated \(or taken\) as base"):
-        identify(experiment(turned, robot, T), robot, T, Stiffness(joints=TRUE_K), options, np.random.default_rng(0))
+        identify_stiffness(
+            build_load_test_experiment(turned, robot, T),
+            robot,
+            T,
+            ArmStiffness(joints=TRUE_K),
+            options,
+            np.random.default_rng(0),
+        )
     accepted = replace(options, accept=frozenset({"displacement_frame"}))
-    result = identify(
-        experiment(turned, robot, T), robot, T, Stiffness(joints=TRUE_K), accepted, np.random.default_rng(0)
+    result = identify_stiffness(
+        build_load_test_experiment(turned, robot, T),
+        robot,
+        T,
+        ArmStiffness(joints=TRUE_K),
+        accepted,
+        np.random.default_rng(0),
     )
     assert any("displacement_frame: tool would work" in w for w in result.warnings)
 
@@ -100,7 +116,7 @@ def test_load_with_the_opposite_sign_is_refused() -> None:
 def test_moments_about_another_point_are_found() -> None:
     _, robot, T = cell()
     record = good()
-    tcp, flange = robot.fk(record.q, T)[:, :3, 3], robot.fk(record.q)[:, :3, 3]
+    tcp, flange = robot.compute_fk(record.q, T)[:, :3, 3], robot.compute_fk(record.q)[:, :3, 3]
     for point, code in ((np.zeros_like(tcp), "moment_at_base"), (flange, "moment_at_flange")):
         wrench = record.wrench.copy()
         wrench[:, 3:] += np.cross(tcp - point, wrench[:, :3])
@@ -160,16 +176,16 @@ def test_nothing_measured_is_refused() -> None:
 
 def test_errors_are_raised_together_and_name_the_way_out() -> None:
     _, robot, T = cell()
-    e = experiment(good(), robot, T)
+    e = build_load_test_experiment(good(), robot, T)
     findings = [
         RecordFault(code="a", severity="error", message="first"),
         RecordFault(code="b", severity="error", message="second"),
         RecordFault(code="c", severity="warning", message="third"),
     ]
     with pytest.raises(InputError, match=r"first \[a\]; second \[b\]") as raised:
-        refuse(e, findings)
+        refuse_record_faults(e, findings)
     assert "accept a" in str(raised.value)
-    assert refuse(e, findings, {"a", "b"}) == ["first", "second", "third"]
+    assert refuse_record_faults(e, findings, {"a", "b"}) == ["first", "second", "third"]
 
 
 @pytest.mark.proof
@@ -203,7 +219,7 @@ def test_forces_in_another_unit_than_their_moments_are_refused(unit: str, newton
     lever = np.array([0.03, -0.02, 0.05])  # m: with kN, moment per force still is within an arm's reach
     wrench = record.wrench.copy()
     wrench[:, 3:] = 1e-3 * wrench[:, 3:] + np.cross(lever, wrench[:, :3])
-    A = experiment(replace(record, wrench=wrench), *cell()[1:]).response()
+    A = build_load_test_experiment(replace(record, wrench=wrench), *cell()[1:]).response()
     exact = replace(record, wrench=wrench, displacement=A @ (1.0 / TRUE_K))
     assert "force_units" not in found(exact)
     finding = found(replace(exact, wrench=wrench / np.repeat([newtons, 1.0], 3)))
@@ -222,7 +238,7 @@ def test_which_of_force_and_moment_is_in_another_unit_follows_from_the_displacem
 def test_joint_positions_in_radians_are_refused(frame: str) -> None:
     _, robot, T = cell()
     record = good(rotations=False)
-    R = robot.fk(record.q, T)[:, :3, :3]
+    R = robot.compute_fk(record.q, T)[:, :3, :3]
     if frame == "tool":
         turned = [
             np.einsum("nji,nbj->nbi", R, v.reshape(len(v), -1, 3)).reshape(v.shape)
@@ -273,7 +289,7 @@ def test_moments_about_the_base_are_refused_where_they_change_the_stiffness() ->
     _, robot, T = cell()
     record = good(rotations=False)
     wrench = record.wrench.copy()
-    wrench[:, 3:] += np.cross(robot.fk(record.q, T)[:, :3, 3], wrench[:, :3])
+    wrench[:, 3:] += np.cross(robot.compute_fk(record.q, T)[:, :3, 3], wrench[:, :3])
     assert found(replace(record, wrench=wrench))["moment_at_base"].severity == "error"
 
 
@@ -289,12 +305,14 @@ def test_joint_positions_that_the_arm_cannot_take_are_named() -> None:
 
 def test_one_factor_on_every_joint_that_a_unit_makes_is_told() -> None:
     """Pounds (4.4) lie within what stiffness is off by; that all joints are off alike gives them away."""
-    from machopt.identify.units import same_factor
+    from machopt.measurement.identification.data_quality.unit_checks import describe_common_stiffness_factor
 
-    said = same_factor(TRUE_K / 4.448 * np.array([1.0, 1.1, 0.95, 1.0, 1.05, 1.0]), TRUE_K)
+    said = describe_common_stiffness_factor(TRUE_K / 4.448 * np.array([1.0, 1.1, 0.95, 1.0, 1.05, 1.0]), TRUE_K)
     assert said is not None
     assert "pounds" in said
-    assert "kilograms" in str(same_factor(TRUE_K[:3] / 9.81, TRUE_K[:3]))
-    assert same_factor(TRUE_K / 4.448 * np.array([1.0, 1.6, 0.95, 1.0, 1.05, 0.7]), TRUE_K) is None  # each its own
-    assert same_factor(TRUE_K * 1.1, TRUE_K) is None  # alike, as it should be
-    assert same_factor(TRUE_K[:2] / 4.448, TRUE_K[:2]) is None  # two say little
+    assert "kilograms" in str(describe_common_stiffness_factor(TRUE_K[:3] / 9.81, TRUE_K[:3]))
+    assert (
+        describe_common_stiffness_factor(TRUE_K / 4.448 * np.array([1.0, 1.6, 0.95, 1.0, 1.05, 0.7]), TRUE_K) is None
+    )  # each its own
+    assert describe_common_stiffness_factor(TRUE_K * 1.1, TRUE_K) is None  # alike, as it should be
+    assert describe_common_stiffness_factor(TRUE_K[:2] / 4.448, TRUE_K[:2]) is None  # two say little

@@ -9,23 +9,30 @@ import pytest
 from made_up_load_tests import CYCLE, POSE, TRUE_K, WHITE, cell, draw, measured, planned
 from simulated_arm import TrueArm
 
-from machopt.domain.recording import Recording, StandardUncertainty
-from machopt.domain.stiffness import Stiffness, Term
+from machopt.data_types.measurements.recording import Recording, StandardUncertainty
+from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
 from machopt.errors import InputError
-from machopt.estimate.bounded import minimise, profile
-from machopt.estimate.clusters import Clusters, Components, clusters, normal, shifts, sums
-from machopt.estimate.components import components
-from machopt.estimate.experiment import Experiment, experiment
-from machopt.estimate.noise import joint_sensitivity, reading_covariance
-from machopt.identify.fit import Fit, fit
-from machopt.identify.options import IdentifyOptions
-from machopt.identify.pipeline import identify
-from machopt.model.terms import term_of
+from machopt.measurement.estimation.bounded_least_squares import compute_profile_bound, minimise_bounded_quadratic
+from machopt.measurement.estimation.error_clusters import (
+    ErrorClusters,
+    VarianceComponents,
+    build_error_clusters,
+    build_normal_equations,
+    predict_cluster_shifts,
+    sum_channel_equations,
+)
+from machopt.measurement.estimation.load_test_equations import LoadTestExperiment, build_load_test_experiment
+from machopt.measurement.estimation.reading_covariance import compute_joint_sensitivity, compute_reading_covariance
+from machopt.measurement.estimation.variance_components import estimate_variance_components
+from machopt.measurement.identification.fitting.weighted_fit import StiffnessFit, fit_stiffness
+from machopt.measurement.identification.identification_pipeline import identify_stiffness
+from machopt.measurement.identification.options import IdentifyOptions
+from machopt.stiffness.terms import build_fitted_term
 
 C = 1.0 / TRUE_K
 
 
-def dumas(e: Experiment) -> tuple[np.ndarray, np.ndarray]:
+def dumas(e: LoadTestExperiment) -> tuple[np.ndarray, np.ndarray]:
     """B and c of dumas2011 eqs. 21–24, element by element."""
     rows, right = [], []
     for n in range(len(e)):
@@ -35,7 +42,7 @@ def dumas(e: Experiment) -> tuple[np.ndarray, np.ndarray]:
     return np.array(rows), np.array(right)
 
 
-def dense(e: Experiment, groups: Clusters, V: np.ndarray, share: Components) -> np.ndarray:
+def dense(e: LoadTestExperiment, groups: ErrorClusters, V: np.ndarray, share: VarianceComponents) -> np.ndarray:
     """(3N, 3N) covariance of one channel, written out."""
     same_cycle = groups.cycle[:, None] == groups.cycle
     visit = groups.visit_of_cycle[groups.cycle]
@@ -50,7 +57,7 @@ def dense(e: Experiment, groups: Clusters, V: np.ndarray, share: Components) -> 
 def test_plain_fit_is_eq_26_of_dumas2011(rotations: bool) -> None:
     e = draw(np.random.default_rng(1), rotations=rotations)
     B, c = dumas(e)
-    plain = fit(e, robust=False, weighted=False, bounded=False)
+    plain = fit_stiffness(e, robust=False, weighted=False, bounded=False)
     # both solve the same equations in double precision; the condition number of B is below 100
     np.testing.assert_allclose(plain.x, np.linalg.lstsq(B, c, rcond=None)[0], rtol=1e-10)
 
@@ -58,64 +65,74 @@ def test_plain_fit_is_eq_26_of_dumas2011(rotations: bool) -> None:
 def test_finds_the_truth_without_noise() -> None:
     e = draw(np.random.default_rng(2), rotations=True, noise=0.0)
     # turning by c τ is finite in the truth: relative error of the order of the turn itself, 1e-3 rad, mostly cancelling
-    np.testing.assert_allclose(fit(e).compliance, C, rtol=1e-3)
+    np.testing.assert_allclose(fit_stiffness(e).compliance, C, rtol=1e-3)
 
 
 def test_slipped_decimals_do_not_move_the_result() -> None:
     rng = np.random.default_rng(3)
     _, robot, T = cell()
     record = measured(planned(rng), rng, outliers=0.0)
-    clean = fit(experiment(record, robot, T))
+    clean = fit_stiffness(build_load_test_experiment(record, robot, T))
     d, w = record.displacement.copy(), record.wrench.copy()
     bad = rng.choice(len(d), 8, replace=False)  # 5 %
     d[bad[:4]] *= 10.0
     w[bad[4:]] *= 10.0  # leverage: these pull hard at a fit that only looks at residuals
-    spoilt = fit(experiment(replace(record, displacement=d, wrench=w), robot, T))
+    spoilt = fit_stiffness(build_load_test_experiment(replace(record, displacement=d, wrench=w), robot, T))
     error = np.sqrt(np.diag(np.linalg.inv(clean.normal.total()[0]))) * clean.column
     assert np.abs(spoilt.x - clean.x).max() < 10 * error.max()
     assert (np.abs(spoilt.x - clean.x) < 1.5 * error).all()  # 5 % of the data are missing, no more
     assert spoilt.outlier[bad].all()
     assert spoilt.outlier.sum() <= len(bad) + 2
-    squares = fit(experiment(replace(record, displacement=d, wrench=w), robot, T), robust=False)
+    squares = fit_stiffness(
+        build_load_test_experiment(replace(record, displacement=d, wrench=w), robot, T), robust=False
+    )
     assert (np.abs(squares.x - clean.x) > 5 * error).any()
 
 
 def test_weights_by_group_equal_the_dense_inverse() -> None:
     rng = np.random.default_rng(4)
     e = draw(rng, poses=5, loads=3, repeats=2)
-    groups = clusters(e)
+    groups = build_error_clusters(e)
     assert (groups.has_cycle, groups.has_visit) == (True, True)
     V = np.array([np.cov(rng.standard_normal((3, 9))) for _ in range(len(e))]) * 1e-10
-    share = Components(1.7, 2e-10, 5e-10)
+    share = VarianceComponents(1.7, 2e-10, 5e-10)
     A, y = e.response(), e.measured
     S = dense(e, groups, V, share)
     W = np.linalg.inv(S)
     X = A.reshape(-1, 6)
-    found = normal(groups, sums(groups, np.linalg.inv(V), A, y, float(y.size)), share)
+    found = build_normal_equations(groups, sum_channel_equations(groups, np.linalg.inv(V), A, y, float(y.size)), share)
     H, h = found.total()
     np.testing.assert_allclose(H, X.T @ W @ X, rtol=1e-8)  # double precision, condition of the blocks below 1e4
     np.testing.assert_allclose(h, X.T @ W @ y.reshape(-1), rtol=1e-8)
     assert found.yy == pytest.approx(y.reshape(-1) @ W @ y.reshape(-1), rel=1e-8)
-    other = normal(groups, sums(groups, np.linalg.inv(V), A, y, float(y.size)), Components(1.0, 1e-10, 3e-10))
-    dense_other = dense(e, groups, V, Components(1.0, 1e-10, 3e-10))
+    other = build_normal_equations(
+        groups,
+        sum_channel_equations(groups, np.linalg.inv(V), A, y, float(y.size)),
+        VarianceComponents(1.0, 1e-10, 3e-10),
+    )
+    dense_other = dense(e, groups, V, VarianceComponents(1.0, 1e-10, 3e-10))
     difference = np.linalg.slogdet(S)[1] - np.linalg.slogdet(dense_other)[1]
     assert found.logdet - other.logdet == pytest.approx(difference, rel=1e-8)
     own = np.zeros_like(S)
     for n in range(len(e)):
         own[3 * n : 3 * n + 3, 3 * n : 3 * n + 3] = share.scale * V[n]
     expected = (S - own) @ W @ y.reshape(-1)  # E[shift | y]
-    np.testing.assert_allclose(shifts(groups, np.linalg.inv(V), y, share).reshape(-1), expected, rtol=1e-7, atol=1e-12)
+    np.testing.assert_allclose(
+        predict_cluster_shifts(groups, np.linalg.inv(V), y, share).reshape(-1), expected, rtol=1e-7, atol=1e-12
+    )
 
 
 def test_variance_components_maximise_the_restricted_likelihood() -> None:
     rng = np.random.default_rng(5)
     e = draw(rng, poses=12, loads=3, repeats=3)
-    groups = clusters(e)
+    groups = build_error_clusters(e)
     V = np.broadcast_to(WHITE**2 * np.eye(3), (len(e), 3, 3))
     A, y, X = e.response(), e.measured, e.response().reshape(-1, 6)
-    found = components(groups, sums(groups, np.linalg.inv(V), A, y, float(y.size)), WHITE**2, stated=False)
+    found = estimate_variance_components(
+        groups, sum_channel_equations(groups, np.linalg.inv(V), A, y, float(y.size)), WHITE**2, stated=False
+    )
 
-    def deviance(share: Components) -> float:
+    def deviance(share: VarianceComponents) -> float:
         S = dense(e, groups, V, share)
         W = np.linalg.inv(S)
         H = X.T @ W @ X
@@ -136,7 +153,7 @@ def test_variance_components_maximise_the_restricted_likelihood() -> None:
 
 def test_finds_the_noise_of_reading_cycle_and_pose() -> None:
     e = draw(np.random.default_rng(6), poses=60, loads=4, repeats=3)
-    scatter = fit(e).weighting.scatter(clusters(e))[0]
+    scatter = fit_stiffness(e).weighting.scatter(build_error_clusters(e))[0]
     # 60 poses × 3 axes: 5 % standard error of the pose's share, less of the others; four of them allowed
     assert scatter.visit == pytest.approx(POSE, rel=0.22)
     assert scatter.cycle == pytest.approx(CYCLE, rel=0.22)
@@ -146,12 +163,12 @@ def test_finds_the_noise_of_reading_cycle_and_pose() -> None:
 
 def test_levels_that_replicates_do_not_show_are_not_told() -> None:
     rng = np.random.default_rng(7)
-    one_each = clusters(draw(rng, poses=12, loads=1, repeats=1))
+    one_each = build_error_clusters(draw(rng, poses=12, loads=1, repeats=1))
     assert (one_each.has_cycle, one_each.has_visit) == (False, False)
-    one_cycle = clusters(draw(rng, poses=12, loads=4, repeats=1))
+    one_cycle = build_error_clusters(draw(rng, poses=12, loads=4, repeats=1))
     assert (one_cycle.has_cycle, one_cycle.has_visit) == (False, True)
     _, robot, T = cell()
-    unlabelled = clusters(experiment(measured(planned(rng), rng, labels=False), robot, T))
+    unlabelled = build_error_clusters(build_load_test_experiment(measured(planned(rng), rng, labels=False), robot, T))
     assert (unlabelled.has_cycle, unlabelled.has_visit) == (False, True)
 
 
@@ -160,11 +177,11 @@ def test_stated_uncertainties_are_carried_to_the_displacement() -> None:
     _, robot, T = cell()
     e = draw(rng, poses=3, loads=1, repeats=1, rotations=True)
     sigma = StandardUncertainty(displacement=1e-5, rotation=2e-5, force=20.0, moment=5.0, joint=1e-4)
-    V = reading_covariance(e, C, (), sigma, np.zeros(2))
+    V = compute_reading_covariance(e, C, (), sigma, np.zeros(2))
     draws, n = 20000, 1
     q = e.state.q[n] + sigma.joint * rng.standard_normal((draws, 6))
     w = e.wrench[n] + np.repeat([sigma.force, sigma.moment], 3) * rng.standard_normal((draws, 6))
-    J = robot.state(q, T).J
+    J = robot.compute_state(q, T).J
     d = np.einsum("nci,ni->nc", J, np.einsum("nci,nc->ni", J, w) * C)
     for c, own in enumerate((1e-5, 2e-5)):
         sample = np.cov(d[:, 3 * c : 3 * c + 3].T) + own**2 * np.eye(3)
@@ -179,25 +196,25 @@ def test_displacement_changes_with_joint_position_as_differences_say() -> None:
     step = 1e-5
 
     def moved(q: np.ndarray) -> np.ndarray:
-        J = robot.state(q, T).J
+        J = robot.compute_state(q, T).J
         return np.einsum("nci,ni->nc", J, np.einsum("nci,nc->ni", J, e.wrench) * C)
 
     slope = np.stack(
         [(moved(e.state.q + step * axis) - moved(e.state.q - step * axis)) / (2 * step) for axis in np.eye(6)], axis=-1
     )
     # central differences: truncation step² = 1e-10, rounding 1e-16/1e-5 = 1e-11, of displacements of 1e-3
-    np.testing.assert_allclose(joint_sensitivity(e.state.J, e.wrench, C), slope, atol=1e-10)
+    np.testing.assert_allclose(compute_joint_sensitivity(e.state.J, e.wrench, C), slope, atol=1e-10)
 
 
 def test_known_terms_are_subtracted_and_unknown_ones_found() -> None:
     _, robot, T = cell()
     e = draw(np.random.default_rng(10), poses=25, rotations=True)
-    known = term_of("link_compliance", "link:2", robot, T, EI_Nm2=4e7, GJ_Nm2=3e7)
-    bent = e.measured + known.response(e.state, e.wrench) @ known.values
+    known = build_fitted_term("link_compliance", "link:2", robot, T, EI_Nm2=4e7, GJ_Nm2=3e7)
+    bent = e.measured + known.compute_response(e.state, e.wrench) @ known.values
     e = replace(e, measured=bent)
-    with_it = fit(e, fixed=(known,))
-    found = fit(e, terms=(term_of("link_compliance", "link:2", robot, T),))
-    without = fit(e)
+    with_it = fit_stiffness(e, fixed=(known,))
+    found = fit_stiffness(e, terms=(build_fitted_term("link_compliance", "link:2", robot, T),))
+    without = fit_stiffness(e)
     assert [u.name for u in found.unknowns[6:]] == ["link_compliance at link:2 1/EI", "link_compliance at link:2 1/GJ"]
     error = np.sqrt(np.diag(np.linalg.inv(found.normal.total()[0]))) * found.column
     assert (np.abs(found.x[6:] - known.values) < 4 * error[6:]).all()
@@ -211,7 +228,7 @@ def test_bounded_minimum_satisfies_the_optimality_conditions() -> None:
         X = rng.standard_normal((12, 6)) * 10.0 ** rng.uniform(-3, 3, 6)
         H, h = X.T @ X, X.T @ rng.standard_normal(12)
         lower = np.where(rng.random(6) < 0.3, -np.inf, 0.0)
-        x = minimise(H, h, lower)
+        x = minimise_bounded_quadratic(H, h, lower)
         gradient = (H @ x - h) / np.sqrt(np.diag(H))  # in units where all coefficients count alike
         assert (x >= lower).all()
         at_bound = x <= lower + 1e-12 * np.abs(x).max()
@@ -226,33 +243,42 @@ def test_profile_of_an_unbounded_quadratic_is_the_straight_interval() -> None:
     sigma = np.sqrt(np.linalg.inv(H)[1, 1])
     best = np.linalg.solve(H, h)[1]
     for sign in (-1, 1):
-        assert profile(H, h, np.full(4, -np.inf), 1, 2.5**2, sign) == pytest.approx(best + sign * 2.5 * sigma, rel=1e-5)
+        assert compute_profile_bound(H, h, np.full(4, -np.inf), 1, 2.5**2, sign) == pytest.approx(
+            best + sign * 2.5 * sigma, rel=1e-5
+        )
 
 
 def test_what_no_reading_tells_stays_at_its_bound_and_has_no_end() -> None:
     free, none = -np.inf, np.zeros((3, 3))
-    np.testing.assert_allclose(minimise(np.diag([4.0, 0.0]), np.array([2.0, 0.0]), np.array([free, 0.3])), [0.5, 0.3])
-    np.testing.assert_allclose(minimise(none, np.zeros(3), np.array([free, 0.0, 2.0])), [0.0, 0.0, 2.0])
+    np.testing.assert_allclose(
+        minimise_bounded_quadratic(np.diag([4.0, 0.0]), np.array([2.0, 0.0]), np.array([free, 0.3])), [0.5, 0.3]
+    )
+    np.testing.assert_allclose(
+        minimise_bounded_quadratic(none, np.zeros(3), np.array([free, 0.0, 2.0])), [0.0, 0.0, 2.0]
+    )
     alike = np.ones((2, 2))  # only the sum of both is seen: each may go anywhere
     for sign in (-1, 1):
-        assert profile(np.diag([4.0, 0.0]), np.array([2.0, 0.0]), np.full(2, free), 1, 1.0, sign) == sign * np.inf
-        assert profile(alike, np.ones(2), np.full(2, free), 0, 1.0, sign) == sign * np.inf
+        assert (
+            compute_profile_bound(np.diag([4.0, 0.0]), np.array([2.0, 0.0]), np.full(2, free), 1, 1.0, sign)
+            == sign * np.inf
+        )
+        assert compute_profile_bound(alike, np.ones(2), np.full(2, free), 0, 1.0, sign) == sign * np.inf
 
 
 def test_profile_of_a_bounded_coefficient_ends_at_its_bound() -> None:
     """(x − 1)² rises by 1 at 0 and 2, by 4 at −1 and 3: there the bound comes first."""
     H, h, lower = np.eye(1), np.ones(1), np.zeros(1)
-    assert profile(H, h, lower, 0, 4.0, -1) == 0.0
-    assert profile(H, h, lower, 0, 0.25, -1) == pytest.approx(0.5, rel=1e-5)
-    assert profile(H, h, lower, 0, 4.0, 1) == pytest.approx(3.0, rel=1e-5)
+    assert compute_profile_bound(H, h, lower, 0, 4.0, -1) == 0.0
+    assert compute_profile_bound(H, h, lower, 0, 0.25, -1) == pytest.approx(0.5, rel=1e-5)
+    assert compute_profile_bound(H, h, lower, 0, 4.0, 1) == pytest.approx(3.0, rel=1e-5)
 
 
 def test_noise_of_as_many_readings_as_unknowns_is_not_judged() -> None:
     """Six coordinates for six compliances: nothing is left over, so what is stated stays."""
     e = draw(np.random.default_rng(15), poses=2, loads=1, repeats=1)
-    groups, V = clusters(e), np.broadcast_to(WHITE**2 * np.eye(3), (2, 3, 3))
-    told = sums(groups, np.linalg.inv(V), e.response(), e.measured, 6.0)
-    assert components(groups, told, WHITE**2, stated=False) == Components()
+    groups, V = build_error_clusters(e), np.broadcast_to(WHITE**2 * np.eye(3), (2, 3, 3))
+    told = sum_channel_equations(groups, np.linalg.inv(V), e.response(), e.measured, 6.0)
+    assert estimate_variance_components(groups, told, WHITE**2, stated=False) == VarianceComponents()
 
 
 def test_only_readings_of_loads_and_displacements_become_equations() -> None:
@@ -260,28 +286,28 @@ def test_only_readings_of_loads_and_displacements_become_equations() -> None:
     _, robot, T = cell()
     for wrong in ({"kind": "pose"}, {"wrench": None}, {"displacement": None}):
         with pytest.raises(InputError, match="stiffness is identified from kind 'deflection'"):
-            experiment(replace(record, **wrong), robot, T)
+            build_load_test_experiment(replace(record, **wrong), robot, T)
 
 
 def test_refuses_too_few_readings_and_no_load() -> None:
     e = draw(np.random.default_rng(13), poses=1, loads=1, repeats=1)
     with pytest.raises(InputError, match=r"3 equations for 6 unknowns; at least 3 readings"):
-        fit(e)
+        fit_stiffness(e)
     with pytest.raises(InputError, match="no reading carries a load"):
-        fit(replace(draw(np.random.default_rng(13)), wrench=np.zeros((160, 6))))
+        fit_stiffness(replace(draw(np.random.default_rng(13)), wrench=np.zeros((160, 6))))
 
 
-def tilted_record() -> tuple[Recording, Fit]:
+def tilted_record() -> tuple[Recording, StiffnessFit]:
     rng = np.random.default_rng(14)
     _, robot, T = cell()
     record = measured(planned(rng), rng)
-    return record, fit(experiment(record, robot, T))
+    return record, fit_stiffness(build_load_test_experiment(record, robot, T))
 
 
 def test_wrench_and_displacement_in_tool_axes_give_the_same_result() -> None:
     record, base = tilted_record()
     _, robot, T = cell()
-    R = robot.fk(record.q, T)[:, :3, :3]
+    R = robot.compute_fk(record.q, T)[:, :3, :3]
     turned = replace(
         record,
         wrench_frame="tool",
@@ -290,13 +316,13 @@ def test_wrench_and_displacement_in_tool_axes_give_the_same_result() -> None:
         displacement=np.einsum("nji,nj->ni", R, record.displacement),
     )
     # weights and coefficients are sought to a thousandth of a standard error, which is 3 % of joint 6
-    np.testing.assert_allclose(fit(experiment(turned, robot, T)).x, base.x, rtol=3e-5)
+    np.testing.assert_allclose(fit_stiffness(build_load_test_experiment(turned, robot, T)).x, base.x, rtol=3e-5)
 
 
 def test_same_input_same_result() -> None:
     record, once = tilted_record()
     _, robot, T = cell()
-    again = fit(experiment(record, robot, T))
+    again = fit_stiffness(build_load_test_experiment(record, robot, T))
     np.testing.assert_array_equal(again.x, once.x)
 
 
@@ -306,11 +332,11 @@ def test_pipeline_at_the_loaded_equilibrium_finds_what_the_linear_law_misses() -
     soft = TRUE_K / 6.0  # turns of 10 mrad: a linear law errs by some tenths of a percent
     made = planned(rng, force=2500.0, k=soft)
     exact = TrueArm(robot, T, 1.0 / soft).displacement(made.q, made.wrench)
-    e = experiment(measured(replace(made, exact=exact), rng, noise=0.0, outliers=0.0), robot, T)
+    e = build_load_test_experiment(measured(replace(made, exact=exact), rng, noise=0.0, outliers=0.0), robot, T)
     wrong = {}
     for geometric in (False, True):
         options = IdentifyOptions(geometric=geometric, studies=False)
-        found = identify(e, robot, T, Stiffness(joints=soft), options, np.random.default_rng(0))
+        found = identify_stiffness(e, robot, T, ArmStiffness(joints=soft), options, np.random.default_rng(0))
         wrong[geometric] = np.abs(found.stiffness.joints / soft - 1).max()
         assert ("geometric_stiffness" in [t.effect for t in found.stiffness.terms]) == geometric
     assert wrong[False] > 1e-3
@@ -320,13 +346,17 @@ def test_pipeline_at_the_loaded_equilibrium_finds_what_the_linear_law_misses() -
 def test_pipeline_gives_terms_grid_and_model_choice() -> None:
     _, robot, T = cell()
     e = draw(np.random.default_rng(16), poses=16, loads=3, repeats=1)
-    options = IdentifyOptions(model="auto", terms=(Term("joint_coupling", "joint:4-5"),), grid_cell=0.8, studies=False)
-    found = identify(e, robot, T, Stiffness(joints=TRUE_K), options, np.random.default_rng(0))
+    options = IdentifyOptions(
+        model="auto", terms=(StiffnessTerm("joint_coupling", "joint:4-5"),), grid_cell=0.8, studies=False
+    )
+    found = identify_stiffness(e, robot, T, ArmStiffness(joints=TRUE_K), options, np.random.default_rng(0))
     assert found.model == "constant"  # nothing varies in the truth
     assert found.why_model.startswith("constant: ")
     assert found.stiffness.terms == ()  # no coupling there: not found, left out
     assert not found.terms[0].identified
-    grid = identify(e, robot, T, Stiffness(joints=TRUE_K), replace(options, model="grid"), np.random.default_rng(0))
+    grid = identify_stiffness(
+        e, robot, T, ArmStiffness(joints=TRUE_K), replace(options, model="grid"), np.random.default_rng(0)
+    )
     assert grid.model == "grid"
     assert grid.stiffness.grid is not None
     assert grid.table.predicted.shape == e.measured.shape

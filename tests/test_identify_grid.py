@@ -10,29 +10,42 @@ import pytest
 from grid_poses import grid_plan
 from simulated_arm import Compliance, Noise, Simulated, SmoothField, TrueArm, random_loads, record
 
-from machopt.domain.cell import Cell
-from machopt.domain.reason import Reason
-from machopt.domain.stiffness import Stiffness, StiffnessGrid
+from machopt.cell.cell_reader import load_cell
+from machopt.collision.collision_model import CollisionModel
+from machopt.data_types.cell import Cell
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.data_types.stiffness import ArmStiffness, StiffnessGrid
 from machopt.errors import InputError
-from machopt.estimate.experiment import experiment
-from machopt.estimate.tiled import product, spd_inverse, times
-from machopt.formats.cell import load_cell
-from machopt.identify.fit import Fit, fit
-from machopt.identify.grid import ON_FACE, GridFit, _positions, fit_grid
-from machopt.identify.gridcells import Region, kriging, touched
-from machopt.identify.gridequations import GridEquations
-from machopt.identify.gridevidence import Prior
-from machopt.model.collision import CollisionModel
-from machopt.model.elastic import FACE_TOLERANCE, joint_stiffness
-from machopt.model.ik import Margins, Solver, solver_for
-from machopt.model.robot import Robot, load_chain, load_robot
-from machopt.model.terms import term_of
-from machopt.se3 import inverse, rotation_from_vector, transform
+from machopt.kinematics.inverse.solver import InverseKinematicsSolver, SingularityMargins, build_solver
+from machopt.kinematics.robot import Robot, load_chain, load_robot
+from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
+from machopt.measurement.estimation.tiled_linear_algebra import (
+    invert_positive_definite,
+    multiply_matrices,
+    multiply_vector,
+)
+from machopt.measurement.identification.fitting.weighted_fit import StiffnessFit, fit_stiffness
+from machopt.measurement.identification.grid_stiffness.grid_cells import (
+    GridRegion,
+    find_measured_cells,
+    interpolate_by_kriging,
+)
+from machopt.measurement.identification.grid_stiffness.grid_equations import GridEquations
+from machopt.measurement.identification.grid_stiffness.grid_fit import (
+    FACE_TOLERANCE,
+    GridFit,
+    _compute_pose_positions,
+    fit_grid,
+)
+from machopt.measurement.identification.grid_stiffness.grid_marginal_likelihood import GridPrior
+from machopt.numerics.rigid_transforms import build_transform, convert_vector_to_rotation, invert_transform
+from machopt.stiffness.arm_stiffness import GRID_FACE_TOLERANCE_M, compute_joint_stiffness
+from machopt.stiffness.terms import build_fitted_term
 
 CELL = Path(__file__).resolve().parents[1] / "cells" / "kr500_milling"
 ORIGIN = np.array([1.8407, -0.6, 0.1843])  # of the calibration space, in base_link
 SIZE = np.array([0.6, 1.2, 0.6])
-MARGINS = Margins(np.radians(5), np.radians(3), 0.05, np.radians(2))
+MARGINS = SingularityMargins(np.radians(5), np.radians(3), 0.05, np.radians(2))
 BRANCH = 5  # elbow up, arm forward, the wrist as at home
 Law = np.ndarray | Compliance
 
@@ -43,16 +56,16 @@ class Rig:
     def __init__(self) -> None:
         self.cell: Cell = load_cell(CELL)
         self.robot: Robot = load_robot(self.cell)
-        self.solver: Solver = solver_for(self.robot)
+        self.solver: InverseKinematicsSolver = build_solver(self.robot)
         self.T = self.cell.tool.T_flange_tcp
         assert self.cell.stiffness is not None
         self.c = 1.0 / self.cell.stiffness.joints
 
     def poses(self, position: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """TCP at given positions, tool as at home but for a few degrees either way."""
-        turned = rotation_from_vector(np.radians(12) * rng.uniform(-1, 1, (len(position), 3)))
-        R = self.robot.fk(self.cell.home, self.T)[:3, :3] @ turned
-        q = self.solver.solve(transform(R, position) @ inverse(self.T)).q[:, BRANCH]
+        turned = convert_vector_to_rotation(np.radians(12) * rng.uniform(-1, 1, (len(position), 3)))
+        R = self.robot.compute_fk(self.cell.home, self.T)[:3, :3] @ turned
+        q = self.solver.solve(build_transform(R, position) @ invert_transform(self.T)).q[:, BRANCH]
         return q[np.isfinite(q).all(axis=1)]
 
     def anywhere(self, rng: np.random.Generator, count: int) -> np.ndarray:
@@ -67,20 +80,20 @@ class Rig:
         share: np.ndarray | None = None,
         noise: Noise | None = None,
         rotations: bool = False,
-    ) -> tuple[Fit, Simulated]:
+    ) -> tuple[StiffnessFit, Simulated]:
         w = random_loads(rng, len(q), loads, 1000, 300) * (1.0 if share is None else share[:, None, None])
         arm = TrueArm(self.robot, self.T, law)
         made = record(arm, q, w, rng, loads_per_cycle=3, noise=noise, rotations=rotations)
-        return fit(experiment(made.recording, self.robot, self.T)), made
+        return fit_stiffness(build_load_test_experiment(made.recording, self.robot, self.T)), made
 
-    def fresh_error(self, law: Law, stiffness: Stiffness, rng: np.random.Generator) -> float:
+    def fresh_error(self, law: Law, stiffness: ArmStiffness, rng: np.random.Generator) -> float:
         """rms in m of a predicted coordinate at 80 new poses, against the noise-free truth."""
         q = self.anywhere(rng, 80)
         made = record(
             TrueArm(self.robot, self.T, law), q, random_loads(rng, len(q), 4, 1000, 300), rng, noise=Noise.none()
         )
-        e = experiment(made.recording, self.robot, self.T)
-        k = joint_stiffness(stiffness, e.T_base_tcp[:, :3, 3]).k
+        e = build_load_test_experiment(made.recording, self.robot, self.T)
+        k = compute_joint_stiffness(stiffness, e.T_base_tcp[:, :3, 3]).k
         return float(np.sqrt(np.mean((np.einsum("ndj,nj->nd", e.response(), 1 / k) - e.measured) ** 2)))
 
 
@@ -89,15 +102,17 @@ def rig() -> Rig:
     return Rig()
 
 
-def cellwise(region: Region, joints: np.ndarray) -> Stiffness:
-    return Stiffness(joints=joints.mean(axis=0), grid=StiffnessGrid(region.origin, region.cell, region.shape, joints))
+def cellwise(region: GridRegion, joints: np.ndarray) -> ArmStiffness:
+    return ArmStiffness(
+        joints=joints.mean(axis=0), grid=StiffnessGrid(region.origin, region.cell, region.shape, joints)
+    )
 
 
-def law_of(stiffness: Stiffness) -> Compliance:
-    return lambda q, p: 1.0 / joint_stiffness(stiffness, p).k
+def law_of(stiffness: ArmStiffness) -> Compliance:
+    return lambda q, p: 1.0 / compute_joint_stiffness(stiffness, p).k
 
 
-def drawn_cells(rig: Rig, region: Region, rng: np.random.Generator, spread: float) -> np.ndarray:
+def drawn_cells(rig: Rig, region: GridRegion, rng: np.random.Generator, spread: float) -> np.ndarray:
     return np.exp(spread * rng.standard_normal((len(region), 6))) / rig.c
 
 
@@ -106,18 +121,18 @@ def drawn_cells(rig: Rig, region: Region, rng: np.random.Generator, spread: floa
 
 def test_cells_of_a_position_are_those_the_planner_averages() -> None:
     rng = np.random.default_rng(0)
-    region = Region(np.array([0.1, -0.2, 0.3]), 0.15, (3, 2, 4))
+    region = GridRegion(np.array([0.1, -0.2, 0.3]), 0.15, (3, 2, 4))
     inner = region.origin + rng.random((200, 3)) * 0.15 * np.array(region.shape)
     lattice = region.origin + 0.15 * np.stack(np.meshgrid(*[np.arange(n + 1) for n in region.shape]), -1).reshape(-1, 3)
     on_edge = lattice + np.array([0.07, 0, 0])
     on_face = lattice + np.array([0.07, 0.02, 0])
     position = np.concatenate([inner, lattice, on_edge, on_face, lattice + 5e-7, region.origin - rng.random((20, 3))])
     stiffness = cellwise(region, rng.uniform(1e5, 1e7, (len(region), 6)))
-    expected = joint_stiffness(stiffness, position)
-    cells = region.cells(position, FACE_TOLERANCE)
-    np.testing.assert_array_equal((cells >= 0).any(axis=1), expected.in_grid)
+    expected = compute_joint_stiffness(stiffness, position)
+    cells = region.cells(position, GRID_FACE_TOLERANCE_M)
+    np.testing.assert_array_equal((cells >= 0).any(axis=1), expected.is_in_grid)
     assert stiffness.grid is not None
-    for row, k in zip(cells[expected.in_grid], expected.k[expected.in_grid], strict=True):
+    for row, k in zip(cells[expected.is_in_grid], expected.k[expected.is_in_grid], strict=True):
         own = row[row >= 0]
         assert len(set(own)) == len(own)
         np.testing.assert_allclose(stiffness.grid.joints[own].mean(axis=0), k, rtol=1e-14)
@@ -127,8 +142,10 @@ def test_cells_of_a_position_are_those_the_planner_averages() -> None:
 def test_the_response_of_a_place_and_its_slope() -> None:
     """ρ is the harmonic mean of the cells' relative compliances; its slope against finite differences."""
     rng = np.random.default_rng(1)
-    region = Region(np.zeros(3), 1.0, (2, 2, 1))
-    places = touched(region, np.array([[0.5, 0.5, 0.5], [1, 0.5, 0.5], [1, 1, 0.5], [1.5, 1.5, 0.2]]), ON_FACE)
+    region = GridRegion(np.zeros(3), 1.0, (2, 2, 1))
+    places = find_measured_cells(
+        region, np.array([[0.5, 0.5, 0.5], [1, 0.5, 0.5], [1, 1, 0.5], [1.5, 1.5, 0.2]]), FACE_TOLERANCE
+    )
     z = 0.3 * rng.standard_normal((len(places.cells), 6))
     E, u = places.linear(z, 2)
     beta = np.concatenate([z.ravel(), [0.7, -0.2]])
@@ -148,13 +165,13 @@ def test_the_response_of_a_place_and_its_slope() -> None:
 
 
 def test_unmeasured_cells_follow_their_neighbours_and_the_mean() -> None:
-    region, used = Region(np.zeros(3), 1.0, (4, 1, 1)), np.array([0, 1])
-    weight, left, mean, unsure = kriging(region, used, 0.0)
+    region, used = GridRegion(np.zeros(3), 1.0, (4, 1, 1)), np.array([0, 1])
+    weight, left, mean, unsure = interpolate_by_kriging(region, used, 0.0)
     np.testing.assert_allclose(weight[2:], [[0.5, 0.5]] * 2)  # independent: the mean
     np.testing.assert_allclose(left, [0, 0, 1.5, 1.5])  # one for the cell, a half for the mean of two
     np.testing.assert_allclose(mean, [0.5, 0.5])
     assert unsure == pytest.approx(0.5)
-    weight, left, *_ = kriging(region, used, 2.0)
+    weight, left, *_ = interpolate_by_kriging(region, used, 2.0)
     np.testing.assert_allclose(weight.sum(axis=1), 1.0, atol=1e-12)  # unbiased
     assert weight[2, 1] > weight[2, 0]
     assert 0 < left[2] < left[3]
@@ -162,7 +179,7 @@ def test_unmeasured_cells_follow_their_neighbours_and_the_mean() -> None:
 
 def test_the_grid_about_planned_poses_is_the_planned_one(rig: Rig) -> None:
     rng = np.random.default_rng(0)
-    plan = grid_plan(rig.cell, rig.robot, rig.solver, Region(ORIGIN, 0.3, (2, 4, 2)), MARGINS)
+    plan = grid_plan(rig.cell, rig.robot, rig.solver, GridRegion(ORIGIN, 0.3, (2, 4, 2)), MARGINS)
     f, _ = rig.measure(rig.c, plan.q[plan.reached], rng, loads=3)  # encoders off by fractions of a millimetre
     g = fit_grid(f, 0.3)
     assert g.grid.shape == (2, 4, 2)
@@ -179,25 +196,27 @@ def test_tiled_algebra_is_the_plain_one(n: int) -> None:
     rng = np.random.default_rng(n)
     X = rng.standard_normal((n, n + 5))
     A = X @ X.T / n + 0.1 * np.eye(n)
-    inverse, log = spd_inverse(A)
+    inverse, log = invert_positive_definite(A)
     np.testing.assert_allclose(inverse @ A, np.eye(n), atol=1e-11)  # rounding times a condition of about 100
     np.testing.assert_array_equal(inverse, inverse.T)
     assert log == pytest.approx(np.linalg.slogdet(A)[1], rel=1e-12, abs=1e-12)
-    np.testing.assert_allclose(product(A, X), A @ X, atol=1e-12 * n)
-    np.testing.assert_allclose(times(A, X[:, 0]), A @ X[:, 0], atol=1e-12 * n)
+    np.testing.assert_allclose(multiply_matrices(A, X), A @ X, atol=1e-12 * n)
+    np.testing.assert_allclose(multiply_vector(A, X[:, 0]), A @ X[:, 0], atol=1e-12 * n)
     with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
-        spd_inverse(A - 1e3 * np.eye(n))
+        invert_positive_definite(A - 1e3 * np.eye(n))
 
 
-def work_of(f: Fit, region: Region) -> GridEquations:
-    position, _ = _positions(f)
+def work_of(f: StiffnessFit, region: GridRegion) -> GridEquations:
+    position, _ = _compute_pose_positions(f)
     everywhere = np.ones(len(f.y), bool)
-    return GridEquations.of(f, everywhere, touched(region, position, ON_FACE), np.ones(6, bool), f.compliance, True)
+    return GridEquations.from_fit(
+        f, everywhere, find_measured_cells(region, position, FACE_TOLERANCE), np.ones(6, bool), f.compliance, True
+    )
 
 
 def test_the_gradient_of_the_likelihood(rig: Rig) -> None:
     rng = np.random.default_rng(2)
-    region = Region(ORIGIN, 0.3, (2, 4, 2))
+    region = GridRegion(ORIGIN, 0.3, (2, 4, 2))
     plan = grid_plan(rig.cell, rig.robot, rig.solver, region, MARGINS)
     field = SmoothField.draw(rig.c, rng, scale=0.4)
     f, _ = rig.measure(field, plan.q[plan.reached], rng, rotations=True)
@@ -217,7 +236,7 @@ def test_the_gradient_of_the_likelihood(rig: Rig) -> None:
 
 def test_held_out_poses_in_closed_form_are_those_of_refits(rig: Rig) -> None:
     rng = np.random.default_rng(3)
-    region = Region(ORIGIN, 0.6, (1, 2, 1))
+    region = GridRegion(ORIGIN, 0.6, (1, 2, 1))
     f, _ = rig.measure(SmoothField.draw(rig.c, rng, scale=0.4), rig.anywhere(rng, 24), rng, noise=Noise(outliers=0.0))
     g = fit_grid(f, 0.6, ORIGIN, (1, 2, 1), robust=False)
     work = work_of(f, region)
@@ -227,8 +246,13 @@ def test_held_out_poses_in_closed_form_are_those_of_refits(rig: Rig) -> None:
     for p in (0, 7, 23):
         kept = pose != p
         places = replace(work.places, site=np.delete(work.places.site, p))
-        rest = GridEquations.of(
-            fit(f.experiment.take(kept)), np.ones(kept.sum(), bool), places, work.vary, work.reference, True
+        rest = GridEquations.from_fit(
+            fit_stiffness(f.experiment.select_readings(kept)),
+            np.ones(kept.sum(), bool),
+            places,
+            work.varying_joints,
+            work.reference,
+            True,
         )
         weighting = replace(g.weighting, covariance=g.weighting.covariance[:, kept], robust=g.weighting.robust[kept])
         posterior = rest.evidence(weighting).posterior(prior, linear)
@@ -238,8 +262,8 @@ def test_held_out_poses_in_closed_form_are_those_of_refits(rig: Rig) -> None:
         np.testing.assert_allclose(g.heldout.grid[~kept], error, atol=2e-7)
 
 
-def _prior_of(g: GridFit) -> Prior:
-    return Prior(g.spread, g.range / g.grid.cell, float(g.within[0] / g.spread[0]), g.weighting.components)
+def _prior_of(g: GridFit) -> GridPrior:
+    return GridPrior(g.spread, g.range / g.grid.cell, float(g.place_spread[0] / g.spread[0]), g.weighting.components)
 
 
 def _unknowns_of(g: GridFit, work: GridEquations) -> np.ndarray:
@@ -251,7 +275,7 @@ def _unknowns_of(g: GridFit, work: GridEquations) -> np.ndarray:
 
 def test_cells_are_found_and_their_uncertainty_is_right(rig: Rig) -> None:
     """A truth drawn as the model assumes: errors in units of the stated sigma have variance 1."""
-    region = Region(ORIGIN, 0.3, (2, 4, 2))
+    region = GridRegion(ORIGIN, 0.3, (2, 4, 2))
     scores, better = [], []
     for seed in range(4):
         rng = np.random.default_rng(seed)
@@ -283,9 +307,9 @@ def test_without_variation_the_grid_is_the_constant_model(rig: Rig) -> None:
         g = fit_grid(f, 0.3, ORIGIN, (2, 4, 2))
         k = 1 / f.compliance
         rng = np.random.default_rng(100 + seed)
-        here = rig.fresh_error(rig.c, Stiffness(joints=k, grid=g.grid), rng)
+        here = rig.fresh_error(rig.c, ArmStiffness(joints=k, grid=g.grid), rng)
         rng = np.random.default_rng(100 + seed)
-        worse.append(here - rig.fresh_error(rig.c, Stiffness(joints=k), rng))
+        worse.append(here - rig.fresh_error(rig.c, ArmStiffness(joints=k), rng))
         gains.append(g.heldout.gain)
         assert np.median(g.spread) < 0.02
     gain, error = np.array(gains).T
@@ -305,17 +329,17 @@ def test_with_variation_the_grid_is_better_on_held_out_poses(rig: Rig) -> None:
         here, constant = g.heldout.rmse
         assert here < 0.9 * constant
         k = 1 / f.compliance
-        fresh = rig.fresh_error(field, Stiffness(joints=k, grid=g.grid), np.random.default_rng(50 + seed))
-        assert fresh < 0.75 * rig.fresh_error(field, Stiffness(joints=k), np.random.default_rng(50 + seed))
+        fresh = rig.fresh_error(field, ArmStiffness(joints=k, grid=g.grid), np.random.default_rng(50 + seed))
+        assert fresh < 0.75 * rig.fresh_error(field, ArmStiffness(joints=k), np.random.default_rng(50 + seed))
         # a site's own part is seen: the field changes by its own size over 50 cm, and a cell is 30 cm
-        assert (g.within < g.spread + 1e-12).all()
-        assert g.within.max() > 0.01
+        assert (g.place_spread < g.spread + 1e-12).all()
+        assert g.place_spread.max() > 0.01
 
 
 def test_a_badly_measured_cell_stays_near_the_rest_and_says_so(rig: Rig) -> None:
     """Cell 0 without a reading, cell 1 with one pose under a fiftieth of the load; the others with twenty poses."""
     rng = np.random.default_rng(4)
-    region = Region(ORIGIN, 0.3, (2, 4, 2))
+    region = GridRegion(ORIGIN, 0.3, (2, 4, 2))
     truth = drawn_cells(rig, region, rng, 0.25)
     many = region.origin + SIZE * rng.random((900, 3))
     cell = region.cells(many, 0.0)[:, 0]
@@ -329,12 +353,12 @@ def test_a_badly_measured_cell_stays_near_the_rest_and_says_so(rig: Rig) -> None
     assert (relative[0] >= g.spread).all()  # and the whole spread, with the mean's own error
     assert (relative[0] < 1.3 * g.spread).all()
     assert g.readings[0] == 0
-    assert (g.learned[0] < 1e-9).all()
+    assert (g.information_gain[0] < 1e-9).all()
     assert (relative[1] <= relative[0]).all()
     assert (relative[1] > relative[2:].mean(axis=0)).all()
-    assert g.learned[1].mean() < g.learned[2:].mean()
+    assert g.information_gain[1].mean() < g.information_gain[2:].mean()
     # and it does not go wild, as the cell's own readings do that are fitted by themselves
-    alone = fit(f.experiment.take(f.experiment.pose == 0)).compliance
+    alone = fit_stiffness(f.experiment.select_readings(f.experiment.pose == 0)).compliance
     assert np.abs(1 / g.grid.joints[1] * truth[1] - 1).max() < 0.6  # two and a half times the spread of the truth
     assert np.abs(alone * truth[1] - 1).max() >= 1.0  # one joint rigid, another twice as soft
     np.testing.assert_allclose(
@@ -350,14 +374,14 @@ def test_neighbours_help_where_the_truth_is_smooth(rig: Rig) -> None:
     errors = []
     for smooth in (True, False):
         g = fit_grid(f, 0.2, ORIGIN, (3, 6, 3), smooth=smooth)
-        truth = 1 / field(np.zeros((54, 6)), Region(ORIGIN, 0.2, (3, 6, 3)).centres())
+        truth = 1 / field(np.zeros((54, 6)), GridRegion(ORIGIN, 0.2, (3, 6, 3)).centres())
         errors.append(np.sqrt(np.mean(np.log(g.grid.joints / truth) ** 2)))
         assert (g.range > 0) == smooth
     assert errors[0] < 0.9 * errors[1]
 
 
 def test_outliers_do_not_move_cells(rig: Rig) -> None:
-    region = Region(ORIGIN, 0.3, (2, 4, 2))
+    region = GridRegion(ORIGIN, 0.3, (2, 4, 2))
     found = []
     for outliers in (0.0, 0.05):
         rng = np.random.default_rng(8)
@@ -381,12 +405,12 @@ def test_a_joint_that_is_not_seen_is_held(rig: Rig) -> None:
     q = rig.anywhere(rng, 60)
     arm = TrueArm(rig.robot, flange, rig.c)
     made = record(arm, q, random_loads(rng, len(q), 4, 1000), rng, noise=Noise(joint=0.0))
-    f = fit(experiment(made.recording, rig.robot, flange))
+    f = fit_stiffness(build_load_test_experiment(made.recording, rig.robot, flange))
     with pytest.raises(InputError, match="no reading moves joint 6"):
         fit_grid(f, 0.6)
     hold = np.array([np.nan] * 5 + [3.49e5])
     g = fit_grid(f, 0.6, hold=hold)
-    assert g.held == (6,)
+    assert g.constant_joints == (6,)
     np.testing.assert_allclose(g.grid.joints[:, 5], 3.49e5, rtol=1e-12)
     assert g.grid.std is not None
     assert (g.grid.std[:, 5] == 0).all()
@@ -395,20 +419,20 @@ def test_a_joint_that_is_not_seen_is_held(rig: Rig) -> None:
 
 def test_a_term_beside_the_joints_is_fitted_along(rig: Rig) -> None:
     rng = np.random.default_rng(2)
-    region = Region(ORIGIN, 0.6, (1, 2, 1))
+    region = GridRegion(ORIGIN, 0.6, (1, 2, 1))
     truth = drawn_cells(rig, region, rng, 0.2)
-    link = term_of("link_compliance", "link:2", rig.robot, rig.T)
+    link = build_fitted_term("link_compliance", "link:2", rig.robot, rig.T)
     x = np.array([1 / 4e6, 1 / 3e6])  # per N·m²: 0.2 mm per kN at the end of the upper arm
     q = rig.anywhere(rng, 150)
     arm = TrueArm(rig.robot, rig.T, law_of(cellwise(region, truth)))
     made = record(arm, q, random_loads(rng, len(q), 6, 1000, 300), rng, rotations=True, loads_per_cycle=3)
-    e = experiment(made.recording, rig.robot, rig.T)
-    extra = link.response(e.state, e.wrench) @ x
+    e = build_load_test_experiment(made.recording, rig.robot, rig.T)
+    extra = link.compute_response(e.state, e.wrench) @ x
     e = replace(e, measured=e.measured + extra)
-    f = fit(e, [link])
+    f = fit_stiffness(e, [link])
     g = fit_grid(f, 0.6, ORIGIN, (1, 2, 1), smooth=False)
     with_term = np.sqrt(np.mean(np.log(g.grid.joints / truth) ** 2))
-    without = fit_grid(fit(e), 0.6, ORIGIN, (1, 2, 1), smooth=False)
+    without = fit_grid(fit_stiffness(e), 0.6, ORIGIN, (1, 2, 1), smooth=False)
     assert with_term < 0.5 * np.sqrt(np.mean(np.log(without.grid.joints / truth) ** 2))
     np.testing.assert_allclose(g.terms, x, rtol=0.1)  # the bending and torsion of one link against six joints
 
@@ -443,7 +467,7 @@ def test_ten_thousand_readings_and_128_cells(rig: Rig) -> None:
 @pytest.mark.parametrize(("edge", "positions"), [(0.6, 12 + 2), (0.3, 45 + 16), (0.15, 225 + 128)])
 def test_nine_positions_a_cell_and_three_postures(rig: Rig, edge: float, positions: int) -> None:
     shape = tuple(round(s / edge) for s in SIZE)
-    region = Region(ORIGIN, edge, shape)  # type: ignore[arg-type]
+    region = GridRegion(ORIGIN, edge, shape)  # type: ignore[arg-type]
     plan = grid_plan(rig.cell, rig.robot, rig.solver, region, MARGINS)
     assert len(plan.position) == positions  # corners are shared
     assert len(plan.q) == 3 * positions
@@ -454,11 +478,11 @@ def test_nine_positions_a_cell_and_three_postures(rig: Rig, edge: float, positio
         offset = np.unique(np.round((p - region.centres()[n]) / (edge / 2), 9), axis=0)
         assert {tuple(v) for v in np.abs(offset)} == {(0, 0, 0), (1, 1, 1)}
         assert len(offset) == 9
-        assert (region.cells(p, ON_FACE) == n).any(axis=1).all()
+        assert (region.cells(p, FACE_TOLERANCE) == n).any(axis=1).all()
     ok = plan.reached
     assert ok.mean() > 0.9
     # closed form to rounding
-    np.testing.assert_allclose(rig.robot.fk(plan.q[ok], rig.T), plan.T_base_tcp[ok], atol=1e-9)
+    np.testing.assert_allclose(rig.robot.compute_fk(plan.q[ok], rig.T), plan.T_base_tcp[ok], atol=1e-9)
     assert len(set(plan.branch[ok].tolist())) == 1
     limits = rig.cell.limits
     assert ((plan.q[ok] > limits.lower[:6]) & (plan.q[ok] < limits.upper[:6])).all()
@@ -474,14 +498,14 @@ def test_nine_positions_a_cell_and_three_postures(rig: Rig, edge: float, positio
 
 
 def test_what_cannot_be_measured_has_a_reason(rig: Rig) -> None:
-    far = grid_plan(rig.cell, rig.robot, rig.solver, Region(np.array([9.0, 0, 0]), 0.3, (1, 1, 1)), MARGINS)
-    assert (far.reason == Reason.UNREACHABLE).all()
+    far = grid_plan(rig.cell, rig.robot, rig.solver, GridRegion(np.array([9.0, 0, 0]), 0.3, (1, 1, 1)), MARGINS)
+    assert (far.reason == InfeasibilityReason.UNREACHABLE).all()
     assert not far.reached.any()
-    region = Region(ORIGIN, 0.3, (2, 4, 2))
+    region = GridRegion(ORIGIN, 0.3, (2, 4, 2))
     robot, shapes = load_chain(rig.cell)
     collision = CollisionModel(rig.cell, robot, shapes, 0.0)
     plan = grid_plan(rig.cell, rig.robot, rig.solver, region, MARGINS, collision=collision)
-    assert (plan.reason == Reason.COLLIDING).any()  # the table stands in the calibration space
-    assert collision.check(plan.q[plan.reached], np.zeros(plan.reached.sum(), bool)).hit.sum() == 0
+    assert (plan.reason == InfeasibilityReason.COLLIDING).any()  # the table stands in the calibration space
+    assert collision.check_configurations(plan.q[plan.reached], np.zeros(plan.reached.sum(), bool)).hit.sum() == 0
     other = grid_plan(rig.cell, rig.robot, rig.solver, region, MARGINS, branch=1)
     assert set(other.branch.tolist()) <= {-1, 1}

@@ -12,19 +12,19 @@ import numpy as np
 import pytest
 from simulated_arm import Simulated, SmoothField, TrueArm, random_loads, record, scattered_poses
 
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.stiffness.stiffness_file import load_stiffness
+from machopt.cell.stiffness.term_parser import parse_term
 from machopt.cli import main
-from machopt.cli.measure import _identified
-from machopt.domain.results.identification import not_identified
-from machopt.domain.stiffness import ExternalSpring
+from machopt.cli.stiffness_commands import _format_identify_summary
+from machopt.commands.identify.computation import compute_identification
+from machopt.commands.identify.run import IdentifyResult, run_identify
+from machopt.data_types.documents.identification_document import describe_unidentified_joint
+from machopt.data_types.stiffness import ExternalJointSpring
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.recording import write_recording
-from machopt.formats.stiffness import load_stiffness
-from machopt.formats.termtext import term_from_text
-from machopt.identify.asked import IdentifyRequest
-from machopt.model.robot import load_robot
-from machopt.services.identified import identified
-from machopt.services.identify import IdentifyOutcome, run_identify
+from machopt.kinematics.robot import load_robot
+from machopt.measurement.identification.request import IdentifyRequest
+from machopt.measurement.recording import write_recording
 
 ROOT = Path(__file__).resolve().parent.parent
 CELL = ROOT / "cells" / "kr240_drilling"
@@ -43,13 +43,13 @@ def simulated() -> Simulated:
 
 
 @pytest.fixture(scope="module")
-def done(simulated: Simulated, tmp_path_factory: pytest.TempPathFactory) -> IdentifyOutcome:
+def done(simulated: Simulated, tmp_path_factory: pytest.TempPathFactory) -> IdentifyResult:
     folder = tmp_path_factory.mktemp("identify")
     write_recording(folder / "recording", simulated.recording)
     return run_identify(IdentifyRequest(cell=CELL, recordings=(folder / "recording",), out=folder / "out"))
 
 
-def test_files_agree_with_each_other_and_with_the_truth(done: IdentifyOutcome, simulated: Simulated) -> None:
+def test_files_agree_with_each_other_and_with_the_truth(done: IdentifyResult, simulated: Simulated) -> None:
     out = done.report.parent
     assert sorted(p.name for p in out.iterdir()) == [
         "identification.json",
@@ -81,7 +81,7 @@ def test_files_agree_with_each_other_and_with_the_truth(done: IdentifyOutcome, s
     assert len(result["outliers"]) >= simulated.outlier.sum() - 1  # one may hide in the noise
 
 
-def test_readings_are_in_base_axes_with_their_prediction(done: IdentifyOutcome, simulated: Simulated) -> None:
+def test_readings_are_in_base_axes_with_their_prediction(done: IdentifyResult, simulated: Simulated) -> None:
     with (done.report.parent / "readings.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(simulated.recording)
@@ -97,7 +97,7 @@ def test_readings_are_in_base_axes_with_their_prediction(done: IdentifyOutcome, 
     assert np.sqrt(np.mean((unseen - measured)[good] ** 2)) > np.sqrt(np.mean((predicted - measured)[good] ** 2))
 
 
-def test_page_is_self_contained_and_says_the_main_thing(done: IdentifyOutcome) -> None:
+def test_page_is_self_contained_and_says_the_main_thing(done: IdentifyResult) -> None:
     html = done.report.read_text(encoding="utf-8")
     assert "http" not in html.replace("http://www.w3.org", "")  # nothing is fetched
     assert "Joints 1, 2, 3, 4, 5 and 6 identified to" in html
@@ -105,7 +105,7 @@ def test_page_is_self_contained_and_says_the_main_thing(done: IdentifyOutcome) -
         assert f'id="{chart}"' in html
 
 
-def test_optimize_takes_what_identify_writes(done: IdentifyOutcome, tmp_path: Path) -> None:
+def test_optimize_takes_what_identify_writes(done: IdentifyResult, tmp_path: Path) -> None:
     shutil.copytree(CELL, tmp_path / "cell")
     shutil.copy(done.report.parent / "stiffness.yaml", tmp_path / "cell" / "stiffness.yaml")
     cell = load_cell(tmp_path / "cell")
@@ -123,7 +123,7 @@ def test_grid_is_taken_where_the_stiffness_varies(tmp_path: Path) -> None:
     write_recording(tmp_path / "recording", s.recording)
     result = run_identify(
         IdentifyRequest(cell=CELL, recordings=(tmp_path / "recording",), out=tmp_path / "out", studies=False)
-    ).result.plain()
+    ).result.to_json_types()
     assert result["model"] == "grid"
     assert result["heldout_rmse_mm"] < 0.8 * result["grid"]["heldout_rmse_constant_mm"]
     grid = load_stiffness(tmp_path / "out" / "stiffness.yaml").grid
@@ -152,7 +152,7 @@ def test_several_sessions_are_one_identification(simulated: Simulated, tmp_path:
     both = (tmp_path / "monday", tmp_path / "tuesday")
     result = run_identify(
         IdentifyRequest(cell=CELL, recordings=both, out=tmp_path / "out", studies=False)
-    ).result.plain()
+    ).result.to_json_types()
     assert (result["readings"], result["poses"]) == (128, 16)
     assert all(j["identified"] for j in result["joints"])
 
@@ -166,7 +166,7 @@ def test_term_is_fitted_beside_the_joints_and_written(tmp_path: Path, simulated:
         studies=False,
         terms=("joint_coupling@joint:4-5",),
     )
-    result = run_identify(request).result.plain()
+    result = run_identify(request).result.to_json_types()
     (term,) = result["terms"]
     assert (term["effect"], term["location"]) == ("joint_coupling", "joint:4-5")
     assert term["ci90"][0] < 0 < term["ci90"][1]  # there is none in the truth
@@ -176,11 +176,11 @@ def test_term_is_fitted_beside_the_joints_and_written(tmp_path: Path, simulated:
 @pytest.mark.parametrize("text", ["link_compliance", "@link:4", "tool_compliance@tool{length_mm 3", "x@"])
 def test_terms_that_are_no_terms(text: str) -> None:
     with pytest.raises(InputError, match="--fit"):
-        term_from_text(text)
+        parse_term(text)
 
 
 def test_parameters_of_a_term_to_be_fitted() -> None:
-    term = term_from_text("tool_compliance@tool{length_mm: 400, form: beam}")
+    term = parse_term("tool_compliance@tool{length_mm: 400, form: beam}")
     assert (term.effect, term.location, term.parameters) == (
         "tool_compliance",
         "tool",
@@ -222,7 +222,7 @@ def test_two_poses_are_not_enough_for_six_joints(simulated: Simulated, tmp_path:
     write_recording(tmp_path / "recording", part)
     result = run_identify(
         IdentifyRequest(cell=CELL, recordings=(tmp_path / "recording",), out=tmp_path / "out", studies=False)
-    ).result.plain()
+    ).result.to_json_types()
     assert result["heldout_rmse_mm"] is None  # no pose is left to judge by
     assert any("pose" in w for w in result["warnings"])
 
@@ -251,24 +251,27 @@ def test_published_readings_that_no_arm_explains_are_called_so(tmp_path: Path) -
     done = run_identify(
         IdentifyRequest(cell=cell, recordings=(cell / "recordings" / "zhang2025_table2",), out=tmp_path / "out")
     )
-    assert done.result.plain()["explained_share"] < 0.5
+    assert done.result.to_json_types()["explained_share"] < 0.5
     assert "do not follow an arm of elastic joints" in done.report.read_text(encoding="utf-8")
 
 
-def test_what_is_said_of_a_joint_is_not_taken_for_what_stands_beside_its_stiffness(done: IdentifyOutcome) -> None:
+def test_what_is_said_of_a_joint_is_not_taken_for_what_stands_beside_its_stiffness(done: IdentifyResult) -> None:
     """The summary left out every warning that began with "joint ", the cell's own among them."""
-    own, shown = "joint 'a6' is continuous; its range is taken as ±360°", not_identified(4, "no reading shows it")
+    own, shown = (
+        "joint 'a6' is continuous; its range is taken as ±360°",
+        describe_unidentified_joint(4, "no reading shows it"),
+    )
     joints = tuple(
         j.model_copy(update={"identified": False, "reason": "no reading shows it"}) if j.joint == 4 else j
         for j in done.result.joints
     )
-    lines = _identified(done.result.model_copy(update={"warnings": (own, shown), "joints": joints}))
+    lines = _format_identify_summary(done.result.model_copy(update={"warnings": (own, shown), "joints": joints}))
     assert f"  note: {own}" in lines
     assert sum("no reading shows it" in line for line in lines) == 1
 
 
 def test_command_writes_the_same_bytes_and_prints_what_the_engineer_needs_first(
-    done: IdentifyOutcome, simulated: Simulated, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    done: IdentifyResult, simulated: Simulated, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     recording = tmp_path / "recording"
     write_recording(recording, simulated.recording)
@@ -311,7 +314,7 @@ def test_plan_poses_and_map_are_commands(tmp_path: Path, capsys: pytest.CaptureF
 
 
 def test_ninety_percent_intervals_stay_ninety_percent(
-    simulated: Simulated, done: IdentifyOutcome, tmp_path: Path
+    simulated: Simulated, done: IdentifyResult, tmp_path: Path
 ) -> None:
     """Other programs read ci90; another level stands beside it."""
     write_recording(tmp_path / "recording", simulated.recording)
@@ -319,7 +322,7 @@ def test_ninety_percent_intervals_stay_ninety_percent(
         cell=CELL, recordings=(tmp_path / "recording",), out=tmp_path / "out", level_percent=99.0, studies=False
     )
     wide = run_identify(request)
-    for a, b in zip(done.result.plain()["joints"], wide.result.plain()["joints"], strict=True):
+    for a, b in zip(done.result.to_json_types()["joints"], wide.result.to_json_types()["joints"], strict=True):
         assert a["ci90"] == pytest.approx(b["ci90"], rel=1e-9)
         assert b["interval"][0] < b["ci90"][0]
         assert b["interval"][1] > b["ci90"][1]
@@ -368,11 +371,11 @@ def test_a_page_of_few_readings_has_no_nan(simulated: Simulated, tmp_path: Path)
 
 def test_what_the_file_says_of_external_joints_is_kept_and_told(simulated: Simulated, tmp_path: Path) -> None:
     write_recording(tmp_path / "recording", simulated.recording)
-    rail = ExternalSpring(joint="rail", stiffness=4e7, slides=True, compliance=np.zeros((6, 6)), at=np.zeros(3))
+    rail = ExternalJointSpring(joint="rail", stiffness=4e7, slides=True, compliance=np.zeros((6, 6)), at=np.zeros(3))
     cell = load_cell(CELL)
     assert cell.stiffness is not None
     cell = replace(cell, stiffness=replace(cell.stiffness, external=(rail,)))
     request = IdentifyRequest(cell=CELL, recordings=(tmp_path / "recording",), out=tmp_path / "out", studies=False)
-    found = identified(request, lambda _: None, cell)
+    found = compute_identification(request, lambda _: None, cell)
     assert found.identification.stiffness.external == (rail,)
     assert any("external_joints of stiffness.yaml (rail): not fitted" in said for said in found.result.warnings)

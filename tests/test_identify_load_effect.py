@@ -10,21 +10,25 @@ import pytest
 from made_up_load_tests import TRUE_K, cell, draw, measured, planned
 from simulated_arm import TrueArm
 
-from machopt.domain.stiffness import Stiffness, Term
+from machopt.cell.stiffness.stiffness_file import load_stiffness, write_stiffness
+from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
 from machopt.errors import InputError
-from machopt.estimate.experiment import Experiment, experiment
-from machopt.formats.stiffness import load_stiffness, write_stiffness
-from machopt.identify.admissible import fitted_matrices, gives_way, nearest
-from machopt.identify.fit import fit
-from machopt.identify.options import IdentifyOptions
-from machopt.identify.pipeline import identify
-from machopt.identify.result import Identification
-from machopt.model.terms import compile_terms, term_of
+from machopt.measurement.estimation.load_test_equations import LoadTestExperiment, build_load_test_experiment
+from machopt.measurement.identification.fitting.positive_semidefinite_fit import (
+    fit_semidefinite_matrix,
+    has_negative_compliance,
+    list_fitted_matrices,
+)
+from machopt.measurement.identification.fitting.weighted_fit import fit_stiffness
+from machopt.measurement.identification.identification_pipeline import identify_stiffness
+from machopt.measurement.identification.identification_result import IdentificationResult
+from machopt.measurement.identification.options import IdentifyOptions
+from machopt.stiffness.terms import build_fitted_term, compile_terms
 
 SOFT = TRUE_K / 3.0
 
 
-def hanging(seed: int, noise: float = 1.0) -> Experiment:
+def hanging(seed: int, noise: float = 1.0) -> LoadTestExperiment:
     """Weights of up to 150 kg on arms of up to 0.3 m, at the exact equilibrium."""
     rng = np.random.default_rng(seed)
     _, robot, T = cell()
@@ -33,13 +37,13 @@ def hanging(seed: int, noise: float = 1.0) -> Experiment:
     arm = 0.3 * rng.uniform(-1, 1, (20, 4, 3))
     made = planned(rng, k=SOFT, wrench=np.concatenate([force, np.cross(arm, force)], axis=-1))
     exact = TrueArm(robot, T, 1.0 / SOFT).displacement(made.q, made.wrench)
-    return experiment(measured(replace(made, exact=exact), rng, noise=noise, outliers=0.0), robot, T)
+    return build_load_test_experiment(measured(replace(made, exact=exact), rng, noise=noise, outliers=0.0), robot, T)
 
 
-def found(e: Experiment, **options: object) -> Identification:
+def found(e: LoadTestExperiment, **options: object) -> IdentificationResult:
     _, robot, T = cell()
-    return identify(
-        e, robot, T, Stiffness(joints=SOFT), IdentifyOptions(studies=False, **options), np.random.default_rng(0)
+    return identify_stiffness(
+        e, robot, T, ArmStiffness(joints=SOFT), IdentifyOptions(studies=False, **options), np.random.default_rng(0)
     )  # type: ignore[arg-type]
 
 
@@ -87,25 +91,30 @@ def test_a_record_that_no_spring_holds_falls_back_to_the_linear_law() -> None:
 
 
 @pytest.fixture(scope="module")
-def full() -> tuple[Experiment, Term]:
+def full() -> tuple[LoadTestExperiment, StiffnessTerm]:
     """A base with three angular compliances, fitted with all 21 coefficients."""
     _, robot, T = cell()
     e = draw(np.random.default_rng(7), poses=20)
-    law = term_of("base_compliance", "base", robot, T, compliance_diagonal=[0, 0, 0, 3e-7, 2.5e-7, 0])
-    return replace(e, measured=e.measured + (law.response(e.state, e.wrench) @ law.values)[:, :3]), Term(
-        "base_compliance", "base", {"form": "full"}
-    )
+    law = build_fitted_term("base_compliance", "base", robot, T, compliance_diagonal=[0, 0, 0, 3e-7, 2.5e-7, 0])
+    return replace(
+        e, measured=e.measured + (law.compute_response(e.state, e.wrench) @ law.values)[:, :3]
+    ), StiffnessTerm("base_compliance", "base", {"form": "full"})
 
 
 def test_a_fitted_matrix_never_gives_way_and_the_planner_takes_it(
-    full: tuple[Experiment, Term], tmp_path: Path
+    full: tuple[LoadTestExperiment, StiffnessTerm], tmp_path: Path
 ) -> None:
     _, robot, T = cell()
     e, term = full
-    free = fit(e, compile_terms((term,), robot, T)[0])
-    assert gives_way(fitted_matrices(free)[0].matrix(free.x))  # noise does it
-    result = identify(
-        e, robot, T, Stiffness(joints=TRUE_K), IdentifyOptions(terms=(term,), studies=False), np.random.default_rng(0)
+    free = fit_stiffness(e, compile_terms((term,), robot, T)[0])
+    assert has_negative_compliance(list_fitted_matrices(free)[0].matrix(free.x))  # noise does it
+    result = identify_stiffness(
+        e,
+        robot,
+        T,
+        ArmStiffness(joints=TRUE_K),
+        IdentifyOptions(terms=(term,), studies=False),
+        np.random.default_rng(0),
     )
     assert any("would move against a load" in w for w in result.warnings)
     write_stiffness(tmp_path / "stiffness.yaml", result.stiffness)
@@ -117,16 +126,16 @@ def test_a_fitted_matrix_never_gives_way_and_the_planner_takes_it(
     assert result.heldout.rmse < 1.3 * result.errors.rmse
 
 
-def test_the_mended_matrix_is_the_minimum(full: tuple[Experiment, Term]) -> None:
+def test_the_mended_matrix_is_the_minimum(full: tuple[LoadTestExperiment, StiffnessTerm]) -> None:
     """No admissible neighbour has a smaller sum of squares (the problem is convex)."""
     _, robot, T = cell()
     e, term = full
-    free = fit(e, compile_terms((term,), robot, T)[0])
-    part = fitted_matrices(free)[0]
+    free = fit_stiffness(e, compile_terms((term,), robot, T)[0])
+    part = list_fitted_matrices(free)[0]
     H, h = free.normal.total()
     H = H + 1e-9 * np.trace(H) / len(H) * np.eye(len(H))  # one minimum, also in directions without data
-    x = nearest(free, part, H, h, free.x, np.zeros(len(free.x), bool))
-    assert not gives_way(part.matrix(x))
+    x = fit_semidefinite_matrix(free, part, H, h, free.x, np.zeros(len(free.x), bool))
+    assert not has_negative_compliance(part.matrix(x))
 
     def value(x: np.ndarray) -> float:
         u = x / free.column
@@ -138,7 +147,7 @@ def test_the_mended_matrix_is_the_minimum(full: tuple[Experiment, Term]) -> None
             other = x.copy()
             root = np.linalg.cholesky(part.matrix(x) + 1e-12 * np.eye(6) * np.trace(part.matrix(x)))
             turned = root @ (np.eye(6) + size * rng.standard_normal((6, 6)))
-            other[part.at] = (turned @ turned.T)[part.row, part.column]
+            other[part.first_coefficient] = (turned @ turned.T)[part.row, part.column]
             other[:6] *= 1 + size * rng.standard_normal(6)
             assert value(other) > value(x) - 1e-3  # in squared standard errors
 
@@ -149,9 +158,9 @@ def test_a_matrix_that_noise_alone_moves_is_not_found() -> None:
     kept = 0
     for seed in range(8):
         e = draw(np.random.default_rng(60 + seed), poses=15)
-        term = Term("tool_compliance", "tool", {"form": "full"})
+        term = StiffnessTerm("tool_compliance", "tool", {"form": "full"})
         options = IdentifyOptions(terms=(term,), studies=False)
-        result = identify(e, robot, T, Stiffness(joints=TRUE_K), options, np.random.default_rng(0))
+        result = identify_stiffness(e, robot, T, ArmStiffness(joints=TRUE_K), options, np.random.default_rng(0))
         kept += bool(result.stiffness.terms)
     assert kept <= 3  # at 10 % each: more happens once in 200
 

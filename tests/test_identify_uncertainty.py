@@ -9,18 +9,28 @@ import pytest
 from made_up_load_tests import TRUE_K, WHITE, cell, draw, measured, planned
 from scipy.linalg import block_diag, sqrtm
 
-from machopt.domain.recording import StandardUncertainty
-from machopt.domain.stiffness import LEAST_STIFFNESS, Stiffness, Term
-from machopt.estimate.experiment import Experiment, experiment
-from machopt.identify.fit import fit
-from machopt.identify.heldout import errors, folds, heldout
-from machopt.identify.identifiability import settle
-from machopt.identify.influence import influence, outliers
-from machopt.identify.options import IdentifyOptions
-from machopt.identify.pipeline import identify
-from machopt.identify.study import monte_carlo, subset_study
-from machopt.identify.uncertainty import cluster_robust, uncertainty
-from machopt.model.terms import term_of
+from machopt.data_types.measurements.recording import StandardUncertainty
+from machopt.data_types.stiffness import LEAST_STIFFNESS, ArmStiffness, StiffnessTerm
+from machopt.measurement.estimation.load_test_equations import LoadTestExperiment, build_load_test_experiment
+from machopt.measurement.identification.assessment.coefficient_uncertainty import (
+    compute_cluster_robust_covariance,
+    compute_coefficient_uncertainty,
+)
+from machopt.measurement.identification.assessment.holdout_errors import (
+    build_folds,
+    compute_holdout_residuals,
+    summarise_residuals,
+)
+from machopt.measurement.identification.assessment.identifiability import settle_coefficients
+from machopt.measurement.identification.assessment.leverage_and_outliers import compute_influence, list_outliers
+from machopt.measurement.identification.assessment.subset_and_monte_carlo_studies import (
+    run_monte_carlo,
+    run_subset_study,
+)
+from machopt.measurement.identification.fitting.weighted_fit import fit_stiffness
+from machopt.measurement.identification.identification_pipeline import identify_stiffness
+from machopt.measurement.identification.options import IdentifyOptions
+from machopt.stiffness.terms import build_fitted_term
 
 C = 1.0 / TRUE_K
 DESIGNS, DRAWS = 5, 40
@@ -36,8 +46,8 @@ def test_ninety_percent_intervals_cover(rotations: bool, loads: int, repeats: in
     for _ in range(DESIGNS):
         made = planned(rng, poses=14 if loads > 1 else 30, loads=loads, repeats=repeats)
         for _ in range(DRAWS):
-            e = experiment(measured(made, rng, rotations=rotations), robot, T)
-            low, high = uncertainty(fit(e)).interval[:6].T
+            e = build_load_test_experiment(measured(made, rng, rotations=rotations), robot, T)
+            low, high = compute_coefficient_uncertainty(fit_stiffness(e)).interval[:6].T
             hits.append((low <= C) & (high >= C))
     assert 0.86 <= np.mean(hits) <= 0.94
     # of a joint by itself 200 draws tell the coverage to 2.1 %; three of that on either side of 86 … 94 %
@@ -52,8 +62,8 @@ def test_intervals_cover_with_few_poses_and_without_labels() -> None:
     for _ in range(10):
         made = planned(rng, poses=8, loads=4, repeats=2)
         for _ in range(20):
-            e = experiment(measured(made, rng, labels=False, stated=False), robot, T)
-            low, high = uncertainty(fit(e)).interval[:6].T
+            e = build_load_test_experiment(measured(made, rng, labels=False, stated=False), robot, T)
+            low, high = compute_coefficient_uncertainty(fit_stiffness(e)).interval[:6].T
             hits.append((low <= C) & (high >= C))
     assert 0.86 <= np.mean(hits) <= 0.95  # Satterthwaite's degrees of freedom (3 to 5 here) err to the safe side
 
@@ -68,7 +78,7 @@ def test_cluster_robust_covariance_is_cr2_written_out() -> None:
     H = np.array([x.T @ w @ x for x, w in zip(X, W, strict=True)])
     h = np.array([x.T @ w @ v for x, w, v in zip(X, W, y, strict=True)])
     M = np.linalg.inv(H.sum(axis=0))
-    covariance, freedom = cluster_robust(H, h, M)
+    covariance, freedom = compute_cluster_robust_covariance(H, h, M)
     # Bell & McCaffrey: residuals of each cluster, whitened, times (I − leverage)^(−½)
     roots = [np.real(sqrtm(w)) for w in W]
     Z = [r @ x for r, x in zip(roots, X, strict=True)]
@@ -87,22 +97,22 @@ def test_cluster_robust_covariance_is_cr2_written_out() -> None:
         assert freedom[p] == pytest.approx(np.trace(omega) ** 2 / np.sum(omega**2), rel=1e-9)
 
 
-def axial(rng: np.random.Generator) -> Experiment:
+def axial(rng: np.random.Generator) -> LoadTestExperiment:
     """Loads along axis 6 only: joint 6 gets no torque."""
     _, robot, T = cell()
     made = planned(rng, poses=20, loads=1, repeats=1)
-    z = robot.fk(made.q)[:, :3, 2]
+    z = robot.compute_fk(made.q)[:, :3, 2]
     size = rng.uniform(400, 1500, (20, 3, 1))
     wrench = np.concatenate([size * z[:, None], np.zeros((20, 3, 3))], axis=-1)
     made = planned(rng, q=made.q, wrench=wrench)
-    return experiment(replace(measured(made, rng, outliers=0.0), wrench=made.wrench), robot, T)
+    return build_load_test_experiment(replace(measured(made, rng, outliers=0.0), wrench=made.wrench), robot, T)
 
 
 def test_a_joint_without_torque_keeps_the_cells_value() -> None:
     _, robot, T = cell()
     e = axial(np.random.default_rng(22))
     given = np.full(6, 7e5)
-    found = identify(e, robot, T, Stiffness(joints=given), IdentifyOptions(), np.random.default_rng(0))
+    found = identify_stiffness(e, robot, T, ArmStiffness(joints=given), IdentifyOptions(), np.random.default_rng(0))
     last = found.joints[5]
     assert (last.identified, last.k) == (False, pytest.approx(7e5))
     assert last.reason == "no reading puts any torque on joint 6"
@@ -114,7 +124,7 @@ def test_a_joint_without_torque_keeps_the_cells_value() -> None:
     sure = np.sqrt(np.diag(found.stiffness.covariance))  # a joint not identified is as uncertain as its own value
     assert sure[5] == pytest.approx(1 / 7e5)
     assert np.isnan(found.monte_carlo.spread[5])
-    alone = identify(e, robot, T, None, IdentifyOptions(studies=False), np.random.default_rng(0))
+    alone = identify_stiffness(e, robot, T, None, IdentifyOptions(studies=False), np.random.default_rng(0))
     assert alone.joints[5].k == pytest.approx(LEAST_STIFFNESS)
     np.testing.assert_allclose(alone.stiffness.joints[:3], found.stiffness.joints[:3], rtol=0.02)
 
@@ -122,19 +132,19 @@ def test_a_joint_without_torque_keeps_the_cells_value() -> None:
 def test_what_cannot_be_told_apart_is_named_and_its_sum_kept() -> None:
     _, robot, T = cell()
     e = draw(np.random.default_rng(23), rotations=True)
-    base = term_of("base_compliance", "base", robot, T)
-    found = fit(e, terms=(base,))
-    sure = uncertainty(found)
-    settled = settle(found, sure, TRUE_K)
+    base = build_fitted_term("base_compliance", "base", robot, T)
+    found = fit_stiffness(e, terms=(base,))
+    sure = compute_coefficient_uncertainty(found)
+    settled = settle_coefficients(found, sure, TRUE_K)
     names = [u.name for u in found.unknowns]
     turn = names.index("base_compliance at base rz")
-    assert not settled.standing[0].identified
-    assert settled.standing[0].reason.startswith("cannot be told from base_compliance at base rz")
-    assert not settled.standing[turn].identified
+    assert not settled.status[0].identified
+    assert settled.status[0].reason.startswith("cannot be told from base_compliance at base rz")
+    assert not settled.status[turn].identified
     # the sum is what a fit without the base gives; the base's other five coefficients change it by less than that
-    assert settled.x[0] + settled.x[turn] == pytest.approx(fit(e).x[0], rel=0.02)
+    assert settled.x[0] + settled.x[turn] == pytest.approx(fit_stiffness(e).x[0], rel=0.02)
     # however the two share it, neither is more than both together
-    assert sure.interval[0, 1] < 1.1 * fit(e).x[0]
+    assert sure.interval[0, 1] < 1.1 * fit_stiffness(e).x[0]
     assert sure.interval[0, 0] == 0.0
 
 
@@ -143,8 +153,10 @@ def test_a_joint_that_the_noise_hides_gets_a_bound_only() -> None:
     _, robot, T = cell()
     stiff = TRUE_K.copy()
     stiff[5] = 1e9  # far stiffer than the cell says: not to be told from rigid
-    e = experiment(measured(planned(rng, force=300.0, moment=30.0, k=stiff), rng), robot, T)
-    found = identify(e, robot, T, Stiffness(joints=TRUE_K), IdentifyOptions(studies=False), np.random.default_rng(0))
+    e = build_load_test_experiment(measured(planned(rng, force=300.0, moment=30.0, k=stiff), rng), robot, T)
+    found = identify_stiffness(
+        e, robot, T, ArmStiffness(joints=TRUE_K), IdentifyOptions(studies=False), np.random.default_rng(0)
+    )
     last = found.joints[5]
     assert not last.identified
     assert "reaches zero compliance" in last.reason
@@ -155,25 +167,27 @@ def test_a_joint_that_the_noise_hides_gets_a_bound_only() -> None:
 
 def test_errors_on_unseen_poses_are_those_of_a_refit() -> None:
     e = draw(np.random.default_rng(25), poses=8, loads=3, repeats=1)
-    found = fit(e, robust=False, weighted=False, bounded=False)
-    left_out = heldout(found, settle(found, uncertainty(found), TRUE_K), np.random.default_rng(0))
+    found = fit_stiffness(e, robust=False, weighted=False, bounded=False)
+    left_out = compute_holdout_residuals(
+        found, settle_coefficients(found, compute_coefficient_uncertainty(found), TRUE_K), np.random.default_rng(0)
+    )
     B = e.response()
     for p in range(8):
         out = e.pose == p
         x = np.linalg.lstsq(B[~out].reshape(-1, 6), e.measured[~out].reshape(-1), rcond=None)[0]
         np.testing.assert_allclose(left_out[out], e.measured[out] - B[out] @ x, atol=1e-12)  # m; rounding
-    together = errors(found, left_out)
+    together = summarise_residuals(found, left_out)
     assert together.rmse == pytest.approx(np.sqrt(np.mean(left_out**2)))
-    assert together.rmse > errors(found, found.residual).rmse
+    assert together.rmse > summarise_residuals(found, found.residual).rmse
     assert together.explained == pytest.approx(1 - np.sum(left_out**2) / np.sum(e.measured**2))
 
 
 def test_every_pose_is_left_out_once() -> None:
     for poses in (2, 60, 61, 500):
-        groups = folds(poses, np.random.default_rng(0))
+        groups = build_folds(poses, np.random.default_rng(0))
         assert len(groups) == (poses if poses <= 60 else 20)
         np.testing.assert_array_equal(np.sort(np.concatenate(groups)), np.arange(poses))
-    assert folds(1, np.random.default_rng(0)) == []
+    assert build_folds(1, np.random.default_rng(0)) == []
 
 
 def test_leverages_sum_to_the_unknowns_and_the_wrong_pose_stands_out() -> None:
@@ -183,33 +197,33 @@ def test_leverages_sum_to_the_unknowns_and_the_wrong_pose_stands_out() -> None:
     d = record.displacement.copy()
     d[record.pose == 7] *= 1.4
     d[11] += 2e-3
-    found = fit(experiment(replace(record, displacement=d), robot, T), robust=False)
-    settled = settle(found, uncertainty(found), TRUE_K)
-    felt = influence(found, settled)
+    found = fit_stiffness(build_load_test_experiment(replace(record, displacement=d), robot, T), robust=False)
+    settled = settle_coefficients(found, compute_coefficient_uncertainty(found), TRUE_K)
+    felt = compute_influence(found, settled)
     assert felt.leverage.sum() == pytest.approx(6, rel=1e-6)
     assert felt.pose_leverage.sum() == pytest.approx(6, rel=1e-6)
     assert felt.pose[np.argmax(felt.pose_cook)] in (7, record.pose[11])
     one = found.clusters.readings(3)[:1]  # first order against a real refit without the reading
     rest = np.setdiff1d(np.arange(len(d)), one)
-    less = fit(found.experiment.take(rest), robust=False, weighting=None)
+    less = fit_stiffness(found.experiment.select_readings(rest), robust=False, weighting=None)
     assert np.isfinite(less.x).all()
-    robust = fit(experiment(replace(record, displacement=d), robot, T))
-    worst = outliers(robust)[0]
+    robust = fit_stiffness(build_load_test_experiment(replace(record, displacement=d), robot, T))
+    worst = list_outliers(robust)[0]
     assert (worst.reading, worst.place) == (11, "line 13")
     assert worst.sigmas > 20
 
 
 def test_more_tests_scatter_less_and_all_of_them_not_at_all() -> None:
-    found = fit(draw(np.random.default_rng(27), poses=15))
-    settled = settle(found, uncertainty(found), TRUE_K)
+    found = fit_stiffness(draw(np.random.default_rng(27), poses=15))
+    settled = settle_coefficients(found, compute_coefficient_uncertainty(found), TRUE_K)
     for of, most in (("readings", len(found.y)), ("poses", 15)):
-        study = subset_study(found, settled, np.random.default_rng(0), of=of)
+        study = run_subset_study(found, settled, np.random.default_rng(0), of=of)
         assert study.tests[-1] == most
         np.testing.assert_allclose(study.spread[-1], 0.0, atol=1e-9)
         half = int(np.searchsorted(study.tests, most / 2))
         few = int(np.searchsorted(study.tests, most / 5))
         assert (study.spread[half] < study.spread[few]).all()
-        again = subset_study(found, settled, np.random.default_rng(0), of=of)
+        again = run_subset_study(found, settled, np.random.default_rng(0), of=of)
         np.testing.assert_array_equal(study.k, again.k)
     np.testing.assert_allclose(study.k[-1, 0], 1 / settled.x[:6], rtol=1e-9)
 
@@ -217,20 +231,20 @@ def test_more_tests_scatter_less_and_all_of_them_not_at_all() -> None:
 def test_monte_carlo_scatters_as_the_errors_propagate() -> None:
     _, robot, T = cell()
     e = draw(np.random.default_rng(28), poses=12, loads=3, repeats=1)
-    found = fit(e, robust=False, weighted=False, bounded=False)
-    settled = settle(found, uncertainty(found), TRUE_K)
+    found = fit_stiffness(e, robust=False, weighted=False, bounded=False)
+    settled = settle_coefficients(found, compute_coefficient_uncertainty(found), TRUE_K)
     only = StandardUncertainty(displacement=WHITE)
-    study = monte_carlo(found, settled, robot, T, np.random.default_rng(0), uncertainty=only, draws=400)
+    study = run_monte_carlo(found, settled, robot, T, np.random.default_rng(0), uncertainty=only, draws=400)
     B = e.response().reshape(-1, 6)
     expected = WHITE * np.sqrt(np.diag(np.linalg.inv(B.T @ B)))
     # 400 draws tell a standard deviation to 3.5 %; four of that
     np.testing.assert_allclose(study.compliance.std(axis=0, ddof=1), expected, rtol=0.15)
     everything = replace(only, force=10.0, moment=3.0, joint=np.radians(0.01))
-    more = monte_carlo(found, settled, robot, T, np.random.default_rng(0), uncertainty=everything, draws=100)
+    more = run_monte_carlo(found, settled, robot, T, np.random.default_rng(0), uncertainty=everything, draws=100)
     assert (more.spread > study.spread).all()
     unstated = replace(e, uncertainty=StandardUncertainty())
-    found = fit(unstated)
-    assert monte_carlo(found, settled, robot, T, np.random.default_rng(0), draws=20).assumed == ("displacement",)
+    found = fit_stiffness(unstated)
+    assert run_monte_carlo(found, settled, robot, T, np.random.default_rng(0), draws=20).assumed == ("displacement",)
 
 
 def test_scatter_of_few_tests_at_the_errors_of_dumas2011_is_that_of_table_2() -> None:
@@ -241,10 +255,10 @@ def test_scatter_of_few_tests_at_the_errors_of_dumas2011_is_that_of_table_2() ->
     spread = []
     for _ in range(5):
         made = planned(rng, poses=10, loads=1, repeats=1, force=1000.0, moment=200.0)
-        e = experiment(measured(made, rng, rotations=True, noise=0.0, outliers=0.0), robot, T)
-        found = fit(e, robust=False, weighted=False, bounded=False)
-        settled = settle(found, uncertainty(found), TRUE_K)
-        spread.append(monte_carlo(found, settled, robot, T, rng, uncertainty=sigma, draws=100).spread)
+        e = build_load_test_experiment(measured(made, rng, rotations=True, noise=0.0, outliers=0.0), robot, T)
+        found = fit_stiffness(e, robust=False, weighted=False, bounded=False)
+        settled = settle_coefficients(found, compute_coefficient_uncertainty(found), TRUE_K)
+        spread.append(run_monte_carlo(found, settled, robot, T, rng, uncertainty=sigma, draws=100).spread)
     typical = np.median(spread, axis=0)
     assert (typical < 0.15).all()  # the poses and loads of the paper are not printed: the size, not the digits
     assert (typical > 0.003).all()
@@ -254,7 +268,7 @@ def test_reasons_and_results_of_the_whole_pipeline() -> None:
     _, robot, T = cell()
     e = draw(np.random.default_rng(30), rotations=True)
     runs = [
-        identify(e, robot, T, Stiffness(joints=TRUE_K), IdentifyOptions(seed=1), np.random.default_rng(1))
+        identify_stiffness(e, robot, T, ArmStiffness(joints=TRUE_K), IdentifyOptions(seed=1), np.random.default_rng(1))
         for _ in range(2)
     ]
     found = runs[0]
@@ -275,16 +289,16 @@ def test_reasons_and_results_of_the_whole_pipeline() -> None:
 def test_terms_are_found_with_their_interval_and_written() -> None:
     _, robot, T = cell()
     e = draw(np.random.default_rng(31), rotations=True, poses=25)
-    law = term_of("joint_coupling", "joint:4-5", robot, T, compliance_rad_per_Nm=3e-7)
-    e = replace(e, measured=e.measured + law.response(e.state, e.wrench) @ law.values)
-    options = IdentifyOptions(terms=(Term("joint_coupling", "joint:4-5"),), studies=False)
-    found = identify(e, robot, T, Stiffness(joints=TRUE_K), options, np.random.default_rng(0))
+    law = build_fitted_term("joint_coupling", "joint:4-5", robot, T, compliance_rad_per_Nm=3e-7)
+    e = replace(e, measured=e.measured + law.compute_response(e.state, e.wrench) @ law.values)
+    options = IdentifyOptions(terms=(StiffnessTerm("joint_coupling", "joint:4-5"),), studies=False)
+    found = identify_stiffness(e, robot, T, ArmStiffness(joints=TRUE_K), options, np.random.default_rng(0))
     term = found.terms[0]
     assert term.identified
     assert term.interval[0] < 3e-7 < term.interval[1]
     assert found.stiffness.terms[0].parameters["compliance_rad_per_Nm"] == term.value
     # known terms of the cell are subtracted, and stay in the file
-    known = Stiffness(joints=TRUE_K, terms=(law.to_file(),))
-    with_known = identify(e, robot, T, known, IdentifyOptions(studies=False), np.random.default_rng(0))
+    known = ArmStiffness(joints=TRUE_K, terms=(law.to_file(),))
+    with_known = identify_stiffness(e, robot, T, known, IdentifyOptions(studies=False), np.random.default_rng(0))
     assert with_known.stiffness.terms == (law.to_file(),)
     assert with_known.errors.rmse == pytest.approx(found.errors.rmse, rel=0.02)

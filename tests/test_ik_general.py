@@ -17,13 +17,21 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from machopt.errors import InputError
-from machopt.model import geometry
-from machopt.model.ik_bridge import GeneralBranches
-from machopt.model.ik_general import GeneralSolver, solve_general
-from machopt.model.ik_newton import off
-from machopt.model.robot import Robot
-from machopt.model.vectors import principal
-from machopt.se3 import axis_rotation, normalise, rpy_matrix, transform, wrap
+from machopt.kinematics import axis_geometry
+from machopt.kinematics.inverse.compiled_vectors import wrap_angle
+from machopt.kinematics.inverse.general_branches import GeneralBranches
+from machopt.kinematics.inverse.general_solver import GeneralSolver, solve_general
+from machopt.kinematics.inverse.newton_iteration import compute_pose_deviation
+from machopt.kinematics.robot import Robot
+from machopt.numerics.rigid_transforms import (
+    build_transform,
+    compute_axis_rotation,
+    compute_rpy_matrix,
+    normalise_vectors,
+)
+from machopt.numerics.rigid_transforms import (
+    wrap_angle as numerics_wrap_angle,
+)
 
 Array = NDArray[np.float64]
 SAME = 1e-5  # rad; a double root is known to √rounding only, distinct roots of random poses lie far apart
@@ -41,17 +49,17 @@ def from_dh(d: list[float], a: list[float], alpha: list[float]) -> Robot:
     for di, ai, twist in zip(d, a, alpha, strict=True):
         axis.append(T[:3, 2])
         point.append(T[:3, 3])
-        T = T @ transform(rpy_matrix(np.array([twist, 0.0, 0.0])), np.array([ai, 0.0, di]))
+        T = T @ build_transform(compute_rpy_matrix(np.array([twist, 0.0, 0.0])), np.array([ai, 0.0, di]))
     return Robot(
         joints=JOINTS, axis=np.array(axis), point=np.array(point), T_base_flange_zero=T, lower=-FULL, upper=FULL
     )
 
 
 def from_lines(axis: list[list[float]], point: list[list[float]], flange: list[float]) -> Robot:
-    T = transform(rpy_matrix(np.array([0.3, np.pi / 2, -0.2])), np.array(flange))
+    T = build_transform(compute_rpy_matrix(np.array([0.3, np.pi / 2, -0.2])), np.array(flange))
     return Robot(
         joints=JOINTS,
-        axis=normalise(np.array(axis, float)),
+        axis=normalise_vectors(np.array(axis, float)),
         point=np.array(point, float),
         T_base_flange_zero=T,
         lower=-FULL,
@@ -109,12 +117,12 @@ def solver_of(name: str) -> GeneralSolver:
 
 def random_poses(arm: Robot, count: int, seed: int) -> tuple[Array, Array]:
     q = np.random.default_rng(seed).uniform(arm.lower, arm.upper, (count, 6))
-    return q, arm.fk(q)
+    return q, arm.compute_fk(q)
 
 
 def gaps(q: Array, wanted: Array) -> Array:
     """Largest joint difference modulo a turn between each branch (M, B, 6) and ``wanted`` (M, 6); inf where none."""
-    return np.nan_to_num(np.abs(wrap(q - wanted[:, None])).max(axis=-1), nan=np.inf)
+    return np.nan_to_num(np.abs(numerics_wrap_angle(q - wanted[:, None])).max(axis=-1), nan=np.inf)
 
 
 def counts(q: Array) -> Array:
@@ -196,7 +204,7 @@ def test_no_general_solution_appears_twice(name: str) -> None:
     _, T = random_poses(GENERAL[name], 200, seed=5)
     q = solver_of(name).solve(T)
     for a, b in itertools.combinations(range(q.shape[1]), 2):
-        apart = np.abs(wrap(q[:, a] - q[:, b])).max(axis=-1)
+        apart = np.abs(numerics_wrap_angle(q[:, a] - q[:, b])).max(axis=-1)
         assert not np.any(apart < 1e-6)
 
 
@@ -205,7 +213,7 @@ def test_a_calibrated_arm_keeps_all_its_branches() -> None:
     g = np.random.default_rng(8)
     arm = Robot(
         joints=JOINTS,
-        axis=normalise(UR5.axis + 1e-4 * g.normal(size=(6, 3))),
+        axis=normalise_vectors(UR5.axis + 1e-4 * g.normal(size=(6, 3))),
         point=UR5.point + 1e-4 * g.normal(size=(6, 3)),
         T_base_flange_zero=UR5.T_base_flange_zero,
         lower=-FULL,
@@ -224,7 +232,7 @@ def test_axes_printed_with_few_decimals_still_take_the_closed_form_and_are_exact
     assert solver.kind == "three_parallel"
     q, T = random_poses(arm, 500, seed=10)
     found = solver.solve(T)
-    reached = arm.fk(found)
+    reached = arm.compute_fk(found)
     assert np.nanmax(np.abs(reached - T[:, None])) < EXACT
     assert (gaps(found, q).min(axis=1) > SAME).sum() <= 1  # lost only where the nominal arm just fails to reach
 
@@ -241,7 +249,12 @@ def test_the_quick_look_at_a_branch_never_says_less_than_it_is_off(name: str) ->
         goal = T.copy()
         goal[:, :3, :3] += np.cross(turn[:, None], np.swapaxes(T[:, :3, :3], 1, 2)).swapaxes(1, 2)
         goal[:, :3, 3] += way
-        told = np.array([off(arm.axis, arm.point, arm.T_base_flange_zero, *row) for row in zip(q, goal, strict=True)])
+        told = np.array(
+            [
+                compute_pose_deviation(arm.axis, arm.point, arm.T_base_flange_zero, *row)
+                for row in zip(q, goal, strict=True)
+            ]
+        )
         real = np.maximum(np.linalg.norm(turn, axis=1), np.linalg.norm(way, axis=1))
         assert (told >= real * (1 - 1e-5) - 1e-14).all()
         assert (told <= 1.5 * real + 1e-14).all()
@@ -253,16 +266,16 @@ def test_margins_of_three_parallel_axes() -> None:
     _, T = random_poses(UR5, 100, seed=6)
     found = branches.solve(T)
     m, b = np.nonzero(np.isfinite(found.q[..., 0]))
-    links, h, p = UR5.link_poses(found.q[m, b]), UR5.axis, UR5.point
+    links, h, p = UR5.compute_link_poses(found.q[m, b]), UR5.axis, UR5.point
 
     def line(link: int, v: Array) -> Array:
         return np.asarray(links[:, link, :3, :3] @ v)
 
     def angle(u: Array, v: Array) -> Array:
-        return np.arcsin(np.minimum(np.linalg.norm(np.cross(normalise(u), normalise(v)), axis=1), 1.0))
+        return np.arcsin(np.minimum(np.linalg.norm(np.cross(normalise_vectors(u), normalise_vectors(v)), axis=1), 1.0))
 
     meeting = line(4, p[4]) + links[:, 4, :3, 3]
-    plane = normalise(np.cross(np.tile(h[0], (len(m), 1)), line(1, h[1])))
+    plane = normalise_vectors(np.cross(np.tile(h[0], (len(m), 1)), line(1, h[1])))
     np.testing.assert_allclose(found.shoulder[m, b], np.abs(np.sum((meeting - p[0]) * plane, axis=1)), atol=1e-9)
     np.testing.assert_allclose(found.elbow[m, b], angle(line(2, p[2] - p[1]), line(3, p[3] - p[2])), atol=1e-6)
     np.testing.assert_allclose(found.wrist[m, b], angle(line(4, h[3]), line(5, h[5])), atol=1e-6)
@@ -275,8 +288,8 @@ def test_margins_of_three_parallel_axes() -> None:
     "angle", [0.0, np.pi, -np.pi, 3.2, -3.2, 1e-300, 7.0, -20.0, np.nextafter(np.pi, 4), -np.pi - 1e-15]
 )
 def test_the_same_angle_within_a_turn(angle: float) -> None:
-    assert principal(angle) == np.pi - np.remainder(np.pi - angle, 2 * np.pi)
-    assert abs(principal(angle)) <= np.pi
+    assert wrap_angle(angle) == np.pi - np.remainder(np.pi - angle, 2 * np.pi)
+    assert abs(wrap_angle(angle)) <= np.pi
 
 
 # ---------------------------------------------------------------- against independent solvers
@@ -359,10 +372,10 @@ def machining_grid(arm: Robot, points: int, rotations: int, seed: int) -> Array:
     """A path that moves and reorients, with the flange turning about an axis of a tool held at an angle."""
     g = np.random.default_rng(seed)
     start = g.uniform(-2.0, 2.0, 6)
-    T = arm.fk(start + np.linspace(0.0, 1.0, points)[:, None] * g.uniform(-0.3, 0.3, 6))
-    turn = axis_rotation(np.array([0.0, 0.0, 1.0]), np.arange(rotations) * 2 * np.pi / rotations)
-    tool = transform(rpy_matrix(np.array([0.6, 0.0, 0.0])), np.array([0.05, 0.0, 0.15]))
-    return T[:, None] @ transform(turn, np.zeros((rotations, 3))) @ tool
+    T = arm.compute_fk(start + np.linspace(0.0, 1.0, points)[:, None] * g.uniform(-0.3, 0.3, 6))
+    turn = compute_axis_rotation(np.array([0.0, 0.0, 1.0]), np.arange(rotations) * 2 * np.pi / rotations)
+    tool = build_transform(compute_rpy_matrix(np.array([0.6, 0.0, 0.0])), np.array([0.05, 0.0, 0.15]))
+    return T[:, None] @ build_transform(turn, np.zeros((rotations, 3))) @ tool
 
 
 @pytest.mark.parametrize("name", ["crx", "offset wrist 50, 200", "random"])
@@ -375,7 +388,7 @@ def test_the_grid_holds_what_every_single_pose_holds(name: str, seed: int) -> No
     assert np.all(counts(grid) <= counts(single))
     assert counts(grid).sum() >= 0.999 * counts(single).sum()  # islands smaller than the coarse grid may be missed
     exists = np.isfinite(grid[..., 0])
-    gap = np.abs(wrap(grid[..., :, None, :] - single[..., None, :, :])).max(axis=-1)
+    gap = np.abs(numerics_wrap_angle(grid[..., :, None, :] - single[..., None, :, :])).max(axis=-1)
     assert np.all(np.nanmin(np.where(np.isnan(gap), np.inf, gap), axis=-1)[exists] < SAME)
 
 
@@ -383,10 +396,10 @@ def test_the_grid_holds_what_every_single_pose_holds(name: str, seed: int) -> No
 def test_one_index_is_one_branch_along_the_path(name: str) -> None:
     arm, solver = (CLOSED | GENERAL)[name], solver_of(name)
     q0 = np.array([0.3, -0.6, 1.2, 0.4, 0.9, 0.2])
-    T = np.repeat(arm.fk(q0)[None], 40, axis=0)
+    T = np.repeat(arm.compute_fk(q0)[None], 40, axis=0)
     T[:, :3, 3] += np.linspace(-0.01, 0.01, 40)[:, None] * np.array([0.6, 0.0, 0.8])
     q = solver.solve_grid(T[:, None])[:, 0]
-    jump = np.abs(wrap(np.diff(q, axis=0))).max(axis=-1)
+    jump = np.abs(numerics_wrap_angle(np.diff(q, axis=0))).max(axis=-1)
     start = gaps(q[19:20], q0[None])[0].argmin()
     assert np.isfinite(q[:, start]).all()
     assert jump[:, start].max() < 0.01  # 0.5 mm steps at arm's length
@@ -399,11 +412,11 @@ def test_closed_form_indices_name_the_assembly_mode(seed: int) -> None:
     """Turning the base turns q1 of every branch alike and changes nothing else, index by index."""
     _, T = random_poses(UR5, 1, seed)
     angle = 0.7
-    turned = transform(axis_rotation(UR5.axis[0], np.array(angle)), np.zeros(3)) @ T
+    turned = build_transform(compute_axis_rotation(UR5.axis[0], np.array(angle)), np.zeros(3)) @ T
     a, b = solver_of("ur5").solve(T)[0], solver_of("ur5").solve(turned)[0]
     both = np.isfinite(a[:, 0]) & np.isfinite(b[:, 0])
     assert both.any()
-    assert np.abs(wrap(b - a - angle * np.eye(6)[0]))[both].max() < SAME
+    assert np.abs(numerics_wrap_angle(b - a - angle * np.eye(6)[0]))[both].max() < SAME
 
 
 # ---------------------------------------------------------------- edges
@@ -426,9 +439,9 @@ def test_unreachable_and_undefined_poses_are_nan_and_do_not_disturb_others() -> 
 
 def test_stretched_and_wrist_singular_poses_are_answered() -> None:
     q = np.array([[0.2, -0.7, 0.0, 0.3, 0.8, 0.1], [0.2, -0.7, 1.1, 0.3, 0.0, 0.1]])
-    found = solver_of("ur5").solve(UR5.fk(q))
+    found = solver_of("ur5").solve(UR5.compute_fk(q))
     assert np.all(counts(found) > 0)
-    assert np.nanmax(np.abs(UR5.fk(found) - UR5.fk(q)[:, None])) < EXACT
+    assert np.nanmax(np.abs(UR5.compute_fk(found) - UR5.compute_fk(q)[:, None])) < EXACT
 
 
 def test_an_arm_that_cannot_move_in_six_directions_is_refused() -> None:
@@ -448,13 +461,13 @@ def test_an_arm_that_cannot_move_in_six_directions_is_refused() -> None:
 
 
 def test_kinds_of_geometry() -> None:
-    assert all(geometry.is_three_parallel(arm) for arm in CLOSED.values())
-    assert not any(geometry.is_three_parallel(arm) for arm in GENERAL.values())
-    assert [n for n, arm in (CLOSED | GENERAL).items() if geometry.is_spherical_wrist(arm)] == ["spherical wrist"]
-    assert geometry.do_intersect(UR5, 4, 5)
-    assert not geometry.do_intersect(UR5, 3, 5)
-    assert geometry.axis_distance(UR5, 1, 2) == pytest.approx(0.425)
-    centre, gap = geometry.common_point(GENERAL["spherical wrist"], (3, 4, 5))
+    assert all(axis_geometry.is_three_parallel(arm) for arm in CLOSED.values())
+    assert not any(axis_geometry.is_three_parallel(arm) for arm in GENERAL.values())
+    assert [n for n, arm in (CLOSED | GENERAL).items() if axis_geometry.is_spherical_wrist(arm)] == ["spherical wrist"]
+    assert axis_geometry.has_axis_intersection(UR5, 4, 5)
+    assert not axis_geometry.has_axis_intersection(UR5, 3, 5)
+    assert axis_geometry.compute_axis_distance(UR5, 1, 2) == pytest.approx(0.425)
+    centre, gap = axis_geometry.compute_common_point(GENERAL["spherical wrist"], (3, 4, 5))
     assert gap < 1e-12
     assert centre == pytest.approx([1.55, 0.0, 1.784])
 
@@ -465,8 +478,8 @@ def test_forearm_in_the_plane_of_the_arm_loses_no_configuration(arm: Robot, q4: 
     """Every path with an upright tool: two solutions share an angle there, and a quarter of them was lost."""
     q = np.random.default_rng(4).uniform(-2.0, 2.0, (60, 6))
     q[:, 3] = q4
-    found = GeneralSolver.for_robot(arm).solve(arm.fk(q))
-    off_by = np.abs(wrap(found - q[:, None])).max(axis=-1)
+    found = GeneralSolver.for_robot(arm).solve(arm.compute_fk(q))
+    off_by = np.abs(numerics_wrap_angle(found - q[:, None])).max(axis=-1)
     assert np.mean(np.nanmin(off_by, axis=1) < SAME) > 0.98
 
 
@@ -476,4 +489,4 @@ def test_solutions_that_share_a_round_angle_are_seen_as_sharing_it() -> None:
     q, pose = np.full((6, 6), -1e-12), np.array([7, 8, 7, 9, 9, 3])
     q[2] = 1e-12
     q[4] = 0.5  # pose 9 has two, apart; poses 3 and 8 have one each
-    assert elimination.sharing(q, pose).tolist() == [7]
+    assert elimination.find_shared_eigenvalues(q, pose).tolist() == [7]

@@ -10,18 +10,25 @@ from scipy.optimize import minimize
 from small_cell import real_cell, small_cell
 from spherical_reference import Reference, reference_reasons
 
-from machopt.domain.reason import Reason
-from machopt.formats.cell import load_cell
-from machopt.model.ik import Margins, branch_reasons, judged, refine, solver_for, turns
-from machopt.model.ik_spherical import SphericalWristSolver, wrist_centre
-from machopt.model.robot import Robot, load_robot
-from machopt.se3 import axis_rotation, wrap
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.kinematics.inverse.solver import (
+    SingularityMargins,
+    build_solver,
+    check_branches,
+    compute_branch_reasons,
+    list_whole_turns,
+    refine_by_newton,
+)
+from machopt.kinematics.inverse.spherical_wrist import SphericalWristSolver, find_wrist_centre
+from machopt.kinematics.robot import Robot, load_robot
+from machopt.numerics.rigid_transforms import compute_axis_rotation, wrap_angle
 
 CELLS = Path(__file__).resolve().parent.parent / "cells"
 SPHERICAL = ("kr500_milling", "kr240_drilling", "irb6700_drilling", "s420f_handling")
 REAL = ("kr210l150", "kr500_r2800_2", "m20ia", "rx160")
 EXACT = 1e-9  # m and rad, the issue's bound for candidates
-MARGINS = Margins(wrist=np.radians(5), elbow=np.radians(3), shoulder=0.05, limit=0.0)
+MARGINS = SingularityMargins(wrist=np.radians(5), elbow=np.radians(3), shoulder=0.05, limit=0.0)
 
 
 def robot_named(name: str, folder: Path) -> tuple[Robot, np.ndarray, np.ndarray]:
@@ -52,9 +59,9 @@ def with_shoulder_offset(robot: Robot, offset: float) -> Robot:
 
 def with_bent_elbow(robot: Robot, angle: float) -> Robot:
     """Axes 4 to 6 tilted about the vertical: a wrist that is spherical but not square to axis 3."""
-    W = wrist_centre(robot)
+    W = find_wrist_centre(robot)
     assert W is not None
-    R = axis_rotation(np.array([0.0, 0.0, 1.0]), np.array(angle))
+    R = compute_axis_rotation(np.array([0.0, 0.0, 1.0]), np.array(angle))
     axis, point, flange = robot.axis.copy(), robot.point.copy(), robot.T_base_flange_zero.copy()
     axis[3:] = axis[3:] @ R.T
     point[3:] = W
@@ -81,8 +88,8 @@ def arms(folder: Path) -> dict[str, Robot]:
 def test_every_branch_reaches_and_the_own_configuration_is_among_them(name: str, tmp_path: Path) -> None:
     robot, low, high = robot_named(name, tmp_path)
     q = np.random.default_rng(0).uniform(low, high, (1000, 6))
-    T = robot.fk(q)
-    solver = solver_for(robot)
+    T = robot.compute_fk(q)
+    solver = build_solver(robot)
     assert isinstance(solver, SphericalWristSolver)
     found = solver.solve(T)
     assert found.q.shape == (1000, 8, 6)
@@ -93,12 +100,12 @@ def test_every_branch_reaches_and_the_own_configuration_is_among_them(name: str,
     # Near the wrist singularity acos of the closed form loses half the digits; Newton gives them back where it matters,
     # so the bound of 1e-9 is asked where the margins let the planner go.
     regular = exists & (found.wrist > 1e-2) & (found.elbow > 1e-2) & (found.shoulder > 1e-2)
-    reached = robot.fk(np.where(exists[..., None], found.q, 0.0))
+    reached = robot.compute_fk(np.where(exists[..., None], found.q, 0.0))
     error = np.abs(reached - T[:, None]).max(axis=(2, 3))
     assert error[regular].max() < EXACT
     assert error[exists].max() < 1e-6
-    near = np.nanmin(np.abs(wrap(found.q - q[:, None])).max(axis=-1), axis=1)
-    own = np.nanargmin(np.where(exists, np.abs(wrap(found.q - q[:, None])).max(axis=-1), np.nan), axis=1)
+    near = np.nanmin(np.abs(wrap_angle(found.q - q[:, None])).max(axis=-1), axis=1)
+    own = np.nanargmin(np.where(exists, np.abs(wrap_angle(found.q - q[:, None])).max(axis=-1), np.nan), axis=1)
     rows = np.arange(1000)
     clear = np.minimum(np.minimum(found.wrist[rows, own], found.elbow[rows, own]), found.shoulder[rows, own]) > 1e-2
     assert clear.mean() > 0.9
@@ -112,22 +119,22 @@ def test_existing_branches_are_distinct_and_match_newton_from_everywhere(kind: s
     robot = arms(tmp_path)[kind]
     rng = np.random.default_rng(1)
     q = rng.uniform(-np.pi, np.pi, (12, 6))
-    T = robot.fk(q)
+    T = robot.compute_fk(q)
     found = SphericalWristSolver(robot).solve(T)
     newton_found = 0
     for i in range(len(q)):
         exists = np.isfinite(found.q[i]).all(axis=1)
         branches = found.q[i][exists]
         assert exists.sum() in (2, 4, 6, 8)
-        apart = np.abs(wrap(branches[:, None] - branches[None])).max(axis=-1) + 10 * np.eye(len(branches))
+        apart = np.abs(wrap_angle(branches[:, None] - branches[None])).max(axis=-1) + 10 * np.eye(len(branches))
         assert apart.min() > 1e-3
-        assert np.abs(robot.fk(branches) - T[i]).max() < EXACT
+        assert np.abs(robot.compute_fk(branches) - T[i]).max() < EXACT
         start = rng.uniform(-np.pi, np.pi, (300, 6))
         with np.errstate(all="ignore"):
-            x, error = refine(robot, np.broadcast_to(T[i], (300, 4, 4)), start, np.eye(4), iterations=25)
+            x, error = refine_by_newton(robot, np.broadcast_to(T[i], (300, 4, 4)), start, np.eye(4), iterations=25)
         solutions = x[(error < 1e-10)]
-        solutions = solutions[np.abs(robot.fk(solutions) - T[i]).max(axis=(1, 2)) < 1e-9]
-        distance = np.abs(wrap(solutions[:, None] - branches[None])).max(axis=-1)
+        solutions = solutions[np.abs(robot.compute_fk(solutions) - T[i]).max(axis=(1, 2)) < 1e-9]
+        distance = np.abs(wrap_angle(solutions[:, None] - branches[None])).max(axis=-1)
         assert (distance.min(axis=1) < 1e-6).all()
         newton_found += len(np.unique(distance.argmin(axis=1)))
     assert newton_found > 40  # the comparison saw most of the branches
@@ -137,26 +144,26 @@ def test_branch_index_is_shoulder_elbow_wrist_and_stays_along_a_path(tmp_path: P
     robot = small_robot(tmp_path)
     a, b = np.radians([[10, -100, 95, 20, 40, -30], [35, -80, 70, 60, 70, 40.0]])
     q = a + np.linspace(0, 1, 200)[:, None] * (b - a)
-    found = SphericalWristSolver(robot).solve(robot.fk(q))
-    index = np.nanargmin(np.abs(wrap(found.q - q[:, None])).max(axis=-1), axis=1)
+    found = SphericalWristSolver(robot).solve(robot.compute_fk(q))
+    index = np.nanargmin(np.abs(wrap_angle(found.q - q[:, None])).max(axis=-1), axis=1)
     assert len(set(index.tolist())) == 1
     whole = np.flatnonzero(np.isfinite(found.q).all(axis=(1, 2)))[0]
     at = found.q[whole].reshape(2, 2, 2, 6)
     np.testing.assert_allclose(at[:, :, 0, :3], at[:, :, 1, :3], atol=1e-12)  # wrist flip leaves joints 1 to 3
-    np.testing.assert_allclose(wrap(at[:, :, 0, 3] - at[:, :, 1, 3] - np.pi), 0, atol=1e-9)
+    np.testing.assert_allclose(wrap_angle(at[:, :, 0, 3] - at[:, :, 1, 3] - np.pi), 0, atol=1e-9)
     np.testing.assert_allclose(at[:, 0, :, 0], at[:, 1, :, 0], atol=1e-12)  # elbow flip leaves joint 1
-    np.testing.assert_allclose(np.abs(wrap(at[0, :, :, 0] - at[1, :, :, 0])), np.pi, atol=1e-9)
+    np.testing.assert_allclose(np.abs(wrap_angle(at[0, :, :, 0] - at[1, :, :, 0])), np.pi, atol=1e-9)
 
 
 def test_arms_of_another_kind_are_refused(tmp_path: Path) -> None:
     robot = load_robot(load_cell(CELLS / "cutting_cobot"))
-    assert not SphericalWristSolver.fits(robot)
+    assert not SphericalWristSolver.is_applicable(robot)
     with pytest.raises(ValueError, match="no spherical wrist"):
         SphericalWristSolver(robot)
     plain = small_robot(tmp_path)
     point = plain.point.copy()
     point[5] += [0, 0, 0.001]  # axis 6 passes 1 mm beside
-    assert not SphericalWristSolver.fits(
+    assert not SphericalWristSolver.is_applicable(
         Robot(
             joints=plain.joints,
             axis=plain.axis,
@@ -173,11 +180,11 @@ def test_arms_of_another_kind_are_refused(tmp_path: Path) -> None:
 
 def geometric_shortfall(robot: Robot, target: np.ndarray) -> float:
     """Least distance of the wrist centre to a point, over joints 1 to 3, by minimisation."""
-    W = wrist_centre(robot)
+    W = find_wrist_centre(robot)
     assert W is not None
 
     def miss(x: np.ndarray) -> float:
-        p = robot.link_poses(np.r_[x, 0, 0, 0])[3]
+        p = robot.compute_link_poses(np.r_[x, 0, 0, 0])[3]
         return float(np.sum((p[:3, :3] @ W + p[:3, 3] - target) ** 2))
 
     starts = [np.array([a, b, c]) for a in (0.0, 2.0, -2.0) for b, c in ((-1.5, 0.2), (0.0, 2.0), (0.0, -2.0))]
@@ -187,7 +194,7 @@ def geometric_shortfall(robot: Robot, target: np.ndarray) -> float:
 @pytest.mark.parametrize("beyond", [0.001, 0.25])
 def test_out_of_reach_is_nan_with_the_missing_length(tmp_path: Path, beyond: float) -> None:
     robot = small_robot(tmp_path)
-    W = wrist_centre(robot)
+    W = find_wrist_centre(robot)
     assert W is not None
     link, fore = np.linalg.norm(robot.point[2] - robot.point[1]), np.linalg.norm(W - robot.point[2])
     rng = np.random.default_rng(2)
@@ -197,7 +204,7 @@ def test_out_of_reach_is_nan_with_the_missing_length(tmp_path: Path, beyond: flo
         heading = np.array([np.cos(yaw), np.sin(yaw), 0.0])
         shoulder = 0.35 * heading + [0, 0, 0.675]
         wrist = shoulder + length * (np.cos(lift) * heading + [0, 0, np.sin(lift)])
-        T = robot.fk(rng.uniform(-1, 1, 6))
+        T = robot.compute_fk(rng.uniform(-1, 1, 6))
         zero = robot.T_base_flange_zero
         R06 = T[:3, :3] @ zero[:3, :3].T
         T[:3, 3] = wrist - R06 @ (W - zero[:3, 3])
@@ -205,7 +212,7 @@ def test_out_of_reach_is_nan_with_the_missing_length(tmp_path: Path, beyond: flo
         expected = geometric_shortfall(robot, wrist)
         if expected > 1e-6:  # too near in front may be reached over the head
             assert np.isnan(found.q).all()
-            assert (branch_reasons(found, MARGINS) == Reason.UNREACHABLE).all()
+            assert (compute_branch_reasons(found, MARGINS) == InfeasibilityReason.UNREACHABLE).all()
         assert found.shortfall[0] == pytest.approx(expected, abs=1e-6)  # BFGS ends within 1e-6 m
         if not near:
             assert expected == pytest.approx(beyond, abs=1e-6)
@@ -213,9 +220,9 @@ def test_out_of_reach_is_nan_with_the_missing_length(tmp_path: Path, beyond: flo
 
 def test_too_near_axis_1_is_told_by_the_shoulder_offset(tmp_path: Path) -> None:
     robot = with_shoulder_offset(small_robot(tmp_path), 0.12)
-    W = wrist_centre(robot)
+    W = find_wrist_centre(robot)
     assert W is not None
-    T = robot.fk(np.zeros(6))
+    T = robot.compute_fk(np.zeros(6))
     wrist = np.array([0.03, 0.04, 1.9])  # 50 mm from axis 1, where 120 mm are needed
     R06 = T[:3, :3] @ robot.T_base_flange_zero[:3, :3].T
     T[:3, 3] = wrist - R06 @ (W - robot.T_base_flange_zero[:3, 3])
@@ -231,13 +238,13 @@ def test_too_near_axis_1_is_told_by_the_shoulder_offset(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", ["plain", "shoulder offset", "oblique wrist"])
 def test_margins_are_the_angles_and_lengths_they_are_called(kind: str, tmp_path: Path) -> None:
     robot = arms(tmp_path)[kind]
-    W = wrist_centre(robot)
+    W = find_wrist_centre(robot)
     assert W is not None
     q = np.random.default_rng(3).uniform(-np.pi, np.pi, (300, 6))
-    found = SphericalWristSolver(robot).solve(robot.fk(q))
-    own = np.nanargmin(np.abs(wrap(found.q - q[:, None])).max(axis=-1), axis=1)
+    found = SphericalWristSolver(robot).solve(robot.compute_fk(q))
+    own = np.nanargmin(np.abs(wrap_angle(found.q - q[:, None])).max(axis=-1), axis=1)
     rows = np.arange(len(q))
-    poses = robot.link_poses(q)
+    poses = robot.compute_link_poses(q)
     axis = np.einsum("mkij,kj->mki", poses[:, 1:, :3, :3], robot.axis)
     point = np.einsum("mkij,kj->mki", poses[:, 1:, :3, :3], robot.point) + poses[:, 1:, :3, 3]
     wrist = np.einsum("mij,j->mi", poses[:, 3, :3, :3], W) + poses[:, 3, :3, 3]
@@ -258,11 +265,15 @@ def test_margins_are_the_angles_and_lengths_they_are_called(kind: str, tmp_path:
 def test_each_singularity_is_named_as_it_is_approached(which: str, tmp_path: Path) -> None:
     """Rank of the Jacobian falls exactly where the margin goes to zero, and the reason says which one."""
     robot = small_robot(tmp_path)
-    W = wrist_centre(robot)
+    W = find_wrist_centre(robot)
     assert W is not None
     regular = np.radians([20.0, -80, 70, 30, 50, 10])
     straight = np.arctan2(0.041, 1.0)  # joint 3 where the wrist centre lies on the line of the upper arm
-    codes = {"wrist": Reason.SINGULAR_WRIST, "elbow": Reason.SINGULAR_ELBOW, "shoulder": Reason.SINGULAR_SHOULDER}
+    codes = {
+        "wrist": InfeasibilityReason.SINGULAR_WRIST,
+        "elbow": InfeasibilityReason.SINGULAR_ELBOW,
+        "shoulder": InfeasibilityReason.SINGULAR_SHOULDER,
+    }
     previous, smallest = np.inf, []
     for gap in (0.3, 0.1, 0.03, 0.01, 1e-3):
         q = regular.copy()
@@ -271,18 +282,22 @@ def test_each_singularity_is_named_as_it_is_approached(which: str, tmp_path: Pat
         elif which == "elbow":
             q[2] = straight + gap
         else:  # joint 2 puts the wrist centre at distance gap from axis 1
-            v = axis_rotation(robot.axis[2], np.array(q[2])) @ (W - robot.point[2]) + robot.point[2] - robot.point[1]
+            v = (
+                compute_axis_rotation(robot.axis[2], np.array(q[2])) @ (W - robot.point[2])
+                + robot.point[2]
+                - robot.point[1]
+            )
             reach, angle = np.hypot(v[0], v[2]), np.arctan2(-v[2], v[0])
             q[1] = -np.arccos((gap - 0.35) / reach) - angle
-        found = SphericalWristSolver(robot).solve(robot.fk(q)[None])
-        b = np.nanargmin(np.abs(wrap(found.q[0] - q)).max(axis=-1))
+        found = SphericalWristSolver(robot).solve(robot.compute_fk(q)[None])
+        b = np.nanargmin(np.abs(wrap_angle(found.q[0] - q)).max(axis=-1))
         margin = float(getattr(found, which)[0, b])
         assert margin == pytest.approx(gap, rel=1e-4)
         assert margin < previous
         previous = margin
         limit = getattr(MARGINS, which)
-        assert branch_reasons(found, MARGINS)[0, b] == (codes[which] if gap < limit else Reason.OK)
-        smallest.append(np.linalg.svd(robot.fk_jacobian(q)[1])[1][-1])
+        assert compute_branch_reasons(found, MARGINS)[0, b] == (codes[which] if gap < limit else InfeasibilityReason.OK)
+        smallest.append(np.linalg.svd(robot.compute_fk_jacobian(q)[1])[1][-1])
     assert smallest[-1] < 2e-3 * max(smallest[0], 0.1) * 10  # goes to zero with the gap
     assert np.log(smallest[-2] / smallest[-1]) / np.log(10) == pytest.approx(1.0, abs=0.1)  # linearly
 
@@ -290,28 +305,28 @@ def test_each_singularity_is_named_as_it_is_approached(which: str, tmp_path: Pat
 def test_exactly_singular_poses_are_singular_or_unreachable_never_ok(tmp_path: Path) -> None:
     robot = small_robot(tmp_path)
     aligned = np.radians([20.0, -80, 70, 30, 0, 10])
-    found = SphericalWristSolver(robot).solve(robot.fk(aligned)[None])
-    reasons = branch_reasons(found, MARGINS)[0]
-    assert not (reasons == Reason.OK)[np.abs(np.nan_to_num(found.q[0, :, 4], nan=9)) < 0.05].any()
-    assert (reasons == Reason.SINGULAR_WRIST).any()
-    W = wrist_centre(robot)
+    found = SphericalWristSolver(robot).solve(robot.compute_fk(aligned)[None])
+    reasons = compute_branch_reasons(found, MARGINS)[0]
+    assert not (reasons == InfeasibilityReason.OK)[np.abs(np.nan_to_num(found.q[0, :, 4], nan=9)) < 0.05].any()
+    assert (reasons == InfeasibilityReason.SINGULAR_WRIST).any()
+    W = find_wrist_centre(robot)
     assert W is not None
-    T = robot.fk(aligned)
+    T = robot.compute_fk(aligned)
     R06 = T[:3, :3] @ robot.T_base_flange_zero[:3, :3].T
     T[:3, 3] = np.array([0.0, 0.0, 2.3]) - R06 @ (W - robot.T_base_flange_zero[:3, 3])  # wrist centre on axis 1
     found = SphericalWristSolver(robot).solve(T[None])
-    assert not (branch_reasons(found, MARGINS) == Reason.OK).any()
+    assert not (compute_branch_reasons(found, MARGINS) == InfeasibilityReason.OK).any()
     assert found.shortfall[0] < 1e-9
 
 
 def test_reasons_follow_the_margins_given(tmp_path: Path) -> None:
     robot = small_robot(tmp_path)
     q = np.random.default_rng(5).uniform(-np.pi, np.pi, (200, 6))
-    found = SphericalWristSolver(robot).solve(robot.fk(q))
-    none = branch_reasons(found, Margins(0.0, 0.0, 0.0, 0.0))
+    found = SphericalWristSolver(robot).solve(robot.compute_fk(q))
+    none = compute_branch_reasons(found, SingularityMargins(0.0, 0.0, 0.0, 0.0))
     exists = np.isfinite(found.q).all(axis=-1)
-    np.testing.assert_array_equal(none == Reason.OK, exists)
-    np.testing.assert_array_equal(none == Reason.UNREACHABLE, ~exists)
+    np.testing.assert_array_equal(none == InfeasibilityReason.OK, exists)
+    np.testing.assert_array_equal(none == InfeasibilityReason.UNREACHABLE, ~exists)
 
 
 # --- turns -------------------------------------------------------------------------------------------------
@@ -322,12 +337,12 @@ def test_reasons_follow_the_margins_given(tmp_path: Path) -> None:
 )
 def test_turns_bring_every_angle_within_the_limits_back(low: float, high: float) -> None:
     lower, upper = np.radians(np.full(6, float(low))), np.radians(np.full(6, float(high)))
-    every = turns(lower, upper)
+    every = list_whole_turns(lower, upper)
     np.testing.assert_array_equal(every[0], np.zeros(6))
     assert len(np.unique(every.round(9), axis=0)) == len(every)
     k = np.unique(every[:, 0] / (2 * np.pi))
     for angle in np.linspace(lower[0], upper[0], 401)[1:-1]:
-        assert np.isclose(wrap(np.array(angle)) + 2 * np.pi * k, angle).any()
+        assert np.isclose(wrap_angle(np.array(angle)) + 2 * np.pi * k, angle).any()
     assert len(every) == len(k) ** 6
     for n in k[k != 0]:  # no turn that could never be inside
         assert lower[0] <= np.pi + 2 * np.pi * n
@@ -337,7 +352,7 @@ def test_turns_bring_every_angle_within_the_limits_back(low: float, high: float)
 def test_refine_ends_at_the_pose(tmp_path: Path) -> None:
     robot, tool = small_robot(tmp_path), small_cell(tmp_path).tool.T_flange_tcp
     q = np.random.default_rng(6).uniform(-0.3, 0.3, (50, 6)) + np.radians([0, -90, 90, 0, 45, 0.0])
-    x, error = refine(robot, robot.fk(q, tool), q + 0.03, tool, iterations=5)
+    x, error = refine_by_newton(robot, robot.compute_fk(q, tool), q + 0.03, tool, iterations=5)
     assert error.max() < 1e-12
     np.testing.assert_allclose(x, q, atol=1e-10)
 
@@ -350,7 +365,7 @@ def test_kernel_equals_the_closed_form_in_numpy(kind: str, tmp_path: Path) -> No
     """Same branches in the same order, margins, shortfall and reasons, within and out of reach."""
     robot = arms(tmp_path)[kind]
     rng = np.random.default_rng(7)
-    T = robot.fk(rng.uniform(-np.pi, np.pi, (3000, 6)))
+    T = robot.compute_fk(rng.uniform(-np.pi, np.pi, (3000, 6)))
     T[::2, :3, 3] *= rng.uniform(0.0, 3.0, (1500, 1))  # half of them anywhere: too far, too near, at axis 1
     found, known = SphericalWristSolver(robot).solve(T), Reference(robot).solve(T)
     np.testing.assert_array_equal(np.isnan(found.q), np.isnan(known.q))
@@ -359,24 +374,33 @@ def test_kernel_equals_the_closed_form_in_numpy(kind: str, tmp_path: Path) -> No
         np.testing.assert_allclose(getattr(found, name), getattr(known, name), atol=off)
     np.testing.assert_allclose(found.shortfall, known.shortfall, atol=1e-12)
     assert (known.shortfall > 0).mean() > 0.1
-    np.testing.assert_array_equal(branch_reasons(found, MARGINS), reference_reasons(known, MARGINS))
+    np.testing.assert_array_equal(compute_branch_reasons(found, MARGINS), reference_reasons(known, MARGINS))
     regular = (known.wrist > 0.01) & (known.elbow > 0.01) & (known.shoulder > 0.01)
-    assert np.nanmax(np.abs(wrap(found.q - known.q)).max(axis=-1)[regular]) < 1e-11
+    assert np.nanmax(np.abs(wrap_angle(found.q - known.q)).max(axis=-1)[regular]) < 1e-11
     nothing = SphericalWristSolver(robot).solve(np.full((1, 4, 4), np.nan))
     assert np.isnan(nothing.q).all()
-    assert (branch_reasons(nothing, MARGINS) == Reason.UNREACHABLE).all()
+    assert (compute_branch_reasons(nothing, MARGINS) == InfeasibilityReason.UNREACHABLE).all()
 
 
 def test_turns_fit_or_the_limit_is_the_reason(tmp_path: Path) -> None:
     robot = small_robot(tmp_path)
     lower, upper = np.radians([-170, -130, 20, -350, -120, -350.0]), np.radians([170, -20, 150, 350, 120, 350.0])
-    every = turns(lower, upper)
-    found = SphericalWristSolver(robot).solve(robot.fk(np.random.default_rng(8).uniform(-np.pi, np.pi, (400, 6))))
-    why, fits = judged(found, MARGINS, every, lower, upper)
+    every = list_whole_turns(lower, upper)
+    found = SphericalWristSolver(robot).solve(
+        robot.compute_fk(np.random.default_rng(8).uniform(-np.pi, np.pi, (400, 6)))
+    )
+    why, fits = check_branches(found, MARGINS, every, lower, upper)
     before = reference_reasons(found, MARGINS)
     with np.errstate(invalid="ignore"):
         inside = ((found.q[:, :, None] + every >= lower) & (found.q[:, :, None] + every <= upper)).all(axis=-1)
-    inside &= (before == Reason.OK)[..., None]
+    inside &= (before == InfeasibilityReason.OK)[..., None]
     np.testing.assert_array_equal(fits, inside)
-    np.testing.assert_array_equal(why, np.where((before == Reason.OK) & ~inside.any(axis=2), Reason.LIMIT, before))
-    assert {int(w) for w in np.unique(why)} >= {Reason.OK, Reason.UNREACHABLE, Reason.LIMIT, Reason.SINGULAR_WRIST}
+    np.testing.assert_array_equal(
+        why, np.where((before == InfeasibilityReason.OK) & ~inside.any(axis=2), InfeasibilityReason.LIMIT, before)
+    )
+    assert {int(w) for w in np.unique(why)} >= {
+        InfeasibilityReason.OK,
+        InfeasibilityReason.UNREACHABLE,
+        InfeasibilityReason.LIMIT,
+        InfeasibilityReason.SINGULAR_WRIST,
+    }

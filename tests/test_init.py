@@ -11,28 +11,33 @@ import pytest
 from external_cell import RAIL
 from small_cell import robot_folder, small_cell, urdf_text
 
-from machopt.cells.asked import InitRequest
-from machopt.cells.place import find_place, outward, pointing, sample_path
-from machopt.cells.robotfiles import copy_robot
-from machopt.cells.text import REFERENCE_NM_PER_RAD, REFERENCE_SPAN_M, estimated_stiffness
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.urdf import find_arm, read_robot, read_standalone_description
+from machopt.cell_setup.template.cell_text import REFERENCE_NM_PER_RAD, REFERENCE_SPAN_M, estimate_joint_stiffness
+from machopt.cell_setup.template.init_request import InitRequest
+from machopt.cell_setup.template.robot_files import copy_robot
+from machopt.cell_setup.workpiece_placement import (
+    build_sample_path,
+    compute_pointing_rpy,
+    find_flange_direction,
+    find_place,
+)
 from machopt.cli import main
-from machopt.domain.cell import Cell
-from machopt.domain.results.cells import InitResult
+from machopt.commands.init import run_init
+from machopt.data_types.cell import Cell
+from machopt.data_types.documents.cell_documents import InitDocument
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.options import load_options
-from machopt.formats.schema import FILES, FOLDER, schema_name, schema_text
-from machopt.formats.toolpath import read_toolpath
-from machopt.formats.urdf import describe_alone, find_arm, read_robot
-from machopt.model.machine import load_machine
-from machopt.model.robot import load_chain, load_robot
-from machopt.plan.configurations.candidates import enumerate_candidates
-from machopt.plan.pipeline.setup import prepare, standing
-from machopt.plan.stations.path import build_path
-from machopt.se3 import rpy_matrix
-from machopt.services.newcell import run_init
-from machopt.workspace.mapping import arm_of
-from machopt.workspace.postures import candidates, tool_poses
+from machopt.input_files.json_schemas import FILES, FOLDER, format_schema_name, render_schema
+from machopt.kinematics.machine import load_machine
+from machopt.kinematics.robot import load_chain, load_robot
+from machopt.numerics.rigid_transforms import compute_rpy_matrix
+from machopt.options.plan_option_reader import load_options
+from machopt.planning.pipeline.planning_setup import fix_external_axes, prepare_planning
+from machopt.planning.sampling.configurations import enumerate_candidates
+from machopt.planning.stations.planning_path import build_planning_path
+from machopt.toolpath.toolpath_reader import read_toolpath
+from machopt.workspace_map.posture_layers import build_reaching_arm
+from machopt.workspace_map.postures import build_tool_poses, compute_candidates
 
 ROOT = Path(__file__).resolve().parents[1]
 REAL = ("m20ia", "kr210l150", "kr500_r2800_2")
@@ -46,7 +51,7 @@ def robot(tmp_path: Path) -> Path:
 
 
 def test_a_new_cell_loads_reaches_its_workpiece_and_stands_free(robot: Path, tmp_path: Path) -> None:
-    from machopt.model.collision import CollisionModel
+    from machopt.collision.collision_model import CollisionModel
 
     toolpath = ROOT / "toolpaths" / "plate_holes.csv"
     request = InitRequest(robot=robot, out=tmp_path / "new" / "cell", toolpath=toolpath, post="krl", tool_angle_deg=0.0)
@@ -59,7 +64,7 @@ def test_a_new_cell_loads_reaches_its_workpiece_and_stands_free(robot: Path, tmp
     assert done.guesses
     text = (tmp_path / "new" / "cell" / "cell.yaml").read_text()
     assert text.startswith("# yaml-language-server: $schema=schemas/cell.schema.json\n")
-    assert (tmp_path / "new" / "cell" / "schemas" / "cell.schema.json").read_text() == schema_text("cell.yaml")
+    assert (tmp_path / "new" / "cell" / "schemas" / "cell.schema.json").read_text() == render_schema("cell.yaml")
     urdf = read_robot(robot)
     assert np.degrees(cell.limits.velocity) == pytest.approx(
         [np.degrees(j.velocity) for j in urdf.joints[:6]], abs=1e-3
@@ -67,7 +72,7 @@ def test_a_new_cell_loads_reaches_its_workpiece_and_stands_free(robot: Path, tmp
     assert cell.limits.acceleration == pytest.approx(cell.limits.velocity / 0.35, rel=1e-5)
     assert cell.limits.jerk == pytest.approx(cell.limits.acceleration / 0.14, rel=1e-5)
     bodies = load_chain(cell)
-    assert cell.tool.T_flange_tcp[:3, 2] == pytest.approx(outward(bodies[0]), abs=1e-6)
+    assert cell.tool.T_flange_tcp[:3, 2] == pytest.approx(find_flange_direction(bodies[0]), abs=1e-6)
     assert CollisionModel(cell, *bodies, 0.002).suspicious == ()
 
 
@@ -75,28 +80,28 @@ def test_a_new_cell_loads_reaches_its_workpiece_and_stands_free(robot: Path, tmp
 def test_the_flange_looks_out_of_the_arm_however_its_frame_is_turned(turn: tuple[float, ...], tmp_path: Path) -> None:
     """flange against tool0: the frames differ by a quarter turn, and a tool along the wrong z stands sideways."""
     there = load_robot(small_cell(tmp_path))
-    R = rpy_matrix(np.radians(turn))
+    R = compute_rpy_matrix(np.radians(turn))
     T = there.T_base_flange_zero.copy()
     T[:3, :3] = T[:3, :3] @ R
-    found, before = outward(replace(there, T_base_flange_zero=T)), outward(there)
+    found, before = find_flange_direction(replace(there, T_base_flange_zero=T)), find_flange_direction(there)
     assert found is not None
     assert before is not None
     assert R @ found == pytest.approx(before, abs=1e-9)
     assert there.T_base_flange_zero[:3, :3] @ before == pytest.approx([1.0, 0.0, 0.0], abs=1e-9)  # the URDF's arm
-    assert rpy_matrix(pointing(found))[:, 2] == pytest.approx(found, abs=1e-9)
+    assert compute_rpy_matrix(compute_pointing_rpy(found))[:, 2] == pytest.approx(found, abs=1e-9)
 
 
 def test_shipped_cells_have_flanges_that_look_along_z() -> None:
     for name in ("kr240_drilling", "cutting_cobot"):
-        found = outward(load_robot(load_cell(ROOT / "cells" / name)))
+        found = find_flange_direction(load_robot(load_cell(ROOT / "cells" / name)))
         assert found == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
 
 
 def reached(cell: Cell, toolpath: Path) -> np.ndarray:
     """(N,) some rotation of each point has a configuration, the external joints at home."""
     options = load_options(overrides=["collision=false", "rotation_step_deg=30"])
-    setup, path = prepare(cell, options), build_path(read_toolpath(toolpath), ())
-    candidates = enumerate_candidates(standing(path, cell.external_home), setup.arm, options)
+    setup, path = prepare_planning(cell, options), build_planning_path(read_toolpath(toolpath), ())
+    candidates = enumerate_candidates(fix_external_axes(path, cell.external_home), setup.arm, options)
     return np.asarray((candidates.reason == 0).any(axis=(1, 2)))
 
 
@@ -114,9 +119,9 @@ def test_an_arm_on_a_rail_gets_a_cell_whose_part_it_reaches(turned: tuple[float,
     assert (cell.external_joints, cell.external_prismatic) == (("rail",), (True,))
     assert reached(cell, toolpath).all()
     robot = load_robot(cell)
-    T = load_machine(cell, robot).T_base_workpiece(cell.external_home[None])[0]
+    T = load_machine(cell, robot).compute_T_base_workpiece(cell.external_home[None])[0]
     points = read_toolpath(toolpath).position @ T[:3, :3].T + T[:3, 3]
-    tip = robot.fk(cell.home, cell.tool.T_flange_tcp)[:3, 3]  # home is straight above one of the points
+    tip = robot.compute_fk(cell.home, cell.tool.T_flange_tcp)[:3, 3]  # home is straight above one of the points
     beside = np.linalg.norm((points - tip)[:, :2], axis=1)
     assert beside.min() < 3e-3  # m: places are rounded to a mm, angles to 0.01 degrees
     text = (tmp_path / "cell" / "cell.yaml").read_text()
@@ -156,8 +161,8 @@ def ended(_: str) -> str:
 
 def test_all_of_a_path_is_reached_from_one_branch(tmp_path: Path) -> None:
     cell = small_cell(tmp_path)
-    arm = arm_of(cell, load_robot(cell), load_options(None))
-    found = find_place(arm, *sample_path(3.0), 3.0)
+    arm = build_reaching_arm(cell, load_robot(cell), load_options(None))
+    found = find_place(arm, *build_sample_path(3.0), 3.0)
     assert found is not None
     assert found.margin > np.radians(5)
     assert (found.home > arm.lower).all()
@@ -172,15 +177,15 @@ def test_a_workpiece_is_placed_where_neither_wrist_nor_elbow_is_stretched_anywhe
 ) -> None:
     """By the room to joint limits alone a first job was put where the planner found the wrist too near singular."""
     cell = small_cell(tmp_path)
-    arm = arm_of(cell, load_robot(cell), load_options(None))
+    arm = build_reaching_arm(cell, load_robot(cell), load_options(None))
     arm = replace(arm, lower=np.full(6, -2 * np.pi), upper=np.full(6, 2 * np.pi))  # joint limits tell nothing here
     t = np.linspace(0.0, 1.0, 300)[:, None]
     position = np.concatenate([0.4 * np.cos(40 * t), 0.4 * np.sin(40 * t), 0.1 * t], axis=1)
     found = find_place(arm, position, np.broadcast_to(axis, position.shape), 3.0)
     assert found is not None
     assert found.share == 1.0
-    T = tool_poses(position + found.T_base_workpiece[:3, 3], np.array(axis), np.radians(np.arange(0, 360, 30)))
-    bent = candidates(arm, T).bent.reshape(len(t), 12, -1)
+    T = build_tool_poses(position + found.T_base_workpiece[:3, 3], np.array(axis), np.radians(np.arange(0, 360, 30)))
+    bent = compute_candidates(arm, T).singularity_margin.reshape(len(t), 12, -1)
     best = np.nan_to_num(bent, nan=0.0).max(axis=1).min(axis=0).max()  # of the branch that does best everywhere
     assert best > np.radians(20)
     assert found.margin <= best + np.radians(2)  # it was told by fewer points
@@ -255,7 +260,7 @@ def test_a_robots_meshes_come_along_from_wherever_they_lie(tmp_path: Path) -> No
     (tmp_path / "robot" / "r.urdf").write_text(f'<robot name="r">{parts}{joints}</robot>')
     out = tmp_path / "out"
     out.mkdir()
-    assert copy_robot(describe_alone(tmp_path / "robot" / "r.urdf"), out, {}) == ()
+    assert copy_robot(read_standalone_description(tmp_path / "robot" / "r.urdf"), out, {}) == ()
     assert {p.relative_to(out).as_posix() for p in out.rglob("*.stl")} == {
         "pkg/meshes/a.stl",
         "beside/b.stl",
@@ -264,12 +269,12 @@ def test_a_robots_meshes_come_along_from_wherever_they_lie(tmp_path: Path) -> No
     assert '"meshes/c.stl"' in (out / "robot.urdf").read_text()
     (tmp_path / "else" / "c.stl").unlink()
     with pytest.raises(InputError, match=r"line 1: collision mesh of link 'l2': no such file"):
-        copy_robot(describe_alone(tmp_path / "robot" / "r.urdf"), out, {})
+        copy_robot(read_standalone_description(tmp_path / "robot" / "r.urdf"), out, {})
 
 
 def test_a_similar_arm_half_the_size_is_an_eighth_as_stiff() -> None:
-    assert estimated_stiffness(REFERENCE_SPAN_M) == REFERENCE_NM_PER_RAD
-    assert np.array(estimated_stiffness(REFERENCE_SPAN_M / 2)) * 8 == pytest.approx(REFERENCE_NM_PER_RAD, rel=5e-3)
+    assert estimate_joint_stiffness(REFERENCE_SPAN_M) == REFERENCE_NM_PER_RAD
+    assert np.array(estimate_joint_stiffness(REFERENCE_SPAN_M / 2)) * 8 == pytest.approx(REFERENCE_NM_PER_RAD, rel=5e-3)
 
 
 def test_a_path_that_does_not_say_its_unit_or_feed_is_asked_for_and_taken(
@@ -295,7 +300,7 @@ def test_the_command_refuses_what_it_would_overwrite_and_what_it_cannot_know(
     out = tmp_path / "cell"
     assert main(["init", str(robot), "-o", str(out), "--workpiece-mm", "1500,0,600", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert InitResult.model_validate(told).plain() == told
+    assert InitDocument.model_validate(told).to_json_types() == told
     assert told["flange_link"] == "flange"
     assert told["guesses"]
     before = (out / "cell.yaml").read_bytes()
@@ -378,8 +383,10 @@ def test_a_package_in_a_folder_of_another_name_is_found(how: str, tmp_path: Path
 
 @pytest.mark.parametrize("file", sorted(FILES))
 def test_the_schema_of_a_file_is_current(file: str) -> None:
-    assert (FOLDER / schema_name(file)).read_text(encoding="utf-8") == schema_text(file), "run docs/make_reference.py"
-    assert {f.name for f in FOLDER.iterdir()} == {schema_name(f) for f in FILES}
+    assert (FOLDER / format_schema_name(file)).read_text(encoding="utf-8") == render_schema(file), (
+        "run docs/make_reference.py"
+    )
+    assert {f.name for f in FOLDER.iterdir()} == {format_schema_name(f) for f in FILES}
 
 
 def test_a_post_that_needs_more_than_a_new_cell_says_gives_way_to_its_kin(robot: Path, tmp_path: Path) -> None:

@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 from small_cell import small_cell, urdf_text
 
-from machopt.cells.asked import InitRequest
-from machopt.cells.draft import TOOL_MM, tool_length
-from machopt.cells.place import find_place, place_or_middle
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.urdf.xml_tree import add_missing_prefixes
+from machopt.cell_setup.template.cell_draft import TOOL_MM, estimate_tool_length
+from machopt.cell_setup.template.init_request import InitRequest
+from machopt.cell_setup.workpiece_placement import find_place, find_place_or_middle
 from machopt.cli import main
+from machopt.commands.init import run_init
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.options import load_options
-from machopt.formats.toolpath import read_toolpath
-from machopt.formats.urdf.markup import with_prefixes
-from machopt.model.robot import load_robot
-from machopt.services.newcell import run_init
-from machopt.workspace.mapping import arm_of
+from machopt.kinematics.robot import load_robot
+from machopt.options.plan_option_reader import load_options
+from machopt.toolpath.toolpath_reader import read_toolpath
+from machopt.workspace_map.posture_layers import build_reaching_arm
 
 TOOLPATHS = Path(__file__).resolve().parents[1] / "toolpaths"
 
@@ -73,8 +73,8 @@ def test_prefixes_that_nothing_declares_are_read_as_urdf_parsers_do(tmp_path: Pa
 
 
 def test_a_text_that_declares_its_prefixes_is_left_alone() -> None:
-    assert with_prefixes('<robot xmlns:d="u" name="é"><link d:a="1" name="x"/></robot>') is None
-    assert with_prefixes('<!-- <robot a:b="1"> --><robot name="é"><e:f/></robot>') == (
+    assert add_missing_prefixes('<robot xmlns:d="u" name="é"><link d:a="1" name="x"/></robot>') is None
+    assert add_missing_prefixes('<!-- <robot a:b="1"> --><robot name="é"><e:f/></robot>') == (
         '<!-- <robot a:b="1"> --><robot xmlns:e="urn:e" name="é"><e:f/></robot>'
     )
 
@@ -96,14 +96,14 @@ def test_a_package_inside_a_folder_of_its_own_name_is_the_one_with_the_meshes(tm
 @pytest.mark.parametrize(("span", "length"), [(0.5, TOOL_MM[0]), (1.34, 130.0), (3.4, TOOL_MM[1])])
 def test_a_tool_that_nobody_gave_suits_the_arm(span: float, length: float) -> None:
     asked = InitRequest(robot=Path("r"), out=Path("o"))
-    assert tool_length(asked, span) == length
-    assert tool_length(replace(asked, tool_length_mm=17.0), span) == 17.0
+    assert estimate_tool_length(asked, span) == length
+    assert estimate_tool_length(replace(asked, tool_length_mm=17.0), span) == 17.0
 
 
 def test_a_part_that_is_out_of_reach_as_it_lies_is_turned_and_reached(tmp_path: Path) -> None:
     """With a wrist that cannot look down only a part that stands before the arm is reached."""
     cell = small_cell(tmp_path)
-    arm = arm_of(cell, load_robot(cell), load_options(None))
+    arm = build_reaching_arm(cell, load_robot(cell), load_options(None))
     arm = replace(
         arm,
         lower=np.radians([-185.0, -110.0, 60.0, -80.0, -80.0, -350.0]),
@@ -113,7 +113,7 @@ def test_a_part_that_is_out_of_reach_as_it_lies_is_turned_and_reached(tmp_path: 
     position = 0.4 * path.position
     turns = ((0.0, 0.0, 0.0), (0.0, -90.0, 0.0))
     assert find_place(arm, position, path.axis, 3.0) is None
-    found = place_or_middle(arm, position, path.axis, 3.0, turns=turns)
+    found = find_place_or_middle(arm, position, path.axis, 3.0, turns=turns)
     assert found is not None
     assert (found.share, found.turn) == (1.0, turns[1])
     np.testing.assert_allclose(found.T_base_workpiece[:3, 2], [-1.0, 0.0, 0.0], atol=1e-12)

@@ -10,22 +10,22 @@ import pytest
 import trimesh
 from small_cell import urdf_text
 
-from machopt.cells.asked import InitRequest
-from machopt.cells.newtool import build_tool
-from machopt.cells.place import lies_on_last_axis, outward
-from machopt.cells.told import InitOutcome
+from machopt.cell_setup.template.default_tool import build_tool
+from machopt.cell_setup.template.init_request import InitRequest
+from machopt.cell_setup.template.init_result import InitResult
+from machopt.cell_setup.workpiece_placement import find_flange_direction, is_on_last_axis
 from machopt.cli import main
-from machopt.domain.cell import Cell
+from machopt.collision.collision_model import CollisionModel
+from machopt.commands.init import run_init
+from machopt.commands.validate import run_validate
+from machopt.data_types.cell import Cell
 from machopt.errors import InputError
-from machopt.model.collision import CollisionModel
-from machopt.model.robot import load_chain, load_robot
-from machopt.services.newcell import run_init
-from machopt.services.validate import validate
+from machopt.kinematics.robot import load_chain, load_robot
 
 PLACE = (1500.0, 0.0, 600.0)
 
 
-def made(folder: Path, text: str | None = None, **options: object) -> InitOutcome:
+def made(folder: Path, text: str | None = None, **options: object) -> InitResult:
     (folder / "arm.urdf").write_text(text or urdf_text())
     return run_init(InitRequest(robot=folder / "arm.urdf", out=folder / "cell", workpiece_mm=PLACE, **options))  # type: ignore[arg-type]
 
@@ -45,7 +45,7 @@ def spindle_ends(cell: Cell) -> tuple[np.ndarray, np.ndarray]:
 def test_tool_and_tool_point_match(angle: float, length: float | None, tmp_path: Path) -> None:
     cell = made(tmp_path, tool_angle_deg=angle, tool_length_mm=length).cell
     assert cell.tool.cutter is not None
-    T, out = cell.tool.T_flange_tcp, outward(load_robot(cell))
+    T, out = cell.tool.T_flange_tcp, find_flange_direction(load_robot(cell))
     assert out is not None
     assert np.degrees(np.arccos(np.clip(T[:3, 2] @ out, -1, 1))) == pytest.approx(angle, abs=1e-3)
     rear, front = spindle_ends(cell)
@@ -54,13 +54,15 @@ def test_tool_and_tool_point_match(angle: float, length: float | None, tmp_path:
     assert [s.name for s in cell.tool.geometry] == (["bracket", "spindle"] if angle else ["spindle"])
     bodies = load_chain(cell)
     assert CollisionModel(cell, *bodies, 0.002).suspicious == ()
-    said = [f.text for f in validate(tmp_path / "cell").findings if f.where.startswith("tool")]
+    said = [f.text for f in run_validate(tmp_path / "cell").findings if f.where.startswith("tool")]
     assert len(said) == (angle == 0.0)  # on axis 6: the rotation has no effect
 
 
 def test_without_tool_options_there_is_a_bracket_of_45_degrees(tmp_path: Path) -> None:
     done = made(tmp_path)
-    assert done.cell.tool.T_flange_tcp[:3, 2] @ outward(load_robot(done.cell)) == pytest.approx(np.sqrt(0.5), abs=1e-5)
+    assert done.cell.tool.T_flange_tcp[:3, 2] @ find_flange_direction(load_robot(done.cell)) == pytest.approx(
+        np.sqrt(0.5), abs=1e-5
+    )
     assert not any("expected gain 0" in g for g in done.guesses)
 
 
@@ -75,7 +77,7 @@ def test_without_tool_options_there_is_a_bracket_of_45_degrees(tmp_path: Path) -
 )
 def test_a_tool_on_the_last_axis_is_reported_at_once(options: dict[str, object], tmp_path: Path) -> None:
     robot = load_robot(made(tmp_path, tool_angle_deg=90.0).cell)
-    out = outward(robot)
+    out = find_flange_direction(robot)
     assert out is not None
     if "tcp_mm" in options:
         options = {"tcp_mm": tuple(250.0 * out)}
@@ -83,7 +85,7 @@ def test_a_tool_on_the_last_axis_is_reported_at_once(options: dict[str, object],
         options = {"tcp_mm": tuple(250.0 * out + np.array([50.0, 50.0, 50.0]))}
     (tmp_path / "other").mkdir()
     done = made(tmp_path / "other", **options)
-    on_axis = lies_on_last_axis(load_robot(done.cell), done.cell.tool.T_flange_tcp)
+    on_axis = is_on_last_axis(load_robot(done.cell), done.cell.tool.T_flange_tcp)
     assert any("expected gain 0 %" in g for g in done.guesses) == on_axis
     assert on_axis == (abs(float(np.linalg.norm(np.cross(out, done.cell.tool.T_flange_tcp[:3, 3])))) < 1e-3)
 

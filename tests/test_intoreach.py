@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from machopt.plan.written.into_reach import NEAR, _shift
+from machopt.planning.plan_output.reach_advice import NEAR, _shift
 
 
 def test_a_shift_brings_every_point_into_its_ball() -> None:

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from batch_stub import CELL, folder_of, request_for
 
-from machopt.batch.find import find_jobs
+from machopt.batch.job_discovery import find_jobs
 from machopt.batch.run import run_batch
 from machopt.errors import InputError
-from machopt.formats.joblist import is_job_table
+from machopt.input_files.job_list import is_job_table
 
 
 def test_folders_patterns_and_cells_beside(tmp_path: Path) -> None:
@@ -23,12 +23,12 @@ def test_folders_patterns_and_cells_beside(tmp_path: Path) -> None:
     (inner / "cell" / "cell.yaml").write_text("machopt_cell: 1\n")
     (inner / "c.nc").write_text("#sleep 0")
     found = find_jobs(request_for(jobs, tmp_path / "out"))
-    assert [(j.shown, j.cell.name) for j in found.jobs] == [
+    assert [(j.toolpath_name, j.cell.name) for j in found.jobs] == [
         ("a.nc", "s420f_handling"),
         ("b.nc", "s420f_handling"),
         ("deep/c.nc", "cell"),
     ]
-    assert found.left_out == ("README.md",)
+    assert found.ignored_files == ("README.md",)
     assert len({j.label for j in found.jobs}) == 3
     pattern = find_jobs(request_for(f"{jobs}/**/*.nc", tmp_path / "out"))
     assert {j.label for j in pattern.jobs} == {j.label for j in found.jobs}
@@ -49,7 +49,7 @@ def test_lists_combine_and_name(tmp_path: Path) -> None:
         "jobs:\n  - {toolpath: jobs/a.nc, name: Ünique / name, time_limit_s: 9, reading: {feed_mm_min: 600}}\n"
     )
     found = find_jobs(request_for(yaml, tmp_path / "out", reading={"unit": "mm", "machine": None})).jobs
-    assert [(j.shown, j.variant, j.time_limit) for j in found] == [
+    assert [(j.toolpath_name, j.variant, j.time_limit) for j in found] == [
         ("jobs/a.nc", "fine", 5),
         ("jobs/a.nc", "paper", 5),
         ("jobs/b.nc", "fine", 5),

@@ -13,11 +13,11 @@ from test_external import VALUES, apart, ring, slots
 from test_external import K as SPRINGS
 from test_path import toolpath
 
-from machopt.domain.options import FixedRotation, PlanOptions
-from machopt.domain.toolpath import Operation, Toolpath
-from machopt.plan.best.base import best_plan
-from machopt.plan.kept import Store, keeping, recalled
-from machopt.plan.motion.timeline import build_timeline
+from machopt.data_types.plan_options import FixedRotation, PlanOptions
+from machopt.data_types.toolpath import Toolpath, ToolpathOperation
+from machopt.planning.cache import StepCache, compute_cached, use_step_cache
+from machopt.planning.external_axis_optimization.best_plan import find_best_plan
+from machopt.planning.motion.trajectory_builder import build_timeline
 
 
 def test_a_step_is_done_again_only_where_an_input_differs() -> None:
@@ -28,14 +28,14 @@ def test_a_step_is_done_again_only_where_an_input_differs() -> None:
             made.append(float(values.sum()))
             return values * 2
 
-        return recalled("double", lambda: (values, options, model), make)
+        return compute_cached("double", lambda: (values, options, model), make)
 
     x, model = np.arange(4.0), object()
     of(x, PlanOptions(), model)
     of(x, PlanOptions(), model)
     assert len(made) == 2  # nobody keeps anything
-    store = Store()
-    with keeping(store):
+    store = StepCache()
+    with use_step_cache(store):
         first = of(x, PlanOptions(), model)
         again = of(x.copy(), PlanOptions(), model)
         assert again is first
@@ -46,14 +46,14 @@ def test_a_step_is_done_again_only_where_an_input_differs() -> None:
         of(x, PlanOptions(), object())  # another: nothing says that it is like the first
         assert (store.found, store.made) == ({"double": 1}, {"double": 4})
     for _ in range(3):
-        with keeping(store):
+        with use_step_cache(store):
             of(x, PlanOptions(), model)
     assert len(store.results) == 1  # what nobody asked for again is forgotten
     assert len(made) == 6
 
 
 def drilled(path: Toolpath) -> Toolpath:
-    return replace(path, operations=(Operation("holes", "point"),))
+    return replace(path, operations=(ToolpathOperation("holes", "point"),))
 
 
 @pytest.mark.slow
@@ -64,17 +64,17 @@ def test_a_plan_from_kept_results_is_the_plan_made_alone(tmp_path: Path, *, rail
     options = replace(VALUES, collision=not rail, external=VALUES.external if rail else ())
     pinned = replace(options, fixed=(FixedRotation(8, 0.7),))
     cell = replace(external_cell(tmp_path, rail=True) if rail else small_cell(tmp_path), stiffness=SPRINGS)
-    store = Store()
-    with keeping(store):
-        free = best_plan(cell, path, options)
+    store = StepCache()
+    with use_step_cache(store):
+        free = find_best_plan(cell, path, options)
         build_timeline(free, path)
     for again in (False, True):  # the second time everything is there: arrays that are read-only do as well
-        with keeping(store):
-            kept = best_plan(cell, path, pinned, before=free)
+        with use_step_cache(store):
+            kept = find_best_plan(cell, path, pinned, before=free)
             driven = build_timeline(kept, path)
         assert not rail or store.found["places"] > 0
         assert not again or (store.found["retime"] > 0 and not store.made)
-    alone = best_plan(cell, path, pinned)
+    alone = find_best_plan(cell, path, pinned)
     timeline = build_timeline(alone, path)
     for name in ("phi", "q", "branch", "reason"):
         np.testing.assert_array_equal(getattr(kept.chosen.assignment, name), getattr(alone.chosen.assignment, name))

@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 from test_cli import KR500, PASS, changed_cell, optimize, toolpath
 
-from machopt.domain.cell import JointLimits
-from machopt.domain.kinematics import KinematicCorrection, Kinematics
-from machopt.effects.corrections import extended
-from machopt.effects.within import measured
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.kinematics_file import load_kinematics, write_kinematics
+from machopt.data_types.cell import JointLimits
+from machopt.data_types.kinematic_corrections import KinematicCorrection, KinematicCorrections
+from machopt.effects.angle_range import compute_measured_range
+from machopt.effects.kinematic_corrections import extend_kinematics
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.kinematics import load_kinematics, write_kinematics
-from machopt.formats.options import load_options
-from machopt.formats.toolpath import read_toolpath
-from machopt.model.correction import Correction, correction_of
-from machopt.model.robot import load_robot
-from machopt.verify.encoder import outside, true_angles
-from machopt.verify.output import verify_output
+from machopt.kinematics.encoder_corrections import EncoderCorrection, build_encoder_correction
+from machopt.kinematics.robot import load_robot
+from machopt.options.plan_option_reader import load_options
+from machopt.toolpath.toolpath_reader import read_toolpath
+from machopt.verification.motion.kinematics.encoder_correction import check_correction_range, compute_true_angles
+from machopt.verification.motion.motion_verification import verify_motion
 
 OFFSET = KinematicCorrection("joint_zero_offset", "joint:3", {"offset_deg": 0.2})
 WAVES = KinematicCorrection(
@@ -31,12 +31,12 @@ WAVES = KinematicCorrection(
 )
 WAVE = KinematicCorrection("transmission_error", "joint:5", {"per_turn": 2, "cos_arcsec": 60.0, "sin_arcsec": 0.0})
 COUPLING = KinematicCorrection("joint_coupling", "joint:4-5", {"ratio": 1e-3})
-ALL = Kinematics((OFFSET, WAVES, WAVE, COUPLING))
+ALL = KinematicCorrections((OFFSET, WAVES, WAVE, COUPLING))
 HEAD = "machopt_kinematics: 1\ncorrections:\n"
 
 
-def correction(kinematics: Kinematics = ALL) -> Correction:
-    made = correction_of(kinematics)
+def correction(kinematics: KinematicCorrections = ALL) -> EncoderCorrection:
+    made = build_encoder_correction(kinematics)
     assert made is not None
     return made
 
@@ -47,12 +47,12 @@ def correction(kinematics: Kinematics = ALL) -> Correction:
 def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     write_kinematics(tmp_path / "k.yaml", ALL)
     assert load_kinematics(tmp_path / "k.yaml") == ALL
-    small = Kinematics((KinematicCorrection("joint_coupling", "joint:5-6", {"ratio": 1e-7}),))
+    small = KinematicCorrections((KinematicCorrection("joint_coupling", "joint:5-6", {"ratio": 1e-7}),))
     write_kinematics(tmp_path / "k.yaml", small)  # 1e-07 would be text to a YAML 1.1 reader
     assert load_kinematics(tmp_path / "k.yaml") == small
     assert "1.0e-07" in (tmp_path / "k.yaml").read_text()
-    write_kinematics(tmp_path / "k.yaml", Kinematics())
-    assert correction_of(load_kinematics(tmp_path / "k.yaml")) is None
+    write_kinematics(tmp_path / "k.yaml", KinematicCorrections())
+    assert build_encoder_correction(load_kinematics(tmp_path / "k.yaml")) is None
 
 
 def entry(effect: str, location: str, parameters: str) -> str:
@@ -111,7 +111,7 @@ def test_what_is_found_comes_on_top_of_what_is_known() -> None:
         KinematicCorrection("transmission_error", "joint:5", {"per_turn": 2, "cos_arcsec": 1.0, "sin_arcsec": 4.0}),
         KinematicCorrection("transmission_error", "joint:5", {"per_turn": 7, "cos_arcsec": 5.0, "sin_arcsec": 6.0}),
     )
-    both = extended(ALL, more)
+    both = extend_kinematics(ALL, more)
     assert {(c.effect, c.location): c.parameters for c in both.corrections}["transmission_error", "joint:5"] == {
         "per_turn": [2.0, 7.0],
         "cos_arcsec": [61.0, 5.0],
@@ -119,13 +119,15 @@ def test_what_is_found_comes_on_top_of_what_is_known() -> None:
     }
     q = np.random.default_rng(1).uniform(-2, 2, (5, 6))
     parts = (
-        correction().delta(q) + correction(Kinematics(more[:3])).delta(q) + correction(Kinematics(more[3:])).delta(q)
+        correction().compute_correction(q)
+        + correction(KinematicCorrections(more[:3])).compute_correction(q)
+        + correction(KinematicCorrections(more[3:])).compute_correction(q)
     )
-    np.testing.assert_allclose(correction(both).delta(q), parts, atol=1e-15)
-    assert extended(None, ()) == Kinematics()
+    np.testing.assert_allclose(correction(both).compute_correction(q), parts, atol=1e-15)
+    assert extend_kinematics(None, ()) == KinematicCorrections()
 
 
-RANGED = Kinematics(
+RANGED = KinematicCorrections(
     (
         OFFSET,
         *(
@@ -138,53 +140,57 @@ RANGED = Kinematics(
 
 def test_waves_are_applied_where_they_were_measured_and_fade_out_beyond() -> None:
     q = np.radians(np.linspace(-60.0, 60.0, 2401))[:, None] * np.ones(6)
-    ranged, whole = correction(RANGED), correction(Kinematics((OFFSET, WAVES, WAVE)))
-    np.testing.assert_allclose(true_angles(RANGED, q), ranged.true_angles(q), atol=2e-15)  # the verifier's own code
+    ranged, whole = correction(RANGED), correction(KinematicCorrections((OFFSET, WAVES, WAVE)))
+    np.testing.assert_allclose(
+        compute_true_angles(RANGED, q), ranged.compute_true_angles(q), atol=2e-15
+    )  # the verifier's own code
     inside = np.abs(np.degrees(q[:, 0]) + 7.25) <= 32.75
-    np.testing.assert_array_equal(ranged.delta(q)[inside, 0], whole.delta(q)[inside, 0])
+    np.testing.assert_array_equal(ranged.compute_correction(q)[inside, 0], whole.compute_correction(q)[inside, 0])
     gone = (np.degrees(q[:, 0]) < -45.0) | (np.degrees(q[:, 0]) > 30.5)
-    assert not ranged.delta(q)[gone, 0].any()
-    assert (ranged.delta(q)[gone, 2] == np.radians(0.2)).all()  # an offset holds everywhere
-    np.testing.assert_allclose(ranged.encoder_angles(ranged.true_angles(q)), q, atol=2e-15)
+    assert not ranged.compute_correction(q)[gone, 0].any()
+    assert (ranged.compute_correction(q)[gone, 2] == np.radians(0.2)).all()  # an offset holds everywhere
+    np.testing.assert_allclose(ranged.compute_encoder_angles(ranged.compute_true_angles(q)), q, atol=2e-15)
     h = 1e-5
     for part in ranged.parts:  # its first three derivatives, all over the fading ends
         for order in (1, 2, 3):
-            slope = (part.angle(q + h, order - 1) - part.angle(q - h, order - 1)) / (2.0 * h)
+            slope = (part.compute_angle(q + h, order - 1) - part.compute_angle(q - h, order - 1)) / (2.0 * h)
             size = max(float(np.abs(slope).max()), 1e-9)
-            np.testing.assert_allclose(part.angle(q, order), slope, atol=1e-3 * size)  # the fourth jumps
+            np.testing.assert_allclose(part.compute_angle(q, order), slope, atol=1e-3 * size)  # the fourth jumps
 
 
 def test_who_goes_beyond_the_measured_range_is_told_by_both_programs(tmp_path: Path) -> None:
     q = np.radians(np.array([[-30.0] * 6, [20.0] * 6]))
-    (said,) = correction(RANGED).beyond(q)
+    (said,) = correction(RANGED).list_range_violations(q)
     assert "joint 5" in said
     assert "-90.0° to 10.0°" in said
     assert "-30.0° to 20.0°" in said
-    (check,) = outside(RANGED, q)
+    (check,) = check_correction_range(RANGED, q)
     assert check.passed is None  # told; nothing is broken
     assert "joint:5" in check.name
     assert "1 of 2 samples" in check.where
-    assert correction(ALL).beyond(q) == []
-    assert outside(ALL, q) == []
+    assert correction(ALL).list_range_violations(q) == []
+    assert check_correction_range(ALL, q) == []
     write_kinematics(tmp_path / "k.yaml", RANGED)
     assert load_kinematics(tmp_path / "k.yaml") == RANGED
 
 
 def test_waves_of_another_range_stand_beside_those_that_are_known() -> None:
-    both = extended(ALL, RANGED.corrections[1:])
+    both = extend_kinematics(ALL, RANGED.corrections[1:])
     assert len(both.corrections) == len(ALL.corrections) + 2
     q = np.random.default_rng(4).uniform(-2, 2, (5, 6))
-    parts = correction().delta(q) + correction(Kinematics(RANGED.corrections[1:])).delta(q)
-    np.testing.assert_allclose(correction(both).delta(q), parts, atol=1e-15)
-    again = extended(RANGED, RANGED.corrections[1:])  # the same range adds up
+    parts = correction().compute_correction(q) + correction(
+        KinematicCorrections(RANGED.corrections[1:])
+    ).compute_correction(q)
+    np.testing.assert_allclose(correction(both).compute_correction(q), parts, atol=1e-15)
+    again = extend_kinematics(RANGED, RANGED.corrections[1:])  # the same range adds up
     assert [c.parameters.get("range_deg") for c in again.corrections] == [None, [-40.0, 25.5], [-90.0, 10.0]]
     assert again.corrections[2].parameters["cos_arcsec"] == 120.0
 
 
 def test_a_range_leaves_out_ends_that_stand_alone() -> None:
     q = np.radians(np.r_[-90.0, np.linspace(-180.0, -122.0, 50)])
-    assert measured(q) == [-180.0, -122.0]
-    assert measured(np.radians([0.0, 120.0])) == [0.0, 120.0]  # of two nobody knows which
+    assert compute_measured_range(q) == [-180.0, -122.0]
+    assert compute_measured_range(np.radians([0.0, 120.0])) == [0.0, 120.0]  # of two nobody knows which
 
 
 # the map --------------------------------------------------------------------------------------------------------
@@ -192,27 +198,27 @@ def test_a_range_leaves_out_ends_that_stand_alone() -> None:
 
 def test_there_and_back_again_by_two_programs() -> None:
     q = np.random.default_rng(0).uniform(-3, 3, (500, 6))
-    stands = correction().true_angles(q)
-    np.testing.assert_allclose(correction().encoder_angles(stands), q, atol=2e-15)  # round-off of 3 rad
-    np.testing.assert_allclose(true_angles(ALL, q), stands, atol=2e-15)  # the verifier's own code
+    stands = correction().compute_true_angles(q)
+    np.testing.assert_allclose(correction().compute_encoder_angles(stands), q, atol=2e-15)  # round-off of 3 rad
+    np.testing.assert_allclose(compute_true_angles(ALL, q), stands, atol=2e-15)  # the verifier's own code
     assert np.degrees(stands - q)[0, 2] == pytest.approx(0.2, abs=1e-12)
     np.testing.assert_allclose(
         stands[:, 4] - q[:, 4], 1e-3 * q[:, 3] + np.radians(1 / 60) * np.cos(2 * q[:, 4]), atol=2e-15
     )
     q[3, 2] = np.nan
-    assert np.isnan(correction().encoder_angles(q)[3, 2])
-    assert np.isfinite(correction().encoder_angles(q)[4]).all()
+    assert np.isnan(correction().compute_encoder_angles(q)[3, 2])
+    assert np.isfinite(correction().compute_encoder_angles(q)[4]).all()
 
 
 def test_a_path_of_encoder_angles_has_the_derivatives_of_the_path() -> None:
     """Taylor series at h against the map itself: the rest is of fourth order."""
     rng = np.random.default_rng(2)
     D = rng.normal(size=(40, 4, 6)) * np.array([1.0, 0.3, 0.3, 0.3])[None, :, None]
-    E = correction().encoder_path(D)
+    E = correction().compute_encoder_path(D)
     errors = []
     for h in (2e-3, 1e-3):
         powers = np.array([1.0, h, h**2 / 2, h**3 / 6])
-        exact = correction().encoder_angles(np.einsum("k,mkj->mj", powers, D))
+        exact = correction().compute_encoder_angles(np.einsum("k,mkj->mj", powers, D))
         errors.append(np.abs(np.einsum("k,mkj->mj", powers, E) - exact).max())
     assert errors[1] < errors[0] / 12  # 16 without rounding
     assert errors[1] < 1e-9
@@ -222,10 +228,10 @@ def test_limits_of_true_angles_keep_the_encoders_within_theirs() -> None:
     ones = np.ones(6)
     low, high = -np.array([3.0, 2.0, 2.5, 6.0, 2.0, 6.0]), np.array([3.0, 1.0, 2.5, 6.0, 2.0, 6.0])
     limits = JointLimits(low, high, ones, ones, ones)
-    inner = correction().true_limits(limits)
+    inner = correction().compute_true_limits(limits)
     rng = np.random.default_rng(3)
     corners = np.where(rng.random((2000, 6)) < 0.5, inner.lower, inner.upper)
-    q = correction().encoder_angles(corners)
+    q = correction().compute_encoder_angles(corners)
     assert (q >= limits.lower - 1e-12).all()
     assert (q <= limits.upper + 1e-12).all()
     # and no more is given away than the coupling could take: 6e-3 rad at joint 5
@@ -237,7 +243,7 @@ def test_limits_of_true_angles_keep_the_encoders_within_theirs() -> None:
 # the job --------------------------------------------------------------------------------------------------------
 
 
-def driven(folder: Path, kinematics: Kinematics | None) -> tuple[Path, Path, Path]:
+def driven(folder: Path, kinematics: KinematicCorrections | None) -> tuple[Path, Path, Path]:
     """(cell, toolpath, out) of one pass of milling."""
     folder.mkdir()
     edits = [("stiffness: stiffness.yaml", "stiffness: stiffness.yaml\nkinematics: kinematics.yaml")]
@@ -262,7 +268,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
 
 @pytest.fixture(scope="module", params=["offset", "all"])
 def corrected(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
-    kinematics = Kinematics((OFFSET,)) if request.param == "offset" else ALL
+    kinematics = KinematicCorrections((OFFSET,)) if request.param == "offset" else ALL
     return driven(tmp_path_factory.mktemp("job") / request.param, kinematics)
 
 
@@ -272,9 +278,9 @@ def test_exported_joints_bring_the_arm_to_the_toolpath(corrected: tuple[Path, Pa
     robot, path = load_robot(cell), read_toolpath(corrected[1])
     q = joints(corrected[2] / "points.csv")
     T = np.linalg.inv(np.linalg.inv(cell.T_world_base) @ cell.workpiece.T_link_workpiece)
-    placed = T @ robot.fk(true_angles(cell.kinematics, q), cell.tool.T_flange_tcp)
+    placed = T @ robot.compute_fk(compute_true_angles(cell.kinematics, q), cell.tool.T_flange_tcp)
     assert np.linalg.norm(placed[:, :3, 3] - path.position, axis=1).max() < 1e-6
-    naive = T @ robot.fk(q, cell.tool.T_flange_tcp)
+    naive = T @ robot.compute_fk(q, cell.tool.T_flange_tcp)
     assert np.linalg.norm(naive[:, :3, 3] - path.position, axis=1).min() > 1e-4  # the test would see it left out
     motion = joints(corrected[2] / "trajectory.csv")
     np.testing.assert_allclose(motion[[0, -1]], cell.home[None].repeat(2, 0), atol=1e-11)  # home is what encoders say
@@ -283,10 +289,10 @@ def test_exported_joints_bring_the_arm_to_the_toolpath(corrected: tuple[Path, Pa
 def test_verification_counts_the_corrections_by_itself(corrected: tuple[Path, Path, Path]) -> None:
     cell, path = load_cell(corrected[0]), read_toolpath(corrected[1])
     options = load_options(cell.plan, None, [])
-    found = verify_output(cell, path, corrected[2], options=options)
+    found = verify_motion(cell, path, corrected[2], options=options)
     assert found.ok
     assert next(c for c in found.checks if c.name == "path").value < 0.02  # mm, corners rounded by up to 15 µm
-    without = verify_output(replace(cell, kinematics=None), path, corrected[2], options=options)
+    without = verify_motion(replace(cell, kinematics=None), path, corrected[2], options=options)
     assert {c.name for c in without.failed} >= {"path", "points.csv on the toolpath"}
 
 
@@ -300,13 +306,13 @@ def test_result_names_the_file_and_limits_hold(corrected: tuple[Path, Path, Path
 
 def test_a_zero_offset_alone_shifts_one_column(plain: tuple[Path, Path, Path], tmp_path: Path) -> None:
     """Where nothing else changes, q3 by encoder is the true q3 less 0.2° while cutting, and no other joint differs."""
-    _, _, out = driven(tmp_path / "offset", Kinematics((OFFSET,)))
+    _, _, out = driven(tmp_path / "offset", KinematicCorrections((OFFSET,)))
     a, b = joints(plain[2] / "points.csv"), joints(out / "points.csv")
     np.testing.assert_allclose(np.degrees(b - a), np.array([[0, 0, -0.2, 0, 0, 0]]).repeat(len(a), 0), atol=2e-6)
 
 
 def test_a_file_without_corrections_changes_no_byte(plain: tuple[Path, Path, Path], tmp_path: Path) -> None:
-    _, _, out = driven(tmp_path / "empty", Kinematics())
+    _, _, out = driven(tmp_path / "empty", KinematicCorrections())
     for name in ("trajectory.csv", "points.csv", "pass_csv.src", "pass_csv.dat"):
         assert (out / name).read_bytes() == (plain[2] / name).read_bytes()
 

@@ -7,19 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from machopt.formats.cell import load_cell
-from machopt.model.elastic import directional_compliance, held_stiffness
-from machopt.model.kinetostatic import (
-    characteristic_length,
-    compliance_with_geometric,
-    frobenius_condition,
-    geometric_stiffness,
-    influence_of_geometric,
-    jacobian_derivative,
-    kci,
-    stiffness_along,
+from machopt.cell.cell_reader import load_cell
+from machopt.kinematics.robot import Robot, load_robot
+from machopt.stiffness.arm_stiffness import compute_constrained_stiffness, compute_directional_compliance
+from machopt.stiffness.kinetostatic_indices import (
+    compute_characteristic_length,
+    compute_conditioning_index,
+    compute_directional_stiffness,
+    compute_frobenius_condition,
+    compute_geometric_influence,
+    compute_geometric_stiffness,
+    compute_jacobian_derivative,
+    compute_loaded_compliance,
 )
-from machopt.model.robot import Robot, load_robot
 
 CELL = Path(__file__).resolve().parent.parent / "cells" / "kr240_drilling"
 LOAD = np.array([300.0, -800.0, -2000.0, 200.0, -150.0, 120.0])  # N, N·m
@@ -46,24 +46,24 @@ def stretched() -> np.ndarray:
 
 def test_condition_is_equation_11(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     robot, tool, _ = arm
-    J = robot.fk_jacobian(postures(20, 0), tool)[1]
-    kappa = frobenius_condition(J, 0.7)
+    J = robot.compute_fk_jacobian(postures(20, 0), tool)[1]
+    kappa = compute_frobenius_condition(J, 0.7)
     for i in range(20):
         N = np.diag([1 / 0.7] * 3 + [1.0] * 3) @ J[i]
         literal = np.sqrt(np.trace(N.T @ N) * np.trace(np.linalg.inv(N.T @ N))) / 6
         assert kappa[i] == pytest.approx(literal, rel=1e-8)  # the literal form squares the condition number
-    np.testing.assert_allclose(kci(J, 0.7) * kappa, 1.0, rtol=1e-14)
-    assert frobenius_condition(np.diag([2.0] * 3 + [1.0] * 3), 2.0) == pytest.approx(1.0)  # isotropic
-    shaped = frobenius_condition(J.reshape(4, 5, 6, 6), 0.7)
+    np.testing.assert_allclose(compute_conditioning_index(J, 0.7) * kappa, 1.0, rtol=1e-14)
+    assert compute_frobenius_condition(np.diag([2.0] * 3 + [1.0] * 3), 2.0) == pytest.approx(1.0)  # isotropic
+    shaped = compute_frobenius_condition(J.reshape(4, 5, 6, 6), 0.7)
     np.testing.assert_array_equal(shaped.ravel(), kappa)
 
 
 def test_singular_and_broken_jacobians_are_answered_not_raised(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     robot, tool, _ = arm
-    J = robot.fk_jacobian(np.array([stretched(), postures(1, 1)[0]]), tool)[1]
+    J = robot.compute_fk_jacobian(np.array([stretched(), postures(1, 1)[0]]), tool)[1]
     J = np.concatenate([J, np.zeros((1, 6, 6)), np.full((1, 6, 6), np.nan)])
-    np.testing.assert_array_equal(np.isinf(frobenius_condition(J, 0.7)), [True, False, True, False])
-    index = kci(J, 0.7)
+    np.testing.assert_array_equal(np.isinf(compute_frobenius_condition(J, 0.7)), [True, False, True, False])
+    index = compute_conditioning_index(J, 0.7)
     assert index[0] == 0.0
     assert 0.0 < index[1] < 1.0
     assert index[2] == 0.0
@@ -75,12 +75,12 @@ def test_singular_and_broken_jacobians_are_answered_not_raised(arm: tuple[Robot,
 
 def test_characteristic_length_is_a_minimum_over_length_and_posture(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     robot, tool, _ = arm
-    found = characteristic_length(robot, tool, starts=512, refined=6)
-    again = characteristic_length(robot, tool, starts=512, refined=6)
+    found = compute_characteristic_length(robot, tool, starts=512, refined=6)
+    again = compute_characteristic_length(robot, tool, starts=512, refined=6)
     assert (found.length, found.condition) == (again.length, again.condition)
 
     def condition(q: np.ndarray, length: float) -> float:
-        return float(frobenius_condition(robot.fk_jacobian(q, tool)[1], length))
+        return float(compute_frobenius_condition(robot.compute_fk_jacobian(q, tool)[1], length))
 
     assert found.condition == pytest.approx(condition(found.q, found.length), rel=1e-10)
     rng = np.random.default_rng(3)
@@ -89,10 +89,10 @@ def test_characteristic_length_is_a_minimum_over_length_and_posture(arm: tuple[R
         assert condition(found.q, found.length * (1 - step)) > found.condition
         for _ in range(50):
             assert condition(found.q + step * rng.normal(size=6), found.length) >= found.condition - 1e-12
-    scattered = robot.fk_jacobian(rng.uniform(-np.pi, np.pi, (5000, 6)), tool)[1]
-    best = min(frobenius_condition(scattered, x).min() for x in np.geomspace(0.2, 2.0, 9))
+    scattered = robot.compute_fk_jacobian(rng.uniform(-np.pi, np.pi, (5000, 6)), tool)[1]
+    best = min(compute_frobenius_condition(scattered, x).min() for x in np.geomspace(0.2, 2.0, 9))
     assert best > found.condition  # no random posture at any length beats it
-    bounded = characteristic_length(robot, tool, (robot.lower, robot.upper), starts=512, refined=6)
+    bounded = compute_characteristic_length(robot, tool, (robot.lower, robot.upper), starts=512, refined=6)
     assert bounded.condition >= found.condition - 1e-12
     assert ((bounded.q >= robot.lower) & (bounded.q <= robot.upper)).all()
 
@@ -111,12 +111,14 @@ def test_characteristic_length_is_a_length(arm: tuple[Robot, np.ndarray, np.ndar
         lower=robot.lower,
         upper=robot.upper,
     )
-    one = characteristic_length(robot, tool, starts=512, refined=6)
-    two = characteristic_length(double, big, starts=512, refined=6)
+    one = compute_characteristic_length(robot, tool, starts=512, refined=6)
+    two = compute_characteristic_length(double, big, starts=512, refined=6)
     assert two.condition == pytest.approx(one.condition, rel=1e-9)
     assert two.length == pytest.approx(2 * one.length, rel=1e-5)  # a minimum is flat: its place is less exact
     turned = one.q + np.array([0.8, 0, 0, 0, 0, 0])
-    assert frobenius_condition(robot.fk_jacobian(turned, tool)[1], one.length) == pytest.approx(one.condition)
+    assert compute_frobenius_condition(robot.compute_fk_jacobian(turned, tool)[1], one.length) == pytest.approx(
+        one.condition
+    )
 
 
 # --- K_C ---------------------------------------------------------------------------------------------------
@@ -127,11 +129,13 @@ def test_jacobian_derivative_and_geometric_stiffness_match_finite_differences(
 ) -> None:
     robot, tool, _ = arm
     q, h = postures(10, 4).reshape(2, 5, 6), 1e-6
-    J = robot.fk_jacobian(q, tool)[1]
-    dJ, K_C = jacobian_derivative(J), geometric_stiffness(J, LOAD)
+    J = robot.compute_fk_jacobian(q, tool)[1]
+    dJ, K_C = compute_jacobian_derivative(J), compute_geometric_stiffness(J, LOAD)
     for i in range(6):
         step = h * np.eye(6)[i]
-        numeric = (robot.fk_jacobian(q + step, tool)[1] - robot.fk_jacobian(q - step, tool)[1]) / (2 * h)
+        numeric = (robot.compute_fk_jacobian(q + step, tool)[1] - robot.compute_fk_jacobian(q - step, tool)[1]) / (
+            2 * h
+        )
         # central differences: h² of curvature (1e-12) and rounding 1e-16/h of numbers near 3
         np.testing.assert_allclose(dJ[..., i, :, :], numeric, atol=2e-9)
         torque = np.swapaxes(numeric, -1, -2) @ LOAD
@@ -140,10 +144,10 @@ def test_jacobian_derivative_and_geometric_stiffness_match_finite_differences(
 
 def test_only_the_moment_makes_geometric_stiffness_unsymmetric(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     robot, tool, _ = arm
-    J = robot.fk_jacobian(postures(10, 5), tool)[1]
-    force = geometric_stiffness(J, np.r_[LOAD[:3], 0, 0, 0])
+    J = robot.compute_fk_jacobian(postures(10, 5), tool)[1]
+    force = compute_geometric_stiffness(J, np.r_[LOAD[:3], 0, 0, 0])
     np.testing.assert_allclose(force, np.swapaxes(force, -1, -2), atol=1e-10)
-    K_C, z = geometric_stiffness(J, LOAD), J[:, 3:, :]
+    K_C, z = compute_geometric_stiffness(J, LOAD), J[:, 3:, :]
     for k in range(6):
         for i in range(k + 1, 6):
             gap = np.cross(z[:, :, k], z[:, :, i]) @ LOAD[3:]
@@ -155,15 +159,15 @@ def test_loaded_springs_move_as_the_loaded_compliance_says(arm: tuple[Robot, np.
     """K_C takes the error of the displacement from second to third order in the load."""
     robot, tool, k = arm
     q = postures(1, 6)[0]
-    J = robot.fk_jacobian(q, tool)[1]
+    J = robot.compute_fk_jacobian(q, tool)[1]
     errors = []
     for scale in (1.0, 0.5):
         w = scale * LOAD
         x = q
         for _ in range(60):
-            x = q + robot.fk_jacobian(x, tool)[1].T @ w / k
-        torque = np.linalg.solve(np.diag(k) - geometric_stiffness(J, w), J.T @ w)
-        np.testing.assert_allclose(compliance_with_geometric(J, k, geometric_stiffness(J, w)) @ w, J @ torque)
+            x = q + robot.compute_fk_jacobian(x, tool)[1].T @ w / k
+        torque = np.linalg.solve(np.diag(k) - compute_geometric_stiffness(J, w), J.T @ w)
+        np.testing.assert_allclose(compute_loaded_compliance(J, k, compute_geometric_stiffness(J, w)) @ w, J @ torque)
         errors.append((np.linalg.norm(x - q - torque), np.linalg.norm(x - q - J.T @ w / k)))
     assert (
         errors[0][0] < 0.05 * errors[0][1]
@@ -176,12 +180,12 @@ def test_a_load_the_springs_cannot_hold_is_nan_and_no_load_is_no_influence(
     arm: tuple[Robot, np.ndarray, np.ndarray],
 ) -> None:
     robot, tool, k = arm
-    J = robot.fk_jacobian(postures(3, 7), tool)[1]
+    J = robot.compute_fk_jacobian(postures(3, 7), tool)[1]
     C = J @ np.diag(1 / k) @ np.swapaxes(J, -1, -2)
-    np.testing.assert_allclose(compliance_with_geometric(J, k, np.zeros((6, 6))), C, rtol=1e-10, atol=1e-18)
-    crushing = geometric_stiffness(J, np.array([0, 0, -1e7, 0, 0, 0]))
-    assert np.isnan(compliance_with_geometric(J, k, crushing)).all()
-    none = influence_of_geometric(J, k, np.zeros((6, 6)), np.zeros(6))
+    np.testing.assert_allclose(compute_loaded_compliance(J, k, np.zeros((6, 6))), C, rtol=1e-10, atol=1e-18)
+    crushing = compute_geometric_stiffness(J, np.array([0, 0, -1e7, 0, 0, 0]))
+    assert np.isnan(compute_loaded_compliance(J, k, crushing)).all()
+    none = compute_geometric_influence(J, k, np.zeros((6, 6)), np.zeros(6))
     np.testing.assert_array_equal(none.nu_p, 0.0)
     np.testing.assert_array_equal(none.nu_r, 0.0)
 
@@ -191,14 +195,14 @@ def test_a_load_the_springs_cannot_hold_is_nan_and_no_load_is_no_influence(
 
 def test_stiffness_along_by_what_is_held(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     robot, tool, k = arm
-    J = robot.fk_jacobian(postures(20, 8), tool)[1]
+    J = robot.compute_fk_jacobian(postures(20, 8), tool)[1]
     e = np.random.default_rng(9).normal(size=(20, 3))
     e /= np.linalg.norm(e, axis=1, keepdims=True)
-    free, line, pose = (stiffness_along(J, k, e, held) for held in ("nothing", "position", "pose"))  # type: ignore[arg-type]
-    np.testing.assert_allclose(free, 1 / directional_compliance(J, k, e), rtol=1e-12)
+    free, line, pose = (compute_directional_stiffness(J, k, e, held) for held in ("nothing", "position", "pose"))  # type: ignore[arg-type]
+    np.testing.assert_allclose(free, 1 / compute_directional_compliance(J, k, e), rtol=1e-12)
     C_tt = (J @ np.diag(1 / k) @ np.swapaxes(J, -1, -2))[:, :3, :3]
     np.testing.assert_allclose(line, np.einsum("ni,nij,nj->n", e, np.linalg.inv(C_tt), e), rtol=1e-8)
-    K_fd = held_stiffness(J, np.broadcast_to(k, (20, 6)))
+    K_fd = compute_constrained_stiffness(J, np.broadcast_to(k, (20, 6)))
     np.testing.assert_allclose(pose, np.einsum("ni,nij,nj->n", e, K_fd, e), rtol=1e-7)
     assert (line >= free * (1 - 1e-9)).all()
     assert (pose >= line * (1 - 1e-9)).all()
@@ -206,14 +210,18 @@ def test_stiffness_along_by_what_is_held(arm: tuple[Robot, np.ndarray, np.ndarra
 
 def test_a_singularity_is_felt_only_where_the_pose_is_held(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     robot, _, k = arm
-    at, near = (robot.fk_jacobian(stretched() + d, np.eye(4))[1] for d in (np.zeros(6), np.r_[0, 0, 0, 0, 1e-3, 0]))
+    at, near = (
+        robot.compute_fk_jacobian(stretched() + d, np.eye(4))[1] for d in (np.zeros(6), np.r_[0, 0, 0, 0, 1e-3, 0])
+    )
     # axes 4 and 6 in line take a rotation from the wrist; holding it against axis 1's turn needs that rotation
     across = np.array([-np.sin(-0.3), np.cos(0.3), 0.0])
-    assert np.isfinite(stiffness_along(at, k, across, "nothing"))
-    assert np.isfinite(stiffness_along(at, k, across, "position"))
-    assert np.isinf(stiffness_along(at, k, across, "pose"))
-    assert stiffness_along(near, k, across, "nothing") == pytest.approx(
-        float(stiffness_along(at, k, across, "nothing")), rel=1e-2
+    assert np.isfinite(compute_directional_stiffness(at, k, across, "nothing"))
+    assert np.isfinite(compute_directional_stiffness(at, k, across, "position"))
+    assert np.isinf(compute_directional_stiffness(at, k, across, "pose"))
+    assert compute_directional_stiffness(near, k, across, "nothing") == pytest.approx(
+        float(compute_directional_stiffness(at, k, across, "nothing")), rel=1e-2
     )
-    assert stiffness_along(near, k, across, "pose") > 1e3 * stiffness_along(near, k, across, "position")
-    assert np.isinf(stiffness_along(np.zeros((6, 6)), k, across, "nothing"))
+    assert compute_directional_stiffness(near, k, across, "pose") > 1e3 * compute_directional_stiffness(
+        near, k, across, "position"
+    )
+    assert np.isinf(compute_directional_stiffness(np.zeros((6, 6)), k, across, "nothing"))

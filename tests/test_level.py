@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 from small_cell import limits, pose, small_cell
 from test_path import UP, A, C, R, Rows, toolpath
 
-from machopt.domain.cell import Shape
-from machopt.model.collision import CollisionModel
-from machopt.model.robot import load_chain
-from machopt.plan.motion import legmaker
-from machopt.plan.motion.over_cuts import MOST, SAME_SIDE, Level
-from machopt.plan.motion.rapids import UNDER, Blocked, RapidMove, plan_rapid
+from machopt.collision.collision_model import CollisionModel
+from machopt.data_types.cell import CollisionShape
+from machopt.kinematics.robot import load_chain
+from machopt.planning.motion import segment_planner
+from machopt.planning.motion.clearance_over_cuts import MOST, SAME_SIDE, CutSurface
+from machopt.planning.motion.rapid_moves import UNDER, BlockedRapid, RapidMove, plan_rapid
 
 RADIUS = 5e-3
 
@@ -46,7 +46,7 @@ def tools(*places: tuple[float, float, float], tilt: float = 0.0) -> np.ndarray:
 
 
 def test_a_tip_right_under_a_cut_is_under_it_by_so_much() -> None:
-    level = Level(toolpath(SLOT), RADIUS)
+    level = CutSurface(toolpath(SLOT), RADIUS)
     assert level.under(tools((0.05, 0, 0.01))) == 0.0
     np.testing.assert_allclose(level.under(tools((0.05, 0, 0.01), (0.05, 0.001, -0.003), (0.03, 0, -0.002))), 0.003)
     assert level.under(tools((0.05, 0.1, -0.07))) == 0.0  # beside it nobody knows
@@ -55,7 +55,7 @@ def test_a_tip_right_under_a_cut_is_under_it_by_so_much() -> None:
 
 
 def test_what_is_cut_as_deep_near_by_is_free() -> None:
-    level = Level(toolpath(STEPPED), RADIUS)
+    level = CutSurface(toolpath(STEPPED), RADIUS)
     assert level.under(tools((0.05, 0.002, -0.008))) == 0.0
     np.testing.assert_allclose(level.under(tools((0.05, 0.002, -0.012))), 0.002)
 
@@ -78,23 +78,23 @@ def test_is_what_plain_loops_say(seed: int) -> None:
                 if -axis @ T[:3, 2] > SAME_SIDE and aside <= RADIUS**2:
                     heights.append(up @ axis)
         deepest = max(deepest, -max(heights, default=0.0))
-    np.testing.assert_allclose(Level(path, RADIUS).under(tcp), deepest, atol=1e-12)
+    np.testing.assert_allclose(CutSurface(path, RADIUS).under(tcp), deepest, atol=1e-12)
 
 
 def test_geometry_tells_it_better(tmp_path: Path) -> None:
     cell = small_cell(tmp_path)
     bare = replace(cell, workpiece=replace(cell.workpiece, geometry=()))
     assert cell.workpiece.geometry
-    assert Level.of(cell, toolpath(SLOT)) is None
-    assert Level.of(bare, toolpath(SLOT[:2])) is None  # nothing is cut
-    assert Level.of(bare, toolpath(SLOT)) is not None
+    assert CutSurface.of(cell, toolpath(SLOT)) is None
+    assert CutSurface.of(bare, toolpath(SLOT[:2])) is None  # nothing is cut
+    assert CutSurface.of(bare, toolpath(SLOT)) is not None
 
 
 HERE, THERE = np.deg2rad([-20, -60, 90, 0, 45, 0.0]), np.deg2rad([20, -60, 90, 0, 45, 0.0])
 ABOVE = np.deg2rad([[-20, -90, 90, 0, 45, 0], [20, -90, 90, 0, 45, 0.0]])
 
 
-def rapid(barred: object, *, known_free: bool = False) -> RapidMove | Blocked:
+def rapid(barred: object, *, known_free: bool = False) -> RapidMove | BlockedRapid:
     return plan_rapid(
         HERE,
         THERE,
@@ -127,7 +127,7 @@ def low_in_the_middle(q: np.ndarray) -> bool:
 def test_the_tree_knows_what_is_barred(tmp_path: Path) -> None:
     """Where no detour is allowed it finds a way over the cuts, with bodies or without: it was told as blocked."""
     cell = small_cell(tmp_path)
-    wall = Shape(name="wall", kind="box", size=(0.4, 0.02, 0.4), mesh=None, T_parent_shape=pose(1.1, 0.0, 0.2))
+    wall = CollisionShape(name="wall", kind="box", size=(0.4, 0.02, 0.4), mesh=None, T_parent_shape=pose(1.1, 0.0, 0.2))
     robot, shapes = load_chain(cell)
     walled = CollisionModel(replace(cell, obstacles=(wall,)), robot, shapes, 0.0)
     for collision in (None, walled):
@@ -155,7 +155,7 @@ def test_the_tree_knows_what_is_barred(tmp_path: Path) -> None:
 
 def test_where_every_way_is_barred_that_is_the_reason() -> None:
     answer = rapid(lambda q: True)
-    assert isinstance(answer, Blocked)
+    assert isinstance(answer, BlockedRapid)
     assert (answer.pair, answer.reason) == (UNDER, "way")
 
 
@@ -163,19 +163,19 @@ def test_moves_from_and_to_home_are_held(monkeypatch: pytest.MonkeyPatch) -> Non
     """They went anywhere; only a home that lies under a cut itself lets them."""
     asked: list[bool] = []
 
-    def rapid(*_: object, barred: object, **__: object) -> Blocked:
+    def rapid(*_: object, barred: object, **__: object) -> BlockedRapid:
         asked.append(barred is not None)
-        return Blocked(UNDER, HERE, 0.0, "way")
+        return BlockedRapid(UNDER, HERE, 0.0, "way")
 
-    monkeypatch.setattr(legmaker, "plan_rapid", rapid)
-    maker = cast(Any, object.__new__(legmaker.LegMaker))
-    maker.level, maker.free, maker.rng = Level(toolpath(SLOT), RADIUS), frozenset(), None
+    monkeypatch.setattr(segment_planner, "plan_rapid", rapid)
+    maker = cast(Any, object.__new__(segment_planner.SegmentPlanner))
+    maker.level, maker.free, maker.rng = CutSurface(toolpath(SLOT), RADIUS), frozenset(), None
     maker._under = lambda x: bool((x[:, 0] > 1.0).any())
     setup = SimpleNamespace(driven=SimpleNamespace(limits=limits()), collision=None, per_rad=np.ones(6))
     maker.plan = SimpleNamespace(setup=setup)
     maker.options = SimpleNamespace(rapid_scale=0.8, sample=0.012, collision_step=0.02)
     low, high, point = (
-        legmaker.Place(np.full(6, x), index, 0) for x, index in ((2.0, np.nan), (0.0, np.nan), (2.0, 3.0))
+        segment_planner.RestPose(np.full(6, x), index, 0) for x, index in ((2.0, np.nan), (0.0, np.nan), (2.0, 3.0))
     )
     for a, b in ((high, point), (point, high), (point, point), (low, point), (point, low)):
         maker.rapid(a, b, 0)

@@ -12,17 +12,17 @@ from palletiser import full, linked_urdf, mimics, write
 from small_cell import small_cell
 from trajectory_back import read_trajectory_csv
 
-from machopt.domain.cell import Cell, Tool
-from machopt.domain.toolpath import Move
+from machopt.collision.collision_model import CollisionModel
+from machopt.commands.optimize.run import OptimizeRequest, run_optimize
+from machopt.data_types.cell import Cell, Tool
+from machopt.data_types.toolpath import MoveKind
+from machopt.dynamics.gravity_torque import compute_gravity_torque
 from machopt.errors import InputError
-from machopt.model.collision import CollisionModel
-from machopt.model.gravity import gravity_torque
-from machopt.model.ik import solver_for
-from machopt.model.linkage import refuse_linked
-from machopt.model.robot import load_chain, load_masses
-from machopt.plan.feed.follow import joints_at
-from machopt.services.run import OptimizeRequest, optimize
-from machopt.verify.arm import Arm
+from machopt.kinematics.inverse.solver import build_solver
+from machopt.kinematics.mimic_joints import check_no_mimic_joints
+from machopt.kinematics.robot import load_chain, load_masses
+from machopt.planning.retiming.joint_derivatives import solve_joints_near_seeds
+from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
 CELL = """\
 machopt_cell: 1
@@ -97,11 +97,11 @@ def by_hand(cell: Cell, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
 def test_planner_and_verification_agree_with_pinocchio_by_hand(cell: Cell, q: np.ndarray) -> None:
     robot, _ = load_chain(cell)
     np.testing.assert_array_equal(robot.coupling[2], [0, 1, 1, 0, 0, 0])  # m3's axis looks the other way: −(−1)
-    arm, masses = Arm(cell), load_masses(cell)
-    state = robot.state(q, cell.tool.T_flange_tcp, bodies=True)
-    torque, slope = gravity_torque(robot, masses, state)
-    stance = arm.stance(q)
-    np.testing.assert_allclose(arm.gravity(q), torque, atol=1e-7)
+    arm, masses = UrdfKinematics(cell), load_masses(cell)
+    state = robot.compute_state(q, cell.tool.T_flange_tcp, bodies=True)
+    torque, slope = compute_gravity_torque(robot, masses, state)
+    stance = arm.compute_configuration(q)
+    np.testing.assert_allclose(arm.compute_gravity_torque(q), torque, atol=1e-7)
     for n, row in enumerate(q):
         T, J, g = by_hand(cell, row)
         for pose, jacobian in ((state.T_base_tool[n], state.J[n]), (stance.tcp[n], stance.J[n])):
@@ -111,21 +111,22 @@ def test_planner_and_verification_agree_with_pinocchio_by_hand(cell: Cell, q: np
     step = 1e-5
     for i in range(6):
         moved = [
-            gravity_torque(robot, masses, robot.state(q + s * step * np.eye(6)[i], bodies=True))[0] for s in (1, -1)
+            compute_gravity_torque(robot, masses, robot.compute_state(q + s * step * np.eye(6)[i], bodies=True))[0]
+            for s in (1, -1)
         ]
         np.testing.assert_allclose(slope[:, :, i], (moved[0] - moved[1]) / (2 * step), atol=1e-3)
 
 
 def test_every_branch_reaches_the_pose_and_one_is_the_start(cell: Cell, q: np.ndarray) -> None:
     robot, _ = load_chain(cell)
-    T = robot.fk(q)
-    found = solver_for(robot).solve(T).q
+    T = robot.compute_fk(q)
+    found = build_solver(robot).solve(T).q
     there = np.isfinite(found[..., 0])
     pose, branch = np.nonzero(there)
-    np.testing.assert_allclose(robot.fk(found[pose, branch]), T[pose], atol=1e-9)
+    np.testing.assert_allclose(robot.compute_fk(found[pose, branch]), T[pose], atol=1e-9)
     off = np.abs(np.remainder(found - q[:, None] + np.pi, 2 * np.pi) - np.pi).max(axis=-1)
     assert (np.nanmin(off, axis=1) < 1e-7).all()
-    again, failed = joints_at(robot, np.eye(4), T, q + 1e-3)
+    again, failed = solve_joints_near_seeds(robot, np.eye(4), T, q + 1e-3)
     assert failed < 0
     np.testing.assert_allclose(again, q, atol=1e-8)
 
@@ -135,7 +136,7 @@ def test_bodies_stand_where_pinocchio_has_them(cell: Cell, q: np.ndarray) -> Non
     model = pin.buildModelFromUrdf(str(cell.urdf))
     geometry = pin.buildGeomFromUrdf(model, str(cell.urdf), pin.GeometryType.COLLISION)
     data, places = model.createData(), pin.GeometryData(geometry)
-    poses = robot.link_poses(q)
+    poses = robot.compute_link_poses(q)
     for n, row in enumerate(q[:5]):
         pin.updateGeometryPlacements(model, data, geometry, places, full(model, row, cell.mimics))
         for s in shapes:
@@ -143,7 +144,7 @@ def test_bodies_stand_where_pinocchio_has_them(cell: Cell, q: np.ndarray) -> Non
             np.testing.assert_allclose(poses[n, s.link] @ s.shape.T_parent_shape, expected, atol=1e-9)
     collision = CollisionModel(cell, robot, shapes, 0.0)
     cutting = np.zeros(len(q), bool)
-    assert (collision.check_motion(q, cutting, 0.02).hit >= collision.check(q, cutting).hit).all()
+    assert (collision.check_motion(q, cutting, 0.02).hit >= collision.check_configurations(q, cutting).hit).all()
 
 
 @pytest.mark.parametrize(
@@ -166,8 +167,8 @@ def test_a_follower_needs_the_line_of_the_next_joint(
 
 def test_commands_without_laws_for_linkages_refuse_them(cell: Cell) -> None:
     with pytest.raises(InputError, match="'m3' mimics 'a2', and identify has no laws"):
-        refuse_linked(cell, "identify")
-    refuse_linked(replace(cell, mimics=()), "identify")
+        check_no_mimic_joints(cell, "identify")
+    check_no_mimic_joints(replace(cell, mimics=()), "identify")
 
 
 @pytest.mark.slow
@@ -185,12 +186,12 @@ def test_a_linked_arm_mills_and_the_motion_is_that_of_the_urdf(tmp_path: Path) -
         + "".join(f"{x},0,5,0,0,1,cut,1200\n" for x in range(0, 60, 10))
         + "50,0,50,0,0,1,rapid,\n"
     )
-    outcome = optimize(OptimizeRequest(cell=tmp_path, toolpath=path, out=tmp_path / "out"))
+    outcome = run_optimize(OptimizeRequest(cell=tmp_path, toolpath=path, out=tmp_path / "out"))
     assert outcome.exit_code == 0
     table = read_trajectory_csv(tmp_path / "out" / "trajectory.csv").trajectory
     model = pin.buildModelFromUrdf(str(cell.urdf))
     data, frame = model.createData(), model.getFrameId("flange")
-    cutting = np.flatnonzero((table.move == Move.CUT) & (table.point >= 1.0))  # behind the plunge
+    cutting = np.flatnonzero((table.move == MoveKind.CUT) & (table.point >= 1.0))  # behind the plunge
     for n in cutting[:: max(len(cutting) // 20, 1)]:
         pin.framesForwardKinematics(model, data, full(model, table.q[n], mimics(offset=0.0)))
         tip = data.oMf[frame].homogeneous @ np.array([0.0, 0.0, 0.35, 1.0])

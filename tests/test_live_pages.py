@@ -17,11 +17,11 @@ from made_up_report import full_result
 from test_diagnosis_page import page as diagnosis_of
 from test_map_page import made_up as made_up_map
 
-from machopt.formats.options import load_options, options_as_user
-from machopt.report.diagnosis_page import diagnosis_html
-from machopt.report.map_page import map_page_html
-from machopt.report.page import report_html
-from machopt.report.steering import Axis
+from machopt.options.plan_option_reader import format_user_options, load_options
+from machopt.report.page_types.steering import SteeringAxis
+from machopt.report.pages.diagnosis.diagnosis_page import build_diagnosis_html
+from machopt.report.pages.map_page import build_map_html
+from machopt.report.pages.optimize.optimize_page import build_report_html
 
 ASSETS = Path(__file__).resolve().parents[1] / "machopt" / "report" / "assets"
 LIVE = Path(__file__).with_name("live")
@@ -62,7 +62,7 @@ def test_the_chart_library_is_the_one_that_was_published() -> None:
     }
     files = {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in (ASSETS / "uplot").iterdir()}
     assert files == published
-    html = report_html(full_result(points=20, samples=100))
+    html = build_report_html(full_result(points=20, samples=100))
     assert html.count("var uPlot=") == 1
     assert "uPlot 1.6.32\nThe MIT License (MIT)\n\nCopyright (c) 2022 Leon Sorokin" in html
 
@@ -70,7 +70,7 @@ def test_the_chart_library_is_the_one_that_was_published() -> None:
 @pytest.mark.slow
 def test_report_is_drawn_and_answers_the_pointer(tmp_path: Path) -> None:
     data = full_result(points=60, samples=400)
-    found = in_browser(report_html(data), "report", tmp_path)
+    found = in_browser(build_report_html(data), "report", tmp_path)
     assert found["failed"] == []
     drawn = dict(found["drawn"])
     assert {"map", "c-index", "c-feed", "c-q0", "c-v5"} <= set(drawn)
@@ -93,7 +93,7 @@ def test_report_is_drawn_and_answers_the_pointer(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_diagnosis_is_drawn_and_names_the_nearest_point(tmp_path: Path) -> None:
-    found = in_browser(diagnosis_html(diagnosis_of(explained())), "diagnosis", tmp_path)
+    found = in_browser(build_diagnosis_html(diagnosis_of(explained())), "diagnosis", tmp_path)
     assert found["failed"] == []
     assert min(colours for _, colours in found["drawn"]) > 5
     assert "fitted law: play operator on the joint torque" in found["legend"]
@@ -104,7 +104,7 @@ def test_diagnosis_is_drawn_and_names_the_nearest_point(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["slice", "volume", "joints"])
 def test_map_is_drawn_with_isolines_and_answers_the_pointer(kind: str, tmp_path: Path) -> None:
-    found = in_browser(map_page_html(made_up_map(kind)), "map", tmp_path)
+    found = in_browser(build_map_html(made_up_map(kind)), "map", tmp_path)
     assert found["failed"] == []
     assert "best by the quantity postures are chosen by" in found["best"]
     assert found["arm"] > 0
@@ -119,8 +119,11 @@ def test_map_is_drawn_with_isolines_and_answers_the_pointer(kind: str, tmp_path:
 @pytest.mark.slow
 def test_the_form_of_view_sends_places_of_external_joints_as_a_plan_file_has_them(tmp_path: Path) -> None:
     """At a point, for an operation, a zone; a table's limits of ±3.2 rad are no round number of degrees."""
-    axes = (Axis("rail", "mm", -1000.0, 1000.0), Axis("table", "deg", -math.degrees(3.2), math.degrees(3.2)))
-    page = report_html(full_result(points=60, samples=100), replace(STEERING, axes=axes))
+    axes = (
+        SteeringAxis("rail", "mm", -1000.0, 1000.0),
+        SteeringAxis("table", "deg", -math.degrees(3.2), math.degrees(3.2)),
+    )
+    page = build_report_html(full_result(points=60, samples=100), replace(STEERING, axes=axes))
     spot, some = {"first": 5, "last": 5}, {"first": 9, "last": 7}
     wishes = [
         ("points", "rail stands at", {**spot, "at": 100}),
@@ -145,4 +148,4 @@ def test_the_form_of_view_sends_places_of_external_joints_as_a_plan_file_has_the
         {"external": "table", "forbid_deg": [-183, -90]},
     ]
     assert asked["external"] == {"table": {"at_operations_deg": {"rim": 12}}}
-    assert options_as_user(load_options(asked))["steer"][3]["forbid_mm"] == [-100.0, 40.0]  # understood as it is
+    assert format_user_options(load_options(asked))["steer"][3]["forbid_mm"] == [-100.0, 40.0]  # understood as it is

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from machopt.domain.location import (
-    Location,
-    column_at,
-    joint_at,
-    joints_at,
-    joints_of,
-    link_at,
-    link_of,
-    located,
-    rows_at,
-    sensor_at,
+from machopt.data_types.locations import (
+    NamedLocation,
+    format_column_location,
+    format_joint_location,
+    format_joint_pair_location,
+    format_link_location,
+    format_rows_location,
+    format_sensor_location,
+    parse_joint_location,
+    parse_link_location,
+    parse_location,
 )
 from machopt.effects import registry
 
@@ -27,33 +27,37 @@ PACKAGE = Path(__file__).resolve().parents[1] / "machopt"
 def test_text_and_parts_are_two_ways_to_say_one_place() -> None:
     listed = {place for effect in registry.EFFECTS.values() for place in effect.places}
     written = {
-        joint_at(3),
-        joints_at(4, 5),
-        link_at(2),
-        sensor_at("force"),
-        rows_at((7, 9)),
-        column_at("fx_N"),
+        format_joint_location(3),
+        format_joint_pair_location(4, 5),
+        format_link_location(2),
+        format_sensor_location("force"),
+        format_rows_location((7, 9)),
+        format_column_location("fx_N"),
         "base",
         "",
     }
-    for text in listed | written | {column_at("fx_N"), "base", ""}:
-        assert str(located(text)) == text
-    assert located(joints_at(4, 5)) == Location("joint", "4-5")
-    assert located(rows_at((7, 9))).of_rows
-    assert located(rows_at(())).of_rows
-    assert located(column_at("fx_N")).of_rows
-    assert located("joint:4-5").numbers == (4, 5)
-    assert located(rows_at((7,))).numbers == ()
+    for text in listed | written | {format_column_location("fx_N"), "base", ""}:
+        assert str(parse_location(text)) == text
+    assert parse_location(format_joint_pair_location(4, 5)) == NamedLocation("joint", "4-5")
+    assert parse_location(format_rows_location((7, 9))).is_row_location
+    assert parse_location(format_rows_location(())).is_row_location
+    assert parse_location(format_column_location("fx_N")).is_row_location
+    assert parse_location("joint:4-5").numbers == (4, 5)
+    assert parse_location(format_rows_location((7,))).numbers == ()
 
 
 def test_joints_and_links_have_numbers_and_others_have_none() -> None:
-    assert (joints_of("joint:4-5"), joints_of("joint:3"), link_of("link:6")) == ((3, 4), (2, 2), 6)
+    assert (parse_joint_location("joint:4-5"), parse_joint_location("joint:3"), parse_link_location("link:6")) == (
+        (3, 4),
+        (2, 2),
+        6,
+    )
     for wrong in ("base", "link:3", "joint", "joint:", "joint:a", "jointed:3", "3"):
         with pytest.raises(ValueError, match="is neither a joint nor a pair of joints"):
-            joints_of(wrong)
+            parse_joint_location(wrong)
     for wrong in ("joint:3", "link", "link:1-2", "tool"):
         with pytest.raises(ValueError, match="is no link"):
-            link_of(wrong)
+            parse_link_location(wrong)
 
 
 def test_nobody_else_takes_a_place_apart() -> None:

@@ -9,7 +9,7 @@ import pytest
 from palletiser import linked_urdf
 
 from machopt.cli import main
-from machopt.domain.results.inspected import CellInspected, RobotInspected
+from machopt.data_types.documents.inspect_documents import InspectedCellDocument, InspectedRobotDocument
 
 CELL = """\
 machopt_cell: 1
@@ -39,8 +39,8 @@ def folder(tmp_path: Path) -> Path:
 def told(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, object]:
     assert main(["inspect", *words, "--json"]) == 0
     found: dict[str, object] = json.loads(capsys.readouterr().out)
-    model = CellInspected if "cell" in found else RobotInspected
-    assert model.model_validate(found).plain() == found
+    model = InspectedCellDocument if "cell" in found else InspectedRobotDocument
+    assert model.model_validate(found).to_json_types() == found
     return found
 
 

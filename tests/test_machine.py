@@ -11,10 +11,10 @@ import pytest
 from external_cell import external_cell
 from small_cell import pose, small_cell
 
-from machopt.domain.cell import Cell
+from machopt.data_types.cell import Cell
 from machopt.errors import InputError
-from machopt.model.machine import Machine, load_machine
-from machopt.model.robot import load_robot
+from machopt.kinematics.machine import Machine, load_machine
+from machopt.kinematics.robot import load_robot
 
 ROUNDING = 1e-12  # m and rad: products of ten matrices over metres
 KINDS = [
@@ -55,27 +55,29 @@ def by_pinocchio(cell: Cell, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.
 def test_forward_kinematics(tmp_path: Path, kind: dict[str, bool]) -> None:
     cell = replace(external_cell(tmp_path, **kind), T_world_base=pose(0.3, -0.1, 0.2, 0.4))
     m, rng = machine(cell), np.random.default_rng(1)
-    x = rng.uniform(-1.0, 1.0, (8, 6 + m.external))
-    T = m.fk(x, cell.tool.T_flange_tcp)
-    base, hall = m.T_base_workpiece(x[:, 6:]), m.T_world_base(x[:, 6:])
+    x = rng.uniform(-1.0, 1.0, (8, 6 + m.external_count))
+    T = m.compute_fk(x, cell.tool.T_flange_tcp)
+    base, hall = m.compute_T_base_workpiece(x[:, 6:]), m.compute_T_world_base(x[:, 6:])
     for row, *found in zip(x, T, base, hall, strict=True):
         for ours, theirs in zip(found, by_pinocchio(cell, row), strict=True):
             np.testing.assert_allclose(ours, theirs, atol=ROUNDING)
-    np.testing.assert_allclose(T, np.linalg.inv(base) @ m.robot.fk(x[:, :6], cell.tool.T_flange_tcp), atol=ROUNDING)
-    np.testing.assert_allclose(hall @ base, m.T_world_workpiece(x[:, 6:]), atol=ROUNDING)
+    np.testing.assert_allclose(
+        T, np.linalg.inv(base) @ m.robot.compute_fk(x[:, :6], cell.tool.T_flange_tcp), atol=ROUNDING
+    )
+    np.testing.assert_allclose(hall @ base, m.compute_T_world_workpiece(x[:, 6:]), atol=ROUNDING)
 
 
 @pytest.mark.parametrize("kind", KINDS, ids="-".join)
 def test_jacobian_is_the_derivative(tmp_path: Path, kind: dict[str, bool]) -> None:
     cell = external_cell(tmp_path, **kind)
     m, rng, h = machine(cell), np.random.default_rng(2), 1e-6
-    x = rng.uniform(-1.0, 1.0, (4, 6 + m.external))
-    T, J = m.fk_jacobian(x, cell.tool.T_flange_tcp)
-    np.testing.assert_array_equal(T, m.fk(x, cell.tool.T_flange_tcp))
+    x = rng.uniform(-1.0, 1.0, (4, 6 + m.external_count))
+    T, J = m.compute_fk_jacobian(x, cell.tool.T_flange_tcp)
+    np.testing.assert_array_equal(T, m.compute_fk(x, cell.tool.T_flange_tcp))
     for c in range(x.shape[1]):
         step = np.zeros(x.shape[1])
         step[c] = h
-        d = (m.fk(x + step, cell.tool.T_flange_tcp) - m.fk(x - step, cell.tool.T_flange_tcp)) / (2 * h)
+        d = (m.compute_fk(x + step, cell.tool.T_flange_tcp) - m.compute_fk(x - step, cell.tool.T_flange_tcp)) / (2 * h)
         turn = d[:, :3, :3] @ np.swapaxes(T[:, :3, :3], 1, 2)
         twist = np.column_stack([d[:, :3, 3], turn[:, 2, 1], turn[:, 0, 2], turn[:, 1, 0]])
         np.testing.assert_allclose(J[:, :, c], twist, atol=1e-8)  # h² f‴ / 6 and rounding over h
@@ -85,7 +87,7 @@ def test_jacobian_is_the_derivative(tmp_path: Path, kind: dict[str, bool]) -> No
 def test_jets_are_derivatives(tmp_path: Path, kind: dict[str, bool]) -> None:
     m = machine(external_cell(tmp_path, **kind))
     rng, u, h = np.random.default_rng(4), np.linspace(0.0, 1.0, 5), 1e-4
-    c = rng.uniform(-0.5, 0.5, (4, m.external))
+    c = rng.uniform(-0.5, 0.5, (4, m.external_count))
 
     def way(u: np.ndarray) -> np.ndarray:
         """(M, 4, E) a cubic and its derivatives."""
@@ -93,9 +95,9 @@ def test_jets_are_derivatives(tmp_path: Path, kind: dict[str, bool]) -> None:
         powers += [[0 * u, 0 * u, 2 + 0 * u, 6 * u], [0 * u, 0 * u, 0 * u, 6 + 0 * u]]
         return np.stack([np.stack(p, axis=1) @ c for p in powers], axis=1)
 
-    jets = m.T_base_workpiece_jets(way(u))
-    np.testing.assert_allclose(jets[:, 0], m.T_base_workpiece(way(u)[:, 0]), atol=ROUNDING)
-    ahead, behind = (m.T_base_workpiece_jets(way(u + side)) for side in (h, -h))
+    jets = m.compute_T_base_workpiece_jets(way(u))
+    np.testing.assert_allclose(jets[:, 0], m.compute_T_base_workpiece(way(u)[:, 0]), atol=ROUNDING)
+    ahead, behind = (m.compute_T_base_workpiece_jets(way(u + side)) for side in (h, -h))
     for order in range(3):
         slope = (ahead[:, order] - behind[:, order]) / (2 * h)
         np.testing.assert_allclose(jets[:, order + 1], slope, atol=2e-6)  # h² f‴ / 6, and rounding over h
@@ -105,12 +107,12 @@ def test_links_of_an_arm_alone_are_the_robots(tmp_path: Path) -> None:
     cell = small_cell(tmp_path)
     m = machine(cell)
     q = np.random.default_rng(3).uniform(-1, 1, (5, 6))
-    R, p = m.links(q)
-    T = m.robot.link_poses(q)
+    R, p = m.compute_links(q)
+    T = m.robot.compute_link_poses(q)
     np.testing.assert_allclose(R, T[..., :3, :3], atol=ROUNDING)
     np.testing.assert_allclose(p, T[..., :3, 3], atol=ROUNDING)
-    assert (m.hall, m.base, m.external) == (0, 0, 0)
-    np.testing.assert_array_equal(m.T_base_workpiece(np.empty((2, 0)))[1], m.T_base_workpiece_zero)
+    assert (m.world_link, m.base_link, m.external_count) == (0, 0, 0)
+    np.testing.assert_array_equal(m.compute_T_base_workpiece(np.empty((2, 0)))[1], m.T_base_workpiece_zero)
 
 
 def test_what_moves_base_and_part_alike_is_refused(tmp_path: Path) -> None:

@@ -15,32 +15,38 @@ import numpy as np
 import pytest
 from external_cell import external_folder
 
-from machopt.domain.reason import Reason
-from machopt.domain.stiffness import Term
+from machopt.cell.cell_reader import load_cell
+from machopt.collision.collision_model import CollisionModel
+from machopt.commands.map.run import MapRequest, MapResult, run_map
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.data_types.stiffness import StiffnessTerm
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.model.collision import CollisionModel
-from machopt.model.elastic import ArmElasticity
-from machopt.model.ik import Margins, solver_for, turns
-from machopt.model.robot import load_chain, load_robot
-from machopt.se3 import inverse
-from machopt.services.map import MapOutcome, MapRequest, run_map
-from machopt.verify.arm import Arm as PinocchioArm
-from machopt.workspace.along import JUMP, follow
-from machopt.workspace.fields import FIELDS, Load, Setting, evaluate, offered
-from machopt.workspace.idw import inside_hull, interpolate_idw, leave_one_out
-from machopt.workspace.mapping import setting_of
-from machopt.workspace.postures import ReachingArm, candidates, choose_postures, place_turns, tool_poses
-from machopt.workspace.samples import even, farthest_reach, straight_line, trimmed
+from machopt.kinematics.inverse.solver import SingularityMargins, build_solver, list_whole_turns
+from machopt.kinematics.robot import load_chain, load_robot
+from machopt.numerics.rigid_transforms import invert_transform
+from machopt.stiffness.arm_stiffness import ArmElasticity
+from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics as PinocchioArm
+from machopt.workspace_map.branch_tracking import MAX_JOINT_STEP, track_branches
+from machopt.workspace_map.inverse_distance_weighting import interpolate_idw, is_inside_hull, predict_leave_one_out
+from machopt.workspace_map.posture_layers import build_map_settings
+from machopt.workspace_map.postures import (
+    ReachingArm,
+    add_whole_turns,
+    build_tool_poses,
+    choose_postures,
+    compute_candidates,
+)
+from machopt.workspace_map.quantities import QUANTITIES, MapLoad, MapSettings, evaluate_quantities, list_quantities
+from machopt.workspace_map.sample_grid import build_even_values, build_straight_line, compute_farthest_reach, trim_axis
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 KR240 = CELLS / "kr240_drilling"
 DOWN = np.array([0.0, 0.0, 1.0])
-FIELD = {f.key: f for f in FIELDS}
+FIELD = {f.key: f for f in QUANTITIES}
 SMALL = {"ranges": ("x=900:2100", "z=300:1500"), "steps": ("300",), "length": 600.0, "collision": "none"}
 
 
-def make_map(out: Path, cell: Path = KR240, **asked: object) -> MapOutcome:
+def make_map(out: Path, cell: Path = KR240, **asked: object) -> MapResult:
     return run_map(MapRequest(cell=cell, out=out, **asked))  # type: ignore[arg-type]
 
 
@@ -60,20 +66,20 @@ def arm(cell) -> ReachingArm:  # type: ignore[no-untyped-def]
     lower, upper = cell.limits.lower[:6], cell.limits.upper[:6]
     return ReachingArm(
         robot=robot,
-        solver=solver_for(robot),
+        solver=build_solver(robot),
         T_flange_tcp=cell.tool.T_flange_tcp,
         lower=lower + 0.01,
         upper=upper - 0.01,
         home=cell.home,
-        margins=Margins(0.087, 0.052, 0.05, 0.01),
+        margins=SingularityMargins(0.087, 0.052, 0.05, 0.01),
     )
 
 
 @pytest.fixture(scope="module")
-def setting(cell, arm: ReachingArm) -> Setting:  # type: ignore[no-untyped-def]
+def setting(cell, arm: ReachingArm) -> MapSettings:  # type: ignore[no-untyped-def]
     elasticity = ArmElasticity(arm.robot, arm.T_flange_tcp, cell.stiffness)
-    load = Load(np.array([100.0, 200.0, -1500.0, 50.0, -40.0, 30.0]), "frame")
-    return Setting(
+    load = MapLoad(np.array([100.0, 200.0, -1500.0, 50.0, -40.0, 30.0]), "frame")
+    return MapSettings(
         robot=arm.robot,
         T_flange_tcp=arm.T_flange_tcp,
         elasticity=elasticity,
@@ -92,10 +98,10 @@ def postures(n: int, seed: int = 0) -> np.ndarray:
 def numeric_jacobian(cell, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[no-untyped-def]
     """Pose in base_link and Jacobian of the TCP, by central differences of pinocchio's forward kinematics."""
     arm, step = PinocchioArm(cell), 1e-5
-    T_base_world = inverse(cell.T_world_base)
+    T_base_world = invert_transform(cell.T_world_base)
 
     def tcp(at: np.ndarray) -> np.ndarray:
-        return T_base_world @ arm.placements(at[None], np.zeros((1, 0)))[0, -2] @ cell.tool.T_flange_tcp
+        return T_base_world @ arm.compute_placements(at[None], np.zeros((1, 0)))[0, -2] @ cell.tool.T_flange_tcp
 
     T, J = tcp(q), np.empty((6, 6))
     for i in range(6):
@@ -145,21 +151,23 @@ def test_slice_is_what_pinocchio_says_of_its_joints(tmp_path: Path, cell) -> Non
         assert soft @ tt @ soft == pytest.approx(np.linalg.eigvalsh(tt)[2], rel=1e-5)
 
 
-def test_turning_joint_1_changes_nothing_that_the_base_does_not_see(setting: Setting) -> None:
+def test_turning_joint_1_changes_nothing_that_the_base_does_not_see(setting: MapSettings) -> None:
     q = postures(30)
     turned = q + np.array([0.9, 0, 0, 0, 0, 0])
     unloaded = replace(setting, load=None)
-    one, two = evaluate(unloaded, q), evaluate(unloaded, turned)
+    one, two = evaluate_quantities(unloaded, q), evaluate_quantities(unloaded, turned)
     for key in ("dexterity", "k_min", "k_max", "k_axial", "k_across", "k_z", "held_z"):
         np.testing.assert_allclose(two.value[key], one.value[key], rtol=1e-9)  # rounding
     assert np.abs(two.value["k_x"] / one.value["k_x"] - 1).max() > 0.05
-    tool = replace(setting, load=Load(np.array([0, 300.0, -900.0, 0, 0, 0]), "tool"))
+    tool = replace(setting, load=MapLoad(np.array([0, 300.0, -900.0, 0, 0, 0]), "tool"))
     for key in ("deflection", "nu_p"):
-        np.testing.assert_allclose(evaluate(tool, turned).value[key], evaluate(tool, q).value[key], rtol=1e-6)
+        np.testing.assert_allclose(
+            evaluate_quantities(tool, turned).value[key], evaluate_quantities(tool, q).value[key], rtol=1e-6
+        )
 
 
-def test_inequalities_between_the_fields(setting: Setting) -> None:
-    v = evaluate(setting, postures(200, 1)).value
+def test_inequalities_between_the_fields(setting: MapSettings) -> None:
+    v = evaluate_quantities(setting, postures(200, 1)).value
     tolerance = 1 + 1e-9
     for key in ("k_axial", "k_across", "k_x", "k_y", "k_z"):
         assert (v[key] * tolerance >= v["k_min"]).all()
@@ -169,13 +177,13 @@ def test_inequalities_between_the_fields(setting: Setting) -> None:
     assert ((v["dexterity"] > 0) & (v["dexterity"] <= 1)).all()
 
 
-def test_terms_beside_the_springs_count(cell, setting: Setting) -> None:  # type: ignore[no-untyped-def]
-    beam = Term("link_compliance", "link:4", {"EI_Nm2": 2.0e6})
+def test_terms_beside_the_springs_count(cell, setting: MapSettings) -> None:  # type: ignore[no-untyped-def]
+    beam = StiffnessTerm("link_compliance", "link:4", {"EI_Nm2": 2.0e6})
     stiffness = replace(cell.stiffness, terms=(beam,))
     soft = replace(setting, elasticity=ArmElasticity(setting.robot, setting.T_flange_tcp, stiffness))
     q = postures(20, 2)
-    C = soft.elasticity.at(q).compliance()  # type: ignore[union-attr]
-    v, bare = evaluate(soft, q).value, evaluate(setting, q).value
+    C = soft.elasticity.evaluate(q).compute_compliance()  # type: ignore[union-attr]
+    v, bare = evaluate_quantities(soft, q).value, evaluate_quantities(setting, q).value
     np.testing.assert_allclose(v["k_y"], 1 / C[:, 1, 1], rtol=1e-9)
     np.testing.assert_allclose(v["k_min"], 1 / np.linalg.eigvalsh(C[:, :3, :3])[:, 2], rtol=1e-6)
     np.testing.assert_allclose(v["held_y"], np.linalg.inv(C)[:, 1, 1], rtol=1e-5)  # condition of C, 1e8
@@ -188,16 +196,16 @@ def test_frame_of_the_workpiece_is_only_another_way_to_say_the_same(tmp_path: Pa
     cell = load_cell(kr500)
     common = {"length": 600.0, "collision": "none", "fixed_rotation": True, "steps": ("100",)}
     make_map(tmp_path / "w", kr500, slice="xy", at=50.0, frame="workpiece", ranges=("x=0:200", "y=0:200"), **common)
-    T = inverse(cell.T_world_base) @ cell.workpiece.T_link_workpiece
+    T = invert_transform(cell.T_world_base) @ cell.workpiece.T_link_workpiece
     elasticity = ArmElasticity(load_robot(cell), cell.tool.T_flange_tcp, cell.stiffness)
     found = [r for r in rows(tmp_path / "w" / "map.csv") if r["reason"] == "ok"]
     assert found
     for row in found:
         q = np.radians([float(row[f"q{i}_deg"]) for i in range(1, 7)])
-        at = elasticity.at(q[None])
+        at = elasticity.evaluate(q[None])
         place = T @ np.array([*(float(row[f"{c}_mm"]) * 1e-3 for c in "xyz"), 1.0])
         np.testing.assert_allclose(at.state.T_base_tool[0, :3, 3], place[:3], atol=2e-7)
-        k_y_base = 1e-3 / at.along(np.array([[0.0, 1.0, 0.0]]))[0]
+        k_y_base = 1e-3 / at.compute_compliance_along(np.array([[0.0, 1.0, 0.0]]))[0]
         assert float(row["k_x_N_mm"]) == pytest.approx(k_y_base, rel=1e-6)
 
 
@@ -215,7 +223,7 @@ def test_dexterity_over_joints_2_and_3_has_the_two_dark_lines_of_dumas2011_figur
     r = arm.robot
     wrist = arm.solver.centre  # type: ignore[attr-defined]
     q = np.radians(np.array([(0, x, y, 45, 45, 45) for x, y in product(a2, a3)]))
-    poses = r.link_poses(q)
+    poses = r.compute_link_poses(q)
     centre = np.einsum("mij,j->mi", poses[:, 3, :3, :3], wrist) + poses[:, 3, :3, 3]
     shoulder, elbow = (np.einsum("mij,j->mi", poses[:, i, :3, :3], r.point[i]) + poses[:, i, :3, 3] for i in (1, 2))
     upper, fore = elbow - shoulder, centre - elbow
@@ -231,13 +239,13 @@ def test_dexterity_over_joints_2_and_3_has_the_two_dark_lines_of_dumas2011_figur
     assert np.median(dexterity) > 0.15
 
 
-def test_nu_p_and_nu_r_stay_as_small_as_dumas2011_section_3_2_says(setting: Setting) -> None:
+def test_nu_p_and_nu_r_stay_as_small_as_dumas2011_section_3_2_says(setting: MapSettings) -> None:
     """ν_p ≤ 0.016 and ν_r ≤ 0.025° under its wrench, wrist at 45°; our cell has another tool, hence the factor 2."""
-    load = Load(np.array([0, 0, -2000.0, 200.0, 200.0, 0]), "frame")
+    load = MapLoad(np.array([0, 0, -2000.0, 200.0, 200.0, 0]), "frame")
     a2, a3 = np.meshgrid(np.radians(np.arange(-140, 1, 10.0)), np.radians(np.arange(-120, 156, 10.0)))
     wrist = np.broadcast_to(np.radians([45.0] * 3), (a2.size, 3))
     q = np.column_stack([np.zeros(a2.size), a2.ravel(), a3.ravel(), wrist])
-    v = evaluate(replace(setting, load=load), q).value
+    v = evaluate_quantities(replace(setting, load=load), q).value
     assert v["nu_p"].max() < 2 * 0.016
     assert np.degrees(v["nu_r"]).max() < 2 * 0.025
 
@@ -248,25 +256,25 @@ def test_nu_p_and_nu_r_stay_as_small_as_dumas2011_section_3_2_says(setting: Sett
 def test_turns_joint_by_joint_find_what_all_combinations_find(arm: ReachingArm) -> None:
     rng = np.random.default_rng(5)
     q = rng.uniform(-np.pi, np.pi, (500, 6))
-    every = q[:, None] + turns(arm.lower, arm.upper)
+    every = q[:, None] + list_whole_turns(arm.lower, arm.upper)
     inside = ((every >= arm.lower) & (every <= arm.upper)).all(axis=2)
-    placed = place_turns(q, arm.lower, arm.upper, arm.home)
+    placed = add_whole_turns(q, arm.lower, arm.upper, arm.home)
     np.testing.assert_array_equal(np.isfinite(placed).all(axis=1), inside.any(axis=1))
     far = np.where(inside, np.abs(every - arm.home).sum(axis=2), np.inf).min(axis=1)
     ok = inside.any(axis=1)
     np.testing.assert_allclose(np.abs(placed - arm.home).sum(axis=1)[ok], far[ok], rtol=1e-12)
 
 
-def test_every_pick_is_what_brute_force_over_all_postures_finds(arm: ReachingArm, setting: Setting) -> None:
+def test_every_pick_is_what_brute_force_over_all_postures_finds(arm: ReachingArm, setting: MapSettings) -> None:
     place = np.stack(np.meshgrid([0.9, 1.4, 1.9], [-0.4, 0.3], [0.4, 0.9, 1.4]), axis=-1).reshape(-1, 3)
     gamma = np.radians([10.0, 100.0, 190.0, 280.0])
     good = FIELD["k_min"]
 
     def goodness(q: np.ndarray) -> np.ndarray:
-        return good.goodness(setting.at(q))
+        return good.compute_goodness(setting.evaluate_states(q))
 
-    poses = tool_poses(place, DOWN, gamma)
-    found = candidates(arm, poses)
+    poses = build_tool_poses(place, DOWN, gamma)
+    found = compute_candidates(arm, poses)
     q = found.q.reshape(len(place), 4, 8, 6)
     value = np.full(q.shape[:3], np.nan)
     value[found.reason.reshape(value.shape) == 0] = goodness(q[found.reason.reshape(value.shape) == 0])
@@ -289,34 +297,34 @@ def test_every_pick_is_what_brute_force_over_all_postures_finds(arm: ReachingArm
                 assert goodness(p.q[m : m + 1])[0] == pytest.approx(max(per_rotation), rel=2e-6)
         if pick == 3:
             assert set(p.branch[p.ok].tolist()) == {3}
-            assert (p.reason[~p.ok] != Reason.OK).all()
-    T = arm.robot.fk(p.q[p.ok], arm.T_flange_tcp)
+            assert (p.reason[~p.ok] != InfeasibilityReason.OK).all()
+    T = arm.robot.compute_fk(p.q[p.ok], arm.T_flange_tcp)
     np.testing.assert_allclose(T[:, :3, 3], place[p.ok], atol=1e-9)
 
 
-def test_shown_postures_are_free_and_collides_means_that_none_is(cell, arm: ReachingArm, setting: Setting) -> None:  # type: ignore[no-untyped-def]
+def test_shown_postures_are_free_and_collides_means_that_none_is(cell, arm: ReachingArm, setting: MapSettings) -> None:  # type: ignore[no-untyped-def]
     robot, shapes = load_chain(cell)
     alone = replace(cell, obstacles=(), workpiece=replace(cell.workpiece, geometry=()))
     model = CollisionModel(alone, robot, shapes, 0.002)
 
     def collides(q: np.ndarray) -> np.ndarray:
-        return model.check(q, np.ones(len(q), bool)).hit
+        return model.check_configurations(q, np.ones(len(q), bool)).hit
 
     x, z = np.meshgrid(np.arange(-1.2, 1.3, 0.2), np.arange(-0.6, 1.9, 0.25))
     place = np.column_stack([x.ravel(), np.zeros(x.size), z.ravel()])
     gamma = np.radians([0.0, 90.0])
-    poses = tool_poses(place, DOWN, gamma)
+    poses = build_tool_poses(place, DOWN, gamma)
     size = (len(place), 2)
 
     def goodness(q: np.ndarray) -> np.ndarray:
-        return FIELD["k_min"].goodness(setting.at(q))
+        return FIELD["k_min"].compute_goodness(setting.evaluate_states(q))
 
     free = choose_postures(arm, lambda s: poses[s], size, gamma, goodness, "best", collides)
     blind = choose_postures(arm, lambda s: poses[s], size, gamma, goodness, "best")
     assert not collides(free.q[free.ok]).any()
-    blocked = np.flatnonzero(free.reason == Reason.COLLIDING)
+    blocked = np.flatnonzero(free.reason == InfeasibilityReason.COLLIDING)
     assert len(blocked) > 3
-    found = candidates(arm, poses)
+    found = compute_candidates(arm, poses)
     q, ok = found.q.reshape(len(place), 16, 6), found.reason.reshape(len(place), 16) == 0
     for m in blocked:
         assert ok[m].any()
@@ -341,41 +349,41 @@ def test_free_rotation_is_never_worse_and_the_gain_says_by_how_much(tmp_path: Pa
 # --- along a line --------------------------------------------------------------------------------------------
 
 
-def test_a_line_is_driven_without_a_jump_and_the_tool_does_not_turn(arm: ReachingArm, setting: Setting) -> None:
-    samples = straight_line(np.array([1.0, -0.5, 0.8]), np.array([1.9, 0.5, 0.6]), 121)
+def test_a_line_is_driven_without_a_jump_and_the_tool_does_not_turn(arm: ReachingArm, setting: MapSettings) -> None:
+    samples = build_straight_line(np.array([1.0, -0.5, 0.8]), np.array([1.9, 0.5, 0.6]), 121)
     assert samples.position is not None
     gamma = np.radians([160.0, 70.0])
-    poses = tool_poses(samples.position, DOWN, gamma)
+    poses = build_tool_poses(samples.position, DOWN, gamma)
 
     def goodness(q: np.ndarray) -> np.ndarray:
-        return FIELD["k_min"].goodness(setting.at(q))
+        return FIELD["k_min"].compute_goodness(setting.evaluate_states(q))
 
-    p = follow(arm, poses, gamma, goodness, "best")
+    p = track_branches(arm, poses, gamma, goodness, "best")
     assert p.ok.all()
     assert np.abs(np.diff(p.q, axis=0)).max() < np.radians(3.0)
     assert len(set(p.branch.tolist())) == 1
     assert np.ptp(p.gamma) == 0.0
-    T = arm.robot.fk(p.q, arm.T_flange_tcp)
+    T = arm.robot.compute_fk(p.q, arm.T_flange_tcp)
     rotation = int(np.argmin(np.abs(gamma - p.gamma[0])))
     np.testing.assert_allclose(T, poses[:, rotation], atol=1e-9)
-    worst = follow(arm, poses, gamma, goodness, "worst")
+    worst = track_branches(arm, poses, gamma, goodness, "worst")
     assert goodness(worst.q[worst.ok]).min() <= goodness(p.q).min()
 
 
-def test_a_line_leaves_holes_where_it_leaves_the_reach_and_marks_jumps(arm: ReachingArm, setting: Setting) -> None:
+def test_a_line_leaves_holes_where_it_leaves_the_reach_and_marks_jumps(arm: ReachingArm, setting: MapSettings) -> None:
     def goodness(q: np.ndarray) -> np.ndarray:
-        return FIELD["k_min"].goodness(setting.at(q))
+        return FIELD["k_min"].compute_goodness(setting.evaluate_states(q))
 
-    samples = straight_line(np.array([1.8, 0.0, 0.5]), np.array([3.6, 0.0, 0.5]), 91)
+    samples = build_straight_line(np.array([1.8, 0.0, 0.5]), np.array([3.6, 0.0, 0.5]), 91)
     assert samples.position is not None
-    p = follow(arm, tool_poses(samples.position, DOWN, np.zeros(1)), np.zeros(1), goodness, "best")
+    p = track_branches(arm, build_tool_poses(samples.position, DOWN, np.zeros(1)), np.zeros(1), goodness, "best")
     assert p.ok[0]
-    assert p.reason[-1] == Reason.UNREACHABLE
+    assert p.reason[-1] == InfeasibilityReason.UNREACHABLE
     assert p.shortfall[-1] > 0.3
-    coarse = tool_poses(np.array([[1.4, -1.4, 0.8], [1.4, 1.4, 0.8]]), DOWN, np.zeros(1))  # joint 1 turns by 90°
-    jumped = follow(arm, coarse, np.zeros(1), goodness, "best")
-    assert jumped.reason.tolist() == [Reason.OK, Reason.NO_PATH]
-    assert np.nanmin(np.abs(np.diff(candidates(arm, coarse).q[:, :, 0], axis=0))) > JUMP
+    coarse = build_tool_poses(np.array([[1.4, -1.4, 0.8], [1.4, 1.4, 0.8]]), DOWN, np.zeros(1))  # joint 1 turns by 90°
+    jumped = track_branches(arm, coarse, np.zeros(1), goodness, "best")
+    assert jumped.reason.tolist() == [InfeasibilityReason.OK, InfeasibilityReason.NO_PATH]
+    assert np.nanmin(np.abs(np.diff(compute_candidates(arm, coarse).q[:, :, 0], axis=0))) > MAX_JOINT_STEP
 
 
 # --- measured stiffness --------------------------------------------------------------------------------------
@@ -404,22 +412,26 @@ def test_idw_is_exact_at_its_data_and_never_beyond_them() -> None:
 def test_outside_the_convex_hull_is_flagged_whatever_the_points_span() -> None:
     cube = np.array(list(product([0.0, 1.0], repeat=3)))
     query = np.array([[0.5, 0.5, 0.5], [1.0, 0.5, 0.5], [1.01, 0.5, 0.5], [0.9, 0.9, 2.0]])
-    assert inside_hull(cube, query).tolist() == [True, True, False, False]
+    assert is_inside_hull(cube, query).tolist() == [True, True, False, False]
     square = cube[cube[:, 2] == 0.0]
-    assert inside_hull(square, np.array([[0.5, 0.5, 0], [0.5, 0.5, 0.01], [1.5, 0.5, 0]])).tolist() == [
+    assert is_inside_hull(square, np.array([[0.5, 0.5, 0], [0.5, 0.5, 0.01], [1.5, 0.5, 0]])).tolist() == [
         True,
         False,
         False,
     ]
     line = np.array([[0.0, 0, 0], [1.0, 1, 0], [2.0, 2, 0]])
-    assert inside_hull(line, np.array([[1.5, 1.5, 0], [2.5, 2.5, 0], [1.0, 1.1, 0]])).tolist() == [True, False, False]
-    assert inside_hull(np.zeros((3, 3)), np.array([[0.0, 0, 0], [0.1, 0, 0]])).tolist() == [True, False]
+    assert is_inside_hull(line, np.array([[1.5, 1.5, 0], [2.5, 2.5, 0], [1.0, 1.1, 0]])).tolist() == [
+        True,
+        False,
+        False,
+    ]
+    assert is_inside_hull(np.zeros((3, 3)), np.array([[0.0, 0, 0], [0.1, 0, 0]])).tolist() == [True, False]
 
 
 def test_leave_one_out_predicts_each_reading_from_the_others() -> None:
     points, values = np.array([[0.0, 0, 0], [1.0, 0, 0], [3.0, 0, 0]]), np.array([[1.0], [2.0], [4.0]])
     weights = [(2 / 1 + 4 / 9) / (1 + 1 / 9), (1 / 1 + 4 / 4) / (1 + 1 / 4), (1 / 9 + 2 / 4) / (1 / 9 + 1 / 4)]
-    np.testing.assert_allclose(leave_one_out(points, values)[:, 0], weights, rtol=1e-12)
+    np.testing.assert_allclose(predict_leave_one_out(points, values)[:, 0], weights, rtol=1e-12)
 
 
 def joint_from_tip_stiffness(J: np.ndarray, K_e: np.ndarray) -> np.ndarray:
@@ -443,22 +455,24 @@ def joint_from_tip_stiffness(J: np.ndarray, K_e: np.ndarray) -> np.ndarray:
     return np.asarray(np.swapaxes(rows, -1, -2) @ K_e @ rows)
 
 
-def test_joint_stiffness_from_the_tip_is_right_only_for_the_whole_matrix(setting: Setting) -> None:
+def test_joint_stiffness_from_the_tip_is_right_only_for_the_whole_matrix(setting: MapSettings) -> None:
     q = postures(5, 7)
-    at = setting.at(q)
-    J, k = at.state.J, at.elastic.k
+    at = setting.evaluate_states(q)
+    J, k = at.state.J, at.elasticity.k
     whole = np.linalg.inv(at.compliance)
     np.testing.assert_allclose(joint_from_tip_stiffness(J, whole), k[..., None] * np.eye(6), atol=1e-3)  # of 1e6
-    measured = np.stack([1.0 / at.elastic.along(at.axis(c)) for c in range(3)], axis=-1)[..., None] * np.eye(3)
+    measured = np.stack([1.0 / at.elasticity.compute_compliance_along(at.compute_axis(c)) for c in range(3)], axis=-1)[
+        ..., None
+    ] * np.eye(3)
     guess = joint_from_tip_stiffness(J, measured)
     assert (np.linalg.matrix_rank(guess, tol=1e-3) <= 3).all()
     assert np.abs(np.diagonal(guess, axis1=1, axis2=2) / k - 1).max() > 0.5
 
 
-def test_measured_table_stands_beside_the_model(tmp_path: Path, arm: ReachingArm, setting: Setting) -> None:
+def test_measured_table_stands_beside_the_model(tmp_path: Path, arm: ReachingArm, setting: MapSettings) -> None:
     q = postures(12, 4)
-    T = arm.robot.fk(q, arm.T_flange_tcp)
-    v = evaluate(setting, q).value
+    T = arm.robot.compute_fk(q, arm.T_flange_tcp)
+    v = evaluate_quantities(setting, q).value
     lines = ["label,x_mm,y_mm,z_mm," + ",".join(f"q{i}_deg" for i in range(1, 7)) + ",kx_N_mm,kz_N_mm"]
     for n in range(12):
         numbers = [*T[n, :3, 3] * 1e3, *np.degrees(q[n]), v["k_x"][n] * 1e-3, v["k_z"][n] * 1e-3]
@@ -486,30 +500,30 @@ def test_measured_table_stands_beside_the_model(tmp_path: Path, arm: ReachingArm
     least, most = v["k_x"].min() * 1e-3, v["k_x"].max() * 1e-3
     assert all(least * 0.999999 <= float(r["measured_kx_N_mm"]) <= most * 1.000001 for r in found)
     assert told["samples_inside_hull"] == sum(r["measured_hull"] == "inside" for r in found)
-    assert not outcome.result.plain()["warnings"]
+    assert not outcome.result.to_json_types()["warnings"]
     table.write_text("\n".join([lines[0], lines[1].replace("p0,", "p0,9"), *lines[2:]]) + "\n", encoding="utf-8")
     shifted = make_map(tmp_path / "s", measured=table, fixed_rotation=True, **SMALL)
-    assert any("line 2: the joints put the TCP" in w for w in shifted.result.plain()["warnings"])
+    assert any("line 2: the joints put the TCP" in w for w in shifted.result.to_json_types()["warnings"])
 
 
 # --- samples -------------------------------------------------------------------------------------------------
 
 
 def test_no_posture_gets_beyond_the_farthest_reach(arm: ReachingArm) -> None:
-    centre, radius = farthest_reach(arm.robot, arm.T_flange_tcp)
+    centre, radius = compute_farthest_reach(arm.robot, arm.T_flange_tcp)
     q = np.random.default_rng(1).uniform(-np.pi, np.pi, (5000, 6))
-    away = np.linalg.norm(arm.robot.fk(q, arm.T_flange_tcp)[:, :3, 3] - centre, axis=1)
+    away = np.linalg.norm(arm.robot.compute_fk(q, arm.T_flange_tcp)[:, :3, 3] - centre, axis=1)
     assert away.max() <= radius
     assert away.max() > 0.7 * radius
 
 
 def test_even_steps_and_trimmed_ranges() -> None:
-    np.testing.assert_allclose(even(0.0, 0.3, 0.1), [0, 0.1, 0.2, 0.3])
-    np.testing.assert_allclose(even(0.0, 0.35, 0.1), [0, 0.1, 0.2, 0.3])
+    np.testing.assert_allclose(build_even_values(0.0, 0.3, 0.1), [0, 0.1, 0.2, 0.3])
+    np.testing.assert_allclose(build_even_values(0.0, 0.35, 0.1), [0, 0.1, 0.2, 0.3])
     values = np.arange(6.0)
-    assert trimmed(values, np.array([0, 0, 1, 1, 0, 0], bool)) == (1.0, 4.0)
-    assert trimmed(values, np.zeros(6, bool)) == (0.0, 5.0)
-    assert trimmed(values, np.ones(6, bool)) == (0.0, 5.0)
+    assert trim_axis(values, np.array([0, 0, 1, 1, 0, 0], bool)) == (1.0, 4.0)
+    assert trim_axis(values, np.zeros(6, bool)) == (0.0, 5.0)
+    assert trim_axis(values, np.ones(6, bool)) == (0.0, 5.0)
 
 
 @pytest.mark.proof
@@ -517,7 +531,7 @@ def test_default_range_holds_everything_that_can_be_reached(tmp_path: Path) -> N
     """A much larger slice, at the same spacing, finds nothing outside."""
     common = {"steps": ("100",), "length": 600.0, "collision": "none", "rotation_step": 60.0}
     usual = make_map(tmp_path / "d", **common)
-    x, z = usual.result.plain()["axes"]
+    x, z = usual.result.to_json_types()["axes"]
     make_map(tmp_path / "w", ranges=("x=-4000:4000", "z=-4000:4000"), **common)
     for r in rows(tmp_path / "w" / "map_free.csv"):
         if r["reason"] == "ok":
@@ -585,7 +599,7 @@ def test_a_cell_without_stiffness_still_has_dexterity(tmp_path: Path) -> None:
     (bare / "cell.yaml").write_text(re.sub(r"(?m)^stiffness:.*\n", "", text), encoding="utf-8")
     outcome = make_map(tmp_path / "m", bare, fixed_rotation=True, **SMALL)
     assert "dexterity" in outcome.message
-    assert any("no stiffness" in w for w in outcome.result.plain()["warnings"])
+    assert any("no stiffness" in w for w in outcome.result.to_json_types()["warnings"])
     header = set(rows(tmp_path / "m" / "map.csv")[0])
     assert "dexterity" in header
     assert not any(name.startswith(("k_", "held_", "soft_")) for name in header)
@@ -607,15 +621,15 @@ def test_a_stiffness_grid_is_counted_and_said_where_it_ends(tmp_path: Path) -> N
     assert {r["stiffness_from"] for r in table if r["reason"] == "ok"} == {"grid", "constant"}
     for row in [r for r in table if r["reason"] == "ok"][::3]:
         q = np.radians([[float(row[f"q{i}_deg"]) for i in range(1, 7)]])
-        J, k, inside = elasticity.jacobian(q)
+        J, k, inside = elasticity.compute_jacobian(q)
         assert row["stiffness_from"] == ("grid" if inside[0] else "constant")
         assert float(row["k_x_N_mm"]) == pytest.approx(1e-3 / np.sum(J[0, 0] ** 2 / k[0]), rel=1e-6)
-    assert any("lies outside the stiffness grid" in w for w in outcome.result.plain()["warnings"])
+    assert any("lies outside the stiffness grid" in w for w in outcome.result.to_json_types()["warnings"])
 
 
-def test_every_field_is_offered_where_there_is_all_it_needs(setting: Setting) -> None:
-    assert offered(setting) == FIELDS
-    without = {f.key for f in FIELDS} - {f.key for f in offered(replace(setting, load=None))}
+def test_every_field_is_offered_where_there_is_all_it_needs(setting: MapSettings) -> None:
+    assert list_quantities(setting) == QUANTITIES
+    without = {f.key for f in QUANTITIES} - {f.key for f in list_quantities(replace(setting, load=None))}
     assert without == {"deflection", "nu_p", "nu_r"}
 
 
@@ -742,9 +756,9 @@ def test_what_the_stiffness_file_counts_in_is_said(tmp_path: Path) -> None:
     assert "what rail give there counts in" in said
     assert "leaves 0.3 mm of the readings" in (out / "report.html").read_text()
     asked_for = SimpleNamespace(length=0.5, T_base_frame=np.eye(4), load=None)
-    setting = setting_of(load_cell(folder), load_robot(load_cell(folder)), asked_for)
-    assert setting.beside is not None
-    rigid = replace(setting, beside=None)
+    setting = build_map_settings(load_cell(folder), load_robot(load_cell(folder)), asked_for)
+    assert setting.external_compliance is not None
+    rigid = replace(setting, external_compliance=None)
     q = np.array([[0.2, -1.0, 1.1, 0.1, 0.8, 0.0]])
-    more = setting.at(q).tip[0] - rigid.at(q).tip[0]
+    more = setting.evaluate_states(q).translational_compliance[0] - rigid.evaluate_states(q).translational_compliance[0]
     assert np.allclose(more, np.diag([0.0, 1.0 / 2e6, 0.0]), rtol=1e-9, atol=1e-15)  # the rail slides along y

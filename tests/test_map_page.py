@@ -15,24 +15,30 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from machopt.domain.reason import Reason
-from machopt.formats.cell import load_cell
-from machopt.model.robot import load_robot
-from machopt.report.contours import isolines, round_levels
-from machopt.report.data import STATUS_NAMES
-from machopt.report.map_data import ArmLines, MapAxis, MapData, MapField, MapLayer, MeasuredView
-from machopt.report.map_figures import ANGLE_LEVEL, curves, field_spec, levels, map_specs
-from machopt.report.map_page import map_page_html, where
-from machopt.report.map_svg import map_svg, pair_svg
-from machopt.report.placecodes import PlaceCode, place_codes
-from machopt.report.still import VIRIDIS, colours, hatching, image
-from machopt.services.map import MapRequest, run_map
-from machopt.workspace.told import REASONS
+from machopt.cell.cell_reader import load_cell
+from machopt.commands.map.run import MapRequest, run_map
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.kinematics.robot import load_robot
+from machopt.report.charts.isolines import choose_round_levels, compute_isolines
+from machopt.report.charts.map_charts import (
+    ANGLE_LEVEL,
+    build_curve_charts,
+    build_field_spec,
+    build_map_specs,
+    pack_field_levels,
+)
+from machopt.report.page_types.map_page_data import ArmLines, MapAxis, MapField, MapLayer, MapPageData, MeasuredView
+from machopt.report.page_types.optimize_report import STATUS_NAMES
+from machopt.report.page_types.place_codes import PlaceCode, convert_to_place_codes
+from machopt.report.pages.map_page import build_map_html, format_sample_location
+from machopt.report.svg.chart_elements import VIRIDIS, build_image, compute_hatching, map_to_colours
+from machopt.report.svg.map_picture import build_comparison_svg, build_map_svg
+from machopt.workspace_map.document import REASON_TEXTS
 
 KR240 = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
 ASSETS = Path(__file__).resolve().parents[1] / "machopt" / "report" / "assets"
 VOID = {"meta", "br", "link", "img", "input"}
-NAMES = tuple(REASONS.get(c.reason, c.name.lower()) if c.reason is not None else "not checked" for c in PlaceCode)
+NAMES = tuple(REASON_TEXTS.get(c.reason, c.name.lower()) if c.reason is not None else "not checked" for c in PlaceCode)
 
 
 class Balanced(HTMLParser):
@@ -85,7 +91,7 @@ def embedded(html: str) -> dict:  # type: ignore[type-arg]
     return json.loads(found[1])  # type: ignore[no-any-return]
 
 
-def made_up(kind: str = "slice", **changes: object) -> MapData:
+def made_up(kind: str = "slice", **changes: object) -> MapPageData:
     """A slice of 6 × 5 places with a hole of each kind, two layers; or a volume, a line, a joint plane."""
     shape = {"slice": (6, 5), "volume": (6, 5, 4), "line": (7,), "joints": (6, 5)}[kind]
     names = {"slice": "xz", "volume": "xyz", "line": "s", "joints": ("a2", "a3")}[kind]
@@ -136,14 +142,14 @@ def made_up(kind: str = "slice", **changes: object) -> MapData:
         measured=np.full((4, 1), 9e5),
         left_out=np.full((4, 1), 8e5),
         model=np.full((4, 1), 7e5),
-        held=np.full((4, 1), np.nan),
+        held_stiffness=np.full((4, 1), np.nan),
         errors={
             "x": {"left_out_rms": 0.1, "left_out_median": 0.05, "model_rms": 0.2, "model_median": 0.2, "held_rms": None}
         },
         from_joints=True,
         power=2.0,
     )
-    data = MapData(
+    data = MapPageData(
         title="Map of <a & b>",
         cell="a <b>",
         version="0",
@@ -179,9 +185,9 @@ def decoded(spec: dict) -> np.ndarray:  # type: ignore[type-arg]
 @pytest.mark.parametrize("kind", ["slice", "volume", "line", "joints"])
 def test_every_kind_of_page_stands_alone(kind: str) -> None:
     data = made_up(kind)
-    html = map_page_html(data)
+    html = build_map_html(data)
     page = read(html)
-    assert map_page_html(data) == html
+    assert build_map_html(data) == html
     assert "half of it" in page.text.lower()
     assert "mind </script> & the gap" in page.text
     assert "<softest>" in page.text  # escaped, not a tag
@@ -195,7 +201,7 @@ def test_every_kind_of_page_stands_alone(kind: str) -> None:
     for word in ("Verdict", "Numbers", "What it means", "This run"):
         assert word in page.text
     if kind != "line":
-        assert f"{REASONS[Reason.COLLIDING]} {100 / data.layers[0].reason.size:.1f} %" in page.text
+        assert f"{REASON_TEXTS[InfeasibilityReason.COLLIDING]} {100 / data.layers[0].reason.size:.1f} %" in page.text
 
 
 def test_page_of_nothing_reached_says_so_and_draws_no_number(tmp_path: Path) -> None:
@@ -213,15 +219,15 @@ def test_packed_levels_keep_four_digits_and_the_holes() -> None:
     plain, wide = rng.uniform(3.0, 5.0, 500), 10 ** rng.uniform(0, 6, 500)
     plain[7] = wide[9] = np.nan
     for values, log in ((plain, False), (wide, True)):
-        spec = levels(values)
+        spec = pack_field_levels(values)
         assert spec["log"] is log
         # half a level: of the span, or of the span's logarithm
         np.testing.assert_allclose(decoded(spec), values, rtol=0.6 * np.log(1e6) / 65534, equal_nan=True)
         known = values[np.isfinite(values)]
         assert (spec["from"], spec["to"]) == tuple(np.percentile(known, [2, 98]))
-    assert levels(np.full(3, np.nan))["level"] == ""
-    assert np.unique(decoded(levels(np.full(3, 7.0)))).tolist() == [7.0]
-    json.dumps(levels(np.full(3, np.nan)), allow_nan=False)
+    assert pack_field_levels(np.full(3, np.nan))["level"] == ""
+    assert np.unique(decoded(pack_field_levels(np.full(3, 7.0)))).tolist() == [7.0]
+    json.dumps(pack_field_levels(np.full(3, np.nan)), allow_nan=False)
 
 
 def test_pages_index_by_codes_of_their_own() -> None:
@@ -235,14 +241,16 @@ def test_pages_index_by_codes_of_their_own() -> None:
     assert STATUS_NAMES[PlaceCode.COLLIDING] == "collision"
     assert STATUS_NAMES[PlaceCode.NOT_CHECKED] == "not checked"
     reasons = np.array([c.reason for c in PlaceCode if c.reason is not None], np.uint8)
-    assert [PlaceCode(c).reason for c in place_codes(reasons).tolist()] == [Reason(r) for r in reasons.tolist()]
+    assert [PlaceCode(c).reason for c in convert_to_place_codes(reasons).tolist()] == [
+        InfeasibilityReason(r) for r in reasons.tolist()
+    ]
     with pytest.raises(ValueError, match="no place of a map can be gouging"):
-        place_codes(np.array([Reason.OK, Reason.GOUGING], np.uint8))
+        convert_to_place_codes(np.array([InfeasibilityReason.OK, InfeasibilityReason.GOUGING], np.uint8))
 
 
 def test_page_knows_joints_reasons_and_units_of_every_sample() -> None:
     data = made_up()
-    spec = field_spec(data)
+    spec = build_field_spec(data)
     assert [a["unit"] for a in spec["axes"]] == ["mm", "mm"]
     np.testing.assert_allclose(spec["axes"][0]["values"], np.linspace(100, 1000, 6))
     for layer, told in zip(data.layers, spec["layers"], strict=True):
@@ -289,7 +297,7 @@ def test_stick_figure_data_give_the_robot_s_own_kinematics() -> None:
         axis, r = robot.axis[i], p - robot.point[i]
         c, s = np.cos(q[i]), np.sin(q[i])
         p = robot.point[i] + r * c + np.cross(axis, r) * s + axis * (axis @ r) * (1 - c)
-    np.testing.assert_allclose(p, robot.fk(q, cell.tool.T_flange_tcp)[:3, 3], atol=1e-12)
+    np.testing.assert_allclose(p, robot.compute_fk(q, cell.tool.T_flange_tcp)[:3, 3], atol=1e-12)
 
 
 def test_curves_merge_equal_lines_and_keep_gaps() -> None:
@@ -300,7 +308,7 @@ def test_curves_merge_equal_lines_and_keep_gaps() -> None:
         *data.fields,
         MapField(key="k_axial", name="Stiffness along the tool axis", unit="N/m", better="more", note=""),
     )
-    charts = {c["id"]: c for c in curves(replace(data, fields=more))}
+    charts = {c["id"]: c for c in build_curve_charts(replace(data, fields=more))}
     tip = charts["c-tip-given"]
     assert [s["name"] for s in tip["series"]] == [
         "Stiffness along x and along the tool axis",
@@ -308,7 +316,7 @@ def test_curves_merge_equal_lines_and_keep_gaps() -> None:
     ]
     assert tip["series"][0]["y"][2] is None
     assert [s["name"] for s in charts["c-deflection"]["series"]] == ["rotation γ = 0°", "best rotation γ = 28.6°"]
-    specs = map_specs(data)
+    specs = build_map_specs(data)
     assert len(specs["arms"]["q"]) == 6
     assert len(specs["arms"]["line"]) == 2
 
@@ -320,7 +328,7 @@ def test_a_singular_peak_is_cut_off_and_the_title_says_so() -> None:
     held = replace(
         data, fields=(*data.fields, MapField(key="held_x", name="K_m xx", unit="N/m", better="more", note=""))
     )
-    chart = next(c for c in curves(held) if c["id"] == "c-held")
+    chart = next(c for c in build_curve_charts(held) if c["id"] == "c-held")
     assert chart["series"][0]["y"] == [1000.0, 1000.0, None, 10000.0, 2000.0, 1000.0, 1000.0]
     assert chart["title"].endswith("cut off at 10,000 N/mm")
 
@@ -328,14 +336,14 @@ def test_a_singular_peak_is_cut_off_and_the_title_says_so() -> None:
 def test_where_names_the_place_of_a_row() -> None:
     data = made_up("volume")
     row = int(np.ravel_multi_index((2, 3, 1), data.shape))
-    assert where(data, row) == "x 460.0, y 775.0, z 400.0 mm"
+    assert format_sample_location(data, row) == "x 460.0, y 775.0, z 400.0 mm"
 
 
 @pytest.mark.parametrize("kind", ["slice", "volume", "line", "joints"])
 def test_still_picture_is_one_svg_with_everything_inside(kind: str) -> None:
     data = made_up(kind)
-    text = map_svg(data)
-    assert map_svg(data) == text
+    text = build_map_svg(data)
+    assert build_map_svg(data) == text
     root = ET.fromstring(text)
     name = {"svg": "http://www.w3.org/2000/svg"}
     words = " ".join(t.text or "" for t in root.iter("{http://www.w3.org/2000/svg}text"))
@@ -357,7 +365,7 @@ def test_still_picture_is_one_svg_with_everything_inside(kind: str) -> None:
 
 
 def test_model_and_measured_share_their_colours() -> None:
-    root = ET.fromstring(pair_svg(made_up(), "x"))
+    root = ET.fromstring(build_comparison_svg(made_up(), "x"))
     words = [t.text for t in root.iter("{http://www.w3.org/2000/svg}text")]
     assert "Model" in words
     assert "Measured, interpolated" in words
@@ -365,48 +373,48 @@ def test_model_and_measured_share_their_colours() -> None:
 
 
 def test_colours_run_from_dark_to_bright_and_hatchings_differ() -> None:
-    np.testing.assert_array_equal(colours(np.array([0.0, 1.0])), VIRIDIS[[0, -1]])
-    brightness = colours(np.linspace(0, 1, 50)).astype(float) @ [0.21, 0.72, 0.07]
+    np.testing.assert_array_equal(map_to_colours(np.array([0.0, 1.0])), VIRIDIS[[0, -1]])
+    brightness = map_to_colours(np.linspace(0, 1, 50)).astype(float) @ [0.21, 0.72, 0.07]
     assert (np.diff(brightness) > 0).all()  # survives a grey print
     y, x = np.indices((36, 36))
-    seen = {hatching(code, x, y).tobytes() for code in (1, 2, 3, 4, 5, 6, 7)}
+    seen = {compute_hatching(code, x, y).tobytes() for code in (1, 2, 3, 4, 5, 6, 7)}
     assert len(seen) == 7
 
 
 def test_isolines_of_a_plane_are_exact_and_stop_at_holes() -> None:
     i, j = np.meshgrid(np.arange(8.0), np.arange(6.0), indexing="ij")
-    (line,) = isolines(2 * i + j, 7.3)
+    (line,) = compute_isolines(2 * i + j, 7.3)
     np.testing.assert_allclose(2 * line[:, 0] + line[:, 1], 7.3, rtol=1e-12)
     assert len(line) == 8  # it crosses i = 2, 3 and j = 1 … 4 on its way: seven squares, eight sides
     assert ((line % 1 == 0).sum(axis=1) == 1).all()  # on the squares' sides
     holed = 2 * i + j
     holed[2, 3] = np.nan
-    away = isolines(holed, 7.3)
+    away = compute_isolines(holed, 7.3)
     middles = np.concatenate([(p[1:] + p[:-1]) / 2 for p in away])
     assert 0 < len(middles) < len(line) - 1
     assert (np.abs(middles - [2, 3]).max(axis=-1) > 1).all()  # none inside the squares at the hole
-    saddle = isolines(np.array([[1.0, -1.0], [-1.0, 1.0]]), 0.1)
+    saddle = compute_isolines(np.array([[1.0, -1.0], [-1.0, 1.0]]), 0.1)
     assert len(saddle) == 2
-    assert isolines(np.zeros((3, 3)), 1.0) == []
-    assert isolines(np.zeros((1, 3)), 1.0) == []
+    assert compute_isolines(np.zeros((3, 3)), 1.0) == []
+    assert compute_isolines(np.zeros((1, 3)), 1.0) == []
 
 
 def test_embedded_pixels_are_read_back_and_the_same_pixels_give_the_same_bytes() -> None:
     pixels = np.random.default_rng(0).integers(0, 256, (5, 7, 3), np.uint8)
-    href = image((0, 0, 1, 1), pixels).attributes["href"]
+    href = build_image((0, 0, 1, 1), pixels).attributes["href"]
     written = base64.b64decode(href.removeprefix("data:image/png;base64,"))
     with Image.open(BytesIO(written)) as read_back:
         np.testing.assert_array_equal(np.asarray(read_back), pixels)
-    assert image((0, 0, 1, 1), pixels).attributes["href"] == href
+    assert build_image((0, 0, 1, 1), pixels).attributes["href"] == href
 
 
 def test_round_levels_are_round_and_inside() -> None:
     for low, high in ((0.013, 0.87), (-1234.0, 5678.0), (1e-9, 3e-9), (99.0, 101.0)):
-        found = round_levels(low, high)
+        found = choose_round_levels(low, high)
         assert 3 <= len(found) <= 9
         assert found[0] >= low * (1 - 1e-9) - 1e-12
         assert found[-1] <= high * (1 + 1e-9)
         steps = np.diff(found)
         np.testing.assert_allclose(steps, steps[0], rtol=1e-6)
         assert float(f"{steps[0]:.2g}") == pytest.approx(steps[0], rel=1e-6)
-    assert round_levels(1.0, 1.0).size == 0
+    assert choose_round_levels(1.0, 1.0).size == 0

@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 from small_cell import small_cell
 
-from machopt.domain.cell import Cell, MayTouch, Shape
-from machopt.domain.options import PlanOptions
+from machopt.cell.ignored_pairs import IgnoredPairReader
+from machopt.cell.urdf import read_urdf
+from machopt.cell.urdf.srdf_reader import read_srdf
+from machopt.collision.collision_model import CollisionModel
+from machopt.data_types.cell import Cell, CollisionShape, IgnoredPair
+from machopt.data_types.plan_options import PlanOptions
 from machopt.errors import InputError
-from machopt.formats.maytouch import PairReader
-from machopt.formats.urdf import read_urdf
-from machopt.formats.urdf.srdf import read_srdf
-from machopt.formats.yamlstrict import Loc, parse_yaml
-from machopt.model.collision import CollisionModel
-from machopt.model.robot import load_chain
-from machopt.recheck.scope import unchecked
-from machopt.verify.arm import Arm
-from machopt.verify.bodies import all_bodies, distance, pairs
-from machopt.verify.inventory import check_inventory
+from machopt.file_formats.strict_yaml import KeyPath, parse_yaml
+from machopt.kinematics.robot import load_chain
+from machopt.verification.folder.coverage import list_unchecked
+from machopt.verification.motion.collision.bodies import build_bodies, compute_distance, list_checked_pairs
+from machopt.verification.motion.collision.urdf_inventory import check_inventory
+from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
 SRDF = """<robot name="small">
   <disable_collisions link1="base_link" link2="link_1" reason="Adjacent"/>
@@ -37,11 +37,11 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
     return small_cell(tmp_path_factory.mktemp("touch"))
 
 
-def told(cell: Cell, *entries: str | list[str]) -> tuple[MayTouch, ...]:
+def told(cell: Cell, *entries: str | list[str]) -> tuple[IgnoredPair, ...]:
     document = parse_yaml("ignore_pairs: []", "cell.yaml")
-    reader = PairReader(read_urdf(cell.urdf), "flange", cell.tool, cell.workpiece, cell.obstacles, document)
+    reader = IgnoredPairReader(read_urdf(cell.urdf), "flange", cell.tool, cell.workpiece, cell.obstacles, document)
 
-    def open_file(loc: Loc, name: str) -> Path:
+    def open_file(loc: KeyPath, name: str) -> Path:
         return cell.folder / name
 
     return reader.pairs(list(entries), open_file)
@@ -107,22 +107,22 @@ def test_srdf_defaults_and_exceptions(cell: Cell, tmp_path: Path) -> None:
 
 def test_what_no_plan_can_keep_farther_apart_is_left_out_by_both(cell: Cell) -> None:
     """A disc about axis 6 is as far from link 5 in every pose: where that is too near, right plans failed."""
-    disc = Shape(name="disc", kind="cylinder", size=(0.02, 0.004), mesh=None, T_parent_shape=np.eye(4))
+    disc = CollisionShape(name="disc", kind="cylinder", size=(0.02, 0.004), mesh=None, T_parent_shape=np.eye(4))
     round_tool = replace(cell, tool=replace(cell.tool, geometry=(disc,)))
-    arm = Arm(round_tool)
-    bodies = all_bodies(round_tool, arm)
+    arm = UrdfKinematics(round_tool)
+    bodies = build_bodies(round_tool, arm)
     link, plate = (next(b for b in bodies if b.name == name) for name in ("link_5_0", "disc"))
     far = []
     for q in np.random.default_rng(1).uniform(-1.0, 1.0, (3, 6)):
-        T = arm.placements(q[None], np.zeros((1, 0)))[0]
-        far.append(distance(link, plate, np.linalg.inv(T[link.carrier]) @ T[plate.carrier]))
+        T = arm.compute_placements(q[None], np.zeros((1, 0)))[0]
+        far.append(compute_distance(link, plate, np.linalg.inv(T[link.carrier]) @ T[plate.carrier]))
     assert far[0] > 1e-3
     assert np.ptp(far) < 1e-6
     robot, shapes = load_chain(round_tool)
     for clearance, kept in ((far[0] - 5e-4, True), (far[0] + 5e-4, False)):
         model = CollisionModel(round_tool, robot, shapes, clearance)
         assert ("link_5_0 ~ disc" in {p.name for p in model.pairs}) is kept
-        named = {f"{a.name} ~ {b.name}" for a, b in pairs(round_tool, arm, bodies, clearance)}
+        named = {f"{a.name} ~ {b.name}" for a, b in list_checked_pairs(round_tool, arm, bodies, clearance)}
         assert ("link_5_0 ~ disc" in named) is kept
 
 
@@ -133,11 +133,11 @@ def test_planner_and_verification_leave_out_the_same_pairs_and_say_so(cell: Cell
     for each in (cell, lenient):
         robot, shapes = load_chain(each)
         model = CollisionModel(each, robot, shapes, 0.0)
-        arm = Arm(each)
+        arm = UrdfKinematics(each)
         found.append(
             (
                 {p.name for p in model.pairs},
-                {f"{a.name} ~ {b.name}" for a, b in pairs(each, arm, all_bodies(each, arm))},
+                {f"{a.name} ~ {b.name}" for a, b in list_checked_pairs(each, arm, build_bodies(each, arm))},
             )
         )
     assert found[0][0] - found[1][0] == names
@@ -145,13 +145,17 @@ def test_planner_and_verification_leave_out_the_same_pairs_and_say_so(cell: Cell
     assert {f"{e.a} ~ {e.b}" for e in model.excluded} == names
     assert all("ignore_pairs of cell.yaml" in e.reason for e in model.excluded)
     assert ("link_1_0", "link_2_0") in {(e.a, e.b) for e in model.adjacent}
-    assert any("base_link ~ link_2" in words and "ignore_pairs" in words for words in unchecked(lenient, PlanOptions()))
+    assert any(
+        "base_link ~ link_2" in words and "ignore_pairs" in words for words in list_unchecked(lenient, PlanOptions())
+    )
 
 
 def test_contact_at_home_names_the_key_that_would_help(cell: Cell) -> None:
     robot, shapes = load_chain(cell)
-    T = np.linalg.inv(robot.fk(cell.home)) @ np.array([[1, 0, 0, 0.4], [0, 1, 0, 0], [0, 0, 1, 1.2], [0, 0, 0, 1.0]])
-    boom = Shape(
+    T = np.linalg.inv(robot.compute_fk(cell.home)) @ np.array(
+        [[1, 0, 0, 0.4], [0, 1, 0, 0], [0, 0, 1, 1.2], [0, 0, 0, 1.0]]
+    )
+    boom = CollisionShape(
         name="boom", kind="sphere", size=(0.2,), mesh=None, T_parent_shape=T
     )  # at home it is in link 2, elsewhere mostly not
     home = replace(cell, tool=replace(cell.tool, geometry=(boom,)))
@@ -164,28 +168,28 @@ def test_an_srdf_of_another_robot_is_said(cell: Cell) -> None:
         '<robot name="o"><disable_collisions link1="Link_1" link2="Link_3"/></robot>'
     )
     document = parse_yaml("ignore_pairs: []", "cell.yaml")
-    reader = PairReader(read_urdf(cell.urdf), "flange", cell.tool, cell.workpiece, cell.obstacles, document)
+    reader = IgnoredPairReader(read_urdf(cell.urdf), "flange", cell.tool, cell.workpiece, cell.obstacles, document)
     assert reader.pairs(["other.srdf"], lambda loc, name: cell.folder / name) == ()
     (warning,) = reader.warnings
     assert "other.srdf names no two links of this robot in any of its 1 pairs (its first is Link_1 ~ Link_3)" in warning
 
 
 def test_a_body_in_no_pair_is_excused_only_where_the_cell_lets_all_its_pairs_touch(cell: Cell) -> None:
-    arm = Arm(cell)
-    bodies = all_bodies(cell, arm)
-    every = pairs(cell, arm, bodies)
+    arm = UrdfKinematics(cell)
+    bodies = build_bodies(cell, arm)
+    every = list_checked_pairs(cell, arm, bodies)
 
     def told(others: tuple[str, ...]) -> list[str]:
         """Without any pair of link 3, which the cell lets touch some others."""
-        lenient = replace(cell, may_touch=(MayTouch("a", "b", ("link_3_0",), others, "here"),))
-        left = [pair for pair in pairs(lenient, arm, bodies) if "link_3_0" not in {b.name for b in pair}]
+        lenient = replace(cell, may_touch=(IgnoredPair("a", "b", ("link_3_0",), others, "here"),))
+        left = [pair for pair in list_checked_pairs(lenient, arm, bodies) if "link_3_0" not in {b.name for b in pair}]
         return [c.where for c in check_inventory(lenient, arm, bodies, left) if c.passed is False]
 
     rivals = {b.name for pair in every if "link_3_0" in {x.name for x in pair} for b in pair} - {"link_3_0"}
     (where,) = told(("base_link_0",))
     assert "link 'link_3_0' is in no pair that is checked" in where
-    lenient = replace(cell, may_touch=(MayTouch("a", "b", ("link_3_0",), tuple(sorted(rivals)), "here"),))
-    left = pairs(lenient, arm, bodies)
+    lenient = replace(cell, may_touch=(IgnoredPair("a", "b", ("link_3_0",), tuple(sorted(rivals)), "here"),))
+    left = list_checked_pairs(lenient, arm, bodies)
     assert all(c.passed for c in check_inventory(lenient, arm, bodies, left))
 
 
@@ -196,9 +200,9 @@ def test_a_body_that_nothing_moves_against_is_in_no_pair_and_misses_none(cell: C
     alone = replace(cell, urdf=bare, obstacles=(), workpiece=replace(cell.workpiece, geometry=()))
 
     def told(cell: Cell, *, all_pairs: bool) -> list[str]:
-        arm = Arm(cell)
-        bodies = all_bodies(cell, arm)
-        wanted = pairs(cell, arm, bodies) if all_pairs else []
+        arm = UrdfKinematics(cell)
+        bodies = build_bodies(cell, arm)
+        wanted = list_checked_pairs(cell, arm, bodies) if all_pairs else []
         return [c.where for c in check_inventory(cell, arm, bodies, wanted) if c.passed is False]
 
     assert told(alone, all_pairs=True) == []

@@ -9,12 +9,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from machopt.domain.cell import Cell, Tool
-from machopt.formats.cell import load_cell
-from machopt.model.gravity import gravity_torque
-from machopt.model.robot import load_chain, load_masses
-from machopt.se3 import rpy_matrix, transform
-from machopt.verify.arm import Arm
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.cell import Cell, Tool
+from machopt.dynamics.gravity_torque import compute_gravity_torque
+from machopt.kinematics.robot import load_chain, load_masses
+from machopt.numerics.rigid_transforms import build_transform, compute_rpy_matrix
+from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
 MOUNTS = {"floor": (0, 0, 0), "ceiling": (180, 0, 0), "wall": (0, 90, 0), "tilted": (10, -35, 120)}
 FORCE = np.array([120.0, -40.0, -300.0])  # N in world
@@ -28,7 +28,7 @@ def heavy() -> Cell:
 
 @pytest.mark.parametrize("mount", MOUNTS)
 def test_kinematics_jacobian_and_weight_are_those_of_a_mounted_urdf(heavy: Cell, mount: str) -> None:
-    T_world_base = transform(rpy_matrix(np.radians(MOUNTS[mount])), np.array([0.4, -0.2, 2.5]))
+    T_world_base = build_transform(compute_rpy_matrix(np.radians(MOUNTS[mount])), np.array([0.4, -0.2, 2.5]))
     cell = replace(heavy, T_world_base=T_world_base)
     rpy = " ".join(f"{v:.17g}" for v in np.radians(MOUNTS[mount]))
     text = cell.urdf_text.replace(
@@ -44,9 +44,9 @@ def test_kinematics_jacobian_and_weight_are_those_of_a_mounted_urdf(heavy: Cell,
 
     q = np.random.default_rng(3).uniform(model.lowerPositionLimit, model.upperPositionLimit, (10, 6))
     robot, _ = load_chain(cell)
-    arm = Arm(cell)
-    state, stance = robot.state(q, bodies=True), arm.stance(q)
-    weights = gravity_torque(robot, load_masses(cell), state)[0], arm.gravity(q)
+    arm = UrdfKinematics(cell)
+    state, stance = robot.compute_state(q, bodies=True), arm.compute_configuration(q)
+    weights = compute_gravity_torque(robot, load_masses(cell), state)[0], arm.compute_gravity_torque(q)
     R = T_world_base[:3, :3]
     for n, row in enumerate(q):
         J = pin.computeFrameJacobian(model, data, row, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
@@ -65,10 +65,10 @@ def test_no_mount_but_the_floor_has_the_weight_of_the_floor(heavy: Cell) -> None
     q = np.array([[0.0, 0.2, 0.1, 0.3, 0.4, 0.0]])
     bears = []
     for rpy in MOUNTS.values():
-        T = transform(rpy_matrix(np.radians(rpy)), np.zeros(3))
+        T = build_transform(compute_rpy_matrix(np.radians(rpy)), np.zeros(3))
         robot, _ = load_chain(heavy)
         masses = load_masses(replace(heavy, T_world_base=T))
-        bears.append(gravity_torque(robot, masses, robot.state(q, bodies=True))[0][0, 1])
+        bears.append(compute_gravity_torque(robot, masses, robot.compute_state(q, bodies=True))[0][0, 1])
     assert abs(bears[0]) > 5e3
     assert bears[1] == pytest.approx(-bears[0])
     assert abs(bears[2] - bears[0]) > 1e3

@@ -14,94 +14,98 @@ from test_gouge import LIMIT, UP, cell_of, plate, pose
 from test_gouge import toolpath as held
 
 from machopt.cli import main
-from machopt.domain.cell import Shape
-from machopt.domain.options import PlanOptions
-from machopt.domain.reason import Reason
-from machopt.domain.stiffness import Stiffness
-from machopt.domain.toolpath import Move
-from machopt.plan.feed.slowdowns import Dip, Where
-from machopt.plan.pipeline.breaks import Break, Code
-from machopt.plan.pipeline.planned import Plan
-from machopt.plan.pipeline.run import plan
-from machopt.plan.written.explain import all_breaks, explain_points, help_of
-from machopt.plan.written.move_ends import given_up, slowed
-from machopt.plan.written.points import point_results
+from machopt.data_types.cell import CollisionShape
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.stiffness import ArmStiffness
+from machopt.data_types.toolpath import MoveKind
+from machopt.planning.pipeline.path_planner import plan_path
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.sequence_breaks import Code, SequenceBreak
+from machopt.planning.plan_output.infeasibility_reasons import describe_remedy, explain_points, list_breaks
+from machopt.planning.plan_output.move_results import add_slowdown_notes, mark_undriven_points
+from machopt.planning.plan_output.point_table import build_point_table
+from machopt.planning.retiming.slowdowns import FeedSlowdown, Where
 
 __all__ = ["made"]  # the fixture
 
 
-def broken(before: float, after: float, code: Code) -> Break:
-    return Break(before=before, after=after, code=code, text="why it stops", help="what would help")
+def broken(before: float, after: float, code: Code) -> SequenceBreak:
+    return SequenceBreak(before=before, after=after, code=code, text="why it stops", help="what would help")
 
 
 @pytest.mark.parametrize(
     ("before", "after", "code", "point", "status"),
     [
-        (2.0, 3.0, "joint_jump", 3, Reason.NO_PATH),
-        (2.25, 2.5, "collision", 3, Reason.COLLIDING),
-        (2.0, 3.0, "joint_limit", 3, Reason.LIMIT),
-        (np.nan, 0.0, "rapid_blocked", 0, Reason.NO_PATH),
-        (9.0, np.nan, "rapid_collides", 9, Reason.COLLIDING),
-        (np.nan, np.nan, "home_collides", 0, Reason.COLLIDING),
+        (2.0, 3.0, "joint_jump", 3, InfeasibilityReason.NO_PATH),
+        (2.25, 2.5, "collision", 3, InfeasibilityReason.COLLIDING),
+        (2.0, 3.0, "joint_limit", 3, InfeasibilityReason.LIMIT),
+        (np.nan, 0.0, "rapid_blocked", 0, InfeasibilityReason.NO_PATH),
+        (9.0, np.nan, "rapid_collides", 9, InfeasibilityReason.COLLIDING),
+        (np.nan, np.nan, "home_collides", 0, InfeasibilityReason.COLLIDING),
     ],
 )
 def test_a_way_that_fails_is_the_fault_of_the_row_it_ends_in(
-    made: Plan, before: float, after: float, code: Code, point: int, status: Reason
+    made: Plan, before: float, after: float, code: Code, point: int, status: InfeasibilityReason
 ) -> None:
-    assert given_up(made) is made
+    assert mark_undriven_points(made) is made
     stop = broken(before, after, code)
-    found = given_up(made, [stop])
+    found = mark_undriven_points(made, [stop])
     (row,) = found.missing
     assert (found.path.index[row], found.chosen.assignment.reason[row]) == (point, status)
     assert explain_points(found) == {row: f"{stop.where}: why it stops"}
-    assert help_of(found, int(row)) == "what would help"
+    assert describe_remedy(found, int(row)) == "what would help"
     assert np.isnan(found.chosen.cost[row])
-    assert all_breaks(found, (stop,)) == (stop,)  # the place itself is told as before
+    assert list_breaks(found, (stop,)) == (stop,)  # the place itself is told as before
     assert not len(made.missing)
 
 
 def test_a_place_between_two_points_gives_the_second_its_own_reason(made: Plan) -> None:
     inner = int(np.flatnonzero(~made.path.is_point)[0])
-    without = lost(made, inner, Reason.LIMIT)
-    found = given_up(without)
+    without = lost(made, inner, InfeasibilityReason.LIMIT)
+    found = mark_undriven_points(without)
     index = found.path.index
     (row,) = (p for p in found.missing if found.path.is_point[p])
-    assert (index[row], found.chosen.assignment.reason[row]) == (np.ceil(index[inner]), Reason.LIMIT)
+    assert (index[row], found.chosen.assignment.reason[row]) == (np.ceil(index[inner]), InfeasibilityReason.LIMIT)
     text = explain_points(found)[int(row)]
     assert text.startswith(f"from point {index[row] - 1:g} to point {index[row]:g}: at {index[inner]:.2f} between them")
-    assert [(b.code, b.before, b.after) for b in all_breaks(found)] == [("no_pose", index[row] - 1, index[row])]
-    both = lost(without, int(row), Reason.LIMIT)
-    assert given_up(both) is both  # that point has its own
+    assert [(b.code, b.before, b.after) for b in list_breaks(found)] == [("no_pose", index[row] - 1, index[row])]
+    both = lost(without, int(row), InfeasibilityReason.LIMIT)
+    assert mark_undriven_points(both) is both  # that point has its own
 
 
 def test_a_gouge_between_two_points_is_the_fault_of_the_second(tmp_path: Path) -> None:
-    rib = Shape(name="rib", kind="box", size=(0.002, 0.1, 0.004), mesh=None, T_parent_shape=pose(0.0473, 0.0, 0.002))
-    cell = replace(cell_of(tmp_path, (plate(), rib)), stiffness=Stiffness(joints=np.full(6, 1e6)))
-    path = held([((x, 0.0, 0.05 * (x == 0)), UP, Move.RAPID if x == 0 else Move.CUT) for x in (0.0, 0.02, 0.08)])
+    rib = CollisionShape(
+        name="rib", kind="box", size=(0.002, 0.1, 0.004), mesh=None, T_parent_shape=pose(0.0473, 0.0, 0.002)
+    )
+    cell = replace(cell_of(tmp_path, (plate(), rib)), stiffness=ArmStiffness(joints=np.full(6, 1e6)))
+    path = held(
+        [((x, 0.0, 0.05 * (x == 0)), UP, MoveKind.RAPID if x == 0 else MoveKind.CUT) for x in (0.0, 0.02, 0.08)]
+    )
     options = PlanOptions(collision=False, rotation_step=np.radians(45.0), gouge=LIMIT)
-    found = given_up(plan(cell, path, options))
-    table = point_results(found, path).table
+    found = mark_undriven_points(plan_path(cell, path, options))
+    table = build_point_table(found, path).table
     assert table.status == ("ok", "ok", "gouging")
     assert "the cutter gouges the finished part by 0.998 mm" in table.reason[2]
     row = int(np.flatnonzero(found.path.index == 2.0)[0])
-    assert "another path in the CAM file" in help_of(found, row)
+    assert "another path in the CAM file" in describe_remedy(found, row)
 
 
 def test_a_move_slower_than_programmed_says_so(made: Plan) -> None:
-    def dip(first: float, last: float, ratio: float, where: Where = "path") -> Dip:
-        return Dip(first=first, last=last, ratio=ratio, where=where, joint=7, limit="jerk")
+    def dip(first: float, last: float, ratio: float, where: Where = "path") -> FeedSlowdown:
+        return FeedSlowdown(first=first, last=last, ratio=ratio, where=where, joint=7, limit="jerk")
 
     assert not len(made.missing)
     table = replace(
-        point_results(made, held([(at, UP, Move.CUT) for at, _, _ in ROWS])).table, reason=("",) * len(ROWS)
+        build_point_table(made, held([(at, UP, MoveKind.CUT) for at, _, _ in ROWS])).table, reason=("",) * len(ROWS)
     )
     dips = [dip(1.5, 2.0, 0.5), dip(2.0, 2.0, 0.4), dip(2.5, 3.5, 0.25), dip(5.0, 5.5, 0.1, "start")]
-    said = slowed(table, dips).reason
+    said = add_slowdown_notes(table, dips).reason
     assert [k for k, text in enumerate(said) if text] == [2, 3, 4]
     assert said[2] == ("feed not held: down to 50 % of the programmed one between points 1.50 and 2.00, by jerk of e1")
     assert "down to 25 %" in said[3]  # the deepest of two
     given = replace(table, status=("ok", "ok", "gap", *table.status[3:]))
-    assert slowed(given, dips).reason[2] == ""
+    assert add_slowdown_notes(given, dips).reason[2] == ""
 
 
 def test_a_post_between_two_points_is_told_in_the_second_row(

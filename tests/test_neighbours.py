@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 from made_up_program import ARM, TOOL, WORKPIECE
 
-from machopt.domain.toolpath import Move
-from machopt.formats.toolpath import read_toolpath
+from machopt.data_types.toolpath import MoveKind
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 TESTS = Path(__file__).resolve().parent
 SCRIPTS = TESTS.parents[0] / "docs" / "examples" / "neighbours"
@@ -54,7 +54,7 @@ class Item:
         return Item("base")
 
     def SolveFK(self, joints: list[float]) -> np.ndarray:
-        T = ARM.fk(np.radians(np.array(joints) * self.turned))
+        T = ARM.compute_fk(np.radians(np.array(joints) * self.turned))
         flange = np.diag([1.0, -1.0, -1.0, 1.0])  # another convention of the flange, as makers have
         return np.asarray(np.vstack([np.hstack([T[:3, :3], 1e3 * T[:3, 3:]]), [0, 0, 0, 1]]) @ flange)
 
@@ -149,7 +149,7 @@ def test_a_station_s_program_comes_back_as_a_toolpath(tmp_path: Path) -> None:
     path = read_toolpath(tmp_path / "part.csv", default_feed=0.01)
     np.testing.assert_allclose(path.position, [[0, 0, 0.05], [0, 0, 0], [0.08, 0, 0]], atol=1e-9)
     np.testing.assert_allclose(path.axis, [[0, 0, 1]] * 3, atol=1e-9)
-    assert path.move.tolist() == [Move.RAPID, Move.CUT, Move.CUT]
+    assert path.move.tolist() == [MoveKind.RAPID, MoveKind.CUT, MoveKind.CUT]
     station.program.moves.append(("Arc", 1, 3, 0, down, None))
     with pytest.raises(SystemExit, match="is an arc"):
         pull(station, "Main", tmp_path / "part.csv")

@@ -10,48 +10,52 @@ from test_choose import VELOCITY, random_problem
 from test_path import Rows, toolpath
 from test_smooth import valley
 
-from machopt.domain.options import PlanOptions, Weights
-from machopt.domain.toolpath import Move
-from machopt.plan.choice.choose import Choice, choose
-from machopt.plan.configurations.candidates import Candidates
-from machopt.plan.cost.objective import NEAR, Objective, Terms, crowding, objective
-from machopt.plan.cost.score import Scores
-from machopt.plan.smoothing.corridor import REACH, Ends, Stretch
-from machopt.plan.smoothing.cost_table import CostTable
-from machopt.plan.smoothing.curves import Spline
-from machopt.plan.smoothing.programme import Basis, Programme
-from machopt.plan.smoothing.smooth import follow_grid
-from machopt.plan.smoothing.spline import spline_answers
-from machopt.plan.stations.path import Path, build_path
-from machopt.se3 import wrap
+from machopt.data_types.plan_options import ObjectiveWeights, PlanOptions
+from machopt.data_types.toolpath import MoveKind
+from machopt.numerics.rigid_transforms import wrap_angle
+from machopt.planning.cost.objective import NEAR, ObjectiveTerms, PlanObjective, compute_crowding, compute_objective
+from machopt.planning.cost.stiffness_index import CandidateScores
+from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sequence_search.dynamic_programming import SequenceChoice, choose_sequence
+from machopt.planning.smoothing.corridor import REACH, SmoothingStretch, StretchEnds
+from machopt.planning.smoothing.cost_interpolation import CostInterpolation
+from machopt.planning.smoothing.cubic_curves import CubicSpline
+from machopt.planning.smoothing.newton_solver import SplineBasis, SplineObjective
+from machopt.planning.smoothing.rotation_smoothing import follow_grid_rotation
+from machopt.planning.smoothing.rotation_spline import build_spline_solutions
+from machopt.planning.stations.planning_path import PlanningPath, build_planning_path
 
 UP = (0.0, 0.0, 1.0)
 OPTIONS = PlanOptions(
-    weights=Weights(mean=0.8, worst=0.7, travel=0.3, rotation=0.4, feed=3.0, clearance=0.6),
+    weights=ObjectiveWeights(mean=0.8, worst=0.7, travel=0.3, rotation=0.4, feed=3.0, clearance=0.6),
     preferred_rotation=0.5,
     preferred_weight=0.3,
 )
 SAME = 1e-12  # of J: rounding of a few hundred sums
 
 
-def finished(path: Path, candidates: Candidates, scores: Scores, choice: Choice) -> Objective:
+def finished(
+    path: PlanningPath, candidates: CandidateGrid, scores: CandidateScores, choice: SequenceChoice
+) -> PlanObjective:
     """J of the grid's sequence as a finished plan, every planning point a station."""
     assert len(path.stations) == len(path.index)
-    plain = follow_grid(path, candidates, choice)
+    plain = follow_grid_rotation(path, candidates, choice)
     cost = scores.cost[np.arange(len(path.index)), choice.rotation, choice.branch]
     crowded = None if scores.crowded is None else scores.crowded[np.arange(len(cost)), choice.rotation, choice.branch]
-    return objective(path, cost, choice.q, plain.phi, scores.scale, VELOCITY, OPTIONS, crowded)
+    return compute_objective(path, cost, choice.q, plain.phi, scores.scale, VELOCITY, OPTIONS, crowded)
 
 
-def by_stretches(path: Path, candidates: Candidates, scores: Scores, choice: Choice) -> float:
+def by_stretches(
+    path: PlanningPath, candidates: CandidateGrid, scores: CandidateScores, choice: SequenceChoice
+) -> float:
     """J of the grid's sequence as the smoother counts it, run by run."""
-    terms = Terms.at_stations(path, VELOCITY, OPTIONS)
+    terms = ObjectiveTerms.at_stations(path, VELOCITY, OPTIONS)
     total, worst, before = 0.0, 0.0, None
     for first, last in path.runs:
-        part = Stretch.of(path, candidates, scores, choice, np.arange(first, last + 1), terms)
+        part = SmoothingStretch.of(path, candidates, scores, choice, np.arange(first, last + 1), terms)
         joints = part.joints()
         total += float(part.price(part.band.cost[:, REACH], part.offset))
-        total += part.price_of_flights(joints[0], joints[-1], Ends(before))
+        total += part.price_of_flights(joints[0], joints[-1], StretchEnds(before))
         worst, before = max(worst, part.worst()), joints[-1]
     return total + OPTIONS.weights.worst * worst
 
@@ -64,7 +68,7 @@ def test_search_smoother_and_finished_plan_agree_on_random_sequences(rapid: tupl
         path, candidates, scores = random_problem(seed, rapid)
         if seed % 2:
             scores = replace(scores, crowded=np.random.default_rng(seed).random(scores.cost.shape))
-        choice = choose(path, candidates, scores, VELOCITY, OPTIONS)
+        choice = choose_sequence(path, candidates, scores, VELOCITY, OPTIONS)
         if choice.broken or choice.dropped.any():
             continue
         whole = finished(path, candidates, scores, choice)
@@ -80,39 +84,43 @@ def test_rotations_fixed_off_the_grid_turn_by_what_they_turn() -> None:
     nudged = replace(candidates, nudge=rng.uniform(-0.5, 0.5, len(path.stations)))
     free = replace(nudged, feasible=np.ones_like(candidates.feasible))
     scores = replace(scores, cost=np.where(np.isfinite(scores.cost), scores.cost, 1.0))
-    choice = choose(path, free, scores, VELOCITY, OPTIONS)
+    choice = choose_sequence(path, free, scores, VELOCITY, OPTIONS)
     assert not choice.broken
     assert choice.total == pytest.approx(finished(path, free, scores, choice).total, rel=SAME)
 
 
-def stretch(crowds: bool) -> tuple[Path, Stretch, Ends]:
+def stretch(crowds: bool) -> tuple[PlanningPath, SmoothingStretch, StretchEnds]:
     """A straight cut through a valley that turns to and fro, with rapid moves before and after."""
-    rows: Rows = [((0, 0, 0), UP, Move.RAPID)] + [((x, 0, 0), UP, Move.CUT) for x in np.linspace(0, 0.3, 61)[1:]]
-    path = build_path(toolpath(rows, feed=0.2))  # fast enough that turning costs time
+    rows: Rows = [((0, 0, 0), UP, MoveKind.RAPID)] + [
+        ((x, 0, 0), UP, MoveKind.CUT) for x in np.linspace(0, 0.3, 61)[1:]
+    ]
+    path = build_planning_path(toolpath(rows, feed=0.2))  # fast enough that turning costs time
     target = 0.3 + 0.4 * np.sin(4 * path.s / path.s[-1])
     candidates, scores = valley(path, target)
-    away = np.abs(np.asarray(wrap(candidates.phi_at() - target[path.stations][:, None]))) / np.pi
+    away = np.abs(np.asarray(wrap_angle(candidates.phi_at() - target[path.stations][:, None]))) / np.pi
     scores = replace(scores, crowded=np.broadcast_to(away[:, :, None], scores.cost.shape) if crowds else None)
-    choice = choose(path, candidates, scores, VELOCITY, OPTIONS)
-    terms = Terms.at_stations(path, VELOCITY, OPTIONS)
-    part = Stretch.of(path, candidates, scores, choice, np.arange(len(path.stations)), terms)
+    choice = choose_sequence(path, candidates, scores, VELOCITY, OPTIONS)
+    terms = ObjectiveTerms.at_stations(path, VELOCITY, OPTIONS)
+    part = SmoothingStretch.of(path, candidates, scores, choice, np.arange(len(path.stations)), terms)
     part.x = path.s[path.stations]
-    return path, part, Ends(np.full(6, 0.1), np.full(6, -0.2), 0.07)
+    return path, part, StretchEnds(np.full(6, 0.1), np.full(6, -0.2), 0.07)
 
 
-def programme_of(part: Stretch, knots: np.ndarray, ends: Ends, bending: float = 0.0) -> Programme:
-    return Programme(part, CostTable(part.band.cost, part.band.step), Basis(knots, part.x), bending, ends, 0.0)
+def programme_of(part: SmoothingStretch, knots: np.ndarray, ends: StretchEnds, bending: float = 0.0) -> SplineObjective:
+    return SplineObjective(
+        part, CostInterpolation(part.band.cost, part.band.step), SplineBasis(knots, part.x), bending, ends, 0.0
+    )
 
 
 @pytest.mark.parametrize("crowds", [False, True])
 def test_programme_and_merit_are_the_objective_along_a_curve(crowds: bool) -> None:
     """Where joints are linear in phi, merit and J are one number, and the rounded J is as wide as it is rounded."""
     path, part, ends = stretch(crowds)
-    answers, merit = spline_answers(path, part, 0.0, ends)
-    table, basis = CostTable(part.band.cost, part.band.step), Basis(answers[0].knots, part.x)
+    answers, merit = build_spline_solutions(path, part, 0.0, ends)
+    table, basis = CostInterpolation(part.band.cost, part.band.step), SplineBasis(answers[0].knots, part.x)
     nlp = programme_of(part, answers[0].knots, ends)
     rng = np.random.default_rng(1)
-    for answer in (*answers, *(Spline(a.knots, a.c + rng.uniform(-0.05, 0.05, len(a.c))) for a in answers[:3])):
+    for answer in (*answers, *(CubicSpline(a.knots, a.c + rng.uniform(-0.05, 0.05, len(a.c))) for a in answers[:3])):
         phi = basis.values(answer.c)
         np.testing.assert_allclose(phi, answer(part.x), atol=1e-12)
         cost = table.at(phi - part.band.phi)[0]
@@ -120,7 +128,7 @@ def test_programme_and_merit_are_the_objective_along_a_curve(crowds: bool) -> No
         q[:, 5] = phi
         table_ = part.band.crowded
         crowded = None if table_ is None else part._between(table_, phi - part.band.phi)
-        whole = objective(path, cost, q, phi, 1.0, VELOCITY, OPTIONS, crowded)
+        whole = compute_objective(path, cost, q, phi, 1.0, VELOCITY, OPTIONS, crowded)
         assert crowds or whole.feed > 0 or np.ptp(phi) < 0.1
         assert (whole.clearance > 0) == crowds
         flown = part.price_of_flights(q[0], q[-1], ends)
@@ -136,9 +144,9 @@ def test_programme_and_merit_are_the_objective_along_a_curve(crowds: bool) -> No
 @pytest.mark.parametrize("width", [0.1, 0.003])
 def test_gradient_and_hessian_of_the_programme_by_differences(width: float) -> None:
     path, part, ends = stretch(crowds=False)
-    answers, _ = spline_answers(path, part, 0.0, ends)
+    answers, _ = build_spline_solutions(path, part, 0.0, ends)
     knots, rng = answers[0].knots, np.random.default_rng(2)
-    nlp, basis, h = programme_of(part, knots, ends), Basis(knots, part.x), 1e-6
+    nlp, basis, h = programme_of(part, knots, ends), SplineBasis(knots, part.x), 1e-6
     for answer in answers[:2]:
         c = answer.c + rng.uniform(-0.03, 0.03, len(answer.c))
         here = nlp.model(c, width, 50.0)
@@ -159,13 +167,13 @@ def test_gradient_and_hessian_of_the_programme_by_differences(width: float) -> N
 def test_nothing_near_the_programmes_answer_is_better() -> None:
     """In the exact J with the price of bending, for random changes of one coefficient, of neighbours and of all."""
     path, part, ends = stretch(crowds=False)
-    answers, merit = spline_answers(path, part, 0.0, ends)
+    answers, merit = build_spline_solutions(path, part, 0.0, ends)
     knots, rng = answers[0].knots, np.random.default_rng(3)
     bending = 1e-4
     c = programme_of(part, knots, ends, bending).solve(answers[-2].c)
 
     def exact(c: np.ndarray) -> float:
-        return merit(Spline(knots, c), ends, 0.0) + bending * float(np.sum(np.diff(c, 2) ** 2))
+        return merit(CubicSpline(knots, c), ends, 0.0) + bending * float(np.sum(np.diff(c, 2) ** 2))
 
     best = exact(c)
     assert np.isfinite(best)
@@ -180,15 +188,15 @@ def test_nothing_near_the_programmes_answer_is_better() -> None:
 def test_short_rapid_moves_cost_more_travel() -> None:
     """a·b/π per rad, b = 1 + NEAR/(d + NEAR/10): by hand for one short and one long move."""
     rows: Rows = [
-        ((0, 0, 0), UP, Move.RAPID),
-        ((0.01, 0, 0), UP, Move.CUT),
-        ((0.06, 0, 0), UP, Move.RAPID),
-        ((0.07, 0, 0), UP, Move.CUT),
-        ((2.07, 0, 0), UP, Move.RAPID),
-        ((2.08, 0, 0), UP, Move.CUT),
+        ((0, 0, 0), UP, MoveKind.RAPID),
+        ((0.01, 0, 0), UP, MoveKind.CUT),
+        ((0.06, 0, 0), UP, MoveKind.RAPID),
+        ((0.07, 0, 0), UP, MoveKind.CUT),
+        ((2.07, 0, 0), UP, MoveKind.RAPID),
+        ((2.08, 0, 0), UP, MoveKind.CUT),
     ]
-    path = build_path(toolpath(rows))
-    terms = Terms.of(path, VELOCITY, PlanOptions())
+    path = build_planning_path(toolpath(rows))
+    terms = ObjectiveTerms.of(path, VELOCITY, PlanOptions())
     assert terms.travel[2] == pytest.approx(1 / 3 / np.pi * (1 + NEAR / (0.05 + NEAR / 10)))
     assert terms.travel[4] == pytest.approx(1 / 3 / np.pi * (1 + NEAR / (2.0 + NEAR / 10)))
     assert terms.travel[1] == pytest.approx(1 / 3 / np.pi)
@@ -196,9 +204,11 @@ def test_short_rapid_moves_cost_more_travel() -> None:
 
 
 def test_clearance_counts_from_contact_to_the_stated_distance() -> None:
-    np.testing.assert_allclose(crowding(np.array([-0.01, 0.0, 0.02, 0.05, 0.3]), 0.05), [1.0, 1.0, 0.6, 0.0, 0.0])
+    np.testing.assert_allclose(
+        compute_crowding(np.array([-0.01, 0.0, 0.02, 0.05, 0.3]), 0.05), [1.0, 1.0, 0.6, 0.0, 0.0]
+    )
     path, candidates, scores = random_problem(1, (0,))
-    choice = choose(path, candidates, scores, VELOCITY, OPTIONS)
+    choice = choose_sequence(path, candidates, scores, VELOCITY, OPTIONS)
     near = replace(scores, crowded=np.full(scores.cost.shape, 0.25))
     without, with_ = (finished(path, candidates, s, choice) for s in (scores, near))
     assert (without.clearance, with_.clearance) == (0.0, pytest.approx(0.25))

@@ -8,16 +8,16 @@ from pathlib import Path
 
 import pytest
 
+from machopt.cell.kinematics_file import load_kinematics
+from machopt.cell.stiffness.stiffness_file import load_stiffness
+from machopt.cell.urdf import read_urdf
 from machopt.cli import main
 from machopt.errors import InputError
-from machopt.formats import opener
-from machopt.formats.kinematics import load_kinematics
-from machopt.formats.options import load_options
-from machopt.formats.posts import load_post
-from machopt.formats.recording.table import Vocabulary, read_table
-from machopt.formats.stiffness import load_stiffness
-from machopt.formats.toolpath import read_toolpath
-from machopt.formats.urdf import read_urdf
+from machopt.file_formats import file_reading
+from machopt.measurement.recording.recording_table import AllowedColumns, read_table
+from machopt.options.plan_option_reader import load_options
+from machopt.programs.program_writer import load_post
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "toolpath": ("part.nc", read_toolpath),
@@ -28,7 +28,7 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "post": ("post.toml", load_post),
     "readings": (
         "data.csv",
-        lambda path: read_table(path, Vocabulary(numbers=("x",), words=(), listed="x", refused={})),
+        lambda path: read_table(path, AllowedColumns(numbers=("x",), words=(), listed_names="x", refused_names={})),
     ),
 }
 
@@ -97,10 +97,12 @@ def test_a_file_that_grows_while_it_is_read_is_held_to_its_limit(
 ) -> None:
     file = tmp_path / "a"
     file.write_bytes(b"x" * 100)
-    monkeypatch.setattr(opener, "_check", lambda *_: None)  # as if it had been small when it was looked at
+    monkeypatch.setattr(
+        file_reading, "_check_file_status", lambda *_: None
+    )  # as if it had been small when it was looked at
     with pytest.raises(InputError, match="holds more than"):
-        opener.read_file(file, expected="a file", most=99)
-    assert len(opener.read_file(file, expected="a file", most=100)) == 100
+        file_reading.read_file(file, expected="a file", most=99)
+    assert len(file_reading.read_file(file, expected="a file", most=100)) == 100
 
 
 @pytest.mark.parametrize(

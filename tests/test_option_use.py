@@ -9,8 +9,8 @@ from reader_samples import CAMWORKS, CATIA, CREO, DIN_ISO, FANUC, HEIDENHAIN, HS
 from test_unknown_words import GENERIC, JBI, KRL, RAPID, SCRIPT, TP, VAL3, write
 
 from machopt.errors import InputError
-from machopt.formats.optionuse import APPLIES, kind_of
-from machopt.formats.toolpath import read_toolpath
+from machopt.toolpath.toolpath_reader import read_toolpath
+from machopt.toolpath.unused_reading_options import APPLIES, find_file_kind
 
 APT_SAMPLES = (GENERIC, NX, CATIA, CREO, HSM, CAMWORKS)
 SAMPLES = (*APT_SAMPLES, FANUC, SIEMENS, HEIDENHAIN, DIN_ISO, NCI, KRL, RAPID, TP, SCRIPT, JBI, VAL3, TABLE)
@@ -32,7 +32,7 @@ def test_an_option_acts_or_is_refused_or_reported(tmp_path: Path, sample: Sample
     path = write(tmp_path, sample, sample.text)
     plain = read_toolpath(path, **sample.options)  # type: ignore[arg-type]
     asked = {**sample.options, **OPTIONS[option]}
-    if kind_of(plain) not in APPLIES[option]:
+    if find_file_kind(plain) not in APPLIES[option]:
         with pytest.raises(InputError) as refused:
             read_toolpath(path, **asked)  # type: ignore[arg-type]
         assert option in str(refused.value)

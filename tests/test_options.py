@@ -11,12 +11,19 @@ from examples import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from machopt.domain.options import ExternalAxis, FixedRotation, PlanOptions, ProcessForce, Steer, Weights
+from machopt.commands.optimize.request import OptimizeRequest
+from machopt.commands.optimize.run import run_optimize
+from machopt.data_types.plan_options import (
+    ExternalJointOptions,
+    FixedRotation,
+    ObjectiveWeights,
+    PlanOptions,
+    ProcessForce,
+    SteeringRule,
+)
 from machopt.errors import InputError
-from machopt.formats.option_keys import OptionKeys
-from machopt.formats.options import OPTIONS, load_options, options_as_user, without_effect
-from machopt.services.load import OptimizeRequest
-from machopt.services.run import optimize
+from machopt.options.option_schema import OptionKeys
+from machopt.options.plan_option_reader import OPTIONS, find_options_without_effect, format_user_options, load_options
 
 
 def test_no_layer_gives_the_domain_defaults() -> None:
@@ -46,17 +53,17 @@ def test_every_option_of_the_planner_has_a_user_key_and_back() -> None:
         method="jiao2022",
         index="deflection",
         force=ProcessForce(10, 20, 30),
-        weights=Weights(mean=2, worst=3, travel=4, rotation=5),
+        weights=ObjectiveWeights(mean=2, worst=3, travel=4, rotation=5),
         rotation_step=radians(2.5),
         rotation_range=(-pi / 2, pi / 3),
         preferred_rotation=radians(15),
         preferred_weight=0.7,
         fixed=(FixedRotation(3, radians(45)),),
         steer=(
-            Steer(operation="face", points=None, gamma=radians(30)),
-            Steer(points=(4, 4), forbid=(radians(170), radians(-170))),
-            Steer(points=(4, 9), prefer=radians(-20), weight=0.4),
-            Steer(branch=3),
+            SteeringRule(operation="face", points=None, gamma=radians(30)),
+            SteeringRule(points=(4, 4), forbid=(radians(170), radians(-170))),
+            SteeringRule(points=(4, 9), prefer=radians(-20), weight=0.4),
+            SteeringRule(branch=3),
         ),
         singularity_wrist=radians(7),
         singularity_elbow=radians(8),
@@ -78,7 +85,7 @@ def test_every_option_of_the_planner_has_a_user_key_and_back() -> None:
         compensation_max=0.003,
         seed=9,
         external=(
-            ExternalAxis(
+            ExternalJointOptions(
                 joint="e1",
                 mode="locked",
                 operations=(("face", "operation"),),
@@ -89,7 +96,7 @@ def test_every_option_of_the_planner_has_a_user_key_and_back() -> None:
                 unit="mm",
                 at_operations=(("face", 0.75),),
             ),
-            ExternalAxis(
+            ExternalJointOptions(
                 joint="turn",
                 mode="moving",
                 operations=(),
@@ -103,7 +110,7 @@ def test_every_option_of_the_planner_has_a_user_key_and_back() -> None:
     )
     same = [f.name for f in fields(other) if getattr(other, f.name) == getattr(PlanOptions(), f.name)]
     assert same == []  # an option added later must be added above, too
-    user = options_as_user(other)
+    user = format_user_options(other)
     assert set(user) == set(OptionKeys.model_fields) - {"machopt_plan"}
     back = load_options(user)
     # user numbers are rounded to 12 significant digits
@@ -121,7 +128,7 @@ def test_every_option_of_the_planner_has_a_user_key_and_back() -> None:
 )
 def test_user_numbers_come_back_as_written(step: float, clearance: float, feed: float) -> None:
     user: dict[str, object] = {"rotation_step_deg": step, "clearance_mm": clearance, "approach_feed_mm_min": feed}
-    shown = options_as_user(load_options(user))
+    shown = format_user_options(load_options(user))
     assert {k: shown[k] for k in user} == user
 
 
@@ -136,7 +143,7 @@ def test_later_layers_win_and_mappings_merge(tmp_path: Path) -> None:
         method=None,
     )
     assert options.force == ProcessForce(1, 2, 200)
-    assert options.weights == replace(Weights(), mean=2)
+    assert options.weights == replace(ObjectiveWeights(), mean=2)
     assert options.rotation_step == radians(4)
     assert (options.sample, options.clearance, options.seed) == (0.004, 0.005, 7)
     assert options.fixed == (FixedRotation(3, pi / 2),)
@@ -218,9 +225,9 @@ def test_cell_and_direct_options_are_checked_too() -> None:
     ],
 )
 def test_options_that_others_keep_from_acting_are_named(words: list[str], part: str) -> None:
-    (said,) = without_effect(load_options(overrides=words))
+    (said,) = find_options_without_effect(load_options(overrides=words))
     assert part in said
-    assert without_effect(load_options(overrides=words[:0])) == ()
+    assert find_options_without_effect(load_options(overrides=words[:0])) == ()
 
 
 def test_fixed_rotations_that_a_method_would_not_keep_are_refused(tmp_path: Path) -> None:
@@ -230,14 +237,14 @@ def test_fixed_rotations_that_a_method_would_not_keep_are_refused(tmp_path: Path
     cell = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
     words = ("method=jiao2022", "fixed=[{point: 0, gamma_deg: 10}]")
     with pytest.raises(InputError, match="method jiao2022 chooses every rotation by itself"):
-        optimize(OptimizeRequest(cell=cell, toolpath=tmp_path / "path.csv", out=tmp_path / "out", overrides=words))
+        run_optimize(OptimizeRequest(cell=cell, toolpath=tmp_path / "path.csv", out=tmp_path / "out", overrides=words))
     assert not (tmp_path / "out").exists()
 
 
 def test_clearance_in_the_objective_needs_collisions() -> None:
     options = load_options({"weights": {"clearance": 0.4}, "clearance_full_mm": 80})
     assert (options.weights.clearance, options.clearance_full) == (0.4, pytest.approx(0.08))
-    assert load_options(options_as_user(options)) == options
+    assert load_options(format_user_options(options)) == options
     with pytest.raises(InputError, match="collision=true would work"):
         load_options({"weights": {"clearance": 0.4}, "collision": False})
 
@@ -245,4 +252,4 @@ def test_clearance_in_the_objective_needs_collisions() -> None:
 def test_every_option_has_one_row_that_goes_to_si_and_back() -> None:
     assert {o.key for o in OPTIONS} == set(OptionKeys.model_fields) - {"machopt_plan"}
     assert {o.name for o in OPTIONS} == {f.name for f in fields(PlanOptions)}
-    assert load_options(options_as_user(PlanOptions())) == PlanOptions()
+    assert load_options(format_user_options(PlanOptions())) == PlanOptions()

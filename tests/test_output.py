@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from machopt.domain.manifest import Manifest
+from machopt.data_types.manifest import FolderManifest
 from machopt.errors import InputError
-from machopt.output import MANIFEST, output_folder, read_manifest, swap, write_json, write_manifest
-from machopt.output import folder as folders
-from machopt.output.manifest import differences
+from machopt.output import MANIFEST, folder_swap, read_manifest, write_json, write_manifest, write_output_folder
+from machopt.output import output_folder as folders
+from machopt.output.manifest_file import find_differences
 
 FILES = 12  # of the writer that is killed
 KILLS = 100
@@ -28,7 +28,7 @@ KILLS = 100
 
 def write(out: Path, generation: int = 1, files: int = 2) -> None:
     """A small output of ours: every file tells its generation."""
-    with output_folder(out) as folder:
+    with write_output_folder(out) as folder:
         fill(folder, generation, files)
 
 
@@ -36,7 +36,7 @@ def fill(folder: Path, generation: int, files: int = 2) -> None:
     write_json(folder / "result.json", {"machopt_result": 1, "generation": generation})
     for n in range(files):
         (folder / f"part{n}.txt").write_text(f"{generation}\n" * 50)
-    write_manifest(folder, Manifest(command="test", verdict="", exit_code=0, versions={}, inputs=()), {})
+    write_manifest(folder, FolderManifest(command="test", verdict="", exit_code=0, versions={}, inputs=()), {})
 
 
 def generation(out: Path) -> int:
@@ -52,16 +52,16 @@ def beside(out: Path) -> list[str]:
 def _either_way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """File systems with and without a step that exchanges two folders."""
     if not request.param:
-        monkeypatch.setattr(folders, "exchange", lambda a, b: False)
+        monkeypatch.setattr(folders, "exchange_folders", lambda a, b: False)
 
 
 def test_an_output_folder_appears_whole(tmp_path: Path) -> None:
     out = tmp_path / "new" / "out"
-    with output_folder(out) as folder:
+    with write_output_folder(out) as folder:
         write_json(folder / "result.json", {"machopt_result": 1, "a": np.float64(0.1), "b": np.array([1.0, np.nan])})
         assert not out.exists()
     assert json.loads((out / "result.json").read_text()) == {"machopt_result": 1, "a": 0.1, "b": [1.0, None]}
-    with output_folder(out) as folder:  # ours: replaced, not merged
+    with write_output_folder(out) as folder:  # ours: replaced, not merged
         write_json(folder / "result.json", {"machopt_result": 2})
     assert [p.name for p in out.iterdir()] == ["result.json"]
     assert [p.name for p in out.parent.iterdir()] == ["out"]
@@ -69,9 +69,9 @@ def test_an_output_folder_appears_whole(tmp_path: Path) -> None:
 
 def test_a_failure_leaves_the_old_output(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    with output_folder(out) as folder:
+    with write_output_folder(out) as folder:
         write_json(folder / "result.json", {"machopt_result": 1})
-    with pytest.raises(RuntimeError), output_folder(out) as folder:  # noqa: PT012
+    with pytest.raises(RuntimeError), write_output_folder(out) as folder:  # noqa: PT012
         (folder / "half.csv").write_text("1")
         raise RuntimeError
     assert [p.name for p in out.iterdir()] == ["result.json"]
@@ -84,7 +84,7 @@ def test_a_foreign_folder_is_not_replaced(tmp_path: Path, monkeypatch: pytest.Mo
     (tmp_path / "file").write_text("x")
     monkeypatch.chdir(tmp_path)
     for name, message in (("photos", "not an earlier machopt output"), ("file", "is a file"), (".", "working")):
-        with pytest.raises(InputError, match=message), output_folder(tmp_path / name):
+        with pytest.raises(InputError, match=message), write_output_folder(tmp_path / name):
             pytest.fail("not reached")
     assert (tmp_path / "photos" / "result.json").exists()
 
@@ -126,17 +126,17 @@ def test_an_earlier_output_is_replaced_as_a_whole(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("_either_way")
 def test_everything_is_on_the_disk_before_the_swap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[str] = []
-    sync, put = folders.sync_tree, folders._Place.swap
+    sync, put = folders.sync_tree, folders._OutputPlace.swap
     monkeypatch.setattr(folders, "sync_tree", lambda f: (told.append("synced"), sync(f)))
-    monkeypatch.setattr(folders._Place, "swap", lambda self, f: (told.append("swapped"), put(self, f)))
+    monkeypatch.setattr(folders._OutputPlace, "swap", lambda self, f: (told.append("swapped"), put(self, f)))
     write(tmp_path / "out")
     assert told == ["synced", "swapped"]
 
 
 def test_what_is_synced_is_every_file_and_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     synced: list[str] = []
-    monkeypatch.setattr("machopt.output.swap._sync", lambda path: synced.append(path.name))
-    with output_folder(tmp_path / "out") as folder:
+    monkeypatch.setattr("machopt.output.folder_swap._sync_file", lambda path: synced.append(path.name))
+    with write_output_folder(tmp_path / "out") as folder:
         (folder / "krl").mkdir()
         (folder / "krl" / "a.src").write_text("x")
         fill(folder, 1)
@@ -146,7 +146,7 @@ def test_what_is_synced_is_every_file_and_folder(tmp_path: Path, monkeypatch: py
 
 
 def test_a_second_run_is_refused_while_the_first_is_at_work(tmp_path: Path) -> None:
-    with output_folder(tmp_path / "out") as folder:
+    with write_output_folder(tmp_path / "out") as folder:
         with pytest.raises(InputError, match="another run is writing this folder"):
             write(tmp_path / "out", 2)
         with pytest.raises(InputError, match="another run"):  # under any name of the same place
@@ -183,7 +183,7 @@ def test_what_a_killed_run_left_is_taken_away_by_the_next(tmp_path: Path) -> Non
 
 
 def test_what_another_run_is_writing_is_left_alone(tmp_path: Path) -> None:
-    with output_folder(tmp_path / "a") as folder:
+    with write_output_folder(tmp_path / "a") as folder:
         write(tmp_path / "b")
         write(tmp_path / "aa")
         with pytest.raises(InputError):
@@ -209,7 +209,7 @@ Path.rename = stopping
 write(Path(sys.argv[1]), 2)""",
     )
     assert not (tmp_path / "out").exists()
-    with pytest.raises(InputError, match="stop here"), output_folder(tmp_path / "out"):  # noqa: PT012
+    with pytest.raises(InputError, match="stop here"), write_output_folder(tmp_path / "out"):  # noqa: PT012
         assert generation(tmp_path / "out") == 1
         raise InputError("stop here")
     assert generation(tmp_path / "out") == 1
@@ -219,7 +219,7 @@ write(Path(sys.argv[1]), 2)""",
 def test_names_beside_are_not_to_be_foreseen(tmp_path: Path) -> None:
     names = set()
     for _ in range(5):
-        with output_folder(tmp_path / "out") as folder:
+        with write_output_folder(tmp_path / "out") as folder:
             names.add(folder.name)
             fill(folder, 1)
     assert len(names) == 5
@@ -239,7 +239,7 @@ def test_a_file_of_the_user_in_an_earlier_output_is_not_lost(tmp_path: Path) -> 
 
 def test_a_file_that_the_user_adds_meanwhile_is_not_lost(tmp_path: Path) -> None:
     write(tmp_path / "out")
-    with pytest.raises(InputError, match=r"notes\.txt"), output_folder(tmp_path / "out") as folder:  # noqa: PT012
+    with pytest.raises(InputError, match=r"notes\.txt"), write_output_folder(tmp_path / "out") as folder:  # noqa: PT012
         fill(folder, 2)
         (tmp_path / "out" / "notes.txt").write_text("mine")
     assert (tmp_path / "out" / "notes.txt").read_text() == "mine"
@@ -259,7 +259,7 @@ def test_a_link_to_a_folder_stays_and_what_it_names_is_replaced(tmp_path: Path) 
     write(tmp_path / "out", 2)
     assert (tmp_path / "out").is_symlink()
     assert generation(tmp_path / "real") == 2
-    with output_folder(tmp_path / "real"), pytest.raises(InputError, match="another run"):
+    with write_output_folder(tmp_path / "real"), pytest.raises(InputError, match="another run"):
         write(tmp_path / "out", 3)
 
 
@@ -286,7 +286,7 @@ def below_a_file(tmp_path: Path) -> Path:
     ],
 )
 def test_a_place_where_nothing_can_be_written_is_refused_at_once(place: object, message: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=message), output_folder(place(tmp_path)):  # type: ignore[operator]
+    with pytest.raises(InputError, match=message), write_output_folder(place(tmp_path)):  # type: ignore[operator]
         pytest.fail("not reached")
 
 
@@ -310,7 +310,7 @@ def test_the_longest_name_works(tmp_path: Path) -> None:
 def test_a_disk_that_takes_no_more_is_one_message(number: int, hint: str, named: bool, tmp_path: Path) -> None:
     write(tmp_path / "out", 1)
     message = rf"{os.strerror(number)}.*{hint}.*What was there is unchanged"
-    with pytest.raises(InputError, match=message), output_folder(tmp_path / "out") as folder:
+    with pytest.raises(InputError, match=message), write_output_folder(tmp_path / "out") as folder:
         raise OSError(number, os.strerror(number), str(folder / "x") if named else None)
     assert generation(tmp_path / "out") == 1
     assert beside(tmp_path / "out") == []
@@ -329,7 +329,7 @@ def test_a_disk_that_takes_no_more_when_synced_is_one_message(tmp_path: Path, mo
 
 
 def test_an_error_of_reading_is_not_taken_for_the_disk(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError), output_folder(tmp_path / "out"):
+    with pytest.raises(FileNotFoundError), write_output_folder(tmp_path / "out"):
         (tmp_path / "mesh.stl").read_bytes()
 
 
@@ -337,7 +337,7 @@ def test_a_limit_of_the_file_size_is_one_message(tmp_path: Path) -> None:
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
     try:
-        with pytest.raises(InputError, match="ulimit -f"), output_folder(tmp_path / "out") as folder:
+        with pytest.raises(InputError, match="ulimit -f"), write_output_folder(tmp_path / "out") as folder:
             (folder / "large").write_bytes(bytes(10_000))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
@@ -354,7 +354,7 @@ def test_a_place_that_may_not_be_written_is_one_message(tmp_path: Path, monkeypa
 
 
 def test_folders_made_for_a_failed_run_go_again(tmp_path: Path) -> None:
-    with pytest.raises(InputError), output_folder(tmp_path / "a" / "b" / "out"):
+    with pytest.raises(InputError), write_output_folder(tmp_path / "a" / "b" / "out"):
         raise InputError("no")
     assert list(tmp_path.iterdir()) == []
 
@@ -380,16 +380,16 @@ def test_a_hundred_kills_leave_the_old_or_the_new(tmp_path: Path) -> None:
         os.waitpid(child, 0)
         if not out.exists():  # only where two folders cannot be exchanged, until the next start
             missing += 1
-            with pytest.raises(InputError, match="look"), output_folder(out):
+            with pytest.raises(InputError, match="look"), write_output_folder(out):
                 raise InputError("look")
         found = generation(out)
         assert found >= last
         manifest, sealed = read_manifest(out)
         assert sealed
-        assert differences(out, manifest) == ()
+        assert find_differences(out, manifest) == ()
         assert {p.read_text().split()[0] for p in out.glob("part*.txt")} == {str(found)}
         last = found
     assert last > KILLS // 4  # it did write
-    assert not missing or folders.exchange is not swap.exchange
+    assert not missing or folders.exchange_folders is not folder_swap.exchange_folders
     write(out, last + 1)
     assert beside(out) == []

@@ -16,28 +16,36 @@ from small_cell import pose
 from test_external import OPTIONS, UP, K, apart, slots
 from test_path import Rows, toolpath
 
-from machopt.cli.toolpath_words import _external_lines
-from machopt.domain.cell import Shape
-from machopt.domain.options import ExternalAxis
-from machopt.domain.results.optimize import ExternalSearchBound
-from machopt.domain.toolpath import Move
-from machopt.plan.best.bound import Around, Lattice, lattice_of, over_external, turned_low
-from machopt.plan.best.values_around import NEAR, VALUES, values_of
-from machopt.plan.choice.worst_cap import GAP
-from machopt.plan.cost.objective import objective
-from machopt.plan.external.axes import axes_of
-from machopt.plan.external.groups import groups_of
-from machopt.plan.pipeline.planned import ExternalBound
-from machopt.plan.pipeline.run import plan
-from machopt.plan.pipeline.setup import Timings, prepare, standing
-from machopt.plan.stations.path import build_path
-from machopt.recheck.resultnumbers import _over_external
+from machopt.cli.optimize_summary import _format_external_lines
+from machopt.data_types.cell import CollisionShape
+from machopt.data_types.documents.optimize_document import ExternalSearchBoundSection
+from machopt.data_types.plan_options import ExternalJointOptions
+from machopt.data_types.toolpath import MoveKind
+from machopt.planning.cost.objective import compute_objective
+from machopt.planning.external_axes.axis_modes import resolve_axis_options
+from machopt.planning.external_axes.operation_groups import build_operation_groups
+from machopt.planning.external_axis_optimization.external_axis_bound import (
+    BoundSearch,
+    ValueGridSequences,
+    bound_over_external_axes,
+    build_value_grid_sequences,
+    unwrap_to_lower_limits,
+)
+from machopt.planning.external_axis_optimization.value_grid import NEAR, VALUES, build_group_value_grid
+from machopt.planning.pipeline.path_planner import plan_path
+from machopt.planning.pipeline.plan import ExternalAxisBound
+from machopt.planning.pipeline.planning_setup import StageTimings, fix_external_axes, prepare_planning
+from machopt.planning.sequence_search.worst_value_constraint import GAP
+from machopt.planning.stations.planning_path import build_planning_path
+from machopt.verification.folder.result_json.objective_and_gains import _check_external_gap
 
 EXACT = 1e-9  # of J: rounding
 TURN = 2.0 * np.pi
 
 
-def random_lattice(seed: int, priced: tuple[float, float, float, float], flags: int, stable: bool) -> Lattice:
+def random_lattice(
+    seed: int, priced: tuple[float, float, float, float], flags: int, stable: bool
+) -> ValueGridSequences:
     """Four stations, two values of two joints, two rotations, two branches; any kind of step."""
     rng = np.random.default_rng(seed)
     S, G, R, B, E = 4, 2, 2, 2, 2
@@ -49,7 +57,7 @@ def random_lattice(seed: int, priced: tuple[float, float, float, float], flags: 
     kind = np.vstack([np.zeros((1, 3), bool), bits])
     kind[:, 2] &= kind[:, 1]  # nothing plunges over a rapid move
     counted = rng.uniform(size=(S, 1)) < 0.8
-    return Lattice(
+    return ValueGridSequences(
         node=np.where(missing, np.inf, 0.25 * cost),
         raw=np.where(counted & ~missing, cost, 0.0),
         q=rng.uniform(-6.0, 0.5, (S, V, 6)),
@@ -66,7 +74,7 @@ def random_lattice(seed: int, priced: tuple[float, float, float, float], flags: 
     )
 
 
-def every_price(x: Lattice) -> np.ndarray:
+def every_price(x: ValueGridSequences) -> np.ndarray:
     """J of every sequence, by the words of the module; infinite where one is none."""
     S, V = x.node.shape
     R, B = x.phi.shape[1], x.branches
@@ -116,7 +124,7 @@ def test_bound_and_best_against_every_sequence(
 
 
 def hole_and_slot() -> Rows:
-    return [*slots(-0.3, x=0.0), ((0.1, 0.3, 0.05), UP, Move.RAPID), ((0.1, 0.3, 0.0), UP, Move.CUT)]
+    return [*slots(-0.3, x=0.0), ((0.1, 0.3, 0.05), UP, MoveKind.RAPID), ((0.1, 0.3, 0.0), UP, MoveKind.CUT)]
 
 
 @pytest.mark.parametrize("modes", [("moving", "moving"), ("moving", "operation"), ("operation", "operation")])
@@ -124,12 +132,14 @@ def test_its_prices_are_those_of_the_objective(tmp_path: FilePath, modes: tuple[
     """The best sequence of the lattice, put together as a path that is driven, has its J; others have no less."""
     cell = replace(external_cell(tmp_path, rail=True, table=True), stiffness=K)
     path_in = apart(toolpath(hole_and_slot()))
-    free = tuple(ExternalAxis(joint=n, mode=m, range=(-0.4, 0.4)) for n, m in zip(("rail", "turn"), modes, strict=True))
+    free = tuple(
+        ExternalJointOptions(joint=n, mode=m, range=(-0.4, 0.4)) for n, m in zip(("rail", "turn"), modes, strict=True)
+    )
     options = replace(OPTIONS, external=free, rotation_step=np.radians(45.0))
-    setup, path = prepare(cell, options), standing(build_path(path_in), cell.external_home)
-    groups = groups_of(cell, path_in, path, axes_of(cell, options))
-    grids = [values_of(g, path, counts={2: 2}) for g in groups]
-    lattice = lattice_of(setup, options, path, groups, grids, 1e-6)
+    setup, path = prepare_planning(cell, options), fix_external_axes(build_planning_path(path_in), cell.external_home)
+    groups = build_operation_groups(cell, path_in, path, resolve_axis_options(cell, options))
+    grids = [build_group_value_grid(g, path, counts={2: 2}) for g in groups]
+    lattice = build_value_grid_sequences(setup, options, path, groups, grids, 1e-6)
     found = lattice.best(1e-6)
     assert found is not None
     total, bound, vertex = found
@@ -144,7 +154,7 @@ def test_its_prices_are_those_of_the_objective(tmp_path: FilePath, modes: tuple[
         w, share = options.weights, path.weight
         cost = np.zeros(S)
         cost[share > 0] = 1e-6 * lattice.node[rows, vertex][share > 0] / (w.mean * share[share > 0])
-        return objective(path, cost, x, phi, 1e-6, setup.velocity, options).total
+        return compute_objective(path, cost, x, phi, 1e-6, setup.velocity, options).total
 
     assert price(vertex) == pytest.approx(total, rel=1e-9)
     assert bound <= total
@@ -161,24 +171,24 @@ def test_its_prices_are_those_of_the_objective(tmp_path: FilePath, modes: tuple[
 def test_a_plan_is_told_against_all_values_and_where_none_is_known_why(tmp_path: FilePath) -> None:
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
     path = toolpath(slots(0.15))
-    options = replace(OPTIONS, external=(ExternalAxis(joint="rail", mode="operation"),))
-    found = over_external(plan(cell, path, options), path, Timings())
+    options = replace(OPTIONS, external=(ExternalJointOptions(joint="rail", mode="operation"),))
+    found = bound_over_external_axes(plan_path(cell, path, options), path, StageTimings())
     assert found is not None
     assert not found.why
     assert found.bound <= found.sequence
     assert found.bound < found.plan
     assert found.values == len(np.unique([*np.linspace(-2.5, 2.5, VALUES[1]), 0.0])) + 2 * len(NEAR)
-    finer = over_external(plan(cell, path, options), path, Timings(), {1: 2 * VALUES[1] - 1})
+    finer = bound_over_external_axes(plan_path(cell, path, options), path, StageTimings(), {1: 2 * VALUES[1] - 1})
     assert finer is not None
     assert finer.bound <= found.sequence * (1 + EXACT)  # every value of the coarser grid is one of the finer
-    many = over_external(plan(cell, path, options), path, Timings(), {1: 2000})
+    many = bound_over_external_axes(plan_path(cell, path, options), path, StageTimings(), {1: 2000})
     assert many is not None
     assert f"{2002 + 2 * len(NEAR)} values" in many.why
     assert not np.isfinite(many.bound)
-    locked = replace(OPTIONS, external=(ExternalAxis(joint="rail", mode="locked"),))
-    assert over_external(plan(cell, path, locked), path, Timings()) is None
+    locked = replace(OPTIONS, external=(ExternalJointOptions(joint="rail", mode="locked"),))
+    assert bound_over_external_axes(plan_path(cell, path, locked), path, StageTimings()) is None
     beyond = toolpath(slots(9.0))
-    none = over_external(plan(cell, beyond, options), beyond, Timings())
+    none = bound_over_external_axes(plan_path(cell, beyond, options), beyond, StageTimings())
     assert none is not None
     assert "gaps" in none.why
 
@@ -188,7 +198,7 @@ def test_a_plan_is_told_against_all_values_and_where_none_is_known_why(tmp_path:
 def test_whole_turns_are_those_within_the_limits(q: float, lower: float, upper: float) -> None:
     """Against counting them one by one; on a limit counts as within."""
     told = [k for k in range(-4, 5) if lower <= q + TURN * k <= upper]
-    low, more = turned_low(np.full((1, 6), q), np.full(6, lower), np.full(6, upper))
+    low, more = unwrap_to_lower_limits(np.full((1, 6), q), np.full(6, lower), np.full(6, upper))
     if told:
         assert low[0, 0] == pytest.approx(q + TURN * told[0], abs=1e-6)
         assert more[0, 0] == len(told) - 1
@@ -198,11 +208,11 @@ def test_the_plan_is_one_of_the_sequences_and_starts_where_it_stands(tmp_path: F
     """Whatever its rotation: the bound is never above it, and its own sequence is the plan as a start."""
     cell = replace(external_cell(tmp_path, rail=True, table=True), stiffness=K)
     path = toolpath(slots(0.12))
-    free = tuple(ExternalAxis(joint=n, mode="moving") for n in ("rail", "turn"))
+    free = tuple(ExternalJointOptions(joint=n, mode="moving") for n in ("rail", "turn"))
     options = replace(OPTIONS, external=free, rotation_step=np.radians(15.0))
-    made = plan(cell, path, options)
-    groups = groups_of(cell, path, made.path, axes_of(cell, options))
-    around = Around.of(made, groups, {2: 2})
+    made = plan_path(cell, path, options)
+    groups = build_operation_groups(cell, path, made.path, resolve_axis_options(cell, options))
+    around = BoundSearch.of(made, groups, {2: 2})
     assert not isinstance(around, str)
     found = around.best()
     assert found is not None
@@ -219,12 +229,14 @@ def test_the_plan_is_one_of_the_sequences_and_starts_where_it_stands(tmp_path: F
 
 def test_the_best_sequence_touches_nothing(tmp_path: FilePath) -> None:
     """A bar stands where the arm is best: as good as where every pose that touches it had been looked for."""
-    bar = Shape(name="bar", kind="box", size=(0.1, 0.1, 2.0), mesh=None, T_parent_shape=pose(0.5, -0.15, 0.8))
+    bar = CollisionShape(name="bar", kind="box", size=(0.1, 0.1, 2.0), mesh=None, T_parent_shape=pose(0.5, -0.15, 0.8))
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K, obstacles=(bar,))
     path = toolpath(slots(0.15))
-    options = replace(OPTIONS, collision=True, external=(ExternalAxis(joint="rail", mode="moving"),))
-    made = plan(cell, path, options)
-    around = Around.of(made, groups_of(cell, path, made.path, axes_of(cell, options)), VALUES)
+    options = replace(OPTIONS, collision=True, external=(ExternalJointOptions(joint="rail", mode="moving"),))
+    made = plan_path(cell, path, options)
+    around = BoundSearch.of(
+        made, build_operation_groups(cell, path, made.path, resolve_axis_options(cell, options)), VALUES
+    )
     assert not isinstance(around, str)
     every = np.nonzero(np.isfinite(around.lattice.node))
     touching = around.touching(*every)
@@ -246,15 +258,15 @@ def test_the_best_sequence_touches_nothing(tmp_path: FilePath) -> None:
 @pytest.mark.parametrize(("bound", "plan", "gap"), [(0.9, 1.0, 0.1), (1.0, 1.0, 0.0), (1.1, 1.0, None)])
 def test_a_plan_below_the_bound_has_no_gap(bound: float, plan: float, gap: float | None) -> None:
     """It stands between the values of the grid, of which alone the bound holds; and whoever reads it back knows."""
-    found = ExternalBound(bound=bound, sequence=1.2, plan=plan, values=13, stations=9, step=0.2)
+    found = ExternalAxisBound(bound=bound, sequence=1.2, plan=plan, values=13, stations=9, step=0.2)
     assert found.gap == (gap if gap is None else pytest.approx(gap, abs=1e-12))
-    told = ExternalSearchBound(
+    told = ExternalSearchBoundSection(
         why_none="", values=13, stations=9, rotation_step_deg=15.0, sequence=1.2, lower_bound=bound, plan=plan,
         gap_percent=None if found.gap is None else 100.0 * found.gap,
     )  # fmt: skip
-    assert list(_over_external(told)) == []
+    assert list(_check_external_gap(told)) == []
     wrong = told.model_copy(update={"gap_percent": 100.0 * (1.0 - bound / plan) if gap is None else None})
-    assert "gap_percent" in " ".join(_over_external(wrong))
-    words = " ".join(_external_lines(told))
+    assert "gap_percent" in " ".join(_check_external_gap(wrong))
+    words = " ".join(_format_external_lines(told))
     assert ("below all of them" in words) == (gap is None)
     assert "gap -" not in words

@@ -13,9 +13,9 @@ import pytest
 from machopt.api.figure import Figure
 from machopt.api.table import Table
 from machopt.cli import main
-from machopt.domain.manifest import Manifest
+from machopt.data_types.manifest import FolderManifest
 from machopt.errors import InputError
-from machopt.output import output_folder, write_json, write_manifest
+from machopt.output import write_json, write_manifest, write_output_folder
 from machopt.output.single_file import write_text_file
 
 CELL = Path(__file__).parents[1] / "cells" / "kr500_milling"
@@ -189,11 +189,11 @@ def test_files_of_the_library_never_overwrite(tmp_path: Path) -> None:
 
 
 def _output(out: Path) -> None:
-    with output_folder(out) as folder:
+    with write_output_folder(out) as folder:
         write_json(folder / "result.json", {"machopt_result": 1})
         (folder / "krl").mkdir()
         (folder / "krl" / "job.src").write_text("LIN")
-        write_manifest(folder, Manifest(command="optimize", verdict="", exit_code=0, versions={}, inputs=()), {})
+        write_manifest(folder, FolderManifest(command="optimize", verdict="", exit_code=0, versions={}, inputs=()), {})
 
 
 def _with_manifest_gone(out: Path) -> str:
@@ -239,10 +239,10 @@ def test_an_edited_output_is_kept(change: Callable[[Path], str], tmp_path: Path)
     out = tmp_path / "out"
     _output(out)
     name = change(out)
-    with pytest.raises(InputError, match=name), output_folder(out):
+    with pytest.raises(InputError, match=name), write_output_folder(out):
         pytest.fail("not reached")
     assert os.path.lexists(out / name)
-    with output_folder(out, force=True) as folder:
+    with write_output_folder(out, force=True) as folder:
         (folder / "new").write_text("1")
     assert [p.name for p in out.iterdir()] == ["new"]
 
@@ -253,9 +253,9 @@ def test_an_input_inside_the_output_is_kept(tmp_path: Path) -> None:
     link = tmp_path / "job.src"
     link.symlink_to(out / "krl" / "job.src")
     for given in (out / "krl" / "job.src", link, out, tmp_path / "out" / ".." / "out" / "krl"):
-        with pytest.raises(InputError), output_folder(out, inputs=(given,)):
+        with pytest.raises(InputError), write_output_folder(out, inputs=(given,)):
             pytest.fail("not reached")
-    with output_folder(out, inputs=(tmp_path / "elsewhere",)):
+    with write_output_folder(out, inputs=(tmp_path / "elsewhere",)):
         pass
 
 

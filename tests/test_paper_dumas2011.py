@@ -12,17 +12,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from machopt.formats.cell import load_cell
-from machopt.model.kinetostatic import (
+from machopt.cell.cell_reader import load_cell
+from machopt.kinematics.robot import Robot, load_robot
+from machopt.stiffness.kinetostatic_indices import (
     CharacteristicLength,
     GeometricInfluence,
-    characteristic_length,
-    compliance_with_geometric,
-    geometric_stiffness,
-    influence_of_geometric,
-    kci,
+    compute_characteristic_length,
+    compute_conditioning_index,
+    compute_geometric_influence,
+    compute_geometric_stiffness,
+    compute_loaded_compliance,
 )
-from machopt.model.robot import Robot, load_robot
 
 CELL = Path(__file__).resolve().parent.parent / "cells" / "kr240_drilling"
 D2, D3, D4, RL4, RL6 = 0.350, 1.250, 0.055, 1.100, 0.230  # m
@@ -137,7 +137,7 @@ def test_equation_31_is_right_but_for_its_third_row() -> None:
     """J_32 swallowed J_33 (a product where the line should end), and the labels after it slid by one."""
     robot, wrong = table_3(), np.zeros((6, 6))
     for t in np.random.default_rng(0).uniform(-np.pi, np.pi, (50, 6)):
-        ours, theirs = robot.fk_jacobian(t)[1], printed_jacobian(t, D2, D3, D4, RL4, RL6)
+        ours, theirs = robot.compute_fk_jacobian(t)[1], printed_jacobian(t, D2, D3, D4, RL4, RL6)
         wrong = np.maximum(wrong, np.abs(ours - theirs))
         c2, c4, c5, s4, s5 = np.cos(t[1]), np.cos(t[3]), np.cos(t[4]), np.sin(t[3]), np.sin(t[4])
         c23, s23 = np.cos(t[1] + t[2]), np.sin(t[1] + t[2])
@@ -160,10 +160,12 @@ def test_shipped_cell_is_table_3_in_kukas_own_angles() -> None:
     A = np.random.default_rng(1).uniform(np.maximum(shipped.lower, -3), np.minimum(shipped.upper, 3), (20, 6))
     sign = -np.ones(6)
     theta = sign * A - np.array([0, 0, np.pi / 2, 0, 0, 0])
-    ours, theirs = shipped.fk_jacobian(A)[1], paper.fk_jacobian(theta)[1]
+    ours, theirs = shipped.compute_fk_jacobian(A)[1], paper.compute_fk_jacobian(theta)[1]
     np.testing.assert_allclose(ours, theirs * sign, atol=1e-12)
-    np.testing.assert_allclose(shipped.fk(A)[:, :3, 3], paper.fk(theta)[:, :3, 3] + [0, 0, 0.750], atol=1e-12)
-    mirrored = table_3(-D4).fk_jacobian(theta)[1]
+    np.testing.assert_allclose(
+        shipped.compute_fk(A)[:, :3, 3], paper.compute_fk(theta)[:, :3, 3] + [0, 0, 0.750], atol=1e-12
+    )
+    mirrored = table_3(-D4).compute_fk_jacobian(theta)[1]
     assert np.abs(ours - mirrored * sign).max() > 0.1  # with RL4 > 0 the data sheet's 55 mm are d4 = +55
 
 
@@ -171,7 +173,9 @@ def test_shipped_cell_is_table_3_in_kukas_own_angles() -> None:
 
 
 def length_of(robot: Robot, tool: np.ndarray, bounded: bool = False) -> CharacteristicLength:
-    return characteristic_length(robot, tool, (robot.lower, robot.upper) if bounded else None, starts=512, refined=8)
+    return compute_characteristic_length(
+        robot, tool, (robot.lower, robot.upper) if bounded else None, starts=512, refined=8
+    )
 
 
 def test_characteristic_length_is_the_papers_at_the_bare_flange_within_the_joint_ranges() -> None:
@@ -203,13 +207,13 @@ def test_reach_of_2700_mm_is_the_stretched_wrist_centre() -> None:
     wrist = np.eye(4)
     wrist[2, 3] = -RL6
     q = np.array([0, 0, np.arctan2(D4, RL4) - np.pi / 2, 0, 0, 0])
-    assert np.linalg.norm(table_3().fk(q, wrist)[:3, 3]) == pytest.approx(reach, abs=1e-12)
+    assert np.linalg.norm(table_3().compute_fk(q, wrist)[:3, 3]) == pytest.approx(reach, abs=1e-12)
     assert reach == pytest.approx(2.7014, abs=5e-5)
 
 
 def test_zones_of_table_1_are_the_dexterous_ones() -> None:
     two, three, q = plane()
-    index = kci(table_3().fk_jacobian(q)[1], L)
+    index = compute_conditioning_index(table_3().compute_fk_jacobian(q)[1], L)
     zones = [in_zone(two, three, z) for z in ZONES]
     outside = np.median(index[~(zones[0] | zones[1] | zones[2])])
     assert index.max() == pytest.approx(0.557, abs=1e-3)
@@ -238,14 +242,16 @@ def test_singular_lines_of_figure_3() -> None:
     t2, t23 = q[..., 1], q[..., 1] + q[..., 2]
     r = D2 + D3 * np.cos(t2) + D4 * np.cos(t23) - RL4 * np.sin(t23)
     closed = D3 * np.hypot(D4, RL4) * r * np.sin(q[..., 2] - stretched) * np.sin(np.pi / 4)
-    J = table_3().fk_jacobian(q)[1]
+    J = table_3().compute_fk_jacobian(q)[1]
     np.testing.assert_allclose(np.linalg.det(J), closed, atol=1e-13)
     assert np.degrees(stretched) == pytest.approx(-87.14, abs=0.01)
     assert -245 < np.degrees(stretched) < 29
     assert np.degrees(stretched) + 180 > 29
     on_line = q[::20, 0].copy()
     on_line[:, 2] = stretched
-    assert kci(table_3().fk_jacobian(on_line)[1], L).max() < 1e-12  # the angle itself is rounded at 1e-16
+    assert (
+        compute_conditioning_index(table_3().compute_fk_jacobian(on_line)[1], L).max() < 1e-12
+    )  # the angle itself is rounded at 1e-16
     # the oblique line passes between Z2c (θ2 ≤ 25°) and Z3c (θ2 ≥ 100°), at the height of both
     t3 = np.radians(14.5)
     near, far = (D2 + D3 * np.cos(t) + D4 * np.cos(t + t3) - RL4 * np.sin(t + t3) for t in np.radians([25.0, 100.0]))
@@ -256,17 +262,19 @@ def test_location_of_the_zones_does_depend_on_the_length() -> None:
     """Section 3.1 says it does not. True of the singular lines; the best quarter of the plane moves."""
     q = plane()[2]
     robot = table_3()
-    J = robot.fk_jacobian(q)[1]
-    base = kci(J, L)
+    J = robot.compute_fk_jacobian(q)[1]
+    base = compute_conditioning_index(J, L)
     best = base >= np.quantile(base, 0.737)  # as large a share as Table 1's zones
     kept = []
     for length in (L / 2, 2 * L):
-        other = kci(J, length)
+        other = compute_conditioning_index(J, length)
         kept.append(float(np.mean((other >= np.quantile(other, 0.737))[best])))
     assert kept == pytest.approx([0.80, 0.67], abs=0.01)
     turned = q[::10, ::10].copy()
     turned[..., 0] = 1.1  # "the first revolute joint does not affect the robot dexterity": that holds
-    np.testing.assert_allclose(kci(robot.fk_jacobian(turned)[1], L), base[::10, ::10], rtol=1e-10)
+    np.testing.assert_allclose(
+        compute_conditioning_index(robot.compute_fk_jacobian(turned)[1], L), base[::10, ::10], rtol=1e-10
+    )
 
 
 # --- section 3.2: the influence of K_C ---------------------------------------------------------------------
@@ -275,8 +283,8 @@ def test_location_of_the_zones_does_depend_on_the_length() -> None:
 def influence(k: np.ndarray, tool: float = 0.0, wrench: np.ndarray = WRENCH) -> GeometricInfluence:
     T = np.eye(4)
     T[2, 3] = tool
-    J = table_3().fk_jacobian(plane(2.0)[2], T)[1]
-    return influence_of_geometric(J, k, geometric_stiffness(J, wrench), wrench)
+    J = table_3().compute_fk_jacobian(plane(2.0)[2], T)[1]
+    return compute_geometric_influence(J, k, compute_geometric_stiffness(J, wrench), wrench)
 
 
 def test_influence_of_the_complementary_stiffness_holds_with_the_cited_joint_stiffness() -> None:
@@ -305,12 +313,12 @@ def test_measured_displacements_speak_for_table_2() -> None:
     20 % would be 1.8 mm: the influence of K_C (above) and the displacements are not of one set of values.
     """
     two, three, q = plane(5.0)
-    J = table_3().fk_jacobian(q)[1]
+    J = table_3().compute_fk_jacobian(q)[1]
     weight = np.array([0, 0, -2000.0, 0, 0, 0])
     zones = np.any([in_zone(two, three, z) for z in ZONES], axis=0)
     middle = []
     for k in (TABLE_2, CITED):
-        C = compliance_with_geometric(J, k, geometric_stiffness(J, weight))
+        C = compute_loaded_compliance(J, k, compute_geometric_stiffness(J, weight))
         middle.append(float(np.median(np.linalg.norm((C @ weight)[zones][:, :3], axis=1))))
     assert middle == pytest.approx([0.00093, 0.0092], rel=0.02)
 
@@ -342,11 +350,11 @@ def scatter(k: np.ndarray, in_mm: bool, seed: int, draws: int = 100) -> tuple[np
     lever *= 0.5 / np.linalg.norm(lever, axis=1, keepdims=True)
 
     def regressor(q: np.ndarray, force: np.ndarray) -> np.ndarray:  # A of eq. 21, stacked as eq. 23
-        J = robot.fk_jacobian(q)[1]
+        J = robot.compute_fk_jacobian(q)[1]
         return np.asarray(J * np.einsum("nci,nc->ni", J, np.c_[force, np.cross(lever, force)])[:, None, :])
 
     angle = 2 * np.pi * np.arange(3) / 3
-    targets = 0.3 * np.c_[np.cos(angle), np.sin(angle), 0 * angle] @ np.swapaxes(robot.fk(q)[:, :3, :3], 1, 2)
+    targets = 0.3 * np.c_[np.cos(angle), np.sin(angle), 0 * angle] @ np.swapaxes(robot.compute_fk(q)[:, :3, :3], 1, 2)
     x, y, z = np.moveaxis(targets, -1, 0)
     o = np.zeros_like(x)
     spin = np.stack([np.stack(r, -1) for r in ([o, z, -y], [-z, o, x], [y, -x, o])], -2)  # ω × p

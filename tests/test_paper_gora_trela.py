@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from machopt.formats.cell import load_cell
-from machopt.model.robot import load_robot
+from machopt.cell.cell_reader import load_cell
+from machopt.kinematics.robot import load_robot
 
 CELL = Path(__file__).resolve().parent.parent / "cells" / "s420f_handling"
 H = np.pi / 2
@@ -83,7 +83,7 @@ def test_a3_has_four_slips_and_is_the_jacobians_third_row_without_them() -> None
 
 def test_shipped_cell_has_the_same_levers() -> None:
     robot = load_robot(load_cell(CELL))
-    ours = robot.fk_jacobian(THETA - np.array([0, H, 0, 0, 0, 0]))[1]
+    ours = robot.compute_fk_jacobian(THETA - np.array([0, H, 0, 0, 0, 0]))[1]
     np.testing.assert_allclose(ours[2, 1:3], chain(THETA)[1][2, 1:3], atol=1e-9)
 
 

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from machopt.formats.cell import load_cell
-from machopt.model.elastic import jiao_index
-from machopt.model.ik import refine
-from machopt.model.robot import Robot, load_robot
-from machopt.se3 import axis_rotation
+from machopt.cell.cell_reader import load_cell
+from machopt.kinematics.inverse.solver import refine_by_newton
+from machopt.kinematics.robot import Robot, load_robot
+from machopt.numerics.rigid_transforms import compute_axis_rotation
+from machopt.stiffness.arm_stiffness import compute_jiao_index
 
 CELL = Path(__file__).resolve().parent.parent / "cells" / "kr500_milling"
 # Table 2, after optimisation, degrees; and the rotation it belongs to
@@ -46,14 +46,14 @@ def arm() -> tuple[Robot, np.ndarray, np.ndarray]:
 
 def turned(robot: Robot, tool: np.ndarray, q: list[float], at: float, theta: np.ndarray) -> np.ndarray:
     """Joints for the TCP of ``q`` turned from ``at`` to ``theta`` (degrees) about its z, in steps of at most 1°."""
-    T0, out = robot.fk(np.radians(q), tool), np.empty((len(theta), 6))
+    T0, out = robot.compute_fk(np.radians(q), tool), np.empty((len(theta), 6))
     for side in (np.flatnonzero(theta >= at), np.flatnonzero(theta < at)[::-1]):  # outwards, each from the one before
         x, here = np.radians(q), at
         for n in side:
             for t in np.linspace(here, theta[n], max(2, int(abs(theta[n] - here)) + 1)):
                 T = T0.copy()
-                T[:3, :3] = T0[:3, :3] @ axis_rotation(np.array([0.0, 0.0, 1.0]), np.radians(t - at))
-                x, error = refine(robot, T, x, tool)
+                T[:3, :3] = T0[:3, :3] @ compute_axis_rotation(np.array([0.0, 0.0, 1.0]), np.radians(t - at))
+                x, error = refine_by_newton(robot, T, x, tool)
                 assert error < 1e-9
             out[n], here = x, theta[n]
     return out
@@ -69,9 +69,9 @@ def indices(
 ) -> tuple[np.ndarray, np.ndarray]:
     """k_x (eq. 23) and k_ν (eq. 43) in N/mm. The paper's tool x, y, z are our TCP z, x, y."""
     robot, tool, k = arm
-    T, J = robot.fk_jacobian(q, tool)
+    T, J = robot.compute_fk_jacobian(q, tool)
     stiffness = np.broadcast_to(k, (len(q), 6))
-    k_x, k_y, k_z = (jiao_index(J, stiffness, T[:, :3, c]) / 1e3 for c in (2, 0, 1))
+    k_x, k_y, k_z = (compute_jiao_index(J, stiffness, T[:, :3, c]) / 1e3 for c in (2, 0, 1))
     return k_x, jiao_normal_index(k_y, k_z, np.radians(theta))
 
 
@@ -129,7 +129,7 @@ def test_smoothing_along_our_pass_costs_more_than_the_paper_says(arm: tuple[Robo
     whole space the two peaks are further apart than with the grid whose values are not printed.
     """
     robot, tool, _ = arm
-    start, end = (robot.fk(np.radians(TAGS[t][0]), tool)[:3, 3] for t in (1, 2))
+    start, end = (robot.compute_fk(np.radians(TAGS[t][0]), tool)[:3, 3] for t in (1, 2))
     best = {}
     for tag, (q, at) in TAGS.items():
         _, k_nu = indices(arm, turned(robot, tool, q, at, THETA), THETA)
@@ -138,9 +138,9 @@ def test_smoothing_along_our_pass_costs_more_than_the_paper_says(arm: tuple[Robo
     losses = []
     for share in np.linspace(0.0, 1.0, 9):
         q, at = TAGS[1] if share < 0.5 else TAGS[2]
-        T = robot.fk(np.radians(q), tool)
+        T = robot.compute_fk(np.radians(q), tool)
         T[:3, 3] = (1 - share) * start + share * end
-        seed, error = refine(robot, T, np.radians(q), tool, 20)
+        seed, error = refine_by_newton(robot, T, np.radians(q), tool, 20)
         assert error < 1e-9
         _, curve = indices(arm, turned(robot, tool, list(np.degrees(seed)), at, THETA), THETA)
         smooth = (1 - share) * best[1] + share * best[2]

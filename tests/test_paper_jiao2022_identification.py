@@ -16,17 +16,17 @@ import pytest
 from grid_poses import grid_plan
 from simulated_arm import SmoothField, TrueArm, random_loads, record
 
-from machopt.domain.stiffness import Stiffness
-from machopt.estimate.experiment import experiment
-from machopt.formats.cell import load_cell
-from machopt.formats.stiffness import load_stiffness
-from machopt.identify.fit import fit
-from machopt.identify.grid import fit_grid
-from machopt.identify.gridcells import Region
-from machopt.model.elastic import ArmElasticity, held_stiffness, joint_stiffness
-from machopt.model.ik import Margins, solver_for
-from machopt.model.robot import load_robot
-from machopt.se3 import transform
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.stiffness.stiffness_file import load_stiffness
+from machopt.data_types.stiffness import ArmStiffness
+from machopt.kinematics.inverse.solver import SingularityMargins, build_solver
+from machopt.kinematics.robot import load_robot
+from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
+from machopt.measurement.identification.fitting.weighted_fit import fit_stiffness
+from machopt.measurement.identification.grid_stiffness.grid_cells import GridRegion
+from machopt.measurement.identification.grid_stiffness.grid_fit import fit_grid
+from machopt.numerics.rigid_transforms import build_transform
+from machopt.stiffness.arm_stiffness import ArmElasticity, compute_constrained_stiffness, compute_joint_stiffness
 
 FOLDER = Path(__file__).resolve().parents[1] / "cells" / "kr500_milling"
 EQ38 = [1.58e7, 6.12e6, 5.28e6, 4.66e5, 2.19e5, 3.49e5]  # N·m/rad; N·mm/rad in the paper
@@ -38,16 +38,16 @@ SIZE = np.array([0.6, 1.2, 0.6])
 DOWN = np.diag([1.0, -1.0, -1.0])  # the flange's z axis down
 WEIGHT = 50 * 9.80665  # N
 BRANCH = 5
-MARGINS = Margins(np.radians(5), np.radians(3), 0.05, np.radians(2))
+MARGINS = SingularityMargins(np.radians(5), np.radians(3), 0.05, np.radians(2))
 BEFORE, BEFORE_WORST = 0.2868e-3, 0.3587e-3  # m, mean and largest error without compensation, page with fig. 16
 AFTER = {1: 0.1201e-3, 128: 0.0570e-3}  # m, mean after compensation
 
 FORCE, MOMENT, LOADS = 1000.0, 200.0, 3  # N, N·m at most, loads a configuration
 
 
-def region(edge: float) -> Region:
+def region(edge: float) -> GridRegion:
     x, y, z = (round(s / edge) for s in SIZE)
-    return Region(ORIGIN, edge, (x, y, z))
+    return GridRegion(ORIGIN, edge, (x, y, z))
 
 
 def verification(seed: int) -> np.ndarray:
@@ -67,13 +67,13 @@ def test_equations_38_to_40_are_stiffness_files() -> None:
     assert two.grid.shape == (1, 2, 1)
     np.testing.assert_allclose(two.grid.cell * np.array(two.grid.shape), SIZE)  # 1200 mm along y
     np.testing.assert_allclose(two.grid.origin, ORIGIN)
-    centres = Region(two.grid.origin, two.grid.cell, two.grid.shape).centres()
-    found = joint_stiffness(two, centres)
+    centres = GridRegion(two.grid.origin, two.grid.cell, two.grid.shape).centres()
+    found = compute_joint_stiffness(two, centres)
     np.testing.assert_array_equal(found.k, [EQ39, EQ40])
-    on_face = joint_stiffness(two, centres.mean(axis=0))  # section 2.3: the average on the contact plane
+    on_face = compute_joint_stiffness(two, centres.mean(axis=0))  # section 2.3: the average on the contact plane
     np.testing.assert_allclose(on_face.k, np.mean([EQ39, EQ40], axis=0), rtol=1e-15)
-    outside = joint_stiffness(two, centres[0] - [1.0, 0, 0])
-    assert not outside.in_grid
+    outside = compute_joint_stiffness(two, centres[0] - [1.0, 0, 0])
+    assert not outside.is_in_grid
     np.testing.assert_array_equal(outside.k, EQ38)
 
 
@@ -99,7 +99,7 @@ def test_27_configurations_a_cell() -> None:
     for number, edge in GRIDS.items():
         grid = region(edge)
         assert len(grid) == number
-        plan = grid_plan(cell, robot, solver_for(robot), grid, MARGINS)
+        plan = grid_plan(cell, robot, build_solver(robot), grid, MARGINS)
         assert len(plan.position) == expected[number]
         assert {len(plan.of_cell(n)) for n in range(number)} == {27}
         assert plan.reached.mean() > 0.9  # the rest is near the wrist's singularity at our placement
@@ -113,22 +113,27 @@ def test_equation_38_predicts_the_error_before_compensation() -> None:
     """
     cell = load_cell(FOLDER)
     robot = load_robot(cell)
-    poses = transform(np.broadcast_to(DOWN, (128, 3, 3)), verification(0))
-    q = solver_for(robot).solve(poses).q[:, BRANCH]
+    poses = build_transform(np.broadcast_to(DOWN, (128, 3, 3)), verification(0))
+    q = build_solver(robot).solve(poses).q[:, BRANCH]
     assert np.isfinite(q).all()
     force = np.tile([0.0, 0.0, -WEIGHT, 0.0, 0.0, 0.0], (128, 1))
     moved = np.linalg.norm(
-        ArmElasticity(robot, np.eye(4), Stiffness(joints=np.array(EQ38))).at(q).respond(force)[:, :3], axis=1
+        ArmElasticity(robot, np.eye(4), ArmStiffness(joints=np.array(EQ38))).evaluate(q).compute_twist(force)[:, :3],
+        axis=1,
     )
     assert moved.mean() == pytest.approx(0.2875e-3, abs=1e-6)
     assert moved.mean() == pytest.approx(BEFORE, rel=0.02)  # place and points are not the paper's
     assert moved.max() == pytest.approx(0.4116e-3, abs=1e-6)
-    _, J = robot.fk_jacobian(q)
-    held = np.linalg.inv(held_stiffness(J, np.broadcast_to(EQ38, (128, 6)))) @ force[0, :3]
+    _, J = robot.compute_fk_jacobian(q)
+    held = np.linalg.inv(compute_constrained_stiffness(J, np.broadcast_to(EQ38, (128, 6)))) @ force[0, :3]
     assert np.linalg.norm(held, axis=1).mean() == pytest.approx(0.2517e-3, abs=1e-6)
     assert np.linalg.norm(held, axis=1).max() == pytest.approx(BEFORE_WORST, rel=0.02)
     tip = cell.tool.T_flange_tcp
-    at_tip = ArmElasticity(robot, tip, Stiffness(joints=np.array(EQ38))).at(cell.home[None]).respond(force[:1])[0, :3]
+    at_tip = (
+        ArmElasticity(robot, tip, ArmStiffness(joints=np.array(EQ38)))
+        .evaluate(cell.home[None])
+        .compute_twist(force[:1])[0, :3]
+    )
     assert np.linalg.norm(at_tip) > 3 * BEFORE
 
 
@@ -143,10 +148,10 @@ def compensated(seed: int, grids: dict[int, float]) -> dict[int, tuple[float, fl
     cell, flange = load_cell(FOLDER), np.eye(4)
     cell = replace(cell, tool=replace(cell.tool, T_flange_tcp=flange))  # the weight and the tracker's target there
     robot = load_robot(cell)
-    solver = solver_for(robot)
+    solver = build_solver(robot)
     rng = np.random.default_rng(seed)
     arm = TrueArm(robot, flange, SmoothField.draw(1 / np.array(EQ38), rng, amplitude=0.5, scale=0.4))
-    q = solver.solve(transform(np.broadcast_to(DOWN, (128, 3, 3)), verification(seed))).q[:, BRANCH]
+    q = solver.solve(build_transform(np.broadcast_to(DOWN, (128, 3, 3)), verification(seed))).q[:, BRANCH]
     test = record(arm, q, np.array([[0.0, 0.0, -WEIGHT, 0.0, 0.0, 0.0]]), rng)
     measured, true = test.recording.displacement, test.displacement[:, :3]
     wrench = test.recording.wrench
@@ -158,13 +163,15 @@ def compensated(seed: int, grids: dict[int, float]) -> dict[int, tuple[float, fl
         plan = grid_plan(cell, robot, solver, region(edge), MARGINS, posture=DOWN, branch=BRANCH)
         at = plan.q[plan.reached]
         readings = record(arm, at, random_loads(rng, len(at), LOADS, FORCE, MOMENT), rng)
-        constant = fit(experiment(readings.recording, robot, flange))
+        constant = fit_stiffness(build_load_test_experiment(readings.recording, robot, flange))
         k = np.where(np.isfinite(hold), hold, 1 / np.maximum(constant.compliance, 1e-12))
         if number == 1:
-            stiffness = Stiffness(joints=k)
+            stiffness = ArmStiffness(joints=k)
         else:
-            stiffness = Stiffness(joints=k, grid=fit_grid(constant, edge, ORIGIN, region(edge).shape, hold=hold).grid)
-        d = ArmElasticity(robot, flange, stiffness).at(test.recording.q).respond(wrench)[:, :3]  # eq. 41
+            stiffness = ArmStiffness(
+                joints=k, grid=fit_grid(constant, edge, ORIGIN, region(edge).shape, hold=hold).grid
+            )
+        d = ArmElasticity(robot, flange, stiffness).evaluate(test.recording.q).compute_twist(wrench)[:, :3]  # eq. 41
         out[number] = (_mean(measured - d), _mean(true - d))
     return out
 

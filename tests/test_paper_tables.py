@@ -15,11 +15,11 @@ import pytest
 from scipy.optimize import least_squares, nnls
 from scipy.stats import chi2, spearmanr
 
-from machopt.domain.recording import Recording
-from machopt.formats.cell import load_cell
-from machopt.formats.recording import load_recording
-from machopt.model.elastic import deflection
-from machopt.model.robot import Robot, load_robot
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.measurements.recording import Recording
+from machopt.kinematics.robot import Robot, load_robot
+from machopt.measurement.recording import load_recording
+from machopt.stiffness.arm_stiffness import compute_deflection
 
 Array = np.ndarray
 CELLS = Path(__file__).resolve().parent.parent / "cells"
@@ -48,7 +48,7 @@ class Arm:
 
     def columns(self, wrench: Array, T_flange_point: Array, q: Array | None = None) -> Array:
         """(N, 3, 6) mm per rad/(N·m): the displacement that each joint's compliance causes."""
-        J = self.robot.fk_jacobian(self.q if q is None else q, T_flange_point)[1]
+        J = self.robot.compute_fk_jacobian(self.q if q is None else q, T_flange_point)[1]
         tau = np.einsum("nki,nk->ni", J[:, : wrench.shape[1]], wrench)
         return 1e3 * J[:, :3] * tau[:, None, :]
 
@@ -164,7 +164,7 @@ def test_zhang_moments_know_one_lever_for_all_postures(zhang: Arm, table_3: dict
     cosine = np.abs(np.sum(zhang.force * zhang.moment, axis=1)) / norm(zhang.force) / norm(zhang.moment)
     assert np.median(cosine) > 0.5
     # No tool puts its tip at one place in all ten postures, so the constant lever is no tool tip.
-    T = zhang.robot.fk(zhang.q[::3])
+    T = zhang.robot.compute_fk(zhang.q[::3])
     A = np.concatenate([T[:, :3, :3], -np.broadcast_to(np.eye(3), (10, 3, 3))], axis=2).reshape(-1, 6)
     p = T[:, :3, 3].ravel()
     miss = (A @ np.linalg.lstsq(A, -p, rcond=None)[0] + p).reshape(10, 3)
@@ -223,8 +223,8 @@ def test_zhang_published_stiffness_on_its_own_table(zhang: Arm) -> None:
     """
     assert rms(zhang.d) == pytest.approx(0.545, abs=0.001)
     for T, error, factor in ((zhang.T_flange_tcp, 11.77, 29.0), (FLANGE, 4.97, 10.8)):
-        J = zhang.robot.fk_jacobian(zhang.q, T)[1]
-        predicted = 1e3 * deflection(J, K_ZHANG, zhang.force)
+        J = zhang.robot.compute_fk_jacobian(zhang.q, T)[1]
+        predicted = 1e3 * compute_deflection(J, K_ZHANG, zhang.force)
         assert rms(predicted - zhang.d) == pytest.approx(error, abs=0.02)
         assert np.median(norm(predicted) / norm(zhang.d)) == pytest.approx(factor, rel=0.05)
 
@@ -237,7 +237,7 @@ def test_zhang_joint_springs_refitted(zhang: Arm) -> None:
     assert held_out == pytest.approx(0.414, abs=0.002)
     # the printed moments taken at the TCP do not help
     assert zhang.fit(zhang.columns(zhang.recording.wrench, zhang.T_flange_tcp), zhang.d)[1] > held_out
-    R = zhang.robot.fk(zhang.q, zhang.T_flange_tcp)[:, :3, :3]
+    R = zhang.robot.compute_fk(zhang.q, zhang.T_flange_tcp)[:, :3, :3]
 
     def turned(v: Array) -> Array:
         return np.einsum("nij,nj->ni", R, v)
@@ -393,11 +393,11 @@ def test_tian_published_stiffness_is_26_times_too_high(tian: Arm) -> None:
     dz measured over dz predicted at the flange is one factor over poses whose compliance differs by 40 %.
     """
     weight, d = hung(tian)
-    predicted = 1e3 * deflection(tian.robot.fk_jacobian(tian.q, FLANGE)[1], K_TIAN, weight)
+    predicted = 1e3 * compute_deflection(tian.robot.compute_fk_jacobian(tian.q, FLANGE)[1], K_TIAN, weight)
     factor = [float(np.median((d / predicted)[tian.pose == p, 2])) for p in range(1, 6)]
     np.testing.assert_allclose(factor, [25.6, 24.7, 26.9, 27.0, 24.6], atol=0.1)
     # with the printed force, the published stiffness predicts nothing: the error is the displacement itself
-    printed = 1e3 * deflection(tian.robot.fk_jacobian(tian.q, tian.T_flange_tcp)[1], K_TIAN, tian.force)
+    printed = 1e3 * compute_deflection(tian.robot.compute_fk_jacobian(tian.q, tian.T_flange_tcp)[1], K_TIAN, tian.force)
     assert rms(printed - tian.d) == pytest.approx(0.379, abs=0.002)
 
 

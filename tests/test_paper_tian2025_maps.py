@@ -12,9 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from machopt.formats.cell import load_cell
-from machopt.model.kinetostatic import frobenius_condition, kci, stiffness_along
-from machopt.model.robot import Robot, load_robot
+from machopt.cell.cell_reader import load_cell
+from machopt.kinematics.robot import Robot, load_robot
+from machopt.stiffness.kinetostatic_indices import (
+    compute_conditioning_index,
+    compute_directional_stiffness,
+    compute_frobenius_condition,
+)
 
 CELL = Path(__file__).resolve().parent.parent / "cells" / "cutting_cobot"
 H = np.pi / 2
@@ -126,7 +130,7 @@ def stiffness(robot: Robot, q: np.ndarray, direction: np.ndarray, held: str, too
     """N/mm along a base axis, at a point ``tool`` m before the flange."""
     T = np.eye(4)
     T[2, 3] = tool
-    return stiffness_along(robot.fk_jacobian(q, T)[1], K, direction, held) / 1e3  # type: ignore[arg-type]
+    return compute_directional_stiffness(robot.compute_fk_jacobian(q, T)[1], K, direction, held) / 1e3  # type: ignore[arg-type]
 
 
 # --- Table 5 and Table 1 -----------------------------------------------------------------------------------
@@ -138,15 +142,17 @@ def test_table_5_read_by_its_own_heading_is_no_six_axis_arm() -> None:
     for signs in SIGNS:
         literal = table_5(*signs, modified=True)
         assert np.abs(np.cross(literal.axis[4], literal.axis[5])).max() < 1e-12
-        J = literal.fk_jacobian(q)[1]
+        J = literal.compute_fk_jacobian(q)[1]
         np.testing.assert_allclose(J[:, :, 4], J[:, :, 5], atol=1e-12)
-        assert np.isfinite(frobenius_condition(table_5(*signs).fk_jacobian(q)[1], 0.3)).all()
+        assert np.isfinite(compute_frobenius_condition(table_5(*signs).compute_fk_jacobian(q)[1], 0.3)).all()
 
 
 def test_shipped_cell_is_one_of_the_sign_choices() -> None:
     q = np.random.default_rng(1).uniform(-3, 3, (10, 6))
     shipped = load_robot(load_cell(CELL))
-    np.testing.assert_allclose(shipped.fk_jacobian(q)[1], table_5(-1, -1, -1).fk_jacobian(q)[1], atol=1e-9)
+    np.testing.assert_allclose(
+        shipped.compute_fk_jacobian(q)[1], table_5(-1, -1, -1).compute_fk_jacobian(q)[1], atol=1e-9
+    )
 
 
 def test_dexterity_of_table_1_follows_from_no_reading() -> None:
@@ -159,9 +165,9 @@ def test_dexterity_of_table_1_follows_from_no_reading() -> None:
     for signs, along, beside in product(SIGNS, (0.0, 0.1, 0.2, 0.3), (0.0, 0.15)):
         T = np.eye(4)
         T[:3, 3] = [beside, 0, along]
-        J = table_5(*signs).fk_jacobian(TABLE_1, T)[1]
+        J = table_5(*signs).compute_fk_jacobian(TABLE_1, T)[1]
         for length in np.geomspace(0.05, 3.0, 60):
-            index = kci(J, float(length))
+            index = compute_conditioning_index(J, float(length))
             ratios.append(index[4] / index[2])
             key = "bare" if along == beside == 0 else "tool"
             error = float(np.abs(index - DEXTERITY).max())
@@ -174,7 +180,7 @@ def test_dexterity_of_table_1_follows_from_no_reading() -> None:
     assert max(ratios) < 1.04
     assert DEXTERITY[4] / DEXTERITY[2] == pytest.approx(1.378, abs=1e-3)
     # all of them as shipped, at the flange, with the arm's own characteristic length of 0.205 m
-    own = kci(load_robot(load_cell(CELL)).fk_jacobian(TABLE_1)[1], 0.205)
+    own = compute_conditioning_index(load_robot(load_cell(CELL)).compute_fk_jacobian(TABLE_1)[1], 0.205)
     np.testing.assert_allclose(own, [0.548, 0.529, 0.487, 0.474, 0.478], atol=1e-3)
 
 
@@ -198,7 +204,7 @@ def test_calculated_displacements_of_table_4_are_not_of_table_3() -> None:
     for signs, tool in product(SIGNS, (0.0, 0.2)):
         T = np.eye(4)
         T[2, 3] = tool
-        Jv = table_5(*signs).fk_jacobian(TABLE_1, T)[1][:, :3]
+        Jv = table_5(*signs).compute_fk_jacobian(TABLE_1, T)[1][:, :3]
         C = (Jv / K) @ np.swapaxes(Jv, 1, 2)
         moved = 1e3 * np.linalg.norm(np.einsum("nij,nj->ni", C, TABLE_2_3_5KG), axis=1)
         most = 1e3 * np.linalg.eigvalsh(C)[:, -1] * 35.0  # in the softest direction
@@ -313,7 +319,7 @@ def test_peak_over_joint_3_is_where_eq_9_has_no_pole() -> None:
     t4 = np.linspace(-np.pi, np.pi, 721)
     q = np.stack([np.full_like(t4, v) for v in (H, 0, 2.26, 0, 0.7, 0)], axis=1)
     q[:, 3] = t4
-    along_arm = robot.fk(q, T)[:, 1, 3]  # y of the base, in the arm's plane at θ1 = π/2
+    along_arm = robot.compute_fk(q, T)[:, 1, 3]  # y of the base, in the arm's plane at θ1 = π/2
     assert np.abs(along_arm).min() == pytest.approx(0.067, abs=1e-3)
 
 
@@ -322,7 +328,7 @@ def test_share_of_the_wrist_is_below_12_percent_for_equal_joints_but_not_for_tab
     q = np.vstack([TABLE_1, TABLE_7[:, :6]])
     equal, table_3 = [], []
     for signs in SIGNS:
-        square = table_5(*signs).fk_jacobian(q)[1][:, :3] ** 2
+        square = table_5(*signs).compute_fk_jacobian(q)[1][:, :3] ** 2
         for shares, k in ((equal, np.ones(6)), (table_3, K)):
             c = square / k
             shares.append(c[:, :, 3:].sum(axis=(1, 2)) / c.sum(axis=(1, 2)))

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from machopt.cli import _parser, main
-from machopt.cli.completion import script
-from machopt.cli.parser import commands_of, options_of
+from machopt.cli import _build_parser, main
+from machopt.cli.argument_parser import list_commands, list_options
+from machopt.cli.shell_completion import build_completion_script
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 
@@ -40,7 +40,7 @@ def test_a_mistyped_word_is_answered_with_the_nearest(
 def test_a_shell_completes_every_command_and_option(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["completion", shell]) == 0
     text = capsys.readouterr().out
-    assert text == script(shell, commands_of(_parser()))
+    assert text == build_completion_script(shell, list_commands(_build_parser()))
     for word in ("optimize", "plan-poses", "validate", "map-collisions"):
         assert word in text
     if shell == "zsh":  # a bare .zshrc, as macOS has it, starts no completion
@@ -66,15 +66,17 @@ def test_a_shell_completes_every_command_and_option(shell: str, capsys: pytest.C
 )
 def test_bash_offers_commands_options_and_what_an_option_takes(words: str, found: str) -> None:
     asked = f'COMP_WORDS=(machopt {words}); COMP_CWORD={len(words.split())}; _machopt; echo "${{COMPREPLY[@]}}"'
-    text = script("bash", commands_of(_parser()))
+    text = build_completion_script("bash", list_commands(_build_parser()))
     done = subprocess.run(["bash", "-c", f"{text}\n{asked}"], capture_output=True, text=True, check=True, timeout=20)
     assert done.stdout == f"{found}\n"
 
 
 def test_every_command_takes_what_the_contract_calls_common() -> None:
-    commands = {name: parser for name, parser in commands_of(_parser()).items() if name != "completion"}
+    commands = {name: parser for name, parser in list_commands(_build_parser()).items() if name != "completion"}
     common = {"--seed", "--jobs", "--quiet", "--json", "--set", "--debug"}
-    assert {name: common - set(options_of(parser)) for name, parser in commands.items()} == {n: set() for n in commands}
+    assert {name: common - set(list_options(parser)) for name, parser in commands.items()} == {
+        n: set() for n in commands
+    }
     assert len(commands) == 12
 
 

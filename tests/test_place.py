@@ -23,22 +23,36 @@ from ruamel.yaml import YAML
 from small_cell import pose, small_cell
 
 import machopt
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.moved_cell_writer import write_moved_cell
 from machopt.cli import main
-from machopt.domain.cell import Cell, Shape
-from machopt.domain.options import PlanOptions
-from machopt.domain.stiffness import Stiffness
+from machopt.commands.place.document import _format_verdict
+from machopt.data_types.cell import Cell, CollisionShape
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.stiffness import ArmStiffness
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.movedcell import write_moved_cell
-from machopt.formats.toolpath import read_toolpath
-from machopt.placement.asked import HERE, LEVER, Search, Shift, inside, shifts, steps
-from machopt.placement.found import Place, Planned, Siting
-from machopt.placement.journal import Journal
-from machopt.placement.moved import Carried, centre_of, moved, named, refuse
-from machopt.placement.search import Site, find
-from machopt.placement.standing import Standing
-from machopt.report.gather.place import _verdict
-from machopt.report.place_page import place_html
+from machopt.placement.journal import SearchJournal
+from machopt.placement.moved_cell import (
+    MovedBodies,
+    check_robot_movable,
+    compute_rotation_centre,
+    move_cell,
+    select_moved_obstacles,
+)
+from machopt.placement.search import PlacementSite, find_best_placement
+from machopt.placement.search_options import (
+    NO_SHIFT,
+    ROTATION_LEVER_M,
+    PlacementOptions,
+    PlacementShift,
+    build_shift_grid,
+    clip_shift,
+    compute_grid_steps,
+)
+from machopt.placement.search_result import PlacementCandidate, PlacementSearchResult, PlannedPlacement
+from machopt.placement.support_check import SupportModel
+from machopt.report.pages.placement_page import build_placement_html
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 HOLES = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min\n" + "".join(
@@ -49,13 +63,13 @@ HOLES = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min\n" + "".join(
 
 
 def test_the_first_place_is_the_cells_own_and_the_rest_an_even_grid() -> None:
-    search = Search(x=(-0.2, 0.2), y=(-0.1, 0.1), z=(0.0, 0.0), turn=(0.0, 0.0), places=15)
-    found = shifts(search)
-    assert found[0] == HERE
+    search = PlacementOptions(x=(-0.2, 0.2), y=(-0.1, 0.1), z=(0.0, 0.0), turn=(0.0, 0.0), places=15)
+    found = build_shift_grid(search)
+    assert found[0] == NO_SHIFT
     assert len(found) <= 16
     assert len({s.x for s in found}) == 5
     assert len({s.y for s in found}) == 3
-    assert steps(search).x == pytest.approx(0.1)
+    assert compute_grid_steps(search).x == pytest.approx(0.1)
     assert len(set(found)) == len(found)  # the cell's own is not there twice
 
 
@@ -64,13 +78,15 @@ def test_the_first_place_is_the_cells_own_and_the_rest_an_even_grid() -> None:
     st.integers(1, 300),
 )
 def test_there_are_never_more_places_than_asked_for(spans: tuple[float, ...], most: int) -> None:
-    search = Search(**{n: (0.1, 0.1 + v) for n, v in zip(("x", "y", "z", "turn"), spans, strict=True)}, places=most)
-    found = shifts(search)
+    search = PlacementOptions(
+        **{n: (0.1, 0.1 + v) for n, v in zip(("x", "y", "z", "turn"), spans, strict=True)}, places=most
+    )
+    found = build_shift_grid(search)
     assert 2 <= len(found) <= most + 1
     for name in ("x", "y", "z", "turn"):
         low, high = getattr(search, name)
         assert all(low - 1e-9 <= getattr(s, name) <= high + 1e-9 for s in found[1:])
-    assert all(inside(search, s) == s for s in found[1:])
+    assert all(clip_shift(search, s) == s for s in found[1:])
 
 
 @pytest.mark.parametrize(
@@ -86,20 +102,20 @@ def test_there_are_never_more_places_than_asked_for(spans: tuple[float, ...], mo
 )
 def test_ranges_that_are_none_are_refused(asked: dict[str, object], works: str) -> None:
     with pytest.raises(InputError, match=works):
-        Search(**asked)  # type: ignore[arg-type]
+        PlacementOptions(**asked)  # type: ignore[arg-type]
 
 
 def test_a_range_without_another_place_is_refused() -> None:
     with pytest.raises(InputError, match="--x-mm -300 300"):
-        shifts(Search(x=(0.0, 0.0), y=(0.0, 0.0)))
+        build_shift_grid(PlacementOptions(x=(0.0, 0.0), y=(0.0, 0.0)))
 
 
 def test_a_turn_keeps_the_middle_and_carries_the_fixture_along(tmp_path: Path) -> None:
     cell = small_cell(tmp_path)
-    middle = centre_of(cell, np.array([[-0.1, -0.2, 0.0], [0.1, 0.2, 0.0]]), base=False)
+    middle = compute_rotation_centre(cell, np.array([[-0.1, -0.2, 0.0], [0.1, 0.2, 0.0]]), base=False)
     np.testing.assert_allclose(middle, [1.5, 0, 0.6])
-    carried = Carried(False, frozenset({"table"}), middle)
-    at = moved(cell, carried, Shift(0.1, 0.0, 0.05, np.pi / 2))
+    carried = MovedBodies(False, frozenset({"table"}), middle)
+    at = move_cell(cell, carried, PlacementShift(0.1, 0.0, 0.05, np.pi / 2))
     np.testing.assert_allclose(at.workpiece.T_link_workpiece[:3, 3], [1.6, 0, 0.65], atol=1e-12)
     np.testing.assert_allclose(at.workpiece.T_link_workpiece[:3, 0], [0, 1, 0], atol=1e-12)
     relative = [np.linalg.inv(c.workpiece.T_link_workpiece) @ c.obstacles[0].T_parent_shape for c in (cell, at)]
@@ -108,9 +124,9 @@ def test_a_turn_keeps_the_middle_and_carries_the_fixture_along(tmp_path: Path) -
 
 
 def test_moving_the_robot_is_moving_all_else_the_other_way(tmp_path: Path) -> None:
-    cell, shift = small_cell(tmp_path), Shift(0.2, -0.1, 0.0, 0.3)
-    at = moved(cell, Carried(True, frozenset(), cell.T_world_base[:3, 3]), shift)
-    S = shift.matrix(cell.T_world_base[:3, 3])
+    cell, shift = small_cell(tmp_path), PlacementShift(0.2, -0.1, 0.0, 0.3)
+    at = move_cell(cell, MovedBodies(True, frozenset(), cell.T_world_base[:3, 3]), shift)
+    S = shift.build_matrix(cell.T_world_base[:3, 3])
     np.testing.assert_allclose(
         np.linalg.inv(at.T_world_base) @ at.workpiece.T_link_workpiece,
         np.linalg.inv(S) @ cell.workpiece.T_link_workpiece,
@@ -119,54 +135,64 @@ def test_moving_the_robot_is_moving_all_else_the_other_way(tmp_path: Path) -> No
 
 
 def test_what_holds_the_part_moves_with_it_and_the_floor_does_not(tmp_path: Path) -> None:
-    floor = Shape(name="floor", kind="box", size=(6.0, 6.0, 0.1), mesh=None, T_parent_shape=pose(1.0, 0, -0.05))
-    leg = Shape(name="leg", kind="box", size=(0.2, 0.2, 0.39), mesh=None, T_parent_shape=pose(1.5, 0, 0.195))
+    floor = CollisionShape(
+        name="floor", kind="box", size=(6.0, 6.0, 0.1), mesh=None, T_parent_shape=pose(1.0, 0, -0.05)
+    )
+    leg = CollisionShape(name="leg", kind="box", size=(0.2, 0.2, 0.39), mesh=None, T_parent_shape=pose(1.5, 0, 0.195))
     cell = small_cell(tmp_path)
-    standing = Standing.of(replace(cell, obstacles=(*cell.obstacles, leg, floor)))
-    assert standing.holding(base=False) == {"table", "leg"}  # the post hangs in the air beside it
-    assert standing.holding(base=True) == set()  # robot and leg stand on the floor
+    standing = SupportModel.build(replace(cell, obstacles=(*cell.obstacles, leg, floor)))
+    assert standing.find_moved_obstacles(base=False) == {"table", "leg"}  # the post hangs in the air beside it
+    assert standing.find_moved_obstacles(base=True) == set()  # robot and leg stand on the floor
 
 
 def test_a_table_that_robot_and_part_stand_on_stays(tmp_path: Path) -> None:
-    bench = Shape(name="bench", kind="box", size=(3.0, 2.0, 0.49), mesh=None, T_parent_shape=pose(1.0, 0, 0.245))
-    pedestal = Shape(name="pedestal", kind="box", size=(0.5, 0.5, 0.5), mesh=None, T_parent_shape=pose(0.0, 0, 0.74))
-    vice = Shape(name="vice", kind="box", size=(0.3, 0.3, 0.06), mesh=None, T_parent_shape=pose(1.5, 0, 0.52))
+    bench = CollisionShape(
+        name="bench", kind="box", size=(3.0, 2.0, 0.49), mesh=None, T_parent_shape=pose(1.0, 0, 0.245)
+    )
+    pedestal = CollisionShape(
+        name="pedestal", kind="box", size=(0.5, 0.5, 0.5), mesh=None, T_parent_shape=pose(0.0, 0, 0.74)
+    )
+    vice = CollisionShape(name="vice", kind="box", size=(0.3, 0.3, 0.06), mesh=None, T_parent_shape=pose(1.5, 0, 0.52))
     cell = small_cell(tmp_path, T_world_base=pose(0, 0, 0.99), obstacles=(bench, pedestal, vice))
     cell = replace(cell, workpiece=replace(cell.workpiece, T_link_workpiece=pose(1.5, 0, 0.65)))
-    assert Standing.of(cell).holding(base=False) == {"vice"}
-    assert Standing.of(cell).holding(base=True) == {"pedestal"}
-    ceiling = Shape(name="ceiling", kind="box", size=(3.0, 2.0, 0.1), mesh=None, T_parent_shape=pose(1.0, 0, 3.05))
-    wall = Shape(name="wall", kind="box", size=(0.1, 2.0, 3.0), mesh=None, T_parent_shape=pose(2.45, 0, 1.5))
+    assert SupportModel.build(cell).find_moved_obstacles(base=False) == {"vice"}
+    assert SupportModel.build(cell).find_moved_obstacles(base=True) == {"pedestal"}
+    ceiling = CollisionShape(
+        name="ceiling", kind="box", size=(3.0, 2.0, 0.1), mesh=None, T_parent_shape=pose(1.0, 0, 3.05)
+    )
+    wall = CollisionShape(name="wall", kind="box", size=(0.1, 2.0, 3.0), mesh=None, T_parent_shape=pose(2.45, 0, 1.5))
     hung = np.diag([1.0, -1.0, -1.0, 1.0])
     hung[2, 3] = 3.0
     cell = replace(cell, T_world_base=hung, obstacles=(bench, vice, ceiling, wall))
-    assert Standing.of(cell).holding(base=False) == {"vice", "bench"}
+    assert SupportModel.build(cell).find_moved_obstacles(base=False) == {"vice", "bench"}
 
 
 def test_nothing_is_put_into_anything(tmp_path: Path) -> None:
     cell = small_cell(tmp_path)
-    standing = Standing.of(cell)
+    standing = SupportModel.build(cell)
     centre = np.array([1.5, 0, 0.6])
-    refusal = standing.refusal(frozenset(), base=False)  # the block alone, on a table that stays
+    refusal = standing.build_shift_check(frozenset(), base=False)  # the block alone, on a table that stays
 
-    def why(shift: Shift) -> str:
-        return refusal.why(shift, shift.matrix(centre))
+    def why(shift: PlacementShift) -> str:
+        return refusal.find_refusal_reason(shift, shift.build_matrix(centre))
 
-    assert why(HERE) == ""
-    assert why(Shift(x=0.1)) == ""
-    assert "table" in why(Shift(z=-0.05))
-    assert why(Shift(z=-0.005)) == ""  # there is a gap of 10 mm
-    assert "post" in why(Shift(x=-0.2, y=0.5))
-    inside_it = Standing.of(
+    assert why(NO_SHIFT) == ""
+    assert why(PlacementShift(x=0.1)) == ""
+    assert "table" in why(PlacementShift(z=-0.05))
+    assert why(PlacementShift(z=-0.005)) == ""  # there is a gap of 10 mm
+    assert "post" in why(PlacementShift(x=-0.2, y=0.5))
+    inside_it = SupportModel.build(
         replace(
             cell,
             obstacles=(
-                Shape(name="hall", kind="box", size=(1.0, 1.0, 1.0), mesh=None, T_parent_shape=pose(1.5, 3.0, 0.6)),
+                CollisionShape(
+                    name="hall", kind="box", size=(1.0, 1.0, 1.0), mesh=None, T_parent_shape=pose(1.5, 3.0, 0.6)
+                ),
             ),
         )
     )
-    far = Shift(y=3.0)
-    swallowed = inside_it.refusal(frozenset(), base=False).why(far, far.matrix(centre))
+    far = PlacementShift(y=3.0)
+    swallowed = inside_it.build_shift_check(frozenset(), base=False).find_refusal_reason(far, far.build_matrix(centre))
     assert swallowed == "workpiece would stand in hall"
 
 
@@ -174,55 +200,59 @@ def test_what_rests_on_something_does_not_sink_into_it(tmp_path: Path) -> None:
     cell = small_cell(
         tmp_path,
         obstacles=(
-            Shape(name="table", kind="box", size=(1.0, 1.4, 0.1), mesh=None, T_parent_shape=pose(1.5, 0, 0.45)),
+            CollisionShape(
+                name="table", kind="box", size=(1.0, 1.4, 0.1), mesh=None, T_parent_shape=pose(1.5, 0, 0.45)
+            ),
         ),
     )
-    refusal = Standing.of(cell).refusal(frozenset(), base=False)
-    down, aside = Shift(z=-0.02), Shift(x=0.1)
-    assert refusal.why(down, down.matrix(np.zeros(3))) == "it rests on table and would sink into it"
-    assert refusal.why(aside, aside.matrix(np.zeros(3))) == ""
+    refusal = SupportModel.build(cell).build_shift_check(frozenset(), base=False)
+    down, aside = PlacementShift(z=-0.02), PlacementShift(x=0.1)
+    assert (
+        refusal.find_refusal_reason(down, down.build_matrix(np.zeros(3))) == "it rests on table and would sink into it"
+    )
+    assert refusal.find_refusal_reason(aside, aside.build_matrix(np.zeros(3))) == ""
 
 
 def test_obstacles_are_named_right(tmp_path: Path) -> None:
     cell, holding = small_cell(tmp_path), frozenset({"table"})
-    assert named(cell, Search(), holding) == {"table"}
-    assert named(cell, Search(stay=("table",)), holding) == frozenset()
-    assert named(cell, Search(carry=("post",)), holding) == {"post"}
+    assert select_moved_obstacles(cell, PlacementOptions(), holding) == {"table"}
+    assert select_moved_obstacles(cell, PlacementOptions(stay=("table",)), holding) == frozenset()
+    assert select_moved_obstacles(cell, PlacementOptions(carry=("post",)), holding) == {"post"}
     with pytest.raises(InputError, match="did you mean 'table'"):
-        named(cell, Search(carry=("tabel",)), holding)
+        select_moved_obstacles(cell, PlacementOptions(carry=("tabel",)), holding)
 
 
 def test_a_robot_beside_a_positioner_is_not_moved(tmp_path: Path) -> None:
     cell = small_cell(tmp_path)
     with pytest.raises(InputError, match="--move workpiece"):
-        refuse(replace(cell, workpiece=replace(cell.workpiece, link="table")), base=True)
+        check_robot_movable(replace(cell, workpiece=replace(cell.workpiece, link="table")), base=True)
 
 
 def test_the_journal_knows_its_own_question_and_survives_a_cut_line(tmp_path: Path) -> None:
     file = tmp_path / "x.jsonl"
-    first = Journal(file, "a")
-    place = first.keep(Place(number=3, shift=Shift(0.1), bound=0.5, worst=float("inf")))
-    done = first.keep(Planned(place=place, worst=0.7, shares=(0.5,) * 6))
+    first = SearchJournal(file, "a")
+    place = first.append(PlacementCandidate(number=3, shift=PlacementShift(0.1), bound=0.5, worst=float("inf")))
+    done = first.append(PlannedPlacement(place=place, worst=0.7, shares=(0.5,) * 6))
     with file.open("a") as out:
         out.write('{"place": {"numb')
-    again = Journal(file, "a")
-    assert again.place(3, Shift(0.1)) == place
-    assert again.place(3, Shift(0.2)) is None
-    found = again.planned(place)
+    again = SearchJournal(file, "a")
+    assert again.find_candidate(3, PlacementShift(0.1)) == place
+    assert again.find_candidate(3, PlacementShift(0.2)) is None
+    found = again.find_planned(place)
     assert found is not None
     assert found.worst == done.worst
     assert found.shares == done.shares
-    assert Journal(file, "b").place(3, Shift(0.1)) is None  # another question begins afresh
-    assert Journal(file, "a").place(3, Shift(0.1)) is None
-    Journal(file, "a").done()
+    assert SearchJournal(file, "b").find_candidate(3, PlacementShift(0.1)) is None  # another question begins afresh
+    assert SearchJournal(file, "a").find_candidate(3, PlacementShift(0.1)) is None
+    SearchJournal(file, "a").remove()
     assert not file.exists()
 
 
 @pytest.mark.parametrize("base", [False, True])
 def test_the_moved_cell_loads_as_what_was_planned(tmp_path: Path, base: bool) -> None:
     cell = load_cell(CELLS / "kr240_drilling")
-    carried = Carried(base, frozenset({"leg_1", "frame_left"}), np.array([1.7, 0.0, 0.8]))
-    at = moved(cell, carried, Shift(0.123, -0.2, 0.01, 0.7))
+    carried = MovedBodies(base, frozenset({"leg_1", "frame_left"}), np.array([1.7, 0.0, 0.8]))
+    at = move_cell(cell, carried, PlacementShift(0.123, -0.2, 0.01, 0.7))
     file = write_moved_cell(tmp_path / "cell", cell, at, "a head")
     found = load_cell(file.parent)
     np.testing.assert_allclose(found.T_world_base, at.T_world_base, atol=2e-8)
@@ -234,21 +264,23 @@ def test_the_moved_cell_loads_as_what_was_planned(tmp_path: Path, base: bool) ->
     assert "# an assumption: README.md" in text
 
 
-def _site(folder: Path, search: Search) -> Site:
-    cell: Cell = replace(small_cell(folder), stiffness=Stiffness(joints=np.array([2.0, 2.0, 1.5, 0.5, 0.4, 0.3]) * 1e6))
+def _site(folder: Path, search: PlacementOptions) -> PlacementSite:
+    cell: Cell = replace(
+        small_cell(folder), stiffness=ArmStiffness(joints=np.array([2.0, 2.0, 1.5, 0.5, 0.4, 0.3]) * 1e6)
+    )
     (folder / "holes.csv").write_text(HOLES)
     options = PlanOptions(rotation_step=np.radians(15.0))
-    return Site.of(cell, (read_toolpath(folder / "holes.csv"),), options, search)
+    return PlacementSite.build(cell, (read_toolpath(folder / "holes.csv"),), options, search)
 
 
 @dataclass(frozen=True, eq=False)
 class _Eager:
     """Asks ahead, as several processes do, and answers from a copy of the site."""
 
-    site: Site
+    site: PlacementSite
     width: int = 3
 
-    def each(self, ask: Callable[[Site, Any], Any], items: Sequence[Any]) -> Iterator[Any]:
+    def each(self, ask: Callable[[PlacementSite, Any], Any], items: Sequence[Any]) -> Iterator[Any]:
         copied, questions = replace(self.site), pickle.loads(pickle.dumps((ask, list(items))))
         return iter([questions[0](copied, item) for item in questions[1]])
 
@@ -256,30 +288,30 @@ class _Eager:
 @pytest.mark.slow
 def test_the_best_place_is_the_best_of_all_and_stopping_changes_nothing(tmp_path: Path) -> None:
     """Against every place planned wholly, which is what the bound saves."""
-    search = Search(x=(-0.3, 0.5), y=(-0.2, 0.2), places=12, best=1)
+    search = PlacementOptions(x=(-0.3, 0.5), y=(-0.2, 0.2), places=12, best=1)
     site = _site(tmp_path, search)
     file = tmp_path / "journal.jsonl"
-    found = find(site, search, Journal(file, "q"))
-    every = [site.planned(p) for p in found.places[: len(shifts(search))] if p.open]
+    found = find_best_placement(site, search, SearchJournal(file, "q"))
+    every = [site.plan_candidate(p) for p in found.places[: len(build_shift_grid(search))] if p.is_feasible]
     assert len(every) > 6
     done = {p.place.number: p for p in every if not p.refused}
     for p in done.values():
         assert p.worst >= p.place.bound * (1 - 2e-3)  # the bound holds, but for what lies between grid rotations
     best = min(p.worst for p in done.values())
-    assert found.proven
+    assert found.is_optimal
     assert found.best[0].worst <= best * (1 + 2e-3)
     assert len(found.planned) < len(every)
     told: list[str] = []
-    again = find(site, search, Journal(file, "q"), told.append)
+    again = find_best_placement(site, search, SearchJournal(file, "q"), told.append)
     assert [(p.place, p.worst, p.shares) for p in again.planned] == [
         (p.place, p.worst, p.shares) for p in found.planned
     ]
-    many = find(site, search, Journal(None, ""), hands=_Eager(site))
+    many = find_best_placement(site, search, SearchJournal(None, ""), hands=_Eager(site))
     assert [(p.place, p.worst, p.shares) for p in many.planned] == [(p.place, p.worst, p.shares) for p in found.planned]
     assert (many.places, many.around, many.open_bound) == (found.places, found.around, found.open_bound)
-    few = find(site, replace(search, plans=1), Journal(None, ""))
+    few = find_best_placement(site, replace(search, plans=1), SearchJournal(None, ""))
     assert few.stopped
-    assert not few.proven
+    assert not few.is_optimal
     assert few.open_bound <= few.best[0].worst
 
 
@@ -423,7 +455,7 @@ def test_who_looks_at_places_ends_with_the_one_who_asked(tmp_path: Path) -> None
     """Killed, so that nothing can be tidied up: its output stays open as long as a process of it lives."""
     script = tmp_path / "asks.py"
     script.write_text(
-        "import os, time\nfrom machopt.batch.crew import _processes\nif __name__ == '__main__':\n"
+        "import os, time\nfrom machopt.batch.placement_workers import _processes\nif __name__ == '__main__':\n"
         "    with _processes(1) as pool:\n        print(pool.submit(os.getpid).result(), flush=True)\n"
         "        time.sleep(60)\n"
     )
@@ -444,7 +476,7 @@ def test_a_stopped_search_says_that_it_goes_on(
     def stopped(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("machopt.services.place.place", stopped)
+    monkeypatch.setattr("machopt.commands.place.run.run_place", stopped)
     (tmp_path / "holes.csv").write_text(HOLES)
     asked = ["place", str(CELLS / "kr240_drilling"), str(tmp_path / "holes.csv"), "-o", str(tmp_path / "out")]
     assert main([*asked, "--jobs", "1"]) == 130
@@ -452,9 +484,9 @@ def test_a_stopped_search_says_that_it_goes_on(
 
 
 def test_places_weigh_turns_as_shifts() -> None:
-    found = steps(Search(x=(0, 0.3), y=(0, 0), turn=(0, 1.0), places=16))
+    found = compute_grid_steps(PlacementOptions(x=(0, 0.3), y=(0, 0), turn=(0, 1.0), places=16))
     assert found.x == pytest.approx(0.1)
-    assert found.turn == pytest.approx(0.1 / LEVER)
+    assert found.turn == pytest.approx(0.1 / ROTATION_LEVER_M)
 
 
 @pytest.mark.parametrize(
@@ -473,7 +505,7 @@ def test_a_search_that_was_stopped_calls_nothing_best_that_it_did_not_compare(
     numbers: list[int], open_bound: float, says: str
 ) -> None:
     planned = [SimpleNamespace(place=SimpleNamespace(number=n), worst=2.0 + n, mean=1.0, refused="") for n in numbers]
-    siting = Siting(
+    siting = PlacementSearchResult(
         carried=None,
         places=(None,) * 5,
         planned=tuple(planned),
@@ -481,26 +513,32 @@ def test_a_search_that_was_stopped_calls_nothing_best_that_it_did_not_compare(
         open_bound=open_bound,
         stopped="" if open_bound == 2.0 else "after 10 min",
     )  # type: ignore[arg-type]
-    assert _verdict(siting, 0.0, 0, (), of_grid=False).startswith(says)
+    assert _format_verdict(siting, 0.0, 0, (), of_grid=False).startswith(says)
 
 
 @pytest.mark.parametrize("x", [-1.2, -0.8, -0.57, -0.4, -0.1, 0.0, 0.2, 0.5, 0.58, 0.7, 1.5])
 @pytest.mark.parametrize("z", [0.0, 0.005, 0.02])
 def test_a_part_that_leaves_its_table_is_named(tmp_path: Path, x: float, z: float) -> None:
     """A plate of 100 mm on a table of 1 m: it leaves it where no part of it is within 10 mm of the table."""
-    table = Shape(name="table", kind="box", size=(1.0, 1.0, 0.1), mesh=None, T_parent_shape=pose(1.5, 0.0, -0.05))
-    plate = Shape(name="plate", kind="box", size=(0.1, 0.1, 0.02), mesh=None, T_parent_shape=pose(0.0, 0.0, 0.01))
+    table = CollisionShape(
+        name="table", kind="box", size=(1.0, 1.0, 0.1), mesh=None, T_parent_shape=pose(1.5, 0.0, -0.05)
+    )
+    plate = CollisionShape(
+        name="plate", kind="box", size=(0.1, 0.1, 0.02), mesh=None, T_parent_shape=pose(0.0, 0.0, 0.01)
+    )
     cell = replace(small_cell(tmp_path), obstacles=(table,))
     part = replace(cell.workpiece, link="world", T_link_workpiece=pose(1.5, 0.0, 0.0), geometry=(plate,))
-    refusal = Standing.of(replace(cell, workpiece=part)).refusal(frozenset(), base=False)
-    assert refusal.held_by == ("table",)
+    refusal = SupportModel.build(replace(cell, workpiece=part)).build_shift_check(frozenset(), base=False)
+    assert refusal.existing_supports == ("table",)
     gap = np.hypot(max(abs(x) - 0.55, 0.0), z)
-    assert refusal.lost_support(Shift(x=x, z=z).matrix(np.zeros(3))) == (("table",) if gap > 0.010 else ())
+    assert refusal.find_lost_supports(PlacementShift(x=x, z=z).build_matrix(np.zeros(3))) == (
+        ("table",) if gap > 0.010 else ()
+    )
 
 
 def test_a_pose_is_shown_as_the_cell_takes_it() -> None:
     one = placed().result.best[0].model_copy(update={"xyz_mm": (1234.567891, -0.0, 5e5), "rpy_deg": (0.0, -90.0, 12.5)})
     assert YAML(typ="safe").load(one.pose_text) == {"xyz_mm": [1234.567891, 0, 500000], "rpy_deg": [0, -90, 12.5]}
-    page = place_html(placed())
+    page = build_placement_html(placed())
     assert one.plans[0] in page
     assert "workpiece.pose" in page

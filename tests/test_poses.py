@@ -8,21 +8,31 @@ import numpy as np
 import pytest
 from simulated_arm import TrueArm
 
-from machopt.design.accuracy import accuracy
-from machopt.design.candidates import PoseCriteria, PosePool, PoseScreen, sample_poses
-from machopt.design.heuristics import Chooser, as_dumas2011, as_zhang2025, draw, jiao2022_pool
-from machopt.design.loadcases import LoadCases, LoadCriteria, load_cases
-from machopt.design.loads import GRAVITY, load_ways, unit_wrench
-from machopt.design.measurement import ReadingNoise
-from machopt.design.poseplan import problem_of, unknowns_of
-from machopt.design.search import DesignProblem, choose, information
-from machopt.domain.cell import Cell
-from machopt.formats.cell import load_cell
-from machopt.model.elastic import ArmElasticity, geometric_stiffness
-from machopt.model.kinetostatic import characteristic_length, influence_of_geometric, kci
-from machopt.model.robot import Robot, load_robot
-from machopt.model.terms import term_of
-from machopt.se3 import rpy_matrix
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.cell import Cell
+from machopt.kinematics.robot import Robot, load_robot
+from machopt.measurement.design.d_optimal_search import DesignProblem, compute_information_matrix, find_d_optimal_design
+from machopt.measurement.design.expected_accuracy import compute_expected_accuracy
+from machopt.measurement.design.load_cases import LoadCases, LoadCriteria, build_load_cases
+from machopt.measurement.design.load_methods import GRAVITY, build_load_method_combinations, compute_unit_wrench
+from machopt.measurement.design.measurement_plan import build_design_problem, build_unknowns
+from machopt.measurement.design.pose_candidates import PoseCriteria, PosePool, PoseScreen, sample_poses
+from machopt.measurement.design.published_heuristics import (
+    HeuristicPosePool,
+    build_dumas2011_heuristic,
+    build_jiao2022_poses,
+    build_zhang2025_heuristic,
+    draw_heuristic_design,
+)
+from machopt.measurement.design.reading_noise import ReadingNoise
+from machopt.numerics.rigid_transforms import compute_rpy_matrix
+from machopt.stiffness.arm_stiffness import ArmElasticity, compute_geometric_stiffness
+from machopt.stiffness.kinetostatic_indices import (
+    compute_characteristic_length,
+    compute_conditioning_index,
+    compute_geometric_influence,
+)
+from machopt.stiffness.terms import build_fitted_term
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 NOISE = ReadingNoise(
@@ -40,24 +50,26 @@ class Bench:
         self.limits = self.cell.limits.lower, self.cell.limits.upper
         self.noise = noise
         criteria = PoseCriteria(kci=0.1, limit_margin=np.radians(5), floor=0.3, ceiling=2.5)
-        length = characteristic_length(self.robot, self.T).length
+        length = compute_characteristic_length(self.robot, self.T).length
         self.screen = PoseScreen(
             robot=self.robot, T_flange_tcp=self.T, T_world_base=self.cell.T_world_base, length=length, criteria=criteria
         )
         self.pool: PosePool = sample_poses(self.screen, self.limits, self.cell.home, candidates, seed=0)
         assert self.cell.stiffness is not None
         self.prior = ArmElasticity(self.robot, self.T, self.cell.stiffness)
-        self.ways = load_ways((50, 100), (500, 1000), 8, np.zeros((0, 3)), (0.0, 0.2), self.cell.T_world_base[:3, :3].T)
-        self.criteria = LoadCriteria(least_deflection=1e-4, most_deflection=5e-3, nu_p=0.05)
+        self.ways = build_load_method_combinations(
+            (50, 100), (500, 1000), 8, np.zeros((0, 3)), (0.0, 0.2), self.cell.T_world_base[:3, :3].T
+        )
+        self.criteria = LoadCriteria(min_deflection=1e-4, max_deflection=5e-3, nu_p=0.05)
         self.cases: LoadCases = self.cases_of(self.pool)
-        self.unknowns = unknowns_of(self.prior, (), self.cases)
+        self.unknowns = build_unknowns(self.prior, (), self.cases)
         self.problem: DesignProblem = self.problem_of(self.cases)
 
     def cases_of(self, pool: PosePool) -> LoadCases:
-        return load_cases(pool, self.ways, self.prior, (), self.criteria, self.noise)
+        return build_load_cases(pool, self.ways, self.prior, (), self.criteria, self.noise)
 
     def problem_of(self, cases: LoadCases) -> DesignProblem:
-        return problem_of(cases, self.unknowns, self.noise, 1.0, np.random.default_rng(0))[0]
+        return build_design_problem(cases, self.unknowns, self.noise, 1.0, np.random.default_rng(0))[0]
 
 
 @pytest.fixture(scope="module")
@@ -67,15 +79,15 @@ def bench() -> Bench:
 
 def test_every_pose_satisfies_every_criterion(bench: Bench) -> None:
     pool, c = bench.pool, bench.screen.criteria
-    T, J = bench.robot.fk_jacobian(pool.q, bench.T)
+    T, J = bench.robot.compute_fk_jacobian(pool.q, bench.T)
     height = (bench.cell.T_world_base @ T)[:, 2, 3]
     assert ((height >= c.floor) & (height <= c.ceiling)).all()
-    assert (kci(J, bench.screen.length) >= c.kci).all()
-    np.testing.assert_allclose(kci(J, bench.screen.length), pool.kci)
+    assert (compute_conditioning_index(J, bench.screen.length) >= c.kci).all()
+    np.testing.assert_allclose(compute_conditioning_index(J, bench.screen.length), pool.kci)
     assert ((pool.q >= bench.limits[0] + c.limit_margin) & (pool.q <= bench.limits[1] - c.limit_margin)).all()
     assert np.ptp(pool.q, axis=0).max() <= 2 * np.pi  # no needless turns of joints 4 and 6
     assert set(pool.rejected) == {"TCP too low", "TCP too high", "KCI too low"}
-    assert sum(pool.rejected.values()) + len(pool) <= pool.tried
+    assert sum(pool.rejected.values()) + len(pool) <= pool.drawn_count
 
 
 def test_box_and_tracker_are_in_world_axes(bench: Bench) -> None:
@@ -83,7 +95,7 @@ def test_box_and_tracker_are_in_world_axes(bench: Bench) -> None:
     tracker = np.array([4.0, 0.0, 1.5])
     criteria = PoseCriteria(box=box, tracker=tracker, tracker_range=4.0, tracker_angle=np.radians(60))
     turned = np.eye(4)
-    turned[:3, :3], turned[:3, 3] = rpy_matrix(np.array([0.0, 0.0, 2.0])), (0.3, -0.2, 0.5)
+    turned[:3, :3], turned[:3, 3] = compute_rpy_matrix(np.array([0.0, 0.0, 2.0])), (0.3, -0.2, 0.5)
     screen = PoseScreen(
         robot=bench.robot, T_flange_tcp=bench.T, T_world_base=turned, length=bench.screen.length, criteria=criteria
     )
@@ -93,21 +105,21 @@ def test_box_and_tracker_are_in_world_axes(bench: Bench) -> None:
     assert ((p >= box[0]) & (p <= box[1])).all()
     sight = tracker - p
     assert (np.linalg.norm(sight, axis=1) <= 4.0).all()
-    flange = (turned @ bench.robot.fk(pool.q))[:, :3, 3]
+    flange = (turned @ bench.robot.compute_fk(pool.q))[:, :3, 3]
     back = flange - p
     cosine = np.einsum("nc,nc->n", sight, back) / np.linalg.norm(sight, axis=1) / np.linalg.norm(back, axis=1)
     assert (cosine <= np.cos(np.radians(60)) + 1e-9).all()
 
 
 def test_loads_pull_where_they_say() -> None:
-    R = rpy_matrix(np.array([0.4, -0.3, 1.0]))  # world axes in a tilted base
+    R = compute_rpy_matrix(np.array([0.4, -0.3, 1.0]))  # world axes in a tilted base
     anchors = np.array([[2.0, 1.0, 0.5]])
     T = np.eye(4)
-    T[:3, :3], T[:3, 3] = rpy_matrix(np.array([1.0, 0.2, -0.5])), (1.0, 0.5, 1.2)
-    ways = load_ways((20, 10), (100,), 4, np.zeros((0, 3)), (0.0, 0.3), R)
+    T[:3, :3], T[:3, 3] = compute_rpy_matrix(np.array([1.0, 0.2, -0.5])), (1.0, 0.5, 1.2)
+    ways = build_load_method_combinations((20, 10), (100,), 4, np.zeros((0, 3)), (0.0, 0.3), R)
     assert len(ways) == 5 * (1 + 4)
     for way in ways:
-        w, point = unit_wrench(way, T)
+        w, point = compute_unit_wrench(way, T)
         f = R.T @ w[:3]  # in world
         assert np.linalg.norm(f) == pytest.approx(1.0)
         np.testing.assert_allclose(w[3:], np.cross(point - T[:3, 3], w[:3]), atol=1e-15)
@@ -117,12 +129,12 @@ def test_loads_pull_where_they_say() -> None:
             assert way.magnitudes == (10 * GRAVITY, 20 * GRAVITY)
         else:
             assert abs(f[2]) < 1e-12
-    rope = load_ways((), (100,), 4, anchors, (0.0,), R)
+    rope = build_load_method_combinations((), (100,), 4, anchors, (0.0,), R)
     assert len(rope) == 1
-    w, _ = unit_wrench(rope[0], T)
+    w, _ = compute_unit_wrench(rope[0], T)
     np.testing.assert_allclose(w[:3], (anchors[0] - T[:3, 3]) / np.linalg.norm(anchors[0] - T[:3, 3]))
     T[:3, 3] = anchors[0] + 0.1 / np.sqrt(3)
-    assert np.isnan(unit_wrench(rope[0], T)[0]).all()
+    assert np.isnan(compute_unit_wrench(rope[0], T)[0]).all()
 
 
 def test_cases_keep_their_limits_and_predict_the_deflection(bench: Bench) -> None:
@@ -135,8 +147,8 @@ def test_cases_keep_their_limits_and_predict_the_deflection(bench: Bench) -> Non
     size = np.linalg.norm(twist[:, :3], axis=1)
     assert (size <= 5e-3 * (1 + 1e-9)).all()
     assert (size >= 1e-4).all()
-    nu = influence_of_geometric(
-        J, np.broadcast_to(k, (len(cases), 6)), geometric_stiffness(J, cases.wrench), cases.wrench
+    nu = compute_geometric_influence(
+        J, np.broadcast_to(k, (len(cases), 6)), compute_geometric_stiffness(J, cases.wrench), cases.wrench
     )
     np.testing.assert_allclose(cases.nu_p, nu.nu_p, atol=1e-12)
     assert (cases.nu_p <= 0.05).all()
@@ -148,36 +160,38 @@ def test_cases_keep_their_limits_and_predict_the_deflection(bench: Bench) -> Non
 
 def test_each_limit_counts_its_rejections(bench: Bench) -> None:
     def rejected(criteria: LoadCriteria) -> dict[str, int]:
-        return load_cases(bench.pool, bench.ways, bench.prior, (), criteria, NOISE).rejected
+        return build_load_cases(bench.pool, bench.ways, bench.prior, (), criteria, NOISE).rejected
 
     every = len(bench.pool) * len(bench.ways)
-    assert rejected(LoadCriteria(most_load=10.0)) == {"load above the limit": every}
-    assert rejected(LoadCriteria(most_deflection=1e-7)) == {"deflection above the limit": every}
-    assert rejected(LoadCriteria(least_deflection=1.0)) == {"too small to measure": every}
-    torque = LoadCriteria(most_torque=np.full(6, 1e-3))
+    assert rejected(LoadCriteria(max_load=10.0)) == {"load above the limit": every}
+    assert rejected(LoadCriteria(max_deflection=1e-7)) == {"deflection above the limit": every}
+    assert rejected(LoadCriteria(min_deflection=1.0)) == {"too small to measure": every}
+    torque = LoadCriteria(max_torque=np.full(6, 1e-3))
     assert rejected(torque) == {"joint torque above the limit": every}
     assert set(rejected(LoadCriteria(nu_p=1e-9))) <= {"K_C matters too much"}
 
 
 def test_terms_enter_the_response_as_the_fit_sees_them(bench: Bench) -> None:
-    term = term_of("link_compliance", "link:4", bench.robot, bench.T)
+    term = build_fitted_term("link_compliance", "link:4", bench.robot, bench.T)
     few = sample_poses(bench.screen, bench.limits, bench.cell.home, 20, seed=3)
-    cases = load_cases(
+    cases = build_load_cases(
         few, bench.ways[:3], bench.prior, (term,), LoadCriteria(), ReadingNoise(displacement=1e-5, targets=0.2)
     )
-    state = bench.robot.state(few.q[cases.pose], bench.T, bodies=True)
-    np.testing.assert_allclose(cases.response[..., 6:], term.response(state, cases.wrench), rtol=1e-12, atol=1e-18)
-    unknowns = unknowns_of(bench.prior, (term,), cases)
+    state = bench.robot.compute_state(few.q[cases.pose], bench.T, bodies=True)
+    np.testing.assert_allclose(
+        cases.response[..., 6:], term.compute_response(state, cases.wrench), rtol=1e-12, atol=1e-18
+    )
+    unknowns = build_unknowns(bench.prior, (term,), cases)
     assert unknowns.names[6:] == ("link_compliance link:4 1/EI", "link_compliance link:4 1/GJ")
     assert unknowns.relative.tolist() == [True] * 6 + [False] * 2
 
 
 def test_papers_choose_as_they_say(bench: Bench) -> None:
-    zhang = as_zhang2025(bench.pool)
+    zhang = build_zhang2025_heuristic(bench.pool)
     assert (bench.pool.kci[zhang.poses] > 0.45).all()
-    dumas = as_dumas2011(bench.pool, bench.cases, bench.screen, bench.limits)
+    dumas = build_dumas2011_heuristic(bench.pool, bench.cases, bench.screen, bench.limits)
     assert np.median(bench.pool.kci[dumas.poses]) > 1.2 * np.median(bench.pool.kci)
-    cube = jiao2022_pool(bench.screen, bench.pool, bench.limits, np.random.default_rng(0))
+    cube = build_jiao2022_poses(bench.screen, bench.pool, bench.limits, np.random.default_rng(0))
     T = cube.T_base_tcp
     assert len(cube) == 27
     assert len(np.unique(T[:, :3, 3].round(6), axis=0)) == 9
@@ -202,18 +216,25 @@ def test_half_the_readings_reach_the_papers_accuracy(name: str, loads: int, nois
     n = 12
 
     def rms(problem: DesignProblem, blocks) -> float:
-        return accuracy(information(problem, blocks)).rms(np.ones(6, bool))
+        return compute_expected_accuracy(compute_information_matrix(problem, blocks)).rms(np.ones(6, bool))
 
-    ours = rms(bench.problem, choose(bench.problem, n // 2, loads, rng=rng).blocks)
-    everywhere = Chooser("random", np.arange(len(bench.pool)))
-    choosers = [everywhere, as_zhang2025(bench.pool), as_dumas2011(bench.pool, bench.cases, bench.screen, bench.limits)]
+    ours = rms(bench.problem, find_d_optimal_design(bench.problem, n // 2, loads, rng=rng).blocks)
+    everywhere = HeuristicPosePool("random", np.arange(len(bench.pool)))
+    choosers = [
+        everywhere,
+        build_zhang2025_heuristic(bench.pool),
+        build_dumas2011_heuristic(bench.pool, bench.cases, bench.screen, bench.limits),
+    ]
     for chooser in choosers:
-        draws = [rms(bench.problem, draw(chooser, bench.problem, bench.cases, n, loads, rng)) for _ in range(40)]
+        draws = [
+            rms(bench.problem, draw_heuristic_design(chooser, bench.problem, bench.cases, n, loads, rng))
+            for _ in range(40)
+        ]
         assert ours < np.median(draws), chooser.name
-    cube = jiao2022_pool(bench.screen, bench.pool, bench.limits, rng)
+    cube = build_jiao2022_poses(bench.screen, bench.pool, bench.limits, rng)
     cases = bench.cases_of(cube)
-    problem, chooser = bench.problem_of(cases), Chooser("jiao2022", np.arange(len(cube)))
-    draws = [rms(problem, draw(chooser, problem, cases, n, loads, rng)) for _ in range(40)]
+    problem, chooser = bench.problem_of(cases), HeuristicPosePool("jiao2022", np.arange(len(cube)))
+    draws = [rms(problem, draw_heuristic_design(chooser, problem, cases, n, loads, rng)) for _ in range(40)]
     assert ours < np.median(draws)
 
 
@@ -241,9 +262,9 @@ def test_half_the_readings_identify_a_simulated_arm_as_well(bench: Bench) -> Non
     k = bench.prior.stiffness.joints * np.array([1.3, 0.8, 1.4, 0.7, 1.2, 0.9])
     arm = TrueArm(bench.robot, bench.T, 1.0 / k)
     n, repeats = 12, 200
-    ours = choose(bench.problem, n // 2, 1, rng=rng).readings
-    chooser = as_dumas2011(bench.pool, bench.cases, bench.screen, bench.limits)
-    designs = [draw(chooser, bench.problem, bench.cases, n, 1, rng) for _ in range(30)]
+    ours = find_d_optimal_design(bench.problem, n // 2, 1, rng=rng).readings
+    chooser = build_dumas2011_heuristic(bench.pool, bench.cases, bench.screen, bench.limits)
+    designs = [draw_heuristic_design(chooser, bench.problem, bench.cases, n, 1, rng) for _ in range(30)]
     papers = [identified(bench, arm, np.array([b[0] for b in d]), rng, repeats // 10) for d in designs]
     found = identified(bench, arm, ours, rng, repeats)
     rms_ours = np.sqrt(np.mean(found**2))
@@ -251,7 +272,7 @@ def test_half_the_readings_identify_a_simulated_arm_as_well(bench: Bench) -> Non
     assert rms_ours < rms_papers
     # what was promised comes out: 200 repeats give a sigma to 5 %; the deflections, and with them the share of the load
     # in the noise, differ from the prior's by up to 40 %
-    sigma = accuracy(information(bench.problem, [(int(r),) for r in ours])).sigma
+    sigma = compute_expected_accuracy(compute_information_matrix(bench.problem, [(int(r),) for r in ours])).sigma
     promised = sigma * k / bench.prior.stiffness.joints
     np.testing.assert_allclose(np.std(found, axis=0), promised, rtol=0.3)
     scatter = promised / np.sqrt(repeats)  # of the draws' mean

@@ -12,20 +12,28 @@ from typing import Any
 import numpy as np
 import pytest
 
-from machopt.design.candidates import PoseCriteria, PoseScreen, sample_poses
-from machopt.design.joblike import LOST, JobLoads, Turning, both_ways, joints_of, said_of, steps_of
-from machopt.design.loadcases import LoadCriteria, load_cases
-from machopt.design.loads import load_ways
-from machopt.design.measurement import ReadingNoise
-from machopt.design.poseplan import problem_of, unknowns_of
-from machopt.design.search import choose, criterion
+from machopt.cell.cell_reader import load_cell
+from machopt.commands.plan_poses.run import PlanPosesResult, PosesRequest, run_plan_poses
+from machopt.dynamics.gravity_torque import compute_weight_torque
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.model.elastic import ArmElasticity
-from machopt.model.gravity import weight_torque
-from machopt.model.robot import load_chain, load_masses
-from machopt.model.suspects import USUAL_PLAY
-from machopt.services.poses import PosesOutcome, PosesRequest, run_plan_poses
+from machopt.kinematics.robot import load_chain, load_masses
+from machopt.measurement.design.d_optimal_search import compute_design_criterion, find_d_optimal_design
+from machopt.measurement.design.job_like_loads import (
+    MAX_EFFICIENCY_LOSS,
+    ProcessLoads,
+    TorqueReversalCases,
+    compare_joint_loads,
+    compute_load_steps,
+    describe_joint_loads,
+    exchange_loads_for_reversal,
+)
+from machopt.measurement.design.load_cases import LoadCriteria, build_load_cases
+from machopt.measurement.design.load_methods import build_load_method_combinations
+from machopt.measurement.design.measurement_plan import build_design_problem, build_unknowns
+from machopt.measurement.design.pose_candidates import PoseCriteria, PoseScreen, sample_poses
+from machopt.measurement.design.reading_noise import ReadingNoise
+from machopt.stiffness.arm_stiffness import ArmElasticity
+from machopt.stiffness.discrepancy_columns import TYPICAL_PLAY_RAD
 
 ROOT = Path(__file__).resolve().parents[1]
 CELL = ROOT / "cells" / "kr240_drilling"
@@ -44,15 +52,17 @@ class Bench:
         )
         self.pool = sample_poses(screen, cell.arm_limits, cell.home, 150, 0)
         prior = ArmElasticity(self.robot, T, replace(cell.stiffness, terms=()), cell.arm_limits, self.masses)  # type: ignore[type-var, arg-type]
-        ways = load_ways((), (500.0, 1000.0), 8, np.zeros((0, 3)), (0.0,), cell.T_world_base[:3, :3].T)
-        self.cases = load_cases(self.pool, ways, prior, (), LoadCriteria(), NOISE)
-        self.unknowns = unknowns_of(prior, (), self.cases)
-        self.problem, _ = problem_of(self.cases, self.unknowns, NOISE, 1.0, np.random.default_rng(0))
-        self.design = choose(self.problem, 8, 2, rng=np.random.default_rng(0), starts=1)
+        ways = build_load_method_combinations(
+            (), (500.0, 1000.0), 8, np.zeros((0, 3)), (0.0,), cell.T_world_base[:3, :3].T
+        )
+        self.cases = build_load_cases(self.pool, ways, prior, (), LoadCriteria(), NOISE)
+        self.unknowns = build_unknowns(prior, (), self.cases)
+        self.problem, _ = build_design_problem(self.cases, self.unknowns, NOISE, 1.0, np.random.default_rng(0))
+        self.design = find_d_optimal_design(self.problem, 8, 2, rng=np.random.default_rng(0), starts=1)
 
-    def turning(self, steps: tuple[float, ...]) -> Turning:
+    def turning(self, steps: tuple[float, ...]) -> TorqueReversalCases:
         scale = self.unknowns.scale
-        return Turning.of(self.cases, self.pool, self.robot, self.masses, scale, NOISE, steps)
+        return TorqueReversalCases.from_cases(self.cases, self.pool, self.robot, self.masses, scale, NOISE, steps)
 
 
 @pytest.fixture(scope="module")
@@ -66,32 +76,39 @@ def test_noncentrality_of_play_is_what_a_refit_leaves_of_it(bench: Bench) -> Non
     pose = bench.cases.pose[rows]
     J = bench.pool.state.J[pose][:, :3]
     load = np.einsum("nci,nc->ni", bench.pool.state.J[pose], bench.cases.wrench[rows])
-    weight = weight_torque(bench.robot, bench.masses, bench.pool.state)[pose]  # type: ignore[arg-type]
+    weight = compute_weight_torque(bench.robot, bench.masses, bench.pool.state)[pose]  # type: ignore[arg-type]
     springs, play = [], []
     for s in steps:
         springs.append(J * (s * load)[:, None, :])
         step = np.sign(weight[:, j] + s * load[:, j]) - np.sign(weight[:, j])
-        play.append(J[:, :, j] * (USUAL_PLAY * step)[:, None])
+        play.append(J[:, :, j] * (TYPICAL_PLAY_RAD * step)[:, None])
     A, y = np.concatenate(springs).reshape(-1, 6), np.concatenate(play).reshape(-1)
     rest = y - A @ np.linalg.lstsq(A, y, rcond=None)[0]
     # a torque near zero may count as on no side
-    assert t.play(rows.tolist())[j] == pytest.approx(float(rest @ rest) / NOISE.reading**2, rel=0.1)
+    assert t.compute_backlash_noncentrality(rows.tolist())[j] == pytest.approx(
+        float(rest @ rest) / NOISE.reading**2, rel=0.1
+    )
 
 
 def test_one_size_of_load_hides_play_that_two_show(bench: Bench) -> None:
     rows = bench.design.readings.tolist()
-    twice, both = bench.turning((1.0, 1.0)).play(rows), bench.turning((0.25, 1.0)).play(rows)
+    twice, both = (
+        bench.turning((1.0, 1.0)).compute_backlash_noncentrality(rows),
+        bench.turning((0.25, 1.0)).compute_backlash_noncentrality(rows),
+    )
     assert both[0] > 3.0 * twice[0]  # no weight rests on joint 1's play: every load goes through it alike
     assert both[1] == pytest.approx(0.0, abs=1e-6)  # and joint 2's weight is turned round by none of these
 
 
 def test_loads_are_exchanged_until_play_shows_at_a_small_price(bench: Bench) -> None:
     t = bench.turning((0.25, 1.0))
-    found = both_ways(bench.design, bench.cases, t, bench.problem)
+    found = exchange_loads_for_reversal(bench.design, bench.cases, t, bench.problem)
     before, after = (t.value(d.readings.tolist()) for d in (bench.design, found))
     assert after > before
-    kept = criterion(bench.problem, found.blocks) - criterion(bench.problem, bench.design.blocks)
-    assert kept >= 6 * np.log1p(-LOST) - 1e-9
+    kept = compute_design_criterion(bench.problem, found.blocks) - compute_design_criterion(
+        bench.problem, bench.design.blocks
+    )
+    assert kept >= 6 * np.log1p(-MAX_EFFICIENCY_LOSS) - 1e-9
     poses = [[int(bench.cases.pose[n]) for n in b] for b in bench.design.blocks]
     assert [[int(bench.cases.pose[n]) for n in b] for b in found.blocks] == poses  # at the same poses
     assert all(len(set(b)) == len(b) for b in found.blocks)
@@ -102,26 +119,26 @@ def test_loads_are_exchanged_until_play_shows_at_a_small_price(bench: Bench) -> 
 
 def test_the_smaller_size_is_the_jobs(bench: Bench) -> None:
     def smaller(low: float) -> float:
-        return steps_of(JobLoads(force=(low, 1000.0)), bench.cases)[0]
+        return compute_load_steps(ProcessLoads(force=(low, 1000.0)), bench.cases)[0]
 
     assert [smaller(f) for f in (0.0, 300.0, 900.0)] == [0.2, 0.3, 0.5]
 
 
 def test_what_would_not_show_is_said_of_joints_that_the_job_turns(bench: Bench) -> None:
     t = bench.turning((0.25, 1.0))
-    hidden = replace(t, own=t.own * 0.0, cross=t.cross * 0.0)
+    hidden = replace(t, backlash_information=t.backlash_information * 0.0, cross=t.cross * 0.0)
     torque = np.array([[-1.0, 2.0, -1.0, -1.0, 1.0, 1.0], [1.0, 3.0, 1.0, 1.0, 2.0, 2.0]])
-    job = JobLoads(force=(200.0, 1500.0), torque=torque)
-    said = said_of(job, joints_of(job, bench.design, hidden, (0.25, 1.0)), 1000.0)
+    job = ProcessLoads(force=(200.0, 1500.0), torque=torque)
+    said = describe_joint_loads(job, compare_joint_loads(job, bench.design, hidden, (0.25, 1.0)), 1000.0)
     assert "1500 N is more than any load planned (1000 N)" in said[0]
     assert "at joint 1, 3, 4 would not show" in said[1]  # the others keep one side in the job
     assert "The job turns them round" in said[1]
-    unknown = JobLoads(force=(200.0, 800.0))
-    (one,) = said_of(unknown, joints_of(unknown, bench.design, hidden, (0.25, 1.0)), 1000.0)
+    unknown = ProcessLoads(force=(200.0, 800.0))
+    (one,) = describe_joint_loads(unknown, compare_joint_loads(unknown, bench.design, hidden, (0.25, 1.0)), 1000.0)
     assert "joint 1, 2, 3, 4, 5, 6" in one
 
 
-def planned(out: Path, **more: Any) -> PosesOutcome:
+def planned(out: Path, **more: Any) -> PlanPosesResult:
     usual: dict[str, Any] = {"candidates": 200, "starts": 1, "poses": 6, "target_percent": None, "no_collision": True}
     return run_plan_poses(PosesRequest(cell=CELL, out=out, pull_N=(500.0, 1000.0), **(usual | more)))
 

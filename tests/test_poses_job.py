@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from poses_back import read_poses_csv
 
-from machopt.domain.poses import PosesTable
+from machopt.cell.cell_reader import load_cell
+from machopt.collision.collision_model import CollisionModel
+from machopt.commands.plan_poses.run import PlanPosesResult, PosesRequest, run_plan_poses
+from machopt.data_types.measurements.poses_table import PosesTable
 from machopt.errors import InputError
-from machopt.estimate.experiment import experiment
-from machopt.formats.cell import load_cell
-from machopt.formats.poses import write_poses_csv
-from machopt.formats.recording import load_recording
-from machopt.model.collision import CollisionModel
-from machopt.model.robot import load_chain
-from machopt.services.poses import PosesOutcome, PosesRequest, run_plan_poses
+from machopt.kinematics.robot import load_chain
+from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
+from machopt.measurement.recording import load_recording
+from machopt.output.tables.poses_table import write_poses_csv
 
 CELL = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
 QUICK: dict[str, Any] = {
@@ -33,16 +33,16 @@ QUICK: dict[str, Any] = {
 }
 
 
-def plan(out: Path, **options: Any) -> PosesOutcome:
+def plan(out: Path, **options: Any) -> PlanPosesResult:
     return run_plan_poses(PosesRequest(cell=CELL, out=out, **{**QUICK, **options}))
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> PosesOutcome:
+def done(tmp_path_factory: pytest.TempPathFactory) -> PlanPosesResult:
     return plan(tmp_path_factory.mktemp("poses") / "out", terms=("link_compliance@link:4",), sensor="tracker3")
 
 
-def test_folder_holds_what_the_contract_says(done: PosesOutcome) -> None:
+def test_folder_holds_what_the_contract_says(done: PlanPosesResult) -> None:
     folder = done.report.parent
     assert done.exit_code == 0
     assert sorted(p.name for p in folder.iterdir()) == [
@@ -54,7 +54,7 @@ def test_folder_holds_what_the_contract_says(done: PosesOutcome) -> None:
     ]
     result = json.loads((folder / "plan.json").read_text())
     assert result["machopt_poses"] == 1
-    json.dumps(done.result.plain())  # plain numbers, for --json
+    json.dumps(done.result.to_json_types())  # plain numbers, for --json
     assert result["poses"] == 6
     assert result["readings"] == 6 * 2 * 2
     names = [u["name"] for u in result["unknowns"]]
@@ -65,21 +65,23 @@ def test_folder_holds_what_the_contract_says(done: PosesOutcome) -> None:
     assert any("told apart" in w for w in result["warnings"])
 
 
-def test_table_is_a_plan_that_can_be_driven_and_measured(done: PosesOutcome) -> None:
+def test_table_is_a_plan_that_can_be_driven_and_measured(done: PlanPosesResult) -> None:
     table = read_poses_csv(done.report.parent / "poses.csv")
     cell = load_cell(CELL)
     robot, shapes = load_chain(cell)
     collision = CollisionModel(cell, robot, shapes, 0.02)
     cut = np.zeros(len(table), bool)
-    assert not collision.check(table.q, cut).any
-    np.testing.assert_allclose(table.clearance, collision.nearest(table.q, cut).distance, atol=1e-6)  # µm printed
+    assert not collision.check_configurations(table.q, cut).any
+    np.testing.assert_allclose(
+        table.clearance, collision.find_nearest_pair(table.q, cut).distance, atol=1e-6
+    )  # µm printed
     assert (table.clearance >= 0.02).all()
-    T = robot.fk(table.q, cell.tool.T_flange_tcp)
+    T = robot.compute_fk(table.q, cell.tool.T_flange_tcp)
     np.testing.assert_allclose(table.position, T[:, :3, 3], atol=1e-7)  # 0.1 µm printed
     lever = table.load_point - table.position
     np.testing.assert_allclose(table.wrench[:, 3:], np.cross(lever, table.wrench[:, :3]), atol=2e-3)  # N·m, as printed
     assert cell.stiffness is not None
-    J = robot.fk_jacobian(table.q, cell.tool.T_flange_tcp)[1]
+    J = robot.compute_fk_jacobian(table.q, cell.tool.T_flange_tcp)[1]
     twist = np.einsum("nci,ni->nc", J, np.einsum("nci,nc->ni", J, table.wrench) / cell.stiffness.joints)
     np.testing.assert_allclose(table.displacement, twist, atol=2e-8)
     assert table.pose[0] == 1  # numbered in the order of the first round
@@ -92,7 +94,7 @@ def test_table_is_a_plan_that_can_be_driven_and_measured(done: PosesOutcome) -> 
     assert list(table.way_free) == (~hit).tolist()
 
 
-def test_template_is_a_recording_once_it_is_filled_in(done: PosesOutcome, tmp_path: Path) -> None:
+def test_template_is_a_recording_once_it_is_filled_in(done: PlanPosesResult, tmp_path: Path) -> None:
     folder = done.report.parent
     table = read_poses_csv(folder / "poses.csv")
     template = folder / "recording_template"
@@ -111,14 +113,14 @@ def test_template_is_a_recording_once_it_is_filled_in(done: PosesOutcome, tmp_pa
     recording = load_recording(tmp_path)
     cell = load_cell(CELL)
     robot, _ = load_chain(cell)
-    tests = experiment(recording, robot, cell.tool.T_flange_tcp)
+    tests = build_load_test_experiment(recording, robot, cell.tool.T_flange_tcp)
     assert cell.stiffness is not None
     np.testing.assert_allclose(tests.response() @ (1 / cell.stiffness.joints), tests.measured, atol=2e-8)
     assert recording.uncertainty.rotation is not None
     np.testing.assert_array_equal(recording.pose, table.pose)
 
 
-def test_page_says_what_matters(done: PosesOutcome) -> None:
+def test_page_says_what_matters(done: PlanPosesResult) -> None:
     page = done.report.read_text()
     for words in (
         "NOT EVERYTHING IS SEEN",
@@ -137,17 +139,19 @@ def test_page_says_what_matters(done: PosesOutcome) -> None:
     bars = next(c for c in data["xy"] if c["id"] == "p-bars")
     ours = next(layer for layer in bars["layers"] if layer["name"] == "this plan")
     sigma = [
-        u["standard_uncertainty"] for u in done.result.plain()["unknowns"] if u["standard_uncertainty"] is not None
+        u["standard_uncertainty"]
+        for u in done.result.to_json_types()["unknowns"]
+        if u["standard_uncertainty"] is not None
     ]
     np.testing.assert_allclose(np.array(ours["y"]) / 100, sigma[: len(ours["y"])], rtol=1e-5)
 
 
 @pytest.fixture(scope="module")
-def aimed(tmp_path_factory: pytest.TempPathFactory) -> PosesOutcome:
+def aimed(tmp_path_factory: pytest.TempPathFactory) -> PlanPosesResult:
     return plan(tmp_path_factory.mktemp("aimed") / "out", target_percent=15.0, candidates=60)
 
 
-def test_same_seed_gives_the_same_bytes(aimed: PosesOutcome, tmp_path: Path) -> None:
+def test_same_seed_gives_the_same_bytes(aimed: PlanPosesResult, tmp_path: Path) -> None:
     plan(tmp_path / "out", target_percent=15.0, candidates=60)
     for name in ("poses.csv", "plan.json", "report.html", "recording_template/data.csv"):
         assert (tmp_path / "out" / name).read_bytes() == (aimed.report.parent / name).read_bytes(), name
@@ -155,22 +159,22 @@ def test_same_seed_gives_the_same_bytes(aimed: PosesOutcome, tmp_path: Path) -> 
 
 def test_weights_alone_do_not_show_joint_one(tmp_path: Path) -> None:
     found = plan(tmp_path / "out", pull_N=None, max_deflection_mm=20.0)
-    joint = found.result.plain()["unknowns"][0]
+    joint = found.result.to_json_types()["unknowns"][0]
     assert joint["seen"] is False
-    assert any("joint 1 is not seen" in w and "horizontal pull" in w for w in found.result.plain()["warnings"])
+    assert any("joint 1 is not seen" in w and "horizontal pull" in w for w in found.result.to_json_types()["warnings"])
 
 
 def test_doubted_prior_halves_the_deflection_and_is_reported(tmp_path: Path) -> None:
     found = plan(tmp_path / "out", prior_factor=2.0, loads=1, candidates=80)
     table = read_poses_csv(tmp_path / "out" / "poses.csv")
     assert np.linalg.norm(table.displacement[:, :3], axis=1).max() <= 2.5e-3
-    assert len(found.result.plain()["design"]["worst_if_prior_wrong"]) == 4
+    assert len(found.result.to_json_types()["design"]["worst_if_prior_wrong"]) == 4
 
 
-def test_target_names_the_smallest_number_of_poses(aimed: PosesOutcome, tmp_path: Path) -> None:
-    needed = aimed.result.plain()["target"]["poses"]
+def test_target_names_the_smallest_number_of_poses(aimed: PlanPosesResult, tmp_path: Path) -> None:
+    needed = aimed.result.to_json_types()["target"]["poses"]
     at = {
-        n: plan(tmp_path / str(n), poses=n, candidates=60).result.plain()["design"]["worst"]
+        n: plan(tmp_path / str(n), poses=n, candidates=60).result.to_json_types()["design"]["worst"]
         for n in (needed - 1, needed)
     }
     # the number is sought with quick designs, so the full search may do 5 % better
@@ -190,8 +194,8 @@ def test_target_names_the_smallest_number_of_poses(aimed: PosesOutcome, tmp_path
 def test_nothing_to_measure_is_an_answer(tmp_path: Path, options: dict[str, Any], words: str) -> None:
     found = plan(tmp_path / "out", **{**options, "candidates": 10, "poses": 6})
     assert found.exit_code == 3
-    assert found.result.plain()["verdict"] == "infeasible"
-    assert any(words in w for w in found.result.plain()["warnings"])
+    assert found.result.to_json_types()["verdict"] == "infeasible"
+    assert any(words in w for w in found.result.to_json_types()["warnings"])
     assert "NOTHING TO MEASURE" in found.report.read_text()
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["manifest.json", "plan.json", "report.html"]
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from controllers import without_controller
 
+from machopt.cell.cell_reader import load_cell
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.posts import post_text
+from machopt.programs.program_writer import read_post_text
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 CONTROLLER = """
@@ -59,7 +59,7 @@ def test_all_keys_are_taken(folder: Path) -> None:
     np.testing.assert_array_equal(c.joint_map.coupling[5], [0, 0, 0, 0.5, -1, 0])
     q = np.radians([10.0, 20, 30, 40, 50, 60])
     # axis 3: 30 + 90, plus axis 2 of the controller (20 − 90); axis 6: −60, plus half of −40, minus 50
-    np.testing.assert_allclose(c.joint_map.axes_deg(q), [-10, -70, 50, -40, 50, -130])
+    np.testing.assert_allclose(c.joint_map.compute_axes_deg(q), [-10, -70, 50, -40, 50, -130])
     assert c.T_base_root is not None
     np.testing.assert_allclose(c.T_base_root, [[-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 1, 0.45], [0, 0, 0, 1]], atol=1e-15)
     assert (c.tool_number, c.base_number, c.moves_per_part, c.nonflip_j5) == (3, 5, 2000, "negative")
@@ -67,7 +67,7 @@ def test_all_keys_are_taken(folder: Path) -> None:
 
 
 def test_a_post_of_its_own_lies_in_the_cell_folder(folder: Path) -> None:
-    (folder / "mine.toml").write_text(post_text("rapid"), encoding="utf-8")
+    (folder / "mine.toml").write_text(read_post_text("rapid"), encoding="utf-8")
     cell = load_cell(add(folder, "controller: {post: mine.toml}\n"))
     assert cell.controller.post == str(folder / "mine.toml")
     assert folder / "mine.toml" in cell.files  # hashed with the inputs

@@ -9,7 +9,7 @@ import pytest
 from made_up_program import ARM, TOOL
 from scipy.spatial.transform import Rotation, Slerp
 
-from machopt.formats.posts.densify import Tolerance, densify, departure
+from machopt.programs.writing.target_insertion import ProgramTolerance, insert_targets, measure_line_deviation
 
 Array = np.ndarray
 SAMPLES = 2001
@@ -24,13 +24,13 @@ def bent(s: Array) -> Array:
     return start + s[:, None] * way + np.sin(2 * np.pi * s)[:, None] * wave
 
 
-MOTION = ARM.fk(bent(np.linspace(0, 1, SAMPLES)), TOOL)
-FINER = ARM.fk(bent(np.linspace(0, 1, 4 * (SAMPLES - 1) + 1)), TOOL)
+MOTION = ARM.compute_fk(bent(np.linspace(0, 1, SAMPLES)), TOOL)
+FINER = ARM.compute_fk(bent(np.linspace(0, 1, 4 * (SAMPLES - 1) + 1)), TOOL)
 
 
-def thickened(ends: Array, tolerance: Tolerance) -> Array:
+def thickened(ends: Array, tolerance: ProgramTolerance) -> Array:
     """Rows of MOTION that are targets in the end."""
-    added = densify(MOTION, MOTION[ends], ends.astype(float), np.ones(len(ends), bool), tolerance)
+    added = insert_targets(MOTION, MOTION[ends], ends.astype(float), np.ones(len(ends), bool), tolerance)
     assert not set(added.tolist()) & set(ends.tolist())
     return np.sort(np.concatenate([ends, added]))
 
@@ -54,10 +54,14 @@ def drawn(targets: Array) -> tuple[float, float, float]:
 
 @pytest.mark.parametrize(
     "tolerance",
-    [Tolerance(2e-4, WIDE, WIDE), Tolerance(1.0, np.radians(0.05), WIDE), Tolerance(1.0, WIDE, np.radians(0.1))],
+    [
+        ProgramTolerance(2e-4, WIDE, WIDE),
+        ProgramTolerance(1.0, np.radians(0.05), WIDE),
+        ProgramTolerance(1.0, WIDE, np.radians(0.1)),
+    ],
     ids=["place", "tool axis", "orientation"],
 )
-def test_the_controllers_line_keeps_to_the_motion(tolerance: Tolerance) -> None:
+def test_the_controllers_line_keeps_to_the_motion(tolerance: ProgramTolerance) -> None:
     coarse = np.array([0, 700, 1400, SAMPLES - 1])
     limits = np.array([tolerance.position, tolerance.axis, tolerance.turn])
     assert (drawn(coarse) / limits).max() > 4  # otherwise the test shows nothing
@@ -65,7 +69,7 @@ def test_the_controllers_line_keeps_to_the_motion(tolerance: Tolerance) -> None:
     # looked at between the samples too; the 801 places of a line are up to 0.3 mm apart at first, 0.02° of turn
     assert (np.array(drawn(rows)) <= limits + np.array([1e-6, np.radians(0.02), np.radians(0.02)])).all()
     assert 4 < len(rows) < 200
-    off = departure(MOTION, MOTION[rows], rows.astype(float), np.ones(len(rows), bool))
+    off = measure_line_deviation(MOTION, MOTION[rows], rows.astype(float), np.ones(len(rows), bool))
     assert off.share(tolerance).max() <= 0.8  # the rest is for what lies between the samples
     assert off.worst() == pytest.approx(drawn(rows), rel=0.2, abs=2e-5)
 
@@ -73,27 +77,27 @@ def test_the_controllers_line_keeps_to_the_motion(tolerance: Tolerance) -> None:
 def test_nothing_is_added_where_nothing_bends() -> None:
     """The last axis only, which turns about the flange's own axis: an even turn on the spot."""
     q = np.radians([0, -80, 95, 0, 50, 0]) + np.linspace(0, 1, 300)[:, None] ** 3 * np.radians([0, 0, 0, 0, 0, 40])
-    T = ARM.fk(q)
+    T = ARM.compute_fk(q)
     ends = np.array([0.0, 120.5, 299.0])
-    targets = ARM.fk(np.array([q[0], (q[120] + q[121]) / 2, q[299]]))
-    off = departure(T, targets, ends, np.ones(3, bool))
+    targets = ARM.compute_fk(np.array([q[0], (q[120] + q[121]) / 2, q[299]]))
+    off = measure_line_deviation(T, targets, ends, np.ones(3, bool))
     assert off.worst() == pytest.approx((0, 0, 0), abs=1e-7)
     assert len(off.sample) == 299  # all but the first, which no line leads to
-    assert not len(densify(T, targets, ends, np.ones(3, bool), Tolerance(1e-6, 1e-6, 1e-6)))
+    assert not len(insert_targets(T, targets, ends, np.ones(3, bool), ProgramTolerance(1e-6, 1e-6, 1e-6)))
 
 
 def test_joint_moves_are_no_lines() -> None:
     ends, linear = np.array([0.0, 1000.0, 2000.0]), np.array([False, False, True])
-    off = departure(MOTION, MOTION[[0, 1000, 2000]], ends, linear)
+    off = measure_line_deviation(MOTION, MOTION[[0, 1000, 2000]], ends, linear)
     assert off.sample.min() == 1001
     assert set(off.move.tolist()) == {2}
-    rows = densify(MOTION, MOTION[[0, 1000, 2000]], ends, linear, Tolerance(1e-4, WIDE, WIDE))
+    rows = insert_targets(MOTION, MOTION[[0, 1000, 2000]], ends, linear, ProgramTolerance(1e-4, WIDE, WIDE))
     assert rows.min() > 1000
 
 
 def test_finer_tolerances_need_more_points_and_error_falls_with_the_square() -> None:
     ends = np.array([0, SAMPLES - 1])
-    counts = [len(thickened(ends, Tolerance(t, WIDE, WIDE))) for t in (1e-3, 1e-4, 1e-5)]
+    counts = [len(thickened(ends, ProgramTolerance(t, WIDE, WIDE))) for t in (1e-3, 1e-4, 1e-5)]
     assert counts == sorted(counts)
     assert 2 < counts[1] / counts[0] < 5  # √10, as chords of a curve do
     assert 2 < counts[2] / counts[1] < 5
@@ -106,7 +110,7 @@ def test_where_samples_run_out_the_lines_stay_as_far_off_as_they_are() -> None:
     targets[:, 2, 3] += 1e-3
     at = np.arange(len(few)) + 0.5
     at[0] = 0.0
-    rows = densify(few, targets, at, np.ones(len(few), bool), Tolerance(1e-5, WIDE, WIDE))
+    rows = insert_targets(few, targets, at, np.ones(len(few), bool), ProgramTolerance(1e-5, WIDE, WIDE))
     assert rows.tolist() == [1, 2, 3, 4]
 
 
@@ -117,10 +121,12 @@ def test_an_external_axis_that_moves_unevenly_becomes_targets() -> None:
     T[:, 0, 3] = np.linspace(0.0, 1.0, n)
     rail = 0.3 * (1.0 - np.cos(np.pi * T[:, :1, 3]))
     ends, linear = np.array([0.0, n - 1.0]), np.ones(2, bool)
-    assert len(densify(T, T[[0, -1]], ends, linear, Tolerance())) == 0
-    added = densify(T, T[[0, -1]], ends, linear, Tolerance(), (rail, rail[[0, -1]]))
+    assert len(insert_targets(T, T[[0, -1]], ends, linear, ProgramTolerance())) == 0
+    added = insert_targets(T, T[[0, -1]], ends, linear, ProgramTolerance(), (rail, rail[[0, -1]]))
     rows = np.r_[0, added, n - 1]
-    off = departure(T, T[rows], rows.astype(float), np.ones(len(rows), bool), None, (rail, rail[rows]))
-    assert off.external.max() <= Tolerance().external
-    least = np.pi * np.sqrt(0.3 / (8 * Tolerance().external))  # steps of a curve with a bow of the tolerance, at most
+    off = measure_line_deviation(T, T[rows], rows.astype(float), np.ones(len(rows), bool), None, (rail, rail[rows]))
+    assert off.external.max() <= ProgramTolerance().external
+    least = np.pi * np.sqrt(
+        0.3 / (8 * ProgramTolerance().external)
+    )  # steps of a curve with a bow of the tolerance, at most
     assert 0.5 * least <= len(rows) <= 4 * least

@@ -10,16 +10,27 @@ import pytest
 from external_cell import external_cell
 from small_cell import pose
 
-from machopt.domain.cell import Cell
-from machopt.domain.program import LIN, PTP, Controller, ExternalDrive, RobotProgram
-from machopt.domain.toolpath import Move
+from machopt.data_types.cell import Cell
+from machopt.data_types.robot_program import LIN, PTP, ExternalAxisMap, RobotController, RobotProgram
+from machopt.data_types.toolpath import MoveKind
 from machopt.errors import InputError
-from machopt.formats.posts import assumptions, write_program
-from machopt.formats.programs import ParsedProgram, read_program
-from machopt.model.robot import load_robot
-from machopt.recheck.posts import carried_part, controller_for, external_axes, short_program, standing_part
-from machopt.recheck.terms import COUPLED, external_of, frame_given, wrong_frames
-from machopt.verify.arm import Arm
+from machopt.kinematics.robot import load_robot
+from machopt.programs.program_reader import ParsedProgram, read_program
+from machopt.programs.program_writer import list_assumptions, write_program
+from machopt.verification.folder.programs.frames_and_axes import (
+    COUPLED_FRAME_FORMATS,
+    compute_workpiece_frame,
+    convert_external_joints,
+    find_wrong_frames,
+)
+from machopt.verification.folder.programs.post_lookup import (
+    build_short_program,
+    compute_workpiece_in_base,
+    get_workpiece_on_positioner,
+    list_external_axes,
+    select_controller,
+)
+from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
 PRINTED = 0.51e-4  # mm or deg: four decimals
 KINDS = {"rail": {"rail": True}, "table": {"table": True}, "both": {"rail": True, "table": True, "tilt": True}}
@@ -39,44 +50,44 @@ POSTS = {
 }
 
 
-def drives(cell: Cell, **more: object) -> dict[str, ExternalDrive]:
+def drives(cell: Cell, **more: object) -> dict[str, ExternalAxisMap]:
     """Numbers in the other order, one of them backwards and with an offset."""
     own = {
-        "rail": ExternalDrive(number=4, sign=-1.0, offset=250.0, unit=None, machine=None),
-        "tilt": ExternalDrive(number=3, sign=1.0, offset=-30.0, unit="STN2", machine=3),
-        "turn": ExternalDrive(number=2, sign=-1.0, offset=90.0, unit="STN2", machine=3),
+        "rail": ExternalAxisMap(number=4, sign=-1.0, offset=250.0, unit=None, machine=None),
+        "tilt": ExternalAxisMap(number=3, sign=1.0, offset=-30.0, unit="STN2", machine=3),
+        "turn": ExternalAxisMap(number=2, sign=-1.0, offset=90.0, unit="STN2", machine=3),
     }
     return {name: replace(own[name], **more) for name in cell.external_joints}  # type: ignore[arg-type]
 
 
-def controller(cell: Cell, **more: object) -> Controller:
-    return Controller(nonflip_j5="negative", T_world_root=pose(0.4, -0.3, 0.2), external=drives(cell, **more))
+def controller(cell: Cell, **more: object) -> RobotController:
+    return RobotController(nonflip_j5="negative", T_world_root=pose(0.4, -0.3, 0.2), external=drives(cell, **more))
 
 
 def program(cell: Cell, n: int = 7) -> RobotProgram:
-    arm, share = Arm(cell), np.linspace(0.0, 1.0, n)[:, None]
+    arm, share = UrdfKinematics(cell), np.linspace(0.0, 1.0, n)[:, None]
     low, high = cell.limits.lower, cell.limits.upper
     x = np.hstack([cell.home + 0.2 * share, low[6:] + (0.3 + 0.3 * share) * (high - low)[6:]])
     x[0, 6:] = cell.external_home
-    made = short_program(cell, load_robot(cell), controller(cell))
+    made = build_short_program(cell, load_robot(cell), controller(cell))
     kind = np.array([PTP, PTP, *[LIN] * (n - 3), PTP], np.int8)
     return replace(
         made,
         kind=kind,
         q=x[:, :6],
         external=x[:, 6:],
-        T_workpiece_tcp=arm.tcp_in_workpiece(x[:, :6], x[:, 6:]),
+        T_workpiece_tcp=arm.compute_tcp_in_workpiece(x[:, :6], x[:, 6:]),
         feed=np.where(kind == LIN, 0.02, np.nan),
         cutting=kind == LIN,
         operation=np.zeros(n, np.int32),
-        move=np.where(kind == LIN, Move.CUT, Move.RAPID).astype(np.int8),
+        move=np.where(kind == LIN, MoveKind.CUT, MoveKind.RAPID).astype(np.int8),
         time=np.arange(float(n)),
-        behind=np.zeros(n, bool),
+        wrist_behind=np.zeros(n, bool),
         elbow_up=np.ones(n, bool),
     )
 
 
-def written(folder: Path, cell: Cell, post: str, c: Controller, p: RobotProgram | None = None) -> ParsedProgram:
+def written(folder: Path, cell: Cell, post: str, c: RobotController, p: RobotProgram | None = None) -> ParsedProgram:
     file = POSTS.get(post, "")
     write_program(folder, Path(file).stem, p or program(cell), post, c)
     return read_program(folder / file)
@@ -86,15 +97,15 @@ def written(folder: Path, cell: Cell, post: str, c: Controller, p: RobotProgram 
 @pytest.mark.parametrize("post", POSTS)
 def test_values_and_frames_come_back(tmp_path: Path, post: str, kind: str) -> None:
     cell = external_cell(tmp_path, **KINDS[kind])
-    arm, c, p = Arm(cell), controller(cell), program(cell)
+    arm, c, p = UrdfKinematics(cell), controller(cell), program(cell)
     parsed = written(tmp_path, cell, post, c, p)
-    found, spare = external_of(parsed, cell, arm, c)
+    found, spare = convert_external_joints(parsed, cell, arm, c)
     assert spare == 0
     unit = np.where(cell.external_prismatic, 1e3, 180.0 / np.pi)
     np.testing.assert_allclose(found * unit, p.external * unit, atol=PRINTED, rtol=0)
-    given = frame_given(parsed, cell, arm, c, p.external[0])
-    rides = parsed.dialect in COUPLED and kind != "rail"
-    assert wrong_frames(parsed, c, given, cell.tool.T_flange_tcp, rides=rides) == []
+    given = compute_workpiece_frame(parsed, cell, arm, c, p.external[0])
+    rides = parsed.dialect in COUPLED_FRAME_FORMATS and kind != "rail"
+    assert find_wrong_frames(parsed, c, given, cell.tool.T_flange_tcp, rides=rides) == []
     if parsed.has_pose.any():
         lines = parsed.has_pose
         np.testing.assert_allclose(parsed.T_base_tcp[lines], p.T_workpiece_tcp[lines], atol=2e-7)
@@ -132,7 +143,7 @@ def test_pulses_of_base_and_station(tmp_path: Path) -> None:
     c, p = controller(cell, pulses=878.0), program(cell)
     parsed = written(tmp_path, cell, "jbi", c, p)
     assert "BC00001=219500\n" in (tmp_path / "PART.JBI").read_text()
-    found, _ = external_of(parsed, cell, Arm(cell), c)
+    found, _ = convert_external_joints(parsed, cell, UrdfKinematics(cell), c)
     unit = np.where(cell.external_prismatic, 1e3, 180.0 / np.pi)
     np.testing.assert_allclose(found * unit, p.external * unit, atol=0.51 / 878.0, rtol=0)
 
@@ -144,7 +155,7 @@ def test_on_a_rail_alone_the_base_lies_in_world(tmp_path: Path) -> None:
     assert c.T_world_root is not None
     wanted = np.linalg.inv(c.T_world_root) @ cell.workpiece.T_link_workpiece
     np.testing.assert_allclose(parsed.bases[-1].T, wanted, atol=1e-7)
-    told = assumptions(program(cell), "krl", replace(c, T_world_root=None, external={}))
+    told = list_assumptions(program(cell), "krl", replace(c, T_world_root=None, external={}))
     assert "no controller.world in the cell: the controller's WORLD is the cell's world" in told
     assert any("controller.external.rail" in t for t in told)
 
@@ -158,9 +169,9 @@ def test_what_a_frame_that_rides_or_stands_wrongly_is_told(tmp_path: Path) -> No
         file.read_text().replace('[FALSE,FALSE,"STN2",[[0,0,0],[1,0,0,0]],', '[FALSE,TRUE,"",[[0,0,0],[1,0,0,0]],')
     )
     parsed = read_program(file)
-    arm = Arm(cell)
-    given = frame_given(parsed, cell, arm, c, cell.external_home)
-    found = wrong_frames(parsed, c, given, cell.tool.T_flange_tcp, rides=True)
+    arm = UrdfKinematics(cell)
+    given = compute_workpiece_frame(parsed, cell, arm, c, cell.external_home)
+    found = find_wrong_frames(parsed, c, given, cell.tool.T_flange_tcp, rides=True)
     assert "stands still, the workpiece is carried" in found[0]
 
 
@@ -168,9 +179,9 @@ def test_languages_without_external_axes(tmp_path: Path) -> None:
     cell = external_cell(tmp_path, rail=True)
     p = program(cell)
     with pytest.raises(InputError, match=r"URScript has no external axes.*rail"):
-        write_program(tmp_path, "part", p, "urscript", Controller())
+        write_program(tmp_path, "part", p, "urscript", RobotController())
     with pytest.raises(InputError, match=r"VAL3 moves no rail or positioner.*mode locked"):
-        write_program(tmp_path, "part", p, "val3", Controller())
+        write_program(tmp_path, "part", p, "val3", RobotController())
     table = external_cell(tmp_path, table=True)
     with pytest.raises(InputError, match="do not ride on a station here"):
         write_program(tmp_path, "PART", program(table), "jbi_rectan", controller(table))
@@ -179,25 +190,25 @@ def test_languages_without_external_axes(tmp_path: Path) -> None:
 def test_val3_says_where_the_rail_must_stand(tmp_path: Path) -> None:
     cell = external_cell(tmp_path, rail=True)
     stood = np.full((7, 1), 0.8)
-    arm, p = Arm(cell), program(cell)
-    T = arm.tcp_in_workpiece(p.q, stood)
-    p = replace(p, external=stood, T_workpiece_tcp=T, T_base_workpiece=standing_part(cell, stood[0]))
+    arm, p = UrdfKinematics(cell), program(cell)
+    T = arm.compute_tcp_in_workpiece(p.q, stood)
+    p = replace(p, external=stood, T_workpiece_tcp=T, T_base_workpiece=compute_workpiece_in_base(cell, stood[0]))
     write_program(tmp_path, "part", p, "val3", controller(cell))
     parsed = read_program(tmp_path / "part" / "part.pjx")
-    found, spare = external_of(parsed, cell, arm, controller(cell))
+    found, spare = convert_external_joints(parsed, cell, arm, controller(cell))
     np.testing.assert_allclose(found, stood, atol=1e-8)
-    given = frame_given(parsed, cell, arm, controller(cell), stood[0])
+    given = compute_workpiece_frame(parsed, cell, arm, controller(cell), stood[0])
     assert spare == 0
-    assert wrong_frames(parsed, controller(cell), given, cell.tool.T_flange_tcp, rides=False) == []
+    assert find_wrong_frames(parsed, controller(cell), given, cell.tool.T_flange_tcp, rides=False) == []
 
 
 def test_who_carries_what(tmp_path: Path) -> None:
     cell = external_cell(tmp_path, rail=True, table=True, tilt=True)
-    assert [(a.joint, a.slides, a.carries_part) for a in external_axes(cell)] == [
+    assert [(a.joint, a.slides, a.carries_part) for a in list_external_axes(cell)] == [
         ("rail", True, False),
         ("tilt", False, True),
         ("turn", False, True),
     ]
-    np.testing.assert_array_equal(carried_part(cell), cell.workpiece.T_link_workpiece)
-    assert external_axes(replace(cell, external_joints=(), external_prismatic=())) == ()
-    assert controller_for(cell, "krl").external == {}
+    np.testing.assert_array_equal(get_workpiece_on_positioner(cell), cell.workpiece.T_link_workpiece)
+    assert list_external_axes(replace(cell, external_joints=(), external_prismatic=())) == ()
+    assert select_controller(cell, "krl").external == {}

@@ -13,20 +13,20 @@ from posted import posted
 from test_external import OPTIONS, K, apart, slots
 from test_path import toolpath
 
-from machopt.domain.cell import Cell
-from machopt.domain.options import ExternalAxis
-from machopt.domain.program import Controller, ExternalDrive
-from machopt.domain.toolpath import Toolpath
-from machopt.formats.posts.densify import Tolerance
-from machopt.plan.best.base import best_plan
-from machopt.plan.motion.timeline import Timeline, build_timeline
-from machopt.plan.pipeline.planned import Plan
-from machopt.postprocess.moves import robot_program, sampled_program
-from machopt.recheck.compared import Compared
-from machopt.recheck.readback import check_programs
+from machopt.data_types.cell import Cell
+from machopt.data_types.plan_options import ExternalJointOptions
+from machopt.data_types.robot_program import ExternalAxisMap, RobotController
+from machopt.data_types.toolpath import Toolpath
+from machopt.planning.external_axis_optimization.best_plan import find_best_plan
+from machopt.planning.motion.trajectory_builder import MotionTimeline, build_timeline
+from machopt.planning.pipeline.plan import Plan
+from machopt.program_export.program_moves import build_robot_program, build_sampled_program
+from machopt.programs.writing.target_insertion import ProgramTolerance
+from machopt.verification.folder.programs.program_comparison import ProgramComparison
+from machopt.verification.folder.programs.read_back import check_programs
 
 POSTS = ("krl", "rapid", "fanuc", "jbi", "csv", "ros_json")
-TOLERANCE = Tolerance(turn=float(np.radians(1.0)))
+TOLERANCE = ProgramTolerance(turn=float(np.radians(1.0)))
 
 
 @dataclass(frozen=True)
@@ -34,10 +34,10 @@ class Job:
     cell: Cell
     path: Toolpath
     plan: Plan
-    timeline: Timeline
+    timeline: MotionTimeline
 
-    def posted(self, folder: Path, post: str) -> Compared:
-        make = sampled_program if post.startswith("ros") else robot_program
+    def posted(self, folder: Path, post: str) -> ProgramComparison:
+        make = build_sampled_program if post.startswith("ros") else build_robot_program
         made = make(self.plan, self.path, self.timeline)
         return posted(folder, self.plan, self.path, self.timeline, made, TOLERANCE, post)
 
@@ -47,13 +47,13 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
     """Two slots, each with a place of the rail and a turn of the table of its own."""
     cell = external_cell(tmp_path_factory.mktemp("cell"), rail=True, table=True)
     drives = {
-        "rail": ExternalDrive(number=2, sign=-1.0, offset=500.0),
-        "turn": ExternalDrive(number=1, sign=1.0, offset=10.0, unit="STN1", machine=2),
+        "rail": ExternalAxisMap(number=2, sign=-1.0, offset=500.0),
+        "turn": ExternalAxisMap(number=1, sign=1.0, offset=10.0, unit="STN1", machine=2),
     }
-    cell = replace(cell, stiffness=K, controller=Controller(nonflip_j5="negative", external=drives))
+    cell = replace(cell, stiffness=K, controller=RobotController(nonflip_j5="negative", external=drives))
     path = apart(toolpath(slots(-0.1, 0.05)))
-    options = replace(OPTIONS, external=tuple(ExternalAxis(joint=f"e{k}", mode="operation") for k in (1, 2)))
-    p = best_plan(cell, path, options)
+    options = replace(OPTIONS, external=tuple(ExternalJointOptions(joint=f"e{k}", mode="operation") for k in (1, 2)))
+    p = find_best_plan(cell, path, options)
     timeline = build_timeline(p, path)
     assert timeline.trajectory is not None
     return Job(cell, path, p, timeline)
@@ -63,7 +63,7 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
 def test_every_maker(tmp_path: Path, job: Job, post: str) -> None:
     found = job.posted(tmp_path / "out", post)
     assert found.differences == ()
-    assert found.passed("external axes at targets") is True
+    assert found.get_verdict("external axes at targets") is True
 
 
 def grown(text: str, before: str, by: float) -> str:
@@ -95,12 +95,12 @@ DAMAGES: list[tuple[str, str, Callable[[str], str], str]] = [
 @pytest.mark.parametrize(("post", "damage", "change", "told"), DAMAGES, ids=[d[1] for d in DAMAGES])
 def test_damages(tmp_path: Path, job: Job, post: str, damage: str, change: Callable[[str], str], told: str) -> None:
     sound = job.posted(tmp_path / "out", post)
-    file = tmp_path / "out" / sound.posted.files[0]
+    file = tmp_path / "out" / sound.program.files[0]
     text = file.read_bytes().decode()
     changed = change(text)
     assert changed != text, damage
     file.write_bytes(changed.encode())
     (found,) = check_programs(
-        job.cell, job.path, tmp_path / "out", [sound.posted], options=job.plan.options, tolerance=TOLERANCE
+        job.cell, job.path, tmp_path / "out", [sound.program], options=job.plan.options, tolerance=TOLERANCE
     )
     assert any(told in d for d in found.differences), found.differences

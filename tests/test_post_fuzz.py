@@ -11,7 +11,7 @@ import pytest
 from mutations import FORMATS, run, seeds
 
 from machopt.errors import InputError
-from machopt.formats.programs import read_program
+from machopt.programs.program_reader import read_program
 
 
 @pytest.mark.parametrize("form", FORMATS)
@@ -186,8 +186,8 @@ def test_a_trajectory_of_minutes_is_read_in_seconds(tmp_path: Path) -> None:
 
 def test_a_long_program_is_no_endless_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A program of a million lines was refused: the limits are there for loops."""
-    monkeypatch.setattr("machopt.formats.programs.builder.MOST_MOVES", 10)
-    monkeypatch.setattr("machopt.formats.programs.builder.MOST_STEPS", 10)
+    monkeypatch.setattr("machopt.programs.reading.program_builder.MOST_MOVES", 10)
+    monkeypatch.setattr("machopt.programs.reading.program_builder.MOST_STEPS", 10)
     program, cut = tmp_path / "a.src", f"LIN {POSE}\n"
     program.write_text("DEF a()\n" + 50 * cut + "END\n")
     assert len(read_program(program)) == 50

@@ -14,16 +14,16 @@ sys.path.insert(0, str(GOLDEN))
 from made_up_program import ARM, TOOL, WORKPIECE  # noqa: E402
 from make_golden import job, write  # noqa: E402
 
-from machopt.domain.program import LIN  # noqa: E402
-from machopt.formats.posts import post_names  # noqa: E402
-from machopt.formats.programs import read_program  # noqa: E402
+from machopt.data_types.robot_program import LIN  # noqa: E402
+from machopt.programs.program_reader import read_program  # noqa: E402
+from machopt.programs.program_writer import list_post_names  # noqa: E402
 
 
 def relative(folder: Path) -> list[str]:
     return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file())
 
 
-@pytest.mark.parametrize("post", post_names())
+@pytest.mark.parametrize("post", list_post_names())
 def test_the_program_is_the_golden_one(tmp_path: Path, post: str) -> None:
     write(tmp_path, post)
     assert relative(tmp_path) == relative(GOLDEN / post)
@@ -34,12 +34,12 @@ def test_the_program_is_the_golden_one(tmp_path: Path, post: str) -> None:
 
 
 def test_nothing_golden_is_left_over() -> None:
-    assert {p.name for p in GOLDEN.iterdir() if p.is_dir() and not p.name.startswith("__")} == set(post_names())
+    assert {p.name for p in GOLDEN.iterdir() if p.is_dir() and not p.name.startswith("__")} == set(list_post_names())
 
 
 def test_the_golden_job_is_what_its_joints_say() -> None:
     p = job()
-    T = np.linalg.inv(WORKPIECE) @ ARM.fk(p.q, TOOL)
+    T = np.linalg.inv(WORKPIECE) @ ARM.compute_fk(p.q, TOOL)
     np.testing.assert_allclose(p.T_workpiece_tcp, T, atol=1e-12)
     golden = read_program(GOLDEN / "rapid" / "golden.mod")
     lin = p.kind == LIN

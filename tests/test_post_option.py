@@ -12,20 +12,20 @@ import pytest
 from controllers import without_controller
 from posted import posted
 
-import machopt.postprocess.written
+import machopt.program_export.exported_programs
+from machopt.cell.cell_reader import load_cell
 from machopt.cli import main
-from machopt.domain.options import FixedRotation, PlanOptions
-from machopt.domain.program import LIN
+from machopt.data_types.plan_options import FixedRotation, PlanOptions
+from machopt.data_types.robot_program import LIN
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.posts import post_text, write_program
-from machopt.formats.posts.densify import Tolerance, departure
-from machopt.formats.programs import read_program
-from machopt.formats.toolpath import read_toolpath
-from machopt.plan.motion.timeline import build_timeline
-from machopt.plan.pipeline.run import plan
-from machopt.postprocess.moves import robot_program
-from machopt.recheck.posts import tolerance_of
+from machopt.planning.motion.trajectory_builder import build_timeline
+from machopt.planning.pipeline.path_planner import plan_path
+from machopt.program_export.program_moves import build_robot_program
+from machopt.programs.program_reader import read_program
+from machopt.programs.program_writer import read_post_text, write_program
+from machopt.programs.writing.target_insertion import ProgramTolerance, measure_line_deviation
+from machopt.toolpath.toolpath_reader import read_toolpath
+from machopt.verification.folder.programs.post_lookup import build_tolerance
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 # a pass over the head with everything a program must say in its place
@@ -101,7 +101,7 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """One job with a program for every maker and a post of the user's own."""
     folder = tmp_path_factory.mktemp("posts")
     copied(folder, CONTROLLER)
-    mine = post_text("krl").replace("moves_per_part = 4000", "moves_per_part = 6").replace("C_DIS", "C_VEL")
+    mine = read_post_text("krl").replace("moves_per_part = 4000", "moves_per_part = 6").replace("C_DIS", "C_VEL")
     (folder / "mine.toml").write_text(mine, encoding="utf-8")
     asked = [w for post in (*POSTS, str(folder / "mine.toml")) for w in ("--post", post)]
     assert optimize(folder, "--quiet", *asked) == 0
@@ -199,10 +199,10 @@ def test_what_cannot_be_written_is_refused_before_the_plan(
     options: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     copied(tmp_path)
-    krl = post_text("krl")
+    krl = read_post_text("krl")
     made = {
         "FIELD": krl.replace("A6 @{a6:.5f}", "A6 @{a7:.5f}"),
-        "TAKEN": post_text("json").replace("@{name}.json", "result.json"),
+        "TAKEN": read_post_text("json").replace("@{name}.json", "result.json"),
         "UNCALLED": krl.replace('call = "@{part}( )"\n', ""),
     }
     for name, text in made.items():
@@ -281,7 +281,7 @@ def test_a_program_that_says_something_else_is_exit_4(
             file.write_bytes(data.replace(old, new, 1))
         return files
 
-    monkeypatch.setattr(machopt.postprocess.written, "write_program", faulty)
+    monkeypatch.setattr(machopt.program_export.exported_programs, "write_program", faulty)
     assert optimize(tmp_path, "--quiet") == 4
     told = capsys.readouterr().err
     assert words in told
@@ -298,13 +298,13 @@ def test_a_program_that_says_something_else_is_exit_4(
 
 def test_the_tolerance_leaves_room_for_what_the_cell_allows() -> None:
     plain, wide = PlanOptions(), PlanOptions(path_tolerance=1e-4, axis_tolerance=np.radians(1.0))
-    assert tolerance_of(None, plain).position == pytest.approx(5e-5)
-    assert tolerance_of(0.02, plain).position == pytest.approx(2e-5)
-    assert tolerance_of(None, wide).position == pytest.approx(2e-4)  # corners alone are off by 0.1 mm
-    assert tolerance_of(None, wide).axis > wide.axis_tolerance
-    assert tolerance_of(None, wide).turn > wide.axis_tolerance
+    assert build_tolerance(None, plain).position == pytest.approx(5e-5)
+    assert build_tolerance(0.02, plain).position == pytest.approx(2e-5)
+    assert build_tolerance(None, wide).position == pytest.approx(2e-4)  # corners alone are off by 0.1 mm
+    assert build_tolerance(None, wide).axis > wide.axis_tolerance
+    assert build_tolerance(None, wide).turn > wide.axis_tolerance
     with pytest.raises(InputError, match=r"0\.05 mm; more than path_tolerance_mm = 0\.1"):
-        tolerance_of(0.05, wide)
+        build_tolerance(0.05, wide)
 
 
 def test_points_are_added_where_the_controllers_line_would_leave_the_motion(tmp_path: Path) -> None:
@@ -317,17 +317,17 @@ def test_points_are_added_where_the_controllers_line_would_leave_the_motion(tmp_
     )
     t = read_toolpath(table)
     fixed = (FixedRotation(1, np.radians(-30)), FixedRotation(2, np.radians(30)))
-    the_plan = plan(load_cell(CELLS / "kr500_milling"), t, PlanOptions(collision=False, fixed=fixed))
+    the_plan = plan_path(load_cell(CELLS / "kr500_milling"), t, PlanOptions(collision=False, fixed=fixed))
     timeline = build_timeline(the_plan, t)
     assert timeline.trajectory is not None
     robot, motion = the_plan.setup.robot, timeline.trajectory.q
-    tight = Tolerance(axis=np.radians(0.05), turn=np.radians(0.25))  # the default
-    loose, close = (robot_program(the_plan, t, timeline, x) for x in (Tolerance(1.0, 3.0, 3.0), tight))
-    assert loose.added == 0
-    assert 0 < close.added < 40
-    samples = np.linalg.inv(close.program.T_base_workpiece) @ robot.fk(motion, close.program.T_flange_tcp)
+    tight = ProgramTolerance(axis=np.radians(0.05), turn=np.radians(0.25))  # the default
+    loose, close = (build_robot_program(the_plan, t, timeline, x) for x in (ProgramTolerance(1.0, 3.0, 3.0), tight))
+    assert loose.added_targets == 0
+    assert 0 < close.added_targets < 40
+    samples = np.linalg.inv(close.program.T_base_workpiece) @ robot.compute_fk(motion, close.program.T_flange_tcp)
     for made, inside in ((loose, False), (close, True)):
-        off = departure(samples, made.program.T_workpiece_tcp, made.at, made.program.kind == LIN)
+        off = measure_line_deviation(samples, made.program.T_workpiece_tcp, made.at, made.program.kind == LIN)
         assert (off.share(tight).max() <= 1.0) is np.bool_(inside)
         found = posted(tmp_path / str(inside), the_plan, t, timeline, made, tight, "krl")
         assert (not found.differences) is inside, found.differences

@@ -11,23 +11,23 @@ import pytest
 from posted import posted
 from scipy.spatial.transform import Rotation, Slerp
 
-from machopt.domain.options import PlanOptions
-from machopt.domain.program import LIN, PTP, RobotProgram
-from machopt.domain.toolpath import Move, Toolpath
-from machopt.formats.cell import load_cell
-from machopt.formats.posts import needs_samples, post_names
-from machopt.formats.posts.densify import Tolerance
-from machopt.formats.toolpath import read_toolpath
-from machopt.plan.motion.timeline import Timeline, build_timeline
-from machopt.plan.pipeline.planned import Plan
-from machopt.plan.pipeline.run import plan
-from machopt.postprocess.moves import robot_program, sampled_program
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.robot_program import LIN, PTP, RobotProgram
+from machopt.data_types.toolpath import MoveKind, Toolpath
+from machopt.planning.motion.trajectory_builder import MotionTimeline, build_timeline
+from machopt.planning.pipeline.path_planner import plan_path
+from machopt.planning.pipeline.plan import Plan
+from machopt.program_export.program_moves import build_robot_program, build_sampled_program
+from machopt.programs.program_writer import has_sampled_output, list_post_names
+from machopt.programs.writing.target_insertion import ProgramTolerance
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 ROOT = Path(__file__).resolve().parents[1]
 pytestmark = pytest.mark.slow
 
 
-Planned = tuple[Plan, Toolpath, Timeline]
+Planned = tuple[Plan, Toolpath, MotionTimeline]
 
 
 @cache
@@ -37,7 +37,7 @@ def job(cell: str, name: str) -> Planned:
 
 def _planned(cell: str, file: Path) -> Planned:
     t = read_toolpath(file)
-    p = plan(load_cell(ROOT / "cells" / cell), t, PlanOptions(collision=False))
+    p = plan_path(load_cell(ROOT / "cells" / cell), t, PlanOptions(collision=False))
     return p, t, build_timeline(p, t)
 
 
@@ -72,7 +72,7 @@ def test_straight_lines_between_way_points_are_the_motion(cell: str, name: str) 
     0.1° before a way point is added, and the driven one is smoothed by ``axis_tolerance``.
     """
     the_plan, t, timeline = job(cell, name)
-    p = robot_program(the_plan, t, timeline).program
+    p = build_robot_program(the_plan, t, timeline).program
     options = the_plan.options
     assert p.kind[0] == PTP
     inverse = np.linalg.inv(the_plan.setup.arm.machine.T_base_workpiece_zero)
@@ -84,7 +84,7 @@ def test_straight_lines_between_way_points_are_the_motion(cell: str, name: str) 
         if leg.name == "rapid" or len(leg.q) < 3:
             assert all(p.kind[k] == PTP for k in moves if leg.name == "rapid")
             continue
-        T = inverse @ the_plan.setup.robot.fk(leg.q, the_plan.setup.cell.tool.T_flange_tcp)
+        T = inverse @ the_plan.setup.robot.compute_fk(leg.q, the_plan.setup.cell.tool.T_flange_tcp)
         best = np.full(len(T), np.inf)
         angle = np.full(len(T), np.inf)
         for k in moves:
@@ -106,22 +106,22 @@ def test_straight_lines_between_way_points_are_the_motion(cell: str, name: str) 
 
 def test_operations_moves_and_events_are_those_of_the_toolpath() -> None:
     the_plan, t, timeline = job("kr240_drilling", "panel_holes.csv")
-    p = robot_program(the_plan, t, timeline).program
+    p = build_robot_program(the_plan, t, timeline).program
     lin = p.kind == LIN
-    assert (p.moves[p.cutting] == Move.CUT).all()
-    assert (p.moves[~lin] == Move.RAPID).all()
-    assert p.cutting.sum() == (t.move == Move.CUT).sum()  # a hole is one stroke; lifts do not cut
-    assert p.behind is not None
-    assert not p.behind.any()  # it drills in front of itself
+    assert (p.moves[p.cutting] == MoveKind.CUT).all()
+    assert (p.moves[~lin] == MoveKind.RAPID).all()
+    assert p.cutting.sum() == (t.move == MoveKind.CUT).sum()  # a hole is one stroke; lifts do not cut
+    assert p.wrist_behind is not None
+    assert not p.wrist_behind.any()  # it drills in front of itself
     assert p.elbow_up is not None
     assert p.elbow_up.all()
-    s = sampled_program(the_plan, t, timeline).program
+    s = build_sampled_program(the_plan, t, timeline).program
     assert timeline.trajectory is not None
     assert len(s) == len(timeline.trajectory.time)
     np.testing.assert_array_equal(s.q, timeline.trajectory.q)
 
 
-@pytest.mark.parametrize("post", post_names())
+@pytest.mark.parametrize("post", list_post_names())
 def test_every_post_writes_the_job_and_it_comes_back(tmp_path: Path, post: str, two_rows: Planned) -> None:
     _comes_back(tmp_path, post, two_rows)
 
@@ -136,13 +136,15 @@ def _comes_back(tmp_path: Path, post: str, planned: Planned) -> None:
     cell = the_plan.setup.cell
     known = replace(cell, controller=replace(cell.controller, nonflip_j5="negative"))
     the_plan = replace(the_plan, setup=replace(the_plan.setup, cell=known))
-    made = (sampled_program if needs_samples(post) else robot_program)(the_plan, t, timeline)
-    found = posted(tmp_path / "out", the_plan, t, timeline, made, Tolerance(), post)
+    made = (build_sampled_program if has_sampled_output(post) else build_robot_program)(the_plan, t, timeline)
+    found = posted(tmp_path / "out", the_plan, t, timeline, made, ProgramTolerance(), post)
     assert found.differences == ()
     assert found.moves == len(made.program)
     configured = post.startswith(("krl", "rapid", "val3")) or post in ("fanuc", "jbi_rectan")
-    assert found.passed("configuration") is (True if configured else None)
-    assert found.passed("wording") is True
-    if not needs_samples(post):
-        assert found.worst("CAM points") < 4e-3  # JBI's four decimals of a degree, three metres away
-        assert found.worst("lines along the motion") < 0.02  # the corners that the motion rounds, and what print leaves
+    assert found.get_verdict("configuration") is (True if configured else None)
+    assert found.get_verdict("wording") is True
+    if not has_sampled_output(post):
+        assert found.get_value("CAM points") < 4e-3  # JBI's four decimals of a degree, three metres away
+        assert (
+            found.get_value("lines along the motion") < 0.02
+        )  # the corners that the motion rounds, and what print leaves

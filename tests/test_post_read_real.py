@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from machopt.domain.toolpath import Move
+from machopt.data_types.toolpath import MoveKind
 from machopt.errors import InputError
-from machopt.formats.programs import is_program, read_program, read_program_as_toolpath
-from machopt.formats.programs.nearby import opened
-from machopt.formats.source import ReadOptions
+from machopt.file_formats.source_file import ReadOptions
+from machopt.programs.program_reader import is_program, read_program, read_program_as_toolpath
+from machopt.programs.reading.called_files import try_read_source
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "cam"
 pytestmark = pytest.mark.skipif(not (DATA / "index.csv").exists(), reason="../shared/data/cam is not here")
@@ -78,7 +78,7 @@ def test_numbers_of_known_lines() -> None:
     np.testing.assert_allclose(t.position[0] * 1e3, [60.1, 556, 162.5], atol=1e-9)
     np.testing.assert_allclose(t.axis[0], [0, 0, 1], atol=1e-12)  # quaternion 0,0,1,0: z down, so the shank is up
     assert t.feed[0] == pytest.approx(0.15)  # v150
-    assert t.move[3] == Move.RAPID  # MoveJ
+    assert t.move[3] == MoveKind.RAPID  # MoveJ
     assert [e.text for e in t.events][:3] == [
         "WaitTime 1.5",
         "SetDO Stavbar_Gripper_close , 0",
@@ -116,7 +116,7 @@ def test_no_cam_file_is_taken_for_a_robot_program() -> None:
     for file in DATA.glob("*/*"):
         if file.parent.name.startswith("robot_") or not file.is_file():
             continue
-        source = opened(file)
+        source = try_read_source(file)
         assert source is None or not is_program(source), file.name
 
 

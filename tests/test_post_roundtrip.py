@@ -15,15 +15,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from made_up_program import ARM, MAPPED, PLAIN, ROOT, TOOL, WORKPIECE, Recipe, program
 
-from machopt.domain.program import LIN, Controller, RobotProgram
-from machopt.domain.toolpath import Move, Toolpath
-from machopt.formats.posts import needs_samples, post_names, program_name, write_program
-from machopt.formats.programs import KnownRobot, read_program, read_program_as_toolpath
-from machopt.formats.programs.joints import urdf_joints
-from machopt.formats.programs.parsed import ParsedProgram
-from machopt.formats.source import ReadOptions
-from machopt.formats.toolpath import read_toolpath
-from machopt.se3 import tool_rotation
+from machopt.data_types.robot_program import LIN, RobotController, RobotProgram
+from machopt.data_types.toolpath import MoveKind, Toolpath
+from machopt.file_formats.source_file import ReadOptions
+from machopt.numerics.rigid_transforms import compute_tool_rotation
+from machopt.programs.program_reader import ProgramRobot, read_program, read_program_as_toolpath
+from machopt.programs.program_writer import format_program_name, has_sampled_output, list_post_names, write_program
+from machopt.programs.reading.joint_conversion import compute_urdf_joints
+from machopt.programs.reading.parsed_program import ParsedProgram
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 MAIN = {
     "rapid": "{}.mod",
@@ -64,22 +64,22 @@ def tolerance(table: dict[str, float], post: str, other: float) -> float:
     return table.get(post, table.get(post.split("_", maxsplit=1)[0], other))
 
 
-def written(folder: Path, p: RobotProgram, post: str, controller: Controller) -> Path:
-    name = program_name("part", post)
+def written(folder: Path, p: RobotProgram, post: str, controller: RobotController) -> Path:
+    name = format_program_name("part", post)
     write_program(folder, name, p, post, controller)
     return folder / main_file(post, name)
 
 
-def urdf_q(parsed: ParsedProgram, post: str, controller: Controller) -> np.ndarray:
+def urdf_q(parsed: ParsedProgram, post: str, controller: RobotController) -> np.ndarray:
     if post in NO_MAP or controller.joint_map is None:
         return np.radians(parsed.axes_deg)
     m = controller.joint_map
-    return urdf_joints(parsed.axes_deg, m.sign, m.offset_deg, m.coupling)
+    return compute_urdf_joints(parsed.axes_deg, m.sign, m.offset_deg, m.coupling)
 
 
-def known(controller: Controller) -> KnownRobot:
+def known(controller: RobotController) -> ProgramRobot:
     """The robot, as a user with its model reads a program."""
-    return KnownRobot(ARM.fk, controller, TOOL, WORKPIECE)
+    return ProgramRobot(ARM.compute_fk, controller, TOOL, WORKPIECE)
 
 
 def turned(R0: np.ndarray, R1: np.ndarray) -> float:
@@ -87,7 +87,7 @@ def turned(R0: np.ndarray, R1: np.ndarray) -> float:
     return float(np.degrees(2 * np.arcsin(np.linalg.norm(R0 - R1, axis=(-2, -1)).max() / math.sqrt(8))))
 
 
-def check(p: RobotProgram, parsed: ParsedProgram, post: str, controller: Controller) -> None:
+def check(p: RobotProgram, parsed: ParsedProgram, post: str, controller: RobotController) -> None:
     """Moves in order with targets, feeds, kinds, operations and events, within the printed decimals."""
     assert len(parsed) == len(p)
     np.testing.assert_array_equal(parsed.kind, p.kind)
@@ -99,7 +99,7 @@ def check(p: RobotProgram, parsed: ParsedProgram, post: str, controller: Control
     np.testing.assert_allclose(
         np.degrees(q[joint]), np.degrees(p.q[joint]), rtol=0, atol=2.01 * axis
     )  # coupling adds two
-    T = np.linalg.inv(WORKPIECE) @ ARM.fk(q[joint], TOOL)
+    T = np.linalg.inv(WORKPIECE) @ ARM.compute_fk(q[joint], TOOL)
     # six joints, each off by the last decimal, at most 4 m away from the tool tip
     np.testing.assert_allclose(
         T[:, :3, 3], p.T_workpiece_tcp[joint][:, :3, 3], rtol=0, atol=6 * 2.01 * np.radians(axis) * 4 + 1e-12
@@ -138,14 +138,16 @@ def check(p: RobotProgram, parsed: ParsedProgram, post: str, controller: Control
 
 
 @pytest.mark.parametrize("controller", [PLAIN, MAPPED], ids=["plain", "mapped"])
-@pytest.mark.parametrize("post", post_names())
-def test_a_program_comes_back(tmp_path: Path, post: str, controller: Controller) -> None:
+@pytest.mark.parametrize("post", list_post_names())
+def test_a_program_comes_back(tmp_path: Path, post: str, controller: RobotController) -> None:
     for seed in range(3):
         p = program(Recipe(seed, moves=30, blend=2e-4 * (seed % 2)), controller)
         check(p, read_program(written(tmp_path, p, post, controller)), post, controller)
 
 
-@pytest.mark.parametrize("post", [p for p in post_names() if not needs_samples(p) and p not in ("csv", "json")])
+@pytest.mark.parametrize(
+    "post", [p for p in list_post_names() if not has_sampled_output(p) and p not in ("csv", "json")]
+)
 def test_a_long_program_is_split_and_comes_back(tmp_path: Path, post: str) -> None:
     controller = replace(MAPPED, moves_per_part=17)
     p = program(Recipe(5, moves=60, blend=1e-4), controller)
@@ -185,7 +187,7 @@ def test_corners_are_rounded_only_inside_a_cut_and_never_overlap(tmp_path: Path,
 def test_configuration_bits_and_turns_are_those_of_the_joints(tmp_path: Path) -> None:
     """Counted again here, bit by bit, from the joints alone."""
     p = program(Recipe(11, moves=200), MAPPED)
-    a = (MAPPED.joint_map or MAPPED).axes_deg(p.q)
+    a = (MAPPED.joint_map or MAPPED).compute_axes_deg(p.q)
     assert (a.min(axis=0) < -90).any()
     assert (a.max(axis=0) > 180).any()
     parsed = {post: read_program(written(tmp_path / post, p, post, MAPPED)) for post in _folders(tmp_path)}
@@ -193,14 +195,14 @@ def test_configuration_bits_and_turns_are_those_of_the_joints(tmp_path: Path) ->
         below = [axis < 0 for axis in a[k].round(5)]
         krl = parsed["krl"].configuration[k]
         assert krl["T"] == sum(1 << i for i, b in enumerate(below) if b)
-        assert krl["S"] == p.behind[k] * 1 + p.elbow_up[k] * 2 + below[4] * 4
+        assert krl["S"] == p.wrist_behind[k] * 1 + p.elbow_up[k] * 2 + below[4] * 4
         abb = parsed["rapid"].configuration[k]
         for name, axis in (("cf1", 0), ("cf4", 3), ("cf6", 5)):
             quarter = abb[name]
             assert quarter * 90 <= a[k, axis] < (quarter + 1) * 90, (name, a[k, axis])
-        assert abb["cfx"] == p.behind[k] * 4 + (not p.elbow_up[k]) * 2 + below[4] * 1
+        assert abb["cfx"] == p.wrist_behind[k] * 4 + (not p.elbow_up[k]) * 2 + below[4] * 1
         fanuc = parsed["fanuc"].configuration[k]
-        assert fanuc["config"] == ("N" if below[4] else "F") + "DU"[int(p.elbow_up[k])] + "TB"[int(p.behind[k])]
+        assert fanuc["config"] == ("N" if below[4] else "F") + "DU"[int(p.elbow_up[k])] + "TB"[int(p.wrist_behind[k])]
         for turn, axis in zip(fanuc["turns"], (0, 3, 5), strict=True):
             assert -180 < a[k, axis] - 360 * turn <= 180 or a[k, axis] - 360 * turn == -180
         assert parsed["val3"].configuration[k]["wrist"] == ("wnegative" if below[4] else "wpositive")
@@ -208,7 +210,7 @@ def test_configuration_bits_and_turns_are_those_of_the_joints(tmp_path: Path) ->
         assert rconf == (
             int(below[4]),
             int(not p.elbow_up[k]),
-            int(p.behind[k]),
+            int(p.wrist_behind[k]),
             *(int(abs(a[k, axis]) >= 180) for axis in (3, 5, 0)),
         )
 
@@ -224,11 +226,11 @@ def test_pulses_of_a_yaskawa(tmp_path: Path) -> None:
     scale = np.array([1341.4, -1341.4, 1000.0, 900.5, 700.0, 500.0])
     controller = replace(MAPPED, pulses_per_deg=scale)
     p = program(Recipe(3, moves=20), controller)
-    from machopt.formats.programs.jbi import read_jbi
-    from machopt.formats.source import decode, read_bytes
+    from machopt.file_formats.source_file import decode_source, read_bytes
+    from machopt.programs.yaskawa.reader import read_jbi
 
     file = written(tmp_path, p, "jbi", controller)
-    parsed = read_jbi(decode(file, read_bytes(file)), 5e-6, pulses_per_deg=tuple(scale))
+    parsed = read_jbi(decode_source(file, read_bytes(file)), 5e-6, pulses_per_deg=tuple(scale))
     q = urdf_q(parsed, "jbi", controller)
     half = np.abs(0.5 / scale)  # half a pulse; axis 3 is coupled to axis 2
     np.testing.assert_allclose(
@@ -236,7 +238,7 @@ def test_pulses_of_a_yaskawa(tmp_path: Path) -> None:
     )
     assert np.isnan(read_program(file).axes_deg).all()  # without the scale nothing is made up
     assert [c["pulses"] for c in parsed.configuration] == [
-        tuple(np.round(row * scale).astype(int)) for row in controller.joint_map.axes_deg(p.q)
+        tuple(np.round(row * scale).astype(int)) for row in controller.joint_map.compute_axes_deg(p.q)
     ]
 
 
@@ -271,7 +273,7 @@ def csv_text(t: Toolpath | None, p: RobotProgram | None = None) -> str:
         label = [t.operations[o].label for o in t.operation]
     for x, a, m, f, o in zip(position * 1e3, axis, moves, feed * 6e4, label, strict=True):
         numbers = ",".join(f"{v + 0.0:.6f}" for v in (*x, *a))
-        rows.append(f"{numbers},{Move(m).word},{'' if math.isnan(f) else f'{f:.6f}'},{o}")
+        rows.append(f"{numbers},{MoveKind(m).word},{'' if math.isnan(f) else f'{f:.6f}'},{o}")
     return "\n".join(rows) + "\n"
 
 
@@ -281,7 +283,7 @@ def numbers(text: str) -> tuple[np.ndarray, list[str], np.ndarray, list[str]]:
     return np.array([[float(v) for v in r[:6]] for r in rows]), [r[6] for r in rows], feed, [r[8] for r in rows]
 
 
-def csv_round_trip(recipe: Recipe, post: str, controller: Controller, folder: Path) -> None:
+def csv_round_trip(recipe: Recipe, post: str, controller: RobotController, folder: Path) -> None:
     """CSV → toolpath → program → parsed → toolpath → CSV within the printed decimals."""
     made = program(recipe, controller)
     if not made.cutting.any():
@@ -291,7 +293,7 @@ def csv_round_trip(recipe: Recipe, post: str, controller: Controller, folder: Pa
     path = read_toolpath(folder / "path.csv")
     T = made.T_workpiece_tcp.copy()
     T[:, :3, 3] = path.position
-    T[:, :3, :3] = tool_rotation(path.axis, T[:, :3, 0], np.zeros(len(T)))
+    T[:, :3, :3] = compute_tool_rotation(path.axis, T[:, :3, 0], np.zeros(len(T)))
     p = replace(
         made,
         T_workpiece_tcp=T,
@@ -320,7 +322,7 @@ def csv_round_trip(recipe: Recipe, post: str, controller: Controller, folder: Pa
     assert [e.text for e in again.events] == [e.text for e in p.events]
 
 
-@pytest.mark.parametrize("post", post_names())
+@pytest.mark.parametrize("post", list_post_names())
 def test_csv_to_program_and_back(post: str) -> None:
     @settings(
         max_examples=examples(12),
@@ -330,7 +332,7 @@ def test_csv_to_program_and_back(post: str) -> None:
         database=None,
     )
     @given(recipes(), st.sampled_from([PLAIN, MAPPED]))
-    def round_trip(recipe: Recipe, controller: Controller) -> None:
+    def round_trip(recipe: Recipe, controller: RobotController) -> None:
         with tempfile.TemporaryDirectory() as name:
             csv_round_trip(recipe, post, controller, Path(name))
 

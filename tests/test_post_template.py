@@ -8,10 +8,10 @@ import pytest
 from made_up_program import PLAIN, Recipe, program
 
 from machopt.errors import InputError
-from machopt.formats.posts import post_names, post_text, write_program
-from machopt.formats.posts.postfile import load_post
-from machopt.formats.posts.template import compile_template
-from machopt.formats.programs import read_program
+from machopt.programs.program_reader import read_program
+from machopt.programs.program_writer import list_post_names, read_post_text, write_program
+from machopt.programs.writing.post_file import load_post
+from machopt.programs.writing.template_language import compile_template
 
 NAN = float("nan")
 
@@ -63,10 +63,10 @@ def test_a_field_without_a_value_is_told() -> None:
         compile_template("@{x:.1f}", "here").one({"x": NAN})
 
 
-@pytest.mark.parametrize("post", post_names())
+@pytest.mark.parametrize("post", list_post_names())
 def test_a_copied_post_writes_the_same(tmp_path: Path, post: str) -> None:
     copy = tmp_path / "mine.toml"
-    copy.write_text(post_text(post), encoding="utf-8")
+    copy.write_text(read_post_text(post), encoding="utf-8")
     name = "PART" if post.startswith(("fanuc", "jbi")) else "part"
     p = program(Recipe(1))
     for folder, given in ((tmp_path / "a", post), (tmp_path / "b", str(copy)), (tmp_path / "c", copy)):
@@ -82,15 +82,15 @@ def test_a_copied_post_writes_the_same(tmp_path: Path, post: str) -> None:
 
 
 def test_an_edited_post_is_used(tmp_path: Path) -> None:
-    text = post_text("krl").replace('call = "', 'spindle_on = "SPINDLE(@{value:.0f})  ; CAM: @{text}"\ncall = "')
+    text = read_post_text("krl").replace('call = "', 'spindle_on = "SPINDLE(@{value:.0f})  ; CAM: @{text}"\ncall = "')
     text = text.replace("$ADVANCE=3", "$ADVANCE=5\n$ACC.CP=2.3").replace("moves_per_part = 4000", "moves_per_part = 5")
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
     p = program(Recipe(1, events=0))
     from dataclasses import replace
 
-    from machopt.domain.toolpath import Event
+    from machopt.data_types.toolpath import ToolpathEvent
 
-    p = replace(p, events=(Event(2, "spindle", "S9000 M3", 9000.0),))
+    p = replace(p, events=(ToolpathEvent(2, "spindle", "S9000 M3", 9000.0),))
     src, _ = write_program(tmp_path, "part", p, tmp_path / "mine.toml", PLAIN)
     lines = src.read_text().splitlines()
     assert "$ACC.CP=2.3" in lines
@@ -118,7 +118,7 @@ def test_an_edited_post_is_used(tmp_path: Path) -> None:
     ],
 )
 def test_mistakes_in_a_post_are_named(tmp_path: Path, old: str, new: str, message: str) -> None:
-    text = post_text("krl")
+    text = read_post_text("krl")
     assert old in text
     file = tmp_path / "mine.toml"
     file.write_text(text.replace(old, new, 1), encoding="utf-8")
@@ -139,12 +139,12 @@ def test_text_from_the_cam_file_cannot_become_code(tmp_path: Path) -> None:
     """Line ends, comment ends and quotes of a label are taken out or made safe in every post."""
     from dataclasses import replace
 
-    from machopt.domain.toolpath import Event
+    from machopt.data_types.toolpath import ToolpathEvent
 
     evil = 'a"; $OUT[1]=TRUE \n$OUT[2]=TRUE ]]> } ; *) \\ \x00 ü\t"'
     p = program(Recipe(1, operations=(evil,), events=0))
-    p = replace(p, events=(Event(3, "comment", evil),), source=evil)
-    for post in post_names():
+    p = replace(p, events=(ToolpathEvent(3, "comment", evil),), source=evil)
+    for post in list_post_names():
         folder = tmp_path / post
         folder.mkdir()
         name = "PART" if post.startswith(("fanuc", "jbi")) else "part"
@@ -152,7 +152,11 @@ def test_text_from_the_cam_file_cannot_become_code(tmp_path: Path) -> None:
         plain = tmp_path / f"{post}_plain"
         plain.mkdir()
         same = write_program(
-            plain, name, replace(p, operations=("a",), events=(Event(3, "comment", "b"),), source="c"), post, PLAIN
+            plain,
+            name,
+            replace(p, operations=("a",), events=(ToolpathEvent(3, "comment", "b"),), source="c"),
+            post,
+            PLAIN,
         )
         for file, other in zip(files, same, strict=True):
             text = file.read_text(encoding="utf-8")

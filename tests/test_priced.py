@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from test_choose import VELOCITY, random_problem
 
-from machopt.domain.options import PlanOptions, Weights
-from machopt.plan.choice import step_prices
-from machopt.plan.choice.choose import Choice, Grid
-from machopt.plan.choice.step_prices import Priced
+from machopt.data_types.plan_options import ObjectiveWeights, PlanOptions
+from machopt.planning.sequence_search import transition_cost_table
+from machopt.planning.sequence_search.dynamic_programming import SequenceChoice, SequenceGrid
+from machopt.planning.sequence_search.transition_cost_table import TransitionCostTable
 
-OPTIONS = PlanOptions(weights=Weights(mean=1.0, worst=0.7, travel=0.3, rotation=0.4))
+OPTIONS = PlanOptions(weights=ObjectiveWeights(mean=1.0, worst=0.7, travel=0.3, rotation=0.4))
 
 
-def same(a: Choice, b: Choice) -> bool:
+def same(a: SequenceChoice, b: SequenceChoice) -> bool:
     """To the bit."""
     return (
         all(np.array_equal(x, y) for x, y in ((a.rotation, b.rotation), (a.branch, b.branch), (a.turn, b.turn)))
@@ -30,9 +30,9 @@ def same(a: Choice, b: Choice) -> bool:
 def test_a_grid_that_was_searched_before_gives_the_same_choice_as_one_that_was_not(seed: int, stable: bool) -> None:
     path, candidates, scores = random_problem(seed)
     candidates = replace(candidates, stable=stable)
-    used = Grid.of(path, candidates, scores, VELOCITY, OPTIONS)
+    used = SequenceGrid.of(path, candidates, scores, VELOCITY, OPTIONS)
     for k in range(4):  # each round loses vertices, in the last ones whole stations: the one before is then another
-        fresh = Priced.none_yet(used.window, *candidates.q.shape[1:3], stable)
+        fresh = TransitionCostTable.none_yet(used.window, *candidates.q.shape[1:3], stable)
         assert same(used.choose(), replace(used, priced=fresh).choose())
         assert used.priced.turns.any()
         gone = np.random.default_rng((seed, k)).uniform(size=candidates.feasible.shape) < 0.4
@@ -44,12 +44,12 @@ def test_a_grid_that_was_searched_before_gives_the_same_choice_as_one_that_was_n
 def test_without_room_for_all_steps_the_choice_is_the_same(stable: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     path, candidates, scores = random_problem(1)
     candidates = replace(candidates, stable=stable)
-    whole = Grid.of(path, candidates, scores, VELOCITY, OPTIONS)
-    monkeypatch.setattr(step_prices, "MOST", len(whole.priced.price) // 2)
-    half = Grid.of(path, candidates, scores, VELOCITY, OPTIONS)
+    whole = SequenceGrid.of(path, candidates, scores, VELOCITY, OPTIONS)
+    monkeypatch.setattr(transition_cost_table, "MOST", len(whole.priced.price) // 2)
+    half = SequenceGrid.of(path, candidates, scores, VELOCITY, OPTIONS)
     assert 0 < len(half.priced.price) <= len(whole.priced.price) // 2
     assert same(half.choose(), whole.choose())
-    monkeypatch.setattr(step_prices, "MOST", 0)
-    none = Grid.of(path, candidates, scores, VELOCITY, OPTIONS)
+    monkeypatch.setattr(transition_cost_table, "MOST", 0)
+    none = SequenceGrid.of(path, candidates, scores, VELOCITY, OPTIONS)
     assert not len(none.priced.price)
     assert same(none.choose(), whole.choose())

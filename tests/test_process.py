@@ -9,7 +9,7 @@ import pytest
 
 LAST = """
 import atexit, sys, threading, time
-from machopt.cli.process import leave
+from machopt.cli.process_exit import leave
 atexit.register(print, "at exit")
 class Slow:
     def __del__(self):

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from machopt.cell.cell_reader import load_cell
 from machopt.cli import main
-from machopt.domain.cell import Cell
-from machopt.domain.options import PlanOptions
-from machopt.domain.results.optimize import ProgramTold
-from machopt.formats.cell import load_cell
-from machopt.recheck.scope import production_blockers, unchecked
+from machopt.data_types.cell import Cell
+from machopt.data_types.documents.optimize_document import RobotProgramEntry
+from machopt.data_types.plan_options import PlanOptions
+from machopt.verification.folder.coverage import list_production_blockers, list_unchecked
 
 CELLS = Path(__file__).parents[1] / "cells"
 
@@ -26,8 +26,8 @@ def cell() -> Cell:
 
 def program(
     *, left: tuple[str, ...] = (), assumed: tuple[str, ...] = (), files: tuple[str, ...] = ("a.src",)
-) -> ProgramTold:
-    return ProgramTold(
+) -> RobotProgramEntry:
+    return RobotProgramEntry(
         post="krl",
         files=files,
         lines=3,
@@ -46,9 +46,9 @@ def program(
 def test_the_gravest_blocker_comes_first(cell: Cell) -> None:
     assert cell.stiffness is not None
     guessed = replace(cell, stiffness=replace(cell.stiffness, estimated=True))
-    missing = unchecked(guessed, PlanOptions(collision=False))
+    missing = list_unchecked(guessed, PlanOptions(collision=False))
     one = program(left=("the program starts no spindle",), assumed=("tool number 1",))
-    out = production_blockers(guessed, missing, [one])
+    out = list_production_blockers(guessed, missing, [one])
     found = [
         next(n for n, text in enumerate(out) if word in text)
         for word in ("collisions NOT checked", "starts no spindle", "a.src NOT checked", "tool number 1", "estimated")
@@ -57,8 +57,8 @@ def test_the_gravest_blocker_comes_first(cell: Cell) -> None:
 
 
 def test_nothing_to_settle_is_an_empty_list(cell: Cell) -> None:
-    assert production_blockers(cell, (), []) == ()
-    assert production_blockers(cell, (), [program(left=("starts no spindle",), files=())]) == ()
+    assert list_production_blockers(cell, (), []) == ()
+    assert list_production_blockers(cell, (), [program(left=("starts no spindle",), files=())]) == ()
 
 
 @pytest.mark.slow

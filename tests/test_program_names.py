@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from made_up_program import MAPPED, Recipe, program
 
-from machopt.formats.posts import post_names, program_name, write_program
+from machopt.programs.program_writer import format_program_name, list_post_names, write_program
 
 FILES = (
     "Наладка",
@@ -37,23 +37,23 @@ FILES = (
 )
 
 
-@pytest.mark.parametrize("post", post_names())
+@pytest.mark.parametrize("post", list_post_names())
 def test_names_are_valid_and_unique_in_every_post(post: str) -> None:
-    names = [program_name(f"{text}.csv", post) for text in FILES]
+    names = [format_program_name(f"{text}.csv", post) for text in FILES]
     assert len({n.lower() for n in names}) == len(FILES)
     for name in names:
         assert re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name), name
-        assert name == program_name(f"{FILES[names.index(name)]}.csv", post)
+        assert name == format_program_name(f"{FILES[names.index(name)]}.csv", post)
 
 
 def test_a_name_can_be_recognised() -> None:
-    assert program_name("Наладка", "krl").lower().startswith("naladka")
-    assert program_name("Größe", "krl").lower().startswith("grosse")
+    assert format_program_name("Наладка", "krl").lower().startswith("naladka")
+    assert format_program_name("Größe", "krl").lower().startswith("grosse")
 
 
-@pytest.mark.parametrize("post", post_names())
+@pytest.mark.parametrize("post", list_post_names())
 def test_programs_are_written_under_such_names(tmp_path: Path, post: str) -> None:
     for text in ("Наладка", "部品加工"):
-        name = program_name(text, post)
+        name = format_program_name(text, post)
         files = write_program(tmp_path / text, name, program(Recipe(1, moves=6), MAPPED), post, MAPPED)
         assert files

@@ -9,31 +9,31 @@ import numpy as np
 import pytest
 from made_up_program import ARM, MAPPED, PLAIN, ROOT, TOOL, WORKPIECE, Recipe, program
 
+from machopt.cell.cell_reader import load_cell
 from machopt.cli import main
-from machopt.domain.program import Controller
-from machopt.domain.toolpath import Move, Toolpath
+from machopt.commands.toolpath_reading_options import build_known_robot
+from machopt.data_types.robot_program import RobotController
+from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.posts import post_names, program_name, write_program
-from machopt.formats.programs import KnownRobot
-from machopt.formats.toolpath import read_toolpath
-from machopt.services.knownrobot import known_robot
+from machopt.programs.program_reader import ProgramRobot
+from machopt.programs.program_writer import format_program_name, list_post_names, write_program
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 ROOT_FOLDER = Path(__file__).resolve().parents[1]
 CELL = ROOT_FOLDER / "cells" / "kr500_milling"
 JOINTS_ONLY = ("fanuc_joint", "jbi", "ros_yaml", "ros_json", "compas_fab", "urscript_servoj")
-MAPPED_ROBOT = KnownRobot(ARM.fk, MAPPED, TOOL, WORKPIECE)
+MAPPED_ROBOT = ProgramRobot(ARM.compute_fk, MAPPED, TOOL, WORKPIECE)
 
 
-def written(folder: Path, post: str, controller: Controller = MAPPED) -> tuple[Path, np.ndarray, np.ndarray]:
+def written(folder: Path, post: str, controller: RobotController = MAPPED) -> tuple[Path, np.ndarray, np.ndarray]:
     """A program's main file, and tip positions (mm) and kinds of move it was made from."""
     p = program(Recipe(4, moves=30), controller)
-    name = program_name("part", post)
+    name = format_program_name("part", post)
     files = write_program(folder, name, p, post, controller)
     return files[0], p.T_workpiece_tcp[:, :3, 3] * 1e3, p.moves
 
 
-@pytest.mark.parametrize("post", post_names())
+@pytest.mark.parametrize("post", list_post_names())
 def test_every_program_is_a_toolpath(tmp_path: Path, post: str) -> None:
     """With the robot every target has its place, whatever it is written in."""
     file, place, moves = written(tmp_path, post)
@@ -50,7 +50,7 @@ def test_every_program_is_a_toolpath(tmp_path: Path, post: str) -> None:
     alone = read_toolpath(file, default_feed=0.01)
     known = np.isin(t.line, alone.line)
     led = np.append([True], known[:-1]) | (np.cumsum(known) <= 1)  # a cut whose start is known, or the first point
-    assert (alone.move == Move.CUT).sum() == ((moves == Move.CUT) & led).sum()
+    assert (alone.move == MoveKind.CUT).sum() == ((moves == MoveKind.CUT) & led).sum()
     cut = t.position[t.cutting & led]
     np.testing.assert_allclose(alone.position[alone.cutting], cut, rtol=0, atol=1e-9)  # the same numbers of the file
 
@@ -62,9 +62,9 @@ def test_a_program_keeps_its_own_base_and_tool(tmp_path: Path) -> None:
     elsewhere[0, 3] += 0.25
     longer = TOOL.copy()
     longer[:3, 3] += 0.1 * TOOL[:3, 2]
-    t = read_toolpath(file, robot=KnownRobot(ARM.fk, MAPPED, longer, elsewhere))
+    t = read_toolpath(file, robot=ProgramRobot(ARM.compute_fk, MAPPED, longer, elsewhere))
     np.testing.assert_allclose(t.position * 1e3, place, rtol=0, atol=2e-3)
-    assert (moves == Move.RAPID).any()
+    assert (moves == MoveKind.RAPID).any()
     assert any("lies 250.0 mm from the cell's workpiece" in w for w in t.warnings)
     assert not read_toolpath(file, robot=MAPPED_ROBOT).warnings
 
@@ -72,26 +72,26 @@ def test_a_program_keeps_its_own_base_and_tool(tmp_path: Path) -> None:
 def test_joints_alone_are_placed_in_the_cells_workpiece(tmp_path: Path) -> None:
     file, place, _ = written(tmp_path, "fanuc_joint")
     elsewhere = WORKPIECE @ np.array([[1.0, 0, 0, 0.25], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
-    t = read_toolpath(file, robot=KnownRobot(ARM.fk, MAPPED, TOOL, elsewhere))
+    t = read_toolpath(file, robot=ProgramRobot(ARM.compute_fk, MAPPED, TOOL, elsewhere))
     np.testing.assert_allclose(t.position * 1e3, place - [250, 0, 0], rtol=0, atol=2e-3)
     assert t.meta["base"] == "the cell's workpiece"
-    wrong = read_toolpath(file, robot=KnownRobot(ARM.fk, PLAIN, TOOL, WORKPIECE))  # without the joint map
+    wrong = read_toolpath(file, robot=ProgramRobot(ARM.compute_fk, PLAIN, TOOL, WORKPIECE))  # without the joint map
     assert np.abs(wrong.position * 1e3 - place).max() > 100
 
 
 def test_a_base_without_numbers_is_said_to_be_taken_for_the_workpiece(tmp_path: Path) -> None:
-    controller = Controller(joint_map=MAPPED.joint_map, T_base_root=ROOT, base_number=2, tool_number=3)
+    controller = RobotController(joint_map=MAPPED.joint_map, T_base_root=ROOT, base_number=2, tool_number=3)
     file, place, _ = written(tmp_path, "krl", controller)
-    t = read_toolpath(file, robot=KnownRobot(ARM.fk, controller, TOOL, WORKPIECE))
+    t = read_toolpath(file, robot=ProgramRobot(ARM.compute_fk, controller, TOOL, WORKPIECE))
     assert any("names its base BASE_DATA[2] without numbers" in w for w in t.warnings)
     np.testing.assert_allclose(t.position * 1e3, place, rtol=0, atol=2e-3)
 
 
 def test_pulses_need_the_cells_scale(tmp_path: Path) -> None:
     scale = np.array([1341.4, -1341.4, 1000.0, 900.5, 700.0, 500.0])
-    controller = Controller(joint_map=MAPPED.joint_map, T_base_root=ROOT, pulses_per_deg=scale)
+    controller = RobotController(joint_map=MAPPED.joint_map, T_base_root=ROOT, pulses_per_deg=scale)
     file, place, _ = written(tmp_path, "jbi", controller)
-    t = read_toolpath(file, robot=KnownRobot(ARM.fk, controller, TOOL, WORKPIECE))
+    t = read_toolpath(file, robot=ProgramRobot(ARM.compute_fk, controller, TOOL, WORKPIECE))
     half_a_pulse = np.radians(0.5 / 500.0)
     np.testing.assert_allclose(t.position * 1e3, place, rtol=0, atol=7 * half_a_pulse * 4e3)
     with pytest.raises(InputError, match=r"in encoder pulses; a cell with controller\.pulses_per_deg"):
@@ -162,7 +162,7 @@ def cuts(t: Toolpath) -> np.ndarray:
 @pytest.mark.parametrize("file", ["krl/pass_csv.src", "rapid/pass_csv.mod", "fanuc_joint/PASS_CSV.ls"])
 def test_a_program_is_planned_anew(job: Path, file: str, tmp_path: Path) -> None:
     before = cuts(read_toolpath(job / "pass.csv"))
-    again = read_toolpath(job / "out" / file, robot=known_robot(load_cell(CELL)))
+    again = read_toolpath(job / "out" / file, robot=build_known_robot(load_cell(CELL)))
     np.testing.assert_allclose(cuts(again), before, rtol=0, atol=1e-3)  # five decimals of a degree, three metres away
     out = tmp_path / "out"
     program_file = str(job / "out" / file)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from machopt.errors import InputError
-from machopt.formats.toolpath import read_toolpath
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 APT = "PARTNO/1\n{feed}GOTO/0,0,0\n{fault}GOTO/10,0,0\nFINI\n"
 H = (

@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 from small_cell import limits, pose, small_cell
 
 import machopt
-from machopt.domain.cell import Shape
-from machopt.model.collision import CollisionModel
-from machopt.model.robot import load_chain
-from machopt.plan.motion import rapids
-from machopt.plan.motion.rapids import Blocked, RapidMove, plan_rapid, time_legs
+from machopt.collision.collision_model import CollisionModel
+from machopt.data_types.cell import CollisionShape
+from machopt.kinematics.robot import load_chain
+from machopt.planning.motion import rapid_moves
+from machopt.planning.motion.rapid_moves import BlockedRapid, RapidMove, plan_rapid, retime_straight_segments
 
 STEP, SAMPLE = np.deg2rad(1.0), 0.012
 
@@ -54,7 +54,7 @@ angle = st.floats(-2.0, 2.0)
 @given(st.lists(angle, min_size=6, max_size=6), st.lists(angle, min_size=6, max_size=6), st.floats(0.05, 1.0))
 def test_samples_keep_the_limits_and_the_line(a: list[float], b: list[float], scale: float) -> None:
     start, end = np.array(a), np.array(b)
-    q = time_legs(np.array([start, end]), limits(), scale, SAMPLE)
+    q = retime_straight_segments(np.array([start, end]), limits(), scale, SAMPLE)
     np.testing.assert_array_equal(q[0], start)
     np.testing.assert_array_equal(q[-1], end)
     # Third differences of values near 2 rad lose 1e-15/0.012³ ≈ 1e-9 rad/s³ to rounding.
@@ -69,7 +69,7 @@ def test_samples_keep_the_limits_and_the_line(a: list[float], b: list[float], sc
 def test_a_long_move_is_quick() -> None:
     """Not only within the limits: the slowest joint is at its velocity limit, and rules the duration."""
     a, b = np.zeros(6), np.deg2rad([150, 20, 0, 0, 0, 0.0])
-    q = time_legs(np.array([a, b]), limits(), 1.0, SAMPLE)
+    q = retime_straight_segments(np.array([a, b]), limits(), 1.0, SAMPLE)
     v, acc, j = 120.0, 300.0, 2000.0
     ideal = 150 / v + v / acc + acc / j  # trapezoid with jerk-limited ramps
     assert ideal <= (len(q) - 1) * SAMPLE <= ideal + SAMPLE
@@ -78,7 +78,7 @@ def test_a_long_move_is_quick() -> None:
 
 @pytest.mark.parametrize("size", [1e-12, 1e-10, 2e-9, 1e-6, 1e-3])
 def test_tiny_moves(size: float) -> None:
-    q = time_legs(np.array([np.zeros(6), np.full(6, size)]), limits(), 0.8, SAMPLE)
+    q = retime_straight_segments(np.array([np.zeros(6), np.full(6, size)]), limits(), 0.8, SAMPLE)
     assert max(ratios(q, 0.8)) <= 1.0 + 1e-6
     assert q[-1, 0] == size
 
@@ -92,7 +92,7 @@ def test_no_move_is_one_sample() -> None:
 
 def test_waypoints_fall_on_samples_at_rest() -> None:
     points = np.array([np.zeros(6), np.full(6, 0.3), [0.5, 0, 0.2, -1, 0, 1]])
-    q = time_legs(points, limits(), 0.8, SAMPLE)
+    q = retime_straight_segments(points, limits(), 0.8, SAMPLE)
     corner = int(np.flatnonzero((q == points[1]).all(axis=1))[0])
     assert np.abs(q[corner + 1] - q[corner]).max() < 1e-3  # starts from rest: j t³/6
     assert max(ratios(q, 0.8)) <= 1.0 + 1e-6
@@ -101,7 +101,7 @@ def test_waypoints_fall_on_samples_at_rest() -> None:
 @pytest.fixture(scope="module")
 def walled(tmp_path_factory: pytest.TempPathFactory) -> CollisionModel:
     """A wall straight ahead that the arm must go over or fold behind."""
-    wall = Shape(name="wall", kind="box", size=(1.0, 0.1, 1.3), mesh=None, T_parent_shape=pose(1.5, 0.0, 0.65))
+    wall = CollisionShape(name="wall", kind="box", size=(1.0, 0.1, 1.3), mesh=None, T_parent_shape=pose(1.5, 0.0, 0.65))
     cell = replace(small_cell(tmp_path_factory.mktemp("c")), obstacles=(wall,))
     cell = replace(cell, workpiece=replace(cell.workpiece, geometry=()))
     robot, shapes = load_chain(cell)
@@ -125,7 +125,7 @@ def test_takes_the_first_free_detour(walled: CollisionModel) -> None:
     assert isinstance(move, RapidMove)
     assert move.kind == "retract"
     np.testing.assert_array_equal(move.waypoints, np.vstack([LEFT, up, RIGHT]))
-    assert not walled.check(move.q, np.zeros(len(move.q), bool)).hit.any()
+    assert not walled.check_configurations(move.q, np.zeros(len(move.q), bool)).hit.any()
     assert max(ratios(move.q, 0.8)) <= 1.0 + 1e-6
 
 
@@ -137,12 +137,12 @@ def test_finds_a_way_by_itself_and_the_same_one_again(walled: CollisionModel) ->
     np.testing.assert_array_equal(first.q, again.q)
     np.testing.assert_array_equal(first.q[[0, -1]], [LEFT, RIGHT])
     assert len(first.waypoints) <= 8
-    assert not walled.check(first.q, np.zeros(len(first.q), bool)).hit.any()
+    assert not walled.check_configurations(first.q, np.zeros(len(first.q), bool)).hit.any()
 
 
 def test_says_what_is_in_the_way(walled: CollisionModel) -> None:
     answer = plan(LEFT, RIGHT, walled, iterations=0)
-    assert isinstance(answer, Blocked)
+    assert isinstance(answer, BlockedRapid)
     assert answer.reason == "way"
     assert "wall" in answer.pair
     assert 0 < answer.fraction < 1
@@ -150,7 +150,7 @@ def test_says_what_is_in_the_way(walled: CollisionModel) -> None:
     inside = 0.5 * (LEFT + RIGHT)
     for ends, reason in (((inside, RIGHT), "start"), ((LEFT, inside), "end")):
         answer = plan(*ends, walled)
-        assert isinstance(answer, Blocked)
+        assert isinstance(answer, BlockedRapid)
         assert answer.reason == reason
 
 
@@ -164,12 +164,12 @@ def test_ruckig_stays_offline() -> None:
 
 def test_corners_that_chance_left_are_cut_where_the_line_is_free(monkeypatch: pytest.MonkeyPatch) -> None:
     path, rng = np.random.default_rng(1).normal(size=(9, 6)), np.random.default_rng(2)
-    nobody = rapids._Space(collision=None, barred=None, step=STEP, measure=np.ones(6))
-    np.testing.assert_array_equal(rapids._shortcut(nobody, path, rng), path[[0, -1]])
-    monkeypatch.setattr(rapids._Space, "free", lambda *_: False)
-    np.testing.assert_array_equal(rapids._shortcut(nobody, path, rng), path)
+    nobody = rapid_moves._Space(collision=None, barred=None, step=STEP, measure=np.ones(6))
+    np.testing.assert_array_equal(rapid_moves._shortcut(nobody, path, rng), path[[0, -1]])
+    monkeypatch.setattr(rapid_moves._Space, "free", lambda *_: False)
+    np.testing.assert_array_equal(rapid_moves._shortcut(nobody, path, rng), path)
     # only lines that stay on one side of the middle are free
     side = np.arange(9) >= 4
     at = {row.tobytes(): bool(s) for row, s in zip(path, side, strict=True)}
-    monkeypatch.setattr(rapids._Space, "free", lambda _, a, b: at[a.tobytes()] == at[b.tobytes()])
-    np.testing.assert_array_equal(rapids._shortcut(nobody, path, rng), path[[0, 3, 4, 8]])
+    monkeypatch.setattr(rapid_moves._Space, "free", lambda _, a, b: at[a.tobytes()] == at[b.tobytes()])
+    np.testing.assert_array_equal(rapid_moves._shortcut(nobody, path, rng), path[[0, 3, 4, 8]])

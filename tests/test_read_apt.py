@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from reader_samples import CREO, HSM
 
-from machopt.domain.toolpath import Move, Toolpath
+from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.errors import InputError
-from machopt.formats.inspect import summarise
-from machopt.formats.toolpath import read_toolpath
+from machopt.toolpath.toolpath_reader import read_toolpath
+from machopt.toolpath.toolpath_summary import summarise_toolpath
 
 NX_HEAD = """TOOL PATH/PROFILE,TOOL,END_MILL_10
 TLDATA/MILL,10.0,0.0,75.0,0.0,0.0
@@ -41,7 +41,7 @@ def mm(toolpath: Toolpath) -> np.ndarray:  # type: ignore[type-arg]
 def test_nx_rapid_holds_for_one_motion_and_the_feed_resumes(tmp_path: Path) -> None:
     t = read(tmp_path, NX_HEAD + "RAPID\nGOTO/10.0,0.0,5.0\nGOTO/10.0,0.0,-1.0\n" + NX_TAIL)
     assert t.format == "apt/nx"
-    assert t.move.tolist() == [Move.RAPID, Move.RAPID, Move.CUT, Move.RAPID, Move.CUT]
+    assert t.move.tolist() == [MoveKind.RAPID, MoveKind.RAPID, MoveKind.CUT, MoveKind.RAPID, MoveKind.CUT]
     assert t.feed[[2, 4]] == pytest.approx(0.01)  # 600 mm/min
     assert np.isnan(t.feed[[0, 1, 3]]).all()
     assert t.operations[0].label == "PROFILE"
@@ -107,7 +107,7 @@ def test_nx_cycle_depth_is_signed_along_the_axis(tmp_path: Path) -> None:
     assert t.operations[0].kind == "point"
     assert mm(t)[t.cutting].tolist() == [[66.0, 0.0, 228.0], [0.0, 0.0, 228.0]]
     assert t.feed[t.cutting] == pytest.approx(250.0 / 60e3)
-    assert [Move(m).word for m in t.move] == ["rapid", "cut", "retract", "rapid", "cut", "retract"]
+    assert [MoveKind(m).word for m in t.move] == ["rapid", "cut", "retract", "rapid", "cut", "retract"]
 
 
 def test_arc_against_its_neighbours_is_told(tmp_path: Path) -> None:
@@ -208,7 +208,7 @@ def test_camworks_pecking(tmp_path: Path) -> None:
     t = read(tmp_path, text, "part.apt")
     assert mm(t)[t.cutting, 2] == pytest.approx([-5.0, -7.0, -8.0])
     assert mm(t)[-1, 2] == pytest.approx(25.0)
-    words = [Move(m).word for m in t.move]
+    words = [MoveKind(m).word for m in t.move]
     assert words == ["rapid", "rapid", "cut", "retract", "approach", "cut", "retract", "approach", "cut", "retract"]
     assert np.isnan(t.feed[~t.cutting]).all()
     assert t.operations[0].kind == "point"
@@ -305,7 +305,7 @@ def test_unit_and_feed_options(tmp_path: Path) -> None:
 def test_summary_is_json(tmp_path: Path) -> None:
     import json
 
-    summary = summarise(read(tmp_path, NX_HEAD + NX_TAIL)).plain()
+    summary = summarise_toolpath(read(tmp_path, NX_HEAD + NX_TAIL)).to_json_types()
     assert json.loads(json.dumps(summary)) == summary
     assert summary["points"] == 3
     assert summary["moves"] == {"cut": 1, "rapid": 2, "approach": 0, "retract": 0, "link": 0}

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from machopt.domain.toolpath import Move, Toolpath
+from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.errors import InputError
-from machopt.formats.toolpath import read_toolpath
-from machopt.formats.unknownwords import refuse_unknown_words
+from machopt.toolpath.toolpath_reader import read_toolpath
+from machopt.toolpath.unknown_words import refuse_unknown_words
 
 
 def read(folder: Path, text: str, name: str = "part.apt", **options: object) -> Toolpath:
@@ -83,14 +83,14 @@ def cycle(axis: str, holes: list[str], start: str = "20,100,60", words: str = "R
 def test_the_tool_retracts_to_the_plane_that_it_came_from(tmp_path: Path) -> None:
     for heights in ([10.0, 10.0, 10.0], [10.0, 4.0, 25.0]):
         t = read(tmp_path, cycle("0,0,1", [f"{20 + 40 * k},100,{z}" for k, z in enumerate(heights)]), "part.cls")
-        assert t.position[t.move == Move.RETRACT, 2] * 1e3 == pytest.approx([60.0] * 3)
+        assert t.position[t.move == MoveKind.RETRACT, 2] * 1e3 == pytest.approx([60.0] * 3)
         assert t.position[t.cutting, 2] * 1e3 == pytest.approx([z - 10.0 for z in heights])
 
 
 def test_the_plane_is_across_a_tilted_axis(tmp_path: Path) -> None:
     axis = np.array([0.6, 0.0, 0.8])
     t = read(tmp_path, cycle("0.6,0,0.8", ["0,0,0", "0,50,0"], start="60,0,80"), "part.cls")
-    assert (t.position[t.move == Move.RETRACT] * 1e3) @ axis == pytest.approx([100.0, 100.0])
+    assert (t.position[t.move == MoveKind.RETRACT] * 1e3) @ axis == pytest.approx([100.0, 100.0])
 
 
 @pytest.mark.parametrize("holes", [["20,100,10", "60,100,10,0,0.6,0.8"], ["60,100,10,0.6,0,0.8"]])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from machopt.errors import InputError
-from machopt.formats.toolpath import read_toolpath
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 FANUC = "G21 G90 G17\nG0 X0 Y0 Z5\nG1 Z0 F100\n"
 SINUMERIK = "G71 G90 G17\nG0 X0 Y0 Z5\nG1 Z0 F100\n"

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from machopt.domain.toolpath import Toolpath
+from machopt.data_types.toolpath import Toolpath
 from machopt.errors import InputError
-from machopt.formats.source import OptionNeededError
-from machopt.formats.toolpath import read_toolpath
+from machopt.file_formats.source_file import OptionNeededError
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 HEAD = "G21 G90 G17 G94 G98\nG0 X0 Y0 Z10\nF300\n"
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from machopt.domain.toolpath import Move, Toolpath
+from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.errors import InputError
-from machopt.formats.toolpath import read_toolpath
-from machopt.formats.unknownwords import refuse_unknown_words
+from machopt.toolpath.toolpath_reader import read_toolpath
+from machopt.toolpath.unknown_words import refuse_unknown_words
 
 LETTERS = {17: "XYZ", 18: "ZXY", 19: "YZX"}  # first and second axis of the plane, and the one that cycles drill along
 CYCLES = (
@@ -150,7 +150,7 @@ def test_the_sign_of_the_depth_counts(tmp_path: Path, number: int) -> None:
         read(tmp_path, heidenhain([*START, "L Z+50 FMAX", *q_cycle(number, "+9")]), "part.h")
     assert "Q201" in refused.value.reason
     none = read(tmp_path, heidenhain([*START, "L X+5", "L Z+50 FMAX", *q_cycle(number, "+0")]), "part.h")
-    assert not (none.move == Move.RETRACT).any()
+    assert not (none.move == MoveKind.RETRACT).any()
     assert none.warnings
 
 

@@ -13,7 +13,7 @@ from examples import NIGHTLY, examples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from machopt.formats.toolpath import read_toolpath
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 NEAR = 2e-6  # mm: numbers are written to 1e-10 units, robots' in metres to 1e-13; the rest is a double's
 SAGITTA = 0.0101  # mm: chords leave an arc by at most 0.01 mm

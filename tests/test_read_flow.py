@@ -10,11 +10,11 @@ from examples import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from machopt.domain.toolpath import Toolpath
+from machopt.data_types.toolpath import Toolpath
 from machopt.errors import InputError
-from machopt.formats.cam.gcode.expr import ExpressionError, Parameters
-from machopt.formats.cam.siemens.expr import Variables
-from machopt.formats.toolpath import read_toolpath
+from machopt.toolpath.readers.program_flow.macro_expressions import MacroExpressionError, MacroParameters
+from machopt.toolpath.readers.siemens.siemens_expressions import SiemensVariables
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 
 def read(tmp_path: Path, text: str, name: str = "part.nc", **options: object) -> Toolpath:
@@ -92,11 +92,11 @@ def test_o_words(tmp_path: Path) -> None:
 
 
 def test_names_of_a_subroutine_are_its_own() -> None:
-    p = Parameters()
+    p = MacroParameters()
     p.evaluate("#<_shared>=1 #<own>=2 #5=3 #100=4")
     p.enter({"1": 9.0})
     assert p.number("#<_shared> + #1") == 10.0
-    with pytest.raises(ExpressionError, match="before it is set"):
+    with pytest.raises(MacroExpressionError, match="before it is set"):
         p.number("#<own>")
     p.evaluate("#100=7 #5=8")
     p.leave()
@@ -137,21 +137,21 @@ def test_an_older_controls_drilling_cycle_takes_r_parameters(tmp_path: Path) -> 
 @settings(max_examples=examples(80), deadline=None)
 @given(a=st.integers(-50, 50), b=st.integers(1, 9), c=st.floats(-80.0, 80.0))
 def test_expressions_agree_with_python(a: int, b: int, c: float) -> None:
-    v = Variables()
+    v = SiemensVariables()
     v.values.update(R1=float(a), R2=float(b), R3=c)
     text = "R1*R2-(R1+2)/R2+SIN(R3)*COS(R3)-ABS(R1) MOD R2+POT(R2)*(R1>R2)"
     r = np.radians(c)
     expected = a * b - (a + 2) / b + np.sin(r) * np.cos(r) - np.fmod(abs(a), b) + b * b * (a > b)
     assert v.value(text) == pytest.approx(expected, abs=1e-9)
-    p = Parameters()
+    p = MacroParameters()
     p.evaluate(f"#1={a} #2={b}")
     assert p.number("[#1*#2 - [#1+2]/#2 + #2**2]") == pytest.approx(a * b - (a + 2) / b + b**2)
 
 
 @pytest.mark.parametrize("text", ["R1", "1/0", "SQRT(-1)", "(1", "SIN(1,2)", "1 2", "$AA_IM[X]", "((" * 60 + "1", ""])
 def test_siemens_expressions_without_a_value(text: str) -> None:
-    with pytest.raises(ExpressionError):
-        Variables().value(text)
+    with pytest.raises(MacroExpressionError):
+        SiemensVariables().value(text)
 
 
 # ---- Heidenhain

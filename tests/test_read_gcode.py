@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from machopt.domain.toolpath import Move, Toolpath
+from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.errors import InputError
-from machopt.formats.rotary import MACHINES, Rotary
-from machopt.formats.toolpath import read_toolpath
+from machopt.path_building.rotary_axes import MACHINES, RotaryMachine
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 
 def read(tmp_path: Path, text: str, **options: object) -> Toolpath:
@@ -35,7 +35,7 @@ def test_modal_words_blanks_and_odd_numbers(tmp_path: Path) -> None:
         "G0 X  10. Y-.5 Z5\nG1 Z-1. F300\nX-1.\n Y .25\nG0Z5.\nM30\nG1 X99\n",
     )
     assert mm(t).tolist() == [[10, -0.5, 5], [10, -0.5, -1], [-1, -0.5, -1], [-1, 0.25, -1], [-1, 0.25, 5]]
-    assert [Move(m).word for m in t.move] == ["rapid", "cut", "cut", "cut", "rapid"]
+    assert [MoveKind(m).word for m in t.move] == ["rapid", "cut", "cut", "cut", "rapid"]
     assert t.feed[1] == pytest.approx(0.005)
     assert t.axis.tolist() == [[0.0, 0.0, 1.0]] * 5
     assert {e.kind for e in t.events} >= {"tool", "spindle"}
@@ -98,7 +98,7 @@ def test_a_feed_of_before_a_change_of_unit_is_asked_for_again(tmp_path: Path, cu
 def test_cycles_with_g98_g99_repeats_and_pecks(tmp_path: Path) -> None:
     t = read(tmp_path, "G21 G90\nT1 M6\nG0 X0 Y0 Z50\nG99 G81 X10 Y5 Z-4 R2 F120\nX20\nG98 X30\nG80\nG0 Z100\n")
     assert mm(t)[t.cutting].tolist() == [[10, 5, -4], [20, 5, -4], [30, 5, -4]]
-    assert mm(t)[t.move == Move.RETRACT, 2].tolist() == [2, 2, 50]
+    assert mm(t)[t.move == MoveKind.RETRACT, 2].tolist() == [2, 2, 50]
     assert t.operations[0].kind == "point"
     peck = read(tmp_path, "G21 G90\nG0 X0 Y0 Z10\nG83 Z-7 R1 Q3 F100\n")
     assert mm(peck)[peck.cutting, 2].tolist() == [-2, -5, -7]
@@ -128,10 +128,10 @@ def test_iso_signs_of_a_and_c(tmp_path: Path, machine: str) -> None:
 
 def test_every_machine_gives_a_unit_axis_and_z_at_zero() -> None:
     for name in MACHINES:
-        machine = Rotary(name)
+        machine = RotaryMachine(name)
         assert machine.tool_axis({}) == pytest.approx((0.0, 0.0, 1.0))
         assert np.linalg.norm(machine.tool_axis({"A": 20.0, "B": -33.0, "C": 200.0})) == pytest.approx(1.0)
-    assert Rotary("table-b").tool_axis({"B": 90.0}) == pytest.approx((1.0, 0.0, 0.0))
+    assert RotaryMachine("table-b").tool_axis({"B": 90.0}) == pytest.approx((1.0, 0.0, 0.0))
 
 
 def test_wrong_rotary_signs_are_told_by_the_plunges(tmp_path: Path) -> None:
@@ -366,7 +366,7 @@ def test_siemens_deep_holes_are_drilled_in_shorter_and_shorter_pecks(
     """CYCLE83(RTP, RFP, SDIS, DP, DPR, FDEP, FDPR, DAM, DTB, DTS, FRF, VARI, axis, MDEP): DAM was read as the dwell."""
     text = f"G71 G90 G17\nG0 X0 Y0 Z50\nF100\nCYCLE83(10,0,2,-20,,{tail})\nM30\n"
     t = read(tmp_path, text)
-    cut = t.move == Move.CUT
+    cut = t.move == MoveKind.CUT
     np.testing.assert_allclose(1e3 * t.position[cut, 2], depths, atol=1e-9)
     np.testing.assert_allclose(60e3 * t.feed[cut], [feed] + [100.0] * (len(depths) - 1))
     assert float(t.dwells.sum()) == pytest.approx(dwell)
@@ -376,7 +376,7 @@ def test_siemens_holes_are_drilled_at_the_feed_in_force_at_each(tmp_path: Path) 
     """Feeds per turn were taken for mm/min, and F between call and hole was lost."""
     text = "G71 G90 G17 G95\nS1000 M3\nG0 X0 Y0 Z50\nF0.2\nMCALL CYCLE81(10,0,2,-20)\nX10\nX20 F0.1\nMCALL\nM30\n"
     t = read(tmp_path, text)
-    np.testing.assert_allclose(60e3 * t.feed[t.move == Move.CUT], [200.0, 100.0])
+    np.testing.assert_allclose(60e3 * t.feed[t.move == MoveKind.CUT], [200.0, 100.0])
     with pytest.raises(InputError, match=r"line 6: CYCLE81 under G93.*G94"):
         read(tmp_path, text.replace("F0.2", "G93 F2"))
 

@@ -9,11 +9,11 @@ import pytest
 from reader_samples import DIN_ISO
 from scipy.spatial.transform import Rotation
 
-from machopt.domain.toolpath import Toolpath
+from machopt.data_types.toolpath import Toolpath
 from machopt.errors import InputError
-from machopt.formats.cam.heidenhain.cycles import q_cycle
-from machopt.formats.holecycle import CycleError
-from machopt.formats.toolpath import read_toolpath
+from machopt.path_building.drilling_cycles import DrillingCycleError
+from machopt.toolpath.readers.heidenhain.drilling_cycles import build_q_cycle
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 HEAD = "BEGIN PGM A MM\nTOOL CALL 1 Z S1000\nL X+10 Y+0 Z+0 FMAX\n"
 TAIL = "END PGM A MM\n"
@@ -69,17 +69,17 @@ def test_a_circle_in_a_vertical_plane_and_a_pole_of_three_coordinates(tmp_path: 
     ],
 )
 def test_cycles_by_their_q_parameters(number: int, words: dict[int, float], bottom: float, feed: float) -> None:
-    plan = q_cycle(number, {200: 2.0, 201: -9.0, 203: 0.0, 204: 20.0, **words}, 1.0, 1000.0)
+    plan = build_q_cycle(number, {200: 2.0, 201: -9.0, 203: 0.0, 204: 20.0, **words}, 1.0, 1000.0)
     assert (plan.bottom, plan.clear, plan.retract) == (bottom, 2.0, 20.0)
     assert plan.feed == feed
     assert plan.chip_break == (number == 203)
 
 
 def test_cycles_that_do_not_say_their_depth() -> None:
-    with pytest.raises(CycleError, match="Q343=1"):
-        q_cycle(240, {200: 2.0, 201: -9.0, 343: 1.0}, 1.0, 1.0)
-    with pytest.raises(CycleError, match="without Q200"):
-        q_cycle(200, {201: -9.0}, 1.0, 1.0)
+    with pytest.raises(DrillingCycleError, match="Q343=1"):
+        build_q_cycle(240, {200: 2.0, 201: -9.0, 343: 1.0}, 1.0, 1.0)
+    with pytest.raises(DrillingCycleError, match="without Q200"):
+        build_q_cycle(200, {201: -9.0}, 1.0, 1.0)
 
 
 def test_parameters_of_one_cycle_are_not_those_of_the_next(tmp_path: Path) -> None:

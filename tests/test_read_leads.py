@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from machopt.domain.toolpath import Toolpath
+from machopt.data_types.toolpath import Toolpath
 from machopt.errors import InputError
-from machopt.formats.toolpath import read_toolpath
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 HEAD = "BEGIN PGM A MM\nTOOL CALL 1 Z S1000\nL X+0 Y+0 Z+5 R0 FMAX\n"
 TAIL = "END PGM A MM\n"

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from reader_samples import NCI
 
-from machopt.domain.toolpath import Move, Toolpath
+from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.errors import InputError
-from machopt.formats.toolpath import read_toolpath
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 HEAD = "1050\n1 2 3\n1012\n0 0 0\n1002\n1 100 10 7 0 0 0 0 0\n"
 
@@ -29,7 +29,7 @@ def test_lines_feeds_arcs_and_five_axes(tmp_path: Path) -> None:
     t = read(tmp_path, NCI.text)
     p = mm(t)
     assert t.format == "nci"
-    assert [Move(m).word for m in t.move[:3]] == ["rapid", "cut", "cut"]
+    assert [MoveKind(m).word for m in t.move[:3]] == ["rapid", "cut", "cut"]
     assert t.feed[1] == t.feed[2] == pytest.approx(250.0 / 60e3)  # -1: unchanged
     arc = p[2:-3]
     assert np.allclose(np.hypot(arc[:, 0], arc[:, 1] - 5.0), 10.0)

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from reader_samples import FANUC, HEIDENHAIN, TABLE, Sample
 
-from machopt.domain.toolpath import Toolpath
-from machopt.formats.inspect import summarise
-from machopt.formats.toolpath import read_toolpath
-from machopt.report.toolpath_page import toolpath_page, write_toolpath_page
-from machopt.report.toolpath_svg import VIEWS, view_svg
+from machopt.data_types.toolpath import Toolpath
+from machopt.report.pages.toolpath_page import build_toolpath_html, write_toolpath_page
+from machopt.report.svg.toolpath_picture import VIEWS, build_view_svg
+from machopt.toolpath.toolpath_reader import read_toolpath
+from machopt.toolpath.toolpath_summary import summarise_toolpath
 
 
 def read(tmp_path: Path, sample: Sample, text: str | None = None) -> Toolpath:
@@ -46,7 +46,7 @@ class _Balanced(HTMLParser):
 @pytest.mark.parametrize("sample", [FANUC, HEIDENHAIN, TABLE], ids=lambda s: s.name)
 def test_the_page_holds_everything_and_needs_nothing(sample: Sample, tmp_path: Path) -> None:
     t = read(tmp_path, sample)
-    html = toolpath_page(t, summarise(t))
+    html = build_toolpath_html(t, summarise_toolpath(t))
     parser = _Balanced()
     parser.feed(html)
     assert parser.open == []
@@ -55,26 +55,26 @@ def test_the_page_holds_everything_and_needs_nothing(sample: Sample, tmp_path: P
     for o in t.operations:
         assert o.label in parser.text
     assert f"{len(t)} points" in parser.text
-    assert html == toolpath_page(t, summarise(t))
+    assert html == build_toolpath_html(t, summarise_toolpath(t))
 
 
 def test_what_is_wrong_stands_on_top(tmp_path: Path) -> None:
     cut = FANUC.text[: FANUC.text.index("M98")]
     t = read(tmp_path, FANUC, cut + "FOO<b>\n")
-    html = toolpath_page(t, summarise(t))
+    html = build_toolpath_html(t, summarise_toolpath(t))
     assert "INCOMPLETE FILE?" in html
     assert 'class="verdict bad"' in html
     assert html.index("no program end") < html.index("Pictures</h2>")
     assert "FOO&lt;B&gt;" in html or "FOO" in html
     assert "FOO<b>" not in html
     file = tmp_path / "page.html"
-    write_toolpath_page(file, t, summarise(t))
+    write_toolpath_page(file, t, summarise_toolpath(t))
     assert file.read_text(encoding="utf-8").startswith(html)
 
 
 def test_views_look_from_where_they_say(tmp_path: Path) -> None:
     t = read(tmp_path, TABLE)  # from (0, 0, 10) to (60, 0, 0)
-    top, front, _, slanted = (view_svg(t, v) for v in VIEWS)
+    top, front, _, slanted = (build_view_svg(t, v) for v in VIEWS)
     assert "tool axis" in top  # the last point's tool is tilted
 
     def cut(svg: str) -> list[list[float]]:
@@ -100,16 +100,16 @@ def test_a_long_path_makes_a_small_page(tmp_path: Path) -> None:
     rows = np.column_stack([80 * np.cos(angle), 60 * np.sin(1.7 * angle), angle * 1e-3])
     body = "\n".join(f"{x:.4f},{y:.4f},{z:.4f},600" for x, y, z in rows.tolist())
     t = read(tmp_path, TABLE, "x_mm,y_mm,z_mm,feed_mm_min\n" + body + "\n")
-    html = toolpath_page(t, summarise(t))
+    html = build_toolpath_html(t, summarise_toolpath(t))
     assert len(html) < 2_000_000  # 60,000 points would be 5 MB one by one in four views
-    top = view_svg(t, VIEWS[0])
+    top = build_view_svg(t, VIEWS[0])
     xs = [float(v) for v in re.findall(r"[ML]([\d.]+) ", top)]
     assert max(xs) - min(xs) > 400.0  # pixels: the whole width is still drawn
 
 
 def test_numbers_of_a_flat_view_do_not_lie_on_each_other(tmp_path: Path) -> None:
     t = read(tmp_path, TABLE, "x_mm,y_mm,z_mm,feed_mm_min,kind\n0,0,0,600,path\n400,0,10,600,\n400,300,10,600,\n")
-    front = view_svg(t, VIEWS[1])
+    front = build_view_svg(t, VIEWS[1])
     heights = [float(v) for v in re.findall(r'<text class="tick" x="35" y="([\d.]+)"', front)]
     assert heights
     assert min(np.abs(np.diff(sorted(heights))), default=99.0) > 15  # pixels; the letters are 11 high

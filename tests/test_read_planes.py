@@ -10,13 +10,17 @@ from examples import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from machopt.domain.toolpath import Move, Toolpath
+from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.errors import InputError
-from machopt.formats.cam.gcode.planes import cycle800, g68_2, spatial
-from machopt.formats.frames import Transfer, turn
-from machopt.formats.rotary import Rotary, machine
-from machopt.formats.source import offsets
-from machopt.formats.toolpath import read_toolpath
+from machopt.file_formats.source_file import parse_offsets
+from machopt.path_building.coordinate_systems import SystemTransform, compute_axis_turn
+from machopt.path_building.rotary_axes import RotaryMachine, parse_machine
+from machopt.toolpath.readers.gcode.geometry.tilted_planes import (
+    compute_cycle800_plane,
+    compute_g68_2_plane,
+    compute_spatial_plane,
+)
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 HEAD = "G21 G90 G54\nT1 M6\nG0 X0 Y0 Z100\n"
 C30, S30 = np.sqrt(3.0) / 2.0, 0.5
@@ -36,7 +40,7 @@ def mm(toolpath: Toolpath) -> np.ndarray:  # type: ignore[type-arg]
 
 
 def test_euler_angles_of_g68_2_are_z_x_z() -> None:
-    R = g68_2({"I": 90.0, "J": 30.0, "K": 0.0}, (1.0, 2.0, 3.0))
+    R = compute_g68_2_plane({"I": 90.0, "J": 30.0, "K": 0.0}, (1.0, 2.0, 3.0))
     # turned by 90° about z, x points along y; 30° about it leans z towards +x
     assert np.allclose(R.R[:, 0], [0.0, 1.0, 0.0])
     assert np.allclose(R.z, [S30, 0.0, C30])
@@ -45,27 +49,33 @@ def test_euler_angles_of_g68_2_are_z_x_z() -> None:
 
 def test_roll_pitch_yaw_turn_about_fixed_axes_in_the_named_order() -> None:
     words = {"P": 1.0, "I": 20.0, "J": 30.0, "K": 40.0}
-    Rx, Ry, Rz = turn("X", 20.0), turn("Y", 30.0), turn("Z", 40.0)
-    assert np.allclose(g68_2({**words, "Q": 123.0}, (0.0, 0.0, 0.0)).R, Rz @ Ry @ Rx)
-    assert np.allclose(g68_2({**words, "Q": 321.0}, (0.0, 0.0, 0.0)).R, Rx @ Ry @ Rz)
+    Rx, Ry, Rz = compute_axis_turn("X", 20.0), compute_axis_turn("Y", 30.0), compute_axis_turn("Z", 40.0)
+    assert np.allclose(compute_g68_2_plane({**words, "Q": 123.0}, (0.0, 0.0, 0.0)).R, Rz @ Ry @ Rx)
+    assert np.allclose(compute_g68_2_plane({**words, "Q": 321.0}, (0.0, 0.0, 0.0)).R, Rx @ Ry @ Rz)
 
 
 def test_spatial_angles_turn_about_the_machines_axes_a_then_b_then_c() -> None:
-    assert np.allclose(spatial(20.0, 30.0, 40.0).R, turn("Z", 40.0) @ turn("Y", 30.0) @ turn("X", 20.0))
+    assert np.allclose(
+        compute_spatial_plane(20.0, 30.0, 40.0).R,
+        compute_axis_turn("Z", 40.0) @ compute_axis_turn("Y", 30.0) @ compute_axis_turn("X", 20.0),
+    )
 
 
 def test_cycle800_reads_the_axes_from_its_mode() -> None:
-    def plane(mode: float, *rest: float) -> Transfer:
-        found = cycle800([1.0, None, 0.0, mode, 1.0, 2.0, 3.0, *rest], 1.0)
+    def plane(mode: float, *rest: float) -> SystemTransform:
+        found = compute_cycle800_plane([1.0, None, 0.0, mode, 1.0, 2.0, 3.0, *rest], 1.0)
         assert found is not None
         return found
 
     xyz = plane(57.0, 20.0, 30.0, 40.0, 5.0, 0.0, 0.0)
-    R = turn("X", 20.0) @ turn("Y", 30.0) @ turn("Z", 40.0)
+    R = compute_axis_turn("X", 20.0) @ compute_axis_turn("Y", 30.0) @ compute_axis_turn("Z", 40.0)
     assert np.allclose(xyz.R, R)
     assert np.allclose(xyz.t, np.array([1.0, 2.0, 3.0]) + R @ [5.0, 0.0, 0.0])
-    assert np.allclose(plane(27.0, 20.0, 30.0, 40.0).R, turn("Z", 20.0) @ turn("Y", 30.0) @ turn("X", 40.0))
-    assert cycle800([], 1.0) is None
+    assert np.allclose(
+        plane(27.0, 20.0, 30.0, 40.0).R,
+        compute_axis_turn("Z", 20.0) @ compute_axis_turn("Y", 30.0) @ compute_axis_turn("X", 40.0),
+    )
+    assert compute_cycle800_plane([], 1.0) is None
 
 
 # ---- programs
@@ -158,7 +168,7 @@ def test_cycle_19_and_plane_vector_mean_the_same_plane(tmp_path: Path) -> None:
 
 def test_a_table_turned_about_its_axis_moves_the_point_back(tmp_path: Path) -> None:
     """A hole on the part, brought under the spindle by A and C: the machine's X Y Z give the part's point."""
-    rotary = machine("table-ac@0,0,-50")
+    rotary = parse_machine("table-ac@0,0,-50")
     angles = {"A": 30.0, "C": 50.0}
     programmed = rotary.tip(angles).inverse().point((12.0, 7.0, 3.0))
     above = (
@@ -185,7 +195,7 @@ def test_a_head_leans_about_its_pivot(tmp_path: Path) -> None:
 
 
 def test_table_axes_that_do_not_meet() -> None:
-    rotary = machine("table-ac@5,0,0/0,0,-50")
+    rotary = parse_machine("table-ac@5,0,0/0,0,-50")
     assert rotary.centres == ((5.0, 0.0, 0.0), (0.0, 0.0, -50.0))
     # C alone turns about (5, 0), A alone about z = -50
     assert np.allclose(rotary.tip({"C": 90.0}).point((5.0, 3.0, 1.0)), [2.0, 0.0, 1.0])
@@ -213,7 +223,7 @@ def test_the_way_of_the_tip_is_followed_while_rotary_axes_turn(tmp_path: Path) -
 )
 def test_tool_axis_and_tip_belong_together(a: float, c: float, p: tuple[float, float, float], name: str) -> None:
     """Raising the machine's Z moves the tip along the tool axis of a table; heads and mixed machines keep lengths."""
-    rotary = machine(name)
+    rotary = parse_machine(name)
     angles = {"A": a, "C": c}
     tip = rotary.tip(angles)
     here, there = np.array(tip.point(p)), np.array(tip.point((p[0], p[1], p[2] + 10.0)))
@@ -224,17 +234,17 @@ def test_tool_axis_and_tip_belong_together(a: float, c: float, p: tuple[float, f
 
 
 def test_machines_spelled_out() -> None:
-    haas = machine("table:B+Z,A-X@0,0,0")
+    haas = parse_machine("table:B+Z,A-X@0,0,0")
     assert haas.letters == "BA"
     assert haas.tool_axis({"A": -37.576, "B": -45.0}) == pytest.approx(
         (-0.43122, -0.43122, 0.79254), abs=3e-5
     )  # printed with three decimals of a degree
-    assert Rotary("table:c+z,a+x").tool_axis({"A": 30.0, "C": 50.0}) == pytest.approx(
-        Rotary("table-ac").tool_axis({"A": 30.0, "C": 50.0})
+    assert RotaryMachine("table:c+z,a+x").tool_axis({"A": 30.0, "C": 50.0}) == pytest.approx(
+        RotaryMachine("table-ac").tool_axis({"A": 30.0, "C": 50.0})
     )
     for wrong in ("table:A+X,A-Z", "table:Q+X", "table-ac@1,2", "head-bc@1,2,3", "mixed-bc@250", "table-ac@1,2,nan"):
         with pytest.raises(InputError, match="machine"):
-            machine(wrong)
+            parse_machine(wrong)
 
 
 # ---- zeros
@@ -247,7 +257,7 @@ def test_a_second_work_offset_needs_its_place(tmp_path: Path) -> None:
     t = read(tmp_path, text, offsets=("G55=100,20,-3",))
     assert mm(t)[-1].tolist() == [101.0, 21.0, -3.0]
     assert t.meta["work_offset"] == "G54"
-    assert offsets(["g54.1 p2 = 1,2,3"]) == (("G54.1P2", (1.0, 2.0, 3.0)),)
+    assert parse_offsets(["g54.1 p2 = 1,2,3"]) == (("G54.1P2", (1.0, 2.0, 3.0)),)
     with pytest.raises(InputError, match="--offset"):
         read(tmp_path, text, offsets=("G55",))
 
@@ -276,7 +286,7 @@ def test_fast_and_slow_lines_read_the_same(tmp_path: Path) -> None:
     assert np.allclose(plain.axis, slow.axis, atol=1e-15)
     assert np.array_equal(plain.feed, slow.feed, equal_nan=True)
     assert np.array_equal(plain.line, slow.line)
-    assert len(set(plain.line[plain.move == Move.CUT].tolist())) == 51  # lines that turn far are several points
+    assert len(set(plain.line[plain.move == MoveKind.CUT].tolist())) == 51  # lines that turn far are several points
 
 
 def test_dynamic_work_offset_turns_about_the_programs_zero(tmp_path: Path) -> None:

@@ -9,8 +9,8 @@ import pytest
 from reader_samples import Sample
 from test_unknown_words import JBI, KRL, RAPID, SCRIPT, TP, VAL3, put_in, refused_at, write
 
-from machopt.domain.toolpath import Toolpath
-from machopt.formats.toolpath import read_toolpath
+from machopt.data_types.toolpath import Toolpath
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 
 def read(folder: Path, sample: Sample, statement: str, before: str, nth: int = 0) -> Toolpath:

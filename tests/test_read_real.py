@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from machopt.domain.toolpath import Toolpath
+from machopt.data_types.toolpath import Toolpath
 from machopt.errors import InputError
-from machopt.formats.inspect import summarise
-from machopt.formats.toolpath import read_toolpath
+from machopt.toolpath.toolpath_reader import read_toolpath
+from machopt.toolpath.toolpath_summary import summarise_toolpath
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "cam"
 pytestmark = pytest.mark.skipif(not (DATA / "index.csv").exists(), reason="../shared/data/cam is not here")
@@ -40,7 +40,7 @@ def test_cl_data_is_read_whole(kind: str) -> None:
         t = read_toolpath(file, default_feed=0.01, unit=unit)
         assert [w.word for w in t.ignored if not w.understood] in ([], ["text after the end"]), file.name
         assert not any("tangents" in w for w in t.warnings), file.name
-        summarise(t)
+        summarise_toolpath(t)
 
 
 @pytest.mark.parametrize("kind", ["apt_partprogram", "stepnc"])
@@ -136,7 +136,7 @@ def test_every_file_is_read_or_refused_with_a_reason() -> None:
                 else:
                     break
             else:
-                summarise(t)
+                summarise_toolpath(t)
                 read += 1
                 reason = ""
                 break

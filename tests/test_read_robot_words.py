@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from machopt.domain.toolpath import Move, Toolpath
+from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.errors import InputError
-from machopt.formats.programs.urscript_values import ScriptError, _Parser, evaluate
-from machopt.formats.toolpath import read_toolpath
+from machopt.programs.universal_robots.expression_values import ScriptValueError, _ScriptParser, evaluate_expression
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 HEAD = "DEF a()\n$VEL.CP=0.01\n"
 START = "LIN {X 0,Y 0,Z 5,A 0,B 0,C 0}\n"
@@ -65,7 +65,7 @@ def test_a_cut_after_a_joint_move_of_unknown_place_is_no_cut_from_the_last_point
         tmp_path,
         START + "LIN {X 10}\nPTP {A1 0,A2 -90,A3 90,A4 0,A5 0,A6 0}\nLIN {X 90,Y 80,Z 5,A 0,B 0,C 0}\nLIN {X 95}",
     )
-    assert t.move.tolist() == [Move.CUT, Move.CUT, Move.RAPID, Move.CUT]
+    assert t.move.tolist() == [MoveKind.CUT, MoveKind.CUT, MoveKind.RAPID, MoveKind.CUT]
     assert math.isnan(t.feed[2])
     assert any("line 6" in w and "joint moves without a known place (line 5)" in w for w in t.warnings)
 
@@ -270,10 +270,10 @@ def test_a_routine_ends_at_its_return(tmp_path: Path) -> None:
     "text", ["1.5", " -2", "+.5e-3", "[1, -2.5,3.]", "p[0.1,-.2,3e-1, 0,-0.5 , 1]", "[]", "[1,]", "-0.0"]
 )
 def test_urscript_numbers_at_once_are_those_of_the_parser(text: str) -> None:
-    assert repr(evaluate(text, {})) == repr(_Parser(text, {}).expression())
+    assert repr(evaluate_expression(text, {})) == repr(_ScriptParser(text, {}).parse_expression())
 
 
 @pytest.mark.parametrize("text", ["1.5.2", "[1 2]", "p[1,2]", "1e999", "[1_0]", "1,2", "p[1,2,3,4,5,inf]", "p [", "--"])
 def test_urscript_what_is_no_number_is_refused(text: str) -> None:
-    with pytest.raises(ScriptError):
-        evaluate(text, {})
+    with pytest.raises(ScriptValueError):
+        evaluate_expression(text, {})

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from machopt.arrays import Array
-from machopt.domain.toolpath import Move, Toolpath
+from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.errors import InputError
-from machopt.formats.toolpath import read_toolpath
+from machopt.numerics.array_types import Array
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 TOLERANCE_DEG = 0.02  # of the axis: twice what the reader keeps, since it probes only parts of a step
 DIALECTS = ("gcode", "siemens", "heidenhain")
@@ -139,7 +139,7 @@ def test_sinumerik_says_which_way_round(tmp_path: Path, word: str, sweep: float)
 def test_rapids_are_not_divided_and_small_turns_neither(tmp_path: Path) -> None:
     text = "G21 G90\nG0 A30 C0\nG43.4 H1\nG0 X0 Y0 Z0\nG0 X10 C180\nG1 X20 C181 F500\nM30\n"
     t = read(tmp_path, text, "gcode", "table-ac")
-    assert t.move.tolist() == [Move.RAPID, Move.RAPID, Move.CUT]
+    assert t.move.tolist() == [MoveKind.RAPID, MoveKind.RAPID, MoveKind.CUT]
 
 
 def test_an_arc_that_turns_an_axis_without_tool_centre_point_control_is_refused(tmp_path: Path) -> None:

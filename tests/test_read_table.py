@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from machopt.domain.toolpath import Move, Toolpath
+from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.errors import InputError
-from machopt.formats.toolpath import read_toolpath
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 GOOD = """# by hand
 x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation,rx,ry,rz,tolerance_mm
@@ -34,7 +34,7 @@ def test_every_column(tmp_path: Path) -> None:
     assert t.format == "csv"
     assert len(t) == 5
     assert t.position[4] * 1e3 == pytest.approx([60, 0, 0])
-    assert [Move(m).word for m in t.move] == ["rapid", "cut", "retract", "approach", "cut"]
+    assert [MoveKind(m).word for m in t.move] == ["rapid", "cut", "retract", "approach", "cut"]
     assert t.feed[[1, 4]] == pytest.approx([0.002, 0.01])
     assert [(o.label, o.kind) for o in t.operations] == [("drill", "point"), ("face", "trajectory")]
     assert t.reference[3] == pytest.approx([0, 1, 0])
@@ -143,7 +143,7 @@ def test_parquet_or_a_clear_word_about_it(tmp_path: Path, monkeypatch: pytest.Mo
     parquet.write_table(pyarrow.table(columns), file)
     t = read_toolpath(file)
     assert t.position[1] == pytest.approx([0.002, 0.0, 0.0001])
-    assert t.move.tolist() == [Move.RAPID, Move.CUT]
+    assert t.move.tolist() == [MoveKind.RAPID, MoveKind.CUT]
 
 
 # ---- robot poses
@@ -217,11 +217,11 @@ def test_a_last_line_without_an_end_is_told(tmp_path: Path) -> None:
 
 
 def test_rows_are_read_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from machopt.formats import csvcolumns
+    from machopt.file_formats import csv_columns
 
     text = "x_mm,y_mm,z_mm,feed_mm_min,operation\n" + "".join(f"{k},0,0,{60 + k},op{k // 3}\n" for k in range(10))
     whole = read(tmp_path, text, kind="path")
-    monkeypatch.setattr(csvcolumns, "_ROWS", 4)
+    monkeypatch.setattr(csv_columns, "_ROWS", 4)
     parts = read(tmp_path, text, kind="path")
     assert np.array_equal(whole.position, parts.position)
     assert np.array_equal(whole.feed, parts.feed)

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from machopt.domain.toolpath import Move, Toolpath
+from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.errors import InputError
-from machopt.formats.toolpath import read_toolpath
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 FANUC = "%\nO1\nG21 G90 G17\nG0 X0. Y0. Z10.\nG1 Z0. F100.\n"
 SIEMENS = "G71 G90 G17\nR1=5\nG0 X0 Y0 Z0\nG1 X10 F100\n"
@@ -128,7 +128,7 @@ def test_last_rapids_whose_height_is_lost_are_left_out(tmp_path: Path, blocks: s
 
 def test_last_rapids_after_m91(tmp_path: Path) -> None:
     t = read(tmp_path, HEIDENHAIN + "4 L Z-1 R0 FMAX M91\n5 L X+200 FMAX M5\nEND PGM A MM\n")
-    assert [Move(m).word for m in t.move] == ["rapid", "cut"]
+    assert [MoveKind(m).word for m in t.move] == ["rapid", "cut"]
 
 
 def test_a_bare_number_where_the_others_are_marked_is_asked_for(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from machopt.errors import InputError
-from machopt.formats.toolpath import read_toolpath
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 CAM = Path(__file__).parent / "real" / "cam"
 

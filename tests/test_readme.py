@@ -15,7 +15,7 @@ from small_cell import urdf_text
 
 import machopt
 from machopt import Cell, Plan, Toolpath
-from machopt.cli import _parser, main
+from machopt.cli import _build_parser, main
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -53,7 +53,7 @@ def test_the_front_page_is_short_and_its_pages_are_there() -> None:
 
 def test_every_command_of_the_pages_is_one_that_there_is() -> None:
     """Options and commands by the parser itself; what a command does with them, the test below and others say."""
-    parser, refused = _parser(), []
+    parser, refused = _build_parser(), []
     for page in PAGES:
         for line in commands(page.read_text(encoding="utf-8")):
             try:

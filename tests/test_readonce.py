@@ -7,21 +7,21 @@ from pathlib import Path
 import pytest
 
 from machopt.errors import InputError
-from machopt.verify import readonce
-from machopt.verify.columns import read_table
-from machopt.verify.readonce import read_once
+from machopt.verification.tables import table_cache
+from machopt.verification.tables.csv_columns import read_table
+from machopt.verification.tables.table_cache import cache_tables
 
 
 def test_a_table_is_read_once_and_anew_when_a_byte_has_changed(tmp_path: Path) -> None:
     file = tmp_path / "points.csv"
     file.write_text("a,b\n1,2\n")
-    with read_once():
+    with cache_tables():
         first = read_table(file)
-        with read_once():  # of one who does not know whether there is another around
+        with cache_tables():  # of one who does not know whether there is another around
             assert read_table(file) is first
         assert read_table(file) is first
         file.write_text("a,b\n1,3\n")  # same length, perhaps within one tick of the clock
-        assert read_table(file).numbers("b").tolist() == [3.0]
+        assert read_table(file).read_numbers("b").tolist() == [3.0]
         file.unlink()
         with pytest.raises(InputError, match="cannot be read"):
             read_table(file)
@@ -30,8 +30,8 @@ def test_a_table_is_read_once_and_anew_when_a_byte_has_changed(tmp_path: Path) -
 
 
 def test_a_table_too_long_to_hold_is_read_each_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(readonce, "LARGEST", 7)
+    monkeypatch.setattr(table_cache, "MAX_CACHED_BYTES", 7)
     file = tmp_path / "points.csv"
     file.write_text("a,b\n1,2\n")
-    with read_once():
+    with cache_tables():
         assert read_table(file) is not read_table(file)

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from machopt.domain.results.optimize import PositionErrorTold
-from machopt.domain.stiffness import PositionError
-from machopt.recheck.resultposition import position_error
+from machopt.data_types.documents.optimize_document import PositionErrorSection
+from machopt.data_types.stiffness import PositionError
+from machopt.verification.folder.result_json.position_error import check_position_error
 
 KNOWN = PositionError(3e-5, 9e-4, 2e-5, 60, np.radians(np.tile([-90.0, 90.0], (6, 1))))
 RIGHT: dict[str, Any] = {
@@ -38,11 +38,11 @@ class Columns:
 
 
 def said(told: dict[str, Any] | None, known: PositionError | None = KNOWN, kinematics: object = "some") -> list[str]:
-    result = SimpleNamespace(position_error=None if told is None else PositionErrorTold(**told))
+    result = SimpleNamespace(position_error=None if told is None else PositionErrorSection(**told))
     path = type("Path", (), {"__len__": lambda _: 4, "cutting": np.ones(4, bool)})()
     stiffness = None if known is None else SimpleNamespace(position=known)
     cell = SimpleNamespace(stiffness=stiffness, kinematics=kinematics)
-    return list(position_error(SimpleNamespace(result=result, cell=cell, toolpath=path, points=Columns())))  # type: ignore[arg-type]
+    return list(check_position_error(SimpleNamespace(result=result, cell=cell, toolpath=path, points=Columns())))  # type: ignore[arg-type]
 
 
 def test_what_follows_from_cell_and_points_is_passed() -> None:

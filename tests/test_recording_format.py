@@ -12,11 +12,11 @@ from examples import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from machopt.domain.recording import Recording, StandardUncertainty
+from machopt.data_types.measurements.recording import Recording, StandardUncertainty
 from machopt.errors import InputError
-from machopt.formats.recording import load_recording, load_recordings, write_recording
-from machopt.formats.recording.columns import CHANNELS
-from machopt.formats.recording.join import number_poses
+from machopt.measurement.recording import load_recording, load_recordings, write_recording
+from machopt.measurement.recording.recording_columns import CHANNELS
+from machopt.measurement.recording.recording_merge import number_poses
 
 YAML = """machopt_recording: 1
 kind: deflection
@@ -90,7 +90,7 @@ def test_every_key_and_column_in_si(tmp_path: Path) -> None:
     assert (u.force, u.moment) == (5, 0)
     assert (u.displacement, u.rotation, u.joint) == pytest.approx((1.5e-5, 5e-5, 0.005 * DEG))
     assert r.notes == "by hand"
-    assert r.labelled == {"pose", "cycle", "session"}
+    assert r.stated_labels == {"pose", "cycle", "session"}
     assert r.warnings == ()
     assert r.files == ("data.csv",)
     assert r.place(1) == "line 5"
@@ -131,7 +131,7 @@ def test_labels_that_the_file_does_not_have(tmp_path: Path) -> None:
     assert r.pose.tolist() == [0, 1, 1, 0]
     assert r.cycle.tolist() == [0, 1, 2, 3]
     assert r.session.tolist() == [0, 0, 0, 0]
-    assert r.labelled == frozenset()
+    assert r.stated_labels == frozenset()
 
 
 def test_poses_by_joint_position() -> None:
@@ -174,7 +174,7 @@ def test_several_files_are_several_sessions(tmp_path: Path) -> None:
     assert r.files == ("a.csv", "b.csv")
     assert r.line.tolist() == [2, 3, 2, 3]
     assert r.place(3) == "b.csv line 3"
-    assert r.labelled == {"cycle", "session"}
+    assert r.stated_labels == {"cycle", "session"}
     (path / "b.csv").write_text((path / "b.csv").read_text().replace("cycle", "pose", 1))
     refused(path, "a.csv: has no column pose but b.csv has", "same columns")
 
@@ -480,7 +480,7 @@ def test_unlabelled_poses_are_matched_by_joint_position(tmp_path: Path) -> None:
     r = load_recordings([a, b])
     assert r.pose.tolist() == [0, 1, 0]
     assert r.session.tolist() == [0, 1, 1]
-    assert r.labelled == {"session"}
+    assert r.stated_labels == {"session"}
     c = folder(tmp_path, f"pose,{PLAIN}\n5,{ROW}\n", plain(), "c")
     r = load_recordings([a, c])
     assert r.pose.tolist() == [0, 0]
@@ -572,7 +572,7 @@ def recordings(draw: st.DrawFn) -> Recording:
             displacement=draw(sigma), rotation=draw(sigma), force=draw(sigma), moment=draw(sigma), joint=draw(sigma)
         ),
         notes=draw(st.text(st.characters(codec="utf-8"), max_size=20)),
-        labelled=frozenset({"pose", "cycle", "session"}),
+        stated_labels=frozenset({"pose", "cycle", "session"}),
         files=("data.csv",),
     )
 

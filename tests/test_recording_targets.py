@@ -9,7 +9,7 @@ import pytest
 from test_recording_format import folder, refused
 
 from machopt.errors import InputError
-from machopt.formats.recording import load_recording, load_recordings, write_recording
+from machopt.measurement.recording import load_recording, load_recordings, write_recording
 
 Q = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg"
 ABSOLUTE = "machopt_recording: 1\nkind: absolute\ndata: data.csv\nregistration: fit\n"

@@ -18,65 +18,73 @@ from test_external import OPTIONS, UP, K, apart, slots
 from test_path import Rows, toolpath
 
 from machopt.cli import main
-from machopt.domain.cell import Cell
-from machopt.domain.options import ExternalAxis, PlanOptions
-from machopt.domain.toolpath import Move, Toolpath
-from machopt.plan.best import external
-from machopt.plan.best.base import best_plan
-from machopt.plan.best.external import _Asked, _coarse_to_fine
-from machopt.plan.configurations.realise import Assignment
-from machopt.plan.external.axes import axes_of
-from machopt.plan.external.groups import Group, groups_of
-from machopt.plan.external.ranking import Worth
-from machopt.plan.jointly.bordered import Bordered
-from machopt.plan.jointly.offsets import Curves
-from machopt.plan.jointly.quadratic import Around, Bounds, Local, Steps, lessened
-from machopt.plan.jointly.refinement import Refinement
-from machopt.plan.jointly.tried import refined
-from machopt.plan.pipeline.planned import Plan
-from machopt.plan.pipeline.setup import Timings
+from machopt.data_types.cell import Cell
+from machopt.data_types.plan_options import ExternalJointOptions, PlanOptions
+from machopt.data_types.toolpath import MoveKind, Toolpath
+from machopt.planning.continuous_refinement.bordered_system import BorderedSystem
+from machopt.planning.continuous_refinement.offset_curves import OffsetCurves
+from machopt.planning.continuous_refinement.plan_improvement import refine_plan
+from machopt.planning.continuous_refinement.quadratic_model import (
+    LocalModel,
+    OffsetBounds,
+    QuadraticModel,
+    TransitionTerms,
+    minimize_quadratic_model,
+)
+from machopt.planning.continuous_refinement.refinement import PlanRefinement
+from machopt.planning.external_axes.axis_modes import resolve_axis_options
+from machopt.planning.external_axes.operation_groups import OperationGroup, build_operation_groups
+from machopt.planning.external_axes.plan_comparison import AxisPlanRanking
+from machopt.planning.external_axis_optimization import coarse_to_fine_search
+from machopt.planning.external_axis_optimization.best_plan import find_best_plan
+from machopt.planning.external_axis_optimization.coarse_to_fine_search import _Asked, _coarse_to_fine
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import StageTimings
+from machopt.planning.sampling.joint_path import JointAssignment
 
 MOVING = replace(OPTIONS, rotation_step=np.radians(15.0))
 
 
 def by_grids(cell: Cell, path: Toolpath, options: PlanOptions) -> Plan:
     """What the search by grids comes to."""
-    axes = axes_of(cell, options)
-    asked = _Asked(cell=cell, toolpath=path, options=options, axes=axes, clock=Timings(), before=None, scale=None)
+    axes = resolve_axis_options(cell, options)
+    asked = _Asked(cell=cell, toolpath=path, options=options, axes=axes, clock=StageTimings(), before=None, scale=None)
     return _coarse_to_fine(asked)[0]
 
 
 def chosen(
     folder: FilePath, path: Toolpath, options: PlanOptions, **kind: bool
-) -> tuple[Plan, list[Group], tuple[ExternalAxis, ...]]:
+) -> tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...]]:
     """What the search by grids comes to."""
     cell = replace(external_cell(folder, **kind), stiffness=K)
-    axes = axes_of(cell, options)
+    axes = resolve_axis_options(cell, options)
     plan = by_grids(cell, path, options)
-    return plan, groups_of(cell, path, plan.path, axes), axes
+    return plan, build_operation_groups(cell, path, plan.path, axes), axes
 
 
 def weaving() -> Toolpath:
     """A slot along the rail that goes to and fro across it."""
     y = np.linspace(-0.6, 0.6, 20)
-    rows: Rows = [((0.0, y[0], 0.05), UP, Move.RAPID)]
-    rows += [((0.25 * float(np.sin(7.0 * v)), float(v), 0.0), UP, Move.CUT) for v in y]
+    rows: Rows = [((0.0, y[0], 0.05), UP, MoveKind.RAPID)]
+    rows += [((0.25 * float(np.sin(7.0 * v)), float(v), 0.0), UP, MoveKind.CUT) for v in y]
     return toolpath(rows, feed=0.05)
 
 
 @pytest.fixture(scope="module")
-def along(tmp_path_factory: pytest.TempPathFactory) -> tuple[Plan, list[Group], tuple[ExternalAxis, ...], Toolpath]:
+def along(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...], Toolpath]:
     """A slot that weaves, cut along a rail that moves."""
     path = weaving()
     return (*chosen(tmp_path_factory.mktemp("rail"), path, MOVING, rail=True), path)
 
 
 def test_the_model_is_j_to_second_order(
-    along: tuple[Plan, list[Group], tuple[ExternalAxis, ...], Toolpath],
+    along: tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...], Toolpath],
 ) -> None:
     """Half the step, a quarter of what is wrong: joints are lines in z, and their steps have no kink nearby."""
     plan, groups, axes, _ = along
-    r = Refinement(plan, groups, Worth.of(plan.setup, axes))
+    r = PlanRefinement(plan, groups, AxisPlanRanking.of(plan.setup, axes))
     rows = r.rows
     here = r._state(plan.chosen.assignment.phi[rows], plan.path.external[rows], plan.chosen.assignment.q[rows])
     assert here is not None
@@ -84,7 +92,7 @@ def test_the_model_is_j_to_second_order(
     local = r._local(here)
     assert local.known.all()
     trust = np.full((len(rows), 2), 0.2)
-    model = Around(local, r._steps(here, local), r._bounds(here, local, trust), r.tied)
+    model = QuadraticModel(local, r._steps(here, local), r._bounds(here, local, trust), r.tied)
     rng = np.random.default_rng(2)
     c = rng.uniform(-1.0, 1.0, r.curves.at_stations.shape[1])
     wrong = []
@@ -99,16 +107,17 @@ def test_the_model_is_j_to_second_order(
 
 
 def test_margins_that_an_arm_has_not_leave_its_model_whole(
-    along: tuple[Plan, list[Group], tuple[ExternalAxis, ...], Toolpath], monkeypatch: pytest.MonkeyPatch
+    along: tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...], Toolpath],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Arms with an offset wrist have theirs at infinity: all of their stations were held where they stood."""
     plan, groups, axes, _ = along
-    r = Refinement(plan, groups, Worth.of(plan.setup, axes))
+    r = PlanRefinement(plan, groups, AxisPlanRanking.of(plan.setup, axes))
     rows = r.rows
     start = plan.chosen.assignment.phi[rows], plan.path.external[rows], plan.chosen.assignment.q[rows]
     solved = r._solved
 
-    def without(*state: np.ndarray) -> tuple[Assignment, np.ndarray]:
+    def without(*state: np.ndarray) -> tuple[JointAssignment, np.ndarray]:
         found, cost = solved(*state)
         none = np.full(len(rows), np.inf)
         return replace(found, shoulder=none, elbow=none), cost
@@ -125,13 +134,13 @@ def test_margins_that_an_arm_has_not_leave_its_model_whole(
     assert np.isfinite(r._bounds(here, local, np.full((len(rows), 2), 0.2)).under).all()
 
 
-def small_problem(seed: int) -> tuple[Local, Steps, Bounds]:
+def small_problem(seed: int) -> tuple[LocalModel, TransitionTerms, OffsetBounds]:
     """Three stations, two offsets each, everything convex."""
     rng = np.random.default_rng(seed)
     n, d, k = 3, 2, 3
     half = rng.normal(size=(2, n, d, d))
     H, B = 0.3 * half @ np.swapaxes(half, -1, -2)
-    local = Local(
+    local = LocalModel(
         q=np.zeros((n, 6, d)),
         margins=np.zeros((n, 3, d)),
         known=np.ones(n, bool),
@@ -143,7 +152,7 @@ def small_problem(seed: int) -> tuple[Local, Steps, Bounds]:
         counted=rng.uniform(size=n) < 0.8,
         worst=0.5,
     )
-    steps = Steps(
+    steps = TransitionTerms(
         jump=0.2 * rng.normal(size=(n - 1, k)),
         lean=rng.normal(size=(n, k, d)),
         price=rng.uniform(0.0, 0.2, (n - 1, k)),
@@ -154,7 +163,7 @@ def small_problem(seed: int) -> tuple[Local, Steps, Bounds]:
     box = rng.uniform(0.05, 0.5, (2, n, d))
     lean = rng.normal(size=(n, 1, d))
     room = rng.uniform(0.02, 0.3, (n, 1))
-    return local, steps, Bounds(-box[0], box[1], lean, -room, np.full((n, 1), np.inf))
+    return local, steps, OffsetBounds(-box[0], box[1], lean, -room, np.full((n, 1), np.inf))
 
 
 @given(st.integers(0, 10**6))
@@ -163,9 +172,9 @@ def small_problem(seed: int) -> tuple[Local, Steps, Bounds]:
 def test_the_least_place_against_many_others(seed: int) -> None:
     local, steps, bounds = small_problem(seed)
     n, d = local.gradient.shape
-    curves = Bordered(sparse.identity(n * d, format="csr"), d, np.zeros(n * d, bool))
-    c = lessened(local, steps, bounds, curves)
-    model = Around(local, steps, bounds, curves)
+    curves = BorderedSystem(sparse.identity(n * d, format="csr"), d, np.zeros(n * d, bool))
+    c = minimize_quadratic_model(local, steps, bounds, curves)
+    model = QuadraticModel(local, steps, bounds, curves)
 
     z = c.reshape(n, d)
     beyond = max(float((bounds.low - z).max()), float((z - bounds.high).max()))
@@ -197,7 +206,7 @@ def test_a_band_with_a_border_is_solved_as_the_whole_matrix_is(seed: int, d: int
         blocks[k + 1] += one[d:, d:]
         on[k] = one[d:, :d]
     mixed = rng.permutation(own + shared)
-    curves = Bordered(sparse.csr_matrix(M[:, mixed]), d, mixed >= own)
+    curves = BorderedSystem(sparse.csr_matrix(M[:, mixed]), d, mixed >= own)
     right = rng.normal(size=(own + shared, 2))
     found = curves.solved(blocks, on, 1e-3, 0.0, right)
     assert found is not None
@@ -211,11 +220,15 @@ def test_curves_are_one_value_where_nothing_may_move(tmp_path: FilePath) -> None
     cell = replace(external_cell(tmp_path, rail=True, table=True), stiffness=K)
     path_in = apart(toolpath([*slots(0.0), *slots(0.3)]))
     options = replace(
-        OPTIONS, external=(ExternalAxis(joint="rail", mode="moving"), ExternalAxis(joint="turn", mode="operation"))
+        OPTIONS,
+        external=(
+            ExternalJointOptions(joint="rail", mode="moving"),
+            ExternalJointOptions(joint="turn", mode="operation"),
+        ),
     )
     plan = by_grids(cell, path_in, replace(options, rotation_step=np.radians(45.0)))
-    groups = groups_of(cell, path_in, plan.path, axes_of(cell, options))
-    curves = Curves.of(plan.path, groups)
+    groups = build_operation_groups(cell, path_in, plan.path, resolve_axis_options(cell, options))
+    curves = OffsetCurves.of(plan.path, groups)
     c = np.random.default_rng(0).normal(size=curves.at_points.shape[1])
     z = (curves.at_points @ c).reshape(len(plan.path.index), 3)
     for first, last in plan.path.runs:
@@ -225,10 +238,10 @@ def test_curves_are_one_value_where_nothing_may_move(tmp_path: FilePath) -> None
 
 @pytest.mark.slow
 def test_a_rail_that_moves_is_refined(
-    along: tuple[Plan, list[Group], tuple[ExternalAxis, ...], Toolpath],
+    along: tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...], Toolpath],
 ) -> None:
     plan, groups, axes, path = along
-    better = refined(plan, path, groups, Worth.of(plan.setup, axes), Timings())
+    better = refine_plan(plan, path, groups, AxisPlanRanking.of(plan.setup, axes), StageTimings())
     assert better.chosen.objective.total < 0.999 * plan.chosen.objective.total
     low, high = plan.setup.cell.limits.lower[6], plan.setup.cell.limits.upper[6]
     assert low <= better.path.external.min() <= better.path.external.max() <= high
@@ -240,12 +253,14 @@ def test_a_rail_that_moves_is_refined(
 @settings(max_examples=examples(4), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_refining_never_makes_a_plan_worse(tmp_path: FilePath, y: float, half: float, mode: str) -> None:
     modes = {"mixed": ("moving", "operation")}.get(mode, (mode, mode))
-    axes = tuple(ExternalAxis(joint=n, mode=m, weight=2.0) for n, m in zip(("rail", "turn"), modes, strict=True))  # type: ignore[arg-type]
+    axes = tuple(
+        ExternalJointOptions(joint=n, mode=m, weight=2.0) for n, m in zip(("rail", "turn"), modes, strict=True)
+    )  # type: ignore[arg-type]
     options = replace(OPTIONS, external=axes)
     path = toolpath(slots(y, y + half))
     plan, groups, own = chosen(tmp_path, path, options, rail=True, table=True)
-    worth = Worth.of(plan.setup, own)
-    better = refined(plan, path, groups, worth, Timings())
+    worth = AxisPlanRanking.of(plan.setup, own)
+    better = refine_plan(plan, path, groups, worth, StageTimings())
     assert better is plan or worth.plan(better) < worth.plan(plan)
     assert len(better.missing) <= len(plan.missing)
 
@@ -258,23 +273,27 @@ def test_a_refined_plan_that_moves_is_no_worse_than_one_that_stands(tmp_path: Fi
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
     path = toolpath(slots(y, y + half))
     plans = [
-        best_plan(cell, path, replace(OPTIONS, external=(ExternalAxis(joint="rail", mode=mode, weight=3.0),)))  # type: ignore[arg-type]
+        find_best_plan(
+            cell, path, replace(OPTIONS, external=(ExternalJointOptions(joint="rail", mode=mode, weight=3.0),))
+        )  # type: ignore[arg-type]
         for mode in ("moving", "operation")
     ]
     assert plans[0].scores.scale == plans[1].scores.scale
-    worth = Worth.of(plans[0].setup, axes_of(cell, plans[0].options))
+    worth = AxisPlanRanking.of(plans[0].setup, resolve_axis_options(cell, plans[0].options))
     assert worth.plan(plans[0]) <= worth.plan(plans[1]) * (1.0 + 1e-9)
 
 
 @pytest.mark.slow
 def test_a_second_width_of_trust_makes_no_plan_worse(tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch) -> None:
     cell, path = replace(external_cell(tmp_path, rail=True), stiffness=K), weaving()
-    monkeypatch.setattr(external, "LEAPS", (0, 0))  # a leap from the better of two plans may be the shorter one
+    monkeypatch.setattr(
+        coarse_to_fine_search, "LEAPS", (0, 0)
+    )  # a leap from the better of two plans may be the shorter one
     found, scales = [], set()
-    for widths in external.TRUSTS, external.TRUSTS[:1], ():
-        monkeypatch.setattr(external, "TRUSTS", widths)
-        plan = best_plan(cell, path, MOVING)
-        found.append(Worth.of(plan.setup, axes_of(cell, plan.options)).plan(plan))
+    for widths in coarse_to_fine_search.TRUSTS, coarse_to_fine_search.TRUSTS[:1], ():
+        monkeypatch.setattr(coarse_to_fine_search, "TRUSTS", widths)
+        plan = find_best_plan(cell, path, MOVING)
+        found.append(AxisPlanRanking.of(plan.setup, resolve_axis_options(cell, plan.options)).plan(plan))
         scales.add(plan.scores.scale)
     assert len(scales) == 1
     assert found[0] <= found[1] < found[2]
@@ -282,11 +301,11 @@ def test_a_second_width_of_trust_makes_no_plan_worse(tmp_path: FilePath, monkeyp
 
 @pytest.mark.slow
 def test_a_plan_far_behind_is_not_planned_again(
-    along: tuple[Plan, list[Group], tuple[ExternalAxis, ...], Toolpath],
+    along: tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...], Toolpath],
 ) -> None:
     plan, groups, axes, path = along
-    worth = Worth.of(plan.setup, axes)
-    assert refined(plan, path, groups, worth, Timings(), below=0.5 * worth.plan(plan)) is plan
+    worth = AxisPlanRanking.of(plan.setup, axes)
+    assert refine_plan(plan, path, groups, worth, StageTimings(), below=0.5 * worth.plan(plan)) is plan
 
 
 @pytest.mark.slow

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from small_jobs import CELLS, ROOT, random_job, somewhere_on, write_job
 
-from machopt.services.load import OptimizeRequest
-from machopt.services.run import optimize
+from machopt.commands.optimize.request import OptimizeRequest
+from machopt.commands.optimize.run import run_optimize
 
 STRICT = (
     "singularity_wrist_deg=6",
@@ -33,7 +33,7 @@ RELAXED = (
 
 
 def exit_code(cell: str, job: Path, out: Path, options: tuple[str, ...]) -> int:
-    return optimize(OptimizeRequest(cell=ROOT / "cells" / cell, toolpath=job, out=out, overrides=options)).exit_code
+    return run_optimize(OptimizeRequest(cell=ROOT / "cells" / cell, toolpath=job, out=out, overrides=options)).exit_code
 
 
 def lost(seed: int, folder: Path, cells: list[str]) -> list[str]:

@@ -14,17 +14,17 @@ import numpy as np
 import pytest
 from made_up_report import full_result, infeasible_result
 
-from machopt.domain.toolpath import IgnoredWord
+from machopt.data_types.toolpath import IgnoredWord
 from machopt.report import write_report
-from machopt.report.data import STATUS_NAMES, Gain, ReportData, Shift
-from machopt.report.display import ANGLE, FEED, FINE_LENGTH, STIFFNESS, fixed
-from machopt.report.figures import figure_specs, with_distance
-from machopt.report.gather.optimize import measured
-from machopt.report.gather.optimize_series import along, cut_length
-from machopt.report.page import report_html
-from machopt.report.series import keep, packed
-from machopt.report.verdict import cards, verdict
-from machopt.verify.check import Check
+from machopt.report.charts.optimize_charts import build_figure_specs, format_reason_with_distance
+from machopt.report.charts.point_reduction import pack_levels, select_plot_points
+from machopt.report.page_data.optimize import format_measured_value
+from machopt.report.page_data.optimize_series import compute_cut_length, interpolate_path_length
+from machopt.report.page_types.display_units import ANGLE, FEED, FINE_LENGTH, STIFFNESS, format_fixed
+from machopt.report.page_types.optimize_report import STATUS_NAMES, GainOverBaseline, ReportData, ShiftSummary
+from machopt.report.pages.optimize.optimize_page import build_report_html
+from machopt.report.wording.result_verdict import build_key_figures, build_verdict
+from machopt.verification.checks import VerificationCheck
 
 VOID = {"meta", "br", "link", "img", "input"}
 
@@ -76,7 +76,7 @@ def specs_in(html: str) -> dict:  # type: ignore[type-arg]
 
 
 def test_the_page_stands_alone_and_is_small() -> None:
-    html = report_html(full_result(points=2000, rotations=72, samples=100_000))
+    html = build_report_html(full_result(points=2000, rotations=72, samples=100_000))
     page = read(html)
     assert len(html.encode()) < 3_000_000
     assert set(re.findall(r"https?://[^\"'\s)]*", html)) == {"http://www.w3.org/2000/svg"}
@@ -97,18 +97,18 @@ def test_the_same_data_give_the_same_bytes(tmp_path: Path) -> None:
 def test_any_part_may_be_missing(missing: str) -> None:
     data = full_result(points=50, samples=300)
     empty = "" if missing == "created" else None if missing in ("map", "view", "path", "motion") else ()
-    html = report_html(replace(data, **{missing: empty}))
+    html = build_report_html(replace(data, **{missing: empty}))
     drawn = {spec["id"] for spec in specs_in(html)["charts"]}
     assert drawn <= set(read(html).ids)
 
 
 def test_an_infeasible_result_still_has_a_page() -> None:
-    page = read(report_html(infeasible_result()))
+    page = read(build_report_html(infeasible_result()))
     assert "No answer for 2 of 40 points" in page.text
     assert "the first point 7 at x 2900.0, y 100.0, z 400.0 mm, 38 mm out" in page.text
     assert "38 mm out" in page.text
     assert "hole <3>" in page.text
-    assert verdict(infeasible_result()).tone == "bad"
+    assert build_verdict(infeasible_result()).tone == "bad"
 
 
 @pytest.mark.parametrize(
@@ -125,7 +125,7 @@ def test_an_infeasible_result_still_has_a_page() -> None:
     ],
 )
 def test_the_scene_says_a_distance_once(reason: str, shortfall: str, told: str) -> None:
-    assert with_distance(reason, shortfall) == told
+    assert format_reason_with_distance(reason, shortfall) == told
 
 
 def test_hostile_names_do_not_break_the_page() -> None:
@@ -134,7 +134,7 @@ def test_hostile_names_do_not_break_the_page() -> None:
     operations = tuple(replace(o, label=evil) for o in data.operations)
     assert data.path is not None
     path = replace(data.path, nearest_pair=(evil,) * len(data.path.s))
-    html = report_html(
+    html = build_report_html(
         replace(
             data,
             title=evil,
@@ -154,7 +154,7 @@ def test_hostile_names_do_not_break_the_page() -> None:
 
 
 def test_the_verdict_answers_gain_and_safety() -> None:
-    v = verdict(full_result(points=50, samples=300))
+    v = build_verdict(full_result(points=50, samples=300))
     assert v.sentence == (
         "Predicted worst deflection 0.182 → 0.108 mm (−41 %) against the CAM's default rotation, −18 % against "
         "Jiao 2022; mean deflection 36 % ± 6 % less than with the CAM's default rotation (90 %: 26 to 46 %), 14 % less "
@@ -173,27 +173,27 @@ def test_the_verdict_answers_gain_and_safety() -> None:
         ({"worst_default": float("nan")}, "VERIFIED", "no gain over it to state"),
         ({"worst_default": 1.0e-4}, "VERIFIED", "there is no gain over the CAM's default"),
         (
-            {"gains": (Gain("Jiao 2022", 0.05, 0.04, (-0.02, 0.12), False),)},
+            {"gains": (GainOverBaseline("Jiao 2022", 0.05, 0.04, (-0.02, 0.12), False),)},
             "VERIFIED",
             "The gain over Jiao 2022, 5 % ± 4 % on average, is below the stiffness model's own uncertainty",
         ),
         (
-            {"gains": (Gain("Jiao 2022", -0.012, 0.004, (-0.019, -0.005)),)},
+            {"gains": (GainOverBaseline("Jiao 2022", -0.012, 0.004, (-0.019, -0.005)),)},
             "VERIFIED",
             "1.2 % ± 0.4 % more than with Jiao 2022 (90 %: 0.5 to 1.9 %)",
         ),
         (
-            {"gains": (Gain("Jiao 2022", 0.03, 0.004, (-0.0002, 0.036)),)},
+            {"gains": (GainOverBaseline("Jiao 2022", 0.03, 0.004, (-0.0002, 0.036)),)},
             "VERIFIED",
             "3.0 % ± 0.4 % less than with Jiao 2022 (90 %: 0.0 to 3.6 %)",  # no −0.0
         ),
         (
-            {"gains": (Gain("Jiao 2022", 1e-5, 1e-6, (-1e-6, 2e-5), False),)},
+            {"gains": (GainOverBaseline("Jiao 2022", 1e-5, 1e-6, (-1e-6, 2e-5), False),)},
             "VERIFIED",
             "the same mean deflection as with Jiao 2022; feed held",
         ),
         (
-            {"shift": Shift(worst=3.3e-4, mean=2.8e-4, left_worst=2.1e-5, left_mean=4e-6)},
+            {"shift": ShiftSummary(worst=3.3e-4, mean=2.8e-4, left_worst=2.1e-5, left_mean=4e-6)},
             "VERIFIED",
             "shifted by up to 0.330 mm against the predicted deflection, which leaves 0.004 mm on average and 0.021 mm",
         ),
@@ -208,21 +208,21 @@ def test_the_verdict_answers_gain_and_safety() -> None:
 )
 def test_the_verdict_never_flatters(changes: dict[str, object], badge: str, words: str) -> None:
     data = full_result(points=50, samples=300)
-    v = verdict(replace(data, summary=replace(data.summary, **changes)))  # type: ignore[arg-type]
+    v = build_verdict(replace(data, summary=replace(data.summary, **changes)))  # type: ignore[arg-type]
     assert v.badge == badge
     assert words in " ".join([v.sentence, *v.cautions])
 
 
 def test_si_becomes_shop_units() -> None:
-    assert FINE_LENGTH.text(1.23456e-4, unit=True) == "0.123 mm"
-    assert ANGLE.text(-np.pi / 2) == "−90.0"
-    assert ANGLE.text(-1e-4) == "0.0"  # no minus that is only rounding
-    assert fixed(0.26, 1, signed=True) == "+0.3"
-    assert fixed(-0.04, 1, signed=True) == "0.0"
-    assert FEED.text(0.02, unit=True) == "1200 mm/min"
-    assert STIFFNESS.text(1.5e6, unit=True) == "1.500 N/µm"
-    assert FINE_LENGTH.text(float("nan")) == "–"
-    assert [c.value for c in cards(full_result(points=50, samples=300))][:2] == ["0.108", "0.090"]
+    assert FINE_LENGTH.format_value(1.23456e-4, unit=True) == "0.123 mm"
+    assert ANGLE.format_value(-np.pi / 2) == "−90.0"
+    assert ANGLE.format_value(-1e-4) == "0.0"  # no minus that is only rounding
+    assert format_fixed(0.26, 1, signed=True) == "+0.3"
+    assert format_fixed(-0.04, 1, signed=True) == "0.0"
+    assert FEED.format_value(0.02, unit=True) == "1200 mm/min"
+    assert STIFFNESS.format_value(1.5e6, unit=True) == "1.500 N/µm"
+    assert FINE_LENGTH.format_value(float("nan")) == "–"
+    assert [c.value for c in build_key_figures(full_result(points=50, samples=300))][:2] == ["0.108", "0.090"]
 
 
 def test_thinning_keeps_peaks_gaps_and_ends() -> None:
@@ -230,18 +230,18 @@ def test_thinning_keeps_peaks_gaps_and_ends() -> None:
     a, b = rng.normal(size=(2, 100_000))
     a[77_777], b[3] = 50.0, -50.0
     a[500:520] = np.nan
-    k = keep([a, b])
+    k = select_plot_points([a, b])
     assert len(k) <= 3010
     assert {0, 3, 77_777, 99_999} <= set(k.tolist())
     assert np.isnan(a[k][(k >= 500) & (k < 520)]).any()
-    np.testing.assert_array_equal(keep([a[:100]]), np.arange(100))
+    np.testing.assert_array_equal(select_plot_points([a[:100]]), np.arange(100))
 
 
 def test_the_map_is_read_back_from_the_page() -> None:
     data = full_result(points=300)
     m = data.map
     assert m is not None
-    spec = figure_specs(data)["map"]
+    spec = build_figure_specs(data)["map"]
     shape = (spec["stations"], spec["rotations"])
     level = np.frombuffer(base64.b64decode(spec["index"]), "<u2").reshape(shape)
     status = np.frombuffer(base64.b64decode(spec["status"]), np.uint8).reshape(shape)
@@ -252,7 +252,7 @@ def test_the_map_is_read_back_from_the_page() -> None:
     step = (spec["highest"] - spec["lowest"]) / 65534
     np.testing.assert_allclose(value, m.index[usable] * 1e3, atol=0.51 * step, rtol=0)
     assert spec["names"] == list(STATUS_NAMES)
-    assert len(figure_specs(full_result(points=2500))["map"]["s"]) == 2000
+    assert len(build_figure_specs(full_result(points=2500))["map"]["s"]) == 2000
 
 
 def test_lines_are_wound_into_the_maps_range() -> None:
@@ -260,7 +260,7 @@ def test_lines_are_wound_into_the_maps_range() -> None:
     assert data.map is not None
     wound = replace(data.map, chosen=data.map.chosen + 4 * np.pi)
     before, after = (
-        next(line["y"] for line in figure_specs(replace(data, map=m))["map"]["lines"] if line["name"] == "chosen")
+        next(line["y"] for line in build_figure_specs(replace(data, map=m))["map"]["lines"] if line["name"] == "chosen")
         for m in (data.map, wound)
     )
     np.testing.assert_allclose(after, before, atol=1e-3)  # six significant digits of up to 180 deg
@@ -270,23 +270,25 @@ def test_a_map_without_any_answer_is_drawn() -> None:
     data = full_result(points=50)
     assert data.map is not None
     nothing = replace(data.map, status=np.ones_like(data.map.status), index=np.full_like(data.map.index, np.nan))
-    spec = figure_specs(replace(data, map=nothing))["map"]
+    spec = build_figure_specs(replace(data, map=nothing))["map"]
     assert spec["present"] == [1]
-    assert packed(np.array([np.nan]), 0.0, 0.0) == base64.b64encode(b"\xff\xff").decode()
+    assert pack_levels(np.array([np.nan]), 0.0, 0.0) == base64.b64encode(b"\xff\xff").decode()
 
 
 def test_one_path_length_stands_on_every_axis() -> None:
     """Rapid moves add nothing, at points and in between, and what lies at no point has no length."""
     made = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.3, 0.4, 0], [0.3, 0.4, 0.1]])
     toolpath = SimpleNamespace(position=made)
-    s = cut_length(toolpath, np.array([False, True, False, True]))  # type: ignore[arg-type]
+    s = compute_cut_length(toolpath, np.array([False, True, False, True]))  # type: ignore[arg-type]
     np.testing.assert_allclose(s, [0.0, 0.3, 0.3, 0.4])
-    np.testing.assert_allclose(along(s, np.array([0.5, 1.7, np.nan, 2.5])), [0.15, 0.3, np.nan, 0.35])
+    np.testing.assert_allclose(interpolate_path_length(s, np.array([0.5, 1.7, np.nan, 2.5])), [0.15, 0.3, np.nan, 0.35])
 
 
 def test_a_margin_is_not_called_a_negative_excess() -> None:
     def told(value: float, unit: str, beyond: str = "") -> str:
-        return measured(value, Check(name="", passed=True, value=value, limit=0.0, unit=unit, where="", beyond=beyond))
+        return format_measured_value(
+            value, VerificationCheck(name="", passed=True, value=value, limit=0.0, unit=unit, where="", beyond=beyond)
+        )
 
     assert told(-5.541, "deg beyond the limit", "deg") == "5.541 deg within the limit"
     assert told(0.25, "mm beyond the limit", "mm") == "0.25 mm beyond the limit"

@@ -7,21 +7,21 @@ from dataclasses import replace
 
 from made_up_report import full_result
 
-from machopt.report.data import Program, ReportData
-from machopt.report.page import report_html
-from machopt.report.verdict import verdict
+from machopt.report.page_types.optimize_report import ProgramRow, ReportData
+from machopt.report.pages.optimize.optimize_page import build_report_html
+from machopt.report.wording.result_verdict import build_verdict
 
 
 def block(data: ReportData) -> str:
     """Numbers and their units stand together by spaces that do not break; here they are plain ones."""
-    found = re.search(r"<section id=programs>.*?</section>", report_html(data), re.S)
+    found = re.search(r"<section id=programs>.*?</section>", build_report_html(data), re.S)
     assert found
     return found[0].replace("\u00a0", " ")
 
 
 def test_the_block_names_files_differences_and_what_lies_between_the_points() -> None:
     html = block(full_result(points=50, samples=300))
-    assert "0.005\u00a0mm/min" in report_html(full_result(points=50, samples=300))
+    assert "0.005\u00a0mm/min" in build_report_html(full_result(points=50, samples=300))
     rows = re.findall(r"<tr>(.*?)</tr>", html.partition("<tbody>")[2])
     krl, jbi, ros, mine = (re.sub(r"<[^>]+>", " ", row) for row in rows)
     assert 'href="krl/bracket_op10.src"' in rows[0]
@@ -47,7 +47,7 @@ def test_the_block_names_files_differences_and_what_lies_between_the_points() ->
 def test_a_program_that_differs_is_told_first_and_spoils_the_verdict() -> None:
     data = full_result(points=50, samples=300)
     differences = ("move 3 (line 14) goes elsewhere", "events differ")
-    bad = Program(
+    bad = ProgramRow(
         post="krl",
         files=("part<1>.src",),
         lines=12,
@@ -66,13 +66,13 @@ def test_a_program_that_differs_is_told_first_and_spoils_the_verdict() -> None:
     assert html.index("Do not run these") < html.index("<table")
     assert "<b>part&lt;1&gt;.src</b>: move 3 (line 14) goes elsewhere" in html
     assert "reads back" not in html.partition("<tbody>")[2]
-    v = verdict(data)
+    v = build_verdict(data)
     assert v.badge == "VERIFICATION FAILED: DO NOT RUN"
     assert v.sentence.endswith("But the program part.src: events differ.")
 
 
 def test_a_result_without_programs_has_no_block() -> None:
-    assert "id=programs" not in report_html(replace(full_result(points=50, samples=300), programs=()))
+    assert "id=programs" not in build_report_html(replace(full_result(points=50, samples=300), programs=()))
 
 
 def test_many_files_are_counted() -> None:

@@ -15,25 +15,25 @@ from external_cell import external_folder
 from test_retime import make
 
 from machopt.cli import main
-from machopt.domain.toolpath import Event, Move, Operation, Toolpath
+from machopt.data_types.toolpath import MoveKind, Toolpath, ToolpathEvent, ToolpathOperation
 from machopt.errors import InputError
-from machopt.plan.feed.retime import RunTrajectory, retime_run
-from machopt.plan.motion.legs import BEFORE_ALL, Leg, rests
-from machopt.postprocess.moves import _events
-from machopt.verify.rests import check_rests
+from machopt.planning.motion.segments import BEFORE_ALL, MotionSegment, count_rest_samples
+from machopt.planning.retiming.run_retiming import RunTrajectory, retime_run
+from machopt.program_export.program_moves import _place_events
+from machopt.verification.motion.checks.dwells_and_stops import check_dwells_and_stops
 
 H = 0.012
 
 
-def toolpath(*events: Event, n: int = 4) -> Toolpath:
+def toolpath(*events: ToolpathEvent, n: int = 4) -> Toolpath:
     x = np.linspace(0.0, 0.03, n)
     return Toolpath(
         position=np.column_stack([x, 0.0 * x, 0.0 * x]),
         axis=np.tile([0.0, 0.0, 1.0], (n, 1)),
-        move=np.array([Move.RAPID] + [Move.CUT] * (n - 1), np.int8),
+        move=np.array([MoveKind.RAPID] + [MoveKind.CUT] * (n - 1), np.int8),
         feed=np.array([np.nan] + [0.02] * (n - 1)),
         operation=np.zeros(n, np.int32),
-        operations=(Operation("cut", "trajectory"),),
+        operations=(ToolpathOperation("cut", "trajectory"),),
         reference=np.full((n, 3), np.nan),
         tolerance=np.full(n, np.nan),
         line=np.arange(n, dtype=np.int32) + 1,
@@ -46,16 +46,16 @@ def toolpath(*events: Event, n: int = 4) -> Toolpath:
 
 def test_samples_of_every_rest() -> None:
     t = toolpath(
-        Event(0, "dwell", "G4 a", 0.1),
-        Event(2, "dwell", "G4 b", 0.024),
-        Event(2, "dwell", "G4 c", 0.001),
-        Event(3, "stop", "M0"),
-        Event(3, "spindle", "M5", 0.0),
-        Event(4, "dwell", "G4 S3"),
+        ToolpathEvent(0, "dwell", "G4 a", 0.1),
+        ToolpathEvent(2, "dwell", "G4 b", 0.024),
+        ToolpathEvent(2, "dwell", "G4 c", 0.001),
+        ToolpathEvent(3, "stop", "M0"),
+        ToolpathEvent(3, "spindle", "M5", 0.0),
+        ToolpathEvent(4, "dwell", "G4 S3"),
     )
-    assert rests(t, H) == {BEFORE_ALL: 9, 1: 3, 2: 0, 3: 0}
+    assert count_rest_samples(t, H) == {BEFORE_ALL: 9, 1: 3, 2: 0, 3: 0}
     with pytest.raises(InputError, match="longest dwell is 600 s"):
-        rests(toolpath(Event(1, "dwell", "G4 P700000", 700.0)), H)
+        count_rest_samples(toolpath(ToolpathEvent(1, "dwell", "G4 P700000", 700.0)), H)
 
 
 def test_a_run_comes_to_rest_at_its_point_and_goes_on() -> None:
@@ -74,7 +74,7 @@ def test_a_run_comes_to_rest_at_its_point_and_goes_on() -> None:
 
 def test_a_leg_stands() -> None:
     rows = np.arange(3.0)
-    leg = Leg(
+    leg = MotionSegment(
         name="run",
         q=np.tile(rows[:, None], 6),
         index=rows,
@@ -95,18 +95,18 @@ def test_a_dwell_is_at_the_point_and_what_follows_behind_the_lift() -> None:
     """Point 3 is left by a lift that the file has no move for: M5 alone waits for it, the dwell does not."""
     index = np.array([np.nan, 0.0, 1.0, 2.0, 3.0, 3.0, np.nan])
     drawn = np.array([False, False, False, False, False, True, False])
-    off, dwell = Event(4, "spindle", "M5", 0.0), Event(4, "dwell", "G4", 0.5)
+    off, dwell = ToolpathEvent(4, "spindle", "M5", 0.0), ToolpathEvent(4, "dwell", "G4", 0.5)
 
-    def at(*events: Event) -> list[int]:
-        return [e.index for e in _events(toolpath(*events), index, drawn)]
+    def at(*events: ToolpathEvent) -> list[int]:
+        return [e.index for e in _place_events(toolpath(*events), index, drawn)]
 
     assert at(off) == [6]
     assert at(dwell, off) == [5, 6]
     assert at(off, dwell) == [5, 5]  # in the file's order
-    assert at(Event(2, "dwell", "G4", 0.5)) == [3]
+    assert at(ToolpathEvent(2, "dwell", "G4", 0.5)) == [3]
 
 
-def verified(point: np.ndarray[Any, Any], x: np.ndarray[Any, Any], *events: Event) -> tuple[bool | None, str]:
+def verified(point: np.ndarray[Any, Any], x: np.ndarray[Any, Any], *events: ToolpathEvent) -> tuple[bool | None, str]:
     """The check of a machine of which axis 1 (rad) drives the tool (m) along x."""
     q = np.zeros((len(x), 6))
     q[:, 0] = x
@@ -118,7 +118,7 @@ def verified(point: np.ndarray[Any, Any], x: np.ndarray[Any, Any], *events: Even
     ride = SimpleNamespace(tcp=tcp, path_limit=2e-5)
     points = SimpleNamespace(point=np.arange(4), ok=np.ones(4, bool))
     place = (np.arange(4.0), t.position)
-    (check,) = check_rests(said, t, points, ride, place, cell)  # type: ignore[arg-type]
+    (check,) = check_dwells_and_stops(said, t, points, ride, place, cell)  # type: ignore[arg-type]
     return check.passed, check.where
 
 
@@ -133,7 +133,7 @@ def driven(stand: int) -> np.ndarray[Any, Any]:
 
 
 def test_the_verification_sees_where_and_how_long() -> None:
-    dwell, stop = Event(2, "dwell", "G4", 0.6), Event(2, "stop", "M0")
+    dwell, stop = ToolpathEvent(2, "dwell", "G4", 0.6), ToolpathEvent(2, "stop", "M0")
     x = driven(50)
     assert verified(x / 0.01, x, dwell) == (True, "none")
     assert verified(x / 0.01, x, stop) == (True, "none")
@@ -141,20 +141,20 @@ def test_the_verification_sees_where_and_how_long() -> None:
     passed, why = verified(short / 0.01, short, dwell)
     assert not passed
     assert "at point 1 the file dwells 0.6 s, and the motion stands there 0.480 s" in why
-    passed, why = verified(x / 0.01, x, Event(3, "dwell", "G4", 0.6))
+    passed, why = verified(x / 0.01, x, ToolpathEvent(3, "dwell", "G4", 0.6))
     assert not passed
     assert "at point 2 the file dwells or stops, and the motion is not at rest there" in why
     through = np.concatenate([[0.0], np.cumsum(np.full(200, 1.5e-4))])
     assert not verified(through / 0.01, through, stop)[0]
-    passed, why = verified(x / 0.01, x, Event(0, "dwell", "G4", 0.6))
+    passed, why = verified(x / 0.01, x, ToolpathEvent(0, "dwell", "G4", 0.6))
     assert not passed
     assert "before the first point" in why
 
 
 def test_nothing_is_asked_where_the_file_neither_dwells_nor_stops() -> None:
-    t = toolpath(Event(2, "spindle", "M3", 100.0))
+    t = toolpath(ToolpathEvent(2, "spindle", "M3", 100.0))
     none: Any = None
-    assert check_rests(none, t, none, none, none, none) == []
+    assert check_dwells_and_stops(none, t, none, none, none, none) == []
 
 
 def test_a_dwell_between_moves_to_where_the_tool_stands(tmp_path: Path) -> None:

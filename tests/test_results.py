@@ -11,38 +11,38 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from machopt.domain.results.base import Part
-from machopt.domain.results.batch import BatchComparison, BatchRecord, BatchRow
-from machopt.domain.results.diagnosis import Estimated
-from machopt.domain.results.maps import MapOptionsTold
-from machopt.domain.results.schema import DOCUMENTS, FOLDER, schema_name, schema_text
+from machopt.data_types.documents.batch_document import BatchComparisonSection, BatchJobDocument, BatchRowSection
+from machopt.data_types.documents.diagnosis_document import EstimateSection
+from machopt.data_types.documents.document_base import DocumentModel
+from machopt.data_types.documents.json_schemas import DOCUMENTS, FOLDER, format_schema_name, render_schema
+from machopt.data_types.documents.map_document import MapOptionsSection
 from machopt.errors import InputError
 from machopt.output import read_result, write_result
 
-ROW = BatchRow(exit_code=0, verdict="done", reason="", mean=0.25, warnings=("a",))
-RECORD = BatchRecord(machopt_batch_job=1, job="a", key="k", state="done", row=ROW, files=("points.csv",))
+ROW = BatchRowSection(exit_code=0, verdict="done", reason="", mean=0.25, warnings=("a",))
+RECORD = BatchJobDocument(machopt_batch_job=1, job="a", key="k", state="done", row=ROW, files=("points.csv",))
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
 def test_the_published_schema_is_current(document: str) -> None:
     """``python docs/make_reference.py`` writes them again."""
-    assert (FOLDER / schema_name(document)).read_text(encoding="utf-8") == schema_text(document)
+    assert (FOLDER / format_schema_name(document)).read_text(encoding="utf-8") == render_schema(document)
 
 
 def test_no_other_schema_lies_there() -> None:
-    assert {f.name for f in FOLDER.iterdir()} == {schema_name(d) for d in DOCUMENTS}
+    assert {f.name for f in FOLDER.iterdir()} == {format_schema_name(d) for d in DOCUMENTS}
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
 def test_no_mapping_takes_unknown_keys(document: str) -> None:
-    schema = json.loads(schema_text(document))
+    schema = json.loads(render_schema(document))
     for name, part in {**schema.get("$defs", {}), document: schema}.items():
         assert part["additionalProperties"] is False, name
 
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:
     write_result(tmp_path / "job.json", RECORD)
-    assert read_result(tmp_path / "job.json", BatchRecord) == RECORD
+    assert read_result(tmp_path / "job.json", BatchJobDocument) == RECORD
     assert json.loads((tmp_path / "job.json").read_text())["row"] == {
         "exit_code": 0,
         "verdict": "done",
@@ -50,20 +50,22 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
         "mean": 0.25,
         "warnings": ["a"],
     }
-    write_result(tmp_path / "again.json", read_result(tmp_path / "job.json", BatchRecord))
+    write_result(tmp_path / "again.json", read_result(tmp_path / "job.json", BatchJobDocument))
     assert (tmp_path / "again.json").read_bytes() == (tmp_path / "job.json").read_bytes()
 
 
 def test_numbers_are_as_json_has_them() -> None:
-    told = Estimated(value=np.float64(2.0), unit="mm", ci95=(np.float64(1.0), float("inf")), ci90=(float("nan"), 3))
-    assert told.plain() == {"value": 2.0, "unit": "mm", "ci95": [1.0, None], "ci90": [None, 3]}
+    told = EstimateSection(
+        value=np.float64(2.0), unit="mm", ci95=(np.float64(1.0), float("inf")), ci90=(float("nan"), 3)
+    )
+    assert told.to_json_types() == {"value": 2.0, "unit": "mm", "ci95": [1.0, None], "ci90": [None, 3]}
     assert isinstance(told.ci90[1], int)  # 3 is not written as 3.0
 
 
 def test_a_key_that_python_has_a_word_for_keeps_its_name() -> None:
-    plain = BatchComparison(compared_with="b", rows=(), only_here=(), only_there=()).plain()
+    plain = BatchComparisonSection(compared_with="b", rows=(), only_here=(), only_there=()).to_json_types()
     assert next(iter(plain)) == "with"
-    assert BatchComparison.model_validate(plain).compared_with == "b"
+    assert BatchComparisonSection.model_validate(plain).compared_with == "b"
 
 
 @pytest.mark.parametrize(
@@ -79,11 +81,11 @@ def test_a_key_that_python_has_a_word_for_keeps_its_name() -> None:
     ],
 )
 def test_what_is_wrong_is_named(tmp_path: Path, change: Any, said: str) -> None:
-    value = RECORD.plain()
+    value = RECORD.to_json_types()
     change(value)
     (tmp_path / "job.json").write_text(json.dumps(value))
     with pytest.raises(InputError, match=re.escape(said)) as problem:
-        read_result(tmp_path / "job.json", BatchRecord)
+        read_result(tmp_path / "job.json", BatchJobDocument)
     assert "job.json" in str(problem.value)
 
 
@@ -95,7 +97,7 @@ def test_results_are_frozen() -> None:
 def test_no_field_hides_one_of_pydantics_own() -> None:
     """A field named ``copy`` or ``json`` would take a method's place."""
     for model in DOCUMENTS.values():
-        assert not set(model.model_fields) & set(dir(Part)), model
+        assert not set(model.model_fields) & set(dir(DocumentModel)), model
 
 
 def test_a_branch_may_be_picked_by_its_number() -> None:
@@ -103,12 +105,12 @@ def test_a_branch_may_be_picked_by_its_number() -> None:
     asked = {"at_mm": None, "tool_axis": None, "gamma_deg": None, "rotations": None, "q_deg": None, "by": "k_min"}
     limits = {"limit_margin_deg": 0.0, "singularity_wrist_deg": None, "singularity_elbow_deg": None}
     told = {**asked, **limits, "singularity_shoulder_mm": None, "collision": "self", "load": None}
-    assert MapOptionsTold.model_validate({**told, "pick": 3}).plain()["pick"] == 3
-    assert MapOptionsTold.model_validate({**told, "pick": "best"}).plain()["pick"] == "best"
+    assert MapOptionsSection.model_validate({**told, "pick": 3}).to_json_types()["pick"] == 3
+    assert MapOptionsSection.model_validate({**told, "pick": "best"}).to_json_types()["pick"] == "best"
 
 
 def test_a_whole_document_names_itself_by_its_verdict() -> None:
     """A cell of a notebook that ends with ``plan.save(…)`` shows one line."""
-    shown = type("Shown", (Part,), {"__annotations__": {"version": str, "verdict": str}})
+    shown = type("Shown", (DocumentModel,), {"__annotations__": {"version": str, "verdict": str}})
     assert repr(shown(version="1", verdict="done")) == "<Shown: done>"
     assert repr(ROW).startswith("BatchRow(")

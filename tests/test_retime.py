@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from machopt.arrays import Array
-from machopt.domain.cell import JointLimits
-from machopt.model.ik import refine
-from machopt.model.machine import Machine
-from machopt.model.robot import Robot
-from machopt.plan.feed import feedrate
-from machopt.plan.feed.blend import path_parameter
-from machopt.plan.feed.retime import RunFailure, RunInput, RunTrajectory, retime_run
-from machopt.se3 import inverse, tool_rotation, transform
+from machopt.data_types.cell import JointLimits
+from machopt.kinematics.inverse.solver import refine_by_newton
+from machopt.kinematics.machine import Machine
+from machopt.kinematics.robot import Robot
+from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import build_transform, compute_tool_rotation, invert_transform
+from machopt.planning.retiming import time_law
+from machopt.planning.retiming.path_curve import compute_path_parameter
+from machopt.planning.retiming.run_retiming import RunFailure, RunInput, RunTrajectory, retime_run
 
-FLANGE = transform(np.array([[0, 0, 1], [0, -1, 0], [1, 0, 0]]), np.array([3.115, 0, 0.99]))
+FLANGE = build_transform(np.array([[0, 0, 1], [0, -1, 0], [1, 0, 0]]), np.array([3.115, 0, 0.99]))
 ROBOT = Robot(  # a large six-axis arm, stretched forward at zero
     joints=tuple("123456"),
     axis=np.array([[0, 0, -1], [0, 1, 0], [0, 1, 0], [-1, 0, 0], [0, 1, 0], [-1, 0, 0]], float),
@@ -29,9 +29,9 @@ ROBOT = Robot(  # a large six-axis arm, stretched forward at zero
     lower=np.full(6, -6.0),
     upper=np.full(6, 6.0),
 )
-TCP = transform(np.eye(3), np.array([0.05, 0, 0.3]))
+TCP = build_transform(np.eye(3), np.array([0.05, 0, 0.3]))
 HOME = np.array([0.1, -1.2, 1.3, 0.2, 0.8, 0.3])
-T_BASE_WORKPIECE = ROBOT.fk(HOME, TCP) @ transform(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+T_BASE_WORKPIECE = ROBOT.compute_fk(HOME, TCP) @ build_transform(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
 LIMITS = JointLimits(
     np.full(6, -6.0),
     np.full(6, 6.0),
@@ -51,8 +51,8 @@ def make(
     phi = np.zeros(n) if phi is None else phi
     reference = np.tile([1.0, 0, 0], (n, 1))
     q, seed = np.empty((n, 6)), HOME
-    for k, T in enumerate(T_BASE_WORKPIECE @ transform(tool_rotation(a, reference, phi), p)):
-        seed, error = refine(ROBOT, T, seed, TCP, 30)
+    for k, T in enumerate(T_BASE_WORKPIECE @ build_transform(compute_tool_rotation(a, reference, phi), p)):
+        seed, error = refine_by_newton(ROBOT, T, seed, TCP, 30)
         assert error < 1e-9
         q[k] = seed
     return RunInput(
@@ -62,7 +62,7 @@ def make(
         phi=phi,
         q=q,
         feed=np.broadcast_to(np.asarray(feed, float), n).copy(),
-        machine=Machine.alone(ROBOT, T_BASE_WORKPIECE),
+        machine=Machine.build_for_robot(ROBOT, T_BASE_WORKPIECE),
         external=np.empty((n, 0)),
         T_flange_tcp=TCP,
         robot=ROBOT,
@@ -80,7 +80,7 @@ def drive(run: RunInput) -> RunTrajectory:
     out = retime_run(run)
     assert isinstance(out, RunTrajectory), out
     n = len(run.position)
-    T = inverse(T_BASE_WORKPIECE) @ ROBOT.fk(out.q, TCP)
+    T = invert_transform(T_BASE_WORKPIECE) @ ROBOT.compute_fk(out.q, TCP)
     k = np.clip(np.floor(out.point).astype(int), 0, n - 2)
     f = (out.point - k)[:, None]
     near = [
@@ -196,7 +196,7 @@ def test_ramps_and_corners_are_told_apart() -> None:
 def test_rotation_given_as_a_curve_is_followed() -> None:
     p, a = contour(60, 0.003)
     first = make(p, a)
-    s = path_parameter(first.position, first.axis, first.reference, first.phi)
+    s = compute_path_parameter(first.position, first.axis, first.reference, first.phi)
 
     def curve(x: Array) -> Array:
         return 0.3 * np.sin(20.0 * x)
@@ -241,5 +241,5 @@ def test_the_gentle_profile_holds_the_limits_too(monkeypatch: pytest.MonkeyPatch
     def stuck(*_: object) -> tuple[int, Array]:
         return 2, np.empty((0, 5))
 
-    monkeypatch.setattr(feedrate, "greedy", stuck)
+    monkeypatch.setattr(time_law, "compute_greedy_time_law", stuck)
     drive(make(*contour(20, 0.003)))

@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 
 import machopt
+from machopt.cell.cell_schema import CutterKeys
 from machopt.cli import main
-from machopt.formats.cam import reviewed
-from machopt.formats.cell_schema import CutterKeys
-from machopt.formats.option_keys import OptionKeys
+from machopt.options.option_schema import OptionKeys
+from machopt.toolpath.readers import harmless_words
 
 PACKAGE = Path(machopt.__file__).parent
 READERS = PACKAGE / "formats"
-TABLES = {name for name in vars(reviewed) if name.isupper() and not name.startswith("_")}
+TABLES = {name for name in vars(harmless_words) if name.isupper() and not name.startswith("_")}
 READING = {"inspect", "optimize", "verify", "batch"}
 ELSEWHERE = {
     "--cell": {"inspect", "batch"},
@@ -39,8 +39,8 @@ def _ignored(tree: ast.AST) -> list[ast.Call]:
 
 def test_every_word_that_is_simply_understood_is_reviewed() -> None:
     """``understood=True`` beside a word written in the reader: the word, or its beginning, has its reason."""
-    known = [*reviewed.CARRIED_OUT, *reviewed.APT, *reviewed.HEIDENHAIN]
-    known += [f"CYCL DEF {n}" for n in reviewed.HEIDENHAIN_CYCLES]
+    known = [*harmless_words.CARRIED_OUT, *harmless_words.APT, *harmless_words.HEIDENHAIN]
+    known += [f"CYCL DEF {n}" for n in harmless_words.HEIDENHAIN_CYCLES]
     missing = []
     for file in sorted((READERS / "cam").rglob("*.py")):
         for call in _ignored(ast.parse(file.read_text(encoding="utf-8"))):
@@ -55,13 +55,13 @@ def test_every_word_that_is_simply_understood_is_reviewed() -> None:
 
 def test_every_review_has_a_reason() -> None:
     for table in TABLES:
-        for word, reason in getattr(reviewed, table).items():
+        for word, reason in getattr(harmless_words, table).items():
             assert len(str(reason)) > 5, (table, word)
 
 
 @pytest.mark.parametrize("word", [450, 460, 121, 71, 160, 510, 511, 290, 310])
 def test_words_that_move_are_not_on_the_list(word: int) -> None:
-    assert word not in reviewed.G
+    assert word not in harmless_words.G
 
 
 def _help(command: str, capsys: pytest.CaptureFixture[str]) -> str:
@@ -144,7 +144,12 @@ def test_every_planning_key_that_a_message_names_exists() -> None:
     named = {
         word
         for file, text in _texts("plan")
-        if file in ("plan/written/explain.py", "plan/pipeline/breaks.py", "plan/pipeline/gaps.py")
+        if file
+        in (
+            "planning/plan_output/infeasibility_reasons.py",
+            "planning/pipeline/sequence_breaks.py",
+            "planning/pipeline/gaps.py",
+        )
         for word in ending.findall(text)
     }
     assert named

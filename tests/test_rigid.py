@@ -9,10 +9,10 @@ import pytest
 from small_cell import small_cell, urdf_text
 from test_linkage import MASS
 
-from machopt.domain.cell import Cell
+from machopt.data_types.cell import Cell
+from machopt.dynamics.rigid_body import MissingInertiaError, load_dynamics
 from machopt.errors import InputError
-from machopt.model.rigid import NoInertiaError, load_dynamics
-from machopt.model.robot import load_robot
+from machopt.kinematics.robot import load_robot
 
 
 def massive(folder: Path, text: str = "", **changes: object) -> Cell:
@@ -36,15 +36,19 @@ def test_a_joint_that_turns_without_end_is_a_joint_with_an_angle(limit: str, tmp
     rng = np.random.default_rng(0)
     q, v, a = rng.uniform(-1.0, 1.0, (3, 5, 6))
     one, other = load_dynamics(plain), load_dynamics(endless)
-    np.testing.assert_allclose(other.torque(q, v, a), one.torque(q, v, a), atol=1e-9)  # of thousands of N·m
+    np.testing.assert_allclose(
+        other.compute_torque(q, v, a), one.compute_torque(q, v, a), atol=1e-9
+    )  # of thousands of N·m
     robot = load_robot(endless)
-    np.testing.assert_allclose(robot.fk(q, endless.tool.T_flange_tcp), load_robot(plain).fk(q, plain.tool.T_flange_tcp))
+    np.testing.assert_allclose(
+        robot.compute_fk(q, endless.tool.T_flange_tcp), load_robot(plain).compute_fk(q, plain.tool.T_flange_tcp)
+    )
     assert (robot.lower[5], robot.upper[5]) == (endless.limits.lower[5], endless.limits.upper[5])
 
 
 def test_what_has_no_torques_is_refused(tmp_path: Path) -> None:
     bare = small_cell(tmp_path)
-    with pytest.raises(NoInertiaError, match="no moving link has an <inertial>"):
+    with pytest.raises(MissingInertiaError, match="no moving link has an <inertial>"):
         load_dynamics(bare)
     names = ("a1", "a2", "a3", "a4", "a5", "a7")
     with pytest.raises(InputError, match="'a7' is not a moving joint of the URDF; it has a1, a2"):

@@ -13,11 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_cell import real_cell, small_cell
 
-from machopt.domain.cell import Cell
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.cell import Cell
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.model.robot import load_chain, load_robot
-from machopt.se3 import inverse, rpy_matrix, transform
+from machopt.kinematics.robot import load_chain, load_robot
+from machopt.numerics.rigid_transforms import build_transform, compute_rpy_matrix, invert_transform
 
 CELLS = Path(__file__).resolve().parent.parent / "cells"
 SHIPPED = ("kr500_milling", "kr240_drilling", "irb6700_drilling", "s420f_handling", "cutting_cobot")
@@ -47,7 +47,7 @@ class Reference:
         for j, value in zip(self.ids, q, strict=True):
             x[self.model.idx_qs[j]] = value
         pin.framesForwardKinematics(self.model, self.data, x)
-        to_base = inverse(self.data.oMf[self.base].homogeneous)
+        to_base = invert_transform(self.data.oMf[self.base].homogeneous)
         T = to_base @ self.data.oMf[self.flange].homogeneous @ T_flange_tool
         J = pin.computeFrameJacobian(self.model, self.data, x, self.flange, pin.LOCAL_WORLD_ALIGNED)[:, self.columns]
         R = to_base[:3, :3]
@@ -66,8 +66,8 @@ def test_pose_and_jacobian_are_pinocchios(name: str, tmp_path: Path) -> None:
     cell = cell_named(name, tmp_path)
     robot, reference, tool = load_robot(cell), Reference(cell), cell.tool.T_flange_tcp
     q = configurations(cell, 60)
-    T, J = robot.fk_jacobian(q, tool)
-    links = robot.link_poses(q)
+    T, J = robot.compute_fk_jacobian(q, tool)
+    links = robot.compute_link_poses(q)
     zero = reference.at(np.zeros(6), tool)[2]
     for i, qi in enumerate(q):
         T_ref, J_ref, links_ref = reference.at(qi, tool)
@@ -75,8 +75,8 @@ def test_pose_and_jacobian_are_pinocchios(name: str, tmp_path: Path) -> None:
         np.testing.assert_allclose(J[i], J_ref, atol=EXACT)
         np.testing.assert_allclose(links[i, 1:] @ zero, links_ref, atol=EXACT)
     np.testing.assert_array_equal(links[:, 0], np.broadcast_to(np.eye(4), (60, 4, 4)))
-    np.testing.assert_allclose(robot.fk(q, tool), T, atol=EXACT)
-    np.testing.assert_allclose(robot.fk(q) @ tool, T, atol=EXACT)
+    np.testing.assert_allclose(robot.compute_fk(q, tool), T, atol=EXACT)
+    np.testing.assert_allclose(robot.compute_fk(q) @ tool, T, atol=EXACT)
 
 
 @pytest.mark.parametrize("name", SHIPPED)
@@ -84,12 +84,12 @@ def test_jacobian_is_the_derivative_of_the_pose(name: str, tmp_path: Path) -> No
     cell = cell_named(name, tmp_path)
     robot, tool = load_robot(cell), cell.tool.T_flange_tcp
     q = configurations(cell, 20, 1)
-    T, J = robot.fk_jacobian(q, tool)
+    T, J = robot.compute_fk_jacobian(q, tool)
     h = 1e-5  # rad; truncation h²·reach ≈ 3e-10, rounding 1e-16/h·reach ≈ 3e-11
     for i in range(6):
         step = np.zeros(6)
         step[i] = h
-        dT = (robot.fk(q + step, tool) - robot.fk(q - step, tool)) / (2 * h)
+        dT = (robot.compute_fk(q + step, tool) - robot.compute_fk(q - step, tool)) / (2 * h)
         np.testing.assert_allclose(J[:, :3, i], dT[:, :3, 3], atol=3e-9)
         spin = dT[:, :3, :3] @ np.swapaxes(T[:, :3, :3], 1, 2)
         omega = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
@@ -99,15 +99,15 @@ def test_jacobian_is_the_derivative_of_the_pose(name: str, tmp_path: Path) -> No
 def test_leading_dimensions_do_not_matter(tmp_path: Path) -> None:
     robot = load_robot(small_cell(tmp_path))
     q = np.random.default_rng(2).uniform(-1, 1, (2, 3, 6))
-    T, J = robot.fk_jacobian(q)
+    T, J = robot.compute_fk_jacobian(q)
     assert T.shape == (2, 3, 4, 4)
     assert J.shape == (2, 3, 6, 6)
-    assert robot.link_poses(q).shape == (2, 3, 7, 4, 4)
+    assert robot.compute_link_poses(q).shape == (2, 3, 7, 4, 4)
     for index in np.ndindex(2, 3):
-        one_T, one_J = robot.fk_jacobian(q[index])
+        one_T, one_J = robot.compute_fk_jacobian(q[index])
         np.testing.assert_allclose(T[index], one_T, atol=EXACT)
         np.testing.assert_allclose(J[index], one_J, atol=EXACT)
-    assert robot.fk(np.zeros((0, 6))).shape == (0, 4, 4)
+    assert robot.compute_fk(np.zeros((0, 6))).shape == (0, 4, 4)
 
 
 vector = st.lists(st.floats(-1.0, 1.0).map(lambda x: round(x, 3)), min_size=3, max_size=3)
@@ -139,8 +139,10 @@ def test_any_urdf_chain_is_read_as_it_stands(tmp_path_factory: pytest.TempPathFa
     for (xyz, rpy, axis), angle in zip(joints, [*q, 0.0], strict=True):  # by hand, without pinocchio
         n = np.array(axis) / np.linalg.norm(axis)
         turn = pin.AngleAxis(angle, n).toRotationMatrix()
-        T = T @ transform(rpy_matrix(np.array(rpy)), np.array(xyz)) @ transform(turn, np.zeros(3))
-    np.testing.assert_allclose(load_robot(cell).fk(np.array(q)), T, atol=1e-9)  # the URDF's numbers are decimals
+        T = T @ build_transform(compute_rpy_matrix(np.array(rpy)), np.array(xyz)) @ build_transform(turn, np.zeros(3))
+    np.testing.assert_allclose(
+        load_robot(cell).compute_fk(np.array(q)), T, atol=1e-9
+    )  # the URDF's numbers are decimals
 
 
 def test_a_flange_off_the_arm_and_a_wrong_joint_are_refused(tmp_path: Path) -> None:
@@ -162,7 +164,7 @@ def test_collision_bodies_follow_their_links(tmp_path: Path) -> None:
     placed = pin.GeometryData(geometry)
     q = configurations(cell, 1, 3)[0]
     pin.updateGeometryPlacements(model, model.createData(), geometry, placed, q)
-    poses = robot.link_poses(q)
+    poses = robot.compute_link_poses(q)
     assert [s.link for s in shapes] == list(range(7))
     by_name = {g.name: placed.oMg[i].homogeneous for i, g in enumerate(geometry.geometryObjects)}
     for s in shapes:

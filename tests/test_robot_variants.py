@@ -12,16 +12,16 @@ import pytest
 import trimesh
 from small_cell import urdf_text
 
-from machopt.cells.asked import InitRequest
-from machopt.cells.told import InitOutcome
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.urdf import read_robot
+from machopt.cell_setup.template.init_request import InitRequest
+from machopt.cell_setup.template.init_result import InitResult
 from machopt.cli import main
+from machopt.commands.init import run_init
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.urdf import read_robot
-from machopt.model.robot import load_chain, load_robot
-from machopt.services.newcell import run_init
-from machopt.verify.arm import Arm
-from machopt.verify.bodies import all_bodies
+from machopt.kinematics.robot import load_chain, load_robot
+from machopt.verification.motion.collision.bodies import build_bodies
+from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
 PLACE = (1500.0, 0.0, 600.0)
 BOX = '<collision><geometry><box size="0.3 0.1 0.1"/></geometry></collision>'
@@ -29,7 +29,7 @@ MASS = '<inertial><mass value="40"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz
 LIMIT = '<limit lower="-2" upper="2" velocity="3" effort="1"/>'
 
 
-def made(text: str, folder: Path, **options: object) -> InitOutcome:
+def made(text: str, folder: Path, **options: object) -> InitResult:
     file = folder / "arm.urdf"
     file.write_text(text)
     return run_init(InitRequest(robot=file, out=folder / "cell", workpiece_mm=PLACE, **options))  # type: ignore[arg-type]
@@ -84,12 +84,14 @@ def test_a_joint_outside_of_the_chain_is_left_out_and_said(name: str, tmp_path: 
     assert bool(said) == bool(bodies or "<mass" in SIDE[name])
     robot, shapes = load_chain(cell)
     assert len(shapes) == 7
-    assert sum(b.kind == "link" for b in all_bodies(cell, Arm(cell))) == 7
+    assert sum(b.kind == "link" for b in build_bodies(cell, UrdfKinematics(cell))) == 7
     plain = tmp_path / "plain"
     plain.mkdir()
     q = np.linspace(-1.0, 1.0, 6)
-    np.testing.assert_allclose(robot.fk(q), load_robot(made(urdf_text(), plain).cell).fk(q), atol=1e-12)
-    np.testing.assert_allclose(Arm(cell).stance(q[None]).flange[0], robot.fk(q), atol=1e-12)
+    np.testing.assert_allclose(robot.compute_fk(q), load_robot(made(urdf_text(), plain).cell).compute_fk(q), atol=1e-12)
+    np.testing.assert_allclose(
+        UrdfKinematics(cell).compute_configuration(q[None]).flange[0], robot.compute_fk(q), atol=1e-12
+    )
 
 
 def test_a_coupled_wrist_is_refused_without_an_advice_that_does_not_work(tmp_path: Path) -> None:
@@ -243,7 +245,7 @@ def test_an_argument_without_a_value_is_named_and_given(tmp_path: Path, capsys: 
     assert json.loads(capsys.readouterr().out)["collision_bodies"] == 7
     out = tmp_path / "cell"
     assert main(["init", str(file), "-o", str(out), "--xacro-arg", "reach=1.15"]) == 0
-    assert load_robot(load_cell(out)).fk(np.zeros(6))[0, 3] > 1.0  # the expanded robot needs no arguments
+    assert load_robot(load_cell(out)).compute_fk(np.zeros(6))[0, 3] > 1.0  # the expanded robot needs no arguments
     capsys.readouterr()
     assert main(["inspect", str(file), "--xacro-arg", "raech=1", "--xacro-arg", "reach=1"]) == 2
     assert "raech" in capsys.readouterr().err

@@ -20,18 +20,18 @@ from test_live_pages import ASSETS, in_browser
 from test_machine import by_pinocchio
 from test_map_page import made_up as made_up_map
 
-from machopt.domain.cell import Cell
-from machopt.model.robot import load_chain
-from machopt.report.data import Check, FeedDip
-from machopt.report.decimate import decimated
-from machopt.report.gather.scene import bodies_of, scene_of
-from machopt.report.map_data import MapScene
-from machopt.report.map_page import map_page_html
-from machopt.report.page import report_html
-from machopt.report.scene import Body, Postures, Vectors
-from machopt.report.scene_spec import bodies_within, levels, posture_view, scene_spec
-from machopt.report.shell import POSTURE, page_html, section
-from machopt.report.template import fragment
+from machopt.data_types.cell import Cell
+from machopt.kinematics.robot import load_chain
+from machopt.report.charts.scene_json import build_posture_view, build_scene_spec, pack_joint_levels, reduce_bodies
+from machopt.report.page_data.machine_scene import build_bodies, build_machine_scene
+from machopt.report.page_shell import POSTURE_SCRIPTS, build_page_html, build_section
+from machopt.report.page_types.map_page_data import MapScene
+from machopt.report.page_types.optimize_report import CheckRow, FeedDipRow
+from machopt.report.pages.map_page import build_map_html
+from machopt.report.pages.optimize.optimize_page import build_report_html
+from machopt.report.scene.mesh_decimation import decimate_mesh
+from machopt.report.scene.scene_types import PostureVectors, SceneBody, ScenePostures
+from machopt.report.template_rendering import render_macro
 
 Q = np.random.default_rng(3).uniform(-2.5, 2.5, (20, 6))
 
@@ -47,7 +47,7 @@ def ball(rings: int) -> tuple[np.ndarray, np.ndarray]:
 
 def test_fewer_triangles_keep_the_shape() -> None:
     vertices, faces = ball(80)
-    less, kept = decimated(vertices, faces, 2000)
+    less, kept = decimate_mesh(vertices, faces, 2000)
     assert 500 < len(kept) <= 2000
     radius = np.linalg.norm(less, axis=1)
     assert radius.min() > 0.93  # a cell of the grid is 0.09 wide
@@ -55,17 +55,17 @@ def test_fewer_triangles_keep_the_shape() -> None:
     corners = less[kept]
     volume = float(np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum()) / 6
     assert abs(volume) == pytest.approx(4 / 3 * np.pi, rel=0.05)  # no hole, no face turned over
-    same = decimated(vertices, faces, len(faces))
+    same = decimate_mesh(vertices, faces, len(faces))
     assert same[0] is vertices
 
 
 def test_the_bodies_share_one_budget() -> None:
     big, small = ball(90), ball(8)
     bodies = tuple(
-        Body(name=name, kind="link", joint=0, vertices=mesh[0], faces=mesh[1])
+        SceneBody(name=name, kind="link", joint=0, vertices=mesh[0], faces=mesh[1])
         for name, mesh in (("big", big), ("small", small))
     )
-    shown = bodies_within(bodies, 3000)
+    shown = reduce_bodies(bodies, 3000)
     assert sum(len(b.faces) for b in shown) <= 3000
     assert len(shown[1].faces) == len(small[1])  # the little one is left alone
 
@@ -73,7 +73,7 @@ def test_the_bodies_share_one_budget() -> None:
 def test_joint_values_come_back_from_their_levels() -> None:
     q = Q.copy()
     q[3] = np.nan
-    spec = levels(q)
+    spec = pack_joint_levels(q)
     level = np.frombuffer(base64.b64decode(spec["data"]), "<u2").reshape(q.shape)
     back = np.where(level == 65535, np.nan, np.array(spec["low"]) + level * np.array(spec["step"]))
     np.testing.assert_allclose(back, q, atol=5.0 / 65534, rtol=0)
@@ -81,14 +81,14 @@ def test_joint_values_come_back_from_their_levels() -> None:
 
 def test_a_page_with_the_picture_is_small_and_names_its_library(tmp_path: Path) -> None:
     data, _ = with_view(small_cell(tmp_path), points=5000, samples=60_000)
-    html = report_html(data)
+    html = build_report_html(data)
     assert len(html.encode()) < 12_000_000
     places = set(re.findall(r"https?://[^\"'\s)]*", html))
     assert places == {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xhtml"}  # names of languages, not places
     assert html.count("var THREE=") == 1
     assert "Copyright © 2010-2026 three.js authors" in html
     assert len((ASSETS / "three" / "three.min.js").read_bytes()) < 700_000
-    without = report_html(replace(data, view=None))
+    without = build_report_html(replace(data, view=None))
     assert "THREE" not in without
     assert "data-point" not in without
 
@@ -105,9 +105,9 @@ def test_the_page_stands_the_arm_where_pinocchio_does(kind: str, tmp_path: Path)
     data, robot = with_view(cell)
     assert (robot.coupling is not None) == (kind == "linkage")
     assert data.view is not None
-    assert scene_spec(data.view.scene)["joints"][1]["unit"] == "°"
+    assert build_scene_spec(data.view.scene)["joints"][1]["unit"] == "°"
     x = np.random.default_rng(3).uniform(-1.0, 1.0, (8, 6 + len(cell.external_joints)))
-    found = in_browser(report_html(data), "kinematics", tmp_path, {"q": x.tolist()})
+    found = in_browser(build_report_html(data), "kinematics", tmp_path, {"q": x.tolist()})
     assert found["failed"] == []
     model = pin.buildModelFromXML(cell.urdf_text)
     work = model.createData()
@@ -120,7 +120,7 @@ def test_the_page_stands_the_arm_where_pinocchio_does(kind: str, tmp_path: Path)
         pin.framesForwardKinematics(model, work, full(model, q, cell.mimics))
         tool = work.oMf[flange].homogeneous @ cell.tool.T_flange_tcp
         np.testing.assert_allclose(T, np.linalg.inv(cell.workpiece.T_link_workpiece) @ tool, atol=1e-9)
-        J = robot.fk_jacobian(q, cell.tool.T_flange_tcp)[1][:3]  # held against pinocchio in test_robot.py
+        J = robot.compute_fk_jacobian(q, cell.tool.T_flange_tcp)[1][:3]  # held against pinocchio in test_robot.py
         np.testing.assert_allclose(np.reshape(found["compliance"][n], (3, 3)), J @ J.T / 1e6, atol=1e-12)
         np.testing.assert_allclose(found["eigenvalues"][n], np.linalg.eigvalsh(J @ J.T / 1e6)[::-1], atol=1e-12)
 
@@ -128,7 +128,7 @@ def test_the_page_stands_the_arm_where_pinocchio_does(kind: str, tmp_path: Path)
 @pytest.mark.slow
 def test_slider_map_curves_and_tables_move_one_robot(tmp_path: Path) -> None:
     data, _ = with_view(small_cell(tmp_path))
-    found = in_browser(report_html(data), "view", tmp_path)
+    found = in_browser(build_report_html(data), "view", tmp_path)
     assert found["failed"] == []
     assert found["asked"] == 0  # of the network or of other files
     assert found["colours"] > 200
@@ -154,7 +154,7 @@ def test_slider_map_curves_and_tables_move_one_robot(tmp_path: Path) -> None:
 def test_the_map_is_walked_by_keys_and_enter_sends_the_robot_there(tmp_path: Path) -> None:
     data, _ = with_view(small_cell(tmp_path))
     page = tmp_path / "page.html"
-    page.write_text(report_html(data), encoding="utf-8")
+    page.write_text(build_report_html(data), encoding="utf-8")
     over = "document.querySelector('.u-over[role=application]')"
     with Browser() as browser:
         browser.open(page)
@@ -185,7 +185,7 @@ def test_without_webgl_the_page_says_so_and_goes_on(tmp_path: Path) -> None:
         "<script>const given = HTMLCanvasElement.prototype.getContext; HTMLCanvasElement.prototype.getContext = "
         "function (kind, ...more) { return kind[0] === 'w' ? null : given.call(this, kind, ...more); };</script>"
     )
-    found = in_browser(report_html(data).replace("<head>", "<head>" + blind), "blind", tmp_path)
+    found = in_browser(build_report_html(data).replace("<head>", "<head>" + blind), "blind", tmp_path)
     assert found["failed"] == []
     assert "no WebGL" in found["said"]
     assert "not the chosen one" in found["told"]
@@ -195,14 +195,14 @@ def test_without_webgl_the_page_says_so_and_goes_on(tmp_path: Path) -> None:
 def test_a_report_is_three_sheets_of_paper(tmp_path: Path) -> None:
     """With eighty checks, as plans have them: what failed is printed, of what passed the first."""
     data, _ = with_view(small_cell(tmp_path))
-    data = replace(data, checks=tuple(Check(f"check {n}", n != 70, "0.1 mm", "1 mm", "point 3") for n in range(80)))
+    data = replace(data, checks=tuple(CheckRow(f"check {n}", n != 70, "0.1 mm", "1 mm", "point 3") for n in range(80)))
     dips = tuple(
-        FeedDip(point=1.0, s=0.1, time=t, duration=0.2, feed_programmed=0.05, feed_lowest=0.01, cause="axis 5 jerk")
+        FeedDipRow(point=1.0, s=0.1, time=t, duration=0.2, feed_programmed=0.05, feed_lowest=0.01, cause="axis 5 jerk")
         for t in np.linspace(0.0, 1.0, 40)
     )
     data = replace(data, dips=dips, motion=full_result().motion)
     page = tmp_path / "page.html"
-    page.write_text(report_html(data), encoding="utf-8")
+    page.write_text(build_report_html(data), encoding="utf-8")
     with Browser() as browser:
         browser.open(page)
         browser.page.emulate_media(media="print")
@@ -217,16 +217,16 @@ def test_postures_are_stepped_through_with_their_vectors(tmp_path: Path) -> None
     cell = small_cell(tmp_path)
     robot, shapes = load_chain(cell)
     force = np.tile([100.0, 0.0, 0.0], (4, 1))
-    postures = Postures(
+    postures = ScenePostures(
         q=Q[:4],
         label="Pose",
         names=("one", "two", "three", "four"),
         words=((("Load", "first"),), (("Load", "second"),), (("Load", "<third>"),), (("Load", "fourth"),)),
-        vectors=(Vectors("force", "#d61f69", force),),
+        vectors=(PostureVectors("force", "#d61f69", force),),
     )
-    view = posture_view("Poses", scene_of(cell, robot, bodies_of(cell, robot, shapes)), postures)
-    body = section("poses", "Poses", "", fragment("report.html", "view"))
-    html = page_html("Poses", (), [("poses", "Poses", body)], {"view": view}, scripts=POSTURE, footer="")
+    view = build_posture_view("Poses", build_machine_scene(cell, robot, build_bodies(cell, robot, shapes)), postures)
+    body = build_section("poses", "Poses", "", render_macro("report.html", "view"))
+    html = build_page_html("Poses", (), [("poses", "Poses", body)], {"view": view}, scripts=POSTURE_SCRIPTS, footer="")
     found = in_browser(html, "posture", tmp_path)
     assert found["failed"] == []
     assert found["colours"] > 100
@@ -241,8 +241,8 @@ def test_postures_are_stepped_through_with_their_vectors(tmp_path: Path) -> None
 def test_the_arm_stands_at_the_place_of_the_map_that_is_clicked(kind: str, tmp_path: Path) -> None:
     cell = external_cell(tmp_path, rail=True, table=True, tilt=False)
     robot, shapes = load_chain(cell)
-    space = MapScene(scene_of(cell, robot, bodies_of(cell, robot, shapes)), np.eye(4), cell.external_home)
-    html = map_page_html(made_up_map(kind, space=space))
+    space = MapScene(build_machine_scene(cell, robot, build_bodies(cell, robot, shapes)), np.eye(4), cell.external_home)
+    html = build_map_html(made_up_map(kind, space=space))
     assert html.count("var THREE=") == 1
     found = in_browser(html, "mapstand", tmp_path)
     assert found["failed"] == []

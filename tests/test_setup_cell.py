@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from test_cells import ROOT, script
 
-from machopt.domain.options import PlanOptions, ProcessForce
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.tool_selection import select_job_tools, split_into_tool_segments
+from machopt.cell.work_offsets import place_toolpath
+from machopt.commands.optimize.request import OptimizeRequest
+from machopt.commands.optimize.run import run_optimize
+from machopt.data_types.plan_options import PlanOptions, ProcessForce
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.setups import placed
-from machopt.formats.toolchoice import stints_of, with_tools
-from machopt.formats.toolpath import read_toolpath
-from machopt.plan.job.run import plan_job
-from machopt.plan.pipeline.setup import Timings
-from machopt.services.load import OptimizeRequest
-from machopt.services.run import optimize
+from machopt.planning.job.job_planner import plan_job
+from machopt.planning.pipeline.planning_setup import StageTimings
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 CELL, FILE = ROOT / "cells" / "kr240_setups", ROOT / "toolpaths" / "two_plates.nc"
 POSTS = ("krl", "rapid", "fanuc_joint", "urscript", "val3", "csv")
@@ -40,15 +40,15 @@ def test_without_the_cell_the_file_is_told_what_is_missing() -> None:
 def test_it_is_planned_tool_after_tool(tmp_path: Path) -> None:
     cell = load_cell(CELL)
     assert cell.warnings == ()
-    path = placed(read_toolpath(FILE, cell_offsets=tuple(cell.offsets)), cell)
-    cell = with_tools(cell, path)
-    stints = stints_of(cell, path)
+    path = place_toolpath(read_toolpath(FILE, cell_offsets=tuple(cell.offsets)), cell)
+    cell = select_job_tools(cell, path)
+    stints = split_into_tool_segments(cell, path)
     assert [(s.tool, s.cell.controller.tool_number) for s in stints] == [("1", 1), ("2", 2), ("3", 3), ("2", 2)]
     assert np.allclose(path.axis[stints[3].first :], [-1, 0, 0])
     slot = path.position[stints[3].first :][path.cutting[stints[3].first :], 0]  # into the face towards the robot
     np.testing.assert_allclose([slot.min(), slot.max()], [-0.02, -0.017], atol=1e-9)
     options = PlanOptions(collision=False, rotation_step=np.radians(60.0), force=ProcessForce(axial=100.0), sample=0.1)
-    done = plan_job(stints, path, options, Timings())
+    done = plan_job(stints, path, options, StageTimings())
     assert done.timeline is not None
     assert done.timeline.trajectory is not None
     assert not len(done.plan.missing)
@@ -58,7 +58,7 @@ def test_it_is_planned_tool_after_tool(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_whole_command(tmp_path: Path) -> None:
     """One program a tool, read back; contacts with the bodies of the tool that is on and both setups' fixtures."""
-    done = optimize(OptimizeRequest(cell=CELL, toolpath=FILE, out=tmp_path / "out", posts=POSTS))
+    done = run_optimize(OptimizeRequest(cell=CELL, toolpath=FILE, out=tmp_path / "out", posts=POSTS))
     assert done.exit_code == 0
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert [t["tool"] for t in result["tools"]] == ["1", "2", "3", "2"]

@@ -10,12 +10,12 @@ import pytest
 from small_cell import small_cell
 from test_cell_format import change, expect, folder, refusal  # noqa: F401 the fixture
 
-from machopt.domain.cell import Cell
-from machopt.domain.toolpath import Move, Toolpath
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.work_offsets import place_toolpath
+from machopt.data_types.cell import Cell
+from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.setups import placed
-from machopt.formats.toolpath import read_toolpath
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 HEAD = "x_mm,y_mm,z_mm,i,j,k,rx,ry,rz,move,feed_mm_min,offset\n"
 G55 = np.array([[1, 0, 0, 0.1], [0, 0, -1, 0.2], [0, 1, 0, 0.0], [0, 0, 0, 1.0]])  # 90° about x
@@ -30,7 +30,7 @@ def cell(tmp_path: Path) -> Cell:
 
 def read(tmp_path: Path, text: str, cell: Cell, name: str = "path.csv") -> Toolpath:
     (tmp_path / name).write_text(text)
-    return placed(read_toolpath(tmp_path / name, cell_offsets=tuple(cell.offsets)), cell)
+    return place_toolpath(read_toolpath(tmp_path / name, cell_offsets=tuple(cell.offsets)), cell)
 
 
 def test_a_column_of_offsets_is_modal_and_turns_axes_too(tmp_path: Path, cell: Cell) -> None:
@@ -43,19 +43,19 @@ def test_a_column_of_offsets_is_modal_and_turns_axes_too(tmp_path: Path, cell: C
     np.testing.assert_allclose(path.reference[[2, 4]], [[1, 0, 0], [0, 0, 1]])
     assert path.offsets == ()
     assert path.meta["work_offsets"] == "G54, G55"
-    assert placed(path, cell) is path
+    assert place_toolpath(path, cell) is path
     told = "no work offset: they count in workpiece, not in one of the cell's (G54, G55)"
     assert path.warnings[-1] == f"points 0 to 0 name {told}"
     bare = read(tmp_path, HEAD.replace(",offset", "") + "0,0,0,0,0,1,1,0,0,cut,600\n5,0,0,0,0,1,1,0,0,cut,600\n", cell)
     assert bare.warnings[-1] == f"all points name {told}"
-    assert placed(bare, cell) is bare
+    assert place_toolpath(bare, cell) is bare
 
 
 def test_offsets_of_g_code_are_the_cells(tmp_path: Path, cell: Cell) -> None:
     first = "G21 G90 G17\nG54\nT1 M6\nG0 X0 Y0\nG0 Z5\nG1 Z0 F600\nG1 X10\nG0 Z50\n"
     code = f"{first}G55\nG0 X10 Y0\nZ5\nG1 Z-1 F300\nX20\nG0 Z50\nM30\n"
     path = read(tmp_path, code, cell, "part.nc")
-    cut = path.position[path.move == Move.CUT]
+    cut = path.position[path.move == MoveKind.CUT]
     np.testing.assert_allclose(cut[:2], [[0, -0.1, 0], [0.01, -0.1, 0]], atol=1e-15)
     np.testing.assert_allclose(cut[2:], [[0.11, 0.201, 0], [0.12, 0.201, 0]], atol=1e-15)
     np.testing.assert_allclose(path.axis[-1], [0, -1, 0])

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from small_jobs import CELLS, ROOT, UP, Row, axis_corner, random_job, somewhere_on, write_job
 
-from machopt.services.load import OptimizeRequest
-from machopt.services.run import optimize
+from machopt.commands.optimize.request import OptimizeRequest
+from machopt.commands.optimize.run import run_optimize
 
 POSTS = ("krl", "rapid", "urscript", "val3", "jbi", "fanuc_joint", "ros", "csv")
 OF_RAILS = ("krl", "rapid", "jbi", "csv")  # posts that take external axes along
@@ -20,7 +20,7 @@ def run(cell: str, toolpath: Path, out: Path, rng: np.random.Generator) -> int:
     posts = rng.choice(OF_RAILS if CELLS[cell] in ("beam_passes.csv", "drum_holes.csv") else POSTS, 2, replace=False)
     options = ["force_N={normal: 100, axial: 50}"] if rng.random() < 0.5 else []
     options.append(f"sample_ms={rng.choice([4, 8, 12, 24, 50, 90])}")
-    return optimize(
+    return run_optimize(
         OptimizeRequest(
             cell=ROOT / "cells" / cell,
             toolpath=toolpath,
@@ -72,7 +72,7 @@ def corner_job(number: int) -> list[Row]:
 def run_corner(cell: str, number: int, folder: Path) -> int:
     file = write_job(folder / "corner.csv", corner_job(number), np.array([0.0, 0.0, 30.0]), UP)
     request = OptimizeRequest(cell=ROOT / "cells" / cell, toolpath=file, out=folder / "out", posts=POSTS)
-    return optimize(request).exit_code
+    return run_optimize(request).exit_code
 
 
 @pytest.mark.slow

@@ -14,31 +14,50 @@ from test_external import long_slot
 from test_path import Rows, toolpath
 from test_pipeline import FREE, UP, K, pass_over_block
 
-from machopt.domain.options import ExternalAxis, ExternalMode, FixedRotation, PlanOptions, ProcessForce, Steer
-from machopt.domain.reason import Reason
-from machopt.domain.steering import inside, kept, refuse_narrow, said, steered
-from machopt.domain.stiffness import Stiffness
-from machopt.domain.toolpath import Move, Operation, Toolpath
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.data_types.plan_options import (
+    ExternalJointOptions,
+    ExternalMode,
+    FixedRotation,
+    PlanOptions,
+    ProcessForce,
+    SteeringRule,
+)
+from machopt.data_types.steering import (
+    format_steering_rule,
+    is_inside_zone,
+    list_constrained_points,
+    refuse_narrow_zones,
+    resolve_steering,
+)
+from machopt.data_types.stiffness import ArmStiffness
+from machopt.data_types.toolpath import MoveKind, Toolpath, ToolpathOperation
 from machopt.errors import InputError
-from machopt.formats.steering import SteerKeys, steer_as_user, steer_of
-from machopt.plan.best.base import best_plan
-from machopt.plan.certainty.certificate import certificate
-from machopt.plan.external.axes import axes_of
-from machopt.plan.external.groups import Group, groups_of
-from machopt.plan.job.conflict import minimal, undriven, whole, wishes_of, with_conflict
-from machopt.plan.motion.timeline import build_timeline
-from machopt.plan.pipeline.breaks import Break
-from machopt.plan.pipeline.planned import Plan
-from machopt.plan.pipeline.run import plan
-from machopt.plan.pipeline.setup import Timings
-from machopt.plan.stations.path import build_path
-from machopt.plan.written.explain import gamma, hints
-from machopt.verify.asked import check_asked
-from machopt.verify.check import Check
-from machopt.verify.table import Motion, Points
+from machopt.options.steering_schema import SteerKeys, format_steering, parse_steering
+from machopt.planning.external_axes.axis_modes import resolve_axis_options
+from machopt.planning.external_axes.operation_groups import OperationGroup, build_operation_groups
+from machopt.planning.external_axis_optimization.best_plan import find_best_plan
+from machopt.planning.job.constraint_conflicts import (
+    add_constraint_conflict,
+    add_undrivable_conflict,
+    find_minimal_conflict,
+    is_complete,
+    list_constraints,
+)
+from machopt.planning.motion.trajectory_builder import build_timeline
+from machopt.planning.optimality_certificate import compute_certificate
+from machopt.planning.pipeline.path_planner import plan_path
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import StageTimings
+from machopt.planning.pipeline.sequence_breaks import SequenceBreak
+from machopt.planning.plan_output.infeasibility_reasons import compute_gamma, list_hints
+from machopt.planning.stations.planning_path import build_planning_path
+from machopt.verification.checks import VerificationCheck
+from machopt.verification.motion.checks.requested_choices import check_requested_choices
+from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints
 
 EXACT = 1e-5  # rad; the solver's tolerance
-C, R, A = Move.CUT, Move.RAPID, Move.APPROACH
+C, R, A = MoveKind.CUT, MoveKind.RAPID, MoveKind.APPROACH
 
 
 def deg(value: float) -> float:
@@ -46,13 +65,13 @@ def deg(value: float) -> float:
 
 
 def job(folder: Path, before: Plan | None = None, **wishes: object) -> Plan:
-    cell = small_cell(folder, stiffness=Stiffness(joints=K))
-    return plan(cell, toolpath(pass_over_block()), replace(FREE, **wishes), before=before)
+    cell = small_cell(folder, stiffness=ArmStiffness(joints=K))
+    return plan_path(cell, toolpath(pass_over_block()), replace(FREE, **wishes), before=before)
 
 
 def at_points(p: Plan) -> np.ndarray:
     """γ in degrees at the toolpath's points."""
-    return np.degrees(gamma(p)[p.path.is_point])
+    return np.degrees(compute_gamma(p)[p.path.is_point])
 
 
 def two_operations() -> Toolpath:
@@ -60,74 +79,80 @@ def two_operations() -> Toolpath:
     rows: Rows = [((0.0, 0.0, 0.1), UP, R), ((0.0, 0.0, 0.02), UP, A)]
     rows += [((0.01 * k, 0.0, 0.0), UP, C) for k in range(3)]
     rows += [((0.0, 0.05, 0.1), UP, R), ((0.0, 0.05, 0.0), UP, C), ((0.01, 0.05, 0.0), UP, C)]
-    labelled = (Operation("a", "trajectory"), Operation("b", "trajectory"))
+    labelled = (ToolpathOperation("a", "trajectory"), ToolpathOperation("b", "trajectory"))
     return replace(toolpath(rows), operations=labelled, operation=np.array([0, 0, 0, 0, 0, 1, 1, 1], np.int32))
 
 
 def test_wishes_are_laid_down_at_points() -> None:
     wishes = (
-        Steer(operation="a", gamma=0.5),
-        Steer(operation="b", forbid=(0.0, 1.0)),
-        Steer(points=(6, 7), branch=2),
-        Steer(prefer=0.25),
+        SteeringRule(operation="a", gamma=0.5),
+        SteeringRule(operation="b", forbid=(0.0, 1.0)),
+        SteeringRule(points=(6, 7), branch=2),
+        SteeringRule(prefer=0.25),
     )
-    laid = steered(PlanOptions(fixed=(FixedRotation(3, 0.7),), steer=wishes), two_operations())
+    laid = resolve_steering(PlanOptions(fixed=(FixedRotation(3, 0.7),), steer=wishes), two_operations())
     assert laid.fixed == (FixedRotation(3, 0.7), FixedRotation(2, 0.5), FixedRotation(4, 0.5))  # the point's own first
     b = (6, 7)
     assert laid.steer == (
-        Steer(points=b, forbid=(0.0, 1.0)),
-        Steer(points=b, branch=2),
-        Steer(points=(0, 7), prefer=0.25),
+        SteeringRule(points=b, forbid=(0.0, 1.0)),
+        SteeringRule(points=b, branch=2),
+        SteeringRule(points=(0, 7), prefer=0.25),
     )
-    assert steered(laid, two_operations()) == laid
-    assert kept(laid) == (3, 2, 4, 6, 7)
-    assert steered(PlanOptions(), two_operations()) == PlanOptions()
+    assert resolve_steering(laid, two_operations()) == laid
+    assert list_constrained_points(laid) == (3, 2, 4, 6, 7)
+    assert resolve_steering(PlanOptions(), two_operations()) == PlanOptions()
 
 
 @pytest.mark.parametrize(
     ("wish", "parts"),
     [
-        ((Steer(operation="aa", gamma=0.1),), ["'aa' is no operation", "valid: ", "steer[0].operation"]),
-        ((Steer(points=(2, 8), gamma=0.1),), ["points 2 to 8", "points 0 to 7", "steer[0].points"]),
-        ((Steer(operation="a", gamma=0.1), Steer(points=(3, 3), gamma=deg(20))), ["point 3", "'a'", "20°", "fixed"]),
+        ((SteeringRule(operation="aa", gamma=0.1),), ["'aa' is no operation", "valid: ", "steer[0].operation"]),
+        ((SteeringRule(points=(2, 8), gamma=0.1),), ["points 2 to 8", "points 0 to 7", "steer[0].points"]),
+        (
+            (SteeringRule(operation="a", gamma=0.1), SteeringRule(points=(3, 3), gamma=deg(20))),
+            ["point 3", "'a'", "20°", "fixed"],
+        ),
     ],
 )
-def test_wishes_that_no_plan_could_keep_are_refused(wish: tuple[Steer, ...], parts: list[str]) -> None:
+def test_wishes_that_no_plan_could_keep_are_refused(wish: tuple[SteeringRule, ...], parts: list[str]) -> None:
     with pytest.raises(InputError) as caught:
-        steered(PlanOptions(steer=wish), two_operations())
+        resolve_steering(PlanOptions(steer=wish), two_operations())
     assert all(part in str(caught.value) for part in parts)
 
 
 def test_a_zone_between_two_rotations_of_the_grid_is_refused() -> None:
-    refuse_narrow(PlanOptions(steer=(Steer(forbid=(deg(177), deg(-178))),)))  # 5° through 180°
+    refuse_narrow_zones(PlanOptions(steer=(SteeringRule(forbid=(deg(177), deg(-178))),)))  # 5° through 180°
     with pytest.raises(InputError, match=r"narrower than rotation_step_deg \(5\)"):
-        refuse_narrow(PlanOptions(steer=(Steer(forbid=(deg(1), deg(4))),)))
+        refuse_narrow_zones(PlanOptions(steer=(SteeringRule(forbid=(deg(1), deg(4))),)))
 
 
 def test_a_pin_beyond_the_range_of_rotations_is_refused_and_half_a_turn_is_one_rotation_with_two_names() -> None:
-    options = PlanOptions(rotation_range=(deg(0), deg(180)), steer=(Steer(points=(1, 2), gamma=deg(-180)),))
-    refuse_narrow(options)
-    for beyond in ({"fixed": (FixedRotation(3, deg(-10)),)}, {"steer": (Steer(operation="a", gamma=deg(-10)),)}):
+    options = PlanOptions(rotation_range=(deg(0), deg(180)), steer=(SteeringRule(points=(1, 2), gamma=deg(-180)),))
+    refuse_narrow_zones(options)
+    for beyond in ({"fixed": (FixedRotation(3, deg(-10)),)}, {"steer": (SteeringRule(operation="a", gamma=deg(-10)),)}):
         with pytest.raises(InputError, match=r"-10° .*is beyond rotation_range_deg \[0°, 180°\]"):
-            refuse_narrow(replace(options, **beyond))
-    both = (Steer(operation="a", gamma=deg(180)), Steer(points=(0, 1), gamma=deg(-180)))
-    assert len(steered(PlanOptions(steer=both), two_operations()).fixed) > 1
+            refuse_narrow_zones(replace(options, **beyond))
+    both = (SteeringRule(operation="a", gamma=deg(180)), SteeringRule(points=(0, 1), gamma=deg(-180)))
+    assert len(resolve_steering(PlanOptions(steer=both), two_operations()).fixed) > 1
 
 
 def test_a_zone_may_lead_through_half_a_turn_and_its_ends_are_allowed() -> None:
     zone = (deg(170), deg(-170))
-    assert inside(np.radians([180.0, -175.0, 170.0, -170.0, 0.0, 169.0]), zone).tolist() == [True, True] + [False] * 4
+    assert (
+        is_inside_zone(np.radians([180.0, -175.0, 170.0, -170.0, 0.0, 169.0]), zone).tolist()
+        == [True, True] + [False] * 4
+    )
 
 
 def test_pins_are_met_exactly_and_the_rest_stays_free(tmp_path: Path) -> None:
     free = job(tmp_path)
-    pinned = job(tmp_path, before=free, steer=(Steer(points=(4, 6), gamma=deg(71.3)),))
-    assert whole(pinned)
+    pinned = job(tmp_path, before=free, steer=(SteeringRule(points=(4, 6), gamma=deg(71.3)),))
+    assert is_complete(pinned)
     assert at_points(pinned)[4:7] == pytest.approx(71.3, abs=np.degrees(EXACT))
     assert abs(at_points(free)[5] - 71.3) > 5.0  # it was not there by itself
-    alone = job(tmp_path, steer=(Steer(points=(4, 6), gamma=deg(71.3)),))
+    alone = job(tmp_path, steer=(SteeringRule(points=(4, 6), gamma=deg(71.3)),))
     np.testing.assert_array_equal(alone.chosen.assignment.q, pinned.chosen.assignment.q)  # whatever was lent
-    told = certificate(pinned)
+    told = compute_certificate(pinned)
     assert told is not None
     assert told.bound <= told.sequence
     assert told.bound > 0.0
@@ -136,14 +161,14 @@ def test_pins_are_met_exactly_and_the_rest_stays_free(tmp_path: Path) -> None:
 def test_a_zone_is_kept_at_every_planning_point(tmp_path: Path) -> None:
     at = at_points(job(tmp_path))[5]
     zone = (deg(at - 32.0), deg(at + 18.0))
-    p = job(tmp_path, steer=(Steer(points=(3, 7), forbid=zone),))
+    p = job(tmp_path, steer=(SteeringRule(points=(3, 7), forbid=zone),))
     rows = (p.path.index >= 3) & (p.path.index <= 7)
-    assert whole(p)
-    assert not inside(gamma(p)[rows], (zone[0] + EXACT, zone[1] - EXACT)).any()
+    assert is_complete(p)
+    assert not is_inside_zone(compute_gamma(p)[rows], (zone[0] + EXACT, zone[1] - EXACT)).any()
 
 
 def test_a_preferred_rotation_of_some_points_draws_the_curve(tmp_path: Path) -> None:
-    p = job(tmp_path, steer=(Steer(points=(0, 9), prefer=deg(100), weight=50.0),))
+    p = job(tmp_path, steer=(SteeringRule(points=(0, 9), prefer=deg(100), weight=50.0),))
     assert at_points(p) == pytest.approx(100.0, abs=2.0)  # the index still has its say
     everywhere = job(tmp_path, preferred_rotation=deg(100), preferred_weight=50.0)
     np.testing.assert_array_equal(p.chosen.assignment.phi, everywhere.chosen.assignment.phi)
@@ -152,23 +177,23 @@ def test_a_preferred_rotation_of_some_points_draws_the_curve(tmp_path: Path) -> 
 def test_a_branch_is_kept(tmp_path: Path) -> None:
     taken = int(job(tmp_path).chosen.assignment.branch[3])
     other = next(b for b in (5, 4) if b != taken)
-    p = job(tmp_path, steer=(Steer(branch=other),))
-    assert whole(p)
+    p = job(tmp_path, steer=(SteeringRule(branch=other),))
+    assert is_complete(p)
     assert (p.chosen.assignment.branch == other).all()
     with pytest.raises(InputError, match=r"branch 77 at points 0 to 9: this arm has the branches 0 to 7"):
-        job(tmp_path, steer=(Steer(branch=77),))
-    never = job(tmp_path, steer=(Steer(branch=1),))  # the shoulder turned away reaches none of it
-    assert (never.chosen.assignment.reason != Reason.OK).all()
+        job(tmp_path, steer=(SteeringRule(branch=77),))
+    never = job(tmp_path, steer=(SteeringRule(branch=1),))  # the shoulder turned away reaches none of it
+    assert (never.chosen.assignment.reason != InfeasibilityReason.OK).all()
 
 
 def test_a_branch_without_a_lasting_number_is_refused(tmp_path: Path) -> None:
     """Axis 6 beside the wrist's centre: a general arm, whose solutions are counted anew at every pose."""
-    cell = small_cell(tmp_path, stiffness=Stiffness(joints=K))
+    cell = small_cell(tmp_path, stiffness=ArmStiffness(joints=K))
     beside = cell.urdf.read_text().replace('xyz="0.215 0.0 0.0"', 'xyz="0.215 0.0 0.02"')
     assert beside != cell.urdf.read_text()
     cell.urdf.write_text(beside)
     with pytest.raises(InputError, match=r"branch 2 at points 1 to 9: branches of this arm have no numbers that"):
-        plan(cell, toolpath(pass_over_block()), replace(FREE, steer=(Steer(operation="op", branch=2),)))
+        plan_path(cell, toolpath(pass_over_block()), replace(FREE, steer=(SteeringRule(operation="op", branch=2),)))
 
 
 def test_the_pins_that_cannot_be_kept_together_are_named(tmp_path: Path) -> None:
@@ -177,39 +202,39 @@ def test_the_pins_that_cannot_be_kept_together_are_named(tmp_path: Path) -> None
     pins = (FixedRotation(1, deg(20)), FixedRotation(4, deg(10)), FixedRotation(5, deg(-170)))
     options = replace(FREE, fixed=pins)
     p = job(tmp_path, fixed=pins)
-    assert not whole(p)
-    told = with_conflict(p, p.setup.cell, path, options, Timings())
+    assert not is_complete(p)
+    told = add_constraint_conflict(p, p.setup.cell, path, options, StageTimings())
     assert "the rotation 10° at point 4, the rotation -170° at point 5" in told.conflict
     assert "point 1" not in told.conflict
-    assert told.conflict in hints(told)
+    assert told.conflict in list_hints(told)
     held = replace(FREE, fixed=pins[:2])
-    assert whole(job(tmp_path, fixed=pins[:2]))
+    assert is_complete(job(tmp_path, fixed=pins[:2]))
     fine = job(tmp_path, fixed=pins[:2])
-    assert with_conflict(fine, p.setup.cell, path, held, Timings()) is fine
+    assert add_constraint_conflict(fine, p.setup.cell, path, held, StageTimings()) is fine
 
 
 def test_what_was_asked_beside_a_place_that_cannot_be_driven_is_told(tmp_path: Path) -> None:
     """The points are whole there, so nobody but the motion in time knows; wishes far away come last, three are told."""
     path = toolpath(pass_over_block())
     pins = (FixedRotation(0, deg(20)), FixedRotation(4, deg(20)), FixedRotation(5, deg(22)))
-    zone = Steer(points=(8, 9), forbid=(deg(100), deg(120)))
+    zone = SteeringRule(points=(8, 9), forbid=(deg(100), deg(120)))
     p = job(tmp_path, fixed=pins[:1])
-    stop = Break(before=4.25, after=4.25, code="no_pose", text="the pose cannot be reached", help="")
-    told = undriven(p, (stop,), path, replace(FREE, fixed=pins, steer=(zone,))).conflict
+    stop = SequenceBreak(before=4.25, after=4.25, code="no_pose", text="the pose cannot be reached", help="")
+    told = add_undrivable_conflict(p, (stop,), path, replace(FREE, fixed=pins, steer=(zone,))).conflict
     assert "cannot be driven at point 4.25: the pose cannot be reached." in told
     near = "Asked nearest to there: the rotation 20° at point 4, the rotation 22° at point 5, no rotation from 100°"
     assert near in told
     assert "point 0" not in told
-    assert undriven(p, (stop,), path, FREE) is p  # nothing was asked
-    assert undriven(p, (), path, replace(FREE, fixed=pins)) is p
+    assert add_undrivable_conflict(p, (stop,), path, FREE) is p  # nothing was asked
+    assert add_undrivable_conflict(p, (), path, replace(FREE, fixed=pins)) is p
 
 
 def test_two_rotations_along_one_plunge_are_a_conflict(tmp_path: Path) -> None:
     rows: Rows = [((0.0, 0.0, 0.08), UP, R), ((0.0, 0.0, 0.03), UP, A), ((0.0, 0.0, 0.01), UP, C)]
     path = toolpath(rows, kind="point")
     options = replace(FREE, fixed=(FixedRotation(1, deg(10.0)), FixedRotation(2, deg(12.0))))
-    cell = small_cell(tmp_path, stiffness=Stiffness(joints=K))
-    p = with_conflict(plan(cell, path, options), cell, path, options, Timings())
+    cell = small_cell(tmp_path, stiffness=ArmStiffness(joints=K))
+    p = add_constraint_conflict(plan_path(cell, path, options), cell, path, options, StageTimings())
     assert "10° at point 1, the rotation 12° at point 2" in p.conflict
 
 
@@ -222,22 +247,22 @@ def test_the_least_conflict_is_found_among_many() -> None:
         asked.append(1)
         return not bad <= set(some)  # type: ignore[call-overload]
 
-    assert minimal(wishes, possible) == [wishes[7], wishes[31]]
+    assert find_minimal_conflict(wishes, possible) == [wishes[7], wishes[31]]
     assert len(asked) < 30
 
 
 def test_preferences_are_never_in_a_conflict() -> None:
-    wishes = (Steer(prefer=0.1), Steer(operation="a", gamma=0.2))
-    assert wishes_of(PlanOptions(steer=wishes)) == wishes[1:]
-    assert said(wishes[1]) == "the rotation 11.4592° for operation 'a'"
+    wishes = (SteeringRule(prefer=0.1), SteeringRule(operation="a", gamma=0.2))
+    assert list_constraints(PlanOptions(steer=wishes)) == wishes[1:]
+    assert format_steering_rule(wishes[1]) == "the rotation 11.4592° for operation 'a'"
 
 
-def still(external: np.ndarray) -> Motion:
+def still(external: np.ndarray) -> ExportedMotion:
     """A motion with one sample at each point of :func:`two_operations`."""
     path, n = two_operations(), len(external)
     labels = tuple(path.operations[k].label for k in path.operation)
     zero = np.zeros(n)
-    return Motion(
+    return ExportedMotion(
         time=zero,
         point=np.arange(n, dtype=float),
         move=path.move,
@@ -254,28 +279,38 @@ def test_the_verifier_sees_an_external_joint_that_stands_elsewhere(tmp_path: Pat
     n = len(path)
     numbers = {"gamma_deg": np.zeros(n), "branch": np.full(n, 4.0), "limit_margin_deg": np.full(n, 9.0)}
     at = np.full((n, 1), 0.3)
-    points = Points(
+    points = ExportedPoints(
         point=np.arange(n), q=np.zeros((n, 6)), external=at.copy(), status=("ok",) * n, numbers=numbers, words={}
     )
-    pin = Steer(points=(2, 4), joint="e1", at=0.3, unit="mm")
-    zone = Steer(operation="b", joint="rail", away=(0.31, 0.5), unit="mm")
+    pin = SteeringRule(points=(2, 4), joint="e1", at=0.3, unit="mm")
+    zone = SteeringRule(operation="b", joint="rail", away=(0.31, 0.5), unit="mm")
     for options in (
         PlanOptions(collision=False, steer=(pin, zone)),
-        PlanOptions(collision=False, external=(ExternalAxis(joint="rail", at_operations=(("a", 0.3),), unit="mm"),)),
-        PlanOptions(collision=False, external=(ExternalAxis(joint="rail", mode="locked", at=0.3, unit="mm"),)),
+        PlanOptions(
+            collision=False, external=(ExternalJointOptions(joint="rail", at_operations=(("a", 0.3),), unit="mm"),)
+        ),
+        PlanOptions(collision=False, external=(ExternalJointOptions(joint="rail", mode="locked", at=0.3, unit="mm"),)),
     ):
-        (told,) = (c for c in check_asked(cell, path, points, np.arange(n), options, still(at)) if "external" in c.name)
+        (told,) = (
+            c
+            for c in check_requested_choices(cell, path, points, np.arange(n), options, still(at))
+            if "external" in c.name
+        )
         assert told.passed
         between = at.copy()
         between[3] += 0.0002  # on the way from one pinned point to another
         (told,) = (
-            c for c in check_asked(cell, path, points, np.arange(n), options, still(between)) if "external" in c.name
+            c
+            for c in check_requested_choices(cell, path, points, np.arange(n), options, still(between))
+            if "external" in c.name
         )
         assert (told.passed, told.unit, told.value) == (False, "mm off", pytest.approx(0.2))
         assert "point 3" in told.where
     points.external[6] = 0.33
     options = PlanOptions(collision=False, steer=(pin, zone))
-    (told,) = (c for c in check_asked(cell, path, points, np.arange(n), options, still(at)) if "external" in c.name)
+    (told,) = (
+        c for c in check_requested_choices(cell, path, points, np.arange(n), options, still(at)) if "external" in c.name
+    )
     assert (told.passed, told.value, told.where) == (False, pytest.approx(20.0), "point 6")
 
 
@@ -283,18 +318,21 @@ def test_the_verifier_sees_a_zone_and_a_branch_that_are_not_kept(tmp_path: Path)
     path = two_operations()
     n = len(path)
     numbers = {"gamma_deg": np.zeros(n), "branch": np.full(n, 4.0), "limit_margin_deg": np.full(n, 9.0)}
-    points = Points(
+    points = ExportedPoints(
         point=np.arange(n), q=np.zeros((n, 6)), external=np.zeros((n, 0)), status=("ok",) * n, numbers=numbers, words={}
     )
     wishes = (
-        Steer(operation="a", forbid=(deg(-3), deg(40))),
-        Steer(operation="b", branch=4),
-        Steer(operation="b", gamma=0.0),
+        SteeringRule(operation="a", forbid=(deg(-3), deg(40))),
+        SteeringRule(operation="b", branch=4),
+        SteeringRule(operation="b", gamma=0.0),
     )
     cell, options = external_cell(tmp_path), PlanOptions(collision=False, steer=wishes)
 
-    def checks() -> dict[str, Check]:
-        return {c.name: c for c in check_asked(cell, path, points, np.arange(n), options, still(np.zeros((n, 0))))}
+    def checks() -> dict[str, VerificationCheck]:
+        return {
+            c.name: c
+            for c in check_requested_choices(cell, path, points, np.arange(n), options, still(np.zeros((n, 0))))
+        }
 
     by_name = checks()
     assert not by_name["as asked: forbidden rotations"].passed
@@ -311,9 +349,11 @@ def test_a_joint_stands_where_it_was_put_for_an_operation(tmp_path: Path) -> Non
     """Group by group; an operation without a value is left to the plan."""
     cell, path = external_cell(tmp_path, rail=True), two_operations()
 
-    def stands(at: tuple[tuple[str, float], ...]) -> list[Group]:
-        axes = axes_of(cell, PlanOptions(external=(ExternalAxis(joint="e1", at_operations=at, unit="mm"),)))
-        return groups_of(cell, path, build_path(path), axes)
+    def stands(at: tuple[tuple[str, float], ...]) -> list[OperationGroup]:
+        axes = resolve_axis_options(
+            cell, PlanOptions(external=(ExternalJointOptions(joint="e1", at_operations=at, unit="mm"),))
+        )
+        return build_operation_groups(cell, path, build_planning_path(path), axes)
 
     first, second = stands((("b", 0.3),))
     assert (first.low[0], first.high[0]) == (cell.limits.lower[6], cell.limits.upper[6])
@@ -325,38 +365,38 @@ def test_a_joint_stands_where_it_was_put_for_an_operation(tmp_path: Path) -> Non
 
 def test_the_rotation_is_kept_between_the_points_of_a_pin(tmp_path: Path) -> None:
     """Off the grid, where planning points between two pinned ones would stand on the grid's own rotations."""
-    p = job(tmp_path, rotation_step=deg(30), steer=(Steer(points=(2, 8), gamma=deg(71.3)),))
+    p = job(tmp_path, rotation_step=deg(30), steer=(SteeringRule(points=(2, 8), gamma=deg(71.3)),))
     rows = (p.path.index >= 2) & (p.path.index <= 8)
-    assert whole(p)
+    assert is_complete(p)
     assert (rows & ~p.path.is_point).any()
-    assert np.degrees(gamma(p)[rows]) == pytest.approx(71.3, abs=np.degrees(EXACT))
+    assert np.degrees(compute_gamma(p)[rows]) == pytest.approx(71.3, abs=np.degrees(EXACT))
 
 
 def test_a_point_of_its_own_divides_a_pin() -> None:
-    options = PlanOptions(fixed=(FixedRotation(5, 0.9),), steer=(Steer(points=(2, 8), gamma=0.5),))
-    laid = steered(options, toolpath(pass_over_block()))
-    assert laid.steer == (Steer(points=(2, 4), gamma=0.5), Steer(points=(6, 8), gamma=0.5))
-    assert steered(laid, toolpath(pass_over_block())) == laid
+    options = PlanOptions(fixed=(FixedRotation(5, 0.9),), steer=(SteeringRule(points=(2, 8), gamma=0.5),))
+    laid = resolve_steering(options, toolpath(pass_over_block()))
+    assert laid.steer == (SteeringRule(points=(2, 4), gamma=0.5), SteeringRule(points=(6, 8), gamma=0.5))
+    assert resolve_steering(laid, toolpath(pass_over_block())) == laid
 
 
-PIN = Steer(points=(3, 3), joint="rail", at=0.4, unit="mm")
+PIN = SteeringRule(points=(3, 3), joint="rail", at=0.4, unit="mm")
 
 
-def on_rail(folder: Path, *wishes: Steer, mode: ExternalMode | None = None, before: Plan | None = None) -> Plan:
+def on_rail(folder: Path, *wishes: SteeringRule, mode: ExternalMode | None = None, before: Plan | None = None) -> Plan:
     """A slot of 2 m along the rail, 24 points from −1 m to 1 m."""
-    cell = replace(external_cell(folder, rail=True), stiffness=Stiffness(joints=K))
+    cell = replace(external_cell(folder, rail=True), stiffness=ArmStiffness(joints=K))
     force = ProcessForce(normal=200.0, axial=100.0)
     options = PlanOptions(collision=False, rotation_step=deg(30), force=force, sample=0.02, steer=wishes)
-    options = replace(options, external=() if mode is None else (ExternalAxis(joint="rail", mode=mode),))
-    return best_plan(cell, long_slot(1.0), options, before=before)
+    options = replace(options, external=() if mode is None else (ExternalJointOptions(joint="rail", mode=mode),))
+    return find_best_plan(cell, long_slot(1.0), options, before=before)
 
 
 @pytest.mark.slow
 def test_a_pinned_rail_is_there_at_that_point_and_moves_elsewhere(tmp_path: Path) -> None:
     """Two places and a zone on one run: no one place would keep them."""
-    zone = Steer(points=(18, 21), joint="rail", away=(0.2, 2.5), unit="mm")
-    p = on_rail(tmp_path, PIN, Steer(points=(12, 14), joint="e1", at=-0.2, unit="mm"), zone)
-    assert whole(p)
+    zone = SteeringRule(points=(18, 21), joint="rail", away=(0.2, 2.5), unit="mm")
+    p = on_rail(tmp_path, PIN, SteeringRule(points=(12, 14), joint="e1", at=-0.2, unit="mm"), zone)
+    assert is_complete(p)
     rail = p.path.external[:, 0]
     at = rail[p.path.is_point]
     assert at[3] == pytest.approx(0.4, abs=1e-12)
@@ -376,12 +416,12 @@ def test_a_rail_that_keeps_one_place_keeps_the_pinned_one(tmp_path: Path) -> Non
     assert (p.path.external == 0.4).all()
     locked = on_rail(tmp_path, PIN, mode="locked")
     assert (locked.path.external == 0.4).all()
-    assert any("rail at 400 mm at point 3 (steer) goes before its lock at 0 mm" in h for h in hints(locked))
-    assert not any("goes before" in h for h in hints(p))
-    zoned = on_rail(tmp_path, Steer(joint="rail", away=(-0.5, 0.6), unit="mm"), mode="operation")
+    assert any("rail at 400 mm at point 3 (steer) goes before its lock at 0 mm" in h for h in list_hints(locked))
+    assert not any("goes before" in h for h in list_hints(p))
+    zoned = on_rail(tmp_path, SteeringRule(joint="rail", away=(-0.5, 0.6), unit="mm"), mode="operation")
     assert not ((zoned.path.external > -0.5) & (zoned.path.external < 0.6)).any()
     with pytest.raises(InputError, match=r"rail at 400 mm at point 3 and rail at -200 mm at point 12.* mode: moving"):
-        on_rail(tmp_path, PIN, Steer(points=(12, 12), joint="rail", at=-0.2, unit="mm"), mode="operation")
+        on_rail(tmp_path, PIN, SteeringRule(points=(12, 12), joint="rail", at=-0.2, unit="mm"), mode="operation")
 
 
 @pytest.mark.parametrize(
@@ -395,18 +435,18 @@ def test_a_rail_that_keeps_one_place_keeps_the_pinned_one(tmp_path: Path) -> Non
 )
 def test_a_place_that_no_joint_could_take_is_refused(tmp_path: Path, wish: dict[str, object], told: str) -> None:
     with pytest.raises(InputError, match=told):
-        on_rail(tmp_path, PIN, Steer(points=(3, 3), **wish))  # type: ignore[arg-type]
+        on_rail(tmp_path, PIN, SteeringRule(points=(3, 3), **wish))  # type: ignore[arg-type]
 
 
 @pytest.mark.slow
 def test_a_pinned_rail_that_leaves_points_out_of_reach_is_named(tmp_path: Path) -> None:
-    cell = replace(external_cell(tmp_path, rail=True), stiffness=Stiffness(joints=K))
-    far = Steer(points=(3, 3), joint="rail", at=2.4, unit="mm")
-    near = Steer(points=(20, 20), joint="rail", at=0.5, unit="mm")
+    cell = replace(external_cell(tmp_path, rail=True), stiffness=ArmStiffness(joints=K))
+    far = SteeringRule(points=(3, 3), joint="rail", at=2.4, unit="mm")
+    near = SteeringRule(points=(20, 20), joint="rail", at=0.5, unit="mm")
     options = PlanOptions(collision=False, rotation_step=deg(30), sample=0.02, steer=(far, near))
-    p = best_plan(cell, long_slot(1.0), options)
-    assert not whole(p)
-    told = with_conflict(p, cell, long_slot(1.0), options, Timings()).conflict
+    p = find_best_plan(cell, long_slot(1.0), options)
+    assert not is_complete(p)
+    told = add_constraint_conflict(p, cell, long_slot(1.0), options, StageTimings()).conflict
     assert "rail at 2400 mm at point 3" in told
     assert "500 mm" not in told
 
@@ -416,7 +456,7 @@ def test_a_place_comes_back_as_it_was_written() -> None:
         {"point": 7, "external": "rail", "at_mm": 400.0},
         {"operation": "a", "external": "e2", "forbid_deg": [-20.0, 30.0]},
     ]
-    assert [steer_as_user(steer_of(SteerKeys.model_validate(entry))) for entry in given] == given
+    assert [format_steering(parse_steering(SteerKeys.model_validate(entry))) for entry in given] == given
     for bad, told in (
         ({"point": 7, "at_mm": 1.0}, "external: names"),
         ({"point": 7, "external": "rail"}, "no place"),

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 from jinja2 import DictLoader, Environment
 
-from machopt.report.storedtemplates import StoredTemplates
+from machopt.report.template_cache import TemplateCache
 
 TEXT = "hello {{ name }}"
 
 
 def made(folder: Path, text: str = TEXT, options: str = "none") -> Environment:
-    return Environment(loader=DictLoader({"a.html": text}), bytecode_cache=StoredTemplates(folder, options))
+    return Environment(loader=DictLoader({"a.html": text}), bytecode_cache=TemplateCache(folder, options))
 
 
 @pytest.fixture(autouse=True)

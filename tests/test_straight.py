@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from small_cell import small_cell
 
-from machopt.model.collision import CollisionModel
-from machopt.model.robot import load_chain
-from machopt.plan.motion.straight import Touch, free_ways, way_between
+from machopt.collision.collision_model import CollisionModel
+from machopt.kinematics.robot import load_chain
+from machopt.planning.motion.straight_rapids import EndContacts, build_rapid_key, find_free_rapids
 
 STEP = 0.02  # rad
 
@@ -21,15 +21,18 @@ def test_each_way_is_as_free_as_by_itself(tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
     spread = np.array([0.6, 0.7, 0.7, 1.0, 1.0, 1.0])
     ends = [(cell.home + spread * a, cell.home + spread * b) for a, b in rng.uniform(-1.0, 1.0, (40, 2, 6))]
-    free = free_ways(model, ends, STEP)
+    free = find_free_rapids(model, ends, STEP)
     none = np.zeros(2, bool)
-    alone = [not (model.check(np.array(e), none).any or model.check_motion(np.array(e), none, STEP).any) for e in ends]
-    assert [way_between(*e) in free for e in ends] == alone
+    alone = [
+        not (model.check_configurations(np.array(e), none).any or model.check_motion(np.array(e), none, STEP).any)
+        for e in ends
+    ]
+    assert [build_rapid_key(*e) in free for e in ends] == alone
     assert 5 < sum(alone) < 35
-    assert free_ways(model, [], STEP) == frozenset()
+    assert find_free_rapids(model, [], STEP) == frozenset()
     q = np.array([a for a, _ in ends])
-    touch = Touch.of(model, q, range(0, 40, 2))
-    rapid, cut = (model.check(q[::2], np.full(20, kind)).hit for kind in (False, True))
+    touch = EndContacts.of(model, q, range(0, 40, 2))
+    rapid, cut = (model.check_configurations(q[::2], np.full(20, kind)).hit for kind in (False, True))
     assert touch.asked == {*range(0, 40, 2)}
     assert touch.rapid == {*(2 * np.flatnonzero(rapid)).tolist()}
     assert touch.cut == {*(2 * np.flatnonzero(rapid & cut)).tolist()}

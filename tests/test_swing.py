@@ -7,22 +7,22 @@ from itertools import product
 import numpy as np
 import pytest
 
-from machopt.plan.choice.choose import Grid
-from machopt.plan.choice.edges import Edges
-from machopt.plan.choice.step_prices import Priced
-from machopt.plan.choice.windows import FREE
-from machopt.plan.choice.worst_cap import GAP
-from machopt.plan.configurations.candidates import Candidates
+from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sequence_search.dynamic_programming import SequenceGrid
+from machopt.planning.sequence_search.forbidden_transitions import ForbiddenTransitions
+from machopt.planning.sequence_search.transition_cost_table import TransitionCostTable
+from machopt.planning.sequence_search.transition_windows import FREE
+from machopt.planning.sequence_search.worst_value_constraint import GAP
 
 S, R = 4, 8
 WORST, PRICE = 0.8, 0.1
 
 
-def random_grid(seed: int) -> Grid:
+def random_grid(seed: int) -> SequenceGrid:
     """One branch, whose joints hardly move with the rotation; up to three steps from station to station."""
     rng = np.random.default_rng(seed)
     feasible = rng.uniform(size=(S, R, 1, 1)) < 0.8
-    candidates = Candidates(
+    candidates = CandidateGrid(
         phi=np.arange(R) * 2 * np.pi / R,
         q=np.zeros((S, R, 1, 6)),
         turns=np.zeros((1, 6)),
@@ -33,7 +33,7 @@ def random_grid(seed: int) -> Grid:
     )
     raw = np.where(feasible[..., 0], rng.uniform(0.2, 2.0, (S, R, 1)), np.inf)
     window = np.array([FREE, 3, 3, 3], np.int32)
-    return Grid(
+    return SequenceGrid(
         candidates=candidates,
         counted=rng.uniform(size=S) < 0.9,
         window=window,
@@ -48,11 +48,11 @@ def random_grid(seed: int) -> Grid:
         nudged=np.zeros(S),
         hidden=np.r_[False, rng.uniform(size=S - 1) < 0.7],
         worst=WORST,
-        priced=Priced.none_yet(window, R, 1, stable=True),
+        priced=TransitionCostTable.none_yet(window, R, 1, stable=True),
     )
 
 
-def price(grid: Grid, rotation: tuple[int, ...], keep: dict[int, int]) -> float:
+def price(grid: SequenceGrid, rotation: tuple[int, ...], keep: dict[int, int]) -> float:
     """J of a sequence, infinite where it is none."""
     there = grid.candidates.feasible[..., 0, 0]
     if not all(there[s, r] for s, r in enumerate(rotation)) or any(rotation[s] != r for s, r in keep.items()):
@@ -75,7 +75,7 @@ def price(grid: Grid, rotation: tuple[int, ...], keep: dict[int, int]) -> float:
     return total + WORST * max(seen, default=0.0)
 
 
-def best(grid: Grid, keep: dict[int, int] | None = None) -> float:
+def best(grid: SequenceGrid, keep: dict[int, int] | None = None) -> float:
     return min(price(grid, rotation, keep or {}) for rotation in product(range(R), repeat=S))
 
 
@@ -98,7 +98,7 @@ def test_a_stretch_is_chosen_again_with_what_its_ends_cross(seed: int) -> None:
     if choice.broken or choice.dropped.any():
         return
     keep = {0: int(choice.rotation[0]), 3: int(choice.rotation[3])}
-    again = grid.again(choice, 0, 3, Edges.none())
+    again = grid.again(choice, 0, 3, ForbiddenTransitions.none())
     assert again is not None
     ideal = best(grid, keep)
     assert ideal * (1 - 1e-12) <= again.total <= ideal * (1 + 1.01 * GAP)

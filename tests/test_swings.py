@@ -12,17 +12,17 @@ import pytest
 from test_cli import ROOT
 from test_search import assert_closed_by_themselves
 
-from machopt.arrays import Array, Bools
-from machopt.domain.reason import Reason
-from machopt.formats.cell import load_cell
-from machopt.formats.options import load_options
-from machopt.formats.toolpath import read_toolpath
-from machopt.plan.choice.choose import Choice
-from machopt.plan.choice.edges import Closing, Edges
-from machopt.plan.configurations.candidates import Candidates
-from machopt.plan.contacts.strikes import Strikes
-from machopt.plan.pipeline import search
-from machopt.plan.pipeline.run import plan
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.numerics.array_types import Array, Bools
+from machopt.options.plan_option_reader import load_options
+from machopt.planning.collision_handling.exclusions import ExclusionTracker
+from machopt.planning.pipeline import collision_free_search
+from machopt.planning.pipeline.path_planner import plan_path
+from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sequence_search.dynamic_programming import SequenceChoice
+from machopt.planning.sequence_search.forbidden_transitions import ForbiddenTransitions, TransitionCollector
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 BOXES = """
   - {name: box_0, box_mm: [78.5, 83.1, 85.3], xyz_mm: [416.8, -113.8, 809.5]}
@@ -33,7 +33,7 @@ BOXES = """
 
 def test_swings_over_a_closed_band_are_looked_at_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A cobot that asks for 12 mm of clearance along one pass; round by round this had no end after a minute."""
-    monkeypatch.setattr(search, "ROUNDS", 60)
+    monkeypatch.setattr(collision_free_search, "ROUNDS", 60)
     folder = shutil.copytree(ROOT / "cells" / "cutting_cobot", tmp_path / "cell")
     text = (folder / "cell.yaml").read_text()
     head = text[: text.index("obstacles:")].replace("xyz_mm: [470, 110, 900]", "xyz_mm: [540, 163, 796]")
@@ -49,7 +49,7 @@ def test_swings_over_a_closed_band_are_looked_at_together(tmp_path: Path, monkey
     rows.append(f"{x:.6f},{y:.6f},40,0,0,1,retract,3000")
     (tmp_path / "pass.csv").write_text("\n".join(rows) + "\n")
     options = load_options({}, None, ["clearance_mm=12", "force_N={axial: 460}"])
-    p = plan(load_cell(folder), read_toolpath(tmp_path / "pass.csv"), options)
+    p = plan_path(load_cell(folder), read_toolpath(tmp_path / "pass.csv"), options)
     assert p.found is not None
     assert p.found.check.free
     assert p.found.rounds < 30
@@ -81,7 +81,7 @@ class Bands:
         return wanted, q[0] + wanted[:, None] * (q[1] - q[0]), (wanted > 0.0) & (wanted < 1.0)
 
 
-def banded(checker: Bands, stations: int, rotations: int = 36) -> Strikes:
+def banded(checker: Bands, stations: int, rotations: int = 36) -> ExclusionTracker:
     """Strikes over a cut all along which the bands stand, in one branch and turn."""
     S, R = stations, rotations
     phi: Array = np.asarray(np.arange(R) * (2 * np.pi / R) - np.pi, float)
@@ -93,37 +93,39 @@ def banded(checker: Bands, stations: int, rotations: int = 36) -> Strikes:
     path = SimpleNamespace(
         stations=np.arange(S), run=np.zeros(S, int), may_touch=np.zeros(S, bool), external=np.zeros((S, 0))
     )
-    candidates = Candidates(
+    candidates = CandidateGrid(
         phi=phi,
         q=q,
         turns=np.zeros((1, 6)),
-        reason=np.full((S, R, 1), int(Reason.OK), np.uint8),
+        reason=np.full((S, R, 1), int(InfeasibilityReason.OK), np.uint8),
         feasible=np.broadcast_to(free[None, :, None, None], (S, R, 1, 1)).copy(),
         stable=True,
         shortfall=np.zeros(S),
     )
-    strikes: Any = Strikes
-    return cast(Strikes, strikes(path=path, candidates=candidates, checker=checker, progress=lambda _: None))
+    strikes: Any = ExclusionTracker
+    return cast(ExclusionTracker, strikes(path=path, candidates=candidates, checker=checker, progress=lambda _: None))
 
 
-def swung(strikes: Strikes, s: int, before: float, here: float) -> Choice:
+def swung(strikes: ExclusionTracker, s: int, before: float, here: float) -> SequenceChoice:
     """A sequence that stands at one rotation (deg) up to a station, and at another from there on."""
     S, phi = len(strikes.candidates.q), np.degrees(strikes.candidates.phi)
     r = np.where(np.arange(S) < s, np.argmin(np.abs(phi - before)), np.argmin(np.abs(phi - here))).astype(np.int32)
     nothing = np.zeros(S, np.int32)
-    return Choice(rotation=r, branch=nothing, turn=nothing, q=strikes.candidates.q[np.arange(S), r, 0], broken=())
+    return SequenceChoice(
+        rotation=r, branch=nothing, turn=nothing, q=strikes.candidates.q[np.arange(S), r, 0], broken=()
+    )
 
 
-def strike(strikes: Strikes, choice: Choice, *stations: int) -> None:
+def strike(strikes: ExclusionTracker, choice: SequenceChoice, *stations: int) -> None:
     hit = np.zeros(len(choice.rotation), bool)
     hit[list(stations)] = True
     check = SimpleNamespace(hit=hit, lost=np.zeros_like(hit), pair=np.where(hit, 0, -1))
-    plain = SimpleNamespace(reason=np.full(len(hit), int(Reason.OK)))
+    plain = SimpleNamespace(reason=np.full(len(hit), int(InfeasibilityReason.OK)))
     untyped: Any = strikes
     untyped.grid(choice, plain, check, len(hit))
 
 
-def crossing(strikes: Strikes, degrees: float) -> list[set[int]]:
+def crossing(strikes: ExclusionTracker, degrees: float) -> list[set[int]]:
     """Rotations that ways closed into each station come from, of the ways that turn upwards past an angle."""
     phi, out = np.degrees(strikes.candidates.phi), [set[int]() for _ in strikes.candidates.q]
     for s, u, v in strikes.edges.closed:
@@ -155,13 +157,13 @@ def test_a_way_that_touches_twice_closes_the_swings_over_either(gap: float) -> N
 def test_what_is_closed_is_not_looked_at_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """However many swings over one band are held against it, its ways are looked at once, and merged once a round."""
     merges: list[int] = []
-    plus_closed = Edges.plus_closed
+    plus_closed = ForbiddenTransitions.plus_closed
 
-    def counted(self: Edges, ways: Any) -> Edges:
+    def counted(self: ForbiddenTransitions, ways: Any) -> ForbiddenTransitions:
         merges.append(len(ways))
         return plus_closed(self, ways)
 
-    monkeypatch.setattr(Edges, "plus_closed", counted)
+    monkeypatch.setattr(ForbiddenTransitions, "plus_closed", counted)
     checker = Bands(((np.radians(2.0), np.radians(8.0)),))
     strikes = banded(checker, 40)
     strike(strikes, swung(strikes, 20, -10.0, 20.0), 20)
@@ -178,8 +180,8 @@ def test_what_is_closed_is_not_looked_at_again(monkeypatch: pytest.MonkeyPatch) 
 def test_ways_gathered_are_those_added_one_by_one() -> None:
     rng = np.random.default_rng(3)
     ways = np.column_stack([rng.integers(1, 9, 400), rng.integers(0, 2**31 - 1, 400) % 7, rng.integers(0, 5, 400)])
-    begun = Edges.none().plus_closed(ways[:100])
-    closing, one_by_one = Closing(begun, 9), begun
+    begun = ForbiddenTransitions.none().plus_closed(ways[:100])
+    closing, one_by_one = TransitionCollector(begun, 9), begun
     for s, u, v in ways[100:]:
         new = closing.open(int(s), np.array([u]), np.array([v]))[0]
         assert new == (not (one_by_one.closed == (s, u, v)).all(axis=1).any())

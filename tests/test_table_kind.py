@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from machopt.cli import main
-from machopt.domain.toolpath import Move, Toolpath
+from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.errors import InputError
-from machopt.formats.toolpath import read_toolpath
-from machopt.formats.unknownwords import refuse_unknown_words
+from machopt.toolpath.toolpath_reader import read_toolpath
+from machopt.toolpath.unknown_words import refuse_unknown_words
 
 Rows = list[tuple[float, ...]]  # x y z i j k, and perhaps a feed
 RNG = np.random.default_rng(7)
@@ -126,7 +126,7 @@ def test_each_row_of_holes_is_drilled_along_its_axis(tmp_path: Path, by_option: 
     kind, tail = ("", ",6,4") if by_option else (",kind", ",6,4,holes")
     file = write(tmp_path, rows, ",depth_mm,approach_mm" + kind, tail)
     t = read(file, kind="holes") if by_option else read(file)
-    assert [Move(m).word for m in t.move[:3]] == ["rapid", "cut", "retract"]
+    assert [MoveKind(m).word for m in t.move[:3]] == ["rapid", "cut", "retract"]
     assert len(t) == 3 * len(rows)
     assert [o.kind for o in t.operations] == ["point"]
     bottom = np.array([row[:3] for row in rows])
@@ -144,7 +144,7 @@ def test_holes_and_path_in_one_table(tmp_path: Path) -> None:
         "2,0,0,holes,0.1,0.2,rivets,2\n3,0,0,,0.1,0.2,rivets,2\n"
     )
     t = read(file)
-    assert [Move(m).word for m in t.move] == ["cut", "cut", *["rapid", "cut", "retract"] * 2]
+    assert [MoveKind(m).word for m in t.move] == ["cut", "cut", *["rapid", "cut", "retract"] * 2]
     assert t.position[2, 2] == pytest.approx(0.3 * 0.0254)
     assert [(o.label, o.tool, o.kind) for o in t.operations] == [("edge", "1", "trajectory"), ("rivets", "2", "point")]
     assert t.operation.tolist() == [0, 0, *[1] * 6]

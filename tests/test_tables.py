@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from trajectory_back import read_trajectory_csv
 
-from machopt.domain.points import PointsTable
-from machopt.domain.results.tables import PointRow, TrajectoryRow
-from machopt.domain.trajectory import Trajectory
+from machopt.data_types.documents.table_rows import PointsTableRow, TrajectoryTableRow
+from machopt.data_types.points_table import PointsTable
+from machopt.data_types.trajectory import Trajectory
 from machopt.errors import InputError
-from machopt.formats.tables import write_compensation_csv, write_points_csv, write_trajectory_csv
 from machopt.output import write_json
+from machopt.output.tables.plan_tables import write_compensation_csv, write_points_csv, write_trajectory_csv
 
 
 def smooth_motion(samples: int, external: int = 0, dt: float = 0.012) -> Trajectory:
@@ -139,7 +139,7 @@ def test_tables_are_as_their_published_rows_say(tmp_path: Path, prismatic: tuple
     write_points_csv(tmp_path / "points.csv", table)
     write_trajectory_csv(tmp_path / "motion.csv", smooth_motion(n, E), ["a"], prismatic, ["mill"])
     seen: set[str] = set()
-    for file, model in (("points.csv", PointRow), ("motion.csv", TrajectoryRow)):
+    for file, model in (("points.csv", PointsTableRow), ("motion.csv", TrajectoryTableRow)):
         with (tmp_path / file).open(encoding="utf-8", newline="") as text:
             for given in csv.DictReader(text):
                 words = {
@@ -148,9 +148,9 @@ def test_tables_are_as_their_published_rows_say(tmp_path: Path, prismatic: tuple
                 row = {k: v if k in words else (json.loads(v) if v else None) for k, v in given.items()}
                 model.model_validate(row)
                 assert list(row) == [name for name in model.model_fields if name in row]
-                seen |= {name for name in row if model is PointRow}
+                seen |= {name for name in row if model is PointsTableRow}
     optional = {f"e{k}_{unit}" for k in (1, 2, 3) for unit in ("mm", "deg")}
-    assert set(PointRow.model_fields) - seen == optional - {
+    assert set(PointsTableRow.model_fields) - seen == optional - {
         f"e{k + 1}_{'mm' if p else 'deg'}" for k, p in enumerate(prismatic)
     }
 

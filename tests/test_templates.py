@@ -17,18 +17,18 @@ from made_up_report import full_result
 from test_diagnosis_page import page as diagnosis_of
 from test_map_page import made_up as made_up_map
 
-from machopt.domain.toolpath import Event, IgnoredWord, Move, Operation, Toolpath
-from machopt.formats.inspect import summarise
-from machopt.report.batch_page import BatchData, batch_html
-from machopt.report.diagnosis_page import diagnosis_html
-from machopt.report.identification import Coefficient, IdentificationPage
-from machopt.report.identification_page import identification_html
-from machopt.report.map_page import map_page_html
-from machopt.report.page import report_html
-from machopt.report.poses_data import PosesPage
-from machopt.report.poses_page import poses_html
-from machopt.report.template import fragment, joined, part, render
-from machopt.report.toolpath_page import toolpath_page
+from machopt.data_types.toolpath import IgnoredWord, MoveKind, Toolpath, ToolpathEvent, ToolpathOperation
+from machopt.report.page_types.identification_page_data import IdentificationPageData, IdentifiedCoefficient
+from machopt.report.page_types.pose_plan_page_data import PosePlanPageData
+from machopt.report.pages.batch_page import BatchPageData, build_batch_html
+from machopt.report.pages.diagnosis.diagnosis_page import build_diagnosis_html
+from machopt.report.pages.identification_page import build_identification_html
+from machopt.report.pages.map_page import build_map_html
+from machopt.report.pages.optimize.optimize_page import build_report_html
+from machopt.report.pages.pose_plan_page import build_pose_plan_html
+from machopt.report.pages.toolpath_page import build_toolpath_html
+from machopt.report.template_rendering import join_markup, render_file, render_macro, render_part
+from machopt.toolpath.toolpath_summary import summarise_toolpath
 
 PACKAGE = Path(__file__).resolve().parents[1] / "machopt"
 TAGS = (
@@ -40,9 +40,9 @@ MARKUP = re.compile(
     rf"</?(?:{TAGS})(?:\s[^<>]*)?/?>|<(?:{TAGS})\s+[\w-]+=|</(?:{TAGS})\b|<!doctype html|&(?:amp|lt|gt);"
 )
 NO_MARKUP = {
-    ("formats/cam/gcode/blocks.py", "<text>"),  # stands for a file's name
-    ("formats/mesh/collada_counts.py", "<p>"),  # elements of the file that is read
-    ("formats/mesh/collada_counts.py", "<input>"),
+    ("toolpath/readers/gcode/syntax/blocks.py", "<text>"),  # stands for a file's name
+    ("cell/mesh/collada_counts.py", "<p>"),  # elements of the file that is read
+    ("cell/mesh/collada_counts.py", "<input>"),
 }
 EVIL = "<script>alert(1)</script><b>&\"'"
 
@@ -82,16 +82,16 @@ def test_the_search_for_markup_finds_it(tmp_path: Path) -> None:
 
 
 def test_text_is_escaped_and_markup_stays() -> None:
-    assert part("paragraph", EVIL) == "<p>&lt;script&gt;alert(1)&lt;/script&gt;&lt;b&gt;&amp;&#34;&#39;</p>"
-    assert part("paragraph", part("strong", "a<b")) == "<p><b>a&lt;b</b></p>"
-    assert joined([part("strong", "a"), "<i>"]) == "<b>a</b>&lt;i&gt;"
+    assert render_part("paragraph", EVIL) == "<p>&lt;script&gt;alert(1)&lt;/script&gt;&lt;b&gt;&amp;&#34;&#39;</p>"
+    assert render_part("paragraph", render_part("strong", "a<b")) == "<p><b>a&lt;b</b></p>"
+    assert join_markup([render_part("strong", "a"), "<i>"]) == "<b>a</b>&lt;i&gt;"
 
 
 def test_what_is_not_given_is_an_error_and_no_gap() -> None:
     with pytest.raises(UndefinedError, match="lead"):
-        part("section", "a", "b", body="c")
+        render_part("section", "a", "b", body="c")
     with pytest.raises(UndefinedError, match="title"):
-        render("page.html")
+        render_file("page.html")
 
 
 def test_every_macro_is_used() -> None:
@@ -131,7 +131,7 @@ def evil_report() -> str:
     data = full_result(points=40, samples=200)
     operations = tuple(replace(o, label=EVIL) for o in data.operations)
     programs = tuple(replace(p, files=(EVIL,), differences=(EVIL,), unstarted=(EVIL,)) for p in data.programs)
-    return report_html(
+    return build_report_html(
         replace(
             data,
             cell=EVIL,
@@ -149,41 +149,43 @@ def evil_toolpath() -> str:
     t = Toolpath(
         position=xyz,
         axis=np.tile([0.0, 0, 1], (3, 1)),
-        move=np.array([Move.RAPID, Move.CUT, Move.CUT], np.int8),
+        move=np.array([MoveKind.RAPID, MoveKind.CUT, MoveKind.CUT], np.int8),
         feed=np.full(3, 0.01),
         operation=np.zeros(3, np.int32),
-        operations=(Operation(EVIL, "trajectory", EVIL),),
+        operations=(ToolpathOperation(EVIL, "trajectory", EVIL),),
         reference=np.full((3, 3), np.nan),
         tolerance=np.full(3, np.nan),
         line=np.arange(3, dtype=np.int32),
         source=EVIL,
         format="csv",
         sha256="0",
-        events=(Event(1, "comment", EVIL),),
+        events=(ToolpathEvent(1, "comment", EVIL),),
         ignored=(IgnoredWord(EVIL, 1, 1, False),),
         warnings=(EVIL,),
         meta={EVIL: EVIL},
     )
-    return toolpath_page(t, summarise(t))
+    return build_toolpath_html(t, summarise_toolpath(t))
 
 
 def evil_map() -> str:
-    return map_page_html(replace(made_up_map(), cell=EVIL, title=EVIL, verdict=EVIL, warnings=(EVIL,)))
+    return build_map_html(replace(made_up_map(), cell=EVIL, title=EVIL, verdict=EVIL, warnings=(EVIL,)))
 
 
 def evil_diagnosis() -> str:
     d = made_up_diagnosis.explained()
-    return diagnosis_html(diagnosis_of(replace(d, warnings=(EVIL,), notes=(EVIL,)), recording=EVIL, cell=EVIL))
+    return build_diagnosis_html(diagnosis_of(replace(d, warnings=(EVIL,), notes=(EVIL,)), recording=EVIL, cell=EVIL))
 
 
 def evil_identification() -> str:
     joints = tuple(
-        Coefficient(name=EVIL, unit=EVIL, value=1e6, low=9e5, high=1.1e6, prior=1e6, identified=n > 0, reason=EVIL)
+        IdentifiedCoefficient(
+            name=EVIL, unit=EVIL, value=1e6, low=9e5, high=1.1e6, prior=1e6, identified=n > 0, reason=EVIL
+        )
         for n in range(6)
     )
     shift = np.full((4, 3), 1e-3)
-    return identification_html(
-        IdentificationPage(
+    return build_identification_html(
+        IdentificationPageData(
             title=EVIL,
             cell=EVIL,
             recording=EVIL,
@@ -216,8 +218,8 @@ def evil_identification() -> str:
 
 
 def evil_poses() -> str:
-    return poses_html(
-        PosesPage(
+    return build_pose_plan_html(
+        PosePlanPageData(
             title=EVIL,
             cell=EVIL,
             version="0",
@@ -247,8 +249,10 @@ def evil_batch() -> str:
         "gain_percent": None,
         "warnings": (EVIL,),
     }
-    return batch_html(
-        BatchData(version="0", complete=True, jobs=(job,), left_out=(EVIL,), compared_with=EVIL, only_here=(EVIL,))
+    return build_batch_html(
+        BatchPageData(
+            version="0", complete=True, jobs=(job,), ignored_files=(EVIL,), compared_with=EVIL, only_here=(EVIL,)
+        )
     )
 
 
@@ -275,4 +279,4 @@ def test_a_hostile_name_is_a_name(page: Callable[[], str], scripts: int) -> None
 
 def test_a_macro_that_is_not_there_is_an_error() -> None:
     with pytest.raises(AttributeError):
-        fragment("parts.html", "sectoin")
+        render_macro("parts.html", "sectoin")

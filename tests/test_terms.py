@@ -12,18 +12,18 @@ import pinocchio as pin
 import pytest
 from test_beam import EA, EI, GJ, slices
 
-from machopt.domain.stiffness import Stiffness, Term
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.stiffness.stiffness_file import load_stiffness, write_stiffness
+from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.stiffness import load_stiffness, write_stiffness
-from machopt.formats.toolpath import read_toolpath
-from machopt.model.elastic import ArmElasticity
-from machopt.model.robot import Robot, load_robot
-from machopt.model.terms import LinearTerm, compile_terms, term_of, vocabulary
-from machopt.plan.configurations.candidates import enumerate_candidates
-from machopt.plan.cost.score import directions, score_candidates
-from machopt.plan.pipeline.setup import prepare
-from machopt.plan.stations.path import build_path
+from machopt.kinematics.robot import Robot, load_robot
+from machopt.planning.cost.stiffness_index import compute_load_directions, score_candidates
+from machopt.planning.pipeline.planning_setup import prepare_planning
+from machopt.planning.sampling.configurations import enumerate_candidates
+from machopt.planning.stations.planning_path import build_planning_path
+from machopt.stiffness.arm_stiffness import ArmElasticity
+from machopt.stiffness.terms import LinearTerm, build_fitted_term, compile_terms, list_effects_and_locations
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 ROOT = Path(__file__).resolve().parent.parent
 PSD = (
@@ -83,13 +83,13 @@ def postures(n: int, seed: int = 0) -> np.ndarray:
 
 def make(arm: tuple[Robot, np.ndarray], form: str) -> LinearTerm:
     effect, location, parameters = FORMS[form]
-    return term_of(effect, location, *arm, **parameters)
+    return build_fitted_term(effect, location, *arm, **parameters)
 
 
 def compliance(arm: tuple[Robot, np.ndarray], term: LinearTerm, q: np.ndarray) -> np.ndarray:
     """(M, 6, 6) at the TCP: the response to each unit wrench."""
-    state = arm[0].state(q, arm[1], bodies=True)
-    units = [term.response(state, np.broadcast_to(e, (len(q), 6))) @ term.values for e in np.eye(6)]
+    state = arm[0].compute_state(q, arm[1], bodies=True)
+    units = [term.compute_response(state, np.broadcast_to(e, (len(q), 6))) @ term.values for e in np.eye(6)]
     return np.stack(units, axis=-1)
 
 
@@ -163,7 +163,7 @@ def test_body_springs_are_virtual_joints_in_pinocchio(arm: tuple[Robot, np.ndarr
     mine = compliance(arm, term, q)
     for i in range(len(q)):
         rest = tip(model, frame, T_tcp, q[i], body, np.zeros(6))
-        np.testing.assert_allclose(rest.homogeneous, robot.fk(q[i], tool), atol=1e-12)
+        np.testing.assert_allclose(rest.homogeneous, robot.compute_fk(q[i], tool), atol=1e-12)
         data = model.createData()
         pin.forwardKinematics(model, data, np.concatenate([q[i, :body], np.zeros(6), q[i, body:]]))
         place = data.oMi[body + 6]
@@ -217,9 +217,9 @@ def test_compliances_add_and_follow_their_coefficients(arm: tuple[Robot, np.ndar
     robot, tool = arm
     q, k = postures(5, 2), np.array([2.6e6, 9.4e5, 6.6e5, 9.2e5, 4.4e4, 2.7e4])
     chosen = ["beam", "base", "cylinders and sensor", "coupling", "posture"]
-    file = tuple(Term(*FORMS[f]) for f in chosen)
-    together = ArmElasticity(robot, tool, Stiffness(joints=k, terms=file)).at(q).compliance()
-    joints = ArmElasticity(robot, tool, Stiffness(joints=k)).at(q).compliance()
+    file = tuple(StiffnessTerm(*FORMS[f]) for f in chosen)
+    together = ArmElasticity(robot, tool, ArmStiffness(joints=k, terms=file)).evaluate(q).compute_compliance()
+    joints = ArmElasticity(robot, tool, ArmStiffness(joints=k)).evaluate(q).compute_compliance()
     parts = [compliance(arm, make(arm, f), q) for f in chosen]
     np.testing.assert_allclose(together, joints + sum(parts), rtol=1e-10, atol=1e-20)
     beam = make(arm, "beam, stretched too")
@@ -227,12 +227,12 @@ def test_compliances_add_and_follow_their_coefficients(arm: tuple[Robot, np.ndar
         compliance(arm, beam.with_values(3 * beam.values), q), 3 * compliance(arm, beam, q), rtol=1e-12
     )
     # one response row a coefficient: what a fit needs
-    state, w = robot.state(q, tool, bodies=True), np.broadcast_to([10.0, -20, 30, 1, 2, -3], (5, 6))
+    state, w = robot.compute_state(q, tool, bodies=True), np.broadcast_to([10.0, -20, 30, 1, 2, -3], (5, 6))
     for p in range(3):
         alone = np.zeros(3)
         alone[p] = beam.values[p]
         np.testing.assert_allclose(
-            beam.response(state, w)[..., p] * beam.values[p],
+            beam.compute_response(state, w)[..., p] * beam.values[p],
             np.einsum("mij,mj->mi", compliance(arm, beam.with_values(alone), q), w),
             rtol=1e-9,
             atol=1e-18,
@@ -246,7 +246,7 @@ def test_turning_the_tcp_about_its_axis_changes_no_number(arm: tuple[Robot, np.n
     turned = tool @ pin.SE3(pin.utils.rotate("z", 0.7), np.zeros(3)).homogeneous
     effect, location, p = FORMS[form]
     q = postures(4, 3)
-    a, b = (compliance((robot, t), term_of(effect, location, robot, t, **p), q) for t in (tool, turned))
+    a, b = (compliance((robot, t), build_fitted_term(effect, location, robot, t, **p), q) for t in (tool, turned))
     np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-20)
 
 
@@ -256,9 +256,9 @@ def test_a_base_that_only_turns_about_axis_1_is_joint_1(arm: tuple[Robot, np.nda
     np.testing.assert_allclose(np.abs(robot.axis[0]), [0, 0, 1], atol=1e-12)
     c = 4e-7
     at = (robot.point[0] * 1e3).tolist()
-    base = term_of("base_compliance", "base", robot, tool, compliance_diagonal=[0, 0, 0, 0, 0, c], at_mm=at)
+    base = build_fitted_term("base_compliance", "base", robot, tool, compliance_diagonal=[0, 0, 0, 0, 0, c], at_mm=at)
     q = postures(8, 4)
-    _, J = robot.fk_jacobian(q, tool)
+    _, J = robot.compute_fk_jacobian(q, tool)
     np.testing.assert_allclose(
         compliance(arm, base, q), c * J[:, :, :1] @ np.swapaxes(J[:, :, :1], 1, 2), rtol=1e-9, atol=1e-20
     )
@@ -282,7 +282,10 @@ def test_joint_terms_are_springs_really_loaded(arm: tuple[Robot, np.ndarray]) ->
                     assert not mine[i, :, column].any()
                     continue
                 scale = 1e-6 / np.abs(turn).max()
-                moved = robot.fk(q[i] + scale * turn, tool)[:3, 3] - robot.fk(q[i] - scale * turn, tool)[:3, 3]
+                moved = (
+                    robot.compute_fk(q[i] + scale * turn, tool)[:3, 3]
+                    - robot.compute_fk(q[i] - scale * turn, tool)[:3, 3]
+                )
                 np.testing.assert_allclose(mine[i, :3, column], 0.5 * moved / scale, rtol=1e-5, atol=1e-14)
 
 
@@ -304,7 +307,7 @@ def test_every_form_survives_its_file(arm: tuple[Robot, np.ndarray], form: str, 
     robot, tool = arm
     term, q = make(arm, form), postures(3, 6)
     file = tmp_path / "stiffness.yaml"
-    write_stiffness(file, Stiffness(joints=np.full(6, 1e6), terms=(term.to_file(),)))
+    write_stiffness(file, ArmStiffness(joints=np.full(6, 1e6), terms=(term.to_file(),)))
     again, geometric = compile_terms(load_stiffness(file).terms, robot, tool, file)
     assert not geometric
     assert len(again) == 1
@@ -324,15 +327,15 @@ def test_terms_still_to_be_fitted_have_coefficients_without_values(arm: tuple[Ro
         ("tool_compliance", "tool", "beam"): 2,
     }
     for (effect, location, form), n in counts.items():
-        term = term_of(effect, location, *arm, form=form)
+        term = build_fitted_term(effect, location, *arm, form=form)
         assert len(term.coefficients) == n == len(term.values)
         assert np.isnan(term.values).all()
-    for effect, locations in vocabulary().items():
+    for effect, locations in list_effects_and_locations().items():
         for location in locations:
             if effect != "geometric_stiffness":
-                assert term_of(effect, location, *arm).location == location
+                assert build_fitted_term(effect, location, *arm).location == location
     nowhere = {"from_mm": [1.0, 2, 3], "to_mm": [1.0, 2, 3]}  # a matrix needs no length
-    assert len(term_of("link_compliance", "link:5", *arm, form="diagonal", **nowhere).values) == 6
+    assert len(build_fitted_term("link_compliance", "link:5", *arm, form="diagonal", **nowhere).values) == 6
 
 
 @pytest.mark.parametrize(
@@ -385,17 +388,17 @@ def test_what_is_wrong_is_said_with_its_place(
     arm: tuple[Robot, np.ndarray], effect: str, location: str, parameters: Mapping[str, Any], message: str, where: str
 ) -> None:
     with pytest.raises(InputError) as caught:
-        compile_terms((Term(effect, location, parameters),), *arm, Path("stiffness.yaml"))
+        compile_terms((StiffnessTerm(effect, location, parameters),), *arm, Path("stiffness.yaml"))
     assert message in str(caught.value)
     assert where in str(caught.value)
     assert "stiffness.yaml" in str(caught.value)
 
 
 def test_a_term_stands_once(arm: tuple[Robot, np.ndarray]) -> None:
-    term = Term(*FORMS["beam"])
+    term = StiffnessTerm(*FORMS["beam"])
     with pytest.raises(InputError, match="stands twice"):
         compile_terms((term, term), *arm)
-    _, geometric = compile_terms((Term("geometric_stiffness", "arm"),), *arm)
+    _, geometric = compile_terms((StiffnessTerm("geometric_stiffness", "arm"),), *arm)
     assert geometric
 
 
@@ -406,17 +409,17 @@ def test_the_planner_scores_candidates_with_the_terms() -> None:
     """Every candidate's cost again from the summed compliance matrices, for both indices; terms only ever soften."""
     cell = load_cell(ROOT / "cells" / "irb6700_drilling")
     assert cell.stiffness is not None
-    soft = replace(cell.stiffness, terms=(Term(*FORMS["beam"]), Term(*FORMS["tool"])))
+    soft = replace(cell.stiffness, terms=(StiffnessTerm(*FORMS["beam"]), StiffnessTerm(*FORMS["tool"])))
     toolpath = read_toolpath(ROOT / "toolpaths" / "plate_holes.csv")
-    from machopt.formats.options import load_options
+    from machopt.options.plan_option_reader import load_options
 
     for index in ("deflection", "stiffness"):
         options = load_options(cell.plan, None, ["rotation_step_deg=45", "collision=false"], index=index)
         costs = []
         for stiffness in (cell.stiffness, soft):
-            setup = prepare(replace(cell, stiffness=stiffness), options)
-            path = build_path(toolpath)
-            d = directions(path, setup.arm, setup.elasticity, options.force)
+            setup = prepare_planning(replace(cell, stiffness=stiffness), options)
+            path = build_planning_path(toolpath)
+            d = compute_load_directions(path, setup.arm, setup.elasticity, options.force)
             candidates = enumerate_candidates(path, setup.arm, options)
             costs.append(score_candidates(path, candidates, setup.elasticity, d, options).cost)
         known = np.argwhere(np.isfinite(costs[1]))
@@ -424,7 +427,7 @@ def test_the_planner_scores_candidates_with_the_terms() -> None:
         assert (costs[1][np.isfinite(costs[1])] > costs[0][np.isfinite(costs[0])]).all()
         for s, r, b in known[:: len(known) // 40]:
             q, p = candidates.q[s, r, b], path.stations[s]
-            C = setup.elasticity.at(q[None]).compliance()[0, :3, :3]
+            C = setup.elasticity.evaluate(q[None]).compute_compliance()[0, :3, :3]
             if index == "deflection":
                 expected = np.linalg.norm(C @ d.force[p])
             elif d.drilling[p]:
@@ -439,9 +442,9 @@ def test_a_tool_across_its_flange_gives_way_without_a_length(arm: tuple[Robot, n
     robot, T = arm[0], arm[1].copy()
     T[:3, 3] = T[:3, :3] @ np.array([0.15, 0.0, 0.0])
     for form in ("diagonal", "full"):
-        term = term_of("tool_compliance", "tool", robot, T, form=form)
+        term = build_fitted_term("tool_compliance", "tool", robot, T, form=form)
         assert len(term.coefficients) == (6 if form == "diagonal" else 21)
         assert "length_mm" not in term.with_values(np.ones(len(term.coefficients))).to_file().parameters
     with pytest.raises(InputError, match="across the tool axis"):
-        term_of("tool_compliance", "tool", robot, T)
-    assert len(term_of("tool_compliance", "tool", robot, T, length_mm=150.0).coefficients) == 2
+        build_fitted_term("tool_compliance", "tool", robot, T)
+    assert len(build_fitted_term("tool_compliance", "tool", robot, T, length_mm=150.0).coefficients) == 2

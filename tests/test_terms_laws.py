@@ -16,20 +16,21 @@ import pinocchio as pin
 import pytest
 from test_cli import changed_cell, optimize, result
 
-from machopt.diagnose.laws import at_beside, at_body, at_joint
-from machopt.diagnose.nouns.problem import Hypothesis
-from machopt.diagnose.nouns.readings import Readings
-from machopt.domain.recording import Recording
-from machopt.domain.stiffness import Stiffness, StiffnessGrid, Term
-from machopt.effects import compensator, registry
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.stiffness.stiffness_file import load_stiffness, write_stiffness
+from machopt.data_types.measurements.recording import Recording
+from machopt.data_types.stiffness import ArmStiffness, StiffnessGrid, StiffnessTerm
+from machopt.effects import registry
+from machopt.effects.joint import gravity_compensator as joint_gravity_compensator
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.options import load_options
-from machopt.formats.stiffness import load_stiffness, write_stiffness
-from machopt.model.elastic import ArmElasticity
-from machopt.model.robot import GRAVITY, load_masses, load_robot
-from machopt.model.terms import compile_terms, term_of, vocabulary
-from machopt.plan.pipeline.setup import prepare
+from machopt.kinematics.robot import GRAVITY, load_masses, load_robot
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis
+from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
+from machopt.measurement.diagnosis.effect_columns import gravity_compensator, joint_torque, structural_compliance
+from machopt.options.plan_option_reader import load_options
+from machopt.planning.pipeline.planning_setup import prepare_planning
+from machopt.stiffness.arm_stiffness import ArmElasticity
+from machopt.stiffness.terms import build_fitted_term, compile_terms, list_effects_and_locations
 
 ROOT = Path(__file__).resolve().parent.parent
 CELL = load_cell(ROOT / "cells" / "kr240_drilling")
@@ -86,9 +87,9 @@ LAWS: dict[str, tuple[str, str, dict[str, Any]]] = {
 }
 
 
-def elasticity(*terms: Term, weight: bool = True, k: np.ndarray = K, **more: Any) -> ArmElasticity:
+def elasticity(*terms: StiffnessTerm, weight: bool = True, k: np.ndarray = K, **more: Any) -> ArmElasticity:
     limits = CELL.limits.lower[:6], CELL.limits.upper[:6]
-    return ArmElasticity(ROBOT, TOOL, Stiffness(joints=k, terms=terms, **more), limits, MASSES if weight else None)
+    return ArmElasticity(ROBOT, TOOL, ArmStiffness(joints=k, terms=terms, **more), limits, MASSES if weight else None)
 
 
 def postures(n: int = 6, seed: int = 0) -> np.ndarray:
@@ -206,17 +207,17 @@ def _extra(name: str, j: int, q: np.ndarray, w: np.ndarray) -> float:
 def test_each_law_against_its_own_direct_computation(name: str) -> None:
     """Twist with the term less twist without it. 1e-6: differences of the second difference and of fk; the rest is
     exact."""
-    term = Term(*LAWS[name])
+    term = StiffnessTerm(*LAWS[name])
     q, w = postures(), wrenches(6)
     j = int(term.location.removeprefix("joint:")) - 1
-    more = elasticity(term).at(q).respond(w) - elasticity().at(q).respond(w)
+    more = elasticity(term).evaluate(q).compute_twist(w) - elasticity().evaluate(q).compute_twist(w)
     expected = np.array([turned(a, j, _extra(name, j, a, b)) for a, b in zip(q, w, strict=True)])
     size = np.abs(expected[:, :3]).max()
     assert size > 2e-6  # m: the cases do exercise the law
     np.testing.assert_allclose(more, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
     np.testing.assert_allclose(
-        elasticity(term).at(q).deflection(w[:, :3])[0],
-        elasticity(term).at(q).respond(w * [1, 1, 1, 0, 0, 0])[0, :3],
+        elasticity(term).evaluate(q).compute_deflection(w[:, :3])[0],
+        elasticity(term).evaluate(q).compute_twist(w * [1, 1, 1, 0, 0, 0])[0, :3],
         rtol=1e-12,
     )
 
@@ -225,16 +226,16 @@ def test_weight_decides_where_a_law_stands() -> None:
     """The same force with weight and without, for the laws on the whole torque; play and creep know no weight."""
     q, w = postures(), wrenches(6)
     for name, (effect, location, parameters) in LAWS.items():
-        term = Term(effect, location, parameters)
+        term = StiffnessTerm(effect, location, parameters)
         known, unknown = elasticity(term), elasticity(term, weight=False)
         depends = effect in ("joint_nonlinear_stiffness", "joint_backlash")
-        same = np.allclose(known.at(q).respond(w), unknown.at(q).respond(w), rtol=1e-12, atol=0)
+        same = np.allclose(known.evaluate(q).compute_twist(w), unknown.evaluate(q).compute_twist(w), rtol=1e-12, atol=0)
         assert same != depends, name
         assert not known.warnings
         assert bool(unknown.warnings) == depends, name
         assert all(effect in text and "counts as zero" in text for text in unknown.warnings)
     bare = replace(MASSES, body=MASSES.body[-1:], mass=MASSES.mass[-1:], com=MASSES.com[-1:])  # the tool alone
-    stiffness = Stiffness(joints=K, terms=(Term(*LAWS["backlash"]),))
+    stiffness = ArmStiffness(joints=K, terms=(StiffnessTerm(*LAWS["backlash"]),))
     assert ArmElasticity(ROBOT, TOOL, stiffness, None, bare).warnings
 
 
@@ -242,9 +243,9 @@ def test_a_small_load_meets_the_tangent_under_weight() -> None:
     """compliance() against differences of respond() about no load; of play the slope once it is taken up."""
     q = postures(4, seed=3)
     for name, case in LAWS.items():
-        term = Term(*case)
-        elastic = elasticity(term).at(q)
-        found = elastic.compliance()
+        term = StiffnessTerm(*case)
+        elastic = elasticity(term).evaluate(q)
+        found = elastic.compute_compliance()
         if name == "hysteresis":
             soft = np.array(C)
             soft[1] += sum(case[2]["weights_rad_per_Nm"])
@@ -253,20 +254,22 @@ def test_a_small_load_meets_the_tangent_under_weight() -> None:
         else:
             step = 1e-2  # N, N·m: far from the corners of the curves, which no posture here meets
             each = [
-                (elastic.respond(np.tile(step * e, (4, 1))) - elastic.respond(np.tile(-step * e, (4, 1))))
+                (elastic.compute_twist(np.tile(step * e, (4, 1))) - elastic.compute_twist(np.tile(-step * e, (4, 1))))
                 for e in np.eye(6)
             ]
             expected = np.stack(each, axis=-1) / (2 * step)
         np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max(), err_msg=name)
         e = np.array([0.0, 0.6, 0.8])
-        np.testing.assert_allclose(elastic.along(np.tile(e, (4, 1))), e @ found[:, :3, :3] @ e, rtol=1e-9)
-        assert np.isfinite(elastic.jiao_index(np.tile(e, (4, 1)))).all()
+        np.testing.assert_allclose(
+            elastic.compute_compliance_along(np.tile(e, (4, 1))), e @ found[:, :3, :3] @ e, rtol=1e-9
+        )
+        assert np.isfinite(elastic.compute_jiao_index(np.tile(e, (4, 1)))).all()
 
 
 # --- what diagnose fits is what the planner takes ----------------------------------------------------------
 
 
-def _readings() -> Readings:
+def _readings() -> StaticReadings:
     """Two load cycles a pose, each rising, an hour between states, unloaded ones too: what is slow has come to rest."""
     n, poses = 8, 10
     q = np.repeat(postures(poses, seed=5), n, axis=0)
@@ -285,8 +288,8 @@ def _readings() -> Readings:
         wrench=w,
         time=3600.0 * (rows + cycle),
     )
-    state = ROBOT.state(q, TOOL, bodies=True)
-    return Readings(
+    state = ROBOT.compute_state(q, TOOL, bodies=True)
+    return StaticReadings(
         recording=recording,
         robot=ROBOT,
         T_flange_tcp=TOOL,
@@ -294,7 +297,7 @@ def _readings() -> Readings:
         state=state,
         wrench=w,
         dimensions=6,
-        differences=True,
+        is_difference=True,
         compliance=np.array(C),
         session=zero,
         visit=pose,
@@ -302,15 +305,15 @@ def _readings() -> Readings:
     )
 
 
-def _hypotheses(r: Readings) -> list[Hypothesis]:
+def _hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
     out = [
-        *at_beside.in_load_tests(r),
-        *at_joint.couplings(r),
-        *at_body.hypotheses(r),
+        *gravity_compensator.build_load_test_hypotheses(r),
+        *joint_torque.build_load_test_couplings(r),
+        *structural_compliance.build_structure_hypotheses(r),
     ]
     for j in range(6):
-        for effect in registry.of_joint_torque():
-            out += at_joint.hypotheses(r, j, effect)[0]
+        for effect in registry.select_joint_torque_effects():
+            out += joint_torque.build_joint_hypotheses(r, j, effect)[0]
     return out
 
 
@@ -329,17 +332,19 @@ def test_every_elastic_law_of_diagnose_is_a_term_and_predicts_what_it_fitted(tmp
         if h.law == "tilts and sinks":
             x[[1, 2, 4]] *= 0.1  # what couples sinking and tilts: all of it at once, no plate has
         term = h.correction(x, shape)
-        assert isinstance(term, Term), h.name
-        assert term.location in vocabulary()[term.effect]
+        assert isinstance(term, StiffnessTerm), h.name
+        assert term.location in list_effects_and_locations()[term.effect]
         file = tmp_path / "stiffness.yaml"
-        write_stiffness(file, Stiffness(joints=np.array(K), terms=(term,)))
+        write_stiffness(file, ArmStiffness(joints=np.array(K), terms=(term,)))
         read = load_stiffness(file)
         model = ArmElasticity(ROBOT, TOOL, read, None, MASSES)
-        more = model.at(r.state.q).respond(r.wrench) - elasticity().at(r.state.q).respond(r.wrench)
+        more = model.evaluate(r.state.q).compute_twist(r.wrench) - elasticity().evaluate(r.state.q).compute_twist(
+            r.wrench
+        )
         predicted = columns @ x
         if h.effect == "gravity_compensator":  # less what the spring moves without any load, as weight does too
-            bend = compensator.LINKAGE.slope(np.array(shape), r.state.q[:, 1])
-            predicted = r.lift(1, C[1] ** 2 * r.load_torque[:, 1, None] * bend) @ x
+            bend = joint_gravity_compensator.LINKAGE.slope(np.array(shape), r.state.q[:, 1])
+            predicted = r.lift_joint_twist(1, C[1] ** 2 * r.load_torque[:, 1, None] * bend) @ x
         # a compensator is fitted to first order in its share of joint 2's stiffness, here less than 1e-3
         tolerance = 1e-3 if h.effect == "gravity_compensator" else 1e-6
         size = np.abs(predicted).max(axis=0)
@@ -348,7 +353,7 @@ def test_every_elastic_law_of_diagnose_is_a_term_and_predicts_what_it_fitted(tmp
         assert (again.effect, again.location) == (term.effect, term.location)
         assert set(term.parameters) <= set(again.parameters)
         seen.add(h.effect)
-    elastic = set(vocabulary()) - {"geometric_stiffness"}
+    elastic = set(list_effects_and_locations()) - {"geometric_stiffness"}
     assert seen == elastic
 
 
@@ -417,7 +422,7 @@ def test_what_is_wrong_is_said_with_its_place(
     effect: str, location: str, parameters: dict[str, Any], message: str, where: str
 ) -> None:
     with pytest.raises(InputError) as caught:
-        compile_terms((Term(effect, location, parameters),), ROBOT, TOOL, Path("stiffness.yaml"))
+        compile_terms((StiffnessTerm(effect, location, parameters),), ROBOT, TOOL, Path("stiffness.yaml"))
     assert message in str(caught.value)
     assert where in str(caught.value)
     assert "stiffness.yaml" in str(caught.value)
@@ -431,16 +436,16 @@ def test_a_law_without_its_numbers_is_refused_by_the_planner_and_by_a_fit(name: 
             continue  # what has a default, or is asked for when the file is read
         lacking = {k: v for k, v in parameters.items() if k != key}
         with pytest.raises(InputError, match=f"lacks values for {key.removesuffix('_arcmin')}"):
-            elasticity(Term(effect, location, lacking))
+            elasticity(StiffnessTerm(effect, location, lacking))
     if name in ("knee", "backlash", "hysteresis", "compensator"):  # identify asks the term itself
-        state = ROBOT.state(postures(1), TOOL, bodies=True)
+        state = ROBOT.compute_state(postures(1), TOOL, bodies=True)
         with pytest.raises(InputError, match="machopt diagnose"):
-            term_of(effect, location, ROBOT, TOOL).response(state, wrenches(1))
+            build_fitted_term(effect, location, ROBOT, TOOL).compute_response(state, wrenches(1))
 
 
 def test_springs_that_give_way_against_the_load_are_refused() -> None:
-    def joint(effect: str, n: int, **parameters: Any) -> Term:
-        return Term(effect, f"joint:{n}", parameters)
+    def joint(effect: str, n: int, **parameters: Any) -> StiffnessTerm:
+        return StiffnessTerm(effect, f"joint:{n}", parameters)
 
     knee = joint("joint_nonlinear_stiffness", 3, law="knee", extra_rad_per_Nm=-1.01 * C[2], knee_Nm=300.0)
     with pytest.raises(InputError, match=r"joint_nonlinear_stiffness takes .* from joint 3, which has"):
@@ -466,21 +471,21 @@ def test_springs_that_give_way_against_the_load_are_refused() -> None:
         elasticity(second)
     effect, location, p = LAWS["compensator"]
     with pytest.raises(InputError, match="gravity_compensator takes up to"):
-        elasticity(Term(effect, location, {**p, "force_times_length_Nm": 2e6}))
+        elasticity(StiffnessTerm(effect, location, {**p, "force_times_length_Nm": 2e6}))
 
 
 def test_a_hardening_cubic_stays_a_spring_beyond_its_reach() -> None:
     """Torque and twist grow together at any load, and the slope is never under a tenth of the joint's own."""
-    term = Term("joint_nonlinear_stiffness", "joint:1", {"law": "cubic", "cubic_rad_per_Nm3": -1e-6 * C[0]})
+    term = StiffnessTerm("joint_nonlinear_stiffness", "joint:1", {"law": "cubic", "cubic_rad_per_Nm3": -1e-6 * C[0]})
     model = elasticity(term)
     size = np.linspace(0.0, 5e3, 400)
     q = np.tile(np.radians([0, -90, 90, 0, 90, 0]), (len(size), 1))
     side = np.zeros((len(size), 6))
     side[:, 1] = size  # N across the arm
-    elastic = model.at(q)
+    elastic = model.evaluate(q)
     tau = np.einsum("mci,mc->mi", elastic.state.J, side)[:, 0]
-    plain = elasticity().at(q).respond(side)
-    own = (elastic.respond(side) - plain)[:, 5] / elastic.state.J[:, 5, 0] + C[0] * tau  # twist of joint 1
+    plain = elasticity().evaluate(q).compute_twist(side)
+    own = (elastic.compute_twist(side) - plain)[:, 5] / elastic.state.J[:, 5, 0] + C[0] * tau  # twist of joint 1
     slope = np.diff(own) / np.diff(tau)
     assert slope.max() == pytest.approx(C[0], rel=1e-3)
     assert slope.min() == pytest.approx(0.1 * C[0], rel=1e-6)
@@ -493,25 +498,25 @@ def test_a_hardening_cubic_stays_a_spring_beyond_its_reach() -> None:
 def test_the_compensator_counts_in_every_use_of_joint_stiffness() -> None:
     """Grid, Jacobian, sensitivity to the gear's compliance, and its own share: all against differences."""
     effect, location, p = LAWS["compensator"]
-    term, q, w = Term(effect, location, p), postures(5), wrenches(5)
+    term, q, w = StiffnessTerm(effect, location, p), postures(5), wrenches(5)
     grid = StiffnessGrid(np.array([0.5, -1.5, -0.5]), 1.5, (2, 2, 2), K * np.linspace(0.7, 1.3, 8)[:, None])
     model = elasticity(term, grid=grid)
-    elastic, plain = model.at(q), elasticity(grid=grid).at(q)
+    elastic, plain = model.evaluate(q), elasticity(grid=grid).evaluate(q)
     assert len(np.unique(plain.k[:, 1])) > 1  # cells differ
-    np.testing.assert_allclose(model.jacobian(q)[1], elastic.k, rtol=1e-12)
-    more = model.terms[0].response(elastic.state, w) @ model.terms[0].values
-    np.testing.assert_allclose(elastic.respond(w) - plain.respond(w), more, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(model.compute_jacobian(q)[1], elastic.k, rtol=1e-12)
+    more = model.terms[0].compute_response(elastic.state, w) @ model.terms[0].values
+    np.testing.assert_allclose(elastic.compute_twist(w) - plain.compute_twist(w), more, rtol=1e-9, atol=1e-12)
     e, step = np.tile([0.0, 0.6, 0.8], (5, 1)), 1e-4
     for j in range(6):
         ends = []
         for sign in (1.0, -1.0):
             k = K / (1.0 + sign * step * (np.arange(6) == j))
-            ends.append(elasticity(term, k=k).at(q))
-        along = (ends[0].along(e) - ends[1].along(e)) / (2 * step * C[j])
-        jiao = (1 / ends[0].jiao_index(e) - 1 / ends[1].jiao_index(e)) / (2 * step * C[j])
-        here = elasticity(term).at(q)
-        np.testing.assert_allclose(here.sensitivity(e, e, small=True)[:, j], along, rtol=1e-5, atol=1e-9)
-        np.testing.assert_allclose(here.jiao_sensitivity(e)[:, j], jiao, rtol=1e-4, atol=1e-7)
+            ends.append(elasticity(term, k=k).evaluate(q))
+        along = (ends[0].compute_compliance_along(e) - ends[1].compute_compliance_along(e)) / (2 * step * C[j])
+        jiao = (1 / ends[0].compute_jiao_index(e) - 1 / ends[1].compute_jiao_index(e)) / (2 * step * C[j])
+        here = elasticity(term).evaluate(q)
+        np.testing.assert_allclose(here.compute_sensitivity(e, e, small=True)[:, j], along, rtol=1e-5, atol=1e-9)
+        np.testing.assert_allclose(here.compute_jiao_sensitivity(e)[:, j], jiao, rtol=1e-4, atol=1e-7)
 
 
 # --- in the planner -----------------------------------------------------------------------------------------
@@ -519,21 +524,25 @@ def test_the_compensator_counts_in_every_use_of_joint_stiffness() -> None:
 
 def test_a_batch_of_candidates_is_what_each_of_them_is_alone() -> None:
     names = ("knee", "backlash", "hysteresis", "creep", "harmonics", "compensator", "softening cubic", "sector")
-    model = elasticity(*(Term(*LAWS[n]) for n in names))
+    model = elasticity(*(StiffnessTerm(*LAWS[n]) for n in names))
     q = postures(500, seed=9)
     force = np.tile([0.0, 0.0, 250.0], (len(q), 1))
-    together = model.at(q).deflection(force)
-    alone = np.concatenate([model.at(q[n : n + 1]).deflection(force[n : n + 1]) for n in range(0, len(q), 50)])
+    together = model.evaluate(q).compute_deflection(force)
+    alone = np.concatenate(
+        [model.evaluate(q[n : n + 1]).compute_deflection(force[n : n + 1]) for n in range(0, len(q), 50)]
+    )
     np.testing.assert_allclose(together[::50], alone, rtol=1e-12)  # the same sums in another order
 
 
 def test_the_planner_knows_the_weight_of_the_cell() -> None:
     """Masses of the URDF and the tool: the same twist as with pinocchio's torques above, and no warning."""
-    term, q, w = Term(*LAWS["backlash"]), postures(), wrenches(6)
-    cell = replace(CELL, stiffness=Stiffness(joints=K, terms=(term,)))
-    model = prepare(cell, load_options(CELL.plan, None, ["collision=false"])).elasticity
+    term, q, w = StiffnessTerm(*LAWS["backlash"]), postures(), wrenches(6)
+    cell = replace(CELL, stiffness=ArmStiffness(joints=K, terms=(term,)))
+    model = prepare_planning(cell, load_options(CELL.plan, None, ["collision=false"])).elasticity
     assert not model.warnings
-    np.testing.assert_allclose(model.at(q).respond(w), elasticity(term).at(q).respond(w), rtol=1e-12)
+    np.testing.assert_allclose(
+        model.evaluate(q).compute_twist(w), elasticity(term).evaluate(q).compute_twist(w), rtol=1e-12
+    )
 
 
 def test_optimize_takes_the_laws_and_bends_more(tmp_path: Path) -> None:
@@ -551,7 +560,9 @@ def test_optimize_takes_the_laws_and_bends_more(tmp_path: Path) -> None:
         folder = changed_cell(tmp_path / case, base=ROOT / "cells" / "kr240_drilling")
         if case == "laws":
             stiffness = load_stiffness(folder / "stiffness.yaml")
-            write_stiffness(folder / "stiffness.yaml", replace(stiffness, terms=tuple(Term(*LAWS[n]) for n in names)))
+            write_stiffness(
+                folder / "stiffness.yaml", replace(stiffness, terms=tuple(StiffnessTerm(*LAWS[n]) for n in names))
+            )
         assert (
             optimize(
                 folder, toolpath, tmp_path / case / "out", "--set", "rotation_step_deg=20", "--set", "collision=false"

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from machopt.formats.posts.densify import Tolerance, compare_with_line
-from machopt.formats.posts.thinning import find_needed_targets
-from machopt.services.load import OptimizeRequest
-from machopt.services.run import optimize
+from machopt.commands.optimize.request import OptimizeRequest
+from machopt.commands.optimize.run import run_optimize
+from machopt.programs.writing.target_insertion import ProgramTolerance, compare_with_line
+from machopt.programs.writing.target_thinning import find_needed_targets
 
 ROOT = Path(__file__).resolve().parents[1]
-TOLERANCE = Tolerance()
+TOLERANCE = ProgramTolerance()
 
 
 def poses(place: np.ndarray, tilt: np.ndarray | None = None) -> np.ndarray:
@@ -80,7 +80,7 @@ def test_the_feed_is_held_on_points_a_hundredth_of_a_millimetre_apart(tmp_path: 
     file.write_text("\n".join(rows) + "\n", encoding="utf-8")
     posts = ("krl", "rapid", "urscript", "val3", "jbi", "fanuc_joint")
     cell = ROOT / "cells" / "kr500_milling"
-    outcome = optimize(OptimizeRequest(cell=cell, toolpath=file, out=tmp_path / "out", posts=posts))
+    outcome = run_optimize(OptimizeRequest(cell=cell, toolpath=file, out=tmp_path / "out", posts=posts))
     assert outcome.exit_code == 0
     for program in outcome.result.programs:
         assert program.feed_model is not None

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from machopt.batch.picture import picture_of
-from machopt.report.batch_page import BatchData, batch_html
-from machopt.report.thumbnail import HEIGHT, WIDTH, thumbnail
+from machopt.batch.toolpath_picture import build_path_picture
+from machopt.report.pages.batch_page import BatchPageData, build_batch_html
+from machopt.report.svg.toolpath_thumbnail import HEIGHT, WIDTH, build_thumbnail
 
 POINTS = """\
 point,move,x_mm,y_mm,z_mm,k_axial_N_mm,deflection_mm
@@ -21,11 +21,11 @@ point,move,x_mm,y_mm,z_mm,k_axial_N_mm,deflection_mm
 
 def test_cuts_are_coloured_misses_are_red_and_nothing_leaves_the_frame(tmp_path: Path) -> None:
     (tmp_path / "points.csv").write_text(POINTS)
-    path = picture_of(tmp_path / "points.csv", "a <b>")
+    path = build_path_picture(tmp_path / "points.csv", "a <b>")
     assert path is not None
     assert path.cutting.tolist() == [False, True, True, True, False]
     assert not path.large_is_good
-    svg = str(thumbnail(path))
+    svg = str(build_thumbnail(path))
     strokes = re.findall(r'stroke="([^"]+)"', svg)
     assert strokes == ["currentColor", "#d93636", "rgb(68,1,84)", "rgb(253,231,37)"]
     for x, y in re.findall(r"[ML](-?[\d.]+) (-?[\d.]+)", svg):
@@ -36,12 +36,12 @@ def test_cuts_are_coloured_misses_are_red_and_nothing_leaves_the_frame(tmp_path:
 
 def test_without_a_force_stiffness_colours_and_a_job_without_points_has_no_picture(tmp_path: Path) -> None:
     (tmp_path / "points.csv").write_text(re.sub(r"0\.[12]0$", "", POINTS, flags=re.M))
-    path = picture_of(tmp_path / "points.csv", "a")
+    path = build_path_picture(tmp_path / "points.csv", "a")
     assert path is not None
     assert path.large_is_good
-    assert picture_of(tmp_path / "nothing.csv", "a") is None
+    assert build_path_picture(tmp_path / "nothing.csv", "a") is None
     job = {"job": "j", "toolpath": "a.csv", "cell": "c", "variant": "", "state": "done", "verdict": "done"}
     job |= {"folder": "jobs/j", "report": "jobs/j/report.html"}
-    with_it = batch_html(BatchData(version="0", complete=True, jobs=(job,), pictures={"j": path}))
+    with_it = build_batch_html(BatchPageData(version="0", complete=True, jobs=(job,), pictures={"j": path}))
     assert '<a href="jobs/j/report.html#scene"><svg' in with_it
-    assert "#scene" not in batch_html(BatchData(version="0", complete=True, jobs=(job,)))
+    assert "#scene" not in build_batch_html(BatchPageData(version="0", complete=True, jobs=(job,)))

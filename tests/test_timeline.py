@@ -9,13 +9,13 @@ import pytest
 from test_path import Rows, toolpath
 from test_pipeline import FREE, UP, C, R, pass_over_block, small_job
 
-from machopt.domain.toolpath import Move, Toolpath
-from machopt.plan.feed.retime import RunFailure
-from machopt.plan.motion import legmaker, timeline
-from machopt.plan.motion.rapids import Blocked
-from machopt.plan.motion.timeline import build_timeline
-from machopt.plan.pipeline.breaks import Break
-from machopt.plan.pipeline.planned import Plan
+from machopt.data_types.toolpath import MoveKind, Toolpath
+from machopt.planning.motion import segment_planner, trajectory_builder
+from machopt.planning.motion.rapid_moves import BlockedRapid
+from machopt.planning.motion.trajectory_builder import build_timeline
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.sequence_breaks import SequenceBreak
+from machopt.planning.retiming.run_retiming import RunFailure
 
 ROWS = pass_over_block()
 
@@ -25,12 +25,12 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     return small_job(tmp_path_factory.mktemp("timeline"), ROWS, FREE)
 
 
-def builder(plan: Plan, *, gaps: bool = False, path: Toolpath | None = None) -> timeline._Builder:
+def builder(plan: Plan, *, gaps: bool = False, path: Toolpath | None = None) -> trajectory_builder._Builder:
     options = replace(plan.options, allow_gaps=gaps)
-    return timeline._Builder(replace(plan, options=options), path or toolpath(ROWS), lambda _: None)
+    return trajectory_builder._Builder(replace(plan, options=options), path or toolpath(ROWS), lambda _: None)
 
 
-def no_room(b: timeline._Builder, before: int, after: int) -> Break:
+def no_room(b: trajectory_builder._Builder, before: int, after: int) -> SequenceBreak:
     return b._no_room(float(b.path.index[before]), float(b.path.index[after]))
 
 
@@ -39,7 +39,7 @@ def test_the_whole_is_driven_from_home_and_back(made: Plan) -> None:
     assert done.trajectory is not None
     assert done.obstructions == ()
     np.testing.assert_allclose(done.trajectory.q[[0, -1]], made.setup.cell.home[None, :6].repeat(2, 0), atol=1e-12)
-    assert set(done.trajectory.move) == {int(Move.RAPID), int(Move.CUT)}
+    assert set(done.trajectory.move) == {int(MoveKind.RAPID), int(MoveKind.CUT)}
 
 
 def test_a_stretch_without_room_at_an_end_loses_the_point_there(made: Plan) -> None:
@@ -60,11 +60,11 @@ def test_a_gap_without_room_stops_the_job_or_costs_the_cuts_beside_it(made: Plan
     ((first, last),) = [run for run in made.path.runs if run[1] > run[0]]
     middle = int(np.flatnonzero(made.path.is_point)[5])
     b = builder(made)
-    here = legmaker.Place(made.setup.cell.home, float("nan"), -1)
+    here = segment_planner.RestPose(made.setup.cell.home, float("nan"), -1)
     b.lifts.gap = lambda row: float("nan")  # type: ignore[method-assign]
     into, out = b._legs(here, middle, last), b._legs(here, first, middle)
-    assert isinstance(into, Break)
-    assert isinstance(out, Break)
+    assert isinstance(into, SequenceBreak)
+    assert isinstance(out, SequenceBreak)
     assert (into.code, into.after) == ("no_room", float(made.path.index[middle]))
     assert (out.code, out.before) == ("no_room", float(made.path.index[middle]))
     assert b._stretch(here, middle, last) is None
@@ -84,7 +84,7 @@ def test_a_cut_that_loses_its_first_point_is_driven_from_the_next(made: Plan) ->
     b = builder(made, gaps=True)
     gap = b.lifts.gap
     b.lifts.gap = lambda row: float("nan") if row == middle else gap(row)  # type: ignore[method-assign]
-    end = b._stretch(legmaker.Place(made.setup.cell.home, float("nan"), -1), middle, last)
+    end = b._stretch(segment_planner.RestPose(made.setup.cell.home, float("nan"), -1), middle, last)
     assert end is not None
     assert end.row == last
     (driven,) = b.driven
@@ -104,8 +104,8 @@ def test_a_cut_that_loses_its_first_point_is_driven_from_the_next(made: Plan) ->
 def test_what_blocks_a_rapid_move_says_what_would_help(
     made: Plan, monkeypatch: pytest.MonkeyPatch, reason: str, code: str, said: str
 ) -> None:
-    blocked = Blocked("spindle ~ post", np.zeros(6), 0.0, reason)  # type: ignore[arg-type]
-    monkeypatch.setattr(legmaker, "plan_rapid", lambda *a, **k: blocked)
+    blocked = BlockedRapid("spindle ~ post", np.zeros(6), 0.0, reason)  # type: ignore[arg-type]
+    monkeypatch.setattr(segment_planner, "plan_rapid", lambda *a, **k: blocked)
     done = build_timeline(made, toolpath(ROWS))
     assert done.trajectory is None
     assert code in {b.code for b in done.obstructions}
@@ -115,9 +115,11 @@ def test_what_blocks_a_rapid_move_says_what_would_help(
 
 def test_only_gaps_and_nothing_cut_is_no_motion(made: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
     """With gaps allowed each stretch may be left out, not all of them: what was in the way is said."""
-    blocked = Blocked("spindle ~ post", np.zeros(6), 0.5, "way")
-    own = legmaker.plan_rapid
-    monkeypatch.setattr(legmaker, "plan_rapid", lambda a, b, **k: own(a, b, **k) if np.array_equal(a, b) else blocked)
+    blocked = BlockedRapid("spindle ~ post", np.zeros(6), 0.5, "way")
+    own = segment_planner.plan_rapid
+    monkeypatch.setattr(
+        segment_planner, "plan_rapid", lambda a, b, **k: own(a, b, **k) if np.array_equal(a, b) else blocked
+    )
     done = build_timeline(replace(made, options=replace(made.options, allow_gaps=True)), toolpath(ROWS))
     assert done.trajectory is None
     assert {b.code for b in done.obstructions} == {"rapid_blocked"}
@@ -130,14 +132,14 @@ def test_a_run_or_a_lift_that_cannot_be_driven_is_a_break_where_it_is(
     ((first, last),) = [run for run in made.path.runs if run[1] > run[0]]
     middle = int(np.flatnonzero(made.path.is_point)[4])
     b = builder(made)
-    here = legmaker.Place(made.setup.cell.home, float("nan"), -1)
-    monkeypatch.setattr(legmaker, "retime_run", lambda run: RunFailure(1.5, "joint 2 leaves its range"))
+    here = segment_planner.RestPose(made.setup.cell.home, float("nan"), -1)
+    monkeypatch.setattr(segment_planner, "retime_run", lambda run: RunFailure(1.5, "joint 2 leaves its range"))
     run = b._legs(here, first, last)
-    assert isinstance(run, Break)
+    assert isinstance(run, SequenceBreak)
     assert "joint 2 leaves its range" in run.text
     assert made.path.index[first] < run.after < made.path.index[last]
     lift = b._legs(here, middle, last)
-    assert isinstance(lift, Break)
+    assert isinstance(lift, SequenceBreak)
     assert lift.after == float(made.path.index[middle])
 
 

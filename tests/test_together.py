@@ -11,20 +11,20 @@ import numpy as np
 import pytest
 from small_cell import small_cell
 
-from machopt.domain.options import PlanOptions, Weights
-from machopt.domain.stiffness import Stiffness
-from machopt.formats.toolpath import read_toolpath
-from machopt.plan.certainty.certificate import certificate
-from machopt.plan.choice.choose import Grid
-from machopt.plan.choice.worst_cap import Capped
-from machopt.plan.compensation.compensate import rescored
-from machopt.plan.job import worst_over_tools as module
-from machopt.plan.job.joined import Stretch, joined, shares_of, shifted_break
-from machopt.plan.job.worst_over_tools import together
-from machopt.plan.pipeline.breaks import Break
-from machopt.plan.pipeline.planned import Plan
-from machopt.plan.pipeline.run import plan
-from machopt.plan.pipeline.setup import Timings
+from machopt.data_types.plan_options import ObjectiveWeights, PlanOptions
+from machopt.data_types.stiffness import ArmStiffness
+from machopt.planning.compensation.shifted_path import rescore_plan
+from machopt.planning.job import worst_index_over_tools as module
+from machopt.planning.job.joined_plan import ToolSegmentPlan, compute_length_shares, join_plans, shift_break_indices
+from machopt.planning.job.worst_index_over_tools import plan_worst_index_over_tools
+from machopt.planning.optimality_certificate import compute_certificate
+from machopt.planning.pipeline.path_planner import plan_path
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import StageTimings
+from machopt.planning.pipeline.sequence_breaks import SequenceBreak
+from machopt.planning.sequence_search.dynamic_programming import SequenceGrid
+from machopt.planning.sequence_search.worst_value_constraint import WorstLimitedSequence
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 
 def _groove(folder: Path, name: str, y: float, length: float) -> Path:
@@ -40,27 +40,27 @@ def _groove(folder: Path, name: str, y: float, length: float) -> Path:
 def alone(tmp_path_factory: pytest.TempPathFactory) -> list[Plan]:
     """A long groove with a short tool, and a short one at the table's end with a long tool, each for itself."""
     folder = tmp_path_factory.mktemp("together")
-    cell = replace(small_cell(folder), stiffness=Stiffness(joints=np.array([2.0, 2.0, 1.5, 0.5, 0.4, 0.3]) * 1e6))
+    cell = replace(small_cell(folder), stiffness=ArmStiffness(joints=np.array([2.0, 2.0, 1.5, 0.5, 0.4, 0.3]) * 1e6))
     far = cell.tool.T_flange_tcp.copy()
     far[:3, 3] += [0.15, 0.0, 0.2]
     cells = [cell, replace(cell, tool=replace(cell.tool, T_flange_tcp=far))]
     options = PlanOptions(
         collision=False,
         rotation_step=np.radians(15.0),
-        weights=replace(Weights(), worst=0.3, travel=0.3),
+        weights=replace(ObjectiveWeights(), worst=0.3, travel=0.3),
     )
     out: list[Plan] = []
     for one, name, y, length in zip(cells, ("a.csv", "b.csv"), (-100.0, 300.0), (300.0, 60.0), strict=True):
         path = read_toolpath(_groove(folder, name, y, length))
         scale = out[0].scores.scale if out else None
-        out.append(plan(one, path, options, scale=scale))
+        out.append(plan_path(one, path, options, scale=scale))
     return out
 
 
 def _values(one: Plan, cap: float) -> float:
     """The rest of the objective of the cheapest sequence under a cap."""
     assert one.found is not None
-    grid = Grid.of(one.path, one.candidates, one.scores, one.setup.cell.limits.velocity[:6], one.options)
+    grid = SequenceGrid.of(one.path, one.candidates, one.scores, one.setup.cell.limits.velocity[:6], one.options)
     found = grid.capped(one.found.edges)
     assert found is not None
     free, floor, under = found
@@ -71,8 +71,8 @@ def _values(one: Plan, cap: float) -> float:
 
 
 def test_the_common_bound_is_that_of_the_best_cap(alone: list[Plan]) -> None:
-    share, w = shares_of(alone), alone[0].options.weights.worst
-    plans, bound = together(alone, share, Timings())
+    share, w = compute_length_shares(alone), alone[0].options.weights.worst
+    plans, bound = plan_worst_index_over_tools(alone, share, StageTimings())
     assert bound is not None
     caps = np.unique(np.concatenate([(p.scores.cost / p.scores.scale).ravel() for p in alone]))
     caps = caps[np.isfinite(caps)][::7]
@@ -81,18 +81,18 @@ def test_the_common_bound_is_that_of_the_best_cap(alone: list[Plan]) -> None:
     assert bound >= min(every) * (1 - 0.01)  # every seventh cap
     one_by_one = float(share @ [p.choice.bound for p in alone])
     assert bound > one_by_one
-    told = certificate(joined([Stretch(p, 0, "") for p in plans], bound))
+    told = compute_certificate(join_plans([ToolSegmentPlan(p, 0, "") for p in plans], bound))
     assert told is not None
     assert told.bound == pytest.approx(bound)
     assert 0 <= told.gap < 5e-3
 
 
 def test_the_whole_is_never_worse_than_each_for_itself(alone: list[Plan]) -> None:
-    share = shares_of(alone)
-    plans, bound = together(alone, share, Timings())
-    before = joined([Stretch(p, 0, "") for p in alone])
-    after = joined([Stretch(p, 0, "") for p in plans], bound)
-    old, new = certificate(before), certificate(after)
+    share = compute_length_shares(alone)
+    plans, bound = plan_worst_index_over_tools(alone, share, StageTimings())
+    before = join_plans([ToolSegmentPlan(p, 0, "") for p in alone])
+    after = join_plans([ToolSegmentPlan(p, 0, "") for p in plans], bound)
+    old, new = compute_certificate(before), compute_certificate(after)
     assert old is not None
     assert new is not None
     assert new.objective < old.objective
@@ -101,33 +101,36 @@ def test_the_whole_is_never_worse_than_each_for_itself(alone: list[Plan]) -> Non
     w = alone[0].options.weights.worst
     for p in plans:  # told in the user's prices
         o, assignment = p.chosen.objective, p.chosen.assignment
-        own = rescored(p, assignment).chosen.objective
+        own = rescore_plan(p, assignment).chosen.objective
         assert (own.total, own.worst) == pytest.approx((o.total, o.worst))
         assert p.choice.bound <= p.choice.total
         assert p.choice.total > w * o.worst * 0.9
-    again, _ = together(alone, share, Timings())
+    again, _ = plan_worst_index_over_tools(alone, share, StageTimings())
     for p, q in zip(plans, again, strict=True):
         np.testing.assert_array_equal(p.chosen.assignment.q, q.chosen.assignment.q)
 
 
 def test_what_has_gaps_is_left_as_it_is(alone: list[Plan]) -> None:
-    plans, bound = together([alone[0], replace(alone[1], found=None)], shares_of(alone), Timings())
+    plans, bound = plan_worst_index_over_tools(
+        [alone[0], replace(alone[1], found=None)], compute_length_shares(alone), StageTimings()
+    )
     assert bound is None
     assert plans[0] is alone[0]
 
 
 def test_a_break_of_a_stretch_names_where_the_stretch_begins_and_ends(alone: list[Plan]) -> None:
     change = np.zeros(6)
-    told = Break(before=np.nan, after=3.0, code="rapid_blocked", text="no free way", help="another pose")
+    told = SequenceBreak(before=np.nan, after=3.0, code="rapid_blocked", text="no free way", help="another pose")
     assert told.where == "from home to point 3"
-    assert shifted_break(told, Stretch(alone[0], 10, "b")).where == "from home to point 13"
-    after = Stretch(replace(alone[0], begin=change), 10, "b")
-    assert shifted_break(told, after).where == "from the tool change to point 13"
+    assert shift_break_indices(told, ToolSegmentPlan(alone[0], 10, "b")).where == "from home to point 13"
+    after = ToolSegmentPlan(replace(alone[0], begin=change), 10, "b")
+    assert shift_break_indices(told, after).where == "from the tool change to point 13"
     back = replace(told, before=5.0, after=np.nan)
     assert (
-        shifted_break(back, Stretch(replace(alone[0], end=change), 10, "b")).where == "from point 15 to the tool change"
+        shift_break_indices(back, ToolSegmentPlan(replace(alone[0], end=change), 10, "b")).where
+        == "from point 15 to the tool change"
     )
-    assert shifted_break(back, after).where == "from point 15 to home"
+    assert shift_break_indices(back, after).where == "from point 15 to home"
 
 
 def told(total: float, worst: float) -> Plan:
@@ -152,11 +155,11 @@ def test_the_better_ones_are_taken_all_at_once_or_one_by_one() -> None:
 def test_a_stretch_under_a_cap_is_solved_once_and_never_twice() -> None:
     asked: list[float] = []
 
-    def solve(cap: float, limit: float) -> Capped | None:
+    def solve(cap: float, limit: float) -> WorstLimitedSequence | None:
         asked.append(cap)
-        return Capped(np.empty((0, 3), np.int32), 7.0, 0.8 * cap) if limit > 7.0 else None
+        return WorstLimitedSequence(np.empty((0, 3), np.int32), 7.0, 0.8 * cap) if limit > 7.0 else None
 
-    one = module._Stretch(Capped(np.empty((0, 3), np.int32), 5.0, 2.0), 0.5, solve)
+    one = module._Stretch(WorstLimitedSequence(np.empty((0, 3), np.int32), 5.0, 2.0), 0.5, solve)
     assert one.under(2.5, 6.0) is one.free
     assert one.under(2.5, 5.0) is None  # no better than what is known
     assert one.under(0.4, 99.0) is None  # below what any sequence has

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from machopt import se3
-from machopt.domain.toolpath import Move, Operation, Toolpath
-from machopt.plan.stations.path import build_path
-from machopt.verify import axis_interpolation
+from machopt.data_types.toolpath import MoveKind, Toolpath, ToolpathOperation
+from machopt.numerics import rigid_transforms
+from machopt.planning.stations.planning_path import build_planning_path
+from machopt.verification.motion.path_geometry import axis_interpolation
 
 
 def random_axes(count: int, seed: int) -> np.ndarray:
@@ -17,7 +17,7 @@ def random_axes(count: int, seed: int) -> np.ndarray:
     return axes / np.linalg.norm(axes, axis=1, keepdims=True)
 
 
-@pytest.mark.parametrize("interpolate", [se3.interpolate_axis, axis_interpolation.interpolate_axis])
+@pytest.mark.parametrize("interpolate", [rigid_transforms.interpolate_axis, axis_interpolation.interpolate_axis])
 def test_the_axis_turns_evenly_in_the_plane_of_both_ends(interpolate: object) -> None:
     start, end = random_axes(200, 1), random_axes(200, 2)
     share = np.random.default_rng(3).random(200)
@@ -29,7 +29,7 @@ def test_the_axis_turns_evenly_in_the_plane_of_both_ends(interpolate: object) ->
         np.testing.assert_allclose(axis, turn(f).apply(a), atol=1e-12)
 
 
-@pytest.mark.parametrize("interpolate", [se3.interpolate_axis, axis_interpolation.interpolate_axis])
+@pytest.mark.parametrize("interpolate", [rigid_transforms.interpolate_axis, axis_interpolation.interpolate_axis])
 def test_equal_axes_stay_as_they_are(interpolate: object) -> None:
     axes = random_axes(20, 4)
     np.testing.assert_allclose(interpolate(axes, axes, np.full(20, 0.3)), axes, atol=1e-15)  # type: ignore[operator]
@@ -43,10 +43,10 @@ def test_the_planned_path_turns_the_axis_evenly(angle: float, length: float) -> 
     toolpath = Toolpath(
         position=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [length, 0.0, 0.0]]),
         axis=np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, np.sin(end), np.cos(end)]]),
-        move=np.array([Move.RAPID, Move.CUT, Move.CUT], np.int8),
+        move=np.array([MoveKind.RAPID, MoveKind.CUT, MoveKind.CUT], np.int8),
         feed=np.array([np.nan, 0.05, 0.05]),
         operation=np.zeros(3, np.int32),
-        operations=(Operation(label="a", kind="trajectory"),),
+        operations=(ToolpathOperation(label="a", kind="trajectory"),),
         reference=np.full((3, 3), np.nan),
         tolerance=np.full(3, np.nan),
         line=np.arange(3, dtype=np.int32),
@@ -57,7 +57,7 @@ def test_the_planned_path_turns_the_axis_evenly(angle: float, length: float) -> 
         ignored=(),
         warnings=(),
     )
-    path = build_path(toolpath)
+    path = build_planning_path(toolpath)
     inner = path.index > 1.0
     expected = (path.index[inner] - 1.0) * end
     np.testing.assert_allclose(np.arctan2(path.axis[inner, 1], path.axis[inner, 2]), expected, atol=1e-9)

@@ -11,48 +11,52 @@ from small_cell import pose, small_cell
 from test_external import K, slots
 from test_path import Rows, toolpath
 
-from machopt.domain.cell import Cell, Cutter
-from machopt.domain.options import FixedRotation, PlanOptions, ProcessForce, Steer
-from machopt.domain.stint import Stint
-from machopt.domain.toolpath import Event, Move, Operation, Toolpath
+from machopt.cell.tool_selection import select_job_tools, split_into_tool_segments
+from machopt.data_types.cell import Cell, CutterGeometry
+from machopt.data_types.plan_options import FixedRotation, PlanOptions, ProcessForce, SteeringRule
+from machopt.data_types.tool_segments import ToolSegment
+from machopt.data_types.toolpath import MoveKind, Toolpath, ToolpathEvent, ToolpathOperation
 from machopt.errors import InputError
-from machopt.formats.tables import write_points_csv, write_trajectory_csv
-from machopt.formats.toolchoice import stints_of, with_tools
-from machopt.plan.certainty.certificate import certificate
-from machopt.plan.certainty.uncertainty import gains
-from machopt.plan.job.run import Job, plan_job
-from machopt.plan.pipeline.setup import Timings
-from machopt.plan.written.contact_map import mapped
-from machopt.report.gather.optimize_map import cut_stations
-from machopt.report.gather.optimize_scene import view_of
-from machopt.verify import Verification
-from machopt.verify.changes import verify_stints
+from machopt.output.tables.plan_tables import write_points_csv, write_trajectory_csv
+from machopt.planning.job.job_planner import JobPlan, plan_job
+from machopt.planning.optimality_certificate import compute_certificate
+from machopt.planning.pipeline.planning_setup import StageTimings
+from machopt.planning.plan_output.collision_map import compute_collision_map
+from machopt.planning.uncertainty.stiffness_uncertainty import compute_gains
+from machopt.report.page_data.optimize_rotation_map import find_cut_stations
+from machopt.report.page_data.optimize_scene import build_optimize_scene
+from machopt.verification import Verification
+from machopt.verification.motion.tool_changes import verify_tool_segments
 
 OPTIONS = PlanOptions(
     collision=False, rotation_step=np.radians(30.0), force=ProcessForce(normal=200.0, axial=100.0), sample=0.02
 )
 CHANGE = np.deg2rad([20, -90, 90, 0, 45, 0.0])
-EVENTS = (Event(10, "spindle", "M5"), Event(10, "tool", "T2", 2.0), Event(10, "spindle", "S900 M3", 900.0))
+EVENTS = (
+    ToolpathEvent(10, "spindle", "M5"),
+    ToolpathEvent(10, "tool", "T2", 2.0),
+    ToolpathEvent(10, "spindle", "S900 M3", 900.0),
+)
 LABELS = ("3", "3", "BALL", "3")  # the tool of each slot
 
 
 def table(folder: Path) -> Cell:
     cell = small_cell(folder, stiffness=K, obstacles=())
-    long = replace(cell.tool, T_flange_tcp=pose(0, 0, 0.45), mass=24.0, cutter=Cutter(0.016, 0.1))
-    return replace(cell, tools={"3": cell.tool, "BALL": long}, tool_name="3", change=CHANGE)
+    long = replace(cell.tool, T_flange_tcp=pose(0, 0, 0.45), mass=24.0, cutter=CutterGeometry(0.016, 0.1))
+    return replace(cell, tools={"3": cell.tool, "BALL": long}, tool_name="3", tool_change=CHANGE)
 
 
 def job(*tools: str, rows: Rows | None = None) -> Toolpath:
     """A slot for each tool, each an operation."""
     path = toolpath(rows or slots(*np.linspace(0.1, -0.1, len(tools))))
-    operation = np.minimum(np.cumsum(path.move == Move.RAPID) - 1, len(tools) - 1).astype(np.int32)
-    labels = tuple(Operation(f"op{k}", "trajectory", tool) for k, tool in enumerate(tools))
+    operation = np.minimum(np.cumsum(path.move == MoveKind.RAPID) - 1, len(tools) - 1).astype(np.int32)
+    labels = tuple(ToolpathOperation(f"op{k}", "trajectory", tool) for k, tool in enumerate(tools))
     return replace(path, operation=operation, operations=labels, events=EVENTS)
 
 
 def test_the_job_is_cut_where_the_tool_changes(tmp_path: Path) -> None:
     cell, path = table(tmp_path), job(*LABELS)
-    stints = stints_of(with_tools(cell, path), path)
+    stints = split_into_tool_segments(select_job_tools(cell, path), path)
     assert [(s.tool, s.first, s.stop, s.number) for s in stints] == [
         ("3", 0, 10, 1),
         ("BALL", 10, 15, 2),
@@ -65,8 +69,8 @@ def test_the_job_is_cut_where_the_tool_changes(tmp_path: Path) -> None:
         assert s.cell.tool is cell.tools[s.tool]
     np.testing.assert_array_equal(np.vstack([s.toolpath.position for s in stints]), path.position)
     wished = replace(OPTIONS, fixed=(FixedRotation(3, 0.1), FixedRotation(12, 0.2)))
-    assert [[f.point for f in s.of(wished).fixed] for s in stints] == [[3], [2], []]
-    (one,) = stints_of(with_tools(cell, job("3", "T03")), job("3", "T03"))
+    assert [[f.point for f in s.restrict_options(wished).fixed] for s in stints] == [[3], [2], []]
+    (one,) = split_into_tool_segments(select_job_tools(cell, job("3", "T03")), job("3", "T03"))
     assert one.number == 0
     assert one.tool == "3"
 
@@ -75,33 +79,33 @@ def test_a_change_on_the_way_of_a_cut_or_a_shared_number_is_refused(tmp_path: Pa
     cell, path = table(tmp_path), job("3", "BALL")
     cut = replace(path, operation=(np.arange(len(path)) > 1).astype(np.int32))
     with pytest.raises(InputError, match=r"cuts from point 1 to point 2, and the tool changes from 3 to BALL"):
-        stints_of(with_tools(cell, cut), cut)
-    out = replace(cut, move=np.where(np.arange(len(cut)) == 2, Move.RETRACT, cut.move).astype(cut.move.dtype))
+        split_into_tool_segments(select_job_tools(cell, cut), cut)
+    out = replace(cut, move=np.where(np.arange(len(cut)) == 2, MoveKind.RETRACT, cut.move).astype(cut.move.dtype))
     with pytest.raises(InputError, match=r"goes out of a cut \(a retract\) from point 1 to point 2, and the tool"):
-        stints_of(with_tools(cell, out), out)
+        split_into_tool_segments(select_job_tools(cell, out), out)
     numbered = replace(cell, tools={name: replace(tool, number=4) for name, tool in cell.tools.items()})
     with pytest.raises(InputError, match=r"the tools 3 and BALL would both be number 4"):
-        stints_of(numbered, path)
+        split_into_tool_segments(numbered, path)
     with pytest.raises(InputError, match=r"wants the tool 'DRILL', which the cell does not have.*3.*BALL"):
-        with_tools(cell, job("3", "DRILL"))
+        select_job_tools(cell, job("3", "DRILL"))
 
 
 def test_the_same_text_comes_before_the_same_number(tmp_path: Path) -> None:
     cell = table(tmp_path)
     both = replace(cell, tools={"3": cell.tools["3"], "T03": cell.tools["BALL"]})
-    assert with_tools(both, job("3")).tool_name == "3"
-    assert with_tools(both, job("T03")).tool_name == "T03"
+    assert select_job_tools(both, job("3")).tool_name == "3"
+    assert select_job_tools(both, job("T03")).tool_name == "T03"
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Cell, Toolpath, tuple[Stint, ...], Job]:
+def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Cell, Toolpath, tuple[ToolSegment, ...], JobPlan]:
     cell, path = table(tmp_path_factory.mktemp("tools")), job(*LABELS)
-    cell = with_tools(cell, path)
-    stints = stints_of(cell, path)
-    return cell, path, stints, plan_job(stints, path, OPTIONS, Timings())
+    cell = select_job_tools(cell, path)
+    stints = split_into_tool_segments(cell, path)
+    return cell, path, stints, plan_job(stints, path, OPTIONS, StageTimings())
 
 
-def test_each_tool_has_the_plan_it_has_alone(done: tuple[Cell, Toolpath, tuple[Stint, ...], Job]) -> None:
+def test_each_tool_has_the_plan_it_has_alone(done: tuple[Cell, Toolpath, tuple[ToolSegment, ...], JobPlan]) -> None:
     _, path, stints, whole = done
     assert len(whole.plan.parts) == len(stints) == 3
     np.testing.assert_array_equal(whole.plan.path.index[whole.plan.path.is_point], np.arange(len(path)))
@@ -117,17 +121,17 @@ def test_each_tool_has_the_plan_it_has_alone(done: tuple[Cell, Toolpath, tuple[S
     np.testing.assert_allclose(o.mean, share @ [p.plan.chosen.objective.mean for p in parts])
     own = share @ [p.plan.chosen.objective.total - OPTIONS.weights.worst * p.plan.chosen.objective.worst for p in parts]
     np.testing.assert_allclose(o.total, own + OPTIONS.weights.worst * o.worst)
-    found = certificate(whole.plan)
+    found = compute_certificate(whole.plan)
     assert found is not None
     assert found.bound <= found.sequence
     assert found.bound <= found.grid * (1 + 1e-6)
     assert found.bound * (1 - 2e-3) <= o.total  # the curve lies between the steps of the grid
     assert found.gap < 5e-3
-    gain = gains(whole.plan)[0]
+    gain = compute_gains(whole.plan)[0]
     np.testing.assert_allclose(gain.mean, 1.0 - o.mean / whole.plan.cam_default.objective.mean)
 
 
-def written(done: tuple[Cell, Toolpath, tuple[Stint, ...], Job], out: Path, *tools: str) -> Path:
+def written(done: tuple[Cell, Toolpath, tuple[ToolSegment, ...], JobPlan], out: Path, *tools: str) -> Path:
     _, path, stints, whole = done
     assert whole.timeline is not None
     assert whole.timeline.trajectory is not None
@@ -139,12 +143,12 @@ def written(done: tuple[Cell, Toolpath, tuple[Stint, ...], Job], out: Path, *too
     return out
 
 
-def held(done: tuple[Cell, Toolpath, tuple[Stint, ...], Job], out: Path) -> Verification:
-    return verify_stints(done[2], out, options=OPTIONS)
+def held(done: tuple[Cell, Toolpath, tuple[ToolSegment, ...], JobPlan], out: Path) -> Verification:
+    return verify_tool_segments(done[2], out, options=OPTIONS)
 
 
 def test_the_motion_changes_tools_at_rest_and_is_verified(
-    done: tuple[Cell, Toolpath, tuple[Stint, ...], Job], tmp_path: Path
+    done: tuple[Cell, Toolpath, tuple[ToolSegment, ...], JobPlan], tmp_path: Path
 ) -> None:
     motion = done[3].timeline.trajectory  # type: ignore[union-attr]
     assert motion is not None
@@ -162,7 +166,7 @@ def test_the_motion_changes_tools_at_rest_and_is_verified(
 
 
 def test_the_verifier_sees_a_wrong_tool_and_a_change_in_the_wrong_place(
-    done: tuple[Cell, Toolpath, tuple[Stint, ...], Job], tmp_path: Path
+    done: tuple[Cell, Toolpath, tuple[ToolSegment, ...], JobPlan], tmp_path: Path
 ) -> None:
     out = written(done, tmp_path, "BALL", "3", "BALL")
     assert [c.name for c in held(done, out).failed] == ["tool changes"]
@@ -184,18 +188,20 @@ def test_the_verifier_sees_a_wrong_tool_and_a_change_in_the_wrong_place(
 
 def test_wishes_are_those_of_the_stint_they_are_about(tmp_path: Path) -> None:
     cell, path = table(tmp_path), job(*LABELS)
-    stints = stints_of(with_tools(cell, path), path)
-    wished = replace(OPTIONS, steer=(Steer(points=(8, 16), prefer=0.3), Steer(operation="op2", gamma=0.1)))
-    laid = [s.of(wished) for s in stints]
+    stints = split_into_tool_segments(select_job_tools(cell, path), path)
+    wished = replace(
+        OPTIONS, steer=(SteeringRule(points=(8, 16), prefer=0.3), SteeringRule(operation="op2", gamma=0.1))
+    )
+    laid = [s.restrict_options(wished) for s in stints]
     assert [[w.points for w in o.steer] for o in laid] == [[(8, 9)], [(0, 4), (1, 3)], [(0, 1)]]
     assert [[f.point for f in o.fixed] for o in laid] == [[], [1, 2, 3], []]
 
 
-def test_the_picture_has_the_tool_that_is_on(done: tuple[Cell, Toolpath, tuple[Stint, ...], Job]) -> None:
+def test_the_picture_has_the_tool_that_is_on(done: tuple[Cell, Toolpath, tuple[ToolSegment, ...], JobPlan]) -> None:
     _, path, _, whole = done
-    plan, shown = whole.plan, mapped(whole.plan)
+    plan, shown = whole.plan, compute_collision_map(whole.plan)
     assert len(shown.known) == len(plan.path.stations)
-    view = view_of(plan, path, whole.points, whole.timeline, shown, whole.points.table.deflection)
+    view = build_optimize_scene(plan, path, whole.points, whole.timeline, shown, whole.points.table.deflection)
     assert [name for name, _ in view.scene.tools] == ["3", "BALL"]
     np.testing.assert_allclose(view.scene.tools[1][1][:3, 3] - view.scene.tools[0][1][:3, 3], [0.1, 0, 0], atol=1e-9)
     assert {(b.name, b.tools) for b in view.scene.bodies if b.tools} == {
@@ -208,7 +214,7 @@ def test_the_picture_has_the_tool_that_is_on(done: tuple[Cell, Toolpath, tuple[S
     ) == {1}
     assert view.stations is not None
     bent = np.linalg.norm(np.array(view.stations.bend), axis=1)  # by the elasticity of the tool that is on
-    at = plan.path.index[plan.path.stations[cut_stations(plan)]]
+    at = plan.path.index[plan.path.stations[find_cut_stations(plan)]]
     whole_points = at == np.round(at)
     table = whole.points.table.deflection[np.round(at[whole_points]).astype(int)]
     np.testing.assert_allclose(bent[whole_points], table)
@@ -221,7 +227,7 @@ def test_a_place_that_the_file_names_twice_has_a_sample_for_each(tmp_path: Path)
     rows = slots(0.0)
     path = toolpath([rows[0], *rows])
     cell = small_cell(tmp_path, stiffness=K, obstacles=())
-    stints = stints_of(cell, path)
-    whole = plan_job(stints, path, OPTIONS, Timings())
+    stints = split_into_tool_segments(cell, path)
+    whole = plan_job(stints, path, OPTIONS, StageTimings())
     out = written((cell, path, stints, whole), tmp_path / "out")
-    assert not verify_stints(stints, out, options=OPTIONS).failed
+    assert not verify_tool_segments(stints, out, options=OPTIONS).failed

@@ -11,12 +11,12 @@ from small_cell import small_cell
 from test_cell_format import change, expect, folder, refusal  # noqa: F401 the fixture
 from test_verify import sound, toolpath, verified
 
-from machopt.domain.cell import Cell
-from machopt.domain.toolpath import Operation, Toolpath
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.tool_selection import match_operation_tools, match_tool, select_single_tool
+from machopt.data_types.cell import Cell
+from machopt.data_types.toolpath import Toolpath, ToolpathOperation
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.toolchoice import tool_of, tools_of, with_tool
-from machopt.formats.toolpath import read_toolpath
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 TABLE = """tools:
   3:
@@ -49,7 +49,7 @@ def job(*tools: str, named: str = "") -> Toolpath:
     """One operation for each word."""
     one = toolpath()
     operation = np.minimum(np.arange(len(one)), len(tools) - 1).astype(np.int32)
-    labels = tuple(Operation(f"op{k}", "trajectory", t, "", named) for k, t in enumerate(tools))
+    labels = tuple(ToolpathOperation(f"op{k}", "trajectory", t, "", named) for k, t in enumerate(tools))
     return replace(one, operation=operation, operations=labels)
 
 
@@ -80,25 +80,25 @@ def test_neither_or_a_bad_one_is_refused(folder: Path) -> None:  # noqa: F811
     ],
 )
 def test_words_of_the_file(cell: Cell, path: Toolpath, name: str) -> None:
-    chosen = with_tool(cell, path)
+    chosen = select_single_tool(cell, path)
     assert chosen.tool_name == name
     assert chosen.tool is cell.tools[name]
-    assert set(tools_of(path, cell.tools)) == {name}
+    assert set(match_operation_tools(path, cell.tools)) == {name}
 
 
 def test_what_is_told_where_no_tool_can_be_chosen(cell: Cell) -> None:
     with pytest.raises(
         InputError, match=r"operation 'op1' wants the tool '5', which the cell does not have.*3.*BALL_D6"
     ):
-        with_tool(cell, job("3", "5"))
+        select_single_tool(cell, job("3", "5"))
     with pytest.raises(InputError, match=r"operation 'op0' names no tool, and the cell has 3, BALL_D6"):
-        with_tool(cell, job(""))
+        select_single_tool(cell, job(""))
     with pytest.raises(
         InputError, match=r"wants 2 tools of the cell \(3 from operation 'op0'.*BALL_D6 from operation 'op1'"
     ):
-        with_tool(cell, job("3", "BALL_D6"))
+        select_single_tool(cell, job("3", "BALL_D6"))
     alone = replace(cell, tools={"3": cell.tools["3"]})
-    assert with_tool(alone, job("")).tool_name == "3"
+    assert select_single_tool(alone, job("")).tool_name == "3"
 
 
 def test_a_column_of_tools(tmp_path: Path) -> None:
@@ -144,8 +144,8 @@ def test_the_exported_table_names_the_tool(cell: Cell, tmp_path: Path) -> None:
 def test_a_word_that_no_name_has_is_the_number_in_the_controller(tmp_path: Path) -> None:
     cell = small_cell(tmp_path)
     tools = {"MILL": replace(cell.tool, number=5), "DRILL": replace(cell.tool, number=7)}
-    assert tool_of(Operation("a", "trajectory", "5"), tools) == "MILL"
-    assert tool_of(Operation("a", "trajectory", "T07"), tools) == "DRILL"
-    assert tool_of(Operation("a", "trajectory", "5"), {"5": cell.tool, **tools}) == "5"  # a name comes first
+    assert match_tool(ToolpathOperation("a", "trajectory", "5"), tools) == "MILL"
+    assert match_tool(ToolpathOperation("a", "trajectory", "T07"), tools) == "DRILL"
+    assert match_tool(ToolpathOperation("a", "trajectory", "5"), {"5": cell.tool, **tools}) == "5"  # a name comes first
     both = {**tools, "MILL2": replace(cell.tool, number=5)}
-    assert tool_of(Operation("a", "trajectory", "5"), both) is None
+    assert match_tool(ToolpathOperation("a", "trajectory", "5"), both) is None

@@ -8,14 +8,14 @@ import pytest
 import trimesh
 from small_cell import pose
 
-from machopt.model.bodies import Body, inside, may_hold
-from machopt.model.touching import BLOCK, nearer, outline_of
+from machopt.collision.bodies import CollisionBody, is_point_inside, is_possibly_contained
+from machopt.collision.proximity_test import BLOCK, build_outline, is_nearer_than
 
 
-def body_of(mesh: trimesh.Trimesh) -> Body:
+def body_of(mesh: trimesh.Trimesh) -> CollisionBody:
     v = np.array(mesh.vertices)
     low, high = v.min(0), v.max(0)
-    return Body(
+    return CollisionBody(
         name="b",
         kind="link",
         link=1,
@@ -57,7 +57,7 @@ def test_as_fcl_says(limit: float) -> None:
         cross = fcl.collide(*objects, fcl.CollisionRequest(), fcl.CollisionResult())
         apart = fcl.distance(*objects, fcl.DistanceRequest(), fcl.DistanceResult())
         want.append(bool(cross) or apart < limit)
-    found = nearer(outline_of(body_of(a)), outline_of(body_of(b)), T, limit)
+    found = is_nearer_than(build_outline(body_of(a)), build_outline(body_of(b)), T, limit)
     assert np.array_equal(found, want)
     assert 50 < found.sum() < 550
 
@@ -70,32 +70,34 @@ def test_flat_and_hollow_bodies() -> None:
     ball = body_of(trimesh.creation.icosphere(subdivisions=1, radius=0.1))
     T = np.tile(np.eye(4), (3, 1, 1))
     T[:, 2, 3] = 0.05, 0.12, 0.4
-    assert nearer(outline_of(sheet), outline_of(ball), T, 0.03).tolist() == [True, True, False]
+    assert is_nearer_than(build_outline(sheet), build_outline(ball), T, 0.03).tolist() == [True, True, False]
     T[:, 2, 3] = 0.0, -0.88, -0.95
-    assert nearer(outline_of(body_of(bowl)), outline_of(ball), T, 0.03).tolist() == [False, True, True]
+    assert is_nearer_than(build_outline(body_of(bowl)), build_outline(ball), T, 0.03).tolist() == [False, True, True]
 
 
 def test_long_inputs_are_put_together_in_order() -> None:
-    a = outline_of(body_of(trimesh.creation.box((0.3, 0.3, 0.3))))
+    a = build_outline(body_of(trimesh.creation.box((0.3, 0.3, 0.3))))
     T = placements(2 * BLOCK + 7, 0.3)
-    whole = nearer(a, a, T, 0.05)
-    assert np.array_equal(whole, np.concatenate([nearer(a, a, T[n : n + 100], 0.05) for n in range(0, len(T), 100)]))
-    assert nearer(a, a, T[:0], 0.05).shape == (0,)
+    whole = is_nearer_than(a, a, T, 0.05)
+    assert np.array_equal(
+        whole, np.concatenate([is_nearer_than(a, a, T[n : n + 100], 0.05) for n in range(0, len(T), 100)])
+    )
+    assert is_nearer_than(a, a, T[:0], 0.05).shape == (0,)
 
 
 def test_only_what_may_hold_another_is_asked_whether_it_does() -> None:
     a, b = body_of(trimesh.creation.box((1, 1, 1))), body_of(trimesh.creation.box((0.1, 0.1, 0.1)))
     T = placements(300, 0.5)
     for one, other in ((a, b), (b, a)):
-        may = may_hold(one, other, T)
+        may = is_possibly_contained(one, other, T)
         for t, m in zip(T, may, strict=True):
             back = np.linalg.inv(t)
-            held = inside(one, t[:3, :3] @ other.vertices[0] + t[:3, 3]) or inside(
+            held = is_point_inside(one, t[:3, :3] @ other.vertices[0] + t[:3, 3]) or is_point_inside(
                 other, back[:3, :3] @ one.vertices[0] + back[:3, 3]
             )
             assert m or not held
         assert 0 < may.sum() < 300
-    assert not may_hold(a, b, pose(5.0, 0.0, 0.0)[None])[0]
+    assert not is_possibly_contained(a, b, pose(5.0, 0.0, 0.0)[None])[0]
 
 
 def test_what_hardly_moves_is_not_forgotten_too_late() -> None:
@@ -103,7 +105,7 @@ def test_what_hardly_moves_is_not_forgotten_too_late() -> None:
     bowl, inside its hull, asked in one go and one by one."""
     bowl = trimesh.creation.icosphere(subdivisions=2, radius=1.0)
     bowl.update_faces(bowl.triangles_center[:, 2] < 0.3)
-    a, ball = (outline_of(body_of(m)) for m in (bowl, trimesh.creation.icosphere(subdivisions=1, radius=0.1)))
+    a, ball = (build_outline(body_of(m)) for m in (bowl, trimesh.creation.icosphere(subdivisions=1, radius=0.1)))
     rng = np.random.default_rng(8)
     T = np.tile(np.eye(4), (400, 1, 1))
     T[:, :3, 3] = np.cumsum(rng.normal(scale=2e-5, size=(400, 3)), axis=0)
@@ -112,8 +114,8 @@ def test_what_hardly_moves_is_not_forgotten_too_late() -> None:
     for near in (0.0002, 0.001, 0.02):
         T[:, 2, 3] = depth - np.linspace(0.0, near, 400)
         limit = 0.0983 - 0.5 * near  # of 0.0983 m at the beginning
-        alone = np.array([nearer(a, ball, t[None], limit)[0] for t in T])
-        assert np.array_equal(nearer(a, ball, T, limit), alone)
+        alone = np.array([is_nearer_than(a, ball, t[None], limit)[0] for t in T])
+        assert np.array_equal(is_nearer_than(a, ball, T, limit), alone)
         assert 0 < alone.sum() < len(T)
 
 
@@ -123,12 +125,12 @@ def test_what_a_row_says_of_the_next_is_what_that_says_alone(limit: float) -> No
     and out of contact in small and large steps, in one go and one by one."""
     stick = trimesh.creation.cylinder(radius=0.03, height=0.5, sections=9)
     ring = trimesh.creation.annulus(r_min=0.2, r_max=0.3, height=0.1)
-    a, b = outline_of(body_of(ring)), outline_of(body_of(stick))
+    a, b = build_outline(body_of(ring)), build_outline(body_of(stick))
     rng = np.random.default_rng(11)
     step = rng.choice([2e-4, 2e-3, 3e-2], size=1500)[:, None] * rng.normal(size=(1500, 3))
     T = placements(1500, 0.0)
     T[:, :3, :3] = np.repeat(T[::100, :3, :3], 100, axis=0)
     T[:, :3, 3] = 0.4 * np.sin(np.cumsum(step, axis=0))
-    alone = np.array([nearer(a, b, t[None], limit)[0] for t in T])
-    assert np.array_equal(nearer(a, b, T, limit), alone)
+    alone = np.array([is_nearer_than(a, b, t[None], limit)[0] for t in T])
+    assert np.array_equal(is_nearer_than(a, b, T, limit), alone)
     assert 100 < alone.sum() < 1400

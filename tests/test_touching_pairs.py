@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from small_cell import pose, small_cell
 
-from machopt.domain.cell import Cell, Shape
-from machopt.model.collision import CollisionModel
-from machopt.model.robot import load_chain
-from machopt.verify.arm import Arm
-from machopt.verify.bodies import all_bodies
-from machopt.verify.touching_pairs import checked_pairs
+from machopt.collision.collision_model import CollisionModel
+from machopt.data_types.cell import Cell, CollisionShape
+from machopt.kinematics.robot import load_chain
+from machopt.verification.motion.collision.bodies import build_bodies
+from machopt.verification.motion.collision.touching_pairs import list_checked_pairs
+from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
 CLEARANCE = 0.002
 
@@ -22,7 +22,9 @@ CLEARANCE = 0.002
 def cell_with(folder: Path, size: float, offset: float) -> Cell:
     """The small cell with a box on the flange that meets the forearm in a share of all poses."""
     cell = small_cell(folder)
-    box = Shape(name="box", kind="box", size=(size, size, 0.3), mesh=None, T_parent_shape=pose(offset, 0, -0.1))
+    box = CollisionShape(
+        name="box", kind="box", size=(size, size, 0.3), mesh=None, T_parent_shape=pose(offset, 0, -0.1)
+    )
     return replace(cell, tool=replace(cell.tool, geometry=(box,)))
 
 
@@ -34,8 +36,8 @@ def excluded_by_planner(cell: Cell) -> list[tuple[str, str]]:
 
 def confirmed(cell: Cell, listed: list[tuple[str, str]]) -> tuple[set[frozenset[str]], list[str]]:
     """The pairs that the verifier checks, and listed ones that it does not confirm."""
-    arm = Arm(cell)
-    found, unfounded = checked_pairs(cell, arm, all_bodies(cell, arm), CLEARANCE, listed)
+    arm = UrdfKinematics(cell)
+    found, unfounded = list_checked_pairs(cell, arm, build_bodies(cell, arm), CLEARANCE, listed)
     return {frozenset((a.name, b.name)) for a, b in found}, unfounded
 
 
@@ -58,7 +60,7 @@ def test_a_pair_that_does_not_touch_is_named_and_checked(tmp_path: Path) -> None
 
 def test_without_a_list_the_verifier_decides(tmp_path: Path) -> None:
     cell = cell_with(tmp_path, 0.1, 0.0)
-    arm = Arm(cell)
-    found, unfounded = checked_pairs(cell, arm, all_bodies(cell, arm), CLEARANCE, None)
+    arm = UrdfKinematics(cell)
+    found, unfounded = list_checked_pairs(cell, arm, build_bodies(cell, arm), CLEARANCE, None)
     assert unfounded == []
     assert any(b.name == "box" for _, b in found)

@@ -12,13 +12,14 @@ import trimesh
 from scipy.spatial.transform import Rotation
 from small_cell import small_cell
 
-from machopt.model import nearest, threads
-from machopt.model.boxes import PIECES, _divided, mesh_of
-from machopt.model.collision import CollisionModel
-from machopt.model.robot import load_chain
-from machopt.model.surfaces import Surfaces
-from machopt.model.triangles import distance, follow
-from machopt.se3 import inverse, transform
+from machopt.collision import nearest_pair
+from machopt.collision.bounding_box_tree import MAX_TRIANGLES, _subdivide_long_triangles, build_box_tree
+from machopt.collision.collision_model import CollisionModel
+from machopt.collision.fcl_distance import FclSurfaces
+from machopt.collision.mesh_distance import compute_distance, compute_distances_along_rows
+from machopt.kinematics.robot import load_chain
+from machopt.numerics import worker_threads
+from machopt.numerics.rigid_transforms import build_transform, invert_transform
 
 EXACT = 1e-11  # m, beside the rounding of fcl's own; TIE of the module is a tenth of that
 
@@ -36,11 +37,11 @@ def test_distances_are_those_of_fcl_and_crossing_surfaces_have_none() -> None:
     rng = np.random.default_rng(3)
     a, b = soup(rng, 40, 0.2), soup(rng, 23, 0.1)
     turn = Rotation.random(300, random_state=1).as_matrix()
-    T = transform(turn, rng.uniform(-0.3, 0.3, (300, 3)))
+    T = build_transform(turn, rng.uniform(-0.3, 0.3, (300, 3)))
     T[::7, :3, :3] = np.eye(3)  # planes of both lie parallel
-    x, y = mesh_of(a), mesh_of(b)
+    x, y = build_box_tree(a), build_box_tree(b)
     far, none = np.full(300, np.inf), np.full(300, -np.inf)
-    d, _ = follow(
+    d, _ = compute_distances_along_rows(
         x.corners,
         x.normals,
         x.low,
@@ -61,14 +62,17 @@ def test_distances_are_those_of_fcl_and_crossing_surfaces_have_none() -> None:
         none,
         far,
     )
-    surfaces = Surfaces([a, b])
-    theirs = np.array([max(surfaces.distance((0, 1), M), 0.0) for M in T])
+    surfaces = FclSurfaces([a, b])
+    theirs = np.array([max(surfaces.compute_distance((0, 1), M), 0.0) for M in T])
     assert 0.02 < (theirs == 0.0).mean() < 0.9
     np.testing.assert_allclose(d, theirs, rtol=0.0, atol=EXACT)
-    for still, moving, motion in ((x, y, T), (y, x, inverse(T))):  # one by one, from wherever the last one left off
+    for still, moving, motion in (
+        (x, y, T),
+        (y, x, invert_transform(T)),
+    ):  # one by one, from wherever the last one left off
         guess, single = (0, 0), []
         for M in motion:
-            apart, guess = distance(still, moving, M, guess)
+            apart, guess = compute_distance(still, moving, M, guess)
             single.append(apart)
         np.testing.assert_allclose(single, theirs, rtol=0.0, atol=EXACT)
 
@@ -85,29 +89,31 @@ def test_nearest_pair_is_the_least_of_all_and_does_not_depend_on_the_cores(
     cutting = np.arange(len(q)) % 3 > 0
     found = []
     for many in (1, 2):
-        monkeypatch.setattr(threads, "cores", lambda many=many: many)
-        found.append(model.nearest(q, cutting))
+        monkeypatch.setattr(worker_threads, "count_threads", lambda many=many: many)
+        found.append(model.find_nearest_pair(q, cutting))
     np.testing.assert_array_equal(found[0].distance, found[1].distance)
     np.testing.assert_array_equal(found[0].pair, found[1].pair)
-    poses = robot.link_poses(q)
+    poses = robot.compute_link_poses(q)
     for n in range(0, len(q), 61):
         every = []
         for pair, (i, j), (low, high) in zip(model.pairs, model.stack.index, model.stack.links, strict=True):
             T = np.linalg.inv(poses[n, low]) @ poses[n, high]
-            within = model.surfaces.contained((i, j), T)
-            d = 0.0 if within else max(model.surfaces.distance((i, j), T), 0.0)
+            within = model.surfaces.is_contained((i, j), T)
+            d = 0.0 if within else max(model.surfaces.compute_distance((i, j), T), 0.0)
             every.append(np.inf if pair.unless_cutting and cutting[n] else d)
-        assert found[0].distance[n] == pytest.approx(min([*every, nearest.CAP]), abs=EXACT)
+        assert found[0].distance[n] == pytest.approx(min([*every, nearest_pair.MAX_DISTANCE_M]), abs=EXACT)
 
 
 def test_dividing_long_triangles_leaves_the_surface_as_it_is() -> None:
     slender = trimesh.creation.cylinder(0.05, 1.0, sections=12).triangles
-    fine = _divided(slender, 0.1)
+    fine = _subdivide_long_triangles(slender, 0.1)
     edges = np.linalg.norm(fine - np.roll(fine, -1, axis=1), axis=2)
     assert len(fine) > 10 * len(slender)
     assert edges.max() <= 0.1
     area = [0.5 * np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1).sum() for t in (slender, fine)]
     assert area[0] == pytest.approx(area[1], rel=1e-12)
-    assert len(_divided(slender, 1e-3)) <= len(slender) + PIECES  # a bound on what many long triangles cost
+    assert (
+        len(_subdivide_long_triangles(slender, 1e-3)) <= len(slender) + MAX_TRIANGLES
+    )  # a bound on what many long triangles cost
     flat = np.zeros((3, 3, 3))
-    np.testing.assert_array_equal(_divided(flat, 0.0), flat)
+    np.testing.assert_array_equal(_subdivide_long_triangles(flat, 0.0), flat)

@@ -8,13 +8,19 @@ import numpy as np
 import pytest
 import trimesh
 
-from machopt import triangulated
-from machopt.domain.cell import Shape
-from machopt.model.bodies import closed, triangles_of
-from machopt.triangulated import Triangles, binary_stl, box, cylinder, merged
+from machopt.collision.bodies import is_closed_surface, triangulate_shape
+from machopt.data_types.cell import CollisionShape
+from machopt.numerics import triangle_meshes
+from machopt.numerics.triangle_meshes import (
+    TriangleMesh,
+    build_box,
+    build_cylinder,
+    merge_equal_vertices,
+    parse_binary_stl,
+)
 
 
-def same(ours: Triangles | None, theirs: trimesh.Trimesh) -> bool:
+def same(ours: TriangleMesh | None, theirs: trimesh.Trimesh) -> bool:
     return (
         ours is not None
         and np.array_equal(ours.vertices, theirs.vertices)
@@ -33,34 +39,36 @@ def same(ours: Triangles | None, theirs: trimesh.Trimesh) -> bool:
 def test_binary_stl_is_read_as_trimesh_reads_it(solid: trimesh.Trimesh, tmp_path: Path) -> None:
     file = tmp_path / "solid.stl"
     solid.export(file)
-    raw = binary_stl(file.read_bytes())
+    raw = parse_binary_stl(file.read_bytes())
     assert raw is not None
     assert same(raw, trimesh.load_mesh(file, process=False))
-    assert same(merged(raw), trimesh.load(file, force="mesh"))
-    assert binary_stl(file.read_bytes()[:-1]) is None
-    assert binary_stl(solid.export(file_type="stl_ascii").encode()) is None
+    assert same(merge_equal_vertices(raw), trimesh.load(file, force="mesh"))
+    assert parse_binary_stl(file.read_bytes()[:-1]) is None
+    assert parse_binary_stl(solid.export(file_type="stl_ascii").encode()) is None
 
 
 def test_corners_that_are_not_finite_are_left_out_with_their_triangles(tmp_path: Path) -> None:
     solid = trimesh.creation.box((1.0, 2.0, 3.0))
-    raw = merged(Triangles(np.array(solid.vertices), np.array(solid.faces)))
+    raw = merge_equal_vertices(TriangleMesh(np.array(solid.vertices), np.array(solid.faces)))
     vertices = np.vstack([raw.vertices, raw.vertices[:2], [[np.nan] * 3]])  # two corners twice, one that is none
     faces = np.vstack([raw.faces, [[8, 9, 10], [8, 9, 3]]])
-    found = merged(Triangles(vertices, faces))
+    found = merge_equal_vertices(TriangleMesh(vertices, faces))
     kept = [*raw.vertices[raw.faces].tolist(), raw.vertices[[0, 1, 3]].tolist()]  # trimesh's versions differ in this
     assert sorted(found.vertices[found.faces].tolist()) == sorted(kept)
     assert len(found.faces) == len(raw.faces) + 1
 
 
 def test_boxes_and_cylinders_are_those_of_trimesh() -> None:
-    assert same(box((0.4, 0.3, 0.05)), trimesh.creation.box((0.4, 0.3, 0.05)))
+    assert same(build_box((0.4, 0.3, 0.05)), trimesh.creation.box((0.4, 0.3, 0.05)))
     for radius, height in ((0.005, 0.04), (0.3, 1.7)):
-        assert same(cylinder(radius, height, 48), trimesh.creation.cylinder(radius=radius, height=height, sections=48))
+        assert same(
+            build_cylinder(radius, height, 48), trimesh.creation.cylinder(radius=radius, height=height, sections=48)
+        )
 
 
 def test_a_thin_cutter_keeps_its_end_faces() -> None:
     """trimesh leaves out triangles below 1e-8 m²: those of a cutter of 0.5 mm."""
-    assert closed(cylinder(0.25e-3, 5e-3, 48).faces)
+    assert is_closed_surface(build_cylinder(0.25e-3, 5e-3, 48).faces)
 
 
 def test_a_body_with_hard_edges_is_closed(tmp_path: Path) -> None:
@@ -72,21 +80,23 @@ def test_a_body_with_hard_edges_is_closed(tmp_path: Path) -> None:
     lines += [f"f {a}//{a} {b}//{b} {c}//{c}" for a, b, c in (solid.faces + 1).tolist()]
     file = tmp_path / "hard.obj"
     file.write_text("\n".join(lines) + "\n")
-    vertices, faces = triangles_of(Shape(name="hard", kind="mesh", size=(1.0,), mesh=file, T_parent_shape=np.eye(4)))
+    vertices, faces = triangulate_shape(
+        CollisionShape(name="hard", kind="mesh", size=(1.0,), mesh=file, T_parent_shape=np.eye(4))
+    )
     assert len(vertices) == 8
-    assert closed(faces)
+    assert is_closed_surface(faces)
 
 
 def test_corners_whose_keys_meet_are_still_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     solid = trimesh.creation.icosphere(subdivisions=1)
-    apart = Triangles(solid.vertices[solid.faces].reshape(-1, 3), np.arange(3 * len(solid.faces)).reshape(-1, 3))
-    whole = merged(apart)
+    apart = TriangleMesh(solid.vertices[solid.faces].reshape(-1, 3), np.arange(3 * len(solid.faces)).reshape(-1, 3))
+    whole = merge_equal_vertices(apart)
     assert len(whole.vertices) == len(solid.vertices)
-    monkeypatch.setattr(triangulated, "MIXED", np.array([2, 0, 0]))  # corners of one x share it
-    assert all(np.array_equal(a, b) for a, b in zip(merged(apart), whole, strict=True))
+    monkeypatch.setattr(triangle_meshes, "MIXED", np.array([2, 0, 0]))  # corners of one x share it
+    assert all(np.array_equal(a, b) for a, b in zip(merge_equal_vertices(apart), whole, strict=True))
 
 
 def test_nothing_merges_to_nothing() -> None:
-    none = merged(Triangles(np.full((3, 3), np.nan), np.array([[0, 1, 2]])))
+    none = merge_equal_vertices(TriangleMesh(np.full((3, 3), np.nan), np.array([[0, 1, 2]])))
     assert none.vertices.shape == (0, 3)
     assert none.faces.shape == (0, 3)

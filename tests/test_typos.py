@@ -7,8 +7,8 @@ import string
 import pytest
 
 from machopt.cli import main
-from machopt.formats.option_keys import OptionKeys
-from machopt.typos import count_slips, find_typo
+from machopt.options.option_schema import OptionKeys
+from machopt.spelling_suggestions import count_slips, find_typo
 
 OPTIONS = list(OptionKeys.model_fields)
 

@@ -12,14 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_overexternal import EXACT, TURN, prices, random_lattice
 
-from machopt.plan.best.sequences import Lattice
-from machopt.plan.best.unfolded import fit_together, unfolded
-from machopt.plan.choice.worst_cap import GAP
+from machopt.planning.external_axis_optimization.turn_resolved_grid import is_turn_consistent, resolve_turns
+from machopt.planning.external_axis_optimization.value_grid_sequences import ValueGridSequences
+from machopt.planning.sequence_search.worst_value_constraint import GAP
 
 MANY = 10**6
 
 
-def small(seed: int, priced: tuple[float, float, float, float], flags: int, stable: bool) -> Lattice:
+def small(seed: int, priced: tuple[float, float, float, float], flags: int, stable: bool) -> ValueGridSequences:
     """Three stations, of six joints two that have turns to choose from."""
     x = random_lattice(seed, priced, flags, stable)
     more = np.minimum(x.more, np.array([1, 0, 0, 0, 0, 2], np.int8))
@@ -27,7 +27,7 @@ def small(seed: int, priced: tuple[float, float, float, float], flags: int, stab
     return replace(x, more=more[:3], **few)
 
 
-def every_price_with_turns(x: Lattice) -> dict[tuple[int, ...], float]:
+def every_price_with_turns(x: ValueGridSequences) -> dict[tuple[int, ...], float]:
     """Least J of each sequence of vertices that exist, over all turns that the limits leave, one by one."""
     R, B = x.phi.shape[1], x.branches
 
@@ -71,7 +71,7 @@ def test_bound_and_best_are_those_of_every_sequence_with_every_turn(
     problem = small(seed, priced, flags, stable)
     told = every_price_with_turns(problem)
     ideal = min(told.values(), default=np.inf)
-    apart = unfolded(problem, np.zeros_like(problem.node), MANY)
+    apart = resolve_turns(problem, np.zeros_like(problem.node), MANY)
     assert apart is not None
     found = apart.lattice.best()
     if not np.isfinite(ideal):
@@ -89,7 +89,7 @@ def test_bound_and_best_are_those_of_every_sequence_with_every_turn(
     assert ((turns > -0.5) & (turns < problem.more[at, apart.vertex[vertex]] + 0.5)).all()
     # what is known to be no part of a sequence as good as one that is known leads to the same
     known = ideal * (1 + EXACT)
-    fewer = unfolded(problem, problem.through(problem.onward(known), known), MANY)
+    fewer = resolve_turns(problem, problem.through(problem.onward(known), known), MANY)
     assert fewer is not None
     assert fewer.lattice.node.size <= apart.lattice.node.size
     again = fewer.lattice.best()
@@ -110,7 +110,7 @@ def test_turns_fit_together_where_the_best_of_each_step_can_be_driven(
     total, _, vertex = found
     driven = every_price_with_turns(problem)[tuple(vertex.tolist())]
     assert total <= driven * (1 + EXACT)
-    if fit_together(problem, vertex):
+    if is_turn_consistent(problem, vertex):
         assert driven == pytest.approx(total, rel=EXACT)
 
 
@@ -132,12 +132,14 @@ def test_a_joint_that_winds_itself_up_has_to_come_back() -> None:
         branches=1,
     )
     vertex = np.zeros(3, np.int64)
-    assert not fit_together(one, vertex)  # up by 1.1 thirds to the second turn of the middle, and on from the first
-    apart = unfolded(one, np.zeros((3, 1)), MANY)
+    assert not is_turn_consistent(
+        one, vertex
+    )  # up by 1.1 thirds to the second turn of the middle, and on from the first
+    apart = resolve_turns(one, np.zeros((3, 1)), MANY)
     assert apart is not None
     found, loose = apart.lattice.best(), one.best()
     assert found is not None
     assert loose is not None
     assert found[0] > loose[0] + 0.1
-    assert unfolded(one, np.zeros((3, 1)), 5) is None  # three stations with two turns each are more
-    assert unfolded(one, np.full((3, 1), np.inf), MANY) is None  # nothing is as good as the plan
+    assert resolve_turns(one, np.zeros((3, 1)), 5) is None  # three stations with two turns each are more
+    assert resolve_turns(one, np.full((3, 1), np.inf), MANY) is None  # nothing is as good as the plan

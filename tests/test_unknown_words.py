@@ -15,10 +15,10 @@ from reader_samples import CAMWORKS, CATIA, CREO, DIN_ISO, FANUC, HEIDENHAIN, HS
 import machopt
 from machopt.cli import main
 from machopt.errors import InputError
-from machopt.formats.cam import reviewed
-from machopt.formats.programs import reviewed as programs_reviewed
-from machopt.formats.toolpath import read_toolpath
-from machopt.formats.unknownwords import refuse_unknown_words
+from machopt.programs.reading import harmless_words as programs_reviewed
+from machopt.toolpath.readers import harmless_words
+from machopt.toolpath.toolpath_reader import read_toolpath
+from machopt.toolpath.unknown_words import refuse_unknown_words
 
 PACKAGE = Path(machopt.__file__).parent
 STEMS = ("FRAME", "COORD", "MCSYS", "WCS", "SHIFT", "TILT", "PLN", "ORIG", "ROTAT", "LOCALC", "DATUM", "MOVT", "RETRC")
@@ -98,7 +98,7 @@ class Dialect:
 
 def apt_words() -> tuple[str, ...]:
     ending = ("FINI", "END", "END-OF-PATH", "UNIT", "UNITS", "TLDATA")  # end the path, or say what the file is
-    return tuple(f"{w}/1" for w in sorted(reviewed.APT) if w not in ending and not w.startswith("CSI_"))
+    return tuple(f"{w}/1" for w in sorted(harmless_words.APT) if w not in ending and not w.startswith("CSI_"))
 
 
 APT_FORMS = (lambda w: f"{w}/1,2,3", lambda w: f"{w}/ON", lambda w: w, lambda w: f"{w[:6]} / NUM,1,POINT,0,0,0")
@@ -113,7 +113,7 @@ DIALECTS = {
         FANUC,
         (lambda w: w, lambda w: f"M{200 + sum(map(ord, w)) % 90}", lambda w: f"G{201 + sum(map(ord, w)) % 90} X1."),
         ("S8000", "G0 X0", "X50.", "X90."),
-        tuple(f"M{m}" for m in sorted(reviewed.M) if m not in (10, 11)),
+        tuple(f"M{m}" for m in sorted(harmless_words.M) if m not in (10, 11)),
     ),
     "sinumerik": Dialect(
         SIEMENS,
@@ -121,7 +121,7 @@ DIALECTS = {
         ("N60", "N160", "N170"),
         tuple(
             w if w in ("CYCLE832",) else f"{w}(1)" if w in ("MSG", "PRINTLN") else w
-            for w in sorted(reviewed.SINUMERIK_CALLS)
+            for w in sorted(harmless_words.SINUMERIK_CALLS)
             if w not in ("WORKPIECE", "MSG")
         ),
     ),
@@ -141,7 +141,7 @@ DIALECTS = {
         NCI,
         (lambda w: f"{1100 + sum(map(ord, w)) % 800}\n1 2 3",),
         ("1008", "1003"),
-        tuple(f"{code}\n1 2 3" for code in sorted(reviewed.NCI)),
+        tuple(f"{code}\n1 2 3" for code in sorted(harmless_words.NCI)),
     ),
     "krl": Dialect(
         KRL,
@@ -410,7 +410,7 @@ def test_inspect_shows_the_file_and_optimize_refuses_it(tmp_path: Path, capsys: 
 def test_nobody_plans_from_a_file_without_the_check() -> None:
     """Every module outside of the readers that reads a toolpath refuses unknown words; ``inspect`` and the API's
     reading show them."""
-    shows = {"cli/toolpaths.py", "api/toolpath.py"}
+    shows = {"cli/toolpath_commands.py", "api/toolpath.py"}
     for file in PACKAGE.rglob("*.py"):
         name = file.relative_to(PACKAGE).as_posix()
         if name.startswith("formats/") or name in shows:

@@ -10,19 +10,19 @@ from pathlib import Path
 import pytest
 from small_cell import urdf_text
 
-from machopt.cells.asked import InitRequest
-from machopt.cells.problems import read_all
-from machopt.cells.review import review
+from machopt.cell.cell_reader import load_cell
+from machopt.cell_setup.template.init_request import InitRequest
+from machopt.cell_setup.validation.planning_checks import list_remarks
+from machopt.cell_setup.validation.reader_errors import read_all
 from machopt.cli import main
-from machopt.domain.results.cells import ValidateResult
+from machopt.commands.init import run_init
+from machopt.commands.validate import run_validate
+from machopt.data_types.documents.cell_documents import ValidateDocument
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.options import load_options
-from machopt.model.robot import load_robot
-from machopt.plan.external.axes import axes_of
-from machopt.plan.job.drive import refuse_fixed_elsewhere
-from machopt.services.newcell import run_init
-from machopt.services.validate import validate
+from machopt.kinematics.robot import load_robot
+from machopt.options.plan_option_reader import load_options
+from machopt.planning.external_axes.axis_modes import resolve_axis_options
+from machopt.planning.job.request_checks import check_fixed_rotation_method
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 Make = Callable[..., Path]
@@ -60,12 +60,12 @@ def line_of(folder: Path, start: str) -> str:
 
 
 def texts(folder: Path) -> str:
-    return "\n".join(f"{f.level} {f.where}: {f.text}" for f in validate(folder).findings)
+    return "\n".join(f"{f.level} {f.where}: {f.text}" for f in run_validate(folder).findings)
 
 
 @pytest.mark.parametrize("name", ["kr240_drilling", "kr500_milling"])
 def test_a_shipped_cell_is_valid_and_drawn(name: str, tmp_path: Path) -> None:
-    done = validate(CELLS / name, picture_file=tmp_path / "cell.svg")
+    done = run_validate(CELLS / name, picture_file=tmp_path / "cell.svg")
     assert (done.findings, done.exit_code) == ((), 0)
     svg = (tmp_path / "cell.svg").read_text()
     assert svg.startswith("<svg")
@@ -74,7 +74,7 @@ def test_a_shipped_cell_is_valid_and_drawn(name: str, tmp_path: Path) -> None:
 
 
 def test_what_init_writes_is_valid(good: Path) -> None:
-    done = validate(good)
+    done = run_validate(good)
     assert done.errors == ()
     assert "estimated" in texts(good)
 
@@ -101,7 +101,7 @@ def test_a_part_out_of_reach_and_a_home_in_contact_are_errors(good: Path, change
     lines = (good / "cell.yaml").read_text().splitlines()
     pose = next(x for x in lines[lines.index("workpiece:") :] if x.strip().startswith("pose:"))
     cell = load_cell(good)
-    x, y, z = (float(v) for v in 1e3 * load_robot(cell).fk(cell.home)[:3, 3])
+    x, y, z = (float(v) for v in 1e3 * load_robot(cell).compute_fk(cell.home)[:3, 3])
     post = f"obstacles: [{{name: post, sphere_mm: 100, xyz_mm: [{x:.0f}, {y:.0f}, {z:.0f}]}}]"
     folder = changed((pose, "  pose: {xyz_mm: [9000, 0, 500]}"), ("obstacles: []", post))
     told = texts(folder)
@@ -109,7 +109,7 @@ def test_a_part_out_of_reach_and_a_home_in_contact_are_errors(good: Path, change
     assert "mm of reach" in told
     assert "error robot.home_deg: " in told
     assert "touch at home" in told
-    assert validate(folder).exit_code == 2
+    assert run_validate(folder).exit_code == 2
 
 
 def test_every_mistake_is_told_at_once(changed: Make, capsys: pytest.CaptureFixture[str]) -> None:
@@ -124,7 +124,7 @@ def test_every_mistake_is_told_at_once(changed: Make, capsys: pytest.CaptureFixt
     changed(("joints_Nm_per_rad", "joint_Nm_per_rad"), file="stiffness.yaml")
     assert main(["validate", str(folder), "--json"]) == 2
     told = json.loads(capsys.readouterr().out)
-    assert ValidateResult.model_validate(told).plain() == told
+    assert ValidateDocument.model_validate(told).to_json_types() == told
     assert told["errors"] + told["warnings"] == len(told["findings"])
     every = "\n".join(f["text"] for f in told["findings"] if f["level"] == "error")
     for part in (
@@ -162,7 +162,7 @@ def test_mistakes_in_the_robot_are_told_with_all_others(good: Path, changed: Mak
     )
     assert all(sum(part in one for one in said) == 1 for part in parts), said
     assert len(said) == len(parts)
-    assert validate(folder).exit_code == 2
+    assert run_validate(folder).exit_code == 2
 
 
 def test_beside_a_robot_that_cannot_be_read_its_files_are_looked_at(good: Path, changed: Make) -> None:
@@ -191,18 +191,18 @@ def test_options_that_no_plan_would_take_are_errors_in_the_same_words(tmp_path: 
     cell = load_cell(tmp_path / "cell")
     wanted = []
     for refuse in (
-        lambda: axes_of(cell, load_options(cell.plan)),
-        lambda: refuse_fixed_elsewhere(load_options(cell.plan)),
+        lambda: resolve_axis_options(cell, load_options(cell.plan)),
+        lambda: check_fixed_rotation_method(load_options(cell.plan)),
     ):
         with pytest.raises(InputError) as refused:
             refuse()
         wanted.append(f"error {refused.value!s}")
-    said = [f"{f.level} {f.text}" for f in review(cell)]
+    said = [f"{f.level} {f.text}" for f in list_remarks(cell)]
     assert set(wanted) <= set(said)
 
 
 def test_no_cell_and_no_picture_are_refused(good: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no cell\.yaml in this folder"):
-        validate(tmp_path)
+        run_validate(tmp_path)
     with pytest.raises(InputError, match=r"pictures are SVG; a\.svg would work"):
-        validate(good, picture_file=tmp_path / "a.png")
+        run_validate(good, picture_file=tmp_path / "a.png")

@@ -11,41 +11,41 @@ import numpy as np
 import pytest
 from small_cell import pose, real_cell, small_cell
 
-from machopt.domain.cell import Cell, Shape, Tool
-from machopt.domain.options import PlanOptions
-from machopt.domain.toolpath import Move, Operation, Toolpath
-from machopt.formats.cell import load_cell
-from machopt.model.collision import CollisionModel, Pair
-from machopt.model.ik import solver_for
-from machopt.model.robot import Robot, load_chain, load_robot
-from machopt.plan.motion.rapids import time_legs
-from machopt.verify import Verification
-from machopt.verify.arm import Arm
-from machopt.verify.bodies import all_bodies, pairs
-from machopt.verify.contact import contacts
-from machopt.verify.material import level
-from machopt.verify.output import verify_output
-from machopt.verify.ride import ride
-from machopt.verify.table import read_motion
+from machopt.cell.cell_reader import load_cell
+from machopt.collision.collision_model import CollisionModel, CollisionPair
+from machopt.data_types.cell import Cell, CollisionShape, Tool
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.toolpath import MoveKind, Toolpath, ToolpathOperation
+from machopt.kinematics.inverse.solver import build_solver
+from machopt.kinematics.robot import Robot, load_chain, load_robot
+from machopt.planning.motion.rapid_moves import retime_straight_segments
+from machopt.verification import Verification
+from machopt.verification.motion.collision.bodies import build_bodies, list_checked_pairs
+from machopt.verification.motion.collision.contact_search import find_contacts
+from machopt.verification.motion.collision.cutter_contact_depth import check_cut_level
+from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
+from machopt.verification.motion.motion_verification import verify_motion
+from machopt.verification.motion.path_geometry.sample_location import locate_samples
+from machopt.verification.tables.exported_tables import read_motion
 
 CYCLE = 0.012
 FEED = 0.05  # m/s
 GAMMA = 180.0  # deg: TCP x looks against the travel, see solve()
 # A slot 10 mm deep, in over 40 mm and out again (m, in the workpiece frame on the block's top).
 POINTS = np.array([[-0.1, 0, 0.04], [-0.1, 0, -0.01], [0, 0, -0.01], [0.1, 0, -0.01], [0.1, 0, 0.04]])
-MOVES = [Move.RAPID, Move.APPROACH, Move.CUT, Move.CUT, Move.RETRACT]
+MOVES = [MoveKind.RAPID, MoveKind.APPROACH, MoveKind.CUT, MoveKind.CUT, MoveKind.RETRACT]
 
 
 def toolpath() -> Toolpath:
     n = len(POINTS)
-    feed = np.where(np.array(MOVES) == Move.RAPID, np.nan, FEED)
+    feed = np.where(np.array(MOVES) == MoveKind.RAPID, np.nan, FEED)
     return Toolpath(
         position=POINTS.copy(),
         axis=np.tile([0, 0, 1.0], (n, 1)),
         move=np.array(MOVES, np.int8),
         feed=feed,
         operation=np.zeros(n, np.int32),
-        operations=(Operation("slot", "trajectory"),),
+        operations=(ToolpathOperation("slot", "trajectory"),),
         reference=np.full((n, 3), np.nan),
         tolerance=np.full(n, np.nan),
         line=np.arange(1, n + 1, dtype=np.int32),
@@ -59,7 +59,7 @@ def solve(robot: Robot, cell: Cell, tip: np.ndarray, q: np.ndarray) -> np.ndarra
     """Newton to the TCP at ``tip`` in the workpiece frame, pointing down, x along x of the workpiece mirrored."""
     T = cell.workpiece.T_link_workpiece @ np.vstack([np.column_stack([np.diag([-1.0, 1, -1]), tip]), [0, 0, 0, 1]])
     for _ in range(30):
-        now, J = robot.fk_jacobian(q, cell.tool.T_flange_tcp)
+        now, J = robot.compute_fk_jacobian(q, cell.tool.T_flange_tcp)
         turn = 0.5 * sum(np.cross(now[:3, k], T[:3, k]) for k in range(3))
         step = np.linalg.solve(J, np.append(T[:3, 3] - now[:3, 3], turn))
         q = q + np.clip(step, -0.3, 0.3)
@@ -72,17 +72,20 @@ def sound(cell: Cell) -> dict[str, list[object]]:
     """Columns of a sound trajectory: home, rapid, down, cut, up, home."""
     robot = load_robot(cell)
     q = solve(robot, cell, POINTS[0], np.deg2rad([0, -60, 100, 0, 50, 0]))
-    rapid = time_legs(np.array([cell.home, q]), cell.limits, 0.8, CYCLE)
-    rows = [(np.nan if n < len(rapid) - 1 else 0.0, Move.RAPID, row) for n, row in enumerate(rapid)]
-    for a, b, move in ((0, 1, Move.APPROACH), (1, 3, Move.CUT), (3, 4, Move.RETRACT)):
+    rapid = retime_straight_segments(np.array([cell.home, q]), cell.limits, 0.8, CYCLE)
+    rows = [(np.nan if n < len(rapid) - 1 else 0.0, MoveKind.RAPID, row) for n, row in enumerate(rapid)]
+    for a, b, move in ((0, 1, MoveKind.APPROACH), (1, 3, MoveKind.CUT), (3, 4, MoveKind.RETRACT)):
         way = np.linalg.norm(POINTS[b] - POINTS[a])
         count = int(np.ceil(1.875 * way / (0.9 * FEED) / CYCLE))  # a fifth-order ramp peaks at 15/8 of its mean
         for u in np.arange(1, count + 1) / count:
             share = u**3 * (10 - 15 * u + 6 * u * u)
             q = solve(robot, cell, POINTS[a] + share * (POINTS[b] - POINTS[a]), q)
             rows.append((a + share * (b - a), move, q))
-    rows += [(np.nan, Move.RAPID, row) for row in time_legs(np.array([q, cell.home]), cell.limits, 0.8, CYCLE)[1:]]
-    T = np.linalg.inv(cell.workpiece.T_link_workpiece) @ robot.fk(
+    rows += [
+        (np.nan, MoveKind.RAPID, row)
+        for row in retime_straight_segments(np.array([q, cell.home]), cell.limits, 0.8, CYCLE)[1:]
+    ]
+    T = np.linalg.inv(cell.workpiece.T_link_workpiece) @ robot.compute_fk(
         np.array([r[2] for r in rows]), cell.tool.T_flange_tcp
     )
     speed = np.r_[0.0, np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1) / CYCLE]
@@ -96,7 +99,7 @@ def sound(cell: Cell) -> dict[str, list[object]]:
     }
     for i in range(6):
         table[f"q{i + 1}_deg"] = [float(np.degrees(r[2][i])) for r in rows]
-    table["gamma_deg"] = [np.nan if r[1] == Move.RAPID else GAMMA for r in rows]
+    table["gamma_deg"] = [np.nan if r[1] == MoveKind.RAPID else GAMMA for r in rows]
     table["feed_mm_min"] = [6e4 * v for v in speed.tolist()]
     return table
 
@@ -109,9 +112,9 @@ def points_table(table: dict[str, list[object]], cell: Cell) -> dict[str, list[o
     at = np.array([[np.interp(k, s[known], q[known, i]) for i in range(6)] for k in range(len(POINTS))])
     robot, shapes = load_chain(cell)
     model = CollisionModel(cell, robot, shapes, 0.002)
-    near = model.nearest(np.radians(at), np.ones(len(POINTS), bool))
-    solver = solver_for(robot)
-    found = solver.solve(robot.fk(np.radians(at)))
+    near = model.find_nearest_pair(np.radians(at), np.ones(len(POINTS), bool))
+    solver = build_solver(robot)
+    found = solver.solve(robot.compute_fk(np.radians(at)))
     branch = np.nanargmin(np.abs(np.angle(np.exp(1j * (found.q - np.radians(at)[:, None])))).max(axis=2), axis=1)
     rows = np.arange(len(POINTS))
     singular = np.minimum(found.wrist[rows, branch], found.elbow[rows, branch])
@@ -185,7 +188,7 @@ def verified(
         points(of_points)
     write(out / "trajectory.csv", copy)
     write(out / "points.csv", of_points)
-    return verify_output(cell, toolpath(), out, options=options)
+    return verify_motion(cell, toolpath(), out, options=options)
 
 
 def names(result: Verification) -> set[str]:
@@ -312,9 +315,11 @@ def test_catches_contacts(cell: Cell, table: dict[str, list[object]], tmp_path: 
         assert names(result) in ({"contacts"}, {"contacts", "as asked: clearance_mm"}), result.failed
         return next(check.where for check in result.failed if check.name == "contacts")
 
-    clamp = Shape(name="clamp", kind="box", size=(0.03, 0.03, 0.06), mesh=None, T_parent_shape=pose(1.5, 0.0, 0.63))
+    clamp = CollisionShape(
+        name="clamp", kind="box", size=(0.03, 0.03, 0.06), mesh=None, T_parent_shape=pose(1.5, 0.0, 0.63)
+    )
     assert "clamp ~ cutter" in hits(replace(cell, obstacles=(*cell.obstacles, clamp)))
-    boss = Shape(
+    boss = CollisionShape(
         name="boss",
         kind="box",
         size=(0.02, 0.02, 0.08),
@@ -322,14 +327,16 @@ def test_catches_contacts(cell: Cell, table: dict[str, list[object]], tmp_path: 
         T_parent_shape=pose(0.05, 0.05, 0.04),  # beside the cutter, under the spindle
     )
     assert "boss ~ spindle" in hits(replace(cell, workpiece=replace(part, geometry=(*part.geometry, boss))))
-    wall = Shape(
+    wall = CollisionShape(
         name="wall", kind="box", size=(0.02, 2.0, 2.0), mesh=None, T_parent_shape=pose(-0.5, 0.0, 1.5)
     )  # behind: nothing moves there
     assert verified(replace(cell, obstacles=(*cell.obstacles, wall)), table, tmp_path).ok
     bulky = Tool(
         T_flange_tcp=cell.tool.T_flange_tcp,
         geometry=(
-            Shape(name="cabinet", kind="box", size=(0.1, 0.1, 1.4), mesh=None, T_parent_shape=pose(0.4, 0, -0.3)),
+            CollisionShape(
+                name="cabinet", kind="box", size=(0.1, 0.1, 1.4), mesh=None, T_parent_shape=pose(0.4, 0, -0.3)
+            ),
         ),
     )
     assert "cabinet" in hits(replace(cell, tool=bulky))
@@ -355,7 +362,7 @@ def test_catches_contacts(cell: Cell, table: dict[str, list[object]], tmp_path: 
 
 def test_catches_a_contact_between_samples(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
     """A sheet thinner than one sample's way, placed between two samples of the rapid move."""
-    tcp = Arm(cell).tcp_in_workpiece(
+    tcp = UrdfKinematics(cell).compute_tcp_in_workpiece(
         np.deg2rad(np.array([table[f"q{i}_deg"] for i in range(1, 7)], float).T), np.zeros((len(table["q1_deg"]), 0))
     )
     x = tcp[:, :3, 3]
@@ -367,7 +374,7 @@ def test_catches_a_contact_between_samples(cell: Cell, table: dict[str, list[obj
     place = np.eye(4)
     place[:3, :3] = np.column_stack([across[0], across[1], np.cross(across[0], across[1])])
     place[:3, 3] = 0.5 * (x[n] + x[n + 1])
-    sheet = Shape(
+    sheet = CollisionShape(
         name="sheet",
         kind="box",
         size=(0.004, 0.004, 0.0005),
@@ -380,11 +387,11 @@ def test_catches_a_contact_between_samples(cell: Cell, table: dict[str, list[obj
     assert "sheet ~ cutter" in {c.name: c for c in result.checks}["contacts"].where
 
 
-def coal_distance(cell: Cell, arm: Arm, q: np.ndarray, pair: Pair) -> float:
+def coal_distance(cell: Cell, arm: UrdfKinematics, q: np.ndarray, pair: CollisionPair) -> float:
     import coal
 
-    bodies = {b.name: b for b in all_bodies(cell, arm)}
-    world = arm.placements(q[None], np.zeros((1, 0)))[0]
+    bodies = {b.name: b for b in build_bodies(cell, arm)}
+    world = arm.compute_placements(q[None], np.zeros((1, 0)))[0]
     ends = []
     for name in (pair.a, pair.b):
         body = bodies[name]
@@ -399,19 +406,19 @@ def test_agrees_with_the_planner_s_collision_model(tmp_path: Path, name: str) ->
     cell = small_cell(tmp_path) if name == "small" else real_cell(tmp_path, name, meshes=True)
     robot, shapes = load_chain(cell)
     cell = replace(cell, limits=replace(cell.limits, lower=robot.lower, upper=robot.upper))
-    model, arm = CollisionModel(cell, robot, shapes, 0.0), Arm(cell)
+    model, arm = CollisionModel(cell, robot, shapes, 0.0), UrdfKinematics(cell)
     rng = np.random.default_rng(4)
     outcomes = []
     for _ in range(12):
         a = robot.lower + (robot.upper - robot.lower) * rng.random(6)
         q = a + np.linspace(0, 1, 8)[:, None] * rng.uniform(-0.8, 0.8, 6)
         rapid = np.ones(8, bool)
-        theirs = contacts(arm, pairs(cell, arm, all_bodies(cell, arm)), q, np.zeros((8, 0)), rapid)
+        theirs = find_contacts(arm, list_checked_pairs(cell, arm, build_bodies(cell, arm)), q, np.zeros((8, 0)), rapid)
         ours = model.check_motion(q, ~rapid, np.deg2rad(1))
         named = {c.pair for c in theirs}
         for n in np.flatnonzero(ours.hit):
             if model.pairs[ours.pair[n]].name not in named:  # then it only grazes: our spheres are up to 0.7 % larger
-                where = q[0] + ours.at[n] / 7 * (q[7] - q[0])
+                where = q[0] + ours.row[n] / 7 * (q[7] - q[0])
                 assert coal_distance(cell, arm, where, model.pairs[ours.pair[n]]) < 0.09 * 0.007
         assert ours.any or not theirs
         outcomes.append(ours.any)
@@ -433,7 +440,7 @@ def test_unreadable_tables_are_refused(cell: Cell, table: dict[str, list[object]
         (check,) = verified(cell, table, tmp_path, damage).failed
         assert check.name == "trajectory.csv can be read"
         assert message in check.where
-    (check,) = verify_output(cell, toolpath(), tmp_path / "nowhere").failed
+    (check,) = verify_motion(cell, toolpath(), tmp_path / "nowhere").failed
     assert "cannot be read" in check.where
 
 
@@ -442,22 +449,22 @@ def test_without_a_mesh_the_cuts_tell_the_level(cell: Cell, table: dict[str, lis
     bare = replace(cell, workpiece=replace(cell.workpiece, geometry=()))
     write(tmp_path / "trajectory.csv", table)
     motion, path = read_motion(tmp_path / "trajectory.csv", cell), toolpath()
-    tcp = Arm(cell).tcp_in_workpiece(motion.q, motion.external)
+    tcp = UrdfKinematics(cell).compute_tcp_in_workpiece(motion.q, motion.external)
     every = np.arange(len(path), dtype=float)
 
     def told(tip: tuple[float, float, float]) -> list[tuple[str, bool | None]]:
         moved = tcp.copy()
         n = int(np.flatnonzero(np.isfinite(motion.point))[0])  # the end of the first rapid move
         moved[n, :3, 3] = tip
-        on = ride(motion, path, every, path.position, moved, PlanOptions())
-        assert on.free[n]
-        return [(c.name, c.passed) for c in level(motion, path, on, bare)]
+        on = locate_samples(motion, path, every, path.position, moved, PlanOptions())
+        assert on.is_free[n]
+        return [(c.name, c.passed) for c in check_cut_level(motion, path, on, bare)]
 
     assert told((0.05, 0.0, 0.03)) == [("level of the cuts", True)]
     assert told((0.05, 0.0, -0.07)) == [("level of the cuts", False)]
     assert told((0.05, 0.1, -0.07)) == [("level of the cuts", True), ("level beside the cuts", None)]
-    on = ride(motion, path, every, path.position, tcp, PlanOptions())
-    assert level(motion, path, on, cell) == []  # the mesh tells it
+    on = locate_samples(motion, path, every, path.position, tcp, PlanOptions())
+    assert check_cut_level(motion, path, on, cell) == []  # the mesh tells it
 
 
 def test_moves_from_and_to_home_stay_over_the_cuts(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
@@ -465,15 +472,15 @@ def test_moves_from_and_to_home_stay_over_the_cuts(cell: Cell, table: dict[str, 
     bare = replace(cell, workpiece=replace(cell.workpiece, geometry=()))
     write(tmp_path / "trajectory.csv", table)
     motion, path = read_motion(tmp_path / "trajectory.csv", cell), toolpath()
-    tcp = Arm(cell).tcp_in_workpiece(motion.q, motion.external)
+    tcp = UrdfKinematics(cell).compute_tcp_in_workpiece(motion.q, motion.external)
     on_path, every = np.flatnonzero(np.isfinite(motion.point)), np.arange(len(path), dtype=float)
 
     def told(row: int, tip: tuple[float, float, float]) -> list[tuple[str, bool | None]]:
         moved = tcp.copy()
         moved[row] = tcp[on_path[0]]
         moved[row, :3, 3] = tip
-        on = ride(motion, path, every, path.position, moved, PlanOptions())
-        return [(c.name, c.passed) for c in level(motion, path, on, bare)]
+        on = locate_samples(motion, path, every, path.position, moved, PlanOptions())
+        return [(c.name, c.passed) for c in check_cut_level(motion, path, on, bare)]
 
     last = len(tcp) - 1
     assert on_path[0] > 1
@@ -492,22 +499,27 @@ def test_a_shifted_cut_is_left_from_where_it_ends(cell: Cell, table: dict[str, l
     bare = replace(cell, workpiece=replace(cell.workpiece, geometry=()))
     write(tmp_path / "trajectory.csv", table)
     motion, path = read_motion(tmp_path / "trajectory.csv", cell), toolpath()
-    tcp = Arm(cell).tcp_in_workpiece(motion.q, motion.external)
+    tcp = UrdfKinematics(cell).compute_tcp_in_workpiece(motion.q, motion.external)
     n = int(np.flatnonzero(np.isfinite(motion.point))[0])
     tcp[n, :3, 3] = path.position[path.cutting][0] - 0.6e-3 * path.axis[path.cutting][0]
     every = np.arange(len(path), dtype=float)
-    on = ride(motion, path, every, path.position, tcp, PlanOptions())
+    on = locate_samples(motion, path, every, path.position, tcp, PlanOptions())
     shifted = every, path.position - np.where(path.cutting, 0.6e-3, 0.0)[:, None] * path.axis
-    assert not level(motion, path, on, bare)[0].passed
-    assert level(motion, path, on, bare, shifted)[0].passed
+    assert not check_cut_level(motion, path, on, bare)[0].passed
+    assert check_cut_level(motion, path, on, bare, shifted)[0].passed
 
 
 def test_shares_nothing_with_the_planner() -> None:
-    import machopt.verify as package
+    import machopt.verification as package
 
     for file in Path(package.__file__).parent.glob("*.py"):
         text = file.read_text(encoding="utf-8")
-        for word in ("machopt.model", "machopt.plan", "machopt.se3", "machopt.formats"):
+        for word in (
+            "machopt.kinematics",
+            "machopt.planning",
+            "machopt.numerics.rigid_transforms",
+            "machopt.file_formats",
+        ):
             assert word not in text, (file, word)
 
 
@@ -518,7 +530,7 @@ CELLS = Path(__file__).resolve().parents[1] / "cells"
 def test_planner_and_verification_check_the_same_pairs_in_the_shipped_cells(name: str) -> None:
     cell = load_cell(CELLS / name)
     robot, shapes = load_chain(cell)
-    model, arm = CollisionModel(cell, robot, shapes, 0.002), Arm(cell)
-    checked = {frozenset((a.name, b.name)) for a, b in pairs(cell, arm, all_bodies(cell, arm))}
+    model, arm = CollisionModel(cell, robot, shapes, 0.002), UrdfKinematics(cell)
+    checked = {frozenset((a.name, b.name)) for a, b in list_checked_pairs(cell, arm, build_bodies(cell, arm))}
     assert checked == {frozenset((p.a, p.b)) for p in model.pairs}
     assert not model.suspicious

@@ -11,11 +11,11 @@ import pytest
 from external_cell import external_cell
 from small_cell import pose, small_cell
 
-from machopt.domain.cell import Cell, Shape
-from machopt.formats.cell import load_cell
-from machopt.verify.arm import Arm
-from machopt.verify.bodies import all_bodies, pairs
-from machopt.verify.contact import contacts
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.cell import Cell, CollisionShape
+from machopt.verification.motion.collision.bodies import build_bodies, list_checked_pairs
+from machopt.verification.motion.collision.contact_search import find_contacts
+from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 SHIPPED = sorted(folder.name for folder in CELLS.iterdir() if (folder / "cell.yaml").is_file())
@@ -66,12 +66,12 @@ def one_by_one(cell: Cell, q: np.ndarray, external: np.ndarray) -> tuple[np.ndar
 def held_against(cell: Cell, externals: int = 0) -> None:
     rng = np.random.default_rng(11)
     q, external = rng.uniform(-7.0, 7.0, (40, 6)), rng.uniform(-2.0, 2.0, (40, externals))
-    arm = Arm(cell)
+    arm = UrdfKinematics(cell)
     places, axes, base = one_by_one(cell, q, external)
-    np.testing.assert_allclose(arm.placements(q, external), places, rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(arm.compute_placements(q, external), places, rtol=0, atol=ROUNDING)
     tcp = np.linalg.inv(places[:, -1]) @ places[:, -2] @ cell.tool.T_flange_tcp
-    np.testing.assert_allclose(arm.tcp_in_workpiece(q, external), tcp, rtol=0, atol=ROUNDING)
-    stance, back = arm.stance(q, external), np.linalg.inv(base)
+    np.testing.assert_allclose(arm.compute_tcp_in_workpiece(q, external), tcp, rtol=0, atol=ROUNDING)
+    stance, back = arm.compute_configuration(q, external), np.linalg.inv(base)
     np.testing.assert_allclose(stance.axis, axes, rtol=0, atol=ROUNDING)
     np.testing.assert_allclose(stance.flange, back @ places[:, -2], rtol=0, atol=ROUNDING)
     np.testing.assert_allclose(stance.frames[:, 1:], (back[:, None] @ places)[:, arm.joints], rtol=0, atol=ROUNDING)
@@ -98,23 +98,23 @@ def test_rail_and_turntable_with_oblique_axes_and_a_joint_nobody_moves(tmp_path:
 
 
 def test_no_rows(tmp_path: Path) -> None:
-    arm = Arm(small_cell(tmp_path))
-    assert arm.placements(np.empty((0, 6)), np.empty((0, 0))).shape == (0, arm.model.njoints + 2, 4, 4)
+    arm = UrdfKinematics(small_cell(tmp_path))
+    assert arm.compute_placements(np.empty((0, 6)), np.empty((0, 0))).shape == (0, arm.model.njoints + 2, 4, 4)
 
 
 def test_a_part_that_nothing_moves_stands_in_all_rows_where_it_stands_in_one() -> None:
-    arm = Arm(load_cell(CELLS / "kr500_milling"))
+    arm = UrdfKinematics(load_cell(CELLS / "kr500_milling"))
     rows = arm.T_base_workpiece(np.empty((3, 0)))
     assert rows.shape == (3, 4, 4)
     assert (rows == arm.T_base_workpiece(np.empty((1, 0)))).all()
 
 
 def test_what_stands_where_says_so_or_is_refused(tmp_path: Path) -> None:
-    arm = Arm(external_cell(tmp_path, rail=True))
+    arm = UrdfKinematics(external_cell(tmp_path, rail=True))
     with pytest.raises(ValueError, match="say where they stand"):
-        arm.stance(np.zeros((1, 6)))
+        arm.compute_configuration(np.zeros((1, 6)))
     with pytest.raises(ValueError, match="say where they stand"):
-        arm.gravity(np.zeros((1, 6)))
+        arm.compute_gravity_torque(np.zeros((1, 6)))
 
 
 def test_weight_follows_a_gantry_that_tilts(tmp_path: Path) -> None:
@@ -123,26 +123,26 @@ def test_weight_follows_a_gantry_that_tilts(tmp_path: Path) -> None:
     text = cell.urdf.read_text().replace('name="rail" type="prismatic"', 'name="rail" type="revolute"')
     cell.urdf.write_text(text)
     cell = replace(cell, tool=replace(cell.tool, mass=30.0, com=np.array([0.0, 0.02, 0.1])))
-    arm, h = Arm(cell), 1e-6
+    arm, h = UrdfKinematics(cell), 1e-6
     q, e = np.random.default_rng(3).uniform(-1, 1, (5, 6)), np.linspace(-0.9, 0.9, 5)[:, None]
 
     def energy(x: np.ndarray) -> np.ndarray:
-        return 30.0 * 9.80665 * (arm.placements(x, e)[:, -2] @ np.append(cell.tool.com, 1.0))[:, 2]
+        return 30.0 * 9.80665 * (arm.compute_placements(x, e)[:, -2] @ np.append(cell.tool.com, 1.0))[:, 2]
 
     steps = h * np.eye(6)
     slope = np.column_stack([(energy(q + step) - energy(q - step)) / (2 * h) for step in steps])
-    np.testing.assert_allclose(arm.gravity(q, e), -slope, atol=1e-4)  # 1 kJ to 15 digits over 2 h
-    assert np.abs(arm.gravity(q, e) - arm.gravity(q, 0 * e)).max() > 10.0
+    np.testing.assert_allclose(arm.compute_gravity_torque(q, e), -slope, atol=1e-4)  # 1 kJ to 15 digits over 2 h
+    assert np.abs(arm.compute_gravity_torque(q, e) - arm.compute_gravity_torque(q, 0 * e)).max() > 10.0
 
 
 def names(cell: Cell) -> set[frozenset[str]]:
-    arm = Arm(cell)
-    return {frozenset((a.name, b.name)) for a, b in pairs(cell, arm, all_bodies(cell, arm))}
+    arm = UrdfKinematics(cell)
+    return {frozenset((a.name, b.name)) for a, b in list_checked_pairs(cell, arm, build_bodies(cell, arm))}
 
 
 def test_pairs_are_what_joints_lie_between(tmp_path: Path) -> None:
-    post = Shape(name="post", kind="box", size=(0.1, 0.1, 1.0), mesh=None, T_parent_shape=pose(1.0, 3.4, 0.5))
-    clamp = Shape(
+    post = CollisionShape(name="post", kind="box", size=(0.1, 0.1, 1.0), mesh=None, T_parent_shape=pose(1.0, 3.4, 0.5))
+    clamp = CollisionShape(
         name="clamp", kind="box", size=(0.05, 0.05, 0.05), mesh=None, T_parent_shape=pose(0.2, 0.1, 0.1), link="plate"
     )
     cell = replace(external_cell(tmp_path, rail=True, table=True), obstacles=(post, clamp))
@@ -170,18 +170,22 @@ def test_pairs_are_what_joints_lie_between(tmp_path: Path) -> None:
 
 def test_contacts_of_what_a_rail_and_a_table_move(tmp_path: Path) -> None:
     """The carriage runs through a post between two samples; a clamp on the table through another."""
-    post = Shape(name="post", kind="box", size=(0.02, 0.02, 1.0), mesh=None, T_parent_shape=pose(0.1, 1.0, -0.3))
-    clamp = Shape(
+    post = CollisionShape(
+        name="post", kind="box", size=(0.02, 0.02, 1.0), mesh=None, T_parent_shape=pose(0.1, 1.0, -0.3)
+    )
+    clamp = CollisionShape(
         name="clamp", kind="box", size=(0.05, 0.05, 0.3), mesh=None, T_parent_shape=pose(0.45, 0.0, 0.15), link="plate"
     )
-    stop = Shape(name="stop", kind="box", size=(0.02, 0.02, 0.2), mesh=None, T_parent_shape=pose(1.6, 0.45, 0.6))
+    stop = CollisionShape(
+        name="stop", kind="box", size=(0.02, 0.02, 0.2), mesh=None, T_parent_shape=pose(1.6, 0.45, 0.6)
+    )
     cell = replace(external_cell(tmp_path, rail=True, table=True), obstacles=(post, clamp, stop))
-    arm = Arm(cell)
-    wanted = pairs(cell, arm, all_bodies(cell, arm))
+    arm = UrdfKinematics(cell)
+    wanted = list_checked_pairs(cell, arm, build_bodies(cell, arm))
     q = np.tile(cell.home, (2, 1))
 
     def hits(*external: tuple[float, float]) -> set[str]:
-        return {c.pair for c in contacts(arm, wanted, q, np.array(external), np.ones(2, bool))}
+        return {c.pair for c in find_contacts(arm, wanted, q, np.array(external), np.ones(2, bool))}
 
     assert hits((0.0, 0.0), (0.6, 0.5)) == set()
     assert "post ~ carriage_0" in hits((0.0, 0.0), (2.0, 0.0))

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from small_cell import small_cell
 
-from machopt.verify import clearance
-from machopt.verify.arm import Arm
-from machopt.verify.between import APART, BEYOND, between
-from machopt.verify.bodies import all_bodies, distance, pairs
-from machopt.verify.contact import Scene
-from machopt.verify.convex import Parts, parts_of, shells
+from machopt.verification.motion.collision import clearance_column
+from machopt.verification.motion.collision.bodies import build_bodies, compute_distance, list_checked_pairs
+from machopt.verification.motion.collision.contact_search import PlacedBodies
+from machopt.verification.motion.collision.convex_parts import ConvexParts, build_convex_parts, split_convex_shells
+from machopt.verification.motion.collision.distance_bounds import BOUND_GAP_M, CLAIM_MARGIN_M, bound_distances
+from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
 EXACT = 2e-9  # m, what coal's distances of triangles are off
 ROUND = 1e-5  # m, by which its walk around a cylinder ends too early, so too far
@@ -60,8 +60,8 @@ SHAPES = {
 }
 
 
-def known(shape: Any) -> Parts:
-    parts = parts_of(shape)
+def known(shape: Any) -> ConvexParts:
+    parts = build_convex_parts(shape)
     assert parts is not None
     return parts
 
@@ -100,7 +100,7 @@ def test_the_distance_lies_between_the_bounds_in_every_row(first: str) -> None:
     for n, second in enumerate(SHAPES):
         a, b = SHAPES[first](), SHAPES[second]()
         T = np.concatenate([poses(40, far, 10 * n + k) for k, far in enumerate((0.35, 0.6, 2.0))])
-        below, above = between(known(a), known(b), T)
+        below, above = bound_distances(known(a), known(b), T)
         d = measured(a, b, T)
         apart = d > 0.0  # of a shell inside another coal tells how far its surface is
         apart &= ~((above == 0.0) & ({first, second} <= {"shell", "bowl"}))
@@ -108,7 +108,7 @@ def test_the_distance_lies_between_the_bounds_in_every_row(first: str) -> None:
         assert apart.sum() > 40
         assert (below[apart] <= d[apart] + EXACT).all(), (second, (below - d)[apart].max())
         assert (above[apart] >= d[apart] - off).all(), (second, (d - above)[apart].max())
-        assert (above - below).max() < 2 * APART, second
+        assert (above - below).max() < 2 * BOUND_GAP_M, second
         assert (below[d == 0.0] <= EXACT).all()
 
 
@@ -121,58 +121,60 @@ def test_a_claim_is_proven_in_no_row_where_it_does_not_hold() -> None:
     d = measured(SHAPES["bowl"](), SHAPES["shell"](), T)
     claim = d + np.where(np.arange(300) % 7 == 0, 1e-6, -2e-2)  # one in seven is not what it claims to be
     rows = np.flatnonzero(np.arange(300) % 5 != 2)
-    below, above = between(a, b, T, rows, way, claim)
+    below, above = bound_distances(a, b, T, rows, way, claim)
     assert ((below < claim)[rows] == (claim > d)[rows]).all()
     assert (below <= d + EXACT).all()
     assert (above >= d - EXACT).all()
     assert np.isinf(above).sum() > 60 + 10  # those not asked, and some that the bound before them proves
-    far, _ = between(a, b, poses(20, 3.0, 1), claim=np.full(20, 0.1))
-    assert (far >= 0.1 + BEYOND - EXACT).all()
+    far, _ = bound_distances(a, b, poses(20, 3.0, 1), claim=np.full(20, 0.1))
+    assert (far >= 0.1 + CLAIM_MARGIN_M - EXACT).all()
 
 
 def test_shells_that_are_convex_and_closed_are_one_part() -> None:
     corners, faces = box_mesh()
-    assert shells(corners, faces)[1] == [8]
-    assert shells(corners[faces].reshape(-1, 3), np.arange(36).reshape(-1, 3))[1] == [8]  # corners told face by face
-    assert shells(corners, faces[1:])[1] == [3] * 11  # open
+    assert split_convex_shells(corners, faces)[1] == [8]
+    assert split_convex_shells(corners[faces].reshape(-1, 3), np.arange(36).reshape(-1, 3))[1] == [
+        8
+    ]  # corners told face by face
+    assert split_convex_shells(corners, faces[1:])[1] == [3] * 11  # open
     beside = np.concatenate([corners, corners + 2.0, bowl()[0] - 3.0])
-    assert shells(beside, np.concatenate([faces, faces + 8, bowl()[1] + 16]))[1] == [8, 8, *[3] * 128]
+    assert split_convex_shells(beside, np.concatenate([faces, faces + 8, bowl()[1] + 16]))[1] == [8, 8, *[3] * 128]
     dent = corners.copy()
     dent[0] += 0.3 * np.array(SIZE)
-    assert shells(dent, faces)[1] == [3] * 12
-    assert shells(np.empty((0, 3)), np.empty((0, 3), int))[1] == []
+    assert split_convex_shells(dent, faces)[1] == [3] * 12
+    assert split_convex_shells(np.empty((0, 3)), np.empty((0, 3), int))[1] == []
 
 
 def test_coal_is_asked_only_where_a_claim_is_not_proven(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     cell = small_cell(tmp_path)
-    arm = Arm(cell)
-    bodies = all_bodies(cell, arm)
-    wanted = [(a, b) for a, b in pairs(cell, arm, bodies) if b.kind != "grazing"]
+    arm = UrdfKinematics(cell)
+    bodies = build_bodies(cell, arm)
+    wanted = [(a, b) for a, b in list_checked_pairs(cell, arm, bodies) if b.kind != "grazing"]
     q = cell.home + np.linspace(0.0, 0.3, 30)[:, None] * np.array([1.0, -0.5, 0.7, 1.0, 0.8, -1.0])
-    scene = Scene(arm, bodies, q)
-    every = np.array([[distance(a, b, T) for T in scene.relative(a, b)] for a, b in wanted])
+    scene = PlacedBodies(arm, bodies, q)
+    every = np.array([[compute_distance(a, b, T) for T in scene.compute_relative_motion(a, b)] for a, b in wanted])
     claim, nearest = every.min(axis=0), every.argmin(axis=0)
     assert claim.min() > 0.0
     named = tuple(f"{wanted[p][0].name} ~ {wanted[p][1].name}" for p in nearest)
     asked: list[float] = []
 
     def counted(*of: Any) -> float:
-        asked.append(distance(*of))
+        asked.append(compute_distance(*of))
         return asked[-1]
 
-    monkeypatch.setattr(clearance, "distance", counted)
+    monkeypatch.setattr(clearance_column, "compute_distance", counted)
     free = np.ones(30, bool)
-    sound = clearance.check_clearances(scene, wanted, claim, named, free)
-    assert not sound.short.any()
-    assert not sound.beyond.any()
+    sound = clearance_column.check_clearances(scene, wanted, claim, named, free)
+    assert not sound.too_small.any()
+    assert not sound.too_large.any()
     assert len(asked) == 0
     wrong = claim.copy()
     wrong[11], wrong[17] = wrong[11] + 3e-6, wrong[17] - 2e-3
-    found = clearance.check_clearances(scene, wanted, wrong, named, free)
-    assert found.short[11] == pytest.approx(3e-6, abs=1e-9)
-    assert found.beyond[17] == pytest.approx(2e-3, abs=1e-9)
+    found = clearance_column.check_clearances(scene, wanted, wrong, named, free)
+    assert found.too_small[11] == pytest.approx(3e-6, abs=1e-9)
+    assert found.too_large[17] == pytest.approx(2e-3, abs=1e-9)
     assert found.pair[11] == named[11]
-    assert np.count_nonzero(found.short) == np.count_nonzero(found.beyond) == 1
+    assert np.count_nonzero(found.too_small) == np.count_nonzero(found.too_large) == 1
     assert len(asked) <= 3
 
 
@@ -180,6 +182,6 @@ def test_without_a_way_no_row_is_taken_for_granted() -> None:
     a = known(coal.Box(*SIZE))
     T = np.tile(np.eye(4), (2, 1, 1))
     T[0, 0, 3], T[1, 0, 3] = 2.0, 0.5  # far away, then near
-    below, _ = between(a, a, T, claim=np.full(2, 0.5))
+    below, _ = bound_distances(a, a, T, claim=np.full(2, 0.5))
     assert below[0] >= 0.5
-    assert below[1] == pytest.approx(0.5 - SIZE[0], abs=2 * APART)
+    assert below[1] == pytest.approx(0.5 - SIZE[0], abs=2 * BOUND_GAP_M)

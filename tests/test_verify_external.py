@@ -10,25 +10,25 @@ import pytest
 from external_cell import external_cell
 from test_verify import CYCLE, FEED, GAMMA, MOVES, POINTS, Damage, names, shift, toolpath, write
 
-from machopt.domain.cell import Cell
-from machopt.domain.options import PlanOptions
-from machopt.domain.program import LIN, PTP, RobotProgram
-from machopt.domain.toolpath import Move
-from machopt.formats.posts import write_program
-from machopt.formats.posts.densify import Tolerance, densify
-from machopt.model.collision import CollisionModel
-from machopt.model.ik import solver_for
-from machopt.model.machine import Machine, load_machine
-from machopt.model.robot import load_chain, load_robot
-from machopt.plan.motion.rapids import time_legs
-from machopt.recheck.compared import Posted
-from machopt.recheck.posts import short_program
-from machopt.recheck.readback import check_programs
-from machopt.verify import Verification
-from machopt.verify.arm import Arm
-from machopt.verify.output import verify_output
-from machopt.verify.posture import posture
-from machopt.verify.table import Motion, read_motion
+from machopt.collision.collision_model import CollisionModel
+from machopt.data_types.cell import Cell
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.robot_program import LIN, PTP, RobotProgram
+from machopt.data_types.toolpath import MoveKind
+from machopt.kinematics.inverse.solver import build_solver
+from machopt.kinematics.machine import Machine, load_machine
+from machopt.kinematics.robot import load_chain, load_robot
+from machopt.planning.motion.rapid_moves import retime_straight_segments
+from machopt.programs.program_writer import write_program
+from machopt.programs.writing.target_insertion import ProgramTolerance, insert_targets
+from machopt.verification import Verification
+from machopt.verification.folder.programs.post_lookup import build_short_program
+from machopt.verification.folder.programs.program_comparison import ListedProgram
+from machopt.verification.folder.programs.read_back import check_programs
+from machopt.verification.motion.kinematics.posture import compute_posture
+from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
+from machopt.verification.motion.motion_verification import verify_motion
+from machopt.verification.tables.exported_tables import ExportedMotion, read_motion
 
 WAY = {"rail": 0.25, "tilt": 0.08, "turn": 0.3}  # m or rad, while the tool cuts 0.2 m
 KINDS = {"rail": {"rail": True}, "table": {"table": True, "tilt": True}, "both": {"rail": True, "table": True}}
@@ -40,7 +40,7 @@ def solve(m: Machine, cell: Cell, tips: np.ndarray, x: np.ndarray) -> np.ndarray
     part's, from (N, 6 + E)."""
     R = np.diag([-1.0, 1.0, -1.0])
     for _ in range(30):
-        now, J = m.fk_jacobian(x, cell.tool.T_flange_tcp)
+        now, J = m.compute_fk_jacobian(x, cell.tool.T_flange_tcp)
         turn = 0.5 * np.cross(now[:, :3, :3], R[None], axis=1).sum(axis=2)
         step = np.linalg.solve(J[:, :, :6], np.hstack([tips - now[:, :3, 3], turn])[..., None])[..., 0]
         x = np.hstack([x[:, :6] + np.clip(step, -0.3, 0.3), x[:, 6:]])
@@ -54,8 +54,8 @@ def sound(cell: Cell) -> tuple[Columns, np.ndarray]:
     m = load_machine(cell, load_robot(cell))
     home = np.append(cell.home, cell.external_home)
     way = np.array([WAY[name] for name in cell.external_joints])
-    index, moves, tips, stood = [np.zeros(1)], [Move.RAPID], [POINTS[:1]], [np.zeros((1, len(way)))]
-    for a, b, move in ((0, 1, Move.APPROACH), (1, 3, Move.CUT), (3, 4, Move.RETRACT)):
+    index, moves, tips, stood = [np.zeros(1)], [MoveKind.RAPID], [POINTS[:1]], [np.zeros((1, len(way)))]
+    for a, b, move in ((0, 1, MoveKind.APPROACH), (1, 3, MoveKind.CUT), (3, 4, MoveKind.RETRACT)):
         count = int(np.ceil(1.875 * np.linalg.norm(POINTS[b] - POINTS[a]) / (0.9 * FEED) / CYCLE))
         u = np.arange(1, count + 1)[:, None] / count
         share = u**3 * (10 - 15 * u + 6 * u * u)
@@ -63,17 +63,21 @@ def sound(cell: Cell) -> tuple[Columns, np.ndarray]:
         moves += [move] * count
         tips.append(POINTS[a] + share * (POINTS[b] - POINTS[a]))
         stood.append(
-            0.5 * (1.0 - np.cos(np.pi * share)) * way if move == Move.CUT else np.full((count, 1), float(a >= 3)) * way
+            0.5 * (1.0 - np.cos(np.pi * share)) * way
+            if move == MoveKind.CUT
+            else np.full((count, 1), float(a >= 3)) * way
         )
     e = np.vstack([*stood, np.array([[0.0], [0.0], [0.5], [1.0], [1.0]]) * way])
     start = np.tile(np.deg2rad([0, -60, 100, 0, 50, 0]), (len(e), 1))
     x = solve(m, cell, np.vstack([*tips, POINTS]), np.hstack([start, e]))
     led, at = x[: -len(POINTS)], x[-len(POINTS) :]
-    there, back = (time_legs(np.array(ends), cell.limits, 0.8, CYCLE) for ends in ([home, led[0]], [led[-1], home]))
+    there, back = (
+        retime_straight_segments(np.array(ends), cell.limits, 0.8, CYCLE) for ends in ([home, led[0]], [led[-1], home])
+    )
     X = np.vstack([there[:-1], led, back[1:]])
     s = np.r_[np.full(len(there) - 1, np.nan), np.concatenate(index), np.full(len(back) - 1, np.nan)]
-    moves = [Move.RAPID] * (len(there) - 1) + moves + [Move.RAPID] * (len(back) - 1)
-    T = m.fk(X, cell.tool.T_flange_tcp)
+    moves = [MoveKind.RAPID] * (len(there) - 1) + moves + [MoveKind.RAPID] * (len(back) - 1)
+    T = m.compute_fk(X, cell.tool.T_flange_tcp)
     speed = np.r_[0.0, np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1) / CYCLE]
     last = int(np.flatnonzero(np.isfinite(s))[-1])
     table: Columns = {
@@ -82,7 +86,7 @@ def sound(cell: Cell) -> tuple[Columns, np.ndarray]:
         "operation": ["slot" if n <= last else "" for n in range(len(X))],
         "move": [move.word for move in moves],
         **joints(cell, X),
-        "gamma_deg": [np.nan if move == Move.RAPID else GAMMA for move in moves],
+        "gamma_deg": [np.nan if move == MoveKind.RAPID else GAMMA for move in moves],
         "feed_mm_min": (6e4 * speed).tolist(),
     }
     return table, at
@@ -100,10 +104,10 @@ def points_table(cell: Cell, X: np.ndarray) -> Columns:
     """What the planner's own model says of the points."""
     robot, shapes = load_chain(cell)
     model = CollisionModel(cell, robot, shapes, 0.002)
-    near = model.nearest(X, np.ones(len(X), bool))
-    found = solver_for(robot).solve(robot.fk(X[:, :6]))
+    near = model.find_nearest_pair(X, np.ones(len(X), bool))
+    found = build_solver(robot).solve(robot.compute_fk(X[:, :6]))
     off = np.abs(np.angle(np.exp(1j * (found.q - X[:, None, :6])))).max(axis=2)
-    stands = posture(Arm(cell).stance(X[:, :6], X[:, 6:]))
+    stands = compute_posture(UrdfKinematics(cell).compute_configuration(X[:, :6], X[:, 6:]))
     lower, upper = cell.limits.lower[:6], cell.limits.upper[:6]
     margin = np.minimum(X[:, :6] - lower, upper - X[:, :6]).min(axis=1)
     n = len(X)
@@ -148,7 +152,7 @@ def verified(
             change(of)
     write(out / "trajectory.csv", motion)
     write(out / "points.csv", told)
-    return verify_output(cell or made[0], toolpath(), out)
+    return verify_motion(cell or made[0], toolpath(), out)
 
 
 def external(made: Made) -> str:
@@ -185,30 +189,30 @@ def test_damages(made: Made, tmp_path: Path) -> None:
     assert "external axis e" in fast.where
 
 
-def program(cell: Cell, motion: Motion, tolerance: Tolerance) -> RobotProgram:
+def program(cell: Cell, motion: ExportedMotion, tolerance: ProgramTolerance) -> RobotProgram:
     """Home, the first point, a line to each point and to what lies between where the axes go unevenly, home."""
-    arm, x = Arm(cell), np.hstack([motion.q, motion.external])
-    T = arm.tcp_in_workpiece(motion.q, motion.external)
+    arm, x = UrdfKinematics(cell), np.hstack([motion.q, motion.external])
+    T = arm.compute_tcp_in_workpiece(motion.q, motion.external)
     known = np.flatnonzero(np.isfinite(motion.point))
     at = np.r_[0, [known[np.abs(motion.point[known] - k).argmin()] for k in range(len(POINTS))], len(x) - 1]
     kind = np.array([PTP, PTP, *[LIN] * (len(POINTS) - 1), PTP], np.int8)
-    move = np.array([Move.RAPID, *MOVES, Move.RAPID], np.int8)
+    move = np.array([MoveKind.RAPID, *MOVES, MoveKind.RAPID], np.int8)
     external = motion.external, motion.external[at]
-    added = densify(T, T[at], at.astype(float), kind == LIN, tolerance, external)
+    added = insert_targets(T, T[at], at.astype(float), kind == LIN, tolerance, external)
     place = np.searchsorted(at, added)
     at, kind, move = np.insert(at, place, added), np.insert(kind, place, LIN), np.insert(move, place, move[place])
     return replace(
-        short_program(cell, load_robot(cell), cell.controller),
+        build_short_program(cell, load_robot(cell), cell.controller),
         kind=kind,
         q=x[at, :6],
         external=x[at, 6:],
         T_workpiece_tcp=T[at],
         feed=np.where(kind == LIN, FEED, np.nan),
-        cutting=move == Move.CUT,
+        cutting=move == MoveKind.CUT,
         move=move,
         operation=np.where(np.isfinite(motion.point[at]), 0, -1).astype(np.int32),
         operations=("slot",),
-        behind=None,
+        wrist_behind=None,
         elbow_up=None,
         time=None,
     )
@@ -219,14 +223,14 @@ def test_a_program_between_whose_targets_the_axes_go_evenly(made: Made, tmp_path
     cell = made[0]
     verified(made, tmp_path)
     motion = read_motion(tmp_path / "trajectory.csv", cell)
-    for tolerance, passed in ((Tolerance(), True), (Tolerance(external=1.0), False)):
+    for tolerance, passed in ((ProgramTolerance(), True), (ProgramTolerance(external=1.0), False)):
         write_program(tmp_path, "slot", program(cell, motion, tolerance), "krl", cell.controller)
-        posted = [Posted("krl", "krl", ("slot.src", "slot.dat"))]
+        posted = [ListedProgram("krl", "krl", ("slot.src", "slot.dat"))]
         (found,) = check_programs(
-            cell, toolpath(), tmp_path, posted, options=PlanOptions(), tolerance=Tolerance(), motion=motion
+            cell, toolpath(), tmp_path, posted, options=PlanOptions(), tolerance=ProgramTolerance(), motion=motion
         )
-        assert found.passed("external axes at targets") is True
-        assert found.passed("lines along the motion") is True
-        assert found.passed("external axes along lines") is passed, found.worst("external axes along lines")
+        assert found.get_verdict("external axes at targets") is True
+        assert found.get_verdict("lines along the motion") is True
+        assert found.get_verdict("external axes along lines") is passed, found.get_value("external axes along lines")
         wrong = [d for d in found.differences if not d.startswith(("wording", "zones", "external axes along"))]
         assert wrong == []

@@ -12,21 +12,21 @@ import numpy as np
 import pytest
 from damages.damage import CELLS, HEADER, PASS, Job, copy_of, plan_table
 
+from machopt.cell.cell_reader import load_cell
 from machopt.cli import main
-from machopt.domain.manifest import with_scope
-from machopt.formats.cell import load_cell
-from machopt.formats.options import load_options
-from machopt.formats.toolpath import read_toolpath
+from machopt.commands.optimize.request import OptimizeRequest
+from machopt.commands.optimize.run import run_optimize
+from machopt.data_types.manifest import add_scope_to_verdict
+from machopt.options.plan_option_reader import load_options
 from machopt.output import read_manifest
-from machopt.recheck import scope
-from machopt.recheck.folder import verify_folder
-from machopt.recheck.resultcheck import result_checks
-from machopt.services.load import OptimizeRequest
-from machopt.services.run import optimize
-from machopt.verify import Check, Verification
-from machopt.verify.along import softest
-from machopt.verify.changes import verify_stints
-from machopt.verify.table import read_motion
+from machopt.toolpath.toolpath_reader import read_toolpath
+from machopt.verification import Verification, VerificationCheck
+from machopt.verification.folder import coverage
+from machopt.verification.folder.folder_checks import verify_folder
+from machopt.verification.folder.result_json.result_checks import check_result_document
+from machopt.verification.motion.tool_changes import verify_tool_segments
+from machopt.verification.motion.worst_index_along_cuts import find_worst_index
+from machopt.verification.tables.exported_tables import read_motion
 
 PATHS = Path(__file__).resolve().parents[1] / "toolpaths"
 KR500 = CELLS / "kr500_milling"
@@ -63,37 +63,37 @@ def test_what_is_switched_off_stands_everywhere_in_the_same_words(
     result = json.loads((out / "result.json").read_text())
     manifest, _ = read_manifest(out)
     assert tuple(result["unchecked"]) == manifest.unchecked == words
-    assert result["verdict"] == manifest.verdict == with_scope("done", words)
-    assert with_scope("VERIFIED", words) in (out / "report.html").read_text()
+    assert result["verdict"] == manifest.verdict == add_scope_to_verdict("done", words)
+    assert add_scope_to_verdict("VERIFIED", words) in (out / "report.html").read_text()
     assert "contacts" not in {c.what for c in manifest.checked}
     assert verified(without_collision) == 0
-    assert capsys.readouterr().out.splitlines()[-1] == with_scope("verification passed", words)
+    assert capsys.readouterr().out.splitlines()[-1] == add_scope_to_verdict("verification passed", words)
 
 
 def test_what_a_cell_leaves_out_stands_in_the_verdict(tmp_path: Path) -> None:
     shutil.copytree(KR500, tmp_path / "cell")
     text = (tmp_path / "cell" / "cell.yaml").read_text()
     cell = load_cell(tmp_path / "cell")
-    assert scope.unchecked(cell, load_options(cell.plan)) == ()
+    assert coverage.list_unchecked(cell, load_options(cell.plan)) == ()
     half = replace(read_toolpath(PATHS / "plain.csv"), meta={"incomplete": "no FINI"})
-    assert "NOT done (it seems cut off)" in scope.unchecked(cell, load_options(cell.plan), half)[0]
+    assert "NOT done (it seems cut off)" in coverage.list_unchecked(cell, load_options(cell.plan), half)[0]
     lines = [line for line in text.splitlines() if not line.strip().startswith(("geometry:", "cutter:"))]
     kept = "\n".join(lines)
     start = kept.index("obstacles:")
     end = kept.index("stiffness:")
     (tmp_path / "cell" / "cell.yaml").write_text(kept[:start] + kept[end:])
     cell = load_cell(tmp_path / "cell")
-    assert scope.unchecked(cell, load_options(cell.plan)) == (
+    assert coverage.list_unchecked(cell, load_options(cell.plan)) == (
         "collisions with workpiece, tool, cutter and obstacles NOT checked (not in the cell)",
     )
 
 
 def test_a_check_that_could_not_run_stands_in_the_verdict() -> None:
     checks = [
-        Check(name="path", passed=True, value=0.0, limit=1.0, unit="mm", where=""),
-        Check(name="program a.src", passed=None, value=0.0, limit=0.0, unit="", where="no reader"),
+        VerificationCheck(name="path", passed=True, value=0.0, limit=1.0, unit="mm", where=""),
+        VerificationCheck(name="program a.src", passed=None, value=0.0, limit=0.0, unit="", where="no reader"),
     ]
-    assert scope.not_run(checks) == ("program a.src NOT checked",)
+    assert coverage.list_checks_not_run(checks) == ("program a.src NOT checked",)
 
 
 def test_options_and_reading_come_from_the_manifest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -104,7 +104,7 @@ def test_options_and_reading_come_from_the_manifest(tmp_path: Path, capsys: pyte
     asked = OptimizeRequest(
         cell=KR500, toolpath=toolpath, out=tmp_path / "out", overrides=wide, reading={"default_feed": 1100 / 60e3}
     )
-    assert optimize(asked).exit_code == 0
+    assert run_optimize(asked).exit_code == 0
     assert read_manifest(tmp_path / "out")[0].reading == {"feed_mm_min": 1100.0}
     job = Job(KR500, toolpath, tmp_path / "out")
     assert verified(job) == 0
@@ -186,18 +186,21 @@ def test_an_infeasible_plan_leaves_no_program_and_verifies_as_such(
 
 def test_a_plan_that_does_not_hold_leaves_no_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*args: object, **options: object) -> Verification:
-        found = verify_stints(*args, **options)  # type: ignore[arg-type]
+        found = verify_tool_segments(*args, **options)  # type: ignore[arg-type]
         return Verification(
-            (*found.checks, Check(name="weather", passed=False, value=1.0, limit=0.0, unit="drops", where="above")),
+            (
+                *found.checks,
+                VerificationCheck(name="weather", passed=False, value=1.0, limit=0.0, unit="drops", where="above"),
+            ),
             found.samples,
             1.0,
         )
 
-    monkeypatch.setattr("machopt.recheck.folder.verify_stints", broken)
+    monkeypatch.setattr("machopt.verification.folder.folder_checks.verify_tool_segments", broken)
     toolpath = tmp_path / "pass.csv"
     toolpath.write_text(HEADER + "\n" + "".join(f"{x},{y},{z},0,0,1,{move},{feed}\n" for x, y, z, move, feed in PASS))
     out = tmp_path / "out"
-    done = optimize(
+    done = run_optimize(
         OptimizeRequest(
             cell=KR500, toolpath=toolpath, out=out, overrides=("rotation_step_deg=15",), posts=("krl", "urscript")
         )
@@ -249,17 +252,19 @@ def test_what_other_commands_wrote_is_refused_by_name(
 def test_no_part_of_a_result_goes_unlooked_at(plain: Job, tmp_path: Path) -> None:
     """Every key of result.json that is taken away fails a check."""
     told: Callable[[Path], list[str]] = lambda out: [  # noqa: E731
-        c.name for c in result_checks(out, cell, toolpath, options, manifest.inputs, manifest, contents) if not c.passed
+        c.name
+        for c in check_result_document(out, cell, toolpath, options, manifest.inputs, manifest, contents)
+        if not c.passed
     ]
     cell = load_cell(plain.cell)
     manifest, _ = read_manifest(plain.out)
     options = load_options(dict(manifest.options))
-    from machopt.formats.toolpath import read_toolpath
+    from machopt.toolpath.toolpath_reader import read_toolpath
 
     toolpath = read_toolpath(plain.toolpath)
-    from machopt.recheck.folder import content_checks
+    from machopt.verification.folder.folder_checks import check_contents
 
-    contents = content_checks(cell, toolpath, plain.out, options=options, manifest=manifest)
+    contents = check_contents(cell, toolpath, plain.out, options=options, manifest=manifest)
     assert told(plain.out) == []
     job = copy_of(plain, tmp_path)
     whole = json.loads((job.out / "result.json").read_text())
@@ -278,13 +283,13 @@ def test_the_verdict_is_the_same_on_one_core_and_where_the_motion_is_too_long_to
     cell, toolpath = load_cell(plain.cell), read_toolpath(plain.toolpath)
     manifest, _ = read_manifest(plain.out)
     options = load_options(dict(manifest.options))
-    monkeypatch.setattr("machopt.model.threads.cores", lambda: 2)
+    monkeypatch.setattr("machopt.numerics.worker_threads.count_threads", lambda: 2)
     first = found()
     assert any(".src" in check for check in first)  # a program is among what is checked
-    monkeypatch.setattr("machopt.model.threads.cores", lambda: 1)
+    monkeypatch.setattr("machopt.numerics.worker_threads.count_threads", lambda: 1)
     assert found() == first
-    monkeypatch.setattr("machopt.model.threads.cores", lambda: 2)
-    monkeypatch.setattr("machopt.recheck.folder.BESIDE", 1)
+    monkeypatch.setattr("machopt.numerics.worker_threads.count_threads", lambda: 2)
+    monkeypatch.setattr("machopt.verification.folder.folder_checks.MAX_PARALLEL_SAMPLES", 1)
     assert found() == first
 
 
@@ -306,18 +311,20 @@ def test_a_worst_index_that_no_place_of_a_long_move_has_is_seen(tmp_path: Path) 
     options = load_options(dict(manifest.options))
     told = json.loads((job.out / "result.json").read_text())
     motion = read_motion(job.out / "trajectory.csv", cell)
-    along = softest(cell, toolpath, motion, "deflection", options)
+    along = find_worst_index(cell, toolpath, motion, "deflection", options)
     own = told["objective"]["chosen"]
     assert along == pytest.approx(own["worst"] * told["index_scale"], rel=0.01)  # an end is the softest place here
     middle = np.abs(motion.point - 2.5) < 0.1
     rows = {f.name: getattr(motion, f.name)[middle] for f in fields(motion) if f.name in SAMPLED}
-    assert softest(cell, toolpath, replace(motion, **rows), "deflection", options) < along
+    assert find_worst_index(cell, toolpath, replace(motion, **rows), "deflection", options) < along
 
     def failing(factor: float) -> list[str]:
         more = (factor - 1.0) * own["worst"]
         chosen = {**own, "worst": own["worst"] + more, "total": own["total"] + options.weights.worst * more}
         (job.out / "result.json").write_text(json.dumps({**told, "objective": {**told["objective"], "chosen": chosen}}))
-        found = result_checks(job.out, cell, toolpath, options, manifest.inputs, manifest, Verification((), 0, 0.0))
+        found = check_result_document(
+            job.out, cell, toolpath, options, manifest.inputs, manifest, Verification((), 0, 0.0)
+        )
         return [c.where for c in found if not c.passed and "chosen.worst" in c.where]
 
     assert not failing(1.0)

@@ -9,68 +9,73 @@ import numpy as np
 import pytest
 from small_cell import small_cell
 
-from machopt.domain.cell import Cell
-from machopt.domain.stiffness import Stiffness, StiffnessGrid, Term
-from machopt.domain.toolpath import Move, Operation, Toolpath
-from machopt.formats.cell import load_cell
-from machopt.model.elastic import ArmElasticity
-from machopt.model.ik import solver_for
-from machopt.model.robot import load_masses, load_robot
-from machopt.plan.certainty.uncertainty import Spread
-from machopt.plan.stations.path import build_path
-from machopt.verify import posture, reference
-from machopt.verify.arm import Arm
-from machopt.verify.bodies import all_bodies, pairs
-from machopt.verify.elastic import Elasticity
-from machopt.verify.inventory import check_inventory
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.cell import Cell
+from machopt.data_types.stiffness import ArmStiffness, StiffnessGrid, StiffnessTerm
+from machopt.data_types.toolpath import MoveKind, Toolpath, ToolpathOperation
+from machopt.kinematics.inverse.solver import build_solver
+from machopt.kinematics.robot import load_masses, load_robot
+from machopt.planning.stations.planning_path import build_planning_path
+from machopt.planning.uncertainty.stiffness_uncertainty import ComplianceCovariance
+from machopt.stiffness.arm_stiffness import ArmElasticity
+from machopt.verification.motion.collision.bodies import build_bodies, list_checked_pairs
+from machopt.verification.motion.collision.urdf_inventory import check_inventory
+from machopt.verification.motion.kinematics import posture
+from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
+from machopt.verification.motion.path_geometry import reference_direction as reference_direction_module
+from machopt.verification.motion.stiffness.arm_compliance import ComplianceModel
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 K = np.array([1.4e6, 4.0e5, 9.4e5, 3.6e5, 3.7e5, 3.8e5])  # N·m/rad
 FULL = (np.diag([3e-9, 2e-9, 4e-9, 5e-8, 6e-8, 7e-8]) + 2e-10).tolist()
 TERMS = {
-    "coupling": Term("joint_coupling", "joint:4-5", {"compliance_rad_per_Nm": 4e-7}),
-    "harmonics": Term(
+    "coupling": StiffnessTerm("joint_coupling", "joint:4-5", {"compliance_rad_per_Nm": 4e-7}),
+    "harmonics": StiffnessTerm(
         "joint_pose_dependent_stiffness",
         "joint:2",
         {"cos_rad_per_Nm": 3e-7, "sin_rad_per_Nm": -2e-7, "cos2_rad_per_Nm": 1e-7, "sin2_rad_per_Nm": 5e-8},
     ),
-    "sector": Term(
+    "sector": StiffnessTerm(
         "joint_pose_dependent_stiffness",
         "joint:3",
         {"law": "sector", "extra_rad_per_Nm": 6e-7, "centre_deg": 40.0, "width_deg": 30.0},
     ),
-    "creep": Term("joint_creep", "joint:1", {"extra_rad_per_Nm": 2e-7, "time_constant_s": 10.0}),
-    "knee": Term("joint_nonlinear_stiffness", "joint:3", {"law": "knee", "extra_rad_per_Nm": 8e-7, "knee_Nm": 900.0}),
-    "knees": Term(
+    "creep": StiffnessTerm("joint_creep", "joint:1", {"extra_rad_per_Nm": 2e-7, "time_constant_s": 10.0}),
+    "knee": StiffnessTerm(
+        "joint_nonlinear_stiffness", "joint:3", {"law": "knee", "extra_rad_per_Nm": 8e-7, "knee_Nm": 900.0}
+    ),
+    "knees": StiffnessTerm(
         "joint_nonlinear_stiffness",
         "joint:2",
         {"law": "knees", "extra_rad_per_Nm": [5e-7, 3e-7], "knees_Nm": [300.0, 1200.0]},
     ),
-    "softening": Term("joint_nonlinear_stiffness", "joint:2", {"law": "cubic", "cubic_rad_per_Nm3": 2e-13}),
-    "hardening": Term("joint_nonlinear_stiffness", "joint:2", {"law": "cubic", "cubic_rad_per_Nm3": -4e-13}),
-    "backlash": Term("joint_backlash", "joint:5", {"width_arcmin": 0.8, "transition_Nm": 60.0}),
-    "hysteresis": Term(
+    "softening": StiffnessTerm("joint_nonlinear_stiffness", "joint:2", {"law": "cubic", "cubic_rad_per_Nm3": 2e-13}),
+    "hardening": StiffnessTerm("joint_nonlinear_stiffness", "joint:2", {"law": "cubic", "cubic_rad_per_Nm3": -4e-13}),
+    "backlash": StiffnessTerm("joint_backlash", "joint:5", {"width_arcmin": 0.8, "transition_Nm": 60.0}),
+    "hysteresis": StiffnessTerm(
         "joint_hysteresis", "joint:4", {"weights_rad_per_Nm": [4e-7, 2e-7], "thresholds_Nm": [20.0, 90.0]}
     ),
-    "used up": Term(
+    "used up": StiffnessTerm(
         "joint_hysteresis",
         "joint:4",
         {"law": "used_up", "half_clearance_arcmin": 0.3, "threshold_Nm": 20.0, "reach_Nm": 60.0},
     ),
-    "rounded": Term(
+    "rounded": StiffnessTerm(
         "joint_hysteresis", "joint:4", {"law": "bouc_wen", "drag_arcmin": 0.02, "reach_Nm": 70.0, "beta": 0.65}
     ),
-    "balancer": Term(
+    "balancer": StiffnessTerm(
         "gravity_compensator",
         "joint:2",
         {"force_times_length_Nm": 4e3, "rate_times_length2_Nm": 3e4, "ratio": 0.3, "angle_deg": 50.0},
     ),
-    "link beam": Term("link_compliance", "link:2", {"EI_Nm2": 3e6, "GJ_Nm2": 2e6, "EA_N": 5e8}),
-    "link box": Term(
+    "link beam": StiffnessTerm("link_compliance", "link:2", {"EI_Nm2": 3e6, "GJ_Nm2": 2e6, "EA_N": 5e8}),
+    "link box": StiffnessTerm(
         "link_compliance", "link:3", {"EI_Nm2": 3e6, "EI_across_Nm2": 9e5, "GJ_Nm2": 2e6, "normal": [0.1, 1.0, 0.2]}
     ),
-    "link box, rigid in a plane": Term("link_compliance", "link:2", {"EI_across_Nm2": 9e5, "normal": [0.0, 1.0, 0.0]}),
-    "link tube": Term(
+    "link box, rigid in a plane": StiffnessTerm(
+        "link_compliance", "link:2", {"EI_across_Nm2": 9e5, "normal": [0.0, 1.0, 0.0]}
+    ),
+    "link tube": StiffnessTerm(
         "link_compliance",
         "link:3",
         {
@@ -82,21 +87,21 @@ TERMS = {
             "shear": 0.04,
         },
     ),
-    "link tube, round": Term("link_compliance", "link:2", {"EI_Nm2": 9e5, "EA_N": 5e7, "taper": 1.4}),
-    "link box, rigid across": Term("link_compliance", "link:2", {"EI_Nm2": 9e5, "normal": [0.0, 1.0, 0.0]}),
-    "tool box": Term(
+    "link tube, round": StiffnessTerm("link_compliance", "link:2", {"EI_Nm2": 9e5, "EA_N": 5e7, "taper": 1.4}),
+    "link box, rigid across": StiffnessTerm("link_compliance", "link:2", {"EI_Nm2": 9e5, "normal": [0.0, 1.0, 0.0]}),
+    "tool box": StiffnessTerm(
         "tool_compliance", "tool", {"EI_Nm2": 4e4, "EI_across_Nm2": 2e4, "EA_N": 5e7, "normal": [0.0, 1.0, 0.3]}
     ),
-    "link placed": Term(
+    "link placed": StiffnessTerm(
         "link_compliance", "link:4", {"EI_Nm2": 8e5, "from_mm": [1.5e3, 0, 700], "to_mm": [2.2e3, 0, 710]}
     ),
-    "link matrix": Term("link_compliance", "link:3", {"compliance": FULL}),
-    "base": Term(
+    "link matrix": StiffnessTerm("link_compliance", "link:3", {"compliance": FULL}),
+    "base": StiffnessTerm(
         "base_compliance", "base", {"compliance_diagonal": [2e-9, 2e-9, 1e-9, 3e-8, 3e-8, 1e-8], "at_mm": [10, 20, 30]}
     ),
-    "tool beam": Term("tool_compliance", "tool", {"EI_Nm2": 4e4, "GJ_Nm2": 3e4}),
-    "tool matrix": Term("tool_compliance", "tool", {"compliance": FULL}),
-    "tool stack": Term(
+    "tool beam": StiffnessTerm("tool_compliance", "tool", {"EI_Nm2": 4e4, "GJ_Nm2": 3e4}),
+    "tool matrix": StiffnessTerm("tool_compliance", "tool", {"compliance": FULL}),
+    "tool stack": StiffnessTerm(
         "tool_compliance",
         "tool",
         {
@@ -109,7 +114,7 @@ TERMS = {
             "scale": 1.1,
         },
     ),
-    "K_C": Term("geometric_stiffness", "arm", {}),
+    "K_C": StiffnessTerm("geometric_stiffness", "arm", {}),
 }
 
 
@@ -160,21 +165,25 @@ def test_every_term_of_a_stiffness_file_is_recomputed(cell: Cell, name: str) -> 
             )
         )
     )
-    stiffness = Stiffness(joints=K, terms=terms)
-    robot, arm, q = load_robot(cell), Arm(cell), poses(cell)
+    stiffness = ArmStiffness(joints=K, terms=terms)
+    robot, arm, q = load_robot(cell), UrdfKinematics(cell), poses(cell)
     theirs = ArmElasticity(
         robot, cell.tool.T_flange_tcp, stiffness, (cell.limits.lower, cell.limits.upper), load_masses(cell)
-    ).at(q)
-    stance = arm.stance(q)
-    ours = Elasticity(cell, arm, stiffness).at(stance, stance.tcp[:, :3, 3])
+    ).evaluate(q)
+    stance = arm.compute_configuration(q)
+    ours = ComplianceModel(cell, arm, stiffness).evaluate(stance, stance.tcp[:, :3, 3])
     rng = np.random.default_rng(3)
     e = rng.normal(size=(len(q), 3))
     e /= np.linalg.norm(e, axis=1, keepdims=True)
     for size in (5.0, 800.0):
-        np.testing.assert_allclose(ours.displacement(size * e), theirs.deflection(size * e), rtol=1e-7, atol=1e-13)
-    np.testing.assert_allclose(ours.along(e), 1.0 / theirs.along(e), rtol=1e-9)
-    np.testing.assert_allclose(ours.held(e), theirs.jiao_index(e), rtol=1e-6)
-    np.testing.assert_allclose(ours.axial_gradient(e), theirs.sensitivity(e, e, small=True), rtol=1e-9, atol=1e-15)
+        np.testing.assert_allclose(
+            ours.compute_displacement(size * e), theirs.compute_deflection(size * e), rtol=1e-7, atol=1e-13
+        )
+    np.testing.assert_allclose(ours.compute_stiffness_along(e), 1.0 / theirs.compute_compliance_along(e), rtol=1e-9)
+    np.testing.assert_allclose(ours.compute_jiao_stiffness(e), theirs.compute_jiao_index(e), rtol=1e-6)
+    np.testing.assert_allclose(
+        ours.compute_axial_gradient(e), theirs.compute_sensitivity(e, e, small=True), rtol=1e-9, atol=1e-15
+    )
 
 
 def test_grid_and_uncertainty_are_recomputed(cell: Cell) -> None:
@@ -182,32 +191,32 @@ def test_grid_and_uncertainty_are_recomputed(cell: Cell) -> None:
     joints = K * rng.uniform(0.8, 1.2, (8, 6))
     grid = StiffnessGrid(np.array([0.0, -2.0, -1.0]), 2.0, (2, 2, 2), joints, 0.05 * joints)
     A = rng.normal(size=(6, 6)) * 1e-8
-    stiffness = Stiffness(joints=K, covariance=A @ A.T, grid=grid)
-    arm, q = Arm(cell), poses(cell, 20)
+    stiffness = ArmStiffness(joints=K, covariance=A @ A.T, grid=grid)
+    arm, q = UrdfKinematics(cell), poses(cell, 20)
     position = rng.uniform(-1.5, 4.5, (20, 3))
     position[3] = [2.0, 0.0, 1.0]  # a corner of all eight
     position[4] = [2.0, 0.5, 0.3]  # a face of two
-    law = Elasticity(cell, arm, stiffness)
-    soft = law.at(arm.stance(q), position)
-    theirs = Spread.of(stiffness, position)
+    law = ComplianceModel(cell, arm, stiffness)
+    soft = law.evaluate(arm.compute_configuration(q), position)
+    theirs = ComplianceCovariance.of(stiffness, position)
     gradient = rng.normal(size=(20, 6))
-    np.testing.assert_allclose(law.std(soft, gradient), theirs.point_std(gradient), rtol=1e-9)
-    assert len(soft.holds[3][0]) == 8
-    assert len(soft.holds[4][0]) == 2
+    np.testing.assert_allclose(law.compute_std(soft, gradient), theirs.point_std(gradient), rtol=1e-9)
+    assert len(soft.cell_sensitivities[3][0]) == 8
+    assert len(soft.cell_sensitivities[4][0]) == 2
 
 
 @pytest.mark.parametrize("name", ["kr500_milling", "cutting_cobot", "irb6700_drilling"])
 def test_posture_is_the_solver_s(name: str) -> None:
     """Branch and distance from the singularities of 200 random configurations."""
     cell = load_cell(CELLS / name)
-    robot, arm = load_robot(cell), Arm(cell)
+    robot, arm = load_robot(cell), UrdfKinematics(cell)
     q = np.random.default_rng(1).uniform(-3.0, 3.0, (200, 6))
-    found = solver_for(robot).solve(robot.fk(q))
+    found = build_solver(robot).solve(robot.compute_fk(q))
     off = np.abs(np.angle(np.exp(1j * (found.q - q[:, None])))).max(axis=2)
     branch = np.where(np.isfinite(off), off, np.inf).argmin(axis=1)
     rows = np.flatnonzero(off[np.arange(200), branch] < 1e-6)  # near a singularity some are found less exactly
     assert len(rows) > 190
-    stands = posture.posture(arm.stance(q[rows]))
+    stands = posture.compute_posture(arm.compute_configuration(q[rows]))
     assert stands.branch is not None
     np.testing.assert_array_equal(stands.branch, branch[rows])
     at = rows, branch[rows]
@@ -225,9 +234,9 @@ def some_path(kind: str) -> Toolpath:
     axis[20:26] = axis[20]
     position[22] = position[21] - 0.02 * axis[21]  # a plunge
     position[30] = position[29]  # a point twice
-    move = np.full(n, Move.CUT, np.int8)
-    move[[0, 8, 19, 33]] = Move.RAPID
-    move[[1, 34]] = Move.APPROACH
+    move = np.full(n, MoveKind.CUT, np.int8)
+    move[[0, 8, 19, 33]] = MoveKind.RAPID
+    move[[1, 34]] = MoveKind.APPROACH
     reference_direction = np.full((n, 3), np.nan)
     if kind == "given":
         reference_direction[5:15] = [0.3, 0.5, 0.1]
@@ -236,9 +245,9 @@ def some_path(kind: str) -> Toolpath:
         position=position,
         axis=axis,
         move=move,
-        feed=np.where(move == Move.RAPID, np.nan, 0.02),
+        feed=np.where(move == MoveKind.RAPID, np.nan, 0.02),
         operation=np.zeros(n, np.int32),
-        operations=(Operation("a", drilling),),
+        operations=(ToolpathOperation("a", drilling),),
         reference=reference_direction,
         tolerance=np.full(n, np.nan),
         line=np.arange(1, n + 1, dtype=np.int32),
@@ -252,12 +261,12 @@ def some_path(kind: str) -> Toolpath:
 def test_the_reference_direction_is_the_planner_s(kind: str) -> None:
     """gamma = 0 and the direction of travel at every point of a path."""
     toolpath = some_path(kind)
-    path = build_path(toolpath)
-    known = reference.at_points(toolpath)
+    path = build_planning_path(toolpath)
+    known = reference_direction_module.compute_directions_at_points(toolpath)
     at = np.flatnonzero(path.is_point)
     tcp = np.zeros((len(toolpath), 4, 4))
     tcp[:, :3, 0], tcp[:, :3, 2] = path.reference[at], -toolpath.axis
-    apart = np.abs((known.gamma(tcp) - path.offset[at][:, None] + np.pi) % (2 * np.pi) - np.pi)
+    apart = np.abs((known.compute_rotation_angle(tcp) - path.offset[at][:, None] + np.pi) % (2 * np.pi) - np.pi)
     assert np.nanmin(apart, axis=1).max() < 1e-9
     for travel in (known.travel, path.travel[at]):  # else a stiffness across is not that along a unit vector
         assert np.abs(np.einsum("ij,ij->i", travel, toolpath.axis)).max() < 1e-12
@@ -277,18 +286,18 @@ def test_a_plunge_along_which_the_axis_turns_is_read_as_the_planner_reads_it() -
         **{k: getattr(some_path("travel"), k)[:5] for k in ("operation", "reference", "tolerance", "line")},
         position=corners,
         axis=lean / np.linalg.norm(lean, axis=1, keepdims=True),
-        move=np.array([Move.RAPID] + 4 * [Move.CUT], np.int8),
+        move=np.array([MoveKind.RAPID] + 4 * [MoveKind.CUT], np.int8),
         feed=np.array([np.nan, 0.02, 0.02, 0.02, 0.02]),
     )
-    path, known = build_path(toolpath), reference.at_points(toolpath)
+    path, known = build_planning_path(toolpath), reference_direction_module.compute_directions_at_points(toolpath)
     at = np.flatnonzero(path.is_point)
     across = np.abs(np.stack([np.einsum("ij,ij->i", v, path.travel[at]) for v in (known.travel, known.other)]))
     assert np.nanmax(across, axis=0).min() > 1 - 1e-12  # one of the two is the planner's, at every point
     low = np.maximum(np.ceil(path.index - 1e-9).astype(int) - 1, 0)
-    there = reference.between(toolpath, known, path.index, leaving=False)
+    there = reference_direction_module.interpolate_directions(toolpath, known, path.index, leaving=False)
     tcp = np.zeros((len(path.index), 4, 4))
     tcp[:, :3, 0], tcp[:, :3, 2] = path.reference, -path.axis
-    apart = np.abs((there.gamma(tcp) - path.offset[at][low][:, None] + np.pi) % (2 * np.pi) - np.pi)
+    apart = np.abs((there.compute_rotation_angle(tcp) - path.offset[at][low][:, None] + np.pi) % (2 * np.pi) - np.pi)
     assert np.degrees(np.nanmin(apart, axis=1)[path.index > 0].max()) < 1.0  # the rest is the axis' own turn sideways
 
 
@@ -300,17 +309,17 @@ def test_between_points_the_file_s_reference_is_that_of_the_point_that_was_left(
         **{k: getattr(base, k)[:4] for k in ("operation", "tolerance", "line")},
         position=np.array([[0, 0, 0.05], [0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0.0]]),
         axis=np.tile([0.0, 0.0, 1.0], (4, 1)),
-        move=np.array([Move.RAPID] + 3 * [Move.CUT], np.int8),
+        move=np.array([MoveKind.RAPID] + 3 * [MoveKind.CUT], np.int8),
         feed=np.array([np.nan, 0.02, 0.02, 0.02]),
         reference=np.array([[1, 0, 0], [1, 0, 0], [0.8, 0.6, 0], [0, 1, 0.0]]),
     )
-    path, known = build_path(toolpath), reference.at_points(toolpath)
+    path, known = build_planning_path(toolpath), reference_direction_module.compute_directions_at_points(toolpath)
     inside = ~path.is_point
     assert inside.sum() > 4
-    there = reference.between(toolpath, known, path.index, leaving=True)
+    there = reference_direction_module.interpolate_directions(toolpath, known, path.index, leaving=True)
     tcp = np.zeros((len(path.index), 4, 4))
     tcp[:, :3, 0], tcp[:, :3, 2] = path.reference, -path.axis
-    apart = np.abs((there.gamma(tcp)[:, 0] - path.offset + np.pi) % (2 * np.pi) - np.pi)
+    apart = np.abs((there.compute_rotation_angle(tcp)[:, 0] - path.offset + np.pi) % (2 * np.pi) - np.pi)
     assert apart[inside].max() < 1e-9
 
 
@@ -320,9 +329,9 @@ def test_a_body_or_a_mass_that_vanished_is_named(cell: Cell, tmp_path: Path) -> 
     def told(old: str, new: str) -> list[str]:
         text = cell.urdf.read_text()
         assert old in text
-        arm = Arm(cell)
-        bodies = all_bodies(cell, arm)
-        wanted = pairs(cell, arm, bodies)
+        arm = UrdfKinematics(cell)
+        bodies = build_bodies(cell, arm)
+        wanted = list_checked_pairs(cell, arm, bodies)
         urdf = tmp_path / "robot.urdf"
         urdf.write_text(text.replace(old, new, 1))
         return [c.where for c in check_inventory(replace(cell, urdf=urdf), arm, bodies, wanted) if c.passed is False]

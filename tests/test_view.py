@@ -20,16 +20,16 @@ from test_cli import CELLS, KR500, PASS, toolpath
 from test_cli import optimize as optimized
 
 from machopt.cli import main
+from machopt.commands.optimize.computation import compute_optimize_plan
+from machopt.commands.optimize.request import OptimizeRequest, load_optimize_inputs
 from machopt.errors import InputError
-from machopt.plan.written.contact_map import mapped
-from machopt.report.data import STATUS_NAMES
-from machopt.report.gather.optimize_map import rotation_map
-from machopt.report.placecodes import PlaceCode
-from machopt.services.load import OptimizeRequest, load
-from machopt.services.planned import planned
-from machopt.view.run import Acting, Asked, serve
-from machopt.view.server import Server
-from machopt.view.session import Session
+from machopt.planning.plan_output.collision_map import compute_collision_map
+from machopt.report.page_data.optimize_rotation_map import build_rotation_map
+from machopt.report.page_types.optimize_report import STATUS_NAMES
+from machopt.report.page_types.place_codes import PlaceCode
+from machopt.view.page_server import PageServer
+from machopt.view.run import SessionActions, ViewRequest, serve_view
+from machopt.view.session import ViewSession
 
 pytestmark = pytest.mark.slow
 
@@ -42,12 +42,12 @@ def job(folder: Path, *overrides: str) -> OptimizeRequest:
     return OptimizeRequest(cell=KR500, toolpath=toolpath(folder, PASS), out=folder / "out", overrides=overrides)
 
 
-def begun(folder: Path, *overrides: str) -> Session:
-    return Session.begun(load(job(folder, *overrides)), folder / "plan.yaml", (), quiet)
+def begun(folder: Path, *overrides: str) -> ViewSession:
+    return ViewSession.start(load_optimize_inputs(job(folder, *overrides)), folder / "plan.yaml", (), quiet)
 
 
-def gammas(session: Session) -> list[float]:
-    return np.degrees(session.now.made.points.table.gamma).tolist()
+def gammas(session: ViewSession) -> list[float]:
+    return np.degrees(session.current.job_result.points.table.gamma).tolist()
 
 
 def test_a_session_pins_compares_goes_back_and_saves(tmp_path: Path) -> None:
@@ -57,26 +57,29 @@ def test_a_session_pins_compares_goes_back_and_saves(tmp_path: Path) -> None:
     told, shown = session.replan({"fixed": [{"point": 6, "gamma_deg": want}], "steer": [], "external": {}}, quiet)
     assert (shown, told.startswith("Planned in")) == (True, True)
     assert gammas(session)[6] == pytest.approx(want, abs=0.25)  # deg; as verify holds it
-    assert session.wishes()["fixed"] == [{"point": 6, "gamma_deg": want}]
-    assert '"name":"before"' in session.html()
-    session.save()
-    again = planned(load(OptimizeRequest(**{**vars(job(tmp_path)), "plan_file": session.file})), session.now.timings)
+    assert session.list_wishes()["fixed"] == [{"point": 6, "gamma_deg": want}]
+    assert '"name":"before"' in session.build_html()
+    session.save_plan_file()
+    again = compute_optimize_plan(
+        load_optimize_inputs(OptimizeRequest(**{**vars(job(tmp_path)), "plan_file": session.file})),
+        session.current.timings,
+    )
     for name in ("phi", "q", "branch"):  # to the bit, whatever the session lent its plans
-        mine, own = (getattr(m.plan.chosen.assignment, name) for m in (session.now.made, again.made))
+        mine, own = (getattr(m.plan.chosen.assignment, name) for m in (session.current.job_result, again.job_result))
         np.testing.assert_array_equal(mine, own)
-    session.back()
+    session.swap_plans()
     assert gammas(session) == free
-    assert session.wishes()["fixed"] == []
+    assert session.list_wishes()["fixed"] == []
 
 
 def test_a_pinned_column_says_that_the_pin_excludes_the_rest_of_it(tmp_path: Path) -> None:
     session = begun(tmp_path, "rotation_step_deg=10")
-    made = session.now.made.plan
-    before = rotation_map(made, mapped(made), np.zeros(len(session.given.toolpath)))
+    made = session.current.job_result.plan
+    before = build_rotation_map(made, compute_collision_map(made), np.zeros(len(session.optimize_inputs.toolpath)))
     want = round(gammas(session)[6], 1)
     session.replan({"fixed": [{"point": 6, "gamma_deg": want}], "steer": [], "external": {}}, quiet)
-    made = session.now.made.plan
-    after = rotation_map(made, mapped(made), np.zeros(len(session.given.toolpath)))
+    made = session.current.job_result.plan
+    after = build_rotation_map(made, compute_collision_map(made), np.zeros(len(session.optimize_inputs.toolpath)))
     assert before is not None
     assert after is not None
     k, b = int(np.argmin(np.abs(after.point - 6))), int(np.argmin(np.abs(before.point - 6)))
@@ -90,24 +93,24 @@ def test_a_pinned_column_says_that_the_pin_excludes_the_rest_of_it(tmp_path: Pat
 
 def test_the_verified_state_stays_until_another_plan_is_shown(tmp_path: Path) -> None:
     session = begun(tmp_path, "rotation_step_deg=10")
-    nothing = session.wishes()
-    assert session.verified(quiet).good
-    kept = session.now
-    assert '"verified":{' in session.html()
+    nothing = session.list_wishes()
+    assert session.verify(quiet).good
+    kept = session.current
+    assert '"verified":{' in session.build_html()
     assert session.replan(nothing, quiet)[1]
-    assert session.now is kept  # nothing was planned again
-    assert session.before is None
+    assert session.current is kept  # nothing was planned again
+    assert session.previous is None
     pin = {**nothing, "fixed": [{"point": 6, "gamma_deg": round(gammas(session)[6] + 15, 1)}]}
     assert session.replan(pin, quiet)[1]
-    assert '"verified":null' in session.html()
-    session.back()
-    assert '"verified":{' in session.html()
+    assert '"verified":null' in session.build_html()
+    session.swap_plans()
+    assert '"verified":{' in session.build_html()
 
 
 def test_while_a_handle_is_dragged_angle_deflection_and_state_are_shown(tmp_path: Path) -> None:
     request = job(tmp_path, "rotation_step_deg=10")
-    server = serve(
-        Asked(places=(request.cell, request.toolpath), request=request, save=tmp_path / "plan.yaml"), quiet, quiet
+    server = serve_view(
+        ViewRequest(paths=(request.cell, request.toolpath), request=request, save=tmp_path / "plan.yaml"), quiet, quiet
     )
 
     def user(browser: Browser) -> None:
@@ -143,12 +146,12 @@ def test_while_a_handle_is_dragged_angle_deflection_and_state_are_shown(tmp_path
 
 def test_a_plan_that_cannot_be_is_told_and_the_old_one_stays(tmp_path: Path) -> None:
     session = begun(tmp_path)
-    old = session.now
-    act = Acting(session).act
+    old = session.current
+    act = SessionActions(session).run_action
     found = act("plan", {"steer": [{"points": [5, 5], "branch": 0}, {"points": [9, 9], "branch": 7}]}, quiet)
     assert not found.shown
     assert "branch 0 at point 5" in found.told or "branch 7 at point 9" in found.told
-    assert session.now is old
+    assert session.current is old
     for wishes, part in (
         ({"fixed": [{"point": 99, "gamma_deg": 0}]}, "points 0 to 15"),
         ({"steer": [{"operation": "none", "branch": 1}]}, "'none' is no operation"),
@@ -159,7 +162,7 @@ def test_a_plan_that_cannot_be_is_told_and_the_old_one_stays(tmp_path: Path) -> 
         found = act("plan", wishes, quiet)
         assert part in found.told
         assert not found.good
-    assert session.now is old
+    assert session.current is old
 
 
 def test_optimize_says_first_which_pins_of_a_plan_file_contradict(
@@ -177,7 +180,7 @@ def test_optimize_says_first_which_pins_of_a_plan_file_contradict(
     assert page.index("No plan keeps") < page.index("No answer")
 
 
-def driven(server: Server, drive: Callable[[Browser], None]) -> None:
+def driven(server: PageServer, drive: Callable[[Browser], None]) -> None:
     """Do what the page asks while ``drive`` plays the user in a browser; what it found wrong is raised here."""
     failed: list[BaseException] = []
     over = threading.Event()
@@ -197,7 +200,7 @@ def driven(server: Server, drive: Callable[[Browser], None]) -> None:
     try:
         while not over.is_set():
             with contextlib.suppress(queue.Empty):
-                server.work_once(server.next(0.1))
+                server.run_action(server.wait_for_action(0.1))
     finally:
         thread.join()
         server.close()
@@ -212,8 +215,8 @@ CURVE = "DATA.map.lines.find(l => l.name === 'chosen').y"
 
 def test_a_point_dragged_on_the_map_is_pinned_planned_and_saved(tmp_path: Path) -> None:
     request = job(tmp_path, "rotation_step_deg=10")
-    server = serve(
-        Asked(places=(request.cell, request.toolpath), request=request, save=tmp_path / "plan.yaml"), quiet, quiet
+    server = serve_view(
+        ViewRequest(paths=(request.cell, request.toolpath), request=request, save=tmp_path / "plan.yaml"), quiet, quiet
     )
     pinned: dict[str, float] = {}
 
@@ -268,9 +271,9 @@ def test_a_point_dragged_on_the_map_is_pinned_planned_and_saved(tmp_path: Path) 
 
 def test_cells_and_reports_are_served_by_themselves(tmp_path: Path) -> None:
     for places, part in (((CELLS / "cutting_cobot",), "The cell, the arm at home"),):
-        server = serve(
-            Asked(
-                places=places,
+        server = serve_view(
+            ViewRequest(
+                paths=places,
                 request=OptimizeRequest(cell=places[0], toolpath=places[0], out=tmp_path),
                 save=tmp_path / "p",
             ),
@@ -280,9 +283,9 @@ def test_cells_and_reports_are_served_by_themselves(tmp_path: Path) -> None:
         server.close()
         assert part in server.html
     with pytest.raises(InputError, match="OUT CELL TOOLPATH would work"):
-        serve(
-            Asked(
-                places=(CELLS,) * 4,
+        serve_view(
+            ViewRequest(
+                paths=(CELLS,) * 4,
                 request=OptimizeRequest(cell=CELLS, toolpath=CELLS, out=tmp_path),
                 save=tmp_path / "p",
             ),

@@ -11,15 +11,17 @@ from typing import Any
 
 import pytest
 
-from machopt.domain.results.view import ViewAnswer
-from machopt.view.server import HOST, MOST, Server
+from machopt.data_types.documents.view_document import ViewAnswerDocument
+from machopt.view.page_server import HOST, MAX_REQUEST_BYTES, PageServer
 
-DONE = ViewAnswer(told="", good=True)
+DONE = ViewAnswerDocument(told="", good=True)
 
 
 @contextmanager
-def served(act: Callable[..., ViewAnswer], page: Callable[[], str] = lambda: "<p>page</p>") -> Iterator[Server]:
-    server = Server(page, act, ("plan",))
+def served(
+    act: Callable[..., ViewAnswerDocument], page: Callable[[], str] = lambda: "<p>page</p>"
+) -> Iterator[PageServer]:
+    server = PageServer(page, act, ("plan",))
     try:
         yield server
     finally:
@@ -27,7 +29,7 @@ def served(act: Callable[..., ViewAnswer], page: Callable[[], str] = lambda: "<p
 
 
 def ask(
-    server: Server, method: str, path: str, body: str | None = None, **headers: str
+    server: PageServer, method: str, path: str, body: str | None = None, **headers: str
 ) -> tuple[int, str, dict[str, str]]:
     """Status, text and headers of an answer; ``path`` behind the token unless it begins with a slash."""
     connection = http.client.HTTPConnection(HOST, server.port, timeout=10)
@@ -83,7 +85,7 @@ def test_what_is_no_request_of_the_page_is_refused() -> None:
         assert ask(server, "POST", "plan", "[" * 100_000, Content_Type=json_)[0] == 400
         assert ask(server, "POST", "plan", "", Content_Type=json_, Content_Length="\xb2")[0] == 413  # a digit to str
         assert ask(server, "POST", "other", "{}", Content_Type=json_)[0] == 404
-        assert ask(server, "POST", "plan", "", Content_Type=json_, Content_Length=str(MOST + 1))[0] == 413
+        assert ask(server, "POST", "plan", "", Content_Type=json_, Content_Length=str(MAX_REQUEST_BYTES + 1))[0] == 413
 
 
 def test_what_is_asked_is_done_by_the_one_who_works() -> None:
@@ -91,12 +93,12 @@ def test_what_is_asked_is_done_by_the_one_who_works() -> None:
     pages = iter(["first", "second", "third"])
     doers: list[int] = []
 
-    def act(what: str, body: dict[str, Any], progress: Callable[[str], None]) -> ViewAnswer:
+    def act(what: str, body: dict[str, Any], progress: Callable[[str], None]) -> ViewAnswerDocument:
         doers.append(threading.get_ident())
         progress("smooth")
         seen.append(server.progress.stage)
         busy.append(ask(server, "POST", "plan", "{}", Content_Type="application/json")[0])
-        return ViewAnswer(told=f"{what} {body['x']}", good=True, shown=True)
+        return ViewAnswerDocument(told=f"{what} {body['x']}", good=True, shown=True)
 
     seen: list[str] = []
     busy: list[int] = []
@@ -106,7 +108,7 @@ def test_what_is_asked_is_done_by_the_one_who_works() -> None:
             target=lambda: found.append(ask(server, "POST", "plan", '{"x": 3}', Content_Type="application/json")[:2])
         )
         page.start()
-        server.work_once(server.next())
+        server.run_action(server.wait_for_action())
         page.join()
         assert found[0][0] == 200
         assert json.loads(found[0][1]) == {"told": "plan 3", "good": True, "shown": True}
@@ -122,6 +124,6 @@ def test_who_waits_is_let_go_at_the_end() -> None:
             target=lambda: found.append(ask(server, "POST", "plan", "{}", Content_Type="application/json")[0])
         )
         page.start()
-        server.next()  # it is waiting for its answer now
+        server.wait_for_action()  # it is waiting for its answer now
     page.join()
     assert found == [409]

@@ -13,8 +13,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 import room
 import watched
 
-from machopt.diagnose import calibrated
-from machopt.diagnose.search import select
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.model_selection.search import forward_selection
 
 ASKED: list[tuple[str, float]] = [  # what is asked of t = 0.5, and the value of t at which the answer changes
     ("3.0 > t", 3.0),
@@ -62,19 +62,19 @@ def test_a_count_counts_on() -> None:
 
 
 def test_tables_note_and_are_put_back() -> None:
-    before = calibrated.DETECTION
+    before = thresholds.DETECTION
     with watched.watching() as log:
-        assert calibrated.DETECTION.gain < 31.0
-        assert "max" in vars(select)
-    assert calibrated.DETECTION is before
-    assert "max" not in vars(select)
+        assert thresholds.DETECTION.gain < 31.0
+        assert "max" in vars(forward_selection)
+    assert thresholds.DETECTION is before
+    assert "max" not in vars(forward_selection)
     assert (log["detection.gain"].above, log["detection.gain"].read) == (31.0, 1)
 
 
 def test_a_threshold_set_otherwise_is_put_back() -> None:
     with watched.otherwise({"detection.gain": 7.0, "noise.least_part": 2}):
-        assert (calibrated.DETECTION.gain, calibrated.NOISE.least_part) == (7.0, 2)
-    assert calibrated.DETECTION.gain != 7.0
+        assert (thresholds.DETECTION.gain, thresholds.NOISE.least_part) == (7.0, 2)
+    assert thresholds.DETECTION.gain != 7.0
 
 
 @pytest.mark.parametrize("value", [0.08, 0.7, 0.98, 1.2, 1.5, 30.0, 1e-12])

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from external_cell import external_folder
 
-from machopt.arrays import Array
-from machopt.domain.toolpath import Move
-from machopt.formats.cell import load_cell
-from machopt.formats.options import load_options
-from machopt.formats.toolpath import read_toolpath
-from machopt.plan.best import external
-from machopt.plan.external.moving import _brushing, _neighbours
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.toolpath import MoveKind
+from machopt.numerics.array_types import Array
+from machopt.options.plan_option_reader import load_options
+from machopt.planning.external_axes.moving_axis_search import _brushing, _neighbours
+from machopt.planning.external_axis_optimization import coarse_to_fine_search
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 
 def test_values_next_to_a_contact_are_left_where_there_are_others() -> None:
@@ -42,16 +42,16 @@ def test_a_hanging_arm_that_touches_itself_is_led_along_beside_the_tool(
     assert cell.T_world_base[2, 2] == pytest.approx(-1.0)
     options = load_options(cell.plan, None, ["rotation_step_deg=30"])
     looked: list[bool] = []
-    made = external.moved
+    made = coarse_to_fine_search.compute_moving_axis_path
 
     def noted(*given: object, clear: bool = False, turns: bool = False) -> Array:
         looked.append(clear)
         return made(*given, clear=clear, turns=turns)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(external, "moved", noted)
-    found = external.best_plan(cell, path, options)
+    monkeypatch.setattr(coarse_to_fine_search, "compute_moving_axis_path", noted)
+    found = coarse_to_fine_search.find_best_external_axis_plan(cell, path, options)
     assert looked == [False, True]
     assert not len(found.missing)
     assert not found.breaks
-    cut = path.move[np.minimum(np.ceil(found.path.index).astype(int), len(path) - 1)] == Move.CUT
+    cut = path.move[np.minimum(np.ceil(found.path.index).astype(int), len(path) - 1)] == MoveKind.CUT
     assert np.ptp(found.path.external[cut]) > 0.4  # m

@@ -10,13 +10,13 @@ from external_cell import external_cell
 from small_cell import pose, urdf_text
 from test_path import Rows, toolpath
 
-from machopt.domain.cell import Cell
-from machopt.domain.options import PlanOptions, ProcessForce
-from machopt.domain.stiffness import Stiffness
-from machopt.domain.toolpath import Move
-from machopt.plan.best.base import best_plan
+from machopt.data_types.cell import Cell
+from machopt.data_types.plan_options import PlanOptions, ProcessForce
+from machopt.data_types.stiffness import ArmStiffness
+from machopt.data_types.toolpath import MoveKind
+from machopt.planning.external_axis_optimization.best_plan import find_best_plan
 
-K = Stiffness(joints=np.array([1.4e6, 1.2e6, 9.4e5, 3.6e5, 3.7e5, 3.8e5]))
+K = ArmStiffness(joints=np.array([1.4e6, 1.2e6, 9.4e5, 3.6e5, 3.7e5, 3.8e5]))
 SKEW = "".join(
     f'<link name="{link}"/><joint name="{joint}" type="revolute"><parent link="{on}"/><child link="{link}"/>'
     f'<origin xyz="{at}" rpy="{rpy}"/><axis xyz="{axis}"/><limit lower="-6" upper="6" velocity="3" effort="1"/></joint>'
@@ -44,10 +44,10 @@ def test_a_part_is_turned_round_before_a_joint_runs_into_its_limit(tmp_path: Pat
     around = np.linspace(0.0, 2.0 * np.pi, 40)
     away = np.column_stack([np.cos(0.4) * np.cos(around), np.cos(0.4) * np.sin(around), np.full(40, np.sin(0.4))])
     at = np.column_stack([0.1 * np.cos(around), 0.1 * np.sin(around), np.full(40, 0.15)])
-    rows: Rows = [(tuple(at[0] + 0.06 * away[0]), tuple(away[0]), Move.RAPID)]
-    rows += [(tuple(p), tuple(a), Move.CUT) for p, a in zip(at, away, strict=True)]
+    rows: Rows = [(tuple(at[0] + 0.06 * away[0]), tuple(away[0]), MoveKind.RAPID)]
+    rows += [(tuple(p), tuple(a), MoveKind.CUT) for p, a in zip(at, away, strict=True)]
     force = ProcessForce(normal=80.0, axial=50.0)
     options = PlanOptions(rotation_step=np.radians(15.0), force=force, collision=False)
-    found = best_plan(dressed(tmp_path), toolpath(rows), options)
+    found = find_best_plan(dressed(tmp_path), toolpath(rows), options)
     assert not len(found.missing)
     assert not found.breaks

@@ -5,27 +5,27 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from machopt.model.ik import count_from, fewest_turns
-from machopt.plan.choice.choose import Grid, _Part
-from machopt.plan.choice.edges import Edges
-from machopt.plan.choice.step_prices import Priced
-from machopt.plan.choice.windows import FREE, LIFT
-from machopt.plan.configurations.candidates import Candidates
-from machopt.se3 import wrap
+from machopt.kinematics.inverse.solver import choose_angle_origin, shift_angles
+from machopt.numerics.rigid_transforms import wrap_angle
+from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sequence_search.dynamic_programming import SequenceGrid, _Part
+from machopt.planning.sequence_search.forbidden_transitions import ForbiddenTransitions
+from machopt.planning.sequence_search.transition_cost_table import TransitionCostTable
+from machopt.planning.sequence_search.transition_windows import FREE, LIFT
 
 TURN = 2 * np.pi
 RANGES = (100.0, 185.0, 300.0, 350.0, 400.0, 540.0, 720.0)  # ± deg
 
 
-def random_grid(rng: np.random.Generator) -> Grid:
+def random_grid(rng: np.random.Generator) -> SequenceGrid:
     """Joints that wander across their turns, ranges of all kinds, rapid moves, some turns gone by themselves."""
     S, R, B = (int(n) for n in (rng.integers(2, 8), rng.integers(3, 6), rng.integers(1, 3)))
     half = np.radians(rng.choice(RANGES, 6))
     half[[0, 3, 4]] = np.radians(170.0)  # else there are too many turns for a quick test
-    origin, turns = fewest_turns(-half, half)
+    origin, turns = choose_angle_origin(-half, half)
     drift = np.cumsum(rng.normal(0, 0.7, (S, 1, 1, 6)), axis=0)
-    q = np.array(wrap(drift + rng.uniform(-3, 3, (1, 1, B, 6)) + rng.normal(0, 0.3, (S, R, B, 6))))
-    count_from(origin, q)
+    q = np.array(wrap_angle(drift + rng.uniform(-3, 3, (1, 1, B, 6)) + rng.normal(0, 0.3, (S, R, B, 6))))
+    shift_angles(origin, q)
     told = q[..., None, :] + turns
     feasible = ((told >= -half) & (told <= half)).all(axis=-1) & (rng.random((S, R, B, len(turns))) < 0.9)
     window = rng.choice([0, 1, 2, FREE], S, p=[0.2, 0.4, 0.2, 0.2]).astype(np.int32)
@@ -36,9 +36,9 @@ def random_grid(rng: np.random.Generator) -> Grid:
 
 def grid_of(
     q: np.ndarray, turns: np.ndarray, feasible: np.ndarray, window: np.ndarray, rng: np.random.Generator, stable: bool
-) -> Grid:
+) -> SequenceGrid:
     S, R, B, _ = feasible.shape
-    candidates = Candidates(
+    candidates = CandidateGrid(
         phi=np.arange(R) * TURN / R,
         q=q,
         turns=turns,
@@ -47,7 +47,7 @@ def grid_of(
         stable=stable,
         shortfall=np.zeros(S),
     )
-    return Grid(
+    return SequenceGrid(
         candidates=candidates,
         counted=np.ones(S, bool),
         window=window,
@@ -62,11 +62,11 @@ def grid_of(
         nudged=np.zeros(S),
         hidden=np.zeros(S, bool),
         worst=1.0,
-        priced=Priced.none_yet(window, R, B, stable),
+        priced=TransitionCostTable.none_yet(window, R, B, stable),
     )
 
 
-def banned(edges: Edges, s: int, u: int, v: int, T: int) -> Edges:
+def banned(edges: ForbiddenTransitions, s: int, u: int, v: int, T: int) -> ForbiddenTransitions:
     """The way from vertex u to every turn of v, as the search strikes ways out."""
     rows = np.full(T, s), np.full(T, u), v * T + np.arange(T)
     return edges.plus(*(x.astype(np.int32) for x in rows))
@@ -80,7 +80,7 @@ def test_the_answer_is_that_of_the_search_with_turns_told_apart(seed: int) -> No
         grid = random_grid(rng)
         c = grid.candidates
         S, R, B, T = c.feasible.shape
-        edges = Edges.none()
+        edges = ForbiddenTransitions.none()
         for s in np.flatnonzero(grid.window >= 0).tolist():
             for _ in range(rng.integers(0, 6)):
                 edges = banned(edges, s, int(rng.integers(R * B * T)), int(rng.integers(R * B)), T)
@@ -119,7 +119,7 @@ def test_the_answer_is_that_of_the_search_with_turns_told_apart(seed: int) -> No
 
 def test_a_way_is_forbidden_in_every_turn_only_if_no_turn_is_left() -> None:
     feasible = np.ones((2, 1, 1, 2), bool)
-    one = banned(Edges.none(), 1, 0, 0, 2)  # turn 0 to both turns
+    one = banned(ForbiddenTransitions.none(), 1, 0, 0, 2)  # turn 0 to both turns
     assert not len(one.in_every_turn(feasible))
     assert len(banned(one, 1, 1, 0, 2).in_every_turn(feasible)) == 1
     feasible[0, 0, 0, 0] = False  # the forbidden turn is gone by itself, the other one still leads on
@@ -133,7 +133,7 @@ def test_a_way_that_is_closed_is_forbidden_turn_by_turn(seed: int) -> None:
         grid = random_grid(rng)
         S, R, B, T = grid.candidates.feasible.shape
         ways = np.column_stack([rng.integers(1, S, 8), rng.integers(0, R * B, 8), rng.integers(0, R * B, 8)])
-        closed, each = Edges.none().plus_closed(ways), Edges.none()
+        closed, each = ForbiddenTransitions.none().plus_closed(ways), ForbiddenTransitions.none()
         for s, u, v in ways.tolist():
             for t in range(T):
                 each = banned(each, s, u * T + t, v, T)
@@ -150,10 +150,10 @@ def test_of_equal_sequences_no_joint_turns_round_for_nothing() -> None:
     """Free travel: only the turns tell the sequences apart."""
     half = np.radians(np.full(6, 100.0))
     half[3] = np.radians(350.0)
-    origin, turns = fewest_turns(-half, half)
+    origin, turns = choose_angle_origin(-half, half)
     q = np.zeros((4, 1, 1, 6))
     q[:, 0, 0, 3] = np.radians([5.0, 5.0, 15.0, 15.0])
-    count_from(origin, q)
+    shift_angles(origin, q)
     told = q[..., None, :] + turns
     feasible = ((told >= -half) & (told <= half)).all(axis=-1)
     window = np.array([FREE, 0, FREE, 0], np.int32)

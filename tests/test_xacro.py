@@ -10,12 +10,12 @@ import pytest
 import trimesh
 from small_cell import urdf_text
 
-from machopt.domain.cell import Cell
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.urdf.xacro_expansion import is_xacro
+from machopt.data_types.cell import Cell
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.urdf.expand import is_xacro
-from machopt.model.robot import load_chain
-from machopt.verify.arm import Arm
+from machopt.kinematics.robot import load_chain
+from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
 CELL = """\
 machopt_cell: 1
@@ -78,8 +78,10 @@ def test_macros_arguments_and_packages_make_the_same_robot(folder: Path, tmp_pat
     plain.write_text(urdf_text())
     other = Cell(**{**cell.__dict__, "urdf": plain, "expanded": None, "arm_joints": ("a1", *cell.arm_joints[1:])})
     q = np.linspace(-1, 1, 6)
-    np.testing.assert_allclose(robot.fk(q), load_chain(other)[0].fk(q), atol=1e-12)
-    np.testing.assert_allclose(Arm(cell).stance(q[None]).flange[0], robot.fk(q), atol=1e-12)
+    np.testing.assert_allclose(robot.compute_fk(q), load_chain(other)[0].compute_fk(q), atol=1e-12)
+    np.testing.assert_allclose(
+        UrdfKinematics(cell).compute_configuration(q[None]).flange[0], robot.compute_fk(q), atol=1e-12
+    )
     assert len(shapes) == 9
     names = {f.relative_to(folder).as_posix() for f in cell.files}
     assert {"my_robot/urdf/robot.urdf.xacro", "my_robot/parts/arm.xacro", "my_robot/meshes/a.stl"} < names

@@ -15,11 +15,11 @@ import trimesh
 from small_cell import urdf_text
 from test_collada_variants import cube
 
-from machopt.cells.asked import InitRequest
+from machopt.cell.urdf import read_standalone_description
+from machopt.cell_setup.template.init_request import InitRequest
+from machopt.commands.init import run_init
 from machopt.errors import InputError
-from machopt.formats.urdf import describe_alone
-from machopt.model.robot import load_robot
-from machopt.services.newcell import run_init
+from machopt.kinematics.robot import load_robot
 
 XMLNS = 'xmlns:xacro="http://ros.org/wiki/xacro"'
 LINK = '<collision><geometry><mesh filename="package://made_support/meshes/made/collision/link.stl"/></geometry></collision>'
@@ -257,7 +257,7 @@ def expected(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
     folder = tmp_path_factory.mktemp("plain")
     (folder / "arm.urdf").write_text(urdf_text())
     request = InitRequest(robot=folder / "arm.urdf", out=folder / "cell", workpiece_mm=(1500.0, 0.0, 600.0))
-    return load_robot(run_init(request).cell).fk(np.linspace(-1.0, 1.0, 6))
+    return load_robot(run_init(request).cell).compute_fk(np.linspace(-1.0, 1.0, 6))
 
 
 @pytest.mark.parametrize("name", sorted(VARIANTS))
@@ -271,7 +271,7 @@ def test_a_package_becomes_a_cell_without_editing(name: str, expected: np.ndarra
             xacro_args={"model": "made"} if name == "arguments" else {},
         )
     )
-    np.testing.assert_allclose(load_robot(done.cell).fk(np.linspace(-1.0, 1.0, 6)), expected, atol=1e-9)
+    np.testing.assert_allclose(load_robot(done.cell).compute_fk(np.linspace(-1.0, 1.0, 6)), expected, atol=1e-9)
     np.testing.assert_allclose(done.cell.limits.velocity[:6], 2.0, rtol=1e-5)
 
 
@@ -282,7 +282,7 @@ def test_two_arms_of_one_macro_have_their_prefixes(tmp_path: Path) -> None:
         for p in ("left", "right")
     )
     file = written(tmp_path, plain() | {"urdf/made.xacro": robot(INCLUDE + call)})
-    links = describe_alone(file).urdf.links
+    links = read_standalone_description(file).urdf.links
     assert {"left_link_6", "right_link_6"} <= set(links)
     with pytest.raises(InputError, match="more than one arm"):
         run_init(InitRequest(robot=file, out=tmp_path / "cell"))

@@ -13,12 +13,12 @@ from pathlib import Path
 import pytest
 from small_cell import urdf_text
 
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.urdf import read_robot, read_standalone_description
+from machopt.cell.urdf.xacro_expression import EvaluationBudget, XacroExpressionError, evaluate_expression
+from machopt.cell.urdf.xacro_functions import build_symbols
 from machopt.cli import main
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.formats.urdf import describe_alone, read_robot
-from machopt.formats.urdf.xacro_expression import Budget, ExpressionError, evaluate_expression
-from machopt.formats.urdf.xacro_functions import build_symbols
 
 SYSTEM = "__import__('os').system('touch MARK')"
 ESCAPES = {
@@ -128,14 +128,14 @@ def refused_everywhere(text: str, folder: Path, monkeypatch: pytest.MonkeyPatch)
 
 @pytest.mark.parametrize("name", sorted(ESCAPES))
 def test_an_escape_is_refused(name: str) -> None:
-    with pytest.raises(ExpressionError):
+    with pytest.raises(XacroExpressionError):
         evaluate_expression(ESCAPES[name], symbols())
 
 
 @pytest.mark.parametrize("name", sorted(BOMBS))
 def test_growth_is_refused_before_it_is_computed(name: str) -> None:
     began = time.process_time()
-    with pytest.raises(ExpressionError):
+    with pytest.raises(XacroExpressionError):
         evaluate_expression(BOMBS[name], symbols())
     assert time.process_time() - began < 2.0
 
@@ -294,7 +294,7 @@ def test_other_files_and_the_environment_are_not_read(wanted: str, tmp_path: Pat
     if "o.xacro" in wanted and "*" not in wanted and "find" not in wanted:  # what the message advises works
         text = text.replace('<link name="k"/>', "")
         (pkg / "r.xacro").write_text(f'<robot name="r" xmlns:xacro="http://ros.org/wiki/xacro">{text}</robot>')
-        assert describe_alone(pkg / "r.xacro", allow_external=True).urdf.links == ("l",)
+        assert read_standalone_description(pkg / "r.xacro", allow_external=True).urdf.links == ("l",)
 
 
 def symbols() -> dict[str, object]:
@@ -350,8 +350,8 @@ def test_ordinary_expressions_have_pythons_value(text: str, value: object) -> No
 
 
 def test_the_work_of_a_file_is_bounded() -> None:
-    budget = Budget(left=1000)
+    budget = EvaluationBudget(left=1000)
     for _ in range(9):
         evaluate_expression("[1] * 100", symbols(), budget)
-    with pytest.raises(ExpressionError):
+    with pytest.raises(XacroExpressionError):
         evaluate_expression("[1] * 100", symbols(), budget)

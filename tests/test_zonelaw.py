@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from machopt.domain.program import Controller
-from machopt.formats.posts.rounding import HALF, SHORTEST, Rounding
-from machopt.recheck.zonelaw import zone_check
+from machopt.data_types.robot_program import RobotController
+from machopt.programs.writing.blend_zones import HALF, SHORTEST, BlendZones
+from machopt.verification.folder.programs.blend_zones import check_blend_zones
 
 
 @dataclass(frozen=True)
@@ -25,10 +25,10 @@ class Moves:
 def braking(room: float, turn: float = 1e-4) -> bool:
     """Whether a stop is a fault where ``room`` m are free for a zone and the lines all but go straight on."""
     n = 3
-    law = Rounding(np.full(n, SHORTEST), np.ones(n, bool), np.full(n, turn), np.full(n, room))
+    law = BlendZones(np.full(n, SHORTEST), np.ones(n, bool), np.full(n, turn), np.full(n, room))
     parsed = SimpleNamespace(dialect="krl", blend=np.zeros(n), line=np.arange(n))
     program = Moves(5e-5, n)
-    (check,) = zone_check("a.src", parsed, program, law, Controller(), zones=True, own=False)  # type: ignore[arg-type]
+    (check,) = check_blend_zones("a.src", parsed, program, law, RobotController(), zones=True, own=False)  # type: ignore[arg-type]
     return not check.passed
 
 

@@ -10,15 +10,15 @@ from typing import TextIO
 
 import numpy as np
 
-from machopt.arrays import Array
-from machopt.domain.toolpath import Move
-from machopt.domain.trajectory import Trajectory
+from machopt.data_types.toolpath import MoveKind
+from machopt.data_types.trajectory import Trajectory
 from machopt.errors import InputError
-from machopt.formats.celltext import from_cell
-from machopt.formats.opener import TABLE, read_text
-from machopt.formats.tables import DEG_PER_RAD, MM_MIN_PER_M_S, MM_PER_M
+from machopt.file_formats.csv_text_escaping import unescape_formula_text
+from machopt.file_formats.file_reading import TABLE, read_text
+from machopt.numerics.array_types import Array
+from machopt.output.tables.plan_tables import DEG_PER_RAD, MM_MIN_PER_M_S, MM_PER_M
 
-_MOVE_WORDS = {move.word: int(move) for move in Move}
+_MOVE_WORDS = {move.word: int(move) for move in MoveKind}
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def read_trajectory_csv(path: Path) -> TrajectoryTable:
             file=path,
             where=f"line {rows.lines[row]}, column time_s",
         )
-    labels = tuple(from_cell(cell) for cell in rows.columns["operation"])
+    labels = tuple(unescape_formula_text(cell) for cell in rows.columns["operation"])
     operations = tuple(dict.fromkeys(label for label in labels if label))
     number = {"": -1, **{label: i for i, label in enumerate(operations)}}
     return TrajectoryTable(

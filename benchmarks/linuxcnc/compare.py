@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from linuxcnc.canon import Array, Canon, Element, interpret
-from machopt.domain.toolpath import Move, Toolpath
+from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.errors import InputError
-from machopt.formats.toolpath import read_toolpath
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 PRINTED_MM, PRINTED_INCH = 3e-4, 5e-3  # mm: rs274 prints four decimals of the program's unit
 PECK_MM = 0.76  # how far peck clearances differ: 1 mm here, a hundredth of an inch there; a parameter of the control
@@ -78,7 +78,7 @@ def difference(toolpath: Toolpath, canon: Canon, tolerance: float, *, ends_only:
     points, moves, elements = toolpath.position * 1e3, toolpath.move.tolist(), list(canon.elements)
     feeds = toolpath.feed
     if ends_only:
-        fed = (toolpath.move == Move.CUT) | np.isfinite(feeds)
+        fed = (toolpath.move == MoveKind.CUT) | np.isfinite(feeds)
         kept = np.flatnonzero(fed | np.append(fed[1:], True) | (np.arange(len(fed)) == 0))
         points, moves, feeds = points[kept], [moves[k] for k in kept], feeds[kept]
         pairs = list(zip(elements, [*elements[1:], None], strict=True))
@@ -107,13 +107,13 @@ def difference(toolpath: Toolpath, canon: Canon, tolerance: float, *, ends_only:
         else:
             off = points[at] - element.end
             peck = (
-                moves[at] in (Move.APPROACH, Move.RETRACT)
+                moves[at] in (MoveKind.APPROACH, MoveKind.RETRACT)
                 and element.rapid
                 and np.count_nonzero(abs(off) > tolerance) == 1
             )
             if np.linalg.norm(off) > (PECK_MM if peck else tolerance):
                 return f"move {n}: {points[at].round(4)}, rs274 {element.end.round(4)}"
-            fed = moves[at] == Move.CUT or math.isfinite(feeds[at])
+            fed = moves[at] == MoveKind.CUT or math.isfinite(feeds[at])
             if fed == element.rapid:
                 return f"move {n}: {'cut' if fed else 'rapid'}, rs274 {'rapid' if element.rapid else 'cut'}"
             at += 1

@@ -30,23 +30,23 @@ import numpy as np
 import robots
 import tables
 
-from machopt.design.asked import PosesRequest
-from machopt.diagnose.nouns.asked import DiagnoseRequest
-from machopt.domain.cell import Cell
-from machopt.domain.options import PlanOptions, ProcessForce
-from machopt.domain.stiffness import Stiffness
-from machopt.formats.cell import load_cell
-from machopt.formats.stiffness import write_stiffness
-from machopt.formats.toolpath import read_toolpath
-from machopt.identify.asked import IdentifyRequest
-from machopt.plan.certainty.uncertainty import NINETY, bends, gains
-from machopt.plan.compensation.refine import compensate
-from machopt.plan.compensation.removal import removals
-from machopt.plan.pipeline.planned import Plan
-from machopt.plan.pipeline.run import plan
-from machopt.services.diagnose import diagnosed
-from machopt.services.identified import identified
-from machopt.services.poses_planned import planned
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.stiffness.stiffness_file import write_stiffness
+from machopt.commands.diagnose.run import compute_diagnosis
+from machopt.commands.identify.computation import compute_identification
+from machopt.commands.plan_poses.computation import compute_pose_plan
+from machopt.data_types.cell import Cell
+from machopt.data_types.plan_options import PlanOptions, ProcessForce
+from machopt.data_types.stiffness import ArmStiffness
+from machopt.measurement.design.request import PosesRequest
+from machopt.measurement.diagnosis.request import DiagnoseRequest
+from machopt.measurement.identification.request import IdentifyRequest
+from machopt.planning.compensation.added_points import compensate_plan
+from machopt.planning.compensation.expected_removal import predict_removals
+from machopt.planning.pipeline.path_planner import plan_path
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.uncertainty.stiffness_uncertainty import NINETY, compute_gains, compute_mean_cost_std
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 JOBS = ("mill", "drill")
 POSES, CYCLES = 18, 2
@@ -58,7 +58,7 @@ def silent(_: str) -> None:
     """No progress."""
 
 
-def cell_of(h: lab.Hidden, folder: Path, stiffness: Stiffness | None = None) -> Path:
+def cell_of(h: lab.Hidden, folder: Path, stiffness: ArmStiffness | None = None) -> Path:
     """The customer's cell; CAM coordinates are those of the base."""
     robots.write_cell(h.nominal, folder)
     text = (folder / "cell.yaml").read_text(encoding="utf-8").replace("xyz_mm: [1500, 0, 500]", "xyz_mm: [0, 0, 0]")
@@ -113,7 +113,7 @@ def driven(h: lab.Hidden, p: Plan, q: np.ndarray) -> np.ndarray:
 
 def remains(h: lab.Hidden, p: Plan) -> tuple[float, float, float]:
     """Mean of what a compensation leaves and of the deflection, and the worst left, m: at the places and under the
-    force of :func:`machopt.plan.compensation.compensate.residual`."""
+    force of :func:`machopt.planning.compensation.shifted_path.compute_residual`."""
     assert p.compensation is not None
     q, path, offset = p.chosen.assignment.q, p.path, p.compensation.offset
     end = 1 + np.flatnonzero(path.counted[1:] & (path.run[1:] == path.run[:-1]))
@@ -136,8 +136,8 @@ def loop(h: lab.Hidden, cell: Cell, path: Path, force: ProcessForce) -> dict[str
     options = PlanOptions(
         index="deflection", force=force, collision=False, rotation_step=ROTATION_STEP, compensation_max=0.01
     )
-    found = plan(cell, toolpath, options)
-    gain = gains(found)[0]
+    found = plan_path(cell, toolpath, options)
+    gain = compute_gains(found)[0]
     if not np.isfinite(gain.mean) or len(found.missing):
         return None
     w = found.path.weight
@@ -149,14 +149,14 @@ def loop(h: lab.Hidden, cell: Cell, path: Path, force: ProcessForce) -> dict[str
         "gain": {"said": gain.mean, "std": gain.std, "true": 1.0 - float(w @ size) / float(w @ beside)},
         "mean": {"said": float(w @ said), "true": float(w @ size)},
     }
-    out["mean"]["std"], stds = bends(found)
+    out["mean"]["std"], stds = compute_mean_cost_std(found)
     worst = int(np.argmax(said))
     out["worst"] = {"said": float(said[worst]), "std": float(stds[worst]), "true": float(size[worst])}
-    shifted = compensate(found, toolpath)
+    shifted = compensate_plan(found, toolpath)
     if not len(shifted.missing) and shifted.compensation is not None:
-        from machopt.plan.compensation.compensate import residual
+        from machopt.planning.compensation.shifted_path import compute_residual
 
-        told = residual(shifted)
+        told = compute_residual(shifted)
         left, bent, worst_left = remains(h, shifted)
         assert told is not None
         out["removed"] = {
@@ -165,7 +165,7 @@ def loop(h: lab.Hidden, cell: Cell, path: Path, force: ProcessForce) -> dict[str
             "worst_said": told.worst,
             "worst_true": worst_left,
         }
-        sure = removals(shifted, toolpath.operation, tuple(o.label for o in toolpath.operations))[0]
+        sure = predict_removals(shifted, toolpath.operation, tuple(o.label for o in toolpath.operations))[0]
         out["removed"] |= {"ci90": sure.removed90, "worst90": sure.worst90}
     return out
 
@@ -178,7 +178,7 @@ def measure(h: lab.Hidden, maker: Path, folder: Path, rng: np.random.Generator) 
         candidates=400, starts=1, floor_mm=-5000.0, ceiling_mm=9000.0, arms_mm=(0.0,), no_collision=True,
         target_percent=None, max_nu_p=0.5, max_nu_r_deg=5.0, force_N=(LEAST * pull, pull),
     )  # fmt: skip
-    tests = planned(request, silent).table
+    tests = compute_pose_plan(request, silent).table
     assert tests is not None
     labels = {k: getattr(tests, k) for k in ("pose", "cycle", "session")}
     tables.write(lab.measured(h, tests.q, tests.wrench, labels, rng), folder / "recording")
@@ -192,12 +192,12 @@ def loops(kind: str, seed: int, jobs: tuple[str, ...], diagnose: bool, folder: P
     if not (folder / "recording").exists():
         measure(h, maker, folder, rng)
 
-    models: dict[str, Stiffness] = {}
+    models: dict[str, ArmStiffness] = {}
     ask = IdentifyRequest(cell=maker, recordings=(folder / "recording",), out=folder / "identified", studies=False)
-    models["identify"] = identified(ask, silent).identification.stiffness
+    models["identify"] = compute_identification(ask, silent).identification.stiffness
     verdict = ""
     if diagnose:
-        found = diagnosed(
+        found = compute_diagnosis(
             DiagnoseRequest(cell=maker, recordings=(folder / "recording",), out=folder / "diagnosed"), (), silent
         )
         verdict = (

@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 import scipy.io
 
-from machopt.domain.recording import Recording
-from machopt.formats.recording import write_recording
+from machopt.data_types.measurements.recording import Recording
+from machopt.measurement.recording import write_recording
 
 PUBLISHED = {"relative error": 4.08, "M": 95.11, "Fv": 203.5, "Fc": 20.39, "offset": -3.16}
 URDF = """<robot name="emps"><link name="base"/><link name="carriage"><inertial><origin xyz="0 0 0"/>

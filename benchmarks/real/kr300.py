@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 import scipy.io
 
-from machopt.domain.recording import Recording
-from machopt.formats.recording import write_recording
-from machopt.se3 import transform
+from machopt.data_types.measurements.recording import Recording
+from machopt.measurement.recording import write_recording
+from machopt.numerics.rigid_transforms import build_transform
 
 D = (-0.675, -0.189, 0.189, -1.0, 0.0, -0.24)
 A = (0.350, 1.150, 0.041, 0.0, 0.0, 0.0)
@@ -40,7 +40,7 @@ LITERATURE = (
 def turn(axis: str, angle: float) -> np.ndarray:
     c, s = np.cos(angle), np.sin(angle)
     R = [[c, -s, 0], [s, c, 0], [0, 0, 1]] if axis == "z" else [[1, 0, 0], [0, c, -s], [0, s, c]]
-    return transform(np.array(R), np.zeros(3))
+    return build_transform(np.array(R), np.zeros(3))
 
 
 def rpy(R: np.ndarray) -> tuple[float, float, float]:
@@ -57,7 +57,7 @@ def urdf() -> str:
     before, parent = turn("x", np.pi), "base_link"
     for i in range(6):
         at = before @ turn("z", OFFSET[i])
-        before = transform(np.eye(3), np.array([0, 0, D[i]])) @ transform(np.eye(3), np.array([A[i], 0, 0]))
+        before = build_transform(np.eye(3), np.array([0, 0, D[i]])) @ build_transform(np.eye(3), np.array([A[i], 0, 0]))
         before = before @ turn("x", ALPHA[i])
         com = (before @ np.array([*(np.array(COM_MM[i]) / 1e3), 1.0]))[:3]
         out += [
@@ -131,7 +131,7 @@ def recording(data: Path, folder: Path) -> Path:
             q_secondary=joined["qse"],
             velocity=joined["v"],
             torque=joined["tau"],
-            labelled=frozenset({"session"}),
+            stated_labels=frozenset({"session"}),
             notes="three runs of 10 s at 4 ms without process load",
         ),
     )

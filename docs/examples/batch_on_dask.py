@@ -25,7 +25,7 @@ def main(out: Path) -> None:
         cell=ROOT / "cells" / "kr500_milling",
         workers=1,
         overrides=["rotation_step_deg=15"],
-        progress=lambda p: print(p.line),
+        progress=lambda p: print(p.status_line),
     )
     print(dict(result.counts))
 

@@ -4,18 +4,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machopt.effects.protocol import COMPLIANCE, JOINTS, Effect, Parameter, Quantity, Settled
+from machopt.effects.protocol import COMPLIANCE, JOINTS, Effect, JointLawDefaults, LawParameter, Quantity
 
 
 @dataclass(frozen=True)
-class Softening(Settled):
+class Softening(JointLawDefaults):
     """phi = a tau0 tanh(tau / tau0): the slope a is there for small torque tau and fades beyond tau0."""
 
     name = "tanh"
     equation = "phi = c tau + a tau0 tanh(tau/tau0)"
-    coefficients = (Parameter(key="extra_rad_per_Nm", unit=COMPLIANCE, least=0.0),)
-    shape = (Parameter(key="half_way_Nm", unit="N·m", positive=True),)
-    weighs = True
+    coefficients = (LawParameter(key="extra_rad_per_Nm", unit=COMPLIANCE, lower_limit=0.0),)
+    shape = (LawParameter(key="half_way_Nm", unit="N·m", positive=True),)
+    includes_weight = True
 
     def columns(self, shape, drive):
         """rad per unit of the coefficient."""
@@ -45,8 +45,8 @@ EFFECTS = [
         sentence="The joint gives more at small torque.",
         port="twist",
         places=JOINTS,
-        laws=(Softening(),),
-        elastic=True,
+        joint_laws=(Softening(),),
+        is_elastic=True,
         note="at small torque",
     )
 ]

@@ -15,17 +15,17 @@ N, N·m, mm/min. Arrays are read-only. Nothing is printed; what is wrong with an
 The names stand in ``machopt/__init__.py``; this package is not imported before one of them is asked for.
 """
 
+from machopt.api.batch_run import batch
 from machopt.api.cell import Cell
 from machopt.api.diagnosis import Diagnosis, diagnose
 from machopt.api.figure import Figure
 from machopt.api.identification import Identification, identify
-from machopt.api.jobs import batch
-from machopt.api.maps import Map, map
 from machopt.api.placement import Placement, place
 from machopt.api.plan import Plan, optimize
-from machopt.api.poses import PosePlan, plan_poses
+from machopt.api.pose_plan import PosePlan, plan_poses
 from machopt.api.table import Table
 from machopt.api.toolpath import Toolpath
+from machopt.api.workspace_map import Map, map
 
 __all__ = [
     "Cell",

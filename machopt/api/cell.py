@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from machopt.api.asked import asked, path_of, paths
-from machopt.arrays import Array
-from machopt.cells.asked import InitRequest
-from machopt.cells.review import Remark
-from machopt.domain import cell as domain
-from machopt.domain.manifest import ManifestFile
-from machopt.effects.own import Own, in_use, with_effects
+from machopt.api.request_options import build_request, convert_to_path, convert_to_paths
+from machopt.cell.cell_reader import load_cell
+from machopt.cell_setup.template.init_request import InitRequest
+from machopt.cell_setup.validation.planning_checks import CellRemark
+from machopt.commands.input_hashes import list_cell_inputs
+from machopt.data_types import cell as domain
+from machopt.data_types.manifest import ManifestFile
+from machopt.effects.user_effects import UserModule, activate_user_effects, load_effect_files
 from machopt.errors import InputError
-from machopt.formats.cell import load_cell
-from machopt.services.inputs import cell_inputs
+from machopt.numerics.array_types import Array
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Cell:
     path: Path  # cell folder or its cell.yaml, as it was given
     description: domain.Cell  # everything that was read, in SI
     allow_external: bool
-    effects: tuple[Own, ...]  # files with effects of the user's own, run
+    effects: tuple[UserModule, ...]  # files with effects of the user's own, run
     files: tuple[ManifestFile, ...]  # what was read, by hash
 
     @classmethod
@@ -54,15 +54,15 @@ class Cell:
         Raises:
             InputError: names file, line and key, what was found and what was expected.
         """
-        folder = path_of(path, "cell")
-        own = with_effects(list(paths(effects, "effects")))
-        with in_use(own):
+        folder = convert_to_path(path, "cell")
+        own = load_effect_files(list(convert_to_paths(effects, "effects")))
+        with activate_user_effects(own):
             cell = load_cell(
                 folder,
                 allow_external=allow_external,
-                stiffness=None if stiffness is None else path_of(stiffness, "stiffness"),
+                stiffness=None if stiffness is None else convert_to_path(stiffness, "stiffness"),
             )
-        return cls(folder, cell, allow_external, own, cell_inputs(cell))
+        return cls(folder, cell, allow_external, own, list_cell_inputs(cell))
 
     @classmethod
     def new(cls, robot: str | os.PathLike[str], out: str | os.PathLike[str], **options: Any) -> Cell:
@@ -73,18 +73,21 @@ class Cell:
         Args:
             robot: URDF or xacro file.
             out: the new cell folder.
-            options: as :class:`machopt.cells.asked.InitRequest` has them, e.g. ``tool_length_mm=250``,
+            options: as :class:`machopt.cell_setup.template.init_request.InitRequest` has them, e.g.
+                ``tool_length_mm=250``,
                 ``toolpath="part.nc"``, ``post="krl"``.
 
         Raises:
             InputError: the robot is no six-axis arm, an option is wrong, or the folder is taken.
         """
-        from machopt.services.newcell import run_init
+        from machopt.commands.init import run_init
 
-        run_init(asked(InitRequest, options, robot=path_of(robot, "robot"), out=path_of(out, "out")))
+        run_init(
+            build_request(InitRequest, options, robot=convert_to_path(robot, "robot"), out=convert_to_path(out, "out"))
+        )
         return cls.load(out)
 
-    def validate(self, *, picture: str | os.PathLike[str] | None = None) -> tuple[Remark, ...]:
+    def validate(self, *, picture: str | os.PathLike[str] | None = None) -> tuple[CellRemark, ...]:
         """Everything wrong or odd about the cell as it lies in its folder, errors first: ``machopt validate``.
 
         Args:
@@ -93,11 +96,11 @@ class Cell:
         Raises:
             InputError: the picture cannot be written.
         """
-        from machopt.services.validate import validate
+        from machopt.commands.validate import run_validate
 
         file = None if picture is None else Path(picture)
         effects = [own.file for own in self.effects]
-        return validate(self.path, allow_external=self.allow_external, picture_file=file, effects=effects).findings
+        return run_validate(self.path, allow_external=self.allow_external, picture_file=file, effects=effects).findings
 
     def with_stiffness(self, file: str | os.PathLike[str]) -> Cell:
         """The same cell with another stiffness.yaml, e.g. the one that ``identify`` or ``diagnose`` saved.
@@ -122,12 +125,12 @@ class Cell:
         """(J,) home position by encoder, degrees; mm where a joint slides."""
         slides = (*(self.description.arm_prismatic or (False,) * 6), *self.description.external_prismatic)
         si = np.concatenate([self.description.home, self.description.external_home])
-        return _read_only(np.where(slides, si * 1e3, np.degrees(si)))
+        return _copy_read_only(np.where(slides, si * 1e3, np.degrees(si)))
 
     @property
     def joint_stiffness(self) -> Array | None:
         """(6,) constant joint stiffness, N·m/rad; None where the cell names no stiffness file."""
-        return None if self.description.stiffness is None else _read_only(self.description.stiffness.joints)
+        return None if self.description.stiffness is None else _copy_read_only(self.description.stiffness.joints)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -140,7 +143,7 @@ class Cell:
         Raises:
             InputError: a file has changed since.
         """
-        now = {f.name: f.sha256 for f in cell_inputs(self.description)}
+        now = {f.name: f.sha256 for f in list_cell_inputs(self.description)}
         for file in self.files:
             if now.get(file.name) != file.sha256:
                 raise InputError("has changed since the cell was loaded; load it again", file=file.name)
@@ -150,7 +153,7 @@ class Cell:
         return f"<Cell {self.name!r} of {self.path}>"
 
 
-def cell_of(cell: Cell | str | os.PathLike[str]) -> Cell:
+def load_cell_argument(cell: Cell | str | os.PathLike[str]) -> Cell:
     """A cell, loaded where a path was given.
 
     Raises:
@@ -159,7 +162,7 @@ def cell_of(cell: Cell | str | os.PathLike[str]) -> Cell:
     return cell.unchanged() if isinstance(cell, Cell) else Cell.load(cell)
 
 
-def _read_only(values: Array) -> Array:
+def _copy_read_only(values: Array) -> Array:
     out = np.array(values, float)
     out.setflags(write=False)
     return out

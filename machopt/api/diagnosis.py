@@ -1,4 +1,4 @@
-"""``machopt.diagnose``: where model and recording differ, and which physics is missing."""
+"""``machopt.measurement.diagnosis``: where model and recording differ, and which physics is missing."""
 
 from __future__ import annotations
 
@@ -7,39 +7,39 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from machopt.api.asked import NOWHERE, asked, path_of, paths
 from machopt.api.cell import Cell
 from machopt.api.figure import Figure
-from machopt.api.saved import Named, Progress, silent
-from machopt.diagnose.nouns.asked import DiagnoseRequest
-from machopt.domain.results.diagnosis import DiagnosisResult, FindingTold
-from machopt.effects.own import Own, in_use, run
-from machopt.output import output_folder
-from machopt.report.diagnosis_svg import machine_strip
-from machopt.services.diagnose import diagnosed
-from machopt.services.diagnosed import Diagnosed, write
+from machopt.api.request_options import NOWHERE, build_request, convert_to_path, convert_to_paths
+from machopt.api.result_saving import Named, Progress, ignore_progress
+from machopt.commands.diagnose.computation import DiagnoseComputation, write_diagnosis_files
+from machopt.commands.diagnose.run import compute_diagnosis
+from machopt.data_types.documents.diagnosis_document import DiagnosisDocument, FindingEntry
+from machopt.effects.user_effects import UserModule, activate_user_effects, run_user_files
+from machopt.measurement.diagnosis.request import DiagnoseRequest
+from machopt.output import write_output_folder
+from machopt.report.svg.machine_diagram import build_machine_strip
 
 
 @dataclass(frozen=True)
 class DiagnosisFigures:
     """Pictures of a diagnosis."""
 
-    _made: Diagnosed
+    _made: DiagnoseComputation
 
     def machine(self) -> Figure:
         """The machine from base to tool, with what was found where it sits."""
-        return Figure(machine_strip(self._made.diagnosis))
+        return Figure(build_machine_strip(self._made.diagnosis))
 
 
 @dataclass(frozen=True)
 class Diagnosis:
     """What a model leaves out of a recording. :func:`diagnose` makes one."""
 
-    _made: Diagnosed
-    _own: tuple[Own, ...]
+    _made: DiagnoseComputation
+    _own: tuple[UserModule, ...]
 
     @property
-    def result(self) -> DiagnosisResult:
+    def result(self) -> DiagnosisDocument:
         """diagnosis.json, typed."""
         return self._made.result
 
@@ -49,7 +49,7 @@ class Diagnosis:
         return self.result.verdict
 
     @property
-    def findings(self) -> tuple[FindingTold, ...]:
+    def findings(self) -> tuple[FindingEntry, ...]:
         """What was found, the most important first: effect, location, parameters with interval, held-out errors."""
         return tuple(self.result.findings)
 
@@ -71,8 +71,8 @@ class Diagnosis:
         Raises:
             InputError: OUT holds something else or cannot be written.
         """
-        with in_use(self._own), output_folder(Path(out), force=force) as folder:
-            write(self._made, folder)
+        with activate_user_effects(self._own), write_output_folder(Path(out), force=force) as folder:
+            write_diagnosis_files(self._made, folder)
         return None if self.result.model is None else Path(out) / self.result.model
 
     def __repr__(self) -> str:
@@ -80,7 +80,7 @@ class Diagnosis:
 
 
 def diagnose(
-    cell: Cell | Named, recordings: Named | Iterable[Named], *, progress: Progress = silent, **options: Any
+    cell: Cell | Named, recordings: Named | Iterable[Named], *, progress: Progress = ignore_progress, **options: Any
 ) -> Diagnosis:
     """Where model and recording differ, what physics is missing, the extended model: ``machopt diagnose``.
 
@@ -88,21 +88,22 @@ def diagnose(
         cell: a cell, or the path of its folder; by path, a recorded motion may be of any chain of joints.
         recordings: a recording folder, or several of the same robot.
         progress: told what is being done.
-        options: as :class:`machopt.diagnose.nouns.asked.DiagnoseRequest` has them, e.g. ``toolpath="part.nc"``,
+        options: as :class:`machopt.measurement.diagnosis.request.DiagnoseRequest` has them, e.g.
+            ``toolpath="part.nc"``,
             ``max_findings=2``; ``terms`` names Python files with laws of your own, whose code is **run**.
 
     Raises:
         InputError: bad cell, recording, law or option.
     """
     loaded = cell.unchanged() if isinstance(cell, Cell) else None
-    request = asked(
+    request = build_request(
         DiagnoseRequest,
         options,
-        cell=path_of(cell.path if isinstance(cell, Cell) else cell, "cell"),
-        recordings=paths(recordings, "recordings"),
+        cell=convert_to_path(cell.path if isinstance(cell, Cell) else cell, "cell"),
+        recordings=convert_to_paths(recordings, "recordings"),
         out=NOWHERE,
         allow_external=loaded is not None and loaded.allow_external,
     )
-    own = (*(loaded.effects if loaded is not None else ()), *run(request.terms))
-    with in_use(own):
-        return Diagnosis(diagnosed(request, own, progress, None if loaded is None else loaded.description), own)
+    own = (*(loaded.effects if loaded is not None else ()), *run_user_files(request.terms))
+    with activate_user_effects(own):
+        return Diagnosis(compute_diagnosis(request, own, progress, None if loaded is None else loaded.description), own)

@@ -1,4 +1,4 @@
-"""``machopt.identify``: stiffness from load–deflection readings."""
+"""``machopt.measurement.identification``: stiffness from load–deflection readings."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from machopt.api.asked import NOWHERE, asked, paths
-from machopt.api.cell import Cell, cell_of
-from machopt.api.saved import Named, Progress, effects_of, saved, silent
-from machopt.arrays import Array
-from machopt.domain.results.identification import IdentificationResult
-from machopt.identify.asked import IdentifyRequest
-from machopt.services.identified import Identified, identified
-from machopt.services.identify import write
+from machopt.api.cell import Cell, load_cell_argument
+from machopt.api.request_options import NOWHERE, build_request, convert_to_paths
+from machopt.api.result_saving import Named, Progress, ignore_progress, save_result, use_cell_effects
+from machopt.commands.identify.computation import IdentifyComputation, compute_identification
+from machopt.commands.identify.run import write_identification_files
+from machopt.data_types.documents.identification_document import IdentificationDocument
+from machopt.measurement.identification.request import IdentifyRequest
+from machopt.numerics.array_types import Array
 
 
 @dataclass(frozen=True)
@@ -24,10 +24,10 @@ class Identification:
     """An identified stiffness. :func:`identify` makes one."""
 
     cell: Cell
-    _made: Identified
+    _made: IdentifyComputation
 
     @property
-    def result(self) -> IdentificationResult:
+    def result(self) -> IdentificationDocument:
         """identification.json, typed."""
         return self._made.result
 
@@ -52,7 +52,7 @@ class Identification:
         Raises:
             InputError: OUT holds something else or cannot be written; or the cell has changed since.
         """
-        saved(self.cell, out, lambda folder: write(self._made, folder), force=force)
+        save_result(self.cell, out, lambda folder: write_identification_files(self._made, folder), force=force)
         return Path(out) / "stiffness.yaml"
 
     def __repr__(self) -> str:
@@ -60,7 +60,7 @@ class Identification:
 
 
 def identify(
-    cell: Cell | Named, recordings: Named | Iterable[Named], *, progress: Progress = silent, **options: Any
+    cell: Cell | Named, recordings: Named | Iterable[Named], *, progress: Progress = ignore_progress, **options: Any
 ) -> Identification:
     """Joint (and further) stiffness from load–deflection readings: ``machopt identify``.
 
@@ -68,20 +68,21 @@ def identify(
         cell: a cell, or the path of its folder.
         recordings: a recording folder, or several of the same robot.
         progress: told what is being done.
-        options: as :class:`machopt.identify.asked.IdentifyRequest` has them, e.g. ``model="constant"``, ``seed=1``.
+        options: as :class:`machopt.measurement.identification.request.IdentifyRequest` has them, e.g.
+            ``model="constant"``, ``seed=1``.
 
     Raises:
         InputError: bad cell, recording or option; a record that cannot be right.
     """
-    a_cell = cell_of(cell)
-    request = asked(
+    a_cell = load_cell_argument(cell)
+    request = build_request(
         IdentifyRequest,
         options,
         cell=a_cell.path,
-        recordings=paths(recordings, "recordings"),
+        recordings=convert_to_paths(recordings, "recordings"),
         out=NOWHERE,
         allow_external=a_cell.allow_external,
         effects=tuple(own.file for own in a_cell.effects),
     )
-    with effects_of(a_cell):
-        return Identification(a_cell, identified(request, progress, a_cell.description))
+    with use_cell_effects(a_cell):
+        return Identification(a_cell, compute_identification(request, progress, a_cell.description))

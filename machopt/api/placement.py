@@ -9,18 +9,18 @@ from dataclasses import dataclass
 from math import radians
 from typing import Any, Literal
 
-from machopt.api.asked import NOWHERE, path_of, texts, typed
-from machopt.api.cell import Cell, cell_of
-from machopt.api.saved import Named, Progress, effects_of, saved, silent
+from machopt.api.cell import Cell, load_cell_argument
+from machopt.api.request_options import NOWHERE, check_value_type, convert_to_path, convert_to_texts
+from machopt.api.result_saving import Named, Progress, ignore_progress, save_result, use_cell_effects
 from machopt.api.table import Table
-from machopt.api.toolpath import Toolpath, toolpath_of
-from machopt.domain.results.place import PlaceResult
-from machopt.errors import InputError, nearest
-from machopt.formats.option_keys import OptionKeys
-from machopt.placement.asked import Search
-from machopt.report.gather.place import columns_of, result_of
-from machopt.services.inputs import input_hashes
-from machopt.services.place import PlaceRequest, Sited, sited, write
+from machopt.api.toolpath import Toolpath, read_toolpath_argument
+from machopt.commands.input_hashes import compute_input_hashes
+from machopt.commands.place.document import build_place_columns, build_place_document
+from machopt.commands.place.run import PlaceComputation, PlaceRequest, compute_placements, write_placement_files
+from machopt.data_types.documents.place_document import PlaceDocument
+from machopt.errors import InputError, suggest_nearest_word
+from machopt.options.option_schema import OptionKeys
+from machopt.placement.search_options import PlacementOptions
 
 Range = tuple[float, float]
 
@@ -30,19 +30,19 @@ class Placement:
     """Places that were looked at, and the best of them. :func:`place` makes one."""
 
     cell: Cell
-    _found: Sited
+    _found: PlaceComputation
 
     @property
     def proven(self) -> bool:
         """No other place that was looked at can be better."""
-        return self._found.siting.proven
+        return self._found.siting.is_optimal
 
     @property
-    def result(self) -> PlaceResult:
+    def result(self) -> PlaceDocument:
         """place.json, typed; without the verdicts on plans, which :meth:`save` makes."""
         site = self._found.site
-        hashes = {**input_hashes(site.cell), **{t.source: t.sha256 for t in site.toolpaths}}
-        return result_of(site, self._found.request.search, self._found.siting, None, hashes)
+        hashes = {**compute_input_hashes(site.cell), **{t.source: t.sha256 for t in site.toolpaths}}
+        return build_place_document(site, self._found.request.search, self._found.siting, None, hashes)
 
     @property
     def verdict(self) -> str:
@@ -52,9 +52,9 @@ class Placement:
     @property
     def places(self) -> Table:
         """The columns of ``places.csv``, one row a place, the cell's own first."""
-        return Table(columns_of(self._found.site, self._found.siting))
+        return Table(build_place_columns(self._found.site, self._found.siting))
 
-    def save(self, out: Named, *, force: bool = False) -> PlaceResult:
+    def save(self, out: Named, *, force: bool = False) -> PlaceDocument:
         """Write what ``machopt place`` writes: the best as moved cells with whole verified plans.
 
         Args:
@@ -64,13 +64,13 @@ class Placement:
         Raises:
             InputError: OUT holds something else or cannot be written; or the cell has changed since.
         """
-        return saved(self.cell, out, lambda folder: write(self._found, folder), force=force)
+        return save_result(self.cell, out, lambda folder: write_placement_files(self._found, folder), force=force)
 
     def __repr__(self) -> str:
         return f"<Placement in {self.cell.name!r}: {self.verdict}>"
 
 
-def _several(toolpaths: object) -> list[Any]:
+def _list_toolpaths(toolpaths: object) -> list[Any]:
     if not isinstance(toolpaths, Iterable):
         raise InputError(
             f"found {toolpaths!r}; a toolpath, the path of its file, or a list of these would work", where="toolpaths"
@@ -95,7 +95,7 @@ def place(
     stay: Iterable[str] = (),
     plan_file: Named | None = None,
     posts: Iterable[Named] = (),
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
     **options: Any,
 ) -> Placement:
     """Where to put the workpiece, or the robot, so that the worst index over all toolpaths is best: ``machopt place``.
@@ -123,29 +123,29 @@ def place(
     unknown = next((name for name in options if name not in OptionKeys.model_fields), None)
     if unknown is not None:  # not the planner's list alone: this function's own words may be meant
         own = [n for n, p in inspect.signature(place).parameters.items() if p.kind is inspect.Parameter.KEYWORD_ONLY]
-        words = nearest(unknown, [*own, *OptionKeys.model_fields])
+        words = suggest_nearest_word(unknown, [*own, *OptionKeys.model_fields])
         raise InputError(f"unknown option {unknown!r}; {words}", where="place")
-    a_cell = cell_of(cell)
+    a_cell = load_cell_argument(cell)
     if move not in ("workpiece", "base"):
         raise InputError(f"found {move!r}; valid: workpiece, base", where="move")
-    several = [toolpaths] if isinstance(toolpaths, Toolpath | str | os.PathLike) else _several(toolpaths)
+    several = [toolpaths] if isinstance(toolpaths, Toolpath | str | os.PathLike) else _list_toolpaths(toolpaths)
     if not several:
         raise InputError("no toolpath was given; one or more would work", where="toolpaths")
-    read = [toolpath_of(t, a_cell) for t in several]
+    read = [read_toolpath_argument(t, a_cell) for t in several]
     if a_cell.allow_external:
         raise InputError("files outside the cell folder are in no copy of it; a cell without them would work")
     for name, numbers in {"x_mm": x_mm, "y_mm": y_mm, "z_mm": z_mm, "turn_deg": turn_deg}.items():
-        typed(tuple(numbers) if isinstance(numbers, list) else numbers, Range, name)
+        check_value_type(tuple(numbers) if isinstance(numbers, list) else numbers, Range, name)
     for name, count in {"places": places, "best": best, "plans": plans}.items():
-        typed(count, int, name)
-    typed(minutes, float, "minutes")
+        check_value_type(count, int, name)
+    check_value_type(minutes, float, "minutes")
     x, y, z = ((a / 1e3, b / 1e3) for a, b in (x_mm, y_mm, z_mm))
     request = PlaceRequest(
         cell=a_cell.path,
         toolpaths=tuple(t.path for t in read),
         readings=tuple(t.reading for t in read),
         out=NOWHERE,
-        search=Search(
+        search=PlacementOptions(
             x=x,
             y=y,
             z=z,
@@ -158,10 +158,12 @@ def place(
             plans=plans,
             seconds=60 * minutes,
         ),
-        plan_file=None if plan_file is None else path_of(plan_file, "plan_file"),
+        plan_file=None if plan_file is None else convert_to_path(plan_file, "plan_file"),
         direct=options,
-        posts=texts(posts, "posts"),
+        posts=convert_to_texts(posts, "posts"),
         effects=tuple(own.file for own in a_cell.effects),
     )
-    with effects_of(a_cell):
-        return Placement(a_cell, sited(request, a_cell.description, tuple(t.description for t in read), progress))
+    with use_cell_effects(a_cell):
+        return Placement(
+            a_cell, compute_placements(request, a_cell.description, tuple(t.description for t in read), progress)
+        )

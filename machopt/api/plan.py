@@ -11,36 +11,36 @@ from typing import Any, Literal
 
 import numpy as np
 
-from machopt.api.asked import NOWHERE, path_of, texts, typed
-from machopt.api.cell import Cell, cell_of
+from machopt.api.cell import Cell, load_cell_argument
 from machopt.api.figure import Figure
-from machopt.api.saved import Named, Progress, effects_of, saved, silent
+from machopt.api.request_options import NOWHERE, check_value_type, convert_to_path, convert_to_texts
+from machopt.api.result_saving import Named, Progress, ignore_progress, save_result, use_cell_effects
 from machopt.api.table import Table
-from machopt.api.toolpath import Toolpath, toolpath_of
-from machopt.arrays import Array
-from machopt.domain.results.optimize import Objectives, OptimizeResult
+from machopt.api.toolpath import Toolpath, read_toolpath_argument
+from machopt.commands.optimize.computation import OptimizeComputation, compute_optimize_plan
+from machopt.commands.optimize.document import build_objectives_section
+from machopt.commands.optimize.report_files import list_tool_names
+from machopt.commands.optimize.request import OptimizeRequest, prepare_optimize_inputs
+from machopt.commands.optimize.verified_files import VerifiedFiles, write_verified_files
+from machopt.data_types.documents.optimize_document import ObjectivesSection, OptimizeDocument
 from machopt.errors import InputError
-from machopt.formats.tables import points_columns, trajectory_columns
-from machopt.plan.pipeline.setup import Timings
-from machopt.plan.written.contact_map import mapped
-from machopt.plan.written.explain import all_breaks
-from machopt.report.data import Quantity
-from machopt.report.gather.optimize_map import rotation_map
-from machopt.report.gather.optimize_series import cut_length
-from machopt.report.rotation_svg import rotation_svg
-from machopt.services.load import OptimizeRequest, prepared
-from machopt.services.planned import Planned, planned
-from machopt.services.result import objectives_of
-from machopt.services.tell import tool_names
-from machopt.services.written import Written, write
-from machopt.verify import Verification
+from machopt.numerics.array_types import Array
+from machopt.output.tables.plan_tables import list_points_columns, list_trajectory_columns
+from machopt.planning.pipeline.planning_setup import StageTimings
+from machopt.planning.plan_output.collision_map import compute_collision_map
+from machopt.planning.plan_output.infeasibility_reasons import list_breaks
+from machopt.report.page_data.optimize_rotation_map import build_rotation_map
+from machopt.report.page_data.optimize_series import compute_cut_length
+from machopt.report.page_types.optimize_report import Quantity
+from machopt.report.svg.rotation_map_picture import build_rotation_svg
+from machopt.verification import Verification
 
 
 @dataclass(frozen=True)
 class PlanFigures:
     """Pictures of a plan."""
 
-    _made: Planned
+    _made: OptimizeComputation
 
     def map(self) -> Figure:
         """The index over path length and rotation about the tool axis, what forbids a place, and the chosen line.
@@ -48,14 +48,14 @@ class PlanFigures:
         Raises:
             InputError: the toolpath has no cutting point, so there is no map.
         """
-        made = self._made.made
-        s = cut_length(made.toolpath, made.plan.path.counted[made.points.rows])
-        data = rotation_map(made.plan, mapped(made.plan, self._made.given.map_all), s)
+        made = self._made.job_result
+        s = compute_cut_length(made.toolpath, made.plan.path.counted[made.points.rows])
+        data = build_rotation_map(made.plan, compute_collision_map(made.plan, self._made.inputs.map_all), s)
         if data is None:
             raise InputError("the toolpath has no cutting point, and a map is of these", file=made.toolpath.source)
         index = made.plan.scores.index
         quantity: Quantity = index if index in ("deflection", "stiffness") else "index"
-        return Figure(rotation_svg(data, quantity, title=f"Rotation map of {made.toolpath.source}"))
+        return Figure(build_rotation_svg(data, quantity, title=f"Rotation map of {made.toolpath.source}"))
 
 
 @dataclass(frozen=True)
@@ -68,27 +68,27 @@ class Plan:
 
     cell: Cell
     toolpath: Toolpath
-    _made: Planned
+    _made: OptimizeComputation
 
     @property
     def feasible(self) -> bool:
         """There is a motion (exit code 0 of the command, unless the verification fails)."""
-        return self._made.made.exit_code == 0
+        return self._made.job_result.exit_code == 0
 
     @property
     def verdict(self) -> str:
         """The answer in words, with what was not checked."""
-        return self._made.made.verdict
+        return self._made.job_result.verdict
 
     @property
     def why(self) -> str:
         """Why there is no motion: wishes that cannot be kept together, else the first break or point; "" with one."""
-        made = self._made.made
+        made = self._made.job_result
         if made.timeline is not None and made.timeline.trajectory is not None:
             return ""
         if made.plan.conflict:
             return made.plan.conflict
-        breaks = all_breaks(made.plan, made.timeline.obstructions if made.timeline else ())
+        breaks = list_breaks(made.plan, made.timeline.obstructions if made.timeline else ())
         if breaks:
             return f"No continuous motion {breaks[0].where}: {breaks[0].text}."
         lost = [k for k, text in enumerate(self.points["reason"].tolist()) if text]
@@ -97,17 +97,17 @@ class Plan:
     @cached_property
     def points(self) -> Table:
         """One row a toolpath point: the columns of ``points.csv``."""
-        return Table(points_columns(self._made.made.points.table))
+        return Table(list_points_columns(self._made.job_result.points.table))
 
     @cached_property
     def trajectory(self) -> Table | None:
         """One row a control sample: the columns of ``trajectory.csv``; None where there is no motion."""
-        timeline = self._made.made.timeline
+        timeline = self._made.job_result.timeline
         if timeline is None or timeline.trajectory is None:
             return None
-        table = self._made.made.points.table
-        tools = tool_names(self._made.made.plan)
-        return Table(trajectory_columns(timeline.trajectory, table.operations, table.external_prismatic, tools))
+        table = self._made.job_result.points.table
+        tools = list_tool_names(self._made.job_result.plan)
+        return Table(list_trajectory_columns(timeline.trajectory, table.operations, table.external_prismatic, tools))
 
     @property
     def joints(self) -> Array:
@@ -124,14 +124,14 @@ class Plan:
         return self.points["deflection_mm"]
 
     @cached_property
-    def objective(self) -> Objectives:
+    def objective(self) -> ObjectivesSection:
         """What the plan comes to, beside the CAM file's own rotation and the method of jiao2022; as in result.json."""
-        return objectives_of(self._made.made.plan)
+        return build_objectives_section(self._made.job_result.plan)
 
     @property
     def cycle_time_s(self) -> float | None:
         """s, of the whole motion from home to home; None without one."""
-        timeline = self._made.made.timeline
+        timeline = self._made.job_result.timeline
         return None if timeline is None or timeline.trajectory is None else float(timeline.trajectory.time[-1])
 
     @property
@@ -149,13 +149,13 @@ class Plan:
         """
         if self.trajectory is None:
             raise InputError(f"{self.verdict}: there is no motion to verify", file=self.toolpath.path)
-        with tempfile.TemporaryDirectory(prefix="machopt-") as text, effects_of(self.cell.unchanged()):
+        with tempfile.TemporaryDirectory(prefix="machopt-") as text, use_cell_effects(self.cell.unchanged()):
             found = self._written(Path(text)).verification
         if found is None:  # write() leaves it out only where there is no motion
             raise AssertionError("a motion was written and not checked")
         return found
 
-    def save(self, out: Named, *, force: bool = False) -> OptimizeResult:
+    def save(self, out: Named, *, force: bool = False) -> OptimizeDocument:
         """Write what ``machopt optimize`` writes: tables, programs, report, result.json, manifest.json.
 
         Args:
@@ -169,23 +169,23 @@ class Plan:
         Raises:
             InputError: OUT holds something else or cannot be written; or the cell has changed since.
         """
-        return saved(self.cell, out, lambda folder: self._written(folder).result, force=force)
+        return save_result(self.cell, out, lambda folder: self._written(folder).result, force=force)
 
-    def _written(self, folder: Path) -> Written:
+    def _written(self, folder: Path) -> VerifiedFiles:
         made = self._made
-        timings = Timings(dict(made.timings.seconds), made.timings.progress)  # each writing adds its own
-        return write(Planned(made.given, made.made, timings), folder)
+        timings = StageTimings(dict(made.timings.seconds), made.timings.progress)  # each writing adds its own
+        return write_verified_files(OptimizeComputation(made.inputs, made.job_result, timings), folder)
 
     def _repr_html_(self) -> str:
         """Small, for notebooks: the verdict, and the least a plan is known by."""
-        from machopt.report.template import fragment
+        from machopt.report.template_rendering import render_macro
 
         told = [("points", f"{len(self.toolpath)}"), ("cell", str(self.cell.path))]
         if self.cycle_time_s is not None:
             told.append(("cycle time", f"{self.cycle_time_s:.1f} s"))
         if np.isfinite(self.deflection).any():
             told.append(("worst deflection", f"{np.nanmax(self.deflection):.3f} mm"))
-        return str(fragment("notebook.html", "plan", str(self.toolpath.path), self.verdict, told))
+        return str(render_macro("notebook.html", "plan", str(self.toolpath.path), self.verdict, told))
 
     def __repr__(self) -> str:
         return f"<Plan for {len(self.toolpath)} points of {self.toolpath.path}: {self.verdict}>"
@@ -201,7 +201,7 @@ def optimize(
     front: bool = False,
     map_collisions: Literal["chosen", "full"] = "chosen",
     tables: Literal["csv", "parquet"] = "csv",
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
     **options: Any,
 ) -> Plan:
     """The stiffest smooth way along a toolpath: ``machopt optimize``.
@@ -227,27 +227,27 @@ def optimize(
     Raises:
         InputError: cell, toolpath or an option is wrong; says which, and what would work.
     """
-    a_cell = cell_of(cell)
-    path = toolpath_of(toolpath, a_cell)
+    a_cell = load_cell_argument(cell)
+    path = read_toolpath_argument(toolpath, a_cell)
     if map_collisions not in ("chosen", "full"):
         raise InputError(f"found {map_collisions!r}; valid: chosen, full", where="map_collisions")
     request = OptimizeRequest(
         cell=a_cell.path,
         toolpath=path.path,
         out=NOWHERE,
-        plan_file=None if plan_file is None else path_of(plan_file, "plan_file"),
+        plan_file=None if plan_file is None else convert_to_path(plan_file, "plan_file"),
         direct=options,
         reading=dict(path.reading),
         allow_external=a_cell.allow_external,
-        posts=texts(posts, "posts"),
+        posts=convert_to_texts(posts, "posts"),
         front=front,
-        program_tolerance_mm=typed(program_tolerance_mm, float | None, "program_tolerance_mm"),
+        program_tolerance_mm=check_value_type(program_tolerance_mm, float | None, "program_tolerance_mm"),
         effects=tuple(own.file for own in a_cell.effects),
         map_all=map_collisions == "full",
         tables=tables,
     )
-    with effects_of(a_cell):
-        timings = Timings(progress=progress)
+    with use_cell_effects(a_cell):
+        timings = StageTimings(progress=progress)
         with timings.stage("load"):
-            given = prepared(a_cell.description, lambda: path.description, request)
-        return Plan(a_cell, path, planned(given, timings))
+            given = prepare_optimize_inputs(a_cell.description, lambda: path.description, request)
+        return Plan(a_cell, path, compute_optimize_plan(given, timings))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.errors import InputError, nearest
+from machopt.errors import InputError, suggest_nearest_word
 from machopt.output.single_file import write_bytes_file
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ class Table(Mapping[str, NDArray[Any]]):
         try:
             return self._columns[name]
         except KeyError:
-            raise KeyError(f"no column {name!r}; {nearest(name, list(self._columns))}") from None
+            raise KeyError(f"no column {name!r}; {suggest_nearest_word(name, list(self._columns))}") from None
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._columns)
@@ -60,13 +60,13 @@ class Table(Mapping[str, NDArray[Any]]):
 
     def _repr_html_(self) -> str:
         """Small, for notebooks: the first rows of the first columns, and how many there are."""
-        from machopt.report.template import fragment
+        from machopt.report.template_rendering import render_macro
 
         names = list(self._columns)[:SHOWN_COLUMNS]
-        texts = [_texts(self._columns[name][:SHOWN_ROWS]) for name in names]
+        texts = [_format_column(self._columns[name][:SHOWN_ROWS]) for name in names]
         said = f"{self.rows} rows, {len(self)} columns"
         more = ": the first of them; .frame() has all" if self.rows > SHOWN_ROWS or len(self) > len(names) else ""
-        return str(fragment("notebook.html", "table", names, list(zip(*texts, strict=True)), said + more))
+        return str(render_macro("notebook.html", "table", names, list(zip(*texts, strict=True)), said + more))
 
     @property
     def rows(self) -> int:
@@ -129,13 +129,13 @@ class Table(Mapping[str, NDArray[Any]]):
             text = io.StringIO(newline="")
             rows = csv.writer(text, lineterminator="\n")
             rows.writerow(self._columns)
-            rows.writerows(zip(*(_texts(values) for values in self._columns.values()), strict=True))
+            rows.writerows(zip(*(_format_column(values) for values in self._columns.values()), strict=True))
             write_bytes_file(path, text.getvalue().encode(), force=force)
         else:
             raise InputError(f"tables are CSV or Parquet; {path.stem}.csv or {path.stem}.parquet would work", file=path)
 
 
-def _texts(values: NDArray[Any]) -> list[str]:
+def _format_column(values: NDArray[Any]) -> list[str]:
     """Shortest words that give the same numbers back; nothing for NaN."""
     if values.dtype.kind == "f":
         return ["" if v != v else repr(v) for v in values.tolist()]  # noqa: PLR0124  NaN is not itself

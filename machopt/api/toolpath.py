@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from machopt.api.asked import path_of
 from machopt.api.cell import Cell
-from machopt.arrays import Array
-from machopt.domain import toolpath as domain
-from machopt.formats.reading import reading_from_user
-from machopt.formats.setups import placed
-from machopt.formats.toolpath import read_toolpath
-from machopt.services.knownrobot import reading_of
+from machopt.api.request_options import convert_to_path
+from machopt.cell.work_offsets import place_toolpath
+from machopt.commands.toolpath_reading_options import get_reading_options
+from machopt.data_types import toolpath as domain
+from machopt.numerics.array_types import Array
+from machopt.toolpath.reading_options import parse_reading_options
+from machopt.toolpath.toolpath_reader import read_toolpath
 
 
 @dataclass(frozen=True)
@@ -42,11 +42,11 @@ class Toolpath:
         Raises:
             InputError: names file and line, what was found and what was expected; or a keyword that is none of these.
         """
-        said, file = reading_from_user(reading), path_of(path, "toolpath")
+        said, file = parse_reading_options(reading), convert_to_path(path, "toolpath")
         if cell is None:
             return cls(file, read_toolpath(file, **said), said)
-        found = read_toolpath(file, **reading_of(cell.description), **said)
-        return cls(file, placed(found, cell.description), said)
+        found = read_toolpath(file, **get_reading_options(cell.description), **said)
+        return cls(file, place_toolpath(found, cell.description), said)
 
     def __len__(self) -> int:
         """Number of points."""
@@ -74,7 +74,7 @@ class Toolpath:
     @property
     def move(self) -> tuple[str, ...]:
         """(N,) what the robot does on the way to each point: cut, rapid, approach, retract, link."""
-        return tuple(domain.Move(m).word for m in np.asarray(self.description.move).tolist())
+        return tuple(domain.MoveKind(m).word for m in np.asarray(self.description.move).tolist())
 
     @property
     def operations(self) -> tuple[str, ...]:
@@ -95,7 +95,7 @@ class Toolpath:
         return f"<Toolpath of {len(self)} points, {self.description.format}, {self.path}>"
 
 
-def toolpath_of(path: Toolpath | str | os.PathLike[str], cell: Cell) -> Toolpath:
+def read_toolpath_argument(path: Toolpath | str | os.PathLike[str], cell: Cell) -> Toolpath:
     """A toolpath, read where a path was given.
 
     Raises:

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from machopt.domain.results.batch import BatchResult
+from machopt.data_types.documents.batch_document import BatchDocument
 
-TIME_LIMIT = 3600.0  # s
+DEFAULT_TIME_LIMIT_S = 3600.0  # s
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,23 +25,25 @@ class BatchRequest:
     allow_external: bool = False
     workers: int | None = None  # of the local cluster; None: one a core
     scheduler: str | None = None  # address of a running Dask scheduler; None: a local cluster
-    time_limit: float = TIME_LIMIT  # s a job may take
+    time_limit: float = DEFAULT_TIME_LIMIT_S  # s a job may take
     memory_limit: int | None = None  # bytes a job may use; None: an even share of 90 % of a local machine's
     keep_failed: bool = False  # do not try crashed, hung and oversized jobs again
     compare: Path | None = None  # another batch's output folder
     posts: tuple[str, ...] = ()  # robot programs to write, for jobs that name none themselves; none: the cell's own
     effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which stiffness.yaml may hold
     extra: dict[str, Any] = field(default_factory=dict)  # further fields of OptimizeRequest, the same for all jobs
-    entry: str = "machopt.batch.task"  # module whose run(job, out) does a job and whose warm(folder) prepares for it
+    entry: str = (
+        "machopt.batch.job_process"  # module whose run(job, out) does a job and whose warm(folder) prepares for it
+    )
     version: str | None = None  # what of the program goes into the hash of a job; None: its version and sources
 
 
 @dataclass(frozen=True, kw_only=True)
-class Progress:
+class BatchProgress:
     """How far a batch is; told once at the start and after every job."""
 
     total: int
-    kept: int  # finished in an earlier run
+    reused: int  # finished in an earlier run
     done: int  # finished in this run
     trouble: int  # of all finished: without an answer, or failing verification
     elapsed: float  # s since the first job was started
@@ -53,23 +55,23 @@ class Progress:
         return self.done / self.elapsed if self.done and self.elapsed > 0 else None
 
     @property
-    def left(self) -> float | None:
+    def remaining_time(self) -> float | None:
         """Seconds until all are finished at this rate."""
-        todo = self.total - self.kept - self.done
+        todo = self.total - self.reused - self.done
         return 0.0 if todo == 0 else None if self.rate is None else todo / self.rate
 
     @property
-    def line(self) -> str:
+    def status_line(self) -> str:
         """``12/60 jobs, 2 in trouble, 8.4 a minute, 5:43 left; last part7: done``."""
-        words = [f"{self.kept + self.done}/{self.total} jobs"]
+        words = [f"{self.reused + self.done}/{self.total} jobs"]
         words += [f"{self.trouble} in trouble"] if self.trouble else []
         words += [f"{60 * self.rate:.3g} a minute"] if self.rate is not None else []
-        words += [f"{clock(self.left)} left"] if self.left else []
+        words += [f"{format_duration(self.remaining_time)} left"] if self.remaining_time else []
         return ", ".join(words) + (f"; last {self.last}" if self.last else "")
 
 
 @dataclass(frozen=True)
-class BatchOutcome:
+class BatchResult:
     """What came out; the summary on disk says the same.
 
     ``exit_code``: 0 all jobs done; 4 the verification of some job failed; 1 some job crashed or hit a bug; 3 some job
@@ -77,13 +79,13 @@ class BatchOutcome:
     """
 
     exit_code: int
-    result: BatchResult
+    result: BatchDocument
     report: Path  # summary.html
     done: int  # jobs run now
-    kept: int  # jobs kept from earlier runs
+    reused: int  # jobs kept from earlier runs
 
 
-def clock(seconds: float) -> str:
+def format_duration(seconds: float) -> str:
     """``1:02:03``, ``5:43``."""
     minutes, s = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)

@@ -10,19 +10,24 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from machopt.batch.compare import COLUMNS as COMPARED
-from machopt.batch.compare import Comparison
-from machopt.batch.find import Found
-from machopt.batch.line import Line
-from machopt.batch.picture import picture_of
-from machopt.domain.results.batch import BatchComparison, BatchDifference, BatchLine, BatchResult
-from machopt.formats.celltext import as_cell
-from machopt.report.batch_page import BatchData, batch_html
+from machopt.batch.comparison import COMPARISON_COLUMNS as COMPARED
+from machopt.batch.comparison import BatchComparison
+from machopt.batch.job_discovery import DiscoveredJobs
+from machopt.batch.job_status import JobStatus
+from machopt.batch.toolpath_picture import build_path_picture
+from machopt.data_types.documents.batch_document import (
+    BatchComparisonSection,
+    BatchDifferenceEntry,
+    BatchDocument,
+    BatchJobEntry,
+)
+from machopt.file_formats.csv_text_escaping import escape_formula_text
+from machopt.report.pages.batch_page import BatchPageData, build_batch_html
 
 if TYPE_CHECKING:
-    from machopt.batch.store import Store
+    from machopt.batch.job_store import JobStore
 
-COLUMNS = (
+SUMMARY_COLUMNS = (
     "rank",
     "job",
     "toolpath",
@@ -50,21 +55,30 @@ COLUMNS = (
     "reason",
     "report",
 )
-_ORDER = ("done", "verification failed", "infeasible", "refused", "over time", "over memory", "crashed", "waiting")
-_TIMES = ("wall_s", "cpu_s", "peak_MiB", "worker")
+_STATE_ORDER = (
+    "done",
+    "verification failed",
+    "infeasible",
+    "refused",
+    "over time",
+    "over memory",
+    "crashed",
+    "waiting",
+)
+_TIMING_COLUMNS = ("wall_s", "cpu_s", "peak_MiB", "worker")
 
 
-def ranked(lines: Iterable[Line]) -> list[Line]:
+def rank_jobs(lines: Iterable[JobStatus]) -> list[JobStatus]:
     """Answers by their gain over the CAM's default rotation, the largest first; then what has no answer, by kind."""
 
-    def place(line: Line) -> tuple[int, bool, float, str]:
+    def place(line: JobStatus) -> tuple[int, bool, float, str]:
         gain = line.row.get("gain_percent")
-        return _ORDER.index(line.state), gain is None, -(gain or 0.0), line.job.label
+        return _STATE_ORDER.index(line.state), gain is None, -(gain or 0.0), line.job.label
 
     return sorted(lines, key=place)
 
 
-def exit_code_of(lines: Iterable[Line]) -> int:
+def compute_exit_code(lines: Iterable[JobStatus]) -> int:
     """The worst of the jobs: 4 verification failed, else 1 crashed, else 3 no answer, else 0."""
     codes = {line.exit_code for line in lines}
     if 4 in codes:
@@ -74,44 +88,44 @@ def exit_code_of(lines: Iterable[Line]) -> int:
     return 3 if codes & {2, 3} else 0
 
 
-def result_of(
-    found: Found,
-    lines: Sequence[Line],
+def build_batch_document(
+    found: DiscoveredJobs,
+    lines: Sequence[JobStatus],
     version: str,
     *,
     complete: bool,
     others: Sequence[str] = (),
-    compared: Comparison | None = None,
-) -> BatchResult:
+    compared: BatchComparison | None = None,
+) -> BatchDocument:
     """batch.json: the same for the same jobs, however often the batch was stopped."""
     states = Counter(line.state for line in lines)
-    return BatchResult(
+    return BatchDocument(
         machopt_batch=1,
         version=version,
         complete=complete,
-        exit_code=exit_code_of(lines) if complete else None,
-        counts={state: states[state] for state in _ORDER if states[state]},
-        jobs=tuple(_line(rank, line) for rank, line in enumerate(ranked(lines), 1)),
-        left_out_files=tuple(found.left_out),
+        exit_code=compute_exit_code(lines) if complete else None,
+        counts={state: states[state] for state in _STATE_ORDER if states[state]},
+        jobs=tuple(_build_summary_entry(rank, line) for rank, line in enumerate(rank_jobs(lines), 1)),
+        left_out_files=tuple(found.ignored_files),
         other_jobs_in_folder=tuple(others),
         compare=None
         if compared is None
-        else BatchComparison(
+        else BatchComparisonSection(
             compared_with=compared.other,
-            rows=tuple(BatchDifference.model_validate(r) for r in compared.rows),
+            rows=tuple(BatchDifferenceEntry.model_validate(r) for r in compared.rows),
             only_here=compared.only_here,
             only_there=compared.only_there,
         ),
     )
 
 
-def _line(rank: int, line: Line) -> BatchLine:
+def _build_summary_entry(rank: int, line: JobStatus) -> BatchJobEntry:
     own = {k: v for k, v in line.row.items() if k != "verdict"}
-    return BatchLine(
+    return BatchJobEntry(
         rank=rank,
         job=line.job.label,
         key=line.key,
-        toolpath=line.job.shown,
+        toolpath=line.job.toolpath_name,
         cell=line.cell_name,
         variant=line.job.variant,
         options=dict(line.job.options),
@@ -123,26 +137,33 @@ def _line(rank: int, line: Line) -> BatchLine:
     )
 
 
-def write_summary(store: Store, lines: Sequence[Line], result: BatchResult, compared: Comparison | None) -> None:
+def write_summary(
+    store: JobStore, lines: Sequence[JobStatus], result: BatchDocument, compared: BatchComparison | None
+) -> None:
     """Write batch.json, summary.csv, summary.html, timings.csv, timings.js and, where asked for, compare.csv."""
-    known = {line.job.label: store.timing(line.job.label) for line in ranked(lines) if line.folder}
-    times = [{"job": label, **({} if took is None else took.plain())} for label, took in known.items()]
-    store.write("summary.csv", _csv(COLUMNS, [_cells(rank, line) for rank, line in enumerate(ranked(lines), 1)]))
-    store.write("timings.csv", _csv(("job", *_TIMES), times))
-    store.write("timings.js", f"const TIMINGS = {json.dumps({t['job']: t.get('wall_s') for t in times})};\n")
+    known = {line.job.label: store.read_timing(line.job.label) for line in rank_jobs(lines) if line.folder}
+    times = [{"job": label, **({} if took is None else took.to_json_types())} for label, took in known.items()]
+    store.write_summary_file(
+        "summary.csv",
+        _format_csv(SUMMARY_COLUMNS, [_build_csv_cells(rank, line) for rank, line in enumerate(rank_jobs(lines), 1)]),
+    )
+    store.write_summary_file("timings.csv", _format_csv(("job", *_TIMING_COLUMNS), times))
+    store.write_summary_file(
+        "timings.js", f"const TIMINGS = {json.dumps({t['job']: t.get('wall_s') for t in times})};\n"
+    )
     if compared is not None:
-        store.write("compare.csv", _csv(COMPARED, compared.rows))
-    store.write("summary.html", batch_html(_page(lines, result, compared, store.jobs)))
+        store.write_summary_file("compare.csv", _format_csv(COMPARED, compared.rows))
+    store.write_summary_file("summary.html", build_batch_html(_build_page_data(lines, result, compared, store.jobs)))
     store.write_main(result)
 
 
-def _cells(rank: int, line: Line) -> dict[str, object]:
+def _build_csv_cells(rank: int, line: JobStatus) -> dict[str, object]:
     warnings, programs = line.row.get("warnings", ()), line.row.get("programs", ())
     return {
         **line.row,
         "rank": rank,
         "job": line.job.label,
-        "toolpath": line.job.shown,
+        "toolpath": line.job.toolpath_name,
         "cell": line.cell_name,
         "variant": line.job.variant,
         "verdict": line.verdict,
@@ -152,38 +173,42 @@ def _cells(rank: int, line: Line) -> dict[str, object]:
     }
 
 
-def _csv(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
+def _format_csv(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(columns)
     for row in rows:
-        writer.writerow([_text(row.get(name)) for name in columns])
+        writer.writerow([_format_text(row.get(name)) for name in columns])
     return out.getvalue()
 
 
-def _text(value: object) -> str:
+def _format_text(value: object) -> str:
     if value is None:
         return ""
     if isinstance(value, float):
         return f"{value:.6g}"
     text = " ".join(str(value).split())
-    return text if isinstance(value, int) else as_cell(text)
+    return text if isinstance(value, int) else escape_formula_text(text)
 
 
-def _page(lines: Sequence[Line], result: BatchResult, compared: Comparison | None, jobs: Path) -> BatchData:
-    return BatchData(
+def _build_page_data(
+    lines: Sequence[JobStatus], result: BatchDocument, compared: BatchComparison | None, jobs: Path
+) -> BatchPageData:
+    return BatchPageData(
         version=result.version,
         complete=result.complete,
         pictures={
             line.job.label: picture
             for line in lines
-            if line.report and (picture := picture_of(jobs / line.job.label / "points.csv", line.job.shown)) is not None
+            if line.report
+            and (picture := build_path_picture(jobs / line.job.label / "points.csv", line.job.toolpath_name))
+            is not None
         },
         jobs=tuple(
             {
                 **line.row,
                 "job": line.job.label,
-                "toolpath": line.job.shown,
+                "toolpath": line.job.toolpath_name,
                 "cell": line.cell_name,
                 "variant": line.job.variant,
                 "state": line.state,
@@ -191,9 +216,9 @@ def _page(lines: Sequence[Line], result: BatchResult, compared: Comparison | Non
                 "folder": line.folder,
                 "report": line.report,
             }
-            for line in ranked(lines)
+            for line in rank_jobs(lines)
         ),
-        left_out=result.left_out_files,
+        ignored_files=result.left_out_files,
         others=result.other_jobs_in_folder,
         compared_with="" if compared is None else compared.other,
         differences=() if compared is None else compared.rows,

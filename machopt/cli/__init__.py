@@ -10,9 +10,19 @@ import sys
 from collections.abc import Sequence
 
 import machopt
-from machopt.cli import batch, cells, circles, completion, diagnose, measure, place, toolpaths, view
-from machopt.cli.parser import Parser, commands_of
-from machopt.cli.shared import say_idle, share_common
+from machopt.cli import (
+    batch_command,
+    cell_commands,
+    diagnose_command,
+    garbage_collection,
+    place_command,
+    shell_completion,
+    stiffness_commands,
+    toolpath_commands,
+    view_command,
+)
+from machopt.cli.argument_parser import CommandParser, list_commands
+from machopt.cli.shared_options import add_common_options, warn_of_unused_options
 from machopt.errors import MachoptError
 from machopt.version import __version__
 
@@ -21,12 +31,14 @@ BLAS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code of contracts: 0 done, 1 bug, 2 bad input, 3 infeasible, 4 verification."""
-    circles.loading()
-    _open_streams()
-    _one_blas_thread()
-    args = _parser().parse_args(argv)
+    garbage_collection.pause_garbage_collection()
+    _replace_closed_streams()
+    _limit_blas_threads()
+    args = _build_parser().parse_args(argv)
     try:
-        say_idle(getattr(args, "idle_set", []), f"{args.command} plans nothing", quiet=getattr(args, "quiet", False))
+        warn_of_unused_options(
+            getattr(args, "idle_set", []), f"{args.command} plans nothing", quiet=getattr(args, "quiet", False)
+        )
         code = int(args.run(args))
         sys.stdout.flush()  # a reader that has gone is noticed here, not at exit
         return code
@@ -57,7 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
 
 
-def _one_blas_thread() -> None:
+def _limit_blas_threads() -> None:
     """BLAS on one thread, unless the user says otherwise: small matrices make its threads wait for each other.
 
     On a machine that is not idle they made a diagnosis three times as dear. Work is spread by ``model.threads``.
@@ -66,7 +78,7 @@ def _one_blas_thread() -> None:
         os.environ.update(dict.fromkeys(BLAS, "1"))
 
 
-def _open_streams() -> None:
+def _replace_closed_streams() -> None:
     """Streams that were closed by the caller swallow what is printed; a terminal without our letters shows escapes."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
@@ -76,22 +88,22 @@ def _open_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = Parser(prog="machopt", description=machopt.__doc__.splitlines()[0] if machopt.__doc__ else None)
+def _build_parser() -> argparse.ArgumentParser:
+    parser = CommandParser(prog="machopt", description=machopt.__doc__.splitlines()[0] if machopt.__doc__ else None)
     parser.add_argument("--version", action="version", version=f"machopt {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     common = argparse.ArgumentParser(add_help=False)
     common.add_argument("--quiet", action="store_true", help="print errors only")
     common.add_argument("--json", action="store_true", help="print the result as one JSON object")
     common.add_argument("--debug", action="store_true", help="show tracebacks")
-    toolpaths.add_commands(commands, common)
-    measure.add_commands(commands, common)
-    diagnose.add_commands(commands, common)
-    place.add_commands(commands, common)
-    batch.add_commands(commands, common)
-    cells.add_commands(commands, common)
-    view.add_commands(commands, common)
-    for command in commands_of(parser).values():
-        share_common(command)
-    completion.add_commands(commands, parser)
+    toolpath_commands.add_commands(commands, common)
+    stiffness_commands.add_commands(commands, common)
+    diagnose_command.add_commands(commands, common)
+    place_command.add_commands(commands, common)
+    batch_command.add_commands(commands, common)
+    cell_commands.add_commands(commands, common)
+    view_command.add_commands(commands, common)
+    for command in list_commands(parser).values():
+        add_common_options(command)
+    shell_completion.add_commands(commands, parser)
     return parser

@@ -1,5 +1,5 @@
 """``python -m machopt.cli``."""
 
-from machopt.cli.process import run
+from machopt.cli.process_exit import run_command_and_exit
 
-run()
+run_command_and_exit()

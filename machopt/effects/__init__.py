@@ -9,9 +9,12 @@ knows neither robots nor recordings::
                │   tangent(shape, drive)   its slope: what a small load meets
                └   sizes(values, shape, scale), grid(scale): numbers of the trade, and what a search tries
 
-Who needs a law lifts what it returns to where it is seen: :mod:`machopt.model.terms` to the TCP under a plan's load,
-:mod:`machopt.diagnose` to the readings of a load test, of poses, of a motion. ``verify`` has its own second writing.
+Who needs a law lifts what it returns to where it is seen: :mod:`machopt.stiffness.terms` to the TCP under a plan's
+load,
+:mod:`machopt.measurement.diagnosis` to the readings of a load test, of poses, of a motion. ``verify`` has its own
+second writing.
 
-One file a family: :mod:`hardening`, :mod:`backlash`, :mod:`hysteresis`, :mod:`creep`, :mod:`by_angle`;
+One file a family: :mod:`nonlinear_stiffness`, :mod:`backlash`, :mod:`hysteresis`, :mod:`creep`,
+:mod:`angle_dependent_stiffness`;
 :mod:`registry` lists them all. To add an effect is one such file and one line there.
 """

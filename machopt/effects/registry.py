@@ -5,64 +5,64 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 
-from machopt.effects import (
+from machopt.effects.joint import (
+    angle_dependent_stiffness,
     backlash,
-    base,
-    by_angle,
-    compensator,
-    coupling,
     creep,
-    delay,
     friction,
-    geometric,
-    geometry,
-    hardening,
+    gravity_compensator,
     hysteresis,
-    kinematic,
-    link,
-    payload,
-    record,
-    sensor,
-    thermal,
-    tool,
-    vibration,
+    joint_angle_errors,
+    joint_coupling,
+    joint_vibration,
+    nonlinear_stiffness,
 )
-from machopt.effects.protocol import Effect, Unloaded
+from machopt.effects.protocol import Effect, JointAngleLaw
+from machopt.effects.recording import record_faults, sensor_errors, time_delay
+from machopt.effects.structure import (
+    base_compliance,
+    geometric_stiffness,
+    link_compliance,
+    link_geometry,
+    payload,
+    thermal_drift,
+    tool_compliance,
+)
 
-LISTED = (
-    link.EFFECT,
-    base.EFFECT,
-    tool.EFFECT,
-    coupling.ELASTIC,
-    hardening.EFFECT,
+ALL_EFFECTS = (
+    link_compliance.EFFECT,
+    base_compliance.EFFECT,
+    tool_compliance.EFFECT,
+    joint_coupling.ELASTIC,
+    nonlinear_stiffness.EFFECT,
     backlash.EFFECT,
     hysteresis.EFFECT,
     creep.EFFECT,
-    by_angle.EFFECT,
-    compensator.EFFECT,
-    geometric.GEOMETRIC,
+    angle_dependent_stiffness.EFFECT,
+    gravity_compensator.EFFECT,
+    geometric_stiffness.GEOMETRIC,
     payload.PAYLOAD,
-    kinematic.ZERO,
-    kinematic.WAVES,
-    coupling.KINEMATIC,
-    geometry.EFFECT,
+    joint_angle_errors.ZERO,
+    joint_angle_errors.WAVES,
+    joint_coupling.KINEMATIC,
+    link_geometry.EFFECT,
     friction.EFFECT,
-    delay.LAG,
-    vibration.VIBRATION,
-    thermal.THERMAL,
-    sensor.OFFSET,
-    sensor.GAIN,
-    sensor.FRAME,
-    sensor.DISPLACEMENT,
-    sensor.LOAD,
-    record.UNITS,
-    record.COLUMNS,
-    delay.CLOCK,
-    record.OUTLIERS,
+    time_delay.COMMAND_DELAY_EFFECT,
+    joint_vibration.VIBRATION,
+    thermal_drift.THERMAL,
+    sensor_errors.OFFSET,
+    sensor_errors.GAIN,
+    sensor_errors.FRAME,
+    sensor_errors.DISPLACEMENT,
+    sensor_errors.LOAD,
+    record_faults.UNITS,
+    record_faults.COLUMNS,
+    time_delay.CLOCK_EFFECT,
+    record_faults.OUTLIERS,
 )
 
 
-def registry(effects: Iterable[Effect]) -> Mapping[str, Effect]:
+def build_registry(effects: Iterable[Effect]) -> Mapping[str, Effect]:
     """Effects by name, in order.
 
     Raises:
@@ -71,93 +71,93 @@ def registry(effects: Iterable[Effect]) -> Mapping[str, Effect]:
     out: dict[str, Effect] = {}
     seen: set[tuple[str, bool]] = set()
     for effect in effects:
-        word = (effect.called, effect.elastic)
+        word = (effect.file_word, effect.is_elastic)
         if effect.name in out or word in seen:
-            raise ValueError(f"the effect {effect.name if effect.name in out else effect.called!r} stands twice")
+            raise ValueError(f"the effect {effect.name if effect.name in out else effect.file_word!r} stands twice")
         out[effect.name] = effect
         seen.add(word)
     return MappingProxyType(out)
 
 
-EFFECTS = registry(LISTED)
+EFFECTS = build_registry(ALL_EFFECTS)
 
 
-def known(word: str) -> Effect | None:
+def find_effect(word: str) -> Effect | None:
     """The effect that files and findings mean by a word, the first where two share it; None of a user's own."""
-    return EFFECTS.get(word) or next((e for e in EFFECTS.values() if e.called == word), None)
+    return EFFECTS.get(word) or next((e for e in EFFECTS.values() if e.file_word == word), None)
 
 
-def elastic(word: str) -> Effect:
+def find_elastic_effect(word: str) -> Effect:
     """The effect that stiffness.yaml means by a word that it may use."""
-    return next(e for e in EFFECTS.values() if e.elastic and e.called == word)
+    return next(e for e in EFFECTS.values() if e.is_elastic and e.file_word == word)
 
 
-def without_load() -> Mapping[str, tuple[Effect, Unloaded]]:
+def list_angle_effects_by_word() -> Mapping[str, tuple[Effect, JointAngleLaw]]:
     """What kinematics.yaml can hold, by the words it uses."""
-    return {e.called: (e, e.unloaded[0]) for e in EFFECTS.values() if e.unloaded}
+    return {e.file_word: (e, e.angle_laws[0]) for e in EFFECTS.values() if e.angle_laws}
 
 
-def of_angles(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
+def select_angle_effects(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
     """Those that a joint is off by without any load, in the order in which a search tries them."""
-    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.unloaded)
+    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.angle_laws)
 
 
-def of_joint_torque(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
+def select_joint_torque_effects(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
     """Those that twist a joint by its own torque, in the order in which a search tries them."""
     listed = (EFFECTS if effects is None else effects).values()
-    return tuple(e for e in listed if e.laws and not e.paired)
+    return tuple(e for e in listed if e.joint_laws and not e.is_joint_pair)
 
 
-def of_joint_pairs() -> tuple[Effect, ...]:
+def select_joint_pair_effects() -> tuple[Effect, ...]:
     """Those that twist each of two joints by the torque of the other."""
-    return tuple(e for e in EFFECTS.values() if e.laws and e.paired)
+    return tuple(e for e in EFFECTS.values() if e.joint_laws and e.is_joint_pair)
 
 
-def of_beside(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
+def select_parallel_torque_effects(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
     """Those that put a torque on a joint beside its gear."""
-    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.beside)
+    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.parallel_torque_laws)
 
 
-def of_bodies(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
+def select_body_effects(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
     """Those that give way under the wrench that a body bears, in the order in which a search tries them."""
-    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.gives)
+    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.body_laws)
 
 
-def of_records(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
+def select_record_effects(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
     """Those that are wrong with forces or displacements of a record."""
-    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.recorded)
+    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.record_laws)
 
 
-def of_friction(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
+def select_friction_effects(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
     """Those that a motor works against in motion."""
-    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.rubs)
+    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.friction_laws)
 
 
-def of_motors(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
+def select_motor_effects(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
     """Those of what drives tell beyond what each joint asks of its own motor."""
-    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.motors)
+    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.motor_laws)
 
 
-def of_drifts(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
+def select_drift_effects(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
     """Those that move arm or set-up with time or temperature."""
-    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.drifts)
+    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.drift_laws)
 
 
-def of_flange(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
+def select_payload_effects(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
     """Those of what the tool side carries."""
-    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.carries)
+    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.payload_laws)
 
 
-def of_swings(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
+def select_vibration_effects(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
     """Those that swing on a joint's spring."""
-    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.swings)
+    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.vibration_laws)
 
 
-def of_clocks(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
+def select_channel_delay_effects(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
     """Those of a channel that comes late in the record."""
-    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.delays and e.port == "record")
+    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.delay_laws and e.port == "record")
 
 
-def of_followers(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
+def select_command_delay_effects(effects: Mapping[str, Effect] | None = None) -> tuple[Effect, ...]:
     """Those of an arm that comes behind its command."""
-    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.delays and e.port != "record")
+    return tuple(e for e in (EFFECTS if effects is None else effects).values() if e.delay_laws and e.port != "record")

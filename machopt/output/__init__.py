@@ -4,17 +4,17 @@
 whether it still does.
 """
 
-from machopt.output.folder import is_machopt_output, output_folder
-from machopt.output.jsonfile import read_result, write_json, write_result
-from machopt.output.manifest import MANIFEST, read_manifest, write_manifest
+from machopt.output.json_files import read_result, write_json, write_result
+from machopt.output.manifest_file import MANIFEST, read_manifest, write_manifest
+from machopt.output.output_folder import is_machopt_output, write_output_folder
 
 __all__ = [
     "MANIFEST",
     "is_machopt_output",
-    "output_folder",
     "read_manifest",
     "read_result",
     "write_json",
     "write_manifest",
+    "write_output_folder",
     "write_result",
 ]

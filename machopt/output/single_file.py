@@ -17,7 +17,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from machopt.errors import InputError
-from machopt.output.hashes import digest
+from machopt.output.file_hashes import compute_digest
 
 _SEAL = re.compile(rb"(?:<!--|#) machopt sha256:([0-9a-f]{64})(?: -->)?\n\Z")
 _COMMENT = {".yaml": "# {}\n", ".yml": "# {}\n"}
@@ -40,7 +40,7 @@ def write_text_file(path: Path, text: str, *, force: bool = False, inputs: Itera
     suffix = path.suffix.lower()
     data = text.encode()
     if suffix in _SEALED or text.lstrip().startswith("<"):
-        line = _COMMENT.get(suffix, "<!-- {} -->\n").format(f"machopt sha256:{digest(data)}")
+        line = _COMMENT.get(suffix, "<!-- {} -->\n").format(f"machopt sha256:{compute_digest(data)}")
         data += line.encode()
     write_bytes_file(path, data, force=force, inputs=inputs)
 
@@ -91,7 +91,7 @@ def _refuse_overwriting(target: Path, named: Path, data: bytes | None, *, force:
         raise InputError("is read-only; name another file, or give --force", file=named)
     if data is not None and found.st_size == len(data) and target.read_bytes() == data:
         return
-    if not _sealed_by_machopt(target, found.st_size):
+    if not _has_machopt_seal(target, found.st_size):
         raise InputError(
             "exists, and machopt did not write it or it was edited since; name another file, or give --force "
             "(force=True in Python)",
@@ -107,9 +107,9 @@ def _is_same_file(place: Path, found: os.stat_result) -> bool:
         return False
 
 
-def _sealed_by_machopt(file: Path, size: int) -> bool:
+def _has_machopt_seal(file: Path, size: int) -> bool:
     if size > 512 << 20:  # no page of ours comes near
         return False
     data = file.read_bytes()
     mark = _SEAL.search(data, max(0, size - 128))
-    return mark is not None and digest(data[: mark.start()]) == mark[1].decode()
+    return mark is not None and compute_digest(data[: mark.start()]) == mark[1].decode()

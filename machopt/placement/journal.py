@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from machopt.errors import InputError
-from machopt.placement.asked import Shift
-from machopt.placement.found import Place, Planned
+from machopt.placement.search_options import PlacementShift
+from machopt.placement.search_result import PlacementCandidate, PlannedPlacement
 
 _FIRST_LINE = 4096  # bytes; that of a journal is shorter
-One = TypeVar("One", Place, Planned)
+JournalEntry = TypeVar("JournalEntry", PlacementCandidate, PlannedPlacement)
 
 
 def refuse_foreign_journal(path: Path, *, force: bool) -> None:
@@ -34,7 +34,7 @@ def refuse_foreign_journal(path: Path, *, force: bool) -> None:
             return
         with path.open("rb") as data:
             line = data.readline(_FIRST_LINE)
-        first = _object(line.decode("utf-8", errors="replace")) if line else {"placement": ""}
+        first = _parse_line(line.decode("utf-8", errors="replace")) if line else {"placement": ""}
     if not (isinstance(first, dict) and set(first) == {"placement"}):
         raise InputError(
             "is where the search notes its progress, and machopt did not write it; move it, name another output "
@@ -43,7 +43,7 @@ def refuse_foreign_journal(path: Path, *, force: bool) -> None:
         )
 
 
-class Journal:
+class SearchJournal:
     """Found places by number; ``path`` None: kept nowhere.
 
     Raises:
@@ -52,8 +52,8 @@ class Journal:
 
     def __init__(self, path: Path | None, key: str) -> None:
         self.path = path
-        self._places: dict[int, Place] = {}
-        self._planned: dict[int, Planned] = {}
+        self._places: dict[int, PlacementCandidate] = {}
+        self._planned: dict[int, PlannedPlacement] = {}
         if path is None:
             return
         if not self._read(path, key):
@@ -61,24 +61,24 @@ class Journal:
             self._write("w", {"placement": key})
 
     @property
-    def known(self) -> int:
+    def known_count(self) -> int:
         """Places that an earlier run looked at."""
         return len(self._places)
 
-    def place(self, number: int, shift: Shift) -> Place | None:
+    def find_candidate(self, number: int, shift: PlacementShift) -> PlacementCandidate | None:
         found = self._places.get(number)
         return found if found is not None and found.shift == shift else None
 
-    def planned(self, place: Place) -> Planned | None:
+    def find_planned(self, place: PlacementCandidate) -> PlannedPlacement | None:
         return self._planned.get(place.number)
 
-    def keep(self, one: One) -> One:
+    def append(self, one: JournalEntry) -> JournalEntry:
         """Note what was found."""
-        kind = "place" if isinstance(one, Place) else "planned"
-        self._write("a", {kind: _plain(one)})
+        kind = "place" if isinstance(one, PlacementCandidate) else "planned"
+        self._write("a", {kind: _to_json_types(one)})
         return one
 
-    def done(self) -> None:
+    def remove(self) -> None:
         """The run has ended well."""
         if self.path is not None:
             self.path.unlink(missing_ok=True)
@@ -89,20 +89,20 @@ class Journal:
         except (OSError, UnicodeDecodeError):
             return False
         lines = text.splitlines()
-        if not lines or _object(lines[0]) != {"placement": key}:
+        if not lines or _parse_line(lines[0]) != {"placement": key}:
             return False
         if not text.endswith("\n"):  # a killed run left half a line: the next begins its own
             with path.open("a", encoding="utf-8") as file:
                 file.write("\n")
         for line in lines[1:]:
             with contextlib.suppress(TypeError, KeyError, ValueError):
-                ((kind, value),) = _object(line).items()
+                ((kind, value),) = _parse_line(line).items()
                 if kind == "place":
-                    place = _place(value)
+                    place = _parse_candidate(value)
                     self._places[place.number] = place
                 elif kind == "planned":
-                    whole = {"place": _place(value["place"]), "shares": tuple(value["shares"])}
-                    one = Planned(**{**_numbers(value), **whole})
+                    whole = {"place": _parse_candidate(value["place"]), "shares": tuple(value["shares"])}
+                    one = PlannedPlacement(**{**_from_json_types(value), **whole})
                     self._planned[one.place.number] = one
         return True
 
@@ -117,7 +117,7 @@ class Journal:
             raise InputError(f"cannot be written: {problem.strerror}", file=self.path) from None
 
 
-def _object(line: str) -> dict[str, Any]:
+def _parse_line(line: str) -> dict[str, Any]:
     try:
         value = json.loads(line)
     except json.JSONDecodeError:
@@ -125,16 +125,16 @@ def _object(line: str) -> dict[str, Any]:
     return value if isinstance(value, dict) else {}
 
 
-def _plain(one: Any) -> Any:
+def _to_json_types(one: Any) -> Any:
     """Fields as JSON has them; what is not finite as text."""
-    if isinstance(one, Place | Planned | Shift):
-        return {name: _plain(value) for name, value in vars(one).items()}
+    if isinstance(one, PlacementCandidate | PlannedPlacement | PlacementShift):
+        return {name: _to_json_types(value) for name, value in vars(one).items()}
     return repr(one) if isinstance(one, float) and not math.isfinite(one) else one
 
 
-def _numbers(value: dict[str, Any]) -> dict[str, Any]:
+def _from_json_types(value: dict[str, Any]) -> dict[str, Any]:
     return {name: float(v) if v in ("inf", "-inf", "nan") else v for name, v in value.items()}
 
 
-def _place(value: dict[str, Any]) -> Place:
-    return Place(**{**_numbers(value), "shift": Shift(**value["shift"])})
+def _parse_candidate(value: dict[str, Any]) -> PlacementCandidate:
+    return PlacementCandidate(**{**_from_json_types(value), "shift": PlacementShift(**value["shift"])})

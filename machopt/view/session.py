@@ -10,80 +10,82 @@ from typing import Any
 
 import numpy as np
 
-from machopt.domain.cell import Cell
-from machopt.domain.options import PlanOptions, Steer
-from machopt.domain.results.view import ViewAnswer
-from machopt.domain.steering import refuse_narrow, steered, stretches
+from machopt.commands.input_hashes import map_hashes_by_name
+from machopt.commands.manifest import list_option_fields
+from machopt.commands.optimize.computation import OptimizeComputation, compute_optimize_plan
+from machopt.commands.optimize.request import OptimizeInputs
+from machopt.commands.optimize.verified_files import write_verified_files
+from machopt.data_types.cell import Cell
+from machopt.data_types.documents.view_document import ViewAnswerDocument
+from machopt.data_types.plan_options import PlanOptions, SteeringRule
+from machopt.data_types.steering import list_steered_stretches, refuse_narrow_zones, resolve_steering
 from machopt.errors import InputError
-from machopt.formats.options import load_options, options_as_user
+from machopt.options.plan_option_reader import format_user_options, load_options
 from machopt.output.single_file import write_text_file
-from machopt.plan.external.axes import axes_of
-from machopt.plan.job.conflict import whole
-from machopt.plan.kept import Store, keeping
-from machopt.plan.pipeline.setup import Progress, Timings
-from machopt.plan.written.contact_map import mapped
-from machopt.plan.written.explain import all_breaks
-from machopt.report.gather.optimize import measured, report_data
-from machopt.report.page import report_html
-from machopt.report.steering import Axis, Steering
-from machopt.services.inputs import hashes_of
-from machopt.services.load import Loaded
-from machopt.services.manifest import under
-from machopt.services.planned import Planned, planned
-from machopt.services.written import write
-from machopt.view.compare import compared
+from machopt.planning.cache import StepCache, use_step_cache
+from machopt.planning.external_axes.axis_modes import resolve_axis_options
+from machopt.planning.job.constraint_conflicts import is_complete
+from machopt.planning.pipeline.planning_setup import Progress, StageTimings
+from machopt.planning.plan_output.collision_map import compute_collision_map
+from machopt.planning.plan_output.infeasibility_reasons import list_breaks
+from machopt.report.page_data.optimize import build_report_data, format_measured_value
+from machopt.report.page_types.steering import SteeringAxis, SteeringData
+from machopt.report.pages.optimize.optimize_page import build_report_html
+from machopt.view.plan_comparison import compare_plans
 
-_PASSED = {True: "passed", False: "FAILED", None: "not run"}
-KEYS = ("fixed", "steer", "external")  # of a plan file, that the page may set
+_CHECK_TEXTS = {True: "passed", False: "FAILED", None: "not run"}
+WISH_KEYS = ("fixed", "steer", "external")  # of a plan file, that the page may set
 
 
 @dataclass(kw_only=True)
-class Session:
+class ViewSession:
     """One cell and toolpath; the plan shown, and the one it is compared with."""
 
-    given: Loaded
+    optimize_inputs: OptimizeInputs
     file: Path  # where the plan file is saved
     words: tuple[str, ...]  # of the command that plans the same anew, without the plan file
-    now: Planned
-    before: Planned | None = None
-    told: str = ""
-    good: bool = True
+    current: OptimizeComputation
+    previous: OptimizeComputation | None = None
+    message: str = ""
+    has_motion: bool = True
     overwrite: bool = False  # replace whatever file is where the plan is saved
     inputs: tuple[Path, ...] = ()  # files that were read
-    answers: list[tuple[Planned, ViewAnswer]] = field(default_factory=list)  # of verify, of plans shown or before
-    kept: Store = field(default_factory=Store)  # what the steps of earlier plans came to
+    verifications: list[tuple[OptimizeComputation, ViewAnswerDocument]] = field(
+        default_factory=list
+    )  # of verify, of plans shown or before
+    cache: StepCache = field(default_factory=StepCache)  # what the steps of earlier plans came to
 
     @classmethod
-    def begun(
+    def start(
         cls,
-        given: Loaded,
+        given: OptimizeInputs,
         file: Path,
         words: tuple[str, ...],
         progress: Progress,
         *,
         overwrite: bool = False,
         inputs: tuple[Path, ...] = (),
-    ) -> Session:
+    ) -> ViewSession:
         """Plan as asked."""
-        store = Store()
-        with keeping(store):
-            made = planned(given, Timings(progress=progress))
-        told, good = _outcome(made)
+        store = StepCache()
+        with use_step_cache(store):
+            made = compute_optimize_plan(given, StageTimings(progress=progress))
+        told, good = _describe_outcome(made)
         return cls(
-            given=given,
+            optimize_inputs=given,
             file=file,
             words=words,
-            now=made,
-            told=told,
-            good=good,
+            current=made,
+            message=told,
+            has_motion=good,
             overwrite=overwrite,
             inputs=inputs,
-            kept=store,
+            cache=store,
         )
 
-    def wishes(self) -> dict[str, Any]:
+    def list_wishes(self) -> dict[str, Any]:
         """What the plan shown was steered by, under the keys of a plan file."""
-        user = options_as_user(self.now.given.options)
+        user = format_user_options(self.current.inputs.options)
         return {"fixed": user["fixed"], "steer": user.get("steer", []), "external": user.get("external", {})}
 
     def replan(self, wishes: dict[str, Any], progress: Progress) -> tuple[str, bool]:
@@ -96,33 +98,35 @@ class Session:
         Raises:
             InputError: a wish that cannot be meant; the plan shown stays.
         """
-        options = self._options(wishes)
-        if self.good and options_as_user(options) == options_as_user(self.now.given.options):
+        options = self._build_options(wishes)
+        if self.has_motion and format_user_options(options) == format_user_options(self.current.inputs.options):
             return "Nothing is changed: the plan shown stays, with its verification.", True
-        old = [stint.plan for stint in self.now.made.stints]
+        old = [stint.plan for stint in self.current.job_result.stints]
         lends = old if all(p.compensation is None for p in old) else ()  # its path is another one
-        given = self.given
-        manifest = replace(given.manifest, **under(given.cell, options, given.toolpath))
-        with keeping(self.kept):
-            made = planned(replace(given, options=options, manifest=manifest), Timings(progress=progress), lends)
-        told, good = _outcome(made)
-        if self.good and not good:
+        given = self.optimize_inputs
+        manifest = replace(given.manifest, **list_option_fields(given.cell, options, given.toolpath))
+        with use_step_cache(self.cache):
+            made = compute_optimize_plan(
+                replace(given, options=options, manifest=manifest), StageTimings(progress=progress), lends
+            )
+        told, good = _describe_outcome(made)
+        if self.has_motion and not good:
             return told, False
-        self.before, self.now, self.told, self.good = self.now, made, told, good
+        self.previous, self.current, self.message, self.has_motion = self.current, made, told, good
         return told, True
 
-    def back(self) -> None:
+    def swap_plans(self) -> None:
         """Change the plan shown for the one before."""
-        if self.before is not None:
-            self.before, self.now = self.now, self.before
-            self.told, self.good = _outcome(self.now)
+        if self.previous is not None:
+            self.previous, self.current = self.current, self.previous
+            self.message, self.has_motion = _describe_outcome(self.current)
 
-    def save(self) -> str:
+    def save_plan_file(self) -> str:
         """Write the plan file; its command."""
         write_text_file(self.file, self.plan_text(), force=self.overwrite, inputs=self.inputs)
         return self.command
 
-    def verified(self, progress: Progress) -> ViewAnswer:
+    def verify(self, progress: Progress) -> ViewAnswerDocument:
         """Write the plan shown to a folder of its own, programs included, and hold it against cell and toolpath.
 
         The checks share no code with the planner. The folder is gone afterwards.
@@ -131,12 +135,21 @@ class Session:
             what the page shows: a sentence, whether all is well, and every check.
         """
         with TemporaryDirectory(prefix="machopt-view-") as place:
-            timed = replace(self.now, timings=Timings(progress=progress))
-            found = write(replace(timed, given=replace(self.now.given, front=False)), Path(place)).verification
+            timed = replace(self.current, timings=StageTimings(progress=progress))
+            found = write_verified_files(
+                replace(timed, inputs=replace(self.current.inputs, front=False)), Path(place)
+            ).verification
         if found is None:
-            return ViewAnswer(told="There is no motion to verify.", good=False)
+            return ViewAnswerDocument(told="There is no motion to verify.", good=False)
         rows = tuple(
-            (c.name, _PASSED[c.passed], measured(c.value, c), measured(c.limit, c), c.where) for c in found.checks
+            (
+                c.name,
+                _CHECK_TEXTS[c.passed],
+                format_measured_value(c.value, c),
+                format_measured_value(c.limit, c),
+                c.where,
+            )
+            for c in found.checks
         )
         good, bad = sum(c.passed is True for c in found.checks), [c.name for c in found.failed]
         told = f"Verification passed: {good} checks of every file that optimize would write."
@@ -144,15 +157,15 @@ class Session:
             told = f"VERIFICATION FAILED: {', '.join(bad)}."
         if left := [c.name for c in found.checks if c.passed is None]:
             told += f" Not run: {', '.join(left)}."
-        answer = ViewAnswer(told=told, good=not bad, checks=rows)
-        shown = [one for one in self.answers if one[0] is self.before]
-        self.answers = [*shown, (self.now, answer)]
+        answer = ViewAnswerDocument(told=told, good=not bad, checks=rows)
+        shown = [one for one in self.verifications if one[0] is self.previous]
+        self.verifications = [*shown, (self.current, answer)]
         return answer
 
     @property
-    def _verification(self) -> ViewAnswer | None:
+    def _verification(self) -> ViewAnswerDocument | None:
         """Of the plan shown."""
-        return next((answer for plan, answer in self.answers if plan is self.now), None)
+        return next((answer for plan, answer in self.verifications if plan is self.current), None)
 
     @property
     def command(self) -> str:
@@ -161,89 +174,93 @@ class Session:
 
     def plan_text(self) -> str:
         """Every option of the plan shown as a plan file: YAML 1.2, of which JSON values are a part."""
-        user = {"machopt_plan": 1, **options_as_user(self.now.given.options)}
+        user = {"machopt_plan": 1, **format_user_options(self.current.inputs.options)}
         user.setdefault("steer", [])  # an empty list takes the place of one in cell.yaml
         lines = ["# yaml-language-server: $schema=plan.schema.json"]
         for key, value in user.items():
             if isinstance(value, list) and value:
-                lines += [f"{key}:", *(f"  - {_flow(item)}" for item in value)]
+                lines += [f"{key}:", *(f"  - {_format_yaml_flow(item)}" for item in value)]
             else:
-                lines.append(f"{key}: {_flow(value)}")
+                lines.append(f"{key}: {_format_yaml_flow(value)}")
         return "\n".join(lines) + "\n"
 
-    def html(self) -> str:
+    def build_html(self) -> str:
         """The page: the report of the plan shown, and what steers it."""
-        made, timings = self.now.made, self.now.timings
-        data = report_data(
+        made, timings = self.current.job_result, self.current.timings
+        data = build_report_data(
             made.plan,
             made.toolpath,
             made.points,
             made.timeline,
             None,
-            shown=mapped(made.plan),
+            shown=compute_collision_map(made.plan),
             blockers=made.production_blockers,
-            before=None if self.before is None else self.before.made.plan,
-            hashes=hashes_of(made.manifest.inputs),
-            options=options_as_user(made.options),
+            before=None if self.previous is None else self.previous.job_result.plan,
+            hashes=map_hashes_by_name(made.manifest.inputs),
+            options=format_user_options(made.options),
             timings=timings.seconds,
         )
-        return report_html(data, self._steering())
+        return build_report_html(data, self._build_steering_data())
 
-    def _options(self, wishes: dict[str, Any]) -> PlanOptions:
-        unknown = sorted(set(wishes) - set(KEYS))
+    def _build_options(self, wishes: dict[str, Any]) -> PlanOptions:
+        unknown = sorted(set(wishes) - set(WISH_KEYS))
         if unknown:
-            raise InputError(f"found {', '.join(unknown)}; {', '.join(KEYS)} can be set here", file="view")
-        base = options_as_user(self.given.options)
-        asked = {**base, **{k: wishes.get(k, base.get(k, [])) for k in KEYS}}
+            raise InputError(f"found {', '.join(unknown)}; {', '.join(WISH_KEYS)} can be set here", file="view")
+        base = format_user_options(self.optimize_inputs.options)
+        asked = {**base, **{k: wishes.get(k, base.get(k, [])) for k in WISH_KEYS}}
         if not asked["external"]:
             del asked["external"]
         options = load_options(**asked)
-        if any(f.point >= len(self.given.toolpath) for f in options.fixed):
-            raise InputError(f"the toolpath has points 0 to {len(self.given.toolpath) - 1}", file="view", where="fixed")
-        steered(options, self.given.toolpath)
-        refuse_narrow(options)
-        axes_of(self.given.cell, options)
+        if any(f.point >= len(self.optimize_inputs.toolpath) for f in options.fixed):
+            raise InputError(
+                f"the toolpath has points 0 to {len(self.optimize_inputs.toolpath) - 1}", file="view", where="fixed"
+            )
+        resolve_steering(options, self.optimize_inputs.toolpath)
+        refuse_narrow_zones(options)
+        resolve_axis_options(self.optimize_inputs.cell, options)
         return options
 
-    def _steering(self) -> Steering:
-        cell, toolpath = self.given.cell, self.given.toolpath
-        candidates = self.now.made.plan.candidates
+    def _build_steering_data(self) -> SteeringData:
+        cell, toolpath = self.optimize_inputs.cell, self.optimize_inputs.toolpath
+        candidates = self.current.job_result.plan.candidates
         labels = list(dict.fromkeys(o.label for o in toolpath.operations))
-        parts = [(label, tuple(stretches(Steer(operation=label), toolpath))) for label in labels]
-        return Steering(
+        parts = [(label, tuple(list_steered_stretches(SteeringRule(operation=label), toolpath))) for label in labels]
+        return SteeringData(
             operations=tuple((label, points) for label, points in parts if points),
             points=len(toolpath),
             branches=candidates.q.shape[2] if candidates.stable else 0,
-            axes=tuple(_axis(cell, k) for k in range(len(cell.external_joints))),
-            wishes=self.wishes(),
-            compared=compared(self.now.made, None if self.before is None else self.before.made),
-            told=self.told,
-            good=self.good,
+            axes=tuple(_build_axis(cell, k) for k in range(len(cell.external_joints))),
+            wishes=self.list_wishes(),
+            compared=compare_plans(
+                self.current.job_result, None if self.previous is None else self.previous.job_result
+            ),
+            message=self.message,
+            has_motion=self.has_motion,
             file=str(self.file),
             command=self.command,
-            verified=None if (answer := self._verification) is None else answer.plain(),
+            verified=None if (answer := self._verification) is None else answer.to_json_types(),
         )
 
 
-def _axis(cell: Cell, k: int) -> Axis:
+def _build_axis(cell: Cell, k: int) -> SteeringAxis:
     unit, per = ("mm", 1e3) if cell.external_prismatic[k] else ("deg", float(np.degrees(1.0)))
     low, high = (float(values[6 + k]) * per for values in (cell.limits.lower, cell.limits.upper))
-    return Axis(cell.external_joints[k], unit, low, high)
+    return SteeringAxis(cell.external_joints[k], unit, low, high)
 
 
-def _outcome(made: Planned) -> tuple[str, bool]:
+def _describe_outcome(made: OptimizeComputation) -> tuple[str, bool]:
     """A sentence on what came of it, and whether there is a motion."""
-    plan, timeline = made.made.plan, made.made.timeline
+    plan, timeline = made.job_result.plan, made.job_result.timeline
     seconds = sum(made.timings.seconds.values())
     if timeline is not None and timeline.trajectory is not None:
         return f"Planned in {seconds:.1f} s.", True
     if plan.conflict:
         return plan.conflict, False
-    breaks = all_breaks(plan, timeline.obstructions if timeline else ())
+    breaks = list_breaks(plan, timeline.obstructions if timeline else ())
     if breaks:
         return f"No continuous motion {breaks[0].where}: {breaks[0].text}.", False
-    return ("No motion was found." if whole(plan) else "Some points have no posture; the page lists them."), False
+    return ("No motion was found." if is_complete(plan) else "Some points have no posture; the page lists them."), False
 
 
-def _flow(value: object) -> str:
+def _format_yaml_flow(value: object) -> str:
     return json.dumps(value, ensure_ascii=False, allow_nan=False)

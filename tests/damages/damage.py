@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from machopt.commands.optimize.request import OptimizeRequest
+from machopt.commands.optimize.run import run_optimize
 from machopt.output import MANIFEST
-from machopt.output.hashes import sha256_of
-from machopt.output.manifest import listed, seal
-from machopt.services.load import OptimizeRequest
-from machopt.services.run import optimize
+from machopt.output.file_hashes import compute_sha256
+from machopt.output.manifest_file import compute_seal, list_folder_files
 
 ROOT = Path(__file__).resolve().parents[2]
 CELLS = ROOT / "cells"
@@ -77,8 +77,10 @@ def plan_table(
     shutil.copytree(cell, folder / "cell")
     job = Job(folder / "cell", toolpath, folder / "out", posts)
     coarse = ("rotation_step_deg=15", *overrides)  # the plan need not be good, only sound
-    outcome = optimize(OptimizeRequest(cell=job.cell, toolpath=toolpath, out=job.out, overrides=coarse, posts=posts))
-    assert outcome.exit_code == 0, outcome.result.plain()["verification"]
+    outcome = run_optimize(
+        OptimizeRequest(cell=job.cell, toolpath=toolpath, out=job.out, overrides=coarse, posts=posts)
+    )
+    assert outcome.exit_code == 0, outcome.result.to_json_types()["verification"]
     return job
 
 
@@ -98,18 +100,18 @@ def reseal(out: Path) -> None:
     """Make result.json's and the manifest's hashes fit what lies in the folder, as a forger would."""
     with editing(out / "result.json") as result:
         own = {"result.json", MANIFEST}
-        result["outputs"] = {name: sha256_of(out / name) for name in sorted(listed(out) - own)}
+        result["outputs"] = {name: compute_sha256(out / name) for name in sorted(list_folder_files(out) - own)}
     with editing(out / MANIFEST) as manifest:
         roles = {name: item["role"] for name, item in manifest["files"].items()}
         manifest["files"] = {
             name: {
                 "role": roles.get(name, "other"),
-                "sha256": sha256_of(out / name),
+                "sha256": compute_sha256(out / name),
                 "size": (out / name).stat().st_size,
             }
-            for name in sorted(listed(out) - {MANIFEST})
+            for name in sorted(list_folder_files(out) - {MANIFEST})
         }
-        manifest["seal"] = seal(manifest)
+        manifest["seal"] = compute_seal(manifest)
 
 
 @contextmanager

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from damages.damage import Damage, Job, edited, editing, in_text, one
-from machopt.output.hashes import sha256_of
-from machopt.output.manifest import seal
+from machopt.output.file_hashes import compute_sha256
+from machopt.output.manifest_file import compute_seal
 
 POINTS, MOTION = "points.csv can be read", "trajectory.csv can be read"
 LISTED, MANIFEST, INPUTS = "files as listed", "manifest.json", "made from these inputs"
@@ -207,11 +207,11 @@ def with_program(name: str, post: str, *, role: str = "program", own: bool = Tru
         file.parent.mkdir(exist_ok=True)
         file.write_bytes(b"\xd0\xcf\x11\xe0")
         with editing(job.out / "manifest.json") as m:
-            m["files"][name] = {"role": role, "sha256": sha256_of(file), "size": file.stat().st_size}
+            m["files"][name] = {"role": role, "sha256": compute_sha256(file), "size": file.stat().st_size}
             if own:
                 m["programs"].append({"post": post, "files": [name]})
             m["files"] = dict(sorted(m["files"].items()))
-            m["seal"] = seal(m)
+            m["seal"] = compute_seal(m)
 
     return apply
 

@@ -9,8 +9,8 @@ from functools import partial
 from pathlib import Path
 
 from damages.damage import CELLS, JOBS, Damage, Job, one
-from machopt.services.load import OptimizeRequest
-from machopt.services.run import optimize
+from machopt.commands.optimize.request import OptimizeRequest
+from machopt.commands.optimize.run import run_optimize
 
 # a pass over the head with a corner, feeds, and everything that has to happen beside
 APT = """UNITS/MM
@@ -66,12 +66,12 @@ def plan_in(language: str, folder: Path) -> Job:
     toolpath = folder / "part.apt"
     toolpath.write_text(APT, encoding="utf-8")
     job = Job(folder / "cell", toolpath, folder / "out", (language,))
-    outcome = optimize(
+    outcome = run_optimize(
         OptimizeRequest(
             cell=job.cell, toolpath=toolpath, out=job.out, posts=(language,), overrides=("rotation_step_deg=15",)
         )
     )
-    assert outcome.exit_code == 0, outcome.result.plain()["verification"]
+    assert outcome.exit_code == 0, outcome.result.to_json_types()["verification"]
     return job
 
 

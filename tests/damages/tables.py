@@ -11,9 +11,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from damages.damage import Damage, Job, in_table, in_text
-from machopt.formats.cell import load_cell
-from machopt.model.ik import refine
-from machopt.model.robot import load_robot
+from machopt.cell.cell_reader import load_cell
+from machopt.kinematics.inverse.solver import refine_by_newton
+from machopt.kinematics.robot import load_robot
 
 Row = dict[str, str]
 Rows = list[Row]
@@ -154,7 +154,7 @@ def turned(degrees: float) -> Callable[[Job], None]:
             a = np.radians(degrees)
             turn = np.eye(4)
             turn[:2, :2] = [[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]
-            q, _ = refine(robot, robot.fk(q, tcp) @ turn, q, tcp, 8)
+            q, _ = refine_by_newton(robot, robot.compute_fk(q, tcp) @ turn, q, tcp, 8)
             row.update({c: f"{np.degrees(v):.6f}" for c, v in zip(JOINTS, q, strict=True)})
             row["gamma_deg"] = f"{float(row['gamma_deg']) + degrees:.6f}"
 
@@ -173,7 +173,7 @@ def dip(depth_mm: float, word: str) -> Callable[[Job], None]:
         def change(table: Rows) -> None:
             at = max(n for n, row in enumerate(table) if row["point"] and float(row["point"]) == 8.0)
             q = np.radians([float(table[at][c]) for c in JOINTS])
-            pose = robot.fk(q, tcp)
+            pose = robot.compute_fk(q, tcp)
             count = int(np.ceil(depth_mm / 0.4))  # 0.4 mm a sample: 33 mm/s
             u = np.linspace(0.0, 1.0, count + 1)[1:]
             down = u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
@@ -181,7 +181,7 @@ def dip(depth_mm: float, word: str) -> Callable[[Job], None]:
             for share in way:
                 there = pose.copy()
                 there[:3, 3] += 1e-3 * depth_mm * share * pose[:3, 2]
-                q, _ = refine(robot, there, q, tcp, 4)
+                q, _ = refine_by_newton(robot, there, q, tcp, 4)
                 speed = abs(share - before) * depth_mm / 0.012 * 60.0
                 before = share
                 joints = {c: f"{np.degrees(v):.9f}" for c, v in zip(JOINTS, q, strict=True)}

@@ -16,11 +16,10 @@ import numpy as np
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE.parents[1])]
 
-from made_up_program import ARM, MAPPED, TOOL, WORKPIECE, standing_of  # noqa: E402
-
 from machopt.domain.program import LIN, PTP, RobotProgram  # noqa: E402
 from machopt.domain.toolpath import Event, Move  # noqa: E402
 from machopt.formats.posts import post_names, program_name, write_program  # noqa: E402
+from made_up_program import ARM, MAPPED, TOOL, WORKPIECE, standing_of  # noqa: E402
 
 
 def job() -> RobotProgram:

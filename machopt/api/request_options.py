@@ -1,0 +1,133 @@
+"""From a caller's keywords to the request that a service takes: one table of names and defaults, the request itself."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+
+from machopt.errors import InputError, suggest_nearest_word
+
+R = TypeVar("R")
+NON_OPTION_ARGUMENTS = (
+    "cell",
+    "recordings",
+    "jobs",
+    "robot",
+    "out",
+    "allow_external",
+    "effects",
+)  # what a call gives by other means
+NOWHERE = Path()  # ``out`` of a request whose place is named later, by ``save``
+
+
+def list_option_names(request: type[Any]) -> list[str]:
+    """The options of a command, as its request has them."""
+    return [f.name for f in fields(request) if f.name not in NON_OPTION_ARGUMENTS]
+
+
+def build_request(request: type[R], options: Mapping[str, Any], **given: Any) -> R:
+    """A request with these options; what is not given keeps the request's own default.
+
+    Args:
+        request: the dataclass of a service.
+        options: values by the names of :func:`list_option_names`; lists and paths may be of any kind.
+        given: the fields that are no options.
+
+    Raises:
+        InputError: an option that the command does not have, with the nearest; or one of another type.
+    """
+    known = list_option_names(request)
+    for name in options:
+        if name not in known:
+            raise InputError(f"there is no such option; {suggest_nearest_word(name, known)}", where=name)
+    kinds = {f.name: str(f.type) for f in fields(request)}  # type: ignore[arg-type]
+    hints = get_type_hints(request)
+    plain = {
+        name: check_value_type(_convert_to_field_type(value, kinds[name], name), hints[name], name)
+        for name, value in options.items()
+    }
+    return request(**plain, **given)
+
+
+def convert_to_path(value: object, where: str) -> Path:
+    """A path that a caller gave as text or as any kind of path.
+
+    Raises:
+        InputError: it is neither; ``where`` is the argument's name.
+    """
+    if not isinstance(value, str | os.PathLike):
+        raise InputError(f"found {_format_value(value)}; a path would work, as text or pathlib.Path", where=where)
+    return Path(os.fspath(value))
+
+
+def convert_to_paths(value: object, where: str) -> tuple[Path, ...]:
+    """One path or several.
+
+    Raises:
+        InputError: something else, or something else among them.
+    """
+    if isinstance(value, Iterable) and not isinstance(value, str | os.PathLike):
+        return tuple(convert_to_path(v, where) for v in value)
+    return (convert_to_path(value, where),)
+
+
+def convert_to_texts(value: object, where: str) -> tuple[str, ...]:
+    """One name or several, of which some may be paths.
+
+    Raises:
+        InputError: something else, or something else among them.
+    """
+    several = value if isinstance(value, Iterable) and not isinstance(value, str | os.PathLike) else (value,)
+    return tuple(v if isinstance(v, str) else os.fspath(convert_to_path(v, where)) for v in several)
+
+
+def check_value_type(value: Any, hint: Any, where: str) -> Any:
+    """The value, if it is of the type that a request's field or an argument is annotated with.
+
+    Raises:
+        InputError: it is not; says what was found and what would work.
+    """
+    try:
+        TypeAdapter(hint).validate_python(value, strict=True)
+    except ValidationError:
+        kind = hint.__name__ if isinstance(hint, type) and "[" not in str(hint) else str(hint)
+        raise InputError(f"found {_format_value(value)}; expected {_describe_annotation(kind)}", where=where) from None
+    return value
+
+
+def _format_value(value: object) -> str:
+    text = repr(value)
+    return f"{text if len(text) <= 60 else text[:60] + '…'} ({type(value).__name__})"
+
+
+def _describe_annotation(kind: str) -> str:
+    """An annotation in words, e.g. ``float | None``: a number, or None."""
+    kind = kind.replace("pathlib.", "").replace("typing.", "")
+    known = {"str": "text", "int": "a whole number", "float": "a number", "bool": "True or False", "Path": "a path"}
+    words = [known.get(k.strip(), k.strip()) for k in kind.split(" | ")]
+    return ", or ".join(words)
+
+
+def _convert_to_field_type(value: Any, kind: str, where: str) -> Any:
+    """A value as the field wants it: tuples for lists, paths for names of files."""
+    if kind.startswith("Mapping") and kind.endswith("Path]") and isinstance(value, Mapping):
+        return {name: convert_to_path(folder, where) for name, folder in value.items()}
+    if "Path" in kind and value is not None:
+        return convert_to_paths(value, where) if kind.startswith("tuple") else convert_to_path(value, where)
+    if kind.startswith("tuple") and isinstance(value, str):
+        return (value,)
+    return _convert_to_tuple(value)
+
+
+def _convert_to_tuple(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, str | bytes | Mapping):
+        return value
+    return tuple(_convert_to_tuple(v) for v in value) if isinstance(value, Iterable) else value

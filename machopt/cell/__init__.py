@@ -1,0 +1,1 @@
+"""Read the files of a robot cell: cell.yaml, URDF, meshes, stiffness.yaml and kinematics.yaml."""

@@ -1,0 +1,406 @@
+"""cell.yaml → :class:`machopt.data_types.cell.Cell`: mm and degrees become SI, and everything is checked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from os.path import exists, isdir
+from pathlib import Path
+
+import numpy as np
+
+from machopt.cell.cell_conversion import (
+    build_file_error,
+    check_unique_names,
+    combine_tools,
+    copy_limits_read_only,
+    copy_read_only,
+    describe_tool_choice,
+    describe_unused_elements,
+    find_links_without_bodies,
+    find_missing_bodies,
+    format_xacro_argument,
+    get_solid_shape,
+)
+from machopt.cell.cell_folder import ANY_SIZE, CellFolder
+from machopt.cell.cell_schema import AnyChainKeys, CellKeys, PoseKeys, ShapeKeys, ToolKeys
+from machopt.cell.collision_body_selection import find_missing_meshes, select_bodies
+from machopt.cell.controller_reader import build_controller
+from machopt.cell.ignored_pairs import IgnoredPairReader
+from machopt.cell.joint_reader import read_joints
+from machopt.cell.joints.joint_chain import JointChain, check_carrier, describe_unused_motion, describe_urdf_limits
+from machopt.cell.kinematics_file import load_kinematics
+from machopt.cell.mesh import (
+    ErrorFactory,
+    MeshSurface,
+    SceneSize,
+    SizedBody,
+    check_body_size,
+    find_collada_original,
+    find_open_surfaces,
+    read_surface,
+)
+from machopt.cell.mesh.body_size_check import Role
+from machopt.cell.plausibility_checks import check_pose, check_stiffness, check_tool, compute_longest_side
+from machopt.cell.stiffness.external_joint_stiffness import match_springs_to_joints
+from machopt.cell.stiffness.stiffness_file import load_stiffness
+from machopt.cell.urdf import RobotDescription, UrdfModel, find_mesh, find_package, read_description
+from machopt.cell.work_offsets import WorkOffsets
+from machopt.data_types.cell import Cell, CollisionShape, CutterGeometry, IgnoredPair, Tool, Workpiece
+from machopt.data_types.kinematic_corrections import KinematicCorrections
+from machopt.data_types.stiffness import ArmStiffness
+from machopt.errors import InputError
+from machopt.file_formats.file_reading import check_file
+from machopt.file_formats.strict_yaml import KeyPath, YamlDocument, read_yaml, validate_document
+from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import build_transform, compute_rpy_matrix
+
+
+def load_cell(
+    path: Path | str,
+    *,
+    allow_external: bool = False,
+    any_chain: bool = False,
+    stiffness: Path | None = None,
+    bodies: bool = True,
+) -> Cell:
+    """Read a cell folder.
+
+    Args:
+        path: the cell folder, or its cell.yaml.
+        allow_external: accept files outside the cell folder.
+        any_chain: accept any number of revolute and prismatic joints between base and flange, and no tool and no
+            workpiece: for a recorded motion, which needs no more than the chain's dynamics.
+        stiffness: a stiffness.yaml to take in place of the one that the cell names, wherever it lies.
+        bodies: False where only the kinematics is used: a missing collision mesh of the robot is a warning then.
+
+    Raises:
+        InputError: names file, line and key, what was found and what was expected.
+    """
+    document = read_yaml(find_cell_file(path))
+    return build_cell(document, allow_external=allow_external, any_chain=any_chain, stiffness=stiffness, bodies=bodies)
+
+
+def find_cell_file(path: Path | str) -> Path:
+    """cell.yaml of a cell folder, or the file itself.
+
+    Raises:
+        InputError: there is none in the folder, or neither file nor folder.
+    """
+    file = Path(path)
+    if isdir(file):
+        file = file / "cell.yaml"
+        if not exists(file):
+            raise InputError("no cell.yaml in this folder", file=path)
+    if not exists(file):
+        raise InputError("there is no such file; a cell folder or its cell.yaml would work", file=path)
+    return file
+
+
+def build_cell(
+    document: YamlDocument,
+    *,
+    allow_external: bool = False,
+    any_chain: bool = False,
+    stiffness: Path | None = None,
+    bodies: bool = True,
+) -> Cell:
+    """A cell from cell.yaml as it was parsed; otherwise as :func:`load_cell`."""
+    keys = validate_document(AnyChainKeys if any_chain else CellKeys, document)
+    return _CellReader(
+        document=document,
+        keys=keys,
+        folder=CellFolder(document, Path(document.file).resolve().parent, allow_external),
+        any_chain=any_chain,
+        other_stiffness=stiffness,
+        bodies=bodies,
+    ).cell()
+
+
+@dataclass(kw_only=True)
+class _CellReader:
+    """One load: the document, where files may lie, and what piles up on the way."""
+
+    document: YamlDocument
+    keys: CellKeys
+    folder: CellFolder
+    any_chain: bool = False
+    other_stiffness: Path | None = None
+    bodies: bool = True  # of the robot, all
+    warnings: list[str] = field(default_factory=list)
+    read: dict[Path, MeshSurface] = field(default_factory=dict)
+    surfaces: list[MeshSurface] = field(default_factory=list)  # of all meshes
+    reach: float = 0.0  # m, of the arm; 0 where it is not known
+    scene: SceneSize = field(default_factory=lambda: SceneSize(0.0))
+
+    def cell(self) -> Cell:
+        keys, robot = self.keys, self.keys.robot
+        self.folder.read.append(Path(self.document.file).resolve())
+        named = self.packages()
+        description = self.urdf(self.folder.resolve_file(("robot", "urdf"), robot.urdf), named)
+        urdf = description.urdf
+        joints = read_joints(urdf, keys, self.document, self.warnings, any_chain=self.any_chain)
+        missing = {} if self.bodies else find_missing_meshes(urdf, named, self.folder.path)
+        robot_bodies = select_bodies(description, joints.side, missing)
+        urdf = robot_bodies.urdf
+        self.warnings += robot_bodies.warnings
+        self.reach, self.scene = joints.reach, SceneSize(joints.reach + joints.sliding)
+        chain, prismatic = joints.chain, tuple(j.kind == "prismatic" for j in joints.chain.arm)
+        packages = self.urdf_meshes(urdf, named)
+        tools, workpiece = self.tools(), self.workpiece()
+        setups = WorkOffsets.build_work_offsets(keys.offsets, workpiece, self.pose, self.shapes)
+        workpiece = setups.workpiece
+        name, tool = next(iter(tools.items()))
+        stiffness, kinematics = self.stiffness(chain), self.kinematics()
+        obstacles = (*self.obstacles(urdf, chain), *setups.fixtures)
+        may_touch = self.may_touch(urdf, tools, workpiece, obstacles)
+        return Cell(
+            name=keys.name,
+            folder=self.folder.path,
+            urdf=urdf.path,
+            packages=packages,
+            base_link=robot.base_link,
+            flange_link=robot.flange_link,
+            arm_joints=tuple(j.name for j in chain.arm),
+            external_joints=tuple(j.name for j in chain.external),
+            external_prismatic=tuple(j.kind == "prismatic" for j in chain.external),
+            expanded=robot_bodies.text,
+            mimics=joints.mimics,
+            may_touch=may_touch,
+            arm_prismatic=prismatic if any(prismatic) else (),
+            home=copy_read_only(joints.home[: len(chain.arm)]),
+            external_home=copy_read_only(joints.home[len(chain.arm) :]),
+            T_world_base=self.base(urdf, bool(chain.external)),
+            tool_change=None if joints.change is None else copy_read_only(joints.change),
+            limits=copy_limits_read_only(joints.limits),
+            tool=tool,
+            tools=tools if keys.tools else {},
+            tool_name=name if keys.tools else None,
+            workpiece=workpiece,
+            offsets=setups.frames,
+            fixtures=tuple(body.name for body in setups.fixtures),
+            obstacles=obstacles,
+            stiffness=stiffness,
+            plan={} if keys.plan is None else keys.plan.given(),
+            controller=build_controller(self.document, keys.controller, chain, self.folder.resolve_file, self.pose),
+            kinematics=kinematics,
+            files=tuple(dict.fromkeys(self.folder.read)),
+            warnings=tuple(self.warnings),
+            notes=(
+                *describe_unused_elements(urdf),
+                *describe_tool_choice(tools),
+                *describe_urdf_limits(chain, keys),
+                *joints.narrowed_limits,
+                *describe_unused_motion(urdf, chain, joints.limits),
+            ),
+        )
+
+    def stiffness(self, chain: JointChain) -> ArmStiffness | None:
+        """Of the file that the cell names, or of the other one that was asked for."""
+        keys, other = self.keys, self.other_stiffness
+        if other is not None:
+            check_file(other, expected="a stiffness.yaml", most=ANY_SIZE)
+            self.folder.read.append(other.resolve())
+        if keys.stiffness is None and other is None:
+            return None
+        found = load_stiffness(other or self.folder.resolve_file(("stiffness",), str(keys.stiffness)))
+        prismatic = tuple(j.kind == "prismatic" for j in chain.external)
+        external = match_springs_to_joints(found.external, tuple(j.name for j in chain.external), prismatic, found.file)
+        found = replace(found, external=external)
+        check_stiffness(found, keys, self.reach, self.document, self.warnings)
+        if found.estimated:
+            self.warnings.append(
+                f"{Path(found.file or '').name} is estimated, not measured: the gain it promises is that of a "
+                "typical arm (machopt plan-poses, then identify, would measure this one)"
+            )
+        return found
+
+    def kinematics(self) -> KinematicCorrections | None:
+        if self.keys.kinematics is None:
+            return None
+        return load_kinematics(self.folder.resolve_file(("kinematics",), self.keys.kinematics))
+
+    def may_touch(
+        self, urdf: UrdfModel, tools: dict[str, Tool], workpiece: Workpiece, obstacles: tuple[CollisionShape, ...]
+    ) -> tuple[IgnoredPair, ...]:
+        """Pairs of bodies that may touch, after a look at what bodies there are."""
+        for tool in tools.values():
+            check_unique_names(self.document, *tool.geometry, *workpiece.geometry, *obstacles)
+        self.warnings += find_missing_bodies(next(iter(tools.values())), workpiece)
+        self.warnings += find_open_surfaces(self.surfaces)
+        pairs = IgnoredPairReader(
+            urdf, self.keys.robot.flange_link, combine_tools(tools), workpiece, obstacles, self.document
+        )
+        found = pairs.pairs(self.keys.ignore_pairs, self.folder.resolve_file)
+        self.warnings += pairs.warnings
+        return found
+
+    def packages(self) -> dict[str, Path]:
+        """The ``packages:`` map, which may stand at the top or under robot."""
+        named: dict[str, tuple[KeyPath, str]] = {}
+        for n, folder in self.keys.packages.items():
+            named[n] = (("packages", n), folder)
+        for n, folder in self.keys.robot.packages.items():
+            named[n] = (("robot", "packages", n), folder)
+        out: dict[str, Path] = {}
+        for n, (loc, folder) in named.items():
+            fail = partial(self.document.build_error, loc)
+            out[n] = self.folder.resolve_inside(self.folder.path / folder, folder, fail)
+            if not isdir(out[n]):
+                raise fail(f"no such folder: {folder} (looked for {out[n]})")
+        return out
+
+    def urdf(self, path: Path, packages: dict[str, Path]) -> RobotDescription:
+        """The robot's description; what it is made of lies in the cell."""
+
+        def find(name: str) -> Path:
+            found = find_package(name, path, packages, self.folder.path)
+            return self.folder.resolve_inside(found, f"$(find {name})", partial(build_file_error, path))
+
+        def may(file: Path) -> None:
+            self.folder.resolve_inside(file, file.name, partial(build_file_error, path))
+
+        found = read_description(
+            path, {k: format_xacro_argument(v) for k, v in self.keys.robot.xacro_args.items()}, find, may
+        )
+        for file in found.files:
+            self.folder.read.append(self.folder.resolve_inside(file, file.name, partial(build_file_error, file)))
+        self.warnings += found.warnings
+        return found
+
+    def urdf_meshes(self, urdf: UrdfModel, packages: dict[str, Path]) -> dict[str, Path]:
+        """Check every collision mesh; returns all packages, the map's and those found beside the URDF."""
+        self.warnings += [*urdf.warnings, *find_links_without_bodies(urdf)]
+        found = dict(packages)
+        for mesh in urdf.meshes:
+
+            def fail(message: str, link: str = mesh.link, line: int = mesh.line) -> InputError:
+                return InputError(message, file=urdf.path, where=f"line {line}: collision mesh of link {link!r}")
+
+            hit = find_mesh(urdf, mesh.uri, packages, self.folder.path, fail)
+            path = self.folder.resolve_inside(hit.path, mesh.uri, fail)
+            self.folder.check_existing_file(path, mesh.uri, fail)
+            if hit.package is not None and hit.folder is not None:
+                found[hit.package] = hit.folder
+            self.folder.read.append(path)
+            scale = mesh.scale
+
+            def scaled(factor: float, scale: float = scale) -> str:
+                return f'scale="{" ".join([f"{scale * factor:g}"] * 3)}" in the URDF'
+
+            self.mesh(path, mesh.scale, "link", fail, scaled)
+        for solid in urdf.solids:
+
+            def at(message: str, link: str = solid.link, line: int = solid.line) -> InputError:
+                return InputError(message, file=urdf.path, where=f"line {line}: collision of link {link!r}")
+
+            self.warn(
+                check_body_size(
+                    SizedBody(f"a {solid.kind}", "link", solid.size, "its sizes {:g} times as large".format),
+                    self.scene,
+                    at,
+                )
+            )
+        return found
+
+    def mesh(self, path: Path, scale: float, role: Role, fail: ErrorFactory, remedy: Callable[[float], str]) -> None:
+        """Read a mesh, judge its size, and note what surface it has."""
+        if (original := find_collada_original(path)) is not None:  # what the verifier reads in its place
+            self.folder.read.append(self.folder.resolve_inside(original, original.name, fail))
+        surface = self.read.get(path) or read_surface(path, fail)
+        self.read[path] = surface
+        self.surfaces.append(surface)
+        self.warn(
+            check_body_size(SizedBody(f"mesh {path.name}", role, surface.extent * scale, remedy), self.scene, fail)
+        )
+
+    def tools(self) -> dict[str, Tool]:
+        """The tool table; a cell's only tool by an empty name."""
+        if self.keys.tool is not None:
+            return {"": self.tool(self.keys.tool, ("tool",))}
+        return {name: self.tool(keys, ("tools", name)) for name, keys in self.keys.tools.items()}
+
+    def tool(self, keys: ToolKeys, loc: KeyPath) -> Tool:
+        cutter = keys.cutter
+        check_tool(keys, loc, self.reach, self.document, self.warnings)
+        return Tool(
+            T_flange_tcp=self.pose((*loc, "tcp"), keys.tcp),
+            mass=keys.mass_kg,
+            com=copy_read_only(np.array(keys.com_mm) / 1e3),
+            geometry=self.shapes((*loc, "geometry"), keys.geometry),
+            cutter=None
+            if cutter is None
+            else CutterGeometry(cutter.diameter_mm / 1e3, cutter.length_mm / 1e3, cutter.corner_mm / 1e3),
+            number=keys.tool_number,
+        )
+
+    def workpiece(self) -> Workpiece:
+        keys = self.keys.workpiece
+        return Workpiece(
+            link=keys.link,
+            T_link_workpiece=self.pose(("workpiece", "pose"), keys.pose),
+            geometry=self.shapes(("workpiece", "geometry"), keys.geometry),
+        )
+
+    def pose(self, loc: KeyPath, keys: PoseKeys) -> Array:
+        """(4, 4) in SI of a frame; small positions are suspected to be metres."""
+        check_pose(keys, loc, self.document, self.warnings)
+        return _build_pose(keys)
+
+    def base(self, urdf: UrdfModel, carried: bool) -> Array:
+        """(4, 4) base_link in world, joints above it at zero; ``carried``: by or beside external joints, which make
+        ``robot.pose`` the pose of the URDF's root."""
+        robot = self.keys.robot
+        T = self.pose(("robot", "pose"), robot.pose)
+        for joint in urdf.chain(robot.base_link) if carried else ():
+            T = T @ build_transform(compute_rpy_matrix(np.array(joint.rpy)), np.array(joint.xyz))
+        return copy_read_only(T)
+
+    def obstacles(self, urdf: UrdfModel, chain: JointChain) -> tuple[CollisionShape, ...]:
+        rows = self.keys.obstacles
+        bodies = self.shapes(("obstacles",), rows)
+        out = []
+        for n, (row, body) in enumerate(zip(rows, bodies, strict=True)):
+            if row.link != "world":
+                check_carrier(row.link, urdf, chain, self.document, ("obstacles", n, "link"))
+            out.append(replace(body, link=row.link))
+        return tuple(out)
+
+    def shapes(self, loc: KeyPath, rows: Sequence[ShapeKeys]) -> tuple[CollisionShape, ...]:
+        return tuple(self.shape((*loc, n), loc, row) for n, row in enumerate(rows))
+
+    def shape(self, loc: KeyPath, group: KeyPath, keys: ShapeKeys) -> CollisionShape:
+        kind = {"obstacles": "obstacle", "tools": "tool"}.get(str(group[0]), group[0])
+        name = keys.name or f"{kind}_{loc[-1]}"
+        check_pose(keys, loc, self.document, self.warnings, near=False)
+        T = _build_pose(keys)
+        role: Role = "obstacle" if group[0] == "obstacles" else "tool" if group[0] in ("tool", "tools") else "workpiece"
+        if keys.mesh is None:
+            return self.solid(loc, name, role, keys, T)
+        scale = 1.0 if keys.scale is None else keys.scale
+        path = self.folder.resolve_file((*loc, "mesh"), keys.mesh)
+        fail = partial(self.document.build_error, (*loc, "mesh"))
+        self.mesh(path, scale, role, fail, lambda factor: f"scale: {scale * factor:g}")
+        return CollisionShape(name=name, kind="mesh", size=(scale,), mesh=path, T_parent_shape=T)
+
+    def solid(self, loc: KeyPath, name: str, role: Role, keys: ShapeKeys, T: Array) -> CollisionShape:
+        """A box, cylinder or sphere; the schema lets exactly one through."""
+        kind, given = get_solid_shape(keys)
+        size = tuple(v / 1e3 for v in given)
+        body = SizedBody(
+            f"{kind}_mm {given}",
+            role,
+            compute_longest_side(size, kind),
+            lambda factor: str([float(f"{v * factor:.6g}") for v in given]),
+        )
+        self.warn(check_body_size(body, self.scene, partial(self.document.build_error, (*loc, f"{kind}_mm"))))
+        return CollisionShape(name=name, kind=kind, size=size, mesh=None, T_parent_shape=T)
+
+    def warn(self, message: str | None) -> None:
+        if message is not None:
+            self.warnings.append(message)
+
+
+def _build_pose(keys: PoseKeys) -> Array:
+    return copy_read_only(build_transform(compute_rpy_matrix(np.radians(keys.rpy_deg)), np.array(keys.xyz_mm) / 1e3))

@@ -1,0 +1,1 @@
+"""Moving joints of a cell: the arm's chain, external joints and mimic joints."""

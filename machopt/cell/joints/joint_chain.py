@@ -1,0 +1,370 @@
+"""The moving joints of a cell, and the per-joint arrays that follow them: arm joints in chain order, then the external
+ones as the cell lists them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.cell.cell_schema import CellKeys
+from machopt.cell.urdf import UrdfJoint, UrdfModel
+from machopt.data_types.cell import JointLimits
+from machopt.errors import suggest_nearest_word
+from machopt.file_formats.strict_yaml import KeyPath, YamlDocument
+from machopt.numerics.array_types import Array
+
+_CONTINUOUS = 2 * math.pi  # rad, taken on both sides for a continuous joint
+_SLACK = math.radians(0.01)  # rad (or 0.17 mm); a position limit may exceed the URDF's by its rounding
+_TURNED = 3 * math.pi + 1e-9  # rad; the planner looks for one whole turn more to either side of ±180°
+_RAD_LOOK = 7.0  # deg/s; industrial arms are slower than 7 rad/s and faster than 7 deg/s
+_SAME = 0.5, 1.5  # of the URDF's number: a cell's speeds are mostly its own, or somewhat below
+_FASTER = 1.001  # share of the URDF's velocity above which the cell's is worth a word
+
+
+@dataclass(frozen=True)
+class JointChain:
+    """``moving`` as the file's arrays are: arm joints, then external joints as listed."""
+
+    arm: tuple[UrdfJoint, ...]
+    external: tuple[UrdfJoint, ...]
+    moving: tuple[UrdfJoint, ...]
+
+    @property
+    def unit(self) -> Array:
+        """SI per unit of the file, for each moving joint."""
+        return np.array([1e-3 if j.kind == "prismatic" else math.pi / 180 for j in self.moving])
+
+    @property
+    def names(self) -> str:
+        return ", ".join(j.name for j in self.moving)
+
+
+def read_chain(urdf: UrdfModel, keys: CellKeys, document: YamlDocument, *, any_chain: bool = False) -> JointChain:
+    """Find the arm and the external joints, and check that nothing else moves flange or workpiece.
+
+    The arm is six revolute joints, and joints between them that follow one of these; with ``any_chain`` one or more
+    that turn or slide.
+    """
+    robot = keys.robot
+    for key, link in (("base_link", robot.base_link), ("flange_link", robot.flange_link)):
+        if link not in urdf.links:
+            raise document.build_error(
+                ("robot", key),
+                f"link {link!r} is not in {urdf.path.name}; {suggest_nearest_word(link, list(urdf.links))}",
+            )
+    to_flange, to_base = urdf.chain(robot.flange_link), urdf.chain(robot.base_link)
+    if to_flange[: len(to_base)] != to_base:
+        raise document.build_error(
+            ("robot", "flange_link"),
+            f"{robot.flange_link!r} is not connected behind base_link {robot.base_link!r}: "
+            f"the chain to it is {' → '.join(j.child for j in to_flange) or 'empty'}",
+        )
+    own = [j for j in to_flange[len(to_base) :] if j.moves and (any_chain or j.mimic is None)]
+    external = _find_external_joints(urdf, keys, document)
+    arm = _find_arm_joints([j for j in own if j not in external], urdf, keys, document, any_chain)
+    behind = next((j for j in external if j in to_flange[len(to_base) :]), None)
+    if behind is not None:
+        raise document.build_error(
+            ("robot", "external_joints"),
+            f"joint {behind.name!r} stands between base_link {robot.base_link!r} and the flange; expected a rail that "
+            f"carries base_link, so that base_link would be {behind.child!r} or a link behind it",
+        )
+    to_part = () if keys.workpiece.link == "world" else _find_workpiece_joints(urdf, arm, keys, document)
+    moves = tuple(dict.fromkeys(j for j in (*to_flange, *to_part) if j.moves))
+    followers = [j for j in to_flange[len(to_base) :] if j.mimic is not None]
+    moving = tuple(j for j in moves if any_chain or j not in followers)
+    for j in moving:
+        if j.mimic is not None:
+            kind = "moves the base or the workpiece" if not any_chain else "stands in the chain"
+            raise document.build_error(
+                ("robot", "urdf"),
+                f"joint {j.name!r} mimics {j.mimic.joint!r} and {kind}; only a joint between base_link and "
+                "flange_link may follow another, and none where a motion is diagnosed",
+            )
+        if j not in arm and j not in external:
+            raise document.build_error(
+                ("robot", "external_joints"),
+                f"{j.kind} joint {j.name!r} moves the base or the workpiece but is not listed; "
+                "add it to external_joints",
+            )
+    sources = {a.name for a in arm}
+    for j in followers:
+        if j.mimic is not None and j.mimic.joint not in sources and not any_chain:
+            raise document.build_error(
+                ("robot", "urdf"),
+                f"joint {j.name!r} mimics {j.mimic.joint!r}, which is no joint of the arm; it has "
+                f"{', '.join(a.name for a in arm)}",
+            )
+    idle = [j.name for j in external if j not in moving]
+    if idle:
+        raise document.build_error(
+            ("robot", "external_joints"), f"joint {idle[0]!r} moves neither the flange nor the workpiece link"
+        )
+    return JointChain(tuple(arm), tuple(external), (*arm, *external))
+
+
+def read_limits(chain: JointChain, keys: CellKeys, document: YamlDocument, warnings: list[str]) -> JointLimits:
+    """Limits in SI, in the order of ``chain.moving``; positions: the narrower of URDF and cell."""
+    limits = keys.robot.limits
+    rates = {}
+    told = {
+        "velocity_deg_s": read_velocity_limits(chain, keys, document),
+        "acceleration_deg_s2": limits.acceleration_deg_s2,
+        "jerk_deg_s3": limits.jerk_deg_s3,
+    }
+    for key, values in told.items():
+        loc: KeyPath = ("robot", "limits", key)
+        _build_length_error(chain, document, loc, len(values))
+        for i, value in enumerate(values):
+            if value <= 0:
+                raise document.build_error(
+                    (*loc, i), f"found {value:g} for joint {chain.moving[i].name!r}; expected above 0"
+                )
+        rates[key] = np.array(values) * chain.unit
+    lower, upper = np.array(
+        [_read_urdf_range(j, document, warnings, given=limits.position_deg is not None) for j in chain.moving]
+    ).T
+    if limits.position_deg is not None:
+        loc = ("robot", "limits", "position_deg")
+        _build_length_error(chain, document, loc, len(limits.position_deg))
+        for i, j in enumerate(chain.moving):
+            lo, hi = (v * chain.unit[i] for v in limits.position_deg[i])
+            found = f"found {limits.position_deg[i]} for joint {j.name!r}"
+            if not lo < hi:
+                raise document.build_error((*loc, i), f"{found}; expected [lowest, highest] with lowest < highest")
+            if j.kind != "continuous" and (lo < lower[i] - _SLACK or hi > upper[i] + _SLACK):
+                urdf_range = [round(float(v / chain.unit[i]), 3) for v in (lower[i], upper[i])]
+                raise document.build_error(
+                    (*loc, i), f"{found}; the URDF allows {urdf_range}, which may only be narrowed"
+                )
+            lower[i], upper[i] = (lo, hi) if j.kind == "continuous" else (max(lo, lower[i]), min(hi, upper[i]))
+    speed = rates["velocity_deg_s"]
+    if limits.velocity_deg_s is None:  # the URDF's, in rad/s by its own definition
+        return JointLimits(lower, upper, speed, rates["acceleration_deg_s2"], rates["jerk_deg_s3"])
+    given = zip(chain.moving, limits.velocity_deg_s, strict=True)
+    turning = [(v, j.velocity) for j, v in given if j in chain.arm and j.kind != "prismatic"]
+    # The URDF has rad/s by its own definition: much the same numbers are that, too. NaN compares false.
+    as_in_urdf = all(_SAME[0] * urdf < v < _SAME[1] * urdf for v, urdf in turning)
+    if turning and (max(v for v, _ in turning) < _RAD_LOOK or as_in_urdf):
+        warnings.append(f"robot.limits.velocity_deg_s {limits.velocity_deg_s} looks like rad/s; deg/s is expected")
+    fast = [
+        j.name for i, j in enumerate(chain.moving) if speed[i] > _FASTER * j.velocity > 0
+    ]  # NaN compares false; 0: it has none
+    if fast:
+        warnings.append(f"robot.limits.velocity_deg_s is above the URDF's velocity for {', '.join(fast)}")
+    return JointLimits(lower, upper, speed, rates["acceleration_deg_s2"], rates["jerk_deg_s3"])
+
+
+def read_velocity_limits(chain: JointChain, keys: CellKeys, document: YamlDocument) -> list[float]:
+    """Velocity limits in the file's units, in the order of ``chain.moving``: the cell's, else the URDF's.
+
+    Raises:
+        InputError: neither says one.
+    """
+    given = keys.robot.limits.velocity_deg_s
+    if given is not None:
+        return given
+    for j in chain.moving:
+        if not j.velocity > 0.0:  # also NaN, where there is no <limit>
+            found = "no <limit>" if math.isnan(j.velocity) else f"velocity {j.velocity:g}"
+            raise document.build_error(
+                ("robot", "limits"),
+                f"velocity_deg_s is not given, and joint {j.name!r} of the URDF has {found}; "
+                f"expected velocity_deg_s, one per moving joint ({chain.names}), or a velocity above 0 in the URDF",
+            )
+    return [float(j.velocity / unit) for j, unit in zip(chain.moving, chain.unit, strict=True)]
+
+
+def describe_urdf_limits(chain: JointChain, keys: CellKeys) -> tuple[str, ...]:
+    """Which limits the cell leaves to the URDF, with their values, in words."""
+    limits, out = keys.robot.limits, []
+    if limits.velocity_deg_s is None:
+        values = ", ".join(
+            f"{j.name} {j.velocity / u:.4g} {'mm/s' if j.kind == 'prismatic' else 'deg/s'}"
+            for j, u in zip(chain.moving, chain.unit, strict=True)
+        )
+        out.append(f"robot.limits.velocity_deg_s is not given; the URDF's velocities hold: {values}")
+    if limits.position_deg is None:
+        values = ", ".join(
+            f"{j.name} {j.lower / u:.4g} to {j.upper / u:.4g} {'mm' if j.kind == 'prismatic' else 'deg'}".replace(
+                "-", "−"
+            )
+            for j, u in zip(chain.moving, chain.unit, strict=True)
+            if j.kind != "continuous"
+        )
+        if values:
+            out.append(f"robot.limits.position_deg is not given; the URDF's ranges hold: {values}")
+    return tuple(out)
+
+
+def describe_unused_motion(urdf: UrdfModel, chain: JointChain, limits: JointLimits) -> tuple[str, ...]:
+    """What of the robot is not used to the full: joints that nothing drives, and turns beyond those that are searched.
+
+    Args:
+        limits: in the order of ``chain.moving``.
+    """
+    out = []
+    idle = [j.name for j in urdf.joints if j.moves and j.mimic is None and j not in chain.moving]
+    if idle:
+        out.append(
+            f"nothing drives the joints {', '.join(idle)} of {urdf.path.name}; they stand at zero with their bodies"
+        )
+    far = np.maximum(np.abs(limits.lower), np.abs(limits.upper))
+    wide = [j.name for i, j in enumerate(chain.moving) if j in chain.arm and j.kind != "prismatic" and far[i] > _TURNED]
+    if wide:
+        out.append(f"of the range of {', '.join(wide)} the planner uses -540 to 540 deg")
+    return tuple(out)
+
+
+def read_home(chain: JointChain, limits: JointLimits, keys: CellKeys, document: YamlDocument) -> Array:
+    """Home in SI, in the order of ``chain.moving``; as many values as the arm has joints leave the external at zero."""
+    return _read_joint_position(chain, limits, keys.robot.home_deg, "home_deg", document)
+
+
+def read_tool_change_position(
+    chain: JointChain, limits: JointLimits, keys: CellKeys, document: YamlDocument
+) -> Array | None:
+    """Where tools are changed, likewise; None where the cell does not say it."""
+    values = keys.robot.tool_change_deg
+    return None if values is None else _read_joint_position(chain, limits, values, "tool_change_deg", document)
+
+
+def _read_joint_position(
+    chain: JointChain, limits: JointLimits, values: list[float], key: str, document: YamlDocument
+) -> Array:
+    full = values
+    if len(values) == len(chain.arm) < len(chain.moving):
+        full = [*values, *([0.0] * len(chain.external))]
+    _build_length_error(chain, document, ("robot", key), len(full))
+    stands = np.array(full) * chain.unit
+    for i, j in enumerate(chain.moving):
+        if not limits.lower[i] <= stands[i] <= limits.upper[i]:
+            lo, hi = (round(float(v / chain.unit[i]), 3) for v in (limits.lower[i], limits.upper[i]))
+            loc: KeyPath = ("robot", key, i) if full is values else ("robot", key)
+            raise document.build_error(loc, f"found {full[i]:g} for joint {j.name!r}; its range is [{lo:g}, {hi:g}]")
+    return stands
+
+
+def _find_external_joints(urdf: UrdfModel, keys: CellKeys, document: YamlDocument) -> list[UrdfJoint]:
+    out: list[UrdfJoint] = []
+    for i, name in enumerate(keys.robot.external_joints):
+        loc: KeyPath = ("robot", "external_joints", i)
+        joint = _find_joint(urdf, name, document, loc)
+        if joint in out or name in (keys.robot.arm_joints or ()):
+            raise document.build_error(loc, f"joint {name!r} is named twice")
+        if joint.kind not in ("revolute", "continuous", "prismatic"):
+            raise document.build_error(
+                loc, f"joint {name!r} is {joint.kind}; expected revolute, continuous or prismatic"
+            )
+        out.append(joint)
+    return out
+
+
+def _find_arm_joints(
+    chain: list[UrdfJoint], urdf: UrdfModel, keys: CellKeys, document: YamlDocument, any_chain: bool
+) -> list[UrdfJoint]:
+    """The arm's joints among the moving joints base → flange that are not external."""
+    kinds = ("revolute", "continuous", "prismatic") if any_chain else ("revolute", "continuous")
+    wanted = "revolute or prismatic" if any_chain else "revolute"
+    names = keys.robot.arm_joints
+    for i, name in enumerate(names or ()):
+        loc: KeyPath = ("robot", "arm_joints", i)
+        joint = _find_joint(urdf, name, document, loc)
+        if name in (names or ())[:i]:
+            raise document.build_error(loc, f"joint {name!r} is named twice")
+        if joint.kind not in kinds:
+            raise document.build_error(loc, f"joint {name!r} is {joint.kind}; expected a {wanted} joint")
+        if joint.mimic is not None:
+            raise document.build_error(
+                loc, f"joint {name!r} mimics {joint.mimic.joint!r}, so it is no joint of its own; leave it out"
+            )
+    found = ", ".join(f"{j.name} ({j.kind})" for j in chain) or "no moving joint"
+    follow = [j for j in urdf.chain(keys.robot.flange_link) if j.mimic is not None]
+    if follow:
+        found += " beside " + ", ".join(f"{j.name} (mimics {j.mimic.joint!r})" for j in follow if j.mimic is not None)
+    span = f"from {keys.robot.base_link!r} to {keys.robot.flange_link!r}"
+    where: KeyPath = ("robot", "arm_joints") if names is not None else ("robot", "flange_link")
+    if not chain or (len(chain) != 6 and not any_chain) or any(j.kind not in kinds for j in chain):
+        raise document.build_error(
+            where,
+            f"the chain {span} has {found}; expected {'one or more' if any_chain else 'six'} {wanted} joints "
+            "(a rail or positioner joint goes into external_joints)",
+        )
+    if names is not None and names != [j.name for j in chain]:
+        raise document.build_error(where, f"found {', '.join(names)}; the chain {span} has, in order, {found}")
+    return chain
+
+
+def check_carrier(link: str, urdf: UrdfModel, chain: JointChain, document: YamlDocument, loc: KeyPath) -> None:
+    """That an obstacle may ride on a link.
+
+    Raises:
+        InputError: there is no such link, or the arm moves it.
+    """
+    if link not in urdf.links:
+        raise document.build_error(
+            loc, f"link {link!r} is not in {urdf.path.name}; {suggest_nearest_word(link, ['world', *urdf.links])}"
+        )
+    carried = [j.name for j in urdf.chain(link) if j in chain.arm]
+    if carried:
+        raise document.build_error(
+            loc,
+            f"link {link!r} is moved by the arm's joint {carried[-1]!r}; expected world or a link of a rail or "
+            "positioner (a body of the arm belongs into the URDF or under tool.geometry)",
+        )
+
+
+def _find_workpiece_joints(
+    urdf: UrdfModel, arm: list[UrdfJoint], keys: CellKeys, document: YamlDocument
+) -> tuple[UrdfJoint, ...]:
+    link = keys.workpiece.link
+    if link not in urdf.links:
+        raise document.build_error(
+            ("workpiece", "link"),
+            f"link {link!r} is not in {urdf.path.name}; {suggest_nearest_word(link, ['world', *urdf.links])}",
+        )
+    path = urdf.chain(link)
+    carried = [j.name for j in path if j in arm]
+    if carried:
+        raise document.build_error(
+            ("workpiece", "link"),
+            f"link {link!r} is moved by the arm's joint {carried[-1]!r}; expected world or a positioner",
+        )
+    return path
+
+
+def _read_urdf_range(
+    joint: UrdfJoint, document: YamlDocument, warnings: list[str], *, given: bool
+) -> tuple[float, float]:
+    """``given``: the cell has a range of its own."""
+    if joint.kind == "continuous":
+        if not given:
+            warnings.append(
+                f"joint {joint.name!r} is continuous; its range is taken as ±360°, and robot.limits.position_deg may "
+                "say another"
+            )
+        return -_CONTINUOUS, _CONTINUOUS
+    if not joint.lower < joint.upper:  # also where <limit> is missing
+        found = "no <limit>" if math.isnan(joint.lower) else f"lower {joint.lower:g}, upper {joint.upper:g}"
+        raise document.build_error(
+            ("robot", "urdf"), f"joint {joint.name!r} has {found}; expected a <limit> with lower < upper"
+        )
+    return joint.lower, joint.upper
+
+
+def _find_joint(urdf: UrdfModel, name: str, document: YamlDocument, loc: KeyPath) -> UrdfJoint:
+    joint = next((j for j in urdf.joints if j.name == name), None)
+    if joint is None:
+        moving = [j.name for j in urdf.joints if j.moves]
+        raise document.build_error(
+            loc, f"joint {name!r} is not in {urdf.path.name}; {suggest_nearest_word(name, moving)}"
+        )
+    return joint
+
+
+def _build_length_error(chain: JointChain, document: YamlDocument, loc: KeyPath, found: int) -> None:
+    n = len(chain.moving)
+    if found != n:
+        raise document.build_error(loc, f"found {found} values; expected {n}, one per moving joint ({chain.names})")

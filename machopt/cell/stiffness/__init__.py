@@ -1,0 +1,1 @@
+"""Read and write stiffness.yaml: joint springs, terms, external joints."""

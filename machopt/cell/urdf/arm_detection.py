@@ -1,0 +1,153 @@
+"""Which links and joints of a URDF are the arm, where nobody says so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from machopt.cell.urdf.urdf_model import UrdfJoint, UrdfModel
+from machopt.errors import InputError, suggest_nearest_word
+
+FLANGES = ("tool0", "flange", "tool_flange", "ee_link")
+"""Names of the link that carries the tool, the one that tool data refer to first (ROS-Industrial: z out of tool0)."""
+GRIPS = ("grip", "finger", "hand", "jaw", "claw", "knuckle")
+"""In the name of a joint that is none of the arm's, though it turns behind it."""
+_TURNS = ("revolute", "continuous")
+_HELD = "a URDF in which the joints too many are fixed would work, too"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmLinks:
+    """The six joints from ``base_link`` to ``flange_link``, and what else the URDF offers."""
+
+    base_link: str
+    flange_link: str
+    arm: tuple[UrdfJoint, ...]  # six, in chain order
+    external: tuple[UrdfJoint, ...]  # between the root and the base, as a rail's
+    flanges: tuple[str, ...]  # further links fixed to the last joint's
+    gripper: tuple[UrdfJoint, ...] = ()  # joints behind the flange that were taken for a gripper's
+
+
+def find_arm(urdf: UrdfModel, base_link: str | None = None, flange_link: str | None = None) -> ArmLinks:
+    """The arm of a URDF.
+
+    Without ``flange_link``, it is the first of :data:`FLANGES` behind six joints that turn, else the outermost link
+    fixed to the sixth; joints behind the sixth that are called a gripper's do not count, and what bears them is the
+    flange then. Without ``base_link`` it is ``base_link`` where a link has that name and nothing moves between it and
+    the arm, else the link that bears the first joint.
+
+    Raises:
+        InputError: there is no such link, no chain of six joints that turn, or more than one.
+    """
+    for option, link in (("--base-link", base_link), ("--flange-link", flange_link)):
+        if link is not None and link not in urdf.links:
+            raise InputError(
+                f"link {link!r} is not there; {suggest_nearest_word(link, list(urdf.links))}",
+                file=urdf.path,
+                where=option,
+            )
+    flange = _find_flange(urdf) if flange_link is None else flange_link
+    moving = _list_moving_joints(urdf, flange)
+    gripper: tuple[UrdfJoint, ...] = ()
+    if flange_link is None and all(j.kind in _TURNS for j in moving[:6]):
+        behind = moving[6:]
+        if behind and all(any(word in j.name.lower() for word in GRIPS) for j in behind):
+            gripper, moving = behind, moving[:6]
+            flange = next((f for f in FLANGES if f in _list_fixed_links(urdf, moving[-1].child)), behind[0].parent)
+    if base_link is not None:
+        above = urdf.chain(base_link)
+        external = tuple(j for j in moving if j in above)
+    else:
+        external = moving[:-6]
+        turning = [j.name for j in external if j.kind in _TURNS]
+        if turning:
+            raise _build_too_many_joints_error(urdf, flange, moving)
+    arm = moving[len(external) :]
+    if len(arm) != 6 or any(j.kind not in _TURNS for j in arm):
+        found = ", ".join(f"{j.name} ({j.kind})" for j in moving) or "no moving joint"
+        raise InputError(
+            f"the chain to {flange!r} has {found}; six joints that turn would work, perhaps to another link: "
+            f"{', '.join(urdf.links)}",
+            file=urdf.path,
+            where="--flange-link",
+        )
+    fixed = tuple(f for f in _list_fixed_links(urdf, arm[-1].child) if f != flange)
+    return ArmLinks(
+        base_link=base_link or _find_base(urdf, arm[0]),
+        flange_link=flange,
+        arm=arm,
+        external=external,
+        flanges=fixed,
+        gripper=gripper,
+    )
+
+
+def _build_too_many_joints_error(urdf: UrdfModel, flange: str, moving: tuple[UrdfJoint, ...]) -> InputError:
+    """More than six joints that turn: a seven-axis arm, a turntable below one, a hand behind one."""
+    before = moving[:-6]
+    others = []
+    if len(before) <= 3:
+        kind = "an external axis" if len(before) == 1 else "external axes"
+        others.append(f"--base-link {before[-1].child} plans with {', '.join(j.name for j in before)} as {kind}")
+    if all(j.kind in _TURNS for j in moving[:6]):
+        others.append(
+            f"--flange-link {moving[5].child} ends the arm at {moving[5].name}, where what follows is a gripper's"
+        )
+    names = ", ".join(j.name for j in moving)
+    return InputError(
+        f"{len(moving)} joints turn or slide one behind the other up to {flange!r} ({names}); "
+        f"machopt plans for arms of six and up to three external axes. {'; '.join([*others, _HELD])}",
+        file=urdf.path,
+    )
+
+
+def _list_moving_joints(urdf: UrdfModel, link: str) -> tuple[UrdfJoint, ...]:
+    return tuple(j for j in urdf.chain(link) if j.moves and j.mimic is None)
+
+
+def _find_flange(urdf: UrdfModel) -> str:
+    ends: dict[str, list[str]] = {}  # last moving joint → the links fixed behind it
+    for link in urdf.links:
+        moving = _list_moving_joints(urdf, link)
+        if len(moving) >= 6 and all(j.kind in _TURNS for j in moving[-6:]):
+            ends.setdefault(moving[-1].name, []).append(link)
+    outer = {name: links for name, links in ends.items() if not _has_outer_end(urdf, name, list(ends))}
+    if not outer:
+        free = [j.name for j in urdf.joints if j.kind in _TURNS and j.mimic is None]
+        follow = [f"{j.name} mimics {j.mimic.joint}" for j in urdf.joints if j.mimic is not None]
+        turning = "; ".join([", ".join(free) or "none", *follow])
+        raise InputError(f"has no chain of six joints that turn (joints that turn: {turning})", file=urdf.path)
+    named = [links for links in ends.values() if any(f in links for f in FLANGES)]
+    groups = named or list(outer.values())
+    if len(groups) > 1:
+        raise InputError(
+            f"has more than one arm; name one of {', '.join(links[-1] for links in groups)}",
+            file=urdf.path,
+            where="--flange-link",
+        )
+    (links,) = groups
+    return next((f for f in FLANGES if f in links), links[-1])
+
+
+def _has_outer_end(urdf: UrdfModel, joint: str, ends: list[str]) -> bool:
+    """A seven-axis arm's sixth joint, or one that bears a gripper's: another end lies further out on the same chain."""
+    child = {j.name: j.child for j in urdf.joints}
+    return any(name != joint and any(c.name == joint for c in urdf.chain(child[name])) for name in ends)
+
+
+def _list_fixed_links(urdf: UrdfModel, link: str) -> list[str]:
+    """The link and all that hang on it without a joint that moves, from the inside out."""
+    out = [link]
+    for at in out:
+        out += [j.child for j in urdf.joints if not j.moves and j.parent == at]
+    return out
+
+
+def _find_base(urdf: UrdfModel, first: UrdfJoint) -> str:
+    path = urdf.chain(first.child)
+    still: list[str] = []
+    for joint in reversed(path[:-1]):  # from the first arm joint down to what moves below it
+        if joint.moves:
+            break
+        still += [joint.child, joint.parent]
+    still = [*dict.fromkeys(still)] or [first.parent]
+    return "base_link" if "base_link" in still else first.parent

@@ -1,0 +1,1 @@
+"""Write a new cell folder from a URDF (``machopt init``)."""

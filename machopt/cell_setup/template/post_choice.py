@@ -1,0 +1,37 @@
+"""The robot program of a new cell: a post that can be written from what a new cell says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from machopt.cell_setup.template.cell_text import NewCellContent
+from machopt.data_types.cell import Cell
+from machopt.errors import InputError
+from machopt.program_export.selected_posts import select_posts
+from machopt.programs.writing.post_file import list_post_names
+
+
+def add_post(new: NewCellContent, cell: Cell) -> tuple[NewCellContent, tuple[str, ...]]:
+    """The cell with the post asked for, or with its axis-by-axis kin where the controller says too little for it.
+
+    Args:
+        new: the cell; its post as the user gave it.
+        cell: the same, read back.
+
+    Returns:
+        The cell, and what is missing for the post asked for.
+
+    Raises:
+        InputError: no such post, or neither it nor a kin of it can be written.
+    """
+    try:
+        select_posts(cell, ())
+    except InputError as problem:
+        kin = f"{new.post}_joint"
+        if kin not in list_post_names():
+            raise
+        select_posts(replace(cell, controller=replace(cell.controller, post=kin)), ())
+        note = f"{new.post} once {problem.where} is known"
+        said = f"the robot program is {kin}, positions as joints; {problem.where} in cell.yaml allows {new.post}"
+        return replace(new, post=kin, post_note=note), (said,)
+    return new, ()

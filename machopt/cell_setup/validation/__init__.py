@@ -1,0 +1,1 @@
+"""List everything that is wrong or implausible in a cell (``machopt validate``)."""

@@ -1,0 +1,152 @@
+"""Everything that the reader refuses about a cell: what is wrong is put aside and the rest read on."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from machopt.cell.cell_reader import build_cell, find_cell_file
+from machopt.cell.cell_schema import CellKeys
+from machopt.cell_setup.validation.value_repairs import find_errors_outside_robot, list_value_repairs
+from machopt.data_types.cell import Cell
+from machopt.errors import InputError
+from machopt.file_formats.strict_yaml import KeyPath, YamlDocument, list_schema_errors, read_yaml
+
+_OPTIONAL: tuple[KeyPath, ...] = (
+    ("robot", "arm_joints"),
+    ("stiffness",),
+    ("kinematics",),
+    ("ignore_pairs",),
+    ("controller",),
+    ("plan",),
+    ("tool", "cutter"),
+    ("tool", "com_mm"),
+    ("tool", "mass_kg"),
+    ("robot", "limits", "velocity_deg_s"),
+    ("robot", "limits", "position_deg"),
+    ("robot", "pose"),
+)
+"""Keys without which a cell can still be read."""
+_LISTS: tuple[KeyPath, ...] = (("tool", "geometry"), ("workpiece", "geometry"), ("obstacles",))
+_MOST = 50  # problems; a file with more is not a cell with mistakes
+
+
+@dataclass(frozen=True)
+class PartialCell:
+    """A cell as far as it can be read."""
+
+    cell: Cell | None  # without what was put aside; None where the rest cannot be read either
+    problems: tuple[InputError, ...]
+    removed_keys: tuple[str, ...]  # keys
+
+
+def read_all(path: Path, *, allow_external: bool = False) -> PartialCell:
+    """Read a cell, and on after each mistake as if what is wrong were not there, or were what it seems to mean.
+
+    Where the robot itself cannot be read, what stands for itself still is: files beside it.
+    """
+    try:
+        document = read_yaml(find_cell_file(path))
+    except InputError as problem:
+        return PartialCell(None, (problem,), ())
+    problems: list[InputError] = []
+    aside: list[str] = []
+    for loc, message in list_schema_errors(CellKeys, document):
+        problems.append(document.build_error(loc, message))
+        place = _find_removable_key(document, loc)
+        if place is not None:
+            document = remove_key(document, place)
+            aside.append(".".join(map(str, place)))
+    if list_schema_errors(CellKeys, document):
+        return PartialCell(None, tuple(problems), tuple(aside))
+    while len(problems) < _MOST:
+        try:
+            return PartialCell(build_cell(document, allow_external=allow_external), tuple(problems), tuple(aside))
+        except InputError as problem:
+            problems.append(problem)
+            said = str(problem)
+            tried = ((p, remove_key(document, p)) for p in _list_removable_places(document))
+            mended = ((m.place, m.document) for m in list_value_repairs(document))
+            other = (pair for pair in (*tried, *mended) if _try_reading(pair[1], allow_external) != said)
+            guilty = next(other, None)
+        if guilty is None:
+            return PartialCell(
+                None, (*problems, *find_errors_outside_robot(document, {str(p) for p in problems})), tuple(aside)
+            )
+        place, document = guilty
+        aside.append(".".join(map(str, place)))
+    return PartialCell(None, tuple(problems), tuple(aside))
+
+
+def remove_key(document: YamlDocument, loc: KeyPath) -> YamlDocument:
+    """The same document without a key or an entry of a list; what stood behind the entry counts one less."""
+    value = copy.deepcopy(document.value)
+    at: Any = value
+    for part in loc[:-1]:
+        at = at[part]
+    del at[loc[-1]]
+    lines = document.lines
+    if isinstance(loc[-1], int):  # what stood behind it moves up
+        lines = {_shift_key_after_removal(k, loc): line for k, line in lines.items() if k[: len(loc)] != loc}
+    return replace(document, value=value, lines=lines)
+
+
+def _shift_key_after_removal(key: KeyPath, gone: KeyPath) -> KeyPath:
+    n = len(gone) - 1
+    last, own = gone[-1], key[n] if len(key) > n else None
+    if key[:n] == gone[:n] and isinstance(own, int) and isinstance(last, int) and own > last:
+        return (*key[:n], own - 1, *key[n + 1 :])
+    return key
+
+
+def _list_removable_places(document: YamlDocument) -> Iterator[KeyPath]:
+    """What can be put aside, where it is there."""
+    for loc in _LISTS:
+        found = _get_value_at(document, loc)
+        if isinstance(found, list):
+            yield from ((*loc, n) for n in range(len(found)))
+    yield from (loc for loc in _OPTIONAL if _get_value_at(document, loc) is not None)
+
+
+def _find_removable_key(document: YamlDocument, loc: KeyPath) -> KeyPath | None:
+    """What to put aside so that a mistake at a key path is gone: the key where it is unknown, else what it is in."""
+    for n in range(len(loc), 0, -1):
+        part = loc[:n]
+        listed = any(part[:-1] == place and isinstance(part[-1], int) for place in _LISTS)
+        if listed or part in _OPTIONAL or (n == len(loc) and not _is_schema_key(part)):
+            return part if _get_value_at(document, part) is not None else None
+    return None
+
+
+def _is_schema_key(loc: KeyPath) -> bool:
+    """A key of the schema: one that is not may go."""
+    model: Any = CellKeys
+    for part in loc:
+        fields = getattr(model, "model_fields", None)
+        if fields is None:
+            return True
+        if part not in fields:
+            return isinstance(part, int)
+        model = fields[part].annotation
+    return True
+
+
+def _get_value_at(document: YamlDocument, loc: KeyPath) -> Any:
+    at: Any = document.value
+    for part in loc:
+        try:
+            at = at[part]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return at
+
+
+def _try_reading(document: YamlDocument, allow_external: bool) -> str:
+    try:
+        build_cell(document, allow_external=allow_external)
+    except InputError as problem:
+        return str(problem)
+    return ""

@@ -1,0 +1,70 @@
+"""The parser of every command: what is wrong in one line, with the word that was probably meant."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from typing import Any, NoReturn, TypeVar
+
+from machopt.errors import suggest_nearest_word
+from machopt.spelling_suggestions import find_typo
+
+N = TypeVar("N")
+
+
+class CommandParser(argparse.ArgumentParser):
+    """Says what is wrong in one line, without two screens of usage above it.
+
+    Options are never abbreviated: the beginning of one word may mean another command's option, or tomorrow's.
+    """
+
+    def __init__(self, *args: Any, **settings: Any) -> None:
+        super().__init__(*args, **{**settings, "allow_abbrev": False})
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"machopt: {message} ({self.prog} --help lists the options)\n")
+
+    def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
+        """As argparse, but an option that no command knows is answered with the one it is a slip of."""
+        found, left = self.parse_known_args(args, namespace)
+        if left:
+            command = list_commands(self).get(found.command, self)
+            options = list_options(command)
+            told = []
+            for word in left:
+                told.append(f"{word}{self._hint(word, options)}" if word.startswith("-") else word)
+            command.error(f"not understood: {', '.join(told)}")
+        return found
+
+    def _hint(self, word: str, options: list[str]) -> str:
+        """What an unknown option may stand for: a slip of one of its command, or an option of other commands."""
+        name = word.partition("=")[0].lstrip("-")  # without dashes, in which all are alike
+        owners: dict[str, list[str]] = {option.lstrip("-"): [] for option in options}
+        for command, parser in list_commands(self).items():
+            for option in list_options(parser):
+                if option not in options:
+                    owners.setdefault(option.lstrip("-"), []).append(command)
+        close = find_typo(name, list(owners))
+        if close is None:
+            return ""
+        if owners[close]:
+            return f" (an option of {' and '.join(owners[close])})" if close == name else ""
+        return f"; did you mean --{close}?"
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            name = action.option_strings[-1] if action.option_strings else action.metavar or action.dest
+            self.error(f"{name}: found {value!r}; {suggest_nearest_word(str(value), [str(c) for c in action.choices])}")
+
+
+def list_options(parser: argparse.ArgumentParser) -> list[str]:
+    """Every option of a command, the long names where there are any."""
+    return [word for a in parser._actions for word in a.option_strings if word.startswith("--")]
+
+
+def list_commands(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    """The commands of the whole parser by name."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            return dict(action.choices)
+    return {}

@@ -1,0 +1,132 @@
+"""The command ``batch``: many cells × toolpaths × options, resumable."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from machopt.cli.effects_notice import warn_of_effect_code
+from machopt.cli.progress_display import print_result
+from machopt.cli.reading_options import build_reading_parser, convert_reading_options
+from machopt.cli.shared_options import add_shared_option
+
+Commands = Any  # argparse keeps its subparsers' type private
+
+
+def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
+    """Add the command to the parser."""
+    job = commands.add_parser(
+        "batch",
+        parents=[common, build_reading_parser()],
+        help="many cells × toolpaths × options, each job in a process of its own, resumable",
+    )
+    job.add_argument(
+        "toolpaths",
+        nargs="+",
+        metavar="JOBS",
+        help="folders of toolpaths, patterns in quotes ('parts/*.nc'), toolpath files, or lists of jobs (YAML, CSV)",
+    )
+    add_shared_option(job, "--out", help="output folder; the same goes on where it stopped")
+    add_shared_option(job, "--force")
+    job.add_argument("--cell", type=Path, help="cell of toolpaths with no folder named cell beside or above them")
+    job.add_argument("--jobs", type=int, metavar="N", help="jobs at a time on this machine (one a core)")
+    job.add_argument("--scheduler", metavar="ADDRESS", help="use a running Dask scheduler, e.g. tcp://10.0.0.5:8786")
+    job.add_argument("--time-limit-s", type=float, default=3600.0, metavar="S", help="seconds a job may take (3600)")
+    job.add_argument("--memory-limit-mib", type=float, metavar="MIB", help="memory a job may use (an even share)")
+    job.add_argument("--keep-failed", action="store_true", help="do not try crashed and oversized jobs again")
+    job.add_argument("--compare", type=Path, metavar="OTHER_OUT", help="also say what differs from another batch")
+    add_shared_option(
+        job,
+        "--post",
+        help="robot program of every job: krl, rapid, fanuc, urscript, … or a template file; may be repeated "
+        "(the job's own post in a list, else this, else the cell's controller.post; without any no program)",
+    )
+    add_shared_option(job, "--program-tolerance-mm")
+    add_shared_option(job, "--tables")
+    add_shared_option(job, "--plan", help="planning options for all jobs as YAML")
+    add_shared_option(job, "--set", help="a planning option for all jobs")
+    add_shared_option(job, "--seed", type=int, default=None, help="of the random search around obstacles, for all jobs")
+    add_shared_option(job, "--allow-external", help="let cells use files outside their folders")
+    add_shared_option(job, "--effects")
+    job.set_defaults(run=_run_batch)
+
+
+def _run_batch(args: argparse.Namespace) -> int:
+    from machopt.batch.request import BatchRequest
+    from machopt.batch.run import run_batch
+
+    warn_of_effect_code(args)
+    overrides = [*args.set, *([] if args.seed is None else [f"seed={args.seed}"])]
+    request = BatchRequest(
+        jobs=tuple(args.toolpaths),
+        out=args.out,
+        overwrite=args.overwrite,
+        cell=args.cell,
+        plan_file=args.plan,
+        overrides=tuple(overrides),
+        reading=convert_reading_options(args),
+        allow_external=args.allow_external,
+        workers=args.jobs,
+        scheduler=args.scheduler,
+        time_limit=args.time_limit_s,
+        keep_failed=args.keep_failed,
+        compare=args.compare,
+        posts=tuple(args.post),
+        effects=tuple(args.effects),
+        extra=_list_job_inputs(args),
+        memory_limit=None if args.memory_limit_mib is None else int(args.memory_limit_mib * 2**20),
+    )
+    with _BatchProgress(show=not (args.quiet or args.json)) as bar:
+        outcome = run_batch(request, bar.report_progress)
+    counts = outcome.result.counts
+    if args.json:
+        print_result(outcome.result)
+    elif not args.quiet:
+        words = ", ".join(f"{n} {state}" for state, n in counts.items())
+        print(f"{words} ({outcome.done} done now, {outcome.reused} kept)")
+        print(f"summary: {outcome.report}")
+    if outcome.exit_code == 130:
+        print("machopt: stopped; finished jobs are kept, the same command goes on", file=sys.stderr)
+    elif outcome.exit_code:
+        bad = ", ".join(f"{n} {state}" for state, n in counts.items() if state != "done")
+        print(f"machopt: {bad}; {outcome.report} says why", file=sys.stderr)
+    return outcome.exit_code
+
+
+def _list_job_inputs(args: argparse.Namespace) -> dict[str, Any]:
+    """What every job is asked beside its options, where it is asked: it is part of what a finished job is known by."""
+    given = {"program_tolerance_mm": args.program_tolerance_mm, "tables": args.tables}
+    return {k: v for k, v in given.items() if v not in (None, "csv")}
+
+
+class _BatchProgress:
+    """How far the batch is: on a terminal a bar, elsewhere a line after every job."""
+
+    def __init__(self, *, show: bool) -> None:
+        self._show = show
+        self._bar: Any = None
+        self._task: Any = None
+
+    def __enter__(self) -> _BatchProgress:
+        if self._show and sys.stderr.isatty():
+            from rich.console import Console
+            from rich.progress import BarColumn, Progress, TextColumn
+
+            self._bar = Progress(BarColumn(30), TextColumn("{task.description}"), console=Console(stderr=True))
+            self._task = self._bar.add_task("starting workers", total=None)
+            self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def report_progress(self, progress: Any) -> None:
+        if self._bar is not None:
+            self._bar.update(
+                self._task, total=progress.total, completed=progress.kept + progress.done, description=progress.line
+            )
+        elif self._show:
+            print(progress.line, file=sys.stderr, flush=True)

@@ -1,0 +1,41 @@
+"""The first run after installing compiles: say so, share the work with a second process, and end that process."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from machopt.cli.progress_display import ProgressDisplay
+
+if TYPE_CHECKING:
+    import subprocess
+
+STORED = "compiling kernels, once per installation: the first run takes up to a minute longer"
+NOT_STORED = (
+    "compiling kernels in every run: neither the installation nor ~/.cache can be written; "
+    "NUMBA_CACHE_DIR=FOLDER would name a place to store them"
+)
+
+
+@contextlib.contextmanager
+def announce_compilation(display: ProgressDisplay) -> Iterator[None]:
+    """While a plan is made: what is printed and begun when a kernel is missing. Nothing where all are stored."""
+    from machopt.numerics.compiled_functions import call_on_compilation
+    from machopt.planning.compiled_kernels import start_compile_process
+
+    beside: list[subprocess.Popen[bytes]] = []
+
+    def told(stored: bool) -> None:
+        display.print_line(STORED if stored else NOT_STORED)
+        second = start_compile_process() if stored else None
+        if second is not None:
+            beside.append(second)
+
+    try:
+        with call_on_compilation(told):
+            yield
+    finally:
+        for process in beside:
+            process.terminate()
+            process.wait()

@@ -1,0 +1,156 @@
+"""The command ``diagnose``: where model and recording differ, and which physics is missing."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from machopt.cli.progress_display import ProgressDisplay, parse_natural_number, print_result
+from machopt.cli.shared_options import add_shared_option, warn_of_unused_options
+
+if TYPE_CHECKING:
+    from machopt.data_types.documents.diagnosis_document import DiagnosisDocument, FindingEntry
+
+Commands = Any  # argparse keeps its subparsers' type private
+
+_VERDICTS = {
+    "consistent": "consistent: nothing repeatable above the noise",
+    "explained": "explained",
+    "partly_explained": "explained in part",
+    "unexplained": "not explained: a repeatable mismatch that no law of the catalogue predicts",
+    "insufficient": "insufficient: nothing is named, and too little was read to say that nothing is missing",
+}
+
+
+def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
+    """Add the command to the parser."""
+    p = commands.add_parser(
+        "diagnose", parents=[common], help="where model and recording differ, and which physics is missing"
+    )
+    add_shared_option(p, "cell")
+    p.add_argument("recording", type=Path, nargs="+", help="recording folders (sessions or runs of the same robot)")
+    add_shared_option(p, "--out")
+    add_shared_option(p, "--force")
+    p.add_argument(
+        "--channel",
+        choices=("auto", "torque", "link", "tip"),
+        default="auto",
+        help="what is predicted of a motion: joint torque, link-side against motor-side joints, or the tip's position",
+    )
+    p.add_argument("--toolpath", type=Path, metavar="FILE", help="say what the findings change for this toolpath")
+    add_shared_option(p, "--set", help="override a planning option, for the plans of --toolpath")
+    p.add_argument(
+        "--terms",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE.py",
+        help="laws of your own to try too; RUNS the code in FILE.py with your rights, so give only files "
+        "you trust; may be repeated",
+    )
+    p.add_argument(
+        "--max-findings",
+        type=parse_natural_number,
+        metavar="N",
+        help="most effects named one by one (motions 3, others 6); measured poses that show effects at more than "
+        "four places at once are explained by all that predict unseen poses, however many, unless N is 1 or 2",
+    )
+    add_shared_option(p, "--accept")
+    add_shared_option(p, "--allow-external")
+    add_shared_option(p, "--seed")
+    add_shared_option(p, "--jobs")
+    add_shared_option(p, "--tables")
+    p.set_defaults(run=_run_diagnose)
+
+
+def _run_diagnose(args: argparse.Namespace) -> int:
+    from machopt.commands.diagnose.run import run_diagnose
+    from machopt.measurement.diagnosis.request import DiagnoseRequest
+
+    if args.toolpath is None:
+        warn_of_unused_options(args.set, "nothing is planned without --toolpath", quiet=args.quiet)
+    request = DiagnoseRequest(
+        cell=args.cell,
+        recordings=tuple(args.recording),
+        out=args.out,
+        overwrite=args.overwrite,
+        channel=args.channel,
+        toolpath=args.toolpath,
+        overrides=tuple(args.set),
+        terms=tuple(args.terms),
+        max_findings=args.max_findings,
+        accept=tuple(args.accept),
+        seed=args.seed,
+        allow_external=args.allow_external,
+        tables=args.tables,
+    )
+    if not args.quiet:
+        for file in args.terms:
+            print(f"machopt: --terms runs the code in {file} with your rights", file=sys.stderr)
+    with ProgressDisplay(show=not (args.quiet or args.json)) as display:
+        done = run_diagnose(request, display.show_stage)
+    if args.json:
+        print_result(done.result)
+    elif not args.quiet:
+        print("\n".join(format_diagnosis_summary(done.result)))
+        print(f"report: {done.report}")
+    return 0
+
+
+def format_diagnosis_summary(result: DiagnosisDocument) -> list[str]:
+    """What diagnosis.json says, for a terminal."""
+    unit = result.rmse_unit
+    first, last = result.baseline, result.final
+    lines = [
+        result.sentence,
+        f"  verdict: {_VERDICTS[result.verdict]}",
+        f"  held-out error {_format_size(first.heldout_rmse, unit)} → {_format_size(last.heldout_rmse, unit)}, "
+        f"noise floor "
+        f"{_format_size(first.noise_floor, unit)}, repeatable {_format_size(first.repeatable_rmse, unit)}"
+        + (f", {100 * last.explained_share:.0f} % of it closed" if last.explained_share is not None else ""),
+    ]
+    for number, f in enumerate(result.findings, 1):
+        lines.append(f"  {number}. {_format_finding_name(f)}{f', {note}' if (note := f.note) else ''} ({f.law})")
+        for name, p in f.parameters.items():
+            low, high = p.ci90
+            sure = f"   {_format_number(low)} … {_format_number(high)}" if low != high else ""
+            lines.append(
+                f"       {name.replace('_', ' ')} "
+                f"{_format_number(p.value)}{'' if p.unit == '1' else f' {p.unit}'}{sure}"
+            )
+        lines.append(
+            f"       held-out {_format_size(f.heldout_rmse_before, unit)} → "
+            f"{_format_size(f.heldout_rmse_after, unit)}, "
+            f"p {_format_number(f.p_value)}"
+        )
+        others = [f"{effect} {location}" for effect, location in f.one_of[1:]]
+        if others:
+            lines.append(f"       these data cannot tell it from: {', '.join(others)}")
+    if result.verdict in ("unexplained", "partly_explained"):
+        where = sorted(result.mismatch, key=lambda s: -(s.share or 0.0))[:3]
+        if where:
+            lines.append("  lives in: " + ", ".join(f"{s.axis} {100 * (s.share or 0.0):.0f} %" for s in where))
+    if result.outliers is not None:
+        count = len(result.outliers.rows)
+        lines.append(f"  put aside: {count} reading{'' if count == 1 else 's'} ({result.outliers.location})")
+    if result.effect_on_job is not None and result.effect_on_job.sentence:
+        lines.append(f"  the job: {result.effect_on_job.sentence}")
+    if result.next_experiment:
+        lines.append(f"  next: {result.next_experiment}")
+    return lines + [f"  note: {w}" for w in result.warnings]
+
+
+def _format_finding_name(f: FindingEntry) -> str:
+    return f"{f.effect} {f.location}"
+
+
+def _format_number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3g}"
+
+
+def _format_size(value: float | None, unit: str) -> str:
+    if value is not None and unit == "mm" and abs(value) < 0.5:
+        return f"{1e3 * value:.3g} µm"
+    return f"{_format_number(value)} {unit}"

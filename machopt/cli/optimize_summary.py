@@ -1,0 +1,278 @@
+"""What ``optimize`` and ``verify`` say on the terminal."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from machopt.data_types.manifest import add_scope_to_verdict
+
+if TYPE_CHECKING:
+    from machopt.data_types.documents.optimize_document import (
+        CheckEntry,
+        ChoiceObjectiveSection,
+        CompensationSection,
+        ExternalSearchBoundSection,
+        MotionBreakEntry,
+        OptimizeDocument,
+    )
+    from machopt.verification import VerificationCheck, VerificationInformation
+
+
+STOPS = 6  # places that are named where the motion stops
+
+
+def format_check_line(c: VerificationCheck) -> str:
+    if c.passed is None:
+        return f"–    {c.name}: not run, {c.where}"
+    where = "" if c.passed or not c.where else f" at {c.where}"
+    if c.passed is False and c.limit == 0.0:
+        return f"FAIL {c.name}: {c.where}"
+    if math.isnan(c.value) and math.isnan(c.limit):
+        return f"{'ok  ' if c.passed else 'FAIL'} {c.name}{where.replace(' at ', ': ', 1)}"
+    return f"{'ok  ' if c.passed else 'FAIL'} {c.name}: {c.value:.4g} {c.unit} (limit {c.limit:.4g}){where}"
+
+
+def format_information_line(i: VerificationInformation) -> str:
+    """A value that is no check: it has neither a limit nor a verdict."""
+    value = "" if math.isnan(i.value) else f": {i.value:.4g} {i.unit}"
+    return f"info {i.name}{value}{f', {i.where}' if i.where else ''}"
+
+
+def format_optimize_summary(result: OptimizeDocument, report: Path) -> list[str]:
+    """What a process engineer wants to read first."""
+    path, objective = result.toolpath, result.objective
+    lines = [f"before production: {text}" for text in result.production_blockers]
+    lines += [
+        f"{result.verdict}: {path.cutting_points} cutting points of {path.points}, "
+        f"{len(path.operations)} operations, {path.format}"
+    ]
+    for name in ("cam_default", "jiao2022", "chosen"):
+        o: ChoiceObjectiveSection = getattr(objective, name)
+        if o.total is None:
+            share = math.floor(1e3 * o.feasible_share) / 10  # never "100 %" of what is not feasible throughout
+            lines.append(f"  {name:12} not feasible throughout (at {share:g} % of the stations only)")
+        else:
+            mean, worst = (_format_cost(result, cost) for cost in (o.mean, o.worst))
+            lines.append(f"  {name:12} mean {mean}, worst {worst}   (objective {o.total:.3f})")
+    lines += _format_gain_lines(result)
+    lines += _format_bound_lines(result)
+    if result.front:
+        free = [p.plan for p in result.front if not p.dominated]
+        lines.append(f"  front of {len(free)} plan{'s' * (len(free) > 1)} in front.csv: {', '.join(free)}")
+        if any(p.dominated and p.plan == "as asked" for p in result.front):
+            lines.append("  another of them is nowhere worse than the plan as asked")
+    soft = result.worst_point
+    if soft:
+        if soft.deflection_mm is not None:
+            parts = [
+                f"{_format_with_interval(value, interval)} {where}"
+                for where, value, interval in (
+                    ("in all", soft.deflection_mm, soft.deflection_ci90_mm),
+                    ("along the tool axis", soft.deflection_along_mm, soft.deflection_along_ci90_mm),
+                    ("across it", soft.deflection_across_mm, soft.deflection_across_ci90_mm),
+                )
+            ]
+            lines.append(f"  worst point {soft.point}: deflection {', '.join(parts)}")
+        lines.append(
+            f"  {'stiffness there' if soft.deflection_mm is not None else f'worst point {soft.point}'}: "
+            f"{1e-3 * _convert_null_to_nan(soft.k_axial_N_mm):.3f} N/µm along the tool axis, "
+            f"{1e-3 * _convert_null_to_nan(soft.k_normal_N_mm):.3f} N/µm across it"
+        )
+    shift = result.compensation
+    if shift:
+        lines.append(
+            f"  compensated by up to {shift.max_mm:.3f} mm (mean {shift.mean_mm:.3f}); predicted to leave "
+            f"{shift.residual_mean_mm:.4f} mm on average, {shift.residual_max_mm:.4f} at worst"
+        )
+        lines += _format_removed_deflection(shift)
+    if result.cycle_time_s is not None and result.feed_held_share is not None:
+        dips, ramps = len(result.feed_dips), len(result.feed_stops)
+        rest = f", {dips} dips" if dips else ", the rest are ramps at stops that the path demands" if ramps else ""
+        lines.append(
+            f"  {result.cycle_time_s:.1f} s cycle, programmed feed held for "
+            f"{100 * result.feed_held_share:.1f} % of the cutting time{rest}"
+        )
+    for stop in result.obstructions[:STOPS]:
+        lines.append(f"  stopped from {_format_point(stop.before)} to {_format_point(stop.after)}: {stop.reason}")
+    if len(result.obstructions) > STOPS:
+        lines.append(f"  stopped at {len(result.obstructions) - STOPS} more places, see the report")
+    unknown = [w for w in path.ignored if not w.understood]
+    if unknown:
+        words = ", ".join(f"{w.word} ×{w.count} (line {w.first_line})" for w in unknown[:6])
+        lines.append(f"  not understood in the CAM file: {words}{' …' if len(unknown) > 6 else ''}")
+    lines += [f"  note: {w}" for w in result.warnings[:6]]
+    lines += _format_program_lines(result)
+    if result.verification is not None:
+        passed = "passed" if result.verification.passed else "FAILED"
+        lines.append("  " + add_scope_to_verdict(f"verification {passed}", result.unchecked))
+    lines.append(f"report: {report}")
+    return lines
+
+
+def _format_with_interval(value: float | None, interval: tuple[float, float] | None) -> str:
+    """A length in mm with its 90 % interval, where one is known."""
+    text = f"{_convert_null_to_nan(value):.3f} mm"
+    if interval is not None:
+        text += f" (90 %: {interval[0]:.3f} to {interval[1]:.3f} mm)"
+    return text.replace("-", "−")
+
+
+def _format_point(index: float | None) -> str:
+    return "home" if index is None else f"point {index:g}"
+
+
+def _format_removed_deflection(shift: CompensationSection) -> list[str]:
+    """What the model's own error makes of it, where that is known."""
+    r = shift.removed
+    if r is None or r.removed_ci90_percent is None or r.residual_max_ci90_mm is None:
+        return []
+    low, high = r.removed_ci90_percent
+    least, most = r.residual_max_ci90_mm
+    text = f"    {low:.1f} to {high:.1f} % of the mean deflection removed".replace("-", "−")
+    return [f"{text} (90 %), {least:.4f} to {most:.4f} mm left at worst"]
+
+
+def _format_gain_lines(result: OptimizeDocument) -> list[str]:
+    """The gain of the mean over each yardstick, with its uncertainty where the stiffness file has one."""
+    what = "mean deflection" if result.index == "deflection" else "mean compliance"
+    lines = []
+    for gain in result.objective.gain:
+        if gain.mean_percent is None or gain.over == result.chosen_from:
+            continue
+        share, std = gain.mean_percent, gain.std_percent
+        nothing = not gain.distinguishable and abs(share) < 0.05 and (std or 0.0) < 0.05  # no digit of it would show
+        if nothing or (std is None and not gain.distinguishable):
+            lines.append(f"  no gain over {gain.over}: the same {what}")
+            continue
+        decimals = int(abs(share) < 10 if std is None else std < 1.5)
+        text = f"  gain over {gain.over}: {what} {abs(share):.{decimals}f} %"
+        if std is None:
+            lines.append(f"{text} {'less' if share >= 0 else 'more'}")
+            continue
+        low, high = sorted(_convert_null_to_nan(v) if share >= 0 else -_convert_null_to_nan(v) for v in gain.ci90 or ())
+        text += f" ± {std:.{decimals}f} % {'less' if share >= 0 else 'more'}"
+        low, high = (round(v, decimals) + 0.0 for v in (low, high))  # no −0.0
+        lines.append(f"{text} (90 %: {low:.{decimals}f} to {high:.{decimals}f} %)".replace("-", "−"))
+        if not gain.distinguishable:
+            lines.append("    less than rounding or the stiffness model's own uncertainty: not distinguishable")
+    return lines
+
+
+def _format_bound_lines(result: OptimizeDocument) -> list[str]:
+    """How far from the best the plan can be, on the grid of rotations that was searched."""
+    search, step = result.objective.search, result.options["rotation_step_deg"]
+    if search is None:
+        return []
+    total, beyond = _convert_null_to_nan(result.objective.chosen.total), search.beyond_grid_percent
+    above = _convert_null_to_nan(search.plan_above_bound_percent)
+    return [
+        f"  objective of the driven curve {total:.4f}, {abs(above):.2f} % {'above' if above >= 0 else 'below'} the "
+        f"bound of the grid and {abs(beyond):.2f} % {'below' if beyond >= 0 else 'above'} the grid's sequence",
+        f"    bound for the {step:g}° grid at the stations alone: no sequence is below {search.lower_bound:.4f} (found "
+        f"{search.sequence:.4f}, gap of the search {search.gap_percent:.2f} %)",
+        *_format_external_lines(search.external),
+    ]
+
+
+def _format_external_lines(e: ExternalSearchBoundSection | None) -> list[str]:
+    """Whether that holds for other values of the external joints too."""
+    if e is None:
+        return []
+    if e.why_none:
+        return [f"    with the external joints as chosen; no bound over their values: {e.why_none}"]
+    gap = "between these values and below all of them, so no bound holds for it"
+    if e.gap_percent is not None:
+        gap = f"gap {e.gap_percent:.2f} %"
+    return [
+        f"    with the external joints as chosen; over {e.values} values of theirs and the plan's own, every "
+        f"{_convert_null_to_nan(e.rotation_step_deg):g}° at {e.stations} stations, no sequence is below "
+        f"{_convert_null_to_nan(e.lower_bound):.4f}: the "
+        f"plan has {_convert_null_to_nan(e.plan):.4f} there, {gap}"
+    ]
+
+
+def _format_cost(result: OptimizeDocument, cost: float | None) -> str:
+    """A cost of the objective as the engineer reads it: deflection in mm, or stiffness in N/µm."""
+    value = _convert_null_to_nan(cost) * _convert_null_to_nan(result.index_scale)
+    if result.index == "deflection":
+        return f"deflection {1e3 * value:.3f} mm"
+    return f"stiffness {1e-6 / value:.3f} N/µm"
+
+
+def format_first_infeasibility(result: OptimizeDocument) -> str:
+    """The first places where it fails, and what would help there."""
+    points = result.infeasible_points
+    breaks = [b for b in result.breaks if not any(b.reason in p.reason for p in points)]  # told at the point already
+    parts = []
+    if points:
+        number = f"{len(points)} points" if len(points) > 1 else "1 point"
+        parts.append(f"{number}, the first is {points[0].point}: {points[0].reason}")
+    if breaks:
+        number = f"{len(breaks)} breaks" if len(breaks) > 1 else "1 break"
+        parts.append(f"{number}, the first {format_break_ends(breaks[0])}: {breaks[0].reason}")
+    told = (points or breaks)[:1]
+    return "; ".join(parts) + (f"; {told[0].help}" if told else "")
+
+
+def format_break_ends(one: MotionBreakEntry) -> str:
+    """The two ends of a break in words."""
+    ends = ("home" if k is None else f"point {k:g}" for k in (one.from_point, one.to_point))
+    return "from {} to {}".format(*ends)
+
+
+def _format_program_lines(result: OptimizeDocument) -> list[str]:
+    """One line a robot program: where it is and what came back when it was read."""
+    lines = []
+    if not result.programs and result.exit_code == 0:
+        lines.append("  no robot program: the cell names no controller.post and no --post was given, e.g. --post krl")
+    for p in result.programs:
+        c = p.checked
+        if p.withheld:
+            lines.append(f"  program for {p.post} withheld: {p.withheld}")
+            continue
+        if c is None:
+            lines.append(f"  program {p.files[0]}: NOT CHECKED: in a language that no reader here knows")
+        else:
+            state = f"reads back within {_convert_null_to_nan(c.positions_max_mm):.1g} mm"
+            if p.differences:
+                state = "DOES NOT READ BACK AS WRITTEN"
+            if c.path_max_mm is not None:
+                state += f", its lines keep to the motion within {c.path_max_mm:.3f} mm"
+            added = f" ({p.moves_added} added for that)" if p.moves_added else ""
+            lines.append(f"  program {p.files[0]}: {c.moves} moves{added}, {state}")
+        feed = p.feed_model
+        if feed is not None:
+            lines.append(
+                f"    by the model of its controller it holds {feed.mean_percent:.0f} % of the programmed feed "
+                f"({feed.lowest_percent:.0f} % in the slowest move, {feed.exact_stops} exact stops), rounding "
+                f"points by {feed.rounding_max_mm:.3f} mm at most"
+            )
+    return lines
+
+
+def format_failed_verification(result: OptimizeDocument) -> str:
+    from machopt.cli.check_failures import format_failures
+
+    checks = result.verification.checks if result.verification else []
+    return format_failures([_convert_to_check(c) for c in checks])
+
+
+def _convert_to_check(c: CheckEntry) -> VerificationCheck:
+    from machopt.verification import VerificationCheck
+
+    return VerificationCheck(
+        name=c.name,
+        passed=c.passed,
+        value=_convert_null_to_nan(c.value),
+        limit=_convert_null_to_nan(c.limit),
+        unit=c.unit,
+        where=c.where,
+        file=c.file,
+    )
+
+
+def _convert_null_to_nan(value: float | None) -> float:
+    """A number of a result file, where null stands for what is not finite."""
+    return math.nan if value is None else value

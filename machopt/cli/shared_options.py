@@ -1,0 +1,122 @@
+"""Options that several commands have, each written once, and those that every command takes."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from machopt.cli.argument_parser import list_options
+from machopt.cli.progress_display import parse_natural_number, parse_positive_integer
+from machopt.file_formats.parquet_tables import KINDS
+
+
+def parse_package_argument(text: str) -> tuple[str, Path]:
+    """NAME=FOLDER, a folder that exists, relative to the current one."""
+    name, mark, folder = text.partition("=")
+    if not (name and mark and Path(folder).is_dir()):
+        raise argparse.ArgumentTypeError(f"found {text!r}; expected NAME=FOLDER, a folder that is there")
+    return name, Path(folder).absolute()
+
+
+def parse_xacro_argument(text: str) -> tuple[str, str]:
+    """NAME=VALUE, in which the value may be empty."""
+    name, mark, value = text.partition("=")
+    if not (name and mark):
+        raise argparse.ArgumentTypeError(f"found {text!r}; expected NAME=VALUE")
+    return name, value
+
+
+_ONE_PROCESS = "accepted for scripts; one process runs"
+SHARED: dict[str, dict[str, Any]] = {
+    "cell": {"type": Path, "help": "cell folder or its cell.yaml"},
+    "toolpath": {"type": Path, "help": "CAM export or point table"},
+    "--out": {"flags": ("-o",), "type": Path, "required": True, "help": "output folder"},
+    "--force": {
+        "dest": "overwrite",
+        "action": "store_true",
+        "help": "replace output files that machopt did not write or that were edited since",
+    },
+    "--allow-external": {"action": "store_true", "help": "let the cell use files outside its folder"},
+    "--package": {
+        "type": parse_package_argument,
+        "action": "append",
+        "default": [],
+        "metavar": "NAME=FOLDER",
+        "help": "where a ROS package lies that the robot's file names (beside it or above it); may be repeated",
+    },
+    "--xacro-arg": {
+        "type": parse_xacro_argument,
+        "action": "append",
+        "default": [],
+        "metavar": "NAME=VALUE",
+        "help": "value of an argument of a xacro file; may be repeated",
+    },
+    "--seed": {"type": parse_natural_number, "default": 0, "help": "same input and seed, same bytes"},
+    "--jobs": {"type": parse_positive_integer, "default": 1, "metavar": "N", "help": _ONE_PROCESS},
+    "--plan": {"type": Path, "metavar": "FILE", "help": "planning options as YAML"},
+    "--set": {"action": "append", "default": [], "metavar": "KEY=VALUE", "help": "override a planning option"},
+    "--post": {"action": "append", "default": [], "metavar": "POST"},
+    "--program-tolerance-mm": {
+        "type": float,
+        "metavar": "MM",
+        "help": "how far straight lines between a program's points may leave the motion before a point is added (0.05)",
+    },
+    "--tables": {
+        "choices": KINDS,
+        "default": "csv",
+        "help": "parquet: every table as Parquet, too, beside its CSV (csv)",
+    },
+    "--effects": {
+        "type": Path,
+        "action": "append",
+        "default": [],
+        "metavar": "FILE.py",
+        "help": "effects of your own that stiffness.yaml or kinematics.yaml holds, as machopt diagnose --terms FILE.py "
+        "found them, or that EFFECT@LOCATION names; runs the code in that file; may be repeated",
+    },
+    "--accept": {
+        "action": "append",
+        "default": [],
+        "metavar": "CODE",
+        "help": "take this error of the record as a warning",
+    },
+}
+"""Name → what argparse is told; ``flags`` are further names."""
+
+_IDLE: dict[str, dict[str, Any]] = {
+    "--seed": {"dest": "idle_seed", "help": "accepted for scripts; nothing is drawn at random here"},
+    "--jobs": {"dest": "idle_jobs"},
+    "--set": {"dest": "idle_set", "help": "accepted for scripts; planning options have no effect here, which is said"},
+}
+"""What every command takes → what is said of it by those that have no use for it."""
+
+
+def add_shared_option(parser: argparse._ActionsContainer, name: str, **changed: Any) -> None:
+    """Add a shared option; ``changed`` is what this command says otherwise of it."""
+    told = {**SHARED[name], **changed}
+    parser.add_argument(*told.pop("flags", ()), name, **told)
+
+
+def add_common_options(parser: argparse.ArgumentParser) -> None:
+    """Add what every command takes and this one has not, so that a script may give all of them the same words."""
+    known = list_options(parser)
+    for name, changed in _IDLE.items():
+        if name not in known:
+            add_shared_option(parser, name, **changed)
+
+
+def warn_of_unused_options(words: list[str], why: str, *, quiet: bool) -> None:
+    """Planning options given to a command that has no use for them: checked like any, then named on stderr.
+
+    Raises:
+        InputError: no planning option, or not a value of it.
+    """
+    if not words:
+        return
+    from machopt.options.plan_option_reader import load_options
+
+    load_options(overrides=words)
+    if not quiet:
+        print(f"machopt: --set {' '.join(words)} has no effect: {why}", file=sys.stderr)

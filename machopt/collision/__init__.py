@@ -1,0 +1,1 @@
+"""Collision bodies, distances, swept motion and gouge depth."""

@@ -1,0 +1,272 @@
+"""Collision bodies as triangles: one list in base_link at zero, with a box and a few spheres around each.
+
+Each moves with a link of the machine's chain (:mod:`machopt.kinematics.machine`); of an arm alone, link 0 is base_link
+and
+everything that stands still. At zero all joints are zero.
+
+Boxes, cylinders and spheres become triangles too (round ones circumscribed, so never smaller than they are):
+triangle–triangle distances are exact and have no iteration that could fail, and one code path serves all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.cell import Cell, CollisionShape, CutterGeometry
+from machopt.errors import InputError
+from machopt.kinematics.machine import Machine
+from machopt.kinematics.machine_lines import LinkCarriers
+from machopt.kinematics.robot import LinkShape
+from machopt.numerics import triangle_meshes
+from machopt.numerics.array_types import Array, Bools
+from machopt.numerics.rigid_transforms import invert_transform
+
+BodyKind = Literal["link", "tool", "cutter", "workpiece", "obstacle"]
+
+CYLINDER_SIDES = 48  # circumscribed: at most 0.22 % outside the true radius
+SPHERE_SUBDIVISIONS = 3  # 1,280 faces, at most 0.7 % outside the true radius
+SPHERE_SLABS = 6  # most spheres around one body
+CONTACT_TOLERANCE_M = 1e-4  # m, by which the cutter shrinks in the cutter–workpiece test of moves that do not cut
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CollisionBody:
+    """A closed or open surface that moves with one link of the chain (0: what the part moves with)."""
+
+    name: str
+    kind: BodyKind
+    link: int  # 0 … 6 + E
+    vertices: Array  # (V, 3) m, in base_link at zero
+    faces: NDArray[np.int64]  # (F, 3)
+    box_rotation: Array  # (3, 3) columns: axes of a box around the body, in base_link at zero
+    box_centre: Array  # (3,) m
+    box_half: Array  # (3,) m
+    sphere_centres: Array  # (K, 3) m; K spheres that cover the box
+    sphere_radius: float  # m, of each
+    unattached_links: tuple[int, ...] = ()  # links next to its own in the chain that do not hang on it
+
+
+def build_robot_bodies(carriers: LinkCarriers, shapes: tuple[LinkShape, ...]) -> list[CollisionBody]:
+    """The URDF's collision shapes."""
+    out = []
+    for s in shapes:
+        by = carriers.find_for_shape(s)
+        out.append(
+            replace(_build_body(s.shape, "link", by.link, s.shape.T_parent_shape), unattached_links=by.unattached_links)
+        )
+    return out
+
+
+def build_cell_bodies(cell: Cell, carriers: LinkCarriers) -> list[CollisionBody]:
+    """Tool, workpiece and obstacles of the cell (the cutter apart, see :func:`build_cutter_body`)."""
+    machine = carriers.machine
+    T_base_world = invert_transform(machine.T_world_base_zero)
+    flange = machine.robot.T_base_flange_zero
+    out = [_build_body(s, "tool", machine.base_link + 6, flange @ s.T_parent_shape) for s in cell.tool.geometry]
+    T_base_part = machine.T_base_workpiece_zero
+    out += [_build_body(s, "workpiece", 0, T_base_part @ s.T_parent_shape) for s in cell.workpiece.geometry]
+    for s in cell.obstacles:
+        link, T = (machine.world_link, T_base_world) if s.link == "world" else carriers.locate_link(s.link)
+        out.append(_build_body(s, "obstacle", link, T @ s.T_parent_shape))
+    return out
+
+
+def build_cutter_body(cell: Cell, machine: Machine, cutter: CutterGeometry, shrink: float = 0.0) -> CollisionBody:
+    """The cutter as a cylinder from the TCP back along −z, ``shrink`` m smaller at its radius and its tip."""
+    radius = max(cutter.diameter / 2 - shrink, cutter.diameter / 4)
+    length = max(cutter.length - shrink, cutter.length / 2)
+    T = machine.robot.T_base_flange_zero @ cell.tool.T_flange_tcp
+    centre = np.eye(4)
+    centre[2, 3] = -cutter.length + length / 2
+    return _build_body(
+        CollisionShape(name="cutter", kind="cylinder", size=(radius, length), mesh=None, T_parent_shape=np.eye(4)),
+        "cutter",
+        machine.base_link + 6,
+        T @ centre,
+    )
+
+
+def build_tool_bodies(cell: Cell) -> list[CollisionBody]:
+    """The tool's bodies by themselves, in the flange frame."""
+    return [_build_body(s, "tool", 0, s.T_parent_shape) for s in cell.tool.geometry]
+
+
+def list_candidate_pairs(bodies: list[CollisionBody]) -> list[tuple[int, int]]:
+    """Pairs (lower link first) that could touch, without the cutter's."""
+    out = []
+    for i, a in enumerate(bodies):
+        for j, b in enumerate(bodies):
+            if a.link >= b.link:
+                continue
+            both = a.kind in ("link", "tool") and b.kind in ("link", "tool")
+            if not (both and is_directly_attached(a, b)):
+                out.append((i, j))
+    return out
+
+
+def list_adjacent_pairs(bodies: list[CollisionBody]) -> list[tuple[int, int]]:
+    """Pairs that are not compared because one hangs on the other: links next to each other, the last one and the tool.
+
+    What is fixed to one another does not count.
+    """
+    moving = [(i, b) for i, b in enumerate(bodies) if b.kind in ("link", "tool")]
+    return [(i, j) for i, a in moving for j, b in moving if a.link < b.link and is_directly_attached(a, b)]
+
+
+def list_allowed_contacts(cell: Cell) -> dict[frozenset[str], str]:
+    """Pairs of body names that the cell lets touch, and where it says so."""
+    return {
+        frozenset((a, b)): f"may touch: {pair.source} ({pair.a} ~ {pair.b})"
+        for pair in cell.may_touch
+        for a in pair.first
+        for b in pair.second
+    }
+
+
+def is_directly_attached(a: CollisionBody, b: CollisionBody) -> bool:
+    """Whether two bodies of the machine hang on each other directly."""
+    return count_links_between(a, b) == 1 and b.link not in a.unattached_links and a.link not in b.unattached_links
+
+
+def count_links_between(a: CollisionBody, b: CollisionBody) -> int:
+    """Steps along the chain; the tool is one beyond the last link."""
+    return abs((a.link + (a.kind == "tool")) - (b.link + (b.kind == "tool")))
+
+
+def is_possibly_contained(a: CollisionBody, b: CollisionBody, T: Array) -> Bools:
+    """(S,) whether a's first vertex lies in b's box or the other way round, with b moved by T (S, 4, 4) seen from a.
+
+    Elsewhere neither is wholly inside the other.
+    """
+    R, t = T[:, :3, :3], T[:, :3, 3]
+    there = R @ b.vertices[0] + t
+    here = np.einsum("sji,sj->si", R, a.vertices[0] - t)
+    held = [
+        (np.abs((x - body.box_centre) @ body.box_rotation) <= body.box_half).all(axis=1)
+        for body, x in ((a, there), (b, here))
+    ]
+    return np.asarray(held[0] | held[1])
+
+
+def is_point_inside(body: CollisionBody, point: Array) -> bool:
+    """Whether a point (3,) lies in the solid that a closed, outward-oriented surface bounds.
+
+    Sums the solid angles of the triangles (Van Oosterom and Strackee 1983, eq. 8); open surfaces bound
+    nothing, and a room drawn with its normals inwards is hollow.
+    """
+    local = body.box_rotation.T @ (point - body.box_centre)
+    if (np.abs(local) > body.box_half).any() or not is_closed_surface(body.faces):
+        return False
+    a, b, c = (body.vertices[body.faces[:, k]] - point for k in range(3))
+    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+    top = np.einsum("ij,ij->i", a, np.cross(b, c))
+    dot = [np.einsum("ij,ij->i", u, v) * w for u, v, w in ((a, b, lc), (b, c, la), (c, a, lb))]
+    angle = 2.0 * np.arctan2(top, la * lb * lc + dot[0] + dot[1] + dot[2]).sum()
+    return bool(angle > 2.0 * np.pi)
+
+
+def is_closed_surface(faces: NDArray[np.int64]) -> bool:
+    """Every edge is run through once in each direction."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    n = int(faces.max()) + 1
+    forth, back = edges[:, 0] * n + edges[:, 1], edges[:, 1] * n + edges[:, 0]
+    return bool(np.array_equal(np.sort(forth), np.sort(back)))
+
+
+def _build_body(shape: CollisionShape, kind: BodyKind, link: int, T_base_shape: Array) -> CollisionBody:
+    vertices, faces = triangulate_shape(shape)
+    body = _add_bounding_volumes(
+        CollisionBody(
+            name=shape.name,
+            kind=kind,
+            link=link,
+            vertices=vertices,
+            faces=faces,
+            box_rotation=np.eye(3),
+            box_centre=np.zeros(3),
+            box_half=np.zeros(3),
+            sphere_centres=np.zeros((1, 3)),
+            sphere_radius=0.0,
+        )
+    )
+    R, t = T_base_shape[:3, :3], T_base_shape[:3, 3]
+    return replace(
+        body,
+        vertices=vertices @ R.T + t,
+        box_rotation=R @ body.box_rotation,
+        box_centre=R @ body.box_centre + t,
+        sphere_centres=body.sphere_centres @ R.T + t,
+    )
+
+
+def triangulate_shape(shape: CollisionShape) -> tuple[Array, NDArray[np.int64]]:
+    """Vertices (V, 3) m and faces (F, 3) of a shape in its own frame; round ones circumscribed.
+
+    Raises:
+        InputError: a mesh cannot be read.
+    """
+    if shape.kind == "mesh":
+        return _load_mesh(shape)
+    if shape.kind == "box":
+        return triangle_meshes.build_box(shape.size)
+    if shape.kind == "cylinder":
+        outer = shape.size[0] / np.cos(np.pi / CYLINDER_SIDES)
+        return triangle_meshes.build_cylinder(outer, shape.size[1], CYLINDER_SIDES)
+    import trimesh  # late: few cells have spheres
+
+    mesh = trimesh.creation.icosphere(subdivisions=SPHERE_SUBDIVISIONS, radius=1.0)
+    depth = np.einsum("ij,ij->i", mesh.face_normals, mesh.vertices[mesh.faces[:, 0]]).min()
+    mesh.apply_scale(shape.size[0] / depth)
+    return np.array(mesh.vertices, float), np.array(mesh.faces, np.int64)
+
+
+def _load_mesh(shape: CollisionShape) -> tuple[Array, NDArray[np.int64]]:
+    path = Path(shape.mesh) if shape.mesh is not None else Path("")
+    if not path.is_file():
+        raise InputError(f"mesh of {shape.name!r} is not a file", file=path)
+    plain = triangle_meshes.parse_binary_stl(path.read_bytes()) if path.suffix.lower() == ".stl" else None
+    vertices, faces = triangle_meshes.merge_equal_vertices(_load_with_trimesh(shape, path) if plain is None else plain)
+    if not len(faces) or not np.isfinite(vertices).all():
+        raise InputError(f"mesh of {shape.name!r} holds no finite triangles", file=path)
+    return vertices * shape.size[0], faces
+
+
+def _load_with_trimesh(shape: CollisionShape, path: Path) -> triangle_meshes.TriangleMesh:
+    """Of any format that trimesh reads."""
+    import trimesh
+
+    try:
+        mesh = trimesh.load(path, force="mesh")
+    except (ValueError, TypeError, KeyError, IndexError, NotImplementedError, ImportError) as error:
+        raise InputError(
+            f"mesh of {shape.name!r} cannot be read ({error}); STL, OBJ or PLY would work", file=path
+        ) from error
+    return triangle_meshes.TriangleMesh(np.array(mesh.vertices, float), np.array(mesh.faces, np.int64))
+
+
+def _add_bounding_volumes(body: CollisionBody) -> CollisionBody:
+    """Put a box (own or principal axes, the smaller) and spheres along its longest side around the body."""
+    v = body.vertices
+    principal = np.linalg.eigh(np.cov((v - v.mean(0)).T))[1]
+    boxes = []
+    for R in (np.eye(3), principal * np.sign(np.linalg.det(principal))):
+        low, high = (v @ R).min(0), (v @ R).max(0)
+        boxes.append((float(np.prod(high - low + 1e-6)), R, R @ (low + high) / 2, (high - low) / 2))
+    _, R, centre, half = min(boxes, key=lambda box: box[0])
+    long = int(np.argmax(half))
+    across = float(np.linalg.norm(np.delete(half, long)))
+    count = int(np.clip(np.ceil(half[long] / max(across, 1e-9)), 1, SPHERE_SLABS))
+    offset = (np.arange(count) + 0.5) / count * 2.0 - 1.0
+    return replace(
+        body,
+        box_rotation=R,
+        box_centre=centre,
+        box_half=half,
+        sphere_centres=centre + np.outer(offset * half[long], R[:, long]),
+        sphere_radius=float(np.hypot(half[long] / count, across)),
+    )

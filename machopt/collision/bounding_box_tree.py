@@ -1,0 +1,139 @@
+"""A surface's triangles, the long ones divided, and a tree of boxes around them (compiled).
+
+It is made once a body and gone down by :mod:`machopt.collision.mesh_distance` and
+:mod:`machopt.collision.proximity_test`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.collision.bodies import CollisionBody
+from machopt.numerics.array_types import Array, Ints
+from machopt.numerics.compiled_functions import compile_function
+
+LEAF_TRIANGLES = 2  # triangles in a box that is not divided any more
+EDGE_LENGTH_SHARE = 0.1  # of a body's size: triangles with longer edges are divided
+MAX_TRIANGLES = 20_000  # most triangles that dividing makes
+DEGENERATE_AREA = 1e-24  # m⁴, squared double area below which a triangle is a line
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoxTreeMesh:
+    """A body's triangles and the boxes around them."""
+
+    corners: Array  # (F, 3, 3) m, in base_link at q = 0
+    normals: Array  # (F, 3) of unit length, zero where a triangle is a line
+    low: Array  # (B, 3) m, of each box
+    high: Array  # (B, 3)
+    child: Ints  # (B,) the first of two boxes inside, −1 for none
+    first: Ints  # (B,) its triangles in ``order``
+    count: Ints  # (B,)
+    order: Ints  # (F,)
+
+
+def build_box_tree(body: CollisionBody) -> BoxTreeMesh:
+    """Boxes around a body's triangles, the long ones divided: a box around a long triangle holds little of it."""
+    return build_box_tree_of_triangles(body.vertices, body.faces)
+
+
+def build_box_tree_of_triangles(vertices: Array, faces: Ints) -> BoxTreeMesh:
+    """The same of vertices (V, 3) m and faces (F, 3)."""
+    corners = _subdivide_long_triangles(
+        vertices[faces], EDGE_LENGTH_SHARE * float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    )
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = np.linalg.norm(normals, axis=1, keepdims=True)
+    return _build_tree(corners, np.where(size**2 > DEGENERATE_AREA, normals / np.maximum(size, 1e-300), 0.0))
+
+
+def _subdivide_long_triangles(corners: Array, longest: float) -> Array:
+    """The same surface with no edge above ``longest`` m, where PIECES allow: triangles (F, 3, 3) halved, and halved."""
+    done, made = [corners[:0]], 0
+    while len(corners):
+        edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)  # from each corner to the next
+        long = edges.max(axis=1) > longest
+        made += int(long.sum())
+        if made > MAX_TRIANGLES:
+            break
+        done.append(corners[~long])
+        first = edges[long].argmax(axis=1)
+        a, b, c = (corners[long][np.arange(len(first)), (first + k) % 3] for k in range(3))
+        middle = 0.5 * (a + b)
+        corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+    return np.ascontiguousarray(np.concatenate([*done, corners]))
+
+
+@compile_function
+def _partition_by_median(value: Array, order: Ints, low: int, high: int, at: int) -> None:
+    """Bring the least of value[low … high] before place ``at``, and ``order`` with them (Hoare 1961, Find)."""
+    while low < high:
+        pivot, i, j = value[(low + high) // 2], low, high
+        while i <= j:
+            while value[i] < pivot:
+                i += 1
+            while pivot < value[j]:
+                j -= 1
+            if i <= j:
+                value[i], value[j] = value[j], value[i]
+                order[i], order[j] = order[j], order[i]
+                i += 1
+                j -= 1
+        if j < at:
+            low = i
+        if at < i:
+            high = j
+
+
+def _build_tree(corners: Array, normals: Array) -> BoxTreeMesh:
+    """Triangles in boxes, divided at the median along the longest side down to LEAF of them."""
+    most = max(2 * len(corners), 1)  # halves hold two triangles or more, before they are divided
+    low, high = np.empty((most, 3)), np.empty((most, 3))
+    child, first, count = (np.empty(most, np.int64) for _ in range(3))
+    order = np.arange(len(corners))
+    made = _fill_tree(corners, low, high, child, first, count, order, np.empty(len(corners)))
+    return BoxTreeMesh(
+        corners=corners,
+        normals=normals,
+        low=low[:made],
+        high=high[:made],
+        child=child[:made],
+        first=first[:made],
+        count=count[:made],
+        order=order,
+    )
+
+
+@compile_function
+def _fill_tree(
+    corners: Array, low: Array, high: Array, child: Ints, first: Ints, count: Ints, order: Ints, middle: Array
+) -> int:
+    """Fill the boxes' arrays, level by level, and sort ``order``; returns how many boxes there are."""
+    first[0], count[0], made, k = 0, len(corners), 1, 0
+    while k < made:
+        a, n = first[k], count[k]
+        for c in range(3):
+            low[k, c], high[k, c] = np.inf, -np.inf
+        for m in range(a, a + n):
+            for corner in range(3):
+                for c in range(3):
+                    x = corners[order[m], corner, c]
+                    low[k, c], high[k, c] = min(low[k, c], x), max(high[k, c], x)
+        child[k] = -1
+        if n > LEAF_TRIANGLES:
+            side = 0
+            for c in range(1, 3):
+                if high[k, c] - low[k, c] > high[k, side] - low[k, side]:
+                    side = c
+            for m in range(a, a + n):
+                of = order[m]
+                middle[m] = corners[of, 0, side] + corners[of, 1, side] + corners[of, 2, side]
+            child[k], half = made, n // 2
+            _partition_by_median(middle, order, a, a + n - 1, a + half)
+            first[made], count[made] = a, half
+            first[made + 1], count[made + 1] = a + half, n - half
+            made += 2
+        k += 1
+    return made

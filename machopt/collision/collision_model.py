@@ -1,0 +1,426 @@
+"""Does anything touch, and how near is it: robot, tool, cutter, workpiece, obstacles.
+
+Exact triangle distances cost 0.05–5 ms, so they are computed only where cheap bounds leave doubt, and what they find
+too near on a way is so by fcl's word:
+
+1. Spheres around one body against a box around the other bound every pair's distance from below, for all rows
+   at once in NumPy.
+2. A distance once known holds on: the joint step bounds the relative motion of the bodies, so
+   d(later) ≥ d(known) − motion since. The same bound proves the motion *between* two rows free: it is when
+   d(a) + d(b) − 2·clearance exceeds it (each free ball covers its share of the way); otherwise the segment is
+   halved until it does or a contact shows.
+
+Both bounds are in :mod:`machopt.collision.distance_bounds`. With external axes everything is seen from the part: bodies
+ride on the
+links of the machine's chain (:mod:`machopt.kinematics.machine`), and what stands in the hall is one of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.collision.bodies import (
+    CONTACT_TOLERANCE_M,
+    BodyKind,
+    CollisionBody,
+    build_cell_bodies,
+    build_cutter_body,
+    build_robot_bodies,
+    count_links_between,
+    is_possibly_contained,
+    list_adjacent_pairs,
+    list_allowed_contacts,
+    list_candidate_pairs,
+)
+from machopt.collision.distance_bounds import BodyPairs, DistanceMemory, MotionRows, refine_motion
+from machopt.collision.fcl_distance import FclSurfaces
+from machopt.collision.nearest_pair import MAX_DISTANCE_M, NearestPairs, find_nearest_pairs
+from machopt.collision.pair_motion_check import PairMotionCheck
+from machopt.collision.proximity_test import build_outline, is_nearer_than
+from machopt.data_types.cell import Cell
+from machopt.kinematics.machine import load_machine
+from machopt.kinematics.machine_lines import LinkCarriers, MachineLines
+from machopt.kinematics.robot import LinkShape, Robot
+from machopt.numerics.array_types import Array
+from machopt.numerics.worker_threads import map_in_threads
+
+Bools = NDArray[np.bool_]
+
+RANDOM_POSES = 400  # random poses that decide which link pairs are worth checking
+ADJACENT_CONTACT_SHARE = 0.95  # share of poses in touch from which a pair is taken to be built touching
+TWO_APART_CONTACT_SHARE = 0.50  # the same for links two apart, whose meshes often overlap where the real links do not
+MAX_BOUNDED_STEP_RAD = 0.1  # rad, joint step above which the motion bound is of no use
+SORTING_STRIP_RAD = np.radians(2.0)  # of a joint, in which poses are taken in the order of the next one
+MAX_BLOCK_ROWS = 50_000  # rows of a motion that are looked at together, for the sake of memory (some 5 kB each)
+PLACES, UNCHANGED = 49, 1e-6  # of an external joint, and m by which the distance of a pair that tells nothing varies
+MAX_BOUND_ARRAY_SIZE = 2_000_000  # rows × pairs whose bounds are compared in one array
+
+
+@dataclass(frozen=True)
+class CollisionPair:
+    """Two bodies that are checked against each other."""
+
+    a: str
+    b: str
+    kinds: tuple[BodyKind, BodyKind]
+    clearance: float  # m, required
+    unless_cutting: bool  # the cutter and the workpiece: only in moves that do not cut
+
+    @property
+    def name(self) -> str:
+        return f"{self.a} ~ {self.b}"
+
+
+@dataclass(frozen=True)
+class ExcludedCollisionPair:
+    """Two bodies that are not checked, and why."""
+
+    a: str
+    b: str
+    reason: str
+    share: float  # of random poses in touch; NaN where not sampled
+
+
+@dataclass(frozen=True)
+class CollisionContacts:
+    """Where something collides or is nearer than its clearance."""
+
+    hit: Bools  # (S,)
+    pair: NDArray[np.int32]  # (S,) index into CollisionModel.pairs of the first pair found, −1 where free
+    row: Array  # (S,) fractional row of the contact (on the way from the row before), NaN where free
+
+    @property
+    def any(self) -> bool:
+        return bool(self.hit.any())
+
+    @property
+    def first(self) -> int:
+        """First row hit, −1 if none."""
+        return int(np.argmax(self.hit)) if self.any else -1
+
+
+class CollisionModel:
+    """Machine, tool, cutter, workpiece and obstacles of a cell, checked at joint positions.
+
+    Joint positions x are (S, 6 + E): the joints of the arm in rad, then the external joints in rad or m as the cell
+    lists them.
+
+    ``cutting`` (S,) marks moves in which the cutter may touch the workpiece; entry n speaks of the move that
+    ends in row n. In the other moves the cutter, drawn in by 0.1 mm at radius and tip, must not touch the
+    workpiece: a rapid move may start or end where the cutter just touches. ``clearance`` holds for every
+    other pair.
+
+    Args:
+        cell: tool, workpiece, obstacles, T_world_base and external joints.
+        robot: kinematics of the arm.
+        shapes: the URDF's collision bodies, from :func:`machopt.kinematics.robot.load_chain`.
+        clearance: m, required distance.
+        still: the external joints stand at home, and x is (S, 6): the arm's joints alone.
+
+    Attributes:
+        pairs: what is checked.
+        excluded: what is not, and why: built touching, or the cell lets it.
+        adjacent: links next to each other, which are not compared either.
+        suspicious: pairs in touch at the home pose, in words (a model error or a too coarse mesh).
+
+    Raises:
+        InputError: a mesh cannot be read, or the external joints make no chain.
+    """
+
+    def __init__(
+        self, cell: Cell, robot: Robot, shapes: tuple[LinkShape, ...], clearance: float, *, still: bool = False
+    ) -> None:
+        machine = load_machine(cell, robot)
+        self._lines, self.clearance = MachineLines.build(cell, machine, still=still), clearance
+        carriers = LinkCarriers(cell, machine)
+        self._bodies = [*build_robot_bodies(carriers, shapes), *build_cell_bodies(cell, carriers)]
+        wanted = [(i, j, False) for i, j in list_candidate_pairs(self._bodies)]
+        if cell.tool.cutter is not None:
+            cutter, drawn_in = (
+                build_cutter_body(cell, machine, cell.tool.cutter, s) for s in (0.0, CONTACT_TOLERANCE_M)
+            )
+            for i, body in enumerate(self._bodies):
+                if body.kind == "workpiece":
+                    wanted.append((i, len(self._bodies) + 1, True))
+                elif body.kind == "obstacle" or (body.kind == "link" and body.link <= machine.base_link + 5):
+                    wanted.append((i, len(self._bodies), False))
+            self._bodies += [cutter, drawn_in]
+        by_cell = list_allowed_contacts(cell)
+        told = tuple(
+            self._describe_exclusions(pair[:2], why)
+            for pair in wanted
+            if (why := by_cell.get(self._names(*pair[:2]))) is not None
+        )
+        wanted = [pair for pair in wanted if self._names(*pair[:2]) not in by_cell]
+        self.adjacent: tuple[ExcludedCollisionPair, ...] = tuple(
+            self._describe_exclusions(pair, "adjacent: one hangs on the other")
+            for pair in list_adjacent_pairs(self._bodies)
+        )
+        self.surfaces = FclSurfaces(self._bodies)
+        self.outlines = map_in_threads(build_outline, self._bodies)
+        self._take([(i, j) for i, j, _ in wanted], [touch for *_, touch in wanted])
+        self.excluded: tuple[ExcludedCollisionPair, ...] = (*self._exclude(wanted), *told)
+        self._told_nothing = self._find_constant_pairs()
+        at_home = self._check_pairs(np.append(cell.home, cell.external_home)[None, : self._lines.columns])
+        self.suspicious: tuple[str, ...] = tuple(
+            f"{p.name} touch or are nearer than the clearance at the home pose{suggest_remedy(p)}"
+            for p, hit in zip(self.pairs, at_home[0], strict=True)
+            if hit
+        )
+
+    @property
+    def bodies(self) -> tuple[CollisionBody, ...]:
+        """What is checked; a cutter stands in it twice, the second time drawn in."""
+        return tuple(self._bodies)
+
+    def check_configurations(self, q: Array, cutting: Bools) -> CollisionContacts:
+        """Which rows collide or are nearer than the clearance; rows are taken by themselves.
+
+        Args:
+            q: (S, 6 + E) rad or m, quickest where neighbouring rows are neighbouring poses.
+            cutting: (S,) the cutter may touch the workpiece.
+        """
+        rows = MotionRows(self.stack, self._lines.compute_line_positions(q))
+        contacts = _build_no_contacts(len(rows.q))
+        near = rows.bound < self._required
+        near[cutting] &= ~self._spared
+        for p in np.flatnonzero(near.any(axis=0)).tolist():
+            asked = np.flatnonzero(near[:, p] & ~contacts.hit)
+            hit = asked[self._is_near(p, rows.compute_relative_motion(p)[asked])] if len(asked) else asked
+            contacts.hit[hit], contacts.pair[hit], contacts.row[hit] = True, p, hit
+        return contacts
+
+    def check_motion(self, q: Array, cutting: Bools, step: float, *, first_only: bool = False) -> CollisionContacts:
+        """Like :meth:`check`, and the motion from each row to the next too, linear in joint space.
+
+        Row n speaks of the way from row n − 1 to row n and of row n itself. A contact shallower than half of
+        0.1 mm between rows may be missed; nothing deeper.
+
+        Args:
+            q: (S, 6 + E) rad or m.
+            cutting: (S,) the cutter may touch the workpiece in the move to the row.
+            step: rad, greatest joint step at which the bounds are renewed (0.1 rad at most is used); a joint that
+                slides may go as far as a body is moved by such a turn.
+            first_only: stop at the first pair that hits (for planners that only want yes or no).
+        """
+        q = self._lines.compute_line_positions(q)
+        dense, owner, at = refine_motion(q, min(step, MAX_BOUNDED_STEP_RAD), self.stack.scale)
+        contacts = _build_no_contacts(len(q))
+        for start in range(0, len(dense), MAX_BLOCK_ROWS):  # a block goes on from the last row of the one before
+            some = slice(max(start - 1, 0), start + MAX_BLOCK_ROWS)
+            self._check_dense_rows(dense[some], cutting, owner[some], at[some], contacts, first_only)
+            if first_only and contacts.any:
+                break
+        return contacts
+
+    def _check_dense_rows(
+        self,
+        dense: Array,
+        cutting: Bools,
+        owner: NDArray[np.int64],
+        at: Array,
+        contacts: CollisionContacts,
+        first_only: bool,
+    ) -> None:
+        """Fill in the contacts of some dense rows (D, n); owner, at (D,) as :func:`refine_motion` tells them."""
+        rows = MotionRows(self.stack, dense)
+        for p, doubt in self._find_unproven_pairs(rows, cutting[owner]):
+            walk = self._check_pair_motion(rows, p)
+            for m in np.flatnonzero(doubt):
+                n = owner[m]
+                if contacts.hit[n]:
+                    continue
+                where = walk.find_first_contact(int(m))
+                if not np.isnan(where):
+                    low = int(np.floor(where))
+                    place = at[low] + (where - low) * (at[min(low + 1, len(at) - 1)] - at[low])
+                    contacts.hit[n], contacts.pair[n], contacts.row[n] = True, p, place
+                    if first_only:
+                        return
+
+    def _check_pair_motion(self, rows: MotionRows, p: int) -> PairMotionCheck:
+        i, j = self.stack.index[p]
+        meshes = self.outlines[i].mesh, self.outlines[j].mesh
+        return PairMotionCheck(
+            rows=rows,
+            p=p,
+            pair=(i, j),
+            meshes=meshes,
+            clearance=self.pairs[p].clearance,
+            surfaces=self.surfaces,
+            memory=self._memory[p],
+        )
+
+    def _find_unproven_pairs(self, rows: MotionRows, cutting: Bools) -> Iterator[tuple[int, Bools]]:
+        """Pairs whose bounds do not prove every row and way free, each with the rows (M,) that they leave in doubt."""
+        block = max(MAX_BOUND_ARRAY_SIZE // max(len(rows.q), 1), 1)
+        for start in range(0, len(self.pairs), block):
+            some = slice(start, start + block)
+            margin = rows.bound[:, some] - self._required[some]
+            asked = ~(cutting[:, None] & self._spared[some])
+            doubt, near = margin < 0.0, margin[1:] + margin[:-1] < rows.reach[:, None]
+            doubt, near = doubt & asked, near & asked[1:]
+            for k in np.flatnonzero(doubt.any(axis=0) | near.any(axis=0)).tolist():
+                ways = np.flatnonzero(near[:, k])
+                if len(ways):
+                    sums = margin[ways + 1, k] + margin[ways, k]
+                    doubt[ways + 1, k] |= sums < rows.bound_motion(start + k)[ways]
+                yield start + k, doubt[:, k]
+
+    def find_nearest_pair(self, q: Array, cutting: Bools, cap: float = MAX_DISTANCE_M) -> NearestPairs:
+        """Least distance over the pairs at each row, and whose it is; 0 in contact.
+
+        Without those whose distance nothing changes, as of a carriage over its own bed: they would hide what a plan
+        can do something about.
+
+        Args:
+            q: (S, 6 + E) rad or m, quickest where neighbouring rows are neighbouring poses.
+            cutting: (S,) the cutter may touch the workpiece.
+            cap: m, distances above it are not measured.
+        """
+        asked = ~(np.asarray(cutting, bool)[:, None] & self._spared) & ~self._told_nothing
+        return find_nearest_pairs(
+            self.stack,
+            self.surfaces,
+            [o.mesh for o in self.outlines],
+            self._lines.compute_line_positions(q),
+            asked,
+            cap,
+        )
+
+    def _find_constant_pairs(self) -> Bools:
+        """(P,) pairs that only one external joint lies between, and that are as near wherever it stands.
+
+        The rule, which :func:`machopt.verification.motion.collision.clearance_column.list_varying_pairs` follows by its
+        own means: the joint stands at both ends
+        of its range and at even steps of a 48th between. A pair tells nothing if it never touches, is always within CAP
+        and varies by less than UNCHANGED. Fixed places, as random ones would find an end stop in one program and miss
+        it in the other.
+        """
+        lines, out = self._lines, np.zeros(len(self.pairs), bool)
+        if lines.fixed_external_joints is not None:
+            return out
+        q = lines.compute_line_positions(np.linspace(lines.lower, lines.upper, PLACES))
+        for p, (i, j) in enumerate(self.stack.links):
+            if j - i == 1 and i < lines.machine.base_link:
+                out[p] = self._is_distance_constant(p, q[[0, -1]]) and self._is_distance_constant(
+                    p, q
+                )  # the ends tell most pairs at once
+        return out
+
+    def _is_distance_constant(self, p: int, q: Array) -> bool:
+        """Pair p is as near at each q (S, n), within CAP and without touching."""
+        asked = np.broadcast_to(np.arange(len(self.pairs)) == p, (len(q), len(self.pairs)))
+        found = find_nearest_pairs(self.stack, self.surfaces, [o.mesh for o in self.outlines], q, asked).distance
+        return bool(found.min() > 0.0 and found.max() < MAX_DISTANCE_M and np.ptp(found) < UNCHANGED)
+
+    def _names(self, i: int, j: int) -> frozenset[str]:
+        return frozenset((self._bodies[i].name, self._bodies[j].name))
+
+    def _describe_exclusions(self, pair: tuple[int, int], reason: str) -> ExcludedCollisionPair:
+        return ExcludedCollisionPair(self._bodies[pair[0]].name, self._bodies[pair[1]].name, reason, np.nan)
+
+    def _take(self, indices: list[tuple[int, int]], touch: list[bool]) -> None:
+        bodies = self._bodies
+        self.pairs: tuple[CollisionPair, ...] = tuple(
+            CollisionPair(a.name, b.name, (a.kind, b.kind), 0.0 if t else self.clearance, t)
+            for (a, b), t in zip(((bodies[i], bodies[j]) for i, j in indices), touch, strict=True)
+        )
+        self._required = np.array([pair.clearance for pair in self.pairs])  # (P,) m
+        self._spared = np.array(touch, bool)  # (P,) not asked for in moves that cut
+        self.stack = BodyPairs(self._lines, bodies, indices)
+        self._memory: list[DistanceMemory | None] = [
+            DistanceMemory(self._lines, i, bodies[pair[1]]) if j - i <= 2 else None
+            for pair, (i, j) in zip(indices, self.stack.links, strict=True)
+        ]
+
+    def _exclude(self, wanted: list[tuple[int, int, bool]]) -> tuple[ExcludedCollisionPair, ...]:
+        """Drop pairs that touch by construction, and tell them; sampled, so it needs no list made by hand."""
+        lines, bodies = self._lines, self._bodies
+        asked = [
+            n
+            for n, (i, j, _) in enumerate(wanted)
+            if bodies[i].kind == bodies[j].kind == "link"
+            or {bodies[i].kind, bodies[j].kind} == {"link", "tool"}
+            or ("link" in (bodies[i].kind, bodies[j].kind) and bodies[j].link - bodies[i].link == 1)
+        ]
+        rng = np.random.default_rng(0)  # the same poses for every run of a robot
+        few = slice(0, lines.columns)
+        q = lines.lower[few] + (lines.upper - lines.lower)[few] * rng.random((RANDOM_POSES, lines.columns))
+        quick = self._check_pairs(q[: RANDOM_POSES // 10], asked)[:, asked].mean(axis=0)
+        asked = [n for n, share in zip(asked, quick, strict=True) if share > TWO_APART_CONTACT_SHARE / 2]
+        share = self._check_pairs(q, asked).mean(axis=0)
+        dropped: dict[int, str] = {}
+        near = f"in touch or nearer than {1e3 * self.clearance:g} mm in {{:.0%}} of {RANDOM_POSES} random poses"
+        two_apart = [n for n in asked if count_links_between(*(bodies[k] for k in wanted[n][:2])) == 2]
+        some = [n for n in two_apart if TWO_APART_CONTACT_SHARE < share[n] <= ADJACENT_CONTACT_SHARE]
+        if some:  # a large clearance is no coarse mesh: only true touch lets two links be near all along
+            self._take([(i, j) for i, j, _ in wanted], [True] * len(wanted))
+            share[some] = self._check_pairs(q, some)[:, some].mean(axis=0)
+        for n in asked:
+            a, b = (bodies[k] for k in wanted[n][:2])
+            of_one = (
+                a.link >= lines.machine.world_link or b.link <= lines.machine.world_link
+            )  # the positioner, or arm and rail
+            if share[n] > ADJACENT_CONTACT_SHARE:
+                dropped[n] = near.format(share[n])
+            elif of_one and count_links_between(a, b) == 2 and share[n] > TWO_APART_CONTACT_SHARE:
+                dropped[n] = (
+                    f"links two apart with coarse meshes: in touch in {share[n]:.0%} of {RANDOM_POSES} random poses"
+                )
+        out = tuple(
+            ExcludedCollisionPair(bodies[wanted[n][0]].name, bodies[wanted[n][1]].name, reason, float(share[n]))
+            for n, reason in dropped.items()
+        )
+        kept = [pair for n, pair in enumerate(wanted) if n not in dropped]
+        self._take([(i, j) for i, j, _ in kept], [touch for *_, touch in kept])
+        return out
+
+    def check_single_pairs(self, q: Array, pair: NDArray[np.integer[Any]]) -> Bools:
+        """Whether the one pair asked of each row touches or is nearer than its clearance; no other is looked at.
+
+        Much quicker than :meth:`check` where most do. q (S, 6 + E) rad or m; pair (S,) index into ``pairs``.
+        """
+        out, q = np.zeros(len(q), bool), self._lines.compute_line_positions(q)
+        for p in np.unique(pair).tolist():
+            rows = np.flatnonzero(pair == p)
+            i, j = self.stack.links[p]
+            far = np.abs(np.diff(q[rows, i:j], axis=0)).sum() > SORTING_STRIP_RAD * len(rows)
+            if j - i <= 2 and far:  # two joints decide: neighbours in these are neighbouring placements
+                rows = rows[np.lexsort((q[rows, j - 1], np.round(q[rows, i] / SORTING_STRIP_RAD)))]
+            out[rows] = self._is_near(p, self.stack.compute_relative_motion(p, q[rows]))
+        return out
+
+    def _is_near(self, p: int, T: Array) -> Bools:
+        """(S,) pair p touches or is nearer than its clearance, with its second body moved by T (S, 4, 4)."""
+        i, j = self.stack.index[p]
+        out = is_nearer_than(self.outlines[i], self.outlines[j], T, self.pairs[p].clearance)
+        free = np.flatnonzero(~out)
+        for n in free[is_possibly_contained(self._bodies[i], self._bodies[j], T[free])].tolist():
+            out[n] = self.surfaces.is_contained((i, j), T[n])
+        return out
+
+    def _check_pairs(self, q: Array, asked: list[int] | None = None) -> Bools:
+        """(S, P) in contact or nearer than the clearance, each row by itself."""
+        rows = MotionRows(self.stack, self._lines.compute_line_positions(q))
+        out = np.zeros(rows.bound.shape, bool)
+        for p in range(len(self.pairs)) if asked is None else asked:
+            n = np.flatnonzero(rows.bound[:, p] < self.pairs[p].clearance)
+            out[n, p] = self._is_near(p, rows.compute_relative_motion(p)[n])
+        return out
+
+
+def _build_no_contacts(count: int) -> CollisionContacts:
+    return CollisionContacts(np.zeros(count, bool), np.full(count, -1, np.int32), np.full(count, np.nan))
+
+
+def suggest_remedy(pair: CollisionPair) -> str:
+    """What would let two bodies touch that the robot itself is built of."""
+    if not set(pair.kinds) <= {"link", "tool"}:
+        return ""
+    return f" (if they are built so, `ignore_pairs: [[{pair.a}, {pair.b}]]` in cell.yaml would let them)"

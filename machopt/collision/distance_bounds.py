@@ -1,0 +1,239 @@
+"""Cheap bounds on distances and motions of pairs of bodies, for many rows at once (NumPy only).
+
+Two facts carry the collision check. Spheres that cover one body and a box around the other bound their
+distance from below. And while the joints move by Δq, no point of one body moves relative to the other by more
+than D = Σ_k |Δq_k| (ρ_k + D), with ρ_k the largest distance of the body from axis k at the start (a lever
+cannot grow by more than the motion itself), hence D = Σ|Δq_k| ρ_k / (1 − Σ|Δq_k|); half the joint step has
+half the bound. A joint that slides adds |Δq_k| as it is (ρ_k = 1) and makes no lever of its own grow, so it does not
+count in the denominator.
+
+Rows hold θ, one value a line of the chain (:class:`machopt.kinematics.machine_lines.MachineLines`): between links i < j
+lie the lines
+i … j − 1, as between links 0 and 3 of an arm its joints 1 to 3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.collision.bodies import CollisionBody
+from machopt.kinematics.machine_lines import MachineLines
+from machopt.kinematics.robot import Robot
+from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import invert_transform
+from machopt.numerics.worker_threads import map_in_threads
+
+BLOCK_ROWS = (
+    256  # rows bounded at once, in one thread; keeps the work arrays in cache, and the threads' own memory small
+)
+MAX_REMEMBERED = 3000  # distances remembered of one pair
+UNKNOWN_MOTION_M = 1e3  # m, the motion bound of joint steps too large for one
+
+
+class BodyPairs:
+    """Spheres and boxes of P pairs as arrays.
+
+    Args:
+        lines: kinematics.
+        bodies: all bodies.
+        index: (P) of two indices into ``bodies``, the lower link first.
+    """
+
+    def __init__(self, lines: MachineLines, bodies: list[CollisionBody], index: list[tuple[int, int]]) -> None:
+        self.lines, self.bodies, self.index = lines, bodies, index
+        self.links = [(bodies[i].link, bodies[j].link) for i, j in index]
+        self.groups = sorted(set(self.links))
+        self.group = np.array([self.groups.index(g) for g in self.links], int)
+        # Spheres around the body they fit better, a box around the other.
+        self.flip = np.array([bodies[i].sphere_radius < bodies[j].sphere_radius for i, j in index], bool)
+        boxed = [bodies[j if f else i] for (i, j), f in zip(index, self.flip, strict=True)]
+        balls = [bodies[i if f else j] for (i, j), f in zip(index, self.flip, strict=True)]
+        most = max((len(b.sphere_centres) for b in balls), default=1)
+        self.to_box = np.array([_build_box_transform(b) for b in boxed]).reshape(-1, 3, 4)
+        self.half = np.array([b.box_half for b in boxed]).reshape(-1, 3, 1)
+        padded = [np.resize(b.sphere_centres, (most, 3)) for b in balls]
+        self.centres = np.array([np.vstack([c.T, np.ones(most)]) for c in padded]).reshape(-1, 4, most)
+        self.radius = np.array([b.sphere_radius for b in balls])
+        self.reach = _bound_reach(lines, bodies)
+        self.scale = _compute_joint_scale(lines, self.reach)
+
+    @property
+    def robot(self) -> Robot:
+        """The arm, every line by itself."""
+        return self.lines.machine.robot.uncoupled_robot
+
+    def compute_relative_motion(self, p: int, q: Array) -> Array:
+        """(S, 4, 4) motion of pair p's second body from zero to θ = q (S, n), seen from the first body's link."""
+        return self.lines.compute_relative_motion(*self.links[p], q)
+
+    def compute_lever(self, p: int) -> float:
+        """m, how far pair p's second body reaches from the axis of the one joint between the two; 1 where it slides."""
+        body, lines = self.bodies[self.index[p][1]], self.lines
+        k = body.link - 1
+        if lines.slides[k]:
+            return 1.0
+        return float(np.linalg.norm(np.cross(body.vertices - lines.point[k], lines.axis[k]), axis=1).max())
+
+
+@dataclass
+class MotionRows:
+    """Poses, distance bounds and motion bounds of one sequence of joint positions."""
+
+    pairs: BodyPairs
+    q: Array  # (S, n) rad or m, θ of the lines
+    bound: Array = field(init=False)  # (S, P) m, never above the true distance
+    reach: Array = field(init=False)  # (S − 1,) m, never below any pair's relative motion to the next row
+
+    def __post_init__(self) -> None:
+        pairs, self.q = self.pairs, np.asarray(self.q, float).reshape(-1, self.pairs.lines.count)
+        self.poses = pairs.lines.compute_link_poses(self.q)
+        self._relative = np.empty((len(pairs.groups), len(self.q), 4, 4))
+        for g, (i, j) in enumerate(pairs.groups):
+            self._relative[g] = self.poses[:, j] if i == 0 else invert_transform(self.poses[:, i]) @ self.poses[:, j]
+        self._travel: dict[tuple[int, int], Array] = {}
+        self.bound = np.empty((len(self.q), len(pairs.index)))
+        map_in_threads(self._fill_bounds, range(0, len(self.q), BLOCK_ROWS))
+        delta = np.abs(np.diff(self.q, axis=0))
+        slides = pairs.lines.slides
+        self._delta, self._turn = delta, (delta[:, ~slides] if slides.any() else delta).sum(axis=1)
+        self.reach = _bound_step_motion(delta @ pairs.reach, self._turn)
+
+    def _fill_bounds(self, start: int) -> None:
+        rows = slice(start, start + BLOCK_ROWS)
+        self.bound[rows] = self._compute_bounds(rows)
+
+    def _compute_bounds(self, rows: slice) -> Array:
+        """(B, P): distance of spheres from boxes."""
+        pairs = self.pairs
+        forth = self._relative[:, rows]
+        M = np.where(pairs.flip[:, None, None, None], invert_transform(forth)[pairs.group], forth[pairs.group])
+        local = pairs.to_box[:, None, :, :3] @ M[..., :3, :]  # rotation part onto the box axes
+        local[..., 3] += pairs.to_box[:, None, :, 3]
+        away = np.abs(local @ pairs.centres[:, None]) - pairs.half[:, None]
+        np.maximum(away, 0.0, out=away)
+        distance = np.sqrt(np.einsum("pbxk,pbxk->pbk", away, away).min(axis=-1))
+        bound: Array = (distance - pairs.radius[:, None]).T
+        return bound
+
+    def compute_relative_motion(self, p: int) -> Array:
+        """(S, 4, 4) motion of pair p's second body from q = 0, seen from the first body's link."""
+        T: Array = self._relative[self.pairs.group[p]]
+        return T
+
+    def bound_motion(self, p: int) -> Array:
+        """(S − 1,) m, bound on how far any point of pair p's second body moves relative to the first."""
+        i, j = self.pairs.index[p]
+        low = self.pairs.bodies[i].link
+        if (low, j) not in self._travel:
+            body, lines = self.pairs.bodies[j], self.pairs.lines
+            centre = self.poses[:-1, body.link] @ np.append(body.box_centre, 1.0)
+            lever = np.zeros((len(self.q) - 1, lines.count))
+            for k in range(low, body.link):
+                if lines.slides[k]:
+                    lever[:, k] = 1.0
+                    continue
+                pose = self.poses[:-1, k]
+                arm = centre[:, :3] - (pose[:, :3, :3] @ lines.point[k] + pose[:, :3, 3])
+                lever[:, k] = np.linalg.norm(np.cross(pose[:, :3, :3] @ lines.axis[k], arm), axis=1)
+                lever[:, k] += np.linalg.norm(body.box_half)
+            self._travel[low, j] = _bound_step_motion(np.einsum("sk,sk->s", self._delta, lever), self._turn)
+        return self._travel[low, j]
+
+
+class DistanceMemory:
+    """Distances found earlier of a pair with one or two joints in between, wherever the arm came from.
+
+    Straight through joint space no point of the second body moves by more than Σ_k |Δq_k| ρ_k, ρ_k being its
+    largest distance from axis k in any pose; so every distance d found at q' bounds that at q by d − Σ|Δq_k| ρ_k.
+    Neighbouring links are always near each other, so without it they would cost a distance at every pose. A line that
+    slides has ρ_k = 1 and makes the levers before it longer by its stroke.
+    """
+
+    def __init__(self, lines: MachineLines, low: int, body: CollisionBody) -> None:
+        self.joints = slice(low, body.link)
+        self._levers = np.zeros(body.link - low)
+        for n, k in enumerate(range(low, body.link)):
+            arm = body.vertices - lines.point[body.link - 1]
+            if lines.slides[k]:
+                self._levers[n] = 1.0
+            elif k == body.link - 1:  # turns with this joint alone: the distance from its axis stays
+                self._levers[n] = np.linalg.norm(np.cross(arm, lines.axis[k]), axis=1).max()
+            else:
+                self._levers[n] = _bound_chain_length(lines, k, body.link) + np.linalg.norm(arm, axis=1).max()
+        self._at = np.empty((MAX_REMEMBERED, body.link - low))
+        self._distance = np.empty(MAX_REMEMBERED)
+        self._count = 0
+
+    def bound_distance(self, q: Array) -> float:
+        """m, never above the distance at θ = q (n,)."""
+        n = min(self._count, MAX_REMEMBERED)
+        if n == 0:
+            return -np.inf
+        return float((self._distance[:n] - np.abs(self._at[:n] - q[self.joints]) @ self._levers).max())
+
+    def add_distance(self, q: Array, distance: float) -> None:
+        self._at[self._count % MAX_REMEMBERED] = q[self.joints]
+        self._distance[self._count % MAX_REMEMBERED] = distance
+        self._count += 1
+
+
+def refine_motion(q: Array, step: float, scale: Array | None = None) -> tuple[Array, NDArray[np.int64], Array]:
+    """Rows at most ``step`` apart in every joint, the row each leads to, and its fractional row.
+
+    Args:
+        q: (S, n) θ of the lines.
+        step: rad.
+        scale: (n,) what a unit of each line counts; None: 1.
+    """
+    if len(q) == 0:
+        return q.reshape(0, q.shape[-1]), np.zeros(0, np.int64), np.zeros(0)
+    way = np.abs(np.diff(q, axis=0))
+    parts = np.maximum(np.ceil((way if scale is None else way * scale).max(axis=1) / step), 1).astype(int)
+    owner = np.repeat(np.arange(1, len(q)), parts)
+    count = np.arange(len(owner)) - np.repeat(np.cumsum(parts) - parts, parts) + 1
+    share = count / np.repeat(parts, parts)
+    dense = q[owner - 1] + share[:, None] * (q[owner] - q[owner - 1])
+    dense[share == 1.0] = q[owner[share == 1.0]]
+    return np.vstack([q[:1], dense]), np.append(0, owner), np.append(0.0, owner - 1 + share)
+
+
+def _bound_chain_length(lines: MachineLines, k: int, end: int) -> float:
+    """m, no farther apart are the points of line k and of the last line before link ``end`` ever."""
+    between = np.linalg.norm(np.diff(lines.point[k:end], axis=0), axis=1).sum()
+    return float(between + lines.stroke[k + 1 : end].sum()) if lines.slides.any() else float(between)
+
+
+def _bound_reach(lines: MachineLines, bodies: list[CollisionBody]) -> Array:
+    """(n,) m: no body point is ever farther from axis k than this; 1 for a line that slides, whatever it carries."""
+    point = lines.point
+    out = np.zeros(lines.count)
+    for body in bodies:
+        own = np.linalg.norm(body.box_centre - point[body.link - 1]) + np.linalg.norm(body.box_half)
+        for k in range(body.link):
+            out[k] = max(out[k], _bound_chain_length(lines, k, body.link) + own)
+    return np.where(lines.slides, 1.0, out) if lines.slides.any() else out
+
+
+def _compute_joint_scale(lines: MachineLines, reach: Array) -> Array | None:
+    """(n,) rad per unit of each line: a shift counts as a turn that moves bodies as far; None: all turn."""
+    if not lines.slides.any():
+        return None
+    return np.where(lines.slides, 1.0 / max(float(reach[~lines.slides].max()), 1e-3), 1.0)
+
+
+def _bound_step_motion(first_order: Array, turn: Array) -> Array:
+    """Bound of the motion over a whole step from the levers at its start.
+
+    A lever grows by at most the motion D itself, so D ≤ Σ|Δq| (ρ + D), D ≤ Σ|Δq| ρ / (1 − Σ|Δq|).
+    """
+    share = 1.0 - turn
+    return np.where(share > 0.1, first_order / np.maximum(share, 0.1), UNKNOWN_MOTION_M)
+
+
+def _build_box_transform(body: CollisionBody) -> Array:
+    """(3, 4): coordinates in base_link at q = 0 → coordinates along the box axes from its centre."""
+    R = body.box_rotation.T
+    return np.column_stack([R, -R @ body.box_centre])

@@ -1,0 +1,60 @@
+"""Exact distances between two bodies' surfaces (the only importer of fcl)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from machopt.collision.bodies import CollisionBody, is_point_inside
+from machopt.numerics.array_types import Array
+
+
+class FclSurfaces:
+    """Bodies as fcl triangle meshes; each query places the second one only, seen from the first one's link.
+
+    Args:
+        bodies: with vertices in base_link at q = 0.
+    """
+
+    def __init__(self, bodies: list[CollisionBody]) -> None:
+        self._bodies = bodies
+        self._objects: dict[int, tuple[Any, Any]] = {}
+
+    def compute_distance(self, pair: tuple[int, int], T: Array) -> float:
+        """m, of the surfaces with the second body moved by T (4, 4); ≤ 0 where they cross."""
+        import fcl
+
+        return float(fcl.distance(*self._place_body(pair, T), fcl.DistanceRequest(), fcl.DistanceResult()))
+
+    def is_contained(self, pair: tuple[int, int], T: Array) -> bool:
+        """One body is wholly inside the other, given that the surfaces do not cross: one vertex decides."""
+        a, b = (self._bodies[k] for k in pair)
+        R, t = T[:3, :3], T[:3, 3]
+        return is_point_inside(a, R @ b.vertices[0] + t) or is_point_inside(b, R.T @ (a.vertices[0] - t))
+
+    def _place_body(self, pair: tuple[int, int], T: Array) -> tuple[Any, Any]:
+        import fcl
+
+        moving = self._build_object(pair[1])[1]
+        moving.setTransform(fcl.Transform(T[:3, :3], T[:3, 3]))
+        return self._build_object(pair[0])[0], moving
+
+    def _build_object(self, k: int) -> tuple[Any, Any]:
+        """The body standing still, and to be moved: made when first asked for, as most pairs never come that near."""
+        import fcl
+
+        if k not in self._objects:
+            mesh = _build_fcl_mesh(self._bodies[k])
+            self._objects[k] = fcl.CollisionObject(mesh), fcl.CollisionObject(mesh)
+        return self._objects[k]
+
+
+def _build_fcl_mesh(body: CollisionBody) -> Any:
+    import fcl
+
+    model = fcl.BVHModel()
+    model.beginModel(len(body.faces), len(body.vertices))
+    model.addSubModel(np.ascontiguousarray(body.vertices), np.ascontiguousarray(body.faces))
+    model.endModel()
+    return model

@@ -1,0 +1,390 @@
+"""How deep a cutter is in the part: over points of its surface, the farthest from the part's surface from inside.
+
+A point inside a solid is as deep as the nearest place of its surface is far; of several bodies the one it is deepest in
+counts. Boxes, cylinders and spheres are taken as they are, meshes by their triangles.
+
+From row to row a point moves little. One that was found outside by d cannot be deeper than the limit before it has
+moved by d and the limit together, one inside by d is not deeper than d and the way since, so most points of a path are
+asked for once in many rows: the deepest one of the row before goes first, and most others cannot be deeper than that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.collision.bodies import is_closed_surface, triangulate_shape
+from machopt.collision.bounding_box_tree import BoxTreeMesh, build_box_tree_of_triangles
+from machopt.data_types.cell import CollisionShape, CutterGeometry
+from machopt.errors import InputError
+from machopt.numerics.array_types import Array, Ints
+from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.rigid_transforms import invert_transform
+from machopt.numerics.worker_threads import map_in_threads
+
+BLOCK_ROWS = 256  # of one task, whatever the number of cores
+MAX_TREE_DEPTH = 128  # boxes waiting on the way down a tree
+MIN_SPACING_M, MAX_SPACING_M = 5e-4, 3e-3  # m between points of the cutter's surface; between, a quarter of its radius
+CHORD_TOLERANCE_M = 2e-5  # m that a depth may be told too small between two points of a ring, as paths may be off
+GOLDEN_RATIO = (np.sqrt(5.0) - 1.0) / 2.0  # of a step around from ring to ring: any few rings cover the step evenly
+RING_POINT_LIMITS = 24, 96  # fewest and most points of a circle
+SPIRAL_SPACING_M = (
+    3e-4,
+    1.2e-3,
+)  # m between points of the spiral, a ninth of the radius in between: what is thin lies between rings
+ROUNDING_M = 1e-12  # m
+GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))  # rad from one point of it to the next
+PROFILE_SAMPLES = 4001  # places along the profile that it is wound by
+# Directions no CAM file draws its edges along: the majority of three says whether a point is inside.
+RAY_DIRECTIONS = np.array([[0.5381, 0.3127, 0.7827], [-0.2911, 0.8713, -0.3951], [0.7219, -0.6037, 0.3389]])
+
+
+@dataclass(frozen=True)
+class GougeDepth:
+    """The cutter's deepest point at each of M poses."""
+
+    depth: Array  # (M,) m; 0 where it is not deeper than the limit
+    place: Array  # (M, 3) m, in the frame of the part; NaN where it is not
+
+
+def build_cutter_points(cutter: CutterGeometry) -> Array:
+    """(K, 3) m, points of the cutter's surface in the TCP's frame: tip, corner and side, rings along the axis."""
+    radius, corner = cutter.diameter / 2.0, min(cutter.corner, cutter.diameter / 2.0)
+    step = float(np.clip(radius / 4.0, MIN_SPACING_M, MAX_SPACING_M))
+    flat = np.linspace(0.0, radius - corner, int(np.ceil((radius - corner) / step)) + 1)
+    turn = np.linspace(0.0, np.pi / 2, int(np.ceil(corner * np.pi / 2 / step)) + 1)[1:]
+    side = np.linspace(corner, cutter.length, max(int(np.ceil((cutter.length - corner) / step)), 1) + 1)[1:]
+    profile = [(r, 0.0) for r in flat]
+    profile += [(radius - corner + corner * np.sin(t), corner * (1.0 - np.cos(t))) for t in turn]
+    profile += [(radius, h) for h in side]
+    out = []
+    for n, (r, height) in enumerate(profile):
+        count = _count_ring_points(r, step) if r > 0.0 else 1
+        # Each ring is turned against the one before it, so that no wall lies between the points of all of them.
+        angle = 2.0 * np.pi * (np.arange(count) + (n - len(flat) + 1) * GOLDEN_RATIO % 1.0) / count
+        out.append(np.column_stack([r * np.cos(angle), r * np.sin(angle), np.full(count, -height)]))
+    return np.concatenate(out)
+
+
+def build_spiral_points(cutter: CutterGeometry) -> Array:
+    """(K, 3) m, evenly over the cutter's surface, on a spiral from the tip up: for what lies between the rings."""
+    radius, corner, length = cutter.diameter / 2.0, min(cutter.corner, cutter.diameter / 2.0), cutter.length
+    step = float(np.clip(radius / 9.0, *SPIRAL_SPACING_M))
+    flat, bend = radius - corner, corner * np.pi / 2.0
+    along = np.linspace(0.0, flat + bend + length - corner, PROFILE_SAMPLES)
+    turn = np.clip((along - flat) / max(corner, 1e-12), 0.0, np.pi / 2.0)
+    out = np.minimum(along, flat) + corner * np.sin(turn)
+    up = corner * (1.0 - np.cos(turn)) + np.maximum(along - flat - bend, 0.0)
+    area = np.append(0.0, np.cumsum(np.pi * (out[1:] + out[:-1]) * np.diff(along)))
+    count = int(np.ceil(area[-1] / step**2))
+    at, angle = np.interp((np.arange(count) + 0.5) / count * area[-1], area, along), GOLDEN_ANGLE * np.arange(count)
+    r = np.interp(at, along, out)
+    return np.column_stack([r * np.cos(angle), r * np.sin(angle), -np.interp(at, along, up)])
+
+
+def _count_ring_points(radius: float, step: float) -> int:
+    """Points of a ring: ``step`` apart or less, and few enough degrees that no chord leaves its circle by SAGITTA."""
+    shallow = np.pi / np.arccos(max(1.0 - CHORD_TOLERANCE_M / radius, 0.0))
+    return int(np.clip(np.ceil(max(2.0 * np.pi * radius / step, shallow)), *RING_POINT_LIMITS))
+
+
+def compute_gouge_depth(
+    shapes: tuple[CollisionShape, ...], points: Array, T_part_tool: Array, limit: float, between: Array | None = None
+) -> GougeDepth:
+    """Where the points go deeper than ``limit`` into the part.
+
+    Args:
+        shapes: closed bodies of the part, in its frame.
+        points: (K, 3) m, on the tool.
+        T_part_tool: (M, 4, 4), quickest where neighbouring rows are neighbouring poses.
+        limit: m.
+        between: (B, 3) m, further ones, which are asked for where the next of the first is near to the surface.
+
+    Raises:
+        InputError: a mesh is open, so nothing is inside it.
+    """
+    led = _GuidedPoints.build(points, np.zeros((0, 3)) if between is None else between)
+    rows = np.ascontiguousarray(T_part_tool, float)
+    best, place = np.zeros(len(rows)), np.full((len(rows), 3), np.nan)
+    for shape in shapes:
+        seen = invert_transform(shape.T_parent_shape) @ rows
+        depth, k = (
+            _compute_depth_in_mesh(shape, led, seen, limit)
+            if shape.kind == "mesh"
+            else _compute_depth_in_solid(shape, led.points, seen)
+        )
+        more = (depth > limit) & (depth > best)
+        best[more] = depth[more]
+        at = rows[more]
+        place[more] = np.einsum("mij,mj->mi", at[:, :3, :3], led.points[k[more]]) + at[:, :3, 3]
+    return GougeDepth(best, place)
+
+
+@dataclass(frozen=True)
+class _GuidedPoints:
+    """Points, each asked for where the one that leads it is near to the surface."""
+
+    points: Array  # (K, 3) m, those that lead first
+    leader: Ints  # (K,) −1 where none leads it
+    leader_distance: Array  # (K,) m, how far the leader is
+
+    @classmethod
+    def build(cls, leaders: Array, others: Array) -> _GuidedPoints:
+        from scipy.spatial import cKDTree  # not there where a wheel is built, and the kernel below is compiled
+
+        beside, leader = cKDTree(leaders).query(others) if len(others) else (np.zeros(0), np.zeros(0, np.int64))
+        n = len(leaders)
+        return cls(
+            np.ascontiguousarray(np.concatenate([leaders, others])),
+            np.concatenate([np.full(n, -1, np.int64), leader.astype(np.int64)]),
+            np.concatenate([np.zeros(n), beside]),
+        )
+
+
+def _compute_depth_in_solid(shape: CollisionShape, points: Array, T: Array) -> tuple[Array, Ints]:
+    """(M,) greatest depth in m in a box, cylinder or sphere, below zero outside, and (M,) which point's."""
+    depth, which = np.empty(len(T)), np.empty(len(T), np.int64)
+    for start in range(0, len(T), BLOCK_ROWS):
+        some = T[start : start + BLOCK_ROWS]
+        x = np.einsum("mij,kj->mki", some[:, :3, :3], points) + some[:, None, :3, 3]
+        if shape.kind == "box":
+            d = (np.array(shape.size) / 2.0 - np.abs(x)).min(axis=-1)
+        elif shape.kind == "cylinder":
+            d = np.minimum(shape.size[0] - np.hypot(x[..., 0], x[..., 1]), shape.size[1] / 2.0 - np.abs(x[..., 2]))
+        else:
+            d = shape.size[0] - np.linalg.norm(x, axis=-1)
+        k = d.argmax(axis=1)
+        depth[start : start + BLOCK_ROWS], which[start : start + BLOCK_ROWS] = d[np.arange(len(k)), k], k
+    return depth, which
+
+
+def _compute_depth_in_mesh(shape: CollisionShape, led: _GuidedPoints, T: Array, limit: float) -> tuple[Array, Ints]:
+    vertices, faces = triangulate_shape(shape)
+    if not is_closed_surface(faces):
+        raise InputError(
+            f"mesh of {shape.name!r} is open, so nothing is inside it and no gouge can be seen; a closed surface of "
+            "the finished part would work, or no gouge_tolerance_mm",
+            file=shape.mesh,
+        )
+    mesh = build_box_tree_of_triangles(vertices, faces)
+
+    def block(start: int) -> tuple[Array, Ints]:
+        some = T[start : start + BLOCK_ROWS]
+        return _compute_row_depths(
+            led.points, led.leader, led.leader_distance, some, *_list_mesh_arrays(mesh), RAY_DIRECTIONS, limit
+        )
+
+    found = map_in_threads(block, range(0, len(T), BLOCK_ROWS))
+    none = np.zeros(0), np.zeros(0, np.int64)
+    depths, which = zip(none, *found, strict=True)
+    return np.concatenate(depths), np.concatenate(which)
+
+
+def _list_mesh_arrays(mesh: BoxTreeMesh) -> tuple[Array, Array, Array, Ints, Ints, Ints, Ints]:
+    return mesh.corners, mesh.low, mesh.high, mesh.child, mesh.first, mesh.count, mesh.order
+
+
+@compile_function
+def _compute_row_depths(
+    points: Array,
+    leader: Ints,
+    beside: Array,
+    T: Array,
+    corners: Array,
+    low: Array,
+    high: Array,
+    child: Ints,
+    first: Ints,
+    count: Ints,
+    order: Ints,
+    rays: Array,
+    limit: float,
+) -> tuple[Array, Ints]:
+    """(M,) greatest depth m above ``limit``, 0 where none is, and (M,) which point's; rows T (M, 4, 4) of a mesh."""
+    depth, which = np.zeros(len(T)), np.zeros(len(T), np.int64)
+    room, last = np.zeros(len(points)), np.zeros((len(points), 3))  # m that a point may move and be found no other
+    left = np.zeros(len(points))  # m by which it is clear of the part, in this row
+    deep = np.full(len(points), -1.0)  # m, how deep it was where it was last; below 0 where it was not
+    near = np.full(len(points), order[0])  # the triangle that was the nearest then
+    waiting, gaps, x = np.empty(MAX_TREE_DEPTH, np.int64), np.empty(MAX_TREE_DEPTH), np.empty(3)
+    for m in range(len(T)):
+        begin = -1 if m > 0 and depth[m - 1] > 0.0 else 0
+        for n in range(begin, len(points)):
+            k = which[m - 1] if n < 0 else n  # what was the deepest before: most others are known to be less deep
+            if begin < 0 and n == which[m - 1]:
+                continue
+            if leader[k] >= 0 and n >= 0 and left[leader[k]] > beside[k]:
+                continue
+            square = 0.0
+            for c in range(3):
+                x[c] = T[m, c, 0] * points[k, 0] + T[m, c, 1] * points[k, 1] + T[m, c, 2] * points[k, 2] + T[m, c, 3]
+                square += (x[c] - last[k, c]) ** 2
+            if m > 0 and square < room[k] * room[k]:
+                left[k] = room[k] - np.sqrt(square) if left[k] > 0.0 else 0.0
+                continue
+            inside = False
+            if deep[k] > 0.0:
+                moved = np.sqrt(square)
+                if deep[k] + moved < depth[m] - ROUNDING_M:
+                    continue
+                most = np.sqrt(_compute_triangle_distance(x, corners[near[k]]))
+                if most < depth[m] or (most == depth[m] and k > which[m]):
+                    continue
+                inside = moved < deep[k] - ROUNDING_M
+            square, near[k] = _find_nearest_triangle(
+                x, corners, low, high, child, first, count, order, limit * limit, waiting, gaps, near[k]
+            )
+            d = np.sqrt(square)
+            left[k], deep[k] = 0.0, -1.0
+            for c in range(3):
+                last[k, c] = x[c]
+            if d <= limit:
+                room[k] = max(limit - d - ROUNDING_M, 0.0)
+                continue
+            votes = 2 if inside else 0
+            for r in range(0 if inside else 3):
+                votes += _count_ray_crossings(x, rays[r], corners, low, high, child, first, count, order, waiting) % 2
+            if votes < 2:
+                room[k] = d + limit
+                left[k] = room[k]
+                continue
+            room[k], deep[k] = 0.0, d
+            if d > depth[m] or (d == depth[m] and k < which[m]):
+                depth[m], which[m] = d, k
+    return depth, which
+
+
+@compile_function
+def _compute_box_distance(x: Array, low: Array, high: Array, k: int) -> float:
+    """m² from a point to a box."""
+    gap = 0.0
+    for c in range(3):
+        off = max(low[k, c] - x[c], x[c] - high[k, c], 0.0)
+        gap += off * off
+    return float(gap)
+
+
+@compile_function
+def _find_nearest_triangle(
+    x: Array,
+    corners: Array,
+    low: Array,
+    high: Array,
+    child: Ints,
+    first: Ints,
+    count: Ints,
+    order: Ints,
+    enough: float,
+    waiting: Ints,
+    gaps: Array,
+    guess: int,
+) -> tuple[float, int]:
+    """m² to the nearest triangle, and which; any that is below ``enough`` will do, and a first guess may help."""
+    best, found = _compute_triangle_distance(x, corners[guess]), guess
+    if best <= enough:
+        return best, found
+    waiting[0], gaps[0], depth = 0, _compute_box_distance(x, low, high, 0), 1
+    while depth:
+        depth -= 1
+        k = waiting[depth]
+        if gaps[depth] >= best:
+            continue
+        if child[k] < 0:
+            for s in range(first[k], first[k] + count[k]):
+                square = _compute_triangle_distance(x, corners[order[s]])
+                if square < best:
+                    best, found = square, order[s]
+            if best <= enough:
+                return best, found
+            continue
+        k1, k2 = child[k], child[k] + 1
+        g1, g2 = _compute_box_distance(x, low, high, k1), _compute_box_distance(x, low, high, k2)
+        if g1 < g2:  # the nearer one is looked into first
+            k1, k2, g1, g2 = k2, k1, g2, g1
+        waiting[depth], gaps[depth], waiting[depth + 1], gaps[depth + 1] = k1, g1, k2, g2
+        depth += 2
+    return best, found
+
+
+@compile_function
+def _compute_triangle_distance(p: Array, A: Array) -> float:
+    """m² from a point to a triangle (Ericson 2005, section 5.1.5)."""
+    u0, u1, u2 = A[1, 0] - A[0, 0], A[1, 1] - A[0, 1], A[1, 2] - A[0, 2]
+    v0, v1, v2 = A[2, 0] - A[0, 0], A[2, 1] - A[0, 1], A[2, 2] - A[0, 2]
+    w0, w1, w2 = p[0] - A[0, 0], p[1] - A[0, 1], p[2] - A[0, 2]
+    d1, d2 = u0 * w0 + u1 * w1 + u2 * w2, v0 * w0 + v1 * w1 + v2 * w2
+    if d1 <= 0.0 and d2 <= 0.0:
+        return float(w0 * w0 + w1 * w1 + w2 * w2)
+    uu, uv, vv = u0 * u0 + u1 * u1 + u2 * u2, u0 * v0 + u1 * v1 + u2 * v2, v0 * v0 + v1 * v1 + v2 * v2
+    d3, d4 = d1 - uu, d2 - uv
+    d5, d6 = d1 - uv, d2 - vv
+    s, t = 0.0, 0.0
+    a, b, c = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+    if d3 >= 0.0 and d4 <= d3:
+        s = 1.0
+    elif d6 >= 0.0 and d5 <= d6:
+        t = 1.0
+    elif c <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        s = d1 / (d1 - d3) if d1 > d3 else 0.0
+    elif b <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        t = d2 / (d2 - d6) if d2 > d6 else 0.0
+    elif a <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
+        size = (d4 - d3) + (d5 - d6)
+        t = (d4 - d3) / size if size > 0.0 else 0.0
+        s = 1.0 - t
+    else:
+        size = a + b + c
+        s, t = (b / size, c / size) if size > 0.0 else (0.0, 0.0)
+    x, y, z = w0 - s * u0 - t * v0, w1 - s * u1 - t * v1, w2 - s * u2 - t * v2
+    return float(x * x + y * y + z * z)
+
+
+@compile_function
+def _count_ray_crossings(
+    x: Array,
+    ray: Array,
+    corners: Array,
+    low: Array,
+    high: Array,
+    child: Ints,
+    first: Ints,
+    count: Ints,
+    order: Ints,
+    waiting: Ints,
+) -> int:
+    """How often a ray from a point goes through the surface (Möller and Trumbore 1997)."""
+    hits = 0
+    waiting[0], depth = 0, 1
+    while depth:
+        depth -= 1
+        k = waiting[depth]
+        near, far = 0.0, np.inf
+        for c in range(3):
+            a, b = (low[k, c] - x[c]) / ray[c], (high[k, c] - x[c]) / ray[c]
+            near, far = max(near, min(a, b)), min(far, max(a, b))
+        if near > far + 1e-9:
+            continue
+        if child[k] >= 0:
+            waiting[depth], waiting[depth + 1] = child[k], child[k] + 1
+            depth += 2
+            continue
+        for s in range(first[k], first[k] + count[k]):
+            A = corners[order[s]]
+            u0, u1, u2 = A[1, 0] - A[0, 0], A[1, 1] - A[0, 1], A[1, 2] - A[0, 2]
+            v0, v1, v2 = A[2, 0] - A[0, 0], A[2, 1] - A[0, 1], A[2, 2] - A[0, 2]
+            p0, p1, p2 = ray[1] * v2 - ray[2] * v1, ray[2] * v0 - ray[0] * v2, ray[0] * v1 - ray[1] * v0
+            det = u0 * p0 + u1 * p1 + u2 * p2
+            if det == 0.0:
+                continue
+            w0, w1, w2 = x[0] - A[0, 0], x[1] - A[0, 1], x[2] - A[0, 2]
+            f = (w0 * p0 + w1 * p1 + w2 * p2) / det
+            if f < 0.0 or f > 1.0:
+                continue
+            r0, r1, r2 = w1 * u2 - w2 * u1, w2 * u0 - w0 * u2, w0 * u1 - w1 * u0
+            g = (ray[0] * r0 + ray[1] * r1 + ray[2] * r2) / det
+            if g < 0.0 or f + g > 1.0:
+                continue
+            if (v0 * r0 + v1 * r1 + v2 * r2) / det > 0.0:
+                hits += 1
+    return hits

@@ -1,0 +1,111 @@
+"""How near two bodies come along a motion: measured where it may matter, elsewhere bounded by how far they moved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.collision.bounding_box_tree import BoxTreeMesh
+from machopt.collision.distance_bounds import DistanceMemory, MotionRows
+from machopt.collision.fcl_distance import FclSurfaces
+from machopt.collision.mesh_distance import compute_distance
+from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import invert_transform
+
+MIN_SEGMENT_MOTION_M = 1e-4  # m, motion below which a segment between two free rows is not halved any more
+
+
+def is_too_near(distance: float, clearance: float) -> bool:
+    """Both in m; surfaces that meet are too near whatever the clearance."""
+    return distance <= 0.0 or distance < clearance
+
+
+@dataclass(kw_only=True)
+class PairMotionCheck:
+    """One pair followed along the rows: an exact distance and how far the bodies have moved since."""
+
+    rows: MotionRows
+    p: int  # of the pair
+    pair: tuple[int, int]  # of its bodies
+    meshes: tuple[BoxTreeMesh, BoxTreeMesh]  # the same two
+    clearance: float  # m
+    surfaces: FclSurfaces
+    memory: DistanceMemory | None
+    measured_row: int = -1
+    known_distance: float = 0.0  # m, exact distance at row ``last``
+
+    def __post_init__(self) -> None:
+        travel = self.rows.bound_motion(self.p)
+        self._travel: list[float] = travel.tolist()  # asked for once a row: Python's own numbers are read quickest
+        self._way: list[float] = np.append(0.0, np.cumsum(travel)).tolist()
+        self._near = 0, 0  # triangles, one of each body
+
+    def bound_motion(self, n: int) -> float:
+        """m, bound on the relative motion between row ``last`` and row n."""
+        return abs(self._way[n] - self._way[self.measured_row])
+
+    def bound_distance(self, n: int) -> float:
+        """m, what is known of the distance at row n without measuring it."""
+        since = -np.inf if self.measured_row < 0 else self.known_distance - self.bound_motion(n)
+        if self.memory is None or since > self.clearance:
+            return since
+        return max(since, self.memory.bound_distance(self.rows.q[n]))
+
+    def measure_distance(self, n: int) -> float:
+        """Exact distance (m) at row n; 0 where one body is inside the other."""
+        if n != self.measured_row:
+            T = self.rows.compute_relative_motion(self.p)[n]
+            d = self._measure_surfaces(T)
+            # Surfaces apart by more than the way since a row known to be outside cannot have been crossed.
+            fresh = (
+                self.measured_row < 0
+                or self.known_distance <= 0.0
+                or max(d, self.known_distance) <= self.bound_motion(n)
+            )
+            if d > 0.0 and fresh and self.surfaces.is_contained(self.pair, T):
+                d = 0.0
+            self.measured_row, self.known_distance = n, d
+            if self.memory is not None and d > self.clearance:
+                self.memory.add_distance(self.rows.q[n], d)
+        return self.known_distance
+
+    def _measure_surfaces(self, T: Array) -> float:
+        """m between the surfaces with the second body moved by T (4, 4); what is too near is so by fcl's word."""
+        d, self._near = compute_distance(*self.meshes, T, self._near)
+        return self.surfaces.compute_distance(self.pair, T) if is_too_near(d, self.clearance) else d
+
+    def is_colliding(self, n: int) -> bool:
+        return is_too_near(self.measure_distance(n), self.clearance)
+
+    def find_first_contact(self, m: int) -> float:
+        """Fractional row of a contact in row m or on the way to it, NaN if free."""
+        if m == 0:
+            return 0.0 if self.is_colliding(0) else np.nan
+        way = self._travel[m - 1]
+        if not is_too_near(self.bound_distance(m - 1) - way, self.clearance):
+            return np.nan
+        before = self.measure_distance(m - 1)
+        if is_too_near(before, self.clearance):
+            return m - 1.0
+        if before - way >= self.clearance:
+            return np.nan
+        after = self.measure_distance(m)
+        if is_too_near(after, self.clearance):
+            return float(m)
+        inner = self._find_contact_between(self.rows.q[m - 1], self.rows.q[m], before, after, way)
+        return m - 1.0 + inner
+
+    def _find_contact_between(self, qa: Array, qb: Array, da: float, db: float, way: float) -> float:
+        """Fraction of the way from qa to qb where a contact is, NaN if there is none."""
+        if way < MIN_SEGMENT_MOTION_M or da + db - 2.0 * self.clearance >= way:
+            return np.nan
+        middle = 0.5 * (qa + qb)
+        i, j = self.rows.pairs.links[self.p]
+        poses = self.rows.pairs.lines.compute_link_poses(middle)
+        d = self._measure_surfaces(invert_transform(poses[i]) @ poses[j])
+        if is_too_near(d, self.clearance):
+            return 0.5
+        # The bound is a sum over joints of |Δq| times the lever, so half the joint step is half the bound.
+        inner = 0.5 * self._find_contact_between(qa, middle, da, d, 0.5 * way)
+        return inner if not np.isnan(inner) else 0.5 + 0.5 * self._find_contact_between(middle, qb, d, db, 0.5 * way)

@@ -1,0 +1,1 @@
+"""The command ``machopt diagnose``: load, compute, write."""

@@ -1,0 +1,59 @@
+"""A diagnosis in memory, and its files: everything that ``machopt diagnose`` computes before it writes the first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from machopt.commands.diagnose.files import write_kinematics_file, write_residual_table, write_stiffness_file
+from machopt.commands.input_hashes import build_manifest_file, list_recording_inputs
+from machopt.commands.manifest import write_command_manifest
+from machopt.data_types.cell import Cell
+from machopt.data_types.documents.diagnosis_document import DiagnosisDocument
+from machopt.data_types.measurements.recording import Recording
+from machopt.data_types.stiffness import ArmStiffness
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem
+from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
+from machopt.measurement.diagnosis.request import DiagnoseRequest
+from machopt.output import write_result
+from machopt.report.page_types.diagnosis_page_data import DiagnosisPageData
+from machopt.report.pages.diagnosis.diagnosis_page import write_diagnosis_page
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnoseComputation:
+    """A diagnosis in memory: nothing of it is written yet."""
+
+    request: DiagnoseRequest
+    cell: Cell
+    recording: Recording
+    problem: DiagnosisProblem | None
+    diagnosis: DiagnosisResult
+    model: ArmStiffness | None  # the extended one, where it is one
+    page: DiagnosisPageData
+    result: DiagnosisDocument
+
+
+def write_diagnosis_files(done: DiagnoseComputation, folder: Path, progress: Progress = lambda _: None) -> None:
+    """Write its files into an empty folder."""
+    request = done.request
+    progress("writing the model and tables")
+    write_stiffness_file(folder, done.model)
+    write_kinematics_file(folder, done.cell, done.diagnosis)
+    write_residual_table(folder / "residuals.csv", done.recording, done.diagnosis, done.problem)
+    progress("report")
+    write_diagnosis_page(folder / "report.html", done.page)
+    write_result(folder / "diagnosis.json", done.result)
+    read = [build_manifest_file(f, "terms") for f in request.terms]
+    read += [] if request.toolpath is None else [build_manifest_file(request.toolpath, "toolpath")]
+    write_command_manifest(
+        folder,
+        "diagnose",
+        request,
+        done.cell,
+        verdict=done.result.verdict,
+        inputs=(*list_recording_inputs(request.recordings), *read),
+    )

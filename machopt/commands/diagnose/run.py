@@ -1,0 +1,126 @@
+"""``machopt diagnose``: from a cell and a recording to what the model leaves out, the extended model, and a page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from machopt.cell.cell_reader import load_cell
+from machopt.commands.diagnose.computation import DiagnoseComputation, write_diagnosis_files
+from machopt.commands.diagnose.files import KINEMATICS, STIFFNESS, compute_effect_on_job, list_kinematic_corrections
+from machopt.commands.input_hashes import compute_input_hashes, list_request_paths
+from machopt.data_types.cell import Cell
+from machopt.data_types.documents.diagnosis_document import DiagnosisDocument
+from machopt.effects.user_effects import UserModule, activate_user_effects, run_user_files
+from machopt.file_formats.parquet_tables import refuse_without_pyarrow
+from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
+from machopt.measurement.diagnosis.diagnosis_pipeline import diagnose_motion_recording, diagnose_static_recording
+from machopt.measurement.diagnosis.effect_columns import user_hypotheses
+from machopt.measurement.diagnosis.model_selection import selection_pipeline
+from machopt.measurement.diagnosis.outputs.diagnosis_document import build_diagnosis_document
+from machopt.measurement.diagnosis.outputs.extended_stiffness import add_withheld_notes, build_extended_stiffness
+from machopt.measurement.diagnosis.outputs.model_uncertainty import add_model_uncertainty
+from machopt.measurement.diagnosis.outputs.plausible_corrections import diagnose_with_plausible_corrections
+from machopt.measurement.diagnosis.request import DiagnoseRequest, check_diagnose_request
+from machopt.measurement.recording import load_recording, load_recordings
+from machopt.options.plan_option_reader import load_options
+from machopt.output import write_output_folder
+from machopt.report.page_data.cell_scene import build_cell_scene
+from machopt.report.page_data.diagnosis import build_diagnosis_page_data
+from machopt.report.page_types.display_units import format_option_value
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class DiagnoseResult:
+    """What came out."""
+
+    diagnosis: DiagnosisResult
+    result: DiagnosisDocument
+    report: Path
+
+
+def run_diagnose(request: DiagnoseRequest, progress: Progress = lambda _: None) -> DiagnoseResult:
+    """Diagnose a recording of a cell's robot.
+
+    Raises:
+        InputError: bad cell, recording, laws or output folder.
+    """
+    own = run_user_files(request.terms)
+    with (
+        activate_user_effects(own),
+        write_output_folder(request.out, force=request.overwrite, inputs=list_request_paths(request)) as folder,
+    ):
+        refuse_without_pyarrow(request.tables)
+        done = compute_diagnosis(request, own, progress)
+        write_diagnosis_files(done, folder, progress)
+    return DiagnoseResult(done.diagnosis, done.result, request.out / "report.html")
+
+
+def compute_diagnosis(
+    request: DiagnoseRequest, own: tuple[UserModule, ...], progress: Progress, cell: Cell | None = None
+) -> DiagnoseComputation:
+    """What the model leaves out.
+
+    Args:
+        request: what was asked; its ``out`` is not looked at.
+        own: the files of ``request.terms``, run and in use.
+        cell: where it has been read already.
+    """
+    progress("reading cell and recording")
+    paths = request.recordings
+    recording = load_recording(paths[0]) if len(paths) == 1 else load_recordings(paths)
+    moving = recording.kind == "motion"
+    if cell is None:
+        sliding = moving or any(recording.prismatic)
+        cell = load_cell(request.cell, allow_external=request.allow_external, any_chain=sliding, bodies=False)
+    laws = user_hypotheses.load_hypothesis_sources(own)
+    check_diagnose_request(request, recording.kind)
+    load_options(cell.plan, overrides=request.overrides)  # what is wrong with them is said before minutes of work
+    options = selection_pipeline.DiagnosisOptions(
+        max_effects=request.get_max_findings(recording.kind), progress=progress
+    )
+    if moving:
+        asked, job = request.channel, request.toolpath is not None
+        found = diagnose_motion_recording(cell, recording, options, asked=asked, seed=request.seed, toolpath=job)
+        made = build_extended_stiffness(cell, found.diagnosis)
+    else:
+        accept, seed = request.accept, request.seed
+        found, made = diagnose_with_plausible_corrections(
+            cell,
+            lambda barred: diagnose_static_recording(
+                cell, recording, options, laws, accept=accept, seed=seed, barred=barred
+            ),
+        )
+        progress("what the model may still lack")
+    made = replace(made, after=add_model_uncertainty(cell, found, made.after))
+    d = add_withheld_notes(replace(found.diagnosis, warnings=(*cell.warnings, *found.diagnosis.warnings)), made)
+    if request.toolpath is not None and made.after is not None and made.before is not None:
+        progress("what it changes for the toolpath")
+    effect = compute_effect_on_job(cell, request.toolpath, made.before, made.after, request.overrides)
+    inputs = compute_input_hashes(cell, request.recordings)
+    said = request.list_options(recording.kind)
+    result = build_diagnosis_document(
+        cell,
+        found.recording,
+        d,
+        model=None if made.after is None else STIFFNESS,
+        kinematics=KINEMATICS if list_kinematic_corrections(d) else None,
+        effect_on_job=effect,
+        options=said,
+        inputs=inputs,
+    )
+    scene = None if moving else build_cell_scene(cell)[0]
+    facts = tuple((k, format_option_value(v)) for k, v in (said | inputs).items())
+    return DiagnoseComputation(
+        request=request,
+        cell=cell,
+        recording=found.recording,
+        problem=found.problem,
+        diagnosis=d,
+        model=made.after,
+        page=build_diagnosis_page_data(cell, found.recording, d, facts, effect, problem=found.problem, scene=scene),
+        result=result,
+    )

@@ -1,0 +1,1 @@
+"""The command ``machopt identify``: load, compute, write."""

@@ -1,0 +1,98 @@
+"""A stiffness in memory: everything that ``machopt identify`` computes before it writes its first file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.stiffness.term_parser import parse_term
+from machopt.commands.input_hashes import compute_input_hashes
+from machopt.data_types.cell import Cell, describe_fixed_external_joints
+from machopt.data_types.documents.identification_document import IdentificationDocument
+from machopt.data_types.measurements.recording import Recording
+from machopt.data_types.stiffness import ModelDiscrepancy, describe_ignored_springs
+from machopt.errors import InputError
+from machopt.kinematics.mimic_joints import check_no_mimic_joints
+from machopt.kinematics.robot import Robot, load_masses, load_robot
+from machopt.measurement.estimation.load_test_equations import LoadTestExperiment, build_load_test_experiment
+from machopt.measurement.identification.assessment.model_discrepancy import estimate_identification_discrepancy
+from machopt.measurement.identification.identification_document import build_identification_document
+from machopt.measurement.identification.identification_pipeline import identify_stiffness
+from machopt.measurement.identification.identification_result import IdentificationResult
+from machopt.measurement.identification.request import IdentifyRequest, check_identify_request, convert_to_options
+from machopt.measurement.recording import load_recording, load_recordings
+from machopt.stiffness.terms import compile_terms
+
+
+@dataclass(frozen=True, kw_only=True)
+class IdentifyComputation:
+    """A stiffness in memory: nothing of it is written yet."""
+
+    request: IdentifyRequest
+    cell: Cell
+    recording: Recording
+    tests: LoadTestExperiment
+    identification: IdentificationResult
+    result: IdentificationDocument
+
+
+def compute_identification(
+    request: IdentifyRequest, progress: Callable[[str], None], cell: Cell | None = None
+) -> IdentifyComputation:
+    """The stiffness.
+
+    Args:
+        request: what was asked; its ``out`` is not looked at.
+        cell: where it has been read already.
+    """
+    check_identify_request(request)
+    options = convert_to_options(request, tuple(parse_term(t) for t in request.terms))
+    progress("reading cell and recording")
+    cell = load_cell(request.cell, allow_external=request.allow_external, bodies=False) if cell is None else cell
+    recording = _read_recordings(request.recordings)
+    check_no_mimic_joints(cell, "identify")
+    robot = load_robot(cell)
+    tests = build_load_test_experiment(recording, robot, cell.tool.T_flange_tcp)
+    for text, term in zip(request.terms, options.terms, strict=True):
+        try:
+            compile_terms((term,), robot, cell.tool.T_flange_tcp)
+        except InputError as problem:
+            raise InputError(problem.reason, where=f"--fit {text}") from None
+    masses = load_masses(cell) if options.geometric else None
+    progress("identifying")
+    random = np.random.default_rng(options.seed)
+    found = identify_stiffness(tests, robot, cell.tool.T_flange_tcp, cell.stiffness, options, random, masses)
+    kept = () if cell.stiffness is None else cell.stiffness.external
+    placed = None if cell.stiffness is None else cell.stiffness.position
+    doubt = _test_misfit(cell, robot, tests, found)
+    found = replace(
+        found,
+        stiffness=replace(found.stiffness, discrepancy=doubt, external=kept, position=placed),
+        warnings=(*found.warnings, *describe_ignored_springs(kept), *describe_fixed_external_joints(cell)),
+    )
+    result = build_identification_document(
+        request, cell, recording, found, compute_input_hashes(cell, request.recordings)
+    )
+    return IdentifyComputation(
+        request=request, cell=cell, recording=recording, tests=tests, identification=found, result=result
+    )
+
+
+def _test_misfit(
+    cell: Cell, robot: Robot, tests: LoadTestExperiment, found: IdentificationResult
+) -> ModelDiscrepancy | None:
+    try:
+        masses = load_masses(cell)
+    except InputError:  # without weight
+        masses = None
+    return estimate_identification_discrepancy(
+        found.fit, tests, robot, cell.tool.T_flange_tcp, found.stiffness, masses, cell.arm_limits
+    )
+
+
+def _read_recordings(paths: tuple[Path, ...]) -> Recording:
+    return load_recording(paths[0]) if len(paths) == 1 else load_recordings(paths)

@@ -1,0 +1,120 @@
+"""The manifest of a command: what it was asked and by what it works, before anything is made."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from machopt.commands.input_hashes import build_manifest_file, list_cell_inputs, rename_duplicate_names
+from machopt.data_types.cell import Cell
+from machopt.data_types.manifest import CheckCoverage, FolderManifest, ManifestFile, add_scope_to_verdict
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.toolpath import Toolpath
+from machopt.file_formats.parquet_tables import write_parquet_copies
+from machopt.options.plan_option_reader import format_user_options
+from machopt.output import write_manifest
+from machopt.output.file_roles import ROLES
+from machopt.output.json_files import convert_to_json_types
+from machopt.programs.writing.target_insertion import ProgramTolerance
+from machopt.toolpath.reading_options import format_reading_options
+from machopt.verification.folder import coverage
+from machopt.version import __version__
+
+_REQUEST_PATH_FIELDS = (
+    "cell",
+    *("out", "overwrite"),
+    "recordings",
+    "toolpath",
+    "toolpaths",
+    "measured",
+    "plan_file",
+    "discriminate",
+    "effects",
+    "tables",
+)  # inputs, by hash; and how files are written, which they show
+_LIBRARIES = ("numpy", "scipy", "numba", "pin", "coal", "python-fcl", "trimesh")  # whose numbers are in the output
+
+
+def build_optimize_manifest(
+    cell: Cell,
+    toolpath_file: Path,
+    toolpath: Toolpath,
+    options: PlanOptions,
+    *,
+    reading: Mapping[str, Any],
+    plan_file: Path | None,
+    post_files: Sequence[Path],
+    effects: Sequence[Path] = (),
+    tolerance: ProgramTolerance,
+) -> FolderManifest:
+    """The manifest of one plan; files, programs and verdict follow when they are there."""
+    read = build_manifest_file(toolpath_file, "toolpath")
+    named = [ManifestFile(read.name, "toolpath", toolpath.sha256 or read.sha256, read.size)]
+    named += [build_manifest_file(plan_file, "plan")] if plan_file is not None else []
+    named += [build_manifest_file(f, "post") for f in post_files]
+    named += [build_manifest_file(f, "effects") for f in effects]
+    return FolderManifest(
+        command="optimize",
+        verdict="",
+        exit_code=0,
+        versions=read_library_versions(),
+        inputs=rename_duplicate_names((*list_cell_inputs(cell), *named)),
+        reading=format_reading_options(reading),
+        program_tolerance_mm=float(f"{1e3 * tolerance.position:.12g}"),
+        **list_option_fields(cell, options, toolpath),
+    )
+
+
+def list_option_fields(cell: Cell, options: PlanOptions, toolpath: Toolpath) -> dict[str, Any]:
+    """What a manifest says of the options in force, by its fields: they change where a plan is steered."""
+    said = {"checked": coverage.list_checked(options), "unchecked": coverage.list_unchecked(cell, options, toolpath)}
+    return {"options": format_user_options(options), "not_recomputed": coverage.NOT_RECOMPUTED, **said}
+
+
+def write_command_manifest(
+    folder: Path,
+    command: str,
+    request: object,
+    cell: Cell,
+    *,
+    verdict: str,
+    exit_code: int = 0,
+    inputs: Iterable[ManifestFile] = (),
+    checked: Iterable[CheckCoverage] = (),
+    unchecked: Iterable[str] = (),
+) -> None:
+    """manifest.json of a command that plans no toolpath, beside everything else it wrote.
+
+    Args:
+        request: the command's own dataclass; its fields but the paths named here are the options.
+        inputs: what it read beside the cell.
+    """
+    if getattr(request, "tables", "csv") == "parquet":
+        write_parquet_copies(folder.glob("*.csv"))
+    asked = {f.name: getattr(request, f.name) for f in fields(request) if f.name not in _REQUEST_PATH_FIELDS}  # type: ignore[arg-type]
+    manifest = FolderManifest(
+        command=command,
+        verdict=add_scope_to_verdict(verdict, unchecked),
+        exit_code=exit_code,
+        versions=read_library_versions(),
+        inputs=rename_duplicate_names((*list_cell_inputs(cell), *inputs)),
+        options=convert_to_json_types(asked),
+        checked=tuple(checked),
+        unchecked=tuple(unchecked),
+    )
+    write_manifest(folder, manifest, ROLES)
+
+
+def read_library_versions() -> dict[str, str]:
+    """machopt, Python and the libraries that the numbers come from."""
+    out = {"machopt": __version__, "python": platform.python_version()}
+    for name in _LIBRARIES:
+        try:
+            out[name] = version(name)
+        except PackageNotFoundError:
+            out[name] = "not installed as a package"
+    return out

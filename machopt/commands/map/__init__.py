@@ -1,0 +1,1 @@
+"""The command ``machopt map``: load, compute, write."""

@@ -1,0 +1,120 @@
+"""A map in memory: everything that ``machopt map`` computes before it writes its first file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from machopt.cell.cell_reader import load_cell
+from machopt.commands.input_hashes import compute_input_hashes
+from machopt.data_types.cell import Cell
+from machopt.data_types.documents.map_document import MapDocument
+from machopt.data_types.manifest import add_scope_to_verdict
+from machopt.errors import InputError
+from machopt.kinematics.mimic_joints import check_no_mimic_joints
+from machopt.kinematics.robot import load_chain
+from machopt.options.plan_option_reader import load_options
+from machopt.output.file_hashes import compute_sha256
+from machopt.output.tables.map_table import read_measured_stiffness
+from machopt.report.page_data.machine_scene import build_bodies, build_machine_scene
+from machopt.report.page_data.workspace_map import build_map_page_data
+from machopt.report.page_types.map_page_data import MapPageData
+from machopt.workspace_map.document import MapLayerResult, build_map_document, compute_sample_positions
+from machopt.workspace_map.measured_stiffness import MeasuredComparison, compare_with_measured
+from machopt.workspace_map.posture_layers import (
+    build_collision_check,
+    build_goodness_function,
+    build_map_settings,
+    build_reaching_arm,
+    compute_posture_layers,
+    select_criterion,
+)
+from machopt.workspace_map.quantities import evaluate_quantities
+from machopt.workspace_map.request import MapOptions, MapRequest, resolve_request
+from machopt.workspace_map.sample_grid import MapSamples
+from machopt.workspace_map.sample_ranges import build_samples
+
+_UNCHECKED = {"none": ("collisions NOT checked",), "self": (), "cell": ()}  # "self" is what a map means, not less
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapComputation:
+    """A map in memory: nothing of it is written yet."""
+
+    request: MapRequest
+    cell: Cell
+    samples: MapSamples
+    options: MapOptions
+    layers: tuple[MapLayerResult, ...]  # the given rotation first
+    comparison: MeasuredComparison | None
+    page: MapPageData
+    result: MapDocument
+    verdict: str
+
+    @property
+    def exit_code(self) -> int:
+        return 0 if any(layer.postures.ok.any() for layer in self.layers) else 3
+
+    @property
+    def message(self) -> str:
+        """One sentence, with what was not checked."""
+        return add_scope_to_verdict(self.verdict, self.unchecked)
+
+    @property
+    def unchecked(self) -> tuple[str, ...]:
+        return _UNCHECKED[self.request.collision]
+
+
+def compute_map(request: MapRequest, progress: Callable[[str], None], cell: Cell | None = None) -> MapComputation:
+    """The map.
+
+    Args:
+        request: what was asked; its ``out`` is not looked at.
+        cell: where it has been read already.
+    """
+    progress("load")
+    cell = load_cell(request.cell, allow_external=request.allow_external) if cell is None else cell
+    plan_options = load_options(cell.plan, request.plan_file, list(request.overrides))
+    options = resolve_request(request, cell)
+    measured = read_measured_stiffness(request.measured) if request.measured is not None else None
+    progress("prepare")
+    check_no_mimic_joints(cell, "map")
+    robot, shapes = load_chain(cell)
+    arm = build_reaching_arm(cell, robot, plan_options)
+    setting = build_map_settings(cell, robot, options)
+    criterion = select_criterion(options, setting)
+    if isinstance(options.pick, int) and options.pick >= arm.solver.branches:
+        raise InputError(f"found branch {options.pick}; the arm has 0 to {arm.solver.branches - 1}", where="--pick")
+    collides = build_collision_check(cell, robot, shapes, plan_options, options)
+    progress("samples")
+    samples = build_samples(cell, arm, options)
+    progress("postures")
+    chosen = compute_posture_layers(samples, arm, cell, options, build_goodness_function(criterion, setting), collides)
+    progress("fields")
+    layers = [
+        MapLayerResult(name, postures, evaluate_quantities(setting, postures.q)) for name, postures in chosen.items()
+    ]
+    comparison = None
+    if measured is not None:
+        comparison = compare_with_measured(
+            measured, request, options, arm, setting, criterion, compute_sample_positions(samples, layers[0], options)
+        )
+    files = compute_input_hashes(cell)
+    if request.measured is not None:
+        files[request.measured.name] = compute_sha256(request.measured)
+    result, message = build_map_document(
+        files, cell, plan_options, options, setting, samples, arm, layers, criterion, comparison
+    )
+    scene = build_machine_scene(cell, robot, build_bodies(cell, robot, shapes))
+    data = build_map_page_data(cell, options, setting, samples, arm, layers, criterion, comparison, result, scene)
+    return MapComputation(
+        request=request,
+        cell=cell,
+        samples=samples,
+        options=options,
+        layers=tuple(layers),
+        comparison=comparison,
+        page=data,
+        result=result,
+        verdict=message,
+    )

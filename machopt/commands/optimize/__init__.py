@@ -1,0 +1,1 @@
+"""The command ``machopt optimize``: load, compute, write, verify."""

@@ -1,0 +1,55 @@
+"""A plan in memory: everything that ``machopt optimize`` computes before it writes its first file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from machopt.commands.optimize.request import OptimizeInputs
+from machopt.planning.job.job_planner import plan_job
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import StageTimings
+
+if TYPE_CHECKING:
+    from machopt.commands.optimize.job_result import OptimizeJobResult
+
+
+@dataclass(frozen=True)
+class OptimizeComputation:
+    """A plan in memory: nothing of it is written yet."""
+
+    inputs: OptimizeInputs
+    job_result: OptimizeJobResult  # without verification, programs and front, which are made of what is written
+    timings: StageTimings
+
+
+def compute_optimize_plan(
+    given: OptimizeInputs, timings: StageTimings, before: Sequence[Plan] = ()
+) -> OptimizeComputation:
+    """The plan, and its motion where there is one; tool after tool where the job changes it.
+
+    Args:
+        before: the plans of the same stints but for the user's wishes, which lend what these do not change; or none.
+    """
+    job = plan_job(given.stints, given.toolpath, given.options, timings, before)
+    from machopt.commands.optimize.job_result import OptimizeJobResult, ToolSegmentResult
+    from machopt.program_export.exported_programs import (
+        list_omitted_programs,
+    )  # late: loaded beside the plan (machopt.commands.optimize.run)
+
+    made = OptimizeJobResult(
+        cell=given.cell,
+        toolpath=given.toolpath,
+        options=given.options,
+        stints=tuple(
+            ToolSegmentResult(s, p.stretch.plan, p.timeline) for s, p in zip(given.stints, job.parts, strict=True)
+        ),
+        plan=job.plan,
+        points=job.points,
+        timeline=job.timeline,
+        verification=None,
+        programs=list_omitted_programs(given.posts, given.tolerance, "there is no motion"),
+        manifest=given.manifest,
+    )
+    return OptimizeComputation(given, made, timings)

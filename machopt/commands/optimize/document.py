@@ -1,0 +1,120 @@
+"""result.json of optimize: what was asked, what came out, and the hash of everything it belongs to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from machopt.commands.input_hashes import map_hashes_by_name
+from machopt.commands.optimize.job_result import OptimizeJobResult
+from machopt.data_types.documents import optimize_document as told
+from machopt.data_types.toolpath import Toolpath
+from machopt.options.plan_option_reader import find_options_without_effect, format_user_options
+from machopt.output.file_hashes import compute_sha256
+from machopt.output.manifest_file import list_folder_files
+from machopt.planning.job.pareto_front import describe_better_plans, describe_missing_plans
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.plan_output.document_sections import (
+    build_break_entry,
+    build_compensation_section,
+    build_gain_section,
+    build_objective_section,
+    build_position_error_section,
+    build_search_section,
+    build_slowdown_entry,
+    build_tool_sections,
+    build_worst_point_entry,
+    list_infeasible_entries,
+)
+from machopt.planning.plan_output.infeasibility_reasons import list_breaks, list_hints
+from machopt.planning.plan_output.point_table import PointResults
+from machopt.planning.uncertainty.stiffness_uncertainty import compute_gains
+from machopt.version import __version__
+
+
+def build_optimize_document(made: OptimizeJobResult, folder: Path, seconds: dict[str, float]) -> told.OptimizeDocument:
+    """The result as result.json has it; ``outputs`` are the files that lie in ``folder`` by now."""
+    cell, toolpath, the_plan, points = made.cell, made.toolpath, made.plan, made.points
+    timeline, verification = made.timeline, made.verification
+    trajectory = timeline.trajectory if timeline else None
+    stopped = timeline.obstructions if timeline else ()
+    return told.OptimizeDocument(
+        machopt_result=1,
+        version=__version__,
+        verdict=made.verdict,
+        exit_code=made.exit_code,
+        production_blockers=made.production_blockers,
+        unchecked=made.unchecked,
+        inputs=map_hashes_by_name(made.manifest.inputs),
+        outputs={name: compute_sha256(folder / name) for name in sorted(list_folder_files(folder))},
+        options=format_user_options(made.options),
+        reading=dict(made.manifest.reading),
+        cell=cell.name,
+        toolpath=_build_toolpath_section(toolpath),
+        index=the_plan.scores.index,
+        index_scale=the_plan.scores.scale,
+        chosen_from=the_plan.chosen_from,
+        objective=build_objectives_section(the_plan),
+        front=tuple(told.ParetoPlanEntry.from_fields(p) for p in made.front) or None,
+        tools=build_tool_sections(the_plan, [s.stint for s in made.stints]),
+        worst_point=build_worst_point_entry(the_plan, points),
+        compensation=build_compensation_section(the_plan, toolpath) if trajectory is not None else None,
+        position_error=build_position_error_section(the_plan),
+        infeasible_points=tuple(list_infeasible_entries(the_plan, points)),
+        breaks=tuple(build_break_entry(b) for b in list_breaks(the_plan, stopped)),
+        cycle_time_s=float(trajectory.time[-1]) if trajectory else None,
+        dwell_s=_compute_dwell_time(toolpath, points) if trajectory else None,
+        feed_held_share=timeline.held_share if trajectory and timeline else None,
+        feed_dips=tuple(build_slowdown_entry(d) for d in (timeline.dips if timeline else ()) if d.lost),
+        feed_stops=tuple(build_slowdown_entry(d) for d in (timeline.dips if timeline else ()) if not d.lost),
+        rapid_detours=timeline.detours if timeline else (),
+        obstructions=tuple(told.ObstructedRapidEntry(before=o.before, after=o.after, reason=o.text) for o in stopped),
+        verification=None
+        if verification is None
+        else told.VerificationSection(
+            passed=verification.ok,
+            checks=tuple(told.CheckEntry.from_fields(c) for c in verification.checks),
+            information=tuple(told.InformationEntry.from_fields(i) for i in verification.information),
+        ),
+        programs=tuple(p.to_document() for p in made.programs),
+        notes=tuple(cell.notes),
+        warnings=(
+            *cell.warnings,
+            *toolpath.warnings,
+            *find_options_without_effect(the_plan.options),
+            *describe_missing_plans(made.front, the_plan.options),
+            *describe_better_plans(made.front),
+            *list_hints(the_plan),
+        ),
+        timings_s={name: round(value, 3) for name, value in seconds.items()},
+    )
+
+
+def _compute_dwell_time(toolpath: Toolpath, points: PointResults) -> float:
+    """s that the file waits before its first point and at those that are driven."""
+    waits, driven = toolpath.dwells, np.array([word == "ok" for word in points.table.status])
+    return float(waits[0] + waits[1:][driven].sum())
+
+
+def build_objectives_section(the_plan: Plan) -> told.ObjectivesSection:
+    """What the plan comes to, and what it is compared with."""
+    return told.ObjectivesSection(
+        cam_default=build_objective_section(the_plan.cam_default),
+        jiao2022=build_objective_section(the_plan.jiao2022),
+        grid=told.ObjectivePartsSection.from_fields(the_plan.grid),
+        search=build_search_section(the_plan),
+        chosen=build_objective_section(the_plan.chosen),
+        gain=tuple(build_gain_section(g) for g in compute_gains(the_plan)),
+    )
+
+
+def _build_toolpath_section(toolpath: Toolpath) -> told.ToolpathSection:
+    return told.ToolpathSection(
+        source=toolpath.source,
+        format=toolpath.format,
+        points=len(toolpath),
+        cutting_points=int(toolpath.cutting.sum()),
+        operations=tuple(o.label for o in toolpath.operations),
+        ignored=tuple(told.IgnoredWordEntry.from_fields(w) for w in toolpath.ignored),
+    )

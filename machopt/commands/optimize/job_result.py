@@ -1,0 +1,100 @@
+"""Everything one run of ``machopt optimize`` came to, before it is told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from machopt.data_types.cell import Cell
+from machopt.data_types.manifest import FolderManifest, ManifestProgram, TouchingPair, add_scope_to_verdict
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.tool_segments import ToolSegment
+from machopt.data_types.toolpath import Toolpath
+from machopt.planning.job.pareto_front import FrontPlan
+from machopt.planning.motion.trajectory_builder import MotionTimeline
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.plan_output.point_table import PointResults
+from machopt.program_export.exported_programs import ExportedProgram, add_read_back_results
+from machopt.verification import Verification
+from machopt.verification.folder.coverage import format_completeness, list_checks_not_run, list_production_blockers
+
+
+@dataclass(frozen=True)
+class ToolSegmentResult:
+    """What one tool that is on came to: what its robot program is made of."""
+
+    stint: ToolSegment
+    plan: Plan  # its toolpath indices count from the stint's first point
+    timeline: MotionTimeline | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class OptimizeJobResult:
+    """Everything one run came to, before it is told."""
+
+    cell: Cell
+    toolpath: Toolpath
+    options: PlanOptions
+    stints: tuple[ToolSegmentResult, ...]  # one, or one a tool that is on where the job changes it
+    plan: Plan
+    points: PointResults
+    timeline: MotionTimeline | None
+    verification: Verification | None
+    programs: tuple[ExportedProgram, ...]
+    front: tuple[FrontPlan, ...] = ()  # the trade-off, where it was asked for
+    manifest: FolderManifest  # without files; names inputs, reading options and what is not checked
+
+    @property
+    def exit_code(self) -> int:
+        """0 done, 3 no feasible answer, 4 verification failed."""
+        if self.timeline is None or self.timeline.trajectory is None:
+            return 3
+        held = self.verification is None or self.verification.ok
+        return 0 if held and all(p.ok for p in self.programs) else 4
+
+    @property
+    def verdict(self) -> str:
+        """The verdict with what it does not cover."""
+        word = {3: "infeasible", 4: "verification failed"}.get(self.exit_code)
+        word = word or self._completeness_word
+        return add_scope_to_verdict(word, self.unchecked)
+
+    @property
+    def unchecked(self) -> tuple[str, ...]:
+        """What the verdict does not cover."""
+        return (*self.manifest.unchecked, *(list_checks_not_run(self.verification.checks) if self.verification else ()))
+
+    @property
+    def production_blockers(self) -> tuple[str, ...]:
+        """What has to be settled before the part is made; nothing where there is no motion to make it with."""
+        if self.exit_code == 3:
+            return ()
+        return list_production_blockers(self.cell, self.unchecked, [p.to_document() for p in self.programs])
+
+    @property
+    def _completeness_word(self) -> str:
+        """How much of the toolpath is done."""
+        path, missing = self.plan.path, self.plan.missing
+        points = missing[path.is_point[missing]]
+        cut = int(path.counted[points].sum())
+        return format_completeness(cut, len(points) - cut)
+
+    def with_programs(self, programs: tuple[ExportedProgram, ...]) -> OptimizeJobResult:
+        """The same with these programs, in the manifest too; one that is withheld has no files."""
+        named = tuple(ManifestProgram(p.label, p.files, p.tool_segment) for p in programs if p.files)
+        said = tuple(
+            f"{p.files[0]}: {text}" for p in programs if p.files for text in (*p.unstarted_events, *p.assumptions)
+        )
+        return replace(self, programs=programs, manifest=replace(self.manifest, programs=named, warnings=said))
+
+    def with_touching_pairs(self) -> OptimizeJobResult:
+        """The same with the pairs of bodies that the planner leaves out, in the manifest."""
+        models = [s.plan.setup.collision for s in self.stints]
+        pairs = {(e.a, e.b): e.reason for m in models if m is not None for e in m.excluded if np.isfinite(e.share)}
+        listed = tuple(TouchingPair(a, b, reason) for (a, b), reason in pairs.items())
+        return replace(self, manifest=replace(self.manifest, touching_pairs=listed))
+
+    def with_verification(self, found: Verification) -> OptimizeJobResult:
+        """The same with what the verification found, of each program too."""
+        return replace(self, verification=found, programs=add_read_back_results(self.programs, found))

@@ -1,0 +1,74 @@
+"""What came of a run of ``machopt optimize``, written: report, result, manifest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from machopt.commands.input_hashes import map_hashes_by_name
+from machopt.commands.optimize.document import build_optimize_document
+from machopt.commands.optimize.job_result import OptimizeJobResult
+from machopt.data_types.documents.optimize_document import OptimizeDocument
+from machopt.options.plan_option_reader import format_user_options
+from machopt.output import MANIFEST, write_manifest, write_result
+from machopt.output.file_roles import ROLES
+from machopt.output.tables.plan_tables import write_compensation_csv, write_points_csv, write_trajectory_csv
+from machopt.planning.motion.trajectory_builder import MotionTimeline
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import StageTimings
+from machopt.planning.plan_output.collision_map import CollisionMap
+from machopt.planning.plan_output.point_table import PointResults
+from machopt.program_export.exported_programs import remove_programs
+from machopt.report.page_data.optimize import build_report_data
+from machopt.report.pages.optimize.optimize_page import write_report
+
+
+def write_report_files(
+    made: OptimizeJobResult, folder: Path, timings: StageTimings, shown: CollisionMap
+) -> OptimizeDocument:
+    """Write report, result and manifest; programs go where the motion does not hold."""
+    if made.exit_code != 0 and any(p.files for p in made.programs):
+        made = made.with_programs(remove_programs(folder, made.programs, made.verdict))
+    with timings.stage("report"):
+        data = build_report_data(
+            made.plan,
+            made.toolpath,
+            made.points,
+            made.timeline,
+            made.verification,
+            [p.to_page_data() for p in made.programs],
+            front=made.front,
+            shown=shown,
+            unchecked=made.unchecked,
+            blockers=made.production_blockers,
+            hashes=map_hashes_by_name(made.manifest.inputs),
+            options=format_user_options(made.options),
+            timings=timings.seconds,
+        )
+        write_report(folder / "report.html", data)
+    for name in ("result.json", MANIFEST):
+        (folder / name).unlink(missing_ok=True)
+    result = build_optimize_document(made, folder, timings.seconds)
+    write_result(folder / "result.json", result)
+    told = replace(made.manifest, verdict=made.verdict, exit_code=made.exit_code, unchecked=made.unchecked)
+    write_manifest(folder, told, ROLES)
+    return result
+
+
+def write_plan_tables(folder: Path, plan: Plan, points: PointResults, timeline: MotionTimeline | None) -> None:
+    """points.csv, and trajectory.csv and compensation.csv where there is a motion."""
+    write_points_csv(folder / "points.csv", points.table)
+    if timeline is None or timeline.trajectory is None:
+        return
+    cell, labels = plan.setup.cell, points.table.operations
+    file = folder / "trajectory.csv"
+    write_trajectory_csv(file, timeline.trajectory, labels, cell.external_prismatic, list_tool_names(plan))
+    if plan.compensation is not None:
+        c = plan.compensation
+        write_compensation_csv(folder / "compensation.csv", plan.path.index, c.offset, c.force)
+
+
+def list_tool_names(plan: Plan) -> tuple[str, ...]:
+    """The tool of each stretch of the plan, in order; none where the cell has no table."""
+    cells = [part.plan.setup.cell for part in plan.parts] or [plan.setup.cell]
+    return tuple(cell.tool_name for cell in cells if cell.tool_name is not None)

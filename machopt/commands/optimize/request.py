@@ -1,0 +1,120 @@
+"""What ``machopt optimize`` was asked, loaded and refused where no plan could answer it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from machopt.cell.absolute_accuracy import apply_absolute_accuracy
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.tool_selection import select_job_tools, split_into_tool_segments
+from machopt.cell.work_offsets import place_toolpath
+from machopt.commands.manifest import build_optimize_manifest
+from machopt.commands.toolpath_reading_options import get_reading_options
+from machopt.data_types.cell import Cell
+from machopt.data_types.manifest import FolderManifest
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.tool_segments import ToolSegment
+from machopt.data_types.toolpath import Toolpath
+from machopt.file_formats.parquet_tables import refuse_without_pyarrow
+from machopt.options.plan_option_reader import load_options
+from machopt.planning.job.pareto_front import check_front_options
+from machopt.planning.job.request_checks import add_reach_warning, check_length_unit, check_plannable
+from machopt.program_export.selected_posts import SelectedPost, is_post_file, select_posts
+from machopt.programs.writing.target_insertion import ProgramTolerance
+from machopt.toolpath.unknown_words import read_for_plan, refuse_unknown_words
+from machopt.verification.folder.programs.post_lookup import build_tolerance
+
+
+@dataclass(frozen=True, kw_only=True)
+class OptimizeRequest:
+    """What the user asked for."""
+
+    cell: Path
+    toolpath: Path
+    out: Path
+    plan_file: Path | None = None
+    overrides: tuple[str, ...] = ()
+    direct: dict[str, object] | None = None  # options by their user key, e.g. {"method": "jiao2022"}
+    reading: dict[str, Any] = field(default_factory=dict)  # keywords of formats.toolpath.read_toolpath
+    allow_external: bool = False
+    posts: tuple[str, ...] = ()  # names or template files; none: the cell's own
+    front: bool = False  # further plans with other weights, for the trade-off
+    program_tolerance_mm: float | None = None  # 0.05, or twice path_tolerance_mm where that is more
+    effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which stiffness.yaml may hold
+    tables: str = "csv"  # parquet: every table as Parquet, too
+    overwrite: bool = False  # replace an earlier output though files in it were edited or added
+    map_all: bool = False  # look for the collisions of every configuration, for the report's map
+
+
+@dataclass(frozen=True, kw_only=True)
+class OptimizeInputs:
+    """Everything a plan is made from."""
+
+    cell: Cell
+    options: PlanOptions
+    toolpath: Toolpath
+    stints: tuple[ToolSegment, ...]  # one, or one a tool that is on where the job changes it
+    posts: tuple[SelectedPost, ...]
+    tolerance: ProgramTolerance  # of the programs
+    manifest: FolderManifest  # without files
+    front: bool
+    map_all: bool
+    tables: str = "csv"
+
+
+def load_optimize_inputs(request: OptimizeRequest) -> OptimizeInputs:
+    """Read every file that was named; an InputError names a bad cell, toolpath, option or post."""
+    cell = load_cell(request.cell, allow_external=request.allow_external)
+    return prepare_optimize_inputs(
+        cell, lambda: read_for_plan(request.toolpath, **get_reading_options(cell), **request.reading), request
+    )
+
+
+def prepare_optimize_inputs(cell: Cell, read: Callable[[], Toolpath], request: OptimizeRequest) -> OptimizeInputs:
+    """What was asked of a cell and a toolpath, refused where no plan could answer it.
+
+    Args:
+        cell: as it was read, or changed since.
+        read: gives the toolpath; asked for when the options are known to be good.
+        request: files it names beside these two are read.
+
+    Raises:
+        InputError: bad options, toolpath or post.
+    """
+    refuse_without_pyarrow(request.tables)
+    options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
+    posts, tolerance = select_posts(cell, request.posts), build_tolerance(request.program_tolerance_mm, options)
+    toolpath = add_reach_warning(cell, place_toolpath(refuse_unknown_words(read(), request.toolpath), cell))
+    cell = select_job_tools(apply_absolute_accuracy(cell, options), toolpath)
+    stints = split_into_tool_segments(cell, toolpath)
+    if request.front:
+        check_front_options(options)
+    check_plannable(toolpath, options)
+    if not options.allow_gaps:
+        check_length_unit(cell, toolpath, request.toolpath, stated="unit" in request.reading)
+    manifest = build_optimize_manifest(
+        cell,
+        request.toolpath,
+        toolpath,
+        options,
+        reading=request.reading,
+        plan_file=request.plan_file,
+        post_files=[Path(text) for text in request.posts if is_post_file(text)],
+        effects=request.effects,
+        tolerance=tolerance,
+    )
+    return OptimizeInputs(
+        cell=cell,
+        options=options,
+        toolpath=toolpath,
+        stints=stints,
+        posts=posts,
+        tolerance=tolerance,
+        manifest=manifest,
+        front=request.front,
+        map_all=request.map_all,
+        tables=request.tables,
+    )

@@ -1,0 +1,73 @@
+"""``--front``: what more stiffness costs in time, joint travel and clearance, as a handful of whole plans.
+
+Each plan has other weights or another clearance, is driven in full and held against the cell by the same checks as the
+main one. A plan that another is nowhere worse than is no trade.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from pathlib import Path
+
+from machopt.commands.optimize.report_files import list_tool_names
+from machopt.commands.optimize.request import OptimizeInputs
+from machopt.output.tables.plan_tables import write_points_csv, write_trajectory_csv
+from machopt.planning.job.job_planner import plan_job
+from machopt.planning.job.pareto_front import FrontPlan, list_front_variants, mark_dominated_plans, measure_front_plan
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import StageTimings
+from machopt.verification.folder.folder_checks import check_contents
+
+FRONT_FILE = "front.csv"
+FRONT_COLUMNS = (
+    "plan",
+    "changed",
+    "mean_index",
+    "worst_index",
+    "cycle_time_s",
+    "joint_travel_deg",
+    "clearance_mm",
+    "objective",
+)
+
+
+def compute_trade_off_front(given: OptimizeInputs, asked: Plan, own: FrontPlan) -> list[FrontPlan]:
+    """The plan that was asked for, and every further one that can be driven and passes the checks.
+
+    Args:
+        given: the job; where it changes tools each plan is one of all of them.
+        asked: the plan asked for.
+        own: what it comes to.
+    """
+    found = [own]
+    cell, toolpath = given.cell, given.toolpath
+    for name, changed, other in list_front_variants(given.options):
+        job = plan_job(given.stints, toolpath, other, StageTimings())
+        timeline = job.timeline
+        if timeline is None or timeline.trajectory is None:
+            continue
+        with tempfile.TemporaryDirectory() as text:
+            folder = Path(text)
+            write_points_csv(folder / "points.csv", job.points.table)
+            labels, kinds = [o.label for o in toolpath.operations], cell.external_prismatic
+            table = folder / "trajectory.csv"
+            write_trajectory_csv(table, timeline.trajectory, labels, kinds, list_tool_names(job.plan))
+            if not check_contents(cell, toolpath, folder, options=other, manifest=None).ok:
+                continue
+        found.append(measure_front_plan(name, changed, job.plan, timeline, job.points, asked))
+    return mark_dominated_plans(found)
+
+
+def write_trade_off_front(path: Path, points: list[FrontPlan]) -> None:
+    """Write ``front.csv``: the plans that no other is nowhere worse than."""
+    lines = [",".join(FRONT_COLUMNS)]
+    lines += [",".join(_format_value(getattr(p, name)) for name in FRONT_COLUMNS) for p in points if not p.dominated]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+
+
+def _format_value(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.9g}" if math.isfinite(value) else ""
+    text = "" if value is None else str(value)
+    return f'"{text}"' if "," in text else text

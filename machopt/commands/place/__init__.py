@@ -1,0 +1,1 @@
+"""The command ``machopt place``: load, compare places, write."""

@@ -1,0 +1,76 @@
+"""What ``machopt place`` was asked, what it can compare, and how a stopped run knows its own question again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from machopt.commands.input_hashes import compute_input_hashes
+from machopt.data_types.cell import Cell
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.toolpath import Toolpath
+from machopt.errors import InputError
+from machopt.options.plan_option_reader import format_user_options
+from machopt.placement.search_options import PlacementOptions
+from machopt.version import __version__
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaceRequest:
+    """What the user asked for."""
+
+    cell: Path
+    toolpaths: tuple[Path, ...]
+    readings: tuple[Mapping[str, Any], ...]  # one a toolpath: keywords of formats.toolpath.read_toolpath
+    out: Path
+    search: PlacementOptions = field(default_factory=PlacementOptions)
+    plan_file: Path | None = None
+    overrides: tuple[str, ...] = ()
+    direct: dict[str, object] | None = None  # options by their user key
+    posts: tuple[str, ...] = ()
+    effects: tuple[Path, ...] = ()
+    tables: str = "csv"  # parquet: every table, those of the best plans too, as Parquet beside its CSV
+    overwrite: bool = False  # replace an earlier output though files in it were edited or added
+
+
+def check_comparable_options(options: PlanOptions) -> None:
+    """Refuse options under which places cannot be compared.
+
+    Raises:
+        InputError: with what would work.
+    """
+    wrong = None
+    if options.method != "global":
+        wrong = ("method", f"method {options.method} does not look for the best plan; global would work")
+    elif options.allow_gaps:
+        wrong = ("allow_gaps", "a place could win by leaving the soft points out; false would work")
+    elif options.fixed or options.steer:
+        wrong = (
+            "fixed" if options.fixed else "steer",
+            "fixed rotations belong to one place; a plan at the place that was found takes them",
+        )
+    if wrong:
+        raise InputError(wrong[1], file="options", where=wrong[0])
+
+
+def compute_request_key(
+    cell: Cell, toolpaths: tuple[Toolpath, ...], options: PlanOptions, search: PlacementOptions
+) -> str:
+    """A hash of everything that decides what is found; limits of time and number do not."""
+    ranges = {k: v for k, v in asdict(search).items() if k not in ("seconds", "plans", "best")}
+    asked = [
+        __version__,
+        compute_input_hashes(cell),
+        [t.sha256 for t in toolpaths],
+        format_user_options(options),
+        ranges,
+    ]
+    points = b"".join(np.ascontiguousarray(t.position).tobytes() for t in toolpaths)  # as read: units and words count
+    text = json.dumps(asked, sort_keys=True, default=str).encode()
+    return hashlib.sha256(text + points).hexdigest()

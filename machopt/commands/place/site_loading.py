@@ -1,0 +1,74 @@
+"""Cell and jobs of ``machopt place``, loaded; here, or by another process that was told only what was asked."""
+
+from __future__ import annotations
+
+import functools
+import pickle
+import threading
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from machopt.cell.absolute_accuracy import apply_absolute_accuracy
+from machopt.cell.cell_reader import load_cell
+from machopt.cell.tool_selection import select_job_tools, split_into_tool_segments
+from machopt.cell.work_offsets import place_toolpath
+from machopt.commands.place.request import PlaceRequest, check_comparable_options
+from machopt.commands.toolpath_reading_options import get_reading_options
+from machopt.data_types.cell import Cell
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.toolpath import Toolpath
+from machopt.effects.user_effects import activate_user_effects, load_effect_files
+from machopt.options.plan_option_reader import load_options
+from machopt.placement.moved_cell import check_robot_movable
+from machopt.placement.search import PlacementSite
+from machopt.toolpath.toolpath_reader import read_toolpath
+from machopt.toolpath.unknown_words import refuse_unknown_words
+
+A = TypeVar("A")
+B = TypeVar("B")
+_SITE_LOCK = threading.Lock()  # a worker of a cluster may have threads; a plan uses the cores by itself
+
+
+def read_request_files(request: PlaceRequest) -> tuple[Cell, tuple[Toolpath, ...]]:
+    """The files that the request names.
+
+    Raises:
+        InputError: a file is wrong.
+    """
+    cell = load_cell(request.cell)
+    pairs = zip(request.toolpaths, request.readings, strict=True)
+    return cell, tuple(read_toolpath(file, **get_reading_options(cell), **reading) for file, reading in pairs)
+
+
+def build_placement_site(
+    request: PlaceRequest, cell: Cell, toolpaths: tuple[Toolpath, ...]
+) -> tuple[PlacementSite, PlanOptions]:
+    """What is looked at from everywhere.
+
+    Raises:
+        InputError: the cell, an option or a range is wrong.
+    """
+    check_robot_movable(cell, base=request.search.base)
+    for toolpath, file in zip(toolpaths, request.toolpaths, strict=True):
+        refuse_unknown_words(toolpath, file)
+    toolpaths = tuple(place_toolpath(toolpath, cell) for toolpath in toolpaths)
+    stints = [split_into_tool_segments(select_job_tools(cell, toolpath), toolpath) for toolpath in toolpaths]
+    options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
+    check_comparable_options(options)
+    cell = apply_absolute_accuracy(cell, options)
+    return PlacementSite.build(cell, toolpaths, options, request.search, stints), options
+
+
+def run_site_task(order: bytes, ask: Callable[[Any, A], B], item: A) -> B:
+    """Answer one question in a process that may never have heard of the site: ``order`` is the pickled request."""
+    with _SITE_LOCK:
+        request, site = _load_cached_site(order)
+        with activate_user_effects(load_effect_files(request.effects)):
+            return ask(site, item)
+
+
+@functools.lru_cache(maxsize=1)
+def _load_cached_site(order: bytes) -> tuple[PlaceRequest, PlacementSite]:
+    request: PlaceRequest = pickle.loads(order)
+    with activate_user_effects(load_effect_files(request.effects)):
+        return request, build_placement_site(request, *read_request_files(request))[0]

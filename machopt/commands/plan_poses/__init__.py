@@ -1,0 +1,1 @@
+"""The command ``machopt plan-poses``: load, design the measurement, write."""

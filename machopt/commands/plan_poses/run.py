@@ -1,0 +1,88 @@
+"""``machopt plan-poses``: which poses and loads to measure so that the stiffness is known as well as wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from machopt.commands.input_hashes import build_manifest_file, list_recording_inputs, list_request_paths
+from machopt.commands.manifest import write_command_manifest
+from machopt.commands.plan_poses.computation import PlanPosesComputation, compute_pose_plan
+from machopt.data_types.documents.poses_document import PosesDocument
+from machopt.data_types.manifest import ManifestFile
+from machopt.effects.user_effects import activate_user_effects, load_effect_files
+from machopt.file_formats.parquet_tables import refuse_without_pyarrow
+from machopt.measurement.design.request import PosesRequest, list_unchecked_conditions
+from machopt.output import write_output_folder, write_result
+from machopt.output.tables.poses_table import write_poses_csv, write_recording_template
+from machopt.report.pages.pose_plan_page import write_pose_plan_page
+
+__all__ = ["PlanPosesResult", "PosesRequest", "run_plan_poses"]
+
+
+@dataclass(frozen=True)
+class PlanPosesResult:
+    """What came out; ``exit_code`` is 0, or 3 where no pose can be measured."""
+
+    exit_code: int
+    result: PosesDocument
+    report: Path
+    message: str  # one sentence for the user
+
+
+def run_plan_poses(request: PosesRequest, progress: Callable[[str], None] = lambda _: None) -> PlanPosesResult:
+    """Plan load tests and write them out.
+
+    Args:
+        request: cell, output folder and options.
+        progress: told what is being done, in words.
+
+    Returns:
+        The result; ``poses.csv``, ``recording_template/``, ``plan.json`` and ``report.html`` are in the folder. Without
+        a single admissible load test only the last two are, and say why.
+
+    Raises:
+        InputError: bad cell, option or output folder.
+    """
+    with (
+        activate_user_effects(load_effect_files(request.effects)),
+        write_output_folder(request.out, force=request.overwrite, inputs=list_request_paths(request)) as folder,
+    ):
+        refuse_without_pyarrow(request.tables)
+        done = compute_pose_plan(request, progress)
+        write_pose_plan_files(done, folder, progress)
+    return PlanPosesResult(done.exit_code, done.result, request.out / "report.html", done.message)
+
+
+def write_pose_plan_files(
+    done: PlanPosesComputation, folder: Path, progress: Callable[[str], None] = lambda _: None
+) -> None:
+    """Write their files into an empty folder."""
+    request = done.request
+    if done.table is not None:
+        write_poses_csv(folder / "poses.csv", done.table)
+    if done.template is not None:
+        write_recording_template(folder / "recording_template", done.template)
+    progress("report")
+    write_pose_plan_page(folder / "report.html", done.page)
+    write_result(folder / "plan.json", done.result)
+    write_command_manifest(
+        folder,
+        "plan-poses",
+        request,
+        done.cell,
+        verdict=done.verdict,
+        exit_code=done.exit_code,
+        inputs=_list_input_files(request),
+        unchecked=list_unchecked_conditions(request),
+    )
+
+
+def _list_input_files(request: PosesRequest) -> tuple[ManifestFile, ...]:
+    """What a plan was made from beside its cell."""
+    found: tuple[ManifestFile, ...] = ()
+    if request.discriminate is not None:
+        found = list_recording_inputs([request.discriminate], "diagnosis")
+    found += () if request.toolpath is None else (build_manifest_file(request.toolpath, "toolpath"),)
+    return (*found, *(build_manifest_file(f, "effects") for f in request.effects))

@@ -1,0 +1,164 @@
+"""What a cell is: robot, tool, workpiece, obstacles, limits. Built by :mod:`machopt.cell.cell_reader`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from machopt.data_types.kinematic_corrections import KinematicCorrections
+from machopt.data_types.robot_program import RobotController
+from machopt.data_types.stiffness import ArmStiffness
+from machopt.numerics.array_types import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class CollisionShape:
+    """One collision body, placed in its parent frame (flange for the tool, workpiece, or ``link``)."""
+
+    name: str
+    kind: Literal["mesh", "box", "cylinder", "sphere"]
+    size: tuple[float, ...]  # m. box: (x, y, z); cylinder: (radius, height along z); sphere: (radius,); mesh: (scale,)
+    mesh: Path | None
+    T_parent_shape: Array  # (4, 4)
+    link: str = "world"  # of obstacles: what carries it, world or a link of the URDF (a rail's or a positioner's)
+
+
+@dataclass(frozen=True)
+class CutterGeometry:
+    """The rotating cutter: a cylinder from the TCP back along −z of the TCP, rounded at its tip's edge.
+
+    Collisions are those of the whole cylinder; the corner counts where the cutter is held against the finished part.
+    """
+
+    diameter: float  # m
+    length: float  # m
+    corner: float = 0.0  # m, radius of the corner: 0 is an end mill, half the diameter a ball
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tool:
+    T_flange_tcp: Array  # (4, 4)
+    mass: float = 0.0  # kg
+    com: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, in flange
+    geometry: tuple[CollisionShape, ...] = ()
+    cutter: CutterGeometry | None = None
+    number: int | None = None  # of the tool stored in the controller; None: ``controller.tool_number``
+
+
+@dataclass(frozen=True)
+class Workpiece:
+    link: str  # "world" or a link of the URDF
+    T_link_workpiece: Array  # (4, 4)
+    geometry: tuple[CollisionShape, ...] = ()
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """One value per moving joint: arm joints first, then external joints. rad or m, per s."""
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+
+
+@dataclass(frozen=True)
+class MimicJoint:
+    """A joint that follows another: it stands at ``multiplier`` times that one's value plus ``offset``."""
+
+    joint: str
+    source: str  # a joint of the arm, or one that stands still
+    multiplier: float
+    offset: float  # rad or m
+
+
+@dataclass(frozen=True)
+class IgnoredPair:
+    """Bodies that may touch each other, because the cell says so; every one of ``first`` each of ``second``."""
+
+    a: str  # as the cell or SRDF names them: a link, a body, tool, workpiece or cutter
+    b: str
+    first: tuple[str, ...]  # names of bodies; a link's n-th collision body is called LINK_n, n from 0
+    second: tuple[str, ...]
+    source: str  # where it stands, for readers
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """A robot cell as cell.yaml describes it; positions and angles in SI."""
+
+    name: str
+    folder: Path  # everything relative is relative to it
+    urdf: Path
+    packages: dict[str, Path]  # package:// names to folders
+    base_link: str
+    flange_link: str
+    arm_joints: tuple[str, ...]  # in chain order; six revolute joints but where only a motion is diagnosed
+    external_joints: tuple[str, ...]
+    external_prismatic: tuple[bool, ...]
+    home: Array  # (6,) rad; one a joint of the arm
+    external_home: Array  # (E,) rad or m
+    T_world_base: Array  # (4, 4) with all joints at zero
+    limits: JointLimits
+    tool: Tool
+    workpiece: Workpiece
+    obstacles: tuple[CollisionShape, ...]  # placed in their ``link``, mostly world
+    stiffness: ArmStiffness | None
+    plan: dict[str, object] = field(default_factory=dict)  # the cell's planning defaults, validated like --plan
+    controller: RobotController = field(default_factory=RobotController)  # what programs are written for
+    kinematics: KinematicCorrections | None = (
+        None  # between encoder and true joint angles; home and limits are encoder angles
+    )
+    files: tuple[Path, ...] = ()  # every file read for this cell, for the hash of inputs
+    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what was read and is not used; nothing to worry about
+    expanded: str | None = None  # the URDF as text where ``urdf`` is a xacro file
+    mimics: tuple[MimicJoint, ...] = ()  # every joint of the URDF that follows another
+    may_touch: tuple[IgnoredPair, ...] = ()
+    tools: Mapping[str, Tool] = field(default_factory=dict)  # the tool table by the CAM file's words; empty: one tool
+    tool_name: str | None = None  # which of the table ``tool`` is; the first one until a toolpath says, None: several
+    tool_change: Array | None = None  # (6 + E,) rad or m by encoder, where tools are changed; None: at home
+    offsets: Mapping[str, Array] = field(default_factory=dict)  # work offsets by name: (4, 4) in workpiece
+    fixtures: tuple[str, ...] = ()  # obstacles that hold the part of an offset: they stand in its frame
+    arm_prismatic: tuple[bool, ...] = ()  # which joints of the arm slide; empty: all turn
+
+    @property
+    def urdf_text(self) -> str:
+        """The robot's description itself."""
+        return self.urdf.read_text(encoding="utf-8-sig") if self.expanded is None else self.expanded
+
+    @property
+    def arm_limits(self) -> tuple[Array, Array]:
+        """Lower and upper (6,) rad of the arm's joints, by encoder."""
+        joints = len(self.home)
+        return self.limits.lower[:joints], self.limits.upper[:joints]
+
+    @property
+    def joints_at_home(self) -> Array:
+        """(6 + E,) rad or m by encoder, where a motion begins and ends."""
+        return np.concatenate([self.home, self.external_home])
+
+    @property
+    def joints_at_tool_change(self) -> Array:
+        """(6 + E,) rad or m by encoder, where tools are changed."""
+        return self.joints_at_home if self.tool_change is None else self.tool_change
+
+    @property
+    def tools_on(self) -> tuple[Tool, ...]:
+        """The tools of the job: ``tool``, or the whole table where the job takes several."""
+        return tuple(self.tools.values()) if self.tools and self.tool_name is None else (self.tool,)
+
+
+def describe_fixed_external_joints(cell: Cell) -> tuple[str, ...]:
+    """What to say where measurements of an arm are read: none, or that its external joints are taken to stand still."""
+    if not cell.external_joints:
+        return ()
+    return (
+        f"external joints ({', '.join(cell.external_joints)}) are taken to stand still: a recording has no columns for "
+        "them. Readings with one elsewhere are off by that; a recording for each place would work",
+    )

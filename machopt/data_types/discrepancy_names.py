@@ -1,0 +1,57 @@
+"""What a model may lack, as a stiffness file's ``discrepancy`` names it: ``joint 3``, ``coupling 4-5``, ``base rx`` …
+
+Files and models hold the text; who needs its parts asks here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+AXES = ("x", "y", "z", "rx", "ry", "rz")  # along and about which a body gives way
+JOINT, COUPLING, COS, SIN, TERM, LOADED = "joint", "coupling", "cos", "sin", "term", "loaded"
+
+
+@dataclass(frozen=True)
+class DiscrepancyName:
+    """A name's parts."""
+
+    kind: str  # one of this module's words, of what bends with a joint's torque its own; of a body its location
+    numbers: tuple[int, ...] = ()  # 0-based joint or joints; of a term its place in the file and its coefficient
+    axis: int = -1  # of a body, into AXES
+
+
+@lru_cache(maxsize=1024)
+def parse_discrepancy_name(text: str) -> DiscrepancyName:
+    """The parts of a name.
+
+    Raises:
+        ValueError: it is no such name.
+    """
+    kind, _, rest = text.partition(" ")
+    if rest in AXES:
+        return DiscrepancyName(kind, axis=AXES.index(rest))
+    if kind == TERM:
+        place, coefficient = rest.split()
+        return DiscrepancyName(kind, (int(place), int(coefficient)))
+    return DiscrepancyName(kind, tuple(int(n) - 1 for n in rest.split("-")) if rest else ())
+
+
+def format_joint_name(kind: str, joint: int) -> str:
+    """``joint 3``, ``play 3`` … of a number from 1."""
+    return f"{kind} {joint}"
+
+
+def format_joint_pair_name(i: int, j: int) -> str:
+    """``coupling 4-5`` of numbers from 1."""
+    return f"{COUPLING} {i}-{j}"
+
+
+def format_term_name(place: int, coefficient: int) -> str:
+    """``term 0 1``: numbers from 0."""
+    return f"{TERM} {place} {coefficient}"
+
+
+def format_body_name(location: str, axis: str) -> str:
+    """``link:2 rx``."""
+    return f"{location} {axis}"

@@ -1,0 +1,356 @@
+"""result.json of ``machopt optimize``."""
+
+from __future__ import annotations
+
+from typing import Self
+
+from machopt.data_types.documents.document_base import (
+    Count,
+    DocumentModel,
+    First,
+    Flag,
+    Hashes,
+    Known,
+    Number,
+    Numbers,
+    Settings,
+    Text,
+)
+
+
+class IgnoredWordEntry(DocumentModel):
+    """A word of the CAM file without effect."""
+
+    word: Text
+    count: Count
+    first_line: Count
+    understood: Flag
+    stops: Flag = False  # it may move points or frames: no plan is made unless --accept-unknown names it
+
+
+class ToolpathSection(DocumentModel):
+    """What was read."""
+
+    source: Text
+    format: Text
+    points: Count
+    cutting_points: Count
+    operations: tuple[Text, ...]
+    ignored: tuple[IgnoredWordEntry, ...]
+
+
+class ObjectivePartsSection(DocumentModel):
+    """J and its parts, dimensionless; times ``index_scale``, mean and worst are the index's own.
+
+    ``index_scale`` is the median over the candidates of this run: totals of runs with other grids are on other scales.
+    """
+
+    total: Known
+    mean: Known
+    worst: Known
+    travel: Known
+    rotation: Known
+    feed: Known
+    preferred: Known
+    clearance: Known
+
+
+class ChoiceObjectiveSection(ObjectivePartsSection):
+    """The same of a choice that need not be feasible throughout."""
+
+    feasible_share: Number
+
+
+class ExternalSearchBoundSection(DocumentModel):
+    """How good the plan is at least when the values of the external joints are free too.
+
+    Over all sequences of a grid of values (and the plan's own), rotations and branches at some stations; ``plan`` is
+    the plan's J there. The figures are null where there is no bound, and ``why_none`` says why. ``gap_percent`` is
+    null where ``plan`` is below ``lower_bound``, too: the plan stands between the values, where the bound says nothing.
+    """
+
+    why_none: Text
+    values: Count
+    stations: Count
+    rotation_step_deg: Known
+    sequence: Known
+    lower_bound: Known
+    plan: Known
+    gap_percent: Known
+
+
+class SearchBoundSection(DocumentModel):
+    """How good the plan is at least, against the grid of rotations, with the external joints as chosen."""
+
+    sequence: Number
+    lower_bound: Number
+    gap_percent: Number
+    beyond_grid_percent: Number
+    plan_above_bound_percent: Known = None  # of the driven curve at all points; the gap holds at the stations alone
+    external: ExternalSearchBoundSection | None = None  # None: no external joint was free
+
+
+class MeanGainEntry(DocumentModel):
+    """How much less the mean index is than a yardstick's; null where unknown."""
+
+    over: Text
+    mean_percent: Known
+    std_percent: Known
+    ci90: tuple[Known, Known] | None
+    distinguishable: Flag | None
+
+
+class ObjectivesSection(DocumentModel):
+    """Yardsticks, the best of the grid and what was chosen."""
+
+    cam_default: ChoiceObjectiveSection
+    jiao2022: ChoiceObjectiveSection
+    grid: ObjectivePartsSection
+    search: SearchBoundSection | None
+    chosen: ChoiceObjectiveSection
+    gain: tuple[MeanGainEntry, ...]
+
+
+class ParetoPlanEntry(DocumentModel):
+    """A whole plan of the trade-off."""
+
+    plan: Text
+    changed: Text
+    mean_index: Known
+    worst_index: Known
+    cycle_time_s: Number
+    joint_travel_deg: Number
+    clearance_mm: Known
+    objective: Known
+    dominated: Flag
+
+
+class WorstPointSection(DocumentModel):
+    """The softest point that is cut to."""
+
+    point: Count
+    k_axial_N_mm: Known
+    k_normal_N_mm: Known
+    deflection_mm: Known
+    deflection_ci90_mm: tuple[Number, Number] | None  # intervals: null where no uncertainty of the springs is known
+    deflection_along_mm: Known  # along the tool axis, + towards the shank
+    deflection_along_ci90_mm: tuple[Number, Number] | None
+    deflection_across_mm: Known
+    deflection_across_ci90_mm: tuple[Number, Number] | None
+    gamma_deg: Number
+    k_jiao_x_N_mm: Known
+    q_deg: Numbers
+
+
+class RemovedDeflectionEntry(DocumentModel):
+    """How much of the mean deflection a compensation removes; intervals null where no uncertainty is known."""
+
+    operation: Text
+    removed_percent: Number
+    removed_ci90_percent: tuple[Number, Number] | None
+    residual_mean_mm: Number
+    residual_mean_ci90_mm: tuple[Number, Number] | None
+    residual_max_mm: Number
+    residual_max_ci90_mm: tuple[Number, Number] | None
+
+
+class PositionErrorSection(DocumentModel):
+    """How far the TCP is from where the plan says, 1 sigma of a coordinate, by measured poses; nothing counts it in."""
+
+    std_mm: Number
+    beyond_mm: Number  # outside the angles of the poses
+    outside_percent: Number  # of the cutting points
+    outside_joints: tuple[Count, ...]
+    corrected: Flag  # the kinematics that was found with it is in use
+    noise_mm: Number
+    poses: Count
+
+
+class CompensationSection(DocumentModel):
+    """The shift and what it is predicted to leave: by the model, and with what is known of the model's error."""
+
+    length_mm: Known
+    max_mm: Number
+    mean_mm: Number
+    uncompensated_mean_mm: Number
+    residual_max_mm: Number
+    residual_mean_mm: Number
+    removed: RemovedDeflectionEntry | None
+    operations: tuple[RemovedDeflectionEntry, ...]
+
+
+class InfeasiblePointEntry(DocumentModel):
+    """A point without a configuration."""
+
+    point: Count
+    status: Text
+    reason: Text
+    help: Text
+
+
+class MotionBreakEntry(DocumentModel):
+    """Two places that no motion joins; null stands for home, and for numbers that do not apply."""
+
+    from_point: Known
+    to_point: Known
+    code: Text
+    reason: Text
+    help: Text
+    joint: Count | None
+    value_deg: Known
+    limit_deg: Known
+    pair: Text | None
+
+
+class FeedDipEntry(DocumentModel):
+    """A stretch below the programmed feed."""
+
+    first_point: Known
+    last_point: Known
+    lowest_ratio: Number
+    where: Text
+    axis: Count
+    limit: Text
+
+
+class ObstructedRapidEntry(DocumentModel):
+    """A rapid move that was not found."""
+
+    before: Known
+    after: Known
+    reason: Text
+
+
+class CheckEntry(DocumentModel):
+    """One promise, as the verification found it; ``passed`` null where it could not be run."""
+
+    name: Text
+    passed: Flag | None
+    value: Known
+    limit: Known
+    unit: Text
+    where: Text
+    file: Text = ""  # of the folder, where the promise is about one other than trajectory.csv
+
+    @classmethod
+    def from_fields(cls, found: object) -> Self:
+        """Without the keys by which code asks for a check."""
+        return cls(**{key: getattr(found, key) for key in cls.model_fields})
+
+
+class InformationEntry(DocumentModel):
+    """A measured value that no condition is put on: no check."""
+
+    name: Text
+    value: Known
+    unit: Text
+    where: Text
+    file: Text = ""
+
+    @classmethod
+    def from_fields(cls, found: object) -> Self:
+        """Without the key by which code asks for it."""
+        return cls(**{key: getattr(found, key) for key in cls.model_fields})
+
+
+class VerificationSection(DocumentModel):
+    """All checks, and beside them what was measured without a condition."""
+
+    passed: Flag
+    checks: tuple[CheckEntry, ...]
+    information: tuple[InformationEntry, ...] = ()
+
+
+class FeedModelSection(DocumentModel):
+    """What a stated model of the controller says of the feed."""
+
+    mean_percent: Number
+    held_length_percent: Number
+    lowest_percent: Number
+    lowest_at_move: Count
+    cutting_time_s: Number
+    rounding_max_mm: Number
+    exact_stops: Count
+
+
+class ReadBackSection(DocumentModel):
+    """A program compared with motion and CAM file; null where a post has no such thing."""
+
+    moves: Count
+    positions_max_mm: Known
+    orientations_max_deg: Known
+    joints_max_deg: Known
+    feeds_max_mm_min: Known
+    path_max_mm: Known
+    path_axis_max_deg: Known
+    path_turn_max_deg: Known
+    configuration_equal: Flag | None
+    events_equal: Flag | None
+
+
+class RobotProgramEntry(DocumentModel):
+    """A robot program: where it is and what came back when it was read."""
+
+    post: Text
+    files: tuple[Text, ...]
+    lines: Count
+    tolerance_mm: Number
+    moves_added: Count
+    withheld: Text | None
+    feed_model: FeedModelSection | None
+    assumed: tuple[Text, ...]
+    not_in_program: tuple[Text, ...]
+    checked: ReadBackSection | None
+    differences: tuple[Text, ...]
+    tool: Text | None  # which it drives, where the job changes tools
+
+
+class ToolSegmentEntry(DocumentModel):
+    """A stretch of the job with one tool on, in the order of the job."""
+
+    tool: Text
+    first_point: Count
+    last_point: Count
+    operations: tuple[Text, ...]
+    mean_index: Known  # over the length it cuts, in SI; null without cuts or where points are missing
+    worst_index: Known
+
+
+class OptimizeDocument(DocumentModel):
+    """The whole file."""
+
+    machopt_result: First
+    version: Text
+    verdict: Text
+    exit_code: Count
+    production_blockers: tuple[Text, ...]  # what has to be settled before the part is made, the gravest first
+    unchecked: tuple[Text, ...]
+    inputs: Hashes
+    outputs: Hashes
+    options: Settings
+    reading: Settings
+    cell: Text
+    toolpath: ToolpathSection
+    index: Text
+    index_scale: Known
+    chosen_from: Text
+    objective: ObjectivesSection
+    front: tuple[ParetoPlanEntry, ...] | None
+    tools: tuple[ToolSegmentEntry, ...] | None  # where the job changes tools
+    worst_point: WorstPointSection | None
+    compensation: CompensationSection | None
+    position_error: PositionErrorSection | None  # null where no measured pose stands behind the stiffness
+    infeasible_points: tuple[InfeasiblePointEntry, ...]
+    breaks: tuple[MotionBreakEntry, ...]
+    cycle_time_s: Known
+    dwell_s: Known  # of it, what the file waits at the points that are driven and before the first
+    feed_held_share: Known
+    feed_dips: tuple[FeedDipEntry, ...]  # where the axes do not hold the feed
+    feed_stops: tuple[FeedDipEntry, ...]  # ramps from and to stops that the path demands: no lost feed
+    rapid_detours: tuple[Text, ...]
+    obstructions: tuple[ObstructedRapidEntry, ...]
+    verification: VerificationSection | None
+    programs: tuple[RobotProgramEntry, ...]
+    notes: tuple[Text, ...]
+    warnings: tuple[Text, ...]
+    timings_s: dict[Text, Number]

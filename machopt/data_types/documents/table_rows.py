@@ -1,0 +1,87 @@
+"""The tables of optimize, column by column and in their order: a row of each as a mapping, null for an empty field."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from machopt.data_types.documents.document_base import Count, DocumentModel, Known, Number, Text
+
+MoveWord = Literal["cut", "rapid", "approach", "retract", "link"]
+OF_MOVE = "what the robot does on the way to the row"
+ENCODER = "by encoder, degrees; kinematics.yaml of the cell is counted in"
+TURNS = "an external joint that turns, degrees"
+SLIDES = "an external joint that slides"
+
+
+class TrajectoryTableRow(DocumentModel):
+    """One control sample of trajectory.csv."""
+
+    time_s: Number = Field(description="since the start")
+    point: Known = Field(description="fractional index along the toolpath's points; empty from and to home")
+    operation: Text = Field(description="label of the CAM file; empty from and to home")
+    move: MoveWord = Field(description=OF_MOVE)
+    q1_deg: Number = Field(description=f"joint 1 {ENCODER}")
+    q2_deg: Number = Field(description="joint 2")
+    q3_deg: Number = Field(description="joint 3")
+    q4_deg: Number = Field(description="joint 4")
+    q5_deg: Number = Field(description="joint 5")
+    q6_deg: Number = Field(description="joint 6")
+    e1_mm: Number = Field(default=0.0, description=f"{SLIDES}; e1, e2, e3 in the order of external_joints")
+    e1_deg: Number = Field(default=0.0, description=TURNS)
+    e2_mm: Number = Field(default=0.0, description=SLIDES)
+    e2_deg: Number = Field(default=0.0, description=TURNS)
+    e3_mm: Number = Field(default=0.0, description=SLIDES)
+    e3_deg: Number = Field(default=0.0, description=TURNS)
+    gamma_deg: Known = Field(description="rotation about the tool axis as driven; empty in rapid moves and lifts")
+    feed_mm_min: Known = Field(
+        description="speed of the tool tip as the workpiece sees it, over the step that ends there"
+    )
+    tool: Text = Field(default="", description="the tool in hand, where the cell has a table of them")
+
+
+class PointsTableRow(DocumentModel):
+    """One point of the toolpath, a row of points.csv; it stands for the move that ends there too."""
+
+    point: Count = Field(description="index from 0")
+    operation: Text = Field(description="label of the CAM file")
+    move: MoveWord = Field(description=OF_MOVE)
+    x_mm: Number = Field(description="tool tip in the workpiece's frame")
+    y_mm: Number = Field(description="the same")
+    z_mm: Number = Field(description="the same")
+    i: Number = Field(description="tool axis from tip to shank, a unit vector in the workpiece's frame")
+    j: Number = Field(description="the same")
+    k: Number = Field(description="the same")
+    gamma_deg: Known = Field(description="chosen rotation about the tool axis, as driven; empty where there is none")
+    branch: Count | None = Field(description="number of the inverse kinematics' branch; empty where there is none")
+    q1_deg: Known = Field(description=f"joint 1 {ENCODER}")
+    q2_deg: Known = Field(description="joint 2")
+    q3_deg: Known = Field(description="joint 3")
+    q4_deg: Known = Field(description="joint 4")
+    q5_deg: Known = Field(description="joint 5")
+    q6_deg: Known = Field(description="joint 6")
+    e1_mm: Known = Field(default=None, description=f"{SLIDES}; e1, e2, e3 in the order of external_joints")
+    e1_deg: Known = Field(default=None, description=TURNS)
+    e2_mm: Known = Field(default=None, description=SLIDES)
+    e2_deg: Known = Field(default=None, description=TURNS)
+    e3_mm: Known = Field(default=None, description=SLIDES)
+    e3_deg: Known = Field(default=None, description=TURNS)
+    k_axial_N_mm: Known = Field(description="stiffness along the tool axis, 1/(eᵀCe) with e that axis")
+    k_normal_N_mm: Known = Field(description="stiffness across it")
+    deflection_mm: Known = Field(description="of the tool tip under the process force")
+    clearance_mm: Known = Field(description="to the nearest body")
+    limit_margin_deg: Known = Field(description="to the nearest joint limit")
+    singularity: Known = Field(description="least angle from a singular configuration, degrees")
+    status: Text = Field(description="ok, or the class of what is wrong")
+    reason: Text = Field(description="why not; where ok, that the feed is not held; else empty")
+    feed_mm_min: Known = Field(description="programmed for the whole move that ends there; empty for rapid moves")
+    k_jiao_x_N_mm: Known = Field(description="index of jiao2022 along the tool axis, its orientation held")
+    nearest_pair: Text = Field(default="", description="the two bodies that come nearest, where contacts are looked at")
+    stiffness_from: Literal["grid", "constant"] = Field(default="grid", description="where the stiffness has a grid")
+    deflection_std_mm: Known = Field(default=None, description="1 sigma of the deflection, where the file knows one")
+    k_axial_std_N_mm: Known = Field(default=None, description="1 sigma of the stiffness along the axis, the same")
+    dwell_s: Known = Field(default=None, description="that the file waits there, where it waits anywhere")
+    comp_dx_mm: Known = Field(default=None, description="added to the commanded path, in the workpiece's frame")
+    comp_dy_mm: Known = Field(default=None, description="the same")
+    comp_dz_mm: Known = Field(default=None, description="the same")

@@ -1,0 +1,39 @@
+"""What is not elastic and yet moves the TCP: corrections between a joint's encoder and its true angle.
+
+The true angle of joint j is q_j + Δ_j(q), q what the encoders say and every Δ the sum of the corrections at j. Planner
+and verification make their own code of these entries; here they stand as kinematics.yaml and diagnosis.json hold them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from machopt.numerics.array_types import Array
+
+
+@dataclass(frozen=True)
+class KinematicCorrection:
+    """One entry. ``parameters`` are the file's own keys, which carry their units:
+    :mod:`machopt.effects.joint.joint_angle_errors`, and
+    :mod:`machopt.effects.joint.joint_coupling` between two joints.
+    """
+
+    effect: str
+    location: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    # of an effect of the user's own: (S,) rad that it turns its joint by at angles (S,) rad; nobody has a second law
+    own: Callable[[Array], Array] | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True)
+class KinematicCorrections:
+    """All corrections of an arm."""
+
+    corrections: tuple[KinematicCorrection, ...] = ()
+    file: Path | None = field(default=None, compare=False)  # it was read from, for messages
+
+    def __bool__(self) -> bool:
+        return bool(self.corrections)

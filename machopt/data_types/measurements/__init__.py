@@ -1,0 +1,1 @@
+"""Data types of measurements: recordings, pose tables, measured stiffness."""

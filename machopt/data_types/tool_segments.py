@@ -1,0 +1,88 @@
+"""A job that changes tools, cut where it does: one stint a tool that is on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from machopt.data_types.cell import Cell
+from machopt.data_types.plan_options import PlanOptions, SteeringRule
+from machopt.data_types.steering import resolve_steering
+from machopt.data_types.toolpath import Toolpath
+from machopt.numerics.array_types import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToolSegment:
+    """A stretch of a toolpath with one tool on; a job with one tool is one stint.
+
+    The machine stands at ``begin`` before and at ``end`` after it: at home, or where tools are changed.
+    """
+
+    cell: Cell  # with the tool that is on
+    toolpath: Toolpath  # its points alone, counted from 0; its operations are those of the whole
+    whole: Toolpath  # of the job
+    first: int  # its first point in the whole
+    begin: Array  # (6 + E,) rad or m by encoder
+    end: Array  # (6 + E,)
+    number: int = 0  # from 1 in the order of the job; 0 where it is the whole job
+
+    @property
+    def stop(self) -> int:
+        """The point after its last one, in the whole toolpath."""
+        return self.first + len(self.toolpath)
+
+    @property
+    def tool(self) -> str:
+        """The name of its tool in the cell's table; empty where the cell has one tool only."""
+        return self.cell.tool_name or ""
+
+    def restrict_options(self, options: PlanOptions) -> PlanOptions:
+        """The planning options with the user's wishes for its points, which are counted from its first.
+
+        Raises:
+            InputError: a wish is about a place that the whole toolpath has not.
+        """
+        if not self.number or not (options.fixed or options.steer):
+            return options
+        laid = resolve_steering(options, self.whole)
+        mine = (f for f in laid.fixed if self.first <= f.point < self.stop)
+        fixed = tuple(replace(f, point=f.point - self.first) for f in mine)
+        return replace(
+            laid, fixed=fixed, steer=tuple(w for wish in laid.steer for w in self._shift_steering_rule(wish))
+        )
+
+    def _shift_steering_rule(self, wish: SteeringRule) -> tuple[SteeringRule, ...]:
+        """What of a wish that is laid down is about points of the stint."""
+        if wish.points is None:
+            return (wish,)
+        first, last = max(wish.points[0], self.first), min(wish.points[1], self.stop - 1)
+        return (replace(wish, points=(first - self.first, last - self.first)),) if first <= last else ()
+
+
+def cut_toolpath(toolpath: Toolpath, first: int, stop: int) -> Toolpath:
+    """The points ``first`` to before ``stop`` by themselves.
+
+    What happens between the last point and the change of tool (a spindle that stops) belongs to the tool that is still
+    on, at its end, and so does what happens behind the toolpath's last point.
+    """
+    rows = slice(first, stop)
+    events = [e for k, e in enumerate(toolpath.events) if first <= _find_event_point(toolpath, k) < stop]
+    return replace(
+        toolpath,
+        position=toolpath.position[rows].copy(),
+        axis=toolpath.axis[rows].copy(),
+        move=toolpath.move[rows].copy(),
+        feed=toolpath.feed[rows].copy(),
+        operation=toolpath.operation[rows].copy(),
+        reference=toolpath.reference[rows].copy(),
+        tolerance=toolpath.tolerance[rows].copy(),
+        line=toolpath.line[rows].copy(),
+        events=tuple(replace(event, index=event.index - first) for event in events),
+    )
+
+
+def _find_event_point(toolpath: Toolpath, k: int) -> int:
+    """The point whose tool event ``k`` belongs to: the one before where a tool is still to be called there."""
+    at = toolpath.events[k].index
+    called = any(e.kind == "tool" and e.index == at for e in toolpath.events[k + 1 :])
+    return min(at, len(toolpath) - 1) - (called and at > 0)

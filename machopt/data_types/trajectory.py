@@ -1,0 +1,25 @@
+"""The exported motion: one row a control sample."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.numerics.array_types import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trajectory:
+    """Uniformly sampled joint motion from home through the toolpath and back home."""
+
+    time: Array  # (S,) s, uniform
+    q: Array  # (S, 6) rad, encoder angles: kinematic corrections of the cell are in them
+    external: Array  # (S, E) rad or m
+    point: Array  # (S,) fractional index along the toolpath's points; NaN before the first and after the last
+    move: NDArray[np.int8]  # (S,) Move codes
+    operation: NDArray[np.int32]  # (S,) index into the toolpath's operations, −1 outside
+    gamma: Array  # (S,) rad; NaN where no toolpath point is near (rapid moves)
+    feed: Array  # (S,) m/s, actual speed of the TCP relative to the workpiece
+    tool: NDArray[np.int32] | None = None  # (S,) which stint of the job, where it changes tools

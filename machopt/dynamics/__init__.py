@@ -1,0 +1,1 @@
+"""Rigid-body dynamics and gravity torques of the arm."""

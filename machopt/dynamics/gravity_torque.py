@@ -1,0 +1,59 @@
+"""Torques of the arm's own weight and tool at its joints, and how they change as the arm moves; batched NumPy."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machopt.kinematics.robot import ArmState, Robot, RobotMasses
+from machopt.numerics.array_types import Array
+
+
+def compute_gravity_torque(robot: Robot, masses: RobotMasses, state: ArmState) -> tuple[Array, Array]:
+    """Joint torques of gravity and their derivative.
+
+    g_i = z_i · Σ_{b ≥ i} (p_b − o_i) × m_b a, and ∂g_i/∂θ_j = (z_l × V_h)·a with l = min(i, j), h = max(i, j) and
+    V_h = z_h × Σ_{b ≥ h} m_b (p_b − o_h): the Hessian of the potential, hence symmetric. Where the lines turn by C q
+    that is Cᵀ g and Cᵀ (∂g/∂θ) C. Of a line that shifts V_h is z_h Σ m_b, and ∂g_i/∂θ_j is zero where l shifts.
+
+    Args:
+        robot: the arm.
+        masses: of its links and tool.
+        state: M configurations with bodies.
+
+    Returns:
+        g (M, 6) N·m, what gravity does to the joints (springs bear it: K (θ − θ_cmd) = g), and ∂g/∂θ (M, 6, 6).
+
+    Raises:
+        ValueError: a state without bodies.
+    """
+    z, V, torque = _compute_carried_weight(robot, masses, state)
+    low, high = np.minimum.outer(range(6), range(6)), np.maximum.outer(range(6), range(6))
+    slope = np.cross(z[..., low, :], V[..., high, :]) @ masses.gravity
+    if robot.slides is not None:  # what shifts all that it carries changes no weight's lever
+        slope = np.where(robot.slides[low], 0.0, slope)
+    C = robot.coupling
+    return (torque, np.asarray(slope)) if C is None else (torque @ C, C.T @ slope @ C)
+
+
+def compute_weight_torque(robot: Robot, masses: RobotMasses, state: ArmState) -> Array:
+    """g of :func:`compute_gravity_torque` alone, in a third of the time."""
+    torque = _compute_carried_weight(robot, masses, state)[2]
+    return torque if robot.coupling is None else np.asarray(torque @ robot.coupling)
+
+
+def _compute_carried_weight(robot: Robot, masses: RobotMasses, state: ArmState) -> tuple[Array, Array, Array]:
+    """z and V (..., 6, 3) of :func:`compute_gravity_torque`, and what weight does to the lines (..., 6)."""
+    if state.R_bodies is None or state.p_bodies is None:
+        raise ValueError("an ArmState with bodies is needed")
+    R, p = state.R_bodies[..., masses.body, :, :], state.p_bodies[..., masses.body, :]
+    at = np.einsum("...bij,bj->...bi", R, masses.com) + p  # (..., B, 3)
+    before = state.R_bodies[..., :6, :, :]  # joint i sits in the body before it
+    z = np.einsum("...kij,kj->...ki", before, robot.axis)
+    origin = np.einsum("...kij,kj->...ki", before, robot.point) + state.p_bodies[..., :6, :]
+    carried = masses.body[None, :] >= np.arange(1, 7)[:, None]  # (6, B)
+    weight = carried * masses.mass
+    moment = np.einsum("kb,...bi->...ki", weight, at) - weight.sum(axis=1)[:, None] * origin
+    V = np.cross(z, moment)
+    if robot.slides is not None:
+        V = np.where(robot.slides[:, None], weight.sum(axis=1)[:, None] * z, V)
+    return z, V, np.asarray(V @ masses.gravity)

@@ -1,0 +1,1 @@
+"""Compliance matrices of bodies: beams, tubes, symmetric 6 × 6 matrices."""

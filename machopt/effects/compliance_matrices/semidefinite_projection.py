@@ -1,0 +1,98 @@
+"""The nearest symmetric matrix that gives way against no load, nearest as the readings count it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.numerics.array_types import Array
+
+ROUNDS, MOST = 60, 2000
+LEVER_SCALE = 1e3  # rad/(N·m) per 1/N: a lever of a millimetre
+MIN_EIGENVALUE = 1e-6  # relative eigenvalue of what is seen, from which on it bears what is coupled to it
+CONVERGENCE_TOLERANCE = 1e-9  # relative
+
+
+def find_nearest_semidefinite(values: Array, pairs: Sequence[tuple[int, int]], metric: Array) -> Array:
+    """Coefficients of a positive semidefinite matrix that lose the least.
+
+    By cutting planes: every direction v that gives way against the load adds the plane vᵀC v ≥ 0, and the nearest
+    point above all planes so far is a least distance problem (Lawson & Hanson 1974, ch. 23).
+
+    Args:
+        values: (p,) entries of a symmetric matrix, SI; those that it does not name are zero.
+        pairs: where each stands.
+        metric: (p, p) how the sum of squares grows with a change of ``values``. An entry of the diagonal that no
+            reading shows is the least that what is coupled to it needs.
+
+    Returns:
+        (p,) the same ones where they are possible already.
+    """
+    from scipy.optimize import nnls  # takes a second to load, and few need it
+
+    n = 1 + max(j for _, j in pairs)
+    rows, columns = np.array(pairs).T
+    twice = np.where(rows == columns, 1.0, 2.0)
+    unit = 1.0 / np.sqrt(np.maximum(np.diag(metric), np.finfo(float).tiny))
+    size = np.ones(n)  # of each direction, so that metres and radians weigh alike
+    unseen = _find_unobserved_directions(values, pairs, np.diag(metric), n)
+    for v, u, (i, j) in zip(values, unit, pairs, strict=True):
+        if i == j and not unseen[i]:
+            size[i] = np.sqrt(max(float(v), float(u)))
+    for i in np.flatnonzero(unseen).tolist():
+        with_seen = [
+            abs(float(v)) / size[a + b - i]
+            for v, (a, b) in zip(values, pairs, strict=True)
+            if i in (a, b) and not unseen[a + b - i]
+        ]
+        size[i] = max(with_seen)
+    scale = size[rows] * size[columns]
+    x0 = np.where((rows == columns) & unseen[rows], 1.0, values / scale)
+    eigen, axes = np.linalg.eigh(metric * np.outer(scale, scale))
+    root = np.sqrt(np.maximum(eigen, CONVERGENCE_TOLERANCE * eigen[-1]))
+    back = axes / root  # of z = root axesᵀ (x − x0), whose length is what is lost
+
+    def matrix(x: Array) -> Array:
+        C = np.zeros((n, n))
+        C[rows, columns] = C[columns, rows] = x
+        return C
+
+    x, planes = x0, np.zeros((0, len(pairs)))
+    for _ in range(ROUNDS):
+        w, V = np.linalg.eigh(matrix(x))
+        below = w < -CONVERGENCE_TOLERANCE * max(float(w[-1]), 1.0)
+        if not below.any():
+            break
+        planes = np.concatenate([planes, (V[rows][:, below] * V[columns][:, below]).T * twice])
+        G, h = planes @ back, -planes @ x0
+        long = np.linalg.norm(G, axis=1)
+        u, _ = nnls(np.concatenate([(G / long[:, None]).T, (h / long)[None]]), np.eye(len(pairs) + 1)[-1], maxiter=MOST)
+        r = np.concatenate([(G / long[:, None]).T @ u, [(h / long) @ u - 1.0]])
+        x = x0 - back @ (r[:-1] / r[-1])
+    if x is x0 and not unseen.any():
+        return values
+    w, V = np.linalg.eigh(matrix(x))
+    C = (V * np.maximum(w, 0.0)) @ V.T
+    if unseen.any():
+        B = C[np.ix_(~unseen, unseen)]
+        C[np.ix_(unseen, unseen)] = (
+            B.T @ np.linalg.pinv(C[np.ix_(~unseen, ~unseen)], rcond=MIN_EIGENVALUE, hermitian=True) @ B
+        )
+    return np.asarray(C[rows, columns] * scale)
+
+
+def _find_unobserved_directions(
+    values: Array, pairs: Sequence[tuple[int, int]], metric: Array, n: int
+) -> NDArray[np.bool_]:
+    """(n,) directions whose own entry would not show were it far larger than what couples it to the others."""
+    coupled = np.zeros(n)
+    for v, (i, j) in zip(values, pairs, strict=True):
+        if i != j:
+            coupled[[i, j]] = np.maximum(coupled[[i, j]], abs(float(v)))
+    out = np.zeros(n, bool)
+    for m, (i, j) in zip(metric, pairs, strict=True):
+        if i == j:
+            out[i] = coupled[i] > 0.0 and m * (LEVER_SCALE * coupled[i]) ** 2 < CONVERGENCE_TOLERANCE
+    return out

@@ -1,0 +1,1 @@
+"""Effects of a single joint and its drive."""

@@ -1,0 +1,1 @@
+"""Interfaces that the laws of effects implement, and the parameters they declare."""

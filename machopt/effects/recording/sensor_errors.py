@@ -1,0 +1,271 @@
+"""What a record of loads and displacements has wrong while the arm is right: zero, gain and axes of the force, axes
+of the displacement, where and in which direction the load really pulled.
+
+A law says what acts beyond what is recorded, per unit of each coefficient: of a wrench, which moves the arm through the
+compliance found so far, or of the displacement itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.effects.protocol import DEGREE, EXACT_FORM_UNCERTAINTY, Effect, LawParameter, Quantity, RecordedLoad, Shape
+from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import compute_frame_motion_matrix
+
+FORCE = "sensor:force"
+XYZ = "xyz"
+
+
+def _build_axis_parameters(name: str, unit: str, factor: float = 1.0) -> tuple[LawParameter, ...]:
+    return tuple(LawParameter(key=f"{name}_{a}", unit=unit, factor=factor) for a in XYZ)
+
+
+class _SensorErrorDefaults:
+    """What most of these laws answer."""
+
+    word = ""
+    has_memory = False
+    affected_quantity = "wrench"
+    shape: tuple[LawParameter, ...] = ()
+
+    def grid(self) -> tuple[Shape, ...]:
+        return ((),)
+
+
+@dataclass(frozen=True)
+class ForceZeroOffset(_SensorErrorDefaults):
+    """The force has another zero."""
+
+    name = "zero of the force"
+    equation = "w_recorded = w + b, b constant in the sensor"
+    coefficients = _build_axis_parameters("offset", "N")
+
+    def columns(self, shape: Array, seen: RecordedLoad) -> Array:
+        return np.concatenate([-seen.axes, np.zeros_like(seen.axes)], axis=1)
+
+    def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        return {"offset": Quantity(float(np.linalg.norm(values)), "N"), **_describe_vector("offset", values, "N")}
+
+
+@dataclass(frozen=True)
+class ForceAxisGain(_SensorErrorDefaults):
+    """One axis of the force reads a share too much; the coefficient is the share of what is recorded."""
+
+    name = "gain of one axis"
+    equation = "f_k recorded = (1 + g) f_k"
+    coefficients = (LawParameter(key="too_much", unit="1"),)
+    shape = (LawParameter(key="axis", unit="1"),)  # 0, 1, 2
+
+    def columns(self, shape: Array, seen: RecordedLoad) -> Array:
+        e = seen.axes[:, :, int(shape[0])]
+        part = -e * np.einsum("nc,nc->n", e, seen.wrench[:, :3])[:, None]
+        return np.concatenate([part, np.zeros_like(part)], axis=1)[:, :, None]
+
+    def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        x = float(values[0])
+        gain = abs(x / (1.0 - x)) if x < 0.9 else 9.0  # |g| of f_recorded = (1 + g) f
+        return {"gain": Quantity(100.0 * gain, "%"), "axis": Quantity(float(shape[0]) + 1.0, "")}
+
+    def grid(self) -> tuple[Shape, ...]:
+        return ((0.0,), (1.0,), (2.0,))
+
+
+@dataclass(frozen=True)
+class ForceAxisNonlinearity(_SensorErrorDefaults):
+    """The line of one axis of the force is none: what it reads too much grows with the load."""
+
+    name = "gain that grows with the load"
+    equation = "f_k recorded = f_k (1 + g f_k), or f_k (1 + g |f_k|) where both sides bend alike"
+    coefficients = (LawParameter(key="too_much_per_N", unit="1/N"),)
+    shape = (LawParameter(key="axis", unit="1"), LawParameter(key="alike", unit="1"))  # 0, 1, 2; 0 or 1
+
+    def columns(self, shape: Array, seen: RecordedLoad) -> Array:
+        e = seen.axes[:, :, int(shape[0])]
+        f = np.einsum("nc,nc->n", e, seen.wrench[:, :3])
+        part = -e * (f * (np.abs(f) if shape[1] else f))[:, None]
+        return np.concatenate([part, np.zeros_like(part)], axis=1)[:, :, None]
+
+    def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        gain = 1e5 * abs(float(values[0]))  # % a kN, to first order
+        return {"gain_growth": Quantity(gain, "%/kN"), "axis": Quantity(float(shape[0]) + 1.0, "")}
+
+    def grid(self) -> tuple[Shape, ...]:
+        return tuple((axis, alike) for alike in (0.0, 1.0) for axis in (0.0, 1.0, 2.0))
+
+
+@dataclass(frozen=True)
+class SensorAxisRotation(_SensorErrorDefaults):
+    """The axes of the force or of the displacement are turned against those that the record states."""
+
+    affected_quantity: str = "wrench"
+    name = "axes turned"
+    coefficients = _build_axis_parameters("about", "rad", DEGREE)
+
+    @property
+    def equation(self) -> str:
+        if self.affected_quantity == "displacement":
+            return "δ_recorded = (I + [φ]×) δ"
+        return "w_recorded = (I + [φ]×) w: C w breaks Maxwell reciprocity"
+
+    def columns(self, shape: Array, seen: RecordedLoad) -> Array:
+        of, sign = (seen.wrench, -1.0) if self.affected_quantity == "wrench" else (seen.displacement, 1.0)
+        halves = range(0, of.shape[1], 3)
+        turned = [
+            np.concatenate([np.cross(seen.axes[:, :, k], of[:, a : a + 3]) for a in halves], axis=1) for k in range(3)
+        ]
+        return sign * np.stack(turned, axis=2)
+
+    def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        return {
+            "angle": Quantity(float(np.degrees(np.linalg.norm(values))), "deg"),
+            **_describe_vector("about", np.degrees(values), "deg"),
+        }
+
+
+@dataclass(frozen=True)
+class LoadPointOffset(_SensorErrorDefaults):
+    """The load acted beside the TCP."""
+
+    name = "hook beside the TCP"
+    equation = "m = m_recorded + r × f, r constant in the tool"
+    coefficients = _build_axis_parameters("offset", "m", 1e-3)
+
+    def columns(self, shape: Array, seen: RecordedLoad) -> Array:
+        f = seen.wrench[:, :3]
+        moment = np.stack([np.cross(seen.tool[:, :, k], f) for k in range(3)], axis=2)
+        return np.concatenate([np.zeros_like(moment), moment], axis=1)
+
+    def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        return _describe_offset(values)
+
+
+@dataclass(frozen=True)
+class TcpOffset(_SensorErrorDefaults):
+    """Load and target sit at another point of the tool than the cell's TCP: its length is another one."""
+
+    name = "TCP elsewhere in the tool"
+    equation = "m = m_recorded + r × f and δ_recorded = δ + θ × r, r constant in the tool"
+    affected_quantity = "point"
+    coefficients = _build_axis_parameters("offset", "m", 1e-3)
+
+    def columns(self, shape: Array, seen: RecordedLoad) -> Array:
+        return np.concatenate([seen.tool, np.zeros_like(seen.tool)], axis=1)
+
+    def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        return _describe_offset(values)
+
+
+@dataclass(frozen=True)
+class LoadDirectionError(_SensorErrorDefaults):
+    """The load pulled in another direction than recorded, by as much."""
+
+    name = "pull askew"
+    equation = "f along e + u instead of e, u constant in base_link"
+    coefficients = _build_axis_parameters("askew", "rad", DEGREE)
+
+    def columns(self, shape: Array, seen: RecordedLoad) -> Array:
+        f = seen.wrench[:, :3]
+        size = np.linalg.norm(f, axis=1, keepdims=True)
+        e = np.divide(f, size, out=np.zeros_like(f), where=size > 0)
+        across = size[:, :, None] * (np.eye(3) - e[:, :, None] * e[:, None, :])
+        return np.concatenate([across, np.zeros_like(across)], axis=1)
+
+    def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        return {"angle": Quantity(float(np.degrees(np.linalg.norm(values))), "deg")}
+
+
+@dataclass(frozen=True)
+class TrackerFrameError(_SensorErrorDefaults):
+    """The tracker stands elsewhere in base_link than the record says, by a shift and a small turn."""
+
+    name = "the tracker's frame stands elsewhere"
+    equation = "p = T p_recorded, T a shift and a small turn about the middle of the points"
+    affected_quantity = "position"
+    coefficients = (*_build_axis_parameters("shift", "m", 1e-3), *_build_axis_parameters("about", "rad", DEGREE))
+
+    def columns(self, shape: Array, seen: RecordedLoad) -> Array:
+        assert seen.position is not None  # of poses
+        return compute_frame_motion_matrix(seen.position, seen.position.mean(axis=0))[:, : seen.displacement.shape[1]]
+
+    def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
+        return {
+            "angle": Quantity(float(np.degrees(np.linalg.norm(values[3:]))), "deg"),
+            "shift": Quantity(1e3 * float(np.linalg.norm(values[:3])), "mm"),
+        }
+
+
+def _describe_offset(values: Array) -> dict[str, Quantity]:
+    """Of metres."""
+    return {
+        "offset": Quantity(1e3 * float(np.linalg.norm(values)), "mm"),
+        **_describe_vector("offset", 1e3 * values, "mm"),
+    }
+
+
+def _describe_vector(name: str, x: Array, unit: str) -> dict[str, Quantity]:
+    return {f"{name}_{a}": Quantity(float(v), unit) for a, v in zip(XYZ, x, strict=True)}
+
+
+OFFSET = Effect(
+    name="force_sensor_offset",
+    noun="zero offset",
+    short_noun="zero of the force sensor",
+    sentence="The force sensor shows a load where none acts.",
+    port="record",
+    places=(FORCE,),
+    record_laws=(ForceZeroOffset(),),
+    form_uncertainty=EXACT_FORM_UNCERTAINTY,
+)
+
+GAIN = Effect(
+    name="force_sensor_gain",
+    noun="gain",
+    short_noun="gain of the force sensor",
+    sentence="The force sensor reads a share too much or too little.",
+    port="record",
+    places=(FORCE,),
+    record_laws=(ForceAxisGain(), ForceAxisNonlinearity()),
+    form_uncertainty=EXACT_FORM_UNCERTAINTY,
+    plausible_sizes={"%": 60.0},
+)
+
+FRAME = Effect(
+    name="force_sensor_frame",
+    noun="misalignment",
+    short_noun="axes of the force sensor",
+    sentence="The force sensor's axes are turned against the recorded frame.",
+    port="record",
+    places=(FORCE,),
+    record_laws=(SensorAxisRotation(),),
+    form_uncertainty=EXACT_FORM_UNCERTAINTY,
+    plausible_sizes={"deg": 25.0},
+)
+
+DISPLACEMENT = Effect(
+    name="displacement_frame",
+    noun="misalignment",
+    short_noun="axes of the displacement",
+    sentence="The measured displacements are turned against the recorded frame.",
+    port="record",
+    places=("sensor:displacement",),
+    record_laws=(SensorAxisRotation("displacement"), TrackerFrameError()),
+    form_uncertainty=EXACT_FORM_UNCERTAINTY,
+    plausible_sizes={"deg": 25.0},
+)
+
+LOAD = Effect(
+    name="load_geometry",
+    noun="load geometry",
+    short_noun="where or which way the load acted",
+    sentence="The load acted elsewhere, or in another direction, than recorded.",
+    port="record",
+    places=(FORCE,),
+    record_laws=(LoadPointOffset(), LoadDirectionError(), TcpOffset()),
+    form_uncertainty=EXACT_FORM_UNCERTAINTY,
+    plausible_sizes={"deg": 25.0, "mm": 1000.0},
+    preposition="",
+)

@@ -1,0 +1,1 @@
+"""Effects of the structure around the joints: base, links, tool, payload, heat."""

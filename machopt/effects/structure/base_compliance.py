@@ -1,0 +1,34 @@
+"""The base: pedestal, bolts and floor as a spring at base_link's origin, or where the file says."""
+
+from __future__ import annotations
+
+from machopt.effects.compliance_matrices.body_compliance_laws import DIAGONAL_ENTRIES, MatrixEntriesLaw, read_body_law
+from machopt.effects.protocol import Effect
+
+TILT_ENTRIES = ((3, 3), (3, 4), (4, 4))  # of a base that tilts about some axis more than across it
+# of a plate on upright bolts: it sinks and tilts, and one uneven bolt couples them
+SETTLEMENT_ENTRIES = ((2, 2), (2, 3), (2, 4), (3, 3), (3, 4), (4, 4))
+
+EFFECT = Effect(
+    name="base_compliance",
+    noun="compliance",
+    short_noun="base compliance",
+    sentence="Pedestal, anchors or floor give way under the overturning moment.",
+    port="body",
+    places=("base",),
+    body_laws=(
+        MatrixEntriesLaw(
+            DIAGONAL_ENTRIES[3:5], "tilts", "G₀ C₀ G₀ᵀ w, C₀ about x and y of base_link", includes_weight=True
+        ),
+        MatrixEntriesLaw(TILT_ENTRIES, "tilts about any axis", "G₀ C₀ G₀ᵀ w, C₀ symmetric about x and y of base_link"),
+        MatrixEntriesLaw(
+            SETTLEMENT_ENTRIES,
+            "tilts and sinks",
+            "G₀ C₀ G₀ᵀ w, C₀ symmetric in z, about x and about y of base_link: a plate on uneven bolts",
+            includes_weight=True,
+        ),
+        MatrixEntriesLaw(DIAGONAL_ENTRIES, "gives way in six directions", "G₀ C₀ G₀ᵀ w, C₀ diagonal"),
+    ),
+    file_reader=read_body_law,
+    is_elastic=True,
+)

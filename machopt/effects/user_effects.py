@@ -1,0 +1,246 @@
+"""Effects of a user's own, beside those of the registry: from a Python file, or from an installed package.
+
+A file has ``EFFECTS``, a list of :class:`~machopt.effects.protocol.Effect`; a package names such a list as an entry
+point in the group ``machopt.effects``. Either is code: loading it runs it, with all the rights of whoever started
+machopt. A package offers its effects by being installed; a file is run only where the command line names it.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from os.path import isfile
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from machopt.data_types.locations import format_joint_pair_location, format_link_location
+from machopt.effects import registry
+from machopt.effects.protocol import (
+    JOINTS,
+    BodyLaw,
+    CompliantBody,
+    Effect,
+    JointAngleLaw,
+    JointAngleRange,
+    JointLoading,
+    JointLoadRange,
+)
+from machopt.errors import InputError
+
+GROUP = "machopt.effects"
+PAIRS = tuple(format_joint_pair_location(i, j) for i in range(1, 7) for j in range(i + 1, 7))
+BODIES = (*(format_link_location(i) for i in range(1, 7)), "base", "tool")
+USER_CODE_ERRORS = (
+    Exception,
+    SystemExit,
+)  # what code of a user's own may raise; sys.exit would end the command as if done
+
+
+@dataclass(frozen=True)
+class UserModule:
+    """A file of the user's, run."""
+
+    file: Path
+    module: ModuleType
+
+    @property
+    def has_effects(self) -> bool:
+        return hasattr(self.module, "EFFECTS")
+
+
+def run_user_files(files: Sequence[Path]) -> tuple[UserModule, ...]:
+    """Run Python files.
+
+    Raises:
+        InputError: a file that is missing or does not run.
+    """
+    out = []
+    for n, file in enumerate(files):
+        if not isfile(file):
+            raise InputError("there is no such file; a Python file would work", file=file)
+        spec = importlib.util.spec_from_file_location(f"machopt_user_terms_{n}", file)
+        if spec is None or spec.loader is None:
+            raise InputError("is not a Python file", file=file)
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[spec.name] = module
+        try:
+            spec.loader.exec_module(module)
+        except USER_CODE_ERRORS as problem:
+            raise InputError(f"does not run: {type(problem).__name__}: {problem}", file=file) from problem
+        out.append(UserModule(file, module))
+    return tuple(out)
+
+
+def load_effect_files(files: Sequence[Path]) -> tuple[UserModule, ...]:
+    """Run Python files, each of which must have effects.
+
+    Raises:
+        InputError: a file that is missing, does not run or has none.
+    """
+    out = run_user_files(files)
+    for own in out:
+        if not own.has_effects:
+            raise InputError("has no EFFECTS; a list of Effect objects would work", file=own.file)
+    return out
+
+
+@contextmanager
+def activate_user_effects(own: Iterable[UserModule] = ()) -> Iterator[None]:
+    """Within it the registry has the effects of these files, and of installed packages, beside its own.
+
+    Raises:
+        InputError: something that is no effect of single joints, or a name that is taken.
+    """
+    before = registry.EFFECTS
+    offers = find_entry_points(GROUP)
+    offers += [(str(o.file), o.module.EFFECTS) for o in own if o.has_effects]
+    known = list(before.values())
+    for source, offered in offers:
+        new = [e for e in _check_effects(offered, source) if before.get(e.name) is not e]
+        for e in new:
+            _refuse_taken(e, known, source)
+        try:
+            registry.build_registry((*known, *new))
+        except ValueError as taken:
+            raise InputError(f"EFFECTS: {taken}; another name would work", file=source) from taken
+        known += new
+    registry.EFFECTS = registry.build_registry(known)
+    try:
+        yield
+    finally:
+        registry.EFFECTS = before
+
+
+def find_entry_points(group: str) -> list[tuple[str, Any]]:
+    """What installed packages offer in an entry-point group, with where it comes from.
+
+    Raises:
+        InputError: a package that does not load.
+    """
+    out = []
+    for e in entry_points(group=group):
+        try:
+            out.append((e.value, e.load()))
+        except USER_CODE_ERRORS as problem:
+            raise InputError(
+                f"an installed package offers this in {group}, and it does not load: "
+                f"{type(problem).__name__}: {problem}; without the package, or with it mended, it would work",
+                file=e.value,
+            ) from problem
+    return out
+
+
+def _refuse_taken(e: Effect, known: Iterable[Effect], source: str) -> None:
+    for other in known:
+        shared = {e.name, e.file_word} & {other.name, other.file_word}
+        if shared:
+            raise InputError(
+                f"EFFECTS: {shared.pop()!r} is the name of another effect; another name would work", file=source
+            )
+
+
+def _check_effects(offered: object, source: str) -> list[Effect]:
+    if not isinstance(offered, list | tuple) or not offered:
+        raise InputError(f"EFFECTS is {type(offered).__name__}; a list of Effect objects would work", file=source)
+    for e in offered:
+        if not isinstance(e, Effect):
+            raise InputError(f"EFFECTS holds {type(e).__name__}; Effect objects would work", file=source)
+        of_joint = e.joint_laws and not e.body_laws and e.port == "twist" and set(e.places) <= set(JOINTS)
+        of_body = e.body_laws and not e.joint_laws and e.port == "body" and set(e.places) <= set(BODIES)
+        of_angle = e.angle_laws and not e.is_elastic and e.port == "angle" and set(e.places) <= {*JOINTS, *PAIRS}
+        if not (e.places and ((e.is_elastic and (of_joint or of_body)) or of_angle)):
+            raise InputError(
+                f"{e.name}: an elastic effect with laws, port twist and places joint:1 … joint:6 would work, or one "
+                "that gives, port body and places link:1 … link:6, base, tool, or one that is not elastic, unloaded, "
+                "port angle and places joint:1 … joint:6 or joint:4-5; for anything else hypotheses(readings) of "
+                "machopt diagnose",
+                file=source,
+            )
+        for law in e.joint_laws:
+            _try_joint_law(e, law, source)
+        for body in e.body_laws:
+            _try_body_law(e, body, source)
+        for angle in e.angle_laws:
+            _try_angle_law(e, angle, source)
+    return list(offered)
+
+
+def _try_body_law(e: Effect, law: BodyLaw, source: str) -> None:
+    """The same of a law of a body."""
+    body = CompliantBody(axes=np.eye(3), length=0.5, root=np.eye(4), normal=np.array([0.0, 0.0, 1.0]))
+    name = f"{e.name}: law {getattr(law, 'name', type(law).__name__)!r}"
+    try:
+        shape = np.array((law.grid(body) or ((),))[0], float)
+        answer = np.asarray(law.matrices(shape, body), float)
+        count = len(law.coefficients)
+        law.sizes(np.ones(count), shape)
+        law.to_file_parameters(np.ones(count), shape, body)
+        law.restrict_to_observed(6, turning=True).axes(body)
+    except USER_CODE_ERRORS as problem:
+        raise InputError(f"{name} does not run: {type(problem).__name__}: {problem}", file=source) from problem
+    if answer.shape != (count, 6, 6) or not count or not np.isfinite(answer).all():
+        raise InputError(
+            f"{name}: matrices have the shape {answer.shape} (or NaN); finite ({max(count, 1)}, 6, 6) would work",
+            file=source,
+        )
+
+
+def _try_angle_law(e: Effect, law: JointAngleLaw, source: str) -> None:
+    """The same of a law without load, with the three derivatives that a path asks for."""
+    q = np.array([-0.5, 0.1, 0.7])
+    name = f"{e.name}: law {getattr(law, 'name', type(law).__name__)!r}"
+    try:
+        shape = np.array((law.grid(JointAngleRange(-1.0, 1.0, 20)) or (tuple(p.factor for p in law.shape),))[0], float)
+        answers = [np.asarray(law.columns(shape, q, n), float) for n in range(4)]
+        values = np.ones(answers[0].shape[-1])
+        law.sizes(values, shape)
+        bounds = float(law.compute_max_slope(values, shape)), float(law.compute_max_error(values, shape))
+        texts = (law.name, law.equation, law.note, law.word, law.sum_name)
+        certain = float(law.penalty), law.prior is None or float(law.prior)
+    except USER_CODE_ERRORS as problem:
+        raise InputError(f"{name} does not run: {type(problem).__name__}: {problem}", file=source) from problem
+    if not all(isinstance(text, str) for text in texts) or np.isnan((*bounds, *certain)).any():
+        raise InputError(f"{name}: texts, and bounds and penalty that are numbers, would work", file=source)
+    for n, answer in enumerate(answers):
+        if answer.ndim != 2 or len(answer) != len(q) or not answer.shape[1] or not np.isfinite(answer).all():
+            raise InputError(
+                f"{name}: columns of derivative {n} at {len(q)} angles have the shape {answer.shape} (or NaN); finite "
+                f"({len(q)}, p) would work",
+                file=source,
+            )
+
+
+def _try_joint_law(e: Effect, law: Any, source: str) -> None:
+    """Let a law answer once: what is NaN or of another form would be lost in a search, or blamed on something else."""
+    load = np.array([-500.0, 1.0, 800.0])  # N·m
+    drive = JointLoading(load, np.array([-0.5, 0.1, 0.7]), np.array([60.0, 1.0, 1.0]), np.array([1, 0, 0]))
+    name = f"{e.name}: law {getattr(law, 'name', type(law).__name__)!r}"
+    try:
+        grid = law.grid(
+            JointLoadRange(max_torque=800.0, compliance=1e-6, min_angle=-1.0, max_angle=1.0, longest_history=60.0)
+        )
+        count = len(law.coefficients)
+        answers = [
+            (what, np.asarray(getattr(law, what)(np.array(shape, float), drive), float))
+            for shape in (grid or (tuple(p.factor for p in law.shape),))
+            for what in ("columns", "tangent")
+        ]
+        texts = (law.name, law.equation, law.word, *(p.key for p in (*law.coefficients, *law.shape)))
+    except USER_CODE_ERRORS as problem:
+        raise InputError(f"{name} does not run: {type(problem).__name__}: {problem}", file=source) from problem
+    if not count or not all(isinstance(text, str) for text in texts):
+        raise InputError(f"{name}: coefficients and texts (name, equation, word, keys) would work", file=source)
+    for what, answer in answers:
+        if answer.ndim != 2 or len(answer) != len(load) or not answer.shape[1] or not np.isfinite(answer).all():
+            raise InputError(
+                f"{name}: {what} under {', '.join(f'{tau:g}' for tau in load)} N·m have the shape {answer.shape} (or "
+                f"NaN); finite ({len(load)}, p) would work",
+                file=source,
+            )

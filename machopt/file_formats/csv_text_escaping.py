@@ -1,0 +1,25 @@
+"""The user's words in a CSV cell: a spreadsheet must show them, never run them.
+
+Spreadsheets take a cell that begins with ``=``, ``+``, ``-``, ``@``, a tab or a carriage return for a formula, quoted
+or not. Such a text gets an apostrophe in front, which they show as text; reading takes it away again. A text that
+would be mistaken for one so marked gets one more, so that every text comes back as it was.
+"""
+
+from __future__ import annotations
+
+FORMULA = ("=", "+", "-", "@", "\t", "\r", "＝", "＋", "－", "＠")
+MARK = "'"
+
+
+def escape_formula_text(text: str) -> str:
+    """The text as it may stand in a cell."""
+    return MARK + text if _is_formula_like(text) else text
+
+
+def unescape_formula_text(cell: str) -> str:
+    """The text that :func:`escape_formula_text` was given."""
+    return cell[1:] if cell.startswith(MARK) and _is_formula_like(cell) else cell
+
+
+def _is_formula_like(text: str) -> bool:
+    return text.lstrip(MARK).lstrip(" ").startswith(FORMULA)

@@ -1,0 +1,196 @@
+"""A text file as every toolpath reader takes it: lines, hash, where it came from, and how to read it."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from machopt.errors import InputError
+from machopt.file_formats.file_reading import TOOLPATH, read_file
+
+MM_PER_INCH = 25.4
+_CHUNK = 20_000  # lines searched at once
+CYCLE_QUANTITIES = ("depth", "clear", "retract", "feed", "peck", "dwell")
+UNIT_NAMES = {"mm": 1.0, "inch": MM_PER_INCH}
+TOOL_AXES = {"-z": (2, -1.0), "+z": (2, 1.0), "-x": (0, -1.0), "+x": (0, 1.0), "-y": (1, -1.0), "+y": (1, 1.0)}
+"""Column of the tool frame and its sign: the direction from the tip to the shank, in robot programs and pose tables."""
+
+
+Offset = tuple[float, float, float]
+_OFFSET = re.compile(r"\s*(G\d+(?:\.\d)?(?:\s*[PH]\s*\d+)?|PRESET\s*\d+)\s*=(.*)", re.IGNORECASE)
+MAX_EXTENT = 50.0  # m: longer than any machining cell; a path beyond it is a slip of units or decimals
+MOST_DECIMALS = 6
+
+
+def parse_offsets(texts: Sequence[str]) -> tuple[tuple[str, Offset], ...]:
+    """Options such as ``G55=100,0,0``: where a work offset's origin lies in the first offset of the program, in mm.
+
+    Args:
+        texts: names as the messages print them (``G55``, ``G54.1P2``, ``G505``, ``preset2``), with three numbers.
+    Raises:
+        InputError: a text is not of that form, or an offset is named twice.
+    """
+    found: list[tuple[str, Offset]] = []
+    for text in texts:
+        parts = _OFFSET.fullmatch(text)
+        try:
+            values = [float(v) for v in parts.group(2).split(",")] if parts else []
+        except ValueError:
+            values = []
+        if parts is None or len(values) != 3 or not all(map(math.isfinite, values)):
+            raise InputError(f"{text!r}: expected e.g. G55=100,0,0, G54.1P2=… or preset2=… (mm)", where="--offset")
+        name = normalise_offset_name(parts.group(1))
+        if any(name == one for one, _ in found):
+            raise InputError(f"{text!r}: {name} is given twice; keep one", where="--offset")
+        found.append((name, (values[0], values[1], values[2])))
+    return tuple(found)
+
+
+def normalise_offset_name(name: str) -> str:
+    """One spelling of an offset's name: without blanks, in upper case."""
+    return "".join(name.upper().split())
+
+
+def normalise_word(word: str) -> str:
+    """One spelling of an unknown word: single blanks, upper case."""
+    return " ".join(word.upper().split())
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadOptions:
+    """What the caller knows and the file may not say."""
+
+    unit: str | None = None  # "mm" or "inch"
+    strict: bool = False  # refuse the first word that is not understood
+    arc_tolerance: float = 5e-6  # m, largest distance of a chord from its arc
+    machine: str | None = None  # rotary kinematics, see formats.rotary
+    default_feed: float | None = None  # m/s, where the file gives none
+    offsets: tuple[tuple[str, Offset], ...] = ()  # (work offset, its origin in the first one used, mm)
+    cycle_order: tuple[str, ...] = ("depth", "clear", "retract")  # what numbers without a word in CYCLE/ stand for
+    tool_axis: str = "-z"  # one of TOOL_AXES
+    decimals: int | None = None  # places of G-code numbers without a point; 0: they stand as they are; None: not said
+    max_extent: float = MAX_EXTENT  # m, along one axis
+    accept_unknown: tuple[str, ...] = ()  # words that the user says move nothing, as :func:`normalise_word` spells them
+    kind: str | None = None  # "path" or "holes": rows of a point table that does not say it
+    cell_offsets: tuple[str, ...] = ()  # names of the cell's work offsets: points in them are placed once they are read
+
+    def __post_init__(self) -> None:
+        if self.unit is not None and self.unit not in UNIT_NAMES:
+            raise InputError(f"unknown unit {self.unit!r}: known are {', '.join(UNIT_NAMES)}", where="--unit")
+        if not (math.isfinite(self.arc_tolerance) and self.arc_tolerance > 0.0):
+            raise InputError(f"the arc tolerance must be positive, found {self.arc_tolerance}", where="arc_tolerance")
+        if self.default_feed is not None and not (math.isfinite(self.default_feed) and self.default_feed > 0.0):
+            raise InputError(f"the feed must be positive, found {self.default_feed}", where="default_feed")
+        if self.tool_axis not in TOOL_AXES:
+            raise InputError(
+                f"unknown tool axis {self.tool_axis!r}: known are {', '.join(TOOL_AXES)}", where="--tool-axis"
+            )
+        if self.kind not in (None, "path", "holes"):
+            raise InputError(f"unknown kind {self.kind!r}: known are path, holes", where="--kind")
+        strange = [w for w in self.cycle_order if w not in CYCLE_QUANTITIES]
+        if strange or len(set(self.cycle_order)) != len(self.cycle_order):
+            raise InputError(
+                f"found {','.join(self.cycle_order)!r}; expected some of {', '.join(CYCLE_QUANTITIES)} in their order",
+                where="--cycle-order",
+            )
+        if self.decimals is not None and not 0 <= self.decimals <= MOST_DECIMALS:
+            raise InputError(f"found {self.decimals}; expected 0 to {MOST_DECIMALS} decimals", where="--decimals")
+        if not (math.isfinite(self.max_extent) and self.max_extent > 0.0):
+            raise InputError(f"the extent must be positive, found {self.max_extent} m", where="--max-extent")
+
+
+class OptionNeededError(InputError):
+    """A file cannot be read before an option says what the file does not."""
+
+    def __init__(self, message: str, *, file: Path, where: str | None, option: str) -> None:
+        super().__init__(message, file=file, where=where)
+        self.option = option  # unit | machine | decimals | offset | feed
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """The lines of one file, decoded once."""
+
+    path: Path
+    lines: list[str]  # without line ends; line k of messages is lines[k - 1]
+    sha256: str
+    complete: bool  # the last line ends with a line feed
+
+    @property
+    def name(self) -> str:
+        return self.path.name
+
+    def find_line(self, pattern: re.Pattern[str]) -> int | None:
+        """The first line (1-based) a MULTILINE pattern is found in, looking at many lines at once."""
+        for first in range(0, len(self.lines), _CHUNK):
+            text = "\n".join(self.lines[first : first + _CHUNK])
+            found = pattern.search(text)
+            if found:
+                return first + 1 + text.count("\n", 0, found.start())
+        return None
+
+    def build_error(self, message: str, line: int | None = None, column: int | str | None = None) -> InputError:
+        """An InputError that names this file and, where known, line and column."""
+        where = None if line is None else f"line {line}" + ("" if column is None else f", column {column}")
+        return InputError(message, file=self.path, where=where)
+
+    def build_option_question(self, option: str, message: str, line: int | None = None) -> OptionNeededError:
+        """An InputError that an option answers; ``option`` is its name without dashes."""
+        return OptionNeededError(message, file=self.path, where=None if line is None else f"line {line}", option=option)
+
+
+def read_bytes(path: Path) -> bytes:
+    """The file's bytes.
+
+    Raises:
+        InputError: it is absent, no regular file, not readable, too large or empty.
+    """
+    data = read_file(path, expected="a toolpath file", most=TOOLPATH)
+    if not data.strip():
+        raise InputError("is empty; expected toolpath points", file=path)
+    return data
+
+
+def decode_source(path: Path, data: bytes) -> SourceFile:
+    """Text lines of a file: UTF-8 (BOM accepted), else Latin-1; LF, CRLF or CR line ends.
+
+    Raises:
+        InputError: the content is binary.
+    """
+    for bom, codec in ((b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"), (b"\xef\xbb\xbf", "utf-8-sig")):
+        if data.startswith(bom):
+            try:
+                text = data.decode(codec)
+            except UnicodeDecodeError as problem:
+                raise InputError(f"starts as {codec} text but is not: {problem.reason}", file=path) from problem
+            break
+    else:
+        _refuse_binary(path, data)
+        try:
+            text = data.decode("utf-8")
+        except UnicodeDecodeError:
+            text = data.decode("latin-1")  # CAM headers in national code pages; motion words are ASCII
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    complete = text.endswith("\n")
+    lines = text.split("\n")
+    if complete:
+        lines.pop()
+    return SourceFile(path, lines, hashlib.sha256(data).hexdigest(), complete)
+
+
+_CONTROL = bytes(b for b in range(32) if b not in b"\t\n\r\f\x1a")
+
+
+def _refuse_binary(path: Path, data: bytes) -> None:
+    head = data[:65536]
+    control = len(head) - len(head.translate(None, _CONTROL))
+    if control > 0.01 * len(head):
+        raise InputError(
+            f"is binary ({control} control bytes in the first {len(head)}); expected text: "
+            "APT/CL, G-code, Heidenhain, NCI or CSV (or Parquet)",
+            file=path,
+        )

@@ -1,9 +1,0 @@
-"""How a mesh is refused: the caller knows where it is used."""
-
-from __future__ import annotations
-
-from collections.abc import Callable
-
-from machopt.errors import InputError
-
-Fail = Callable[[str], InputError]

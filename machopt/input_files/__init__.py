@@ -1,0 +1,1 @@
+"""Further input files: job lists, and the JSON schemas of all YAML inputs."""

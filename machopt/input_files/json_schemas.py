@@ -1,0 +1,47 @@
+"""The JSON schemas of the YAML files that machopt reads, made from the models; they lie beside this file, for editors.
+
+A file that begins with ``# yaml-language-server: $schema=PATH`` is checked and completed by them while it is written.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from pydantic import BaseModel
+
+from machopt.cell import cell_schema, kinematics_file
+from machopt.cell.stiffness import stiffness_file
+from machopt.input_files import job_list
+from machopt.measurement.recording import recording_schema as recording_keys
+from machopt.options import option_schema
+
+FOLDER = Path(__file__).with_name("schemas")
+FILES: dict[str, type[BaseModel]] = {
+    "cell.yaml": cell_schema.CellKeys,
+    "plan.yaml": option_schema.OptionKeys,
+    "stiffness.yaml": stiffness_file._StiffnessFileKeys,
+    "kinematics.yaml": kinematics_file._KinematicsFileKeys,
+    "recording.yaml": recording_keys.RecordingKeys,
+    "jobs.yaml": job_list.JobListKeys,
+}
+"""What a file is usually called → its model."""
+
+
+def format_schema_name(file: str) -> str:
+    """``cell.schema.json`` of ``cell.yaml``."""
+    return f"{Path(file).stem}.schema.json"
+
+
+def render_schema(file: str) -> str:
+    """The schema of one file, as its own file has it."""
+    schema = FILES[file].model_json_schema(mode="validation")
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": file}
+    return json.dumps({**head, **schema, "title": file}, indent=1, ensure_ascii=False) + "\n"
+
+
+def write_schemas(folder: Path = FOLDER) -> None:
+    """Write all of them."""
+    folder.mkdir(exist_ok=True)
+    for file in FILES:
+        (folder / format_schema_name(file)).write_text(render_schema(file), encoding="utf-8", newline="\n")

@@ -1,0 +1,50 @@
+"""Where the frames of an arm really are, by the geometry that the cell's kinematics.yaml holds.
+
+See :mod:`machopt.effects.structure.link_geometry` for the equation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from machopt.data_types.kinematic_corrections import KinematicCorrection, KinematicCorrections
+from machopt.effects.protocol import JOINTS
+from machopt.effects.structure import link_geometry
+from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import build_transform, convert_vector_to_rotation
+
+BEHIND_FLANGE = 7  # entry of :func:`compute_link_displacements`
+
+
+def compute_link_displacements(origins: Array, kinematics: KinematicCorrections | None) -> Array | None:
+    """What takes each link, all joints at zero, from where it is drawn to where it is built.
+
+    Args:
+        origins: (7, 3) m, of the six joints' frames and of the flange as drawn, base_link with all joints at zero.
+        kinematics: of the cell.
+
+    Returns:
+        (8, 4, 4) G_0 … G_k: entry 0 base_link itself, k the link that joint k moves, 7 what the flange carries; None
+        where no geometry is known.
+    """
+    known = {
+        c.location: c for c in (kinematics.corrections if kinematics else ()) if c.effect == link_geometry.EFFECT.name
+    }
+    if not known:
+        return None
+    out = np.broadcast_to(np.eye(4), (8, 4, 4)).copy()
+    T = _compute_displacement(known, link_geometry.BASE, np.zeros(3))
+    for k, (place, at) in enumerate(zip((*JOINTS, link_geometry.TOOL), origins, strict=True), start=1):
+        out[k] = T = T @ _compute_displacement(known, place, at)
+    return out
+
+
+def _compute_displacement(known: Mapping[str, KinematicCorrection], place: str, at: Array) -> Array:
+    """(4, 4) G of one place: turned about ``at``, then shifted."""
+    if place not in known:
+        return np.eye(4)
+    p = link_geometry.read_frame_offset(known[place].parameters)
+    R = convert_vector_to_rotation(p.turn)
+    return build_transform(R, at - R @ at + p.shift)

@@ -1,0 +1,182 @@
+"""Encoder angles and true angles: q_true = q + Δ(q), with Δ of the cell's kinematics.yaml.
+
+Δ_j(q) = Σ_i f_ij(q_i): offsets, waves and couplings of :mod:`machopt.effects`, q what the encoders say. The planner
+thinks in true angles; what a robot is told, and what limits hold for, are encoder angles. The way back is the fixed
+point q = q_true − Δ(q), a contraction because |Δ'| < 1 (the reader of kinematics.yaml sees to that).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.data_types.cell import JointLimits
+from machopt.data_types.kinematic_corrections import KinematicCorrections
+from machopt.data_types.locations import parse_joint_location
+from machopt.effects import angle_range, parameter_conversion, registry
+from machopt.effects.effect_wording import format_effect_at_place
+from machopt.effects.law_interfaces.parameter_reader import ParameterReader
+from machopt.effects.protocol import JointAngleLaw
+from machopt.effects.structure import link_geometry
+from machopt.numerics.array_types import Array
+
+CONVERGENCE_RAD = 1e-15  # rad, round-off of an angle
+ANGLE_SAMPLES = 2001  # angles of a joint's range at which what it does to another one is looked at, its ends among them
+MAX_ITERATIONS = 100  # of the fixed point; |Δ'| = ½, the most that is let in, needs 50
+
+
+@dataclass(frozen=True, kw_only=True)
+class CorrectionTerm:
+    """One entry of kinematics.yaml: by the angle of joint ``by`` joint ``moved`` stands elsewhere; both 0-based."""
+
+    source_joint: int
+    corrected_joint: int
+    law: JointAngleLaw
+    values: Array  # (P,) SI
+    shape: Array  # (S,) SI
+    range_limits: angle_range.AngleRange | None = None  # angles of joint ``by`` that it is applied at; None: everywhere
+    label: str = ""  # "transmission error of joint 2"
+
+    def compute_angle(self, q: Array, derivative: int = 0) -> Array:
+        """(...,) rad at encoder angles q (..., 6) rad, or a derivative by the joint's angle."""
+        at = q[..., self.source_joint]
+        if self.range_limits is None:
+            return self._evaluate_law(at, derivative)
+        whole = [self._evaluate_law(at, k) for k in range(derivative + 1)]
+        return angle_range.differentiate_weighted_product(self.range_limits, at, whole, derivative)
+
+    def _evaluate_law(self, at: Array, derivative: int) -> Array:
+        return np.asarray(self.law.columns(self.shape, at, derivative) @ self.values)
+
+
+@dataclass(frozen=True)
+class EncoderCorrection:
+    """Δ and its inverse for batches of joint positions."""
+
+    parts: tuple[CorrectionTerm, ...]
+
+    def compute_correction(self, q: Array) -> Array:
+        """Δ (..., 6) rad at encoder angles q (..., 6) rad."""
+        out = np.zeros(np.shape(q))
+        for part in self.parts:
+            out[..., part.corrected_joint] += part.compute_angle(q)
+        return out
+
+    def compute_true_angles(self, q: Array) -> Array:
+        """(..., 6) rad that the arm stands at when the encoders say q; NaN stays NaN."""
+        q = np.asarray(q, float)
+        return q + self.compute_correction(q)
+
+    def compute_encoder_angles(self, q_true: Array) -> Array:
+        """(..., 6) rad that the encoders say when the arm stands at q_true; NaN stays NaN."""
+        q_true = np.asarray(q_true, float)
+        q = q_true - self.compute_correction(q_true)
+        for _ in range(MAX_ITERATIONS):
+            better = q_true - self.compute_correction(q)
+            change = np.nan_to_num(np.abs(better - q)).max(initial=0.0)
+            q = better
+            if change < CONVERGENCE_RAD * 10.0:
+                break
+        return np.asarray(q)
+
+    def compute_encoder_path(self, derivatives: Array) -> Array:
+        """A path of true angles as one of encoder angles.
+
+        With F_n the n-th derivatives of f_ij by q_i, J = 1 + F_1:
+        q_t' = J q', q_t'' = J q'' + F_2 q'², q_t''' = J q''' + 3 F_2 q' q'' + F_3 q'³.
+
+        Args:
+            derivatives: (M, 4, 6) q_true and its first three derivatives along the path.
+
+        Returns:
+            (M, 4, 6) q and its derivatives.
+        """
+        out = np.empty_like(derivatives)
+        out[:, 0] = q = self.compute_encoder_angles(derivatives[:, 0])
+        slope, bend, twist = (self._by_angles(q, order) for order in (1, 2, 3))
+        J = np.eye(6) + slope
+        out[:, 1] = first = np.linalg.solve(J, derivatives[:, 1, :, None])[..., 0]
+        rest = np.asarray(derivatives[:, 2] - _multiply(bend, np.square(first)))
+        out[:, 2] = second = np.linalg.solve(J, rest[..., None])[..., 0]
+        rest = derivatives[:, 3] - 3.0 * _multiply(bend, first * second) - _multiply(twist, np.power(first, 3))
+        out[:, 3] = np.linalg.solve(J, rest[..., None])[..., 0]
+        return out
+
+    def compute_true_limits(self, limits: JointLimits) -> JointLimits:
+        """Positions that true angles must keep to, so that the encoders keep to ``limits``; rates are left as they are.
+
+        A joint that others pull along needs room for their whole range: the limits shrink by the most they do to it.
+        Monotonic in the joint's own angle, so the ends of the range stay the ends.
+        """
+        low, high = limits.lower.copy(), limits.upper.copy()
+        away = np.zeros(6)
+        for part in self.parts:
+            if part.source_joint != part.corrected_joint:
+                q = np.linspace(limits.lower[:6], limits.upper[:6], ANGLE_SAMPLES)
+                away[part.corrected_joint] += np.abs(part.compute_angle(q)).max()
+        for bound, sign in ((low, 1.0), (high, -1.0)):
+            at = bound[:6].copy()
+            for part in self.parts:
+                if part.source_joint == part.corrected_joint:
+                    bound[part.corrected_joint] += part.compute_angle(at)
+            bound[:6] += sign * away
+        return JointLimits(low, high, limits.velocity, limits.acceleration, limits.jerk)
+
+    def list_range_violations(self, q: Array) -> list[str]:
+        """What is not applied somewhere at encoder angles q (N, 6) rad, in words."""
+        out = []
+        for part in self.parts:
+            at = np.degrees(q[:, part.source_joint])
+            low, high = float(np.nanmin(at, initial=np.inf)), float(np.nanmax(at, initial=-np.inf))
+            if part.range_limits is None or (
+                low >= np.degrees(part.range_limits.low) and high <= np.degrees(part.range_limits.high)
+            ):
+                continue
+            ends = " to ".join(f"{np.degrees(v):.1f}°" for v in (part.range_limits.low, part.range_limits.high))
+            out.append(
+                f"The {part.label} was measured from {ends}; the joint goes from "
+                f"{low:.1f}° to {high:.1f}°, and outside what was measured it is not applied."
+            )
+        return out
+
+    def _by_angles(self, q: Array, order: int) -> Array:
+        """(M, 6, 6) derivative of what moves a joint (row) by the angle of another (column)."""
+        out = np.zeros((*np.shape(q), 6))
+        for part in self.parts:
+            out[..., part.corrected_joint, part.source_joint] += part.compute_angle(q, order)
+        return out
+
+
+def build_encoder_correction(kinematics: KinematicCorrections | None) -> EncoderCorrection | None:
+    """The corrections as one map; None where there are none."""
+    if not kinematics:
+        return None
+    laws = registry.list_angle_effects_by_word()
+    parts = []
+    for c in kinematics.corrections:
+        if c.effect == link_geometry.EFFECT.name:  # no angle: the arm itself is built otherwise
+            continue
+        if c.effect not in laws:
+            raise ValueError(f"{c.effect!r} is no kinematic correction")
+        law = laws[c.effect][1]
+        values, shape, _ = parameter_conversion.read_law_parameters(law, ParameterReader(c.parameters, c.effect))
+        said = format_effect_at_place(c.effect, c.location)
+        by, moved = parse_joint_location(c.location)
+        stated = angle_range.read_angle_range(c.parameters)
+        parts.append(
+            CorrectionTerm(
+                source_joint=by,
+                corrected_joint=moved,
+                law=law,
+                values=values,
+                shape=shape,
+                range_limits=stated,
+                label=said,
+            )
+        )
+    return EncoderCorrection(tuple(parts)) if parts else None
+
+
+def _multiply(A: Array, x: Array) -> Array:
+    return np.asarray(np.einsum("mij,mj->mi", A, x))

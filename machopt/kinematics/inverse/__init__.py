@@ -1,0 +1,1 @@
+"""Inverse kinematics: closed forms, the general 6R solver, Newton refinement."""

@@ -1,0 +1,127 @@
+"""Inverse kinematics of an arm as it is built: the drawing's branches, led to the real lines by Newton's method.
+
+A built arm has a closed form only by accident (axes 4, 5 and 6 miss each other by tenths of a millimetre). Its branches
+are those of the drawing to within what is wrong with it, so each keeps its index.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machopt.kinematics import product_of_exponentials
+from machopt.kinematics.inverse.spherical_wrist import KinematicBranches
+from machopt.kinematics.robot import Robot
+from machopt.numerics.array_types import Array
+from machopt.numerics.compiled_functions import compile_function
+
+MAX_ITERATIONS = 12
+CONVERGENCE = 1e-12  # m and rad, where another pass moves nothing
+POSE_TOLERANCE = 1e-9  # m and rad off the pose: farther, and the branch is not there
+MAX_BRANCH_DISTANCE_RAD = 0.5  # rad from the drawing's branch: farther, and it is another one
+
+
+class AsBuiltSolver:
+    """The branches of a built arm.
+
+    Args:
+        robot: with ``nominal``, the drawing.
+        drawn: a solver of that.
+    """
+
+    def __init__(self, robot: Robot, drawn: object) -> None:
+        self.robot, self._drawn = robot, drawn
+        self.branches: int = drawn.branches  # type: ignore[attr-defined]  # ik.Solver, which imports this file
+        self.branch_stable: bool = drawn.branch_stable  # type: ignore[attr-defined]
+        zero = np.array(robot.T_base_flange_zero, float, order="C")
+        self._lines = np.array(robot.axis, float, order="C"), np.array(robot.point, float, order="C"), zero
+
+    def solve(self, T_base_flange: Array) -> KinematicBranches:
+        """All branches of (M, 4, 4) poses; those that the built arm does not reach are NaN."""
+        return self._refine_branches(self._drawn.solve(T_base_flange), T_base_flange)  # type: ignore[attr-defined]
+
+    def compute_margins(self, T_base_flange: Array, q: Array) -> None:
+        """None: no branch can be missed."""
+
+    def solve_grid(self, T_base_flange: Array, q: Array | None = None) -> KinematicBranches:
+        """All branches of (N, R, 4, 4) poses; ``q`` (N·R, B, 6) is filled where it is given."""
+        found = self._drawn.solve_grid(T_base_flange, q)  # type: ignore[attr-defined]
+        return self._refine_branches(found, T_base_flange.reshape(-1, 4, 4))
+
+    def _refine_branches(self, found: KinematicBranches, T: Array) -> KinematicBranches:
+        refine_branches(*self._lines, np.ascontiguousarray(T, float), found.q)
+        return found
+
+
+@compile_function
+def refine_branches(axis: Array, point: Array, zero: Array, T: Array, q: Array) -> None:
+    """Newton from every branch q (M, B, 6) to its pose T (M, 4, 4), in place; NaN where it leads nowhere."""
+    here, J, A = np.empty((1, 4, 4)), np.empty((1, 6, 6)), np.empty((6, 7))
+    at, start = np.empty((1, 6)), np.empty(6)
+    for m in range(len(T)):
+        for b in range(q.shape[1]):
+            if np.isnan(q[m, b, 0]):
+                continue
+            for i in range(6):
+                at[0, i] = start[i] = q[m, b, i]
+            there = False
+            for _ in range(MAX_ITERATIONS):
+                product_of_exponentials.compute_jacobians(axis, point, zero, at, here, J)
+                off = compute_pose_difference(here[0], T[m], A)
+                there = off < POSE_TOLERANCE
+                if off < CONVERGENCE or not solve_newton_step(J[0], A):
+                    break
+                far = 0.0
+                for i in range(6):
+                    at[0, i] += A[i, 6]
+                    far = max(far, abs(at[0, i] - start[i]))
+                if not far < MAX_BRANCH_DISTANCE_RAD:
+                    there = False
+                    break
+            for i in range(6):
+                q[m, b, i] = wrap_angle(at[0, i]) if there else np.nan
+
+
+@compile_function
+def wrap_angle(angle: float) -> float:
+    """The same angle in (−π, π]."""
+    return float(np.pi - np.mod(np.pi - angle, 2.0 * np.pi)) if abs(angle) > np.pi else angle
+
+
+@compile_function
+def compute_pose_difference(T: Array, wanted: Array, A: Array) -> float:
+    """The twist from T to ``wanted`` (4, 4) into the last column of A (6, 7); its largest entry, m or rad."""
+    most = 0.0
+    for r in range(3):
+        A[r, 6] = wanted[r, 3] - T[r, 3]
+        a, b = (r + 1) % 3, (r + 2) % 3
+        turn = 0.0
+        for k in range(3):  # E = wanted Rᵀ; half of E[b, a] − E[a, b]
+            turn += wanted[b, k] * T[a, k] - wanted[a, k] * T[b, k]
+        A[r + 3, 6] = 0.5 * turn
+        most = max(most, abs(A[r, 6]), abs(A[r + 3, 6]))
+    return most
+
+
+@compile_function
+def solve_newton_step(J: Array, A: Array) -> bool:
+    """Solve J x = A[:, 6] by elimination with pivoting, x in A[:, 6]; False where J has no inverse."""
+    for r in range(6):
+        for c in range(6):
+            A[r, c] = J[r, c]
+    for c in range(6):
+        best = c
+        for r in range(c + 1, 6):
+            if abs(A[r, c]) > abs(A[best, c]):
+                best = r
+        if abs(A[best, c]) < 1e-9:
+            return False
+        for k in range(c, 7):
+            A[c, k], A[best, k] = A[best, k], A[c, k]
+        for r in range(6):
+            if r != c:
+                f = A[r, c] / A[c, c]
+                for k in range(c, 7):
+                    A[r, k] -= f * A[c, k]
+    for r in range(6):
+        A[r, 6] /= A[r, r]
+    return True

@@ -1,0 +1,38 @@
+"""Batched kinematics of an arm some of whose joints shift along their line: nothing is planned with it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.kinematics import product_of_exponentials
+from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import build_transform
+
+Slides = NDArray[np.bool_]
+
+
+def compute_link_motions_with_slides(slides: Slides, axis: Array, point: Array, rows: Array) -> tuple[Array, Array]:
+    """R (M, 7, 3, 3) and p (M, 7, 3) m of the links, as :func:`.chain.links` has them.
+
+    Args:
+        slides: (6,) which lines shift.
+        axis, point: (6, 3) the lines in base_link at q = 0.
+        rows: (M, 6) rad, m of those that shift.
+    """
+    R, p = np.empty((len(rows), 7, 3, 3)), np.empty((len(rows), 7, 3))
+    product_of_exponentials.compute_chain_motions(axis, point, np.array(slides), rows, R, p)
+    return R, p
+
+
+def compute_jacobians_with_slides(
+    slides: Slides, axis: Array, point: Array, zero: Array, rows: Array
+) -> tuple[Array, Array]:
+    """T (M, 4, 4) of a frame that is at ``zero`` (4, 4) at q = 0, and J (M, 6, 6): a line that shifts turns nothing."""
+    R, p = compute_link_motions_with_slides(slides, axis, point, rows)
+    T = build_transform(R[:, 6], p[:, 6]) @ zero
+    z = np.einsum("mkij,kj->mki", R[:, :6], axis)
+    lever = T[:, None, :3, 3] - np.einsum("mkij,kj->mki", R[:, :6], point) - p[:, :6]
+    along = np.asarray(slides)[:, None]
+    J = np.concatenate([np.where(along, z, np.cross(z, lever)), np.where(along, 0.0, z)], axis=2)
+    return T, np.swapaxes(J, 1, 2)

@@ -1,0 +1,140 @@
+"""Where a 6R arm's joints take its links: the product of exponentials, compiled (Lynch & Park 2017, section 4.1)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.numerics.array_types import Array
+from machopt.numerics.compiled_functions import compile_function
+
+
+@compile_function
+def _rotate_about_line(R: Array, p: Array, h: Array, x: Array, angle: float) -> None:
+    """A motion (R, p), followed by a turn about the line through x along unit h: changed in place."""
+    c, s = math.cos(angle), math.sin(angle)
+    v = 1.0 - c
+    q00, q01, q02 = c + v * h[0] * h[0], v * h[0] * h[1] - s * h[2], v * h[0] * h[2] + s * h[1]
+    q10, q11, q12 = v * h[1] * h[0] + s * h[2], c + v * h[1] * h[1], v * h[1] * h[2] - s * h[0]
+    q20, q21, q22 = v * h[2] * h[0] - s * h[1], v * h[2] * h[1] + s * h[0], c + v * h[2] * h[2]
+    # what the turn leaves of the line's point: x − Q x
+    tx = x[0] - (q00 * x[0] + q01 * x[1] + q02 * x[2])
+    ty = x[1] - (q10 * x[0] + q11 * x[1] + q12 * x[2])
+    tz = x[2] - (q20 * x[0] + q21 * x[1] + q22 * x[2])
+    for r in range(3):
+        a, b, d = R[r, 0], R[r, 1], R[r, 2]
+        p[r] += a * tx + b * ty + d * tz
+        R[r, 0] = a * q00 + b * q10 + d * q20
+        R[r, 1] = a * q01 + b * q11 + d * q21
+        R[r, 2] = a * q02 + b * q12 + d * q22
+
+
+@compile_function
+def _set_identity(R: Array, p: Array) -> None:
+    for r in range(3):
+        for c in range(3):
+            R[r, c] = 1.0 if r == c else 0.0
+        p[r] = 0.0
+
+
+@compile_function
+def _compute_pose(R: Array, p: Array, zero: Array, T: Array) -> None:
+    """T (4, 4): the pose ``zero`` moved by (R, p)."""
+    for r in range(3):
+        for c in range(4):
+            T[r, c] = R[r, 0] * zero[0, c] + R[r, 1] * zero[1, c] + R[r, 2] * zero[2, c]
+        T[r, 3] += p[r]
+        T[3, r] = 0.0
+    T[3, 3] = 1.0
+
+
+@compile_function
+def compute_poses(axis: Array, point: Array, zero: Array, q: Array, T: Array) -> None:
+    """Fill T (M, 4, 4) with the frame that is at ``zero`` (4, 4) where q (M, 6) rad is zero; lines (6, 3) each."""
+    R, p = np.empty((3, 3)), np.empty(3)
+    for m in range(len(q)):
+        _set_identity(R, p)
+        for i in range(6):
+            _rotate_about_line(R, p, axis[i], point[i], q[m, i])
+        _compute_pose(R, p, zero, T[m])
+
+
+@compile_function
+def compute_link_motions(axis: Array, point: Array, q: Array, R: Array, p: Array) -> None:
+    """Fill R (M, 7, 3, 3) and p (M, 7, 3) m: a point x of link i at q = 0 goes to R[i] x + p[i]."""
+    for m in range(len(q)):
+        _set_identity(R[m, 0], p[m, 0])
+        for i in range(6):
+            for r in range(3):
+                for c in range(3):
+                    R[m, i + 1, r, c] = R[m, i, r, c]
+                p[m, i + 1, r] = p[m, i, r]
+            _rotate_about_line(R[m, i + 1], p[m, i + 1], axis[i], point[i], q[m, i])
+
+
+@compile_function
+def compute_chain_motions(
+    axis: Array, point: Array, slides: NDArray[np.bool_], theta: Array, R: Array, p: Array
+) -> None:
+    """As :func:`compute_link_motions` for n lines (n, 3) of which some shift: theta (M, n) rad or m, R (M, n + 1, 3, 3)
+    and p."""
+    n = len(axis)
+    for m in range(len(theta)):
+        _set_identity(R[m, 0], p[m, 0])
+        for i in range(n):
+            for r in range(3):
+                for c in range(3):
+                    R[m, i + 1, r, c] = R[m, i, r, c]
+                p[m, i + 1, r] = p[m, i, r]
+            if slides[i]:
+                for r in range(3):
+                    way = R[m, i, r, 0] * axis[i, 0] + R[m, i, r, 1] * axis[i, 1] + R[m, i, r, 2] * axis[i, 2]
+                    p[m, i + 1, r] += theta[m, i] * way
+            else:
+                _rotate_about_line(R[m, i + 1], p[m, i + 1], axis[i], point[i], theta[m, i])
+
+
+@compile_function
+def compute_relative_motion(
+    axis: Array, point: Array, slides: NDArray[np.bool_], first: int, last: int, theta: Array, T: Array
+) -> None:
+    """Fill T (M, 4, 4) with what the lines ``first`` … ``last`` − 1 make of a body on the last of them: as
+    :func:`compute_chain_motions`, seen from link ``first``."""
+    R, p = np.empty((3, 3)), np.empty(3)
+    for m in range(len(theta)):
+        _set_identity(R, p)
+        for i in range(first, last):
+            if slides[i]:
+                for r in range(3):
+                    way = R[r, 0] * axis[i, 0] + R[r, 1] * axis[i, 1] + R[r, 2] * axis[i, 2]
+                    p[r] += theta[m, i] * way
+            else:
+                _rotate_about_line(R, p, axis[i], point[i], theta[m, i])
+        for r in range(3):
+            for c in range(3):
+                T[m, r, c] = R[r, c]
+            T[m, r, 3], T[m, 3, r] = p[r], 0.0
+        T[m, 3, 3] = 1.0
+
+
+@compile_function
+def compute_jacobians(axis: Array, point: Array, zero: Array, q: Array, T: Array, J: Array) -> None:
+    """Fill the poses T (M, 4, 4) as :func:`compute_poses`, and J (M, 6, 6), linear part first, at the frame's
+    origin."""
+    R, p, h, o = np.empty((3, 3)), np.empty(3), np.empty((6, 3)), np.empty((6, 3))
+    for m in range(len(q)):
+        _set_identity(R, p)
+        for i in range(6):
+            for r in range(3):
+                h[i, r] = R[r, 0] * axis[i, 0] + R[r, 1] * axis[i, 1] + R[r, 2] * axis[i, 2]
+                o[i, r] = R[r, 0] * point[i, 0] + R[r, 1] * point[i, 1] + R[r, 2] * point[i, 2] + p[r]
+            _rotate_about_line(R, p, axis[i], point[i], q[m, i])
+        _compute_pose(R, p, zero, T[m])
+        for i in range(6):
+            x, y, z = T[m, 0, 3] - o[i, 0], T[m, 1, 3] - o[i, 1], T[m, 2, 3] - o[i, 2]
+            J[m, 0, i] = h[i, 1] * z - h[i, 2] * y
+            J[m, 1, i] = h[i, 2] * x - h[i, 0] * z
+            J[m, 2, i] = h[i, 0] * y - h[i, 1] * x
+            J[m, 3, i], J[m, 4, i], J[m, 5, i] = h[i, 0], h[i, 1], h[i, 2]

@@ -1,0 +1,406 @@
+"""Batched kinematics of a serial 6R arm, read from a URDF through pinocchio (its only importer in the planner).
+
+The chain is reduced to the product of exponentials: each joint is a line in base_link at q = 0
+(``axis``, ``point``), the flange a fixed pose ``T_base_flange_zero`` after them. The kernels (:mod:`.chain`) are
+compiled, take any leading dimensions, and are tested against pinocchio.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.cell import Cell, CollisionShape
+from machopt.errors import InputError
+from machopt.kinematics import prismatic_arm, product_of_exponentials
+from machopt.kinematics.as_built_geometry import BEHIND_FLANGE, compute_link_displacements
+from machopt.kinematics.mimic_joints import compute_coupling_matrix, compute_rest_configuration, list_chain_joints
+from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import build_transform, invert_transform
+
+GRAVITY = 9.80665  # m/s², standard gravity
+
+
+@dataclass(frozen=True)
+class LinkShape:
+    """A collision body of the robot: link 0 is base_link, link i is moved by arm joint i."""
+
+    link: int
+    shape: CollisionShape  # placed in base_link coordinates at q = 0
+    above: tuple[str, ...] = ()  # names of the moving joints of the URDF that carry it, the nearest first
+    part: str = ""  # the link of the URDF that it belongs to
+
+
+@dataclass(frozen=True)
+class RobotMasses:
+    """What gravity pulls at: the links and the tool, each as a point mass (enough for torques at rest)."""
+
+    body: NDArray[np.int64]  # (B,) 1…6: the arm joint that moves it
+    mass: Array  # (B,) kg
+    com: Array  # (B, 3) m, centre of mass in base_link at q = 0
+    gravity: Array  # (3,) m/s² in base_link
+
+
+@dataclass(frozen=True)
+class ArmState:
+    """An arm at configurations q: what elastic terms are computed from. Everything in base_link."""
+
+    q: Array  # (..., 6) rad
+    T_base_tool: Array  # (..., 4, 4)
+    J: Array  # (..., 6, 6) at the tool frame's origin
+    R_bodies: Array | None = None  # (..., 7, 3, 3) rotation of each link from its attitude at q = 0; 0: base_link
+    p_bodies: Array | None = None  # (..., 7, 3) m; a point x of link i at q = 0 is at R_bodies[i] x + p_bodies[i]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Robot:
+    """A 6R arm as six lines and a flange pose at q = 0, all in base_link.
+
+    Joints that follow another (``<mimic>``) are in the lines: one that turns about the line of its neighbour adds to
+    that one's turn, so θ = C q, J_q = J_θ C, and torques of the joints are Cᵀ times those about the lines.
+    """
+
+    joints: tuple[str, ...]
+    axis: Array  # (6, 3) unit
+    point: Array  # (6, 3) m, a point on each axis
+    T_base_flange_zero: Array  # (4, 4)
+    lower: Array  # (6,) rad
+    upper: Array  # (6,) rad
+    coupling: Array | None = None  # (6, 6) whole numbers: the lines turn by C q (a parallel linkage); None: by q
+    nominal: Robot | None = None  # the arm of the drawing, where the cell knows how it is really built
+    slides: NDArray[np.bool_] | None = None  # (6,) joints that shift along their line, q in m: only in diagnoses
+
+    @cached_property
+    def uncoupled_robot(self) -> Robot:
+        """The same lines, each turned by an angle of its own: what closed forms and levers are made of."""
+        if self.coupling is None:
+            return self
+        return replace(self, coupling=None, nominal=None if self.nominal is None else self.nominal.uncoupled_robot)
+
+    @property
+    def nominal_robot(self) -> Robot:
+        """The arm of the drawing, which a controller reckons with; mostly this very one."""
+        return self if self.nominal is None else self.nominal
+
+    def compute_line_angles(self, q: Array) -> Array:
+        """θ = C q (..., 6) rad, by how much each line turns; exactly q without a linkage."""
+        return np.asarray(q, float) if self.coupling is None else np.asarray(q, float) @ self.coupling.T
+
+    def compute_joint_positions(self, theta: Array) -> Array:
+        """q = C⁻¹ θ (..., 6) rad, what the joints are told where the lines turn by θ."""
+        return np.asarray(theta, float) if self.coupling is None else np.asarray(theta) @ np.linalg.inv(self.coupling).T
+
+    def compute_link_poses(self, q: Array) -> Array:
+        """Motion of each link from its pose at q = 0.
+
+        Args:
+            q: (..., 6) rad.
+
+        Returns:
+            (..., 7, 4, 4): entry 0 the identity (base_link), entry i what joint 1…i make of a body fixed to
+            link i, in base_link. Multiply onto a pose at q = 0.
+        """
+        rows, lead = _flatten_rows(self.compute_line_angles(q))
+        return build_transform(*self._compute_link_motions(rows)).reshape(*lead, 7, 4, 4)
+
+    def compute_fk(self, q: Array, T_flange_tool: Array | None = None) -> Array:
+        """Pose of the flange (or of a frame fixed to it) in base_link, (..., 4, 4), for q (..., 6) rad."""
+        rows, lead = _flatten_rows(self.compute_line_angles(q))
+        if self.slides is not None:
+            return self.compute_state(q, T_flange_tool).T_base_tool
+        T = np.empty((len(rows), 4, 4))
+        product_of_exponentials.compute_poses(*self._build_chain(T_flange_tool), rows, T)
+        return T.reshape(*lead, 4, 4)
+
+    def compute_fk_jacobian(self, q: Array, T_flange_tool: Array | None = None) -> tuple[Array, Array]:
+        """Pose (..., 4, 4) and geometric Jacobian (..., 6, 6) of a frame fixed to the flange.
+
+        The Jacobian maps joint velocity to the twist of the frame's origin in base_link axes, linear part first.
+        """
+        state = self.compute_state(q, T_flange_tool)
+        return state.T_base_tool, state.J
+
+    def compute_state(self, q: Array, T_flange_tool: Array | None = None, *, bodies: bool = False) -> ArmState:
+        """Pose and Jacobian of a frame fixed to the flange, and where the links are if ``bodies``.
+
+        Args:
+            q: (..., 6) rad.
+            T_flange_tool: (4, 4) that frame in flange; None: the flange itself.
+            bodies: fill ``R_bodies`` and ``p_bodies``, at some cost for large batches.
+        """
+        rows, lead = _flatten_rows(self.compute_line_angles(q))
+        T, J = np.empty((len(rows), 4, 4)), np.empty((len(rows), 6, 6))
+        if self.slides is not None:
+            T, J = prismatic_arm.compute_jacobians_with_slides(self.slides, *self._build_chain(T_flange_tool), rows)
+        else:
+            product_of_exponentials.compute_jacobians(*self._build_chain(T_flange_tool), rows, T, J)
+        if self.coupling is not None:
+            J = J @ self.coupling
+        R_bodies = p_bodies = None
+        if bodies:
+            R, p = self._compute_link_motions(rows)
+            R_bodies, p_bodies = R.reshape(*lead, 7, 3, 3), p.reshape(*lead, 7, 3)
+        return ArmState(np.asarray(q, float), T.reshape(*lead, 4, 4), J.reshape(*lead, 6, 6), R_bodies, p_bodies)
+
+    def _compute_link_motions(self, rows: Array) -> tuple[Array, Array]:
+        """R (M, 7, 3, 3) and p (M, 7, 3) of the links whose lines are turned (or shifted) by ``rows`` (M, 6)."""
+        if self.slides is not None:
+            return prismatic_arm.compute_link_motions_with_slides(self.slides, *self._build_chain(None)[:2], rows)
+        R, p = np.empty((len(rows), 7, 3, 3)), np.empty((len(rows), 7, 3))
+        product_of_exponentials.compute_link_motions(*self._build_chain(None)[:2], rows, R, p)
+        return R, p
+
+    def _build_chain(self, T_flange_tool: Array | None) -> tuple[Array, Array, Array]:
+        """The lines, and the pose at q = 0 of a frame fixed to the flange."""
+        zero = self.T_base_flange_zero
+        return (
+            _copy_array(self.axis),
+            _copy_array(self.point),
+            _copy_array(zero if T_flange_tool is None else zero @ T_flange_tool),
+        )
+
+
+def _flatten_rows(q: Array) -> tuple[Array, tuple[int, ...]]:
+    """Joints as the kernels take them, (M, 6), and the leading dimensions that they had."""
+    shape = np.shape(q)
+    return _copy_array(q).reshape(-1, 6), shape[:-1]
+
+
+def _copy_array(array: Array) -> Array:
+    """A plain copy: a kernel is compiled anew for arrays that are read-only or lie otherwise in memory."""
+    return np.array(array, float, order="C")
+
+
+def load_robot(cell: Cell) -> Robot:
+    """Reduce the cell's URDF to a :class:`Robot`, as it is built; no mesh is read.
+
+    Raises:
+        InputError: the chain from base_link to flange_link is not made of the six arm joints.
+    """
+    return _build_as_built_robot(cell, _read_chain(cell)[0])[0]
+
+
+def load_chain(cell: Cell) -> tuple[Robot, tuple[LinkShape, ...]]:
+    """The arm's kinematics and its collision bodies, both read from the URDF at q = 0."""
+    robot, model, data, T_base_world, ids = _read_chain(cell)
+    shapes = _read_link_shapes(cell, model, data, T_base_world, ids)
+    robot, moved = _build_as_built_robot(cell, robot)
+    if moved is not None:
+        shapes = tuple(_move_link_shape(s, moved[s.link]) for s in shapes)
+    return robot, shapes
+
+
+def _build_as_built_robot(cell: Cell, drawn: Robot) -> tuple[Robot, Array | None]:
+    """The arm whose lines and flange are where they are built, and where its links are (:func:`built.ways`)."""
+    moved = compute_link_displacements(np.vstack([drawn.point, drawn.T_base_flange_zero[:3, 3]]), cell.kinematics)
+    if moved is None:
+        return drawn, None
+    R, p = moved[1:7, :3, :3], moved[1:7, :3, 3]
+    axis = np.einsum("kij,kj->ki", R, drawn.axis)
+    point = np.einsum("kij,kj->ki", R, drawn.point) + p
+    zero = moved[BEHIND_FLANGE] @ drawn.T_base_flange_zero
+    return replace(drawn, axis=axis, point=point, T_base_flange_zero=zero, nominal=drawn), moved
+
+
+def _move_link_shape(s: LinkShape, T: Array) -> LinkShape:
+    return replace(s, shape=replace(s.shape, T_parent_shape=T @ s.shape.T_parent_shape))
+
+
+def _read_chain(cell: Cell) -> tuple[Robot, object, object, Array, list[int]]:
+    """The arm's kinematics; pinocchio's model, its data at q = 0, ``T_base_world``, and the number of each joint."""
+    import pinocchio as pin
+
+    model = load_urdf_model(cell)
+    data, rest = model.createData(), compute_rest_configuration(cell, model)
+    pin.framesForwardKinematics(model, data, rest)
+    base = find_frame(cell, model, cell.base_link)
+    T_world_base = data.oMf[base].homogeneous
+    T_base_world = invert_transform(T_world_base)
+    axis, point, lower, upper = np.empty((6, 3)), np.empty((6, 3)), np.empty(6), np.empty(6)
+    ids = []
+    for i, name in enumerate(cell.arm_joints):
+        if not model.existJointName(name):
+            have = ", ".join(model.names[1:])
+            raise InputError(
+                f"arm joint {name!r} is not a moving joint of the URDF; it has {have}",
+                file=cell.urdf,
+                where="robot.arm_joints",
+            )
+        j = model.getJointId(name)
+        ids.append(j)
+        T = T_base_world @ data.oMi[j].homogeneous
+        column = pin.computeFrameJacobian(
+            model, model.createData(), rest, _find_joint_frame(model, j), pin.ReferenceFrame.LOCAL
+        )[:, model.idx_vs[j]]
+        way = column[:3] if cell.arm_prismatic[i : i + 1] == (True,) else column[3:]
+        axis[i], point[i] = T[:3, :3] @ way, T[:3, 3]
+        lower[i], upper[i] = cell.limits.lower[i], cell.limits.upper[i]
+        if model.nqs[j] == 1:  # one that turns without end has only the cell's limits
+            lower[i], upper[i] = model.lowerPositionLimit[model.idx_qs[j]], model.upperPositionLimit[model.idx_qs[j]]
+        if not np.isclose(np.linalg.norm(way), 1.0, atol=1e-9):
+            raise InputError(f"arm joint {name!r} is not revolute", file=cell.urdf, where="robot.arm_joints")
+    flange = find_frame(cell, model, cell.flange_link)
+    joints = list_chain_joints(model, model.frames[flange].parentJoint, base)
+    if [j for j in joints if j in ids] != ids:
+        raise InputError(
+            f"flange link {cell.flange_link!r} is not carried by the last arm joint {cell.arm_joints[-1]!r}",
+            file=cell.urdf,
+            where="robot.flange_link",
+        )
+    robot = Robot(
+        joints=cell.arm_joints,
+        axis=axis,
+        point=point,
+        T_base_flange_zero=T_base_world @ data.oMf[flange].homogeneous,
+        lower=lower,
+        upper=upper,
+        coupling=compute_coupling_matrix(cell, model, joints, ids),
+        slides=np.array(cell.arm_prismatic) if any(cell.arm_prismatic) else None,
+    )
+    return robot, model, data, T_base_world, ids
+
+
+def load_masses(cell: Cell) -> RobotMasses:
+    """The URDF's links and the cell's tool as masses; links without inertia are left out, base_link bears nothing.
+
+    Gravity acts along −z of world. Links on other branches count to the arm joint that carries them, at the pose
+    of their own joints at zero.
+    """
+    import pinocchio as pin
+
+    model = load_urdf_model(cell)
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, compute_rest_configuration(cell, model))
+    T_base_world = invert_transform(data.oMf[find_frame(cell, model, cell.base_link)].homogeneous)
+    ids = [model.getJointId(name) for name in cell.arm_joints]
+    found = []
+    for j in range(1, model.njoints):
+        carrier = j
+        while carrier > 0 and carrier not in ids:
+            carrier = model.parents[carrier]
+        if carrier > 0 and model.inertias[j].mass > 0.0:
+            T = T_base_world @ data.oMi[j].homogeneous
+            inertia = model.inertias[j]
+            link = ids.index(carrier) + 1
+            found.append((link, inertia.mass, T[:3, :3] @ inertia.lever + T[:3, 3], link))
+    if cell.tool.mass > 0.0:
+        T = T_base_world @ data.oMf[find_frame(cell, model, cell.flange_link)].homogeneous
+        found.append((6, cell.tool.mass, T[:3, :3] @ cell.tool.com + T[:3, 3], BEHIND_FLANGE))
+    com = np.array([c for _, _, c, _ in found], float).reshape(-1, 3)
+    moved = _build_as_built_robot(cell, _read_chain(cell)[0])[1] if cell.kinematics else None
+    if moved is not None:
+        com = np.array([moved[w, :3, :3] @ c + moved[w, :3, 3] for c, (*_, w) in zip(com, found, strict=True)])
+    return RobotMasses(
+        np.array([b for b, *_ in found], np.int64),
+        np.array([m for _, m, *_ in found], float),
+        com.reshape(-1, 3),
+        cell.T_world_base[:3, :3].T @ np.array([0.0, 0.0, -GRAVITY]),
+    )
+
+
+def load_urdf_model(cell: Cell) -> Any:
+    """Pinocchio's model of the cell's URDF."""
+    import pinocchio as pin
+
+    try:
+        return pin.buildModelFromXML(cell.urdf_text)
+    except ValueError as problem:
+        raise InputError(f"the robot model cannot be built: {_shorten_message(problem)}", file=cell.urdf) from None
+
+
+def _shorten_message(problem: ValueError) -> str:
+    """The beginning of a loader's message, which may hold the rest of the file."""
+    return " ".join(str(problem).split())[:200]
+
+
+def find_frame(cell: Cell, model: object, name: str) -> int:
+    """Number of a link's frame in pinocchio's model."""
+    if not model.existFrame(name):  # type: ignore[attr-defined]
+        links = ", ".join(f.name for f in model.frames if str(f.type) == "BODY")  # type: ignore[attr-defined]
+        raise InputError(f"link {name!r} is not in the URDF; it has {links}", file=cell.urdf)
+    return int(model.getFrameId(name))  # type: ignore[attr-defined]
+
+
+def _find_joint_frame(model: object, joint: int) -> int:
+    return int(model.getFrameId(model.names[joint]))  # type: ignore[attr-defined]
+
+
+def _read_link_shapes(
+    cell: Cell, model: object, data: object, T_base_world: Array, ids: list[int]
+) -> tuple[LinkShape, ...]:
+    """Collision bodies of the URDF, placed in base_link at q = 0; those on other branches of the tree count as base."""
+    import pinocchio as pin
+
+    text = cell.urdf_text
+    for name, folder in cell.packages.items():  # a package's folder may have another name than the package
+        from xml.sax.saxutils import quoteattr  # it loads all of urllib
+
+        text = text.replace(f"package://{name}/", quoteattr(f"{folder}/")[1:-1])
+    folders = [str(cell.urdf.parent), str(cell.folder)]
+    try:
+        geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION, package_dirs=folders)
+    except ValueError as problem:
+        raise InputError(
+            f"its collision bodies cannot be loaded: {_shorten_message(problem)}", file=cell.urdf
+        ) from None
+    described = len(ElementTree.fromstring(text).findall("{*}link/{*}collision"))
+    if len(geometry.geometryObjects) != described:  # the parser drops what it cannot read, with a line on the log
+        raise InputError(
+            f"describes {described} collision bodies, of which the robot model has {len(geometry.geometryObjects)}; "
+            "a body that is not there cannot be checked",
+            file=cell.urdf,
+        )
+    shapes = []
+    for g in geometry.geometryObjects:
+        joint, above = g.parentJoint, []
+        while joint > 0:
+            above.append(joint)
+            joint = model.parents[joint]  # type: ignore[attr-defined]
+        link = next((ids.index(joint) + 1 for joint in above if joint in ids), 0)
+        T = T_base_world @ data.oMi[g.parentJoint].homogeneous @ g.placement.homogeneous  # type: ignore[attr-defined]
+        kind = type(g.geometry).__name__
+        if g.meshPath and kind.startswith("BVH"):
+            shape = _read_mesh_shape(cell, g, T)
+        elif kind == "Box":
+            shape = CollisionShape(
+                name=g.name,
+                kind="box",
+                size=tuple(2.0 * float(h) for h in g.geometry.halfSide),
+                mesh=None,
+                T_parent_shape=T,
+            )
+        elif kind == "Cylinder":
+            shape = CollisionShape(
+                name=g.name,
+                kind="cylinder",
+                size=(float(g.geometry.radius), 2.0 * float(g.geometry.halfLength)),
+                mesh=None,
+                T_parent_shape=T,
+            )
+        elif kind == "Sphere":
+            shape = CollisionShape(
+                name=g.name, kind="sphere", size=(float(g.geometry.radius),), mesh=None, T_parent_shape=T
+            )
+        else:
+            raise InputError(
+                f"collision geometry {g.name!r} is a {kind}; mesh, box, cylinder or sphere would work", file=cell.urdf
+            )
+        names = tuple(str(model.names[j]) for j in above)  # type: ignore[attr-defined]
+        shapes.append(LinkShape(link, shape, names, str(model.frames[g.parentFrame].name)))  # type: ignore[attr-defined]
+    return tuple(shapes)
+
+
+def _read_mesh_shape(cell: Cell, g: Any, T: Array) -> CollisionShape:
+    from pathlib import Path
+
+    scale = np.asarray(g.meshScale, float)
+    if not np.allclose(scale, scale[0]):
+        raise InputError(
+            f"collision mesh {g.name!r} is scaled unevenly {scale.tolist()}; one scale would work", file=cell.urdf
+        )
+    return CollisionShape(name=g.name, kind="mesh", size=(float(scale[0]),), mesh=Path(g.meshPath), T_parent_shape=T)

@@ -1,0 +1,1 @@
+"""Measurements on a real robot: recordings, design, identification and diagnosis."""

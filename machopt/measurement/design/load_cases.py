@@ -1,0 +1,184 @@
+"""Pose × load: which load each pose can take, what it shows, and how the unknown compliances appear in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from machopt.measurement.design.load_methods import LoadMethod, compute_unit_wrench
+from machopt.measurement.design.pose_candidates import PosePool
+from machopt.measurement.design.reading_noise import ReadingNoise
+from machopt.numerics.array_types import Array, Bools, Ints
+from machopt.stiffness.arm_stiffness import ArmElasticity, ElasticState
+from machopt.stiffness.kinetostatic_indices import compute_geometric_influence, compute_jacobian_derivative
+from machopt.stiffness.terms import LinearTerm
+
+REASONS = (
+    "rope too short",
+    "load above the limit",
+    "deflection above the limit",
+    "joint torque above the limit",
+    "K_C matters too much",
+    "too small to measure",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadCriteria:
+    """What a load must satisfy at a pose."""
+
+    min_deflection: float = 0.0  # m
+    max_deflection: float = np.inf  # m
+    max_load: float = np.inf  # N
+    max_torque: Array | None = None  # (6,) N·m, of the load alone
+    nu_p: float = np.inf  # share of the translation that K_C changes (dumas2011 eq. 14)
+    nu_r: float = np.inf  # rad of rotation that K_C changes (eq. 15)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadCases:
+    """N admissible readings, sorted by pose; of each way of loading a pose, the largest admissible magnitude."""
+
+    pose: Ints  # (N,) index into the pool
+    way: Ints  # (N,) index into the ways of loading
+    magnitude: Array  # (N,) N
+    wrench: Array  # (N, 6) N, N·m at the TCP in base_link axes
+    point: Array  # (N, 3) m, where the load acts, in base_link
+    twist: Array  # (N, 6) m, rad expected at the TCP
+    response: Array  # (N, D, P) per unit of each unknown: six joint compliances, then the terms' coefficients
+    nu_p: Array  # (N,)
+    nu_r: Array  # (N,) rad
+    rejected: dict[str, int]  # reason: pose × way
+
+    def __len__(self) -> int:
+        return len(self.pose)
+
+
+def build_load_cases(
+    pool: PosePool,
+    ways: Sequence[LoadMethod],
+    prior: ArmElasticity,
+    terms: Sequence[LinearTerm],
+    criteria: LoadCriteria,
+    noise: ReadingNoise,
+) -> LoadCases:
+    """Every admissible pose × load.
+
+    Args:
+        pool: P poses.
+        ways: G ways of loading.
+        prior: what is believed of the arm before the tests; it sets the expected deflections.
+        terms: physics to be identified beside the joints.
+        criteria: limits of each load.
+        noise: says how many rows a reading has.
+    """
+    elastic = prior.evaluate(pool.q)
+    dJ = compute_jacobian_derivative(pool.state.J)
+    parts = [_build_method_cases(pool, way, elastic, dJ, terms, criteria, noise.dimensions) for way in ways]
+    rejected = np.sum([p.rejected for p in parts], axis=0)
+    ok = np.stack([p.is_admissible for p in parts], axis=1)  # (P, G): sorted by pose when picked
+    pose, way = (np.asarray(i, np.int64) for i in np.nonzero(ok))
+
+    def pick(name: str) -> Array:
+        return np.asarray(np.stack([getattr(p, name) for p in parts], axis=1)[ok])
+
+    return LoadCases(
+        pose=pose,
+        way=way,
+        magnitude=pick("magnitude"),
+        wrench=pick("wrench"),
+        point=pick("point"),
+        twist=pick("twist"),
+        response=pick("response"),
+        nu_p=pick("nu_p"),
+        nu_r=pick("nu_r"),
+        rejected={reason: int(n) for reason, n in zip(REASONS, rejected, strict=True) if n},
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _MethodCases:
+    """One way of loading at all poses."""
+
+    is_admissible: Bools  # (P,)
+    rejected: Ints  # (len(REASONS),)
+    magnitude: Array
+    wrench: Array
+    point: Array
+    twist: Array
+    response: Array
+    nu_p: Array
+    nu_r: Array
+
+
+def _build_method_cases(
+    pool: PosePool,
+    way: LoadMethod,
+    elastic: ElasticState,
+    dJ: Array,
+    terms: Sequence[LinearTerm],
+    criteria: LoadCriteria,
+    dimensions: int,
+) -> _MethodCases:
+    J = pool.state.J
+    unit, point = compute_unit_wrench(way, pool.T_base_tcp)
+    possible = np.asarray(np.isfinite(unit).all(axis=1))
+    unit = np.where(possible[:, None], unit, 0.0)
+    linear = replace(elastic, geometric=False).compute_twist(unit)  # per newton
+    tau = np.einsum("pci,pc->pi", J, unit)
+    most_torque = np.full(6, np.inf) if criteria.max_torque is None else criteria.max_torque
+    caps = {  # N, what each limit allows
+        "load above the limit": np.full(len(pool), criteria.max_load),
+        "deflection above the limit": _divide_limit(criteria.max_deflection, np.linalg.norm(linear[:, :3], axis=1)),
+        "joint torque above the limit": _divide_limit(most_torque, np.abs(tau)).min(axis=1),
+    }
+    sizes = np.array(way.magnitudes)
+    level = np.searchsorted(sizes, np.min(list(caps.values()), axis=0) * (1 + 1e-12), side="right") - 1
+    reason: Ints = np.full(len(pool), -1, np.int64)
+    reason[~possible] = REASONS.index("rope too short")
+    for name, cap in caps.items():
+        reason[(reason < 0) & (level < 0) & (cap < sizes[0])] = REASONS.index(name)
+    nu_p, nu_r = np.zeros(len(pool)), np.zeros(len(pool))
+    K_unit = np.einsum("pkci,pc->pik", dJ, unit)  # dumas2011 eq. 9, per newton
+    open_ = np.flatnonzero(reason < 0)
+    while len(open_):  # down the magnitudes until K_C may be neglected
+        size = sizes[level[open_]][:, None]
+        found = compute_geometric_influence(
+            J[open_], elastic.k[open_], K_unit[open_] * size[..., None], unit[open_] * size
+        )
+        nu_p[open_], nu_r[open_] = found.nu_p, found.nu_r
+        negligible = np.logical_and(found.nu_p <= criteria.nu_p, found.nu_r <= criteria.nu_r)
+        bad = open_[~negligible]  # NaN, where the springs do not hold the load, is not negligible
+        level[bad] -= 1
+        reason[bad[level[bad] < 0]] = REASONS.index("K_C matters too much")
+        open_ = bad[level[bad] >= 0]
+    magnitude = np.where(reason < 0, sizes[np.maximum(level, 0)], 0.0)
+    wrench = unit * magnitude[:, None]
+    twist = elastic.compute_twist(wrench)
+    small = np.linalg.norm(twist[:, :3], axis=1) < criteria.min_deflection
+    reason[(reason < 0) & small] = REASONS.index("too small to measure")
+    parts = [
+        J * np.einsum("pci,pc->pi", J, wrench)[:, None, :],
+        *(t.compute_response(pool.state, wrench) for t in terms),
+    ]
+    response = np.concatenate(parts, axis=-1)[:, :dimensions]
+    counts = np.bincount(reason[reason >= 0], minlength=len(REASONS))
+    return _MethodCases(
+        is_admissible=reason < 0,
+        rejected=counts,
+        magnitude=magnitude,
+        wrench=wrench,
+        point=point,
+        twist=twist,
+        response=response,
+        nu_p=nu_p,
+        nu_r=nu_r,
+    )
+
+
+def _divide_limit(limit: float | Array, value: Array) -> Array:
+    """limit/value, infinite where the value is zero."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.where(value > 0.0, limit / np.where(value > 0.0, value, 1.0), np.inf))

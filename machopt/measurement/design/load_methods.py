@@ -1,0 +1,129 @@
+"""Loads a shop can put on a robot: hanging weights, horizontal pulls, ropes or turnbuckles to anchors, on lever arms.
+
+A load is a force f at a point of the tool. Seen from the TCP it is the wrench (f, r × f), r from the TCP to that point:
+a bar bolted to the tool turns a plain weight into a moment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import normalise_vectors
+
+Kind = Literal["weight", "pull", "rope"]
+
+GRAVITY = 9.80665  # m/s², standard gravity
+SHORTEST_ROPE = 0.2  # m between the load's point and its anchor: hook, sensor and turnbuckle need room
+AXES = ("+x", "−x", "+y", "−y")  # where an arm points, in TCP axes
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadMethod:
+    """One way to load the robot, without its magnitude."""
+
+    kind: Kind
+    direction: Array | None  # (3,) unit, of the force on the robot in base_link; None for ropes
+    anchor: Array | None  # (3,) m in base_link, for ropes
+    arm: Array  # (3,) m, from the TCP to the load's point, in TCP axes
+    magnitudes: tuple[float, ...]  # N, ascending
+    words: str  # where it pulls and at which point, for the table
+
+    def describe(self, magnitude: float) -> str:
+        """``50 kg hanging at the TCP``, ``500 N rope to anchor 1, arm +x 200 mm``, ``no load``."""
+        if magnitude == 0.0:
+            return "no load"
+        size = f"{magnitude / GRAVITY:.4g} kg" if self.kind == "weight" else f"{magnitude:.4g} N"
+        return f"{size} {self.words}"
+
+
+def build_load_method_combinations(
+    weights: Sequence[float],
+    pulls: Sequence[float],
+    azimuths: int,
+    anchors: Array,
+    arms: Sequence[float],
+    R_base_world: Array,
+) -> tuple[LoadMethod, ...]:
+    """Every combination of direction and arm.
+
+    Args:
+        weights: kg, hung on the robot.
+        pulls: N, of ropes where there are ``anchors``, else of horizontal pulls.
+        azimuths: horizontal directions, the first along world x; used where there are no anchors.
+        anchors: (A, 3) m in base_link.
+        arms: m, distances of the load's point from the TCP across the tool; 0 is the TCP itself.
+        R_base_world: (3, 3) world axes in base_link; weights pull along −z of world.
+    """
+    points = [(np.zeros(3), "at the TCP")] if 0.0 in arms else []
+    for arm in sorted({float(a) for a in arms if a > 0.0}):
+        for word, axis in zip(AXES, ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)), strict=True):
+            points.append((arm * np.array(axis, float), f"on an arm {word} {arm * 1e3:.4g} mm"))
+    out = []
+    for at, place in points:
+        if weights:
+            newtons = tuple(sorted({float(m) * GRAVITY for m in weights}))
+            out.append(
+                LoadMethod(
+                    kind="weight",
+                    direction=-R_base_world[:, 2],
+                    anchor=None,
+                    arm=at,
+                    magnitudes=newtons,
+                    words=f"hanging {place}",
+                )
+            )
+        if not pulls:
+            continue
+        sizes = tuple(sorted({float(p) for p in pulls}))
+        for n, anchor in enumerate(anchors, start=1):
+            out.append(
+                LoadMethod(
+                    kind="rope",
+                    direction=None,
+                    anchor=anchor,
+                    arm=at,
+                    magnitudes=sizes,
+                    words=f"rope to anchor {n} {place}",
+                )
+            )
+        for n in range(0 if len(anchors) else azimuths):
+            angle = 2.0 * np.pi * n / azimuths
+            direction = R_base_world @ np.array([np.cos(angle), np.sin(angle), 0.0])
+            out.append(
+                LoadMethod(
+                    kind="pull",
+                    direction=direction,
+                    anchor=None,
+                    arm=at,
+                    magnitudes=sizes,
+                    words=f"horizontal pull at {np.degrees(angle):.4g} deg {place}",
+                )
+            )
+    return tuple(out)
+
+
+def compute_unit_wrench(way: LoadMethod, T_base_tcp: Array) -> tuple[Array, Array]:
+    """Wrench per newton of a way of loading, and where it acts.
+
+    Args:
+        way: the load.
+        T_base_tcp: (..., 4, 4).
+
+    Returns:
+        (..., 6) N/N and m about the TCP in base_link axes, NaN where the rope would be shorter than 0.2 m;
+        (..., 3) m, the load's point in base_link.
+    """
+    lever = np.einsum("...ij,j->...i", T_base_tcp[..., :3, :3], way.arm)
+    point = T_base_tcp[..., :3, 3] + lever
+    if way.anchor is not None:
+        rope = way.anchor - point
+        long_enough = np.linalg.norm(rope, axis=-1) >= SHORTEST_ROPE
+        force = np.where(long_enough[..., None], normalise_vectors(np.where(long_enough[..., None], rope, 1.0)), np.nan)
+    else:
+        force = np.broadcast_to(np.asarray(way.direction), point.shape)
+    return np.concatenate([force, np.cross(lever, force)], axis=-1), point

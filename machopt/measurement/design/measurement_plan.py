@@ -1,0 +1,321 @@
+"""From candidate poses to a measurement plan: admissible loads, D-optimal design, comparison, order of work.
+
+::
+
+    sample_poses ─► load_cases ─► Problem ─► choose ─► Design ─► accuracy
+                                     └─► the papers' heuristics ─► Comparison, same loads, same number of readings
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from machopt.measurement.design.d_optimal_search import (
+    DesignProblem,
+    ModelBelief,
+    ReadingDesign,
+    compute_information_matrix,
+    find_d_optimal_design,
+    select_promising_poses,
+)
+from machopt.measurement.design.efficiency_bound import compute_efficiency_bound
+from machopt.measurement.design.expected_accuracy import (
+    ExpectedAccuracy,
+    compute_design_efficiency,
+    compute_expected_accuracy,
+    find_smallest_number,
+)
+from machopt.measurement.design.job_like_loads import (
+    JointLoadComparison,
+    ProcessLoads,
+    TorqueReversalCases,
+    compare_joint_loads,
+    compute_load_steps,
+    exchange_loads_for_reversal,
+)
+from machopt.measurement.design.load_cases import LoadCases, LoadCriteria, build_load_cases
+from machopt.measurement.design.load_methods import LoadMethod
+from machopt.measurement.design.measurement_schedule import ScheduledLoadTest, build_schedule, order_poses_by_travel
+from machopt.measurement.design.pose_candidates import PosePool, PoseScreen
+from machopt.measurement.design.published_heuristics import (
+    HeuristicPosePool,
+    build_dumas2011_heuristic,
+    build_jiao2022_poses,
+    build_random_heuristic,
+    build_zhang2025_heuristic,
+    draw_heuristic_design,
+)
+from machopt.measurement.design.reading_noise import ReadingNoise
+from machopt.numerics.array_types import Array, Bools
+from machopt.stiffness.arm_stiffness import ArmElasticity
+from machopt.stiffness.terms import LinearTerm
+
+DRAWS = 40  # random designs of each heuristic
+CURVE_DRAWS = 16  # the same at every number of poses of the curve
+BELIEFS = 5  # stiffnesses a Bayesian design is averaged over, the prior among them
+CURVE_POSES = 300  # poses that the designs of other sizes are chosen from
+MOST_POSES = 120  # asked for a target accuracy
+CURVE_PASSES = 2  # rounds of exchange for the designs of other sizes
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasurementPlanSize:
+    """What is to be planned."""
+
+    poses: int
+    loads: int  # different loads at each pose
+    candidates: int  # poses to choose from
+    target: float | None = None  # relative 1 sigma of the worst unknown
+    belief: float = 1.0  # the prior stiffness may be wrong by this factor either way
+    starts: int = 2
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class IdentifiedUnknowns:
+    """P unknowns: six joint compliances, then the coefficients of the terms."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    scale: Array  # (P,) SI; the prior value where there is one
+    relative: Bools  # (P,) True: scale is the prior value, so a sigma is a share of it
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeuristicComparison:
+    """A heuristic beside the design: the same loads, the same number of readings, median over random draws."""
+
+    name: str
+    poses: int  # it draws from
+    rms: tuple[float, float, float]  # 10, 50, 90 % of the draws; relative
+    sigma: Array  # (P,) median
+    efficiency: tuple[float, float, float]  # D, A, E against the design, median
+    readings: float  # times as many of full loads for the design's rms accuracy
+    curve: tuple[float, ...]  # rms at the numbers of poses of the plan's curve
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasurementPlan:
+    """A measurement plan."""
+
+    unknowns: IdentifiedUnknowns
+    cases: LoadCases
+    design: ReadingDesign
+    accuracy: ExpectedAccuracy  # by full loads alone, where cycles have smaller steps too
+    accuracy_by_belief: Bools  # (P,) relative unknowns that the design sees: rms and worst are over these
+    believed_values: tuple[ExpectedAccuracy, ...]  # under each other believed stiffness, in shares of that stiffness
+    bound: float  # least D-efficiency against any design of as many poses and loads
+    comparisons: tuple[HeuristicComparison, ...]
+    curve_poses: tuple[int, ...]
+    curve: tuple[float, ...]  # rms of the design of so many poses
+    needed_poses: int | None  # poses for the target; None: no target, or not with MOST_POSES
+    visits: tuple[ScheduledLoadTest, ...]
+    steps: tuple[float, ...] = (1.0,)  # shares of its load that a cycle is read at
+    joints: tuple[JointLoadComparison, ...] = ()  # of a plan for a job
+
+
+def build_unknowns(prior: ArmElasticity, terms: Sequence[LinearTerm], cases: LoadCases) -> IdentifiedUnknowns:
+    """Names and scales of what is to be identified.
+
+    A coefficient without a prior value is scaled to bend the arm as much as a joint does in the root mean square.
+    """
+    known = {(t.effect, t.location): t for t in prior.terms}
+    names = [f"joint {j}" for j in range(1, 7)]
+    units = ["rad/(N·m)"] * 6
+    scale = list(1.0 / prior.stiffness.joints)
+    size = np.sqrt(np.mean(np.sum(cases.response**2, axis=1), axis=0))
+    typical = float(np.sqrt(np.mean((size[:6] * np.array(scale)) ** 2)))
+    relative = [True] * 6
+    for term in terms:
+        before = known.get((term.effect, term.location))
+        same = before is not None and [c.name for c in before.coefficients] == [c.name for c in term.coefficients]
+        for n, c in enumerate(term.coefficients):
+            value = abs(float(before.values[n])) if before is not None and same else 0.0
+            p = len(names)
+            names.append(f"{term.effect} {term.location} {c.name}")
+            units.append(c.unit)
+            relative.append(value > 0.0)
+            scale.append(value if value > 0.0 else typical / size[p] if size[p] > 0.0 else 1.0)
+    return IdentifiedUnknowns(tuple(names), tuple(units), np.array(scale), np.array(relative))
+
+
+def build_design_problem(
+    cases: LoadCases, unknowns: IdentifiedUnknowns, noise: ReadingNoise, belief: float, rng: np.random.Generator
+) -> tuple[DesignProblem, Array]:
+    """The cases as a problem of design, and the believed values as shares of the prior (K, P), the prior first.
+
+    Scaling an unknown adds a constant to log det, so for constant noise the D-optimal design does not depend on the
+    prior at all. A load known to a share makes the noise grow with the deflection; only there beliefs differ.
+    """
+    A = cases.response * unknowns.scale
+    expected = cases.twist[:, : noise.dimensions]
+    shares = np.ones((1, len(unknowns.scale)))
+    if belief > 1.0 and noise.force > 0.0:
+        drawn = np.exp(np.log(belief) * rng.uniform(-1.0, 1.0, (BELIEFS - 1, len(unknowns.scale))))
+        shares = np.concatenate([shares, np.where(unknowns.relative, drawn, 1.0)])
+    part = np.where(unknowns.relative, shares - 1.0, 0.0)
+    models = tuple(ModelBelief(A, noise.covariance(expected + A @ change), 1.0 / len(shares)) for change in part)
+    return DesignProblem(models, cases.pose, noise.shared()), shares
+
+
+def build_measurement_plan(
+    pool: PosePool,
+    cases: LoadCases,
+    screen: PoseScreen,
+    limits: tuple[Array, Array],
+    home: Array,
+    velocity: Array,
+    prior: ArmElasticity,
+    terms: Sequence[LinearTerm],
+    ways: Sequence[LoadMethod],
+    criteria: LoadCriteria,
+    noise: ReadingNoise,
+    size: MeasurementPlanSize,
+    progress: Callable[[str], None] = lambda _: None,
+    job: ProcessLoads | None = None,
+) -> MeasurementPlan:
+    """Choose, judge, compare and order.
+
+    Args:
+        pool, cases: what may be measured; at least one case.
+        screen, limits, prior, terms, ways, criteria, noise: as they were made with.
+        home: (6,) rad; velocity: (6,) rad/s.
+        size: how many of what.
+        job: what the arm is measured for; loads are then read at two sizes, and turn joints both ways round.
+    """
+    rng = np.random.default_rng(size.seed)
+    unknowns = build_unknowns(prior, terms, cases)
+    problem, shares = build_design_problem(cases, unknowns, noise, size.belief, rng)
+    progress("choosing readings")
+    design = find_d_optimal_design(problem, size.poses, size.loads, rng=rng, starts=size.starts)
+    steps: tuple[float, ...] = (1.0,)
+    turning: TorqueReversalCases | None = None
+    if job is not None:
+        steps = compute_load_steps(job, cases)
+        turning = TorqueReversalCases.from_cases(cases, pool, screen.robot, prior.masses, unknowns.scale, noise, steps)
+        design = exchange_loads_for_reversal(design, cases, turning, problem)
+    way = order_poses_by_travel(pool.q[cases.pose[[b[0] for b in design.blocks]]], home, velocity)
+    design = replace(design, blocks=tuple(design.blocks[i] for i in way))
+    found = compute_expected_accuracy(compute_information_matrix(problem, design.blocks))
+    believed = tuple(
+        compute_expected_accuracy(
+            compute_information_matrix(problem, design.blocks, k) * np.outer(shares[k], shares[k])
+        )
+        for k in range(len(shares))
+    )[1:]
+    nominal = replace(problem, models=(replace(problem.models[0], weight=1.0),))
+    bound = compute_efficiency_bound(nominal, design, size.loads)
+    progress("designs of other sizes")
+    smaller, _ = nominal.select_poses(select_promising_poses(nominal, design, size.loads, CURVE_POSES))
+    sigmas = _AccuracyByPoseCount(smaller, size.loads, rng, {len(design.blocks): found})
+    numbers = _list_curve_pose_counts(len(design.blocks), size.loads * noise.dimensions, len(unknowns.scale))
+    judged = unknowns.relative & found.is_identified
+    curve = tuple(sigmas(n).rms(judged) for n in numbers)
+    needed = None
+    if size.target is not None and judged.any():
+        needed = find_smallest_number(lambda n: sigmas(n).worst(judged), size.target, len(design.blocks), MOST_POSES)
+    progress("the papers' ways of choosing")
+    chosen = [
+        build_random_heuristic(pool),
+        build_zhang2025_heuristic(pool),
+        build_dumas2011_heuristic(pool, cases, screen, limits),
+    ]
+    beside = [
+        _compare_with_heuristic(c, nominal, cases, found, judged, design, size.loads, numbers, rng) for c in chosen
+    ]
+    cube = build_jiao2022_poses(screen, pool, limits, rng)
+    cube_cases = build_load_cases(cube, ways, prior, terms, criteria, noise) if len(cube) else None
+    if cube_cases is not None and len(cube_cases):
+        own = build_design_problem(cube_cases, unknowns, noise, 1.0, rng)[0]
+        chooser = HeuristicPosePool("jiao2022", np.arange(len(cube)))
+        beside.append(
+            _compare_with_heuristic(chooser, own, cube_cases, found, judged, design, size.loads, numbers, rng)
+        )
+    visits = build_schedule(design.blocks, noise.cycles, rng)
+    return MeasurementPlan(
+        unknowns=unknowns,
+        cases=cases,
+        design=design,
+        accuracy=found,
+        accuracy_by_belief=judged,
+        believed_values=believed,
+        bound=bound,
+        comparisons=tuple(c for c in beside if c is not None),
+        curve_poses=numbers,
+        curve=curve,
+        needed_poses=needed,
+        visits=visits,
+        steps=steps,
+        joints=() if job is None or turning is None else compare_joint_loads(job, design, turning, steps),
+    )
+
+
+@dataclass
+class _AccuracyByPoseCount:
+    """Accuracy of the best design of any number of poses, each worked out once."""
+
+    problem: DesignProblem
+    loads: int
+    rng: np.random.Generator
+    cache: dict[int, ExpectedAccuracy]
+
+    def __call__(self, n: int) -> ExpectedAccuracy:
+        if n not in self.cache:
+            design = find_d_optimal_design(self.problem, n, self.loads, rng=self.rng, starts=1, passes=CURVE_PASSES)
+            self.cache[n] = compute_expected_accuracy(compute_information_matrix(self.problem, design.blocks))
+        return self.cache[n]
+
+
+def _list_curve_pose_counts(poses: int, numbers_a_pose: int, unknowns: int) -> tuple[int, ...]:
+    """Numbers of poses of the curve: a quarter to twice the plan's, none too few to find the unknowns."""
+    least = -(-unknowns // numbers_a_pose)
+    wanted = {max(least + 1, round(poses * f)) for f in (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)}
+    return tuple(sorted(wanted | {poses}))
+
+
+def _compare_with_heuristic(
+    chooser: HeuristicPosePool,
+    problem: DesignProblem,
+    cases: LoadCases,
+    best: ExpectedAccuracy,
+    judged: Bools,
+    design: ReadingDesign,
+    loads: int,
+    numbers: tuple[int, ...],
+    rng: np.random.Generator,
+) -> HeuristicComparison | None:
+    """A heuristic's usual luck; None where it has fewer poses than the plan."""
+    n = len(design.blocks)
+    available = int(np.isin(chooser.poses, cases.pose).sum())
+    if available < n or not judged.any():
+        return None
+
+    def drawn(count: int, times: int) -> list[ExpectedAccuracy]:
+        return [
+            compute_expected_accuracy(
+                compute_information_matrix(problem, draw_heuristic_design(chooser, problem, cases, count, loads, rng))
+            )
+            for _ in range(times)
+        ]
+
+    at = drawn(n, DRAWS)
+    rms = np.array([a.rms(judged) for a in at])
+    low, middle, high = (float(np.quantile(rms, p, method="nearest")) for p in (0.1, 0.5, 0.9))
+    curve = tuple(
+        float(np.median([a.rms(judged) for a in drawn(m, CURVE_DRAWS)])) if m <= available else float("nan")
+        for m in numbers
+    )
+    efficiencies = np.array([compute_design_efficiency(a, best) for a in at])
+    sigma = np.quantile(np.array([a.sigma for a in at]), 0.5, axis=0, method="nearest")
+    return HeuristicComparison(
+        name=chooser.name,
+        poses=available,
+        rms=(low, middle, high),
+        sigma=sigma,
+        efficiency=tuple(float(e) for e in np.median(efficiencies, axis=0)),  # type: ignore[arg-type]
+        readings=(middle / best.rms(judged)) ** 2,
+        curve=curve,
+    )

@@ -1,0 +1,112 @@
+"""A reflector that does not sit where the record says, or two whose names are exchanged: a fault of the record.
+
+Places are fitted in any case, so neither bends any physics; but what was written down is wrong, and is said.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.cell import Cell
+from machopt.data_types.locations import format_column_location
+from machopt.data_types.measurements.recording import Recording, TrackerTarget
+from machopt.effects.recording.record_faults import COLUMNS
+from machopt.kinematics.robot import Robot, RobotMasses
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_quality.session_corrections import compute_sign_test
+from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedValue, Finding
+from machopt.measurement.diagnosis.data_types.record_findings import build_exact_estimate, build_record_finding
+from machopt.measurement.diagnosis.static.nominal_pose_model import FirstPoseFit, NominalPoseModel
+from machopt.numerics.array_types import Array
+
+Flags = NDArray[np.bool_]
+LOOSE_UNCERTAINTY_FACTOR = (
+    1e3  # times the stated uncertainty: places that may be anything must not be held to what may be wrong
+)
+
+
+def correct_misplaced_reflectors(
+    recording: Recording, cell: Cell, robot: Robot, masses: RobotMasses | None
+) -> tuple[Recording, list[Finding]]:
+    """Put right what ``targets_mm`` says of single reflectors, where the poses tell it.
+
+    A plate that sits elsewhere as a whole is no such fault: that is what the fit of places is for.
+
+    Args:
+        recording: kind absolute, in base_link but for what is refitted.
+        cell, robot, masses: the arm.
+    """
+    if len(recording.targets) < 2:
+        return recording, []
+    model = NominalPoseModel(recording, cell, robot, masses, frozenset())
+    first = model.fit_base(LOOSE_UNCERTAINTY_FACTOR)
+    far = thresholds.RECORD.misplaced * (recording.uncertainty.target or thresholds.RECORD.nest)
+    found = first.target + np.array([t.place for t in recording.targets])  # (T, 3)
+    pair = _find_exchanged_reflectors(recording, first.target, found, far)
+    if pair is not None:
+        a, b = pair
+        words = f"targets {recording.targets[a].name} and {recording.targets[b].name} are exchanged"
+        targets = list(recording.targets)
+        targets[a] = TrackerTarget(targets[a].name, recording.targets[b].place)
+        targets[b] = TrackerTarget(targets[b].name, recording.targets[a].place)
+        rows = np.isin(model.reflector_index, pair)
+        return replace(recording, targets=tuple(targets)), [
+            _build_reflector_finding(model, first, rows, words, {}, words)
+        ]
+    out, targets = [], list(recording.targets)
+    for n in _find_misplaced_reflectors(first.target, far):
+        off = 1e3 * first.target[n]
+        name = recording.targets[n].name
+        words = (
+            f"target {name} sits ({', '.join(f'{v:.1f}' for v in off)}) mm from where targets_mm says, beyond the "
+            "others; it was read at the place that the poses show"
+        )
+        sizes = {f"shift {a}": build_exact_estimate(float(v), "mm") for a, v in zip("xyz", off, strict=True)}
+        x, y, z = (float(v) for v in found[n])
+        targets[n] = TrackerTarget(name, (x, y, z))
+        out.append(_build_reflector_finding(model, first, model.reflector_index == n, words, sizes, name))
+    return replace(recording, targets=tuple(targets)), out
+
+
+def _find_misplaced_reflectors(off: Array, far: float) -> list[int]:
+    """Reflectors (T, 3) m that lie elsewhere than most of the others do; none where most would."""
+    if len(off) == 2:
+        apart = float(np.linalg.norm(off[1] - off[0]))
+        return [int(np.argmax(np.linalg.norm(off, axis=1)))] if apart > far else []
+    beyond = np.flatnonzero(np.linalg.norm(off - np.median(off, axis=0), axis=1) > far)
+    return beyond.tolist() if 2 * len(beyond) < len(off) else []
+
+
+def _find_exchanged_reflectors(recording: Recording, off: Array, found: Array, far: float) -> tuple[int, int] | None:
+    """Two reflectors each of which sits where the other should."""
+    size = np.linalg.norm(off, axis=1)
+    for a, b in combinations(range(len(off)), 2):
+        there = found[a] - recording.targets[b].place, found[b] - recording.targets[a].place
+        if min(size[a], size[b]) > far and max(np.linalg.norm(e) for e in there) < far:
+            return a, b
+    return None
+
+
+def _build_reflector_finding(
+    model: NominalPoseModel, first: FirstPoseFit, rows: Flags, words: str, sizes: dict[str, EstimatedValue], name: str
+) -> Finding:
+    nominal = replace(first, target=np.zeros_like(first.target))
+    errors = []
+    for each in (nominal, first):
+        _, p, R = model.predict(each)
+        errors.append(np.linalg.norm(model.residual(each, p, R)[rows, :3], axis=1))
+    before, after = (float(np.median(e)) for e in errors)
+    return build_record_finding(
+        COLUMNS.name,
+        format_column_location("target"),
+        words,
+        1e3 * before,
+        1e3 * after,
+        compute_sign_test(model.recording.pose[rows], *errors),
+        sizes,
+        stated={"message": words, "target": name},
+    )

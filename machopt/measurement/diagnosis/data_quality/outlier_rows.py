@@ -1,0 +1,92 @@
+"""Single rows of a record that cannot be: far from what the model and all others say, or copied from the row before."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from machopt.data_types.locations import format_rows_location, parse_location
+from machopt.data_types.measurements.recording import Recording
+from machopt.effects.recording.record_faults import OUTLIERS
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_quality.duplicated_rows import is_coarsely_rounded
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem as Equations
+from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, Finding
+from machopt.measurement.diagnosis.data_types.record_findings import build_exact_estimate, build_record_finding
+from machopt.measurement.diagnosis.statistics.outlier_rejection import find_repeated_deviations
+
+Flags = NDArray[np.bool_]
+DECIMAL_SHIFTS = (10.0, 100.0, 1000.0)
+
+
+def find_outlier_rows(
+    recording: Recording, diagnosis: DiagnosisResult, copies: Flags, problem: Equations, certain: Flags | None = None
+) -> Finding | None:
+    """Gross rows as a finding, where they are more than a tracker makes, or plainly a clerk's.
+
+    Args:
+        recording: as diagnosed.
+        diagnosis: with the readings put aside.
+        copies: (N,) rows that repeat the displacement of the row before under another load.
+        problem: which readings are twins.
+        certain: (N,) rows of these that hold another pose's reading, which are said however few they are.
+    """
+    out = ~diagnosis.used
+    aside = out & ~find_repeated_deviations(problem, diagnosis.errors.final, out)
+    if not aside.any():
+        return None
+    measured = recording.displacement if recording.kind == "deflection" else recording.position
+    slips = np.zeros(len(aside), bool)
+    if measured is not None:
+        d = measured[:, :3]
+        predicted = d - diagnosis.errors.final[:, :3]
+        noise = thresholds.RECORD.fits * 1e-3 * diagnosis.noise_floor
+        for f in DECIMAL_SHIFTS:
+            large = (np.abs(d / f - predicted) < noise) & (np.abs(predicted) > thresholds.RECORD.slip_up * noise)
+            small = (np.abs(d - predicted / f) < noise) & (np.abs(predicted) > thresholds.RECORD.slip_down * noise)
+            slips |= aside & (large | small).any(axis=1)
+    clerical = int((slips | (copies & aside)).sum())
+    share = float(aside.mean())
+    if share <= thresholds.RECORD.ordinary and (
+        clerical < thresholds.RECORD.clerical or clerical < thresholds.RECORD.mostly * aside.sum()
+    ):
+        aside = aside & (np.zeros(len(aside), bool) if certain is None else certain)
+        clerical = int(aside.sum())
+    if not aside.any():
+        return None
+    where = format_rows_location(problem.row[aside].tolist())
+    count = float(aside.sum())
+    # that Gaussian noise makes even one of these rows
+    by_noise = float(min(2.0 * ndtr(-thresholds.NOISE.gross) * diagnosis.errors.final.size, 1.0))
+    return build_record_finding(
+        OUTLIERS.name,
+        where,
+        f"{clerical} look like slipped decimals or copied rows" if clerical else "",
+        diagnosis.heldout_before,
+        diagnosis.heldout_after,
+        by_noise,
+        {"count": build_exact_estimate(count)},
+        law="gross errors",
+        equation="residual beyond six robust standard deviations",
+        stated={"rows": parse_location(where).which},
+    )
+
+
+def find_copied_rows(recording: Recording) -> Flags:
+    """(N,) rows that repeat the measured values of the row before although the load or the pose is another."""
+    values = recording.displacement if recording.kind == "deflection" else recording.position
+    out = np.zeros(len(recording), bool)
+    if values is None:
+        return out
+    v = values[:, :3]
+    if is_coarsely_rounded(v):
+        return out
+    same = (v[1:] == v[:-1]).all(axis=1) & v[1:].any(axis=1)
+    moved = (recording.q[1:] != recording.q[:-1]).any(axis=1) & (recording.pose[1:] != recording.pose[:-1])
+    if recording.wrench is not None:
+        size = max(float(np.linalg.norm(recording.wrench[:, :3], axis=1).max()), 1e-9)
+        change = np.linalg.norm(np.diff(recording.wrench[:, :3], axis=0), axis=1)
+        moved |= change > thresholds.RECORD.different_load * size
+    out[1:] = same & moved
+    return out

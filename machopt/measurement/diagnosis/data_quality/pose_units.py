@@ -1,0 +1,183 @@
+"""Units of measured poses, of the whole record or of single sessions: angles of joints or of one, lengths of points.
+
+Each session is held against forward kinematics by itself, with a tracker frame (where that is free) and reflectors of
+its own, so that no session bends another and no frame has to be known: a cloud of points of the wrong size or shape
+fits no frame. Only units that clerks write are tried; one is taken where next to nothing of the misfit is left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.locations import format_column_location
+from machopt.data_types.measurements.recording import Recording
+from machopt.effects.recording.record_faults import ANGLES, LENGTHS, UNITS
+from machopt.kinematics.robot import Robot
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_quality.correction_candidates import replace_rows, select_rows
+from machopt.measurement.diagnosis.data_quality.session_corrections import build_record_equations, compute_sign_test
+from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
+from machopt.measurement.diagnosis.data_types.record_findings import build_exact_estimate, build_record_finding
+from machopt.measurement.diagnosis.data_types.reflectors_and_tracker_frames import register_positions
+
+Flags = NDArray[np.bool_]
+HEADS = {"q": "q1_deg", "position": "x_mm"}
+MOST = 400  # readings of a session that are looked at: a unit shows in a few
+
+
+@dataclass(frozen=True)
+class _UnitReading:
+    """Units that a part of a record is in; a factor of 1 is the stated one."""
+
+    names: dict[str, str]  # by field, "" where it is as stated
+    factors: dict[str, float]
+    joint: int | None = None  # from 0: the angles of this one alone; None: those of all
+
+    def apply(self, r: Recording) -> Recording:
+        assert r.position is not None  # mended looks for it
+        joints = np.arange(r.q.shape[1])
+        kept = joints != self.joint if self.joint is not None else np.array(r.prismatic or (False,) * len(joints))
+        q = np.where(kept, r.q, r.q * self.factors["q"])
+        return replace(r, q=q, position=r.position * self.factors["position"])
+
+    def find_first_column(self, field: str) -> str:
+        """The first column of those that hold it."""
+        if field != "q" or self.joint is None:
+            return HEADS[field]
+        return f"q{self.joint + 1}_{'mm' if self.names['q'] in LENGTHS else 'deg'}"
+
+
+STATED = _UnitReading(dict.fromkeys(HEADS, ""), dict.fromkeys(HEADS, 1))
+
+
+def correct_pose_units(
+    recording: Recording, robot: Robot, T_flange_tcp: np.ndarray, accept: Collection[str] = ()
+) -> tuple[Recording, list[Finding]]:
+    """Read sessions in the units that they were written in.
+
+    Args:
+        recording: of any kind; only measured poses are looked at.
+        robot, T_flange_tcp: the arm.
+        accept: effects that the user says are none.
+
+    Returns:
+        the recording in the stated units, a finding for each column group and each unit of it.
+    """
+    if recording.kind != "absolute" or recording.position is None or "units" in accept:
+        return recording, []
+    parts: dict[int, tuple[_UnitReading, NDArray[np.float64], NDArray[np.float64]]] = {}
+    sessions = np.unique(recording.session)
+    for name in sessions:
+        found = _find_best_units(
+            _select_few_readings(select_rows(recording, recording.session == name)), robot, T_flange_tcp
+        )
+        if found is not None:
+            parts[int(name)] = found
+    out, said = recording, []
+    for field in HEADS:
+        kinds = ((way.names[field], way.find_first_column(field)) for way, _, _ in parts.values() if way.names[field])
+        for unit, head in dict.fromkeys(kinds):
+            hit = [
+                n
+                for n, (way, _, _) in parts.items()
+                if (way.names[field], way.find_first_column(field)) == (unit, head)
+            ]
+            said.append(_build_unit_finding(field, unit, hit, len(sessions), parts))
+    for name, (way, _, _) in parts.items():
+        rows = recording.session == name
+        out = replace_rows(out, way.apply(select_rows(out, rows)), rows)
+    return out, said
+
+
+def _select_few_readings(part: Recording) -> Recording:
+    n = len(part)
+    if n <= MOST:
+        return part
+    rows = np.zeros(n, bool)
+    rows[np.linspace(0, n - 1, MOST).astype(int)] = True
+    return select_rows(part, rows)
+
+
+def _find_best_units(
+    part: Recording, robot: Robot, T: np.ndarray
+) -> tuple[_UnitReading, NDArray[np.float64], NDArray[np.float64]] | None:
+    """The units of a session, and (G,) misfits of its poses as stated and as mended; None: the stated ones stand."""
+    if len(np.unique(part.pose)) < thresholds.RECORD.part_readings:
+        return None
+    as_stated, spread = _compute_pose_errors(part, STATED, robot, T)
+    stated = float(np.median(as_stated)) / spread
+    if stated < thresholds.RECORD.whole_pose_off:
+        return None
+    ways = [*_list_unit_readings(), *_list_single_joint_units(part)]
+    tried = [(way, *_compute_pose_errors(part, way, robot, T)) for way in ways]
+    tried.sort(key=lambda w: float(np.median(w[1])) / w[2])
+    way, errors, _ = tried[0]
+    best, second = (float(np.median(e)) / s for _, e, s in tried[:2])
+    if best > thresholds.RECORD.clearly * stated or best > thresholds.RECORD.session_falls * second:
+        return None  # nothing that is sure
+    pose = np.unique(part.pose, return_inverse=True)[1].reshape(-1)
+    by_pose = [np.array([np.median(e[pose == g]) for g in range(int(pose.max()) + 1)]) for e in (as_stated, errors)]
+    return way, by_pose[0], by_pose[1]
+
+
+def _list_unit_readings() -> Iterator[_UnitReading]:
+    for angle, a in {"": 1.0, **ANGLES}.items():
+        for length, f in {"": 1.0, **LENGTHS}.items():
+            if angle or length:
+                yield _UnitReading({"q": angle, "position": length}, {"q": a, "position": f})
+
+
+def _list_single_joint_units(part: Recording) -> Iterator[_UnitReading]:
+    """A column that a clerk took from another list than the rest."""
+    for j in range(part.q.shape[1]):
+        slides = bool(part.prismatic) and part.prismatic[j]
+        for unit, factor in (LENGTHS if slides else ANGLES).items():
+            yield _UnitReading({"q": unit, "position": ""}, {"q": factor, "position": 1.0}, j)
+
+
+def _compute_pose_errors(
+    part: Recording, way: _UnitReading, robot: Robot, T: np.ndarray
+) -> tuple[NDArray[np.float64], float]:
+    """(n,) m, what frame and reflectors leave, and m that the points as read spread: tiny clouds fit each other.
+
+    Points that do not spread tell nothing: inf.
+    """
+    read = way.apply(part)
+    e = build_record_equations(register_positions(read, robot, T), robot, T)
+    assert read.position is not None  # mended looks for it
+    spread = float(np.median(np.linalg.norm(read.position - np.median(read.position, axis=0), axis=1)))
+    return np.asarray(np.linalg.norm(e.error(e.fit()), axis=1)), spread or np.inf
+
+
+def _build_unit_finding(
+    field: str,
+    unit: str,
+    hit: list[int],
+    sessions: int,
+    parts: dict[int, tuple[_UnitReading, NDArray[np.float64], NDArray[np.float64]]],
+) -> Finding:
+    before, after = (np.concatenate([parts[n][k] for n in hit]) for k in (1, 2))
+    way = parts[hit[0]][0]
+    head, factor, lone = way.find_first_column(field), way.factors[field], field == "q" and way.joint is not None
+    some = len(hit) < sessions
+    where = f"session{'s' if len(hit) > 1 else ''} {', '.join(str(n) for n in hit)}: " if some else ""
+    words = (
+        f"{where}the column {head} holds {unit}; so read it fits the arm, and it was read that way"
+        if lone
+        else f"{where}the columns {head} … hold {unit}; so read they fit the arm, and they were read that way"
+    )
+    session = {"session": build_exact_estimate(float(hit[0]))} if some and len(hit) == 1 else {}
+    return build_record_finding(
+        UNITS.name,
+        format_column_location(head),
+        words,
+        1e3 * float(np.median(before)),
+        1e3 * float(np.median(after)),
+        compute_sign_test(np.arange(len(before)), before, after),
+        {"factor": build_exact_estimate(1.0 / factor), **session},
+        stated={"message": words, **({"session": hit[0]} if session else {})},
+    )

@@ -1,0 +1,96 @@
+"""Sessions whose forces read otherwise than the first one's by more than load cells do, put right.
+
+A gain of each session's force is fitted beside the springs, since load cells scatter by a percent or two. One far
+beyond that is no scatter but a label, a sensor or a setting, and would pass for noise of the force. Every pose that
+two sessions share says how much more the arm moves per force in the one; a gain is what all of them say alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.measurements.recording import Recording
+from machopt.effects.recording.sensor_errors import GAIN
+from machopt.kinematics.robot import Robot
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_quality.force_gain_estimate import estimate_force_gain, predict_displacements
+from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedValue, Finding
+from machopt.measurement.diagnosis.data_types.record_findings import build_exact_estimate, build_record_finding
+from machopt.measurement.diagnosis.statistics.replicate_noise import compute_robust_sigma
+from machopt.measurement.estimation.load_test_equations import LoadTestExperiment, build_load_test_experiment
+from machopt.numerics.array_types import Array
+
+Ints = NDArray[np.int64]
+
+
+def correct_session_force_gains(
+    recording: Recording, robot: Robot, T_flange_tcp: Array, accept: Collection[str] = ()
+) -> tuple[Recording, list[Finding]]:
+    """Read the forces of later sessions like those of the first, where they are far off.
+
+    Args:
+        recording: load tests, its units and axes right.
+        robot, T_flange_tcp: the arm.
+        accept: effects that the user says are none.
+
+    Returns:
+        the recording (itself where nothing is wrong), a finding for each session.
+    """
+    out: list[Finding] = []
+    sessions = np.unique(recording.session)
+    if recording.kind != "deflection" or recording.wrench is None or GAIN.name in accept or len(sessions) < 2:
+        return recording, out
+    share = _compute_force_ratio_by_pose(build_load_test_experiment(recording, robot, T_flange_tcp), recording.session)
+    first = share[int(sessions[0])]
+    wrench = recording.wrench.copy()
+    for one in sessions[1:].tolist():
+        each = np.array([v / first[p] for p, v in share[one].items() if p in first])
+        if len(each) < thresholds.RECORD.gain_poses:
+            continue
+        middle = float(np.median(each))
+        spread = compute_robust_sigma(each - middle)
+        if abs(middle - 1.0) < thresholds.RECORD.gain_far * max(thresholds.RESTING.force_gain, spread):
+            continue
+        wrench[recording.session == one] /= middle
+        out.append(_build_gain_finding(*estimate_force_gain(each, middle, spread), one, int(sessions[0])))
+    return (replace(recording, wrench=wrench), out) if out else (recording, out)
+
+
+def _compute_force_ratio_by_pose(tests: LoadTestExperiment, session: Ints) -> dict[int, dict[int, float]]:
+    """What forces read per what the arm did, by session and pose: springs of all readings predict it."""
+    y, by_springs = tests.measured[:, :3], predict_displacements(tests)
+    out: dict[int, dict[int, float]] = {}
+    for one in np.unique(session).tolist():
+        out[one] = {}
+        for pose in np.unique(tests.pose[session == one]).tolist():
+            rows = (session == one) & (tests.pose == pose)
+            moved = float(np.sum(by_springs[rows] * y[rows]))
+            if moved > 0.0:
+                out[one][pose] = float(np.sum(by_springs[rows] ** 2)) / moved
+    return out
+
+
+def _build_gain_finding(found: EstimatedValue, p_value: float, session: int, first: int) -> Finding:
+    over = found.value
+    words = (
+        f"session {session}: forces read {abs(over):.3g} % too {'much' if over > 0 else 'little'} for what the arm "
+        f"does under those of session {first}, at every pose alike; they were read like those, though these data do "
+        "not say which of the two is right"
+    )
+    return build_record_finding(
+        GAIN.name,
+        GAIN.places[0],
+        words,
+        float("nan"),
+        float("nan"),
+        p_value,
+        {
+            "gain": found,
+            "session": build_exact_estimate(float(session)),
+        },
+        stated={"message": words, "session": session},
+    )

@@ -1,0 +1,181 @@
+"""A stretch of rows whose readings stand one row too high or too low: a cell that was deleted, or one too many.
+
+A whole session is looked at by :mod:`.sessions`; a clerk's slip begins anywhere. Each reading is held against its own
+row and the two beside it; the stretch is that with the largest sum of what a neighbour's row fits better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.locations import format_column_location
+from machopt.data_types.measurements.recording import Recording
+from machopt.effects.recording.record_faults import COLUMNS
+from machopt.kinematics.robot import Robot
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_quality.correction_candidates import (
+    HEADS,
+    replace_rows,
+    select_rows,
+    shift_rows,
+)
+from machopt.measurement.diagnosis.data_quality.session_corrections import build_record_equations, compute_sign_test
+from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
+from machopt.measurement.diagnosis.data_types.record_findings import build_exact_estimate, build_record_finding
+from machopt.measurement.diagnosis.data_types.reflectors_and_tracker_frames import register_positions
+from machopt.numerics.array_types import Array
+
+Flags = NDArray[np.bool_]
+MOST = 3  # stretches of one record
+LOST_ROW_KEY = "lost row"  # in the parameters of a finding
+
+
+def correct_shifted_rows(
+    recording: Recording, robot: Robot, T_flange_tcp: Array, accept: Collection[str] = ()
+) -> tuple[Recording, list[Finding]]:
+    """Put stretches of readings back to their rows where that is sure.
+
+    Args:
+        recording: kind deflection or absolute, as read; stretches that are whole sessions stay.
+        robot, T_flange_tcp: the arm.
+        accept: effects that the user says are none.
+
+    Returns:
+        the recording as it should have been (itself where nothing is wrong), a finding for each stretch.
+    """
+    kind = "displacement" if recording.kind == "deflection" else "position"
+    out: list[Finding] = []
+    if COLUMNS.name in accept or getattr(recording, kind) is None:
+        return recording, out
+    if recording.kind == "deflection" and not (np.any(recording.wrench) and np.any(recording.displacement)):
+        return recording, out  # says nothing, which is refused where it is looked at
+    if len(recording) < 2 * thresholds.RECORD.part_readings:
+        return recording, out
+    for _ in range(MOST):
+        found = _correct_worst_interval(recording, robot, T_flange_tcp, kind)
+        if found is None:
+            break
+        recording, finding = found
+        out.append(finding)
+    return recording, out
+
+
+def find_lost_rows(findings: Sequence[Finding], n: int) -> Flags:
+    """(n,) rows whose own reading is nowhere in the file: where a cell was deleted, or the slip went over the end."""
+    out = np.zeros(n, bool)
+    for f in findings:
+        row = f.parameters.get(LOST_ROW_KEY)
+        if f.effect == COLUMNS.name and row is not None:
+            out[round(row.value) - 1] = True
+    return out
+
+
+def _correct_worst_interval(
+    recording: Recording, robot: Robot, T: Array, kind: str
+) -> tuple[Recording, Finding] | None:
+    """The recording with its worst stretch put back; None where none is sure."""
+    limits = thresholds.RECORD
+    best = max(
+        (_compare_shift(register_positions(recording, robot, T), robot, T, kind, by) for by in (-1, 1)),
+        key=lambda h: h.score,
+    )
+    rows, e, beside = best.rows, best.stated, best.shifted_error
+    least = limits.part_readings
+    if rows.sum() < least or (~rows).sum() < least or (best.is_stated_model and rows.mean() > thresholds.NOISE.mostly):
+        return None
+    if _is_whole_sessions(recording.session, rows):
+        return None
+    # the others say what fits, without what stands in the stretch
+    others = float(np.median(e[~rows]))
+    before, after = float(np.median(e[rows])), float(np.median(beside[rows]))
+    if before < limits.part_stands_out * others or after > min(
+        limits.session_falls * before, limits.part_level * others
+    ):
+        return None
+    head = HEADS[kind]
+    first, last = int(np.flatnonzero(rows)[0]) + 1, int(np.flatnonzero(rows)[-1]) + 1
+    words = (
+        f"rows {first} to {last}: the rows of {head} … stand one too {'low' if best.shift < 0 else 'high'}; "
+        "so read they fit the others, and they were read that way"
+    )
+    fixed = replace_rows(recording, select_rows(shift_rows(recording, kind, best.shift), rows), rows)
+    days = np.unique(recording.session[rows])
+    session = {"session": build_exact_estimate(float(days[0]))} if len(days) == 1 else {}
+    finding = build_record_finding(
+        COLUMNS.name,
+        format_column_location(head),
+        words,
+        1e3 * before,
+        1e3 * after,
+        compute_sign_test(recording.pose[rows], e[rows], beside[rows]),
+        {
+            "first row": build_exact_estimate(float(first)),
+            "last row": build_exact_estimate(float(last)),
+            LOST_ROW_KEY: build_exact_estimate(float(_find_lost_row(best) + 1)),
+            **session,
+        },
+        stated={"message": words, "rows": [first, last]},
+    )
+    return fixed, finding
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ShiftComparison:
+    """A record held against itself moved by one row."""
+
+    shift: int
+    is_stated_model: bool  # the model is that of the record as stated, not of the moved one
+    stated: Array  # (N,) m, errors of rows as they stand
+    shifted_error: Array  # (N,) m, of rows with the reading of the row ``by`` before
+    rows: Flags  # (N,) the stretch
+    score: float
+
+
+def _compare_shift(recording: Recording, robot: Robot, T: Array, kind: str, by: int) -> _ShiftComparison:
+    """The stretch that a move by ``by`` rows fits better, by the model that leaves the least of each row's better one.
+
+    Where a cell was deleted near the beginning most rows are moved, and only the moved record tells the model.
+    """
+    stated, other = (
+        build_record_equations(recording, robot, T),
+        build_record_equations(shift_rows(recording, kind, by), robot, T),
+    )
+    fits = [stated.fit(), other.fit()]
+    errors = [[np.linalg.norm(q.error(x), axis=1) for q in (stated, other)] for x in fits]
+    n = int(np.argmin([np.minimum(*e).sum() for e in errors]))
+    e, beside = errors[n]
+    gain = (e - beside) / max(float(np.median(np.minimum(e, beside))), 1e-300)
+    score, at = _find_largest_interval(np.clip(gain, -thresholds.NOISE.gross, thresholds.NOISE.gross))
+    rows = np.zeros(len(e), bool)
+    rows[at] = True
+    return _ShiftComparison(shift=by, is_stated_model=n == 0, stated=e, shifted_error=beside, rows=rows, score=score)
+
+
+def _is_whole_sessions(session: NDArray[np.int64], rows: Flags) -> bool:
+    """Whether the stretch is whole sessions, but for a row or two at its ends: these are looked at as such."""
+    inside = np.unique(session[rows])
+    every = np.isin(session, inside)
+    return bool((every & ~rows).sum() <= 2 * len(inside))
+
+
+def _find_lost_row(held: _ShiftComparison) -> int:
+    """The row whose own reading is nowhere: of the two at the end that then hold the same, the one it fits worse."""
+    at = np.flatnonzero(held.rows)
+    inside = int(at[0] if held.shift > 0 else at[-1])
+    outside = inside - held.shift
+    if not 0 <= outside < len(held.rows) or held.shifted_error[inside] >= held.stated[outside]:
+        return inside
+    return outside
+
+
+def _find_largest_interval(gain: NDArray[np.float64]) -> tuple[float, slice]:
+    """The stretch with the largest sum (Kadane), and the sum."""
+    total = np.r_[0.0, np.cumsum(gain)]
+    lowest = np.minimum.accumulate(total)
+    stop = int(np.argmax(total - lowest))
+    start = int(np.argmin(total[: stop + 1]))
+    return float(total[stop] - total[start]), slice(start, stop)

@@ -1,0 +1,319 @@
+"""The record before the robot: units, frames, signs, rows that cannot be; mended, and said like any other finding.
+
+A broken record explains more mismatches than exotic physics does. What a check is sure of is mended before any physics
+is tried; what it only suspects stays a warning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import bdtrc
+
+from machopt.data_types.locations import format_column_location
+from machopt.data_types.measurements.recording import FrameName, Recording
+from machopt.effects.recording.record_faults import FORCES, LENGTHS, UNITS
+from machopt.effects.recording.sensor_errors import DISPLACEMENT, FRAME, LOAD
+from machopt.kinematics.robot import Robot
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_quality import session_corrections, shifted_rows, swapped_columns
+from machopt.measurement.diagnosis.data_quality.inconsistent_loads import correct_inconsistent_loads
+from machopt.measurement.diagnosis.data_types import load_resolution
+from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedValue, Finding
+from machopt.measurement.diagnosis.data_types.record_findings import build_exact_estimate, build_record_finding
+from machopt.measurement.estimation.load_test_equations import LoadTestExperiment, build_load_test_experiment
+from machopt.measurement.estimation.robust_weights import fit_least_absolute_deviations
+from machopt.measurement.identification.data_quality.load_test_checks import check_experiment
+from machopt.measurement.identification.data_quality.record_fault import RecordFault as Problem
+from machopt.measurement.identification.data_quality.unit_checks import estimate_reach
+from machopt.numerics.array_types import Array
+
+Flags = NDArray[np.bool_]
+MOST_REPAIRS = 3
+MOST_PAIRED = 400  # readings of a pose that are held against each other
+SIZES = (  # displacement per load as read, per what it is; thousands show against any robot and are checked first
+    *((name, 1.0 / LENGTHS[name], "dx_mm", LENGTHS[name]) for name in ("inches", "centimetres")),
+    *((name, FORCES[name], "fx_N", FORCES[name]) for name in ("kilograms", "pounds")),
+)
+FRAMES = {
+    "displacement_frame": (DISPLACEMENT, DISPLACEMENT.places[0]),
+    "wrench_frame": (FRAME, FRAME.places[0]),
+    "frames": (DISPLACEMENT, DISPLACEMENT.places[0]),
+    "load_sign": (LOAD, LOAD.places[0]),
+    "moment_at_base": (LOAD, LOAD.places[0]),
+    "moment_at_flange": (LOAD, LOAD.places[0]),
+}
+
+
+def correct_static_record(
+    recording: Recording,
+    robot: Robot,
+    T_flange_tcp: Array,
+    prior: Array | None,
+    accept: Collection[str] = (),
+    *,
+    estimated: bool = False,
+) -> tuple[Recording, list[Finding], list[str]]:
+    """Check and mend a recording of load tests or poses.
+
+    Args:
+        recording: as read.
+        robot, T_flange_tcp: the arm.
+        prior: (6,) N·m/rad of the cell; None where it has none.
+        accept: codes of errors that the user says are none.
+        estimated: whether that stiffness is a guess by the arm's size.
+
+    Returns:
+        the recording as it should have been, what was mended, warnings.
+
+    Raises:
+        InputError: no load or no displacement at all.
+    """
+    recording, late = shifted_rows.correct_shifted_rows(recording, robot, T_flange_tcp, accept)
+    recording, odd = session_corrections.correct_sessions_and_poses(recording, robot, T_flange_tcp, prior, accept)
+    odd = [*late, *odd]
+    if recording.kind == "absolute":
+        recording, more = swapped_columns.correct_swapped_columns(recording, robot, T_flange_tcp, accept)
+        return recording, [*odd, *more], []
+    findings: list[Finding] = []
+    warnings: list[str] = []
+    recording, turned = swapped_columns.correct_moment_units(recording, robot, T_flange_tcp, accept)
+    odd = [*odd, *turned]
+    recording, silent = load_resolution.discard_noise_components(recording)
+    for _ in range(MOST_REPAIRS):
+        tests = build_load_test_experiment(recording, robot, T_flange_tcp)
+        found = check_experiment(tests, robot, T_flange_tcp, prior)
+        error = next((f for f in found if f.severity == "error" and f.code not in accept), None)
+        size = (
+            None
+            if "units" in accept
+            else _find_displacement_unit_fault(tests, prior, estimate_reach(robot, T_flange_tcp), estimated)
+        )
+        if size is not None and (error is None or error.code == "rotation_units"):
+            error = size
+        elif error is not None and error.code == "force_units":
+            error = _find_force_unit_fault(error, recording, robot, T_flange_tcp)
+        warnings = [f.message for f in found if f is not error]
+        if error is None:
+            break
+        before = _compute_misfit(tests)
+        mended = _apply_correction(recording, error, robot, T_flange_tcp)
+        if mended is None:
+            warnings.insert(0, error.message)
+            break
+        recording = mended
+        right = build_load_test_experiment(recording, robot, T_flange_tcp)
+        usual = _select_reference_stiffness(prior, estimate_reach(robot, T_flange_tcp))
+        chance = _compute_sign_test(
+            tests.pose, _compute_misfit_by_pose(tests, usual), _compute_misfit_by_pose(right, usual)
+        )
+        findings = _merge_findings(findings, _build_correction_finding(error, before, _compute_misfit(right), chance))
+    recording, more = correct_inconsistent_loads(recording, robot, T_flange_tcp)
+    recording, exchanged = swapped_columns.correct_swapped_columns(recording, robot, T_flange_tcp, accept)
+    return recording, [*odd, *findings, *more, *exchanged], [*silent, *warnings]
+
+
+def _apply_correction(recording: Recording, error: Problem, robot: Robot, T_flange_tcp: Array) -> Recording | None:
+    """The recording read the way the check says; None where that is not known."""
+    if error.code == "joint_units":
+        return replace(recording, q=np.degrees(recording.q))
+    if error.code == "displacement_frame":
+        return replace(recording, displacement_frame=_select_other_frame(recording.displacement_frame))
+    if error.code == "wrench_frame":
+        return replace(recording, wrench_frame=_select_other_frame(recording.wrench_frame))
+    if error.code == "frames":
+        return replace(
+            recording,
+            wrench_frame=_select_other_frame(recording.wrench_frame),
+            displacement_frame=_select_other_frame(recording.displacement_frame),
+        )
+    assert recording.wrench is not None  # the check read them
+    assert recording.displacement is not None
+    if error.code == "load_sign":
+        return replace(recording, wrench=-recording.wrench)
+    if error.code == "moment_at_flange":
+        return replace(recording, wrench_point=np.zeros(3))
+    if error.code == "moment_at_base" and recording.wrench_frame == "base":
+        p = robot.compute_fk(recording.q, T_flange_tcp)[:, :3, 3]
+        w = recording.wrench.copy()
+        w[:, 3:] -= np.cross(p, w[:, :3])
+        return replace(recording, wrench=w)
+    if error.code in ("units", "rotation_units", "moment_units", "force_units") and error.column:
+        w, d = recording.wrench.copy(), recording.displacement.copy()
+        target, columns = {
+            "fx_N": (w, slice(0, 3)),
+            "mx_Nm": (w, slice(3, 6)),
+            "dx_mm": (d, slice(0, 3)),
+            "rx_mrad": (d, slice(3, 6)),
+        }[error.column]
+        target[:, columns] *= error.factor
+        if error.code == "units" and error.column == "fx_N":  # forces and moments fit each other as they are
+            w[:, 3:] *= error.factor
+        return replace(recording, wrench=w, displacement=d)
+    return None
+
+
+def _build_correction_finding(error: Problem, before: float, after: float, p_value: float) -> Finding:
+    if error.code in FRAMES:
+        effect, where = FRAMES[error.code]
+        return build_record_finding(effect.name, where, error.message, 1e3 * before, 1e3 * after, p_value)
+    radians = error.code == "joint_units"
+    where = format_column_location("q1_deg" if radians else error.column)
+    factor = {"factor": build_exact_estimate(1.0 / (float(np.degrees(1.0)) if radians else error.factor))}
+    return build_record_finding(UNITS.name, where, error.message, 1e3 * before, 1e3 * after, p_value, factor)
+
+
+def _find_displacement_unit_fault(
+    tests: LoadTestExperiment, prior: Array | None, reach: float, estimated: bool
+) -> Problem | None:
+    """Another unit that makes the whole arm as stiff as the cell says, and nearer to robots of its size; else None.
+
+    A common factor on all displacements, or on all loads, leaves no other trace where only forces are read. So most
+    joints have to be off by it, a guessed stiffness tells pounds from a soft arm as little as it tells itself, and
+    displacements whose repeats scatter as stated are in the unit that is stated.
+    """
+    if prior is None:
+        return None
+    y, load = tests.measured[:, :3], np.linalg.norm(tests.wrench, axis=1)
+
+    def ratio(stiffness: Array) -> tuple[float, Array]:
+        predicted = tests.response()[:, :3] @ (1.0 / stiffness)
+        return float(fit_least_absolute_deviations(predicted[:, :, None], y, load)[0]), predicted
+
+    seen, predicted = ratio(prior)
+    joints = _compute_softness_factors(tests, prior)
+    alike = bool(len(joints) > 2 and joints.min() > 0 and joints.max() < thresholds.RECORD.alike_factor * joints.min())
+    far = thresholds.RECORD.far_alike if alike and not estimated else thresholds.RECORD.far
+    if (
+        not seen > 0
+        or 1 / far < seen < far
+        or np.abs(y - seen * predicted).sum() > thresholds.RECORD.half * np.abs(y).sum()
+    ):
+        return None
+    usual, _ = ratio(_select_reference_stiffness(None, reach))
+    scatter = _compute_replicate_scatter(tests)
+    for name, value, head, factor in sorted(SIZES, key=lambda s: abs(np.log(seen / s[1]))):
+        as_stated = np.inf if alike else abs(np.log(max(usual, 1e-300)))
+        nearer = abs(np.log(max(usual, 1e-300) / value)) < min(as_stated, np.log(thresholds.RECORD.unusual))
+        likely = (alike or _are_most_joints_off(joints, value)) and not (
+            head == "dx_mm" and _is_scatter_as_stated(scatter, factor, tests)
+        )
+        if abs(np.log(seen / value)) < np.log(thresholds.RECORD.near) and nearer and likely:
+            return Problem(
+                code="units",
+                severity="error",
+                message=f"displacement per load is {seen:.3g} times what the cell's stiffness gives: the "
+                f"columns {head} … seem to hold {name}",
+                column=head,
+                factor=factor,
+            )
+    return None
+
+
+def _compute_softness_factors(tests: LoadTestExperiment, prior: Array) -> Array:
+    """Of each joint that shows, how much softer it is than the cell says."""
+    y, A = tests.measured[:, :3], tests.response()[:, :3]
+    c = fit_least_absolute_deviations(A, y, np.linalg.norm(tests.wrench, axis=1))
+    moved = np.abs(A * c).sum(axis=(0, 1))
+    return np.asarray((c * prior)[moved > thresholds.RECORD.shown * moved.sum()])
+
+
+def _are_most_joints_off(joints: Array, value: float) -> bool:
+    """Whether most joints are off by about this factor, as a unit makes it, and not one of them by itself."""
+    if len(joints) < 3:
+        return False
+    middle = float(np.median(joints))
+    return middle > 0 and abs(np.log(middle / value)) < abs(np.log(middle))
+
+
+def _compute_replicate_scatter(tests: LoadTestExperiment) -> float:
+    """m, 1 sigma of a coordinate between cycles of the same pose and load; NaN where nothing was read twice."""
+    y, A, w = tests.measured[:, :3], tests.response()[:, :3], tests.wrench[:, :3]
+    e = y - A @ fit_least_absolute_deviations(A, y, np.linalg.norm(tests.wrench, axis=1))
+    apart = []
+    for pose in np.unique(tests.pose):
+        rows = np.flatnonzero(tests.pose == pose)
+        if len(rows) > MOST_PAIRED:  # as many pairs as there are squares of them
+            rows = np.sort(np.random.default_rng(0).choice(rows, MOST_PAIRED, replace=False))
+        i, j = (rows[k] for k in np.triu_indices(len(rows), 1))
+        near = (
+            np.linalg.norm(w[i] - w[j], axis=1)
+            <= thresholds.RECORD.different_load * np.linalg.norm(w[rows], axis=1).max()
+        )
+        near &= tests.cycle[i] != tests.cycle[j]
+        apart.append((e[i] - e[j])[near].ravel())
+    every = np.concatenate(apart) if apart else np.zeros(0)
+    return 1.4826 * float(np.median(np.abs(every))) / np.sqrt(2.0) if len(every) else float("nan")
+
+
+def _is_scatter_as_stated(scatter: float, factor: float, tests: LoadTestExperiment) -> bool:
+    """Whether repeats of displacements scatter as the recording states, rather than as they would in another unit."""
+    stated = tests.uncertainty.displacement
+    if not stated or not scatter > 0:
+        return False
+    return bool(abs(np.log(scatter / stated)) < abs(np.log(scatter * factor / stated)))
+
+
+def _find_force_unit_fault(error: Problem, recording: Recording, robot: Robot, T_flange_tcp: Array) -> Problem:
+    """The unit of forces that fits the moments best."""
+    assert recording.wrench is not None  # the check read it
+
+    def misfit(factor: float) -> float:
+        w = recording.wrench.copy()  # type: ignore[union-attr]
+        w[:, :3] *= factor
+        return _compute_misfit(build_load_test_experiment(replace(recording, wrench=w), robot, T_flange_tcp))
+
+    return replace(error, column="fx_N", factor=min(FORCES.values(), key=misfit))
+
+
+def _merge_findings(findings: list[Finding], new: Finding) -> list[Finding]:
+    """The same columns mended twice are one finding with one factor."""
+    old = next((f for f in findings if (f.effect, f.location) == (new.effect, new.location)), None)
+    if old is None:
+        return [*findings, new]
+    parameters = dict(new.parameters)
+    for name, p in old.parameters.items():
+        value = p.value * parameters[name].value
+        parameters[name] = EstimatedValue(value, p.unit, (value, value), (value, value))
+    both = replace(new, parameters=parameters, before=old.before, note=f"{old.note}; then {new.note}")
+    return [both if f is old else f for f in findings]
+
+
+def _select_reference_stiffness(prior: Array | None, reach: float) -> Array:
+    """(6,) N·m/rad of the cell, or of an arm of this reach (m); arms that we know lie within 3.3 of it."""
+    return np.full(6, 1e6 * (reach / 2.5) ** 3) if prior is None else prior
+
+
+def _compute_misfit_by_pose(tests: LoadTestExperiment, stiffness: Array) -> Array:
+    """(G,) how far the readings of each pose are from a stiffness, 0 … 1, translations and rotations alike."""
+    predicted = tests.response()[:, :, :6] @ (1.0 / stiffness)
+    poses = np.unique(tests.pose)
+    out = np.zeros(len(poses))
+    for c in range(0, tests.dimensions, 3):
+        y, p = tests.measured[:, c : c + 3], predicted[:, c : c + 3]
+        for g, pose in enumerate(poses):
+            rows = tests.pose == pose
+            whole = float(np.abs(y[rows]).sum() + np.abs(p[rows]).sum())
+            out[g] += float(np.abs(y[rows] - p[rows]).sum()) / max(whole, 1e-300)
+    return out
+
+
+def _compute_sign_test(pose: NDArray[np.int64], before: Array, after: Array) -> float:
+    """Chance that so many poses come nearer by accident: a sign test of (G,) misfits before and after."""
+    better, n = int(np.sum(after < before)), len(np.unique(pose))
+    return float(bdtrc(better - 1, n, 0.5)) if better > 0 else 1.0
+
+
+def _compute_misfit(tests: LoadTestExperiment) -> float:
+    """m, robust rms of what refitted joints leave of the translations."""
+    load = np.linalg.norm(tests.wrench[:, :3], axis=1) + np.linalg.norm(tests.wrench[:, 3:], axis=1)
+    A = tests.response()[:, :3]
+    e = tests.measured[:, :3] - A @ fit_least_absolute_deviations(A, tests.measured[:, :3], load)
+    return float(1.4826 * np.median(np.abs(e)))
+
+
+def _select_other_frame(frame: FrameName) -> FrameName:
+    return "tool" if frame == "base" else "base"

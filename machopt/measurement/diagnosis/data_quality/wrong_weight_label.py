@@ -1,0 +1,195 @@
+"""One weight that is not what is stamped on it: loads of one size read otherwise than all others at the same poses.
+
+Springs bend in proportion, gears that do not bend more or less with their torque, which is another at every pose. A
+size of load whose readings alone are off by the same share at every pose, with larger and smaller ones on either side
+of it that agree, is none of that. Nor is one that is off in one session, and put right becomes a size that another
+session has. Left in, its rows would pass for gross errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.locations import format_column_location
+from machopt.data_types.measurements.recording import Recording
+from machopt.effects.recording.record_faults import COLUMNS
+from machopt.kinematics.robot import Robot
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_quality.force_gain_estimate import estimate_force_gain, predict_displacements
+from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
+from machopt.measurement.diagnosis.data_types.record_findings import build_exact_estimate, build_record_finding
+from machopt.measurement.diagnosis.statistics.replicate_noise import compute_robust_sigma
+from machopt.measurement.estimation.load_test_equations import LoadTestExperiment, build_load_test_experiment
+from machopt.numerics.array_types import Array, Ints
+
+Flags = NDArray[np.bool_]
+MOST = 4  # labels of one record
+
+
+@dataclass(frozen=True, kw_only=True)
+class _LoadSize:
+    """Loads of one size in one session."""
+
+    session: int
+    force: float  # N, as recorded
+    rows: Flags
+    ratio_by_pose: (
+        Array  # (K,) by pose, what its forces read per what the arm did, per the middle one of all sizes there
+    )
+
+    @property
+    def factor(self) -> float:
+        return float(np.median(self.ratio_by_pose))
+
+    @property
+    def spread(self) -> float:
+        return compute_robust_sigma(self.ratio_by_pose - self.factor)
+
+
+def correct_wrong_weight_labels(
+    recording: Recording, robot: Robot, T_flange_tcp: Array, accept: Collection[str] = ()
+) -> tuple[Recording, list[Finding]]:
+    """Read the loads of such sizes as the others say.
+
+    Args:
+        recording: load tests, its units and axes right.
+        robot, T_flange_tcp: the arm.
+        accept: effects that the user says are none.
+
+    Returns:
+        the recording (itself where nothing is wrong), a finding for each size.
+    """
+    out: list[Finding] = []
+    if recording.kind != "deflection" or recording.wrench is None or COLUMNS.name in accept:
+        return recording, out
+    for _ in range(MOST):
+        found = _find_wrong_size(build_load_test_experiment(recording, robot, T_flange_tcp))
+        if found is None:
+            break
+        out.append(_build_label_finding(found, len(np.unique(recording.session)) > 1))
+        wrench = recording.wrench.copy()
+        wrench[found.rows] /= found.factor
+        recording = replace(recording, wrench=wrench)
+    return recording, out
+
+
+def _find_wrong_size(tests: LoadTestExperiment) -> _LoadSize | None:
+    """The size that is off by most and by nothing that an arm does; None: there is none."""
+    every = _group_load_sizes(tests)
+    odd = [
+        s
+        for s in every
+        if _is_size_off(s)
+        and _is_only_deviating_size(s, every)
+        and (_has_smaller_and_larger_loads(s, every) or _is_contradicted_elsewhere(s, every))
+    ]
+    return max(odd, key=lambda s: abs(np.log(s.factor)), default=None)
+
+
+def _is_size_off(s: _LoadSize) -> bool:
+    least = thresholds.RECORD.gain_far * max(thresholds.RESTING.force_gain, s.spread / np.sqrt(len(s.ratio_by_pose)))
+    alike = np.mean(np.sign(np.log(s.ratio_by_pose)) == np.sign(np.log(s.factor))) >= thresholds.RECORD.label_alike
+    return abs(s.factor - 1.0) > least and bool(alike)
+
+
+def _is_only_deviating_size(s: _LoadSize, every: list[_LoadSize]) -> bool:
+    """Whether the other sizes of its session agree: their shares are of one another and of this one."""
+    others = [o for o in every if o.session == s.session and o is not s]
+    most = thresholds.RECORD.label_others * abs(np.log(s.factor))
+    return len(others) + 1 >= thresholds.RECORD.label_sizes and all(abs(np.log(o.factor)) < most for o in others)
+
+
+def _has_smaller_and_larger_loads(s: _LoadSize, every: list[_LoadSize]) -> bool:
+    """Whether its session has smaller and larger loads: what grows with the load would show in either of them too."""
+    others = [o.force for o in every if o.session == s.session and o is not s]
+    return min(others) < s.force < max(others)
+
+
+def _is_contradicted_elsewhere(s: _LoadSize, every: list[_LoadSize]) -> bool:
+    """Whether another session has loads of the size that this is, which agree with its others."""
+    return any(
+        o.session != s.session
+        and not _is_size_off(o)
+        and abs(np.log(o.force * s.factor / s.force)) < thresholds.RECORD.label_same
+        for o in every
+    )
+
+
+def _group_load_sizes(tests: LoadTestExperiment) -> list[_LoadSize]:
+    """Of all sessions whose loads come in a few sizes."""
+    force = np.linalg.norm(tests.wrench[:, :3], axis=1)
+    by_springs = predict_displacements(tests)
+    read, moved = np.sum(by_springs**2, axis=1), np.sum(by_springs * tests.measured[:, :3], axis=1)
+    out = []
+    for session in np.unique(tests.session).tolist():
+        own = tests.session == session
+        label = _label_load_sizes(force[own])
+        if label is None:
+            continue
+        size = np.full(len(force), -1)
+        size[own] = label
+        share = _compute_force_ratios(tests.pose[own], label, read[own], moved[own])
+        for k in range(int(label.max()) + 1):
+            each = share[k][np.isfinite(share[k])]
+            if len(each) < thresholds.RECORD.label_poses:
+                continue
+            rows = own.copy()
+            rows[own] = label == k
+            out.append(_LoadSize(session=session, force=float(np.median(force[rows])), rows=rows, ratio_by_pose=each))
+    return out
+
+
+def _label_load_sizes(force: Array) -> Ints | None:
+    """(N,) the size of each load, from 0; None where they do not come in a few."""
+    order = np.argsort(force)
+    if force[order[-1]] <= 0.0:
+        return None
+    step = np.diff(force[order]) > thresholds.RECORD.label_gap * force[order[-1]]
+    label = np.empty(len(force), np.int64)
+    label[order] = np.concatenate([[0], np.cumsum(step)])
+    wide = [np.ptp(force[label == k]) for k in range(int(label.max()) + 1)]
+    return label if max(wide) < thresholds.RECORD.label_wide * force[order[-1]] else None
+
+
+def _compute_force_ratios(pose: Ints, label: Ints, read: Array, moved: Array) -> Array:
+    """(sizes, poses) what forces of each size read per what the arm did, per the middle one of the pose's sizes."""
+    _, at = np.unique(pose, return_inverse=True)
+    poses, sizes = int(at.max()) + 1, int(label.max()) + 1
+    cell = label * poses + at.reshape(-1)
+    above, below = (np.bincount(cell, v, sizes * poses).reshape(sizes, poses) for v in (read, moved))
+    out = np.where(below > 0.0, above / np.where(below > 0.0, below, 1.0), np.nan)
+    out[:, np.isfinite(out).sum(axis=0) < thresholds.RECORD.label_sizes] = np.nan
+    some = np.isfinite(out).any(axis=0)
+    out[:, some] /= np.nanmedian(out[:, some], axis=0)
+    return np.asarray(out)
+
+
+def _build_label_finding(s: _LoadSize, several: bool) -> Finding:
+    found, p_value = estimate_force_gain(s.ratio_by_pose, s.factor, s.spread)
+    over = found.value
+    words = (
+        (f"session {s.session}: " if several else "")
+        + f"loads recorded as about {s.force:.4g} N read {abs(over):.3g} % too {'much' if over > 0 else 'little'} for "
+        f"what the arm does under them, at every pose alike, and larger and smaller ones do not: a weight with a wrong "
+        f"label; they were read as {s.force / s.factor:.4g} N"
+    )
+    session = {"session": build_exact_estimate(float(s.session))} if several else {}
+    return build_record_finding(
+        COLUMNS.name,
+        format_column_location("fx_N"),
+        words,
+        float("nan"),
+        float("nan"),
+        p_value,
+        {
+            "gain": found,
+            "force": build_exact_estimate(s.force, "N"),
+            **session,
+        },
+        beside=(format_column_location("fy_N"), format_column_location("fz_N")),
+        stated={"message": words, "force_N": s.force} | ({"session": s.session} if several else {}),
+    )

@@ -1,0 +1,167 @@
+"""What a tracker looks at, and from where: reflectors on the flange, and one frame for each stand of the tracker.
+
+Without ``targets`` a recording is of the TCP; without ``frame`` the tracker stood still.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.measurements.recording import Recording
+from machopt.effects.recording.record_faults import LENGTHS
+from machopt.errors import InputError
+from machopt.kinematics.robot import Robot
+from machopt.measurement.diagnosis import thresholds
+from machopt.numerics.array_types import Array, Ints
+from machopt.numerics.rigid_transforms import (
+    convert_quaternion_to_matrix,
+    convert_to_quaternion,
+    convert_to_rotation_vector,
+    skew_matrix,
+)
+
+Flags = NDArray[np.bool_]
+ALIGNMENTS = 12  # steps to the frame of least absolute deviations
+FEWEST = 3  # points not on one line fix a frame
+
+
+def index_tracker_frames(recording: Recording) -> Ints:
+    """(N,) stand of the tracker at each reading, from 0."""
+    if recording.frame is None:
+        return np.zeros(len(recording), np.int64)
+    return np.unique(recording.frame, return_inverse=True)[1].reshape(-1).astype(np.int64)
+
+
+def list_frame_labels(recording: Recording) -> list[str]:
+    """Label of each stand."""
+    return ["1"] if recording.frame is None else [str(v) for v in np.unique(recording.frame)]
+
+
+def index_reflectors(recording: Recording) -> Ints:
+    """(N,) reflector of each reading, from 0."""
+    return np.zeros(len(recording), np.int64) if recording.target is None else recording.target
+
+
+def list_reflector_positions(recording: Recording, T_flange_tcp: Array) -> Array:
+    """(T, 3) m in flange, nominal, of all reflectors; the TCP alone where none is listed."""
+    if not recording.targets:
+        return np.asarray(T_flange_tcp[None, :3, 3])
+    return np.array([t.place for t in recording.targets])
+
+
+def compute_nominal_points(recording: Recording, robot: Robot, T_flange_tcp: Array) -> tuple[Array, Array]:
+    """(N, 3) m where what is measured sits by encoders and drawings, (N, 3, 3) axes of the flange; base_link."""
+    there = robot.compute_fk(recording.q, T_flange_tcp)
+    R = there[:, :3, :3] @ T_flange_tcp[:3, :3].T
+    if not recording.targets:
+        return there[:, :3, 3], R
+    beside = list_reflector_positions(recording, T_flange_tcp)[index_reflectors(recording)] - T_flange_tcp[:3, 3]
+    return there[:, :3, 3] + np.einsum("nij,nj->ni", R, beside), R
+
+
+def build_frame_and_reflector_columns(recording: Recording, p: Array, R: Array) -> Array:
+    """(N, 3, P) per m and rad: each frame's shift and turn about base_link, each reflector's place in the flange."""
+    eye = np.broadcast_to(np.eye(3), R.shape)
+    parts = []
+    if recording.registration == "fit":
+        parts += [
+            _select_rows(np.concatenate([eye, -skew_matrix(p)], axis=2), rows)
+            for rows in _list_group_rows(index_tracker_frames(recording))
+        ]
+    if recording.registration == "fit" or recording.targets:
+        parts += [
+            _select_rows(R, rows)
+            for rows in _list_group_rows(index_reflectors(recording), max(len(recording.targets), 1))
+        ]
+    return np.concatenate(parts, axis=2) if parts else np.zeros((len(p), 3, 0))
+
+
+def transform_to_base(recording: Recording, robot: Robot, T_flange_tcp: Array) -> tuple[Recording, tuple[str, ...]]:
+    """Poses in base_link as nearly as the arm tells, where a stand's frame may be anything; and how far that was.
+
+    Nothing is done where one frame lies near base_link: what is refitted in any case puts that right. A factor of
+    length stays in the columns, for the check of units to find.
+
+    Raises:
+        InputError: a stand of the tracker whose points do not fix its frame.
+    """
+    if recording.kind != "absolute" or recording.registration != "fit" or recording.position is None:
+        return recording, ()
+    p, _ = compute_nominal_points(recording, robot, T_flange_tcp)
+    stand, names = index_tracker_frames(recording), list_frame_labels(recording)
+    several = len(names) > 1
+    x, out, notes = recording.position, recording.position.copy(), []
+    turned = None if recording.quaternion is None else recording.quaternion.copy()
+    for n, rows in enumerate(_list_group_rows(stand)):
+        if several:
+            _check_frame_is_determined(recording, x[rows], names[n])
+        scale = _estimate_length_factor(x[rows], p[rows])
+        turn, shift = fit_rigid_transform(scale * x[rows], p[rows])
+        angle, way = float(np.linalg.norm(convert_to_rotation_vector(turn))), float(np.linalg.norm(shift))
+        near = angle < thresholds.RESTING.stand_turned and way < thresholds.RESTING.stand_shifted
+        if near and not several:
+            return recording, ()
+        out[rows] = (scale * x[rows] @ turn.T + shift) / scale
+        if turned is not None:
+            turned[rows] = convert_to_quaternion(turn @ convert_quaternion_to_matrix(turned[rows]))
+        at = ", ".join(f"{1e3 * v:.1f}" for v in shift)
+        of = f"stand {names[n]} of the tracker" if several else "the tracker"
+        notes.append(
+            f"{of}: its frame lies at ({at}) mm in base_link, turned by {np.degrees(angle):.2f}°, and is refitted"
+        )
+    return replace(recording, position=out, quaternion=turned), tuple(notes)
+
+
+def register_positions(recording: Recording, robot: Robot, T_flange_tcp: Array) -> Recording:
+    """Positions brought to base_link where the tracker's frame is free, however far it is turned (Kabsch, robust)."""
+    if recording.kind != "absolute" or recording.registration != "fit" or recording.position is None:
+        return recording
+    p, _ = compute_nominal_points(recording, robot, T_flange_tcp)
+    out = recording.position.copy()
+    for rows in _list_group_rows(index_tracker_frames(recording)):
+        turn, shift = fit_rigid_transform(recording.position[rows], p[rows])
+        out[rows] = recording.position[rows] @ turn.T + shift
+    return replace(recording, position=out)
+
+
+def fit_rigid_transform(x: Array, p: Array) -> tuple[Array, Array]:
+    """Rotation (3, 3) and shift (3,) m of points x (n, 3) to p (n, 3), of least absolute deviations (Kabsch)."""
+    weight, turn, shift = np.ones(len(p)), np.eye(3), np.zeros(3)
+    for _ in range(ALIGNMENTS):
+        w = weight[:, None] / weight.sum()
+        a, b = (w * x).sum(axis=0), (w * p).sum(axis=0)
+        U, _, Vt = np.linalg.svd((w * (x - a)).T @ (p - b))
+        turn = Vt.T @ np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))]) @ U.T
+        shift = b - turn @ a
+        size = np.linalg.norm((x - a) @ turn.T + b - p, axis=1)
+        weight = 1.0 / np.maximum(size, max(0.1 * float(np.median(size)), 1e-9))
+    return turn, shift
+
+
+def _estimate_length_factor(x: Array, p: Array) -> float:
+    """The factor of length that makes points spread as the arm's do; 1 where none does."""
+    spread = [float(np.median(np.linalg.norm(v - np.median(v, axis=0), axis=1))) for v in (x, p)]
+    ratio = spread[1] / max(spread[0], 1e-300)
+    return next((f for f in (1.0, *LENGTHS.values()) if abs(ratio / f - 1.0) < thresholds.RESTING.same_spread), 1.0)
+
+
+def _check_frame_is_determined(recording: Recording, x: Array, name: str) -> None:
+    extent = np.linalg.svd(x - x.mean(axis=0), compute_uv=False) if len(x) >= FEWEST else np.zeros(3)
+    if extent[1] <= thresholds.RESTING.flat * extent[0]:
+        raise InputError(
+            f"frame {name} has {len(x)} reading{'' if len(x) == 1 else 's'}"
+            f"{', all on one line' if len(x) >= FEWEST else ''}, which do not fix where the tracker stood; expected "
+            f"{FEWEST} points or more that are not on one line, or leave these rows out",
+            file=recording.source,
+        )
+
+
+def _list_group_rows(label: Ints, count: int = 0) -> list[Flags]:
+    return [label == n for n in range(count or int(label.max()) + 1)]
+
+
+def _select_rows(columns: Array, rows: Flags) -> Array:
+    return columns if rows.all() else columns * rows[:, None, None]

@@ -1,0 +1,49 @@
+"""What plan.json tells of the explanations that a measurement is to tell apart."""
+
+from __future__ import annotations
+
+from machopt.data_types.documents.poses_document import (
+    CandidateLawEntry,
+    DiscriminationSection,
+    LawPairEntry,
+    NoiseSection,
+)
+from machopt.measurement.design.maximin_discrimination import LEVEL, POWER, compute_required_noncentrality
+from machopt.measurement.design.reading_noise import UNLOADED_TWICE
+from machopt.measurement.diagnosis.discrimination.discrimination_plan import DiscriminationPlan, format_pair
+from machopt.measurement.diagnosis.discrimination.open_hypotheses import CandidateLaw
+
+
+def build_discrimination_document(a: DiscriminationPlan) -> DiscriminationSection:
+    enough = compute_required_noncentrality()
+    own = a.noise.displacement * UNLOADED_TWICE**0.5
+    return DiscriminationSection(
+        level=LEVEL,
+        power=POWER,
+        noncentrality_needed=enough,
+        noise_mm=NoiseSection(own=own * 1e3, pose=a.noise.pose * 1e3),
+        steps=tuple(a.steps),
+        cycles=a.noise.cycles,
+        least_noncentrality_per_cycle=a.least_separation,
+        random_least_noncentrality_per_cycle=a.random_separation,
+        pairs=tuple(
+            LawPairEntry(
+                one=_build_law_entry(p.first),
+                two=_build_law_entry(p.second),
+                words=format_pair(p),
+                why=p.reason,
+                noncentrality_per_cycle=p.per_cycle,
+                noncentrality_planned=p.planned,
+                cycles_for_power=p.cycles,
+                cycles_until_diagnose_excludes=p.required_cycles,
+                random_noncentrality_per_cycle=p.random,
+                told_apart=p.is_separated,
+                otherwise=p.advice or None,
+            )
+            for p in a.pairs
+        ),
+    )
+
+
+def _build_law_entry(s: CandidateLaw) -> CandidateLawEntry:
+    return CandidateLawEntry(effect=s.effect, location=s.location, law=s.law)

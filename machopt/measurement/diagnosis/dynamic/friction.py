@@ -1,0 +1,262 @@
+"""What friction does beyond Coulomb and viscous, per joint: rival laws on the motor's torque.
+
+The base has, for each joint, offset, Coulomb c z and viscous d q̇, with z the direction of motion after a short
+breakaway path (:func:`machopt.effects.joint.friction.compute_presliding_direction`). A Coulomb torque that differs with
+the direction
+is an offset and a Coulomb torque; it is told from a load that the model lacks by nothing, so it stays in the base.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from machopt.effects import parameter_conversion, registry
+from machopt.effects.joint.friction import compute_presliding_direction
+from machopt.effects.protocol import Effect, FrictionLaw, FrictionState, JointSpeedRange
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, LawCurve, Quantity, Shape
+from machopt.measurement.diagnosis.effect_columns.motion_columns import (
+    MotionModel,
+    build_binned_curve,
+    build_joint_law_hypothesis,
+)
+from machopt.numerics.array_types import Array
+
+FrictionReversal = tuple[float, float]
+# how friction turns over at a reversal in the base: breakaway path in rad (m), or speed in rad/s (m/s) of a tanh
+REVERSAL_SHAPES = (
+    (0.0, 0.0),
+    (2e-5, 0.0),
+    (5e-5, 0.0),
+    (1e-4, 0.0),
+    (2e-4, 0.0),
+    (5e-4, 0.0),
+    (1e-3, 0.0),
+    (0.0, 0.001),
+    (0.0, 0.003),
+    (0.0, 0.01),
+    (0.0, 0.03),
+    (0.0, 0.1),
+    (0.0, 0.3),
+)
+STEPS = 10  # between two of these
+REVERSAL_WIDTH_FACTOR = 1.6  # times, and as much less: how far off the turn-over of the base may be
+SMOOTH, PATH = (0.0, 0.003), (5e-5, 0.0)  # of the other kind
+IMMEDIATE_REVERSAL = REVERSAL_SHAPES[0]
+WARMING_TIMES = (15.0, 60.0, 300.0)  # s
+
+
+def compute_friction_direction(scene: MotionModel, joint: int, turn: FrictionReversal) -> Array:
+    """(M,) −1 … 1, which way a joint's friction points."""
+    return compute_reversal_signal(scene, scene.motion.v[:, joint], turn)
+
+
+def build_reversal_uncertainty_columns(scene: MotionModel, joint: int, turn: FrictionReversal) -> list[Array]:
+    """Columns (M,) that make up for a turn-over a little off, in its width and in its kind.
+
+    Without them what a reversal leaves, where encoders step or a joint dwells, passes for a peak at low speed.
+    """
+    wider, narrower = (
+        (REVERSAL_WIDTH_FACTOR * path, REVERSAL_WIDTH_FACTOR * speed)
+        for path, speed in (turn, (t / REVERSAL_WIDTH_FACTOR**2 for t in turn))
+    )
+    z = compute_friction_direction(scene, joint, turn)
+    off = [compute_friction_direction(scene, joint, PATH if turn[1] > 0.0 else SMOOTH) - z]
+    if turn != REVERSAL_SHAPES[0]:
+        off.insert(
+            0, compute_friction_direction(scene, joint, wider) - compute_friction_direction(scene, joint, narrower)
+        )
+    return [x for x in off if _is_in_several_intervals(scene, x)]
+
+
+def _is_in_several_intervals(scene: MotionModel, x: Array) -> bool:
+    """Whether a signal (M,) shows in more than one stretch: of a single reversal no other stretch tells the size."""
+    m = scene.motion
+    power = np.bincount(
+        np.unique(m.group, return_inverse=True)[1], m.subtract_period_mean(m.average_blocks(x[:, None]))[:, 0] ** 2
+    )
+    return bool(power.sum() - power.max() > thresholds.DETECTION.without_best * power.sum())
+
+
+def compute_reversal_signal(scene: MotionModel, v: Array, turn: FrictionReversal) -> Array:
+    """The same of a speed (M,) rad/s: after a breakaway path, which is late, or over a speed, which is not."""
+    path, speed = turn
+    if speed > 0:
+        return np.asarray(np.tanh(v / speed))
+    return compute_presliding_direction(v, 1.0 / scene.motion.rate, scene.segment_start, path)
+
+
+def fit_breakaway(scene: MotionModel, joint: int, y: Array, beside: Array) -> FrictionReversal:
+    """The turn-over that suits a joint's torque (N,) best, Coulomb, viscous and inertia beside.
+
+    Friction that turns over a little faster or slower than the base has it leaves what looks like a peak at low speed,
+    so the best of TURNS is refined between its neighbours. ``beside`` (N, p) is what else the torque may hold.
+    """
+    power = _build_residual_function(scene, joint, y, beside)
+    best, found = np.inf, REVERSAL_SHAPES[0]
+    for turn in REVERSAL_SHAPES:
+        left = power(turn)
+        if left < thresholds.MOTION.turn_over * best:
+            best, found = left, turn
+    return min((found, *_refine_breakaway(found, power)), key=power)
+
+
+def _build_residual_function(
+    scene: MotionModel, joint: int, y: Array, beside: Array
+) -> Callable[[FrictionReversal], float]:
+    """Squares that each turn-over leaves of a joint's torque (N,), all else of it refitted, ``beside`` too."""
+    m = scene.motion
+    own = m.subtract_period_mean(m.average_blocks(np.stack([np.ones(len(m.q)), m.v[:, joint], m.a[:, joint]], axis=1)))
+    rest = np.concatenate([own, beside], axis=1)
+
+    def power(turn: FrictionReversal) -> float:
+        z = m.subtract_period_mean(m.average_blocks(compute_friction_direction(scene, joint, turn)[:, None]))
+        return float(np.sum(fit_least_squares(y, np.concatenate([rest, z], axis=1))[0] ** 2))
+
+    return power
+
+
+def describe_gradual_reversal(scene: MotionModel, joint: int, turn: FrictionReversal, y: Array, beside: Array) -> str:
+    """Words for friction that surely turns over gradually, as Coulomb's does not; empty where it may be his.
+
+    What a joint passes between two samples about a reversal says nothing of how its friction turns over there.
+    """
+    path, speed = turn
+    between = float(np.sqrt(np.mean(scene.motion.a[:, joint] ** 2))) / scene.motion.rate  # rad/s (m/s)
+    if speed <= between and 2.0 * path <= between / scene.motion.rate:
+        return ""
+    power = _build_residual_function(scene, joint, y, beside)
+    if len(y) * np.log(power(IMMEDIATE_REVERSAL) / max(power(turn), 1e-300)) < thresholds.DETECTION.gain:
+        return ""
+    if scene.prismatic[joint]:
+        over = f"{1e3 * speed:.2g} mm/s" if speed > 0.0 else f"a path of {1e3 * path:.2g} mm"
+    else:
+        over = f"{np.degrees(speed):.2g} deg/s" if speed > 0.0 else f"a path of {1e3 * path:.2g} mrad"
+    return f"friction that turns over gradually, over {over},"
+
+
+def _refine_breakaway(
+    turn: FrictionReversal, power: Callable[[FrictionReversal], float]
+) -> tuple[FrictionReversal, ...]:
+    """The best turn-over near one of TURNS; none near friction that turns at once."""
+    kind = 0 if turn[0] > 0.0 else 1
+    if turn[kind] == 0.0:
+        return ()
+    grid = sorted(t[kind] for t in REVERSAL_SHAPES if t[kind] > 0.0)
+    n = grid.index(turn[kind])
+    least, most = grid[n - 1] if n else grid[n] / 4.0, grid[n + 1] if n + 1 < len(grid) else 3.0 * grid[n]
+    ends = np.log([least, most])
+
+    def made(log: float) -> FrictionReversal:
+        size = float(np.exp(log))
+        return (size, 0.0) if kind == 0 else (0.0, size)
+
+    found = minimize_scalar(lambda x: power(made(x)), bounds=ends, method="bounded", options={"maxiter": STEPS})
+    return (made(float(found.x)),)
+
+
+def fit_least_squares(y: Array, X: Array) -> tuple[Array, Array]:
+    """Residual (N,) and coefficients (p,) of least squares."""
+    size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
+    x = np.linalg.lstsq(X / size, y, rcond=1e-10)[0] / size
+    return y - X @ x, x
+
+
+def list_warming_shapes(scene: MotionModel) -> tuple[Shape, ...]:
+    """Shapes of warming: the recorded temperature (0,), or (T,) s of a rise from the start of each session."""
+    T = scene.recording.temperature
+    if T is not None and np.ptp(T) > 1.0:
+        return ((0.0,),)
+    lasting = float(np.ptp(scene.motion.time))
+    return tuple((t,) for t in WARMING_TIMES if t < lasting)
+
+
+def compute_joint_warmth(scene: MotionModel, constant: float) -> Array:
+    """(M,) 0 … 1 how warm the joints are."""
+    m = scene.motion
+    if constant == 0.0 and scene.recording.temperature is not None:
+        T = scene.recording.temperature[m.index]
+        return np.asarray((T - T.min()) / np.ptp(T))
+    starts = np.flatnonzero(np.diff(m.session, prepend=-1))
+    since = m.time - m.time[starts][m.session]
+    return np.asarray(1.0 - np.exp(-since / constant))
+
+
+def build_friction_hypotheses(scene: MotionModel, joint: int, turn: FrictionReversal) -> list[EffectHypothesis]:
+    """Rival laws for one joint.
+
+    Args:
+        scene: channel torque, with the predicted torque.
+        joint: 0-based.
+        turn: how friction turns over in the base.
+    """
+    m = scene.motion
+    if not scene.is_joint_moving(joint):
+        return []
+    v = m.v[:, joint]
+    load = np.zeros_like(v) if scene.predicted is None else np.abs(scene.predicted[:, joint])
+    heavy = max(float(np.quantile(load, 0.98)), 1e-9)
+    loaded = scene.predicted is not None and bool(np.ptp(load) > thresholds.MOTION.loaded * heavy)
+    pace = JointSpeedRange(float(np.quantile(np.abs(v), 0.98)), loaded, tuple(t for (t,) in list_warming_shapes(scene)))
+    seen = FrictionState(
+        speed=v,
+        friction_direction=compute_friction_direction(scene, joint, turn),
+        load=load,
+        segment_start=scene.segment_start,
+        time_step=1.0 / m.rate,
+        warmth=lambda constant: compute_joint_warmth(scene, constant),
+        is_prismatic=scene.prismatic[joint],
+    )
+    laws = ((e, law, law.grid(pace)) for e in registry.select_friction_effects() for law in e.friction_laws)
+    return [
+        _build_friction_hypothesis(scene, joint, e, law, seen, tuple(s[:1] for s in grid if s[1:] == rest), rest)
+        for e, law, grid in laws
+        for rest in dict.fromkeys(s[1:] for s in grid)
+    ]
+
+
+def _build_friction_hypothesis(
+    scene: MotionModel,
+    joint: int,
+    effect: Effect,
+    law: FrictionLaw,
+    seen: FrictionState,
+    grid: tuple[Shape, ...],
+    rest: Shape,
+) -> EffectHypothesis:
+    """A law over its first number, which is settled between those of the grid; ``rest`` are the others."""
+    unit = "N" if seen.is_prismatic else "N·m"
+
+    def columns(s: Shape) -> Array:
+        return law.columns(np.array(s + rest), seen)
+
+    def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
+        return law.sizes(x, np.array(s + rest), seen)
+
+    def line(x: Array, s: Shape) -> LawCurve:
+        return build_binned_curve(
+            scene,
+            scene.motion.q[:, joint] if law.plots_over_angle else seen.speed,
+            columns(s) @ x,
+            f"speed of joint {joint + 1} in {'m' if seen.is_prismatic else 'rad'}/s",
+            f"friction beyond Coulomb and viscous in {unit}",
+        )
+
+    lower = tuple(least for _, _, least in parameter_conversion.list_coefficient_names(law, len(law.coefficients)))
+    return build_joint_law_hypothesis(
+        scene,
+        joint,
+        effect.file_word,
+        law.name,
+        law.equation,
+        columns,
+        sizes,
+        grid,
+        lower=lower if np.isfinite(lower).any() else (),
+        note=law.note,
+        curve=line,
+        family="friction",
+    )

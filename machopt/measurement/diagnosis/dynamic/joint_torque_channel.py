@@ -1,0 +1,375 @@
+"""Joint torques in motion against rigid-body dynamics from the URDF's inertias and the cell's tool.
+
+y = τ − RNEA(q, q̇, q̈). Refitted in any case, for each joint: offset, Coulomb and viscous friction and the inertia of
+its motor (no URDF states it), and one rotational inertia of the tool (no cell states it); of currents without a
+gain this too. The links' masses are the
+URDF's to a share (``link_scale``), within which a scale of each is refitted, unless a payload is the better reason;
+where the data say plainly that several links are off, which no payload explains, it is said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+from machopt.data_types.locations import format_column_location, format_joint_location, format_link_location
+from machopt.errors import InputError
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
+    BaseUnknown,
+    CoordinateFamily,
+    DiagnosisProblem,
+    EffectHypothesis,
+    HypothesisCatalogue,
+    Ints,
+    UntestableEffect,
+)
+from machopt.measurement.diagnosis.dynamic import drive_gain_and_coupling, unmodelled_torques
+from machopt.measurement.diagnosis.dynamic.friction import (
+    FrictionReversal,
+    build_friction_hypotheses,
+    build_reversal_uncertainty_columns,
+    compute_friction_direction,
+    compute_reversal_signal,
+    describe_gradual_reversal,
+    fit_breakaway,
+    fit_least_squares,
+)
+from machopt.measurement.diagnosis.dynamic.link_mass_uncertainty import compute_coordinate_rms, estimate_link_mass_sigma
+from machopt.measurement.diagnosis.dynamic.time_delays import LONGEST, build_channel_delay_hypotheses, find_best_delay
+from machopt.measurement.diagnosis.dynamic.torque_ripple_and_elasticity import (
+    build_elastic_joint_hypotheses,
+    build_ripple_hypotheses,
+)
+from machopt.measurement.diagnosis.effect_columns import gravity_compensator, payload
+from machopt.measurement.diagnosis.effect_columns.motion_columns import MotionModel, build_joint_selector
+from machopt.numerics.array_types import Array
+
+# late friction and a long breakaway path look alike at one joint
+SESSION_GAP = 1_000_000  # s between sessions, whose clocks may begin anew
+DELAY_REVERSAL_SHAPES = ((0.0, 0.0), (5e-5, 0.0), (2e-4, 0.0), (0.0, 0.01), (0.0, 0.05))
+
+
+def build_joint_torque_problem(scene: MotionModel) -> tuple[DiagnosisProblem, HypothesisCatalogue]:
+    """Equations and catalogue of the channel torque.
+
+    Raises:
+        InputError: no torque, or no inertias in the URDF.
+    """
+    m, dynamics, rec = scene.motion, scene.dynamics, scene.recording
+    if dynamics is None or scene.predicted is None or rec.torque is None:
+        raise InputError(f"{rec.source}: the channel torque needs tau1_Nm … and a URDF with inertias")
+    n = scene.joints
+    measured = rec.torque[m.index, :n]
+    needed = scene.predicted
+    y = m.subtract_period_mean(m.average_blocks(measured - needed))
+    P, T, L = dynamics.compute_regressors(m.q, m.v, m.a)
+    # a spring that the cell does not state is out of step with the rigid bodies too
+    best, shared, rough = _estimate_torque_delay(
+        scene,
+        measured,
+        m.average_blocks(np.concatenate([P, gravity_compensator.compute_angle_only_torques(m.q)], axis=2)),
+    )
+    # a delay that one joint alone asks for is made up of its own friction, and would smooth the reversals of all
+    aligned = (
+        m.subtract_period_mean(m.average_blocks(m.delay_cubic(measured, -best) - scene.predicted)) if shared else y
+    )
+    # what a payload and links of other masses ask for is no friction
+    own = (
+        m.subtract_period_mean(m.average_blocks(np.concatenate([P, L], axis=2)))
+        if n > 1
+        else np.zeros((len(aligned), n, 0))
+    )
+    paths = [
+        fit_breakaway(scene, j, aligned[:, j], own[:, j]) if scene.is_joint_moving(j) else DELAY_REVERSAL_SHAPES[0]
+        for j in range(n)
+    ]
+    gradually = [
+        describe_gradual_reversal(scene, j, paths[j], aligned[:, j], own[:, j]) if scene.is_joint_moving(j) else ""
+        for j in range(n)
+    ]
+    base, unknowns = _build_base_columns(scene, paths, gradually)
+    if n > 1:
+        scale = _equalise_noise(y, base, m.segment[m.starts][m.kept_blocks])
+        scene = replace(scene, scale=scale, lift=build_joint_selector(m, n, scale=scale))
+        y = y * scale
+        base = base * scale[:, None]
+        scene.notes.append(
+            "torques are weighted by the noise of each joint: where only noise is left the error is the "
+            "rms over joints in N·m; 1 N·m counts " + ", ".join(f"{s:.3g}" for s in scale) + " at joints 1 … " + str(n)
+        )
+    load = P
+    P, T, L = (scene.average_coordinates(x) for x in (P, T, L))
+    if np.abs(T).max() > 1e-9 and dynamics.tool_mass > 0:
+        base = np.concatenate([base, T], axis=2)
+        unknowns.append(
+            BaseUnknown(
+                name="tool inertia", unit="kg·m²", location="tool", description_if_unstated="inertia about its centre"
+            )
+        )
+    if n > 1:
+        balancer = [h.columns(h.shapes[0]) for h in gravity_compensator.build_torque_hypotheses(scene)[:1]]
+        gains = (
+            [] if scene.free_gains else [scene.column(j, needed[:, j]) for j in range(n) if scene.is_joint_moving(j)]
+        )
+        doubt, said = estimate_link_mass_sigma(y, base, P, np.concatenate([P, *balancer, *gains], axis=2), L, m.group)
+        scene.notes.extend(said)
+        if doubt > 0.0:
+            base = np.concatenate([base, L], axis=2)
+            unknowns += [
+                BaseUnknown(
+                    name=f"mass of link {b + 1}, relative", unit="1", location=format_link_location(b + 1), prior=doubt
+                )
+                for b in dynamics.bodies
+            ]
+    problem = scene.problem(
+        "torque",
+        y,
+        base,
+        unknowns,
+        CoordinateFamily(
+            name="joint torque", columns=tuple(range(n)), unit="N" if all(scene.prismatic) else "N·m", factor=1.0
+        ),
+    )
+    carried = (
+        {} if n == 1 or scene.free_gains else drive_gain_and_coupling.compute_gain_error_torque(scene, y, base, load, P)
+    )
+    return problem, _build_catalogue(scene, P, paths, best, rough, (aligned, own, carried))
+
+
+def _build_base_columns(
+    scene: MotionModel, paths: list[FrictionReversal], gradually: Sequence[str] = ()
+) -> tuple[Array, list[BaseUnknown]]:
+    """What is refitted in any case, and what it is; ``gradually`` of each joint how its friction surely turns over."""
+    m, n = scene.motion, scene.joints
+    parts, unknowns = [], []
+    for j in range(n):
+        place, unit = format_joint_location(j + 1), "N" if scene.prismatic[j] else "N·m"
+        speed, mass = ("N·s/m", "kg") if scene.prismatic[j] else ("N·m·s/rad", "kg·m²")
+        signals = [np.ones(len(m.q))]
+        unknowns.append(BaseUnknown(name=f"offset {j + 1}", unit=unit, location=place))
+        if scene.is_joint_moving(j):
+            signals += [compute_friction_direction(scene, j, paths[j]), m.v[:, j], m.a[:, j]]
+            unknowns += [
+                BaseUnknown(
+                    name=f"Coulomb friction {j + 1}",
+                    unit=unit,
+                    location=place,
+                    description_if_unstated=gradually[j] if gradually else "",
+                ),
+                BaseUnknown(name=f"viscous friction {j + 1}", unit=speed, location=place),
+                BaseUnknown(
+                    name=f"motor inertia {j + 1}", unit=mass, location=place, description_if_unstated="motor inertia"
+                ),
+            ]
+            if scene.free_gains and scene.predicted is not None:
+                signals.append(scene.predicted[:, j])
+                unknowns.append(BaseUnknown(name=f"gain of current {j + 1} beyond the first", unit="1", location=place))
+            more = build_reversal_uncertainty_columns(scene, j, paths[j])
+            signals += more
+            unknowns += [
+                BaseUnknown(name=f"turn-over of friction {j + 1}, {k + 1}", unit=unit, location=place)
+                for k in range(len(more))
+            ]
+        parts.append(scene.column(j, np.stack(signals, axis=1)))
+    return np.concatenate(parts, axis=2), unknowns
+
+
+def _equalise_noise(y: Array, base: Array, segment: Ints) -> Array:
+    """(D,) factors that give every joint's torque the same noise, their rms kept: noise from neighbouring readings."""
+    sigma = np.empty(y.shape[1])
+    inside = np.diff(segment) == 0
+    for j in range(y.shape[1]):
+        step = np.diff(fit_least_squares(y[:, j], base[:, j])[0])[inside]
+        sigma[j] = 1.4826 * float(np.median(np.abs(step - np.median(step)))) / np.sqrt(2.0)
+    sigma = np.maximum(sigma, 1e-6 * max(float(sigma.max()), 1e-12))
+    return np.asarray(np.sqrt(np.mean(sigma**2)) / sigma)
+
+
+def _estimate_torque_delay(
+    scene: MotionModel, measured: Array, load: Array
+) -> tuple[float, bool, Callable[[float], Array]]:
+    """How late the torques are (s), each joint's friction and motor inertia refitted at every delay; whether most
+    joints are surely the better for it; and the torque (M, n) that they should have shown, late by any d.
+
+    Friction steps where a joint reverses, so it has to be late together with the rigid bodies. A load at the flange, or
+    a spring beside a gear, that the cell does not state asks for torque out of step with what is predicted, as a clock
+    does: ``load`` (N, n, p), what they would ask for, is refitted beside. What a joint shows about its reversals is
+    left out: encoders that step, or dwell, tell their moment late, and friction turns over early or late by laws of its
+    own.
+    """
+    m = scene.motion
+    assert scene.predicted is not None
+    predicted = scene.predicted
+    moving = [j for j in range(scene.joints) if scene.is_joint_moving(j)]
+    tau = m.subtract_period_mean(m.average_blocks(measured))
+    at = m.average_blocks(m.time + SESSION_GAP * m.session)
+    under_way = {j: _select_moving_readings(scene, j) for j in moving}
+
+    def carried(d: float, j: int) -> Array:
+        """(N, p) of the load, late; it is smooth, so that averages will do."""
+        return m.subtract_period_mean(np.stack([np.interp(at - d, at, x) for x in load[:, j].T], axis=1))
+
+    def smooth(d: float) -> tuple[Array, Array, Array]:
+        return m.delay_cubic(predicted, d), m.delay_cubic(m.v, d), m.delay_cubic(m.a, d)
+
+    def turning(v: Array, j: int, k: int, d: float) -> Array:
+        if k < len(
+            DELAY_REVERSAL_SHAPES
+        ):  # from the late speed: a late step between two samples would come out as a ramp
+            return compute_reversal_signal(scene, v[:, j], DELAY_REVERSAL_SHAPES[k])
+        # as it does where a recorder brings two clocks together by straight lines between samples
+        return m.delay_linear(
+            compute_reversal_signal(scene, m.v[:, j], DELAY_REVERSAL_SHAPES[k - len(DELAY_REVERSAL_SHAPES)]), d
+        )
+
+    def parts(
+        d: float, j: int, late: tuple[Array, Array, Array], turns: int = len(DELAY_REVERSAL_SHAPES)
+    ) -> tuple[Array, Array, Array]:
+        """(N,) torque of a joint less the rigid bodies', what is refitted beside (N, p), friction by path (N, k)."""
+        body, v, a = late
+        z = [turning(v, j, k, d) for k in range(turns)]
+        signals = (body[:, j], np.ones(len(v)), v[:, j], a[:, j], *z)
+        X = m.subtract_period_mean(np.stack([m.average_blocks(x) for x in signals], axis=1))
+        return tau[:, j] - X[:, 0], np.concatenate([X[:, 1:4], carried(d, j)], axis=1), X[:, 4:]
+
+    def left(d: float) -> list[float]:
+        """Mean square that each moving joint leaves while under way, by the breakaway path that leaves least."""
+        late, out = smooth(d), []
+        for j in moving:
+            y, beside, z = (x[under_way[j]] for x in parts(d, j, late))
+            size = np.linalg.norm(beside, axis=0)
+            Q, _ = np.linalg.qr(beside[:, size > 0] / size[size > 0])
+            y, z = (x - Q @ (Q.T @ x) for x in (y, z))
+            gains = (y @ z) ** 2 / np.maximum(np.sum(z**2, axis=0), 1e-300)
+            out.append(float(y @ y - gains.max()) / len(y))
+        return out
+
+    power = np.array(left(0.0))
+
+    def misfit(d: float) -> float:
+        return float(np.sum(np.log(np.maximum(left(d), 0.0) + 1e-6 * power)))
+
+    best = find_best_delay(misfit) if moving else 0.0
+    # a clock that says next to nothing would still smear each reversal over some samples
+    worth = len(tau) * (misfit(0.0) - misfit(best)) >= thresholds.DETECTION.gain
+    shared = worth and 2 * int(np.sum(np.array(left(best)) < power)) > len(moving)
+    fitted, late = [], smooth(best)
+    for j in moving:
+        y, beside, z = parts(best, j, late, 2 * len(DELAY_REVERSAL_SHAPES))
+        each = [
+            (*fit_least_squares(y, np.concatenate([beside[:, :3], x[:, None], beside[:, 3:]], axis=1)), k)
+            for k, x in enumerate(z.T)
+        ]
+        fitted.append(min(each, key=lambda f: float(f[0] @ f[0])))
+
+    def rough(d: float) -> Array:
+        body, v, a = smooth(d)
+        out = body.copy()
+        for j, (_, x, k) in zip(moving, fitted, strict=True):
+            out[:, j] += x[0] + x[1] * v[:, j] + x[2] * a[:, j] + x[3] * turning(v, j, k, d)
+        return out
+
+    return best, shared, rough
+
+
+def _select_moving_readings(scene: MotionModel, joint: int) -> NDArray[np.bool_]:
+    """(N,) readings about which a joint keeps its way by more than the longest delay; all, where these are few."""
+    m = scene.motion
+    v = m.average_blocks(m.v[:, joint])
+    fast = float(np.quantile(np.abs(v), 0.9)) * thresholds.MOTION.under_way
+    window = 2 * int(np.ceil(LONGEST / max(float(np.median(np.diff(m.average_blocks(m.time)))), 1e-6))) + 1
+    low, high = minimum_filter1d(v, window), maximum_filter1d(v, window)
+    out = (low > fast) | (high < -fast)
+    return out if out.mean() > thresholds.MOTION.mostly_under_way else np.ones(len(v), bool)
+
+
+def _build_catalogue(
+    scene: MotionModel,
+    P: Array,
+    paths: list[FrictionReversal],
+    best: float,
+    rough: Callable[[float], Array],
+    drive: tuple[Array, Array, Mapping[int, Array]],
+) -> HypothesisCatalogue:
+    """``drive``: what laws of drives are held against, see
+    :func:`machopt.measurement.diagnosis.dynamic.drive_gain_and_coupling.build_drive_hypotheses`."""
+    n = scene.joints
+    out: list[EffectHypothesis] = []
+    assert scene.dynamics is not None  # build asks
+    inertia = scene.dynamics.compute_own_inertia(scene.motion.q)
+    untestable: list[UntestableEffect] = []
+    for j in range(n):
+        if j in scene.joints_without_gain:
+            untestable.append(
+                UntestableEffect(
+                    "joint_friction", format_joint_location(j + 1), "nothing says what torque its current is"
+                )
+            )
+            continue
+        if scene.free_gains:
+            untestable.append(
+                UntestableEffect(
+                    "units", format_column_location(f"tau{j + 1}_Nm"), "a gain of each current is refitted anyway"
+                )
+            )
+        out += build_friction_hypotheses(scene, j, paths[j])
+        out += build_ripple_hypotheses(scene, j)
+        out += build_elastic_joint_hypotheses(scene, j, inertia)
+    if n > 1:
+        out += payload.build_motion_payload_hypotheses(scene, P)
+        out += gravity_compensator.build_torque_hypotheses(scene)
+        out += drive_gain_and_coupling.build_drive_hypotheses(scene, paths, *drive)
+    else:
+        untestable.append(UntestableEffect("payload", "tool", "one joint cannot tell a payload from its own inertia"))
+
+    now = rough(0.0)
+
+    def late(d: float) -> Array:
+        return scene.average_coordinates(rough(d) - now)
+
+    out += build_channel_delay_hypotheses(scene, "tau", late, best)
+    out += build_channel_delay_hypotheses(scene, "q", late, best, sign=-1.0, penalty=2.0)
+    nameless = tuple(h for j in range(n) for h in unmodelled_torques.build_unmodelled_torque_hypotheses(scene, j))
+    return HypothesisCatalogue(tuple(out), tuple(untestable), list_motion_axes(scene), uncatalogued_hypotheses=nameless)
+
+
+def compute_gear_load(scene: MotionModel) -> Array | None:
+    """Torque (M, n) of the link side by rigid bodies, a payload refitted to the recorded torque where there is one.
+
+    None where that does not describe the recorded torque to a tenth, or the URDF has no inertias.
+    """
+    m, dynamics = scene.motion, scene.dynamics
+    if dynamics is None or scene.predicted is None:
+        return None
+    if scene.recording.torque is None:
+        return scene.predicted
+    measured = scene.recording.torque[m.index, : scene.joints]
+    y = m.subtract_period_mean(m.average_blocks(measured - scene.predicted))
+    base, unknowns = _build_base_columns(scene, [DELAY_REVERSAL_SHAPES[1]] * scene.joints)
+    P, T, _ = dynamics.compute_regressors(m.q, m.v, m.a)
+    own = np.concatenate([P, T], axis=2)
+    X = np.concatenate([base, scene.average_coordinates(own)], axis=2)
+    weight = 1.0 / np.maximum(compute_coordinate_rms(y, base), 1e-12)
+    A = (X * weight[:, None]).reshape(-1, X.shape[2])
+    left, x = fit_least_squares((y * weight).reshape(-1), A)
+    error = np.std(left.reshape(y.shape) / weight, axis=0)
+    moving = [j for j in range(scene.joints) if scene.is_joint_moving(j)]
+    if any(error[j] > thresholds.MOTION.describes * np.ptp(measured[:, j]) for j in moving):
+        return None
+    return np.asarray(scene.predicted + own @ x[len(unknowns) :])
+
+
+def list_motion_axes(scene: MotionModel) -> dict[str, Array]:
+    m = scene.motion
+    out = {"time": m.average_blocks(m.time), "session": m.select_block_labels(m.session).astype(float)}
+    for j in range(scene.joints):
+        out[f"q{j + 1}"] = m.average_blocks(m.q[:, j])
+        out[f"speed {j + 1}"] = m.average_blocks(m.v[:, j])
+    if scene.recording.temperature is not None:
+        out["temperature"] = m.average_blocks(scene.recording.temperature[m.index])
+    return out

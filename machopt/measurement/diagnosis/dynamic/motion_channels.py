@@ -1,0 +1,247 @@
+"""Diagnosis of a motion: which channel its signals allow, and the equations and catalogue of that channel.
+
+``link``: link-side against motor-side encoders; ``tip``: tracked TCP against the commanded joints; ``torque``: joint
+torque against rigid-body dynamics from the URDF's inertias.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from machopt.data_types.cell import Cell
+from machopt.data_types.measurements.recording import Recording
+from machopt.data_types.stiffness import StiffnessTerm
+from machopt.dynamics.rigid_body import MissingInertiaError, RigidBodyDynamics, load_dynamics
+from machopt.errors import InputError
+from machopt.kinematics.encoder_corrections import build_encoder_correction
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
+    DiagnosisProblem,
+    HypothesisCatalogue,
+    UntestableEffect,
+)
+from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
+from machopt.measurement.diagnosis.dynamic import (
+    exchanged_torque_columns,
+    joint_torque_channel,
+    link_mass_uncertainty,
+    motion_record_checks,
+    motor_currents,
+    secondary_encoder_channel,
+    tracked_tcp_channel,
+)
+from machopt.measurement.diagnosis.effect_columns import gravity_compensator
+from machopt.measurement.diagnosis.effect_columns.motion_columns import MotionModel, build_joint_selector, cache_columns
+from machopt.measurement.diagnosis.motion_data.motion_signals import MotionSignals, build_motion_signals
+from machopt.numerics.array_types import Array
+
+MotionChannel = Literal["link", "tip", "torque"]
+CHANNEL_WORDS: dict[MotionChannel, str] = {
+    "link": "link-side against motor-side joint position",
+    "tip": "tracked position of the TCP",
+    "torque": "joint torque by rigid-body dynamics from the URDF's inertias",
+}
+
+
+def list_testable_channels(recording: Recording, cell: Cell) -> tuple[MotionChannel, ...]:
+    """Which channels can be predicted and compared, the one that shows most first."""
+    out: list[MotionChannel] = []
+    other = recording.q_secondary
+    if other is not None and any(np.isfinite(x).all() and np.ptp(x) > 1e-6 for x in other.T):
+        out.append("link")
+    if recording.position is not None and len(cell.arm_joints) == 6 and not cell.arm_prismatic:
+        out.append("tip")
+    if (recording.torque is not None or motor_currents.has_currents_only(recording)) and _build_dynamics(
+        cell
+    ) is not None:
+        out.append("torque")
+    return tuple(out)
+
+
+def check_joint_names(recording: Recording, cell: Cell) -> None:
+    """Raise where the recording's joints are not the cell's."""
+    n = recording.q.shape[1]
+    slides = cell.arm_prismatic or (False,) * len(cell.arm_joints)
+    if n != len(slides):
+        raise InputError(
+            f"the recording has {n} joint{'s' if n > 1 else ''}, the cell's arm {len(slides)}: "
+            f"{', '.join(cell.arm_joints)}; one column q1_deg (q1_mm where it slides) … for each of them would work",
+            file=recording.source,
+        )
+    for j, (own, name) in enumerate(zip(slides, cell.arm_joints, strict=True)):
+        if own != (recording.prismatic or (False,) * n)[j]:
+            found, right = ("deg", "mm") if own else ("mm", "deg")
+            raise InputError(
+                f"q{j + 1}_{found} is of a joint that {'turns' if own else 'slides'}, but {name!r} of the cell "
+                f"{'slides' if own else 'turns'}; q{j + 1}_{right} is expected",
+                file=recording.source,
+            )
+
+
+def build_motion_problem(
+    recording: Recording,
+    cell: Cell,
+    channel: MotionChannel,
+    rng: np.random.Generator,
+    *,
+    repeats: bool = True,
+    terms: tuple[StiffnessTerm, ...] = (),
+) -> tuple[DiagnosisProblem, HypothesisCatalogue, tuple[str, ...], tuple[Finding, ...]]:
+    """Equations of one channel of a motion, and what may explain what they leave.
+
+    Args:
+        recording: of kind motion.
+        cell: with the URDF; of its chain only the arm joints count.
+        channel: one of :func:`list_testable_channels`.
+        rng: not used by these channels, which leave nothing to chance.
+        terms: of the cell's stiffness, that count as known: those of single joints, and balancers.
+        repeats: hold a phase of a motion that repeats out of all periods at once; False: stretches of time alone.
+
+    Returns:
+        Problem, catalogue, notes for the reader, and findings about the record.
+
+    Raises:
+        InputError: the signals that the channel needs are missing or make no sense.
+    """
+    n = min(len(cell.arm_joints), recording.q.shape[1])
+    mended, found = motion_record_checks.correct_motion_units(recording, n)
+    mended, warnings = motion_record_checks.check_channel_quality(mended, n)
+    motion = build_motion_signals(mended, n, repeats=repeats)
+    dynamics = _build_dynamics(cell)
+    predicted = _predict_joint_torque(dynamics, motion, terms)
+    free_gains, unsized = motor_currents.has_currents_only(mended) and predicted is not None, frozenset[int]()
+    if predicted is not None and free_gains:
+        made = motor_currents.convert_currents_to_torques(mended, motion, predicted)
+        mended, unsized, warnings = made.recording, made.joints_without_gain, [*warnings, made.notes]
+    elif predicted is not None and channel == "torque":
+        mended, exchanged = exchanged_torque_columns.correct_exchanged_torques(mended, motion, predicted)
+        mended, of_torque = motion_record_checks.correct_torque_side(mended, motion, predicted)
+        found += [*exchanged, *of_torque]
+    scene = replace(
+        _build_motion_model(mended, cell, motion, dynamics, predicted),
+        known_terms=terms,
+        free_gains=free_gains,
+        joints_without_gain=unsized,
+    )
+    scene.notes.extend(warnings)
+    if scene.correction is not None and channel != "torque":
+        corrected = ", ".join(dict.fromkeys(part.label for part in scene.correction.parts))
+        scene.notes.append(f"corrections of the cell's kinematics.yaml count as known: {corrected}")
+    problem, catalogue, more = _build_channel_equations(scene, channel)
+    if channel != "tip":
+        found += motion_record_checks.find_servo_lag(mended, motion)
+    if found:
+        errors = (
+            _compute_holdout_errors(problem),
+            _evaluate_uncorrected_record(recording, cell, channel, repeats, terms) if mended is not recording else None,
+        )
+        found = [_add_errors_to_finding(f, *errors) for f in found]
+    missing = [*catalogue.untestable]
+    if float(np.ptp(motion.time)) < thresholds.MOTION.long_s:
+        missing.append(
+            UntestableEffect("thermal_drift", "environment", f"{np.ptp(motion.time):.0f} s are too short for heat")
+        )
+    if recording.q_command is None and channel != "tip":
+        missing.append(UntestableEffect("servo_lag", "controller", "the commanded joints are not recorded"))
+    kept, nameless = (
+        tuple(replace(h, columns=cache_columns(h.columns)) for h in laws)
+        for laws in (catalogue.hypotheses, catalogue.uncatalogued_hypotheses)
+    )
+    catalogue = replace(catalogue, hypotheses=kept, untestable=tuple(missing), uncatalogued_hypotheses=nameless)
+    return problem, catalogue, tuple(scene.notes), (*found, *more)
+
+
+def _build_motion_model(
+    recording: Recording, cell: Cell, motion: MotionSignals, dynamics: RigidBodyDynamics | None, predicted: Array | None
+) -> MotionModel:
+    n = motion.q.shape[1]
+    prismatic = tuple(dynamics is not None and dynamics.is_prismatic(j) for j in range(n))
+    return MotionModel(
+        recording=recording,
+        cell=cell,
+        motion=motion,
+        dynamics=dynamics,
+        predicted=predicted,
+        dimensions=n,
+        lift=build_joint_selector(motion, n),
+        prismatic=prismatic,
+        correction=build_encoder_correction(cell.kinematics),
+        notes=[*motion.notes],
+    )
+
+
+def _build_channel_equations(
+    scene: MotionModel, channel: MotionChannel
+) -> tuple[DiagnosisProblem, HypothesisCatalogue, list[Finding]]:
+    if channel == "torque":
+        return *joint_torque_channel.build_joint_torque_problem(scene), []
+    if channel == "link":
+        joints = secondary_encoder_channel.find_secondary_encoder_joints(scene)
+        lift = build_joint_selector(scene.motion, len(joints), joints)
+        return *secondary_encoder_channel.build_secondary_encoder_problem(
+            replace(scene, dimensions=len(joints), lift=lift), joints
+        ), []
+    from machopt.kinematics.robot import load_robot
+
+    if scene.joints != 6:
+        raise InputError(
+            f"{scene.recording.source}: a tracked TCP needs an arm of six joints; the cell has {scene.joints}"
+        )
+    return tracked_tcp_channel.build_tracked_tcp_problem(scene, load_robot(scene.cell))
+
+
+def _evaluate_uncorrected_record(
+    recording: Recording, cell: Cell, channel: MotionChannel, repeats: bool, terms: tuple[StiffnessTerm, ...]
+) -> Array | None:
+    """Errors of the record as it stands; None where no equations can be made of it."""
+    motion = build_motion_signals(recording, min(len(cell.arm_joints), recording.q.shape[1]), repeats=repeats)
+    dynamics = _build_dynamics(cell)
+    scene = _build_motion_model(recording, cell, motion, dynamics, _predict_joint_torque(dynamics, motion, terms))
+    if channel == "link" and not secondary_encoder_channel.find_secondary_encoder_joints(scene):
+        return None  # joints that seem to stand still
+    return _compute_holdout_errors(_build_channel_equations(scene, channel)[0])
+
+
+def _compute_holdout_errors(problem: DiagnosisProblem) -> Array:
+    """(G,) rmse of the first family by group, in its report unit, of the base fitted without the group.
+
+    What is held near a statement (masses of links) is left at it: freely fitted it makes up for another unit.
+    """
+    free = [u.prior is None for u in problem.unknowns]
+    left = link_mass_uncertainty.compute_holdout_squares(
+        problem.y, problem.base[:, :, free], problem.group, np.ones(problem.dimensions)
+    )
+    return problem.families[0].factor * np.sqrt(
+        left / np.unique(problem.group, return_counts=True)[1] / problem.dimensions
+    )
+
+
+def _add_errors_to_finding(found: Finding, errors: Array, stated: Array | None) -> Finding:
+    """A finding of the record with the median error of stretches that no fit saw, as stated and as put right."""
+    if np.isfinite(found.before):
+        return found
+    after = float(np.median(errors))
+    before = after if stated is None or not found.record else float(np.median(stated))
+    return replace(found, before=before, after=after)
+
+
+def _predict_joint_torque(
+    dynamics: RigidBodyDynamics | None, motion: MotionSignals, terms: tuple[StiffnessTerm, ...]
+) -> Array | None:
+    """(M, n) N·m that motors and gears carry by rigid bodies and the balancers that the cell knows of."""
+    if dynamics is None:
+        return None
+    return dynamics.compute_torque(motion.q, motion.v, motion.a) - gravity_compensator.compute_known_torque(
+        terms, motion.q
+    )
+
+
+def _build_dynamics(cell: Cell) -> RigidBodyDynamics | None:
+    """The arm's dynamics; None where the URDF has no inertias."""
+    try:
+        return load_dynamics(cell)
+    except MissingInertiaError:
+        return None

@@ -1,0 +1,345 @@
+"""Is the record itself right? Units, motor side or joint side, channels that never change or saturate, clocks of q.
+
+What can be put right is put right and said as a finding; what cannot is one clear error. How sure a finding is comes
+from stretches of time: on how many of them the record as put right agrees better than as stated. What it does to the
+error of the channel is for :mod:`.motion` to add, which builds the equations with and without it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import bdtrc
+
+from machopt.data_types.locations import format_column_location
+from machopt.data_types.measurements.recording import Recording
+from machopt.effects.recording.record_faults import UNITS
+from machopt.errors import InputError
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import RecordCorrection
+from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedValue, Finding
+from machopt.measurement.diagnosis.data_types.record_findings import build_exact_estimate, build_record_finding
+from machopt.measurement.diagnosis.dynamic.friction import fit_least_squares
+from machopt.measurement.diagnosis.motion_data.motion_signals import MotionSignals
+from machopt.numerics.array_types import Array
+
+COLUMNS = {
+    "q": "q{}_deg q{}_mm",
+    "velocity": "qd{}_deg_s qd{}_mm_s",
+    "torque": "tau{}_Nm tau{}_N",
+    "q_secondary": "qse{}_deg qse{}_mm",
+    "q_command": "qcmd{}_deg qcmd{}_mm",
+}
+THOUSANDS = {1e-3: "a thousandth of the unit", 1e3: "a thousand times the unit"}
+FACTORS = {np.pi / 180.0: "radians for degrees", 180.0 / np.pi: "degrees twice", **THOUSANDS}
+STRETCHES = 24
+
+
+def fit_slope(x: Array, y: Array) -> tuple[float, float]:
+    """Slope of y over x through their means, and their correlation; 0, 0 where one does not change."""
+    a, b = x - x.mean(), y - y.mean()
+    xx, yy, xy = float(a @ a), float(b @ b), float(a @ b)
+    if xx <= 0 or yy <= 0:
+        return 0.0, 0.0
+    return xy / xx, xy / float(np.sqrt(xx * yy))
+
+
+def format_column_name(recording: Recording, field: str, joint: int) -> str:
+    """The name of a joint's (0-based) column."""
+    turns, slides = COLUMNS[field].split()
+    return (slides if recording.prismatic and recording.prismatic[joint] else turns).format(joint + 1)
+
+
+def compute_sign_test(before: Array, after: Array) -> float:
+    """One-sided chance that a coin wins on as many stretches (S,) as ``after`` is below ``before``."""
+    wins = int(np.sum(after < before))
+    return float(bdtrc(wins - 1, len(before), 0.5))
+
+
+def compute_interval_medians(x: Array) -> Array:
+    """(S,) medians of |x| (N,) over equal parts of the record."""
+    parts = np.array_split(np.abs(x), min(STRETCHES, len(x)))
+    return np.array([np.median(p) for p in parts])
+
+
+def correct_motion_units(recording: Recording, joints: int) -> tuple[Recording, list[Finding]]:
+    """Angles, lengths and speeds in another unit than the others: put right, and said."""
+    found: list[Finding] = []
+    slides = np.array((recording.prismatic or (False,) * joints)[:joints])
+    for name in ("velocity", "q_secondary", "q_command"):
+        for of in (False, True):
+            those = np.flatnonzero(slides == of).tolist()
+            if those and getattr(recording, name) is not None and recording.time is not None:
+                recording, more = _correct_channel_units(recording, name, those)
+                found += more
+    return recording, found
+
+
+def _correct_channel_units(recording: Recording, name: str, joints: list[int]) -> tuple[Recording, list[Finding]]:
+    """One channel of the joints that turn, or of those that slide."""
+    x, q = _compare_with_encoders(recording, name)
+    pairs = {j: fit_slope(q[:, j], x[:, j]) for j in joints if np.isfinite(x[:, j]).all() and np.ptp(x[:, j]) > 0}
+    sure = {j: s for j, (s, r) in pairs.items() if abs(r) > thresholds.RECORD.slope_sure}
+    if not sure:
+        return recording, []
+    against = [j for j, s in sure.items() if s < 0]
+    if against:
+        raise InputError(
+            f"{recording.source}: {format_column_name(recording, name, against[0])} runs against "
+            f"{format_column_name(recording, 'q', against[0])}; the same sign as the encoder would work"
+        )
+    factor = float(np.median(list(sure.values())))
+    slides = bool(recording.prismatic) and recording.prismatic[joints[0]]
+    known = [f for f in (THOUSANDS if slides else FACTORS) if abs(factor / f - 1.0) < thresholds.RECORD.slope_near]
+    assert recording.time is not None  # the caller looked
+    if (
+        known
+        and name == "velocity"
+        and known[0] > 1.0
+        and np.median(np.diff(np.sort(recording.time))) > thresholds.MOTION.slow_s
+    ):
+        return _correct_milliseconds(recording, joints)
+    if not known or max(abs(s / factor - 1.0) for s in sure.values()) > thresholds.RECORD.slope_near:
+        return recording, []
+    # all joints within a few degrees and everything else 57 times larger: the encoders are the odd ones
+    own = recording.q[:, joints]
+    few = (
+        np.abs(1e3 * own).max() < thresholds.MOTION.few_millimetres
+        if slides
+        else np.abs(np.degrees(own)).max() < thresholds.MOTION.few_degrees
+    )
+    odd, scale = ("q", known[0]) if known[0] > 1.0 and few else (name, 1.0 / known[0])
+    values = getattr(recording, odd).copy()
+    values[:, joints] *= scale
+    words = FACTORS[known[0]] if odd != "q" else "metres for millimetres" if slides else "radians for degrees"
+    mended = replace(recording, **{odd: values})
+    misfit = [
+        np.sum([compute_interval_medians(_subtract_median(a[:, j]) - _subtract_median(b[:, j])) for j in sure], axis=0)
+        for a, b in (_compare_with_encoders(r, name) for r in (recording, mended))
+    ]
+    where = format_column_name(recording, odd, joints[0])
+    return mended, [_build_unit_finding(where, 1.0 / scale, words, compute_sign_test(misfit[0], misfit[1]))]
+
+
+def _correct_milliseconds(recording: Recording, joints: list[int]) -> tuple[Recording, list[Finding]]:
+    """The clock counts milliseconds: encoders move a thousand times too slowly for the velocities."""
+    assert recording.time is not None
+    mended = replace(recording, time=recording.time / 1e3)
+    before, after = (
+        np.sum([compute_interval_medians(x[:, j] - q[:, j]) for j in joints], axis=0)
+        for x, q in (_compare_with_encoders(r, "velocity") for r in (recording, mended))
+    )
+    return mended, [_build_unit_finding("time_s", 1e3, "milliseconds for seconds", compute_sign_test(before, after))]
+
+
+def _compare_with_encoders(recording: Recording, name: str) -> tuple[Array, Array]:
+    """A channel and what the encoders say of it, in the order of time."""
+    assert recording.time is not None
+    order = np.lexsort((recording.time, recording.session))
+    q, x = recording.q[order], getattr(recording, name)[order]
+    if name != "velocity":
+        return x, q
+    steps = np.diff(recording.time[order])
+    good = (np.diff(recording.session[order]) == 0) & (steps > 0)
+    return (0.5 * (x[1:] + x[:-1]))[good], np.diff(q, axis=0)[good] / steps[good, None]
+
+
+def _subtract_median(x: Array) -> Array:
+    return x - float(np.median(x))
+
+
+def correct_torque_side(
+    recording: Recording, motion: MotionSignals, predicted: Array
+) -> tuple[Recording, list[Finding]]:
+    """Torque in another unit, or of the motors before their gears, against what the arm needs."""
+    if recording.torque is None:
+        return recording, []
+    tau = recording.torque[motion.index, : predicted.shape[1]]
+    needed = np.ptp(predicted, axis=0)
+    for j in np.flatnonzero(needed > thresholds.MOTION.needed * needed.max()).tolist():
+        v = motion.v[:, j]
+        friction = np.stack([np.ones(len(v)), np.sign(v), v], axis=1)  # it can hide which way the rest points
+        against = fit_slope(fit_least_squares(predicted[:, j], friction)[0], fit_least_squares(tau[:, j], friction)[0])[
+            1
+        ]
+        if against < -thresholds.RECORD.slope_sure and not _is_dissipative(
+            tau[:, j], predicted[:, j], motion.q[:, j], friction
+        ):
+            raise InputError(
+                f"{recording.source}: {format_column_name(recording, 'torque', j)} runs against what the arm "
+                f"needs there by its "
+                "masses; the sign of torques that drive the joint forward would work"
+            )
+    pairs = [fit_slope(predicted[:, j], tau[:, j]) for j in range(predicted.shape[1])]
+    sure = [
+        j
+        for j, (s, r) in enumerate(pairs)
+        if abs(r) > thresholds.RECORD.slope_sure and needed[j] > thresholds.MOTION.needed * needed.max()
+    ]
+    if len(sure) < min(2, predicted.shape[1]):
+        return recording, []
+    slopes = np.array([pairs[j][0] for j in sure])
+    middle = float(np.median(slopes))
+    known = [f for f in (1e-3, 1e3) if abs(middle / f - 1.0) < thresholds.MOTION.torque_factor]
+    if known and np.ptp(slopes) < thresholds.MOTION.torque_factor * abs(middle):
+        factor = known[0]
+        # against the nominal arm: refitted masses of links would make up for any factor
+        before, after = (
+            np.sqrt(
+                np.mean(
+                    [compute_interval_medians(_subtract_median(t[:, j] - predicted[:, j])) ** 2 for j in sure], axis=0
+                )
+            )
+            for t in (tau, tau / factor)
+        )
+        said = _build_unit_finding(
+            format_column_name(recording, "torque", 0), factor, FACTORS[factor], compute_sign_test(before, after)
+        )
+        said = replace(said, before=float(np.median(before)), after=float(np.median(after)))
+        return replace(recording, torque=recording.torque / factor), [said]
+    if np.all(np.abs(slopes) < thresholds.RECORD.motor_side):
+        shares = ", ".join(f"{100 * pairs[j][0]:.2g} %" for j in sure)
+        raise InputError(
+            f"{recording.source}: {format_column_name(recording, 'torque', sure[0])} is {shares} of what the "
+            f"arm needs at joints "
+            f"{', '.join(str(j + 1) for j in sure)}: torque of the motors before their gears? Torque at the joint "
+            "(times the gear ratio) would work"
+        )
+    return recording, []
+
+
+def _is_dissipative(tau: Array, predicted: Array, q: Array, friction: Array) -> bool:
+    """Whether a torque brakes its joint beside what goes against the masses: a balancer outweighs these, by the joint's
+    angle, and friction still points forward; a channel of the wrong sign has both the other way round.
+    """
+    balancer = [f(k * q) for k in (1, 2) for f in (np.cos, np.sin)]
+    beside = np.stack([predicted, *balancer], axis=1)
+    left, x = fit_least_squares(tau, np.concatenate([friction, beside], axis=1))
+    rubs = friction[:, 1:] @ x[1:3]
+    power = rubs * friction[:, 2]
+    return bool(power.mean() > 0.0 and np.std(rubs) > thresholds.RECORD.rubs * np.std(left))
+
+
+def check_channel_quality(recording: Recording, joints: int) -> tuple[Recording, list[str]]:
+    """Channels that never change, and torques cut off at a limit; velocities that are not there are left out.
+
+    Raises:
+        InputError: no joint moves, or a torque stands still though its joint moves.
+    """
+    out = []
+    moves = np.ptp(recording.q[:, :joints], axis=0) > thresholds.MOTION.moves
+    if not moves.any():
+        raise InputError(
+            f"{recording.source}: no joint moves by more than {np.degrees(thresholds.MOTION.moves):.2g}° (or "
+            f"{1e3 * thresholds.MOTION.moves:g} mm); there is no motion to diagnose"
+        )
+    for name in ("velocity", "torque"):
+        values = getattr(recording, name)
+        if values is None:
+            continue
+        for j in range(joints):
+            x, label = values[:, j], format_column_name(recording, name, j)
+            if np.ptp(x) == 0 and moves[j]:
+                if name == "torque":
+                    raise InputError(
+                        f"{recording.source}: {label} never changes though joint {j + 1} moves; a "
+                        "recording without it, or with what it was, would work"
+                    )
+                out.append(
+                    f"{label} never changes though joint {j + 1} moves: velocities are differentiated from the "
+                    "encoders instead"
+                )
+                recording = replace(recording, velocity=None)
+                break
+            if name == "torque":
+                top = np.abs(x).max()
+                share = float(np.mean(np.abs(x) >= top * (1.0 - 1e-9)))
+                if top > 0 and share > thresholds.RECORD.clipped:
+                    out.append(f"{label} is at ±{top:.4g} in {100 * share:.1f} % of the samples: cut off at a limit")
+    return recording, out
+
+
+def find_servo_lag(recording: Recording, motion: MotionSignals) -> list[Finding]:
+    """The encoders stay behind the command in proportion to speed; said where the channel itself does not show it.
+
+    Args:
+        recording: with or without a command.
+        motion: its signals.
+    """
+    if recording.q_command is None:
+        return []
+    n = motion.q.shape[1]
+    asked = recording.q_command[motion.index, :n]
+    speed = motion.differentiate(asked)
+    parts = np.array_split(np.arange(len(asked)), STRETCHES)
+    delay, sure = np.zeros(n), np.zeros(n)
+    before, after = np.zeros(STRETCHES), np.zeros(STRETCHES)
+    for j in range(n):
+        behind, x = _subtract_mean(asked[:, j] - motion.q[:, j]), _subtract_mean(speed[:, j])
+        if np.ptp(asked[:, j]) < thresholds.MOTION.moves or not float(x @ x) > 0:
+            continue
+        delay[j] = float(x @ behind) / float(x @ x)
+        local = [float(x[p] @ behind[p]) / float(x[p] @ x[p]) for p in parts if float(x[p] @ x[p]) > 0]
+        sure[j] = 1.4826 * float(np.median(np.abs(np.array(local) - delay[j]))) / np.sqrt(len(local))
+        left = behind - delay[j] * x
+        before += [float(behind[p] @ behind[p]) for p in parts]
+        after += [float(left[p] @ left[p]) for p in parts]
+    moving = delay[np.abs(delay) > 0]
+    share = 1.0 - after.sum() / before.sum() if before.sum() > 0 else 0.0
+    if (
+        not len(moving)
+        or share < thresholds.RECORD.lag_explains
+        or abs(float(np.mean(moving))) < thresholds.RECORD.lag_worth_s
+    ):
+        return []
+    mean, unit = float(np.mean(moving)), "mm" if recording.prismatic and all(recording.prismatic) else "mrad"
+    error = 1e3 * np.sqrt(np.array([before.sum(), after.sum()]) / asked.size)
+    parameters = {"delay": _build_estimate(1e3 * mean, "ms", 1e3 * float(np.sqrt(np.sum(sure**2))) / len(moving))}
+    parameters |= {
+        f"delay_{j + 1}": _build_estimate(1e3 * float(d), "ms", 1e3 * float(sure[j])) for j, d in enumerate(delay)
+    }
+    parameters |= {
+        "following_error": _build_estimate(float(error[0]), unit, 0.0),
+        "following_error_left": _build_estimate(float(error[1]), unit, 0.0),
+    }
+    return [
+        Finding(
+            effect="servo_lag",
+            location="controller",
+            law="encoders behind the command",
+            equation="q(t) = q_command(t − T), joint by joint",
+            note="in proportion to speed",
+            one_of=(("servo_lag", "controller"), ("time_skew", "sensor:qcmd")),
+            parameters=parameters,
+            before=float("nan"),
+            after=float("nan"),
+            p_value=compute_sign_test(before, after),
+            correction=RecordCorrection("servo_lag", "controller", {"delay_ms": (1e3 * delay).tolist()}),
+        )
+    ]
+
+
+def _subtract_mean(x: Array) -> Array:
+    return x - float(x.mean())
+
+
+def _build_estimate(value: float, unit: str, sigma: float) -> EstimatedValue:
+    return EstimatedValue(
+        value, unit, (value - 1.645 * sigma, value + 1.645 * sigma), (value - 1.96 * sigma, value + 1.96 * sigma)
+    )
+
+
+def _build_unit_finding(name: str, factor: float, words: str, p_value: float) -> Finding:
+    return build_record_finding(
+        UNITS.name,
+        format_column_location(name),
+        "in the record, not in the robot",
+        float("nan"),
+        float("nan"),
+        p_value,
+        {"factor": build_exact_estimate(factor)},
+        law=words,
+        equation="column = factor × what its name says",
+        stated={"factor": factor},
+    )

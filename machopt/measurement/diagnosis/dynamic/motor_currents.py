@@ -1,0 +1,105 @@
+"""Currents of which nothing says what torque an ampere makes: a gain of each joint, refitted with everything else.
+
+What the arm's masses ask of a joint, and they are known, gives its gain, friction beside. A first value makes torques
+of currents here; how far it is off is a number of the base model
+(:func:`machopt.measurement.diagnosis.dynamic.joint_torque_channel.build_joint_torque_problem`), so
+that no payload and no balancer is surer than the gains let it be. The scale of all is that of the
+masses of URDF and tool.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from machopt.data_types.measurements.recording import Recording
+from machopt.errors import InputError
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.dynamic.friction import fit_least_squares
+from machopt.measurement.diagnosis.motion_data.motion_signals import MotionSignals
+from machopt.numerics.array_types import Array
+
+MIN_JOINTS = 2  # joints whose gains the masses give: with one there is nothing to hold them against
+
+
+def has_currents_only(recording: Recording) -> bool:
+    """Whether torques are there as currents alone."""
+    return recording.torque is None and recording.current is not None
+
+
+@dataclass(frozen=True)
+class ConvertedTorques:
+    """Torques of currents."""
+
+    recording: Recording
+    notes: str  # of the gains
+    joints_without_gain: frozenset[int]  # joints, from 0, at which nothing says what torque an ampere makes
+
+
+def convert_currents_to_torques(recording: Recording, motion: MotionSignals, predicted: Array) -> ConvertedTorques:
+    """The recording with torques of its currents.
+
+    Args:
+        recording: of kind motion, with currents.
+        motion: its signals.
+        predicted: (M, n) N·m that rigid bodies ask of the joints.
+
+    Raises:
+        InputError: a current runs against what the masses ask, or too few show anything of it.
+    """
+    assert recording.current is not None  # gainless asks
+    n = predicted.shape[1]
+    current = recording.current[motion.index, :n]
+    dead = np.flatnonzero(np.ptp(current, axis=0) == 0.0)
+    if len(dead):
+        columns = ", ".join(f"current{j + 1}_A" for j in dead)
+        raise InputError(
+            f"{recording.source}: {columns} never change{'s'[: len(dead) == 1]}: not read, or of a braked joint, and "
+            "nothing is said of torque there; a recording with the currents of all joints would work"
+        )
+    each = [_fit_current_per_torque(motion, current[:, j], predicted[:, j], j) for j in range(n)]
+    sure = thresholds.MOTION.current_sure
+    against = [j for j, (slope, sigma) in enumerate(each) if -slope * sure > sigma]
+    unsized = frozenset(j for j, (slope, sigma) in enumerate(each) if sigma > sure * slope)
+    if against or n - len(unsized) < min(n, MIN_JOINTS):
+        why = (
+            f"current{against[0] + 1}_A runs against what the arm needs there by its masses"
+            if against
+            else f"currents of {n - len(unsized)} of {n} joints show enough of what the arm needs by its masses to say "
+            "what torque an ampere makes"
+        )
+        raise InputError(
+            f"{recording.source}: {why}; motor_gain_Nm_per_A and gear_ratio in recording.yaml, or a motion with a load "
+            "that the cell states, would work"
+        )
+    gains = np.array([1.0 / max(slope, sigma) for slope, sigma in each])
+    made = np.zeros_like(recording.current)
+    made[:, :n] = recording.current[:, :n] * gains
+    told = ", ".join(f"{g:.4g} (joint {j + 1})" for j, g in enumerate(gains) if j not in unsized)
+    words = (
+        "torque is current times a gain of each joint, which is refitted in any case: N·m per unit of current1_A …, by "
+        f"the masses of URDF and tool, {told}; a gain that all share passes for heavier masses"
+    )
+    if unsized:
+        which = ", ".join(str(j + 1) for j in sorted(unsized))
+        words += (
+            f"; at {'joint' if len(unsized) == 1 else 'joints'} {which} masses ask too little to say it: nothing is "
+            "named there"
+        )
+    return ConvertedTorques(replace(recording, torque=made), words, unsized)
+
+
+def _fit_current_per_torque(motion: MotionSignals, current: Array, needed: Array, joint: int) -> tuple[float, float]:
+    """Amperes per N·m that masses ask of the joint, and 1 sigma."""
+    v, a = motion.v[:, joint], motion.a[:, joint]
+    beside = np.stack([np.ones(len(v)), np.sign(v), v, a], axis=1)
+    seen, asked = (
+        motion.subtract_period_mean(motion.average_blocks(fit_least_squares(x, beside)[0][:, None]))[:, 0]
+        for x in (current, needed)
+    )
+    power = max(float(asked @ asked), 1e-300)
+    slope = float(asked @ seen) / power
+    left = seen - slope * asked
+    # errors of a cycle are correlated: so many readings count as one
+    return slope, float(np.std(left)) * float(np.sqrt(thresholds.MOTION.current_alike / power))

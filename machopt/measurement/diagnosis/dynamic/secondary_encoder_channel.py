@@ -1,0 +1,164 @@
+"""Link-side encoders against motor-side ones: y = q_secondary − q − Δ(q), the twist of the gear itself.
+
+Δ is what the cell's kinematics.yaml holds: a gear's wave that is known is not found again.
+
+Refitted in any case, for each joint that has a second encoder: an offset (mounting and zero) and the compliance under
+the torque that the gear carries.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machopt.data_types.locations import format_joint_location
+from machopt.data_types.parameter_keys import build_joint_spring_key
+from machopt.effects import registry
+from machopt.effects.protocol import JointLoadRange
+from machopt.errors import InputError
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
+    BaseUnknown,
+    CoordinateFamily,
+    DiagnosisProblem,
+    EffectHypothesis,
+    HypothesisCatalogue,
+    UntestableEffect,
+)
+from machopt.measurement.diagnosis.dynamic import joint_angle_errors
+from machopt.measurement.diagnosis.dynamic.gear_compliance import (
+    build_gear_hypotheses,
+    compute_joint_load_torque,
+    compute_known_twist,
+)
+from machopt.measurement.diagnosis.dynamic.joint_torque_channel import list_motion_axes
+from machopt.measurement.diagnosis.dynamic.time_delays import build_channel_delay_hypotheses, find_best_delay
+from machopt.measurement.diagnosis.effect_columns.motion_columns import ExplainedPower, MotionModel
+from machopt.measurement.diagnosis.motion_data.motion_signals import MotionSignals
+from machopt.numerics.array_types import Array
+
+DEFAULT_LOAD_RANGE = JointLoadRange(max_torque=1.0, is_motion=True)  # what asks which laws a motion is searched for
+
+
+def find_secondary_encoder_joints(scene: MotionModel) -> list[int]:
+    """Joints with a second encoder that moves."""
+    other = scene.recording.q_secondary
+    if other is None:
+        return []
+    part = other[scene.motion.index, : scene.joints]
+    finite = np.isfinite(part).all(axis=0)
+    return [j for j in np.flatnonzero(finite).tolist() if np.ptp(part[:, j]) > 1e-6 and scene.is_joint_moving(j)]
+
+
+def build_secondary_encoder_problem(
+    scene: MotionModel, joints: list[int]
+) -> tuple[DiagnosisProblem, HypothesisCatalogue]:
+    """Equations and catalogue of the channel link.
+
+    Args:
+        scene: with D = len(joints), ``lift`` mapping joints to coordinates.
+        joints: 0-based, that have a second encoder.
+
+    Raises:
+        InputError: no second encoder moves.
+    """
+    m, rec = scene.motion, scene.recording
+    if not joints or rec.q_secondary is None:
+        raise InputError(f"{rec.source}: no link-side encoder moves; qse1_deg … are needed for the channel link")
+    y = m.subtract_period_mean(
+        m.average_blocks((rec.q_secondary[m.index][:, : scene.joints] - scene.true_angles(m.q))[:, joints])
+    )
+    offset = np.concatenate([scene.column(j, np.ones(len(m.q))) for j in joints], axis=2)
+    found = compute_joint_load_torque(scene)
+    base, unknowns = (
+        offset,
+        [BaseUnknown(name=f"offset {j + 1}", unit="rad", location=format_joint_location(j + 1)) for j in joints],
+    )
+    out: list[EffectHypothesis] = []
+    untestable: list[UntestableEffect] = []
+    inertia = None if scene.dynamics is None else scene.dynamics.compute_own_inertia(m.q)
+    if found is None:
+        reason = "neither torques are recorded nor does the URDF have inertias"
+        untestable += [
+            UntestableEffect(effect, format_joint_location(j + 1), reason)
+            for j in joints
+            for effect in (
+                e.name
+                for e in registry.select_joint_torque_effects()
+                if any(law.grid(DEFAULT_LOAD_RANGE) for law in e.joint_laws)
+            )
+        ]
+    else:
+        load = found.load
+        scene.notes.append(f"gears are loaded by the {found.words}")
+        base = np.concatenate([offset, *(scene.column(j, load[:, j]) for j in joints)], axis=2)
+        unknowns += [
+            BaseUnknown(
+                name=f"compliance {j + 1}",
+                unit="rad/(N·m)",
+                lower=0.0,
+                location=format_joint_location(j + 1),
+                key=build_joint_spring_key(j + 1),
+            )
+            for j in joints
+        ]
+        if not found.is_from_rigid_bodies:
+            for j in joints:  # the motor's torque holds friction that never reaches the gear
+                way = np.stack([np.sign(m.v[:, j]), m.v[:, j]], axis=1)
+                base = np.concatenate([base, scene.column(j, way)], axis=2)
+                unknowns += [
+                    BaseUnknown(
+                        name=f"friction in the torque {j + 1}, {k}", unit=u, location=format_joint_location(j + 1)
+                    )
+                    for k, u in (("Coulomb", "rad"), ("viscous", "s"))
+                ]
+    if found is not None:
+        for j in joints if scene.known_terms else ():
+            y = y - scene.column(j, compute_known_twist(scene, j, found.load[:, j]))[:, :, 0]
+    # encoders of one kind have one noise, whatever the joints leave
+    fit = ExplainedPower(y, base, np.ones(len(joints)))
+    for j in joints:
+        if found is not None:
+            out += build_gear_hypotheses(scene, j, found.load[:, j], None if inertia is None else inertia[:, j], fit)
+        laws, taken_up = joint_angle_errors.build_motion_angle_hypotheses(scene, j, fit)
+        out += laws
+        untestable += taken_up
+    problem = scene.problem(
+        "position",
+        y,
+        base,
+        unknowns,
+        CoordinateFamily(name="link-side angle", columns=tuple(range(len(joints))), unit="mrad", factor=1e3),
+    )
+    near = m.q[:, joints]
+    far = near
+    if found is not None:  # what the far side shows is late with it: the gear's own twist
+        far = near + found.load[:, joints] * _fit_joint_compliance(m, fit, y, base, near, len(joints))
+    # where the load is computed from the near side it is late with that, and the two are one and the same
+    alone = far if found is not None and found.is_from_rigid_bodies else near
+
+    def late(q: Array, d: float) -> Array:
+        return m.subtract_period_mean(m.average_blocks(m.delay_cubic(q, d) - q))
+
+    def far_late(d: float) -> Array:
+        return late(far, d)
+
+    def near_late(d: float) -> Array:  # the difference shows as if it were early
+        return -late(alone, -d)
+
+    best = find_best_delay(lambda d: fit.misfit(far_late(d)))
+    out += build_channel_delay_hypotheses(scene, "qse", far_late, best)
+    early = -best if alone is far else find_best_delay(lambda d: fit.misfit(near_late(d)))
+    out += build_channel_delay_hypotheses(scene, "q", near_late, early, penalty=2.0)
+    return problem, HypothesisCatalogue(tuple(out), tuple(untestable), list_motion_axes(scene))
+
+
+def _fit_joint_compliance(m: MotionSignals, fit: ExplainedPower, y: Array, base: Array, q: Array, joints: int) -> Array:
+    """(joints,) rad/(N·m) of the base beside the delay of the bare angles that suits best."""
+
+    def late(d: float) -> Array:
+        return m.subtract_period_mean(m.average_blocks(m.delay_cubic(q, d) - q))
+
+    X = base.reshape(-1, base.shape[2])
+    size = np.maximum(np.linalg.norm(X, axis=0), np.finfo(float).tiny)
+    shown = (y - late(find_best_delay(lambda d: fit.misfit(late(d))))).reshape(-1)
+    x = np.linalg.lstsq(X / size, shown, rcond=1e-10)[0] / size
+    return np.asarray(np.clip(x[joints : 2 * joints], 0.0, None))

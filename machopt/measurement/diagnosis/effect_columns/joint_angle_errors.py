@@ -1,0 +1,142 @@
+"""Where the arm stands without any load, as measured poses see it: the laws of port angle of the registry.
+
+Each is an extra angle Δ_j of one joint at encoder angles q, by its own angle or another joint's, lifted by J_j;
+compensated in the exported joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from machopt.data_types.locations import format_joint_location, parse_joint_location
+from machopt.effects import angle_range, registry
+from machopt.effects.joint.harmonic_functions import ARCSEC
+from machopt.effects.joint.joint_angle_errors import LOW_ORDERS, MOST_HIGH
+from machopt.effects.kinematic_corrections import build_kinematic_correction
+from machopt.effects.protocol import DEGREE, Effect, JointAngleLaw, JointAngleRange
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, LawCurve, Shape
+from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
+from machopt.numerics.array_types import Array
+
+FINE = 400  # points of a law's line over the range
+
+
+def build_joint_angle_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
+    """Every law at every place that its effect is likely at, where these angles can show one."""
+    out = []
+    for effect in registry.select_angle_effects():
+        for where in effect.search_places:
+            by, _ = parse_joint_location(where)
+            for law in effect.angle_laws:
+                grid = law.grid(compute_joint_angle_range(r, by))
+                if grid:
+                    out.append(_build_pose_hypothesis(r, effect, where, law, grid))
+    return out
+
+
+def build_refined_harmonics(r: StaticReadings) -> list[EffectHypothesis]:
+    """Laws of the same with the shapes that angles can show, but are too few for to try on noise.
+
+    A gear's tooth order, or its overtone, may lie above one order for every few angles. So many shapes raise what
+    chance alone would reach; where something is there that no other law takes, they may still be held against it.
+    """
+    out = []
+    for effect in registry.select_angle_effects():
+        for where in effect.search_places:
+            by, _ = parse_joint_location(where)
+            own = compute_joint_angle_range(r, by)
+            if own.max_shapes < LOW_ORDERS:
+                continue  # not even the low orders have their angles
+            for law in effect.angle_laws:
+                grid = _build_refined_grid(own, law)
+                if grid:
+                    out.append(_build_pose_hypothesis(r, effect, where, law, grid))
+    return out
+
+
+def _build_refined_grid(own: JointAngleRange, law: JointAngleLaw) -> tuple[Shape, ...]:
+    """Shapes beyond those that are tried anyway: as many as where angles abound, and the whole orders among them."""
+    known, many = law.grid(own), law.grid(replace(own, max_shapes=LOW_ORDERS + MOST_HIGH))
+    highest = max((s[-1] for s in many if s), default=0.0)
+    whole = tuple(s for s in law.grid(replace(own, is_motion=True)) if s and s[-1] <= highest)
+    return tuple(sorted({*many, *whole} - set(known)))
+
+
+def compute_joint_angle_range(r: StaticReadings, j: int) -> JointAngleRange:
+    """What these angles of joint j (0-based) can show.
+
+    One shape for every few distinct angles (``poses_per_order``). A balancer's torque has the first two orders of its
+    joint's angle: there these are offered as that alone.
+    """
+    q = r.state.q[:, j]
+    low, high = float(q.min()), float(q.max())
+    distinct = len(np.unique(np.round(q, thresholds.RESTING.angle_decimals)))
+    shown = high - low >= thresholds.RESTING.least_wave and distinct >= thresholds.RESTING.fewest_angles
+    balanced = any(format_joint_location(j + 1) in e.places for e in registry.select_parallel_torque_effects())
+    most = int(distinct / thresholds.RESTING.poses_per_order) if shown else 0
+    return JointAngleRange(low, high, most, thresholds.RESTING.above_balancer if balanced else 1.0)
+
+
+def _build_pose_hypothesis(
+    r: StaticReadings, effect: Effect, where: str, law: JointAngleLaw, grid: tuple[Shape, ...]
+) -> EffectHypothesis:
+    by, moved = parse_joint_location(where)
+    q = r.state.q[:, by]
+    bare = build_joint_angle_hypothesis(
+        effect, where, law, grid, q, lambda columns: r.lift_joint_twist(moved, columns), q
+    )
+    # a constant angle leaves nothing of itself: the rounds of the search are linear about what was found
+    return replace(
+        bare, penalty=law.penalty, prior_sigma=law.prior, sum_name=law.sum_name, is_exact=effect.form_uncertainty == 0.0
+    )
+
+
+def build_joint_angle_hypothesis(
+    effect: Effect,
+    where: str,
+    law: JointAngleLaw,
+    grid: tuple[Shape, ...],
+    q: Array,
+    lift: Callable[[Array], Array],
+    read: Array,
+) -> EffectHypothesis:
+    """A law at a place.
+
+    Args:
+        effect, where, law, grid: of the law, and the shapes that are tried.
+        q: (M,) rad by encoder of the joint that drives it.
+        lift: (M, p) rad of the joint that is moved → (N, D, p) of the readings.
+        read: (N,) rad the same angles by reading, for the picture.
+    """
+    by, _ = parse_joint_location(where)
+    over = {angle_range.RANGE_KEY: angle_range.compute_measured_range(q)} if law.has_angle_range else {}
+
+    def curve(x: Array, shape: Shape) -> LawCurve:
+        at = np.linspace(q.min(), q.max(), FINE)
+        line, each = (law.columns(np.array(shape), a) @ x / ARCSEC for a in (at, read))
+        return LawCurve(
+            x=at / DEGREE,
+            law=line,
+            x_label=f"joint {by + 1} in deg",
+            y_label="angle in arcsec",
+            data_x=read / DEGREE,
+            per_reading=each,
+        )
+
+    return EffectHypothesis(
+        effect=effect.file_word,
+        location=where,
+        law=law.name,
+        equation=law.equation,
+        columns=lambda s: lift(law.columns(np.array(s), q)),
+        quantities=lambda x, s: law.sizes(x, np.array(s)),
+        shapes=grid,
+        correction=lambda x, s: build_kinematic_correction(effect, where, x, np.array(s), over),
+        family="kinematic",
+        note=law.note,
+        curve=curve if law.shape else None,
+    )

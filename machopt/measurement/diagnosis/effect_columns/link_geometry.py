@@ -1,0 +1,119 @@
+"""How the arm is really built, as measured poses show it: a twist of each joint's frame in the link before it.
+
+A twist (d, φ) of the frame at p moves the TCP by d + φ × (x − p), in axes that the links before it carry. Of its six
+parts only those are searched for that the poses show beside what is refitted in any case: the singular directions of
+the columns, scaled by what a robot's maker holds, whose share of themselves the base leaves.
+
+Source: Hayati & Mirmirani 1985; Meggiolaro & Dubowsky 2000 (which parts of neighbouring frames move the TCP alike).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machopt.data_types.kinematic_corrections import KinematicCorrection
+from machopt.effects.protocol import JOINTS, Quantity
+from machopt.effects.structure import link_geometry
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, Quantities, Shape
+from machopt.measurement.diagnosis.data_types.static_readings import BODY_BEHIND_FLANGE, StaticReadings
+from machopt.numerics.array_types import Array
+
+WHOLE_ARM_FRAMES = (
+    "base",
+    "joint:1",
+)  # move everything alike, as a tracker does that stands elsewhere than the recording says
+
+
+def compute_frame_columns(r: StaticReadings, place: str) -> Array:
+    """(N, D, 6) m, rad of the reading per m and rad of a frame's twist; axes of base_link with all joints at zero."""
+    n = len(r)
+    link = {link_geometry.BASE: 0, link_geometry.TOOL: 6}.get(place, int(place[-1]) - 1 if place in JOINTS else 0)
+    if r.state.R_bodies is None or r.state.p_bodies is None:
+        raise ValueError("the state was made without its bodies")
+    R, p = r.state.R_bodies[:, link], r.state.p_bodies[:, link]
+    flange = r.robot.T_base_flange_zero[:3, 3]
+    origin = {link_geometry.BASE: np.zeros(3), link_geometry.TOOL: flange}.get(place)
+    at = R @ (r.robot.point[int(place[-1]) - 1] if origin is None else origin) + p
+    out = np.zeros((n, 6, 6))
+    out[:, :3, :3] = out[:, 3:, 3:] = R
+    lever = r.state.T_base_tool[:, :3, 3] - at
+    out[:, :3, 3:] = np.swapaxes(np.cross(np.swapaxes(R, 1, 2), lever[:, None]), 1, 2)
+    return r.project_to_measured(
+        out, BODY_BEHIND_FLANGE if place == link_geometry.TOOL else link + 1 if place in JOINTS else 0
+    )
+
+
+def build_geometry_hypotheses(r: StaticReadings, base: Array) -> list[EffectHypothesis]:
+    """The geometry of each joint's frame, with fixed registration also of base and tool.
+
+    Args:
+        r: measured poses.
+        base: (N, D, P) columns that are refitted in any case.
+    """
+    places = JOINTS if r.recording.registration == "fit" else link_geometry.EFFECT.places
+    out = []
+    for place in places:
+        columns = compute_frame_columns(r, place) * list_manufacturing_tolerances()
+        V = find_observable_directions(columns, base)
+        if V.shape[1]:
+            beside_frame = place in WHOLE_ARM_FRAMES and r.recording.registration == "fixed"
+            out.append(_build_frame_hypothesis(place, columns, V, thresholds.RESTING.aside if beside_frame else 0.0))
+    return out
+
+
+def find_observable_directions(columns: Array, base: Array) -> Array:
+    """(6, K) directions of scaled twists that the base leaves: by the SVD of the scaled columns beside it."""
+    A = columns.reshape(-1, 6)
+    B = base.reshape(len(A), base.shape[2])  # none of masses that are unknown in a frame that is fixed
+    size = np.linalg.norm(B, axis=0)
+    B = B[:, size > 0] / size[size > 0]
+    Q = np.linalg.qr(B)[0] if B.shape[1] else B
+    _, s, Vt = np.linalg.svd(np.linalg.qr(A - Q @ (Q.T @ A))[1])
+    whole = np.linalg.norm(A @ Vt.T, axis=0)
+    kept = (s > thresholds.RESTING.shown_geometry * whole) & (s > thresholds.RESTING.weak_geometry * s[0])
+    return np.asarray(np.round(Vt[kept], 12).T)  # what rounding left of a part that the base takes is none
+
+
+def _build_frame_hypothesis(place: str, columns: Array, V: Array, penalty: float) -> EffectHypothesis:
+    mixed = columns @ V
+
+    def correction(x: Array, shape: Shape) -> KinematicCorrection:
+        return KinematicCorrection(
+            link_geometry.EFFECT.name, place, link_geometry.write_frame_offset(_compute_frame_offset(V, x))
+        )
+
+    return EffectHypothesis(
+        effect=link_geometry.EFFECT.name,
+        location=place,
+        law="frame elsewhere",
+        equation="x ← x + d + φ × (x − p) behind the joint's frame (Hayati & Mirmirani 1985)",
+        columns=lambda shape: mixed,
+        quantities=_build_quantities(V),
+        correction=correction,
+        family="kinematic",
+        note=link_geometry.EFFECT.note,
+        penalty=penalty,
+        prior_sigma=thresholds.RESTING.doubt_of_maker,
+        is_exact=True,
+    )
+
+
+def _compute_frame_offset(V: Array, x: Array) -> link_geometry.FrameOffset:
+    twist = list_manufacturing_tolerances() * (V @ x)
+    return link_geometry.FrameOffset(twist[:3], twist[3:])
+
+
+def _build_quantities(V: Array) -> Quantities:
+    def quantities(x: Array, shape: Shape) -> dict[str, Quantity]:
+        p = _compute_frame_offset(V, x)
+        out = {"size": Quantity(float(np.linalg.norm(V @ x) * 1e3 * thresholds.RESTING.held_by_maker), "mm")}
+        out |= {f"shift {a}": Quantity(float(v), "mm") for a, v in zip("xyz", 1e3 * p.shift, strict=True)}
+        return out | {f"turn {a}": Quantity(float(v), "mrad") for a, v in zip("xyz", 1e3 * p.turn, strict=True)}
+
+    return quantities
+
+
+def list_manufacturing_tolerances() -> Array:
+    """(6,) m, rad, 1 sigma of what a maker holds of a frame."""
+    return np.repeat([thresholds.RESTING.held_by_maker, thresholds.RESTING.turned_by_maker], 3)

@@ -1,0 +1,137 @@
+"""What the tool side carries beyond the cell's statement, in any channel: each law of the registry.
+
+Resting readings see its weight through the joints' springs; joint torques of a motion its weight and inertia as they
+are (:meth:`machopt.dynamics.rigid_body.RigidBodyDynamics.compute_regressors`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+
+import numpy as np
+
+from machopt.effects import registry
+from machopt.effects.protocol import Effect, PayloadLaw, ToolSideLoad
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
+    EffectHypothesis,
+    Quantity,
+    RecordCorrection,
+    Shape,
+)
+from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
+from machopt.measurement.diagnosis.effect_columns.motion_columns import MotionModel
+from machopt.numerics.array_types import Array
+
+PAYLOAD_COEFFICIENTS = 4  # mass and its three moments
+
+
+def build_static_payload_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
+    """Seen by how far the joints' springs give under weight."""
+    if r.masses is None:
+        return []
+    own = r.masses.body == 6
+    flange = r.robot.T_base_flange_zero
+    carried = float(r.masses.mass[own].sum())
+    centre = r.masses.mass[own] @ r.masses.com[own] / carried if carried > 0.0 else flange[:3, 3]
+    at = flange[:3, :3].T @ (centre - flange[:3, 3])  # (3,) m in flange
+    return _build_payload_hypotheses(
+        ToolSideLoad(carried, at, np.zeros(3), _compute_weight_columns(r)),
+        "J c Jᵀ w of {}, c as the base has it",
+        "environment",
+        "with gravity: as the joints' compliance, but shaped by the flange's weight alone",
+    )
+
+
+def build_motion_payload_hypotheses(scene: MotionModel, columns: Array) -> list[EffectHypothesis]:
+    """Seen in the joints' torques.
+
+    Args:
+        scene: channel torque.
+        columns: (N, D, 4) N·m of :meth:`machopt.dynamics.rigid_body.RigidBodyDynamics.compute_regressors`.
+    """
+    assert scene.dynamics is not None
+    com = scene.dynamics.tool_com
+    return _build_payload_hypotheses(
+        ToolSideLoad(scene.dynamics.tool_mass, com, com, columns),
+        "τ += Y(q, q̇, q̈) (Δm, Δm c), inertia and {}; Atkeson, An & Hollerbach, IJRR 5 (1986) 101",
+        "body",
+        "with gravity and acceleration of the tool",
+        recorded=True,
+    )
+
+
+def _build_payload_hypotheses(
+    seen: ToolSideLoad, cause: str, family: str, note: str, *, recorded: bool = False
+) -> list[EffectHypothesis]:
+    laws = [(e, law, law.grid(seen)) for e in registry.select_payload_effects() for law in e.payload_laws]
+    if recorded:  # accelerations tell mass and moments apart: the whole load is what limits are stated of
+        laws.sort(key=lambda each: len(each[1].coefficients) < PAYLOAD_COEFFICIENTS)
+    return [_build_payload_hypothesis(seen, e, law, cause, family, note, recorded) for e, law, grid in laws if grid]
+
+
+def _build_payload_hypothesis(
+    seen: ToolSideLoad, effect: Effect, law: PayloadLaw, cause: str, family: str, note: str, recorded: bool
+) -> EffectHypothesis:
+    columns, where = law.columns(seen), effect.places[0]
+
+    def sizes(x: Array, shape: Shape) -> Mapping[str, Quantity]:
+        return law.sizes(x, seen)
+
+    def correction(x: Array, shape: Shape) -> RecordCorrection | None:
+        if not recorded:
+            return None
+        return RecordCorrection(effect.file_word, where, {k: q.value for k, q in law.sizes(x, seen).items()})
+
+    return EffectHypothesis(
+        effect=effect.file_word,
+        location=where,
+        law=law.name,
+        equation=cause.format(law.equation),
+        columns=lambda shape: columns,
+        quantities=sizes,
+        family=family,
+        correction=correction,
+        note=note,
+        penalty=thresholds.MOTION.part_of_load if recorded and _is_part_of_load(effect, law) else 0.0,
+        project_to_plausible=partial(_project_to_physical_load, carried=seen.mass)
+        if recorded and columns.shape[2] == PAYLOAD_COEFFICIENTS
+        else None,
+        typical_coefficients=_locate_known_load(seen) if columns.shape[2] == PAYLOAD_COEFFICIENTS else None,
+    )
+
+
+def _locate_known_load(seen: ToolSideLoad) -> Array:
+    """(1, 4) a load where the cell's own is; a moment beside it shows more, and a limit of any load would be its."""
+    return np.asarray(np.r_[1.0, seen.centre - seen.reference_point][None, :])
+
+
+def _is_part_of_load(effect: Effect, law: PayloadLaw) -> bool:
+    """Whether a law holds part of a load as stated where another one of the effect does not."""
+    return len(law.coefficients) < max(len(one.coefficients) for one in effect.payload_laws)
+
+
+def _project_to_physical_load(x: Array, normal: Array, *, carried: float) -> Array:
+    """The nearest mass and moments (4,), by how the misfit grows, of a tool side that weighs no less than nothing."""
+    if x[0] >= -carried:
+        return x
+    step = -carried - float(x[0])
+    moments = -np.linalg.lstsq(normal[1:, 1:], normal[1:, 0] * step, rcond=None)[0]
+    return np.asarray(x + np.concatenate([[step], moments]))
+
+
+def _compute_weight_columns(r: StaticReadings) -> Array:
+    """(N, D, 4) m, rad per kg at the flange's origin and per kg·m along its axes."""
+    assert r.masses is not None  # at_rest asks
+    assert r.state.R_bodies is not None  # readings come with bodies
+    assert r.state.p_bodies is not None
+    T = r.state.T_base_tool
+    R = T[:, :3, :3] @ r.T_flange_tcp[:3, :3].T
+    flange = r.state.R_bodies[:, 6] @ r.robot.T_base_flange_zero[:3, 3] + r.state.p_bodies[:, 6]
+    arm = flange - T[:, :3, 3]  # as seen from the TCP, or from the reflector that was measured
+    g = np.broadcast_to(r.masses.gravity, arm.shape)
+    zero = np.zeros_like(arm)
+    parts = [np.concatenate([g, np.cross(arm, g)], axis=1)]
+    parts += [np.concatenate([zero, np.cross(R[:, :, k], g)], axis=1) for k in range(3)]
+    return np.stack([r.compute_displacement(w) for w in parts], axis=2)

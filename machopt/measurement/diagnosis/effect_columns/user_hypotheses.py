@@ -1,0 +1,92 @@
+"""Laws of a user's own, tried beside the catalogue: from a Python file, or from an installed package.
+
+A file or entry point (group ``machopt.measurement.diagnosis``) offers ``hypotheses(readings)``, a function that takes
+the
+:class:`~machopt.measurement.diagnosis.data_types.static_readings.StaticReadings` of a load test or of poses and yields
+:class:`~machopt.measurement.diagnosis.data_types.diagnosis_problem.EffectHypothesis` objects. docs/diagnose.md has one
+in twenty lines.
+
+A file may offer ``EFFECTS`` instead or beside it (:mod:`machopt.effects.user_effects`): laws of joints, which every
+channel then tries and stiffness.yaml holds.
+
+Either is code: loading it runs it, with all the rights of whoever started machopt. A package offers its laws by being
+installed; a file is run only where ``--terms`` names it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from machopt.effects.user_effects import USER_CODE_ERRORS, UserModule, find_entry_points
+from machopt.errors import InputError
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis
+from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
+
+GROUP = "machopt.measurement.diagnosis"
+HypothesisSource = Callable[[StaticReadings], Iterable[EffectHypothesis]]
+
+
+def load_hypothesis_sources(own: Sequence[UserModule] = ()) -> list[tuple[str, HypothesisSource]]:
+    """Functions that offer laws, with where they come from.
+
+    Args:
+        own: files of the user's; what installed packages offer comes first.
+
+    Raises:
+        InputError: a file that has neither a function ``hypotheses`` nor effects.
+    """
+    out: list[tuple[str, HypothesisSource]] = list(find_entry_points(GROUP))
+    for o in own:
+        offer = getattr(o.module, "hypotheses", None)
+        if callable(offer):
+            out.append((str(o.file), offer))
+        elif not o.has_effects:
+            raise InputError(
+                "has no function hypotheses(readings); one that yields Hypothesis objects, or EFFECTS, a list of "
+                "effects, would work",
+                file=o.file,
+            )
+    return out
+
+
+def build_user_hypotheses(
+    sources: Sequence[tuple[str, HypothesisSource]], readings: StaticReadings
+) -> list[EffectHypothesis]:
+    """The laws themselves, checked.
+
+    Raises:
+        InputError: something that is no Hypothesis, or columns of the wrong shape or with NaN.
+    """
+    out: list[EffectHypothesis] = []
+    for source, offer in sources:
+        try:
+            laws = list(offer(readings))
+            for h in laws:
+                _check_user_hypothesis(h, readings, source)
+        except USER_CODE_ERRORS as problem:
+            raise InputError(
+                f"hypotheses() does not run: {type(problem).__name__}: {problem}", file=source
+            ) from problem
+        out += laws
+    return out
+
+
+def _check_user_hypothesis(h: object, readings: StaticReadings, source: str) -> None:
+    if not isinstance(h, EffectHypothesis):
+        raise InputError(f"hypotheses() gave {type(h).__name__}; Hypothesis objects would work", file=source)
+    wanted = (len(readings), readings.dimensions)
+    for shape in h.shapes:
+        columns = np.asarray(h.columns(shape), float)
+        if columns.ndim != 3 or columns.shape[:2] != wanted or not np.isfinite(columns).all():
+            raise InputError(
+                f"columns of {h.effect} at {h.location} have the shape {columns.shape} (or NaN); finite "
+                f"({wanted[0]}, {wanted[1]}, p) would work",
+                file=source,
+            )
+        if not h.quantities(np.ones(columns.shape[2]), shape):
+            raise InputError(
+                f"quantities of {h.effect} at {h.location} are empty; the size of the effect as the first would work",
+                file=source,
+            )

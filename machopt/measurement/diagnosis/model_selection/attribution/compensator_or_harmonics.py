@@ -1,0 +1,145 @@
+"""A balancer is no wave of its gear.
+
+Where a joint with a spring beside it turns little, waves of which it shows less than a turn fit any smooth curve, and a
+loud balancer falls between the few lengths of springs that are searched: the wave is better by that alone. There the
+spring is settled by its own lengths, and has the name unless these data exclude it; what was named beside the wave
+at the same joint goes with it. Poses over more of the joint's range tell them apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from machopt.data_types.locations import parse_joint_location
+from machopt.effects import registry
+from machopt.effects.joint.joint_angle_errors import WAVES
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, Shape
+from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import (
+    compute_gain_by_shape,
+    score_hypotheses,
+)
+from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect, add_selected_effects
+from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
+from machopt.measurement.diagnosis.model_selection.search.shape_refinement import refine_law_shape
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
+    WhitenedHypothesis,
+    WhitenedModel,
+    whiten_hypotheses,
+)
+from machopt.numerics.array_types import Array
+
+RATIOS = (0.1, 0.15, 0.2, 0.28, 0.35, 0.45, 0.55, 0.7, 0.85)  # of a spring's levers
+ANGLES = np.radians(np.arange(0.0, 360.0, 4.0))
+SIDE, MOST = 0.08, 150  # of a simplex, by ratio and rad, and how often it asks
+ZERO_SINGULAR_VALUE = 1e-9  # of the largest singular value: a direction that no reading shows
+MAX_READINGS = 3000  # readings, up to which there is the time for it
+
+
+def rename_harmonics_as_compensator(state: SearchState) -> SearchState:
+    """The state, with springs beside joints in place of what is a part of a wave there."""
+    if state.problem.channel != "position":
+        return state
+    for place in dict.fromkeys(place for e in registry.select_parallel_torque_effects() for place in e.places):
+        state = _resolve_place(state, place)
+    return state
+
+
+def _resolve_place(state: SearchState, place: str) -> SearchState:
+    mine = [c for c in state.chosen if c.whitened.hypothesis.location == place and _is_angle_law(c)]
+    springs = [
+        t
+        for t in state.catalogue_hypotheses
+        if t.hypothesis.location == place and t.hypothesis.refinement and _is_parallel_torque(t)
+    ]
+    if not springs or len(state.problem) > MAX_READINGS or not any(_is_partial_wave(state, c) for c in mine):
+        return state
+    others = [c for c in state.chosen if c not in mine]
+    whole = add_selected_effects(state.base, state.chosen)
+    found, least = min((_fit_spring_geometry(state, others, t) for t in springs), key=lambda f: f[1])
+    quiet = max(1.0, whole.rss / max(len(whole.y) - whole.count, 1))
+    if least - whole.rss - sum(_compute_amplitude_excess(c) for c in mine) > thresholds.DETECTION.as_good * quiet:
+        return state
+    laws = [found.whitened if t.index == found.whitened.index else t for t in state.whitened_hypotheses]
+    kept = [replace(found, p_value=min(c.p_value for c in mine)) if c is mine[0] else c for c in state.chosen]
+    return replace(state, whitened_hypotheses=tuple(laws), chosen=tuple(c for c in kept if c not in mine[1:]))
+
+
+def _is_angle_law(c: SelectedEffect) -> bool:
+    return c.whitened.hypothesis.family == "kinematic" and c.whitened.hypothesis.is_in_catalogue
+
+
+def _is_parallel_torque(t: WhitenedHypothesis) -> bool:
+    return any(t.hypothesis.effect == e.file_word for e in registry.select_parallel_torque_effects())
+
+
+def _is_partial_wave(state: SearchState, c: SelectedEffect) -> bool:
+    """A wave of which the joint's angles show less than a turn."""
+    h = c.whitened.hypothesis
+    angle = state.catalogue.axes.get(f"q{parse_joint_location(h.location)[0] + 1}")
+    if h.name[0] != WAVES.file_word or angle is None:
+        return False
+    return float(min(c.whitened.shapes[c.scored.shape]) * np.ptp(angle)) < 2.0 * np.pi
+
+
+def _compute_amplitude_excess(c: SelectedEffect) -> float:
+    """How far waves are beyond those of gears, as a gain."""
+    return float(c.whitened.precision(c.scored.shape) @ c.scored.x**2)
+
+
+def _fit_spring_geometry(
+    state: SearchState, others: Sequence[SelectedEffect], law: WhitenedHypothesis
+) -> tuple[SelectedEffect, float]:
+    """A spring by its own lengths, and the whitened squares that it leaves; valleys between lengths are narrow."""
+    h, beside = law.hypothesis, add_selected_effects(state.base, others)
+    assert h.refinement is not None  # _at asks
+
+    def at(*shapes: Shape) -> WhitenedHypothesis:
+        return replace(whiten_hypotheses(state.base, [replace(h, shapes=shapes)])[0], index=law.index)
+
+    left = _build_residual_function(state, beside, h)
+    found: list[tuple[float, Shape]] = []
+    for ratio in RATIOS:
+        each = at(*((ratio, float(a)) for a in ANGLES))
+        shape = _minimise_by_simplex(left, each.shapes[int(np.argmax(compute_gain_by_shape(beside, each)))])
+        found.append((left(shape), shape))
+    least, best = min(found)
+    c = refine_law_shape(state.base, beside, SelectedEffect(score_hypotheses(beside, [at(best)])[0], 1.0), h.refinement)
+    return c, min(least, beside.with_law(c.whitened, c.scored.shape).rss)
+
+
+def _build_residual_function(
+    state: SearchState, beside: WhitenedModel, h: EffectHypothesis
+) -> Callable[[Shape], float]:
+    """The whitened sum of squares that a shape leaves beside a model, by one projection of the model's own columns."""
+    X = np.concatenate([beside.X, np.diag(np.sqrt(beside.prior))])
+    size = np.linalg.norm(X, axis=0)
+    U, s, _ = np.linalg.svd(X[:, size > 0.0] / size[size > 0.0], full_matrices=False)
+    Q, none = U[:, s > ZERO_SINGULAR_VALUE * s[0]], np.zeros(beside.count)
+    y = np.concatenate([beside.y, none])
+    y = y - Q @ (Q.T @ y)
+
+    def left(shape: Shape) -> float:
+        A = state.whitening.whiten(h.columns(shape))
+        A = np.concatenate([A / np.linalg.norm(A, axis=0), np.zeros((beside.count, A.shape[1]))])
+        A = A - Q @ (Q.T @ A)
+        return float(np.sum((y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) ** 2))
+
+    return left
+
+
+def _minimise_by_simplex(left: Callable[[Shape], float], start: Shape) -> Shape:
+    """The shape that leaves least near one, by a simplex: ratio and angle lean on each other along a valley."""
+    from scipy.optimize import minimize  # takes a second to load, and few need it
+
+    def lost(x: Array) -> float:
+        return left((float(np.exp(x[0])), float(x[1])))
+
+    first = np.array([np.log(start[0]), start[1]])
+    simplex = first + np.array([[0.0, 0.0], [SIDE, 0.0], [0.0, SIDE]])
+    options = {"initial_simplex": simplex, "xatol": 1e-4, "fatol": 0.1, "maxfev": MOST}
+    x = minimize(lost, first, method="Nelder-Mead", options=options).x
+    return float(np.exp(x[0])), float(x[1])

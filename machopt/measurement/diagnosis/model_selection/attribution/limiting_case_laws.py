@@ -1,0 +1,75 @@
+"""A law at the end of its grid where it turns into another law: that one has the name, unless these data exclude it.
+
+A gear that is softer up to a knee below every load is a gear with backlash; creep of which nothing fades for as long
+as anything was watched is a twist that stays, whatever the time: hysteresis. The plainer name is given, the other stays
+in ``one_of``; smaller loads, or longer rests, tell them apart. What a law turns into says nearly all that it said:
+where a further slope takes much more than play does, the slopes are what is there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+from machopt.effects.joint import backlash, creep, hysteresis, nonlinear_stiffness
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.model_selection.evaluation.finding_estimates import find_rival_explanations
+from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import (
+    ScoredHypothesis,
+    score_hypotheses,
+)
+from machopt.measurement.diagnosis.model_selection.search.forward_selection import (
+    SelectedEffect,
+    add_selected_effects,
+    is_supported,
+)
+from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
+
+
+def rename_limiting_cases(state: SearchState) -> SearchState:
+    """The state, with laws at such an end under the name of what they turn into there."""
+    out = list(state.chosen)
+    for k, c in enumerate(out):
+        other = _find_limiting_effect(c)
+        if other is None:
+            continue
+        _, open_ = find_rival_explanations(state.base, out, k, state.catalogue_hypotheses)
+        if (other, c.whitened.hypothesis.location) in open_:
+            there = _find_best_replacement(state, out, k, other)
+            out[k] = c if there is None else replace(c, scored=there)
+    return replace(state, chosen=tuple(out))
+
+
+def _find_limiting_effect(c: SelectedEffect) -> str | None:
+    end = LIMITING_CASES.get(c.whitened.hypothesis.effect)
+    return end[0] if end is not None and end[1](c) else None
+
+
+def _find_best_replacement(
+    state: SearchState, chosen: list[SelectedEffect], k: int, effect: str
+) -> ScoredHypothesis | None:
+    """The best law of an effect in place of the k-th; None where none holds by itself and says as much."""
+    beside = add_selected_effects(state.base, chosen[:k] + chosen[k + 1 :])
+    place = chosen[k].whitened.hypothesis.location
+    least = (1.0 - thresholds.DETECTION.beside) * score_hypotheses(beside, [chosen[k].whitened])[0].gain
+    laws = [t for t in state.catalogue_hypotheses if t.hypothesis.name == (effect, place)]
+    found = [s for s in score_hypotheses(beside, laws) if is_supported(beside, s) and s.gain >= least]
+    return max(found, key=lambda s: s.total) if found else None
+
+
+def _is_knee_below_loads(c: SelectedEffect) -> bool:
+    """Softer below the least knee that is tried."""
+    shapes, shape = c.whitened.shapes, c.whitened.shapes[c.scored.shape]
+    return bool(shape and c.scored.x[0] > 0.0 and shape[0] <= min(s[0] for s in shapes))
+
+
+def _is_time_constant_at_limit(c: SelectedEffect) -> bool:
+    """One time constant, and the longest that is tried."""
+    shapes, shape = c.whitened.shapes, c.whitened.shapes[c.scored.shape]
+    return len(c.scored.x) == 1 and shape[0] >= max(s[0] for s in shapes)
+
+
+LIMITING_CASES: Mapping[str, tuple[str, Callable[[SelectedEffect], bool]]] = {
+    nonlinear_stiffness.EFFECT.name: (backlash.EFFECT.name, _is_knee_below_loads),
+    creep.EFFECT.name: (hysteresis.EFFECT.name, _is_time_constant_at_limit),
+}

@@ -1,0 +1,54 @@
+"""Whether what is named as standing somewhere stands there all the time.
+
+A frame, a zero offset and the place of a tracker are numbers that do not change while poses are measured. What the sun
+or a knock does to an arm has a mean that is as good a frame as any, and the rest of it comes and goes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machopt.effects.joint import joint_angle_errors
+from machopt.effects.recording import sensor_errors
+from machopt.effects.structure import link_geometry
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis
+from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect, add_selected_effects
+from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
+from machopt.numerics.array_types import Array, Ints
+
+TIME_CONSTANT_EFFECTS = (link_geometry.EFFECT.name, joint_angle_errors.ZERO.name, sensor_errors.DISPLACEMENT.name)
+
+
+def is_time_constant(h: EffectHypothesis) -> bool:
+    """Whether the law is one of a thing that stands where it stands."""
+    return h.effect in TIME_CONSTANT_EFFECTS
+
+
+def is_time_varying(state: SearchState, c: SelectedEffect) -> bool:
+    """Whether a law of measured poses is there at some hours more than at others, by a large part of what it takes.
+
+    Args:
+        state: of the search, with ``c`` among what was chosen.
+        c: one law.
+    """
+    problem = state.problem
+    if problem.channel != "position" or problem.time is None or not is_time_constant(c.whitened.hypothesis):
+        return False
+    hours = _build_slow_time_functions(problem.time[state.whitening.reading], problem.session[state.whitening.reading])
+    whole = add_selected_effects(state.base, state.chosen)
+    varying = np.concatenate([c.columns * b[:, None] for b in hours.T], axis=1)
+    gain = whole.rss - whole.with_columns(varying).rss - whole.residual_variance * varying.shape[1]
+    d = thresholds.DETECTION
+    least = d.gain + d.per_coefficient * (varying.shape[1] - 1)
+    return bool(gain > max(least * whole.residual_variance, thresholds.PROOF.steady * c.scored.gain))
+
+
+def _build_slow_time_functions(time: Array, session: Ints) -> Array:
+    """(M, 3) slow functions of the time in a row's session, each of which is zero on average."""
+    share = np.zeros(len(time))
+    for s in np.unique(session):
+        own = session == s
+        share[own] = (time[own] - time[own].min()) / max(float(np.ptp(time[own])), 1e-9)
+    slow = np.stack([share, np.cos(2.0 * np.pi * share), np.sin(2.0 * np.pi * share)], axis=1)
+    return np.asarray(slow - slow.mean(axis=0))

@@ -1,0 +1,1 @@
+"""What a selected model is worth: held-out validation, findings, detection limits."""

@@ -1,0 +1,138 @@
+"""The least size of each effect that this recording would have shown, and what it could not be told from.
+
+An effect is named from a gain of ``least_gain`` on; noncentrality √gain + 1.28 reaches that in nine of ten repeats. The
+design decides how large an effect that takes: its columns, with the base refitted beside them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_types.diagnosis_result import DetectionLimit, EffectLocation, Testability
+from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import minimise_bounded_quadratics
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
+    MIN_COLUMN_SQUARE,
+    WhitenedHypothesis,
+    WhitenedModel,
+    invert_with_ridge,
+)
+from machopt.numerics.array_types import Array
+
+DIRECTIONS = 8
+MOST_SHAPES = 6
+
+
+def compute_detection_limits(
+    model: WhitenedModel, tried: Sequence[WhitenedHypothesis], rng: np.random.Generator, of: Collection[EffectLocation]
+) -> list[DetectionLimit]:
+    """One limit per effect and place, of its first law.
+
+    Args:
+        model: the base (with what was found).
+        tried: every hypothesis.
+        rng: directions of laws with several coefficients.
+        of: effects and places that limits are wanted for; the others are what they may be confused with.
+    """
+    M = invert_with_ridge(model.normal)
+    first: dict[EffectLocation, tuple[WhitenedHypothesis, int]] = {}
+    values: dict[EffectLocation, float] = {}
+    units: dict[EffectLocation, str] = {}
+    signals: dict[EffectLocation, Array] = {}
+    out: list[DetectionLimit] = []
+    for t in tried:
+        name = t.hypothesis.name
+        if name in first or name not in of:
+            continue
+        first[name] = (t, 0)
+        p = t.X.shape[2]
+        need = np.sqrt(
+            max(
+                thresholds.DETECTION.gain + thresholds.DETECTION.per_coefficient * (p - 1) + t.hypothesis.penalty,
+                thresholds.DETECTION.share * len(model.y),
+            )
+            * model.residual_variance
+        )
+        need += thresholds.DETECTION.nine_of_ten * np.sqrt(model.residual_variance)
+        sizes: list[float] = []
+        for s in _select_spread_indices(len(t.shapes)):
+            C = t.products_with(model)[s]
+            rest = t.columns_at(s) - model.X @ (M @ C.T)
+            own = t.XX[:, s].sum(axis=0)
+            S, whole = own - C @ M @ C.T, np.diag(own)  # as a search sees it: what is held near a statement gives less
+            if np.all(np.diag(S) < thresholds.DETECTION.absorbed * whole):
+                continue
+            for x in _draw_coefficient_directions(t, s, rng):
+                n = float(np.sqrt(max(x @ S @ x, 0.0)))
+                if n <= 1e-9 * float(np.sqrt(whole.max())):
+                    continue
+                least = x * need / n
+                quantity = next(iter(t.hypothesis.quantities(least * t.unit[s], t.shapes[s]).values()))
+                sizes.append(abs(quantity.value))
+                units[name] = quantity.unit
+                if name not in signals or len(sizes) == 1:
+                    signals[name] = rest @ least
+                    first[name] = (t, s)
+        if sizes and np.isfinite(np.median(sizes)):
+            values[name] = float(np.median(sizes))
+        else:
+            unit = next(iter(t.hypothesis.quantities(np.ones(p), t.shapes[0]).values())).unit
+            effect, location = name
+            out.append(
+                DetectionLimit(effect=effect, location=location, value=float("nan"), unit=unit, standing="not testable")
+            )
+    if signals:
+        sets = _find_confounded_effects(model, M, tried, signals)
+        for name, value in values.items():
+            (effect, location), one_of = name, tuple(sets[name])
+            standing: Testability = "only as a set" if one_of else "testable"
+            out.append(
+                DetectionLimit(
+                    effect=effect, location=location, value=value, unit=units[name], standing=standing, one_of=one_of
+                )
+            )
+    return out
+
+
+def _find_confounded_effects(
+    model: WhitenedModel, M: Array, tried: Sequence[WhitenedHypothesis], signals: dict[EffectLocation, Array]
+) -> dict[EffectLocation, list[EffectLocation]]:
+    """For each effect at twice its limit, the others that leave nothing of it."""
+    names = list(signals)
+    V = 2.0 * np.stack([signals[n] for n in names], axis=1)  # (M, K), orthogonal to the base
+    whole = np.einsum("mk,mk->k", V, V)
+    best: dict[EffectLocation, Array] = {}
+    for t in tried:
+        taken = np.zeros(len(names))
+        for s in _select_spread_indices(len(t.shapes)):
+            XX, C = t.XX[:, s].sum(axis=0), t.products_with(model)[s]
+            S = XX - C @ M @ C.T + np.diag(1e-6 * np.diag(XX) + MIN_COLUMN_SQUARE)
+            U = t.columns_at(s).T @ V
+            _, gain = minimise_bounded_quadratics(np.broadcast_to(S, (len(names), *S.shape)), U.T, t.hypothesis.lower)
+            _, other = minimise_bounded_quadratics(np.broadcast_to(S, (len(names), *S.shape)), -U.T, t.hypothesis.lower)
+            taken = np.maximum(taken, np.maximum(gain, other))
+        name = t.hypothesis.name
+        best[name] = np.maximum(best.get(name, np.zeros(len(names))), taken)
+    return {
+        n: [o for o in best if o != n and whole[k] - best[o][k] < thresholds.DETECTION.apart * model.residual_variance]
+        for k, n in enumerate(names)
+    }
+
+
+def _select_spread_indices(count: int) -> list[int]:
+    return list(range(count)) if count <= MOST_SHAPES else np.linspace(0, count - 1, MOST_SHAPES).astype(int).tolist()
+
+
+def _draw_coefficient_directions(t: WhitenedHypothesis, shape: int, rng: np.random.Generator) -> Array:
+    """(K, p) coefficients that limits are stated of: as such a thing mostly has them, else any."""
+    p, lower = t.X.shape[2], t.hypothesis.lower
+    if p == 1:
+        return np.ones((1, 1))
+    if t.hypothesis.typical_coefficients is not None:
+        return np.asarray(t.hypothesis.typical_coefficients / t.unit[shape])
+    x = rng.normal(size=(DIRECTIONS, p))
+    if lower:
+        x = np.where(np.isfinite(np.array(lower)), np.abs(x), x)
+    return np.asarray(x / np.linalg.norm(x, axis=1, keepdims=True))

@@ -1,0 +1,1 @@
+"""Which hypotheses are worth a fit: significance, transfer between sessions."""

@@ -1,0 +1,214 @@
+"""What each hypothesis adds to a model: on all readings, on groups that no fit saw, and by chance.
+
+The gain of a hypothesis is the whitened sum of squares that it takes away once the model is refitted beside it: the
+squared noncentrality of its contribution. Chance is judged for the whole search at once: signs of whole groups are
+flipped (wild cluster bootstrap), and the largest gain of any hypothesis at any shape counts (max-T).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
+    MIN_COLUMN_SQUARE,
+    WhitenedHypothesis,
+    WhitenedModel,
+    invert_with_ridge,
+)
+from machopt.numerics.array_types import Array
+
+Ints = NDArray[np.int64]
+FLIPS = 499
+
+
+@dataclass(frozen=True)
+class FittedHypothesis:
+    """One hypothesis beside one model, on all readings."""
+
+    whitened: WhitenedHypothesis
+    shape: int  # best on all readings
+    x: Array  # (p,) scaled coefficients, bounds kept
+    gain: float  # taken off the whitened sum of squares
+    visible: float  # share of the columns' square that the model does not explain itself, best shape
+
+
+@dataclass(frozen=True)
+class ScoredHypothesis(FittedHypothesis):
+    """The same with what unseen folds say of it."""
+
+    heldout: Array  # (F,) gain per fold, model and shape chosen without it
+
+    @property
+    def total(self) -> float:
+        return float(self.heldout.sum())
+
+
+def score_hypotheses(model: WhitenedModel, tried: Sequence[WhitenedHypothesis]) -> list[ScoredHypothesis]:
+    """Score hypotheses beside a model."""
+    H, h = model.normal, model.Xy.sum(axis=0)
+    M = model.inverse
+    XX, Xy, yy = model.XX, model.Xy, model.yy
+    M_fold = invert_with_ridge(H - XX)
+    x_fold = np.einsum("fij,fj->fi", M_fold, h - Xy)
+    loss = yy - 2 * np.einsum("fi,fi->f", x_fold, Xy) + np.einsum("fi,fij,fj->f", x_fold, XX, x_fold)
+    return [_score_hypothesis(model, t, h, M, (XX, Xy, yy, M_fold, x_fold, loss)) for t in tried]
+
+
+def fit_hypotheses(model: WhitenedModel, tried: Sequence[WhitenedHypothesis]) -> list[FittedHypothesis]:
+    """Hypotheses beside a model on all readings: what chance is judged by, at a fraction of what unseen folds cost."""
+    h = model.Xy.sum(axis=0)
+    return [_fit_on_all_readings(t, _compute_mixed_products(model, t), h, model.inverse) for t in tried]
+
+
+def _compute_mixed_products(model: WhitenedModel, t: WhitenedHypothesis) -> Array:
+    """(F, S, p, P) products of a hypothesis' columns with the model's, by fold."""
+    return t.products_by_fold(model)
+
+
+def _build_prior_precision(t: WhitenedHypothesis) -> Array:
+    """(S, p, p) precision of what is known of the coefficients beforehand."""
+    return np.stack([np.diag(t.precision(s)) for s in range(len(t.shapes))])
+
+
+def compute_gain_by_shape(model: WhitenedModel, t: WhitenedHypothesis) -> Array:
+    """(S,) gain of each shape of a hypothesis beside a model, on all readings."""
+    return _fit_every_shape(t, t.products_with(model), model.Xy.sum(axis=0), model.inverse)[1]
+
+
+def _fit_on_all_readings(t: WhitenedHypothesis, mixed: Array, h: Array, M: Array) -> FittedHypothesis:
+    x, gain, visible = _fit_every_shape(t, mixed.sum(axis=0), h, M)
+    best = int(np.argmax(gain))
+    return FittedHypothesis(t, best, x[best], float(gain[best]), float(visible[best]))
+
+
+def _fit_every_shape(t: WhitenedHypothesis, C: Array, h: Array, M: Array) -> tuple[Array, Array, Array]:
+    """Of every shape its coefficients (S, p), gain (S,), and what is visible (S,)."""
+    XX, Xy = t.XX.sum(axis=0), t.Xy.sum(axis=0)
+    S, u = XX - (C @ M) @ np.swapaxes(C, 1, 2), Xy - C @ (M @ h)
+    S, visible = _regularise_absorbed_directions(S, XX)
+    x, gain = minimise_bounded_quadratics(S + _build_prior_precision(t), u, t.hypothesis.lower)
+    return x, gain, visible
+
+
+def _score_hypothesis(
+    model: WhitenedModel, t: WhitenedHypothesis, h: Array, M: Array, folds: tuple[Array, ...]
+) -> ScoredHypothesis:
+    mixed, known = _compute_mixed_products(model, t), _build_prior_precision(t)
+    whole = _fit_on_all_readings(t, mixed, h, M)
+    C, XXc, Xyc = mixed.sum(axis=0), t.XX.sum(axis=0), t.Xy.sum(axis=0)
+    # the same without each fold
+    XX, Xy, yy, M_fold, x_fold, loss = folds
+    C_f, XX_f, Xy_f = mixed, t.XX, t.Xy
+    C_r, XX_r, Xy_r = C - C_f, XXc - XX_f, Xyc - Xy_f
+    S_r = XX_r - (C_r @ M_fold[:, None]) @ np.swapaxes(C_r, 2, 3)
+    u_r = Xy_r - (C_r @ x_fold[:, None, :, None])[..., 0]
+    F, count, p = u_r.shape
+    flat, _ = _regularise_absorbed_directions(S_r.reshape(-1, p, p), XX_r.reshape(-1, p, p))
+    flat = flat + np.broadcast_to(known, (F, *known.shape)).reshape(flat.shape)
+    xc, gain_r = minimise_bounded_quadratics(flat, u_r.reshape(-1, p), t.hypothesis.lower)
+    pick = np.argmax(gain_r.reshape(F, count), axis=1)
+    at = np.arange(F)
+    xc = xc.reshape(F, count, p)[at, pick]
+    C_r, C_p, XX_p, Xy_p = C_r[at, pick], C_f[at, pick], XX_f[at, pick], Xy_f[at, pick]
+    xb = x_fold - np.einsum("fpq,fiq,fi->fp", M_fold, C_r, xc)
+    new = (
+        yy
+        - 2 * np.einsum("fp,fp->f", xb, Xy)
+        - 2 * np.einsum("fi,fi->f", xc, Xy_p)
+        + np.einsum("fp,fpq,fq->f", xb, XX, xb)
+        + np.einsum("fi,fij,fj->f", xc, XX_p, xc)
+        + 2 * np.einsum("fi,fip,fp->f", xc, C_p, xb)
+    )
+    return ScoredHypothesis(t, whole.shape, whole.x, whole.gain, whole.visible, loss - new)
+
+
+def minimise_bounded_quadratics(S: Array, u: Array, lower: tuple[float, ...]) -> tuple[Array, Array]:
+    """Least ½ xᵀSx − uᵀx with x ≥ lower (0 or −∞), for many at once.
+
+    Args:
+        S: (B, p, p) positive definite; u: (B, p).
+        lower: (p,), empty for no bounds.
+
+    Returns:
+        x (B, p), and the gain 2 uᵀx − xᵀSx (B,).
+    """
+    x = np.linalg.solve(S, u[..., None])[..., 0]
+    if lower and any(np.isfinite(v) for v in lower):
+        below = np.array([np.isfinite(v) for v in lower])
+        active = np.zeros_like(x, bool)
+        for _ in range(x.shape[1]):
+            wrong = below & (x < 0) & ~active
+            if not wrong.any():
+                break
+            active |= wrong
+            held = S * ~active[:, :, None] * ~active[:, None, :]
+            held = held + np.einsum("bi,ij->bij", active.astype(float), np.eye(x.shape[1]))
+            x = np.where(active, 0.0, np.linalg.solve(held, np.where(active, 0.0, u)[..., None])[..., 0])
+    gain = 2 * np.einsum("bi,bi->b", u, x) - np.einsum("bi,bij,bj->b", x, S, x)
+    return np.asarray(x), np.asarray(gain)
+
+
+def compute_chance_probability(
+    model: WhitenedModel,
+    scored: Sequence[FittedHypothesis],
+    residual: Array,
+    rng: np.random.Generator,
+    flips: int = FLIPS,
+) -> Array:
+    """(K,) probability that the largest gain of the whole search reaches a hypothesis' own by chance.
+
+    Args:
+        model: beside which the hypotheses were scored.
+        scored: all of them.
+        residual: (M,) whitened, of a model that holds every effect that may be there; with a large effect among the
+            residuals chance would look as large as the effect.
+        rng: of the flips.
+        flips: how many.
+    """
+    if not scored:
+        return np.zeros(0)
+    M, r = model.inverse, residual
+    Xr = model.w.sum_by_cluster(model.X * r[:, None])  # (G, P)
+    signs = rng.choice([-1.0, 1.0], (flips, len(Xr)))
+    largest = np.full(flips, -np.inf)
+    own = np.empty(len(scored))
+    for k, s in enumerate(scored):
+        t = s.whitened
+        C = t.products_with(model)
+        XX = t.XX.sum(axis=0)
+        S, _ = _regularise_absorbed_directions(XX - (C @ M) @ np.swapaxes(C, 1, 2), XX)
+        taken = Xr @ (C @ M).reshape(C.shape[0] * C.shape[1], len(M)).T
+        scores = t.products_by_cluster(model.w, r) - taken.reshape(len(Xr), *C.shape[:2])
+        L = np.linalg.inv(np.linalg.cholesky(S))
+        along = (L[None] @ scores[..., None])[..., 0]
+        p = along.shape[2]
+        drawn = (signs @ along.reshape(len(along), -1)).reshape(flips, *along.shape[1:])
+        if p == 1 and t.hypothesis.lower and np.isfinite(t.hypothesis.lower[0]):
+            drawn = np.maximum(drawn, 0.0)
+        largest = np.maximum(largest, _convert_to_normal_deviate((drawn**2).sum(axis=2), p).max(axis=1))
+        own[k] = _convert_to_normal_deviate(
+            np.array(s.gain), p
+        )  # as drawn: both carry whatever variance the noise leaves out
+    return np.asarray((1.0 + (largest[None, :] >= own[:, None]).sum(axis=1)) / (flips + 1.0))
+
+
+def _convert_to_normal_deviate(gain: Array, p: int) -> Array:
+    """A χ² of p degrees of freedom as a normal deviate (Wilson & Hilferty 1931)."""
+    v = 2.0 / (9.0 * p)
+    return np.asarray(((np.maximum(gain, 0.0) / p) ** (1.0 / 3.0) - (1.0 - v)) / np.sqrt(v))
+
+
+def _regularise_absorbed_directions(S: Array, whole: Array) -> tuple[Array, Array]:
+    """S with directions that the model absorbs made heavy, and the visible share (B,) of the best column."""
+    d = np.maximum(np.diagonal(whole, axis1=-2, axis2=-1), MIN_COLUMN_SQUARE)
+    left = np.maximum(np.diagonal(S, axis1=-2, axis2=-1), 0.0) / d
+    heavy = np.maximum(thresholds.DETECTION.absorbed - left, 0.0) * d
+    p = S.shape[-1]
+    out = S.copy()
+    out[:, np.arange(p), np.arange(p)] += heavy + 1e-6 * d
+    return out, left.max(axis=1)

@@ -1,0 +1,160 @@
+"""Normal equations of the base and of every law at every shape, summed up once: what any set of them leaves is small
+linear algebra from there on, however many the readings are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
+    MIN_COLUMN_SQUARE,
+    ModelColumns,
+    WhitenedHypothesis,
+    WhitenedModel,
+    invert_with_ridge,
+)
+from machopt.numerics.array_types import Array
+
+MOST_SHAPES = 8  # of a law that is no wave
+FOLDS = 10
+
+
+@dataclass(frozen=True)
+class LawColumnGroup:
+    """One law at one shape."""
+
+    law: WhitenedHypothesis
+    shape: int
+    columns: slice  # of all
+
+
+@dataclass(frozen=True)
+class NormalEquationSums:
+    """Normal equations of the base's columns, all groups' columns, and y, in this order."""
+
+    total: Array  # (C + 1, C + 1)
+    folds: tuple[Array, ...]
+    groups: tuple[LawColumnGroup, ...]
+    base: int  # columns of it
+    rows: int
+
+
+class CachedSums:
+    """Sums of a base and laws, worked out once where anything asks for them; of many shapes of a law, some."""
+
+    def __init__(self, model: WhitenedModel, laws: Sequence[WhitenedHypothesis]) -> None:
+        """Nothing is summed up yet.
+
+        Args:
+            model: the base.
+            laws: where some are sums of waves, other waves of the same effect and place are left out: the pursuit takes
+                an order and its double one by one.
+        """
+        self.model, self.laws = model, laws
+
+    @cached_property
+    def sum_all(self) -> NormalEquationSums:
+        """Of the base and of all laws."""
+        model, groups, at = self.model, [], self.model.count
+        waves = {t.hypothesis.name for t in self.laws if t.hypothesis.sum_name}
+        for t in self.laws:
+            if t.hypothesis.name in waves and not t.hypothesis.sum_name:
+                continue
+            p, count = t.X.shape[2], len(t.shapes)
+            most = count if t.hypothesis.sum_name else min(count, MOST_SHAPES)
+            for s in np.linspace(0, count - 1, most).astype(int).tolist():
+                groups.append(LawColumnGroup(t, s, slice(at, at + p)))
+                at += p
+        total, parts = np.zeros((at + 1, at + 1)), []
+        for some in np.array_split(np.arange(model.folds), min(FOLDS, model.folds)):
+            rows = np.concatenate([model.rows[f] for f in some])
+            A = np.concatenate(
+                [model.X[rows], *(g.law.columns_at(g.shape)[rows] for g in groups), model.y[rows, None]], axis=1
+            )
+            parts.append(A.T @ A)
+            total += parts[-1]
+        _add_priors(total, model, groups)
+        return NormalEquationSums(total, tuple(parts), tuple(groups), model.count, len(model.y))
+
+    def select_groups(
+        self, first: Sequence[tuple[WhitenedHypothesis, int]], among: Callable[[WhitenedHypothesis], bool]
+    ) -> NormalEquationSums:
+        """Of the base, of some laws at a shape each, and of those among all that fulfil something.
+
+        Args:
+            first: the first groups, in this order.
+            among: which of the others.
+
+        Returns:
+            Sums without folds.
+        """
+        model, whole = self.model, self.sum_all
+        others = [g for g in whole.groups if among(g.law)]
+        kept = np.array([*range(whole.base), *(c for g in others for c in range(g.columns.start, g.columns.stop))], int)
+        at, groups = len(kept), []
+        for law, shape in first:
+            p = law.X.shape[2]
+            groups.append(LawColumnGroup(law, shape, slice(at, at + p)))
+            at += p
+        total, stop = np.zeros((at + 1, at + 1)), whole.base
+        n = np.append(np.arange(len(kept)), at)
+        total[np.ix_(n, n)] = whole.total[np.ix_(np.append(kept, -1), np.append(kept, -1))]
+        moved = []
+        for g in others:
+            p = g.columns.stop - g.columns.start
+            moved.append(replace(g, columns=slice(stop, stop + p)))
+            stop += p
+        for k, g in enumerate(groups):
+            base = g.law.products_with(model)[g.shape]
+            _add_symmetric_block(total, g.columns, slice(0, whole.base), base)
+            _add_symmetric_block(total, g.columns, slice(at, at + 1), g.law.Xy[:, g.shape].sum(axis=0)[:, None])
+            _add_symmetric_block(total, g.columns, g.columns, g.law.XX[:, g.shape].sum(axis=0))
+            part = ModelColumns(None, g.law, g.shape)
+            for o in (*groups[:k], *moved):
+                _add_symmetric_block(
+                    total, o.columns, g.columns, o.law.products_with_model(part, model.rows)[:, o.shape].sum(axis=0)
+                )
+        _add_priors(total, None, groups)
+        return NormalEquationSums(total, (), (*groups, *moved), whole.base, whole.rows)
+
+
+def _add_symmetric_block(total: Array, rows: slice, columns: slice, block: Array) -> None:
+    """Both halves of a symmetric matrix."""
+    total[rows, columns], total[columns, rows] = block, block.T
+
+
+def _add_priors(total: Array, model: WhitenedModel | None, groups: Sequence[LawColumnGroup]) -> None:
+    """What is known beforehand of a base and of groups, on the diagonal."""
+    if model is not None:
+        k = np.arange(model.count)
+        total[k, k] += model.prior
+    for g in groups:
+        n = np.arange(g.columns.start, g.columns.stop)
+        total[n, n] += g.law.precision(g.shape)
+
+
+def eliminate_columns(sums: Array, columns: Array) -> Array:
+    """What is left of normal equations once columns are fitted."""
+    C = sums[columns]
+    return np.asarray(sums - C.T @ invert_with_ridge(C[:, columns]) @ C)
+
+
+def compute_group_gains(left: Array, sums: NormalEquationSums) -> Array:
+    """Sum of squares that each group takes beside what was fitted; directions that nothing is left of take none."""
+    out = np.zeros(len(sums.groups))
+    size = np.sqrt(np.maximum(np.diag(sums.total), MIN_COLUMN_SQUARE))
+    width = np.array([g.columns.stop - g.columns.start for g in sums.groups])
+    for p in np.unique(width).tolist():
+        which = np.flatnonzero(width == p)
+        at = np.array([np.arange(sums.groups[n].columns.start, sums.groups[n].columns.stop) for n in which])
+        S = left[at[:, :, None], at[:, None, :]] / (size[at][:, :, None] * size[at][:, None, :])
+        value, V = np.linalg.eigh(S)
+        w = np.einsum("kij,ki->kj", V, left[at, -1] / size[at])
+        seen = value > thresholds.RESTING.visible
+        out[which] = np.sum(np.where(seen, w**2 / np.where(seen, value, 1.0), 0.0), axis=1)
+    return out

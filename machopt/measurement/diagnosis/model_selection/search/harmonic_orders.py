@@ -1,0 +1,210 @@
+"""Several orders of one gear: a joint's waves as one law, order by order, each refined with all others beside it.
+
+A search names one law a place; a gear runs ahead and behind in the orders of its input, its cam and its output at once.
+Once a wave stands, further ones of the same place are taken as long as they hold beside everything chosen (orthogonal
+matching pursuit), and orders that the others make needless leave again: what was named first may have stood for two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, Shape, ShapeRefinement
+from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import (
+    compute_chance_probability,
+    compute_gain_by_shape,
+    fit_hypotheses,
+    score_hypotheses,
+)
+from machopt.measurement.diagnosis.model_selection.search.forward_selection import (
+    SelectedEffect,
+    add_selected_effects,
+    compute_least_gain,
+    is_supported,
+)
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
+    WhitenedHypothesis,
+    WhitenedModel,
+    whiten_hypotheses,
+)
+from machopt.numerics.array_types import Array
+
+MOST = 6  # orders of a joint, a safety
+NARROWER = (1.0, 0.2, 0.04)  # of the way to neighbouring orders, in turn
+
+
+def add_harmonic_orders(
+    model: WhitenedModel, chosen: Sequence[SelectedEffect], laws: Sequence[WhitenedHypothesis], rng: np.random.Generator
+) -> list[SelectedEffect]:
+    """What was chosen, with all orders of each joint that has a wave.
+
+    Args:
+        model: the base.
+        chosen: one law a place.
+        laws: all that is tried; single waves among them have a word for their sum and are settled finely.
+        rng: of the sign flips.
+    """
+    out = list(chosen)
+    for k, c in enumerate(chosen):
+        single = [t for t in laws if t.hypothesis.name == c.whitened.hypothesis.name and _is_single_wave(t.hypothesis)]
+        if single and _is_wave_series(c):
+            out[k] = _fit_joint_orders(model, out, k, single, rng)
+    return out
+
+
+def count_parts(chosen: Sequence[SelectedEffect]) -> int:
+    """How many parts explanations say a thing in: each order of a motion's waves is one."""
+    return sum(
+        len(c.whitened.shapes[c.scored.shape]) if c.whitened.hypothesis.refinement and _is_wave_series(c) else 1
+        for c in chosen
+    )
+
+
+def _is_wave_series(c: SelectedEffect) -> bool:
+    """Whether a law has a cosine and a sine of each of its orders."""
+    return bool(2 * len(c.whitened.shapes[c.scored.shape]) == c.whitened.X.shape[2])
+
+
+def _is_single_wave(h: EffectHypothesis) -> bool:
+    """Whether a law is one wave, whose order a motion settles."""
+    return bool(h.sum_name) and h.refinement is not None
+
+
+def _fit_joint_orders(
+    model: WhitenedModel,
+    chosen: list[SelectedEffect],
+    k: int,
+    single: Sequence[WhitenedHypothesis],
+    rng: np.random.Generator,
+) -> SelectedEffect:
+    """The k-th effect with all its orders."""
+    first = chosen[k]
+    beside = add_selected_effects(model, [c for n, c in enumerate(chosen) if n != k])
+    law = single[0].hypothesis
+    assert law.refinement is not None  # of a wave
+    orders = tuple(first.whitened.shapes[first.scored.shape])
+    added = False
+    while len(orders) < MOST:
+        refined = _refine_orders(model, beside, law, orders)
+        one = _find_next_order(
+            beside.with_columns(_build_order_columns(model, law, refined).columns_at(0)), single, rng
+        )
+        if one is None:
+            break
+        orders, added = (*refined, one), True
+    if not added:
+        return first
+    orders = _drop_unneeded_orders(
+        model, beside, law, _merge_unresolved_orders(model, beside, law, _refine_orders(model, beside, law, orders))
+    )
+    own = score_hypotheses(beside, [_build_order_columns(model, _combine_waves(law, orders), orders)])[0]
+    return replace(first, scored=own)
+
+
+def _find_next_order(
+    model: WhitenedModel, single: Sequence[WhitenedHypothesis], rng: np.random.Generator
+) -> float | None:
+    """The order of one more wave that holds beside the others; None: there is none."""
+    scored = [s for s in score_hypotheses(model, single) if is_supported(model, s)]
+    if not scored:
+        return None
+    best = max(scored, key=lambda s: s.total - s.whitened.hypothesis.penalty * model.residual_variance)
+    left = model.with_law(best.whitened, best.shape).residual
+    each = [best, *(f for f in fit_hypotheses(model, single) if f.whitened is not best.whitened)]
+    if float(compute_chance_probability(model, each, left, rng)[0]) > thresholds.DETECTION.chance:
+        return None
+    return float(best.whitened.shapes[best.shape][0])
+
+
+def _refine_orders(model: WhitenedModel, beside: WhitenedModel, law: EffectHypothesis, orders: Shape) -> Shape:
+    """Each order where the others want it; a whole one where it is no worse."""
+    assert law.refinement is not None  # of a wave
+    out = list(orders)
+    for share in NARROWER:
+        for n, order in enumerate(out):
+            m = beside
+            if len(out) > 1:
+                m = beside.with_columns(
+                    _build_order_columns(model, law, tuple(v for i, v in enumerate(out) if i != n)).columns_at(0)
+                )
+            about = tuple(dict.fromkeys(((order,), *law.refinement.shapes_around((order,), share))))
+            gain = compute_gain_by_shape(m, whiten_hypotheses(model, [replace(law, shapes=about)])[0])
+            near = np.flatnonzero(gain.max() - gain < thresholds.DETECTION.near_shape * m.residual_variance)
+            plain = [i for i in near.tolist() if law.refinement.is_preferred(about[i])]
+            out[n] = about[max(plain or near.tolist(), key=lambda i: float(gain[i]))][0]
+    return tuple(dict.fromkeys(out))
+
+
+def _merge_unresolved_orders(
+    model: WhitenedModel, beside: WhitenedModel, law: EffectHypothesis, orders: Shape
+) -> Shape:
+    """Orders of which the range of the joint tells each from the next, each of the rest refined again.
+
+    Two that beat less often over the range than that are one wave to these data, whatever their amplitudes: such come
+    out large and cancel, for the sake of a wave that swells or of noise.
+    """
+    assert law.refinement is not None  # of a wave
+    while len(orders) > 1:
+        row = np.argsort(orders)
+        k = int(np.argmin(np.diff(np.array(orders)[row])))
+        pair = row[k : k + 2].tolist()
+        if orders[pair[1]] - orders[pair[0]] >= law.refinement.minimum_separation:
+            break
+        ways = [orders[:n] + orders[n + 1 :] for n in pair]
+        kept = min(ways, key=lambda way: beside.with_columns(_build_order_columns(model, law, way).columns_at(0)).rss)
+        orders = _refine_orders(model, beside, law, kept)
+    return orders
+
+
+def _drop_unneeded_orders(model: WhitenedModel, beside: WhitenedModel, law: EffectHypothesis, orders: Shape) -> Shape:
+    """Orders without those that the others can do without, each of the rest refined again."""
+    while len(orders) > 1:
+        need = []
+        for n in range(len(orders)):
+            rest = beside.with_columns(_build_order_columns(model, law, orders[:n] + orders[n + 1 :]).columns_at(0))
+            s = score_hypotheses(rest, [_build_order_columns(model, law, (orders[n],))])[0]
+            need.append(s.gain / rest.residual_variance - compute_least_gain(rest, s))
+        worst = int(np.argmin(need))
+        if need[worst] >= 0.0:
+            break
+        orders = _refine_orders(model, beside, law, orders[:worst] + orders[worst + 1 :])
+    return orders
+
+
+def _build_order_columns(model: WhitenedModel, law: EffectHypothesis, orders: Shape) -> WhitenedHypothesis:
+    return whiten_hypotheses(model, [replace(law, shapes=(orders,))])[0]
+
+
+def _combine_waves(law: EffectHypothesis, orders: Shape) -> EffectHypothesis:
+    """Several waves as one law, whose orders are settled each by itself."""
+    assert law.refinement is not None  # of a wave
+    if len(orders) == 1:
+        return law
+    return replace(
+        law, law=f"{len(orders)} {law.sum_name}", refinement=_build_order_refinement(law.refinement), penalty=0.0
+    )
+
+
+def _build_order_refinement(one: ShapeRefinement) -> ShapeRefinement:
+    """Of several orders: about each of them in turn, the others as they are."""
+
+    def about(shape: Shape, share: float) -> tuple[Shape, ...]:
+        out = []
+        for n, order in enumerate(shape):
+            out += [(*shape[:n], *v, *shape[n + 1 :]) for v in one.shapes_around((order,), share)]
+        return tuple(out)
+
+    def said(shapes: Sequence[Shape]) -> str:
+        best: Array = np.array(shapes)
+        return "; ".join(filter(None, (one.describe_ambiguity([(float(v),) for v in own]) for own in best.T)))
+
+    return ShapeRefinement(
+        shapes_around=about,
+        is_preferred=lambda s: all(one.is_preferred((v,)) for v in s),
+        describe_ambiguity=said,
+        minimum_separation=one.minimum_separation,
+    )

@@ -1,0 +1,52 @@
+"""Where a diagnosis stands: what is measured, how noisy it is, what was tried and what was chosen so far."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem, HypothesisCatalogue
+from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect, add_selected_effects
+from machopt.measurement.diagnosis.statistics.holdout_residuals import FittedModel
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedHypothesis, WhitenedModel
+from machopt.measurement.diagnosis.statistics.replicate_noise import ReplicateNoise
+from machopt.measurement.diagnosis.statistics.whitening import ErrorWhitening
+from machopt.numerics.array_types import Array
+
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchState:
+    """One round of the search."""
+
+    problem: DiagnosisProblem
+    catalogue: HypothesisCatalogue
+    used_rows: Flags
+    noise: ReplicateNoise
+    whitening: ErrorWhitening
+    base: WhitenedModel
+    base_units: Array
+    whitened_hypotheses: tuple[WhitenedHypothesis, ...]
+    chosen: tuple[SelectedEffect, ...]
+
+    @property
+    def catalogue_hypotheses(self) -> tuple[WhitenedHypothesis, ...]:
+        """What findings are made of."""
+        return tuple(t for t in self.whitened_hypotheses if t.hypothesis.is_in_catalogue)
+
+    def fit_effects(self, chosen: Sequence[SelectedEffect]) -> FittedModel:
+        """Base and some effects with their columns in SI."""
+        columns, unit = [self.problem.base], [self.base_units]
+        for c in chosen:
+            columns.append(c.whitened.hypothesis.columns(c.whitened.shapes[c.scored.shape]))
+            unit.append(c.whitened.unit[c.scored.shape])
+        return FittedModel(
+            add_selected_effects(self.base, chosen),
+            np.concatenate(columns, axis=2),
+            np.concatenate(unit),
+            self.problem.y,
+        )

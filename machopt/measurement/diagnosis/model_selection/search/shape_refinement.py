@@ -1,0 +1,240 @@
+"""Shapes of what was chosen, settled more finely than the grid that was searched: an order, a speed, a path."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import chdtrc
+
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, Shape, ShapeRefinement
+from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import (
+    compute_gain_by_shape,
+    score_hypotheses,
+)
+from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect, add_selected_effects
+from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel, whiten_hypotheses
+from machopt.numerics.array_types import Array
+
+RATIO_POINTS = 6  # shapes between one of a grid and its neighbour
+TWO_NUMBER_POINTS = 3  # of two numbers at once, to either side
+NARROWER = 5.0  # times, where few of these are as likely as the best
+NARROW = 1e-3  # of the way between neighbours
+MAX_LIKELY_SHAPES = 4
+HALVINGS = 6  # of the way from what is as likely to what is not
+GAIN_ROUNDING = 1e-6  # of a gain: the same but for rounding
+MAX_GAIN_ROUNDING = 0.01  # variances of a residual: as much of a very large gain is no rounding
+CUT_INTERVAL_NOTE = "the interval of its shape ends where no shape was tried beyond"
+
+
+def build_ratio_refinement(grid: Sequence[Shape]) -> ShapeRefinement | None:
+    """Of one positive number: in even ratios towards the neighbours of the grid, and as far beyond its ends."""
+    values = np.array(sorted({s[0] for s in grid})) if all(len(s) == 1 for s in grid) else np.zeros(0)
+    if len(values) < 2 or values[0] <= 0.0:
+        return None
+    ratio = float(np.exp(np.diff(np.log(values)).max()))
+
+    def about(shape: Shape, share: float) -> tuple[Shape, ...]:
+        part = shape[0] * ratio ** (share * np.linspace(-1.0, 1.0, 2 * RATIO_POINTS + 1))
+        return tuple((float(v),) for v in part)
+
+    return ShapeRefinement(shapes_around=about, search_range=(float(values[0]) / ratio, float(values[-1]) * ratio))
+
+
+def build_two_number_refinement(grid: Sequence[Shape]) -> ShapeRefinement | None:
+    """Of two numbers whose grid holds each of the first with each of the second: as far as to the next of either.
+
+    Beyond the ends of the grid nothing is looked for: no reading is there that would tell a place or a width.
+    """
+    if len(grid) < 2 or any(len(s) != 2 for s in grid):
+        return None
+    each = [np.unique([s[n] for s in grid]) for n in range(2)]
+    if any(len(values) < 2 for values in each) or len(each[0]) * len(each[1]) != len(set(grid)):
+        return None
+    steps = [float(np.diff(values).max()) for values in each]
+    within = tuple((float(values[0]), float(values[-1])) for values in each)
+
+    def about(shape: Shape, share: float) -> tuple[Shape, ...]:
+        way = share * np.linspace(-1.0, 1.0, 2 * TWO_NUMBER_POINTS + 1)
+        sides = [np.clip(at + way * step, *ends) for at, step, ends in zip(shape, steps, within, strict=True)]
+        return tuple((float(a), float(b)) for a in np.unique(sides[0]) for b in np.unique(sides[1]))
+
+    return ShapeRefinement(shapes_around=about, search_ranges=within)
+
+
+def refine_chosen_shapes(state: SearchState) -> SearchState:
+    """The state with every chosen law at its best shape between those of the grid, profiled shapes kept with it."""
+    chosen, laws = list(state.chosen), list(state.whitened_hypotheses)
+    for k, c in enumerate(chosen):
+        if c.whitened.hypothesis.refinement is None:
+            continue
+        beside = add_selected_effects(state.base, [o for n, o in enumerate(chosen) if n != k])
+        chosen[k] = refine_law_shape(state.base, beside, c, c.whitened.hypothesis.refinement)
+        laws[next(n for n, t in enumerate(laws) if t is c.whitened)] = chosen[k].whitened
+    return replace(state, whitened_hypotheses=tuple(laws), chosen=tuple(chosen))
+
+
+def refine_law_shape(
+    base: WhitenedModel, beside: WhitenedModel, c: SelectedEffect, finer: ShapeRefinement
+) -> SelectedEffect:
+    """A law at its best shape near the one it has, with all shapes that are as likely.
+
+    Args:
+        base: the base.
+        beside: with what else was chosen.
+        c: the law.
+        finer: how its shapes are looked through.
+    """
+    h, best, share = c.whitened.hypothesis, c.whitened.shapes[c.scored.shape], 1.0
+    seen: dict[Shape, float] = {}
+    if finer.search_range is not None:
+        seen.update(zip(c.whitened.shapes, compute_gain_by_shape(beside, c.whitened).tolist(), strict=True))
+        best = max(seen, key=lambda s: seen[s])
+    grid = list(seen)
+
+    def asked(shapes: Sequence[Shape]) -> Array:
+        found = whiten_hypotheses(base, [replace(h, shapes=tuple(shapes))])  # none where no shape moves a reading
+        gain = compute_gain_by_shape(beside, found[0]) if found else np.zeros(len(shapes))
+        seen.update(zip(shapes, gain.tolist(), strict=True))
+        return gain
+
+    def least(best_gain: float) -> float:
+        """Gain from which on a shape is as likely."""
+        rest = (beside.rss - best_gain) / max(len(beside.y) - beside.count - c.whitened.X.shape[2], 1)
+        return float(best_gain - compute_likelihood_margin(h) * max(rest, 1.0))
+
+    while True:
+        shapes = tuple(dict.fromkeys((best, *finer.shapes_around(best, share))))
+        gain = asked(shapes)
+        near = [s for s, g in zip(shapes, gain.tolist(), strict=True) if g > least(float(gain.max()))]
+        best = shapes[int(np.argmax(gain))]
+        share /= NARROWER
+        if _is_unambiguous(near, finer) or share < NARROW:
+            break
+    notes = [h.note]
+    if len(best) == 1:
+        beyond, cut = _extend_shape_range(asked, seen, lambda: least(max(seen.values())), finer)
+        near += [*grid, *beyond, *_find_interval_ends(asked, seen, lambda: least(max(seen.values())))]
+        notes += [CUT_INTERVAL_NOTE] if cut else []
+    elif finer.search_ranges is not None:
+        beyond, cut = _find_region_sides(asked, seen, lambda: least(max(seen.values())), finer.search_ranges)
+        near += [*seen, *beyond]
+        notes += [CUT_INTERVAL_NOTE] if cut else []
+    near = [s for s in dict.fromkeys(near) if seen[s] > least(max(seen.values()))]
+    plain = [s for s in near if finer.is_preferred(s)]
+    at = _select_middle_shape(plain or near, seen)
+    notes.append(finer.describe_ambiguity(near))
+    # intervals are taken over the shapes that are as likely: no other is asked for again
+    noted = replace(h, shapes=tuple(near), note="; ".join(n for n in notes if n))
+    kept = replace(whiten_hypotheses(base, [noted])[0], index=c.whitened.index)
+    own = score_hypotheses(beside, whiten_hypotheses(base, [replace(h, shapes=(at,))]))[0]
+    return replace(c, scored=replace(own, whitened=kept, shape=near.index(at)))
+
+
+def _is_unambiguous(near: Sequence[Shape], finer: ShapeRefinement) -> bool:
+    """Whether few enough shapes are apart that are as likely: of several numbers, of each of them."""
+    if finer.search_ranges is None:
+        return len(near) >= MAX_LIKELY_SHAPES
+    return all(len({s[n] for s in near}) >= MAX_LIKELY_SHAPES - 1 for n in range(len(near[0])))
+
+
+def compute_likelihood_margin(h: EffectHypothesis) -> float:
+    """Gain by which another shape of a law may be worse and is as likely all the same, in variances of a residual.
+
+    Where a leap lies has another distribution than a slope: ξ of max(2 W(s) − |s|), (1 − exp(−ξ/2))² its chance
+    (Hansen, Econometrica 68 (2000) 575). Of 95 %, 7.35 for χ²'s 3.84.
+    """
+    chi2 = thresholds.DETECTION.near_shape
+    if not h.has_jumps:
+        return chi2
+    return float(-2.0 * np.log(1.0 - np.sqrt(1.0 - chdtrc(1.0, chi2))))
+
+
+def _extend_shape_range(
+    asked: Callable[[Sequence[Shape]], Array],
+    seen: dict[Shape, float],
+    least: Callable[[], float],
+    finer: ShapeRefinement,
+) -> tuple[list[Shape], bool]:
+    """Shapes beyond those seen, a step of the grid at once, until one on either side is not as likely.
+
+    Returns:
+        the shapes; whether one is as likely still where the law's range ends.
+    """
+    if finer.search_range is None:
+        return [], False
+    out: list[Shape] = []
+    cut = False
+    for outermost, side in ((min, 0), (max, -1)):
+        while seen[last := outermost(seen)] > least():
+            at = (float(np.clip(finer.shapes_around(last, 1.0)[side][0], *finer.search_range)),)
+            if outermost(at, last) == last:
+                cut = True
+                break
+            asked([at])
+            out.append(at)
+    return out, cut
+
+
+def _find_interval_ends(
+    asked: Callable[[Sequence[Shape]], Array], seen: dict[Shape, float], least: Callable[[], float]
+) -> list[Shape]:
+    """The outermost shapes of one number that are as likely, by halving the way to those beyond, which are not.
+
+    Those near the best one may end well inside: where a law turns over at once, shapes between two of its steps are
+    all alike, and of such a plain only what lies about its likeliest point was looked at.
+    """
+    for _ in range(HALVINGS):
+        order = sorted(seen)
+        good = [n for n, s in enumerate(order) if seen[s] > least()]
+        pairs = [p for p in ((good[0] - 1, good[0]), (good[-1], good[-1] + 1)) if p[0] >= 0 and p[1] < len(order)]
+        between_them = [(0.5 * (order[a][0] + order[b][0]),) for a, b in pairs]
+        if not between_them:
+            break
+        asked(between_them)
+    order = [s for s in sorted(seen) if seen[s] > least()]
+    return [order[0], order[-1]]
+
+
+def _find_region_sides(
+    asked: Callable[[Sequence[Shape]], Array],
+    seen: dict[Shape, float],
+    least: Callable[[], float],
+    within: tuple[tuple[float, float], ...],
+) -> tuple[list[Shape], bool]:
+    """The outermost shapes of two numbers that are as likely, to either side of each with the other free.
+
+    Returns:
+        the shapes; whether one is as likely still at an end of what is looked at.
+    """
+    out: list[Shape] = []
+    cut = False
+    for n in range(2):
+        for side, end in zip((-1.0, 1.0), within[n], strict=True):
+            likely = [s for s in seen if seen[s] > least()]
+            last = max(likely, key=lambda s: side * s[n])
+            step, wide = (max(float(np.ptp([s[k] for s in likely])), GAIN_ROUNDING) for k in (n, 1 - n))
+            for _ in range(HALVINGS):
+                if last[n] == end:
+                    cut = True
+                    break
+                value = float(np.clip(last[n] + side * step, *within[n]))
+                others = np.clip(last[1 - n] + wide * np.linspace(-0.5, 0.5, 2 * TWO_NUMBER_POINTS + 1), *within[1 - n])
+                shapes = [(value, float(o)) if n == 0 else (float(o), value) for o in np.unique(others)]
+                gain = asked(shapes)
+                if gain.max() > least():
+                    last = shapes[int(np.argmax(gain))]
+                    out.append(last)
+                else:
+                    step /= 2.0
+    return out, cut
+
+
+def _select_middle_shape(shapes: Sequence[Shape], seen: Mapping[Shape, float]) -> Shape:
+    """The likeliest of some shapes; where several are alike, one in their middle."""
+    most = max(seen[s] for s in shapes)
+    alike = sorted(s for s in shapes if seen[s] >= most - min(GAIN_ROUNDING * abs(most), MAX_GAIN_ROUNDING))
+    return alike[len(alike) // 2]

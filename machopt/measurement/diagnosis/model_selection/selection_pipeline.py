@@ -1,0 +1,398 @@
+"""The steps of a diagnosis in order, the same for every channel.
+
+::
+
+    base, robust ─► noise from twins ─► whiten ─► search ─► once more about what was found ─► findings, limits, proof
+                         ▲                                        │
+                         └────────── outliers, noise, known physics again ──────────┘
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem, HypothesisCatalogue
+from machopt.measurement.diagnosis.data_types.diagnosis_result import (
+    BaseCoefficient,
+    DetectionLimit,
+    DiagnosisResult,
+    Finding,
+    HoldoutErrors,
+    MismatchShare,
+    Verdict,
+)
+from machopt.measurement.diagnosis.model_selection import unmodelled_interfaces
+from machopt.measurement.diagnosis.model_selection.attribution import (
+    attribution_guard,
+    compensator_or_harmonics,
+    limiting_case_laws,
+)
+from machopt.measurement.diagnosis.model_selection.evaluation import detection_limits, repeatable_mismatch
+from machopt.measurement.diagnosis.model_selection.evaluation.finding_estimates import (
+    estimate_parameters,
+    find_rival_explanations,
+)
+from machopt.measurement.diagnosis.model_selection.evaluation.geometric_stiffness_finding import (
+    GeometricStiffnessFinding,
+    find_geometric_stiffness,
+)
+from machopt.measurement.diagnosis.model_selection.evaluation.holdout_validation import validate_on_holdout
+from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import score_hypotheses
+from machopt.measurement.diagnosis.model_selection.search import extended_search
+from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect, add_selected_effects
+from machopt.measurement.diagnosis.model_selection.search.search_iterations import Rebuild, search_iteratively
+from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
+from machopt.measurement.diagnosis.statistics import holdout_residuals, instrument_uncertainty_check
+from machopt.measurement.diagnosis.statistics.holdout_residuals import FittedModel
+from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import compute_cluster_robust_fit
+from machopt.measurement.diagnosis.verdict import base_model_notes, verdict_text
+from machopt.numerics.array_types import Array
+
+
+@dataclass(frozen=True)
+class DiagnosisOptions:
+    """How a diagnosis is made."""
+
+    max_effects: int = 3  # effects
+    predicted: str = ""  # the channel in words
+    progress: Callable[[str], None] = lambda _: None
+
+
+def diagnose_problem(
+    problem: DiagnosisProblem,
+    catalogue: HypothesisCatalogue,
+    options: DiagnosisOptions,
+    rng: np.random.Generator,
+    rebuild: Rebuild | None = None,
+) -> DiagnosisResult:
+    """Find what a model leaves out of a recording.
+
+    Args:
+        problem: what was measured, and what is refitted in any case.
+        catalogue: what may explain the rest.
+        options: how many effects at most.
+        rng: of sign flips, folds and directions.
+        rebuild: problem and catalogue once more about base coefficients (P,) SI that were found, without unknowns of
+            these numbers that no such thing can have, and about the corrections without load that were found (which
+            makes the rounds of the search Gauss-Newton steps); None: they stand.
+    """
+    seed = int(rng.integers(2**31))
+    # not kept here: most of the memory is the columns of all laws, which the proof does without
+    return _build_diagnosis(
+        attribution_guard.withhold_unsupported_names(
+            limiting_case_laws.rename_limiting_cases(
+                compensator_or_harmonics.rename_harmonics_as_compensator(
+                    search_iteratively(problem, catalogue, options.max_effects, seed, rebuild, options.progress)
+                )
+            ),
+            np.random.default_rng([seed, 4]),
+        ),
+        options,
+        np.random.default_rng([seed, 1]),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ValidatedFindings:
+    """What was found, held against readings that no fit saw; residuals (N, D) in SI."""
+
+    findings: tuple[Finding, ...]  # with K_C, where the recording shows it
+    withdrawn: tuple[Finding, ...]  # they predict what no fit saw no better
+    geometric_stiffness: GeometricStiffnessFinding | None
+    uncatalogued: tuple[SelectedEffect, ...]  # chosen, and no effect has the form
+    residual_before: Array  # of unseen readings, without findings
+    residual_after: Array  # with them
+    final: FittedModel  # with what stayed
+    mismatch_before: repeatable_mismatch.RepeatableMismatch  # of ``before``
+    mismatch_after: repeatable_mismatch.RepeatableMismatch  # of ``after``
+    power: float  # of ``there``, at least zero
+    is_relevant: bool  # there is something that comes back, and it matters
+
+    @property
+    def explained(self) -> float:
+        """The share of what comes back that the findings take."""
+        if self.withdrawn or not self.power > 0:
+            return 0.0
+        return float(np.clip(1.0 - max(self.mismatch_after.power, 0.0) / self.power, 0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class _VerdictReason:
+    """The verdict, and what made it less than it would be."""
+
+    verdict: Verdict
+    excess_noise: instrument_uncertainty_check.ExcessNoise | None  # beyond what the instruments may make
+    another_day: tuple[tuple[str, str], ...]  # what only one day's readings say
+
+
+def _build_diagnosis(state: SearchState, options: DiagnosisOptions, rng: np.random.Generator) -> DiagnosisResult:
+    """What a finished search leads to; its columns of all laws, most of the memory, are let go before the proof."""
+    options.progress("rivals and intervals")
+    held = _validate_findings(state, rng)
+    judged = _select_verdict(state, held, rng)
+    shares = _locate_mismatch(state, held, judged.verdict)
+    options.progress("detection limits")
+    kept = held.uncatalogued if held.withdrawn else state.chosen
+    seen = _compute_limits(state, kept, rng)
+    coefficients, shapes = (
+        tuple(_list_base_coefficients(state, kept)),
+        sum(len(t.shapes) for t in state.whitened_hypotheses),
+    )
+    state = replace(state, whitened_hypotheses=())
+    options.progress("proof on readings that no step saw")
+    proof = validate_on_holdout(state, options.max_effects, rng) if held.findings or held.withdrawn else None
+    result = _build_diagnosis_result(state, held, judged, options.predicted)
+    result = replace(
+        result,
+        mismatch=tuple(shares),
+        limits=tuple(seen),
+        coefficients=coefficients,
+        tried=shapes,
+        proof=proof,
+    )
+    more = base_model_notes.describe_refitted_values(coefficients)
+    result = replace(result, notes=(*result.notes, *more))
+    return replace(
+        result,
+        sentence=verdict_text.format_verdict(result),
+        next_experiment=verdict_text.suggest_next_experiment(result),
+    )
+
+
+def _build_diagnosis_result(
+    state: SearchState, held: _ValidatedFindings, judged: _VerdictReason, predicted: str
+) -> DiagnosisResult:
+    """Findings, verdict and the sizes of what is left; places, limits and proof are yet to come."""
+    problem, used, before, after = state.problem, state.used_rows, held.residual_before, held.residual_after
+    factor = problem.families[0].factor
+    by_group, groups = holdout_residuals.compute_rmse_by_group(problem, (before, after), used)
+    return DiagnosisResult(
+        channel=problem.channel,
+        predicted=predicted,
+        verdict=judged.verdict,
+        sentence="",
+        unit=problem.families[0].unit,
+        heldout_before=holdout_residuals.compute_rmse(problem, before, used),
+        noise_floor=holdout_residuals.compute_noise_floor(problem, state.noise, used),
+        repeatable=factor * float(np.sqrt(held.power)),
+        mismatch_p=held.mismatch_before.p_value,
+        heldout_after=holdout_residuals.compute_rmse(problem, after, used),
+        explained=held.explained,
+        repeatable_after=factor * float(np.sqrt(max(held.mismatch_after.power, 0.0))),
+        findings=held.findings,
+        mismatch=(),
+        limits=(),
+        untestable=state.catalogue.untestable,
+        coefficients=(),
+        errors=HoldoutErrors(problem.mask_unmeasured(before), problem.mask_unmeasured(after), by_group, groups),
+        proof=None,
+        used=used,
+        outliers=problem.row[~used],
+        axes=state.catalogue.axes,
+        notes=tuple(verdict_text.describe_withdrawn_findings(held.withdrawn))
+        + verdict_text.describe_noise_source(state.noise)
+        + holdout_residuals.describe_other_instruments(problem, before, after, state.noise, used)
+        + (() if judged.excess_noise is None else (judged.excess_noise.words,))
+        + verdict_text.describe_session_contradictions(judged.another_day)
+        + unmodelled_interfaces.describe_uncatalogued_forms([c.whitened.hypothesis for c in held.uncatalogued]),
+    )
+
+
+def _validate_findings(state: SearchState, rng: np.random.Generator) -> _ValidatedFindings:
+    """Findings that predict what no fit saw, those that do not, and how much of the misfit comes back."""
+    problem, used = state.problem, state.used_rows
+    named = [k for k, c in enumerate(state.chosen) if c.whitened.hypothesis.is_in_catalogue]
+    nameless = tuple(c for c in state.chosen if not c.whitened.hypothesis.is_in_catalogue)
+    plain, final = state.fit_effects(()), state.fit_effects([state.chosen[k] for k in named])
+    before, after = plain.heldout(), final.heldout()
+    known = find_geometric_stiffness(state)
+    if known is not None:  # K_C was counted from the start: without it the mismatch would have been larger
+        before = known.residual_without
+    there = repeatable_mismatch.measure_repeatable_mismatch(
+        problem, before, used, state.noise, rng, plain.compute_prediction_noise()
+    )
+    rest = repeatable_mismatch.measure_repeatable_mismatch(
+        problem, after, used, state.noise, rng, final.compute_prediction_noise()
+    )
+    power = max(there.power, 0.0)
+    real = _is_mismatch_relevant(state, there, power)
+    findings, withdrawn = [_build_finding(state, k) for k in named], list[Finding]()
+    beside = (before, after)
+    if nameless:
+        beside = (state.fit_effects(nameless).heldout(), state.fit_effects(state.chosen).heldout())
+    if findings and real and not holdout_residuals.is_better_predicted(problem, *beside, used):
+        findings, withdrawn = [], findings
+        after, final, rest = before, plain, there
+    if known is not None:
+        findings.append(known.finding)
+    return _ValidatedFindings(
+        findings=tuple(findings),
+        withdrawn=tuple(withdrawn),
+        geometric_stiffness=known,
+        uncatalogued=nameless,
+        residual_before=before,
+        residual_after=after,
+        final=final,
+        mismatch_before=there,
+        mismatch_after=rest,
+        power=power,
+        is_relevant=real,
+    )
+
+
+def _is_mismatch_relevant(state: SearchState, there: repeatable_mismatch.RepeatableMismatch, power: float) -> bool:
+    """Whether what comes back is surely there, and large enough beside the noise."""
+    sure = (
+        np.isnan(there.p_value)
+        or there.p_value <= thresholds.PROOF.certain
+        or state.base.residual_variance > 1.0 + extended_search.compute_mismatch_threshold(state.base)
+    )
+    return bool(sure and np.sqrt(power) > thresholds.PROOF.matters * state.noise.total(0))
+
+
+def _select_verdict(state: SearchState, held: _ValidatedFindings, rng: np.random.Generator) -> _VerdictReason:
+    problem, used, noise = state.problem, state.used_rows, state.noise
+    verdict: Verdict
+    if held.findings:
+        verdict = (
+            "explained" if _is_fully_explained(state, held.mismatch_after, held.residual_after) else "partly_explained"
+        )
+    else:
+        verdict = "unexplained" if held.is_relevant or held.withdrawn else "consistent"
+    if repeatable_mismatch.has_repeatable_instrument_error(
+        problem, held.residual_after, used, noise, rng, held.final.compute_prediction_noise()
+    ):
+        verdict = instrument_uncertainty_check.weaken_verdict(verdict)
+    few = len(np.unique(problem.group)) < thresholds.PROOF.fewest_groups  # predicting one from the rest goes too far
+    left = instrument_uncertainty_check.check_stated_uncertainty(
+        problem, held.final.residual if few else held.residual_after, noise, used
+    )
+    if left is not None:
+        verdict = left.verdict(verdict)
+    other_day = attribution_guard.find_contradicted_effect(state)
+    apart = () if other_day is None else (other_day.whitened.hypothesis.name,)
+    if apart or held.uncatalogued:
+        verdict = instrument_uncertainty_check.weaken_verdict(verdict)
+    return _VerdictReason(verdict, left, apart)
+
+
+def _locate_mismatch(state: SearchState, held: _ValidatedFindings, verdict: Verdict) -> list[MismatchShare]:
+    """Where the misfit is: what was found, other places in the machine, then what of the recording it goes with."""
+    problem, used = state.problem, state.used_rows
+    machine: list[MismatchShare] = []
+    data: list[MismatchShare] = []
+    if verdict != "consistent":
+        beyond = max(state.base.rss - len(state.base.y) + state.base.count, 1.0)
+        machine = repeatable_mismatch.locate_in_machine(score_hypotheses(state.base, state.whitened_hypotheses), beyond)
+        data = repeatable_mismatch.locate_in_data(
+            problem, held.residual_before, used, state.noise, state.catalogue.axes
+        )
+    if held.mismatch_before.is_over_time and held.is_relevant:
+        lasts = MismatchShare(
+            "environment", 1.0, "what one visit shows, the next one shows too, at another pose: it lasts"
+        )
+        machine = [lasts, *(s for s in machine if s.axis != "environment")]
+    shares = _list_location_shares(state, held.findings, machine)
+    if held.geometric_stiffness is not None:
+        shares = held.geometric_stiffness.add_to_shares(
+            shares, holdout_residuals.compute_noise_floor(problem, state.noise, used)
+        )
+    return shares + data[:3]
+
+
+def _is_fully_explained(state: SearchState, rest: repeatable_mismatch.RepeatableMismatch, after: Array) -> bool:
+    """Whether findings leave no repeatable part, or no more than noise may make."""
+    noise_floor = holdout_residuals.compute_noise_floor(state.problem, state.noise, state.used_rows)
+    if holdout_residuals.compute_rmse(state.problem, after, state.used_rows) <= thresholds.PROOF.as_noise * noise_floor:
+        return True
+    return rest.p_value > thresholds.PROOF.certain  # nothing was repeated: not a number, and not known
+
+
+def _compute_limits(
+    state: SearchState, chosen: Sequence[SelectedEffect], rng: np.random.Generator
+) -> list[DetectionLimit]:
+    """Limits beside what was found; of what was found, beside the rest of it."""
+    found = {c.whitened.hypothesis.name for c in chosen}
+    rest = {t.hypothesis.name for t in state.catalogue_hypotheses} - found
+    others = [t for t in state.catalogue_hypotheses if t.hypothesis.name in rest]
+    out = detection_limits.compute_detection_limits(add_selected_effects(state.base, chosen), others, rng, rest)
+    for c in chosen:
+        beside = add_selected_effects(state.base, [o for o in chosen if o is not c])
+        out += detection_limits.compute_detection_limits(
+            beside, state.catalogue_hypotheses, rng, {c.whitened.hypothesis.name}
+        )
+    return out
+
+
+def _build_finding(state: SearchState, k: int) -> Finding:
+    c = state.chosen[k]
+    h, shape = c.whitened.hypothesis, c.whitened.shapes[c.scored.shape]
+    x = c.scored.x * c.whitened.unit[c.scored.shape]
+    without = state.fit_effects([o for i, o in enumerate(state.chosen) if i != k]).heldout()
+    full = state.fit_effects(state.chosen)
+    others, names = find_rival_explanations(state.base, state.chosen, k, state.catalogue_hypotheses)
+    names = [*names, *(u.name for u in state.catalogue.untestable if u.same_as in names)]
+    curve = None if h.curve is None else h.curve(x, shape)
+    left = None if curve is None else _project_residual(full.residual, h.columns(shape), x, curve.per_reading)
+    return Finding(
+        effect=h.effect,
+        location=h.location,
+        law=h.law,
+        equation=h.equation,
+        note=h.note,
+        one_of=tuple(names),
+        parameters=estimate_parameters(state.base, state.chosen, k, state.catalogue_hypotheses),
+        before=holdout_residuals.compute_rmse(state.problem, without, state.used_rows),
+        after=holdout_residuals.compute_rmse(state.problem, full.heldout(), state.used_rows),
+        p_value=c.p_value,
+        rivals=tuple(others),
+        correction=h.correction(x, shape),
+        curve=curve,
+        curve_residual=left,
+        record=h.family == "sensor",
+    )
+
+
+def _project_residual(residual: Array, columns: Array, x: Array, law: Array) -> Array:
+    """(N,) residual along what the law does to each reading, in the law's own unit."""
+    moved = columns @ x  # (N, D)
+    power = np.einsum("nd,nd->n", moved, moved)
+    share = np.einsum("nd,nd->n", moved, residual) / np.maximum(power, 1e-300)
+    return np.where(power > 1e-4 * np.quantile(power, 0.9), share * law, np.nan)
+
+
+def _list_location_shares(
+    state: SearchState, findings: Sequence[Finding], machine: list[MismatchShare]
+) -> list[MismatchShare]:
+    """What was found first, by what it explains; then the other places that explain some of it alone."""
+    total = {c.whitened.hypothesis.location: max(c.scored.total, 0.0) for c in state.chosen}
+    whole = sum(total.values())
+    beyond = max(state.base.rss - len(state.base.y) + state.base.count, whole, 1e-9)
+    out = [
+        MismatchShare(f.location, float(np.clip(total.get(f.location, 0.0) / beyond, 0.0, 1.0)), f.note)
+        for f in findings
+    ]
+    for h in (c.whitened.hypothesis for c in state.chosen if not c.whitened.hypothesis.is_in_catalogue):
+        out.append(MismatchShare(h.location, float(np.clip(total[h.location] / beyond, 0.0, 1.0)), h.note))
+    named = {s.axis for s in out}
+    return out + [s for s in machine if s.axis not in named][:6]
+
+
+def _list_base_coefficients(state: SearchState, chosen: Sequence[SelectedEffect]) -> list[BaseCoefficient]:
+    _, covariance, _ = compute_cluster_robust_fit(add_selected_effects(state.base, chosen))
+    P = len(state.base_units)
+    m, X = state.base, state.base.X
+    held = m.Xy.sum(axis=0)  # beside the effects as they are said, which bounds may have moved
+    for c in chosen:
+        held = held - X.T @ (c.columns @ c.scored.x)
+    x = m.inverse @ held
+    before = state.base.coefficients * state.base_units
+    sigma = np.sqrt(np.maximum(np.diag(covariance)[:P], 0.0)) * state.base_units
+    return [
+        BaseCoefficient(u, float(b), float(v), float(s))
+        for u, b, v, s in zip(state.problem.unknowns, before, x[:P] * state.base_units, sigma, strict=True)
+    ]

@@ -1,0 +1,1 @@
+"""Recorded motions as uniform signals with derivatives."""

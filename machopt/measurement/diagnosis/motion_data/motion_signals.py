@@ -1,0 +1,381 @@
+"""A recorded motion as signals at one rate: velocity, acceleration, periods, and what is held out together.
+
+Velocities and accelerations come from zero-phase filters at the rate of the recording; everything nonlinear is
+evaluated there too, and only then averaged over blocks of samples, so that a record of 100 000 samples becomes a few
+thousand readings without moving anything in time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.measurements.recording import Recording
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import Ints
+from machopt.measurement.diagnosis.motion_data.lowpass_filter import apply_zero_phase_filter
+from machopt.measurement.diagnosis.motion_data.sample_order import OrderedSamples, sort_samples
+from machopt.numerics.array_types import Array
+
+READINGS = 6000  # rows that a problem has at most
+STRETCHES = 24  # so many where the record is long enough
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionSignals:
+    """M samples in the order of session and time, and the N readings that they are averaged to. SI."""
+
+    index: Ints  # (M,) rows of the recording
+    rate: float  # Hz
+    time: Array  # (M,) s
+    session: Ints  # (M,) 0, 1 …
+    segment: Ints  # (M,) without a gap inside
+    period: Ints  # (M,) number of the period, unique over sessions; −1: not periodic
+    cutoff: float  # Hz of the low-pass behind velocity and acceleration
+    q: Array  # (M, n) rad, encoder as recorded
+    v: Array  # (M, n) rad/s
+    a: Array  # (M, n) rad/s²
+    starts: Ints  # (N,) first sample of each reading's block
+    kept_blocks: NDArray[np.bool_]  # (N,) blocks that count: away from the ends of segments, where filters ring
+    group: Ints  # (N,) kept readings from here on
+    visit: Ints
+    cycle: Ints
+    replicate: Ints
+    block_length: int  # samples in a block
+    length: float  # s of one period; 0: not periodic
+    notes: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.group)
+
+    def average_blocks(self, x: Array) -> Array:
+        """(N, …) averages over blocks of what is given per sample, (M, …)."""
+        counts = np.diff(np.r_[self.starts, len(self.q)]).astype(float)
+        total = np.add.reduceat(x, self.starts, axis=0)
+        return np.asarray((total / counts.reshape(-1, *[1] * (x.ndim - 1)))[self.kept_blocks])
+
+    def select_block_labels(self, x: Ints) -> Ints:
+        """(N,) labels of each block's first sample."""
+        return np.asarray(x[self.starts][self.kept_blocks])
+
+    def subtract_period_mean(self, x: Array) -> Array:
+        """(N, …) less what a whole period (a session, if not periodic) is off its kind on average.
+
+        Errors that all samples of a period share would else look like physics to whatever changes from one period to
+        the next. The mean over all is kept, so that a constant stays one.
+        """
+        inverse, count = self._count_period_readings
+        if len(count) < 2:
+            return x
+        flat = x.reshape(len(x), -1)
+        mean = np.stack([np.bincount(inverse, column) for column in flat.T], axis=1) / count[:, None]
+        return np.asarray((flat - mean[inverse] + flat.mean(axis=0)).reshape(x.shape))
+
+    @cached_property
+    def _count_period_readings(self) -> tuple[Ints, Array]:
+        """(N,) which period, or session, and how many readings each has."""
+        label = self.select_block_labels(np.where(self.period >= 0, self.period, 10**6 + self.session))
+        _, inverse = np.unique(label, return_inverse=True)
+        return inverse, np.bincount(inverse).astype(float)
+
+    def differentiate(self, x: Array) -> Array:
+        """(M, …) time derivative of an already smooth signal, segment by segment."""
+        out = np.zeros_like(x)
+        for rows in self.segments():
+            out[rows] = np.gradient(x[rows], self.time[rows], axis=0)
+        return out
+
+    def delay_cubic(self, x: Array, delay: float) -> Array:
+        """(M, …) x(t − delay); ends held.
+
+        Cubic between four samples where these are even: straight lines would take the noise off whatever is late by
+        part of a sample, and any clock would look better than none.
+        """
+        out = np.empty_like(x)
+        flat, to = x.reshape(len(x), -1), out.reshape(len(x), -1)
+        for rows in self.segments():
+            t = self.time[rows]
+            if _is_evenly_sampled(t):
+                to[rows] = _delay_samples(flat[rows], delay * (len(t) - 1) / (t[-1] - t[0]))
+                continue
+            for c in range(flat.shape[1]):
+                to[rows, c] = np.interp(t - delay, t, flat[rows, c])
+        return out
+
+    def delay_linear(self, x: Array, delay: float) -> Array:
+        """(M,) x(t − delay) by straight lines between samples, as who brings two clocks together would have it."""
+        out = np.empty_like(x)
+        for rows in self.segments():
+            out[rows] = np.interp(self.time[rows] - delay, self.time[rows], x[rows])
+        return out
+
+    def segments(self) -> list[slice]:
+        starts = np.flatnonzero(np.diff(self.segment, prepend=self.segment[0] - 1))
+        return [slice(int(a), int(b)) for a, b in zip(starts, np.r_[starts[1:], len(self.segment)], strict=True)]
+
+
+def build_motion_signals(
+    recording: Recording, joints: int, readings: int = READINGS, *, repeats: bool = True
+) -> MotionSignals:
+    """Order, differentiate, find periods, and cut a motion into stretches.
+
+    Args:
+        recording: of kind motion.
+        joints: n, the moving joints of the arm.
+        readings: N at most; block averages where the record has more samples.
+        repeats: look for periods; a phase is then held out of all periods at once.
+
+    Raises:
+        InputError: no time, time that does not rise, or too short a record.
+    """
+    order = sort_samples(recording)
+    index, time, session, segment, notes = order.index, order.time, order.session, order.segment, list(order.notes)
+    q = np.ascontiguousarray(recording.q[index, :joints])
+    rate, spans = 1.0 / order.dt, _list_segment_slices(segment)
+    v, a, cutoff = _compute_derivatives(recording, order, q, spans)
+    period, length = np.full(len(q), -1, np.int64), 0.0
+    if repeats:
+        period, length = _find_periods(recording, index, time, session, q, spans, rate)
+    step = max(1, -(-len(q) // readings), int(rate / thresholds.MOTION.rate_hz))
+    starts = _split_into_blocks(segment, period, step)
+    ends = np.r_[starts[1:], len(q)]
+    edge = 0.5 / cutoff
+    first, last = np.empty(len(q)), np.empty(len(q))
+    for s in spans:
+        first[s], last[s] = time[s][0] + edge, time[s][-1] - edge
+    keep = (time[starts] >= first[starts]) & (time[ends - 1] <= last[starts])
+    source = "recorded" if recording.velocity is not None else "differentiated"
+    notes.insert(
+        0,
+        f"{len(q)} samples at {rate:.4g} Hz, averaged by {step} to {int(keep.sum())} readings at "
+        f"{rate / step:.4g} Hz; velocity {source}, it and acceleration through a zero-phase low-pass of "
+        f"fourth order at {cutoff:.3g} Hz",
+    )
+    group, visit, cycle, replicate = _build_block_labels(
+        time, session, segment, period, length, starts, keep, step * order.dt, notes
+    )
+    return MotionSignals(
+        index=index,
+        rate=rate,
+        time=time,
+        session=session,
+        segment=segment,
+        period=period,
+        cutoff=cutoff,
+        q=q,
+        v=v,
+        a=a,
+        starts=starts,
+        kept_blocks=keep,
+        group=group,
+        visit=visit,
+        cycle=cycle,
+        replicate=replicate,
+        block_length=step,
+        length=length,
+        notes=tuple(notes),
+    )
+
+
+def _compute_derivatives(
+    recording: Recording, o: OrderedSamples, q: Array, spans: list[slice]
+) -> tuple[Array, Array, float]:
+    """Velocity and acceleration (S, n) of joint positions (S, n), rad/s and rad/s², and the low-pass they went
+    through, Hz."""
+    given = recording.velocity
+    speed = np.zeros_like(q) if given is None else given[o.index, : q.shape[1]]
+    if given is None:
+        for s in spans:
+            speed[s] = np.gradient(q[s], o.time[s], axis=0)
+    rate, step = 1.0 / o.dt, o.dt if o.uneven else 0.0
+    longest = max(spans, key=lambda s: s.stop - s.start)
+    known, window = (q, "blackmanharris") if given is None else (speed, "hann")
+    cutoff = _find_cutoff_frequency(_resample_evenly(o.time[longest], known[longest], step)[1], rate, window)
+    v, a = np.empty_like(q), np.empty_like(q)
+    for s in spans:
+        grid, on_grid = _resample_evenly(o.time[s], speed[s], step)
+        padding = min(len(grid) - 1, 3 * round(rate / cutoff))
+        smooth = apply_zero_phase_filter(on_grid, 4, min(cutoff, 0.45 * rate), rate, padding)
+        v[s] = _interpolate_at(o.time[s], grid, smooth)
+        a[s] = _interpolate_at(o.time[s], grid, np.gradient(smooth, grid, axis=0))
+    return v, a, cutoff
+
+
+def _is_evenly_sampled(time: Array) -> bool:
+    """Whether samples are as even as filters take them for."""
+    steps = np.diff(time)
+    return len(time) > 1 and bool(np.abs(steps - steps.mean()).max() < thresholds.MOTION.uneven * steps.mean())
+
+
+def _delay_samples(x: Array, by: float) -> Array:
+    """(M, C) even samples, late by that many intervals: cubic Lagrange polynomial of four neighbours."""
+    whole = int(np.floor(by))
+    u = by - whole  # x(n − whole − u), between n − whole − 1 and n − whole
+    weights = (
+        -u * (1.0 - u) * (2.0 - u) / 6.0,
+        (1.0 + u) * (1.0 - u) * (2.0 - u) / 2.0,
+        u * (1.0 + u) * (2.0 - u) / 2.0,
+        -u * (1.0 - u) * (1.0 + u) / 6.0,
+    )
+    out = np.zeros_like(x)
+    for k, w in zip((1, 0, -1, -2), weights, strict=True):
+        if w != 0.0:
+            _add_delayed_rows(out, w * x, whole - k)
+    return out
+
+
+def _add_delayed_rows(out: Array, x: Array, by: int) -> None:
+    """Adds x (M, C), moved later by so many rows, its ends held."""
+    by = max(-len(x), min(by, len(x)))
+    if by > 0:
+        out[:by] += x[0]
+        out[by:] += x[:-by]
+    elif by < 0:
+        out[:by] += x[-by:]
+        out[by:] += x[-1]
+    else:
+        out += x
+
+
+def _list_segment_slices(segment: Ints) -> list[slice]:
+    starts = np.flatnonzero(np.diff(segment, prepend=segment[0] - 1))
+    return [slice(int(a), int(b)) for a, b in zip(starts, np.r_[starts[1:], len(segment)], strict=True)]
+
+
+def _resample_evenly(time: Array, x: Array, dt: float) -> tuple[Array, Array]:
+    """Times and values (…, n) at equal steps of ``dt``, linear between samples; as they are where ``dt`` is 0."""
+    if dt <= 0:
+        return time, x
+    grid = time[0] + dt * np.arange(int(np.ceil((time[-1] - time[0]) / dt - 1e-6)) + 1)
+    return grid, _interpolate_at(grid, time, x)
+
+
+def _interpolate_at(t: Array, time: Array, x: Array) -> Array:
+    return x if t is time else np.stack([np.interp(t, time, c) for c in x.T], axis=1)
+
+
+def _find_cutoff_frequency(x: Array, rate: float, window: str) -> float:
+    """Hz: half beyond the highest frequency at which some joint's velocity stands ten times above its noise.
+
+    Of encoders alone their positions (M, n) tell: noise is even there, but grows with frequency in their derivative.
+    """
+    from scipy.signal import welch  # takes seconds to import
+
+    f, power = welch(x, rate, window=window, nperseg=min(len(x), 1024), axis=0)
+    floor = np.median(power[2 * len(f) // 3 :], axis=0)
+    above = np.flatnonzero((power > thresholds.MOTION.above_noise * floor).any(axis=1) & (f > 0))
+    highest = float(f[above[-1]]) if len(above) else thresholds.MOTION.top_hz
+    return float(np.clip(1.5 * highest, 3.0, min(thresholds.MOTION.top_hz, 0.4 * rate)))
+
+
+def _find_periods(
+    recording: Recording, index: Ints, time: Array, session: Ints, q: Array, spans: list[slice], rate: float
+) -> tuple[Ints, float]:
+    """Number of the period each sample belongs to and how long one lasts; −1 and 0 where the motion does not repeat."""
+    none = np.full(len(q), -1, np.int64)
+    spread = np.maximum(np.ptp(q, axis=0), 1e-9)
+    if "cycle" in recording.stated_labels:
+        label = np.unique(np.stack([session, recording.cycle[index]]), axis=1, return_inverse=True)[1].reshape(-1)
+        counts = np.bincount(label)
+        usual = int(np.median(counts))
+        alike = np.abs(counts - usual) <= max(2, thresholds.MOTION.cycle_differs * usual)
+        if usual > thresholds.MOTION.shortest_readings and alike.all() and len(counts) > 1:
+            starts = np.flatnonzero(np.diff(label, prepend=label[0] - 1))
+            if len(starts) == len(counts) and _is_periodic(q, session[starts], starts, usual - 2, spread):
+                return label.astype(np.int64), usual / rate
+    for s in spans[:1]:
+        n = s.stop - s.start
+        thin = max(1, n // 1500)
+        x = q[s][::thin] / spread
+        best = 0
+        for lag in range(max(round(2.0 * rate / thin), 8), len(x) // 2 + 1):
+            if np.mean(np.abs(x[lag:] - x[:-lag])) < 2.0 * thresholds.MOTION.same_phase:
+                best = lag
+                break
+        if not best:
+            return none, 0.0
+        # the first lag that is near enough lies before the valley; its bottom is not far behind
+        fine = np.arange(max(1, (best - 1) * thin), min(n // 2, int(1.15 * best + 3) * thin) + 1)
+        part = q[s] / spread
+        off = [float(np.mean(np.abs(part[k:] - part[:-k]))) for k in fine]
+        lag = int(fine[int(np.argmin(off))])
+        if min(off) > thresholds.MOTION.same_phase:
+            return none, 0.0
+        out = none.copy()
+        offset = 0
+        for t in spans:
+            k = (np.arange(t.stop - t.start) // lag).astype(np.int64)
+            out[t] = offset + k
+            offset += int(k[-1]) + 1
+        return out, lag / rate
+    return none, 0.0
+
+
+def _is_periodic(q: Array, session: Ints, starts: Ints, n: int, spread: Array) -> bool:
+    """Whether periods of one session run through the same joints."""
+    off = [
+        float(np.mean(np.abs(q[b : b + n] - q[a : a + n]) / spread))
+        for a, b, s, t in zip(starts[:-1], starts[1:], session[:-1], session[1:], strict=True)
+        if s == t and b + n <= len(q)
+    ]
+    return bool(off) and max(off) < thresholds.MOTION.same_phase
+
+
+def _split_into_blocks(segment: Ints, period: Ints, step: int) -> Ints:
+    """First samples of blocks; a block crosses neither a gap nor the end of a period."""
+    change = np.flatnonzero((np.diff(segment, prepend=segment[0] - 1) != 0) | (np.diff(period, prepend=-2) != 0))
+    ends = np.r_[change[1:], len(segment)]
+    return np.concatenate([np.arange(a, b, step) for a, b in zip(change, ends, strict=True)]).astype(np.int64)
+
+
+def _build_block_labels(
+    time: Array,
+    session: Ints,
+    segment: Ints,
+    period: Ints,
+    length: float,
+    starts: Ints,
+    keep: NDArray[np.bool_],
+    block: float,
+    notes: list[str],
+) -> tuple[Ints, Ints, Ints, Ints]:
+    """Groups, visits, cycles and replicates of the kept blocks."""
+    at = starts[keep]
+    sessions = int(session.max()) + 1
+    if length > 0:
+        change = np.flatnonzero(np.diff(period, prepend=-2))
+        zero = np.empty(int(period.max()) + 1)
+        zero[period[change]] = time[change]
+        phase = time[at] - zero[period[at]]
+        per_session = max(-(-STRETCHES // sessions), 2)
+        wanted = min(per_session, int(length / thresholds.MOTION.stretch_s))
+        bins = max(wanted, min(-(-12 // sessions), int(length / 0.25)), 1)
+        place = np.minimum((phase / length * bins).astype(np.int64), bins - 1)
+        group = session[at] * bins + place
+        visit = period[at] * bins + place
+        slot = np.rint(phase / block).astype(np.int64)
+        near = np.abs(phase / block - slot) < thresholds.MOTION.same_slot
+        replicate = np.where(near, session[at] * (int(slot.max()) + 1) + slot, -1)
+        notes.append(
+            f"the motion repeats every {length:.4g} s; held out together: the same {length / bins:.2g} s of "
+            f"all periods of a session ({len(np.unique(group))} groups)"
+        )
+    else:
+        total = float(sum(time[s][-1] - time[s][0] for s in _list_segment_slices(segment)))
+        width = float(np.clip(total / STRETCHES, thresholds.MOTION.stretch_s, 4.0))
+        begin = {int(segment[s.start]): float(time[s.start]) for s in _list_segment_slices(segment)}
+        local = time[at] - np.array([begin[int(k)] for k in segment[at]])
+        place = (local / width).astype(np.int64)
+        _, group = np.unique(np.stack([segment[at], place]), axis=1, return_inverse=True)
+        group = group.reshape(-1).astype(np.int64)
+        visit, replicate = group.copy(), np.full(len(at), -1, np.int64)
+        phase = local
+        notes.append(
+            f"no repeats are used; held out together: {width:.2g} s at a time ({len(np.unique(group))} groups)"
+        )
+    part = (phase / max(thresholds.MOTION.cycle_s, 4.0 * block)).astype(np.int64)
+    cycle = np.unique(np.stack([visit, part]), axis=1, return_inverse=True)[1].reshape(-1).astype(np.int64)
+    return group.astype(np.int64), visit.astype(np.int64), cycle, replicate.astype(np.int64)

@@ -1,0 +1,79 @@
+"""A motion's samples in order of time, and the stretches without a gap in them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.data_types.measurements.recording import Recording
+from machopt.errors import InputError
+from machopt.measurement.diagnosis import thresholds
+from machopt.numerics.array_types import Array, Ints
+
+
+@dataclass(frozen=True, kw_only=True)
+class OrderedSamples:
+    """S samples in order of session and time, those of short stretches left out."""
+
+    index: Ints  # (S,) rows of the recording
+    time: Array  # (S,) s
+    session: Ints  # (S,)
+    segment: Ints  # (S,) stretch without a gap
+    dt: float  # s, between samples as a rule
+    uneven: bool  # samples are missing, or their intervals scatter
+    notes: tuple[str, ...]
+
+
+def sort_samples(recording: Recording) -> OrderedSamples:
+    """Sort by session and time, and leave out stretches too short to diagnose.
+
+    Raises:
+        InputError: no time, time that does not rise, or nothing long enough.
+    """
+    if recording.time is None:
+        raise InputError(f"{recording.source}: a motion needs the column time_s")
+    session = np.unique(recording.session, return_inverse=True)[1].astype(np.int64)
+    index = np.lexsort((recording.time, session)).astype(np.int64)
+    time, session = recording.time[index], session[index]
+    steps = np.diff(time)
+    same = np.diff(session) == 0
+    if not same.any():
+        raise InputError(f"{recording.source}: one sample a session; a motion needs a few seconds")
+    if (steps[same] <= 0).any():
+        k = int(np.flatnonzero(same & (steps <= 0))[0]) + 1
+        raise InputError(
+            f"{recording.source}: time stands still at {recording.place(int(index[k]))}; "
+            "every sample needs its own time_s"
+        )
+    dt = float(np.median(steps[same]))
+    breaks = ~same | (steps > max(thresholds.MOTION.gap * dt, thresholds.MOTION.pause_s))
+    segment = np.r_[0, np.cumsum(breaks)].astype(np.int64)
+    inside = steps[same & ~breaks]
+    scatter = float(np.mean(np.abs(inside - dt))) / dt
+    dropped = int(np.sum(inside > (1.0 + thresholds.MOTION.dropped) * dt))
+    notes = []
+    gaps = int(np.sum(breaks & same))
+    if gaps:
+        notes.append(f"{gaps} gap{'s' if gaps > 1 else ''} in time; velocities are not taken across")
+    if scatter > thresholds.MOTION.uneven:
+        notes.append(f"sampling intervals scatter by {100 * scatter:.0f} %; filters run on an even grid between them")
+    elif dropped:
+        notes.append(
+            f"{dropped} time{'s' if dropped > 1 else ''} a sample or two are missing; filters run on an even grid"
+        )
+    least = max(round(thresholds.MOTION.shortest_s / dt), thresholds.MOTION.shortest_readings)
+    long = np.bincount(segment)[segment] >= least
+    if not long.any():
+        raise InputError(f"{recording.source}: no stretch without a gap lasts {least * dt:.2g} s; nothing to diagnose")
+    if not long.all():
+        notes.append(f"{int(np.sum(~long))} samples in stretches shorter than {least * dt:.2g} s are left out")
+    return OrderedSamples(
+        index=index[long],
+        time=time[long],
+        session=session[long],
+        segment=segment[long],
+        dt=dt,
+        uneven=scatter > thresholds.MOTION.uneven or dropped > 0,
+        notes=tuple(notes),
+    )

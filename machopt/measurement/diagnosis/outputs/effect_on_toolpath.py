@@ -1,0 +1,223 @@
+"""What the found physics changes for one toolpath: the choice so far, what becomes of it, and a better one.
+
+::
+
+    the cell as it stands       ──plan──► old choice ──┬─► its deflection as the old model believes   (before)
+                                                       └─► its deflection under the new model         (unchanged)
+    refitted, with what was found ──plan──► new choice ───► its deflection under the new model         (after)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.cell import Cell
+from machopt.data_types.documents.diagnosis_document import (
+    CasePointsSection,
+    JobEffectSection,
+    MeanAndWorstSection,
+    ModelCasesSection,
+    QuantityChangeEntry,
+    RotationChangeSection,
+)
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.stiffness import ArmStiffness
+from machopt.data_types.toolpath import Toolpath
+from machopt.errors import InputError
+from machopt.measurement.diagnosis import thresholds
+from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import wrap_angle
+from machopt.planning.pipeline.path_planner import plan_path
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.plan_output.infeasibility_reasons import compute_gamma, explain_points
+
+TEST_FORCE = 1000.0  # N along the tool axis, where the cell's plan states no process force
+
+
+def compare_toolpath_plans(
+    cell: Cell, stiffness_before: ArmStiffness, stiffness_after: ArmStiffness, toolpath: Toolpath, options: PlanOptions
+) -> JobEffectSection:
+    """Plan a toolpath with the model as it was and with what was found, and compare.
+
+    Deflections are those of the programmed path, without compensation; means are over the length cut. A force that the
+    plan does not state is taken as 1 kN along the tool axis, and ``force`` says so.
+
+    Args:
+        cell: the cell; its own stiffness is not used.
+        stiffness_before: of the cell as it stands; joint springs refitted alone where it states none.
+        stiffness_after: joint springs refitted together with the terms found.
+        toolpath: what is cut.
+        options: of planning.
+
+    Returns:
+        the block ``compare_toolpath_plans`` of diagnosis.json.
+    """
+    try:
+        old, new = (
+            plan_path(replace(cell, stiffness=s), toolpath, options) for s in (stiffness_before, stiffness_after)
+        )
+    except InputError as error:  # a cell that is not planned for, or springs that hold no load: nothing to compare
+        return _build_empty_effect(toolpath.source, str(error))
+    found = _compare_plans(old, new)
+    if found is None:
+        return _build_empty_effect(
+            toolpath.source,
+            _explain_unreached_point(old) or _explain_unreached_point(new) or "no point that both models hold",
+        )
+    return _build_effect_entry(toolpath.source, found, old, new)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ComparedPlans:
+    """Both choices at the planning points that both reach."""
+
+    both: NDArray[np.bool_]  # (P,) cut, and reached by both
+    is_point: NDArray[np.bool_]  # (P,) points of the toolpath itself
+    weight: Array  # (P,) of the length cut there, in all 1
+    rotation_change: Array  # (P,) rad, new less old rotation
+    deflection_before: Array  # (P,) m, old choice, old model
+    unchanged: Array  # (P,) m, old choice, new model
+    deflection_after: Array  # (P,) m, new choice, new model
+
+    def mean(self, deflection: Array) -> float:
+        return float(self.weight[self.both] @ deflection[self.both])
+
+    def worst(self, deflection: Array) -> int:
+        """Row of the toolpath point that bends most; of any planning point where no point itself is compared."""
+        named = self.both & self.is_point
+        return int(np.where(named if named.any() else self.both, deflection, -np.inf).argmax())
+
+
+def _compare_plans(old: Plan, new: Plan) -> _ComparedPlans | None:
+    """None where no point that is cut is reached with both models."""
+    path = old.path
+    before, unchanged, after = (
+        _compute_deflection(old, old),
+        _compute_deflection(old, new),
+        _compute_deflection(new, new),
+    )
+    both = path.counted & np.isfinite(before) & np.isfinite(unchanged) & np.isfinite(after)
+    if not both.any():
+        return None
+    weight = np.where(both, path.weight, 0.0)
+    weight = weight / weight.sum() if weight.sum() > 0.0 else both / both.sum()
+    return _ComparedPlans(
+        both=both,
+        is_point=path.is_point,
+        weight=weight,
+        rotation_change=np.asarray(wrap_angle(compute_gamma(new) - compute_gamma(old))),
+        deflection_before=before,
+        unchanged=unchanged,
+        deflection_after=after,
+    )
+
+
+def _compute_deflection(choice: Plan, model: Plan) -> Array:
+    """(P,) m, |d| of one plan's configurations under another's model; NaN where there is none."""
+    out = np.full(len(choice.path.index), np.nan)
+    a, d = choice.chosen.assignment, model.directions
+    ok = np.flatnonzero(a.reason == InfeasibilityReason.OK)
+    force = d.force[ok] if model.options.force.given else TEST_FORCE * d.axial[ok]
+    out[ok] = np.linalg.norm(d.elastic(model.setup.elasticity, a.q[ok], ok).compute_deflection(force), axis=-1)
+    return out
+
+
+def _build_effect_entry(name: str, c: _ComparedPlans, old: Plan, new: Plan) -> JobEffectSection:
+    path, rows = old.path, np.flatnonzero(old.path.is_point)
+    angle = np.degrees(np.abs(c.rotation_change[c.both]))
+    share = float((angle > np.degrees(thresholds.RESTING.same_rotation)).mean())
+    cases = {"before": c.deflection_before, "unchanged": c.unchanged, "after": c.deflection_after}
+    mean = {case: 1e3 * c.mean(value) for case, value in cases.items()}
+    place = {case: c.worst(value) for case, value in cases.items()}
+    worst = {case: 1e3 * float(value[place[case]]) for case, value in cases.items()}
+    point = {case: float(path.index[row]) for case, row in place.items()}
+    lost = int((path.counted & ~c.both).sum())
+    force = "process force" if new.options.force.given else f"{TEST_FORCE:g} N along the tool axis"
+    reached = [
+        np.where(p.chosen.assignment.reason == InfeasibilityReason.OK, np.degrees(compute_gamma(p)), np.nan)[rows]
+        for p in (old, new)
+    ]
+    return JobEffectSection(
+        toolpath=name,
+        sentence=_format_effect_sentence(
+            mean, worst, point, float(angle.mean()), share, force, lost, int(path.counted.sum())
+        ),
+        reason=None,
+        force=force,
+        points_compared=int(c.both.sum()),
+        points_not_reached=lost,
+        not_reached_because=(_explain_unreached_point(old) or _explain_unreached_point(new)) if lost else None,
+        rotation=RotationChangeSection(
+            mean_change_deg=float(angle.mean()), max_change_deg=float(angle.max()), changed_share=share
+        ),
+        deflection_mm=ModelCasesSection(
+            **{case: MeanAndWorstSection(mean=mean[case], worst=worst[case]) for case in cases}
+        ),
+        worst_point=CasePointsSection(**point),
+        changes=(
+            _build_change_entry("deflection of the choice so far, mean", mean["before"], mean["unchanged"], "mm"),
+            _build_change_entry("deflection of the choice so far, worst", worst["before"], worst["unchanged"], "mm"),
+            _build_change_entry("deflection under the new model, mean", mean["unchanged"], mean["after"], "mm"),
+            _build_change_entry("deflection under the new model, worst", worst["unchanged"], worst["after"], "mm"),
+        ),
+        warnings=tuple(new.setup.elasticity.warnings),
+        point=tuple(path.index[rows].tolist()),
+        gamma_before_deg=tuple(reached[0].tolist()),
+        gamma_after_deg=tuple(reached[1].tolist()),
+        deflection_before_mm=tuple((1e3 * c.deflection_before[rows]).tolist()),
+        deflection_unchanged_mm=tuple((1e3 * c.unchanged[rows]).tolist()),
+        deflection_after_mm=tuple((1e3 * c.deflection_after[rows]).tolist()),
+    )
+
+
+def _format_effect_sentence(
+    mean: Mapping[str, float],
+    worst: Mapping[str, float],
+    point: Mapping[str, float],
+    turned: float,
+    share: float,
+    force: str,
+    lost: int,
+    cut: int,
+) -> str:
+    out = (
+        f"Under the {force} the rotation chosen so far bends by {mean['unchanged']:.3f} mm in the mean (believed: "
+        f"{mean['before']:.3f}), at worst {worst['unchanged']:.3f} mm at point {point['unchanged']:g} (believed: "
+        f"{worst['before']:.3f} at point {point['before']:g})"
+    )
+    if share > 0.0:
+        out += (
+            f"; chosen anew, the rotation differs at {100.0 * share:.0f} % of the points (by {turned:.0f}° in the mean "
+            f"over all) and leaves {mean['after']:.3f} mm in the mean and {worst['after']:.3f} mm at worst"
+        )
+        kept = 1.0 - thresholds.RESTING.worth_turning
+        if mean["after"] > kept * mean["unchanged"] and worst["after"] > kept * worst["unchanged"]:
+            out += ", hardly less" if mean["after"] < mean["unchanged"] else ", no less in the mean"
+    else:
+        out += "; the rotation stays as it is"
+    return out + (f". {lost} of {cut} planning points that are cut cannot be compared." if lost else ".")
+
+
+def _build_empty_effect(name: str, reason: str) -> JobEffectSection:
+    said = f"What this changes for the toolpath cannot be said: {reason}"
+    return JobEffectSection(toolpath=name, sentence=said, reason=reason, changes=())
+
+
+def _explain_unreached_point(of: Plan) -> str:
+    """Why the first point that is cut and not reached is not; empty where all are."""
+    a, path = of.chosen.assignment, of.path
+    missing = np.flatnonzero(path.counted & (a.reason != InfeasibilityReason.OK))
+    if not len(missing):
+        return ""
+    row = int(missing[0])
+    said = explain_points(of).get(row) or InfeasibilityReason(int(a.reason[row])).word
+    return f"point {path.index[row]:g}: {said}"
+
+
+def _build_change_entry(what: str, before: float, after: float, unit: str) -> QuantityChangeEntry:
+    return QuantityChangeEntry(what=what, before=before, after=after, unit=unit)

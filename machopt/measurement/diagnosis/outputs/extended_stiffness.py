@@ -1,0 +1,169 @@
+"""The stiffness that a diagnosis leaves: joints as refitted, and the terms with what was found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from machopt.data_types.cell import Cell
+from machopt.data_types.locations import parse_joint_location, parse_location
+from machopt.data_types.stiffness import SOFTEST, STIFFEST, ArmStiffness, StiffnessTerm
+from machopt.effects.effect_wording import format_effect_in_sentence
+from machopt.errors import InputError
+from machopt.kinematics.robot import load_robot
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import RecordCorrection
+from machopt.measurement.diagnosis.data_types.diagnosis_result import (
+    BaseCoefficient,
+    DiagnosisResult,
+    is_spring_observable,
+)
+from machopt.stiffness.arm_stiffness import find_unstable_term
+from machopt.stiffness.terms.compilation import compile_terms
+from machopt.stiffness.terms.stability_check import UnstableTerm
+
+JOINTS = 6
+
+
+@dataclass(frozen=True)
+class ExtendedStiffness:
+    """What a diagnosis makes of a cell's stiffness; None where fewer than six joints are known, or one slides."""
+
+    before: ArmStiffness | None  # joints refitted, without what was found
+    after: ArmStiffness | None  # with it
+    withheld: tuple[StiffnessTerm, ...] = ()  # terms that are not in it
+    notes: tuple[str, ...] = ()  # why, a sentence each
+
+
+def build_extended_stiffness(cell: Cell, d: DiagnosisResult, *, weight_alone: bool = False) -> ExtendedStiffness:
+    """Joints as refitted and terms, without and with what was found; what the data do not show is the cell's.
+
+    Weight alone turns a joint by an amount that the angles fix, as geometry and waves of a gear do. A spring that is
+    far from the cell's in poses ``weight_alone`` is rather what is left of those, and stays out of the stiffness.
+
+    A fit knows no sign of a joint's compliance with all its terms. A finding that would turn the joint against its load
+    is named in the diagnosis and withheld from the stiffness; its joints keep the springs that fit without it.
+    """
+    springs = {c.unknown.spring_joint: c for c in d.coefficients if c.unknown.spring_joint is not None}
+    found = tuple(f.correction for f in d.findings if isinstance(f.correction, StiffnessTerm))
+    known = () if cell.stiffness is None else cell.stiffness.terms
+    if (cell.stiffness is None and len(springs) < JOINTS) or cell.arm_prismatic:
+        return ExtendedStiffness(None, None)
+    impossible = {id(t): why for t in found if (why := _explain_implausible_term(cell, t)) is not None}
+    withheld = [t for t in found if id(t) in impossible]
+    said = [
+        f"{format_effect_in_sentence(t.effect, t.location)} is not in stiffness.yaml, and the joints keep the "
+        f"springs that fit without "
+        f"it, since nothing that is built can be so: {impossible[id(t)]}"
+        for t in withheld
+    ]
+    found = tuple(t for t in found if id(t) not in impossible)
+    new = {_get_term_name(t) for t in found}
+    terms = (*(t for t in known if _get_term_name(t) not in new), *found)
+    near = thresholds.RECORD.far_spring if weight_alone else np.inf
+    before = _build_stiffness(cell, springs, known, lambda c: c.before, near)
+    # a joint's own finding is withheld with the spring that was fitted beside it; a body's is beside all of them
+    bare = set(range(1, JOINTS + 1)) if withheld else set()
+    after = _build_stiffness(
+        cell, springs, terms, lambda c: c.before if c.unknown.spring_joint in bare else c.value, near
+    )
+    while found and (wrong := _check_stiffness(cell, after)) is not None:
+        out = _find_wrong_term(terms, new, wrong)
+        bare.update(_list_joints(out) or range(1, JOINTS + 1))
+        withheld.append(out)
+        said.append(
+            f"{format_effect_in_sentence(out.effect, out.location)} is not in stiffness.yaml, and its joint "
+            f"keeps the spring that fits "
+            f"without it: {wrong.reason}"
+        )
+        terms = tuple(t for t in terms if t is not out)
+        after = _build_stiffness(
+            cell, springs, terms, lambda c: c.before if c.unknown.spring_joint in bare else c.value, near
+        )
+    told = [
+        j for j, c in sorted(springs.items()) if cell.stiffness is not None and is_spring_observable(c.value, c.sigma)
+    ]
+    said += [
+        f"joint {j} keeps the cell's spring in stiffness.yaml: poses bend under weight alone, where geometry that "
+        f"was not found looks like a spring more than {near:g} times off; the same poses with a load would tell"
+        for j in told
+        if _compute_spring_factor(cell, j, springs[j].value) > near
+    ]
+    return ExtendedStiffness(before, after, tuple(withheld), tuple(said))
+
+
+def add_withheld_notes(d: DiagnosisResult, made: ExtendedStiffness) -> DiagnosisResult:
+    """The diagnosis where what was withheld stays in it, and says so."""
+    findings = tuple(
+        replace(f, correction=RecordCorrection(f.correction.effect, f.correction.location, f.correction.parameters))
+        if any(f.correction is t for t in made.withheld) and f.correction is not None
+        else f
+        for f in d.findings
+    )
+    return replace(d, findings=findings, warnings=(*d.warnings, *made.notes))
+
+
+def _build_stiffness(
+    cell: Cell,
+    springs: Mapping[int, BaseCoefficient],
+    terms: tuple[StiffnessTerm, ...],
+    of: Callable[[BaseCoefficient], float],
+    near: float,
+) -> ArmStiffness:
+    """Joints by the springs that the data show within a factor ``near`` of the cell's, and terms."""
+    if not springs:
+        assert cell.stiffness is not None  # else six joints are shown
+        return cell.stiffness if terms == cell.stiffness.terms else replace(cell.stiffness, terms=terms)
+    prior, out = None if cell.stiffness is None else cell.stiffness.joints, []
+    for j in range(JOINTS):
+        c = springs.get(j + 1)
+        value = 0.0 if c is None else of(c)
+        sure = c is not None and is_spring_observable(value, c.sigma)
+        if prior is not None and not (sure and _compute_spring_factor(cell, j + 1, value) <= near):
+            out.append(float(prior[j]))
+        else:
+            out.append(float(np.clip(1.0 / max(value, 1.0 / STIFFEST), SOFTEST, STIFFEST)))
+    known = cell.stiffness
+    if known is None:
+        return ArmStiffness(joints=np.array(out), terms=terms)
+    return ArmStiffness(joints=np.array(out), terms=terms, external=known.external, position=known.position)
+
+
+def _compute_spring_factor(cell: Cell, joint: int, compliance: float) -> float:
+    """Factor between a compliance above zero and the cell's, to either side."""
+    assert cell.stiffness is not None
+    ratio = compliance * float(cell.stiffness.joints[joint - 1])
+    return max(ratio, 1.0 / ratio)
+
+
+def _explain_implausible_term(cell: Cell, term: StiffnessTerm) -> str | None:
+    """Why no file may hold a term, by the law's own word; None where one may."""
+    try:
+        compile_terms((term,), load_robot(cell), cell.tool.T_flange_tcp, None)
+    except InputError as error:
+        return error.reason
+    return None
+
+
+def _check_stiffness(cell: Cell, stiffness: ArmStiffness) -> UnstableTerm | None:
+    """As the planner looks at it."""
+    return find_unstable_term(stiffness, load_robot(cell), cell.tool.T_flange_tcp, cell.arm_limits)
+
+
+def _find_wrong_term(terms: Sequence[StiffnessTerm], new: set[tuple[str, str]], wrong: UnstableTerm) -> StiffnessTerm:
+    """The term that is said to be wrong, or what was found at its joint: the cell's own held before."""
+    named = [t for t in terms if _get_term_name(t) == (wrong.effect, wrong.location)]
+    beside = [t for t in terms if _get_term_name(t) in new and _list_joints(t) & _list_joints(wrong)]
+    return next(t for t in (*(t for t in named if _get_term_name(t) in new), *beside, *named))
+
+
+def _list_joints(of: StiffnessTerm | UnstableTerm) -> set[int]:
+    return (
+        {j + 1 for j in parse_joint_location(of.location)} if parse_location(of.location).is_joint_location else set()
+    )
+
+
+def _get_term_name(t: StiffnessTerm) -> tuple[str, str]:
+    return t.effect, t.location

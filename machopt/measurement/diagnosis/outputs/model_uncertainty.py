@@ -1,0 +1,144 @@
+"""How far an arm may be from the stiffness that a diagnosis writes: covariance of its springs, and what it may lack."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from machopt.data_types.cell import Cell
+from machopt.data_types.stiffness import ArmStiffness, ModelDiscrepancy, PositionError
+from machopt.effects import registry
+from machopt.effects.protocol import is_time_dependent
+from machopt.kinematics.robot import Robot, RobotMasses, load_robot
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import Flags
+from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, compute_rms
+from machopt.measurement.diagnosis.diagnosis_pipeline import DiagnosedRecording, read_stated_masses
+from machopt.measurement.diagnosis.effect_columns import joint_torque
+from machopt.measurement.diagnosis.static import load_test_channel
+from machopt.measurement.estimation.error_clusters import VarianceComponents, build_error_clusters
+from machopt.measurement.estimation.load_test_equations import LoadTestExperiment, build_load_test_experiment
+from machopt.measurement.estimation.reading_covariance import compute_reading_covariance
+from machopt.measurement.identification.assessment.model_discrepancy import (
+    UNKNOWN_COMPLIANCE_SIGMA,
+    ResidualReadings,
+    estimate_model_discrepancy,
+    list_coefficient_suspects,
+)
+from machopt.numerics.array_types import Array
+from machopt.stiffness.arm_stiffness import ArmElasticity
+
+JOINTS = 6
+
+
+def add_model_uncertainty(cell: Cell, found: DiagnosedRecording, stiffness: ArmStiffness | None) -> ArmStiffness | None:
+    """The stiffness that a diagnosis makes of a cell's, with how sure it is."""
+    if stiffness is None:
+        return None
+    known = None if cell.stiffness is None else cell.stiffness.position
+    position = estimate_position_error(found) if found.recording.kind == "absolute" else known
+    if stiffness is cell.stiffness:
+        return stiffness if position is known else replace(stiffness, position=position)
+    stiffness = replace(stiffness, position=position)
+    out = replace(stiffness, covariance=_compute_spring_covariance(cell, found.diagnosis, stiffness))
+    if found.recording.kind != "deflection":
+        return out
+    doubt = _estimate_load_test_discrepancy(cell, found, stiffness)
+    return out if doubt is None else replace(out, covariance=_build_covariance(doubt), discrepancy=doubt)
+
+
+def estimate_position_error(found: DiagnosedRecording) -> PositionError | None:
+    """How far the TCP is from the extended model on poses that no fit saw; None where these are too few to hold out."""
+    d, recording = found.diagnosis, found.recording
+    before, after = (compute_rms(e[d.used][:, :3]) for e in (d.errors.residual, d.errors.final))
+    poses = len(np.unique(recording.pose[d.used]))
+    if poses < thresholds.PROOF.fewest_groups or not np.isfinite([before, after]).all():
+        return None
+    q = recording.q[d.used][:, :JOINTS]
+    return PositionError(after, before, d.noise_floor / 1e3, poses, np.stack([q.min(axis=0), q.max(axis=0)], axis=1))
+
+
+def _compute_spring_covariance(cell: Cell, d: DiagnosisResult, stiffness: ArmStiffness) -> Array | None:
+    """(6, 6) of the joints' compliances by the refit; a joint that kept the cell's value as unsure as that one was."""
+    known = None if cell.stiffness is None else cell.stiffness.covariance
+    variance = np.zeros(JOINTS)
+    refitted = {c.unknown.spring_joint: c for c in d.coefficients if c.unknown.spring_joint is not None}
+    for j, k in enumerate(stiffness.joints):
+        c = refitted.get(j + 1)
+        kept = cell.stiffness is not None and k == cell.stiffness.joints[j]
+        if c is not None and not kept and np.isfinite(c.sigma):
+            variance[j] = c.sigma**2
+        else:
+            variance[j] = (UNKNOWN_COMPLIANCE_SIGMA / k) ** 2 if known is None else known[j, j]
+    return np.diag(variance)
+
+
+def _build_covariance(doubt: ModelDiscrepancy) -> Array:
+    """(6, 6) of the joints, of all that may be otherwise."""
+    at = [doubt.parts.index(f"joint {j}") for j in range(1, JOINTS + 1)]
+    ways = np.vstack([doubt.shift[at], doubt.modes[:, at]])
+    return np.asarray(ways.T @ ways)
+
+
+def _estimate_load_test_discrepancy(
+    cell: Cell, found: DiagnosedRecording, stiffness: ArmStiffness
+) -> ModelDiscrepancy | None:
+    """What the extended model leaves of the load tests, as a plan reads it."""
+    robot, T = load_robot(cell), cell.tool.T_flange_tcp
+    masses = read_stated_masses(cell)
+    tests = build_load_test_experiment(found.recording, robot, T)
+    residual = tests.measured - _predict_planned_deflection(found, tests, robot, T, masses, stiffness, cell.arm_limits)
+    used = found.diagnosis.used
+    groups = build_error_clusters(tests)
+    typical = np.array([_compute_typical_residual(residual[used, c : c + 3]) for c in range(0, tests.dimensions, 3)])
+    arm = ArmElasticity(robot, T, stiffness, cell.arm_limits, masses)
+    V = compute_reading_covariance(tests, 1.0 / stiffness.joints, arm.terms, tests.uncertainty, typical)
+    stated = (tests.uncertainty.displacement is not None, tests.uncertainty.rotation is not None)
+    readings = ResidualReadings(
+        residual=residual,
+        wrench=tests.wrench,
+        clusters=groups,
+        precision=np.where(used[:, None, None], 1.0, 1e-9) * np.linalg.inv(V),
+        robust=np.repeat(used[:, None].astype(float), tests.dimensions, axis=1),
+        components=tuple(
+            VarianceComponents(max(1.0, float(np.mean(_compute_whitened_squares(residual[used], V, c, used)))))
+            for c in range(len(V))
+        ),
+        stated=stated[: len(V)],
+    )
+    suspects = list_coefficient_suspects(arm, tests, masses)
+    return estimate_model_discrepancy(suspects, tests.state, stiffness.joints, readings)
+
+
+def _predict_planned_deflection(
+    found: DiagnosedRecording,
+    tests: LoadTestExperiment,
+    robot: Robot,
+    T: Array,
+    masses: RobotMasses | None,
+    stiffness: ArmStiffness,
+    limits: tuple[Array, Array],
+) -> Array:
+    """(N, D) what a plan makes of the same loads: it knows no history, so gears that remember come from rest.
+
+    A law with a memory may fit readings by what they did before and yet be another law; nothing of that comes back in
+    a job, and what the plan's reading of it leaves here is the least it leaves there. What only needs time is not off
+    by having had less of it.
+    """
+    r = load_test_channel.build_load_test_readings(found.recording, tests, robot, T, masses, 1.0 / stiffness.joints)
+    slow = {e.file_word for e in registry.select_joint_torque_effects() if is_time_dependent(e.joint_laws[0])}
+    lived, rest = joint_torque.compute_memory_term_displacement(r, [t for t in stiffness.terms if t.effect in slow])
+    rest = (*rest, *(t for t in stiffness.terms if t.effect not in slow))
+    whole = ArmElasticity(robot, T, replace(stiffness, terms=rest), limits, masses).evaluate(tests.state.q)
+    return np.asarray((lived + whole.compute_twist(tests.wrench))[:, : tests.dimensions])
+
+
+def _compute_whitened_squares(residual: Array, V: Array, channel: int, used: Flags) -> Array:
+    """Squares of the residuals by their own covariance, a coordinate."""
+    part = residual[:, 3 * channel : 3 * channel + 3]
+    return np.asarray(np.einsum("ni,nij,nj->n", part, np.linalg.inv(V[channel][used]), part) / 3.0)
+
+
+def _compute_typical_residual(residual: Array) -> float:
+    return max(float(1.4826 * np.median(np.abs(residual))), thresholds.NOISE.least)

@@ -1,0 +1,67 @@
+"""What the user of ``machopt diagnose`` asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from os.path import isfile
+from pathlib import Path
+
+from machopt.errors import InputError
+
+DEFAULT_MAX_FINDINGS = 3  # effects named one by one; many of poses are found together
+DEFAULT_MAX_STATIC_FINDINGS = 6  # a load and both its signs in many directions carry more
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnoseRequest:
+    """One run."""
+
+    cell: Path
+    recordings: tuple[Path, ...]
+    out: Path
+    channel: str = "auto"
+    toolpath: Path | None = None
+    terms: tuple[Path, ...] = ()  # Python files with laws of the user's own
+    max_findings: int | None = None  # None: see most(); together, poses name more of them, unless it is 1 or 2
+    accept: tuple[str, ...] = ()
+    seed: int = 0
+    tables: str = "csv"  # parquet: every table as Parquet, too
+    overwrite: bool = False  # replace an earlier output though files in it were edited or added
+    allow_external: bool = False
+    overrides: tuple[str, ...] = ()  # planning options for the toolpath, key=value
+
+    def get_max_findings(self, kind: str) -> int:
+        """Effects that are named one by one in a recording of a kind."""
+        if self.max_findings is not None:
+            return self.max_findings
+        return DEFAULT_MAX_FINDINGS if kind == "motion" else DEFAULT_MAX_STATIC_FINDINGS
+
+    def list_options(self, kind: str) -> dict[str, str | int | list[str]]:
+        """The options that decide the answer for a recording of a kind, as result and page tell them."""
+        said: dict[str, str | int | list[str]] = {
+            "channel": self.channel,
+            "max_findings": self.get_max_findings(kind),
+            "seed": self.seed,
+            "accept": list(self.accept),
+            "terms": [p.name for p in self.terms],
+        }
+        return said | ({"set": list(self.overrides)} if self.toolpath and self.overrides else {})
+
+
+def check_diagnose_request(request: DiagnoseRequest, kind: str) -> None:
+    """Refuse what cannot be diagnosed of a recording of this kind, before minutes of work.
+
+    Raises:
+        InputError: names the option, what was found and what would have worked.
+    """
+    if request.toolpath is not None and not isfile(request.toolpath):
+        raise InputError(
+            "there is no such file; a toolpath that optimize reads would work",
+            file=request.toolpath,
+            where="--toolpath",
+        )
+    if request.channel != "auto" and kind != "motion":
+        raise InputError(
+            f"found {request.channel}; channels are of a motion, this recording is of kind {kind!r}",
+            where="--channel",
+        )

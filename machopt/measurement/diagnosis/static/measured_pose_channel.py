@@ -1,0 +1,243 @@
+"""Measured TCP poses at known joints: where the arm is, not how far it gives; shows geometry, weight and heat.
+
+y is the measured TCP (or reflector) less what the encoders say, with what is known counted exactly: finite rotations,
+corrections that the cell's kinematics.yaml holds, the equilibrium under weight and load at a first fit (K_C and all).
+Columns of the base: joint compliances under weight and load; with ``registration: fit`` a small twist of each stand's
+tracker frame about the middle of the points; each target's place in the flange. Coefficients of compliances and targets
+are totals; the frame's twist is what a first robust fit left over.
+
+The nominal model: :mod:`machopt.measurement.diagnosis.static.nominal_pose_model`. What may explain the rest:
+:mod:`machopt.measurement.diagnosis.static.measured_pose_hypotheses`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.cell import Cell
+from machopt.data_types.kinematic_corrections import KinematicCorrection, KinematicCorrections
+from machopt.data_types.measurements.recording import Recording
+from machopt.data_types.stiffness import StiffnessTerm
+from machopt.effects.kinematic_corrections import extend_kinematics
+from machopt.effects.structure import link_geometry as structure_link_geometry
+from machopt.errors import InputError
+from machopt.kinematics.encoder_corrections import build_encoder_correction
+from machopt.kinematics.robot import Robot, RobotMasses, load_robot
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_types import load_resolution, reflectors_and_tracker_frames
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
+    BaseUnknown,
+    CoordinateFamily,
+    DiagnosisProblem,
+    HypothesisCatalogue,
+)
+from machopt.measurement.diagnosis.data_types.static_readings import BODY_BEHIND_FLANGE, StaticReadings
+from machopt.measurement.diagnosis.effect_columns import existing_terms, link_geometry
+from machopt.measurement.diagnosis.static import inclinometer_equations
+from machopt.measurement.diagnosis.static.measured_pose_hypotheses import build_measured_pose_catalogue
+from machopt.measurement.diagnosis.static.nominal_pose_model import CorrectedArm, NominalPoseModel
+from machopt.numerics.array_types import Array
+
+Ints = NDArray[np.int64]
+
+
+def build_measured_pose_problem(
+    recording: Recording,
+    cell: Cell,
+    robot: Robot,
+    masses: RobotMasses | None,
+    rng: np.random.Generator,
+    terms: tuple[StiffnessTerm, ...] = (),
+    found: Mapping[int, float] | None = None,
+    kept: frozenset[int] = frozenset(),
+    about: tuple[KinematicCorrection, ...] = (),
+) -> tuple[DiagnosisProblem, HypothesisCatalogue, tuple[str, ...]]:
+    """Equations and hypotheses of measured TCP poses.
+
+    y = p_measured − p(q), p(q) the TCP by the encoder's joints; y ≈ B x, B the columns of the base.
+
+    Args:
+        recording: kind "absolute", N readings, as corrected by the record checks.
+        cell: its TCP, stiffness (where the first fit starts) and kinematic corrections.
+        robot: the arm whose joints ``recording.q`` are.
+        masses: of links and tool; None where the URDF has none: then weight bends nothing.
+        rng: nothing here is drawn at random; part of every channel's signature.
+        terms: of the cell's stiffness, that count as known.
+        found: compliance rad/(N·m) of joints, from 1, beside what was found before; None: nothing was looked for yet.
+        kept: joints, from 1, whose springs are the cell's and not refitted.
+        about: corrections that were found beside the cell's: the model is made linear about them, and what they do
+            is part of y still, as the columns of their laws have it.
+
+    Returns:
+        Problem (D = 3, or 6 with rotation vectors in base axes where quaternions are recorded; 2 more where a tilt is),
+        catalogue, notes.
+
+    Raises:
+        InputError: another kind of recording, or one without measured positions.
+
+    Source: Klimchik et al. arXiv 1311.6810 (elasto-static calibration: y = J Δπ + J C Jᵀ w).
+    Invalid: for a tracker frame turned by more than some degrees against base_link (register it first).
+    """
+    if recording.kind != "absolute" or recording.position is None:
+        raise InputError(
+            f"is a recording of kind {recording.kind!r}; measured poses are of kind 'absolute' with x_mm, y_mm, z_mm",
+            file=recording.source,
+        )
+    there = _build_corrected_arm(cell, about)
+    model = NominalPoseModel(recording, cell, robot, masses, kept, there)
+    frame = model.fit_base()
+    unseen = model.find_undetermined_springs(frame)
+    if not unseen <= kept:
+        model = NominalPoseModel(recording, cell, robot, masses, kept | unseen, there)
+        frame = model.fit_base()
+    state, p, R = model.predict(frame)
+    y = model.residual(frame, p, R)
+    base, unknowns = model.columns(state, p)
+    totals = model.build_start_values(unknowns, frame)
+    y = y + base @ totals
+    springs = frame.compliance.copy()
+    for joint, compliance in (found or {}).items():
+        if joint not in model.kept_springs:
+            springs[joint - 1] = compliance
+    readings = replace(
+        model.build_readings(state, frame, springs),
+        inclinometer=inclinometer_equations.find_inclinometer(recording, cell),
+    )
+    apart = _describe_undetermined_frames(model, base, unknowns)
+    if readings.inclinometer is not None:
+        more = inclinometer_equations.build_inclinometer_equations(model, frame, state, readings.inclinometer, unknowns)
+        y = np.concatenate([y, more.y], axis=1)
+        base = more.append_columns(base)
+        unknowns += more.unknowns
+    if there is not None:
+        y = y + _compute_stated_displacement(readings, about)
+    y = y - existing_terms.compute_known_pose_displacement(readings, terms)
+    visit, replicate = _build_visit_labels(recording, readings.wrench)
+    stated = recording.uncertainty
+    families = [
+        CoordinateFamily(
+            name="translation", columns=(0, 1, 2), unit="mm", factor=1e3, stated_uncertainty=stated.displacement
+        )
+    ]
+    if model.D == 6:
+        families.append(
+            CoordinateFamily(
+                name="rotation", columns=(3, 4, 5), unit="mrad", factor=1e3, stated_uncertainty=stated.rotation
+            )
+        )
+    if readings.inclinometer is not None:
+        families.append(
+            CoordinateFamily(
+                name=inclinometer_equations.FAMILY,
+                columns=(model.D, model.D + 1),
+                unit="mrad",
+                factor=1e3,
+                stated_uncertainty=stated.tilt,
+                is_separate_instrument=True,
+            )
+        )
+    loaded = bool(np.abs(readings.wrench).max() > 0.0)
+    problem = DiagnosisProblem(
+        channel="position",
+        y=y,
+        base=base,
+        unknowns=tuple(unknowns),
+        families=tuple(families),
+        group=recording.pose,
+        visit=visit,
+        cycle=visit,
+        session=readings.session,
+        replicate=replicate,
+        line=recording.line,
+        row=np.arange(1, len(recording) + 1),
+        scale=readings.compute_displacement(readings.wrench) if loaded else None,
+        time=recording.time,
+        present=None
+        if readings.inclinometer is None
+        else inclinometer_equations.mark_measured_coordinates(model.D, readings.inclinometer),
+    )
+    readings = replace(readings, visit=visit, cycle=visit)
+    return problem, build_measured_pose_catalogue(readings, problem), (*model.build_notes(frame), *apart)
+
+
+def _build_corrected_arm(cell: Cell, found: tuple[KinematicCorrection, ...]) -> CorrectedArm | None:
+    """The cell's arm with corrections that were found; None where there are none."""
+    if not found:
+        return None
+    kinematics = extend_kinematics(cell.kinematics, found)
+    return CorrectedArm(load_robot(replace(cell, kinematics=kinematics)), kinematics)
+
+
+def _compute_stated_displacement(r: StaticReadings, found: tuple[KinematicCorrection, ...]) -> Array:
+    """(N, D) m, rad that corrections move the readings by, as the columns of their laws have it.
+
+    The slope of the nominal model is another one by what weight does to an arm that is turned (1 in 50 of an offset of
+    a large joint 2). The columns are what the numbers of the next fit multiply, so that y and they belong together.
+    """
+    frames = [c for c in found if c.effect == structure_link_geometry.EFFECT.name]
+    turned = build_encoder_correction(KinematicCorrections(tuple(c for c in found if c not in frames)))
+    out = r.project_to_measured(np.zeros((len(r), 6)), BODY_BEHIND_FLANGE)
+    if turned is not None:
+        delta = turned.compute_correction(r.state.q)
+        out = out + sum(r.lift_joint_twist(j, delta[:, j : j + 1])[:, :, 0] for j in range(6))
+    for c in frames:
+        at = structure_link_geometry.read_frame_offset(c.parameters)
+        out = out + link_geometry.compute_frame_columns(r, c.location) @ np.concatenate([at.shift, at.turn])
+    return np.asarray(out)
+
+
+def _build_visit_labels(recording: Recording, wrench: Array) -> tuple[Ints, Ints]:
+    """Arrival of each reading (pose × cycle × session), and which readings repeat each other: same pose, same load."""
+    stand, target = (
+        reflectors_and_tracker_frames.index_tracker_frames(recording),
+        reflectors_and_tracker_frames.index_reflectors(recording),
+    )
+    cycle = recording.cycle
+    if recording.targets and "cycle" not in recording.stated_labels:  # reflectors are read one after the other
+        cycle = _count_previous_rows(np.stack([recording.session, recording.pose, stand, target], axis=1))
+    key = np.stack([recording.session, recording.pose, cycle, stand], axis=1)
+    visit = np.unique(key, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+    size = np.array([max(float(np.abs(wrench[:, a : a + 3]).max()), 1e-9) for a in (0, 3)])
+    w = wrench / load_resolution.compute_load_tolerance(size, thresholds.RESTING.same_load, recording.uncertainty)
+    if np.abs(wrench).max() == 0.0:
+        w = np.zeros_like(wrench)
+    replicate = np.full(len(recording), -1, np.int64)
+    n = 0
+    # from another stand too: its frame is fitted, and what differs then is the reading
+    seen = np.unique(np.stack([recording.pose, target], axis=1), axis=0, return_inverse=True)[1].reshape(-1)
+    for pose in range(int(seen.max()) + 1):
+        rows = np.flatnonzero(seen == pose)
+        while len(rows):
+            near = np.abs(w[rows] - w[rows[0]]).max(axis=1) < 1.0
+            if near.sum() > 1:
+                replicate[rows[near]] = n
+                n += 1
+            rows = rows[~near]
+    return visit, replicate
+
+
+def _count_previous_rows(key: Ints) -> Ints:
+    """(N,) how often the same row of ``key`` (N, K) came before."""
+    same = np.unique(key, axis=0, return_inverse=True)[1].reshape(-1)
+    order = np.argsort(same, kind="stable")
+    starts = np.flatnonzero(np.diff(same[order], prepend=-1))
+    out = np.empty(len(same), np.int64)
+    out[order] = np.arange(len(same)) - np.repeat(starts, np.diff(np.r_[starts, len(same)]))
+    return out
+
+
+def _describe_undetermined_frames(
+    model: NominalPoseModel, base: Array, unknowns: Sequence[BaseUnknown]
+) -> tuple[str, ...]:
+    """What these poses cannot tell of tracker frames and reflectors, which is held by nominal places."""
+    count = model.count_undetermined_directions(base, unknowns)
+    if not count or not model.recording.targets:
+        return ()
+    return (
+        f"in these poses {count} combination{'' if count == 1 else 's'} of tracker frames and reflectors' places "
+        "cannot be told apart: nominal places hold them; poses that turn the flange otherwise would show them",
+    )

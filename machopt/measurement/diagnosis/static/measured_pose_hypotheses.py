@@ -1,0 +1,223 @@
+"""What measured TCP poses may show beyond the refitted base, and what they cannot.
+
+A zero offset of joint 1 *is* a turn of the tracker frame, one of joint 6 a shift of the target where no orientation is
+measured: what the base takes up altogether is not offered but listed as untestable. A step with the sign of a torque
+that weight keeps on one side is a zero offset, and offered as such alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from machopt.data_types.locations import format_joint_location, parse_joint_location, parse_location
+from machopt.effects import registry
+from machopt.effects.joint import angle_dependent_stiffness
+from machopt.effects.joint import joint_angle_errors as joint_joint_angle_errors
+from machopt.effects.protocol import is_time_dependent
+from machopt.effects.structure import link_geometry as structure_link_geometry
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
+    DiagnosisProblem,
+    EffectHypothesis,
+    HypothesisCatalogue,
+    UntestableEffect,
+)
+from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
+from machopt.measurement.diagnosis.effect_columns import (
+    gravity_compensator,
+    joint_angle_errors,
+    joint_torque,
+    link_geometry,
+    payload,
+    sensor_errors,
+    structural_compliance,
+    thermal_drift,
+)
+from machopt.measurement.diagnosis.static import unknown_link_masses, unmodelled_pose_errors
+from machopt.numerics.array_types import Array
+
+BODY = "body"  # family of what gives way
+SLIDING_JOINT_REASON = "it slides: it is looked for by its geometry alone, and what gives along it is the base's"
+ROUNDING = 1e-8  # of a column's length: what is left of one that the base holds
+
+
+def build_measured_pose_catalogue(r: StaticReadings, problem: DiagnosisProblem) -> HypothesisCatalogue:
+    """Every effect that measured poses can show, without those that the base takes up altogether."""
+    offered: list[EffectHypothesis] = [
+        *joint_angle_errors.build_joint_angle_hypotheses(r),
+        *joint_torque.build_pose_couplings(r),
+        *link_geometry.build_geometry_hypotheses(r, problem.base),
+        *(
+            [*payload.build_static_payload_hypotheses(r), *gravity_compensator.build_pose_hypotheses(r)]
+            if unknown_link_masses.has_link_mass(r.masses)
+            else []
+        ),
+        *thermal_drift.build_thermal_hypotheses(r),
+        *(
+            h
+            for h in structural_compliance.build_structure_hypotheses(r)
+            if not (r.recording.targets and h.location == "tool")
+        ),
+    ]
+    slides = (
+        [] if r.robot.slides is None else [format_joint_location(int(j) + 1) for j in np.flatnonzero(r.robot.slides)]
+    )
+    offered = [
+        h
+        for h in offered
+        if h.effect == structure_link_geometry.EFFECT.name or not _is_at_sliding_joint(h.location, slides)
+    ]
+    missing = [
+        *(UntestableEffect(joint_joint_angle_errors.ZERO.name, where, SLIDING_JOINT_REASON) for where in slides),
+        *_list_untestable_effects(r),
+    ]
+    Q = compute_column_span(problem.base)
+    turning = np.array([format_joint_location(j + 1) not in slides for j in range(6)])
+    drives = np.quantile(np.abs(r.torque), 0.9, axis=0) * turning
+    kinds = [e for e in registry.select_joint_torque_effects() if not e.has_memory]
+    for j in map(int, np.flatnonzero(turning)):
+        where = format_joint_location(j + 1)
+        if drives[j] <= thresholds.RESTING.turned_by_load * max(drives.max(), 1e-12):
+            missing.append(
+                UntestableEffect(angle_dependent_stiffness.EFFECT.name, where, "neither weight nor load turns it")
+            )
+            continue
+        beside = _add_zero_offset(Q, r, j)
+        for effect in sorted(kinds, key=lambda e: e.joint_laws[0].includes_weight):
+            laws, _ = joint_torque.build_joint_hypotheses(r, j, effect)
+            for law, h in ((law, h) for h in laws for law in effect.joint_laws if law.name == h.law):
+                shapes = h.shapes
+                if law.includes_weight:
+                    shapes = tuple(s for s in shapes if _is_distinct_from_offset(h.columns(s), Q, beside))
+                if shapes:
+                    offered.append(replace(h, shapes=shapes))
+                else:
+                    why = "weight keeps its torque on one side: it is a zero offset"
+                    missing.append(
+                        UntestableEffect(effect.name, where, why, (joint_joint_angle_errors.ZERO.name, where))
+                    )
+    if r.recording.registration == "fixed":
+        offered += sensor_errors.build_pose_sensor_hypotheses(r)
+    kept = []
+    for h in offered:
+        columns = h.columns(h.shapes[len(h.shapes) // 2])
+        if h.family == BODY and _has_redundant_coefficients(columns, Q):
+            continue
+        if compute_remaining_share(columns, Q) > thresholds.RESTING.taken_up:
+            kept.append(h)
+        elif (h.effect, h.location) not in {(m.effect, m.location) for m in missing}:
+            missing.append(UntestableEffect(h.effect, h.location, _explain_absorbed_effect(h, r)))
+    axes = {"session": r.session.astype(float)}
+    if np.abs(r.wrench).max() > 0.0:
+        axes["load"] = np.linalg.norm(r.wrench[:, :3], axis=1)
+    for name, values in (("time", r.recording.time), ("temperature", r.recording.temperature)):
+        if values is not None:
+            axes[name] = values
+    p = r.state.T_base_tool[:, :3, 3]
+    axes |= {name: p[:, k] for k, name in enumerate("xyz")} | {f"q{j + 1}": r.state.q[:, j] for j in range(6)}
+    named = {(h.effect, h.location) for h in kept}
+    untestable = tuple(m for m in missing if (m.effect, m.location) not in named)
+    finer = tuple(h for h in joint_angle_errors.build_refined_harmonics(r) if h.name in named)
+    return HypothesisCatalogue(
+        tuple(kept), untestable, axes, finer, tuple(unmodelled_pose_errors.build_unmodelled_pose_hypotheses(r))
+    )
+
+
+def _is_at_sliding_joint(place: str, slides: list[str]) -> bool:
+    """Whether a law sits at joints of which one slides: laws of angles and torques do not hold there."""
+    return parse_location(place).is_joint_location and any(
+        format_joint_location(j + 1) in slides for j in parse_joint_location(place)
+    )
+
+
+def compute_column_span(columns: Array) -> Array:
+    """(N D, K) orthonormal columns of what (N, D, P) can make up, rotations counted by ``calibrated.RESTING.lever``."""
+    B = _flatten_columns(columns)
+    sizes = np.linalg.norm(B, axis=0)
+    U, s, _ = np.linalg.svd(B[:, sizes > 0] / sizes[sizes > 0], full_matrices=False)
+    return np.asarray(U[:, s > 1e-9 * s[0]] if len(s) else U)
+
+
+def compute_remaining_share(columns: Array, Q: Array) -> float:
+    """Share of a hypothesis' columns (N, D, p), by length, that the base's (:func:`compute_column_span`) cannot make
+    up."""
+    A = _flatten_columns(columns)
+    size = float(np.linalg.norm(A))
+    return float(np.linalg.norm(A - Q @ (Q.T @ A))) / size if size > 0 else 0.0
+
+
+def _has_redundant_coefficients(columns: Array, Q: Array) -> bool:
+    """Whether the base takes up some numbers of a law but not all: a law of the same body goes without those.
+
+    A plate that sinks under a weight that is always the same shifts everything, as a fitted tracker frame does.
+    """
+    each = [
+        compute_remaining_share(columns[:, :, [k]], Q) > thresholds.RESTING.taken_up for k in range(columns.shape[2])
+    ]
+    return any(each) and not all(each)
+
+
+def _flatten_columns(columns: Array) -> Array:
+    weight = np.r_[np.ones(3), np.full(columns.shape[1] - 3, thresholds.RESTING.lever)][:, None]
+    return np.asarray((columns * weight).reshape(columns.shape[0] * columns.shape[1], columns.shape[2]))
+
+
+def _add_zero_offset(Q: Array, r: StaticReadings, j: int) -> Array:
+    """The span beside a zero offset of joint j; as it was where it holds one already."""
+    column = _flatten_columns(r.lift_joint_twist(j, np.ones(len(r))))[:, 0]
+    rest = column - Q @ (Q.T @ column)
+    rest = rest - Q @ (Q.T @ rest)
+    size = float(np.linalg.norm(rest))
+    return np.column_stack([Q, rest / size]) if size > ROUNDING * float(np.linalg.norm(column)) else Q
+
+
+def _is_distinct_from_offset(columns: Array, Q: Array, beside: Array) -> bool:
+    """A law on a joint's torque shows more in these poses than a zero offset of the joint would."""
+    alone = compute_remaining_share(columns, Q)
+    return (
+        alone > thresholds.RESTING.taken_up
+        and compute_remaining_share(columns, beside) > thresholds.RESTING.distinct * alone
+    )
+
+
+def _list_untestable_effects(r: StaticReadings) -> list[UntestableEffect]:
+    out = [
+        UntestableEffect(
+            "geometric_stiffness", "arm", "counted exactly: the arm is in equilibrium where it really stands"
+        )
+    ]
+    for effect in registry.select_joint_torque_effects():
+        if effect.has_memory:
+            how = (
+                "since when the torque has been there"
+                if is_time_dependent(effect.joint_laws[0])
+                else ("how the torque came there; load cycles do")
+            )
+            out.append(UntestableEffect(effect.name, effect.places[0], f"measured poses do not say {how}"))
+    if not unknown_link_masses.has_link_mass(r.masses):
+        lacks = unknown_link_masses.describe_missing_masses(r.masses)
+        out += [
+            UntestableEffect("payload", "tool", f"{lacks}; with them weight would show it"),
+            UntestableEffect("gravity_compensator", "joint:2", f"{lacks} to tell its torque from weight"),
+        ]
+    if r.recording.targets:
+        out.append(
+            UntestableEffect("tool_compliance", "tool", "the reflectors sit on the flange, before the tool gives way")
+        )
+    if r.recording.time is None and r.recording.temperature is None:
+        out.append(
+            UntestableEffect("thermal_drift", "environment", "the recording has neither time_s nor temperature_C")
+        )
+    return out
+
+
+def _explain_absorbed_effect(h: EffectHypothesis, r: StaticReadings) -> str:
+    if h.effect in ("joint_zero_offset", "joint_coupling") and h.location == "joint:1":
+        return "it turns everything about an axis that stands still: the fitted tracker frame takes it up"
+    if h.effect == "joint_zero_offset" and h.location == "joint:6" and r.dimensions == 3 and not r.recording.targets:
+        return "it shifts the target in the flange, which is fitted; measured orientations would show it"
+    if h.effect == "joint_zero_offset" and h.location == "joint:6":
+        return "it turns all reflectors about one axis, and their places in the flange are fitted"
+    return "what is refitted in any case takes it up altogether in these poses"

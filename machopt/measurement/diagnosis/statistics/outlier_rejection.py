@@ -1,0 +1,90 @@
+"""Which readings are gross errors: few, alone, each its own way, and not seen again; what a session does is none."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem
+from machopt.measurement.diagnosis.statistics import replicate_noise
+from machopt.numerics.array_types import Array
+
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+def find_inlier_readings(problem: DiagnosisProblem, residual: Array) -> Flags:
+    """(N,) readings that take part: no coordinate off by many robust standard deviations, or not for itself alone.
+
+    Args:
+        problem: which readings are of one session, of one pose, of the same thing.
+        residual: (N, D) of a robust fit, SI.
+    """
+    off = np.zeros(len(residual), bool)
+    for family in problem.families:
+        e = residual[:, list(family.columns)]
+        typical = max(
+            replicate_noise.compute_robust_sigma(e[problem.has_family(family)]),
+            family.stated_uncertainty or 0.0,
+            float(np.finfo(float).tiny),
+        )
+        off |= (np.abs(e) > thresholds.NOISE.gross * typical).any(axis=1)
+    if not off.any():
+        return np.asarray(~off)
+    if problem.channel == "torque":
+        return ~off | find_repeated_deviations(problem, residual, off)
+    shared = (
+        find_mostly_outlying_groups(problem.session, off)
+        | find_mostly_outlying_groups(problem.group, off)
+        | find_common_direction_groups(problem.session, residual, off)
+    )
+    return ~off | shared | find_repeated_deviations(problem, residual, off)
+
+
+def find_mostly_outlying_groups(label: Ints, off: Flags) -> Flags:
+    """(N,) readings of a session or pose most of whose readings are off: a fault or an effect, never outliers."""
+    _, part = np.unique(label, return_inverse=True)
+    count = np.bincount(part.reshape(-1))
+    share = np.bincount(part.reshape(-1), off) / count
+    odd = (share > thresholds.NOISE.mostly) & (count >= thresholds.NOISE.least_part)
+    return np.asarray(off & odd[part.reshape(-1)])
+
+
+def find_common_direction_groups(label: Ints, residual: Array, off: Flags) -> Flags:
+    """(N,) readings of a session that are off by the same way in space, and too many of it for accidents.
+
+    A tracker's gross errors point anywhere; a floor that gives way or a stand that was touched moves all one way.
+    """
+    out = np.zeros(len(off), bool)
+    for one in np.unique(label[off]):
+        rows = off & (label == one)
+        if rows.sum() < max(thresholds.NOISE.least_part, thresholds.RECORD.ordinary * (label == one).sum()):
+            continue
+        e = residual[rows, :3]
+        way = e / np.maximum(np.linalg.norm(e, axis=1, keepdims=True), np.finfo(float).tiny)
+        if np.linalg.norm(way.mean(axis=0)) > thresholds.RECORD.alike:
+            out |= rows
+    return out
+
+
+def find_repeated_deviations(problem: DiagnosisProblem, residual: Array, off: Flags) -> Flags:
+    """(N,) readings off whose twins of another visit are off by the same."""
+    e = residual if problem.channel == "torque" else residual[:, :3]
+    out = np.zeros(len(problem), bool)
+    rows = np.flatnonzero((problem.replicate >= 0) & np.isin(problem.replicate, problem.replicate[off]))
+    if not len(rows):
+        return out
+    kind = np.unique(problem.replicate[rows], return_inverse=True)[1].reshape(-1)
+    visits, visit = np.unique(problem.visit[rows], return_inverse=True)
+    own = np.unique(kind * len(visits) + visit.reshape(-1), return_inverse=True)[1].reshape(-1)
+    twins = np.bincount(kind)[kind] - np.bincount(own)[own]
+    at = np.flatnonzero(off[rows] & (twins > 0))
+    one = e[rows[at]]
+    other = np.empty_like(one)
+    for c, column in enumerate(e[rows].T):
+        other[:, c] = (np.bincount(kind, column)[kind[at]] - np.bincount(own, column)[own[at]]) / twins[at]
+    size, like = np.linalg.norm(one, axis=1), np.linalg.norm(other, axis=1)
+    alike = np.einsum("nd,nd->n", one, other) > thresholds.RECORD.alike * size * like
+    out[rows[at]] = alike & (thresholds.RECORD.like_size * like > size)
+    return out

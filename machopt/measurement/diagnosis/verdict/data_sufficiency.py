@@ -1,0 +1,54 @@
+"""Whether there are readings enough for a verdict that all is well."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem
+from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
+from machopt.measurement.diagnosis.verdict.verdict_text import format_error_size, format_verdict
+
+POSES_ADVICE = "ten poses or more would do (machopt plan-poses chooses them)"
+REPLICATES_ADVICE = (
+    "a second session over the same poses and loads, or standard_uncertainty in recording.yaml, would do"
+)
+
+
+def downgrade_if_insufficient(d: DiagnosisResult, problem: DiagnosisProblem) -> DiagnosisResult:
+    """The diagnosis; "insufficient" where nothing is named and too little was read to say that nothing is missing.
+
+    Nothing tells noise from mismatch where no reading was repeated and no uncertainty is stated: then what is named
+    cannot be said to explain all either.
+
+    Args:
+        d: of an arm at rest, whole.
+        problem: that it is of.
+    """
+    poses = len(np.unique(problem.group[d.used]))
+    unknown = bool(np.isnan(d.mismatch_p)) and not problem.families[0].stated_uncertainty
+    if unknown and d.verdict == "explained":
+        said = (
+            f"nothing was measured twice and no uncertainty is stated: what is left passes for noise; "
+            f"{REPLICATES_ADVICE}"
+        )
+        told = replace(d, verdict="partly_explained", notes=(*d.notes, said))
+        return replace(told, sentence=format_verdict(told))
+    if d.verdict != "consistent":
+        return d
+    if poses < thresholds.PROOF.fewest_groups:
+        why, would = f"{poses} pose{'' if poses == 1 else 's'} cannot show what a model leaves out", POSES_ADVICE
+    elif unknown:
+        why = "nothing was measured twice and no uncertainty is stated, so whatever the model lacks passes for noise"
+        would = REPLICATES_ADVICE
+    else:
+        return d
+    return replace(
+        d,
+        verdict="insufficient",
+        sentence=f"Not enough data: the refitted model leaves {format_error_size(d.heldout_after, d.unit)} on "
+        f"{d.predicted or 'readings'} that no fit saw, and {why}; {would}.",
+        next_experiment=f"{would[0].upper()}{would[1:]}.",
+    )

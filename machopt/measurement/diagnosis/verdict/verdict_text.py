@@ -1,0 +1,155 @@
+"""What an engineer reads: the sentence at the top, what to measure next."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from machopt.effects.effect_wording import format_effect_in_sentence, format_place
+from machopt.measurement.diagnosis import thresholds
+from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, Finding
+from machopt.measurement.diagnosis.statistics.replicate_noise import ReplicateNoise
+from machopt.measurement.diagnosis.verdict.base_model_notes import describe_unstated_values
+
+MOST_PLACES = 5  # named in the sentence, the largest shares first
+
+
+def format_verdict(d: DiagnosisResult) -> str:
+    """How much, where, what, how sure, what is not excluded, what next."""
+    error = f"{format_error_size(d.heldout_before, d.unit)} on {d.predicted or 'readings'} that no fit saw"
+    if d.verdict == "consistent":
+        after = f"{format_error_size(d.heldout_after, d.unit)} on {d.predicted or 'readings'} that no fit saw"
+        there = describe_unstated_values(d.coefficients)
+        put_right = "; ".join(f"{_format_finding(f)}" for f in d.findings)
+        return (
+            f"Consistent{f' once the record is put right ({put_right})' if put_right else ''}: the refitted model "
+            f"leaves {after}, noise alone {format_error_size(d.noise_floor, d.unit)}; nothing that comes back "
+            f"in repeats is left "
+            "to explain." + (f" Refitted for that, and stated nowhere: {there}." if there else "")
+        )
+    twins = math.isfinite(d.mismatch_p)
+    left = (
+        f"{format_error_size(d.repeatable, d.unit)} of it "
+        f"{'comes back in repeats' if twins else 'is more than the noise'}"
+    )
+    if d.verdict == "unexplained":
+        places = list(dict.fromkeys(format_place(s.axis) for s in d.mismatch if s.kind == "machine"))
+        where = ", ".join(places[:MOST_PLACES]) + (" …" if len(places) > MOST_PLACES else "")
+        # without the range that the note has: that is in SI, the page gives it in the units of the file
+        told = (f"; in the data {100 * s.share:.0f} % gathers along {s.axis}" for s in d.mismatch if s.kind == "data")
+        data = next(told, "")
+        return (
+            f"Unexplained: the refitted model leaves {error}; {left}, and no law of the catalogue explains it. Nearest "
+            f"places: {where or 'none'}{data}."
+        )
+    parts = [_format_finding(f) for f in d.findings]
+    if (
+        d.verdict == "partly_explained" and has_record_findings_only(d) and not is_mismatch_closed(d)
+    ):  # what was put right is no part of the mismatch that is left
+        return (
+            f"Not explained, though the record is put right: {'; '.join(parts)}. The refitted model leaves "
+            f"{format_error_size(d.heldout_after, d.unit)} on {d.predicted or 'readings'} that no fit saw (noise "
+            f"{format_error_size(d.noise_floor, d.unit)}), and no law of the catalogue explains it."
+        )
+    head = "Explained" if d.verdict == "explained" else "Partly explained"
+    open_ = sorted({format_effect_in_sentence(*n) for f in d.findings for n in f.one_of[1:]})
+    return (
+        f"{head}: {'; '.join(parts)}. Unseen {d.predicted or 'readings'}: "
+        f"{format_error_size(d.heldout_before, d.unit)} → "
+        f"{format_error_size(d.heldout_after, d.unit)} (noise {format_error_size(d.noise_floor, d.unit)})"
+        + (f", {100 * d.explained:.0f} % of the mismatch closed. " if d.explained > 0 else ". ")
+        + (
+            f"These data cannot exclude {', '.join(open_[:4])}{' …' if len(open_) > 4 else ''}."
+            if open_
+            else "No other explanation of the catalogue does as well."
+        )
+        + _describe_remaining_mismatch(d)
+    )
+
+
+def _describe_remaining_mismatch(d: DiagnosisResult) -> str:
+    """What comes back beside an explanation that is as near the noise as one asks for."""
+    if d.verdict != "explained" or not d.repeatable_after > thresholds.PROOF.left_over * d.noise_floor:
+        return ""
+    return (
+        f" {format_error_size(d.repeatable_after, d.unit)} still comes back in repeats: the law is not quite "
+        f"this one, or "
+        "something else is there too."
+    )
+
+
+def has_record_findings_only(d: DiagnosisResult) -> bool:
+    """Whether all that was found is of the record, nothing of the machine."""
+    return bool(d.findings) and all(f.record for f in d.findings)
+
+
+def is_mismatch_closed(d: DiagnosisResult) -> bool:
+    """Whether what was found closes as much of the mismatch as is written as 1 %."""
+    return d.explained >= thresholds.PROOF.closes
+
+
+def suggest_next_experiment(d: DiagnosisResult) -> str:
+    """The next measurement worth making, in words."""
+    sets = [f for f in d.findings if len(f.one_of) > 1]
+    if sets:
+        f = sets[0]
+        others = ", ".join(format_effect_in_sentence(*n) for n in f.one_of[1:4])
+        return (
+            f"To tell {format_effect_in_sentence(f.effect, f.location)} from {others}: machopt plan-poses CELL "
+            f"--discriminate OUT chooses "
+            "poses and loads at which their predictions differ most."
+        )
+    if d.verdict == "unexplained":
+        behind = next((format_place(s.axis) for s in d.mismatch if s.kind == "machine"), "the arm")
+        return f"Repeat the readings that are worst with a second target behind {behind}: what moves between the two?"
+    if d.findings:
+        f = d.findings[0]
+        return f"Confirm {format_effect_in_sentence(f.effect, f.location)} on another day at poses not measured yet."
+    return "None needed for the effects above their detection limits; smaller ones need more repeats or larger loads."
+
+
+def describe_withdrawn_findings(findings: Sequence[Finding]) -> list[str]:
+    """What came nearest without explaining enough to be named."""
+    if not findings:
+        return []
+    said = ", ".join(format_effect_in_sentence(f.effect, f.location) for f in findings)
+    return [f"nearest of the catalogue, but most of the mismatch stays with it: {said}; so it is not named"]
+
+
+def describe_session_contradictions(effects: Sequence[tuple[str, str]]) -> tuple[str, ...]:
+    """That sessions contradict each other, by what would be named if one of them were all there is."""
+    return tuple(
+        f"the sessions differ by more than noise: what {format_effect_in_sentence(*name)} would explain shows "
+        f"in one of them and another "
+        "contradicts it, so it is not named; something was not the same on both days"
+        for name in effects
+    )
+
+
+def describe_noise_source(noise: ReplicateNoise) -> tuple[str, ...]:
+    """Where the noise was taken from."""
+    if noise.replicated:
+        return ("noise is taken from readings of the same thing on different visits",)
+    return (
+        "nothing, or too little, was measured twice: noise is taken from what the model leaves, so small effects pass "
+        "for noise; a second session over the same poses and loads would tell them apart",
+    )
+
+
+def _format_finding(f: Finding) -> str:
+    first = next(iter(f.parameters.values()), None)
+    size = "" if first is None or first.unit == "1" else f", {_format_number(first.value)} {first.unit}"
+    return f"{format_effect_in_sentence(f.effect, f.location)}{size}{f' ({f.note})' if f.note else ''}"
+
+
+def format_error_size(value: float, unit: str) -> str:
+    """An error as read: micrometres where it is small."""
+    return (
+        f"{_format_number(1e3 * value)} µm" if unit == "mm" and abs(value) < 0.5 else f"{_format_number(value)} {unit}"
+    )
+
+
+def _format_number(value: float) -> str:
+    return (
+        f"{value:.3g}" if abs(value) < 1e3 or abs(value) >= 1e5 else f"{float(f'{value:.3g}'):.0f}"
+    )  # 1980, no 1.98e+03

@@ -1,0 +1,1 @@
+"""How well the identified stiffness is known: covariance, identifiability, held-out error."""

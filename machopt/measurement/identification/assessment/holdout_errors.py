@@ -1,0 +1,80 @@
+"""The error on poses that the fit has not seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.measurement.identification import thresholds
+from machopt.measurement.identification.assessment.identifiability import SettledCoefficients
+from machopt.measurement.identification.fitting.weighted_fit import StiffnessFit
+from machopt.numerics.array_types import Array, Ints
+
+MAX_LEAVE_ONE_OUT_POSES = 60  # poses up to which each is left out by itself
+FOLDS = 20  # beyond
+
+
+@dataclass(frozen=True)
+class HoldoutErrorSummary:
+    """Root mean square over coordinates, outliers apart."""
+
+    rmse: float  # m, of the three translations
+    axes: Array  # (D,) m, rad, base axes
+    rotation: float  # rad, of the three rotations; NaN where not measured
+    explained: float  # share of the translations' sum of squares that the model explains
+    by_pose: Array  # (G,) m, rmse of the translations of each pose; NaN where all are outliers
+
+
+def summarise_residuals(fit: StiffnessFit, residual: Array) -> HoldoutErrorSummary:
+    """Sum up residuals (N, D) of a fit's readings."""
+    counts = fit.weighting.robust > thresholds.IDENTIFIED.out
+    kept = np.where(counts, residual, np.nan)
+    total = np.where(counts, fit.experiment.measured, np.nan)
+    turned = residual.shape[1] == 6
+    by_pose = np.full(fit.clusters.poses, np.nan)
+    for g in range(fit.clusters.poses):
+        by_pose[g] = _compute_rms(kept[fit.clusters.readings(g), :3])
+    return HoldoutErrorSummary(
+        rmse=_compute_rms(kept[:, :3]),
+        axes=np.array([_compute_rms(column) for column in kept.T]),
+        rotation=_compute_rms(kept[:, 3:]) if turned else np.nan,
+        explained=_compute_explained_share(kept[:, :3], total[:, :3]),
+        by_pose=by_pose,
+    )
+
+
+def compute_holdout_residuals(fit: StiffnessFit, settled: SettledCoefficients, rng: np.random.Generator) -> Array:
+    """(N, D) residuals of readings whose pose took no part in the coefficients that predict them.
+
+    Each pose is left out once (in 20 random groups beyond 60 poses); weights and outliers stay those of the whole fit.
+    NaN where there is one pose only.
+    """
+    H, h = fit.normal.total()
+    out = np.full(fit.y.shape, np.nan)
+    for group in build_folds(fit.clusters.poses, rng):
+        H_rest, h_rest = H - fit.normal.H[group].sum(axis=0), h - fit.normal.h[group].sum(axis=0)
+        without = settled.solve(fit, H_rest, h_rest, matrices=bool(settled.has_projected_matrices))
+        rows = np.concatenate([fit.clusters.readings(g) for g in group])
+        out[rows] = fit.y[rows] - fit.A[rows] @ without
+    return out
+
+
+def build_folds(poses: int, rng: np.random.Generator) -> list[Ints]:
+    """Groups of poses to be left out together."""
+    if poses < 2:
+        return []
+    if poses <= MAX_LEAVE_ONE_OUT_POSES:
+        return [np.array([g]) for g in range(poses)]
+    return [np.sort(part) for part in np.array_split(rng.permutation(poses), FOLDS)]
+
+
+def _compute_rms(values: Array) -> float:
+    counts = np.isfinite(values)
+    return float(np.sqrt(np.mean(values[counts] ** 2))) if counts.any() else float("nan")
+
+
+def _compute_explained_share(residual: Array, measured: Array) -> float:
+    counts = np.isfinite(residual)
+    total = float(np.sum(measured[counts] ** 2))
+    return 1.0 - float(np.sum(residual[counts] ** 2)) / total if total > 0 else float("nan")

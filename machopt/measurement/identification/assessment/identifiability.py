@@ -1,0 +1,290 @@
+"""What the readings can tell of each joint, and what stands in its place where they cannot.
+
+A joint is judged by the design first: the standard error that these loads and this noise promise, against the
+compliance the cell has for it. Not identified is
+
+- a joint that the loads hardly turn (its error would be large even if it were the only unknown),
+- a joint that cannot be told from another unknown (its error is large because of the others),
+- a joint whose interval reaches zero compliance: only a lower bound of its stiffness is known.
+
+Its value is then the cell's, moved into what the readings allow; without one in the cell, the lower bound of its
+stiffness. Combinations that the readings do show (two joints that always turn together) are kept: the values are drawn
+to the cell's by a weak pull that the data override wherever they speak.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+from machopt.data_types.stiffness import LEAST_STIFFNESS, format_joint_stiffness
+from machopt.measurement.estimation.bounded_least_squares import minimise_bounded_quadratic
+from machopt.measurement.identification import thresholds
+from machopt.measurement.identification.assessment.coefficient_uncertainty import NULL, CoefficientUncertainty
+from machopt.measurement.identification.fitting.positive_semidefinite_fit import (
+    FittedMatrix,
+    fit_semidefinite_matrix,
+    has_negative_compliance,
+    list_fitted_matrices,
+)
+from machopt.measurement.identification.fitting.weighted_fit import FitCoefficient, StiffnessFit
+from machopt.numerics.array_types import Array
+
+MAX_SINGLE_COEFFICIENTS = 3  # coefficients of a term that are judged each by itself
+PRIOR_SIGMA = 0.1  # standard deviation per value of the pull towards the cell's compliance
+ZERO_SIGMA = 1e-6  # the same for what is taken as zero, in units of a typical effect
+
+
+@dataclass(frozen=True)
+class CoefficientStatus:
+    """What is known of one unknown."""
+
+    identified: bool
+    reason: str  # empty where identified
+    expected: float  # standard error per compliance that the design promises; NaN where there is no reference
+    inflation: float  # variance against that of the same design with this unknown alone (VIF); inf where not told apart
+    torque: float  # N·m, the largest on the joint in any reading; NaN for terms
+
+
+@dataclass(frozen=True)
+class IdentifiableCombination:
+    """A sum of coefficients that is known although its parts are not."""
+
+    text: str
+    value: float  # in the unit of its coefficients
+    sigma: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SettledCoefficients:
+    """The coefficients that are handed on, and how every refit has to treat those that are not identified."""
+
+    x: Array  # (P,)
+    status: tuple[CoefficientStatus, ...]
+    combinations: tuple[IdentifiableCombination, ...]
+    pull: Array  # (P,) weight of the pull, per scaled coefficient
+    target_values: Array  # (P,) scaled
+    replaced: NDArray[np.bool_]  # (P,) set to ``towards`` after solving
+    covariance: Array  # (6, 6) of the joints' compliances; one not identified is as uncertain as its own value
+    matrices: tuple[FittedMatrix, ...] = ()  # terms whose matrix must not give way against a load
+    has_projected_matrices: tuple[int, ...] = ()  # terms whose matrix did
+
+    def solve(self, fit: StiffnessFit, H: Array, h: Array, *, matrices: bool = False) -> Array:
+        """(P,) coefficients for other normal equations in the same scaled coefficients, e.g. without one pose.
+
+        Args:
+            fit: bounds and scales.
+            H, h: the equations.
+            matrices: keep fitted matrices positive semidefinite, too; slow.
+        """
+        H, h = H + np.diag(self.pull), h + self.pull * self.target_values
+        x = minimise_bounded_quadratic(H, h, fit.lower / fit.column)
+        x = np.where(self.replaced, self.target_values, x) * fit.column
+        for part in self.matrices if matrices else ():
+            if has_negative_compliance(part.matrix(x)):
+                x = fit_semidefinite_matrix(fit, part, H, h, x, self.replaced)
+        return x
+
+
+def settle_coefficients(
+    fit: StiffnessFit, uncertainty: CoefficientUncertainty, prior: Array | None = None
+) -> SettledCoefficients:
+    """Judge every unknown and fix the values of those that are not identified.
+
+    Args:
+        fit: with all unknowns free.
+        uncertainty: of that fit.
+        prior: (6,) N·m/rad, the cell's stiffness; None where it has none.
+    """
+    P = len(fit.unknowns)
+    H, h = fit.normal.total()
+    ridge = NULL * float(np.diag(H).max())
+    M: Array = np.asarray(
+        np.linalg.inv(H + ridge * np.eye(P)), float
+    )  # a direction without data gets a huge variance, not a missing one
+    correlation: Array = np.asarray(M / np.sqrt(np.outer(np.diag(M), np.diag(M))), float)
+    reference = np.full(P, np.nan)
+    # what the readings certainly show counts, too, should the cell's value be far too stiff
+    reference[:6] = np.abs(fit.x[:6]) if prior is None else np.maximum(1.0 / prior, uncertainty.interval[:6, 0])
+    standing = tuple(_assess_coefficient(fit, uncertainty, H, M, correlation, reference, j) for j in range(P))
+    standing = _check_term_significance(fit, uncertainty, standing)
+    known = np.array([s.identified for s in standing])
+    _keep_whole_terms(fit.unknowns, known)
+    pull, towards, replaced = np.zeros(P), np.zeros(P), np.zeros(P, bool)
+    blind = np.abs(uncertainty.unobserved_directions).max(axis=1, initial=0.0) > 1e-6
+    for j in np.flatnonzero(~known):
+        if j >= 6:  # a term that is not found is none
+            pull[j], replaced[j] = ZERO_SIGMA**-2, True
+            continue
+        k_low, k_high = uncertainty.stiffness_interval()[j]
+        bound = max(k_low, LEAST_STIFFNESS)
+        value = bound if prior is None else min(max(float(prior[j]), k_low), k_high)
+        towards[j] = 1.0 / value / fit.column[j]
+        if prior is None and not blind[j]:
+            replaced[j] = True
+        else:
+            pull[j] = (PRIOR_SIGMA * towards[j]) ** -2
+    draft = SettledCoefficients(
+        x=fit.x,
+        status=standing,
+        combinations=(),
+        pull=pull,
+        target_values=towards,
+        replaced=replaced,
+        covariance=np.zeros((6, 6)),
+    )
+    x = fit.x if known.all() else draft.solve(fit, H, h)
+    whole = tuple(m for m in list_fitted_matrices(fit) if known[m.first_coefficient].all())
+    mended = tuple(m.term for m in whole if has_negative_compliance(m.matrix(x)))
+    if mended:
+        x = replace(draft, matrices=whole).solve(fit, H, h, matrices=True)
+    joints = np.flatnonzero(known[:6])
+    covariance = np.diag(x[:6] ** 2)
+    covariance[np.ix_(joints, joints)] = uncertainty.covariance[np.ix_(joints, joints)]
+    together = _find_identifiable_combinations(fit, H, M, correlation, known)
+    return SettledCoefficients(
+        x=x,
+        status=standing,
+        combinations=together,
+        pull=pull,
+        target_values=towards,
+        replaced=replaced,
+        covariance=covariance,
+        matrices=whole,
+        has_projected_matrices=mended,
+    )
+
+
+def _assess_coefficient(
+    fit: StiffnessFit,
+    uncertainty: CoefficientUncertainty,
+    H: Array,
+    M: Array,
+    correlation: Array,
+    reference: Array,
+    j: int,
+) -> CoefficientStatus:
+    unknown = fit.unknowns[j]
+    one, among = (np.sqrt(v) * fit.column[j] if v > 0 else np.inf for v in (_invert_value(H[j, j]), M[j, j]))
+    inflation = float((among / one) ** 2) if np.isfinite(one) else np.inf
+    inflation = inflation if inflation < 0.01 / NULL else np.inf
+    torque = np.nan
+    if unknown.joint is not None:
+        tau = np.einsum("nc,nc->n", fit.experiment.state.J[:, :, j], fit.experiment.wrench)
+        torque = float(np.abs(tau).max())
+    scale = reference[j]
+    expected = float(among / scale) if scale > 0 else np.nan
+    partner = _find_correlated_coefficient(fit.unknowns, correlation, uncertainty.unobserved_directions, j)
+    reason = ""
+    if not np.isfinite(one) or (scale > 0 and one > thresholds.IDENTIFIED.most_error * scale):
+        if unknown.joint is None:
+            reason = "no reading shows it"
+        else:
+            none = torque < thresholds.IDENTIFIED.least_torque
+            reason = f"no reading puts {'any torque' if none else f'more than {torque:.3g} N·m'} on {unknown.name}"
+            if np.isfinite(one) and scale > 0 and not none:
+                reason += (
+                    f", which moves the TCP by at most {1e6 * _compute_largest_displacement(fit, j, scale):.0f} µm at "
+                    f"{format_joint_stiffness(1 / scale)}; a load with a longer lever arm about its axis would show it"
+                )
+    elif not np.isfinite(uncertainty.sigma[j]) and not partner:
+        reason = "there are no more equations than unknowns: nothing is left over to judge its error by"
+    elif not np.isfinite(uncertainty.sigma[j]) or (scale > 0 and expected > thresholds.IDENTIFIED.most_error):
+        reason = partner or f"the readings promise no more than ± {100 * expected:.0f} % (1 sigma)"
+    elif _has_interval_at_zero(unknown, uncertainty.interval[j]):
+        reason = "its interval reaches zero compliance" if unknown.joint else "its interval holds zero"
+        if unknown.joint is not None:
+            reason += (
+                f": stiffer than {format_joint_stiffness(uncertainty.stiffness_interval()[j, 0])} is all that is known"
+            )
+        reason += f"; it {partner}" if partner else ""
+    return CoefficientStatus(not reason, reason, expected, inflation, torque)
+
+
+def _find_correlated_coefficient(
+    unknowns: tuple[FitCoefficient, ...], correlation: Array, unseen: Array, j: int
+) -> str:
+    """What coefficient j cannot be told from; empty where nothing stands out."""
+    others = np.abs(correlation[j]).copy()
+    others[j] = 0.0
+    k = int(np.argmax(others))
+    if unseen.shape[1] and np.abs(unseen[j]).max() > 1e-6:
+        row = unseen[:, int(np.argmax(np.abs(unseen[j])))]
+        names = [
+            unknowns[i].name
+            for i in np.flatnonzero(np.abs(row) > thresholds.IDENTIFIED.moves_together * np.abs(row).max())
+            if i != j
+        ]
+        return f"cannot be told from {' and '.join(names)}: the readings move together" if names else ""
+    if others[k] < thresholds.IDENTIFIED.told_apart:
+        return ""
+    return f"cannot be told from {unknowns[k].name}: correlation {correlation[j, k]:.3f}"
+
+
+def _find_identifiable_combinations(
+    fit: StiffnessFit, H: Array, M: Array, correlation: Array, known: NDArray[np.bool_]
+) -> tuple[IdentifiableCombination, ...]:
+    """Pairs of joints that are not identified each, but together."""
+    out = []
+    for i in range(6):
+        for j in range(i + 1, 6):
+            if known[i] or known[j] or correlation[i, j] > -thresholds.IDENTIFIED.told_apart or H[i, i] <= 0:
+                continue
+            weight = H[i, j] / H[i, i]  # of joint j's compliance in joint i's place, scaled
+            ratio = weight * fit.column[i] / fit.column[j]
+            variance = M[i, i] + weight**2 * M[j, j] + 2 * weight * M[i, j]
+            value = float(fit.x[i] + ratio * fit.x[j])
+            sigma = float(np.sqrt(max(variance, 0.0)) * fit.column[i])
+            if sigma < thresholds.IDENTIFIED.most_error * abs(value):
+                out.append(
+                    IdentifiableCombination(
+                        f"joint {i + 1} and joint {j + 1} together: c{i + 1} + {ratio:.3g} c{j + 1} = "
+                        f"{value:.3g} ± {sigma:.1g} rad/(N·m)",
+                        value,
+                        sigma,
+                    )
+                )
+    return tuple(out)
+
+
+def _check_term_significance(
+    fit: StiffnessFit, uncertainty: CoefficientUncertainty, standing: tuple[CoefficientStatus, ...]
+) -> tuple[CoefficientStatus, ...]:
+    """A term of many coefficients needs one that is clearer of zero: of 21 intervals of 90 %, two miss by chance."""
+    out = list(standing)
+    for t in range(len(fit.terms)):
+        own = [p for p, u in enumerate(fit.unknowns) if u.term == t]
+        known = [p for p in own if standing[p].identified]
+        if len(own) <= MAX_SINGLE_COEFFICIENTS or not known:
+            continue
+        sure = 1.0 - (1.0 - uncertainty.level) / 2 / len(own)
+        clear = [abs(fit.free[p]) > stdtrit(uncertainty.freedom[p], sure) * uncertainty.sigma[p] for p in known]
+        if not any(clear):
+            for p in known:
+                reason = f"as far from zero as one of {len(own)} coefficients comes by chance"
+                out[p] = replace(standing[p], identified=False, reason=reason)
+    return tuple(out)
+
+
+def _keep_whole_terms(unknowns: tuple[FitCoefficient, ...], known: NDArray[np.bool_]) -> None:
+    """A term stands with all its coefficients where one of them is known, so that matrices stay whole."""
+    for t in {u.term for u in unknowns if u.term is not None}:
+        own = np.array([u.term == t for u in unknowns])
+        if known[own].any():
+            known[own] = True
+
+
+def _has_interval_at_zero(unknown: FitCoefficient, interval: Array) -> bool:
+    low, high = interval
+    return bool(low <= 0.0 <= high) if unknown.lower < 0 else bool(low <= 0.0)
+
+
+def _compute_largest_displacement(fit: StiffnessFit, j: int, compliance: float) -> float:
+    return float(np.linalg.norm(fit.A[:, :3, j], axis=1).max() * compliance)
+
+
+def _invert_value(value: float) -> float:
+    return 1.0 / value if value > 0 else 0.0

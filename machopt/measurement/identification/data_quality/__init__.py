@@ -1,0 +1,1 @@
+"""Faults of a load-test recording: units, signs, impossible rows."""

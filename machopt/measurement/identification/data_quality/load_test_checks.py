@@ -1,0 +1,294 @@
+"""The record before the robot: units, frames, signs, rows that cannot be, too little data.
+
+A broken record explains more published mismatches than exotic physics does. An *error* is refused (unless the user
+accepts it by its code), because its result would be wrong by a factor or by nature; a *warning* stands beside the
+result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from machopt.errors import InputError
+from machopt.kinematics.robot import Robot
+from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
+from machopt.measurement.identification import thresholds
+from machopt.measurement.identification.data_quality.alternative_conventions import (
+    ConventionCandidate,
+    build_convention_candidates,
+)
+from machopt.measurement.identification.data_quality.record_fault import RecordFault, format_row_locations
+from machopt.measurement.identification.data_quality.unit_checks import (
+    check_displacement_units,
+    check_moment_units,
+    estimate_reach,
+)
+from machopt.numerics.array_types import Array
+
+CODES = (  # of errors that can be accepted
+    "displacement_frame",
+    "wrench_frame",
+    "frames",
+    "load_sign",
+    "moment_at_base",
+    "moment_at_flange",
+    "force_units",
+    "joint_units",
+    "units",
+    "moment_units",
+    "rotation_units",
+)
+
+
+def check_experiment(
+    experiment: LoadTestExperiment, robot: Robot, T_flange_tcp: Array, prior: Array | None = None, unknowns: int = 6
+) -> list[RecordFault]:
+    """Look for what would spoil an identification.
+
+    Args:
+        experiment: as the recording states it.
+        robot, T_flange_tcp: for reach and flange.
+        prior: (6,) N·m/rad, the cell's stiffness; None where it has none.
+        unknowns: coefficients to be fitted.
+
+    Returns:
+        errors first.
+
+    Raises:
+        InputError: no load or no displacement at all.
+    """
+    e = experiment
+    for values, what in ((e.wrench, "load"), (e.measured, "displacement")):
+        if not values.any():
+            raise InputError(f"every {what} is zero; there is nothing to identify from", file=e.source)
+    reach = estimate_reach(robot, T_flange_tcp)
+    lever = check_moment_units(e, reach, prior)
+    found = []
+    if not any(f.severity == "error" for f in lever):  # with wrong units, frames mean nothing
+        ways = build_convention_candidates(e, robot, T_flange_tcp)
+        found = _check_conventions(ways)
+        if not any(f.severity == "error" for f in found):  # and in a wrong frame, sizes mean nothing
+            found += check_displacement_units(e, ways[0], reach, prior)
+    found += [
+        *lever,
+        *_check_data_amount(e, unknowns),
+        *_check_moment_along_force(e),
+        *_check_repeated_rows(e),
+        *_check_impossible_displacement(e, reach),
+        *_check_unloaded_displacement(e),
+        *_check_joint_limits(e, robot),
+    ]
+    return sorted(found, key=lambda f: f.severity != "error")
+
+
+def refuse_record_faults(
+    experiment: LoadTestExperiment, findings: Sequence[RecordFault], accept: Collection[str] = ()
+) -> list[str]:
+    """Raise on errors that are not accepted; the rest as sentences.
+
+    Args:
+        accept: codes of errors to be taken as warnings.
+
+    Raises:
+        InputError: names every error.
+    """
+    errors = [f for f in findings if f.severity == "error" and f.code not in accept]
+    if errors:
+        text = "; ".join(f"{f.message} [{f.code}]" for f in errors)
+        raise InputError(f"{text}. If the record is right as it is, accept {errors[0].code}", file=experiment.source)
+    return [f.message for f in findings]
+
+
+def _check_conventions(ways: list[ConventionCandidate]) -> list[RecordFault]:
+    """A frame, sign, unit or reference point that explains the record clearly better than the stated one.
+
+    Clearly: by much in most poses, or by little in nearly all of them, or by so many standard errors of the mean over
+    poses that noise cannot do it. A model that lacks physics does not do it either: what the record states is then
+    still the better reading.
+    """
+    stated, rivals = ways[0], ways[1:]
+    best = min(rivals, key=lambda r: r.unexplained)
+    ratio = best.unexplained / max(stated.unexplained, 1e-300)
+    wins, poses = float(np.mean(best.by_pose < stated.by_pose)), len(best.by_pose)
+    everywhere = (
+        ratio <= thresholds.CHECKED.a_little_better
+        and wins >= thresholds.CHECKED.wins_everywhere
+        and poses >= thresholds.CHECKED.many_poses
+    )
+    beyond_noise = (
+        poses >= thresholds.CHECKED.many_poses
+        and ratio <= thresholds.CHECKED.not_worth
+        and _compute_gain_per_standard_error(stated, best) >= thresholds.CHECKED.beyond_noise
+    )
+    if not (everywhere or beyond_noise) and (ratio > thresholds.CHECKED.better or wins < thresholds.CHECKED.wins):
+        return []
+    share = (
+        f"{_format_convention_message(best)} of the displacement is explained then, "
+        f"{_format_convention_message(stated)} as stated"
+    )
+    much = ratio <= thresholds.CHECKED.much_better and (
+        stated.unexplained > thresholds.CHECKED.much_better
+        or _compute_largest_change(stated, best) > thresholds.CHECKED.factor
+    )
+    else_nothing = beyond_noise and thresholds.CHECKED.half * (1 - best.unexplained) > max(1 - stated.unexplained, 0.0)
+    return [
+        RecordFault(
+            code=best.name, severity="error" if much or else_nothing else "warning", message=f"{best.message} ({share})"
+        )
+    ]
+
+
+def _compute_gain_per_standard_error(stated: ConventionCandidate, best: ConventionCandidate) -> float:
+    """Mean gain of a reading over poses, per its standard error."""
+    gain = stated.by_pose - best.by_pose
+    return float(gain.mean() / max(gain.std(ddof=1) / np.sqrt(len(gain)), 1e-12))
+
+
+def _compute_largest_change(stated: ConventionCandidate, best: ConventionCandidate) -> float:
+    """Factor by which the reading changes a compliance that matters."""
+    matter = np.maximum(stated.effect, best.effect) > thresholds.CHECKED.matters
+    c = np.stack([stated.compliance, best.compliance])[:, matter]
+    low, high = c.min(axis=0, initial=np.inf), c.max(axis=0, initial=0.0)
+    return float(np.max(high / np.maximum(low, 1e-300), initial=1.0))
+
+
+def _format_convention_message(way: ConventionCandidate) -> str:
+    return f"{100 * max(1 - way.unexplained, 0.0):.0f} %"
+
+
+def _check_moment_along_force(e: LoadTestExperiment) -> list[RecordFault]:
+    """Moments along the force where all other readings are forces through a point (f · m = 0)."""
+    force, moment = e.wrench[:, :3], e.wrench[:, 3:]
+    size = np.linalg.norm(force, axis=1) * np.linalg.norm(moment, axis=1)
+    there = (np.linalg.norm(moment, axis=1) > thresholds.CHECKED.least_moment) & (size > 0)
+    if there.sum() < thresholds.CHECKED.screw_readings:
+        return []
+    share = np.where(there, np.abs(np.einsum("nc,nc->n", force, moment)) / np.where(there, size, 1.0), 0.0)
+    if np.quantile(share[there], 0.9) > thresholds.CHECKED.screw_usual:
+        return []  # couples were applied, or the noise hides it
+    rows = np.flatnonzero(share > thresholds.CHECKED.screw)
+    if not len(rows):
+        return []
+    return [
+        RecordFault(
+            code="moment_along_force",
+            severity="warning",
+            message=f"{format_row_locations(e, rows)}: the moment has a part along the force, which no single "
+            f"force makes, unlike in "
+            "all other readings; check sign and axes of the moments there",
+            rows=tuple(rows.tolist()),
+        )
+    ]
+
+
+def _check_repeated_rows(e: LoadTestExperiment) -> list[RecordFault]:
+    """Readings that are copies of others."""
+    steps = e.measured[:, :3] / thresholds.CHECKED.coarse_step
+    fine = bool(np.abs(steps - np.round(steps)).max() > thresholds.CHECKED.whole_step)
+    keys = (
+        [e.wrench, e.measured]
+        if fine
+        else [e.wrench, e.measured, e.state.q, np.stack([e.pose, e.cycle, e.session], axis=1)]
+    )
+    table = np.concatenate([np.asarray(k, float) for k in keys], axis=1)
+    moved = e.measured.any(axis=1)
+    _, first, back = np.unique(table, axis=0, return_index=True, return_inverse=True)
+    rows = np.flatnonzero((first[back.reshape(-1)] != np.arange(len(e))) & moved)
+    if not len(rows):
+        return []
+    original = e.format_reading_location(int(first[back.reshape(-1)[rows[0]]]))
+    return [
+        RecordFault(
+            code="repeated_rows",
+            severity="warning",
+            message=f"{format_row_locations(e, rows)}: the same loads and displacements to the last digit as "
+            f"before ({original} at "
+            "first); copies make the result look surer than it is, remove them",
+            rows=tuple(rows.tolist()),
+        )
+    ]
+
+
+def _check_impossible_displacement(e: LoadTestExperiment, reach: float) -> list[RecordFault]:
+    most = thresholds.CHECKED.most_moved * reach
+    rows = np.flatnonzero(np.linalg.norm(e.measured[:, :3], axis=1) > most)
+    if not len(rows):
+        return []
+    return [
+        RecordFault(
+            code="impossible_displacement",
+            severity="warning",
+            message=f"{format_row_locations(e, rows)}: displaced by more than {1e3 * most:.0f} mm, more than an arm of "
+            "this reach gives way; check these rows, or the unit of the displacement",
+            rows=tuple(rows.tolist()),
+        )
+    ]
+
+
+def _check_unloaded_displacement(e: LoadTestExperiment) -> list[RecordFault]:
+    """Displacement without any load."""
+    loaded = e.wrench.any(axis=1)
+    if loaded.all():
+        return []
+    size = np.linalg.norm(e.measured[:, :3], axis=1)
+    rows = np.flatnonzero(~loaded & (size > thresholds.CHECKED.moved_unloaded * float(np.median(size[loaded]))))
+    if not len(rows):
+        return []
+    return [
+        RecordFault(
+            code="moved_without_load",
+            severity="warning",
+            message=f"{format_row_locations(e, rows)}: displaced although no load is recorded; displacements "
+            f"count from the unloaded "
+            "state of the same cycle",
+            rows=tuple(rows.tolist()),
+        )
+    ]
+
+
+def _check_joint_limits(e: LoadTestExperiment, robot: Robot) -> list[RecordFault]:
+    """Joint positions that the arm cannot take."""
+    q = e.state.q
+    outside = (q < robot.lower - thresholds.CHECKED.outside) | (q > robot.upper + thresholds.CHECKED.outside)
+    if not outside.any():
+        return []
+    rows = np.flatnonzero(outside.any(axis=1))
+    joint = int(np.argmax(outside.sum(axis=0)))
+    low, high = np.degrees(robot.lower[joint]), np.degrees(robot.upper[joint])
+    worst = np.degrees(q[rows[np.argmax(outside[rows, joint])], joint])
+    return [
+        RecordFault(
+            code="outside_limits",
+            severity="warning",
+            message=f"{format_row_locations(e, rows)}: joint {joint + 1} stands outside its limits "
+            f"({worst:.1f}° where the robot of "
+            f"the cell goes from {low:.0f}° to {high:.0f}°); check zero, sign and order of the q columns, or the robot",
+            rows=tuple(rows.tolist()),
+        )
+    ]
+
+
+def _check_data_amount(e: LoadTestExperiment, unknowns: int) -> list[RecordFault]:
+    poses, equations = len(np.unique(e.pose)), e.measured.size
+    out = []
+    if poses < thresholds.CHECKED.few_poses:
+        out.append(
+            RecordFault(
+                code="few_poses",
+                severity="warning",
+                message=f"only {poses} pose{'s' if poses > 1 else ''}: joints are told apart by posture, and errors "
+                "shared by a pose cannot be seen; ten poses or more would work (machopt plan-poses chooses them)",
+            )
+        )
+    if equations < thresholds.CHECKED.few_equations * unknowns:
+        out.append(
+            RecordFault(
+                code="few_readings",
+                severity="warning",
+                message=f"{len(e)} readings of {e.dimensions} coordinates are {equations} equations for {unknowns} "
+                "unknowns; three times as many as unknowns, better more, would tell how sure the result is",
+            )
+        )
+    return out

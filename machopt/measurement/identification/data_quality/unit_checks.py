@@ -1,0 +1,274 @@
+"""Sizes in a record that point to another unit: displacement per load, rotation per translation, moment per force."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from machopt.effects.recording.record_faults import FORCES, LENGTHS
+from machopt.kinematics.robot import Robot
+from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
+from machopt.measurement.estimation.robust_weights import fit_least_absolute_deviations
+from machopt.measurement.identification import thresholds
+from machopt.measurement.identification.data_quality.alternative_conventions import ConventionCandidate
+from machopt.measurement.identification.data_quality.record_fault import RecordFault, format_row_locations
+from machopt.numerics.array_types import Array
+
+GENERIC_STIFFNESS, GENERIC_REACH = 1e6, 2.5  # N·m/rad of a joint of an arm that reaches so far (m); grows with reach³
+ROTATION_UNIT_FACTORS = {
+    "rad": 1e-3,
+    "degrees": float(np.degrees(1e-3)),
+    "µrad": 1e3,
+}  # number read per number meant, for mrad
+
+
+@dataclass(frozen=True)
+class UnitSuspect:
+    """A unit that columns may be in."""
+
+    words: str  # "displacements in inches"
+    column: str  # first of the group
+    factor: float  # what its values have to be multiplied by
+
+    @property
+    def ratio(self) -> float:
+        """Displacement per load as read, per what it is."""
+        return self.factor if self.column == FORCE else 1.0 / self.factor
+
+    @property
+    def thousands(self) -> bool:
+        """Off by a thousand, which shows against any robot."""
+        return self.factor in (1e3, 1e-3)
+
+
+DISPLACEMENT, FORCE = "dx_mm", "fx_N"
+SUSPECTS = (
+    *(UnitSuspect(f"displacements in {name}", DISPLACEMENT, mm) for name, mm in LENGTHS.items()),
+    UnitSuspect("displacements in hundredths of a millimetre", DISPLACEMENT, 0.01),
+    *(UnitSuspect(f"loads in {name}", FORCE, newtons) for name, newtons in FORCES.items()),
+)
+
+
+def check_displacement_units(
+    e: LoadTestExperiment, stated: ConventionCandidate, reach: float, prior: Array | None
+) -> list[RecordFault]:
+    """Displacement per load against the cell's stiffness and against robots of this size.
+
+    Args:
+        e: as the recording states it.
+        stated: how well the joints explain it so.
+        reach: m.
+        prior: (6,) N·m/rad; None where the cell has no stiffness.
+    """
+    generic = _compute_typical_stiffness(reach)
+    s = _compute_displacement_ratio(e, generic, slice(0, 3))
+    nominal = _compute_displacement_ratio(e, prior, slice(0, 3)) if prior is not None else np.nan
+    if stated.unexplained > thresholds.CHECKED.explains or not s > 0:
+        return []
+    out = []
+    if prior is None:
+        wrong = _is_factor_off(s, thresholds.CHECKED.most_generic)
+        doubtful, against, seen = (
+            _is_factor_off(s, thresholds.CHECKED.doubtful_generic),
+            "that of robots of this reach",
+            s,
+        )
+    else:
+        wrong = _is_factor_off(nominal, thresholds.CHECKED.most_nominal) and _is_factor_off(
+            s, thresholds.CHECKED.most_generic_too
+        )
+        doubtful, against, seen = (
+            _is_factor_off(nominal, thresholds.CHECKED.doubtful_nominal),
+            "what the cell's stiffness gives",
+            nominal,
+        )
+    if wrong:
+        near = [
+            u for u in _find_near_units(seen) if u in _find_near_units(s)
+        ]  # by the cell's stiffness and by the robot's size
+        if near and not any(u.thousands for u in near):
+            cause = f"{' or '.join(u.words for u in near)} would make it so; mm and N would work"
+            column, factor = near[0].column, near[0].factor
+        else:
+            cause, column, factor = _find_suspect_column(e, s)
+        message = f"displacement per load is {_format_ratio(seen)} {against}: {cause}"
+        out.append(RecordFault(code="units", severity="error", message=message, column=column, factor=factor))
+    elif doubtful:
+        out.append(
+            RecordFault(
+                code="far_from_nominal",
+                severity="warning",
+                message=f"displacement per load is {_format_ratio(seen)} {against}{_format_suspects(seen)}; "
+                f"check the units of load "
+                f"and displacement{', or the stiffness in the cell' if prior is not None else ''}",
+            )
+        )
+    turned = _compute_displacement_ratio(e, generic, slice(3, 6)) if e.dimensions == 6 else np.nan
+    if turned > 0 and _is_factor_off(turned / s, thresholds.CHECKED.doubtful_rotation) and not wrong:
+        out.append(_build_rotation_fault(turned / s, doubtful))
+    return out
+
+
+def check_moment_units(e: LoadTestExperiment, reach: float, prior: Array | None) -> list[RecordFault]:
+    """Moments far beyond what the forces can make on an arm of this size."""
+    force, moment = np.linalg.norm(e.wrench[:, :3], axis=1), np.linalg.norm(e.wrench[:, 3:], axis=1)
+    both = (force > 0) & (moment > thresholds.CHECKED.least_moment)
+    if not both.any():
+        return []
+    lever: Array = np.where(both, moment / np.where(both, force, 1.0), 0.0)
+    typical = float(np.median(lever[both]))
+    if typical > thresholds.CHECKED.reaches * reach:
+        cause, column, factor = _find_wrong_load_unit(e, reach, prior)
+        return [
+            RecordFault(
+                code="moment_units",
+                severity="error",
+                message=f"moments are {typical:.3g} m times the forces, the arm reaches {reach:.2g} m: {cause}",
+                column=column,
+                factor=factor,
+            )
+        ]
+    rows = np.flatnonzero(lever > max(thresholds.CHECKED.far_reaches * reach, thresholds.CHECKED.far_lever * typical))
+    if not len(rows):
+        return []
+    return [
+        RecordFault(
+            code="lever_arm",
+            severity="warning",
+            message=f"{format_row_locations(e, rows)}: the moment is more than {lever[rows].min():.2g} m times "
+            f"the force, beyond the "
+            f"arm's reach of {reach:.2g} m; check the moments there",
+            rows=tuple(rows.tolist()),
+        )
+    ]
+
+
+def estimate_reach(robot: Robot, T_flange_tcp: Array) -> float:
+    """m, no more than the arm can stretch from its second axis, roughly."""
+    points = [*robot.point[1:], robot.T_base_flange_zero[:3, 3]]
+    arm = sum(float(np.linalg.norm(b - a)) for a, b in pairwise(points))
+    return arm + float(np.linalg.norm(T_flange_tcp[:3, 3]))
+
+
+def _find_wrong_load_unit(e: LoadTestExperiment, reach: float, prior: Array | None) -> tuple[str, str, float]:
+    """Which of the two is in another unit: the one whose unit makes the displacements of a usual size.
+
+    Returns:
+        words, first column of the group, factor to the right unit.
+    """
+    from dataclasses import replace
+
+    as_kilonewtons, as_newton_millimetres = e.wrench.copy(), e.wrench.copy()
+    as_kilonewtons[:, :3] *= 1e3
+    as_newton_millimetres[:, 3:] *= 1e-3
+    expected = _compute_typical_stiffness(reach) if prior is None else prior
+    off = [
+        abs(np.log(_compute_displacement_ratio(replace(e, wrench=w), expected, slice(0, 3)) or np.nan))
+        for w in (as_kilonewtons, as_newton_millimetres)
+    ]
+    if off[0] < off[1]:
+        return "columns fx_N … seem to hold kilonewtons; newtons would work", "fx_N", 1e3
+    return "columns mx_Nm … seem to hold N·mm; N·m would work", "mx_Nm", 1e-3
+
+
+def _build_rotation_fault(ratio: float, displacement_doubtful: bool) -> RecordFault:
+    """Rotations and translations that do not belong together."""
+    start = f"rotations are {_format_ratio(ratio)} what the translations of the same readings imply: "
+    guess = min(ROTATION_UNIT_FACTORS, key=lambda unit: abs(np.log(ratio / ROTATION_UNIT_FACTORS[unit])))
+    if _is_factor_off(ratio / ROTATION_UNIT_FACTORS[guess], thresholds.CHECKED.near_unit) or displacement_doubtful:
+        return RecordFault(
+            code="rotation_units",
+            severity="error",
+            message=start + "one of them is in another unit; mm and mrad would work",
+            column="rx_mrad",
+            factor=1.0 / ratio,
+        )
+    message = f"{start}columns rx_mrad … seem to hold {guess}; mrad would work"
+    return RecordFault(
+        code="rotation_units",
+        severity="error",
+        message=message,
+        column="rx_mrad",
+        factor=1.0 / ROTATION_UNIT_FACTORS[guess],
+    )
+
+
+def _compute_typical_stiffness(reach: float) -> Array:
+    return np.full(6, GENERIC_STIFFNESS * (reach / GENERIC_REACH) ** 3)
+
+
+def _compute_displacement_ratio(e: LoadTestExperiment, stiffness: Array, rows: slice) -> float:
+    """Measured displacement per displacement that a stiffness predicts, robustly; NaN where there is none."""
+    predicted = e.response()[:, rows, :6] @ (1.0 / stiffness)
+    load = np.linalg.norm(e.wrench[:, :3], axis=1) + np.linalg.norm(e.wrench[:, 3:], axis=1)
+    if not predicted.any() or not e.measured[:, rows].any():
+        return float("nan")
+    return float(fit_least_absolute_deviations(predicted[:, :, None], e.measured[:, rows], load)[0])
+
+
+def describe_common_stiffness_factor(found: Array, prior: Array) -> str | None:
+    """A warning where every joint differs from the cell's stiffness by one factor, and a unit makes that factor.
+
+    Joints that are softer or stiffer than believed differ each by its own; a load in pounds changes all alike.
+
+    Args:
+        found: (n,) N·m/rad of the identified joints.
+        prior: (n,) the cell's.
+    """
+    if len(found) < thresholds.CHECKED.least_alike:
+        return None
+    logs = np.log(prior / found)
+    ratio = float(np.exp(np.median(logs)))
+    if float(np.abs(logs - np.median(logs)).max()) > np.log(thresholds.CHECKED.alike):
+        return None
+    units = [u.words for u in SUSPECTS if abs(float(np.log(ratio / u.ratio))) < np.log(thresholds.CHECKED.alike)]
+    if not units:
+        return None
+    return (
+        f"all {len(found)} identified joints have {_format_ratio(1.0 / ratio)} the cell's stiffness, as "
+        f"{' or '.join(units)} "
+        "would make it; check the units of load and displacement"
+    )
+
+
+def _is_factor_off(ratio: float, factor: float) -> bool:
+    return not 1 / factor < ratio < factor
+
+
+def _find_near_units(ratio: float) -> list[UnitSuspect]:
+    """What could make that ratio, the nearest first."""
+    off = {u: abs(float(np.log(ratio / u.ratio))) for u in SUSPECTS}
+    return [u for u in sorted(off, key=lambda u: off[u]) if off[u] < np.log(thresholds.CHECKED.near_suspect)]
+
+
+def _format_suspects(ratio: float) -> str:
+    near = [u.words for u in _find_near_units(ratio)]
+    return f", as {' or '.join(near)} would make it" if near else ""
+
+
+def _find_suspect_column(e: LoadTestExperiment, ratio: float) -> tuple[str, str, float]:
+    """Which column seems to be in another unit: words, first column of the group, factor to the right unit."""
+    force = float(np.median(np.linalg.norm(e.wrench[:, :3], axis=1)))
+    moved = float(np.median(np.linalg.norm(e.measured[:, :3], axis=1)))
+    if ratio < 1:
+        return (
+            f"with a median displacement of {1e3 * moved:.2g} mm under {force:.3g} N the columns dx_mm … seem to hold "
+            "metres; millimetres would work",
+            "dx_mm",
+            1e3,
+        )
+    if force < thresholds.CHECKED.least_force:
+        words = f"with a median force of {force:.2g} N the columns fx_N … seem to hold kilonewtons; newtons would work"
+        return words, "fx_N", 1e3
+    return (
+        f"with a median displacement of {1e3 * moved:.3g} mm under {force:.3g} N the columns dx_mm … seem to hold "
+        "micrometres (or fx_N … a thousandth of newtons); millimetres would work",
+        "dx_mm",
+        1e-3,
+    )
+
+
+def _format_ratio(ratio: float) -> str:
+    return f"{ratio:.3g} times" if ratio >= 1 else f"1/{1 / ratio:.3g} of"

@@ -1,0 +1,358 @@
+"""Compliances from a recording: weighted, robust, bounded least squares; dumas2011 eq. 26 is its plain special case.
+
+::
+
+    start (bounded leverage, L1) ─► reading covariance ─► outlier weights ─► variance components ─► coefficients ≥ bound
+                                         ▲──────────────────── repeated until it stands ──────────────────────┘
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.measurements.recording import StandardUncertainty
+from machopt.errors import InputError
+from machopt.measurement.estimation.bounded_least_squares import minimise_bounded_quadratic
+from machopt.measurement.estimation.error_clusters import (
+    ClusterSums,
+    ErrorClusters,
+    NormalEquations,
+    VarianceComponents,
+    build_error_clusters,
+    build_normal_equations,
+    predict_cluster_shifts,
+    sum_channel_equations,
+)
+from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
+from machopt.measurement.estimation.reading_covariance import compute_reading_covariance
+from machopt.measurement.estimation.robust_weights import (
+    compute_robust_weights,
+    estimate_robust_scale,
+    fit_least_absolute_deviations,
+)
+from machopt.measurement.estimation.variance_components import NoiseScatter, estimate_variance_components
+from machopt.measurement.identification import thresholds
+from machopt.numerics.array_types import Array
+from machopt.stiffness.terms import LinearTerm
+
+ROUNDS = 8
+CONVERGENCE_TOLERANCE = 1e-3  # change of a coefficient per its standard error between rounds
+MIN_COLUMN_EFFECT = 1e-7  # effect of a coefficient per the largest one; below it is rounding and counts as none
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitCoefficient:
+    """One coefficient of the fit."""
+
+    name: str  # "joint 3", or "link_compliance at link:4 1/EI"
+    unit: str
+    lower: float = 0.0
+    joint: int | None = None  # 1 … 6
+    term: int | None = None  # index of its term
+    coefficient: int = 0  # index in its term
+
+
+def list_fit_coefficients(terms: Sequence[LinearTerm] = ()) -> tuple[FitCoefficient, ...]:
+    """The six joint compliances, then the coefficients of the terms."""
+    out = [FitCoefficient(name=f"joint {j}", unit="rad/(N·m)", lower=0.0, joint=j) for j in range(1, 7)]
+    for t, term in enumerate(terms):
+        for k, c in enumerate(term.coefficients):
+            out.append(
+                FitCoefficient(
+                    name=f"{term.effect} at {term.location} {c.name}", unit=c.unit, lower=c.lower, term=t, coefficient=k
+                )
+            )
+    return tuple(out)
+
+
+@dataclass(frozen=True)
+class ReadingWeights:
+    """How the readings count in a fit."""
+
+    covariance: Array  # (C, N, 3, 3) of the readings' own errors for s² = 1; C channels: translation, rotation
+    components: tuple[VarianceComponents, ...]  # one a channel
+    robust: Array  # (N, D) in [0, 1]
+
+    @cached_property
+    def precision(self) -> Array:
+        """(C, N, 3, 3) inverse covariance for s² = 1; a doubtful coordinate's variance is divided by its weight."""
+        V = self.covariance.copy()
+        for c in range(len(V)):
+            w = np.maximum(self.robust[:, 3 * c : 3 * c + 3], 1e-9)
+            for i in range(3):
+                V[c, :, i, i] /= w[:, i]
+        return np.asarray(np.linalg.inv(V))
+
+    def scatter(self, clusters: ErrorClusters) -> tuple[NoiseScatter, ...]:
+        """1 sigma of each channel's components."""
+        out = []
+        for V, c in zip(self.covariance, self.components, strict=True):
+            s = float(np.sqrt(c.scale))
+            own = s * float(np.sqrt(np.median(V[:, [0, 1, 2], [0, 1, 2]])))
+            cycle = s * float(np.sqrt(c.cycle)) if clusters.has_cycle else None
+            out.append(NoiseScatter(own, cycle, s * float(np.sqrt(c.visit)) if clusters.has_visit else None))
+        return tuple(out)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StiffnessFit:
+    """Coefficients with everything that uncertainty, held-out errors and influence are computed from.
+
+    ``H``, ``h`` and ``column`` are of scaled coefficients x / column; displacements are A · x.
+    """
+
+    experiment: LoadTestExperiment
+    terms: tuple[LinearTerm, ...]
+    unknowns: tuple[FitCoefficient, ...]
+    A: Array  # (N, D, P) m, rad per unit of each coefficient
+    y: Array  # (N, D) m, rad: measured less what fixed terms and corrections explain
+    x: Array  # (P,) coefficients within their bounds
+    free: Array  # (P,) without bounds; directions without data at zero
+    column: Array  # (P,) unit of each scaled coefficient
+    lower: Array  # (P,) bounds
+    clusters: ErrorClusters
+    weighting: ReadingWeights
+    normal: NormalEquations  # by pose, in scaled coefficients
+    weighted: bool = True
+
+    @property
+    def compliance(self) -> Array:
+        """(6,) rad/(N·m)."""
+        return self.x[:6]
+
+    @property
+    def residual(self) -> Array:
+        """(N, D) m, rad."""
+        return np.asarray(self.y - self.A @ self.x)
+
+    @property
+    def outlier(self) -> NDArray[np.bool_]:
+        """(N,) readings with a coordinate that is put aside."""
+        return np.asarray((self.weighting.robust < thresholds.IDENTIFIED.out).any(axis=1))
+
+
+def set_term_coefficients(terms: Sequence[LinearTerm], x: Array) -> tuple[LinearTerm, ...]:
+    """Terms with the coefficients that follow the six joints in x."""
+    out, at = [], 6
+    for term in terms:
+        n = len(term.coefficients)
+        out.append(term.with_values(x[at : at + n]))
+        at += n
+    return tuple(out)
+
+
+def fit_stiffness(
+    experiment: LoadTestExperiment,
+    terms: Sequence[LinearTerm] = (),
+    fixed: Sequence[LinearTerm] = (),
+    *,
+    uncertainty: StandardUncertainty | None = None,
+    robust: bool = True,
+    weighted: bool = True,
+    bounded: bool = True,
+    groups: ErrorClusters | None = None,
+    weighting: ReadingWeights | None = None,
+) -> StiffnessFit:
+    """Identify joint compliances and the coefficients of further terms.
+
+    Least Σ over poses of (y − A x)ᵀ W (y − A x) with x ≥ bound, W the inverse covariance of the readings (their own
+    error, and the shifts that a load cycle or a visit to a pose shares), each coordinate's variance divided by its
+    outlier weight.
+
+    Args:
+        experiment: N readings.
+        terms: physics to be fitted beside the joints; their values are not used.
+        fixed: physics with known values; what they explain is subtracted.
+        uncertainty: of the readings, 1 sigma; None: as the recording states.
+        robust: put gross outliers aside, where there are equations enough to tell; False: every coordinate counts.
+        weighted: weigh by the noise; False: every coordinate counts alike, metres beside radians, which with
+            ``robust=False, bounded=False`` is dumas2011 eq. 26.
+        bounded: keep compliances ≥ 0 (and every coefficient above its own bound).
+        groups: clusters made before, to save time in repeated fits.
+        weighting: of an earlier fit to the same readings, taken as it is.
+
+    Raises:
+        InputError: no more coordinates than unknowns (nothing to judge errors by), or no load at all.
+
+    Source:
+        Dumas et al. 2011, eqs. 16–26. Invalid where the displacement is not proportional to the load.
+    """
+    what = list_fit_coefficients(terms)
+    A = experiment.response(terms)
+    y = experiment.measured
+    for term in fixed:
+        y = y - (term.compute_response(experiment.state, experiment.wrench) @ term.values)[:, : experiment.dimensions]
+    if y.size <= len(what):
+        raise InputError(
+            f"{len(experiment)} reading{'s' if len(experiment) > 1 else ''} of {experiment.dimensions} coordinates: "
+            f"{y.size} equations for {len(what)} unknowns; at least "
+            f"{len(what) // experiment.dimensions + 1} readings, better three times as many, would work",
+            file=experiment.source,
+        )
+    if not experiment.wrench.any():
+        raise InputError("no reading carries a load; every force and moment is zero", file=experiment.source)
+    robust = robust and y.size >= thresholds.IDENTIFIED.enough_to_doubt * len(what)
+    groups = build_error_clusters(experiment) if groups is None else groups
+    lower = np.array([u.lower for u in what]) if bounded else np.full(len(what), -np.inf)
+    column, seen = _scale_columns(A, y)
+    scaled = A * np.where(seen, column, 0.0)  # what is rounding only must not be fitted
+    problem = _FitIteration(
+        experiment=experiment,
+        terms=tuple(terms),
+        A=scaled,
+        y=y,
+        column=column,
+        lower=lower,
+        clusters=groups,
+        uncertainty=uncertainty,
+        robust=robust,
+    )
+    if weighting is None:
+        weighting = problem.update_weights() if weighted else problem.equal_weights()
+    equations = problem.equations(weighting)
+    H, h = equations.total()
+    free = minimise_bounded_quadratic(H, h, np.full(len(what), -np.inf)) * column
+    x = minimise_bounded_quadratic(H, h, lower / column) * column if bounded else free
+    return StiffnessFit(
+        experiment=experiment,
+        terms=tuple(terms),
+        unknowns=what,
+        A=A,
+        y=y,
+        x=x,
+        free=free,
+        column=column,
+        lower=lower,
+        clusters=groups,
+        weighting=weighting,
+        normal=equations,
+        weighted=weighted,
+    )
+
+
+def _scale_columns(A: Array, y: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Unit of each coefficient, which explains a displacement of typical size, and whether any reading shows it."""
+    channels = range(0, A.shape[1], 3)
+    size = np.repeat([max(estimate_robust_scale(y[:, c : c + 3]), 1e-12) for c in channels], 3)
+    rms = np.sqrt(np.mean((A / size[:, None]) ** 2, axis=(0, 1)))
+    least = max(MIN_COLUMN_EFFECT * float(rms.max()), float(np.finfo(float).tiny))
+    return np.asarray(1.0 / np.maximum(rms, least)), np.asarray(rms > least)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _FitIteration:
+    """One fit on the way: scaled equations, and how their weights are found."""
+
+    experiment: LoadTestExperiment
+    terms: tuple[LinearTerm, ...]
+    A: Array  # (N, D, P) scaled
+    y: Array
+    column: Array
+    lower: Array
+    clusters: ErrorClusters
+    uncertainty: StandardUncertainty | None
+    robust: bool
+
+    @property
+    def load(self) -> Array:
+        """(N,) size of each load; a metre of lever arm is typical."""
+        w = self.experiment.wrench
+        return np.asarray(np.linalg.norm(w[:, :3], axis=1) + np.linalg.norm(w[:, 3:], axis=1))
+
+    @property
+    def stated(self) -> tuple[bool, bool]:
+        """Whether the errors of translations and rotations are stated."""
+        given = self.experiment.uncertainty if self.uncertainty is None else self.uncertainty
+        return given.displacement is not None, given.rotation is not None
+
+    def equal_weights(self) -> ReadingWeights:
+        """Every coordinate with the same variance, that of the residuals."""
+        N, D = self.y.shape
+        V = np.broadcast_to(np.eye(3), (D // 3, N, 3, 3))
+        doubt = np.ones((N, D))
+        if self.robust:
+            residual = self.y - self.A @ fit_least_absolute_deviations(self.A, self.y, self.load)
+            for c in range(0, D, 3):
+                part = residual[:, c : c + 3]
+                doubt[:, c : c + 3] = compute_robust_weights(
+                    part, np.full(part.shape, max(estimate_robust_scale(part, self.A.shape[2]), 1e-12))
+                )
+        draft = ReadingWeights(V, (VarianceComponents(),) * (D // 3), doubt)
+        H, h = self.equations(draft).total()
+        residual = self.y - self.A @ minimise_bounded_quadratic(H, h, self.lower / self.column)
+        left = max(float(doubt.sum()) - self.A.shape[2], 1.0)
+        common = max(float(np.sum(doubt * residual**2)) / left, float(np.finfo(float).tiny))
+        return ReadingWeights(V, (VarianceComponents(common),) * (D // 3), doubt)
+
+    def update_weights(self) -> ReadingWeights:
+        """Covariance, outlier weights, components and coefficients, in turn until they stand."""
+        stated = self.experiment.uncertainty if self.uncertainty is None else self.uncertainty
+        N, D = self.y.shape
+        x = fit_least_absolute_deviations(self.A, self.y, self.load)
+        residual = self.y - self.A @ x
+        typical = np.array([estimate_robust_scale(residual[:, c : c + 3], len(x)) for c in range(0, D, 3)])
+        weighting: ReadingWeights | None = None
+        found: tuple[VarianceComponents, ...] = ()
+        for _ in range(ROUNDS):
+            known = set_term_coefficients(self.terms, x * self.column)
+            V = compute_reading_covariance(self.experiment, x[:6] * self.column[:6], known, stated, typical)
+            doubt = self._compute_covariance(residual, V, weighting) if self.robust else np.ones((N, D))
+            weighting = ReadingWeights(V, (), doubt)
+            parts = self.sums(weighting)
+            found = tuple(
+                estimate_variance_components(
+                    self.clusters,
+                    s,
+                    float(np.median(V[c][:, [0, 1, 2], [0, 1, 2]])),
+                    stated=self.stated[c],
+                    before=found[c] if found else None,
+                )
+                for c, s in enumerate(parts)
+            )
+            weighting = ReadingWeights(V, found, doubt)
+            H, h = self._normal(parts, found).total()
+            new = minimise_bounded_quadratic(H, h, self.lower / self.column)
+            error = np.sqrt(np.maximum(np.diag(np.linalg.pinv(H, hermitian=True)), 1e-300))
+            moved, x = np.abs(new - x) / error, new
+            residual = self.y - self.A @ x
+            if moved.max() < CONVERGENCE_TOLERANCE:
+                break
+        assert weighting is not None  # ROUNDS > 0
+        return weighting
+
+    def _compute_covariance(self, residual: Array, V: Array, before: ReadingWeights | None) -> Array:
+        """Outlier weights: of the residual at first, later of what the shared shifts leave of it."""
+        out = np.empty_like(residual)
+        for c in range(len(V)):
+            part = residual[:, 3 * c : 3 * c + 3]
+            own = np.sqrt(V[c][:, [0, 1, 2], [0, 1, 2]])
+            if before is None:
+                least = 1.0 if self.stated[c] else 1e-12  # not stricter than what is stated
+                typical = max(estimate_robust_scale(part / own, self.A.shape[2]), least)
+                out[:, 3 * c : 3 * c + 3] = compute_robust_weights(part / own, np.full(part.shape, typical))
+                continue
+            share = before.components[c]
+            rest = part - predict_cluster_shifts(self.clusters, before.precision[c], part, share)
+            out[:, 3 * c : 3 * c + 3] = compute_robust_weights(rest, np.sqrt(share.scale) * own)
+        return out
+
+    def sums(self, weighting: ReadingWeights) -> list[ClusterSums]:
+        Q = weighting.precision
+        out = []
+        for c in range(len(Q)):
+            rows = slice(3 * c, 3 * c + 3)
+            count = float(weighting.robust[:, rows].sum())
+            out.append(sum_channel_equations(self.clusters, Q[c], self.A[:, rows], self.y[:, rows], count))
+        return out
+
+    def equations(self, weighting: ReadingWeights) -> NormalEquations:
+        return self._normal(self.sums(weighting), weighting.components)
+
+    def _normal(self, parts: Sequence[ClusterSums], found: Sequence[VarianceComponents]) -> NormalEquations:
+        each = [build_normal_equations(self.clusters, s, c) for s, c in zip(parts, found, strict=True)]
+        return each[0] if len(each) == 1 else each[0].add(each[1])

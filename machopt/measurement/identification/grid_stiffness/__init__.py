@@ -1,0 +1,1 @@
+"""Joint stiffness that varies over a grid of TCP positions."""

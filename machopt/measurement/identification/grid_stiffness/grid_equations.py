@@ -1,0 +1,154 @@
+"""The constant fit's readings as equations of a grid: relative compliances of the joints that vary, then the terms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from machopt.measurement.estimation.error_clusters import (
+    ErrorClusters,
+    VarianceComponents,
+    build_error_clusters,
+    predict_cluster_shifts,
+    sum_channel_equations,
+)
+from machopt.measurement.estimation.robust_weights import compute_robust_weights, estimate_robust_scale
+from machopt.measurement.identification.fitting.weighted_fit import ReadingWeights, StiffnessFit
+from machopt.measurement.identification.grid_stiffness.grid_cells import MeasuredCells
+from machopt.measurement.identification.grid_stiffness.grid_marginal_likelihood import (
+    GridLikelihood,
+    GridPosterior,
+    GridPrior,
+    LinearisedResponse,
+)
+from machopt.numerics.array_types import Array, Bools
+
+SHIFT_START = 0.3  # variance of a shared shift per reading's: away from none, where the likelihood is flat
+
+
+@dataclass(frozen=True, kw_only=True)
+class GridEquations:
+    """M readings inside the grid, y = A r of their place + error, r = (relative compliances, scaled terms)."""
+
+    constant: StiffnessFit
+    rows: Bools  # (N,) readings inside the grid
+    places: MeasuredCells
+    varying_joints: Bools  # (6,)
+    reference: Array  # (6,) rad/(N·m) that relative compliances are of; held joints: their value
+    A: Array  # (M, D, R) of the readings inside
+    y: Array  # (M, D)
+    kept_columns: Bools  # (T,) terms fitted along; the others stay at their bound
+    groups: ErrorClusters
+    smooth: bool
+
+    @classmethod
+    def from_fit(
+        cls, constant: StiffnessFit, rows: Bools, places: MeasuredCells, vary: Bools, reference: Array, smooth: bool
+    ) -> GridEquations:
+        """Rewrite the equations of ``constant`` for the readings ``rows`` (N,)."""
+        A = constant.A[rows]
+        joints = A[..., :6] * reference
+        keep = constant.x[6:] > constant.lower[6:]
+        fixed = np.where(keep, 0.0, constant.x[6:])
+        y = constant.y[rows] - joints[..., ~vary].sum(axis=-1) - A[..., 6:] @ fixed
+        scaled = (A[..., 6:] * constant.column[6:])[..., keep]
+        groups = constant.clusters if rows.all() else build_error_clusters(constant.experiment.select_readings(rows))
+        A = np.concatenate([joints[..., vary], scaled], axis=-1)
+        return cls(
+            constant=constant,
+            rows=rows,
+            places=places,
+            varying_joints=vary,
+            reference=reference,
+            A=A,
+            y=y,
+            kept_columns=keep,
+            groups=groups,
+            smooth=smooth,
+        )
+
+    @property
+    def terms(self) -> int:
+        return int(self.kept_columns.sum())
+
+    def start(self) -> ReadingWeights:
+        """The constant fit's weights; where it had none, variances of the size of its residuals."""
+        w = self.constant.weighting
+        V, robust = w.covariance[:, self.rows], w.robust[self.rows]
+        if self.constant.weighted:
+            return ReadingWeights(V, w.components, robust)
+        residual = self.constant.residual[self.rows]
+        size = [
+            max(estimate_robust_scale(residual[:, 3 * c : 3 * c + 3]), np.finfo(float).tiny) ** 2 for c in range(len(V))
+        ]
+        return ReadingWeights(V * np.array(size)[:, None, None, None], w.components, robust)
+
+    def prior(self, weighting: ReadingWeights, spread: Array | None) -> GridPrior:
+        """Where the search for the prior begins; with ``spread`` (6,) given, cells that are that and nothing else."""
+        start = GridPrior.start(int(self.varying_joints.sum()), self.smooth)
+        if spread is not None:
+            start = replace(start, spread=np.asarray(spread, float)[self.varying_joints], site_spread_share=0.0)
+        noise = tuple(
+            VarianceComponents(c.scale, max(c.cycle, SHIFT_START * unit), max(c.visit, SHIFT_START * unit))
+            for c, unit in zip(weighting.components, map(_compute_scalar_variance, weighting.covariance), strict=True)
+        )
+        return replace(start, noise=noise)
+
+    def evidence(self, weighting: ReadingWeights) -> GridLikelihood:
+        """The readings as sums, under given weights."""
+        Q, V = weighting.precision, weighting.covariance
+        parts = []
+        for c in range(len(Q)):
+            rows = slice(3 * c, 3 * c + 3)
+            parts.append(
+                sum_channel_equations(
+                    self.groups, Q[c], self.A[:, rows], self.y[:, rows], float(weighting.robust[:, rows].sum())
+                )
+            )
+        stated = self.constant.experiment.uncertainty
+        return GridLikelihood(
+            clusters=self.groups,
+            channel_sums=parts,
+            unit=[_compute_scalar_variance(v) for v in V],
+            stated=[s is not None for s in (stated.displacement, stated.rotation)][: len(V)],
+            site=self.places.site,
+            place=self.places.place,
+            cells=len(self.places.cells),
+            joints=int(self.varying_joints.sum()),
+            distance=self.places.distance,
+            smooth=self.smooth,
+        )
+
+    def first_unknowns(self) -> Array:
+        """(n,) log relative compliances of the cells, cell by cell, then the scaled terms: the constant model."""
+        terms = (self.constant.x[6:] / self.constant.column[6:])[self.kept_columns]
+        return np.concatenate([np.zeros(len(self.places.cells) * int(self.varying_joints.sum())), terms])
+
+    def linear(self, beta: Array) -> LinearisedResponse:
+        """Responses of the places about unknowns (n,)."""
+        C = len(self.places.cells)
+        return LinearisedResponse(
+            *self.places.linear(beta[: C * int(self.varying_joints.sum())].reshape(C, -1), self.terms)
+        )
+
+    def residual(self, response: Array) -> Array:
+        """(M, D) of responses per pose (G, R)."""
+        return np.asarray(self.y - np.einsum("ndr,nr->nd", self.A, response[self.groups.pose]))
+
+    def compute_reading_covariance(
+        self, before: ReadingWeights, prior: GridPrior, posterior: GridPosterior
+    ) -> ReadingWeights:
+        """Outlier weights of what cells and shared shifts leave of the readings."""
+        found = ReadingWeights(before.covariance, prior.noise, before.robust)
+        residual = self.residual(posterior.site_response[self.places.site])
+        out = np.empty_like(residual)
+        for c, (V, share) in enumerate(zip(found.covariance, prior.noise, strict=True)):
+            part = residual[:, 3 * c : 3 * c + 3]
+            rest = part - predict_cluster_shifts(self.groups, found.precision[c], part, share)
+            out[:, 3 * c : 3 * c + 3] = compute_robust_weights(rest, np.sqrt(share.scale * V[:, [0, 1, 2], [0, 1, 2]]))
+        return ReadingWeights(before.covariance, prior.noise, out)
+
+
+def _compute_scalar_variance(V: Array) -> float:
+    return float(np.median(V[:, [0, 1, 2], [0, 1, 2]]))

@@ -1,0 +1,374 @@
+"""How much joints vary from cell to cell: the marginal likelihood of a grid's prior, and the cells that follow.
+
+Log compliances z of the cells are drawn around their joint's mean, z_g,j ~ N(μ_j, s_j²), with correlation
+exp(−d/ℓ) between cells d apart (ℓ → 0: independent). Given s, ℓ and the readings' noise the cells are the best linear
+unbiased prediction; s, ℓ and the noise themselves maximise what is left when all cells and means are integrated out
+(restricted likelihood, Patterson & Thompson 1971; Harville 1977). A joint without variation gets s → 0, and its cells
+fall together to the constant model: that is the shrinkage, and nobody has to choose how strong.
+
+A cell is one value for a piece of space in which the joint varies too. What a site (a position of the TCP) is off its
+cell is a further random part, η s_j for all joints, integrated out site by site; without it many readings at few sites
+would make a cell look far better known than it is.
+
+Everything rests on sums by pose (:mod:`~machopt.measurement.estimation.error_clusters`), so a step costs one dense
+factorisation of the
+cells' unknowns and nothing that grows with the readings but those sums.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.sparse import bsr_matrix, csr_matrix
+
+from machopt.measurement.estimation import thresholds
+from machopt.measurement.estimation.error_clusters import (
+    ClusterSums,
+    ErrorClusters,
+    NormalEquations,
+    VarianceComponents,
+    build_normal_equations,
+)
+from machopt.measurement.estimation.tiled_linear_algebra import (
+    invert_positive_definite,
+    multiply_matrices,
+    multiply_vector,
+)
+from machopt.measurement.estimation.variance_components import LEAST, MOST
+from machopt.numerics.array_types import Array, Ints
+
+SPREADS = (1e-3, 1.0)  # least and largest s in log compliance: at a thousandth the cells are one
+WITHIN = (1e-3, 1.0)  # of a site about its cell: at most as much as cells differ
+RANGE_LEAST = 0.15  # ℓ in cells: neighbours correlate by exp(−6.7), that is not at all
+LIKELIHOOD_TOLERANCE = 0.2  # of −2 log likelihood: a gain no interval notices
+MODE_STEPS, HALVINGS = 12, 8
+RIDGE = 1e-10  # of a unit diagonal
+STEP = 1e-5  # of a logarithm, for differences of the noise's part: rounding is 1e-6 there, the curvature's share less
+
+
+@dataclass(frozen=True)
+class GridPrior:
+    """What the likelihood chooses. ``noise`` as in
+    :class:`~machopt.measurement.estimation.error_clusters.VarianceComponents`."""
+
+    spread: Array  # (F,) s of each varying joint, in log compliance
+    range: float  # ℓ in cells
+    site_spread_share: float  # η: 1 sigma of a site about its cell, as a share of the spread
+    noise: tuple[VarianceComponents, ...] = ()  # one a channel
+
+    @classmethod
+    def start(cls, joints: int, smooth: bool) -> GridPrior:
+        """A tenth of variation, neighbours alike, sites a third of it off: from where the search goes either way."""
+        return cls(np.full(joints, 0.1), 1.0 if smooth else RANGE_LEAST, 0.3)
+
+
+@dataclass(frozen=True)
+class LinearisedResponse:
+    """Responses r = u + E β of the places about the cells' values so far; β: cells × joints, then terms."""
+
+    E: csr_matrix  # (L·R, n)
+    u: Array  # (L, R)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GridPosterior:
+    """The unknowns given prior and readings."""
+
+    beta: Array  # (n,)
+    covariance: Array  # (n, n)
+    response: Array  # (L, R) r of each place
+    response_covariance: Array  # (L, R, R)
+    site_response: Array  # (S, R) r of each site, with its own part
+    value: float  # −2 log restricted likelihood, up to a constant
+
+
+@dataclass(frozen=True, kw_only=True)
+class MarginalEquations:
+    """Equations of places and sites with the sites' own parts integrated out."""
+
+    H: Array  # (L, R, R)
+    h: Array  # (L, R)
+    H_site: Array  # (S, R, R)
+    h_site: Array  # (S, R)
+    T: Array  # (R, R) covariance of a site's own part
+    yy: float
+    logdet: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class GridLikelihood:
+    """The readings as sums, and the geometry of cells and places."""
+
+    clusters: ErrorClusters
+    channel_sums: Sequence[ClusterSums]  # one a channel, of unit noise
+    unit: Sequence[float]  # m² or rad²: typical variance of a reading's coordinate at s² = 1
+    stated: Sequence[bool]  # whether a channel's uncertainty is stated
+    site: Ints  # (G,) of each pose
+    place: Ints  # (S,) of each site
+    cells: int  # cells that a reading touches
+    joints: int  # that vary
+    distance: Array  # (cells, cells) between centres, in cells
+    smooth: bool
+
+    def prior(self, x: Array) -> GridPrior:
+        noise, at = [], 0
+        for unit in self.unit:
+            scale, at = float(np.exp(x[at])), at + 1
+            ratio = [0.0, 0.0]
+            for k, there in enumerate((self.clusters.has_cycle, self.clusters.has_visit)):
+                if there:
+                    ratio[k], at = float(np.exp(x[at])) * unit, at + 1
+            noise.append(VarianceComponents(scale, *ratio))
+        spread = np.exp(x[at : at + self.joints])
+        range_ = float(np.exp(x[-1])) if self.smooth else RANGE_LEAST
+        return GridPrior(spread, range_, float(np.exp(x[at + self.joints])), tuple(noise))
+
+    def parameters(self, prior: GridPrior) -> Array:
+        x: list[float] = []
+        for unit, c in zip(self.unit, prior.noise, strict=True):
+            x.append(np.log(c.scale))
+            for there, ratio in ((self.clusters.has_cycle, c.cycle), (self.clusters.has_visit, c.visit)):
+                if there:
+                    x.append(np.log(np.clip(ratio / unit, LEAST, MOST)))
+        x += [*np.log(prior.spread), np.log(max(prior.site_spread_share, WITHIN[0]))]
+        if self.smooth:
+            x.append(np.log(prior.range))
+        return np.array(x)
+
+    def bounds(self) -> list[tuple[float, float]]:
+        shifts = int(self.clusters.has_cycle) + int(self.clusters.has_visit)
+        out = ([(-20.0, 20.0)] + [(np.log(LEAST), np.log(MOST))] * shifts) * len(self.unit)
+        out += [(np.log(SPREADS[0]), np.log(SPREADS[1]))] * self.joints
+        out.append((np.log(WITHIN[0]), np.log(WITHIN[1])))
+        if self.smooth:  # a correlation longer than the grid cannot be told from a larger mean
+            out.append((np.log(RANGE_LEAST), np.log(max(float(self.distance.max()), 1.0))))
+        return out
+
+    def _units(self) -> Array:
+        """Of the logarithms: root of how many things inform each, so that the likelihood is about equally curved."""
+        out: list[float] = []
+        for s in self.channel_sums:
+            out.append(s.count)
+            out += [3.0 * len(self.clusters.visit_of_cycle)] * int(self.clusters.has_cycle)
+            out += [3.0 * len(self.clusters.pose_of_visit)] * int(self.clusters.has_visit)
+        out += [2.0 * self.cells] * self.joints + [float(len(self.place))]
+        out += [float(self.cells * self.joints)] * int(self.smooth)
+        return np.sqrt(np.array(out) / 2.0)
+
+    def maximise(self, start: GridPrior, linear: LinearisedResponse, steps: int, *, fixed: bool = False) -> GridPrior:
+        """The most likely prior from ``start``; ``fixed`` keeps all but the noise."""
+        bounds = self.bounds()
+        x = np.clip(self.parameters(start), *np.array(bounds).T)
+        if fixed:
+            at = len(x) - self.joints - 1 - int(self.smooth)
+            bounds[at:] = [(v, v) for v in x[at:]]
+
+        def misfit(y: Array) -> tuple[float, Array]:
+            value, slope = self.misfit(self.prior(y / unit), linear)
+            return value, slope / unit
+
+        unit = self._units()
+        scaled = [(a * u, b * u) for (a, b), u in zip(bounds, unit, strict=True)]
+        size = sum(s.count for s in self.channel_sums) + 1.0  # about what −2 log likelihood is large
+        options = {"maxiter": steps, "ftol": LIKELIHOOD_TOLERANCE / size, "gtol": 0.0}
+        return self.prior(
+            minimize(misfit, x * unit, jac=True, method="L-BFGS-B", bounds=scaled, options=options).x / unit
+        )
+
+    def mode(self, prior: GridPrior, linearise: Callable[[Array], LinearisedResponse], beta: Array) -> Array:
+        """The most likely unknowns under a prior, from ``beta`` (n,) on: Gauss–Newton with steps halved as needed.
+
+        Args:
+            linearise: responses about given unknowns; there, and only there, u + E β is exact.
+        """
+        m = self.marginal(prior, self._equations(prior))
+        H, h = m.H, m.h
+        Q = self._contrast(prior.range)[0]
+        z = slice(0, self.cells * self.joints)
+
+        def misfit(beta: Array, linear: LinearisedResponse) -> float:
+            r = linear.u + (linear.E @ beta).reshape(h.shape)
+            cells = beta[z].reshape(self.cells, self.joints) / prior.spread
+            return float(np.einsum("li,lij,lj->", r, H, r) - 2 * np.sum(r * h) + np.sum(cells * (Q @ cells)))
+
+        linear = linearise(beta)
+        value = misfit(beta, linear)
+        for _ in range(MODE_STEPS):
+            P, b = self._system(H, h, Q, prior, linear)
+            d = 1.0 / np.sqrt(np.maximum(np.diag(P), np.finfo(float).tiny))
+            step = d * multiply_vector(_invert_with_ridge(P * d[:, None] * d)[0], d * b) - beta
+            step /= max(float(np.abs(step[z]).max(initial=0.0)), 1.0)  # a factor e a step at most
+            before = value
+            for _ in range(HALVINGS):
+                there = linearise(beta + step)
+                value = misfit(beta + step, there)
+                if value <= before:
+                    beta, linear = beta + step, there
+                    break
+                step = step / 2
+            else:
+                return beta
+            if before - value < LIKELIHOOD_TOLERANCE:
+                break
+        return beta
+
+    def posterior(self, prior: GridPrior, linear: LinearisedResponse) -> GridPosterior:
+        """Cells and terms under a prior."""
+        m = self.marginal(prior, self._equations(prior))
+        H, h = m.H, m.h
+        L, R = h.shape
+        Q, log_prior = self._contrast(prior.range)
+        P, b = self._system(H, h, Q, prior, linear)
+        d = 1.0 / np.sqrt(np.maximum(np.diag(P), np.finfo(float).tiny))
+        inverse, log_P = _invert_with_ridge(P * d[:, None] * d)
+        covariance = inverse * d[:, None] * d
+        beta = multiply_vector(covariance, b)
+        response = linear.u + (linear.E @ beta).reshape(L, R)
+        fit = float(np.einsum("li,lij,lj->", linear.u, H, linear.u) - 2 * np.sum(linear.u * h) - b @ beta)
+        value = m.yy + fit + m.logdet + log_P - 2 * float(np.log(d).sum())
+        value += self.joints * log_prior + (self.cells - 1) * 2 * float(np.log(prior.spread).sum())
+        for stated, c in zip(self.stated, prior.noise, strict=True):
+            value += thresholds.ESTIMATED.trust_in_stated * (np.log(c.scale) + 1 / c.scale) if stated else 0.0
+        own = m.T @ (m.h_site - np.einsum("sij,sj->si", m.H_site, response[self.place]))[..., None]
+        spread = self._spread_to_places(linear.E, covariance, L, R)
+        return GridPosterior(
+            beta=beta,
+            covariance=covariance,
+            response=response,
+            response_covariance=spread,
+            site_response=response[self.place] + own[..., 0],
+            value=value,
+        )
+
+    def misfit(self, prior: GridPrior, linear: LinearisedResponse) -> tuple[float, Array]:
+        """−2 log restricted likelihood and its gradient in the logarithms of :meth:`parameters`."""
+        post = self.posterior(prior, linear)
+        slope: list[float] = []
+        r, W = post.response, post.response_covariance
+        around, at_site = (W + r[:, :, None] * r[:, None, :])[self.place], r[self.place]
+
+        def rest(m: MarginalEquations) -> float:
+            """What depends on noise and site parts, with the unknowns at their mean and spread."""
+            return float(np.sum(m.H_site * around) - 2 * np.sum(m.h_site * at_site)) + m.yy + m.logdet
+
+        equations = self._equations(prior)
+        now = self.marginal(prior, equations)
+        for n, (s, c, unit) in enumerate(zip(self.channel_sums, prior.noise, self.unit, strict=True)):
+            there = (True, self.clusters.has_cycle, self.clusters.has_visit)
+            for name in [name for name, is_there in zip(("scale", "cycle", "visit"), there, strict=True) if is_there]:
+                least = 0.0 if name == "scale" else LEAST * unit
+                more = replace(c, **{name: max(getattr(c, name), least) * float(np.exp(STEP))})
+                changed = [
+                    build_normal_equations(self.clusters, s, more) if k == n else e for k, e in enumerate(equations)
+                ]
+                slope.append((rest(self.marginal(prior, changed)) - rest(now)) / STEP)
+                if name == "scale" and self.stated[n]:
+                    slope[-1] += thresholds.ESTIMATED.trust_in_stated * (1 - 1 / c.scale)
+        # with dH = −H dT H, dh = −H dT h: the derivative by each joint's variance T_jj of the site's own part
+        F = self.joints
+        Hr = np.einsum("sij,sj->si", now.H_site, at_site)
+        HaH = np.einsum("sij,sjk,ski->si", now.H_site, around, now.H_site)
+        each = np.diagonal(now.H_site, axis1=1, axis2=2) - HaH + 2 * Hr * now.h_site - now.h_site**2
+        by_site = 2 * (prior.site_spread_share * prior.spread) ** 2 * each.sum(axis=0)[:F]
+        Q = self._contrast(prior.range)[0]
+        second = np.zeros_like(Q)  # Σ_j E[z_j z_jᵀ] / s_j²
+        for j, spread in enumerate(prior.spread):
+            own = np.arange(self.cells) * self.joints + j
+            moment = (post.covariance[np.ix_(own, own)] + np.outer(post.beta[own], post.beta[own])) / spread**2
+            second += moment
+            slope.append(2 * (self.cells - 1 - float(np.sum(Q * moment))) + float(by_site[j]))
+        slope.append(float(by_site.sum()))
+        if self.smooth:
+            dK = self._kernel(prior.range) * self.distance / prior.range
+            # log|K| + log 1ᵀK⁻¹1 has the differential tr(Q dK), and dQ = −Q dK Q
+            slope.append(
+                float(np.sum(Q * dK)) * self.joints
+                - float(np.sum(multiply_matrices(multiply_matrices(Q, dK), Q) * second))
+            )
+        return post.value, np.array(slope)
+
+    def _equations(self, prior: GridPrior) -> list[NormalEquations]:
+        return [
+            build_normal_equations(self.clusters, s, c) for s, c in zip(self.channel_sums, prior.noise, strict=True)
+        ]
+
+    def _system(
+        self, H: Array, h: Array, Q: Array, prior: GridPrior, linear: LinearisedResponse
+    ) -> tuple[Array, Array]:
+        """P β = b of the unknowns: the places' equations through E, and the prior's precision of the cells."""
+        L, R = h.shape
+        blocks = bsr_matrix((H, np.arange(L), np.arange(L + 1)), shape=(L * R, L * R))
+        P = (linear.E.T @ (blocks @ linear.E).tocsr()).toarray()
+        for j, s in enumerate(prior.spread):
+            own = np.arange(self.cells) * self.joints + j
+            P[np.ix_(own, own)] += Q / s**2
+        return P, linear.E.T @ (h - np.einsum("lij,lj->li", H, linear.u)).reshape(-1)
+
+    def _kernel(self, range_: float) -> Array:
+        return np.exp(-self.distance / range_) if self.smooth else np.eye(self.cells)
+
+    def _contrast(self, range_: float) -> tuple[Array, float]:
+        """Precision of the cells with their mean integrated out, for s = 1, and log|K| + log(1ᵀ K⁻¹ 1)."""
+        K = self._kernel(range_)
+        inverse, log_K = _invert_with_ridge(K)
+        ones = inverse.sum(axis=1)
+        total = float(ones.sum())
+        return inverse - np.outer(ones, ones) / total, log_K + float(np.log(total))
+
+    def marginal(self, prior: GridPrior, each: Sequence[NormalEquations]) -> MarginalEquations:
+        """The poses' equations, sites' own parts integrated out, summed to places.
+
+        With r_site = r + ε, ε ~ N(0, T): H → (I + H T)⁻¹ H, h → (I + H T)⁻¹ h, yᵀWy → less hᵀ T (I + H T)⁻¹ h.
+        """
+        S, L = len(self.place), int(self.place.max()) + 1
+        H = sum_by_group(self.site, add_normal_equations([e.H for e in each]), S)
+        h = sum_by_group(self.site, add_normal_equations([e.h for e in each]), S)
+        R = h.shape[1]
+        T = np.zeros((R, R))
+        T[range(self.joints), range(self.joints)] = (prior.site_spread_share * prior.spread) ** 2
+        M = np.eye(R) + H @ T
+        solved = np.linalg.solve(M, np.concatenate([H, h[..., None]], axis=-1))
+        H_site, h_site = solved[..., :R], solved[..., R]
+        yy = sum(e.yy for e in each) - float(np.einsum("si,ij,sj->", h, T, h_site))
+        logdet = sum(e.logdet for e in each) + float(np.linalg.slogdet(M)[1].sum())
+        return MarginalEquations(
+            H=sum_by_group(self.place, H_site, L),
+            h=sum_by_group(self.place, h_site, L),
+            H_site=H_site,
+            h_site=h_site,
+            T=T,
+            yy=yy,
+            logdet=logdet,
+        )
+
+    @staticmethod
+    def _spread_to_places(E: csr_matrix, covariance: Array, L: int, R: int) -> Array:
+        """E_l Cov E_lᵀ (L, R, R) without the products between places."""
+        EC = np.asarray(E @ covariance).reshape(L, R, -1)
+        entries = E.tocoo()
+        place, row = entries.row // R, entries.row % R
+        out = np.zeros((L, R, R))
+        for i in range(R):
+            np.add.at(out[:, i], (place, row), EC[place, i, entries.col] * entries.data)
+        return out
+
+
+def sum_by_group(group: Ints, x: Array, groups: int) -> Array:
+    """Sum of x (M, …) over the members of each group."""
+    out = np.zeros((groups, *x.shape[1:]))
+    np.add.at(out, group, x)
+    return out
+
+
+def add_normal_equations(parts: Sequence[Array]) -> Array:
+    return np.asarray(np.sum(parts, axis=0))
+
+
+def _invert_with_ridge(A: Array) -> tuple[Array, float]:
+    try:
+        return invert_positive_definite(A)
+    except np.linalg.LinAlgError:  # a direction that neither readings nor prior hold, but for rounding
+        return invert_positive_definite(A + RIDGE * np.eye(len(A)))

@@ -1,0 +1,203 @@
+"""identification.json from what was identified."""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import Literal
+
+import numpy as np
+
+from machopt.data_types.cell import Cell
+from machopt.data_types.documents.identification_document import (
+    IdentificationDocument,
+    IdentifyOptionsSection,
+    JointStiffnessEntry,
+    NoisePartsSection,
+    OutlierReadingEntry,
+    RangeShareSection,
+    RecordingFindingEntry,
+    StiffnessGridSection,
+    TermCoefficientEntry,
+)
+from machopt.data_types.measurements.recording import Recording
+from machopt.measurement.identification.assessment.coefficient_uncertainty import compute_coefficient_uncertainty
+from machopt.measurement.identification.data_quality.unit_checks import describe_common_stiffness_factor
+from machopt.measurement.identification.identification_result import IdentificationResult
+from machopt.measurement.identification.request import IdentifyRequest
+from machopt.version import __version__
+
+CI90 = 0.9
+
+
+def build_identification_document(
+    request: IdentifyRequest, cell: Cell, recording: Recording, found: IdentificationResult, inputs: dict[str, str]
+) -> IdentificationDocument:
+    """``identification.json``.
+
+    Args:
+        request: what was asked.
+        cell: the cell.
+        recording: what was measured.
+        found: what was identified.
+        inputs: SHA-256 of the files read, by name.
+    """
+    errors, unseen = found.errors, found.heldout
+    joints90, terms90 = _compute_90_percent_intervals(found)
+    result = IdentificationDocument(
+        machopt_identification=1,
+        version=__version__,
+        cell=cell.name,
+        recording=recording.source,
+        model=found.model,
+        readings=found.readings,
+        poses=found.poses,
+        joints=_build_joint_entries(found, joints90),
+        terms=_build_term_entries(found, terms90),
+        known_combinations=tuple(found.combinations),
+        rmse_mm=1e3 * errors.rmse,
+        heldout_rmse_mm=None if unseen is None else 1e3 * unseen.rmse,
+        rmse_mrad=1e3 * errors.rotation,
+        heldout_rmse_mrad=None if unseen is None else 1e3 * unseen.rotation,
+        explained_share=errors.explained,
+        heldout_explained_share=None if unseen is None else unseen.explained,
+        condition_number=found.condition_number,
+        condition_number_dumas2011=found.condition_plain,
+        interval_level=request.level_percent / 100.0,
+        outliers=_build_outlier_entries(found),
+        noise_mm=_build_noise_entry(found),
+        findings=tuple(
+            RecordingFindingEntry(
+                code=f.code, severity=f.severity, message=f.message, rows=tuple(r + 1 for r in f.rows)
+            )
+            for f in found.findings
+        ),
+        warnings=(*cell.warnings, *recording.warnings, *found.warnings, *_describe_common_factor(found, cell)),
+        notes=(*found.notes, *([found.why_model] if found.why_model else [])),
+        options=IdentifyOptionsSection(
+            model=request.model,
+            fit=tuple(request.terms),
+            geometric=request.geometric,
+            plain_least_squares=request.plain,
+            robust=request.robust,
+            grid_cell_mm=request.grid_cell_mm,
+            seed=request.seed,
+        ),
+        inputs=inputs,
+    )
+    return result.model_copy(update=_build_optional_sections(found))
+
+
+def _build_joint_entries(
+    found: IdentificationResult, ninety: list[tuple[float, float]]
+) -> tuple[JointStiffnessEntry, ...]:
+    return tuple(
+        JointStiffnessEntry(
+            joint=j.joint,
+            k_Nm_per_rad=j.k,
+            ci90=ci90,
+            identified=j.identified,
+            reason=j.reason,
+            largest_torque_Nm=j.torque,
+            compliance_sigma_rad_per_Nm=j.sigma,
+            interval=j.interval,
+        )
+        for j, ci90 in zip(found.joints, ninety, strict=True)
+    )
+
+
+def _build_term_entries(
+    found: IdentificationResult, ninety: list[tuple[float, float]]
+) -> tuple[TermCoefficientEntry, ...]:
+    return tuple(
+        TermCoefficientEntry(
+            effect=t.effect,
+            location=t.location,
+            coefficient=t.name,
+            unit=t.unit,
+            value=t.value,
+            ci90=ci90,
+            identified=t.identified,
+            reason=t.reason,
+            interval=t.interval,
+        )
+        for t, ci90 in zip(found.terms, ninety, strict=True)
+    )
+
+
+def _build_outlier_entries(found: IdentificationResult) -> tuple[OutlierReadingEntry, ...]:
+    return tuple(
+        OutlierReadingEntry(
+            reading=o.reading + 1,
+            place=o.place,
+            component=_COMPONENTS[o.axis],
+            residual=1e3 * o.residual,
+            unit="mm" if o.axis < 3 else "mrad",
+            sigmas=o.sigmas,
+        )
+        for o in found.outliers
+    )
+
+
+_COMPONENTS: tuple[Literal["dx", "dy", "dz", "rx", "ry", "rz"], ...] = ("dx", "dy", "dz", "rx", "ry", "rz")
+
+
+def _build_optional_sections(found: IdentificationResult) -> dict[str, object]:
+    """Keys that are there only where they were worked out."""
+    out: dict[str, object] = {}
+    if found.grid is not None:
+        g = found.grid
+        grid, constant = g.heldout.rmse
+        out["grid"] = StiffnessGridSection(
+            cell_mm=1e3 * g.grid.cell,
+            origin_mm=tuple((1e3 * g.grid.origin).tolist()),
+            shape=tuple(g.grid.shape),
+            heldout_rmse_mm=1e3 * grid,
+            heldout_rmse_constant_mm=1e3 * constant,
+            spread_between_cells_percent=tuple((100 * g.spread).tolist()),
+            held_joints=tuple(g.constant_joints),
+            readings_per_cell=tuple(g.readings.tolist()),
+        )
+    if found.equilibrium_influence is not None:
+        share = found.equilibrium_influence
+        out["equilibrium_influence_share"] = RangeShareSection(mean=float(share.mean()), largest=float(share.max()))
+    if found.monte_carlo is not None:
+        out["monte_carlo_percent"] = tuple(_convert_to_finite(100 * v) for v in found.monte_carlo.spread)
+    return out
+
+
+def _build_noise_entry(found: IdentificationResult) -> NoisePartsSection:
+    s = found.scatter[0]
+
+    def mm(value: float | None) -> float | None:
+        return None if value is None else 1e3 * value
+
+    return NoisePartsSection(reading=mm(s.reading), cycle=mm(s.cycle), pose=mm(s.visit))
+
+
+def _compute_90_percent_intervals(
+    found: IdentificationResult,
+) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
+    """90 % intervals of joints and of terms' coefficients, whatever level was asked for."""
+    if found.uncertainty.level == CI90:
+        return [j.interval for j in found.joints], [t.interval for t in found.terms]
+    sure = compute_coefficient_uncertainty(found.fit, CI90)
+    joints = [
+        (min(float(low), j.k), max(float(high), j.k)) if j.identified else (float(low), float(high))
+        for j, (low, high) in zip(found.joints, sure.stiffness_interval(), strict=True)
+    ]
+    return joints, [(float(low), float(high)) for low, high in sure.interval[6:]]
+
+
+def _convert_to_finite(value: float) -> float | None:
+    return float(value) if isfinite(value) else None
+
+
+def _describe_common_factor(found: IdentificationResult, cell: Cell) -> list[str]:
+    """What stiffnesses that all differ by one factor from the cell's say of the record's units."""
+    if cell.stiffness is None:
+        return []
+    known = [j for j in found.joints if j.identified]
+    said = describe_common_stiffness_factor(
+        np.array([j.k for j in known]), cell.stiffness.joints[[j.joint - 1 for j in known]]
+    )
+    return [said] if said else []

@@ -1,0 +1,101 @@
+"""What an identification found, with every intermediate a report or a test may want to see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from machopt.data_types.stiffness import ArmStiffness
+from machopt.measurement.estimation.variance_components import NoiseScatter
+from machopt.measurement.identification.assessment.coefficient_uncertainty import CoefficientUncertainty
+from machopt.measurement.identification.assessment.holdout_errors import HoldoutErrorSummary
+from machopt.measurement.identification.assessment.identifiability import SettledCoefficients
+from machopt.measurement.identification.assessment.leverage_and_outliers import ReadingInfluence, ReadingOutlier
+from machopt.measurement.identification.assessment.subset_and_monte_carlo_studies import (
+    MonteCarloResult,
+    SubsetStudyResult,
+)
+from machopt.measurement.identification.data_quality.record_fault import RecordFault
+from machopt.measurement.identification.fitting.weighted_fit import StiffnessFit
+from machopt.measurement.identification.grid_stiffness.grid_fit import GridFit
+from machopt.numerics.array_types import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointResult:
+    """One joint of the constant model."""
+
+    joint: int  # 1 … 6
+    k: float  # N·m/rad; the cell's or a bound where not identified
+    interval: tuple[float, float]  # N·m/rad; the upper end inf where zero compliance cannot be excluded
+    sigma: float  # rad/(N·m), standard error of the compliance; inf where the readings say nothing
+    freedom: float  # degrees of freedom of sigma
+    identified: bool
+    reason: str  # why not
+    torque: float  # N·m, the largest that a reading puts on it
+    expected: float  # share, standard error that the design promises per compliance
+    inflation: float  # variance beside that with this unknown alone
+
+
+@dataclass(frozen=True, kw_only=True)
+class TermResult:
+    """One coefficient of a term that was fitted."""
+
+    effect: str
+    location: str
+    name: str
+    unit: str
+    value: float  # SI
+    interval: tuple[float, float]
+    sigma: float
+    identified: bool
+    reason: str
+
+
+@dataclass(frozen=True)
+class ResidualTable:
+    """Every reading against the model; base_link axes, at the TCP."""
+
+    measured: Array  # (N, D) m, rad
+    predicted: Array  # (N, D)
+    uncertainty: Array  # (N, D) 1 sigma of the prediction, from the coefficients' covariance
+    heldout: Array  # (N, D) residual with the reading's pose left out; NaN with one pose
+    weight: Array  # (N, D) in [0, 1]; below 0.5 an outlier
+
+    @property
+    def residual(self) -> Array:
+        return np.asarray(self.measured - self.predicted)
+
+
+@dataclass(frozen=True, kw_only=True)
+class IdentificationResult:
+    """Result of :func:`machopt.measurement.identification.identification_pipeline.identify_stiffness`."""
+
+    model: Literal["constant", "grid"]
+    why_model: str  # how the model was chosen; empty where it was asked for
+    readings: int
+    poses: int
+    stiffness: ArmStiffness  # to be written as stiffness.yaml
+    joints: tuple[JointResult, ...]  # constant model
+    terms: tuple[TermResult, ...]
+    combinations: tuple[str, ...]  # what is known of joints that are not identified by themselves
+    errors: HoldoutErrorSummary  # of the model chosen, on the readings it was fitted to
+    heldout: HoldoutErrorSummary | None  # on poses it did not see; None with one pose
+    condition_number: float  # of the weighted design in columns of unit size
+    condition_plain: float  # of B as it stands in dumas2011 eq. 22
+    scatter: tuple[NoiseScatter, ...]  # translation, rotation
+    findings: tuple[RecordFault, ...]
+    warnings: tuple[str, ...]
+    notes: tuple[str, ...]  # how noise and values came about; nothing to worry about
+    table: ResidualTable
+    influence: ReadingInfluence
+    outliers: tuple[ReadingOutlier, ...]
+    subsets: SubsetStudyResult | None
+    monte_carlo: MonteCarloResult | None
+    fit: StiffnessFit
+    uncertainty: CoefficientUncertainty
+    settled: SettledCoefficients
+    grid: GridFit | None = None
+    equilibrium_influence: Array | None = None  # (N,) share of the translation that K_C, weight and finite turning make

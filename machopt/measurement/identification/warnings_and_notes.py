@@ -1,0 +1,132 @@
+"""Warnings and notes of an identification, as sentences for people."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machopt.data_types.documents.identification_document import describe_unidentified_joint
+from machopt.data_types.stiffness import format_joint_stiffness
+from machopt.measurement.identification import thresholds
+from machopt.measurement.identification.assessment.coefficient_uncertainty import CoefficientUncertainty
+from machopt.measurement.identification.assessment.holdout_errors import HoldoutErrorSummary
+from machopt.measurement.identification.assessment.identifiability import SettledCoefficients
+from machopt.measurement.identification.assessment.leverage_and_outliers import ReadingOutlier
+from machopt.measurement.identification.fitting.weighted_fit import StiffnessFit
+
+MAX_LISTED_ROWS = 5
+
+
+def build_warnings(
+    fit: StiffnessFit,
+    sure: CoefficientUncertainty,
+    settled: SettledCoefficients,
+    own: HoldoutErrorSummary,
+    unseen: HoldoutErrorSummary,
+    aside: tuple[ReadingOutlier, ...],
+) -> list[str]:
+    """What a user has to know before using the result."""
+    out = []
+    if sure.unobserved_directions.shape[1]:
+        names = [
+            u.name
+            for u, row in zip(fit.unknowns, sure.unobserved_directions, strict=True)
+            if np.abs(row).max() > thresholds.IDENTIFIED.moves_together
+        ]
+        out.append(
+            f"singular design: no reading tells {', '.join(names)} apart, or shows them at all; other poses and loads "
+            "are needed"
+        )
+    out += [describe_unidentified_joint(j + 1, s.reason) for j, s in enumerate(settled.status[:6]) if not s.identified]
+    for t, term in enumerate(fit.terms):
+        own_ones = [s for u, s in zip(fit.unknowns, settled.status, strict=True) if u.term == t]
+        if not any(s.identified for s in own_ones):
+            reasons = dict.fromkeys(s.reason for s in own_ones)
+            out.append(f"{term.effect} at {term.location} is not found and left out: {'; '.join(reasons)}")
+    for p, u in enumerate(fit.unknowns):
+        if np.isfinite(u.lower) and fit.free[p] + thresholds.IDENTIFIED.below_bound * sure.sigma[p] < u.lower:
+            out.append(
+                f"without its bound, the compliance of {u.name} would be negative by "
+                f"{abs(fit.free[p]) / sure.sigma[p]:.1f} standard errors: the model lacks something, or the record is "
+                "wrong"
+            )
+    for t in settled.has_projected_matrices:
+        term = fit.terms[t]
+        out.append(
+            f"{term.effect} at {term.location}: as fitted it would move against a load in some direction, which no "
+            "structure does; the best fit that does not is given instead, fewer coefficients (form: diagonal) would be "
+            "surer"
+        )
+    if own.explained < thresholds.IDENTIFIED.explains_little:
+        out.append(
+            f"the model explains only {100 * own.explained:.0f} % of the squared displacements"
+            if own.explained > 0
+            else "the model explains none of the displacements"
+        )
+    if unseen.rmse > thresholds.IDENTIFIED.overfitted * own.rmse:
+        out.append(
+            f"poses that the fit has not seen err by {1e3 * unseen.rmse:.3g} mm, seen ones by {1e3 * own.rmse:.3g} mm: "
+            "too few poses for the unknowns, or stiffness that changes with the pose"
+        )
+    stated = fit.experiment.uncertainty
+    for value, scatter, unit, factor in zip(
+        (stated.displacement, stated.rotation),
+        fit.weighting.scatter(fit.clusters),
+        ("mm", "mrad"),
+        (1e3, 1e3),
+        strict=False,
+    ):
+        if value is not None and fit.weighted and scatter.reading > thresholds.IDENTIFIED.stated_off * value:
+            out.append(
+                f"readings scatter by {factor * scatter.reading:.3g} {unit} about the model, {factor * value:.3g} "
+                f"{unit} are stated: physics that the model lacks, or a measurement that is worse than stated"
+            )
+    if aside:
+        places = list(dict.fromkeys(o.place for o in aside))
+        more = f" and {len(places) - MAX_LISTED_ROWS} more" if len(places) > MAX_LISTED_ROWS else ""
+        out.append(f"put aside as outliers: {', '.join(places[:MAX_LISTED_ROWS])}{more}")
+    return out
+
+
+def build_notes(fit: StiffnessFit, sure: CoefficientUncertainty, settled: SettledCoefficients) -> tuple[str, ...]:
+    """How noise and values came about."""
+    stated = fit.experiment.uncertainty
+    out = []
+    if fit.weighted:
+        for name, scatter, factor, unit, own in zip(
+            ("displacement", "rotation"),
+            fit.weighting.scatter(fit.clusters),
+            (1e6, 1e6),
+            ("µm", "µrad"),
+            (stated.displacement, stated.rotation),
+            strict=False,
+        ):
+            shared = [
+                f"{factor * v:.3g} {unit} shared by a {level}"
+                for v, level in ((scatter.cycle, "load cycle"), (scatter.visit, "visit to a pose"))
+                if v is not None
+            ]
+            said = (
+                "stated and checked against the residuals"
+                if own is not None
+                else "not stated, taken from the residuals"
+            )
+            out.append(
+                f"{name} errors, 1 sigma of a coordinate: {factor * scatter.reading:.3g} {unit} a reading"
+                + "".join(f", {s}" for s in shared)
+                + ("" if shared else " (no replicates: what readings of a pose share cannot be told apart)")
+                + f"; {said}"
+            )
+    else:
+        out.append("unweighted: every coordinate counts alike")
+    out.append(
+        f"{100 * sure.level:.0f} % intervals: cluster-robust, errors within a pose taken as dependent "
+        f"({fit.clusters.poses} pose{'s' if fit.clusters.poses > 1 else ''})"
+    )
+    for j, s in enumerate(settled.status[:6]):
+        if not s.identified:
+            held = "at a bound" if settled.replaced[j] else "drawn to the cell's value or to a bound"
+            stiffness = 1 / settled.x[j] if settled.x[j] else np.inf
+            out.append(
+                f"joint {j + 1} stands at {format_joint_stiffness(stiffness)}, {held}; that is not a measurement"
+            )
+    return tuple(out)

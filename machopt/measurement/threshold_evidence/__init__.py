@@ -1,0 +1,1 @@
+"""Where each threshold's value comes from, and how sensitive results are to it."""

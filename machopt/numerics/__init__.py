@@ -1,0 +1,1 @@
+"""Array types, rigid transforms, compiled functions, worker threads."""

@@ -1,0 +1,1 @@
+"""Planning options: schema, reading, conversion to SI."""

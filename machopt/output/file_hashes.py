@@ -1,0 +1,40 @@
+"""SHA-256 of files."""
+
+from __future__ import annotations
+
+import hashlib
+import stat
+from pathlib import Path
+
+from machopt.data_types.manifest import ManifestFile
+from machopt.errors import InputError
+
+
+def compute_sha256(file: Path) -> str:
+    """SHA-256 of a file's bytes as lower-case hexadecimal.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    try:
+        if not stat.S_ISREG(file.stat().st_mode):  # opening a named pipe waits for whoever writes into it
+            raise InputError("is not a plain file", file=file)
+        with file.open("rb") as data:
+            return hashlib.file_digest(data, "sha256").hexdigest()
+    except OSError as problem:
+        raise InputError(f"cannot be read: {problem.strerror}", file=file) from None
+
+
+def build_manifest_file(file: Path, name: str, role: str) -> ManifestFile:
+    """A file as a manifest lists it.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    sha256 = compute_sha256(file)
+    return ManifestFile(name, role, sha256, file.stat().st_size)
+
+
+def compute_digest(data: bytes) -> str:
+    """SHA-256 of bytes as lower-case hexadecimal."""
+    return hashlib.sha256(data).hexdigest()

@@ -1,0 +1,134 @@
+"""Drilling cycles as single strokes along the tool axis; APT and G-code share it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.data_types.toolpath import MoveKind
+from machopt.path_building.path_builder import MAX_POINTS, PathBuilder, Vector
+
+MAX_PECKS = 10_000
+MAX_DWELL_S = 60.0  # at the bottom of a hole: a few turns of the spindle are usual, some seconds the most
+
+
+class DrillingCycleError(ValueError):
+    """The numbers of a cycle do not describe a hole; the reader adds file and line."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrillingCycle:
+    """One drilling cycle. Heights in mm along the tool axis from the hole's reference point, up positive."""
+
+    name: str  # the source's word, e.g. DRILL or G83
+    bottom: float
+    clear: float  # rapid down to here, feed from here
+    retract: float | None  # rapid up to here after the hole; None: to the height before the cycle, not known yet
+    feed: float  # mm/min; NaN: the one in force at the hole
+    first_peck: float = 0.0  # mm; 0: one stroke
+    next_peck: float = 0.0  # mm; 0: as the first
+    chip_break: bool = False  # back off a little instead of all the way
+    gap: float = 1.0  # mm kept from the last depth when coming back into the hole
+    feed_out: bool = False  # bore, ream, tap: out at the feed
+    dwell: float = 0.0  # s at the bottom; NaN: some, of a unit that is not known
+    peck_from: float = 0.0  # height the first peck is measured from
+    less: float = 0.0  # mm by which each peck is shorter than the one before (degression); down to this length itself
+    share: float = 1.0  # of the peck before, which each one is, down to ``least_peck``
+    least_peck: float = 0.0  # mm
+    first_feed: float = 1.0  # share of the feed in the first stroke
+
+    def strokes(self) -> Iterator[tuple[float, MoveKind]]:
+        """Heights to go to, one after the other, beginning above the clearance height.
+
+        Raises:
+            CycleError: an absurd dwell, the bottom is above the clearance height, or more than MAX_PECKS pecks.
+        """
+        if self.dwell > MAX_DWELL_S:
+            raise DrillingCycleError(
+                f"{self.name} waits {self.dwell:g} s at the bottom; expected at most {MAX_DWELL_S:g} s. Is the dwell "
+                "meant in milliseconds? Write it in seconds, with a decimal point"
+            )
+        if not self.bottom < self.clear:
+            raise DrillingCycleError(
+                f"bottom at {self.bottom:g} mm is not below the clearance height {self.clear:g} mm: the cycle would "
+                "drill upwards; post it again with its depth below its clearance (R, clearance plane)"
+            )
+        for depth in self._pecks():
+            yield depth, MoveKind.CUT
+            if self.chip_break:
+                yield min(depth + self.gap, self.clear), MoveKind.RETRACT
+            else:
+                yield self.clear, MoveKind.RETRACT
+                yield min(depth + self.gap, self.clear), MoveKind.APPROACH
+        yield self.bottom, MoveKind.CUT
+        back = self.clear if self.retract is None else self.retract
+        yield max(back, self.clear) if not self.feed_out else self.clear, MoveKind.RETRACT
+        if self.feed_out and back > self.clear:
+            yield back, MoveKind.RAPID
+
+    def _pecks(self) -> Iterator[float]:
+        """Heights above the bottom down to which a peck goes.
+
+        With ``less`` the last two are alike, once no more than twice that is left (Siemens, Measuring and technology
+        cycles: CYCLE83, DAM).
+
+        Raises:
+            CycleError: more than MAX_PECKS.
+        """
+        if not self.first_peck > 0.0:
+            return
+        step, depth = self.first_peck, self.peck_from - self.first_peck
+        for _ in range(MAX_PECKS):
+            if depth <= self.bottom + 1e-6:
+                return
+            yield depth
+            left = depth - self.bottom
+            if self.less > 0.0:
+                step = max(step - self.less, self.less)
+                step = left / 2.0 if step == self.less and step < left <= 2.0 * step else step
+            else:
+                step = max((self.next_peck or step) * self.share, self.least_peck)
+            depth -= step
+        raise DrillingCycleError(f"more than {MAX_PECKS} pecks, the last of {step:g} mm")
+
+
+def append_hole_moves(
+    builder: PathBuilder, cycle: DrillingCycle, hole: Vector, axis: Vector, line: int, before: Vector | None
+) -> float:
+    """Append all moves of one hole; returns the height over ``hole`` at which the tip is afterwards (mm).
+
+    Rapid sideways at the present height (raised to the clearance height first where it is lower), rapid down,
+    then the strokes. ``before`` is the tip before the hole, None where it is not known.
+    """
+    if len(builder) > MAX_POINTS:
+        raise DrillingCycleError(f"more than {MAX_POINTS} points of drilling cycles")
+    h, n = np.array(hole), np.array(axis)
+
+    def at(height: float) -> Vector:
+        x, y, z = (h + height * n).tolist()
+        return x, y, z
+
+    nan = math.nan
+    if before is not None:
+        height = float((np.array(before) - h) @ n)
+        if height < cycle.clear - 1e-9:
+            lifted = np.array(before) + (cycle.clear - height) * n
+            x, y, z = lifted.tolist()
+            builder.add((x, y, z), axis, MoveKind.RAPID, nan, line)
+            height = cycle.clear
+        if height > cycle.clear + 1e-9 and not np.allclose(at(height), before, atol=1e-6):
+            builder.add(at(height), axis, MoveKind.RAPID, nan, line)
+    builder.add(at(cycle.clear), axis, MoveKind.RAPID, nan, line)
+    last, begun = cycle.clear, False
+    for height, move in cycle.strokes():
+        if move == MoveKind.RETRACT and not cycle.dwell <= 0.0 and abs(last - cycle.bottom) < 1e-9:
+            builder.event("dwell", cycle.name, cycle.dwell)
+        feed = cycle.feed if move == MoveKind.CUT or (cycle.feed_out and move == MoveKind.RETRACT) else nan
+        feed *= 1.0 if begun else cycle.first_feed
+        begun = begun or move == MoveKind.CUT
+        builder.add(at(height), axis, move, feed, line, cycle=True)
+        last = height
+    return last

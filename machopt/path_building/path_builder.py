@@ -1,0 +1,403 @@
+"""Collects points, operations, events and unknown words while a reader walks through its source."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.toolpath import (
+    IgnoredWord,
+    MoveKind,
+    Toolpath,
+    ToolpathEvent,
+    ToolpathOperation,
+    format_incomplete_warning,
+)
+from machopt.file_formats.source_file import ReadOptions, SourceFile, normalise_word
+from machopt.numerics.array_types import Array
+from machopt.path_building.arc_chords import RADIUS_FAULT, RADIUS_WARN, ArcChords, ArcError, interpolate_axes
+from machopt.path_building.path_checks import (
+    SLOW_MM_MIN,
+    ArcSpan,
+    check_extent,
+    check_feeds,
+    check_numbers,
+    classify_operations,
+    compare_arc_directions,
+)
+
+MAX_EVENT_TEXT = 200
+USED = "options_used"  # key of ``meta`` between a reader and :mod:`machopt.toolpath.unused_reading_options`
+FAST_MM_MIN = 100e3  # no robot cuts faster: a slip of units, or a placeholder
+MAX_POINTS = 10_000_000  # 0.7 GB: beyond it a loop or a radius is a fault
+Vector = tuple[float, float, float]
+
+
+@dataclass(kw_only=True)
+class PathBuilder:
+    """One toolpath in the making. Lengths in mm, feeds in mm/min; :meth:`build` turns them into SI."""
+
+    source: SourceFile
+    options: ReadOptions
+    format: str
+    _numbers: array[float] = field(default_factory=lambda: array("d"))  # x y z i j k feed of each point
+    _codes: array[int] = field(default_factory=lambda: array("i"))  # move operation line from_cycle
+    _operations: list[ToolpathOperation] = field(default_factory=list)
+    _pending: ToolpathOperation = field(default_factory=lambda: ToolpathOperation("main", "trajectory"))
+    _open: bool = False
+    _events: list[ToolpathEvent] = field(default_factory=list)
+    _ignored: dict[str, IgnoredWord] = field(default_factory=dict)
+    _arcs: list[ArcSpan] = field(default_factory=list)
+    _offsets: list[tuple[int, str]] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    meta: dict[str, str] = field(default_factory=dict)
+    used_options: set[str] = field(default_factory=set)  # options that had an effect
+    incomplete_reason: str | None = None  # why the file looks as if a part of it were missing
+
+    def __len__(self) -> int:
+        return len(self._codes) // 4
+
+    def count_from(self, offset: str, first: int | None = None) -> None:
+        """Points from ``first`` (the next one by default) on count from another work offset of the cell."""
+        first = len(self) if first is None else first
+        if self._offsets and self._offsets[-1][0] == first:
+            self._offsets.pop()
+        if not self._offsets or self._offsets[-1][1] != offset:
+            self._offsets.append((first, offset))
+
+    def add(self, p: Vector, axis: Vector, move: int, feed: float, line: int, *, cycle: bool = False) -> None:
+        """Append one programmed point (mm, mm/min; feed NaN for rapid moves)."""
+        if not self._open:
+            self._start_operation()
+        if move == MoveKind.CUT and not feed > 0.0:
+            feed = self.feed_fallback(feed, line)
+        self._numbers.extend((*p, *axis, feed))
+        self._codes.extend((move, len(self._operations) - 1, line, cycle))
+
+    def add_many(self, numbers: list[float], moves_and_lines: list[tuple[int, int]]) -> None:
+        """Append plain points at once: x y z i j k feed of each one after the other, and (move, line) of each.
+
+        Cutting moves must have their feed already (:meth:`feed_fallback`).
+        """
+        if not moves_and_lines:
+            return
+        if not self._open:
+            self._start_operation()
+        operation = len(self._operations) - 1
+        self._numbers.extend(numbers)
+        self._codes.extend(code for move, line in moves_and_lines for code in (move, operation, line, 0))
+        if len(self) > MAX_POINTS:
+            raise self.source.build_error(f"more than {MAX_POINTS} points", moves_and_lines[-1][1])
+
+    def add_table(
+        self,
+        numbers: Array,
+        move: NDArray[np.int32],
+        line: NDArray[np.int32],
+        labels: list[tuple[int, str]],
+        tools: Mapping[int, str] | None = None,
+        from_cycle: NDArray[np.bool_] | None = None,
+    ) -> None:
+        """Append a whole table.
+
+        Args:
+            numbers: (N, 7) x y z i j k feed (mm, mm/min).
+            move, line: (N,) Move codes and source lines.
+            labels: first row and label of each operation; none: they go on in the present one.
+            tools: of operations by their first row.
+            from_cycle: (N,) rows that are strokes of a drilling cycle; none by default.
+        """
+        lacking = np.flatnonzero((move == MoveKind.CUT) & ~(numbers[:, 6] > 0.0))
+        for row in lacking.tolist():
+            numbers[row, 6] = self.feed_fallback(float(numbers[row, 6]), int(line[row]))
+        codes = np.zeros((len(numbers), 4), dtype=np.int32)
+        codes[:, 0], codes[:, 2] = move, line
+        if from_cycle is not None:
+            codes[:, 3] = from_cycle
+        stops = [start for start, _ in labels[1:]] + [len(numbers)]
+        for (start, label), stop in zip(labels or [(0, "")], stops, strict=True):
+            if labels:
+                self.begin_operation(label, tool=(tools or {}).get(start, ""))
+            if not self._open:
+                self._start_operation()
+            codes[start:stop, 1] = len(self._operations) - 1
+        self._numbers.frombytes(np.ascontiguousarray(numbers, dtype=np.float64).tobytes())
+        self._codes.frombytes(codes.tobytes())
+
+    def _start_operation(self) -> None:
+        self._operations.append(self._pending)
+        self._open = True
+
+    def add_arc(
+        self,
+        points: Array,
+        axis: Vector | Array,
+        move: int,
+        feed: float,
+        line: int,
+        *,
+        axis_before: Vector | None = None,
+    ) -> None:
+        """Append the chord ends of an arc or curve.
+
+        Args:
+            points: (N, 3) mm.
+            axis: the tool axis at its end, or (N, 3) that at each point.
+            move, feed, line: of all points.
+            axis_before: the tool axis at its start, from which it turns evenly; none: it does not turn.
+        """
+        first = len(self)
+        if first + len(points) > MAX_POINTS:
+            raise self.source.build_error(f"more than {MAX_POINTS} points", line)
+        if not self._open:
+            self._start_operation()
+        if move == MoveKind.CUT and not feed > 0.0:
+            feed = self.feed_fallback(feed, line)
+        table = np.empty((len(points), 7))
+        table[:, :3], table[:, 6] = points, feed
+        table[:, 3:6] = axis
+        if axis_before is not None and tuple(axis_before) != tuple(table[-1, 3:6].tolist()):
+            shares = np.arange(1, len(points) + 1) / len(points)
+            table[:, 3:6] = interpolate_axes(np.array(axis_before), table[-1, 3:6].copy(), shares)
+        self._numbers.frombytes(table.tobytes())
+        self._codes.extend((move, len(self._operations) - 1, line, 0) * len(points))
+        self._arcs.append(ArcSpan(first, len(self) - 1, line))
+
+    def replace_points(self, first: int, points: Array) -> None:
+        """Let the points from index ``first`` on be (N, 3) others (mm), with the axis, feed and line of the first.
+
+        Events after the last point stay there; arcs of the replaced points are one arc where N > 1.
+        """
+        old, row, codes = len(self), self._numbers[7 * first : 7 * first + 7], self._codes[4 * first : 4 * first + 4]
+        arcs = [a for a in self._arcs if a.first >= first]
+        del self._numbers[7 * first :], self._codes[4 * first :]
+        if arcs:
+            self._arcs[-len(arcs) :] = [ArcSpan(first, first + len(points) - 1, arcs[0].line)]
+        for p in points.tolist():
+            self._numbers.extend((*p, *row[3:]))
+            self._codes.extend(codes)
+        if len(self) != old:
+            for k, e in enumerate(self._events):
+                if e.index >= old:
+                    self._events[k] = ToolpathEvent(len(self), e.kind, e.text, e.value)
+
+    def feed_fallback(self, feed: float, line: int) -> float:
+        """The feed of a cut that has none of its own (mm/min).
+
+        Raises:
+            InputError: no default feed was given.
+        """
+        if feed <= 0.0:
+            raise self.source.build_error(f"feed {feed:g} on a cutting move; expected a feed above zero", line)
+        if self.options.default_feed is None:
+            raise self.source.build_option_question(
+                "feed",
+                "cutting move without a feed; expected a feed word before it, or give one with --feed MM_MIN",
+                line,
+            )
+        self.used_options.add("--feed")
+        self.warn_once("cutting moves without a feed of their own take the given default feed")
+        return self.options.default_feed * 60e3
+
+    def begin_operation(self, label: str, *, tool: str = "", comment: str = "", tool_named: str = "") -> None:
+        """Points from here on belong to a new operation, unless it is the one already open."""
+        label = " ".join(label.split()) or "unnamed"
+        if self._open and self._operations[-1].label == label and not tool:
+            return
+        self._pending = ToolpathOperation(label, "trajectory", tool, comment, tool_named)
+        self._open = False
+
+    def change_tool(self, tool: str) -> None:
+        """A new operation for a new tool; one that was named but has no points yet keeps its name."""
+        named = not self._open and self._pending.label != "main"
+        also = self._pending.tool if named and self._pending.tool != tool else ""
+        self.begin_operation(self._pending.label if named else f"T{tool}", tool=tool, tool_named=also)
+
+    def also_tool(self, word: str) -> None:
+        """Another word for the tool of an operation that was named and has no points yet."""
+        if not self._open and self._pending.tool != word:
+            self._pending = replace(self._pending, tool_named=word)
+
+    def event(self, kind: str, text: str, value: float = math.nan) -> None:
+        """Something that happens before the move to the next point starts."""
+        self._events.append(ToolpathEvent(len(self), kind, text.strip()[:MAX_EVENT_TEXT], value))  # type: ignore[arg-type]
+
+    def undo_event(self, kind: str, text: str) -> None:
+        """Drop the last event of its kind, if it is this one and stands here: what follows says it all (S8000, M3)."""
+        for k in range(len(self._events) - 1, -1, -1):
+            event = self._events[k]
+            if event.index != len(self) or (event.kind == kind and event.text != text):
+                return
+            if event.kind == kind:
+                del self._events[k]
+                return
+
+    def ignore(self, word: str, line: int, *, understood: bool, stops: bool | None = None) -> None:
+        """Count a word without effect here.
+
+        A word that is not understood may move points or frames, so it stops a plan
+        (:func:`machopt.toolpath.unknown_words.refuse_unknown_words`) unless the user accepts it.
+
+        Args:
+            word: as the file has it, and as ``--accept-unknown`` takes it.
+            line: where it is.
+            understood: it is on the dialect's reviewed list, or the reader uses it.
+            stops: False where a word that is not understood cannot move anything; by default it may.
+
+        Raises:
+            InputError: it is not understood, not accepted, and reading is strict.
+        """
+        entry = self._ignored.get(word)
+        if entry is None or (entry.understood and not understood):
+            accepted = not understood and normalise_word(word) in self.options.accept_unknown
+            if self.options.strict and not understood and not accepted:
+                raise self.source.build_error(f"word {word!r} is not understood and strict reading was asked for", line)
+            may_move = not understood if stops is None else stops
+            entry = IgnoredWord(word, 0, line, understood, may_move and not accepted)
+        self._ignored[word] = replace(entry, count=entry.count + 1)
+
+    def warn(self, message: str, line: int | None = None) -> None:
+        self.warnings.append(message if line is None else f"line {line}: {message}")
+
+    def warn_once(self, message: str, line: int | None = None) -> None:
+        """A warning of which only the first occurrence is told."""
+        if not any(w.endswith(message) for w in self.warnings):
+            self.warn(message, line)
+
+    def keep_first(self, n: int) -> None:
+        """Leave out the points from index ``n`` on; what happens there happens after the last one that stays."""
+        del self._numbers[7 * n :], self._codes[4 * n :]
+        self._arcs[:] = [a for a in self._arcs if a.last < n]
+        for k, e in enumerate(self._events):
+            if e.index > n:
+                self._events[k] = ToolpathEvent(n, e.kind, e.text, e.value)
+
+    def positions(self) -> Array:
+        """(N, 3) mm, a copy."""
+        return self._table()[:, :3].copy()
+
+    def moves(self) -> NDArray[np.int32]:
+        """(N,) Move codes so far."""
+        return np.array(self._codes, dtype=np.int32).reshape(-1, 4)[:, 0]
+
+    def fill_coordinate(self, k: int, value: float) -> None:
+        """Coordinate ``k`` (mm) of the points so far where it is not known."""
+        column = self._table()[:, k]
+        column[np.isnan(column)] = value
+
+    def replace_positions(self, p_mm: Array) -> None:
+        """Overwrite all positions (N, 3) mm; for coordinates that become known only later."""
+        self._table()[:, :3] = p_mm
+
+    def _table(self) -> Array:
+        return np.frombuffer(self._numbers, dtype=np.float64).reshape(-1, 7)
+
+    def build(self, *, reference: Array | None = None, tolerance_mm: Array | None = None) -> Toolpath:
+        """The finished toolpath in SI units.
+
+        Raises:
+            InputError: no cutting move, a number that is not finite or absurd, a zero tool axis.
+        """
+        n = len(self)
+        if n == 0:
+            raise self.source.build_error("holds no toolpath points")
+        table = self._table()
+        codes = np.frombuffer(self._codes, dtype=np.int32).reshape(-1, 4)
+        line = codes[:, 2].copy()
+        check_numbers(self.source, table, line)
+        check_extent(self.source, table[:, :3], line, self.options.max_extent * 1e3)
+        check_feeds(self.source, table[:, :3], codes[:, 0], table[:, 6], line)
+        move = codes[:, 0].astype(np.int8)
+        if not (move == MoveKind.CUT).any():
+            raise self.source.build_error(
+                f"holds {n} points but no cutting move; expected at least one feed move (GOTO after FEDRAT, G1)"
+            )
+        p, axis = table[:, :3], self._unit_axes(table[:, 3:6], line)
+        if self._arcs:
+            self.meta["arcs"] = str(len(self._arcs))
+        found = compare_arc_directions(self._arcs, p)
+        if found.against:
+            self.warn(
+                f"{len(found.against)} arcs run against the tangents of their neighbours ({found.agree} run with "
+                f"them), at lines {_format_words([str(k) for k in found.against])}: check the arc direction"
+            )
+        ignored = tuple(self._ignored.values())
+        fast = np.flatnonzero((move == MoveKind.CUT) & (table[:, 6] > FAST_MM_MIN))
+        if len(fast):
+            self.warn(f"{len(fast)} cuts at up to {table[fast, 6].max():.3g} mm/min", int(line[fast[0]]))
+        slow = np.flatnonzero((move == MoveKind.CUT) & (table[:, 6] < SLOW_MM_MIN))
+        if len(slow):
+            self.warn(f"{len(slow)} cuts at {table[slow, 6].min():.3g} mm/min and more", int(line[slow[0]]))
+        strange = [w for w in ignored if not w.understood]
+        if strange:
+            self.warn(
+                f"{sum(w.count for w in strange)} words were not understood: {_format_words([w.word for w in strange])}"
+            )
+        stopping = [f"{w.word} (line {w.first_line})" for w in strange if w.stops]
+        if stopping:
+            self.warn(
+                f"no plan is made from this file, because these words may move points or frames: "
+                f"{_format_words(stopping)}. "
+                "--accept-unknown WORD accepts one that moves nothing"
+            )
+        if self.used_options:
+            self.meta[USED] = " ".join(sorted(self.used_options))
+        if self.incomplete_reason is not None:
+            if self.options.strict:
+                raise self.source.build_error(
+                    f"the file seems incomplete, and strict reading was asked for: {self.incomplete_reason}"
+                )
+            self.meta["incomplete"] = self.incomplete_reason
+            self.warnings.insert(0, format_incomplete_warning(self.incomplete_reason))
+        return Toolpath(
+            position=p * 1e-3,
+            axis=axis,
+            move=move,
+            feed=table[:, 6] / 60e3,
+            operation=codes[:, 1].copy(),
+            operations=classify_operations(self._operations, p, axis, codes[:, 0], codes[:, 1], codes[:, 3] != 0),
+            reference=np.full((n, 3), np.nan) if reference is None else reference,
+            tolerance=np.full(n, np.nan) if tolerance_mm is None else tolerance_mm * 1e-3,
+            line=line,
+            source=self.source.name,
+            format=self.format,
+            sha256=self.source.sha256,
+            events=tuple(self._events),
+            ignored=ignored,
+            warnings=tuple(self.warnings),
+            meta=dict(self.meta),
+            offsets=tuple((first, name) for first, name in self._offsets if first < n),
+        )
+
+    def _unit_axes(self, axis: Array, line: NDArray[np.int32]) -> Array:
+        length = np.sqrt(np.einsum("ij,ij->i", axis, axis))
+        if (length < 1e-6).any():
+            at = int(np.argmax(length < 1e-6))
+            raise self.source.build_error("the tool axis is zero; expected a direction", int(line[at]))
+        off = np.abs(length - 1.0) > 1e-3
+        if off.any():
+            at = int(np.argmax(off))
+            self.warn(f"{int(off.sum())} tool axes are not of unit length; they were normalised", int(line[at]))
+        return np.asarray(axis / length[:, None])
+
+
+def check_radius(found: ArcChords, line: int, out: PathBuilder) -> None:
+    """Say where an arc's start and end are not equally far from its centre (mm).
+
+    Raises:
+        ArcError: they differ by more than half a millimetre or a tenth of the radius.
+    """
+    off = abs(found.mismatch)
+    if off > RADIUS_WARN and (off > RADIUS_FAULT * found.radius or off > 10.0 * RADIUS_WARN):
+        raise ArcError(f"start and end of the arc differ by {off:.4g} mm in their distance from the centre")
+    if off > RADIUS_WARN:
+        out.warn_once("start and end of an arc differ by more than 0.05 mm in their distance from its centre", line)
+
+
+def _format_words(words: list[str], most: int = 8) -> str:
+    return ", ".join(words[:most]) + (f" and {len(words) - most} more" if len(words) > most else "")

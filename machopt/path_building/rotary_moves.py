@@ -1,0 +1,95 @@
+"""Moves under tool-centre-point control on the path of the rotary axes.
+
+A control moves its rotary axes in proportion to the way of the tip, from the angles before a block to those it names,
+also by more than half a turn. Robots turn the tool axis evenly between two points, in the plane of both axes. A block
+is therefore divided so finely that the two agree, for every control: G-code, Sinumerik (TRAORI), Heidenhain (M128).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.numerics.array_types import Array
+from machopt.path_building.arc_chords import ArcError, interpolate_axes
+from machopt.path_building.path_builder import Vector
+from machopt.path_building.rotary_axes import RotaryMachine
+
+AXIS_TOLERANCE_DEG = 0.01  # between tool axis on the rotary path and on the great circle between two points
+SMALL_TURN_DEG = 2.0  # at most 0.009° off: (sum of the swings)² / 8, the sagitta of an arc on the unit sphere
+_MOST_STEPS = 20_000  # of one block: 100 turns
+_STEP_DEG = 60.0  # longest first step, so that no step takes the other way round
+_PROBES = (0.25, 0.5, 0.75)  # of each step, where the two paths are compared
+
+
+@dataclass(frozen=True)
+class RotaryTurn:
+    """Rotary axes that move in proportion from one set of angles (deg) to another."""
+
+    machine: RotaryMachine
+    before: Mapping[str, float]
+    after: Mapping[str, float]
+
+    @property
+    def swing_deg(self) -> float:
+        """Sum of the angles that the axes turn by."""
+        return sum(abs(self.after.get(c, 0.0) - self.before.get(c, 0.0)) for c in self.machine.letters)
+
+    def axis(self, share: float) -> Vector:
+        """Unit vector from tip to shank at a share of the way."""
+        return self.machine.tool_axis(
+            {
+                c: self.before.get(c, 0.0) + share * (self.after.get(c, 0.0) - self.before.get(c, 0.0))
+                for c in self.machine.letters
+            }
+        )
+
+    def axes(self, shares: Array) -> Array:
+        """(N, 3) unit vectors at (N,) shares of the way."""
+        return np.array([self.axis(s) for s in shares.tolist()]).reshape(-1, 3)
+
+    def steps(self) -> int:
+        """Fewest equal steps (of those tried) within AXIS_TOLERANCE_DEG of the rotary path.
+
+        Raises:
+            ArcError: more than _MOST_STEPS.
+        """
+        swing = self.swing_deg
+        if swing <= SMALL_TURN_DEG:
+            return 1
+        count = max(math.ceil(swing / _STEP_DEG), 1)
+        while True:
+            if count > _MOST_STEPS:
+                raise ArcError(f"{count} steps for one block that turns rotary axes by {swing:g}°: too many")
+            off = self._deviation(count)
+            if off <= math.radians(AXIS_TOLERANCE_DEG):
+                return count
+            wanted = math.sqrt(off / math.radians(AXIS_TOLERANCE_DEG))  # it falls with the square of the step
+            count = max(math.ceil(count * min(wanted, 8.0)), count + 1)
+
+    def _deviation(self, count: int) -> float:
+        """Largest angle (rad) between the rotary path and great circles between ``count`` steps."""
+        ends = self.axes(np.arange(count + 1) / count)
+        worst = 0.0
+        for probe in _PROBES:
+            on_path = self.axes((np.arange(count) + probe) / count)
+            chord = interpolate_axes(ends[:-1], ends[1:], np.full(count, probe))
+            worst = max(worst, float(np.linalg.norm(on_path - chord, axis=1).max()))
+        return worst
+
+
+def compute_start_angle(before: float, after: float, mode: str) -> float:
+    """The angle a rotary axis comes from (deg), whole turns away from where it is, by the way round it takes.
+
+    ``DC``: the shortest way; ``ACP``, ``ACN``: in the positive or negative direction; else as programmed.
+    """
+    if mode == "DC":
+        return after - math.remainder(after - before, 360.0)
+    if mode == "ACP":
+        return after - (after - before) % 360.0
+    if mode == "ACN":
+        return after + (before - after) % 360.0
+    return before

@@ -1,0 +1,98 @@
+"""What a place promises, before anything is planned there: reach, limits and margins, a bound, and the grid's best.
+
+The worst index of a plan is the greatest cost over the points that are cut to. At each of them it is no less than the
+least cost over all feasible configurations; the greatest of those is the bound. It leaves out collisions, continuity
+and every other term of the objective, and like the plan's certificate it is one over the grid of rotations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.data_types.plan_options import PlanOptions
+from machopt.planning.cost.stiffness_index import compute_load_directions, score_candidates
+from machopt.planning.pipeline.planning_setup import PlanningSetup
+from machopt.planning.sampling.configurations import CandidateGrid, PlanningArm, enumerate_candidates
+from machopt.planning.sequence_search.dynamic_programming import choose_sequence
+from machopt.planning.stations.planning_path import PlanningPath
+
+FIRST_STATIONS = 12  # stations looked at first: most places out of reach are known by them
+
+
+@dataclass(frozen=True)
+class PlacementEstimate:
+    """One place and one toolpath; the index in m (deflection) or m/N (compliance)."""
+
+    bound: float  # no plan on the grid of rotations has a worst index below; inf where a point is not reached
+    worst: float  # of the best sequence without collisions; inf where there is none
+    mean: float
+    point: int  # toolpath point that the bound is of, or the first that cannot be reached
+    reason: InfeasibilityReason = InfeasibilityReason.OK  # why not, of the configuration that came furthest
+
+    @property
+    def is_reachable(self) -> bool:
+        return bool(np.isfinite(self.bound))
+
+
+def estimate_placement(
+    setup: PlanningSetup, arm: PlanningArm, path: PlanningPath, options: PlanOptions, *, beyond: float = np.inf
+) -> PlacementEstimate:
+    """Look at a place.
+
+    Args:
+        setup: of the cell, for its springs; its arm is that of another place.
+        arm: with the workpiece at the place.
+        path: as planned, with its stations.
+        beyond: where the bound is above it, the grid's best is not looked for.
+    """
+    every = max(len(path.stations) // FIRST_STATIONS, 1)
+    if every > 1:
+        glance = replace(path, stations=path.stations[::every])
+        lost = _find_unreached_station(glance, enumerate_candidates(glance, arm, options))
+        if lost is not None:
+            return lost
+    candidates = enumerate_candidates(path, arm, options)
+    lost = _find_unreached_station(path, candidates)
+    if lost is not None:
+        return lost
+    d = compute_load_directions(path, arm, setup.elasticity, options.force)
+    scores = score_candidates(path, candidates, setup.elasticity, d, options)
+    counted = np.flatnonzero(path.counted[path.stations])
+    if not len(counted):
+        return PlacementEstimate(0.0, 0.0, 0.0, 0)
+    least = np.nanmin(scores.cost[counted].reshape(len(counted), -1), axis=1)
+    at = int(least.argmax())
+    bound, point = float(least[at]), round(float(path.index[path.stations[counted[at]]]))
+    if bound > beyond:
+        return PlacementEstimate(bound, bound, float(least.mean()), point)
+    choice = choose_sequence(path, candidates, scores, setup.cell.limits.velocity[:6], options)
+    if choice.broken or choice.dropped.any():
+        return PlacementEstimate(bound, np.inf, np.inf, point, InfeasibilityReason.NO_PATH)
+    cost = scores.cost[counted, choice.rotation[counted], choice.branch[counted]]
+    return PlacementEstimate(bound, float(cost.max()), float(cost.mean()), point)
+
+
+def _find_unreached_station(path: PlanningPath, candidates: CandidateGrid) -> PlacementEstimate | None:
+    """The first station that must be reached and is not."""
+    needed = path.may_touch[path.stations]
+    lost = np.flatnonzero(needed & ~candidates.feasible.any(axis=(1, 2, 3)))
+    if not len(lost):
+        return None
+    s = int(lost[0])
+    return PlacementEstimate(
+        np.inf, np.inf, np.inf, round(float(path.index[path.stations[s]])), find_unreachable_reason(candidates, s)
+    )
+
+
+def find_unreachable_reason(candidates: CandidateGrid, s: int) -> InfeasibilityReason:
+    """Why station ``s`` is not reached, of the configuration that came furthest."""
+    return InfeasibilityReason(
+        int(
+            np.where(
+                candidates.reason[s] == InfeasibilityReason.OK, InfeasibilityReason.BOUNDS, candidates.reason[s]
+            ).max()
+        )
+    )

@@ -1,0 +1,120 @@
+"""What one tool cuts of one toolpath, ready to be looked at from anywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from machopt.data_types.cell import Cell
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.tool_segments import ToolSegment
+from machopt.data_types.toolpath import Toolpath
+from machopt.kinematics.machine import load_machine
+from machopt.placement.external_joint_estimate import estimate_with_external_joints
+from machopt.placement.moved_cell import MovedBodies, move_cell
+from machopt.placement.placement_estimate import PlacementEstimate, estimate_placement
+from machopt.placement.search_options import PlacementShift
+from machopt.planning.external_axes.axis_modes import resolve_axis_options
+from machopt.planning.external_axes.operation_groups import OperationGroup, build_operation_groups
+from machopt.planning.external_axis_optimization.best_plan import find_best_plan
+from machopt.planning.job.job_planner import drive_tool_segment
+from machopt.planning.job.joined_plan import ToolSegmentPlan, compute_length_shares, join_plans
+from machopt.planning.job.worst_index_over_tools import plan_worst_index_over_tools
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import PlanningSetup, StageTimings, fix_external_axes, prepare_planning
+from machopt.planning.pipeline.sequence_breaks import SequenceBreak
+from machopt.planning.plan_output.infeasibility_reasons import explain_points, list_breaks
+from machopt.planning.sampling.configurations import PlanningArm
+from machopt.planning.stations.path_subset import list_run_points
+from machopt.planning.stations.planning_path import PlanningPath, build_planning_path
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentTask:
+    """A stint; its springs and its chain are the same at every place."""
+
+    stint: ToolSegment
+    setup: PlanningSetup  # without collisions
+    path: PlanningPath  # external joints where they are locked, else at home
+    groups: tuple[OperationGroup, ...]  # operations that share where external joints stand; empty without these
+
+    @classmethod
+    def build(cls, stint: ToolSegment, options: PlanOptions) -> SegmentTask:
+        cell, path = stint.cell, build_planning_path(stint.toolpath)
+        setup = prepare_planning(cell, replace(options, collision=False))
+        if not cell.external_joints:
+            return cls(stint, setup, path, ())
+        groups = build_operation_groups(cell, stint.toolpath, path, resolve_axis_options(cell, options))
+        at = np.empty((len(path.index), len(cell.external_joints)))
+        for group in groups:
+            at[list_run_points(path, group.runs)] = np.clip(cell.external_home, group.low, group.high)
+        return cls(stint, setup, fix_external_axes(path, at), tuple(groups))
+
+    @property
+    def has_free_external_joints(self) -> bool:
+        """External joints may choose where they stand."""
+        return any((g.high > g.low).any() for g in self.groups)
+
+    @property
+    def cut_length(self) -> float:
+        """m that are cut."""
+        step = np.linalg.norm(np.diff(self.path.position, axis=0), axis=1)
+        return float(step @ self.path.counted[1:])
+
+    def estimate(self, carried: MovedBodies, shift: PlacementShift, options: PlanOptions) -> PlacementEstimate:
+        """What a place promises."""
+        cell = move_cell(self.setup.driven, carried, shift)
+        arm = PlanningArm.of(cell, self.setup.arm.solver, load_machine(cell, self.setup.robot), options)
+        if self.has_free_external_joints:
+            found = estimate_with_external_joints(self.setup, arm, self.path, options, self.groups)
+        else:
+            found = estimate_placement(self.setup, arm, self.path, options)
+        return replace(found, point=found.point + self.stint.first)
+
+
+def build_single_segment(cell: Cell, toolpath: Toolpath) -> tuple[ToolSegment, ...]:
+    """A job that changes no tools."""
+    home = cell.joints_at_home
+    return (ToolSegment(cell=cell, toolpath=toolpath, whole=toolpath, first=0, begin=home, end=home),)
+
+
+def plan_at_placement(
+    stints: Sequence[ToolSegment], carried: MovedBodies, shift: PlacementShift, options: PlanOptions
+) -> tuple[Plan, float, str]:
+    """A job planned at a place, to its motion: the plan, its time in s, and why there is no motion (else empty)."""
+    here = [replace(stint, cell=move_cell(stint.cell, carried, shift)) for stint in stints]
+    plans: list[Plan] = []
+    for stint in here:
+        plans.append(_plan_segment(stint, len(here), plans[0].scores.scale if plans else None, options))
+    scale, bound = plans[0].scores.scale, None  # of all: the worst index is that of the whole job
+    if len(plans) > 1:
+        plans, bound = plan_worst_index_over_tools(plans, compute_length_shares(plans), StageTimings())
+
+    def again(stint: ToolSegment) -> Callable[[PlanOptions], Plan]:
+        return lambda other: _plan_segment(stint, len(here), scale if len(here) > 1 else None, other)
+
+    seconds, why = 0.0, ""
+    for k, stint in enumerate(here):
+        plans[k], _, timeline = drive_tool_segment(stint, plans[k], options, StageTimings(), again(stint))
+        if timeline is None or timeline.trajectory is None:
+            why = _get_first_obstruction(plans[k], timeline.obstructions if timeline is not None else ())
+            break
+        seconds += float(timeline.trajectory.time[-1])
+    done = [ToolSegmentPlan(one, s.first, s.tool) for one, s in zip(plans, here, strict=True)]
+    return join_plans(done, bound) if len(done) > 1 else plans[0], seconds, why
+
+
+def _plan_segment(stint: ToolSegment, count: int, scale: float | None, options: PlanOptions) -> Plan:
+    """One tool's plan; between others the machine stands where tools are changed."""
+    one = find_best_plan(stint.cell, stint.toolpath, stint.restrict_options(options), StageTimings(), scale=scale)
+    begin, end = (stint.begin if stint.number > 1 else None), (stint.end if stint.number < count else None)
+    return replace(one, begin=begin, end=end) if count > 1 else one
+
+
+def _get_first_obstruction(one: Plan, obstructions: Sequence[SequenceBreak]) -> str:
+    """The first reason why a plan is not driven."""
+    points = [f"point {one.path.index[p]:g}: {sentence}" for p, sentence in explain_points(one).items()]
+    breaks = [f"{b.where}: {b.text}" for b in (*list_breaks(one), *obstructions)]
+    return (*points, *breaks, "it could not be driven")[0]

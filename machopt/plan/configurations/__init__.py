@@ -1,6 +1,0 @@
-"""How the arm can stand at each station.
-
-In: a path and an arm. Out: every branch, turn and rotation with the reason where it cannot be used
-(:mod:`~machopt.plan.configurations.candidates`), and joints at every planning point along a given rotation
-(:mod:`~machopt.plan.configurations.realise`).
-"""

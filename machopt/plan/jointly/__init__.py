@@ -1,5 +1,0 @@
-"""Rotation and external joints made better together, continuously, once both are chosen.
-
-In: a plan. Out: a better one or the same (:func:`~machopt.plan.jointly.tried.refined`): offsets that make J of a
-quadratic model least at some stations, tried on the whole path.
-"""

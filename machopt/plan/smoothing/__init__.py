@@ -1,5 +1,0 @@
-"""The rotation as a smooth curve, between and beyond the grid.
-
-In: a choice, and the room that the grid leaves around it. Out: the rotation at every planning point that makes J least
-near that choice (:func:`~machopt.plan.smoothing.smooth.follow_grid`).
-"""

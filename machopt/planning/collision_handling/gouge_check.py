@@ -1,0 +1,116 @@
+"""Gouges: where the CAM file itself drives the cutter into the finished part, at its points and between them.
+
+Where the tip is and how the tool is tilted is the file's; rotation about the tool's axis, branch and external axes
+change nothing of it. So gouges are looked for on the path alone, before any robot, and no choice of ours mends them.
+The cutter may touch the part and be in it by the tolerance; its own contact is none.
+
+Held against the part is the cutter, all its length, wherever the file moves at a feed. The tool's other bodies (holder,
+spindle) are kept clear of part and fixtures by the collision check, and so is the cutter in rapid moves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.collision.gouge_depth import build_cutter_points, build_spiral_points, compute_gouge_depth
+from machopt.data_types.cell import Cell, CollisionShape, CutterGeometry
+from machopt.data_types.toolpath import MoveKind
+from machopt.errors import InputError
+from machopt.numerics.array_types import Array, Bools, Ints
+from machopt.numerics.rigid_transforms import build_transform, compute_tool_rotation, normalise_vectors
+from machopt.planning.stations.planning_path import PlanningPath
+
+STEP = 5e-4  # m that the tip moves between two poses that are looked at
+TURN = np.radians(0.25)  # rad that its axis turns between them
+# m: a depth that equals the tolerance is none beyond it. Half of the last digit a sentence shows; meshes are in single
+# precision, tables in nanometres.
+ROUNDING = 5e-7
+AT_ONCE = 100_000  # poses
+
+
+@dataclass(frozen=True)
+class GougeResult:
+    """Deepest place of the cutter in the part on the way to each planning point, the point itself counted."""
+
+    limit: float  # m
+    depth: Array  # (P,) m; 0 where it is not deeper than the limit
+    place: Array  # (P, 3) m, in the workpiece frame; NaN where it is not
+    tip: Array  # (P, 3) m, where the tip is then
+
+    @property
+    def deep(self) -> Bools:
+        """(P,) the way to the point gouges."""
+        return np.asarray(self.depth > 0.0)
+
+    def sentences(self) -> dict[int, str]:
+        """Planning point → what is wrong on the way to it."""
+        return {int(p): self._sentence(int(p)) for p in np.flatnonzero(self.deep)}
+
+    def _sentence(self, p: int) -> str:
+        x, tip = 1e3 * self.place[p], 1e3 * self.tip[p]
+        return (
+            f"the cutter gouges the finished part by {1e3 * self.depth[p]:.3f} mm at "
+            f"({x[0]:.2f}, {x[1]:.2f}, {x[2]:.2f}) mm, with its tip at ({tip[0]:.2f}, {tip[1]:.2f}, {tip[2]:.2f}); "
+            f"gouge_tolerance_mm is {1e3 * self.limit:g}"
+        )
+
+
+def find_gouges(path: PlanningPath, cell: Cell, limit: float) -> GougeResult:
+    """Look along every move at a feed.
+
+    Args:
+        path: as programmed, without any compensation.
+        cell: its cutter, and the workpiece's bodies as the finished part.
+        limit: m.
+
+    Raises:
+        InputError: there is no cutter or no part, or a mesh of the part is open.
+    """
+    cutter, part = get_cutter_and_part(cell)
+    points, between = build_cutter_points(cutter), build_spiral_points(cutter)
+    owner, share = _along(path)
+    n = len(path.index)
+    out = GougeResult(limit, np.zeros(n), np.full((n, 3), np.nan), np.full((n, 3), np.nan))
+    for start in range(0, len(owner), AT_ONCE):
+        b, f = owner[start : start + AT_ONCE], share[start : start + AT_ONCE, None]
+        a = np.maximum(b - 1, 0)
+        tip, axis, reference = ((1.0 - f) * v[a] + f * v[b] for v in (path.position, path.axis, path.reference))
+        R = compute_tool_rotation(normalise_vectors(axis), reference, np.zeros(len(b)))
+        found = compute_gouge_depth(part, points, build_transform(R, tip), limit + ROUNDING, between)
+        for m in np.flatnonzero(found.depth > 0.0):
+            p = b[m]
+            if found.depth[m] > out.depth[p]:
+                out.depth[p], out.place[p], out.tip[p] = found.depth[m], found.place[m], tip[m]
+    return out
+
+
+def get_cutter_and_part(cell: Cell) -> tuple[CutterGeometry, tuple[CollisionShape, ...]]:
+    """What is held against each other.
+
+    Raises:
+        InputError: there is no cutter or no part.
+    """
+    cutter, part = cell.tool.cutter, cell.workpiece.geometry
+    if cutter is None or not part:
+        lacks = "tool.cutter" if cutter is None else "workpiece.geometry"
+        raise InputError(
+            f"gouge_tolerance_mm needs a cutter and the finished part; this cell has no {lacks}",
+            file=cell.folder / "cell.yaml",
+            where=lacks,
+        )
+    return cutter, part
+
+
+def _along(path: PlanningPath) -> tuple[Ints, Array]:
+    """Planning point whose way each pose lies on, and its share of that way, above 0 and 1 at the point."""
+    fed = np.asarray(path.move != MoveKind.RAPID)
+    joined = np.r_[False, path.run[1:] == path.run[:-1]]
+    length = np.r_[0.0, np.linalg.norm(np.diff(path.position, axis=0), axis=1)]
+    turn = np.r_[0.0, np.linalg.norm(np.diff(path.axis, axis=0), axis=1)]
+    pieces = np.maximum(np.ceil(length / STEP), np.ceil(turn / TURN)).astype(int)
+    pieces = np.where(fed, np.where(joined, np.maximum(pieces, 1), 1), 0)
+    owner = np.repeat(np.arange(len(pieces)), pieces)
+    nth = np.arange(len(owner)) - np.repeat(np.cumsum(pieces) - pieces, pieces) + 1
+    return owner, np.asarray(nth / pieces[owner])

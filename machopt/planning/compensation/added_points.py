@@ -1,0 +1,76 @@
+"""More planning points for a plan that is made: the choice stays what it is, the path is followed more closely."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.data_types.steering import list_constrained_points
+from machopt.data_types.toolpath import Toolpath
+from machopt.planning.compensation.shifted_path import LENGTHS, STEEPEST, compute_offset_slope, rescore_plan, shift_path
+from machopt.planning.cost.stiffness_index import compute_load_directions
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import ScoredAssignment
+from machopt.planning.sampling.joint_path import JointAssignment, solve_joint_path
+from machopt.planning.stations.planning_path import PlanningPath, build_planning_path
+
+
+def compensate_plan(plan: Plan, toolpath: Toolpath) -> Plan:
+    """The plan for the path shifted against its deflection, with the same rotation; what cannot be shifted says why.
+
+    The shift turns, comes and goes over the least of LENGTHS at which it is nowhere steeper than STEEPEST.
+    """
+    found = plan
+    for length in LENGTHS:
+        fine = add_corner_points(plan, toolpath, length)
+        found = shift_path(fine, length)
+        if found.compensation is None or compute_offset_slope(fine.path, found.compensation.offset).max() <= STEEPEST:
+            break
+    return found
+
+
+def add_corner_points(plan: Plan, toolpath: Toolpath, length: float) -> Plan:
+    """The plan with more planning points around corners, starts and ends of cuts; rotation in between on the line.
+
+    There a shift against the deflection turns, comes and goes, over ``length`` (m) to either side.
+    """
+    old = plan.path
+    path = build_planning_path(toolpath, list_constrained_points(plan.options), corners=length)
+    if len(path.index) == len(old.index):
+        return plan
+    rows = np.searchsorted(path.index, old.index)
+    stands = [np.interp(path.index, old.index, column) for column in old.external.T]  # added points lie inside runs
+    external = np.array(stands).T.reshape(len(path.index), -1)
+    path = replace(path, stations=rows[old.stations].astype(np.int32), external=external)
+    setup = plan.setup
+    refined = replace(
+        plan,
+        path=path,
+        check=None,
+        directions=compute_load_directions(path, setup.arm, setup.elasticity, plan.options.force),
+    )
+
+    def carried(scored: ScoredAssignment) -> ScoredAssignment:
+        assignment = _between(plan, path, rows, scored.assignment)
+        return rescore_plan(replace(refined, chosen=scored), assignment).chosen
+
+    return replace(
+        refined, chosen=carried(plan.chosen), jiao2022=carried(plan.jiao2022), cam_default=carried(plan.cam_default)
+    )
+
+
+def _between(plan: Plan, path: PlanningPath, rows: NDArray[np.intp], a: JointAssignment) -> JointAssignment:
+    """The assignment at more points; at the old ones (``rows``) to the last bit."""
+    index = plan.path.index
+    phi = np.interp(path.index, index, a.phi)
+    seed = np.column_stack([np.interp(path.index, index, a.q[:, j]) for j in range(6)])
+    found = solve_joint_path(path, plan.setup.arm, plan.setup.robot, phi, seed)
+    whole = np.interp(path.index, index, (a.reason != InfeasibilityReason.OK).astype(float)) == 0  # both neighbours are
+    values = {name: value.copy() for name, value in vars(found).items()}
+    values["reason"][~whole] = InfeasibilityReason.NO_PATH
+    for name, value in vars(a).items():
+        values[name][rows] = value
+    return JointAssignment(**values)

@@ -1,0 +1,138 @@
+"""How much of the deflection a compensation removes, and how sure that is: as a whole, per operation, at the worst.
+
+The shift is −d of the model; the arm bends by d + δ, and δ is what the file says of its own error
+(:mod:`machopt.planning.uncertainty.model_discrepancy`; a covariance alone counts as that). What is left at a place is
+|offset + d +
+δ|, no linear function of δ, so its distribution is drawn: DRAWS sets of normal numbers, the same in every run. An
+interval reaches from what the model itself leaves to the 95th percentile over them: δ can hardly leave less than none
+at all would, and how little it leaves at best depends on how large it may be at most, which is known less well than
+that it may be none. (Where the 5th percentile is below the model's own figure, as where that is mainly what corners
+leave, it stands there.) Without δ the model's own figure stands there, and no interval.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.numerics.array_types import Array
+from machopt.planning.compensation.shifted_path import SHARES
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.uncertainty.model_discrepancy import DiscrepancyModel
+
+DRAWS = 200
+SEED = 20_231
+BLOCK = 1024  # segments at a time
+RULE = np.array([0.125, 0.25, 0.25, 0.25, 0.125])  # trapezoids over SHARES
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeflectionRemoval:
+    """What is left of the mean deflection over a stretch that is cut; lengths in m."""
+
+    label: str  # of the operation, empty for all of them
+    bent: float  # mean deflection, by the model
+    left: float  # mean distance of the bent tool from the programmed path, by the model
+    worst: float  # greatest of those distances, by the model
+    left90: Interval | None  # 90 % intervals; None where the stiffness file says nothing of its error
+    worst90: Interval | None
+    removed90: Interval | None  # of ``removed``
+
+    @property
+    def removed(self) -> float:
+        """Share of the mean deflection that is gone, by the model; 0 where nothing bends."""
+        return 1.0 - self.left / self.bent if self.bent > 0 else 0.0
+
+
+def predict_removals(
+    plan: Plan, operation: NDArray[np.int32], labels: tuple[str, ...]
+) -> tuple[DeflectionRemoval, ...]:
+    """All of the path first, then each operation that is cut; empty without a compensation.
+
+    Args:
+        plan: compensated.
+        operation: (N,) of each toolpath point, an index into ``labels``.
+    """
+    if plan.compensation is None:
+        return ()
+    path, ok = plan.path, plan.chosen.assignment.reason == InfeasibilityReason.OK
+    end = 1 + np.flatnonzero(path.counted[1:] & ok[1:] & ok[:-1] & (path.run[1:] == path.run[:-1]))
+    if not len(end):
+        return ()
+    at = np.minimum(np.ceil(path.index[end] - 1e-9).astype(int), len(operation) - 1)
+    group = operation[at]
+    doubt = _doubt(plan)
+    draws = 1 if doubt is None else 1 + DRAWS  # the first is the model itself
+    length = np.linalg.norm(path.position[end] - path.position[end - 1], axis=1)
+    if not length.sum() > 0:
+        length = np.ones(len(end))
+    left, bent = (np.zeros((len(labels), draws)) for _ in range(2))
+    worst, way = np.zeros((len(labels), draws)), np.bincount(group, length, len(labels))
+    for first in range(0, len(end), BLOCK):
+        some = slice(first, first + BLOCK)
+        for share, rule in zip(SHARES, RULE, strict=True):
+            for own, mine in plan.among(end[some]):
+                rows = end[some][mine]
+                shift, d = _drawn(own, rows - (rows[0] - plan.at(int(rows[0]))[1]), share)
+                rest, whole = np.linalg.norm(shift[..., None] + d, axis=1), np.linalg.norm(d, axis=1)
+                weight, to = rule * length[some][mine][:, None], group[some][mine]
+                np.add.at(left, to, weight * rest)
+                np.add.at(bent, to, weight * whole)
+                np.maximum.at(worst, to, rest)
+    cut = np.flatnonzero(way > 0)
+    parts = [_removal(labels[k], left[k] / way[k], bent[k] / way[k], worst[k]) for k in cut]
+    total = way.sum()
+    return (_removal("", left.sum(axis=0) / total, bent.sum(axis=0) / total, worst.max(axis=0)), *parts)
+
+
+def _doubt(plan: Plan) -> DiscrepancyModel | None:
+    return DiscrepancyModel.of(plan.setup.elasticity) or DiscrepancyModel.of_springs(plan.setup.elasticity)
+
+
+def _drawn(plan: Plan, end: NDArray[np.intp], share: float) -> tuple[Array, Array]:
+    """(S, 3) shift and (S, 3, draws) deflections in base_link at one place of each segment that ends at ``end``."""
+    assert plan.compensation is not None
+    doubt = _doubt(plan)
+    path, arm, q = plan.path, plan.setup.arm, plan.chosen.assignment.q
+    between = q[end - 1] + share * (q[end] - q[end - 1])
+    offset = plan.compensation.offset
+    shift = arm.directions(path.external[end - 1], offset[end - 1] + share * (offset[end] - offset[end - 1]))
+    force = plan.directions.force[end - 1]
+    elastic = plan.directions.elastic(plan.setup.elasticity, between, end - 1)
+    d = elastic.compute_deflection(force)[..., None]
+    if doubt is None:
+        return shift, d
+    moves = doubt.moves(elastic, between, force)
+    rng = np.random.default_rng(SEED)
+    z, own = rng.normal(size=(moves.shape[2] - 1, DRAWS)), doubt.local * rng.normal(size=(3, DRAWS))
+    away = moves[..., :1] + moves[..., 1:] @ z + np.linalg.norm(force, axis=1)[:, None, None] * own
+    return shift, np.concatenate([d, d + away], axis=2)
+
+
+def _removal(label: str, left: Array, bent: Array, worst: Array) -> DeflectionRemoval:
+    out = DeflectionRemoval(
+        label=label,
+        bent=float(bent[0]),
+        left=float(left[0]),
+        worst=float(worst[0]),
+        left90=None,
+        worst90=None,
+        removed90=None,
+    )
+    if len(left) == 1:
+        return out
+    share = 1.0 - left[1:] / np.maximum(bent[1:], np.finfo(float).tiny)
+    low, high = _ninety(-share, -out.removed)
+    return replace(
+        out, left90=_ninety(left[1:], out.left), worst90=_ninety(worst[1:], out.worst), removed90=(-high, -low)
+    )
+
+
+def _ninety(values: Array, own: float) -> Interval:
+    """Of what is the better the less of it there is."""
+    low, high = np.quantile(values, [0.05, 0.95])
+    return min(float(low), own), float(high)

@@ -1,0 +1,243 @@
+"""The commanded path shifted against the predicted deflection, so that the bent tool is where it should be.
+
+jiao2022 section 5.1: the deflection d = J_v K_θ⁻¹ J_vᵀ f under the process force (eq. 41, here with every term of the
+stiffness) is subtracted from the commanded position. Rotation and tool axis stay as they are.
+
+The force is F of :mod:`machopt.planning.cost.process_force_direction`, which has no jumps: the shift δ = −d(F) fades in
+and out over the
+length ℓ along approach and retract, is zero where nothing cuts, and turns at a sharp corner over 2ℓ. With S = max
+|d(f)|,
+
+    |δ(s₁) − δ(s₂)| ≤ (2 S/ℓ + |dC/ds| |f|) |s₁ − s₂|
+
+(C the compliance, which changes with the pose). ℓ is the least of LENGTHS at which no step is steeper than STEEPEST.
+A run that begins or ends with a cut (a hole drilled straight from a rapid move) is shifted from its first point on: the
+rapid move goes there, and the drill goes in straight.
+
+Refused, with point and numbers: a shift that is larger than ``compensation_max``, that is larger than the deflection it
+mends (the greatest within 2ℓ), or that is steeper than STEEPEST at the greatest ℓ. What a shift without jumps leaves at
+corners, :func:`compute_residual` says.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.numerics.array_types import Array
+from machopt.planning.collision_handling.path_check import PathCollisionChecker
+from machopt.planning.cost.clearance_cost import compute_path_crowding
+from machopt.planning.cost.objective import PlanObjective, compute_objective
+from machopt.planning.cost.process_force_direction import compute_engaged_force
+from machopt.planning.cost.stiffness_index import compute_configuration_cost
+from machopt.planning.pipeline.plan import PathCompensation, Plan
+from machopt.planning.pipeline.planning_setup import PlanningSetup
+from machopt.planning.sampling.configurations import PlanningArm
+from machopt.planning.sampling.joint_path import JointAssignment, solve_joint_path
+from machopt.planning.stations.planning_path import ARM, PlanningPath
+
+NOTHING = 1e-6  # m; a smaller shift is nothing to refuse
+STILL = 1e-8  # m; a smaller change of the shift is none
+PASSES = 2  # of −d and the configuration it leads to; the second changes |d| by |d|/reach, a third by its square
+KEPT = 0.8  # share of the singularity margins that a shifted point must still keep
+LENGTHS = (0.005, 0.010, 0.020, 0.040)  # m, ℓ: the shorter, the less is left at corners
+STEEPEST = 0.1  # m/m: the path leans by less than 6° against the programmed one
+MENDS = 1.05  # times the deflection it is held against: the pose changes a little within 2ℓ
+SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of a segment, where the residual is looked at
+
+
+def compute_offset_slope(path: PlanningPath, offset: Array) -> Array:
+    """(P,) m/m: how much the shift changes on the way into each point, by its length; 0 behind a rapid move.
+
+    A turn of the tool axis counts as a way of ARM m/rad: the pose, and with it the compliance, changes on it.
+    """
+    joined = path.run[1:] == path.run[:-1]
+    change = np.linalg.norm(np.diff(offset, axis=0), axis=1)
+    way = np.hypot(*(np.linalg.norm(np.diff(of, axis=0), axis=1) for of in (path.position, ARM * path.axis)))
+    ratio = np.where(change > STILL, change / np.maximum(way, STILL), 0.0)
+    return np.concatenate([[0.0], np.where(joined, ratio, 0.0)])
+
+
+def shift_path(plan: Plan, length: float) -> Plan:
+    """The plan for the path shifted against the force that turns, comes and goes over ``length`` (m)."""
+    before, path = plan.chosen.assignment, plan.path
+    force = compute_engaged_force(path, plan.options.force, length)
+    known = np.flatnonzero((before.reason == InfeasibilityReason.OK) & force.any(axis=1))
+    setup = _with_room(plan.setup)
+    offset = np.zeros_like(path.position)
+    moved, after = path, before
+    for _ in range(PASSES):
+        q = np.where(np.isfinite(after.q), after.q, before.q)[known]  # where the first pass leads nowhere, so be it
+        push = setup.arm.directions(path.external[known], force[known])
+        bent = plan.directions.elastic(plan.setup.elasticity, q, known).compute_deflection(push)
+        offset[known] = -setup.arm.back(path.external[known], bent)
+        offset = _filled(path, offset, before.reason == InfeasibilityReason.OK)
+        moved = replace(path, position=path.position + offset)
+        after = solve_joint_path(moved, setup.arm, setup.robot, before.phi, before.q)
+    reason, check, notes = after.reason.copy(), plan.check, dict(plan.notes)
+    keep = before.reason != InfeasibilityReason.OK  # what was ruled out stays so
+    for p, why in _refused(plan, offset, length).items():
+        if reason[p] == InfeasibilityReason.OK:
+            reason[p], notes[p] = InfeasibilityReason.SHIFT, why
+    reason[keep] = before.reason[keep]
+    if setup.collision is not None:
+        checker = PathCollisionChecker.of(moved, setup.arm, setup.robot, setup.collision, plan.options)
+        check = checker.whole(after.phi, np.where((reason == InfeasibilityReason.OK)[:, None], after.q, np.nan))
+        reason[check.hit & (reason == InfeasibilityReason.OK)] = InfeasibilityReason.COLLIDING
+    after = replace(after, reason=reason)
+    found = PathCompensation(offset, force, length, (reason != InfeasibilityReason.OK) & ~keep)
+    out = rescore_plan(replace(plan, setup=setup, path=moved, check=check, compensation=found, notes=notes), after)
+    # the yardsticks by the same lengths, which the shift changes by some micrometres
+    weighed = [replace(s, objective=_objective(out, s.assignment, s.cost)) for s in (plan.jiao2022, plan.cam_default)]
+    return replace(out, jiao2022=weighed[0], cam_default=weighed[1])
+
+
+def _filled(path: PlanningPath, offset: Array, there: NDArray[np.bool_]) -> Array:
+    """The offsets, on the line between known ones where a point of the run has no configuration."""
+    out = offset.copy()
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.position, axis=0), axis=1))])
+    for first, last in path.runs:
+        rows = np.arange(first, last + 1)
+        own = rows[there[rows]]
+        if len(own) and not there[rows].all():
+            for c in range(3):
+                out[rows, c] = np.where(there[rows], offset[rows, c], np.interp(way[rows], way[own], offset[own, c]))
+    return out
+
+
+def _refused(plan: Plan, offset: Array, length: float) -> dict[int, str]:
+    """Planning points whose shift is not driven, and why."""
+    path, most = plan.path, plan.options.compensation_max
+    size, steep = np.linalg.norm(offset, axis=1), compute_offset_slope(path, offset)
+    error = _nearby(path, plan, length)
+    out = {}
+    for p in np.flatnonzero((size > most) | (steep > STEEPEST) | (size > MENDS * error + NOTHING)):
+        told = f"the shift against the deflection is refused: it is {1e3 * size[p]:.3f} mm"
+        if size[p] > most:
+            out[int(p)] = f"{told}, more than compensation_max_mm {1e3 * most:g}"
+        elif size[p] > MENDS * error[p] + NOTHING:
+            out[int(p)] = f"{told}, more than the {1e3 * error[p]:.3f} mm that it mends"
+        else:
+            out[int(p)] = f"{told} and changes by {steep[p]:.3f} mm per mm of path, more than {STEEPEST:g}"
+    return out
+
+
+def _nearby(path: PlanningPath, plan: Plan, length: float) -> Array:
+    """(P,) m, the greatest deflection that is to be mended within 2ℓ of each point, along its run."""
+    q, ok = plan.chosen.assignment.q, np.isfinite(plan.chosen.assignment.q).all(axis=1)
+    bent = np.zeros(len(q))
+    rows = np.flatnonzero(ok)
+    bent[rows] = np.linalg.norm(
+        plan.directions.elastic(plan.setup.elasticity, q[rows], rows).compute_deflection(plan.directions.force[rows]),
+        axis=1,
+    )
+    out = np.zeros(len(q))
+    way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(path.position, axis=0), axis=1))]
+    for first, last in path.runs:
+        s = way[first : last + 1]
+        a, b = np.searchsorted(s, s - 2 * length), np.searchsorted(s, s + 2 * length, side="right")
+        a, b = np.maximum(a - 1, 0), np.minimum(b + 1, len(s))  # and the points just outside: between them it is theirs
+        out[first : last + 1] = [bent[first + i : first + j].max() for i, j in zip(a, b, strict=True)]
+    return out
+
+
+def rescore_plan(plan: Plan, assignment: JointAssignment) -> Plan:
+    """The plan with another assignment, its cost and objective."""
+    cost = np.full(len(assignment.phi), np.nan)
+    ok = np.flatnonzero(assignment.reason == InfeasibilityReason.OK)
+    cost[ok] = compute_configuration_cost(
+        plan.setup.elasticity, plan.directions, ok, assignment.q[ok], plan.scores.index
+    )
+    value = _objective(plan, assignment, cost)
+    return replace(plan, chosen=replace(plan.chosen, assignment=assignment, cost=cost, objective=value))
+
+
+def _objective(plan: Plan, a: JointAssignment, cost: Array) -> PlanObjective:
+    return compute_objective(
+        plan.path,
+        cost,
+        plan.setup.in_rad(plan.path, a.q),
+        a.phi,
+        plan.scores.scale,
+        plan.setup.velocity,
+        plan.options,
+        compute_path_crowding(plan.path, plan.setup.collision, a.q, plan.options),
+    )
+
+
+@dataclass(frozen=True)
+class CompensationResidual:
+    """How far the path is shifted where it is cut, and what that is predicted to leave."""
+
+    shift_worst: float  # m
+    shift_mean: float  # m, over the length cut
+    worst: float  # m
+    mean: float  # m, over the length cut
+    uncompensated: float  # m, mean deflection without the shift, over the same places
+
+
+def compute_residual(plan: Plan) -> CompensationResidual | None:
+    """Distance of the bent tool from the programmed path, at five places a segment; None without a compensation.
+
+    Between two planning points the configuration and the shift are on the line between theirs, and the force is that
+    of the segment, which at a corner is not that of the point.
+    """
+    if plan.compensation is None:
+        return None
+    if plan.parts:
+        return _of_all(
+            [(part.share, found) for part in plan.parts if (found := compute_residual(part.plan)) is not None]
+        )
+    path, arm = plan.path, plan.setup.arm
+    q, ok = plan.chosen.assignment.q, plan.chosen.assignment.reason == InfeasibilityReason.OK
+    end = 1 + np.flatnonzero(path.counted[1:] & ok[1:] & ok[:-1] & (path.run[1:] == path.run[:-1]))
+    if not len(end):
+        return None
+    length = np.linalg.norm(path.position[end] - path.position[end - 1], axis=1)
+    left, bent = np.empty((len(SHARES), len(end))), np.empty((len(SHARES), len(end)))
+    for row, f in enumerate(SHARES):
+        between = q[end - 1] + f * (q[end] - q[end - 1])
+        offset = plan.compensation.offset[end - 1] + f * (
+            plan.compensation.offset[end] - plan.compensation.offset[end - 1]
+        )
+        elastic = plan.directions.elastic(plan.setup.elasticity, between, end - 1)
+        d = arm.back(path.external[end - 1], elastic.compute_deflection(plan.directions.force[end - 1]))
+        left[row], bent[row] = np.linalg.norm(offset + d, axis=1), np.linalg.norm(d, axis=1)
+    rule = np.array([0.125, 0.25, 0.25, 0.25, 0.125])  # trapezoids
+    weight = length / length.sum() if length.sum() > 0 else np.full(len(end), 1.0 / len(end))
+    size = np.linalg.norm(plan.compensation.offset, axis=1) * path.counted
+    return CompensationResidual(
+        float(size.max()),
+        float(path.weight @ size),
+        float(left.max()),
+        float(rule @ left @ weight),
+        float(rule @ bent @ weight),
+    )
+
+
+def _of_all(parts: list[tuple[float, CompensationResidual]]) -> CompensationResidual | None:
+    """That of a whole job from its stretches, each with its share of the length cut."""
+    if not parts:
+        return None
+    return CompensationResidual(
+        max(r.shift_worst for _, r in parts),
+        sum(share * r.shift_mean for share, r in parts),
+        max(r.worst for _, r in parts),
+        sum(share * r.mean for share, r in parts),
+        sum(share * r.uncompensated for share, r in parts),
+    )
+
+
+def _with_room(setup: PlanningSetup) -> PlanningSetup:
+    """The cell as a shifted point must keep to it: the joint limits themselves and most of the singularity margins.
+
+    The margins asked of the choice are there to be used by what comes after it; a point chosen on its margin would
+    otherwise be lost for a shift of a few tenths of a millimetre.
+    """
+    limits, m = setup.driven.limits, setup.arm.margins
+    margins = replace(m, wrist=KEPT * m.wrist, elbow=KEPT * m.elbow, shoulder=KEPT * m.shoulder)
+    arm: PlanningArm = replace(setup.arm, lower=limits.lower[:6], upper=limits.upper[:6], margins=margins)
+    return replace(setup, arm=arm)

@@ -1,0 +1,259 @@
+"""What a plan needs compiled, with the types it is called with: ``python -m machopt.planning.compiled_kernels`` stores
+it all.
+
+They are compiled while a wheel is built (``.hatch/kernels.py``); what an installation did not bring is compiled when it
+is first called. On such a first run a second process begins with the kernel that is needed last
+(:func:`start_compile_process`), so that two cores share the work: numba itself compiles one function at a time. On
+every later
+run a thread takes what is stored (:func:`preload_kernels_in_thread`) while the job is read.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from threading import Event, Thread
+from typing import Any
+
+_F1, _F2, _F3, _I1, _S1 = "f8[::1]", "f8[:,::1]", "f8[:,:,::1]", "i8[::1]", "i4[::1]"
+_FIXED = "Array(float64, 1, 'C', readonly=True)"
+_P = f"{_F2},{_I1},{_F1},{_F1},{_F2},{_F2}"  # convex parts of a body
+_C = f"{_F3},{_F1},f8,{_I1},{_I1},{_I1}"  # triangles by the cells of a grid
+# triangles of bodies, and of what they are held against
+_MESHES = f"{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},{_F2},{_I1},{_I1},{_I1},{_I1}"
+# stations × values × rotations × branches
+_LATTICE = f"{_F2},{_F3},i1[:,:,::1],{_F3},{_F2},i8[:,::1],i8,b1,b1[:,::1],{_F2},{_F1}"
+KERNELS = (  # in the order in which a plan needs them: module, function, types of its arguments
+    ("kinematics.product_of_exponentials", "compute_poses", f"{_F2},{_F2},{_F2},{_F2},{_F3}"),
+    ("collision.bounding_box_tree", "_fill_tree", f"{_F3},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F1}"),
+    ("planning.stations.reference_transport", "_carry", f"{_F2},{_F2}"),
+    (
+        "kinematics.inverse.spherical_wrist",
+        "_solve_all",
+        f"UniTuple(UniTuple(f8,3),15),UniTuple(f8,10),{_F3},{_F3},{_F3},{_F1}",
+    ),
+    ("kinematics.inverse.solver", "_check_branches", f"{_F3},{_F3},{_F1},{_F2},{_F1},{_F1},u1[:,::1],b1[:,:,::1]"),
+    ("kinematics.product_of_exponentials", "compute_link_motions", f"{_F2},{_F2},{_F2},f8[:,:,:,::1],{_F3}"),
+    ("kinematics.product_of_exponentials", "compute_jacobians", f"{_F2},{_F2},{_F2},{_F2},{_F3},{_F3}"),
+    ("planning.baselines", "_nearest_to_last", f"{_F3},u1[:,::1],b1[::1],{_F2},{_F1},{_F1},{_FIXED}"),
+    (
+        "planning.sequence_search.search_kernels",
+        "find_cheapest_sequence",
+        f"{_F3},f8[:,:,:,::1],{_F2},b1[:,:,:,::1],{_S1},b1,{_S1},{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},f8,{_I1},{_S1},{_S1},{_I1},i4[:,::1],b1[::1],b1[:,:,::1],b1[:,::1],b1,{_I1},{_F1},i2[::1]",
+    ),
+    (
+        "collision.mesh_distance",
+        "compute_distances_along_rows",
+        f"{_MESHES},{_I1},{_F3},{_F1},f8[:],{_F1}",
+    ),
+    (
+        "collision.mesh_distance",
+        "_compute_placed_distance",
+        f"{_MESHES},{_F2},i8,i8",
+    ),
+    (
+        "collision.proximity_test",
+        "_check_rows",
+        f"{_F2},{_F2},{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},f8",
+    ),
+    ("planning.retiming.path_curve", "_carry", f"{_F2},{_F1}"),
+    ("planning.retiming.path_curve", "_grade", f"{_F1},{_F1}"),
+    ("planning.retiming.path_curve", "_round", f"{_F1},{_I1},{_F1},{_F1},{_F2},{_F3}"),
+    ("planning.retiming.path_curve", "_shrink", f"{_F1},{_F1},{_F1},{_F1},{_F1}"),
+    ("planning.retiming.path_curve", "_finest", f"{_F1},{_F1},{_F1},f8,{_F1}"),
+    ("planning.retiming.path_curve", "_spread", f"{_F1},{_F1}"),
+    ("planning.retiming.taylor_series", "_frames", f"{_F3},{_F3},{_F2}"),
+    ("planning.retiming.taylor_series", "_twists", f"{_F3},f8[:,:,:,::1]"),
+    ("planning.retiming.joint_derivatives", "_refine", f"{_F2},{_F2},{_F2},{_F3},{_F2}"),
+    ("planning.retiming.joint_derivatives", "_chain", f"{_F2},{_F2},{_F2},{_F1},{_F3},{_F3},{_F2},{_F1}"),
+    ("planning.motion.clearance_over_cuts", "_deepest", f"{_F3},{_F2},{_F2},f8,f8"),
+    ("planning.retiming.time_law_kernels", "find_next_corners", f"{_F1},{_F1},{_F1}"),
+    (
+        "planning.retiming.time_law_kernels",
+        "compute_greedy_time_law",
+        f"{_F1},{_F3},{_F1},{_F1},{_F2},{_F1},{_F1},f8,i8,b1",
+    ),
+    (
+        "verification.programs.ordered_matching",
+        "match_targets_in_order",
+        f"{_F2},{_F3},{_F2},{_F2},{_F3},{_F2},b1[::1],{_F2},f8,i8",
+    ),
+    ("verification.programs.ordered_matching", "match_lines_in_order", f"{_F2},{_F2},{_F2},{_F2},b1[::1],f8,f8,f8,i8"),
+    ("verification.motion.kinematics.urdf_kinematics", "_compute_frames", f"{_F2},{_I1},{_F3},{_F2},{_F2},{_F2}"),
+    ("verification.motion.collision.contact_search", "_compute_relative_poses", f"f8[:,:,:,::1],i8,i8,{_I1}"),
+    ("verification.motion.collision.contact_search", "_compute_chords", f"{_F3},{_F1},f8"),
+    ("verification.motion.collision.bodies", "_bound_sphere_box_distance", f"{_F3},b1,{_F2},{_F1},{_F1},{_F2},f8"),
+    ("verification.motion.collision.distance_bounds", "_bound_rows", f"{_P},{_P},{_F3},{_I1},{_F1},{_F1}"),
+)
+
+
+MORE = (  # what only some plans need: other arms, arms as they are built, external joints, gouges
+    ("kinematics.inverse.three_parallel_axes", "_solve_all", f"UniTuple(UniTuple(f8,3),13),UniTuple(f8,9),{_F3},{_F3}"),
+    ("kinematics.inverse.newton_iteration", "solve_from_rough_starts", f"{_F2},{_F2},{_F2},{_F3},{_I1},{_F2},i8"),
+    ("kinematics.inverse.newton_iteration", "remove_duplicate_solutions", f"{_F2},{_I1},{_F1},i8,i8,f8"),
+    ("kinematics.inverse.newton_iteration", "track_solutions", f"{_F2},{_F2},{_F2},{_F3},{_I1},{_I1},{_F2}"),
+    ("kinematics.inverse.as_built_solver", "refine_branches", f"{_F2},{_F2},{_F2},{_F3},{_F3}"),
+    ("kinematics.inverse.grid_solver", "_label_branches", "f8[:,:,:,::1],f8[:,:,:,::1],f8"),
+    ("kinematics.product_of_exponentials", "compute_chain_motions", f"{_F2},{_F2},b1[::1],{_F2},f8[:,:,:,::1],{_F3}"),
+    (
+        "planning.external_axes.moving_axis_kernels",
+        "compute_transition_costs",
+        f"{_F3},{_F3},i8[:,::1],i8,i8,b1[::1],b1[::1],b1[::1],{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},f8,f8",
+    ),
+    (
+        "planning.external_axis_optimization.value_grid_kernels",
+        "compute_reach_costs",
+        f"{_LATTICE},i8,{_F2},f8",
+    ),
+    ("planning.external_axis_optimization.value_grid_kernels", "trace_cheapest_sequence", f"{_LATTICE},i8"),
+    (
+        "planning.external_axes.moving_axis_kernels",
+        "find_cheapest_value_sequence",
+        f"{_F2},f4[:,:,::1],i8[:,::1],{_F3},i8,i8,b1[::1],{_F1}",
+    ),
+    ("planning.continuous_refinement.interior_point_kernels", "compute_indices", f"{_F2},{_F1},{_F2},{_F3}"),
+    ("planning.continuous_refinement.interior_point_kernels", "compute_absolute_arguments", f"{_F2},{_I1},{_F2},{_F1}"),
+    (
+        "planning.continuous_refinement.interior_point_kernels",
+        "compute_newton_terms",
+        f"{_F2},f8,{_F2},{_F3},{_F1},{_F2},{_F3},b1[::1],f8,{_I1},{_F2},{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},f8",
+    ),
+    (
+        "planning.continuous_refinement.interior_point_kernels",
+        "take_newton_step",
+        f"{_F2},f8,f8,f8,b1[::1],{_I1},{_F2},{_F1},{_F1},{_F2},{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},{_F1}",
+    ),
+    (
+        "collision.gouge_depth",
+        "_compute_row_depths",
+        f"{_F2},{_I1},{_F1},{_F3},{_F3},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F2},f8",
+    ),
+    ("verification.motion.collision.gouge_check", "_bound_depths", f"{_F2},{_F3},{_F2},{_F1},{_F1},{_C},{_C},{_C},f8"),
+    ("kinematics.product_of_exponentials", "compute_relative_motion", f"{_F2},{_F2},b1[::1],i8,i8,{_F2},{_F3}"),
+    (
+        "kinematics.inverse.general_branches",
+        "_compute_three_parallel_margins",
+        f"UniTuple(UniTuple(f8,3),12),{_F3},{_F3}",
+    ),
+    ("kinematics.inverse.newton_iteration", "polish_branches", f"{_F2},{_F2},{_F2},{_F3},{_F3},i8,f8"),
+    ("planning.collision_handling.contact_lookahead", "_neighbours", f"{_I1},b1[::1],b1[:,::1],b1[::1],i8,i8"),
+    # laws with a memory: of a diagnosis, and of a job whose stiffness.yaml has them
+    ("effects.joint.hysteresis", "_integrate_play", f"{_F1},{_I1},f8"),
+    ("effects.joint.hysteresis", "_integrate_drag", f"{_F1},{_I1},f8,f8"),
+    ("effects.joint.creep", "_filter_first_order", f"{_F1},{_F1},{_I1},f8"),
+    ("effects.joint.friction", "_integrate_presliding", f"{_F1},f8,{_I1},f8,i8"),
+    ("effects.joint.joint_vibration", "_integrate_mass_on_spring", f"{_F1},{_F1},{_F1},{_I1},f8,f8"),
+)
+
+
+def compile_all(kernels: Iterable[tuple[str, str, str]] = KERNELS[::-1]) -> list[Any]:
+    """Compile what is not stored yet, by default the last first; returns the compiled functions."""
+    made = []
+    for kernel, types in _meant(kernels):
+        kernel.compile(types)
+        made.append(kernel)
+    return made
+
+
+def _meant(kernels: Iterable[tuple[str, str, str]]) -> Iterator[tuple[Any, tuple[Any, ...]]]:
+    """Each function with the types of its arguments as numba has them: code is stored by these, not by the words."""
+    from importlib import import_module
+
+    from numba.core.sigutils import normalize_signature
+
+    for module, name, types in kernels:
+        yield getattr(import_module(f"machopt.{module}"), name), normalize_signature(f"({types})")[0]
+
+
+@contextmanager
+def preload_kernels_in_thread(*also: str) -> Iterator[None]:
+    """In a thread, take from the store what a plan will call, in that order; nothing is begun any more after the block.
+
+    Half of that is LLVM's work, without the interpreter's lock. It ends at the first kernel that is not stored: this is
+    a first run then, and compiling is for the plan. It ends at an entry that names nothing, too: a plan needs none of
+    this, and a test holds that there is no such entry.
+
+    Args:
+        also: modules that are wanted after the plan, imported last, while compiled code does the planning.
+    """
+    from importlib import import_module
+
+    from machopt.numerics.compiled_functions import load_stored_kernel
+    from machopt.numerics.worker_threads import count_threads
+
+    if count_threads() < 2:  # the plan would wait for it, also for what it does not call
+        yield
+        return
+    over = Event()
+
+    def take_all() -> None:
+        with suppress(ImportError, AttributeError):
+            for kernel, types in _meant(KERNELS):
+                if over.is_set() or not load_stored_kernel(kernel, types):
+                    return
+            for module in also:
+                import_module(module)
+
+    beside = Thread(target=take_all, name="kernels")
+    beside.start()
+    try:
+        yield
+    finally:
+        over.set()
+        beside.join()
+
+
+def start_compile_process() -> subprocess.Popen[bytes] | None:
+    """A second process that compiles, where there is a second core; whoever starts it ends it."""
+    if (os.cpu_count() or 1) < 2:
+        return None
+    try:
+        return subprocess.Popen(
+            [sys.executable, "-m", "machopt.planning.compiled_kernels"],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+    except OSError:  # no process to be had: everything is compiled here
+        return None
+
+
+def compile_into(folder: Path) -> None:
+    """Compile all that a plan may need, for an installation to bring; processes that share a folder share the work."""
+    from importlib import import_module
+
+    from machopt.numerics.compiled_functions import enable_kernel_storage
+
+    every = KERNELS + MORE
+    for module, name, _ in every:
+        enable_kernel_storage(getattr(import_module(f"machopt.{module}"), name), folder)
+    for module in sorted({module for module, _, _ in every}, key=_longest_first):
+        try:
+            (folder / f"{module}.claimed").touch(exist_ok=False)
+        except FileExistsError:
+            continue
+        compile_all(entry for entry in every if entry[0] == module)
+
+
+LONGEST = (
+    "plan.choice.sequence",
+    "verify.between",
+    "model.triangles",
+    "plan.feed.feedsteps",
+    "model.touching",
+)  # half the work
+
+
+def _longest_first(module: str) -> tuple[int, str]:
+    return (LONGEST.index(module) if module in LONGEST else len(LONGEST), module)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:]:
+        compile_into(Path(sys.argv[1]))
+    else:
+        compile_all()

@@ -1,0 +1,214 @@
+"""From a plan to the one that its refinement leads to: what is proposed at stations is tried on the whole path.
+
+:class:`machopt.planning.continuous_refinement.refinement.PlanRefinement` finds offsets at stations. Between these a
+pose may be lost or touch
+something, so the whole of the offsets is tried, and then less of them; from what can be driven and is better the
+refinement goes on. Only what comes out is planned in full, with its external joints, as the search may find a better
+rotation for them; where the offsets themselves lead nowhere, that is tried at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.data_types.toolpath import Toolpath
+from machopt.numerics.array_types import Array
+from machopt.planning.collision_handling.path_check import PathCollisionChecker
+from machopt.planning.compensation.shifted_path import rescore_plan
+from machopt.planning.continuous_refinement.refinement import TRUST, PlanRefinement, RefinementResult
+from machopt.planning.continuous_refinement.starting_point import RefinementStart
+from machopt.planning.cost.objective import compute_objective, compute_total
+from machopt.planning.cost.stiffness_index import LoadDirections, compute_load_directions
+from machopt.planning.external_axes.operation_groups import OperationGroup
+from machopt.planning.external_axes.plan_comparison import AxisPlanRanking
+from machopt.planning.motion.trajectory_builder import has_motion
+from machopt.planning.pipeline.path_planner import is_assignment_allowed
+from machopt.planning.pipeline.path_planner import plan_path as planned
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import StageTimings, fix_external_axes
+from machopt.planning.sampling.joint_path import solve_joint_path
+from machopt.planning.stations.planning_path import PlanningPath
+
+PASSES = 3  # of the refinement at most
+SHARES = (1.0, 0.6, 0.3)  # of its offsets that are tried
+SEARCHES = 2  # a rotation that the search alone finds is a start of its own
+GAINS = 1e-3  # of the objective: less is not worth another pass, or a plan in full
+
+
+def refine_plan(
+    plan: Plan,
+    toolpath: Toolpath,
+    groups: Sequence[OperationGroup],
+    worth: AxisPlanRanking,
+    clock: StageTimings,
+    before: Plan | None = None,
+    below: float = np.inf,
+    trust: float = TRUST,
+    start: RefinementStart | None = None,
+    passes: int = PASSES,
+) -> Plan:
+    """The plan with its external joints refined where that makes it better, else the plan itself.
+
+    Whether what comes out can be driven is for :func:`is_drivable` to say.
+
+    Args:
+        before: as for :func:`machopt.planning.pipeline.path_planner.plan_path`.
+        below: what is not worth less than that after the passes is not planned in full.
+        trust: rad, region of trust of the refinement's steps at first and at most.
+        start: what to begin from in place of the plan.
+        passes: of the refinement at most.
+    """
+    if plan.found is None or plan.breaks or len(plan.missing):
+        return plan
+    best = plan
+    for _ in range(SEARCHES):
+        found, searched = _Passes(
+            plan=best,
+            toolpath=toolpath,
+            groups=groups,
+            worth=worth,
+            clock=clock,
+            before=before,
+            trust=trust,
+            passes=passes,
+        ).best(below, start)
+        start = None
+        best, done = found, found is best or not searched
+        if done:
+            break
+    return best
+
+
+def is_drivable(plan: Plan, toolpath: Toolpath, clock: StageTimings) -> bool:
+    """Whether all of a plan keeps the limits of every joint."""
+    with clock.stage("external"):
+        return has_motion(plan, toolpath)
+
+
+def plan_on_other_grid(
+    plan: Plan, toolpath: Toolpath, step: float, worth: AxisPlanRanking, clock: StageTimings, before: Plan | None = None
+) -> Plan:
+    """The plan with steps of rotation of ``step`` rad: what the search finds there, or its own rotation.
+
+    The rotation of a plan with external joints is a curve between the grid's steps, so that it is one of the answers on
+    any grid: no grid makes a plan worse that lacks nothing.
+    """
+    on = replace(plan, options=replace(plan.options, rotation_step=step))
+    return _Passes(plan=on, toolpath=toolpath, groups=(), worth=worth, clock=clock, before=before).planned_again()
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Passes:
+    """Of one plan without gaps or breaks."""
+
+    plan: Plan
+    toolpath: Toolpath
+    groups: Sequence[OperationGroup]
+    worth: AxisPlanRanking
+    clock: StageTimings
+    before: Plan | None
+    trust: float = TRUST  # rad
+    passes: int = PASSES
+
+    def best(self, below: float, start: RefinementStart | None = None) -> tuple[Plan, bool]:
+        """What the passes lead to, else the plan itself; whether the search found a better rotation than they."""
+        stages = [self.plan]  # each better than the one before; what the search has not seen has its candidates stale
+        for _ in range(self.passes):
+            with self.clock.stage("external"):
+                proposed = PlanRefinement(stages[-1], self.groups, self.worth, self.trust).found(start)
+                start = None
+                if proposed is None or proposed.saved < GAINS * stages[-1].chosen.objective.total:
+                    break
+                better = self._part_of(stages[-1], proposed)
+            if better is None:
+                better = self._searched(stages[-1], proposed)
+            if better is None:
+                break
+            gained = self.worth.plan(stages[-1]) - self.worth.plan(better)
+            stages.append(better)
+            if gained < GAINS * better.chosen.objective.total:
+                break
+        for last in reversed(stages[1:]):
+            if self.worth.plan(last) >= min(below, self.worth.plan(self.plan)):
+                break
+            whole, searched = self._whole(last)
+            if self._better(whole, self.plan):
+                return whole, searched
+        return self.plan, False
+
+    def planned_again(self) -> Plan:
+        """The plan with all that a plan has, by its own options; its own rotation where no other is better."""
+        lacks = self.plan.found is None or bool(self.plan.breaks) or len(self.plan.missing) > 0
+        searched = self._planned(self.plan, self.plan.path, np.inf if lacks else _as_searched(self.plan))
+        if lacks:
+            return searched
+        own = replace(_own(searched, self.plan), over_external=self.plan.over_external)
+        return searched if self._better(searched, own) and is_drivable(searched, self.toolpath, self.clock) else own
+
+    def _better(self, one: Plan, other: Plan) -> bool:
+        return not one.breaks and not len(one.missing) and self.worth.plan(one) < self.worth.plan(other)
+
+    def _part_of(self, plan: Plan, proposed: RefinementResult) -> Plan | None:
+        """The plan with as much of the offsets as makes it better and can be driven; None where nothing does."""
+        a = plan.chosen.assignment
+        for share in SHARES:
+            external = plan.path.external + share * (proposed.external - plan.path.external)
+            phi = a.phi + share * (proposed.phi - a.phi)
+            seed = proposed.seed if share == 1.0 else a.q + share * (proposed.seed - a.q)
+            path = fix_external_axes(plan.path, external)
+            there = replace(plan, path=path, directions=_directions(plan, path))
+            found = self._turned(there, phi, seed)
+            if found is not None and self._better(found, plan):
+                return found
+        return None
+
+    def _searched(self, plan: Plan, proposed: RefinementResult) -> Plan | None:
+        found = self._planned(plan, fix_external_axes(plan.path, proposed.external))
+        return found if self._better(found, plan) else None
+
+    def _whole(self, plan: Plan) -> tuple[Plan, bool]:
+        """The plan with all that a plan has, its own rotation or that of a search; whether the latter is the better."""
+        searched = self._planned(plan, plan.path, _as_searched(plan))
+        own = _own(searched, plan)
+        if searched.breaks or len(searched.missing) or self._better(own, searched):
+            return own, False
+        return searched, True
+
+    def _planned(self, plan: Plan, path: PlanningPath, below: float = np.inf) -> Plan:
+        return planned(
+            plan.setup.cell, self.toolpath, plan.options, self.clock,
+            setup=plan.setup, external=path.external, scale=plan.scores.scale, before=self.before,
+            below=below,
+        )  # fmt: skip
+
+    def _turned(self, plan: Plan, phi: Array, seed: Array) -> Plan | None:
+        """The plan with another rotation (P,) rad, its poses next to some (P, 6) rad; None where it cannot be."""
+        path, setup = plan.path, plan.setup
+        if plan.found is None:
+            return None
+        a = solve_joint_path(path, setup.arm, setup.robot, phi, seed)
+        if (a.reason != InfeasibilityReason.OK).any() or not is_assignment_allowed(a, path, plan.options):
+            return None
+        check = PathCollisionChecker.of(path, setup.arm, setup.robot, setup.collision, plan.options).whole(a.phi, a.q)
+        return replace(rescore_plan(plan, a), chosen_from="smooth", check=check, breaks=()) if check.free else None
+
+
+def _own(searched: Plan, plan: Plan) -> Plan:
+    """What was searched with the rotation of a plan of the same external joints and unit."""
+    return replace(searched, chosen=plan.chosen, chosen_from=plan.chosen_from, check=plan.check, breaks=())
+
+
+def _as_searched(plan: Plan) -> float:
+    """J of a plan as a search with its external joints counts it: their way, the same in all it finds, is left out."""
+    a, told, cell = plan.chosen.assignment, plan.chosen.objective, plan.setup.cell
+    velocity, scale = cell.limits.velocity[:6], plan.scores.scale
+    own = compute_objective(plan.path, plan.chosen.cost, a.q, a.phi, scale, velocity, plan.options)
+    return compute_total(replace(told, travel=own.travel, feed=own.feed), plan.options.weights, plan.scores.elsewhere)
+
+
+def _directions(plan: Plan, path: PlanningPath) -> LoadDirections:
+    return compute_load_directions(path, plan.setup.arm, plan.setup.elasticity, plan.options.force)

@@ -1,0 +1,230 @@
+"""J around a sequence of poses, in the coefficients of curves of rotation and external joints: its least place.
+
+With z (n, d) the offsets at the stations, z = M c, the model is
+
+    Σ (gᵀz + ½ zᵀHz) + w·max (c + sᵀz + ½ zᵀBz) + Σ price·|v| + Σ lost·max(0, |v|·slowness − seconds)
+
+with v the steps of joints, external joints and rotation from station to station, linear in z. What is lost is a sum of
+absolute values too, of v ± seconds/slowness, and so is an exact penalty for what leaves the bounds. So all of it is
+convex: a primal-dual interior point method finds the least place (Wright 1997, Primal-Dual Interior-Point Methods,
+chapters 1 and 6), in some 20 steps of Newton's method
+(:mod:`machopt.planning.continuous_refinement.interior_point_kernels`). Each term ties one
+station or two neighbouring ones: the Hessian is block tridiagonal in z, banded in the coefficients of splines, and
+sparse where a value is shared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.numerics.array_types import Array, Bools
+from machopt.planning.continuous_refinement.bordered_system import BorderedSystem
+from machopt.planning.continuous_refinement.interior_point_kernels import (
+    compute_absolute_arguments,
+    compute_indices,
+    compute_newton_terms,
+    take_newton_step,
+)
+
+BEYOND = 20.0  # price per rad of what leaves the bounds: more than J falls by it, so that nothing stays beyond them
+REACH = 2.0  # times the bounds: what the steps of the method may pass through
+FIRST, LAST = 0.1, 1e-5  # gap at first and at last, of the terms that have kinks
+STEPS = 60  # at most
+FULL = 0.9  # of a step: where so much is taken
+FAST, SLOW = 0.1, 0.5  # the gap shrinks to these at the next
+BISECTED = 60  # times, for the worst index at first
+SINGULAR = 1e-12
+RIDGE = 1e-14  # added to the Hessian, of its largest entry
+SMOOTH = 1e-4  # price of the sum of squares of neighbouring coefficients' difference: what nothing else decides stays
+
+
+@dataclass(frozen=True, kw_only=True)
+class LocalModel:
+    """What is known around the pose of each of n stations, by differences."""
+
+    q: Array  # (n, 6, d) ∂q/∂z
+    margins: Array  # (n, 3, d) of the margins to singularities
+    known: Bools  # (n,) the differences exist; elsewhere z must be 0
+    gradient: Array  # (n, d) of the smooth terms, by their share
+    hessian: Array  # (n, d, d) likewise, positive semidefinite
+    cost: Array  # (n,) the index in units of c₀
+    slope: Array  # (n, d) of it
+    bend: Array  # (n, d, d) likewise, positive semidefinite
+    counted: Bools  # (n,) the worst index counts there
+    worst: float  # its price
+
+
+@dataclass(frozen=True, kw_only=True)
+class TransitionTerms:
+    """The steps between stations: k absolute values each."""
+
+    jump: Array  # (n − 1, k) at z = 0
+    lean: Array  # (n, k, d) of the values whose differences they are
+    price: Array  # (n − 1, k)
+    lost: Array  # (n − 1,) price of a second lost
+    seconds: Array  # (n − 1,)
+    slowness: Array  # (k,) s/rad
+
+
+@dataclass(frozen=True)
+class OffsetBounds:
+    """What z must keep; 0 is inside."""
+
+    low: Array  # (n, d)
+    high: Array  # (n, d)
+    lean: Array  # (n, m, d) of what is linear in z
+    under: Array  # (n, m) and what that must not fall below
+    over: Array  # (n, m) or exceed
+
+
+@dataclass(frozen=True)
+class AbsoluteValueTerms:
+    """Absolute values with a price: of ``at`` + ``lean`` on the offsets of a station and of the next."""
+
+    row: NDArray[np.int64]  # (J,) the station
+    lean: Array  # (J, 2d)
+    at: Array  # (J,) rad
+    price: Array  # (J,) per rad
+    beside: Array  # (n, d) slope of what is linear: a bound with no other end is half an absolute value, half a line
+
+    @classmethod
+    def of(cls, steps: TransitionTerms, bounds: OffsetBounds) -> AbsoluteValueTerms:
+        """Of all steps and of what must be kept; those out of reach of the bounds are left out."""
+        n, d = bounds.low.shape
+        far = np.maximum(-bounds.low, bounds.high)
+        pair = np.concatenate([-steps.lean[:-1], steps.lean[1:]], axis=2)
+        walk = np.einsum("skd,sd->sk", np.abs(pair), np.hstack([far[:-1], far[1:]]))
+        late = 0.5 * steps.lost[:, None] * steps.slowness
+        limit = steps.seconds[:, None] / np.maximum(steps.slowness, 1e-12)
+        reached = (late > 0.0) & (np.abs(steps.jump) + REACH * walk > limit)
+        between = np.broadcast_to(np.arange(n - 1)[:, None], steps.jump.shape)
+        out = [(steps.price > 0.0, between, pair, steps.jump, steps.price)]
+        out += [(reached, between, pair, steps.jump + side * limit, late) for side in (-1.0, 1.0)]
+        held = np.concatenate([np.broadcast_to(np.eye(d), (n, d, d)), bounds.lean], axis=1)
+        room = REACH * np.einsum("nmd,nd->nm", np.abs(held), far)
+        alone = np.concatenate([held, np.zeros_like(held)], axis=2)
+        there = np.broadcast_to(np.arange(n)[:, None], room.shape)
+        low, high = np.hstack([bounds.low, bounds.under]), np.hstack([bounds.high, bounds.over])
+        below, above = -low <= room, high <= room
+        for near, end in ((below, low), (above, high)):
+            out.append((near, there, alone, np.where(near, -end, 0.0), np.full(end.shape, 0.5 * BEYOND)))
+        beside = 0.5 * BEYOND * np.einsum("nm,nmd->nd", above.astype(float) - below, held)
+        row, lean, at, price = (np.concatenate([one[i][one[0]] for one in out]) for i in range(1, 5))
+        return cls(row.astype(np.int64), lean, at, price, beside)
+
+
+class QuadraticModel:
+    """What is to be lessened, in the coefficients."""
+
+    def __init__(self, local: LocalModel, steps: TransitionTerms, bounds: OffsetBounds, curves: BorderedSystem) -> None:
+        self.curves, self.kinks, self.shape = curves, AbsoluteValueTerms.of(steps, bounds), local.gradient.shape
+        self.counted: Bools = np.asarray(local.counted & (local.worst > 0.0))
+        self.worst = local.worst if self.counted.any() else 0.0
+        self.gradient, self.hessian = local.gradient + self.kinks.beside, np.ascontiguousarray(local.hessian)
+        self.index = (
+            np.ascontiguousarray(local.cost), np.ascontiguousarray(local.slope), np.ascontiguousarray(local.bend)
+        )  # fmt: skip
+        self.ridge = SMOOTH / max(curves.curves.shape[1], 1)
+
+    def offsets(self, c: Array) -> Array:
+        """(n, d) at the stations."""
+        return self.curves.along(c).reshape(self.shape)
+
+    def value(self, c: Array) -> float:
+        """At some coefficients (m,), but for a constant."""
+        z, k = self.offsets(c), self.kinks
+        smooth = float((z * (self.gradient + 0.5 * np.einsum("nij,nj->ni", self.hessian, z))).sum())
+        kinks = float(k.price @ np.abs(compute_absolute_arguments(z, k.row, k.lean, k.at)))
+        top = float(compute_indices(z, *self.index)[self.counted].max()) if self.worst else 0.0
+        return float(smooth + kinks + self.worst * top + 0.5 * self.ridge * float(c @ c))
+
+    def step(self, c: Array, on: CentralPathState, mu: float) -> Array | None:
+        """(m,) Newton's, taken as far as it may, ``on`` with it; None where rounding leaves none."""
+        k = self.kinks
+        gradient, own, beside, dyad, bent, pushed, steep, short = compute_newton_terms(
+            self.offsets(c), on.top, self.gradient, self.hessian, *self.index, self.counted, self.worst,
+            k.row, k.lean, k.at, on.plus, on.minus, on.above, on.below, on.slack, on.share, mu,
+        )  # fmt: skip
+        slope, across = self.curves.summed(gradient.ravel()) + self.ridge * c, self.curves.summed(dyad.ravel())
+        found = self.curves.solved(own, beside, self.ridge, RIDGE, np.column_stack([-slope, across]))
+        if found is None:
+            return None
+        step, along = found.T
+        left = 1.0 - float(across @ along)  # Sherman & Morrison
+        whole = np.asarray(step + along * (float(across @ step) / left) if left > SINGULAR else step)
+        if not np.isfinite(whole).all():
+            return None
+        on.taken, on.top = take_newton_step(
+            self.offsets(whole), on.top, mu, self.worst, self.counted, k.row, k.lean, bent, pushed, steep, short,
+            on.slack, on.share, on.plus, on.minus, on.above, on.below,
+        )  # fmt: skip
+        return np.asarray(on.taken * whole)
+
+
+@dataclass(kw_only=True)
+class CentralPathState:
+    """What the steps have beside the coefficients: all products of multipliers and what they belong to are near μ."""
+
+    plus: Array  # (J,) |v| of each kink, as the sum of what is above zero
+    minus: Array  # (J,) and of what is below
+    above: Array  # (J,) price less the multiplier y of v = plus − minus
+    below: Array  # (J,) price and y
+    slack: Array  # (n,) of the worst index
+    share: Array  # (n,) of its price
+    top: float  # the worst index
+    taken: float = 0.0  # of the last step
+
+    @classmethod
+    def at_first(cls, model: QuadraticModel, mu: float) -> CentralPathState:
+        """On the central path but for the gradient, at z = 0."""
+        v, w = model.kinks.at, model.kinks.price
+        a = np.abs(w * v)
+        root = np.sqrt(mu * mu + a * a)
+        greater = (mu + a + root) / (2.0 * w)
+        lesser = mu * greater / (a + root)
+        plus, minus = np.where(v > 0.0, greater, lesser), np.where(v > 0.0, lesser, greater)
+        index, counted = model.index[0], model.counted
+        slack, share, top = np.ones(len(index)), np.zeros(len(index)), 0.0
+        if model.worst:
+            high = float(index[counted].max())
+            least, most = high + mu / model.worst, high + mu * int(counted.sum()) / model.worst
+            for _ in range(BISECTED):
+                top = 0.5 * (least + most)
+                over = float((mu / (top - index[counted])).sum()) > model.worst
+                least, most = (top, most) if over else (least, top)
+            slack[counted] = top - index[counted]
+            share[counted] = mu / slack[counted]
+        return cls(plus=plus, minus=minus, above=mu / plus, below=mu / minus, slack=slack, share=share, top=top)
+
+    def gap(self) -> float:
+        """Sum of all products."""
+        return float(self.plus @ self.above + self.minus @ self.below + self.slack @ self.share)
+
+
+def minimize_quadratic_model(
+    local: LocalModel, steps: TransitionTerms, bounds: OffsetBounds, curves: BorderedSystem
+) -> Array:
+    """(m,) coefficients at which the model is least, from 0 on.
+
+    Args:
+        curves: the offsets, station by station, of coefficients.
+    """
+    model, c = QuadraticModel(local, steps, bounds, curves), np.zeros(curves.curves.shape[1])
+    k = model.kinks
+    pairs = 2 * len(k.row) + int(model.counted.sum())
+    whole = abs(local.worst * float(local.cost.max())) + float(steps.price.ravel() @ np.abs(steps.jump).ravel())
+    mu, last = FIRST * whole / pairs, LAST * whole
+    on = CentralPathState.at_first(model, mu)
+    for _ in range(STEPS):
+        step = model.step(c, on, mu)
+        if step is None:
+            break
+        c = c + step
+        gap = on.gap()
+        if gap < last and on.taken > FULL:
+            break
+        mu = (FAST if on.taken > FULL else max(SLOW, 1.0 - on.taken)) * gap / pairs
+    return c

@@ -1,0 +1,63 @@
+"""How near the arm comes to anything, as the objective counts it (``weights.clearance``).
+
+A finished plan is measured at every planning point. The search over the grid would need that of each configuration,
+which takes minutes: there it is measured at some stations, and taken on the line between them along a rotation and
+branch. What the choice trades is therefore close to the told objective, not equal to it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machopt.collision.collision_model import CollisionModel
+from machopt.data_types.plan_options import PlanOptions
+from machopt.numerics.array_types import Array
+from machopt.planning.cost.objective import compute_crowding
+from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.stations.planning_path import PlanningPath
+
+MEASURED = 32  # stations at which every configuration is measured
+
+
+def is_clearance_weighted(model: CollisionModel | None, options: PlanOptions) -> bool:
+    """The objective counts clearance."""
+    return model is not None and options.weights.clearance > 0
+
+
+def compute_path_crowding(
+    path: PlanningPath, model: CollisionModel | None, q: Array, options: PlanOptions
+) -> Array | None:
+    """(P,) crowding of q (P, 6) rad at the planning points, NaN where there is none; None: it does not count."""
+    if model is None or not is_clearance_weighted(model, options):
+        return None
+    out = np.full(len(q), np.nan)
+    known = np.flatnonzero(np.isfinite(q).all(axis=1))
+    full = options.clearance_full
+    out[known] = compute_crowding(
+        model.find_nearest_pair(path.whole(q[known], known), path.may_touch[known], full).distance, full
+    )
+    return out
+
+
+def compute_grid_crowding(
+    path: PlanningPath, model: CollisionModel | None, c: CandidateGrid, options: PlanOptions
+) -> Array | None:
+    """(S, R, B) crowding of every configuration, 0 where nothing near it along the path is known; None: not counted."""
+    if model is None or not is_clearance_weighted(model, options):
+        return None
+    st, usable = path.stations, c.usable
+    S = len(st)
+    at = np.unique(np.linspace(0, S - 1, min(S, MEASURED)).round().astype(int))
+    found = np.full((len(at), *usable.shape[1:]), np.nan)
+    r, b, n = np.nonzero(usable[at].transpose(1, 2, 0))
+    distance = model.find_nearest_pair(
+        path.whole(c.q[at[n], r, b], st[at[n]]), path.may_touch[st[at[n]]], options.clearance_full
+    ).distance
+    found[n, r, b] = compute_crowding(distance, options.clearance_full)
+    after = np.minimum(np.searchsorted(at, np.arange(S)), len(at) - 1)
+    before = np.maximum(after - 1, 0)
+    f = (np.arange(S) - at[before]) / np.maximum(at[after] - at[before], 1)
+    low, high = found[before], found[after]
+    low, high = np.where(np.isnan(low), high, low), np.where(np.isnan(high), low, high)
+    out = low + f[:, None, None] * (high - low)
+    return np.asarray(np.nan_to_num(out))

@@ -1,0 +1,144 @@
+"""The process force along the path: its sideways direction where the travel has none, and how it comes, turns and goes.
+
+With the tool axis n and the unit direction of travel u at a place, sin α = |u − (u·n)n| says how much of the travel is
+sideways. Where that is little, its direction is that of noise: a plunge that leans by 1° would have the force of a cut
+along the lean. So the direction is blended into one carried along the run,
+
+    t = w(sin α / sin α₀) · (u − (u·n)n)/sin α + (1 − w) · c,      w(x) = x²(3 − 2x) on 0 … 1,  α₀ = 10°,
+
+c the sideways direction of the next place in the run (else the last one) that travels at α₀ or more across the axis,
+projected on the plane normal to n; in a run without such a place (a hole) the workpiece x axis (y where x is parallel
+to n). |t| ≤ 1. The force is f = f_travel t + f_normal (n × t) + f_axial n.
+
+A shift of the path is computed against a force that has no jumps, over a stated length ℓ:
+
+    F(s) = a(s) · 1/(2ℓ) ∫_{−ℓ}^{ℓ} f(s + σ) dσ,      |F(s₁) − F(s₂)| ≤ 2 |f| |s₁ − s₂| / ℓ
+
+s is the length of the path in its run. Outside the cuts f is that of the nearest one. a fades: 1 while cutting, to 0
+over ℓ away from the cuts, and from 0 over ℓ at the ends of a run that the tool only comes from or goes to. Each of the
+two factors changes by no more than |f|/ℓ a length, which is the bound. A sharp corner so turns the force over 2ℓ.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.plan_options import ProcessForce
+from machopt.data_types.toolpath import MoveKind
+from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import normalise_vectors
+from machopt.planning.stations.planning_path import NO_MOVE, PlanningPath, compute_any_normal
+
+SIDEWAYS = float(np.sin(np.radians(10.0)))  # sin α₀
+PLACES = 128  # of a window at which the mean is taken; a corner is met to 1 % of its turn
+
+
+def compute_sideways_directions(path: PlanningPath) -> Array:
+    """(P, 3) t of the move that leaves each point, at a run's end of the one that comes to it."""
+    out = np.empty_like(path.position)
+    for first, last in path.runs:
+        rows = np.arange(first, last + 1)
+        run = _Run(path, first, last)
+        out[rows] = run.direction(np.minimum(np.arange(len(rows)), max(len(rows) - 2, 0)), path.axis[rows])
+    return out
+
+
+def compute_process_force(axis: Array, t: Array, force: ProcessForce) -> Array:
+    """(..., 3) N, of the process on the tool, from tool axes and sideways directions (..., 3)."""
+    return np.asarray(force.travel * t + force.normal * np.cross(axis, t) + force.axial * axis)
+
+
+def compute_engaged_force(path: PlanningPath, force: ProcessForce, length: float) -> Array:
+    """(P, 3) N in workpiece: F at every planning point.
+
+    Args:
+        length: m, ℓ.
+    """
+    out = np.zeros_like(path.position)
+    places = length * ((2 * np.arange(PLACES) + 1) / PLACES - 1)
+    for first, last in path.runs:
+        run = _Run(path, first, last)
+        if not len(run.cuts):
+            continue
+        s = run.s[:, None] + places
+        mean = run.force(run.into_cuts(s), force).mean(axis=1)
+        out[first : last + 1] = run.share(length)[:, None] * mean
+    return out
+
+
+class _Run:
+    """One run by its length."""
+
+    def __init__(self, path: PlanningPath, first: int, last: int) -> None:
+        rows = slice(first, last + 1)
+        self.axis, position = path.axis[rows], path.position[rows]
+        step = np.diff(position, axis=0)
+        length = np.linalg.norm(step, axis=1)
+        self.s = np.r_[0.0, np.cumsum(length)]  # (n,) m
+        self.u = np.where(length[:, None] > NO_MOVE, step / np.maximum(length, 1e-300)[:, None], 0.0)  # (n − 1, 3)
+        cut = path.move[first + 1 : last + 1] == MoveKind.CUT
+        edge = np.flatnonzero(np.diff(np.r_[False, cut & (length > NO_MOVE), False].astype(int)))
+        self.cuts = self.s[edge.reshape(-1, 2)]  # (k, 2) m, from … to
+        long = cut[length > NO_MOVE]  # points at one place make no way
+        self.comes, self.goes = bool(len(long) and not long[0]), bool(len(long) and not long[-1])
+        points = np.flatnonzero(path.is_point[rows])  # a move between toolpath points has one c, however it is divided
+        after = np.clip(np.searchsorted(points, np.arange(len(step)), side="right"), 1, max(len(points) - 1, 1))
+        low, high = (points[after - 1], points[after]) if len(points) > 1 else (points[:0], points[:0])
+        middle = normalise_vectors(self.axis[low] + self.axis[high])
+        across = self.u - np.sum(self.u * middle, axis=1, keepdims=True) * middle
+        size = np.linalg.norm(across, axis=1)
+        self.carried = self._carried(across / np.maximum(size, 1e-300)[:, None], size >= SIDEWAYS)
+
+    @staticmethod
+    def _carried(across: Array, good: NDArray[np.bool_]) -> Array:
+        """(n − 1, 3) c of every move before it is projected; zero where the run has none."""
+        rows = np.flatnonzero(good)
+        if not len(rows):
+            return np.zeros_like(across)
+        return np.asarray(across[rows[np.minimum(np.searchsorted(rows, np.arange(len(across))), len(rows) - 1)]])
+
+    def direction(self, move: NDArray[np.intp], axis: Array) -> Array:
+        """t (..., 3) of moves (...,) with the tool axes (..., 3) there."""
+        bare = _unit(compute_any_normal(axis.reshape(-1, 3)).reshape(axis.shape), axis)
+        if not len(self.u):
+            return bare
+        c = _unit(self.carried[move], axis)
+        c = np.where(np.linalg.norm(c, axis=-1, keepdims=True) > 0.5, c, bare)
+        across = self.u[move] - np.sum(self.u[move] * axis, axis=-1, keepdims=True) * axis
+        size = np.linalg.norm(across, axis=-1, keepdims=True)
+        x = np.clip(size / SIDEWAYS, 0.0, 1.0)
+        w = x * x * (3.0 - 2.0 * x)
+        return np.asarray(w * across / np.maximum(size, 1e-300) + (1.0 - w) * c)
+
+    def into_cuts(self, s: Array) -> Array:
+        """Places (...,) m moved to the nearest cut."""
+        inside = np.clip(s[..., None], self.cuts[:, 0], self.cuts[:, 1])  # (..., k)
+        nearest = np.abs(inside - s[..., None]).argmin(axis=-1)
+        return np.asarray(np.take_along_axis(inside, nearest[..., None], axis=-1)[..., 0])
+
+    def force(self, s: Array, force: ProcessForce) -> Array:
+        """(..., 3) N at places (...,) m, of the move that lies there; at the end of a cut of the one ending there."""
+        move = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.u) - 1)
+        ends = np.isin(s, self.cuts[:, 1])
+        move = np.where(ends, np.clip(np.searchsorted(self.s, s, side="left") - 1, 0, len(self.u) - 1), move)
+        f = ((s - self.s[move]) / np.maximum(self.s[move + 1] - self.s[move], 1e-300))[..., None]
+        axis = normalise_vectors((1 - f) * self.axis[move] + f * self.axis[move + 1])
+        return compute_process_force(axis, self.direction(move, axis), force)
+
+    def share(self, length: float) -> Array:
+        """(n,) a."""
+        away = np.abs(self.into_cuts(self.s) - self.s)
+        out = np.clip(1.0 - away / length, 0.0, 1.0)
+        if self.comes:
+            out = np.minimum(out, self.s / length)
+        if self.goes:
+            out = np.minimum(out, (self.s[-1] - self.s) / length)
+        return np.asarray(out)
+
+
+def _unit(v: Array, axis: Array) -> Array:
+    """(..., 3) projected on the plane normal to the axis, at unit length; zero where nothing is left."""
+    flat = v - np.sum(v * axis, axis=-1, keepdims=True) * axis
+    size = np.linalg.norm(flat, axis=-1, keepdims=True)
+    return np.asarray(np.where(size > 1e-9, flat / np.maximum(size, 1e-300), 0.0))

@@ -1,0 +1,165 @@
+"""What a configuration costs: the index.
+
+Cost c of a configuration, always "less is better":
+
+==============  =======================================================  =====
+index           c                                                        unit
+==============  =======================================================  =====
+deflection      |C_tt f|, the tip's displacement under the given force   m
+stiffness       eᵀC_tt e along the tool axis (drilling), the mean of     m/N
+                that and of the same along the path normal (milling)
+jiao2022        1/k_x along the tool axis (eq. 23)                       m/N
+==============  =======================================================  =====
+
+c₀ is the median cost over the feasible candidates; :mod:`machopt.planning.cost.objective` weighs c/c₀ against motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.plan_options import PlanOptions, ProcessForce, StiffnessIndex
+from machopt.errors import InputError
+from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import wrap_angle
+from machopt.numerics.worker_threads import map_in_threads
+from machopt.planning.cost.process_force_direction import compute_process_force, compute_sideways_directions
+from machopt.planning.sampling.configurations import CandidateGrid, PlanningArm
+from machopt.planning.stations.planning_path import PlanningPath
+from machopt.stiffness.arm_stiffness import ArmElasticity, ElasticState, compute_joint_stiffness
+from machopt.stiffness.external_joint_compliance import ExternalJointCompliance
+
+CHUNK = 8_192  # configurations at a time
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadDirections:
+    """Directions and force per planning point, in base_link."""
+
+    axial: Array  # (P, 3) tool axis, tip to shank
+    normal: Array  # (P, 3) path normal: tool axis × travel
+    force: Array  # (P, 3) N
+    k: Array  # (P, 6) N·m/rad, joint stiffness at the TCP position
+    in_grid: NDArray[np.bool_]  # (P,)
+    drilling: NDArray[np.bool_]  # (P,)
+    beside: Array | None = None  # (P, 6, 6) compliance at the TCP of what external joints give; None: they are rigid
+    unsure: Array | None = None  # (P, K, 6) TCP twist for 1 σ of each external joint whose stiffness has a σ
+
+    def elastic(self, elasticity: ArmElasticity, q: Array, points: NDArray[np.integer[Any]]) -> ElasticState:
+        """The elasticity of configurations q (M, 6) rad at planning points (M,) where external joints are as there."""
+        return elasticity.evaluate(q, self.k[points], None if self.beside is None else self.beside[points])
+
+
+@dataclass(frozen=True)
+class CandidateScores:
+    """Cost of every candidate and the scale of the objective."""
+
+    cost: Array  # (S, R, B), NaN where infeasible
+    index: StiffnessIndex  # the index in force, never "auto"
+    scale: float  # c₀
+    crowded: Array | None = (
+        None  # (S, R, B) :func:`machopt.planning.cost.objective.compute_crowding`; None: it does not count
+    )
+    elsewhere: float = 0.0  # worst index of what is planned beside this, in units of c₀: below it a worst one is free
+
+    @property
+    def raw(self) -> Array:
+        """(S, R, B) cost in units of the scale, inf where there is none."""
+        return np.where(np.isfinite(self.cost), self.cost / self.scale, np.inf)
+
+
+def resolve_index(options: PlanOptions) -> StiffnessIndex:
+    """The index "auto" stands for: deflection where a force is given, else directional stiffness."""
+    if options.index != "auto":
+        return options.index
+    return "deflection" if options.force.given else "stiffness"
+
+
+def compute_load_directions(
+    path: PlanningPath, arm: PlanningArm, elasticity: ArmElasticity, force: ProcessForce, across: Array | None = None
+) -> LoadDirections:
+    """Of a path, where the external joints stand along it.
+
+    Args:
+        across: (P, 3) :func:`machopt.planning.cost.process_force_direction.compute_sideways_directions` of it,
+            which no external joint changes; None: not
+        known.
+    """
+    e = path.external
+    axial, travel = arm.directions(e, path.axis), arm.directions(e, path.travel)
+    normal = np.cross(axial, travel)
+    f = arm.directions(
+        e, compute_process_force(path.axis, compute_sideways_directions(path) if across is None else across, force)
+    )
+    place = arm.places(e, path.position)
+    joint = compute_joint_stiffness(elasticity.stiffness, place)
+    carried = ExternalJointCompliance.build(arm.machine, elasticity.stiffness.external)
+    beside = None if carried is None else carried.compute_compliance(e, place)
+    unsure = None if carried is None else carried.compute_uncertain_twists(e, place)
+    return LoadDirections(
+        axial=axial,
+        normal=normal,
+        force=f,
+        k=joint.k,
+        in_grid=joint.is_in_grid,
+        drilling=path.is_drilling,
+        beside=beside,
+        unsure=unsure,
+    )
+
+
+def compute_configuration_cost(
+    elasticity: ArmElasticity, d: LoadDirections, points: NDArray[np.integer[Any]], q: Array, index: StiffnessIndex
+) -> Array:
+    """Cost (M,) of configurations q (M, 6) at planning points (M,).
+
+    Raises:
+        InputError: a force the joint springs do not hold.
+    """
+
+    def cost(a: int) -> Array:
+        p = points[a : a + CHUNK]
+        elastic = d.elastic(elasticity, q[a : a + CHUNK], p)
+        if index == "deflection":
+            out = np.asarray(np.linalg.norm(elastic.compute_deflection(d.force[p]), axis=-1))
+            if not np.isfinite(out).all():
+                raise InputError(
+                    f"the joint springs do not hold {np.linalg.norm(d.force[p], axis=-1).max():.4g} N: with "
+                    "geometric_stiffness the arm would buckle; a force in N, or a file without that term, would work",
+                    file="options",
+                    where="force_N",
+                )
+            return out
+        if index == "jiao2022":
+            return np.asarray(1.0 / elastic.compute_jiao_index(d.axial[p]))
+        axial, normal = elastic.compute_compliance_along(d.axial[p]), elastic.compute_compliance_along(d.normal[p])
+        return np.where(d.drilling[p], axial, 0.5 * (axial + normal))
+
+    return np.concatenate([np.empty(0), *map_in_threads(cost, range(0, len(q), CHUNK))])
+
+
+def score_candidates(
+    path: PlanningPath, candidates: CandidateGrid, elasticity: ArmElasticity, d: LoadDirections, options: PlanOptions
+) -> CandidateScores:
+    """Cost of every feasible candidate."""
+    index = resolve_index(options)
+    usable = candidates.usable
+    cost = np.full(usable.shape, np.nan)
+    size = max(CHUNK // max(usable[0].size, 1), 1)  # stations at a time
+
+    def price(start: int) -> None:
+        some = slice(start, start + size)
+        there = usable[some]
+        points = path.stations[some][np.nonzero(there)[0]]
+        # a spring that gives over a sector does not repeat every turn: it counts where the arm mostly stands
+        q = np.asarray(wrap_angle(candidates.q[some][there]))
+        cost[some][there] = compute_configuration_cost(elasticity, d, points, q, index)
+
+    map_in_threads(price, range(0, len(usable), size))
+    counted = usable & path.counted[path.stations][:, None, None]
+    values = cost[counted if counted.any() else usable]
+    return CandidateScores(cost=cost, index=index, scale=float(np.median(values)) if values.size else 1.0)

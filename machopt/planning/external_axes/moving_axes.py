@@ -1,0 +1,139 @@
+"""External joints that may move along the path: which of them do, and between which values at each planning point."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.plan_options import ExternalJointOptions, PlanOptions
+from machopt.numerics.array_types import Array, Bools
+from machopt.planning.external_axes.moving_axis_search import GroupAxisRange, compute_axis_curve
+from machopt.planning.external_axes.operation_groups import OperationGroup
+from machopt.planning.external_axes.position_constraints import (
+    AxisBound,
+    AxisPositionWish,
+    Interval,
+    find_nearest_allowed,
+)
+from machopt.planning.pipeline.planning_setup import PlanningSetup
+from machopt.planning.stations.path_subset import list_run_points
+from machopt.planning.stations.planning_path import PlanningPath
+
+ROOM = 0.01  # of a range, kept from its ends by a joint that moves: a curve through points may pass beyond them
+
+
+def list_moving_subsets(
+    groups: Sequence[OperationGroup], stands: Sequence[Array], home: Array
+) -> list[list[OperationGroup]]:
+    """The groups with all their joints moving, and with fewer, the others at home or where they stand in the best plan.
+
+    More joints have a coarser grid, so that by itself more freedom could end in a worse plan.
+    """
+    free = np.flatnonzero(np.any([g.moves for g in groups], axis=0))
+    must = np.any([g.must for g in groups], axis=0)
+    out = [list(groups)]
+    for n in range(len(free) - 1, 0, -1):
+        for some in itertools.combinations(free, n):
+            rests = np.isin(np.arange(len(home)), free) & ~np.isin(np.arange(len(home)), some)
+            if (rests & must).any():
+                continue
+            at_home, as_best = [g.snapped(home) for g in groups], list(stands)
+            same = all(np.array_equal(a[rests], b[rests]) for a, b in zip(at_home, as_best, strict=True))
+            for values in [at_home] if same else [at_home, as_best]:
+                out.append([_resting(g, rests & g.moving, v) for g, v in zip(groups, values, strict=True)])
+    return out
+
+
+def list_partly_fixed_groups(groups: Sequence[OperationGroup]) -> list[list[OperationGroup]]:
+    """The groups with some of their joints moving, and one value for each of the others, wherever that is."""
+    free = np.flatnonzero(np.any([g.moves for g in groups], axis=0))
+    must = np.any([g.must for g in groups], axis=0)
+    out = []
+    for n in range(len(free) - 1, 0, -1):
+        for some in itertools.combinations(free, n):
+            rests = np.isin(np.arange(len(must)), free) & ~np.isin(np.arange(len(must)), some)
+            if not (rests & must).any():
+                out.append([replace(g, moving=g.moving & ~rests) for g in groups])
+    return out
+
+
+def _resting(group: OperationGroup, rests: Bools, value: Array) -> OperationGroup:
+    """The group with some joints locked at a value."""
+    low, high = (np.where(rests, value, bound) for bound in (group.low, group.high))
+    least, most = (np.where(rests, value, bound) for bound in (group.least, group.most))
+    allowed = tuple(
+        ((float(v), float(v)),) if rest else own for rest, v, own in zip(rests, value, group.allowed, strict=True)
+    )
+    return replace(group, moving=group.moving & ~rests, low=low, high=high, least=least, most=most, allowed=allowed)
+
+
+def compute_moving_axis_path(
+    setup: PlanningSetup,
+    options: PlanOptions,
+    path: PlanningPath,
+    groups: Sequence[OperationGroup],
+    axes: Sequence[ExternalJointOptions],
+    stands: Sequence[Array],
+    scale: float,
+    *,
+    clear: bool = False,
+    turns: bool = False,
+) -> Array:
+    """(P, E) the external joints along the path where they may move, elsewhere at the values (E,) of their group.
+
+    Args:
+        clear, turns: as for :func:`machopt.planning.external_axes.moving_axis_search.compute_axis_curve`.
+    """
+    stands = [g.snapped(value) for g, value in zip(groups, stands, strict=True)]
+    out = np.empty((len(path.index), len(axes)))
+    for g, value in zip(groups, stands, strict=True):
+        out[list_run_points(path, g.runs)] = value
+    weight = np.array([axis.weight for axis in axes])
+    for g, value in zip(groups, stands, strict=True):
+        if g.moves.any():
+            rows = list_run_points(path, g.runs)
+            sides = [_side(g, stand, float(value[stand.joint])) for stand in g.stands]
+            low, high = _narrowed(g, sides)
+            home = g.snapped(setup.cell.external_home)
+            bounds = tuple(
+                _bound(rows, stand, side) for stand, side in zip(g.stands, sides, strict=True) if g.moving[stand.joint]
+            )
+            group = GroupAxisRange(
+                runs=g.runs,
+                moving=g.moving,
+                fixed=value,
+                home=home,
+                low=low,
+                high=high,
+                share=g.share,
+                bounds=bounds,
+                allowed=g.allowed,
+            )
+            out[rows] = compute_axis_curve(setup, options, path, group, scale, weight, clear=clear, turns=turns)
+    return out
+
+
+def _side(group: OperationGroup, stand: AxisPositionWish, at: float) -> Interval:
+    """What a wish leaves to a joint that moves; of a zone the side next to where it stands in the best plan."""
+    whole = (float(group.least[stand.joint]), float(group.most[stand.joint]))
+    return min(stand.allowed((whole,)), key=lambda side: abs(find_nearest_allowed((side,), at) - at))
+
+
+def _narrowed(group: OperationGroup, sides: Sequence[Interval]) -> tuple[Array, Array]:
+    """(E,) each: the range of the joints that move, with ROOM at its ends where no wish leads nearer to them."""
+    low, high = group.low.copy(), group.high.copy()
+    room = ROOM * (group.most - group.least)
+    for k in np.flatnonzero(group.moving):
+        own = [side for stand, side in zip(group.stands, sides, strict=True) if stand.joint == k]
+        low[k] = min([group.least[k] + room[k], *(b for _, b in own)])
+        high[k] = max([group.most[k] - room[k], *(a for a, _ in own)])
+    return low, high
+
+
+def _bound(rows: NDArray[np.intp], stand: AxisPositionWish, side: Interval) -> AxisBound:
+    own = np.flatnonzero((rows >= stand.rows[0]) & (rows <= stand.rows[1]))
+    return AxisBound(stand.joint, (int(own[0]), int(own[-1])), *side)

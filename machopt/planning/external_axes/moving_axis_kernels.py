@@ -1,0 +1,138 @@
+"""The compiled search behind :mod:`machopt.planning.external_axes.moving_axis_search`: steps over values, rotations and
+branches.
+
+In a file of its own, which imports no planner: it is compiled while a wheel is built, where only NumPy and numba are.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.numerics.array_types import Array, Bools
+from machopt.numerics.compiled_functions import compile_function
+from machopt.planning.cost.objective import edge_price_compiled, late_compiled
+
+
+@compile_function
+def compute_transition_costs(
+    q: Array,
+    e: Array,
+    near: NDArray[np.int64],
+    R: int,
+    B: int,
+    joined: Bools,
+    kept: Bools,
+    winds: Bools,
+    seconds: Array,
+    slowness: Array,
+    weight: Array,
+    travel: Array,
+    rotation: Array,
+    feed: Array,
+    most: float,
+    lost: float,
+) -> NDArray[np.float32]:
+    """(S, K·3, V) price of the step into each vertex, from its neighbour values and rotations, of station s − 1.
+
+    Args:
+        q: (S, V, 6) rad, NaN where there is no pose; vertex (g·R + r)·B + b.
+        e: (S, G, E) external joints, lengths as they count in rad.
+        near: (G, K).
+        kept: (S,) value and rotation are kept into it: the tool drills or plunges.
+        winds: (6,) joints whose whole turns are left out of it: they may pass from one end of ``q`` to the other.
+        most: rad, a joint that turns farther has left the branch.
+        lost: price of such a step.
+    """
+    S, V = q.shape[0], q.shape[1]
+    K, E = near.shape[1], e.shape[2]
+    turn = 2.0 * np.pi / R
+    out = np.zeros((S, K * 3, V), np.float32)
+    for s in range(1, S):
+        if not joined[s]:
+            continue
+        for v in range(V):
+            b, r, g = v % B, (v // B) % R, v // (B * R)
+            for k in range(K):
+                h = near[g, k]
+                way, slow = 0.0, 0.0
+                if h >= 0:
+                    for c in range(E):
+                        d = abs(e[s, g, c] - e[s - 1, h, c])
+                        way += weight[c] * d
+                        slow = max(slow, d * slowness[6 + c])
+                for dr in range(-1, 2):
+                    if h < 0 or (kept[s] and (k > 0 or dr != 0)):
+                        out[s, 3 * k + dr + 1, v] = np.inf
+                        continue
+                    u = (h * R + (r + dr) % R) * B + b
+                    length, late, far = way, slow, 0.0
+                    for c in range(6):
+                        d = q[s, v, c] - q[s - 1, u, c]
+                        if winds[c]:
+                            d -= 2.0 * np.pi * np.round(d / (2.0 * np.pi))
+                        d = abs(d)
+                        length += d
+                        late = max(late, d * slowness[c])
+                        far = max(far, d)
+                    if np.isnan(length):  # a place that is not reached is paid for by itself
+                        length, late, far = way, slow, 0.0
+                    price = edge_price_compiled(
+                        length, turn * abs(dr), late_compiled(late, seconds[s]), travel[s], rotation[s], feed[s]
+                    )
+                    out[s, 3 * k + dr + 1, v] = price + (lost if far > most else 0.0)
+    return out
+
+
+@compile_function
+def find_cheapest_value_sequence(
+    node: Array,
+    edges: NDArray[np.float32],
+    near: NDArray[np.int64],
+    e: Array,
+    R: int,
+    B: int,
+    joined: Bools,
+    flown: Array,
+) -> tuple[NDArray[np.int64], float]:
+    """The cheapest way: its vertex (S,) and its price. ``e`` (S, G, E) weighed, ``flown`` (S,) its price on rapids."""
+    S, V = node.shape
+    G, K = near.shape
+    back = np.full((S, V), -1, np.int64)
+    here, before = node[0].copy(), np.empty(V)
+    for s in range(1, S):
+        before[:] = here
+        if not joined[s]:
+            last = np.zeros(G, np.int64)
+            for g in range(G):
+                last[g] = g * R * B + np.argmin(before[g * R * B : (g + 1) * R * B])
+            for g in range(G):
+                least, which = np.inf, -1
+                for h in range(G):
+                    way = 0.0
+                    for c in range(e.shape[2]):
+                        way += abs(e[s, g, c] - e[s - 1, h, c])
+                    price = before[last[h]] + flown[s] * way
+                    if price < least:
+                        least, which = price, last[h]
+                for v in range(g * R * B, (g + 1) * R * B):
+                    here[v], back[s, v] = least + node[s, v], which
+            continue
+        for v in range(V):
+            b, r, g = v % B, (v // B) % R, v // (B * R)
+            least, which = np.inf, -1
+            for k in range(K):
+                h = near[g, k]
+                if h < 0:
+                    continue
+                for dr in range(-1, 2):
+                    u = (h * R + (r + dr) % R) * B + b
+                    price = before[u] + edges[s, 3 * k + dr + 1, v]
+                    if price < least:
+                        least, which = price, u
+            here[v], back[s, v] = least + node[s, v], which
+    vertex = np.zeros(S, np.int64)
+    vertex[S - 1] = np.argmin(here)
+    for s in range(S - 1, 0, -1):
+        vertex[s - 1] = back[s, vertex[s]]
+    return vertex, here[vertex[S - 1]]

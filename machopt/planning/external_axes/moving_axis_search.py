@@ -1,0 +1,360 @@
+"""External joints that move along the path: the best way over a grid of values, coarse to fine, then made smooth.
+
+At some stations every value g of a grid, rotation r (15°) and branch b is a vertex. Inside a run a step leads to the
+neighbouring value and rotation in the same branch; over a rapid move any value follows any. With c the index, c₀ its
+unit, and the terms of :mod:`machopt.planning.cost.objective`:
+
+    cost = Σ w_mean·share·c/c₀ + Σ (travel + rotation + time lost) + w_worst·max c/c₀
+
+The worst index is traded by caps on it. The stairs that come out are smoothed along the path (Whittaker's smoother with
+third differences: Eilers 2003, eq. 4, here by path length), and a finer grid is laid around the curve, a few times.
+What is found is a proposal: it is planned in full like a fixed value, and taken where it is better
+(:mod:`machopt.planning.external_axis_optimization.coarse_to_fine_search`). Contacts are looked for, and whole turns of
+the arm's joints counted, only in
+further tries, where without that points are lost or the way is broken off. Point operations, and runs too short for a
+curve, keep one value each; joints that keep one value for an operation are tried at a few.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.plan_options import PlanOptions
+from machopt.numerics.array_types import Array, Bools
+from machopt.numerics.worker_threads import map_in_threads
+from machopt.planning.cost.objective import ObjectiveTerms
+from machopt.planning.cost.process_force_direction import compute_sideways_directions
+from machopt.planning.cost.stiffness_index import compute_load_directions, score_candidates
+from machopt.planning.external_axes.moving_axis_kernels import compute_transition_costs, find_cheapest_value_sequence
+from machopt.planning.external_axes.position_constraints import (
+    AxisBound,
+    Interval,
+    compute_axis_range_along_path,
+    find_nearest_allowed,
+)
+from machopt.planning.pipeline.planning_setup import PlanningSetup
+from machopt.planning.sampling.configurations import enumerate_candidates
+from machopt.planning.sequence_search.search_kernels import compute_joint_jump_limit
+from machopt.planning.stations.path_subset import select_path_runs
+from machopt.planning.stations.planning_path import PlanningPath
+
+COARSE = {1: 9, 2: 7, 3: 4}  # most values of each joint, by how many move
+CLEAR = {1: 25, 2: 9, 3: 5}  # the same where contacts are looked for: what they leave may be narrow
+WOUND = {1: np.pi / 9.0, 2: np.pi / 4.0, 3: np.pi / 2.0}  # rad between coarse values where turns are counted
+WINDS = 3.0 * np.pi  # rad, of a joint's range that makes its whole turns count for nothing on a way
+APART = 0.8  # rad, or as much as counts so: coarse values need not lie closer
+HELD = 5  # values of a joint that keeps one, beside home and that of the best plan in which none moves
+AROUND = {1: 2, 2: 1, 3: 1}  # steps to either side of the curve in the finer grids
+FINER = 4  # finer grids at most, of half the step each, until that is
+FINEST = 0.2  # rad, or as much as counts so
+VERTICES = 1_500_000  # of a grid in all
+MOST, LEAST = 240, 60  # stations
+STEP = np.radians(15.0)  # of rotation
+LOST = 1e3  # price of a path on which no station is reached
+CAPS = (0.0, 0.15, 0.3, 0.5, 0.75)  # between the least possible worst index and that of the cheapest way
+WAVE = 1.0 / 6.0  # share of a run: shorter waves of the stairs are smoothed away
+SHORTEST = 0.2, 2.0  # m and s: at least so long
+SAMPLE = 0.01  # m, of the grid a run is smoothed on
+SAMPLES = 400  # at most
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroupAxisRange:
+    """What the external joints of one group of operations may do."""
+
+    runs: tuple[int, ...]
+    moving: Bools  # (E,)
+    fixed: Array  # (E,) m or rad, values of the best plan in which none moves
+    home: Array  # (E,)
+    low: Array  # (E,) what may be used; equal to ``high`` where a joint is locked
+    high: Array  # (E,)
+    share: float  # of the length cut
+    bounds: tuple[AxisBound, ...] = ()  # what the user wants of those that move
+    allowed: tuple[tuple[Interval, ...], ...] = ()  # (E,) of those that keep one value; empty: all of it
+
+
+def compute_axis_curve(
+    setup: PlanningSetup,
+    options: PlanOptions,
+    path: PlanningPath,
+    group: GroupAxisRange,
+    scale: float,
+    weight: Array,
+    *,
+    clear: bool = False,
+    turns: bool = False,
+) -> Array:
+    """(n, E) where the external joints stand at the planning points of a group's runs, in order.
+
+    Args:
+        scale: c₀.
+        weight: (E,) of their travel.
+        clear: of poses that touch anything no way is made. Every one has to be looked at, so there are fewer stations.
+        turns: whole turns of the arm's joints count: a part may have to be turned lest one runs into its limit.
+    """
+    free = np.flatnonzero(group.moving & (group.high > group.low))
+    size = (group.high - group.low)[free] * setup.per_rad[6:][free]
+    counts = _counts(setup, free, size, clear=clear, turns=turns)
+    whole = round(2 * np.pi / max(options.rotation_step, STEP)) * setup.arm.solver.branches
+    stations = LEAST if clear else int(np.clip(VERTICES / (whole * int(np.prod(counts))), LEAST, MOST))
+    part = select_path_runs(path, group.runs, stations)
+    winds = np.full(6, True) if not turns else np.asarray(setup.arm.upper - setup.arm.lower >= WINDS)
+    opts = replace(options, rotation_step=max(options.rotation_step, STEP))
+    step = np.zeros(len(group.fixed))
+    step[free] = (group.high - group.low)[free] / (np.array(counts) - 1)
+    ends = zip(free, counts, strict=True)
+    of_each = [np.linspace(group.low[k], group.high[k], n) for k, n in ends]
+    near = _neighbours(counts)
+
+    least, most = compute_axis_range_along_path(
+        part, group.low, group.high, group.bounds, [_near(part, run) for run in part.runs]
+    )
+    span = np.where(group.high > group.low, group.high - group.low, 1.0)
+
+    def stood(u: Array, rows: NDArray[np.integer[Any]] | slice) -> Array:
+        """Values u (…, E) over the whole range as shares of the room at some planning points."""
+        a, b = (room[rows].reshape(-1, *(1,) * (u.ndim - 2), u.shape[-1]) for room in (least, most))
+        return np.where(group.moving, a + (u - group.low) / span * (b - a), u) if group.bounds else u
+
+    def way(u: Array) -> tuple[float, Array]:
+        cost, at = _best_way(setup, opts, part, stood(u, part.stations), near, scale, weight, group.share, clear, winds)
+        return cost, np.asarray(u[np.arange(len(u)), at])
+
+    def coarse(held: Array) -> tuple[float, Array]:
+        grid = _offsets(free, of_each, held)
+        return way(np.broadcast_to(grid, (len(part.stations), *grid.shape)))
+
+    tries = [(*coarse(held), held) for held in _held(group)]  # of joints that keep one value
+    _, stairs, held = min(tries, key=lambda found: found[0])
+    found = _smooth(part, stairs, group, WAVE)
+    for level in range(1, FINER + 1):
+        if float((step * setup.per_rad[6:]).max()) <= FINEST:
+            break
+        step = 0.5 * step
+        side = AROUND[len(free)]
+        around = _offsets(free, [np.arange(-side, side + 1) * step[k] for k in free], np.zeros(len(group.fixed)))
+        around = found[part.stations][:, None] + around
+        near = _neighbours([2 * side + 1] * len(free))
+        _, stairs = way(np.where(group.moving, np.clip(around, group.low, group.high), held))
+        found = _smooth(part, stairs, group, WAVE / 1.5**level)
+    return np.where(group.moving, stood(found, slice(None)), held)
+
+
+def _counts(setup: PlanningSetup, free: NDArray[np.intp], size: Array, *, clear: bool, turns: bool) -> list[int]:
+    """Coarse values of each free joint whose range counts as ``size`` in rad."""
+    if clear:
+        return [CLEAR[len(free)]] * len(free)
+    finest = COARSE[len(free)]
+    if turns:
+        return [max(int(np.ceil(way / WOUND[len(free)])) + 1, 3) for way in size]
+    if len(free) == 1 and not setup.cell.external_prismatic[free[0]]:
+        finest = int(np.ceil(finest * max(float(size[0]) / (2 * np.pi), 1.0)))  # a shaft that turns several times
+    return [int(np.clip(np.ceil(way / APART) + 1, 3, finest)) for way in size]
+
+
+def _held(group: GroupAxisRange) -> list[Array]:
+    """(E,) values tried of the joints that keep one; those of the best plan without motion first."""
+    choices = [
+        [group.fixed[k]]
+        if group.moving[k] or a == b
+        else list(
+            dict.fromkeys([group.fixed[k], group.home[k], *(_next(group, k, v) for v in np.linspace(a, b, HELD))])
+        )
+        for k, (a, b) in enumerate(zip(group.low, group.high, strict=True))
+    ]
+    return [np.array(values) for values in itertools.product(*choices)]
+
+
+def _next(group: GroupAxisRange, k: int, value: float) -> float:
+    return find_nearest_allowed(group.allowed[k], value) if group.allowed else value
+
+
+def _offsets(free: NDArray[np.intp], of_each: list[Array], fixed: Array) -> Array:
+    """(G, E) all combinations of the values of the free joints, the others at ``fixed``."""
+    out = np.tile(fixed, (int(np.prod([len(v) for v in of_each])), 1))
+    out[:, free] = np.array(list(itertools.product(*of_each)))
+    return out
+
+
+def _neighbours(counts: list[int]) -> NDArray[np.int64]:
+    """(G, 3^k) numbers of the values next to each, itself among them; −1 where the grid ends."""
+    at = np.array(list(itertools.product(*(range(n) for n in counts))))
+    out = []
+    for side in itertools.product((0, -1, 1), repeat=len(counts)):
+        to = at + np.array(side)
+        inside = ((to >= 0) & (to < np.array(counts))).all(axis=1)
+        out.append(np.where(inside, np.ravel_multi_index(np.clip(to, 0, np.array(counts) - 1).T, counts), -1))
+    return np.array(out, np.int64).T.copy()
+
+
+def _best_way(
+    setup: PlanningSetup,
+    options: PlanOptions,
+    part: PlanningPath,
+    values: Array,
+    near: NDArray[np.int64],
+    scale: float,
+    weight: Array,
+    share: float,
+    clear: bool,
+    winds: Bools,
+) -> tuple[float, NDArray[np.int64]]:
+    """What the best way through the grid of values (S, G, E) costs, and which of G it takes (S,)."""
+    S, G = values.shape[:2]
+    station_of = np.minimum(np.searchsorted(part.stations, np.arange(len(part.index))), S - 1)
+    across = compute_sideways_directions(part)
+
+    def at(g: int) -> tuple[Array, Array, bool]:
+        there = replace(part, external=values[station_of, g])
+        candidates = enumerate_candidates(there, setup.arm, options)
+        d = compute_load_directions(there, setup.arm, setup.elasticity, options.force, across)
+        cost = score_candidates(there, candidates, setup.elasticity, d, options).cost
+        if clear:
+            cost = _free(cost, candidates.q, values[:, g], part, setup)
+        return cost, np.where(np.isfinite(cost)[..., None], candidates.q, np.nan), candidates.stable
+
+    found_at = map_in_threads(at, range(G))
+    cost, q, stable = [c for c, _, _ in found_at], [x for _, x, _ in found_at], found_at[0][2]
+    c = np.stack(cost, axis=1) / scale  # (S, G, R, B)
+    if clear:
+        c[_brushing(np.asarray(np.isfinite(c).any(axis=(2, 3))), near)] = np.nan
+    R, B = c.shape[2:]
+    terms, w = ObjectiveTerms.at_stations(part, setup.velocity, options), options.weights
+    per = setup.per_rad[6:]
+    lost = LOST / S
+    joined = np.r_[False, part.run[part.stations][1:] == part.run[part.stations][:-1]]
+    still: Bools = part.is_drilling | part.plunge
+    kept = still[part.stations]
+    edges = compute_transition_costs(
+        np.stack(q, axis=1).reshape(S, -1, 6),
+        values * per,
+        near,
+        R,
+        B,
+        joined,
+        kept,
+        winds,
+        terms.seconds,
+        terms.slowness,
+        weight,
+        np.ascontiguousarray(w.travel * terms.travel),
+        np.ascontiguousarray(w.rotation * terms.rotation),
+        np.ascontiguousarray(w.feed * terms.lost),
+        compute_joint_jump_limit(stable),
+        lost,
+    )
+    flown = np.ascontiguousarray(w.travel * terms.travel)
+    node = terms.share[:, None] * w.mean * c.reshape(S, -1)
+    node = np.where(np.isfinite(node), node, lost)
+    counted = np.asarray(part.counted[part.stations])
+    raw = np.where(counted[:, None] & np.isfinite(c.reshape(S, -1)), c.reshape(S, -1), 0.0)
+    scaled = values * per * weight
+
+    def under(cap: float) -> tuple[float, float, NDArray[np.int64]]:
+        way, total = find_cheapest_value_sequence(
+            np.where(raw > cap, lost, node), edges, near, scaled, R, B, joined, flown
+        )
+        worst = float(raw[np.arange(S), way].max())
+        return total + w.worst / max(share, 1e-9) * worst, worst, way
+
+    best = under(np.inf)
+    most = best[1]
+    reached = np.where(np.isfinite(c.reshape(S, -1)), c.reshape(S, -1), np.inf).min(axis=1)[counted]
+    least = float(reached[np.isfinite(reached)].max(initial=0.0))
+    if most > least:
+        capped = map_in_threads(under, [least + t * (most - least) for t in CAPS])
+        best = min([best, *capped], key=lambda f: f[0])
+    return best[0], best[2] // (R * B)
+
+
+def _free(cost: Array, q: Array, external: Array, part: PlanningPath, setup: PlanningSetup) -> Array:
+    """The costs (S, R, B) of poses q (S, R, B, 6) at external (S, E), NaN where one touches anything."""
+    if setup.collision is None:
+        return cost
+    at = np.nonzero(np.isfinite(cost))
+    found = setup.collision.check_configurations(
+        np.hstack([q[at], external[at[0]]]), part.may_touch[part.stations][at[0]]
+    )
+    out = cost.copy()
+    out[tuple(k[found.hit] for k in at)] = np.nan
+    return out
+
+
+def _brushing(free: Bools, near: NDArray[np.int64]) -> Bools:
+    """(S, G) free values next to one that is not, where their station has others: a smooth curve cuts corners."""
+    inner = free & (free[:, near] | (near < 0)).all(axis=2)
+    return np.asarray(free & ~inner & np.any(inner, axis=1, keepdims=True))
+
+
+def _smooth(part: PlanningPath, stairs: Array, group: GroupAxisRange, wave: float) -> Array:
+    """(n, E) a smooth curve for each run through the stairs (S, E) at its stations."""
+    from scipy.interpolate import CubicSpline
+
+    out = np.empty((len(part.index), stairs.shape[1]))
+    for first, last in part.runs:
+        own = np.flatnonzero((part.stations >= first) & (part.stations <= last))
+        s, steps = part.s[part.stations[own]] - part.s[first], stairs[own]
+        rows = slice(first, last + 1)
+        length, shortest = float(part.s[last] - part.s[first]), _shortest(part, (first, last))
+        if _keeps_one(part, (first, last)):
+            out[rows] = np.median(steps, axis=0)
+            continue
+        n = int(np.clip(length / SAMPLE, 16, SAMPLES))
+        at = np.linspace(0.0, length, n)
+        keep = np.r_[True, np.diff(s) > 1e-9]
+        raw = np.column_stack([np.interp(at, s[keep], column[keep]) for column in steps.T])
+        curve = _whittaker(raw, max(wave * length, shortest) / (at[1] - at[0]))
+        middle, room = curve.mean(axis=0), np.ones(len(curve.T))
+        for k in range(len(room)):  # not beyond the range, and as smooth as before
+            middle[k] = np.clip(middle[k], group.low[k], group.high[k])
+            over, under = curve[:, k].max() - middle[k], middle[k] - curve[:, k].min()
+            room[k] = min(
+                1.0,
+                (group.high[k] - middle[k]) / over if over > 0 else 1.0,
+                (middle[k] - group.low[k]) / under if under > 0 else 1.0,
+            )
+        curve = middle + room * (curve - middle)
+        out[rows] = np.clip(CubicSpline(at, curve)(part.s[rows] - part.s[first]), group.low, group.high)
+    return out
+
+
+def _shortest(part: PlanningPath, run: tuple[int, int]) -> float:
+    """m of path over which an external joint may at least move, in a run."""
+    first, last = run
+    length, seconds = float(part.s[last] - part.s[first]), float(part.time[last] - part.time[first])
+    return max(SHORTEST[0], SHORTEST[1] * length / max(seconds, 1e-9))
+
+
+def _keeps_one(part: PlanningPath, run: tuple[int, int]) -> bool:
+    """A run in which external joints stand still: of point operations, or too short for a curve."""
+    first, last = run
+    stations = int(((part.stations >= first) & (part.stations <= last)).sum())
+    length = float(part.s[last] - part.s[first])
+    return bool(part.is_drilling[first : last + 1].any()) or length < _shortest(part, run) or stations < 3
+
+
+def _near(part: PlanningPath, run: tuple[int, int]) -> float:
+    """m of path over which the room narrows towards a wish; infinite in a run that keeps one value."""
+    if _keeps_one(part, run):
+        return np.inf
+    return max(WAVE * float(part.s[run[1]] - part.s[run[0]]), _shortest(part, run))
+
+
+def _whittaker(values: Array, wave: float) -> Array:
+    """The columns (n, E) without waves shorter than so many samples (half of such a wave is left)."""
+    from scipy.linalg import solveh_banded
+
+    n = len(values)
+    stiff = (2.0 * np.sin(np.pi / max(wave, 2.0))) ** -6.0
+    third = np.array([-1.0, 3.0, -3.0, 1.0])
+    upper = np.zeros((4, n))  # of 1 + stiff · DᵀD, D the third differences: row 3 − k is the k-th diagonal above
+    upper[3] = 1.0
+    for a in range(4):
+        for b in range(a, 4):
+            upper[3 - (b - a), b : n - 3 + b] += stiff * third[a] * third[b]
+    return np.asarray(solveh_banded(upper, values))

@@ -1,0 +1,51 @@
+"""One toolpath's best plan, whether the robot's base and the part stand still or can move.
+
+What chooses external joints is loaded only where a cell has some.
+"""
+
+from __future__ import annotations
+
+from machopt.data_types.cell import Cell
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.toolpath import Toolpath
+from machopt.planning.external_axes.axis_modes import resolve_axis_options
+from machopt.planning.external_axes.position_constraints import check_known_axes_and_places
+from machopt.planning.pipeline.path_planner import plan_path
+from machopt.planning.pipeline.plan import ExternalAxisBound, Plan
+from machopt.planning.pipeline.planning_setup import StageTimings
+
+
+def find_best_plan(
+    cell: Cell,
+    toolpath: Toolpath,
+    options: PlanOptions,
+    timings: StageTimings | None = None,
+    before: Plan | None = None,
+    *,
+    scale: float | None = None,
+) -> Plan:
+    """Plan one toolpath, the external joints where they serve it best by their modes.
+
+    Args:
+        before: a plan of the same but for the user's wishes (:func:`machopt.planning.pipeline.path_planner.plan_path`).
+        scale: c₀ of a plan that this one belongs to; None: of its own.
+
+    Raises:
+        InputError: an option names no external joint or asks for what is not planned.
+    """
+    if cell.external_joints:
+        from machopt.planning.external_axis_optimization import coarse_to_fine_search
+
+        return coarse_to_fine_search.find_best_external_axis_plan(cell, toolpath, options, timings, before, scale=scale)
+    resolve_axis_options(cell, options)
+    check_known_axes_and_places(cell, options.steer)
+    return plan_path(cell, toolpath, options, timings, scale=scale, before=before)
+
+
+def compute_external_axis_bound(plan: Plan, toolpath: Toolpath, timings: StageTimings) -> ExternalAxisBound | None:
+    """The bound of a plan of one tool over the external joints' values; None where no external joint was free."""
+    if not plan.setup.cell.external_joints:
+        return None
+    from machopt.planning.external_axis_optimization import external_axis_bound
+
+    return external_axis_bound.bound_over_external_axes(plan, toolpath, timings)

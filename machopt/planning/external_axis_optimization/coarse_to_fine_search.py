@@ -1,0 +1,391 @@
+"""Where the external joints stand: at home, at one value for each operation, or moving along the path.
+
+A run cannot be left to move a rail, so operations that share a run share a value. For each such group a grid of values
+is laid over the ranges of its joints, coarse first and then finer around the best, and each is judged by some stations
+(:mod:`machopt.planning.external_axes.fixed_value_search`), where the best sequence has the mean m, the worst w and
+motion. c₀, the unit of
+the index, is the median over the candidates of all values. The best few are then planned in full
+(:func:`machopt.planning.pipeline.path_planner.plan_path`), with home among them, and the best plan is taken: fewest
+points lost, then
+least J. Joints that may move along the path are first held at such values too, where any reaches all of it; the way of
+:mod:`machopt.planning.external_axes.moving_axis_search`, of all of them or of some, is planned in full beside them, and
+never taken where it
+is worse.
+
+    J = Σ share·(m + motion) + w_worst·max w + Σ price·|Δe|
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from machopt.data_types.cell import Cell
+from machopt.data_types.plan_options import ExternalJointOptions, PlanOptions
+from machopt.data_types.steering import list_constrained_points, resolve_steering
+from machopt.data_types.toolpath import Toolpath
+from machopt.numerics.array_types import Array
+from machopt.planning.continuous_refinement.plan_improvement import PASSES, is_drivable, plan_on_other_grid, refine_plan
+from machopt.planning.continuous_refinement.refinement import TRUST
+from machopt.planning.external_axes.axis_modes import resolve_axis_options
+from machopt.planning.external_axes.fixed_value_search import STEP, FixedValueSearch
+from machopt.planning.external_axes.moving_axes import (
+    compute_moving_axis_path,
+    list_moving_subsets,
+    list_partly_fixed_groups,
+)
+from machopt.planning.external_axes.operation_groups import OperationGroup, build_operation_groups
+from machopt.planning.external_axes.plan_comparison import AxisPlanRanking
+from machopt.planning.external_axes.position_constraints import check_known_axes_and_places
+from machopt.planning.external_axis_optimization.external_axis_bound import BoundSearch
+from machopt.planning.external_axis_optimization.value_grid import VALUES
+from machopt.planning.motion.trajectory_builder import has_motion
+from machopt.planning.pipeline.path_planner import plan_path
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import PlanningSetup, StageTimings, prepare_planning
+from machopt.planning.stations.path_subset import list_run_points
+from machopt.planning.stations.planning_path import PlanningPath, build_planning_path
+
+PLANNED = 3  # values planned in full where all can be driven
+TRIED = 8  # where the first ones cannot
+AS_GOOD = 1.15  # times the best estimate: home is planned in full below that, and what is refined a second time
+MOVES_TRIED = 3  # the same where the joints may move along the path
+TRUSTS = (TRUST, np.radians(25.0))  # of the refinement's steps: each leads down its own way, the best is taken
+FAR = (np.radians(40.0),)  # the same of long paths, which are refined once for the time it takes: fewer passes lead on
+SHORT = 600  # planning points: a longer path is long
+ONCE = 1  # pass of a long path before it is led on by a leap, which makes the others up
+LEAPS = 4, 1  # at most, of short paths and of long ones
+WORTH_IT = 1e-3  # of J: a sequence that saves less is no other start
+AS_NEAR = 1.5  # times the least estimate: a way of joints that move is planned below that
+
+Key = tuple[float, float]  # points lost and breaks; what it is worth: less is better
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Asked:
+    """What is to be planned."""
+
+    cell: Cell
+    toolpath: Toolpath
+    options: PlanOptions
+    axes: Sequence[ExternalJointOptions]
+    clock: StageTimings
+    before: Plan | None  # of the same but for the user's wishes
+    scale: float | None  # c₀ of a plan that this one belongs to
+
+    def planned(self, scale: float | None, setup: PlanningSetup | None = None, external: Array | None = None) -> Plan:
+        """In full, the external joints (P, E) standing where they are told to."""
+        return plan_path(
+            self.cell,
+            self.toolpath,
+            self.options,
+            self.clock,
+            setup=setup,
+            external=external,
+            scale=scale,
+            before=self.before,
+        )
+
+
+def find_best_external_axis_plan(
+    cell: Cell,
+    toolpath: Toolpath,
+    options: PlanOptions,
+    timings: StageTimings | None = None,
+    before: Plan | None = None,
+    *,
+    scale: float | None = None,
+) -> Plan:
+    """:func:`machopt.planning.external_axis_optimization.best_plan.find_best_plan` in a cell that has external
+    joints."""
+    clock = timings or StageTimings()
+    axes = resolve_axis_options(cell, options)
+    check_known_axes_and_places(cell, options.steer)
+    asked = _Asked(cell=cell, toolpath=toolpath, options=options, axes=axes, clock=clock, before=before, scale=scale)
+    if options.method != "global" or options.rotation_step >= STEP or _stand_still(asked):
+        return _refined(asked)
+    coarse = _refined(replace(asked, options=replace(options, rotation_step=STEP)))
+    found = plan_on_other_grid(
+        coarse, toolpath, options.rotation_step, AxisPlanRanking.of(coarse.setup, axes), clock, before
+    )
+    if not _lost(found):
+        return found if found.over_external is not None else _led_on(found, asked)
+    # Where few rotations are left, a finer grid may find places that the coarse one has not.
+    other = _refined(asked)
+    return min(found, other, key=_key_of(found.setup, axes))
+
+
+def _refined(asked: _Asked) -> Plan:
+    """The best plan on one grid of rotations."""
+    toolpath, clock, before = asked.toolpath, asked.clock, asked.before
+    starts = _coarse_to_fine(asked)
+    found = starts[0]
+    groups = build_operation_groups(asked.cell, toolpath, found.path, asked.axes, found.options.steer)
+    if _locked(groups):
+        return found
+    worth, key = AxisPlanRanking.of(found.setup, asked.axes), _key_of(found.setup, asked.axes)
+    # Where the joints stand is a local best of its own, so that moving is no worse than that.
+    still = [replace(g, moving=np.zeros_like(g.moving)) for g in groups]
+    best, rivals, every = found, starts[1:], list[Plan]()
+    stands: Plan | None = None
+    long = len(found.path.index) > SHORT
+    passes = ONCE if long and not (found.options.fixed or found.options.steer) else PASSES
+    for trust in FAR if long else TRUSTS:
+        every.append(refine_plan(found, toolpath, groups, worth, clock, before, worth.plan(best), trust, passes=passes))
+        best = min(best, every[-1], key=key)
+        near = []
+        for other in rivals:
+            every.append(refine_plan(other, toolpath, still, worth, clock, before, AS_GOOD * worth.plan(best), trust))
+            if worth.plan(every[-1]) < AS_GOOD * worth.plan(best):
+                near.append(other)
+                stands = every[-1] if stands is None else min(stands, every[-1], key=key)
+            best = min(best, every[-1], key=key)
+        rivals = near
+    led = _leapt(best, toolpath, groups, worth, clock, before)
+    if passes < PASSES and len(led) == 1:  # no leap led on, so what the passes would have led to is not there yet
+        further = refine_plan(best, toolpath, groups, worth, clock, before, trust=FAR[0])
+        led += [] if further is best else _leapt(further, toolpath, groups, worth, clock, before)
+    every += led
+    if stands is not None and worth.plan(stands) <= AS_GOOD * worth.plan(every[-1]):
+        every += [replace(p, over_external=None) for p in _leapt(stands, toolpath, still, worth, clock, before)]
+    for one in sorted(every, key=lambda one: (key(one), one.over_external is None)):
+        if one.chosen is found.chosen or (key(one) < key(found) and is_drivable(one, toolpath, clock)):
+            return one
+    return found
+
+
+def _leapt(
+    best: Plan,
+    toolpath: Toolpath,
+    groups: Sequence[OperationGroup],
+    worth: AxisPlanRanking,
+    clock: StageTimings,
+    before: Plan | None,
+) -> list[Plan]:
+    """A local best, and where one leads on as long as a sequence over grids around it is better and leads to a better.
+
+    What no such sequence undercuts (:mod:`machopt.planning.external_axis_optimization.external_axis_bound`) is kept
+    with each plan.
+    """
+    if _lost(best) or best.found is None:
+        return [best]
+    most, out = LEAPS[len(best.path.index) > SHORT], [best]
+    for leap in range(most + 1):
+        with clock.stage("external"):
+            around = BoundSearch.of(out[-1], groups, VALUES)
+            if isinstance(around, str):
+                break
+            found = around.best()
+            out[-1] = replace(out[-1], over_external=around.bound(found))
+            if found is None or leap == most or found.total > (1.0 - WORTH_IT) * around.own:
+                break
+            start = around.start(found.vertex, out[-1])
+        further = refine_plan(out[-1], toolpath, groups, worth, clock, before, start=start)
+        if further is out[-1]:
+            break
+        out.append(further)
+    return out
+
+
+def _led_on(found: Plan, asked: _Asked) -> Plan:
+    """What a plan that another grid has made better leads to by leaps."""
+    toolpath, clock = asked.toolpath, asked.clock
+    groups = build_operation_groups(asked.cell, toolpath, found.path, asked.axes, found.options.steer)
+    led = _leapt(found, toolpath, groups, AxisPlanRanking.of(found.setup, asked.axes), clock, asked.before)
+    for one in sorted(led[1:], key=_key_of(found.setup, asked.axes)):
+        if is_drivable(one, toolpath, clock):
+            return one
+    return led[0]
+
+
+def _stand_still(asked: _Asked) -> bool:
+    options = resolve_steering(asked.options, asked.toolpath)
+    path = build_planning_path(asked.toolpath, list_constrained_points(options))
+    return _locked(build_operation_groups(asked.cell, asked.toolpath, path, asked.axes, options.steer))
+
+
+def _locked(groups: Sequence[OperationGroup]) -> bool:
+    return all((g.low == g.high).all() and not g.moves.any() for g in groups)
+
+
+def _key_of(setup: PlanningSetup, axes: Sequence[ExternalJointOptions]) -> Callable[[Plan], Key]:
+    worth = AxisPlanRanking.of(setup, axes)
+    return lambda one: (_lost(one), worth.plan(one))
+
+
+def _coarse_to_fine(asked: _Asked) -> list[Plan]:
+    """The best plan over grids of values, and along a curve between them where the joints may move.
+
+    Behind it, where they may, the best plan in which they stand, which may be the same.
+    """
+    asked = replace(asked, options=resolve_steering(asked.options, asked.toolpath))
+    options, before = asked.options, asked.before
+    with asked.clock.stage("prepare"):
+        setup = prepare_planning(asked.cell, options) if before is None else before.setup
+        path = build_planning_path(asked.toolpath, list_constrained_points(options))
+        groups = build_operation_groups(asked.cell, asked.toolpath, path, asked.axes, options.steer)
+    if _locked(groups):
+        at = _spread(path, groups, [g.low for g in groups])
+        return [asked.planned(asked.scale, setup, at)]
+    with asked.clock.stage("external"):
+        search = FixedValueSearch(setup, options, path, groups, asked.axes, asked.scale)
+        search.judge()
+    tries = _Tries(asked=asked, setup=setup, path=path, groups=groups, search=search)
+    moves = any(g.moves.any() for g in groups)
+    return tries.moving() if moves else [tries.fixed(TRIED)[1]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Tries:
+    """What is planned in full, and which of it is taken."""
+
+    asked: _Asked
+    setup: PlanningSetup
+    path: PlanningPath
+    groups: list[OperationGroup]
+    search: FixedValueSearch
+
+    def _planned(self, external: Array, options: PlanOptions | None = None) -> tuple[Key, Plan]:
+        asked = self.asked if options is None else replace(self.asked, options=options)
+        found = asked.planned(self.search.scale, self.setup, external)
+        return (_lost(found), self.search.worth.plan(found)), found
+
+    def fixed(self, tried: int) -> tuple[Key, Plan]:
+        """The best plan with one value for each group, of the best few by the stations and home."""
+        search, groups = self.search, self.groups
+        every: list[tuple[Key, Plan]] = []
+        seen: list[list[Array]] = []
+        whole = 0
+        while len(seen) < tried and whole < PLANNED:
+            values = search.chain()
+            if values is None:
+                break
+            seen.append(values)
+            every.append(self._planned(_spread(self.path, groups, values)))
+            lost = _lost_groups(every[-1][1], groups)
+            bad = [n for n in lost if np.ptp([groups[n].low, groups[n].high], axis=0).any()]
+            whole += not bad
+            for n in bad or ([0] if len(groups) == 1 else []):
+                search.exclude(n, values[n], 0.5 if bad else 0.25)
+            if not bad and len(groups) > 1:
+                break
+        home = search.at_home()
+        if not any(np.array_equal(home, values) for values in seen):
+            best = min((key for key, _ in every), default=None)
+            if best is None or best[0] or search.estimate(home) <= AS_GOOD * search.estimate(seen[0]):
+                every.append(self._planned(_spread(self.path, groups, home)))
+        return min(every, key=lambda one: one[0])
+
+    def moving(self) -> list[Plan]:
+        """The best plan with the joints moving where they may; with fixed values where these are better.
+
+        Where no fixed value reaches all stations, fixed values are planned only if the joints cannot do it by moving.
+        Behind it the best plan with fixed values, where there is one that lacks nothing.
+        """
+        search = self.search
+        best = None if search.out_of_reach else self.fixed(MOVES_TRIED)
+        if best is None:
+            with self.asked.clock.stage("external"):
+                stands = search.chain() or search.at_home()
+        else:
+            stands = [best[1].path.external[list_run_points(self.path, g.runs)[0]] for g in self.groups]
+        ways = list_moving_subsets(self.groups, stands, self.asked.cell.external_home)
+        key, found = self._along(ways, stands)
+        if any(not b.pair for b in found.breaks) and (best is None or best[0][0]):
+            wound = self._along([*ways, *list_partly_fixed_groups(self.groups)], stands, turns=True)
+            key, found = min((key, found), wound, key=lambda one: one[0])
+        contacts = _unreached(found) or any(b.pair for b in found.breaks)
+        if contacts and (best is None or best[0][0]) and self.setup.collision is not None:
+            key, found = min((key, found), self._clear_of_contacts(stands), key=lambda one: one[0])
+        if any(g.must.any() for g in self.groups) or (best is None and not key[0]):
+            return [found]  # no place keeps what was asked, or reaches all of it
+        best = best or self.fixed(MOVES_TRIED)
+        fixed = [best[1]] if best[0][0] == 0 else []
+        if not key < best[0]:
+            return [best[1], *fixed]
+        if fixed:  # there is another answer, should this one not be driven
+            with self.asked.clock.stage("external"):
+                drives = has_motion(found, self.asked.toolpath)
+            if not drives:
+                return [best[1], *fixed]
+        return [found, *fixed]
+
+    def _clear_of_contacts(self, stands: list[Array]) -> tuple[Key, Plan]:
+        """The plan along a way that is made of free poses alone: where arm or part are in the way wherever they stand.
+
+        Looking for contacts at every pose of the grid costs more than the way itself, so nothing else waits for it; and
+        it is not taken for breaks that no body is the cause of, which free poses would not mend.
+        """
+        search = self.search
+        with self.asked.clock.stage("external"):
+            way = compute_moving_axis_path(
+                self.setup,
+                self.asked.options,
+                self.path,
+                self.groups,
+                self.asked.axes,
+                stands,
+                search.scale,
+                clear=True,
+            )
+        return self._planned(way)
+
+    def _along(self, tries: list[list[OperationGroup]], stands: list[Array], turns: bool = False) -> tuple[Key, Plan]:
+        """The best plan with the joints moving where they may, all or some
+        (:func:`machopt.planning.external_axes.moving_axes.list_moving_subsets`).
+
+        Where all of these are broken off, whole turns of the arm's joints count, and the others may keep one value
+        elsewhere (:func:`machopt.planning.external_axes.moving_axes.list_partly_fixed_groups`).
+
+        Ways that are far from the best one by the stations are not looked at further, the others at 15°.
+        """
+        search = self.search
+        with self.asked.clock.stage("external"):
+            ways = [
+                compute_moving_axis_path(
+                    self.setup, self.asked.options, self.path, some, self.asked.axes, stands, search.scale, turns=turns
+                )
+                for some in tries
+            ]
+            if len(ways) > 1:
+                estimates = [search.estimate_along(at) for at in ways]
+                near = AS_NEAR * min(estimates)
+                ways = [at for at, estimate in zip(ways, estimates, strict=True) if estimate <= near]
+        looks = replace(self.asked.options, rotation_step=max(self.asked.options.rotation_step, STEP))
+        if len(ways) > 1:
+            looked = [self._planned(at, looks) for at in ways]
+            k = min(range(len(ways)), key=lambda k: looked[k][0])
+            if looks.rotation_step == self.asked.options.rotation_step:
+                return looked[k]
+            ways = [ways[k]]
+        return self._planned(ways[0])
+
+
+def _lost_groups(found: Plan, groups: Sequence[OperationGroup]) -> list[int]:
+    """Groups with points that have no configuration, or with breaks."""
+    path = found.path
+    runs = set(path.run[found.missing[path.may_touch[found.missing]]].tolist())
+    for b in found.breaks:
+        if np.isfinite(b.after):
+            runs.add(int(path.run[np.searchsorted(path.index, b.after - 1e-9)]))
+    return [n for n, group in enumerate(groups) if runs & set(group.runs)]
+
+
+def _lost(found: Plan) -> float:
+    """Points that have no configuration, and breaks."""
+    return float(_unreached(found) + len(found.breaks))
+
+
+def _unreached(found: Plan) -> int:
+    """Points that have no configuration where contacts count."""
+    return int(found.path.may_touch[found.missing].sum())
+
+
+def _spread(path: PlanningPath, groups: Sequence[OperationGroup], values: Sequence[Array]) -> Array:
+    """(P, E) the values of the groups at the planning points."""
+    out = np.empty((len(path.index), len(values[0])))
+    for group, value in zip(groups, values, strict=True):
+        out[list_run_points(path, group.runs)] = value
+    return out

@@ -1,0 +1,324 @@
+"""What no sequence undercuts when the values of the external joints are free too: a lower bound of J over them.
+
+The bound of :mod:`machopt.planning.optimality_certificate` holds with the external joints as the plan has them. Here
+they
+are part of the sequence: at some stations of the path every value g, rotation r and branch b is a vertex
+(:mod:`~.lattice`). The values are a grid over what the joints may take, the plan's own at each station and some near it
+(:mod:`~.valuesaround`); the rotations are the plan's own there and every 15° from it. So the plan is one of the
+sequences, and the bound is never above it. A joint that moves may take any of them at any station; one that keeps a
+value for an operation takes one wherever that operation goes on without another in between; while the tool drills or
+plunges nothing moves. J is that of :mod:`~.objective` at these stations, the worst index traded exactly
+(:mod:`~.caps`).
+
+Of the arm's whole turns each step takes what suits it best, within the limits; where those of the best sequence do not
+fit together, they are told apart (:mod:`~.unfolded`). Crowding is left out, and so are contacts but where the best
+sequence has one: there it is struck out, with what else of that station touches something and is likely, and the best
+one is looked for again, a few times. What is left out can only raise J, so the bound holds for what can be driven as
+well. What lies between the stations counts as the stations beside it do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.toolpath import Toolpath
+from machopt.numerics.array_types import Array, Bools
+from machopt.numerics.rigid_transforms import wrap_angle
+from machopt.numerics.worker_threads import map_in_threads
+from machopt.planning.continuous_refinement.starting_point import RefinementStart
+from machopt.planning.cost.objective import ObjectiveTerms, compute_node_cost
+from machopt.planning.cost.process_force_direction import compute_sideways_directions
+from machopt.planning.cost.stiffness_index import compute_load_directions, score_candidates
+from machopt.planning.external_axes.axis_modes import resolve_axis_options
+from machopt.planning.external_axes.operation_groups import OperationGroup, build_operation_groups
+from machopt.planning.external_axis_optimization.turn_resolved_grid import is_turn_consistent, resolve_turns
+from machopt.planning.external_axis_optimization.value_grid import VALUES, GroupValueGrid, build_group_value_grid
+from machopt.planning.external_axis_optimization.value_grid_sequences import ValueGridSequences
+from machopt.planning.external_axis_optimization.whole_turns import compute_run_turns
+from machopt.planning.pipeline.plan import ExternalAxisBound, Plan
+from machopt.planning.pipeline.planning_setup import PlanningSetup, StageTimings
+from machopt.planning.sampling.configurations import CandidateGrid, enumerate_candidates
+from machopt.planning.sampling.joint_path import interpolate_between_stations
+from machopt.planning.sequence_search.worst_value_constraint import GAP
+from machopt.planning.stations.path_subset import select_path_runs
+from machopt.planning.stations.planning_path import PlanningPath, compute_tcp_poses
+
+STEP = np.radians(15.0)  # of rotation
+VERTICES = 600_000  # in all, where stations can be fewer: what the bound may cost
+REFUSED = 1_200_000  # where they cannot
+MOST, LEAST = 240, 24  # stations
+STRUCK = 6  # times that poses which touch something are struck out,
+LOOKED_AT = 2_000  # and so many each time
+TOLD_APART = 2_500_000  # vertices at most where turns are told apart, for the memory
+ROUNDED = 1e-9  # of a turn: so much beyond a limit is on it
+SLACK = 1e-9  # of J, for rounding: what the plan itself takes is not left out
+HIGH = 0.97  # of the worst index: near it
+
+
+def bound_over_external_axes(
+    plan: Plan, toolpath: Toolpath, timings: StageTimings, values: dict[int, int] | None = None
+) -> ExternalAxisBound | None:
+    """The bound of a plan of one tool, as it was made or now; None where no external joint was free.
+
+    Args:
+        values: of each joint in the grid, by how many are free; default :data:`VALUES`.
+    """
+    if plan.over_external is not None and values is None:
+        return plan.over_external
+    setup, path = plan.setup, plan.path
+    axes = resolve_axis_options(setup.cell, plan.options) if setup.cell.external_joints else ()
+    groups = build_operation_groups(setup.cell, toolpath, path, axes) if axes else []
+    if all((g.low == g.high).all() for g in groups):
+        return None
+    if plan.found is None or plan.breaks or len(plan.missing):
+        return ExternalAxisBound(why="the plan has gaps or breaks, or was not searched")
+    with timings.stage("external"):
+        around = BoundSearch.of(plan, groups, VALUES if values is None else values)
+        return ExternalAxisBound(why=around) if isinstance(around, str) else around.bound(around.best())
+
+
+@dataclass(frozen=True)
+class BoundSequence:
+    """The best sequence found."""
+
+    total: float  # its J at the stations
+    bound: float  # no sequence has less
+    vertex: NDArray[np.int64]  # (S,) of it
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoundSearch:
+    """All sequences over values, rotations and branches around a plan, which is one of them."""
+
+    setup: PlanningSetup
+    part: PlanningPath  # the stations
+    lattice: ValueGridSequences
+    own: float  # J of the plan there
+    values: int  # of the grid, beside the plan's own
+    step: float  # rad, of rotation
+
+    @classmethod
+    def of(cls, plan: Plan, groups: Sequence[OperationGroup], values: dict[int, int]) -> BoundSearch | str:
+        """Around a plan that lacks nothing; why not, where that is too much to look at."""
+        setup, path = plan.setup, plan.path
+        options = replace(plan.options, rotation_step=max(plan.options.rotation_step, STEP))
+        grids = [build_group_value_grid(g, path, setup.per_rad[6:], values) for g in groups]
+        rotations, branches = round(2 * np.pi / options.rotation_step), setup.arm.solver.branches
+        most = max(len(g.value) for g in grids)
+        least = max(LEAST, 2 * len(path.runs))
+        if most * rotations * branches * least > REFUSED:
+            return (
+                f"{most} values x {rotations} rotations x {branches} branches at no less than {least} stations are "
+                f"more than the {REFUSED} poses that it may look at"
+            )
+        count = int(np.clip(VERTICES // (most * rotations * branches), least, MOST))
+        part, phi = (
+            select_path_runs(path, range(len(path.runs)), count, select_busy_points(plan)),
+            plan.chosen.assignment.phi,
+        )
+        lattice = build_value_grid_sequences(setup, options, part, groups, grids, plan.scores.scale, phi)
+        own, step = _at_stations(plan, part), 2 * np.pi / rotations
+        return cls(setup=setup, part=part, lattice=lattice, own=own, values=most - 1, step=step)
+
+    def best(self) -> BoundSequence | None:
+        """The best sequence, poses that touch something struck out where it had them; None where there is none.
+
+        Its turns fit together, unless there is too much to tell apart.
+        """
+        found = self._free(self.lattice)
+        if found is None or is_turn_consistent(self.lattice, found.vertex):
+            return found
+        known = self.own * (1.0 + SLACK)
+        apart = resolve_turns(self.lattice, self.lattice.through(self.lattice.onward(known), known), TOLD_APART)
+        finer = None if apart is None else self._free(apart.lattice, apart.vertex)
+        if apart is None or finer is None:
+            return found
+        bound = max(found.bound, min(finer.bound, self.own))
+        return BoundSequence(finer.total, bound, apart.vertex[finer.vertex])
+
+    def _free(self, lattice: ValueGridSequences, of: NDArray[np.int64] | None = None) -> BoundSequence | None:
+        """The best sequence of a lattice whose vertices are those (V,) of the own one."""
+        onward = lattice.onward(self.own)
+        found = lattice.best(GAP, onward, self.own)
+        for _ in range(STRUCK):
+            if found is None:
+                return None
+            vertex = found[2] if of is None else of[found[2]]
+            hit = self.touching(np.arange(len(vertex)), vertex)
+            if not hit.any():
+                break
+            self._strike(lattice, of, np.flatnonzero(hit), found[2][hit], onward)
+            found = lattice.best(GAP, onward, self.own)
+        return None if found is None else BoundSequence(*found)
+
+    def bound(self, found: BoundSequence | None) -> ExternalAxisBound:
+        """What the best sequence says of the plan."""
+        if found is None:
+            return ExternalAxisBound(why="no sequence of the grid leads through all of the path")
+        return ExternalAxisBound(
+            bound=found.bound,
+            sequence=found.total,
+            plan=self.own,
+            values=self.values,
+            stations=len(self.part.stations),
+            step=self.step,
+        )
+
+    def start(self, vertex: NDArray[np.int64], plan: Plan) -> RefinementStart:
+        """A sequence as what the refinement of the plan may begin from."""
+        x, st, a = self.lattice, self.part.stations, plan.chosen.assignment
+        at, R = np.arange(len(vertex)), x.phi.shape[1]
+        e = x.e[at, vertex // (R * x.branches)] / self.setup.per_rad[6:] - plan.path.external[st]
+        turn = np.asarray(wrap_angle(x.phi[at, vertex // x.branches % R] - a.phi[st]))
+        for first, last in self.part.runs:
+            own = (st >= first) & (st <= last)
+            turn[own] = np.unwrap(turn[own])
+        q = self._unwound(vertex, a.q[st]) - a.q[st]
+        phi, external, seed = (interpolate_between_stations(self.part, away) for away in (turn, e, q))
+        return RefinementStart(a.phi + phi, plan.path.external + external, a.q + seed)
+
+    def _unwound(self, vertex: NDArray[np.int64], plan: Array) -> Array:
+        """(S, 6) rad, the joints of a sequence without whole turns in its runs, and with the fewest between them."""
+        st, arm = self.part.stations, self.setup.arm
+        q = self.lattice.q[np.arange(len(vertex)), vertex]
+        own = [np.flatnonzero((st >= first) & (st <= last)) for first, last in self.part.runs]
+        own = [rows for rows in own if len(rows)]
+        for rows in own:
+            q[rows] = np.unwrap(q[rows], axis=0)
+        return q + 2 * np.pi * compute_run_turns(q, own, arm.lower, arm.upper, plan)
+
+    def touching(self, station: NDArray[np.int64], vertex: NDArray[np.int64]) -> Bools:
+        """(n,) vertices at stations (n,) whose pose touches what it must not."""
+        if self.setup.collision is None:
+            return np.zeros(len(vertex), bool)
+        x = self.lattice
+        e = x.e[station, vertex // (x.phi.shape[1] * x.branches)] / self.setup.per_rad[6:]
+        rows = self.part.stations[station]
+        return np.asarray(
+            self.setup.collision.check_configurations(
+                np.hstack([x.q[station, vertex], e]), self.part.may_touch[rows]
+            ).hit
+        )
+
+    def _strike(
+        self,
+        lattice: ValueGridSequences,
+        of: NDArray[np.int64] | None,
+        stations: NDArray[np.int64],
+        vertex: NDArray[np.int64],
+        onward: Array,
+    ) -> None:
+        """Take away vertices (n,) at stations (n,), and what else touches something there, the most likely first."""
+        through = lattice.through(onward, self.own)[stations]
+        s, others = np.nonzero(np.isfinite(through))
+        first = np.argsort(through[s, others], kind="stable")[:LOOKED_AT]
+        s, others = stations[s[first]], others[first]
+        hit = self.touching(s, others if of is None else of[others])
+        lattice.node[s[hit], others[hit]] = np.inf
+        lattice.node[stations, vertex] = np.inf
+
+
+def select_busy_points(plan: Plan) -> Array:
+    """(P,) where a plan moves much, and where its index is near its worst: there more stations are worth it."""
+    path, x = plan.path, plan.setup.in_rad(plan.path, plan.chosen.assignment.q)
+    step = np.abs(np.diff(x, axis=0, prepend=x[:1])).sum(axis=1)
+    step[[first for first, _ in path.runs]] = 0.0
+    cost = np.where(path.counted, np.nan_to_num(plan.chosen.cost), 0.0)
+    high = (cost >= HIGH * cost.max()) & path.counted
+    return np.asarray(step / max(step.sum(), 1e-12) + high / max(int(high.sum()), 1))
+
+
+def _at_stations(plan: Plan, part: PlanningPath) -> float:
+    """J of the plan as the sequences are priced: at the stations of a part that has all runs."""
+    terms, w, rows = (
+        ObjectiveTerms.at_stations(part, plan.setup.velocity, plan.options),
+        plan.options.weights,
+        part.stations,
+    )
+    x, phi = plan.setup.in_rad(plan.path, plan.chosen.assignment.q)[rows], plan.chosen.assignment.phi[rows]
+    cost = plan.chosen.cost[rows] / plan.scores.scale
+    worst = float(cost[terms.counted].max(initial=0.0))
+    return float(terms.nodes(cost, phi).sum() + terms.steps(x, phi).sum() + w.worst * worst)
+
+
+def build_value_grid_sequences(
+    setup: PlanningSetup,
+    options: PlanOptions,
+    part: PlanningPath,
+    groups: Sequence[OperationGroup],
+    grids: Sequence[GroupValueGrid],
+    scale: float,
+    turned: Array | None = None,
+) -> ValueGridSequences:
+    """All sequences over the values of each group, at the stations of a path.
+
+    Args:
+        scale: c₀.
+        turned: (P,) rad, rotation that the grid of rotations is counted from; None: the path's own reference.
+    """
+    G = max(len(values.value) for values in grids)
+    grids = [values.padded(G) for values in grids]
+    of_run = np.empty(len(part.runs), int)
+    for n, group in enumerate(groups):
+        of_run[list(group.runs)] = n
+    of_point, st = of_run[part.run], part.stations
+    value = np.stack([values.value for values in grids])[of_point]  # (P, G, E)
+    value = np.where(np.isfinite(value), value, part.external[:, None])
+    away = np.stack([values.offset for values in grids])[of_point]
+    low, high = (np.stack(ends)[of_point][:, None] for ends in zip(*((g.low, g.high) for g in groups), strict=True))
+    value = np.where(away != 0.0, np.clip(value + away, low, high), value)
+    exists = np.stack([values.exists for values in grids])[of_point[st]]  # (S, G)
+    across = compute_sideways_directions(part)
+    turn = np.zeros(len(part.index)) if turned is None else turned
+    frames = compute_tcp_poses(part, np.arange(len(turn), dtype=np.int32), turn)
+    own = replace(part, reference=np.ascontiguousarray(frames[:, :3, 0]), offset=part.offset + turn)
+
+    def at(k: int) -> tuple[CandidateGrid, Array]:
+        there = replace(own, external=np.ascontiguousarray(value[:, k]))
+        candidates = enumerate_candidates(there, setup.arm, options)
+        d = compute_load_directions(there, setup.arm, setup.elasticity, options.force, across)
+        cost = score_candidates(there, candidates, setup.elasticity, d, options).cost / scale
+        return candidates, np.where(exists[:, k, None, None], cost, np.nan)
+
+    every = map_in_threads(at, range(G))
+    candidates, index = every[0][0], [cost for _, cost in every]
+    joints, e = [one.q for one, _ in every], [value[st, k] for k in range(G)]
+    phi, stable = candidates.phi_at() + turn[st][:, None], candidates.stable
+    terms, w, S = ObjectiveTerms.at_stations(part, setup.velocity, options), options.weights, len(st)
+    c = np.stack(index, axis=1)  # (S, G, R, B)
+    q, more = unwrap_to_lower_limits(np.stack(joints, axis=1).reshape(S, -1, 6), setup.arm.lower, setup.arm.upper)
+    liked = terms.liked(phi.T).T[:, None, :, None]
+    node = terms.share[:, None, None, None] * compute_node_cost(c, liked, w.mean)
+    same_run = np.r_[False, np.diff(part.run[st]) == 0]
+    plunged = np.r_[0, np.cumsum(~part.plunge)]
+    still = np.r_[False, plunged[st[1:] + 1] == plunged[st[:-1] + 1]]  # made only of plunges
+    return ValueGridSequences(
+        node=np.where(np.isfinite(c), node, np.inf).reshape(S, -1),
+        raw=np.where(terms.counted[:, None, None, None] & np.isfinite(c), c, 0.0).reshape(S, -1),
+        q=q,
+        more=more,
+        e=np.stack(e, axis=1) * setup.per_rad[6:],
+        phi=np.ascontiguousarray(phi),
+        held=np.stack([values.held for values in grids])[of_point[st]],
+        branches=c.shape[3],
+        stable=stable,
+        kind=np.column_stack([np.r_[False, np.diff(of_point[st]) == 0], same_run, still & same_run]),
+        priced=np.column_stack(
+            [terms.seconds, w.travel * terms.travel, w.rotation * terms.rotation, w.feed * terms.lost]
+        ),
+        slowness=terms.slowness,
+        worst=w.worst,
+    )
+
+
+def unwrap_to_lower_limits(q: Array, lower: Array, upper: Array) -> tuple[Array, NDArray[np.int8]]:
+    """Joints (…, 6) rad as near to their lower limits as whole turns bring them, and how many turns the upper leave."""
+    whole = 2.0 * np.pi
+    low = q - whole * np.floor((q - lower) / whole + ROUNDED)
+    more = np.floor((upper - low) / whole + ROUNDED)
+    return np.ascontiguousarray(low), np.nan_to_num(np.maximum(more, 0.0)).astype(np.int8)

@@ -1,0 +1,228 @@
+"""The compiled search behind :mod:`machopt.planning.external_axis_optimization.external_axis_bound`: sequences over
+values of external joints, rotations and
+branches.
+
+A vertex is v = (g·R + r)·B + b, the values g as often as whole turns are told apart. Inside a run any vertex of the
+same branch may follow, over a rapid move any at all; an external joint that keeps one value keeps it. No step costs
+less than nothing, so a vertex is reached from the cheapest vertices first, and from no more of them than can still be
+better.
+
+In a file of its own, which imports no planner: it is compiled while a wheel is built, where only NumPy and numba are.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.numerics.array_types import Array, Bools
+from machopt.numerics.compiled_functions import compile_function
+from machopt.planning.cost.objective import edge_price_compiled, late_compiled
+from machopt.planning.sequence_search.search_kernels import _sort
+
+TWO_PI = 2.0 * np.pi
+SECONDS, TRAVEL, ROTATION, FEED = range(4)  # columns of what a step has: s, and the prices per rad, rad and s
+SAME, JOINED, KEPT = range(3)  # columns of what a step is
+
+
+@compile_function
+def _step(
+    q: Array,
+    more: NDArray[np.int8],
+    last: Array,
+    before: NDArray[np.int8],
+    way: float,
+    slow: float,
+    turn: float,
+    slowness: Array,
+    priced: Array,
+) -> float:
+    """Price of a step between joints (6,) rad, the shortest by the whole turns (6,) that either end has ``more``.
+
+    ``way`` rad and ``slow`` s are those of the external joints.
+    """
+    for c in range(6):
+        d = q[c] - last[c]
+        d = abs(d + TWO_PI * min(max(np.round(-d / TWO_PI), -float(before[c])), float(more[c])))
+        way += d
+        slow = max(slow, d * slowness[c])
+    late = late_compiled(slow, priced[SECONDS])
+    price: float = edge_price_compiled(way, turn, late, priced[TRAVEL], priced[ROTATION], priced[FEED])
+    return price
+
+
+@compile_function
+def _turns(phi: Array, last: Array, out: Array) -> None:
+    """(R, R) rad between the rotations of a station and those of the one before, the shorter way round."""
+    for r in range(len(phi)):
+        for p in range(len(last)):
+            d = phi[r] - last[p]
+            out[r, p] = abs(d - TWO_PI * np.round(d / TWO_PI))
+
+
+@compile_function
+def _ways(
+    e: Array,
+    last: Array,
+    held: NDArray[np.int64],
+    before: NDArray[np.int64],
+    same: bool,
+    slowness: Array,
+    way: Array,
+    slow: Array,
+) -> None:
+    """(G, G) rad and s between values of two stations; infinite where a joint that keeps its value would not."""
+    for g in range(len(e)):
+        for h in range(len(last)):
+            total, most = 0.0, 0.0
+            for c in range(e.shape[1]):
+                d = abs(e[g, c] - last[h, c])
+                total += d
+                most = max(most, d * slowness[6 + c])
+            way[g, h] = np.inf if same and held[g] != before[h] else total
+            slow[g, h] = most
+
+
+@compile_function
+def compute_reach_costs(
+    node: Array,
+    q: Array,
+    more: NDArray[np.int8],
+    e: Array,
+    phi: Array,
+    held: NDArray[np.int64],
+    branches: int,
+    stable: bool,
+    kind: Bools,
+    priced: Array,
+    slowness: Array,
+    turns: int,
+    onward: Array,
+    limit: float,
+) -> Array:
+    """(S, V) what the cheapest way to each vertex costs, its own price included; infinite where that exceeds ``limit``.
+
+    Args:
+        node: (S, V) price of the vertices, infinite where there is none.
+        q: (S, V, 6) rad, the least that the limits leave of what whole turns make the same.
+        more: (S, V, 6) whole turns that they leave beyond that; what a step takes of them the next one need not know.
+        e: (S, G, E) external joints, lengths as they count in rad.
+        phi: (S, R) rad.
+        held: (S, G) what the joints that keep one value stand at, by number.
+        stable: the branch is an assembly mode, which nothing leaves inside a run.
+        kind: (S, 3) of the step into each station. SAME: its operations share their values with those before; JOINED:
+            it is none over a rapid move; KEPT: value and rotation are kept, the tool drills or plunges.
+        priced: (S, 4) SECONDS … FEED.
+        slowness: (6 + E,) s/rad.
+        turns: the vertices are so many times the same ones, which whole turns of the arm's joints tell apart: what
+            keeps value and rotation may be any of these.
+        onward: (S, V) what the way from each vertex on costs at least, its own price included.
+        limit: of the whole sequence.
+    """
+    S, V = node.shape
+    G, R, B = e.shape[1], phi.shape[1], branches
+    same = V // turns
+    out = np.full((S, V), np.inf)
+    order, count = np.empty((B, G * R), np.int64), np.zeros(B, np.int64)
+    turn, way, slow = np.empty((R, R)), np.empty((G, G)), np.empty((G, G))
+    for v in range(V):
+        if onward[0, v] <= limit:
+            out[0, v] = node[0, v]
+    for s in range(1, S):
+        before, kept = out[s - 1], kind[s, KEPT]
+        every = not (stable and kind[s, JOINED])
+        for b in range(B):
+            count[b] = 0
+            for k in range(G * R):
+                if before[k * B + b] < np.inf:
+                    order[b, count[b]] = k * B + b
+                    count[b] += 1
+            if not kept:
+                _sort(before, order[b, : count[b]])
+        _turns(phi[s], phi[s - 1], turn)
+        _ways(e[s], e[s - 1], held[s], held[s - 1], kind[s, SAME], slowness, way, slow)
+        for v in range(V):
+            if not node[s, v] < np.inf:
+                continue
+            b, r, g = v % B, (v // B) % R, v // (B * R)
+            most = np.nextafter(limit - onward[s, v], np.inf)  # as dear as the limit is not too dear
+            value = most
+            for u in range(v % same if kept else v, V if kept else v + 1, same):  # near, so that few others need a look
+                h = u // (B * R)
+                if before[u] < value and way[g, h] < np.inf:
+                    price = _step(
+                        q[s, v],
+                        more[s, v],
+                        q[s - 1, u],
+                        more[s - 1, u],
+                        way[g, h],
+                        slow[g, h],
+                        turn[r, r],
+                        slowness,
+                        priced[s],
+                    )
+                    value = min(value, before[u] + price)
+            if not kept:
+                for a in range(0 if every else b, B if every else b + 1):
+                    for k in range(count[a]):
+                        u = order[a, k]
+                        if before[u] >= value:
+                            break
+                        p, h = (u // B) % R, u // (B * R)
+                        if not before[u] + priced[s, TRAVEL] * way[g, h] + priced[s, ROTATION] * turn[r, p] < value:
+                            continue
+                        price = _step(
+                            q[s, v],
+                            more[s, v],
+                            q[s - 1, u],
+                            more[s - 1, u],
+                            way[g, h],
+                            slow[g, h],
+                            turn[r, p],
+                            slowness,
+                            priced[s],
+                        )
+                        value = min(value, before[u] + price)
+            if value < most:
+                out[s, v] = value + node[s, v]
+    return out
+
+
+@compile_function
+def trace_cheapest_sequence(
+    reached: Array,
+    q: Array,
+    more: NDArray[np.int8],
+    e: Array,
+    phi: Array,
+    held: NDArray[np.int64],
+    branches: int,
+    stable: bool,
+    kind: Bools,
+    priced: Array,
+    slowness: Array,
+    turns: int,
+) -> NDArray[np.int64]:
+    """(S,) the vertices of the cheapest sequence, from what :func:`compute_reach_costs` found; arguments as there."""
+    S, V = reached.shape
+    G, R, B = e.shape[1], phi.shape[1], branches
+    same, out = V // turns, np.zeros(S, np.int64)
+    out[S - 1] = np.argmin(reached[S - 1])
+    turn, way, slow = np.empty((R, R)), np.empty((G, G)), np.empty((G, G))
+    for s in range(S - 1, 0, -1):
+        _turns(phi[s], phi[s - 1], turn)
+        _ways(e[s], e[s - 1], held[s], held[s - 1], kind[s, SAME], slowness, way, slow)
+        v, least = out[s], np.inf
+        b, r, g = v % B, (v // B) % R, v // (B * R)
+        for u in range(V):
+            a, p, h = u % B, (u // B) % R, u // (B * R)
+            if (kind[s, KEPT] and u % same != v % same) or (kind[s, JOINED] and stable and a != b):
+                continue
+            if not reached[s - 1, u] + priced[s, TRAVEL] * way[g, h] < least:
+                continue
+            price = _step(
+                q[s, v], more[s, v], q[s - 1, u], more[s - 1, u], way[g, h], slow[g, h], turn[r, p], slowness, priced[s]
+            )
+            if reached[s - 1, u] + price < least:
+                least, out[s - 1] = reached[s - 1, u] + price, u
+    return out

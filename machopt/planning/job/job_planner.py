@@ -1,0 +1,218 @@
+"""From a job to its plan and its motion: tool after tool where it changes them."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.tool_segments import ToolSegment
+from machopt.data_types.toolpath import Toolpath
+from machopt.planning.cache import use_temporary_cache
+from machopt.planning.compensation.driven_margins import (
+    add_margin_reserve,
+    apply_driven_rotation,
+    find_lost_margin,
+    find_runs_with_lost_margins,
+    restore_requested_margins,
+)
+from machopt.planning.external_axis_optimization.best_plan import compute_external_axis_bound, find_best_plan
+from machopt.planning.job.compensation_retries import compensate_with_retries
+from machopt.planning.job.constraint_conflicts import add_constraint_conflict, add_undrivable_conflict
+from machopt.planning.job.constraint_conflicts import is_complete as is_whole
+from machopt.planning.job.joined_motion import DrivenToolSegment, join_point_tables, join_timelines
+from machopt.planning.job.joined_plan import ToolSegmentPlan, compute_length_shares, join_plans
+from machopt.planning.job.locked_axes import add_locked_axes_note, has_trajectory, iterate_locked_subsets
+from machopt.planning.job.rapid_rerouting import reroute_blocked_rapids
+from machopt.planning.job.request_checks import plan_motion
+from machopt.planning.job.worst_index_over_tools import plan_worst_index_over_tools
+from machopt.planning.motion.search_budget import SearchBudget, limit_search
+from machopt.planning.motion.trajectory_builder import MotionTimeline
+from machopt.planning.pipeline.gaps import mark_gaps
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import StageTimings
+from machopt.planning.plan_output.move_results import add_slowdown_notes, mark_undriven_points
+from machopt.planning.plan_output.point_table import PointResults, build_point_table
+
+ROUNDINGS = (0.25, 0.05, 0.01)  # shares of the corner tolerances, one after the other
+SPARES = 2  # plans made again where driving one takes of the margins it keeps
+
+
+@dataclass(frozen=True)
+class JobPlan:
+    """A job that is planned and, where that can be, driven."""
+
+    plan: Plan
+    points: PointResults
+    timeline: MotionTimeline | None
+    parts: tuple[DrivenToolSegment, ...]  # one, or one a tool that is on, in the order of the stints
+
+
+def plan_job(
+    stints: Sequence[ToolSegment],
+    toolpath: Toolpath,
+    options: PlanOptions,
+    timings: StageTimings,
+    before: Sequence[Plan] = (),
+) -> JobPlan:
+    """Plan a job, and drive it where nothing is missing.
+
+    Args:
+        stints: the job, cut where it changes tools.
+        toolpath: the whole of it.
+        options: for the whole job.
+        timings: what the stages take, of all tools together.
+        before: the plans of the same stints but for the user's wishes, which lend what these do not change; or none.
+
+    Raises:
+        InputError: an option asks for what is not planned.
+    """
+    with use_temporary_cache() if stints[0].cell.external_joints else contextlib.nullcontext():
+        job = _job(stints, toolpath, options, timings, before)
+    if job.timeline is None or job.timeline.trajectory is None:
+        return job
+    return replace(job, points=replace(job.points, table=add_slowdown_notes(job.points.table, job.timeline.dips)))
+
+
+def _job(
+    stints: Sequence[ToolSegment],
+    toolpath: Toolpath,
+    options: PlanOptions,
+    timings: StageTimings,
+    before: Sequence[Plan],
+) -> JobPlan:
+    lent = before if len(before) == len(stints) else (None,) * len(stints)
+    if len(stints) == 1:
+        done = _whole_job(stints[0], options, timings, lent[0])
+        return JobPlan(done.stretch.plan, done.points, done.timeline, (done,))
+    plans = [_planned(stints[0], options, timings, len(stints), lent[0])]
+    scale = plans[0].scores.scale  # of all: the worst index is that of the whole job
+    rest = zip(stints[1:], lent[1:], strict=True)
+    plans += [_planned(s, options, timings, len(stints), one, scale=scale) for s, one in rest]
+    plans, bound = plan_worst_index_over_tools(plans, compute_length_shares(plans), timings)
+
+    def again(stint: ToolSegment) -> Callable[[PlanOptions], Plan]:
+        return lambda other: _planned(stint, other, timings, len(stints), scale=scale)
+
+    parts = [_done(s, one, options, timings, again(s)) for s, one in zip(stints, plans, strict=True)]
+    whole = replace(join_plans([p.stretch for p in parts], bound), options=options)
+    return JobPlan(whole, join_point_tables(parts, toolpath), join_timelines(parts), tuple(parts))
+
+
+def _whole_job(
+    stint: ToolSegment, options: PlanOptions, timings: StageTimings, before: Plan | None
+) -> DrivenToolSegment:
+    """A job of one tool; with fewer external joints free where it has no complete motion with all of them."""
+
+    def done(asked: PlanOptions, lent: Plan | None = None) -> DrivenToolSegment:
+        first = _planned(stint, asked, timings, 1, lent)
+        return _done(stint, first, asked, timings, lambda o: _planned(stint, o, timings, 1))
+
+    subsets = (
+        list(iterate_locked_subsets(stint.cell, stint.restrict_options(options))) if stint.cell.external_joints else []
+    )
+    if not subsets:
+        return done(options, before)
+    with limit_search(SearchBudget()):
+        free = done(options, before)
+    if has_trajectory(free):
+        return free
+    for names, asked in subsets:
+        with limit_search(SearchBudget()):
+            found = done(replace(options, external=asked.external))
+        if has_trajectory(found):
+            return add_locked_axes_note(found, names, options)
+    return free
+
+
+def _planned(
+    stint: ToolSegment,
+    whole: PlanOptions,
+    timings: StageTimings,
+    count: int,
+    before: Plan | None = None,
+    scale: float | None = None,
+) -> Plan:
+    """One tool's plan, for its own worst index."""
+    toolpath, options = stint.toolpath, stint.restrict_options(whole)
+    the_plan = find_best_plan(stint.cell, toolpath, options, timings, before, scale=scale)
+    the_plan = add_constraint_conflict(the_plan, stint.cell, toolpath, options, timings)
+    the_plan = replace(the_plan, over_external=compute_external_axis_bound(the_plan, toolpath, timings))
+    begin, end = (stint.begin if stint.number > 1 else None), (stint.end if stint.number < count else None)
+    return replace(the_plan, begin=begin, end=end) if count > 1 else the_plan
+
+
+def _done(
+    stint: ToolSegment, the_plan: Plan, whole: PlanOptions, timings: StageTimings, again: Callable[[PlanOptions], Plan]
+) -> DrivenToolSegment:
+    """One tool's plan with its points, and its motion where there is one.
+
+    Args:
+        again: plans the same with other options for the whole job.
+    """
+    toolpath, options = stint.toolpath, stint.restrict_options(whole)
+    the_plan, as_told, timeline = drive_tool_segment(stint, the_plan, whole, timings, again)
+    if timeline is not None and timeline.trajectory is not None:
+        the_plan = mark_gaps(as_told, list(timeline.driven), timeline.given_up)
+    elif timeline is not None:
+        the_plan = add_undrivable_conflict(the_plan, timeline.obstructions, toolpath, options)
+    if timeline is None or timeline.trajectory is None:
+        the_plan = mark_undriven_points(the_plan, timeline.obstructions if timeline is not None else ())
+    with timings.stage("points"):
+        points = build_point_table(the_plan, toolpath)
+    return DrivenToolSegment(ToolSegmentPlan(the_plan, stint.first, stint.tool), points, timeline)
+
+
+def _rounded_less(
+    planned: Plan, taken: Plan, timeline: MotionTimeline, motion: Callable[[Plan], tuple[Plan, MotionTimeline | None]]
+) -> tuple[Plan, Plan, MotionTimeline | None]:
+    """Drive a plan whose rounded corners fall short of a margin with narrower corners in the runs where they do.
+
+    With corners that are rounded less the arm stands at the planning points as planned, where it keeps the margins;
+    the price is feed. Without an answer the motion is given up where a margin is missed.
+    """
+    the_plan, first = planned, find_lost_margin(planned, taken)
+    for rounding in ROUNDINGS:
+        stop = find_lost_margin(the_plan, taken)
+        if stop is None:
+            return the_plan, taken, timeline
+        runs = {**the_plan.rounding, **dict.fromkeys(find_runs_with_lost_margins(the_plan, taken), rounding)}
+        the_plan, narrower = motion(replace(the_plan, rounding=runs))
+        if narrower is None or narrower.trajectory is None:
+            break
+        timeline, taken = narrower, apply_driven_rotation(the_plan, narrower.phi)
+    if first is None or find_lost_margin(the_plan, taken) is None:
+        return the_plan, taken, timeline
+    return planned, planned, replace(timeline, trajectory=None, obstructions=(first,))
+
+
+def drive_tool_segment(
+    stint: ToolSegment, the_plan: Plan, whole: PlanOptions, timings: StageTimings, again: Callable[[PlanOptions], Plan]
+) -> tuple[Plan, Plan, MotionTimeline | None]:
+    """The plan, what is driven of it, and the motion; made again with spare where driving takes of the margins.
+
+    Args:
+        whole: options of the whole job.
+        again: plans the same with other options for the whole job.
+    """
+    toolpath, options, spared, arm = stint.toolpath, stint.restrict_options(whole), whole, the_plan.setup.arm
+    for tries_left in range(SPARES, -1, -1):
+
+        def motion(one: Plan, asked: PlanOptions = spared) -> tuple[Plan, MotionTimeline | None]:
+            shifted = compensate_with_retries(stint, one, asked, timings, again) if options.compensate else one
+            return shifted, plan_motion(shifted, toolpath, options, timings)
+
+        the_plan, timeline = reroute_blocked_rapids(the_plan, motion, timings)
+        if timeline is None or timeline.trajectory is None:
+            return the_plan, the_plan, timeline
+        taken = apply_driven_rotation(the_plan, timeline.phi)
+        stop = find_lost_margin(the_plan, taken)
+        if stop is None:
+            return the_plan, taken, timeline
+        spared = add_margin_reserve(spared, the_plan, taken)
+        other = again(spared) if tries_left else None
+        if other is None or not (is_whole(other) or options.allow_gaps):
+            return _rounded_less(the_plan, taken, timeline, motion)
+        the_plan = restore_requested_margins(other, options, arm)
+    raise AssertionError("the last try returns")

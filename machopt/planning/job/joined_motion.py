@@ -1,0 +1,98 @@
+"""Motion and points of a job that changes tools, from those of its stretches
+(:mod:`machopt.planning.job.joined_plan`)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from machopt.data_types.points_table import PointsTable
+from machopt.data_types.toolpath import MoveKind, Toolpath
+from machopt.data_types.trajectory import Trajectory
+from machopt.planning.job.joined_plan import ToolSegmentPlan, shift_break_indices
+from machopt.planning.motion.trajectory_builder import MotionTimeline
+from machopt.planning.plan_output.point_table import PointResults, list_dwells
+
+
+@dataclass(frozen=True)
+class DrivenToolSegment:
+    """One tool's stretch, planned and driven."""
+
+    stretch: ToolSegmentPlan
+    points: PointResults
+    timeline: MotionTimeline | None
+
+
+def join_point_tables(parts: Sequence[DrivenToolSegment], toolpath: Toolpath) -> PointResults:
+    """One table for the whole toolpath."""
+    tables = [p.points.table for p in parts]
+    columns: dict[str, Any] = {}
+    for f in fields(PointsTable):
+        some = [getattr(t, f.name) for t in tables]
+        if f.name in ("operations", "external_prismatic"):
+            columns[f.name] = some[0]
+        elif isinstance(some[0], tuple):
+            columns[f.name] = tuple(value for one in some for value in one)
+        elif all(one is not None for one in some):
+            columns[f.name] = np.concatenate(some)
+        elif f.name == "compensation" and any(one is not None for one in some):
+            zeros = [np.zeros((len(t), 3)) for t in tables]
+            columns[f.name] = np.concatenate([z if o is None else o for o, z in zip(some, zeros, strict=True)])
+        else:
+            columns[f.name] = None
+    columns["position"], columns["axis"] = toolpath.position, toolpath.axis
+    columns["dwell"] = list_dwells(toolpath)  # one before a change of tools stands at the last point of what is before
+    before = np.cumsum([0, *(len(p.stretch.plan.path.index) for p in parts)])
+    rows = np.concatenate([p.points.rows + n for p, n in zip(parts, before, strict=False)])
+    return PointResults(PointsTable(**columns), rows, tuple(name for p in parts for name in p.points.nearest_pair))
+
+
+def join_timelines(parts: Sequence[DrivenToolSegment]) -> MotionTimeline | None:
+    """The whole motion, if every stretch has one; the machine stands a sample where the tool is changed."""
+    found = [(p, p.timeline) for p in parts if p.timeline is not None]
+    if not found:
+        return None
+    obstructions = tuple(shift_break_indices(b, p.stretch) for p, one in found for b in one.obstructions)
+    driven = [one.trajectory for _, one in found if one.trajectory is not None]
+    whole = len(driven) == len(parts)
+    if not whole and not obstructions:
+        return None  # points are missing; their own sentences tell
+    before = np.cumsum([0, *(len(p.stretch.plan.path.index) for p in parts)]).tolist()
+    row = dict(zip([id(p) for p in parts], before, strict=False))
+    cut = np.array([float((t.move == MoveKind.CUT).sum()) for t in driven]) if whole else np.ones(1)
+    held = np.array([one.held_share for _, one in found]) if whole else np.ones(1)
+    return MotionTimeline(
+        trajectory=_one_after_the_other(parts, driven) if whole else None,
+        dips=tuple(d.at(np.array([d.first, d.last]) + p.stretch.first) for p, one in found for d in one.dips),
+        obstructions=obstructions,
+        detours=tuple(
+            f"with tool {p.stretch.tool}, points counted from {p.stretch.first}: {text}"
+            for p, one in found
+            for text in one.detours
+        ),
+        legs=(),
+        held_share=float(cut @ held / cut.sum()) if cut.sum() > 0 else 1.0,
+        phi=np.concatenate([one.phi for _, one in found]),
+        driven=tuple((a + row[id(p)], b + row[id(p)]) for p, one in found for a, b in one.driven),
+        given_up={(a + row[id(p)], b + row[id(p)]): text for p, one in found for (a, b), text in one.given_up.items()},
+    )
+
+
+def _one_after_the_other(parts: Sequence[DrivenToolSegment], motions: Sequence[Trajectory]) -> Trajectory:
+    """Every row of each: the last of one and the first of the next stand at the same place with another tool."""
+    sample = float(motions[0].time[1] - motions[0].time[0])
+    count = sum(len(m.time) for m in motions)
+    columns = {
+        name: np.concatenate([getattr(m, name) for m in motions])
+        for name in ("q", "external", "move", "operation", "gamma", "feed")
+    }
+    return replace(
+        motions[0],
+        time=np.arange(count, dtype=float) * sample,
+        point=np.concatenate([m.point + p.stretch.first for m, p in zip(motions, parts, strict=True)]),
+        tool=np.concatenate([np.full(len(m.time), k, np.int32) for k, m in enumerate(motions)]),
+        **columns,
+    )

@@ -1,0 +1,237 @@
+"""The plans of a job that changes tools, put together: each tool's stretch is planned by itself.
+
+Between two of them the machine stands at one known pose, where the tool is changed. So nothing of one stretch's motion
+hangs on another's, and with s_k a stretch's share of the length cut the whole has
+
+    J = Σ s_k (J_k − w_worst·m_k) + w_worst·max m_k,    m_k its worst index in units of one c₀ (the first stretch's)
+
+The stretches are planned for J_k alone, and then for the worst index of them all
+(:mod:`machopt.planning.job.worst_index_over_tools`). Where that is not done, no plan of the whole has less than Σ
+s_k·bound_k, as
+Σ s_k = 1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from machopt.data_types.plan_options import PlanOptions
+from machopt.numerics.array_types import Array
+from machopt.planning.cost.objective import PlanObjective, compute_total
+from machopt.planning.cost.stiffness_index import CandidateScores, LoadDirections
+from machopt.planning.pipeline.plan import PathCompensation, Plan, ToolPlanPart
+from machopt.planning.pipeline.planning_setup import ScoredAssignment
+from machopt.planning.pipeline.sequence_breaks import CHANGE, HOME, SequenceBreak
+from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sequence_search.dynamic_programming import SequenceChoice
+from machopt.planning.stations.planning_path import PlanningPath
+
+COUNTED_UP = ("time", "s")  # of a path: what rises along it, over all stretches
+
+
+@dataclass(frozen=True)
+class ToolSegmentPlan:
+    """One tool's plan before it is put together with the others."""
+
+    plan: Plan  # its toolpath indices count from the stretch's first point
+    first: int  # toolpath point of the whole
+    tool: str
+
+
+def join_plans(stretches: Sequence[ToolSegmentPlan], bound: float | None = None) -> Plan:
+    """The job as one plan, its stretches in ``parts``; ``bound`` as in
+    :class:`~machopt.planning.pipeline.plan.Plan`."""
+    plans = [_in_the_whole(s) for s in stretches]
+    share = compute_length_shares(plans)
+    rows = np.cumsum([0, *(len(p.path.index) for p in plans)])[:-1]
+    stations = np.cumsum([0, *(len(p.path.stations) for p in plans)])[:-1].tolist()
+    first, options = plans[0], plans[0].options
+
+    def scored(of: Callable[[Plan], ScoredAssignment]) -> ScoredAssignment:
+        some = [of(p) for p in plans]
+        assignment = replace(
+            some[0].assignment,
+            **{f.name: _stacked([getattr(s.assignment, f.name) for s in some]) for f in fields(some[0].assignment)},
+        )
+        cost = np.concatenate([s.cost for s in some])
+        return ScoredAssignment(assignment, cost, _summed([s.objective for s in some], share, options))
+
+    candidates = _candidates([p.candidates for p in plans])
+    crowded = [p.scores.crowded for p in plans if p.scores.crowded is not None]
+    return Plan(
+        setup=first.setup,
+        options=options,
+        path=_path([p.path for p in plans]),
+        directions=LoadDirections(
+            **{f.name: _stacked([getattr(p.directions, f.name) for p in plans]) for f in fields(LoadDirections)}
+        ),
+        candidates=candidates,
+        scores=CandidateScores(
+            np.concatenate([p.scores.cost for p in plans]),
+            first.scores.index,
+            first.scores.scale,
+            np.concatenate(crowded) if len(crowded) == len(plans) else None,
+        ),
+        choice=_choice(plans, candidates, stations),
+        chosen=scored(lambda p: p.chosen),
+        chosen_from=" / ".join(dict.fromkeys(p.chosen_from for p in plans)),
+        grid=_summed([p.grid for p in plans], share, options),
+        cam_default=scored(lambda p: p.cam_default),
+        jiao2022=scored(lambda p: p.jiao2022),
+        check=None,
+        rounds=sum(p.rounds for p in plans),
+        breaks=tuple(b for p in plans for b in p.breaks),
+        notes={int(row) + p: text for row, one in zip(rows, plans, strict=True) for p, text in one.notes.items()},
+        ways={int(row) + p: b for row, one in zip(rows, plans, strict=True) for p, b in one.ways.items()},
+        compensation=_compensation(plans),
+        conflict=" ".join(p.conflict for p in plans if p.conflict),
+        parts=tuple(ToolPlanPart(p, int(row), float(s)) for p, row, s in zip(plans, rows, share, strict=True)),
+        bound=bound,
+    )
+
+
+def shift_break_indices(b: SequenceBreak, s: ToolSegmentPlan) -> SequenceBreak:
+    """A break of a stretch with the toolpath indices of the whole job."""
+    begin, end = (HOME if at is None else CHANGE for at in (s.plan.begin, s.plan.end))
+    text = f"with tool {s.tool}: {b.text}"
+    return replace(b, before=b.before + s.first, after=b.after + s.first, text=text, begin=begin, end=end)
+
+
+def _in_the_whole(s: ToolSegmentPlan) -> Plan:
+    """The plan with the toolpath indices of the whole job; its sentences count points from the stretch's first."""
+    notes = {p: f"with tool {s.tool}, points counted from {s.first}: {text}" for p, text in s.plan.notes.items()}
+    return replace(
+        s.plan,
+        path=replace(s.plan.path, index=s.plan.path.index + s.first),
+        breaks=tuple(shift_break_indices(b, s) for b in s.plan.breaks),
+        ways={p: shift_break_indices(b, s) for p, b in s.plan.ways.items()},
+        notes=notes if s.first else s.plan.notes,
+        conflict=f"With tool {s.tool}, points counted from {s.first}: {s.plan.conflict}" if s.plan.conflict else "",
+    )
+
+
+def compute_length_shares(plans: Sequence[Plan]) -> Array:
+    """(K,) of the length cut; by the counted points where nothing has a length."""
+    length = []
+    for p in plans:
+        step = np.linalg.norm(np.diff(p.path.position, axis=0), axis=1)
+        length.append(float(step @ p.path.counted[1:]))
+    share = np.array(length) if sum(length) > 0 else np.array([float(p.path.counted.sum()) for p in plans])
+    return share / share.sum() if share.sum() > 0 else np.full(len(plans), 1.0 / len(plans))
+
+
+def _summed(parts: Sequence[PlanObjective], share: Array, options: PlanOptions) -> PlanObjective:
+    """J of the whole, by the formula above; a stretch without cuts counts for its worst index only."""
+    cuts = share > 0
+
+    def mean(name: str) -> float:
+        return float(share[cuts] @ np.array([getattr(o, name) for o in parts])[cuts])
+
+    worst = max(o.worst for o in parts)
+    whole = PlanObjective(
+        total=math.nan,
+        mean=mean("mean"),
+        worst=worst,
+        travel=mean("travel"),
+        rotation=mean("rotation"),
+        feed=mean("feed"),
+        preferred=mean("preferred"),
+        clearance=mean("clearance"),
+    )
+    return replace(whole, total=compute_total(whole, options.weights))
+
+
+def _stacked(arrays: Sequence[Array]) -> Any:
+    """Arrays of whatever numbers or flags, one behind the other; None where no stretch has any."""
+    if arrays[0] is None:
+        return None
+    return np.concatenate(arrays)
+
+
+def _path(paths: Sequence[PlanningPath]) -> PlanningPath:
+    """One path of all runs; nothing joins the last of one stretch and the first of the next."""
+    before = dict.fromkeys(COUNTED_UP, 0.0)
+    columns: dict[str, list[Array]] = {}
+    runs: list[tuple[int, int]] = []
+    row = run = 0
+    for path in paths:
+        for f in fields(path):
+            value = getattr(path, f.name)
+            if f.name == "runs":
+                runs += [(a + row, b + row) for a, b in value]
+                continue
+            if f.name in COUNTED_UP:
+                value = value + before[f.name]
+                before[f.name] = float(value[-1])
+            by = {"run": run, "stations": row}.get(f.name, 0)
+            columns.setdefault(f.name, []).append(value + np.asarray(by, value.dtype) if by else value)
+        row += len(path.index)
+        run += int(path.run[-1]) + 1
+    return replace(paths[0], runs=tuple(runs), **{name: _stacked(some) for name, some in columns.items()})
+
+
+def _candidates(some: Sequence[CandidateGrid]) -> CandidateGrid:
+    """All stations with the whole turns that occur anywhere."""
+    turns = np.unique(np.concatenate([c.turns for c in some]), axis=0)
+    feasible = []
+    for c in some:
+        wide = np.zeros((*c.feasible.shape[:3], len(turns)), bool)
+        wide[..., _places(c.turns, turns)] = c.feasible
+        feasible.append(wide)
+    nudged = any(c.nudge is not None for c in some)
+    nudge = [np.zeros(len(c.q)) if c.nudge is None else c.nudge for c in some]
+    return CandidateGrid(
+        phi=some[0].phi,
+        q=np.concatenate([c.q for c in some]),
+        turns=turns,
+        reason=np.concatenate([c.reason for c in some]),
+        feasible=np.concatenate(feasible),
+        stable=all(c.stable for c in some),
+        shortfall=np.concatenate([c.shortfall for c in some]),
+        nudge=np.concatenate(nudge) if nudged else None,
+    )
+
+
+def _places(turns: Array, among: Array) -> Array:
+    """(T,) which of the rows ``among`` each of ``turns`` is."""
+    return np.array([int(np.flatnonzero((among == t).all(axis=1))[0]) for t in turns], np.intp)
+
+
+def _choice(plans: Sequence[Plan], candidates: CandidateGrid, stations: Sequence[int]) -> SequenceChoice:
+    choices = [p.choice for p in plans]
+    turn = []
+    for p in plans:
+        place = _places(p.candidates.turns, candidates.turns)
+        turn.append(np.where(p.choice.turn >= 0, place[np.maximum(p.choice.turn, 0)], -1).astype(p.choice.turn.dtype))
+    return SequenceChoice(
+        rotation=np.concatenate([c.rotation for c in choices]),
+        branch=np.concatenate([c.branch for c in choices]),
+        turn=np.concatenate(turn),
+        q=np.concatenate([c.q for c in choices]),
+        broken=tuple(s + at for c, at in zip(choices, stations, strict=True) for s in c.broken),
+    )
+
+
+def _compensation(plans: Sequence[Plan]) -> PathCompensation | None:
+    """The shifts of all stretches; none where a stretch has none."""
+    some = [p.compensation for p in plans if p.compensation is not None]
+    if not some:
+        return None
+    every = [
+        p.compensation
+        or PathCompensation(
+            np.zeros((len(p.path.index), 3)), np.zeros((len(p.path.index), 3)), 0.0, np.zeros(len(p.path.index), bool)
+        )
+        for p in plans
+    ]
+    return PathCompensation(
+        np.concatenate([c.offset for c in every]),
+        np.concatenate([c.force for c in every]),
+        max(c.length for c in every),
+        np.concatenate([c.lost for c in every]),
+    )

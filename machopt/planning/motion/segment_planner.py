@@ -1,0 +1,316 @@
+"""One leg of the motion at a time: a rapid move, a lift along the tool axis, a run at the feed, a touch.
+
+Where the cell has kinematic corrections, the plan's configurations are true angles and a leg's are those told to the
+robot: runs are timed in them, rapid moves are straight in them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.toolpath import MoveKind, Toolpath
+from machopt.numerics.array_types import Array
+from machopt.planning.cache import compute_cached
+from machopt.planning.motion.clearance_over_cuts import BELOW, CutSurface
+from machopt.planning.motion.rapid_moves import UNDER, BlockedRapid, plan_rapid, retime_straight_segments
+from machopt.planning.motion.retract_moves import RetractMoves
+from machopt.planning.motion.search_budget import EXTENSIONS, is_used_up
+from machopt.planning.motion.segments import MotionSegment, count_rest_samples, label_cut_samples, select_program_points
+from machopt.planning.motion.straight_rapids import Way, build_rapid_key
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.sequence_breaks import SequenceBreak, build_undriven_break, describe_place
+from machopt.planning.retiming.path_curve import SPIN_TOLERANCE
+from machopt.planning.retiming.run_retiming import RunFailure, RunInput, RunTrajectory, retime_run
+from machopt.planning.retiming.slowdowns import FeedSlowdown
+
+
+@dataclass(frozen=True)
+class RestPose:
+    """Where the machine stands between two stretches."""
+
+    x: Array  # (6 + E,) rad or m, true angles
+    index: float  # along the toolpath, NaN at home
+    row: int  # planning point, −1 at home
+    change: bool = False  # tools are changed there
+
+    @property
+    def name(self) -> str:
+        return "the tool change" if self.change else describe_place(self.index)
+
+
+class SegmentPlanner:
+    """Drives one leg of a plan at a time; what is noted on the way (dips, detours, time at the feed) adds up."""
+
+    def __init__(self, plan: Plan, toolpath: Toolpath, lifts: RetractMoves) -> None:
+        self.plan, self.toolpath, self.lifts = plan, toolpath, lifts
+        self.options, self.path = plan.options, plan.path
+        self.q = plan.chosen.assignment.q
+        self.phi = plan.chosen.assignment.phi.copy()  # as driven, once its run is
+        self.feed_after = self._feed_after()
+        self.rests = count_rest_samples(toolpath, self.options.sample)
+        self.rng = np.random.default_rng(self.options.seed)
+        self.dips: list[FeedSlowdown] = []
+        self.detours: list[str] = []
+        self.cut_time = self.held_time = 0.0
+        self.free: frozenset[Way] = frozenset()  # straight rapid moves known to be free
+        self.level = CutSurface.of(plan.setup.cell, toolpath)
+        self.graze = BELOW + self._shifted()
+
+    def rapid(self, a: RestPose, b: RestPose, extensions: int) -> MotionSegment | SequenceBreak:
+        move = plan_rapid(
+            a.x,
+            b.x,
+            limits=self.plan.setup.driven.limits,
+            scale=self.options.rapid_scale,
+            sample=self.options.sample,
+            collision=self.plan.setup.collision,
+            step=self.options.collision_step,
+            rng=self.rng,
+            detours=lambda: self.lifts.detours(a.row, b.row),
+            iterations=extensions,
+            known_free=build_rapid_key(a.x, b.x) in self.free,
+            per_rad=self.plan.setup.per_rad,
+            barred=self._under if self._held(a, b) else None,
+        )
+        if isinstance(move, BlockedRapid):
+            return _blocked(move, a, b)
+        x, waypoints = move.q, move.waypoints
+        if self.plan.setup.correction is not None:
+            waypoints = self._told(waypoints)
+            x = retime_straight_segments(
+                waypoints, self.plan.setup.cell.limits, self.options.rapid_scale, self.options.sample
+            )
+        if len(x) == 1 and np.isfinite(a.index) and np.isfinite(b.index):
+            x = np.repeat(x, 2, axis=0)  # the file names one place twice: a sample for the second, too
+        n = len(x)
+        if move.kind != "direct":
+            via = len(waypoints) - 2
+            self.detours.append(f"{a.name} → {b.name}: {move.kind}, {via} way point{'' if via == 1 else 's'}")
+        operation = self.toolpath.operation[round(b.index)] if np.isfinite(b.index) else -1
+        return MotionSegment(
+            name="rapid",
+            q=x[:, :6],
+            index=np.linspace(a.index, b.index, n) if n > 1 else np.array([b.index]),
+            move=np.full(n, MoveKind.RAPID, np.int8),
+            operation=np.full(n, operation, np.int32),
+            gamma=np.full(n, np.nan),
+            waypoints=waypoints[1:, :6],
+            waypoint_index=np.full(len(waypoints) - 1, b.index),
+            waypoint_feed=np.full(len(waypoints) - 1, np.nan),
+            external=x[:, 6:],
+            waypoint_external=waypoints[1:, 6:],
+        )
+
+    def _held(self, a: RestPose, b: RestPose) -> bool:
+        """Whether a rapid move has to stay over the cuts: any but one from or to a home under one of them."""
+        resting = [place.x for place in (a, b) if not np.isfinite(place.index) and not place.change]
+        return self.level is not None and not (resting and self._under(np.array(resting)))
+
+    def _under(self, x: Array) -> bool:
+        """Whether a rapid move (S, 6 + E) leads through what lies under a cut."""
+        assert self.level is not None  # asked only then
+        arm = self.plan.setup.arm
+        return self.level.under(arm.machine.compute_fk(x, arm.T_flange_tcp)) > self.graze
+
+    def _shifted(self) -> float:
+        """m, how far the commanded cuts are off those of the file: a free move begins where a shifted cut ends."""
+        rows = np.flatnonzero(self.path.is_point)
+        away = self.path.position[rows] - self.toolpath.position[np.round(self.path.index[rows]).astype(int)]
+        return float(np.linalg.norm(away, axis=1).max(initial=0.0))
+
+    def straight(self, a: Array, b: Array, row: int, move: MoveKind, height: float) -> MotionSegment | SequenceBreak:
+        """A straight lift or descent along the tool axis; down not faster than the cut that follows."""
+        rows = np.array([row, row], np.int32)
+        up = np.asarray([height, 0.0]) if move is MoveKind.APPROACH else np.asarray([0.0, height])
+        position = self.path.position[rows] + up[:, None] * self.path.axis[rows]
+        feed = (
+            min(self.options.approach_feed, float(self.feed_after[row]))
+            if move is MoveKind.APPROACH
+            else self.options.approach_feed
+        )
+        done = self._retime(position, rows, np.array([a[:6], b[:6]]), np.full(2, feed))
+        if isinstance(done, RunFailure):
+            at = float(self.path.index[row])
+            return build_undriven_break(at, at, done.reason)
+        n = len(done.q)
+        return MotionSegment(
+            name="lift",
+            q=done.q,
+            index=np.full(n, self.path.index[row]),
+            move=np.full(n, move, np.int8),
+            operation=np.full(n, self._operation(rows[:1])[0], np.int32),
+            gamma=np.full(n, np.nan),
+            waypoints=self._told(b[None, :6]),
+            waypoint_index=self.path.index[rows[:1]],
+            waypoint_feed=np.array([feed]),
+            external=done.external,
+            waypoint_external=b[None, 6:],
+        )
+
+    def touch(self, first: int, last: int) -> MotionSegment:
+        """Points without any way between them: the tool stands there for a sample each."""
+        rows = np.r_[first, first, np.arange(first, last + 1)]
+        n = len(rows)
+        leg = MotionSegment(
+            name="run",
+            q=np.repeat(self._told(self.q[first][None]), n, axis=0),
+            index=self.path.index[rows],
+            move=self.path.move[rows],
+            operation=self._operation(rows.astype(np.int32)),
+            gamma=np.full(n, np.nan),
+            waypoints=self._told(self.q[[last]]),
+            waypoint_index=self.path.index[[last]],
+            waypoint_feed=self.path.feed[[last]]
+            if self.path.feed[last] > 0
+            else np.array([self.options.approach_feed]),
+            external=np.repeat(self.path.external[[first]], n, axis=0),
+            waypoint_external=self.path.external[[last]],
+        )
+        for k in range(last - 1, first, -1):  # the file dwells between two of them
+            leg = leg.standing(2 + k - first, self.samples_at(k))
+        return leg
+
+    def run(self, first: int, last: int) -> MotionSegment | SequenceBreak:
+        rows = np.arange(first, last + 1, dtype=np.int32)
+        feed = np.where(self.path.feed[rows] > 0, self.path.feed[rows], self.options.approach_feed)
+        index = self.path.index[rows]
+        rests = [
+            n for n in np.searchsorted(index, np.array(sorted(self.rests)) - 1e-9).tolist() if 0 < n < len(rows) - 1
+        ]
+        rests = [n for n in rests if round(float(index[n])) in self.rests and self.path.is_point[rows[n]]]
+        done = self._retime(self.path.position[rows], rows, self.q[rows], feed, tuple(rests))
+        if isinstance(done, RunFailure):
+            at = float(np.interp(done.point, np.arange(len(rows)), index))
+            return build_undriven_break(at, at, done.reason)
+        local = done.point
+        segment = np.clip(np.ceil(local - 1e-9).astype(int), 1, len(rows) - 1)  # the segment a sample lies on
+        move = self.path.move[rows][segment]
+        below = np.clip(np.floor(local + 1e-9).astype(int), 0, len(rows) - 1)
+        move = label_cut_samples(move, local, index, rows, self.path)
+        gamma = done.phi + self.path.offset[rows][below]
+        self.phi[rows] = np.interp(np.arange(len(rows)), local, done.phi)
+        phi = self.plan.chosen.assignment.phi[rows]
+        told = select_program_points(phi, self.path.is_point[rows], index, self.path.position[rows])
+        if np.ptp(self.path.external[rows], axis=0).any():
+            told[:] = True  # between two targets the controller moves them on the line
+        told[0] = False  # the move starts there
+        cutting = move == MoveKind.CUT
+        self.cut_time += float(cutting.sum()) * self.options.sample
+        self.held_time += float((cutting & done.held).sum()) * self.options.sample
+        self.dips += [dip.at(np.interp([dip.first, dip.last], np.arange(len(rows)), index)) for dip in done.dips]
+        leg = MotionSegment(
+            name="run",
+            q=done.q,
+            index=np.interp(local, np.arange(len(rows)), index),
+            move=move,
+            operation=self._operation(rows[segment]),
+            gamma=gamma,
+            waypoints=self._told(self.q[rows][told]),
+            waypoint_index=index[told],
+            waypoint_feed=feed[told],
+            external=done.external,
+            waypoint_external=self.path.external[rows][told],
+        )
+        for n, row in reversed(list(zip(rests, done.rests, strict=True))):
+            leg = leg.standing(row, self.samples_at(first + n))
+        return leg
+
+    def _retime(
+        self, position: Array, rows: NDArray[np.int32], q: Array, feed: Array, rests: tuple[int, ...] = ()
+    ) -> RunTrajectory | RunFailure:
+        setup = self.plan.setup
+        rounding = self.plan.rounding.get(int(self.path.run[rows[0]]), 1.0)
+        run = RunInput(
+            position=position,
+            axis=self.path.axis[rows],
+            reference=self.path.reference[rows],
+            phi=self.plan.chosen.assignment.phi[rows],
+            q=q,
+            feed=feed,
+            machine=setup.arm.machine,
+            external=self.path.external[rows],
+            T_flange_tcp=setup.arm.T_flange_tcp,
+            robot=setup.robot,
+            limits=self.plan.setup.cell.limits,
+            sample=self.options.sample,
+            path_tolerance=rounding * self.options.path_tolerance,
+            axis_tolerance=rounding * self.options.axis_tolerance,
+            spin_tolerance=rounding * SPIN_TOLERANCE,
+            limit_scale=self.options.limit_scale,
+            correction=setup.correction,
+            rests=rests,
+        )
+        values = tuple(getattr(run, f.name) for f in fields(run))
+        return compute_cached("retime", lambda: values, lambda: retime_run(run))
+
+    def samples_at(self, row: int) -> int:
+        """How many samples the machine stands at a planning point."""
+        return self.rests.get(round(float(self.path.index[row])), 0) if self.path.is_point[row] else 0
+
+    def _feed_after(self) -> Array:
+        """(P,) m/s of the move to each point, of the next one with a feed where that is a rapid move."""
+        feed = np.where(self.path.feed > 0, self.path.feed, np.nan)
+        known = np.flatnonzero(np.isfinite(feed))
+        if not len(known):
+            return np.full(len(feed), self.options.approach_feed)
+        return feed[known[np.minimum(np.searchsorted(known, np.arange(len(feed))), len(known) - 1)]]
+
+    def _told(self, q: Array) -> Array:
+        """(W, 6 or more) with encoder angles of true angles; what follows the arm's joints is left as it is."""
+        correction = self.plan.setup.correction
+        return q if correction is None else np.hstack([correction.compute_encoder_angles(q[:, :6]), q[:, 6:]])
+
+    def _operation(self, rows: NDArray[np.int32]) -> NDArray[np.int32]:
+        return np.asarray(self.toolpath.operation[np.ceil(self.path.index[rows] - 1e-12).astype(int)])
+
+
+def _blocked(move: BlockedRapid, a: RestPose, b: RestPose) -> SequenceBreak:
+    at = a if move.reason == "start" else b
+    name, key = ("tool change", "robot.tool_change_deg") if at.change else ("home", "robot.home_deg")
+    if move.reason != "way" and at.row < 0:
+        return SequenceBreak(
+            before=a.index,
+            after=b.index,
+            code="home_collides",
+            text=f"{move.pair} touch or come nearer than the clearance at the {name} pose",
+            help=f"another {name} pose ({key}), or moving what is there, would help",
+            pair=move.pair,
+        )
+    if move.reason != "way":
+        return SequenceBreak(
+            before=a.index,
+            after=b.index,
+            code="rapid_collides",
+            text=f"{move.pair} touch or come nearer than the clearance at the "
+            f"{move.reason} of the rapid move, at {describe_place(at.index)}",
+            help="an approach or retract to a place clear of the part, or a smaller clearance_mm, would help",
+            pair=move.pair,
+        )
+    under = move.pair == UNDER
+    if is_used_up() and not under:
+        return SequenceBreak(
+            before=a.index,
+            after=b.index,
+            code="rapid_search_cut_short",
+            text=f"no free way past {move.pair} was looked for to the end: the search budget of "
+            f"{EXTENSIONS} tree extensions in vain is used up",
+            help="locking an external joint (external.NAME.mode=locked), a retract to a place clear of everything, or "
+            "another seed would help",
+            pair=move.pair,
+        )
+    return SequenceBreak(
+        before=a.index,
+        after=b.index,
+        code="rapid_blocked",
+        text="the tool would pass under places that are cut, and the cell does not say where the part's material is"
+        if under
+        else f"no free way was found past {move.pair}",
+        help="workpiece.geometry, or a retract in the CAM file that is clear of the part, would help"
+        if under
+        else "a retract to a place "
+        "clear of everything, another home pose, another seed, or moving what is in the way would help",
+        pair=move.pair,
+    )

@@ -1,0 +1,275 @@
+"""The whole motion in time: home → rapid → run → rapid → … → home, one row a control sample.
+
+Runs are retimed at the programmed feed (:mod:`machopt.planning.retiming.run_retiming`), rapid moves go from rest to
+rest in joint
+space (:mod:`machopt.planning.motion.rapid_moves`) and are checked for collisions like everything else. Where points
+were dropped
+(``allow_gaps``) the tool lifts along its axis, goes over by a rapid move and comes down again. Where the CAM file
+leaves or enters the workpiece in a rapid move (a drill drawn out, a cut without approach), the tool goes straight
+along its axis at a feed until it is out, and only then in rapid. Where the file dwells or stops, the machine comes to
+rest at that very point and stands there as long as the file says.
+
+Where the cell has kinematic corrections, the plan's configurations are true angles and everything in the result is told
+to the robot, so in encoder angles: runs are timed in them, rapid moves are straight in them. Rapid moves were checked
+for collisions straight in true angles, which differ by how much the corrections change on the way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.toolpath import MoveKind, Toolpath
+from machopt.data_types.trajectory import Trajectory
+from machopt.numerics.array_types import Array
+from machopt.planning.motion.retract_moves import RetractMoves, compute_rest_poses
+from machopt.planning.motion.segment_planner import RestPose, SegmentPlanner
+from machopt.planning.motion.segments import BEFORE_ALL, MotionSegment
+from machopt.planning.pipeline.gaps import Stretch, find_driven_stretches, find_uncut_points, is_worth_driving
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.sequence_breaks import NO_WAY_FOUND, SequenceBreak
+from machopt.planning.retiming.slowdowns import FeedSlowdown
+
+SEARCH = 2000  # extensions of the random tree for a rapid move that nothing simpler frees
+SEARCH_IN_VAIN = 100  # the same once a stretch is given up, or so many moves are known to be stuck
+SEARCHED = 6
+BLOCK = 20_000  # samples whose frames are held at a time
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionTimeline:
+    """The motion, what slows it, and what stops it."""
+
+    trajectory: Trajectory | None  # None where something stops it
+    dips: tuple[FeedSlowdown, ...]  # with toolpath indices
+    obstructions: tuple[SequenceBreak, ...]  # rapid moves no free way was found for, runs that cannot be driven
+    detours: tuple[str, ...]  # rapid moves that could not go straight
+    legs: tuple[MotionSegment, ...]
+    held_share: float  # of the cutting time at ≥ 95 % of the programmed feed
+    phi: Array  # (P,) rad, the rotation as driven: a little smoother than planned
+    driven: tuple[Stretch, ...] = ()  # first and last planning point of each stretch driven
+    given_up: dict[Stretch, str] = field(default_factory=dict)  # stretches left out (``allow_gaps``) and why
+
+
+def build_timeline(plan: Plan, toolpath: Toolpath, progress: Callable[[float], None] | None = None) -> MotionTimeline:
+    """Drive the chosen assignment from home through every run and back home."""
+    return _Builder(plan, toolpath, progress or (lambda _: None)).build()
+
+
+def has_motion(plan: Plan, toolpath: Toolpath) -> bool:
+    """Whether the chosen assignment can be driven; the first obstruction decides, and no other is looked for."""
+    builder = _Builder(plan, toolpath, lambda _: None)
+    builder.first_only = True
+    return builder.build().trajectory is not None
+
+
+class _Builder:
+    def __init__(self, plan: Plan, toolpath: Toolpath, progress: Callable[[float], None]) -> None:
+        self.plan, self.toolpath, self.progress = plan, toolpath, progress
+        self.options, self.path = plan.options, plan.path
+        self.x = plan.path.whole(plan.chosen.assignment.q)  # (P, 6 + E) with the external joints
+        self.lifts = RetractMoves(plan)
+        self.made = SegmentPlanner(plan, toolpath, self.lifts)
+        self.legs: list[MotionSegment] = []
+        self.obstructions: list[SequenceBreak] = []
+        self.withdrawn: list[tuple[float, float]] = []  # toolpath index, m
+        self.driven: list[Stretch] = []
+        self.given_up: dict[Stretch, str] = {}
+        self.in_the_way: list[SequenceBreak] = []  # what stretches were given up for
+        self.first_only = False  # end at the first obstruction
+
+    def build(self) -> MotionTimeline:
+        here, home = (
+            RestPose(rest, float("nan"), -1, told is not None)
+            for rest, told in zip(compute_rest_poses(self.plan), (self.plan.begin, self.plan.end), strict=True)
+        )
+        reason, breaks = self.plan.chosen.assignment.reason, self.plan.breaks
+        pieces = find_driven_stretches(self.path, reason, breaks)
+        self.made.free = self.lifts.free_between(pieces)
+        for n, (first, last) in enumerate(pieces):
+            here = self._stretch(here, first, last) or here
+            if self.first_only and self.obstructions:
+                break
+            self.progress((n + 1) / max(len(pieces), 1))
+        decided = self.first_only and self.obstructions
+        back = self.obstructions[0] if decided else self._rapid(here, home)
+        if isinstance(back, SequenceBreak):
+            self.obstructions.append(back)
+        else:
+            self.legs.append(back)
+        if self.legs:
+            self.legs[0] = self.legs[0].standing(0, self.made.rests.get(BEFORE_ALL, 0))
+        if self.withdrawn:
+            places = ", ".join(f"{index:g}" for index, _ in self.withdrawn[:8]) + (
+                " …" if len(self.withdrawn) > 8 else ""
+            )
+            self.made.detours.append(
+                f"in the workpiece at its start or end, at point {places}: there the tool is first drawn straight "
+                f"along its axis at a feed, by up to {1e3 * max(height for _, height in self.withdrawn):.0f} mm"
+            )
+        if not find_uncut_points(self.path, []).sum() > find_uncut_points(self.path, self.driven).sum():
+            self.obstructions += [b for b in self.in_the_way if b not in self.obstructions]  # nothing is left to cut
+        trajectory = None if self.obstructions else self._joined()
+        held = self.made.held_time / self.made.cut_time if self.made.cut_time > 0 else 1.0
+        return MotionTimeline(
+            trajectory=trajectory,
+            dips=tuple(self.made.dips),
+            obstructions=tuple(self.obstructions),
+            detours=tuple(self.made.detours),
+            legs=tuple(self.legs),
+            held_share=held,
+            phi=self.made.phi,
+            driven=tuple(self.driven),
+            given_up=self.given_up,
+        )
+
+    def _stretch(self, here: RestPose, first: int, last: int) -> RestPose | None:
+        """Drive one stretch from ``here``; returns where it ends, None where it cannot be driven.
+
+        Behind a way that was not found it goes on all the same: every other such way is told, too.
+        """
+        wanted = (first, last)
+        while True:
+            found = self._legs(here, first, last)
+            if not isinstance(found, SequenceBreak):
+                break
+            if not self.options.allow_gaps:
+                self.obstructions.append(found)
+                if found.code not in NO_WAY_FOUND:
+                    return None
+                height = self.lifts.withdrawal(last)  # what follows is looked at by itself
+                end = self.lifts.lifted(last, height) if height else self.x[last]
+                return None if end is None else RestPose(end, float(self.path.index[last]), last)
+            self.in_the_way.append(found)
+            shorter = self._shorter(found, first, last)
+            if shorter is None:
+                self.given_up[wanted] = f"left out with the stretch it is in: {found.text} ({found.where})"
+                return None
+            self.given_up[wanted] = f"the cut to it is left out: {found.text} ({found.where})"
+            first, last = shorter
+        legs, end = found
+        self.legs += legs
+        self.driven.append((first, last))
+        return end
+
+    def _shorter(self, why: SequenceBreak, first: int, last: int) -> Stretch | None:
+        """The stretch without its first or last toolpath point, where that stops it; None where nothing is left."""
+        if why.code != "no_room":
+            return None
+        points = first + np.flatnonzero(self.path.is_point[first : last + 1])
+        inner = points[points > first] if why.after == self.path.index[first] else points[points < last]
+        if len(inner) < 2:
+            return None
+        cut = (int(inner[0]), last) if why.after == self.path.index[first] else (first, int(inner[-1]))
+        return cut if is_worth_driving(self.path, *cut) else None
+
+    def _legs(self, here: RestPose, first: int, last: int) -> tuple[list[MotionSegment], RestPose] | SequenceBreak:
+        """The rapid move to a stretch, the stretch itself, and lifts where it starts or ends in the workpiece."""
+        index = self.path.index
+        gap_in = not any(first == a for a, _ in self.path.runs)
+        gap_out = not any(last == b for _, b in self.path.runs)
+        lift_in = self.lifts.gap(first) if gap_in else self._withdrawal(first)
+        lift_out = self.lifts.gap(last) if gap_out else lift_in if first == last else self._withdrawal(last)
+        if np.isnan(lift_in):
+            return self._no_room(here.index, float(index[first]))
+        if np.isnan(lift_out):
+            return self._no_room(float(index[last]), float("nan") if last + 1 == len(index) else float(index[last + 1]))
+        start = self.lifts.lifted(first, lift_in) if lift_in else self.x[first]
+        end = self.lifts.lifted(last, lift_out) if lift_out else self.x[last]
+        if start is None or end is None:
+            raise AssertionError("a lift that was found is there")
+        to = self._rapid(here, RestPose(start, float(index[first]), first))
+        if isinstance(to, SequenceBreak):
+            return to
+        down = self.made.straight(start, self.x[first], first, MoveKind.APPROACH, lift_in) if lift_in else None
+        up = self.made.straight(self.x[last], end, last, MoveKind.RETRACT, lift_out) if lift_out else None
+        run: MotionSegment | SequenceBreak | None = None
+        held: MotionSegment | None = None
+        if isinstance(down, SequenceBreak) or isinstance(up, SequenceBreak):
+            return down if isinstance(down, SequenceBreak) else up  # type: ignore[return-value]  # one of them is a break
+        if last > first and np.ptp(self.path.s[first : last + 1]) > 0:
+            begin = self._stood_until(first, last)
+            held = self.made.touch(first, begin) if begin > first else None
+            run = self.made.run(begin, last)
+        elif last > first or self.path.move[first] != MoveKind.RAPID:
+            run = self.made.touch(first, last)
+        if isinstance(run, SequenceBreak):
+            return run
+        legs = [leg for leg in (to, down) if leg is not None]
+        if run is not None and last > first:  # where it begins, the machine stands before
+            legs[-1] = legs[-1].standing(-1, self.made.samples_at(first))
+        if held is not None:
+            legs.append(held.standing(-1, self.made.samples_at(begin)))
+        legs += [] if run is None else [run]
+        legs[-1] = legs[-1].standing(-1, self.made.samples_at(last))
+        return legs + ([] if up is None else [up]), RestPose(end, float(index[last]), last)
+
+    def _stood_until(self, first: int, last: int) -> int:
+        """The last planning point at the place where a stretch begins, if the file rests there behind its first one.
+
+        A motion along the path passes such points all at once, and could not say where it stands.
+        """
+        there = first + int(np.searchsorted(self.path.s[first : last + 1] - self.path.s[first], 0.0, side="right")) - 1
+        index = self.path.index[first + 1 : there + 1]
+        return there if any(round(float(i)) in self.made.rests for i in index) else first
+
+    def _no_room(self, before: float, after: float) -> SequenceBreak:
+        return SequenceBreak(
+            before=before,
+            after=after,
+            code="no_room",
+            text="there is no room to lift the tool out of the cut at the gap",
+            help="more room above the part, or another pose of the part, would help",
+        )
+
+    def _rapid(self, a: RestPose, b: RestPose) -> MotionSegment | SequenceBreak:
+        return self.made.rapid(
+            a, b, SEARCH if len(self.obstructions) < SEARCHED and not self.given_up else SEARCH_IN_VAIN
+        )
+
+    def _withdrawal(self, row: int) -> float:
+        """m along the tool axis until a rapid move may begin; 0 where it may at once, or never."""
+        height = self.lifts.withdrawal(row)
+        if height:
+            self.withdrawn.append((float(self.path.index[row]), height))
+        return height
+
+    def _in_part(self, q: Array, external: Array) -> Array:
+        """(S, 3) m, the TCP where feed is measured: as the workpiece sees it where anything moves it."""
+        setup, T_flange_tcp = self.plan.setup, self.plan.setup.cell.tool.T_flange_tcp
+        out = np.empty((len(q), 3))
+        for start in range(0, len(q), BLOCK):  # the frames of all joints are many times what is kept
+            some = slice(start, start + BLOCK)
+            if not setup.arm.machine.external_count:
+                T = setup.robot.compute_fk(q[some], T_flange_tcp)
+            else:
+                T = setup.arm.machine.compute_fk(np.hstack([q[some], external[some]]), T_flange_tcp)
+            out[some] = T[:, :3, 3]
+        return out
+
+    def _joined(self) -> Trajectory:
+        """Legs share their ends; the later one's first row is dropped."""
+        first, later = self.legs[0], self.legs[1:]
+
+        def join(name: str) -> NDArray[np.float64]:
+            return np.concatenate([getattr(first, name), *(getattr(leg, name)[1:] for leg in later)])
+
+        q = join("q")
+        correction = self.plan.setup.correction
+        stands = q if correction is None else correction.compute_true_angles(q)
+        external = join("external")
+        place = self._in_part(stands, external)
+        speed = np.r_[0.0, np.linalg.norm(np.diff(place, axis=0), axis=1) / self.options.sample]
+        return Trajectory(
+            time=np.arange(len(q), dtype=float) * self.options.sample,
+            q=q,
+            external=external,
+            point=join("index"),
+            move=join("move").astype(np.int8),
+            operation=join("operation").astype(np.int32),
+            gamma=join("gamma"),
+            feed=speed,
+        )

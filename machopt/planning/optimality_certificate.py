@@ -1,0 +1,116 @@
+"""How good the plan is at least: its objective against what no sequence over the grid undercuts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from machopt.planning.cost.objective import ObjectiveTerms
+from machopt.planning.pipeline.plan import ExternalAxisBound, Plan
+from machopt.planning.sequence_search.crossed_rotations import compute_worst_index, find_hidden_points
+
+
+@dataclass(frozen=True)
+class OptimalityCertificate:
+    """Values of J (:mod:`machopt.planning.cost.objective`).
+
+    The bound holds for every sequence over the grid of rotations, branches and turns, with the external joints where
+    the plan has them (:func:`find_external_axis_bound` tells what holds over their values), by the prices of the
+    search:
+    where stations lie closer in time than a grid step of rotation takes, a step has the time since the last one. The
+    smooth curve lies between the grid's steps and may be below it.
+    """
+
+    objective: float  # of the plan as it is driven
+    sequence: float  # of the best sequence found over the grid
+    bound: float  # no sequence over the grid has less
+    grid: float  # of that sequence as a plan, point by point
+
+    @property
+    def gap(self) -> float:
+        """Share of ``sequence`` that another sequence could save at most."""
+        return 1.0 - self.bound / self.sequence if self.sequence > 0 else 0.0
+
+    @property
+    def above(self) -> float:
+        """Share by which the plan as it is driven is above the bound; negative below it, where the bound is no limit.
+
+        The gap is proven for sequences at the stations. The driven curve is priced at all points, so its own figure is
+        another one, and both are stated.
+        """
+        return self.objective / self.bound - 1.0 if self.bound > 0 else 0.0
+
+    @property
+    def beyond(self) -> float:
+        """Share that the plan saves against the grid's own sequence; negative where it costs more."""
+        return 1.0 - self.objective / self.grid if self.grid > 0 else 0.0
+
+
+def compute_external_travel_cost(plan: Plan) -> float:
+    """What the travel of the external joints costs: the same in every sequence, and the search leaves it out."""
+    path, setup = plan.path, plan.setup
+    way = np.abs(np.diff(path.external * setup.per_rad[6:], axis=0)).sum(axis=1)
+    terms = ObjectiveTerms.of(path, setup.velocity, plan.options)
+    return float(plan.options.weights.travel * (terms.travel[1:] @ way))
+
+
+def compute_certificate(plan: Plan) -> OptimalityCertificate | None:
+    """The certificate of a plan; None where its path has gaps or breaks to go round, or was not searched."""
+    if plan.parts:
+        return _of_all(plan)
+    c, ways = plan.choice, compute_external_travel_cost(plan)
+    values = (plan.chosen.objective.total, c.total + ways, c.bound + ways, plan.grid.total)
+    if plan.found is None or c.broken or not np.isfinite(values).all():
+        return None
+    return OptimalityCertificate(*values)
+
+
+def _of_all(plan: Plan) -> OptimalityCertificate | None:
+    """Of a job that changes tools, J as in :mod:`machopt.planning.job.joined_plan`.
+
+    The bound is that of all stretches under one cap on the worst index
+    (:mod:`machopt.planning.job.worst_index_over_tools`).
+    Where it is not known, the bounds of the stretches by their shares hold, each with its own worst index priced.
+    """
+    bound = sequence = 0.0
+    worst, price = [0.0], plan.options.weights.worst
+    for part in plan.parts:
+        found = compute_certificate(part.plan)
+        if found is None:
+            return None
+        own = _worst_of_sequence(part.plan)
+        bound += part.share * (found.bound if plan.bound is None else compute_external_travel_cost(part.plan))
+        sequence += part.share * (found.sequence - price * own)
+        worst.append(own)
+    bound += plan.bound or 0.0
+    return OptimalityCertificate(plan.chosen.objective.total, sequence + price * max(worst), bound, plan.grid.total)
+
+
+def _worst_of_sequence(plan: Plan) -> float:
+    """The worst index of the sequence over the grid, in units of c₀."""
+    c, path = plan.choice, plan.path
+    return compute_worst_index(
+        plan.scores.raw, path.counted[path.stations], find_hidden_points(path), c.rotation, c.branch
+    )
+
+
+def find_external_axis_bound(plan: Plan) -> ExternalAxisBound | None:
+    """What no sequence undercuts that chooses the external joints too; None where none of them was free.
+
+    Of a job that changes tools J is at least Σ share·bound, as each stretch's bound prices its own worst index and the
+    shares are 1 in all.
+    """
+    if not plan.parts:
+        return plan.over_external
+    own = [part.plan.over_external for part in plan.parts]
+    known = [found for found in own if found is not None]
+    if not known:
+        return None
+    why = next((found.why for found in known if found.why), "")
+    if why or len(known) < len(own):
+        return ExternalAxisBound(why=why or "a tool's stretch has none, as its external joints are locked")
+    total = float(sum(part.share * found.bound for part, found in zip(plan.parts, known, strict=True)))
+    least = min(known, key=lambda found: found.values)
+    stations = sum(found.stations for found in known)
+    return replace(least, bound=total, sequence=np.nan, plan=plan.chosen.objective.total, stations=stations)

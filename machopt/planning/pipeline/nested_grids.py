@@ -1,0 +1,140 @@
+"""The coarser grids inside a fine one: what they lead to is never lost by refining.
+
+The search over a grid is exact, the smooth curve beside its best sequence is a local optimum: a finer grid's may be a
+little worse than a coarser one's. So the best sequence of every grid that is made of each k-th rotation, up to
+COARSEST, is smoothed too, and the plan with the least objective is taken. Where there is none up to COARSEST, as in a
+grid of 10° or 15°, it is up to ROUGH.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.numerics.worker_threads import count_threads
+from machopt.planning.collision_handling.path_check import PathCollisions
+from machopt.planning.cost.stiffness_index import CandidateScores
+from machopt.planning.pipeline.collision_free_search import CollisionFreeSearch, CollisionFreeSequence
+from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sampling.joint_path import JointAssignment, solve_joint_path
+from machopt.planning.sequence_search.dynamic_programming import SequenceChoice, choose_sequence
+from machopt.planning.smoothing.rotation_smoothing import SmoothedRotation, follow_grid_rotation, smooth_rotation
+
+COARSEST = np.radians(10.0)  # step of the coarsest grid looked at inside a fine one
+ROUGH = np.radians(45.0)  # and inside one without any up to COARSEST
+EQUAL = 1e-9  # of the objective: a smaller gain is rounding
+
+
+def list_nested_strides(rotations: int) -> list[int]:
+    """Every k > 1 for which each k-th of the rotations is a whole grid not coarser than COARSEST, or than ROUGH where
+    none is."""
+    for coarsest in (COARSEST, ROUGH):
+        most = int(coarsest / (2 * np.pi / rotations) + 1e-6)
+        found = [k for k in range(2, most + 1) if rotations % k == 0]
+        if found:
+            return found
+    return []
+
+
+def thin_grid(candidates: CandidateGrid, scores: CandidateScores, k: int) -> tuple[CandidateGrid, CandidateScores]:
+    """Each k-th rotation, on the same scale."""
+    feasible = np.ascontiguousarray(candidates.feasible[:, ::k])
+    coarse = replace(
+        candidates,
+        phi=candidates.phi[::k],
+        q=np.ascontiguousarray(candidates.q[:, ::k]),
+        reason=candidates.reason[:, ::k],
+        feasible=feasible,
+    )
+    crowded = None if scores.crowded is None else np.ascontiguousarray(scores.crowded[:, ::k])
+    return coarse, replace(scores, cost=np.ascontiguousarray(scores.cost[:, ::k]), crowded=crowded)
+
+
+@dataclass
+class NestedGridSearch:
+    """The best sequences of the coarser grids inside a search's grid, made while that is smoothed."""
+
+    search: CollisionFreeSearch
+    made: dict[int, SequenceChoice] = field(default_factory=dict)  # stride → choice on what was left of the grid
+    left: tuple[int, int] = (-1, -1)  # vertices and wide steps of the grid when they were made
+
+    def choose(self) -> None:
+        """All of them, on what is left of the grid now."""
+        if self.left != self._left():
+            self.made, self.left = {}, self._left()
+        for k in self.strides():
+            self.of(k)
+
+    def of(self, k: int) -> tuple[CandidateGrid, CandidateScores, SequenceChoice]:
+        """Each k-th rotation and the best sequence over them."""
+        search, wide = self.search, self.search.chooser.wide
+        candidates, scores = thin_grid(search.candidates, search.scores, k)
+        if self.left != self._left():  # the grid loses vertices and gains wide steps, never the other way
+            self.made, self.left = {}, self._left()
+        if k not in self.made:
+            self.made[k] = choose_sequence(
+                search.path, candidates, scores, search.velocity, search.options, None, wide if wide.any() else None
+            )
+        return candidates, scores, self.made[k]
+
+    def strides(self) -> list[int]:
+        """Of the grids to be looked at; none with pins or zones: these are vertices of the fine grid only."""
+        options = self.search.options
+        return [] if options.fixed or options.steer else list_nested_strides(len(self.search.candidates.phi))
+
+    def _left(self) -> tuple[int, int]:
+        return int(np.count_nonzero(self.search.candidates.feasible)), int(np.count_nonzero(self.search.chooser.wide))
+
+
+def choose_best_nested_grid(
+    search: CollisionFreeSearch,
+    prefer_grid: Callable[[SequenceChoice, JointAssignment, JointAssignment], bool],
+    total: Callable[[JointAssignment], float],
+) -> CollisionFreeSequence:
+    """What the search finds, or what a coarser grid inside it leads to where that is better and free of contacts.
+
+    Args:
+        prefer_grid: as for :meth:`CollisionFreeSearch.run`.
+        total: J of an assignment.
+    """
+    coarser = NestedGridSearch(search)
+    if coarser.strides() and count_threads() > 1:
+        search.meanwhile = coarser.choose
+    try:
+        found = search.run(prefer_grid)
+    finally:
+        search.meanwhile = None  # else the two hold each other, and tens of MiB of prices with them
+    if not found.check.free or found.choice.broken or found.choice.dropped.any() or search.hopeless(found.choice):
+        return found
+    best = total(found.assignment)
+    for k in coarser.strides():
+        candidates, scores, choice = coarser.of(k)
+        if choice.broken or choice.dropped.any():
+            continue
+        curve = _realised(
+            search, smooth_rotation(search.path, candidates, scores, choice, search.velocity, search.options)
+        )
+        for source, assignment in (
+            ("smooth", curve),
+            ("grid", _realised(search, follow_grid_rotation(search.path, candidates, choice))),
+        ):
+            value = total(assignment)
+            if value < best * (1 - EQUAL):
+                check = _checked(search, assignment)
+                if check.free:
+                    best, found = value, replace(found, assignment=assignment, check=check, source=source)
+    return found
+
+
+def _realised(search: CollisionFreeSearch, curve: SmoothedRotation) -> JointAssignment:
+    return solve_joint_path(search.path, search.checker.arm, search.checker.robot, curve.phi, curve.seed)
+
+
+def _checked(search: CollisionFreeSearch, a: JointAssignment) -> PathCollisions:
+    """Contacts, and ``lost``: points without a configuration."""
+    missing = a.reason != InfeasibilityReason.OK
+    check = search.checker.whole(a.phi, np.where(missing[:, None], np.nan, a.q))
+    return replace(check, lost=check.lost | missing)

@@ -1,0 +1,128 @@
+"""What planning makes: a plan with the result of each of its steps, and its parts where a job changes tools."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.data_types.plan_options import PlanOptions
+from machopt.numerics.array_types import Array
+from machopt.planning.collision_handling.path_check import PathCollisions
+from machopt.planning.cost.objective import PlanObjective
+from machopt.planning.cost.stiffness_index import CandidateScores, LoadDirections
+from machopt.planning.pipeline.collision_free_search import CollisionFreeSequence
+from machopt.planning.pipeline.planning_setup import PlanningSetup, ScoredAssignment
+from machopt.planning.pipeline.sequence_breaks import SequenceBreak
+from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sequence_search.dynamic_programming import SequenceChoice
+from machopt.planning.stations.planning_path import PlanningPath
+
+
+@dataclass(frozen=True)
+class PathCompensation:
+    """What is added to the planning points."""
+
+    offset: Array  # (P, 3) m in workpiece
+    force: Array  # (P, 3) N in workpiece, F: what the offset is against
+    length: float  # m, ℓ
+    lost: NDArray[np.bool_]  # (P,) feasible as programmed, not as shifted
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExternalAxisBound:
+    """What no sequence undercuts that chooses the external joints too
+    (:mod:`machopt.planning.external_axis_optimization.external_axis_bound`); values of J.
+
+    All of them at the stations of the bound, which may be fewer than those of the plan.
+    """
+
+    why: str = ""  # why there is none; the figures are NaN then
+    bound: float = np.nan  # no sequence over the grid of values, rotations and branches has less
+    sequence: float = np.nan  # the best one found
+    plan: float = np.nan  # of the plan as it was chosen
+    values: int = 0  # of the external joints in the grid, beside the plan's own
+    stations: int = 0
+    step: float = np.nan  # rad, of rotation
+
+    @property
+    def gap(self) -> float | None:
+        """Share of the plan's J that a sequence over the grid could save at most.
+
+        None where the plan is below all of them: it stands between the values of the grid, and nothing is proven of
+        what else stands there.
+        """
+        if not self.plan > 0 or not self.bound <= self.plan:
+            return None
+        return 1.0 - self.bound / self.plan
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """Everything the plan found out, step by step."""
+
+    setup: PlanningSetup
+    options: PlanOptions
+    path: PlanningPath
+    directions: LoadDirections
+    candidates: CandidateGrid
+    scores: CandidateScores
+    choice: SequenceChoice
+    chosen: ScoredAssignment
+    chosen_from: str  # "smooth", "jiao2022" or "cam default": the assignment with the least objective
+    grid: PlanObjective  # of the grid optimum at the stations, for comparison
+    cam_default: ScoredAssignment
+    jiao2022: ScoredAssignment
+    check: PathCollisions | None
+    rounds: int
+    rounding: Mapping[int, float] = field(default_factory=dict)  # run → share of the corner tolerances, where below 1
+    breaks: tuple[SequenceBreak, ...] = ()  # where no continuous way leads on inside a run
+    found: CollisionFreeSequence | None = None  # the search, where that was the method
+    notes: dict[int, str] = field(default_factory=dict)  # planning point: why it was given up after the choice
+    ways: dict[int, SequenceBreak] = field(
+        default_factory=dict
+    )  # planning point: feasible, but the way that ends there is not
+    compensation: PathCompensation | None = None  # then ``path`` is the shifted one
+    conflict: str = ""  # which of the user's wishes cannot be kept together, where without them there is a plan
+    begin: Array | None = None  # (6 + E,) rad or m by encoder, where the motion begins; None: at home
+    end: Array | None = None  # likewise, where it ends
+    parts: tuple[ToolPlanPart, ...] = ()  # one a tool that is on, of a job that changes tools; empty: it has one tool
+    elsewhere: tuple[int, ...] = ()  # toolpath points that are turned otherwise than chosen, for the shift's sake
+    over_external: ExternalAxisBound | None = None  # None: no external joint was free, or nobody asked
+    bound: float | None = None  # of such a job: no sequences over the grids of its parts have less J; None: not known
+
+    def at(self, point: int) -> tuple[Plan, int]:
+        """The plan that planning point ``point`` was planned in, and which of its points it is."""
+        part = next((part for part in reversed(self.parts) if part.row <= point), None)
+        return (self, point) if part is None else (part.plan, point - part.row)
+
+    def among(self, points: NDArray[np.intp] | NDArray[np.int32]) -> Iterator[tuple[Plan, NDArray[np.intp]]]:
+        """Each plan that some of the planning points (n,) were planned in, and which of the n these are."""
+        if not self.parts:
+            yield self, np.arange(len(points))
+        part = self.part_of(points)
+        for k, one in enumerate(self.parts):
+            mine = np.flatnonzero(part == k)
+            if len(mine):
+                yield one.plan, mine
+
+    def part_of(self, points: NDArray[np.intp] | NDArray[np.int32]) -> NDArray[np.intp]:
+        """(n,) which of the parts planning points (n,) belong to."""
+        return np.searchsorted([one.row for one in self.parts], points, side="right") - 1
+
+    @property
+    def missing(self) -> NDArray[np.intp]:
+        """Planning points without a feasible configuration."""
+        return np.flatnonzero(self.chosen.assignment.reason != InfeasibilityReason.OK)
+
+
+@dataclass(frozen=True)
+class ToolPlanPart:
+    """A stretch of a job with one tool on, planned by itself (:mod:`machopt.planning.job.joined_plan`)."""
+
+    plan: Plan  # its toolpath indices are those of the whole job
+    row: int  # its first planning point in the whole
+    share: float  # of the length cut

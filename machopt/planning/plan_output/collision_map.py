@@ -1,0 +1,106 @@
+"""Which configurations of the grid collide, for the report's map: what the plan has looked at, and the rest if asked.
+
+The rest is looked at from coarse to fine along the path, so that what a limit of time leaves out is spread over the
+map. It is for the picture only: nothing of the plan follows from it.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.numerics.array_types import Bools, compute_any_last
+from machopt.planning.collision_handling.contact_lookahead import ContactLookahead
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.sampling.configurations import CandidateGrid
+
+SECONDS = 30.0  # that the rest may take
+COARSE = 32  # stations apart in the first pass, half of that in each next
+BLOCK = 512  # configurations between two looks at the clock
+
+
+@dataclass(frozen=True)
+class CollisionMap:
+    """What is known of the contacts of the grid's configurations."""
+
+    candidates: CandidateGrid
+    known: Bools  # (S, R, B) found free; what collides is not feasible any more
+    asked: bool  # everything was to be looked at
+    seconds: float = 0.0  # that it took
+
+    @property
+    def open(self) -> int:
+        """Configurations within reach, limits and margins that were not looked at."""
+        return int((self.candidates.usable & ~self.known).sum())
+
+    @property
+    def looked_at(self) -> int:
+        """Those that were."""
+        return int((self.candidates.reason == InfeasibilityReason.COLLIDING).sum() + self.known.sum())
+
+
+def compute_collision_map(plan: Plan, full: bool = False, seconds: float = SECONDS) -> CollisionMap:
+    """The contacts of the grid's configurations, as far as they are known.
+
+    Args:
+        full: look at what the plan did not look at, at cutting stations.
+        seconds: after which no further block is begun.
+    """
+    if plan.parts:
+        return _of_all(plan, [compute_collision_map(p.plan, full, seconds * p.share) for p in plan.parts])
+    c = plan.candidates
+    looked = np.zeros(c.reason.shape, bool) if plan.found is None else plan.found.looked
+    known = looked & c.usable
+    model = plan.setup.collision
+    if not full or model is None:
+        return CollisionMap(c, known, full)
+    start = time.perf_counter()
+    c = replace(c, feasible=c.feasible.copy(), reason=c.reason.copy())
+    touch = plan.path.may_touch[plan.path.stations]
+    ahead = ContactLookahead(
+        candidates=c,
+        model=model,
+        may_touch=touch,
+        external=plan.path.external[plan.path.stations],
+        pairs=np.full(c.reason.shape, -1, np.int32),
+    )
+    cut = plan.path.counted[plan.path.stations]
+    pass_ = COARSE
+    while pass_:
+        every = np.flatnonzero(cut)[::pass_]
+        usable = compute_any_last(c.feasible[every]) & ~known[every]
+        r, b, n = np.nonzero(usable.transpose(1, 2, 0))  # along the path: the next pose is near
+        rows = np.ravel_multi_index((every[n], r, b), known.shape)
+        for k in range(0, len(rows), BLOCK):
+            if time.perf_counter() - start > seconds:
+                return CollisionMap(c, known, full, time.perf_counter() - start)
+            _look(ahead, known, rows[k : k + BLOCK])
+        pass_ //= 2
+    return CollisionMap(c, known, full, time.perf_counter() - start)
+
+
+def _of_all(plan: Plan, parts: list[CollisionMap]) -> CollisionMap:
+    """What is known of a whole job from its stretches."""
+    some = [p.candidates for p in parts]
+    reason = np.concatenate([c.reason for c in some])
+    usable = np.concatenate([c.usable for c in some])
+    c = replace(plan.candidates, reason=reason, feasible=plan.candidates.feasible & usable[..., None])
+    return CollisionMap(c, np.concatenate([p.known for p in parts]), parts[0].asked, sum(p.seconds for p in parts))
+
+
+def _look(ahead: ContactLookahead, known: Bools, rows: NDArray[np.intp]) -> None:
+    """Look at configurations (n,), flat over (S, R, B), that are not struck out by now, and on from what collides."""
+    s, r, b = np.unravel_index(rows, known.shape)
+    left = compute_any_last(ahead.candidates.feasible[s, r, b])
+    s, r, b, rows = s[left], r[left], b[left], rows[left]
+    found = ahead.model.check_configurations(ahead.whole(s, r, b), ahead.may_touch[s])
+    free = ~found.hit
+    known[s[free], r[free], b[free]] = True
+    order = np.argsort(rows[found.hit])
+    vertices, pair = rows[found.hit][order], found.pair[found.hit][order]
+    ahead.strike(vertices, pair)
+    ahead.look(vertices, pair, 8 * BLOCK)

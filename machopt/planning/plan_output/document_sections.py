@@ -1,0 +1,213 @@
+"""What result.json tells of a plan, part by part."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from machopt.data_types.documents import optimize_document as told
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.data_types.tool_segments import ToolSegment
+from machopt.data_types.toolpath import Toolpath
+from machopt.planning.compensation.expected_removal import DeflectionRemoval, predict_removals
+from machopt.planning.compensation.shifted_path import compute_residual
+from machopt.planning.optimality_certificate import compute_certificate, find_external_axis_bound
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import ScoredAssignment
+from machopt.planning.pipeline.sequence_breaks import SequenceBreak
+from machopt.planning.plan_output.deflection_components import split_deflection
+from machopt.planning.plan_output.infeasibility_reasons import describe_remedy
+from machopt.planning.plan_output.point_table import PointResults, find_reason
+from machopt.planning.retiming.slowdowns import FeedSlowdown
+from machopt.planning.uncertainty.model_discrepancy import NINETY
+from machopt.planning.uncertainty.position_error import predict_position_error
+from machopt.planning.uncertainty.stiffness_uncertainty import IndexGain
+
+
+def list_infeasible_entries(the_plan: Plan, points: PointResults) -> Iterator[told.InfeasiblePointEntry]:
+    for p in the_plan.missing:
+        if the_plan.path.is_point[p]:
+            row = round(the_plan.path.index[p])
+            yield told.InfeasiblePointEntry(
+                point=row,
+                status=find_reason(the_plan, p).word,
+                reason=points.table.reason[row],
+                help=describe_remedy(the_plan, p),
+            )
+
+
+def build_break_entry(b: SequenceBreak) -> told.MotionBreakEntry:
+    """Two places that no motion joins; the model writes what is not finite as null."""
+    return told.MotionBreakEntry(
+        from_point=b.before,
+        to_point=b.after,
+        code=b.code,
+        reason=b.text,
+        help=b.help,
+        joint=b.joint or None,
+        value_deg=b.value,
+        limit_deg=b.limit,
+        pair=b.pair or None,
+    )
+
+
+def build_slowdown_entry(d: FeedSlowdown) -> told.FeedDipEntry:
+    return told.FeedDipEntry(
+        first_point=d.first, last_point=d.last, lowest_ratio=d.ratio, where=d.where, axis=d.joint, limit=d.limit
+    )
+
+
+def build_objective_section(scored: ScoredAssignment) -> told.ChoiceObjectiveSection:
+    feasible = int((scored.assignment.reason == 0).sum())
+    return told.ChoiceObjectiveSection(
+        **vars(scored.objective), feasible_share=feasible / len(scored.assignment.reason)
+    )
+
+
+def build_search_section(the_plan: Plan) -> told.SearchBoundSection | None:
+    """How good the plan is at least, against the grid; null where it has breaks or gaps to go round."""
+    found = compute_certificate(the_plan)
+    if found is None:
+        return None
+    return told.SearchBoundSection(
+        sequence=found.sequence,
+        lower_bound=found.bound,
+        gap_percent=100.0 * found.gap,
+        beyond_grid_percent=100.0 * found.beyond,
+        plan_above_bound_percent=100.0 * found.above,
+        external=_external_told(the_plan),
+    )
+
+
+def _external_told(the_plan: Plan) -> told.ExternalSearchBoundSection | None:
+    """What holds when the values of the external joints are free too, or why nothing is known of that."""
+    found = find_external_axis_bound(the_plan)
+    if found is None:
+        return None
+    return told.ExternalSearchBoundSection(
+        why_none=found.why,
+        values=found.values,
+        stations=found.stations,
+        rotation_step_deg=round(float(np.degrees(found.step)), 9),
+        sequence=found.sequence,
+        lower_bound=found.bound,
+        plan=found.plan,
+        gap_percent=None if found.gap is None else 100.0 * found.gap,
+    )
+
+
+def build_tool_sections(the_plan: Plan, stints: Sequence[ToolSegment]) -> tuple[told.ToolSegmentEntry, ...] | None:
+    """Each stretch of a job that changes tools; None for a job with one."""
+    if not the_plan.parts:
+        return None
+    out = []
+    for stint, part in zip(stints, the_plan.parts, strict=True):
+        cut, o = part.plan.path.counted.any(), part.plan.chosen.objective
+        mean, worst = (part.plan.scores.scale * v if cut and np.isfinite(v) else None for v in (o.mean, o.worst))
+        labels = dict.fromkeys(stint.toolpath.operation.tolist())
+        out.append(
+            told.ToolSegmentEntry(
+                tool=stint.tool,
+                first_point=stint.first,
+                last_point=stint.stop - 1,
+                operations=tuple(stint.toolpath.operations[k].label for k in labels),
+                mean_index=mean,
+                worst_index=worst,
+            )
+        )
+    return tuple(out)
+
+
+def build_gain_section(gain: IndexGain) -> told.MeanGainEntry:
+    """How much less the mean cost is: of deflection, or of compliance where no force is given; null where unknown."""
+    low, high = gain.interval
+    return told.MeanGainEntry(
+        over=gain.over,
+        mean_percent=100.0 * gain.mean,
+        std_percent=100.0 * gain.std,
+        ci90=(100.0 * low, 100.0 * high) if np.isfinite(gain.std) else None,
+        distinguishable=gain.distinguishable if np.isfinite(gain.mean) else None,
+    )
+
+
+def build_position_error_section(the_plan: Plan) -> told.PositionErrorSection | None:
+    """How far the TCP is from where the plan says, by measured poses."""
+    found = predict_position_error(the_plan)
+    if found is None:
+        return None
+    return told.PositionErrorSection(
+        std_mm=1e3 * found.std,
+        beyond_mm=1e3 * found.beyond,
+        outside_percent=100.0 * found.uncovered,
+        outside_joints=found.joints,
+        corrected=found.corrected,
+        noise_mm=1e3 * found.error.noise,
+        poses=found.error.poses,
+    )
+
+
+def build_compensation_section(the_plan: Plan, toolpath: Toolpath) -> told.CompensationSection | None:
+    found = compute_residual(the_plan)
+    removed = predict_removals(the_plan, toolpath.operation, tuple(o.label for o in toolpath.operations))
+    if found is None:
+        return None
+    length = the_plan.compensation.length if the_plan.compensation else float("nan")
+    return told.CompensationSection(
+        length_mm=1e3 * length,
+        max_mm=1e3 * found.shift_worst,
+        mean_mm=1e3 * found.shift_mean,
+        uncompensated_mean_mm=1e3 * found.uncompensated,
+        residual_max_mm=1e3 * found.worst,
+        residual_mean_mm=1e3 * found.mean,
+        removed=build_removal_entry(removed[0]) if removed else None,
+        operations=tuple(build_removal_entry(r) for r in removed[1:]),
+    )
+
+
+def build_removal_entry(r: DeflectionRemoval) -> told.RemovedDeflectionEntry:
+    """One stretch; drawn numbers with as many digits as draws hold."""
+
+    def interval(ends: tuple[float, float] | None, factor: float) -> tuple[float, float] | None:
+        return None if ends is None else (round(factor * ends[0], 5), round(factor * ends[1], 5))
+
+    return told.RemovedDeflectionEntry(
+        operation=r.label,
+        removed_percent=100.0 * r.removed,
+        removed_ci90_percent=interval(r.removed90, 100.0),
+        residual_mean_mm=1e3 * r.left,
+        residual_mean_ci90_mm=interval(r.left90, 1e3),
+        residual_max_mm=1e3 * r.worst,
+        residual_max_ci90_mm=interval(r.worst90, 1e3),
+    )
+
+
+def _in_mm(interval: tuple[float, float] | None) -> tuple[float, float] | None:
+    return None if interval is None else (1e3 * interval[0], 1e3 * interval[1])
+
+
+def build_worst_point_entry(the_plan: Plan, points: PointResults) -> told.WorstPointSection | None:
+    there = the_plan.path.counted & (
+        the_plan.chosen.assignment.reason == InfeasibilityReason.OK
+    )  # one that collides has a cost, too
+    cost = np.where(there, the_plan.chosen.cost, np.nan)[points.rows]
+    if not np.isfinite(cost).any():
+        return None
+    i = int(np.nanargmax(cost))
+    t, split = points.table, split_deflection(the_plan, int(points.rows[i]))
+    std = np.nan if t.deflection_std is None else 1e3 * float(t.deflection_std[i])
+    value = 1e3 * float(t.deflection[i])
+    return told.WorstPointSection(
+        point=i,
+        k_axial_N_mm=t.k_axial[i] / 1e3,
+        k_normal_N_mm=t.k_normal[i] / 1e3,
+        deflection_mm=value,
+        deflection_ci90_mm=(value - NINETY * std, value + NINETY * std) if np.isfinite(std) else None,
+        deflection_along_mm=None if split is None else 1e3 * split.along,
+        deflection_along_ci90_mm=_in_mm(split.along90) if split else None,
+        deflection_across_mm=None if split is None else 1e3 * split.across,
+        deflection_across_ci90_mm=_in_mm(split.across90) if split else None,
+        gamma_deg=float(np.degrees(t.gamma[i])),
+        k_jiao_x_N_mm=t.k_jiao_x[i] / 1e3,
+        q_deg=np.degrees(t.q[i]).round(4),
+    )

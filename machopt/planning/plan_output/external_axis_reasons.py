@@ -1,0 +1,136 @@
+"""What the external joints have to do with a point that has no configuration, in words."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.data_types.plan_options import ExternalJointOptions
+from machopt.data_types.steering import find_external_joint, format_steering_rule
+from machopt.numerics.array_types import Array, Bools
+from machopt.numerics.rigid_transforms import invert_transform
+from machopt.planning.external_axes.axis_modes import compute_axis_range, resolve_axis_options
+from machopt.planning.external_axes.position_constraints import MET
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.stations.planning_path import compute_tcp_poses
+
+VALUES = 13  # of one joint that are tried, over its whole range
+TOGETHER = 5  # of each of several
+ROTATIONS = np.radians(np.arange(0.0, 360.0, 45.0))
+AT_END = 0.02  # of a range: a joint that moves along the path keeps half of it (moving_axes.ROOM)
+
+
+@dataclass(frozen=True)
+class ExternalAxisReason:
+    """Of one point."""
+
+    stands: str  # where the external joints stand, and which end of a range or lock holds them; "" without any
+    elsewhere: str  # where they would have to stand for the wrist to be in reach; "" where nothing is known of it
+    help: str  # the option that stands in the way; "" where none does
+
+
+def explain_external_axes(plan: Plan, point: int, *, out_of_reach: bool) -> ExternalAxisReason:
+    """What of planning point ``point`` the external joints decide.
+
+    Args:
+        plan: the plan; its joints stand there at ``plan.path.external[point]``.
+        point: planning point without a configuration.
+        out_of_reach: ask where they would have to stand, too; only reach is looked at, neither limits nor contacts.
+    """
+    cell = plan.setup.cell
+    if not cell.external_joints:
+        return ExternalAxisReason("", "", "")
+    axes = resolve_axis_options(cell, plan.options)
+    at = plan.path.external[point]
+    stands = "with " + " and ".join(_stands(plan, k, axis, float(at[k])) for k, axis in enumerate(axes))
+    if not out_of_reach:
+        return ExternalAxisReason(stands, "", "")
+    others = np.array(list(_others(plan, at)))
+    within = np.flatnonzero(_reached(plan, point, others))
+    if not len(within):
+        names = " and ".join(_range(plan, k) for k in range(len(at)))
+        return ExternalAxisReason(stands, f"out of reach at every value tried of {names}", "")
+    found = others[within[0]]
+    moved = [k for k in range(len(at)) if abs(found[k] - at[k]) > 1e-9]
+    there = " and ".join(f"{cell.external_joints[k]} at {_value(plan, k, float(found[k]))}" for k in moved)
+    held = [_option(plan, k, axes[k], float(found[k])) for k in moved]
+    return ExternalAxisReason(
+        stands, f"with {there} it would be in reach", " and ".join(dict.fromkeys(h for h in held if h))
+    )
+
+
+def list_overruled_pins(plan: Plan) -> list[str]:
+    """Pins that go before the place where the options lock their joint, or before the range they give it."""
+    cell, out = plan.setup.cell, []
+    axes = resolve_axis_options(cell, plan.options) if cell.external_joints else ()
+    for wish in plan.options.steer:
+        k = find_external_joint(wish.joint, cell.external_joints) if wish.joint and wish.at is not None else None
+        if k is None or wish.at is None:
+            continue
+        low, high = compute_axis_range(cell, k, axes[k], locked=not axes[k].moves)
+        if not low - MET <= wish.at <= high + MET:
+            kept = f"the range {_value(plan, k, low)} to {_value(plan, k, high)}" if high > low else ""
+            kept = kept or f"its lock at {_value(plan, k, low)}"
+            out.append(
+                f"The pin of {format_steering_rule(wish)} (steer) goes before {kept} "
+                f"(external.{cell.external_joints[k]})."
+            )
+    return out
+
+
+def _stands(plan: Plan, k: int, axis: ExternalJointOptions, at: float) -> str:
+    cell = plan.setup.cell
+    name, value = cell.external_joints[k], _value(plan, k, at)
+    if not axis.moves:
+        return f"{name} locked at {value}"
+    low, high = compute_axis_range(cell, k, axis, locked=False)
+    if min(at - low, high - at) <= AT_END * (high - low):
+        return f"{name} at {value}, an end of its range {_value(plan, k, low)} to {_value(plan, k, high)}"
+    return f"{name} at {value}"
+
+
+def _option(plan: Plan, k: int, axis: ExternalJointOptions, value: float) -> str:
+    """The user's word that keeps a joint from a value."""
+    if not axis.moves:
+        return f"external.{plan.setup.cell.external_joints[k]}.mode other than locked"
+    low, high = compute_axis_range(plan.setup.cell, k, axis, locked=False)
+    unit = "mm" if plan.setup.cell.external_prismatic[k] else "deg"
+    return "" if low <= value <= high else f"a wider external.{plan.setup.cell.external_joints[k]}.range_{unit}"
+
+
+def _others(plan: Plan, at: Array) -> Iterator[Array]:
+    """Values (E,) over the joints' own limits, nearest first: of one joint alone, then of all together."""
+    limits, n = plan.setup.cell.limits, len(at)
+    span = np.maximum(limits.upper[6:] - limits.lower[6:], 1e-12)
+    for k in range(n):
+        ends = np.linspace(limits.lower[6 + k], limits.upper[6 + k], VALUES)
+        for value in sorted(ends.tolist(), key=lambda v: abs(v - at[k])):
+            yield np.where(np.arange(n) == k, value, at)
+    if n > 1:
+        each = [np.linspace(limits.lower[6 + k], limits.upper[6 + k], TOGETHER) for k in range(n)]
+        grid = [np.array(e) for e in itertools.product(*each)]
+        yield from sorted(grid, key=lambda e: float(np.abs((e - at) / span).sum()))
+
+
+def _reached(plan: Plan, point: int, external: Array) -> Bools:
+    """(M,) the wrist is in reach at some rotation with the external joints at (M, E)."""
+    arm, n = plan.setup.arm, len(ROTATIONS)
+    poses = compute_tcp_poses(plan.path, np.array([point], np.int32), ROTATIONS[None, :])[0]
+    there = arm.in_base(np.repeat(external, n, axis=0), np.tile(poses, (len(external), 1, 1)))
+    short = arm.solver.solve(there @ invert_transform(arm.T_flange_tcp)).shortfall
+    return np.asarray((short.reshape(-1, n) <= 0.0).any(axis=1))
+
+
+def _range(plan: Plan, k: int) -> str:
+    limits = plan.setup.cell.limits
+    low, high = (_value(plan, k, float(v[6 + k])) for v in (limits.lower, limits.upper))
+    return f"{plan.setup.cell.external_joints[k]} ({low} to {high})"
+
+
+def _value(plan: Plan, k: int, value: float) -> str:
+    if plan.setup.cell.external_prismatic[k]:
+        return f"{1e3 * value:,.0f} mm"
+    return f"{np.degrees(value) + 0.0:.1f}°"

@@ -1,0 +1,396 @@
+"""Why a point cannot be reached, and what would help: sentences for people, from the plan's own numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machopt.collision.collision_model import CollisionPair, suggest_remedy
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import wrap_angle
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.sequence_breaks import SequenceBreak
+from machopt.planning.plan_output.external_axis_reasons import explain_external_axes, list_overruled_pins
+from machopt.planning.plan_output.reach_advice import compute_reach_shift
+from machopt.planning.plan_output.unit_check import compute_maximum_reach
+from machopt.planning.uncertainty.external_axis_springs import describe_settlement
+from machopt.planning.uncertainty.position_error import predict_position_error
+
+NEARLY_PARALLEL = np.radians(8.0)
+LARGE = 0.02  # m; a deflection beyond the small displacements that linear elasticity holds for
+FAR = 20.0  # m; no arm reaches so far, so a length was given in another unit
+BESIDE = 0.02  # m; a tip farther from axis 6 moves the wrist noticeably when it turns
+
+
+def explain_points(plan: Plan) -> dict[int, str]:
+    """Planning point → one sentence, for every point without a configuration."""
+    if plan.parts:
+        return {part.row + p: text for part in plan.parts for p, text in explain_points(part.plan).items()}
+    station_of = np.searchsorted(plan.path.stations, np.arange(len(plan.path.index)))
+    out = {}
+    for p in plan.missing:
+        s = min(int(station_of[p]), len(plan.path.stations) - 1)
+        out[int(p)] = _sentence(plan, s, InfeasibilityReason(int(plan.chosen.assignment.reason[p])), int(p))
+    return out
+
+
+def list_breaks(plan: Plan, obstructions: tuple[SequenceBreak, ...] = ()) -> tuple[SequenceBreak, ...]:
+    """Every place where the motion breaks off: in the sequence, between toolpath points, and in time."""
+    path, reason = plan.path, plan.chosen.assignment.reason
+    missing, sentences = reason != InfeasibilityReason.OK, explain_points(plan)
+    missing[list(plan.ways)] = False  # it is the way to them that is told here
+    between: dict[tuple[int, int], int] = {}
+    for p in np.flatnonzero(missing & ~path.is_point):
+        ends = int(np.floor(path.index[p])), int(np.ceil(path.index[p]))
+        rows = np.searchsorted(path.index, ends)
+        if not missing[rows].any():  # else the point itself tells
+            between.setdefault(ends, int(p))
+    inner = tuple(
+        SequenceBreak(
+            before=a,
+            after=b,
+            code="no_pose",
+            text=f"at {path.index[p]:.2f} between them: {sentences[p]}",
+            help=describe_remedy(plan, p),
+        )
+        for (a, b), p in between.items()
+        if not any(a - 1e-9 <= k.before and k.after <= b + 1e-9 for k in plan.breaks)
+    )
+    return (*plan.breaks, *inner, *obstructions)
+
+
+def describe_remedy(plan: Plan, point: int) -> str:
+    """What would make planning point ``point`` possible."""
+    plan, point = plan.at(point)
+    if point in plan.ways:
+        return plan.ways[point].help
+    reason = InfeasibilityReason(int(plan.chosen.assignment.reason[point]))
+    if reason == InfeasibilityReason.GAP:
+        return "what helps at the gap it lies at brings this cut back too"
+    if reason == InfeasibilityReason.GOUGING:
+        return (
+            "another tool axis, a smaller cutter or another path in the CAM file would help, no posture does; or "
+            "tool.cutter.corner_mm, where the cutter has a corner radius"
+        )
+    if reason == InfeasibilityReason.SHIFT:
+        return "a larger compensation_max_mm where the shift is meant, a stiffer pose, or no compensation would help"
+    if plan.compensation is not None and plan.compensation.lost[point]:
+        instead = _HELP_SHIFTED.get(reason, "another rotation there (steer)")
+        return f"{instead}, or no compensation would help{_left_out(plan)}"
+    s = min(int(np.searchsorted(plan.path.stations, point)), len(plan.path.stations) - 1)
+    rotations = plan.candidates.reason_of_rotation()[s]
+    if plan.options.method != "global" and (rotations == InfeasibilityReason.OK).any():
+        word = "would" if plan.setup.collision is None else "may"  # what they collide with was not looked for
+        return f"--method global, which chooses among them, {word} help{_left_out(plan)}"
+    if (plan.candidates.reason[s] == InfeasibilityReason.UNREACHABLE).all():
+        return _towards(plan, point)
+    words = [_HELP[r] for r in _HELP if (rotations == r).any()]
+    missed = _missed_limit(plan, s)[1] if (rotations == InfeasibilityReason.LIMIT).any() else 0.0
+    if missed > plan.options.limit_margin:  # the joint's own range lacks
+        words = ["a wider joint range" if w == _HELP[InfeasibilityReason.LIMIT] else w for w in words]
+    hopeless = {InfeasibilityReason.UNREACHABLE, InfeasibilityReason.BOUNDS} | (
+        {InfeasibilityReason.LIMIT} if missed > plan.options.rotation_step else set()
+    )
+    if not np.isin(rotations, list(hopeless)).all():
+        words.append(f"a finer rotation_step_deg than {np.degrees(plan.options.rotation_step):g}")
+    return f"{', '.join(dict.fromkeys(words))} would help{_left_out(plan)}"
+
+
+def _left_out(plan: Plan) -> str:
+    return "" if plan.options.allow_gaps else "; --allow-gaps leaves the cut out"
+
+
+def _towards(plan: Plan, point: int) -> str:
+    """Which way the workpiece would have to go: from the point to axis 1, as far as reach lacks."""
+    arm = plan.setup.arm
+    at = arm.places(plan.path.external[[point]], plan.path.position[[point]])[0]
+    middle = plan.setup.robot.point[1]  # axis 2, the shoulder
+    way = middle - at
+    size = float(np.linalg.norm(way))
+    moved = compute_reach_shift(plan, point)
+    far = f"the tip is {1e3 * size:,.0f} mm from the shoulder"
+    extent = float(np.linalg.norm(np.ptp(plan.path.position, axis=0)))
+    unit = "; is the workpiece frame in mm?" if size > FAR else ""
+    if (
+        extent > compute_maximum_reach(plan.setup.robot, plan.setup.arm.T_flange_tcp)
+        and not plan.path.external.shape[1]
+    ):
+        unit += f"; the path is {extent:.3g} m long: does --unit have to say another unit?"
+    by = ", ".join(f"{v:.0f}".replace("-", "\N{MINUS SIGN}") for v in np.round(1e3 * moved.by) + 0.0)
+    part = f"moving the part by about ({by}) mm in the robot's base"
+    if not np.round(1e3 * moved.by).any():  # it is near enough: an arm without a wrist centre does not tell what lacks
+        part = "another pose of the part (machopt place looks for one) or another tool axis"
+    whom = "" if moved.points == 1 else f" all {moved.points} points out of reach"
+    if not moved.all:
+        whom = f" this point, not all {moved.points} out of reach"
+    option = explain_external_axes(plan, point, out_of_reach=True).help
+    if option:
+        return f"{option} would help; so would {part}{' for' if whom else ''}{whom}"
+    return f"{part} would help{whom} ({far}{unit})"
+
+
+def compute_reach_shortfall(plan: Plan, point: int) -> float:
+    """m, how far planning point ``point`` lies outside the reach, 0 where it is not reach that lacks."""
+    plan, point = plan.at(point)
+    s = min(int(np.searchsorted(plan.path.stations, point)), len(plan.path.stations) - 1)
+    return float(plan.candidates.shortfall[s])
+
+
+def _sentence(plan: Plan, s: int, reason: InfeasibilityReason, point: int) -> str:
+    if point in plan.notes:
+        return plan.notes[point]
+    if plan.compensation is not None and plan.compensation.lost[point]:
+        return _lost_by_shift(plan, reason, point)
+    rows = plan.candidates.reason[s]  # (R, B)
+    rotations = plan.candidates.reason_of_rotation()[s]
+    feasible = int((rotations == InfeasibilityReason.OK).sum())
+    if reason == InfeasibilityReason.COLLIDING and plan.check is not None and plan.setup.collision is not None:
+        k = int(plan.check.pair[point])
+        if k >= 0:
+            return _too_near(plan.setup.collision.pairs[k])
+    if feasible and plan.options.method != "global":
+        known = (
+            InfeasibilityReason.LIMIT,
+            InfeasibilityReason.SINGULAR_WRIST,
+            InfeasibilityReason.SINGULAR_ELBOW,
+            InfeasibilityReason.SINGULAR_SHOULDER,
+        )
+        own = f" ({_SHIFTED[reason]})" if reason in known else ""
+        if reason == InfeasibilityReason.COLLIDING:
+            own = " (it collides)"
+        but = "" if plan.setup.collision is None else ", contacts not looked for"
+        return f"{_OWN[plan.options.method]} does not work here{own}; {feasible} of {len(rotations)} rotations do{but}"
+    if feasible:
+        return (
+            f"{feasible} of {len(rotations)} rotations work here, but none can be reached from the neighbouring "
+            "points without leaving the path: a retract between them, another rotation range or a smaller "
+            "singularity margin would help"
+        )
+    far = bool((rows == InfeasibilityReason.UNREACHABLE).all())
+    external = explain_external_axes(plan, point, out_of_reach=far)
+    stands = f" {external.stands}" if external.stands else ""
+    if far:
+        short = 1e3 * plan.candidates.shortfall[s]
+        missing = f"{short:.0f}" if short >= 0.5 else "less than 1"
+        elsewhere = f"{external.elsewhere}; " if external.elsewhere else ""
+        if not short > 0.0:
+            return (
+                f"no posture at any rotation{stands} brings the tool here with this axis, though it is not too far "
+                f"away; {elsewhere}turning or moving the workpiece would help"
+            )
+        return (
+            f"out of reach at every rotation{stands}: the wrist centre lies {missing} mm outside the workspace; "
+            f"{elsewhere}moving the workpiece or the robot by that much would help"
+        )
+    parts = [f"{int((rotations == r).sum())} {_WORDS[r]}" for r in _WORDS if (rotations == r).any()]
+    joint = _limiting_joint(plan, s) if (rotations == InfeasibilityReason.LIMIT).any() else ""
+    return f"no rotation works{stands}: of {len(rotations)} tried, " + ", ".join(parts) + joint + _touching(plan, s)
+
+
+def _touching(plan: Plan, s: int) -> str:
+    """The bodies that most of a station's collisions are between."""
+    if plan.found is None or plan.setup.collision is None:
+        return ""
+    pairs = plan.found.pairs[s]
+    known, count = np.unique(pairs[pairs >= 0], return_counts=True)
+    if not len(known):
+        return ""
+    order = known[np.argsort(-count, kind="stable")][:2]
+    return f" ({', '.join(plan.setup.collision.pairs[int(k)].name for k in order)})"
+
+
+def _lost_by_shift(plan: Plan, reason: InfeasibilityReason, point: int) -> str:
+    size = float(np.linalg.norm(plan.compensation.offset[point])) if plan.compensation is not None else 0.0
+    what = f"possible as programmed, but not with the compensation of {1e3 * size:.3f} mm: "
+    if reason == InfeasibilityReason.COLLIDING and plan.check is not None and plan.setup.collision is not None:
+        k = int(plan.check.pair[point])
+        if k >= 0:
+            return f"{what}{_too_near(plan.setup.collision.pairs[k])}"
+    return what + _SHIFTED.get(reason, "no configuration of the same branch is there")
+
+
+_OWN = {"default": "the CAM file's own rotation", "jiao2022": "the rotation that jiao2022 takes"}
+_SHIFTED = {
+    InfeasibilityReason.UNREACHABLE: "the shifted point is out of reach",
+    InfeasibilityReason.LIMIT: "a joint would leave its range",
+    InfeasibilityReason.SINGULAR_WRIST: "it comes too near the wrist singularity",
+    InfeasibilityReason.SINGULAR_ELBOW: "it comes too near the stretched arm (elbow singularity)",
+    InfeasibilityReason.SINGULAR_SHOULDER: "it comes too near the shoulder singularity",
+    InfeasibilityReason.COLLIDING: "the way there collides",
+}
+_WORDS = {
+    InfeasibilityReason.UNREACHABLE: "are out of reach",
+    InfeasibilityReason.LIMIT: "break a joint limit",
+    InfeasibilityReason.SINGULAR_WRIST: "are too near the wrist singularity",
+    InfeasibilityReason.SINGULAR_ELBOW: "are too near the stretched arm (elbow singularity)",
+    InfeasibilityReason.SINGULAR_SHOULDER: "are too near the shoulder singularity",
+    InfeasibilityReason.COLLIDING: "collide",
+    InfeasibilityReason.BOUNDS: "lie outside the given rotation range or the wishes",
+    InfeasibilityReason.NO_PATH: "cannot be joined to their neighbours",
+}
+
+
+_HELP = {
+    InfeasibilityReason.LIMIT: "a wider joint range or smaller limit_margin_deg",
+    InfeasibilityReason.SINGULAR_WRIST: "a smaller singularity_wrist_deg",
+    InfeasibilityReason.SINGULAR_ELBOW: "a smaller singularity_elbow_deg",
+    InfeasibilityReason.SINGULAR_SHOULDER: "a smaller singularity_shoulder_mm",
+    InfeasibilityReason.COLLIDING: "moving part, tool or what is in the way, a smaller clearance_mm",
+    InfeasibilityReason.BOUNDS: "a wider rotation_range_deg, another fixed rotation or other wishes (steer)",
+    InfeasibilityReason.NO_PATH: "a retract before it",
+}
+
+
+_HELP_SHIFTED = {
+    InfeasibilityReason.COLLIDING: "a smaller clearance_mm, another rotation there (steer), moving part, tool "
+    "or what is in the way",
+    InfeasibilityReason.LIMIT: "a larger limit_margin_deg, so that the plan leaves the shift more room",
+    InfeasibilityReason.SINGULAR_WRIST: "a larger singularity_wrist_deg, so that the plan leaves the shift more room",
+    InfeasibilityReason.SINGULAR_ELBOW: "a larger singularity_elbow_deg, so that the plan leaves the shift more room",
+    InfeasibilityReason.SINGULAR_SHOULDER: "a larger singularity_shoulder_mm, so that the plan leaves the shift "
+    "more room",
+    InfeasibilityReason.UNREACHABLE: "moving the part nearer to the robot",
+}
+
+
+def _too_near(pair: CollisionPair) -> str:
+    own = (
+        suggest_remedy(pair) if set(pair.kinds) == {"link"} else ""
+    )  # a spindle at a link is no matter of how an arm is built
+    return f"{pair.name} touch or come nearer than the clearance{own}"
+
+
+def _limiting_joint(plan: Plan, s: int) -> str:
+    """The joint whose limit is missed by least, and by how much."""
+    joint, missed = _missed_limit(plan, s)
+    return f" (nearest: joint {joint + 1} by {np.degrees(missed):.1f}°)"
+
+
+def _missed_limit(plan: Plan, s: int) -> tuple[int, float]:
+    """Of the configurations of station s that break a limit the nearest one: its joint, and rad beyond the margin."""
+    arm = plan.setup.arm
+    q = (
+        np.asarray(wrap_angle(plan.candidates.q[s][plan.candidates.reason[s] == InfeasibilityReason.LIMIT]))[:, None]
+        + arm.turns
+    )  # (L, K, 6)
+    over = np.maximum(arm.lower - q, q - arm.upper).clip(min=0.0)
+    best = np.unravel_index(over.max(axis=-1).argmin(), over.shape[:2])
+    joint = int(over[best].argmax())
+    return joint, float(over[best][joint])
+
+
+SURE = "They are only as sure as their intervals say; "
+
+
+def describe_model_misfit(plan: Plan) -> str:
+    """What the stiffness file says of its own misfit; empty where its readings say nothing against it."""
+    position = predict_position_error(plan)
+    return " ".join(w for w in (_springs_words(plan), "" if position is None else position.words()) if w)
+
+
+def _springs_words(plan: Plan) -> str:
+    """Of readings under load."""
+    stiffness = plan.setup.elasticity.stiffness
+    d = stiffness.discrepancy
+    if d is None and stiffness.covariance is not None and stiffness.grid is None:
+        return (
+            "The stiffness states how unsure its springs are (covariance), but not what it may lack (discrepancy): "
+            "intervals of deflection, gain and compensation hold only if nothing else gives way. Springs from measured "
+            "poses or motions are such; identify or diagnose of load tests (kind deflection) would say the rest."
+        )
+    return "" if d is None else d.describe_misfit("Gain, deflection and compensation", SURE)
+
+
+def list_hints(plan: Plan) -> tuple[str, ...]:
+    """What a user should know about this cell and path, whether or not it works."""
+    if plan.parts:
+        return tuple(dict.fromkeys(hint for part in plan.parts for hint in list_hints(part.plan)))
+    out = [misfit] if (misfit := describe_model_misfit(plan)) else []
+    out += [plan.conflict] if plan.conflict else []
+    if plan.elsewhere:
+        several = len(plan.elsewhere) > 1
+        out.append(
+            f"Around {'points' if several else 'point'} {_some(plan.elsewhere)} the rotation is another than stiffness "
+            "alone would choose: with that one the path shifted against the deflection could not be driven."
+        )
+    out += plan.setup.collision.suspicious if plan.setup.collision else []
+    robot, arm = plan.setup.robot, plan.setup.arm
+    axis6 = robot.T_base_flange_zero[:3, :3].T @ robot.axis[5]
+    angle = np.arccos(np.clip(abs(axis6 @ arm.T_flange_tcp[:3, 2]), 0.0, 1.0))
+    if angle < NEARLY_PARALLEL:
+        zero = robot.T_base_flange_zero
+        tip = zero[:3, :3] @ arm.T_flange_tcp[:3, 3] + zero[:3, 3]
+        beside = float(np.linalg.norm(np.cross(tip - robot.point[5], robot.axis[5])))  # m, of the tip from axis 6
+        effect = (
+            "so turning about it only turns joint 6 and hardly changes stiffness or reach"
+            if beside < BESIDE
+            else f"{1e3 * beside:.0f} mm beside it, so turning about it moves the wrist on so small a circle"
+        )
+        out.append(
+            f"The tool axis is {np.degrees(angle):.1f}° from axis 6, {effect}. What would help: another branch, "
+            "a spindle set at an angle to the flange, a rail, or another workpiece placement."
+        )
+    if not plan.directions.in_grid.all():
+        share = 1.0 - float(plan.directions.in_grid[plan.path.counted].mean()) if plan.path.counted.any() else 1.0
+        out.append(
+            f"{100 * share:.0f} % of the cutting points lie outside the identified stiffness grid; "
+            "the constant values are used there."
+        )
+    bent = plan.chosen.cost[plan.path.counted & np.isfinite(plan.chosen.cost)]
+    if plan.scores.index == "deflection" and bent.max(initial=0.0) > LARGE:
+        out.append(
+            f"The force bends the arm by up to {1e3 * bent.max():,.0f} mm, beyond linear elasticity; "
+            "is force_N in N, and the stiffness in N·m/rad?"
+        )
+    out += plan.setup.elasticity.warnings
+    if plan.setup.correction is not None:
+        out += plan.setup.correction.list_range_violations(plan.chosen.assignment.q)
+    out += _where_external(plan) + list_overruled_pins(plan)
+    out += describe_settlement(plan)
+    changes = _changes(plan)
+    if changes:
+        more = f"; and {len(changes) - 6} more" if len(changes) > 6 else ""
+        told = "; ".join(changes[:6]) + more
+        out.append(f"The arm changes its configuration between runs, where the tool is retracted: {told}")
+    return tuple(out)
+
+
+def _some(points: tuple[int, ...], most: int = 6) -> str:
+    more = f" and {len(points) - most} more" if len(points) > most else ""
+    return ", ".join(map(str, points[:most])) + more
+
+
+def _where_external(plan: Plan) -> list[str]:
+    """Where each external joint stands while the tool cuts."""
+    cell, cut, out = plan.setup.cell, plan.path.counted, []
+    for k, (name, slides) in enumerate(zip(cell.external_joints, cell.external_prismatic, strict=True)):
+        value = plan.path.external[cut, k] * (1e3 if slides else np.degrees(1.0))
+        if len(value):
+            low, high, unit = float(value.min()), float(value.max()), "mm" if slides else "°"
+            a, b = (f"{float(f'{v:.4g}'):g}" for v in (low, high))
+            span = f"at {a} {unit}" if high - low < 1e-6 else f"from {a} to {b} {unit}"
+            out.append(f"External joint {name} (e{k + 1}) stands {span} while cutting.")
+    return out
+
+
+def _changes(plan: Plan) -> list[str]:
+    """Branch changes and unwindings of more than half a turn from run to run."""
+    out, a, path = [], plan.chosen.assignment, plan.path
+    previous = -1
+    for first, last in path.runs:
+        if last == first or a.branch[first] < 0:
+            continue
+        if previous >= 0 and a.branch[previous] >= 0:
+            step = np.degrees(a.q[first] - a.q[previous])
+            if a.branch[first] != a.branch[previous]:
+                out.append(f"branch {a.branch[previous]} → {a.branch[first]} before point {path.index[first]:g}")
+            elif np.abs(step).max() > 180.0:
+                joint = int(np.abs(step).argmax())
+                out.append(f"joint {joint + 1} unwinds {step[joint]:.0f}° before point {path.index[first]:g}")
+        previous = last
+    return out
+
+
+def compute_gamma(plan: Plan) -> Array:
+    """(P,) rad, gamma of the files at every planning point."""
+    return np.asarray(wrap_angle(plan.chosen.assignment.phi + plan.path.offset))

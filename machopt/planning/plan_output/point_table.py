@@ -1,0 +1,178 @@
+"""One row per toolpath point, from the plan's planning points."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.data_types.points_table import PointsTable
+from machopt.data_types.toolpath import Toolpath
+from machopt.numerics.array_types import Array
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.plan_output.infeasibility_reasons import compute_gamma, explain_points
+from machopt.planning.uncertainty.model_discrepancy import build_discrepancy_model, compute_reported_std
+from machopt.planning.uncertainty.stiffness_uncertainty import (
+    build_compliance_covariance,
+    compute_carrier_sensitivity,
+    compute_cost_gradient,
+)
+
+ROWS = 32_768  # of the table, worked out at once
+
+
+def find_reason(plan: Plan, point: int) -> InfeasibilityReason:
+    """Why a planning point has no configuration; where no rotation works, what stopped the one that came farthest."""
+    reason = InfeasibilityReason(int(plan.chosen.assignment.reason[point]))
+    if reason != InfeasibilityReason.NO_PATH:
+        return reason
+    s = min(int(np.searchsorted(plan.path.stations, point)), len(plan.path.stations) - 1)
+    rotations = plan.candidates.reason_of_rotation()[s]
+    if (rotations == InfeasibilityReason.OK).any():
+        return reason
+    known = rotations[rotations != InfeasibilityReason.BOUNDS]
+    return InfeasibilityReason(int(known.max() if len(known) else InfeasibilityReason.BOUNDS))
+
+
+@dataclass(frozen=True)
+class PointResults:
+    """The table, and what the report shows beside it; N toolpath points."""
+
+    table: PointsTable
+    rows: NDArray[np.intp]  # (N,) planning point of each toolpath point
+    nearest_pair: tuple[str, ...]  # (N,)
+
+
+def build_point_table(plan: Plan, toolpath: Toolpath) -> PointResults:
+    """Stiffness, deflection, clearance and margins of the chosen configuration at every toolpath point."""
+    rows = np.flatnonzero(plan.path.is_point)
+    n, a = len(rows), plan.chosen.assignment
+    q = a.q[rows]  # true angles; the table holds what the encoders say
+    known = plan.setup.correction
+    told = q if known is None else known.compute_encoder_angles(q)
+    ok = np.flatnonzero(a.reason[rows] == InfeasibilityReason.OK)
+    axial, normal, paper, bend = (np.full(n, np.nan) for _ in range(4))
+    elasticity, d = plan.setup.elasticity, plan.directions
+    for some in _blocks(ok):
+        at = rows[some]
+        elastic = d.elastic(elasticity, q[some], at)
+        axial[some], normal[some] = (
+            1.0 / elastic.compute_compliance_along(d.axial[at]),
+            1.0 / elastic.compute_compliance_along(d.normal[at]),
+        )
+        paper[some] = elastic.compute_jiao_index(d.axial[at])
+        if plan.options.force.given:
+            bend[some] = np.linalg.norm(elastic.compute_deflection(d.force[at]), axis=-1)
+    bend_std, axial_std = _uncertainty(plan, rows, ok, q, axial)
+    clearance, pairs = np.full(n, np.nan), [""] * n
+    model = plan.setup.collision
+    if model is not None and len(ok):
+        near = model.find_nearest_pair(plan.path.whole(q[ok], rows[ok]), plan.path.may_touch[rows[ok]])
+        clearance[ok] = near.distance
+        for i, k in zip(ok, near.pair, strict=True):
+            pairs[i] = model.pairs[k].name if k >= 0 else ""
+    lower, upper = plan.setup.cell.limits.lower[:6], plan.setup.cell.limits.upper[:6]
+    margin = np.minimum(told - lower, upper - told).min(axis=1)
+    shoulder = np.arctan2(a.shoulder[rows], 1.0)  # as an angle seen over 1 m, to compare with the others
+    singular = np.fmin(np.fmin(a.wrist[rows], a.elbow[rows]), shoulder)
+    why = explain_points(plan)
+    table = PointsTable(
+        position=toolpath.position,
+        axis=toolpath.axis,
+        move=toolpath.move,
+        operation=toolpath.operation,
+        operations=tuple(o.label for o in toolpath.operations),
+        gamma=np.where(a.reason[rows] == InfeasibilityReason.OK, compute_gamma(plan)[rows], np.nan),
+        branch=a.branch[rows].astype(np.int8),
+        q=told,
+        external=plan.path.external[rows],
+        external_prismatic=plan.setup.cell.external_prismatic,
+        k_axial=axial,
+        k_normal=normal,
+        deflection=bend,
+        clearance=clearance,
+        limit_margin=margin,
+        singularity=singular,
+        status=_status(plan, rows),
+        reason=tuple(why.get(p, "") for p in rows.tolist()),
+        feed=toolpath.feed,
+        k_jiao_x=paper,
+        nearest_pair=tuple(pairs),
+        in_grid=None if plan.setup.elasticity.stiffness.grid is None else plan.directions.in_grid[rows],
+        deflection_std=bend_std,
+        k_axial_std=axial_std,
+        dwell=list_dwells(toolpath),
+        compensation=None if plan.compensation is None else plan.compensation.offset[rows],
+    )
+    return PointResults(table, rows, tuple(pairs))
+
+
+def list_dwells(toolpath: Toolpath) -> Array | None:
+    """(N,) s that the file waits at its points; None where it waits at none."""
+    out = toolpath.dwells[1:]
+    return out if out.any() else None
+
+
+def _blocks(rows: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
+    """The rows, as many at a time as fit the memory whatever is worked out of them."""
+    return (rows[first : first + ROWS] for first in range(0, len(rows), ROWS))
+
+
+def _status(plan: Plan, rows: NDArray[np.intp]) -> tuple[str, ...]:
+    """(N,) the word of :func:`find_reason`, which is asked only where it does not follow from the point alone."""
+    reason = plan.chosen.assignment.reason[rows]
+    words = {int(known): known.word for known in InfeasibilityReason}
+    out = [words[code] for code in reason.tolist()]
+    for i in np.flatnonzero(reason == InfeasibilityReason.NO_PATH).tolist():
+        out[i] = find_reason(plan, int(rows[i])).word
+    return tuple(out)
+
+
+def _uncertainty(
+    plan: Plan, rows: NDArray[np.intp], ok: NDArray[np.intp], q: Array, axial: Array
+) -> tuple[Array | None, Array | None]:
+    """1 sigma of the deflection in m and of the axial stiffness in N/m, (N,) each; None where none is known."""
+    spread, doubt = build_compliance_covariance(plan), build_discrepancy_model(plan.setup)
+    if not spread.known:
+        return None, None
+    bend_std, axial_std = np.full(len(rows), np.nan), np.full(len(rows), np.nan)
+    P, at, elasticity = len(plan.path.index), rows[ok], plan.setup.elasticity
+    by_point = np.zeros((P, 6))
+    moved: Array | None = None if doubt is None else np.zeros((P, len(doubt.ways)))
+    for some in _blocks(ok):
+        along = plan.directions.axial[rows[some]]
+        elastic = plan.directions.elastic(elasticity, q[some], rows[some])
+        by_point[rows[some]] = elastic.compute_sensitivity(along, along, small=True)
+        if doubt is not None and moved is not None:
+            moved[rows[some]] = doubt.axial(elastic, q[some], along)
+    beside = np.hypot(spread.point_std(by_point), _carriers(plan, at, q[ok], along_axis=True))
+    own = np.zeros(P)  # what is one pose's own
+    if doubt is not None and moved is not None:
+        own[at] = doubt.own(plan.directions, at, "stiffness")
+        beside = compute_reported_std(moved, beside**2 + own**2)
+    axial_std[ok] = beside[at] * axial[ok] ** 2  # of 1/c
+    if not plan.options.force.given:
+        return None, axial_std
+    for some in _blocks(ok):
+        by_point[rows[some]] = compute_cost_gradient(elasticity, plan.directions, rows[some], q[some], "deflection")
+        if doubt is not None and moved is not None:
+            moved[rows[some]] = doubt.cost(elasticity, plan.directions, rows[some], q[some], "deflection")
+    beside = np.hypot(spread.point_std(by_point), _carriers(plan, at, q[ok], along_axis=False))
+    if doubt is not None and moved is not None:
+        own[at] = doubt.own(plan.directions, at, "deflection")
+        beside = compute_reported_std(moved, beside**2 + own**2)
+    bend_std[ok] = beside[at]
+    return bend_std, axial_std
+
+
+def _carriers(plan: Plan, at: NDArray[np.intp], q: Array, *, along_axis: bool) -> Array:
+    """(P,) 1 sigma at some planning points by external joints: of 1/k along the axis, or of the deflection."""
+    out, d = np.zeros(len(plan.path.index)), plan.directions
+    if d.unsure is not None and along_axis:
+        out[at] = np.linalg.norm(np.einsum("mkc,mc->mk", d.unsure[at, :, :3], d.axial[at]) ** 2, axis=1)
+    elif d.unsure is not None:
+        out[at] = np.linalg.norm(compute_carrier_sensitivity(plan.setup.elasticity, d, at, q, "deflection"), axis=1)
+    return out

@@ -1,0 +1,73 @@
+"""By how much the part would have to move for the points out of reach: of all of them, not of one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.numerics.array_types import Array
+from machopt.planning.pipeline.plan import Plan
+
+MOST = 64  # points that are looked at, evenly taken
+ROUNDS = 200  # of projections; each mends the point that lacks most
+NEAR = 2e-3  # m, that may be left
+
+
+@dataclass(frozen=True)
+class ReachShift:
+    """A shift of the part."""
+
+    by: Array  # (3,) m in base_link
+    points: int  # toolpath points out of reach
+    all: bool  # it brings all of them into reach, and takes none that is reached beyond the least reach of these
+
+
+def compute_reach_shift(plan: Plan, point: int) -> ReachShift:
+    """The least shift that brings every point out of reach to where the arm would reach; else that of ``point`` alone.
+
+    A point p that lacks s is reached within |p − c| − s of the shoulder c. These are balls for the shift, and so are
+    those of the points that are reached, by the least of these radii where they lie within; projections onto the one
+    violated most end in all of them where they meet.
+    """
+    path, lacks = plan.path, plan.candidates.shortfall
+    centre = plan.setup.robot.point[1]  # axis 2, the shoulder
+    at = plan.setup.arm.places(path.external, path.position) - centre
+    far = np.linalg.norm(at, axis=1)
+    station = np.minimum(np.searchsorted(path.stations, np.arange(len(far))), len(path.stations) - 1)
+    unreached = (plan.candidates.reason[station] == InfeasibilityReason.UNREACHABLE).all(axis=(1, 2))
+    radius = far - lacks[station]
+    own = _shift(at[[point]], radius[[point]])
+    out = unreached & path.is_point
+    count = int(out.sum())
+    if count <= 1:
+        return ReachShift(own, max(count, 1), True)
+    least = float(radius[out].min())
+    others = np.flatnonzero(path.is_point & ~unreached & (far <= least))
+    some = np.concatenate([_few(np.flatnonzero(out), far - radius), _few(others, far)])
+    limit = np.where(unreached, radius, least)
+    by = _shift(at[some], limit[some])
+    good = bool((np.linalg.norm(at[some] + by, axis=1) <= limit[some] + NEAR).all())
+    return ReachShift(by if good else own, count, good)
+
+
+def _few(rows: NDArray[np.intp], worst: Array) -> NDArray[np.intp]:
+    """At most MOST of the rows, evenly, and the one that is worst."""
+    if len(rows) <= MOST:
+        return rows
+    return np.append(rows[np.linspace(0, len(rows) - 1, MOST).astype(int)], rows[int(np.argmax(worst[rows]))])
+
+
+def _shift(at: Array, radius: Array) -> Array:
+    """(3,) that brings points (N, 3) into balls of radii (N,) about the origin, where the balls meet."""
+    by = np.zeros(3)
+    for _ in range(ROUNDS):
+        place = at + by
+        size = np.linalg.norm(place, axis=1)
+        n = int(np.argmax(size - radius))
+        if size[n] - radius[n] <= 0.1 * NEAR or size[n] == 0.0:
+            break
+        by = by - place[n] / size[n] * (size[n] - radius[n])
+    return by

@@ -1,0 +1,116 @@
+"""Where a run is driven slower than programmed, and which limit of which axis is to blame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from machopt.data_types.slow_moves import RAMPS
+from machopt.numerics.array_types import Array
+
+HELD = 0.95  # of the programmed feed
+ON_THE_SPOT = 0.05  # m of the TCP per m of path parameter: below it the tool turns rather than travels
+Limit = Literal["velocity", "acceleration", "jerk"]
+LIMITS: tuple[Limit, ...] = ("velocity", "acceleration", "jerk")
+Where = Literal["path", "start", "stop", "reversal", "reorientation", "rest"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FeedSlowdown:
+    """A stretch driven slower than HELD times the programmed feed, and what is to blame."""
+
+    first: float  # fractional point index
+    last: float
+    ratio: float  # lowest share of the programmed feed
+    where: Where  # one of RAMPS: from or to a stop that the path demands; reorientation: the tool turns on the spot
+    joint: int  # 1…6, then the external ones
+    limit: Limit
+
+    @property
+    def lost(self) -> bool:
+        """The axes do not hold the feed; False: the path demands the stop that the ramp leads from or to."""
+        return self.where not in RAMPS
+
+    def at(self, ends: Array) -> FeedSlowdown:
+        """The same dip with other indices for its ends."""
+        return replace(self, first=float(ends[0]), last=float(ends[1]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodeBounds:
+    """What bounds the speed at the M nodes of a curve, for J axes."""
+
+    u: Array  # (M,) rising
+    single: Array  # (M, J, 3) largest du/dt that each axis allows by velocity, acceleration and jerk alone
+    programmed: Array  # (M,) du/dt of the programmed feed; NaN where the tool turns on the spot
+
+
+def find_slowdowns(
+    ratio: Array,
+    at: Array,
+    point: Array,
+    v: Array,
+    slope: Array,
+    nodes: NodeBounds,
+    use: Array,
+    begin: Where,
+    finish: Where,
+) -> list[FeedSlowdown]:
+    """Stretches below HELD. Blamed is what bounds the speed lowest there, or in a ramp the limit that is used most.
+
+    Part of a ramp that the axes could not drive at the feed even at constant speed follows as a dip of the path.
+    """
+    low = np.r_[False, ratio[1:] < HELD, False]
+    edge = np.flatnonzero(np.diff(low.astype(int)))
+    dips = []
+    for first, last in zip(edge[::2], edge[1::2], strict=True):  # samples first … last enclose the slow steps
+        where: Where = begin if first == 0 else finish if last == len(ratio) - 1 else "path"
+        slowest = first + 1 + int(np.argmin(ratio[first + 1 : last + 1]))
+        if where == "path" and slope[slowest] < ON_THE_SPOT:
+            where = "reorientation"
+        a, b = np.searchsorted(nodes.u, at[first]), np.searchsorted(nodes.u, at[last], side="right")
+        bound = nodes.single[a:b]
+        joint, limit = np.unravel_index(int(np.argmax(use[first : last + 1].max(axis=0))), use.shape[1:])
+        if where in {"path", "reorientation"} and len(bound) and bound.min() < 1.25 * v[slowest]:
+            _, joint, limit = np.unravel_index(int(np.argmin(bound)), bound.shape)
+        dips.append(
+            FeedSlowdown(
+                first=float(point[first]),
+                last=float(point[last]),
+                ratio=float(ratio[slowest]),
+                where=where,
+                joint=int(joint) + 1,
+                limit=LIMITS[int(limit)],
+            )
+        )
+        if not dips[-1].lost and len(bound):
+            dips += _unheld(bound, nodes.programmed[a:b], np.interp(nodes.u[a:b], at, point))
+    return dips
+
+
+def _unheld(bound: Array, programmed: Array, point: Array) -> list[FeedSlowdown]:
+    """The dip of nodes where an axis allows less than HELD of the feed, stop or no stop; empty where there is none.
+
+    Args:
+        bound: (M, J, 3) largest du/dt by each limit of each axis alone.
+        programmed: (M,) du/dt of the feed, NaN where it says nothing.
+        point: (M,) fractional point index.
+    """
+    allowed = bound.min(axis=(1, 2)) / programmed
+    slow = np.flatnonzero(allowed < HELD)
+    if not len(slow):
+        return []
+    worst = int(slow[np.argmin(allowed[slow])])
+    joint, limit = np.unravel_index(int(np.argmin(bound[worst])), bound.shape[1:])
+    return [
+        FeedSlowdown(
+            first=float(point[slow[0]]),
+            last=float(point[slow[-1]]),
+            ratio=float(allowed[worst]),
+            where="path",
+            joint=int(joint) + 1,
+            limit=LIMITS[int(limit)],
+        )
+    ]

@@ -1,0 +1,317 @@
+"""The steps of a time law, compiled: each with the largest jerk after which a way to a stop is left.
+
+What holds during a step, and which ways to a stop are tried, is told in :mod:`machopt.planning.retiming.time_law`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from machopt.numerics.array_types import Array
+from machopt.numerics.compiled_functions import compile_function
+
+HOLD = 0.99  # of the speed cap: from here on the speed is kept, not hunted
+CORNER = 0.75  # a corner is where the speed cap is below this share of what it is to both sides
+CORNER_TIME = 0.1  # s of travel: how far to both sides
+CORNER_LONG = 0.3  # s at its lowest cap: what takes longer is no corner
+CORNER_SPEED = 0.97  # of the lowest cap in a corner is planned with
+BRAKING_SHARE = 0.9  # of the limits that the braking policy reckons with
+LANDING_SHARE = 0.6  # of the jerk limit with which braking ends
+STEPS = 4_000_000  # the longest law
+
+
+@compile_function
+def _window(
+    i: int, w: float, v: float, a: float, h: float, Q: Array, al: Array, jl: Array, share: float
+) -> tuple[float, float, float, float]:
+    """Intervals of jerk and of acceleration that the joints allow, h s after the acceleration was a."""
+    jlo, jhi, alo, ahi = -1e30, 1e30, -1e30, 1e30
+    for d in range(Q.shape[1]):
+        g = Q[i, d, 0] + w * (Q[i + 1, d, 0] - Q[i, d, 0])
+        if abs(g) < 1e-9:
+            continue
+        g2 = Q[i, d, 1] + w * (Q[i + 1, d, 1] - Q[i, d, 1])
+        g3 = Q[i, d, 2] + w * (Q[i + 1, d, 2] - Q[i, d, 2])
+        lever = g + 3.0 * g2 * v * h
+        if abs(lever) > 1e-9:
+            c = -(g3 * v * v + 3.0 * g2 * a) * v / lever
+            r = share * jl[d] / abs(lever)
+            jlo, jhi = max(jlo, c - r), min(jhi, c + r)
+        c = -g2 * v * v / g
+        r = share * al[d] / abs(g)
+        alo, ahi = max(alo, c - r), min(ahi, c + r)
+    return jlo, jhi, alo, ahi
+
+
+@compile_function
+def _holds(i: int, w: float, v: float, a: float, j: float, Q: Array, cap: Array, al: Array, jl: Array) -> bool:
+    if v > (cap[i] + w * (cap[i + 1] - cap[i])) * (1.0 + 1e-9):
+        return False
+    for d in range(Q.shape[1]):
+        g = Q[i, d, 0] + w * (Q[i + 1, d, 0] - Q[i, d, 0])
+        g2 = Q[i, d, 1] + w * (Q[i + 1, d, 1] - Q[i, d, 1])
+        if abs(g2 * v * v + g * a) > al[d]:
+            return False
+        g3 = Q[i, d, 2] + w * (Q[i + 1, d, 2] - Q[i, d, 2])
+        if abs((g3 * v * v + 3.0 * g2 * a) * v + g * j) > jl[d]:
+            return False
+    return True
+
+
+@compile_function
+def _advance(
+    i: int,
+    u: float,
+    v: float,
+    a: float,
+    j: float,
+    h: float,
+    check_start: bool,
+    un: Array,
+    Q: Array,
+    cap: Array,
+    al: Array,
+    jl: Array,
+) -> tuple[int, int, float, float, float]:
+    """One step. Returns code (0 good, 1 breaks a limit, 2 leaves the curve), interval, u, v, a.
+
+    ``check_start`` is never given as a constant, nor is the first ``i``: numba would compile it once for each.
+    """
+    a1 = a + j * h
+    v1 = v + h * (a + 0.5 * j * h)
+    u1 = u + h * (v + h * (0.5 * a + j * h / 6.0))
+    if v1 < 0.0:
+        return 1, i, u, v, a
+    if u1 > un[-1]:
+        return 2, i, u, v, a
+    if a > 0.0 > a1 and v - 0.5 * a * a / j > max(cap[i], cap[i + 1]):
+        return 1, i, u, v, a
+    if check_start and not _holds(i, (u - un[i]) / (un[i + 1] - un[i]), v, a, j, Q, cap, al, jl):
+        return 1, i, u, v, a
+    while i < len(un) - 2 and un[i + 1] <= u1:
+        i += 1
+        f = (un[i] - u) / (u1 - u) if u1 > u else 1.0
+        if not _holds(i, 0.0, v + f * (v1 - v), a + f * (a1 - a), j, Q, cap, al, jl):
+            return 1, i, u, v, a
+    if not _holds(i, (u1 - un[i]) / (un[i + 1] - un[i]), v1, a1, j, Q, cap, al, jl):
+        return 1, i, u, v, a
+    return 0, i, u1, v1, a1
+
+
+@compile_function
+def find_next_corners(un: Array, cap: Array, around: Array) -> Array:
+    """(M, 3) of the next corner whose end lies ahead of each node: begin, end, speed; infinite where there is none.
+
+    Fills ``around`` with the largest cap nearby, to either side.
+    """
+    n = len(un)
+    ahead, behind = cap.copy(), cap.copy()
+    for k in range(1, n):
+        behind[k] = max(cap[k], behind[k - 1] - (un[k] - un[k - 1]) / CORNER_TIME)
+        m = n - 1 - k
+        ahead[m] = max(cap[m], ahead[m + 1] - (un[m + 1] - un[m]) / CORNER_TIME)
+    for k in range(n):
+        around[k] = max(ahead[k], behind[k])
+    found = np.empty((n, 3))
+    count, k = 0, 0
+    while k < n:
+        last = k
+        if (k == 0 or cap[k] <= cap[k - 1]) and cap[k] < CORNER * min(ahead[k], behind[k]):
+            speed, first = cap[k], k
+            while last < n - 1 and cap[last + 1] <= speed / CORNER:  # grow while about as slow, or slower
+                last += 1
+                speed = min(speed, cap[last])
+            while first > 0 and cap[first] <= speed / CORNER:
+                first -= 1
+            begin, finish = un[first], un[min(last + 1, n - 1)]
+            if count > 0:
+                before = found[count - 1]
+                if begin - before[1] <= max(finish - begin, before[1] - before[0]):  # both flanks of one corner
+                    begin, speed = min(begin, before[0]), min(speed, before[2])
+                    count -= 1
+            found[count, 0], found[count, 1], found[count, 2] = begin, finish, speed
+            count += 1
+        k = last + 1
+    out = np.empty((n, 3))
+    c = 0
+    for k in range(n):
+        out[k, 0] = out[k, 1] = out[k, 2] = np.inf
+        while c < count and (found[c, 1] <= un[k] or found[c, 1] - found[c, 0] > CORNER_LONG * found[c, 2]):
+            c += 1
+        if c < count:
+            out[k, 0], out[k, 1], out[k, 2] = found[c, 0], found[c, 1], CORNER_SPEED * found[c, 2]
+    return out
+
+
+@compile_function
+def _policy(
+    i: int,
+    u: float,
+    v: float,
+    a: float,
+    c: float,
+    x: float,
+    h: float,
+    un: Array,
+    Q: Array,
+    easy: Array,
+    al: Array,
+    jl: Array,
+) -> float:
+    """Jerk of the plan's next step: as hard as allowed, yet so that the speed aimed at is reached with a = 0."""
+    jlo, jhi, _, _ = _window(i, (u - un[i]) / (un[i + 1] - un[i]), v, a, 0.0, Q, al, jl, BRAKING_SHARE)
+    v1 = max(v + a * h, 0.0)
+    u1 = min(u + 0.5 * (v + v1) * h, un[-1])
+    k = i
+    while k < len(un) - 2 and un[k + 1] <= u1:
+        k += 1
+    lo, hi, alo, _ = _window(k, (u1 - un[k]) / (un[k + 1] - un[k]), v1, a, h, Q, al, jl, BRAKING_SHARE)
+    soft = min(easy[i], easy[i + 1])
+    jlo, jhi = max(jlo, lo, -soft), min(jhi, hi, soft)
+    K = LANDING_SHARE * soft
+    over = v - (c if u < x else 0.0)
+    even = a + min(max(-a, jlo * h), jhi * h)
+    if over <= 0.0:
+        return float((even - a) / h)
+    landing = 0.5 * (K * h - math.sqrt(max(K * K * h * h + 4.0 * K * (2.0 * over + a * h), 0.0)))
+    a1 = max(a + jlo * h, alo, landing)
+    if u < x and a1 > 0.0 >= a:  # arrived
+        a1 = even
+    return float((a1 - a) / h)
+
+
+@compile_function
+def _brake(
+    i: int,
+    u: float,
+    v: float,
+    a: float,
+    c: float,
+    x: float,
+    h: float,
+    un: Array,
+    Q: Array,
+    cap: Array,
+    easy: Array,
+    al: Array,
+    jl: Array,
+) -> tuple[int, float]:
+    """Follow the plan to a stop. Returns code (as _advance) and where it stops or fails."""
+    for _ in range(100_000):
+        if v < 1e-12:
+            return (0 if abs(a) < 1e-6 else 1), u
+        if a < 0.0 and 2.0 * v <= -a * h * (1.0 + 1e-9):
+            if a * a / (2.0 * v) > min(easy[i], easy[i + 1]):
+                return 1, u
+            u += -2.0 * v * v / (3.0 * a)
+            return (2 if u > un[-1] else 0), u
+        j = _policy(i, u, v, a, c, x, h, un, Q, easy, al, jl)
+        code, i, u, v, a = _advance(i, u, v, a, j, h, h > 0.0, un, Q, cap, al, jl)
+        if code != 0:
+            return code, u
+    return 1, u
+
+
+@compile_function
+def _try(
+    i: int,
+    u: float,
+    v: float,
+    a: float,
+    j: float,
+    h: float,
+    un: Array,
+    Q: Array,
+    cap: Array,
+    easy: Array,
+    corner: Array,
+    al: Array,
+    jl: Array,
+) -> tuple[int, float, float, float]:
+    """A step with jerk j and a way to a stop after it. Returns code (0: there is one), where it stops, its plan."""
+    code, i, u, v, a = _advance(i, u, v, a, j, h, h > 0.0, un, Q, cap, al, jl)
+    if code != 0:
+        return code, u, 0.0, 0.0
+    code, place = _brake(i, u, v, a, 0.0, 0.0, h, un, Q, cap, easy, al, jl)
+    c, x = corner[i, 2], corner[i, 1]
+    if place < corner[i, 0] or (code == 0 and v <= c):
+        return code, place, 0.0, 0.0
+    after, there = _brake(i, u, v, a, c, x, h, un, Q, cap, easy, al, jl)
+    if after == 2 and code == 0:  # the corner is where the curve ends
+        return code, place, 0.0, 0.0
+    return after, there, c, x
+
+
+@compile_function
+def compute_greedy_time_law(
+    un: Array, Q: Array, cap: Array, easy: Array, corner: Array, al: Array, jl: Array, h: float, i: int, again: bool
+) -> tuple[int, Array]:
+    """The law from interval ``i`` = 0; ``again`` = False: a start that a try found good is not checked again."""
+    rows = np.empty((4096, 5))
+    n, t, u, v, a = 0, 0.0, un[0], 0.0, 0.0
+    stop, end, c, x = u, un[-1], 0.0, 0.0
+    tolerance = min(0.5e-6, 0.01 * (end - u))
+    while True:
+        if n + 2 > len(rows):
+            if n > STEPS:
+                return 1, rows[:0]
+            more = np.empty((2 * len(rows), 5))
+            for k in range(n):
+                for m in range(5):
+                    more[k, m] = rows[k, m]
+            rows = more
+        resting = v < 1e-12
+        arriving = end - stop < tolerance
+        if resting and arriving:
+            break
+        landing = a < 0.0 and 2.0 * v <= -a * h * (1.0 + 1e-9)
+        if resting:
+            v, a, j = 0.0, 0.0, 0.0
+        elif landing:
+            j = a * a / (2.0 * v)
+        else:
+            j = _policy(i, u, v, a, c, x, h, un, Q, easy, al, jl)
+        found = False
+        if not arriving:
+            w = (u - un[i]) / (un[i + 1] - un[i])
+            jlo, jhi, _, ahi = _window(i, w, v, a, 0.0, Q, al, jl, 1.0)
+            top = min(jhi, (ahi - a) / h, easy[i], easy[i + 1]) * (1.0 - 1e-9)
+            if v > HOLD * (cap[i] + w * (cap[i + 1] - cap[i])):
+                middle = min(max(-a / h, jlo), top)
+                code, place, cn, xn = _try(i, u, v, a, middle, h, un, Q, cap, easy, corner, al, jl)
+                if code == 0:
+                    j, stop, c, x, found = middle, place, cn, xn, True
+            if not found and top > j:
+                low, high, middle, halvings = j, top, top, -1
+                while halvings < 0:
+                    code, place, cn, xn = _try(i, u, v, a, middle, h, un, Q, cap, easy, corner, al, jl)
+                    if code == 0:
+                        j, stop, c, x, found = middle, place, cn, xn, True
+                        break
+                    halvings = 30 if code == 2 or resting else 7
+                for _ in range(halvings):
+                    middle = 0.5 * (low + high)
+                    code, place, cn, xn = _try(i, u, v, a, middle, h, un, Q, cap, easy, corner, al, jl)
+                    if code == 0:
+                        low, j, stop, c, x, found = middle, middle, place, cn, xn, True
+                    else:
+                        high = middle
+            if resting and not found:
+                return 2, rows[:0]
+        rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3], rows[n, 4] = t, u, v, a, j
+        n += 1
+        if landing and not found:
+            t += -2.0 * v / a
+            u += -2.0 * v * v / (3.0 * a)
+            v, a = 0.0, 0.0
+            while i < len(un) - 2 and un[i + 1] <= u:
+                i += 1
+        else:
+            code, i, u, v, a = _advance(i, u, v, a, j, h, again, un, Q, cap, al, jl)
+            if code != 0:
+                return 3, rows[:0]
+            t += h
+    rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3], rows[n, 4] = t, u, 0.0, 0.0, 0.0
+    return 0, rows[: n + 1]

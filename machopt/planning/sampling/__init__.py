@@ -1,0 +1,6 @@
+"""How the arm can stand at each station.
+
+In: a path and an arm. Out: every branch, turn and rotation with the reason where it cannot be used
+(:mod:`~machopt.planning.sampling.configurations`), and joints at every planning point along a given rotation
+(:mod:`~machopt.planning.sampling.joint_path`).
+"""

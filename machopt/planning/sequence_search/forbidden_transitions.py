@@ -1,0 +1,135 @@
+"""Ways between neighbouring stations that must not be taken."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.numerics.array_types import Bools
+
+Ints = NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class ForbiddenTransitions:
+    """Ways from a station to the next that were looked at and do not work (a contact, or no pose in between).
+
+    What touches does so whatever the whole turns: such ways stand once in ``closed``, and not turn by turn.
+    """
+
+    station: Ints  # (E,) the station they lead into, not falling
+    source: Ints  # (E,) vertex at the station before, (rotation · B + branch) · T + turn
+    target: Ints  # (E,) vertex at the station
+    closed: Ints  # (W, 3) those that work in no turn: station, not falling, source and target without turns
+
+    @classmethod
+    def none(cls) -> ForbiddenTransitions:
+        nothing = np.zeros(0, np.int32)
+        return cls(nothing, nothing, nothing, np.zeros((0, 3), np.int32))
+
+    def plus(self, station: Ints, source: Ints, target: Ints) -> ForbiddenTransitions:
+        """These and more, each once."""
+        rows = _each_once(
+            np.column_stack([np.r_[self.station, station], np.r_[self.source, source], np.r_[self.target, target]])
+        )
+        return replace(self, station=rows[0], source=rows[1], target=rows[2])
+
+    def plus_closed(self, ways: NDArray[np.integer[Any]]) -> ForbiddenTransitions:
+        """These and more (n, 3) that work in no turn."""
+        return replace(self, closed=np.ascontiguousarray(_each_once(np.vstack([self.closed, ways])).T))
+
+    def __len__(self) -> int:
+        return len(self.station) + len(self.closed)
+
+    def into(self, vertex: NDArray[np.int_], turns: int) -> Bools:
+        """(S,) stations into which a sequence takes one of them from the station before.
+
+        Args:
+            vertex: (S,) as ``target``.
+        """
+        gone = np.zeros(len(vertex), bool)
+        s = self.station
+        gone[s[(vertex[s - 1] == self.source) & (vertex[s] == self.target)]] = True
+        (s, u, v), plain = self.closed.T, vertex // turns
+        gone[s[(plain[s - 1] == u) & (plain[s] == v)]] = True
+        return gone
+
+    def taken(self, rows: slice, vertex: NDArray[np.int_], turns: int) -> bool:
+        """One of them is in a sequence over the stations ``rows``.
+
+        Args:
+            vertex: (S,) as ``target``, −1 where a station is passed over.
+        """
+        kept = np.flatnonzero(vertex >= 0)
+        before = np.full(len(vertex), -1)
+        before[kept[1:]] = vertex[kept[:-1]]
+        for station, source, target, among in (
+            (self.station, self.source, self.target, 1),
+            (*self.closed.T, turns),
+        ):
+            s = station - rows.start
+            mine = (s >= 0) & (s < len(vertex))
+            s = s[mine]
+            if ((vertex[s] // among == target[mine]) & (before[s] // among == source[mine])).any():
+                return True
+        return False
+
+    def in_every_turn(self, feasible: Bools) -> ForbiddenTransitions:
+        """Those of which no turn is left, as ``closed`` ones.
+
+        Args:
+            feasible: (S, R, B, T) of the whole path.
+        """
+        if not len(self.station):
+            return self
+        _, _, B, T = feasible.shape
+        ways = np.column_stack([self.station, self.source // T, self.target // T])
+        way, which = np.unique(ways, axis=0, return_inverse=True)
+        s, u = np.maximum(self.station - 1, 0), self.source // T
+        left = feasible[s, u // B, u % B, self.source % T]  # a turn that is gone by itself needs no ban
+        count = np.bincount(which.ravel(), weights=left, minlength=len(way))
+        s, u = np.maximum(way[:, 0] - 1, 0), way[:, 1]
+        turns = feasible[s, u // B, u % B].sum(axis=1) * T
+        return replace(ForbiddenTransitions.none(), closed=self.closed).plus_closed(way[count >= np.maximum(turns, 1)])
+
+
+class TransitionCollector:
+    """Ways that work in no turn, gathered over many stations and merged once."""
+
+    def __init__(self, edges: ForbiddenTransitions, stations: int) -> None:
+        self.edges = edges
+        self._begins = np.searchsorted(edges.closed[:, 0], np.arange(stations + 1))
+        self._found: dict[int, list[NDArray[np.int64]]] = {}
+
+    def open(self, s: int, source: NDArray[np.integer[Any]], target: NDArray[np.integer[Any]]) -> Bools:
+        """(n,) ways into station s that are not among them, source and target (n,) without turns."""
+        known = self.edges.closed[self._begins[s] : self._begins[s + 1]]
+        return np.isin(_way(source, target), np.concatenate([_way(*known.T[1:]), *self._found.get(s, [])]), invert=True)
+
+    def add(self, s: int, source: NDArray[np.integer[Any]], target: NDArray[np.integer[Any]]) -> None:
+        self._found.setdefault(s, []).append(_way(source, target))
+
+    def merged(self) -> ForbiddenTransitions:
+        if not self._found:
+            return self.edges
+        way = np.concatenate([w for found in self._found.values() for w in found])
+        station = np.repeat(list(self._found), [sum(map(len, found)) for found in self._found.values()])
+        return self.edges.plus_closed(np.column_stack([station, way >> 32, way & 0xFFFFFFFF]))
+
+
+def _way(source: NDArray[np.integer[Any]], target: NDArray[np.integer[Any]]) -> NDArray[np.int64]:
+    """Source and target in one number, ordered as the two are."""
+    return np.asarray(source, np.int64) << 32 | np.asarray(target, np.int64)
+
+
+def _each_once(rows: NDArray[np.integer[Any]]) -> Ints:
+    """(3, n) of rows (n, 3), sorted."""
+    station, way = rows[:, 0], _way(rows[:, 1], rows[:, 2])
+    order = np.lexsort((way, station))
+    station, way = station[order], way[order]
+    first = np.ones(len(order), bool)
+    first[1:] = (station[1:] != station[:-1]) | (way[1:] != way[:-1])
+    return np.ascontiguousarray(rows[order[first]].T, np.int32)

@@ -1,0 +1,103 @@
+"""The choice of a path, made again as its grid loses vertices and ways: the whole, or the stretches that lost some."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.plan_options import PlanOptions
+from machopt.numerics.array_types import Array
+from machopt.planning.cost.stiffness_index import CandidateScores
+from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sequence_search.dynamic_programming import SequenceChoice, SequenceGrid
+from machopt.planning.sequence_search.forbidden_transitions import ForbiddenTransitions
+from machopt.planning.sequence_search.transition_windows import FREE
+from machopt.planning.sequence_search.worst_value_constraint import GAP
+from machopt.planning.stations.planning_path import PlanningPath
+
+Rows = NDArray[np.intp]
+DETOUR = np.radians(90.0)  # of rotation that a stretch which is chosen again has room for to either side of a contact
+SPARE = 8  # stations more to either side
+MANY = 0.1  # of the stations lost: the next choice will hardly be the last, and need not be the very best
+ROUGH = 0.05  # of the objective that such a choice may miss
+
+
+@dataclass(kw_only=True)
+class IncrementalSequenceSearch:
+    """Chooses on one grid; ``candidates`` may lose vertices in between."""
+
+    path: PlanningPath
+    candidates: CandidateGrid
+    scores: CandidateScores
+    velocity: Array  # (6,) rad/s
+    options: PlanOptions
+    wide: NDArray[np.bool_]  # (S,) the rotation may turn there while the feed waits; grows where nothing else leads on
+
+    def __post_init__(self) -> None:
+        self._grid: SequenceGrid | None = None
+        self._dropped = -1  # stations without a vertex when it was made
+
+    def around(self, choice: SequenceChoice, edges: ForbiddenTransitions) -> SequenceChoice | None:
+        """The stretches of a choice that have lost a vertex or a way chosen again; None where that does not do."""
+        if choice.dropped.any() or choice.broken:
+            return None
+        lost = self._lost(choice, edges)
+        gap = ROUGH if len(lost) > MANY * len(self.wide) else GAP
+        for first, last in self._stretches(lost):
+            again = self._grid_as_it_is().again(choice, first, last, edges, gap)
+            if again is None:
+                return None
+            choice = again
+        return choice
+
+    def _lost(self, choice: SequenceChoice, e: ForbiddenTransitions) -> Rows:
+        """Stations whose vertex, or the way into which, has been struck out."""
+        _, _, B, T = self.candidates.feasible.shape
+        vertex = (choice.rotation.astype(int) * B + choice.branch) * T + choice.turn
+        s = np.arange(len(vertex))
+        gone = ~self.candidates.feasible[s, choice.rotation, choice.branch, choice.turn]
+        return np.flatnonzero(gone | e.into(vertex, T))
+
+    def _stretches(self, lost: Rows) -> list[tuple[int, int]]:
+        """(first, last) stations that keep their vertices around some that cannot, with room for a detour between."""
+        S, R = self.candidates.feasible.shape[:2]
+        window = self._grid_as_it_is().window
+        steps = np.where(window == FREE, R // 4, np.maximum(window, 0))
+        turned = np.cumsum(steps)
+        room = int(DETOUR / (2 * np.pi / R)) + 1
+        out: list[tuple[int, int]] = []
+        for s in lost.tolist():
+            first = min(int(np.searchsorted(turned, turned[s] - room)), s - SPARE) - 1
+            last = max(int(np.searchsorted(turned, turned[s] + room, "right")), s + SPARE)
+            if out and first <= out[-1][1]:
+                out[-1] = (out[-1][0], max(last, out[-1][1]))
+            else:
+                out.append((first, last))
+        return [(max(a, -1), min(b, S)) for a, b in out]
+
+    def whole(self, edges: ForbiddenTransitions) -> SequenceChoice:
+        """The best sequence of the whole path on what is left of the grid."""
+        choice = self._grid_as_it_is().choose(edges)
+        runs = self.path.run[self.path.stations]
+        stuck = np.isin(runs, runs[list(choice.broken)]) & ~self.wide
+        if stuck.any():  # the feed may wait for the rotation rather than the job fail
+            self.wide |= stuck
+            self._grid = None
+            choice = self._grid_as_it_is().choose(edges)
+        return choice
+
+    def _grid_as_it_is(self) -> SequenceGrid:
+        dropped = int((~self.candidates.feasible.reshape(len(self.wide), -1).any(axis=1)).sum())
+        if self._grid is None or self._dropped != dropped:
+            self._dropped = dropped
+            self._grid = SequenceGrid.of(
+                self.path,
+                self.candidates,
+                self.scores,
+                self.velocity,
+                self.options,
+                self.wide if self.wide.any() else None,
+            )
+        return self._grid

@@ -1,0 +1,69 @@
+"""Whole turns of a sequence that was found without telling them apart."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.numerics.array_types import Array, Bools
+from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sequence_search.forbidden_transitions import ForbiddenTransitions
+
+Ints = NDArray[np.int32]
+Counts = NDArray[np.int_]
+TWO_PI = 2.0 * np.pi
+
+
+def count_whole_turns(turns: Array) -> Counts:
+    """Turns in rad as numbers."""
+    return np.asarray(np.round(turns / TWO_PI).astype(int))
+
+
+def compute_shortest_turns(c: CandidateGrid, rows: slice, vertex: Ints) -> Counts:
+    """(S, 6) whole turns with which every joint takes the shorter way from station to station.
+
+    Args:
+        vertex: (S, 3) rotation, branch and turn at the stations ``rows``, −1 where one is passed over.
+    """
+    kept = np.flatnonzero(vertex[:, 0] >= 0)
+    q = c.q[rows][kept, vertex[kept, 0], vertex[kept, 1]]
+    out = np.zeros((len(vertex), 6), int)
+    if len(kept):
+        out[kept[1:]] = -np.cumsum(count_whole_turns(np.diff(q, axis=0)), axis=0)
+    return out
+
+
+def fit_turns(
+    c: CandidateGrid, rows: slice, vertex: Ints, asked: Counts, mask: Bools, edges: ForbiddenTransitions
+) -> Ints | None:
+    """A sequence (S, 3) with its turns as asked, but for turns of all of it alike, so that all of it is allowed.
+
+    Args:
+        asked: (S, 6) whole turns.
+        mask: (S, R, B, T) vertices that may be used.
+        edges: ways that must not be taken.
+
+    Returns:
+        of those that are allowed the one whose end is nearest to zero, or None.
+    """
+    kept = np.flatnonzero(vertex[:, 0] >= 0)
+    if not len(kept):
+        return vertex
+    turns = count_whole_turns(c.turns)
+    index = np.full((3,) * 6, -1)
+    index[tuple((turns + 1).T)] = np.arange(len(turns))
+    (r, b), asked = vertex[kept, :2].T, asked[kept]
+    moved = turns - asked[-1]  # by how much all of it is turned, for each turn that the end may have
+    inside = ((asked.min(axis=0) + moved >= -1) & (asked.max(axis=0) + moved <= 1)).all(axis=1)
+    end = c.q[rows][kept[-1], r[-1], b[-1]] + c.turns
+    away = np.ceil((end - np.pi) / TWO_PI - 1e-12).astype(int)  # (T, 6) turns from (−π, π]
+    for t in sorted(np.flatnonzero(inside).tolist(), key=lambda t: (int(np.abs(away[t]).sum()), *(-away[t] % 3))):
+        turn = index[tuple((asked + moved[t] + 1).T)]
+        if (turn >= 0).all() and mask[kept, r, b, turn].all():
+            out = vertex.copy()
+            out[kept, 2] = turn
+            flat = np.full(len(vertex), -1)
+            flat[kept] = np.ravel_multi_index((r, b, turn), mask.shape[1:])
+            if not edges.taken(rows, flat, mask.shape[3]):
+                return out
+    return None

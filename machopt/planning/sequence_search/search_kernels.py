@@ -1,0 +1,386 @@
+"""The compiled search behind :mod:`machopt.planning.sequence_search.dynamic_programming`: the cheapest sequence of
+vertices, one a station.
+
+A vertex is (rotation, branch, turn). Whole turns do not change what a step costs, so a step is priced once for all
+turns; rapid moves, which may come from anywhere, are bounded by groups of vertices that lie near each other.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.numerics.array_types import Array
+from machopt.numerics.compiled_functions import compile_function
+from machopt.planning.cost.objective import edge_price_compiled, late_compiled
+
+Ints = NDArray[np.int32]
+JUMP = np.radians(80.0)  # largest joint step between neighbouring stations that still counts as continuous
+GUESSED = np.radians(40.0)  # the same where branches are told apart by it alone
+GROUP = 6  # rotations whose vertices are bounded together where a rapid move comes from any of them
+
+
+def compute_joint_jump_limit(stable: bool) -> float:
+    """Largest joint step (rad) of a continuous way between neighbouring stations.
+
+    Inside a branch whose index is an assembly mode every way that keeps the margins to the singularities is
+    continuous, however far the tool turns; other solvers' branches are followed by the step itself.
+    """
+    return float(JUMP if stable else GUESSED)
+
+
+@compile_function
+def _sort(value: Array, order: NDArray[np.int64]) -> None:
+    """Sort the indices ``order`` by value, equal ones by index, in place (heap sort)."""
+    n = len(order)
+    root, end = n // 2, n
+    while end > 1:
+        if root > 0:  # making the heap
+            root -= 1
+        else:  # taking the largest off it
+            end -= 1
+            order[0], order[end] = order[end], order[0]
+        k = root
+        item = order[k]
+        while 2 * k + 1 < end:
+            c = 2 * k + 1
+            if c + 1 < end and (value[order[c]], order[c]) < (value[order[c + 1]], order[c + 1]):
+                c += 1
+            if not (value[item], item) < (value[order[c]], order[c]):
+                break
+            order[k] = order[c]
+            k = c
+        order[k] = item
+
+
+@compile_function
+def _groups(before: Array, q: Array, turns: Array) -> Any:  # numba infers
+    """The vertices that can be come from, in groups that lie near each other: what a rapid move is bounded by.
+
+    Returns (K,) the vertices, (G, 2) where each group begins and ends in them, (G, 2, 6) rad its corners in joint space
+    and (G,) its least cost to come; the groups with the least cost first.
+    """
+    R, B, _ = q.shape
+    T = len(turns)
+    members = np.empty(len(before), np.int64)
+    most = ((R + GROUP - 1) // GROUP) * B * T
+    group, corner = np.zeros((most, 2), np.int64), np.empty((most, 2, 6))
+    cheapest = np.empty(most)
+    G, n = 0, 0
+    for first in range(0, R, GROUP):
+        for b in range(B):
+            for t in range(T):
+                start = n
+                for r in range(first, min(first + GROUP, R)):
+                    u = (r * B + b) * T + t
+                    if before[u] < np.inf:
+                        for i in range(6):
+                            x = q[r, b, i] + turns[t, i]
+                            corner[G, 0, i] = min(corner[G, 0, i], x) if n > start else x
+                            corner[G, 1, i] = max(corner[G, 1, i], x) if n > start else x
+                        cheapest[G] = min(cheapest[G], before[u]) if n > start else before[u]
+                        members[n] = u
+                        n += 1
+                if n > start:
+                    group[G, 0], group[G, 1] = start, n
+                    G += 1
+    order = np.empty(G, np.int64)  # numba's argsort takes ten times as long to compile
+    for g in range(G):
+        order[g] = g
+    _sort(cheapest, order)
+    group_out, corner_out, cheapest_out = np.empty((G, 2), np.int64), np.empty((G, 2, 6)), np.empty(G)
+    for g in range(G):
+        k = order[g]
+        cheapest_out[g] = cheapest[k]
+        for e in range(2):
+            group_out[g, e] = group[k, e]
+            for i in range(6):
+                corner_out[g, e, i] = corner[k, e, i]
+    return members[:n], group_out, corner_out, cheapest_out
+
+
+@compile_function
+def _step(here: Array, before: Array, slowness: Array, largest: float) -> tuple[int, float, float]:
+    """Between two configurations (6,) rad, as near as whole turns bring them: the code of these turns, Σ|Δq| (rad) and
+    the time (s) of the slowest axis. The code is −1 where an axis turns by more than ``largest``, or where the branch
+    does not exist (NaN).
+    """
+    code, step, slow = 0, 0.0, 0.0
+    twopi = 2 * np.pi
+    for i in range(6):
+        apart = here[i] - before[i]
+        if not (abs(apart) < 1.5 * twopi):
+            return -1, step, slow
+        whole = round(apart / twopi)
+        d = abs(apart - twopi * whole)
+        if d > largest:
+            return -1, step, slow
+        step += d
+        slow = max(slow, d * slowness[i])
+        code = 3 * code + int(whole) + 1
+    return code, step, slow
+
+
+@compile_function
+def _listed(ways: Any, low: int, high: int, source: int, target: int) -> Any:  # numba infers
+    """One of the sorted ways (n, 3) from ``low`` to ``high`` leads from the source to the target."""
+    end = high
+    while low < high:
+        middle = (low + high) // 2
+        u, v = ways[middle, 1], ways[middle, 2]
+        if u < source or (u == source and v < target):
+            low = middle + 1
+        else:
+            high = middle
+    return low < end and ways[low, 1] == source and ways[low, 2] == target
+
+
+@compile_function
+def find_cheapest_sequence(
+    node: Any,
+    q: Any,
+    turns: Any,
+    feasible: Any,
+    window: Any,
+    stable: Any,
+    shift: Any,
+    seconds: Any,
+    slowness: Any,
+    price_q: Any,
+    price_r: Any,
+    price_t: Any,
+    nudged: Any,
+    limit: float,
+    ban: Any,
+    ban_u: Any,
+    ban_v: Any,
+    closed: Any,
+    ways: Any,
+    hidden: Any,
+    crossed: Any,
+    shut: Any,
+    loose: bool,
+    start: Any,
+    price: Any,
+    turned: Any,
+) -> Any:  # numba infers
+    """Cheapest sequence; returns (S, 3) rotation, branch, turn (−1 where dropped), its value, where it stopped, breaks
+    (S,) and what is reached (S, V).
+
+    Prices are those of :mod:`machopt.planning.cost.objective`, (S,) per rad, rad and s on the way into each station;
+    ``nudged`` (S,) rad is how far its grid is turned against that of the station before. A break is a station inside a
+    run that no vertex of the station before reaches continuously; the sequence goes on there as after a rapid move.
+    With a finite ``limit`` only sequences below it are looked for, without breaks, and ``stop`` ≥ 0 is where the last
+    of them ends. ``ban[s]`` … ``ban[s + 1]`` are the forbidden edges into s, and ``closed[s]`` … the ``ways`` (n, 3)
+    forbidden in every turn (:class:`machopt.planning.sequence_search.forbidden_transitions.ForbiddenTransitions`).
+    ``hidden`` (S,): on the way into s, in one
+    branch, the rotation crosses only what one of the stations has in ``crossed`` (S, R, B)
+    (:mod:`machopt.planning.sequence_search.crossed_rotations`). ``shut`` (B, B): from the one branch no rapid move
+    leads to the other.
+    ``loose``, with one turn only: whole turns cost nothing and have no limits, so that the value is at most that with
+    the turns told apart. ``start`` (S,), ``price`` and ``turned`` (n,) are the grid's
+    :class:`machopt.planning.sequence_search.transition_cost_table.TransitionCostTable`, filled in here.
+    """
+    S, R, B, T = feasible.shape
+    inf = np.inf
+    V = R * B * T
+    back = np.empty((S, V), np.int32)  # read only where it was written: with tens of turns most never is
+    reached = np.zeros((S, V), np.bool_)
+    broken, exists_at = np.zeros(S, np.bool_), np.zeros(S, np.bool_)
+    before = np.full(V, inf)  # cost to come at the last kept station
+    least = np.full((R, B), inf)  # and the least over its turns
+    now = np.empty(V)
+    best = np.full((S, 3), -1, np.int32)
+    last = -1  # last kept station
+    twopi = 2 * np.pi
+    step_r = twopi / R
+    largest = JUMP if stable else GUESSED
+    usable = np.zeros((S, R, B), np.bool_)
+    to_go = np.zeros(S + 1)  # the nodes from a station on cost at least this much
+    for s in range(S - 1, -1, -1):
+        low = inf
+        for r in range(R):
+            for b in range(B):
+                for t in range(T):
+                    if feasible[s, r, b, t]:
+                        usable[s, r, b] = True
+                        break
+                if usable[s, r, b]:
+                    low = min(low, node[s, r, b])
+        to_go[s] = to_go[s + 1] + (low if low < inf else 0.0)
+    # the turn before from the turn now and the whole turns between two base configurations, −1 where there is none
+    lookup = np.full(3**6, -1, np.int32)
+    for t in range(T):
+        code = 0
+        for i in range(6):
+            code = 3 * code + round(turns[t, i] / twopi) + 1
+        lookup[code] = t
+    source_turn = np.full((3**6, T), -1, np.int32)
+    for code in range(3**6):
+        for t in range(T):
+            rest, other, unit = code, 0, 1
+            for i in range(5, -1, -1):
+                digit = rest % 3 - 1 + round(turns[t, i] / twopi)
+                rest //= 3
+                if abs(digit) > 1:
+                    other = -1
+                    break
+                other += unit * (digit + 1)
+                unit *= 3
+            if other >= 0:
+                source_turn[code, t] = lookup[other]
+    values, sources = np.empty(T), np.empty(T, np.int64)
+    members, group, corner, cheapest = _groups(before, q[0], turns)
+    s = -1
+    lift = False  # the station is tried again as after a rapid move
+    while s < S - 1 or lift:
+        if not lift:
+            s += 1
+        any_here, exists = False, False
+        fresh = last < 0
+        free = window[s] < 0 or lift
+        lift = False
+        if free and not fresh:
+            members, group, corner, cheapest = _groups(before, q[last], turns)
+        for r in range(R):
+            for b in range(B):
+                if not usable[s, r, b]:
+                    continue
+                exists = True
+                most = limit - node[s, r, b] - to_go[s + 1]  # what the way here may cost
+                for t in range(T):
+                    values[t], sources[t] = 0.0 if fresh else most, -1
+                if fresh:
+                    pass  # nothing to come from: any vertex starts at zero
+                elif free:
+                    ru = (r + shift[s]) % R
+                    for t in range(T):
+                        value, source = most, -1
+                        if feasible[s, r, b, t]:
+                            for tu in range(T):  # first the same posture before: near, so that few others need a look
+                                u = (ru * B + b) * T + tu
+                                if before[u] < value:
+                                    step = 0.0
+                                    for i in range(6):
+                                        x = abs(q[s, r, b, i] + turns[t, i] - q[last, ru, b, i] - turns[tu, i])
+                                        step += abs(x - twopi * round(x / twopi)) if loose else x
+                                    if before[u] + price_q[s] * step < value:
+                                        value, source = before[u] + price_q[s] * step, u
+                            for g in range(len(cheapest)):
+                                if cheapest[g] >= value:
+                                    break
+                                away = 0.0
+                                for i in range(6):
+                                    x = q[s, r, b, i] + turns[t, i]
+                                    away += max(corner[g, 0, i] - x, 0.0) + max(x - corner[g, 1, i], 0.0)
+                                if not loose and cheapest[g] + price_q[s] * away >= value:
+                                    continue
+                                for j in range(group[g, 0], group[g, 1]):
+                                    u = members[j]
+                                    if before[u] >= value:
+                                        continue
+                                    rj, bj, tj = u // (B * T), u // T % B, u % T
+                                    if shut[bj, b]:
+                                        continue
+                                    step = 0.0
+                                    for i in range(6):
+                                        x = abs(q[s, r, b, i] + turns[t, i] - q[last, rj, bj, i] - turns[tj, i])
+                                        step += abs(x - twopi * round(x / twopi)) if loose else x
+                                    if before[u] + price_q[s] * step < value:
+                                        value, source = before[u] + price_q[s] * step, u
+                        values[t], sources[t] = value, source
+                else:
+                    highest = most  # of the values found so far: what cannot beat it is of no use to any turn
+                    up, down = True, True  # nothing else was crossed so far
+                    for k in range(2 * window[s] + 1):
+                        dr = (k + 1) // 2 if k % 2 else -(k // 2)
+                        ru = (r + dr) % R
+                        if hidden[s] and abs(dr) > 1:
+                            across = (ru - 1) % R if dr > 0 else (ru + 1) % R
+                            open_ = crossed[s, across, b] or crossed[last, across, b]
+                            up = up and (dr < 0 or open_)
+                            down = down and (dr > 0 or open_)
+                        for bu in range(b if stable else 0, b + 1 if stable else B):
+                            if bu == b and not (up if dr > 0 else down):
+                                continue
+                            turn = abs(nudged[s] - dr * step_r)
+                            if not (least[ru, bu] + price_r[s] * turn < highest):
+                                continue
+                            at = -1
+                            if start[s] >= 0 and last == s - 1:  # no other station before than the table has
+                                at = ((r * B + b) * (2 * window[s] + 1) + k) * (1 if stable else B)
+                                at += start[s] + (0 if stable else bu)
+                            if at < 0 or turned[at] == 0:
+                                code, step, slow = _step(q[s, r, b], q[last, ru, bu], slowness, largest)
+                                late = late_compiled(slow, seconds[s])
+                                edge = edge_price_compiled(step, turn, late, price_q[s], price_r[s], price_t[s])
+                                if at >= 0:
+                                    turned[at], price[at] = code + 1 if code >= 0 else -1, edge
+                            else:
+                                code, edge = turned[at] - 1, price[at]
+                            if code < 0 or not (least[ru, bu] + edge < highest):
+                                continue
+                            if _listed(ways, closed[s], closed[s + 1], ru * B + bu, r * B + b):
+                                continue
+                            better = False
+                            for t in range(T):
+                                tu = 0 if loose else source_turn[code, t]
+                                if tu < 0 or not feasible[s, r, b, t]:
+                                    continue
+                                u = (ru * B + bu) * T + tu
+                                if before[u] + edge < values[t]:
+                                    banned = False
+                                    for e in range(ban[s], ban[s + 1]):
+                                        if ban_u[e] == u and ban_v[e] == (r * B + b) * T + t:
+                                            banned = True
+                                            break
+                                    if not banned:
+                                        values[t], sources[t], better = before[u] + edge, u, True
+                            if better:
+                                highest = 0.0
+                                for t in range(T):
+                                    if feasible[s, r, b, t]:
+                                        highest = max(highest, values[t])
+                for t in range(T):
+                    now[(r * B + b) * T + t] = inf
+                    if feasible[s, r, b, t] and (fresh or sources[t] >= 0) and values[t] < inf and values[t] <= most:
+                        any_here = True
+                        now[(r * B + b) * T + t] = values[t] + node[s, r, b]
+                        back[s, (r * B + b) * T + t] = sources[t]
+                        reached[s, (r * B + b) * T + t] = True
+        exists_at[s] = exists
+        if not exists:
+            continue  # dropped: nothing is feasible here
+        if not any_here and (limit < inf or free):
+            return best, inf, s, broken, reached
+        if not any_here:
+            broken[s] = lift = True
+            continue
+        for r in range(R):
+            for b in range(B):
+                if not usable[s, r, b] and not (least[r, b] < inf):
+                    continue  # all infinite, as before
+                least[r, b] = inf
+                for v in range((r * B + b) * T, (r * B + b + 1) * T):
+                    before[v] = now[v] if usable[s, r, b] else inf
+                    least[r, b] = min(least[r, b], before[v])
+        last = s
+    if last < 0:
+        return best, 0.0, -1, broken, reached
+    v = 0
+    for u in range(V):
+        if before[u] < before[v]:
+            v = u
+    value = before[v]
+    s = last
+    while s >= 0:
+        best[s, 0], best[s, 1], best[s, 2] = v // (B * T), v // T % B, v % T
+        v = back[s, v]
+        s -= 1
+        while s >= 0 and v >= 0 and not exists_at[s]:
+            s -= 1
+        if v < 0:
+            break
+    return best, value, -1, broken, reached

@@ -1,0 +1,257 @@
+"""What the grid knows around the chosen rotation: the room a smooth curve has, run by run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.plan_options import PlanOptions
+from machopt.numerics.array_types import Array, compute_any_last
+from machopt.numerics.rigid_transforms import wrap_angle
+from machopt.planning.cache import compute_cached, is_cache_active
+from machopt.planning.cost.objective import ObjectiveTerms
+from machopt.planning.cost.stiffness_index import CandidateScores
+from machopt.planning.sampling.configurations import CandidateGrid
+from machopt.planning.sequence_search.dynamic_programming import SequenceChoice
+from machopt.planning.smoothing.cubic_curves import CubicSpline
+from machopt.planning.stations.fixed_rotations import find_fixed_rotations
+from machopt.planning.stations.planning_path import PlanningPath
+
+REACH = 16  # steps to either side of the chosen rotation that the corridor may span
+STEP = np.radians(5.0)  # of the corridor, or one of the grid where that is wider
+SIDE_STEP = np.radians(30.0)  # largest joint step between neighbouring rotations of one branch
+
+
+@dataclass(frozen=True)
+class StretchEnds:
+    """What the rapid moves before and after a stretch come from and go to; None at the first and last."""
+
+    before: Array | None = None  # (6,) rad
+    after: Array | None = None  # (6,) rad
+    onward: float = 0.0  # price of the move after, per rad of any joint
+
+
+Merit = Callable[[CubicSpline, StretchEnds, float], float]
+"""Worth of an answer, given what it is tied to, and the worst cost elsewhere."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RotationCorridor:
+    """What the grid knows around the chosen rotation, per station (n of them) and step j = −REACH … REACH."""
+
+    phi: Array  # (n,) rad, chosen rotation, unwrapped inside the run
+    low: Array  # (n,) rad ≤ 0, feasible side below
+    high: Array  # (n,) rad ≥ 0
+    cost: Array  # (n, 2·REACH+1), dimensionless, edge values repeated beyond the corridor
+    slope: Array  # (n, 6) dq/dphi at the chosen rotation
+    step: float  # rad
+    q: Array  # (n, 6) rad at the chosen rotation
+    crowded: Array | None = None  # (n, 2·REACH+1) like ``cost``; None: it does not count
+
+
+@dataclass(kw_only=True)
+class SmoothingStretch:
+    """A continuous stretch of stations while it is being smoothed."""
+
+    rows: NDArray[np.intp]  # stations
+    points: NDArray[np.int32]  # their planning points
+    band: RotationCorridor
+    x: Array  # (n,) m, turning length at the stations
+    terms: ObjectiveTerms  # of the objective, at the stations
+    weight: float  # of its motion
+    pins: dict[int, float]  # fixed offsets by row
+    offset: Array  # (n,) rad, found so far
+    turns: bool = False  # the rotation may change along it
+    spline: CubicSpline | None = None
+    answers: tuple[CubicSpline, ...] = ()  # what the rotation may be, from the programme's to the plainest
+    merit: Merit = lambda *_: float("inf")
+
+    @classmethod
+    def of(
+        cls,
+        path: PlanningPath,
+        candidates: CandidateGrid,
+        scores: CandidateScores,
+        choice: SequenceChoice,
+        rows: NDArray[np.intp],
+        terms: ObjectiveTerms,
+        band: RotationCorridor | None = None,
+    ) -> SmoothingStretch:
+        points = path.stations[rows]
+        band = compute_corridor(candidates, scores, choice, rows) if band is None else band
+        turning = compute_turning_length(path, points[0], points[-1])
+        return cls(
+            rows=rows,
+            points=points,
+            band=band,
+            x=turning[points - points[0]],
+            terms=terms.take(rows),
+            weight=float(path.motion_share[points[0]]),
+            pins=_pins(path, rows, band.phi, terms.options),
+            offset=np.zeros(len(rows)),
+        )
+
+    def bounds(self) -> tuple[Array, Array]:
+        """(n,) rad each: the corridor, closed to the exact value where the user fixed it."""
+        low, high = np.minimum(self.band.low, 0.0), np.maximum(self.band.high, 0.0)
+        for row, value in self.pins.items():
+            low[row] = high[row] = value
+        return low, high
+
+    def worst(self) -> float:
+        """Largest cost where it counts, at the offset as it is."""
+        at = np.flatnonzero(self.terms.counted)
+        if not len(at):
+            return 0.0
+        return float(self._between(self.band.cost, self.offset)[at].max())
+
+    def _between(self, table: Array, offset: Array) -> Array:
+        """(…, n) a table (n, 2·REACH+1) of the corridor on the line at offsets (…, n) rad."""
+        x = np.clip(offset / self.band.step + REACH, 0, 2 * REACH - 1e-9)
+        k, row = x.astype(int), np.arange(table.shape[0])
+        low, high = table[row, k], table[row, k + 1]
+        return np.asarray(low + (x - k) * (high - low))
+
+    def joints(self) -> Array:
+        """(n, 6) rad, to first order in the offset."""
+        return self.joints_at(self.offset)
+
+    def joints_at(self, offset: Array, rows: Any = slice(None)) -> Array:
+        """(…, n, 6) rad at offsets (…, n) rad of all stations, or of some rows of them, to first order."""
+        return np.asarray(self.band.q[rows] + self.band.slope[rows] * offset[..., None])
+
+    def price(self, cost: Array, offset: Array) -> Array:
+        """(…) its part of J but for the worst index and rapid moves, at offsets (…, n) rad of these costs."""
+        phi = self.band.phi + offset
+        inside = self.terms.steps(self.joints_at(offset), phi).sum(axis=-1)
+        crowded = 0.0 if self.band.crowded is None else self._between(self.band.crowded, offset)
+        return np.asarray(self.terms.nodes(cost, phi, crowded).sum(axis=-1) + inside)
+
+    def price_of_flights(self, first: Array, last: Array, ends: StretchEnds) -> float:
+        """Price of the rapid moves at its ends, where it begins and ends at joints (6,) rad."""
+        here = self.terms.weights.travel * float(self.terms.travel[0])
+        flown = ((first, ends.before, here), (last, ends.after, ends.onward))
+        return float(sum(price * np.abs(own - other).sum() for own, other, price in flown if other is not None))
+
+
+def compute_corridors(
+    candidates: CandidateGrid, scores: CandidateScores, choice: SequenceChoice, parts: list[NDArray[np.intp]]
+) -> Iterator[RotationCorridor]:
+    """The corridor of each of many stretches, walked side by side: a job of holes has thousands of short ones.
+
+    With a store they are walked one by one, so that a steered plan finds those that stayed as they were.
+    """
+    if is_cache_active() or not parts:
+        yield from (compute_corridor(candidates, scores, choice, rows) for rows in parts)
+        return
+    tables = [scores.cost] if scores.crowded is None else [scores.cost, scores.crowded]
+    whole = _walked(candidates, tables, choice, np.concatenate(parts))
+    whole = replace(whole, cost=whole.cost / scores.scale)
+    first = 0
+    for rows in parts:
+        some = slice(first, first + len(rows))
+        first = some.stop
+        yield replace(
+            whole,
+            phi=_chosen_rotations(candidates, choice, rows),
+            low=whole.low[some].copy(),
+            high=whole.high[some].copy(),
+            cost=whole.cost[some],
+            slope=whole.slope[some],
+            q=whole.q[some],
+            crowded=None if whole.crowded is None else whole.crowded[some],
+        )
+
+
+def _chosen_rotations(candidates: CandidateGrid, choice: SequenceChoice, rows: NDArray[np.intp]) -> Array:
+    """(n,) rad, unwrapped along the stretch."""
+    return np.unwrap(candidates.phi_of(rows, np.maximum(choice.rotation[rows], 0)))
+
+
+def compute_corridor(
+    candidates: CandidateGrid, scores: CandidateScores, choice: SequenceChoice, rows: NDArray[np.intp]
+) -> RotationCorridor:
+    """Walk from the chosen vertex to both sides while the same branch and turn stay feasible."""
+    b, tables = choice.branch[rows], [scores.cost] if scores.crowded is None else [scores.cost, scores.crowded]
+
+    def inputs() -> tuple[object, ...]:
+        of_branch = [table[rows, :, b] for table in (candidates.q, candidates.feasible, *tables)]
+        r = choice.rotation[rows]
+        return (
+            candidates.phi,
+            candidates.phi_of(rows, np.maximum(choice.rotation[rows], 0)),
+            candidates.turns,
+            r,
+            b,
+            *of_branch,
+        )
+
+    walked = compute_cached(
+        "corridor", lambda: (*inputs(), choice.q[rows]), lambda: _walked(candidates, tables, choice, rows)
+    )
+    return replace(walked, cost=walked.cost / scores.scale)
+
+
+def _walked(
+    candidates: CandidateGrid, tables: list[Array], choice: SequenceChoice, rows: NDArray[np.intp]
+) -> RotationCorridor:
+    """The corridor with its cost in the unit of the table."""
+    R = len(candidates.phi)
+    grid = 2 * np.pi / R
+    stride = max(1, round(STEP / grid))  # a finer grid is walked step by step, so that its corridor is as wide
+    r, b = choice.rotation[rows], choice.branch[rows]
+    phi = _chosen_rotations(candidates, choice, rows)
+    n = len(rows)
+    found = np.empty((len(tables), n, 2 * REACH + 1))
+    found[:, :, REACH] = [table[rows, r, b] for table in tables]
+    limit, reached = np.zeros((n, 2)), np.zeros((n, 2))
+    neighbour = np.stack([choice.q[rows], choice.q[rows]])
+    for side, sign in ((0, -1), (1, 1)):
+        alive, previous = np.ones(n, bool), choice.q[rows]
+        seen = found[:, :, REACH]
+        for j in range(1, min(REACH * stride, R) + 1):
+            rj = (r + sign * j) % R
+            base = candidates.q[rows, rj, b]
+            q = previous + wrap_angle(base - previous)
+            turn = (np.round((q - base)[:, None] / (2 * np.pi)) == np.round(candidates.turns / (2 * np.pi))).all(axis=2)
+            alive &= compute_any_last(candidates.feasible[rows, rj, b] & turn)
+            alive &= np.abs(q - previous).max(axis=1) < SIDE_STEP
+            limit[alive, side] = sign * j * grid
+            seen = np.where(alive, [table[rows, rj, b] for table in tables], seen)
+            if j % stride == 0:
+                found[:, :, REACH + sign * (j // stride)] = seen
+            previous = np.where(alive[:, None], q, previous)
+            if j == 1:
+                neighbour[side], reached[:, side] = previous, alive * grid
+        for column in range(min(REACH * stride, R) // stride + 1, REACH + 1):  # once round
+            found[:, :, REACH + sign * column] = seen
+    span = np.maximum(reached.sum(axis=1), 1e-12)[:, None]
+    return RotationCorridor(
+        phi=phi,
+        low=limit[:, 0],
+        high=limit[:, 1],
+        cost=found[0],
+        slope=(neighbour[1] - neighbour[0]) / span,
+        step=stride * grid,
+        q=choice.q[rows],
+        crowded=found[1] if len(found) > 1 else None,
+    )
+
+
+def compute_turning_length(path: PlanningPath, first: int, last: int) -> Array:
+    """Path length from ``first`` on which the rotation may change: plunges do not count."""
+    step = np.diff(path.s[first : last + 1])
+    step[path.plunge[first + 1 : last + 1]] = 0.0
+    return np.asarray(np.r_[0.0, np.cumsum(step)])
+
+
+def _pins(path: PlanningPath, rows: NDArray[np.intp], phi: Array, options: PlanOptions) -> dict[int, float]:
+    """The user's fixed rotations in this run: row to exact offset from the grid's phi."""
+    points = path.stations[rows]
+    row_of = {int(point): i for i, point in enumerate(points)}
+    asked = find_fixed_rotations(path, options).items()
+    return {row_of[row]: float(wrap_angle(target - phi[row_of[row]])) for row, target in asked if row in row_of}

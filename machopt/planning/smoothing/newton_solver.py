@@ -1,0 +1,255 @@
+"""The objective along one run as a programme in the coefficients of a spline, solved by Newton's method.
+
+J is a sum of smooth prices of places, absolute values and maxima of what is linear in the coefficients, and the worst
+cost. Its kinks are rounded by a width ε that goes to zero,
+
+    |v| → s = √(v² + ε²),    max(x₁ … xₙ) → ε log Σ exp(xᵢ/ε),
+
+and what leaves the corridor pays the square of the distance, ever more. All prices depend on the offsets at the
+stations, each on one or two neighbours, so the Hessian is tridiagonal there and banded in the coefficients; the worst
+cost adds one dyad.
+
+Source of the step for the absolute values: Chan, Golub & Mulet 1999 (SIAM J. Sci. Comput. 20:1964–1977). It linearises
+z s = v with a dual z ∈ [−1, 1] of its own instead of v/s, which keeps Newton's steps long as ε goes to zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import LinAlgError, solveh_banded
+
+from machopt.numerics.array_types import Array
+from machopt.planning.cost.objective import compute_preference_cost
+from machopt.planning.smoothing.corridor import SmoothingStretch, StretchEnds
+from machopt.planning.smoothing.cost_interpolation import CostInterpolation
+from machopt.planning.smoothing.cubic_curves import compute_cubic_basis
+
+WIDTHS = np.r_[np.geomspace(3e-2, 3e-7, 16), 3e-7, 3e-7]  # ε in rad, and in c₀ for the worst cost
+STIFF = np.r_[np.geomspace(3e3, 3e5, 16), 3e6, 3e7]  # price per rad² out of the corridor, at each width
+STEPS = 6  # most Newton steps at one width
+ENOUGH = 1e-9  # of J: a step that is to gain less is not taken
+LEAST = 1e-4  # share of the promised gain that a step must bring
+RIDGE = 1e-12  # added to the Hessian, of its largest entry
+HALVINGS = 8
+SECOND = (1.0, -2.0, 1.0)  # second difference
+
+
+class SplineBasis:
+    """A cubic spline's basis at n places: four coefficients at each, which follow one another."""
+
+    def __init__(self, knots: Array, places: Array) -> None:
+        self.n, self.m = len(places), len(knots) - 4
+        self.columns, self.weights = compute_cubic_basis(knots, places)
+        # where products of two coefficients stand in a band: of one place, and of a place and the next
+        a, b = np.tril_indices(4)
+        own = self.columns[:, a], self.columns[:, b], self.weights[:, a] * self.weights[:, b]
+        a, b = (x.ravel() for x in np.indices((4, 4)))
+        i, j = self.columns[:-1, a], self.columns[1:, b]
+        tied = i, j, self.weights[:-1, a] * self.weights[1:, b] * np.where(i == j, 2.0, 1.0)
+        self._at = [np.abs(i - j) * self.m + np.minimum(i, j) for i, j, _ in (own, tied)]
+        self._products = own[2], tied[2]
+        self.lags = max(int(max(at.max(initial=0) for at in self._at)) // self.m, min(2, self.m - 1)) + 1
+
+    def values(self, c: Array) -> Array:
+        """(n,) the spline with coefficients c (m,)."""
+        return np.asarray((self.weights * c[self.columns]).sum(axis=1))
+
+    def transposed(self, v: Array) -> Array:
+        """(m,) sums of v (n,) by the weight each place has for a coefficient."""
+        return np.asarray(np.bincount(self.columns.ravel(), (self.weights * v[:, None]).ravel(), self.m), float)
+
+    def hessian(self, diagonal: Array, beside: Array) -> Array:
+        """Lower band (lags, m) of BᵀTB, with T the tridiagonal matrix of diagonal (n,) and beside (n − 1,)."""
+        own, tied = (
+            np.bincount(at.ravel(), (p * d[:, None]).ravel(), self.lags * self.m)
+            for at, p, d in zip(self._at, self._products, (diagonal, beside), strict=True)
+        )
+        return np.asarray((own + tied).reshape(self.lags, self.m))
+
+
+@dataclass(frozen=True, kw_only=True)
+class RoundedObjective:
+    """The rounded objective at one place: value, and gradient and Hessian in the offsets (n,)."""
+
+    value: float
+    gradient: Array  # (n,)
+    diagonal: Array  # (n,) of the Hessian, but for the absolute values along the stations
+    first: Array  # (n − 1,) what lost time adds for the station before, the one after, and both
+    last: Array
+    both: Array
+    dyad: Array  # (n,) the Hessian lacks ``dyad dyadᵀ``
+    price: Array  # (7, n − 1) of every absolute value v along the stations
+    slope: Array  # (7, n − 1) v/s
+    size: Array  # (7, n − 1) s
+
+
+class SplineObjective:
+    """J of one stretch over the coefficients (m,) of its spline."""
+
+    def __init__(
+        self,
+        part: SmoothingStretch,
+        table: CostInterpolation,
+        basis: SplineBasis,
+        bending: float,
+        ends: StretchEnds,
+        elsewhere: float,
+    ) -> None:
+        """
+        Args:
+            table: of the cost.
+            basis: the spline's at the stations.
+            bending: price of the sum of squares of the coefficients' second differences; no part of J.
+            ends: what the rapid moves before and after come from and go to.
+            elsewhere: the worst cost of the other stretches, in units of c₀.
+        """
+        band, terms, w = part.band, part.terms, part.terms.weights
+        self.part, self.table, self.basis, self.bending, self.elsewhere = part, table, basis, bending, elsewhere
+        self.crowded = None if band.crowded is None else CostInterpolation(band.crowded, band.step)
+        self.low, self.high = part.bounds()
+        # absolute values along the stations: six joints and the rotation, all linear in two neighbouring offsets
+        lean = np.vstack([band.slope.T, np.ones(len(band.q))])
+        self.back, self.on = np.ascontiguousarray(-lean[:, :-1]), np.ascontiguousarray(lean[:, 1:])
+        self.jump = np.diff(np.vstack([band.q.T, band.phi]), axis=1)
+        self.price = np.tile(w.travel * terms.travel[1:], (7, 1))
+        self.price[6] = w.rotation * terms.rotation[1:]
+        self.lost, self.seconds, self.slowness = w.feed * terms.lost[1:], terms.seconds[1:], terms.slowness[:, None]
+        # and at the ends: station, slope and distance of the joints, price
+        flown = ((0, ends.before, w.travel * terms.travel[0]), (-1, ends.after, ends.onward))
+        self.flights = [(i, band.slope[i], band.q[i] - q, price) for i, q, price in flown if q is not None]
+
+    def model(self, c: Array, width: float, stiff: float) -> RoundedObjective:
+        """J at coefficients c, rounded, with the price of leaving the corridor and without that of bending."""
+        part, terms, w = self.part, self.part.terms, self.part.terms.weights
+        phi = self.basis.values(c)
+        delta = phi - part.band.phi
+        cost, slope, bend = self.table.at(delta)
+        share, hollow = terms.share, np.maximum(bend, 0.0)
+        value = float(w.mean * (share @ cost))
+        gradient, diagonal = w.mean * share * slope, w.mean * share * hollow
+        if terms.liking is not None:
+            away = phi + terms.offset - terms.liking.rotation
+            value += float(share @ compute_preference_cost(np.cos(away), terms.liking.weight))
+            half = 0.5 * terms.liking.weight * share
+            gradient += half * np.sin(away)
+            diagonal += half * np.maximum(np.cos(away), 0.0)
+        if self.crowded is not None:
+            near, rise, bent = self.crowded.at(delta)
+            value += float(w.clearance * (share @ near))
+            gradient += w.clearance * share * rise
+            diagonal += w.clearance * share * np.maximum(bent, 0.0)
+        out = np.minimum(delta - self.low, 0.0) + np.maximum(delta - self.high, 0.0)
+        value += stiff * float(out @ out)
+        gradient += 2.0 * stiff * out
+        diagonal += 2.0 * stiff * (out != 0.0)
+        # the worst cost: a rounded maximum, with the shares p of the places that make it
+        high = np.where(terms.counted, cost, -np.inf)
+        top = max(float(high.max()), self.elsewhere)
+        p = np.exp((high - top) / width)
+        whole = float(p.sum()) + float(np.exp((self.elsewhere - top) / width))
+        p /= whole
+        value += w.worst * (top + width * float(np.log(whole)))
+        gradient += w.worst * p * slope
+        diagonal += w.worst * p * (hollow + slope**2 / width)
+        for i, lean, apart, flight in self.flights:
+            f = apart + lean * delta[i]
+            r = np.sqrt(f * f + width * width)
+            value += flight * float(r.sum())
+            gradient[i] += flight * float((lean * f / r).sum())
+            diagonal[i] += flight * float((lean**2 * width * width / r**3).sum())
+        v = self.jump + self.back * delta[:-1] + self.on * delta[1:]
+        s = np.sqrt(v * v + width * width)
+        z, price = v / s, self.price
+        value += float((price * s).sum())
+        first = last = both = np.zeros(len(delta) - 1)
+        if self.lost.any():  # the slowest axis, a rounded maximum with the shares e, and 0 where it is in time
+            narrow = width * float(self.slowness.max())  # s
+            over = (s[:6] * self.slowness - self.seconds) / narrow
+            most = np.maximum(over.max(axis=0), 0.0)
+            e = np.exp(over - most)
+            total = e.sum(axis=0) + np.exp(-most)
+            e /= total
+            value += float(self.lost @ (narrow * (most + np.log(total))))
+            price = price.copy()
+            price[:6] += self.lost * e * self.slowness
+            g, a, b = self.slowness * z[:6], self.back[:6], self.on[:6]
+            eg, ega, egb, weight = e * g, e * g * a, e * g * b, self.lost / narrow
+            pa, pb = ega.sum(axis=0), egb.sum(axis=0)
+            first = weight * ((ega * g * a).sum(axis=0) - pa * pa)
+            last = weight * ((egb * g * b).sum(axis=0) - pb * pb)
+            both = weight * ((eg * g * a * b).sum(axis=0) - pa * pb)
+        pull = price * z
+        gradient[:-1] += (pull * self.back).sum(axis=0)
+        gradient[1:] += (pull * self.on).sum(axis=0)
+        return RoundedObjective(
+            value=value,
+            gradient=gradient,
+            diagonal=diagonal,
+            first=first,
+            last=last,
+            both=both,
+            dyad=w.worst**0.5 * p * slope / width**0.5,
+            price=price,
+            slope=z,
+            size=s,
+        )
+
+    def solve(self, start: Array) -> Array:
+        """(m,) coefficients of a local minimum near ``start``."""
+        c, duals = start.copy(), None
+        for width, stiff in zip(WIDTHS, STIFF, strict=True):
+            here = self.model(c, width, stiff)
+            if duals is None:
+                duals = here.slope
+            for _ in range(STEPS):
+                curve = (1.0 - duals * here.slope) / here.size
+                step, promised = self._step(c, here, here.price * curve)
+                total, share, there = here.value + self._bent(c), 1.0, here
+                if not promised > ENOUGH * (1.0 + abs(total)):
+                    break
+                for _ in range(HALVINGS):
+                    there = self.model(c + share * step, width, stiff)
+                    if there.value + self._bent(c + share * step) <= total - LEAST * share * promised:
+                        break
+                    share *= 0.5
+                else:
+                    break
+                c = c + share * step
+                turn = share * self.basis.values(step)
+                duals = np.clip(here.slope + curve * (self.back * turn[:-1] + self.on * turn[1:]), -1.0, 1.0)
+                here = there
+        return c
+
+    def _bent(self, c: Array) -> float:
+        second = np.diff(c, 2)
+        return self.bending * float(second @ second)
+
+    def hessian(self, here: RoundedObjective, curved: Array) -> tuple[Array, Array]:
+        """Both diagonals, (n,) and (n − 1,), in the offsets; ``curved`` (7, n − 1) are the absolute values' own."""
+        diagonal = here.diagonal.copy()
+        diagonal[:-1] += here.first + (curved * self.back * self.back).sum(axis=0)
+        diagonal[1:] += here.last + (curved * self.on * self.on).sum(axis=0)
+        return diagonal, here.both + (curved * self.back * self.on).sum(axis=0)
+
+    def _step(self, c: Array, here: RoundedObjective, curved: Array) -> tuple[Array, float]:
+        """Newton's step, and half of what it is to gain to first order; ``curved`` as in :meth:`hessian`."""
+        H = self.basis.hessian(*self.hessian(here, curved))
+        second = 2.0 * self.bending * np.diff(c, 2)
+        gradient, dyad = self.basis.transposed(here.gradient), self.basis.transposed(here.dyad)
+        n = len(second)
+        for k, by in enumerate(SECOND):
+            gradient[k : k + n] += by * second
+            for j in range(k + 1):
+                H[k - j, j : j + n] += 2.0 * self.bending * by * SECOND[j]
+        H[0] += RIDGE * (1.0 + H[0].max())
+        try:
+            solved = solveh_banded(H, np.column_stack([gradient, dyad]), lower=True, check_finite=False)
+        except LinAlgError:  # not positive by rounding
+            return np.zeros_like(c), 0.0
+        left = 1.0 - float(dyad @ solved[:, 1])  # Sherman & Morrison; positive while the Hessian is
+        step = -solved[:, 0]
+        if left > RIDGE:
+            step -= solved[:, 1] * (float(dyad @ solved[:, 0]) / left)
+        return step, -0.5 * float(gradient @ step)

@@ -1,0 +1,42 @@
+"""Where the user fixed the rotation: at points, and on the line between the points of one wish."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.steering import select_steered_rows
+from machopt.numerics.rigid_transforms import wrap_angle
+from machopt.planning.stations.planning_path import PlanningPath
+
+SAME_INDEX = 1e-9
+
+
+def find_fixed_rotations(path: PlanningPath, options: PlanOptions) -> dict[int, float]:
+    """Planning point → phi in rad, of options that are laid down.
+
+    γ is counted from the direction of travel, which turns at a point at once; so between two points of one wish phi
+    goes over from the one's to the other's evenly along the path.
+    """
+    out: dict[int, float] = {}
+    points = np.array([f.point for f in options.fixed], float)
+    rows = np.searchsorted(path.index, points - SAME_INDEX)
+    for fixed, row in zip(options.fixed, rows.tolist(), strict=True):  # a part of a path has not every point
+        if row < len(path.index) and abs(path.index[row] - fixed.point) < SAME_INDEX:
+            out[row] = _angle(fixed.gamma - path.offset[row])
+    for wish in options.steer:
+        if wish.gamma is None:
+            continue
+        rows = select_steered_rows(wish, path.index)
+        at = rows[path.is_point[rows]]
+        for a, b in zip(at[:-1].tolist(), at[1:].tolist(), strict=True):
+            if b - a > 1 and path.s[b] > path.s[a] and a in out and b in out:
+                turn = _angle(out[b] - out[a])
+                for row in range(a + 1, b):
+                    share = float((path.s[row] - path.s[a]) / (path.s[b] - path.s[a]))
+                    out[row] = _angle(out[a] + share * turn)
+    return dict(sorted(out.items()))
+
+
+def _angle(value: float) -> float:
+    return float(wrap_angle(np.asarray(value, float)))

@@ -1,0 +1,341 @@
+"""The toolpath as the planner walks it: runs, a reference direction that does not jump, stations.
+
+A *run* is a stretch without rapid moves: it starts at rest at the point a rapid move ends in and is
+traversed on straight lines. Long segments get extra points in between, so that nothing important (a limit,
+a stiffness valley) hides inside them; long paths are thinned to *stations*, as dense as their
+detail asks for, and the choice is made there.
+
+Rotation is planned as ``phi`` about a reference direction carried along the run by minimal rotation, so
+that constant phi means "do not turn"; ``gamma = phi + offset`` is the angle of the files, measured from the
+direction of travel (trajectories) or the workpiece x axis (point operations).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.toolpath import MoveKind, Toolpath
+from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import interpolate_axis, normalise_vectors, wrap_angle
+from machopt.planning.stations.reference_transport import transport_reference
+
+ARM = 0.15  # m per rad: how much an axis change counts as path length, about a tool's length
+PARALLEL = np.cos(np.radians(1.0))  # a plunge runs along the tool axis within this
+UNKNOWN_FEED = 0.05  # m/s, for the time of approach moves without a feed
+FASTEST_FEED = 0.3  # m/s; a higher one in a file (air cut, laser path) is a wish and would drown the index in lost time
+ALL_STATIONS = 1500  # of the choice: a path of so many points is chosen at every one of them
+MAX_STATIONS = 6000  # of a longer path, for the sake of memory (0.1 MB each); reached, all distances grow alike
+SPACING = 0.005  # m, between the stations of a longer path, where it is straight
+BEND = np.radians(6.0)  # of the direction of travel, and with it of the force, between two stations
+TILT = np.radians(1.0)  # of the tool axis between two stations
+CHORD = 0.001  # m to either side: the direction of travel is taken over it, so that rounded coordinates are no bends
+SAME_INDEX = 1e-9  # of two fractional indices; not relative, the index of a long path is large
+SEGMENT = 0.02  # m, longest stretch without a planning point
+AROUND = np.array([-1.0, -0.5, 0.5, 1.0])  # of a length asked for: where points are added around a corner
+ROOM = 0.125  # of that length: points nearer to one that is there are not added
+TURN = np.cos(np.radians(5.0))  # sharper turns of the direction of travel are corners
+NO_MOVE = 1e-10  # m: a shorter move has no direction; files print 1e-9 m, interpolation leaves 1e-16 m
+SEGMENT_AXIS = np.radians(3.0)  # rad, the same for axis changes
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanningPath:
+    """P planning points in order: every toolpath point, and extra ones inside long segments."""
+
+    index: Array  # (P,) fractional toolpath index
+    position: Array  # (P, 3) m in workpiece
+    axis: Array  # (P, 3) unit, tip to shank
+    move: NDArray[np.int8]  # (P,) Move of the segment ending here
+    feed: Array  # (P,) m/s of the segment ending here, NaN for rapid
+    run: NDArray[np.int32]  # (P,)
+    time: Array  # (P,) s, cumulative time at the programmed feed (at most FASTEST_FEED); rapid moves do not count
+    s: Array  # (P,) m, cumulative length in the metric |dp| ⊕ ARM |dn|; rapid moves do not count
+    travel: Array  # (P, 3) unit direction of travel in workpiece (any normal direction where there is none)
+    is_point: NDArray[np.bool_]  # (P,) True: a toolpath point
+    is_drilling: NDArray[np.bool_]  # (P,) belongs to a point operation
+    plunge: NDArray[np.bool_]  # (P,) the segment ending here runs along the tool axis: rotation is kept
+    reference: Array  # (P, 3) unit, direction of TCP x at phi = 0
+    offset: Array  # (P,) rad, gamma − phi
+    stations: NDArray[np.int32]  # (S,) indices into the P points where the choice is made
+    runs: tuple[tuple[int, int], ...]  # first and last planning point of each run
+    external: Array  # (P, E) m or rad, where the external joints stand
+
+    def whole(self, q: Array, rows: NDArray[Any] | slice = slice(None)) -> Array:
+        """(n, 6 + E): joints q (n, 6) rad at planning points ``rows``, and where the external joints stand there."""
+        return np.hstack([q, self.external[rows]])
+
+    @cached_property
+    def may_touch(self) -> NDArray[np.bool_]:
+        """(P,) True in runs with linear moves: there the cutter may be in the workpiece, after a rapid move never."""
+        return np.asarray((np.bincount(self.run)[self.run] > 1) | (self.move != MoveKind.RAPID))
+
+    @cached_property
+    def motion_share(self) -> Array:
+        """(P,) weight of the motion into each point: the share of the length cut that its run has.
+
+        Motion and index are so traded run by run alike, whether a job is one contour or a hundred holes. A run
+        without cuts counts like the next one that cuts.
+        """
+        share = np.bincount(self.run, weights=self.weight).astype(float)
+        for k in range(len(share) - 2, -1, -1):
+            share[k] = share[k] or share[k + 1]
+        for k in range(1, len(share)):
+            share[k] = share[k] or share[k - 1]
+        return np.asarray(share[self.run])
+
+    @cached_property
+    def counted(self) -> NDArray[np.bool_]:
+        """(P,) True where the index counts: toolpath points the tool cuts to, and points inside cut segments."""
+        return np.asarray(self.move == MoveKind.CUT)
+
+    @cached_property
+    def weight(self) -> Array:
+        """(P,) share of the length cut that each counted point stands for; zero elsewhere, in all 1.
+
+        Half of either neighbouring segment, so that a mean does not depend on how densely a path is sampled. The half
+        at a start that the tool only comes to goes to the first point it cuts to. Holes weigh as deep as they are
+        cut: a job of holes and contours has one unit. Without any length (touches) every counted point weighs alike.
+        """
+        cut = self.counted
+        half = 0.5 * np.r_[0.0, np.linalg.norm(np.diff(self.position, axis=0), axis=1)] * cut
+        out = half + np.r_[half[1:], 0.0] * cut
+        out[1:] += half[1:] * ~cut[:-1]
+        total = float(out.sum())
+        return out / total if total > 0 else cut / max(int(cut.sum()), 1)
+
+    @cached_property
+    def station_weight(self) -> Array:
+        """(S,) the weights carried to the stations, as the points between them take their cost: on the line."""
+        rows = np.arange(len(self.index))
+        after = np.minimum(np.searchsorted(self.stations, rows), len(self.stations) - 1)
+        before = np.maximum(after - 1, 0)
+        span = np.maximum(self.stations[after] - self.stations[before], 1)
+        f = np.where(after > before, (rows - self.stations[before]) / span, 1.0)
+        n = len(self.stations)
+        return np.asarray(
+            np.bincount(after, self.weight * f, n) + np.bincount(before, self.weight * (1.0 - f), n), float
+        )
+
+
+def build_planning_path(toolpath: Toolpath, keep: tuple[int, ...] = (), *, corners: float = 0.0) -> PlanningPath:
+    """Split into runs, densify long segments, carry the reference direction, choose stations.
+
+    Args:
+        keep: toolpath points that must be stations, because the user fixed the rotation there.
+        corners: m, add points up to so far around each corner, start and end of a cut, where a shift against the
+            deflection turns, comes and goes; 0 for none.
+    """
+    n = len(toolpath)
+    starts = (toolpath.move == MoveKind.RAPID) | (np.arange(n) == 0)
+    run_of_point = np.cumsum(starts) - 1
+    index = _densified(toolpath, starts)
+    if corners > 0:
+        index = _with_corners(toolpath, index, run_of_point, corners)
+    low = np.clip(np.ceil(index).astype(int) - 1, 0, n - 1)  # the toolpath point before (or at) each
+    high = np.ceil(index).astype(int)  # the toolpath point whose segment it lies on
+    f = np.where(high > low, index - low, 1.0)[:, None]
+    position = (1 - f) * toolpath.position[low] + f * toolpath.position[high]
+    axis = interpolate_axis(toolpath.axis[low], toolpath.axis[high], f[:, 0])
+    run = run_of_point[high].astype(np.int32)
+    joined = np.r_[False, run[1:] == run[:-1]]
+    step = np.r_[0.0, np.hypot(*_steps(position, axis))]
+    s = np.cumsum(np.where(joined, step, 0.0))
+    seconds = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)] / _known_feed(toolpath.feed[high])
+    bounds = np.flatnonzero(~joined)
+    runs = tuple((int(a), int(b) - 1) for a, b in zip(bounds, np.r_[bounds[1:], len(index)], strict=True))
+    drilling = np.array([o.kind == "point" for o in toolpath.operations])[toolpath.operation[high]]
+    travel = _travel(position, axis, joined)
+    along = np.abs(np.sum(np.diff(position, axis=0, prepend=position[:1]) * axis, axis=1))
+    length = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)]
+    plunge = joined & (length > 0) & (along >= PARALLEL * length)
+    # what the file gives at a point holds for the move that leaves it, as the direction of travel does
+    left = np.floor(index).astype(int)
+    of_left = np.array([o.kind == "point" for o in toolpath.operations])[toolpath.operation[left]]
+    natural = _natural_reference(toolpath.reference[left], travel, axis, of_left)
+    reference = transport_reference(natural, axis, runs)
+    return PlanningPath(
+        index=index,
+        position=position,
+        axis=axis,
+        move=toolpath.move[high],
+        feed=toolpath.feed[high],
+        run=run,
+        time=np.cumsum(np.where(joined, seconds, 0.0)),
+        s=s,
+        travel=travel,
+        is_point=np.abs(index - np.round(index)) < SAME_INDEX,
+        is_drilling=drilling,
+        plunge=plunge,
+        reference=reference,
+        offset=_signed_angle(natural, reference, -axis),
+        stations=_stations(position, axis, toolpath.move[high], runs, np.searchsorted(index, keep)),
+        runs=runs,
+        external=np.empty((len(index), 0)),
+    )
+
+
+def _known_feed(feed: Array) -> Array:
+    return np.where(feed > 0, np.minimum(feed, FASTEST_FEED), UNKNOWN_FEED)
+
+
+def _steps(position: Array, axis: Array) -> tuple[Array, Array]:
+    turn = np.linalg.norm(np.diff(axis, axis=0), axis=1)
+    return np.linalg.norm(np.diff(position, axis=0), axis=1), ARM * turn
+
+
+def _densified(toolpath: Toolpath, starts: NDArray[np.bool_]) -> Array:
+    """Fractional indices of all planning points."""
+    length, turn = _steps(toolpath.position, toolpath.axis)
+    pieces = np.maximum(np.ceil(length / SEGMENT - 1e-9), np.ceil(turn / ARM / SEGMENT_AXIS - 1e-9)).astype(int)
+    pieces = np.where(starts[1:], 1, np.maximum(pieces, 1))
+    segment = np.repeat(np.arange(len(pieces)), pieces)
+    nth = np.arange(1, len(segment) + 1) - (np.cumsum(pieces) - pieces)[segment]
+    return np.asarray(np.r_[0.0, segment + nth / pieces[segment]], float)
+
+
+def _with_corners(toolpath: Toolpath, index: Array, run: NDArray[np.int_], length: float) -> Array:
+    """The indices with more of them within ``length`` of where a cut turns sharply, starts or ends."""
+    step = np.diff(toolpath.position, axis=0)
+    size = np.linalg.norm(step, axis=1)
+    cut, same = toolpath.cutting[1:], run[1:] == run[:-1]
+    turn = np.einsum("ij,ij->i", step[1:], step[:-1]) < TURN * size[1:] * size[:-1]
+    sharp = turn & cut[1:] & cut[:-1] & (size[1:] > 0)
+    at = 1 + np.flatnonzero((sharp | (cut[1:] != cut[:-1])) & same[1:] & same[:-1])
+    s = np.r_[0.0, np.cumsum(np.where(same, size, 0.0))]
+    there = np.interp(index, np.arange(len(s)), s)
+    out = [index]
+    for k in at.tolist():
+        mine = np.flatnonzero(run == run[k])
+        places = s[k] + length * AROUND
+        places = places[(places > s[mine[0]]) & (places < s[mine[-1]])]
+        near = there[(index >= mine[0]) & (index <= mine[-1])]
+        room = np.abs(places[:, None] - near).min(axis=1) > ROOM * length
+        out.append(np.interp(places[room], s[mine], mine.astype(float)))
+    found = np.unique(np.concatenate(out))
+    return found[np.r_[True, np.diff(found) > SAME_INDEX]]
+
+
+def _travel(position: Array, axis: Array, joined: NDArray[np.bool_]) -> Array:
+    """Outgoing direction (incoming at a run's end); the last valid one where the tool only moves along its axis."""
+    d = np.zeros_like(position)
+    d[:-1] = np.where(joined[1:, None], np.diff(position, axis=0), 0.0)
+    last = np.r_[~joined[1:], True]
+    d[1:] = np.where((last[1:] & joined[1:])[:, None], np.diff(position, axis=0), d[1:])
+    across = d - np.sum(d * axis, axis=1, keepdims=True) * axis
+    size, whole = np.linalg.norm(across, axis=1), np.linalg.norm(d, axis=1)
+    good = (size > np.sin(np.radians(1.0)) * whole) & (whole > NO_MOVE)
+    fill = _nearest_valid(good, joined)
+    from_there = np.maximum(fill, 0)
+    move = d[from_there]  # the move itself: its projection must not depend on where it was divided into points
+    flat = move - np.sum(move * axis, axis=1, keepdims=True) * axis
+    clear = np.linalg.norm(flat, axis=1) > np.sin(np.radians(1.0)) * np.linalg.norm(move, axis=1)
+    lent = across[from_there] - np.sum(across[from_there] * axis, axis=1, keepdims=True) * axis
+    out = np.where((fill >= 0)[:, None], np.where(clear[:, None], flat, lent), 0.0)
+    left = np.linalg.norm(out, axis=1)  # the place it is taken from may have another axis
+    bare = (fill < 0) | (left <= 1e-9 * whole[from_there])
+    out[bare] = compute_any_normal(axis[bare])
+    return normalise_vectors(out)
+
+
+def _nearest_valid(good: NDArray[np.bool_], joined: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """For each point the next valid one of its run, else the previous one, else −1."""
+    rows, run = np.arange(len(good)), np.cumsum(~joined)
+    none = len(good)  # stands for no such point
+    ahead = np.minimum.accumulate(np.where(good, rows, none)[::-1])[::-1]  # a plunge takes the cut that follows
+    behind = np.maximum.accumulate(np.where(good, rows, -1))
+    run_of = np.r_[run, -1, -1]  # the last two stand for none, and for −1
+    return np.where(run_of[ahead] == run, ahead, np.where(run_of[behind] == run, behind, -1))
+
+
+def compute_any_normal(axis: Array) -> Array:
+    """Workpiece x projected on the plane normal to the axis; y where x is (nearly) parallel to it."""
+    x = np.broadcast_to(np.array([1.0, 0.0, 0.0]), axis.shape)
+    y = np.broadcast_to(np.array([0.0, 1.0, 0.0]), axis.shape)
+    pick = np.where(np.abs(axis[:, :1]) > PARALLEL, y, x)
+    return np.asarray(pick - np.sum(pick * axis, axis=1, keepdims=True) * axis)
+
+
+def _natural_reference(given: Array, travel: Array, axis: Array, drilling: NDArray[np.bool_]) -> Array:
+    """The contract's gamma = 0 direction: the file's own, else travel (trajectories) or workpiece x (points)."""
+    ref = np.where(drilling[:, None], compute_any_normal(axis), travel)
+    own = given - np.sum(given * axis, axis=1, keepdims=True) * axis
+    size = np.linalg.norm(given, axis=1, keepdims=True)
+    with np.errstate(invalid="ignore"):  # a direction along the tool axis names no rotation
+        useful = np.linalg.norm(own, axis=1, keepdims=True) > np.sin(np.radians(1.0)) * size
+    ref = np.where(useful, own, ref)
+    ref = ref - np.sum(ref * axis, axis=1, keepdims=True) * axis
+    return normalise_vectors(ref)
+
+
+def _signed_angle(a: Array, b: Array, about: Array) -> Array:
+    return wrap_angle(np.arctan2(np.sum(np.cross(a, b) * about, axis=1), np.sum(a * b, axis=1)))
+
+
+def _stations(
+    position: Array, axis: Array, move: NDArray[np.int8], runs: tuple[tuple[int, int], ...], fixed: NDArray[np.intp]
+) -> NDArray[np.int32]:
+    """Every planning point of a short path; of a longer one as many as its detail asks for.
+
+    Stations are a unit of detail apart (:func:`_detail`). Both ends of every run, the first and the last point of a
+    stretch with one kind of move, and the fixed points are stations too.
+    """
+    n = len(position)
+    if n <= ALL_STATIONS:
+        return np.arange(n, dtype=np.int32)
+    keep = np.zeros(n, bool)
+    keep[fixed[fixed < n]] = True
+    change = np.flatnonzero(move[1:] != move[:-1])
+    keep[change] = keep[change + 1] = True
+    for first, last in runs:
+        keep[[first, last]] = True
+    detail = _detail(position, axis, runs)
+    room = max(MAX_STATIONS - int(keep.sum()), MAX_STATIONS // 4)
+    unit = max(1.0, float(detail[-1]) / room)
+    start = np.zeros(n)  # detail where the point's run begins
+    for first, last in runs:
+        start[first : last + 1] = detail[first]
+    cell = np.floor((detail - start) / unit)
+    keep[1:] |= cell[1:] > cell[:-1]
+    return np.flatnonzero(keep).astype(np.int32)
+
+
+def _detail(position: Array, axis: Array, runs: tuple[tuple[int, int], ...]) -> Array:
+    """(P,) how much has happened up to each point: lengths by SPACING, bends by BEND, tilts by TILT, the most of them.
+
+    What the choice can gain by one more station is what the index and the joints do between two of them, and they
+    follow place, tool axis and, through the force, the direction of travel.
+    """
+    out = np.zeros(len(position))
+    total = 0.0
+    for first, last in runs:
+        rows = slice(first, last + 1)
+        p, n = position[rows], axis[rows]
+        step = np.linalg.norm(np.diff(p, axis=0), axis=1)
+        along = np.r_[0.0, np.cumsum(step)]
+        ahead, behind = ([np.interp(along + side * CHORD, along, p[:, c]) for c in range(3)] for side in (1.0, -1.0))
+        chord = np.column_stack(ahead) - np.column_stack(behind)
+        size = np.linalg.norm(chord, axis=1, keepdims=True)
+        chord = np.divide(chord, size, out=np.zeros_like(chord), where=size > 0)
+        bend, tilt = (
+            2.0 * np.arcsin(np.minimum(0.5 * np.linalg.norm(np.diff(d, axis=0), axis=1), 1.0)) for d in (chord, n)
+        )
+        share = np.maximum(np.maximum(step / SPACING, bend / BEND), tilt / TILT)
+        out[rows] = total + np.r_[0.0, np.cumsum(share)]
+        total = float(out[last])
+    return out
+
+
+def compute_tcp_poses(path: PlanningPath, points: NDArray[np.int32], phi: Array) -> Array:
+    """Wanted TCP poses in workpiece: (len(points), …, 4, 4) for phi (len(points), …) rad."""
+    from machopt.numerics.rigid_transforms import build_transform, compute_tool_rotation
+
+    extra = (1,) * (np.ndim(phi) - 1)
+    axis = path.axis[points].reshape(len(points), *extra, 3)
+    reference = path.reference[points].reshape(len(points), *extra, 3)
+    R = compute_tool_rotation(axis, reference, np.asarray(phi))
+    return build_transform(R, path.position[points].reshape(len(points), *extra, 3))

@@ -1,0 +1,65 @@
+"""What weight does through the springs of external joints, which no index has
+(:mod:`machopt.stiffness.external_joint_compliance`)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machopt.kinematics.robot import ArmState, RobotMasses
+from machopt.numerics.array_types import Array
+from machopt.planning.pipeline.plan import Plan
+from machopt.stiffness.external_joint_compliance import ExternalJointCompliance
+
+TOLD = 1e-6  # m: less is nothing
+BLOCK = 4096  # points at a time
+
+
+def compute_base_wrench(masses: RobotMasses, state: ArmState) -> Array:
+    """(M, 6) N, N·m of links and tool on base_link, about its origin and in its axes; a state with bodies."""
+    if state.R_bodies is None or state.p_bodies is None:
+        raise ValueError("an ArmState with bodies is needed")
+    R, p = state.R_bodies[:, masses.body], state.p_bodies[:, masses.body]
+    at = np.einsum("mbij,bj->mbi", R, masses.com) + p
+    force = np.broadcast_to(masses.mass.sum() * masses.gravity, (len(R), 3))
+    moment = np.cross(np.einsum("mbi,b->mi", at, masses.mass), masses.gravity)
+    return np.concatenate([force, moment], axis=1)
+
+
+def compute_settlement(plan: Plan) -> Array | None:
+    """(P, 3) m by which weight moves the tool against the part otherwise than with all joints at home, where part and
+    base were measured in; workpiece axes, NaN without a posture. None where no external joint gives way or all weigh
+    nothing that is known."""
+    setup, path, a = plan.setup, plan.path, plan.chosen.assignment
+    springs, masses = setup.elasticity.stiffness.external, setup.elasticity.masses
+    found = ExternalJointCompliance.build(setup.arm.machine, springs)
+    if found is None or not any(s.is_compliant for s in springs) or masses is None:
+        return None
+    out = np.full(path.position.shape, np.nan)
+    ok = np.flatnonzero(np.isfinite(a.q).all(axis=1))
+
+    def at(q: Array, external: Array, place: Array) -> Array:
+        arm = compute_base_wrench(masses, setup.robot.compute_state(q, setup.arm.T_flange_tcp, bodies=True))
+        return found.compute_gravity_settling(external, place, arm)
+
+    home = setup.driven.home[None], setup.cell.external_home[None]
+    for first in range(0, len(ok), BLOCK):
+        some = ok[first : first + BLOCK]
+        q, e = (np.repeat(v, len(some), axis=0) for v in home)
+        out[some] = at(a.q[some], path.external[some], path.position[some]) - at(q, e, path.position[some])
+    return out
+
+
+def describe_settlement(plan: Plan) -> list[str]:
+    """A sentence where it is more than nothing."""
+    moved = compute_settlement(plan)
+    if moved is None:
+        return []
+    far = np.where(plan.path.counted, np.linalg.norm(moved, axis=1), np.nan)
+    if not np.nanmax(far, initial=0.0) > TOLD:
+        return []
+    worst = int(np.nanargmax(far))
+    return [
+        f"Weight on the springs of the external joints (stiffness.yaml) moves the tool against the part by up to "
+        f"{1e3 * far[worst]:.3g} mm (point {plan.path.index[worst]:g}) otherwise than at home: what process forces do "
+        "comes on top of it, so that no index counts it, and nothing compensates it."
+    ]

@@ -1,0 +1,322 @@
+"""What the uncertainty of the identified stiffness makes of a result: of a point's deflection, and of the gain.
+
+The joint compliances c scatter about the file's values with covariance Σ: those of the constant model as the file's
+``covariance``, those of each grid cell by its standard uncertainties, cells and joints independent, all points of one
+cell with the same error. To first order a result y scatters by
+
+    σ² = gᵀ Σ g,   g = ∂y/∂c
+
+Two ways to drive a path share the same compliances, so most of the error cancels in their gain
+G = 1 − mean(c₁)/mean(c₂), whose gradient is −∂mean₁/mean₂ + mean₁ ∂mean₂/mean₂². Where the file says what the model
+may lack (``discrepancy``), that takes the place of the constant model's covariance
+(:mod:`machopt.planning.uncertainty.model_discrepancy`). Without it the parameters of ``terms`` carry no uncertainty in
+the file and
+count as exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.data_types.plan_options import StiffnessIndex
+from machopt.data_types.stiffness import ArmStiffness
+from machopt.numerics.array_types import Array
+from machopt.planning.cost.stiffness_index import LoadDirections, compute_load_directions
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import ScoredAssignment, fix_external_axes
+from machopt.planning.uncertainty.model_discrepancy import (
+    NINETY,
+    build_discrepancy_model,
+    compute_reported_std,
+    compute_unshared_variance,
+)
+from machopt.stiffness.arm_stiffness import ArmElasticity, find_grid_cells
+
+ROWS = 4096  # planning points at a time: what may be missing has dozens of columns
+NONE = 1e-4  # of the mean: a smaller difference is rounding of the smoothing, not a gain
+
+
+@dataclass(frozen=True)
+class ComplianceCovariance:
+    """Compliances in blocks of six: block 0 the constant model's, block 1 + n those of grid cell n.
+
+    ``rows``, ``blocks`` and ``share`` say what the joints of a point are made of, ∂c_point/∂c_block per joint.
+    """
+
+    covariance: Array  # (B, 6, 6) (rad/(N·m))², NaN where the file does not say
+    rows: NDArray[np.int64]  # (E,) point
+    blocks: NDArray[np.int64]  # (E,)
+    share: Array  # (E, 6)
+
+    @classmethod
+    def of(cls, stiffness: ArmStiffness, position: Array) -> ComplianceCovariance:
+        """Args: position (M, 3) m of the TCP in base_link."""
+        grid, everywhere = stiffness.grid, np.arange(len(position))
+        constant = np.full((6, 6), np.nan) if stiffness.covariance is None else stiffness.covariance
+        if stiffness.discrepancy is not None:  # says it all, joints included
+            constant = np.zeros((6, 6))
+        if grid is None:
+            return cls(constant[None], everywhere, np.zeros(len(position), np.int64), np.ones((len(position), 6)))
+        cells = np.full((len(grid.joints), 6, 6), np.nan)
+        if grid.std is not None:
+            cells = (grid.std / grid.joints**2)[:, :, None] ** 2 * np.eye(6)  # of 1/k
+        rows, touched = find_grid_cells(grid, position)
+        count = np.bincount(rows, minlength=len(position))
+        outside = everywhere[count == 0]
+        # stiffnesses are averaged on shared faces: c = n / Σ 1/c_i, so ∂c/∂c_i = c² k_i² / n
+        total = np.zeros((len(position), 6))
+        np.add.at(total, rows, grid.joints[touched])
+        share = count[rows, None] * (grid.joints[touched] / total[rows]) ** 2
+        return cls(
+            np.concatenate([constant[None], cells]),
+            np.concatenate([rows, outside]),
+            np.concatenate([touched + 1, np.zeros(len(outside), np.int64)]),
+            np.concatenate([share, np.ones((len(outside), 6))]),
+        )
+
+    @property
+    def known(self) -> bool:
+        """The file says anything at all about uncertainty."""
+        return bool(np.isfinite(self.covariance).all(axis=(1, 2)).any())
+
+    def gradient(self, weight: Array, by_point: Array) -> Array:
+        """(B, 6) gradient of Σ weight·y from each point's own gradient (M, 6) in its effective compliances."""
+        out = np.zeros((len(self.covariance), 6))
+        np.add.at(out, self.blocks, self.share * weight[self.rows, None] * by_point[self.rows])
+        return out
+
+    def std(self, gradient: Array) -> float:
+        """√(gᵀ Σ g) of one quantity with gradient (B, 6); NaN where it rests on a compliance of unknown uncertainty."""
+        used = np.flatnonzero(gradient.any(axis=1))
+        g = gradient[used]
+        return float(np.sqrt(max(np.einsum("bi,bij,bj->", g, self.covariance[used], g), 0.0)))
+
+    def point_std(self, by_point: Array) -> Array:
+        """(M,) √(gᵀ Σ g) of one quantity a point with gradients (M, 6)."""
+        g = self.share * by_point[self.rows]
+        variance = np.einsum("ei,eij,ej->e", g, self.covariance[self.blocks], g)
+        return np.sqrt(np.maximum(np.bincount(self.rows, variance, len(by_point)), 0.0))
+
+
+@dataclass(frozen=True)
+class IndexGain:
+    """By how much the mean index as a cost is less than with a yardstick."""
+
+    over: str  # "cam default" or "jiao2022"
+    mean: float  # 1 − mean / mean of the yardstick; NaN where that one cannot be driven
+    std: float  # 1 σ from the stiffness alone, NaN where the file does not say
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 90 % interval."""
+        return self.mean - NINETY * self.std, self.mean + NINETY * self.std
+
+    @property
+    def distinguishable(self) -> bool:
+        """More than NONE, and the 90 % interval leaves out zero where an uncertainty is known."""
+        return not (abs(self.mean) <= NONE or abs(self.mean) <= NINETY * self.std)
+
+
+def compute_cost_gradient(
+    elasticity: ArmElasticity, d: LoadDirections, points: NDArray[np.integer[Any]], q: Array, index: StiffnessIndex
+) -> Array:
+    """∂cost/∂c (M, 6) in the joints' effective compliances, of
+    :func:`machopt.planning.cost.stiffness_index.compute_configuration_cost`."""
+    elastic = d.elastic(elasticity, q, points)
+    if index == "deflection":
+        bend = elastic.compute_deflection(d.force[points])
+        size = np.linalg.norm(bend, axis=-1, keepdims=True)
+        return elastic.compute_sensitivity(d.force[points], bend / np.maximum(size, np.finfo(float).tiny))
+    if index == "jiao2022":
+        return elastic.compute_jiao_sensitivity(d.axial[points])
+    axial, normal = (elastic.compute_sensitivity(e[points], e[points], small=True) for e in (d.axial, d.normal))
+    return np.asarray(np.where(d.drilling[points][:, None], axial, 0.5 * (axial + normal)))
+
+
+def compute_carrier_sensitivity(
+    elasticity: ArmElasticity, d: LoadDirections, points: NDArray[np.integer[Any]], q: Array, index: StiffnessIndex
+) -> Array:
+    """(M, K) by how much 1 σ of each external joint's stiffness changes a configuration's cost, to first order."""
+    if d.unsure is None or not d.unsure.shape[1]:
+        return np.zeros((len(points), 0))
+    s = d.unsure[points]
+
+    def along(e: Array, f: Array) -> Array:
+        return np.asarray(np.einsum("mkc,mc->mk", s[..., :3], e) * np.einsum("mkc,mc->mk", s[..., :3], f))
+
+    axial, normal = d.axial[points], d.normal[points]
+    if index == "deflection":
+        bend = d.elastic(elasticity, q, points).compute_deflection(d.force[points])
+        size = np.linalg.norm(bend, axis=-1, keepdims=True)
+        return along(bend / np.maximum(size, np.finfo(float).tiny), d.force[points])
+    if index == "jiao2022":
+        return d.elastic(elasticity, q, points).compute_jiao_sensitivity(axial, np.swapaxes(s, 1, 2))
+    out, beside = along(axial, axial), along(normal, normal)
+    return np.asarray(np.where(d.drilling[points][:, None], out, 0.5 * (out + beside)))
+
+
+def build_compliance_covariance(plan: Plan) -> ComplianceCovariance:
+    """What the joints at the planning points are made of."""
+    programmed = plan.path.position
+    if plan.compensation is not None:
+        programmed = programmed - plan.compensation.offset
+    return ComplianceCovariance.of(
+        plan.setup.elasticity.stiffness, plan.setup.arm.places(plan.path.external, programmed)
+    )
+
+
+@dataclass(frozen=True)
+class UncertainCost:
+    """A cost, or a mean of costs, with how it follows what is not known."""
+
+    value: Any  # (...,)
+    by_springs: Array  # of a mean (B, 6); of points (P, 6) by the point's own compliances
+    by_doubt: Array | None  # (..., 1 + R), None where the file holds no discrepancy
+    own: Any = 0.0  # (...,) 1 σ by what poses have for themselves
+    by_carriers: Array = field(
+        default_factory=lambda: np.zeros(0)
+    )  # (..., K) by 1 σ of each external joint's stiffness
+
+    def times(self, share: float) -> UncertainCost:
+        """A share of it."""
+        by_doubt = None if self.by_doubt is None else share * self.by_doubt
+        return UncertainCost(
+            share * self.value, share * self.by_springs, by_doubt, share * self.own, share * self.by_carriers
+        )
+
+    def plus(self, more: UncertainCost) -> UncertainCost:
+        """The sum of two, both of which rest on the same stiffness."""
+        by_doubt = None if self.by_doubt is None or more.by_doubt is None else self.by_doubt + more.by_doubt
+        return UncertainCost(
+            self.value + more.value,
+            self.by_springs + more.by_springs,
+            by_doubt,
+            self.own + more.own,
+            self.by_carriers + more.by_carriers,
+        )
+
+
+def compute_gains(plan: Plan) -> tuple[IndexGain, ...]:
+    """Gain of the chosen path over the CAM's default rotation and over jiao2022, with its uncertainty."""
+    spread = build_compliance_covariance(
+        plan.parts[0].plan if plan.parts else plan
+    )  # of the same compliances everywhere
+    own = _whole_mean(plan, lambda p: p.chosen)
+    out = []
+    yardsticks: tuple[tuple[str, Callable[[Plan], ScoredAssignment]], ...] = (
+        ("cam default", lambda p: p.cam_default),
+        ("jiao2022", lambda p: p.jiao2022),
+    )
+    for name, yardstick in yardsticks:
+        other = _whole_mean(plan, yardstick, at_home=True)  # by the same lengths, as their objectives
+        if own is None or other is None:
+            out.append(IndexGain(name, float("nan"), float("nan")))
+            continue
+        parted = compute_unshared_variance(plan.chosen.assignment.q, yardstick(plan).assignment.q, plan.path.weight)
+        out.append(IndexGain(name, 1.0 - own.value / other.value, _gain_std(own, other, spread, parted)))
+    return tuple(out)
+
+
+def _whole_mean(plan: Plan, of: Callable[[Plan], ScoredAssignment], *, at_home: bool = False) -> UncertainCost | None:
+    """:func:`_mean` of a whole job: of its stretches by their shares of the length cut.
+
+    Args:
+        at_home: the external joints stand at home, as they do for the yardsticks.
+    """
+
+    def mean(part: Plan) -> UncertainCost | None:
+        there = _at_home(part) if at_home else part
+        return _mean(there, of(part), part.path.weight, build_compliance_covariance(there))
+
+    if not plan.parts:
+        return mean(plan)
+    total: UncertainCost | None = None
+    for part in plan.parts:
+        if not part.plan.path.counted.any():
+            continue
+        found = mean(part.plan)
+        if found is None:
+            return None
+        total = found.times(part.share) if total is None else total.plus(found.times(part.share))
+    return total
+
+
+def _at_home(plan: Plan) -> Plan:
+    """The plan's path and directions as the external joints stand at home."""
+    if (plan.path.external == plan.setup.cell.external_home).all():
+        return plan
+    path, setup = fix_external_axes(plan.path, plan.setup.cell.external_home), plan.setup
+    return replace(
+        plan, path=path, directions=compute_load_directions(path, setup.arm, setup.elasticity, plan.options.force)
+    )
+
+
+def _gain_std(own: UncertainCost, other: UncertainCost, spread: ComplianceCovariance, parted: float) -> float:
+    """``parted``: share of the variance of ``own`` that the two do not have in common."""
+    if not spread.known:
+        return float("nan")
+    a, b = own.value, other.value
+    by_arm = spread.std(-own.by_springs / b + a / b**2 * other.by_springs)
+    by_springs = float(np.hypot(by_arm, np.linalg.norm(-own.by_carriers / b + a / b**2 * other.by_carriers)))
+    if own.by_doubt is None or other.by_doubt is None:
+        return by_springs
+    ma, mb = own.by_doubt, other.by_doubt
+    there, here = max(a + ma[0], 0.0), max(b + mb[0], 0.1 * b)  # means where the misfit is counted in
+    ways = -ma / here + there / here**2 * mb
+    ways[0] = (1.0 - there / here) - (1.0 - a / b)
+    alone = parted * (own.own**2 + (there / here * other.own) ** 2) / here**2
+    return float(compute_reported_std(ways, by_springs**2 + alone))
+
+
+def compute_mean_cost_std(plan: Plan) -> tuple[float, Array]:
+    """1 σ of the mean cost along the cut, and (P,) of each planning point's; NaN where the file does not say."""
+    spread = build_compliance_covariance(plan)
+    points = _points(plan, plan.chosen)
+    if not spread.known:
+        return float("nan"), np.full(len(plan.path.index), np.nan)
+    w = plan.path.weight
+    mean = float(np.hypot(spread.std(spread.gradient(w, points.by_springs)), np.linalg.norm(w @ points.by_carriers)))
+    each = np.hypot(spread.point_std(points.by_springs), np.linalg.norm(points.by_carriers, axis=1))
+    if points.by_doubt is None:
+        return mean, each
+    whole = float(compute_reported_std(w @ points.by_doubt, mean**2 + float(w @ points.own) ** 2))
+    return whole, compute_reported_std(points.by_doubt, each**2 + points.own**2)
+
+
+def _mean(plan: Plan, scored: ScoredAssignment, weight: Array, spread: ComplianceCovariance) -> UncertainCost | None:
+    """Mean cost by ``weight`` (P,); None where it cannot be driven in or near the part."""
+    rows = np.flatnonzero(plan.path.counted)
+    if not len(rows) or (scored.assignment.reason[plan.path.may_touch] != InfeasibilityReason.OK).any():
+        return None
+    points = _points(plan, scored)
+    mean = float(weight[rows] @ scored.cost[rows])
+    if not mean > 0:
+        return None
+    by_doubt = None if points.by_doubt is None else weight @ points.by_doubt
+    springs = spread.gradient(weight, points.by_springs)
+    return UncertainCost(mean, springs, by_doubt, float(weight @ points.own), weight @ points.by_carriers)
+
+
+def _points(plan: Plan, scored: ScoredAssignment) -> UncertainCost:
+    """Cost of each planning point that is cut, zero elsewhere."""
+    P, index = len(plan.path.index), plan.scores.index
+    rows = np.flatnonzero(plan.path.counted & (scored.assignment.reason == InfeasibilityReason.OK))
+    elasticity, doubt = plan.setup.elasticity, build_discrepancy_model(plan.setup)
+    by_springs, own = np.zeros((P, 6)), np.zeros(P)
+    by_doubt = None if doubt is None else np.zeros((P, len(doubt.ways)))
+    carriers = np.zeros((P, 0 if plan.directions.unsure is None else plan.directions.unsure.shape[1]))
+    for first in range(0, len(rows), ROWS):
+        some = rows[first : first + ROWS]
+        q = scored.assignment.q[some]
+        by_springs[some] = compute_cost_gradient(elasticity, plan.directions, some, q, index)
+        carriers[some] = compute_carrier_sensitivity(elasticity, plan.directions, some, q, index)
+        if doubt is not None and by_doubt is not None:
+            by_doubt[some] = doubt.cost(elasticity, plan.directions, some, q, index)
+            own[some] = doubt.own(plan.directions, some, index)
+    return UncertainCost(scored.cost, by_springs, by_doubt, own, carriers)

@@ -1,0 +1,225 @@
+"""Robot programs of a job: written, with what came back when they were read, or withdrawn."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from machopt.data_types.documents.optimize_document import RobotProgramEntry
+from machopt.data_types.tool_segments import ToolSegment
+from machopt.planning.motion.trajectory_builder import MotionTimeline
+from machopt.planning.pipeline.plan import Plan
+from machopt.program_export.program_moves import MotionProgram, build_robot_program, build_sampled_program
+from machopt.program_export.selected_posts import SelectedPost
+from machopt.programs.program_writer import (
+    FeedModelResult,
+    estimate_program_feed,
+    format_program_name,
+    has_sampled_output,
+    list_assumptions,
+    list_unstarted_events,
+    write_program,
+)
+from machopt.programs.writing.target_insertion import ProgramTolerance
+from machopt.report.page_types import optimize_report as page
+from machopt.verification import Verification
+from machopt.verification.checks import CheckName
+from machopt.verification.folder.programs.post_lookup import select_controller
+from machopt.verification.folder.programs.program_comparison import ListedProgram, ProgramComparison
+
+OWN_FILES = ("points.csv", "trajectory.csv", "compensation.csv", "result.json", "manifest.json", "report.html")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportedProgram:
+    """One program of a job."""
+
+    label: str
+    files: tuple[str, ...]  # relative to the output folder, the one that is run first
+    lines: int
+    added: int  # moves put in to keep to the tolerance
+    tolerance: float  # m
+    post: str | Path = ""
+    feed: FeedModelResult | None = None  # by the controller's model; None: it streams the motion's own samples
+    assumptions: tuple[str, ...] = ()  # of the controller, because the cell does not say it
+    unstarted_events: tuple[str, ...] = ()  # spindle, coolant and tool words of the CAM file that are comments only
+    checked: ProgramComparison | None = None  # what came back; None: it has not been read yet, or is not there
+    omission_reason: str = ""  # why no file of it is left; empty where it lies there
+    tool_segment: int = 0  # which tool of the job it drives, from 1; 0: the whole job
+    tool: str = ""  # that tool's name, where there are several
+
+    @property
+    def ok(self) -> bool:
+        """False where it says something else than motion and CAM file."""
+        return self.checked is None or not self.checked.differences
+
+    @property
+    def to_posted_program(self) -> ListedProgram:
+        return ListedProgram(self.label, self.post, self.files)
+
+    def to_document(self) -> RobotProgramEntry:
+        """For result.json."""
+        return RobotProgramEntry(
+            post=self.label,
+            tool=self.tool or None,
+            files=self.files,
+            lines=self.lines,
+            tolerance_mm=self.tolerance * 1e3,
+            moves_added=self.added,
+            withheld=self.omission_reason or None,
+            feed_model=None if self.feed is None else self.feed.to_document(),
+            assumed=self.assumptions,
+            not_in_program=self.unstarted_events,
+            checked=None if self.checked is None else self.checked.to_read_back(),
+            differences=() if self.checked is None else self.checked.differences,
+        )
+
+    def to_page_data(self) -> page.ProgramRow:
+        """For the report."""
+        c = self.checked
+        held = self.feed
+        said = page.ProgramRow(
+            post=self.label,
+            files=self.files,
+            lines=self.lines,
+            added=self.added,
+            tolerance=self.tolerance,
+            assumed=self.assumptions,
+            unstarted=self.unstarted_events,
+            withheld=self.omission_reason,
+            feed_mean=float("nan") if held is None else held.mean_share,
+            feed_lowest=float("nan") if held is None else held.lowest_share,
+            feed_deviation=float("nan") if held is None else held.deviation,
+        )
+        if c is None or not c.readable:
+            return replace(said, checked=False)
+        return replace(
+            said,
+            moves=c.moves,
+            position_error=c.get_value(CheckName.CAM_POINTS) / 1e3,
+            angle_error=math.radians(c.get_value(CheckName.ORIENTATIONS)),
+            joint_error=math.radians(c.get_value(CheckName.JOINTS)),
+            feed_error=c.get_value(CheckName.CAM_FEED) / 6e4,
+            path_error=c.get_value(CheckName.LINES) / 1e3,
+            axis_error=math.radians(c.get_value(CheckName.LINES_AXIS)),
+            turn_error=math.radians(c.get_value(CheckName.LINES_TURN)),
+            events_equal=c.get_verdict(CheckName.EVENTS) is not False,
+            differences=c.differences,
+            configuration_equal=c.get_verdict(CheckName.CONFIGURATION),
+        )
+
+
+def write_programs(
+    folder: Path,
+    wanted: Sequence[SelectedPost],
+    jobs: Sequence[tuple[ToolSegment, Plan, MotionTimeline | None]],
+    tolerance: ProgramTolerance,
+) -> tuple[ExportedProgram, ...]:
+    """Write every post's program; where the job changes tools, one for each that is on, from change to change.
+
+    Args:
+        folder: the output folder.
+        wanted: the posts.
+        jobs: what each tool does, its plan and its motion.
+        tolerance: between the controller's lines and the motion.
+
+    Raises:
+        InputError: a post cannot write this program.
+        ValueError: a timeline has no trajectory.
+    """
+    made: dict[tuple[int, bool], MotionProgram] = {}
+    out: list[ExportedProgram] = []
+    for one in wanted:
+        samples = has_sampled_output(one.post)
+        for stint, plan, timeline in jobs:
+            key = stint.number, samples
+            if timeline is None or timeline.trajectory is None:
+                raise ValueError("a blocked motion is no program")
+            if key not in made:
+                made[key] = (
+                    build_sampled_program(plan, stint.toolpath, timeline)
+                    if samples
+                    else build_robot_program(plan, stint.toolpath, timeline, tolerance)
+                )
+            out.append(_write_program(folder, one, stint, made[key], tolerance))
+    return tuple(out)
+
+
+def _write_program(
+    folder: Path, one: SelectedPost, stint: ToolSegment, made: MotionProgram, tolerance: ProgramTolerance
+) -> ExportedProgram:
+    """One program of one post."""
+    cell, program = stint.cell, made.program
+    controller = select_controller(cell, one.post)
+    target = folder / one.folder
+    target.mkdir(exist_ok=True)
+    files = write_program(
+        target,
+        build_segment_program_name(stint, one.post),
+        program,
+        one.post,
+        controller,
+        reserved=() if one.folder else OWN_FILES,
+    )
+    if isinstance(one.post, Path) and str(one.post) != cell.controller.post:
+        (folder / one.label).write_bytes(one.post.read_bytes())  # who verifies has no other way to it
+    return ExportedProgram(
+        label=one.label,
+        files=tuple(f.relative_to(folder).as_posix() for f in files),
+        lines=sum(f.read_bytes().count(b"\n") for f in files),
+        added=made.added_targets,
+        tolerance=tolerance.position,
+        post=one.post,
+        feed=estimate_program_feed(program, one.post, controller),
+        assumptions=list_assumptions(program, one.post, controller),
+        unstarted_events=list_unstarted_events(one.post, program, controller),
+        tool_segment=stint.number,
+        tool=stint.tool if stint.number else "",
+    )
+
+
+def build_segment_program_name(stint: ToolSegment, post: str | Path) -> str:
+    """The program's name: the toolpath's, with the stint's number behind it where there are several."""
+    source = stint.toolpath.source
+    return format_program_name(f"{source} {stint.number}" if stint.number else source, post)
+
+
+def add_read_back_results(
+    programs: Sequence[ExportedProgram], verification: Verification
+) -> tuple[ExportedProgram, ...]:
+    """The programs with what the verification says of each."""
+    return tuple(
+        replace(p, checked=ProgramComparison.build(p.to_posted_program, verification)) if p.files else p
+        for p in programs
+    )
+
+
+def list_omitted_programs(
+    wanted: Sequence[SelectedPost], tolerance: ProgramTolerance, why: str
+) -> tuple[ExportedProgram, ...]:
+    """What stands for programs that are not written at all."""
+    return tuple(
+        ExportedProgram(
+            label=one.label,
+            files=(),
+            lines=0,
+            added=0,
+            tolerance=tolerance.position,
+            post=one.post,
+            omission_reason=why,
+        )
+        for one in wanted
+    )
+
+
+def remove_programs(folder: Path, programs: Sequence[ExportedProgram], why: str) -> tuple[ExportedProgram, ...]:
+    """Remove programs that nobody may load, with folders of their own."""
+    for name in (name for p in programs for name in p.files):
+        file = folder / name
+        file.unlink(missing_ok=True)
+        while file.parent != folder and not any(file.parent.iterdir()):
+            file = file.parent
+            file.rmdir()
+    return tuple(replace(p, files=(), omission_reason=why) for p in programs)

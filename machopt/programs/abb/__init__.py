@@ -1,0 +1,1 @@
+"""ABB RAPID: post and reader."""

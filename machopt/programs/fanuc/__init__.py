@@ -1,0 +1,1 @@
+"""FANUC LS: post and reader."""

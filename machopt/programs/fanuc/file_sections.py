@@ -1,0 +1,120 @@
+"""FANUC TP files as lines and positions, before anything is carried out."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+
+from machopt.file_formats.source_file import SourceFile
+from machopt.programs.reading.program_builder import parse_number
+
+_LINE = re.compile(r"\s*(\d*)\s*:\s*(.*)")
+_P = re.compile(r"P\s*\[\s*(\d+)\s*(?::[^\]]*)?\]\s*\{(.*?)\}\s*;", re.DOTALL)
+_GROUP = re.compile(r"GP(\d)\s*:?")
+_ITEM = re.compile(r"\b([XYZWPRJE]\d?)\s*=\s*([-+.\d]+(?:[eE][-+]?\d+)?|\*+)\s*(mm|deg|in)?")
+_FRAME = re.compile(r"\b(UF|UT)\s*:\s*(\d+|F)")
+_CONFIG = re.compile(r"CONFIG\s*:?\s*'([^']*)'")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FanucPosition:
+    """One P[n]: a pose or axes of group 1, and the other groups' axes."""
+
+    line: int
+    values: dict[str, float]
+    user_frame: int | None
+    tool: int | None
+    configuration: dict[str, object]
+    other_groups: tuple[float, ...]
+    fault: str = ""
+
+
+@dataclass
+class FanucFile:
+    """One .ls file."""
+
+    source: SourceFile
+    name: str = ""
+    lines: list[tuple[int, str]] = field(default_factory=list)
+    positions: dict[int, FanucPosition] = field(default_factory=dict)
+    has_end: bool = False
+
+
+def split_sections(source: SourceFile) -> FanucFile:
+    """The sections of a file."""
+    part = FanucFile(source)
+    section = ""
+    open_line, text = 0, ""
+    pos_from = len(source.lines)
+    for n, raw in enumerate(source.lines, 1):
+        word = raw.strip()
+        if word.startswith("/"):
+            section = word.split()[0].upper()
+            if section == "/PROG":
+                part.name = [*word.split(), ""][1]
+            elif section == "/POS":
+                pos_from = n
+            elif section.startswith("/END"):
+                part.has_end = True
+                break
+            continue
+        if section != "/MN" or not word:
+            continue
+        found = _LINE.fullmatch(raw)
+        body = found.group(2) if found is not None else word
+        open_line, text = (n, body) if not text else (open_line, f"{text} {body}")
+        if ";" in text:
+            part.lines.append((open_line, text.split(";")[0].strip()))
+            text = ""
+    if text:
+        part.lines.append((open_line, text.strip()))
+    _parse_positions(part, pos_from)
+    return part
+
+
+def _parse_positions(part: FanucFile, start: int) -> None:
+    text = "\n".join(part.source.lines[start:])
+    line, at = start + 1, 0
+    for found in _P.finditer(text):
+        line += text.count("\n", at, found.start())
+        at = found.start()
+        index, body = int(found.group(1)), found.group(2)
+        groups = _GROUP.split(body)
+        sections = {groups[k]: groups[k + 1] for k in range(1, len(groups) - 1, 2)} or {"1": body}
+        first = sections.get("1", "")
+        values, fault = _parse_values(first)
+        frames = {k: (None if v == "F" else int(v)) for k, v in _FRAME.findall(first)}
+        bits: dict[str, object] = {}
+        config = _CONFIG.search(first)
+        if config is not None:
+            words = [w.strip() for w in config.group(1).split(",")]
+            bits["config"] = "".join(words[0].split())
+            turns = [parse_number(w) for w in words[1:]]
+            bits["turns"] = tuple(int(t) for t in turns if t is not None)
+        others = [values[k] for k in sorted(values) if k.startswith("E")]
+        for group in sorted(sections):
+            if group != "1":
+                more, trouble = _parse_values(sections[group])
+                fault = fault or trouble
+                others += [more[k] for k in sorted(more) if k[0] in "JE"]
+        if not fault and "J1" not in values and not {"X", "Y", "Z", "W", "P", "R"} <= set(values):
+            fault = "found neither J1 … J6 nor X, Y, Z, W, P, R"
+        part.positions[index] = FanucPosition(
+            line=line,
+            values=values,
+            user_frame=frames.get("UF"),
+            tool=frames.get("UT"),
+            configuration=bits,
+            other_groups=tuple(others),
+            fault=fault,
+        )
+
+
+def _parse_values(text: str) -> tuple[dict[str, float], str]:
+    out: dict[str, float] = {}
+    for name, value, unit in _ITEM.findall(text):
+        known = parse_number(value)
+        if known is None:
+            return out, f"{name} is not taught ({value[:12]})"
+        out[name] = known * (25.4 if unit == "in" else 1.0)
+    return out, ""

@@ -1,0 +1,1 @@
+"""Program tables in CSV and JSON: post and reader."""

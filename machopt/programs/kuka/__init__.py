@@ -1,0 +1,1 @@
+"""KUKA KRL: post and reader."""

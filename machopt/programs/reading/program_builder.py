@@ -1,0 +1,384 @@
+"""Collects moves, frames, events and unknown words while a reader follows a program."""
+
+from __future__ import annotations
+
+import math
+import re
+from array import array
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from machopt.data_types.toolpath import IgnoredWord, MoveKind, ToolpathEvent
+from machopt.errors import InputError
+from machopt.file_formats.source_file import SourceFile
+from machopt.numerics.array_types import Array
+from machopt.path_building.arc_chords import ArcError
+from machopt.programs.reading.circular_moves import compute_circle_poses
+from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
+from machopt.programs.reading.rotation_conventions import Rows
+
+STANDING_TOOL = (
+    "the robot carries the workpiece past a tool that stands still: not supported; post the job for a tool on the robot"
+)
+MOST_MOVES = 1_000_000  # beyond one for each line: what a loop may repeat
+MOST_STEPS = 2_000_000  # statements carried out, beyond one for each line: loops that end are shorter
+FARTHEST = 1e3  # m; no robot cell is larger, so the number is a fault
+MOST_DEGREES = 1e5  # of an axis
+NO_TIME = math.nan
+_MOVES = {m.word: m for m in MoveKind}
+_CAM_KINDS = (
+    (re.compile(r"\s*(?:SPINDL|S\d|M0?[345]\b)", re.IGNORECASE), "spindle"),
+    (re.compile(r"\s*(?:COOLNT|M0?[789]\b)", re.IGNORECASE), "coolant"),
+    (re.compile(r"\s*(?:LOADTL|TURRET|TOOLNO|T\d)", re.IGNORECASE), "tool"),
+    (re.compile(r"\s*(?:DELAY|DWELL|G0?4\b)", re.IGNORECASE), "dwell"),
+    (re.compile(r"\s*(?:STOP|OPSTOP|M0?[01]\b)", re.IGNORECASE), "stop"),
+)
+_LABEL = re.compile(r"\s*(operation|move|CAM|external)\s*:\s?(.*)", re.IGNORECASE)
+
+
+@dataclass(kw_only=True)
+class ProgramBuilder:
+    """One program in the making. Positions in m, angles in deg, feeds in m/s."""
+
+    source: SourceFile
+    dialect: str
+    arc_tolerance: float
+    strict: bool = False
+    name: str = ""
+    files: list[Path] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    feed: float = math.nan
+    speed_override: float = 1.0  # the program's own override: what every feed is multiplied by
+    has_external_values_in_comments: bool = (
+        False  # the language has no external axes: a comment says where they must stand
+    )
+    commented_external_values: tuple[float, ...] = ()  # mm or deg, what it said
+    last: Array | None = None  # (4, 4) the pose the robot stands at in the active base, None where unknown
+    _numbers: array[float] = field(default_factory=lambda: array("d"))  # 6 axes, 12 pose, feed, blend, time
+    _codes: array[int] = field(default_factory=lambda: array("i"))  # kind base tool move operation line
+    _external: list[tuple[float, ...]] = field(default_factory=list)
+    _configuration: list[Mapping[str, object]] = field(default_factory=list)
+    _bases: list[ProgramFrame] = field(default_factory=list)
+    _tools: list[ProgramFrame] = field(default_factory=list)
+    _base: int = 0
+    _tool: int = 0
+    _events: list[ToolpathEvent] = field(default_factory=list)
+    _is_last_event_comment: bool = (
+        False  # the last event is a comment from the CAM file that a statement may still explain
+    )
+    _operations: list[str] = field(default_factory=list)
+    _operation: int = -1
+    _word: MoveKind = MoveKind.CUT
+    _has_move_comment: bool = False  # a comment said what kind of move follows
+    _ignored: dict[tuple[str, bool, bool], list[int]] = field(default_factory=dict)
+    _steps: int = 0
+
+    def __len__(self) -> int:
+        return len(self._codes) // 6
+
+    def error(self, message: str, line: int | None = None, source: SourceFile | None = None) -> InputError:
+        return (source or self.source).build_error(message, line)
+
+    def step(self, line: int) -> None:
+        """Count a statement that is carried out.
+
+        Raises:
+            InputError: the program does not end.
+        """
+        self._steps += 1
+        if self._steps > MOST_STEPS + line:
+            raise self.error(f"more than {MOST_STEPS} statements are carried out: a loop does not end here", line)
+
+    def override(self, percent: float | None, line: int) -> None:
+        """The program sets its override: feeds behind it are that share of what they say.
+
+        Raises:
+            InputError: the share is known only while the robot runs.
+        """
+        if percent is None or not 0.0 < percent <= 100.0:
+            raise self.error("the override is set to a value that is not known here; expected 1 to 100 %", line)
+        self.speed_override = percent / 100.0
+        if percent != 100.0:
+            self.warn_once(
+                f"the program sets its override to {percent:g} %: feeds behind it are multiplied by that", line
+            )
+
+    def may_end(self, line: int) -> None:
+        """A branch holds a RETURN: most often a check of arguments, so it is read as not taken, and said."""
+        self.warn_once("a branch may end the routine early (RETURN); read as if it does not", line)
+
+    # ---- moves
+
+    def joint(
+        self,
+        axes_deg: Sequence[float],
+        line: int,
+        *,
+        kind: int = JOINT,
+        feed: float = math.nan,
+        blend: float = 0.0,
+        time: float = NO_TIME,
+        external: Sequence[float] = (),
+        configuration: Mapping[str, object] | None = None,
+        pose: Array | None = None,
+    ) -> None:
+        """A target in axes (6 numbers; NaN where only pulses are known); ``pose`` where the file gives it too."""
+        for value in axes_deg:
+            if abs(value) > MOST_DEGREES or math.isinf(value):
+                raise self.error(f"axis at {value:g} degrees; expected a position of a robot's axis", line)
+        self._add(kind, tuple(axes_deg), pose, feed, blend, time, external, configuration, line)
+        self.last = pose
+
+    def pose(
+        self,
+        kind: int,
+        rows: Rows,
+        x: float,
+        y: float,
+        z: float,
+        line: int,
+        *,
+        feed: float = math.nan,
+        blend: float = 0.0,
+        external: Sequence[float] = (),
+        configuration: Mapping[str, object] | None = None,
+    ) -> None:
+        """A target as a pose, position in m."""
+        a, b, c, d, e, f, g, h, i = rows
+        T = np.array([[a, b, c, x], [d, e, f, y], [g, h, i, z], [0.0, 0.0, 0.0, 1.0]])
+        self.add_pose_move(kind, T, line, feed=feed, blend=blend, external=external, configuration=configuration)
+
+    def add_pose_move(
+        self,
+        kind: int,
+        T: Array,
+        line: int,
+        *,
+        feed: float = math.nan,
+        blend: float = 0.0,
+        external: Sequence[float] = (),
+        configuration: Mapping[str, object] | None = None,
+    ) -> None:
+        """A target as a pose (4, 4)."""
+        x, y, z = T[:3, 3].tolist()
+        if not all(math.isfinite(v) and abs(v) <= FARTHEST for v in (x, y, z)):
+            raise self.error(f"target at {x:g}, {y:g}, {z:g} m; expected a place in a robot cell", line)
+        self._add(kind, None, T, feed, blend, NO_TIME, external, configuration, line)
+        self.last = T
+
+    def circle(
+        self,
+        via: Array,
+        end: Array,
+        line: int,
+        *,
+        feed: float,
+        blend: float,
+        external: Sequence[float] = (),
+        configuration: Mapping[str, object] | None = None,
+        sweep_deg: float | None = None,
+    ) -> None:
+        """An arc from where the robot stands through ``via`` to ``end``, poses (4, 4), as chords.
+
+        With ``sweep_deg`` it ends after that angle instead, the other way round where negative (KUKA's CA).
+
+        Raises:
+            InputError: the start is not known, or the three points lie on a line; or, with an angle, the tool turns.
+        """
+        if self.last is None:
+            raise self.error("an arc begins at a joint target, whose place is not known without the robot", line)
+        try:
+            poses = compute_circle_poses(self.last, via, end, self.arc_tolerance, sweep_deg)
+        except ArcError as problem:
+            raise self.error(str(problem), line) from None
+        for k, T in enumerate(poses):
+            final = k + 1 == len(poses)
+            self.add_pose_move(
+                LINEAR,
+                T,
+                line,
+                feed=feed,
+                blend=blend if final else math.nan,
+                external=external,
+                configuration=configuration,
+            )
+
+    def _add(
+        self,
+        kind: int,
+        axes: tuple[float, ...] | None,
+        T: Array | None,
+        feed: float,
+        blend: float,
+        time: float,
+        external: Sequence[float],
+        configuration: Mapping[str, object] | None,
+        line: int,
+    ) -> None:
+        if len(self) >= MOST_MOVES + line:
+            raise self.error(f"more than {MOST_MOVES} moves beyond one a line", line)
+        nan = math.nan
+        self._numbers.extend(axes if axes is not None else (nan,) * 6)
+        self._numbers.extend(T[:3].ravel().tolist() if T is not None else (nan,) * 12)
+        feed *= self.speed_override
+        self._numbers.extend((feed if feed > 0.0 and math.isfinite(feed) else nan, blend, time))
+        move = MoveKind.RAPID if kind == JOINT else self._word
+        if not self._bases:
+            self.set_base(ProgramFrame("base", None))
+        if not self._tools:
+            self.set_tool(ProgramFrame("tool", None))
+        self._codes.extend((kind, self._base, self._tool, move, self._operation, line))
+        self._external.append(tuple(external) or self.commented_external_values)
+        self._configuration.append(configuration or {})
+        self._is_last_event_comment = False
+
+    # ---- frames
+
+    def set_base(self, frame: ProgramFrame) -> None:
+        """The frame that poses are given in from here on."""
+        self._base = _find_or_add_frame(self._bases, frame)
+
+    def set_tool(self, frame: ProgramFrame) -> None:
+        self._tool = _find_or_add_frame(self._tools, frame)
+
+    # ---- what is no move
+
+    def comment(self, text: str) -> None:
+        """A comment: our own ones name operations, kinds of move and events of the CAM file."""
+        found = _LABEL.fullmatch(text)
+        if found is None:
+            return
+        word, rest = found.group(1).lower(), found.group(2).strip()
+        if word == "operation":
+            self.begin(rest)
+        elif word == "move":
+            self.word(rest.lower())
+            self._has_move_comment = True
+        elif word == "external":
+            values = [parse_number(v) for v in rest.split()]
+            if self.has_external_values_in_comments and all(v is not None for v in values):
+                self.commented_external_values = tuple(v for v in values if v is not None)
+        else:
+            self.event(rest, fresh=True)
+
+    def begin(self, label: str) -> None:
+        """Moves from here on belong to this operation."""
+        if not label or (self._operation >= 0 and self._operations[self._operation] == label):
+            return
+        if label not in self._operations:
+            self._operations.append(label)
+        self._operation = self._operations.index(label)
+
+    def begin_or_none(self, label: str) -> None:
+        """As :meth:`begin`, for formats that say it of every move: without a label it belongs to none."""
+        self.begin(label)
+        if not label:
+            self._operation = -1
+
+    def word(self, word: str) -> None:
+        """Moves from here on are of this kind."""
+        self._word = _MOVES.get(word, self._word)
+
+    @property
+    def find_streamed_kind(self) -> int:
+        """Kind of a streamed joint target: linear where a comment says that the tool is led along the path."""
+        return LINEAR if self._has_move_comment and self._word != MoveKind.RAPID else JOINT
+
+    def event(self, text: str, kind: str | None = None, value: float = math.nan, *, fresh: bool = False) -> None:
+        """Something that happens before the next move; a statement right after a CAM comment explains that one."""
+        if self._is_last_event_comment and not fresh:
+            last = self._events[-1]
+            known = kind if kind is not None and kind != "comment" else last.kind
+            kept_value = value if math.isfinite(value) else last.value
+            self._events[-1] = ToolpathEvent(last.index, known, last.text, kept_value)  # type: ignore[arg-type]
+            self._is_last_event_comment = False
+            return
+        if kind is None:
+            kind = next((k for pattern, k in _CAM_KINDS if pattern.match(text)), "comment")
+        self._events.append(ToolpathEvent(len(self), kind, text[:200], value))  # type: ignore[arg-type]
+        self._is_last_event_comment = fresh
+
+    def ignore(self, word: str, line: int, *, understood: bool, stops: bool | None = None) -> None:
+        """Count a statement without effect here; with ``strict`` the first not understood one is refused.
+
+        One that is not understood may move points or frames, so it stops a plan; ``stops=False``: it cannot.
+        """
+        key = (word[:40], understood, not understood if stops is None else stops)
+        entry = self._ignored.setdefault(key, [0, line])
+        entry[0] += 1
+        if self.strict and not understood and entry[0] == 1:
+            raise self.error(f"{word[:40]!r} is not understood and strict reading was asked for", line)
+
+    def warn_once(self, message: str, line: int | None = None) -> None:
+        if not any(w.endswith(message) for w in self.warnings):
+            self.warnings.append(message if line is None else f"line {line}: {message}")
+
+    def build(self) -> ParsedProgram:
+        """The finished program.
+
+        Raises:
+            InputError: it moves nothing.
+        """
+        n = len(self)
+        if n == 0:
+            raise self.error("holds no moves that can be read; expected a program with joint or linear moves")
+        numbers = np.frombuffer(self._numbers, dtype=np.float64).reshape(n, 21)
+        codes = np.frombuffer(self._codes, dtype=np.int32).reshape(n, 6)
+        T = np.full((n, 4, 4), np.nan)
+        T[:, :3] = numbers[:, 6:18].reshape(n, 3, 4)
+        T[:, 3] = 0.0, 0.0, 0.0, 1.0
+        most = max(len(e) for e in self._external)
+        external = np.full((n, most), np.nan)
+        for k, row in enumerate(self._external):
+            external[k, : len(row)] = row
+        strange = [w for w, understood, _ in self._ignored if not understood]
+        if strange:
+            some = ", ".join(strange[:8]) + (f" and {len(strange) - 8} more" if len(strange) > 8 else "")
+            self.warnings.append(f"not understood: {some}")
+        return ParsedProgram(
+            dialect=self.dialect,
+            name=self.name or self.source.path.stem,
+            files=tuple(dict.fromkeys([self.source.path, *self.files])),
+            kind=codes[:, 0].astype(np.int8),
+            axes_deg=numbers[:, :6].copy(),
+            T_base_tcp=T,
+            feed=numbers[:, 18].copy(),
+            blend=numbers[:, 19].copy(),
+            time=numbers[:, 20].copy(),
+            external=external,
+            configuration=tuple(self._configuration),
+            base=codes[:, 1].copy(),
+            tool=codes[:, 2].copy(),
+            bases=tuple(self._bases),
+            tools=tuple(self._tools),
+            move=codes[:, 3].astype(np.int8),
+            operation=codes[:, 4].copy(),
+            operations=tuple(self._operations),
+            events=tuple(self._events),
+            line=codes[:, 5].copy(),
+            warnings=tuple(self.warnings),
+            ignored=tuple(IgnoredWord(w, c, at, u, stops) for (w, u, stops), (c, at) in self._ignored.items()),
+        )
+
+
+def _find_or_add_frame(frames: list[ProgramFrame], frame: ProgramFrame) -> int:
+    for k, other in enumerate(frames):
+        same = (frame.T is None and other.T is None) or (
+            frame.T is not None and other.T is not None and np.array_equal(frame.T, other.T)
+        )
+        if other.name == frame.name and other.rides_on == frame.rides_on and same:
+            return k
+    frames.append(frame)
+    return len(frames) - 1
+
+
+def parse_number(text: str) -> float | None:
+    """A finite number, or None."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) and "_" not in text else None

@@ -1,0 +1,1 @@
+"""ROS JointTrajectory: post and reader."""

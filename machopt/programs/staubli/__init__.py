@@ -1,0 +1,1 @@
+"""Stäubli VAL 3: post and reader."""

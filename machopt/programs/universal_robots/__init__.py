@@ -1,0 +1,1 @@
+"""URScript: post and reader."""

@@ -1,0 +1,1 @@
+"""What the posts of all makers share: template language, target insertion, blend zones."""

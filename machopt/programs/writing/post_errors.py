@@ -1,0 +1,17 @@
+"""What a post can lack, by kind: who writes its message asks for the class, not for words in it."""
+
+from __future__ import annotations
+
+from machopt.errors import InputError
+
+
+class MissingControllerKeyError(InputError):
+    """The cell's ``controller`` does not say what a dialect needs; the template is not to blame, and not named."""
+
+
+class MissingFieldValueError(InputError):
+    """A program has nothing for a field of a template."""
+
+    def __init__(self, name: str, where: str | None) -> None:
+        super().__init__(f"the program has no value for @{{{name}}}; put it into a section @[{name}|…@]", where=where)
+        self.name = name

@@ -1,0 +1,1 @@
+"""Yaskawa INFORM (JBI): post and reader."""

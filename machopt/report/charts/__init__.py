@@ -1,0 +1,1 @@
+"""Charts of the pages as plain data for the page scripts."""

@@ -1,0 +1,376 @@
+"""What the charts of the diagnosis page draw: errors per group, residuals over an axis, laws with their readings."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.effects.effect_wording import format_place
+from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
+from machopt.numerics.array_types import Array
+from machopt.report.charts.point_reduction import round_for_json
+from machopt.report.page_types.diagnosis_page_data import DiagnosisPageData, JobEffect
+from machopt.report.wording.diagnosis_terms import (
+    describe_axis,
+    describe_error_before,
+    format_axis_value,
+    format_error,
+    get_axis_unit,
+    has_machine_finding,
+)
+
+IndexArray = NDArray[np.intp]
+Spec = dict[str, Any]  # JSON for assets/xy.js
+
+BEFORE, AFTER, LAW, GREY = "#d9730d", "#1552b8", "#b3261e", "#7a8490"
+BRANCH_STYLES = ((1, "loading", "#1552b8"), (-1, "unloading", "#2c8a57"), (0, "readings", "#1552b8"))
+MAX_POINTS = 3000  # readings drawn; residuals.csv holds all
+MAX_GROUPS = 400
+MIN_READINGS = 12  # different values of an axis: drawn one by one, else in bins of equal count
+BIN_COUNT = 16
+MIN_IN_BIN = 3
+Z_90_PERCENT = 1.645
+
+
+def build_group_chart(data: DiagnosisPageData) -> Spec | None:
+    """Held-out error of each group before and after, worst first."""
+    d = data.diagnosis
+    error = d.errors.by_group
+    known = np.flatnonzero(np.isfinite(error).all(axis=1)) if len(error) else np.zeros(0, int)
+    if not len(known):
+        return None
+    order = known[np.argsort(-error[known, 0], kind="stable")]
+    order = order[_select_points(len(order), MAX_GROUPS)]
+    x, factor, unit = np.arange(len(order), dtype=float), *_choose_error_unit(d.unit, error[order])
+    before, after = factor * error[order].T
+    names = [data.group_names[g] for g in order]
+    found = has_machine_finding(d)
+    labels = [
+        [
+            [data.group_word, n],
+            ["before" if found else "error", format_error(b / factor, d.unit)],
+            *([["after", format_error(a / factor, d.unit)]] if found else []),
+        ]
+        for n, b, a in zip(names, before, after, strict=True)
+    ]
+    layers: list[Spec] = [
+        {
+            "type": "line",
+            "color": LAW,
+            "dash": "6 4",
+            "name": "noise floor",
+            "x": [-0.5, len(order) - 0.5],
+            "y": [factor * d.noise_floor] * 2,
+            "width": 1.2,
+        },
+        {
+            "type": "points",
+            "name": describe_error_before(d),
+            "color": BEFORE,
+            "hollow": True,
+            "size": 3.2,
+            "x": round_for_json(x),
+            "y": round_for_json(before),
+            "lo": round_for_json(np.minimum(before, after)),
+            "hi": round_for_json(np.maximum(before, after)),
+            "labels": labels,
+        },
+    ]
+    if not math.isfinite(d.noise_floor):
+        del layers[0]
+    if found:
+        layers.append(
+            {
+                "type": "points",
+                "name": "with what was found",
+                "color": AFTER,
+                "size": 3.2,
+                "x": round_for_json(x),
+                "y": round_for_json(after),
+                "labels": labels,
+            }
+        )
+    if not found:
+        for part in ("lo", "hi"):
+            del layers[-1][part]
+    return {
+        "id": "d-groups",
+        "title": f"Held-out error of each {data.group_word}, worst first",
+        "ymin": 0,
+        "height": 270,
+        "xlabel": data.group_word.capitalize(),
+        "ylabel": f"rms error ({unit})",
+        "xcats": names,
+        "layers": layers,
+    }
+
+
+def build_axis_chart(data: DiagnosisPageData, axis: str, spec_id: str) -> Spec | None:
+    """Size of the held-out residual over one axis of the data: readings, and their rms per value or bin."""
+    d = data.diagnosis
+    factor, unit_x = get_axis_unit(axis)
+    name = f"{describe_axis(axis)} ({unit_x})" if unit_x else describe_axis(axis)
+    values = factor * np.asarray(d.axes[axis], float)
+    before, after, unit, whose = compute_reading_errors(data)
+    good = np.flatnonzero(d.used & np.isfinite(values) & np.isfinite(before) & np.isfinite(after))
+    if len(good) < 2 * MIN_IN_BIN:
+        return None
+    good = good[np.argsort(values[good], kind="stable")]
+    different = np.unique(values[good])
+    if len(different) < 2:
+        return None
+    few = len(different) <= MIN_READINGS
+    at = np.searchsorted(different, values).astype(float) if few else values
+    drawn = good[_select_points(len(good), MAX_POINTS)]
+    layers: list[Spec] = []
+    pairs = [(describe_error_before(d), before, BEFORE, True, -0.12)]
+    if has_machine_finding(d):
+        pairs.append(("with what was found", after, AFTER, False, 0.12))
+    else:
+        pairs = [(*pairs[0][:-1], 0.0)]
+    for what, size, color, hollow, aside in pairs:
+        shift = aside if few else 0.0
+        labels = [[["line", str(data.line[n])], [data.group_word, str(data.pose[n])]] for n in drawn]
+        layers.append(
+            {
+                "type": "points",
+                "name": what,
+                "color": color,
+                "hollow": hollow,
+                "size": 1.6,
+                "x": round_for_json(at[drawn] + shift),
+                "y": round_for_json(size[drawn]),
+                "labels": labels,
+            }
+        )
+    for _, size, color, _, aside in pairs:
+        x, mean = compute_binned_rms(at[good], size[good], few=few)
+        if len(x) < (1 if few else 2):
+            continue  # too few readings: a legend would name a line that is not drawn
+        shift = aside if few else 0.0
+        layers.append(
+            {
+                "type": "points" if few else "line",
+                "name": f"rms, {'before' if color == BEFORE else 'after'}" if len(pairs) > 1 else "rms",
+                "color": color,
+                "width": 2.4,
+                "size": 5,
+                "mark": "diamond",
+                "x": round_for_json(x + shift),
+                "y": round_for_json(mean),
+            }
+        )
+    spec: Spec = {
+        "id": spec_id,
+        "title": f"Size of the residual{whose} over {describe_axis(axis)}",
+        "ymin": 0,
+        "height": 270,
+        "xlabel": name[:1].upper() + name[1:],
+        "ylabel": f"Held-out residual, rms ({unit})",
+        "layers": layers,
+    }
+    if few:
+        spec["xcats"] = [format_axis_value(axis, v, "") for v in different.tolist()]
+    return spec
+
+
+def compute_reading_errors(data: DiagnosisPageData) -> tuple[Array, Array, str, str]:
+    """(N,) rms over a reading's coordinates before and after, the unit shown, and whose coordinates.
+
+    Of the joints of a motion only the one where something was found, or where most of the mismatch lives: the others
+    would hide it.
+    """
+    d = data.diagnosis
+    main = [n for n, c in enumerate(data.coordinates) if c.main]
+    whose = ""
+    ranked = [f.location for f in d.findings]
+    ranked += [s.axis for s in sorted(d.mismatch, key=lambda s: -s.share) if s.kind == "machine"]
+    for location in ranked:
+        own = [n for n in main if data.coordinates[n].name == format_place(location)]
+        if own:
+            main, whose = own, f" of {format_place(location)}"
+            break
+    scale = np.array([data.coordinates[n].factor for n in main]) / math.sqrt(len(main))
+    before, after = (np.linalg.norm(r[:, main] * scale, axis=1) for r in (d.errors.residual, d.errors.final))
+    factor, unit = _choose_error_unit(d.unit, before)
+    return factor * before, factor * after, unit, whose
+
+
+def build_law_chart(data: DiagnosisPageData, n: int, f: Finding) -> Spec | None:
+    """The missing law as the readings show it, with the fitted law drawn through it."""
+    c = f.curve
+    if c is None or f.curve_residual is None:
+        return None
+    value = c.per_reading + f.curve_residual
+    good = data.diagnosis.used & np.isfinite(value) & np.isfinite(c.data_x)
+    if not good.any():
+        return None
+    low, high = compute_value_range(value[good], c.law)
+    inside = good & (value >= low) & (value <= high)
+    layers: list[Spec] = []
+    branch = data.branch if data.branch is not None else np.zeros(len(value), np.int8)
+    parts = [(name, color, inside & (branch == code), good & (branch == code)) for code, name, color in BRANCH_STYLES]
+    parts = [p for p in parts if p[3].any()]
+    for name, color, here, _ in parts:
+        rows = np.flatnonzero(here)
+        rows = rows[_select_points(len(rows), MAX_POINTS // len(parts))]
+        labels = [[["line", str(data.line[r])], [data.group_word, str(data.pose[r])]] for r in rows]
+        layers.append(
+            {
+                "type": "points",
+                "name": name,
+                "color": color,
+                "hollow": True,
+                "size": 1.8,
+                "x": round_for_json(c.data_x[rows]),
+                "y": round_for_json(value[rows]),
+                "labels": labels,
+            }
+        )
+    for name, color, _, here in parts:
+        x, mean, half = compute_binned_median(c.data_x[here], value[here])
+        if len(x) > 1:
+            layers.append(
+                {
+                    "type": "points",
+                    "name": f"{name}, averaged",
+                    "color": color,
+                    "mark": "diamond",
+                    "size": 4,
+                    "bar": 2,
+                    "x": round_for_json(x),
+                    "y": round_for_json(mean),
+                    "lo": round_for_json(mean - half),
+                    "hi": round_for_json(mean + half),
+                }
+            )
+    order = _select_points(len(c.x), MAX_POINTS)
+    layers.append(
+        {
+            "type": "line",
+            "name": f"fitted law: {f.law}",
+            "color": LAW,
+            "width": 2.4,
+            "x": round_for_json(c.x[order]),
+            "y": round_for_json(c.law[order]),
+        }
+    )
+    left = int(good.sum() - inside.sum())
+    more = f"; {left} reading{'s lie' if left > 1 else ' lies'} outside the picture" if left else ""
+    return {
+        "id": f"d-law{n}",
+        "title": f"What the readings show, and the fitted law{more}",
+        "height": 340,
+        "xlabel": c.x_label[:1].upper() + c.x_label[1:],
+        "ylabel": c.y_label[:1].upper() + c.y_label[1:],
+        "hlines": [{"y": 0, "class": "axis", "fit": True}],
+        "layers": layers,
+    }
+
+
+def compute_value_range(value: Array, line: Array) -> tuple[float, float]:
+    """Heights to show: the law and all but the farthest readings (those that hardly see it scatter without end)."""
+    q1, q3 = np.percentile(value, [25, 75])
+    low, high = np.percentile(value, [1, 99])
+    reach = 3.0 * (q3 - q1)
+    line = line[np.isfinite(line)]
+    ends = (float(line.min()), float(line.max())) if len(line) else (math.inf, -math.inf)
+    room = 0.15 * (high - low)
+    return min(max(float(low), float(q1 - reach)) - room, ends[0]), max(
+        min(float(high), float(q3 + reach)) + room, ends[1]
+    )
+
+
+def compute_binned_rms(x: Array, size: Array, *, few: bool) -> tuple[Array, Array]:
+    """Root mean square of ``size`` per value of sorted ``x``, or per bin of equal count."""
+    parts = _split_bins(x, few)
+    return np.array([x[p].mean() for p in parts]), np.array([math.sqrt(np.mean(size[p] ** 2)) for p in parts])
+
+
+def compute_binned_median(x: Array, y: Array) -> tuple[Array, Array, Array]:
+    """Median of ``y`` per bin of ``x`` with the half width of its 90 % interval (asymptotic, from the quartiles)."""
+    order = np.argsort(x, kind="stable")
+    x, y = x[order], y[order]
+    parts = [p for p in _split_bins(x, len(np.unique(x)) <= MIN_READINGS) if len(p) >= MIN_IN_BIN]
+    middle = np.array([np.median(y[p]) for p in parts])
+    spread = np.array([np.subtract(*np.percentile(y[p], [75, 25])) / 1.349 for p in parts])
+    count = np.array([len(p) for p in parts])
+    # the median of a normal sample of n has the variance π/2 · σ²/n
+    half = Z_90_PERCENT * spread * np.sqrt(0.5 * np.pi / np.maximum(count, 1)) if parts else np.zeros(0)
+    return np.array([np.median(x[p]) for p in parts]), middle, half
+
+
+def build_job_charts(job: JobEffect) -> list[Spec]:
+    """Rotation and predicted deflection along the toolpath."""
+    sets: list[tuple[str, str, str, list[tuple[str, Array, str, str]]]] = [
+        (
+            "d-gamma",
+            "Chosen rotation of the tool",
+            "γ (deg)",
+            [("before", job.gamma_before, BEFORE, "5 4"), ("with what was found", job.gamma_after, AFTER, "")],
+        ),
+        (
+            "d-deflection",
+            "Predicted deflection",
+            "Deflection (mm)",
+            [
+                ("old choice, old model", job.deflection_before, GREY, "2 3"),
+                ("old choice, new model", job.deflection_unchanged, BEFORE, "5 4"),
+                ("new choice, new model", job.deflection_after, AFTER, ""),
+            ],
+        ),
+    ]
+    out = []
+    for name, title, label, curves in sets:
+        layers = []
+        for what, values, color, dash in curves:
+            if len(values) and len(values) == len(job.point):
+                pick = _select_points(len(values), MAX_POINTS)
+                layers.append(
+                    {
+                        "type": "line",
+                        "name": what,
+                        "color": color,
+                        "dash": dash,
+                        "width": 1.8,
+                        "x": round_for_json(job.point[pick]),
+                        "y": round_for_json(values[pick]),
+                    }
+                )
+        if layers:
+            out.append(
+                {
+                    "id": name,
+                    "title": title,
+                    "xlabel": "Point of the toolpath",
+                    "ylabel": label,
+                    "height": 240,
+                    "layers": layers,
+                }
+            )
+    return out
+
+
+def _split_bins(x: Array, few: bool) -> list[IndexArray]:
+    """Indices of sorted ``x`` by value, or in bins of equal count that never part equal values."""
+    if few:
+        return np.split(np.arange(len(x)), np.flatnonzero(np.diff(x)) + 1)
+    bins = min(
+        BIN_COUNT, max(len(x) // (MIN_IN_BIN + 1), 1)
+    )  # equal values stay together, so some hold less than others
+    cuts = np.unique(np.searchsorted(x, x[np.linspace(0, len(x) - 1, bins + 1)[1:-1].astype(int)]))
+    return [p for p in np.split(np.arange(len(x)), cuts) if len(p) >= MIN_IN_BIN]
+
+
+def _select_points(n: int, most: int) -> IndexArray:
+    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int)) if n else np.zeros(0, int)
+
+
+def _choose_error_unit(unit: str, values: Array) -> tuple[float, str]:
+    """Factor and unit to draw errors in: µm where they are small."""
+    finite = values[np.isfinite(values)]
+    small = unit == "mm" and (not len(finite) or float(np.percentile(np.abs(finite), 90)) < 0.5)
+    return (1e3, "µm") if small else (1.0, unit)

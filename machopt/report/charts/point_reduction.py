@@ -1,0 +1,71 @@
+"""Fewer points for the eye, and compact numbers for the page: what leaves here is JSON-ready."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.numerics.array_types import Array
+from machopt.report.page_types.optimize_report import FeedDipRow
+
+IndexArray = NDArray[np.intp]
+
+PLOT_POINTS = 3000
+"""Most points a chart carries; twice the pixels of a wide screen, so that no peak is lost to the eye."""
+
+
+def select_plot_points(series: Sequence[Array], limit: int = PLOT_POINTS) -> IndexArray:
+    """Indices that keep each series' least and largest value within equal buckets, its gaps, and both ends.
+
+    Args:
+        series: arrays (S,), NaN allowed.
+        limit: most indices returned, gaps apart.
+    """
+    n = len(series[0])
+    if n <= limit:
+        return np.arange(n)
+    buckets = max(1, (limit - 2) // (2 * len(series)))
+    width = -(-n // buckets)
+    starts = np.arange(0, n, width)
+    chosen = [np.array([0, n - 1])]
+    for values in series:
+        padded = np.full(len(starts) * width, np.nan)
+        padded[:n] = values
+        block = padded.reshape(-1, width)
+        chosen.append(starts + np.argmin(np.where(np.isnan(block), np.inf, block), axis=1))
+        chosen.append(starts + np.argmax(np.where(np.isnan(block), -np.inf, block), axis=1))
+        edges = np.flatnonzero(np.diff(np.isnan(values)))  # gaps must stay gaps
+        chosen += [edges[:limit], edges[:limit] + 1]
+    return np.unique(np.minimum(np.concatenate(chosen), n - 1))
+
+
+def round_for_json(values: Array, digits: int = 6) -> list[float | None]:
+    """Values for JSON with ``digits`` significant digits; NaN and infinities become null."""
+    return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in np.asarray(values, float).tolist()]
+
+
+def pack_levels(values: Array, lowest: float, highest: float) -> str:
+    """Base64 of little-endian 16-bit levels 0 … 65534 over [lowest, highest]; 65535 stands for NaN."""
+    span = highest - lowest or 1.0
+    known = np.isfinite(values)
+    level = np.full(values.shape, 65535, dtype="<u2")
+    level[known] = np.round(np.clip((values[known] - lowest) / span, 0.0, 1.0) * 65534)
+    return base64.b64encode(level.tobytes()).decode("ascii")
+
+
+def pack_codes(codes: NDArray[np.uint8]) -> str:
+    """Base64 of one byte a code."""
+    return base64.b64encode(np.ascontiguousarray(codes, dtype=np.uint8).tobytes()).decode("ascii")
+
+
+def select_deepest_dips(dips: Sequence[FeedDipRow], time: Array, most: int) -> list[FeedDipRow]:
+    """The dips to be marked, in order of time: of those that would stand on one another the one that falls furthest."""
+    known = sorted((d for d in dips if np.isfinite(d.time)), key=lambda d: d.feed_lowest - d.feed_programmed)
+    begin, whole = (float(time[0]), float(time[-1] - time[0]) or 1.0) if len(time) else (0.0, 1.0)
+    kept: dict[int, FeedDipRow] = {}
+    for dip in known:
+        kept.setdefault(int(most * (dip.time + 0.5 * dip.duration - begin) / whole), dip)
+    return [kept[k] for k in sorted(kept)]

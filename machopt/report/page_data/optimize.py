@@ -1,0 +1,442 @@
+"""The report's data from the plan, the motion and the verification."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.documents.optimize_document import WorstPointSection
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.data_types.toolpath import MoveKind, Toolpath
+from machopt.numerics.array_types import Array
+from machopt.options.plan_option_reader import find_options_without_effect
+from machopt.planning.compensation.expected_removal import predict_removals
+from machopt.planning.compensation.shifted_path import compute_residual
+from machopt.planning.job.pareto_front import FrontPlan
+from machopt.planning.motion.trajectory_builder import MotionTimeline
+from machopt.planning.optimality_certificate import compute_certificate, find_external_axis_bound
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import ScoredAssignment
+from machopt.planning.plan_output.collision_map import CollisionMap, compute_collision_map
+from machopt.planning.plan_output.document_sections import build_worst_point_entry
+from machopt.planning.plan_output.infeasibility_reasons import (
+    compute_reach_shortfall,
+    describe_model_misfit,
+    describe_remedy,
+    list_breaks,
+    list_hints,
+)
+from machopt.planning.plan_output.point_table import PointResults, find_reason
+from machopt.planning.retiming.slowdowns import FeedSlowdown
+from machopt.planning.uncertainty.stiffness_uncertainty import compute_gains
+from machopt.report.page_data.optimize_rotation_map import build_rotation_map
+from machopt.report.page_data.optimize_scene import build_optimize_scene
+from machopt.report.page_data.optimize_series import (
+    build_motion_series,
+    build_path_series,
+    compute_cut_length,
+    interpolate_path_length,
+)
+from machopt.report.page_data.optimize_worst_points import list_worst_points
+from machopt.report.page_types import optimize_report as page
+from machopt.report.wording import result_verdict as told
+from machopt.verification import Verification
+from machopt.verification.checks import VerificationCheck
+from machopt.verification.motion.checks.time_and_joint_limits import format_axis_name
+from machopt.version import __version__
+
+ROUNDING_SHARE = 1e-3  # of what a check allows: 5.7e−14 s tells a reader nothing
+_BASELINE_NAMES = {"cam default": "the CAM's default rotation", "jiao2022": "Jiao 2022"}
+_REASON_TEXTS = {
+    InfeasibilityReason.UNREACHABLE: "unreachable",
+    InfeasibilityReason.LIMIT: "joint limit",
+    InfeasibilityReason.SINGULAR_WRIST: "wrist singularity",
+    InfeasibilityReason.SINGULAR_ELBOW: "elbow singularity",
+    InfeasibilityReason.SINGULAR_SHOULDER: "shoulder singularity",
+    InfeasibilityReason.COLLIDING: "collision",
+    InfeasibilityReason.BOUNDS: "outside the rotation range",
+    InfeasibilityReason.NO_PATH: "no continuous way",
+    InfeasibilityReason.GAP: "left out at a gap",
+    InfeasibilityReason.SHIFT: "shift refused",
+    InfeasibilityReason.GOUGING: "gouges the finished part",
+}
+
+
+def build_report_data(
+    plan: Plan,
+    toolpath: Toolpath,
+    points: PointResults,
+    timeline: MotionTimeline | None,
+    verification: Verification | None,
+    programs: Sequence[page.ProgramRow] = (),
+    *,
+    front: Sequence[FrontPlan] = (),
+    shown: CollisionMap | None = None,
+    before: Plan | None = None,
+    unchecked: tuple[str, ...] = (),
+    blockers: tuple[str, ...] = (),
+    hashes: dict[str, str],
+    options: dict[str, object],
+    timings: dict[str, float],
+) -> page.ReportData:
+    """Collect everything the page shows; parts that were not reached stay empty.
+
+    Args:
+        blockers: what has to be settled before production.
+        before: a plan to compare with, on the map.
+    """
+    index = plan.scores.index
+    quantity: page.Quantity = index if index in ("deflection", "stiffness") else "index"
+    series = {name: _convert_cost(plan, s) for name, s in _list_assignments(plan)}
+    s = compute_cut_length(toolpath, plan.path.counted[points.rows])
+    shift = _build_shift(plan, toolpath)
+    summary = _build_summary(plan, points, timeline, verification, quantity, float(s[-1]), shift)
+    summary = replace(summary, unchecked=unchecked, blockers=blockers)
+    models = [p.setup.collision for p in ([part.plan for part in plan.parts] or [plan]) if p.setup.collision]
+    shown = shown or compute_collision_map(plan)
+    return page.ReportData(
+        title=f"{plan.setup.cell.name}: {toolpath.source}",
+        cell=plan.setup.cell.name,
+        toolpath=toolpath.source,
+        version=__version__,
+        summary=summary,
+        hashes=tuple(hashes.items()),
+        options=tuple((k, str(v)) for k, v in options.items()),
+        map=build_rotation_map(plan, shown, s, before),
+        view=build_optimize_scene(plan, toolpath, points, timeline, shown, series["chosen"]),
+        path=build_path_series(plan, toolpath, points, series),
+        motion=build_motion_series(plan, toolpath, points, timeline),
+        dips=_list_feed_dips(plan, timeline, s),
+        feed_stops=_count_feed_stops(timeline),
+        worst=list_worst_points(plan, toolpath, points, series),
+        infeasible=_list_infeasible_points(plan, toolpath, points),
+        operations=_list_operations(plan, toolpath, points, timeline, series),
+        ignored=toolpath.ignored,
+        notes=tuple(plan.setup.cell.notes),
+        warnings=(
+            *plan.setup.cell.warnings,
+            *toolpath.warnings,
+            *find_options_without_effect(plan.options),
+            *list_hints(plan),
+            *((f"rapid move {d}" for d in timeline.detours) if timeline else ()),
+        ),
+        breaks=tuple(
+            page.MotionBreak(*b.ends, b.text, b.help)
+            for b in list_breaks(plan, timeline.obstructions if timeline else ())
+        ),
+        excluded_pairs=_remove_duplicate_pairs(
+            page.ExcludedPairRow(e.a, e.b, e.reason) for model in models for e in model.excluded
+        ),
+        adjacent_pairs=_remove_duplicate_pairs(
+            page.ExcludedPairRow(e.a, e.b, e.reason) for model in models for e in model.adjacent
+        ),
+        checks=_list_checks(verification),
+        information=tuple(
+            page.InformationRow(i.name, f"{i.value:.4g} {i.unit}", i.where)
+            for i in (verification.information if verification else ())
+        ),
+        programs=tuple(programs),
+        front=tuple(_build_trade_off_point(p) for p in front),
+        timings=tuple(timings.items()),
+        events=toolpath.events,
+    )
+
+
+def _list_infeasible_points(
+    plan: Plan, toolpath: Toolpath, points: PointResults
+) -> tuple[page.InfeasiblePointRow, ...]:
+    """Points of the file that have no answer, each with what would help."""
+    return tuple(
+        page.InfeasiblePointRow(
+            point=round(plan.path.index[p]),
+            operation=_get_label(toolpath, plan, p),
+            position=plan.path.position[p],
+            status=_REASON_TEXTS.get(find_reason(plan, int(p)), find_reason(plan, int(p)).word),
+            reason=points.table.reason[int(plan.path.index[p])],
+            shortfall=_format_length(compute_reach_shortfall(plan, int(p))),
+            help=describe_remedy(plan, int(p)),
+        )
+        for p in plan.missing
+        if plan.path.is_point[p]
+    )
+
+
+def _list_checks(verification: Verification | None) -> tuple[page.CheckRow, ...]:
+    return tuple(
+        page.CheckRow(c.name, c.passed, format_found_value(c), format_measured_value(c.limit, c), c.where)
+        for c in (verification.checks if verification else ())
+    )
+
+
+def _build_trade_off_point(p: FrontPlan) -> page.TradeOffPoint:
+    return page.TradeOffPoint(
+        name=p.plan,
+        changed=p.changed,
+        mean=p.mean_index,
+        worst=p.worst_index,
+        cycle=p.cycle_time_s,
+        travel=p.joint_travel_deg,
+        clearance=p.clearance_mm,
+        dominated=p.dominated,
+    )
+
+
+def _remove_duplicate_pairs(pairs: Iterable[page.ExcludedPairRow]) -> tuple[page.ExcludedPairRow, ...]:
+    """Each pair once: of the tools of a job most have the same."""
+    return tuple(dict.fromkeys(pairs))
+
+
+def _list_assignments(plan: Plan) -> tuple[tuple[str, ScoredAssignment], ...]:
+    return ("default", plan.cam_default), ("jiao2022", plan.jiao2022), ("chosen", plan.chosen)
+
+
+def _convert_cost(plan: Plan, scored: ScoredAssignment) -> Array:
+    """(N,) cost at toolpath points as deflection in m or stiffness in N/m; NaN where it cannot be driven."""
+    at = np.where(scored.assignment.reason == InfeasibilityReason.OK, scored.cost, np.nan)[plan.path.is_point]
+    return at if plan.scores.index == "deflection" else 1.0 / at
+
+
+def _build_summary(
+    plan: Plan,
+    points: PointResults,
+    timeline: MotionTimeline | None,
+    verification: Verification | None,
+    quantity: page.Quantity,
+    length: float,
+    shift: page.ShiftSummary | None,
+) -> page.ResultSummary:
+    figures = {name: _compute_worst_and_mean(plan, scored) for name, scored in _list_assignments(plan)}
+    clearance = points.table.clearance
+    nearest = int(np.nanargmin(clearance)) if np.isfinite(clearance).any() else -1
+    if nearest >= 0 and not points.nearest_pair[nearest]:
+        nearest = -1  # what is told there is how far was looked, and nobody stands within it
+    trajectory = timeline.trajectory if timeline else None
+    feasible = trajectory is not None
+    outcome = (
+        "infeasible" if not feasible else ("done" if verification is None or verification.ok else "verification_failed")
+    )
+    return page.ResultSummary(
+        outcome=outcome,  # type: ignore[arg-type]
+        verification="not run" if verification is None else ("passed" if verification.ok else "failed"),
+        quantity=quantity,
+        worst_default=figures["default"][0],
+        worst_jiao2022=figures["jiao2022"][0],
+        worst_chosen=figures["chosen"][0],
+        mean_default=figures["default"][1],
+        mean_chosen=figures["chosen"][1],
+        feed_held=timeline.held_share if timeline and feasible else float("nan"),
+        cycle_time=float(trajectory.time[-1]) if trajectory else float("nan"),
+        cutting_time=float((trajectory.move == MoveKind.CUT).sum() * plan.options.sample)
+        if trajectory
+        else float("nan"),
+        path_length=length,
+        points=len(points.rows),
+        infeasible_points=int(plan.path.is_point[plan.missing].sum()),
+        nearest_miss=float(clearance[nearest]) if nearest >= 0 else float("nan"),
+        nearest_pair=points.nearest_pair[nearest] if nearest >= 0 else "",
+        nearest_point=nearest,
+        worst_parts=describe_deflection(build_worst_point_entry(plan, points)),
+        gains=tuple(
+            page.GainOverBaseline(_BASELINE_NAMES[g.over], g.mean, g.std, g.interval, g.distinguishable)
+            for g in compute_gains(plan)
+            if g.over != plan.chosen_from
+        ),
+        shift=shift if feasible else None,
+        certificate=_build_certificate(plan),
+        misfit=describe_model_misfit(plan),
+        note="" if feasible else plan.conflict,
+    )
+
+
+def describe_deflection(worst: WorstPointSection | None) -> str:
+    """The worst point's deflection along and across the tool axis, as the terminal shows it too."""
+    if worst is None or worst.deflection_along_mm is None or worst.deflection_across_mm is None:
+        return ""
+
+    def text(value: float, interval: tuple[float, float] | None) -> str:
+        around = "" if interval is None else f" (90 %: {interval[0]:.3f} to {interval[1]:.3f})"
+        return f"{value:.3f}{around}".replace("-", "−")
+
+    whole = worst.deflection_ci90_mm
+    parts = [] if whole is None else [f"90 %: {whole[0]:.3f} to {whole[1]:.3f}".replace("-", "−")]
+    parts.append(f"along the tool axis {text(worst.deflection_along_mm, worst.deflection_along_ci90_mm)}")
+    parts.append(f"across it {text(worst.deflection_across_mm, worst.deflection_across_ci90_mm)}")
+    return ", ".join(parts)
+
+
+def _build_certificate(plan: Plan) -> page.BoundCertificate | None:
+    found = compute_certificate(plan)
+    if found is None:
+        return None
+    return page.BoundCertificate(
+        objective=found.objective,
+        bound=found.bound,
+        gap=found.gap,
+        beyond=found.beyond,
+        above=found.above,
+        external=_describe_external_bound(plan),
+    )
+
+
+def _describe_external_bound(plan: Plan) -> str:
+    """What holds when the values of the external joints are free too, in words; empty where none was."""
+    found = find_external_axis_bound(plan)
+    if found is None:
+        return ""
+    if found.why:
+        return f"no bound over external joints: {found.why}"
+    over = f"{found.values} values of the external joints, too"
+    if found.gap is None:
+        return f"between these less than any over {over}; no bound over what lies between"
+    return f"gap {100 * found.gap:.2f} % over {over}"
+
+
+def _build_shift(plan: Plan, toolpath: Toolpath) -> page.ShiftSummary | None:
+    found = compute_residual(plan)
+    if found is None:
+        return None
+    out = page.ShiftSummary(
+        worst=found.shift_worst, mean=found.shift_mean, left_worst=found.worst, left_mean=found.mean
+    )
+    whole = predict_removals(plan, toolpath.operation, tuple(o.label for o in toolpath.operations))[:1]
+    for r in whole:
+        out = replace(out, left_worst90=r.worst90, left_mean90=r.left90, removed90=r.removed90)
+    return out
+
+
+def _compute_worst_and_mean(plan: Plan, scored: ScoredAssignment) -> tuple[float, float]:
+    """Worst and mean of the objective itself, as deflection in m or stiffness in N/m; NaN where it is not feasible.
+
+    The mean is over the length cut. A mean stiffness is that of the mean compliance, as the objective has it.
+    """
+    found = [plan.scores.scale * v for v in (scored.objective.worst, scored.objective.mean)]
+    shown = found if plan.scores.index == "deflection" else [1.0 / v if v else float("nan") for v in found]
+    worst, mean = (v if np.isfinite(v) and v > 0 else float("nan") for v in shown)
+    return worst, mean
+
+
+def _list_feed_dips(plan: Plan, timeline: MotionTimeline | None, s: Array) -> tuple[page.FeedDipRow, ...]:
+    if timeline is None or timeline.trajectory is None:
+        return ()
+    t = timeline.trajectory
+    cut = np.flatnonzero((t.move != MoveKind.RAPID) & np.isfinite(t.point))
+    index = t.point[cut]  # once: a job of many holes has a dip and more in each
+    out = []
+    for dip in (d for d in timeline.dips if d.lost):
+        known = len(cut) > 0 and dip.first <= index[-1]  # where the machine stood before: the last row of that
+        at = cut[max(int(np.searchsorted(index, dip.first + 1e-9, side="right")) - 1, 0)] if known else None
+        end = cut[min(int(np.searchsorted(index, dip.last)), len(cut) - 1)] if len(cut) else 0
+        programmed = float(
+            plan.path.feed[min(int(np.searchsorted(plan.path.index, dip.last)), len(plan.path.feed) - 1)]
+        )
+        out.append(
+            page.FeedDipRow(
+                point=dip.first,
+                s=float(interpolate_path_length(s, np.array(dip.first))),
+                time=float(t.time[at]) if at is not None else float("nan"),
+                duration=max(float(t.time[end] - t.time[at]), 0.0) if at is not None else float("nan"),
+                feed_programmed=programmed,
+                feed_lowest=dip.ratio * programmed,
+                cause=describe_dip_cause(dip),
+            )
+        )
+    return tuple(out)
+
+
+def _count_feed_stops(timeline: MotionTimeline | None) -> tuple[tuple[str, int], ...]:
+    """How many ramps there are from and to each kind of stop that the path demands."""
+    words = {
+        "reversal": "at reversals",
+        "start": "at the start of cuts",
+        "stop": "at the end of cuts",
+        "rest": "at dwells",
+    }
+    dips = timeline.dips if timeline is not None and timeline.trajectory is not None else ()
+    ramps = Counter(str(d.where) for d in dips if not d.lost)
+    return tuple((text, ramps[where]) for where, text in words.items() if ramps[where])
+
+
+def describe_dip_cause(dip: FeedSlowdown) -> str:
+    """What slowed the feed, in words."""
+    where = " while the tool turns on the spot" if dip.where == "reorientation" else ""
+    return f"{format_axis_name(dip.joint - 1)} {dip.limit}{where}"
+
+
+def _list_operations(
+    plan: Plan, toolpath: Toolpath, points: PointResults, timeline: MotionTimeline | None, series: dict[str, Array]
+) -> tuple[page.OperationRow, ...]:
+    counted = plan.path.counted[points.rows]
+    worst_of = np.nanmax if plan.scores.index == "deflection" else np.nanmin
+    step = np.r_[0.0, np.linalg.norm(np.diff(toolpath.position, axis=0), axis=1)]
+    t = timeline.trajectory if timeline else None
+    tool = _list_tools(plan, points, toolpath)
+    out = []
+    for k, operation in enumerate(toolpath.operations):
+        mine = toolpath.operation == k
+        cut = mine & counted
+
+        def worst(name: str, cut: NDArray[np.bool_] = cut) -> float:
+            values = series[name][cut]
+            whole = np.isfinite(values).all() or (name == "chosen" and np.isfinite(values).any())
+            return (
+                float(worst_of(values)) if len(values) and whole else float("nan")
+            )  # of one path, not of its good half
+
+        miss = points.table.clearance[mine]
+        bad = int((np.array(points.table.status)[mine] != "ok").sum())
+        out.append(
+            page.OperationRow(
+                label=operation.label,
+                kind=operation.kind,
+                points=int(mine.sum()),
+                length=float(step[cut].sum()),
+                time=float((t.operation == k).sum() * plan.options.sample) if t else float("nan"),
+                worst_default=worst("default"),
+                worst_chosen=worst("chosen"),
+                nearest_miss=float(np.nanmin(miss)) if np.isfinite(miss).any() else float("nan"),
+                feed_held=float("nan"),
+                status="ok" if not bad else f"{told.format_count(bad, 'point')} infeasible",
+                tool=tool.get(k, ""),
+            )
+        )
+    return tuple(out)
+
+
+def _list_tools(plan: Plan, points: PointResults, toolpath: Toolpath) -> dict[int, str]:
+    """The tools of each operation, where the job changes them."""
+    out: dict[int, dict[str, None]] = {}
+    for own, mine in plan.among(points.rows) if plan.parts else ():
+        for k in dict.fromkeys(toolpath.operation[mine].tolist()):
+            out.setdefault(k, {})[str(own.setup.cell.tool_name)] = None
+    return {k: ", ".join(names) for k, names in out.items()}
+
+
+def _get_label(toolpath: Toolpath, plan: Plan, row: int) -> str:
+    return str(toolpath.operations[toolpath.operation[int(np.ceil(plan.path.index[row] - 1e-9))]].label)
+
+
+def format_measured_value(value: float, check: VerificationCheck) -> str:
+    """A value of a check as it is read aloud: what is not beyond a limit is within it, and by how much."""
+    if check.beyond and value <= 0.0:
+        return "at the limit" if value == 0.0 else f"{-value:.4g} {check.beyond} within the limit"
+    number = f"{value + 0.0:.4g}"
+    if "e-" in number and abs(value) >= 1e-6:  # 0.000005 s is read more easily than 5e−06 s
+        number = np.format_float_positional(float(number), trim="-")
+    return f"{number} {check.unit}".replace("-", "−", 1)
+
+
+def format_found_value(check: VerificationCheck) -> str:
+    """What a check found; of what is mere rounding beside what it allows result.json has the number."""
+    if check.passed and not check.beyond and 0.0 < abs(check.value) < ROUNDING_SHARE * check.limit:
+        return "< 0.1 % of allowed"
+    return format_measured_value(check.value, check)
+
+
+def _format_length(metres: float) -> str:
+    if not metres > 0:
+        return ""
+    return f"{1e3 * metres:.0f} mm out of reach" if 1e3 * metres >= 0.5 else "less than 1 mm out of reach"

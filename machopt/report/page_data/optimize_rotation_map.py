@@ -1,0 +1,91 @@
+"""The rotation map of the report of optimize."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.infeasibility_reasons import InfeasibilityReason
+from machopt.numerics.array_types import Array, compute_any_last
+from machopt.numerics.rigid_transforms import wrap_angle
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import ScoredAssignment
+from machopt.planning.plan_output.collision_map import CollisionMap
+from machopt.report.page_data.optimize_series import interpolate_path_length
+from machopt.report.page_types import optimize_report as page
+from machopt.report.page_types.place_codes import PlaceCode, convert_to_place_codes
+
+_DISPLAYED_CODE = {PlaceCode.NO_PATH: PlaceCode.NOT_CHECKED}  # this map has no word for it
+
+
+def build_rotation_map(
+    plan: Plan, shown: CollisionMap, s: Array, before: Plan | None = None
+) -> page.RotationMap | None:
+    """Best branch per station and rotation, marked where its pose was not looked at for collisions.
+
+    Rotation is shown as gamma's carried reference, phi; ``s`` (N,) m is the path length at the toolpath's points.
+    ``before`` is another plan of the same toolpath, whose line is drawn too.
+    """
+    st, c = plan.path.stations, shown.candidates
+    cut = find_cut_stations(plan)
+    if not len(cut):
+        return None
+    first, best = find_best_branch(plan, shown, cut)
+    known = np.take_along_axis(shown.known[cut], first[:, :, None], axis=2)[:, :, 0]
+    value = np.where(np.isfinite(best), best, np.nan)
+    if plan.scores.index != "deflection":
+        value = 1.0 / value
+    status = convert_to_place_codes(c.reason_of_rotation()[cut])
+    status[(status == PlaceCode.OK) & ~known] = PlaceCode.NOT_CHECKED
+    for code, said_as in _DISPLAYED_CODE.items():
+        status[status == code] = said_as
+
+    def line(scored: ScoredAssignment) -> Array:
+        ok = scored.assignment.reason == InfeasibilityReason.OK
+        return np.asarray(wrap_angle(np.where(ok, scored.assignment.phi, np.nan)[st[cut]]))
+
+    return page.RotationMap(
+        s=interpolate_path_length(s, plan.path.index[st[cut]]),
+        point=plan.path.index[st[cut]],
+        rotation=c.phi,
+        index=value,
+        status=status,
+        chosen=line(plan.chosen),
+        jiao2022=line(plan.jiao2022),
+        cam_default=line(plan.cam_default),
+        offset=plan.path.offset[st[cut]],
+        collisions=_describe_collision_coverage(plan, shown),
+        before=line(before.chosen) if before is not None and len(before.path.index) == len(plan.path.index) else None,
+    )
+
+
+def find_cut_stations(plan: Plan) -> NDArray[np.intp]:
+    """(N,) the stations that the map shows: those the tool cuts to."""
+    return np.flatnonzero(plan.path.counted[plan.path.stations])
+
+
+def find_best_branch(plan: Plan, shown: CollisionMap, st: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array]:
+    """(N, R) the usable branch with the least cost, and that cost; infinite where none is usable."""
+    usable = compute_any_last(shown.candidates.feasible[st])
+    rated = np.where(usable, plan.scores.cost[st], np.inf)
+    first = rated.argmin(axis=2)
+    return first, np.take_along_axis(rated, first[:, :, None], axis=2)[:, :, 0]
+
+
+def _describe_collision_coverage(plan: Plan, shown: CollisionMap) -> str:
+    """How much of the map has been checked for collisions, in words."""
+    if plan.setup.collision is None:
+        return "Collisions were not looked for."
+    known, left = shown.looked_at, shown.open
+    some = f"{known:,} of {known + left:,} configurations within reach, limits and margins were checked for collisions"
+    if not shown.asked:
+        return (
+            f"{some}, where the choice wanted to go; dotted places are reachable, but not proven free "
+            "(--map-collisions full checks them all)."
+        )
+    if left:
+        return (
+            f"{some} in the {shown.seconds:.0f} s that --map-collisions full may take; dotted places were left and "
+            "are not proven free."
+        )
+    return f"{some} (--map-collisions full, {shown.seconds:.1f} s)."

@@ -1,0 +1,86 @@
+"""Curves of the report of optimize: values along the path, the motion."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.toolpath import MoveKind, Toolpath
+from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import wrap_angle
+from machopt.planning.motion.trajectory_builder import MotionTimeline
+from machopt.planning.pipeline.plan import Plan
+from machopt.planning.plan_output.point_table import PointResults
+from machopt.report.page_types import optimize_report as page
+
+
+def build_path_series(
+    plan: Plan, toolpath: Toolpath, points: PointResults, series: dict[str, Array]
+) -> page.PathSeries:
+    t, counted = points.table, plan.path.counted[points.rows]
+
+    def only_cut(values: Array) -> Array:
+        return np.where(counted, values, np.nan)
+
+    return page.PathSeries(
+        s=compute_cut_length(toolpath, counted),
+        operation=toolpath.operation,
+        cutting=counted,
+        index_default=only_cut(series["default"]),
+        index_jiao2022=only_cut(series["jiao2022"]),
+        index_chosen=only_cut(series["chosen"]),
+        k_axial=only_cut(t.k_axial),
+        k_normal=only_cut(t.k_normal),
+        k_jiao2022=only_cut(t.k_jiao_x),
+        deflection=only_cut(t.deflection),
+        tolerance=toolpath.tolerance,
+        clearance=t.clearance,
+        nearest_pair=points.nearest_pair,
+        singularity=t.singularity,
+        limit_margin=t.limit_margin,
+        shift=t.compensation,
+        phi=np.asarray(wrap_angle(plan.chosen.assignment.phi[points.rows])),
+        gamma=t.gamma,
+    )
+
+
+def compute_cut_length(toolpath: Toolpath, counted: NDArray[np.bool_]) -> Array:
+    """(N,) m cut up to each toolpath point: the one path length of the page. Rapid and linking moves add nothing."""
+    step = np.r_[0.0, np.linalg.norm(np.diff(toolpath.position, axis=0), axis=1)]
+    return np.asarray(np.cumsum(step * counted))
+
+
+def interpolate_path_length(s: Array, point: Array) -> Array:
+    """Path length (m) at fractional toolpath points, NaN where there is none; ``s`` (N,) at the points."""
+    known = np.isfinite(point)
+    return np.asarray(np.where(known, np.interp(np.where(known, point, 0.0), np.arange(len(s)), s), np.nan))
+
+
+def build_motion_series(
+    plan: Plan, toolpath: Toolpath, points: PointResults, timeline: MotionTimeline | None
+) -> page.MotionSeries | None:
+    t = timeline.trajectory if timeline else None
+    if t is None:
+        return None
+    limits, dt = plan.setup.cell.limits, plan.options.sample
+    v = np.diff(t.q, axis=0, prepend=t.q[:1]) / dt
+    a = np.diff(v, axis=0, prepend=v[:1]) / dt
+    j = np.diff(a, axis=0, append=a[-1:]) / dt
+    known = np.isfinite(t.point)
+    ends = np.where(known, np.ceil(np.where(known, t.point, 0) - 1e-9), 0).astype(int)
+    programmed = np.where(known & (t.move != MoveKind.RAPID), toolpath.feed[ends], np.nan)
+    return page.MotionSeries(
+        time=t.time,
+        s=interpolate_path_length(compute_cut_length(toolpath, plan.path.counted[points.rows]), t.point),
+        q=t.q,
+        velocity_ratio=np.abs(v) / limits.velocity[:6],
+        joint_names=plan.setup.cell.arm_joints,
+        prismatic=(False,) * 6,
+        lower=limits.lower[:6],
+        upper=limits.upper[:6],
+        feed_programmed=programmed,
+        feed_actual=t.feed,
+        cutting=np.asarray(t.move == MoveKind.CUT),
+        acceleration_ratio=np.abs(a) / limits.acceleration[:6],
+        jerk_ratio=np.abs(j) / limits.jerk[:6],
+    )

@@ -1,0 +1,75 @@
+"""The one place where SI becomes what a process engineer reads: mm, deg, mm/min, N/µm."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from machopt.report.page_types.optimize_report import Quantity
+
+
+def format_fixed(value: float, decimals: int, *, signed: bool = False) -> str:
+    """So many decimals with a true minus sign; what rounds to zero has none."""
+    rounded = round(value, decimals) + 0.0
+    return f"{rounded:{'+' if signed and rounded else ''}.{decimals}f}".replace("-", "−")
+
+
+def format_option_value(value: object) -> str:
+    """An option's value as a reader takes it: yes, no, none, a list without brackets."""
+    if value is None or (isinstance(value, list | tuple | dict) and not value):
+        return "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list | tuple):
+        return ", ".join(format_option_value(v) for v in value)
+    return str(value)
+
+
+@dataclass(frozen=True)
+class DisplayUnit:
+    """A displayed unit: shown = SI · factor."""
+
+    factor: float
+    name: str
+    decimals: int
+
+    def format_value(self, value: float, *, unit: bool = False) -> str:
+        """The value as shown, "–" where there is none."""
+        if not math.isfinite(value):
+            return "–"
+        number = format_fixed(value * self.factor, self.decimals)
+        return f"{number} {self.name}".rstrip() if unit else number
+
+
+LENGTH = DisplayUnit(1e3, "mm", 1)
+FINE_LENGTH = DisplayUnit(1e3, "mm", 3)
+ANGLE = DisplayUnit(180 / math.pi, "deg", 1)
+FEED = DisplayUnit(6e4, "mm/min", 0)
+STIFFNESS = DisplayUnit(1e-6, "N/µm", 3)
+TIME = DisplayUnit(1.0, "s", 1)
+FINE_TIME = DisplayUnit(1.0, "s", 2)
+SHARE = DisplayUnit(100.0, "%", 1)
+DIMENSIONLESS = DisplayUnit(1.0, "", 3)
+
+QUANTITY_UNITS: dict[Quantity, DisplayUnit] = {
+    "deflection": FINE_LENGTH,
+    "stiffness": STIFFNESS,
+    "index": DIMENSIONLESS,
+}
+
+
+@dataclass(frozen=True)
+class QuantityLabels:
+    """How the optimised quantity is spoken of."""
+
+    worst: str
+    axis: str
+    better: str  # direction that is good
+    large_is_good: bool
+
+
+QUANTITY_LABELS: dict[Quantity, QuantityLabels] = {
+    "deflection": QuantityLabels("Predicted worst deflection", "Deflection", "lower is better", False),
+    "stiffness": QuantityLabels("Predicted least stiffness", "Stiffness", "higher is better", True),
+    "index": QuantityLabels("Least stiffness index", "Index", "higher is better", True),
+}

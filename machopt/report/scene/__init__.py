@@ -1,0 +1,1 @@
+"""The 3-D picture of a page: joints, bodies, path."""

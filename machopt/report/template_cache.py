@@ -1,0 +1,45 @@
+"""Templates as code, kept beside Python's own: they are compiled once an installation, and not in every run."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import sys
+from pathlib import Path
+
+import jinja2
+from jinja2.bccache import Bucket, BytecodeCache
+
+
+class TemplateCache(BytecodeCache):
+    """One file a template in a folder that is written where it can be, and where Python may write its own code.
+
+    Jinja2 looks at the source of a template and at the version of Python before it takes what is stored.
+
+    Args:
+        folder: where.
+        options: in words, those of the environment that change the code of a template.
+    """
+
+    def __init__(self, folder: Path, options: str) -> None:
+        self.folder = folder
+        self.of = hashlib.sha256(f"{jinja2.__version__} {options}".encode()).hexdigest()[:12]
+
+    def get_cache_key(self, name: str, filename: str | None = None) -> str:
+        """The name alone: where the package stands changes nothing."""
+        return f"{name.replace('/', '.')}.{sys.implementation.cache_tag}-{self.of}"
+
+    def load_bytecode(self, bucket: Bucket) -> None:
+        with contextlib.suppress(OSError), (self.folder / bucket.key).open("rb") as file:
+            bucket.load_bytecode(file)
+
+    def dump_bytecode(self, bucket: Bucket) -> None:
+        if sys.dont_write_bytecode:
+            return
+        with contextlib.suppress(OSError):
+            self.folder.mkdir(exist_ok=True)
+            own = self.folder / f"{bucket.key}.{os.getpid()}"  # two processes may write the same
+            with own.open("wb") as file:
+                bucket.write_bytecode(file)
+            own.replace(self.folder / bucket.key)

@@ -1,0 +1,1 @@
+"""Joint springs and further elastic terms, and the compliance of the TCP."""

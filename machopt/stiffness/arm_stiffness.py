@@ -1,0 +1,392 @@
+"""Stiffness of the arm at the tool tip from joint stiffness.
+
+Real compliance at the tip, rotation of the tool free: C = J K_θ⁻¹ Jᵀ (jiao2022 eq. 1; dumas2011 eq. 5).
+Its 3×3 translation block C_tt gives the deflection d = C_tt f under a force without moment, and the
+directional stiffness 1/(eᵀ C_tt e).
+
+jiao2022 (eqs. 13–25) uses K_fd, the top-left block of C⁻¹ instead: the stiffness with the tool's
+orientation *held*. Holding it needs a moment that nobody applies, and because a shift of the TCP along a rigid
+tool leaves force and translation unchanged while rotation is zero, K_fd does not depend on the tool's length.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.stiffness import ArmStiffness, StiffnessGrid
+from machopt.dynamics.gravity_torque import compute_gravity_torque
+from machopt.errors import InputError
+from machopt.kinematics.robot import ArmState, Robot, RobotMasses
+from machopt.numerics.array_types import Array
+from machopt.stiffness.discrepancy_mean import DiscrepancyMean
+from machopt.stiffness.external_joint_compliance import KnownCompliance
+from machopt.stiffness.kinetostatic_indices import compute_geometric_stiffness
+from machopt.stiffness.terms.compilation import compile_terms
+from machopt.stiffness.terms.protocol import ElasticContribution, LinearTerm, LoadedArm
+from machopt.stiffness.terms.stability_check import (
+    UnstableTerm,
+    limit_to_spring_range,
+)
+from machopt.stiffness.terms.stability_check import (
+    find_unstable_term as stiffness_find_unstable_term,
+)
+
+TOOL_BODY = 6  # the body that also carries the tool, whose mass is known without those of the links
+GRID_FACE_TOLERANCE_M = 1e-6  # m; a TCP this near a face, edge or corner of the grid belongs to all its cells
+
+
+@dataclass(frozen=True)
+class JointStiffness:
+    """Joint stiffness at given TCP positions."""
+
+    k: Array  # (..., 6) N·m/rad
+    is_in_grid: NDArray[np.bool_]  # (...,) False: outside the identified grid, constant values used
+
+
+def compute_joint_stiffness(stiffness: ArmStiffness, position: Array) -> JointStiffness:
+    """K_θ(j) of jiao2022 section 2.3: the cell's values, averaged on shared faces, edges and corners.
+
+    Args:
+        position: (..., 3) TCP position in base_link, m.
+    """
+    position = np.asarray(position, float)
+    lead = position.shape[:-1]
+    grid = stiffness.grid
+    if grid is None:
+        return JointStiffness(np.broadcast_to(stiffness.joints, (*lead, 6)), np.ones(lead, bool))
+    flat = position.reshape(-1, 3)
+    rows, cells = find_grid_cells(grid, flat)
+    total, count = np.zeros((len(flat), 6)), np.bincount(rows, minlength=len(flat))
+    np.add.at(total, rows, grid.joints[cells])
+    found = count > 0
+    k = np.where(found[:, None], total / np.maximum(count, 1)[:, None], stiffness.joints)
+    return JointStiffness(k.reshape(*lead, 6), found.reshape(lead))
+
+
+def find_grid_cells(grid: StiffnessGrid, position: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The cells that positions (M, 3) in base_link lie in or touch, as pairs of rows (position, cell)."""
+    shape = np.array(grid.shape)
+    x = (position - grid.origin) / grid.cell
+    eps = GRID_FACE_TOLERANCE_M / grid.cell
+    low = np.floor(x - eps).astype(int)  # the cells touched along each axis: low … high (one or two)
+    high = np.floor(x + eps).astype(int)
+    rows, cells = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
+    for corner in np.ndindex(2, 2, 2):
+        pick = np.where(np.array(corner) == 1, high, low)
+        new = np.all((np.array(corner) == 0) | (high != low), axis=1)  # do not count a cell twice
+        inside = np.flatnonzero(new & np.all((pick >= 0) & (pick < shape), axis=1))
+        rows.append(inside)
+        cells.append(pick[inside, 0] + shape[0] * (pick[inside, 1] + shape[1] * pick[inside, 2]))
+    return np.concatenate(rows), np.concatenate(cells)
+
+
+def compute_translational_compliance(J: Array, k: Array) -> Array:
+    """C_tt = J_v K_θ⁻¹ J_vᵀ, (..., 3, 3) m/N, from the Jacobian (..., 6, 6) at the TCP and k (..., 6) N·m/rad."""
+    Jv = J[..., :3, :]
+    return (Jv / k[..., None, :]) @ np.swapaxes(Jv, -1, -2)
+
+
+def compute_directional_compliance(J: Array, k: Array, direction: Array) -> Array:
+    """eᵀ C_tt e in m/N for unit directions (..., 3), without forming C: Σ_i (J_v,i · e)² / k_i."""
+    along = np.einsum("...ci,...c->...i", J[..., :3, :], direction)
+    return np.asarray(np.sum(along**2 / k, axis=-1))
+
+
+def compute_deflection(J: Array, k: Array, force: Array) -> Array:
+    """Displacement (..., 3) m of the TCP under a force (..., 3) N without moment."""
+    Jv = J[..., :3, :]
+    return np.asarray(np.einsum("...ci,...i->...c", Jv, np.einsum("...ci,...c->...i", Jv, force) / k))
+
+
+def compute_constrained_stiffness(J: Array, k: Array) -> Array:
+    """K_fd of jiao2022 eq. 13: top-left block of (J K_θ⁻¹ Jᵀ)⁻¹ = J⁻ᵀ K_θ J⁻¹, (..., 3, 3) N/m.
+
+    Invalid at singular configurations (J⁻¹ does not exist).
+    """
+    Ji = np.linalg.inv(J)[..., :3]  # joint motion for a translation with the orientation held
+    return np.swapaxes(Ji, -1, -2) @ (k[..., :, None] * Ji)
+
+
+def compute_jiao_index(J: Array, k: Array, direction: Array) -> Array:
+    """k_x, k_y or k_z of jiao2022 eqs. 16–25 along a unit direction (..., 3), N/m.
+
+    The paper's λ are the eigenvalues of K_fdᵀ K_fd, and k = (Σ e_i²/λ_i²)^(−1/4) in its principal axes,
+    which is (eᵀ (K_fdᵀ K_fd)⁻² e)^(−1/4) = |S² e|^(−1/2) with S = K_fd⁻¹.
+    """
+    S = np.linalg.inv(compute_constrained_stiffness(J, k))
+    s2e = np.einsum("...ij,...jk,...k->...i", S, S, direction)
+    return np.asarray(np.linalg.norm(s2e, axis=-1) ** -0.5)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ElasticState:
+    """Elasticity at M configurations: what a wrench at the TCP does on top of weight. base_link axes throughout.
+
+    Terms that follow the joint's torque along a curve answer the wrench they are given in :meth:`respond` and
+    :meth:`compute_deflection`; where a compliance stands for itself (:meth:`along`, :meth:`compliance`,
+    :meth:`compute_jiao_index`)
+    they count with the tangent under weight alone.
+    """
+
+    state: ArmState  # with bodies where there are terms
+    k: Array  # (M, 6) N·m/rad; with a gravity compensator, gear and spring together
+    # with values; body springs as one matrix; a compensator is in k; what external joints do is known as a matrix
+    terms: tuple[ElasticContribution, ...] = ()
+    geometric: bool = False  # count K_C of the load itself (dumas2011 eqs. 8–10)
+    weight: Array | None = None  # (M, 6) N·m, torque of links and tool at the joints; None: zero
+    gears: Array | None = None  # (M, 6) N·m/rad of the gears alone where a spring stands beside one; None: k
+
+    def compute_twist(self, wrench: Array) -> Array:
+        """Twist (M, 6) of the TCP in m and rad under a wrench (M, 6) in N and N·m.
+
+        NaN where K_C counts and the springs do not hold the load (K_θ − K_C not positive definite).
+        """
+        J = self.state.J
+        tau = np.einsum("...ci,...c->...i", J, wrench)
+        if self.geometric:
+            K = _build_diagonal(self.k) - compute_geometric_stiffness(J, wrench)
+            holds = _is_positive_definite(K, self.k)[..., None]
+            bent = np.linalg.solve(np.where(holds[..., None], K, np.eye(6)), tau[..., None])[..., 0]
+            bent = np.where(holds, bent, np.nan)
+        else:
+            bent = tau / self.k
+        twist = np.einsum("...ci,...i->...c", J, bent)
+        for term in self.terms:
+            twist = twist + term.compute_twist(self.loaded_state, wrench, small=False)
+        return np.asarray(twist)
+
+    def compute_deflection(self, force: Array) -> Array:
+        """Displacement (M, 3) m of the TCP under a force (M, 3) N without moment."""
+        if not self.terms and not self.geometric:
+            return compute_deflection(self.state.J, self.k, force)
+        return self.compute_twist(_convert_to_wrench(force))[..., :3]
+
+    def compute_compliance_along(self, direction: Array) -> Array:
+        """eᵀ C_tt e in m/N for unit directions (M, 3), for a small load (without K_C)."""
+        bare = compute_directional_compliance(self.state.J, self.k, direction)
+        for term in self.terms:
+            twist = term.compute_twist(self.loaded_state, _convert_to_wrench(direction), small=True)
+            more = np.einsum("...c,...c->...", twist[..., :3], direction)
+            bare = bare + more if term.retained_share is None else np.maximum(bare + more, term.retained_share * bare)
+        return np.asarray(bare)
+
+    def compute_compliance(self) -> Array:
+        """C (M, 6, 6) at the TCP for a small load: J K_θ⁻¹ Jᵀ plus every term's, carried to the TCP."""
+        J = self.state.J
+        C = (J / self.k[..., None, :]) @ np.swapaxes(J, -1, -2)
+        for term in self.terms:
+            for c in range(6):
+                unit = np.broadcast_to(np.eye(6)[c], (*J.shape[:-2], 6))
+                C[..., :, c] += term.compute_twist(self.loaded_state, unit, small=True)
+        return np.asarray(C)
+
+    def compute_jiao_index(self, direction: Array) -> Array:
+        """k_x of jiao2022 along unit directions (M, 3), N/m; the terms' compliance counts too."""
+        if not self.terms:
+            return compute_jiao_index(self.state.J, self.k, direction)
+        S = np.linalg.inv(np.linalg.inv(self.compute_compliance())[..., :3, :3])
+        return np.asarray(np.linalg.norm(np.einsum("...ij,...jk,...k->...i", S, S, direction), axis=-1) ** -0.5)
+
+    def compute_sensitivity(self, force: Array, direction: Array, *, small: bool = False) -> Array:
+        """∂(eᵀ d)/∂c_j (M, 6) in N·m·m: how the displacement d under f along e follows each joint's compliance.
+
+        Without K_C that is (J_v,j · e)(J_v,j · f); ``small`` leaves K_C out as :meth:`along` does. With the covariance
+        Σ of the compliances the variance of that displacement is gᵀ Σ g. c_j is that of the gear alone; what a term
+        makes of the joint's torque does not depend on it.
+        """
+        if self.gears is not None:  # c = 1/(1/c_gear + spring), so ∂c/∂c_gear = (k_gear/k)²
+            together = replace(self, gears=None).compute_sensitivity(force, direction, small=small)
+            return np.asarray(together * (self.gears / self.k) ** 2)
+        Jv = self.state.J[..., :3, :]
+        along, tau = (np.einsum("...ci,...c->...i", Jv, v) for v in (direction, force))
+        if small or not self.geometric:
+            return np.asarray(along * tau)
+        # bent = (K − K_C)⁻¹ τ, so ∂bent/∂c_j = (K − K_C)⁻¹ e_j k_j² bent_j
+        K = _build_diagonal(self.k) - compute_geometric_stiffness(self.state.J, _convert_to_wrench(force))
+        bent = np.linalg.solve(K, tau[..., None])[..., 0]
+        carried = np.linalg.solve(np.swapaxes(K, -1, -2), along[..., None])[..., 0]
+        return np.asarray(carried * self.k**2 * bent)
+
+    def compute_jiao_sensitivity(self, direction: Array, lines: Array | None = None) -> Array:
+        """∂(1/k_x)/∂c_j (M, 6) of :meth:`compute_jiao_index` along unit directions (M, 3), in rad⁻¹·m/N·N·m.
+
+        Args:
+            lines: (M, 6, K) by how the TCP moves with a unit of other springs; None: with the arm's joints.
+
+        S = K_fd⁻¹ = P C Pᵀ with P = [1, −C_tr C_rr⁻¹], stationary in P, so ∂S/∂c_j = (P J_j)(P J_j)ᵀ; 1/k_x = |S² e|^½.
+        """
+        if self.gears is not None and lines is None:
+            return np.asarray(
+                replace(self, gears=None).compute_jiao_sensitivity(direction) * (self.gears / self.k) ** 2
+            )
+        C = self.compute_compliance()
+        P = np.concatenate(
+            [
+                np.broadcast_to(np.eye(3), (*C.shape[:-2], 3, 3)),
+                -np.swapaxes(np.linalg.solve(C[..., 3:, 3:], C[..., 3:, :3]), -1, -2),
+            ],
+            axis=-1,
+        )
+        S, turned = (
+            P @ C @ np.swapaxes(P, -1, -2),
+            P @ (self.state.J if lines is None else lines),
+        )  # (M, 3, 3), (M, 3, 6)
+        Se = np.einsum("...ij,...j->...i", S, direction)
+        SSe = np.einsum("...ij,...j->...i", S, Se)
+        size = np.linalg.norm(SSe, axis=-1)[..., None]
+        SSSe = np.einsum("...ij,...j->...i", S, SSe)
+        # (S² e)ᵀ (∂S S + S ∂S) e with ∂S = t tᵀ is (t·SSe)(t·Se) + (t·SSSe)(t·e)
+        on_e, on_Se, on_SSe, on_SSSe = (np.einsum("...ci,...c->...i", turned, v) for v in (direction, Se, SSe, SSSe))
+        return np.asarray(0.5 * size**-1.5 * (on_SSe * on_Se + on_SSSe * on_e))
+
+    @property
+    def loaded_state(self) -> LoadedArm:
+        """What its terms are asked with."""
+        return LoadedArm(self.state, self.k if self.gears is None else self.gears, self.weight)
+
+
+class ArmElasticity:
+    """The arm with its tool and stiffness: everything elastic at a set of configurations.
+
+    Args:
+        robot, T_flange_tcp: arm and tool.
+        stiffness: its springs and terms.
+        limits: lower and upper (6,) rad, where springs that change with their angle must hold; None: at any angle.
+        masses: of links and tool, for terms that depend on the whole torque of a joint; None: weight counts as zero.
+            ``warnings`` says so where it matters.
+        counted: what the file's readings show beyond it counts, in the mean, where the file has it so.
+
+    Raises:
+        InputError: a term of the stiffness that does not exist, does not fit the arm or gives way against the load.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        T_flange_tcp: Array,
+        stiffness: ArmStiffness,
+        limits: tuple[Array, Array] | None = None,
+        masses: RobotMasses | None = None,
+        *,
+        counted: bool = False,
+    ) -> None:
+        self.robot, self.T_flange_tcp, self.stiffness = robot, T_flange_tcp, stiffness
+        file = stiffness.file
+        compiled, self.geometric = compile_terms(stiffness.terms, robot, T_flange_tcp, file)
+        if self.geometric and robot.coupling is not None:
+            raise InputError(
+                "geometric_stiffness is not counted for an arm with joints that mimic others; a file without that term "
+                "would work",
+                file=file,
+                where="terms",
+            )
+        for term in compiled:
+            lacking = [c.name for c, v in zip(term.coefficients, term.values, strict=True) if not np.isfinite(v)]
+            lacking += term.missing_keys
+            if lacking:
+                raise InputError(
+                    f"{term.effect} at {term.location} lacks values for {', '.join(lacking)}", file=file, where="terms"
+                )
+        compiled, wrong = _limit_to_springs(compiled, stiffness, limits)
+        if wrong is not None:
+            raise InputError(wrong.reason, file=file, where="terms")
+        self.terms = tuple(t.with_joint_stiffness(self._compute_gear_stiffness) for t in compiled)
+        self._known: tuple[ElasticContribution, ...] = tuple(
+            f for t in self.terms if (f := t.combine_coefficients()) is not None
+        )
+        self.shift: DiscrepancyMean | None = None
+        found = stiffness.discrepancy
+        if counted and found is not None and found.counted:
+            self.shift = DiscrepancyMean.build(found, robot, T_flange_tcp, self.terms, masses, geometric=self.geometric)
+            self._known = (*self._known, self.shift)
+        self._balancers = tuple((t.parallel_joint, t) for t in self.terms if t.parallel_joint is not None)
+        weighed = [t for t in self.terms if t.depends_on_weight]
+        self.masses = masses
+        self._masses = masses if weighed else None
+        self.warnings: tuple[str, ...] = ()
+        if weighed and (masses is None or not (masses.body < TOOL_BODY).any()):
+            names = ", ".join(f"{t.effect} at {t.location}" for t in weighed)
+            self.warnings = (
+                f"{names}: depends on the whole torque of the joint, but no mass of a link is known; the arm's weight "
+                "counts as zero (an <inertial> in each link of the URDF would tell).",
+            )
+
+    def evaluate(self, q: Array, k: Array | None = None, beside: Array | None = None) -> ElasticState:
+        """Elasticity at configurations q (M, 6) rad.
+
+        Args:
+            k: (M, 6) N·m/rad saves looking the joint stiffness up again.
+            beside: (M, 6, 6) compliance at the TCP of what stands beside the arm
+                (:mod:`machopt.stiffness.external_joint_compliance`).
+        """
+        state = self.robot.compute_state(q, self.T_flange_tcp, bodies=bool(self.terms or self._known))
+        if k is None:
+            k = self._compute_gear_stiffness(state)
+        weight = None if self._masses is None else compute_gravity_torque(self.robot, self._masses, state)[0]
+        terms = self._known if beside is None else (*self._known, KnownCompliance(beside))
+        if not self._balancers:
+            return ElasticState(state=state, k=k, terms=terms, geometric=self.geometric, weight=weight)
+        return ElasticState(
+            state=state,
+            k=self._add_parallel_stiffness(k, q),
+            terms=terms,
+            geometric=self.geometric,
+            weight=weight,
+            gears=k,
+        )
+
+    def _compute_gear_stiffness(self, state: ArmState) -> Array:
+        """(..., 6) N·m/rad of the joints' own springs at the TCP's position."""
+        return compute_joint_stiffness(self.stiffness, state.T_base_tool[..., :3, 3]).k
+
+    def _add_parallel_stiffness(self, k: Array, q: Array) -> Array:
+        out = np.array(k)
+        for i, term in self._balancers:
+            out[..., i] += term.compute_parallel_stiffness(np.asarray(q, float)[..., i])
+        return out
+
+    def compute_jacobian(self, q: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Jacobian at the TCP (..., 6, 6) in base_link axes, k (..., 6) there, and whether the grid covers it."""
+        T, J = self.robot.compute_fk_jacobian(q, self.T_flange_tcp)
+        joint = compute_joint_stiffness(self.stiffness, T[..., :3, 3])
+        return J, self._add_parallel_stiffness(joint.k, q) if self._balancers else joint.k, joint.is_in_grid
+
+
+def find_unstable_term(
+    stiffness: ArmStiffness, robot: Robot, T_flange_tcp: Array, limits: tuple[Array, Array] | None = None
+) -> UnstableTerm | None:
+    """The term for which :class:`ArmElasticity` would refuse a stiffness whose terms are all complete."""
+    compiled, _ = compile_terms(stiffness.terms, robot, T_flange_tcp, stiffness.file)
+    return _limit_to_springs(compiled, stiffness, limits)[1]
+
+
+def _limit_to_springs(
+    compiled: tuple[LinearTerm, ...], stiffness: ArmStiffness, limits: tuple[Array, Array] | None
+) -> tuple[tuple[LinearTerm, ...], UnstableTerm | None]:
+    """The terms as far as each is a spring, and which of them gives way against the load."""
+    k = stiffness.joints[None]
+    if stiffness.grid is not None:
+        k = np.concatenate([k, stiffness.grid.joints])
+    held = limit_to_spring_range(compiled, k, limits)
+    return held, stiffness_find_unstable_term(held, k, limits)
+
+
+def _build_diagonal(k: Array) -> Array:
+    return k[..., :, None] * np.eye(6)
+
+
+def _is_positive_definite(K: Array, k: Array) -> NDArray[np.bool_]:
+    """(...,) K = K_θ − K_C is positive definite; looked at only where K_C is not small beside the softest joint."""
+    off = np.linalg.norm(K - _build_diagonal(k), axis=(-2, -1))
+    holds = np.asarray(off < k.min(axis=-1))
+    if not holds.all():
+        doubtful = 0.5 * (K[~holds] + np.swapaxes(K[~holds], -1, -2))
+        holds[~holds] = np.linalg.eigvalsh(doubtful)[..., 0] > 0.0
+    return holds
+
+
+def _convert_to_wrench(force: Array) -> Array:
+    return np.concatenate([force, np.zeros_like(force)], axis=-1)

@@ -1,0 +1,143 @@
+"""What readings show beyond a stiffness file, in the mean, as part of the model: the ``shift`` of its ``discrepancy``.
+
+A file whose springs leave their readings says by how much it is off in the mean
+(:mod:`machopt.stiffness.discrepancy_columns`,
+:mod:`machopt.measurement.identification.assessment.model_discrepancy`). Counted in, that mean is one more part of the
+elasticity: a search scores with it,
+a deflection is told with it, and the path is shifted against it. It is the sum of
+:class:`~machopt.stiffness.discrepancy_columns.
+Suspects`' columns, folded into a few matrices so that a search can afford it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from machopt.data_types.discrepancy_names import COS, COUPLING, JOINT, LOADED, SIN, TERM, parse_discrepancy_name
+from machopt.data_types.stiffness import ModelDiscrepancy
+from machopt.kinematics.robot import ArmState, Robot, RobotMasses
+from machopt.numerics.array_types import Array
+from machopt.stiffness.discrepancy_columns import CURVE_SMOOTHING, DiscrepancyColumns, locate_compliance
+from machopt.stiffness.terms.body_spring import cross_product
+from machopt.stiffness.terms.protocol import LinearTerm, LoadedArm
+
+MIN_RETAINED_SHARE = 0.1  # of a compliance that stays, however stiff the readings say the arm is where none was taken
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiscrepancyMean:
+    """The twist that a discrepancy's mean adds to a model's."""
+
+    joints: Array  # (6, 6) rad/(N·m), whatever the angles
+    cosines: Array  # (6,) rad/(N·m) times the cosine of the joint's own angle
+    sines: Array  # (6,)
+    gears: tuple[tuple[int, float, float], ...]  # joint, N·m and rad of each tanh of its torque
+    bodies: tuple[tuple[int, Array, Array], ...]  # body, place (3,) in base_link at q = 0, compliances (6,) in its axes
+    rest: DiscrepancyColumns  # what has no matrix: the file's terms, and what weight and load do to posture
+    coefficients: Array  # (K,) of ``rest``
+
+    @classmethod
+    def build(
+        cls,
+        found: ModelDiscrepancy,
+        robot: Robot,
+        T_flange_tcp: Array,
+        terms: tuple[LinearTerm, ...],
+        masses: RobotMasses | None,
+        *,
+        geometric: bool = False,
+    ) -> DiscrepancyMean:
+        """Args: terms: of the file, with their values; masses: None: weight counts as zero; geometric: see Suspects."""
+        whole = DiscrepancyColumns(
+            robot=robot,
+            T_flange_tcp=T_flange_tcp,
+            names=found.parts,
+            torque=found.torque,
+            terms=terms,
+            masses=masses,
+            geometric=geometric,
+        )
+        joints, cosines, sines = np.zeros((6, 6)), np.zeros(6), np.zeros(6)
+        gears: list[tuple[int, float, float]] = []
+        bodies: dict[str, Array] = {}
+        rest: dict[str, float] = {}
+        for name, value in zip(found.parts, found.shift.tolist(), strict=True):
+            part = parse_discrepancy_name(name)
+            word, numbers = part.kind, part.numbers
+            if value == 0.0:
+                continue
+            if word == JOINT:
+                joints[numbers[0], numbers[0]] += value
+            elif word == COUPLING:
+                i, j = numbers
+                joints[i, j] += value
+                joints[j, i] += value
+            elif word in (COS, SIN):
+                (cosines if word == COS else sines)[numbers[0]] += value
+            elif word in CURVE_SMOOTHING:
+                gears.append((numbers[0], float(CURVE_SMOOTHING[word] * found.torque[numbers[0]]), value))
+            elif word in (TERM, LOADED):
+                rest[name] = value
+            else:
+                bodies.setdefault(word, np.zeros(6))[part.axis] += value
+        places = [(*locate_compliance(robot, word), soft) for word, soft in bodies.items()]
+        left = replace(whole, names=tuple(rest))
+        return cls(
+            joints=joints,
+            cosines=cosines,
+            sines=sines,
+            gears=tuple(gears),
+            bodies=tuple(places),
+            rest=left,
+            coefficients=np.array([*rest.values()]),
+        )
+
+    @property
+    def retained_share(self) -> float | None:
+        """What readings show may lie beyond what the springs have."""
+        return MIN_RETAINED_SHARE
+
+    def compute_twist(self, under: LoadedArm, wrench: Array, *, small: bool) -> Array:
+        """(M, 6) m and rad under wrenches (M, 6) at the TCP in base_link axes.
+
+        Args:
+            under: the gears' own stiffness, and where the arm stands; weight is that of all masses that are known.
+            small: the tangent under weight, as for a load that is next to nothing.
+        """
+        state, k = under.state, under.gears
+        J, q = state.J, state.q
+        load = np.einsum("mci,mc->mi", J, wrench)
+        turn = load @ self.joints + (np.cos(q) * self.cosines + np.sin(q) * self.sines) * load
+        weight = self.rest.compute_weight_torque(state) if self.gears or len(self.coefficients) else np.zeros_like(load)
+        if self.gears:
+            for j, scale, size in self.gears:
+                before = np.tanh(weight[:, j] / scale)
+                if small:
+                    turn[:, j] += size * (1.0 - before**2) / scale * load[:, j]
+                else:
+                    turn[:, j] += size * (np.tanh((weight[:, j] + load[:, j]) / scale) - before)
+        out = np.einsum("mci,mi->mc", J, turn)
+        for body, at, soft in self.bodies:
+            out += _compute_body_twist(state, body, at, soft, wrench)
+        if len(self.coefficients):
+            out += (
+                self.rest.compute_columns(state, np.broadcast_to(k, load.shape), wrench, small=small, weight=weight)
+                @ self.coefficients
+            )
+        return np.asarray(out)
+
+
+def _compute_body_twist(state: ArmState, body: int, at: Array, soft: Array, wrench: Array) -> Array:
+    """(M, 6) twist of the TCP where a body gives way at one place."""
+    assert state.R_bodies is not None
+    assert state.p_bodies is not None
+    R = state.R_bodies[:, body]
+    r = state.T_base_tool[:, :3, 3] - state.p_bodies[:, body] - R @ at
+    force, moment = wrench[:, :3], wrench[:, 3:] + cross_product(r, wrench[:, :3])
+    shift, turn = (
+        np.einsum("mij,mj->mi", R, c * np.einsum("mji,mj->mi", R, v))
+        for c, v in ((soft[:3], force), (soft[3:], moment))
+    )
+    return np.concatenate([shift + cross_product(turn, r), turn], axis=1)

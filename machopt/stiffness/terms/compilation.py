@@ -1,0 +1,106 @@
+"""A stiffness file's terms made ready for computing, each by the family that its effect belongs to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from machopt.data_types.stiffness import StiffnessTerm
+from machopt.effects import registry
+from machopt.effects.law_interfaces.parameter_reader import ParameterReader
+from machopt.errors import InputError
+from machopt.kinematics.robot import Robot
+from machopt.numerics.array_types import Array
+from machopt.spelling_suggestions import suggest_word
+from machopt.stiffness.terms import body_spring, gravity_compensator, joint_term
+from machopt.stiffness.terms.protocol import LinearTerm
+
+
+def list_effects_and_locations() -> dict[str, tuple[str, ...]]:
+    """Effects that can stand in ``terms`` and their locations."""
+    return {e.file_word: e.places for e in registry.EFFECTS.values() if e.is_elastic}
+
+
+def compile_terms(
+    terms: Sequence[StiffnessTerm], robot: Robot, T_flange_tcp: Array, file: Any = None
+) -> tuple[tuple[LinearTerm, ...], bool]:
+    """Make a stiffness file's terms ready for computing.
+
+    Args:
+        terms: as the file lists them.
+        robot: the arm they belong to.
+        T_flange_tcp: (4, 4).
+        file: named in messages.
+
+    Returns:
+        the linear terms, and whether the geometric stiffness K_C is to be counted.
+
+    Raises:
+        InputError: an effect, location or parameter that does not exist or does not fit.
+    """
+    out: list[LinearTerm] = []
+    geometric = False
+    seen: set[tuple[str, str]] = set()
+    for n, term in enumerate(terms):
+        where = f"terms[{n}]"
+        _check_location(term, where, file)
+        if (term.effect, term.location) in seen:
+            raise InputError(f"{term.effect} at {term.location} stands twice; keep one", file=file, where=where)
+        seen.add((term.effect, term.location))
+        parameters = ParameterReader(term.parameters, f"{where}.parameters", file)
+        if term.effect == "geometric_stiffness":
+            geometric = True
+        else:
+            out.append(_build_term(term, robot, T_flange_tcp, parameters))
+        parameters.refuse_unread_keys()
+    return tuple(out), geometric
+
+
+def build_fitted_term(effect: str, location: str, robot: Robot, T_flange_tcp: Array, **parameters: Any) -> LinearTerm:
+    """One term by name; without the parameters that hold its coefficients it is one to be fitted."""
+    terms, _ = compile_terms((StiffnessTerm(effect, location, parameters),), robot, T_flange_tcp)
+    return terms[0]
+
+
+def build_body_spring(term: StiffnessTerm, robot: Robot, T_flange_tcp: Array) -> body_spring.BodySpring:
+    """A file's term of a body that gives way.
+
+    Raises:
+        InputError: as :func:`compile_terms`.
+    """
+    _check_location(term, "terms", None)
+    parameters = ParameterReader(term.parameters, "terms.parameters", None)
+    made = body_spring.build_body_term(term.effect, robot, T_flange_tcp, parameters, term.location)
+    parameters.refuse_unread_keys()
+    return made
+
+
+def _check_location(term: StiffnessTerm, where: str, file: Any) -> None:
+    known = list_effects_and_locations()
+    if term.effect not in known:
+        hint = suggest_word(term.effect, known)
+        raise InputError(
+            f"effect {term.effect!r} is not known; {hint}valid: {', '.join(known)}; one of your own: "
+            "--effects FILE.py, --terms FILE.py in diagnose",
+            file=file,
+            where=f"{where}.effect",
+        )
+    if term.location not in known[term.effect]:
+        raise InputError(
+            f"{term.effect} cannot be at {term.location!r}; valid: {_join_words(known[term.effect])}",
+            file=file,
+            where=f"{where}.location",
+        )
+
+
+def _build_term(term: StiffnessTerm, robot: Robot, T_flange_tcp: Array, parameters: ParameterReader) -> LinearTerm:
+    known = registry.find_elastic_effect(term.effect)
+    if known.body_laws:
+        return body_spring.build_body_term(term.effect, robot, T_flange_tcp, parameters, term.location)
+    if known.parallel_torque_laws:
+        return gravity_compensator.build_gravity_compensator(parameters, term.location)
+    return joint_term.build_joint_term(term.effect, parameters, term.location)
+
+
+def _join_words(words: Sequence[str]) -> str:
+    return ", ".join(words) if len(words) <= 6 else f"{', '.join(words[:3])} … {words[-1]}"

@@ -1,0 +1,136 @@
+"""Springs that would give way against the load, which no arm does: the file that asks for them is refused.
+
+Each joint is looked at where it is stiffest: at the angle within its limits and the torque at which its terms take
+most of its compliance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.data_types.locations import format_joint_location, format_joint_pair_location
+from machopt.numerics.array_types import Array
+from machopt.stiffness.terms.protocol import LinearTerm
+
+JointLimits = tuple[Array, Array]
+MIN_COMPLIANCE_SHARE = 1e-9  # of the joints' own compliances: less than that in some direction is rounding or negative
+ANGLE_SAMPLES = 2001  # of a joint's range; between them a second harmonic is missed by 1e-5 of itself
+
+
+@dataclass(frozen=True)
+class UnstableTerm:
+    """A term that asks for more than its joint has."""
+
+    effect: str
+    location: str
+    reason: str  # in words, with what would work
+
+
+def limit_to_spring_range(terms: Sequence[LinearTerm], k: Array, limits: JointLimits | None) -> tuple[LinearTerm, ...]:
+    """The terms with each law held to where it still is a spring: a cubic that hardens has no end of its own.
+
+    A law may take a share of what the joint's other terms leave of its compliance.
+
+    Args:
+        terms: of a stiffness file.
+        k: (C, 6) N·m/rad, of each grid cell and of the constant model.
+        limits: lower and upper (6,) rad; None: any angle.
+    """
+    ends = _get_limit_ends(limits)
+    endless = [(least := t.bound_compliance(*ends)) is not None and bool(np.isneginf(least[1])) for t in terms]
+    if not any(endless):
+        return tuple(terms)
+    rest = [t for t, e in zip(terms, endless, strict=True) if not e]
+    own = 1.0 / (np.asarray(k, float) + _compute_parallel_stiffness(rest, limits, most=True))
+    left = (own + sum((take for _, take, _ in _list_compliance_bounds(rest, limits)), np.zeros(6))).min(axis=0)
+    return tuple(t.limit_to_spring_range(left) if e else t for t, e in zip(terms, endless, strict=True))
+
+
+def find_unstable_term(terms: Sequence[LinearTerm], k: Array, limits: JointLimits | None) -> UnstableTerm | None:
+    """What makes the joints' compliance matrix not positive somewhere; None where nothing does.
+
+    The matrix is diag(1/k + what each joint's terms add at least) with the couplings beside the diagonal.
+
+    Args:
+        terms: of a stiffness file; those of bodies are positive by themselves.
+        k: (C, 6) N·m/rad, of each grid cell and of the constant model.
+        limits: lower and upper (6,) rad; None: any angle.
+    """
+    k = np.asarray(k, float)
+    weakest = k + _compute_parallel_stiffness(terms, limits, most=False)
+    if (weakest <= MIN_COMPLIANCE_SHARE * k).any():
+        row, i = np.argwhere(weakest <= MIN_COMPLIANCE_SHARE * k)[0]
+        said = (
+            f"gravity_compensator takes up to {k[row, i] - weakest[row, i]:.3g} N·m/rad from joint {i + 1}, which has "
+            f"{k[row, i]:.3g}; less than that would work"
+        )
+        return UnstableTerm("gravity_compensator", format_joint_location(i + 1), said)
+    own = 1.0 / (k + _compute_parallel_stiffness(terms, limits, most=True))
+    taken = _list_compliance_bounds(terms, limits)
+    least = sum((take for _, take, _ in taken), np.zeros(6))
+    lost = own + least <= MIN_COMPLIANCE_SHARE * own
+    if lost.any():
+        row, i = np.argwhere(lost)[0]
+        effect, take, where = min(taken, key=lambda part: float(part[1][i]))
+        together = "" if np.isclose(take[i], least[i]) else f", {-least[i]:.3g} with the joint's other terms,"
+        said = (
+            f"{effect} takes {-take[i]:.3g} rad/(N·m){together} from joint {i + 1}{where}, which has "
+            f"{own[row, i]:.3g} (1/stiffness); less than that would work"
+        )
+        return UnstableTerm(effect, format_joint_location(i + 1), said)
+    coupling = np.zeros((6, 6))
+    for term in terms:
+        if term.coupled_joints is not None:
+            i, j, slope = term.coupled_joints
+            coupling[i, j] = coupling[j, i] = slope
+    scale = np.sqrt(own + least)
+    values = np.linalg.eigvalsh(np.eye(6) + coupling / scale[:, :, None] / scale[:, None, :])
+    row = int(values[:, 0].argmin())
+    if values[row, 0] > MIN_COMPLIANCE_SHARE:
+        return None
+    share = np.abs(coupling) / np.outer(scale[row], scale[row])
+    i, j = sorted(int(v) for v in np.unravel_index(int(share.argmax()), share.shape))
+    return UnstableTerm(
+        "joint_coupling",
+        format_joint_pair_location(i + 1, j + 1),
+        f"with a joint_coupling of {coupling[i, j]:.3g} rad/(N·m) between joints {i + 1} and {j + 1} some load moves "
+        f"the arm towards itself; at most √(c{i + 1} c{j + 1}) = {scale[row, i] * scale[row, j]:.3g} is possible",
+    )
+
+
+def _list_compliance_bounds(terms: Sequence[LinearTerm], limits: JointLimits | None) -> list[tuple[str, Array, str]]:
+    """Effect, what it adds at least to each joint's compliance (6,), where; only of terms that take some."""
+    out = []
+    for term in terms:
+        found = term.bound_compliance(*_get_limit_ends(limits))
+        if found is None:
+            continue
+        i, least, angle = found
+        if least < 0.0:
+            take = np.zeros(6)
+            take[i] = least
+            out.append((term.effect, take, f" at {np.degrees(angle):.0f} deg" if np.isfinite(angle) else ""))
+    return out
+
+
+def _compute_parallel_stiffness(terms: Sequence[LinearTerm], limits: JointLimits | None, *, most: bool) -> Array:
+    """(6,) N·m/rad that springs beside the gears add, at the angle where that is most or least."""
+    out = np.zeros(6)
+    for term in terms:
+        if term.parallel_joint is not None:
+            value = term.compute_parallel_stiffness(_list_joint_angles(term.parallel_joint, limits))
+            out[term.parallel_joint] += value.max() if most else value.min()
+    return out
+
+
+def _get_limit_ends(limits: JointLimits | None) -> JointLimits:
+    return (np.full(6, -np.pi), np.full(6, np.pi)) if limits is None else limits
+
+
+def _list_joint_angles(i: int, limits: JointLimits | None) -> Array:
+    """Angles of a joint to look at."""
+    low, high = _get_limit_ends(limits)
+    return np.linspace(float(low[i]), float(high[i]), ANGLE_SAMPLES)

@@ -1,0 +1,1 @@
+"""Read a toolpath file of any supported format."""

@@ -1,0 +1,90 @@
+"""Which CAM system wrote a cutter location file, and in which unit."""
+
+from __future__ import annotations
+
+import enum
+import re
+
+from machopt.file_formats.source_file import MM_PER_INCH, ReadOptions, SourceFile
+from machopt.path_building.path_builder import PathBuilder
+from machopt.toolpath.readers.apt.statement_parser import split_fields
+
+
+class CamDialect(enum.Enum):
+    """CAM system that wrote the file; the value is the format's name."""
+
+    NX = "apt/nx"
+    CATIA = "apt/catia"
+    CAMWORKS = "apt/camworks"
+    CLT = "apt/camworks-clt"
+    CREO = "apt/creo"
+    HSM = "apt/hsm"
+    GENERIC = "apt"
+
+
+def detect_dialect(source: SourceFile) -> CamDialect:
+    """Which CAM system's words the first lines hold."""
+    head = "\n".join(source.lines[:400]).upper()
+    if "TOOL PATH/" in head or "TLDATA/" in head or "MSYS/" in head:
+        return CamDialect.NX
+    if "*CATIA" in head or "CATIA APT" in head or "TLON,GOFWD" in head:
+        return CamDialect.CATIA
+    if "OPFEATSTART/" in head or "ROTABL/" in head:
+        return CamDialect.CLT
+    if "CSI_SET_" in head or ("CSYS/" in head and "TRNTYP/" in head):
+        return CamDialect.CAMWORKS
+    if "PRO/CLFILE" in head or "$$-> MFGNO" in head or "$$-> CSYS" in head or "$$->CSYS" in head:
+        return CamDialect.CREO
+    if re.search(r"^\s*MODE\s*/\s*(?:MILL|TURN)", head, re.MULTILINE) and "PARTNO/'" in head:
+        return CamDialect.HSM
+    return CamDialect.GENERIC
+
+
+def parse_unit(rest: str) -> float | None:
+    """mm per unit of a UNITS statement, None where it names none."""
+    word = (split_fields(rest) or [""])[0]
+    if word in ("MM", "METRIC"):
+        return 1.0
+    return MM_PER_INCH if word in ("INCH", "INCHES", "IN", "ENGLISH") else None
+
+
+def find_unit_scale(source: SourceFile, options: ReadOptions, out: PathBuilder) -> float:
+    """mm per unit of the file, from its UNITS word or its feed words, else from the option."""
+    named: dict[str, int] = {}
+    feeds: dict[str, int] = {}
+    for line, raw in enumerate(source.lines, 1):
+        text = raw.upper()
+        if "UNIT" in text and (found := re.match(r"\s*(?:\$\$\s*)?UNITS?\s*[/:]\s*([A-Z]+)", text)):
+            word = found.group(1)
+            if word in ("MM", "CM", "M", "INCH", "INCHES", "IN", "FT", "FEET", "METRIC", "ENGLISH"):
+                if word in ("CM", "M", "FT", "FEET"):
+                    raise source.build_error(f"unit {word} is not supported; expected MM or INCHES", line)
+                named.setdefault("mm" if word in ("MM", "METRIC") else "inch", line)
+        if "MMP" in text and ("MMPM" in text or "MMPR" in text):
+            feeds.setdefault("mm", line)
+        if "IPM" in text or "IPR" in text:
+            words = split_fields(text.partition("/")[2])
+            if "IPM" in words or "IPR" in words:
+                feeds.setdefault("inch", line)
+    if len(named) == 2:
+        feeds = {}  # each section names its own
+    for where in (feeds,):
+        if len(where) == 2:
+            raise source.build_error(
+                f"units mm (line {where['mm']}) and inch (line {where['inch']}) are mixed; expected one of them"
+            )
+    unit = next(iter(named), None) or next(iter(feeds), None)
+    if unit is None and "*CATIA" in "\n".join(source.lines[:200]):
+        unit = "mm"  # CATIA writes aptsource in mm whatever the session shows
+    out.meta["unit_from"] = "UNITS" if named else "feed words" if feeds else "option"
+    if unit is None:
+        if options.unit is None:
+            raise source.build_option_question(
+                "unit", "says nowhere whether it is in mm or inch; give it with --unit mm or --unit inch"
+            )
+        unit = options.unit
+    elif options.unit is not None and options.unit != unit and len(named) < 2:
+        said = (named or feeds).get(unit)
+        raise source.build_error(f"the file is in {unit} but --unit {options.unit} was given", said)
+    out.meta["unit"] = unit
+    return 1.0 if unit == "mm" else MM_PER_INCH

@@ -1,0 +1,147 @@
+"""CL statements about operations, tools, the spindle's surroundings and how the post writes its program."""
+
+from __future__ import annotations
+
+import math
+
+from machopt.file_formats.source_file import normalise_word
+from machopt.toolpath.readers import harmless_words
+from machopt.toolpath.readers.apt.cam_dialect import CamDialect, parse_unit
+from machopt.toolpath.readers.apt.coordinate_statements import CoordinateSystemReader
+from machopt.toolpath.readers.apt.inserted_text import AUXILIARY, has_nc_words
+from machopt.toolpath.readers.apt.statement_parser import parse_number, split_fields
+
+_MODES = ("MILL", "INCR", "ABSOL")
+
+
+class OperationStatementReader(CoordinateSystemReader):
+    """Keeps them as operations and events; what may move points is counted as not understood."""
+
+    def tool_path(self, word: str, rest: str, line: int) -> None:
+        parts = [p.strip() for p in rest.split(",")]
+        tool = parts[2] if len(parts) > 2 else ""
+        self.ended = False
+        self.cycle, self.rapid = None, False
+        self.out.begin_operation(parts[0] or "TOOL PATH", tool=tool)
+
+    def feature(self, word: str, rest: str, line: int) -> None:
+        self.out.begin_operation(rest, tool=self.tool)
+
+    def load_tool(self, word: str, rest: str, line: int) -> None:
+        parts = split_fields(rest)
+        value = parse_number(parts[0]) if parts else None
+        if parts and parts[0] == self.tool:
+            return  # named again, not changed
+        self.tool = parts[0] if parts else ""
+        self.out.event("tool", f"{word}/{rest}", math.nan if value is None else value)
+        if self.dialect in (CamDialect.GENERIC, CamDialect.CREO):
+            self.out.begin_operation(f"tool {self.tool}", tool=self.tool)
+        elif self.dialect is CamDialect.HSM:
+            self.out.change_tool(self.tool)
+        else:
+            self.out.also_tool(self.tool)
+
+    def load(self, word: str, rest: str, line: int) -> None:
+        parts = rest.split(",")
+        if parts[0].strip().upper() == "TOOL" and len(parts) > 1:
+            self.load_tool("LOAD", ",".join(parts[1:]), line)
+        else:
+            self.out.ignore(f"LOAD/{parts[0].strip()}", line, understood=False)
+
+    def insert(self, word: str, rest: str, line: int) -> None:
+        if rest.startswith("["):
+            self.tool_text = rest.partition("]")[2].strip() or rest
+        if has_nc_words(rest):  # the post copies the text into its program
+            self.out.ignore(f"INSERT/{' '.join(rest.split())[:40]}", line, understood=False)
+        self.out.event("comment", rest)
+
+    def function_code(self, word: str, rest: str, line: int) -> None:
+        """PREFUN/n writes Gn, AUXFUN/n writes Mn into the program: read are codes that move nothing."""
+        code = parse_number((split_fields(rest) or [""])[0])
+        if code is None:
+            known = False
+        elif word == "PREFUN":
+            known = round(code * 10) in harmless_words.G
+        else:
+            known = round(code) in harmless_words.M or round(code) in AUXILIARY
+        self.out.ignore(word if known else f"{word}/{rest.strip()[:20]}", line, understood=known)
+
+    def tool_number(self, word: str, rest: str, line: int) -> None:
+        if "TURN" in split_fields(rest):
+            self.out.warn_once("a turning tool: the work turns, its points are not those of a milling tool", line)
+        self.out.ignore(word, line, understood=True)
+
+    def coolant(self, word: str, rest: str, line: int) -> None:
+        self.out.event("coolant", f"COOLNT/{rest}")
+
+    def compensation(self, word: str, rest: str, line: int) -> None:
+        side = split_fields(rest)[:1]
+        if side and side[0] in ("LEFT", "RIGHT"):
+            self.out.warn_once(
+                "CUTCOM is taken as wear compensation of zero: the points are the tool's, not the contour's", line
+            )
+        self.out.ignore("CUTCOM", line, understood=True)
+
+    def delay(self, word: str, rest: str, line: int) -> None:
+        value = parse_number((split_fields(rest) or [""])[0])
+        self.out.event("dwell", f"DELAY/{rest}", math.nan if value is None else value)
+
+    def stop(self, word: str, rest: str, line: int) -> None:
+        self.out.event("stop", word)
+
+    def remark(self, word: str, rest: str, line: int) -> None:
+        text = rest.strip().strip("'")
+        self.remarks = text or self.remarks
+        self.out.event("comment", text)
+
+    def set_mode(self, word: str, rest: str, line: int) -> None:
+        parts = split_fields(rest)
+        if "INCR" in parts:
+            self.ask_for_increments("SET/MODE,INCR", line)
+        name = parts[0] if parts else ""
+        self.out.ignore(f"SET/{name[:20]}", line, understood=name in harmless_words.APT_SET)
+
+    def ask_for_increments(self, word: str, line: int) -> None:
+        """INCR: an order to the post to write increments (NX), whose GOTO stay absolute, or GOTO in increments.
+
+        Raises:
+            InputError: the user has not said which.
+        """
+        if normalise_word(word) not in self.options.accept_unknown:
+            raise self.source.build_error(
+                f"{word}: it tells the post to write increments while GOTO stays absolute (NX), or it says that GOTO "
+                f"itself counts in increments. Give --accept-unknown {word} where GOTO stays absolute; expected "
+                "absolute points otherwise",
+                line,
+            )
+        self.out.ignore(word, line, understood=False)
+
+    def units(self, word: str, rest: str, line: int) -> None:
+        """A further UNITS statement holds for what follows (HSM/Fusion writes one a section)."""
+        scale = parse_unit(rest)
+        if scale is not None and scale != self.scale:
+            self.out.warn_once("the unit changes within the file", line)
+            self.scale = scale
+        self.out.ignore(word if scale else f"{word}/{rest.strip()[:20]}", line, understood=scale is not None)
+
+    def mode(self, word: str, rest: str, line: int) -> None:
+        parts = split_fields(rest)
+        if "INCR" in parts:
+            self.ask_for_increments("MODE/INCR", line)
+        if "TURN" in parts:
+            self.tool_number(word, rest, line)
+        else:
+            strange = [p for p in parts if p and p not in _MODES and parse_number(p) is None]
+            self.out.ignore(f"MODE/{strange[0]}" if strange else word, line, understood=not strange)
+
+    def multi_axis(self, word: str, rest: str, line: int) -> None:
+        self.multax = "OFF" not in split_fields(rest)
+        if not self.multax and self.dialect is CamDialect.HSM:
+            self.axis = (0.0, 0.0, 1.0)
+        self.out.ignore(word, line, understood=True)
+
+    def cutter(self, word: str, rest: str, line: int) -> None:
+        """HSM/Fusion: the first statement of an operation after its name."""
+        if self.dialect is CamDialect.HSM and self.remarks:
+            self.out.begin_operation(self.remarks, tool=self.tool)
+        self.out.ignore(word, line, understood=True)

@@ -1,0 +1,131 @@
+"""Statements of APT / cutter location text: continuation lines, comments, major word and the rest."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from machopt.file_formats.source_file import SourceFile
+
+COMMENT = "$$"
+LARGEST = 1e15  # beyond it no length, angle or feed: squares of it would overflow
+TEXT_WORDS = ("PARTNO", "PPRINT", "INSERT", "TPRINT", "REMARK", "LETTER", "MSG")
+_HEAD = re.compile(r"[A-Z][A-Z0-9_\-]*(?: [A-Z]+|,[A-Z]+)?")
+_SEPARATOR = re.compile(r"[,\s]+")
+
+
+AptStatement = tuple[int, str, str]  # line, major word in upper case, text after the slash
+
+
+def iterate_statements(source: SourceFile) -> Iterator[AptStatement]:
+    """Every statement of a file, see :func:`parse_statement_at`."""
+    at = 0
+    while at < len(source.lines):
+        at, found = parse_statement_at(source.lines, at)
+        yield from found
+
+
+def parse_statement_at(lines: list[str], at: int) -> tuple[int, list[AptStatement]]:
+    """The statement that begins at index ``at`` and the comments in it, and the index after it.
+
+    Comments come as the word ``$$``; Creo's ``$$-> WORD / …`` are statements. One continued with ``$`` has its first
+    line's number; a line that does not begin with a word comes with that text as its word, for the reader to count
+    as not understood.
+    """
+    found: list[AptStatement] = []
+    joined, start = "", at + 1
+    while at < len(lines):
+        text = lines[at].strip()
+        at += 1
+        comment = text.find("$$")
+        if comment == 0 and not joined:
+            if not text.startswith("$$->"):
+                found.append((at, COMMENT, text[2:]))
+                return at, found
+            text, comment = text[4:].strip(), -1
+        if comment >= 0:
+            found.append((at, COMMENT, text[comment + 2 :]))
+            text = text[:comment].rstrip()
+        if text.endswith("$"):
+            joined += text[:-1]
+            continue
+        if text or joined:
+            found.append((start, *split_statement(joined + text)))
+        return at, found
+    if joined:
+        found.append((start, *split_statement(joined)))
+    return at, found
+
+
+def split_statement(text: str) -> tuple[str, str]:
+    """Major word and the rest of one statement."""
+    head, slash, rest = text.partition("/")
+    head = head.strip().upper()
+    if slash and _HEAD.fullmatch(head):
+        return head.partition(",")[0], rest  # TLON,GOFWD/ is a TLON
+    upper = text.upper()
+    for word in TEXT_WORDS:
+        if upper.startswith(word):
+            return word, text[len(word) :].lstrip(" /")
+    if not slash and _HEAD.fullmatch(head):
+        return head, ""
+    return text.strip()[:32], ""
+
+
+def split_fields(rest: str) -> list[str]:
+    """Arguments in upper case; blanks separate as commas do, one empty place per missing argument."""
+    found: list[str] = []
+    for part in rest.split(","):
+        words = part.split()
+        found.extend(w.upper() for w in words) if words else found.append("")
+    while found and not found[-1]:
+        found.pop()
+    return found
+
+
+def parse_number(text: str) -> float | None:
+    """The number a field holds, None where it is a word; not finite numbers are None too."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if abs(value) < LARGEST and "_" not in text else None
+
+
+def parse_leading_numbers(parts: list[str]) -> tuple[list[float], list[str]]:
+    """The numbers a statement begins with, and what stands after them."""
+    values: list[float] = []
+    for k, part in enumerate(parts):
+        value = parse_number(part)
+        if value is None:
+            return values, parts[k:]
+        values.append(value)
+    return values, []
+
+
+def parse_groups(rest: str) -> list[tuple[str, list[float]]]:
+    """The ``(WORD/numbers)`` groups of a drive statement such as ``(CIRCLE/x,y,z,r),ON,(LINE/…)``."""
+    found: list[tuple[str, list[float]]] = []
+    for word, inside in re.findall(r"\(\s*([A-Z]+)\s*/([^()]*)\)", rest.upper()):
+        found.append((word, parse_leading_numbers([p for p in _SEPARATOR.split(inside.strip()) if p])[0]))
+    return found
+
+
+def parse_numbers(rest: str) -> list[float]:
+    """All arguments as numbers.
+
+    Raises:
+        ValueError: one of them is not a number.
+    """
+    values, after = parse_leading_numbers(split_fields(rest))
+    if after:
+        raise ValueError(f"found {after[0] or 'an empty place'!r}; expected a number")
+    return values
+
+
+def try_parse_numbers(rest: str) -> list[float] | None:
+    """All arguments as numbers, None where one is not."""
+    try:
+        return parse_numbers(rest)
+    except ValueError:
+        return None

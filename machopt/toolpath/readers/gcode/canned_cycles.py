@@ -1,0 +1,134 @@
+"""Canned cycles: G73 to G89 and Sinumerik's CYCLE81 to CYCLE89."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from machopt.path_building.drilling_cycles import DrillingCycle, DrillingCycleError
+from machopt.toolpath.readers.gcode.syntax.blocks import ProgramBlock
+from machopt.toolpath.readers.gcode.syntax.dwell_units import Control, convert_dwell
+
+_FEED_OUT = {74, 84, 85, 89}
+_PECK = {73, 83}
+SIEMENS = re.compile(r"CYCLE(?:8[1-9]|840)")
+
+
+@dataclass(kw_only=True)
+class CannedCycle:
+    """Modal words of a G cycle; absolute heights in mm."""
+
+    code: int = 0
+    z: float | None = None
+    r: float | None = None
+    q: float = 0.0
+    dwell: float = 0.0  # s; NaN: its unit is not known
+    initial: float = 0.0  # height at which the cycle was begun, for G98
+    depth: str = "Z"  # letter of the axis that it drills along
+    counted: bool = False  # its heights were given under G91
+
+    def take_words(
+        self, words: dict[str, float], b: ProgramBlock, scale: float, *, depth: str, incremental: bool, control: Control
+    ) -> None:
+        """The cycle's own words of one block; under G91, R counts from the initial height and the depth from R.
+
+        Args:
+            words, b: of the block; what belongs to the cycle is taken out of ``words``.
+            scale: mm per unit.
+            depth: letter of the axis that it drills along.
+            incremental: G91 holds.
+            control: whose unit a dwell without a decimal point has.
+        """
+        self.depth = depth
+        if "R" in words or depth in words:
+            self.counted = incremental
+        if "R" in words:
+            self.r = words.pop("R") * scale + (self.initial if incremental else 0.0)
+        if depth in words:
+            self.z = words.pop(depth) * scale + ((self.r or 0.0) if incremental else 0.0)
+        for name in ("R2", "CR"):  # cycles of older Siemens controls: reference plane (posts also write it as CR)
+            if name in b.named:
+                self.r = b.named[name] * scale
+        if "R3" in b.named:
+            self.z = b.named["R3"] * scale
+        if "R10" in b.named:
+            self.initial = b.named["R10"] * scale
+        if "Q" in words:
+            self.q = abs(words.pop("Q")) * scale
+        if "P" in words:
+            self.dwell = convert_dwell(words.pop("P"), letter="P", bare=b.bare("P"), control=control)
+
+    def build_cycle_at_hole(self, *, back_to_initial: bool) -> DrillingCycle:
+        """Strokes with heights over the plane z = 0.
+
+        Raises:
+            CycleError: Z or R was never given.
+        """
+        if self.z is None or self.r is None:
+            letter, what = (self.depth, "the depth") if self.z is None else ("R", "the height the feed begins at")
+            raise DrillingCycleError(
+                f"G{self.code} without {letter}: {what} is not said; post the cycle with its {letter}"
+            )
+        return DrillingCycle(
+            name=f"G{self.code}",
+            bottom=self.z,
+            clear=self.r,
+            retract=max(self.initial, self.r) if back_to_initial else self.r,
+            feed=math.nan,
+            first_peck=self.q if self.code in _PECK else 0.0,
+            chip_break=self.code == 73,
+            feed_out=self.code in _FEED_OUT,
+            dwell=self.dwell,
+            peck_from=self.r,
+        )
+
+
+def parse_siemens_cycle(name: str, text: str, scale: float) -> DrillingCycle:
+    """``CYCLE8x(RTP, RFP, SDIS, DP, DPR, …)`` with heights over the plane z = 0; its feed is that at each hole.
+
+    Raises:
+        CycleError: an argument is not a number, or depth or planes are missing.
+    """
+    values: list[float | None] = []
+    for part in map(str.strip, text.split(",")):
+        try:
+            values.append(float(part) if part else None)
+            if not math.isfinite(values[-1] or 0.0):
+                raise ValueError
+        except ValueError:
+            raise DrillingCycleError(f"{name}: argument {part!r} is not a number") from None
+    values += [None] * (15 - len(values))
+    rtp, rfp, sdis, dp, dpr = values[:5]
+    if rtp is None or rfp is None or (dp is None and dpr is None):
+        raise DrillingCycleError(f"{name}: expected retract plane, reference plane, safety distance and depth")
+    bottom = dp if dp is not None else rfp - abs(dpr or 0.0)
+    deep = name == "CYCLE83"  # … FDEP, FDPR, DAM, DTB, DTS, FRF, VARI, axis, least peck, way back
+    peck = 0.0
+    if deep:
+        peck = rfp - values[5] if values[5] is not None else abs(values[6] or 0.0)
+    dwell = (values[8] if deep else values[5]) or 0.0
+    degression, slower = (values[7] or 0.0, values[10] or 1.0) if deep else (0.0, 1.0)
+    if not (degression >= -1.0 and 0.0 < slower <= 100.0):
+        raise DrillingCycleError(
+            f"{name}: DAM {degression:g}, FRF {slower:g}; expected a length by which pecks get shorter, or their share "
+            "as -0.001 to -1, and a share of the feed, 0.001 to 1 or in percent"
+        )
+    chip_break = deep and values[11] in (0.0, None)
+    return DrillingCycle(
+        name=name,
+        bottom=bottom * scale,
+        clear=(rfp + abs(sdis or 0.0)) * scale,
+        retract=max(rtp, rfp + abs(sdis or 0.0)) * scale,
+        feed=math.nan,
+        first_peck=max(peck, 0.0) * scale,
+        chip_break=chip_break,
+        gap=abs(values[14] or 0.0) * scale if chip_break and values[14] else 1.0,
+        less=max(degression, 0.0) * scale,
+        share=-degression if degression < 0.0 else 1.0,
+        least_peck=max(values[13] or 0.0, 0.0) * scale if deep else 0.0,
+        first_feed=slower if slower <= 1.0 else slower / 100.0,
+        feed_out=name in ("CYCLE84", "CYCLE840", "CYCLE85", "CYCLE89"),
+        dwell=dwell if name in ("CYCLE82", "CYCLE83", "CYCLE86", "CYCLE88", "CYCLE89") else 0.0,
+        peck_from=rfp * scale,
+    )

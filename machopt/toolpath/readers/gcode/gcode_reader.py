@@ -1,0 +1,408 @@
+"""G-code reader: Fanuc, Haas, LinuxCNC, Sinumerik; three axes, 3+2 and five axes.
+
+Coordinates are those of the first work offset, which is ``workpiece``. Subprograms, loops and expressions are
+carried out as far as the file holds them; tilted planes and tool-centre-point control are followed; without either
+X, Y, Z of turned rotary axes need the machine's kinematics (``--machine``).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Iterator
+
+import numpy as np
+
+from machopt.data_types.toolpath import Toolpath
+from machopt.file_formats.source_file import OptionNeededError, ReadOptions, SourceFile
+from machopt.path_building.arc_chords import ArcError
+from machopt.path_building.coordinate_systems import FrameError
+from machopt.path_building.drilling_cycles import DrillingCycleError
+from machopt.path_building.unknown_coordinates import fill_unknown
+from machopt.toolpath.readers import harmless_words
+from machopt.toolpath.readers.gcode import macro_flow as gcode_flow
+from machopt.toolpath.readers.gcode.auxiliary_words import AuxiliaryWordReader
+from machopt.toolpath.readers.gcode.block_motion import TAP
+from machopt.toolpath.readers.gcode.macro_flow import MacroFlow
+from machopt.toolpath.readers.gcode.plain_lines import PLAIN, SIEMENS, is_plain_line_mode, read_plain_lines
+from machopt.toolpath.readers.gcode.siemens_calls import OPERATION
+from machopt.toolpath.readers.gcode.syntax.blocks import BlockReader, ProgramBlock, refuse_exponent
+from machopt.toolpath.readers.gcode.syntax.missing_decimal_points import apply_decimals_option
+from machopt.toolpath.readers.gcode.syntax.program_header import (
+    check_ascii,
+    check_gcode_options,
+    find_first_unit,
+    find_tape_end,
+    is_siemens_program,
+)
+from machopt.toolpath.readers.gcode.syntax.word_meanings import (
+    ADDRESSES,
+    CYCLES,
+    FEED_MODES,
+    HOLE_PATTERNS,
+    MACHINE_FRAME,
+    MOTION,
+    OFFSETS,
+    PLANES,
+    POLES,
+    PROGRAM_END,
+    REFUSED,
+    REFUSED_CALLS,
+    TABLE_OFFSETS,
+    UNITS,
+)
+from machopt.toolpath.readers.option_questions import MAX_LINES, find_fault_behind
+from machopt.toolpath.readers.program_flow.macro_expressions import MacroExpressionError
+from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError
+from machopt.toolpath.readers.program_flow.subroutines import FlowItem
+from machopt.toolpath.readers.siemens import siemens_flow
+from machopt.toolpath.readers.siemens.siemens_flow import SiemensFlow
+
+_HALF_WORD = re.compile(r"(?:^|\s)[XYZABCGIJKRFUVW]\s*[-+.\d]|^[-+.\d]")
+
+
+def read_gcode(source: SourceFile, options: ReadOptions) -> Toolpath:
+    """Read a G-code program.
+
+    Raises:
+        InputError: see :func:`machopt.toolpath.toolpath_reader.read_toolpath`.
+    """
+    check_gcode_options(source, options)
+    try:
+        return GcodeReader(source, options).run()
+    except OptionNeededError as question:
+        if len(source.lines) > MAX_LINES:
+            raise
+        fault = find_fault_behind(question, options, lambda o: GcodeReader(source, o).carry_out_program())
+        raise (fault or question) from None
+
+
+class GcodeReader(AuxiliaryWordReader):
+    """Carries out G, M and other words of G-code; the readers of Heidenhain's programs build on it."""
+
+    def __init__(self, source: SourceFile, options: ReadOptions) -> None:
+        self.siemens = is_siemens_program(source)
+        self.tape_end = find_tape_end(source) if self.decimals_count and not self.siemens else None
+        if self.tape_end is not None:
+            source = dataclasses.replace(source, lines=source.lines[: self.tape_end])
+        self.blocks = BlockReader(parentheses_are_comments=not self.siemens)
+        note = ""
+        if self.decimals_count:
+            source, note = apply_decimals_option(source, options, self.blocks, siemens=self.siemens)
+        unit, self.unit_from = self.first_unit(source, options)
+        super().__init__(source, options, unit)
+        self.unit_said = self.unit_said or not self.unit_by_words
+        self.out.meta.update(unit=unit, unit_from=self.unit_from)
+        if note:
+            self.out.warn(note)
+        if self.siemens:
+            self.out.meta["control"] = "sinumerik"
+        self.ended = False
+        self.listing = 0  # "====" lines of an information listing; the program starts after the second
+        self.closed = self.tape_end is not None
+        self.flow: MacroFlow | SiemensFlow | None = None
+
+    def run(self) -> Toolpath:
+        self.carry_out_program()
+        if isinstance(self.flow, MacroFlow) and self.flow.only_subroutines and not len(self.out):
+            raise self.source.build_error("defines subroutines and calls none; give the program that calls them")
+        return self.finish()
+
+    def carry_out_program(self) -> None:
+        """Carry out every block of the program, in the order of its flow."""
+        try:
+            if self.needs_flow():
+                items = [(n, *found) for n, t in enumerate(self.source.lines, 1) if (found := self.clean(n, t))]
+                self.flow = SiemensFlow(items) if self.siemens else MacroFlow(items)
+                self.carry_out(self.flow.run())
+            else:
+                self.carry_out_lines()
+        except ProgramFlowError as problem:
+            raise self.source.build_error(str(problem), problem.line) from problem
+
+    def finish(self) -> Toolpath:
+        self.end_contour("the program ends")
+        self.check_offsets_given()
+        if self.options.machine and not self.rotary_words:
+            self.out.warn("--machine has no effect: the program has no rotary words (A, B, C) and no tool vectors")
+        if not self.ended and not self.closed:
+            whole = self.source.complete
+            self.out.incomplete_reason = "no program end (M30, M2, M99 or %)" + (
+                "" if whole else " and the last line does not end: its last number may be cut off"
+            )
+        if len(self.out):
+            self.out.replace_positions(fill_unknown(self.out.positions(), self.out))
+        self.compare_rotary_signs()
+        return self.out.build()
+
+    def present_call(self) -> object:
+        return self.flow.calls[-1] if isinstance(self.flow, MacroFlow) and self.flow.calls else None
+
+    def needs_flow(self) -> bool:
+        module = siemens_flow if self.siemens else gcode_flow
+        return self.source.find_line(module.NEEDS_FLOW) is not None
+
+    def plain_from(self, at: int) -> int:
+        """Carry out the plain lines from index ``at`` on; the index of the first that is not plain."""
+        return read_plain_lines(self, at, SIEMENS if self.siemens else PLAIN)
+
+    def carry_out_lines(self) -> None:
+        """A program without jumps, line by line, runs of plain moves at once."""
+        lines, at = self.source.lines, 0
+        while at < len(lines):
+            if not self.ended and is_plain_line_mode(self):
+                at = self.plain_from(at)
+                if at >= len(lines):
+                    break
+            found = self.clean(at + 1, lines[at])
+            at += 1
+            if found:
+                self.carry_out(iter([(at, *found)]))
+
+    def carry_out(self, items: Iterator[FlowItem]) -> None:
+        for line, text, comments in items:
+            if self.ended:
+                self.out.ignore("text after the program end", line, understood=True)
+                continue
+            for comment in comments:
+                self.comment(comment)
+            if not text:
+                continue
+            try:
+                if "E" in text:
+                    refuse_exponent(text)
+                self.code(line, text)
+            except (MacroExpressionError, ArcError, DrillingCycleError, FrameError) as problem:
+                raise self.source.build_error(str(problem), line) from problem
+            if isinstance(self.flow, MacroFlow):
+                self.report_place(self.flow, line)
+
+    def report_place(self, flow: MacroFlow, line: int) -> None:
+        """Let expressions read where the tool is; report conventions that an expression depended on."""
+        x, y, z = (v / self.scale for v in self.p)
+        flow.parameters.present = (x, y, z)
+        while flow.parameters.notes:
+            self.out.warn_once(flow.parameters.notes.pop(), line)
+
+    def code(self, line: int, text: str) -> None:
+        if text.startswith("%"):
+            return  # the head of a program in an archive
+        self.block(self.blocks.block(line, text))
+
+    def clean(self, line: int, raw: str) -> tuple[str, list[str]] | None:
+        """Code in upper case and comments of one line; None where it holds neither."""
+        if raw.startswith("====="):
+            self.listing += 1
+        if self.listing and (self.listing < 2 or raw.startswith("=====")):
+            self.out.ignore("information listing header", line, understood=True)
+            return None
+        text = raw.strip(" \t\x1a\f")
+        if not text:
+            return None
+        if text.startswith("%"):
+            return (text.upper(), []) if text.upper().startswith("%_N_") else None
+        if text.startswith("/"):
+            self.out.ignore("/ (block delete; the block is read)", line, understood=True)
+            self.out.warn_once("blocks with / are read, as a control does with its block-delete switch off", line)
+            text = text.lstrip("/0123456789")
+        comments: list[str] = []
+        if "(" in text or ";" in text:
+            text, comments = self.blocks.comments(text)
+            if self.blocks.unclosed:
+                self.out.warn_once(
+                    "a parenthesis is not closed: the rest of the line is read as a comment; some controls alarm", line
+                )
+        text = text.strip().upper()
+        if not text.isascii():
+            check_ascii(self.source, text, line)
+        return (text, comments) if text or comments else None
+
+    def first_unit(self, source: SourceFile, options: ReadOptions) -> tuple[str, str]:
+        return find_first_unit(source, options, self.blocks, siemens=self.siemens)
+
+    def comment(self, text: str) -> None:
+        found = OPERATION.match(text)
+        if found and found.group(1):
+            self.out.begin_operation(found.group(1))
+        elif text:
+            self.out.event("comment", text)
+
+    # ---- one block
+
+    def block(self, b: ProgramBlock) -> None:
+        if b.junk:
+            if re.match(r"[A-Z]\s*=|[A-Z]\d*\s*=|.*[=(*]", b.junk):
+                raise self.source.build_error(f"{b.junk[:30]!r}: this formula or call is not understood", b.line)
+            if b.words or _HALF_WORD.search(b.junk):
+                raise self.source.build_error(f"found {b.junk[:30]!r}; expected words such as X10.5 or G1", b.line)
+            self.out.ignore(b.junk[:24], b.line, understood=False)
+        words: dict[str, float] = {}
+        twice: dict[str, float] = {}
+        g_words: list[int] = []
+        m_words: list[int] = []
+        for letter, value in b.words:
+            if letter in "GM":
+                if value > 1e5:
+                    raise self.source.build_error(f"{letter}{value:g} is not a word of any control", b.line)
+                (g_words if letter == "G" else m_words).append(round(value * 10) if letter == "G" else round(value))
+            elif letter not in "NO":
+                if letter == "T" and "T" in words and "T" not in twice:
+                    twice["T"] = value  # T01 T02 M06: the second one is for later
+                    continue
+                if letter in words:
+                    raise self.source.build_error(f"{letter} stands twice in one block", b.line)
+                words[letter] = value
+        if self.siemens and "L" in words:
+            b.calls.append((f"L{words.pop('L'):g}", ""))
+        self.calls(b, words)
+        for name in b.named:
+            if name in REFUSED_CALLS:
+                raise self.source.build_error(f"{name}=: {REFUSED_CALLS[name]}", b.line)
+            if name not in ADDRESSES and not re.fullmatch(r"R\d+", name):
+                self.out.ignore(f"{name}=", b.line, understood=name in harmless_words.SINUMERIK_NAMES)
+        machine_frame = self.g_words(g_words, words, b)
+        if not self.unit_used_at:
+            self.check_unit(g_words, words, b)
+        if any(name == "SUPA" for name, _ in b.calls) or 91 in m_words:
+            machine_frame = "SUPA" if 91 not in m_words else "M91"
+        self.numbers(words, b, started=bool({3, 4, 13, 14} & set(m_words)))
+        self.m_words(m_words, words, b.line)
+        if "T" in twice:
+            self.next_tool, self.next_name = twice["T"], ""
+        modal_feed = self.feed, self.feed_scale
+        if "FB" in b.named:
+            self.take_feed(b.named["FB"], b.line)  # for this block only
+        if machine_frame:
+            self.mark_position_unknown(words, machine_frame, b.line)
+        else:
+            self.move(words, b)
+        if "FB" in b.named:
+            self.feed, self.feed_scale = modal_feed
+        if any(m in PROGRAM_END or (m == 17 and self.siemens) for m in m_words):
+            self.ended = True
+
+    def g_words(self, g_words: list[int], words: dict[str, float], b: ProgramBlock) -> str | None:
+        """Carry out the G words; the name of a machine-frame word where the block has one."""
+        machine_frame = None
+        for g in g_words:
+            if self.state_word(g, words, b) or self.frame_word(g, words, b):
+                continue
+            if g in MACHINE_FRAME and not (g == 740 and {"R", "Z"} <= words.keys()):
+                machine_frame = MACHINE_FRAME[g]
+            elif g in CYCLES:
+                self.begin_cycle(g // 10, b)
+            elif g == 40:
+                self.dwell(words, b)
+            else:
+                self.refuse_misread(g, words, b)
+                self.other_word(g, words, b)
+        return machine_frame
+
+    def state_word(self, g: int, words: dict[str, float], b: ProgramBlock) -> bool:
+        """How the words of this and later blocks are meant: kind of move, unit, plane, counting; False: none of it."""
+        if g in MOTION:
+            self.motion = MOTION[g]
+            self.canned = None
+        elif g == 331:
+            self.motion, self.canned = TAP, None
+        elif g in (900, 910):
+            self.incremental = g == 910
+        elif g in HOLE_PATTERNS and words.keys() & set("IJKL"):
+            given = ", ".join(sorted(words.keys() & set("IJKL")))
+            raise self.source.build_error(
+                f"G{g // 10} with {given} places holes in a pattern (Haas): not supported; post each by itself",
+                b.line,
+            )
+        elif g in UNITS:
+            self.use_unit(g, b.line)
+        elif g in FEED_MODES:
+            self.use_feed_mode(FEED_MODES[g])
+        elif g in PLANES:
+            self.plane = np.array(PLANES[g])
+        elif g in (901, 911):
+            self.centres.absolute = g == 901
+        elif g == 800:
+            self.canned = None
+        elif g in (980, 990):
+            self.back_to_initial, self.retract_said = g == 980, True
+        elif g in (410, 420):
+            self.out.warn_once(
+                "cutter compensation (G41, G42) is not carried out: the points are as programmed", b.line
+            )
+            self.out.ignore(f"G{g // 10}", b.line, understood=True)
+        else:
+            return False
+        return True
+
+    def frame_word(self, g: int, words: dict[str, float], b: ProgramBlock) -> bool:
+        """What coordinates are in: poles, mirrors, scales, offsets, planes, tool centre points; False: none of it."""
+        if g in (150, 160) and not (g == 150 and "H" in words):
+            self.polar.switch(on=g == 160)
+        elif g in POLES and self.siemens:
+            self.polar.set_pole(g, words, b, self.p, self.plane, self.scale)
+        elif g in (501, 511):
+            self.mirror_word(g, words)
+        elif g == 510:
+            self.scale_word(words, b)
+        elif g == 500 and not words.keys() & set("XYZ"):
+            self.use_inner("scale", None)
+        elif g in (434, 435, 2340):
+            self.use_tcp("vector" if g == 435 else "angles", b.line)
+        elif g == 490:
+            self.use_tcp(None, b.line)
+        elif g in (2540, 2550):
+            self.dynamic_offset(on=g == 2540)
+        elif g in (100, 520, 920, 921, 922, 923):
+            self.shift_origin(g, words, b.line)
+        elif g in (680, 682, 690, 691, 531, 536):
+            self.plane_word(g, words, b)
+        elif (g == 530 and self.g53_is_an_offset) or (
+            (g in OFFSETS or g == 150) and not self.shifts_the_zero(g, words)
+        ):
+            self.use_offset(g, words, b.line)
+        else:
+            return False
+        return True
+
+    def shifts_the_zero(self, g: int, words: dict[str, float]) -> bool:
+        """Sinumerik's G58 and G59 with axis words, which name no work offset."""
+        return g in (580, 590) and self.siemens and bool(words.keys() & set("XYZ"))
+
+    def refuse_misread(self, g: int, words: dict[str, float], b: ProgramBlock) -> None:
+        """Words that mean another thing by those they stand with, and a thing that is not carried out."""
+        if self.shifts_the_zero(g, words):
+            raise self.source.build_error(
+                f"G{g // 10} with axis words shifts the zero (Sinumerik) and names no work offset: not supported; "
+                "write the shift as TRANS" + (", ATRANS" if g == 590 else ""),
+                b.line,
+            )
+        if g == 600 and not self.siemens and words.keys() & set("XYZABC"):
+            raise self.source.build_error(
+                "G60 with axis words approaches its place from one side, by an overrun that only the control "
+                "knows: not supported; post it as G0",
+                b.line,
+            )
+
+    def other_word(self, g: int, words: dict[str, float], b: ProgramBlock) -> None:
+        """What changes no point, or nobody knows; refused where points hang on it."""
+        if g == 50 and not words.keys() & set("XYZ"):
+            self.out.ignore("G5", b.line, understood=True)  # G5 P10000: high speed mode
+            words.pop("P", None)
+        elif g in (51, 281, 301) and not words.keys() & set("XYZABCIJ"):
+            self.out.ignore(f"G{g / 10:g}", b.line, understood=True)  # fast modes; a place that is stored
+            words.pop("P", None), words.pop("Q", None)
+        elif g == 431 and "H" not in words:  # LinuxCNC: offsets of the tool's length, no move
+            self.out.ignore("G43.1", b.line, understood=True)
+            words.clear()
+        elif g in TABLE_OFFSETS and words.get("P") == 0.0:
+            words.pop("P")  # off
+        elif g in REFUSED:
+            raise self.source.build_error(f"{REFUSED[g]}: not supported; export without it", b.line)
+        elif g in harmless_words.G and not (g == 630 and words.keys() & set("XYZABC")):
+            if g in (80, 81, 640, 1870):
+                words.pop("P", None), words.pop("Q", None)
+        else:
+            name = f"G{g / 10:g}"
+            if words.keys() & set("XYZABC"):
+                raise self.source.build_error(f"{name} is not known, and it stands with axis words", b.line)
+            self.out.ignore(name, b.line, understood=False)

@@ -1,0 +1,1 @@
+"""Geometry of G-code blocks: arcs, contours, planes, patterns."""

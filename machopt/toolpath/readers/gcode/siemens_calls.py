@@ -1,0 +1,128 @@
+"""Calls by name in Sinumerik programs: TRAORI, CYCLE81 … 89, CYCLE800, MCALL, MSG, frames."""
+
+from __future__ import annotations
+
+import re
+
+from machopt.file_formats.source_file import normalise_word
+from machopt.toolpath.readers import harmless_words
+from machopt.toolpath.readers.gcode.block_motion import TANGENTIAL, THROUGH
+from machopt.toolpath.readers.gcode.canned_cycles import SIEMENS, parse_siemens_cycle
+from machopt.toolpath.readers.gcode.frame_words import FrameWordReader
+from machopt.toolpath.readers.gcode.geometry.hole_patterns import MOST_HOLES, generate_hole_circle, generate_hole_row
+from machopt.toolpath.readers.gcode.geometry.polar_coordinates import find_plane_axes
+from machopt.toolpath.readers.gcode.syntax.blocks import ProgramBlock
+from machopt.toolpath.readers.gcode.syntax.word_meanings import REFUSED_CALLS
+
+# not Sinumerik's ;$PATH=/_N_WKS_DIR, a folder of the control
+OPERATION = re.compile(r"^[^\w$]*(?:OPER(?:ATION)?(?:[ _]*NAME)?|TOOLPATH|PATH)\s*[:=]\s*(.*?)[\s*]*$", re.IGNORECASE)
+_RUN_TOGETHER = re.compile(r"[XYZABCGIJKRFM]+\d\w*")
+_FRAMES = ("TRANS", "ATRANS", "ROT", "AROT", "SCALE", "ASCALE", "MIRROR", "AMIRROR")
+_KNOWN = ("SUPA", "TRAORI", "TRAFOOF", "TRAOOF", "MCALL", "CYCLE80", "TOROT", "TOFRAME")  # carried out
+_AXIS_WAYS = {"ORIVECT": True, "ORIPLANE": True, "ORIAXES": False, "ORIMACHAX": False}  # in one plane or by axes
+_DEFAULT_FGROUP = {"X", "Y", "Z"}
+
+
+class SiemensCallReader(FrameWordReader):
+    """Carries out what is called by name."""
+
+    def calls(self, b: ProgramBlock, words: dict[str, float]) -> None:
+        for name, args in b.calls:
+            self.call(name, args, words, b)
+        if any(name == "MCALL" for name, _ in b.calls):
+            self.once = 0  # the cycle is carried out at the points that follow
+
+    def call(self, name: str, args: str, words: dict[str, float], b: ProgramBlock) -> None:
+        line = b.line
+        if name in _FRAMES:
+            self.siemens_frame(name, words, b)
+            return
+        if name == "CYCLE800":
+            self.swivel(args, line)
+            return
+        if name in ("CIP", "CT"):
+            self.motion, self.canned = (THROUGH if name == "CIP" else TANGENTIAL), None
+            return
+        if name in ("HOLES1", "HOLES2"):
+            self.pattern(name, args, line)
+            return
+        if name in REFUSED_CALLS:
+            raise self.source.build_error(f"{name}: {REFUSED_CALLS[name]}", line)
+        if name == "TRAORI":
+            self.use_tcp("angles", line)
+        elif name in ("TRAFOOF", "TRAOOF"):
+            self.use_tcp(None, line)
+        elif name in ("MCALL", "CYCLE80"):  # the second one is of older controls
+            self.modal_call = None
+        elif name in ("TOROT", "TOFRAME"):
+            self.torot(name, line)
+        elif name == "MSG" and (found := OPERATION.match(args.strip('"'))):
+            self.out.begin_operation(found.group(1))
+            return
+        elif SIEMENS.fullmatch(name):
+            self.modal_call = parse_siemens_cycle(name, args, self.scale)
+            self.once = line
+            if find_plane_axes(self.plane) != (0, 1):
+                self.out.warn_once(
+                    "a drilling cycle in G18 or G19 drills along the normal of that plane: the tool is taken to point "
+                    "along it",
+                    line,
+                )
+            return
+        if re.fullmatch(r"L\d+", name):
+            raise self.source.build_error(
+                f"{name} calls a subprogram that is not in this file; expand it into one program, or append it", line
+            )
+        if re.fullmatch(r"(?:CYCLE\d+|POCKET\d|SLOT\d|HOLES\d)", name) and name not in (
+            *harmless_words.SINUMERIK_CALLS,
+            *_KNOWN,
+        ):
+            raise self.source.build_error(f"{name} is not supported: export its motion as G0 and G1", line)
+        if _RUN_TOGETHER.fullmatch(name):
+            raise self.source.build_error(f"found {name!r}; expected words such as X10.5 or G1", line)
+        known = name in harmless_words.SINUMERIK_CALLS or name in _KNOWN
+        if name in _AXIS_WAYS:
+            self.turns_in_plane = _AXIS_WAYS[name]
+        if name == "FGROUP":
+            known = {a.strip() for a in args.split(",") if a.strip()} in (set(), _DEFAULT_FGROUP)
+        accepted = normalise_word(name) in self.options.accept_unknown
+        if not known and not accepted and name != "FGROUP" and self.siemens and not b.words_but_number():
+            raise self.source.build_error(
+                f"{name} is no word that is known here: a subprogram of that name moves the axes, and it is not in "
+                f"this file. Append it or expand it; where it moves nothing: --accept-unknown {name}",
+                line,
+            )
+        self.out.ignore(name, line, understood=known)
+
+    def torot(self, name: str, line: int) -> None:
+        """TOROT turns the coordinates to the tool; read only where the plane was already tilted that way."""
+        if self.setup.tilted != "aligned":
+            raise self.source.build_error(
+                f"{name} makes a coordinate system of the tool's direction: not supported", line
+            )
+
+    def use_tcp(self, mode: str | None, line: int) -> None:
+        """Tool-centre-point control on ("angles", "vector", "spatial") or off (None)."""
+        self.change_setup(tcp=mode)
+        self.setup.check_letters(line)
+        self.check_mirror()
+
+    def pattern(self, name: str, text: str, line: int) -> None:
+        """HOLES1(SPCA, SPCO, STA1, FDIS, DBH, NUM): a row; HOLES2(CPA, CPO, RAD, STA1, INDA, NUM): a circle.
+
+        Places are in the axes of the working plane: X, Y in G17; Z, X in G18; Y, Z in G19. The modal cycle (MCALL) is
+        carried out at every hole.
+        """
+        if self.modal_call is None:
+            raise self.source.build_error(f"{name} without a modal cycle (MCALL CYCLE81 …) before it", line)
+        try:
+            v = [float(part) if part.strip() else 0.0 for part in text.split(",")]
+        except ValueError:
+            raise self.source.build_error(f"{name}({text}): expected six numbers", line) from None
+        if len(v) != 6 or v[5] != round(v[5]) or not 0 < v[5] <= MOST_HOLES:
+            raise self.source.build_error(f"{name}({text}): expected six numbers, the last one of holes", line)
+        count, (first, second) = round(v[5]), find_plane_axes(self.plane)
+        for place in generate_hole_row(v, count) if name == "HOLES1" else generate_hole_circle(v, count):
+            hole = list(self.p)
+            hole[first], hole[second] = place[0] * self.scale, place[1] * self.scale
+            self.holes(self.modal_call, {}, hole, ProgramBlock(line=line, words=[]))

@@ -1,0 +1,1 @@
+"""Syntax of G-code: blocks, words, decimals, headers."""

@@ -1,0 +1,35 @@
+"""Units of dwells: seconds or milliseconds, by the control and the way the number is written."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Literal
+
+from machopt.file_formats.source_file import SourceFile
+
+Control = Literal["fanuc", "linuxcnc", ""]
+MAX_DWELL_S = 300.0  # of a block; warming-up programs wait a few minutes
+_LINUXCNC = re.compile(r"#\s*<|^\s*O\s*(?:<|\d+\s*(?:SUB|CALL|IF|DO|WHILE|REPEAT)\b)", re.IGNORECASE | re.MULTILINE)
+_FANUC = re.compile(r"^\s*[O:]\s*\d+\s*(?:\(|;|$)|M9[89](?!\d)|G65(?![\d.])", re.IGNORECASE | re.MULTILINE)
+_SURELY_MS = 100.0  # without a decimal point: nobody waits minutes in a hole
+
+
+def find_control(source: SourceFile) -> Control:
+    """Whose rules a program follows, by words that only one kind of control has; empty where none stands there."""
+    if source.find_line(_LINUXCNC) is not None:
+        return "linuxcnc"
+    return "fanuc" if source.find_line(_FANUC) is not None else ""
+
+
+def convert_dwell(value: float, *, letter: str, bare: bool, control: Control) -> float:
+    """Seconds of a dwell; NaN where seconds or milliseconds is not known.
+
+    With a decimal point, and on LinuxCNC, a dwell is in seconds. Without one P counts milliseconds on Fanuc and Haas;
+    X and U do where a parameter says so, which the size of the number decides.
+    """
+    if value == 0.0 or not bare or control == "linuxcnc":
+        return value
+    if (control == "fanuc" and letter == "P") or value >= _SURELY_MS:
+        return value / 1e3
+    return math.nan

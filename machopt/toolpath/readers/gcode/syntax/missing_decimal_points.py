@@ -1,0 +1,182 @@
+"""Numbers without a decimal point, which one control reads as whole millimetres and another as thousandths of one.
+
+Fanuc, Haas and others decide by a parameter whether ``X1500`` is 1500 mm or 1.5 mm; old programs leave out trailing
+or leading zeros (``X0019685``). Where what stands in the file makes the whole-number reading doubtful, it is asked for.
+Both the question and ``--decimals`` look at the words of each block, glued or not, and never into comments.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from machopt.file_formats.source_file import ReadOptions, SourceFile
+from machopt.toolpath.readers.gcode.syntax.blocks import BlockReader
+
+_TOKEN = re.compile(r"([A-Z])(\s*)([-+]?)\s*(\d+\.\d*|\.\d+|\d+)", re.ASCII)
+_DOUBTED = frozenset("XYZUVWIJR")  # lengths, whose numbers without a point are looked at
+_POINTED = frozenset("XYZUVWIJKRABCQ")  # words that --decimals gives a point
+_EXPRESSIONS = re.compile(r"[#\[]|^\s*O\s*<", re.IGNORECASE | re.MULTILINE)
+_BARE = re.compile(r"[XYZUVWIJR]\s*[-+]?\s*0*[1-9]\d*(?![\d.])", re.IGNORECASE | re.ASCII)
+_CYCLE = re.compile(r"G(?:7[346]|8[1-9])(?!\d)")
+_CYCLE_END = re.compile(r"G0*(?:80|[0123])(?![\d.])")
+_OTHER_MEANING = re.compile(r"G0*4(?![\d.])|M19(?!\d)")  # X, U and P of a dwell, R of a spindle position
+_LARGE = 10_000  # without a point beside numbers that have one: ten metres, or ten inches in ten-thousandths
+_LARGE_WITHOUT = 1_000  # the same in a file without any point, or one that marks its whole numbers (X5.)
+_EXAMPLES = 2
+
+
+def apply_decimals_option(
+    source: SourceFile, options: ReadOptions, blocks: BlockReader, *, siemens: bool
+) -> tuple[SourceFile, str]:
+    """The file with the decimal points that ``--decimals`` gives its numbers, and what was done.
+
+    Raises:
+        InputError: the option is needed, or it is given and cannot apply.
+    """
+    decimals = options.decimals
+    if decimals is None:
+        if not siemens:
+            check_decimals(source, blocks)
+        return source, ""
+    if siemens:
+        raise source.build_error("--decimals is for G-code of the Fanuc kind; numbers of Sinumerik stand as they are")
+    if decimals == 0:
+        return source, ""
+    return insert_decimal_points(source, decimals, blocks)
+
+
+@dataclass(frozen=True)
+class _LengthWord:
+    """A length without expression, as it stands in a block."""
+
+    letter: str
+    number: str
+    line: int
+    text: str
+
+    @property
+    def bare(self) -> bool:
+        return "." not in self.number
+
+    @property
+    def leading_zeros(self) -> bool:
+        return self.bare and len(self.number) > 2 and self.number[0] == "0" and int(self.number) > 0
+
+
+def _clean_code(raw: str, blocks: BlockReader) -> str:
+    return (blocks.comments(raw)[0] if "(" in raw or ";" in raw else raw).upper()
+
+
+def _iterate_length_words(source: SourceFile, blocks: BlockReader) -> Iterator[_LengthWord]:
+    for line, raw in enumerate(source.lines, 1):
+        text = _clean_code(raw, blocks)
+        if _OTHER_MEANING.search(text):
+            continue
+        for found in _TOKEN.finditer(text):
+            if found.group(1) in _DOUBTED:
+                yield _LengthWord(found.group(1), found.group(4), line, found.group().strip())
+
+
+def check_decimals(source: SourceFile, blocks: BlockReader) -> None:
+    """Ask for the decimals of a G-code file where they are in doubt.
+
+    In doubt are numbers with leading zeros, any whole number in a file that marks most of its whole numbers (``X5.``),
+    large ones in a file whose other numbers have points, and 1000 and more in a file without any.
+
+    Raises:
+        InputError: they are; names the first such number.
+    """
+    if source.find_line(_BARE) is None:
+        return
+    marked = pointed = bare = 0
+    zeros: _LengthWord | None = None
+    first: _LengthWord | None = None
+    large: list[_LengthWord] = []
+    for word in _iterate_length_words(source, blocks):
+        if not word.bare:
+            if word.letter in "XYZ":
+                marked += word.number.endswith(".")
+                pointed += not word.number.endswith(".")
+        elif (size := int(word.number)) > 0:
+            zeros = zeros or (word if word.leading_zeros else None)
+            bare += not word.leading_zeros
+            first = first or word
+            if size >= _LARGE_WITHOUT and (not large or (size >= _LARGE and len(large) < _EXAMPLES)):
+                large.append(word)
+    if zeros is not None:
+        raise _build_decimals_question(source, f"{zeros.text} has leading zeros and no decimal point", zeros.line)
+    if source.find_line(_EXPRESSIONS) is not None:  # in expressions whole numbers are usual
+        return
+    least = _LARGE if pointed and not marked else _LARGE_WITHOUT
+    doubted = next((w for w in large if int(w.number) >= least), None)
+    if doubted is not None:
+        which = "other numbers" if pointed or marked else "no number"
+        has = "have" if pointed or marked else "has"
+        raise _build_decimals_question(
+            source, f"{doubted.text} has no decimal point ({which} of the file {has} a decimal point)", doubted.line
+        )
+    if first is not None and marked > 2 * bare:  # written both ways as often, the point means nothing to the writer
+        raise _build_decimals_question(
+            source,
+            f"{first.text} has no decimal point ({marked} whole numbers have one, {bare} have none)",
+            first.line,
+        )
+
+
+def _build_decimals_question(source: SourceFile, what: str, line: int) -> Exception:
+    return source.build_option_question(
+        "decimals",
+        f"{what}: by the control's parameters that counts whole units or decimals of one. Give --decimals N (4: the "
+        "last digit is a ten-thousandth, usual for inches; 3: a thousandth, usual for mm; 0: as it stands)",
+        line,
+    )
+
+
+def insert_decimal_points(source: SourceFile, decimals: int, blocks: BlockReader) -> tuple[SourceFile, str]:
+    """The file with a decimal point in every length and angle that has none, and what was done.
+
+    F, S, P and what counts something (K and L of cycles) stay.
+
+    Raises:
+        InputError: no such number is in the file, or lengths are expressions, whose decimals are not in the file.
+    """
+    at = source.find_line(_EXPRESSIONS)
+    if at is not None:
+        raise source.build_error(
+            "--decimals cannot apply to expressions: which of their numbers count decimals is not said", at
+        )
+    lines: list[str] = []
+    changed, cycle = 0, False
+    examples: list[str] = []
+    for raw in source.lines:
+        text = _clean_code(raw, blocks)
+        cycle = (cycle and _CYCLE_END.search(text) is None) or _CYCLE.search(text) is not None
+        if _OTHER_MEANING.search(text) or not _TOKEN.search(text):
+            lines.append(raw)
+            continue
+        pieces, last = [], 0
+        for found in _TOKEN.finditer(text):
+            letter, blank, sign, digits = found.groups()
+            counts = (letter == "K" and cycle) or (letter == "Q" and not cycle)
+            if letter not in _POINTED or "." in digits or counts:
+                continue
+            filled = digits.zfill(decimals + 1)
+            new = f"{letter}{blank}{sign}{filled[:-decimals]}.{filled[-decimals:]}"
+            pieces += [text[last : found.start()], new]
+            last, changed = found.end(), changed + (int(digits) > 0)
+            if int(digits) > 0 and len(examples) < _EXAMPLES:
+                examples.append(f"{found.group().strip()} as {new.strip()}")
+        if not pieces:
+            lines.append(raw)
+            continue
+        comments = "".join(f"({c})" for c in blocks.comments(raw)[1])
+        lines.append("".join([*pieces, text[last:], comments]))
+    if not changed:
+        raise source.build_error(
+            "--decimals: no coordinate of the file is without a decimal point; leave the option out"
+        )
+    note = f"--decimals {decimals}: {changed} coordinate words without a decimal point got one ({', '.join(examples)})"
+    return dataclasses.replace(source, lines=lines), note

@@ -1,0 +1,1 @@
+"""Variables, jumps and subprograms, shared by G-code and Siemens readers."""

@@ -1,0 +1,147 @@
+"""Expressions of Sinumerik programs: ``R1+R2*SIN(R3)``, comparisons, variables; evaluated fully or refused."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+
+from machopt.file_formats.expression_parser import RecursiveDescentParser
+from machopt.toolpath.readers.program_flow.macro_expressions import MacroExpressionError
+
+_RADIANS = math.radians
+_FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {  # name → (arguments, function); angles in degrees
+    "SIN": (1, lambda v: math.sin(_RADIANS(v))),
+    "COS": (1, lambda v: math.cos(_RADIANS(v))),
+    "TAN": (1, lambda v: math.tan(_RADIANS(v))),
+    "ASIN": (1, lambda v: math.degrees(math.asin(v))),
+    "ACOS": (1, lambda v: math.degrees(math.acos(v))),
+    "ATAN2": (2, lambda y, x: math.degrees(math.atan2(y, x))),
+    "SQRT": (1, math.sqrt),
+    "ABS": (1, abs),
+    "POT": (1, lambda v: v * v),
+    "TRUNC": (1, math.trunc),
+    "ROUND": (1, round),
+    "ROUNDUP": (1, math.ceil),
+    "LN": (1, math.log),
+    "EXP": (1, math.exp),
+    "MINVAL": (2, min),
+    "MAXVAL": (2, max),
+    "BOUND": (3, lambda low, high, v: min(max(v, low), high)),
+}
+_LEVELS: tuple[dict[str, Callable[[float, float], float]], ...] = (  # weakest first
+    {"OR": lambda a, b: float(bool(a) or bool(b)), "XOR": lambda a, b: float(bool(a) != bool(b))},
+    {"AND": lambda a, b: float(bool(a) and bool(b))},
+    {
+        "==": lambda a, b: float(abs(a - b) <= 1e-12 * max(abs(a), abs(b), 1.0)),
+        "<>": lambda a, b: float(abs(a - b) > 1e-12 * max(abs(a), abs(b), 1.0)),
+        "<": lambda a, b: float(a < b),
+        ">": lambda a, b: float(a > b),
+        "<=": lambda a, b: float(a <= b),
+        ">=": lambda a, b: float(a >= b),
+    },
+    {"+": lambda a, b: a + b, "-": lambda a, b: a - b},
+    {"*": lambda a, b: a * b, "/": lambda a, b: a / b, "DIV": lambda a, b: float(math.trunc(a / b)), "MOD": math.fmod},
+    {"^": lambda a, b: a**b},  # Heidenhain
+)
+Values = dict[str, float]
+Expression = Callable[[Values], float]
+_ARRAY = re.compile(r"\s*\[\s*(\d+)\s*\]")
+
+
+class SiemensVariables:
+    """R parameters and variables of a program; one that is read before it is set is an error."""
+
+    def __init__(self) -> None:
+        self.values: dict[str, float] = {"TRUE": 1.0, "FALSE": 0.0, "$PI": math.pi}
+        self._read: dict[tuple[str, int], tuple[Expression, int]] = {}  # parsed once, evaluated often
+
+    def value(self, text: str) -> float:
+        """The value of one expression.
+
+        Raises:
+            ExpressionError: it has none, or something stands after it.
+        """
+        value, at = self.part(text, 0)
+        if text[at:].strip():
+            raise MacroExpressionError(f"found {text[at:].strip()[:20]!r} after an expression")
+        return value
+
+    def part(self, text: str, at: int) -> tuple[float, int]:
+        """The value of the expression that begins at ``at``, and the place after it."""
+        expression, end = self._parse_cached(text, at)
+        try:
+            value = expression(self.values)
+        except (ZeroDivisionError, ValueError, OverflowError) as problem:
+            if isinstance(problem, MacroExpressionError):
+                raise
+            raise MacroExpressionError(f"an expression has no value there: {problem}") from problem
+        if not math.isfinite(value) or abs(value) > 1e12:
+            raise MacroExpressionError(f"an expression gives {value}")
+        return value, end
+
+    def end_of(self, text: str, at: int) -> int:
+        """The place after the expression that begins at ``at``."""
+        return self._parse_cached(text, at)[1]
+
+    def _parse_cached(self, text: str, at: int) -> tuple[Expression, int]:
+        found = self._read.get((text, at))
+        if found is None:
+            parser = _SiemensParser(text, at)
+            found = self._read[text, at] = (parser.parse_expression(), parser.at)
+        return found
+
+
+class _SiemensParser(RecursiveDescentParser[Expression]):
+    """Into functions of the variables."""
+
+    token = re.compile(r"\s*(\d+\.?\d*(?:EX[-+]?\d+)?|\.\d+|==|<>|>=|<=|<<|[-+*/^()\[\],<>=]|\$?[A-Z_][A-Z0-9_]*)")
+    levels = _LEVELS
+    problem = MacroExpressionError
+
+    def combine_operands(
+        self, operator: Callable[[float, float], float], left: Expression, right: Expression
+    ) -> Expression:
+        return lambda values: float(operator(left(values), right(values)))
+
+    def parse_atom(self) -> Expression:
+        token = self.take_token()
+        if token in ("+", "-", "NOT"):
+            inner = self.parse_factor()
+            if token == "+":
+                return inner
+            return (lambda v: -inner(v)) if token == "-" else (lambda v: float(not inner(v)))
+        if token == "(":
+            inner = self.parse_expression()
+            if self.take_token() != ")":
+                raise MacroExpressionError("a bracket is not closed")
+            return inner
+        if token[0].isdigit() or token[0] == ".":
+            number = float(token.replace("EX", "E"))
+            return lambda _: number
+        if token in _FUNCTIONS and self.peek_token() == "(":
+            return self.call(token)
+        name = token
+        if found := _ARRAY.match(self.text, self.at):
+            name, self.at = (f"R{found.group(1)}" if token == "R" else f"{token}[{found.group(1)}]"), found.end()
+        return lambda values: _get_value(values, name)
+
+    def call(self, name: str) -> Expression:
+        count, function = _FUNCTIONS[name]
+        self.take_token()
+        inner = [self.parse_expression()]
+        while self.peek_token() == ",":
+            self.take_token()
+            inner.append(self.parse_expression())
+        if self.take_token() != ")" or len(inner) != count:
+            raise MacroExpressionError(f"{name} takes {count} values in brackets")
+        return lambda values: float(function(*[f(values) for f in inner]))
+
+
+def _get_value(values: Values, name: str) -> float:
+    try:
+        return values[name]
+    except KeyError:
+        if name.startswith("$"):
+            raise MacroExpressionError(f"{name} is a variable of the control; its value is not in the file") from None
+        raise MacroExpressionError(f"{name} is read before it is set") from None

@@ -1,0 +1,1 @@
+"""Point tables: CSV, Parquet and pose lists."""

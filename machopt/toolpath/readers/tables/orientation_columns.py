@@ -1,0 +1,48 @@
+"""Attitudes of the TCP as robot tables write them: angles, quaternions, rotation vectors. Tool axis −z, reference +x.
+
+Each makes (N, 3, 3) matrices whose columns are the TCP's axes in the workpiece.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from machopt.numerics.array_types import Array
+from machopt.numerics.rigid_transforms import (
+    compute_rpy_matrix,
+    convert_quaternion_to_matrix,
+    convert_vector_to_rotation,
+    normalise_vectors,
+)
+
+UNIT_QUATERNION = 1e-3  # off from unit length: printed decimals; beyond it the numbers are something else
+
+
+@dataclass(frozen=True)
+class OrientationFormat:
+    """One way to write an attitude: its columns, with the endings they may have, and what they mean."""
+
+    columns: tuple[str, ...]
+    angles: bool  # carry _deg or _rad
+    words: str
+
+
+ORIENTATION_FORMATS = {
+    "abc": OrientationFormat(("a", "b", "c"), True, "R = Rz(a) Ry(b) Rx(c)"),
+    "wpr": OrientationFormat(("w", "p", "r"), True, "R = Rz(r) Ry(p) Rx(w)"),
+    "rpy": OrientationFormat(("roll", "pitch", "yaw"), True, "R = Rz(yaw) Ry(pitch) Rx(roll)"),
+    "quaternion": OrientationFormat(("qw", "qx", "qy", "qz"), False, "unit quaternion"),
+    "q1234": OrientationFormat(("q1", "q2", "q3", "q4"), False, "unit quaternion, scalar first"),
+    "vector": OrientationFormat(("rvx", "rvy", "rvz"), True, "rotation vector: axis times angle"),
+}
+
+
+def compute_rotations(kind: str, values: Array) -> Array:
+    """(N, 3, 3) from (N, 3 or 4) values of one of :data:`ORIENTATION_FORMATS`; angles in radians."""
+    if kind == "abc":
+        return compute_rpy_matrix(values[:, ::-1])
+    if kind in ("wpr", "rpy"):
+        return compute_rpy_matrix(values)
+    if kind == "vector":
+        return convert_vector_to_rotation(values)
+    return convert_quaternion_to_matrix(normalise_vectors(values))

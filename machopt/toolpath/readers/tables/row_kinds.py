@@ -1,0 +1,132 @@
+"""What the rows of a point table are: points of a path or holes, by its ``kind`` column, the option, or the points."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.toolpath import MoveKind
+from machopt.errors import InputError
+from machopt.file_formats.csv_columns import CsvColumns, WordColumn
+from machopt.file_formats.source_file import ReadOptions, SourceFile
+from machopt.numerics.array_types import Array
+from machopt.toolpath.readers.tables.hole_rows import find_possible_holes
+
+KIND_HELP = (
+    "give a column kind or --kind holes|path. path: the tool cuts from row to row. holes: each row is the bottom of "
+    "one hole, with the columns depth_mm (from the surface to the row, along the axis) and approach_mm (above the "
+    "surface, where the feed starts)"
+)
+_KINDS = ("path", "holes")
+
+
+class RowTable(Protocol):
+    """What is needed of a table that was read."""
+
+    @property
+    def source(self) -> SourceFile: ...
+    @property
+    def options(self) -> ReadOptions: ...
+    @property
+    def header_line(self) -> int: ...
+    @property
+    def names(self) -> dict[str, str]: ...  # quantity → column
+    @property
+    def columns(self) -> CsvColumns: ...
+
+    def modal(self, name: str, n: int) -> tuple[WordColumn, NDArray[np.int64]]:
+        """The words of a column and the row whose word holds in each."""
+        ...
+
+    def error(self, message: str, row: int, column: str) -> InputError:
+        """An error of one cell."""
+        ...
+
+
+def find_hole_rows(table: RowTable, move: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Which rows are holes; none where nothing says it, see :func:`refuse_possible_holes`.
+
+    Args:
+        table: its columns and options.
+        move: (N,) Move codes.
+
+    Raises:
+        InputError: an unknown word, or an option that the table contradicts.
+    """
+    names, asked, n = table.names, table.options.kind, len(move)
+    if "kind" in names:
+        if asked is not None:
+            raise table.source.build_error(
+                f"--kind {asked} has no effect: the table has a column kind", table.header_line
+            )
+        is_hole = _read_kind_column(table, n)
+    elif "move" in names:
+        if asked is not None:
+            raise table.source.build_error(
+                f"--kind {asked} has no effect: the table has a column move, which says how the tool moves",
+                table.header_line,
+            )
+        return np.zeros(n, bool)
+    else:
+        is_hole = np.full(n, asked == "holes")
+    wrong = is_hole & (move != MoveKind.CUT)
+    if wrong.any():
+        at = int(np.argmax(wrong))
+        raise table.error("the row is a hole and has a move of another kind than cut", at, names.get("move", "move"))
+    return is_hole
+
+
+def refuse_possible_holes(table: RowTable, numbers: Array, starts: list[int]) -> None:
+    """Ask what the rows of a table are that does not say it and could be holes. The last question: other faults first.
+
+    Args:
+        table: its columns and options.
+        numbers: (N, 7) x y z i j k feed (mm, mm/min).
+        starts: first row of each operation.
+
+    Raises:
+        InputError: names the column and the option.
+    """
+    if table.options.kind is not None or {"kind", "move"} & table.names.keys():
+        return
+    at = find_possible_holes(numbers[:, :3], numbers[:, 3:6], numbers[:, 6], starts)
+    if at is None and {"depth", "approach"} & table.names.keys():
+        at = 0  # only holes have them
+    if at is not None:
+        raise table.source.build_error(
+            f"has no column move or kind, and the rows from here on could be holes: {KIND_HELP}",
+            int(table.columns.line[at]),
+        )
+
+
+def _read_kind_column(table: RowTable, n: int) -> NDArray[np.bool_]:
+    words, rows = table.modal("kind", n)
+    kinds = [w.strip().lower() for w in words.names]
+    strange = np.array([bool(k) and k not in _KINDS for k in kinds])[words.codes]
+    if strange.any():
+        at = int(np.argmax(strange))
+        raise table.error(f"kind {words.names[words.codes[at]]!r}; expected path or holes", at, table.names["kind"])
+    if rows[0] < 0:
+        raise table.error("the kind of the first row is empty; expected path or holes", 0, table.names["kind"])
+    return np.array([k == "holes" for k in kinds])[words.codes[rows]]
+
+
+def read_hole_lengths(table: RowTable, name: str, is_hole: NDArray[np.bool_]) -> Array:
+    """(N,) depth or approach of the holes in the table's unit.
+
+    Raises:
+        InputError: the column is missing, or a hole's length is empty or not above zero.
+    """
+    if name not in table.names:
+        raise table.source.build_error(
+            f"column {name}_mm is missing: holes need depth_mm (surface to row, along the axis) and approach_mm (above "
+            "the surface, where the feed starts)",
+            table.header_line,
+        )
+    values = table.columns.numbers[table.names[name]]
+    bad = is_hole & ~(values > 0.0)
+    if bad.any():
+        raise table.error(f"the {name} of a hole is not above zero", int(np.argmax(bad)), table.names[name])
+    return np.asarray(values)

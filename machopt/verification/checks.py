@@ -1,0 +1,163 @@
+"""What a verification says: one row a promise, kept, broken or not looked at.
+
+A row's name is for readers. Code that asks for one asks by its promise, which :class:`CheckName` writes down once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from machopt.numerics.array_types import Array
+
+
+class CheckName(StrEnum):
+    """What is asked for by those who read checks; all other promises are only listed."""
+
+    MANIFEST = "manifest.json"
+    FILES = "files as listed"
+    INPUTS = "made from these inputs"
+    READABLE = "can be read"
+    TABLES = "tables"
+    PROGRAMS = "robot programs"
+    PARQUET = "Parquet tables"
+    OPTIONS = "options"
+    READING = "reading options"
+    CHANGES = "tool changes"
+    TOUCHING = "pairs that touch by construction"
+    CONTACTS = "collisions"  # the row that says that contacts and clearances were not looked at
+    VELOCITY = "joint velocity"
+    ACCELERATION = "joint acceleration"
+    JERK = "joint jerk"
+    FEED = "feed"
+    # of result.json
+    VERDICT = "verdict"
+    OUTPUTS = "outputs"
+    VERIFICATION = "verification"
+    # of a robot program
+    MOVES = "moves read"
+    COMPARED = "compared with motion and CAM file"
+    CAM_POINTS = "CAM points"
+    CAM_FEED = "CAM feed"
+    ORIENTATIONS = "orientation at targets"
+    JOINTS = "joints at targets"
+    LINES = "lines along the motion"
+    LINES_AXIS = "tool axis along lines"
+    LINES_TURN = "orientation along lines"
+    CONFIGURATION = "configuration"
+    EVENTS = "events"
+
+
+@dataclass(frozen=True, kw_only=True)
+class VerificationCheck:
+    """One promise and whether it is kept."""
+
+    name: str  # for readers; of a promise about one file, that one first
+    passed: bool | None  # None: it could not be run, ``where`` says why
+    value: float  # NaN where there was nothing to measure
+    limit: float
+    unit: str
+    where: str  # sample, time and point of the worst value, words that go behind "at"; or why nothing was measured
+    file: str = ""  # of the folder, where the promise is about one
+    what: str = ""  # the promise about it
+    because: str = ""  # another file of the folder, that could not be read for this
+    beyond: str = ""  # the unit alone, where the value is a distance from a limit, positive on the wrong side
+    instead: bool = False  # ``where`` says what was found and what follows: value and limit add nothing
+
+    @property
+    def check_name(self) -> str:
+        """What was promised, without the file that it is about: equal to a :class:`CheckName` where that is one."""
+        return self.what or self.name
+
+
+@dataclass(frozen=True, kw_only=True)
+class VerificationInformation:
+    """A measured value that no condition is put on: it cannot fail, so it is no check and is not counted as one."""
+
+    name: str
+    value: float  # NaN where there was nothing to measure
+    unit: str
+    where: str
+    file: str = ""  # of the folder, where the value is about one
+    what: str = ""  # the name without the file
+
+    @property
+    def check_name(self) -> str:
+        """The name without the file that it is about."""
+        return self.what or self.name
+
+
+VerificationRow = VerificationCheck | VerificationInformation
+
+
+@dataclass(frozen=True)
+class Verification:
+    """All checks of one exported trajectory, and what else was measured."""
+
+    checks: tuple[VerificationCheck, ...]
+    samples: int
+    duration: float  # s
+    information: tuple[VerificationInformation, ...] = ()
+
+    @classmethod
+    def from_rows(cls, rows: Sequence[VerificationRow], samples: int, duration: float) -> Verification:
+        """Build a verification from checks and information in the order in which they were found."""
+        checks = tuple(row for row in rows if isinstance(row, VerificationCheck))
+        return cls(checks, samples, duration, tuple(row for row in rows if isinstance(row, VerificationInformation)))
+
+    @property
+    def ok(self) -> bool:
+        return all(check.passed is not False for check in self.checks)
+
+    @property
+    def failed(self) -> tuple[VerificationCheck, ...]:
+        return tuple(check for check in self.checks if check.passed is False)
+
+
+def build_worst_value_check(
+    name: str, unit: str, values: Array, limit: float, where: Sequence[str] | Callable[[int], str]
+) -> VerificationCheck:
+    """The greatest of ``values`` against a limit; NaN is the greatest of all, none at all a failure.
+
+    Args:
+        where: what is said of entry n: a text each, or what makes it.
+    """
+    if not len(values):
+        return VerificationCheck(
+            name=name, passed=False, value=np.nan, limit=limit, unit=unit, where="nothing to measure"
+        )
+    n = int(np.argmax(np.where(np.isnan(values), np.inf, values)))
+    told = where(n) if callable(where) else where[n]
+    return VerificationCheck(
+        name=name, passed=bool(values[n] <= limit), value=float(values[n]), limit=limit, unit=unit, where=told
+    )
+
+
+def build_file_check(
+    file: str, what: str, passed: bool | None, value: float, limit: float, unit: str, where: str, *, of: str = ": "
+) -> VerificationCheck:
+    """A promise about one file of the folder; ``of`` stands between both in its name."""
+    return VerificationCheck(
+        name=f"{file}{of}{what}", passed=passed, value=value, limit=limit, unit=unit, where=where, file=file, what=what
+    )
+
+
+def build_skipped_check(name: str, why: str, unit: str = "") -> VerificationCheck:
+    """A check that was not made, and why."""
+    return VerificationCheck(name=name, passed=None, value=np.nan, limit=np.nan, unit=unit, where=why)
+
+
+def build_count_check(name: str, wrong: Sequence[str] | list[str], unit: str = "rows") -> VerificationCheck:
+    """So many places are wrong, the first of them named; none is the promise."""
+    more = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
+    return VerificationCheck(
+        name=name,
+        passed=not wrong,
+        value=float(len(wrong)),
+        limit=0.0,
+        unit=unit,
+        where=f"{wrong[0]}{more}" if wrong else "none",
+    )

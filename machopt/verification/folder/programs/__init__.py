@@ -1,0 +1,1 @@
+"""Robot programs of an output folder, read back and compared."""

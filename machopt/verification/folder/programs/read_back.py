@@ -1,0 +1,448 @@
+"""The robot programs of an output folder, read back and held against everything they follow from.
+
+Each program is read by code that its writer does not share and compared with the motion and with the CAM file
+(:mod:`machopt.verification.programs.motion_comparison`, :mod:`machopt.verification.programs.cam_comparison`). What no
+comparison of targets sees (head, frames,
+loads, speeds, zones, events in the controller's words, END, files beside) must be, word by word, what the post writes
+for such targets (:mod:`machopt.programs.writing.text_comparison`). ``optimize`` and ``verify`` both call
+:func:`check_programs`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.cell import Cell
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.program_in_cell import ProgramInCell
+from machopt.data_types.robot_program import RobotController
+from machopt.data_types.toolpath import Toolpath
+from machopt.errors import InputError
+from machopt.kinematics.controller_posture import compute_controller_posture
+from machopt.kinematics.inverse.solver import refine_by_newton
+from machopt.kinematics.robot import Robot, load_robot
+from machopt.numerics.array_types import Array
+from machopt.programs.program_reader import ParsedProgram, is_program_file, read_program
+from machopt.programs.program_to_toolpath import URDF_JOINTS
+from machopt.programs.reading.configuration_check import find_first_difference
+from machopt.programs.reading.joint_conversion import compute_urdf_joints
+from machopt.programs.writing.target_insertion import ProgramTolerance
+from machopt.verification.checks import CheckName, VerificationCheck, VerificationInformation, build_file_check
+from machopt.verification.folder.programs.frames_and_axes import (
+    COUPLED_FRAME_FORMATS,
+    compute_toolpath_index,
+    compute_workpiece_frame,
+    convert_external_joints,
+    convert_to_controller_axes,
+    find_wrong_frames,
+)
+from machopt.verification.folder.programs.post_lookup import select_controller
+from machopt.verification.folder.programs.printed_precision import compute_target_step
+from machopt.verification.folder.programs.program_comparison import ListedProgram, ProgramComparison
+from machopt.verification.folder.programs.rewritten_program import RewrittenProgram, build_failed_program_check
+from machopt.verification.motion.checks.compensation_shift import compute_commanded_corners
+from machopt.verification.motion.kinematics.encoder_correction import compute_true_angles
+from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
+from machopt.verification.motion.motion_verification import ExportedTables
+from machopt.verification.motion.path_geometry.motion_polyline import CommandedPath, build_motion_polyline
+from machopt.verification.programs.cam_comparison import ExpectedCuts, compare_with_cam
+from machopt.verification.programs.motion_comparison import compare_with_motion
+from machopt.verification.programs.target_matching import TargetTolerances
+from machopt.verification.tables.exported_tables import ExportedMotion, read_compensation, read_motion, read_points
+
+ENCODER_TOLERANCE_PULSES = 3.0  # of an encoder: joints may be off by that much, by rounding and by coupling
+REACH_M = 5.0  # m: what a joint's last digit is worth there
+COARSE_SPEED_STEP = 5.1e-5  # m/s: FANUC and Yaskawa print tenths of mm/s
+JOINT_TOLERANCE_RAD = 1e-8  # rad: places ten metres away by a tenth of a micrometre
+FRAME_TOLERANCE = 1e-6  # m, and of a rotation's entries: both are printed to nine decimals of a degree
+BLOCK_ROWS = 20_000  # targets worked out at once
+NEWTON_STEPS, NEWTON_TOLERANCE, MAX_JOINT_OFFSET_DEG = (
+    5,
+    1e-8,
+    3.0,
+)  # of Newton's method to a target's own joints; m and rad; from the motion's
+
+
+def check_programs(
+    cell: Cell,
+    toolpath: Toolpath,
+    out: Path,
+    posted: Sequence[ListedProgram],
+    *,
+    options: PlanOptions,
+    tolerance: ProgramTolerance,
+    source: str | None = None,
+    motion: ExportedMotion | None = None,
+    tables: ExportedTables | None = None,
+) -> tuple[ProgramComparison, ...]:
+    """Compare every robot program of an output folder with motion and CAM file.
+
+    Args:
+        cell: with its controller.
+        toolpath: the CAM file.
+        out: the folder, with trajectory.csv and points.csv.
+        posted: the programs that ought to be there.
+        options: as for the plan.
+        tolerance: between the controller's lines and the motion.
+        source: what the programs' heads say they are from; cell and toolpath by default.
+        motion: trajectory.csv where it has been read already.
+        tables: what of the folder's tables belongs to the toolpath, where that is a part of the job.
+
+    Returns:
+        One entry a program.
+
+    Raises:
+        InputError: a table of the folder cannot be read.
+    """
+    out = Path(out)
+    if not posted:
+        return ()
+    ground = _ComparisonContext.build(
+        cell, toolpath, out, options, tolerance, source or f"{cell.name}; {toolpath.source}", motion, tables
+    )
+    return tuple(ground.compare_program(one) for one in posted)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ComparisonContext:
+    """What every program of the folder is compared with, computed once."""
+
+    cell: Cell
+    toolpath: Toolpath
+    out: Path
+    options: PlanOptions
+    tolerance: ProgramTolerance
+    source: str
+    motion: ExportedMotion
+    arm: UrdfKinematics
+    tcp: Array  # (S, 4, 4) in workpiece by nominal kinematics
+    offset: Array  # (S, 3) m from there to the true place
+    tilt: Array  # (S, 3) from the tool axis there (tip to shank) to the true one
+    cam_points: NDArray[np.bool_]  # (N,)
+    corners: tuple[Array, Array]
+
+    @classmethod
+    def build(
+        cls,
+        cell: Cell,
+        toolpath: Toolpath,
+        out: Path,
+        options: PlanOptions,
+        tolerance: ProgramTolerance,
+        source: str,
+        motion: ExportedMotion | None,
+        tables: ExportedTables | None,
+    ) -> _ComparisonContext:
+        if tables is None:
+            motion = motion or read_motion(out / "trajectory.csv", cell)
+            points = read_points(out / "points.csv", cell)
+            shift = read_compensation(out / "compensation.csv") if points.shift is not None else None
+        else:
+            motion, points, shift = tables.motion, tables.points, tables.shift
+        arm = UrdfKinematics(cell, drawn=True)  # as the controller reckons
+        tcp = arm.compute_tcp_in_workpiece(motion.q, motion.external)
+        offset, tilt = np.zeros((len(tcp), 3)), np.zeros((len(tcp), 3))
+        if cell.kinematics is not None:
+            true = UrdfKinematics(cell).compute_tcp_in_workpiece(
+                compute_true_angles(cell.kinematics, motion.q), motion.external
+            )
+            offset, tilt = true[:, :3, 3] - tcp[:, :3, 3], tcp[:, :3, 2] - true[:, :3, 2]
+        wanted = toolpath.cutting.copy()
+        if options.allow_gaps:
+            given_up = [
+                k for k, s in zip(points.point, points.status, strict=True) if s != "ok" and 0 <= k < len(wanted)
+            ]
+            wanted[given_up] = False
+        line = (
+            compute_commanded_corners(toolpath, shift)
+            if shift is not None
+            else (np.arange(len(toolpath), dtype=float), toolpath.position)
+        )
+        return cls(
+            cell=cell,
+            toolpath=toolpath,
+            out=out,
+            options=options,
+            tolerance=tolerance,
+            source=source,
+            motion=motion,
+            arm=arm,
+            tcp=tcp,
+            offset=offset,
+            tilt=tilt,
+            cam_points=wanted,
+            corners=line,
+        )
+
+    def compare_program(self, posted: ListedProgram) -> ProgramComparison:
+        name = posted.files[0]
+        missing = [f for f in posted.files if not (self.out / f).is_file()]
+        if missing:
+            return ProgramComparison(
+                posted, 0, (build_failed_program_check(name, "files there", f"{missing[0]} is missing"),)
+            )
+        controller, other = _select_controller(self.cell, posted)
+        pulses = None if controller.pulses_per_deg is None else controller.pulses_per_deg.tolist()
+        try:
+            if other and not is_program_file(self.out / name):
+                return ProgramComparison(posted, 0, (_build_unreadable_check(name),), readable=False)
+            parsed = read_program(self.out / name, pulses_per_deg=pulses)
+        except InputError as problem:
+            return ProgramComparison(posted, 0, (build_failed_program_check(name, "readable", str(problem.reason)),))
+        said = self._convert_to_cell_frames(name, parsed, controller)
+        if not np.isfinite(said.T_workpiece_tcp).all():
+            return ProgramComparison(
+                posted,
+                len(said),
+                (build_failed_program_check(name, "readable", "a target has neither place nor joints"),),
+            )
+        o = self.options
+        allowed = TargetTolerances(
+            position=self.tolerance.position,
+            axis=self.tolerance.axis,
+            turn=self.tolerance.turn,
+            corner=o.path_tolerance,
+            axis_corner=o.axis_tolerance,
+            external=self.tolerance.external,
+        )
+        read = VerificationInformation(
+            name=f"{name}: {CheckName.MOVES}",
+            value=float(len(said)),
+            unit="moves",
+            where=parsed.dialect,
+            file=name,
+            what=CheckName.MOVES,
+        )
+        path = CommandedPath(
+            toolpath=self.toolpath,
+            index=self.corners[0],
+            position=self.corners[1],
+            offset=self.offset,
+            tilt=self.tilt,
+        )
+        on_samples = len(said) == len(self.tcp)
+        checks, at = compare_with_motion(said, self.motion, self.tcp, allowed, path)
+        rows = np.clip(np.nan_to_num(at), 0, len(self.tcp) - 1)
+        offset, tilt = (
+            np.column_stack([np.interp(rows, np.arange(len(self.tcp)), of[:, c]) for c in range(3)])
+            for of in (self.offset, self.tilt)
+        )
+        position = np.column_stack(
+            [np.interp(np.arange(len(self.toolpath)), self.corners[0], self.corners[1][:, c]) for c in range(3)]
+        )
+        cuts = ExpectedCuts(
+            toolpath=self.toolpath,
+            position=position,
+            corners=self.corners,
+            wanted=self.cam_points,
+            corner=o.path_tolerance,
+            axis_corner=o.axis_tolerance,
+            approach_feed=o.approach_feed,
+            offset=offset,
+            tilt=tilt,
+            line=build_motion_polyline(self.motion, self.tcp, self.motion.q, path)
+            if said.is_streamed and on_samples
+            else None,
+        )
+        checks += compare_with_cam(said, cuts, compute_toolpath_index(self.motion, at, self.toolpath))
+        checks += self._check_frames_and_words(name, parsed, said, controller, rows)
+        if posted.post is None:
+            checks.append(
+                build_file_check(
+                    name, "wording", None, np.nan, 0.0, "", "not checked: the post's template is not at hand"
+                )
+            )
+        else:
+            job = RewrittenProgram(
+                cell=self.cell,
+                toolpath=self.toolpath,
+                out=self.out,
+                options=self.options,
+                tolerance=self.tolerance,
+                source=self.source,
+            )
+            external = self._compute_external_joints(said, rows)
+            q = self._get_joints(
+                said, self._interpolate_joints(said, rows), external, load_robot(self.cell).nominal_robot
+            )
+            checks += job.check_text(posted.files, posted.post, parsed, said, controller, q, external)
+        return ProgramComparison(posted, len(said), tuple(checks), information=(read,))
+
+    def _convert_to_cell_frames(self, name: str, parsed: ParsedProgram, controller: RobotController) -> ProgramInCell:
+        """Joints of the URDF; poses of joint targets by forward kinematics."""
+        m = controller.joint_map
+        mapped = m is not None and parsed.dialect not in URDF_JOINTS
+        axes = parsed.axes_deg
+        q = (
+            compute_urdf_joints(axes, m.sign, m.offset_deg, m.coupling)
+            if mapped and m is not None
+            else np.radians(axes)
+        )
+        external, _ = convert_external_joints(parsed, self.cell, self.arm, controller)
+        T = parsed.T_base_tcp.copy()
+        joint = ~parsed.has_pose & np.isfinite(q).all(axis=1)
+        driven, wanted = np.hstack([q, external]), np.hstack([self.motion.q, self.motion.external])
+        if len(q) == len(self.motion.q):  # streamed: the motion's own samples have been placed already
+            same = joint & (np.abs(driven - wanted).max(axis=1) < JOINT_TOLERANCE_RAD)
+            T[same], joint = self.tcp[same], joint & ~same
+        if joint.any():
+            # where external axes are missing is told elsewhere; home lets the rest be looked at
+            stood = np.where(np.isfinite(external), external, self.cell.external_home)
+            T[joint] = self.arm.compute_tcp_in_workpiece(q[joint], stood[joint])
+        pulses = controller.pulses_per_deg
+        coarse = (
+            float(np.radians(ENCODER_TOLERANCE_PULSES / np.abs(pulses).min()))
+            if pulses is not None and parsed.dialect == "jbi"
+            else 0.0
+        )
+        steps = np.array([float(c["step_s"]) if "step_s" in c else np.nan for c in parsed.configuration])  # type: ignore[arg-type]
+        streamed = bool(np.isfinite(steps).any() or np.isfinite(parsed.time).any())
+        time = (
+            parsed.time
+            if np.isfinite(parsed.time).any()
+            else np.where(np.isfinite(steps), np.cumsum(np.nan_to_num(steps)), np.nan)
+        )
+        labels = [*parsed.operations, ""]
+        return ProgramInCell(
+            file=name,
+            kind=parsed.kind,
+            q=q,
+            external=external,
+            T_workpiece_tcp=T,
+            feed=parsed.feed,
+            move=parsed.move,
+            operation=tuple(labels[k] for k in parsed.operation.tolist()),
+            events=parsed.events,
+            line=parsed.line,
+            time=time,
+            is_streamed=streamed,
+            feed_step=COARSE_SPEED_STEP if parsed.dialect in ("fanuc", "jbi") else 1e-6,
+            place_step=self.tolerance.position if streamed else coarse * REACH_M,
+            joint_step=coarse * 6.0,
+            target_step=0.0 if streamed else compute_target_step(parsed, REACH_M),
+        )
+
+    def _check_frames_and_words(
+        self, name: str, parsed: ParsedProgram, said: ProgramInCell, controller: RobotController, rows: Array
+    ) -> list[VerificationCheck]:
+        """Frames, configuration and words that nobody understood."""
+        given = compute_workpiece_frame(parsed, self.cell, self.arm, controller, self.motion.external[0])
+        coupled = parsed.dialect in COUPLED_FRAME_FORMATS and bool(
+            self.arm.list_moving_joints(self.arm.workpiece_placement)
+        )
+        wrong = find_wrong_frames(parsed, controller, given, self.cell.tool.T_flange_tcp, rides=coupled)
+        _, spare = convert_external_joints(parsed, self.cell, self.arm, controller)
+        wrong += [f"{spare} values of external axes that the cell has not"] if spare else []
+        checks = [
+            build_file_check(
+                name, "tool and base", not wrong, float(len(wrong)), 0.0, "frames", "; ".join(wrong) or "the cell's"
+            )
+        ]
+        robot = load_robot(self.cell).nominal_robot
+        q = self._get_joints(
+            said, self._interpolate_joints(said, rows), self._compute_external_joints(said, rows), robot
+        )
+        standing = compute_controller_posture(robot, q, controller)
+        told, first = find_first_difference(
+            parsed.dialect,
+            parsed.configuration,
+            convert_to_controller_axes(q, controller),
+            standing,
+            controller.nonflip_j5,
+        )
+        if told:
+            where = "" if first is None else f"move {first + 1}, line {int(parsed.line[first])} names another one"
+            checks.append(
+                build_file_check(
+                    name,
+                    CheckName.CONFIGURATION,
+                    first is None,
+                    float(first is not None),
+                    0.0,
+                    "moves",
+                    where or "of all moves as their joints are",
+                )
+            )
+        own = set(re.findall(r"\w+", " ".join(controller.lines.values())))  # of the cell: nobody here knows its words
+        strange = [w.word for w in parsed.ignored if not w.understood and own.isdisjoint(re.findall(r"\w+", w.word))]
+        strange += [w for w in parsed.warnings if "cut off" in w]
+        both = np.flatnonzero(parsed.has_pose & np.isfinite(said.q).all(axis=1))
+        if len(both):  # tables say the same thing twice
+            T = self.arm.compute_tcp_in_workpiece(said.q[both], self._compute_external_joints(said, rows)[both])
+            gap = np.linalg.norm(T[:, :3, 3] - said.T_workpiece_tcp[both, :3, 3], axis=1)
+            gap = np.maximum(gap, np.linalg.norm(T[:, :3, :3] - said.T_workpiece_tcp[both, :3, :3], axis=(1, 2)))
+            n = int(np.argmax(gap))
+            checks.append(
+                build_file_check(
+                    name,
+                    "poses as the joints",
+                    bool(gap[n] <= FRAME_TOLERANCE),
+                    1e3 * float(gap[n]),
+                    1e3 * FRAME_TOLERANCE,
+                    "mm",
+                    f"move {both[n] + 1}, line {int(parsed.line[both[n]])}",
+                )
+            )
+        checks.append(
+            build_file_check(
+                name,
+                "every word understood",
+                not strange,
+                float(len(strange)),
+                0.0,
+                "words",
+                ", ".join(strange[:4]) or "all",
+            )
+        )
+        return checks
+
+    def _interpolate_joints(self, said: ProgramInCell, rows: Array) -> Array:
+        """(M,) rad: joints of the motion where each move ends."""
+        s = np.arange(len(self.motion.q))
+        return np.column_stack([np.interp(rows, s, self.motion.q[:, k]) for k in range(6)])
+
+    def _compute_external_joints(self, said: ProgramInCell, rows: Array) -> Array:
+        """(M, E) rad or m as the program says, those of the motion where it does not."""
+        s = np.arange(len(self.motion.q))
+        columns = [np.interp(rows, s, e) for e in self.motion.external.T]
+        driven = np.array(columns).T.reshape(len(said), -1)
+        return np.where(np.isfinite(said.external), said.external, driven)
+
+    def _get_joints(self, said: ProgramInCell, near: Array, external: Array, robot: Robot) -> Array:
+        """(M, 6) rad: joints of each target itself, those of the motion (``near``) where none are close to them.
+
+        The motion rounds what the program says at its targets; an axis may stand on the other side of zero there.
+        """
+        wanted = self.arm.T_base_workpiece(external) @ said.T_workpiece_tcp
+        out = near.copy()
+        for first in range(0, len(near), BLOCK_ROWS):
+            some = slice(first, first + BLOCK_ROWS)
+            q, error = refine_by_newton(robot, wanted[some], near[some], self.cell.tool.T_flange_tcp, NEWTON_STEPS)
+            good = (error < NEWTON_TOLERANCE) & (np.abs(q - near[some]).max(axis=1) < np.radians(MAX_JOINT_OFFSET_DEG))
+            out[some][good] = q[good]
+        return out
+
+
+def _build_unreadable_check(file: str) -> VerificationCheck:
+    return build_file_check(
+        file,
+        CheckName.COMPARED,
+        None,
+        float("nan"),
+        0.0,
+        "",
+        "NOT CHECKED: the program is in a language that no reader here knows",
+    )
+
+
+def _select_controller(cell: Cell, posted: ListedProgram) -> tuple[RobotController, bool]:
+    """The cell's controller as the post took it, and whether the post is a user's own."""
+    if posted.post is None:
+        return cell.controller, True
+    return select_controller(cell, posted.post), isinstance(posted.post, Path)

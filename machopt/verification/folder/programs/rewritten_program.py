@@ -1,0 +1,189 @@
+"""A program written a second time from what was read of it: every word beside the coordinates has to be the same."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from machopt.data_types.cell import Cell
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.program_in_cell import ProgramInCell
+from machopt.data_types.robot_program import LIN, RobotController, RobotProgram
+from machopt.data_types.toolpath import MoveKind, Toolpath
+from machopt.errors import InputError
+from machopt.kinematics.controller_posture import compute_controller_posture
+from machopt.kinematics.robot import load_robot
+from machopt.numerics.array_types import Array
+from machopt.programs.program_reader import ParsedProgram
+from machopt.programs.program_writer import load_post, render_expected_text
+from machopt.programs.writing.blend_zones import compute_blend_zones
+from machopt.programs.writing.target_insertion import ProgramTolerance
+from machopt.programs.writing.template_fields import ROUNDED
+from machopt.programs.writing.text_comparison import find_text_difference, find_undecodable_bytes, find_wrong_line_end
+from machopt.verification.checks import VerificationCheck, build_file_check
+from machopt.verification.folder.programs.blend_zones import check_blend_zones
+from machopt.verification.folder.programs.post_lookup import (
+    compute_workpiece_in_base,
+    get_workpiece_on_positioner,
+    list_external_axes,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RewrittenProgram:
+    """What a post is given beside the moves."""
+
+    cell: Cell
+    toolpath: Toolpath
+    out: Path
+    options: PlanOptions
+    tolerance: ProgramTolerance
+    source: str  # what the program's head says it is from
+
+    def check_text(
+        self,
+        files: Sequence[str],
+        post: str | Path,
+        parsed: ParsedProgram,
+        said: ProgramInCell,
+        controller: RobotController,
+        q: Array,
+        external: Array,
+    ) -> list[VerificationCheck]:
+        """Compare the whole text with the post's, and its zones with the law that the post follows.
+
+        Args:
+            files: of the program, the one that is run first.
+            post: what wrote it.
+            parsed: the program as it was read.
+            said: the same in the cell's terms.
+            controller: as the post took it.
+            q: (M, 6) rad, the joints of the targets.
+            external: (M, E) rad or m, where the external joints stand there.
+        """
+        name = files[0]
+        keys = load_post(post).keys
+        program = self._build_program(parsed, said, controller, q, external)
+        law = compute_blend_zones(
+            program, controller.moves_per_part or keys.moves_per_part if keys.moves_per_part else None
+        )
+        zones, own = bool(load_post(post).list_used_fields & ROUNDED), isinstance(post, Path)
+        checks = (
+            []
+            if said.is_streamed
+            else check_blend_zones(
+                name, parsed, program, law, controller, zones=zones, own=own, printed=said.print_resolution
+            )
+        )
+        blend = np.where(np.isfinite(parsed.blend), parsed.blend, law.distance)
+        columns = _list_printed_columns(parsed)
+        try:
+            texts = render_expected_text(
+                Path(name).stem, program, post, controller, said=columns, zone=replace(law, distance=blend)
+            )
+        except InputError as problem:
+            return [*checks, build_failed_program_check(name, "wording", str(problem.reason))]
+        folder = Path(name).parent if parsed.dialect != "val3" else Path(name).parent.parent
+        wanted = {(folder / f).as_posix(): text for f, text in texts.items()}
+        if set(wanted) != set(files):
+            odd = sorted(set(wanted) ^ set(files))
+            return [
+                *checks,
+                build_failed_program_check(
+                    name, "wording", f"{odd[0]} is " + ("missing" if odd[0] in wanted else "not of it")
+                ),
+            ]
+        wrong = []
+        for file, text in wanted.items():
+            data = (self.out / file).read_bytes()
+            strange = find_undecodable_bytes(data, keys.encoding)
+            if strange is not None:
+                wrong.append(f"{file}, line {strange[0]}: {strange[1]} where the post writes {keys.encoding} only")
+                continue
+            found = data.decode(keys.encoding)
+            off, ends = find_text_difference(found, [text]), find_wrong_line_end(found, keys.line_end)
+            if off is None and ends is not None:
+                wrong.append(f"{file}, line {ends}: does not end in {keys.line_end.upper()} as the post ends its lines")
+            if off is not None:
+                wrong.append(f"{file}, line {off.line}: {off.found[:70]!r} where the post writes {off.expected[:70]!r}")
+        return [
+            *checks,
+            build_file_check(
+                name,
+                "wording",
+                not wrong,
+                float(len(wrong)),
+                0.0,
+                "files",
+                "; ".join(wrong[:2]) or "every line as the post writes it",
+            ),
+        ]
+
+    def _build_program(
+        self, parsed: ParsedProgram, said: ProgramInCell, controller: RobotController, q: Array, external: Array
+    ) -> RobotProgram:
+        """The program as the post took it, from what was read; joints are the motion's, which only zones look at."""
+        cell, n = self.cell, len(said)
+        standing = compute_controller_posture(load_robot(cell), q, controller)
+        labels = list(dict.fromkeys(o for o in said.operation if o))
+        number = {"": -1, **{label: n for n, label in enumerate(labels)}}
+        own = self.toolpath.events
+        events = (
+            tuple(replace(e, index=r.index) for e, r in zip(own, parsed.events, strict=True))
+            if (len(own) == len(parsed.events))
+            else parsed.events
+        )
+        linear = said.kind == LIN
+        feed = np.where(linear, np.where(said.feed > 0.0, said.feed, 1.0), np.nan)
+        kind = said.kind.copy()
+        kind[0] = 0  # a program begins with a joint move; that this one does is seen in its text
+        feed[0] = np.nan
+        return RobotProgram(
+            kind=kind,
+            q=q,
+            T_workpiece_tcp=said.T_workpiece_tcp,
+            feed=feed,
+            cutting=(kind == LIN) & (said.move == MoveKind.CUT),
+            move=said.move,
+            operation=np.array([number[o] for o in said.operation], np.int32),
+            operations=tuple(labels),
+            T_flange_tcp=cell.tool.T_flange_tcp,
+            T_base_workpiece=compute_workpiece_in_base(cell, cell.external_home),
+            external=external,
+            external_axes=list_external_axes(cell),
+            T_carrier_workpiece=get_workpiece_on_positioner(cell),
+            ptp_speed=self.options.rapid_scale,
+            events=events,
+            blend=0.0 if said.is_streamed else self.tolerance.position,
+            source=self.source,
+            joint_names=cell.arm_joints,
+            time=np.arange(n, dtype=float) if said.is_streamed else None,
+            wrist_behind=None if standing is None else standing[0],
+            elbow_up=None if standing is None else standing[1],
+            axis_velocity=cell.limits.velocity[:6],
+            axis_acceleration=cell.limits.acceleration[:6],
+            tool_com=cell.tool.com,
+            tool_mass=cell.tool.mass if cell.tool.mass > 0.0 else float("nan"),
+        )
+
+
+def build_failed_program_check(file: str, what: str, text: str) -> VerificationCheck:
+    return build_file_check(file, what, False, float("nan"), 0.0, "", text)
+
+
+def _list_printed_columns(parsed: ParsedProgram) -> dict[str, Sequence[object]]:
+    """Columns whose last digit may hang on rounding, as the program says them; their law is checked beside."""
+    words = parsed.configuration
+    if parsed.dialect == "fanuc":
+        cnt = [int(w.get("cnt", 0)) for w in words]  # type: ignore[call-overload]
+        return {"cnt": cnt, "continuous": [n > 0 for n in cnt]}
+    if parsed.dialect == "jbi":
+        rconf = [w.get("rconf") for w in words]
+        return {
+            "pl": [int(w.get("pl", 0)) for w in words],  # type: ignore[call-overload]
+            "rconf": [",".join(map(str, r)) if isinstance(r, tuple) else "" for r in rconf],
+        }
+    return {}

@@ -1,0 +1,1 @@
+"""The values of result.json, computed a second time."""

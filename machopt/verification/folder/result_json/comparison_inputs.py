@@ -1,0 +1,196 @@
+"""What result.json tells, beside everything it may be held against, and the comparisons that are made."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.cell.tool_selection import split_into_tool_segments
+from machopt.data_types.cell import Cell
+from machopt.data_types.documents.document_base import DocumentModel
+from machopt.data_types.documents.optimize_document import OptimizeDocument
+from machopt.data_types.manifest import FolderManifest, ManifestFile
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.toolpath import Toolpath
+from machopt.numerics.array_types import Array
+from machopt.output.manifest_file import list_folder_files
+from machopt.verification import Verification
+from machopt.verification.checks import CheckName
+from machopt.verification.motion.motion_verification import read_tables
+from machopt.verification.motion.stiffness.spring_terms import UnknownTermError
+from machopt.verification.motion.tool_changes import split_tables
+from machopt.verification.motion.worst_index_along_cuts import find_worst_index
+from machopt.verification.tables.csv_columns import ColumnTable, read_table
+
+CHECK_VALUE_TOLERANCE = (
+    1e-2  # of a check's limit: between two runs, and machines, a measured value moves by rounding only
+)
+LAST_DIGIT_MM, LAST_DIGIT_N_MM = 1e-7, 1e-4  # of deflection and stiffness in points.csv
+RELATIVE_TOLERANCE = 1e-9  # relative: sums and ratios of figures that stand in the same file
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResultComparison:
+    """result.json, and everything it may be held against."""
+
+    result: OptimizeDocument
+    folder: Path
+    cell: Cell
+    toolpath: Toolpath
+    options: PlanOptions
+    inputs: tuple[ManifestFile, ...]  # as recorded, where there is a manifest
+    manifest: FolderManifest | None
+    contents: Verification | None  # None where there is no motion
+
+    @cached_property
+    def motion(self) -> ColumnTable:
+        """trajectory.csv; read when first asked for, since a table that cannot be read fails that part."""
+        return read_table(self.folder / "trajectory.csv")
+
+    @cached_property
+    def points(self) -> ColumnTable:
+        """points.csv."""
+        return read_table(self.folder / "points.csv")
+
+    @cached_property
+    def worst_along_cuts(self) -> tuple[float, ...]:
+        """The worst index along the cuts of each tool, between points too, by the verifier's laws, in SI.
+
+        NaN where it is not known: no motion, points left out of it, a law that is not written twice.
+        """
+        stints = split_into_tool_segments(self.cell, self.toolpath)
+        unknown = (math.nan,) * len(stints)
+        lacks = self.contents is None or any(c.check_name == CheckName.CHANGES for c in self.contents.failed)
+        if lacks or not CheckedPoints.from_file(self).is_ok.all():
+            return unknown
+        tables = read_tables(stints[0].cell, self.folder)
+        if isinstance(tables, Verification):
+            return unknown
+        parts = [tables] if len(stints) == 1 else split_tables(tables, stints)
+        try:
+            return tuple(
+                find_worst_index(s.cell, s.toolpath, part.motion, self.result.index, s.restrict_options(self.options))
+                for s, part in zip(stints, parts, strict=True)
+            )
+        except UnknownTermError:
+            return unknown
+
+
+@dataclass(frozen=True)
+class CheckedPoints:
+    """points.csv, of as many rows as the toolpath has."""
+
+    table: ColumnTable
+
+    @classmethod
+    def from_file(cls, t: ResultComparison) -> CheckedPoints:
+        rows = len(t.points.read_words("status"))
+        if rows != len(t.toolpath):
+            raise ValueError(f"points.csv has {rows} rows, the toolpath {len(t.toolpath)} points")
+        return cls(t.points)
+
+    @property
+    def is_ok(self) -> NDArray[np.bool_]:
+        """(N,) the point has a configuration."""
+        return np.array([status == "ok" for status in self.table.read_words("status")])
+
+    def get_column(self, name: str) -> Array:
+        if name not in self.table:
+            raise ValueError(f"points.csv lacks the column {name}")
+        return self.table.read_numbers(name, empty=True)
+
+    def compute_cost(self, t: ResultComparison) -> Array:
+        """(N,) the index at the points that are cut to, in SI, less is better; NaN elsewhere."""
+        counts = t.toolpath.cutting & self.is_ok
+        index = t.result.index
+        if index == "deflection":
+            out = 1e-3 * self.get_column("deflection_mm")
+        elif index == "jiao2022":
+            out = 1e-3 / self.get_column("k_jiao_x_N_mm")
+        else:
+            axial, normal = 1e-3 / self.get_column("k_axial_N_mm"), 1e-3 / self.get_column("k_normal_N_mm")
+            drilling = np.array([o.kind == "point" for o in t.toolpath.operations])[t.toolpath.operation]
+            out = np.where(drilling, axial, 0.5 * (axial + normal))
+        return np.where(counts, out, np.nan)
+
+    def cost_rounding(self, t: ResultComparison) -> Array:
+        """(N,) the largest error of :meth:`cost`, in SI, that follows from half of the last digit in points.csv."""
+        if t.result.index == "deflection":
+            return np.full(len(t.toolpath), 0.5e-3 * LAST_DIGIT_MM)
+        names = ("k_jiao_x_N_mm",) if t.result.index == "jiao2022" else ("k_axial_N_mm", "k_normal_N_mm")
+        softest = np.min([self.get_column(name) for name in names], axis=0)
+        return np.asarray(1e-3 * 0.5 * LAST_DIGIT_N_MM / softest**2)
+
+
+def is_output_file(t: ResultComparison, name: str) -> bool:
+    return name in list_folder_files(t.folder) and (t.folder / name).is_file()
+
+
+def check_equal(name: str, found: object, expected: object) -> Iterable[str]:
+    found, expected = _convert_tuples(found), _convert_tuples(expected)
+    if found != expected or isinstance(found, bool) != isinstance(expected, bool):
+        yield f"{name} is {format_json_value(found)}, {format_json_value(expected)} follows"
+
+
+def _convert_tuples(value: object) -> object:
+    """A result's tuples as JSON has them."""
+    return list(value) if isinstance(value, tuple) else value
+
+
+def check_same_items(name: str, found: Mapping[str, object], expected: Mapping[str, object]) -> Iterable[str]:
+    for key in sorted(found.keys() | expected.keys()):
+        if key not in expected:
+            yield f"{name}.{key} is {format_json_value(found[key])}, nothing of that name follows"
+        elif key not in found:
+            yield f"{name}.{key} is missing"
+        else:
+            yield from check_equal(f"{name}.{key}", found[key], expected[key])
+
+
+def check_close(
+    name: str, found: float | None, expected: float | None, relative: float, absolute: float
+) -> Iterable[str]:
+    """Null stands for what is not finite."""
+    if expected is None or not math.isfinite(expected):
+        yield from check_equal(name, found, None)
+    elif found is None or not abs(found - expected) <= relative * abs(expected) + absolute:
+        yield f"{name} is {format_json_value(found)}, {format_json_value(expected)} follows"
+
+
+def require_number(name: str, value: float | None) -> float:
+    """A number that must be there.
+
+    Raises:
+        ValueError: it is null.
+    """
+    if value is None:
+        raise ValueError(f"{name} is null")
+    return value
+
+
+def format_json_value(value: object) -> str:
+    """A value as the file would write it: null, true, "done"."""
+    if isinstance(value, DocumentModel):
+        value = value.to_json_types()
+    if isinstance(value, float | np.floating):
+        return f"{value:.12g}" if math.isfinite(value) else "null"
+    text = json.dumps(value, ensure_ascii=False, default=_convert_to_json)
+    return text if len(text) <= 80 else text[:77] + "…"
+
+
+def _convert_to_json(value: Any) -> object:
+    """What json does not know: rows of the manifest, numbers and arrays of numpy, paths, sets."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    return sorted(map(str, value)) if isinstance(value, set | frozenset) else str(value)

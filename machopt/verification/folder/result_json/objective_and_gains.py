@@ -1,0 +1,250 @@
+"""What result.json tells of objective, gains, compensation and front, recomputed from the tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from machopt.data_types.documents.optimize_document import (
+    ChoiceObjectiveSection,
+    ExternalSearchBoundSection,
+    MeanGainEntry,
+    ObjectivePartsSection,
+)
+from machopt.numerics.array_types import Array, Bools
+from machopt.verification.folder.result_json.comparison_inputs import (
+    RELATIVE_TOLERANCE,
+    CheckedPoints,
+    ResultComparison,
+    check_close,
+    check_equal,
+    format_json_value,
+    require_number,
+)
+from machopt.verification.tables.csv_columns import read_columns
+
+PRINTED_TOLERANCE = 2e-6  # relative: tables print seven significant digits
+POINT_TO_SAMPLE_FACTOR = (
+    1.03  # a planning point is no softer than this times the worst sample, half a degree of joint travel away
+)
+POINT_TO_NEIGHBOUR_FACTOR = 1.5  # nor than this times the worst of near toolpath points, where no sample tells
+Z_90_PERCENT = 1.6448536269514722  # standard deviations of a 90 % interval
+NEARNESS_TOLERANCE = 0.2  # of the nearness: places between two points may be nearer or farther than both
+MIN_GAIN_PERCENT = 0.01  # a smaller difference of the means is no gain
+
+
+def limit_worst_index(t: ResultComparison, most: float, along: float) -> float:
+    """The worst index that may be told, in SI.
+
+    Args:
+        most: of the points in points.csv.
+        along: of the samples between them, of the same stretch; NaN: not known. What is left then: compliance goes
+            with the square of the lever, which a move of L m changes by no more than L, and arms reach a metre.
+    """
+    if np.isfinite(along):
+        return max(most, along) * POINT_TO_SAMPLE_FACTOR
+    step = np.linalg.norm(np.diff(t.toolpath.position, axis=0), axis=1)[t.toolpath.cutting[1:]]
+    return float(most * POINT_TO_NEIGHBOUR_FACTOR * (1.0 + step.max(initial=0.0)) ** 2)
+
+
+def check_objective(t: ResultComparison) -> Iterable[str]:
+    parts, w = t.result.objective, t.options.weights
+    for name, o in (
+        ("cam_default", parts.cam_default),
+        ("jiao2022", parts.jiao2022),
+        ("grid", parts.grid),
+        ("chosen", parts.chosen),
+    ):
+        if o.mean is None or o.worst is None:
+            yield from check_equal(f"objective.{name}.total", o.total, None)
+            continue
+        total = (
+            w.mean * o.mean
+            + w.worst * o.worst
+            + w.travel * require_number("travel", o.travel)
+            + w.rotation * require_number("rotation", o.rotation)
+            + w.feed * require_number("feed", o.feed)
+            + require_number("preferred", o.preferred)
+            + w.clearance * require_number("clearance", o.clearance)
+        )
+        yield from check_close(f"objective.{name}.total", o.total, total, RELATIVE_TOLERANCE, RELATIVE_TOLERANCE)
+        if isinstance(o, ChoiceObjectiveSection) and not 0.0 <= o.feasible_share <= 1.0:
+            yield f"objective.{name}.feasible_share is {format_json_value(o.feasible_share)}, not a share"
+    search = parts.search
+    if search is not None:
+        gap = 100.0 * (1.0 - search.lower_bound / search.sequence) if search.sequence > 0 else 0.0
+        yield from check_close(
+            "objective.search.gap_percent", search.gap_percent, gap, RELATIVE_TOLERANCE, RELATIVE_TOLERANCE
+        )
+        if not 0.0 <= search.lower_bound <= search.sequence * (1 + RELATIVE_TOLERANCE):
+            yield "objective.search.lower_bound is not between nothing and the sequence"
+        yield from _check_external_gap(search.external)
+        driven = require_number("chosen.total", parts.chosen.total)
+        above = 100.0 * (driven / search.lower_bound - 1.0) if search.lower_bound > 0 else 0.0
+        yield from check_close(
+            "objective.search.plan_above_bound_percent",
+            search.plan_above_bound_percent,
+            above,
+            RELATIVE_TOLERANCE,
+            1e-7,
+        )
+        grid, total = require_number("grid.total", parts.grid.total), require_number("chosen.total", parts.chosen.total)
+        beyond = 100.0 * (1.0 - total / grid) if grid > 0 else 0.0
+        yield from check_close(
+            "objective.search.beyond_grid_percent", search.beyond_grid_percent, beyond, RELATIVE_TOLERANCE, 1e-7
+        )
+    own = parts.chosen
+    cost = CheckedPoints.from_file(t).compute_cost(t)
+    if own.worst is not None and np.isfinite(cost).any():
+        told, most = own.worst * require_number("index_scale", t.result.index_scale), float(np.nanmax(cost))
+        rounding = CheckedPoints.from_file(t).cost_rounding(t)[int(np.nanargmax(cost))]
+        if (
+            not most * (1 - PRINTED_TOLERANCE) - rounding
+            <= told
+            <= limit_worst_index(t, most, float(np.max(t.worst_along_cuts)))
+        ):
+            yield f"objective.chosen.worst is {told:.9g} in the index's unit, points.csv has {most:.9g}"
+        if not 0.0 < require_number("chosen.mean", own.mean) <= own.worst:
+            yield "objective.chosen.mean is not between nothing and the worst"
+    yield from _check_mean_nearness(t, require_number("chosen.clearance", own.clearance))
+    for gain in parts.gain:
+        yield from _check_gain(gain, own, parts.cam_default if gain.over == "cam default" else parts.jiao2022)
+    yield from check_equal("objective.gain", [g.over for g in parts.gain], ["cam default", "jiao2022"])
+
+
+def _check_external_gap(e: ExternalSearchBoundSection | None) -> Iterable[str]:
+    """A gap over the values of external joints is stated where the plan is not below the bound, and nowhere else."""
+    if e is None or e.lower_bound is None or e.plan is None:
+        return
+    where = "objective.search.external"
+    if e.lower_bound <= e.plan:
+        gap = 100.0 * (1.0 - e.lower_bound / e.plan) if e.plan > 0 else None
+        if gap is None or e.gap_percent is None:
+            yield from check_equal(f"{where}.gap_percent", e.gap_percent, gap)
+        else:
+            yield from check_close(f"{where}.gap_percent", e.gap_percent, gap, RELATIVE_TOLERANCE, RELATIVE_TOLERANCE)
+    else:
+        yield from check_equal(f"{where}.gap_percent", e.gap_percent, None)
+    if e.sequence is not None and e.lower_bound > e.sequence * (1 + RELATIVE_TOLERANCE):
+        yield f"{where}.lower_bound is above the sequence"
+
+
+def _check_mean_nearness(t: ResultComparison, told: float) -> Iterable[str]:
+    """The mean nearness along the cut: 0 where it does not count, else near to that of the points in points.csv."""
+    if not t.options.weights.clearance:
+        yield from check_equal("objective.chosen.clearance", told, 0.0)
+        return
+    points = CheckedPoints.from_file(t)
+    counts = t.toolpath.cutting & np.isfinite(points.get_column("clearance_mm"))
+    near = np.clip(1.0 - 1e-3 * points.get_column("clearance_mm")[counts] / t.options.clearance_full, 0.0, 1.0)
+    if len(near) and not near.min() - NEARNESS_TOLERANCE <= told <= near.max() + NEARNESS_TOLERANCE:
+        yield (
+            f"objective.chosen.clearance is {told:.6g}, the points of points.csv have {near.min():.6g} to "
+            f"{near.max():.6g}"
+        )
+
+
+def _check_gain(gain: MeanGainEntry, own: ObjectivePartsSection, other: ObjectivePartsSection) -> Iterable[str]:
+    name = f"gain over {gain.over}"
+    if gain.mean_percent is None:
+        yield from check_equal(f"{name}: std_percent", gain.std_percent, None)
+        yield from check_equal(f"{name}: ci90", gain.ci90, None)
+        return
+    expected = 100.0 * (
+        1.0 - require_number("chosen.mean", own.mean) / require_number(f"{gain.over}: mean", other.mean)
+    )
+    yield from check_close(f"{name}: mean_percent", gain.mean_percent, expected, RELATIVE_TOLERANCE, 1e-7)
+    half = MIN_GAIN_PERCENT
+    yield from check_equal(f"{name}: ci90 is there", gain.ci90 is not None, gain.std_percent is not None)
+    if gain.std_percent is not None:
+        half = max(half, Z_90_PERCENT * gain.std_percent)
+        for value, sign in zip(gain.ci90 or (), (-1.0, 1.0), strict=True):
+            yield from check_close(
+                f"{name}: ci90", value, gain.mean_percent + sign * Z_90_PERCENT * gain.std_percent, 1e-3, 1e-3
+            )
+    yield from check_equal(f"{name}: distinguishable", gain.distinguishable, not abs(gain.mean_percent) <= half)
+
+
+def check_compensation(t: ResultComparison) -> Iterable[str]:
+    told, file = t.result.compensation, t.folder / "compensation.csv"
+    if not t.options.compensate or t.contents is None:
+        yield from check_equal("compensation", told, None)
+        return
+    if told is None:
+        yield "compensation is null, yet the path is compensated"
+        return
+    columns = read_columns(file)
+    index = np.array(columns["point"], float)
+    shift = np.linalg.norm(np.array([columns[f"d{c}_mm"] for c in "xyz"], float), axis=0)
+    at = np.clip(np.ceil(index - 1e-9).astype(int), 0, len(t.toolpath) - 1)
+    yield from check_close(
+        "compensation.max_mm", told.max_mm, float(shift[t.toolpath.cutting[at]].max()), PRINTED_TOLERANCE, 1e-5
+    )
+    for small, large in (("mean_mm", "max_mm"), ("residual_mean_mm", "residual_max_mm")):
+        if not 0.0 <= getattr(told, small) <= getattr(told, large) * (1 + PRINTED_TOLERANCE):
+            yield f"compensation.{small} is not between nothing and {large}"
+
+
+def check_trade_off_front(t: ResultComparison) -> Iterable[str]:
+    """front.csv, the table in result.json, and the motion that lies in the folder, which is the first of them."""
+    told, file = t.result.front, t.folder / "front.csv"
+    if told is None:
+        if file.exists():
+            yield "names no front, yet there is a front.csv"
+        return
+    rows = read_columns(file)
+    free = [p for p in told if not p.dominated]
+    for name, words in rows.items():
+        if name in ("plan", "changed"):
+            yield from check_equal(f"front.csv: {name}", words, [getattr(p, name) for p in free])
+            continue
+        yield from check_equal(f"front.csv: rows of {name}", len(words), len(free))
+        for p, word in zip(free, words, strict=True):
+            found = getattr(p, name)
+            if (found is None) != (word == ""):
+                yield f"front.csv: {name} of {p.plan} is {word!r}, result.json has {format_json_value(found)}"
+            elif word:
+                yield from check_close(f"front.csv: {name} of {p.plan}", float(word), found, 1e-8, 0.0)
+    keys = ("mean_index", "cycle_time_s", "joint_travel_deg", "clearance_mm")
+    known_of = [[(k, getattr(p, k)) for k in keys if getattr(p, k) is not None] for p in told]
+    less = [[(-1.0 if k == "clearance_mm" else 1.0) * v for k, v in row] for row in known_of]
+    for p, a in zip(told, less, strict=True):
+        pairs = [list(zip(a, b, strict=True)) for b in less]
+        under = any(all(y <= x for x, y in c) and any(y < x - 1e-5 * abs(x) for x, y in c) for c in pairs)
+        if under and not p.dominated:
+            yield f"front: {p.plan} is not told as dominated, yet another plan is nowhere worse"
+    own, q = told[0], np.array([t.motion.read_numbers(f"q{j}_deg") for j in range(1, 7)])
+    chosen, scale = t.result.objective.chosen, 1e3 * require_number("index_scale", t.result.index_scale)
+    yield from check_close(
+        "front: mean_index", own.mean_index, scale * require_number("chosen.mean", chosen.mean), RELATIVE_TOLERANCE, 0.0
+    )
+    yield from check_close(
+        "front: worst_index",
+        own.worst_index,
+        scale * require_number("chosen.worst", chosen.worst),
+        RELATIVE_TOLERANCE,
+        0.0,
+    )
+    yield from check_close(
+        "front: objective", own.objective, require_number("chosen.total", chosen.total), RELATIVE_TOLERANCE, 0.0
+    )
+    yield from check_close("front: cycle_time_s", own.cycle_time_s, t.result.cycle_time_s, RELATIVE_TOLERANCE, 0.0)
+    yield from check_close("front: joint_travel_deg", own.joint_travel_deg, float(np.abs(np.diff(q)).sum()), 1e-3, 0.1)
+    least = CheckedPoints.from_file(t).get_column("clearance_mm")
+    if np.isfinite(least).any():
+        yield from check_close(
+            "front: clearance_mm", own.clearance_mm, float(np.nanmin(least)), PRINTED_TOLERANCE, 1e-3
+        )
+
+
+def is_within_ranges(values: Array, ranges: Array) -> Bools:
+    """(n,) which of the values (n,) lie in any of the closed ranges (K, 2); the time follows n + K, not n · K."""
+    order = np.argsort(values, kind="stable")
+    first = np.searchsorted(values[order], ranges[:, 0], side="left")
+    stop = np.searchsorted(values[order], ranges[:, 1], side="right")
+    real = first < stop
+    steps = np.bincount(first[real], minlength=len(values) + 1) - np.bincount(stop[real], minlength=len(values) + 1)
+    out = np.zeros(len(values), bool)
+    out[order] = np.cumsum(steps)[:-1] > 0
+    return out

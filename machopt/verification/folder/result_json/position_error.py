@@ -1,0 +1,66 @@
+"""What result.json tells of where the TCP is by measured poses, held against the cell's file and points.csv."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from machopt.data_types.stiffness import PositionError
+from machopt.numerics.array_types import Array
+from machopt.verification.folder.result_json.comparison_inputs import (
+    RELATIVE_TOLERANCE,
+    CheckedPoints,
+    ResultComparison,
+    check_close,
+    check_equal,
+)
+
+COVERED_RANGE_DEG = 1.0  # beyond the last measured angle: poses are rounded and sag, as the planner counts it too
+PRINTED_ANGLE_DEG = (
+    0.3  # between what encoders say and where the arm stands, and of digits: no side of the edge is sure
+)
+
+
+def check_position_error(t: ResultComparison) -> Iterable[str]:
+    """Numbers as the cell's ``check_position_error`` has them; joints that go beyond its poses, by the points' own
+    angles."""
+    told, known = t.result.position_error, None if t.cell.stiffness is None else t.cell.stiffness.position
+    q = _list_cut_joints(t)
+    if known is None or not len(q):
+        yield from check_equal("position_error", told, None)
+        return
+    if told is None:
+        yield "position_error is null, yet the cell's stiffness holds one"
+        return
+    corrected = bool(t.cell.kinematics)
+    yield from check_equal("position_error.corrected", told.corrected, corrected)
+    std, beyond = (known.std if corrected else known.plain), max(known.plain, known.std)
+    for name, found, expected in (
+        ("std_mm", told.std_mm, std),
+        ("beyond_mm", told.beyond_mm, beyond),
+        ("noise_mm", told.noise_mm, known.noise),
+    ):
+        yield from check_close(f"position_error.{name}", found, 1e3 * expected, RELATIVE_TOLERANCE, RELATIVE_TOLERANCE)
+    yield from check_equal("position_error.poses", told.poses, known.poses)
+    yield from _check_outside_range(told.outside_joints, told.outside_percent or 0.0, q, known)
+
+
+def _list_cut_joints(t: ResultComparison) -> Array:
+    """(N, 6) deg at the points that are cut to and have a configuration."""
+    points = CheckedPoints.from_file(t)
+    rows = points.is_ok & t.toolpath.cutting
+    return np.stack([points.get_column(f"q{j + 1}_deg")[rows] for j in range(6)], axis=1)
+
+
+def _check_outside_range(told: tuple[int, ...], percent: float, q: Array, known: PositionError) -> Iterable[str]:
+    """The planner counts places of its own between the points: what all or none of the points show, it shows too."""
+    low, high = np.degrees(known.joints).T
+    far = np.maximum(low - q, q - high) - COVERED_RANGE_DEG  # > 0: outside
+    surely = np.flatnonzero((far > PRINTED_ANGLE_DEG).any(axis=0)) + 1
+    if missing := [int(j) for j in surely if j not in told]:
+        yield f"position_error.outside_joints lacks joint {', '.join(map(str, missing))}: beyond, in points.csv"
+    if not 0.0 <= percent <= 100.0 or bool(told) != (percent > 0.0):
+        yield f"position_error.outside_percent is {percent:.6g} for joints {list(told)}"
+    if (far.max(axis=1) > PRINTED_ANGLE_DEG).all() and percent < 100.0 - 1e-9 and len(q) > 1:
+        yield f"position_error.outside_percent is {percent:.6g}, yet every point of points.csv is outside"

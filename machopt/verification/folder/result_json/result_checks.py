@@ -1,0 +1,448 @@
+"""result.json held against what it was drawn from: tables, inputs, options, the manifest and the verification itself.
+
+What follows from the planner alone is listed in ``scope.NOT_RECOMPUTED``; sums and ratios made of it are checked. So
+are the sentences under ``reason`` of points.csv (that a point has one, and its status, are checked).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from pydantic import ValidationError
+
+from machopt.cell.tool_selection import list_used_operations, split_into_tool_segments
+from machopt.data_types.cell import Cell
+from machopt.data_types.documents.optimize_document import OptimizeDocument
+from machopt.data_types.manifest import FolderManifest, ManifestFile, add_scope_to_verdict
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.slow_moves import RAMPS, TURN_BACK, SlowStretch, describe_slow_points, is_turn_back
+from machopt.data_types.toolpath import MoveKind, Toolpath
+from machopt.errors import InputError
+from machopt.numerics.array_types import Array, Bools
+from machopt.options.plan_option_reader import format_user_options
+from machopt.output.file_hashes import compute_sha256
+from machopt.output.file_roles import BATCH_ROLES, TABLES
+from machopt.output.json_files import convert_to_json_types, read_json
+from machopt.output.manifest_file import MANIFEST, list_folder_files
+from machopt.verification import Verification, VerificationCheck
+from machopt.verification.checks import CheckName, build_file_check
+from machopt.verification.folder.coverage import (
+    NOT_RECOMPUTED,
+    format_completeness,
+    list_checked,
+    list_checks_not_run,
+    list_production_blockers,
+    list_unchecked,
+)
+from machopt.verification.folder.options_in_force import get_error_file
+from machopt.verification.folder.result_json.comparison_inputs import (
+    CHECK_VALUE_TOLERANCE,
+    RELATIVE_TOLERANCE,
+    CheckedPoints,
+    ResultComparison,
+    check_close,
+    check_equal,
+    check_same_items,
+    format_json_value,
+    require_number,
+)
+from machopt.verification.folder.result_json.objective_and_gains import (
+    PRINTED_TOLERANCE,
+    check_compensation,
+    check_objective,
+    check_trade_off_front,
+    is_within_ranges,
+    limit_worst_index,
+)
+from machopt.verification.folder.result_json.position_error import check_position_error
+from machopt.verification.folder.result_json.program_entries import check_program_entries
+from machopt.verification.folder.result_json.schema_errors import list_schema_errors
+from machopt.verification.folder.result_json.worst_point import check_worst_point
+
+CHOSEN_MEAN_TOLERANCE = 0.05  # of the mean index: what rescoring a choice as it is driven may move it by
+HELD_FEED_SHARE = 0.95  # of the programmed feed: what counts as held
+POINT_INDEX_TOLERANCE = 1e-6  # of a point index: printed with six decimals or more
+FEED_TOLERANCE = 1e-4  # of the programmed feed: feeds are printed to 0.001 mm/min
+SHIFTED_CORNER_RAD = math.radians(
+    10.0
+)  # by this much a path shifted against the deflection may turn a corner less sharply
+RESULT_FILE = "result.json"
+VERDICT_BY_EXIT_CODE = {3: "infeasible", 4: "verification failed"}
+
+
+def check_result_document(
+    folder: Path,
+    cell: Cell,
+    toolpath: Toolpath,
+    options: PlanOptions,
+    inputs: tuple[ManifestFile, ...],
+    manifest: FolderManifest | None,
+    contents: Verification | None,
+) -> list[VerificationCheck]:
+    """One check for each part of result.json; a part that is missing or malformed fails its check."""
+    file = folder / RESULT_FILE
+    try:
+        value = read_json(file)
+    except InputError as problem:
+        return [_build_check("", [str(problem)])]
+    try:
+        result = OptimizeDocument.model_validate(value)
+    except ValidationError as problem:  # what somebody else wrote into the file may be of any shape
+        return [_build_check(part, said) for part, said in list_schema_errors(problem).items()]
+    told = ResultComparison(
+        result=result,
+        folder=folder,
+        cell=cell,
+        toolpath=toolpath,
+        options=options,
+        inputs=manifest.inputs if manifest else inputs,
+        manifest=manifest,
+        contents=contents,
+    )
+    return [_run_part_check(name, part, told) for name, part in _PARTS.items()]
+
+
+def _run_part_check(
+    name: str, part: Callable[[ResultComparison], Iterable[str]], told: ResultComparison
+) -> VerificationCheck:
+    """The part's findings; numbers of a foreign file may fit the schema and yet lead nowhere."""
+    try:
+        return _build_check(name, list(part(told)))
+    except InputError as problem:
+        return replace(_build_check(name, [str(problem)]), because=get_error_file(problem))
+    except (KeyError, TypeError, ValueError, IndexError, OverflowError) as problem:
+        return _build_check(name, [f"is not of the form that machopt writes: {_format_error(problem)}"])
+
+
+def _format_error(problem: Exception) -> str:
+    """What somebody who knows no Python makes something of."""
+    if isinstance(problem, KeyError):
+        return f"the key {format_json_value(problem.args[0])} is missing"
+    if isinstance(problem, ValueError) and problem.args:
+        return str(problem)
+    return "a value is of another kind there"
+
+
+def _build_check(part: str, wrong: list[str]) -> VerificationCheck:
+    more = f"; and {len(wrong) - 3} more" if len(wrong) > 3 else ""
+    said = "; ".join(wrong[:3]) + more
+    return build_file_check(
+        RESULT_FILE, part, not wrong, float(len(wrong)), 0.0, "differences", said, of=" " if part else ""
+    )
+
+
+def _check_verdict(t: ResultComparison) -> Iterable[str]:
+    code, found = t.result.exit_code, t.contents
+    expected = 3 if found is None else (0 if found.ok else 4)
+    yield from check_equal("exit_code", code, expected)
+    missing = (*list_unchecked(t.cell, t.options, t.toolpath), *(list_checks_not_run(found.checks) if found else ()))
+    yield from check_equal("unchecked", t.result.unchecked, list(missing))
+    blockers = () if expected == 3 else list_production_blockers(t.cell, missing, t.result.programs)
+    yield from check_equal("production_blockers", t.result.production_blockers, list(blockers))
+    word = VERDICT_BY_EXIT_CODE.get(expected)
+    if word is None:
+        lacking = ~CheckedPoints.from_file(t).is_ok
+        if lacking.any() and not t.options.allow_gaps:
+            yield f"{int(lacking.sum())} points are left out, yet allow_gaps is false: exit code 3 follows"
+        word = format_completeness(
+            int((lacking & t.toolpath.cutting).sum()), int((lacking & ~t.toolpath.cutting).sum())
+        )
+    yield from check_equal("verdict", t.result.verdict, add_scope_to_verdict(word, missing))
+    if t.manifest is not None:
+        for key, value in (("verdict", t.manifest.verdict), ("exit_code", t.manifest.exit_code)):
+            yield from check_equal(f"{key} (of the manifest)", value, getattr(t.result, key))
+        yield from check_equal("unchecked (of the manifest)", list(t.manifest.unchecked), list(missing))
+        yield from check_equal(
+            "not_recomputed (of the manifest)", list(t.manifest.not_recomputed), list(NOT_RECOMPUTED)
+        )
+        told = [f"{c.what}: {c.how}" for c in t.manifest.checked]
+        yield from check_equal(
+            "checked (of the manifest)", told, [f"{c.what}: {c.how}" for c in list_checked(t.options)]
+        )
+        yield from check_equal("version", t.result.version, t.manifest.versions.get("machopt"))
+
+
+def _check_inputs(t: ResultComparison) -> Iterable[str]:
+    yield from check_same_items("inputs", t.result.inputs, {f.name: f.sha256 for f in t.inputs})
+    yield from check_equal("cell", t.result.cell, t.cell.name)
+
+
+def _check_outputs(t: ResultComparison) -> Iterable[str]:
+    later = {RESULT_FILE, MANIFEST, *BATCH_ROLES}
+    there = {name: compute_sha256(t.folder / name) for name in list_folder_files(t.folder) - later}
+    yield from check_same_items("outputs", t.result.outputs, there)
+    for name in ("points.csv", "report.html", *(("trajectory.csv",) if t.contents is not None else ())):
+        if name not in there:
+            yield f"{name} is missing; optimize writes it always"
+    for name in sorted(there.keys() & set(TABLES)):
+        line = _find_first_comment(t.folder / name)
+        if line:
+            yield f"{name} has a comment in line {line}; machopt writes none, units are in the names of columns"
+
+
+def _find_first_comment(table: Path) -> int:
+    """Number of the first line of a CSV table that readers skip: a comment or an empty line; 0 where there is none."""
+    if table.suffix != ".csv":
+        return 0
+    with table.open("rb") as lines:
+        return next((n for n, line in enumerate(lines, 1) if line.startswith(b"#") or not line.strip()), 0)
+
+
+def _check_options(t: ResultComparison) -> Iterable[str]:
+    recorded = t.manifest.options if t.manifest else convert_to_json_types(format_user_options(t.options))
+    yield from check_same_items("options", t.result.options, recorded)
+    if t.manifest is not None:
+        yield from check_same_items("reading", t.result.reading, t.manifest.reading)
+    index = t.options.index
+    if index == "auto":
+        index = "deflection" if t.options.force.given else "stiffness"
+    yield from check_equal("index", t.result.index, index)
+    own = {
+        "global": ("smooth", "grid", "smooth and grid", "jiao2022", "cam default"),
+        "jiao2022": ("jiao2022",),
+        "default": ("cam default",),
+    }[t.options.method]
+    if not {*t.result.chosen_from.split(" / ")} <= {*own}:
+        yield (
+            f"chosen_from is {format_json_value(t.result.chosen_from)}; method {t.options.method} gives "
+            f"{', '.join(own)}"
+        )
+    parts = t.result.objective
+    source = {"jiao2022": parts.jiao2022, "cam default": parts.cam_default}.get(t.result.chosen_from)
+    if source is not None and (source.mean is None or parts.chosen.mean is None):
+        yield f"chosen_from is {format_json_value(t.result.chosen_from)}, which has no objective"
+    elif source is not None and not t.options.compensate:
+        yield from check_close("chosen_from: mean", parts.chosen.mean, source.mean, CHOSEN_MEAN_TOLERANCE, 0.0)
+
+
+def _check_toolpath(t: ResultComparison) -> Iterable[str]:
+    found, path = t.result.toolpath, t.toolpath
+    recorded = [f.name for f in t.inputs if f.role == "toolpath"]
+    expected = {
+        "source": recorded[0] if recorded else path.source,
+        "format": path.format,
+        "points": len(path),
+        "cutting_points": int(path.cutting.sum()),
+        "operations": [o.label for o in path.operations],
+        "ignored": [vars(w) for w in path.ignored],
+    }
+    yield from check_same_items("toolpath", found.to_json_types(), convert_to_json_types(expected))
+
+
+def _check_tools(t: ResultComparison) -> Iterable[str]:
+    """Which tool each stretch of the job has, by the CAM file."""
+    stints, told = split_into_tool_segments(t.cell, t.toolpath), t.result.tools
+    if len(stints) == 1:
+        yield from check_equal("tools", told, None)
+        return
+    keys = ("tool", "first_point", "last_point", "operations")
+    expected = [
+        dict(zip(keys, (s.tool, s.first, s.stop - 1, list(list_used_operations(s.toolpath))), strict=True))
+        for s in stints
+    ]
+    found = [{**{k: getattr(p, k) for k in keys}, "operations": list(p.operations)} for p in told or ()]
+    yield from check_equal("tools", found, expected)
+    points, scale = CheckedPoints.from_file(t), require_number("index_scale", t.result.index_scale)
+    cost = points.compute_cost(t)
+    for s, p, along in zip(stints, told or (), t.worst_along_cuts, strict=False):
+        own = cost[s.first : s.stop]
+        if p.worst_index is not None and np.isfinite(own).any() and scale > 0:
+            most = float(np.nanmax(own))
+            rounding = points.cost_rounding(t)[s.first + int(np.nanargmax(own))]
+            if not most * (1 - PRINTED_TOLERANCE) - rounding <= p.worst_index <= limit_worst_index(t, most, along):
+                yield f"tools: the worst index with {s.tool} is {p.worst_index:.6g}, points.csv has {most:.6g}"
+
+
+def _check_infeasible(t: ResultComparison) -> Iterable[str]:
+    points = CheckedPoints.from_file(t)
+    status, reason = points.table.read_words("status"), points.table.read_words("reason")
+    keys = ("point", "status", "reason")
+    expected = [dict(zip(keys, (n, word, reason[n]), strict=True)) for n, word in enumerate(status) if word != "ok"]
+    found = [{key: getattr(p, key) for key in keys} for p in t.result.infeasible_points]
+    if found != expected:
+        yield f"{len(found)} infeasible points are named, points.csv has {len(expected)} or gives other reasons"
+    if t.contents is not None and t.result.obstructions:
+        yield "names obstructions, yet there is a motion"
+    if t.contents is not None and t.result.breaks and not t.options.allow_gaps:
+        yield "names breaks of the motion, yet there is one and no gaps were allowed"
+    if t.contents is None and not t.result.infeasible_points and not t.result.breaks:
+        yield "there is no motion, and no place is named where it fails"
+
+
+def _check_times(t: ResultComparison) -> Iterable[str]:
+    if t.contents is None:
+        yield from check_equal("cycle_time_s", t.result.cycle_time_s, None)
+        yield from check_equal("dwell_s", t.result.dwell_s, None)
+        return
+    waits = t.toolpath.dwells
+    yield from check_close(
+        "dwell_s",
+        t.result.dwell_s,
+        float(waits[0] + waits[1:][CheckedPoints.from_file(t).is_ok].sum()),
+        RELATIVE_TOLERANCE,
+        1e-9,
+    )
+    yield from check_close("cycle_time_s", t.result.cycle_time_s, float(t.motion.read_numbers("time_s")[-1]), 0.0, 1e-5)
+    for name, seconds in t.result.timings_s.items():
+        if not (isinstance(seconds, float | int) and math.isfinite(seconds) and seconds >= 0):
+            yield f"timings_s.{name} is {format_json_value(seconds)}"
+
+
+def _check_feed(t: ResultComparison) -> Iterable[str]:
+    """Share of the cutting time near the programmed feed, and where it falls short of it, from the samples."""
+    share, dips, stops = t.result.feed_held_share, t.result.feed_dips, t.result.feed_stops
+    if t.contents is None:
+        yield from check_equal("feed_held_share", share, None)
+        yield from check_equal("feed_dips", dips, [])
+        yield from check_equal("feed_stops", stops, [])
+        return
+    number = {k: t.motion.read_numbers(k, empty=True) for k in ("point", "feed_mm_min")}
+    move = np.array(t.motion.read_words("move"))
+    fed = (move != MoveKind.RAPID.word) & np.isfinite(number["point"])  # dips begin in approaches too
+    fed &= ~_is_dwelling(t, number["point"])
+    cut, at = (move == MoveKind.CUT.word)[fed], number["point"][fed]
+    programmed = np.where(np.isfinite(t.toolpath.feed), t.toolpath.feed, t.options.approach_feed)
+    ends = np.clip(np.ceil(at - POINT_INDEX_TOLERANCE).astype(int), 0, len(t.toolpath) - 1)
+    # the step to a sample just behind a point was driven before it for the most part: either point's feed may be meant
+    either = np.stack([programmed[ends], programmed[np.r_[ends[:1], ends[:-1]]]])
+    ratio = np.sort(number["feed_mm_min"][fed] / 60e3 / either, axis=0)
+    runs = 1 + int((np.diff(np.flatnonzero(move == MoveKind.CUT.word)) > 1).sum())
+    slack = (2 * runs + 0.5) / max(int(cut.sum()), 1)  # the sample at either end of each may count or not
+    if not cut.any() or share is None:
+        yield f"feed_held_share is {share}, but trajectory.csv holds no cut"
+        return
+    still = bool(_is_unmoved(t.toolpath)[ends[cut]].all())  # no cut has a length: nothing is slow
+    least, most = (1.0 if still else (row[cut] >= HELD_FEED_SHARE).mean() for row in ratio)
+    slack = 1e-9 if still else slack
+    if not least - slack <= share <= most + slack:
+        yield f"feed_held_share is {share:.6g}, {least:.6g} to {most:.6g} follows"
+    axes = len(t.cell.limits.velocity)
+    named = [(f"feed_dips.{n}", dip) for n, dip in enumerate(dips)]
+    named += [(f"feed_stops.{n}", stop) for n, stop in enumerate(stops)]
+    ranges = [
+        (require_number("first_point", dip.first_point), require_number("last_point", dip.last_point))
+        for _, dip in named
+    ]
+    inside = is_within_ranges(
+        at, np.array([(a - POINT_INDEX_TOLERANCE, b + POINT_INDEX_TOLERANCE) for a, b in ranges]).reshape(-1, 2)
+    )
+    for (name, dip), (first, last) in zip(named, ranges, strict=True):
+        if not (0.0 <= dip.lowest_ratio < HELD_FEED_SHARE and 1 <= dip.axis <= axes and first <= last):
+            yield f"{name} is none: {format_json_value(dip)}"
+        elif (dip.where in RAMPS) != name.startswith("feed_stops"):
+            yield f"{name} belongs into the other list: {format_json_value(dip)}"
+        elif dip.where == "reversal" and not any(_is_reversal(t.toolpath, at) for at in (first, last)):
+            yield f"{name}: the path does not turn back there: {format_json_value(dip)}"
+    yield from _check_slow_rows(t)
+    missed = 0 if still else int((cut & (ratio[1] < HELD_FEED_SHARE - FEED_TOLERANCE) & ~inside).sum())
+    if missed > 2 * runs:
+        yield f"{missed} samples below {HELD_FEED_SHARE:g} of the programmed feed are in no feed_dips or feed_stops"
+
+
+def _check_slow_rows(t: ResultComparison) -> Iterable[str]:
+    """The rows of points.csv that are ok and have a reason are those on the way to which a dip of the path lies."""
+    points = CheckedPoints.from_file(t)
+    stretches = [
+        SlowStretch(
+            first=require_number("first_point", dip.first_point),
+            last=require_number("last_point", dip.last_point),
+            ratio=dip.lowest_ratio,
+            where=dip.where,
+            axis=dip.axis,
+            limit=dip.limit,
+        )
+        for dip in t.result.feed_dips
+    ]
+    wanted = describe_slow_points(stretches, len(t.toolpath))
+    rows = zip(points.is_ok.tolist(), points.table.read_words("reason"), strict=True)
+    wrong = [k for k, (ok, text) in enumerate(rows) if ok and text != wanted.get(k, "")]
+    if wrong:
+        yield f"the reason at {len(wrong)} points of points.csv does not follow from feed_dips, the first is {wrong[0]}"
+
+
+def _is_reversal(toolpath: Toolpath, at: float) -> bool:
+    """True where the path turns back at the point that a ramp begins or ends at."""
+    point = round(at)
+    on_point = abs(at - point) <= POINT_INDEX_TOLERANCE and 0 <= point < len(toolpath)
+    return on_point and is_turn_back(toolpath.position, toolpath.axis, point, TURN_BACK - SHIFTED_CORNER_RAD)
+
+
+def _is_dwelling(t: ResultComparison, point: Array) -> Bools:
+    """(S,) rows that stand where the one before stood, at a point where the file dwells: no feed is asked for there."""
+    at = [min(e.index, len(t.toolpath)) - 1 for e in t.toolpath.events if e.kind == "dwell"]
+    if not at:
+        return np.zeros(len(point), bool)
+    axes = [name for name in t.motion.column_names if name[:1] in "qe" and name[1:2].isdigit()]
+    moved = [np.append(True, np.diff(t.motion.read_numbers(name)) != 0.0) for name in axes]
+    there = np.isin(np.round(np.nan_to_num(point, nan=-2.0)), at)
+    return np.asarray(there & ~np.any(moved, axis=0))
+
+
+def _is_unmoved(toolpath: Toolpath) -> Bools:
+    """(n,) the move into a point neither goes nor turns; none leads into the first."""
+    place = np.hstack([toolpath.position, toolpath.axis])
+    return np.append(True, ~np.diff(place, axis=0).any(axis=1))
+
+
+def _check_verification(t: ResultComparison) -> Iterable[str]:
+    told, found = t.result.verification, t.contents
+    if found is None:
+        yield from check_equal("verification", told, None)
+        return
+    if told is None:
+        yield "verification is null, yet there is a motion"
+        return
+    yield from check_equal("verification.passed", told.passed, all(c.passed is not False for c in told.checks))
+    if told.passed != found.ok:
+        yield f"says verification {'passed' if told.passed else 'failed'}, which is not so"
+    yield from check_equal(
+        "verification.information", [i.name for i in told.information], [i.name for i in found.information]
+    )
+    for stated, measured in zip(told.information, found.information, strict=False):
+        room = CHECK_VALUE_TOLERANCE * abs(measured.value) + 1e-9
+        yield from check_close(f"{measured.name}: value", stated.value, measured.value, CHECK_VALUE_TOLERANCE, room)
+    expected = {c.name: c for c in found.checks}
+    names = [c.name for c in told.checks]
+    if names != list(expected):
+        missing, more = sorted(set(expected) - set(names)), sorted(set(names) - set(expected))
+        yield f"lists other checks: {', '.join(missing) or 'none'} missing, {', '.join(more) or 'none'} added"
+        return
+    for c in told.checks:
+        e = expected[c.name]
+        yield from check_equal(f"{e.name}: passed", c.passed, e.passed)
+        yield from check_equal(f"{e.name}: unit", c.unit, e.unit)
+        yield from check_equal(f"{e.name}: file", c.file, e.file)
+        yield from check_close(f"{e.name}: limit", c.limit, e.limit, RELATIVE_TOLERANCE, RELATIVE_TOLERANCE)
+        room = CHECK_VALUE_TOLERANCE * abs(e.limit) if math.isfinite(e.limit) and e.limit else 1e-9
+        yield from check_close(f"{e.name}: value", c.value, e.value, CHECK_VALUE_TOLERANCE, room)
+
+
+def _check_warnings(t: ResultComparison) -> Iterable[str]:
+    expected = [*t.cell.warnings, *t.toolpath.warnings]
+    yield from check_equal("warnings", t.result.warnings[: len(expected)], expected)
+    yield from check_equal("notes", t.result.notes, list(t.cell.notes))
+
+
+_PARTS: dict[str, Callable[[ResultComparison], Iterable[str]]] = {
+    CheckName.VERDICT: _check_verdict,
+    "inputs": _check_inputs,
+    CheckName.OUTPUTS: _check_outputs,
+    "options": _check_options,
+    "toolpath": _check_toolpath,
+    "tools": _check_tools,
+    "worst point": check_worst_point,
+    "infeasible points": _check_infeasible,
+    "times": _check_times,
+    "feed": _check_feed,
+    "objective": check_objective,
+    "front": check_trade_off_front,
+    "compensation": check_compensation,
+    "position error": check_position_error,
+    CheckName.VERIFICATION: _check_verification,
+    "programs": check_program_entries,
+    "warnings": _check_warnings,
+}

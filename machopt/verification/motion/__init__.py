@@ -1,0 +1,1 @@
+"""Independent check of an exported motion: own kinematics, collisions and stiffness."""

@@ -1,0 +1,1 @@
+"""Contacts of the motion, by an independent collision library."""

@@ -1,0 +1,1 @@
+"""Kinematics of the whole URDF, independent of the planner."""

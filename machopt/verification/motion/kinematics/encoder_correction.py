@@ -1,0 +1,98 @@
+"""Where the joints really stand when the encoders say q: the cell's kinematic corrections, entry by entry.
+
+Written a second time on purpose: nothing here is the planner's.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from machopt.data_types.kinematic_corrections import KinematicCorrections
+from machopt.data_types.locations import parse_joint_location
+from machopt.numerics.array_types import Array
+from machopt.verification.checks import VerificationCheck, build_skipped_check
+from machopt.verification.motion.kinematics.as_built_frames import GEOMETRY_EFFECT
+
+FADE_OUT_DEG = 5.0  # beyond its range a transmission error is gone
+RANGE_KEY = "range_deg"
+
+
+def compute_true_angles(kinematics: KinematicCorrections | None, q: Array) -> Array:
+    """Encoder angles plus every correction at their joints.
+
+    Args:
+        kinematics: of the cell; None: encoders and joints agree.
+        q: (S, 6) rad by encoder; NaN stays NaN.
+
+    Returns:
+        (S, 6) rad.
+
+    Raises:
+        ValueError: an effect that is no kinematic correction.
+    """
+    stands = q.copy()
+    for entry in kinematics.corrections if kinematics is not None else ():
+        if entry.effect == GEOMETRY_EFFECT:  # no angle: :mod:`machopt.verification.motion.kinematics.as_built_frames`
+            continue
+        joints = parse_joint_location(entry.location)
+        p = entry.parameters
+        if entry.effect == "joint_zero_offset":
+            stands[:, joints[0]] += math.pi * p["offset_deg"] / 180.0
+        elif entry.effect == "joint_coupling":
+            stands[:, joints[1]] += p["ratio"] * q[:, joints[0]]
+        elif entry.effect == "transmission_error":
+            counts = _compute_applied_share(p.get(RANGE_KEY), q[:, joints[0]])
+            rows = zip(*(np.atleast_1d(p[key]) for key in ("per_turn", "cos_arcsec", "sin_arcsec")), strict=True)
+            for order, cos, sin in rows:  # as one sine: amplitude and phase
+                phase, size = math.atan2(cos, sin), math.hypot(cos, sin)
+                wave = np.sin(order * q[:, joints[0]] + phase)
+                stands[:, joints[0]] += math.radians(size / 3600.0) * wave * counts
+        elif entry.own is not None:
+            stands[:, joints[1 if len(joints) > 1 else 0]] += entry.own(q[:, joints[0]])
+        else:
+            raise ValueError(f"{entry.effect!r} is no kinematic correction")
+    return stands
+
+
+def list_unchecked_corrections(kinematics: KinematicCorrections | None) -> list[VerificationCheck]:
+    """Corrections that no second law is written for: the user's own law, as it is, says where the arm stands."""
+    return [
+        build_skipped_check(
+            f"kinematics.yaml {entry.effect} at {entry.location}",
+            f"no second law is written for {entry.effect!r}; where the arm stands follows from the user's own",
+        )
+        for entry in (kinematics.corrections if kinematics is not None else ())
+        if entry.own is not None
+    ]
+
+
+def check_correction_range(kinematics: KinematicCorrections | None, q: Array) -> list[VerificationCheck]:
+    """Corrections that a motion (S, 6) rad by encoder goes beyond the measured range of: told, nothing broken."""
+    out = []
+    for entry in kinematics.corrections if kinematics is not None else ():
+        if RANGE_KEY not in entry.parameters:
+            continue
+        low, high = entry.parameters[RANGE_KEY]
+        at = np.degrees(q[:, parse_joint_location(entry.location)[0]])
+        beyond = (at < low) | (at > high)
+        if beyond.any():
+            out.append(
+                build_skipped_check(
+                    f"kinematics.yaml {entry.effect} at {entry.location}",
+                    f"{beyond.sum()} of {len(at)} samples lie outside {RANGE_KEY} {low:g} … {high:g}, at "
+                    f"{at[beyond].min():.1f} … {at[beyond].max():.1f}; it is not applied there",
+                )
+            )
+    return out
+
+
+def _compute_applied_share(limits: tuple[float, float] | None, angle: Array) -> Array:
+    """(S,) share that is applied: the regularised incomplete beta function of order (4, 4) at either end."""
+    if limits is None:
+        return np.ones(len(angle))
+    away = np.maximum(limits[0] - np.degrees(angle), np.degrees(angle) - limits[1])
+    from scipy.special import betainc  # here: kernels beside it are compiled where scipy is not installed
+
+    return np.asarray(1.0 - betainc(4.0, 4.0, np.clip(away / FADE_OUT_DEG, 0.0, 1.0)))

@@ -1,0 +1,268 @@
+"""One exported trajectory held against cell and toolpath, check by check."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from machopt.data_types.cell import Cell
+from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.toolpath import Toolpath
+from machopt.errors import InputError
+from machopt.verification.checks import (
+    CheckName,
+    Verification,
+    VerificationCheck,
+    VerificationRow,
+    build_count_check,
+    build_file_check,
+    build_skipped_check,
+    build_worst_value_check,
+)
+from machopt.verification.motion.checks.compensation_shift import (
+    ShiftComparison,
+    compare_compensation_shift,
+    compute_commanded_corners,
+)
+from machopt.verification.motion.checks.dwells_and_stops import check_dwells_and_stops
+from machopt.verification.motion.checks.feed_rate import check_feed
+from machopt.verification.motion.checks.move_labels import check_move_labels
+from machopt.verification.motion.checks.path_following import check_path
+from machopt.verification.motion.checks.points_columns import BLOCK_ROWS, PointsTableCheck
+from machopt.verification.motion.checks.requested_choices import check_requested_choices
+from machopt.verification.motion.checks.time_and_joint_limits import check_limits
+from machopt.verification.motion.collision.bodies import CoalBody, build_bodies, list_checked_pairs
+from machopt.verification.motion.collision.clearance_column import (
+    CLEARANCE_TOLERANCE_M,
+    check_clearances,
+    find_cutting_points,
+    list_varying_pairs,
+)
+from machopt.verification.motion.collision.contact_search import PlacedBodies, find_contacts
+from machopt.verification.motion.collision.cutter_contact_depth import (
+    check_contacts,
+    check_cut_level,
+    measure_depth_outside_cuts,
+)
+from machopt.verification.motion.collision.gouge_check import check_gouges
+from machopt.verification.motion.collision.touching_pairs import list_checked_pairs as verification_list_checked_pairs
+from machopt.verification.motion.collision.urdf_inventory import check_inventory
+from machopt.verification.motion.kinematics.encoder_correction import (
+    check_correction_range,
+    compute_true_angles,
+    list_unchecked_corrections,
+)
+from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
+from machopt.verification.motion.path_geometry.sample_location import locate_samples
+from machopt.verification.tables.exported_tables import (
+    ExportedMotion,
+    ExportedPoints,
+    ExportedShift,
+    read_compensation,
+    read_motion,
+    read_points,
+)
+
+COLLISION_CHECKS_OFF = "collision checks are switched off (collision: false)"
+
+
+@dataclass(frozen=True)
+class ExportedTables:
+    """trajectory.csv, points.csv and compensation.csv as they were read."""
+
+    motion: ExportedMotion
+    points: ExportedPoints
+    shift: ExportedShift | None
+
+
+def read_tables(cell: Cell, out: Path, motion: ExportedMotion | None = None) -> ExportedTables | Verification:
+    """The tables of an output folder; a table that cannot be read is a failed check like any other damage.
+
+    Args:
+        cell: the robot cell.
+        out: the output folder.
+        motion: trajectory.csv where it has been read already.
+    """
+    try:
+        motion = motion or read_motion(out / "trajectory.csv", cell)
+        points = read_points(out / "points.csv", cell)
+        return ExportedTables(
+            motion, points, read_compensation(out / "compensation.csv") if points.shift is not None else None
+        )
+    except InputError as error:
+        name = Path(str(error.file)).name if error.file is not None else "tables"
+        place = f"{error.where}: " if error.where else ""
+        check = build_file_check(name, CheckName.READABLE, False, np.nan, np.nan, "", f"{place}{error.reason}", of=" ")
+        return Verification((check,), 0, 0.0)
+
+
+def verify_motion(
+    cell: Cell,
+    toolpath: Toolpath,
+    out: Path,
+    *,
+    options: PlanOptions | None = None,
+    motion: ExportedMotion | None = None,
+    touching: Sequence[tuple[str, str]] | None = None,
+) -> Verification:
+    """Check ``out/trajectory.csv`` and ``out/points.csv``, and ``compensation.csv`` where points.csv tells a shift.
+
+    Every column of both tables is recomputed; what the rows call their moves is checked against the CAM file and
+    believed nowhere. Where points.csv holds a compensation, the commanded path is the toolpath shifted as
+    compensation.csv says, and the shift is held against the deflection computed here. Joint columns are encoder
+    angles, limits hold for them; where the arm stands follows with the cell's corrections.
+
+    Args:
+        cell: the robot cell.
+        toolpath: what was to be followed.
+        out: the output folder.
+        options: those of the run; with ``allow_gaps`` points that points.csv gives up need not be visited; without
+            ``collision`` contacts are not looked for, and that is told.
+        motion: trajectory.csv where it has been read already.
+        touching: names of the bodies that the folder's manifest says touch by construction; None: it lists none.
+    """
+    options = options or PlanOptions()
+    tables = read_tables(cell, Path(out), motion)
+    if isinstance(tables, Verification):
+        return tables
+    motion, home = tables.motion, cell.joints_at_home
+    checks = [
+        *check_limits(motion, cell, options, (home, home)),
+        *verify_single_tool(cell, toolpath, tables, options, touching),
+    ]
+    return Verification.from_rows(checks, len(motion.time), float(motion.time[-1] - motion.time[0]))
+
+
+def verify_single_tool(
+    cell: Cell,
+    toolpath: Toolpath,
+    tables: ExportedTables,
+    options: PlanOptions,
+    touching: Sequence[tuple[str, str]] | None = None,
+) -> list[VerificationRow]:
+    """Everything but time, joint limits and both ends of the motion; arguments as for :func:`verify_motion`."""
+    motion, points, shift = tables.motion, tables.points, tables.shift
+    arm = UrdfKinematics(cell)
+    index, position = (
+        (np.arange(len(toolpath), dtype=float), toolpath.position)
+        if shift is None
+        else (compute_commanded_corners(toolpath, shift))
+    )
+    stands = replace(motion, q=compute_true_angles(cell.kinematics, motion.q))
+    stood = replace(points, q=compute_true_angles(cell.kinematics, points.q))
+    on = locate_samples(
+        motion, toolpath, index, position, arm.compute_tcp_in_workpiece(stands.q, motion.external), options
+    )
+    checks: list[VerificationRow] = [
+        *check_path(motion, toolpath, points, on, options.allow_gaps),
+        *check_move_labels(motion, toolpath, points, on, options.allow_gaps),
+        *check_feed(motion, toolpath, on, options),
+        *check_dwells_and_stops(motion, toolpath, points, on, (index, position), cell),
+    ]
+    bodies = build_bodies(cell, arm)
+    table = PointsTableCheck(cell, toolpath, points, arm, np.nan_to_num(stood.q), options)
+    # pairs that a plan can be asked to keep apart by the clearance
+    kept, unfounded = verification_list_checked_pairs(cell, arm, bodies, options.clearance, touching)
+    wanted = kept if touching is not None else list_checked_pairs(cell, arm, bodies)
+    of_points = [*table.check_all(motion, on), *_check_clearance(table, stood, bodies, kept, options)]
+    checks += [replace(c, file="points.csv") for c in of_points]
+    checks += check_requested_choices(cell, toolpath, points, np.flatnonzero(table.live), options, motion)
+    checks += [*check_correction_range(cell.kinematics, motion.q), *list_unchecked_corrections(cell.kinematics)]
+    if shift is not None:
+        checks += [
+            _build_shift_check(f)
+            for f in compare_compensation_shift(cell, toolpath, stands, stood, shift, arm, options)
+        ]
+    if options.collision and touching is not None:
+        checks.append(build_count_check(CheckName.TOUCHING, unfounded, "pairs"))
+    checks += check_inventory(cell, arm, bodies, wanted)
+    checks += check_gouges(stands, toolpath, on, arm, bodies, options, shift is not None)
+    if options.collision:
+        checks.append(
+            check_contacts(find_contacts(arm, wanted, stands.q, stands.external, on.is_free), stands, arm, bodies)
+        )
+        checks += [
+            *measure_depth_outside_cuts(stands, toolpath, on, arm, bodies),
+            *check_cut_level(stands, toolpath, on, cell, (index, position)),
+        ]
+    else:
+        checks.append(build_skipped_check(CheckName.CONTACTS, COLLISION_CHECKS_OFF))
+    return checks
+
+
+def _check_clearance(
+    table: PointsTableCheck,
+    stood: ExportedPoints,
+    bodies: list[CoalBody],
+    wanted: list[tuple[CoalBody, CoalBody]],
+    options: PlanOptions,
+) -> list[VerificationCheck]:
+    """clearance_mm and nearest_pair; empty where collisions are not checked."""
+    name, rows = "points.csv clearance_mm", np.flatnonzero(table.live)
+    told = table.points.numbers["clearance_mm"][rows]
+    if not options.collision:
+        extra = np.where(np.isnan(told), 0.0, np.inf)
+        at = table.describe_row(rows)
+        told_off = [
+            build_worst_value_check(
+                name, "mm", extra, 0.0, lambda n: f"{at(n)} has one, but collisions are switched off"
+            )
+        ]
+        return told_off if len(rows) else []
+    if not len(rows):
+        return []
+    if np.isnan(told).any():
+        lacking = table.describe_row(rows[np.isnan(told)])(0)
+        return [
+            VerificationCheck(
+                name=name,
+                passed=False,
+                value=np.nan,
+                limit=1e3 * CLEARANCE_TOLERANCE_M,
+                unit="mm",
+                where=f"{lacking} is ok and has none",
+            )
+        ]
+    named = table.points.words.get("nearest_pair")
+    if named is None:
+        return [
+            VerificationCheck(
+                name="points.csv nearest_pair",
+                passed=False,
+                value=np.nan,
+                limit=0.0,
+                unit="mm",
+                where="the column is missing",
+            )
+        ]
+    graze, at = find_cutting_points(table.toolpath)[table.k[rows]], table.describe_row(rows)
+    wanted = list_varying_pairs(table.arm, wanted)
+    short, beyond, pair = np.zeros(len(rows)), np.zeros(len(rows)), [""] * len(rows)
+    for first in range(0, len(rows), BLOCK_ROWS):
+        some = slice(first, first + BLOCK_ROWS)
+        scene = PlacedBodies(table.arm, bodies, np.hstack([stood.q, stood.external])[rows[some]])
+        found = check_clearances(scene, wanted, told[some] / 1e3, tuple(named[n] for n in rows[some]), graze[some])
+        short[some], beyond[some], pair[some] = found.too_small, found.too_large, found.pair
+    return [
+        build_worst_value_check(
+            name,
+            "mm",
+            1e3 * short,
+            1e3 * CLEARANCE_TOLERANCE_M,
+            lambda n: f"{at(n)}{f', {pair[n]}' if pair[n] else ''}",
+        ),
+        build_worst_value_check(
+            "points.csv nearest_pair", "mm", 1e3 * beyond, 0.0, lambda n: f"{at(n)}, {named[rows[n]] or 'none'}"
+        ),
+    ]
+
+
+def _build_shift_check(found: ShiftComparison) -> VerificationCheck:
+    if found.not_run:
+        return build_skipped_check(found.name, found.not_run, found.unit)
+    return replace(
+        build_worst_value_check(found.name, found.unit, found.values, found.limit, found.where), file=found.file
+    )

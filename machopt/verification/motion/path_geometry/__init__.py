@@ -1,0 +1,1 @@
+"""The programmed path as the verification sees it: axis, reference, polyline."""

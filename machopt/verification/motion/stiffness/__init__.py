@@ -1,0 +1,1 @@
+"""Stiffness and deflection, computed independently of the planner."""

@@ -1,0 +1,1 @@
+"""Robot programs compared with the motion and with the CAM file."""

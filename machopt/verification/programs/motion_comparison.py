@@ -1,0 +1,190 @@
+"""A robot program held against the exported motion: every target lies on it, every line leads along it.
+
+Targets are found on the motion in order: the n-th one at or after the place of the one before. One that is nowhere
+ahead is where the program goes elsewhere, goes back, or goes twice. Between two targets the controller leads the tool
+tip straight and turns it evenly about one axis (LIN), or all joints straight in joint space (PTP); the samples of the
+motion must lie on that. What the controller makes of the corners is its own matter and not part of this.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.program_in_cell import ProgramInCell
+from machopt.data_types.robot_program import LIN
+from machopt.data_types.toolpath import MoveKind
+from machopt.numerics.array_types import Array
+from machopt.verification.checks import CheckName, VerificationCheck, build_file_check
+from machopt.verification.motion.checks.points_columns import JOINT_TOLERANCE_DEG
+from machopt.verification.motion.path_geometry.motion_polyline import CommandedPath
+from machopt.verification.motion.path_geometry.sample_location import AXIS_DEG, PATH_MM
+from machopt.verification.programs.moves_between_targets import check_moves_between_targets
+from machopt.verification.programs.target_matching import (
+    MAX_JOINT_DISTANCE_RAD,
+    TargetTolerances,
+    build_worst_move_check,
+    check_external_axes,
+    match_targets,
+)
+from machopt.verification.tables.exported_tables import ExportedMotion
+
+PLACE_TOLERANCE_M = 1e-8  # m: what the decimals of trajectory.csv's joints leave of a place where the tool stands
+BRANCH_TOLERANCE_FACTOR = (
+    3.0  # of the orientation's tolerance: joints of a pose that has been compared only tell which branch it is
+)
+
+
+def compare_with_motion(
+    said: ProgramInCell,
+    motion: ExportedMotion,
+    tcp: Array,
+    allowed: TargetTolerances,
+    path: CommandedPath | None = None,
+) -> tuple[list[VerificationCheck], Array]:
+    """Compare a program with the motion.
+
+    Args:
+        said: the program.
+        motion: trajectory.csv.
+        tcp: (S, 4, 4) its poses in the workpiece by nominal kinematics.
+        allowed: tolerances.
+        path: the commanded path, whose corners lie between the samples; None: the samples alone are known.
+
+    Returns:
+        The checks; and (M,) the sample each move ends at, fractional, NaN where it ends nowhere on the motion.
+    """
+    at, gap, tilt, turn, joints = match_targets(said, motion, tcp, allowed, path)
+    where = [f"move {k + 1}, line {line}" for k, line in enumerate(said.line.tolist())]
+    linear = said.kind == LIN
+    place = max(PATH_MM * 1e-3, allowed.corner, allowed.position) + said.place_step  # corners lie between samples
+    checks = [
+        build_worst_move_check(said, "targets on the motion", "mm", 1e3 * gap, 1e3 * place, where),
+        build_worst_move_check(
+            said,
+            "tool axis at targets",
+            "deg",
+            np.degrees(tilt),
+            max(AXIS_DEG, np.degrees(allowed.axis_corner)) + np.degrees(said.joint_step),
+            where,
+        ),
+        build_worst_move_check(
+            said, CheckName.ORIENTATIONS, "deg", np.degrees(turn), np.degrees(allowed.turn + said.joint_step), where
+        ),
+    ]
+    for rows, what, most in (
+        (np.isfinite(joints) & ~linear, CheckName.JOINTS, JOINT_TOLERANCE_DEG),
+        (np.isfinite(joints) & linear, "joints on lines", BRANCH_TOLERANCE_FACTOR * float(np.degrees(allowed.turn))),
+    ):
+        if rows.any():
+            k = np.flatnonzero(rows)
+            checks.append(
+                build_worst_move_check(
+                    said, what, "deg", np.degrees(joints[k]), most + np.degrees(said.joint_step), [where[n] for n in k]
+                )
+            )
+    if motion.external.shape[1]:
+        checks.append(check_external_axes(said, motion, tcp, at, allowed, where))
+    checks.append(_check_completeness(said, motion, at))
+    checks += [
+        *check_moves_between_targets(said, motion, tcp, at, allowed, where),
+        _check_move_kinds(said, motion, tcp[:, :3, 3], at, linear, where, 1e-3 * PATH_MM + place),
+    ]
+    if said.is_streamed:
+        checks.append(_check_timing(said, motion, at, where))
+    return checks, at
+
+
+def _check_completeness(said: ProgramInCell, motion: ExportedMotion, at: Array) -> VerificationCheck:
+    """The program begins where the motion does and leaves nothing of its end."""
+    known = np.flatnonzero(np.isfinite(at))
+    if not len(known):
+        return build_file_check(
+            said.file, "whole motion", False, float(len(at)), 0.0, "targets off", "no target is on it"
+        )
+    last = len(motion.time) - 1
+    driven = np.hstack([motion.q, motion.external])
+    moved = np.abs(driven - driven[-1]).max(axis=1) > MAX_JOINT_DISTANCE_RAD
+    end = int(np.flatnonzero(moved)[-1]) + 1 if moved.any() else 0  # at rest from here on
+    start = np.abs(motion.q[: int(at[known[0]]) + 1] - motion.q[0]).max() if at[known[0]] > 0 else 0.0
+    left = [f"it ends at sample {at[known[-1]]:.0f} of {last}"] if at[known[-1]] < end - 1 else []
+    left += [f"it begins at sample {at[known[0]]:.0f}"] if start > MAX_JOINT_DISTANCE_RAD else []
+    return build_file_check(
+        said.file,
+        "whole motion",
+        not left,
+        float(len(left)),
+        0.0,
+        "ends missing",
+        "; ".join(left) or "from the first sample to the last",
+    )
+
+
+def _check_move_kinds(
+    said: ProgramInCell,
+    motion: ExportedMotion,
+    p: Array,
+    at: Array,
+    linear: NDArray[np.bool_],
+    where: list[str],
+    place: float,
+) -> VerificationCheck:
+    """No joint move where the tool cuts, and what comments call a move is what the motion does there.
+
+    Samples within ``place`` (m) of either target tell nothing: round a corner the tool dwells there, and it may stand
+    on a point before it leaves it. Nor do samples at which the machine stands, of a joint move. Beside a joint move it
+    is the decimals that the program prints: where the tool comes to rest many samples lie closer to the target than
+    these.
+    """
+    ends = np.flatnonzero(np.isfinite(at[1:]) & np.isfinite(at[:-1])) + 1
+    first = np.ceil(at[ends - 1] + 0.5).astype(np.int64)
+    count = np.maximum(np.floor(at[ends] - 0.5).astype(np.int64) - first + 1, 0)
+    nth = np.repeat(np.arange(len(ends)), count)  # of each sample between two targets: whose way it is
+    rows = first[nth] + np.arange(len(nth)) - np.repeat(np.cumsum(count) - count, count)
+    k = ends[nth]
+    tip = said.T_workpiece_tcp[:, :3, 3]
+    apart = np.minimum(*(np.linalg.norm(p[rows] - tip[n], axis=1) for n in (k - 1, k)))
+    printed = said.print_resolution + PLACE_TOLERANCE_M
+    tells = apart > np.where(linear[k] & linear[k - 1], place, printed)
+    x = np.hstack([motion.q, motion.external])
+    stands = np.r_[False, (np.diff(x, axis=0) == 0.0).all(axis=1)]
+    stands[:-1] |= stands[1:]
+    tells &= linear[k] | ~stands[rows]  # joint targets are printed coarser than the place where the tool stands
+    n, moves = len(at), motion.move[rows[tells]]
+    seen, cuts, led = (
+        np.bincount(k[tells][which], minlength=n) > 0
+        for which in (slice(None), moves == MoveKind.CUT, moves != MoveKind.RAPID)
+    )
+    astray = seen & ~linear & led & (not said.is_streamed)
+    called = seen & linear & ((said.move == MoveKind.CUT) != cuts)
+    wrong = [
+        f"{where[m]} is a joint move where the tool is led along the path"
+        if astray[m]
+        else f"{where[m]} is called {MoveKind(int(said.move[m])).word} where the motion says otherwise"
+        for m in np.flatnonzero(astray | called).tolist()
+    ]
+    text = "; ".join(wrong[:3]) or "all agree"
+    return build_file_check(said.file, "kinds of moves", not wrong, float(len(wrong)), 0.0, "moves", text)
+
+
+def _check_timing(said: ProgramInCell, motion: ExportedMotion, at: Array, where: list[str]) -> VerificationCheck:
+    """Streamed targets: one a control sample, each at its own time."""
+    n = len(motion.time)
+    if len(said) != n:
+        return build_file_check(
+            said.file,
+            "one target a sample",
+            False,
+            float(len(said)),
+            float(n),
+            "targets",
+            f"{len(said)} targets for {n} samples",
+        )
+    known = np.isfinite(said.time)
+    off = (
+        np.where(known, np.abs(said.time - said.time[known][0] - motion.time + motion.time[known][0]), np.inf)
+        if (known.any())
+        else np.full(n, np.inf)
+    )
+    off[0] = 0.0 if not known[0] else off[0]  # the first one may be a joint move without a time
+    return build_worst_move_check(said, "times of the samples", "s", off, 2e-6, where)

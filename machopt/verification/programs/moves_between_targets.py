@@ -1,0 +1,181 @@
+"""The ways between a program's targets: what the controller draws there, held against the motion's samples."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from machopt.data_types.program_in_cell import ProgramInCell
+from machopt.data_types.robot_program import LIN
+from machopt.numerics.array_types import Array
+from machopt.verification.checks import CheckName, VerificationCheck
+from machopt.verification.programs.target_matching import (
+    AXIS_LEVER_M,
+    TargetTolerances,
+    build_worst_move_check,
+    interpolate_rows,
+)
+from machopt.verification.tables.exported_tables import ExportedMotion
+
+MIN_LINE_M = 1e-4  # m: on a shorter line the place does not tell how far the tool has turned
+MIN_AXIS_SINE = 1e-3  # sine of the angle between tool axis and rotation axis, below which the tool axis tells nothing
+RAPID_TOLERANCE_DEG = 0.1  # deg: between rapid way points joints go straight; corners there are rounded in time only
+SAME_PLACE_M = 2e-6  # m: two prints of one place, to a thousandth of a millimetre
+BLOCK_ROWS = 50_000  # samples
+
+
+def check_moves_between_targets(
+    said: ProgramInCell, motion: ExportedMotion, tcp: Array, at: Array, allowed: TargetTolerances, where: list[str]
+) -> list[VerificationCheck]:
+    """The motion's samples against what the controller draws between the targets."""
+    known = np.flatnonzero(np.isfinite(at))
+    if len(known) < 2 or said.is_streamed:
+        return []
+    rows = np.arange(len(tcp))
+    nth = np.searchsorted(at[known], rows, side="left")
+    inside = (nth > 0) & (nth < len(known))
+    rows, nth = rows[inside], nth[inside]
+    move, before = known[nth], known[nth - 1]
+    joined = before == move - 1  # where one is missing there is no line to compare with
+    rows, move = rows[joined], move[joined]
+    linear = said.kind[move] == LIN
+    checks = []
+    if linear.any():
+        off = np.vstack(
+            [
+                _compute_line_deviation(
+                    tcp[rows[linear][k : k + BLOCK_ROWS]],
+                    said.T_workpiece_tcp[move[linear][k : k + BLOCK_ROWS] - 1],
+                    said.T_workpiece_tcp[move[linear][k : k + BLOCK_ROWS]],
+                )
+                for k in range(0, int(linear.sum()), BLOCK_ROWS)
+            ]
+        )
+        _choose_adjacent_move(off, said, tcp, rows[linear], move[linear])
+        ways = [f"the move to {where[k]}" for k in move[linear]]
+        for column, (what, unit, limit, scale) in enumerate(
+            (
+                (CheckName.LINES, "mm", allowed.position + said.place_step, 1e3),
+                (CheckName.LINES_AXIS, "deg", allowed.axis + said.joint_step, 180.0 / np.pi),
+                (CheckName.LINES_TURN, "deg", allowed.turn + said.joint_step, 180.0 / np.pi),
+            )
+        ):
+            checks.append(build_worst_move_check(said, what, unit, scale * off[:, column], scale * limit, ways))
+        if motion.external.shape[1]:
+            checks.append(_check_external_axes(said, motion, rows[linear], move[linear], off[:, 3], at, allowed, ways))
+    if not linear.all():
+        pick = np.flatnonzero(~linear)
+        driven, told = np.hstack([motion.q, motion.external]), np.hstack([said.q, said.external])
+        q = np.full((len(at), driven.shape[1]), np.nan)
+        q[known] = interpolate_rows(driven, at[known])
+        joint = np.isfinite(told).all(axis=1)
+        q[joint] = told[joint]
+        bow = _compute_joint_line_deviation(driven[rows[pick]], q[move[pick] - 1], q[move[pick]])
+        ways = [f"the move to {where[k]}" for k in move[pick]]
+        limit = RAPID_TOLERANCE_DEG + float(np.degrees(said.joint_step))
+        checks.append(build_worst_move_check(said, "joint moves along the motion", "deg", np.degrees(bow), limit, ways))
+    return checks
+
+
+def _choose_adjacent_move(
+    off: Array, said: ProgramInCell, tcp: Array, rows: NDArray[np.intp], move: NDArray[np.intp]
+) -> None:
+    """Samples at a target's place where only the orientation turns may be on the way before or after it: the better.
+
+    Args:
+        off: (K, 4) of samples ``rows`` (K,) against the ways to ``move`` (K,); changed in place.
+    """
+    T = said.T_workpiece_tcp
+    for end, other in ((move, move + 1), (move - 1, move - 1)):
+        there = (other >= 1) & (other < len(said))
+        there[there] &= said.kind[other[there]] == LIN
+        there &= np.linalg.norm(tcp[rows, :3, 3] - T[end, :3, 3], axis=1) < SAME_PLACE_M + said.print_resolution
+        k = np.flatnonzero(there)
+        k = k[
+            np.linalg.norm(T[other[k], :3, 3] - T[other[k] - 1, :3, 3], axis=1) < SAME_PLACE_M + said.print_resolution
+        ]
+        if len(k):
+            second = _compute_line_deviation(tcp[rows[k]], T[other[k] - 1], T[other[k]])
+            less = np.hypot(second[:, 0], AXIS_LEVER_M * second[:, 1]) < np.hypot(off[k, 0], AXIS_LEVER_M * off[k, 1])
+            off[k[less]] = second[less]
+
+
+def _check_external_axes(
+    said: ProgramInCell,
+    motion: ExportedMotion,
+    rows: NDArray[np.int64],
+    move: NDArray[np.int64],
+    share: Array,
+    at: Array,
+    allowed: TargetTolerances,
+    ways: list[str],
+) -> VerificationCheck:
+    """External axes at samples against the even way that the controller makes of them between two targets.
+
+    The place of a sample on its line is known to the corner that the motion rounds there, over which they move on.
+    """
+    known = np.isfinite(at)
+    ends = np.full((len(at), motion.external.shape[1]), np.nan)
+    ends[known] = interpolate_rows(motion.external, at[known])
+    ends = np.where(np.isfinite(said.external), said.external, ends)
+    whole = ends[move] - ends[move - 1]
+    tip = said.T_workpiece_tcp[:, :3, 3]
+    way = np.linalg.norm(tip[move] - tip[move - 1], axis=1)
+    loose = np.minimum(max(allowed.corner, allowed.position) / np.maximum(way, 1e-9), 1.0)[:, None] * np.abs(whole)
+    off = np.maximum(np.abs(motion.external[rows] - ends[move - 1] - share[:, None] * whole) - loose, 0.0)
+    most, n = allowed.external, int(np.argmax(off.max(axis=1)))
+    axis = int(np.argmax(off[n]))
+    away = f"{1e3 * off[n, axis]:.3g} mm" if motion.slides[axis] else f"{np.degrees(off[n, axis]):.3g} deg"
+    words = f"of {1e3 * most:g} mm or {np.degrees(most):.3g} deg"
+    check = build_worst_move_check(said, "external axes along lines", words, off.max(axis=1) / most, 1.0, ways)
+    return replace(check, where=f"{check.where}: e{axis + 1} by {away}")
+
+
+def _compute_line_deviation(T: Array, A: Array, B: Array) -> Array:
+    """(K, 4) m, rad, rad, share: poses against even moves A → B, tip straight, orientation about one axis."""
+    way = B[:, :3, 3] - A[:, :3, 3]
+    length2 = np.einsum("ij,ij->i", way, way)
+    along = np.einsum("ij,ij->i", T[:, :3, 3] - A[:, :3, 3], way)
+    share = np.clip(np.where(length2 > 0.0, along / np.where(length2 > 0.0, length2, 1.0), 0.0), 0.0, 1.0)
+    start = Rotation.from_matrix(A[:, :3, :3])
+    whole = (start.inv() * Rotation.from_matrix(B[:, :3, :3])).as_rotvec()
+    now = Rotation.from_matrix(T[:, :3, :3])
+    turned, swept = _compute_turn_share(whole, start.inv().apply(T[:, :3, 2]), (start.inv() * now).magnitude())
+    share = np.where(AXIS_LEVER_M * swept > np.sqrt(length2), turned, share)
+    gap = np.linalg.norm(T[:, :3, 3] - A[:, :3, 3] - share[:, None] * way, axis=1)
+    share = np.where(length2 < MIN_LINE_M**2, turned, share)
+    there = start * Rotation.from_rotvec(share[:, None] * whole)
+    z = np.linalg.norm(there.apply([0.0, 0.0, 1.0]) - T[:, :3, 2], axis=1)
+    return np.column_stack([gap, 2.0 * np.arcsin(np.clip(z / 2.0, 0.0, 1.0)), (there.inv() * now).magnitude(), share])
+
+
+def _compute_turn_share(whole: Array, axis: Array, turned: Array) -> tuple[Array, Array]:
+    """How far a rotation about one axis has come, by where the tool axis is.
+
+    Args:
+        whole: (K, 3) rad, the rotation vector of the whole move in the frame of its start.
+        axis: (K, 3) the TCP's z in that frame now.
+        turned: (K,) rad between the orientations of the start and now; tells where the rotation is about z itself.
+
+    Returns:
+        (K,) share, 0 to 1; (K,) rad, length of the arc that the TCP's z moves along.
+    """
+    angle = np.linalg.norm(whole, axis=1)
+    u = whole / np.where(angle > 1e-12, angle, 1.0)[:, None]
+    start = np.array([0.0, 0.0, 1.0]) - u[:, 2:] * u
+    flat = axis - np.einsum("ij,ij->i", axis, u)[:, None] * u
+    radius = np.linalg.norm(start, axis=1)
+    done = np.arctan2(np.einsum("ij,ij->i", u, np.cross(start, flat)), np.einsum("ij,ij->i", start, flat))
+    done = np.where(radius > MIN_AXIS_SINE, done, turned)
+    return np.clip(done / np.where(angle > 1e-12, angle, 1.0), 0.0, 1.0), angle * radius
+
+
+def _compute_joint_line_deviation(q: Array, a: Array, b: Array) -> Array:
+    """(K,) rad: the axis farthest from the straight joint move a → b at its nearest place."""
+    way = b - a
+    length2 = np.einsum("ij,ij->i", way, way)
+    share = np.einsum("ij,ij->i", q - a, way) / np.where(length2 > 0.0, length2, 1.0)
+    return np.asarray(np.abs(q - a - np.clip(share, 0.0, 1.0)[:, None] * way).max(axis=1))

@@ -1,0 +1,227 @@
+"""Places looked for one after the other: targets along a motion, points of a CAM file along a program's lines.
+
+Where the n-th lies decides where the next is looked for, so these loops cannot be written as array operations; they
+are compiled.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.numerics.array_types import Array
+from machopt.numerics.compiled_functions import compile_function
+
+SPIN_LEVER_M = 1e-3  # m/rad: of a rotation about the tool axis, which decides only where nothing else changes
+
+
+@compile_function
+def match_targets_in_order(
+    place: Array,
+    turn: Array,
+    joints: Array,
+    wanted_place: Array,
+    wanted_turn: Array,
+    wanted_joints: Array,
+    by_joints: NDArray[np.bool_],
+    near: Array,
+    axis_lever: float,
+    give_up: int,
+) -> tuple[Array, Array]:
+    """Find each target on the polyline of the motion, at or after the place of the target before.
+
+    A target lies on the first stretch ahead that is near it, an unbroken row of segments, at the place of the least
+    distance in position and tool axis: where the tool turns about its tip (a corner of the tool axis) the position is
+    the same all along the turn. Where no stretch is within the first of the limits ``near``, the next one counts.
+
+    Args:
+        place: (V, 3) m, turn (V, 3, 3), joints (V, n) rad at the vertices.
+        wanted_place: (M, 3) m, wanted_turn (M, 3, 3), wanted_joints (M, n) rad of the targets.
+        by_joints: (M,) the target is found by its joints, else by its pose.
+        near: (L, 2) m and rad: limits of the distance, of poses and of joint targets, rising.
+        axis_lever: m/rad, by which an angle of the tool axis counts as a distance.
+        give_up: so many targets that lie nowhere end the search.
+
+    Returns:
+        (M,) place on the polyline, fractional, NaN where nothing ahead is near; (M,) m to the nearest vertex ahead of
+        targets that lie nowhere, NaN elsewhere.
+    """
+    vertices, count = len(place), len(wanted_place)
+    at, missed = np.full(count, np.nan), np.full(count, np.nan)
+    here, lost = 0.0, 0
+    for k in range(count):
+        if lost >= give_up:
+            break
+        for level in range(len(near)):
+            best, foot, found = np.inf, 0.0, False
+            for a in range(min(int(here), max(vertices - 2, 0)), max(vertices - 1, 1)):
+                b = min(a + 1, vertices - 1)
+                if by_joints[k]:
+                    away, share = _compute_joint_distance(joints[a], joints[b], wanted_joints[k])
+                    fine, limit = away, near[level, 1]
+                else:
+                    limit = near[level, 0]
+                    away, fine, share = _compute_pose_distance(
+                        place[a], place[b], turn[a], turn[b], wanted_place[k], wanted_turn[k], limit, axis_lever
+                    )
+                if away <= limit:
+                    found = True
+                    if fine < best - 1e-12:
+                        best, foot = fine, a + share
+                elif found:
+                    break
+            if found:
+                here = max(foot, here)
+                at[k] = here
+                break
+        if np.isnan(at[k]):
+            lost += 1
+            least = np.inf
+            for n in range(int(here), vertices):
+                way = 0.0
+                for c in range(3):
+                    way += (place[n, c] - wanted_place[k, c]) ** 2
+                least = min(least, way)
+            missed[k] = np.sqrt(least)
+    return at, missed
+
+
+@compile_function
+def _compute_joint_distance(start: Array, end: Array, wanted: Array) -> tuple[float, float]:
+    """Largest joint difference (rad) to the segment at its foot, and the foot's share of the segment."""
+    length, along = 0.0, 0.0
+    for c in range(len(start)):
+        way = end[c] - start[c]
+        length += way * way
+        along += (wanted[c] - start[c]) * way
+    share = min(max(along / length, 0.0), 1.0) if length > 1e-20 else 0.0
+    away = 0.0
+    for c in range(len(start)):
+        away = max(away, abs(start[c] + share * (end[c] - start[c]) - wanted[c]))
+    return away, share
+
+
+@compile_function
+def _compute_pose_distance(
+    start: Array,
+    end: Array,
+    start_turn: Array,
+    end_turn: Array,
+    wanted: Array,
+    wanted_turn: Array,
+    limit: float,
+    axis_lever: float,
+) -> tuple[float, float, float]:
+    """Distance (m) to the segment at its foot, the same with the tool axis counted, and the foot's share."""
+    length, along, off = 0.0, 0.0, 0.0
+    for c in range(3):
+        way = end[c] - start[c]
+        length += way * way
+        along += (wanted[c] - start[c]) * way
+        off += (wanted[c] - start[c]) ** 2
+    reach = limit + np.sqrt(length)
+    if off > reach * reach:  # no place of the segment is near
+        return np.inf, np.inf, 0.0
+    for c in range(3):
+        for d in range(3):
+            weight = SPIN_LEVER_M * SPIN_LEVER_M / 2.0 + (axis_lever * axis_lever if d == 2 else 0.0)
+            step = end_turn[c, d] - start_turn[c, d]
+            length += weight * step * step
+            along += weight * (wanted_turn[c, d] - start_turn[c, d]) * step
+    share = min(max(along / length, 0.0), 1.0) if length > 1e-20 else 0.0
+    away, fine = 0.0, 0.0
+    for c in range(3):
+        away += (start[c] + share * (end[c] - start[c]) - wanted[c]) ** 2
+        for d in range(3):
+            weight = SPIN_LEVER_M * SPIN_LEVER_M / 2.0 + (axis_lever * axis_lever if d == 2 else 0.0)
+            fine += weight * (start_turn[c, d] + share * (end_turn[c, d] - start_turn[c, d]) - wanted_turn[c, d]) ** 2
+    return np.sqrt(away), np.sqrt(away + fine), share
+
+
+@compile_function
+def match_lines_in_order(
+    ends: Array,
+    end_axes: Array,
+    wanted: Array,
+    wanted_axes: Array,
+    asked: NDArray[np.bool_],
+    limit: float,
+    lever: float,
+    noise: float,
+    give_up: int,
+) -> tuple[NDArray[np.int64], Array, Array]:
+    """Find each wanted point on the polyline through ``ends``: on the best line of the first stretch that is near it.
+
+    A stretch is an unbroken row of lines that pass within ``limit`` of the point. Of several, the one with the least
+    distance in place and tool axis is taken: at a corner of the tool axis all have the same place. A missing point
+    leaves the place where the next is looked for as it was.
+
+    Args:
+        ends: (M, 3) m.
+        end_axes: (M, 3) unit tool axes at the ends.
+        wanted: (N, 3) m.
+        wanted_axes: (N, 3) unit.
+        asked: (N,) which of them are looked for.
+        limit: m, nearer than this to a line counts.
+        lever: m/rad, by which an angle of the tool axis counts as a distance.
+        noise: m; a later line is taken only where it is nearer by more, because its start is the same place.
+        give_up: so many missing points end the search.
+
+    Returns:
+        (N,) the end of its line, −1 for none; (N,) share of the line that lies behind it; (N,) m to the line; where
+        there is none to the nearest ahead, infinite after the search had ended; NaN where not asked.
+    """
+    count = len(wanted)
+    reached = np.full(count, -1)
+    share, gap = np.full(count, np.nan), np.full(count, np.nan)
+    here, passed, missed = 1, -1.0, 0
+    for k in range(count):
+        if not asked[k]:
+            continue
+        nearest, best, behind = np.inf, np.inf, 0.0
+        if missed < give_up:
+            for j in range(here, len(ends)):
+                f, size = _compute_line_share(ends, end_axes, j, wanted[k], wanted_axes[k], lever)
+                if j == here and passed >= 0.0 and f * size < passed - limit:
+                    continue  # on the line of the last point only what lies behind it
+                off, tilt = 0.0, 0.0
+                for c in range(3):
+                    off += (ends[j - 1, c] + f * (ends[j, c] - ends[j - 1, c]) - wanted[k, c]) ** 2
+                    axis = end_axes[j - 1, c] + f * (end_axes[j, c] - end_axes[j - 1, c])
+                    tilt += (axis - wanted_axes[k, c]) ** 2
+                away = np.sqrt(off)
+                nearest = min(nearest, away)
+                if away > limit:
+                    if reached[k] >= 0:
+                        break
+                    continue
+                off = np.sqrt(off + lever * lever * tilt)
+                if off < best - noise:
+                    best, behind = off, f * size
+                    reached[k], share[k], gap[k] = j, f, away
+        if reached[k] < 0:
+            missed += 1
+            gap[k] = nearest
+        else:
+            here, passed = reached[k], behind
+    return reached, share, gap
+
+
+@compile_function
+def _compute_line_share(
+    ends: Array, axes: Array, j: int, place: Array, axis: Array, lever: float
+) -> tuple[float, float]:
+    """Share of line j behind a wanted pose, and the line's length (m): by place, or by axis where that changes more."""
+    length, along, turned, done = 0.0, 0.0, 0.0, 0.0
+    for c in range(3):
+        way = ends[j, c] - ends[j - 1, c]
+        length += way * way
+        along += (place[c] - ends[j - 1, c]) * way
+        turned += axes[j, c] * axes[j - 1, c]
+        done += axis[c] * axes[j - 1, c]
+    angle = np.arccos(min(max(turned, -1.0), 1.0))
+    if lever * angle > np.sqrt(length):
+        share = np.arccos(min(max(done, -1.0), 1.0)) / angle
+    else:
+        share = along / length if length > 0.0 else 0.0
+    return min(max(share, 0.0), 1.0), np.sqrt(length + (lever * angle) ** 2)

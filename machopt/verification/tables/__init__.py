@@ -1,0 +1,1 @@
+"""Tables of an output folder as the verification reads them."""

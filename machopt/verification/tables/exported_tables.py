@@ -1,0 +1,238 @@
+"""trajectory.csv, points.csv and compensation.csv as the verification reads them: by name, nothing assumed.
+
+Every column that machopt writes must be there once, every number be finite where the column may not be empty, and
+no column may stand there that nothing here looks at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machopt.data_types.cell import Cell
+from machopt.data_types.toolpath import MoveKind
+from machopt.errors import InputError
+from machopt.numerics.array_types import Array
+from machopt.verification.tables.csv_columns import ColumnTable, read_table
+
+JOINT_COLUMNS = tuple(f"q{i}_deg" for i in range(1, 7))
+SHIFT_COLUMNS = ("comp_dx_mm", "comp_dy_mm", "comp_dz_mm")
+MOTION_COLUMNS = ("time_s", "point", "operation", "move", *JOINT_COLUMNS, "gamma_deg", "feed_mm_min")
+POINT_COLUMNS = (
+    "point",
+    "operation",
+    "move",
+    "x_mm",
+    "y_mm",
+    "z_mm",
+    "i",
+    "j",
+    "k",
+    "gamma_deg",
+    "branch",
+    *JOINT_COLUMNS,
+    "k_axial_N_mm",
+    "k_normal_N_mm",
+    "deflection_mm",
+    "clearance_mm",
+    "limit_margin_deg",
+    "singularity",
+    "status",
+    "reason",
+)
+OPTIONAL_COLUMNS = (
+    "feed_mm_min",
+    "k_jiao_x_N_mm",
+    "nearest_pair",
+    "stiffness_from",
+    "deflection_std_mm",
+    "k_axial_std_N_mm",
+    "dwell_s",
+)
+MAX_POINT_NUMBER = 2**31  # a point number beyond is none
+MOVE_WORDS = tuple(move.word for move in MoveKind)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportedMotion:
+    """What trajectory.csv says, in SI; S rows."""
+
+    time: Array  # (S,) s
+    point: Array  # (S,) NaN where empty
+    move: NDArray[np.int64]  # (S,) Move codes
+    q: Array  # (S, 6) rad
+    external: Array  # (S, E) rad or m
+    operation: tuple[str, ...]  # (S,) labels, empty for none
+    gamma: Array  # (S,) rad, NaN where empty
+    feed: Array  # (S,) m/s
+    slides: tuple[bool, ...] = ()  # (E,) which external axes are in m
+    tool: tuple[str, ...] = ()  # (S,) names, empty where the cell has no table
+
+    @property
+    def sample_time(self) -> float:
+        """s between two samples."""
+        return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
+
+    def describe_row(self, n: int | np.int64) -> str:
+        """Where row n is, for people."""
+        point = f", point {self.point[n]:.3f}" if np.isfinite(self.point[n]) else ""
+        return f"sample {n}, {self.time[n]:.3f} s{point}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportedPoints:
+    """What points.csv says, N rows; numbers as the file has them but for point, joints and shift."""
+
+    point: NDArray[np.int64]  # (N,)
+    q: Array  # (N, 6) rad by encoder, NaN where the point has none
+    external: Array  # (N, E) rad or m, likewise
+    status: tuple[str, ...]
+    numbers: dict[str, Array]  # every further column of numbers, in the file's units, NaN where empty
+    words: dict[str, tuple[str, ...]]  # operation, move, reason, nearest_pair, stiffness_from
+    shift: Array | None = None  # (N, 3) m in workpiece, where the commanded path is shifted
+
+    @property
+    def ok(self) -> NDArray[np.bool_]:
+        """(N,) the planner says that the point has a configuration."""
+        return np.array([s == "ok" for s in self.status])
+
+
+@dataclass(frozen=True)
+class ExportedShift:
+    """What compensation.csv says: how the path is shifted at its corners, and against which force."""
+
+    index: Array  # (P,) fractional toolpath index, not falling
+    offset: Array  # (P, 3) m in workpiece
+    force: Array  # (P, 3) N in workpiece
+
+
+def read_motion(file: Path, cell: Cell) -> ExportedMotion:
+    """trajectory.csv.
+
+    Raises:
+        InputError: the file, a column or a number is missing, or a column is unknown.
+    """
+    table = read_table(file)
+    _check_names(table, (*MOTION_COLUMNS, *_list_external_names(cell), *(["tool"] if cell.tools else [])), ("tool",))
+    if cell.tools:
+        _check_tools(table, cell)
+    time = table.read_numbers("time_s")
+    if len(time) < 2:
+        raise InputError(f"{len(time)} samples; a motion has two or more", file=file)
+    return ExportedMotion(
+        time=time,
+        point=table.read_numbers("point", empty=True),
+        move=_parse_moves(table),
+        q=_read_joints(table, empty=False),
+        external=_read_external(table, cell, empty=False),
+        operation=tuple(table.read_words("operation")),
+        gamma=np.deg2rad(table.read_numbers("gamma_deg", empty=True)),
+        feed=table.read_numbers("feed_mm_min") / 6e4,
+        slides=cell.external_prismatic,
+        tool=tuple(table.read_words("tool")) if cell.tools else (),
+    )
+
+
+def read_points(file: Path, cell: Cell) -> ExportedPoints:
+    """points.csv.
+
+    Raises:
+        InputError: the file, a column or a number is missing, or a column is unknown.
+    """
+    table = read_table(file)
+    shifted = any(name in table for name in SHIFT_COLUMNS)
+    axes = _list_external_names(cell)
+    _check_names(table, (*POINT_COLUMNS, *axes, *(SHIFT_COLUMNS if shifted else ())), OPTIONAL_COLUMNS)
+    number = table.read_numbers("point")
+    odd = np.flatnonzero((number != np.round(number)) | (np.abs(number) > MAX_POINT_NUMBER))
+    if len(odd):
+        row = int(odd[0])
+        raise InputError(f"{number[row]:g} is no point number", file=file, where=f"data row {row + 1}, point")
+    _parse_moves(table)
+    skip = {"point", *JOINT_COLUMNS, *axes, *SHIFT_COLUMNS}
+    shift = np.column_stack([table.read_numbers(n) for n in SHIFT_COLUMNS]) / 1e3 if shifted else None
+    return ExportedPoints(
+        point=number.astype(int),
+        q=_read_joints(table, empty=True),
+        external=_read_external(table, cell, empty=True),
+        status=tuple(table.read_words("status")),
+        numbers={
+            name: table.read_numbers(name, empty=name not in POINT_COLUMNS[3:9])
+            for name in table.parts
+            if name not in skip
+        },
+        words={name: tuple(words) for name, words in table.text.items() if name != "status"},
+        shift=shift,
+    )
+
+
+def read_compensation(file: Path) -> ExportedShift:
+    """compensation.csv.
+
+    Raises:
+        InputError: the file, a column or a number is missing, or the index falls.
+    """
+    table = read_table(file)
+    index = table.read_numbers("point")
+    if (np.diff(index) < 0).any():
+        row = int(np.flatnonzero(np.diff(index) < 0)[0]) + 2
+        raise InputError("the index falls; the corners stand in order", file=file, where=f"data row {row}, point")
+    offset, force = (
+        np.column_stack([table.read_numbers(n) for n in names])
+        for names in (("dx_mm", "dy_mm", "dz_mm"), ("fx_N", "fy_N", "fz_N"))
+    )
+    return ExportedShift(index, offset / 1e3, force)
+
+
+def _check_names(table: ColumnTable, needed: Sequence[str], further: Sequence[str]) -> None:
+    for name in needed:
+        if name not in table:
+            raise InputError(f"column {name!r} is missing; there are {', '.join(table.column_names)}", file=table.file)
+    for name in table.column_names:
+        if name not in needed and name not in further:
+            raise InputError(
+                f"column {name!r} is not known; known are {', '.join((*needed, *further))}", file=table.file
+            )
+
+
+def _check_tools(table: ColumnTable, cell: Cell) -> None:
+    """Every row has the tool that the toolpath wants, or one of the table where it wants several."""
+    wanted = {*cell.tools} if cell.tool_name is None else {cell.tool_name}
+    for row, word in enumerate(table.read_words("tool"), start=1):
+        if word not in wanted:
+            known = f"the cell has {', '.join(cell.tools)}" if word not in cell.tools else "the toolpath wants another"
+            raise InputError(
+                f"{word!r} is not the tool {cell.tool_name or ' or '.join(cell.tools)!r}; {known}",
+                file=table.file,
+                where=f"data row {row}, tool",
+            )
+
+
+def _parse_moves(table: ColumnTable) -> NDArray[np.int64]:
+    code = {word: n for n, word in enumerate(MOVE_WORDS)}
+    moves = table.read_words("move")
+    if not code.keys() >= {*moves}:
+        line, word = next((n, word) for n, word in enumerate(moves, start=1) if word not in code)
+        raise InputError(
+            f"{word!r} is no move; {', '.join(MOVE_WORDS)} are", file=table.file, where=f"data row {line}, move"
+        )
+    return np.array([code[word] for word in moves])
+
+
+def _read_joints(table: ColumnTable, *, empty: bool) -> Array:
+    return np.deg2rad(np.column_stack([table.read_numbers(name, empty=empty) for name in JOINT_COLUMNS]))
+
+
+def _list_external_names(cell: Cell) -> list[str]:
+    return [f"e{n}_mm" if slides else f"e{n}_deg" for n, slides in enumerate(cell.external_prismatic, start=1)]
+
+
+def _read_external(table: ColumnTable, cell: Cell, *, empty: bool) -> Array:
+    """(rows, E) rad or m."""
+    names = _list_external_names(cell)
+    columns = [table.read_numbers(n, empty=empty) * (1e-3 if n.endswith("mm") else np.pi / 180.0) for n in names]
+    return np.array(columns).T.reshape(len(table.read_words("move")), -1)
