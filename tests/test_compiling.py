@@ -26,7 +26,7 @@ ROOT = Path(__file__).resolve().parents[1]
 FACTOR = 2.0
 
 
-@module.compile_function
+@module.jit_compile
 def doubled(x: float) -> float:
     return FACTOR * x
 
@@ -296,7 +296,7 @@ def test_without_a_place_to_store_it_says_what_would_help(
     monkeypatch.setattr(
         module._CallTreeCache._impl_class, "_locator_classes", []
     )  # numba finds no place, and says so itself
-    module.compile_function(lambda x: x)
+    module.jit_compile(lambda x: x)
     monkeypatch.setattr(
         "machopt.planning.compiled_kernels.start_compile_process", lambda: pytest.fail("would store nothing")
     )

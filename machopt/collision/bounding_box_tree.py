@@ -12,7 +12,7 @@ import numpy as np
 
 from machopt.collision.bodies import CollisionBody
 from machopt.numerics.array_types import Array, Ints
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 
 LEAF_TRIANGLES = 2  # triangles in a box that is not divided any more
 EDGE_LENGTH_SHARE = 0.1  # of a body's size: triangles with longer edges are divided
@@ -66,7 +66,7 @@ def _subdivide_long_triangles(corners: Array, longest: float) -> Array:
     return np.ascontiguousarray(np.concatenate([*done, corners]))
 
 
-@compile_function
+@jit_compile
 def _partition_by_median(value: Array, order: Ints, low: int, high: int, at: int) -> None:
     """Bring the least of value[low … high] before place ``at``, and ``order`` with them (Hoare 1961, Find)."""
     while low < high:
@@ -106,7 +106,7 @@ def _build_tree(corners: Array, normals: Array) -> BoxTreeMesh:
     )
 
 
-@compile_function
+@jit_compile
 def _fill_tree(
     corners: Array, low: Array, high: Array, child: Ints, first: Ints, count: Ints, order: Ints, middle: Array
 ) -> int:

@@ -19,7 +19,7 @@ from machopt.collision.bounding_box_tree import BoxTreeMesh, build_box_tree_of_t
 from machopt.data_types.cell import CollisionShape, CutterGeometry
 from machopt.errors import InputError
 from machopt.numerics.array_types import Array, Ints
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 from machopt.numerics.rigid_transforms import invert_transform
 from machopt.numerics.worker_threads import map_in_threads
 
@@ -185,7 +185,7 @@ def _list_mesh_arrays(mesh: BoxTreeMesh) -> tuple[Array, Array, Array, Ints, Int
     return mesh.corners, mesh.low, mesh.high, mesh.child, mesh.first, mesh.count, mesh.order
 
 
-@compile_function
+@jit_compile
 def _compute_row_depths(
     points: Array,
     leader: Ints,
@@ -255,7 +255,7 @@ def _compute_row_depths(
     return depth, which
 
 
-@compile_function
+@jit_compile
 def _compute_box_distance(x: Array, low: Array, high: Array, k: int) -> float:
     """m² from a point to a box."""
     gap = 0.0
@@ -265,7 +265,7 @@ def _compute_box_distance(x: Array, low: Array, high: Array, k: int) -> float:
     return float(gap)
 
 
-@compile_function
+@jit_compile
 def _find_nearest_triangle(
     x: Array,
     corners: Array,
@@ -307,7 +307,7 @@ def _find_nearest_triangle(
     return best, found
 
 
-@compile_function
+@jit_compile
 def _compute_triangle_distance(p: Array, A: Array) -> float:
     """m² from a point to a triangle (Ericson 2005, section 5.1.5)."""
     u0, u1, u2 = A[1, 0] - A[0, 0], A[1, 1] - A[0, 1], A[1, 2] - A[0, 2]
@@ -340,7 +340,7 @@ def _compute_triangle_distance(p: Array, A: Array) -> float:
     return float(x * x + y * y + z * z)
 
 
-@compile_function
+@jit_compile
 def _count_ray_crossings(
     x: Array,
     ray: Array,

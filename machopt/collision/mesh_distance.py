@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from machopt.collision.bounding_box_tree import BoxTreeMesh
 from machopt.collision.triangle_distance import TIE_TOLERANCE, compute_separation_along, compute_triangle_distance
 from machopt.numerics.array_types import Array, Ints
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 from machopt.numerics.rigid_transforms import invert_transform
 
 MAX_STACK_SIZE = 512  # pairs of boxes waiting on the way down the trees
 ROUNDING_M = 1e-9  # m, by which sums of motions may be off
 
 
-@compile_function
+@jit_compile
 def _move_triangles(T: Array, corners: Array, normals: Array, out: Array, turned: Array) -> None:
     """All triangles moved by T (4, 4), and their normals."""
     for f in range(len(corners)):
@@ -34,7 +34,7 @@ def _move_triangles(T: Array, corners: Array, normals: Array, out: Array, turned
             turned[f, c] = T[c, 0] * x + T[c, 1] * y + T[c, 2] * z
 
 
-@compile_function
+@jit_compile
 def _update_boxes(corners: Array, child: Ints, first: Ints, count: Ints, order: Ints, low: Array, high: Array) -> None:
     """The boxes around moved triangles; those inside come after the one around them."""
     for box in range(len(child) - 1, -1, -1):
@@ -50,7 +50,7 @@ def _update_boxes(corners: Array, child: Ints, first: Ints, count: Ints, order: 
             low[box, c], high[box, c] = lo, hi
 
 
-@compile_function
+@jit_compile
 def _compute_box_distance(low: Array, high: Array, k: int, lo: Array, hi: Array, m: int) -> float:
     """m² between the boxes k of one tree and m of the other."""
     gap = 0.0
@@ -60,7 +60,7 @@ def _compute_box_distance(low: Array, high: Array, k: int, lo: Array, hi: Array,
     return gap
 
 
-@compile_function
+@jit_compile
 def _find_nearest_triangles(
     a: Array,
     na: Array,
@@ -123,7 +123,7 @@ def _find_nearest_triangles(
     return best, i, j
 
 
-@compile_function
+@jit_compile
 def compute_distances_along_rows(
     a: Array,
     na: Array,
@@ -230,7 +230,7 @@ def compute_distance(a: BoxTreeMesh, b: BoxTreeMesh, T: Array, guess: tuple[int,
     return d, (m, k) if turn else (k, m)
 
 
-@compile_function
+@jit_compile
 def _compute_placed_distance(
     a: Array,
     na: Array,

@@ -19,7 +19,7 @@ from machopt.collision.bounding_box_tree import BoxTreeMesh, build_box_tree
 from machopt.collision.mesh_distance import MAX_STACK_SIZE
 from machopt.collision.triangle_distance import compute_triangle_distance
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 from machopt.numerics.worker_threads import map_in_threads
 
 Ints = NDArray[np.int64]
@@ -89,7 +89,7 @@ def is_nearer_than(a: BodyOutline, b: BodyOutline, T: Array, limit: float) -> Bo
     return np.concatenate([np.zeros(0, bool), *map_in_threads(block, range(0, len(T), size))])
 
 
-@compile_function
+@jit_compile
 def _find_extreme_points(a: Array, b: Array, M: Array, v: Array, turned: Array) -> tuple[float, int, int]:
     """By how much the points a (V, 3) lie beyond b (W, 3), moved by M, along v, times its length; the two nearest."""
     low, high, i, j = np.inf, -np.inf, 0, 0
@@ -106,7 +106,7 @@ def _find_extreme_points(a: Array, b: Array, M: Array, v: Array, turned: Array) 
     return low - high - (M[0, 3] * v[0] + M[1, 3] * v[1] + M[2, 3] * v[2]), i, j
 
 
-@compile_function
+@jit_compile
 def _find_separating_distance(a: Array, b: Array, M: Array, limit: float, v: Array, turned: Array) -> float:
     """m by which a plane parts the points a (V, 3) and b (W, 3), moved by M, where one was found that does by ``limit``
     m; below zero elsewhere.
@@ -141,7 +141,7 @@ def _find_separating_distance(a: Array, b: Array, M: Array, limit: float, v: Arr
     return -1.0
 
 
-@compile_function
+@jit_compile
 def _place_triangle(T: Array, triangle: Array, normal: Array, out: Array, turned: Array) -> None:
     """A triangle (3, 3) and its normal, moved by T (4, 4)."""
     for c in range(3):
@@ -150,7 +150,7 @@ def _place_triangle(T: Array, triangle: Array, normal: Array, out: Array, turned
             out[v, c] = T[c, 0] * triangle[v, 0] + T[c, 1] * triangle[v, 1] + T[c, 2] * triangle[v, 2] + T[c, 3]
 
 
-@compile_function
+@jit_compile
 def _compute_box_separation(low: Array, high: Array, k: int, lo: Array, hi: Array, m: int, T: Array) -> float:
     """m² by which box k is apart, at least, from box m moved by T: along the axes of the one or of the other.
 
@@ -179,7 +179,7 @@ def _compute_box_separation(low: Array, high: Array, k: int, lo: Array, hi: Arra
     return float(max(gap, other) if least > 0.0 else least)
 
 
-@compile_function
+@jit_compile
 def _bound_box_motion(low: Array, high: Array, T: Array, S: Array) -> float:
     """m by which no point of a box (3,), (3,) is moved farther by T than by S: what its corners show, since how far a
     point is moved is convex over it."""
@@ -196,7 +196,7 @@ def _bound_box_motion(low: Array, high: Array, T: Array, S: Array) -> float:
     return float(np.sqrt(most))
 
 
-@compile_function
+@jit_compile
 def _check_rows(
     around: Array,
     other: Array,

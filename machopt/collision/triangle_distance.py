@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 
 TIE_TOLERANCE = 1e-12  # m, by which equal distances may differ in their last digits
 
 
-@compile_function
+@jit_compile
 def _compute_segment_distance(p: Array, u: Array, q: Array, v: Array, best: float, apart: Array) -> float:
     """m² between the segments p … p + u and q … q + v (Ericson 2005, section 5.1.9), and how the second lies off the
     first, where that is less than ``best``."""
@@ -44,7 +44,7 @@ def _compute_segment_distance(p: Array, u: Array, q: Array, v: Array, best: floa
     return float(gap)
 
 
-@compile_function
+@jit_compile
 def _is_foot_inside(A: Array, n: Array, x: float, y: float, z: float) -> bool:
     """The foot of a point on the plane of the triangle A with normal n lies inside it."""
     for k in range(3):
@@ -56,7 +56,7 @@ def _is_foot_inside(A: Array, n: Array, x: float, y: float, z: float) -> bool:
     return True
 
 
-@compile_function
+@jit_compile
 def _compute_plane_separation(A: Array, n: Array, B: Array) -> float:
     """m by which the triangle B at least lies off the plane of A, whose unit normal is n; 0 where it crosses it."""
     c = A[0, 0] * n[0] + A[0, 1] * n[1] + A[0, 2] * n[2]
@@ -66,7 +66,7 @@ def _compute_plane_separation(A: Array, n: Array, B: Array) -> float:
     return float(max(min(x, y, z), -max(x, y, z), 0.0))
 
 
-@compile_function
+@jit_compile
 def _compute_corner_distance(A: Array, n: Array, B: Array, sign: float, best: float, apart: Array) -> float:
     """m² of the corners of B over the inside of A, and ``sign`` times how, where that is less than ``best``."""
     if n[0] == 0.0 and n[1] == 0.0 and n[2] == 0.0:
@@ -79,7 +79,7 @@ def _compute_corner_distance(A: Array, n: Array, B: Array, sign: float, best: fl
     return best
 
 
-@compile_function
+@jit_compile
 def _is_edge_crossing(A: Array, n: Array, B: Array) -> bool:
     """An edge of B goes through A."""
     for k in range(3):
@@ -99,7 +99,7 @@ def _is_edge_crossing(A: Array, n: Array, B: Array) -> bool:
     return False
 
 
-@compile_function
+@jit_compile
 def compute_triangle_distance(A: Array, na: Array, B: Array, nb: Array, most: float, work: Array) -> tuple[float, bool]:
     """m between two triangles (3, 3); 0 where they cross.
 
@@ -131,7 +131,7 @@ def compute_triangle_distance(A: Array, na: Array, B: Array, nb: Array, most: fl
     return float(np.sqrt(best)), True
 
 
-@compile_function
+@jit_compile
 def compute_separation_along(A: Array, B: Array, u: Array) -> float:
     """m by which the triangle B lies beyond A along the unit vector u; it is farther away than that."""
     far, near = -np.inf, np.inf

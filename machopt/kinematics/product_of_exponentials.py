@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 
 
-@compile_function
+@jit_compile
 def _rotate_about_line(R: Array, p: Array, h: Array, x: Array, angle: float) -> None:
     """A motion (R, p), followed by a turn about the line through x along unit h: changed in place."""
     c, s = math.cos(angle), math.sin(angle)
@@ -31,7 +31,7 @@ def _rotate_about_line(R: Array, p: Array, h: Array, x: Array, angle: float) -> 
         R[r, 2] = a * q02 + b * q12 + d * q22
 
 
-@compile_function
+@jit_compile
 def _set_identity(R: Array, p: Array) -> None:
     for r in range(3):
         for c in range(3):
@@ -39,7 +39,7 @@ def _set_identity(R: Array, p: Array) -> None:
         p[r] = 0.0
 
 
-@compile_function
+@jit_compile
 def _compute_pose(R: Array, p: Array, zero: Array, T: Array) -> None:
     """T (4, 4): the pose ``zero`` moved by (R, p)."""
     for r in range(3):
@@ -50,7 +50,7 @@ def _compute_pose(R: Array, p: Array, zero: Array, T: Array) -> None:
     T[3, 3] = 1.0
 
 
-@compile_function
+@jit_compile
 def compute_poses(axis: Array, point: Array, zero: Array, q: Array, T: Array) -> None:
     """Fill T (M, 4, 4) with the frame that is at ``zero`` (4, 4) where q (M, 6) rad is zero; lines (6, 3) each."""
     R, p = np.empty((3, 3)), np.empty(3)
@@ -61,7 +61,7 @@ def compute_poses(axis: Array, point: Array, zero: Array, q: Array, T: Array) ->
         _compute_pose(R, p, zero, T[m])
 
 
-@compile_function
+@jit_compile
 def compute_link_motions(axis: Array, point: Array, q: Array, R: Array, p: Array) -> None:
     """Fill R (M, 7, 3, 3) and p (M, 7, 3) m: a point x of link i at q = 0 goes to R[i] x + p[i]."""
     for m in range(len(q)):
@@ -74,7 +74,7 @@ def compute_link_motions(axis: Array, point: Array, q: Array, R: Array, p: Array
             _rotate_about_line(R[m, i + 1], p[m, i + 1], axis[i], point[i], q[m, i])
 
 
-@compile_function
+@jit_compile
 def compute_chain_motions(
     axis: Array, point: Array, slides: NDArray[np.bool_], theta: Array, R: Array, p: Array
 ) -> None:
@@ -96,7 +96,7 @@ def compute_chain_motions(
                 _rotate_about_line(R[m, i + 1], p[m, i + 1], axis[i], point[i], theta[m, i])
 
 
-@compile_function
+@jit_compile
 def compute_relative_motion(
     axis: Array, point: Array, slides: NDArray[np.bool_], first: int, last: int, theta: Array, T: Array
 ) -> None:
@@ -119,7 +119,7 @@ def compute_relative_motion(
         T[m, 3, 3] = 1.0
 
 
-@compile_function
+@jit_compile
 def compute_jacobians(axis: Array, point: Array, zero: Array, q: Array, T: Array, J: Array) -> None:
     """Fill the poses T (M, 4, 4) as :func:`compute_poses`, and J (M, 6, 6), linear part first, at the frame's
     origin."""

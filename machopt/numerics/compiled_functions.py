@@ -62,7 +62,7 @@ def call_on_compilation(told: CompilationCallback) -> Iterator[None]:
         _LISTENER.told = None
 
 
-def compile_function(function: F) -> F:
+def jit_compile(function: F) -> F:
     """``numba.njit``, cached where a folder may be written: a read-only installation and home are none."""
     made = numba.njit(nogil=True)(function)
     try:

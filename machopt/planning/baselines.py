@@ -14,7 +14,7 @@ from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.plan_options import PlanOptions
 from machopt.kinematics.inverse.solver import compute_branch_reasons
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 from machopt.numerics.rigid_transforms import invert_transform, wrap_angle
 from machopt.planning.cost.stiffness_index import LoadDirections, compute_configuration_cost
 from machopt.planning.sampling.configurations import PlanningArm
@@ -192,7 +192,7 @@ def _follow(path: PlanningPath, arm: PlanningArm, phi: Array, home: Array) -> Jo
     return JointAssignment(phi=phi, q=q, branch=branch, reason=reason, **margin)
 
 
-@compile_function
+@jit_compile
 def _nearest_to_last(
     every: Array,
     why: NDArray[np.uint8],

@@ -16,10 +16,11 @@ import numpy as np
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE.parents[1])]
 
-from machopt.domain.program import LIN, PTP, RobotProgram  # noqa: E402
-from machopt.domain.toolpath import Event, Move  # noqa: E402
-from machopt.formats.posts import post_names, program_name, write_program  # noqa: E402
 from made_up_program import ARM, MAPPED, TOOL, WORKPIECE, standing_of  # noqa: E402
+
+from machopt.data_types.robot_program import LIN, PTP, RobotProgram  # noqa: E402
+from machopt.data_types.toolpath import MoveKind, ToolpathEvent  # noqa: E402
+from machopt.programs.program_writer import format_program_name, list_post_names, write_program  # noqa: E402
 
 
 def job() -> RobotProgram:
@@ -52,19 +53,19 @@ def job() -> RobotProgram:
         T_workpiece_tcp=np.linalg.inv(WORKPIECE) @ ARM.fk(q, TOOL),
         feed=feed,
         move=move,
-        cutting=(kind == LIN) & (move == Move.CUT),
+        cutting=(kind == LIN) & (move == MoveKind.CUT),
         operation=np.array([-1, 0, 0, 0, 0, *[1] * 6, -1], np.int32),
         operations=("Bohren ø6", 'face <1>; "fine"'),
         T_flange_tcp=TOOL,
         T_base_workpiece=WORKPIECE,
         events=(
-            Event(1, "tool", "LOADTL/12", 12.0),
-            Event(2, "spindle", "SPINDL/9000,RPM,CLW", 9000.0),
-            Event(4, "dwell", "DELAY/0.5", 0.5),
-            Event(6, "coolant", "COOLNT/ON"),
-            Event(8, "comment", "PPRINT/look"),
-            Event(11, "spindle", "SPINDL/OFF", 0.0),
-            Event(11, "stop", "STOP"),
+            ToolpathEvent(1, "tool", "LOADTL/12", 12.0),
+            ToolpathEvent(2, "spindle", "SPINDL/9000,RPM,CLW", 9000.0),
+            ToolpathEvent(4, "dwell", "DELAY/0.5", 0.5),
+            ToolpathEvent(6, "coolant", "COOLNT/ON"),
+            ToolpathEvent(8, "comment", "PPRINT/look"),
+            ToolpathEvent(11, "spindle", "SPINDL/OFF", 0.0),
+            ToolpathEvent(11, "stop", "STOP"),
         ),
         blend=1e-4,
         source="golden cell; part.apt",
@@ -80,11 +81,11 @@ def job() -> RobotProgram:
 
 def write(folder: Path, post: str) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
-    return write_program(folder, program_name("golden", post), job(), post, MAPPED)
+    return write_program(folder, format_program_name("golden", post), job(), post, MAPPED)
 
 
 def main() -> None:
-    for post in post_names():
+    for post in list_post_names():
         shutil.rmtree(HERE / post, ignore_errors=True)
         for path in write(HERE / post, post):
             sys.stdout.write(f"{path.relative_to(HERE)}\n")

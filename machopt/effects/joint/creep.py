@@ -27,14 +27,14 @@ from machopt.effects.protocol import (
     compute_compliance_percent,
 )
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 
 STEPS = (3.0, 8.0, 20.0, 50.0, 120.0, 300.0)  # s, tried in load tests
 STEP_PAIRS = ((3.0, 20.0), (3.0, 60.0), (8.0, 60.0), (8.0, 200.0))
 SAMPLES = (0.5, 1.5, 4.0, 12.0, 40.0)  # s, in motions
 
 
-@compile_function
+@jit_compile
 def _filter_first_order(x: Array, gap: Array, first: Ints, constant: float) -> Array:
     out = np.empty_like(x)
     y = 0.0

@@ -13,7 +13,7 @@ import numpy as np
 
 from machopt.effects.protocol import JOINTS, Effect, FrictionState, Ints, JointSpeedRange, LawParameter, Quantity, Shape
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 
 PARTS = 4  # of a sampling interval
 MIN_BREAKAWAY_PATH = 1e-9  # rad
@@ -25,7 +25,7 @@ SOURCE = "; Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994) 1
 VISCOUS = "N·m·s/rad"  # of a slide N·s/m, as all units here
 
 
-@compile_function
+@jit_compile
 def _integrate_presliding(v: Array, dt: float, first: Ints, distance: float, parts: int) -> Array:
     out = np.empty_like(v)
     z = 0.0

@@ -27,7 +27,7 @@ from machopt.effects.protocol import (
     Shape,
 )
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 
 STEPS = ((0.03,), (0.08,), (0.15,), (0.3,), (0.5,))  # half-widths tried in load tests, per largest torque
 STEP_PAIRS = ((0.03, 0.15), (0.03, 0.3), (0.08, 0.3), (0.15, 0.5))
@@ -42,7 +42,7 @@ CYCLE = np.concatenate([np.linspace(0.0, 1.0, 40), np.linspace(1.0, -1.0, 81)[1:
 DOWN, UP = 79, 159
 
 
-@compile_function
+@jit_compile
 def _integrate_play(x: Array, first: Ints, half: float) -> Array:
     out = np.empty_like(x)
     y = 0.0
@@ -70,7 +70,7 @@ def compute_play(x: Array, first: Ints, half: float) -> Array:
     )
 
 
-@compile_function
+@jit_compile
 def _integrate_drag(x: Array, first: Ints, reach: float, beta: float) -> Array:
     out = np.empty_like(x)
     z, last, bend = 0.0, 0.0, 2.0 * beta - 1.0

@@ -9,7 +9,7 @@ import numpy as np
 
 from machopt.effects.protocol import COMPLIANCE, JOINTS, Effect, LawParameter, Quantity, Shape, VibrationLoading
 from machopt.numerics.array_types import Array, Ints
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 
 BANDS = tuple(float(f) for f in np.geomspace(0.8, 20.0, 17).round(2))  # Hz, where a search begins that refines
 COARSE = (3.0, 4.5, 6.5, 9.5, 14.0, 20.0)  # Hz, of torques, which show no more than that it swings
@@ -19,7 +19,7 @@ DAMPED, TORQUE_DAMPING = 0.02, 0.04  # of critical: where a search begins; what 
 MAX_FREQUENCY_SHARE, MAX_TORQUE_FREQUENCY_SHARE = 0.3, 0.4  # of the sampling rate: faster than that is not seen
 
 
-@compile_function
+@jit_compile
 def _integrate_mass_on_spring(load: Array, inertia: Array, step: Array, first: Ints, k: float, damping: float) -> Array:
     out = np.empty_like(load)
     x, v = 0.0, 0.0

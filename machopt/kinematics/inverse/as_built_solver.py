@@ -12,7 +12,7 @@ from machopt.kinematics import product_of_exponentials
 from machopt.kinematics.inverse.spherical_wrist import KinematicBranches
 from machopt.kinematics.robot import Robot
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 
 MAX_ITERATIONS = 12
 CONVERGENCE = 1e-12  # m and rad, where another pass moves nothing
@@ -52,7 +52,7 @@ class AsBuiltSolver:
         return found
 
 
-@compile_function
+@jit_compile
 def refine_branches(axis: Array, point: Array, zero: Array, T: Array, q: Array) -> None:
     """Newton from every branch q (M, B, 6) to its pose T (M, 4, 4), in place; NaN where it leads nowhere."""
     here, J, A = np.empty((1, 4, 4)), np.empty((1, 6, 6)), np.empty((6, 7))
@@ -81,13 +81,13 @@ def refine_branches(axis: Array, point: Array, zero: Array, T: Array, q: Array) 
                 q[m, b, i] = wrap_angle(at[0, i]) if there else np.nan
 
 
-@compile_function
+@jit_compile
 def wrap_angle(angle: float) -> float:
     """The same angle in (−π, π]."""
     return float(np.pi - np.mod(np.pi - angle, 2.0 * np.pi)) if abs(angle) > np.pi else angle
 
 
-@compile_function
+@jit_compile
 def compute_pose_difference(T: Array, wanted: Array, A: Array) -> float:
     """The twist from T to ``wanted`` (4, 4) into the last column of A (6, 7); its largest entry, m or rad."""
     most = 0.0
@@ -102,7 +102,7 @@ def compute_pose_difference(T: Array, wanted: Array, A: Array) -> float:
     return most
 
 
-@compile_function
+@jit_compile
 def solve_newton_step(J: Array, A: Array) -> bool:
     """Solve J x = A[:, 6] by elimination with pivoting, x in A[:, 6]; False where J has no inverse."""
     for r in range(6):

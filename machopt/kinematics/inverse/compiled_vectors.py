@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 
 Vector = tuple[float, float, float]
 
 
-@compile_function
+@jit_compile
 def compute_angle_about_axis(h: Vector, source: Vector, target: Vector) -> float:
     """Angle about h that turns ``source`` onto ``target`` (components normal to h)."""
     return math.atan2(
@@ -18,29 +18,29 @@ def compute_angle_about_axis(h: Vector, source: Vector, target: Vector) -> float
     )
 
 
-@compile_function
+@jit_compile
 def rotate_vector(h: Vector, c: float, s: float, v: Vector) -> Vector:
     """Rodrigues: v turned about the unit axis h by the angle with this cosine and sine."""
     x, rest = cross_product(h, v), (1.0 - c) * dot_product(h, v)
     return (c * v[0] + s * x[0] + rest * h[0], c * v[1] + s * x[1] + rest * h[1], c * v[2] + s * x[2] + rest * h[2])
 
 
-@compile_function
+@jit_compile
 def cross_product(a: Vector, b: Vector) -> Vector:
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-@compile_function
+@jit_compile
 def dot_product(a: Vector, b: Vector) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@compile_function
+@jit_compile
 def add_vectors(a: Vector, b: Vector) -> Vector:
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
-@compile_function
+@jit_compile
 def wrap_angle(angle: float) -> float:
     """The same angle in (−π, π]: π − (π − angle) mod 2π, without the division where it changes nothing."""
     rest = math.pi - angle

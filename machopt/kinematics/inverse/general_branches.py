@@ -11,7 +11,7 @@ from machopt.kinematics.inverse.general_solver import GeneralSolver
 from machopt.kinematics.inverse.spherical_wrist import KinematicBranches
 from machopt.kinematics.robot import Robot
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 from machopt.numerics.rigid_transforms import normalise_vectors
 
 CHARACTERISTIC_LENGTH_M = 0.5  # m, makes the linear rows of the Jacobian comparable with the angular ones
@@ -84,7 +84,7 @@ def _list_axis_vectors(robot: Robot) -> tuple[Vector, ...]:
     return tuple((float(x), float(y), float(z)) for x, y, z in rows)
 
 
-@compile_function
+@jit_compile
 def _compute_three_parallel_margins(vectors: tuple[Vector, ...], q: Array, margin: Array) -> None:
     """Fill margin (M, 3, B) of branches q (M, B, 6), NaN where there is none: shoulder in m, elbow and wrist in rad.
 
@@ -107,13 +107,13 @@ def _compute_three_parallel_margins(vectors: tuple[Vector, ...], q: Array, margi
             margin[m, 2, b] = _compute_line_angle(h4, rotate_vector(h5, math.cos(q[m, b, 4]), math.sin(q[m, b, 4]), h6))
 
 
-@compile_function
+@jit_compile
 def _rotate_point(h: Vector, p: Vector, c: float, s: float, x: Vector) -> Vector:
     """A point x turned about the line through p along h."""
     return add_vectors(rotate_vector(h, c, s, (x[0] - p[0], x[1] - p[1], x[2] - p[2])), p)
 
 
-@compile_function
+@jit_compile
 def _compute_line_angle(a: Vector, b: Vector) -> float:
     """Angle between two lines, 0 … π/2."""
     n = cross_product(a, b)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from machopt.kinematics.inverse.newton_iteration import track_solutions
 from machopt.kinematics.robot import Robot
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 
 GridIndex = NDArray[np.int64]
 POINT_STRIDE = 8  # grid points between solved rows: some millimetres of path
@@ -113,7 +113,7 @@ def label_grid(q: Array) -> Array:
     return out
 
 
-@compile_function
+@jit_compile
 def _label_branches(q: Array, out: Array, jump: float) -> None:
     N, R, B = q.shape[:3]
     taken = np.zeros(B, np.bool_)
@@ -140,7 +140,7 @@ def _label_branches(q: Array, out: Array, jump: float) -> None:
                             break
 
 
-@compile_function
+@jit_compile
 def _continue_branches(
     q: Array, neighbour: Array, out: Array, taken: NDArray[np.bool_], used: NDArray[np.bool_], jump: float
 ) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from machopt.kinematics.inverse.compiled_vectors import add_vectors, rotate_vector, wrap_angle
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 
 CONVERGED = 1e-12  # m and rad: three digits under what solve promises, three above rounding at arm's length
 ACCEPTED = 1e-10  # m and rad: beside a singularity rounding keeps the iteration from CONVERGED
@@ -23,7 +23,7 @@ MAX_TRACKING_STEP_RAD = 0.35  # rad a joint may turn in one tracking step; beyon
 MAX_TRACKING_HALVINGS = 7  # the shortest tracking step is 2⁻⁷ of the way between two neighbours
 
 
-@compile_function
+@jit_compile
 def _compute_pose_and_jacobian(axis: Array, point: Array, end: Array, q: Array, J: Array, T: Array) -> None:
     """Fill the pose T (4, 4) and the Jacobian J (6, 6) at q, in base_link axes at the flange's origin."""
     R = np.empty((3, 3))
@@ -63,7 +63,7 @@ def _compute_pose_and_jacobian(axis: Array, point: Array, end: Array, q: Array, 
         J[2, i] = wx * ly - wy * lx
 
 
-@compile_function
+@jit_compile
 def _compute_pose_error(T: Array, goal: Array, e: Array) -> float:
     """Fill the twist e (6,) from T to goal and return max(|linear|, |angular|) in m, rad."""
     trace = 0.0
@@ -83,7 +83,7 @@ def _compute_pose_error(T: Array, goal: Array, e: Array) -> float:
     return max(math.sqrt(e[0] * e[0] + e[1] * e[1] + e[2] * e[2]), angle)
 
 
-@compile_function
+@jit_compile
 def _solve_linear_system(A: Array, b: Array) -> bool:
     """Solve A x = b in place of b by elimination with row pivoting; False where A is singular to rounding."""
     for c in range(6):
@@ -110,7 +110,7 @@ def _solve_linear_system(A: Array, b: Array) -> bool:
     return True
 
 
-@compile_function
+@jit_compile
 def _iterate_newton(
     axis: Array, point: Array, end: Array, goal: Array, q: Array, iterations: int, J: Array, T: Array, e: Array
 ) -> float:
@@ -130,7 +130,7 @@ def _iterate_newton(
     return error
 
 
-@compile_function
+@jit_compile
 def solve_from_rough_starts(
     axis: Array, point: Array, end: Array, goal: Array, pose_of: NDArray[np.int64], q0: Array, iterations: int
 ) -> tuple[Array, Array]:
@@ -153,7 +153,7 @@ def solve_from_rough_starts(
     return q, error
 
 
-@compile_function
+@jit_compile
 def compute_pose_deviation(axis: Array, point: Array, end: Array, q: Array, goal: Array) -> float:
     """m and rad, the larger: no more is the pose at q (6,) off ``goal`` (4, 4), to first order.
 
@@ -173,7 +173,7 @@ def compute_pose_deviation(axis: Array, point: Array, end: Array, q: Array, goal
     return math.sqrt(max(way, turn))
 
 
-@compile_function
+@jit_compile
 def polish_branches(
     axis: Array, point: Array, end: Array, goal: Array, q: Array, iterations: int, farthest: float
 ) -> None:
@@ -199,7 +199,7 @@ def polish_branches(
                 q[m, b, i] = wrap_angle(here[i]) if met else math.nan
 
 
-@compile_function
+@jit_compile
 def _interpolate_pose(A: Array, B: Array, t: float, out: Array) -> None:
     """Pose at share t from A to B: straight line of the origin, constant turn about one axis."""
     D = np.ascontiguousarray(B[:3, :3]) @ np.ascontiguousarray(A[:3, :3].T)
@@ -214,7 +214,7 @@ def _interpolate_pose(A: Array, B: Array, t: float, out: Array) -> None:
     out[:3, 3] = A[:3, 3] + t * (B[:3, 3] - A[:3, 3])
 
 
-@compile_function
+@jit_compile
 def track_solutions(
     axis: Array, point: Array, end: Array, poses: Array, start: NDArray[np.int64], goal: NDArray[np.int64], q0: Array
 ) -> Array:
@@ -266,7 +266,7 @@ def track_solutions(
     return out
 
 
-@compile_function
+@jit_compile
 def remove_duplicate_solutions(
     q: Array, pose_of: NDArray[np.int64], error: Array, poses: int, width: int, same: float
 ) -> Array:

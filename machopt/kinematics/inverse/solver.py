@@ -13,7 +13,7 @@ from machopt.kinematics.inverse.as_built_solver import AsBuiltSolver
 from machopt.kinematics.inverse.spherical_wrist import KinematicBranches, SphericalWristSolver
 from machopt.kinematics.robot import Robot
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 
 OK, LIMIT, UNREACHABLE = (
     int(InfeasibilityReason.OK),
@@ -164,7 +164,7 @@ def check_branches(
     return reason, fits
 
 
-@compile_function
+@jit_compile
 def _check_branches(
     q: Array,
     margin: Array,

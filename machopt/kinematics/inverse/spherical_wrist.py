@@ -24,7 +24,7 @@ from machopt.kinematics.inverse.compiled_vectors import (
 )
 from machopt.kinematics.robot import Robot
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 
 ArmVectors = tuple[Vector, ...]
 ArmConstants = tuple[float, ...]
@@ -140,13 +140,13 @@ def compute_arm_constants(robot: Robot, W: Array) -> tuple[ArmVectors, ArmConsta
     return tuple((float(x), float(y), float(z)) for x, y, z in vectors), tuple(map(float, numbers))
 
 
-@compile_function
+@jit_compile
 def _solve_all(vectors: ArmVectors, numbers: ArmConstants, T: Array, q: Array, margin: Array, shortfall: Array) -> None:
     for m in range(len(T)):
         shortfall[m] = compute_spherical_branches(vectors, numbers, T[m], q[m], margin[m])
 
 
-@compile_function
+@jit_compile
 def compute_spherical_branches(vectors: ArmVectors, numbers: ArmConstants, T: Array, q: Array, margin: Array) -> float:
     """All eight branches of one pose; returns how many m the wrist centre lies outside every branch's reach.
 
@@ -216,13 +216,13 @@ def compute_spherical_branches(vectors: ArmVectors, numbers: ArmConstants, T: Ar
     return _clamp_to_zero(short)
 
 
-@compile_function
+@jit_compile
 def _clamp_to_zero(x: float) -> float:
     """0 for less than 0; NaN stays."""
     return x if not x < 0.0 else 0.0
 
 
-@compile_function
+@jit_compile
 def _compute_half_angle(C: float, n: float) -> float:
     """Half the angle between both solutions of n cos(q − q₀) = C, NaN where there is none."""
     ratio = C / n if n > 0.0 else math.nan

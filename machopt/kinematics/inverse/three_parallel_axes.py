@@ -32,7 +32,7 @@ from machopt.kinematics.inverse.compiled_vectors import (
 )
 from machopt.kinematics.robot import Robot
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 from machopt.numerics.rigid_transforms import invert_transform
 
 BRANCH_COUNT = 8
@@ -96,13 +96,13 @@ class ThreeParallelSolver:
         return q
 
 
-@compile_function
+@jit_compile
 def _solve_all(vectors: tuple[Vector, ...], numbers: tuple[float, ...], G: Array, q: Array) -> None:
     for m in range(len(G)):
         _compute_branches(vectors, numbers, G[m], q[m])
 
 
-@compile_function
+@jit_compile
 def _compute_branches(vectors: tuple[Vector, ...], numbers: tuple[float, ...], G: Array, q: Array) -> None:
     """Fill q (8, 6), NaN before, with the branches that exist; G (4, 4) is the motion from the pose at q = 0."""
     h1, h, h3, _, h5, h6, across, p1, p12, link, upper, fore, wrist = vectors
@@ -165,7 +165,7 @@ def _compute_branches(vectors: tuple[Vector, ...], numbers: tuple[float, ...], G
                     out[i] = wrap_angle(out[i])
 
 
-@compile_function
+@jit_compile
 def _compute_half_angle(d: float, amplitude: float) -> float:
     """Half the angle between both solutions of amplitude · cos(q − q₀) = d, NaN where there is none."""
     ratio = d / amplitude if amplitude > 0.0 else math.nan

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from machopt.collision.collision_model import CollisionModel
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.numerics.array_types import Array, Bools
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 from machopt.planning.sampling.configurations import CandidateGrid
 
 Rows = NDArray[np.intp]
@@ -96,7 +96,7 @@ class ContactLookahead:
         return np.concatenate(out), np.concatenate(which)
 
 
-@compile_function
+@jit_compile
 def _neighbours(vertices: Rows, asked: Bools, feasible: Bools, spared: Bools, R: int, B: int) -> Rows:
     """The neighbours of vertices (n,), flat over (S, R, B), that nobody asked for yet, which is noted in ``asked``.
 

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.numerics.array_types import Array, Bools
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 
 BOUNDARY = 0.995  # share of the way to where a product would be zero that a step takes at most
 
 
-@compile_function
+@jit_compile
 def compute_indices(z: Array, cost: Array, slope: Array, bend: Array) -> Array:
     """(n,) the index at offsets z (n, d)."""
     n, d = z.shape
@@ -30,7 +30,7 @@ def compute_indices(z: Array, cost: Array, slope: Array, bend: Array) -> Array:
     return out
 
 
-@compile_function
+@jit_compile
 def compute_absolute_arguments(z: Array, row: NDArray[np.int64], lean: Array, at: Array) -> Array:
     """(J,) what the absolute values are of: ``at`` and ``lean`` (J, 2d) on the offsets at stations ``row`` and next."""
     n, d = z.shape
@@ -44,7 +44,7 @@ def compute_absolute_arguments(z: Array, row: NDArray[np.int64], lean: Array, at
     return out
 
 
-@compile_function
+@jit_compile
 def compute_newton_terms(
     z: Array,
     t: float,
@@ -124,7 +124,7 @@ def compute_newton_terms(
     return first, own, on, dyad, bent, pushed, steep, short
 
 
-@compile_function
+@jit_compile
 def take_newton_step(
     step: Array,
     t: float,

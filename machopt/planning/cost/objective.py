@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from machopt.data_types.plan_options import ObjectiveWeights, PlanOptions
 from machopt.data_types.steering import select_steered_rows
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.stations.planning_path import PlanningPath
 
@@ -77,8 +77,8 @@ def compute_delay(slow: Any, seconds: Any) -> Any:
 
 
 edge_price_compiled, late_compiled = (
-    compile_function(compute_transition_cost),
-    compile_function(compute_delay),
+    jit_compile(compute_transition_cost),
+    jit_compile(compute_delay),
 )  # for the compiled search
 
 

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.numerics.array_types import Array, Bools
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 from machopt.planning.cost.objective import edge_price_compiled, late_compiled
 
 
-@compile_function
+@jit_compile
 def compute_transition_costs(
     q: Array,
     e: Array,
@@ -84,7 +84,7 @@ def compute_transition_costs(
     return out
 
 
-@compile_function
+@jit_compile
 def find_cheapest_value_sequence(
     node: Array,
     edges: NDArray[np.float32],

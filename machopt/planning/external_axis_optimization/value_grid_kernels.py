@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.numerics.array_types import Array, Bools
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 from machopt.planning.cost.objective import edge_price_compiled, late_compiled
 from machopt.planning.sequence_search.search_kernels import _sort
 
@@ -25,7 +25,7 @@ SECONDS, TRAVEL, ROTATION, FEED = range(4)  # columns of what a step has: s, and
 SAME, JOINED, KEPT = range(3)  # columns of what a step is
 
 
-@compile_function
+@jit_compile
 def _step(
     q: Array,
     more: NDArray[np.int8],
@@ -51,7 +51,7 @@ def _step(
     return price
 
 
-@compile_function
+@jit_compile
 def _turns(phi: Array, last: Array, out: Array) -> None:
     """(R, R) rad between the rotations of a station and those of the one before, the shorter way round."""
     for r in range(len(phi)):
@@ -60,7 +60,7 @@ def _turns(phi: Array, last: Array, out: Array) -> None:
             out[r, p] = abs(d - TWO_PI * np.round(d / TWO_PI))
 
 
-@compile_function
+@jit_compile
 def _ways(
     e: Array,
     last: Array,
@@ -83,7 +83,7 @@ def _ways(
             slow[g, h] = most
 
 
-@compile_function
+@jit_compile
 def compute_reach_costs(
     node: Array,
     q: Array,
@@ -188,7 +188,7 @@ def compute_reach_costs(
     return out
 
 
-@compile_function
+@jit_compile
 def trace_cheapest_sequence(
     reached: Array,
     q: Array,

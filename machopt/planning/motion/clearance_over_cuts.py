@@ -12,7 +12,7 @@ import numpy as np
 from machopt.data_types.cell import Cell
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 from machopt.numerics.rigid_transforms import interpolate_axis
 
 BELOW = 1.5e-4  # m, a rapid move's graze that is let pass: the verifier's own limit is 0.2 mm
@@ -54,7 +54,7 @@ class CutSurface:
         return float(_deepest(np.array(tcp, float, order="C"), self.place, self.axis, self.radius, SAME_SIDE))
 
 
-@compile_function
+@jit_compile
 def _deepest(tcp: Array, place: Array, axis: Array, radius: float, side: float) -> float:
     deepest = 0.0
     for n in range(len(tcp)):

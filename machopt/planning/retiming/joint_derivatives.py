@@ -19,7 +19,7 @@ from machopt.kinematics.inverse.newton_iteration import (
 from machopt.kinematics.machine import multiply_jets
 from machopt.kinematics.robot import Robot
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 from machopt.numerics.rigid_transforms import build_transform
 from machopt.planning.retiming.path_curve import PathCurve
 from machopt.planning.retiming.taylor_series import compute_twist_derivatives
@@ -75,7 +75,7 @@ def solve_joints_near_seeds(robot: Robot, T_flange_tcp: Array, pose: Array, seed
     return robot.compute_joint_positions(q), int(failed)
 
 
-@compile_function
+@jit_compile
 def _newton(axis: Array, point: Array, end: Array, goal: Array, q: Array, J: Array, T: Array, e: Array) -> bool:
     """Newton from q in place; leaves the Jacobian (TCP origin, base_link axes) of the solution in J."""
     last, A = np.inf, np.empty((6, 6))
@@ -99,7 +99,7 @@ def _newton(axis: Array, point: Array, end: Array, goal: Array, q: Array, J: Arr
     return False
 
 
-@compile_function
+@jit_compile
 def _refine(axis: Array, point: Array, end: Array, pose: Array, seed: Array) -> tuple[Array, int]:
     q = seed.copy()
     J, T, e = np.empty((6, 6)), np.zeros((4, 4)), np.empty(6)
@@ -109,7 +109,7 @@ def _refine(axis: Array, point: Array, end: Array, pose: Array, seed: Array) -> 
     return q, -1
 
 
-@compile_function
+@jit_compile
 def _bracket(a: Array, b: Array, out: Array) -> None:
     """out += ad(a) b for twists (linear, angular)."""
     for k in range(3):
@@ -118,7 +118,7 @@ def _bracket(a: Array, b: Array, out: Array) -> None:
         out[3 + k] += a[3 + i] * b[3 + j] - a[3 + j] * b[3 + i]
 
 
-@compile_function
+@jit_compile
 def _chain(
     axis: Array, point: Array, end: Array, u: Array, pose: Array, twist: Array, rough: Array, stray: Array
 ) -> tuple[Array, int]:

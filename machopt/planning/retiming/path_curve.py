@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.slow_moves import ARM, TURN_BACK
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 from machopt.numerics.rigid_transforms import compute_tool_rotation, normalise_vectors
 from machopt.planning.retiming.taylor_series import compute_curve_derivatives, compute_frame_derivatives
 
@@ -201,7 +201,7 @@ def _carried(axis: Array, reference: Array) -> tuple[Array, Array]:
     return base, np.unwrap(np.arctan2(np.sum(given * side, axis=1), np.sum(given * base, axis=1)))
 
 
-@compile_function
+@jit_compile
 def _carry(axis: Array, start: Array) -> Array:
     """Carry ``start`` along the axes (m, 3); two reflections make each minimal rotation."""
     out = np.empty((len(axis), 3))
@@ -249,7 +249,7 @@ def _half_widths(u: Array, X: Array, groups: tuple[int, ...], cap: Array) -> Arr
     return out
 
 
-@compile_function
+@jit_compile
 def _first(u: Array, x: float) -> int:
     """Index of the first of the increasing u that is not below x."""
     low, high = 0, len(u)
@@ -262,7 +262,7 @@ def _first(u: Array, x: float) -> int:
     return low
 
 
-@compile_function
+@jit_compile
 def _bump(t: float) -> float:
     """e(t·L)/L for |t| ≤ 1."""
     a = abs(t)  # even
@@ -270,7 +270,7 @@ def _bump(t: float) -> float:
     return 0.15625 - 0.5 * a + (15.0 / 16.0) * b * (0.5 - b / 6.0 + b * b / 30.0)
 
 
-@compile_function
+@jit_compile
 def _round(u: Array, segment: NDArray[np.int64], uk: Array, width: Array, bend: Array, out: Array) -> None:
     """Add the rounding of every vertex to out (M, orders, D); segment (M,): the one each increasing u lies on."""
     for k in range(len(uk)):
@@ -294,7 +294,7 @@ def _round(u: Array, segment: NDArray[np.int64], uk: Array, width: Array, bend: 
                     out[j, 3, d] += e3 * bend[k, d]
 
 
-@compile_function
+@jit_compile
 def _grade(uk: Array, width: Array) -> None:
     """Lower half-widths until neighbours differ by no more than GRADE times their distance."""
     for k in range(1, len(uk)):
@@ -303,7 +303,7 @@ def _grade(uk: Array, width: Array) -> None:
         width[k] = min(width[k], width[k + 1] + GRADE * (uk[k + 1] - uk[k]))
 
 
-@compile_function
+@jit_compile
 def _shrink(u: Array, excess: Array, uk: Array, weight: Array, width: Array) -> None:
     """Narrow the vertices that contribute most where the sum is too large."""
     most = np.zeros(len(u))
@@ -324,7 +324,7 @@ def _shrink(u: Array, excess: Array, uk: Array, weight: Array, width: Array) -> 
         width[k] *= factor
 
 
-@compile_function
+@jit_compile
 def _finest(u: Array, uk: Array, width: Array, share: float, spacing: Array) -> None:
     """Lower spacing (M,) at u to share of the narrowest window that covers it."""
     for k in range(len(uk)):
@@ -334,7 +334,7 @@ def _finest(u: Array, uk: Array, width: Array, share: float, spacing: Array) -> 
             spacing[j] = min(spacing[j], share * width[k])
 
 
-@compile_function
+@jit_compile
 def _spread(marks: Array, spacing: Array) -> Array:
     """Nodes from mark to mark; marks closer than half the spacing to the node before are left out."""
     kept = np.empty(len(marks), np.int64)

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 
 FACTORIAL = np.array([1.0, 1.0, 2.0, 6.0])
 STENCIL = 2e-4  # m, spacing of the samples that a callable rotation is differentiated from
@@ -27,7 +27,7 @@ def compute_twist_derivatives(position: Array, rotation: Array) -> Array:
     return np.asarray(_twists(np.ascontiguousarray(position), np.ascontiguousarray(rotation)))
 
 
-@compile_function
+@jit_compile
 def _times(a: Array, b: Array, out: Array) -> None:
     """Product of a series of scalars (4,) with one of vectors (4, 3)."""
     for m in range(4):
@@ -37,7 +37,7 @@ def _times(a: Array, b: Array, out: Array) -> None:
                 out[m, c] += a[k] * b[m - k, c]
 
 
-@compile_function
+@jit_compile
 def _dot(a: Array, b: Array, out: Array) -> None:
     for m in range(4):
         out[m] = 0.0
@@ -45,7 +45,7 @@ def _dot(a: Array, b: Array, out: Array) -> None:
             out[m] += a[k, 0] * b[m - k, 0] + a[k, 1] * b[m - k, 1] + a[k, 2] * b[m - k, 2]
 
 
-@compile_function
+@jit_compile
 def _cross(a: Array, b: Array, out: Array) -> None:
     for m in range(4):
         for c in range(3):
@@ -55,7 +55,7 @@ def _cross(a: Array, b: Array, out: Array) -> None:
                 out[m, c] += a[k, i] * b[m - k, j] - a[k, j] * b[m - k, i]
 
 
-@compile_function
+@jit_compile
 def _unit(v: Array, s: Array, r: Array, out: Array) -> None:
     """Series of v / |v|; s and r (4,) are overwritten."""
     _dot(v, v, s)
@@ -68,7 +68,7 @@ def _unit(v: Array, s: Array, r: Array, out: Array) -> None:
     _times(r, v, out)
 
 
-@compile_function
+@jit_compile
 def _cos_sin(x: Array, c: Array, s: Array) -> None:
     c[0], s[0] = np.cos(x[0]), np.sin(x[0])
     for m in range(1, 4):
@@ -78,7 +78,7 @@ def _cos_sin(x: Array, c: Array, s: Array) -> None:
             s[m] += k * x[k] * c[m - k] / m
 
 
-@compile_function
+@jit_compile
 def _frames(axis: Array, reference: Array, spin: Array) -> Array:
     """Series (M, 4, 3, 3) of the rotation from series of its inputs."""
     out = np.empty((len(axis), 4, 3, 3))
@@ -110,7 +110,7 @@ def _frames(axis: Array, reference: Array, spin: Array) -> Array:
     return out
 
 
-@compile_function
+@jit_compile
 def _twists(p: Array, R: Array) -> Array:
     """w is half the sum of r0 × r1 over the columns of R, r0 … r3 being a column's derivatives; w' that of r0 × r2;
     w'' that of r1 × r2 + r0 × r3. The linear part is p' − w × p, and its derivatives."""

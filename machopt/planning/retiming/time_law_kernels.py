@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 
 HOLD = 0.99  # of the speed cap: from here on the speed is kept, not hunted
 CORNER = 0.75  # a corner is where the speed cap is below this share of what it is to both sides
@@ -22,7 +22,7 @@ LANDING_SHARE = 0.6  # of the jerk limit with which braking ends
 STEPS = 4_000_000  # the longest law
 
 
-@compile_function
+@jit_compile
 def _window(
     i: int, w: float, v: float, a: float, h: float, Q: Array, al: Array, jl: Array, share: float
 ) -> tuple[float, float, float, float]:
@@ -45,7 +45,7 @@ def _window(
     return jlo, jhi, alo, ahi
 
 
-@compile_function
+@jit_compile
 def _holds(i: int, w: float, v: float, a: float, j: float, Q: Array, cap: Array, al: Array, jl: Array) -> bool:
     if v > (cap[i] + w * (cap[i + 1] - cap[i])) * (1.0 + 1e-9):
         return False
@@ -60,7 +60,7 @@ def _holds(i: int, w: float, v: float, a: float, j: float, Q: Array, cap: Array,
     return True
 
 
-@compile_function
+@jit_compile
 def _advance(
     i: int,
     u: float,
@@ -100,7 +100,7 @@ def _advance(
     return 0, i, u1, v1, a1
 
 
-@compile_function
+@jit_compile
 def find_next_corners(un: Array, cap: Array, around: Array) -> Array:
     """(M, 3) of the next corner whose end lies ahead of each node: begin, end, speed; infinite where there is none.
 
@@ -145,7 +145,7 @@ def find_next_corners(un: Array, cap: Array, around: Array) -> Array:
     return out
 
 
-@compile_function
+@jit_compile
 def _policy(
     i: int,
     u: float,
@@ -182,7 +182,7 @@ def _policy(
     return float((a1 - a) / h)
 
 
-@compile_function
+@jit_compile
 def _brake(
     i: int,
     u: float,
@@ -214,7 +214,7 @@ def _brake(
     return 1, u
 
 
-@compile_function
+@jit_compile
 def _try(
     i: int,
     u: float,
@@ -244,7 +244,7 @@ def _try(
     return after, there, c, x
 
 
-@compile_function
+@jit_compile
 def compute_greedy_time_law(
     un: Array, Q: Array, cap: Array, easy: Array, corner: Array, al: Array, jl: Array, h: float, i: int, again: bool
 ) -> tuple[int, Array]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 from machopt.planning.cost.objective import edge_price_compiled, late_compiled
 
 Ints = NDArray[np.int32]
@@ -31,7 +31,7 @@ def compute_joint_jump_limit(stable: bool) -> float:
     return float(JUMP if stable else GUESSED)
 
 
-@compile_function
+@jit_compile
 def _sort(value: Array, order: NDArray[np.int64]) -> None:
     """Sort the indices ``order`` by value, equal ones by index, in place (heap sort)."""
     n = len(order)
@@ -55,7 +55,7 @@ def _sort(value: Array, order: NDArray[np.int64]) -> None:
         order[k] = item
 
 
-@compile_function
+@jit_compile
 def _groups(before: Array, q: Array, turns: Array) -> Any:  # numba infers
     """The vertices that can be come from, in groups that lie near each other: what a rapid move is bounded by.
 
@@ -101,7 +101,7 @@ def _groups(before: Array, q: Array, turns: Array) -> Any:  # numba infers
     return members[:n], group_out, corner_out, cheapest_out
 
 
-@compile_function
+@jit_compile
 def _step(here: Array, before: Array, slowness: Array, largest: float) -> tuple[int, float, float]:
     """Between two configurations (6,) rad, as near as whole turns bring them: the code of these turns, Σ|Δq| (rad) and
     the time (s) of the slowest axis. The code is −1 where an axis turns by more than ``largest``, or where the branch
@@ -123,7 +123,7 @@ def _step(here: Array, before: Array, slowness: Array, largest: float) -> tuple[
     return code, step, slow
 
 
-@compile_function
+@jit_compile
 def _listed(ways: Any, low: int, high: int, source: int, target: int) -> Any:  # numba infers
     """One of the sorted ways (n, 3) from ``low`` to ``high`` leads from the source to the target."""
     end = high
@@ -137,7 +137,7 @@ def _listed(ways: Any, low: int, high: int, source: int, target: int) -> Any:  #
     return low < end and ways[low, 1] == source and ways[low, 2] == target
 
 
-@compile_function
+@jit_compile
 def find_cheapest_sequence(
     node: Any,
     q: Any,

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 
 OPPOSITE = -0.999  # cosine between neighbouring axes that no least rotation connects
 
@@ -25,7 +25,7 @@ def transport_reference(natural: Array, axis: Array, runs: tuple[tuple[int, int]
     return out
 
 
-@compile_function
+@jit_compile
 def _carry(x: Array, axis: Array) -> None:
     """In place; x' = x + v × x + v × (v × x) / (1 + c) with v = a × b, c = a · b turns a onto b (Rodrigues)."""
     for i in range(1, len(x)):

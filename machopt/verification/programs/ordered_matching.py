@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 
 SPIN_LEVER_M = 1e-3  # m/rad: of a rotation about the tool axis, which decides only where nothing else changes
 
 
-@compile_function
+@jit_compile
 def match_targets_in_order(
     place: Array,
     turn: Array,
@@ -86,7 +86,7 @@ def match_targets_in_order(
     return at, missed
 
 
-@compile_function
+@jit_compile
 def _compute_joint_distance(start: Array, end: Array, wanted: Array) -> tuple[float, float]:
     """Largest joint difference (rad) to the segment at its foot, and the foot's share of the segment."""
     length, along = 0.0, 0.0
@@ -101,7 +101,7 @@ def _compute_joint_distance(start: Array, end: Array, wanted: Array) -> tuple[fl
     return away, share
 
 
-@compile_function
+@jit_compile
 def _compute_pose_distance(
     start: Array,
     end: Array,
@@ -138,7 +138,7 @@ def _compute_pose_distance(
     return np.sqrt(away), np.sqrt(away + fine), share
 
 
-@compile_function
+@jit_compile
 def match_lines_in_order(
     ends: Array,
     end_axes: Array,
@@ -207,7 +207,7 @@ def match_lines_in_order(
     return reached, share, gap
 
 
-@compile_function
+@jit_compile
 def _compute_line_share(
     ends: Array, axes: Array, j: int, place: Array, axis: Array, lever: float
 ) -> tuple[float, float]:

@@ -6,8 +6,8 @@ column                                    recomputed as
 point, operation, move, x … z, i … k,     the CAM file's; numbers complete and in order
 feed_mm_min
 q1 … q6                                   forward kinematics of the true angles lies on the point (shifted where
-                                          the path is compensated) and along the axis; the motion passes them at the point's
-                                          index
+                                          the path is compensated) and along the axis; the motion passes them at the
+                                          point's index
 gamma_deg                                 as docs/conventions.md has it, ``reference_direction.py``
 branch, singularity, limit_margin_deg     :mod:`machopt.verification.motion.kinematics.posture`
 k_*, deflection_*, stiffness_from         :mod:`machopt.verification.motion.stiffness.arm_compliance`

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from machopt.data_types.cell import Cell, CollisionShape, CutterGeometry
 from machopt.errors import InputError
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 from machopt.verification.motion.collision.convex_parts import ConvexParts, build_convex_parts
 from machopt.verification.motion.collision.distance_bounds import bound_distances as verification_bound_distances
 from machopt.verification.motion.collision.original_meshes import load_mesh
@@ -58,7 +58,7 @@ def bound_sphere_box_distance(a: CoalBody, b: CoalBody, T: Array) -> Array:
     )
 
 
-@compile_function
+@jit_compile
 def _bound_sphere_box_distance(
     T: Array, turned: bool, back: Array, middle: Array, half: Array, balls: Array, radius: float
 ) -> Array:

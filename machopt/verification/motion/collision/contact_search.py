@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.numerics.array_types import Array, Bools
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 from machopt.verification.motion.collision.bodies import (
     CoalBody,
     bound_distances,
@@ -165,7 +165,7 @@ class PlacedBodies:
         return bend
 
 
-@compile_function
+@jit_compile
 def _compute_relative_poses(world: Array, a: int, b: int, rows: NDArray[np.int64]) -> Array:
     """(K, 4, 4) frame b seen from frame a, −1 the world, in some rows of ``world`` (M, F, 4, 4)."""
     out, hall = np.zeros((len(rows), 4, 4)), np.eye(4)
@@ -185,7 +185,7 @@ def _compute_relative_poses(world: Array, a: int, b: int, rows: NDArray[np.int64
     return out
 
 
-@compile_function
+@jit_compile
 def _compute_chords(T: Array, centre: Array, radius: float) -> Array:
     """(M − 1,) m by which a ball that T (M, 4, 4) carries moves from row to row at most, along the chord."""
     out = np.empty(max(len(T) - 1, 0))

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.numerics.array_types import Array, Ints
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 from machopt.verification.motion.collision.convex_parts import ConvexParts
 
 BOUND_GAP_M = 1e-8  # m between the two bounds, at which they are close enough
@@ -54,7 +54,7 @@ def _list_part_arrays(parts: ConvexParts) -> tuple[Array, Ints, Array, Array, Ar
     return parts.points, parts.first, parts.disc, parts.ball, parts.box_centres, parts.half_size
 
 
-@compile_function
+@jit_compile
 def _find_support_point(
     points: Array, begin: int, end: int, disc: float, x: float, y: float, z: float, out: Array
 ) -> None:
@@ -69,7 +69,7 @@ def _find_support_point(
     out[0], out[1], out[2] = points[at, 0] + grown * x, points[at, 1] + grown * y, points[at, 2]
 
 
-@compile_function
+@jit_compile
 def _project_on_simplex(S: Array, k: int, i: int, j: int, size: int, x: Array) -> bool:
     """The point of the plane (line) through entry k of S and i (and j) nearest to the origin, where it lies between."""
     if size == 2:
@@ -99,7 +99,7 @@ def _project_on_simplex(S: Array, k: int, i: int, j: int, size: int, x: Array) -
     return True
 
 
-@compile_function
+@jit_compile
 def _is_origin_inside(S: Array) -> bool:
     """The origin lies in the tetrahedron of the four entries of S: on the inner side of each of its faces."""
     for k in range(4):
@@ -114,7 +114,7 @@ def _is_origin_inside(S: Array) -> bool:
     return True
 
 
-@compile_function
+@jit_compile
 def _reduce_simplex(S: Array, size: int, x: Array, trial: Array, keep: Ints) -> int:
     """The shortest vector x of the hull of ``size`` ≤ 4 entries of S, of those with the last entry in it.
 
@@ -151,7 +151,7 @@ def _reduce_simplex(S: Array, size: int, x: Array, trial: Array, keep: Ints) -> 
     return found
 
 
-@compile_function
+@jit_compile
 def _bound_hull_distance(
     pa: Array,
     a0: int,
@@ -204,7 +204,7 @@ def _bound_hull_distance(
     return below, above
 
 
-@compile_function
+@jit_compile
 def _bound_box_distance(ma: Array, ha: Array, k: int, mb: Array, hb: Array, m: int, T: Array, u: Array) -> float:
     """m by which box k of a and box m of b, moved by T, are apart at least."""
     d = (
@@ -226,7 +226,7 @@ def _bound_box_distance(ma: Array, ha: Array, k: int, mb: Array, hb: Array, m: i
     return float(max(np.sqrt(max(first, second)), way))
 
 
-@compile_function
+@jit_compile
 def _bound_distance(
     pa: Array,
     fa: Ints,
@@ -320,7 +320,7 @@ def _bound_distance(
     return max(min(below, above) - ROUNDING_M, 0.0), above + ROUNDING_M
 
 
-@compile_function
+@jit_compile
 def _bound_rows(
     pa: Array,
     fa: Ints,

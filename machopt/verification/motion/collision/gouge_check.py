@@ -16,7 +16,7 @@ from machopt.data_types.cell import CutterGeometry
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array, Bools, Ints
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 from machopt.verification.checks import VerificationCheck
 from machopt.verification.motion.collision.bodies import CoalBody, invert_transforms
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
@@ -197,7 +197,7 @@ def _build_triangle_grid(triangles: Array) -> _TriangleGrid:
     )
 
 
-@compile_function
+@jit_compile
 def _find_nearest_crossing(
     u: float, v: float, w: float, triangles: Array, corner: Array, size: float, shape: Ints, first: Ints, member: Ints
 ) -> float:
@@ -220,7 +220,7 @@ def _find_nearest_crossing(
     return near if above % 2 == 1 else -1.0
 
 
-@compile_function
+@jit_compile
 def _bound_depths(
     points: Array,
     T: Array,

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from machopt.data_types.cell import Cell
 from machopt.errors import InputError
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import compile_function
+from machopt.numerics.compiled_functions import jit_compile
 from machopt.verification.motion.kinematics.arm_configuration import ArmConfiguration, build_twist_columns
 from machopt.verification.motion.kinematics.as_built_frames import apply_as_built_geometry, has_as_built_geometry
 
@@ -350,7 +350,7 @@ class UrdfKinematics:
         return out
 
 
-@compile_function
+@jit_compile
 def _compute_frames(
     value: Array, parent: NDArray[np.int64], place: Array, linear: Array, turn: Array, root: Array
 ) -> Array:
