@@ -1,6 +1,7 @@
-"""The README's pictures, taken of reports in a headless Chromium: ``python docs/make_pictures.py REPORT.html``.
+"""Make the pictures of the documentation from what the commands write.
 
-They are pictures of what the command wrote, not drawings: run it again when the report changes.
+``python docs/make_pictures.py [FOLDER]`` writes the SVG pictures of tutorials, gallery and concept pages; CI runs it.
+``python docs/make_pictures.py --report REPORT.html`` takes ``docs/report.png`` of a report in a headless Chromium.
 """
 
 from __future__ import annotations
@@ -12,16 +13,76 @@ import sys
 import tempfile
 from pathlib import Path
 
+import make_diagrams
 from PIL import Image
 
+import machopt
+
+ROOT = Path(__file__).resolve().parents[1]
+PICTURES = Path(__file__).with_name("pictures")
+REPORT_PICTURE = Path(__file__).with_name("report.png")
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 WIDTH, HEIGHT = 1180, 1840  # CSS pixels: verdict, robot and map of the report
-COLOURS = 160  # a palette: a third of the bytes, nothing that one would see
-PICTURE = Path(__file__).parent / "report.png"
+COLOURS = 160  # of the palette: a third of the bytes, no visible difference
+CELLS = (
+    "kr500_milling",
+    "kr240_drilling",
+    "irb6700_drilling",
+    "s420f_handling",
+    "cutting_cobot",
+    "kr500_rail",
+    "kr240_turntable",
+    "kr240_setups",
+)
 
 
-def picture(report: Path) -> bytes:
-    """The upper part of a report as PNG.
+def make_cell_pictures(folder: Path) -> None:
+    """Draw every shipped cell, and a cell that ``init`` writes.
+
+    Args:
+        folder: where the SVG files go.
+    """
+    for name in CELLS:
+        machopt.Cell.load(ROOT / "cells" / name).validate(picture=folder / f"{name}.svg")
+    with tempfile.TemporaryDirectory() as work:
+        part = ROOT / "toolpaths" / "panel_holes.aptsource"
+        robot = ROOT / "cells" / "kr240_drilling" / "robot.urdf"
+        cell = machopt.Cell.new(robot, Path(work) / "cell", toolpath=part, tool_length_mm=320, tool_mass_kg=40)
+        cell.validate(picture=folder / "own_cell.svg")
+
+
+def make_plan_pictures(folder: Path) -> None:
+    """Draw the rotation map of the first tutorial and the workspace map of the third.
+
+    Args:
+        folder: where the SVG files go.
+    """
+    cell = machopt.Cell.load(ROOT / "cells" / "kr500_milling")
+    plan = machopt.optimize(cell, ROOT / "toolpaths" / "cylinder_head_face.cls")
+    plan.figures.map().save(folder / "rotation_map_deck.svg")
+    machopt.map(machopt.Cell.load(ROOT / "cells" / "kr240_drilling")).figures.map().save(folder / "workspace_map.svg")
+
+
+def make_diagnosis_picture(folder: Path) -> None:
+    """Draw where the mismatch of the third tutorial is.
+
+    Args:
+        folder: where the SVG file goes.
+    """
+    with tempfile.TemporaryDirectory() as work:
+        cell, plan = Path(work) / "cell", Path(work) / "plan"
+        shutil.copytree(ROOT / "cells" / "kr240_drilling", cell)
+        machopt.plan_poses(cell, pull_N=(500, 1000), force_N=(200, 800)).save(plan)
+        script = Path(__file__).parent / "tutorials" / "simulated_robot.py"
+        subprocess.run([sys.executable, script, cell, plan], check=True)
+        machopt.diagnose(cell, plan / "recording_template").figures.machine().save(folder / "diagnosis_machine.svg")
+
+
+def take_report_picture(report: Path) -> bytes:
+    """Return the upper part of a report as PNG.
+
+    Args:
+        report: the HTML file.
 
     Raises:
         SystemExit: there is no browser, or it drew nothing.
@@ -31,24 +92,20 @@ def picture(report: Path) -> bytes:
         sys.exit(f"no browser: none of {', '.join(BROWSERS)} is on the path")
     with tempfile.TemporaryDirectory() as folder:
         shot = Path(folder) / "shot.png"
+        options = [
+            "--headless",
+            "--no-sandbox",
+            "--use-angle=swiftshader",
+            "--enable-unsafe-swiftshader",
+            "--hide-scrollbars",
+            "--blink-settings=preferredColorScheme=1",
+            f"--window-size={WIDTH},{HEIGHT}",
+            f"--user-data-dir={folder}/profile",
+            "--virtual-time-budget=8000",
+            f"--screenshot={shot}",
+        ]
         subprocess.run(
-            [
-                browser,
-                "--headless",
-                "--no-sandbox",
-                "--use-angle=swiftshader",
-                "--enable-unsafe-swiftshader",
-                "--hide-scrollbars",
-                "--blink-settings=preferredColorScheme=1",
-                f"--window-size={WIDTH},{HEIGHT}",
-                f"--user-data-dir={folder}/profile",
-                "--virtual-time-budget=8000",
-                f"--screenshot={shot}",
-                report.resolve().as_uri(),
-            ],
-            check=True,
-            capture_output=True,
-            timeout=120,
+            [browser, *options, report.resolve().as_uri()], check=True, capture_output=True, timeout=120
         )
         if not shot.exists():
             sys.exit(f"{browser} drew nothing of {report}")
@@ -58,9 +115,25 @@ def picture(report: Path) -> bytes:
     return packed.getvalue()
 
 
+def main(folder: Path) -> None:
+    """Make every SVG picture.
+
+    Args:
+        folder: where the files go; existing ones are replaced.
+    """
+    with tempfile.TemporaryDirectory() as fresh:
+        made = Path(fresh)
+        make_diagrams.main(made)
+        make_cell_pictures(made)
+        make_plan_pictures(made)
+        make_diagnosis_picture(made)
+        folder.mkdir(parents=True, exist_ok=True)
+        for picture in made.iterdir():
+            shutil.copy(picture, folder / picture.name)
+
+
 if __name__ == "__main__":
-    if len(sys.argv) != 2:
-        sys.exit(f"usage: {sys.argv[0]} REPORT.html")
-    drawn = picture(Path(sys.argv[1]))
-    PICTURE.write_bytes(drawn)
-    print(f"{PICTURE}: {len(drawn) / 1024:.0f} KiB")
+    if sys.argv[1:2] == ["--report"]:
+        REPORT_PICTURE.write_bytes(take_report_picture(Path(sys.argv[2])))
+    else:
+        main(Path(sys.argv[1]) if len(sys.argv) > 1 else PICTURES)

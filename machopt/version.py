@@ -1,3 +1,3 @@
-"""The version, by itself, so that what writes it does not import the package's public face."""
+"""The version of the package."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
