@@ -17,9 +17,11 @@ class Drawing:
 
     def __init__(self, width: int, height: int, title: str) -> None:
         self.parts = [
-            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" role="img" style="{STYLE}">',
+            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" '
+            f'height="{height}" role="img" style="{STYLE}">',
             f"<title>{escape(title)}</title>",
-            f'<defs><marker id="tip" viewBox="0 0 10 10" refX="9" refY="5" markerWidth="7" markerHeight="7" orient="auto-start-reverse">'
+            '<defs><marker id="tip" viewBox="0 0 10 10" refX="9" refY="5" markerWidth="7" markerHeight="7" '
+            'orient="auto-start-reverse">'
             f'<path d="M0 0L10 5L0 10z" fill="{INK}"/></marker></defs>',
             f'<rect width="{width}" height="{height}" fill="#ffffff"/>',
         ]
@@ -38,7 +40,8 @@ class Drawing:
         """Write one line of text."""
         weight = ' font-weight="bold"' if bold else ""
         self.parts.append(
-            f'<text x="{x:g}" y="{y:g}" text-anchor="{anchor}" font-size="{size}" fill="{colour}"{weight}>{escape(text)}</text>'
+            f'<text x="{x:g}" y="{y:g}" text-anchor="{anchor}" '
+            f'font-size="{size}" fill="{colour}"{weight}>{escape(text)}</text>'
         )
 
     def add_box(
@@ -46,7 +49,8 @@ class Drawing:
     ) -> None:
         """Draw a labelled box."""
         self.parts.append(
-            f'<rect x="{x:g}" y="{y:g}" width="{w:g}" height="{h:g}" rx="6" fill="{fill}" stroke="{edge}" stroke-width="1.5"/>'
+            f'<rect x="{x:g}" y="{y:g}" width="{w:g}" height="{h:g}" '
+            f'rx="6" fill="{fill}" stroke="{edge}" stroke-width="1.5"/>'
         )
         for i, line in enumerate(lines):
             self.add_text(x + w / 2, y + h / 2 + 5 + 17 * (i - (len(lines) - 1) / 2), line, size=13)
@@ -107,7 +111,8 @@ def draw_configuration_grid() -> str:
     d.add_text(375, 314, "stations along the path", size=13)
     d.add_line([(45, 270), (45, 30)], arrow=True)
     d.parts.append(
-        f'<text x="26" y="150" text-anchor="middle" font-size="13" fill="{INK}" transform="rotate(-90 26 150)">rotation × branch × turn</text>'
+        f'<text x="26" y="150" text-anchor="middle" '
+        f'font-size="13" fill="{INK}" transform="rotate(-90 26 150)">rotation × branch × turn</text>'
     )
     d.add_text(690, 22, "red: limit, singularity or collision", anchor="end", size=12, colour=BAD)
     d.add_text(80, 22, "blue: the sequence of least cost", anchor="start", size=12, colour=ACCENT)

@@ -104,9 +104,7 @@ def take_report_picture(report: Path) -> bytes:
             "--virtual-time-budget=8000",
             f"--screenshot={shot}",
         ]
-        subprocess.run(
-            [browser, *options, report.resolve().as_uri()], check=True, capture_output=True, timeout=120
-        )
+        subprocess.run([browser, *options, report.resolve().as_uri()], check=True, capture_output=True, timeout=120)
         if not shot.exists():
             sys.exit(f"{browser} drew nothing of {report}")
         drawn = Image.open(shot).convert("RGB").quantize(COLOURS)

@@ -25,11 +25,12 @@ root_doc = "docs/site/index"
 include_patterns = [
     "README.md",
     "CHANGELOG.md",
+    "CONTRIBUTING.md",
     "docs/**.md",
     "cells/**.md",
     "toolpaths/README.md",
     "benchmarks/**.md",
-    "machopt/formats/posts/README.md",
+    "machopt/programs/README.md",
     "tests/real/SOURCES.md",
 ]
 exclude_patterns = [".*", "out", "**/__pycache__"]
