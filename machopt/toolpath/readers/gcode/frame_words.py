@@ -92,7 +92,11 @@ class FrameWordReader(WorkOffsetReader):
         moved = setup.aligned_by_control and setup.transfer is not None and setup.transfer.z[2] < 1.0 - 1e-9
         angles = {} if moved else setup.angles
         self.change_setup(
-            local=self.local(), tilted="", aligned_by_control=False, left_tilted_plane=moved or setup.left_tilted_plane, angles=angles
+            local=self.local(),
+            tilted="",
+            aligned_by_control=False,
+            left_tilted_plane=moved or setup.left_tilted_plane,
+            angles=angles,
         )
 
     def local(self) -> SystemTransform | None:

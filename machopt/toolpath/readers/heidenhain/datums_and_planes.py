@@ -194,7 +194,9 @@ class DatumAndPlaneReader(GcodeReader):
         if self.setup.tilted:
             self.change_setup(tilted="aligned", aligned_by_control=True)
         else:
-            self.change_setup(tilted="", aligned_by_control=False, left_tilted_plane=False, angles={})  # they hold zeros
+            self.change_setup(
+                tilted="", aligned_by_control=False, left_tilted_plane=False, angles={}
+            )  # they hold zeros
         return " ".join(text.replace("COMPUTED", " ").split())
 
     def use_preset(self, number: float) -> None:
