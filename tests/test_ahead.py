@@ -23,7 +23,7 @@ class Bodies:
     asked: list[tuple[int, int, int, int]] = field(default_factory=list)
     pairs: list[Any] = field(default_factory=lambda: [SimpleNamespace(unless_cutting=k == 1) for k in range(2)])
 
-    def touching(self, q: Array, pair: Any) -> Bools:
+    def check_single_pairs(self, q: Array, pair: Any) -> Bools:
         s, r, b = q[:, :3].astype(int).T
         self.asked += list(zip(pair.tolist(), s.tolist(), r.tolist(), b.tolist(), strict=True))
         return self.truth[pair, s, r, b]

@@ -65,7 +65,7 @@ def share(*, days_with_it: int, moved: bool) -> float:
         whitening, X, y, fold, np.zeros(X.shape[1]), tuple(np.flatnonzero(of == f) for f in range(VISITS))
     )
     gain = base.rss - base.with_columns(law).rss
-    scored: Any = SimpleNamespace(gain=gain, shape=0, tried=SimpleNamespace(at=lambda _: law))
+    scored: Any = SimpleNamespace(gain=gain, shape=0, whitened=SimpleNamespace(columns_at=lambda _: law))
     return compute_session_transfer(base, scored)
 
 

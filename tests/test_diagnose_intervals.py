@@ -76,7 +76,7 @@ def test_a_sensor_is_wrong_through_what_bodies_give_too(tmp_path: Path) -> None:
 
 def _chosen(*effects: str) -> list[SelectedEffect]:
     return [
-        cast("SelectedEffect", SimpleNamespace(tried=SimpleNamespace(hypothesis=replace(LENGTH, effect=e))))
+        cast("SelectedEffect", SimpleNamespace(whitened=SimpleNamespace(hypothesis=replace(LENGTH, effect=e))))
         for e in effects
     ]
 

@@ -58,7 +58,7 @@ def test_a_spring_nothing_built_has_is_doubted_beside_what_is_there_without_load
             [0.0 if u.spring_joint is None else 1.0 / cell.joints[u.spring_joint - 1] for u in stated.unknowns]
         )
         x[[u.spring_joint == 4 for u in stated.unknowns]] *= times
-        chosen = [SimpleNamespace(tried=SimpleNamespace(hypothesis=SimpleNamespace(family=family)))]
+        chosen = [SimpleNamespace(whitened=SimpleNamespace(hypothesis=SimpleNamespace(family=family)))]
         return {
             stated.unknowns[n].spring_joint for n in search_iterations._find_implausible_unknowns(stated, x, chosen)
         }  # type: ignore[arg-type]

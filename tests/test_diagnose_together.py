@@ -334,7 +334,7 @@ def test_forms_without_a_name_are_made_once_and_only_those_of_few_numbers(monkey
     monkeypatch.setattr(
         attribution_guard, "whiten_hypotheses", lambda b, some: calls.append(list(some)) or whiten_hypotheses(b, some)
     )
-    state = SimpleNamespace(base=base, chosen=chosen, catalogue=SimpleNamespace(nameless=tuple(forms)))
+    state = SimpleNamespace(base=base, chosen=chosen, catalogue=SimpleNamespace(uncatalogued_hypotheses=tuple(forms)))
     few = attribution_guard._list_comparable_uncatalogued(state)  # type: ignore[arg-type]  # what it asks for
     assert calls == [[forms[0]]]
     assert [[t.hypothesis for t in some] for some in few] == [[forms[0]], [forms[0]], []]

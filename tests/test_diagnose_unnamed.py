@@ -149,13 +149,13 @@ def test_beside_a_form_without_a_name_a_law_has_to_be_large() -> None:
     r, _, _ = timed()
     forms = {h.law: h for h in unmodelled_interfaces.build_interface_hypotheses(r) if h.location == "tool"}
     other = SimpleNamespace(
-        tried=SimpleNamespace(
+        whitened=SimpleNamespace(
             hypothesis=joint_torque.build_joint_hypotheses(r, 2, angle_dependent_stiffness.EFFECT)[0][0]
         )
     )
     least = []
     for form in (forms[unmodelled_interfaces.PULL_LAW], forms[unmodelled_interfaces.SLIP_LAW]):
-        chosen = SimpleNamespace(tried=SimpleNamespace(hypothesis=form), scored=SimpleNamespace(gain=600.0))
+        chosen = SimpleNamespace(whitened=SimpleNamespace(hypothesis=form), scored=SimpleNamespace(gain=600.0))
         least.append(forward_selection.compute_law_error(other, [chosen]))
     assert least == pytest.approx([180.0, 36.0])
 

@@ -389,7 +389,7 @@ class Saturating(JointLawDefaults):
     def tangent(self, shape: Array, drive: JointLoading) -> Array:
         return np.asarray(np.cosh(drive.torque[..., None] / shape) ** -2.0)
 
-    def within(self, values: Array, room: float) -> JointLaw:
+    def limit_to_compliance(self, values: Array, room: float) -> JointLaw:
         return self
 
     def sizes(self, values: Array, shape: Array, scale: JointLoadRange) -> dict[str, Quantity]:

@@ -29,7 +29,7 @@ class Hose:
     equation = "τ = −k q"
     penalty = 0.0
     word = ""
-    remembers = False
+    has_memory = False
     coefficients = (LawParameter(key="rate_Nm_per_rad", unit="N·m/rad"),)
     shape: tuple[LawParameter, ...] = ()
 

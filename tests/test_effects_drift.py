@@ -98,10 +98,10 @@ class Sinks:
     def patterns(self, seen: ThermalState) -> Array:
         return seen.stand_columns[:, :, 2:3]
 
-    def shown(self, seen: ThermalState) -> bool:
+    def is_testable(self, seen: ThermalState) -> bool:
         return True
 
-    def warmed(self, values: Array, course: Array) -> dict[str, Quantity]:
+    def estimate_temperature_rise(self, values: Array, course: Array) -> dict[str, Quantity]:
         return {}
 
 

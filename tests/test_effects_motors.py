@@ -146,8 +146,10 @@ def test_a_ratio_moves_leaps_where_its_friction_turns_over_at_once_and_slopes_wh
     speed = np.stack([np.sin(1.3 * t), np.sin(2.1 * t + 0.3)], axis=1) * (0.05, 0.04)
     v = speed[:, 1] + ratio * speed[:, 0]
     torque = (np.sign(v) if over is None else np.tanh(v / over)) + 0.01 * rng.normal(size=n)
-    still = SimpleNamespace(rate=250.0, mean=lambda x: x, within=lambda x: x, q=speed, v=speed, a=0.0 * speed)
-    scene = SimpleNamespace(motion=still, first=(np.arange(n) == 0).astype(int))
+    still = SimpleNamespace(
+        rate=250.0, average_blocks=lambda x: x, subtract_period_mean=lambda x: x, q=speed, v=speed, a=0.0 * speed
+    )
+    scene = SimpleNamespace(motion=still, segment_start=(np.arange(n) == 0).astype(int))
     last = drive_gain_and_coupling._LastJointTorque(
         scene, (0, 1), friction.IMMEDIATE_REVERSAL, torque, np.zeros((n, 0))
     )  # type: ignore[arg-type]

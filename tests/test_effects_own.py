@@ -35,18 +35,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machopt.effects.protocol import COMPLIANCE, JOINTS, Effect, Parameter, Quantity, Settled
+from machopt.effects.protocol import COMPLIANCE, JOINTS, Effect, JointLawDefaults, LawParameter, Quantity
 
 
 @dataclass(frozen=True)
-class Saturating(Settled):
+class Saturating(JointLawDefaults):
     """phi = a tau0 tanh(tau / tau0)"""
 
     name = "tanh"
     equation = "phi = c tau + a tau0 tanh(tau/tau0)"
-    coefficients = (Parameter(key="extra_rad_per_Nm", unit=COMPLIANCE, least=0.0),)
-    shape = (Parameter(key="half_way_Nm", unit="N·m", positive=True),)
-    weighs = True
+    coefficients = (LawParameter(key="extra_rad_per_Nm", unit=COMPLIANCE, lower_limit=0.0),)
+    shape = (LawParameter(key="half_way_Nm", unit="N·m", positive=True),)
+    includes_weight = True
 
     def columns(self, shape, drive):
         return shape * np.tanh(drive.torque[..., None] / shape)
@@ -54,19 +54,19 @@ class Saturating(Settled):
     def tangent(self, shape, drive):
         return np.cosh(drive.torque[..., None] / shape) ** -2.0
 
-    def within(self, values, room):
+    def limit_to_compliance(self, values, room):
         return self
 
     def sizes(self, values, shape, scale):
         return {"slope": Quantity(1e6 * float(values[0]), "rad/(MN·m)")}
 
     def grid(self, scale):
-        return tuple((s * scale.reach,) for s in (0.15, 0.3, 0.6))
+        return tuple((s * scale.max_torque,) for s in (0.15, 0.3, 0.6))
 
 
 JELLY = Effect(
     name="joint_jelly", noun="jelly", sentence="The joint gives as jelly does.", port="twist", places=JOINTS,
-    laws=(Saturating(),), elastic=True, note="at small torque",
+    joint_laws=(Saturating(),), is_elastic=True, note="at small torque",
 )
 EFFECTS = [JELLY]
 '''
@@ -183,7 +183,7 @@ def test_numbers_of_a_law_go_to_a_file_and_back_in_any_order() -> None:
         word="",
         coefficients=(LawParameter(key="b", unit="", is_list=True), LawParameter(key="a", unit="")),
         shape=(),
-        remembers=False,
+        has_memory=False,
     )
     stated = {"a": 5.0, "b": [1.0, 2.0]}
     values, shape, _ = parameter_conversion.read_law_parameters(law, ParameterReader(stated, "x"))

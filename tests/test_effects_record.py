@@ -93,8 +93,8 @@ class Leaks:
     name = "crosstalk"
     equation = "f_z recorded = f_z + x |f_xy|"
     word = ""
-    remembers = False
-    moves = "wrench"
+    has_memory = False
+    affected_quantity = "wrench"
     coefficients = (LawParameter(key="crosstalk", unit="1"),)
     shape: tuple[LawParameter, ...] = ()
 

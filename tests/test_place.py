@@ -278,9 +278,9 @@ class _Eager:
     """Asks ahead, as several processes do, and answers from a copy of the site."""
 
     site: PlacementSite
-    width: int = 3
+    worker_count: int = 3
 
-    def each(self, ask: Callable[[PlacementSite, Any], Any], items: Sequence[Any]) -> Iterator[Any]:
+    def map_items(self, ask: Callable[[PlacementSite, Any], Any], items: Sequence[Any]) -> Iterator[Any]:
         copied, questions = replace(self.site), pickle.loads(pickle.dumps((ask, list(items))))
         return iter([questions[0](copied, item) for item in questions[1]])
 

@@ -30,10 +30,10 @@ class Columns:
     def __contains__(self, name: str) -> bool:
         return True
 
-    def words(self, name: str) -> list[str]:
+    def read_words(self, name: str) -> list[str]:
         return ["ok", "ok", "ok", "unreachable"]
 
-    def numbers(self, name: str, *, empty: bool) -> np.ndarray[Any, np.dtype[np.float64]]:
+    def read_numbers(self, name: str, *, empty: bool) -> np.ndarray[Any, np.dtype[np.float64]]:
         return np.array([10.0, 95.0, 120.0, np.nan] if name == "q3_deg" else [10.0, 20.0, 90.5, np.nan])
 
 

@@ -64,7 +64,7 @@ class Bands:
         self.bands, self.model, self.step, self.asked = bands, self, 0.01, 0
         self.pairs = [SimpleNamespace(unless_cutting=False, clearance=0.0) for _ in bands]
 
-    def touching(self, q: Array, pair: Any) -> Bools:
+    def check_single_pairs(self, q: Array, pair: Any) -> Bools:
         bands = self.bands[int(pair[0])] if len(pair) else ()
         hits = [(q[:, 0] > low) & (q[:, 0] < high) for low, high in bands]
         return np.asarray(np.any([np.zeros(len(q), bool), *hits], axis=0))
@@ -72,7 +72,11 @@ class Bands:
     def stretch(self, rows: Any, phi: Array, q: Array) -> tuple[Bools, Any, Bools]:
         dense = np.zeros((301, 6))
         dense[:, 0] = np.linspace(q[0, 0], q[1, 0], 301)
-        hits = [(int(np.argmax(hit)), p) for p in range(len(self.bands)) if (hit := self.touching(dense, [p])).any()]
+        hits = [
+            (int(np.argmax(hit)), p)
+            for p in range(len(self.bands))
+            if (hit := self.check_single_pairs(dense, [p])).any()
+        ]
         first = min(hits)[1] if hits else -1
         return np.array([False, first >= 0]), np.array([-1, first], np.int32), np.zeros(2, bool)
 
@@ -88,7 +92,10 @@ def banded(checker: Bands, stations: int, rotations: int = 36) -> ExclusionTrack
     q = np.zeros((S, R, 1, 6))
     q[..., 0, 0] = phi
     free = np.array(
-        [not any(checker.touching(row[None], [p])[0] for p in range(len(checker.bands))) for row in q[0, :, 0]]
+        [
+            not any(checker.check_single_pairs(row[None], [p])[0] for p in range(len(checker.bands)))
+            for row in q[0, :, 0]
+        ]
     )
     path = SimpleNamespace(
         stations=np.arange(S), run=np.zeros(S, int), may_touch=np.zeros(S, bool), external=np.zeros((S, 0))

@@ -96,11 +96,11 @@ def test_only_what_is_fed_counts_and_the_place_is_told() -> None:
     tcp[20:, 2, 3] = -0.0007
     part: Any = body(coal.Box(0.2, 0.2, 0.05), at(0, 0, -0.025))
     arm: Any = SimpleNamespace(cell=SimpleNamespace(tool=SimpleNamespace(cutter=cutter)))
-    motion: Any = SimpleNamespace(at=lambda n: f"sample {n}", point=np.linspace(0.0, 1.0, 40))
+    motion: Any = SimpleNamespace(describe_row=lambda n: f"sample {n}", point=np.linspace(0.0, 1.0, 40))
     line: Any = SimpleNamespace()  # asked only where the path is shifted
 
     def found(fed: np.ndarray, gouge: float | None) -> list[VerificationCheck]:
-        ride: Any = SimpleNamespace(tcp=tcp, fed=fed, path_limit=2e-5)
+        ride: Any = SimpleNamespace(tcp=tcp, on_feed_move=fed, path_limit=2e-5)
         return check_gouges(motion, line, ride, arm, [part], PlanOptions(gouge=gouge), shifted=False)
 
     everywhere = np.ones(40, bool)

@@ -5,12 +5,15 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from machopt.cli.effects_notice import warn_of_effect_code
 from machopt.cli.progress_display import print_result
 from machopt.cli.reading_options import build_reading_parser, convert_reading_options
 from machopt.cli.shared_options import add_shared_option
+
+if TYPE_CHECKING:
+    from machopt.batch.request import BatchProgress
 
 Commands = Any  # argparse keeps its subparsers' type private
 
@@ -123,10 +126,13 @@ class _BatchProgress:
         if self._bar is not None:
             self._bar.stop()
 
-    def report_progress(self, progress: Any) -> None:
+    def report_progress(self, progress: BatchProgress) -> None:
         if self._bar is not None:
             self._bar.update(
-                self._task, total=progress.total, completed=progress.kept + progress.done, description=progress.line
+                self._task,
+                total=progress.total,
+                completed=progress.reused + progress.done,
+                description=progress.status_line,
             )
         elif self._show:
-            print(progress.line, file=sys.stderr, flush=True)
+            print(progress.status_line, file=sys.stderr, flush=True)

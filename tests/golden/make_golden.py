@@ -50,7 +50,7 @@ def job() -> RobotProgram:
     return RobotProgram(
         kind=kind,
         q=q,
-        T_workpiece_tcp=np.linalg.inv(WORKPIECE) @ ARM.fk(q, TOOL),
+        T_workpiece_tcp=np.linalg.inv(WORKPIECE) @ ARM.compute_fk(q, TOOL),
         feed=feed,
         move=move,
         cutting=(kind == LIN) & (move == MoveKind.CUT),
@@ -69,7 +69,7 @@ def job() -> RobotProgram:
         ),
         blend=1e-4,
         source="golden cell; part.apt",
-        behind=behind,
+        wrist_behind=behind,
         elbow_up=up,
         time=np.arange(12) * 0.5,
         joint_names=ARM.joints,

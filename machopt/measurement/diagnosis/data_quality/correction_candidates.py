@@ -67,7 +67,7 @@ def generate_correction_candidates(part: Recording) -> Iterator[CorrectionCandid
         loads = list(_generate_load_corrections(bool(part.wrench[:, 3:].any())))
         yield from loads
         for a, b in product(lengths, (w for w in loads if w.effect == UNITS.name)):
-            yield replace(a, apply=lambda r, a=a, b=b: b.read(a.read(r)), alternative=(b,))  # type: ignore[misc]
+            yield replace(a, apply=lambda r, a=a, b=b: b.apply(a.apply(r)), alternative=(b,))  # type: ignore[misc]
         if part.wrench[:, 3:].any():
             yield from generate_moment_units()
 

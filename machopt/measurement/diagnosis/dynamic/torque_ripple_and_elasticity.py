@@ -70,8 +70,8 @@ def _build_ripple_hypothesis(
         curve=line,
         correction=fix,
         note="periodic with the gear",
-        finer=build_order_refinement(scene, joint),
-        summed=SUM_NAME if harmonics == 1 else "",
+        refinement=build_order_refinement(scene, joint),
+        sum_name=SUM_NAME if harmonics == 1 else "",
     )
 
 

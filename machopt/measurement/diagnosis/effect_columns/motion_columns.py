@@ -212,7 +212,7 @@ def build_joint_law_hypothesis(
         quantities=quantities,
         shapes=shapes,
         family=more.pop("family", "joint"),
-        refinement=more.pop("finer", build_ratio_refinement(shapes)),
+        refinement=more.pop("refinement", build_ratio_refinement(shapes)),
         **more,
     )
 

@@ -53,7 +53,7 @@ class BlockMotionReader(DrillingMoveReader):
             return
         axis = self.setup.tool_axis() if vector is None else vector
         if self.motion in (2, 3, THROUGH, TANGENTIAL) and self.turned_from is not None and self.setup.by_machine:
-            raise self.source.error("an arc that turns a rotary axis without tool-centre-point control", b.line)
+            raise self.source.build_error("an arc that turns a rotary axis without tool-centre-point control", b.line)
         if self.motion == 0:
             self.go(to, axis, MoveKind.RAPID, math.nan, b.line)
         elif self.motion == 1:

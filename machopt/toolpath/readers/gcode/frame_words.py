@@ -77,13 +77,13 @@ class FrameWordReader(WorkOffsetReader):
         self.change_setup(
             local=self.local(),
             tilted="" if level and tilted == "not yet" else tilted,
-            stood_up=tilted == "aligned" and not level,
+            aligned_by_control=tilted == "aligned" and not level,
         )
         self.out.meta["tilted_planes"] = str(int(self.out.meta.get("tilted_planes", "0")) + 1)
 
     def stand_upright(self) -> None:
         """The control puts the tool upright on the plane; where its rotary axes stand then is its own business."""
-        self.change_setup(tilted="aligned", stood_up=True)
+        self.change_setup(tilted="aligned", aligned_by_control=True)
 
     def end_tilt(self) -> None:
         """Back to the untilted system; after a turn by the control the rotary axes' place is not known."""
@@ -92,7 +92,11 @@ class FrameWordReader(WorkOffsetReader):
         moved = setup.aligned_by_control and setup.transfer is not None and setup.transfer.z[2] < 1.0 - 1e-9
         angles = {} if moved else setup.angles
         self.change_setup(
-            local=self.local(), tilted="", stood_up=False, unaligned=moved or setup.left_tilted_plane, angles=angles
+            local=self.local(),
+            tilted="",
+            aligned_by_control=False,
+            left_tilted_plane=moved or setup.left_tilted_plane,
+            angles=angles,
         )
 
     def local(self) -> SystemTransform | None:
@@ -192,7 +196,7 @@ class FrameWordReader(WorkOffsetReader):
             if not (additive and self.tilted_plane is not None):
                 self.end_tilt()
                 if len(values) > _DIRECTION and values[_DIRECTION]:  # swivelled to zero by the cycle itself
-                    self.change_setup(unaligned=False, angles={})
+                    self.change_setup(left_tilted_plane=False, angles={})
             return
         if round(stage) % 10 == 1 and self.tilted_plane is not None:
             plane = plane.then(self.tilted_plane)
@@ -229,7 +233,7 @@ class FrameWordReader(WorkOffsetReader):
             if self.setup.tilted == "not yet":
                 self.change_setup(tilted="" if self.tilted_plane is None else "aligned")
         else:
-            self.change_setup(tilted="not yet", stood_up=False)
+            self.change_setup(tilted="not yet", aligned_by_control=False)
 
 
 def is_upright(plane: SystemTransform) -> bool:

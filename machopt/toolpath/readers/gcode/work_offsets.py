@@ -106,7 +106,7 @@ class WorkOffsetReader(BlockMotionReader):
         nowhere = nowhere or self.zero_lost
         if (self.setup.offset, self.setup.missing_place_reason) != (None, "") or offset is not None or nowhere:
             lost = bool(nowhere or self.setup.missing_place_reason)
-            self.change_setup(offset=offset, nowhere=nowhere)
+            self.change_setup(offset=offset, missing_place_reason=nowhere)
             if lost:
                 self.p, self.lost = [math.nan] * 3, ["in the other work offset"] * 3
 
@@ -277,7 +277,7 @@ class WorkOffsetReader(BlockMotionReader):
                 "cuts after G92.1 ended a G92 that named the tool's place at the start of the program: where the zero "
                 "lies then is not in the file"
             )
-            self.change_setup(nowhere=self.zero_lost)
+            self.change_setup(missing_place_reason=self.zero_lost)
             self.p = [math.nan] * 3
 
     def use_shifts(self) -> None:

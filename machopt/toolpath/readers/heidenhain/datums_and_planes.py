@@ -140,7 +140,7 @@ class DatumAndPlaneReader(GcodeReader):
         self.chain_changed()
         upright = abs(plane.z[2] - 1.0) < 1e-9
         tilted = "not yet" if self.stays else "aligned"  # STAY: the axes wait for L A+Q120 B+Q121 C+Q122
-        self.change_setup(tilted="" if upright else tilted, stood_up=not upright and not self.stays)
+        self.change_setup(tilted="" if upright else tilted, aligned_by_control=not upright and not self.stays)
         self.out.meta["tilted_planes"] = str(int(self.out.meta.get("tilted_planes", "0")) + 1)
 
     def plane_statement(self, text: str, line: int) -> None:
@@ -150,7 +150,7 @@ class DatumAndPlaneReader(GcodeReader):
         if kind == "RESET":
             self.set_plane(None, line)
             if re.search(r"\b(?:TURN|MOVE)\b", text):  # the control brings the rotary axes to zero
-                self.change_setup(unaligned=False, angles={})
+                self.change_setup(left_tilted_plane=False, angles={})
         elif kind == "SPATIAL":
             self.set_plane(compute_spatial_plane(v.get("SPA", 0.0), v.get("SPB", 0.0), v.get("SPC", 0.0)), line)
         elif kind == "EULER":
@@ -192,9 +192,11 @@ class DatumAndPlaneReader(GcodeReader):
                 "Q120, Q121, Q122 hold the axes of PLANE … STAY or cycle 19, and there is none before", line
             )
         if self.setup.tilted:
-            self.change_setup(tilted="aligned", stood_up=True)
+            self.change_setup(tilted="aligned", aligned_by_control=True)
         else:
-            self.change_setup(tilted="", stood_up=False, unaligned=False, angles={})  # they hold zeros
+            self.change_setup(
+                tilted="", aligned_by_control=False, left_tilted_plane=False, angles={}
+            )  # they hold zeros
         return " ".join(text.replace("COMPUTED", " ").split())
 
     def use_preset(self, number: float) -> None:

@@ -152,7 +152,7 @@ def _select_groups_greedily(sums: NormalEquationSums, fits: float) -> list[LawCo
         own = list(range(g.columns.start, g.columns.stop))
         columns += own
         left = eliminate_columns(left, np.array(own))
-        exact = g.law.hypothesis.exact or bool(g.law.hypothesis.summed)  # a sum of waves is any wave
+        exact = g.law.hypothesis.is_exact or bool(g.law.hypothesis.sum_name)  # a sum of waves is any wave
         share = thresholds.DETECTION.beside_exact if exact else thresholds.DETECTION.beside
         largest = max(largest, share * gained[n])
     return taken

@@ -54,7 +54,9 @@ class CoordinateSetup:
         """Rotary words; in a tilted plane they are those that put the tool upright on it."""
         if self.left_tilted_plane:
             self.out.warn_once("rotary axes that are not named after a tilted plane are taken to stand at 0")
-        after = self.with_changes(angles={**self.angles, **angles}, unaligned=False, vector=None, stood_up=False)
+        after = self.with_changes(
+            angles={**self.angles, **angles}, left_tilted_plane=False, vector=None, aligned_by_control=False
+        )
         if not self.tilted:
             return after
         if self.tcp is not None:
