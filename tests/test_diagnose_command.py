@@ -192,11 +192,11 @@ def test_a_law_of_one_s_own_is_named_where_it_is_true_and_nowhere_else(tmp_path:
         return Truth(k, {2: twist})
 
     recorded(tmp_path / "rec", pulled, poses=16)
-    result = run(tmp_path / "out", tmp_path / "rec", "--terms", str(law))
+    result = run(tmp_path / "out", tmp_path / "rec", "--effects", str(law))
     assert (result["findings"][0]["effect"], result["findings"][0]["location"]) == ("cable_bundle", "joint:3")
     assert result["verdict"] == "explained"
     recorded(tmp_path / "null")
-    result = run(tmp_path / "none", tmp_path / "null", "--terms", str(law))
+    result = run(tmp_path / "none", tmp_path / "null", "--effects", str(law))
     assert "cable_bundle" not in {f["effect"] for f in result["findings"]}
 
 
@@ -216,7 +216,7 @@ def test_a_law_of_one_s_own_is_named_where_it_is_true_and_nowhere_else(tmp_path:
 def test_a_broken_law_is_one_message(tmp_path: Path, capsys: pytest.CaptureFixture[str], code: str, said: str) -> None:
     recorded(tmp_path / "rec", poses=6, loads=2)
     (tmp_path / "law.py").write_text(code)
-    run(tmp_path / "out", tmp_path / "rec", "--terms", str(tmp_path / "law.py"), code=2)
+    run(tmp_path / "out", tmp_path / "rec", "--effects", str(tmp_path / "law.py"), code=2)
     error = capsys.readouterr().err
     assert said in error
     assert "law.py" in error
@@ -359,7 +359,7 @@ def test_the_law_in_the_docs_runs(tmp_path: Path) -> None:
     law = tmp_path / "mylaw.py"
     law.write_text(code.group(1), encoding="utf-8")
     recorded(tmp_path / "rec")
-    run(tmp_path / "out", tmp_path / "rec", "--terms", str(law))
+    run(tmp_path / "out", tmp_path / "rec", "--effects", str(law))
     said = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))
     assert said["findings"] == []
     tried = {(x["effect"], x["location"]) for x in [*said["detection_limits"], *said["not_testable"]]}

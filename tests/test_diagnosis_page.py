@@ -564,7 +564,7 @@ def test_command_passes_its_options_on_and_every_verdict_is_success(
     parser = argparse.ArgumentParser()
     command.add_commands(parser.add_subparsers(), common)
     typed = (
-        "diagnose cell mon tue -o out --channel torque --toolpath t.apt --terms a.py --terms b.py --max-findings 2 "
+        "diagnose cell mon tue -o out --channel torque --toolpath t.apt --effects a.py --terms b.py --max-findings 2 "
         "--accept units --seed 7 --tables parquet --allow-external --jobs 2 --set seed=3 --force"
     )
     args = parser.parse_args(typed.split())

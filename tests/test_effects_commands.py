@@ -79,7 +79,7 @@ def test_one_file_goes_through_every_command(tmp_path: Path) -> None:
     jelly, cell, rec, out = (tmp_path / n for n in ("jelly.py", "cell", "rec", "out"))
     jelly.write_text(JELLY)
     write_recording(rec, load_test(jelly))
-    assert main(["diagnose", str(CELL), str(rec), "--terms", str(jelly), *QUIET, str(out)]) == 0
+    assert main(["diagnose", str(CELL), str(rec), "--effects", str(jelly), *QUIET, str(out)]) == 0
     result = json.loads((out / "diagnosis.json").read_text())
     named = [(f["effect"], f["location"]) for f in result["findings"] if f["effect"] != "geometric_stiffness"]
     assert named == [("joint_jelly", "joint:3")]  # K_C is counted in any case, and named where it is worth it
@@ -104,7 +104,7 @@ def test_one_file_goes_through_every_command(tmp_path: Path) -> None:
     assert main(["map", str(cell), *mine, *grid, *QUIET, str(tmp_path / "map")]) == 0
     assert main(["map", str(cell), "--step", "700", *QUIET, str(tmp_path / "unknown")]) == 2  # without its file
 
-    known = [str(cell), str(rec), "--terms", str(jelly), *QUIET, str(tmp_path / "again")]
+    known = [str(cell), str(rec), "--effects", str(jelly), *QUIET, str(tmp_path / "again")]
     assert main(["diagnose", *known]) == 0
     again = json.loads((tmp_path / "again" / "diagnosis.json").read_text())
     assert "joint_jelly" not in {f["effect"] for f in again["findings"]}
@@ -248,7 +248,7 @@ def test_one_file_without_load_goes_through_every_command(tmp_path: Path, capsys
     scale, cell, rec, out = (tmp_path / n for n in ("scale.py", "cell", "rec", "out"))
     scale.write_text(SCALE)
     write_recording(rec, tracked())
-    assert main(["diagnose", str(CELL), str(rec), "--terms", str(scale), *QUIET, str(out)]) == 0
+    assert main(["diagnose", str(CELL), str(rec), "--effects", str(scale), *QUIET, str(out)]) == 0
     result = json.loads((out / "diagnosis.json").read_text())
     assert [(f["effect"], f["location"]) for f in result["findings"]] == [("encoder_scale", "joint:1")]
     size = result["findings"][0]["parameters"]["scale"]
@@ -282,7 +282,7 @@ def test_one_file_without_load_goes_through_every_command(tmp_path: Path, capsys
     assert "'encoder_scale'" in (told := capsys.readouterr().err)
     assert "where its file is given" in told
 
-    known = [str(cell), str(rec), "--terms", str(scale), *QUIET, str(tmp_path / "again")]
+    known = [str(cell), str(rec), "--effects", str(scale), *QUIET, str(tmp_path / "again")]
     assert main(["diagnose", *known]) == 0
     again = json.loads((tmp_path / "again" / "diagnosis.json").read_text())
     assert again["findings"] == []

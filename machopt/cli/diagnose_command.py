@@ -42,14 +42,15 @@ def add_commands(commands: Commands, common: argparse.ArgumentParser) -> None:
     p.add_argument("--toolpath", type=Path, metavar="FILE", help="say what the findings change for this toolpath")
     add_shared_option(p, "--set", help="override a planning option, for the plans of --toolpath")
     p.add_argument(
-        "--terms",
+        "--effects",
         type=Path,
         action="append",
         default=[],
         metavar="FILE.py",
-        help="laws of your own to try too; RUNS the code in FILE.py with your rights, so give only files "
+        help="effects of your own to try too; RUNS the code in FILE.py with your rights, so give only files "
         "you trust; may be repeated",
     )
+    p.add_argument("--terms", dest="effects", type=Path, action="append", help=argparse.SUPPRESS)  # its name in 0.1
     p.add_argument(
         "--max-findings",
         type=parse_natural_number,
@@ -79,7 +80,7 @@ def _run_diagnose(args: argparse.Namespace) -> int:
         channel=args.channel,
         toolpath=args.toolpath,
         overrides=tuple(args.set),
-        terms=tuple(args.terms),
+        terms=tuple(args.effects),
         max_findings=args.max_findings,
         accept=tuple(args.accept),
         seed=args.seed,
@@ -87,8 +88,8 @@ def _run_diagnose(args: argparse.Namespace) -> int:
         tables=args.tables,
     )
     if not args.quiet:
-        for file in args.terms:
-            print(f"machopt: --terms runs the code in {file} with your rights", file=sys.stderr)
+        for file in args.effects:
+            print(f"machopt: --effects runs the code in {file} with your rights", file=sys.stderr)
     with ProgressDisplay(show=not (args.quiet or args.json)) as display:
         done = run_diagnose(request, display.show_stage)
     if args.json:

@@ -73,8 +73,8 @@ SHARED: dict[str, dict[str, Any]] = {
         "action": "append",
         "default": [],
         "metavar": "FILE.py",
-        "help": "effects of your own that stiffness.yaml or kinematics.yaml holds, as machopt diagnose --terms FILE.py "
-        "found them, or that EFFECT@LOCATION names; runs the code in that file; may be repeated",
+        "help": "effects of your own that stiffness.yaml or kinematics.yaml holds, as found by machopt diagnose "
+        "--effects FILE.py, or that EFFECT@LOCATION names; runs the code in that file; may be repeated",
     },
     "--accept": {
         "action": "append",

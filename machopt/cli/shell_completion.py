@@ -64,7 +64,7 @@ def _list_option_values(parser: argparse.ArgumentParser) -> dict[str, list[str]]
     from machopt.programs.program_writer import list_post_names
 
     out: dict[str, list[str]] = {}
-    for action in parser._actions:
+    for action in (a for a in parser._actions if a.help != argparse.SUPPRESS):
         words = [str(c) for c in action.choices or ()]
         if "--post" in action.option_strings:
             words = list(list_post_names())  # a template's file will do, too: no choices for argparse
@@ -79,7 +79,7 @@ def _format_fish_lines(name: str, parser: argparse.ArgumentParser, values: dict[
     begin = f"complete -c machopt -n '__fish_seen_subcommand_from {name}'"
     lines = [f"complete -c machopt -n __fish_use_subcommand -f -a {name}"]
     lines += [f"{begin} -f -a '{' '.join(values[name])}'"] if name in values else []
-    for action in parser._actions:
+    for action in (a for a in parser._actions if a.help != argparse.SUPPRESS):
         takes = "" if action.nargs == 0 else " -r"
         for word in (w for w in action.option_strings if w.startswith("--")):
             few = f" -x -a '{' '.join(values[word])}'" if word in values else takes

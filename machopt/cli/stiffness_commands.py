@@ -214,8 +214,9 @@ def _add_poses(p: argparse.ArgumentParser) -> None:
     posture.add_argument("--no-collision", action="store_true", help="do not check collisions")
     search = p.add_argument_group("search")
     search.add_argument(
-        "--terms", action="append", default=[], metavar="EFFECT@LOCATION", help="physics to identify too"
+        "--fit", dest="terms", action="append", default=[], metavar="EFFECT@LOCATION", help="terms to identify too"
     )
+    search.add_argument("--terms", action="append", help=argparse.SUPPRESS)  # its name in 0.1
     search.add_argument(
         "--discriminate",
         type=Path,

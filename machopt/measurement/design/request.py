@@ -82,7 +82,7 @@ class PosesRequest:
     overwrite: bool = False  # replace an earlier output though files in it were edited or added
     external: tuple[str, ...] = ()  # name=value of external joints that do not stand at home, mm or degrees
     allow_external: bool = False
-    effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which --terms may name
+    effects: tuple[Path, ...] = ()  # Python files with effects of the user's own, which --fit may name
 
 
 def check_poses_request(request: PosesRequest) -> None:
@@ -337,17 +337,17 @@ def build_linear_terms(request: PosesRequest, robot: Robot, T_flange_tcp: Array)
     for text in request.terms:
         effect, at, location = text.partition("@")
         if not at:
-            raise InputError(f"found {text!r}; expected EFFECT@LOCATION, e.g. link_compliance@link:4", where="--terms")
+            raise InputError(f"found {text!r}; expected EFFECT@LOCATION, e.g. link_compliance@link:4", where="--fit")
         if effect == "geometric_stiffness":
             raise InputError(
-                "geometric_stiffness follows from load and kinematics; it has nothing to identify", where="--terms"
+                "geometric_stiffness follows from load and kinematics; it has nothing to identify", where="--fit"
             )
         if request.terms.count(text) > 1:
-            raise InputError(f"{text} stands twice; keep one", where="--terms")
+            raise InputError(f"{text} stands twice; keep one", where="--fit")
         try:
             out.append(build_fitted_term(effect, location, robot, T_flange_tcp))
         except InputError as error:
-            raise InputError(f"found {text!r}: {error.reason}", where="--terms") from None
+            raise InputError(f"found {text!r}: {error.reason}", where="--fit") from None
     return tuple(out)
 
 

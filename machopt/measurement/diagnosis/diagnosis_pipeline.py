@@ -96,7 +96,7 @@ def diagnose_static_recording(
     prior = None if cell.stiffness is None else cell.stiffness.joints
     if laws and recording.kind != "deflection":
         raise InputError(
-            "laws of your own are tried on load tests (kind deflection) only", where="--terms", file=recording.source
+            "laws of your own are tried on load tests (kind deflection) only", where="--effects", file=recording.source
         )
     options.progress("checking the record")
     if recording.kind == "absolute" and len(recording) < MIN_POSES:

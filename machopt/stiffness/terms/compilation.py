@@ -81,7 +81,7 @@ def _check_location(term: StiffnessTerm, where: str, file: Any) -> None:
         hint = suggest_word(term.effect, known)
         raise InputError(
             f"effect {term.effect!r} is not known; {hint}valid: {', '.join(known)}; one of your own: "
-            "--effects FILE.py, --terms FILE.py in diagnose",
+            "--effects FILE.py",
             file=file,
             where=f"{where}.effect",
         )

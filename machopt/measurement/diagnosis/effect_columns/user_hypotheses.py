@@ -10,7 +10,7 @@ A file may offer ``EFFECTS`` instead or beside it (:mod:`machopt.effects.user_ef
 channel then tries and stiffness.yaml holds.
 
 Either is code: loading it runs it, with all the rights of whoever started machopt. A package offers its laws by being
-installed; a file is run only where ``--terms`` names it.
+installed; a file is run only where ``--effects`` names it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from machopt.errors import InputError
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis
 from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
 
-GROUP = "machopt.measurement.diagnosis"
+GROUP = "machopt.diagnose"
 HypothesisSource = Callable[[StaticReadings], Iterable[EffectHypothesis]]
 
 
