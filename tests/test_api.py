@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import importlib.util
 import inspect
 import json
 import subprocess
@@ -25,6 +26,8 @@ from machopt.measurement.diagnosis.request import DiagnoseRequest
 from machopt.measurement.identification.request import IdentifyRequest
 from machopt.verification.folder.folder_checks import check_parquet_copies
 from machopt.workspace_map.request import MapRequest
+
+ROOT = Path(__file__).resolve().parents[1]
 
 KR500 = CELLS / "kr500_milling"
 ELSEWHERE = {"InputError", "MachoptError", "VerificationError", "__version__"}
@@ -244,3 +247,23 @@ def test_every_command_is_a_function_or_known_not_to_be() -> None:
     (commands,) = (a for a in _build_parser()._actions if isinstance(a, argparse._SubParsersAction))
     functions = {n.replace("_", "-") for n in machopt.__all__ if inspect.isfunction(getattr(machopt, n))}
     assert functions <= set(commands.choices)
+
+
+def test_option_types_are_current() -> None:
+    """The generated option types are those of the requests and schemas."""
+    spec = importlib.util.spec_from_file_location("make_option_types", ROOT / "docs" / "make_option_types.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert module.MODULE.read_text(encoding="utf-8") == module.build_module(), "run python docs/make_option_types.py"
+
+
+def test_type_checker_finds_a_wrong_option(tmp_path: Path) -> None:
+    """``rotation_stp_deg`` is found before anything runs."""
+    mypy = pytest.importorskip("mypy.api")
+    code = tmp_path / "wrong.py"
+    code.write_text('import machopt\n\nmachopt.optimize("cell", "part.cls", rotation_stp_deg=2.5)\n', encoding="utf-8")
+    found, _, status = mypy.run([str(code), "--follow-imports=silent", f"--cache-dir={tmp_path / 'cache'}"])
+    assert status == 1
+    assert "rotation_stp_deg" in found

@@ -45,5 +45,7 @@ def test_every_page_is_listed_once_where_the_pages_are_built_from() -> None:
     for block in re.findall(r"```\{toctree\}\n(.*?)```", (folder / "index.md").read_text(encoding="utf-8"), re.DOTALL):
         lines = [line for line in block.splitlines() if line and not line.startswith(":")]
         listed += [(folder / (re.sub(r".*<(.*)>", r"\1", line) + ".md")).resolve() for line in lines]
-    there = [p for place in PLACES for p in (ROOT / place).rglob("*.md")] + [ROOT / "README.md", ROOT / "CHANGELOG.md"]
+    there = [p for place in PLACES for p in (ROOT / place).rglob("*.md")] + [
+        ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")
+    ]
     assert sorted(listed) == sorted(p for p in there if p != folder / "index.md")

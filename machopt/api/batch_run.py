@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Unpack
 
+from machopt.api.option_types import BatchOptions
 from machopt.api.request_options import build_request, convert_to_path, convert_to_paths
 from machopt.api.result_saving import Named
 from machopt.batch.request import BatchProgress, BatchRequest
@@ -20,7 +21,7 @@ def batch(
     effects: Iterable[Named] = (),
     allow_external: bool = False,
     progress: Callable[[BatchProgress], None] | None = None,
-    **options: Any,
+    **options: Unpack[BatchOptions],
 ) -> BatchDocument:
     """Many jobs, each in a process of its own; called again, it goes on where it stopped: ``machopt batch``.
 

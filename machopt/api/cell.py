@@ -6,10 +6,11 @@ import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 
+from machopt.api.option_types import NewCellOptions
 from machopt.api.request_options import build_request, convert_to_path, convert_to_paths
 from machopt.cell.cell_reader import load_cell
 from machopt.cell_setup.template.init_request import InitRequest
@@ -65,7 +66,7 @@ class Cell:
         return cls(folder, cell, allow_external, own, list_cell_inputs(cell))
 
     @classmethod
-    def new(cls, robot: str | os.PathLike[str], out: str | os.PathLike[str], **options: Any) -> Cell:
+    def new(cls, robot: str | os.PathLike[str], out: str | os.PathLike[str], **options: Unpack[NewCellOptions]) -> Cell:
         """Write a new cell folder from a robot's URDF or xacro file, as ``machopt init`` does, and load it.
 
         What is a guess or an estimate in it says so in cell.yaml.

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Unpack
 
 from machopt.api.cell import Cell
 from machopt.api.figure import Figure
+from machopt.api.option_types import DiagnoseOptions
 from machopt.api.request_options import NOWHERE, build_request, convert_to_path, convert_to_paths
 from machopt.api.result_saving import Named, Progress, ignore_progress
 from machopt.commands.diagnose.computation import DiagnoseComputation, write_diagnosis_files
@@ -17,7 +18,7 @@ from machopt.data_types.documents.diagnosis_document import DiagnosisDocument, F
 from machopt.effects.user_effects import UserModule, activate_user_effects, run_user_files
 from machopt.measurement.diagnosis.request import DiagnoseRequest
 from machopt.output import write_output_folder
-from machopt.report.svg.machine_diagram import build_machine_strip
+from machopt.report.svg.machine_diagram import build_machine_picture
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class DiagnosisFigures:
 
     def machine(self) -> Figure:
         """The machine from base to tool, with what was found where it sits."""
-        return Figure(build_machine_strip(self._made.diagnosis))
+        return Figure(build_machine_picture(self._made.diagnosis))
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,11 @@ class Diagnosis:
 
 
 def diagnose(
-    cell: Cell | Named, recordings: Named | Iterable[Named], *, progress: Progress = ignore_progress, **options: Any
+    cell: Cell | Named,
+    recordings: Named | Iterable[Named],
+    *,
+    progress: Progress = ignore_progress,
+    **options: Unpack[DiagnoseOptions],
 ) -> Diagnosis:
     """Where model and recording differ, what physics is missing, the extended model: ``machopt diagnose``.
 

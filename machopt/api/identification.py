@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 
 from machopt.api.cell import Cell, load_cell_argument
+from machopt.api.option_types import IdentifyOptions
 from machopt.api.request_options import NOWHERE, build_request, convert_to_paths
 from machopt.api.result_saving import Named, Progress, ignore_progress, save_result, use_cell_effects
 from machopt.commands.identify.computation import IdentifyComputation, compute_identification
@@ -60,7 +61,11 @@ class Identification:
 
 
 def identify(
-    cell: Cell | Named, recordings: Named | Iterable[Named], *, progress: Progress = ignore_progress, **options: Any
+    cell: Cell | Named,
+    recordings: Named | Iterable[Named],
+    *,
+    progress: Progress = ignore_progress,
+    **options: Unpack[IdentifyOptions],
 ) -> Identification:
     """Joint (and further) stiffness from load–deflection readings: ``machopt identify``.
 

@@ -7,9 +7,10 @@ import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import radians
-from typing import Any, Literal
+from typing import Any, Literal, Unpack
 
 from machopt.api.cell import Cell, load_cell_argument
+from machopt.api.option_types import PlanOptionValues
 from machopt.api.request_options import NOWHERE, check_value_type, convert_to_path, convert_to_texts
 from machopt.api.result_saving import Named, Progress, ignore_progress, save_result, use_cell_effects
 from machopt.api.table import Table
@@ -96,7 +97,7 @@ def place(
     plan_file: Named | None = None,
     posts: Iterable[Named] = (),
     progress: Progress = ignore_progress,
-    **options: Any,
+    **options: Unpack[PlanOptionValues],
 ) -> Placement:
     """Where to put the workpiece, or the robot, so that the worst index over all toolpaths is best: ``machopt place``.
 
@@ -159,7 +160,7 @@ def place(
             seconds=60 * minutes,
         ),
         plan_file=None if plan_file is None else convert_to_path(plan_file, "plan_file"),
-        direct=options,
+        direct={**options},
         posts=convert_to_texts(posts, "posts"),
         effects=tuple(own.file for own in a_cell.effects),
     )

@@ -7,12 +7,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal, Unpack
 
 import numpy as np
 
 from machopt.api.cell import Cell, load_cell_argument
 from machopt.api.figure import Figure
+from machopt.api.option_types import PlanOptionValues
 from machopt.api.request_options import NOWHERE, check_value_type, convert_to_path, convert_to_texts
 from machopt.api.result_saving import Named, Progress, ignore_progress, save_result, use_cell_effects
 from machopt.api.table import Table
@@ -202,7 +203,7 @@ def optimize(
     map_collisions: Literal["chosen", "full"] = "chosen",
     tables: Literal["csv", "parquet"] = "csv",
     progress: Progress = ignore_progress,
-    **options: Any,
+    **options: Unpack[PlanOptionValues],
 ) -> Plan:
     """The stiffest smooth way along a toolpath: ``machopt optimize``.
 
@@ -236,7 +237,7 @@ def optimize(
         toolpath=path.path,
         out=NOWHERE,
         plan_file=None if plan_file is None else convert_to_path(plan_file, "plan_file"),
-        direct=options,
+        direct={**options},
         reading=dict(path.reading),
         allow_external=a_cell.allow_external,
         posts=convert_to_texts(posts, "posts"),

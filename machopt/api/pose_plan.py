@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Unpack
 
 from machopt.api.cell import Cell, load_cell_argument
+from machopt.api.option_types import PlanPosesOptions
 from machopt.api.request_options import NOWHERE, build_request
 from machopt.api.result_saving import Named, Progress, ignore_progress, save_result, use_cell_effects
 from machopt.api.table import Table
@@ -64,7 +65,9 @@ class PosePlan:
         return f"<PosePlan for {self.cell.name!r}: {self.verdict}>"
 
 
-def plan_poses(cell: Cell | Named, *, progress: Progress = ignore_progress, **options: Any) -> PosePlan:
+def plan_poses(
+    cell: Cell | Named, *, progress: Progress = ignore_progress, **options: Unpack[PlanPosesOptions]
+) -> PosePlan:
     """Measurement poses and loads for identification, or to tell rival explanations apart: ``machopt plan-poses``.
 
     Args:

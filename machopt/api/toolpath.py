@@ -6,11 +6,12 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
 from machopt.api.cell import Cell
+from machopt.api.option_types import ReadingOptions
 from machopt.api.request_options import convert_to_path
 from machopt.cell.work_offsets import place_toolpath
 from machopt.commands.toolpath_reading_options import get_reading_options
@@ -29,7 +30,9 @@ class Toolpath:
     reading: Mapping[str, Any] = field(default_factory=dict)  # how it was read, for the manifest
 
     @classmethod
-    def read(cls, path: str | os.PathLike[str], *, cell: Cell | None = None, **reading: Any) -> Toolpath:
+    def read(
+        cls, path: str | os.PathLike[str], *, cell: Cell | None = None, **reading: Unpack[ReadingOptions]
+    ) -> Toolpath:
         """Read a CAM export, a robot program or a point table.
 
         Args:

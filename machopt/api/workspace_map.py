@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from machopt.api.cell import Cell, load_cell_argument
 from machopt.api.figure import Figure
+from machopt.api.option_types import MapOptions
 from machopt.api.request_options import NOWHERE, build_request
 from machopt.api.result_saving import Named, Progress, ignore_progress, save_result, use_cell_effects
 from machopt.api.table import Table
@@ -92,7 +93,7 @@ class Map:
         return f"<Map of {self.cell.name!r}: {self.verdict}>"
 
 
-def map(cell: Cell | Named, *, progress: Progress = ignore_progress, **options: Any) -> Map:
+def map(cell: Cell | Named, *, progress: Progress = ignore_progress, **options: Unpack[MapOptions]) -> Map:
     """Stiffness and dexterity over workspace or joint space: ``machopt map``.
 
     Args:

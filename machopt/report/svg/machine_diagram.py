@@ -27,11 +27,29 @@ _NARROW, _HEAD, _LINE, _APART = 372.0, 46.0, 20.0, 8.0  # of the picture for nar
 _SPINE, _ZERO, _BESIDE = 14.0, 150.0, 84.0  # the arm's column, where bars begin, room for numbers and marks
 
 
+_STANDALONE_STYLE = (
+    "<style>text{font-family:Helvetica,Arial,sans-serif;fill:#1b2430}.grid{stroke:#dfe3e8}"
+    ".tick{font-size:11px;fill:#5b6673}.label{font-size:12px}</style>"
+)
+
+
 @dataclass(frozen=True)
 class _DiagramSlot:
     location: str
     label: tuple[str, ...]  # lines
     x: float
+
+
+def build_machine_picture(d: DiagnosisResult) -> str:
+    """Return the machine strip as an SVG document of its own, with the styles that the page has in its sheet.
+
+    Args:
+        d: the diagnosis.
+    """
+    drawn = str(build_machine_strip(d)).replace("var(--blue)", "#1552b8")
+    opening, _, rest = drawn.partition(">")
+    size = 'xmlns="http://www.w3.org/2000/svg" width="1098" height="268"'
+    return f"{opening.replace('<svg ', f'<svg {size} ', 1)}>{_STANDALONE_STYLE}{rest}"
 
 
 def build_machine_strip(d: DiagnosisResult) -> Markup:

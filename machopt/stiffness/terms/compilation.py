@@ -80,8 +80,7 @@ def _check_location(term: StiffnessTerm, where: str, file: Any) -> None:
     if term.effect not in known:
         hint = suggest_word(term.effect, known)
         raise InputError(
-            f"effect {term.effect!r} is not known; {hint}valid: {', '.join(known)}; one of your own: "
-            "--effects FILE.py",
+            f"effect {term.effect!r} is not known; {hint}valid: {', '.join(known)}; one of your own: --effects FILE.py",
             file=file,
             where=f"{where}.effect",
         )
