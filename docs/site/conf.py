@@ -29,7 +29,7 @@ include_patterns = [
     "cells/**.md",
     "toolpaths/README.md",
     "benchmarks/**.md",
-    "machopt/formats/posts/README.md",
+    "machopt/programs/README.md",
     "tests/real/SOURCES.md",
 ]
 exclude_patterns = [".*", "out", "**/__pycache__"]

@@ -24,7 +24,7 @@ from machopt.errors import InputError
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis
 from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
 
-GROUP = "machopt.measurement.diagnosis"
+GROUP = "machopt.diagnose"
 HypothesisSource = Callable[[StaticReadings], Iterable[EffectHypothesis]]
 
 
