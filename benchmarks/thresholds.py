@@ -105,7 +105,11 @@ def measure(folder: Path, cases: Sequence[str], seconds: float, written: bool) -
             for p, c in zip(where, drawn, strict=True)
         ]
         room.write(
-            ROOT / "machopt" / "measurement" / "threshold_evidence" / "rooms.json", rows, room.together(varied), sets, date.today().isoformat()
+            ROOT / "machopt" / "measurement" / "threshold_evidence" / "rooms.json",
+            rows,
+            room.together(varied),
+            sets,
+            date.today().isoformat(),
         )
 
 

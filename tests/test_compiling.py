@@ -148,7 +148,9 @@ def test_where_there_is_a_second_core_kernels_are_taken_in_order_until_one_is_no
     assert asked == [name for _, name, _ in KERNELS[:taken]]
 
 
-@pytest.mark.parametrize("gone", [("kinematics.product_of_exponentials", "renamed", "f8"), ("kinematics.moved_away", "compute_poses", "f8")])
+@pytest.mark.parametrize(
+    "gone", [("kinematics.product_of_exponentials", "renamed", "f8"), ("kinematics.moved_away", "compute_poses", "f8")]
+)
 def test_an_entry_that_names_nothing_is_no_matter_for_a_plan(
     gone: tuple[str, str, str], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -87,7 +87,7 @@ def test_the_script_prints_the_table_again() -> None:
 NO_DECISION = {  # constants beside the computation: guards against rounding, units, steps, ends of grids, a stated load
     "dynamic.friction.REVERSAL_WIDTH_FACTOR",
     "discrimination.required_measurements.POSE_GROWTH",  # of a search for a plan that is large enough
-    "discrimination.required_measurements.HARDER_FORM_SHARE",  # which forms of a rival are followed when a plan is sized
+    "discrimination.required_measurements.HARDER_FORM_SHARE",  # which forms of a rival are followed for it
     "static.measured_pose_hypotheses.ROUNDING",
     "static.load_test_channel.RIGID",
     "static.bearing_tilt.ANY_DIRECTION",
@@ -120,7 +120,7 @@ NO_DECISION = {  # constants beside the computation: guards against rounding, un
 
 
 def test_a_number_that_decides_stands_in_the_table() -> None:
-    """A float of a module is a threshold, of ``measurement/diagnosis/thresholds``, unless this list says that it decides nothing."""
+    """A float of a module is a threshold, of ``thresholds/``, unless this list says that it decides nothing."""
     folder = ROOT / "machopt" / "measurement" / "diagnosis"
     found = set()
     for path in sorted(folder.rglob("*.py")):

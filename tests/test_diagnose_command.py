@@ -42,8 +42,8 @@ def hypotheses(readings):
     def size(x, shape):
         return {"softening": Quantity(1e6 * float(x[0]), "1/(MN·m)")}
 
-    yield EffectHypothesis("cable_bundle", "joint:3", "softer to either side", "phi = c tau + a tau |q1|", columns, size,
-                     note="away from the middle of joint 1", family="joint")
+    yield EffectHypothesis("cable_bundle", "joint:3", "softer to either side", "phi = c tau + a tau |q1|", columns,
+                     size, note="away from the middle of joint 1", family="joint")
 '''
 
 

@@ -126,7 +126,8 @@ class Linear(JointAngleLawDefaults):
     equation = "Δ_j = κ q_j"
     note = "without load, farther out the more"
     prior = 1e-2
-    coefficients = (LawParameter(key="per_mille", unit="rad/rad", factor=1e-3, required=True, magnitude_limit=50.0, unit_in_words="mrad/rad"),)
+    coefficients = (LawParameter(key="per_mille", unit="rad/rad", factor=1e-3, required=True,
+                                 magnitude_limit=50.0, unit_in_words="mrad/rad"),)
 
     def columns(self, shape, angle, derivative=0):
         of = angle if derivative == 0 else np.full(np.shape(angle), float(derivative == 1))

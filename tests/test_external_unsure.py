@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mean_cost_std import compute_mean_cost_std
 from external_cell import external_cell
+from mean_cost_std import compute_mean_cost_std
 from test_external import OPTIONS, slots
 from test_path import toolpath
 
