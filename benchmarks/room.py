@@ -218,7 +218,7 @@ def vary(out: Path, log: Path, folders: list[Path], seconds: float) -> None:
 
 
 def table(log: Path, varied: Path, kept: dict[str, Any]) -> dict[str, list[Any]]:
-    """The rows of rooms.json, in the order of ``calibrated.Room``; ``kept`` are tests by threshold."""
+    """The rows of rooms.json, in the order of ``ThresholdSensitivity``; ``kept`` are tests by threshold."""
     logged, again = list(lines(log)), list(lines(varied))
     return {t.key: [*_row(t, logged, again), sorted(kept.get(t.key, []))] for t in every()}
 

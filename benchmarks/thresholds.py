@@ -16,7 +16,7 @@ How far each threshold may move before anything changes, and what a quarter less
         "out/stranger=benchmarks/stranger/run.py --set dev --seed 31 --share 0.3" --seconds 900 --write
     python docs/make_thresholds.py
 
-``--write`` puts it into machopt/estimate/rooms.json, which tests hold against the tables.
+``--write`` puts it into machopt/measurement/threshold_evidence/rooms.json, which tests hold against the tables.
 """
 
 from __future__ import annotations
@@ -105,7 +105,11 @@ def measure(folder: Path, cases: Sequence[str], seconds: float, written: bool) -
             for p, c in zip(where, drawn, strict=True)
         ]
         room.write(
-            ROOT / "machopt" / "estimate" / "rooms.json", rows, room.together(varied), sets, date.today().isoformat()
+            ROOT / "machopt" / "measurement" / "threshold_evidence" / "rooms.json",
+            rows,
+            room.together(varied),
+            sets,
+            date.today().isoformat(),
         )
 
 
@@ -116,7 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--room", type=Path, metavar="FOLDER", help="where to keep what thresholds were held against")
     parser.add_argument("--cases", nargs="*", default=[], metavar="FOLDER=COMMAND", help="cases, and what drew them")
     parser.add_argument("--seconds", type=float, default=900.0, help="of the processor, for either half of --room")
-    parser.add_argument("--write", action="store_true", help="into machopt/estimate/rooms.json")
+    parser.add_argument("--write", action="store_true", help="into machopt/measurement/threshold_evidence/rooms.json")
     asked = parser.parse_args(arguments)
     if asked.room is not None:
         measure(asked.room, asked.cases, asked.seconds, asked.write)

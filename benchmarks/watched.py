@@ -251,7 +251,7 @@ def watching() -> Iterator[Log]:
     kept = _tables()
     owners = {id(module) for module, _ in kept.values()}
     asking = [
-        m for n, m in sys.modules.items() if n.startswith("machopt.") and id(getattr(m, "calibrated", 0)) in owners
+        m for n, m in sys.modules.items() if n.startswith("machopt.") and id(getattr(m, "thresholds", 0)) in owners
     ]
     log = {f"{c.lower()}.{f.name}": Seen(float(getattr(t, f.name))) for c, (_, t) in kept.items() for f in fields(t)}
     try:

@@ -242,9 +242,9 @@ def test_the_warm_up_compiles_all_that_jobs_need(tmp_path: Path) -> None:
     code = """
 import sys, numba
 from pathlib import Path
-from machopt.batch.warm_up_job import tiny_job
+from machopt.batch.warm_up_job import run_warm_up_job
 from machopt.commands.optimize.request import OptimizeRequest
-from machopt.commands.optimize.run import optimize
+from machopt.commands.optimize.run import run_optimize
 from machopt.planning.compiled_kernels import compile_all
 def compiled():
     found = [v for name, m in list(sys.modules.items()) if name.startswith("machopt")
@@ -254,13 +254,13 @@ place, root = Path(sys.argv[1]), Path(sys.argv[2])
 kernels = compile_all()  # what a second process compiles ahead on the first run: just what a plan calls, and all of it
 assert all(len(f.signatures) == 1 for f in kernels)
 (place / "warm").mkdir()
-assert tiny_job(place / "warm") == 0
+assert run_warm_up_job(place / "warm") == 0
 warm = compiled()
 assert len(warm) > 10, warm
 request = OptimizeRequest(
     cell=root / "cells/s420f_handling", toolpath=root / "toolpaths/castings.csv", out=place / "out"
 )
-assert optimize(request).exit_code == 0
+assert run_optimize(request).exit_code == 0
 assert compiled() == warm, compiled() - warm
 assert all(len(f.signatures) == 1 for f in kernels), [f.signatures for f in kernels]
 """

@@ -55,13 +55,13 @@ def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(
     """numba looks at the caller's own file: with the callee in another it would go on with the old machine code."""
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "numba"))
     monkeypatch.syspath_prepend(tmp_path)
-    head = "from machopt.numerics.compiled_functions import compiled\n"
+    head = "from machopt.numerics.compiled_functions import jit_compile\n"
     (tmp_path / "outer_kernel.py").write_text(
-        f"{head}from inner_kernel import inner\n\n@compiled\ndef outer(x):\n    return inner(x)\n"
+        f"{head}from inner_kernel import inner\n\n@jit_compile\ndef outer(x):\n    return inner(x)\n"
     )
     made, said = ("outer_kernel", "inner_kernel"), []
     for factor in ("2.0", "2.0", "-3.25"):  # lengths differ: a module's bytecode is found by time and size
-        (tmp_path / "inner_kernel.py").write_text(f"{head}\n@compiled\ndef inner(x):\n    return {factor} * x\n")
+        (tmp_path / "inner_kernel.py").write_text(f"{head}\n@jit_compile\ndef inner(x):\n    return {factor} * x\n")
         importlib.invalidate_caches()
         module._hash_file.cache_clear()  # as in a new process
         for name in made:
@@ -104,7 +104,7 @@ def test_what_is_stored_is_taken_before_it_is_called_and_nothing_is_compiled(
 def test_machine_code_is_loaded_without_what_numba_compiles_with(tmp_path: Path) -> None:
     """In a process that finds it stored; what is of other types is compiled there all the same."""
     (tmp_path / "stored_kernel.py").write_text(
-        "from machopt.numerics.compiled_functions import compiled\n\n\n@compiled\ndef mean(x):\n    return "
+        "from machopt.numerics.compiled_functions import jit_compile\n\n\n@jit_compile\ndef mean(x):\n    return "
         "x.sum() / len(x)\n"
     )
     code = """
@@ -148,7 +148,9 @@ def test_where_there_is_a_second_core_kernels_are_taken_in_order_until_one_is_no
     assert asked == [name for _, name, _ in KERNELS[:taken]]
 
 
-@pytest.mark.parametrize("gone", [("model.chain", "renamed", "f8"), ("model.moved_away", "poses", "f8")])
+@pytest.mark.parametrize(
+    "gone", [("kinematics.product_of_exponentials", "renamed", "f8"), ("kinematics.moved_away", "compute_poses", "f8")]
+)
 def test_an_entry_that_names_nothing_is_no_matter_for_a_plan(
     gone: tuple[str, str, str], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -189,7 +191,7 @@ def test_whatever_python_calls_compiled_is_brought() -> None:
         (file, node.name): node
         for file, tree in trees.items()
         for node in tree.body
-        if isinstance(node, ast.FunctionDef) and "compiled" in {getattr(d, "id", "") for d in node.decorator_list}
+        if isinstance(node, ast.FunctionDef) and "jit_compile" in {getattr(d, "id", "") for d in node.decorator_list}
     }
     called: set[tuple[str, str]] = set()
     for file, tree in trees.items():
@@ -279,14 +281,14 @@ def test_an_installation_compiles_what_no_other_process_has_taken(
     stored: list[str] = []
     monkeypatch.setattr(compiled_kernels, "compile_all", lambda some: made.extend(module for module, *_ in some))
     monkeypatch.setattr(module, "enable_kernel_storage", lambda kernel, folder: stored.append(kernel.__name__))
-    (tmp_path / "plan.external.moving_sequence.claimed").touch()
+    (tmp_path / "planning.external_axes.moving_axis_kernels.claimed").touch()
     compiled_kernels.compile_into(tmp_path)
     wanted = [name for name, *_ in KERNELS + MORE]
-    assert sorted(made) == sorted(name for name in wanted if name != "plan.external.moving_sequence")
+    assert sorted(made) == sorted(name for name in wanted if name != "planning.external_axes.moving_axis_kernels")
     assert next(iter(dict.fromkeys(made))) == compiled_kernels.LONGEST[0]
     assert len(stored) == len(wanted)
     compiled_kernels.compile_into(tmp_path)
-    assert len(made) == len([name for name in wanted if name != "plan.external.moving_sequence"])
+    assert len(made) == len([name for name in wanted if name != "planning.external_axes.moving_axis_kernels"])
 
 
 def test_without_a_place_to_store_it_says_what_would_help(

@@ -85,47 +85,47 @@ def test_the_script_prints_the_table_again() -> None:
 
 
 NO_DECISION = {  # constants beside the computation: guards against rounding, units, steps, ends of grids, a stated load
-    "moving.friction.WIDER",
-    "apart.sized.GROWS",  # of a search for a plan that is large enough
-    "apart.sized.HARDER",  # which forms of a rival are followed when a plan is sized
-    "resting.absolute_catalogue.ROUNDING",
-    "resting.deflection.RIGID",
-    "resting.bearings.ANY",
-    "apart.predicted.REST",
-    "apart.predicted.SAME",
-    "laws.at_beside.ANGLE",
-    "laws.at_beside.RATIO",
-    "laws.at_joint.LEAST_SOFT",
-    "search.balanced.ANGLES",
-    "search.balanced.NONE",
-    "search.balanced.SIDE",
-    "search.finer.ALIKE",
-    "search.finer.ALIKE_MOST",
-    "search.finer.NARROW",
-    "search.finer.NARROWER",
-    "search.rate.EVERY",
-    "evidence.grams.NOTHING",
-    "evidence.grams.RIDGE",
-    "moving.clock.LONGEST",
-    "laws.motion_frame.ARCMIN",
-    "laws.motion_frame.ARCSEC",
-    "moving.link.MOVING",
-    "moving.next_motion.RATE",
-    "moving.next_motion.ROOM",
-    "moving.next_motion.SECONDS",
-    "record.nests.LOOSE",
-    "evidence.noise.LEAST_SIGMA",
-    "written.onjob.TEST_FORCE",
+    "dynamic.friction.REVERSAL_WIDTH_FACTOR",
+    "discrimination.required_measurements.POSE_GROWTH",  # of a search for a plan that is large enough
+    "discrimination.required_measurements.HARDER_FORM_SHARE",  # which forms of a rival are followed for it
+    "static.measured_pose_hypotheses.ROUNDING",
+    "static.load_test_channel.RIGID",
+    "static.bearing_tilt.ANY_DIRECTION",
+    "discrimination.predicted_signals.CYCLE_GAP",
+    "discrimination.predicted_signals.PARAMETER_TOLERANCE",
+    "effect_columns.gravity_compensator.ANGLE",
+    "effect_columns.gravity_compensator.RATIO",
+    "effect_columns.joint_torque.LEAST_SOFT",
+    "model_selection.attribution.compensator_or_harmonics.ANGLES",
+    "model_selection.attribution.compensator_or_harmonics.ZERO_SINGULAR_VALUE",
+    "model_selection.attribution.compensator_or_harmonics.SIDE",
+    "model_selection.search.shape_refinement.GAIN_ROUNDING",
+    "model_selection.search.shape_refinement.MAX_GAIN_ROUNDING",
+    "model_selection.search.shape_refinement.NARROW",
+    "model_selection.search.shape_refinement.NARROWER",
+    "model_selection.search.progress_rate.REPORT_INTERVAL",
+    "statistics.normal_equations_by_fold.MIN_COLUMN_SQUARE",
+    "statistics.normal_equations_by_fold.RIDGE",
+    "dynamic.time_delays.LONGEST",
+    "effect_columns.motion_columns.ARCMIN",
+    "effect_columns.motion_columns.ARCSEC",
+    "dynamic.secondary_encoder_channel.DEFAULT_LOAD_RANGE",
+    "dynamic.next_motion.RATE",
+    "dynamic.next_motion.JOINT_LIMIT_MARGIN",
+    "dynamic.next_motion.SECONDS",
+    "data_quality.misplaced_reflectors.LOOSE_UNCERTAINTY_FACTOR",
+    "statistics.replicate_noise.LEAST_SIGMA",
+    "outputs.effect_on_toolpath.TEST_FORCE",
 }
 
 
 def test_a_number_that_decides_stands_in_the_table() -> None:
-    """A float of a module is a threshold, of ``diagnose/calibrated``, unless this list says that it decides nothing."""
-    folder = ROOT / "machopt" / "diagnose"
+    """A float of a module is a threshold, of ``thresholds/``, unless this list says that it decides nothing."""
+    folder = ROOT / "machopt" / "measurement" / "diagnosis"
     found = set()
     for path in sorted(folder.rglob("*.py")):
         where = path.relative_to(folder).with_suffix("")
-        if where.parts[0] == "calibrated":
+        if where.parts[0] == "thresholds":
             continue
         for node in ast.parse(path.read_text(encoding="utf-8")).body:
             if isinstance(node, ast.Assign) and len(node.targets) == 1:
@@ -135,29 +135,29 @@ def test_a_number_that_decides_stands_in_the_table() -> None:
 
 
 IN_THE_OPEN = {  # numbers that a line compares with: rounding, a computation's own, words
-    ("apart/sized.py", 4.0): "variance of a sum, worked out",
-    ("evidence/whitening.py", 1e-6): "rounding of singular values",
-    ("moving/link.py", 1e-6): "a column that stands still",
-    ("moving/checks.py", 1e3): "millimetres",
-    ("moving/motion.py", 1e-6): "a column that stands still",
-    ("record/sessions.py", 0.5): "root of a threshold: of misfits, not of their squares",
-    ("search/engine.py", 1e-4): "a share of nothing is no number",
-    ("search/engine.py", 0.9): "of which quantile that share is",
-    ("search/findings.py", 0.975): "both tails of 95 %",
-    ("verdict/words.py", 0.5): "millimetres or micrometres",
-    ("verdict/words.py", 1e3): "digits",
-    ("verdict/words.py", 1e5): "digits",
+    ("discrimination/required_measurements.py", 4.0): "variance of a sum, worked out",
+    ("statistics/whitening.py", 1e-6): "rounding of singular values",
+    ("dynamic/secondary_encoder_channel.py", 1e-6): "a column that stands still",
+    ("dynamic/motion_record_checks.py", 1e3): "millimetres",
+    ("dynamic/motion_channels.py", 1e-6): "a column that stands still",
+    ("data_quality/session_corrections.py", 0.5): "root of a threshold: of misfits, not of their squares",
+    ("model_selection/selection_pipeline.py", 1e-4): "a share of nothing is no number",
+    ("model_selection/selection_pipeline.py", 0.9): "of which quantile that share is",
+    ("model_selection/evaluation/finding_estimates.py", 0.975): "both tails of 95 %",
+    ("verdict/verdict_text.py", 0.5): "millimetres or micrometres",
+    ("verdict/verdict_text.py", 1e3): "digits",
+    ("verdict/verdict_text.py", 1e5): "digits",
 }
 
 
 def test_no_line_compares_with_a_number_of_its_own() -> None:
     """What decides has a name and a row in the table; zero, one and a factor two are no thresholds."""
-    folder = ROOT / "machopt" / "diagnose"
+    folder = ROOT / "machopt" / "measurement" / "diagnosis"
     found = set()
     for path in sorted(folder.rglob("*.py")):
         where = path.relative_to(folder)
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if where.parts[0] == "calibrated" or not isinstance(node, ast.Compare):
+            if where.parts[0] == "thresholds" or not isinstance(node, ast.Compare):
                 continue
             if not all(isinstance(op, ast.Eq | ast.NotEq | ast.Is | ast.IsNot | ast.In | ast.NotIn) for op in node.ops):
                 numbers = (n.value for n in ast.walk(node) if isinstance(n, ast.Constant) and type(n.value) is float)

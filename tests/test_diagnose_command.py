@@ -30,20 +30,20 @@ SMALL = {"poses": 12, "sessions": 2, "loads": 3, "directions": 2}
 
 LAW = '''"""Joint 3 softens as joint 1 turns away from its middle: a bundle of cables that pulls."""
 import numpy as np
-from machopt.measurement.diagnosis.data_types.diagnosis_problem import Hypothesis, Quantity
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, Quantity
 
 
 def hypotheses(readings):
     tau, q = readings.load_torque[:, 2], readings.state.q[:, 0]
 
     def columns(shape):
-        return readings.lift(2, tau * np.abs(q))
+        return readings.lift_joint_twist(2, tau * np.abs(q))
 
     def size(x, shape):
         return {"softening": Quantity(1e6 * float(x[0]), "1/(MN·m)")}
 
-    yield Hypothesis("cable_bundle", "joint:3", "softer to either side", "phi = c tau + a tau |q1|", columns, size,
-                     note="away from the middle of joint 1", family="joint")
+    yield EffectHypothesis("cable_bundle", "joint:3", "softer to either side", "phi = c tau + a tau |q1|", columns,
+                     size, note="away from the middle of joint 1", family="joint")
 '''
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import made_up_load_tests as made
 import numpy as np
 import pytest
+from mean_cost_std import compute_mean_cost_std
 from scipy.stats import norm
 from test_compensate import corner
 from test_path import toolpath as made_path
@@ -34,7 +35,6 @@ from machopt.planning.uncertainty.model_discrepancy import (
     compute_half_width,
     compute_reported_std,
 )
-from machopt.planning.uncertainty.stiffness_uncertainty import compute_mean_cost_std
 from machopt.stiffness.arm_stiffness import ArmElasticity
 from machopt.stiffness.discrepancy_columns import (
     CURVE_SMOOTHING,

@@ -115,27 +115,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machopt.effects.protocol import JOINTS, Effect, Free, Parameter, Quantity
+from machopt.effects.protocol import JOINTS, Effect, JointAngleLawDefaults, LawParameter, Quantity
 
 
 @dataclass(frozen=True)
-class Linear(Free):
+class Linear(JointAngleLawDefaults):
     """delta = kappa q"""
 
     name = "grows with the angle"
     equation = "Δ_j = κ q_j"
     note = "without load, farther out the more"
     prior = 1e-2
-    coefficients = (Parameter(key="per_mille", unit="rad/rad", factor=1e-3, required=True, most=50.0, said="mrad/rad"),)
+    coefficients = (LawParameter(key="per_mille", unit="rad/rad", factor=1e-3, required=True,
+                                 magnitude_limit=50.0, unit_in_words="mrad/rad"),)
 
     def columns(self, shape, angle, derivative=0):
         of = angle if derivative == 0 else np.full(np.shape(angle), float(derivative == 1))
         return np.asarray(of, float)[..., None]
 
-    def steepest(self, values, shape):
+    def compute_max_slope(self, values, shape):
         return abs(float(values[0]))
 
-    def largest(self, values, shape):
+    def compute_max_error(self, values, shape):
         return np.inf
 
     def sizes(self, values, shape):
@@ -145,7 +146,7 @@ class Linear(Free):
 EFFECTS = [
     Effect(
         name="encoder_scale", noun="wrong scale", sentence="The encoder counts more or less than it turns.",
-        port="angle", places=JOINTS, unloaded=(Linear(),),
+        port="angle", places=JOINTS, angle_laws=(Linear(),),
     )
 ]
 '''

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from external_cell import external_cell
+from mean_cost_std import compute_mean_cost_std
 from test_external import OPTIONS, slots
 from test_path import toolpath
 
@@ -23,7 +24,6 @@ from machopt.planning.stations.planning_path import build_planning_path
 from machopt.planning.uncertainty.stiffness_uncertainty import (
     compute_carrier_sensitivity,
     compute_gains,
-    compute_mean_cost_std,
 )
 from machopt.stiffness.arm_stiffness import ArmElasticity
 

@@ -455,8 +455,8 @@ def test_who_looks_at_places_ends_with_the_one_who_asked(tmp_path: Path) -> None
     """Killed, so that nothing can be tidied up: its output stays open as long as a process of it lives."""
     script = tmp_path / "asks.py"
     script.write_text(
-        "import os, time\nfrom machopt.batch.placement_workers import _processes\nif __name__ == '__main__':\n"
-        "    with _processes(1) as pool:\n        print(pool.submit(os.getpid).result(), flush=True)\n"
+        "import os, time\nfrom machopt.batch.placement_workers import _open_process_pool\nif __name__ == '__main__':\n"
+        "    with _open_process_pool(1) as pool:\n        print(pool.submit(os.getpid).result(), flush=True)\n"
         "        time.sleep(60)\n"
     )
     with subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as asker:

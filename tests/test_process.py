@@ -9,7 +9,7 @@ import pytest
 
 LAST = """
 import atexit, sys, threading, time
-from machopt.cli.process_exit import leave
+from machopt.cli.process_exit import exit_process
 atexit.register(print, "at exit")
 class Slow:
     def __del__(self):
@@ -22,7 +22,7 @@ if {thread}:
     threading.Thread(target=late).start()
 print("told", end=" ")
 print("warned", file=sys.stderr, end=" ")
-leave(3)
+exit_process(3)
 """
 
 

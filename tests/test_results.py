@@ -113,4 +113,4 @@ def test_a_whole_document_names_itself_by_its_verdict() -> None:
     """A cell of a notebook that ends with ``plan.save(…)`` shows one line."""
     shown = type("Shown", (DocumentModel,), {"__annotations__": {"version": str, "verdict": str}})
     assert repr(shown(version="1", verdict="done")) == "<Shown: done>"
-    assert repr(ROW).startswith("BatchRow(")
+    assert repr(ROW).startswith("BatchRowSection(")

@@ -15,7 +15,29 @@ from machopt.options.option_schema import OptionKeys
 from machopt.toolpath.readers import harmless_words
 
 PACKAGE = Path(machopt.__file__).parent
-READERS = PACKAGE / "formats"
+READERS = PACKAGE / "toolpath" / "readers"
+READING_PARTS = (  # readers of every input file
+    "cell",
+    "file_formats",
+    "input_files",
+    "measurement/recording",
+    "options",
+    "output/tables",
+    "path_building",
+    "programs",
+    "toolpath",
+)
+MESSAGES = {  # where readers of toolpaths, and what they share with others, have their messages
+    "toolpath": "**/*.py",
+    "path_building": "**/*.py",
+    "file_formats": "*.py",
+    "cell": "*.py",
+    "cell/joints": "*.py",
+    "cell/stiffness": "*.py",
+    "input_files": "*.py",
+    "options": "*.py",
+    "output/tables": "*.py",
+}
 TABLES = {name for name in vars(harmless_words) if name.isupper() and not name.startswith("_")}
 READING = {"inspect", "optimize", "verify", "batch"}
 ELSEWHERE = {
@@ -42,7 +64,7 @@ def test_every_word_that_is_simply_understood_is_reviewed() -> None:
     known = [*harmless_words.CARRIED_OUT, *harmless_words.APT, *harmless_words.HEIDENHAIN]
     known += [f"CYCL DEF {n}" for n in harmless_words.HEIDENHAIN_CYCLES]
     missing = []
-    for file in sorted((READERS / "cam").rglob("*.py")):
+    for file in sorted(f for f in READERS.rglob("*.py") if f.parent.name != "tables"):  # columns: unknown_columns.py
         for call in _ignored(ast.parse(file.read_text(encoding="utf-8"))):
             flag = next(k.value for k in call.keywords if k.arg == "understood")
             word = call.args[0]
@@ -73,7 +95,7 @@ def _help(command: str, capsys: pytest.CaptureFixture[str]) -> str:
 def test_every_option_named_in_a_message_parses(capsys: pytest.CaptureFixture[str]) -> None:
     """In every text of the readers that names an option; the commands that read toolpaths have it."""
     named: dict[str, str] = {}
-    for file in [*(READERS / "cam").rglob("*.py"), *READERS.glob("*.py")]:
+    for file in (f for part, names in MESSAGES.items() for f in (PACKAGE / part).glob(names)):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 for option in re.findall(r"(?<![\w-])--[a-z][a-z-]+", node.value):
@@ -105,22 +127,22 @@ COMMANDS = (
     "validate",
     "view",
 )
-PARTS = {  # part of the package → commands whose messages it writes
-    "formats": COMMANDS,
-    "cli": COMMANDS,
-    "services": COMMANDS,
-    "postprocess": COMMANDS,
-    "recheck": COMMANDS,
-    "plan": ("optimize", "verify", "batch"),
+PARTS = {  # packages → commands whose messages they write
+    "readers": (READING_PARTS, COMMANDS),
+    "cli": (("cli",), COMMANDS),
+    "commands": (("commands",), COMMANDS),
+    "program_export": (("program_export",), COMMANDS),
+    "verification": (("verification",), COMMANDS),
+    "planning": (("planning",), ("optimize", "verify", "batch")),
 }
-SMALL = ("postprocess", "recheck")  # a single option each
+SMALL = ("program_export", "verification")  # a single option each
 OPTION_WORD = re.compile(r"(?<![\w-])--[a-z][A-Za-z-]*[A-Za-z]")
 
 
-def _texts(part: str) -> list[tuple[str, str]]:
-    """Strings of a part of the package with the file they stand in."""
+def _texts(*packages: str) -> list[tuple[str, str]]:
+    """Strings of packages with the file they stand in."""
     out = []
-    for file in sorted((PACKAGE / part).rglob("*.py")):
+    for file in sorted(f for package in packages for f in (PACKAGE / package).rglob("*.py")):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 out.append((file.relative_to(PACKAGE).as_posix(), node.value))
@@ -130,9 +152,11 @@ def _texts(part: str) -> list[tuple[str, str]]:
 @pytest.mark.parametrize("part", PARTS)
 def test_every_option_of_any_message_exists(part: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Formats, commands, jobs and plan: whatever an option is named for, one of its commands takes it."""
-    helps = "\n".join(_help(command, capsys) for command in PARTS[part])
+    packages, commands = PARTS[part]
+    assert all((PACKAGE / package).is_dir() for package in packages)
+    helps = "\n".join(_help(command, capsys) for command in commands)
     known = {*OPTION_WORD.findall(helps), "--version"}
-    named = {(option, file) for file, text in _texts(part) for option in OPTION_WORD.findall(text)}
+    named = {(option, file) for file, text in _texts(*packages) for option in OPTION_WORD.findall(text)}
     assert len(named) > (0 if part in SMALL else 3)
     assert not {(option, file) for option, file in named if option not in known}
 
@@ -143,7 +167,7 @@ def test_every_planning_key_that_a_message_names_exists() -> None:
     ending = re.compile(r"\b[a-z]+(?:_[a-z]+)*_(?:deg|mm|ms)\b")
     named = {
         word
-        for file, text in _texts("plan")
+        for file, text in _texts("planning")
         if file
         in (
             "planning/plan_output/infeasibility_reasons.py",

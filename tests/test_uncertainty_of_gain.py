@@ -9,6 +9,7 @@ from typing import cast
 
 import numpy as np
 import pytest
+from mean_cost_std import compute_mean_cost_std
 from test_pipeline import planned
 
 from machopt.cell.stiffness.stiffness_file import load_stiffness
@@ -27,7 +28,6 @@ from machopt.planning.uncertainty.stiffness_uncertainty import (
     IndexGain,
     compute_cost_gradient,
     compute_gains,
-    compute_mean_cost_std,
 )
 from machopt.stiffness.arm_stiffness import ArmElasticity, compute_joint_stiffness
 from machopt.toolpath.toolpath_reader import read_toolpath

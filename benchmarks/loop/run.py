@@ -24,8 +24,10 @@ from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices of sixty columns: threads only wait for each other
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import lab
+import mean_cost_std
 import numpy as np
 import robots
 import tables
@@ -45,7 +47,7 @@ from machopt.planning.compensation.added_points import compensate_plan
 from machopt.planning.compensation.expected_removal import predict_removals
 from machopt.planning.pipeline.path_planner import plan_path
 from machopt.planning.pipeline.plan import Plan
-from machopt.planning.uncertainty.stiffness_uncertainty import NINETY, compute_gains, compute_mean_cost_std
+from machopt.planning.uncertainty.stiffness_uncertainty import NINETY, compute_gains
 from machopt.toolpath.toolpath_reader import read_toolpath
 
 JOBS = ("mill", "drill")
@@ -149,7 +151,7 @@ def loop(h: lab.Hidden, cell: Cell, path: Path, force: ProcessForce) -> dict[str
         "gain": {"said": gain.mean, "std": gain.std, "true": 1.0 - float(w @ size) / float(w @ beside)},
         "mean": {"said": float(w @ said), "true": float(w @ size)},
     }
-    out["mean"]["std"], stds = compute_mean_cost_std(found)
+    out["mean"]["std"], stds = mean_cost_std.compute_mean_cost_std(found)
     worst = int(np.argmax(said))
     out["worst"] = {"said": float(said[worst]), "std": float(stds[worst]), "true": float(size[worst])}
     shifted = compensate_plan(found, toolpath)

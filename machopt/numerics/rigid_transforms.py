@@ -39,11 +39,6 @@ def invert_transform(T: Array) -> Array:
     return build_transform(R, -np.einsum("...ij,...j->...i", R, T[..., :3, 3]))
 
 
-def transform_points(T: Array, points: Array) -> Array:
-    """Points (..., N, 3) m moved by transforms (..., 4, 4)."""
-    return np.asarray(np.einsum("...ij,...nj->...ni", T[..., :3, :3], points) + T[..., None, :3, 3])
-
-
 def compute_axis_rotation(axis: Array, angle: Array) -> Array:
     """Rodrigues: rotation (..., 3, 3) by ``angle`` (...,) rad about unit ``axis`` (..., 3)."""
     axis, angle = np.asarray(axis, float), np.asarray(angle, float)

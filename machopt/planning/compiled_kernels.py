@@ -240,11 +240,11 @@ def compile_into(folder: Path) -> None:
 
 
 LONGEST = (
-    "plan.choice.sequence",
-    "verify.between",
-    "model.triangles",
-    "plan.feed.feedsteps",
-    "model.touching",
+    "planning.sequence_search.search_kernels",
+    "verification.motion.collision.distance_bounds",
+    "collision.mesh_distance",
+    "planning.retiming.time_law_kernels",
+    "collision.proximity_test",
 )  # half the work
 
 

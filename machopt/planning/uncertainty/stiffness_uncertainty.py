@@ -274,21 +274,6 @@ def _gain_std(own: UncertainCost, other: UncertainCost, spread: ComplianceCovari
     return float(compute_reported_std(ways, by_springs**2 + alone))
 
 
-def compute_mean_cost_std(plan: Plan) -> tuple[float, Array]:
-    """1 σ of the mean cost along the cut, and (P,) of each planning point's; NaN where the file does not say."""
-    spread = build_compliance_covariance(plan)
-    points = _points(plan, plan.chosen)
-    if not spread.known:
-        return float("nan"), np.full(len(plan.path.index), np.nan)
-    w = plan.path.weight
-    mean = float(np.hypot(spread.std(spread.gradient(w, points.by_springs)), np.linalg.norm(w @ points.by_carriers)))
-    each = np.hypot(spread.point_std(points.by_springs), np.linalg.norm(points.by_carriers, axis=1))
-    if points.by_doubt is None:
-        return mean, each
-    whole = float(compute_reported_std(w @ points.by_doubt, mean**2 + float(w @ points.own) ** 2))
-    return whole, compute_reported_std(points.by_doubt, each**2 + points.own**2)
-
-
 def _mean(plan: Plan, scored: ScoredAssignment, weight: Array, spread: ComplianceCovariance) -> UncertainCost | None:
     """Mean cost by ``weight`` (P,); None where it cannot be driven in or near the part."""
     rows = np.flatnonzero(plan.path.counted)

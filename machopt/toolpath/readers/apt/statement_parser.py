@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-
-from machopt.file_formats.source_file import SourceFile
 
 COMMENT = "$$"
 LARGEST = 1e15  # beyond it no length, angle or feed: squares of it would overflow
@@ -15,14 +12,6 @@ _SEPARATOR = re.compile(r"[,\s]+")
 
 
 AptStatement = tuple[int, str, str]  # line, major word in upper case, text after the slash
-
-
-def iterate_statements(source: SourceFile) -> Iterator[AptStatement]:
-    """Every statement of a file, see :func:`parse_statement_at`."""
-    at = 0
-    while at < len(source.lines):
-        at, found = parse_statement_at(source.lines, at)
-        yield from found
 
 
 def parse_statement_at(lines: list[str], at: int) -> tuple[int, list[AptStatement]]:
