@@ -28,8 +28,8 @@ _SPINE, _ZERO, _BESIDE = 14.0, 150.0, 84.0  # the arm's column, where bars begin
 
 
 _STANDALONE_STYLE = (
-    "<style>text{font-family:Helvetica,Arial,sans-serif;fill:#1b2430}.grid{stroke:#dfe3e8}"
-    ".tick{font-size:11px;fill:#5b6673}.label{font-size:12px}</style>"
+    "text{font-family:Helvetica,Arial,sans-serif;fill:#1b2430}.grid{stroke:#dfe3e8}"
+    ".tick{font-size:11px;fill:#5b6673}.label{font-size:12px}"
 )
 
 
@@ -49,7 +49,8 @@ def build_machine_picture(d: DiagnosisResult) -> str:
     drawn = str(build_machine_strip(d)).replace("var(--blue)", "#1552b8")
     opening, _, rest = drawn.partition(">")
     size = 'xmlns="http://www.w3.org/2000/svg" width="1098" height="268"'
-    return f"{opening.replace('<svg ', f'<svg {size} ', 1)}>{_STANDALONE_STYLE}{rest}"
+    style = render_svg(build_shape("style", _STANDALONE_STYLE))
+    return f"{opening.replace(' ', f' {size} ', 1)}>{style}{rest}"
 
 
 def build_machine_strip(d: DiagnosisResult) -> Markup:
