@@ -29,13 +29,13 @@ def main() -> None:
     _, part = connected_components(matrix, directed=True, connection="strong")
     circles = [n for n in Counter(part.tolist()).values() if n > 1]
     lines = {p: len(p.read_text(encoding="utf-8").splitlines()) for p in folder.rglob("*.py")}
-    services = [n for p, n in lines.items() if p.parent.name == "services"]
+    commands = [n for p, n in lines.items() if "commands" in p.relative_to(folder).parts[:1]]
     print("modules", len(names))
     print("imports", len(arrows))
     print("circles", len(circles), "of", sum(circles), "modules")
     print(f"files above {LONG} lines", sum(n > LONG for n in lines.values()))
     print("lines", sum(lines.values()), "in", len(lines), "files, the median", int(np.median(list(lines.values()))))
-    print("services", sum(services), "lines in", len(services), "files, the longest", max(services))
+    print("commands", sum(commands), "lines in", len(commands), "files, the longest", max(commands))
 
 
 if __name__ == "__main__":

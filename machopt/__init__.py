@@ -2,19 +2,19 @@
 
 Pipeline of the main job (``machopt optimize CELL TOOLPATH -o OUT``)::
 
-    cell.yaml ──formats.cell──────► domain.cell.Cell ──► model.robot.Robot (kinematics)
-    CAM file  ──formats.toolpath──► domain.toolpath.Toolpath
+    cell.yaml ──cell.cell_reader─────────► data_types.cell.Cell ──► kinematics.robot.Robot
+    CAM file  ──toolpath.toolpath_reader─► data_types.toolpath.Toolpath
 
     candidates ─► score ─► choose ─► smooth ─► check ─► retime ─► export ─► verify ─► report
     every q       index    best      γ(s) as    FCL      feed,     tables,   other     one page
     or a reason   per q    sequence  a curve             jerk      KRL       code
 
 Each step is one file in :mod:`machopt.planning` and owns its result type; ``planning/pipeline/path_planner.py`` draws
-the
-arrows. Imports point one way::
+the arrows. Imports point one way::
 
-    cli → api → batch | view → services → cells → postprocess → recheck → report → formats | verify | output
-        → diagnose → plan | identify | design | workspace → estimate → model → effects → domain → se3 → errors
+    cli → api → batch | view → commands → cell_setup → program_export → report → verification → input_files | output
+        → measurement | placement → planning | workspace_map → stiffness → collision | dynamics | toolpath
+        → cell | kinematics | programs → effects | options | path_building → data_types | file_formats → errors → numerics
 
 As a library (:mod:`machopt.api`)::
 

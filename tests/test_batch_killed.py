@@ -32,7 +32,7 @@ jobs, out, cell, entry = sys.argv[1:]
 request = BatchRequest(
     jobs=(jobs,), out=Path(out), cell=Path(cell), entry=entry, version="test", workers=2
 )
-sys.exit(run_batch(request, lambda p: print(p.kept + p.done, flush=True)).exit_code)
+sys.exit(run_batch(request, lambda p: print(p.reused + p.done, flush=True)).exit_code)
 """
 
 

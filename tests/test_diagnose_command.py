@@ -354,7 +354,7 @@ def test_two_effects_in_a_thousand_readings_are_both_named(tmp_path: Path) -> No
 
 def test_the_law_in_the_docs_runs(tmp_path: Path) -> None:
     page = (Path(__file__).resolve().parents[1] / "docs" / "diagnose.md").read_text(encoding="utf-8")
-    code = re.search(r"```python\n(import numpy as np\nfrom machopt\.diagnose.*?)```", page, re.S)
+    code = re.search(r"```python\n(import numpy as np\nfrom machopt\.measurement.*?)```", page, re.S)
     assert code is not None
     law = tmp_path / "mylaw.py"
     law.write_text(code.group(1), encoding="utf-8")

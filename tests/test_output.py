@@ -92,10 +92,10 @@ def test_a_foreign_folder_is_not_replaced(tmp_path: Path, monkeypatch: pytest.Mo
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
 def test_a_killed_run_leaves_nothing(tmp_path: Path, number: signal.Signals, code: int) -> None:
     script = (
-        "import signal, sys, time\nfrom machopt.output import output_folder\n"
+        "import signal, sys, time\nfrom machopt.output import write_output_folder\n"
         # a shell starts background jobs with SIGINT ignored, and children inherit that
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "with output_folder(sys.argv[1]) as f:\n (f / 'half').write_text('1')\n"
+        "with write_output_folder(sys.argv[1]) as f:\n (f / 'half').write_text('1')\n"
         " print('in', flush=True)\n"
         # in pieces: a signal between Python's last look and the system call waits until the sleep is over
         " for _ in range(600):\n  time.sleep(0.1)\n"

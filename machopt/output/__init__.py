@@ -1,7 +1,7 @@
 """Output folders: whole or not there, one writer at a time, and with a manifest of what they hold.
 
-``folder`` writes and swaps, ``lock`` keeps a second run out, ``hashes`` and ``manifest`` say what lies in a folder and
-whether it still does.
+``output_folder`` writes and ``folder_swap`` swaps, ``file_lock`` keeps a second run out, ``file_hashes`` and
+``manifest_file`` say what lies in a folder and whether it still does.
 """
 
 from machopt.output.json_files import read_result, write_json, write_result
