@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from machopt.measurement.threshold_evidence.threshold_origin import JUDGEMENT
-from machopt.measurement.threshold_evidence.threshold_origin import define_threshold as _set
+from machopt.measurement.threshold_origin import JUDGEMENT
+from machopt.measurement.threshold_origin import define_threshold as _set
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machopt.measurement.threshold_evidence.threshold_origin import JUDGEMENT
-from machopt.measurement.threshold_evidence.threshold_origin import define_threshold as _set
+from machopt.measurement.threshold_origin import JUDGEMENT
+from machopt.measurement.threshold_origin import define_threshold as _set
 
 
 @dataclass(frozen=True, kw_only=True)

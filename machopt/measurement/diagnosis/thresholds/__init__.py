@@ -1,8 +1,8 @@
-"""The thresholds that decide what a diagnosis says, by concern, each with where its number comes from.
+"""The thresholds that decide what a diagnosis says, by concern, each with the origin of its value.
 
-Numbers that only set how finely something is computed stand beside the computation, grids of shapes in the effects.
-``python benchmarks/thresholds.py`` prints this table with the rates of false alarms and misses of a set of concealed
-cases, and runs them again with a threshold set otherwise; with ``--room`` it measures how far each may move.
+Numbers that only set how finely something is computed stay in the module of the computation. Grids of shapes are in the
+effects. ``python benchmarks/thresholds.py`` prints this table, the rates of false alarms and misses on concealed cases,
+and the same rates with another value of a threshold.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ from machopt.measurement.diagnosis.thresholds.decision_thresholds import (
 )
 from machopt.measurement.estimation import thresholds as estimate
 from machopt.measurement.identification import thresholds as identify
-from machopt.measurement.threshold_evidence.threshold_origin import ThresholdOrigin
-from machopt.measurement.threshold_evidence.threshold_sensitivity import ThresholdSensitivity, read_sensitivity_table
+from machopt.measurement.threshold_origin import ThresholdOrigin
 
 __all__ = [
     "DETECTION",
@@ -33,9 +32,7 @@ __all__ = [
     "TABLES",
     "ThresholdEntry",
     "ThresholdOrigin",
-    "ThresholdSensitivity",
     "list_thresholds",
-    "read_sensitivity_table",
 ]
 
 DETECTION, PROOF, NOISE, RECORD = DetectionThresholds(), ProofThresholds(), NoiseThresholds(), RecordingThresholds()
@@ -56,15 +53,6 @@ class ThresholdEntry:
     def key(self) -> str:
         """As commands and tables name it."""
         return f"{self.concern.lower()}.{self.name}"
-
-    @property
-    def sensitivity(self) -> ThresholdSensitivity:
-        """What concealed cases say of it.
-
-        Raises:
-            KeyError: nothing was measured of it.
-        """
-        return read_sensitivity_table().thresholds[self.key]
 
 
 TABLES = {  # concern: where the table stands

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from machopt.measurement.threshold_evidence.threshold_origin import (
+from machopt.measurement.threshold_origin import (
     DEV,
     JUDGEMENT,
     LOAD_TESTS,
@@ -12,7 +12,7 @@ from machopt.measurement.threshold_evidence.threshold_origin import (
     STATISTICS,
     VERDICTS,
 )
-from machopt.measurement.threshold_evidence.threshold_origin import define_threshold as _set
+from machopt.measurement.threshold_origin import define_threshold as _set
 
 
 @dataclass(frozen=True, kw_only=True)

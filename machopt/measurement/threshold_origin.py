@@ -31,9 +31,7 @@ VERDICTS = ThresholdOrigin(
     "measured", "benchmarks/stranger/run.py", "dev", "2026-11-26", "240, 249, 401, 402, 403, 405"
 )
 STATISTICS = ThresholdOrigin("statistics")  # follows from what it means
-JUDGEMENT = ThresholdOrigin(
-    "judgement"
-)  # no set of cases set it; what cases say of it: machopt/measurement/threshold_evidence/threshold_sensitivity.py
+JUDGEMENT = ThresholdOrigin("judgement")  # chosen by an engineer; no set of cases set it
 
 
 def define_threshold(default: float, why: str, origin: ThresholdOrigin) -> Any:

@@ -1,1 +1,0 @@
-"""Where each threshold's value comes from, and how sensitive results are to it."""
