@@ -1,33 +1,50 @@
-"""The whole exception tree of machopt.
+"""The exceptions of machopt.
 
 ::
 
     MachoptError
-    ├── InputError          exit 2   a file or an option is wrong: says what, where and what would have worked
-    └── VerificationError   exit 4   the exported trajectory does not hold what the plan promised
+    ├── InputError                 exit 2   input is wrong: says what, where and what would be accepted
+    │   ├── OptionError                     value of an option or argument
+    │   ├── UnknownOptionError              name of an option
+    │   ├── FileAccessError                 a file is absent, unreadable, special or too large
+    │   ├── FileFormatError                 content of a file: line and column
+    │   ├── ConfigurationKeyError           key of a YAML file
+    │   ├── RobotModelError                 URDF, xacro or SRDF
+    │   ├── MeshError                       mesh of a body
+    │   ├── CellError                       a cell that is read, and cannot do what is asked
+    │   ├── RecordingError                  recording of measurements
+    │   ├── PostError                       post or template of a robot program
+    │   ├── EffectDefinitionError           file with effects of the user's own
+    │   └── OutputFolderError               output folder or file
+    └── VerificationError          exit 4   the exported trajectory does not hold what the plan promised
 """
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from pathlib import Path
 
-from machopt.spelling_suggestions import suggest_word
+from machopt.spelling_suggestions import find_typo, suggest_word
 
 
 class MachoptError(Exception):
-    """Base of everything machopt raises on purpose; its text is for the user."""
+    """Base class of all errors that machopt raises on purpose; the text is for the user."""
 
     exit_code = 1
 
 
 class InputError(MachoptError):
-    """Bad input: names file, place, what was found and what was expected.
+    """Wrong input.
 
     Args:
-        message: what was found and what would have worked.
-        file: the file it stands in.
-        where: key, or line and column, e.g. ``robot.limits.velocity_deg_s`` or ``line 12``.
+        message: what was found and what would be accepted.
+        file: the file that contains it.
+        where: key, option, or line and column, e.g. ``robot.limits.velocity_deg_s`` or ``line 12``.
         key: the key alone, where it is one of a file.
+
+    Attributes:
+        reason: the message without file and place.
     """
 
     exit_code = 2
@@ -40,6 +57,103 @@ class InputError(MachoptError):
         super().__init__(f"{place}: {message}" if place else message)
 
 
+class OptionError(InputError):
+    """An option or argument has a value that is not accepted.
+
+    Attributes:
+        option: its name as typed on the command line, e.g. ``--max-load-N``.
+        argument: its name in Python, e.g. ``max_load_N``.
+    """
+
+    @property
+    def option(self) -> str:
+        return self.where or ""
+
+    @property
+    def argument(self) -> str:
+        return self.option.removeprefix("--").replace("-", "_")
+
+
+class UnknownOptionError(InputError):
+    """There is no option of this name.
+
+    Args:
+        option: the name that was given.
+        valid: the names that exist.
+        where: the function, command or file.
+        file: the file that contains it.
+
+    Attributes:
+        suggestions: names that may be meant.
+    """
+
+    def __init__(
+        self, option: str, valid: Sequence[str], *, where: str | None = None, file: Path | str | None = None
+    ) -> None:
+        self.option, self.valid = option, tuple(valid)
+        close = find_typo(option, list(valid))
+        self.suggestions = (close,) if close else ()
+        message = f"unknown option {option!r}; {suggest_nearest_word(option, list(valid))}"
+        super().__init__(message, where=where, file=file)
+
+
+class FileAccessError(InputError):
+    """A file is absent, unreadable, no regular file, or too large."""
+
+
+class FileFormatError(InputError):
+    """The content of a file is wrong.
+
+    Attributes:
+        line: 1-based line, where known.
+        column: 1-based column, where known.
+    """
+
+    @property
+    def line(self) -> int | None:
+        return self._read_number("line")
+
+    @property
+    def column(self) -> int | None:
+        return self._read_number("column")
+
+    def _read_number(self, word: str) -> int | None:
+        found = re.search(rf"\b{word} (\d+)", self.where or "")
+        return int(found[1]) if found else None
+
+
+class ConfigurationKeyError(FileFormatError):
+    """A key of a YAML file is unknown, missing, or has a value that is not accepted; ``key`` names it."""
+
+
+class RobotModelError(FileFormatError):
+    """A robot description (URDF, xacro, SRDF) is wrong or not supported."""
+
+
+class MeshError(FileFormatError):
+    """A mesh is damaged, empty, or has an impossible size."""
+
+
+class CellError(FileFormatError):
+    """A cell is read, and cannot do what is asked; ``file`` and ``where`` name the key."""
+
+
+class RecordingError(FileFormatError):
+    """A recording of measurements is wrong or too small."""
+
+
+class PostError(FileFormatError):
+    """A post or its template is wrong, or cannot write this motion."""
+
+
+class EffectDefinitionError(InputError):
+    """A file with effects of the user's own is wrong."""
+
+
+class OutputFolderError(InputError):
+    """An output folder or file cannot be written or read."""
+
+
 class VerificationError(MachoptError):
     """The independent check of an exported trajectory failed."""
 
@@ -47,5 +161,10 @@ class VerificationError(MachoptError):
 
 
 def suggest_nearest_word(word: str, valid: list[str]) -> str:
-    """``did you mean 'x'? valid: a, b, c`` for an unknown name."""
+    """Return ``did you mean 'x'? valid: a, b, c`` for an unknown name.
+
+    Args:
+        word: the unknown name.
+        valid: the names that exist.
+    """
     return f"{suggest_word(word, valid)}valid: {', '.join(valid)}"

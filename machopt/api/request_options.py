@@ -11,7 +11,7 @@ from typing import Any, TypeVar, get_type_hints
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from machopt.errors import InputError, suggest_nearest_word
+from machopt.errors import InputError, UnknownOptionError
 
 R = TypeVar("R")
 NON_OPTION_ARGUMENTS = (
@@ -45,7 +45,7 @@ def build_request(request: type[R], options: Mapping[str, object], **given: Any)
     known = list_option_names(request)
     for name in options:
         if name not in known:
-            raise InputError(f"there is no such option; {suggest_nearest_word(name, known)}", where=name)
+            raise UnknownOptionError(name, known)
     kinds = {f.name: str(f.type) for f in fields(request)}  # type: ignore[arg-type]
     hints = get_type_hints(request)
     plain = {

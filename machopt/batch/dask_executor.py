@@ -21,7 +21,7 @@ from typing import Any
 
 from machopt.batch.job_key import compute_program_version
 from machopt.batch.job_supervisor import JobEnd, JobSpec, stop_servers, supervise_job
-from machopt.errors import InputError
+from machopt.errors import InputError, OptionError
 
 CONNECT_TIMEOUT_S = 15.0  # s to reach a scheduler
 WORKER_TIMEOUT_S = 60.0  # s to wait for its first worker, and for another where all are gone
@@ -62,7 +62,7 @@ class DaskExecutor:
             self._client = distributed.Client(where, timeout=CONNECT_TIMEOUT_S, set_as_default=False)
         except (OSError, ValueError, TypeError) as problem:
             self._held.close()
-            raise InputError(
+            raise OptionError(
                 f"no Dask scheduler answers at {self._address} ({problem}); its address as `dask scheduler` prints it, "
                 "e.g. tcp://127.0.0.1:8786, would work",
                 where="--scheduler",
@@ -102,7 +102,7 @@ class DaskExecutor:
         try:
             self._client.wait_for_workers(1, timeout=WORKER_TIMEOUT_S)
         except (TimeoutError, distributed.TimeoutError):
-            raise InputError(
+            raise OptionError(
                 f"the scheduler has no workers after {WORKER_TIMEOUT_S:.0f} s; start some with `dask worker`",
                 where="--scheduler",
             ) from None
@@ -114,14 +114,14 @@ class DaskExecutor:
             (work / PROBE_FILE).unlink()
         for worker, answer in told.items():
             if isinstance(answer, BaseException):
-                raise InputError(
+                raise OptionError(
                     f"worker {worker} cannot run machopt ({type(answer).__name__}: {answer}); install the same version "
                     "there",
                     where="--scheduler",
                 )
             version, seen = answer
             if seen != token:
-                raise InputError(
+                raise OptionError(
                     f"worker {worker} does not see the output folder; a folder on a file system shared by all would "
                     "work",
                     file=work.parent,

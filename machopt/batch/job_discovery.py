@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from machopt.batch.request import BatchRequest
-from machopt.errors import InputError
+from machopt.errors import InputError, OptionError
 from machopt.input_files.job_list import ListedJob, find_matching_files, is_job_table, read_joblist, resolve_post
 from machopt.output import is_machopt_output
 
@@ -233,7 +233,7 @@ def _list_default_posts(request: BatchRequest) -> tuple[str | Path, ...]:
     try:
         return tuple(resolve_post(text, Path.cwd()) for text in request.posts)
     except InputError as problem:
-        raise InputError(problem.reason, where="--post") from None
+        raise OptionError(problem.reason, where="--post") from None
 
 
 def build_slug(text: str, *, from_start: bool = False) -> str:

@@ -30,7 +30,7 @@ from machopt.data_types.documents.batch_document import (
 )
 from machopt.data_types.manifest import FolderManifest, ManifestFile
 from machopt.effects.user_effects import activate_user_effects, load_effect_files
-from machopt.errors import InputError
+from machopt.errors import InputError, OptionError
 from machopt.file_formats.parquet_tables import refuse_without_pyarrow
 from machopt.output import read_result
 from machopt.toolpath.reading_options import format_reading_options
@@ -130,7 +130,7 @@ def _check_request(request: BatchRequest) -> None:
         if value is not None and not value > 0:
             raise InputError(f"found {value:g}; more than zero would work", where=name)
     if request.plan_file is not None and not request.plan_file.is_file():
-        raise InputError("no such file", file=request.plan_file, where="--plan")
+        raise OptionError("no such file", file=request.plan_file, where="--plan")
     with activate_user_effects(
         load_effect_files(request.effects)
     ):  # what no job could use is said once, before the first
@@ -332,7 +332,7 @@ class _OtherBatch:
 
 def _read_other_batch(folder: Path) -> _OtherBatch:
     if not (folder.is_dir() and is_batch(folder) and (folder / MAIN_FILE).is_file()):
-        raise InputError("is no batch's output (no batch.json of ours in it)", file=folder, where="--compare")
+        raise OptionError("is no batch's output (no batch.json of ours in it)", file=folder, where="--compare")
     return _OtherBatch(folder, read_result(folder / MAIN_FILE, BatchDocument))
 
 

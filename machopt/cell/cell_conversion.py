@@ -13,7 +13,7 @@ from machopt.cell.cell_schema import JointMapKeys, ShapeKeys
 from machopt.cell.urdf import UrdfModel
 from machopt.data_types.cell import CollisionShape, JointLimits, Tool, Workpiece
 from machopt.data_types.robot_program import JointMap
-from machopt.errors import InputError
+from machopt.errors import CellError, InputError
 from machopt.file_formats.strict_yaml import YamlDocument
 from machopt.numerics.array_types import Array
 
@@ -59,7 +59,7 @@ def copy_limits_read_only(limits: JointLimits) -> JointLimits:
 
 def build_file_error(file: Path, message: str) -> InputError:
     """What is wrong with a file."""
-    return InputError(message, file=file)
+    return CellError(message, file=file)
 
 
 def format_xacro_argument(value: str | float | bool) -> str:
@@ -86,7 +86,7 @@ def check_unique_names(document: YamlDocument, *shapes: CollisionShape) -> None:
     seen: set[str] = set()
     for s in shapes:
         if s.name in seen:
-            raise InputError(
+            raise CellError(
                 f"two bodies are named {s.name!r}; all names of shapes must differ",
                 file=document.file,
                 where="obstacles",

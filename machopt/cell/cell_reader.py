@@ -50,7 +50,7 @@ from machopt.cell.work_offsets import WorkOffsets
 from machopt.data_types.cell import Cell, CollisionShape, CutterGeometry, IgnoredPair, Tool, Workpiece
 from machopt.data_types.kinematic_corrections import KinematicCorrections
 from machopt.data_types.stiffness import ArmStiffness
-from machopt.errors import InputError
+from machopt.errors import CellError, InputError
 from machopt.file_formats.file_reading import check_file
 from machopt.file_formats.strict_yaml import KeyPath, YamlDocument, read_yaml, validate_document
 from machopt.numerics.array_types import Array
@@ -92,9 +92,9 @@ def find_cell_file(path: Path | str) -> Path:
     if isdir(file):
         file = file / "cell.yaml"
         if not exists(file):
-            raise InputError("no cell.yaml in this folder", file=path)
+            raise CellError("no cell.yaml in this folder", file=path)
     if not exists(file):
-        raise InputError("there is no such file; a cell folder or its cell.yaml would work", file=path)
+        raise CellError("there is no such file; a cell folder or its cell.yaml would work", file=path)
     return file
 
 
@@ -276,7 +276,7 @@ class _CellReader:
         for mesh in urdf.meshes:
 
             def fail(message: str, link: str = mesh.link, line: int = mesh.line) -> InputError:
-                return InputError(message, file=urdf.path, where=f"line {line}: collision mesh of link {link!r}")
+                return CellError(message, file=urdf.path, where=f"line {line}: collision mesh of link {link!r}")
 
             hit = find_mesh(urdf, mesh.uri, packages, self.folder.path, fail)
             path = self.folder.resolve_inside(hit.path, mesh.uri, fail)
@@ -293,7 +293,7 @@ class _CellReader:
         for solid in urdf.solids:
 
             def at(message: str, link: str = solid.link, line: int = solid.line) -> InputError:
-                return InputError(message, file=urdf.path, where=f"line {line}: collision of link {link!r}")
+                return CellError(message, file=urdf.path, where=f"line {line}: collision of link {link!r}")
 
             self.warn(
                 check_body_size(

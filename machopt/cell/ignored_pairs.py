@@ -9,7 +9,7 @@ from machopt.cell.urdf import UrdfModel
 from machopt.cell.urdf.srdf_reader import read_srdf
 from machopt.cell.urdf.xacro_expansion import is_xacro
 from machopt.data_types.cell import CollisionShape, IgnoredPair, Tool, Workpiece
-from machopt.errors import InputError, suggest_nearest_word
+from machopt.errors import CellError, suggest_nearest_word
 from machopt.file_formats.strict_yaml import KeyPath, YamlDocument
 
 FileOpener = Callable[[KeyPath, str], Path]
@@ -98,7 +98,7 @@ class IgnoredPairReader:
         """
         path = open_file(loc, name)
         if is_xacro(path):
-            raise InputError("is a xacro file; the SRDF that it expands to would work", file=path)
+            raise CellError("is a xacro file; the SRDF that it expands to would work", file=path)
         out, told = [], read_srdf(path, self._urdf.links)
         if told and not any({pair.link1, pair.link2} <= set(self._links) for pair in told):
             self.warnings.append(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from machopt.data_types.cell import Cell
-from machopt.errors import InputError
+from machopt.errors import CellError
 from machopt.file_formats.file_reading import YAML as MOST
 from machopt.file_formats.file_reading import read_text
 from machopt.numerics.array_types import Array
@@ -34,7 +34,7 @@ def write_moved_cell(folder: Path, before: Cell, after: Cell, head: str) -> Path
     """
     outside = [f for f in before.files if not f.is_relative_to(before.folder)]
     if outside:
-        raise InputError(
+        raise CellError(
             f"the cell uses {outside[0]}, which lies outside its folder and so in no copy of it; the file in the cell "
             "folder would work",
             file=before.folder / "cell.yaml",

@@ -15,7 +15,7 @@ from machopt.cell.cell_schema import CellKeys, CutterKeys, PoseKeys, ToolKeys
 from machopt.cell.joints.joint_chain import JointChain, read_velocity_limits
 from machopt.cell.urdf import UrdfJoint, UrdfModel
 from machopt.data_types.stiffness import ArmStiffness
-from machopt.errors import InputError
+from machopt.errors import CellError
 from machopt.file_formats.strict_yaml import KeyPath, YamlDocument
 
 _GRAVITY = 9.80665  # m/s²
@@ -154,7 +154,7 @@ def check_velocity(joint: UrdfJoint, urdf: UrdfModel, remedy: str) -> str | None
         f"joint {joint.name!r} has the velocity {joint.velocity:g} {'m/s' if slides else 'rad/s'}, {value:.6g} {unit}"
     )
     if not _SLOWEST <= value <= _FASTEST["velocity_deg_s"]:
-        raise InputError(
+        raise CellError(
             f"{found}; expected {_SLOWEST:g} to {_FASTEST['velocity_deg_s']:g} {unit}; {remedy} would work",
             file=urdf.path,
             where=f"line {joint.line}",

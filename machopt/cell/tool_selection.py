@@ -11,7 +11,7 @@ import numpy as np
 from machopt.data_types.cell import Cell, Tool
 from machopt.data_types.tool_segments import ToolSegment, cut_toolpath
 from machopt.data_types.toolpath import MoveKind, Toolpath, ToolpathOperation
-from machopt.errors import InputError, suggest_nearest_word
+from machopt.errors import CellError, suggest_nearest_word
 
 _NUMBER = re.compile(r"T?0*(\d+)(?:\.0*)?", re.IGNORECASE)  # T03, 3 and 3.0 are one tool
 
@@ -55,14 +55,14 @@ def match_operation_tools(toolpath: Toolpath, tools: Mapping[str, Tool]) -> tupl
             found = match_tool(operation, tools)
             if found is None and k in used:
                 words = " or ".join(repr(w) for w in operation.tools)
-                raise InputError(
+                raise CellError(
                     f"operation {operation.label!r} wants the tool {words}, which the cell does not have; "
                     f"{suggest_nearest_word(operation.tools[0], names)}",
                     file=toolpath.source,
                 )
             last = found
         elif last is None and k in used:
-            raise InputError(
+            raise CellError(
                 f"operation {operation.label!r} names no tool, and the cell has {', '.join(names)}; a word for it "
                 "(LOADTL, T, TOOL CALL, a column tool) would work",
                 file=toolpath.source,
@@ -97,7 +97,7 @@ def select_single_tool(cell: Cell, *toolpaths: Toolpath) -> Cell:
     wanted = _find_required_tools(cell, *toolpaths)
     if len(wanted) > 1:
         changes = ", ".join(f"{tool} from operation {label}" for tool, label in wanted.items())
-        raise InputError(
+        raise CellError(
             f"wants {len(wanted)} tools of the cell ({changes}); this is done with one tool: a file for each would "
             "work (optimize takes several in one)",
             file=toolpaths[0].source,
@@ -128,7 +128,7 @@ def split_into_tool_segments(cell: Cell, toolpath: Toolpath) -> tuple[ToolSegmen
         onward = MoveKind(int(toolpath.move[first]))  # a retract or a link is still led by the tool that has cut
         if toolpath.move[first - 1] == MoveKind.CUT and onward in (MoveKind.CUT, MoveKind.RETRACT, MoveKind.LINK):
             way = "cuts from" if onward == MoveKind.CUT else f"goes out of a cut (a {onward.word}) from"
-            raise InputError(
+            raise CellError(
                 f"{way} point {first - 1} to point {first}, and the tool changes from {name_of[first - 1]} to "
                 f"{name_of[first]} between them; a rapid move to the first point of a tool would work",
                 file=toolpath.source,
@@ -181,7 +181,7 @@ def _check_tool_numbers(cell: Cell, names: Iterable[str]) -> None:
         number = cell.tools[name].number
         number = cell.controller.tool_number if number is None else number
         if number is not None and number in shared:
-            raise InputError(
+            raise CellError(
                 f"the tools {shared[number]} and {name} would both be number {number} of the controller; a tool_number "
                 "of its own for each would work",
                 file=cell.folder / "cell.yaml",

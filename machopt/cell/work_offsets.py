@@ -9,7 +9,7 @@ from machopt.cell.cell_conversion import copy_read_only
 from machopt.cell.cell_schema import PoseKeys, ShapeKeys, WorkOffsetKeys
 from machopt.data_types.cell import Cell, CollisionShape, Workpiece
 from machopt.data_types.toolpath import MoveKind, Toolpath
-from machopt.errors import InputError, suggest_nearest_word
+from machopt.errors import CellError, suggest_nearest_word
 from machopt.file_formats.source_file import normalise_offset_name
 from machopt.file_formats.strict_yaml import KeyPath
 from machopt.numerics.array_types import Array
@@ -78,9 +78,9 @@ def place_toolpath(toolpath: Toolpath, cell: Cell) -> Toolpath:
     for (first, name), stop in zip(toolpath.offsets, stops, strict=True):
         if name not in cell.offsets:
             known = f"; {suggest_nearest_word(name, list(cell.offsets))}" if cell.offsets else ", which has none"
-            raise InputError(f"work offset {name!r} is not in the cell's offsets{known}", file=toolpath.source)
+            raise CellError(f"work offset {name!r} is not in the cell's offsets{known}", file=toolpath.source)
         if 0 < first < len(toolpath) and toolpath.move[first] == toolpath.move[first - 1] == MoveKind.CUT:
-            raise InputError(
+            raise CellError(
                 f"cuts from point {first - 1} to point {first}, and the work offset changes to {name} between them; a "
                 "rapid move to the first point of an offset would work",
                 file=toolpath.source,

@@ -6,7 +6,7 @@ import argparse
 import math
 from typing import Any
 
-from machopt.errors import InputError
+from machopt.errors import OptionError
 
 
 def build_reading_parser() -> argparse.ArgumentParser:
@@ -66,9 +66,9 @@ def convert_reading_options(args: argparse.Namespace) -> dict[str, Any]:
         InputError: a number that cannot be.
     """
     if args.feed is not None and not args.feed > 0:
-        raise InputError(f"a feed of {args.feed:g} mm/min; more than zero would work", where="--feed")
+        raise OptionError(f"a feed of {args.feed:g} mm/min; more than zero would work", where="--feed")
     if args.max_extent is not None and not (math.isfinite(args.max_extent) and args.max_extent > 0):
-        raise InputError(f"an extent of {args.max_extent:g} mm; more than zero would work", where="--max-extent")
+        raise OptionError(f"an extent of {args.max_extent:g} mm; more than zero would work", where="--max-extent")
     feed = None if args.feed is None else args.feed / 60e3
     said = {
         "unit": args.unit,

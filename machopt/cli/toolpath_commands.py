@@ -20,7 +20,7 @@ from machopt.cli.optimize_summary import (
 from machopt.cli.progress_display import ProgressDisplay, format_as_tree, print_result
 from machopt.cli.reading_options import build_reading_parser, convert_reading_options
 from machopt.cli.shared_options import add_shared_option
-from machopt.errors import InputError, VerificationError
+from machopt.errors import OptionError, VerificationError
 
 Commands = Any  # argparse keeps its subparsers' type private
 
@@ -175,12 +175,12 @@ def _run_inspect(args: argparse.Namespace) -> int:
     if _is_robot_file(args.file):
         return _run_inspect_robot(args)
     if args.package or args.xacro_arg:
-        raise InputError(
+        raise OptionError(
             "found a toolpath; a robot's .urdf or .xacro file has packages and arguments",
             where="--package" if args.package else "--xacro-arg",
         )
     if args.effects and args.cell is None:
-        raise InputError(
+        raise OptionError(
             "found a toolpath and no cell whose files could hold effects; --cell CELL would work", where="--effects"
         )
     inputs: tuple[Path, ...] = (args.file, *args.effects)
@@ -228,7 +228,7 @@ def _run_inspect_robot(args: argparse.Namespace) -> int:
     from machopt.commands.inspect_cell import inspect_cell
 
     if args.html is not None:
-        raise InputError(
+        raise OptionError(
             "found a cell, --html draws toolpaths; 'machopt view CELL' shows a cell in a browser, "
             "'machopt validate CELL --picture FILE.svg' draws it",
             where="--html",

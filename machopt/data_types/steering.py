@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.plan_options import FixedRotation, PlanOptions, SteeringRule
 from machopt.data_types.toolpath import Toolpath
-from machopt.errors import InputError, suggest_nearest_word
+from machopt.errors import CellError, suggest_nearest_word
 from machopt.numerics.array_types import Array, Bools
 
 MAX_CONSTRAINED_POINTS = (
@@ -76,7 +76,7 @@ def refuse_narrow_zones(options: PlanOptions) -> None:
     ]
     for text, gamma, where in pins:
         if not any(low - EDGE <= gamma + turn <= high + EDGE for turn in (-2 * pi, 0.0, 2 * pi)):
-            raise InputError(
+            raise CellError(
                 f"{_format_deg(gamma)} ({text}) is beyond rotation_range_deg [{_format_deg(low)}, "
                 f"{_format_deg(high)}]; one within it "
                 "or a wider range would work",
@@ -85,7 +85,7 @@ def refuse_narrow_zones(options: PlanOptions) -> None:
             )
     for n, wish in enumerate(options.steer):
         if wish.forbid is not None and (wish.forbid[1] - wish.forbid[0]) % (2 * pi) < options.rotation_step - EDGE:
-            raise InputError(
+            raise CellError(
                 f"the zone from {_format_deg(wish.forbid[0])} to {_format_deg(wish.forbid[1])} is narrower than "
                 f"rotation_step_deg "
                 f"({degrees(options.rotation_step):g}), so a plan could step over it; a wider zone or a finer step "
@@ -161,19 +161,19 @@ def _check_steering_rule(wish: SteeringRule, n: int, toolpath: Toolpath) -> None
     if wish.operation:
         labels = [o.label for o in toolpath.operations]
         if wish.operation not in labels:
-            raise InputError(
+            raise CellError(
                 f"{wish.operation!r} is no operation of the toolpath; {suggest_nearest_word(wish.operation, labels)}",
                 file="options",
                 where=f"{where}.operation",
             )
         if not any(True for _ in list_steered_stretches(wish, toolpath)):
-            raise InputError(
+            raise CellError(
                 f"nothing is cut in {wish.operation!r}; points would name what else is meant",
                 file="options",
                 where=f"{where}.operation",
             )
     elif wish.points is not None and wish.points[1] >= count:
-        raise InputError(
+        raise CellError(
             f"found points {wish.points[0]} to {wish.points[1]}, but {toolpath.source} has points 0 to {count - 1}",
             file="options",
             where=f"{where}.points",
@@ -202,7 +202,7 @@ def _list_free_runs(own: dict[int, float], first: int, last: int, gamma: float) 
 
 def _refuse_conflicting_pins(pins: dict[int, tuple[float, str]], point: int, gamma: float, by: str) -> None:
     if point in pins and abs(_wrap_half_turn(pins[point][0] - gamma)) > EDGE:
-        raise InputError(
+        raise CellError(
             f"point {point} cannot have both {pins[point][1]} and {by}; one of them, or the point's own under 'fixed', "
             "would work",
             file="options",

@@ -10,7 +10,7 @@ import os
 import stat
 from pathlib import Path
 
-from machopt.errors import InputError
+from machopt.errors import FileAccessError, InputError
 
 MIB = 1 << 20
 TOOLPATH = 512 * MIB  # some twenty million blocks; the readers hold every line
@@ -65,7 +65,7 @@ def read_text(path: Path, *, expected: str, most: int) -> str:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as problem:
         line = data.count(b"\n", 0, problem.start) + 1
-        raise InputError(
+        raise FileAccessError(
             f"is not UTF-8 text (byte {problem.start}); expected {expected} in UTF-8", file=path, where=f"line {line}"
         ) from None
 
@@ -88,7 +88,7 @@ def check_file(path: Path, *, expected: str, most: int) -> int:
 def _open_regular_file(path: Path, expected: str) -> int:
     name = str(path)
     if "\0" not in name and not name.isprintable():  # it would go on into reports and program comments, line by line
-        raise InputError(
+        raise FileAccessError(
             f"the name {name!r} holds control characters or is no UTF-8; expected {expected} of a plain name"
         )
     try:
@@ -100,21 +100,21 @@ def _open_regular_file(path: Path, expected: str) -> int:
 def _check_file_status(path: Path, found: os.stat_result, expected: str, most: int) -> None:
     if not stat.S_ISREG(found.st_mode):
         kind = next((name for test, name in _KINDS if test(found.st_mode)), "no regular file")
-        raise InputError(f"is {kind}; expected {expected}", file=path)
+        raise FileAccessError(f"is {kind}; expected {expected}", file=path)
     if found.st_size > most:
         raise _build_too_large_error(path, _format_size(found.st_size), expected, most)
 
 
 def _build_too_large_error(path: Path, size: str, expected: str, most: int) -> InputError:
-    return InputError(f"holds {size}; expected {expected} of at most {_format_size(most)}", file=path)
+    return FileAccessError(f"holds {size}; expected {expected} of at most {_format_size(most)}", file=path)
 
 
 def _build_unreadable_error(path: Path, problem: OSError | ValueError, expected: str) -> InputError:
     if isinstance(problem, ValueError):
-        return InputError(f"holds a NUL character, which no file name can; expected {expected}", file=path)
+        return FileAccessError(f"holds a NUL character, which no file name can; expected {expected}", file=path)
     if isinstance(problem, FileNotFoundError):
-        return InputError(f"no such file; expected {expected}", file=path)
-    return InputError(f"cannot be read: {problem.strerror or problem}; expected {expected}", file=path)
+        return FileAccessError(f"no such file; expected {expected}", file=path)
+    return FileAccessError(f"cannot be read: {problem.strerror or problem}; expected {expected}", file=path)
 
 
 def _format_size(count: int) -> str:

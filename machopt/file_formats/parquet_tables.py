@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from machopt.errors import InputError
+from machopt.errors import FileFormatError, InputError
 
 if TYPE_CHECKING:
     import pyarrow
@@ -55,14 +55,14 @@ def open_parquet(file: Path) -> Iterator[Any]:
         import pyarrow
         import pyarrow.parquet
     except ImportError:
-        raise InputError(
+        raise FileFormatError(
             "is Parquet, which needs pyarrow: pip install '.[parquet]' in machopt's folder, or save the table as CSV",
             file=file,
         ) from None
     try:
         yield pyarrow
     except (pyarrow.ArrowException, OSError) as problem:
-        raise InputError(f"is not readable as Parquet: {problem}", file=file) from problem
+        raise FileFormatError(f"is not readable as Parquet: {problem}", file=file) from problem
 
 
 def write_parquet_copies(tables: Iterable[Path], into: Path | None = None) -> list[str]:
@@ -87,7 +87,7 @@ def find_parquet_difference(table: Path, copy: Path) -> str:
         import pyarrow
         import pyarrow.parquet
     except ImportError:
-        raise InputError(
+        raise FileFormatError(
             "reading Parquet needs pyarrow: pip install '.[parquet]' in machopt's source folder", file=copy
         ) from None
     try:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from machopt.errors import InputError
+from machopt.errors import FileFormatError, InputError, OptionError
 from machopt.file_formats.file_reading import TOOLPATH, read_file
 
 MM_PER_INCH = 25.4
@@ -42,10 +42,10 @@ def parse_offsets(texts: Sequence[str]) -> tuple[tuple[str, Offset], ...]:
         except ValueError:
             values = []
         if parts is None or len(values) != 3 or not all(map(math.isfinite, values)):
-            raise InputError(f"{text!r}: expected e.g. G55=100,0,0, G54.1P2=… or preset2=… (mm)", where="--offset")
+            raise OptionError(f"{text!r}: expected e.g. G55=100,0,0, G54.1P2=… or preset2=… (mm)", where="--offset")
         name = normalise_offset_name(parts.group(1))
         if any(name == one for one, _ in found):
-            raise InputError(f"{text!r}: {name} is given twice; keep one", where="--offset")
+            raise OptionError(f"{text!r}: {name} is given twice; keep one", where="--offset")
         found.append((name, (values[0], values[1], values[2])))
     return tuple(found)
 
@@ -80,27 +80,27 @@ class ReadOptions:
 
     def __post_init__(self) -> None:
         if self.unit is not None and self.unit not in UNIT_NAMES:
-            raise InputError(f"unknown unit {self.unit!r}: known are {', '.join(UNIT_NAMES)}", where="--unit")
+            raise OptionError(f"unknown unit {self.unit!r}: known are {', '.join(UNIT_NAMES)}", where="--unit")
         if not (math.isfinite(self.arc_tolerance) and self.arc_tolerance > 0.0):
             raise InputError(f"the arc tolerance must be positive, found {self.arc_tolerance}", where="arc_tolerance")
         if self.default_feed is not None and not (math.isfinite(self.default_feed) and self.default_feed > 0.0):
             raise InputError(f"the feed must be positive, found {self.default_feed}", where="default_feed")
         if self.tool_axis not in TOOL_AXES:
-            raise InputError(
+            raise OptionError(
                 f"unknown tool axis {self.tool_axis!r}: known are {', '.join(TOOL_AXES)}", where="--tool-axis"
             )
         if self.kind not in (None, "path", "holes"):
-            raise InputError(f"unknown kind {self.kind!r}: known are path, holes", where="--kind")
+            raise OptionError(f"unknown kind {self.kind!r}: known are path, holes", where="--kind")
         strange = [w for w in self.cycle_order if w not in CYCLE_QUANTITIES]
         if strange or len(set(self.cycle_order)) != len(self.cycle_order):
-            raise InputError(
+            raise OptionError(
                 f"found {','.join(self.cycle_order)!r}; expected some of {', '.join(CYCLE_QUANTITIES)} in their order",
                 where="--cycle-order",
             )
         if self.decimals is not None and not 0 <= self.decimals <= MOST_DECIMALS:
-            raise InputError(f"found {self.decimals}; expected 0 to {MOST_DECIMALS} decimals", where="--decimals")
+            raise OptionError(f"found {self.decimals}; expected 0 to {MOST_DECIMALS} decimals", where="--decimals")
         if not (math.isfinite(self.max_extent) and self.max_extent > 0.0):
-            raise InputError(f"the extent must be positive, found {self.max_extent} m", where="--max-extent")
+            raise OptionError(f"the extent must be positive, found {self.max_extent} m", where="--max-extent")
 
 
 class OptionNeededError(InputError):
@@ -133,10 +133,10 @@ class SourceFile:
                 return first + 1 + text.count("\n", 0, found.start())
         return None
 
-    def build_error(self, message: str, line: int | None = None, column: int | str | None = None) -> InputError:
-        """An InputError that names this file and, where known, line and column."""
+    def build_error(self, message: str, line: int | None = None, column: int | str | None = None) -> FileFormatError:
+        """An FileFormatError that names this file and, where known, line and column."""
         where = None if line is None else f"line {line}" + ("" if column is None else f", column {column}")
-        return InputError(message, file=self.path, where=where)
+        return FileFormatError(message, file=self.path, where=where)
 
     def build_option_question(self, option: str, message: str, line: int | None = None) -> OptionNeededError:
         """An InputError that an option answers; ``option`` is its name without dashes."""
@@ -151,7 +151,7 @@ def read_bytes(path: Path) -> bytes:
     """
     data = read_file(path, expected="a toolpath file", most=TOOLPATH)
     if not data.strip():
-        raise InputError("is empty; expected toolpath points", file=path)
+        raise FileFormatError("is empty; expected toolpath points", file=path)
     return data
 
 
@@ -166,7 +166,7 @@ def decode_source(path: Path, data: bytes) -> SourceFile:
             try:
                 text = data.decode(codec)
             except UnicodeDecodeError as problem:
-                raise InputError(f"starts as {codec} text but is not: {problem.reason}", file=path) from problem
+                raise FileFormatError(f"starts as {codec} text but is not: {problem.reason}", file=path) from problem
             break
     else:
         _refuse_binary(path, data)
@@ -189,7 +189,7 @@ def _refuse_binary(path: Path, data: bytes) -> None:
     head = data[:65536]
     control = len(head) - len(head.translate(None, _CONTROL))
     if control > 0.01 * len(head):
-        raise InputError(
+        raise FileFormatError(
             f"is binary ({control} control bytes in the first {len(head)}); expected text: "
             "APT/CL, G-code, Heidenhain, NCI or CSV (or Parquet)",
             file=path,

@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from machopt.errors import InputError, suggest_nearest_word
+from machopt.errors import ConfigurationKeyError, FileFormatError, InputError, suggest_nearest_word
 from machopt.file_formats.file_reading import YAML, read_text
 
 KeyPath = tuple[str | int, ...]
@@ -59,9 +59,9 @@ class YamlDocument:
         line = next((f"line {self.lines[loc[:n]]}" for n in range(len(loc), 0, -1) if loc[:n] in self.lines), None)
         return ": ".join(p for p in (line, format_key_path(loc)) if p)
 
-    def build_error(self, loc: KeyPath, message: str) -> InputError:
-        """An :class:`InputError` that stands at ``loc``."""
-        return InputError(message, file=self.file, where=self.locate_key(loc) or None, key=format_key_path(loc))
+    def build_error(self, loc: KeyPath, message: str) -> ConfigurationKeyError:
+        """An :class:`ConfigurationKeyError` that stands at ``loc``."""
+        return ConfigurationKeyError(message, file=self.file, where=self.locate_key(loc) or None, key=format_key_path(loc))
 
 
 def read_yaml(path: Path) -> YamlDocument:
@@ -83,12 +83,12 @@ def parse_yaml(text: str, file: Path | str) -> YamlDocument:
     try:
         node = yaml.compose(text)
     except RecursionError:
-        raise InputError("is nested too deeply", file=file) from None
+        raise FileFormatError("is nested too deeply", file=file) from None
     except YAMLError as err:
         mark = getattr(err, "problem_mark", None)
         where = f"line {mark.line + 1}, column {mark.column + 1}" if mark else None
         words = [w for w in (getattr(err, "context", None), getattr(err, "problem", None)) if w]
-        raise InputError(f"is not YAML: {', '.join(words) or err}", file=file, where=where) from None
+        raise FileFormatError(f"is not YAML: {', '.join(words) or err}", file=file, where=where) from None
     builder = _YamlValueBuilder(file)
     value = None if node is None else builder.build(node, (), ())
     return YamlDocument(value, builder.lines, file)
@@ -213,7 +213,7 @@ class _YamlValueBuilder:
         return text
 
     def error(self, line: int, loc: KeyPath, message: str) -> InputError:
-        return InputError(
+        return FileFormatError(
             message, file=self.file, where=": ".join(p for p in (f"line {line}", format_key_path(loc)) if p)
         )
 

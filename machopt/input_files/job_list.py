@@ -20,7 +20,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from machopt.errors import InputError, suggest_nearest_word
+from machopt.errors import FileFormatError, InputError, suggest_nearest_word
 from machopt.file_formats import parquet_tables
 from machopt.file_formats.file_reading import YAML, read_file, read_text
 from machopt.file_formats.source_file import parse_offsets as work_offsets
@@ -121,7 +121,7 @@ def read_joblist(path: Path) -> tuple[ListedJob, ...]:
     kinds = {".csv": _read_csv_jobs, ".parquet": _read_parquet_jobs}
     jobs = tuple(kinds.get(path.suffix.lower(), _read_yaml_jobs)(path))
     if not jobs:
-        raise InputError("names no job; cells and toolpaths, or jobs, would work", file=path)
+        raise FileFormatError("names no job; cells and toolpaths, or jobs, would work", file=path)
     return jobs
 
 
@@ -207,7 +207,7 @@ def _read_csv_jobs(path: Path) -> Iterator[ListedJob]:
                 job = validate_document(BatchJobKeys, document)
                 yield from _list_explicit_jobs(document, (), JobListKeys(machopt_batch=1), job, (), path)
     except csv.Error as problem:
-        raise InputError(f"is not CSV: {problem}", file=path, where=f"line {reader.line_num}") from None
+        raise FileFormatError(f"is not CSV: {problem}", file=path, where=f"line {reader.line_num}") from None
 
 
 def _read_parquet_jobs(path: Path) -> Iterator[ListedJob]:
@@ -256,17 +256,19 @@ def _parse_header(path: Path, line: int, header: list[str]) -> list[str]:
     for name in header:
         if name not in columns:
             where = f"line {line}, column {name!r}"
-            raise InputError(f"unknown column; {suggest_nearest_word(name, list(columns))}", file=path, where=where)
+            raise FileFormatError(
+                f"unknown column; {suggest_nearest_word(name, list(columns))}", file=path, where=where
+            )
         if header.count(name) > 1:
-            raise InputError("column stands twice; keep one", file=path, where=f"line {line}, column {name!r}")
+            raise FileFormatError("column stands twice; keep one", file=path, where=f"line {line}, column {name!r}")
     if "toolpath" not in header:
-        raise InputError("column toolpath is missing; a list of jobs needs it", file=path, where=f"line {line}")
+        raise FileFormatError("column toolpath is missing; a list of jobs needs it", file=path, where=f"line {line}")
     return header
 
 
 def _parse_row(path: Path, line: int, header: list[str], row: list[str]) -> YamlDocument:
     if len(row) != len(header):
-        raise InputError(
+        raise FileFormatError(
             f"found {len(row)} fields; expected {len(header)} as in the header", file=path, where=f"line {line}"
         )
     columns, value, lines = _list_columns(), dict[str, object](), dict[KeyPath, int]({(): line})

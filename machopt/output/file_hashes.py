@@ -7,7 +7,7 @@ import stat
 from pathlib import Path
 
 from machopt.data_types.manifest import ManifestFile
-from machopt.errors import InputError
+from machopt.errors import OutputFolderError
 
 
 def compute_sha256(file: Path) -> str:
@@ -18,11 +18,11 @@ def compute_sha256(file: Path) -> str:
     """
     try:
         if not stat.S_ISREG(file.stat().st_mode):  # opening a named pipe waits for whoever writes into it
-            raise InputError("is not a plain file", file=file)
+            raise OutputFolderError("is not a plain file", file=file)
         with file.open("rb") as data:
             return hashlib.file_digest(data, "sha256").hexdigest()
     except OSError as problem:
-        raise InputError(f"cannot be read: {problem.strerror}", file=file) from None
+        raise OutputFolderError(f"cannot be read: {problem.strerror}", file=file) from None
 
 
 def build_manifest_file(file: Path, name: str, role: str) -> ManifestFile:

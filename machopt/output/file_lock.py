@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from machopt.errors import InputError
+from machopt.errors import OutputFolderError
 
 
 @contextlib.contextmanager
@@ -47,7 +47,7 @@ def _acquire_lock(file: Path, busy: str, named: Path | str, fcntl: Any) -> int:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             os.close(handle)
-            raise InputError(busy, file=named) from None
+            raise OutputFolderError(busy, file=named) from None
         except OSError:
             os.close(handle)
             raise

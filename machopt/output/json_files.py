@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from machopt.data_types.documents.document_base import DocumentModel
-from machopt.errors import InputError
+from machopt.errors import OutputFolderError
 
 DocumentT = TypeVar("DocumentT", bound=DocumentModel)
 MOST_BYTES = 256 << 20  # a result of a million points is below a tenth of it
@@ -37,23 +37,23 @@ def read_json(path: Path) -> dict[str, Any]:
     """
     try:
         if path.is_symlink() or not path.is_file():
-            raise InputError("is missing" if not path.exists() else "is not a plain file", file=path)
+            raise OutputFolderError("is missing" if not path.exists() else "is not a plain file", file=path)
         if path.stat().st_size > MOST_BYTES:
-            raise InputError(f"has {path.stat().st_size} bytes; {MOST_BYTES} at most are read", file=path)
+            raise OutputFolderError(f"has {path.stat().st_size} bytes; {MOST_BYTES} at most are read", file=path)
         text = path.read_bytes().decode("utf-8")
     except UnicodeDecodeError as problem:
-        raise InputError(f"is not UTF-8 at byte {problem.start}", file=path) from None
+        raise OutputFolderError(f"is not UTF-8 at byte {problem.start}", file=path) from None
     except OSError as problem:
-        raise InputError(f"cannot be read: {problem.strerror}", file=path) from None
+        raise OutputFolderError(f"cannot be read: {problem.strerror}", file=path) from None
     try:
         found = json.loads(text, object_pairs_hook=_refuse_duplicate_keys, parse_constant=_refuse_constant)
     except json.JSONDecodeError as problem:
         place = f"line {problem.lineno}, column {problem.colno}"
-        raise InputError(f"is no JSON: {problem.msg}", file=path, where=place) from None
+        raise OutputFolderError(f"is no JSON: {problem.msg}", file=path, where=place) from None
     except (ValueError, RecursionError) as problem:
-        raise InputError(f"is no JSON of ours: {problem or 'nested too deeply'}", file=path) from None
+        raise OutputFolderError(f"is no JSON of ours: {problem or 'nested too deeply'}", file=path) from None
     if not isinstance(found, dict):
-        raise InputError(f"holds {type(found).__name__}; a JSON object was expected", file=path)
+        raise OutputFolderError(f"holds {type(found).__name__}; a JSON object was expected", file=path)
     return found
 
 
@@ -73,7 +73,7 @@ def read_result(path: Path, form: type[DocumentT]) -> DocumentT:
         return form.model_validate(value)
     except ValidationError as problem:
         first, *more = list_unique_errors(problem.errors())
-        raise InputError(first + (f"; and {len(more)} more like it" if more else ""), file=path) from None
+        raise OutputFolderError(first + (f"; and {len(more)} more like it" if more else ""), file=path) from None
 
 
 def list_unique_errors(errors: Sequence[ErrorDetails]) -> list[str]:

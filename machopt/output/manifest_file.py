@@ -18,7 +18,7 @@ from machopt.data_types.documents.manifest_document import (
     TouchingPairEntry,
 )
 from machopt.data_types.manifest import CheckCoverage, FolderManifest, ManifestFile, ManifestProgram, TouchingPair
-from machopt.errors import InputError
+from machopt.errors import InputError, OutputFolderError
 from machopt.output.file_hashes import build_manifest_file, compute_digest, compute_sha256
 from machopt.output.json_files import convert_to_json_types, read_json, write_json
 
@@ -115,16 +115,16 @@ def read_manifest(folder: Path) -> tuple[FolderManifest, bool]:
     value = read_json(file)
     unknown = sorted(set(value) - set(_KEYS))
     if unknown:
-        raise InputError(f"found the key {unknown[0]!r}; known are {', '.join(_KEYS)}", file=file)
+        raise OutputFolderError(f"found the key {unknown[0]!r}; known are {', '.join(_KEYS)}", file=file)
     for key, kind in _KEYS.items():
         if key not in value and key in _LATER:
             continue
         if key not in value:
-            raise InputError(f"the key {key!r} is missing", file=file)
+            raise OutputFolderError(f"the key {key!r} is missing", file=file)
         if not isinstance(value[key], kind) or (isinstance(value[key], bool)):
-            raise InputError(f"found {_shorten_value(value[key])}", file=file, where=key)
+            raise OutputFolderError(f"found {_shorten_value(value[key])}", file=file, where=key)
     if value["machopt_manifest"] != FORMAT:
-        raise InputError(f"found format {value['machopt_manifest']}; this version reads {FORMAT}", file=file)
+        raise OutputFolderError(f"found format {value['machopt_manifest']}; this version reads {FORMAT}", file=file)
     return _parse_manifest(value, file), value["seal"] == compute_seal(value)
 
 
@@ -200,7 +200,7 @@ def _convert_to_json(m: FolderManifest) -> dict[str, Any]:
 
 def _parse_manifest(value: Mapping[str, Any], file: Path) -> FolderManifest:
     def wrong(where: str, found: object, expected: str) -> InputError:
-        return InputError(f"found {_shorten_value(found)}; expected {expected}", file=file, where=where)
+        return OutputFolderError(f"found {_shorten_value(found)}; expected {expected}", file=file, where=where)
 
     def files(key: str) -> tuple[ManifestFile, ...]:
         out = []

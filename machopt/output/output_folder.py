@@ -19,7 +19,7 @@ import shutil
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from machopt.errors import InputError
+from machopt.errors import InputError, OutputFolderError
 from machopt.output.file_lock import hold_file_lock
 from machopt.output.file_roles import BATCH_ROLES, ROLES
 from machopt.output.folder_swap import exchange_folders, sync_folder, sync_tree
@@ -163,9 +163,9 @@ def _resolve_path(named: Path) -> Path:
         target = named.expanduser().resolve()
     except (OSError, RuntimeError) as problem:
         why = getattr(problem, "strerror", None) or "the links go round in a circle"
-        raise InputError(f"cannot be used as output folder: {why}", file=named) from None
+        raise OutputFolderError(f"cannot be used as output folder: {why}", file=named) from None
     if not target.name:
-        raise InputError("is the root of the file system; name a folder inside it", file=named)
+        raise OutputFolderError("is the root of the file system; name a folder inside it", file=named)
     return target
 
 
@@ -181,27 +181,31 @@ def _refuse_foreign_folder(target: Path, named: Path, *, force: bool, inputs: tu
     if not target.exists():
         return
     if not target.is_dir():
-        raise InputError("is a file; a folder that is new, empty or an earlier output would work", file=named)
+        raise OutputFolderError("is a file; a folder that is new, empty or an earlier output would work", file=named)
     here = Path.cwd()
     if target == here or target in here.parents:
-        raise InputError("is the working directory or above it; name a folder inside it", file=named)
+        raise OutputFolderError("is the working directory or above it; name a folder inside it", file=named)
     if _is_mount(target):
-        raise InputError("is a mount point, which cannot be replaced as a whole; name a folder inside it", file=named)
+        raise OutputFolderError(
+            "is a mount point, which cannot be replaced as a whole; name a folder inside it", file=named
+        )
     if not any(target.iterdir()):
         return
     if not is_machopt_output(target):
-        raise InputError(
+        raise OutputFolderError(
             f"exists and is not an earlier machopt output (none of {', '.join(RESULT_FILES)} of ours in it); "
             "name a new folder, or empty this one",
             file=named,
         )
     inside = next((p for p in inputs if p.resolve().is_relative_to(target)), None)
     if inside is not None:
-        raise InputError(f"holds {inside}, an input of this command; name a new folder, or give --force", file=named)
+        raise OutputFolderError(
+            f"holds {inside}, an input of this command; name a new folder, or give --force", file=named
+        )
     lost = () if force else find_edited_files(target)
     if lost:
         more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
-        raise InputError(
+        raise OutputFolderError(
             f"holds {lost[0]}{more} and would be replaced as a whole; name a new folder, copy the file elsewhere, or "
             "give --force (force=True in Python)",
             file=named,
@@ -273,4 +277,6 @@ def _build_write_error(problem: OSError, named: Path) -> InputError:
         errno.ENOTDIR: "; something above it is a file, no folder",
         errno.EBUSY: "; it is in use by the system, perhaps a mount point: name a folder inside it",
     }.get(problem.errno or 0, "")
-    return InputError(f"the output folder cannot be written: {why}{hint}. What was there is unchanged", file=named)
+    return OutputFolderError(
+        f"the output folder cannot be written: {why}{hint}. What was there is unchanged", file=named
+    )

@@ -16,7 +16,7 @@ import stat
 from collections.abc import Iterable
 from pathlib import Path
 
-from machopt.errors import InputError
+from machopt.errors import OutputFolderError
 from machopt.output.file_hashes import compute_digest
 
 _SEAL = re.compile(rb"(?:<!--|#) machopt sha256:([0-9a-f]{64})(?: -->)?\n\Z")
@@ -58,7 +58,7 @@ def write_bytes_file(path: Path, data: bytes, *, force: bool = False, inputs: It
             partial.unlink(missing_ok=True)
     except (OSError, RuntimeError) as problem:
         why = getattr(problem, "strerror", None) or str(problem)
-        raise InputError(f"cannot be written: {why}", file=path) from None
+        raise OutputFolderError(f"cannot be written: {why}", file=path) from None
 
 
 def refuse_overwriting(path: Path, *, force: bool = False, inputs: Iterable[Path] = ()) -> None:
@@ -71,7 +71,7 @@ def refuse_overwriting(path: Path, *, force: bool = False, inputs: Iterable[Path
         _refuse_overwriting(path.expanduser().resolve(), path, None, force=force, inputs=inputs)
     except (OSError, RuntimeError) as problem:
         why = getattr(problem, "strerror", None) or str(problem)
-        raise InputError(f"cannot be written: {why}", file=path) from None
+        raise OutputFolderError(f"cannot be written: {why}", file=path) from None
 
 
 def _refuse_overwriting(target: Path, named: Path, data: bytes | None, *, force: bool, inputs: Iterable[Path]) -> None:
@@ -80,19 +80,19 @@ def _refuse_overwriting(target: Path, named: Path, data: bytes | None, *, force:
     except FileNotFoundError:
         return
     if stat.S_ISDIR(found.st_mode):
-        raise InputError("is a folder; the name of a file would work", file=named)
+        raise OutputFolderError("is a folder; the name of a file would work", file=named)
     if not stat.S_ISREG(found.st_mode):
-        raise InputError("is not a plain file; the name of a new file would work", file=named)
+        raise OutputFolderError("is not a plain file; the name of a new file would work", file=named)
     if force:
         return
     if any(_is_same_file(place, found) for place in inputs):
-        raise InputError("is an input of this command; name another file, or give --force", file=named)
+        raise OutputFolderError("is an input of this command; name another file, or give --force", file=named)
     if not found.st_mode & 0o222:
-        raise InputError("is read-only; name another file, or give --force", file=named)
+        raise OutputFolderError("is read-only; name another file, or give --force", file=named)
     if data is not None and found.st_size == len(data) and target.read_bytes() == data:
         return
     if not _has_machopt_seal(target, found.st_size):
-        raise InputError(
+        raise OutputFolderError(
             "exists, and machopt did not write it or it was edited since; name another file, or give --force "
             "(force=True in Python)",
             file=named,

@@ -31,7 +31,7 @@ from functools import cached_property
 
 import numpy as np
 
-from machopt.errors import InputError
+from machopt.errors import OptionError
 from machopt.numerics.array_types import Array
 from machopt.path_building.coordinate_systems import SystemTransform, compute_axis_turn
 from machopt.path_building.path_builder import Vector
@@ -79,7 +79,7 @@ class RotaryMachine:
 
     def __post_init__(self) -> None:
         if self.name not in MACHINES and not self.is_valid_spelling:
-            raise InputError(f"unknown machine {self.name!r}: known are {HELP}", where="--machine")
+            raise OptionError(f"unknown machine {self.name!r}: known are {HELP}", where="--machine")
 
     @property
     def is_valid_spelling(self) -> bool:
@@ -140,7 +140,9 @@ class RotaryMachine:
             InputError: the place of the axes was not given.
         """
         if not self.has_known_tip:
-            raise InputError(f"machine {self.name!r} does not say where its axes lie; {PLACED_HELP}", where="--machine")
+            raise OptionError(
+                f"machine {self.name!r} does not say where its axes lie; {PLACED_HELP}", where="--machine"
+            )
         rotations = [compute_axis_turn(about, sign * angles_deg.get(letter, 0.0)) for letter, about, sign in self.axes]
         if self.kind == "head":
             return SystemTransform(np.eye(3), self._lean(rotations))
@@ -188,7 +190,7 @@ def parse_machine(text: str) -> RotaryMachine:
         or (kind in ("head", "mixed")) != (pivot is not None)
         or not all(abs(v) < _FAR for v in numbers)
     ):
-        raise InputError(
+        raise OptionError(
             f"machine {text!r}: expected e.g. table-ac@0,0,-50 or table-ac@0,0,0/0,0,-50 (points on the axes, mm), "
             "head-bc@250 (pivot to tip, mm), mixed-bc@250/0,0,0",
             where="--machine",

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from machopt.data_types.cell import Cell
-from machopt.errors import InputError
+from machopt.errors import OptionError
 from machopt.kinematics.robot import Robot, load_robot
 from machopt.programs.program_writer import format_program_name, load_post, write_program
 from machopt.programs.writing.post_file import list_post_names
@@ -38,7 +38,7 @@ def select_posts(cell: Cell, asked: Sequence[str]) -> tuple[SelectedPost, ...]:
         label = Path(text).name if file else text
         folder = Path(text).stem if file else text
         if any(w.folder.lower() == folder.lower() for w in out):
-            raise InputError(f"{text!r} is asked for twice, or two files have one name", where="--post")
+            raise OptionError(f"{text!r} is asked for twice, or two files have one name", where="--post")
         out.append(SelectedPost(post, label, folder if len(asked) > 1 else ""))
     robot = load_robot(cell)
     for one in out:

@@ -12,7 +12,7 @@ from importlib import import_module
 from pathlib import Path
 
 from machopt.data_types.toolpath import Toolpath
-from machopt.errors import InputError
+from machopt.errors import FileFormatError
 from machopt.file_formats.source_file import ReadOptions, SourceFile, decode_source, read_bytes
 from machopt.programs.program_to_toolpath import ProgramRobot, convert_to_toolpath
 from machopt.programs.reading.parsed_program import ParsedProgram
@@ -139,7 +139,7 @@ def _read_source(path: Path) -> SourceFile:
     data = read_bytes(path)
     if data[:2] in (b"\x1f\x8b", b"PK"):
         what = "a PolyScope program (.urp)" if path.suffix.lower() == ".urp" else "compressed"
-        raise InputError(f"is {what}, which is packed; save it as a script or text program", file=path)
+        raise FileFormatError(f"is {what}, which is packed; save it as a script or text program", file=path)
     return decode_source(path, data)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from anyascii import anyascii
 
 from machopt.data_types.robot_program import RobotController, RobotProgram
-from machopt.errors import InputError, suggest_nearest_word
+from machopt.errors import InputError, PostError, suggest_nearest_word
 from machopt.programs.abb import post as abb_post
 from machopt.programs.fanuc import post as post_module
 from machopt.programs.generic_tables import post as generic_tables_post
@@ -111,18 +111,18 @@ def write_program(
     controller = controller or RobotController()
     post = post if post is not None else controller.post
     if post is None:
-        raise InputError(
+        raise PostError(
             f"no post is given and the cell names none; {', '.join(list_post_names())} are shipped", where="post"
         )
     loaded = load_post(post)
     keys = loaded.keys
     if not re.fullmatch(keys.name.pattern, name) or len(name) > keys.name.length:
-        raise InputError(
+        raise PostError(
             f"{name!r} is no program name for {keys.title}: {keys.name.pattern}, {keys.name.length} characters at most",
             where="name",
         )
     if keys.dialect not in MAKER_RULES:
-        raise InputError(
+        raise PostError(
             f"no dialect is named {keys.dialect!r}; {suggest_nearest_word(keys.dialect, list(MAKER_RULES))}",
             file=loaded.origin,
             where="dialect",
@@ -134,12 +134,12 @@ def write_program(
         why = (
             MAKER_RULES[keys.dialect].absent.get(problem.name) if isinstance(problem, MissingFieldValueError) else None
         )
-        raise InputError(
+        raise PostError(
             why or problem.reason, file=problem.file if named else loaded.origin, where=problem.where
         ) from None
     taken = [f for f in files if f.lower() in {r.lower() for r in reserved}]
     if taken:
-        raise InputError(
+        raise PostError(
             f"writes {taken[0]}, which is a name of the output folder's own", file=loaded.origin, where="file.name"
         )
     return [] if folder is None else write_program_files(folder, files, keys.encoding, keys.line_end)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from machopt.data_types.toolpath import Toolpath
-from machopt.errors import InputError
+from machopt.errors import FileFormatError, OptionError
 from machopt.file_formats.source_file import (
     MAX_EXTENT,
     OptionNeededError,
@@ -107,7 +107,7 @@ def read_toolpath(
         cell_offsets=tuple(cell_offsets),
     )
     if options.cell_offsets and options.offsets:
-        raise InputError(
+        raise OptionError(
             "the cell itself has offsets, and says where they lie; without --offset it would work", where="--offset"
         )
     try:
@@ -131,7 +131,7 @@ def _read_file(path: Path, options: ReadOptions, robot: ProgramRobot | None) -> 
     if data[:2] == b"\x1f\x8b" or data[:2] == b"PK":
         packed = "gzip" if data[0] == 0x1F else "zip"
         what = "a packed PolyScope program; save it as a script" if path.suffix.lower() == ".urp" else "compressed"
-        raise InputError(f"is {what} ({packed}); {_READABLE}", file=path)
+        raise FileFormatError(f"is {what} ({packed}); {_READABLE}", file=path)
     from machopt.programs.program_reader import is_program, read_program_as_toolpath  # every reader of its own: late
 
     source = decode_source(path, data)

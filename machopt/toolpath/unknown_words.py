@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from machopt.data_types.toolpath import Toolpath
-from machopt.errors import InputError
+from machopt.errors import FileFormatError
 from machopt.toolpath.toolpath_reader import read_toolpath
 
 MOST_NAMED = 8  # words in one message
@@ -45,7 +45,7 @@ def refuse_unknown_words(toolpath: Toolpath, path: Path) -> Toolpath:
     if len(found) > MOST_NAMED:
         further += f" and {len(found) - MOST_NAMED} more"
     options = " ".join(format_accept_option(w.word) for w in found[:MOST_NAMED])
-    raise InputError(
+    raise FileFormatError(
         f"the word {first.word!r} is not understood and may move points or frames, so no plan is made"
         + (f"; the same holds for {further}" if further else "")
         + f". Expected a file without it, or, where it moves nothing: {options}",

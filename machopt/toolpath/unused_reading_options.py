@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from machopt.data_types.toolpath import Toolpath
-from machopt.errors import InputError
+from machopt.errors import FileFormatError, OptionError
 from machopt.file_formats.source_file import ReadOptions, normalise_word
 from machopt.path_building.path_builder import USED
 
@@ -63,7 +63,7 @@ def check_reading_options(path: Path, toolpath: Toolpath, options: ReadOptions) 
     kind = find_file_kind(toolpath)
     for option in list_given_options(options):
         if kind not in APPLIES[option]:
-            raise InputError(
+            raise FileFormatError(
                 f"{option} has no effect on this file ({kind}); it applies to {', '.join(APPLIES[option])}. "
                 "Expected a call without it",
                 file=path,
@@ -99,7 +99,7 @@ def _check_words(path: Path, toolpath: Toolpath, options: ReadOptions) -> None:
     lacking = [w for w in options.accept_unknown if w not in unknown]
     if lacking:
         known = ", ".join(sorted(w.word for w in toolpath.ignored if not w.understood)) or "none"
-        raise InputError(
+        raise OptionError(
             f"the file has no unknown word {lacking[0]!r}; its unknown words: {known}",
             file=path,
             where="--accept-unknown",

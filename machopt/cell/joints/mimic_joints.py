@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 from machopt.cell.urdf import UrdfJoint, UrdfModel
 from machopt.data_types.cell import JointLimits, MimicJoint
-from machopt.errors import InputError
+from machopt.errors import CellError, InputError
 
 TURNING = ("revolute", "continuous")
 
@@ -203,7 +203,7 @@ def _check_plannable(urdf: UrdfModel, j: UrdfJoint, source: UrdfJoint, arm: tupl
         if part.name in riding and (part.collisions or part.mass):
             what = ["a collision body"] if part.collisions else []
             what += [f"a mass of {part.mass:g} kg"] if part.mass else []
-            raise InputError(
+            raise CellError(
                 f"link {part.name!r} has {' and '.join(what)} on joint {j.name!r}, which mimics {source.name!r} inside "
                 "of the chain to the flange; an arm is planned where such a link has neither (as at the elbow of a "
                 "parallel linkage), and not where the wrist itself is coupled so",
@@ -213,4 +213,4 @@ def _check_plannable(urdf: UrdfModel, j: UrdfJoint, source: UrdfJoint, arm: tupl
 
 
 def _build_joint_error(urdf: UrdfModel, j: UrdfJoint, message: str) -> InputError:
-    return InputError(message, file=urdf.path, where=f"line {j.line}")
+    return CellError(message, file=urdf.path, where=f"line {j.line}")

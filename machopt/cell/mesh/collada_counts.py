@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.cell.urdf.xml_tree import XmlElement
-from machopt.errors import InputError
+from machopt.errors import InputError, MeshError
 from machopt.numerics.array_types import Array
 
 FACES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
@@ -47,7 +47,7 @@ def count_collada(root: XmlElement, path: Path) -> ColladaCounts:
             that makes or moves triangles and is not read.
     """
     if root.tag != "COLLADA":
-        raise InputError(f"is no COLLADA: its root is <{root.tag}>; an STL would work", file=path)
+        raise MeshError(f"is no COLLADA: its root is <{root.tag}>; an STL would work", file=path)
     return _TriangleCounter(root, path).count()
 
 
@@ -70,7 +70,7 @@ class _TriangleCounter:
         scene = self.root.find_first_child("scene")
         shown = scene.find_first_child("instance_visual_scene") if scene else None
         if shown is None:
-            raise InputError("shows no scene; an STL would work", file=self.path)
+            raise MeshError("shows no scene; an STL would work", file=self.path)
         nodes = self.at(shown, "url").find_children("node")
         total = sum(self.node(node, 0) for node in nodes)
         return ColladaCounts(metre, axis.text.strip() if axis else "Y_UP", total, self.placed)
@@ -222,4 +222,4 @@ class _TriangleCounter:
         return self.by_id[url[1:]]
 
     def error(self, e: XmlElement, message: str) -> InputError:
-        return InputError(message, file=self.path, where=f"line {e.line}")
+        return MeshError(message, file=self.path, where=f"line {e.line}")

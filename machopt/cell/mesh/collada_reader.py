@@ -22,7 +22,7 @@ import numpy as np
 from machopt.cell.mesh.collada_counts import ColladaCounts, count_collada
 from machopt.cell.mesh.polygon_triangulation import triangulate_polygons
 from machopt.cell.urdf.xml_tree import parse_markup
-from machopt.errors import InputError
+from machopt.errors import MeshError
 from machopt.file_formats.file_reading import MESH, read_text
 from machopt.numerics.array_types import Array
 
@@ -49,18 +49,18 @@ def read_collada(path: Path) -> ColladaMesh:
     text = read_text(path, expected="COLLADA", most=MESH)
     counts = count_collada(parse_markup(text, path, "COLLADA"), path)
     if not counts.triangles:
-        raise InputError("holds no triangles in its scene; an STL would work", file=path)
+        raise MeshError("holds no triangles in its scene; an STL would work", file=path)
     found, errors = _read_triangles(text, path)
     if len(found) != counts.triangles:
         reason = f" ({errors[0]})" if errors else ""
-        raise InputError(
+        raise MeshError(
             f"counts {counts.triangles} triangles in its scene, and {len(found)} can be read{reason}; a fresh export, "
             "or an STL, would work",
             file=path,
         )
     corners = np.asarray(found * counts.metre, float)
     if not np.isfinite(corners).all():
-        raise InputError("holds triangles whose corners are not finite; an STL would work", file=path)
+        raise MeshError("holds triangles whose corners are not finite; an STL would work", file=path)
     return ColladaMesh(corners, counts)
 
 
@@ -76,7 +76,7 @@ def _read_triangles(text: str, path: Path) -> tuple[Array, list[str]]:
     try:
         import collada
     except ImportError:
-        raise InputError(
+        raise MeshError(
             "is COLLADA, and the Python package pycollada is not installed; `pip install pycollada`, or an STL, "
             "would work",
             file=path,
@@ -90,7 +90,7 @@ def _read_triangles(text: str, path: Path) -> tuple[Array, list[str]]:
             parts = [_list_triangle_corners(part) for geometry in bound for part in geometry.primitives()]
     except (*_BROKEN, collada.common.DaeError) as problem:
         said = " ".join(str(problem).split())[:200]
-        raise InputError(f"is a damaged COLLADA file: {said}; an STL would work", file=path) from None
+        raise MeshError(f"is a damaged COLLADA file: {said}; an STL would work", file=path) from None
     errors = [" ".join(str(e).split())[:200] for e in file.errors]
     return np.concatenate([np.empty((0, 3, 3)), *parts]), errors
 

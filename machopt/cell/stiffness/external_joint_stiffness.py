@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from machopt.data_types.stiffness import SOFTEST, STIFFEST, ExternalJointSpring
-from machopt.errors import InputError
+from machopt.errors import CellError
 from machopt.file_formats.strict_yaml import KeyPath, StrictSchema, YamlDocument, format_found_value
 from machopt.numerics.array_types import Array
 
@@ -195,12 +195,12 @@ def match_springs_to_joints(
         name = s.joint if s.joint in joints else short.get(s.joint, s.joint)
         if name not in joints:
             known = f"those of the cell are {', '.join(joints)}" if joints else "the cell has none"
-            raise InputError(f"{s.joint!r} is no external joint of the cell; {known}", file=file, where=where)
+            raise CellError(f"{s.joint!r} is no external joint of the cell; {known}", file=file, where=where)
         if name in out:
-            raise InputError(f"joint {name!r} is named twice; one entry a joint would work", file=file, where=where)
+            raise CellError(f"joint {name!r} is named twice; one entry a joint would work", file=file, where=where)
         own = slides[joints.index(name)]
         if s.slides is not None and s.slides != own:
             moves, key = ("slides", "stiffness_N_mm") if own else ("turns", "stiffness_Nm_per_rad")
-            raise InputError(f"joint {name!r} {moves}; {key} would work", file=file, where=where)
+            raise CellError(f"joint {name!r} {moves}; {key} would work", file=file, where=where)
         out[name] = replace(s, joint=name)
     return tuple(out.values())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from machopt.data_types.stiffness import StiffnessTerm
-from machopt.errors import InputError
+from machopt.errors import OptionError
 from machopt.file_formats.strict_yaml import parse_yaml
 
 
@@ -18,10 +18,10 @@ def parse_term(text: str) -> StiffnessTerm:
     head, brace, rest = text.partition("{")
     effect, at, location = head.strip().partition("@")
     if not at or not effect or not location:
-        raise InputError(f"found {text!r}; EFFECT@LOCATION, e.g. link_compliance@link:4, would work", where="--fit")
+        raise OptionError(f"found {text!r}; EFFECT@LOCATION, e.g. link_compliance@link:4, would work", where="--fit")
     parameters: object = {}
     if brace:
         parameters = parse_yaml("{" + rest, "--fit").value
         if not isinstance(parameters, Mapping):
-            raise InputError(f"found {text!r}; {{key: value, …}} would work after the location", where="--fit")
+            raise OptionError(f"found {text!r}; {{key: value, …}} would work after the location", where="--fit")
     return StiffnessTerm(effect, location, dict(parameters))  # type: ignore[call-overload]

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from machopt.cell.urdf.xml_tree import XmlElement
-from machopt.errors import InputError
+from machopt.errors import InputError, RobotModelError
 
 ELSEWHERE = frozenset(
     {
@@ -137,7 +137,7 @@ def _check_element(path: Path, element: XmlElement, context: str, counts: Counte
     rule = RULES[element.tag]
     _check_attributes(path, element, context, warnings)
     if element.text:
-        raise InputError(
+        raise RobotModelError(
             f"the text {element.text[:40]!r} inside {context} is not read by any URDF parser; "
             "an attribute, or leaving it out, would work",
             file=path,
@@ -147,7 +147,7 @@ def _check_element(path: Path, element: XmlElement, context: str, counts: Counte
         inside = child.tag if context == child.tag else f"{context} > {child.tag}"
         if child.tag in rule.one:
             if any(c.tag == child.tag for c in element.children[:k]):
-                raise InputError(
+                raise RobotModelError(
                     f"{inside} stands twice, and only the first would be read; keep one",
                     file=path,
                     where=f"line {child.line}",
@@ -183,7 +183,7 @@ def _check_attributes(path: Path, element: XmlElement, context: str, warnings: l
         if name in known or name == "xmlns" or ":" in name:
             continue
         if element.tag in EXACT or difflib.get_close_matches(_strip_prefix(name).lower(), missing, n=1, cutoff=_NEAR):
-            raise InputError(
+            raise RobotModelError(
                 f"<{element.tag}> of {context} has an unknown attribute {name!r}"
                 f"{_suggest_word(name, known)}; valid: {', '.join(known) or 'none'}",
                 file=path,
@@ -198,7 +198,7 @@ def _check_attributes(path: Path, element: XmlElement, context: str, warnings: l
 def _build_unknown_word_error(
     path: Path, element: XmlElement, context: str, valid: tuple[str, ...] = ("link", "joint")
 ) -> InputError:
-    return InputError(
+    return RobotModelError(
         f"<{element.tag}> inside {context} is no element of a URDF and would be dropped"
         f"{_suggest_word(element.tag, valid)}; valid: {', '.join(v for v in valid if v != 'capsule') or 'nothing'}",
         file=path,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from machopt.cell.urdf.urdf_model import UrdfJoint, UrdfModel
-from machopt.errors import InputError, suggest_nearest_word
+from machopt.errors import InputError, OptionError, RobotModelError, suggest_nearest_word
 
 FLANGES = ("tool0", "flange", "tool_flange", "ee_link")
 """Names of the link that carries the tool, the one that tool data refer to first (ROS-Industrial: z out of tool0)."""
@@ -40,7 +40,7 @@ def find_arm(urdf: UrdfModel, base_link: str | None = None, flange_link: str | N
     """
     for option, link in (("--base-link", base_link), ("--flange-link", flange_link)):
         if link is not None and link not in urdf.links:
-            raise InputError(
+            raise RobotModelError(
                 f"link {link!r} is not there; {suggest_nearest_word(link, list(urdf.links))}",
                 file=urdf.path,
                 where=option,
@@ -64,7 +64,7 @@ def find_arm(urdf: UrdfModel, base_link: str | None = None, flange_link: str | N
     arm = moving[len(external) :]
     if len(arm) != 6 or any(j.kind not in _TURNS for j in arm):
         found = ", ".join(f"{j.name} ({j.kind})" for j in moving) or "no moving joint"
-        raise InputError(
+        raise OptionError(
             f"the chain to {flange!r} has {found}; six joints that turn would work, perhaps to another link: "
             f"{', '.join(urdf.links)}",
             file=urdf.path,
@@ -93,7 +93,7 @@ def _build_too_many_joints_error(urdf: UrdfModel, flange: str, moving: tuple[Urd
             f"--flange-link {moving[5].child} ends the arm at {moving[5].name}, where what follows is a gripper's"
         )
     names = ", ".join(j.name for j in moving)
-    return InputError(
+    return RobotModelError(
         f"{len(moving)} joints turn or slide one behind the other up to {flange!r} ({names}); "
         f"machopt plans for arms of six and up to three external axes. {'; '.join([*others, _HELD])}",
         file=urdf.path,
@@ -115,11 +115,11 @@ def _find_flange(urdf: UrdfModel) -> str:
         free = [j.name for j in urdf.joints if j.kind in _TURNS and j.mimic is None]
         follow = [f"{j.name} mimics {j.mimic.joint}" for j in urdf.joints if j.mimic is not None]
         turning = "; ".join([", ".join(free) or "none", *follow])
-        raise InputError(f"has no chain of six joints that turn (joints that turn: {turning})", file=urdf.path)
+        raise RobotModelError(f"has no chain of six joints that turn (joints that turn: {turning})", file=urdf.path)
     named = [links for links in ends.values() if any(f in links for f in FLANGES)]
     groups = named or list(outer.values())
     if len(groups) > 1:
-        raise InputError(
+        raise OptionError(
             f"has more than one arm; name one of {', '.join(links[-1] for links in groups)}",
             file=urdf.path,
             where="--flange-link",

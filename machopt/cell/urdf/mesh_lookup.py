@@ -9,7 +9,7 @@ from os.path import isdir
 from pathlib import Path
 
 from machopt.cell.urdf.urdf_model import UrdfModel
-from machopt.errors import InputError
+from machopt.errors import InputError, RobotModelError
 
 ErrorFactory = Callable[[str], InputError]
 _SCHEMES = ("package", "model", "file")
@@ -105,7 +105,7 @@ def find_package(name: str, file: Path, packages: dict[str, Path], cell_folder: 
     folders = [f for p in above for f in (p, p / name) if f.name == name]
     found = next((f for f in (*folders, cell_folder / name) if isdir(f)), None)
     if found is None:
-        raise InputError(
+        raise RobotModelError(
             f"$(find {name}): the package is not in the cell's packages ({', '.join(packages) or 'none'}) and no "
             f"folder of that name stands in the cell; `packages: {{{name}: its_folder}}` would work",
             file=file,

@@ -14,7 +14,7 @@ from machopt.cell.urdf.urdf_reader import read_urdf
 from machopt.cell.urdf.xacro_expansion import PackageFinder, expand_xacro, is_xacro
 from machopt.cell.urdf.xacro_limits import FileAccessCheck
 from machopt.cell.urdf.xml_tree import add_missing_prefixes
-from machopt.errors import InputError
+from machopt.errors import InputError, RobotModelError
 from machopt.file_formats.file_reading import MARKUP, read_text
 
 _PACKAGE = re.compile(r"[A-Za-z0-9][\w.-]*", re.ASCII)
@@ -53,7 +53,9 @@ def read_description(
     """
     if not is_xacro(path):
         if arguments:
-            raise InputError("is no xacro file, so it takes no xacro arguments (xacro_args, --xacro-arg)", file=path)
+            raise RobotModelError(
+                "is no xacro file, so it takes no xacro arguments (xacro_args, --xacro-arg)", file=path
+            )
         urdf, text = read_urdf(path), read_text(path, expected="a URDF", most=MARKUP)
         return RobotDescription(urdf, _convert_to_accepted_urdf(urdf, text), add_missing_prefixes(text))
     found = expand_xacro(path, arguments, find, may)
@@ -61,7 +63,7 @@ def read_description(
         urdf = read_urdf(path, found.text)
     except InputError as problem:
         where = None if problem.where is None else f"{problem.where} of the URDF it expands to"
-        raise InputError(problem.reason, file=problem.file, where=where) from None
+        raise RobotModelError(problem.reason, file=problem.file, where=where) from None
     return RobotDescription(
         urdf,
         _convert_to_accepted_urdf(urdf, found.text) or found.text,
@@ -108,7 +110,7 @@ def read_standalone_description(
 
     def may(file: Path) -> None:
         if not allow_external and not any(_is_visible_below(file.resolve(), root) for root in roots):
-            raise InputError(
+            raise RobotModelError(
                 f"names {file}, outside of its package and of those it names; --package NAME=FOLDER with $(find NAME), "
                 "or --allow-external, would work",
                 file=path,
@@ -141,7 +143,7 @@ def find_standalone_package(name: str, path: Path, packages: Mapping[str, Path],
         InputError: there is none.
     """
     if not _PACKAGE.fullmatch(name):
-        raise InputError(
+        raise RobotModelError(
             f"asks for the ROS package {name!r}; expected a name of letters, digits, _, - and .", file=path
         )
     above = path.resolve().parents
@@ -152,7 +154,7 @@ def find_standalone_package(name: str, path: Path, packages: Mapping[str, Path],
     except InputError:
         around = find_package_around(name, rests, path, _UP)
     if around is None:
-        raise InputError(
+        raise RobotModelError(
             f"asks for the ROS package {name!r}, and no folder of that name, with that name in its package.xml, or "
             f"with the file asked for stands beside the robot's file or above it; --package {name}=FOLDER would work",
             file=path,

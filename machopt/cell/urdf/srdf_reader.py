@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from machopt.cell.urdf.xml_tree import XmlElement, read_markup
-from machopt.errors import InputError
+from machopt.errors import RobotModelError
 
 _PAIR = ("disable_collisions", "enable_collisions")
 
@@ -39,7 +39,7 @@ def read_srdf(path: Path, links: tuple[str, ...]) -> tuple[DisabledLinkPair, ...
     """
     root = read_markup(path, "an SRDF")
     if root.tag != "robot":
-        raise InputError(
+        raise RobotModelError(
             f"found the root element <{root.tag}>; an SRDF starts with <robot>", file=path, where=f"line {root.line}"
         )
     found: dict[frozenset[str], DisabledLinkPair] = {}
@@ -60,5 +60,5 @@ def read_srdf(path: Path, links: tuple[str, ...]) -> tuple[DisabledLinkPair, ...
 
 def _read_attribute(path: Path, e: XmlElement, key: str) -> str:
     if not e.attributes.get(key):
-        raise InputError(f"<{e.tag}> has no {key!r}; a link's name would work", file=path, where=f"line {e.line}")
+        raise RobotModelError(f"<{e.tag}> has no {key!r}; a link's name would work", file=path, where=f"line {e.line}")
     return e.attributes[key]

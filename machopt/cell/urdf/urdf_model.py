@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from machopt.errors import InputError
+from machopt.errors import InputError, RobotModelError
 
 MOVING = ("revolute", "continuous", "prismatic", "planar", "floating")
 
@@ -130,8 +130,8 @@ def check_tree(path: Path, links: tuple[str, ...], joints: tuple[UrdfJoint, ...]
     roots = [link for link in links if link not in above]
     if len(roots) != 1:
         found = ", ".join(roots) or "none"
-        raise InputError(f"found {len(roots)} root links ({found}); expected one tree of links", file=path)
+        raise RobotModelError(f"found {len(roots)} root links ({found}); expected one tree of links", file=path)
 
 
 def _build_joint_error(path: Path, joint: UrdfJoint, message: str) -> InputError:
-    return InputError(message, file=path, where=f"line {joint.line}")
+    return RobotModelError(message, file=path, where=f"line {joint.line}")

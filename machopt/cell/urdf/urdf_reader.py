@@ -19,7 +19,7 @@ from machopt.cell.urdf.urdf_model import (
     check_tree,
 )
 from machopt.cell.urdf.xml_tree import XmlElement, parse_markup, read_markup
-from machopt.errors import InputError
+from machopt.errors import InputError, RobotModelError
 
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+", re.ASCII)
@@ -44,14 +44,14 @@ def read_urdf(path: Path, text: str | None = None) -> UrdfModel:
     """
     root = read_markup(path, "a URDF") if text is None else parse_markup(text, path, "a URDF")
     if root.tag != "robot":
-        raise InputError(
+        raise RobotModelError(
             f"found the root element <{root.tag}>; a URDF starts with <robot>", file=path, where=f"line {root.line}"
         )
     if not root.attributes.get("name"):
-        raise InputError('<robot> has no name; <robot name="…"> would work', file=path, where=f"line {root.line}")
+        raise RobotModelError('<robot> has no name; <robot name="…"> would work', file=path, where=f"line {root.line}")
     for e in (root, *root.descendants()):
         if e.tag.startswith("xacro:"):
-            raise InputError(
+            raise RobotModelError(
                 "holds xacro elements that nothing expands; a macro of that name would work",
                 file=path,
                 where=f"line {e.line}",
@@ -80,7 +80,7 @@ def _check_unique_names(path: Path, elements: list[XmlElement], what: str) -> No
     for e in elements:
         name = e.attributes.get("name", "")
         if name in seen:
-            raise InputError(
+            raise RobotModelError(
                 f"{what} {name!r} stands twice, first in line {seen[name]}; names must differ",
                 file=path,
                 where=f"line {e.line}",
@@ -99,7 +99,7 @@ class _UrdfReader:
         self.empty_dynamics = False  # some <dynamics> for which the model's parser would refuse the file
 
     def error(self, e: XmlElement, message: str) -> InputError:
-        return InputError(message, file=self.path, where=f"line {e.line}")
+        return RobotModelError(message, file=self.path, where=f"line {e.line}")
 
     def warn(self, e: XmlElement, message: str) -> None:
         self.warnings.append(f"{self.path.name}: line {e.line}: {message}")

@@ -18,7 +18,7 @@ from types import ModuleType
 from xml.parsers.expat import ExpatError
 
 from machopt.cell.urdf.xacro_limits import FileAccessCheck, build_missing_argument_error, limit_xacro
-from machopt.errors import InputError
+from machopt.errors import InputError, RobotModelError
 from machopt.file_formats.file_reading import MARKUP, read_text
 
 PackageFinder = Callable[[str], Path]
@@ -65,7 +65,7 @@ def expand_xacro(path: Path, arguments: Mapping[str, str], find: PackageFinder, 
         from xacro import XacroException
         from xacro.substitution_args import ArgException, SubstitutionException
     except ImportError:
-        raise InputError(
+        raise RobotModelError(
             "is a xacro file, and the Python package xacro is not installed; `pip install xacro`, or the URDF "
             "it expands to, would work",
             file=path,
@@ -94,12 +94,12 @@ def expand_xacro(path: Path, arguments: Mapping[str, str], find: PackageFinder, 
             document = xacro.process_file(str(path), mappings=dict(arguments))
             text = document.toprettyxml(indent="  ")
     except InputError as problem:
-        raise InputError(
+        raise RobotModelError(
             problem.reason, file=problem.file or _get_current_file(xacro.filestack, path), where=problem.where
         ) from None
     except ExpatError as problem:
         where = xacro.filestack[-1] if xacro.filestack else path
-        raise InputError(f"is not XML: {problem}", file=where) from None
+        raise RobotModelError(f"is not XML: {problem}", file=where) from None
     except failures as problem:
         missing = getattr(problem, "exc", None)
         if isinstance(missing, InputError):  # a package that was not found, wrapped by xacro
@@ -108,7 +108,7 @@ def expand_xacro(path: Path, arguments: Mapping[str, str], find: PackageFinder, 
             raise build_missing_argument_error(str(missing), path) from None
         stack = [f for f in (xacro.filestack or []) if f]
         where = f"in {stack[-1]}" if len(stack) > 1 else None
-        raise InputError(f"cannot be expanded: {_shorten_message(problem)}", file=path, where=where) from None
+        raise RobotModelError(f"cannot be expanded: {_shorten_message(problem)}", file=path, where=where) from None
     files = tuple(dict.fromkeys(Path(f).resolve() for f in (path, *xacro.all_includes[known:])))
     _check_arguments(path, files, arguments)
     return ExpandedXacro(text, files, tuple(dict.fromkeys(_split_lines(said.getvalue()))))
@@ -127,14 +127,14 @@ def _check_arguments(path: Path, files: tuple[Path, ...], arguments: Mapping[str
         text = _read_without_comments(file, "a xacro file")
         declared |= {name for found in _ARGUMENT.findall(text) for name in found if name}
         if _ENVIRONMENT.search(text):
-            raise InputError(
+            raise RobotModelError(
                 "asks for an environment variable, so it is another robot on another machine; $(arg NAME) with "
                 "--xacro-arg NAME=VALUE (in cell.yaml `xacro_args: {NAME: …}` under robot:) would work",
                 file=file,
             )
     unknown = [name for name in arguments if name not in declared]
     if unknown:
-        raise InputError(
+        raise RobotModelError(
             f"has no <xacro:arg name={unknown[0]!r}>; valid: {', '.join(sorted(declared)) or 'none'}", file=path
         )
 

@@ -35,7 +35,7 @@ from machopt.cell.urdf.xacro_expression import (
 from machopt.cell.urdf.xacro_functions import build_symbols
 from machopt.cell.urdf.xacro_yaml import read_plain_yaml
 from machopt.cell.urdf.xml_tree import parse_markup
-from machopt.errors import InputError
+from machopt.errors import InputError, RobotModelError
 from machopt.file_formats.file_reading import MARKUP, YAML, read_text
 
 FileAccessCheck = Callable[[Path], None]
@@ -74,7 +74,7 @@ def limit_xacro(xacro: ModuleType, find: Callable[[str], Path], may: FileAccessC
         }
         missing = [name for name in own if name not in vars(xacro)]
         if missing:
-            raise InputError(
+            raise RobotModelError(
                 f"the installed xacro package has no {', '.join(missing)}, so its expressions cannot be checked; "
                 "xacro 2.1.1 would work"
             )
@@ -176,7 +176,7 @@ class _LimitedFunctions:
             }
             return str(self.evaluate(text[len("$(eval ") : -1], {**self.symbols(), **functions, **values}))
         if text == "$(cwd)":
-            raise InputError("asks for the current folder with $(cwd), so it is another robot elsewhere")
+            raise RobotModelError("asks for the current folder with $(cwd), so it is another robot elsewhere")
         from xacro.substitution_args import ArgException, resolve_args
 
         try:
@@ -228,11 +228,11 @@ class _LimitedFunctions:
         """Files that the pattern of an include matches; only its last part may hold wild cards."""
         folder, name = os.path.split(pattern)
         if re.search(r"[*\[?]", folder):
-            raise InputError(f"includes {pattern}; wild cards are carried out in the file's name only")
+            raise RobotModelError(f"includes {pattern}; wild cards are carried out in the file's name only")
         self.may(Path(folder) / "any")
         found = sorted(Path(folder).glob(name)) if os.path.isdir(folder) else []
         if len(found) > _MATCHED:
-            raise InputError(f"includes {len(found)} files by {pattern}; at most {_MATCHED} are read")
+            raise RobotModelError(f"includes {len(found)} files by {pattern}; at most {_MATCHED} are read")
         return [str(f) for f in found]
 
     def load_yaml(self, name: str) -> object:
@@ -247,7 +247,7 @@ class _LimitedFunctions:
 
 
 def _build_environment_error() -> InputError:
-    return InputError(
+    return RobotModelError(
         "asks for an environment variable, so it is another robot on another machine; $(arg NAME) with "
         "--xacro-arg NAME=VALUE (in cell.yaml `xacro_args: {NAME: …}` under robot:) would work"
     )
@@ -255,7 +255,7 @@ def _build_environment_error() -> InputError:
 
 def build_missing_argument_error(name: str, path: Path | None = None) -> InputError:
     """The refusal of a file whose argument has no value."""
-    return InputError(
+    return RobotModelError(
         f"needs the argument {name}; --xacro-arg {name}=VALUE (in cell.yaml `xacro_args: {{{name}: …}}` under robot:) "
         "would work",
         file=path,

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from machopt.cell.urdf.xacro_expression import MAX_ITEMS, FunctionTable, XacroExpressionError, evaluate_expression
-from machopt.errors import InputError
+from machopt.errors import InputError, RobotModelError
 
 _UNITS = {
     "!radians": 1.0,
@@ -37,7 +37,9 @@ def read_plain_yaml(text: str, path: Path) -> object:
         node = yaml.compose(text, Loader=yaml.SafeLoader)
         return None if node is None else _PlainYamlReader(path).value(node)
     except (yaml.YAMLError, ValueError, TypeError, RecursionError) as problem:
-        raise InputError(f"is no YAML that can be read: {' '.join(str(problem).split())[:200]}", file=path) from None
+        raise RobotModelError(
+            f"is no YAML that can be read: {' '.join(str(problem).split())[:200]}", file=path
+        ) from None
 
 
 class _PlainYamlReader:
@@ -81,4 +83,4 @@ class _PlainYamlReader:
         return found
 
     def error(self, node: Any, message: str) -> InputError:
-        return InputError(message, file=self.path, where=f"line {node.start_mark.line + 1}")
+        return RobotModelError(message, file=self.path, where=f"line {node.start_mark.line + 1}")

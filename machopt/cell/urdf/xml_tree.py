@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
 
-from machopt.errors import InputError
+from machopt.errors import RobotModelError
 from machopt.file_formats.file_reading import MARKUP, read_text
 
 _DEEPEST = 100  # levels; a URDF has six, what its simulators add a dozen
@@ -50,7 +50,7 @@ def read_markup(path: Path, expected: str) -> XmlElement:
 def parse_markup(text: str, path: Path, expected: str) -> XmlElement:
     """The root element of an XML text that came from ``path``; raises as :func:`read_markup` does."""
     if not text.strip():
-        raise InputError(f"is empty; expected {expected}", file=path)
+        raise RobotModelError(f"is empty; expected {expected}", file=path)
     builder = _XmlTreeBuilder(path)
     try:
         builder.parser.Parse(text.encode("utf-8"), True)
@@ -59,7 +59,7 @@ def parse_markup(text: str, path: Path, expected: str) -> XmlElement:
         said = f"is not XML: {expat.ErrorString(problem.code)}{builder.expected()}"
         if not text.lstrip().startswith("<"):
             said += f"; expected {expected}"  # another file altogether
-        raise InputError(said, file=path, where=where) from None
+        raise RobotModelError(said, file=path, where=where) from None
     assert builder.root is not None  # a document without a root is an ExpatError
     return builder.root
 
@@ -109,7 +109,7 @@ class _XmlTreeBuilder:
         self._count += 1
         line = self.parser.CurrentLineNumber
         if len(self._open) >= _DEEPEST or self._count > _MOST:
-            raise InputError(
+            raise RobotModelError(
                 f"is nested deeper than {_DEEPEST} levels or holds more than {_MOST} elements",
                 file=self.path,
                 where=f"line {line}",
@@ -143,7 +143,7 @@ class _XmlTreeBuilder:
         self._refuse("declares XML entities")
 
     def _refuse(self, what: str) -> None:
-        raise InputError(
+        raise RobotModelError(
             f"{what}; a plain URDF without <!DOCTYPE> and entities would work",
             file=self.path,
             where=f"line {self.parser.CurrentLineNumber}",

@@ -14,7 +14,7 @@ from machopt.cell_setup.template.default_tool import build_tool, select_tool_ang
 from machopt.cell_setup.template.init_request import InitRequest
 from machopt.cell_setup.template.mesh_unit import detect_unit
 from machopt.cell_setup.template.robot_files import URDF
-from machopt.errors import InputError
+from machopt.errors import InputError, OptionError
 from machopt.numerics.array_types import Array
 
 SLOW_DEG_S, SLOW_MM_S = 45.0, 200.0
@@ -201,7 +201,7 @@ def _list_joint_velocities(
     given = request.velocity_deg_s
     if given is not None:
         if len(given) != len(joints):
-            raise InputError(f"found {len(given)} numbers; expected {len(joints)}", where="--velocity-deg-s")
+            raise OptionError(f"found {len(given)} numbers; expected {len(joints)}", where="--velocity-deg-s")
         return [float(v) for v in given], "as given", ()
     for j in joints:
         check_velocity(j, urdf, "--velocity-deg-s with one value a joint")

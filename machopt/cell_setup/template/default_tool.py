@@ -12,7 +12,7 @@ import numpy as np
 
 from machopt.cell_setup.template.init_request import InitRequest
 from machopt.cell_setup.workpiece_placement import compute_pointing_rpy
-from machopt.errors import InputError
+from machopt.errors import OptionError
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import compute_rpy_matrix
 
@@ -41,10 +41,10 @@ def select_tool_angle(request: InitRequest) -> float:
     stated = [n for n in ("tcp_mm", "tcp_rpy_deg") if getattr(request, n) is not None]
     if request.tool_angle_deg is not None:
         if request.tool_angle_deg not in (0.0, 45.0, 90.0):
-            raise InputError(f"found {request.tool_angle_deg:g}; expected 0, 45 or 90", where="--tool-angle-deg")
+            raise OptionError(f"found {request.tool_angle_deg:g}; expected 0, 45 or 90", where="--tool-angle-deg")
         if stated and request.tool_angle_deg:
             option = "--" + stated[0].replace("_", "-")
-            raise InputError(f"found beside {option}, which states the tool already", where="--tool-angle-deg")
+            raise OptionError(f"found beside {option}, which states the tool already", where="--tool-angle-deg")
         return request.tool_angle_deg
     return 0.0 if stated or request.tool_length_mm is not None or request.tool_mesh is not None else ANGLE_DEG
 
@@ -68,7 +68,7 @@ def build_tool(out: Array, angle_deg: float, length: float, cutter: float) -> De
     begin = (_BRACKET * length if angle_deg else 0.0) * out
     reach = length - float(np.linalg.norm(begin))
     if not 0 < cutter < reach:
-        raise InputError(
+        raise OptionError(
             f"found {cutter:g}; expected more than zero and less than the spindle's {reach:g} mm (--tool-length-mm)",
             where="--cutter-length-mm",
         )

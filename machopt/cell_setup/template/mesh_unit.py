@@ -9,7 +9,7 @@ from typing import Literal
 
 from machopt.cell.mesh import read_surface
 from machopt.cell_setup.template.init_request import UNITS
-from machopt.errors import InputError
+from machopt.errors import InputError, MeshError
 
 LARGEST = {"link": 2.0, "tool": 1.5, "workpiece": 3.0}
 """Spans of the arm, end to end, that a body is long at most. In mm every body is a thousand times longer."""
@@ -40,7 +40,7 @@ def detect_unit(
     """
 
     def fail(message: str) -> InputError:
-        return InputError(message, file=file)
+        return MeshError(message, file=file)
 
     if unit is not None and role != "link":
         return MeshUnit(UNITS[unit], None)

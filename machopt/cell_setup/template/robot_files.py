@@ -14,7 +14,7 @@ from machopt.cell.mesh.collada_reader import build_binary_stl, read_collada
 from machopt.cell.urdf import RobotDescription, UrdfMesh, find_mesh, find_standalone_package
 from machopt.cell_setup.template.init_request import InitRequest
 from machopt.cell_setup.template.mesh_unit import detect_unit
-from machopt.errors import InputError
+from machopt.errors import InputError, RobotModelError
 
 URDF = "robot.urdf"
 MESHES = "meshes"
@@ -63,7 +63,7 @@ def copy_robot(
         taken[place] = uri
         target = folder / place
         if ".." in Path(place).parts:
-            raise InputError(f"the mesh {uri} leads out of its package", file=urdf.path)
+            raise RobotModelError(f"the mesh {uri} leads out of its package", file=urdf.path)
         notes += _copy_mesh(path, target)
         unit = detect_unit(target, "link", span, scale=scales[uri])
         if unit.note is not None:
@@ -118,14 +118,14 @@ def copy_file(source: Path, target: Path) -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(source, target)
     except OSError as problem:
-        raise InputError(f"cannot be copied: {problem.strerror}", file=source) from None
+        raise RobotModelError(f"cannot be copied: {problem.strerror}", file=source) from None
 
 
 def _resolve_mesh_path(description: RobotDescription, mesh: UrdfMesh, given: Mapping[str, Path]) -> Path:
     urdf = description.urdf
 
     def fail(message: str) -> InputError:
-        return InputError(message, file=urdf.path, where=f"line {mesh.line}: collision mesh of link {mesh.link!r}")
+        return RobotModelError(message, file=urdf.path, where=f"line {mesh.line}: collision mesh of link {mesh.link!r}")
 
     packages = dict(given)
     if mesh.uri.startswith(("package://", "model://")):
@@ -154,12 +154,12 @@ def _find_free_name(place: str, taken: dict[str, str]) -> str:
 def create_cell_folder(out: Path) -> Iterator[Path]:
     """A temporary sibling that takes the place of ``out`` at the end; ``out`` is new or empty."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError("is not empty; name a new folder for the cell", file=out)
+        raise RobotModelError("is not empty; name a new folder for the cell", file=out)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         partial = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
     except OSError as problem:
-        raise InputError(f"cannot be written: {problem.strerror}", file=out) from None
+        raise RobotModelError(f"cannot be written: {problem.strerror}", file=out) from None
     try:
         yield partial
         partial.chmod(0o755)  # a temporary folder is its owner's alone
@@ -181,4 +181,4 @@ def restore_user_paths_in_errors(folder: Path, request: InitRequest) -> Iterator
         where = wrong.where
         if place.name == "cell.yaml" and wrong.key == "robot.urdf":
             own, where = request.robot, None  # a line of a file that was never kept
-        raise InputError(wrong.reason, file=own, where=where) from None
+        raise RobotModelError(wrong.reason, file=own, where=where) from None

@@ -15,7 +15,7 @@ from machopt.data_types.cell import Cell, describe_fixed_external_joints
 from machopt.data_types.documents.identification_document import IdentificationDocument
 from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import ModelDiscrepancy, describe_ignored_springs
-from machopt.errors import InputError
+from machopt.errors import InputError, OptionError
 from machopt.kinematics.mimic_joints import check_no_mimic_joints
 from machopt.kinematics.robot import Robot, load_masses, load_robot
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment, build_load_test_experiment
@@ -61,7 +61,7 @@ def compute_identification(
         try:
             compile_terms((term,), robot, cell.tool.T_flange_tcp)
         except InputError as problem:
-            raise InputError(problem.reason, where=f"--fit {text}") from None
+            raise OptionError(problem.reason, where=f"--fit {text}") from None
     masses = load_masses(cell) if options.geometric else None
     progress("identifying")
     random = np.random.default_rng(options.seed)

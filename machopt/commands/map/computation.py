@@ -10,7 +10,7 @@ from machopt.commands.input_hashes import compute_input_hashes
 from machopt.data_types.cell import Cell
 from machopt.data_types.documents.map_document import MapDocument
 from machopt.data_types.manifest import add_scope_to_verdict
-from machopt.errors import InputError
+from machopt.errors import OptionError
 from machopt.kinematics.mimic_joints import check_no_mimic_joints
 from machopt.kinematics.robot import load_chain
 from machopt.options.plan_option_reader import load_options
@@ -84,7 +84,7 @@ def compute_map(request: MapRequest, progress: Callable[[str], None], cell: Cell
     setting = build_map_settings(cell, robot, options)
     criterion = select_criterion(options, setting)
     if isinstance(options.pick, int) and options.pick >= arm.solver.branches:
-        raise InputError(f"found branch {options.pick}; the arm has 0 to {arm.solver.branches - 1}", where="--pick")
+        raise OptionError(f"found branch {options.pick}; the arm has 0 to {arm.solver.branches - 1}", where="--pick")
     collides = build_collision_check(cell, robot, shapes, plan_options, options)
     progress("samples")
     samples = build_samples(cell, arm, options)

@@ -15,7 +15,7 @@ from machopt.data_types.manifest import add_scope_to_verdict
 from machopt.data_types.measurements.poses_table import PosesTable
 from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import describe_ignored_springs
-from machopt.errors import InputError
+from machopt.errors import OptionError
 from machopt.kinematics.mimic_joints import check_no_mimic_joints
 from machopt.measurement.design.external_axis_positions import (
     describe_external_axis_positions,
@@ -75,7 +75,7 @@ def compute_pose_plan(
     check_no_mimic_joints(cell, "plan-poses")
     found = None if request.discriminate is None else read_diagnosis(request.discriminate)
     if found is not None and not found.rival_sets:
-        raise InputError(
+        raise OptionError(
             "this diagnosis leaves nothing that poses and loads could tell apart",
             file=request.discriminate,
             where="--discriminate",

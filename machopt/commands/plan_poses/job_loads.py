@@ -12,7 +12,7 @@ from machopt.commands.toolpath_reading_options import get_reading_options
 from machopt.data_types.cell import Cell
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.dynamics.gravity_torque import compute_weight_torque
-from machopt.errors import InputError
+from machopt.errors import OptionError
 from machopt.measurement.design.job_like_loads import ProcessLoads
 from machopt.measurement.design.request import PosesRequest, build_prior_stiffness
 from machopt.numerics.array_types import Array
@@ -33,7 +33,7 @@ def read_job_loads(request: PosesRequest, cell: Cell) -> ProcessLoads | None:
 
     options = load_options(cell.plan, overrides=request.overrides)
     if request.force_N is None and not options.force.given:
-        raise InputError(
+        raise OptionError(
             "no process force is stated for it; --force-N 200,800 or force_N of the cell's plan would work",
             file=request.toolpath,
             where="--toolpath",
@@ -43,7 +43,7 @@ def read_job_loads(request: PosesRequest, cell: Cell) -> ProcessLoads | None:
     found = plan_path(replace(toolled, stiffness=build_prior_stiffness(request, cell)), path, options)
     rows = np.flatnonzero(found.path.counted & (found.chosen.assignment.reason == InfeasibilityReason.OK))
     if not len(rows):
-        raise InputError(
+        raise OptionError(
             "no point of it that is cut can be reached as the cell stands; --force-N 200,800 alone would work",
             file=request.toolpath,
             where="--toolpath",

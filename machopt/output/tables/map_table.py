@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from machopt.data_types.measurements.measured_stiffness import MeasuredStiffness
-from machopt.errors import InputError
+from machopt.errors import OutputFolderError
 from machopt.measurement.recording.recording_table import AllowedColumns, read_table
 from machopt.numerics.array_types import Array
 
@@ -81,7 +81,7 @@ def read_measured_stiffness(path: Path) -> MeasuredStiffness:
     if not measured:
         raise table.build_error(f"no stiffness: at least one of {', '.join(_STIFFNESS)} would work")
     if len(table) < 2:
-        raise InputError("found one reading; two or more would work", file=path)
+        raise OutputFolderError("found one reading; two or more would work", file=path)
     for name in measured:
         low = np.flatnonzero(table.numbers[name] <= 0)
         if len(low):

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from machopt.data_types.robot_program import LIN
-from machopt.errors import InputError
+from machopt.errors import PostError
 from machopt.numerics.array_types import Array
 from machopt.programs.writing.feed_model import compute_line_acceleration
 from machopt.programs.writing.maker_rules import CornerPassing, MakerRules
@@ -112,7 +112,7 @@ def check_slowest_feed(job: PostJob) -> None:
     """
     least = np.nanmin(job.program.feed) if (job.program.kind == LIN).any() else 1.0
     if least < SLOWEST:
-        raise InputError(
+        raise PostError(
             f"a feed of {least * 6e4:.3g} mm/min cannot be written: the format has steps of 6 mm/min", where="post"
         )
 

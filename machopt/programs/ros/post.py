@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from machopt.errors import InputError
+from machopt.errors import PostError
 from machopt.programs.writing.external_axes import MOST
 from machopt.programs.writing.maker_rules import MakerRules
 from machopt.programs.writing.template_fields import PostJob
@@ -15,7 +15,7 @@ _TURNS, _SLIDES = "0", "2"  # joint types as COMPAS counts them
 
 def _check_job(job: PostJob, used: frozenset[str]) -> None:
     if job.program.time is None:
-        raise InputError(
+        raise PostError(
             "a JointTrajectory needs the time of every point; write it from the control samples", where="post"
         )
 

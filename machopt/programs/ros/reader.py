@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Mapping
 
-from machopt.errors import InputError
+from machopt.errors import FileFormatError
 from machopt.file_formats.source_file import SourceFile
 from machopt.programs.generic_tables.reader import parse_json_object
 from machopt.programs.reading.called_files import try_read_source
@@ -194,7 +194,7 @@ def _read_events_file(out: ProgramBuilder, source: SourceFile) -> dict[int, list
                 raise TypeError
             told.setdefault(before, []).append((label, str(event[kind])))
     except (ValueError, KeyError, TypeError, StopIteration, RecursionError):
-        raise InputError(
+        raise FileFormatError(
             "is no events file; expected events with before and operation, move or event", file=path
         ) from None
     return told

@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from machopt.errors import InputError
+from machopt.errors import FileFormatError
 from machopt.file_formats.source_file import SourceFile
 from machopt.numerics.array_types import Array
 from machopt.programs.reading.called_files import find_sibling_files, try_read_source
@@ -272,7 +272,7 @@ def _parse_xml(source: SourceFile) -> ET.Element:
         root = ET.fromstring(re.sub(r"^\s*<\?xml[^>]*\?>", "", text))
     except ET.ParseError as problem:
         line, column = problem.position
-        raise InputError(
+        raise FileFormatError(
             f"is not XML: {problem.msg}", file=source.path, where=f"line {line}, column {column}"
         ) from None
     for item in root.iter():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from machopt.errors import InputError
+from machopt.errors import PostError
 from machopt.programs.writing.external_axes import refuse_external_axes
 from machopt.programs.writing.maker_rules import MakerRules
 from machopt.programs.writing.template_fields import PostJob
@@ -22,7 +22,7 @@ def _check_job(job: PostJob, used: frozenset[str]) -> None:
         job.program, "URScript has no external axes; another post would work, or none", unless_still=False
     )
     if "step" in used and job.program.time is None:
-        raise InputError("servoj needs the time of every move; write it from the control samples", where="post")
+        raise PostError("servoj needs the time of every move; write it from the control samples", where="post")
 
 
 DIALECT = MakerRules(notes=_list_notes, check=_check_job)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.data_types.robot_program import ExternalAxisMap, ExternalProgramAxis, RobotController, RobotProgram
-from machopt.errors import InputError
+from machopt.errors import PostError
 from machopt.numerics.array_types import Array
 from machopt.programs.writing.template_language import TemplateColumn, TemplateValue
 
@@ -145,4 +145,4 @@ def refuse_external_axes(program: RobotProgram, why: str, *, unless_still: bool)
     span = np.ptp(program.external, axis=0) if len(program) else np.zeros(len(program.external_axes))
     moving = [a.joint for a, s in zip(program.external_axes, span, strict=True) if s > STILL or not unless_still]
     if moving:
-        raise InputError(f"{why} (external joints {', '.join(moving)})", where="post")
+        raise PostError(f"{why} (external joints {', '.join(moving)})", where="post")

@@ -14,7 +14,7 @@ from typing import Literal
 from pydantic import Field
 
 from machopt.data_types.robot_program import EVENT_LINES
-from machopt.errors import InputError, suggest_nearest_word
+from machopt.errors import InputError, PostError, suggest_nearest_word
 from machopt.file_formats.file_reading import TEMPLATE, read_text
 from machopt.file_formats.strict_yaml import StrictSchema, YamlDocument, validate_document
 from machopt.programs.writing.template_language import TextTemplate, compile_template
@@ -124,7 +124,7 @@ def read_post_text(name: str) -> str:
     """
     name = ALIASES.get(name, name)
     if name not in list_post_names():
-        raise InputError(
+        raise PostError(
             f"no post is named {name!r}; {suggest_nearest_word(name, [*list_post_names(), *ALIASES])}", where="post"
         )
     return (resources.files(_TEMPLATES) / "templates" / f"{name}.toml").read_text(encoding="utf-8")
@@ -148,7 +148,7 @@ def _compile_post(text: str, origin: Path | str) -> PostTemplate:
     try:
         value = tomllib.loads(text)
     except tomllib.TOMLDecodeError as problem:
-        raise InputError(f"is not TOML: {problem}", file=origin) from None
+        raise PostError(f"is not TOML: {problem}", file=origin) from None
     keys = validate_document(PostKeys, YamlDocument(value, {}, origin))
     try:
         re.compile(keys.name.pattern)
@@ -161,11 +161,11 @@ def _compile_post(text: str, origin: Path | str) -> PostTemplate:
             for item, line in table.items():
                 if item in ("separator", "of"):
                     if item == "of" and line not in ("part", "program"):
-                        raise InputError(f"found {line!r}; expected part or program", where=f"block.{block}.of")
+                        raise PostError(f"found {line!r}; expected part or program", where=f"block.{block}.of")
                     continue
                 if item not in ITEMS:
                     valid = [*ITEMS, "separator", "of"]
-                    raise InputError(
+                    raise PostError(
                         f"unknown key {item!r}; {suggest_nearest_word(item, valid)}", where=f"block.{block}"
                     )
                 blocks[block][item] = compile_template(line.removesuffix("\n"), f"block.{block}.{item}")
@@ -178,9 +178,9 @@ def _compile_post(text: str, origin: Path | str) -> PostTemplate:
         )
         part_text = _compile_lines(keys.part_text, known, "part_text")
     except InputError as problem:
-        raise InputError(problem.reason, file=origin, where=problem.where) from None
+        raise PostError(problem.reason, file=origin, where=problem.where) from None
     except re.error as problem:
-        raise InputError(f"is no regular expression: {problem}", file=origin, where="name.pattern") from None
+        raise PostError(f"is no regular expression: {problem}", file=origin, where="name.pattern") from None
     return PostTemplate(
         keys=keys, files=files, part_text=part_text, blocks=blocks, separators=separators, whole=whole, origin=origin
     )

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.robot_program import EVENT_LINES, LIN, RobotController
 from machopt.data_types.toolpath import ToolpathEvent
-from machopt.errors import InputError
+from machopt.errors import PostError
 from machopt.file_formats.csv_text_escaping import escape_formula_text
 from machopt.programs.writing.post_file import PostTemplate
 from machopt.programs.writing.template_fields import LazyColumns, PostJob
@@ -171,7 +171,7 @@ class TemplateEngine:
     def _calls(self) -> list[str]:
         template = self._lines["moves"].get("call")
         if template is None:
-            raise InputError(
+            raise PostError(
                 f"the program has {len(self.parts)} parts, but block.moves.call does not say how to run one",
                 file=self.post.origin,
             )
@@ -304,7 +304,7 @@ class TemplateEngine:
         if own is None or "ptp" not in items or "comment" not in items:
             return template.one(fields)
         if not usable(own):
-            raise InputError(
+            raise PostError(
                 f"needs @{{value}}, but {event.text!r} gives none", file="cell", where=f"controller.lines.{kind}"
             )
         return template.one(fields) + "\n" + own.one(fields)
@@ -330,7 +330,7 @@ class TemplateEngine:
                 lines[k] = number.format % (k - first + 1) + lines[k]
             lines[:first] = [line.replace("@{line_count}", str(last - first)) for line in lines[:first]]
             if number.most is not None and last - first > number.most:
-                raise InputError(
+                raise PostError(
                     f"{last - first} lines, but the controller counts to {number.most}; "
                     "fewer moves in a part would work",
                     where="moves_per_part",
@@ -399,7 +399,7 @@ def write_program_files(folder: Path, files: Mapping[str, str], encoding: str, l
     for name, text in files.items():
         parts = Path(name).parts
         if not parts or ".." in parts or Path(name).is_absolute() or "\\" in name:
-            raise InputError(f"{name!r} is no file inside the output folder", where="file.name")
+            raise PostError(f"{name!r} is no file inside the output folder", where="file.name")
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding=encoding, newline="\r\n" if line_end == "crlf" else "\n")

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.errors import InputError, suggest_nearest_word
+from machopt.errors import PostError, suggest_nearest_word
 from machopt.programs.writing.post_errors import MissingFieldValueError
 
 TemplateValue = object
@@ -175,7 +175,7 @@ def compile_template(text: str, where: str) -> TextTemplate:
             continue
         opens = token.group(0) != "@]"
         if opens == bool(needs):
-            raise InputError(
+            raise PostError(
                 f"{token.group(0)!r} "
                 + ("inside another section; sections do not nest" if opens else "without a section before it"),
                 where=where,
@@ -183,12 +183,12 @@ def compile_template(text: str, where: str) -> TextTemplate:
         sections.append(TemplateSection(tuple(parts), needs, lacking))
         parts, needs, lacking = [], token.group(3) or "", bool(token.group(2))
     if needs:
-        raise InputError(f"the section @[{needs}| is not closed by @]", where=where)
+        raise PostError(f"the section @[{needs}| is not closed by @]", where=where)
     sections.append(TemplateSection((*parts, text[at:]) if at < len(text) else tuple(parts)))
     for section in sections:
         for part in section.parts:
             if isinstance(part, str) and ("@{" in part or "@[" in part):
-                raise InputError(
+                raise PostError(
                     f"{part.strip()[:40]!r}: expected @{{name}}, @{{name:.3f}} or @[name|text@]", where=where
                 )
     return TextTemplate(tuple(s for s in sections if s.parts), where)
@@ -202,7 +202,7 @@ def check_names(template: TextTemplate, known: Sequence[str]) -> None:
     """
     for name in sorted(template.names):
         if name not in known:
-            raise InputError(
+            raise PostError(
                 f"no field is named {name!r}; {suggest_nearest_word(name, sorted(known))}", where=template.where
             )
 
@@ -211,7 +211,7 @@ def _parse_field(inner: str, where: str) -> TemplateField:
     name, colon, spec = inner.partition(":")
     found = _SPEC.fullmatch(spec) if colon else None
     if not _NAME.fullmatch(name) or (colon and found is None):
-        raise InputError(
+        raise PostError(
             f"@{{{inner}}} is no field; expected @{{name}} or @{{name:.3f}} (formats d, f, g, s)", where=where
         )
     return TemplateField(name, spec, int(found.group(1)) if found and found.group(1) else None)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from machopt.errors import InputError
+from machopt.errors import OutputFolderError
 from machopt.numerics.array_types import Array
 from machopt.verification.tables.table_cache import read_cached
 
@@ -56,12 +56,14 @@ class ColumnTable:
             missing = np.isnan(done[-1])
             if not empty and missing.any():
                 row = before + int(np.flatnonzero(missing)[0]) + 1
-                raise InputError("'' is not a finite number", file=self.file, where=f"data row {row}, {name}")
+                raise OutputFolderError("'' is not a finite number", file=self.file, where=f"data row {row}, {name}")
         return np.concatenate(done)
 
     def _get_column(self, name: str) -> None:
         if name not in self:
-            raise InputError(f"column {name!r} is missing; there are {', '.join(self.column_names)}", file=self.file)
+            raise OutputFolderError(
+                f"column {name!r} is missing; there are {', '.join(self.column_names)}", file=self.file
+            )
 
 
 def read_columns(file: Path) -> dict[str, list[str]]:
@@ -105,16 +107,16 @@ def _read_blocks(file: Path) -> Iterator[dict[str, list[str]]]:
         with file.open(encoding="utf-8-sig") as lines:
             yield from _split_blocks((line for line in lines if not line.startswith("#") and line.strip()), file)
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot be read: {getattr(error, 'strerror', None) or error}", file=file) from error
+        raise OutputFolderError(f"cannot be read: {getattr(error, 'strerror', None) or error}", file=file) from error
     except csv.Error as error:
-        raise InputError(f"is no CSV table: {error}", file=file) from error
+        raise OutputFolderError(f"is no CSV table: {error}", file=file) from error
 
 
 def _split_blocks(lines: Iterator[str], file: Path) -> Iterator[dict[str, list[str]]]:
     header = [name.strip() for name in next(csv.reader(islice(lines, 1)), [])]
     twice = sorted({name for name in header if header.count(name) > 1})
     if twice:
-        raise InputError(f"column {twice[0]!r} stands there twice", file=file)
+        raise OutputFolderError(f"column {twice[0]!r} stands there twice", file=file)
     done, width = 0, len(header)
     while block := list(islice(lines, BLOCK_ROWS)):
         text = "".join(block)
@@ -122,7 +124,7 @@ def _split_blocks(lines: Iterator[str], file: Path) -> Iterator[dict[str, list[s
         fields = [line.count(",") + 1 for line in block] if rows is None else [*map(len, rows)]
         if {*fields} != {width}:
             number, count = next((n, count) for n, count in enumerate(fields, done + 1) if count != width)
-            raise InputError(f"{count} fields, the header has {width}", file=file, where=f"data row {number}")
+            raise OutputFolderError(f"{count} fields, the header has {width}", file=file, where=f"data row {number}")
         if rows is None:  # no list of fields for every row
             flat = ",".join(block).split(",")
             columns = [flat[k::width] for k in range(width)]
@@ -135,7 +137,7 @@ def _split_blocks(lines: Iterator[str], file: Path) -> Iterator[dict[str, list[s
             for name, column in zip(header, columns, strict=True)
         }
     if not done:
-        raise InputError("holds no rows", file=file)
+        raise OutputFolderError("holds no rows", file=file)
 
 
 def _strip_fields(column: list[str]) -> list[str]:
@@ -166,7 +168,7 @@ def _parse_numbers(words: list[str], name: str, file: Path, before: int) -> Arra
     """Numbers of a block in which something is none; ``before``: rows of the table before it."""
     if not set("".join(words)) <= NUMBER_CHARACTERS:
         row = next(n for n, text in enumerate(words) if not set(text) <= NUMBER_CHARACTERS)
-        raise InputError(
+        raise OutputFolderError(
             f"{words[row]!r} is not a finite number in plain digits",
             file=file,
             where=f"data row {before + row + 1}, {name}",
@@ -175,7 +177,7 @@ def _parse_numbers(words: list[str], name: str, file: Path, before: int) -> Arra
     bad = np.isinf(out)
     if bad.any():
         row = int(np.flatnonzero(bad)[0])
-        raise InputError(
+        raise OutputFolderError(
             f"{words[row]!r} is not a finite number", file=file, where=f"data row {before + row + 1}, {name}"
         )
     return out

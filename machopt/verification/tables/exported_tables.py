@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.cell import Cell
 from machopt.data_types.toolpath import MoveKind
-from machopt.errors import InputError
+from machopt.errors import OutputFolderError
 from machopt.numerics.array_types import Array
 from machopt.verification.tables.csv_columns import ColumnTable, read_table
 
@@ -122,7 +122,7 @@ def read_motion(file: Path, cell: Cell) -> ExportedMotion:
         _check_tools(table, cell)
     time = table.read_numbers("time_s")
     if len(time) < 2:
-        raise InputError(f"{len(time)} samples; a motion has two or more", file=file)
+        raise OutputFolderError(f"{len(time)} samples; a motion has two or more", file=file)
     return ExportedMotion(
         time=time,
         point=table.read_numbers("point", empty=True),
@@ -151,7 +151,7 @@ def read_points(file: Path, cell: Cell) -> ExportedPoints:
     odd = np.flatnonzero((number != np.round(number)) | (np.abs(number) > MAX_POINT_NUMBER))
     if len(odd):
         row = int(odd[0])
-        raise InputError(f"{number[row]:g} is no point number", file=file, where=f"data row {row + 1}, point")
+        raise OutputFolderError(f"{number[row]:g} is no point number", file=file, where=f"data row {row + 1}, point")
     _parse_moves(table)
     skip = {"point", *JOINT_COLUMNS, *axes, *SHIFT_COLUMNS}
     shift = np.column_stack([table.read_numbers(n) for n in SHIFT_COLUMNS]) / 1e3 if shifted else None
@@ -180,7 +180,9 @@ def read_compensation(file: Path) -> ExportedShift:
     index = table.read_numbers("point")
     if (np.diff(index) < 0).any():
         row = int(np.flatnonzero(np.diff(index) < 0)[0]) + 2
-        raise InputError("the index falls; the corners stand in order", file=file, where=f"data row {row}, point")
+        raise OutputFolderError(
+            "the index falls; the corners stand in order", file=file, where=f"data row {row}, point"
+        )
     offset, force = (
         np.column_stack([table.read_numbers(n) for n in names])
         for names in (("dx_mm", "dy_mm", "dz_mm"), ("fx_N", "fy_N", "fz_N"))
@@ -191,10 +193,12 @@ def read_compensation(file: Path) -> ExportedShift:
 def _check_names(table: ColumnTable, needed: Sequence[str], further: Sequence[str]) -> None:
     for name in needed:
         if name not in table:
-            raise InputError(f"column {name!r} is missing; there are {', '.join(table.column_names)}", file=table.file)
+            raise OutputFolderError(
+                f"column {name!r} is missing; there are {', '.join(table.column_names)}", file=table.file
+            )
     for name in table.column_names:
         if name not in needed and name not in further:
-            raise InputError(
+            raise OutputFolderError(
                 f"column {name!r} is not known; known are {', '.join((*needed, *further))}", file=table.file
             )
 
@@ -205,7 +209,7 @@ def _check_tools(table: ColumnTable, cell: Cell) -> None:
     for row, word in enumerate(table.read_words("tool"), start=1):
         if word not in wanted:
             known = f"the cell has {', '.join(cell.tools)}" if word not in cell.tools else "the toolpath wants another"
-            raise InputError(
+            raise OutputFolderError(
                 f"{word!r} is not the tool {cell.tool_name or ' or '.join(cell.tools)!r}; {known}",
                 file=table.file,
                 where=f"data row {row}, tool",
@@ -217,7 +221,7 @@ def _parse_moves(table: ColumnTable) -> NDArray[np.int64]:
     moves = table.read_words("move")
     if not code.keys() >= {*moves}:
         line, word = next((n, word) for n, word in enumerate(moves, start=1) if word not in code)
-        raise InputError(
+        raise OutputFolderError(
             f"{word!r} is no move; {', '.join(MOVE_WORDS)} are", file=table.file, where=f"data row {line}, move"
         )
     return np.array([code[word] for word in moves])

@@ -12,7 +12,7 @@ from machopt.data_types.manifest import FolderManifest
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.robot_program import LIN, PTP, ExternalProgramAxis, RobotController, RobotProgram
 from machopt.data_types.toolpath import MoveKind, Toolpath
-from machopt.errors import InputError
+from machopt.errors import OptionError
 from machopt.kinematics.controller_posture import compute_controller_posture
 from machopt.kinematics.machine import load_machine
 from machopt.kinematics.robot import Robot, load_robot
@@ -39,7 +39,7 @@ def build_tolerance(mm: float | None, options: PlanOptions) -> ProgramTolerance:
     if mm is None:
         mm = max(DEFAULT_TOLERANCE_MM, 2.0 * least)
     if not (np.isfinite(mm) and mm > least):
-        raise InputError(
+        raise OptionError(
             f"{mm:g} mm; more than path_tolerance_mm = {least:g} would work: by that much the motion rounds corners, "
             "and the program's points are the corners",
             where="--program-tolerance-mm",

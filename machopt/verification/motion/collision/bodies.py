@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.cell import Cell, CollisionShape, CutterGeometry
-from machopt.errors import InputError
+from machopt.errors import OutputFolderError
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 from machopt.verification.motion.collision.convex_parts import ConvexParts, build_convex_parts
@@ -214,7 +214,7 @@ def build_bodies(cell: Cell, arm: UrdfKinematics) -> list[CoalBody]:
     try:
         geometry = pin.buildGeomFromUrdfString(arm.model, text, pin.GeometryType.COLLISION, package_dirs=folders)
     except ValueError as problem:
-        raise InputError(
+        raise OutputFolderError(
             f"its collision bodies cannot be loaded: {_shorten_message(problem)}", file=cell.urdf
         ) from None
     out = []

@@ -14,7 +14,7 @@ from xml.parsers import expat
 
 import numpy as np
 
-from machopt.errors import InputError
+from machopt.errors import OutputFolderError
 from machopt.numerics.array_types import Array
 
 _HEADER_BYTES = 1 << 20  # bytes in which the unit of a COLLADA file is stated
@@ -45,7 +45,7 @@ def load_mesh(path: Path, scale: Array) -> Any:
             ElementTree.parse(path).write(plain, encoding="utf-8", xml_declaration=True)
             return coal.MeshLoader().load(str(plain), np.asarray(scale, float))
     except (ValueError, RuntimeError, ElementTree.ParseError):
-        raise InputError(f"cannot be loaded: {said}", file=path) from None
+        raise OutputFolderError(f"cannot be loaded: {said}", file=path) from None
 
 
 def _read_collada_unit(path: Path) -> float:
@@ -62,5 +62,5 @@ def _read_collada_unit(path: Path) -> float:
         try:
             parser.Parse(file.read(_HEADER_BYTES), False)
         except (expat.ExpatError, ValueError) as problem:
-            raise InputError(f"is no COLLADA: {problem}", file=path) from None
+            raise OutputFolderError(f"is no COLLADA: {problem}", file=path) from None
     return found[0] if found else 1.0

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.cell import Cell
-from machopt.errors import InputError
+from machopt.errors import OutputFolderError
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 from machopt.verification.motion.kinematics.arm_configuration import ArmConfiguration, build_twist_columns
@@ -48,7 +48,7 @@ class UrdfKinematics:
         self.rest: Array = pin.neutral(self.model)
         for name in (*cell.arm_joints, *cell.external_joints):
             if not self.model.existJointName(name):
-                raise InputError(f"joint {name!r} is not in the URDF", file=cell.urdf)
+                raise OutputFolderError(f"joint {name!r} is not in the URDF", file=cell.urdf)
         self.joints = [int(self.model.getJointId(name)) for name in cell.arm_joints]
         self._external = [int(self.model.getJointId(name)) for name in cell.external_joints]
         driven = {name: n for n, name in enumerate((*cell.arm_joints, *cell.external_joints))}
@@ -66,7 +66,7 @@ class UrdfKinematics:
 
     def _find_frame(self, name: str) -> int:
         if not self.model.existFrame(name):
-            raise InputError(f"link {name!r} is not in the URDF", file=self.cell.urdf)
+            raise OutputFolderError(f"link {name!r} is not in the URDF", file=self.cell.urdf)
         return int(self.model.getFrameId(name))
 
     def link_of(self, frame: int) -> int:
