@@ -1,4 +1,4 @@
-"""The operations that share where the external joints stand, and what the user asked of these there."""
+"""Groups of operations that share the positions of the external joints, and the user's requests about them."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ from machopt.planning.stations.path_subset import list_run_points
 from machopt.planning.stations.planning_path import PlanningPath
 
 MOVING = "moving"
-MOST = 3  # external joints whose places are chosen together
+MOST = 3  # maximum number of external joints whose positions are chosen together
 
 
 @dataclass(frozen=True, kw_only=True)
 class OperationGroup:
-    """Operations that share their values."""
+    """Operations that share their external joint values."""
 
     runs: tuple[int, ...]
     operations: tuple[int, ...]
     moving: Bools  # (E,) the joint may move along the path
-    low: Array  # (E,) m or rad where it stands in one place; equal to ``high`` where that is given
+    low: Array  # (E,) m or rad, range of a fixed position; equal to ``high`` where that is given
     high: Array  # (E,)
     share: float  # of the length cut
-    least: Array  # (E,) m or rad where it moves
+    least: Array  # (E,) m or rad, range of a moving joint
     most: Array  # (E,)
-    allowed: tuple[tuple[Interval, ...], ...]  # (E,) of ``low`` … ``high``, what zones leave
-    must: Bools  # (E,) no one place is what the user wants: it has to move
-    stands: tuple[AxisPositionWish, ...] = ()  # the user's wishes about its joints
+    allowed: tuple[tuple[Interval, ...], ...]  # (E,) parts of ``low`` … ``high`` outside the zones
+    must: Bools  # (E,) no single position satisfies the requests: the joint has to move
+    stands: tuple[AxisPositionWish, ...] = ()  # position requests of the user
 
     @property
     def moves(self) -> Bools:
@@ -50,8 +50,13 @@ class OperationGroup:
         return self.moving & (self.most > self.least)
 
     def around(self, value: Array) -> OperationGroup:
-        """The group with what is left around values (E,) for ``low`` and ``high``: of a joint that moves all of its
-        range, of one that stands the room between two zones that it stands in."""
+        """Return the group with ``low`` and ``high`` restricted to the interval around given values.
+
+        A moving joint gets its full range, a fixed one the interval between two zones that contains the value.
+
+        Args:
+            value: (E,) m or rad.
+        """
         own = [
             min(parts, key=lambda ab: max(ab[0] - v, v - ab[1])) for parts, v in zip(self.allowed, value, strict=True)
         ]
@@ -59,7 +64,11 @@ class OperationGroup:
         return replace(self, low=np.where(self.moving, self.least, low), high=np.where(self.moving, self.most, high))
 
     def snapped(self, value: Array) -> Array:
-        """The allowed places (E,) that are next to some."""
+        """Return the (E,) allowed values nearest to given ones.
+
+        Args:
+            value: (E,) m or rad.
+        """
         return np.array([find_nearest_allowed(own, float(v)) for own, v in zip(self.allowed, value, strict=True)])
 
 
@@ -70,13 +79,17 @@ def build_operation_groups(
     axes: Sequence[ExternalJointOptions],
     wishes: Sequence[SteeringRule] = (),
 ) -> list[OperationGroup]:
-    """Operations joined by runs that they share, in the order of the path.
+    """Return the groups of operations that share a run, in the order of the path.
 
     Args:
-        wishes: of options that are laid down; those about external joints count.
+        cell: cell with the external joints.
+        toolpath: toolpath with the operations.
+        path: planning points.
+        axes: options of each external joint.
+        wishes: steering rules with resolved points; those about external joints count.
 
     Raises:
-        InputError: operations that share a run and are to have two modes or places, or wishes that no place keeps.
+        InputError: operations that share a run request two modes or places, or no place satisfies all wishes.
     """
     stands = build_axis_position_wishes(cell, path, wishes)
     labels = [o.label for o in toolpath.operations]
@@ -154,9 +167,9 @@ def build_operation_groups(
 def _room(
     cell: Cell, k: int, axis: ExternalJointOptions, stands: Sequence[AxisPositionWish], *, locked: bool, moves: bool
 ) -> tuple[bool, tuple[Interval, ...], Interval]:
-    """Whether joint ``k`` has to move, the places allowed where it does not, and its range where it does.
+    """Return whether joint ``k`` has to move, the places allowed where it does not, and its range where it does.
 
-    A pin goes before the place of a locked joint, and before the range the user gave for all.
+    A pin overrides the place of a locked joint, and the general range of the options.
     """
     low, high = compute_axis_range(cell, k, axis, locked=locked)
     pins = [s.at for s in stands if s.at is not None]
@@ -178,7 +191,9 @@ def _room(
 
 
 def _given(axis: ExternalJointOptions, labels: Sequence[str]) -> float | None:
-    """Where the user wants a joint in operations that share it, m or rad; None where that is left to the plan."""
+    """Return the requested value of a joint in operations that share it, m or rad; None where the plan is free to
+    choose.
+    """
     asked = {value: label for label, value in axis.at_operations if label in labels}
     if len(asked) > 1:
         told = " and ".join(repr(label) for label in asked.values())
