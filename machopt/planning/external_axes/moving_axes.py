@@ -35,7 +35,7 @@ def list_moving_subsets(
 
     Args:
         groups: operation groups.
-        stands: (E,) m or rad, best fixed values of each group.
+        fixed_values: (E,) m or rad, best fixed values of each group.
         home: (E,) m or rad.
     """
     free = np.flatnonzero(np.any([g.moves for g in groups], axis=0))
@@ -100,7 +100,7 @@ def compute_moving_axis_path(
         path: planning points.
         groups: operation groups.
         axes: options of each external joint.
-        stands: (E,) m or rad, fixed values of each group.
+        fixed_values: (E,) m or rad, fixed values of each group.
         scale: c₀.
         clear: as for :func:`machopt.planning.external_axes.moving_axis_search.compute_axis_curve`.
         turns: as for :func:`machopt.planning.external_axes.moving_axis_search.compute_axis_curve`.

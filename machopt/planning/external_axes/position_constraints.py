@@ -118,7 +118,7 @@ def compute_allowed_side(wish: AxisPositionWish, value: Array) -> Interval:
     """Return the half-open range that a zone leaves on the side of the joint's values.
 
     Args:
-        stand: request with a zone.
+        wish: request with a zone.
         value: (n,) m or rad, values of the joint.
 
     Raises:
@@ -134,7 +134,7 @@ def intersect_wishes(wishes: Sequence[AxisPositionWish], within: Sequence[Interv
     """Return the parts of some intervals that all requests allow.
 
     Args:
-        stands: requests about one joint.
+        wishes: requests about one joint.
         within: intervals in m or rad.
     """
     remaining = tuple(within)
@@ -147,7 +147,7 @@ def check_compatible_wishes(wishes: Sequence[AxisPositionWish], within: Interval
     """Refuse requests that leave a joint no position at one planning point.
 
     Args:
-        stands: requests about one joint.
+        wishes: requests about one joint.
         within: range of the joint in m or rad.
 
     Raises:

@@ -39,7 +39,7 @@ def compensate_with_retries(
         planned: plan before the shift.
         whole: options it was planned with, for the whole job.
         timings: receives the duration of the stages.
-        again: plans the same with other options for the whole job.
+        replan: plans the same with other options for the whole job.
 
     Returns:
         The shifted plan; the first one where no other loses fewer points.
