@@ -1,4 +1,4 @@
-"""Measured stiffness beside the model: at the measured places, and spread over the map's samples."""
+"""Comparison of measured stiffness with the model: at the measured places, and interpolated over the map's samples."""
 
 from __future__ import annotations
 
@@ -15,15 +15,19 @@ from machopt.workspace_map.postures import ReachingArm, build_tool_poses, choose
 from machopt.workspace_map.quantities import MapQuantity, MapSettings
 from machopt.workspace_map.request import MapOptions, MapRequest
 
-MAX_POSITION_OFFSET_M = 5e-3  # m; places and joints of a table that disagree by more belong to another tool or frame
+MAX_POSITION_OFFSET_M = (
+    5e-3  # m; a larger difference between places and joints of a table indicates another tool or frame
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredComparison:
-    """P readings, what the others and the model say of each, and their spread over M samples."""
+    """P readings, their predictions from the other readings and from the model, and their interpolation over M
+    samples.
+    """
 
     file: str
-    axes: tuple[str, ...]  # of x, y, z those that were measured (F)
+    axes: tuple[str, ...]  # measured ones of x, y, z (F)
     position: Array  # (P, 3) m in the map's frame
     measured: Array  # (P, F) N/m
     left_out: Array  # (P, F) N/m, interpolated from the other readings
@@ -36,7 +40,7 @@ class MeasuredComparison:
     warnings: tuple[str, ...]
 
     def compute_errors(self) -> dict[str, dict[str, float | None]]:
-        """Root mean square and median relative error by axis: left-out readings, and the model."""
+        """Return root mean square and median relative error by axis: left-out readings, and the model."""
         out: dict[str, dict[str, float | None]] = {}
         for f, axis in enumerate(self.axes):
             row: dict[str, float | None] = {}
@@ -58,7 +62,16 @@ def compare_with_measured(
     criterion: MapQuantity,
     places: Array,
 ) -> MeasuredComparison:
-    """Compare a table with the model and spread it over the map's places (M, 3) m in its frame (NaN: no place).
+    """Compare a table with the model and interpolate it over the map's places.
+
+    Args:
+        table: measured stiffness.
+        request: options as the user wrote them.
+        options: map options.
+        arm: kinematics, limits, margins.
+        setting: constant inputs of the quantities.
+        criterion: quantity by which postures are selected.
+        places: (M, 3) m in the map's frame, NaN: no place.
 
     Raises:
         InputError: the cell has no stiffness.
