@@ -11,7 +11,7 @@ name               effect                                                       
 ``coupling i-j``   the torque of one joint rotates the other                                   rad/(N·m)
 ``cos j, sin j``   a compliance of joint j that changes with its angle                         rad/(N·m)
 ``play j``, …      tanh of the joint's whole torque over 0.05 … 1 of ``torque`` j              rad
-``base a``, …      compliance of the base, a link's end or the tool along (x y z), about (rx …)  m/N, rad/(N·m)
+``base a``, …      compliance of base, link end or tool along (x y z), about (rx …)            m/N, rad/(N·m)
 ``loaded``         share of the effect of weight and load on posture and lever arms            1
 =================  ==========================================================================  ===============
 
